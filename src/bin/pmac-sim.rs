@@ -1,0 +1,2 @@
+//! The simulated board.
+fn main() {}

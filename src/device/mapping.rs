@@ -1,0 +1,166 @@
+//! The board's memory in our address space: the only mapping of hardware, and every access to it.
+//!
+//! What another agent writes is never behind a reference or a slice. Each access is one instruction of exactly
+//! 16 bits on an aligned address: a compiler may fuse or split a volatile access, a 16-bit bus may not stand for it,
+//! and an emulated board decodes only plain moves.
+#![allow(unsafe_code)]
+
+use std::fs::File;
+use std::io;
+use std::sync::atomic::{Ordering, fence};
+
+use memmap2::{MmapOptions, MmapRaw};
+
+/// A mapped window of a board's memory, `length` bytes long and 2-byte aligned.
+pub struct Mapping {
+    map: MmapRaw,
+    /// Where the window starts inside the page-aligned mapping.
+    skip: usize,
+    length: usize,
+}
+
+impl Mapping {
+    /// Maps `length` bytes of `file` from byte `offset` on. The offset need not be page-aligned, but must be even.
+    ///
+    /// # Errors
+    /// What `mmap` reports, or `InvalidInput` for an odd offset or an empty window.
+    pub fn new(file: &File, offset: u64, length: usize) -> io::Result<Self> {
+        if !offset.is_multiple_of(2) || length == 0 {
+            return Err(io::Error::new(
+                io::ErrorKind::InvalidInput,
+                format!(
+                    "a window of {length} bytes at {offset:#x} cannot be mapped: it must be even and not empty"
+                ),
+            ));
+        }
+        let page = nix::unistd::sysconf(nix::unistd::SysconfVar::PAGE_SIZE)?.unwrap_or(4096) as u64;
+        let skip = (offset % page) as usize;
+        let map = MmapOptions::new().offset(offset - skip as u64).len(skip + length).map_raw(file)?;
+        Ok(Self { map, skip, length })
+    }
+
+    /// The window's length in bytes.
+    #[must_use]
+    pub fn length(&self) -> usize {
+        self.length
+    }
+
+    /// Reads the word at byte `offset`, or `None` when it is odd or outside the window.
+    #[inline]
+    #[must_use]
+    pub fn read16(&self, offset: usize) -> Option<u16> {
+        self.word(offset).map(|word| {
+            // SAFETY: `word` gives only aligned addresses inside the mapping, which lives as long as `self`.
+            unsafe { load16(word) }
+        })
+    }
+
+    /// Writes the word at byte `offset`; `None` when it is odd or outside the window.
+    #[inline]
+    #[must_use]
+    pub fn write16(&self, offset: usize, value: u16) -> Option<()> {
+        self.word(offset).map(|word| {
+            // SAFETY: `word` gives only aligned addresses inside the mapping, which is writable and lives as long as `self`.
+            unsafe { store16(word, value) }
+        })
+    }
+
+    /// Orders earlier reads before later ones.
+    #[inline]
+    pub fn order_reads(&self) {
+        // On x86 uncached reads stay in order and this only holds the compiler; elsewhere it is a load barrier.
+        fence(Ordering::Acquire);
+        #[cfg(target_arch = "aarch64")]
+        // SAFETY: a barrier instruction touches no memory. The fence above orders inner-shareable memory only.
+        unsafe {
+            std::arch::asm!("dmb oshld", options(nostack, preserves_flags));
+        }
+    }
+
+    /// Orders earlier writes before later ones.
+    #[inline]
+    pub fn order_writes(&self) {
+        fence(Ordering::Release);
+        #[cfg(target_arch = "aarch64")]
+        // SAFETY: a barrier instruction touches no memory. The fence above orders inner-shareable memory only.
+        unsafe {
+            std::arch::asm!("dmb oshst", options(nostack, preserves_flags));
+        }
+    }
+
+    #[inline]
+    fn word(&self, offset: usize) -> Option<*mut u16> {
+        if !offset.is_multiple_of(2) || offset.checked_add(2)? > self.length {
+            return None;
+        }
+        // SAFETY: skip + offset + 2 <= skip + length, the length of the mapping.
+        Some(unsafe { self.map.as_mut_ptr().add(self.skip + offset) }.cast())
+    }
+}
+
+/// # Safety
+/// `word` is 2-byte aligned and points into a live readable mapping.
+#[inline]
+unsafe fn load16(word: *const u16) -> u16 {
+    #[cfg(target_arch = "x86_64")]
+    {
+        let value: u16;
+        // SAFETY: by the caller's promise. No `nomem`, so the compiler keeps the order of accesses.
+        unsafe {
+            std::arch::asm!("mov {0:x}, word ptr [{1}]", out(reg) value, in(reg) word, options(nostack, preserves_flags, readonly));
+        }
+        value
+    }
+    #[cfg(not(target_arch = "x86_64"))]
+    // SAFETY: by the caller's promise.
+    unsafe {
+        word.read_volatile()
+    }
+}
+
+/// # Safety
+/// `word` is 2-byte aligned and points into a live writable mapping.
+#[inline]
+unsafe fn store16(word: *mut u16, value: u16) {
+    #[cfg(target_arch = "x86_64")]
+    // SAFETY: by the caller's promise. No `nomem`, so the compiler keeps the order of accesses.
+    unsafe {
+        std::arch::asm!("mov word ptr [{0}], {1:x}", in(reg) word, in(reg) value, options(nostack, preserves_flags));
+    }
+    #[cfg(not(target_arch = "x86_64"))]
+    // SAFETY: by the caller's promise.
+    unsafe {
+        word.write_volatile(value)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn words_land_where_they_should_and_nowhere_else() {
+        let file = tempfile::tempfile().unwrap();
+        file.set_len(0x3000).unwrap();
+        let window = Mapping::new(&file, 0x1802, 0x100).unwrap();
+        let whole = Mapping::new(&file, 0, 0x3000).unwrap();
+        window.write16(0x10, 0xBEEF).unwrap();
+        assert_eq!(whole.read16(0x1812), Some(0xBEEF));
+        assert_eq!(whole.read16(0x1810), Some(0));
+        assert_eq!(whole.read16(0x1814), Some(0));
+    }
+
+    #[test]
+    fn nothing_outside_the_window_or_odd_is_touched() {
+        let file = tempfile::tempfile().unwrap();
+        file.set_len(0x1000).unwrap();
+        let window = Mapping::new(&file, 0, 0x100).unwrap();
+        assert_eq!(window.read16(0x100), None);
+        assert_eq!(window.read16(0xFF), None);
+        assert_eq!(window.read16(usize::MAX - 1), None);
+        assert_eq!(window.write16(0x100, 1), None);
+        assert_eq!(window.read16(0xFE), Some(0));
+        assert!(Mapping::new(&file, 1, 2).is_err());
+        assert!(Mapping::new(&file, 0, 0).is_err());
+    }
+}

@@ -1,0 +1,54 @@
+//! The bus to the board (layer 2): the trait, its kinds, its decorators, and the interrupt.
+
+pub mod mapping;
+
+use crate::map::HostOffset;
+
+/// A failure to reach a word of the board.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum BusError {
+    /// The access would leave the mapped window.
+    #[error("offset {offset} and {words} words after it leave the mapped window of {length} bytes")]
+    OutOfRange {
+        /// The first word's offset.
+        offset: HostOffset,
+        /// How many words were asked for.
+        words: usize,
+        /// The window's length in bytes.
+        length: usize,
+    },
+}
+
+/// Exact-width access to a board's DPRAM.
+///
+/// Every method that reads takes each word with one 16-bit access, in ascending order, once; none falls back to
+/// another width, and none returns data it did not read.
+pub trait Bus: Send {
+    /// The length of the window in bytes.
+    fn length(&self) -> usize;
+
+    /// Reads one word.
+    ///
+    /// # Errors
+    /// [`BusError::OutOfRange`] when the word lies outside the window.
+    fn read16(&mut self, offset: HostOffset) -> Result<u16, BusError>;
+
+    /// Writes one word.
+    ///
+    /// # Errors
+    /// [`BusError::OutOfRange`] when the word lies outside the window.
+    fn write16(&mut self, offset: HostOffset, value: u16) -> Result<(), BusError>;
+
+    /// Reads `words.len()` consecutive words, ascending, each exactly once.
+    ///
+    /// # Errors
+    /// [`BusError::OutOfRange`] when a word lies outside the window; `words` is then unchanged.
+    fn read_block(&mut self, first: HostOffset, words: &mut [u16]) -> Result<(), BusError>;
+
+    /// Orders the reads before this call before the reads after it.
+    fn order_reads(&mut self);
+
+    /// Orders the writes before this call before the writes after it, and pushes them to the board.
+    fn order_writes(&mut self);
+}

@@ -1,0 +1,78 @@
+//! PMAC addresses and host offsets, and the rule that joins them.
+//!
+//! Host offset = 4 * (PMAC address - base) + (X ? 2 : 0), in bytes (DPRAM manual p. 7); the base is $D000 on classic
+//! boards and $060000 on Turbo. The two kinds of number are separate types, so one cannot be passed for the other.
+
+use std::fmt;
+
+/// A byte offset into the DPRAM as the host sees it. Always even; a 16-bit word lies at each.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct HostOffset(u32);
+
+impl HostOffset {
+    /// An offset in bytes.
+    ///
+    /// # Panics
+    /// At compile time for constants, when `bytes` is odd: no 16-bit word lies there.
+    #[must_use]
+    pub const fn new(bytes: u32) -> Self {
+        assert!(bytes % 2 == 0, "a DPRAM word lies at an even offset");
+        Self(bytes)
+    }
+
+    /// An offset in bytes, or `None` when it is odd.
+    #[must_use]
+    pub const fn checked(bytes: u32) -> Option<Self> {
+        if bytes % 2 == 0 { Some(Self(bytes)) } else { None }
+    }
+
+    /// The offset in bytes.
+    #[must_use]
+    pub const fn bytes(self) -> u32 {
+        self.0
+    }
+
+    /// The offset in 16-bit words.
+    #[must_use]
+    pub const fn word(self) -> usize {
+        self.0 as usize / 2
+    }
+
+    /// The offset `words` 16-bit words further on.
+    #[must_use]
+    pub const fn plus_words(self, words: usize) -> Self {
+        Self(self.0 + 2 * words as u32)
+    }
+}
+
+impl fmt::Display for HostOffset {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "0x{:04X}", self.0)
+    }
+}
+
+/// Which half of a PMAC location, or which way of reading both halves, an address names.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Space {
+    /// `Y:` the low half; in the DPRAM one 16-bit word.
+    Y,
+    /// `X:` the high half; in the DPRAM one 16-bit word.
+    X,
+    /// `DP:` both halves of a DPRAM location as a 32-bit integer.
+    Dp,
+    /// `D:` a 48-bit fixed-point register; in the DPRAM two consecutive `DP:` locations.
+    D,
+    /// `L:` a 48-bit floating-point register; in the DPRAM two consecutive `DP:` locations.
+    L,
+    /// `F:` both halves of a DPRAM location as an IEEE single.
+    F,
+}
+
+/// A location in the PMAC's own address space.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct PmacAddress {
+    /// Which half, or which way of reading both.
+    pub space: Space,
+    /// The number after the `$`.
+    pub number: u32,
+}
