@@ -1,1 +1,3 @@
-//! (under construction)
+//! What to read when (layer 4).
+
+pub mod clock;
