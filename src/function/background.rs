@@ -22,15 +22,31 @@ const fn word_index(offset: crate::map::HostOffset) -> usize {
     offset.word() - BACKGROUND_DATA_READY.word()
 }
 
+/// What a look at the background buffer gave.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum BackgroundLook {
+    /// PMAC has nothing ready.
+    Nothing,
+    /// A part of a report was read; look again for the rest.
+    Partial,
+    /// A whole report lies in [`BackgroundReader::image`]; the value is its servo timer.
+    Report(u16),
+}
+
 /// Reads the background fixed data of motors and coordinate systems 1 to `numbers`.
+///
+/// A report is long, and the servo data must not wait for it, so each look reads one block. That is safe: PMAC leaves
+/// the buffer alone until the host clears Data-Ready, which happens after the last block.
 pub struct BackgroundReader {
     numbers: usize,
     image: [u16; BACKGROUND_WORDS],
+    /// The next block to read, while a report is being read.
+    next_block: Option<usize>,
 }
 
 impl Default for BackgroundReader {
     fn default() -> Self {
-        Self { numbers: classic::MOTORS, image: [0; BACKGROUND_WORDS] }
+        Self { numbers: classic::MOTORS, image: [0; BACKGROUND_WORDS], next_block: None }
     }
 }
 
@@ -38,6 +54,7 @@ impl BackgroundReader {
     /// Reads motors and coordinate systems 1 to `numbers` from now on (I59); at most 8.
     pub fn set_numbers(&mut self, numbers: usize) {
         self.numbers = numbers.min(classic::MOTORS);
+        self.next_block = None;
     }
 
     /// The buffer as last taken, from the word at 0x0228 on, up to the last block read; spares are 0.
@@ -56,30 +73,48 @@ impl BackgroundReader {
         Ok(())
     }
 
-    /// Looks once and takes the report if there is one, then asks for the next. Returns its servo timer.
+    /// Forgets a report half read, as after the board was silent or reset.
+    pub fn forget(&mut self) {
+        self.next_block = None;
+    }
+
+    /// Looks once: reads the next part of the report if there is one, and after its last part asks for the next.
     ///
     /// # Errors
     /// When the bus cannot be reached.
-    pub fn look(&mut self, bus: &mut impl Bus) -> Result<Option<u16>, BusError> {
+    pub fn look(&mut self, bus: &mut impl Bus) -> Result<BackgroundLook, BusError> {
+        let Some(block) = self.next_block else { return self.look_for_report(bus) };
+        if block < self.numbers {
+            let start = word_index(BACKGROUND_BLOCK) + block * BACKGROUND_BLOCK_WORDS;
+            bus.read_block(
+                BACKGROUND_BLOCK.plus_words(block * BACKGROUND_BLOCK_WORDS),
+                &mut self.image[start..start + BACKGROUND_BLOCK_WORDS],
+            )?;
+            self.next_block = Some(block + 1);
+            if block + 1 < self.numbers {
+                return Ok(BackgroundLook::Partial);
+            }
+        }
+        self.next_block = None;
+        bus.order_reads();
+        Self::release(bus)?;
+        Ok(BackgroundLook::Report(self.image[word_index(BACKGROUND_SERVO_TIMER)]))
+    }
+
+    /// Reads the global words if PMAC has a report ready.
+    fn look_for_report(&mut self, bus: &mut impl Bus) -> Result<BackgroundLook, BusError> {
         let ready = bus.read16(BACKGROUND_DATA_READY)?;
         // All ones is what an absent board reads as, not a report: bits 15-1 are reserved and 0.
         if ready & DATA_READY == 0 || ready == u16::MAX {
-            return Ok(None);
+            return Ok(BackgroundLook::Nothing);
         }
         bus.order_reads();
-        let timer = bus.read16(BACKGROUND_SERVO_TIMER)?;
         let ports = word_index(BACKGROUND_PANEL_PORT);
-        let block = word_index(BACKGROUND_BLOCK);
-        bus.read_block(BACKGROUND_PANEL_PORT, &mut self.image[ports..ports + PORT_WORDS])?;
-        bus.read_block(
-            BACKGROUND_BLOCK,
-            &mut self.image[block..block + self.numbers * BACKGROUND_BLOCK_WORDS],
-        )?;
         self.image[0] = ready;
-        self.image[word_index(BACKGROUND_SERVO_TIMER)] = timer;
-        bus.order_reads();
-        Self::release(bus)?;
-        Ok(Some(timer))
+        self.image[word_index(BACKGROUND_SERVO_TIMER)] = bus.read16(BACKGROUND_SERVO_TIMER)?;
+        bus.read_block(BACKGROUND_PANEL_PORT, &mut self.image[ports..ports + PORT_WORDS])?;
+        self.next_block = Some(0);
+        Ok(BackgroundLook::Partial)
     }
 }
 
@@ -94,18 +129,26 @@ mod tests {
         file.set_len(0x4000).unwrap();
         let mut bus = Counted::new(FileBoard::from_file(&file, 0x4000).unwrap());
         let mut reader = BackgroundReader::default();
-        assert_eq!(reader.look(&mut bus).unwrap(), None);
+        assert_eq!(reader.look(&mut bus).unwrap(), BackgroundLook::Nothing);
         reader.set_numbers(3);
         bus.write16(BACKGROUND_BLOCK, 0xABCD).unwrap();
         bus.write16(BACKGROUND_SERVO_TIMER, 0x9000).unwrap();
         bus.write16(BACKGROUND_DATA_READY, DATA_READY).unwrap();
         let before = bus.accesses();
-        assert_eq!(reader.look(&mut bus).unwrap(), Some(0x9000));
-        assert_eq!(bus.accesses() - before, 2 + PORT_WORDS as u64 + 3 * 62 + 1);
+        for _ in 0..3 {
+            assert_eq!(reader.look(&mut bus).unwrap(), BackgroundLook::Partial);
+            assert_eq!(
+                bus.read16(BACKGROUND_DATA_READY).unwrap(),
+                DATA_READY,
+                "held until the last word is read"
+            );
+        }
+        assert_eq!(reader.look(&mut bus).unwrap(), BackgroundLook::Report(0x9000));
+        assert_eq!(bus.accesses() - before, 2 + PORT_WORDS as u64 + 3 * 62 + 1 + 3, "3 are the test's own");
         assert_eq!(reader.image().len(), word_index(BACKGROUND_BLOCK) + 3 * 62);
         assert_eq!(reader.image()[word_index(BACKGROUND_BLOCK)], 0xABCD);
         assert_eq!(bus.read16(BACKGROUND_DATA_READY).unwrap(), 0);
-        assert_eq!(reader.look(&mut bus).unwrap(), None);
+        assert_eq!(reader.look(&mut bus).unwrap(), BackgroundLook::Nothing);
     }
 
     #[test]
@@ -114,6 +157,6 @@ mod tests {
         file.set_len(0x4000).unwrap();
         let mut bus = FileBoard::from_file(&file, 0x4000).unwrap();
         bus.write16(BACKGROUND_DATA_READY, u16::MAX).unwrap();
-        assert_eq!(BackgroundReader::default().look(&mut bus).unwrap(), None);
+        assert_eq!(BackgroundReader::default().look(&mut bus).unwrap(), BackgroundLook::Nothing);
     }
 }
