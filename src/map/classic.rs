@@ -275,6 +275,8 @@ pub const POINTERS: Region = Region::new("pointers", VARIABLE_WRITE_COUNT, OPEN_
 /// Room for the buffers of variable size, and free for other use, 0x0800-0x3FFF.
 pub const OPEN: Region = Region::new("open", OPEN_START, at(LENGTH));
 const OPEN_START: HostOffset = at(0x0800);
+/// The whole DPRAM.
+pub const REGIONS: &[Region] = &[PANEL, SERVO, BACKGROUND, ASCII_OUTPUT, ASCII_INPUT, POINTERS, OPEN];
 
 /// The start of `number`'s servo block, or `None` unless `number` is 1-8.
 #[must_use]
