@@ -1,3 +1,4 @@
-//! Integration tests.
+//! Integration tests: formats, the map, the segment, whole processes.
 
 mod map;
+mod segment_loom;
