@@ -69,7 +69,7 @@ pub fn encode(value: f64) -> [u32; 2] {
         mantissa >>= 1;
         exponent += 1;
     }
-    while mantissa < 0 && mantissa >= -(1 << 34) {
+    while (-(1 << 34)..0).contains(&mantissa) {
         exponent -= 1;
         mantissa = scale_to_integer(value, MANTISSA_BITS - exponent);
     }
