@@ -8,9 +8,11 @@ pub mod float32;
 pub mod float48;
 pub mod int24;
 pub mod text;
+pub mod word_order;
 
 pub use float48::Float48Layout;
 pub use text::TextOrder;
+pub use word_order::WordOrder;
 
 /// Joins two 16-bit DPRAM words, low address first, into the 32-bit value a `DP:` register has.
 #[must_use]

@@ -1,4 +1,5 @@
 //! Integration tests.
 
 mod bench;
+mod map;
 mod socket;

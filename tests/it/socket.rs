@@ -480,6 +480,7 @@ fn a_late_reply_is_not_taken_for_the_next_one() {
         let (mut stopped, _) = listener.accept().unwrap();
         let (mut alive, _) = listener.accept().unwrap();
         // The first connection's caller has given up by now.
+        assert!(alive.read(&mut [0; 512]).unwrap() > 0);
         let _ = stopped.write_all(b"{\"parameters\":{\"lines\":[\"late\"]}}\0");
         alive.write_all(b"{\"parameters\":{\"lines\":[\"right\"]}}\0").unwrap();
     });
