@@ -23,8 +23,9 @@ use super::info::SharedInfo;
 use super::listener::{ListenError, Listener};
 use super::policy::{Peer, Policy, PolicyError, Roles};
 use super::queue::{Command, Event, Outcome, Receive, Sender, Ticket, Unsolicited, UnsolicitedKind};
+use crate::map::errors::meaning;
 use crate::protocol::board::{ReadReply, SendReply};
-use crate::protocol::{Call, CallError, Message, MessageKind, Reply, control, error_code};
+use crate::protocol::{Call, CallError, Message, MessageKind, Reply, control};
 
 /// How much longer than asked the bus thread may take before it is not believed to answer at all.
 const GRACE: Duration = Duration::from_secs(1);
@@ -506,7 +507,8 @@ fn outcome_reply(outcome: Outcome, lines: Vec<String>, overlong: bool) -> Result
         }),
         Outcome::Done => Reply::with(&SendReply { lines }),
         Outcome::Error(code) => {
-            Err(CallError::Board { code, meaning: error_code::meaning(code).to_owned(), lines })
+            let meaning = meaning(code).unwrap_or("an error number without a documented meaning").to_owned();
+            Err(CallError::Board { code, meaning, lines })
         }
         Outcome::TimedOut => Err(CallError::TimedOut),
         Outcome::Unavailable => Err(CallError::Unavailable {

@@ -65,7 +65,7 @@ pub struct BoardInfo {
     pub servo_period_ns: Option<u64>,
     /// Whether the data in the segment can be trusted now.
     pub state: State,
-    /// Counts the times the segment was created under this name.
+    /// Differs for every start of the daemon.
     pub generation: u64,
     /// The daemon's process.
     pub pid: u32,

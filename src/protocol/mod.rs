@@ -5,7 +5,6 @@
 
 pub mod board;
 pub mod control;
-pub mod error_code;
 pub mod frame;
 pub mod message;
 pub mod transport;

@@ -149,7 +149,7 @@ fn the_client_asks_and_hears() {
     assert_eq!(*bench.seen.lock().unwrap(), ["a,b,c", "J+", "^K", "read 0x0024 3"]);
 
     let error = refused(board.send("BAD", TIMEOUT));
-    assert_eq!(error.to_string(), "ERR003: data error or unrecognised command");
+    assert_eq!(error.to_string(), "ERR003: data error or unrecognized command");
     assert!(matches!(error, CallError::Board { code: 3, lines, .. } if lines == ["before"]));
     assert_eq!(refused(board.send("LATE", TIMEOUT)), CallError::TimedOut);
     assert!(matches!(refused(board.send("OFF", TIMEOUT)), CallError::Unavailable { .. }));
