@@ -1,1 +1,3 @@
-//! (under construction)
+//! The thing a user holds (layer 5).
+
+pub mod command;

@@ -128,8 +128,9 @@ impl BoardLoop {
     /// Clears every bit a host may have left set; Host-Busy left by a dead one would stop the servo data for ever.
     fn release_board(&mut self) {
         let bus = &mut self.bus;
-        let released =
-            ServoReader::release(bus).and_then(|()| BackgroundReader::release(bus)).and_then(|()| AsciiPort::release(bus));
+        let released = ServoReader::release(bus)
+            .and_then(|()| BackgroundReader::release(bus))
+            .and_then(|()| AsciiPort::release(bus));
         if let Err(error) = released {
             self.bus_failed(&error);
         }
@@ -160,7 +161,9 @@ impl BoardLoop {
 
     /// Waits for the next due time or something to read. Never longer than to the next heartbeat.
     fn wait(&self, now: u64, heartbeat_due: u64) -> Readable {
-        let desk_due = now + u64::try_from(self.desk.due().saturating_duration_since(Instant::now()).as_nanos()).unwrap_or(HEARTBEAT_NS);
+        let desk_due = now
+            + u64::try_from(self.desk.due().saturating_duration_since(Instant::now()).as_nanos())
+                .unwrap_or(HEARTBEAT_NS);
         let others = desk_due.min(self.background.due_ns());
         // Work that would not fit before the servo data waits until after them.
         let servo = self.servo.due_ns();
@@ -180,11 +183,7 @@ impl BoardLoop {
             return Readable::default();
         }
         let [stop, second, third] = watched.map(|fd| fd.any().unwrap_or(false));
-        Readable {
-            stop,
-            commands: second && commands.is_some(),
-            interrupt: third && interrupt.is_some(),
-        }
+        Readable { stop, commands: second && commands.is_some(), interrupt: third && interrupt.is_some() }
     }
 
     /// Takes what became readable.
@@ -193,7 +192,9 @@ impl BoardLoop {
         if let Some(answer) = self.answer.take() {
             self.reply(answer);
         }
-        if readable.interrupt && let Some(link) = &mut self.interrupt {
+        if readable.interrupt
+            && let Some(link) = &mut self.interrupt
+        {
             let taken = link.take();
             self.publisher.counters().add(Counter::Interrupts, u64::from(taken.interrupts));
             self.desk.look_now(now);
@@ -259,7 +260,8 @@ impl BoardLoop {
     /// The heartbeat: what must be seen even when no data come.
     fn beat(&mut self, now: u64) {
         self.publisher.counters().set(Counter::BusAccesses, self.bus.accesses());
-        let alive = self.servo.is_live() || self.background.is_live() || self.desk.state() == PortState::Answers;
+        let alive =
+            self.servo.is_live() || self.background.is_live() || self.desk.state() == PortState::Answers;
         let state = if alive { State::Live } else { State::Stale };
         if self.told.state.replace(state) != Some(state) {
             self.publisher.set_state(state);

@@ -2,6 +2,7 @@
 
 use super::classic;
 use super::classic_table;
+use super::status::{self, StatusTables};
 use super::{Block, HostOffset, Region, Space};
 
 /// What distinguishes one family of boards from another, as far as its DPRAM goes.
@@ -31,6 +32,8 @@ pub struct Family {
     pub regions: &'static [Region],
     /// The register table, ascending.
     pub blocks: &'static [Block],
+    /// The status words of `?`, `??` and `???`.
+    pub status: &'static StatusTables,
     /// Where gathering lies as printed.
     pub gather: GatherPlace,
     /// The firmware versions, as `VERSION` answers, that move the gather buffer and its index.
@@ -64,6 +67,7 @@ const fn classic_family(name: &'static str, title: &'static str, default_i10: u3
         default_i10,
         regions: classic::REGIONS,
         blocks: classic_table::BLOCKS,
+        status: &status::CLASSIC,
         gather: GatherPlace {
             size: classic::GATHER_SIZE,
             index: classic::GATHER_INDEX,
@@ -115,7 +119,7 @@ impl Family {
     /// `Y` or `X`: the half of its location that the word at `offset` is.
     #[must_use]
     pub const fn half(&self, offset: HostOffset) -> Space {
-        if offset.bytes() % 4 == 0 { Space::Y } else { Space::X }
+        if offset.bytes().is_multiple_of(4) { Space::Y } else { Space::X }
     }
 
     /// Where the PMAC location `number` begins (`X:` begins 2 bytes further on), or `None` when it lies outside the

@@ -7,12 +7,17 @@
 pub mod address;
 pub mod classic;
 mod classic_table;
+pub mod errors;
 pub mod family;
 pub mod firmware;
 pub mod layout;
 pub mod region;
 pub mod register;
+pub mod status;
 pub mod typed;
+
+/// The axes in the order in which the fixed buffers hold them.
+pub const AXES: [&str; 9] = ["A", "B", "C", "U", "V", "W", "X", "Y", "Z"];
 
 pub use address::{HostOffset, PmacAddress, Space};
 pub use classic_table::PANEL_REQUEST_BITS;
@@ -21,4 +26,5 @@ pub use firmware::{BadFirmware, Firmware};
 pub use layout::{Entry, GatherSizeWord, Layout, MapRecord, Place, records};
 pub use region::Region;
 pub use register::{Bits, Block, Format, NumberKind, Register, Source, SourceAt, Width, Writer};
+pub use status::{MotionMode, StatusTable, StatusTables};
 pub use typed::{AddressError, Location};

@@ -1,1 +1,4 @@
 //! (under construction)
+
+/// placeholder
+pub const STARTUP: &str = "";

@@ -1,4 +1,5 @@
-//! Integration tests: formats, the map, the segment, whole processes.
+//! Integration tests: formats, the map, the segment, the socket, whole processes.
 
 mod map;
 mod segment_loom;
+mod socket;
