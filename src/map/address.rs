@@ -16,14 +16,14 @@ impl HostOffset {
     /// At compile time for constants, when `bytes` is odd: no 16-bit word lies there.
     #[must_use]
     pub const fn new(bytes: u32) -> Self {
-        assert!(bytes % 2 == 0, "a DPRAM word lies at an even offset");
+        assert!(bytes.is_multiple_of(2), "a DPRAM word lies at an even offset");
         Self(bytes)
     }
 
     /// An offset in bytes, or `None` when it is odd.
     #[must_use]
     pub const fn checked(bytes: u32) -> Option<Self> {
-        if bytes % 2 == 0 { Some(Self(bytes)) } else { None }
+        if bytes.is_multiple_of(2) { Some(Self(bytes)) } else { None }
     }
 
     /// The offset in bytes.

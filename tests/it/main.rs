@@ -1,4 +1,5 @@
 //! Integration tests.
 
 mod decode;
+mod format;
 mod map;
