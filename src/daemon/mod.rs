@@ -1,1 +1,5 @@
-//! (under construction)
+//! The daemon: owns the board, mirrors it, serves commands (layer 5).
+
+pub mod ascii_desk;
+pub mod identify;
+pub mod queue;

@@ -66,7 +66,7 @@ pub fn encode(value: f64) -> [u32; 2] {
     }
     // value = fraction * 2^exponent with 0.5 <= |fraction| < 1
     let exponent = binary_exponent(value);
-    let mantissa = (scale(value, MANTISSA_BITS - exponent)).round_ties_even() as i64;
+    let mantissa = scale(value, MANTISSA_BITS - exponent).round_ties_even() as i64;
     let (mantissa, exponent) = match mantissa {
         // Rounding carried into the sign bit.
         HALF_CARRIED => (HALF, exponent + 1),
