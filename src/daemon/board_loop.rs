@@ -31,6 +31,8 @@ use crate::segment::{Counter, Identity, Publisher, RegionId, RegionState, Stamp,
 const HEARTBEAT_NS: u64 = 50_000_000;
 /// How often the memory behind the bus is checked to be still the board's.
 const BOARD_CHECK_NS: u64 = 1_000_000_000;
+/// How long a board may take to give its first sign of life before it is called stale.
+const FIRST_SIGN_NS: u64 = 1_000_000_000;
 /// A background look or a command may take this long on a slow bus; none is begun closer before a servo update.
 const ROOM_NS: u64 = 40_000;
 /// How long an unreachable bus is left alone.
@@ -69,6 +71,8 @@ pub struct BoardLoop {
     pub default_motors: usize,
     /// An answer the socket's queue had no room for; no command is taken until it is gone.
     pub answer: Option<Event>,
+    /// CLOCK_MONOTONIC at start.
+    pub began_ns: u64,
     /// What is to be said when it changes.
     pub told: Told,
 }
@@ -262,7 +266,15 @@ impl BoardLoop {
         self.publisher.counters().set(Counter::BusAccesses, self.bus.accesses());
         let alive =
             self.servo.is_live() || self.background.is_live() || self.desk.state() == PortState::Answers;
-        let state = if alive { State::Live } else { State::Stale };
+        let state = match (alive, self.told.state) {
+            (true, _) => State::Live,
+            (false, None) if now < self.began_ns + FIRST_SIGN_NS => State::Init,
+            (false, _) => State::Stale,
+        };
+        self.publisher.beat(now);
+        if state == State::Init {
+            return;
+        }
         if self.told.state.replace(state) != Some(state) {
             self.publisher.set_state(state);
             self.info.set_state(if alive { InfoState::Live } else { InfoState::Stale });
@@ -272,7 +284,6 @@ impl BoardLoop {
                 warn!("the board gives no sign of life: no servo data, no background data, no ASCII reply");
             }
         }
-        self.publisher.beat(now);
         if self.told.info_pending {
             self.inform();
         }

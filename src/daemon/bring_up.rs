@@ -28,7 +28,7 @@ use crate::format::WordOrder;
 use crate::function::background::BACKGROUND_WORDS;
 use crate::function::servo::SERVO_WORDS;
 use crate::map::classic;
-use crate::mirror::{BackgroundMirror, ServoMirror};
+use crate::mirror::{BackgroundMirror, ServoMirror, monotonic_ns};
 use crate::protocol::BoardInfo;
 use crate::segment::identity;
 use crate::segment::{CreateOptions, Identity, Publisher, RegionId, RegionSpec};
@@ -118,6 +118,7 @@ fn run(settings: &Settings) -> Result<(), String> {
         stop: Arc::clone(&stop),
         default_motors: settings.motors.map_or(classic::MOTORS, |motors| motors as usize),
         answer: None,
+        began_ns: monotonic_ns(),
         told: Told::default(),
     };
     let bus_thread = std::thread::Builder::new()
