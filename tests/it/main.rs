@@ -1,5 +1,7 @@
 //! Integration tests.
 
 mod bench;
+mod cli;
 mod map;
+mod rig;
 mod socket;
