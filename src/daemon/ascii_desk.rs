@@ -14,8 +14,7 @@ use super::queue::{
 use crate::device::{Bus, BusError};
 use crate::format::TextOrder;
 use crate::function::ascii::{AsciiEvent, AsciiPort, ResponseText, control_has_reply};
-use crate::mirror::monotonic_ns;
-use crate::segment::{Counter, Publisher};
+use crate::segment::{Counter, Publisher, monotonic_ns};
 
 /// Lines that may wait. The socket's queue is bounded too; this is the depth behind it.
 const LINES_MAX: usize = 64;

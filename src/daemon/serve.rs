@@ -15,7 +15,6 @@ use std::time::{Duration, Instant};
 use log::{error, info, warn};
 use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
 use nix::sys::eventfd::{EfdFlags, EventFd};
-use serde_json::Map;
 
 use super::connection::{Client, Pending, Waiting};
 use super::dispatch::{Action, Ask, understand};
@@ -374,9 +373,7 @@ impl Service {
             Ask::Read { .. } => {}
         }
         self.owners.insert(ticket, id);
-        let with_lines = matches!(ask, Ask::Send { .. });
-        let deadline = deadline + GRACE;
-        let pending = Pending { ticket, oneway, with_lines, deadline, lines: Vec::new(), length: 0 };
+        let pending = Pending { ticket, oneway, deadline: deadline + GRACE, lines: Vec::new(), length: 0 };
         client.waiting = Waiting::Board(pending);
         Ok(())
     }
@@ -395,12 +392,7 @@ impl Service {
             Event::Done(ticket, outcome) => {
                 let Some(pending) = self.pending(ticket) else { return };
                 let lines = std::mem::take(&mut pending.lines);
-                let reply = match outcome {
-                    Outcome::Done if !pending.with_lines => {
-                        Ok(Reply { parameters: Some(Map::new()), ..Reply::default() })
-                    }
-                    _ => outcome_reply(outcome, lines, pending.length > COLLECT_MAX),
-                };
+                let reply = outcome_reply(outcome, lines, pending.length > COLLECT_MAX);
                 self.answer(ticket, reply, now);
             }
             Event::Words { ticket, time_ns, words, count } => {

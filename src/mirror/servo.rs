@@ -3,11 +3,10 @@
 use super::clock::UpdateClock;
 use super::freshness::{Freshness, Transition};
 use super::gaps::UpdateCounter;
-use super::time::monotonic_ns;
 use crate::device::{Bus, BusError};
 use crate::function::servo::{ServoLook, ServoReader, ServoReading};
 use crate::function::servo_timer::ServoTimer;
-use crate::segment::{Counter, Publisher, RegionId, RegionState, Stamp};
+use crate::segment::{Counter, Publisher, RegionId, RegionState, Stamp, monotonic_ns};
 
 /// The servo timer's bits in the servo buffer.
 const TIMER_BITS: u32 = 15;

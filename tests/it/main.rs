@@ -1,9 +1,11 @@
-//! Integration tests: formats, the map, the segment, the socket, whole processes.
+//! Integration tests: formats, the map, the segment, the socket, the command line, whole processes.
 
 mod bench;
+mod cli;
 mod decode;
 mod format;
 mod map;
+mod rig;
 mod segment;
 mod segment_cost;
 mod segment_hostile;
