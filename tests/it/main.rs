@@ -1,10 +1,11 @@
-//! Integration tests: formats, the map, the segment, the socket, the command line, whole processes.
+//! Integration tests: formats, the map, the segment, the socket, the command line, the simulator, whole processes.
 
 mod bench;
 mod cli;
 mod decode;
 mod format;
 mod map;
+mod replies;
 mod rig;
 mod segment;
 mod segment_cost;
