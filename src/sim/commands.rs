@@ -5,6 +5,7 @@
 
 use super::gather::Activity;
 use super::language::CommandError;
+use super::language::variables::force_dpram_handshake;
 use super::machine::{MOTORS, Machine, Port};
 use super::motor::{Loop, ramp};
 use super::{coordinate, offsets};
@@ -102,7 +103,6 @@ impl Machine {
         self.may_move(motor)?;
         let ramp = ramp(100 * (motor + 1), &self.variables);
         let speed = self.ix(motor, 23);
-        self.memory.write_d(offsets::background(offsets::BIAS, motor), 0);
         self.motors[motor].home(speed, &ramp);
         Ok(())
     }
@@ -114,8 +114,8 @@ impl Machine {
     pub fn home_zero(&mut self, motor: usize) -> Result {
         self.may_move(motor)?;
         let offset = self.ix(motor, 26) / 16.0;
-        self.memory.write_d(offsets::background(offsets::BIAS, motor), 0);
         self.motors[motor].home_here(offset);
+        self.home_bias(motor);
         Ok(())
     }
 
@@ -238,7 +238,7 @@ impl Machine {
         }
     }
 
-    fn motors_of(&self, cs: usize) -> Vec<usize> {
+    pub(super) fn motors_of(&self, cs: usize) -> Vec<usize> {
         (0..self.motors.len()).filter(|&motor| self.axes.coordinate_system(motor) == Some(cs)).collect()
     }
 
@@ -300,13 +300,11 @@ impl Machine {
         self.gather.runs(Activity::Gathering)
     }
 
-    /// What has to follow the assignment of I-variable `number`: I58=1 forces I3 (3 to 2, 1 to 0), I4=0 and I6=1.
+    /// What has to follow the assignment of I-variable `number`: I58=1 forces I3, I4 and I6, once. All other variables are
+    /// looked at where they are used.
     pub fn i_assigned(&mut self, number: usize) {
         if number == 58 && self.variables.i(58) == 1.0 {
-            let handshake = (self.variables.i(3) as u32 & 2) as f64;
-            self.variables.set_i(3, handshake);
-            self.variables.set_i(4, 0.0);
-            self.variables.set_i(6, 1.0);
+            force_dpram_handshake(&mut self.variables, &self.identity.firmware);
         }
     }
 
@@ -413,26 +411,5 @@ impl Machine {
     /// `<CTRL-D>`: takes both bits out of I5.
     pub fn disable_plcs(&mut self) {
         self.variables.set_i(5, 0.0);
-    }
-
-    /// `Z`: all axis positions of the coordinate system become zero.
-    ///
-    /// # Errors
-    /// ERR001 while a program runs.
-    pub fn zero_axes(&mut self, cs: usize) -> Result {
-        if coordinate::running(cs.min(MOTORS - 1), &self.memory) {
-            return Err(CommandError::RUNNING);
-        }
-        for motor in self.motors_of(cs) {
-            self.place(motor, 0.0);
-        }
-        Ok(())
-    }
-
-    /// Sets the bias register so that `motor`, where it is commanded to be, is at `counts`.
-    pub(super) fn place(&mut self, motor: usize, counts: f64) {
-        let scale = self.ix(motor, 8) * 32.0;
-        let bias = ((counts - self.motors[motor].commanded()) * scale).round() as i64;
-        self.memory.write_d(offsets::background(offsets::BIAS, motor), bias);
     }
 }

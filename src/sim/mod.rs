@@ -6,13 +6,14 @@
 //! | file | what it is on the board |
 //! |---|---|
 //! | [`memory`], [`dpram`] | X and Y memory, and the part shared with the host |
-//! | [`machine`], `commands`, `registers` | the servo interrupt and the background loop; what commands do; status words |
+//! | [`machine`], `commands`, `axis_position`, `registers` | servo interrupt and background loop; what commands do; status words |
 //! | [`motor`], [`profile`], [`coordinate`] | servo loop, drive and shaft; jog and home moves; time base |
 //! | [`servo_report`], [`background_report`], [`ascii`], [`gather`] | the automatic functions of the DPRAM |
 //! | [`language`] | the interpreter of on-line commands |
 //! | [`judge`], [`fault`] | what a host does wrong; what the board can be told to do wrong |
 
 pub mod ascii;
+mod axis_position;
 pub mod background_report;
 pub mod clock;
 mod commands;

@@ -11,6 +11,8 @@ impl CommandError {
     pub const RUNNING: Self = Self(1);
     /// ERR003.
     pub const SYNTAX: Self = Self(3);
+    /// ERR011.
+    pub const MOVE_IN_PROGRESS: Self = Self(11);
     /// ERR015.
     pub const NO_PROGRAM: Self = Self(15);
 }
@@ -88,15 +90,71 @@ impl Variables {
     }
 }
 
+/// The definition of one motor.
+#[derive(Debug, Clone)]
+pub struct AxisDefinition {
+    /// 0-based coordinate system.
+    pub coordinate_system: usize,
+    /// Counts per unit and axis.
+    pub terms: Vec<(f64, char)>,
+    /// Counts at axis zero.
+    pub offset: f64,
+}
+
 /// Which motor belongs to which axis.
 #[derive(Debug, Clone, Default)]
-pub struct AxisDefinitions;
+pub struct AxisDefinitions(Vec<Option<AxisDefinition>>);
 
 impl AxisDefinitions {
+    /// The definition of a motor.
+    #[must_use]
+    pub fn definition(&self, motor: usize) -> Option<&AxisDefinition> {
+        self.0.get(motor)?.as_ref()
+    }
+
     /// The 0-based coordinate system of a motor.
     #[must_use]
-    pub fn coordinate_system(&self, _motor: usize) -> Option<usize> {
-        None
+    pub fn coordinate_system(&self, motor: usize) -> Option<usize> {
+        Some(self.definition(motor)?.coordinate_system)
+    }
+
+    /// Defines a motor.
+    pub fn set(&mut self, motor: usize, definition: Option<AxisDefinition>) {
+        if motor >= self.0.len() {
+            self.0.resize(motor + 1, None);
+        }
+        self.0[motor] = definition;
+    }
+}
+
+/// What the variables are kept in.
+pub mod variables {
+    use super::Variables;
+    use crate::sim::machine::Memory;
+
+    /// What `SAVE` keeps.
+    #[derive(Debug, Clone)]
+    pub struct SavedVariables(Variables);
+
+    impl Variables {
+        /// What `SAVE` keeps.
+        #[must_use]
+        pub fn snapshot(&self, _memory: &Memory) -> SavedVariables {
+            SavedVariables(self.clone())
+        }
+
+        /// Brings it back.
+        pub fn restore(&mut self, saved: &SavedVariables, _memory: &mut Memory) {
+            *self = saved.0.clone();
+        }
+    }
+
+    /// I58=1.
+    pub fn force_dpram_handshake(variables: &mut Variables, _firmware: &str) {
+        let i3 = f64::from(variables.i(3) as u32 & 2);
+        variables.set_i(3, i3);
+        variables.set_i(4, 0.0);
+        variables.set_i(6, 1.0);
     }
 }
 
@@ -191,38 +249,53 @@ impl Interpreter {
     }
 
     /// Acts on a control character.
-    pub fn control(&mut self, machine: &mut Machine, character: u8) {
+    pub fn control(&mut self, machine: &mut Machine, character: u8) -> Option<Reply> {
         match character {
             1 => machine.abort_all(),
             11 => machine.kill_all(),
             24 => machine.cancel_queues(),
             26 => machine.serial_becomes_active(),
-            _ => {}
+            16 => {
+                let position = machine.position(0).to_string();
+                return Some(Reply { lines: vec![position], error: None });
+            }
+            _ => return None,
         }
+        Some(Reply::default())
+    }
+
+    /// Back to motor 1.
+    pub fn reset(&mut self) {
+        self.motor = 0;
     }
 }
 
 /// The serial port.
 #[derive(Debug, Default)]
 pub struct SerialPort {
-    interpreter: Interpreter,
     line: Vec<u8>,
 }
 
 impl SerialPort {
     /// Takes one byte.
-    pub fn receive(&mut self, machine: &mut Machine, byte: u8, out: &mut Vec<u8>) {
+    pub fn receive(
+        &mut self,
+        machine: &mut Machine,
+        interpreter: &mut Interpreter,
+        byte: u8,
+        out: &mut Vec<u8>,
+    ) {
         match byte {
             b'\r' => {
                 let line = std::mem::take(&mut self.line);
-                let reply = self.interpreter.execute(machine, &line);
+                let reply = interpreter.execute(machine, &line);
                 for text in reply.lines {
                     out.extend_from_slice(text.as_bytes());
                     out.push(b'\r');
                 }
                 out.push(if reply.error.is_some() { 7 } else { 6 });
             }
-            ..=31 => self.interpreter.control(machine, byte),
+            ..=31 => drop(interpreter.control(machine, byte)),
             _ if self.line.len() < 255 => self.line.push(byte),
             _ => {}
         }
