@@ -51,6 +51,12 @@ impl Machine {
     /// ERR001, ERR003; ERR003 also for `until_trigger` with a jog that has no end.
     pub fn jog(&mut self, motor: usize, jog: Jog, until_trigger: Option<f64>) -> Result {
         self.may_move(motor)?;
+        self.start_jog(motor, jog, until_trigger)?;
+        self.refresh(motor);
+        Ok(())
+    }
+
+    fn start_jog(&mut self, motor: usize, jog: Jog, until_trigger: Option<f64>) -> Result {
         let x = 100 * (motor + 1);
         let ramp = ramp(x, &self.variables);
         let speed = self.ix(motor, 22);
@@ -104,6 +110,7 @@ impl Machine {
         let ramp = ramp(100 * (motor + 1), &self.variables);
         let speed = self.ix(motor, 23);
         self.motors[motor].home(speed, &ramp);
+        self.refresh(motor);
         Ok(())
     }
 
@@ -116,6 +123,7 @@ impl Machine {
         let offset = self.ix(motor, 26) / 16.0;
         self.motors[motor].home_here(offset);
         self.home_bias(motor);
+        self.refresh(motor);
         Ok(())
     }
 
@@ -129,6 +137,7 @@ impl Machine {
         }
         if let Some(state) = self.motors.get_mut(motor) {
             state.open(Loop::Killed);
+            self.refresh(motor);
         }
         Ok(())
     }
@@ -143,6 +152,7 @@ impl Machine {
             return Err(CommandError::SYNTAX);
         }
         self.motors[motor].open(Loop::Open(percent));
+        self.refresh(motor);
         Ok(())
     }
 
@@ -163,6 +173,7 @@ impl Machine {
         let (offset, sensor) = (self.ix(motor, 26) / 16.0, self.ix(motor, 10) != 0.0);
         self.memory.write_d(offsets::background(offsets::BIAS, motor), 0);
         self.motors[motor].absolute(offset, sensor);
+        self.refresh(motor);
         Ok(())
     }
 
@@ -246,6 +257,7 @@ impl Machine {
         if self.active(motor) {
             let rate = self.ix(motor, 15);
             self.motors[motor].abort(rate);
+            self.refresh(motor);
         }
     }
 
@@ -306,6 +318,10 @@ impl Machine {
         if number == 58 && self.variables.i(58) == 1.0 {
             force_dpram_handshake(&mut self.variables, &self.identity.firmware);
         }
+        // Ix00 and the scales show in the motor's registers.
+        if let Some(motor) = (number / 100).checked_sub(1).filter(|&motor| motor < self.motors.len()) {
+            self.refresh(motor);
+        }
     }
 
     /// Free long words: `SIZE` without an open buffer.
@@ -363,6 +379,7 @@ impl Machine {
     pub fn kill_all(&mut self) {
         for motor in 0..self.motors.len() {
             self.motors[motor].open(Loop::Killed);
+            self.refresh(motor);
         }
         for cs in 0..MOTORS {
             coordinate::stop_program(cs, &mut self.memory);

@@ -174,6 +174,7 @@ impl Machine {
     pub fn housekeeping(&mut self) {
         for motor in 0..self.motors.len() {
             self.scan_in_position(motor);
+            self.average_velocity(motor);
             self.write_background_registers(motor);
         }
         for cs in 0..MOTORS {

@@ -13,6 +13,8 @@
 //! | [`judge`], [`fault`] | what a host does wrong; what the board can be told to do wrong |
 
 pub mod ascii;
+#[cfg(test)]
+mod ascii_tests;
 mod axis_position;
 pub mod background_report;
 pub mod clock;
@@ -27,16 +29,24 @@ pub mod judge;
 pub mod language;
 pub mod machine;
 pub mod memory;
+#[cfg(test)]
+mod motion_tests;
 pub mod motor;
 pub mod offsets;
 pub mod options;
 pub mod process;
 pub mod profile;
 mod random;
+#[cfg(test)]
+mod register_tests;
 mod registers;
+#[cfg(test)]
+mod reset_tests;
 pub mod serial;
 pub mod servo_report;
 pub mod socket;
+#[cfg(test)]
+mod testing;
 
 /// The start-up file that enables all DPRAM functions for eight motors.
 pub const STARTUP: &str = include_str!("dpram-startup.pmc");
