@@ -1,6 +1,17 @@
 //! The bus to the board (layer 2): the trait, its kinds, its decorators, and the interrupt.
 
+pub mod byteswap;
+pub mod counted;
+pub mod file;
+pub mod interrupt;
 pub mod mapping;
+pub mod spec;
+
+pub use byteswap::WordSwapped;
+pub use counted::Counted;
+pub use file::FileBoard;
+pub use interrupt::{Interrupt, InterruptSource};
+pub use spec::BoardSpec;
 
 use crate::map::HostOffset;
 
@@ -9,7 +20,7 @@ use crate::map::HostOffset;
 #[non_exhaustive]
 pub enum BusError {
     /// The access would leave the mapped window.
-    #[error("offset {offset} and {words} words after it leave the mapped window of {length} bytes")]
+    #[error("offset {offset} and the {words} words from there on leave the mapped window of {length} bytes")]
     OutOfRange {
         /// The first word's offset.
         offset: HostOffset,
@@ -43,12 +54,41 @@ pub trait Bus: Send {
     /// Reads `words.len()` consecutive words, ascending, each exactly once.
     ///
     /// # Errors
-    /// [`BusError::OutOfRange`] when a word lies outside the window; `words` is then unchanged.
+    /// [`BusError::OutOfRange`] when a word lies outside the window; nothing has been read then.
     fn read_block(&mut self, first: HostOffset, words: &mut [u16]) -> Result<(), BusError>;
 
-    /// Orders the reads before this call before the reads after it.
+    /// Orders the reads before this call before every access after it.
     fn order_reads(&mut self);
 
-    /// Orders the writes before this call before the writes after it, and pushes them to the board.
+    /// Orders the writes before this call before the writes after it.
     fn order_writes(&mut self);
+
+    /// Whether the memory behind the window is still the board's: a simulated board may have been replaced.
+    fn still_there(&self) -> bool {
+        true
+    }
+}
+
+impl<B: Bus + ?Sized> Bus for Box<B> {
+    fn length(&self) -> usize {
+        (**self).length()
+    }
+    fn read16(&mut self, offset: HostOffset) -> Result<u16, BusError> {
+        (**self).read16(offset)
+    }
+    fn write16(&mut self, offset: HostOffset, value: u16) -> Result<(), BusError> {
+        (**self).write16(offset, value)
+    }
+    fn read_block(&mut self, first: HostOffset, words: &mut [u16]) -> Result<(), BusError> {
+        (**self).read_block(first, words)
+    }
+    fn order_reads(&mut self) {
+        (**self).order_reads();
+    }
+    fn order_writes(&mut self) {
+        (**self).order_writes();
+    }
+    fn still_there(&self) -> bool {
+        (**self).still_there()
+    }
 }

@@ -16,14 +16,14 @@ impl HostOffset {
     /// At compile time for constants, when `bytes` is odd: no 16-bit word lies there.
     #[must_use]
     pub const fn new(bytes: u32) -> Self {
-        assert!(bytes % 2 == 0, "a DPRAM word lies at an even offset");
+        assert!(bytes.is_multiple_of(2), "a DPRAM word lies at an even offset");
         Self(bytes)
     }
 
     /// An offset in bytes, or `None` when it is odd.
     #[must_use]
     pub const fn checked(bytes: u32) -> Option<Self> {
-        if bytes % 2 == 0 { Some(Self(bytes)) } else { None }
+        if bytes.is_multiple_of(2) { Some(Self(bytes)) } else { None }
     }
 
     /// The offset in bytes.
@@ -42,6 +42,12 @@ impl HostOffset {
     #[must_use]
     pub const fn plus_words(self, words: usize) -> Self {
         Self(self.0 + 2 * words as u32)
+    }
+
+    /// How many 16-bit words lie from `start` up to here; 0 when `start` lies behind.
+    #[must_use]
+    pub const fn words_since(self, start: Self) -> usize {
+        self.word().saturating_sub(start.word())
     }
 }
 
@@ -68,11 +74,61 @@ pub enum Space {
     F,
 }
 
-/// A location in the PMAC's own address space.
+impl Space {
+    /// Every space, in the order their letters are tried.
+    pub const ALL: [Self; 6] = [Self::Dp, Self::Y, Self::X, Self::D, Self::L, Self::F];
+
+    /// The letters before the colon, as the manual prints them.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Y => "Y",
+            Self::X => "X",
+            Self::Dp => "DP",
+            Self::D => "D",
+            Self::L => "L",
+            Self::F => "F",
+        }
+    }
+
+    /// How many 16-bit DPRAM words a value of this space takes.
+    #[must_use]
+    pub const fn words(self) -> usize {
+        match self {
+            Self::Y | Self::X => 1,
+            Self::Dp | Self::F => 2,
+            Self::D | Self::L => 4,
+        }
+    }
+}
+
+impl fmt::Display for Space {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+/// A location in the PMAC's own address space. Prints as the manual does, `X:$D009`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct PmacAddress {
     /// Which half, or which way of reading both.
     pub space: Space,
     /// The number after the `$`.
     pub number: u32,
+}
+
+impl PmacAddress {
+    /// The address `number` in `space`.
+    #[must_use]
+    pub const fn new(space: Space, number: u32) -> Self {
+        Self { space, number }
+    }
+}
+
+impl fmt::Display for PmacAddress {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        // Turbo addresses are printed with six digits, classic ones with four.
+        let digits = if self.number > 0xFFFF { 6 } else { 4 };
+        write!(f, "{}:${:0digits$X}", self.space, self.number)
+    }
 }

@@ -1,1 +1,14 @@
-//! (under construction)
+//! What to read when, and its way into the segment (layer 4).
+//!
+//! Each region has its own file: it knows when its next look is due, does one bounded look at a time, and tells when
+//! its data begin to come and when they stop. Words are mirrored as the board held them; nothing here decodes them.
+
+pub mod background;
+pub mod clock;
+pub mod freshness;
+pub mod gaps;
+pub mod servo;
+
+pub use background::BackgroundMirror;
+pub use freshness::Transition;
+pub use servo::ServoMirror;

@@ -1,1 +1,73 @@
-//! (under construction)
+//! The command socket's messages (layer 1): Varlink, NUL-terminated JSON over a Unix stream socket.
+//!
+//! A call is `{"method": …, "parameters": {…}}`; a reply is `{"parameters": {…}}` or `{"error": …, "parameters": {…}}`
+//! (varlink.org). Replies come in the order of their calls. The interface itself is the text in [`BOARD_DESCRIPTION`].
+
+pub mod board;
+pub mod control;
+pub mod frame;
+pub mod message;
+pub mod transport;
+
+pub use board::{BoardInfo, CallError, Enabled, Message, MessageKind, State};
+pub use frame::Inbox;
+pub use message::{Call, Parameters, Reply};
+
+/// The name of our interface.
+pub const BOARD: &str = "io.github.pmac-dpram.Board";
+/// The name of the interface that every Varlink service has.
+pub const SERVICE: &str = "org.varlink.service";
+/// The definition of [`BOARD`].
+pub const BOARD_DESCRIPTION: &str = include_str!("io.github.pmac-dpram.Board.varlink");
+/// The definition of [`SERVICE`].
+pub const SERVICE_DESCRIPTION: &str = include_str!("org.varlink.service.varlink");
+
+/// The longest message either side accepts from the other before it has asked for anything, in bytes.
+pub const CALL_MAX: usize = 64 * 1024;
+/// The longest reply a client accepts, in bytes.
+pub const REPLY_MAX: usize = 8 * 1024 * 1024;
+/// The longest line [`BOARD`]'s `Send` takes, in characters (DPRAM manual p. 27: two parts of a line).
+pub const LINE_MAX: usize = 200;
+/// The most words [`BOARD`]'s `Read` takes.
+pub const READ_MAX: usize = 64;
+/// The longest time-out [`BOARD`]'s `Send` takes, in milliseconds.
+pub const TIMEOUT_MAX_MS: u64 = 600_000;
+
+/// Why `line` cannot be sent to a board, or `Ok`.
+///
+/// A line is 1 to [`LINE_MAX`] printable ASCII characters. Control characters act on the board at once, whatever
+/// line they stand in, so they have a method of their own.
+///
+/// # Errors
+/// What is wrong with the line and where.
+pub fn check_line(line: &str) -> Result<(), String> {
+    if line.is_empty() {
+        return Err("the line is empty".to_owned());
+    }
+    if let Some((at, found)) = line.char_indices().find(|(_, c)| !(' '..='~').contains(c)) {
+        let advice = if found.is_ascii_control() { "; SendControl sends control characters" } else { "" };
+        return Err(format!("character {found:?} at position {at} is not printable ASCII{advice}"));
+    }
+    if line.len() > LINE_MAX {
+        return Err(format!("the line has {} characters; the board takes {LINE_MAX}", line.len()));
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lines_are_printable_and_bounded() {
+        assert_eq!(check_line("#1J+"), Ok(()));
+        assert_eq!(check_line(&"x".repeat(LINE_MAX)), Ok(()));
+        assert!(check_line(&"x".repeat(LINE_MAX + 1)).unwrap_err().contains("201"));
+        assert!(check_line("").is_err());
+        assert!(check_line("#1J+\r").unwrap_err().contains("position 4"));
+        assert!(check_line("\u{b}").unwrap_err().contains("SendControl"));
+        assert!(check_line("a\0").is_err());
+        assert!(check_line("\u{7f}").is_err());
+        assert!(check_line("ü").is_err());
+    }
+}

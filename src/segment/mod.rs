@@ -1,1 +1,183 @@
-//! (under construction)
+//! The shared-memory segment: how a daemon publishes what it mirrors and how anyone reads it.
+//!
+//! One writer, any number of readers that map the segment read-only and need no conversation with the daemon. Each
+//! region is a ring of slots with a sequence number per slot, so that a writer stopped or killed in mid-write never
+//! blocks a reader, reads are bounded, and a reader that keeps up misses nothing and otherwise knows exactly how much.
+//!
+//! | file | what it holds |
+//! |---|---|
+//! | [`layout`] | **the ABI, field by field**: a reader in C or Python can be written from that page alone |
+//! | [`identity`] | the payload of the board region |
+//! | [`name`] | what a segment may be called, and the lock on its name |
+//! | [`ring`] | the slot-ring protocol, over any memory (shared, or a model checker's) |
+//! | `memory` | the only unsafe code: mapping, words, futex |
+//! | [`publish`], [`subscribe`] | writer and reader |
+
+#[cfg(not(target_pointer_width = "64"))]
+compile_error!(
+    "the segment is an array of 64-bit words that a reader loads from a read-only mapping; a 32-bit target cannot \
+     load 8 bytes from read-only memory atomically, so layout version 1 exists for 64-bit targets only"
+);
+
+use std::io;
+use std::path::{Path, PathBuf};
+
+use nix::time::{ClockId, clock_gettime};
+
+mod header;
+pub mod identity;
+pub mod layout;
+mod lock;
+mod memory;
+pub mod name;
+pub mod publish;
+pub mod ring;
+mod sample;
+pub mod subscribe;
+
+pub use identity::Identity;
+pub use layout::{Counter, RegionId, RegionState, State};
+pub use name::SegmentName;
+pub use publish::{Counters, CreateOptions, Publisher, RegionSpec};
+pub use sample::{Sample, Stamp};
+pub use subscribe::{Condition, Cursor, HeaderInfo, Read, RegionInfo, Subscriber, WaitOutcome};
+
+/// Where segments live unless a test says otherwise: the directory of POSIX shared-memory objects.
+pub const DIRECTORY: &str = "/dev/shm";
+
+/// What can go wrong with a segment. Every message says what, where and what to do.
+#[derive(Debug, thiserror::Error)]
+pub enum SegmentError {
+    /// The name cannot be that of a segment.
+    #[error(
+        "{name:?} cannot be a segment's name: {why}; use up to 64 letters, digits, '.', '_' or '-', as in pmac0"
+    )]
+    Name {
+        /// What was given.
+        name: String,
+        /// Which rule it breaks.
+        why: &'static str,
+    },
+    /// The regions asked for cannot be laid out.
+    #[error("the segment cannot be laid out: {0}")]
+    Spec(String),
+    /// Another live process owns the name.
+    #[error("{} is in use by {}; stop that process or choose another --name", path.display(), holder(*pid))]
+    InUse {
+        /// What is locked.
+        path: PathBuf,
+        /// The process that holds it, if it could be known.
+        pid: Option<u32>,
+    },
+    /// The name is taken by something another user owns.
+    #[error("{} belongs to user {uid}, who is not trusted here; have it removed, or choose another --name", path.display())]
+    ForeignOwner {
+        /// The object in the way.
+        path: PathBuf,
+        /// Its owner.
+        uid: u32,
+    },
+    /// Others than its owner could write to the object.
+    #[error("{} can be written by others than its owner (mode {mode:03o}); it must not be: chmod go-w", path.display())]
+    WritableByOthers {
+        /// The object.
+        path: PathBuf,
+        /// Its permission bits.
+        mode: u32,
+    },
+    /// There is no segment of that name.
+    #[error("there is no segment {}; is pmacd running under this --name?", path.display())]
+    NotFound {
+        /// Where it was looked for.
+        path: PathBuf,
+    },
+    /// The memory for the segment could not be had.
+    #[error("there is no room for the {bytes} bytes of {}: {source}; free some memory in that file system", path.display())]
+    Full {
+        /// What was to be created.
+        path: PathBuf,
+        /// How much it needs.
+        bytes: u64,
+        /// What the kernel said.
+        source: io::Error,
+    },
+    /// A file operation failed.
+    #[error("cannot {what} {}: {source}", path.display())]
+    Io {
+        /// What was tried.
+        what: &'static str,
+        /// On what.
+        path: PathBuf,
+        /// What the kernel said.
+        source: io::Error,
+    },
+    /// The object is not a segment, or one cut short, or one whose header contradicts itself.
+    #[error("{} is not a usable segment: {why}; restart pmacd", path.display())]
+    Malformed {
+        /// The object.
+        path: PathBuf,
+        /// What is wrong with it.
+        why: String,
+    },
+    /// The segment was written by a daemon of another ABI version.
+    #[error("{} has layout version {found}, this program reads version {}; use programs of one release", path.display(), layout::ABI_MAJOR)]
+    Version {
+        /// The object.
+        path: PathBuf,
+        /// Its major version.
+        found: u64,
+    },
+    /// The segment does not hold that region.
+    #[error("the segment holds no {} region; the daemon does not mirror it", .0.name())]
+    NoSuchRegion(RegionId),
+    /// The writer overtook every attempt to read: this process is starved of processor time.
+    #[error(
+        "the {} region was overwritten during each of {attempts} attempts to read it; this process gets too little processor time",
+        region.name()
+    )]
+    Overrun {
+        /// Which region.
+        region: RegionId,
+        /// How often it was tried.
+        attempts: u32,
+    },
+    /// A slot holds what no publisher writes.
+    #[error("sample {sequence} of the {} region is corrupt; restart pmacd", region.name())]
+    Corrupt {
+        /// Which region.
+        region: RegionId,
+        /// Which sample.
+        sequence: u64,
+    },
+    /// A cursor was used with another segment than the one it was made for.
+    #[error("the cursor belongs to generation {cursor} of the segment, not to {segment}; make a new one")]
+    OtherGeneration {
+        /// The generation the cursor was made for.
+        cursor: u64,
+        /// The generation it was used with.
+        segment: u64,
+    },
+}
+
+fn holder(pid: Option<u32>) -> String {
+    pid.map_or_else(|| "another process".to_owned(), |pid| format!("process {pid}"))
+}
+
+impl SegmentError {
+    fn io(what: &'static str, path: &Path) -> impl FnOnce(io::Error) -> Self {
+        let path = path.to_owned();
+        move |source| Self::Io { what, path, source }
+    }
+}
+
+/// CLOCK_MONOTONIC in ns: the clock of every time stamp in a segment.
+#[must_use]
+pub fn monotonic_ns() -> u64 {
+    clock_ns(ClockId::CLOCK_MONOTONIC)
+}
+
+fn clock_ns(clock: ClockId) -> u64 {
+    // Neither clock that is asked for here can fail on Linux, nor stand before its origin.
+    let now = clock_gettime(clock).map_or(std::time::Duration::ZERO, std::time::Duration::from);
+    u64::try_from(now.as_nanos()).unwrap_or(u64::MAX)
+}

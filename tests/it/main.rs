@@ -1,3 +1,15 @@
-//! Integration tests.
+//! Integration tests: formats, the map, the segment, the socket, the command line, whole processes.
 
+mod bench;
+mod cli;
+mod decode;
+mod format;
+mod map;
+mod rig;
+mod segment;
+mod segment_cost;
+mod segment_hostile;
+mod segment_life;
+mod segment_loom;
 mod simulator;
+mod socket;

@@ -1,0 +1,275 @@
+//! Commands to the board, through the daemon's socket.
+//!
+//! Every call is bounded: by the time-out the caller gives the board, plus a second for the daemon to say so. A call
+//! that ran into a time-out leaves its late reply behind, so the next call uses a new connection.
+
+use std::io::{self, Read, Write};
+use std::os::unix::net::UnixStream;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use serde::de::DeserializeOwned;
+use serde_json::{Map, Value, json};
+
+use crate::map::HostOffset;
+use crate::protocol::board::{ReadReply, SendReply};
+use crate::protocol::message::encode;
+use crate::protocol::transport::connect;
+use crate::protocol::{BOARD, BoardInfo, Call, CallError, Inbox, Message, REPLY_MAX, Reply, control};
+
+/// How long the daemon itself may take: to accept, and to answer what needs no board.
+const DAEMON_TIMEOUT: Duration = Duration::from_secs(5);
+/// How much longer than the board the daemon may take. More than the daemon's own grace.
+const MARGIN: Duration = Duration::from_secs(2);
+
+/// A command failed.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum CommandError {
+    /// Nobody can be reached at the socket.
+    #[error("{path}: {source}; is pmacd running, and may you use its socket?")]
+    Connect {
+        /// The socket.
+        path: PathBuf,
+        /// What the kernel said.
+        source: io::Error,
+    },
+    /// The connection broke, or the daemon closed it.
+    #[error("{path}: {source}")]
+    Broken {
+        /// The socket.
+        path: PathBuf,
+        /// What the kernel said.
+        source: io::Error,
+    },
+    /// The daemon itself did not answer in time.
+    #[error("{path}: pmacd did not answer in time; is it stopped?")]
+    NoAnswer {
+        /// The socket.
+        path: PathBuf,
+    },
+    /// The daemon or the board said no; [`CallError::Board`] is the board's own error.
+    #[error(transparent)]
+    Refused(#[from] CallError),
+}
+
+/// A connection to the daemon of one board.
+#[derive(Debug)]
+pub struct Connection {
+    path: PathBuf,
+    link: Option<Link>,
+}
+
+#[derive(Debug)]
+struct Link {
+    stream: UnixStream,
+    inbox: Inbox,
+}
+
+impl Connection {
+    /// Connects to the daemon at the socket `path`.
+    ///
+    /// # Errors
+    /// [`CommandError::Connect`].
+    pub fn open(path: &Path) -> Result<Self, CommandError> {
+        let mut connection = Self { path: path.to_owned(), link: None };
+        connection.link = Some(connection.dial()?);
+        Ok(connection)
+    }
+
+    fn dial(&self) -> Result<Link, CommandError> {
+        let stream = connect(&self.path, Instant::now() + DAEMON_TIMEOUT)
+            .map_err(|source| CommandError::Connect { path: self.path.clone(), source })?;
+        Ok(Link { stream, inbox: Inbox::new(REPLY_MAX) })
+    }
+
+    /// What the daemon knows about its board and itself.
+    ///
+    /// # Errors
+    /// [`CommandError`].
+    pub fn info(&mut self) -> Result<BoardInfo, CommandError> {
+        self.call("GetInfo", Value::Null, DAEMON_TIMEOUT)
+    }
+
+    /// Sends one command line (1 to 200 printable ASCII characters) and returns the lines of its reply, none when the
+    /// board only acknowledged.
+    ///
+    /// # Errors
+    /// [`CommandError`]; [`CallError::Board`] in it when the board refused the line.
+    pub fn send(&mut self, line: &str, timeout: Duration) -> Result<Vec<String>, CommandError> {
+        let timeout_ms = u64::try_from(timeout.as_millis()).unwrap_or(u64::MAX).max(1);
+        let parameters = json!({"line": line, "timeout_ms": timeout_ms});
+        self.call::<SendReply>("Send", parameters, timeout.saturating_add(MARGIN)).map(|reply| reply.lines)
+    }
+
+    /// Sends the control character `character` (1 to 31) ahead of every line that waits, and returns what the board
+    /// answered: nothing, for most of them.
+    ///
+    /// # Errors
+    /// [`CommandError`].
+    pub fn control(&mut self, character: u8) -> Result<Vec<String>, CommandError> {
+        let parameters = json!({"character": control::name(character)});
+        self.call::<SendReply>("SendControl", parameters, DAEMON_TIMEOUT + MARGIN).map(|reply| reply.lines)
+    }
+
+    /// Reads `words` (1 to 64) consecutive words of the DPRAM: the CLOCK_MONOTONIC time of the first read in
+    /// nanoseconds, and the words.
+    ///
+    /// # Errors
+    /// [`CommandError`].
+    pub fn read(&mut self, first: HostOffset, words: usize) -> Result<(u64, Vec<u16>), CommandError> {
+        let parameters = json!({"host_offset": first.bytes(), "words": words});
+        let reply: ReadReply = self.call("Read", parameters, DAEMON_TIMEOUT + MARGIN)?;
+        if reply.words.len() != words {
+            let what = format!("{} words instead of {words}", reply.words.len());
+            return Err(CallError::Protocol(what).into());
+        }
+        Ok((reply.time_ns, reply.words))
+    }
+
+    /// Turns the connection into a stream of the texts that the board's programs send by themselves.
+    ///
+    /// # Errors
+    /// [`CommandError`].
+    pub fn messages(mut self) -> Result<Messages, CommandError> {
+        let mut call = Call::new(format!("{BOARD}.Messages"), Map::new());
+        call.more = Some(true);
+        let path = self.path.clone();
+        let mut link = match self.link.take() {
+            Some(link) => link,
+            None => self.dial()?,
+        };
+        link.write(&encode(&call), Instant::now() + DAEMON_TIMEOUT).map_err(|error| fault(&path, error))?;
+        Ok(Messages { path, link, ended: false })
+    }
+
+    fn call<T: DeserializeOwned>(
+        &mut self,
+        method: &str,
+        parameters: Value,
+        timeout: Duration,
+    ) -> Result<T, CommandError> {
+        let parameters = match parameters {
+            Value::Object(map) => map,
+            _ => Map::new(),
+        };
+        let call = Call::new(format!("{BOARD}.{method}"), parameters);
+        let mut link = match self.link.take() {
+            Some(link) => link,
+            None => self.dial()?,
+        };
+        let deadline = after(timeout);
+        let reply = link.write(&encode(&call), deadline).and_then(|()| link.next_reply(deadline));
+        let reply = reply.map_err(|error| fault(&self.path, error))?;
+        // Only a connection whose last reply has been read can be used again.
+        self.link = Some(link);
+        understand(reply)
+    }
+}
+
+fn understand<T: DeserializeOwned>(reply: Reply) -> Result<T, CommandError> {
+    if let Some(error) = CallError::from_reply(&reply) {
+        return Err(error.into());
+    }
+    let parameters = Value::Object(reply.parameters.unwrap_or_default());
+    serde_json::from_value(parameters).map_err(|error| CallError::Protocol(error.to_string()).into())
+}
+
+fn fault(path: &Path, error: io::Error) -> CommandError {
+    let path = path.to_owned();
+    match error.kind() {
+        io::ErrorKind::TimedOut => CommandError::NoAnswer { path },
+        _ => CommandError::Broken { path, source: error },
+    }
+}
+
+/// The moment `timeout` from now; a day from now when that is beyond the clock.
+fn after(timeout: Duration) -> Instant {
+    let now = Instant::now();
+    now.checked_add(timeout).unwrap_or(now + Duration::from_secs(86_400))
+}
+
+/// The time left until `deadline`, which must not be zero for a socket's time-out.
+fn left(deadline: Instant) -> io::Result<Duration> {
+    let left = deadline.saturating_duration_since(Instant::now());
+    if left.is_zero() { Err(io::ErrorKind::TimedOut.into()) } else { Ok(left) }
+}
+
+impl Link {
+    fn write(&mut self, mut bytes: &[u8], deadline: Instant) -> io::Result<()> {
+        while !bytes.is_empty() {
+            self.stream.set_write_timeout(Some(left(deadline)?))?;
+            match self.stream.write(bytes) {
+                Ok(count) => bytes = &bytes[count..],
+                Err(error) => again(error)?,
+            }
+        }
+        Ok(())
+    }
+
+    fn next_reply(&mut self, deadline: Instant) -> io::Result<Reply> {
+        let mut chunk = [0; 8192];
+        loop {
+            let message = self.inbox.next_message();
+            if let Some(message) =
+                message.map_err(|error| io::Error::new(io::ErrorKind::InvalidData, error))?
+            {
+                return serde_json::from_slice(&message)
+                    .map_err(|error| io::Error::new(io::ErrorKind::InvalidData, error));
+            }
+            self.stream.set_read_timeout(Some(left(deadline)?))?;
+            match self.stream.read(&mut chunk) {
+                Ok(0) => {
+                    let closed = "pmacd closed the connection";
+                    return Err(io::Error::new(io::ErrorKind::UnexpectedEof, closed));
+                }
+                Ok(count) => self.inbox.push(&chunk[..count]),
+                Err(error) => again(error)?,
+            }
+        }
+    }
+}
+
+/// Passes what is worth another try; the deadline decides how long.
+fn again(error: io::Error) -> io::Result<()> {
+    match error.kind() {
+        io::ErrorKind::Interrupted | io::ErrorKind::WouldBlock | io::ErrorKind::TimedOut => Ok(()),
+        _ => Err(error),
+    }
+}
+
+/// The texts that the board's programs send by themselves, as they come.
+#[derive(Debug)]
+pub struct Messages {
+    path: PathBuf,
+    link: Link,
+    ended: bool,
+}
+
+impl Messages {
+    /// The next text, or `None` when none has come within `timeout` or the stream has ended.
+    ///
+    /// # Errors
+    /// [`CommandError`] when the connection broke; the stream has then ended.
+    pub fn next_within(&mut self, timeout: Duration) -> Result<Option<Message>, CommandError> {
+        if self.ended {
+            return Ok(None);
+        }
+        let reply = match self.link.next_reply(after(timeout)) {
+            Ok(reply) => reply,
+            Err(error) if error.kind() == io::ErrorKind::TimedOut => return Ok(None),
+            Err(error) => {
+                self.ended = true;
+                return Err(fault(&self.path, error));
+            }
+        };
+        self.ended = reply.continues != Some(true);
+        understand(reply).map(Some)
+    }
+
+    /// Whether no more texts will come: the daemon has ended the stream, or the connection broke.
+    #[must_use]
+    pub fn ended(&self) -> bool {
+        self.ended
+    }
+}

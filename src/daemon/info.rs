@@ -1,0 +1,82 @@
+//! What `GetInfo` answers: written as the daemon learns it, read by the socket's thread.
+//!
+//! The bus thread only stores atomics or tries the lock, so no reader ever holds it up.
+
+use std::sync::atomic::{AtomicU32, Ordering};
+use std::sync::{Mutex, PoisonError};
+
+use crate::protocol::{BoardInfo, Enabled, State};
+
+/// The daemon's present knowledge of its board.
+#[derive(Debug, Default)]
+pub struct SharedInfo {
+    info: Mutex<BoardInfo>,
+    state: AtomicU32,
+    enabled: AtomicU32,
+}
+
+impl SharedInfo {
+    /// Starts with `info`; its `state` and `enabled` are ignored, they have setters of their own.
+    #[must_use]
+    pub fn new(info: BoardInfo) -> Self {
+        Self { info: Mutex::new(info), ..Self::default() }
+    }
+
+    /// Says whether the segment's data can be trusted. Never waits.
+    pub fn set_state(&self, state: State) {
+        self.state.store(state as u32, Ordering::Relaxed);
+    }
+
+    /// Says which automatic functions are at work. Never waits.
+    pub fn set_enabled(&self, enabled: Enabled) {
+        self.enabled.store(enabled.bits(), Ordering::Relaxed);
+    }
+
+    /// Changes the identity. May wait for a reader: not for the bus thread.
+    pub fn update(&self, change: impl FnOnce(&mut BoardInfo)) {
+        change(&mut self.info.lock().unwrap_or_else(PoisonError::into_inner));
+    }
+
+    /// Changes the identity unless a reader is at it just now; false asks for another try later. Never waits.
+    pub fn try_update(&self, change: impl FnOnce(&mut BoardInfo)) -> bool {
+        let held = self.info.try_lock();
+        held.map(|mut info| change(&mut info)).is_ok()
+    }
+
+    /// All of it.
+    #[must_use]
+    pub fn read(&self) -> BoardInfo {
+        let mut info = self.info.lock().unwrap_or_else(PoisonError::into_inner).clone();
+        info.state = match self.state.load(Ordering::Relaxed) {
+            0 => State::Init,
+            1 => State::Live,
+            2 => State::Stale,
+            _ => State::Dead,
+        };
+        info.enabled = Enabled::from_bits_truncate(self.enabled.load(Ordering::Relaxed)).names();
+        info
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_set_is_read() {
+        let shared = SharedInfo::new(BoardInfo { name: "pmac0".to_owned(), ..BoardInfo::default() });
+        for state in [State::Init, State::Live, State::Stale, State::Dead] {
+            shared.set_state(state);
+            assert_eq!(shared.read().state, state);
+        }
+        shared.set_enabled(Enabled::SERVO | Enabled::INTERRUPT);
+        shared.update(|info| info.motors = 8);
+        assert!(shared.try_update(|info| info.pid = 7));
+        let info = shared.read();
+        assert_eq!((info.name.as_str(), info.motors, info.pid), ("pmac0", 8, 7));
+        assert_eq!(info.enabled, ["servo", "interrupt"]);
+        let reading = shared.info.lock().unwrap();
+        assert!(!shared.try_update(|info| info.pid = 8));
+        drop(reading);
+    }
+}

@@ -1,0 +1,206 @@
+//! The command socket's place in the file system: made with its mode and group complete, taken over from a dead daemon,
+//! never from a living one, removed at the end.
+
+use std::io;
+use std::os::fd::AsFd;
+use std::os::unix::fs::{FileTypeExt, MetadataExt, PermissionsExt, chown};
+use std::os::unix::net::{UnixListener, UnixStream};
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use super::policy::{PolicyError, group_id};
+use crate::protocol::transport::connect;
+
+/// The socket cannot be put in its place.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum ListenError {
+    /// A living daemon answers there.
+    #[error("{0}: another daemon serves this socket; stop it, or choose another --name or --socket")]
+    Served(PathBuf),
+    /// Something else lies there, and it is not ours to delete.
+    #[error("{0}: exists and is not a socket; move it away or choose another --socket")]
+    Foreign(PathBuf),
+    /// The group in the settings is not to be had.
+    #[error("{path}: {source}")]
+    Group {
+        /// The socket.
+        path: PathBuf,
+        /// Why.
+        source: PolicyError,
+    },
+    /// The file system or the kernel refused.
+    #[error("{path}: {action}: {source}")]
+    Io {
+        /// The socket.
+        path: PathBuf,
+        /// What was tried.
+        action: &'static str,
+        /// What the kernel said.
+        source: io::Error,
+    },
+}
+
+/// A listening socket, and the file that goes when it goes.
+#[derive(Debug)]
+pub struct Listener {
+    socket: UnixListener,
+    file: Option<OwnFile>,
+}
+
+#[derive(Debug)]
+struct OwnFile {
+    path: PathBuf,
+    identity: (u64, u64),
+}
+
+fn identity(path: &Path) -> io::Result<(u64, u64)> {
+    path.symlink_metadata().map(|found| (found.dev(), found.ino()))
+}
+
+impl Drop for OwnFile {
+    fn drop(&mut self) {
+        // Only while it is still the file we made: a successor may have put its own there.
+        if identity(&self.path).is_ok_and(|found| found == self.identity) {
+            let _ = std::fs::remove_file(&self.path);
+        }
+    }
+}
+
+impl Listener {
+    /// Listens at `path` with the given mode and, when named, group. A socket that a dead daemon left is replaced.
+    ///
+    /// Two daemons that start at once are kept apart by the segment's lock, which a daemon takes before this.
+    ///
+    /// # Errors
+    /// [`ListenError`]; whatever lay at `path` is then untouched.
+    pub fn bind(path: &Path, mode: u32, group: Option<&str>) -> Result<Self, ListenError> {
+        let fault = |action| move |source| ListenError::Io { path: path.to_owned(), action, source };
+        match path.symlink_metadata() {
+            Err(error) if error.kind() == io::ErrorKind::NotFound => {}
+            Err(error) => return Err(fault("looking whether it exists")(error)),
+            Ok(found) if !found.file_type().is_socket() => return Err(ListenError::Foreign(path.to_owned())),
+            Ok(_) => match connect(path, Instant::now()) {
+                Err(error) if error.kind() == io::ErrorKind::ConnectionRefused => {}
+                Ok(_) => return Err(ListenError::Served(path.to_owned())),
+                // Its backlog is full: a daemon that is stopped, but lives.
+                Err(error) if error.kind() == io::ErrorKind::TimedOut => {
+                    return Err(ListenError::Served(path.to_owned()));
+                }
+                Err(error) => return Err(fault("asking whether a daemon serves it")(error)),
+            },
+        }
+        let group = group.map(group_id).transpose();
+        let group = group.map_err(|source| ListenError::Group { path: path.to_owned(), source })?;
+
+        // Made under another name and moved into place, so that nobody finds it with the wrong mode or group, and a
+        // dead daemon's file goes in the same step.
+        let mut temporary = path.as_os_str().to_owned();
+        temporary.push(format!(".{}", std::process::id()));
+        let temporary = PathBuf::from(temporary);
+        let _ = std::fs::remove_file(&temporary);
+        let socket = UnixListener::bind(&temporary).map_err(fault("creating the socket"))?;
+        let own = OwnFile {
+            identity: identity(&temporary).map_err(fault("creating the socket"))?,
+            path: temporary.clone(),
+        };
+        if let Some(group) = group {
+            chown(&temporary, None, Some(group.as_raw())).map_err(fault("setting its group"))?;
+        }
+        let permissions = std::fs::Permissions::from_mode(mode);
+        std::fs::set_permissions(&temporary, permissions).map_err(fault("setting its mode"))?;
+        std::fs::rename(&temporary, path).map_err(fault("moving the socket into place"))?;
+        let file = OwnFile { path: path.to_owned(), identity: own.identity };
+        drop(own);
+        socket.set_nonblocking(true).map_err(fault("preparing the socket"))?;
+        Ok(Self { socket, file: Some(file) })
+    }
+
+    /// Takes a listening socket that the service manager made and will remove.
+    ///
+    /// # Errors
+    /// When it cannot be made non-blocking.
+    pub fn inherited(socket: UnixListener) -> io::Result<Self> {
+        socket.set_nonblocking(true)?;
+        Ok(Self { socket, file: None })
+    }
+
+    /// Where it listens, when it made the file itself.
+    #[must_use]
+    pub fn path(&self) -> Option<&Path> {
+        self.file.as_ref().map(|file| file.path.as_path())
+    }
+
+    /// The next connection, non-blocking, or `WouldBlock`.
+    pub(super) fn accept(&self) -> io::Result<UnixStream> {
+        let (stream, _) = self.socket.accept()?;
+        stream.set_nonblocking(true)?;
+        Ok(stream)
+    }
+}
+
+impl AsFd for Listener {
+    fn as_fd(&self) -> std::os::fd::BorrowedFd<'_> {
+        self.socket.as_fd()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn mode(path: &Path) -> u32 {
+        path.symlink_metadata().unwrap().mode() & 0o7777
+    }
+
+    #[test]
+    fn the_file_has_its_mode_and_goes_with_the_listener() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("pmac0.sock");
+        let listener = Listener::bind(&path, 0o660, None).unwrap();
+        assert_eq!(mode(&path), 0o660);
+        assert_eq!(listener.path(), Some(path.as_path()));
+        drop(listener);
+        assert_eq!(std::fs::read_dir(directory.path()).unwrap().count(), 0);
+    }
+
+    #[test]
+    fn a_dead_daemons_socket_is_replaced_and_a_living_ones_is_not() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("pmac0.sock");
+        drop(UnixListener::bind(&path).unwrap());
+        let first = Listener::bind(&path, 0o600, None).unwrap();
+        assert!(matches!(Listener::bind(&path, 0o600, None), Err(ListenError::Served(_))));
+        // Somebody replaces the file: it is no longer the first one's to remove.
+        std::fs::remove_file(&path).unwrap();
+        let second = Listener::bind(&path, 0o600, None).unwrap();
+        drop(first);
+        assert!(path.exists());
+        drop(second);
+        assert!(!path.exists());
+    }
+
+    #[test]
+    fn nothing_that_is_not_a_socket_is_deleted() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("precious");
+        std::fs::write(&path, "data").unwrap();
+        assert!(matches!(Listener::bind(&path, 0o600, None), Err(ListenError::Foreign(_))));
+        assert_eq!(std::fs::read(&path).unwrap(), b"data");
+        let link = directory.path().join("link");
+        std::os::unix::fs::symlink(&path, &link).unwrap();
+        assert!(matches!(Listener::bind(&link, 0o600, None), Err(ListenError::Foreign(_))));
+    }
+
+    #[test]
+    fn failures_say_where() {
+        let missing = Path::new("/nonexistent-directory/pmac0.sock");
+        let error = Listener::bind(missing, 0o600, None).unwrap_err().to_string();
+        assert!(error.contains("/nonexistent-directory/pmac0.sock"), "{error}");
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("pmac0.sock");
+        let error = Listener::bind(&path, 0o600, Some("no-such-group-here")).unwrap_err().to_string();
+        assert!(error.contains("no-such-group-here"), "{error}");
+        assert_eq!(std::fs::read_dir(directory.path()).unwrap().count(), 0);
+    }
+}

@@ -1,0 +1,246 @@
+//! What passes between the command socket's thread and the bus thread: bounded queues of plain values.
+//!
+//! Both sides only ever try: a full queue is an answer ("busy"), never a wait, so no client can hold up the bus. The
+//! values own their bytes inline; passing one allocates nothing.
+
+use std::fmt;
+use std::os::fd::{AsFd, BorrowedFd};
+use std::sync::Arc;
+use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
+use std::time::{Duration, Instant};
+
+use nix::sys::eventfd::{EfdFlags, EventFd};
+
+use crate::map::HostOffset;
+
+/// The longest command line the DPRAM takes, in two parts (DPRAM manual p. 27).
+pub const LINE_MAX: usize = 200;
+/// The longest text one fill of the Host-Input buffer holds (DPRAM manual p. 29).
+pub const REPLY_MAX: usize = 255;
+/// The most words one [`Command::ReadWords`] may ask for.
+pub const READ_MAX: usize = 64;
+
+/// A short text of at most `N` bytes, held inline.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub struct Text<const N: usize> {
+    bytes: [u8; N],
+    length: u8,
+}
+
+impl<const N: usize> Text<N> {
+    /// Copies `bytes`, or `None` when there are more than `N`.
+    #[must_use]
+    pub fn new(bytes: &[u8]) -> Option<Self> {
+        let mut text = Self { bytes: [0; N], length: u8::try_from(bytes.len()).ok()? };
+        text.bytes.get_mut(..bytes.len())?.copy_from_slice(bytes);
+        Some(text)
+    }
+
+    /// The bytes.
+    #[must_use]
+    pub fn as_bytes(&self) -> &[u8] {
+        &self.bytes[..usize::from(self.length)]
+    }
+}
+
+impl<const N: usize> Default for Text<N> {
+    fn default() -> Self {
+        Self { bytes: [0; N], length: 0 }
+    }
+}
+
+impl<const N: usize> fmt::Debug for Text<N> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{:?}", String::from_utf8_lossy(self.as_bytes()))
+    }
+}
+
+/// Names one command from its acceptance to its last event. Chosen by the socket's thread, never reused.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub struct Ticket(pub u64);
+
+/// What the socket asks of the bus thread.
+#[derive(Debug, Clone, Copy)]
+pub enum Command {
+    /// Send an ASCII command line and collect its reply. Answered by [`Event::Line`]s and one [`Event::Done`].
+    Send {
+        /// Whose command this is.
+        ticket: Ticket,
+        /// The line without terminator, 1 to [`LINE_MAX`] bytes, no control characters.
+        line: Text<LINE_MAX>,
+        /// When to give up, wherever the line is by then.
+        deadline: Instant,
+    },
+    /// Send a control character (1 to 31) at once, before every queued line. Answered by [`Event::Done`].
+    Control {
+        /// Whose command this is.
+        ticket: Ticket,
+        /// The character, `letter - 64`.
+        character: u8,
+        /// When to give up.
+        deadline: Instant,
+    },
+    /// Read words of the DPRAM between two updates. Answered by [`Event::Words`] or [`Event::Done`].
+    ReadWords {
+        /// Whose command this is.
+        ticket: Ticket,
+        /// The first word.
+        first: HostOffset,
+        /// How many, 1 to [`READ_MAX`].
+        count: usize,
+    },
+}
+
+/// How a command ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Outcome {
+    /// The board acknowledged it.
+    Done,
+    /// The board refused it with this error number (`ERRnnn`).
+    Error(u16),
+    /// The deadline passed before the board had answered.
+    TimedOut,
+    /// DPRAM ASCII is not to be had now (I58 = 0, or the board is gone).
+    Unavailable,
+    /// The words lie outside the board's window.
+    OutOfRange,
+}
+
+/// What the bus thread tells the socket.
+#[derive(Debug, Clone, Copy)]
+pub enum Event {
+    /// One line of a reply.
+    Line(Ticket, Text<REPLY_MAX>),
+    /// The end of a command.
+    Done(Ticket, Outcome),
+    /// The words asked for, `count` of them valid, with the CLOCK_MONOTONIC time of the first read.
+    Words {
+        /// Whose command this was.
+        ticket: Ticket,
+        /// CLOCK_MONOTONIC, nanoseconds.
+        time_ns: u64,
+        /// The words, ascending.
+        words: [u16; READ_MAX],
+        /// How many are valid.
+        count: usize,
+    },
+    /// A text a PMAC program sent by itself.
+    Unsolicited(Unsolicited),
+}
+
+/// A text nobody asked for: from `SEND"…"`, or the response to a program's `CMD"…"`.
+#[derive(Debug, Clone, Copy)]
+pub struct Unsolicited {
+    /// CLOCK_MONOTONIC when it was read, nanoseconds.
+    pub time_ns: u64,
+    /// Which statement caused it.
+    pub kind: UnsolicitedKind,
+    /// The text.
+    pub text: Text<REPLY_MAX>,
+}
+
+/// Which statement of a PMAC program caused an unsolicited text.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum UnsolicitedKind {
+    /// The response to a `CMD"…"` (control word 0x010D).
+    Cmd,
+    /// A `SEND"…"` (control word 0x020D).
+    Send,
+}
+
+/// The end of a queue that puts values in.
+pub struct Sender<T> {
+    channel: SyncSender<T>,
+    wake: Arc<EventFd>,
+}
+
+impl<T> Clone for Sender<T> {
+    fn clone(&self) -> Self {
+        Self { channel: self.channel.clone(), wake: Arc::clone(&self.wake) }
+    }
+}
+
+impl<T> Sender<T> {
+    /// Puts `value` in and wakes the other side; gives it back when the queue is full or nobody is left to read it.
+    ///
+    /// # Errors
+    /// The value itself.
+    pub fn try_send(&self, value: T) -> Result<(), T> {
+        match self.channel.try_send(value) {
+            Ok(()) => {
+                // Cannot fail in a way that matters: a saturated counter is already readable.
+                let _ = self.wake.write(1);
+                Ok(())
+            }
+            Err(TrySendError::Full(value) | TrySendError::Disconnected(value)) => Err(value),
+        }
+    }
+}
+
+/// The end of a queue that takes values out.
+pub struct Receive<T> {
+    channel: Receiver<T>,
+    wake: Arc<EventFd>,
+}
+
+impl<T> Receive<T> {
+    /// Readable while something may be in the queue.
+    #[must_use]
+    pub fn descriptor(&self) -> BorrowedFd<'_> {
+        self.wake.as_fd()
+    }
+
+    /// Makes [`Receive::descriptor`] unreadable again. Call before draining with [`Receive::try_receive`].
+    pub fn clear(&self) {
+        let _ = self.wake.read();
+    }
+
+    /// Makes [`Receive::descriptor`] readable: values may be left that were not taken.
+    pub fn keep_awake(&self) {
+        let _ = self.wake.write(1);
+    }
+
+    /// The next value, or `None` when the queue is empty.
+    pub fn try_receive(&self) -> Option<T> {
+        self.channel.try_recv().ok()
+    }
+}
+
+/// A queue of at most `capacity` values.
+///
+/// # Errors
+/// When the kernel gives no event descriptor.
+pub fn queue<T>(capacity: usize) -> nix::Result<(Sender<T>, Receive<T>)> {
+    let wake = Arc::new(EventFd::from_value_and_flags(0, EfdFlags::EFD_NONBLOCK | EfdFlags::EFD_CLOEXEC)?);
+    let (sender, receiver) = sync_channel(capacity);
+    Ok((Sender { channel: sender, wake: Arc::clone(&wake) }, Receive { channel: receiver, wake }))
+}
+
+/// How long a command may take when its caller does not say.
+pub const DEFAULT_TIMEOUT: Duration = Duration::from_secs(5);
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_full_queue_gives_the_value_back() {
+        let (sender, receiver) = queue::<u8>(2).unwrap();
+        assert_eq!(sender.try_send(1), Ok(()));
+        assert_eq!(sender.try_send(2), Ok(()));
+        assert_eq!(sender.try_send(3), Err(3));
+        receiver.clear();
+        assert_eq!(receiver.try_receive(), Some(1));
+        assert_eq!(receiver.try_receive(), Some(2));
+        assert_eq!(receiver.try_receive(), None);
+        drop(receiver);
+        assert_eq!(sender.try_send(4), Err(4));
+    }
+
+    #[test]
+    fn texts_keep_their_bounds() {
+        assert!(Text::<LINE_MAX>::new(&[b'x'; LINE_MAX]).is_some());
+        assert!(Text::<LINE_MAX>::new(&[b'x'; LINE_MAX + 1]).is_none());
+        assert_eq!(Text::<REPLY_MAX>::new(b"1.16D").unwrap().as_bytes(), b"1.16D");
+    }
+}

@@ -1,0 +1,511 @@
+//! The command socket's server: one thread, one poll over the listener, the clients, the bus thread's events and stop.
+//!
+//! It never waits for a client and never holds up the bus thread: whatever a client does, or does not do, costs at most
+//! its own bounded buffers. Each connection has one call under way at a time, so replies keep the order of the calls;
+//! a ticket brings every event of the bus thread back to the call it belongs to.
+
+use std::collections::{BTreeMap, HashMap};
+use std::io;
+use std::os::fd::AsFd;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+use log::{error, info, warn};
+use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
+use nix::sys::eventfd::{EfdFlags, EventFd};
+
+use super::connection::{Client, Pending, Waiting};
+use super::dispatch::{Action, Ask, understand};
+use super::info::SharedInfo;
+use super::listener::{ListenError, Listener};
+use super::policy::{Peer, Policy, PolicyError, Roles};
+use super::queue::{Command, Event, Outcome, Receive, Sender, Ticket, Unsolicited, UnsolicitedKind};
+use crate::map::errors::meaning;
+use crate::protocol::board::{ReadReply, SendReply};
+use crate::protocol::{Call, CallError, Message, MessageKind, Reply, control};
+
+/// How much longer than asked the bus thread may take before it is not believed to answer at all.
+const GRACE: Duration = Duration::from_secs(1);
+/// How long accepting pauses when the process has no more descriptors.
+const ACCEPT_PAUSE: Duration = Duration::from_millis(200);
+/// The longest reply of the board that is collected, in bytes.
+const COLLECT_MAX: usize = 1024 * 1024;
+
+/// The settings of the command socket.
+#[derive(Debug, Clone)]
+pub struct ServeOptions {
+    /// Where it lies: `/run/pmacd/pmac0.sock`.
+    pub path: PathBuf,
+    /// Who may connect, as file mode bits.
+    pub mode: u32,
+    /// The group of the file, when it is not the daemon's own.
+    pub group: Option<String>,
+    /// The groups that raise a user's role.
+    pub roles: Roles,
+    /// The most connections at a time.
+    pub max_clients: usize,
+    /// The most connections of one user (root and the daemon's own user aside).
+    pub max_clients_per_user: usize,
+    /// How long a client may leave a message half sent, or its output unfetched.
+    pub patience: Duration,
+}
+
+impl ServeOptions {
+    /// The defaults: mode 0660, 256 connections, 64 of one user, 10 s.
+    #[must_use]
+    pub fn new(path: PathBuf) -> Self {
+        Self {
+            path,
+            mode: 0o660,
+            group: None,
+            roles: Roles::default(),
+            max_clients: 256,
+            max_clients_per_user: 64,
+            patience: Duration::from_secs(10),
+        }
+    }
+
+    /// Puts the socket in its place. A separate step, so that it can happen before privileges are given up.
+    ///
+    /// # Errors
+    /// [`ListenError`].
+    pub fn listen(&self) -> Result<Listener, ListenError> {
+        Listener::bind(&self.path, self.mode, self.group.as_deref())
+    }
+}
+
+/// The server cannot start.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum ServeError {
+    /// A group in the settings is not to be had.
+    #[error(transparent)]
+    Policy(#[from] PolicyError),
+    /// The system gave no descriptor or no thread.
+    #[error("starting the command socket's thread: {0}")]
+    Io(#[from] io::Error),
+}
+
+/// What the server stands between: the queues of the bus thread, and what `GetInfo` answers.
+pub struct Backend {
+    /// To the bus thread.
+    pub commands: Sender<Command>,
+    /// From the bus thread. It must deliver the events of a ticket in order and without gaps, [`Outcome`] last; what
+    /// it cannot deliver at once it has to keep.
+    pub events: Receive<Event>,
+    /// What `GetInfo` answers.
+    pub info: Arc<SharedInfo>,
+}
+
+/// The running server. Stops when told to, or when dropped.
+pub struct Server {
+    stop: Arc<EventFd>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Server {
+    /// Ends every connection, removes the socket, and waits for the thread (which waits for nobody).
+    pub fn stop(mut self) {
+        self.end();
+    }
+
+    fn end(&mut self) {
+        if let Some(thread) = self.thread.take() {
+            let _ = self.stop.write(1);
+            if thread.join().is_err() {
+                error!("the command socket's thread panicked");
+            }
+        }
+    }
+}
+
+impl Drop for Server {
+    fn drop(&mut self) {
+        self.end();
+    }
+}
+
+/// Starts to serve the board on `listener`.
+///
+/// # Errors
+/// [`ServeError`] when a group is unknown or the system gives no thread.
+pub fn serve(options: &ServeOptions, listener: Listener, backend: Backend) -> Result<Server, ServeError> {
+    let flags = EfdFlags::EFD_NONBLOCK | EfdFlags::EFD_CLOEXEC;
+    let stop = Arc::new(EventFd::from_value_and_flags(0, flags).map_err(io::Error::from)?);
+    let service = Service {
+        policy: Policy::new(&options.roles)?,
+        options: options.clone(),
+        listener,
+        backend,
+        clients: BTreeMap::new(),
+        owners: HashMap::new(),
+        next_client: 0,
+        next_ticket: 0,
+        accept_after: None,
+    };
+    let waker = Arc::clone(&stop);
+    let thread = std::thread::Builder::new().name("socket".to_owned()).spawn(move || service.run(&waker))?;
+    Ok(Server { stop, thread: Some(thread) })
+}
+
+struct Service {
+    options: ServeOptions,
+    policy: Policy,
+    listener: Listener,
+    backend: Backend,
+    clients: BTreeMap<u64, Client>,
+    /// Whose call each ticket is.
+    owners: HashMap<Ticket, u64>,
+    next_client: u64,
+    next_ticket: u64,
+    accept_after: Option<Instant>,
+}
+
+impl Service {
+    fn run(mut self, stop: &EventFd) {
+        loop {
+            let ready = match self.wait(stop) {
+                Ok(ready) => ready,
+                Err(nix::Error::EINTR) => continue,
+                Err(errno) => {
+                    error!("the command socket stops: poll: {errno}");
+                    break;
+                }
+            };
+            if ready.stop {
+                break;
+            }
+            let now = Instant::now();
+            if ready.events {
+                self.backend.events.clear();
+                while let Some(event) = self.backend.events.try_receive() {
+                    self.on_event(event, now);
+                }
+            }
+            for (id, flags) in ready.clients {
+                self.on_ready(id, flags, now);
+            }
+            if ready.listener {
+                self.accept(now);
+            }
+            self.expire(now);
+            let owners = &mut self.owners;
+            self.clients.retain(|_, client| {
+                let stays = !client.is_finished();
+                if let (false, Waiting::Board(pending)) = (stays, &client.waiting) {
+                    owners.remove(&pending.ticket);
+                }
+                stays
+            });
+        }
+        self.farewell();
+    }
+
+    fn wait(&self, stop: &EventFd) -> nix::Result<Ready> {
+        let mut ids = Vec::with_capacity(self.clients.len());
+        let mut fds = vec![
+            PollFd::new(stop.as_fd(), PollFlags::POLLIN),
+            PollFd::new(self.backend.events.descriptor(), PollFlags::POLLIN),
+            PollFd::new(
+                self.listener.as_fd(),
+                if self.accept_after.is_none() { PollFlags::POLLIN } else { PollFlags::empty() },
+            ),
+        ];
+        for (&id, client) in &self.clients {
+            if let Some(flags) = client.interest() {
+                ids.push(id);
+                fds.push(PollFd::new(client.as_fd(), flags));
+            }
+        }
+        let timeout = match self.next_deadline() {
+            None => PollTimeout::NONE,
+            Some(deadline) => {
+                let left = deadline.saturating_duration_since(Instant::now()) + Duration::from_millis(1);
+                PollTimeout::try_from(left).unwrap_or(PollTimeout::MAX)
+            }
+        };
+        poll(&mut fds, timeout)?;
+        let flags = |fd: &PollFd<'_>| fd.revents().unwrap_or(PollFlags::POLLERR);
+        let is_ready = |index: usize| fds.get(index).is_some_and(|fd| flags(fd).contains(PollFlags::POLLIN));
+        Ok(Ready {
+            stop: is_ready(0),
+            events: is_ready(1),
+            listener: is_ready(2),
+            clients: ids
+                .iter()
+                .zip(&fds[3..])
+                .map(|(&id, fd)| (id, flags(fd)))
+                .filter(|(_, flags)| !flags.is_empty())
+                .collect(),
+        })
+    }
+
+    fn next_deadline(&self) -> Option<Instant> {
+        let clients = self.clients.values().flat_map(|client| {
+            let pending = match &client.waiting {
+                Waiting::Board(pending) => Some(pending.deadline),
+                Waiting::Nothing | Waiting::Messages(_) => None,
+            };
+            [pending, client.patience_ends(self.options.patience)]
+        });
+        clients.chain([self.accept_after]).flatten().min()
+    }
+
+    fn accept(&mut self, now: Instant) {
+        loop {
+            let stream = match self.listener.accept() {
+                Ok(stream) => stream,
+                Err(error) => match error.kind() {
+                    io::ErrorKind::WouldBlock => return,
+                    io::ErrorKind::Interrupted | io::ErrorKind::ConnectionAborted => continue,
+                    _ => {
+                        warn!("accepting a connection: {error}");
+                        self.accept_after = Some(now + ACCEPT_PAUSE);
+                        return;
+                    }
+                },
+            };
+            let Ok(peer) = Peer::of(&stream) else { continue };
+            let of_user = self.clients.values().filter(|client| client.peer.uid == peer.uid).count();
+            let trusted = peer.uid.is_root() || peer.uid == nix::unistd::geteuid();
+            let mut client = Client::new(stream, peer, self.policy.role_of(&peer));
+            if self.clients.len() >= self.options.max_clients
+                || (!trusted && of_user >= self.options.max_clients_per_user)
+            {
+                info!(target: "audit", "refused a connection of uid {} pid {}: too many", peer.uid, peer.pid);
+                let reason = "too many connections; close some".to_owned();
+                client.reply(&CallError::Unavailable { reason }.to_reply(), now);
+                continue;
+            }
+            self.clients.insert(self.next_client, client);
+            self.next_client += 1;
+        }
+    }
+
+    fn on_ready(&mut self, id: u64, flags: PollFlags, now: Instant) {
+        let Some(client) = self.clients.get_mut(&id) else { return };
+        client.receive(now);
+        if flags.intersects(PollFlags::POLLHUP | PollFlags::POLLERR | PollFlags::POLLNVAL) {
+            client.hang_up();
+        }
+        if flags.contains(PollFlags::POLLOUT) {
+            client.flush(now);
+        }
+        self.advance(id, now);
+    }
+
+    /// Begins the client's calls, one after the other, until one has to wait.
+    fn advance(&mut self, id: u64, now: Instant) {
+        loop {
+            let Some(client) = self.clients.get_mut(&id) else { return };
+            let message = match client.next_call(now) {
+                Ok(None) => return,
+                Ok(Some(message)) => message,
+                Err(too_long) => {
+                    client.reply(&malformed(&too_long).to_reply(), now);
+                    return client.close();
+                }
+            };
+            match serde_json::from_slice::<Call>(&message) {
+                Ok(call) => self.begin(id, &call, now),
+                Err(error) => {
+                    client.reply(&malformed(&error).to_reply(), now);
+                    return client.close();
+                }
+            }
+        }
+    }
+
+    fn begin(&mut self, id: u64, call: &Call, now: Instant) {
+        let Some(client) = self.clients.get_mut(&id) else { return };
+        let oneway = call.oneway == Some(true);
+        // What was asked by somebody who has gone without waiting for the answer is not begun any more.
+        if !oneway && !client.hears() {
+            return;
+        }
+        let mut action = understand(call, client.role, &self.backend.info);
+        if let Ok(Action::Ask(ask)) = action {
+            match self.ask(id, ask, oneway, now) {
+                Ok(()) => return,
+                Err(error) => action = Err(error),
+            }
+        }
+        let Some(client) = self.clients.get_mut(&id) else { return };
+        let reply = match action {
+            Ok(Action::Reply(reply)) => reply,
+            Ok(Action::Stream) => {
+                client.waiting = Waiting::Messages(0);
+                return;
+            }
+            Ok(Action::Ask(_)) => return,
+            Err(error) => {
+                if !matches!(error, CallError::Busy) {
+                    let Peer { uid, pid, .. } = client.peer;
+                    info!(target: "audit", "refused {:?} of uid {uid} pid {pid}: {error}", call.method);
+                }
+                error.to_reply()
+            }
+        };
+        if !oneway {
+            client.reply(&reply, now);
+        }
+    }
+
+    fn ask(&mut self, id: u64, ask: Ask, oneway: bool, now: Instant) -> Result<(), CallError> {
+        let Some(client) = self.clients.get_mut(&id) else { return Ok(()) };
+        let ticket = Ticket(self.next_ticket);
+        self.next_ticket += 1;
+        let deadline = now + ask.timeout();
+        let command = match ask {
+            Ask::Send { line, .. } => Command::Send { ticket, line, deadline },
+            Ask::Control { character } => Command::Control { ticket, character, deadline },
+            Ask::Read { first, count } => Command::ReadWords { ticket, first, count },
+        };
+        self.backend.commands.try_send(command).map_err(|_| CallError::Busy)?;
+        let Peer { uid, pid, .. } = client.peer;
+        match ask {
+            Ask::Send { line, .. } => info!(target: "audit", "uid {uid} pid {pid} sends {line:?}"),
+            Ask::Control { character } => {
+                info!(target: "audit", "uid {uid} pid {pid} sends {}", control::name(character));
+            }
+            Ask::Read { .. } => {}
+        }
+        self.owners.insert(ticket, id);
+        let pending = Pending { ticket, oneway, deadline: deadline + GRACE, lines: Vec::new(), length: 0 };
+        client.waiting = Waiting::Board(pending);
+        Ok(())
+    }
+
+    fn on_event(&mut self, event: Event, now: Instant) {
+        match event {
+            Event::Line(ticket, text) => {
+                if let Some(pending) = self.pending(ticket) {
+                    pending.length += text.as_bytes().len() + 1;
+                    if pending.length <= COLLECT_MAX {
+                        // Byte by byte: a board's text is ASCII, and nothing of what is not may be lost.
+                        pending.lines.push(text.as_bytes().iter().copied().map(char::from).collect());
+                    }
+                }
+            }
+            Event::Done(ticket, outcome) => {
+                let Some(pending) = self.pending(ticket) else { return };
+                let lines = std::mem::take(&mut pending.lines);
+                let reply = outcome_reply(outcome, lines, pending.length > COLLECT_MAX);
+                self.answer(ticket, reply, now);
+            }
+            Event::Words { ticket, time_ns, words, count } => {
+                let words = words.iter().copied().take(count).collect();
+                self.answer(ticket, Reply::with(&ReadReply { time_ns, words }), now);
+            }
+            Event::Unsolicited(text) => self.broadcast(&text, now),
+        }
+    }
+
+    fn pending(&mut self, ticket: Ticket) -> Option<&mut Pending> {
+        match &mut self.clients.get_mut(self.owners.get(&ticket)?)?.waiting {
+            Waiting::Board(pending) if pending.ticket == ticket => Some(pending),
+            _ => None,
+        }
+    }
+
+    fn answer(&mut self, ticket: Ticket, reply: Result<Reply, CallError>, now: Instant) {
+        let Some(id) = self.owners.remove(&ticket) else { return };
+        let Some(client) = self.clients.get_mut(&id) else { return };
+        if let Waiting::Board(pending) = std::mem::replace(&mut client.waiting, Waiting::Nothing)
+            && !pending.oneway
+        {
+            client.reply(&reply.unwrap_or_else(|error| error.to_reply()), now);
+        }
+        self.advance(id, now);
+    }
+
+    fn broadcast(&mut self, text: &Unsolicited, now: Instant) {
+        for client in self.clients.values_mut() {
+            let keeps_up = client.keeps_up();
+            let Waiting::Messages(lost) = &mut client.waiting else { continue };
+            if !keeps_up {
+                *lost += 1;
+                continue;
+            }
+            let message = Message {
+                time_ns: text.time_ns,
+                kind: match text.kind {
+                    UnsolicitedKind::Cmd => MessageKind::Cmd,
+                    UnsolicitedKind::Send => MessageKind::Send,
+                },
+                text: text.text.as_bytes().iter().copied().map(char::from).collect(),
+                lost: std::mem::take(lost),
+            };
+            if let Ok(reply) = Reply::with(&message) {
+                client.reply(&Reply { continues: Some(true), ..reply }, now);
+            }
+        }
+    }
+
+    /// Acts on every deadline that has passed.
+    fn expire(&mut self, now: Instant) {
+        if self.accept_after.is_some_and(|until| until <= now) {
+            self.accept_after = None;
+        }
+        let mut unanswered = Vec::new();
+        for client in self.clients.values_mut() {
+            if client.patience_ends(self.options.patience).is_some_and(|end| end <= now) {
+                let Peer { uid, pid, .. } = client.peer;
+                info!(target: "audit", "dropped a connection of uid {uid} pid {pid}: stopped half-way");
+                client.hang_up();
+                client.close();
+            }
+            if let Waiting::Board(pending) = &client.waiting
+                && pending.deadline <= now
+            {
+                unanswered.push(pending.ticket);
+            }
+        }
+        for ticket in unanswered {
+            self.answer(ticket, Err(CallError::TimedOut), now);
+        }
+    }
+
+    /// Tells those who wait that nothing more will come; does not wait for them to hear it.
+    fn farewell(&mut self) {
+        let now = Instant::now();
+        let reply = CallError::Unavailable { reason: "pmacd is stopping".to_owned() }.to_reply();
+        for client in self.clients.values_mut() {
+            match &client.waiting {
+                Waiting::Board(Pending { oneway: true, .. }) | Waiting::Nothing => {}
+                Waiting::Board(_) | Waiting::Messages(_) => client.reply(&reply, now),
+            }
+        }
+    }
+}
+
+struct Ready {
+    stop: bool,
+    events: bool,
+    listener: bool,
+    clients: Vec<(u64, PollFlags)>,
+}
+
+fn malformed(why: &dyn std::fmt::Display) -> CallError {
+    CallError::InvalidParameter { parameter: format!("message: {why}") }
+}
+
+fn outcome_reply(outcome: Outcome, lines: Vec<String>, overlong: bool) -> Result<Reply, CallError> {
+    match outcome {
+        Outcome::Done if overlong => Err(CallError::Unavailable {
+            reason: format!("the board's reply is longer than {COLLECT_MAX} bytes"),
+        }),
+        Outcome::Done => Reply::with(&SendReply { lines }),
+        Outcome::Error(code) => {
+            let meaning = meaning(code).unwrap_or("an error number without a documented meaning").to_owned();
+            Err(CallError::Board { code, meaning, lines })
+        }
+        Outcome::TimedOut => Err(CallError::TimedOut),
+        Outcome::Unavailable => Err(CallError::Unavailable {
+            reason: "DPRAM ASCII is off (I58 = 0) or the board does not answer".to_owned(),
+        }),
+        Outcome::OutOfRange => Err(CallError::OutOfRange),
+    }
+}

@@ -1,0 +1,64 @@
+//! Decorator: a bus whose 16-bit words arrive with their bytes exchanged, as some VME bridges deliver them.
+//!
+//! It acts on words only. Whether the characters of a text stand low byte first or high byte first within a word is
+//! a setting of its own ([`crate::format::TextOrder`]): boards in production need one, the other, or both.
+
+use super::{Bus, BusError};
+use crate::map::HostOffset;
+
+/// Exchanges the bytes of every word on its way to and from the bus inside.
+pub struct WordSwapped<B>(pub B);
+
+impl<B: Bus> Bus for WordSwapped<B> {
+    fn length(&self) -> usize {
+        self.0.length()
+    }
+
+    fn read16(&mut self, offset: HostOffset) -> Result<u16, BusError> {
+        self.0.read16(offset).map(u16::swap_bytes)
+    }
+
+    fn write16(&mut self, offset: HostOffset, value: u16) -> Result<(), BusError> {
+        self.0.write16(offset, value.swap_bytes())
+    }
+
+    fn read_block(&mut self, first: HostOffset, words: &mut [u16]) -> Result<(), BusError> {
+        self.0.read_block(first, words)?;
+        for word in words {
+            *word = word.swap_bytes();
+        }
+        Ok(())
+    }
+
+    fn order_reads(&mut self) {
+        self.0.order_reads();
+    }
+
+    fn order_writes(&mut self) {
+        self.0.order_writes();
+    }
+
+    fn still_there(&self) -> bool {
+        self.0.still_there()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::device::FileBoard;
+
+    #[test]
+    fn words_are_exchanged_both_ways() {
+        let file = tempfile::tempfile().unwrap();
+        file.set_len(0x4000).unwrap();
+        let mut plain = FileBoard::from_file(&file, 0x4000).unwrap();
+        let mut swapped = WordSwapped(FileBoard::from_file(&file, 0x4000).unwrap());
+        swapped.write16(HostOffset::new(0x100), 0x1234).unwrap();
+        assert_eq!(plain.read16(HostOffset::new(0x100)).unwrap(), 0x3412);
+        assert_eq!(swapped.read16(HostOffset::new(0x100)).unwrap(), 0x1234);
+        let mut block = [0; 2];
+        swapped.read_block(HostOffset::new(0x0FE), &mut block).unwrap();
+        assert_eq!(block, [0, 0x1234]);
+    }
+}

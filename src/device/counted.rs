@@ -1,0 +1,95 @@
+//! Decorator: counts every access. On real hardware bus accesses are the cost, so the count is always kept.
+
+use super::{Bus, BusError};
+use crate::map::HostOffset;
+
+/// Counts the words read and written through it. A refused access counts nothing: the bus never saw it.
+pub struct Counted<B> {
+    bus: B,
+    reads: u64,
+    writes: u64,
+}
+
+impl<B: Bus> Counted<B> {
+    /// Starts counting at zero.
+    pub fn new(bus: B) -> Self {
+        Self { bus, reads: 0, writes: 0 }
+    }
+
+    /// Words read so far.
+    #[must_use]
+    pub fn reads(&self) -> u64 {
+        self.reads
+    }
+
+    /// Words written so far.
+    #[must_use]
+    pub fn writes(&self) -> u64 {
+        self.writes
+    }
+
+    /// All accesses so far.
+    #[must_use]
+    pub fn accesses(&self) -> u64 {
+        self.reads + self.writes
+    }
+
+    /// Puts another bus in place of the present one and goes on counting.
+    pub fn replace(&mut self, bus: B) {
+        self.bus = bus;
+    }
+}
+
+impl<B: Bus> Bus for Counted<B> {
+    fn length(&self) -> usize {
+        self.bus.length()
+    }
+
+    fn read16(&mut self, offset: HostOffset) -> Result<u16, BusError> {
+        let word = self.bus.read16(offset)?;
+        self.reads += 1;
+        Ok(word)
+    }
+
+    fn write16(&mut self, offset: HostOffset, value: u16) -> Result<(), BusError> {
+        self.bus.write16(offset, value)?;
+        self.writes += 1;
+        Ok(())
+    }
+
+    fn read_block(&mut self, first: HostOffset, words: &mut [u16]) -> Result<(), BusError> {
+        self.bus.read_block(first, words)?;
+        self.reads += words.len() as u64;
+        Ok(())
+    }
+
+    fn order_reads(&mut self) {
+        self.bus.order_reads();
+    }
+
+    fn order_writes(&mut self) {
+        self.bus.order_writes();
+    }
+
+    fn still_there(&self) -> bool {
+        self.bus.still_there()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::device::FileBoard;
+
+    #[test]
+    fn every_word_counts_once_and_refused_ones_do_not() {
+        let file = tempfile::tempfile().unwrap();
+        file.set_len(0x4000).unwrap();
+        let mut bus = Counted::new(FileBoard::from_file(&file, 0x4000).unwrap());
+        bus.read16(HostOffset::new(0)).unwrap();
+        bus.write16(HostOffset::new(2), 1).unwrap();
+        bus.read_block(HostOffset::new(4), &mut [0; 30]).unwrap();
+        assert!(bus.read16(HostOffset::new(0x4000)).is_err());
+        assert_eq!((bus.reads(), bus.writes(), bus.accesses()), (31, 1, 32));
+    }
+}

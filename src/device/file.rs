@@ -1,0 +1,192 @@
+//! The `file:` board: a file that another process treats as its DPRAM, such as the simulator's memory.
+
+use std::fs::{File, OpenOptions};
+use std::os::unix::fs::MetadataExt;
+use std::path::{Path, PathBuf};
+
+use super::mapping::Mapping;
+use super::{Bus, BusError};
+use crate::map::HostOffset;
+
+/// The size of the classic DPRAM in bytes: 8K words of 16 bits (DPRAM manual p. 1).
+pub const DPRAM_BYTES: usize = 0x4000;
+
+/// Why a file cannot serve as a board.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum FileBoardError {
+    /// The file cannot be opened or mapped.
+    #[error(
+        "cannot open the board's memory file {path}: {source}; is the simulator running, and may you read and write it?"
+    )]
+    Open {
+        /// The file.
+        path: PathBuf,
+        /// What the kernel said.
+        source: std::io::Error,
+    },
+    /// Not a regular file.
+    #[error("{path} is not a regular file; the file: board needs the simulator's memory file")]
+    NotAFile {
+        /// The path.
+        path: PathBuf,
+    },
+    /// The file is not as long as the DPRAM.
+    #[error("{path} has {found} bytes, a DPRAM has {expected}; is this the simulator's memory file?")]
+    Length {
+        /// The file.
+        path: PathBuf,
+        /// Its length.
+        found: u64,
+        /// The length it needs.
+        expected: usize,
+    },
+}
+
+/// A board whose DPRAM is an ordinary file.
+pub struct FileBoard {
+    mapping: Mapping,
+    path: PathBuf,
+    /// Device and inode of what is mapped, to notice when the path leads elsewhere.
+    identity: (u64, u64),
+}
+
+impl FileBoard {
+    /// Maps the first `length` bytes of the file at `path`.
+    ///
+    /// # Errors
+    /// When the path is no regular file of that length, or cannot be opened for reading and writing.
+    pub fn open(path: &Path, length: usize) -> Result<Self, FileBoardError> {
+        let open_error = |source| FileBoardError::Open { path: path.to_owned(), source };
+        let kind = std::fs::metadata(path).map_err(open_error)?.file_type();
+        if !kind.is_file() {
+            return Err(FileBoardError::NotAFile { path: path.to_owned() });
+        }
+        let file = OpenOptions::new().read(true).write(true).open(path).map_err(open_error)?;
+        let metadata = file.metadata().map_err(open_error)?;
+        if metadata.len() != length as u64 {
+            return Err(FileBoardError::Length {
+                path: path.to_owned(),
+                found: metadata.len(),
+                expected: length,
+            });
+        }
+        let mapping = Mapping::new(&file, 0, length).map_err(open_error)?;
+        Ok(Self { mapping, path: path.to_owned(), identity: identity(&metadata) })
+    }
+
+    /// The same board reached through an open `file`, for tests that have no path.
+    ///
+    /// # Errors
+    /// What `mmap` reports.
+    pub fn from_file(file: &File, length: usize) -> std::io::Result<Self> {
+        Ok(Self {
+            mapping: Mapping::new(file, 0, length)?,
+            path: PathBuf::from("/proc/self/fd"),
+            identity: identity(&file.metadata()?),
+        })
+    }
+
+    fn out_of_range(&self, offset: HostOffset, words: usize) -> BusError {
+        BusError::OutOfRange { offset, words, length: self.mapping.length() }
+    }
+}
+
+fn identity(metadata: &std::fs::Metadata) -> (u64, u64) {
+    (metadata.dev(), metadata.ino())
+}
+
+impl Bus for FileBoard {
+    fn length(&self) -> usize {
+        self.mapping.length()
+    }
+
+    fn read16(&mut self, offset: HostOffset) -> Result<u16, BusError> {
+        self.mapping.read16(offset.bytes() as usize).ok_or_else(|| self.out_of_range(offset, 1))
+    }
+
+    fn write16(&mut self, offset: HostOffset, value: u16) -> Result<(), BusError> {
+        self.mapping.write16(offset.bytes() as usize, value).ok_or_else(|| self.out_of_range(offset, 1))
+    }
+
+    fn read_block(&mut self, first: HostOffset, words: &mut [u16]) -> Result<(), BusError> {
+        let start = first.bytes() as usize;
+        if start + 2 * words.len() > self.mapping.length() {
+            return Err(self.out_of_range(first, words.len()));
+        }
+        for (index, word) in words.iter_mut().enumerate() {
+            *word = self.mapping.read16(start + 2 * index).ok_or(BusError::OutOfRange {
+                offset: first,
+                words: index,
+                length: self.mapping.length(),
+            })?;
+        }
+        Ok(())
+    }
+
+    fn order_reads(&mut self) {
+        self.mapping.order_reads();
+    }
+
+    fn order_writes(&mut self) {
+        self.mapping.order_writes();
+    }
+
+    fn still_there(&self) -> bool {
+        std::fs::metadata(&self.path).is_ok_and(|metadata| identity(&metadata) == self.identity)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn memory(length: u64) -> tempfile::NamedTempFile {
+        let file = tempfile::NamedTempFile::new().unwrap();
+        file.as_file().set_len(length).unwrap();
+        file
+    }
+
+    #[test]
+    fn a_block_reads_what_single_writes_left() {
+        let file = memory(0x4000);
+        let mut board = FileBoard::open(file.path(), DPRAM_BYTES).unwrap();
+        for index in 0..8u16 {
+            board.write16(HostOffset::new(0x3FF0).plus_words(index.into()), 0x1000 + index).unwrap();
+        }
+        let mut words = [0; 8];
+        board.read_block(HostOffset::new(0x3FF0), &mut words).unwrap();
+        assert_eq!(words, [0x1000, 0x1001, 0x1002, 0x1003, 0x1004, 0x1005, 0x1006, 0x1007]);
+        assert!(board.read_block(HostOffset::new(0x3FF2), &mut words).is_err());
+        assert!(board.read16(HostOffset::new(0x4000)).is_err());
+        assert!(board.write16(HostOffset::new(0x4000), 1).is_err());
+    }
+
+    #[test]
+    fn only_a_file_of_the_right_length_is_a_board() {
+        let short = memory(0x3FFE);
+        assert!(matches!(FileBoard::open(short.path(), DPRAM_BYTES), Err(FileBoardError::Length { .. })));
+        assert!(matches!(
+            FileBoard::open(Path::new("/dev/null"), DPRAM_BYTES),
+            Err(FileBoardError::NotAFile { .. })
+        ));
+        assert!(matches!(
+            FileBoard::open(Path::new("/nonexistent/dpram"), DPRAM_BYTES),
+            Err(FileBoardError::Open { .. })
+        ));
+    }
+
+    #[test]
+    fn a_replaced_file_is_noticed() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("dpram");
+        std::fs::write(&path, vec![0; DPRAM_BYTES]).unwrap();
+        let board = FileBoard::open(&path, DPRAM_BYTES).unwrap();
+        assert!(board.still_there());
+        std::fs::write(directory.path().join("new"), vec![0; DPRAM_BYTES]).unwrap();
+        std::fs::rename(directory.path().join("new"), &path).unwrap();
+        assert!(!board.still_there());
+        std::fs::remove_file(&path).unwrap();
+        assert!(!board.still_there());
+    }
+}

@@ -1,0 +1,404 @@
+//! ASCII communication through the DPRAM, the host's half (DPRAM manual p. 27-29, firmware 1.15 and later).
+//!
+//! | word | host | PMAC |
+//! |---|---|---|
+//! | 0x062C bit 0 | sets it when a line lies in the command buffer | clears it when it took the line |
+//! | 0x062E | writes a control character | clears it when it took the character |
+//! | 0x0630.. | writes the line and a NUL | reads it |
+//! | 0x06D0 | writes 0 when it read the response | writes what kind of response lies there, last |
+//! | 0x06D2, 0x06D4.. | reads | writes count and text, only while 0x06D0 is 0 |
+//!
+//! A line of more than 159 characters goes in two parts: the first fills the buffer and has no NUL (byte 0x06CF, the
+//! last of the buffer, is not taken as a character but must not be NUL), the second has one.
+//!
+//! Boards put texts of their own programs into the same response buffer; these are told apart by the control word and
+//! never taken for a reply. A reply that comes after its command was given up is told apart by time: after a time-out
+//! the port first lets everything arrive that is still on its way ([`SETTLE`]), and only then takes the next line.
+
+use std::time::{Duration, Instant};
+
+use crate::device::{Bus, BusError};
+use crate::format::TextOrder;
+use crate::map::classic::{
+    ASCII_COMMAND, ASCII_COMMAND_BYTES, ASCII_CONTROL_CHARACTER, ASCII_INPUT_CONTROL, ASCII_INPUT_COUNT,
+    ASCII_LINE_LIMIT, ASCII_OUTPUT_CONTROL, ASCII_RESPONSE, ASCII_RESPONSE_BYTES, COMMAND_LOADED,
+    RESPONSE_ACKNOWLEDGE, RESPONSE_ERROR, RESPONSE_LINE, RESPONSE_MESSAGE, RESPONSE_TO_PROGRAM,
+};
+use crate::map::errors;
+
+/// How long the response buffer must have been silent before a port that gave up on a reply is used again.
+pub const SETTLE: Duration = Duration::from_millis(50);
+/// How long after its last line a control character's reply, which has no end mark, counts as complete.
+pub const CONTROL_REPLY_END: Duration = Duration::from_millis(50);
+/// Characters of a line that go in its first part.
+const FIRST_PART: usize = ASCII_COMMAND_BYTES - 1;
+
+/// A response line, read from the board into private memory.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub struct ResponseText {
+    bytes: [u8; ASCII_RESPONSE_BYTES],
+    length: usize,
+}
+
+impl ResponseText {
+    const EMPTY: Self = Self { bytes: [0; ASCII_RESPONSE_BYTES], length: 0 };
+
+    /// The characters, at most 255, without the NUL.
+    #[must_use]
+    pub fn as_bytes(&self) -> &[u8] {
+        &self.bytes[..self.length]
+    }
+}
+
+impl std::fmt::Debug for ResponseText {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{:?}", String::from_utf8_lossy(self.as_bytes()))
+    }
+}
+
+/// What a step found.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum AsciiEvent {
+    /// A line of the reply to the command under way.
+    Line(ResponseText),
+    /// The command under way ended: acknowledged, or refused with an error number.
+    Done(Result<(), u16>),
+    /// The response to a `CMD"..."` in a PMAC program.
+    ProgramResponse(ResponseText),
+    /// A `SEND"..."` from a PMAC program.
+    ProgramMessage(ResponseText),
+    /// A response nobody waits for any more, dropped; the value is its control word.
+    Stale(u16),
+}
+
+/// Why a line cannot be sent.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+pub enum LineError {
+    /// Longer than the board takes.
+    #[error("the line has {0} characters, a PMAC takes at most 200 through the DPRAM")]
+    TooLong(usize),
+    /// A character that has no place in a command line.
+    #[error("character {value:#04x} at position {position} cannot be part of a command line")]
+    Character {
+        /// Where it stands, from 1.
+        position: usize,
+        /// The character.
+        value: u8,
+    },
+}
+
+/// Checks that `line` can be sent: at most 200 printable ASCII characters (a tab counts as one).
+///
+/// # Errors
+/// Which rule it breaks, and where.
+pub fn check_line(line: &[u8]) -> Result<(), LineError> {
+    if line.len() > ASCII_LINE_LIMIT {
+        return Err(LineError::TooLong(line.len()));
+    }
+    match line.iter().position(|&byte| !(b' '..=b'~').contains(&byte) && byte != b'\t') {
+        Some(index) => Err(LineError::Character { position: index + 1, value: line[index] }),
+        None => Ok(()),
+    }
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum State {
+    /// Nothing under way.
+    Idle,
+    /// A part of the line lies in the buffer with its flag set; `sent` characters have been handed over with it.
+    Loaded { sent: usize },
+    /// PMAC has the whole line.
+    Replying,
+    /// A control character that has a reply lies in its word, or was taken; a line came last at `quiet_since`.
+    ControlReply { taken: bool, quiet_since: Instant },
+    /// Something may still come that belongs to a command given up; nothing did since `quiet_since`.
+    Settling { quiet_since: Instant },
+}
+
+/// The host's half of the port: one command line at a time.
+pub struct AsciiPort {
+    order: TextOrder,
+    state: State,
+    line: [u8; ASCII_LINE_LIMIT],
+    length: usize,
+    /// The end of the reply came together with its last line; it is told at the next step.
+    end_follows: bool,
+}
+
+impl AsciiPort {
+    /// A port whose texts are packed in `order`.
+    #[must_use]
+    pub fn new(order: TextOrder) -> Self {
+        Self { order, state: State::Idle, line: [0; ASCII_LINE_LIMIT], length: 0, end_follows: false }
+    }
+
+    /// Withdraws whatever a host, this one or a dead one, left in the port: the command flag, the control character
+    /// (a board that was deaf must not act on it later), the response, which is nobody's.
+    ///
+    /// # Errors
+    /// When the bus cannot be reached.
+    pub fn release(bus: &mut impl Bus) -> Result<(), BusError> {
+        bus.write16(ASCII_OUTPUT_CONTROL, 0)?;
+        bus.write16(ASCII_CONTROL_CHARACTER, 0)?;
+        bus.write16(ASCII_INPUT_CONTROL, 0)?;
+        bus.order_writes();
+        Ok(())
+    }
+
+    /// Whether [`AsciiPort::begin`] may be called.
+    #[must_use]
+    pub fn is_idle(&self) -> bool {
+        self.state == State::Idle
+    }
+
+    /// Whether something is expected from the board, so that steps should come often.
+    #[must_use]
+    pub fn is_waiting(&self) -> bool {
+        !self.is_idle()
+    }
+
+    /// Starts sending `line`. `Ok(false)`: the port is not idle, or the board still holds an earlier line; try later.
+    ///
+    /// # Errors
+    /// When the bus cannot be reached. The line must have passed [`check_line`]; one that is too long is not sent.
+    pub fn begin(&mut self, bus: &mut impl Bus, line: &[u8]) -> Result<bool, BusError> {
+        if !self.is_idle() || line.len() > ASCII_LINE_LIMIT {
+            return Ok(false);
+        }
+        // A response that lies there now belongs to nobody who waits; steps take it first.
+        if bus.read16(ASCII_INPUT_CONTROL)? != 0 || bus.read16(ASCII_OUTPUT_CONTROL)? & COMMAND_LOADED != 0 {
+            return Ok(false);
+        }
+        self.line[..line.len()].copy_from_slice(line);
+        self.length = line.len();
+        self.end_follows = false;
+        self.load(bus, 0)?;
+        Ok(true)
+    }
+
+    /// Writes the part of the line that starts at `from`, then raises the flag.
+    fn load(&mut self, bus: &mut impl Bus, from: usize) -> Result<(), BusError> {
+        let rest = &self.line[from..self.length];
+        let first_of_two = rest.len() > FIRST_PART;
+        let part = &rest[..rest.len().min(FIRST_PART)];
+        // The byte behind the part: NUL ends the line; in a first part it must be anything else, a blank is harmless.
+        let end = if first_of_two { b' ' } else { 0 };
+        let byte =
+            |index: usize| part.get(index).copied().unwrap_or(if index == part.len() { end } else { 0 });
+        for word in 0..=part.len() / 2 {
+            let offset = ASCII_COMMAND.plus_words(word);
+            bus.write16(offset, self.order.pack(byte(2 * word), byte(2 * word + 1)))?;
+        }
+        bus.order_writes();
+        bus.write16(ASCII_OUTPUT_CONTROL, COMMAND_LOADED)?;
+        self.state = State::Loaded { sent: from + part.len() };
+        Ok(())
+    }
+
+    /// Hands a control character to the board, which may be done at any time. `Ok(false)`: the board has not taken
+    /// the last one yet, or its reply would mix with another; try later. With `has_reply` the lines that follow
+    /// come as [`AsciiEvent::Line`] and end, after a silence, with [`AsciiEvent::Done`]; without, nothing comes.
+    ///
+    /// # Errors
+    /// When the bus cannot be reached.
+    pub fn control(
+        &mut self,
+        bus: &mut impl Bus,
+        character: u8,
+        has_reply: bool,
+        now: Instant,
+    ) -> Result<bool, BusError> {
+        if has_reply && !self.is_idle() || bus.read16(ASCII_CONTROL_CHARACTER)? != 0 {
+            return Ok(false);
+        }
+        bus.write16(ASCII_CONTROL_CHARACTER, u16::from(character))?;
+        bus.order_writes();
+        if has_reply {
+            self.end_follows = false;
+            self.state = State::ControlReply { taken: false, quiet_since: now };
+        }
+        Ok(true)
+    }
+
+    /// Takes back a line the board has not taken, and nothing else.
+    ///
+    /// # Errors
+    /// When the bus cannot be reached.
+    pub fn withdraw_line(bus: &mut impl Bus) -> Result<(), BusError> {
+        bus.write16(ASCII_OUTPUT_CONTROL, 0)?;
+        bus.order_writes();
+        Ok(())
+    }
+
+    /// Whether a control character lies in its word, not taken by the board yet.
+    ///
+    /// # Errors
+    /// When the bus cannot be reached.
+    pub fn control_lies(&self, bus: &mut impl Bus) -> Result<bool, BusError> {
+        Ok(bus.read16(ASCII_CONTROL_CHARACTER)? != 0)
+    }
+
+    /// Takes back a control character the board has not taken.
+    ///
+    /// # Errors
+    /// When the bus cannot be reached.
+    pub fn withdraw_control(&mut self, bus: &mut impl Bus) -> Result<(), BusError> {
+        bus.write16(ASCII_CONTROL_CHARACTER, 0)?;
+        bus.order_writes();
+        Ok(())
+    }
+
+    /// Whether the board has taken the whole command under way, as far as steps have seen.
+    #[must_use]
+    pub fn was_taken(&self) -> bool {
+        matches!(self.state, State::Replying | State::ControlReply { taken: true, .. })
+    }
+
+    /// Gives up on the command under way: withdraws it if the board has not taken it, and lets its reply pass.
+    ///
+    /// # Errors
+    /// When the bus cannot be reached.
+    pub fn give_up(&mut self, bus: &mut impl Bus, now: Instant) -> Result<(), BusError> {
+        match self.state {
+            State::Idle | State::Settling { .. } => return Ok(()),
+            State::Loaded { .. } => bus.write16(ASCII_OUTPUT_CONTROL, 0)?,
+            State::ControlReply { taken: false, .. } => bus.write16(ASCII_CONTROL_CHARACTER, 0)?,
+            State::Replying | State::ControlReply { .. } => {}
+        }
+        bus.order_writes();
+        self.end_follows = false;
+        self.state = State::Settling { quiet_since: now };
+        Ok(())
+    }
+
+    /// Does what can be done now and tells what was found; `None` when there is nothing (more) to find.
+    ///
+    /// # Errors
+    /// When the bus cannot be reached.
+    pub fn step(&mut self, bus: &mut impl Bus, now: Instant) -> Result<Option<AsciiEvent>, BusError> {
+        if self.end_follows {
+            self.end_follows = false;
+            self.state = State::Idle;
+            return Ok(Some(AsciiEvent::Done(Ok(()))));
+        }
+        if let State::Loaded { sent } = self.state
+            && bus.read16(ASCII_OUTPUT_CONTROL)? & COMMAND_LOADED == 0
+        {
+            if sent < self.length {
+                self.load(bus, sent)?;
+            } else {
+                self.state = State::Replying;
+            }
+        }
+        if let State::ControlReply { taken: false, .. } = self.state
+            && bus.read16(ASCII_CONTROL_CHARACTER)? == 0
+        {
+            self.state = State::ControlReply { taken: true, quiet_since: now };
+        }
+        let control = bus.read16(ASCII_INPUT_CONTROL)?;
+        if control == 0 {
+            return Ok(self.nothing_came(now));
+        }
+        bus.order_reads();
+        let text = self.read_response(bus, control)?;
+        bus.order_reads();
+        bus.write16(ASCII_INPUT_CONTROL, 0)?;
+        bus.order_writes();
+        Ok(Some(self.classify(control, text, now)))
+    }
+
+    /// The response buffer is empty: a silence may be what the state waits for.
+    fn nothing_came(&mut self, now: Instant) -> Option<AsciiEvent> {
+        match self.state {
+            State::Settling { quiet_since } if now.duration_since(quiet_since) >= SETTLE => {
+                self.state = State::Idle;
+                None
+            }
+            State::ControlReply { taken: true, quiet_since }
+                if now.duration_since(quiet_since) >= CONTROL_REPLY_END =>
+            {
+                self.state = State::Idle;
+                Some(AsciiEvent::Done(Ok(())))
+            }
+            _ => None,
+        }
+    }
+
+    /// Whose a response is.
+    fn classify(&mut self, control: u16, text: ResponseText, now: Instant) -> AsciiEvent {
+        match control {
+            RESPONSE_TO_PROGRAM => return AsciiEvent::ProgramResponse(text),
+            RESPONSE_MESSAGE => return AsciiEvent::ProgramMessage(text),
+            _ => {}
+        }
+        match &mut self.state {
+            State::Loaded { .. } | State::Replying => {}
+            State::ControlReply { quiet_since, .. } | State::Settling { quiet_since } => *quiet_since = now,
+            State::Idle => return AsciiEvent::Stale(control),
+        }
+        if matches!(self.state, State::Settling { .. }) {
+            return AsciiEvent::Stale(control);
+        }
+        match control {
+            RESPONSE_LINE => AsciiEvent::Line(text),
+            RESPONSE_ACKNOWLEDGE if text.length > 0 => {
+                // Some firmware marks the last line itself instead of sending an empty acknowledgement.
+                self.end_follows = true;
+                AsciiEvent::Line(text)
+            }
+            RESPONSE_ACKNOWLEDGE => {
+                self.state = State::Idle;
+                AsciiEvent::Done(Ok(()))
+            }
+            _ => match errors::from_control(control) {
+                Some(number) => {
+                    self.state = State::Idle;
+                    AsciiEvent::Done(Err(number))
+                }
+                None => AsciiEvent::Stale(control),
+            },
+        }
+    }
+
+    /// Reads the text that goes with `control`; an error has none.
+    fn read_response(&mut self, bus: &mut impl Bus, control: u16) -> Result<ResponseText, BusError> {
+        let mut text = ResponseText::EMPTY;
+        if control & RESPONSE_ERROR != 0 {
+            return Ok(text);
+        }
+        // The count includes the NUL. One that cannot be is no reason to lose the line: the NUL ends it too.
+        let count = usize::from(bus.read16(ASCII_INPUT_COUNT)?);
+        let count = if (1..=ASCII_RESPONSE_BYTES).contains(&count) { count } else { ASCII_RESPONSE_BYTES };
+        let mut words = [0u16; ASCII_RESPONSE_BYTES / 2];
+        let words = &mut words[..(count - 1).div_ceil(2)];
+        bus.read_block(ASCII_RESPONSE, words)?;
+        for (pair, word) in text.bytes.chunks_exact_mut(2).zip(words.iter()) {
+            pair.copy_from_slice(&self.order.unpack(*word));
+        }
+        let limit = (count - 1).min(ASCII_RESPONSE_BYTES - 1);
+        text.length = text.bytes[..limit].iter().position(|&byte| byte == 0).unwrap_or(limit);
+        Ok(text)
+    }
+}
+
+/// Whether PMAC answers this control character with data (FACTS: on-line control characters).
+#[must_use]
+pub fn control_has_reply(character: u8) -> bool {
+    const fn control(letter: u8) -> u8 {
+        letter - 64
+    }
+    const WITH_DATA: [u8; 7] = [
+        control(b'B'),
+        control(b'C'),
+        control(b'F'),
+        control(b'G'),
+        control(b'P'),
+        control(b'V'),
+        control(b'Y'),
+    ];
+    WITH_DATA.contains(&character)
+}
+
+#[cfg(test)]
+#[path = "ascii_tests.rs"]
+mod tests;

@@ -1,0 +1,67 @@
+//! The servo timer: how many servo cycles the board has run, as far as the DPRAM tells.
+//!
+//! The servo buffer carries the low 15 bits of PMAC's 24-bit servo counter X:$0000, the background buffer the low 16
+//! (DPRAM manual p. 14, 17). Extended to 64 bits it orders everything the board reports.
+
+/// Extends a counter that wraps to one that does not.
+#[derive(Debug, Clone)]
+pub struct ServoTimer {
+    bits: u32,
+    last: Option<u16>,
+    extended: u64,
+}
+
+impl ServoTimer {
+    /// A timer of which `bits` (at most 16) are seen.
+    #[must_use]
+    pub fn new(bits: u32) -> Self {
+        Self { bits: bits.min(16), last: None, extended: 0 }
+    }
+
+    /// Takes the timer's present reading. Returns the extended count and how many servo cycles passed since the last
+    /// reading: `None` for the first one. A board that was silent for a whole turn of the counter, or was reset,
+    /// cannot be told from one that was silent for less; the caller who knows better calls [`ServoTimer::forget`].
+    pub fn advance(&mut self, reading: u16) -> (u64, Option<u32>) {
+        let mask = (1u32 << self.bits) - 1;
+        let reading = (u32::from(reading) & mask) as u16;
+        let passed = self.last.map(|last| u32::from(reading).wrapping_sub(u32::from(last)) & mask);
+        self.extended = match passed {
+            Some(passed) => self.extended + u64::from(passed),
+            // Keeps the low bits equal to the board's own, so that a reader can match them.
+            None => (self.extended | u64::from(mask)) + 1 + u64::from(reading),
+        };
+        self.last = Some(reading);
+        (self.extended, passed)
+    }
+
+    /// Forgets the last reading: the next one starts a new stretch, later than everything so far.
+    pub fn forget(&mut self) {
+        self.last = None;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn it_counts_across_the_wrap() {
+        let mut timer = ServoTimer::new(15);
+        let (first, passed) = timer.advance(0x7FFE);
+        assert_eq!((first & 0x7FFF, passed), (0x7FFE, None));
+        assert_eq!(timer.advance(0x7FFF), (first + 1, Some(1)));
+        assert_eq!(timer.advance(0x0001), (first + 3, Some(2)));
+        assert_eq!(timer.advance(0x8002), (first + 4, Some(1)), "bit 15 is not part of it");
+    }
+
+    #[test]
+    fn after_a_break_it_goes_on_later_with_the_boards_own_low_bits() {
+        let mut timer = ServoTimer::new(15);
+        timer.advance(0x7000);
+        let (before, _) = timer.advance(0x7FFF);
+        timer.forget();
+        let (after, passed) = timer.advance(3);
+        assert!(after > before);
+        assert_eq!((after & 0x7FFF, passed), (3, None));
+    }
+}

@@ -1,0 +1,299 @@
+//! The DPRAM of PMAC(1) and PMAC2, $D000-$DFFF: every address, bit and length that code on either side uses by name.
+//!
+//! These constants are the one place where the addresses stand; the register table ([`super::PMAC`]'s blocks) is
+//! built from them. Manual pages are those of the DPRAM manual of June 2004; where it misprints an address (the
+//! variable-write header, the gather index, the ASCII start-up text) the value here follows the address rule.
+
+use super::{HostOffset, Region};
+
+/// The PMAC address of the first DPRAM location.
+pub const BASE: u32 = 0xD000;
+/// The DPRAM's size in bytes: 8K x 16 bits.
+pub const LENGTH: u32 = 0x4000;
+/// Motors, and coordinate systems, that the fixed buffers have room for.
+pub const MOTORS: usize = 8;
+
+const fn at(bytes: u32) -> HostOffset {
+    HostOffset::new(bytes)
+}
+
+// ---- control panel (p. 12-13) ----
+
+/// Which motors and coordinate systems a panel request is for; the host sets, PMAC clears all bits when it acts.
+pub const PANEL_REQUEST_ENABLE: HostOffset = at(0x0000);
+/// Which coordinate systems take their feed rate override from here; the host sets and clears.
+pub const PANEL_OVERRIDE_ENABLE: HostOffset = at(0x0002);
+/// Request word of motor or coordinate system 1; the next lie [`PANEL_STRIDE`] bytes on.
+pub const PANEL_REQUEST: HostOffset = at(0x0004);
+/// Feed rate override of coordinate system 1, 0-32767 in 1/32768 ms; the next lie [`PANEL_STRIDE`] bytes on.
+pub const PANEL_OVERRIDE: HostOffset = at(0x0006);
+/// Bytes from one panel word to that of the next number.
+pub const PANEL_STRIDE: u32 = 4;
+
+/// Request bit: jog minus (motor). Together with [`PANEL_JOG_PLUS`]: stop.
+pub const PANEL_JOG_MINUS: u16 = 1 << 8;
+/// Request bit: jog plus (motor).
+pub const PANEL_JOG_PLUS: u16 = 1 << 9;
+/// Request bit: return to the position before the jog, `J=` (motor).
+pub const PANEL_PRE_JOG: u16 = 1 << 10;
+/// Request bit: run (coordinate system).
+pub const PANEL_START: u16 = 1 << 11;
+/// Request bit: step, or quit while running (coordinate system).
+pub const PANEL_STEP: u16 = 1 << 12;
+/// Request bit: abort (coordinate system).
+pub const PANEL_STOP: u16 = 1 << 13;
+/// Request bit: home search (motor).
+pub const PANEL_HOME: u16 = 1 << 14;
+/// Request bit: feed hold (coordinate system).
+pub const PANEL_FEED_HOLD: u16 = 1 << 15;
+
+// ---- servo fixed data (p. 14-17) ----
+
+/// Bit 0 is [`HOST_BUSY`]; the host's word.
+pub const SERVO_HOST_STATUS: HostOffset = at(0x0024);
+/// Bits 14-0 are the servo timer, bit 15 is [`PMAC_BUSY`]; PMAC's word.
+pub const SERVO_PMAC_STATUS: HostOffset = at(0x0026);
+/// Copy of Y:$0003, the second word of `???`; a long. The manual calls it the first (it is not).
+pub const SERVO_GLOBAL_STATUS_Y: HostOffset = at(0x0028);
+/// Copy of X:$0003, the first word of `???`; a long.
+pub const SERVO_GLOBAL_STATUS_X: HostOffset = at(0x002C);
+/// Six longs without a documented use.
+pub const SERVO_GLOBAL_SPARE: HostOffset = at(0x0030);
+/// The block of motor 1; those of the others follow without a gap.
+pub const SERVO_MOTOR: HostOffset = at(0x0048);
+/// Bytes from one motor's servo block to the next, which is also a block's length.
+pub const SERVO_MOTOR_STRIDE: u32 = 0x3C;
+/// 16-bit words in a motor's servo block.
+pub const SERVO_MOTOR_WORDS: usize = SERVO_MOTOR_STRIDE as usize / 2;
+
+/// In [`SERVO_HOST_STATUS`]: the host is reading, PMAC leaves the buffer alone.
+pub const HOST_BUSY: u16 = 1 << 0;
+/// In [`SERVO_PMAC_STATUS`]: PMAC is updating the buffer.
+pub const PMAC_BUSY: u16 = 1 << 15;
+/// In [`SERVO_PMAC_STATUS`]: the low 15 bits of the servo counter at the update.
+pub const SERVO_TIMER_MASK: u16 = 0x7FFF;
+
+/// Where a motor's servo data lie, in 16-bit words from the start of its block.
+pub mod servo_motor {
+    /// Commanded position, fixed 48, 1/(Ix08*32) count.
+    pub const COMMANDED_POSITION: usize = 0;
+    /// Actual position, fixed 48, 1/(Ix08*32) count.
+    pub const ACTUAL_POSITION: usize = 4;
+    /// Master (followed) position, fixed 48, 1/(Ix07*32) count of the master.
+    pub const MASTER_POSITION: usize = 8;
+    /// Compensation position, fixed 48, 1/(Ix08*32) count.
+    pub const COMPENSATION_POSITION: usize = 12;
+    /// Previous output, signed 24, 1/256 of a DAC bit.
+    pub const PREVIOUS_DAC: usize = 16;
+    /// Servo status, the first word of `?`, 24 bits.
+    pub const SERVO_STATUS: usize = 18;
+    /// Actual velocity, signed 24, 1/(Ix09*32) count per servo cycle.
+    pub const ACTUAL_VELOCITY: usize = 20;
+    /// Time left in the move segment at 100 %, signed 24, half milliseconds.
+    pub const TIME_LEFT: usize = 22;
+    /// A PMAC address, 24 bits; see the register table about its doubtful source.
+    pub const HANDWHEEL_POINTER: usize = 24;
+    /// Two longs without a documented use.
+    pub const SPARE: usize = 26;
+}
+
+// ---- background fixed data (p. 17-21) ----
+
+/// Bit 0 is [`DATA_READY`].
+pub const BACKGROUND_DATA_READY: HostOffset = at(0x0228);
+/// The low 16 bits of the servo counter when the data became ready.
+pub const BACKGROUND_SERVO_TIMER: HostOffset = at(0x022A);
+/// The control panel port (JPAN), a long from Y:$FFC0.
+pub const BACKGROUND_PANEL_PORT: HostOffset = at(0x022C);
+/// The thumbwheel port (JTHW), a long from Y:$FFC1.
+pub const BACKGROUND_THUMBWHEEL_PORT: HostOffset = at(0x0230);
+/// The machine input/output port (JOPTO), a long from Y:$FFC2.
+pub const BACKGROUND_MACHINE_PORT: HostOffset = at(0x0234);
+/// Five longs without a documented use.
+pub const BACKGROUND_GLOBAL_SPARE: HostOffset = at(0x0238);
+/// The block of motor and coordinate system 1; the others follow without a gap.
+pub const BACKGROUND_BLOCK: HostOffset = at(0x024C);
+/// Bytes from one background block to the next, which is also a block's length.
+pub const BACKGROUND_BLOCK_STRIDE: u32 = 0x7C;
+/// 16-bit words in a background block.
+pub const BACKGROUND_BLOCK_WORDS: usize = BACKGROUND_BLOCK_STRIDE as usize / 2;
+
+/// In [`BACKGROUND_DATA_READY`] and, in single-user mode, in [`VARIABLE_READ_CONTROL`]: PMAC sets it after an
+/// update, the host clears it to have another.
+pub const DATA_READY: u16 = 1 << 0;
+
+/// Where the background data of a number lie, in 16-bit words from the start of its block.
+pub mod background_block {
+    /// Motor: target position, fixed 48, 1/(Ix08*32) count.
+    pub const TARGET_POSITION: usize = 0;
+    /// Motor: position bias, fixed 48, 1/(Ix08*32) count.
+    pub const POSITION_BIAS: usize = 4;
+    /// Motor: background status, the second word of `?`, 24 bits.
+    pub const MOTOR_STATUS: usize = 8;
+    /// Coordinate system: motor definition word, 24 bits.
+    pub const MOTOR_DEFINITION: usize = 10;
+    /// Coordinate system: status, the first word of `??`, 24 bits.
+    pub const STATUS: usize = 12;
+    /// Coordinate system: nine axis targets A B C U V W X Y Z, float 48, user units.
+    pub const AXIS_TARGETS: usize = 14;
+    /// Coordinate system: program status (PSTATUS), the second word of `??`, 24 bits.
+    pub const PROGRAM_STATUS: usize = 50;
+    /// Coordinate system: program lines remaining, signed 24, as `PR`.
+    pub const LINES_REMAINING: usize = 52;
+    /// Coordinate system: time left in the move, signed 24, half milliseconds.
+    pub const TIME_LEFT_IN_MOVE: usize = 54;
+    /// Coordinate system: time left in acceleration or deceleration, signed 24, half milliseconds.
+    pub const TIME_LEFT_IN_ACCELERATION: usize = 56;
+    /// Coordinate system: program execution address offset, unsigned 24, as `PE`.
+    pub const ADDRESS_OFFSET: usize = 58;
+    /// Motor: averaged actual velocity, signed 24, 1/(Ix09*32) count per servo cycle.
+    pub const AVERAGE_VELOCITY: usize = 60;
+}
+
+// ---- ASCII communication (p. 27-29) ----
+
+/// Bit 0 is [`COMMAND_LOADED`].
+pub const ASCII_OUTPUT_CONTROL: HostOffset = at(0x062C);
+/// Bits 7-0: a control character for PMAC, which clears it (firmware 1.15 and later).
+pub const ASCII_CONTROL_CHARACTER: HostOffset = at(0x062E);
+/// The command line, [`ASCII_COMMAND_BYTES`] bytes with the NUL.
+pub const ASCII_COMMAND: HostOffset = at(0x0630);
+/// The buffer's size; a complete line of one byte less ends with a NUL in the last byte, 0x06CF.
+pub const ASCII_COMMAND_BYTES: usize = 160;
+/// Characters of the longest line PMAC takes, sent in two parts.
+pub const ASCII_LINE_LIMIT: usize = 200;
+/// What PMAC put into the response buffer: 0 nothing, else one of the `RESPONSE_` values. The host writes 0.
+pub const ASCII_INPUT_CONTROL: HostOffset = at(0x06D0);
+/// Characters in the response buffer, the NUL included.
+pub const ASCII_INPUT_COUNT: HostOffset = at(0x06D2);
+/// The response line, [`ASCII_RESPONSE_BYTES`] bytes with the NUL.
+pub const ASCII_RESPONSE: HostOffset = at(0x06D4);
+/// The response buffer's size.
+pub const ASCII_RESPONSE_BYTES: usize = 256;
+
+/// In [`ASCII_OUTPUT_CONTROL`]: a line lies in the buffer; the host sets it, PMAC clears it when it took the line.
+pub const COMMAND_LOADED: u16 = 1 << 0;
+/// In [`ASCII_INPUT_CONTROL`]: a line of a reply; more follow.
+pub const RESPONSE_LINE: u16 = 0x000D;
+/// In [`ASCII_INPUT_CONTROL`]: the reply to a command a PMAC program issued (`CMD"..."`); no final acknowledge.
+pub const RESPONSE_TO_PROGRAM: u16 = 0x010D;
+/// In [`ASCII_INPUT_CONTROL`]: a message a PMAC program sent (`SEND"..."`); no final acknowledge.
+pub const RESPONSE_MESSAGE: u16 = 0x020D;
+/// In [`ASCII_INPUT_CONTROL`]: end of the reply.
+pub const RESPONSE_ACKNOWLEDGE: u16 = 0x0006;
+/// In [`ASCII_INPUT_CONTROL`]: an error; bits 11-0 are its number in three BCD digits.
+pub const RESPONSE_ERROR: u16 = 1 << 15;
+
+// ---- background variable write (p. 24-25) ----
+
+/// Records to write, 1-32; the host sets it, PMAC writes 0 when it has done them. Misprinted as 0x07E6.
+pub const VARIABLE_WRITE_COUNT: HostOffset = at(0x07D4);
+/// PMAC address of the first record, $D200-$DFFD. Misprinted as 0x07E8.
+pub const VARIABLE_WRITE_START: HostOffset = at(0x07D6);
+/// Records the write buffer takes at most.
+pub const VARIABLE_WRITE_RECORDS: usize = 32;
+/// 16-bit words in a write record.
+pub const VARIABLE_WRITE_RECORD_WORDS: usize = 6;
+
+/// The long between the buffers' headers that no text describes.
+pub const UNKNOWN_D1F6: HostOffset = at(0x07D8);
+
+// ---- binary rotary headers (p. 30; the second is not in the manual) ----
+
+/// Header of the first binary rotary buffer.
+pub const ROTARY_1: HostOffset = at(0x07F0);
+/// Header of the second binary rotary buffer.
+pub const ROTARY_2: HostOffset = at(0x07DC);
+
+/// Where a rotary header's words lie, in 16-bit words from its start.
+pub mod rotary_header {
+    /// Bits 7-0 error code, [`super::ROTARY_BUSY`], [`super::ROTARY_ERROR`].
+    pub const STATUS: usize = 0;
+    /// The coordinate system the commands go to.
+    pub const COORDINATE_SYSTEM: usize = 1;
+    /// Where the host will write next, in longs from the buffer's start.
+    pub const HOST_INDEX: usize = 2;
+    /// Where PMAC will read next, in longs from the buffer's start.
+    pub const PMAC_INDEX: usize = 3;
+    /// The buffer's size in longs, even, at least 6.
+    pub const SIZE: usize = 4;
+    /// PMAC address of the buffer's start.
+    pub const START: usize = 5;
+}
+/// In a rotary status word: the internal rotary buffer is full.
+pub const ROTARY_BUSY: u16 = 1 << 14;
+/// In a rotary status word: error; bits 7-0 tell which.
+pub const ROTARY_ERROR: u16 = 1 << 15;
+
+// ---- background variable read (p. 21-24) ----
+
+/// Bit 0 is [`DATA_READY`] in single-user mode, bit 8 is [`VARIABLE_READ_MULTI_USER`].
+pub const VARIABLE_READ_CONTROL: HostOffset = at(0x07E8);
+/// The low 16 bits of the servo counter at the update.
+pub const VARIABLE_READ_SERVO_TIMER: HostOffset = at(0x07EA);
+/// Entries to read, 1-128; 0 stops the function.
+pub const VARIABLE_READ_COUNT: HostOffset = at(0x07EC);
+/// PMAC address of the table, $D200-$DFFD.
+pub const VARIABLE_READ_START: HostOffset = at(0x07EE);
+/// Entries the read buffer takes at most.
+pub const VARIABLE_READ_ENTRIES: usize = 128;
+/// 16-bit words in a read table entry.
+pub const VARIABLE_READ_ENTRY_WORDS: usize = 2;
+/// In [`VARIABLE_READ_CONTROL`]: every entry has its own ready bit.
+pub const VARIABLE_READ_MULTI_USER: u16 = 1 << 8;
+/// In an entry's type word, in multi-user mode: PMAC sets it after an update, the host clears it to have another.
+pub const VARIABLE_READ_ENTRY_READY: u16 = 1 << 15;
+
+// ---- gathering (p. 25-26) ----
+
+/// Size of the gather buffer in longs, set by `DEFINE GATHER`. Newer firmware moves the three by
+/// [`GATHER_SHIFT`]; ask [`super::Layout::gather`].
+pub const GATHER_SIZE: HostOffset = at(0x07FC);
+/// Where PMAC stores next, in longs from the buffer's start. Misprinted as 0x07FC.
+pub const GATHER_INDEX: HostOffset = at(0x07FE);
+/// Start of the gather buffer, $D200.
+pub const GATHER_BUFFER: HostOffset = at(0x0800);
+/// How far the firmware of [`GATHER_MOVED_IN`] moves the gather buffer: to $D240.
+pub const GATHER_SHIFT: u32 = 0x0100;
+/// The firmware that has the gather buffer at $D240 and its index at 0x08FE.
+pub const GATHER_MOVED_IN: &[&str] = &["1.16C", "1.16D", "1.16G", "1.17C"];
+
+// ---- regions ----
+
+/// The control panel, 0x0000-0x0023.
+pub const PANEL: Region = Region::new("panel", PANEL_REQUEST_ENABLE, SERVO_HOST_STATUS);
+/// The servo fixed data buffer, 0x0024-0x0227.
+pub const SERVO: Region = Region::new("servo", SERVO_HOST_STATUS, BACKGROUND_DATA_READY);
+/// The background fixed data buffer, 0x0228-0x062B.
+pub const BACKGROUND: Region = Region::new("background", BACKGROUND_DATA_READY, ASCII_OUTPUT_CONTROL);
+/// The ASCII command half, 0x062C-0x06CF.
+pub const ASCII_OUTPUT: Region = Region::new("ascii_output", ASCII_OUTPUT_CONTROL, ASCII_INPUT_CONTROL);
+/// The ASCII response half, 0x06D0-0x07D3.
+pub const ASCII_INPUT: Region = Region::new("ascii_input", ASCII_INPUT_CONTROL, VARIABLE_WRITE_COUNT);
+/// The headers of the buffers of variable size, 0x07D4-0x07FF.
+pub const POINTERS: Region = Region::new("pointers", VARIABLE_WRITE_COUNT, OPEN_START);
+/// Room for the buffers of variable size, and free for other use, 0x0800-0x3FFF.
+pub const OPEN: Region = Region::new("open", OPEN_START, at(LENGTH));
+const OPEN_START: HostOffset = at(0x0800);
+/// The whole DPRAM.
+pub const REGIONS: &[Region] = &[PANEL, SERVO, BACKGROUND, ASCII_OUTPUT, ASCII_INPUT, POINTERS, OPEN];
+
+/// The start of `number`'s servo block, or `None` unless `number` is 1-8.
+#[must_use]
+pub const fn servo_motor_at(number: usize) -> Option<HostOffset> {
+    block(SERVO_MOTOR, SERVO_MOTOR_STRIDE, number)
+}
+
+/// The start of `number`'s background block, or `None` unless `number` is 1-8.
+#[must_use]
+pub const fn background_block_at(number: usize) -> Option<HostOffset> {
+    block(BACKGROUND_BLOCK, BACKGROUND_BLOCK_STRIDE, number)
+}
+
+const fn block(first: HostOffset, stride: u32, number: usize) -> Option<HostOffset> {
+    if number >= 1 && number <= MOTORS {
+        Some(first.plus_words((number - 1) * (stride as usize / 2)))
+    } else {
+        None
+    }
+}

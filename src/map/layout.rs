@@ -1,0 +1,292 @@
+//! A family's register table as one board has it: expanded over motors and coordinate systems, with gathering where
+//! its firmware keeps it.
+
+use serde::Serialize;
+
+use super::{Block, Family, Firmware, GatherPlace, HostOffset, Region, Register, SourceAt, Space, Width};
+
+/// Where firmware that moves the gather buffer keeps the size word. No text says; a setting until a board is seen.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Deserialize, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum GatherSizeWord {
+    /// Beside the index, as in the printed layout (0x08FC).
+    #[default]
+    WithIndex,
+    /// Where it is printed (0x07FC).
+    AsPrinted,
+}
+
+/// The register map of one board.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Layout {
+    family: &'static Family,
+    gather: GatherPlace,
+}
+
+/// A register of one number.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Entry {
+    /// The table's block it comes from.
+    pub block: &'static Block,
+    /// The table's row.
+    pub register: &'static Register,
+    /// Its number, from 1; `None` for a register of the board.
+    pub number: Option<usize>,
+    /// Where it lies.
+    pub offset: HostOffset,
+}
+
+/// What lies at an offset.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Place {
+    /// The part of the DPRAM.
+    pub region: &'static Region,
+    /// The register, unless the word is free for buffers of variable size and other use.
+    pub entry: Option<Entry>,
+}
+
+/// A register as `pmacctl map --json` prints it.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct MapRecord {
+    /// The automatic function.
+    pub function: &'static str,
+    /// The register's identifier within the function.
+    pub register: &'static str,
+    /// Motor or coordinate system, from 1.
+    pub number: Option<usize>,
+    /// Bytes from the DPRAM's start.
+    pub host_offset: u32,
+    /// Bytes; 0 for a buffer whose length is set at run time.
+    pub length: u32,
+    /// The PMAC location, with `$`.
+    pub pmac_address: String,
+    /// `Y`, `X`, `DP` or, for two locations that hold one 48-bit register, `L(2xDP)`.
+    pub space: &'static str,
+    /// How its bits are to be read.
+    pub format: &'static str,
+}
+
+impl Layout {
+    /// The layout of `family`; without `firmware`, as printed.
+    #[must_use]
+    pub fn new(family: &'static Family, firmware: Option<Firmware>) -> Self {
+        Self::with_gather_size(family, firmware, GatherSizeWord::default())
+    }
+
+    /// As [`Layout::new`], with a choice for the gather buffer's size word.
+    #[must_use]
+    pub fn with_gather_size(
+        family: &'static Family,
+        firmware: Option<Firmware>,
+        size_word: GatherSizeWord,
+    ) -> Self {
+        let moved = firmware
+            .is_some_and(|version| family.gather_moved_in.iter().any(|name| name.parse() == Ok(version)));
+        let printed = family.gather;
+        let shift = |offset: HostOffset| offset.plus_words(family.gather_shift as usize / 2);
+        let gather = if moved {
+            GatherPlace {
+                size: match size_word {
+                    GatherSizeWord::WithIndex => shift(printed.size),
+                    GatherSizeWord::AsPrinted => printed.size,
+                },
+                index: shift(printed.index),
+                buffer: shift(printed.buffer),
+            }
+        } else {
+            printed
+        };
+        Self { family, gather }
+    }
+
+    /// The board's family.
+    #[must_use]
+    pub const fn family(&self) -> &'static Family {
+        self.family
+    }
+
+    /// Where gathering lies on this board.
+    #[must_use]
+    pub const fn gather(&self) -> GatherPlace {
+        self.gather
+    }
+
+    /// Every register of every number, in the table's order.
+    pub fn entries(&self) -> impl Iterator<Item = Entry> + use<> {
+        let layout = *self;
+        layout.family.blocks.iter().flat_map(move |block| {
+            (0..block.count.max(1)).flat_map(move |index| {
+                block.registers.iter().map(move |register| layout.entry(block, register, index))
+            })
+        })
+    }
+
+    /// The register `register` of `function` for `number` (`None` for a register of the board).
+    #[must_use]
+    pub fn find(&self, function: &str, register: &str, number: Option<usize>) -> Option<Entry> {
+        self.entries().find(|entry| {
+            entry.register.function == function && entry.register.name == register && entry.number == number
+        })
+    }
+
+    /// What lies at `offset`, or `None` when that is outside the DPRAM.
+    #[must_use]
+    pub fn lies_at(&self, offset: HostOffset) -> Option<Place> {
+        let region = self.family.region(offset)?;
+        let entry = self.entries().find(|entry| entry.contains(offset));
+        Some(Place { region, entry })
+    }
+
+    /// The map as records, in the table's order.
+    #[must_use]
+    pub fn records(&self) -> Vec<MapRecord> {
+        self.entries().map(|entry| entry.record(self.family)).collect()
+    }
+
+    fn entry(&self, block: &'static Block, register: &'static Register, index: usize) -> Entry {
+        let number = if block.count == 0 { None } else { Some(index + 1) };
+        let offset = self.moved(register.offset).plus_words(index * (block.stride as usize / 2));
+        Entry { block, register, number, offset }
+    }
+
+    fn moved(&self, printed: HostOffset) -> HostOffset {
+        let gather = self.family.gather;
+        match printed {
+            offset if offset == gather.size => self.gather.size,
+            offset if offset == gather.index => self.gather.index,
+            offset if offset == gather.buffer => self.gather.buffer,
+            offset => offset,
+        }
+    }
+}
+
+/// The map of `family` as records; without `firmware`, as printed. See [`Layout::records`].
+#[must_use]
+pub fn records(family: &'static Family, firmware: Option<Firmware>) -> Vec<MapRecord> {
+    Layout::new(family, firmware).records()
+}
+
+impl Entry {
+    /// Whether the word at `offset` is part of this register. A buffer of run-time length contains its first word.
+    #[must_use]
+    pub const fn contains(&self, offset: HostOffset) -> bool {
+        let length = if self.register.length == 0 { 2 } else { self.register.length };
+        self.offset.bytes() <= offset.bytes() && offset.bytes() < self.offset.bytes() + length
+    }
+
+    /// The registers it is a copy of.
+    #[must_use]
+    pub fn source(&self, family: &Family) -> SourceAt {
+        self.register.source.at(family, self.number.unwrap_or(1))
+    }
+
+    /// The name of the space in which the register's PMAC address stands.
+    #[must_use]
+    pub const fn space(&self, family: &Family) -> &'static str {
+        match self.register.width {
+            Width::Word => family.half(self.offset).name(),
+            Width::Long => Space::Dp.name(),
+            Width::Pair => "L(2xDP)",
+        }
+    }
+
+    /// The register as a record.
+    #[must_use]
+    pub fn record(&self, family: &Family) -> MapRecord {
+        MapRecord {
+            function: self.register.function,
+            register: self.register.name,
+            number: self.number,
+            host_offset: self.offset.bytes(),
+            length: self.register.length,
+            pmac_address: family.print_number(family.pmac_number(self.offset)),
+            space: self.space(family),
+            format: self.register.format.name(),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::{FAMILIES, PMAC};
+    use super::*;
+
+    #[test]
+    fn the_table_tiles_the_fixed_part_without_gap_or_overlap() {
+        for family in FAMILIES {
+            let mut entries: Vec<_> = Layout::new(family, None).entries().collect();
+            entries.sort_by_key(|entry| entry.offset);
+            let mut next = HostOffset::new(0);
+            for entry in &entries {
+                assert_eq!(entry.offset, next, "{:?} {:?}", entry.register.name, entry.number);
+                next = entry.offset.plus_words(entry.register.length as usize / 2);
+            }
+            assert_eq!(next, family.gather.buffer);
+        }
+    }
+
+    #[test]
+    fn every_word_is_found_under_its_own_name() {
+        let layout = Layout::new(&PMAC, None);
+        for entry in layout.entries() {
+            let found = layout.find(entry.register.function, entry.register.name, entry.number);
+            assert_eq!(found, Some(entry));
+            for word in 0..(entry.register.length as usize / 2).max(1) {
+                let place = layout.lies_at(entry.offset.plus_words(word)).unwrap();
+                assert_eq!(place.entry, Some(entry));
+            }
+        }
+        assert_eq!(layout.find("servo", "motor_actual_position", None), None);
+        assert_eq!(layout.find("servo", "motor_actual_position", Some(9)), None);
+        let free = layout.lies_at(HostOffset::new(0x0802)).unwrap();
+        assert_eq!((free.region.name, free.entry), ("open", None));
+        assert_eq!(layout.lies_at(HostOffset::new(0x4000)), None);
+    }
+
+    #[test]
+    fn listed_firmware_moves_the_gather_buffer_and_no_other() {
+        let at = |version: Option<&str>, size_word| {
+            let firmware = version.map(|text| text.parse().unwrap());
+            let place = Layout::with_gather_size(&PMAC, firmware, size_word).gather();
+            [place.size, place.index, place.buffer].map(HostOffset::bytes)
+        };
+        let printed = [0x07FC, 0x07FE, 0x0800];
+        for version in [None, Some("1.15"), Some("1.16"), Some("1.16B"), Some("1.16F"), Some("1.17")] {
+            assert_eq!(at(version, GatherSizeWord::WithIndex), printed, "{version:?}");
+        }
+        for version in ["1.16C", "1.16D", "1.16G", "1.17C"] {
+            assert_eq!(at(Some(version), GatherSizeWord::WithIndex), [0x08FC, 0x08FE, 0x0900]);
+            assert_eq!(at(Some(version), GatherSizeWord::AsPrinted), [0x07FC, 0x08FE, 0x0900]);
+        }
+        let layout = Layout::new(&PMAC, Some("1.16D".parse().unwrap()));
+        let buffer = layout.find("gather", "buffer", None).unwrap();
+        assert_eq!(buffer.record(&PMAC).pmac_address, "$D240");
+        assert_eq!(layout.lies_at(HostOffset::new(0x07FE)).unwrap().entry, None);
+    }
+
+    #[test]
+    fn sources_step_with_the_number() {
+        let layout = Layout::new(&PMAC, None);
+        let source = |name: &str, number| {
+            let entry = layout.find("background", name, Some(number)).unwrap();
+            entry.source(&PMAC).to_string()
+        };
+        assert_eq!(source("motor_background_status", 3), "Y:$0994");
+        assert_eq!(source("cs_z_target_position", 8), "A L:$0DBE, B L:$0DDE, C L:$0D61");
+        assert_eq!(source("cs_time_left_in_move", 2), "X:$005C");
+        assert_eq!(source("cs_program_address_offset", 2), "");
+    }
+
+    #[test]
+    fn bits_lie_inside_their_register_and_do_not_overlap() {
+        for entry in Layout::new(&PMAC, None).entries() {
+            let mut seen = 0u32;
+            for bits in entry.register.bits {
+                assert!(bits.low <= bits.high && bits.high < 16, "{}", bits.name);
+                let mask = ((1u32 << (bits.high - bits.low + 1)) - 1) << bits.low;
+                assert_eq!(seen & mask, 0, "{}", bits.name);
+                seen |= mask;
+            }
+        }
+    }
+}

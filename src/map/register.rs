@@ -1,0 +1,329 @@
+//! The shape of a register table: rows, grouped into blocks that repeat per motor or coordinate system.
+//!
+//! A table is constant data; [`super::Layout`] expands it. Another board family is another table of these types.
+
+use std::fmt;
+
+use super::{Family, HostOffset, PmacAddress};
+
+/// What a number in a record counts.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum NumberKind {
+    /// A motor.
+    Motor,
+    /// A coordinate system.
+    CoordinateSystem,
+    /// A motor or a coordinate system, by bit.
+    MotorOrCoordinateSystem,
+}
+
+/// How much of a PMAC location a register takes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Width {
+    /// One 16-bit word: the Y or the X half.
+    Word,
+    /// Whole locations, 32 bits each.
+    Long,
+    /// Two locations that together stand for one 48-bit register, Y half first.
+    Pair,
+}
+
+/// How a register's bits are to be read.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Format {
+    /// No documented content.
+    Unknown,
+    /// Sixteen separate bits.
+    Bits16,
+    /// Separate bits in the low half of a word.
+    Bits0To7,
+    /// Separate bits of a 24-bit PMAC word.
+    Bits24,
+    /// Two 24-bit PMAC words of separate bits.
+    Bits24Pair,
+    /// Unsigned, 15 bits.
+    Unsigned15,
+    /// Unsigned, 16 bits.
+    Unsigned16,
+    /// Unsigned 24-bit PMAC word.
+    Unsigned24,
+    /// Signed 24-bit PMAC word.
+    Signed24,
+    /// 48-bit fixed point, see [`crate::format::fixed48`].
+    Fixed48,
+    /// 48-bit floating point, see [`crate::format::float48`].
+    Float48,
+    /// Packed characters with a NUL at the end, see [`crate::format::TextOrder`].
+    Ascii,
+    /// An absolute PMAC address.
+    Address,
+    /// Gathered samples, as the gather mask has them.
+    Gather,
+}
+
+impl Format {
+    /// The format's name in `pmacctl map`.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Unknown => "",
+            Self::Bits16 => "bits16",
+            Self::Bits0To7 => "bits0-7",
+            Self::Bits24 => "bits24",
+            Self::Bits24Pair => "bits24x2",
+            Self::Unsigned15 => "unsigned15",
+            Self::Unsigned16 => "unsigned16",
+            Self::Unsigned24 => "unsigned24",
+            Self::Signed24 => "signed24",
+            Self::Fixed48 => "fixed48",
+            Self::Float48 => "float48",
+            Self::Ascii => "ascii",
+            Self::Address => "PMAC address",
+            Self::Gather => "gather",
+        }
+    }
+}
+
+/// Who writes a register or a bit.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Writer {
+    /// The host alone.
+    Host,
+    /// PMAC alone.
+    Pmac,
+    /// The host sets it, PMAC clears it when it has acted.
+    HostSetsPmacClears,
+    /// PMAC sets it, the host clears it when it has read.
+    PmacSetsHostClears,
+    /// Nobody that is documented.
+    Nobody,
+}
+
+impl fmt::Display for Writer {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Host => "host",
+            Self::Pmac => "PMAC",
+            Self::HostSetsPmacClears => "host sets, PMAC clears",
+            Self::PmacSetsHostClears => "PMAC sets, host clears",
+            Self::Nobody => "-",
+        })
+    }
+}
+
+/// Some bits of a register that have a meaning, and a writer, of their own.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Bits {
+    /// The highest bit.
+    pub high: u8,
+    /// The lowest bit.
+    pub low: u8,
+    /// Snake-case name.
+    pub name: &'static str,
+    /// Who writes them.
+    pub writer: Writer,
+}
+
+impl Bits {
+    pub(super) const fn range(high: u8, low: u8, name: &'static str, writer: Writer) -> Self {
+        Self { high, low, name, writer }
+    }
+
+    pub(super) const fn bit(bit: u8, name: &'static str, writer: Writer) -> Self {
+        Self { high: bit, low: bit, name, writer }
+    }
+}
+
+/// Which PMAC register a DPRAM register is a copy of, for number 1.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Source {
+    /// Not a copy, or not documented.
+    None,
+    /// The same register for every number.
+    Fixed(PmacAddress),
+    /// A motor register; the next motor's lies the family's motor stride on.
+    Motor(PmacAddress),
+    /// A coordinate system register; the next one's lies the family's coordinate system stride on.
+    System(PmacAddress),
+    /// One of three coordinate system registers, A, B or C, by the program status (Note 1 on p. 21):
+    /// A if bit 7 is set and bit 5 clear, else B if bit 9 is set, else C.
+    Choice([PmacAddress; 3]),
+}
+
+/// A [`Source`] worked out for one number.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum SourceAt {
+    /// Not a copy, or not documented.
+    None,
+    /// This register.
+    One(PmacAddress),
+    /// One of the registers A, B, C; see [`Source::Choice`].
+    Choice([PmacAddress; 3]),
+}
+
+impl Source {
+    /// The registers copied for `number`, which counts from 1.
+    #[must_use]
+    pub fn at(self, family: &Family, number: usize) -> SourceAt {
+        let step = |address: PmacAddress, stride: u32| {
+            PmacAddress::new(address.space, address.number + stride * number.saturating_sub(1) as u32)
+        };
+        match self {
+            Self::None => SourceAt::None,
+            Self::Fixed(address) => SourceAt::One(address),
+            Self::Motor(address) => SourceAt::One(step(address, family.motor_source_stride)),
+            Self::System(address) => SourceAt::One(step(address, family.system_source_stride)),
+            Self::Choice(addresses) => {
+                SourceAt::Choice(addresses.map(|address| step(address, family.system_source_stride)))
+            }
+        }
+    }
+}
+
+impl fmt::Display for SourceAt {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::None => Ok(()),
+            Self::One(address) => write!(f, "{address}"),
+            Self::Choice([a, b, c]) => write!(f, "A {a}, B {b}, C {c}"),
+        }
+    }
+}
+
+/// A row of a register table: one register of number 1, or of the board.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Register {
+    /// The automatic function it belongs to.
+    pub function: &'static str,
+    /// Its identifier within the function.
+    pub name: &'static str,
+    /// What it is, in words.
+    pub title: &'static str,
+    /// Where it lies (for number 1).
+    pub offset: HostOffset,
+    /// Its length in bytes; 0 for a buffer whose length is set at run time.
+    pub length: u32,
+    /// How much of a PMAC location it takes.
+    pub width: Width,
+    /// How its bits are to be read.
+    pub format: Format,
+    /// The unit of its value, in PMAC's own words; empty where there is none.
+    pub units: &'static str,
+    /// What its number counts; `None` for a register of the board.
+    pub number: Option<NumberKind>,
+    /// Who writes it.
+    pub writer: Writer,
+    /// Bits with a meaning of their own.
+    pub bits: &'static [Bits],
+    /// What it is a copy of.
+    pub source: Source,
+    /// What a reader of the manual should know besides.
+    pub note: &'static str,
+}
+
+impl Register {
+    pub(super) const fn word(function: &'static str, name: &'static str, offset: HostOffset) -> Self {
+        Self::new(function, name, offset, 2, Width::Word)
+    }
+
+    pub(super) const fn long(function: &'static str, name: &'static str, offset: HostOffset) -> Self {
+        Self::new(function, name, offset, 4, Width::Long)
+    }
+
+    pub(super) const fn longs(
+        function: &'static str,
+        name: &'static str,
+        offset: HostOffset,
+        length: u32,
+    ) -> Self {
+        Self::new(function, name, offset, length, Width::Long)
+    }
+
+    pub(super) const fn pair(function: &'static str, name: &'static str, offset: HostOffset) -> Self {
+        Self::new(function, name, offset, 8, Width::Pair)
+    }
+
+    const fn new(
+        function: &'static str,
+        name: &'static str,
+        offset: HostOffset,
+        length: u32,
+        width: Width,
+    ) -> Self {
+        Self {
+            function,
+            name,
+            title: "",
+            offset,
+            length,
+            width,
+            format: Format::Unknown,
+            units: "",
+            number: None,
+            writer: Writer::Nobody,
+            bits: &[],
+            source: Source::None,
+            note: "",
+        }
+    }
+
+    pub(super) const fn is(mut self, title: &'static str, format: Format, units: &'static str) -> Self {
+        self.title = title;
+        self.format = format;
+        self.units = units;
+        self
+    }
+
+    pub(super) const fn of(mut self, kind: NumberKind) -> Self {
+        self.number = Some(kind);
+        self
+    }
+
+    pub(super) const fn by(mut self, writer: Writer) -> Self {
+        self.writer = writer;
+        self
+    }
+
+    pub(super) const fn bits(mut self, bits: &'static [Bits]) -> Self {
+        self.bits = bits;
+        self
+    }
+
+    pub(super) const fn from(mut self, source: Source) -> Self {
+        self.source = source;
+        self
+    }
+
+    pub(super) const fn note(mut self, note: &'static str) -> Self {
+        self.note = note;
+        self
+    }
+}
+
+/// Rows that belong together, and how often and how far apart they repeat.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Block {
+    /// How many numbers have these registers; 0 for registers of the board, which have no number.
+    pub count: usize,
+    /// Bytes from one number's registers to the next one's.
+    pub stride: u32,
+    /// The page of the family's DPRAM manual with the register map; `None` where no manual describes it.
+    pub page: Option<u16>,
+    /// The rows, in ascending order.
+    pub registers: &'static [Register],
+}
+
+impl Block {
+    pub(super) const fn once(page: Option<u16>, registers: &'static [Register]) -> Self {
+        Self { count: 0, stride: 0, page, registers }
+    }
+
+    pub(super) const fn each(
+        count: usize,
+        stride: u32,
+        page: Option<u16>,
+        registers: &'static [Register],
+    ) -> Self {
+        Self { count, stride, page, registers }
+    }
+}

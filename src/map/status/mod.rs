@@ -1,0 +1,299 @@
+//! Status words: which bit means what, as data, and the names of the bits that are set.
+//!
+//! PMAC answers `?`, `??` and `???` with six hexadecimal digits a word, the first digit being bits 23-20 (Software
+//! Reference p. 189-198); the fixed buffers of the DPRAM hold the same words. PMAC alone writes them.
+
+mod classic;
+mod turbo;
+
+pub use classic::CLASSIC;
+pub use turbo::TURBO;
+
+/// The meaning of the 24 bits of a status word. Every bit is a flag, part of a field, or reserved.
+#[derive(Debug, PartialEq, Eq)]
+pub struct StatusTable {
+    /// The word's name, snake case.
+    pub name: &'static str,
+    /// Bits that stand alone, highest first.
+    pub flags: &'static [(u8, &'static str)],
+    /// Numbers of several bits.
+    pub fields: &'static [Field],
+    /// Bits that are internal or without a documented meaning.
+    pub reserved: u32,
+}
+
+/// A number of several bits in a status word.
+#[derive(Debug, PartialEq, Eq)]
+pub struct Field {
+    /// The highest bit.
+    pub high: u8,
+    /// The lowest bit.
+    pub low: u8,
+    /// Its name, snake case.
+    pub name: &'static str,
+}
+
+impl Field {
+    /// The field's bits in place.
+    #[must_use]
+    pub const fn mask(&self) -> u32 {
+        ((1 << (self.high - self.low + 1)) - 1) << self.low
+    }
+
+    /// The field's value in `word`.
+    #[must_use]
+    pub const fn of(&self, word: u32) -> u32 {
+        (word & self.mask()) >> self.low
+    }
+}
+
+/// The status words of a board family, in the order of the replies.
+#[derive(Debug, PartialEq, Eq)]
+pub struct StatusTables {
+    /// The words of `?`, a motor's.
+    pub motor: &'static [StatusTable],
+    /// The words of `??`, a coordinate system's.
+    pub coordinate_system: &'static [StatusTable],
+    /// The words of `???`, the board's.
+    pub global: &'static [StatusTable],
+}
+
+/// The names of the flags set in `word`, highest bit first. Bits above 23, copies of bit 23, do not count.
+pub fn flags(word: u32, table: &'static StatusTable) -> impl Iterator<Item = &'static str> {
+    table.flags.iter().filter(move |(bit, _)| word >> bit & 1 == 1).map(|(_, name)| *name)
+}
+
+/// Whether the flag called `name` is set in `word`; `false` also when the table has no such flag.
+#[must_use]
+pub fn is_set(word: u32, table: &'static StatusTable, name: &str) -> bool {
+    flags(word, table).any(|flag| flag == name)
+}
+
+/// The value of the field called `name`, or `None` when the table has no such field.
+#[must_use]
+pub fn field(word: u32, table: &'static StatusTable, name: &str) -> Option<u32> {
+    table.fields.iter().find(|field| field.name == name).map(|field| field.of(word))
+}
+
+/// The coordinate system, from 1, to which a motor is assigned, from the second word of `?`; `None` when it is
+/// assigned to none.
+#[must_use]
+pub fn coordinate_system(word: u32, tables: &'static StatusTables) -> Option<u32> {
+    let table = tables.motor.get(1)?;
+    if is_set(word, table, "assigned_to_coordinate_system") {
+        field(word, table, "coordinate_system_less_one").map(|number| number + 1)
+    } else {
+        None
+    }
+}
+
+/// How a coordinate system moves, from bits 4, 1 and 0 of its program status. Same on classic boards and Turbo.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum MotionMode {
+    /// `LINEAR`
+    Linear,
+    /// `RAPID`
+    Rapid,
+    /// `SPLINE`
+    Spline,
+    /// `CIRCLE1`, clockwise
+    Circle1,
+    /// `CIRCLE2`, counterclockwise
+    Circle2,
+    /// `PVT`
+    Pvt,
+}
+
+impl MotionMode {
+    /// The mode, or `None` for the two combinations no text explains.
+    #[must_use]
+    pub const fn of(program_status: u32) -> Option<Self> {
+        match (program_status >> 4 & 1, program_status & 3) {
+            (0, 0b00) => Some(Self::Linear),
+            (0, 0b10) => Some(Self::Rapid),
+            (0, 0b01) => Some(Self::Circle1),
+            (0, 0b11) => Some(Self::Circle2),
+            (1, 0b01) => Some(Self::Spline),
+            (1, 0b10) => Some(Self::Pvt),
+            _ => None,
+        }
+    }
+
+    /// The bits 4, 1 and 0 that say this mode.
+    #[must_use]
+    pub const fn bits(self) -> u32 {
+        match self {
+            Self::Linear => 0b0_0000,
+            Self::Rapid => 0b0_0010,
+            Self::Circle1 => 0b0_0001,
+            Self::Circle2 => 0b0_0011,
+            Self::Spline => 0b1_0001,
+            Self::Pvt => 0b1_0010,
+        }
+    }
+}
+
+/// Which of three registers an axis target in the background buffer is a copy of (Note 1 on p. 21 of the DPRAM
+/// manual). Classic boards only; [`super::Source::Choice`] has the addresses.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
+pub enum TargetSource {
+    /// L:$0876 and following: a segmented move that is not stopping.
+    A,
+    /// L:$0896 and following: a move held back by cutter compensation.
+    B,
+    /// L:$0819 and following: any other.
+    C,
+}
+
+impl TargetSource {
+    /// The choice PMAC makes by its program status word: A if bit 7 is set and bit 5 clear, else B if bit 9 is set,
+    /// else C.
+    #[must_use]
+    pub const fn of(program_status: u32) -> Self {
+        if program_status & (1 << 7) != 0 && program_status & (1 << 5) == 0 {
+            Self::A
+        } else if program_status & (1 << 9) != 0 {
+            Self::B
+        } else {
+            Self::C
+        }
+    }
+}
+
+/// Reads a reply to `?`, `??` or `???` of `N` words of six hexadecimal digits; `None` when the text is anything else.
+#[must_use]
+pub fn parse_reply<const N: usize>(reply: &str) -> Option<[u32; N]> {
+    let reply = reply.trim();
+    if reply.len() != 6 * N || !reply.bytes().all(|digit| digit.is_ascii_hexdigit()) {
+        return None;
+    }
+    let mut words = [0; N];
+    for (word, digits) in words.iter_mut().zip(reply.as_bytes().chunks_exact(6)) {
+        *word = u32::from_str_radix(std::str::from_utf8(digits).ok()?, 16).ok()?;
+    }
+    Some(words)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn named(word: u32, table: &'static StatusTable) -> Vec<&'static str> {
+        flags(word, table).collect()
+    }
+
+    #[test]
+    fn every_bit_of_every_word_has_exactly_one_meaning() {
+        for tables in [&CLASSIC, &TURBO] {
+            for table in [tables.motor, tables.coordinate_system, tables.global].into_iter().flatten() {
+                let mut seen = 0u32;
+                let singles = table.flags.iter().map(|(bit, _)| 1 << bit);
+                let fields = table.fields.iter().map(Field::mask);
+                for mask in singles.chain(fields).chain([table.reserved]) {
+                    assert_eq!(seen & mask, 0, "{}: bits {mask:06X} twice", table.name);
+                    seen |= mask;
+                }
+                assert_eq!(seen, 0xFF_FFFF, "{}", table.name);
+                assert!(table.flags.is_sorted_by(|a, b| a.0 > b.0), "{}", table.name);
+                let mut names: Vec<_> = table.flags.iter().map(|(_, name)| *name).collect();
+                names.sort_unstable();
+                names.dedup();
+                assert_eq!(names.len(), table.flags.len(), "{}: a name twice", table.name);
+                let plain = |name: &str| {
+                    name.chars().all(|c| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '_')
+                };
+                assert!(names.iter().all(|name| plain(name)), "{}", table.name);
+            }
+        }
+        assert_eq!([CLASSIC.motor.len(), CLASSIC.coordinate_system.len(), CLASSIC.global.len()], [2, 2, 2]);
+        assert_eq!([TURBO.motor.len(), TURBO.coordinate_system.len(), TURBO.global.len()], [2, 3, 2]);
+    }
+
+    #[test]
+    fn the_software_references_motor_example_decodes() {
+        let [first, second] = parse_reply("812000804401").unwrap();
+        assert_eq!(
+            named(first, &CLASSIC.motor[0]),
+            ["motor_activated", "integration_mode", "desired_velocity_zero"]
+        );
+        assert_eq!(
+            named(second, &CLASSIC.motor[1]),
+            ["assigned_to_coordinate_system", "amplifier_enabled", "home_complete", "in_position"]
+        );
+        assert_eq!(coordinate_system(second, &CLASSIC), Some(1));
+    }
+
+    #[test]
+    fn the_software_references_coordinate_system_example_decodes() {
+        let [first, second] = parse_reply("A8002A020010").unwrap();
+        assert_eq!(
+            named(first, &CLASSIC.coordinate_system[0]),
+            [
+                "z_feedrate",
+                "y_feedrate",
+                "x_feedrate",
+                "radius_vector_incremental",
+                "move_by_time",
+                "single_step_mode"
+            ]
+        );
+        assert_eq!(named(second, &CLASSIC.coordinate_system[1]), ["in_position", "pvt_or_spline_mode"]);
+        // The example's combination is one of the two that no list of modes has.
+        assert_eq!(MotionMode::of(second), None);
+    }
+
+    #[test]
+    fn a_turbo_reply_decodes() {
+        // A Brick Controller at factory defaults answers this to `?`.
+        let [first, second] = parse_reply("850000000000").unwrap();
+        assert_eq!(named(first, &TURBO.motor[0]), ["motor_activated", "open_loop", "integration_mode"]);
+        assert_eq!(coordinate_system(second, &TURBO), None);
+        assert_eq!(coordinate_system(0xF0_8000, &TURBO), Some(16));
+        assert_eq!(field(0xF7_8000, &TURBO.motor[1], "axis"), Some(7));
+        assert_eq!(parse_reply::<3>("A8002A020010000001").map(|words| words[2]), Some(1));
+    }
+
+    #[test]
+    fn motion_modes_read_back_from_their_bits() {
+        use MotionMode::{Circle1, Circle2, Linear, Pvt, Rapid, Spline};
+        for mode in [Linear, Rapid, Spline, Circle1, Circle2, Pvt] {
+            assert_eq!(MotionMode::of(mode.bits()), Some(mode));
+            // Bits around the three do not matter.
+            assert_eq!(MotionMode::of(mode.bits() | 0xFF_FFEC), Some(mode));
+        }
+        assert_eq!(MotionMode::of(0b1_0011), None);
+        assert_eq!(serde_json::to_string(&Circle1).unwrap(), "\"circle1\"");
+    }
+
+    #[test]
+    fn the_target_source_follows_the_program_status() {
+        use TargetSource::{A, B, C};
+        let cases = [(0, C), (1 << 7, A), (1 << 7 | 1 << 5, C), (1 << 5, C), (1 << 9, B)];
+        let more = [(1 << 9 | 1 << 7, A), (1 << 9 | 1 << 7 | 1 << 5, B), (!(1 << 7 | 1 << 9), C)];
+        for (word, source) in cases.into_iter().chain(more) {
+            assert_eq!(TargetSource::of(word), source, "{word:06X}");
+        }
+    }
+
+    #[test]
+    fn coordinate_systems_count_from_one() {
+        for number in 1..=8u32 {
+            assert_eq!(coordinate_system(0x80_0000 | (number - 1) << 20, &CLASSIC), Some(number));
+        }
+        assert_eq!(coordinate_system(0x70_0000, &CLASSIC), None);
+    }
+
+    #[test]
+    fn a_sign_extension_names_no_flag() {
+        assert_eq!(named(0xFF80_0000, &CLASSIC.motor[0]), ["motor_activated"]);
+    }
+
+    #[test]
+    fn what_is_no_reply_is_not_read() {
+        for text in ["", "81200080440", "8120008044011", "81200080440G", "+12000804401", "é1200080440"] {
+            assert_eq!(parse_reply::<2>(text), None, "{text}");
+        }
+        assert_eq!(parse_reply::<2>("812000804401\r"), Some([0x81_2000, 0x80_4401]));
+    }
+}

@@ -1,0 +1,218 @@
+//! When the next servo update is due: a phase-locked estimate from the updates seen so far.
+//!
+//! Looking costs a bus access, and on real hardware bus accesses are the cost. A look that comes a little early costs
+//! one access; one that comes late delays the data, and one that comes a whole period late loses an update. So the
+//! clock aims just before the predicted update, looks again shortly after as long as nothing has come, and learns
+//! phase and period from when it came.
+
+/// Nanoseconds.
+type Ns = u64;
+
+const MICROSECOND: Ns = 1_000;
+const MILLISECOND: Ns = 1_000_000;
+
+/// How far a phase error moves the next prediction, and how far the spacing of two updates moves the period.
+const PHASE_GAIN: f64 = 0.25;
+const PERIOD_GAIN: f64 = 0.02;
+/// Every update found at the first look moves the aim earlier by this part of a period: without it nobody would
+/// notice that the looks come later and later.
+const NUDGE: f64 = 1.0 / 64.0;
+/// Without an update for this many periods (and at least [`SILENCE`]) there is no phase to hold.
+const LOCK_PERIODS: f64 = 20.0;
+const SILENCE: Ns = 50 * MILLISECOND;
+/// How often to look when no period is known and none has come for a while.
+const IDLE_LOOK: Ns = 2 * MILLISECOND;
+
+/// Predicts updates that come at a nearly constant period.
+#[derive(Debug, Clone)]
+pub struct UpdateClock {
+    /// The time between updates; 0 while unknown.
+    period_ns: f64,
+    /// The predicted time of the next update, while locked.
+    predicted_ns: Option<f64>,
+    /// The last update seen.
+    last_update_ns: Option<Ns>,
+    /// The last look that found nothing since the last update.
+    last_early_ns: Option<Ns>,
+    due_ns: Ns,
+}
+
+impl Default for UpdateClock {
+    fn default() -> Self {
+        Self { period_ns: 0.0, predicted_ns: None, last_update_ns: None, last_early_ns: None, due_ns: 0 }
+    }
+}
+
+impl UpdateClock {
+    /// Takes a period from elsewhere (I10 and I19), if none has been learnt or it differs by more than a tenth.
+    pub fn expect_period(&mut self, period_ns: Ns) {
+        let period = period_ns as f64;
+        if self.period_ns == 0.0 || (self.period_ns / period - 1.0).abs() > 0.1 {
+            self.period_ns = period;
+            self.predicted_ns = None;
+        }
+    }
+
+    /// When to look next, CLOCK_MONOTONIC.
+    #[must_use]
+    pub fn due_ns(&self) -> Ns {
+        self.due_ns
+    }
+
+    /// The time between updates as far as known.
+    #[must_use]
+    pub fn period_ns(&self) -> Option<Ns> {
+        (self.period_ns > 0.0).then_some(self.period_ns as Ns)
+    }
+
+    /// A look at `now` found nothing new.
+    pub fn looked_in_vain(&mut self, now: Ns) {
+        self.last_early_ns = Some(now);
+        let silent = self.last_update_ns.map_or(Ns::MAX, |last| now.saturating_sub(last));
+        if silent > SILENCE.max((LOCK_PERIODS * self.period_ns) as Ns) {
+            self.predicted_ns = None;
+        }
+        let again = match self.predicted_ns {
+            Some(_) => (self.period_ns / 16.0) as Ns,
+            None if self.period_ns > 0.0 => (self.period_ns / 4.0) as Ns,
+            None => IDLE_LOOK,
+        };
+        self.due_ns = now + again.clamp(10 * MICROSECOND, IDLE_LOOK);
+    }
+
+    /// A look at `now` found an update, the `updates`-th after the last one seen (1: none was missed).
+    pub fn found(&mut self, now: Ns, updates: u64) {
+        let updates = updates.max(1) as f64;
+        let at = now as f64;
+        let elapsed = self.last_update_ns.map(|last| at - last as f64);
+        match (self.predicted_ns, elapsed) {
+            (Some(predicted), Some(elapsed)) if updates < LOCK_PERIODS => {
+                // The prediction was for the update nearest to this look, also if one came before it unseen.
+                let behind = ((at - predicted) / self.period_ns).floor().max(0.0);
+                let predicted = predicted + behind * self.period_ns;
+                let error = match self.last_early_ns {
+                    // It came between two looks; take the middle.
+                    Some(early) => (at + early as f64) / 2.0 - predicted,
+                    None => -NUDGE * self.period_ns,
+                };
+                let error = error.clamp(-self.period_ns, self.period_ns);
+                // Looks come late by a bounded time, so the spacing of updates is right in the long run, whatever
+                // the phase; a period learnt from the phase error could settle on a wrong one.
+                self.period_ns += PERIOD_GAIN * (elapsed - updates * self.period_ns);
+                self.predicted_ns = Some(predicted + PHASE_GAIN * error + self.period_ns);
+            }
+            (_, Some(elapsed)) => {
+                let period = elapsed / updates;
+                if self.period_ns == 0.0 {
+                    self.period_ns = period;
+                }
+                self.predicted_ns = Some(at + self.period_ns);
+            }
+            (_, None) => self.predicted_ns = (self.period_ns > 0.0).then_some(at + self.period_ns),
+        }
+        // Whole periods behind (the machine stood still): the phase is still good, the next update is ahead.
+        if let Some(predicted) = &mut self.predicted_ns
+            && self.period_ns > 0.0
+            && *predicted < at
+        {
+            *predicted += ((at - *predicted) / self.period_ns).ceil() * self.period_ns;
+        }
+        self.last_update_ns = Some(now);
+        self.last_early_ns = None;
+        self.due_ns = match self.predicted_ns {
+            Some(predicted) => (predicted as Ns).max(now),
+            None => now + IDLE_LOOK,
+        };
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Runs the clock against updates at `phase + k * period` with looks that come up to `lateness` late.
+    /// Returns (looks per update, worst delay after the first tenth, missed).
+    fn run(clock: &mut UpdateClock, period: f64, lateness: Ns, updates: u64) -> (f64, Ns, u64) {
+        let (mut looks, mut worst, mut missed, mut seen) = (0u64, 0, 0, 0u64);
+        let mut now = 1_000_000u64;
+        let mut random = 12345u64;
+        let phase = 1_234_567.0;
+        while seen < updates {
+            random = random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            now = now.max(clock.due_ns()) + (random >> 33) % (lateness + 1) + 200;
+            looks += 1;
+            let count = (((now as f64 - phase) / period).floor() + 1.0).max(0.0) as u64;
+            if count > seen {
+                let delay = now - (phase + (count - 1) as f64 * period) as u64;
+                if seen > updates / 10 {
+                    worst = worst.max(delay);
+                    missed += count - seen - 1;
+                }
+                clock.found(now, count - seen);
+                seen = count;
+            } else {
+                clock.looked_in_vain(now);
+            }
+        }
+        (looks as f64 / updates as f64, worst, missed)
+    }
+
+    #[test]
+    fn it_locks_without_being_told_the_period() {
+        let mut clock = UpdateClock::default();
+        let (looks, worst, missed) = run(&mut clock, 442_708.4, 5_000, 20_000);
+        assert_eq!(missed, 0);
+        assert!(looks < 3.0, "{looks} looks an update");
+        assert!(worst < 60_000, "{worst} ns late");
+        let period = clock.period_ns().unwrap();
+        assert!((442_000..443_400).contains(&period), "{period}");
+    }
+
+    #[test]
+    fn it_holds_at_9_khz_with_a_sleep_that_overshoots_by_half_a_period() {
+        let mut clock = UpdateClock::default();
+        clock.expect_period(111_111);
+        let (looks, _, missed) = run(&mut clock, 111_111.1, 55_000, 50_000);
+        assert_eq!(missed, 0);
+        assert!(looks < 3.0, "{looks} looks an update");
+    }
+
+    #[test]
+    fn a_wrong_or_changed_period_is_learnt() {
+        let mut clock = UpdateClock::default();
+        clock.expect_period(500_000);
+        let (_, _, missed) = run(&mut clock, 442_708.4, 5_000, 20_000);
+        assert_eq!(missed, 0);
+        clock.expect_period(2_000_000);
+        assert_eq!(clock.period_ns(), Some(2_000_000));
+    }
+
+    #[test]
+    fn a_silent_board_is_looked_at_seldom() {
+        let mut clock = UpdateClock::default();
+        clock.expect_period(442_708);
+        clock.found(1_000_000, 1);
+        let (mut now, mut looks) = (1_000_000, 0);
+        while now < 1_001_000_000 {
+            now = clock.due_ns().max(now + 1);
+            clock.looked_in_vain(now);
+            looks += 1;
+        }
+        assert!(looks < 15_000, "{looks} looks in a second of silence");
+        let mut unknown = UpdateClock::default();
+        unknown.looked_in_vain(5);
+        assert_eq!(unknown.due_ns(), 5 + IDLE_LOOK);
+    }
+
+    #[test]
+    fn after_standing_still_it_looks_ahead_and_not_behind() {
+        let mut clock = UpdateClock::default();
+        clock.expect_period(442_708);
+        for k in 0..100u64 {
+            clock.found(1_000_000 + k * 442_708, 1);
+        }
+        let now = 1_000_000 + 1_100 * 442_708;
+        clock.found(now, 1000);
+        assert!(clock.due_ns() >= now && clock.due_ns() <= now + 442_708 + 1, "{}", clock.due_ns() - now);
+    }
+}

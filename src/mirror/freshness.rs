@@ -1,0 +1,75 @@
+//! Whether a region's data still come: one transition each way, so that each is said once.
+
+/// What changed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Transition {
+    /// Data come (again).
+    Live,
+    /// No data came for the region's limit.
+    Stale,
+}
+
+/// Watches one region.
+#[derive(Debug, Clone)]
+pub struct Freshness {
+    limit_ns: u64,
+    last_ns: u64,
+    live: bool,
+}
+
+impl Freshness {
+    /// Not live yet; stale after `limit_ns` without data.
+    #[must_use]
+    pub fn new(limit_ns: u64) -> Self {
+        Self { limit_ns, last_ns: 0, live: false }
+    }
+
+    /// Changes the limit.
+    pub fn set_limit(&mut self, limit_ns: u64) {
+        self.limit_ns = limit_ns;
+    }
+
+    /// The limit.
+    #[must_use]
+    pub fn limit_ns(&self) -> u64 {
+        self.limit_ns
+    }
+
+    /// Whether data come.
+    #[must_use]
+    pub fn is_live(&self) -> bool {
+        self.live
+    }
+
+    /// Data came at `now_ns`.
+    pub fn came(&mut self, now_ns: u64) -> Option<Transition> {
+        self.last_ns = now_ns;
+        (!std::mem::replace(&mut self.live, true)).then_some(Transition::Live)
+    }
+
+    /// None came; it is `now_ns`.
+    pub fn none_came(&mut self, now_ns: u64) -> Option<Transition> {
+        let over = self.live && now_ns.saturating_sub(self.last_ns) > self.limit_ns;
+        if over {
+            self.live = false;
+        }
+        over.then_some(Transition::Stale)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_change_is_told_once() {
+        let mut freshness = Freshness::new(100);
+        assert_eq!(freshness.none_came(1000), None, "it never was live");
+        assert_eq!(freshness.came(1000), Some(Transition::Live));
+        assert_eq!(freshness.came(1050), None);
+        assert_eq!(freshness.none_came(1150), None);
+        assert_eq!(freshness.none_came(1151), Some(Transition::Stale));
+        assert_eq!(freshness.none_came(2000), None);
+        assert_eq!(freshness.came(2001), Some(Transition::Live));
+    }
+}

@@ -1,0 +1,284 @@
+//! The types and errors of the interface `io.github.pmac-dpram.Board`.
+
+use serde::{Deserialize, Serialize};
+use serde_json::{Map, Value, json};
+
+use super::{BOARD, SERVICE, message::Reply};
+
+/// Whether the data in the segment can be trusted now.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+#[repr(u32)]
+pub enum State {
+    /// The daemon is identifying the board.
+    #[default]
+    Init = 0,
+    /// The board updates its data.
+    Live = 1,
+    /// The board has stopped updating its data.
+    Stale = 2,
+    /// The daemon is stopping.
+    Dead = 3,
+}
+
+bitflags::bitflags! {
+    /// The automatic functions at work.
+    #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+    pub struct Enabled: u32 {
+        /// Servo fixed data (I48).
+        const SERVO = 1;
+        /// Background fixed data (I49).
+        const BACKGROUND = 1 << 1;
+        /// ASCII communication (I58).
+        const ASCII = 1 << 2;
+        /// The interrupt that announces a reply (I56).
+        const INTERRUPT = 1 << 3;
+    }
+}
+
+impl Enabled {
+    /// The functions' names as `GetInfo` gives them.
+    #[must_use]
+    pub fn names(self) -> Vec<String> {
+        self.iter_names().map(|(name, _)| name.to_ascii_lowercase()).collect()
+    }
+}
+
+/// The board and the daemon that owns it: the reply of `GetInfo`.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+pub struct BoardInfo {
+    /// The board's name, as in `--name`.
+    pub name: String,
+    /// The version of pmacd.
+    pub version: String,
+    /// How the board is reached, as in `--board`.
+    pub board: String,
+    /// The board's family: `pmac`, `pmac2`, `turbo`, `turbo2`.
+    pub family: String,
+    /// The answer to `VERSION`, when it is known.
+    pub firmware: Option<String>,
+    /// The answer to `TYPE`, when it is known.
+    pub board_type: Option<String>,
+    /// How many motors the board reports.
+    pub motors: u32,
+    /// The servo cycle in nanoseconds, when it is known.
+    pub servo_period_ns: Option<u64>,
+    /// Whether the data in the segment can be trusted now.
+    pub state: State,
+    /// Differs for every start of the daemon.
+    pub generation: u64,
+    /// The daemon's process.
+    pub pid: u32,
+    /// The POSIX shared-memory object with the live data, `/pmac0`.
+    pub segment: String,
+    /// The automatic functions at work: `servo`, `background`, `ascii`, `interrupt`.
+    pub enabled: Vec<String>,
+}
+
+/// Which statement of a PMAC program caused a text.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum MessageKind {
+    /// The response to a `CMD"…"`.
+    Cmd,
+    /// A `SEND"…"`.
+    Send,
+}
+
+/// A text that a PMAC program sent by itself: one reply of `Messages`.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Message {
+    /// CLOCK_MONOTONIC when the text was read, nanoseconds.
+    pub time_ns: u64,
+    /// The statement that caused it.
+    pub kind: MessageKind,
+    /// The text.
+    pub text: String,
+    /// How many texts were dropped before this one because this caller read too slowly.
+    pub lost: u64,
+}
+
+/// The reply of `Send`.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct SendReply {
+    /// The reply, one element a line.
+    pub lines: Vec<String>,
+}
+
+/// The reply of `Read`.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct ReadReply {
+    /// CLOCK_MONOTONIC of the first read, nanoseconds.
+    pub time_ns: u64,
+    /// The words, ascending.
+    pub words: Vec<u16>,
+}
+
+/// An error that the service answers.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum CallError {
+    /// The board refused the line.
+    #[error("ERR{code:03}: {meaning}")]
+    Board {
+        /// The number of `ERRnnn`.
+        code: u16,
+        /// What the number means.
+        meaning: String,
+        /// What the board had answered before.
+        lines: Vec<String>,
+    },
+    /// The board did not answer in time.
+    #[error("the board did not answer in time; the line may or may not have been carried out")]
+    TimedOut,
+    /// The board does not take commands now.
+    #[error("the board does not take commands now: {reason}")]
+    Unavailable {
+        /// Why, and what to do.
+        reason: String,
+    },
+    /// Too many commands wait already.
+    #[error("too many commands wait already; nothing was sent, try again")]
+    Busy,
+    /// The caller lacks a role.
+    #[error("not permitted: this needs the role {role_needed}; ask the administrator for its group")]
+    NotPermitted {
+        /// The role: observe, operate or engineer.
+        role_needed: String,
+    },
+    /// The line cannot be sent to a board.
+    #[error("invalid line: {reason}")]
+    InvalidLine {
+        /// What is wrong and where.
+        reason: String,
+    },
+    /// The words lie outside the board's window.
+    #[error("the words lie outside the board's window, or there are more than 64")]
+    OutOfRange,
+    /// A parameter is missing, of the wrong type, or not known.
+    #[error("invalid parameter {parameter}")]
+    InvalidParameter {
+        /// Its name.
+        parameter: String,
+    },
+    /// There is no such interface.
+    #[error("the service has no interface {interface}")]
+    InterfaceNotFound {
+        /// Its name.
+        interface: String,
+    },
+    /// There is no such method.
+    #[error("the service has no method {method}")]
+    MethodNotFound {
+        /// Its name with that of the interface.
+        method: String,
+    },
+    /// The method streams and was not called so.
+    #[error("the method streams its replies: call it with \"more\"")]
+    ExpectedMore,
+    /// The other side does not follow the protocol.
+    #[error("the service answered something that is not understood: {0}")]
+    Protocol(String),
+}
+
+impl CallError {
+    /// The error as a reply.
+    #[must_use]
+    pub fn to_reply(&self) -> Reply {
+        let (interface, name, parameters) = match self {
+            Self::Board { code, meaning, lines } => {
+                (BOARD, "BoardError", json!({"code": code, "meaning": meaning, "lines": lines}))
+            }
+            Self::TimedOut => (BOARD, "TimedOut", Value::Null),
+            Self::Unavailable { reason } => (BOARD, "Unavailable", json!({"reason": reason})),
+            Self::Busy => (BOARD, "Busy", Value::Null),
+            Self::NotPermitted { role_needed } => {
+                (BOARD, "NotPermitted", json!({"role_needed": role_needed}))
+            }
+            Self::InvalidLine { reason } => (BOARD, "InvalidLine", json!({"reason": reason})),
+            Self::OutOfRange => (BOARD, "OutOfRange", Value::Null),
+            Self::InvalidParameter { parameter } => {
+                (SERVICE, "InvalidParameter", json!({"parameter": parameter}))
+            }
+            Self::InterfaceNotFound { interface } => {
+                (SERVICE, "InterfaceNotFound", json!({"interface": interface}))
+            }
+            Self::MethodNotFound { method } => (SERVICE, "MethodNotFound", json!({"method": method})),
+            Self::ExpectedMore => (SERVICE, "ExpectedMore", Value::Null),
+            // Only a reply of our own that does not serialise; the caller learns at least that.
+            Self::Protocol(what) => (BOARD, "Unavailable", json!({"reason": what})),
+        };
+        let parameters = match parameters {
+            Value::Object(map) => map,
+            _ => Map::new(),
+        };
+        Reply { parameters: Some(parameters), continues: None, error: Some(format!("{interface}.{name}")) }
+    }
+
+    /// The error that `reply` carries, or `None` when it carries none.
+    #[must_use]
+    pub fn from_reply(reply: &Reply) -> Option<Self> {
+        let full_name = reply.error.as_deref()?;
+        let fields = reply.parameters.clone().unwrap_or_default();
+        let text = |name: &str| fields.get(name).and_then(Value::as_str).unwrap_or_default().to_owned();
+        let (interface, name) = full_name.rsplit_once('.').unwrap_or(("", full_name));
+        Some(match (interface, name) {
+            (BOARD, "BoardError") => Self::Board {
+                code: fields
+                    .get("code")
+                    .and_then(Value::as_u64)
+                    .and_then(|c| u16::try_from(c).ok())
+                    .unwrap_or(0),
+                meaning: text("meaning"),
+                lines: fields
+                    .get("lines")
+                    .and_then(|lines| serde_json::from_value(lines.clone()).ok())
+                    .unwrap_or_default(),
+            },
+            (BOARD, "TimedOut") => Self::TimedOut,
+            (BOARD, "Unavailable") => Self::Unavailable { reason: text("reason") },
+            (BOARD, "Busy") => Self::Busy,
+            (BOARD, "NotPermitted") => Self::NotPermitted { role_needed: text("role_needed") },
+            (BOARD, "InvalidLine") => Self::InvalidLine { reason: text("reason") },
+            (BOARD, "OutOfRange") => Self::OutOfRange,
+            (SERVICE, "InvalidParameter") => Self::InvalidParameter { parameter: text("parameter") },
+            (SERVICE, "InterfaceNotFound") => Self::InterfaceNotFound { interface: text("interface") },
+            (SERVICE, "MethodNotFound") => Self::MethodNotFound { method: text("method") },
+            (SERVICE, "ExpectedMore") => Self::ExpectedMore,
+            _ => Self::Protocol(full_name.to_owned()),
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn errors_survive_the_wire() {
+        let text = || "why".to_owned();
+        for error in [
+            CallError::Board { code: 3, meaning: text(), lines: vec![text()] },
+            CallError::TimedOut,
+            CallError::Unavailable { reason: text() },
+            CallError::Busy,
+            CallError::NotPermitted { role_needed: text() },
+            CallError::InvalidLine { reason: text() },
+            CallError::OutOfRange,
+            CallError::InvalidParameter { parameter: text() },
+            CallError::InterfaceNotFound { interface: text() },
+            CallError::MethodNotFound { method: text() },
+            CallError::ExpectedMore,
+        ] {
+            assert_eq!(CallError::from_reply(&error.to_reply()), Some(error));
+        }
+        assert_eq!(CallError::from_reply(&Reply::default()), None);
+        let foreign = Reply { error: Some("x.Y".to_owned()), ..Reply::default() };
+        assert_eq!(CallError::from_reply(&foreign), Some(CallError::Protocol("x.Y".to_owned())));
+    }
+
+    #[test]
+    fn enabled_functions_have_names() {
+        assert_eq!((Enabled::SERVO | Enabled::ASCII).names(), ["servo", "ascii"]);
+    }
+}

@@ -1,0 +1,43 @@
+//! Control characters as people write them: `^K` for 0x0B.
+//!
+//! A control character's number is its letter's code less 64, which is also how the board's control-character register
+//! takes it (DPRAM manual p. 28).
+
+/// The control character (1 to 31) that `text` names: `^A` … `^_`, letters in either case, or the character itself.
+#[must_use]
+pub fn parse(text: &str) -> Option<u8> {
+    let byte = match text.as_bytes() {
+        [byte] => *byte,
+        [b'^', letter] => letter.to_ascii_uppercase().checked_sub(64)?,
+        _ => return None,
+    };
+    (1..=31).contains(&byte).then_some(byte)
+}
+
+/// How people write the control character `byte`: `^K` for 0x0B.
+#[must_use]
+pub fn name(byte: u8) -> String {
+    format!("^{}", char::from((byte & 0x1F) + 64))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_control_character_is_its_own_name() {
+        for byte in 1..=31 {
+            assert_eq!(parse(&name(byte)), Some(byte));
+            assert_eq!(parse(&char::from(byte).to_string()), Some(byte));
+        }
+        assert_eq!(parse("^K"), Some(0x0B));
+        assert_eq!(parse("^k"), Some(0x0B));
+    }
+
+    #[test]
+    fn nothing_else_is_one() {
+        for text in ["", "K", "^", "^@", "^1", "^KK", "K^", " ", "\u{7f}", "ü", "^ü"] {
+            assert_eq!(parse(text), None, "{text:?}");
+        }
+    }
+}

@@ -1,0 +1,249 @@
+//! Who the board is: the payload of the board region.
+//!
+//! Asked once by ASCII where the board answers (`TYPE`, `VERSION`, I-variables), taken from the configuration where not. What is
+//! not known says so by its bit: a zero is a value.
+//!
+//! # Payload, [`BYTES`] bytes, integers in the machine's byte order
+//! | offset | type | field | known by |
+//! |---|---|---|---|
+//! | 0x000 | u32 | bits that say what is known | |
+//! | 0x004 | u32 | board family: 1 PMAC, 2 PMAC2, 3 Turbo PMAC, 4 Turbo PMAC2 | bit 0 |
+//! | 0x008 | u32 | number of motors | bit 1 |
+//! | 0x00C | u32 | number of coordinate systems | bit 2 |
+//! | 0x010 | u64 | servo period in picoseconds | bit 3 |
+//! | 0x018 | u32 | I10, servo interrupt time in 1/8,388,608 ms | bit 4 |
+//! | 0x01C | u32 | I19, servo report period in servo cycles | bit 5 |
+//! | 0x020 | u32 | I48, servo report enable | bit 6 |
+//! | 0x024 | u32 | I49, background report enable | bit 7 |
+//! | 0x028 | u32 | I59, motors reported | bit 8 |
+//! | 0x02C | u32 | bit k-1: Ix07 of motor k is known | |
+//! | 0x030 | u32 | the same for Ix08 | |
+//! | 0x034 | u32 | the same for Ix09 | |
+//! | 0x038 | | 8 bytes, zero | |
+//! | 0x040 | text, 16 bytes | firmware version, UTF-8, filled up with NUL | bit 9 |
+//! | 0x050 | text, 64 bytes | the board's answer to TYPE, filled up with NUL | bit 10 |
+//! | 0x090 | 32 × i32 | Ix07, master scale factor, motor 1 first | its own bit |
+//! | 0x110 | 32 × i32 | Ix08, position scale factor | its own bit |
+//! | 0x190 | 32 × i32 | Ix09, velocity scale factor | its own bit |
+
+/// Length of the payload in bytes.
+pub const BYTES: usize = 0x210;
+/// Most motors a board has.
+pub const MOTORS: usize = 32;
+
+const AT_KNOWN: usize = 0x000;
+const AT_FAMILY: usize = 0x004;
+const AT_MOTORS: usize = 0x008;
+const AT_COORDINATE_SYSTEMS: usize = 0x00C;
+const AT_SERVO_PERIOD: usize = 0x010;
+const AT_I10: usize = 0x018;
+const AT_I19: usize = 0x01C;
+const AT_I48: usize = 0x020;
+const AT_I49: usize = 0x024;
+const AT_I59: usize = 0x028;
+const AT_SCALES_KNOWN: usize = 0x02C;
+const AT_FIRMWARE: usize = 0x040;
+const FIRMWARE_BYTES: usize = 16;
+const AT_BOARD_TYPE: usize = 0x050;
+const BOARD_TYPE_BYTES: usize = 64;
+const AT_SCALES: usize = 0x090;
+const SERVO_PERIOD_BIT: u32 = 3;
+const FIRMWARE_BIT: u32 = 9;
+const BOARD_TYPE_BIT: u32 = 10;
+
+/// What is known about the board; `None` is not known.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Identity {
+    /// Board family: 1 PMAC, 2 PMAC2, 3 Turbo PMAC, 4 Turbo PMAC2.
+    pub family: Option<u32>,
+    /// Number of motors.
+    pub motors: Option<u32>,
+    /// Number of coordinate systems.
+    pub coordinate_systems: Option<u32>,
+    /// Servo period in picoseconds.
+    pub servo_period_ps: Option<u64>,
+    /// I10, servo interrupt time in 1/8,388,608 ms.
+    pub i10: Option<u32>,
+    /// I19, servo report period in servo cycles.
+    pub i19: Option<u32>,
+    /// I48, servo report enable.
+    pub i48: Option<u32>,
+    /// I49, background report enable.
+    pub i49: Option<u32>,
+    /// I59, motors reported.
+    pub i59: Option<u32>,
+    /// Firmware version, as `1.16D`; at most 16 bytes are published.
+    pub firmware: Option<String>,
+    /// The board's answer to `TYPE`; at most 64 bytes are published.
+    pub board_type: Option<String>,
+    /// Ix07, master scale factor, motor 1 first.
+    pub ix07: [Option<i32>; MOTORS],
+    /// Ix08, position scale factor: positions are in 1/(Ix08·32) counts.
+    pub ix08: [Option<i32>; MOTORS],
+    /// Ix09, velocity scale factor.
+    pub ix09: [Option<i32>; MOTORS],
+}
+
+impl Identity {
+    /// The identity as the board region's payload.
+    #[must_use]
+    pub fn encode(&self) -> [u8; BYTES] {
+        let mut bytes = [0; BYTES];
+        let mut known: u32 = 0;
+        let mut put = |at: usize, value: &[u8]| bytes[at..at + value.len()].copy_from_slice(value);
+        for (bit, at, value) in [
+            (0, AT_FAMILY, self.family),
+            (1, AT_MOTORS, self.motors),
+            (2, AT_COORDINATE_SYSTEMS, self.coordinate_systems),
+            (4, AT_I10, self.i10),
+            (5, AT_I19, self.i19),
+            (6, AT_I48, self.i48),
+            (7, AT_I49, self.i49),
+            (8, AT_I59, self.i59),
+        ] {
+            if let Some(value) = value {
+                known |= 1 << bit;
+                put(at, &value.to_ne_bytes());
+            }
+        }
+        if let Some(period) = self.servo_period_ps {
+            known |= 1 << SERVO_PERIOD_BIT;
+            put(AT_SERVO_PERIOD, &period.to_ne_bytes());
+        }
+        for (bit, at, text, room) in [
+            (FIRMWARE_BIT, AT_FIRMWARE, &self.firmware, FIRMWARE_BYTES),
+            (BOARD_TYPE_BIT, AT_BOARD_TYPE, &self.board_type, BOARD_TYPE_BYTES),
+        ] {
+            if let Some(text) = text {
+                known |= 1 << bit;
+                put(at, cut(text, room).as_bytes());
+            }
+        }
+        for (table, scales) in [&self.ix07, &self.ix08, &self.ix09].into_iter().enumerate() {
+            let mut table_known: u32 = 0;
+            for (motor, scale) in scales.iter().enumerate() {
+                if let Some(scale) = scale {
+                    table_known |= 1 << motor;
+                    put(AT_SCALES + (table * MOTORS + motor) * 4, &scale.to_ne_bytes());
+                }
+            }
+            put(AT_SCALES_KNOWN + table * 4, &table_known.to_ne_bytes());
+        }
+        put(AT_KNOWN, &known.to_ne_bytes());
+        bytes
+    }
+
+    /// Reads the board region's payload back; `None` if it is too short. What a later version appended is ignored.
+    #[must_use]
+    pub fn decode(bytes: &[u8]) -> Option<Self> {
+        let bytes = bytes.first_chunk::<BYTES>()?;
+        let u32_at = |at: usize| {
+            let mut value = [0; 4];
+            value.copy_from_slice(&bytes[at..at + 4]);
+            u32::from_ne_bytes(value)
+        };
+        let known = u32_at(AT_KNOWN);
+        let is_known = |bit: u32| known >> bit & 1 != 0;
+        let number = |bit: u32, at: usize| is_known(bit).then(|| u32_at(at));
+        let text = |bit: u32, at: usize, room: usize| {
+            is_known(bit).then(|| {
+                let text = &bytes[at..at + room];
+                let end = text.iter().position(|byte| *byte == 0).unwrap_or(room);
+                String::from_utf8_lossy(&text[..end]).into_owned()
+            })
+        };
+        let scales = |table: usize| {
+            let table_known = u32_at(AT_SCALES_KNOWN + table * 4);
+            std::array::from_fn(|motor| {
+                (table_known >> motor & 1 != 0)
+                    .then(|| u32_at(AT_SCALES + (table * MOTORS + motor) * 4).cast_signed())
+            })
+        };
+        let servo_period_ps = is_known(SERVO_PERIOD_BIT).then(|| {
+            let mut value = [0; 8];
+            value.copy_from_slice(&bytes[AT_SERVO_PERIOD..AT_SERVO_PERIOD + 8]);
+            u64::from_ne_bytes(value)
+        });
+        Some(Self {
+            family: number(0, AT_FAMILY),
+            motors: number(1, AT_MOTORS),
+            coordinate_systems: number(2, AT_COORDINATE_SYSTEMS),
+            servo_period_ps,
+            i10: number(4, AT_I10),
+            i19: number(5, AT_I19),
+            i48: number(6, AT_I48),
+            i49: number(7, AT_I49),
+            i59: number(8, AT_I59),
+            firmware: text(FIRMWARE_BIT, AT_FIRMWARE, FIRMWARE_BYTES),
+            board_type: text(BOARD_TYPE_BIT, AT_BOARD_TYPE, BOARD_TYPE_BYTES),
+            ix07: scales(0),
+            ix08: scales(1),
+            ix09: scales(2),
+        })
+    }
+}
+
+/// `text` cut to `room` bytes without splitting a character.
+fn cut(text: &str, room: usize) -> &str {
+    let end = (0..=room.min(text.len())).rfind(|end| text.is_char_boundary(*end)).unwrap_or(0);
+    &text[..end]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn full() -> Identity {
+        Identity {
+            family: Some(2),
+            motors: Some(8),
+            coordinate_systems: Some(8),
+            servo_period_ps: Some(442_673_000),
+            i10: Some(3_713_707),
+            i19: Some(0),
+            i48: Some(1),
+            i49: Some(1),
+            i59: Some(8),
+            firmware: Some("1.16D".into()),
+            board_type: Some("PMAC1, ISA, CLK X2".into()),
+            ix07: std::array::from_fn(|motor| Some(-96 - motor as i32)),
+            ix08: std::array::from_fn(|motor| (motor < 8).then_some(96 + motor as i32)),
+            ix09: std::array::from_fn(|motor| (motor % 2 == 0).then_some(motor as i32)),
+        }
+    }
+
+    #[test]
+    fn what_is_encoded_decodes_to_the_same() {
+        for identity in [full(), Identity::default(), Identity { i48: Some(0), ..Identity::default() }] {
+            assert_eq!(Identity::decode(&identity.encode()), Some(identity));
+        }
+    }
+
+    #[test]
+    fn every_field_lies_where_the_page_says() {
+        let bytes = full().encode();
+        let u32_at = |at: usize| u32::from_ne_bytes(bytes[at..at + 4].try_into().unwrap());
+        assert_eq!(u32_at(0), 0x7FF);
+        assert_eq!((u32_at(4), u32_at(8), u32_at(0xC)), (2, 8, 8));
+        assert_eq!(u64::from_ne_bytes(bytes[0x10..0x18].try_into().unwrap()), 442_673_000);
+        assert_eq!([0x18, 0x1C, 0x20, 0x24, 0x28].map(u32_at), [3_713_707, 0, 1, 1, 8]);
+        assert_eq!([0x2C, 0x30, 0x34].map(u32_at), [0xFFFF_FFFF, 0xFF, 0x5555_5555]);
+        assert_eq!(&bytes[0x40..0x46], b"1.16D\0");
+        assert_eq!(&bytes[0x50..0x54], b"PMAC");
+        assert_eq!(u32_at(0x90), -96i32 as u32);
+        assert_eq!((u32_at(0x114), u32_at(0x198)), (97, 2));
+    }
+
+    #[test]
+    fn a_long_text_is_cut_at_a_character_and_a_short_payload_is_refused() {
+        let firmware = format!("{}é", "x".repeat(15));
+        let identity = Identity { firmware: Some(firmware), ..Identity::default() };
+        assert_eq!(
+            Identity::decode(&identity.encode()).unwrap().firmware.as_deref(),
+            Some("xxxxxxxxxxxxxxx")
+        );
+        assert_eq!(Identity::decode(&identity.encode()[1..]), None);
+        let filled = Identity { firmware: Some("1234567890123456".into()), ..Identity::default() };
+        assert_eq!(Identity::decode(&filled.encode()), Some(filled));
+    }
+}

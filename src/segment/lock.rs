@@ -1,0 +1,189 @@
+//! Who owns a name, and who may take over what is left of it.
+//!
+//! Two locks, both open-file-description locks, which the kernel lets go when the owner dies however it dies. The one on
+//! `<name>.lock` (mode 0600, so that no client can take it) keeps a second daemon away. The one on the segment
+//! itself is what a client can see on its read-only descriptor: only a write lock counts, and only someone with write
+//! permission can hold one.
+
+use std::fs::{File, OpenOptions};
+use std::io::{self, Read, Seek, Write};
+use std::os::unix::fs::{MetadataExt, OpenOptionsExt};
+use std::path::{Path, PathBuf};
+
+use nix::errno::Errno;
+use nix::fcntl::{FcntlArg, fcntl};
+use nix::unistd::{User, geteuid};
+
+use super::SegmentError;
+
+/// Never follow a link, never hang on a named pipe, never leak into a child program.
+const OPEN_FLAGS: i32 = libc::O_CLOEXEC | libc::O_NOFOLLOW | libc::O_NONBLOCK;
+
+/// Opens what is there, never creates.
+pub(super) fn open(path: &Path, write: bool) -> io::Result<File> {
+    OpenOptions::new().read(true).write(write).custom_flags(OPEN_FLAGS).open(path)
+}
+
+/// Creates what must not be there yet, for the owner alone.
+pub(super) fn create(path: &Path) -> io::Result<File> {
+    OpenOptions::new().read(true).write(true).create_new(true).mode(0o600).custom_flags(OPEN_FLAGS).open(path)
+}
+
+/// Takes the write lock on the whole of `file` if nobody has it.
+pub(super) fn try_hold(file: &File) -> io::Result<bool> {
+    match fcntl(file, FcntlArg::F_OFD_SETLK(&whole_file(libc::F_WRLCK))) {
+        Ok(_) => Ok(true),
+        Err(Errno::EAGAIN | Errno::EACCES) => Ok(false),
+        Err(other) => Err(other.into()),
+    }
+}
+
+/// Whether someone else holds the write lock on `file`. Changes nothing and needs no write permission.
+pub(super) fn is_held(file: &File) -> io::Result<bool> {
+    let mut probe = whole_file(libc::F_RDLCK);
+    fcntl(file, FcntlArg::F_OFD_GETLK(&mut probe))?;
+    Ok(i32::from(probe.l_type) != libc::F_UNLCK)
+}
+
+fn whole_file(kind: libc::c_int) -> libc::flock {
+    libc::flock {
+        l_type: kind as libc::c_short,
+        l_whence: libc::SEEK_SET as libc::c_short,
+        l_start: 0,
+        l_len: 0,
+        l_pid: 0,
+    }
+}
+
+/// Whether `uid` is root, the user `pmacd`, or this process's own user: the owners whose segments are believed.
+pub(super) fn is_trusted(uid: u32) -> bool {
+    uid == 0 || uid == geteuid().as_raw() || is_pmacd(uid)
+}
+
+/// Whether this process may clear away what a dead owner `uid` left: its own, and as root also what `pmacd` left.
+pub(super) fn may_replace(uid: u32) -> bool {
+    uid == geteuid().as_raw() || (geteuid().is_root() && is_pmacd(uid))
+}
+
+fn is_pmacd(uid: u32) -> bool {
+    matches!(User::from_name("pmacd"), Ok(Some(user)) if user.uid.as_raw() == uid)
+}
+
+/// Whether `path` leads to `file` itself.
+pub(super) fn leads_to(path: &Path, file: &File) -> bool {
+    match (path.symlink_metadata(), file.metadata()) {
+        (Ok(there), Ok(here)) => there.ino() == here.ino() && there.dev() == here.dev(),
+        _ => false,
+    }
+}
+
+/// Refuses what is at `path` unless it is a regular file that this process may replace. `Ok(false)`: nothing is there.
+pub(super) fn check_replaceable(path: &Path) -> Result<bool, SegmentError> {
+    let there = match path.symlink_metadata() {
+        Ok(there) => there,
+        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(false),
+        Err(error) => return Err(SegmentError::io("look at", path)(error)),
+    };
+    if !may_replace(there.uid()) {
+        return Err(SegmentError::ForeignOwner { path: path.to_owned(), uid: there.uid() });
+    }
+    if !there.is_file() {
+        let why = "it is not a regular file; remove it".to_owned();
+        return Err(SegmentError::Malformed { path: path.to_owned(), why });
+    }
+    Ok(true)
+}
+
+/// The lock on a segment's name, held for the owner's life.
+pub(super) struct NameLock {
+    file: File,
+    path: PathBuf,
+}
+
+impl NameLock {
+    /// Takes the lock at `path`, or says who has it. Never waits.
+    pub(super) fn take(path: PathBuf) -> Result<Self, SegmentError> {
+        // A holder that leaves removes the file. A lock on a removed file guards nothing, so look again.
+        for _ in 0..100 {
+            let file = if check_replaceable(&path)? { open(&path, true) } else { create(&path) };
+            let mut file = match file {
+                Ok(file) => file,
+                Err(error)
+                    if matches!(error.kind(), io::ErrorKind::NotFound | io::ErrorKind::AlreadyExists) =>
+                {
+                    continue;
+                }
+                Err(error) => return Err(SegmentError::io("open the lock", &path)(error)),
+            };
+            if !try_hold(&file).map_err(SegmentError::io("lock", &path))? {
+                return Err(SegmentError::InUse { pid: pid_in(&mut file), path });
+            }
+            if leads_to(&path, &file) {
+                // Only for the message of whoever is refused; not being able to write it is no reason to stop.
+                let _ = file.set_len(0).and_then(|()| writeln!(file, "{}", std::process::id()));
+                return Ok(Self { file, path });
+            }
+        }
+        Err(SegmentError::InUse { path, pid: None })
+    }
+}
+
+impl Drop for NameLock {
+    fn drop(&mut self) {
+        if leads_to(&self.path, &self.file)
+            && let Err(error) = std::fs::remove_file(&self.path)
+        {
+            log::debug!("cannot remove {}: {error}", self.path.display());
+        }
+    }
+}
+
+fn pid_in(file: &mut File) -> Option<u32> {
+    let mut text = String::new();
+    file.rewind().ok()?;
+    file.take(16).read_to_string(&mut text).ok()?;
+    text.trim().parse().ok()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_second_taker_is_refused_and_told_by_whom_and_a_third_succeeds_after_the_first_left() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("pmac0.lock");
+        let first = NameLock::take(path.clone()).unwrap();
+        match NameLock::take(path.clone()) {
+            Err(SegmentError::InUse { pid, .. }) => assert_eq!(pid, Some(std::process::id())),
+            other => panic!("{:?}", other.map(|_| ())),
+        }
+        drop(first);
+        assert!(!path.exists());
+        NameLock::take(path).unwrap();
+    }
+
+    #[test]
+    fn a_lock_is_seen_on_a_read_only_descriptor_and_a_readers_lock_is_none() {
+        let file = tempfile::NamedTempFile::new().unwrap();
+        let reader = open(file.path(), false).unwrap();
+        assert!(!is_held(&reader).unwrap());
+        let other_reader = open(file.path(), false).unwrap();
+        fcntl(&other_reader, FcntlArg::F_OFD_SETLK(&whole_file(libc::F_RDLCK))).unwrap();
+        assert!(!is_held(&reader).unwrap(), "a client's own lock must not look like an owner");
+        drop(other_reader);
+        assert!(try_hold(file.as_file()).unwrap());
+        assert!(is_held(&reader).unwrap());
+    }
+
+    #[test]
+    fn a_link_or_a_pipe_in_the_way_is_an_error_not_a_hang() {
+        let directory = tempfile::tempdir().unwrap();
+        let pipe = directory.path().join("pipe");
+        nix::unistd::mkfifo(&pipe, nix::sys::stat::Mode::S_IRWXU).unwrap();
+        assert!(matches!(NameLock::take(pipe), Err(SegmentError::Malformed { .. })));
+        let link = directory.path().join("link");
+        std::os::unix::fs::symlink("/etc/passwd", &link).unwrap();
+        assert!(matches!(NameLock::take(link), Err(SegmentError::Malformed { .. })));
+    }
+}

@@ -1,0 +1,443 @@
+//! The writer: makes the segment, publishes into it, takes it away again.
+
+use std::fs::{File, Permissions};
+use std::io;
+use std::os::unix::fs::{FileExt, MetadataExt, PermissionsExt};
+use std::path::{Path, PathBuf};
+
+use nix::time::ClockId;
+
+use super::header::{self, Geometry};
+use super::layout::*;
+use super::lock::{self, NameLock};
+use super::memory::WriteMap;
+use super::ring::{Ring, Words, WordsMut};
+use super::sample::Stamp;
+use super::{DIRECTORY, SegmentError, SegmentName, clock_ns, monotonic_ns};
+
+/// Regions begin on two cache lines, because processors fetch lines in pairs and the head should travel alone.
+const REGION_ALIGNMENT: usize = 2 * LINE;
+
+/// A region to lay out.
+#[derive(Clone, Copy, Debug)]
+pub struct RegionSpec {
+    /// What it mirrors.
+    pub id: RegionId,
+    /// Number of slots, a power of two and at least 2.
+    pub slots: u32,
+    /// Longest payload in bytes, at most [`MAX_PAYLOAD`].
+    pub payload_bytes: u32,
+    /// Host byte offset of the payload's first word in the DPRAM.
+    pub first_host_offset: u32,
+    /// How often to expect a sample, in ns; 0 where there is no period.
+    pub period_hint_ns: u64,
+    /// How old the latest sample may grow before it counts as stale, in ns; 0: never stale.
+    pub stale_after_ns: u64,
+}
+
+/// What segment to create.
+#[derive(Clone, Debug)]
+pub struct CreateOptions {
+    /// Its name.
+    pub name: SegmentName,
+    /// Permission bits; nobody but the owner may have the write bit.
+    pub mode: u32,
+    /// The group it shall belong to, if not the process's own.
+    pub group: Option<u32>,
+    /// The directory to create it in.
+    pub directory: PathBuf,
+    /// How long without [`Publisher::beat`] until readers take the owner for stopped, in ns.
+    pub heartbeat_limit_ns: u64,
+    /// Its regions.
+    pub regions: Vec<RegionSpec>,
+}
+
+impl CreateOptions {
+    /// A world-readable segment of that name in `/dev/shm`, stale after 300 ms without a heartbeat.
+    #[must_use]
+    pub fn new(name: SegmentName, regions: Vec<RegionSpec>) -> Self {
+        Self {
+            name,
+            mode: 0o644,
+            group: None,
+            directory: PathBuf::from(DIRECTORY),
+            heartbeat_limit_ns: 300_000_000,
+            regions,
+        }
+    }
+}
+
+/// One region as its writer sees it.
+#[derive(Clone, Copy)]
+struct Outlet {
+    ring: Ring,
+    entry: usize,
+    payload_bytes: usize,
+    published: u64,
+}
+
+/// The owner's end of a segment. Dropping it marks the segment dead, wakes everyone who waits, and removes the name.
+pub struct Publisher {
+    map: WriteMap,
+    file: File,
+    path: PathBuf,
+    generation: u64,
+    /// By region number.
+    outlets: [Option<Outlet>; RegionId::ALL.len() + 1],
+    /// Where a slot is put together; as long as the longest, so that publishing never allocates.
+    staging: Vec<u64>,
+    // Last, so that the name is free only when the segment is gone.
+    _lock: NameLock,
+}
+
+impl Publisher {
+    /// Creates the segment, replacing what a dead owner left. Never waits; the segment appears under its name complete, in state
+    /// [`State::Init`].
+    ///
+    /// # Errors
+    /// [`SegmentError::InUse`] when another process owns the name, [`SegmentError::ForeignOwner`] when another user's object is
+    /// in the way, [`SegmentError::Full`] when there is no memory for it, [`SegmentError::Spec`] for regions that cannot be laid out.
+    pub fn create(options: &CreateOptions) -> Result<Self, SegmentError> {
+        let plan = Plan::new(options)?;
+        let path = options.name.object(&options.directory);
+        let lock = NameLock::take(options.name.lock(&options.directory))?;
+        let previous = retire(&path)?;
+
+        // The name is ours, so whatever bears the temporary name was left by a process that died while it built.
+        let temporary = options.name.temporary(&options.directory);
+        if lock::check_replaceable(&temporary)? {
+            std::fs::remove_file(&temporary)
+                .map_err(SegmentError::io("remove the unfinished", &temporary))?;
+        }
+        let file = lock::create(&temporary).map_err(SegmentError::io("create", &temporary))?;
+        let mut publisher = Self::build(options, &plan, file, lock, previous)
+            .and_then(|publisher| {
+                std::fs::rename(&temporary, &path).map_err(SegmentError::io("put in place", &path))?;
+                Ok(publisher)
+            })
+            .inspect_err(|_| {
+                let _ = std::fs::remove_file(&temporary);
+            })?;
+        publisher.path = path;
+        Ok(publisher)
+    }
+
+    fn build(
+        options: &CreateOptions,
+        plan: &Plan,
+        file: File,
+        lock: NameLock,
+        previous: u64,
+    ) -> Result<Self, SegmentError> {
+        let path = options.name.object(&options.directory);
+        let fail = |what| SegmentError::io(what, &path);
+        if !lock::try_hold(&file).map_err(fail("lock"))? {
+            return Err(SegmentError::InUse { path, pid: None });
+        }
+        // Memory is set aside now, so that a full file system is an error here and not a SIGBUS later.
+        nix::fcntl::posix_fallocate(&file, 0, plan.total_length as libc::off_t).map_err(|errno| {
+            SegmentError::Full { path: path.clone(), bytes: plan.total_length as u64, source: errno.into() }
+        })?;
+        if let Some(group) = options.group {
+            std::os::unix::fs::fchown(&file, None, Some(group)).map_err(fail("give to its group"))?;
+        }
+        file.set_permissions(Permissions::from_mode(options.mode)).map_err(fail("set the mode of"))?;
+        let map = WriteMap::new(&file, plan.total_length).map_err(fail("map"))?;
+        let generation = clock_ns(ClockId::CLOCK_REALTIME).max(previous.wrapping_add(1));
+        plan.write(&map, options, generation);
+
+        let mut outlets = [None; RegionId::ALL.len() + 1];
+        for (spec, entry, ring) in &plan.regions {
+            outlets[spec.id as usize] = Some(Outlet {
+                ring: *ring,
+                entry: *entry,
+                payload_bytes: spec.payload_bytes as usize,
+                published: 0,
+            });
+        }
+        let longest = plan.regions.iter().map(|(_, _, ring)| ring.body).max().unwrap_or(0);
+        let publisher = Self { map, file, path, generation, outlets, staging: vec![0; longest], _lock: lock };
+        publisher.beat(monotonic_ns());
+        publisher.map.store_release(AT_MAGIC / WORD, MAGIC);
+        Ok(publisher)
+    }
+
+    /// Publishes the board's 16-bit words as the region's next sample, wakes who waits for it, and returns its number.
+    ///
+    /// Allocates nothing, waits for nobody and cannot fail. Returns 0 without publishing if the segment was
+    /// created without that region or the payload is longer than the region's: defects of the caller.
+    #[inline]
+    pub fn publish(&mut self, region: RegionId, stamp: Stamp, words: &[u16]) -> u64 {
+        self.publish_payload(region, stamp, words.len() * 2, |payload| {
+            let (whole, rest) = words.as_chunks::<4>();
+            for (word, chunk) in payload.iter_mut().zip(whole) {
+                *word = join(*chunk);
+            }
+            if let (Some(word), false) = (payload.get_mut(whole.len()), rest.is_empty()) {
+                let mut last = [0; 4];
+                last[..rest.len()].copy_from_slice(rest);
+                *word = join(last);
+            }
+        })
+    }
+
+    /// Publishes bytes as the region's next sample; otherwise as [`Publisher::publish`].
+    pub fn publish_bytes(&mut self, region: RegionId, stamp: Stamp, bytes: &[u8]) -> u64 {
+        self.publish_payload(region, stamp, bytes.len(), |payload| {
+            for (word, chunk) in payload.iter_mut().zip(bytes.chunks(WORD)) {
+                let mut last = [0; WORD];
+                last[..chunk.len()].copy_from_slice(chunk);
+                *word = u64::from_ne_bytes(last);
+            }
+        })
+    }
+
+    #[inline]
+    fn publish_payload(
+        &mut self,
+        region: RegionId,
+        stamp: Stamp,
+        length: usize,
+        fill: impl FnOnce(&mut [u64]),
+    ) -> u64 {
+        let Some(outlet) = &mut self.outlets[region as usize] else { return 0 };
+        if length > outlet.payload_bytes {
+            return 0;
+        }
+        let body = &mut self.staging[..STAMP_WORDS + length.div_ceil(WORD)];
+        body[..STAMP_WORDS].copy_from_slice(&stamp.words(length));
+        fill(&mut body[STAMP_WORDS..]);
+        outlet.published += 1;
+        outlet.ring.write(&self.map, outlet.published, body);
+        let woken = self.map.wake(outlet.ring.head);
+        let published = outlet.published;
+        if woken > 0 {
+            self.counters().add(Counter::Wakes, woken);
+        }
+        published
+    }
+
+    /// Number of samples published in `region` so far, which is the number of the latest.
+    #[must_use]
+    pub fn published(&self, region: RegionId) -> u64 {
+        self.outlets[region as usize].map_or(0, |outlet| outlet.published)
+    }
+
+    /// Says whether the region is mirrored and its updates come in time.
+    pub fn set_region_state(&self, region: RegionId, state: RegionState) {
+        self.set_in_entry(region, REGION_STATE, state as u64);
+    }
+
+    /// Says how often to expect a sample, and how old the latest may grow before it counts as stale (0: never).
+    pub fn set_period(&self, region: RegionId, period_ns: u64, stale_after_ns: u64) {
+        self.set_in_entry(region, REGION_PERIOD, period_ns);
+        self.set_in_entry(region, REGION_STALE_AFTER, stale_after_ns);
+    }
+
+    fn set_in_entry(&self, region: RegionId, field: usize, value: u64) {
+        if let Some(outlet) = &self.outlets[region as usize] {
+            self.map.store((outlet.entry + field) / WORD, value);
+        }
+    }
+
+    /// Says how the whole segment stands. Wakes nobody: who waits for data looks at it when it gets none.
+    pub fn set_state(&self, state: State) {
+        self.map.store_release(AT_STATE / WORD, state as u64);
+    }
+
+    /// Gives a sign of life, at least ten times a second; `now_ns` is CLOCK_MONOTONIC. Measures the offset of CLOCK_REALTIME as well.
+    pub fn beat(&self, now_ns: u64) {
+        let before = monotonic_ns();
+        let realtime = clock_ns(ClockId::CLOCK_REALTIME);
+        let taken = before + monotonic_ns().saturating_sub(before) / 2;
+        self.map.store(AT_REALTIME_OFFSET / WORD, realtime.wrapping_sub(taken));
+        self.map.store(AT_REALTIME_TAKEN / WORD, taken);
+        self.map.store(AT_BEATS / WORD, self.map.load(AT_BEATS / WORD).wrapping_add(1));
+        self.map.store(AT_HEARTBEAT / WORD, now_ns);
+    }
+
+    /// The counters in the segment.
+    #[must_use]
+    pub fn counters(&self) -> Counters<'_> {
+        Counters { map: &self.map }
+    }
+
+    /// What tells this segment from its predecessors and successors.
+    #[must_use]
+    pub fn generation(&self) -> u64 {
+        self.generation
+    }
+
+    /// The segment's file.
+    #[must_use]
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+}
+
+impl Drop for Publisher {
+    fn drop(&mut self) {
+        self.set_state(State::Dead);
+        for outlet in self.outlets.iter().flatten() {
+            self.map.wake(outlet.ring.head);
+        }
+        if lock::leads_to(&self.path, &self.file)
+            && let Err(error) = std::fs::remove_file(&self.path)
+        {
+            log::warn!("cannot remove {}: {error}", self.path.display());
+        }
+    }
+}
+
+/// The counters of a segment, to be written by its owner.
+pub struct Counters<'a> {
+    map: &'a WriteMap,
+}
+
+impl Counters<'_> {
+    /// Adds to a counter.
+    pub fn add(&self, counter: Counter, amount: u64) {
+        self.set(counter, self.value(counter).wrapping_add(amount));
+    }
+
+    /// Sets a counter that is kept elsewhere.
+    pub fn set(&self, counter: Counter, value: u64) {
+        self.map.store(AT_COUNTERS / WORD + counter as usize, value);
+    }
+
+    /// What the counter stands at.
+    #[must_use]
+    pub fn value(&self, counter: Counter) -> u64 {
+        self.map.load(AT_COUNTERS / WORD + counter as usize)
+    }
+}
+
+/// Where everything will lie.
+struct Plan {
+    header_length: usize,
+    total_length: usize,
+    /// Each with the offset of its entry and its ring.
+    regions: Vec<(RegionSpec, usize, Ring)>,
+}
+
+impl Plan {
+    fn new(options: &CreateOptions) -> Result<Self, SegmentError> {
+        let refuse = |why: String| Err(SegmentError::Spec(why));
+        if options.mode & !0o777 != 0 || options.mode & 0o022 != 0 {
+            return refuse(format!("mode {:o} would let others than the owner write to it", options.mode));
+        }
+        let mut plan = Self {
+            header_length: AT_REGIONS + options.regions.len() * REGION_STRIDE,
+            total_length: 0,
+            regions: Vec::new(),
+        };
+        let mut end = plan.header_length;
+        for (index, spec) in options.regions.iter().enumerate() {
+            let name = spec.id.name();
+            if plan.regions.iter().any(|(other, ..)| other.id == spec.id) {
+                return refuse(format!("there are two {name} regions"));
+            }
+            if !spec.slots.is_power_of_two() || spec.slots < 2 {
+                return refuse(format!("{} slots for the {name} region are not a power of two", spec.slots));
+            }
+            if u64::from(spec.payload_bytes) > MAX_PAYLOAD {
+                return refuse(format!("a {name} payload of {} bytes is too long", spec.payload_bytes));
+            }
+            let payload_bytes = spec.payload_bytes as usize;
+            let stride = header::slot_bytes(payload_bytes).next_multiple_of(LINE);
+            let head = end.next_multiple_of(REGION_ALIGNMENT);
+            let slots = head + REGION_ALIGNMENT;
+            end = slots + spec.slots as usize * stride;
+            let ring = header::ring_at(head, slots, spec.slots as usize, stride, payload_bytes);
+            plan.regions.push((*spec, AT_REGIONS + index * REGION_STRIDE, ring));
+        }
+        plan.total_length = end.next_multiple_of(4096);
+        if plan.total_length as u64 > MAX_TOTAL {
+            return refuse(format!("{} bytes are more than a segment may have", plan.total_length));
+        }
+        Ok(plan)
+    }
+
+    /// Writes all of the header but the magic. The memory is new, so every other word is zero.
+    fn write(&self, map: &WriteMap, options: &CreateOptions, generation: u64) {
+        let put = |offset: usize, value: u64| map.store(offset / WORD, value);
+        put(AT_ABI_MAJOR, ABI_MAJOR);
+        put(AT_ABI_MINOR, ABI_MINOR);
+        put(AT_HEADER_LENGTH, self.header_length as u64);
+        put(AT_TOTAL_LENGTH, self.total_length as u64);
+        put(AT_BYTE_ORDER, BYTE_ORDER);
+        put(AT_WORD_BYTES, WORD as u64);
+        put(AT_STATE, State::Init as u64);
+        put(AT_GENERATION, generation);
+        put(AT_OWNER_PID, u64::from(std::process::id()));
+        put(AT_OWNER_UID, u64::from(nix::unistd::geteuid().as_raw()));
+        put(AT_CLOCK_ID, libc::CLOCK_MONOTONIC as u64);
+        put(AT_CREATED, monotonic_ns());
+        put(AT_HEARTBEAT_LIMIT, options.heartbeat_limit_ns);
+        put(AT_REGION_TABLE, AT_REGIONS as u64);
+        put(AT_REGION_COUNT, self.regions.len() as u64);
+        put(AT_REGION_STRIDE, REGION_STRIDE as u64);
+        put(AT_COUNTER_TABLE, AT_COUNTERS as u64);
+        put(AT_COUNTER_COUNT, Counter::ALL.len() as u64);
+        for (spec, entry, ring) in &self.regions {
+            put(entry + REGION_ID, spec.id as u64);
+            put(entry + REGION_HEAD, (ring.head * WORD) as u64);
+            put(entry + REGION_SLOTS, (ring.slots * WORD) as u64);
+            put(entry + REGION_SLOT_COUNT, ring.count as u64);
+            put(entry + REGION_SLOT_STRIDE, (ring.stride * WORD) as u64);
+            put(entry + REGION_PAYLOAD, u64::from(spec.payload_bytes));
+            put(entry + REGION_HOST_OFFSET, u64::from(spec.first_host_offset));
+            put(entry + REGION_STATE, RegionState::Off as u64);
+            put(entry + REGION_PERIOD, spec.period_hint_ns);
+            put(entry + REGION_STALE_AFTER, spec.stale_after_ns);
+        }
+        let entries = self.regions.iter().map(|(_, entry, _)| *entry);
+        put(AT_LAYOUT_HASH, header::hash_of(entries, |offset| map.load(offset / WORD)));
+    }
+}
+
+/// Marks dead what a dead owner left at `path`, so that attached readers notice, and returns its generation (0: there was none).
+/// The object stays until it is replaced, so that the name always leads somewhere.
+fn retire(path: &Path) -> Result<u64, SegmentError> {
+    if !lock::check_replaceable(path)? {
+        return Ok(0);
+    }
+    let file = match lock::open(path, true) {
+        Ok(file) => file,
+        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(0),
+        Err(error) => return Err(SegmentError::io("open the old", path)(error)),
+    };
+    let (words, length) = header::read(&file).map_err(SegmentError::io("read the old", path))?;
+    let Ok(geometry) = Geometry::parse(&words, length) else {
+        // Nobody can be attached to what is not a segment.
+        return Ok(0);
+    };
+    let word = |offset: usize| words[offset / WORD];
+    if lock::is_held(&file).map_err(SegmentError::io("probe", path))? {
+        // Its owner lives, and only the lock on its name is gone: someone removed it.
+        return Err(SegmentError::InUse {
+            path: path.to_owned(),
+            pid: u32::try_from(word(AT_OWNER_PID)).ok(),
+        });
+    }
+    file.write_all_at(&(State::Dead as u64).to_ne_bytes(), AT_STATE as u64)
+        .map_err(SegmentError::io("mark dead the old", path))?;
+    if let Ok(map) = WriteMap::new(&file, geometry.total_length) {
+        for region in &geometry.regions {
+            map.wake(region.ring.head);
+        }
+    }
+    log::info!(
+        "replacing the segment {} that process {} of user {} left",
+        path.display(),
+        word(AT_OWNER_PID),
+        file.metadata().map_or(0, |there| there.uid())
+    );
+    Ok(word(AT_GENERATION))
+}
+
+#[inline]
+fn join(words: [u16; 4]) -> u64 {
+    let [[a, b], [c, d], [e, f], [g, h]] = words.map(u16::to_ne_bytes);
+    u64::from_ne_bytes([a, b, c, d, e, f, g, h])
+}

@@ -1,0 +1,172 @@
+//! The slot ring: one writer, any number of readers, no waiting on either side.
+//!
+//! Generic over the memory, so that the very code that runs on shared memory also runs under a model checker
+//! (`tests/it/segment_loom.rs`). The order of the accesses is that of [`super::layout`], "Writing" and "Reading".
+//!
+//! Why a reader's copy is whole: if any word of it was written for a later sample in the same slot, the acquire fence
+//! after the copy pairs with the writer's release fence before that word, so the second look at the sequence sees the later
+//! sample's odd number. Why it is not older than asked for: the head's release store comes after the slot's last word,
+//! and the fence after the head's load pairs with it.
+
+/// Memory as a reader sees it: an array of 64-bit words that another process writes.
+pub trait Words {
+    /// Relaxed load of the word at `index`.
+    fn load(&self, index: usize) -> u64;
+
+    /// An acquire fence.
+    fn fence_acquire(&self);
+
+    /// Relaxed loads of as many words from `index` on as `copy` has.
+    #[inline]
+    fn load_all(&self, index: usize, copy: &mut [u64]) {
+        for (offset, word) in copy.iter_mut().enumerate() {
+            *word = self.load(index + offset);
+        }
+    }
+}
+
+/// Memory as its only writer sees it.
+pub trait WordsMut: Words {
+    /// Relaxed store of the word at `index`.
+    fn store(&self, index: usize, value: u64);
+
+    /// Release store of the word at `index`.
+    fn store_release(&self, index: usize, value: u64);
+
+    /// A release fence.
+    fn fence_release(&self);
+
+    /// Relaxed stores of `values` from `index` on.
+    #[inline]
+    fn store_all(&self, index: usize, values: &[u64]) {
+        for (offset, value) in values.iter().enumerate() {
+            self.store(index + offset, *value);
+        }
+    }
+}
+
+/// Where a ring lies in its memory. All positions and lengths are in words.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Ring {
+    /// Index of the head word.
+    pub head: usize,
+    /// Index of the first slot.
+    pub slots: usize,
+    /// Number of slots, a power of two and at least 2.
+    pub count: usize,
+    /// Words from slot to slot, more than `body`.
+    pub stride: usize,
+    /// Words of a slot that follow its sequence: stamp and payload.
+    pub body: usize,
+}
+
+/// What became of an attempt to read one sample.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Attempt {
+    /// The copy is whole.
+    Whole,
+    /// The sample is not published yet.
+    NotYet,
+    /// The sample was overwritten; the copy is worthless.
+    Lost,
+}
+
+/// What became of an attempt to read the latest sample.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Latest {
+    /// Nothing was published yet.
+    Empty,
+    /// The copy is whole.
+    Whole {
+        /// The sample's number.
+        sequence: u64,
+        /// Attempts the writer overtook before this one.
+        retries: u32,
+    },
+    /// The writer overtook every attempt.
+    Overrun,
+}
+
+impl Ring {
+    /// Writes sample `sequence` (from 1 on, ascending without gaps) and makes it the latest.
+    /// Words of `body` beyond the slot's are not written.
+    #[inline]
+    pub fn write<M: WordsMut>(&self, memory: &M, sequence: u64, body: &[u64]) {
+        let slot = self.slot(sequence);
+        let mark = sequence.wrapping_mul(2);
+        memory.store(slot, mark.wrapping_sub(1));
+        memory.fence_release();
+        memory.store_all(slot + 1, &body[..body.len().min(self.body)]);
+        memory.store_release(slot, mark);
+        memory.store_release(self.head, sequence);
+    }
+
+    /// Number of samples published, which is also the latest one's; what it counts may be read afterwards.
+    #[inline]
+    pub fn published<M: Words>(&self, memory: &M) -> u64 {
+        let head = memory.load(self.head);
+        memory.fence_acquire();
+        head
+    }
+
+    /// Copies sample `sequence` to `body` (as many words as it has, at most the slot's).
+    #[inline]
+    pub fn read<M: Words>(&self, memory: &M, sequence: u64, body: &mut [u64]) -> Attempt {
+        let head = self.published(memory);
+        if sequence > head {
+            return Attempt::NotYet;
+        }
+        if sequence < self.oldest(head) {
+            return Attempt::Lost;
+        }
+        if self.copy(memory, sequence, body) { Attempt::Whole } else { Attempt::Lost }
+    }
+
+    /// Copies the latest sample to `body`, starting again at most `attempts - 1` times when the writer comes round.
+    #[inline]
+    pub fn latest<M: Words>(&self, memory: &M, body: &mut [u64], attempts: u32) -> Latest {
+        for retries in 0..attempts {
+            let sequence = self.published(memory);
+            if sequence == 0 {
+                return Latest::Empty;
+            }
+            if self.copy(memory, sequence, body) {
+                return Latest::Whole { sequence, retries };
+            }
+        }
+        Latest::Overrun
+    }
+
+    /// The oldest sample the ring can hold when `head` is the latest.
+    #[inline]
+    #[must_use]
+    pub fn oldest(&self, head: u64) -> u64 {
+        head.saturating_sub(self.count as u64 - 1).max(1)
+    }
+
+    /// Where an overrun reader goes on: half a ring behind, so that the writer does not catch it again at once.
+    #[inline]
+    #[must_use]
+    pub fn resume(&self, head: u64) -> u64 {
+        head.saturating_sub(self.count as u64 / 2).max(1)
+    }
+
+    #[inline]
+    fn copy<M: Words>(&self, memory: &M, sequence: u64, body: &mut [u64]) -> bool {
+        let slot = self.slot(sequence);
+        let mark = sequence.wrapping_mul(2);
+        if memory.load(slot) != mark {
+            return false;
+        }
+        memory.fence_acquire();
+        let length = body.len().min(self.body);
+        memory.load_all(slot + 1, &mut body[..length]);
+        memory.fence_acquire();
+        memory.load(slot) == mark
+    }
+
+    #[inline]
+    fn slot(&self, sequence: u64) -> usize {
+        self.slots + (sequence.wrapping_sub(1) as usize & (self.count - 1)) * self.stride
+    }
+}

@@ -1,0 +1,204 @@
+//! A command socket over a bus thread made for tests, which answers from the queues alone.
+
+use std::os::fd::AsFd;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex};
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+use nix::poll::{PollFd, PollFlags, poll};
+use pmac_dpram::daemon::info::SharedInfo;
+use pmac_dpram::daemon::queue::{
+    Command, Event, Outcome, READ_MAX, Receive, Sender, Text, Ticket, Unsolicited, UnsolicitedKind, queue,
+};
+use pmac_dpram::daemon::serve::{Backend, ServeOptions, Server, serve};
+use pmac_dpram::protocol::{BoardInfo, Enabled, State};
+
+/// A served socket in a directory of its own, with its bus thread.
+pub struct Bench {
+    pub socket: PathBuf,
+    pub info: Arc<SharedInfo>,
+    /// What reached the bus thread, in order: a line, `^K`, or `read 0x0024 2`.
+    pub seen: Arc<Mutex<Vec<String>>>,
+    /// To the socket, past the bus thread.
+    pub events: Sender<Event>,
+    server: Option<Server>,
+    bus: Option<JoinHandle<()>>,
+    stop: Arc<AtomicBool>,
+    _directory: tempfile::TempDir,
+}
+
+impl Bench {
+    pub fn new() -> Self {
+        Self::with(|_| {})
+    }
+
+    /// With settings changed by `change`.
+    pub fn with(change: impl FnOnce(&mut ServeOptions)) -> Self {
+        let directory = tempfile::tempdir().unwrap();
+        let socket = directory.path().join("pmac0.sock");
+        let mut options = ServeOptions::new(socket.clone());
+        change(&mut options);
+        let info = Arc::new(SharedInfo::new(BoardInfo {
+            name: "pmac0".to_owned(),
+            version: "0.1.0".to_owned(),
+            board: "file:/dev/shm/x".to_owned(),
+            family: "pmac".to_owned(),
+            firmware: Some("1.16D".to_owned()),
+            board_type: Some("PMAC1".to_owned()),
+            motors: 8,
+            servo_period_ns: Some(442_713),
+            generation: 3,
+            pid: std::process::id(),
+            segment: "/pmac0".to_owned(),
+            ..BoardInfo::default()
+        }));
+        info.set_state(State::Live);
+        info.set_enabled(Enabled::SERVO | Enabled::ASCII);
+        let (commands, bus_commands) = queue(8).unwrap();
+        let (events, socket_events) = queue(4096).unwrap();
+        let listener = options.listen().unwrap();
+        let backend = Backend { commands, events: socket_events, info: Arc::clone(&info) };
+        let server = serve(&options, listener, backend).unwrap();
+        let seen = Arc::new(Mutex::new(Vec::new()));
+        let stop = Arc::new(AtomicBool::new(false));
+        let bus = FakeBus {
+            commands: bus_commands,
+            events: events.clone(),
+            seen: Arc::clone(&seen),
+            stop: Arc::clone(&stop),
+            held: Vec::new(),
+        };
+        let bus = Some(std::thread::spawn(move || bus.run()));
+        Self { socket, info, seen, events, server: Some(server), bus, stop, _directory: directory }
+    }
+
+    pub fn stop_server(&mut self) {
+        self.server.take().unwrap().stop();
+    }
+
+    /// Waits until the bus thread has seen `line`.
+    pub fn wait_seen(&self, line: &str) {
+        for _ in 0..1000 {
+            if self.seen.lock().unwrap().iter().any(|seen| seen == line) {
+                return;
+            }
+            std::thread::sleep(Duration::from_millis(10));
+        }
+        panic!("the bus thread never saw {line:?}: {:?}", self.seen.lock().unwrap());
+    }
+
+    pub fn unsolicited(&self, text: &str) {
+        let text = Text::new(text.as_bytes()).unwrap();
+        let event = Event::Unsolicited(Unsolicited { time_ns: 42, kind: UnsolicitedKind::Send, text });
+        let _ = self.events.try_send(event);
+    }
+}
+
+impl Drop for Bench {
+    fn drop(&mut self) {
+        self.server.take();
+        self.stop.store(true, Ordering::Relaxed);
+        let bus = self.bus.take().unwrap().join();
+        if !std::thread::panicking() {
+            bus.unwrap();
+        }
+    }
+}
+
+/// A path that no socket lies at.
+pub fn no_socket() -> &'static Path {
+    Path::new("/nonexistent/pmac0.sock")
+}
+
+struct FakeBus {
+    commands: Receive<Command>,
+    events: Sender<Event>,
+    seen: Arc<Mutex<Vec<String>>>,
+    stop: Arc<AtomicBool>,
+    /// Lines that are answered when `RELEASE` comes, the last one first.
+    held: Vec<(Ticket, String)>,
+}
+
+impl FakeBus {
+    fn run(mut self) {
+        while !self.stop.load(Ordering::Relaxed) {
+            poll(&mut [PollFd::new(self.commands.descriptor().as_fd(), PollFlags::POLLIN)], 20u16).unwrap();
+            self.commands.clear();
+            while let Some(command) = self.commands.try_receive() {
+                self.answer(command);
+            }
+        }
+    }
+
+    fn say(&self, event: Event) {
+        assert!(self.events.try_send(event).is_ok(), "the socket's thread does not empty its queue");
+    }
+
+    fn line(&self, ticket: Ticket, text: &str) {
+        self.say(Event::Line(ticket, Text::new(text.as_bytes()).unwrap()));
+    }
+
+    fn done(&self, ticket: Ticket, outcome: Outcome) {
+        self.say(Event::Done(ticket, outcome));
+    }
+
+    fn answer(&mut self, command: Command) {
+        match command {
+            Command::Send { ticket, line, .. } => {
+                let line = String::from_utf8(line.as_bytes().to_vec()).unwrap();
+                self.seen.lock().unwrap().push(line.clone());
+                match line.as_str() {
+                    "SILENT" => {}
+                    "J+" => self.done(ticket, Outcome::Done),
+                    "BAD" => {
+                        self.line(ticket, "before");
+                        self.done(ticket, Outcome::Error(3));
+                    }
+                    "LATE" => self.done(ticket, Outcome::TimedOut),
+                    "OFF" => self.done(ticket, Outcome::Unavailable),
+                    "LONG" => {
+                        for _ in 0..2000 {
+                            self.line(ticket, &"x".repeat(200));
+                        }
+                        self.done(ticket, Outcome::Done);
+                    }
+                    "RELEASE" => {
+                        for (ticket, line) in std::mem::take(&mut self.held).into_iter().rev() {
+                            self.line(ticket, &line);
+                            self.done(ticket, Outcome::Done);
+                        }
+                        self.done(ticket, Outcome::Done);
+                    }
+                    held if held.starts_with("HOLD") => {
+                        self.line(ticket, "first of two");
+                        self.held.push((ticket, line));
+                    }
+                    _ => {
+                        for part in line.split(',') {
+                            self.line(ticket, part);
+                        }
+                        self.done(ticket, Outcome::Done);
+                    }
+                }
+            }
+            Command::Control { ticket, character, .. } => {
+                let name = pmac_dpram::protocol::control::name(character);
+                self.seen.lock().unwrap().push(name);
+                self.done(ticket, Outcome::Done);
+            }
+            Command::ReadWords { ticket, first, count } => {
+                self.seen.lock().unwrap().push(format!("read {first} {count}"));
+                if first.bytes() as usize + 2 * count > 0x4000 {
+                    return self.done(ticket, Outcome::OutOfRange);
+                }
+                let mut words = [0; READ_MAX];
+                for (index, word) in words[..count].iter_mut().enumerate() {
+                    *word = u16::try_from(first.word() + index).unwrap();
+                }
+                self.say(Event::Words { ticket, time_ns: 7, words, count });
+            }
+        }
+    }
+}
