@@ -12,4 +12,5 @@ mod segment_cost;
 mod segment_hostile;
 mod segment_life;
 mod segment_loom;
+mod simulator;
 mod socket;
