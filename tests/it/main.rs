@@ -13,4 +13,6 @@ mod segment_hostile;
 mod segment_life;
 mod segment_loom;
 mod simulator;
+mod site;
 mod socket;
+mod whole;

@@ -5,8 +5,8 @@
 
 use std::collections::BTreeSet;
 
-use pmac_dpram::sim::language::{Interpreter, SerialPort, family};
 use pmac_dpram::sim::dpram::Dpram;
+use pmac_dpram::sim::language::{Interpreter, SerialPort, family};
 use pmac_dpram::sim::machine::{Identity, Machine};
 use pmac_dpram::sim::memory::Memory;
 use proptest::prelude::*;
@@ -110,11 +110,7 @@ fn machine() -> Machine {
 
 impl Bench {
     fn new() -> Self {
-        Self {
-            machine: machine(),
-            interpreter: Interpreter::new(),
-            port: SerialPort::new(),
-        }
+        Self { machine: machine(), interpreter: Interpreter::new(), port: SerialPort::new() }
     }
 
     fn send(&mut self, bytes: &[u8]) -> Vec<u8> {
