@@ -43,6 +43,12 @@ impl<const N: usize> Text<N> {
     }
 }
 
+impl<const N: usize> Default for Text<N> {
+    fn default() -> Self {
+        Self { bytes: [0; N], length: 0 }
+    }
+}
+
 impl<const N: usize> fmt::Debug for Text<N> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{:?}", String::from_utf8_lossy(self.as_bytes()))
@@ -187,6 +193,11 @@ impl<T> Receive<T> {
     /// Makes [`Receive::descriptor`] unreadable again. Call before draining with [`Receive::try_receive`].
     pub fn clear(&self) {
         let _ = self.wake.read();
+    }
+
+    /// Makes [`Receive::descriptor`] readable: values may be left that were not taken.
+    pub fn keep_awake(&self) {
+        let _ = self.wake.write(1);
     }
 
     /// The next value, or `None` when the queue is empty.

@@ -9,6 +9,7 @@ pub mod float48;
 pub mod int24;
 pub mod text;
 pub mod word_order;
+pub mod write48;
 
 pub use float48::Float48Layout;
 pub use text::TextOrder;
@@ -24,4 +25,19 @@ pub const fn join32(low: u16, high: u16) -> u32 {
 #[must_use]
 pub const fn split32(value: u32) -> [u16; 2] {
     [value as u16, (value >> 16) as u16]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn a_dp_register_survives_both_ways(value in any::<u32>()) {
+            let [low, high] = split32(value);
+            prop_assert_eq!((low, high), ((value & 0xFFFF) as u16, (value >> 16) as u16));
+            prop_assert_eq!(join32(low, high), value);
+        }
+    }
 }

@@ -32,3 +32,28 @@ impl TextOrder {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn both_orders_pack_every_pair_both_ways() {
+        for first in 0..=u8::MAX {
+            for second in 0..=u8::MAX {
+                let low = TextOrder::LowFirst.pack(first, second);
+                let high = TextOrder::HighFirst.pack(first, second);
+                assert_eq!(low, u16::from(second) << 8 | u16::from(first));
+                assert_eq!(high, low.swap_bytes());
+                assert_eq!(TextOrder::LowFirst.unpack(low), [first, second]);
+                assert_eq!(TextOrder::HighFirst.unpack(high), [first, second]);
+            }
+        }
+    }
+
+    #[test]
+    fn orders_have_names_in_settings() {
+        assert_eq!(serde_json::to_string(&TextOrder::HighFirst).unwrap(), "\"high-first\"");
+        assert_eq!(TextOrder::default(), TextOrder::LowFirst);
+    }
+}

@@ -131,13 +131,14 @@ impl AsciiPort {
         Self { order, state: State::Idle, line: [0; ASCII_LINE_LIMIT], length: 0, end_follows: false }
     }
 
-    /// Withdraws whatever a host, this one or a dead one, left in the port: the command flag, then the response.
-    /// What lay in the response buffer is nobody's.
+    /// Withdraws whatever a host, this one or a dead one, left in the port: the command flag, the control character
+    /// (a board that was deaf must not act on it later), the response, which is nobody's.
     ///
     /// # Errors
     /// When the bus cannot be reached.
     pub fn release(bus: &mut impl Bus) -> Result<(), BusError> {
         bus.write16(ASCII_OUTPUT_CONTROL, 0)?;
+        bus.write16(ASCII_CONTROL_CHARACTER, 0)?;
         bus.write16(ASCII_INPUT_CONTROL, 0)?;
         bus.order_writes();
         Ok(())
@@ -216,6 +217,40 @@ impl AsciiPort {
             self.state = State::ControlReply { taken: false, quiet_since: now };
         }
         Ok(true)
+    }
+
+    /// Takes back a line the board has not taken, and nothing else.
+    ///
+    /// # Errors
+    /// When the bus cannot be reached.
+    pub fn withdraw_line(bus: &mut impl Bus) -> Result<(), BusError> {
+        bus.write16(ASCII_OUTPUT_CONTROL, 0)?;
+        bus.order_writes();
+        Ok(())
+    }
+
+    /// Whether a control character lies in its word, not taken by the board yet.
+    ///
+    /// # Errors
+    /// When the bus cannot be reached.
+    pub fn control_lies(&self, bus: &mut impl Bus) -> Result<bool, BusError> {
+        Ok(bus.read16(ASCII_CONTROL_CHARACTER)? != 0)
+    }
+
+    /// Takes back a control character the board has not taken.
+    ///
+    /// # Errors
+    /// When the bus cannot be reached.
+    pub fn withdraw_control(&mut self, bus: &mut impl Bus) -> Result<(), BusError> {
+        bus.write16(ASCII_CONTROL_CHARACTER, 0)?;
+        bus.order_writes();
+        Ok(())
+    }
+
+    /// Whether the board has taken the whole command under way, as far as steps have seen.
+    #[must_use]
+    pub fn was_taken(&self) -> bool {
+        matches!(self.state, State::Replying | State::ControlReply { taken: true, .. })
     }
 
     /// Gives up on the command under way: withdraws it if the board has not taken it, and lets its reply pass.

@@ -1,6 +1,6 @@
 //! The DPRAM of PMAC(1) and PMAC2, $D000-$DFFF: every address, bit and length that code on either side uses by name.
 //!
-//! These constants are the one place where the addresses stand; the register table in [`super::classic_table`] is
+//! These constants are the one place where the addresses stand; the register table ([`super::PMAC`]'s blocks) is
 //! built from them. Manual pages are those of the DPRAM manual of June 2004; where it misprints an address (the
 //! variable-write header, the gather index, the ASCII start-up text) the value here follows the address rule.
 

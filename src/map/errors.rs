@@ -54,7 +54,7 @@ pub const fn from_control(control: u16) -> Option<u16> {
 /// The response control word for error `number`, of which the last three digits count. Inverse of [`from_control`].
 #[must_use]
 pub const fn to_control(number: u16) -> u16 {
-    RESPONSE_ERROR | (number / 100 % 10) << 8 | (number / 10 % 10) << 4 | number % 10
+    RESPONSE_ERROR | (number / 100 % 10) << 8 | (number / 10 % 10) << 4 | (number % 10)
 }
 
 #[cfg(test)]

@@ -119,7 +119,7 @@ impl Family {
     /// `Y` or `X`: the half of its location that the word at `offset` is.
     #[must_use]
     pub const fn half(&self, offset: HostOffset) -> Space {
-        if offset.bytes() % 4 == 0 { Space::Y } else { Space::X }
+        if offset.bytes().is_multiple_of(4) { Space::Y } else { Space::X }
     }
 
     /// Where the PMAC location `number` begins (`X:` begins 2 bytes further on), or `None` when it lies outside the

@@ -26,5 +26,5 @@ pub use firmware::{BadFirmware, Firmware};
 pub use layout::{Entry, GatherSizeWord, Layout, MapRecord, Place, records};
 pub use region::Region;
 pub use register::{Bits, Block, Format, NumberKind, Register, Source, SourceAt, Width, Writer};
-pub use status::{MotionMode, StatusTable, StatusTables};
+pub use status::{MotionMode, StatusTable, StatusTables, TargetSource};
 pub use typed::{AddressError, Location};

@@ -3,7 +3,7 @@
 use std::process::{Command, Output, Stdio};
 use std::sync::atomic::{AtomicU32, Ordering};
 
-use pmac_dpram::format::{Float48Layout, fixed48, int24, split32};
+use pmac_dpram::format::{fixed48, float48, int24, split32};
 use pmac_dpram::segment::{
     CreateOptions, Identity, Publisher, RegionId, RegionSpec, RegionState, SegmentName, Stamp, State,
     monotonic_ns,
@@ -89,7 +89,7 @@ impl Rig {
         let servo = &mut self.servo;
         servo[1] = 0x1234;
         for (motor, commanded, actual, velocity, status) in [
-            (0, 3072 * 1000, 3072 * 1000 - 768, 0, 0x81_2000),
+            (0, 3072 * 1000, 3072 * 1000 - 768, 0_i32, 0x81_2000),
             (1, -3072 * 25, -3072 * 24, -1536, 0x80_0000),
             (2, 77, -77, 5, 0),
         ] {
@@ -106,7 +106,7 @@ impl Rig {
         put(background, BACKGROUND_START, 0x24C + 0x18, 1);
         put(background, BACKGROUND_START, 0x24C + 0x64, int24::extend(0x02_0001));
         put(background, BACKGROUND_START, 0x24C + 0x68, 3);
-        let [y, x] = Float48Layout::Register.encode(12.5);
+        let [y, x] = float48::encode(12.5);
         let target = 0x24C + 0x1C + 8 * 6;
         put(background, BACKGROUND_START, target, y);
         put(background, BACKGROUND_START, target + 4, x);

@@ -134,6 +134,33 @@ impl MotionMode {
     }
 }
 
+/// Which of three registers an axis target in the background buffer is a copy of (Note 1 on p. 21 of the DPRAM
+/// manual). Classic boards only; [`super::Source::Choice`] has the addresses.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
+pub enum TargetSource {
+    /// L:$0876 and following: a segmented move that is not stopping.
+    A,
+    /// L:$0896 and following: a move held back by cutter compensation.
+    B,
+    /// L:$0819 and following: any other.
+    C,
+}
+
+impl TargetSource {
+    /// The choice PMAC makes by its program status word: A if bit 7 is set and bit 5 clear, else B if bit 9 is set,
+    /// else C.
+    #[must_use]
+    pub const fn of(program_status: u32) -> Self {
+        if program_status & (1 << 7) != 0 && program_status & (1 << 5) == 0 {
+            Self::A
+        } else if program_status & (1 << 9) != 0 {
+            Self::B
+        } else {
+            Self::C
+        }
+    }
+}
+
 /// Reads a reply to `?`, `??` or `???` of `N` words of six hexadecimal digits; `None` when the text is anything else.
 #[must_use]
 pub fn parse_reply<const N: usize>(reply: &str) -> Option<[u32; N]> {
@@ -237,6 +264,16 @@ mod tests {
         }
         assert_eq!(MotionMode::of(0b1_0011), None);
         assert_eq!(serde_json::to_string(&Circle1).unwrap(), "\"circle1\"");
+    }
+
+    #[test]
+    fn the_target_source_follows_the_program_status() {
+        use TargetSource::{A, B, C};
+        let cases = [(0, C), (1 << 7, A), (1 << 7 | 1 << 5, C), (1 << 5, C), (1 << 9, B)];
+        let more = [(1 << 9 | 1 << 7, A), (1 << 9 | 1 << 7 | 1 << 5, B), (!(1 << 7 | 1 << 9), C)];
+        for (word, source) in cases.into_iter().chain(more) {
+            assert_eq!(TargetSource::of(word), source, "{word:06X}");
+        }
     }
 
     #[test]

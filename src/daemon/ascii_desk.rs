@@ -1,0 +1,382 @@
+//! The desk in front of the board's ASCII port: many callers, one line at a time.
+//!
+//! Lines wait in order; control characters do not wait, they overtake every line. The desk also asks the board who it
+//! is ([`super::identify`]) when nobody else is being served. Everything is bounded: the queues by their length, a
+//! command by its deadline, a pass by the number of responses it takes.
+
+use std::collections::VecDeque;
+use std::time::{Duration, Instant};
+
+use super::identify::Identifier;
+use super::queue::{
+    Command, Event, LINE_MAX, Outcome, REPLY_MAX, Sender, Text, Ticket, Unsolicited, UnsolicitedKind,
+};
+use crate::device::{Bus, BusError};
+use crate::format::TextOrder;
+use crate::function::ascii::{AsciiEvent, AsciiPort, ResponseText, control_has_reply};
+use crate::mirror::monotonic_ns;
+use crate::segment::{Counter, Publisher};
+
+/// Lines that may wait. The socket's queue is bounded too; this is the depth behind it.
+const LINES_MAX: usize = 64;
+/// Control characters that may wait for the board to take the one before.
+const CONTROLS_MAX: usize = 16;
+/// Responses taken in one pass, so that a chattering board cannot hold up the servo data.
+const STEPS_A_PASS: usize = 2;
+/// How often to look while the board owes something: first soon, then less often.
+const LOOK_SOON: Duration = Duration::from_micros(100);
+const LOOK_LATER: Duration = Duration::from_millis(1);
+/// How long it is looked for soon after the last thing that happened.
+const SOON: Duration = Duration::from_millis(20);
+/// How often to look for unsolicited texts when nothing is owed: without an interrupt, and with one that may be lost.
+const LOOK_IDLE: Duration = Duration::from_millis(20);
+const LOOK_IDLE_WITH_INTERRUPT: Duration = Duration::from_secs(1);
+
+/// Who a command under way is for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Caller {
+    Client(Ticket),
+    Identifier,
+}
+
+#[derive(Clone, Copy)]
+struct Waiting {
+    ticket: Ticket,
+    line: Text<LINE_MAX>,
+    deadline: Instant,
+}
+
+#[derive(Clone, Copy)]
+struct WaitingControl {
+    ticket: Ticket,
+    character: u8,
+    deadline: Instant,
+}
+
+#[derive(Clone, Copy)]
+struct UnderWay {
+    caller: Caller,
+    deadline: Instant,
+    /// The board has shown that it works on it.
+    taken: bool,
+}
+
+/// Whether the port answers, as far as known.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum PortState {
+    /// Nothing has been asked yet.
+    Unknown,
+    /// The last command was answered.
+    Answers,
+    /// The last command was not.
+    Silent,
+}
+
+/// The desk.
+pub struct AsciiDesk {
+    port: AsciiPort,
+    lines: VecDeque<Waiting>,
+    controls: VecDeque<WaitingControl>,
+    under_way: Option<UnderWay>,
+    /// The control character that lies in its word, until the board takes it.
+    control_lies: Option<WaitingControl>,
+    /// An event the socket's queue had no room for. Until it is gone nothing more is taken from the board.
+    outbox: Option<Event>,
+    /// The identity, and when it is asked.
+    pub identifier: Identifier,
+    state: PortState,
+    last_event: Instant,
+    next_look: Instant,
+    has_interrupt: bool,
+}
+
+impl AsciiDesk {
+    /// A desk for a port whose texts are packed in `order`.
+    #[must_use]
+    pub fn new(order: TextOrder, identifier: Identifier) -> Self {
+        let now = Instant::now();
+        Self {
+            port: AsciiPort::new(order),
+            lines: VecDeque::with_capacity(LINES_MAX),
+            controls: VecDeque::with_capacity(CONTROLS_MAX),
+            under_way: None,
+            control_lies: None,
+            outbox: None,
+            identifier,
+            state: PortState::Unknown,
+            last_event: now,
+            next_look: now,
+            has_interrupt: false,
+        }
+    }
+
+    /// Whether the port answers.
+    #[must_use]
+    pub fn state(&self) -> PortState {
+        self.state
+    }
+
+    /// Whether interrupts announce responses, so that they need not be looked for so often.
+    pub fn set_interrupt(&mut self, has_interrupt: bool) {
+        self.has_interrupt = has_interrupt;
+        self.next_look = Instant::now();
+    }
+
+    /// When to pass next.
+    #[must_use]
+    pub fn due(&self) -> Instant {
+        self.next_look
+    }
+
+    /// An interrupt came, or a command: look at once.
+    pub fn look_now(&mut self, now: Instant) {
+        self.last_event = now;
+        self.next_look = now;
+    }
+
+    /// Takes a line or control character in; gives it back when too many wait.
+    ///
+    /// # Errors
+    /// The ticket, to be answered with [`Outcome::Unavailable`].
+    pub fn submit(&mut self, command: &Command, now: Instant) -> Result<(), Ticket> {
+        match *command {
+            Command::Send { ticket, .. } if self.lines.len() == LINES_MAX => return Err(ticket),
+            Command::Control { ticket, .. } if self.controls.len() == CONTROLS_MAX => return Err(ticket),
+            Command::Send { ticket, line, deadline } => {
+                self.lines.push_back(Waiting { ticket, line, deadline });
+            }
+            Command::Control { ticket, character, deadline } => {
+                self.controls.push_back(WaitingControl { ticket, character, deadline });
+            }
+            Command::ReadWords { .. } => {}
+        }
+        self.look_now(now);
+        Ok(())
+    }
+
+    /// Does what can be done now.
+    ///
+    /// # Errors
+    /// When the bus cannot be reached.
+    pub fn pass(
+        &mut self,
+        bus: &mut impl Bus,
+        events: &Sender<Event>,
+        publisher: &Publisher,
+        now: Instant,
+    ) -> Result<(), BusError> {
+        if let Some(event) = self.outbox.take() {
+            self.tell(events, event);
+        }
+        if self.outbox.is_none() {
+            self.serve_controls(bus, events, publisher, now)?;
+        }
+        for _ in 0..STEPS_A_PASS {
+            if self.outbox.is_some() {
+                break;
+            }
+            let Some(event) = self.port.step(bus, now)? else { break };
+            self.last_event = now;
+            self.handle(events, publisher, event);
+        }
+        if self.outbox.is_none() {
+            self.expire(bus, events, publisher, now)?;
+        }
+        if self.outbox.is_none() && self.under_way.is_none() && self.port.is_idle() {
+            self.begin_next(bus, publisher, now)?;
+        }
+        self.next_look = now + self.patience(now);
+        Ok(())
+    }
+
+    fn patience(&self, now: Instant) -> Duration {
+        let owed = self.under_way.is_some()
+            || self.port.is_waiting()
+            || self.control_lies.is_some()
+            || self.outbox.is_some()
+            || !self.lines.is_empty()
+            || !self.controls.is_empty();
+        match (owed, self.has_interrupt) {
+            (true, _) if now.duration_since(self.last_event) < SOON => LOOK_SOON,
+            (true, _) => LOOK_LATER,
+            (false, false) => LOOK_IDLE.min(self.identifier.due_in(now)),
+            (false, true) => LOOK_IDLE_WITH_INTERRUPT.min(self.identifier.due_in(now)),
+        }
+    }
+
+    /// Hands over control characters, the first that waits first.
+    fn serve_controls(
+        &mut self,
+        bus: &mut impl Bus,
+        events: &Sender<Event>,
+        publisher: &Publisher,
+        now: Instant,
+    ) -> Result<(), BusError> {
+        if let Some(lying) = self.control_lies {
+            if !self.port.control_lies(bus)? {
+                self.control_lies = None;
+                self.state = PortState::Answers;
+                self.tell(events, Event::Done(lying.ticket, Outcome::Done));
+            } else if now >= lying.deadline {
+                self.port.withdraw_control(bus)?;
+                self.control_lies = None;
+                self.fail(events, publisher, lying.ticket, false);
+            }
+            return Ok(());
+        }
+        let Some(&first) = self.controls.front() else { return Ok(()) };
+        if now >= first.deadline {
+            self.controls.pop_front();
+            self.fail(events, publisher, first.ticket, false);
+            return Ok(());
+        }
+        let has_reply = control_has_reply(first.character);
+        if self.port.control(bus, first.character, has_reply, now)? {
+            self.controls.pop_front();
+            self.last_event = now;
+            publisher.counters().add(Counter::AsciiCommands, 1);
+            if has_reply {
+                self.under_way = Some(UnderWay {
+                    caller: Caller::Client(first.ticket),
+                    deadline: first.deadline,
+                    taken: false,
+                });
+            } else {
+                self.control_lies = Some(first);
+            }
+        }
+        Ok(())
+    }
+
+    /// Starts the next line: a caller's, or else the identifier's.
+    fn begin_next(
+        &mut self,
+        bus: &mut impl Bus,
+        publisher: &Publisher,
+        now: Instant,
+    ) -> Result<(), BusError> {
+        if let Some(&next) = self.lines.front() {
+            if self.port.begin(bus, next.line.as_bytes())? {
+                self.lines.pop_front();
+                self.start(Caller::Client(next.ticket), next.deadline, publisher, now);
+            }
+        } else if let Some((line, patience)) = self.identifier.next_line(now)
+            && self.port.begin(bus, line.as_bytes())?
+        {
+            self.start(Caller::Identifier, now + patience, publisher, now);
+        }
+        Ok(())
+    }
+
+    fn start(&mut self, caller: Caller, deadline: Instant, publisher: &Publisher, now: Instant) {
+        self.under_way = Some(UnderWay { caller, deadline, taken: false });
+        self.last_event = now;
+        publisher.counters().add(Counter::AsciiCommands, 1);
+    }
+
+    /// Gives up on what is past its deadline.
+    fn expire(
+        &mut self,
+        bus: &mut impl Bus,
+        events: &Sender<Event>,
+        publisher: &Publisher,
+        now: Instant,
+    ) -> Result<(), BusError> {
+        if let Some(under_way) = self.under_way
+            && now >= under_way.deadline
+        {
+            let taken = under_way.taken || self.port.was_taken();
+            self.port.give_up(bus, now)?;
+            self.under_way = None;
+            match under_way.caller {
+                Caller::Client(ticket) => self.fail(events, publisher, ticket, taken),
+                Caller::Identifier => {
+                    self.identifier.failed(now);
+                    self.state = PortState::Silent;
+                }
+            }
+            return Ok(());
+        }
+        if let Some(&first) = self.lines.front()
+            && now >= first.deadline
+        {
+            self.lines.pop_front();
+            if self.port.is_idle() && self.under_way.is_none() {
+                // Nothing of ours is under way, yet the line could not be begun: an earlier one still lies in the
+                // buffer with nobody to take it. It must not be carried out by surprise later.
+                AsciiPort::withdraw_line(bus)?;
+            }
+            self.fail(events, publisher, first.ticket, false);
+        }
+        Ok(())
+    }
+
+    fn fail(&mut self, events: &Sender<Event>, publisher: &Publisher, ticket: Ticket, taken: bool) {
+        publisher.counters().add(Counter::AsciiTimeouts, 1);
+        self.state = PortState::Silent;
+        let outcome = if taken { Outcome::TimedOut } else { Outcome::Unavailable };
+        self.tell(events, Event::Done(ticket, outcome));
+    }
+
+    fn handle(&mut self, events: &Sender<Event>, publisher: &Publisher, event: AsciiEvent) {
+        let counters = publisher.counters();
+        match event {
+            AsciiEvent::Line(text) => {
+                counters.add(Counter::AsciiReplies, 1);
+                if let Some(under_way) = &mut self.under_way {
+                    under_way.taken = true;
+                    match under_way.caller {
+                        Caller::Client(ticket) => self.tell(events, Event::Line(ticket, carried(&text))),
+                        Caller::Identifier => self.identifier.line(text.as_bytes()),
+                    }
+                }
+            }
+            AsciiEvent::Done(result) => {
+                counters.add(Counter::AsciiErrors, u64::from(result.is_err()));
+                self.state = PortState::Answers;
+                match self.under_way.take().map(|under_way| under_way.caller) {
+                    Some(Caller::Client(ticket)) => {
+                        let outcome = result.map_or_else(Outcome::Error, |()| Outcome::Done);
+                        self.tell(events, Event::Done(ticket, outcome));
+                    }
+                    Some(Caller::Identifier) => self.identifier.done(result.is_ok()),
+                    None => {}
+                }
+            }
+            AsciiEvent::ProgramResponse(text) => {
+                self.unsolicited(events, publisher, UnsolicitedKind::Cmd, &text)
+            }
+            AsciiEvent::ProgramMessage(text) => {
+                self.unsolicited(events, publisher, UnsolicitedKind::Send, &text)
+            }
+            AsciiEvent::Stale(_) => counters.add(Counter::AsciiUnsolicited, 1),
+        }
+    }
+
+    fn unsolicited(
+        &mut self,
+        events: &Sender<Event>,
+        publisher: &Publisher,
+        kind: UnsolicitedKind,
+        text: &ResponseText,
+    ) {
+        publisher.counters().add(Counter::AsciiUnsolicited, 1);
+        self.tell(
+            events,
+            Event::Unsolicited(Unsolicited { time_ns: monotonic_ns(), kind, text: carried(text) }),
+        );
+    }
+
+    /// Puts an event into the socket's queue, or keeps it until there is room.
+    fn tell(&mut self, events: &Sender<Event>, event: Event) {
+        if let Err(event) = events.try_send(event) {
+            self.outbox = Some(event);
+        }
+    }
+}
+
+/// A response as the queue carries it. It always fits: the response buffer holds no more than [`REPLY_MAX`].
+fn carried(text: &ResponseText) -> Text<REPLY_MAX> {
+    let bytes = text.as_bytes();
+    Text::new(&bytes[..bytes.len().min(REPLY_MAX)]).unwrap_or_default()
+}

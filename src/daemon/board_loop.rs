@@ -1,0 +1,400 @@
+//! The one thread that owns the board: one poll over timer, interrupt and command queue.
+//!
+//! Nobody else touches the bus, so no lock guards it. Servo data come first: every other piece of work is bounded and
+//! short, and before each the servo's due time is looked at. After start the thread neither allocates per pass nor
+//! logs per pass nor waits for a client; it says when something changes, once.
+
+use std::os::fd::{AsFd, BorrowedFd};
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use log::{error, info, warn};
+use nix::poll::{PollFd, PollFlags, ppoll};
+use nix::sys::eventfd::EventFd;
+use nix::sys::time::TimeSpec;
+
+use super::ascii_desk::{AsciiDesk, PortState};
+use super::identify::Identifier;
+use super::info::SharedInfo;
+use super::interrupt_link::InterruptLink;
+use super::queue::{Command, Event, Outcome, READ_MAX, Receive, Sender};
+use crate::device::{Bus, BusError, Counted};
+use crate::function::ascii::AsciiPort;
+use crate::function::background::BackgroundReader;
+use crate::function::servo::ServoReader;
+use crate::map::HostOffset;
+use crate::mirror::{BackgroundMirror, ServoMirror, Transition, monotonic_ns};
+use crate::protocol::{Enabled, State as InfoState};
+use crate::segment::{Counter, Identity, Publisher, RegionId, RegionState, Stamp, State};
+
+/// How often the segment's heartbeat is written.
+const HEARTBEAT_NS: u64 = 50_000_000;
+/// How often the memory behind the bus is checked to be still the board's.
+const BOARD_CHECK_NS: u64 = 1_000_000_000;
+/// A background look or a command may take this long on a slow bus; none is begun closer before a servo update.
+const ROOM_NS: u64 = 40_000;
+/// How long an unreachable bus is left alone.
+const BUS_ERROR_PAUSE: Duration = Duration::from_millis(10);
+/// Commands taken from the queue in one round.
+const COMMANDS_A_ROUND: usize = 4;
+
+/// Opens the board's bus, again if need be.
+pub type OpenBus = Box<dyn FnMut() -> Result<Box<dyn Bus>, String> + Send>;
+
+/// Everything the thread works with.
+pub struct BoardLoop {
+    /// The board.
+    pub bus: Counted<Box<dyn Bus>>,
+    /// Opens it again when its memory was replaced.
+    pub open: OpenBus,
+    /// Servo fixed data.
+    pub servo: ServoMirror,
+    /// Background fixed data.
+    pub background: BackgroundMirror,
+    /// ASCII.
+    pub desk: AsciiDesk,
+    /// The board's interrupt, if it has one.
+    pub interrupt: Option<InterruptLink>,
+    /// The segment.
+    pub publisher: Publisher,
+    /// From the socket.
+    pub commands: Receive<Command>,
+    /// To the socket.
+    pub events: Sender<Event>,
+    /// What `GetInfo` answers.
+    pub info: Arc<SharedInfo>,
+    /// Readable when the thread shall end.
+    pub stop: Arc<EventFd>,
+    /// Motors to read while the board has not said how many it reports.
+    pub default_motors: usize,
+    /// An answer the socket's queue had no room for; no command is taken until it is gone.
+    pub answer: Option<Event>,
+    /// What is to be said when it changes.
+    pub told: Told,
+}
+
+/// What was said last, so that only changes are said.
+#[derive(Default)]
+pub struct Told {
+    state: Option<State>,
+    port: Option<PortState>,
+    bus_error: bool,
+    gone: bool,
+    interrupt: bool,
+    identity: Option<Identity>,
+    /// The socket's thread was reading when the identity changed; to be told at the next beat.
+    info_pending: bool,
+}
+
+/// Which descriptors became readable.
+#[derive(Default)]
+struct Readable {
+    stop: bool,
+    commands: bool,
+    interrupt: bool,
+}
+
+impl BoardLoop {
+    /// Runs until told to stop, then leaves the board as it should be left: no bit of the host's set.
+    pub fn run(mut self) {
+        // Without it the kernel adds up to 50 µs to every sleep.
+        let _ = nix::sys::prctl::set_timerslack(1);
+        self.release_board();
+        let mut heartbeat_due = 0;
+        let mut check_due = monotonic_ns() + BOARD_CHECK_NS;
+        loop {
+            if let Err(error) = self.one_round() {
+                self.bus_failed(&error);
+            }
+            let now = monotonic_ns();
+            if now >= heartbeat_due {
+                heartbeat_due = now + HEARTBEAT_NS;
+                self.beat(now);
+            }
+            if now >= check_due {
+                check_due = now + BOARD_CHECK_NS;
+                self.check_board();
+            }
+            let readable = self.wait(now, heartbeat_due);
+            if readable.stop {
+                break;
+            }
+            self.attend(&readable);
+        }
+        self.info.set_state(InfoState::Dead);
+        self.release_board();
+    }
+
+    /// Clears every bit a host may have left set; Host-Busy left by a dead one would stop the servo data for ever.
+    fn release_board(&mut self) {
+        let bus = &mut self.bus;
+        let released =
+            ServoReader::release(bus).and_then(|()| BackgroundReader::release(bus)).and_then(|()| AsciiPort::release(bus));
+        if let Err(error) = released {
+            self.bus_failed(&error);
+        }
+    }
+
+    /// The most urgent piece of work that is due.
+    fn one_round(&mut self) -> Result<(), BusError> {
+        let now = monotonic_ns();
+        if now >= self.servo.due_ns() {
+            let transition = self.servo.pass(&mut self.bus, &mut self.publisher)?;
+            self.tell_servo(transition);
+            return Ok(());
+        }
+        if self.servo.due_ns() - now < ROOM_NS && self.servo.is_live() {
+            return Ok(());
+        }
+        let instant = Instant::now();
+        if instant >= self.desk.due() {
+            self.desk.pass(&mut self.bus, &self.events, &self.publisher, instant)?;
+            self.tell_port();
+            self.take_identity();
+        } else if now >= self.background.due_ns() {
+            let transition = self.background.pass(&mut self.bus, &mut self.publisher)?;
+            self.tell_background(transition);
+        }
+        Ok(())
+    }
+
+    /// Waits for the next due time or something to read. Never longer than to the next heartbeat.
+    fn wait(&self, now: u64, heartbeat_due: u64) -> Readable {
+        let desk_due = now + u64::try_from(self.desk.due().saturating_duration_since(Instant::now()).as_nanos()).unwrap_or(HEARTBEAT_NS);
+        let others = desk_due.min(self.background.due_ns());
+        // Work that would not fit before the servo data waits until after them.
+        let servo = self.servo.due_ns();
+        let due = if self.servo.is_live() && others + ROOM_NS > servo { servo } else { servo.min(others) };
+        let timeout = Duration::from_nanos(due.min(heartbeat_due).saturating_sub(monotonic_ns()));
+        fn watched(fd: BorrowedFd<'_>) -> PollFd<'_> {
+            PollFd::new(fd, PollFlags::POLLIN)
+        }
+        let interrupt = self.interrupt.as_ref().and_then(InterruptLink::descriptor);
+        let stop = self.stop.as_fd();
+        let commands = self.answer.is_none().then(|| self.commands.descriptor());
+        // A place without a descriptor of its own watches the first one again, which is harmless.
+        let mut watched =
+            [watched(stop), watched(commands.unwrap_or(stop)), watched(interrupt.unwrap_or(stop))];
+        if ppoll(&mut watched, Some(TimeSpec::from_duration(timeout)), None).is_err() {
+            // A signal, or no memory: the next round looks again.
+            return Readable::default();
+        }
+        let [stop, second, third] = watched.map(|fd| fd.any().unwrap_or(false));
+        Readable {
+            stop,
+            commands: second && commands.is_some(),
+            interrupt: third && interrupt.is_some(),
+        }
+    }
+
+    /// Takes what became readable.
+    fn attend(&mut self, readable: &Readable) {
+        let now = Instant::now();
+        if let Some(answer) = self.answer.take() {
+            self.reply(answer);
+        }
+        if readable.interrupt && let Some(link) = &mut self.interrupt {
+            let taken = link.take();
+            self.publisher.counters().add(Counter::Interrupts, u64::from(taken.interrupts));
+            self.desk.look_now(now);
+        }
+        if let Some(link) = &mut self.interrupt {
+            link.tend(now);
+            let connected = link.is_connected();
+            if connected != self.told.interrupt {
+                self.told.interrupt = connected;
+                self.desk.set_interrupt(connected);
+                self.tell_enabled();
+            }
+        }
+        if readable.commands {
+            self.take_commands(now);
+        }
+    }
+
+    fn take_commands(&mut self, now: Instant) {
+        // The socket wakes once a command: leave the wake set while some may be left.
+        self.commands.clear();
+        for _ in 0..COMMANDS_A_ROUND {
+            if self.answer.is_some() {
+                break;
+            }
+            let Some(command) = self.commands.try_receive() else { return };
+            match command {
+                Command::ReadWords { ticket, first, count } => {
+                    let event = match self.read_words(first, count) {
+                        Ok((time_ns, words)) => Event::Words { ticket, time_ns, words, count },
+                        Err(BusError::OutOfRange { .. }) => Event::Done(ticket, Outcome::OutOfRange),
+                    };
+                    self.reply(event);
+                }
+                Command::Send { line, .. } if Identifier::may_be_changed_by(line.as_bytes()) => {
+                    self.desk.identifier.ask_again(now);
+                    self.submit(&command, now);
+                }
+                Command::Send { .. } | Command::Control { .. } => self.submit(&command, now),
+            }
+        }
+        self.commands.keep_awake();
+    }
+
+    fn submit(&mut self, command: &Command, now: Instant) {
+        if let Err(ticket) = self.desk.submit(command, now) {
+            self.reply(Event::Done(ticket, Outcome::Unavailable));
+        }
+    }
+
+    /// Answers the socket, or keeps the answer until there is room.
+    fn reply(&mut self, event: Event) {
+        self.answer = self.events.try_send(event).err();
+    }
+
+    fn read_words(&mut self, first: HostOffset, count: usize) -> Result<(u64, [u16; READ_MAX]), BusError> {
+        let mut words = [0; READ_MAX];
+        let time_ns = monotonic_ns();
+        self.bus.read_block(first, &mut words[..count.min(READ_MAX)])?;
+        Ok((time_ns, words))
+    }
+
+    /// The heartbeat: what must be seen even when no data come.
+    fn beat(&mut self, now: u64) {
+        self.publisher.counters().set(Counter::BusAccesses, self.bus.accesses());
+        let alive = self.servo.is_live() || self.background.is_live() || self.desk.state() == PortState::Answers;
+        let state = if alive { State::Live } else { State::Stale };
+        if self.told.state.replace(state) != Some(state) {
+            self.publisher.set_state(state);
+            self.info.set_state(if alive { InfoState::Live } else { InfoState::Stale });
+            if alive {
+                info!("the board is alive");
+            } else {
+                warn!("the board gives no sign of life: no servo data, no background data, no ASCII reply");
+            }
+        }
+        self.publisher.beat(now);
+        if self.told.info_pending {
+            self.inform();
+        }
+    }
+
+    fn check_board(&mut self) {
+        if self.bus.still_there() {
+            self.told.gone = false;
+            return;
+        }
+        match (self.open)() {
+            Ok(bus) => {
+                info!("the board's memory was replaced; opened it again");
+                self.bus.replace(bus);
+                self.told.gone = false;
+                self.start_over();
+            }
+            Err(reason) => {
+                if !std::mem::replace(&mut self.told.gone, true) {
+                    warn!("the board's memory is gone: {reason}; trying again every second");
+                }
+            }
+        }
+    }
+
+    /// The board is another one, or has been reset: nothing seen so far says anything about what comes.
+    fn start_over(&mut self) {
+        self.publisher.counters().add(Counter::Resets, 1);
+        self.release_board();
+        self.servo.forget();
+        self.background.forget();
+        self.desk.identifier.ask_again(Instant::now());
+    }
+
+    fn bus_failed(&mut self, error: &BusError) {
+        self.publisher.counters().add(Counter::BusErrors, 1);
+        if !std::mem::replace(&mut self.told.bus_error, true) {
+            error!("bus: {error}; further bus errors are only counted");
+        }
+        std::thread::sleep(BUS_ERROR_PAUSE);
+    }
+
+    fn tell_servo(&mut self, transition: Option<Transition>) {
+        match transition {
+            Some(Transition::Live) => {
+                info!("servo data come");
+                self.desk.identifier.ask_again(Instant::now());
+            }
+            Some(Transition::Stale) => {
+                // A board reset in between has Host-Busy wherever its memory test left it.
+                if let Err(error) = ServoReader::release(&mut self.bus) {
+                    self.bus_failed(&error);
+                }
+                warn!(
+                    "servo data are stale: no update for {} ms (is I48=1, I19>0, I59>0, and GATHER given?)",
+                    self.servo.stale_after_ns() / 1_000_000
+                );
+            }
+            None => return,
+        }
+        self.tell_enabled();
+    }
+
+    fn tell_background(&mut self, transition: Option<Transition>) {
+        match transition {
+            Some(Transition::Live) => info!("background data come"),
+            Some(Transition::Stale) => warn!(
+                "background data are stale: no report for {} ms (is I49=1 and I59>0?)",
+                self.background.stale_after_ns() / 1_000_000
+            ),
+            None => return,
+        }
+        self.tell_enabled();
+    }
+
+    fn tell_port(&mut self) {
+        let state = self.desk.state();
+        if self.told.port.replace(state) == Some(state) {
+            return;
+        }
+        match state {
+            PortState::Unknown => return,
+            PortState::Answers => info!("DPRAM ASCII answers"),
+            PortState::Silent => warn!("DPRAM ASCII does not answer (is I58=1?)"),
+        }
+        self.tell_enabled();
+    }
+
+    fn tell_enabled(&self) {
+        let mut enabled = Enabled::empty();
+        enabled.set(Enabled::SERVO, self.servo.is_live());
+        enabled.set(Enabled::BACKGROUND, self.background.is_live());
+        enabled.set(Enabled::ASCII, self.desk.state() == PortState::Answers);
+        enabled.set(Enabled::INTERRUPT, self.told.interrupt);
+        self.info.set_enabled(enabled);
+    }
+
+    /// Publishes what has become known of the board, and works by it.
+    fn take_identity(&mut self) {
+        let Some(identity) = self.desk.identifier.news() else { return };
+        if self.told.identity.as_ref() == Some(&identity) {
+            return;
+        }
+        let motors = identity.i59.map_or(self.default_motors, |i59| i59 as usize);
+        self.servo.configure(motors, identity.servo_period_ps.map(|ps| ps / 1000), identity.i19);
+        self.background.configure(motors);
+        let stamp = Stamp { time_ns: monotonic_ns(), servo_timer: 0, valid: true };
+        self.publisher.publish_bytes(RegionId::Board, stamp, &identity.encode());
+        self.publisher.set_region_state(RegionId::Board, RegionState::Live);
+        if let (Some(board_type), Some(firmware)) = (&identity.board_type, &identity.firmware) {
+            info!("the board is {board_type}, firmware {firmware}, reports {motors} motors");
+        }
+        self.told.identity = Some(identity);
+        self.inform();
+    }
+
+    fn inform(&mut self) {
+        let Some(identity) = &self.told.identity else { return };
+        let motors = identity.i59.map_or(self.default_motors as u32, |i59| i59);
+        self.told.info_pending = !self.info.try_update(|info| {
+            info.firmware.clone_from(&identity.firmware);
+            info.board_type.clone_from(&identity.board_type);
+            info.motors = motors;
+            info.servo_period_ns = identity.servo_period_ps.map(|ps| ps / 1000);
+        });
+    }
+}

@@ -1,0 +1,240 @@
+//! Who the board is: asked by ASCII, in the moments when nobody else has a line to send.
+//!
+//! `TYPE` and `VERSION` name the board; I10, I19, I48, I49 and I59 say what it reports and how often; Ix07, Ix08 and
+//! Ix09 give the scale of every motor's raw numbers. What the board does not answer stays unknown, or is taken from
+//! the configuration. Asking moves the board's active response port to the DPRAM, so it is done only when there is
+//! reason: at start, when the board comes (back) to life, and after a line that may have changed an answer.
+
+use std::time::{Duration, Instant};
+
+use super::queue::{LINE_MAX, Text};
+use crate::map::classic;
+use crate::segment::Identity;
+
+/// How long the board may take for one question.
+const PATIENCE: Duration = Duration::from_secs(2);
+/// How long to wait before asking a silent board again.
+const AGAIN: Duration = Duration::from_secs(10);
+/// How long to wait after a line that may have changed something: more may follow.
+const SETTLE: Duration = Duration::from_millis(200);
+
+/// What is asked, in order. Each question is one line; each value of its reply is one reply line.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Question {
+    Type,
+    Version,
+    Reports,
+    /// Ix07, Ix08, Ix09 of one motor after the other.
+    Scales,
+}
+
+const QUESTIONS: [Question; 4] = [Question::Type, Question::Version, Question::Reports, Question::Scales];
+
+/// Asks, collects, and keeps the last complete answer.
+pub struct Identifier {
+    configured: Identity,
+    /// The question to ask next; all asked when it is past the end.
+    next: usize,
+    not_before: Instant,
+    asking: Identity,
+    /// Lines of the present reply so far.
+    lines: usize,
+    /// The answer to publish, once.
+    news: Option<Identity>,
+    wanted: bool,
+}
+
+impl Identifier {
+    /// Starts with what the configuration says; asks the board at the first opportunity if `ask`.
+    #[must_use]
+    pub fn new(configured: Identity, ask: bool, now: Instant) -> Self {
+        Self {
+            asking: configured.clone(),
+            news: Some(configured.clone()),
+            configured,
+            next: if ask { 0 } else { QUESTIONS.len() },
+            not_before: now,
+            lines: 0,
+            wanted: ask,
+        }
+    }
+
+    /// The board may answer differently now: ask again soon.
+    pub fn ask_again(&mut self, now: Instant) {
+        if self.wanted {
+            self.next = 0;
+            self.not_before = now + SETTLE;
+        }
+    }
+
+    /// Looks at a line somebody sends: does it change what the board would answer?
+    #[must_use]
+    pub fn may_be_changed_by(line: &[u8]) -> bool {
+        line.contains(&b'=') || line.contains(&b'$')
+    }
+
+    /// How long nothing needs to be asked.
+    #[must_use]
+    pub fn due_in(&self, now: Instant) -> Duration {
+        if self.next < QUESTIONS.len() {
+            self.not_before.saturating_duration_since(now)
+        } else {
+            Duration::MAX
+        }
+    }
+
+    /// The line to send now, if any, and how long to wait for its reply.
+    pub fn next_line(&mut self, now: Instant) -> Option<(Text<LINE_MAX>, Duration)> {
+        let question = *QUESTIONS.get(self.next)?;
+        if now < self.not_before {
+            return None;
+        }
+        self.lines = 0;
+        if self.next == 0 {
+            self.asking = self.configured.clone();
+        }
+        let text = match question {
+            Question::Type => "TYPE".to_owned(),
+            Question::Version => "VERSION".to_owned(),
+            Question::Reports => "I10 I19 I48 I49 I59".to_owned(),
+            Question::Scales => {
+                (1..=classic::MOTORS).map(|motor| format!("I{motor}07I{motor}08I{motor}09")).collect()
+            }
+        };
+        Text::new(text.as_bytes()).map(|line| (line, PATIENCE))
+    }
+
+    /// A line of the reply came.
+    pub fn line(&mut self, line: &[u8]) {
+        let index = self.lines;
+        self.lines += 1;
+        let Some(question) = QUESTIONS.get(self.next) else { return };
+        let text = String::from_utf8_lossy(line).trim().to_owned();
+        match question {
+            Question::Type => self.asking.board_type = Some(text),
+            Question::Version => self.asking.firmware = Some(text),
+            Question::Reports => {
+                let value = number(&text).and_then(|value| u32::try_from(value).ok());
+                let asking = &mut self.asking;
+                match index {
+                    0 => {
+                        asking.i10 = value;
+                        asking.servo_period_ps = value.filter(|&i10| i10 > 0).map(servo_period_ps);
+                    }
+                    1 => asking.i19 = value,
+                    2 => asking.i48 = value,
+                    3 => asking.i49 = value,
+                    4 => asking.i59 = value,
+                    _ => {}
+                }
+            }
+            Question::Scales => {
+                let value = number(&text).and_then(|value| i32::try_from(value).ok());
+                let scales = match index % 3 {
+                    0 => &mut self.asking.ix07,
+                    1 => &mut self.asking.ix08,
+                    _ => &mut self.asking.ix09,
+                };
+                if let Some(scale) = scales.get_mut(index / 3) {
+                    *scale = value;
+                }
+            }
+        }
+    }
+
+    /// The reply is complete, or the board refused the question (which leaves its answers unknown).
+    pub fn done(&mut self, _accepted: bool) {
+        self.next += 1;
+        if self.next == QUESTIONS.len() {
+            self.news = Some(self.asking.clone());
+        }
+    }
+
+    /// The board did not answer.
+    pub fn failed(&mut self, now: Instant) {
+        self.next = 0;
+        self.not_before = now + AGAIN;
+    }
+
+    /// What has become known since the last call.
+    pub fn news(&mut self) -> Option<Identity> {
+        self.news.take()
+    }
+}
+
+/// The servo period in picoseconds that I10 says: I10 / 8388608 ms.
+#[must_use]
+pub fn servo_period_ps(i10: u32) -> u64 {
+    u64::from(i10) * 1_000_000_000 / 8_388_608
+}
+
+/// The value in a reply to an I-variable query, in any of the forms I9 chooses: `96`, `$60`, `I108=96`, `I108=$60`.
+fn number(text: &str) -> Option<i64> {
+    let text = text.rsplit('=').next()?.trim();
+    match text.strip_prefix('$') {
+        Some(digits) => i64::from_str_radix(digits, 16).ok(),
+        None => text.parse::<f64>().ok().filter(|value| value.fract() == 0.0).map(|value| value as i64),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn answer(identifier: &mut Identifier, now: Instant, lines: &[&str]) -> String {
+        let (line, _) = identifier.next_line(now).unwrap();
+        for line in lines {
+            identifier.line(line.as_bytes());
+        }
+        identifier.done(true);
+        String::from_utf8(line.as_bytes().to_vec()).unwrap()
+    }
+
+    #[test]
+    fn it_asks_everything_once_and_tells_it_once() {
+        let now = Instant::now();
+        let mut identifier = Identifier::new(Identity::default(), true, now);
+        assert_eq!(identifier.news(), Some(Identity::default()), "what is configured is known at once");
+        assert_eq!(answer(&mut identifier, now, &["PMAC1, ISA, FLASH, PID, CLK X1"]), "TYPE");
+        answer(&mut identifier, now, &["1.16D"]);
+        answer(&mut identifier, now, &["3713707", "I19=1", "1", "1", "$8"]);
+        assert_eq!(identifier.news(), None);
+        let scales: Vec<String> = (0..24).map(|index| (90 + index).to_string()).collect();
+        let scales: Vec<&str> = scales.iter().map(String::as_str).collect();
+        let line = answer(&mut identifier, now, &scales);
+        assert!(line.starts_with("I107I108I109I207") && line.len() <= LINE_MAX);
+        let identity = identifier.news().unwrap();
+        assert_eq!(identity.firmware.as_deref(), Some("1.16D"));
+        assert_eq!((identity.i19, identity.i59), (Some(1), Some(8)));
+        assert_eq!(identity.servo_period_ps, Some(442_708_373));
+        assert_eq!((identity.ix07[0], identity.ix08[0], identity.ix09[7]), (Some(90), Some(91), Some(113)));
+        assert_eq!(identity.ix08[8], None);
+        assert!(identifier.next_line(now).is_none());
+        assert_eq!(identifier.due_in(now), Duration::MAX);
+    }
+
+    #[test]
+    fn a_silent_board_is_asked_again_later_and_a_changed_one_soon() {
+        let now = Instant::now();
+        let mut identifier = Identifier::new(Identity::default(), true, now);
+        identifier.next_line(now).unwrap();
+        identifier.failed(now);
+        assert!(identifier.next_line(now).is_none());
+        assert!(identifier.next_line(now + AGAIN).is_some());
+        identifier.ask_again(now);
+        assert!(identifier.next_line(now + SETTLE).is_some());
+        let mut quiet = Identifier::new(Identity::default(), false, now);
+        quiet.ask_again(now);
+        assert!(quiet.next_line(now + AGAIN).is_none(), "told not to ask");
+    }
+
+    #[test]
+    fn values_come_in_four_forms() {
+        for text in ["96", "$60", "I108=96", "I108=$60", " 96 "] {
+            assert_eq!(number(text), Some(96), "{text}");
+        }
+        for text in ["", "0.5", "ERR", "$", "$GG", "I108="] {
+            assert_eq!(number(text), None, "{text}");
+        }
+    }
+}

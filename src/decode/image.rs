@@ -1,0 +1,86 @@
+//! A raw dump of the whole DPRAM, from a file.
+
+use super::TooShort;
+use super::background::{BackgroundData, background};
+use super::quantity::Scales;
+use super::servo::{ServoData, servo};
+use super::value::{Value, value};
+use crate::format::{Float48Layout, WordOrder};
+use crate::map::{Family, HostOffset, Location, Region, classic};
+
+/// The words of a whole DPRAM.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Image {
+    words: Vec<u16>,
+}
+
+/// Bytes that are no image of the family's DPRAM.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("an image of the DPRAM of a {family} has {expected} bytes, not {got}")]
+pub struct ImageError {
+    /// The family's name.
+    pub family: &'static str,
+    /// Bytes its DPRAM has.
+    pub expected: u32,
+    /// Bytes there are.
+    pub got: usize,
+}
+
+impl Image {
+    /// Takes the bytes of a dump, low byte of a word first unless `order` says it was swapped.
+    ///
+    /// # Errors
+    /// [`ImageError`] when their number is not the family's DPRAM size.
+    pub fn from_bytes(bytes: &[u8], family: &Family, order: WordOrder) -> Result<Self, ImageError> {
+        if bytes.len() != family.length as usize {
+            return Err(ImageError { family: family.title, expected: family.length, got: bytes.len() });
+        }
+        let words = bytes.as_chunks().0.iter().map(|pair| order.apply(u16::from_le_bytes(*pair)));
+        Ok(Self { words: words.collect() })
+    }
+
+    /// All words, from host offset 0.
+    #[must_use]
+    pub fn words(&self) -> &[u16] {
+        &self.words
+    }
+
+    /// The word at `offset`, or `None` outside the image.
+    #[must_use]
+    pub fn word(&self, offset: HostOffset) -> Option<u16> {
+        self.words.get(offset.word()).copied()
+    }
+
+    /// The words of `region`; empty when the region lies outside the image.
+    #[must_use]
+    pub fn region(&self, region: Region) -> &[u16] {
+        self.words.get(region.start.word()..region.end.word()).unwrap_or_default()
+    }
+
+    /// The value at `location`, or `None` outside the image.
+    #[must_use]
+    pub fn value(&self, location: Location, float48: Float48Layout) -> Option<Value> {
+        value(location.space, self.words.get(location.offset.word()..)?, float48)
+    }
+
+    /// The servo buffer. See [`servo`].
+    ///
+    /// # Errors
+    /// [`TooShort`] when the image ends before the buffer does.
+    pub fn servo(&self, motors: usize, scales: &Scales) -> Result<ServoData, TooShort> {
+        servo(self.region(classic::SERVO), motors, scales)
+    }
+
+    /// The background buffer. See [`background`].
+    ///
+    /// # Errors
+    /// [`TooShort`] when the image ends before the buffer does.
+    pub fn background(
+        &self,
+        count: usize,
+        scales: &Scales,
+        float48: Float48Layout,
+    ) -> Result<BackgroundData, TooShort> {
+        background(self.region(classic::BACKGROUND), count, scales, float48)
+    }
+}

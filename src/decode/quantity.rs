@@ -1,0 +1,170 @@
+//! A number with its raw form and unit, and the I-variables that scale it.
+
+use serde::ser::{Serialize, SerializeSeq, Serializer};
+
+use crate::map::StatusTable;
+use crate::map::status::flags;
+
+/// A register's value: the integer as the manual defines it, and what it stands for.
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
+pub struct Quantity {
+    /// The integer as the manual defines it.
+    pub raw: i64,
+    /// The value in `unit`; `None` where the scale is not known or the register is no number.
+    pub value: Option<f64>,
+    /// The unit of `value`; of `raw` when there is no value.
+    pub unit: &'static str,
+}
+
+impl Quantity {
+    /// `raw` counted in 1/(`scale`*32) of `unit`, for which `raw_unit` stands while the scale is not known.
+    fn scaled(raw: i64, scale: Option<f64>, unit: &'static str, raw_unit: &'static str) -> Self {
+        // A scale of zero switches the loop off; nothing can be said about counts then.
+        match scale.filter(|scale| *scale > 0.0) {
+            Some(scale) => Self { raw, value: Some(raw as f64 / (scale * 32.0)), unit },
+            None => Self { raw, value: None, unit: raw_unit },
+        }
+    }
+
+    pub(super) fn position(raw: i64, scales: MotorScales) -> Self {
+        Self::scaled(raw, scales.position_scale, "count", "1/(Ix08*32) count")
+    }
+
+    pub(super) fn master(raw: i64, scales: MotorScales) -> Self {
+        Self::scaled(raw, scales.master_scale, "count of the master", "1/(Ix07*32) count of the master")
+    }
+
+    pub(super) fn velocity(raw: i32, scales: MotorScales) -> Self {
+        let raw_unit = "1/(Ix09*32) count per servo cycle";
+        Self::scaled(raw.into(), scales.velocity_scale, "count per servo cycle", raw_unit)
+    }
+
+    pub(super) fn dac(raw: i32) -> Self {
+        Self { raw: raw.into(), value: Some(f64::from(raw) / 256.0), unit: "DAC bit" }
+    }
+
+    /// Half milliseconds at 100 % feed rate override.
+    pub(super) fn time(raw: i32) -> Self {
+        Self { raw: raw.into(), value: Some(f64::from(raw) / 2.0), unit: "msec" }
+    }
+
+    pub(super) fn bits(raw: u32) -> Self {
+        Self { raw: raw.into(), value: None, unit: "bits" }
+    }
+
+    pub(super) fn address(raw: u32) -> Self {
+        Self { raw: raw.into(), value: None, unit: "PMAC address" }
+    }
+}
+
+/// The scales of a motor, as far as they are known.
+#[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize, serde::Deserialize)]
+pub struct MotorScales {
+    /// Ix08: a position's raw unit is 1/(Ix08*32) count.
+    pub position_scale: Option<f64>,
+    /// Ix09: a velocity's raw unit is 1/(Ix09*32) count per servo cycle.
+    pub velocity_scale: Option<f64>,
+    /// Ix07: a master position's raw unit is 1/(Ix07*32) count of the master.
+    pub master_scale: Option<f64>,
+}
+
+/// The scales of a board, as far as they are known.
+#[derive(Debug, Clone, PartialEq, Default, serde::Serialize, serde::Deserialize)]
+pub struct Scales {
+    /// The scales of motor 1 and following.
+    pub motors: Vec<MotorScales>,
+    /// I10: the servo period in 1/8388608 ms.
+    pub i10: Option<u32>,
+}
+
+impl Scales {
+    /// The scales of `motor`, from 1; none when nothing is known about it.
+    #[must_use]
+    pub fn motor(&self, motor: usize) -> MotorScales {
+        motor.checked_sub(1).and_then(|index| self.motors.get(index)).copied().unwrap_or_default()
+    }
+
+    /// The servo period in nanoseconds; `None` while I10 is not known or zero.
+    #[must_use]
+    pub fn servo_period_ns(&self) -> Option<f64> {
+        self.i10.filter(|i10| *i10 > 0).map(|i10| f64::from(i10) * 1e6 / 8_388_608.0)
+    }
+}
+
+/// A status word and the names of its bits. Prints and serialises as the names of the flags that are set.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Flags {
+    /// The 24-bit word.
+    pub word: u32,
+    /// What its bits mean.
+    pub table: &'static StatusTable,
+}
+
+impl Flags {
+    /// The names of the flags that are set, highest bit first.
+    pub fn names(&self) -> impl Iterator<Item = &'static str> + use<> {
+        flags(self.word, self.table)
+    }
+
+    /// Whether the flag called `name` is set.
+    #[must_use]
+    pub fn has(&self, name: &str) -> bool {
+        self.names().any(|flag| flag == name)
+    }
+}
+
+impl Serialize for Flags {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let mut names = serializer.serialize_seq(None)?;
+        for name in self.names() {
+            names.serialize_element(name)?;
+        }
+        names.end()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::map::status::CLASSIC;
+
+    #[test]
+    fn a_position_is_scaled_only_where_the_scale_is_known() {
+        let known = MotorScales { position_scale: Some(96.0), ..MotorScales::default() };
+        let position = Quantity::position(-3072, known);
+        assert_eq!((position.raw, position.value, position.unit), (-3072, Some(-1.0), "count"));
+        for unknown in [None, Some(0.0), Some(f64::NAN)] {
+            let scales = MotorScales { position_scale: unknown, ..known };
+            let position = Quantity::position(3072, scales);
+            assert_eq!((position.value, position.unit), (None, "1/(Ix08*32) count"));
+        }
+    }
+
+    #[test]
+    fn scales_of_unknown_motors_are_unknown() {
+        let scales = Scales {
+            motors: vec![MotorScales { master_scale: Some(96.0), ..Default::default() }],
+            i10: None,
+        };
+        assert_eq!(scales.motor(1).master_scale, Some(96.0));
+        assert_eq!(scales.motor(2), MotorScales::default());
+        assert_eq!(scales.motor(0), MotorScales::default());
+    }
+
+    #[test]
+    fn the_servo_period_follows_from_i10() {
+        let period = |i10| Scales { motors: Vec::new(), i10 }.servo_period_ns();
+        assert_eq!(period(Some(3_713_707)).map(f64::round), Some(442_708.0));
+        assert_eq!(period(Some(8_388_608)), Some(1e6));
+        assert_eq!(period(Some(0)), None);
+        assert_eq!(period(None), None);
+    }
+
+    #[test]
+    fn flags_serialise_as_their_names() {
+        let flags = Flags { word: 0x81_2000, table: &CLASSIC.motor[0] };
+        let text = serde_json::to_string(&flags).unwrap();
+        assert_eq!(text, r#"["motor_activated","integration_mode","desired_velocity_zero"]"#);
+        assert!(flags.has("motor_activated") && !flags.has("open_loop"));
+    }
+}

@@ -1,0 +1,65 @@
+//! The value at a typed address, read the way its space says.
+
+use std::fmt;
+
+use serde::Serialize;
+
+use crate::format::{Float48Layout, fixed48, float32, join32};
+use crate::map::Space;
+
+/// What a location holds.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[serde(untagged)]
+pub enum Value {
+    /// `Y:` and `X:`, a 16-bit word, unsigned.
+    Word(u16),
+    /// `DP:`, 32 bits, signed.
+    Long(i32),
+    /// `D:`, 48-bit fixed point.
+    Fixed(i64),
+    /// `F:` and `L:`, floating point. JSON has `null` for what is not finite.
+    Float(f64),
+}
+
+/// Decodes the words of a location, the first being that at its offset; `None` when fewer than
+/// [`Space::words`] are there.
+#[must_use]
+pub fn value(space: Space, words: &[u16], float48: Float48Layout) -> Option<Value> {
+    match (space, words.get(..space.words())?) {
+        (Space::Y | Space::X, &[word]) => Some(Value::Word(word)),
+        (Space::Dp, &[low, high]) => Some(Value::Long(join32(low, high) as i32)),
+        (Space::F, &[low, high]) => Some(Value::Float(float32::decode(low, high).into())),
+        (Space::D, &[a, b, c, d]) => Some(Value::Fixed(fixed48::decode(join32(a, b), join32(c, d)))),
+        (Space::L, &[a, b, c, d]) => Some(Value::Float(float48.decode(join32(a, b), join32(c, d)))),
+        _ => None,
+    }
+}
+
+impl fmt::Display for Value {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Word(word) => write!(f, "{word}"),
+            Self::Long(long) => write!(f, "{long}"),
+            Self::Fixed(fixed) => write!(f, "{fixed}"),
+            Self::Float(float) => write!(f, "{float}"),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_space_reads_its_own_words() {
+        let read = |space, words: &[u16]| value(space, words, Float48Layout::Register);
+        assert_eq!(read(Space::X, &[0xFFFF, 1]), Some(Value::Word(0xFFFF)));
+        assert_eq!(read(Space::Dp, &[0xFFFE, 0xFFFF]), Some(Value::Long(-2)));
+        assert_eq!(read(Space::F, &[0, 0x4049]), Some(Value::Float(3.140_625)));
+        assert_eq!(read(Space::D, &[0xF400, 0xFFFF, 0xFFFF, 0xFFFF]), Some(Value::Fixed(-3072)));
+        assert_eq!(read(Space::L, &[0x0801, 0, 0, 0xFF98]), Some(Value::Float(-3.25)));
+        for space in Space::ALL {
+            assert_eq!(read(space, &[0; 4][..space.words() - 1]), None);
+        }
+    }
+}
