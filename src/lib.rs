@@ -13,7 +13,7 @@
 //!
 //! | layer | modules |
 //! |---|---|
-//! | 0 | [`format`]: numbers and text as DPRAM holds them |
+//! | 0 | [`mod@format`]: numbers and text as DPRAM holds them |
 //! | 1 | [`map`]: what lies where · [`decode`]: words to named values · [`protocol`]: the command socket's messages |
 //! | 2 | [`device`]: the bus, its kinds and decorators, the interrupt |
 //! | 3 | [`function`]: the host's half of each automatic function |

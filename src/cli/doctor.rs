@@ -78,7 +78,7 @@ fn shared_memory(report: &mut Report) {
             report.add(Level::Fail, WHAT, text);
         }
         Ok(room) => {
-            let free = room.blocks_available() as u64 * room.fragment_size() as u64;
+            let free = room.blocks_available() * room.fragment_size();
             let mib = free >> 20;
             if free < ROOM {
                 let text = format!("{DIRECTORY} has only {mib} MiB left; remove what is not needed there");

@@ -31,6 +31,8 @@ use crate::segment::{Counter, Identity, Publisher, RegionId, RegionState, Stamp,
 const HEARTBEAT_NS: u64 = 50_000_000;
 /// How often the memory behind the bus is checked to be still the board's.
 const BOARD_CHECK_NS: u64 = 1_000_000_000;
+/// How long a board may take to give its first sign of life before it is called stale.
+const FIRST_SIGN_NS: u64 = 1_000_000_000;
 /// A background look or a command may take this long on a slow bus; none is begun closer before a servo update.
 const ROOM_NS: u64 = 40_000;
 /// How long an unreachable bus is left alone.
@@ -69,6 +71,8 @@ pub struct BoardLoop {
     pub default_motors: usize,
     /// An answer the socket's queue had no room for; no command is taken until it is gone.
     pub answer: Option<Event>,
+    /// CLOCK_MONOTONIC at start.
+    pub began_ns: u64,
     /// What is to be said when it changes.
     pub told: Told,
 }
@@ -128,8 +132,9 @@ impl BoardLoop {
     /// Clears every bit a host may have left set; Host-Busy left by a dead one would stop the servo data for ever.
     fn release_board(&mut self) {
         let bus = &mut self.bus;
-        let released =
-            ServoReader::release(bus).and_then(|()| BackgroundReader::release(bus)).and_then(|()| AsciiPort::release(bus));
+        let released = ServoReader::release(bus)
+            .and_then(|()| BackgroundReader::release(bus))
+            .and_then(|()| AsciiPort::release(bus));
         if let Err(error) = released {
             self.bus_failed(&error);
         }
@@ -160,7 +165,9 @@ impl BoardLoop {
 
     /// Waits for the next due time or something to read. Never longer than to the next heartbeat.
     fn wait(&self, now: u64, heartbeat_due: u64) -> Readable {
-        let desk_due = now + u64::try_from(self.desk.due().saturating_duration_since(Instant::now()).as_nanos()).unwrap_or(HEARTBEAT_NS);
+        let desk_due = now
+            + u64::try_from(self.desk.due().saturating_duration_since(Instant::now()).as_nanos())
+                .unwrap_or(HEARTBEAT_NS);
         let others = desk_due.min(self.background.due_ns());
         // Work that would not fit before the servo data waits until after them.
         let servo = self.servo.due_ns();
@@ -180,11 +187,7 @@ impl BoardLoop {
             return Readable::default();
         }
         let [stop, second, third] = watched.map(|fd| fd.any().unwrap_or(false));
-        Readable {
-            stop,
-            commands: second && commands.is_some(),
-            interrupt: third && interrupt.is_some(),
-        }
+        Readable { stop, commands: second && commands.is_some(), interrupt: third && interrupt.is_some() }
     }
 
     /// Takes what became readable.
@@ -193,7 +196,9 @@ impl BoardLoop {
         if let Some(answer) = self.answer.take() {
             self.reply(answer);
         }
-        if readable.interrupt && let Some(link) = &mut self.interrupt {
+        if readable.interrupt
+            && let Some(link) = &mut self.interrupt
+        {
             let taken = link.take();
             self.publisher.counters().add(Counter::Interrupts, u64::from(taken.interrupts));
             self.desk.look_now(now);
@@ -259,8 +264,17 @@ impl BoardLoop {
     /// The heartbeat: what must be seen even when no data come.
     fn beat(&mut self, now: u64) {
         self.publisher.counters().set(Counter::BusAccesses, self.bus.accesses());
-        let alive = self.servo.is_live() || self.background.is_live() || self.desk.state() == PortState::Answers;
-        let state = if alive { State::Live } else { State::Stale };
+        let alive =
+            self.servo.is_live() || self.background.is_live() || self.desk.state() == PortState::Answers;
+        let state = match (alive, self.told.state) {
+            (true, _) => State::Live,
+            (false, None) if now < self.began_ns + FIRST_SIGN_NS => State::Init,
+            (false, _) => State::Stale,
+        };
+        self.publisher.beat(now);
+        if state == State::Init {
+            return;
+        }
         if self.told.state.replace(state) != Some(state) {
             self.publisher.set_state(state);
             self.info.set_state(if alive { InfoState::Live } else { InfoState::Stale });
@@ -270,7 +284,6 @@ impl BoardLoop {
                 warn!("the board gives no sign of life: no servo data, no background data, no ASCII reply");
             }
         }
-        self.publisher.beat(now);
         if self.told.info_pending {
             self.inform();
         }

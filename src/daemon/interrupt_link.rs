@@ -53,7 +53,10 @@ impl InterruptLink {
             }
             Err(error) => {
                 if !std::mem::replace(&mut self.complained, true) {
-                    warn!("interrupt {:?} is not there ({error}); looking for responses instead", self.source);
+                    warn!(
+                        "interrupt {:?} is not there ({error}); looking for responses instead",
+                        self.source
+                    );
                 }
                 false
             }
@@ -65,7 +68,10 @@ impl InterruptLink {
         let Some(interrupt) = &mut self.interrupt else { return Taken::default() };
         let taken = interrupt.take();
         if taken.closed {
-            warn!("interrupt {:?} was closed by the board's side; connecting again when it is back", self.source);
+            warn!(
+                "interrupt {:?} was closed by the board's side; connecting again when it is back",
+                self.source
+            );
             self.interrupt = None;
             self.complained = true;
         }

@@ -1,11 +1,22 @@
 //! The daemon: owns the board, mirrors it, serves commands (layer 5).
+//!
+//! Two threads work and one waits for signals. The bus thread ([`board_loop`]) owns the board; the socket's thread
+//! ([`serve`]) owns the clients; between them stand two bounded queues ([`queue`]).
 
 pub mod ascii_desk;
+pub mod board_loop;
+pub mod bring_up;
 mod connection;
 mod dispatch;
 pub mod identify;
 pub mod info;
+pub mod interrupt_link;
 pub mod listener;
+pub mod options;
 pub mod policy;
 pub mod queue;
 pub mod serve;
+pub mod settings;
+pub mod simulator;
+
+pub use bring_up::main;

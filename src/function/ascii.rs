@@ -24,6 +24,7 @@ use crate::map::classic::{
     ASCII_LINE_LIMIT, ASCII_OUTPUT_CONTROL, ASCII_RESPONSE, ASCII_RESPONSE_BYTES, COMMAND_LOADED,
     RESPONSE_ACKNOWLEDGE, RESPONSE_ERROR, RESPONSE_LINE, RESPONSE_MESSAGE, RESPONSE_TO_PROGRAM,
 };
+use crate::map::errors;
 
 /// How long the response buffer must have been silent before a port that gave up on a reply is used again.
 pub const SETTLE: Duration = Duration::from_millis(50);
@@ -349,11 +350,13 @@ impl AsciiPort {
                 self.state = State::Idle;
                 AsciiEvent::Done(Ok(()))
             }
-            _ if control & RESPONSE_ERROR != 0 && control != u16::MAX => {
-                self.state = State::Idle;
-                AsciiEvent::Done(Err(error_number(control)))
-            }
-            _ => AsciiEvent::Stale(control),
+            _ => match errors::from_control(control) {
+                Some(number) => {
+                    self.state = State::Idle;
+                    AsciiEvent::Done(Err(number))
+                }
+                None => AsciiEvent::Stale(control),
+            },
         }
     }
 
@@ -376,11 +379,6 @@ impl AsciiPort {
         text.length = text.bytes[..limit].iter().position(|&byte| byte == 0).unwrap_or(limit);
         Ok(text)
     }
-}
-
-/// The error number in a control word: bits 11-0 are three BCD digits.
-fn error_number(control: u16) -> u16 {
-    (control >> 8 & 0xF) * 100 + (control >> 4 & 0xF) * 10 + (control & 0xF)
 }
 
 /// Whether PMAC answers this control character with data (FACTS: on-line control characters).

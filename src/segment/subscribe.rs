@@ -430,7 +430,7 @@ impl Cursor {
         for _ in 0..ATTEMPTS {
             match subscriber.read(self.region, self.next, sample)? {
                 Read::Sample => {
-                    self.next += 1;
+                    self.next = self.next.saturating_add(1);
                     return Ok(true);
                 }
                 Read::NotYet => return Ok(false),

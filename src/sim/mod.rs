@@ -1,1 +1,41 @@
-//! (under construction)
+//! The simulated board: PMAC's half of every handshake, with motors that move (layer 5).
+//!
+//! It shares with the driver only the number formats and the register map: it is the opponent in every test. It runs
+//! as its own process (`pmac-sim`) against a file that a host maps too, so that both sides really race.
+//!
+//! | file | what it is on the board |
+//! |---|---|
+//! | [`memory`], [`dpram`] | X and Y memory, and the part shared with the host |
+//! | [`machine`], `commands`, `registers` | the servo interrupt and the background loop; what commands do; status words |
+//! | [`motor`], [`profile`], [`coordinate`] | servo loop, drive and shaft; jog and home moves; time base |
+//! | [`servo_report`], [`background_report`], [`ascii`], [`gather`] | the automatic functions of the DPRAM |
+//! | [`language`] | the interpreter of on-line commands |
+//! | [`judge`], [`fault`] | what a host does wrong; what the board can be told to do wrong |
+
+pub mod ascii;
+pub mod background_report;
+pub mod clock;
+mod commands;
+pub mod control;
+pub mod coordinate;
+pub mod dpram;
+pub mod fault;
+pub mod gather;
+pub mod interrupt;
+pub mod judge;
+pub mod language;
+pub mod machine;
+pub mod memory;
+pub mod motor;
+pub mod offsets;
+pub mod options;
+pub mod process;
+pub mod profile;
+mod random;
+mod registers;
+pub mod serial;
+pub mod servo_report;
+pub mod socket;
+
+/// The start-up file that enables all DPRAM functions for eight motors.
+pub const STARTUP: &str = include_str!("dpram-startup.pmc");

@@ -11,6 +11,8 @@ use pmac_dpram::segment::{
 
 /// Nothing is stale in a test unless the test says so.
 const LONG_NS: u64 = 3_600_000_000_000;
+/// Nobody beats the segment's heart here; a test that wants it silent beats it at time 0.
+const HEARTBEAT_NS: u64 = 60_000_000_000;
 const SERVO_START: usize = 0x24;
 const SERVO_WORDS: usize = (0x228 - 0x24) / 2;
 const BACKGROUND_START: usize = 0x228;
@@ -58,7 +60,7 @@ impl Rig {
                 region(RegionId::Board, 4, pmac_dpram::segment::identity::BYTES, 0),
             ],
         );
-        options.heartbeat_limit_ns = LONG_NS;
+        options.heartbeat_limit_ns = HEARTBEAT_NS;
         let mut publisher = Publisher::create(&options).unwrap();
         let mut identity = Identity {
             family: Some(1),

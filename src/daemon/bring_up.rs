@@ -1,0 +1,238 @@
+//! From the command line to a running daemon, and back: the whole order in one place.
+//!
+//! settings → simulator (if any) → board → segment → socket → bus thread → wait for a signal → the same backwards.
+
+use std::process::ExitCode;
+use std::sync::Arc;
+use std::time::Instant;
+
+use clap::Parser;
+use log::{error, info, warn};
+use nix::sys::eventfd::{EfdFlags, EventFd};
+use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
+use signal_hook::iterator::Signals;
+
+use super::ascii_desk::AsciiDesk;
+use super::board_loop::{BoardLoop, OpenBus, Told};
+use super::identify::{Identifier, servo_period_ps};
+use super::info::SharedInfo;
+use super::interrupt_link::InterruptLink;
+use super::options::Options;
+use super::queue::queue;
+use super::serve::{Backend, ServeOptions, serve};
+use super::settings::Settings;
+use super::simulator::Simulator;
+use crate::device::file::DPRAM_BYTES;
+use crate::device::{BoardSpec, Bus, Counted, FileBoard, InterruptSource, WordSwapped};
+use crate::format::WordOrder;
+use crate::function::background::BACKGROUND_WORDS;
+use crate::function::servo::SERVO_WORDS;
+use crate::map::classic;
+use crate::mirror::{BackgroundMirror, ServoMirror, monotonic_ns};
+use crate::protocol::BoardInfo;
+use crate::segment::identity;
+use crate::segment::{CreateOptions, Identity, Publisher, RegionId, RegionSpec};
+
+/// Slots of each region: servo, some seconds; background, some reports; the board, a few changes.
+const SERVO_SLOTS: u32 = 4096;
+const BACKGROUND_SLOTS: u32 = 16;
+const BOARD_SLOTS: u32 = 4;
+/// Commands and events that may lie between the threads.
+const QUEUE: usize = 256;
+
+/// The request was not understood or cannot be: nothing has been done.
+const EXIT_USAGE: u8 = 2;
+/// The daemon could not start, or could not go on.
+const EXIT_FAILURE: u8 = 1;
+
+/// The whole program.
+#[must_use]
+pub fn main() -> ExitCode {
+    env_logger::Builder::from_env(env_logger::Env::default().default_filter_or("info"))
+        .format_timestamp(None)
+        .format_target(false)
+        .init();
+    let options = match Options::try_parse() {
+        Ok(options) => options,
+        Err(error) => return crate::cli::usage(&error),
+    };
+    let settings = match Settings::decide(&options) {
+        Ok(settings) => settings,
+        Err(error) => {
+            eprintln!("pmacd: {error}");
+            return ExitCode::from(EXIT_USAGE);
+        }
+    };
+    if options.check {
+        return ExitCode::SUCCESS;
+    }
+    match run(&settings) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(reason) => {
+            eprintln!("pmacd: {reason}");
+            ExitCode::from(EXIT_FAILURE)
+        }
+    }
+}
+
+fn run(settings: &Settings) -> Result<(), String> {
+    // Before anything else: a signal from now on is kept until it is waited for.
+    let mut signals = Signals::new([SIGTERM, SIGINT, SIGHUP]).map_err(|error| format!("signals: {error}"))?;
+    if nix::unistd::geteuid().is_root() {
+        warn!("running as root; the unit file or a user of its own is safer");
+    }
+    let options = segment_options(settings);
+    let publisher = Publisher::create(&options).map_err(|error| error.to_string())?;
+    let (_simulator, open, interrupt) = open_board(settings)?;
+    let mut open = open;
+    let bus = Counted::new(open()?);
+
+    let (commands, command_queue) = queue(QUEUE).map_err(|error| format!("queue: {error}"))?;
+    let (events, event_queue) = queue(QUEUE).map_err(|error| format!("queue: {error}"))?;
+    let info = Arc::new(SharedInfo::new(board_info(settings, &publisher)));
+    let serve_options = ServeOptions {
+        mode: settings.socket_mode,
+        group: settings.socket_group.clone(),
+        roles: settings.roles.clone(),
+        ..ServeOptions::new(settings.socket.clone())
+    };
+    let listener = serve_options.listen().map_err(|error| error.to_string())?;
+    let backend = Backend { commands, events: event_queue, info: Arc::clone(&info) };
+    let server = serve(&serve_options, listener, backend).map_err(|error| error.to_string())?;
+
+    let flags = EfdFlags::EFD_NONBLOCK | EfdFlags::EFD_CLOEXEC;
+    let stop =
+        Arc::new(EventFd::from_value_and_flags(0, flags).map_err(|error| format!("eventfd: {error}"))?);
+    let identifier = Identifier::new(configured_identity(settings), settings.ask_board, Instant::now());
+    let board = BoardLoop {
+        bus,
+        open,
+        servo: ServoMirror::new(settings.servo_reading),
+        background: BackgroundMirror::new(settings.background_period_ns),
+        desk: AsciiDesk::new(settings.text_order, identifier),
+        interrupt: interrupt.map(InterruptLink::new),
+        publisher,
+        commands: command_queue,
+        events,
+        info,
+        stop: Arc::clone(&stop),
+        default_motors: settings.motors.map_or(classic::MOTORS, |motors| motors as usize),
+        answer: None,
+        began_ns: monotonic_ns(),
+        told: Told::default(),
+    };
+    let bus_thread = std::thread::Builder::new()
+        .name("bus".to_owned())
+        .spawn(move || board.run())
+        .map_err(|error| format!("the bus thread: {error}"))?;
+    info!(
+        "pmacd {} serves board {} as {} on {}",
+        env!("CARGO_PKG_VERSION"),
+        settings.board_text,
+        options.name.as_str(),
+        settings.socket.display()
+    );
+
+    for signal in signals.forever() {
+        if signal == SIGHUP {
+            warn!("SIGHUP changes nothing: restart the daemon to have it read its configuration again");
+        } else {
+            info!("signal {signal}: stopping");
+            break;
+        }
+    }
+    let _ = stop.write(1);
+    let ended = bus_thread.join();
+    server.stop();
+    if ended.is_err() {
+        error!("the bus thread ended with a panic");
+        return Err("the bus thread failed".to_owned());
+    }
+    Ok(())
+}
+
+/// The regions this version publishes.
+fn segment_options(settings: &Settings) -> CreateOptions {
+    let servo = RegionSpec {
+        id: RegionId::Servo,
+        slots: SERVO_SLOTS,
+        payload_bytes: 2 * SERVO_WORDS as u32,
+        first_host_offset: classic::SERVO_HOST_STATUS.bytes(),
+        period_hint_ns: 0,
+        stale_after_ns: 100_000_000,
+    };
+    let background = RegionSpec {
+        id: RegionId::Background,
+        slots: BACKGROUND_SLOTS,
+        payload_bytes: 2 * BACKGROUND_WORDS as u32,
+        first_host_offset: classic::BACKGROUND_DATA_READY.bytes(),
+        period_hint_ns: settings.background_period_ns,
+        stale_after_ns: 1_000_000_000.max(10 * settings.background_period_ns),
+    };
+    let board = RegionSpec {
+        id: RegionId::Board,
+        slots: BOARD_SLOTS,
+        payload_bytes: identity::BYTES as u32,
+        first_host_offset: 0,
+        period_hint_ns: 0,
+        stale_after_ns: u64::MAX,
+    };
+    CreateOptions {
+        mode: settings.segment_mode,
+        ..CreateOptions::new(settings.name.clone(), vec![servo, background, board])
+    }
+}
+
+fn configured_identity(settings: &Settings) -> Identity {
+    Identity {
+        family: Some(settings.family.number()),
+        motors: Some(classic::MOTORS as u32),
+        coordinate_systems: Some(classic::MOTORS as u32),
+        servo_period_ps: settings.i10.map(servo_period_ps),
+        i10: settings.i10,
+        i19: settings.i19,
+        i59: settings.motors,
+        firmware: settings.firmware.clone(),
+        ..Identity::default()
+    }
+}
+
+fn board_info(settings: &Settings, publisher: &Publisher) -> BoardInfo {
+    BoardInfo {
+        name: settings.name.as_str().to_owned(),
+        version: env!("CARGO_PKG_VERSION").to_owned(),
+        board: settings.board_text.clone(),
+        family: settings.family.name().to_owned(),
+        firmware: settings.firmware.clone(),
+        motors: settings.motors.unwrap_or(classic::MOTORS as u32),
+        generation: publisher.generation(),
+        pid: std::process::id(),
+        segment: format!("/{}", settings.name.as_str()),
+        ..BoardInfo::default()
+    }
+}
+
+/// A simulator to keep alive, how to open the board's bus, and where its interrupt comes from.
+type Opened = (Option<Simulator>, OpenBus, Option<InterruptSource>);
+
+fn open_board(settings: &Settings) -> Result<Opened, String> {
+    let order = settings.word_order;
+    let open_file = move |path: std::path::PathBuf| -> OpenBus {
+        Box::new(move || {
+            let board = FileBoard::open(&path, DPRAM_BYTES).map_err(|error| error.to_string())?;
+            Ok(match order {
+                WordOrder::Little => Box::new(board) as Box<dyn Bus>,
+                WordOrder::Swapped => Box::new(WordSwapped(board)),
+            })
+        })
+    };
+    match &settings.board {
+        BoardSpec::Simulator => {
+            let simulator = Simulator::start(settings.family, settings.firmware.as_deref())
+                .map_err(|error| error.to_string())?;
+            let (memory, interrupt) = (simulator.memory(), simulator.interrupt());
+            Ok((Some(simulator), open_file(memory), Some(interrupt)))
+        }
+        BoardSpec::File { path, interrupt } => Ok((None, open_file(path.clone()), interrupt.clone())),
+    }
+}

@@ -1,0 +1,26 @@
+//! The command line of `pmacd`.
+
+use std::path::PathBuf;
+
+use clap::Parser;
+
+/// Owns a PMAC's dual-ported RAM: mirrors it into shared memory, serves commands on a socket.
+#[derive(Debug, Clone, Default, Parser)]
+#[command(name = "pmacd", version, about, max_term_width = 100)]
+pub struct Options {
+    /// The board: sim, or file:PATH[,irq=unix:PATH]
+    #[arg(long, value_name = "SPEC")]
+    pub board: Option<String>,
+    /// The name of the shared-memory segment and of the socket [default: pmac0]
+    #[arg(long, value_name = "NAME")]
+    pub name: Option<String>,
+    /// The configuration file, TOML; what the command line says wins over it
+    #[arg(long, value_name = "FILE")]
+    pub config: Option<PathBuf>,
+    /// The command socket [default: /run/pmacd/NAME.sock]
+    #[arg(long, value_name = "PATH")]
+    pub socket: Option<PathBuf>,
+    /// Reads the configuration, says what is wrong with it, and exits
+    #[arg(long)]
+    pub check: bool,
+}

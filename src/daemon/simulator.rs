@@ -1,0 +1,132 @@
+//! `--board sim`: a simulator of our own, started with the daemon and stopped with it.
+
+use std::os::unix::process::CommandExt;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+
+use log::{info, warn};
+use nix::sys::signal::Signal;
+
+use super::settings::FamilyName;
+use crate::device::InterruptSource;
+use crate::device::file::DPRAM_BYTES;
+
+/// How long the simulator may take to lay out its memory and open its sockets.
+const START: Duration = Duration::from_secs(5);
+/// How long it may take to end when asked to.
+const END: Duration = Duration::from_secs(2);
+
+/// The simulator could not be started.
+#[derive(Debug, thiserror::Error)]
+#[error("the simulator {program} could not be started: {reason}")]
+pub struct SimulatorError {
+    program: PathBuf,
+    reason: String,
+}
+
+/// A running simulator and the private directory it works in. Both are gone when this is dropped.
+pub struct Simulator {
+    child: Child,
+    directory: PathBuf,
+}
+
+impl Simulator {
+    /// Starts `pmac-sim` from the directory this program lies in (or the search path) with the shipped start-up file.
+    ///
+    /// # Errors
+    /// When there is no such program, or it is not ready in time.
+    pub fn start(family: FamilyName, firmware: Option<&str>) -> Result<Self, SimulatorError> {
+        let program = program();
+        let fail = |reason: String| SimulatorError { program: program.clone(), reason };
+        let directory = private_directory().map_err(|error| fail(error.to_string()))?;
+        let startup = directory.join("startup.pmc");
+        std::fs::write(&startup, crate::sim::STARTUP).map_err(|error| fail(error.to_string()))?;
+        let mut command = Command::new(&program);
+        command.arg("--memory").arg(directory.join("dpram"));
+        command.arg("--interrupt").arg(socket(&directory, "interrupt"));
+        command.arg("--serial").arg(socket(&directory, "serial"));
+        command.arg("--control").arg(socket(&directory, "control"));
+        command.arg("--family").arg(family.name());
+        if let Some(firmware) = firmware {
+            command.arg("--firmware").arg(firmware);
+        }
+        command.arg("--startup").arg(&startup).stdin(Stdio::null()).stdout(Stdio::null());
+        // A terminal's ^C is for the daemon, which ends the simulator in its own time.
+        command.process_group(0);
+        let child = command.spawn().map_err(|error| fail(error.to_string()))?;
+        let mut simulator = Self { child, directory };
+        simulator.wait_until_ready().map_err(fail)?;
+        info!("simulator {} runs in {}", simulator.child.id(), simulator.directory.display());
+        Ok(simulator)
+    }
+
+    /// Its memory.
+    #[must_use]
+    pub fn memory(&self) -> PathBuf {
+        self.directory.join("dpram")
+    }
+
+    /// Where it announces interrupts.
+    #[must_use]
+    pub fn interrupt(&self) -> InterruptSource {
+        InterruptSource::Unix(self.directory.join("interrupt"))
+    }
+
+    /// Its serial port, a socket of raw bytes.
+    #[must_use]
+    pub fn serial(&self) -> PathBuf {
+        self.directory.join("serial")
+    }
+
+    fn wait_until_ready(&mut self) -> Result<(), String> {
+        let deadline = Instant::now() + START;
+        loop {
+            let memory = std::fs::metadata(self.memory()).map_or(0, |metadata| metadata.len());
+            if memory == DPRAM_BYTES as u64 && self.directory.join("interrupt").exists() {
+                return Ok(());
+            }
+            match self.child.try_wait() {
+                Ok(Some(status)) => return Err(format!("it ended at once with {status}")),
+                Ok(None) if Instant::now() < deadline => std::thread::sleep(Duration::from_millis(5)),
+                Ok(None) => return Err(format!("it was not ready after {} s", START.as_secs())),
+                Err(error) => return Err(error.to_string()),
+            }
+        }
+    }
+}
+
+impl Drop for Simulator {
+    fn drop(&mut self) {
+        let pid = nix::unistd::Pid::from_raw(self.child.id().cast_signed());
+        let _ = nix::sys::signal::kill(pid, Signal::SIGTERM);
+        let deadline = Instant::now() + END;
+        while matches!(self.child.try_wait(), Ok(None)) {
+            if Instant::now() >= deadline {
+                warn!("the simulator did not end in {} s and is killed", END.as_secs());
+                let _ = self.child.kill();
+                let _ = self.child.wait();
+                break;
+            }
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        let _ = std::fs::remove_dir_all(&self.directory);
+    }
+}
+
+fn socket(directory: &Path, name: &str) -> String {
+    format!("unix:{}", directory.join(name).display())
+}
+
+fn program() -> PathBuf {
+    let beside = std::env::current_exe().ok().and_then(|own| Some(own.parent()?.join("pmac-sim")));
+    beside.filter(|path| path.exists()).unwrap_or_else(|| "pmac-sim".into())
+}
+
+/// A directory only this user can enter, in memory if possible: the simulator's DPRAM lies there.
+fn private_directory() -> std::io::Result<PathBuf> {
+    let parent = Path::new("/dev/shm");
+    let parent = if parent.is_dir() { parent.to_owned() } else { std::env::temp_dir() };
+    let template = parent.join(format!("pmac-sim-{}-XXXXXX", std::process::id()));
+    Ok(nix::unistd::mkdtemp(&template)?)
+}

@@ -1,0 +1,208 @@
+//! PMAC's half of the DPRAM ASCII port (DPRAM manual pp. 25-29).
+//!
+//! A line is taken when bit 0 of 0x062C is set: seen in one background pass, taken in the next, so that a host that
+//! goes on writing after its flag is found out. A first part of a long line has no NUL in its 160 bytes. A character
+//! at 0x062E acts at once. Responses queue up; one is written when 0x06D0 is zero: text and NUL, count, then the
+//! control word, and the interrupt if I56=1.
+//!
+//! Control words: 0x000D a line, 0x0006 the end, 0x8nnn an error (BCD), 0x010D a `CMD` response, 0x020D a `SEND`
+//! message. The end is sent when I3 is 2 or 3, the modes whose handshake is `<ACK>`.
+
+use std::collections::VecDeque;
+
+use super::language::{CommandError, Interpreter};
+use super::machine::Machine;
+use super::offsets;
+use crate::format::TextOrder;
+
+/// A line follows.
+pub const LINE: u16 = 0x000D;
+/// End of transmission.
+pub const ACKNOWLEDGE: u16 = 0x0006;
+/// A line that a program's `CMD` caused.
+pub const COMMAND_RESPONSE: u16 = 0x010D;
+/// A program's `SEND`.
+pub const SEND_MESSAGE: u16 = 0x020D;
+
+/// The most characters a line in two parts can have.
+const LONGEST: usize = 200;
+/// Responses kept for a host that does not fetch them; then the oldest program's messages would be lost, so new ones are.
+const QUEUE: usize = 4096;
+
+/// One filling of the response buffer.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Response {
+    /// The control word.
+    pub control: u16,
+    /// The characters, without NUL.
+    pub text: Vec<u8>,
+}
+
+/// The port's state.
+#[derive(Debug, Clone, Default)]
+pub struct AsciiPort {
+    queue: VecDeque<Response>,
+    /// The text as it was when its flag was first seen.
+    seen: Option<[u8; offsets::ASCII_OUT_LENGTH]>,
+    /// The first part of a long line.
+    first_part: Option<Vec<u8>>,
+    /// Passes left until a late `<ACK>` may go.
+    late: Option<u64>,
+    /// Lines and control characters taken.
+    pub commands: u64,
+    /// Interrupts raised by responses, not yet given to the hosts.
+    pub interrupts: u64,
+}
+
+impl AsciiPort {
+    /// Empties the queues (`<CTRL-X>`, reset).
+    pub fn clear(&mut self) {
+        self.queue.clear();
+        self.seen = None;
+        self.first_part = None;
+        self.late = None;
+    }
+
+    /// Queues a response. A line longer than the buffer is cut at 255 characters.
+    pub fn push(&mut self, control: u16, text: &[u8]) {
+        if self.queue.len() < QUEUE {
+            let length = text.len().min(offsets::ASCII_IN_CHARACTERS);
+            self.queue.push_back(Response { control, text: text[..length].to_vec() });
+        }
+    }
+
+    /// Queues the error's control word.
+    pub fn push_error(&mut self, error: CommandError) {
+        let code = error.0;
+        let digits = (code / 100 % 10) << 8 | (code / 10 % 10) << 4 | code % 10;
+        self.push(0x8000 | digits, &[]);
+    }
+}
+
+/// One background pass: takes a control character, then a line, then writes a response.
+pub fn pass(machine: &mut Machine, interpreter: &mut Interpreter) {
+    if machine.variables.i(58) == 1.0 && !machine.faults.ascii_deaf {
+        take_character(machine, interpreter);
+        take_line(machine, interpreter);
+    }
+    respond(machine);
+}
+
+fn take_character(machine: &mut Machine, interpreter: &mut Interpreter) {
+    let word = machine.memory.dpram.read16(offsets::ASCII_OUT_CHARACTER);
+    let character = word as u8;
+    if character == 0 {
+        return;
+    }
+    machine.memory.dpram.write16(offsets::ASCII_OUT_CHARACTER, 0);
+    machine.ascii.commands += 1;
+    machine.dpram_becomes_active();
+    control(machine, interpreter, character);
+}
+
+fn control(machine: &mut Machine, interpreter: &mut Interpreter, character: u8) {
+    interpreter.control(machine, character);
+}
+
+fn take_line(machine: &mut Machine, interpreter: &mut Interpreter) {
+    if machine.memory.dpram.read16(offsets::ASCII_OUT_CONTROL) & 1 == 0 {
+        machine.ascii.seen = None;
+        return;
+    }
+    machine.memory.dpram.order_reads();
+    let text = read_text(machine);
+    let Some(seen) = machine.ascii.seen.replace(text) else { return };
+    machine.ascii.seen = None;
+    if before_nul(&seen) != before_nul(&text) {
+        let cycle = machine.stats.servo_cycles;
+        machine.judge.record(cycle, "the command text changed after its flag was set");
+    }
+    match text.iter().position(|&byte| byte == 0) {
+        Some(end) => {
+            let mut line = machine.ascii.first_part.take().unwrap_or_default();
+            line.extend_from_slice(&text[..end]);
+            machine.ascii.commands += 1;
+            machine.dpram_becomes_active();
+            if line.len() > LONGEST {
+                machine.ascii.push_error(CommandError::SYNTAX);
+            } else {
+                execute(machine, interpreter, &line);
+            }
+        }
+        // The last byte of a first part only shows that there is more.
+        None if machine.ascii.first_part.is_none() => {
+            machine.ascii.first_part = Some(text[..offsets::ASCII_OUT_LENGTH - 1].to_vec());
+        }
+        None => {
+            machine.ascii.first_part = None;
+            machine.ascii.push_error(CommandError::SYNTAX);
+        }
+    }
+    machine.memory.dpram.order_writes();
+    machine.memory.dpram.write16(offsets::ASCII_OUT_CONTROL, 0);
+}
+
+fn execute(machine: &mut Machine, interpreter: &mut Interpreter, line: &[u8]) {
+    // Some hosts send a control character as a line of its own.
+    if let [character @ 1..=31] = *line {
+        control(machine, interpreter, character);
+        return;
+    }
+    let resets = machine.stats.resets;
+    let reply = interpreter.execute(machine, line);
+    // A reset empties the queues; its own acknowledgement is lost with them.
+    if machine.faults.ascii_no_reply || machine.stats.resets != resets {
+        return;
+    }
+    for text in reply.lines {
+        machine.ascii.push(LINE, text.as_bytes());
+    }
+    match reply.error {
+        Some(error) => machine.ascii.push_error(error),
+        None if machine.variables.i(3) >= 2.0 => machine.ascii.push(ACKNOWLEDGE, &[]),
+        None => {}
+    }
+}
+
+fn respond(machine: &mut Machine) {
+    let Some(next) = machine.ascii.queue.front() else { return };
+    if next.control == ACKNOWLEDGE && machine.faults.ascii_late_ack > 0 {
+        let left = machine.ascii.late.get_or_insert(machine.faults.ascii_late_ack);
+        if *left > 0 {
+            *left -= 1;
+            return;
+        }
+    }
+    if machine.memory.dpram.read16(offsets::ASCII_IN_CONTROL) != 0 {
+        return;
+    }
+    machine.ascii.late = None;
+    let Some(Response { control, text }) = machine.ascii.queue.pop_front() else { return };
+    let dpram = &mut machine.memory.dpram;
+    // One NUL at least; the second half of the last word is a NUL too.
+    for (index, place) in (0..=text.len()).step_by(2).enumerate() {
+        let character = |at: usize| text.get(at).copied().unwrap_or(0);
+        let word = TextOrder::LowFirst.pack(character(place), character(place + 1));
+        dpram.write16(offsets::ASCII_IN_TEXT + 2 * index as u16, word);
+    }
+    dpram.write16(offsets::ASCII_IN_COUNT, text.len() as u16 + 1);
+    dpram.order_writes();
+    dpram.write16(offsets::ASCII_IN_CONTROL, control);
+    if machine.variables.i(56) == 1.0 {
+        machine.ascii.interrupts += 1;
+    }
+}
+
+fn read_text(machine: &Machine) -> [u8; offsets::ASCII_OUT_LENGTH] {
+    let mut text = [0; offsets::ASCII_OUT_LENGTH];
+    for (index, pair) in text.chunks_exact_mut(2).enumerate() {
+        let word = machine.memory.dpram.read16(offsets::ASCII_OUT_TEXT + 2 * index as u16);
+        pair.copy_from_slice(&TextOrder::LowFirst.unpack(word));
+    }
+    text
+}
+
+/// What counts of a text: what stands before its NUL.
+fn before_nul(text: &[u8]) -> &[u8] {
+    text.split(|&byte| byte == 0).next().unwrap_or(text)
+}

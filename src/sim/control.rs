@@ -1,0 +1,183 @@
+//! The control socket's commands: what tests and demonstrations do to the simulated world. One line in, one line out.
+//!
+//! | command | effect |
+//! |---|---|
+//! | `step N` | with `--virtual`: N servo cycles, each with its background pass |
+//! | `status` | one line of JSON with the counts |
+//! | `fault NAME on\|off\|N` | see [`super::fault::Faults`] |
+//! | `reset` | as the reset switch |
+//! | `send TEXT`, `cmd TEXT` | as a program's `SEND"TEXT"`, `CMD"TEXT"` |
+//! | `limit MOTOR +\|-\|0` | opens the limit switch at one end, or closes both |
+//! | `trigger MOTOR` | a trigger pulse for homing or a jog until trigger |
+//! | `index MOTOR on\|off` | connects the encoder's index channel, the usual trigger of a homing search |
+//! | `stall MOTOR on\|off` | holds the shaft |
+//! | `tag on\|off` | the servo report carries its update's number in every field |
+//! | `exit` | ends the simulator |
+
+use serde::Serialize;
+
+use super::ascii::{COMMAND_RESPONSE, SEND_MESSAGE};
+use super::machine::{Board, Machine, Port};
+
+/// The most cycles of one `step`.
+const MOST_STEPS: u64 = 100_000_000;
+
+/// What a command asks of the process around the board.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Answer {
+    /// The line to send back.
+    Line(String),
+    /// Run so many cycles, then answer.
+    Step(u64),
+    /// Text for the serial port; the answer is `ok`.
+    Transmit(Vec<u8>),
+    /// Answer, then end.
+    Exit,
+}
+
+#[derive(Serialize)]
+struct Status<'a> {
+    servo_cycles: u64,
+    servo_timer: u32,
+    servo_period_us: f64,
+    updates: u64,
+    skipped: u64,
+    late: u64,
+    background_updates: u64,
+    commands: u64,
+    violations: &'a [String],
+    violations_total: u64,
+    resets: u64,
+}
+
+/// The answer to `status`: a JSON object on one line.
+#[must_use]
+pub fn status(machine: &Machine) -> String {
+    let status = Status {
+        servo_cycles: machine.stats.servo_cycles,
+        servo_timer: machine.memory.read_x(super::offsets::SERVO_COUNTER),
+        servo_period_us: machine.cycle_ms() * 1000.0,
+        updates: machine.report.updates,
+        skipped: machine.report.skipped,
+        late: machine.stats.late,
+        background_updates: machine.stats.background_updates,
+        commands: machine.ascii.commands,
+        violations: machine.judge.violations(),
+        violations_total: machine.judge.total(),
+        resets: machine.stats.resets,
+    };
+    serde_json::to_string(&status).unwrap_or_else(|error| format!("error: {error}"))
+}
+
+/// Carries out one command line. `virtual_time` says whether `step` is allowed.
+pub fn execute(board: &mut Board, line: &str, virtual_time: bool) -> Answer {
+    answer(board, line.trim(), virtual_time).unwrap_or_else(|error| Answer::Line(format!("error: {error}")))
+}
+
+fn answer(board: &mut Board, line: &str, virtual_time: bool) -> Result<Answer, String> {
+    let (word, rest) = line.split_once(' ').unwrap_or((line, ""));
+    let arguments: Vec<&str> = rest.split_whitespace().collect();
+    let machine = &mut board.machine;
+    match (word, arguments.as_slice()) {
+        ("step", _) if !virtual_time => {
+            return Err("step needs a simulator started with --virtual".into());
+        }
+        ("step", [count]) => {
+            let steps = count.parse().ok().filter(|steps| (0..=MOST_STEPS).contains(steps));
+            return steps
+                .map(Answer::Step)
+                .ok_or(format!("step takes 0 to {MOST_STEPS} cycles, not {count:?}"));
+        }
+        ("status", []) => return Ok(Answer::Line(status(machine))),
+        ("fault", [name, value]) => {
+            let ms = machine.cycle_ms();
+            machine.faults.set(name, value, ms)?;
+        }
+        ("reset", []) => machine.reset(false),
+        ("send", _) => return Ok(send(machine, rest)),
+        ("cmd", _) => return Ok(command(board, rest)),
+        ("limit", [motor, end @ ("+" | "-" | "0")]) => {
+            let inputs = inputs(machine, motor)?;
+            inputs.positive_limit = *end == "+";
+            inputs.negative_limit = *end == "-";
+        }
+        ("trigger", [motor]) => inputs(machine, motor)?.trigger = true,
+        ("index", [motor, state]) => inputs(machine, motor)?.no_index = !on(state)?,
+        ("stall", [motor, state]) => inputs(machine, motor)?.stalled = on(state)?,
+        ("tag", [state]) => machine.report.tag = on(state)?,
+        ("exit", []) => return Ok(Answer::Exit),
+        _ => {
+            return Err(format!(
+                "cannot do {line:?}; commands: step N, status, fault NAME on|off|N, reset, send TEXT, cmd TEXT, \
+                 limit MOTOR +|-|0, trigger MOTOR, index MOTOR on|off, stall MOTOR on|off, tag on|off, exit"
+            ));
+        }
+    }
+    Ok(Answer::Line("ok".into()))
+}
+
+fn on(state: &str) -> Result<bool, String> {
+    match state {
+        "on" => Ok(true),
+        "off" => Ok(false),
+        _ => Err(format!("on or off, not {state:?}")),
+    }
+}
+
+fn inputs<'a>(machine: &'a mut Machine, motor: &str) -> Result<&'a mut super::motor::Inputs, String> {
+    let number: Option<usize> = motor.parse().ok();
+    number
+        .and_then(|number| number.checked_sub(1))
+        .and_then(|index| machine.inputs(index))
+        .ok_or_else(|| format!("no motor {motor:?}"))
+}
+
+/// A program's `SEND`: to the active response port.
+fn send(machine: &mut Machine, text: &str) -> Answer {
+    match machine.response_port() {
+        Port::Dpram => {
+            machine.ascii.push(SEND_MESSAGE, text.as_bytes());
+            Answer::Line("ok".into())
+        }
+        Port::Serial => Answer::Transmit(serial_line(machine, text, machine.variables.i(62) == 1.0)),
+    }
+}
+
+/// A program's `CMD`: its data, or its error, to the active response port. There is no closing `<ACK>`.
+fn command(board: &mut Board, text: &str) -> Answer {
+    let reply = board.interpreter.execute(&mut board.machine, text.as_bytes());
+    let machine = &mut board.machine;
+    match machine.response_port() {
+        Port::Dpram => {
+            for line in reply.lines {
+                machine.ascii.push(COMMAND_RESPONSE, line.as_bytes());
+            }
+            if let Some(error) = reply.error {
+                machine.ascii.push_error(error);
+            }
+            Answer::Line("ok".into())
+        }
+        Port::Serial => {
+            let mut bytes: Vec<u8> =
+                reply.lines.iter().flat_map(|line| serial_line(machine, line, false)).collect();
+            // I6=0 and 1 report a program's errors too, I6=2 and 3 only a host's.
+            if reply.error.is_some() && machine.variables.i(6) < 2.0 {
+                bytes.push(7);
+            }
+            Answer::Transmit(bytes)
+        }
+    }
+}
+
+/// A line as the serial port sends it: `<LF>` before it if I3 is odd, `<CR>` after it unless suppressed.
+fn serial_line(machine: &Machine, text: &str, without_return: bool) -> Vec<u8> {
+    let mut bytes = Vec::with_capacity(text.len() + 2);
+    if machine.variables.i(3) as u32 & 1 == 1 {
+        bytes.push(b'\n');
+    }
+    bytes.extend_from_slice(text.as_bytes());
+    if !without_return {
+        bytes.push(b'\r');
+    }
+    bytes
+}

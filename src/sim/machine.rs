@@ -1,0 +1,332 @@
+//! The board: its memory, variables and motors, the servo interrupt and the background loop.
+//!
+//! Servo interrupt, once a cycle: count, time bases, motors, gathering, servo report. Background, after each cycle:
+//! status words, background report, DPRAM ASCII (with the interpreter, see [`Board`]), the judge. The commands that
+//! the language calls are in `commands.rs`, the registers and status words in `registers.rs`.
+
+use super::coordinate::CoordinateSystem;
+use super::fault::Faults;
+use super::gather::Gather;
+use super::judge::Judge;
+use super::language::{AxisDefinitions, Family, Interpreter, Variables};
+use super::motor::{Event, Loop, Motor};
+use super::random::Random;
+use super::servo_report::ServoReport;
+use super::{ascii, background_report, coordinate, offsets};
+
+pub use super::ascii::AsciiPort;
+pub use super::commands::Jog;
+pub use super::memory::Memory;
+
+/// Motors and coordinate systems of a classic board.
+pub const MOTORS: usize = 8;
+
+/// What kind of board it is.
+#[derive(Debug, Clone)]
+pub struct Identity {
+    /// What the language must know of the family.
+    pub family: &'static Family,
+    /// `VERSION`, e.g. `1.16D`.
+    pub firmware: String,
+    /// `TYPE`.
+    pub type_text: String,
+    /// `DATE`.
+    pub date_text: String,
+    /// How many motors there are, 1-8.
+    pub motors: usize,
+}
+
+/// The port that responses not asked for go to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Port {
+    /// The serial port.
+    Serial,
+    /// The DPRAM.
+    Dpram,
+}
+
+/// What was counted since the simulator started.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Statistics {
+    /// Servo cycles.
+    pub servo_cycles: u64,
+    /// Servo cycles that came too late in real time and were skipped.
+    pub late: u64,
+    /// Background reports.
+    pub background_updates: u64,
+    /// Board resets, the one at power-on not counted.
+    pub resets: u64,
+}
+
+/// The board without its command interpreter.
+pub struct Machine {
+    /// X, Y and DPRAM.
+    pub memory: Memory,
+    /// I-variables and definitions.
+    pub variables: Variables,
+    /// Axis definitions.
+    pub axes: AxisDefinitions,
+    /// The faults in force.
+    pub faults: Faults,
+    /// What hosts did wrong.
+    pub judge: Judge,
+    /// What was counted.
+    pub stats: Statistics,
+    /// The servo report.
+    pub report: ServoReport,
+    /// The DPRAM ASCII port.
+    pub ascii: AsciiPort,
+    /// What fixes the servo clock when a rate was asked for: I10 of it.
+    pub fixed_i10: Option<f64>,
+    pub(super) identity: Identity,
+    pub(super) motors: Vec<Motor>,
+    pub(super) coordinates: Vec<CoordinateSystem>,
+    pub(super) gather: Gather,
+    pub(super) port: Port,
+    saved: (Variables, AxisDefinitions),
+    noise: Option<Random>,
+    /// What the memory held before [`Faults::all_ones`].
+    before_all_ones: Option<Vec<u16>>,
+}
+
+impl Machine {
+    /// A board at factory defaults, just powered up. `seed` adds encoder noise of half a count.
+    #[must_use]
+    pub fn new(memory: Memory, identity: Identity, fixed_i10: Option<f64>, seed: Option<u64>) -> Self {
+        let variables = factory(&identity, fixed_i10);
+        let mut machine = Self {
+            memory,
+            saved: (variables.clone(), AxisDefinitions::default()),
+            variables,
+            axes: AxisDefinitions::default(),
+            faults: Faults::default(),
+            judge: Judge::default(),
+            stats: Statistics::default(),
+            report: ServoReport::default(),
+            ascii: AsciiPort::default(),
+            fixed_i10,
+            motors: vec![Motor::new(); identity.motors.clamp(1, MOTORS)],
+            coordinates: vec![CoordinateSystem::default(); MOTORS],
+            gather: Gather::new(&identity.firmware),
+            port: Port::Serial,
+            identity,
+            noise: seed.map(Random::new),
+            before_all_ones: None,
+        };
+        machine.power_on();
+        machine
+    }
+
+    /// The port that responses not asked for go to.
+    #[must_use]
+    pub fn response_port(&self) -> Port {
+        self.port
+    }
+
+    /// A command came through the DPRAM.
+    pub(super) fn dpram_becomes_active(&mut self) {
+        self.port = Port::Dpram;
+    }
+
+    /// Milliseconds from one servo interrupt to the next.
+    #[must_use]
+    pub fn cycle_ms(&self) -> f64 {
+        let i10 = self.fixed_i10.unwrap_or_else(|| self.variables.i(10));
+        // I10=0 would stop the clock; the board's own default is the least surprising stand-in.
+        (if i10 > 0.0 { i10 } else { 3_713_707.0 }) / 8_388_608.0
+    }
+
+    /// The world around 0-based `motor`: limit switches, trigger, a held shaft. `None` when there is no such motor.
+    pub fn inputs(&mut self, motor: usize) -> Option<&mut super::motor::Inputs> {
+        self.motors.get_mut(motor).map(|motor| &mut motor.inputs)
+    }
+
+    /// One servo interrupt.
+    pub fn servo_cycle(&mut self) {
+        self.stats.servo_cycles += 1;
+        let count = self.memory.read_x(offsets::SERVO_COUNTER).wrapping_add(1);
+        self.memory.write_x(offsets::SERVO_COUNTER, count);
+        let mut time_base = [1.0; MOTORS];
+        for (index, coordinate) in self.coordinates.iter_mut().enumerate() {
+            time_base[index] = coordinate.cycle(index, &self.variables, &mut self.memory);
+        }
+        let ms = self.cycle_ms();
+        for motor in 0..self.motors.len() {
+            if !self.active(motor) {
+                continue;
+            }
+            let factor = self.axes.coordinate_system(motor).map_or(1.0, |cs| time_base[cs]);
+            let noise = self.noise.as_mut().map_or(0.0, |noise| noise.unit() / 2.0);
+            let event = self.motors[motor].cycle(100 * (motor + 1), &self.variables, ms, factor, noise);
+            if let Some(event) = event {
+                self.on_event(motor, event);
+            }
+            self.write_servo_registers(motor);
+        }
+        self.gather.cycle(&self.variables, &mut self.memory);
+        if self.before_all_ones.is_none() {
+            self.report.cycle(&self.variables, &self.gather, &self.faults, &mut self.memory);
+        }
+    }
+
+    /// The housekeeping part of a background pass, without the command ports.
+    pub fn housekeeping(&mut self) {
+        for motor in 0..self.motors.len() {
+            self.scan_in_position(motor);
+            self.write_background_registers(motor);
+        }
+        for cs in 0..MOTORS {
+            self.write_coordinate_registers(cs);
+        }
+        self.write_global_status();
+        if background_report::pass(&self.variables, &self.faults, &mut self.memory) {
+            self.stats.background_updates += 1;
+        }
+        self.judge.pass(self.stats.servo_cycles, &mut self.memory.dpram);
+    }
+
+    /// Puts all ones into the whole DPRAM while that fault is on, and the old content back after it. Says whether the
+    /// board is gone.
+    fn all_ones(&mut self) -> bool {
+        let dpram = &mut self.memory.dpram;
+        let words = (0..offsets::LENGTH as u16).step_by(2);
+        if self.faults.all_ones {
+            let before = &mut self.before_all_ones;
+            let fresh = before.is_none();
+            before.get_or_insert_with(|| words.clone().map(|offset| dpram.read16(offset)).collect());
+            for offset in words {
+                if fresh || dpram.read16(offset) != 0xFFFF {
+                    dpram.disturb(offset, 0xFFFF);
+                }
+            }
+            return true;
+        }
+        if let Some(before) = self.before_all_ones.take() {
+            for (offset, value) in words.zip(before) {
+                dpram.disturb(offset, value);
+            }
+        }
+        false
+    }
+
+    fn on_event(&mut self, motor: usize, event: Event) {
+        let cs = self.axes.coordinate_system(motor);
+        if let Some(cs) = cs {
+            coordinate::stop_program(cs, &mut self.memory);
+        }
+        // Ix25 bits 21-22: what a fatal error kills besides the motor itself.
+        let scope = self.ix(motor, 25) as u32 >> 21 & 3;
+        for other in 0..self.motors.len() {
+            let same = cs.is_some() && self.axes.coordinate_system(other) == cs;
+            if other == motor || !self.active(other) {
+                continue;
+            }
+            let rate = self.ix(other, 15);
+            match event {
+                Event::Limit if same => self.motors[other].abort(rate),
+                Event::FatalFollowingError if scope == 0 || scope == 1 && same => {
+                    self.motors[other].open(Loop::Killed);
+                }
+                _ => {}
+            }
+        }
+    }
+
+    /// Reloads the saved (or factory) values and starts anew.
+    pub(super) fn restart(&mut self, factory_values: bool) {
+        if factory_values {
+            self.saved = (factory(&self.identity, self.fixed_i10), AxisDefinitions::default());
+            self.memory.clear();
+        }
+        (self.variables, self.axes) = self.saved.clone();
+        self.stats.resets += 1;
+        self.power_on();
+    }
+
+    /// Keeps the present values for the next reset.
+    pub fn save(&mut self) {
+        self.saved = (self.variables.clone(), self.axes.clone());
+    }
+
+    fn power_on(&mut self) {
+        self.memory.clear_registers();
+        for word in [
+            offsets::PANEL_ENABLE,
+            offsets::SERVO_PMAC_STATUS,
+            offsets::BACKGROUND_READY,
+            offsets::BACKGROUND_TIMER,
+            offsets::ASCII_OUT_CONTROL,
+            offsets::ASCII_OUT_CHARACTER,
+            offsets::ASCII_IN_CONTROL,
+            offsets::ASCII_IN_COUNT,
+            offsets::VARIABLE_WRITE_COUNT,
+        ] {
+            self.memory.dpram.write16(word, 0);
+        }
+        self.ascii.clear();
+        self.report.reset();
+        self.gather = Gather::new(&self.identity.firmware);
+        self.port = Port::Serial;
+        for (index, coordinate) in self.coordinates.iter_mut().enumerate() {
+            coordinate.reset(index, &self.variables, &mut self.memory);
+        }
+        for motor in 0..self.motors.len() {
+            self.motors[motor].reset();
+            self.power_on_motor(motor);
+            self.write_servo_registers(motor);
+        }
+        self.housekeeping();
+    }
+
+    fn power_on_motor(&mut self, motor: usize) {
+        if !self.active(motor) {
+            return;
+        }
+        let mode = self.ix(motor, 80) as u32;
+        if self.ix(motor, 10) != 0.0 && mode & 4 == 0 {
+            let offset = self.ix(motor, 26) / 16.0;
+            self.motors[motor].absolute(offset, true);
+        }
+        if mode & 1 == 1 {
+            self.motors[motor].close_loop();
+        }
+    }
+
+    /// Motor I-variable `Ixn` of the 0-based `motor`.
+    pub(super) fn ix(&self, motor: usize, n: usize) -> f64 {
+        self.variables.i(100 * (motor + 1) + n)
+    }
+
+    /// Whether 0-based `motor` exists and is activated.
+    pub(super) fn active(&self, motor: usize) -> bool {
+        motor < self.motors.len() && self.ix(motor, 0) == 1.0
+    }
+}
+
+fn factory(identity: &Identity, fixed_i10: Option<f64>) -> Variables {
+    let mut variables = Variables::new(identity.family);
+    if let Some(i10) = fixed_i10 {
+        variables.set_i(10, i10);
+    }
+    variables
+}
+
+/// The board with its interpreter: the thing that runs.
+pub struct Board {
+    /// The board.
+    pub machine: Machine,
+    /// Its interpreter, as the DPRAM port and the start-up file use it.
+    pub interpreter: Interpreter,
+}
+
+impl Board {
+    /// One servo cycle and the background pass after it.
+    pub fn step(&mut self) {
+        self.machine.servo_cycle();
+        if self.machine.all_ones() {
+            return;
+        }
+        ascii::pass(&mut self.machine, &mut self.interpreter);
+        self.machine.housekeeping();
+    }
+}

@@ -1,0 +1,265 @@
+//! The process: options, start, the loop around the board, its end.
+//!
+//! One thread runs the servo; sockets are looked at between cycles, about once a millisecond, and never waited for.
+
+use std::io;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
+use super::STARTUP;
+use super::clock::Clock;
+use super::control::{self, Answer};
+use super::dpram::{Dpram, DpramError};
+use super::interrupt::InterruptLine;
+use super::language::{Interpreter, SerialPort};
+use super::machine::{Board, Machine};
+use super::memory::Memory;
+use super::options::{Options, UnixPath};
+use super::serial::Serial;
+use super::socket::{Client, Listener};
+
+/// How often sockets are looked at.
+const SOCKETS_EVERY: Duration = Duration::from_millis(1);
+/// Longest command line on the control socket.
+const LONGEST_LINE: usize = 4096;
+/// Cycles of a `step` between two looks at the signal flag.
+const STEP_CHUNK: u64 = 1024;
+
+/// Why the simulator could not start, or ended.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum SimError {
+    /// The memory file cannot be used.
+    #[error(transparent)]
+    Dpram(#[from] DpramError),
+    /// A socket cannot be made.
+    #[error("cannot listen at {path}: {source}")]
+    Socket {
+        /// Where.
+        path: PathBuf,
+        /// What the system said.
+        source: io::Error,
+    },
+    /// The start-up file cannot be read.
+    #[error("cannot read the start-up file {path}: {source}")]
+    Startup {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        source: io::Error,
+    },
+    /// The board refused a line of the start-up file.
+    #[error("{name}, line {line}: the board answers ERR{code:03} to {text:?}")]
+    StartupLine {
+        /// The file.
+        name: String,
+        /// The line's number.
+        line: usize,
+        /// The line.
+        text: String,
+        /// The error's number.
+        code: u16,
+    },
+    /// Signals or the clock.
+    #[error("cannot run: {0}")]
+    System(#[from] io::Error),
+}
+
+/// A line-wise client of the control socket.
+struct ControlClient {
+    client: Client,
+    line: Vec<u8>,
+}
+
+/// The running simulator.
+pub struct Simulator {
+    board: Board,
+    interrupt: Option<InterruptLine>,
+    serial: Option<Serial>,
+    control: Option<Listener>,
+    control_clients: Vec<ControlClient>,
+    virtual_time: bool,
+    stop: Arc<AtomicBool>,
+}
+
+impl Simulator {
+    /// Powers the board up as `options` say and runs the start-up lines.
+    ///
+    /// # Errors
+    /// [`SimError`]; nothing is left behind but the memory file.
+    pub fn new(options: &Options) -> Result<Self, SimError> {
+        let startup = match &options.startup {
+            Some(path) => Some((
+                path.display().to_string(),
+                std::fs::read_to_string(path)
+                    .map_err(|source| SimError::Startup { path: path.clone(), source })?,
+            )),
+            None => {
+                options.dpram_startup.then(|| ("the shipped start-up file".to_owned(), STARTUP.to_owned()))
+            }
+        };
+        let memory = Memory::new(Dpram::open(&options.memory)?);
+        let machine = Machine::new(memory, options.identity(), options.fixed_i10(), options.seed);
+        let mut board = Board { machine, interpreter: Interpreter::default() };
+        if let Some((name, text)) = startup {
+            load(&mut board, &name, &text)?;
+        }
+        let stop = Arc::new(AtomicBool::new(false));
+        for signal in [signal_hook::consts::SIGTERM, signal_hook::consts::SIGINT] {
+            signal_hook::flag::register(signal, Arc::clone(&stop))?;
+        }
+        Ok(Self {
+            board,
+            interrupt: listen(options.interrupt.as_ref())?.map(InterruptLine::new),
+            serial: listen(options.serial.as_ref())?.map(|at| Serial::new(at, SerialPort::default())),
+            control: listen(options.control.as_ref())?,
+            control_clients: Vec::new(),
+            virtual_time: options.virtual_time,
+            stop,
+        })
+    }
+
+    /// Runs until a signal or `exit`.
+    ///
+    /// # Errors
+    /// When the system has no clock to run by.
+    pub fn run(mut self) -> Result<(), SimError> {
+        let mut clock = Clock::start().map_err(io::Error::from)?;
+        let mut since_sockets = Duration::ZERO;
+        while !self.stop.load(Ordering::Relaxed) {
+            let period = if self.virtual_time {
+                SOCKETS_EVERY
+            } else {
+                Duration::from_secs_f64(self.board.machine.cycle_ms() / 1000.0)
+            };
+            let late = clock.wait(period).map_err(io::Error::from)?;
+            if !self.virtual_time {
+                self.board.machine.stats.late += late;
+                self.cycle();
+            }
+            since_sockets += period;
+            if since_sockets >= SOCKETS_EVERY {
+                since_sockets = Duration::ZERO;
+                self.serve();
+            }
+        }
+        Ok(())
+    }
+
+    /// One servo cycle with what follows from it.
+    fn cycle(&mut self) {
+        self.board.step();
+        let machine = &mut self.board.machine;
+        let faults = &mut machine.faults;
+        let mut raise = std::mem::take(&mut machine.ascii.interrupts);
+        let lost = raise.min(faults.lost_interrupts);
+        raise -= lost;
+        if faults.lost_interrupts != u64::MAX {
+            faults.lost_interrupts -= lost;
+        }
+        if faults.spurious_interrupts > 0 {
+            faults.spurious_interrupts = faults.spurious_interrupts.saturating_sub(1);
+            raise += 1;
+        }
+        if raise > 0
+            && let Some(line) = &mut self.interrupt
+        {
+            line.raise(raise);
+        }
+    }
+
+    fn serve(&mut self) {
+        if let Some(line) = &mut self.interrupt {
+            line.serve();
+        }
+        if let Some(serial) = &mut self.serial {
+            serial.serve(&mut self.board.machine);
+        }
+        let Some(listener) = &self.control else { return };
+        let mut fresh = Vec::new();
+        listener.accept(&mut fresh);
+        let mut clients = std::mem::take(&mut self.control_clients);
+        clients.extend(fresh.into_iter().map(|client| ControlClient { client, line: Vec::new() }));
+        for client in &mut clients {
+            self.serve_control(client);
+        }
+        clients.retain(|client| !client.client.gone());
+        self.control_clients = clients;
+    }
+
+    fn serve_control(&mut self, from: &mut ControlClient) {
+        from.client.flush();
+        let mut buffer = [0; LONGEST_LINE];
+        let bytes = from.client.receive(&mut buffer);
+        for &byte in bytes {
+            if byte != b'\n' {
+                if from.line.len() < LONGEST_LINE {
+                    from.line.push(byte);
+                }
+                continue;
+            }
+            let line = std::mem::take(&mut from.line);
+            let mut answer = self.control_line(&String::from_utf8_lossy(&line));
+            answer.push('\n');
+            from.client.send(answer.as_bytes());
+        }
+    }
+
+    fn control_line(&mut self, line: &str) -> String {
+        match control::execute(&mut self.board, line, self.virtual_time) {
+            Answer::Line(line) => line,
+            Answer::Step(count) => {
+                for done in 0..count {
+                    if done % STEP_CHUNK == 0 && self.stop.load(Ordering::Relaxed) {
+                        return format!("error: stopped after {done} cycles");
+                    }
+                    self.cycle();
+                }
+                "ok".into()
+            }
+            Answer::Transmit(bytes) => {
+                if let Some(serial) = &mut self.serial {
+                    serial.transmit(&bytes);
+                }
+                "ok".into()
+            }
+            Answer::Exit => {
+                self.stop.store(true, Ordering::Relaxed);
+                "ok".into()
+            }
+        }
+    }
+}
+
+fn listen(at: Option<&UnixPath>) -> Result<Option<Listener>, SimError> {
+    at.map(UnixPath::path)
+        .map(|path: &Path| {
+            Listener::bind(path).map_err(|source| SimError::Socket { path: path.to_owned(), source })
+        })
+        .transpose()
+}
+
+/// Sends the lines of a start-up file to the board.
+///
+/// # Errors
+/// [`SimError::StartupLine`] for the first line that the board refuses.
+pub fn load(board: &mut Board, name: &str, text: &str) -> Result<(), SimError> {
+    for (index, line) in text.lines().enumerate() {
+        let command = line.split(';').next().unwrap_or("").trim();
+        if command.is_empty() {
+            continue;
+        }
+        let reply = board.interpreter.execute(&mut board.machine, command.as_bytes());
+        if let Some(error) = reply.error {
+            return Err(SimError::StartupLine {
+                name: name.into(),
+                line: index + 1,
+                text: command.into(),
+                code: error.0,
+            });
+        }
+    }
+    Ok(())
+}

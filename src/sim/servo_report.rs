@@ -1,0 +1,128 @@
+//! PMAC's half of the servo fixed data buffer (DPRAM manual p. 14).
+//!
+//! Every I19 servo cycles, when Host-Busy is clear: set bit 15 of 0x0026, copy the registers of motors 1 to I59, store
+//! the timer, clear bit 15. Host-Busy is tested before bit 15 is set, as the manual says, so a host that sets it in
+//! between meets a running update.
+//!
+//! With tags on, every 24-bit half of every copied register carries the number of the update (modulo 2^24) instead of
+//! the register's content: a reader that finds two numbers in one copy has read across two updates.
+
+use super::fault::Faults;
+use super::gather::{Activity, Gather};
+use super::language::Variables;
+use super::memory::Memory;
+use super::offsets;
+use crate::format::int24;
+
+/// One long word of the report: where it comes from and where it goes.
+#[derive(Debug, Clone, Copy)]
+struct Copy {
+    x: bool,
+    source: u16,
+    offset: u16,
+}
+
+/// The registers of one motor: source, whether it is a long (`D:`) one, and offset in the motor's block.
+const REGISTERS: [(u16, bool, u16); 9] = [
+    (offsets::COMMANDED, true, 0x00),
+    (offsets::ACTUAL, true, 0x08),
+    (offsets::MASTER, true, 0x10),
+    (offsets::COMPENSATION, true, 0x18),
+    (offsets::DAC, false, 0x20),
+    (offsets::SERVO_STATUS, false, 0x24),
+    (offsets::VELOCITY, false, 0x28),
+    (offsets::TIME_LEFT, false, 0x2C),
+    (offsets::FEEDBACK_ADDRESS, false, 0x30),
+];
+
+/// Long words copied for one motor.
+const PER_MOTOR: usize = 13;
+
+/// The report's state.
+#[derive(Debug, Clone)]
+pub struct ServoReport {
+    copies: Vec<Copy>,
+    wait: u32,
+    /// Fields carry the update's number.
+    pub tag: bool,
+    /// Updates made.
+    pub updates: u64,
+    /// Updates held off because Host-Busy was set.
+    pub skipped: u64,
+}
+
+impl Default for ServoReport {
+    fn default() -> Self {
+        let mut copies = Vec::with_capacity(8 * PER_MOTOR);
+        for motor in 0..8 {
+            let block = offsets::SERVO_MOTOR + offsets::SERVO_MOTOR_LENGTH * motor as u16;
+            for (register, long, place) in REGISTERS {
+                let source = offsets::motor(register, motor);
+                if long {
+                    copies.push(Copy { x: false, source, offset: block + place });
+                    copies.push(Copy { x: true, source, offset: block + place + 4 });
+                } else {
+                    copies.push(Copy { x: true, source, offset: block + place });
+                }
+            }
+        }
+        Self { copies, wait: 0, tag: false, updates: 0, skipped: 0 }
+    }
+}
+
+impl ServoReport {
+    /// After a reset the next update is due at once. The counts go on.
+    pub fn reset(&mut self) {
+        self.wait = 0;
+    }
+
+    /// One servo cycle.
+    pub fn cycle(&mut self, variables: &Variables, gather: &Gather, faults: &Faults, memory: &mut Memory) {
+        let period = variables.i(19) as u32;
+        let motors = (variables.i(59) as usize).min(8);
+        let enabled = variables.i(48) == 1.0 && period > 0 && motors > 0;
+        if !enabled || !gather.runs(Activity::ServoReport) || faults.servo_silent {
+            self.wait = 0;
+            return;
+        }
+        if self.wait > 0 {
+            self.wait = self.wait.min(period) - 1;
+            if self.wait > 0 {
+                return;
+            }
+        }
+        self.wait = period;
+        if memory.dpram.read16(offsets::SERVO_HOST_STATUS) & 1 == 1 {
+            self.skipped += 1;
+            return;
+        }
+        let busy = memory.dpram.shadow(offsets::SERVO_PMAC_STATUS) | 0x8000;
+        memory.dpram.write16(offsets::SERVO_PMAC_STATUS, busy);
+        if faults.servo_busy_stuck {
+            return;
+        }
+        memory.dpram.order_writes();
+        self.updates += 1;
+        self.copy(motors, memory);
+        memory.dpram.order_writes();
+        let timer = memory.read_x(offsets::SERVO_COUNTER) as u16 & 0x7FFF;
+        memory.dpram.write16(offsets::SERVO_PMAC_STATUS, timer | 0x8000);
+        memory.dpram.write16(offsets::SERVO_PMAC_STATUS, timer);
+    }
+
+    fn copy(&self, motors: usize, memory: &mut Memory) {
+        let tag = self.tag.then_some(self.updates as u32 & int24::MASK);
+        let y = tag.unwrap_or_else(|| memory.read_y(offsets::GLOBAL_STATUS));
+        memory.dpram.write32(offsets::SERVO_GLOBAL_Y, int24::extend(y));
+        let x = tag.unwrap_or_else(|| memory.read_x(offsets::GLOBAL_STATUS));
+        memory.dpram.write32(offsets::SERVO_GLOBAL_X, int24::extend(x));
+        for copy in &self.copies[..motors * PER_MOTOR] {
+            let word = match tag {
+                Some(tag) => tag,
+                None if copy.x => memory.read_x(copy.source),
+                None => memory.read_y(copy.source),
+            };
+            memory.dpram.write32(copy.offset, int24::extend(word));
+        }
+    }
+}
