@@ -111,7 +111,7 @@ impl Context {
 pub fn run(args: impl IntoIterator<Item = OsString>) -> ExitCode {
     let args = match Args::try_parse_from(args) {
         Ok(args) => args,
-        Err(error) => return usage(&error),
+        Err(error) => return usage("pmacctl", &error),
     };
     match execute(args) {
         Ok(Verdict::Yes) => ExitCode::SUCCESS,

@@ -1,14 +1,14 @@
 //! How the programs answer a command line that cannot be taken.
 
 use std::io::{self, Write};
-use std::path::Path;
 use std::process::ExitCode;
 
 use clap::error::ErrorKind;
 
-/// Prints what clap has to say: help and version on stdout with status 0, a mistake in one line on stderr with 2.
+/// Prints what clap has to say: help and version on stdout with status 0, a mistake in one line on stderr
+/// with `program`'s name before it and status 2.
 #[must_use]
-pub fn usage(error: &clap::Error) -> ExitCode {
+pub fn usage(program: &str, error: &clap::Error) -> ExitCode {
     match error.kind() {
         ErrorKind::DisplayHelp | ErrorKind::DisplayVersion => {
             // Nobody reads it: nothing to be done.
@@ -20,8 +20,6 @@ pub fn usage(error: &clap::Error) -> ExitCode {
             ExitCode::from(2)
         }
         _ => {
-            let program = std::env::args_os().next().unwrap_or_default();
-            let program = Path::new(&program).file_name().unwrap_or_default().to_string_lossy();
             let _ =
                 writeln!(io::stderr(), "{program}: {}; see {program} --help", one_line(&error.to_string()));
             ExitCode::from(2)

@@ -54,7 +54,7 @@ pub fn main() -> ExitCode {
         .init();
     let options = match Options::try_parse() {
         Ok(options) => options,
-        Err(error) => return crate::cli::usage(&error),
+        Err(error) => return crate::cli::usage("pmacd", &error),
     };
     let settings = match Settings::decide(&options) {
         Ok(settings) => settings,

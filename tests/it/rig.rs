@@ -1,5 +1,6 @@
 //! A published segment with known contents, and the programs run against it.
 
+use std::path::Path;
 use std::process::{Command, Output, Stdio};
 use std::sync::atomic::{AtomicU32, Ordering};
 
@@ -44,6 +45,10 @@ impl Rig {
     }
 
     pub fn named(name: &str) -> Self {
+        Self::at(Path::new(pmac_dpram::segment::DIRECTORY), name)
+    }
+
+    pub fn at(directory: &Path, name: &str) -> Self {
         let region = |id, slots, payload_bytes: usize, first_host_offset: usize| RegionSpec {
             id,
             slots,
@@ -61,6 +66,7 @@ impl Rig {
             ],
         );
         options.heartbeat_limit_ns = HEARTBEAT_NS;
+        directory.clone_into(&mut options.directory);
         let mut publisher = Publisher::create(&options).unwrap();
         let mut identity = Identity {
             family: Some(1),
