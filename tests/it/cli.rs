@@ -1,6 +1,6 @@
 //! The command line: what it prints, and how it ends.
 
-use std::io::{BufRead, BufReader};
+use std::io::{BufRead, BufReader, Read};
 use std::os::unix::fs::PermissionsExt;
 use std::os::unix::process::CommandExt;
 use std::process::Stdio;
@@ -302,6 +302,36 @@ fn unknown_things_get_one_clear_line() {
     }
     let ran = pmacctl("--help");
     assert!(ran.stdout.contains("motors") && ran.code == Some(0));
+}
+
+#[test]
+fn a_reader_that_goes_away_ends_it_quietly_and_a_full_disk_does_not() {
+    let mut map = command();
+    let mut map = map.args(["map", "--json"]).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    drop(map.stdout.take());
+    let ran = Ran::from(map.wait_with_output().unwrap());
+    assert_eq!((ran.stderr.as_str(), ran.code), ("", Some(0)));
+    let full = std::fs::OpenOptions::new().write(true).open("/dev/full").unwrap();
+    let ran = Ran::from(command().arg("map").stdout(full).stderr(Stdio::piped()).output().unwrap());
+    assert!(one_clear_line(&ran).contains("No space left"), "{ran:?}");
+    assert_eq!(ran.code, Some(2));
+}
+
+#[test]
+fn watch_repaints_on_a_terminal() {
+    let rig = Rig::new().live();
+    let pty = nix::pty::openpty(None, None).unwrap();
+    let watching = command()
+        .args(["--name", &rig.name, "watch", "--count", "2", "--rate", "100"])
+        .stdout(pty.slave)
+        .output();
+    assert_eq!(watching.unwrap().status.code(), Some(0));
+    // The other end of a terminal that nobody has open any more gives what is left, and then an error.
+    let mut screen = Vec::new();
+    let _ = std::fs::File::from(pty.master).read_to_end(&mut screen);
+    let screen = String::from_utf8(screen).unwrap();
+    assert_eq!(screen.matches("\x1b[H").count(), 2, "{screen:?}");
+    assert!(screen.contains("#1     1000.0   999.8         0.2"), "{screen:?}");
 }
 
 #[test]
