@@ -10,7 +10,7 @@
 
 use std::collections::VecDeque;
 
-use super::language::{CommandError, Interpreter};
+use super::language::{CommandError, Interpreter, Reply};
 use super::machine::Machine;
 use super::offsets;
 use crate::format::TextOrder;
@@ -74,7 +74,7 @@ impl AsciiPort {
     /// Queues the error's control word.
     pub fn push_error(&mut self, error: CommandError) {
         let code = error.0;
-        let digits = (code / 100 % 10) << 8 | (code / 10 % 10) << 4 | code % 10;
+        let digits = (code / 100 % 10) << 8 | (code / 10 % 10) << 4 | (code % 10);
         self.push(0x8000 | digits, &[]);
     }
 }
@@ -100,8 +100,13 @@ fn take_character(machine: &mut Machine, interpreter: &mut Interpreter) {
     control(machine, interpreter, character);
 }
 
+/// Carries out a control character. One that reports data ends with the acknowledgement, others answer nothing.
 fn control(machine: &mut Machine, interpreter: &mut Interpreter, character: u8) {
-    interpreter.control(machine, character);
+    if let Some(reply) = interpreter.control(machine, character)
+        && (reply.error.is_some() || !reply.lines.is_empty())
+    {
+        answer(machine, reply);
+    }
 }
 
 fn take_line(machine: &mut Machine, interpreter: &mut Interpreter) {
@@ -151,7 +156,13 @@ fn execute(machine: &mut Machine, interpreter: &mut Interpreter, line: &[u8]) {
     let resets = machine.stats.resets;
     let reply = interpreter.execute(machine, line);
     // A reset empties the queues; its own acknowledgement is lost with them.
-    if machine.faults.ascii_no_reply || machine.stats.resets != resets {
+    if machine.stats.resets == resets {
+        answer(machine, reply);
+    }
+}
+
+fn answer(machine: &mut Machine, reply: Reply) {
+    if machine.faults.ascii_no_reply {
         return;
     }
     for text in reply.lines {

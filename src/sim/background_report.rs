@@ -83,3 +83,43 @@ fn long(memory: &mut Memory, source: u16, offset: u16) {
 fn short(memory: &mut Memory, word: u32, offset: u16) {
     memory.dpram.write32(offset, int24::extend(word));
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::testing::Bench;
+    use crate::format::float48;
+
+    #[test]
+    fn a_report_waits_for_the_host_to_clear_data_ready() {
+        let mut bench = Bench::started();
+        bench.run(5);
+        assert_eq!((bench.read(0x0228), bench.read(0x022A)), (1, 1));
+        bench.write(0x0228, 0);
+        bench.board.machine.memory.write_x(0, 0xFFFF);
+        bench.run(1);
+        assert_eq!((bench.read(0x0228), bench.read(0x022A)), (1, 0));
+        assert!(bench.violations().is_empty());
+        bench.set(49, 0.0);
+        bench.write(0x0228, 0);
+        bench.run(3);
+        assert_eq!(bench.read(0x0228), 0);
+    }
+
+    #[test]
+    fn the_program_status_chooses_where_axis_positions_come_from() {
+        for (status, expected) in
+            [(0, 3.0), (1 << 7, 1.0), (1 << 7 | 1 << 5, 3.0), (1 << 9, 2.0), (1 << 9 | 1 << 7, 1.0)]
+        {
+            let mut bench = Bench::started();
+            let memory = &mut bench.board.machine.memory;
+            // X axis of C.S. 2
+            memory.write_l(0x093C, 1.0);
+            memory.write_l(0x095C, 2.0);
+            memory.write_l(0x08DF, 3.0);
+            memory.write_y(0x08D7, status);
+            bench.run(1);
+            let found = float48::decode(bench.read32(0x0314), bench.read32(0x0318));
+            assert_eq!(found, expected, "{status:#x}");
+        }
+    }
+}

@@ -5,6 +5,7 @@
 
 use super::gather::Activity;
 use super::language::CommandError;
+use super::language::variables::force_dpram_handshake;
 use super::machine::{MOTORS, Machine, Port};
 use super::motor::{Loop, ramp};
 use super::{coordinate, offsets};
@@ -50,6 +51,12 @@ impl Machine {
     /// ERR001, ERR003; ERR003 also for `until_trigger` with a jog that has no end.
     pub fn jog(&mut self, motor: usize, jog: Jog, until_trigger: Option<f64>) -> Result {
         self.may_move(motor)?;
+        self.start_jog(motor, jog, until_trigger)?;
+        self.refresh(motor);
+        Ok(())
+    }
+
+    fn start_jog(&mut self, motor: usize, jog: Jog, until_trigger: Option<f64>) -> Result {
         let x = 100 * (motor + 1);
         let ramp = ramp(x, &self.variables);
         let speed = self.ix(motor, 22);
@@ -102,8 +109,8 @@ impl Machine {
         self.may_move(motor)?;
         let ramp = ramp(100 * (motor + 1), &self.variables);
         let speed = self.ix(motor, 23);
-        self.memory.write_d(offsets::background(offsets::BIAS, motor), 0);
         self.motors[motor].home(speed, &ramp);
+        self.refresh(motor);
         Ok(())
     }
 
@@ -114,8 +121,9 @@ impl Machine {
     pub fn home_zero(&mut self, motor: usize) -> Result {
         self.may_move(motor)?;
         let offset = self.ix(motor, 26) / 16.0;
-        self.memory.write_d(offsets::background(offsets::BIAS, motor), 0);
         self.motors[motor].home_here(offset);
+        self.home_bias(motor);
+        self.refresh(motor);
         Ok(())
     }
 
@@ -129,6 +137,7 @@ impl Machine {
         }
         if let Some(state) = self.motors.get_mut(motor) {
             state.open(Loop::Killed);
+            self.refresh(motor);
         }
         Ok(())
     }
@@ -143,6 +152,7 @@ impl Machine {
             return Err(CommandError::SYNTAX);
         }
         self.motors[motor].open(Loop::Open(percent));
+        self.refresh(motor);
         Ok(())
     }
 
@@ -163,6 +173,7 @@ impl Machine {
         let (offset, sensor) = (self.ix(motor, 26) / 16.0, self.ix(motor, 10) != 0.0);
         self.memory.write_d(offsets::background(offsets::BIAS, motor), 0);
         self.motors[motor].absolute(offset, sensor);
+        self.refresh(motor);
         Ok(())
     }
 
@@ -238,7 +249,7 @@ impl Machine {
         }
     }
 
-    fn motors_of(&self, cs: usize) -> Vec<usize> {
+    pub(super) fn motors_of(&self, cs: usize) -> Vec<usize> {
         (0..self.motors.len()).filter(|&motor| self.axes.coordinate_system(motor) == Some(cs)).collect()
     }
 
@@ -246,6 +257,7 @@ impl Machine {
         if self.active(motor) {
             let rate = self.ix(motor, 15);
             self.motors[motor].abort(rate);
+            self.refresh(motor);
         }
     }
 
@@ -300,13 +312,15 @@ impl Machine {
         self.gather.runs(Activity::Gathering)
     }
 
-    /// What has to follow the assignment of I-variable `number`: I58=1 forces I3 (3 to 2, 1 to 0), I4=0 and I6=1.
+    /// What has to follow the assignment of I-variable `number`: I58=1 forces I3, I4 and I6, once. All other variables are
+    /// looked at where they are used.
     pub fn i_assigned(&mut self, number: usize) {
         if number == 58 && self.variables.i(58) == 1.0 {
-            let handshake = (self.variables.i(3) as u32 & 2) as f64;
-            self.variables.set_i(3, handshake);
-            self.variables.set_i(4, 0.0);
-            self.variables.set_i(6, 1.0);
+            force_dpram_handshake(&mut self.variables, &self.identity.firmware);
+        }
+        // Ix00 and the scales show in the motor's registers.
+        if let Some(motor) = (number / 100).checked_sub(1).filter(|&motor| motor < self.motors.len()) {
+            self.refresh(motor);
         }
     }
 
@@ -365,6 +379,7 @@ impl Machine {
     pub fn kill_all(&mut self) {
         for motor in 0..self.motors.len() {
             self.motors[motor].open(Loop::Killed);
+            self.refresh(motor);
         }
         for cs in 0..MOTORS {
             coordinate::stop_program(cs, &mut self.memory);
@@ -413,26 +428,5 @@ impl Machine {
     /// `<CTRL-D>`: takes both bits out of I5.
     pub fn disable_plcs(&mut self) {
         self.variables.set_i(5, 0.0);
-    }
-
-    /// `Z`: all axis positions of the coordinate system become zero.
-    ///
-    /// # Errors
-    /// ERR001 while a program runs.
-    pub fn zero_axes(&mut self, cs: usize) -> Result {
-        if coordinate::running(cs.min(MOTORS - 1), &self.memory) {
-            return Err(CommandError::RUNNING);
-        }
-        for motor in self.motors_of(cs) {
-            self.place(motor, 0.0);
-        }
-        Ok(())
-    }
-
-    /// Sets the bias register so that `motor`, where it is commanded to be, is at `counts`.
-    pub(super) fn place(&mut self, motor: usize, counts: f64) {
-        let scale = self.ix(motor, 8) * 32.0;
-        let bias = ((counts - self.motors[motor].commanded()) * scale).round() as i64;
-        self.memory.write_d(offsets::background(offsets::BIAS, motor), bias);
     }
 }

@@ -93,7 +93,10 @@ fn answer(board: &mut Board, line: &str, virtual_time: bool) -> Result<Answer, S
             let ms = machine.cycle_ms();
             machine.faults.set(name, value, ms)?;
         }
-        ("reset", []) => machine.reset(false),
+        ("reset", []) => {
+            machine.reset(false);
+            board.interpreter.reset();
+        }
         ("send", _) => return Ok(send(machine, rest)),
         ("cmd", _) => return Ok(command(board, rest)),
         ("limit", [motor, end @ ("+" | "-" | "0")]) => {

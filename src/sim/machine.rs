@@ -8,6 +8,7 @@ use super::coordinate::CoordinateSystem;
 use super::fault::Faults;
 use super::gather::Gather;
 use super::judge::Judge;
+use super::language::variables::SavedVariables;
 use super::language::{AxisDefinitions, Family, Interpreter, Variables};
 use super::motor::{Event, Loop, Motor};
 use super::random::Random;
@@ -83,7 +84,7 @@ pub struct Machine {
     pub(super) coordinates: Vec<CoordinateSystem>,
     pub(super) gather: Gather,
     pub(super) port: Port,
-    saved: (Variables, AxisDefinitions),
+    saved: (SavedVariables, AxisDefinitions),
     noise: Option<Random>,
     /// What the memory held before [`Faults::all_ones`].
     before_all_ones: Option<Vec<u16>>,
@@ -95,8 +96,8 @@ impl Machine {
     pub fn new(memory: Memory, identity: Identity, fixed_i10: Option<f64>, seed: Option<u64>) -> Self {
         let variables = factory(&identity, fixed_i10);
         let mut machine = Self {
+            saved: (variables.snapshot(&memory), AxisDefinitions::default()),
             memory,
-            saved: (variables.clone(), AxisDefinitions::default()),
             variables,
             axes: AxisDefinitions::default(),
             faults: Faults::default(),
@@ -173,6 +174,7 @@ impl Machine {
     pub fn housekeeping(&mut self) {
         for motor in 0..self.motors.len() {
             self.scan_in_position(motor);
+            self.average_velocity(motor);
             self.write_background_registers(motor);
         }
         for cs in 0..MOTORS {
@@ -211,6 +213,10 @@ impl Machine {
 
     fn on_event(&mut self, motor: usize, event: Event) {
         let cs = self.axes.coordinate_system(motor);
+        if event == Event::Homed {
+            self.home_bias(motor);
+            return;
+        }
         if let Some(cs) = cs {
             coordinate::stop_program(cs, &mut self.memory);
         }
@@ -235,17 +241,19 @@ impl Machine {
     /// Reloads the saved (or factory) values and starts anew.
     pub(super) fn restart(&mut self, factory_values: bool) {
         if factory_values {
-            self.saved = (factory(&self.identity, self.fixed_i10), AxisDefinitions::default());
             self.memory.clear();
+            let variables = factory(&self.identity, self.fixed_i10);
+            self.saved = (variables.snapshot(&self.memory), AxisDefinitions::default());
         }
-        (self.variables, self.axes) = self.saved.clone();
+        self.variables.restore(&self.saved.0, &mut self.memory);
+        self.axes = self.saved.1.clone();
         self.stats.resets += 1;
         self.power_on();
     }
 
     /// Keeps the present values for the next reset.
     pub fn save(&mut self) {
-        self.saved = (self.variables.clone(), self.axes.clone());
+        self.saved = (self.variables.snapshot(&self.memory), self.axes.clone());
     }
 
     fn power_on(&mut self) {

@@ -52,6 +52,8 @@ struct Move {
 /// What the motor did in a servo cycle that concerns others.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Event {
+    /// A homing search has found its trigger: the position's zero is new.
+    Homed,
     /// It ran into a limit.
     Limit,
     /// Its following error was fatal and it was killed.
@@ -340,9 +342,9 @@ impl Motor {
         if self.servo != Loop::Closed {
             self.commanded = actual;
         }
-        self.look_for_trigger(x, variables, before);
-        let event = self.watch_limits(x, variables);
-        self.watch_following_error(x, variables).or(event)
+        let homed = self.look_for_trigger(x, variables, before);
+        let limit = self.watch_limits(x, variables);
+        self.watch_following_error(x, variables).or(limit).or(homed)
     }
 
     fn drive(&mut self, x: usize, variables: &Variables, ms: f64) {
@@ -363,36 +365,34 @@ impl Motor {
         }
     }
 
-    fn look_for_trigger(&mut self, x: usize, variables: &Variables, before: f64) {
-        if !self.searching() {
-            return;
-        }
-        let on_warning = variables.i(x + 3) as u32 >> 17 & 1 == 1;
+    fn look_for_trigger(&mut self, x: usize, variables: &Variables, before: f64) -> Option<Event> {
+        let searching = self.searching();
+        // A pulse that nobody waits for is gone.
         let pulse = std::mem::take(&mut self.inputs.trigger);
+        let purpose = self.motion.as_ref().filter(|_| searching)?.purpose;
+        let on_warning = variables.i(x + 3) as u32 >> 17 & 1 == 1;
         let captured = if pulse || on_warning && self.warning {
-            Some(self.shaft)
+            self.shaft
         } else if on_warning || self.inputs.no_index {
-            None
+            return None;
         } else {
-            index_between(before, self.shaft)
+            index_between(before, self.shaft)?
         };
-        let (Some(captured), Some(motion)) = (captured, self.motion.as_ref()) else { return };
-        let purpose = motion.purpose;
         let ramp = ramp(x, variables);
-        self.trigger_move = false;
         let position = captured - self.reference;
-        if let Purpose::Trigger(after) = purpose {
-            let (target, speed) = (position + after, variables.i(x + 22));
-            let profile = Profile::to_target(self.commanded, self.desired_velocity, target, speed, &ramp);
-            self.plan(profile, Purpose::Jog);
-        } else {
-            self.captured = captured - self.encoder_zero;
-            self.re_reference(position + variables.i(x + 26) / 16.0);
-            self.home_complete = true;
-            let speed = variables.i(x + 23);
-            let profile = Profile::to_target(self.commanded, self.desired_velocity, 0.0, speed, &ramp);
-            self.plan(profile, Purpose::Jog);
-        }
+        self.trigger_move = false;
+        let (target, speed, event) = match purpose {
+            Purpose::Trigger(after) => (position + after, variables.i(x + 22), None),
+            _ => {
+                self.captured = captured - self.encoder_zero;
+                self.re_reference(position + variables.i(x + 26) / 16.0);
+                self.home_complete = true;
+                (0.0, variables.i(x + 23), Some(Event::Homed))
+            }
+        };
+        let profile = Profile::to_target(self.commanded, self.desired_velocity, target, speed, &ramp);
+        self.plan(profile, Purpose::Jog);
+        event
     }
 
     fn watch_limits(&mut self, x: usize, variables: &Variables) -> Option<Event> {

@@ -1,4 +1,4 @@
-//! Integration tests: formats, the map, the segment, the command socket, the command line, whole processes.
+//! Integration tests: formats, the map, the segment, the socket, the command line, the simulator, whole processes.
 
 mod bench;
 mod cli;
@@ -6,10 +6,12 @@ mod client;
 mod decode;
 mod format;
 mod map;
+mod replies;
 mod rig;
 mod segment;
 mod segment_cost;
 mod segment_hostile;
 mod segment_life;
 mod segment_loom;
+mod simulator;
 mod socket;
