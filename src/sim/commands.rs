@@ -344,13 +344,13 @@ impl Machine {
     /// `TYPE`.
     #[must_use]
     pub fn type_text(&self) -> &str {
-        &self.identity.type_text
+        self.identity.type_text
     }
 
     /// `DATE`.
     #[must_use]
     pub fn date_text(&self) -> &str {
-        &self.identity.date_text
+        self.identity.date_text
     }
 
     /// `CHECKSUM`: 24 bits that differ from one simulated firmware to another.

@@ -5,6 +5,7 @@
 //! the language calls are in `commands.rs`, the registers and status words in `registers.rs`.
 
 use super::coordinate::CoordinateSystem;
+use super::dpram::{Dpram, DpramError};
 use super::fault::Faults;
 use super::gather::Gather;
 use super::judge::Judge;
@@ -17,25 +18,11 @@ use super::{ascii, background_report, coordinate, offsets};
 
 pub use super::ascii::AsciiPort;
 pub use super::commands::Jog;
+pub use super::identity::Identity;
 pub use super::memory::Memory;
 
 /// Motors and coordinate systems of a classic board.
 pub const MOTORS: usize = 8;
-
-/// What kind of board it is.
-#[derive(Debug, Clone)]
-pub struct Identity {
-    /// What the language must know of the family.
-    pub family: &'static Family,
-    /// `VERSION`, e.g. `1.16D`.
-    pub firmware: String,
-    /// `TYPE`.
-    pub type_text: String,
-    /// `DATE`.
-    pub date_text: String,
-    /// How many motors there are, 1-8.
-    pub motors: usize,
-}
 
 /// The port that responses not asked for go to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -116,6 +103,14 @@ impl Machine {
         };
         machine.power_on();
         machine
+    }
+
+    /// A board of `family` with firmware 1.16D and memory of its own, that no host can reach but by commands.
+    ///
+    /// # Errors
+    /// [`DpramError`] when the system gives no memory.
+    pub fn alone(family: &'static Family) -> Result<Self, DpramError> {
+        Ok(Self::new(Memory::new(Dpram::private()?), Identity::new(family, "1.16D"), None, None))
     }
 
     /// The port that responses not asked for go to.

@@ -24,6 +24,7 @@ pub mod coordinate;
 pub mod dpram;
 pub mod fault;
 pub mod gather;
+pub mod identity;
 pub mod interrupt;
 pub mod judge;
 pub mod language;

@@ -5,6 +5,7 @@ mod cli;
 mod decode;
 mod format;
 mod map;
+mod replies;
 mod rig;
 mod segment;
 mod segment_cost;
