@@ -262,6 +262,7 @@ impl AsciiDesk {
         } else if let Some((line, patience)) = self.identifier.next_line(now)
             && self.port.begin(bus, line.as_bytes())?
         {
+            self.identifier.sent();
             self.start(Caller::Identifier, now + patience, publisher, now);
         }
         Ok(())
@@ -338,7 +339,7 @@ impl AsciiDesk {
                         let outcome = result.map_or_else(Outcome::Error, |()| Outcome::Done);
                         self.tell(events, Event::Done(ticket, outcome));
                     }
-                    Some(Caller::Identifier) => self.identifier.done(result.is_ok()),
+                    Some(Caller::Identifier) => self.identifier.done(),
                     None => {}
                 }
             }

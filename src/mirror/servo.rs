@@ -26,6 +26,8 @@ pub struct ServoMirror {
     servo_period_ns: Option<u64>,
     last_update_ns: u64,
     last_look_ns: u64,
+    /// The period the segment was last told.
+    told_period_ns: u64,
     /// Since the last update taken: predicted update times that fell into a stretch of Host-Busy.
     held_off: u64,
 }
@@ -43,6 +45,7 @@ impl ServoMirror {
             servo_period_ns: None,
             last_update_ns: 0,
             last_look_ns: 0,
+            told_period_ns: 0,
             held_off: 0,
         }
     }
@@ -174,13 +177,13 @@ impl ServoMirror {
     }
 
     /// Keeps the limit of staleness at ten periods of what the updates really come at.
-    fn follow_period(&mut self, publisher: &mut Publisher) {
+    fn follow_period(&mut self, publisher: &Publisher) {
         let Some(period) = self.clock.period_ns() else { return };
-        let limit = STALE_NS.max(STALE_PERIODS * period);
         // A few per cent either way change nothing for anybody.
-        if limit.abs_diff(self.freshness.limit_ns()) > self.freshness.limit_ns() / 16 {
-            self.freshness.set_limit(limit);
-            publisher.set_period(RegionId::Servo, period, limit);
+        if period.abs_diff(self.told_period_ns) > self.told_period_ns / 16 {
+            self.told_period_ns = period;
+            self.freshness.set_limit(STALE_NS.max(STALE_PERIODS * period));
+            publisher.set_period(RegionId::Servo, period, self.freshness.limit_ns());
         }
     }
 }

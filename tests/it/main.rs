@@ -1,4 +1,4 @@
-//! Integration tests: formats, the map, the segment, the socket, the command line, whole processes.
+//! Integration tests: formats, the map, the segment, the socket, the command line, the simulator, whole processes.
 
 mod bench;
 mod cli;

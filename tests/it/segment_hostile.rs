@@ -35,6 +35,9 @@ fn put(directory: &Path, words: &[u64], length: u64) {
     std::fs::File::options().write(true).open(path).unwrap().set_len(length).unwrap();
 }
 
+/// Words to change: offset and value.
+type Changes<'a> = &'a [(usize, u64)];
+
 /// Makes the checksum right again, so that what lies behind it is looked at.
 fn seal(words: &mut [u64]) {
     let at = |offset: u64| words.get((offset / 8) as usize).copied().unwrap_or(0);
@@ -87,7 +90,7 @@ fn a_sound_segment_is_read() {
 fn each_flaw_is_named() {
     let (directory, sound) = sound();
     let length = sound.len() as u64 * 8;
-    let flaws: [(&[(usize, u64)], u64, &str); 19] = [
+    let flaws: [(Changes<'_>, u64, &str); 19] = [
         (&[], length - 4096, "header says"),
         (&[], length + 4096, "header says"),
         (&[], 0x2F8, "too short"),
