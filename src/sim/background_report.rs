@@ -8,6 +8,7 @@ use super::language::Variables;
 use super::memory::Memory;
 use super::offsets;
 use crate::format::int24;
+use crate::map::classic::DATA_READY;
 
 /// Axes in the report: A B C U V W X Y Z.
 const AXES: u16 = 9;
@@ -24,7 +25,7 @@ pub fn pass(variables: &Variables, faults: &Faults, memory: &mut Memory) -> bool
         return false;
     }
     let ready = memory.dpram.read16(offsets::BACKGROUND_READY);
-    if ready & 1 == 1 {
+    if ready & DATA_READY != 0 {
         return false;
     }
     for port in 0..3 {
@@ -37,7 +38,7 @@ pub fn pass(variables: &Variables, faults: &Faults, memory: &mut Memory) -> bool
     let timer = memory.read_x(offsets::SERVO_COUNTER) as u16;
     memory.dpram.write16(offsets::BACKGROUND_TIMER, timer);
     memory.dpram.order_writes();
-    memory.dpram.write16(offsets::BACKGROUND_READY, ready | 1);
+    memory.dpram.write16(offsets::BACKGROUND_READY, ready | DATA_READY);
     true
 }
 

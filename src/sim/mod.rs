@@ -6,8 +6,8 @@
 //! | file | what it is on the board |
 //! |---|---|
 //! | [`memory`], [`dpram`] | X and Y memory, and the part shared with the host |
-//! | [`machine`], `commands`, `axis_position`, `registers` | servo interrupt and background loop; what commands do; status words |
-//! | [`motor`], [`profile`], [`coordinate`] | servo loop, drive and shaft; jog and home moves; time base |
+//! | [`machine`], `commands`, `board_commands`, `axis_position`, `registers` | servo interrupt and background loop; what commands do; status words |
+//! | [`motor`], `supervision`, [`profile`], [`coordinate`] | servo loop, drive and shaft; jog and home moves; time base |
 //! | [`servo_report`], [`background_report`], [`ascii`], [`gather`] | the automatic functions of the DPRAM |
 //! | [`language`] | the interpreter of on-line commands |
 //! | [`judge`], [`fault`] | what a host does wrong; what the board can be told to do wrong |
@@ -17,6 +17,7 @@ pub mod ascii;
 mod ascii_tests;
 mod axis_position;
 pub mod background_report;
+mod board_commands;
 pub mod clock;
 mod commands;
 pub mod control;
@@ -24,6 +25,7 @@ pub mod coordinate;
 pub mod dpram;
 pub mod fault;
 pub mod gather;
+pub mod identity;
 pub mod interrupt;
 pub mod judge;
 pub mod language;
@@ -45,6 +47,7 @@ mod reset_tests;
 pub mod serial;
 pub mod servo_report;
 pub mod socket;
+mod supervision;
 #[cfg(test)]
 mod testing;
 

@@ -86,7 +86,7 @@ impl Machine {
         use super::gather::Activity;
         use super::machine::Port;
         let x = bit(19, self.gather.runs(Activity::Gathering));
-        let dpram = self.port == Port::Dpram;
+        let dpram = self.response_port() == Port::Dpram;
         // Bits above 11 other than these two belong to buffers and are left to them.
         let y = self.memory.read_y(offsets::GLOBAL_STATUS) & !(1 << 22 | 1 << 15);
         let others = self.memory.read_x(offsets::GLOBAL_STATUS) & !(1 << 19);

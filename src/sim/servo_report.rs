@@ -13,6 +13,7 @@ use super::language::Variables;
 use super::memory::Memory;
 use super::offsets;
 use crate::format::int24;
+use crate::map::classic::{HOST_BUSY, PMAC_BUSY, SERVO_TIMER_MASK};
 
 /// One long word of the report: where it comes from and where it goes.
 #[derive(Debug, Clone, Copy)]
@@ -92,11 +93,11 @@ impl ServoReport {
             }
         }
         self.wait = period;
-        if memory.dpram.read16(offsets::SERVO_HOST_STATUS) & 1 == 1 {
+        if memory.dpram.read16(offsets::SERVO_HOST_STATUS) & HOST_BUSY != 0 {
             self.skipped += 1;
             return;
         }
-        let busy = memory.dpram.shadow(offsets::SERVO_PMAC_STATUS) | 0x8000;
+        let busy = memory.dpram.shadow(offsets::SERVO_PMAC_STATUS) | PMAC_BUSY;
         memory.dpram.write16(offsets::SERVO_PMAC_STATUS, busy);
         if faults.servo_busy_stuck {
             return;
@@ -105,8 +106,8 @@ impl ServoReport {
         self.updates += 1;
         self.copy(motors, memory);
         memory.dpram.order_writes();
-        let timer = memory.read_x(offsets::SERVO_COUNTER) as u16 & 0x7FFF;
-        memory.dpram.write16(offsets::SERVO_PMAC_STATUS, timer | 0x8000);
+        let timer = memory.read_x(offsets::SERVO_COUNTER) as u16 & SERVO_TIMER_MASK;
+        memory.dpram.write16(offsets::SERVO_PMAC_STATUS, timer | PMAC_BUSY);
         memory.dpram.write16(offsets::SERVO_PMAC_STATUS, timer);
     }
 

@@ -25,13 +25,7 @@ impl Bench {
         let directory = tempfile::tempdir().unwrap();
         let path = directory.path().join("dpram");
         let memory = Memory::new(Dpram::open(&path).unwrap());
-        let identity = Identity {
-            family: &family::PMAC,
-            firmware: firmware.into(),
-            type_text: "PMAC1, ISA, BATTERY, PID, CLK X1".into(),
-            date_text: "07/17/1999".into(),
-            motors: 8,
-        };
+        let identity = Identity::new(&family::PMAC, firmware);
         let machine = Machine::new(memory, identity, None, None);
         let file: File = OpenOptions::new().read(true).write(true).open(&path).unwrap();
         let host = Mapping::new(&file, 0, 0x4000).unwrap();

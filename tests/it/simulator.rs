@@ -140,6 +140,36 @@ fn real_time_goes_on_by_itself_and_refuses_steps() {
 }
 
 #[test]
+fn a_racing_host_finds_no_two_updates_in_one_copy() {
+    const COPIES: usize = 20_000;
+    let mut sim = Sim::start(&["--dpram-startup", "--servo-hz", "5000"]);
+    sim.ok("tag on");
+    let start = Instant::now();
+    let (mut good, mut numbers) = (0, std::collections::BTreeSet::new());
+    while good < COPIES || numbers.len() < 10 {
+        assert!(start.elapsed() < PATIENCE, "{good} copies of {} updates", numbers.len());
+        let status = sim.read(0x0026);
+        sim.memory.order_reads();
+        let words: Vec<u16> =
+            (0x0028..0x0030).chain(0x0048..0x007C).step_by(2).map(|at| sim.read(at)).collect();
+        sim.memory.order_reads();
+        if status & 0x8000 != 0 || sim.read(0x0026) != status {
+            continue;
+        }
+        let longs: Vec<u32> =
+            words.chunks(2).map(|pair| u32::from(pair[0]) | u32::from(pair[1]) << 16).collect();
+        // The update under way when tags were switched on still has registers in it.
+        if numbers.is_empty() && longs.iter().any(|&long| long != longs[0]) {
+            continue;
+        }
+        assert!(longs.iter().all(|&long| long == longs[0]), "{longs:x?}");
+        numbers.insert(longs[0]);
+        good += 1;
+    }
+    assert_eq!(sim.status("violations_total"), 0);
+}
+
+#[test]
 fn interrupts_are_counted_for_every_host_and_can_be_lost() {
     let mut sim = Sim::start(&["--virtual", "--dpram-startup"]);
     let mut hosts = [sim.socket("interrupt"), sim.socket("interrupt")];
