@@ -13,7 +13,7 @@
 //!
 //! Boards put texts of their own programs into the same response buffer; these are told apart by the control word and
 //! never taken for a reply. A reply that comes after its command was given up cannot be told apart from the next one's,
-//! so the port does what the manual has <CTRL-X> for: it has the board empty its queues, lets everything arrive that
+//! so the port does what the manual has `<CTRL-X>` for: it has the board empty its queues, lets everything arrive that
 //! is still on its way ([`SETTLE`]), and only then takes the next line.
 
 use std::time::{Duration, Instant};
