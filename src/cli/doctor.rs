@@ -9,9 +9,9 @@ use nix::unistd::{AccessFlags, Gid, Group, access};
 use serde::Serialize;
 
 use super::{Context, Failure, Verdict};
-use crate::client::{Board, ClientError, CommandError, Connection};
+use crate::client::{Board, CommandError, Connection};
 use crate::protocol::{BoardInfo, State};
-use crate::segment::{Condition, DIRECTORY, RegionId, RegionState, SegmentError, monotonic_ns};
+use crate::segment::{Condition, DIRECTORY, RegionId, RegionState, monotonic_ns};
 
 /// Less room than this in /dev/shm is worth a warning: a segment takes a few MiB.
 const ROOM: u64 = 16 << 20;
@@ -78,7 +78,7 @@ fn shared_memory(report: &mut Report) {
             report.add(Level::Fail, WHAT, text);
         }
         Ok(room) => {
-            let free = room.blocks_available() as u64 * room.fragment_size() as u64;
+            let free = room.blocks_available() * room.fragment_size();
             let mib = free >> 20;
             if free < ROOM {
                 let text = format!("{DIRECTORY} has only {mib} MiB left; remove what is not needed there");
@@ -93,10 +93,6 @@ fn shared_memory(report: &mut Report) {
 fn segment(report: &mut Report, name: &str) -> Option<Board> {
     let board = match Board::attach(name) {
         Ok(board) => board,
-        Err(ClientError::Segment(error @ SegmentError::NotFound { .. })) => {
-            report.add(Level::Fail, "segment", error.to_string());
-            return None;
-        }
         Err(error) => {
             report.add(Level::Fail, "segment", error.to_string());
             return None;
@@ -159,14 +155,17 @@ fn unreachable(path: &Path, error: &CommandError) -> String {
 }
 
 fn data(report: &mut Report, board: &Board) {
-    let now_ns = monotonic_ns();
+    let condition = board.subscriber().condition();
+    if condition.is_over() {
+        // The data are old because the daemon is gone, which has been said.
+        return;
+    }
     for (region, variable) in [(RegionId::Servo, "I48"), (RegionId::Background, "I49")] {
         let what = region.name();
         let Ok(about) = board.subscriber().region(region) else {
             report.add(Level::Warn, what, "the daemon does not mirror these data; see its settings");
             continue;
         };
-        let condition = board.subscriber().header_condition(now_ns);
         let published = about.published;
         match about.state {
             RegionState::Live if condition == Condition::Live => {

@@ -15,14 +15,14 @@ mod send;
 mod status;
 mod table;
 mod time;
+mod usage;
 mod watch;
 
 use std::ffi::OsString;
-use std::io;
+use std::io::{self, Write};
 use std::process::ExitCode;
 
 use clap::Parser;
-use clap::error::ErrorKind;
 
 use crate::client::{Board, ClientError, CommandError, Connection, socket_path};
 use crate::protocol::CallError;
@@ -30,6 +30,8 @@ use crate::segment::SegmentName;
 
 use args::{Args, Command};
 use output::Output;
+
+pub use usage::usage;
 
 /// How a command ended that was carried out.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -116,41 +118,13 @@ pub fn run(args: impl IntoIterator<Item = OsString>) -> ExitCode {
         Ok(Verdict::No) => ExitCode::from(1),
         // Nobody reads any more, so nobody misses the rest.
         Err(Failure::Output(error)) if error.kind() == io::ErrorKind::BrokenPipe => ExitCode::SUCCESS,
+        // Not by `eprintln!`, which would panic when stderr is closed.
         Err(Failure::Refused(text)) => {
-            eprintln_quietly(&text);
+            let _ = writeln!(io::stderr(), "{text}");
             ExitCode::from(1)
         }
         Err(failure) => {
-            eprintln_quietly(&format!("pmacctl: {failure}"));
-            ExitCode::from(2)
-        }
-    }
-}
-
-/// As `eprintln!`, which would panic when stderr is closed.
-fn eprintln_quietly(text: &str) {
-    use io::Write;
-    let _ = writeln!(io::stderr(), "{text}");
-}
-
-/// What clap has to say: help on stdout; anything else in one line, with `program`'s name before it.
-pub fn usage(program: &str, error: &clap::Error) -> ExitCode {
-    match error.kind() {
-        ErrorKind::DisplayHelp | ErrorKind::DisplayVersion => {
-            let _ = error.print();
-            ExitCode::SUCCESS
-        }
-        ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand => {
-            let _ = error.print();
-            ExitCode::from(2)
-        }
-        _ => {
-            let rendered = error.render().to_string();
-            let mut paragraphs = rendered.split("\n\n");
-            let what = paragraphs.next().unwrap_or_default();
-            let what = what.split_whitespace().collect::<Vec<_>>().join(" ");
-            let what = what.strip_prefix("error: ").unwrap_or(&what);
-            eprintln_quietly(&format!("{program}: {what}; see {program} --help"));
+            let _ = writeln!(io::stderr(), "pmacctl: {failure}");
             ExitCode::from(2)
         }
     }

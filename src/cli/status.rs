@@ -96,7 +96,7 @@ fn document(context: &Context, board: &Board, identity: &Identity) -> Value {
 /// The document for people: a line a fact, what is not known left out.
 fn text(document: &Value) -> String {
     let mut lines = Vec::new();
-    let mut say = |what: &str, value: String| lines.push(format!("{what:<11} {value}\n"));
+    let mut say = |what: &str, value: String| lines.push(format!("{what:<15} {value}\n"));
     let plain = |value: &Value| match value {
         Value::String(text) => text.clone(),
         other => other.to_string(),
@@ -120,7 +120,8 @@ fn text(document: &Value) -> String {
     for (name, region) in document["regions"].as_object().into_iter().flatten() {
         let period = region["period_ns"].as_f64().filter(|period| *period > 0.0);
         let rate = period.map_or_else(String::new, |period| format!(", {:.1} Hz", 1e9 / period));
-        say(name, format!("{}, {} published{rate}", plain(&region["state"]), region["published"]));
+        let text = format!("{}, {} published{rate}", plain(&region["state"]), region["published"]);
+        say(&format!("{name} data"), text);
     }
     let counters = &document["counters"];
     let counts = ["updates", "lost", "missed", "skipped", "retries", "bus_errors"];

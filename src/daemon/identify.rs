@@ -12,7 +12,7 @@ use crate::map::classic;
 use crate::segment::Identity;
 
 /// How long the board may take for one question.
-const PATIENCE: Duration = Duration::from_secs(2);
+const PATIENCE: Duration = Duration::from_millis(500);
 /// How long to wait before asking a silent board again.
 const AGAIN: Duration = Duration::from_secs(10);
 /// How long to wait after a line that may have changed something: more may follow.

@@ -115,10 +115,12 @@ impl ServoMirror {
         }
         let now = monotonic_ns();
         self.clock.looked_in_vain(now);
-        // Only looks tell that the board is silent; a mirror that was itself stopped has no right to say so.
-        let looked_lately = now.saturating_sub(self.last_look_ns) < self.freshness.limit_ns();
+        // Only looks tell that the board is silent; a mirror that was itself stopped has no right to say so yet.
+        if now.saturating_sub(self.last_look_ns) >= self.freshness.limit_ns() {
+            self.freshness.excuse(now);
+        }
         self.last_look_ns = now;
-        let transition = if looked_lately { self.freshness.none_came(now) } else { None };
+        let transition = self.freshness.none_came(now);
         if transition.is_some() {
             // When updates come again they are a new stretch: the board may have been reset in between.
             self.forget();

@@ -1,6 +1,6 @@
 //! The command line: what it prints, and how it ends.
 
-use std::io::{BufRead, BufReader};
+use std::io::{BufRead, BufReader, Read};
 use std::os::unix::fs::PermissionsExt;
 use std::os::unix::process::CommandExt;
 use std::process::Stdio;
@@ -119,7 +119,10 @@ fn old_data_say_so() {
         assert_eq!(ran.code, Some(1));
         let (first, rest) = ran.stdout.split_once('\n').unwrap();
         assert!(first.starts_with("STALE: ") && first.contains(reason), "{first}");
-        assert_eq!(rest, MOTORS);
+        // Flags of the background data stand beside the servo data only while they are live themselves.
+        let background_is_live = !["board_silent", "starting", "daemon_stopped"].contains(&name);
+        let flags = "  homed in-position";
+        assert_eq!(rest, if background_is_live { MOTORS.to_owned() } else { MOTORS.replace(flags, "") });
         let ran = rig.run("motors --json");
         assert_eq!((ran.code, &ran.json()["servo"]["fresh"]), (Some(1), &serde_json::json!(false)));
         assert_eq!(ran.json()["servo"]["stale"], name);
@@ -159,14 +162,11 @@ fn status_tells_segment_board_and_socket() {
     let rig = Rig::new().live();
     let ran = rig.run(&format!("status --socket {}", bench.socket.display()));
     assert_eq!(ran.code, Some(0), "{ran:?}");
-    for part in [
-        "condition   live",
-        "PMAC1, pmac, 1.16D",
-        "reports     3 motors",
-        "2258.8 Hz",
-        "enabled     servo ascii",
-    ] {
-        assert!(ran.stdout.contains(part), "{part}: {}", ran.stdout);
+    for part in
+        ["condition live", "PMAC1, pmac, 1.16D", "reports 3 motors", "2258.8 Hz", "enabled servo ascii"]
+    {
+        let words = ran.stdout.split_whitespace().collect::<Vec<_>>().join(" ");
+        assert!(words.contains(part), "{part}: {}", ran.stdout);
     }
     let document = rig.run("status --json --socket /nonexistent/x.sock").json();
     assert_eq!(document["condition"], "live");
@@ -302,6 +302,36 @@ fn unknown_things_get_one_clear_line() {
 }
 
 #[test]
+fn a_reader_that_goes_away_ends_it_quietly_and_a_full_disk_does_not() {
+    let mut map = command();
+    let mut map = map.args(["map", "--json"]).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    drop(map.stdout.take());
+    let ran = Ran::from(map.wait_with_output().unwrap());
+    assert_eq!((ran.stderr.as_str(), ran.code), ("", Some(0)));
+    let full = std::fs::OpenOptions::new().write(true).open("/dev/full").unwrap();
+    let ran = Ran::from(command().arg("map").stdout(full).stderr(Stdio::piped()).output().unwrap());
+    assert!(one_clear_line(&ran).contains("No space left"), "{ran:?}");
+    assert_eq!(ran.code, Some(2));
+}
+
+#[test]
+fn watch_repaints_on_a_terminal() {
+    let rig = Rig::new().live();
+    let pty = nix::pty::openpty(None, None).unwrap();
+    let watching = command()
+        .args(["--name", &rig.name, "watch", "--count", "2", "--rate", "100"])
+        .stdout(pty.slave)
+        .output();
+    assert_eq!(watching.unwrap().status.code(), Some(0));
+    // The other end of a terminal that nobody has open any more gives what is left, and then an error.
+    let mut screen = Vec::new();
+    let _ = std::fs::File::from(pty.master).read_to_end(&mut screen);
+    let screen = String::from_utf8(screen).unwrap();
+    assert_eq!(screen.matches("\x1b[H").count(), 2, "{screen:?}");
+    assert!(screen.contains("#1     1000.0   999.8         0.2"), "{screen:?}");
+}
+
+#[test]
 fn watch_prints_a_line_each_time_in_a_pipe() {
     let rig = Rig::new().live();
     let ran = rig.run("watch --count 3 --rate 100");
@@ -350,7 +380,16 @@ fn a_stranger_may_look_and_not_send() {
     let run = |args: &[&str]| -> Ran {
         let mut command = std::process::Command::new(&program);
         command.uid(65_534).gid(65_534).arg("--socket").arg(&bench.socket).args(args);
-        command.output().unwrap().into()
+        for _ in 0..500 {
+            match command.output() {
+                // Another test's child may still hold the copy open for writing, for a moment.
+                Err(error) if error.kind() == std::io::ErrorKind::ExecutableFileBusy => {
+                    std::thread::sleep(std::time::Duration::from_millis(10));
+                }
+                output => return output.unwrap().into(),
+            }
+        }
+        panic!("the program's copy stays busy");
     };
     assert_eq!(run(&["read", "0x0024"]).code, Some(0));
     for (args, role) in [(["send", "#1J+"], "engineer"), (["send", "^K"], "operate")] {

@@ -2,6 +2,7 @@
 
 mod bench;
 mod cli;
+mod client;
 mod decode;
 mod format;
 mod map;
@@ -13,4 +14,6 @@ mod segment_hostile;
 mod segment_life;
 mod segment_loom;
 mod simulator;
+mod site;
 mod socket;
+mod whole;

@@ -5,8 +5,10 @@
 
 use std::collections::BTreeSet;
 
+use pmac_dpram::sim::dpram::Dpram;
 use pmac_dpram::sim::language::{Interpreter, SerialPort, family};
-use pmac_dpram::sim::machine::Machine;
+use pmac_dpram::sim::machine::{Identity, Machine};
+use pmac_dpram::sim::memory::Memory;
 use proptest::prelude::*;
 
 /// How the board comes into the context of vectors: the numbers, and what is sent before.
@@ -92,13 +94,23 @@ struct Bench {
     port: SerialPort,
 }
 
+/// A board at factory defaults.
+fn machine() -> Machine {
+    let directory = tempfile::tempdir().unwrap();
+    let memory = Memory::new(Dpram::open(&directory.path().join("dpram")).unwrap());
+    let identity = Identity {
+        family: &family::PMAC,
+        firmware: "1.16D".to_owned(),
+        type_text: "PMAC1, VME, FLASH, PID, CLK X3".to_owned(),
+        date_text: "07/17/1999".to_owned(),
+        motors: 8,
+    };
+    Machine::new(memory, identity, None, None)
+}
+
 impl Bench {
     fn new() -> Self {
-        Self {
-            machine: Machine::new(&family::PMAC),
-            interpreter: Interpreter::new(),
-            port: SerialPort::new(),
-        }
+        Self { machine: machine(), interpreter: Interpreter::new(), port: SerialPort::new() }
     }
 
     fn send(&mut self, bytes: &[u8]) -> Vec<u8> {

@@ -1,5 +1,6 @@
 //! A published segment with known contents, and the programs run against it.
 
+use std::path::Path;
 use std::process::{Command, Output, Stdio};
 use std::sync::atomic::{AtomicU32, Ordering};
 
@@ -11,6 +12,8 @@ use pmac_dpram::segment::{
 
 /// Nothing is stale in a test unless the test says so.
 const LONG_NS: u64 = 3_600_000_000_000;
+/// Nobody beats the segment's heart here; a test that wants it silent beats it at time 0.
+const HEARTBEAT_NS: u64 = 60_000_000_000;
 const SERVO_START: usize = 0x24;
 const SERVO_WORDS: usize = (0x228 - 0x24) / 2;
 const BACKGROUND_START: usize = 0x228;
@@ -42,6 +45,10 @@ impl Rig {
     }
 
     pub fn named(name: &str) -> Self {
+        Self::at(Path::new(pmac_dpram::segment::DIRECTORY), name)
+    }
+
+    pub fn at(directory: &Path, name: &str) -> Self {
         let region = |id, slots, payload_bytes: usize, first_host_offset: usize| RegionSpec {
             id,
             slots,
@@ -58,7 +65,8 @@ impl Rig {
                 region(RegionId::Board, 4, pmac_dpram::segment::identity::BYTES, 0),
             ],
         );
-        options.heartbeat_limit_ns = LONG_NS;
+        options.heartbeat_limit_ns = HEARTBEAT_NS;
+        directory.clone_into(&mut options.directory);
         let mut publisher = Publisher::create(&options).unwrap();
         let mut identity = Identity {
             family: Some(1),
@@ -89,7 +97,7 @@ impl Rig {
         let servo = &mut self.servo;
         servo[1] = 0x1234;
         for (motor, commanded, actual, velocity, status) in [
-            (0, 3072 * 1000, 3072 * 1000 - 768, 0, 0x81_2000),
+            (0, 3072 * 1000, 3072 * 1000 - 768, 0_i32, 0x81_2000),
             (1, -3072 * 25, -3072 * 24, -1536, 0x80_0000),
             (2, 77, -77, 5, 0),
         ] {

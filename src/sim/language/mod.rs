@@ -94,9 +94,21 @@ type Outcome = Result<(), CommandError>;
 #[cfg(test)]
 pub(crate) mod testing {
     use super::{Machine, family};
+    use crate::sim::dpram::Dpram;
+    use crate::sim::machine::Identity;
+    use crate::sim::memory::Memory;
 
     /// A board at factory defaults.
     pub(crate) fn machine() -> Machine {
-        Machine::new(&family::PMAC)
+        let directory = tempfile::tempdir().expect("a directory for the memory");
+        let dpram = Dpram::open(&directory.path().join("dpram")).expect("the memory");
+        let identity = Identity {
+            family: &family::PMAC,
+            firmware: "1.16D".to_owned(),
+            type_text: "PMAC1, VME, FLASH, PID, CLK X3".to_owned(),
+            date_text: "07/17/1999".to_owned(),
+            motors: 8,
+        };
+        Machine::new(Memory::new(dpram), identity, None, None)
     }
 }
