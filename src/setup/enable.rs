@@ -333,10 +333,10 @@ fn rotary(options: &Options) -> Result<FunctionPlan, OutOfRange> {
         )
         .line(
             Phase::Define,
-            format!("&{system}DEFINE ROT{words}"),
+            format!("&{system} DEFINE ROT {words}"),
             "the buffer in PMAC's own memory to which the commands are copied; lost at a reset",
         )
-        .line(Phase::Define, format!("&{system}B0"), "points the coordinate system at it; before OPEN ROT")
+        .line(Phase::Define, format!("&{system} B0"), "points the coordinate system at it; before OPEN ROT")
         .line(
             Phase::Open,
             "OPEN ROT",
@@ -349,7 +349,7 @@ fn rotary(options: &Options) -> Result<FunctionPlan, OutOfRange> {
         )
         .note("with several coordinate systems define from the highest to the lowest")
         .note("no rotary buffer can be defined while a gather buffer exists: DELETE GATHER first")
-        .note(format!("&{system}R starts the program; I16 and I17 say when the buffer asks for more")))
+        .note(format!("&{system} R starts the program; I16 and I17 say when the buffer asks for more")))
 }
 
 fn gather(options: &Options, with_servo: bool) -> Result<FunctionPlan, OutOfRange> {
@@ -381,7 +381,7 @@ fn gather(options: &Options, with_servo: bool) -> Result<FunctionPlan, OutOfRang
     plan = plan
         .line(
             Phase::Define,
-            format!("DEFINE GATHER{size}"),
+            format!("DEFINE GATHER {size}"),
             "the buffer's size in 32-bit words; refused while gathering runs",
         )
         .line(

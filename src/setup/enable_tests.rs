@@ -22,9 +22,9 @@ fn each_function_by_itself() {
         (Function::Variable, &["WY$D1FB,0", "WY$D1F5,0", "I55=1"]),
         (
             Function::Rotary,
-            &["I57=0", "WY$D1FD,0", "WX$D1FD,0", "&1DEFINE ROT100", "&1B0", "OPEN ROT", "I57=1"],
+            &["I57=0", "WY$D1FD,0", "WX$D1FD,0", "&1 DEFINE ROT 100", "&1 B0", "OPEN ROT", "I57=1"],
         ),
-        (Function::Gather, &["I19=1", "I45=3", "DEFINE GATHER1024", "GATHER"]),
+        (Function::Gather, &["I19=1", "I45=3", "DEFINE GATHER 1024", "GATHER"]),
     ];
     for (function, lines) in expected {
         assert_eq!(commands(&[function], &defaults), lines, "{function}");
@@ -61,9 +61,9 @@ fn together_they_share_settings_and_keep_to_an_order() {
             "WX$D1FD,0",
             "I45=3",
             "SAVE",
-            "&1DEFINE ROT100",
-            "&1B0",
-            "DEFINE GATHER1024",
+            "&1 DEFINE ROT 100",
+            "&1 B0",
+            "DEFINE GATHER 1024",
             "GATHER",
             "GATHER",
             "OPEN ROT",
@@ -97,11 +97,11 @@ fn options_reach_the_lines() {
     let gather = plan(&[Function::Gather], &options).unwrap();
     assert_eq!(
         gather.commands,
-        ["I19=1", "I45=2", "I20=$000003", "I21=$80002B", "I22=$00C003", "DEFINE GATHER100", "GATHER"]
+        ["I19=1", "I45=2", "I20=$000003", "I21=$80002B", "I22=$00C003", "DEFINE GATHER 100", "GATHER"]
     );
     // 3 longs a sample: 100 becomes 102.
     assert!(gather.plans[0].notes.iter().any(|note| note.contains("102 longs")));
-    assert!(commands(&[Function::Rotary], &options).contains(&"&2DEFINE ROT200".to_owned()));
+    assert!(commands(&[Function::Rotary], &options).contains(&"&2 DEFINE ROT 200".to_owned()));
 }
 
 #[test]

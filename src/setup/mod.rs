@@ -1,11 +1,13 @@
 //! Set-up calculators (layer 1): what to send to a board, and why. They compute and write nothing themselves.
 //!
 //! [`isa`] and [`vme`] give the lines that place the DPRAM in the host's memory, [`enable`] those that switch the
-//! automatic functions on, [`absolute`] tells what an
-//! absolute-position word makes PMAC read, and [`position`] works the position out. The addresses here are
-//! those of PMAC's set-up registers (X:$0783 to X:$078C, Turbo I90 to I99); the DPRAM's own come from [`crate::map`].
+//! automatic functions on, [`absolute`] tells what an absolute-position word makes PMAC read, and [`position`] works
+//! the position out. The addresses here are those of PMAC's set-up registers (X:$0783 to X:$078C, Turbo I90 to I99);
+//! the DPRAM's own come from [`crate::map`].
 
 pub mod absolute;
+#[cfg(test)]
+mod absolute_tests;
 pub mod enable;
 #[cfg(test)]
 mod enable_tests;
@@ -14,6 +16,8 @@ pub mod isa;
 pub mod number;
 pub mod position;
 pub mod vme;
+#[cfg(test)]
+mod vme_tests;
 
 use std::fmt;
 use std::str::FromStr;
