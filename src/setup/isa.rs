@@ -4,7 +4,7 @@
 //! Turbo: I93 holds A23-A16, the high digit of I94 A15-A14, its low digit 5 for a window of 16 KiB and 4 for 64 KiB.
 //! The host owns these registers; PMAC copies them into the working ones (X:$E009, X:$E00A) at reset only.
 
-use super::{Generation, SetupPlan, SetupValue, WINDOW, last_of_window, with_save_and_reset};
+use super::{Generation, SetupPlan, SetupValue, WINDOW, with_save_and_reset};
 
 /// How many address lines the DPRAM decodes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -154,10 +154,7 @@ fn check(address: u32, bits: u32, window: u32) -> Result<(), IsaError> {
 
 /// What usually lies at that place in a PC (DPRAM manual p. 3); between $B0000 and $EFFFF room may be found.
 fn neighbours(address: u32, window: u32) -> Vec<String> {
-    let last = match window {
-        WINDOW => last_of_window(address),
-        _ => address + window - 1,
-    };
+    let last = address + (window - 1);
     let others = [
         (0x00_0000, 0x09_FFFF, "the PC's main memory"),
         (0x0A_0000, 0x0A_FFFF, "graphics memory"),

@@ -136,7 +136,7 @@ fn with_save_and_reset(mut lines: Vec<String>) -> Vec<String> {
     lines
 }
 
-/// The address of the byte before the window after this one, for messages.
+/// The address of the last byte of the window at `start`, for messages.
 const fn last_of_window(start: u32) -> u32 {
     start.saturating_add(WINDOW - 1)
 }
