@@ -14,7 +14,7 @@
 //! | layer | modules |
 //! |---|---|
 //! | 0 | [`mod@format`]: numbers and text as DPRAM holds them |
-//! | 1 | [`map`]: what lies where · [`decode`]: words to named values · [`protocol`]: the command socket's messages |
+//! | 1 | [`map`]: what lies where · [`decode`]: words to named values · [`setup`]: calculators, what to send to a board · [`protocol`]: the command socket's messages |
 //! | 2 | [`device`]: the bus, its kinds and decorators, the interrupt |
 //! | 3 | [`function`]: the host's half of each automatic function |
 //! | 4 | [`mirror`]: what to read when · [`segment`]: the shared-memory ABI |
@@ -32,4 +32,5 @@ pub mod map;
 pub mod mirror;
 pub mod protocol;
 pub mod segment;
+pub mod setup;
 pub mod sim;

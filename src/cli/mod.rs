@@ -3,6 +3,8 @@
 //! Exit status: 0 done; 1 the answer is "no", or the board reported an error; 2 the request could not be made.
 //! Data go to stdout, everything else to stderr. A reader that goes away (`pmacctl … | head`) ends it quietly.
 
+pub mod absolute;
+pub mod answer;
 mod args;
 mod coordinates;
 mod decode;
@@ -13,6 +15,7 @@ mod motors;
 mod output;
 mod read;
 mod send;
+pub mod setup;
 mod status;
 mod table;
 mod time;
