@@ -1,17 +1,150 @@
-//! The command line (layer 6).
+//! The command line `pmacctl` (layer 6).
+//!
+//! Exit status: 0 done; 1 the answer is "no", or the board reported an error; 2 the request could not be made.
+//! Data go to stdout, everything else to stderr. A reader that goes away (`pmacctl … | head`) ends it quietly.
 
+mod args;
+mod coordinates;
+mod decode;
+mod doctor;
+mod map;
+mod motors;
+mod output;
+mod read;
+mod send;
+mod status;
+mod table;
+mod time;
+mod usage;
+mod watch;
+
+use std::ffi::OsString;
+use std::io::{self, Write};
 use std::process::ExitCode;
 
-/// Prints what clap has to say: help and version on stdout with status 0, a mistake in one line with status 2.
-#[must_use]
-pub fn usage(error: &clap::Error) -> ExitCode {
-    if error.use_stderr() {
-        let text = error.to_string();
-        let line = text.lines().next().unwrap_or_default().trim_start_matches("error: ").to_owned();
-        eprintln!("{line}; --help tells more");
-        ExitCode::from(2)
-    } else {
-        print!("{error}");
-        ExitCode::SUCCESS
+use clap::Parser;
+
+use crate::client::{Board, ClientError, CommandError, Connection, socket_path};
+use crate::protocol::CallError;
+use crate::segment::SegmentName;
+
+use args::{Args, Command};
+use output::Output;
+
+pub use usage::usage;
+
+/// How a command ended that was carried out.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Verdict {
+    /// Exit status 0.
+    Yes,
+    /// Exit status 1.
+    No,
+}
+
+impl From<bool> for Verdict {
+    fn from(yes: bool) -> Self {
+        if yes { Self::Yes } else { Self::No }
     }
+}
+
+/// Why a command was not carried out.
+#[derive(Debug, thiserror::Error)]
+enum Failure {
+    /// The request could not be made: exit status 2.
+    #[error("{0}")]
+    Request(String),
+    /// The board or the daemon said no: exit status 1. Printed without the program's name, as the board's own words.
+    #[error("{0}")]
+    Refused(String),
+    /// The output could not be written.
+    #[error("writing the output: {0}")]
+    Output(#[from] io::Error),
+}
+
+impl Failure {
+    fn request(error: impl std::fmt::Display) -> Self {
+        Self::Request(error.to_string())
+    }
+}
+
+impl From<ClientError> for Failure {
+    fn from(error: ClientError) -> Self {
+        Self::request(error)
+    }
+}
+
+impl From<CommandError> for Failure {
+    fn from(error: CommandError) -> Self {
+        match &error {
+            CommandError::Refused(
+                CallError::Board { .. }
+                | CallError::TimedOut
+                | CallError::Unavailable { .. }
+                | CallError::Busy
+                | CallError::NotPermitted { .. }
+                | CallError::OutOfRange,
+            ) => Self::Refused(error.to_string()),
+            _ => Self::request(error),
+        }
+    }
+}
+
+/// What every command works with.
+struct Context {
+    name: SegmentName,
+    socket: std::path::PathBuf,
+    output: Output,
+}
+
+impl Context {
+    fn board(&self) -> Result<Board, Failure> {
+        Ok(Board::attach(self.name.as_str())?.with_socket(&self.socket))
+    }
+
+    fn connection(&self) -> Result<Connection, Failure> {
+        Ok(Connection::open(&self.socket)?)
+    }
+}
+
+/// Runs `pmacctl` with these arguments, the first of which is the program's name.
+pub fn run(args: impl IntoIterator<Item = OsString>) -> ExitCode {
+    let args = match Args::try_parse_from(args) {
+        Ok(args) => args,
+        Err(error) => return usage("pmacctl", &error),
+    };
+    match execute(args) {
+        Ok(Verdict::Yes) => ExitCode::SUCCESS,
+        Ok(Verdict::No) => ExitCode::from(1),
+        // Nobody reads any more, so nobody misses the rest.
+        Err(Failure::Output(error)) if error.kind() == io::ErrorKind::BrokenPipe => ExitCode::SUCCESS,
+        // Not by `eprintln!`, which would panic when stderr is closed.
+        Err(Failure::Refused(text)) => {
+            let _ = writeln!(io::stderr(), "{text}");
+            ExitCode::from(1)
+        }
+        Err(failure) => {
+            let _ = writeln!(io::stderr(), "pmacctl: {failure}");
+            ExitCode::from(2)
+        }
+    }
+}
+
+fn execute(args: Args) -> Result<Verdict, Failure> {
+    let name = SegmentName::new(&args.global.name).map_err(Failure::request)?;
+    let socket = args.global.socket.unwrap_or_else(|| socket_path(&name));
+    let mut context = Context { name, socket, output: Output::new(args.global.json, args.global.quiet) };
+    let verdict = match args.command {
+        Command::Status => status::run(&mut context),
+        Command::Doctor => doctor::run(&mut context),
+        Command::Motors => motors::run(&mut context),
+        Command::Coordinates => coordinates::run(&mut context),
+        Command::Watch(options) => watch::run(&mut context, &options),
+        Command::Map(options) => map::run(&mut context, &options),
+        Command::Read(options) => read::run(&mut context, &options),
+        Command::Send(options) => send::run(&mut context, &options),
+        Command::Decode(options) => decode::run(&mut context, &options),
+    }?;
+    context.output.flush()?;
+    Ok(verdict)
 }

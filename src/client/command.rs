@@ -102,13 +102,14 @@ impl Connection {
         self.call::<SendReply>("Send", parameters, timeout.saturating_add(MARGIN)).map(|reply| reply.lines)
     }
 
-    /// Sends the control character `character` (1 to 31) ahead of every line that waits.
+    /// Sends the control character `character` (1 to 31) ahead of every line that waits, and returns what the board
+    /// answered: nothing, for most of them.
     ///
     /// # Errors
     /// [`CommandError`].
-    pub fn control(&mut self, character: u8) -> Result<(), CommandError> {
+    pub fn control(&mut self, character: u8) -> Result<Vec<String>, CommandError> {
         let parameters = json!({"character": control::name(character)});
-        self.call::<Map<String, Value>>("SendControl", parameters, DAEMON_TIMEOUT + MARGIN).map(|_| ())
+        self.call::<SendReply>("SendControl", parameters, DAEMON_TIMEOUT + MARGIN).map(|reply| reply.lines)
     }
 
     /// Reads `words` (1 to 64) consecutive words of the DPRAM: the CLOCK_MONOTONIC time of the first read in

@@ -1,3 +1,25 @@
-//! The thing a user holds (layer 5).
+//! The thing a user holds (layer 5): live data from the shared memory, commands through the socket.
+//!
+//! ```no_run
+//! use std::time::Duration;
+//! use pmac_dpram::client::Board;
+//!
+//! let mut board = Board::attach("pmac0")?;
+//! let servo = board.snapshot()?.servo.ok_or("the board has sent no servo data yet")?;
+//! for motor in &servo.data.motors {
+//!     println!("#{} {:?} fresh: {}", motor.motor, motor.actual_position, servo.is_fresh());
+//! }
+//! println!("{:?}", board.send("#1P", Duration::from_secs(1))?);
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+//!
+//! Reading needs no conversation with the daemon and cannot disturb it. What is old says so: see [`Staleness`].
 
+pub mod board;
 pub mod command;
+pub mod identity;
+pub mod view;
+
+pub use board::{Board, ClientError, History, Snapshot, socket_path};
+pub use command::{CommandError, Connection, Messages};
+pub use view::{Staleness, View};

@@ -14,8 +14,7 @@ use super::queue::{
 use crate::device::{Bus, BusError};
 use crate::format::TextOrder;
 use crate::function::ascii::{AsciiEvent, AsciiPort, ResponseText, control_has_reply};
-use crate::mirror::monotonic_ns;
-use crate::segment::{Counter, Publisher};
+use crate::segment::{Counter, Publisher, monotonic_ns};
 
 /// Lines that may wait. The socket's queue is bounded too; this is the depth behind it.
 const LINES_MAX: usize = 64;
@@ -263,6 +262,7 @@ impl AsciiDesk {
         } else if let Some((line, patience)) = self.identifier.next_line(now)
             && self.port.begin(bus, line.as_bytes())?
         {
+            self.identifier.sent();
             self.start(Caller::Identifier, now + patience, publisher, now);
         }
         Ok(())
@@ -339,7 +339,7 @@ impl AsciiDesk {
                         let outcome = result.map_or_else(Outcome::Error, |()| Outcome::Done);
                         self.tell(events, Event::Done(ticket, outcome));
                     }
-                    Some(Caller::Identifier) => self.identifier.done(result.is_ok()),
+                    Some(Caller::Identifier) => self.identifier.done(),
                     None => {}
                 }
             }

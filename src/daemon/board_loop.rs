@@ -23,9 +23,9 @@ use crate::function::ascii::AsciiPort;
 use crate::function::background::BackgroundReader;
 use crate::function::servo::ServoReader;
 use crate::map::HostOffset;
-use crate::mirror::{BackgroundMirror, ServoMirror, Transition, monotonic_ns};
+use crate::mirror::{BackgroundMirror, ServoMirror, Transition};
 use crate::protocol::{Enabled, State as InfoState};
-use crate::segment::{Counter, Identity, Publisher, RegionId, RegionState, Stamp, State};
+use crate::segment::{Counter, Identity, Publisher, RegionId, RegionState, Stamp, State, monotonic_ns};
 
 /// How often the segment's heartbeat is written.
 const HEARTBEAT_NS: u64 = 50_000_000;

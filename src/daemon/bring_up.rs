@@ -28,10 +28,10 @@ use crate::format::WordOrder;
 use crate::function::background::BACKGROUND_WORDS;
 use crate::function::servo::SERVO_WORDS;
 use crate::map::classic;
-use crate::mirror::{BackgroundMirror, ServoMirror, monotonic_ns};
+use crate::mirror::{BackgroundMirror, ServoMirror};
 use crate::protocol::BoardInfo;
 use crate::segment::identity;
-use crate::segment::{CreateOptions, Identity, Publisher, RegionId, RegionSpec};
+use crate::segment::{CreateOptions, Identity, Publisher, RegionId, RegionSpec, monotonic_ns};
 
 /// Slots of each region: servo, some seconds; background, some reports; the board, a few changes.
 const SERVO_SLOTS: u32 = 4096;
@@ -54,7 +54,7 @@ pub fn main() -> ExitCode {
         .init();
     let options = match Options::try_parse() {
         Ok(options) => options,
-        Err(error) => return crate::cli::usage(&error),
+        Err(error) => return crate::cli::usage("pmacd", &error),
     };
     let settings = match Settings::decide(&options) {
         Ok(settings) => settings,

@@ -24,8 +24,6 @@ pub(super) struct Pending {
     pub(super) ticket: Ticket,
     /// Nobody wants the reply.
     pub(super) oneway: bool,
-    /// The reply carries the board's lines.
-    pub(super) with_lines: bool,
     /// When to stop believing that the bus thread will answer.
     pub(super) deadline: Instant,
     /// The reply so far.

@@ -12,7 +12,7 @@ use crate::map::classic;
 use crate::segment::Identity;
 
 /// How long the board may take for one question.
-const PATIENCE: Duration = Duration::from_secs(2);
+const PATIENCE: Duration = Duration::from_millis(500);
 /// How long to wait before asking a silent board again.
 const AGAIN: Duration = Duration::from_secs(10);
 /// How long to wait after a line that may have changed something: more may follow.
@@ -33,8 +33,12 @@ const QUESTIONS: [Question; 4] = [Question::Type, Question::Version, Question::R
 /// Asks, collects, and keeps the last complete answer.
 pub struct Identifier {
     configured: Identity,
-    /// The question to ask next; all asked when it is past the end.
+    /// The question to ask next, or under way; all asked when it is past the end.
     next: usize,
+    /// Whether the board has been sent it and owes the reply.
+    under_way: bool,
+    /// Whether to begin again when the reply has come.
+    again: bool,
     not_before: Instant,
     asking: Identity,
     /// Lines of the present reply so far.
@@ -53,6 +57,8 @@ impl Identifier {
             news: Some(configured.clone()),
             configured,
             next: if ask { 0 } else { QUESTIONS.len() },
+            under_way: false,
+            again: false,
             not_before: now,
             lines: 0,
             wanted: ask,
@@ -62,8 +68,17 @@ impl Identifier {
     /// The board may answer differently now: ask again soon.
     pub fn ask_again(&mut self, now: Instant) {
         if self.wanted {
-            self.next = 0;
+            self.again = true;
             self.not_before = now + SETTLE;
+            self.begin_again();
+        }
+    }
+
+    /// Goes back to the first question, unless the board still owes the reply to another.
+    fn begin_again(&mut self) {
+        if self.again && !self.under_way {
+            self.again = false;
+            self.next = 0;
         }
     }
 
@@ -83,7 +98,7 @@ impl Identifier {
         }
     }
 
-    /// The line to send now, if any, and how long to wait for its reply.
+    /// The line to send now, if any, and how long to wait for its reply. Tell with [`Identifier::sent`] if it was.
     pub fn next_line(&mut self, now: Instant) -> Option<(Text<LINE_MAX>, Duration)> {
         let question = *QUESTIONS.get(self.next)?;
         if now < self.not_before {
@@ -102,6 +117,11 @@ impl Identifier {
             }
         };
         Text::new(text.as_bytes()).map(|line| (line, PATIENCE))
+    }
+
+    /// The line was sent.
+    pub fn sent(&mut self) {
+        self.under_way = true;
     }
 
     /// A line of the reply came.
@@ -143,15 +163,19 @@ impl Identifier {
     }
 
     /// The reply is complete, or the board refused the question (which leaves its answers unknown).
-    pub fn done(&mut self, _accepted: bool) {
+    pub fn done(&mut self) {
+        self.under_way = false;
         self.next += 1;
         if self.next == QUESTIONS.len() {
             self.news = Some(self.asking.clone());
         }
+        self.begin_again();
     }
 
     /// The board did not answer.
     pub fn failed(&mut self, now: Instant) {
+        self.under_way = false;
+        self.again = false;
         self.next = 0;
         self.not_before = now + AGAIN;
     }
@@ -183,10 +207,11 @@ mod tests {
 
     fn answer(identifier: &mut Identifier, now: Instant, lines: &[&str]) -> String {
         let (line, _) = identifier.next_line(now).unwrap();
+        identifier.sent();
         for line in lines {
             identifier.line(line.as_bytes());
         }
-        identifier.done(true);
+        identifier.done();
         String::from_utf8(line.as_bytes().to_vec()).unwrap()
     }
 
@@ -226,6 +251,22 @@ mod tests {
         let mut quiet = Identifier::new(Identity::default(), false, now);
         quiet.ask_again(now);
         assert!(quiet.next_line(now + AGAIN).is_none(), "told not to ask");
+    }
+
+    #[test]
+    fn a_change_in_mid_question_neither_mixes_the_answers_nor_is_forgotten() {
+        let now = Instant::now();
+        let mut identifier = Identifier::new(Identity::default(), true, now);
+        answer(&mut identifier, now, &["PMAC1"]);
+        answer(&mut identifier, now, &["1.16D"]);
+        identifier.next_line(now).unwrap();
+        identifier.sent();
+        identifier.ask_again(now);
+        for line in ["3713707", "1", "1", "1", "8"] {
+            identifier.line(line.as_bytes());
+        }
+        identifier.done();
+        assert_eq!(answer(&mut identifier, now + SETTLE, &["PMAC1"]), "TYPE", "it begins again");
     }
 
     #[test]

@@ -7,6 +7,7 @@
 use std::collections::{BTreeMap, HashMap};
 use std::io;
 use std::os::fd::AsFd;
+use std::os::unix::net::UnixStream;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::thread::JoinHandle;
@@ -15,13 +16,12 @@ use std::time::{Duration, Instant};
 use log::{error, info, warn};
 use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
 use nix::sys::eventfd::{EfdFlags, EventFd};
-use serde_json::Map;
 
 use super::connection::{Client, Pending, Waiting};
 use super::dispatch::{Action, Ask, understand};
 use super::info::SharedInfo;
 use super::listener::{ListenError, Listener};
-use super::policy::{Peer, Policy, PolicyError, Roles};
+use super::policy::{Peer, Policy, PolicyError, Role, Roles};
 use super::queue::{Command, Event, Outcome, Receive, Sender, Ticket, Unsolicited, UnsolicitedKind};
 use crate::map::errors::meaning;
 use crate::protocol::board::{ReadReply, SendReply};
@@ -31,6 +31,8 @@ use crate::protocol::{Call, CallError, Message, MessageKind, Reply, control};
 const GRACE: Duration = Duration::from_secs(1);
 /// How long accepting pauses when the process has no more descriptors.
 const ACCEPT_PAUSE: Duration = Duration::from_millis(200);
+/// The most connections accepted in one go.
+const ACCEPT_MAX: usize = 64;
 /// The longest reply of the board that is collected, in bytes.
 const COLLECT_MAX: usize = 1024 * 1024;
 
@@ -255,34 +257,39 @@ impl Service {
     }
 
     fn accept(&mut self, now: Instant) {
-        loop {
-            let stream = match self.listener.accept() {
-                Ok(stream) => stream,
+        // Whoever connects faster than this still leaves time for everybody else.
+        for _ in 0..ACCEPT_MAX {
+            match self.listener.accept() {
+                Ok(stream) => self.admit(stream, now),
                 Err(error) => match error.kind() {
                     io::ErrorKind::WouldBlock => return,
-                    io::ErrorKind::Interrupted | io::ErrorKind::ConnectionAborted => continue,
+                    io::ErrorKind::Interrupted | io::ErrorKind::ConnectionAborted => {}
                     _ => {
                         warn!("accepting a connection: {error}");
                         self.accept_after = Some(now + ACCEPT_PAUSE);
                         return;
                     }
                 },
-            };
-            let Ok(peer) = Peer::of(&stream) else { continue };
-            let of_user = self.clients.values().filter(|client| client.peer.uid == peer.uid).count();
-            let trusted = peer.uid.is_root() || peer.uid == nix::unistd::geteuid();
-            let mut client = Client::new(stream, peer, self.policy.role_of(&peer));
-            if self.clients.len() >= self.options.max_clients
-                || (!trusted && of_user >= self.options.max_clients_per_user)
-            {
-                info!(target: "audit", "refused a connection of uid {} pid {}: too many", peer.uid, peer.pid);
-                let reason = "too many connections; close some".to_owned();
-                client.reply(&CallError::Unavailable { reason }.to_reply(), now);
-                continue;
             }
-            self.clients.insert(self.next_client, client);
-            self.next_client += 1;
         }
+    }
+
+    fn admit(&mut self, stream: UnixStream, now: Instant) {
+        let Ok(peer) = Peer::of(&stream) else { return };
+        let of_user = self.clients.values().filter(|client| client.peer.uid == peer.uid).count();
+        let trusted = peer.uid.is_root() || peer.uid == nix::unistd::geteuid();
+        let too_many = self.clients.len() >= self.options.max_clients
+            || (!trusted && of_user >= self.options.max_clients_per_user);
+        if too_many {
+            info!(target: "audit", "refused a connection of uid {} pid {}: too many", peer.uid, peer.pid);
+            let reason = "too many connections; close some".to_owned();
+            Client::new(stream, peer, Role::Observe)
+                .reply(&CallError::Unavailable { reason }.to_reply(), now);
+            return;
+        }
+        let role = self.policy.role_of(&peer);
+        self.clients.insert(self.next_client, Client::new(stream, peer, role));
+        self.next_client += 1;
     }
 
     fn on_ready(&mut self, id: u64, flags: PollFlags, now: Instant) {
@@ -374,9 +381,7 @@ impl Service {
             Ask::Read { .. } => {}
         }
         self.owners.insert(ticket, id);
-        let with_lines = matches!(ask, Ask::Send { .. });
-        let deadline = deadline + GRACE;
-        let pending = Pending { ticket, oneway, with_lines, deadline, lines: Vec::new(), length: 0 };
+        let pending = Pending { ticket, oneway, deadline: deadline + GRACE, lines: Vec::new(), length: 0 };
         client.waiting = Waiting::Board(pending);
         Ok(())
     }
@@ -395,12 +400,7 @@ impl Service {
             Event::Done(ticket, outcome) => {
                 let Some(pending) = self.pending(ticket) else { return };
                 let lines = std::mem::take(&mut pending.lines);
-                let reply = match outcome {
-                    Outcome::Done if !pending.with_lines => {
-                        Ok(Reply { parameters: Some(Map::new()), ..Reply::default() })
-                    }
-                    _ => outcome_reply(outcome, lines, pending.length > COLLECT_MAX),
-                };
+                let reply = outcome_reply(outcome, lines, pending.length > COLLECT_MAX);
                 self.answer(ticket, reply, now);
             }
             Event::Words { ticket, time_ns, words, count } => {

@@ -12,8 +12,9 @@
 //! last of the buffer, is not taken as a character but must not be NUL), the second has one.
 //!
 //! Boards put texts of their own programs into the same response buffer; these are told apart by the control word and
-//! never taken for a reply. A reply that comes after its command was given up is told apart by time: after a time-out
-//! the port first lets everything arrive that is still on its way ([`SETTLE`]), and only then takes the next line.
+//! never taken for a reply. A reply that comes after its command was given up cannot be told apart from the next one's,
+//! so the port does what the manual has <CTRL-X> for: it has the board empty its queues, lets everything arrive that
+//! is still on its way ([`SETTLE`]), and only then takes the next line.
 
 use std::time::{Duration, Instant};
 
@@ -28,6 +29,10 @@ use crate::map::errors;
 
 /// How long the response buffer must have been silent before a port that gave up on a reply is used again.
 pub const SETTLE: Duration = Duration::from_millis(50);
+/// How long the board may take to act on the <CTRL-X>; firmware before 1.15 does not know the register at all.
+const CANCEL_LIMIT: Duration = Duration::from_millis(500);
+/// <CTRL-X>: PMAC empties its command and response queues.
+const CANCEL: u16 = 0x18;
 /// How long after its last line a control character's reply, which has no end mark, counts as complete.
 pub const CONTROL_REPLY_END: Duration = Duration::from_millis(50);
 /// Characters of a line that go in its first part.
@@ -112,7 +117,7 @@ enum State {
     /// A control character that has a reply lies in its word, or was taken; a line came last at `quiet_since`.
     ControlReply { taken: bool, quiet_since: Instant },
     /// Something may still come that belongs to a command given up; nothing did since `quiet_since`.
-    Settling { quiet_since: Instant },
+    Settling { quiet_since: Instant, since: Instant },
 }
 
 /// The host's half of the port: one command line at a time.
@@ -254,7 +259,8 @@ impl AsciiPort {
         matches!(self.state, State::Replying | State::ControlReply { taken: true, .. })
     }
 
-    /// Gives up on the command under way: withdraws it if the board has not taken it, and lets its reply pass.
+    /// Gives up on the command under way: withdraws it if the board has not taken it, else has the board forget the
+    /// reply, and lets pass what still comes.
     ///
     /// # Errors
     /// When the bus cannot be reached.
@@ -263,11 +269,15 @@ impl AsciiPort {
             State::Idle | State::Settling { .. } => return Ok(()),
             State::Loaded { .. } => bus.write16(ASCII_OUTPUT_CONTROL, 0)?,
             State::ControlReply { taken: false, .. } => bus.write16(ASCII_CONTROL_CHARACTER, 0)?,
+            // A control character of somebody else's that the board has not taken is worth more than an empty queue.
+            State::Replying | State::ControlReply { .. } if bus.read16(ASCII_CONTROL_CHARACTER)? == 0 => {
+                bus.write16(ASCII_CONTROL_CHARACTER, CANCEL)?;
+            }
             State::Replying | State::ControlReply { .. } => {}
         }
         bus.order_writes();
         self.end_follows = false;
-        self.state = State::Settling { quiet_since: now };
+        self.state = State::Settling { quiet_since: now, since: now };
         Ok(())
     }
 
@@ -297,7 +307,7 @@ impl AsciiPort {
         }
         let control = bus.read16(ASCII_INPUT_CONTROL)?;
         if control == 0 {
-            return Ok(self.nothing_came(now));
+            return self.nothing_came(bus, now);
         }
         bus.order_reads();
         let text = self.read_response(bus, control)?;
@@ -308,10 +318,16 @@ impl AsciiPort {
     }
 
     /// The response buffer is empty: a silence may be what the state waits for.
-    fn nothing_came(&mut self, now: Instant) -> Option<AsciiEvent> {
-        match self.state {
-            State::Settling { quiet_since } if now.duration_since(quiet_since) >= SETTLE => {
-                self.state = State::Idle;
+    fn nothing_came(&mut self, bus: &mut impl Bus, now: Instant) -> Result<Option<AsciiEvent>, BusError> {
+        Ok(match self.state {
+            State::Settling { quiet_since, since } if now.duration_since(quiet_since) >= SETTLE => {
+                let cancelling = bus.read16(ASCII_CONTROL_CHARACTER)? == CANCEL;
+                if cancelling && now.duration_since(since) >= CANCEL_LIMIT {
+                    self.withdraw_control(bus)?;
+                    self.state = State::Idle;
+                } else if !cancelling {
+                    self.state = State::Idle;
+                }
                 None
             }
             State::ControlReply { taken: true, quiet_since }
@@ -321,7 +337,7 @@ impl AsciiPort {
                 Some(AsciiEvent::Done(Ok(())))
             }
             _ => None,
-        }
+        })
     }
 
     /// Whose a response is.
@@ -333,7 +349,9 @@ impl AsciiPort {
         }
         match &mut self.state {
             State::Loaded { .. } | State::Replying => {}
-            State::ControlReply { quiet_since, .. } | State::Settling { quiet_since } => *quiet_since = now,
+            State::ControlReply { quiet_since, .. } | State::Settling { quiet_since, .. } => {
+                *quiet_since = now
+            }
             State::Idle => return AsciiEvent::Stale(control),
         }
         if matches!(self.state, State::Settling { .. }) {

@@ -164,7 +164,11 @@ fn what_comes_after_giving_up_belongs_to_nobody() {
     rig.take();
     rig.step();
     rig.port.give_up(&mut rig.bus, rig.now).unwrap();
-    assert!(!rig.begin("P2"));
+    assert_eq!(rig.bus.read16(ASCII_CONTROL_CHARACTER).unwrap(), CANCEL, "the board is to empty its queues");
+    rig.now += SETTLE;
+    assert_eq!(rig.step(), None);
+    assert!(!rig.begin("P2"), "not before the board has done so");
+    rig.bus.write16(ASCII_CONTROL_CHARACTER, 0).unwrap();
     rig.now += SETTLE / 2;
     rig.respond(RESPONSE_LINE, "late");
     assert_eq!(rig.step(), Some(AsciiEvent::Stale(RESPONSE_LINE)));
@@ -175,6 +179,19 @@ fn what_comes_after_giving_up_belongs_to_nobody() {
     assert_eq!(rig.step(), Some(AsciiEvent::Stale(RESPONSE_ACKNOWLEDGE)));
     rig.now += SETTLE;
     assert_eq!(rig.step(), None);
+    assert!(rig.begin("P2"));
+}
+
+#[test]
+fn firmware_without_the_control_register_does_not_block_the_port() {
+    let mut rig = Rig::new();
+    assert!(rig.begin("P1"));
+    rig.take();
+    rig.step();
+    rig.port.give_up(&mut rig.bus, rig.now).unwrap();
+    rig.now += CANCEL_LIMIT;
+    rig.step();
+    assert_eq!(rig.bus.read16(ASCII_CONTROL_CHARACTER).unwrap(), 0);
     assert!(rig.begin("P2"));
 }
 

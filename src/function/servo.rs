@@ -43,6 +43,8 @@ const fn word_index(offset: crate::map::HostOffset) -> usize {
 pub enum ServoLook {
     /// No update since the last one taken.
     Unchanged,
+    /// The first look: the value is the timer of what lies there from before, which is not taken.
+    First(u16),
     /// PMAC is writing the buffer.
     Busy,
     /// PMAC wrote while the host read; the copy was discarded.
@@ -121,7 +123,7 @@ impl ServoReader {
             Some(_) => return Ok(ServoLook::Unchanged),
             None => {
                 self.last_timer = Some(timer);
-                return Ok(ServoLook::Unchanged);
+                return Ok(ServoLook::First(timer));
             }
         }
         let look = match self.reading {
@@ -189,14 +191,14 @@ mod tests {
     fn what_lay_there_before_is_not_an_update() {
         let (mut bus, mut reader) = (bus(), ServoReader::new(ServoReading::Optimistic));
         update(&mut bus, 5);
-        assert_eq!(reader.look(&mut bus).unwrap(), ServoLook::Unchanged);
+        assert_eq!(reader.look(&mut bus).unwrap(), ServoLook::First(5));
         assert_eq!(reader.look(&mut bus).unwrap(), ServoLook::Unchanged);
         update(&mut bus, 6);
         assert_eq!(reader.look(&mut bus).unwrap(), ServoLook::Update(6));
         assert_eq!(reader.image()[word_index(SERVO_MOTOR)], 6);
         reader.forget();
         update(&mut bus, 9);
-        assert_eq!(reader.look(&mut bus).unwrap(), ServoLook::Unchanged);
+        assert_eq!(reader.look(&mut bus).unwrap(), ServoLook::First(9));
     }
 
     #[test]

@@ -1,11 +1,10 @@
 //! The background region: asks for reports at a steady rate and publishes each.
 
 use super::freshness::{Freshness, Transition};
-use super::time::monotonic_ns;
 use crate::device::{Bus, BusError};
 use crate::function::background::{BackgroundLook, BackgroundReader};
 use crate::function::servo_timer::ServoTimer;
-use crate::segment::{Counter, Publisher, RegionId, RegionState, Stamp};
+use crate::segment::{Counter, Publisher, RegionId, RegionState, Stamp, monotonic_ns};
 
 /// The servo timer's bits in the background buffer.
 const TIMER_BITS: u32 = 16;

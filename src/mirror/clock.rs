@@ -20,8 +20,9 @@ const NUDGE: f64 = 1.0 / 64.0;
 /// Without an update for this many periods (and at least [`SILENCE`]) there is no phase to hold.
 const LOCK_PERIODS: f64 = 20.0;
 const SILENCE: Ns = 50 * MILLISECOND;
-/// How often to look when no period is known and none has come for a while.
-const IDLE_LOOK: Ns = 2 * MILLISECOND;
+/// How often to look at least, whatever the prediction says: one access a millisecond costs nothing, and a period
+/// that became much shorter is noticed.
+const IDLE_LOOK: Ns = MILLISECOND;
 
 /// Predicts updates that come at a nearly constant period.
 #[derive(Debug, Clone)]
@@ -120,7 +121,7 @@ impl UpdateClock {
         self.last_update_ns = Some(now);
         self.last_early_ns = None;
         self.due_ns = match self.predicted_ns {
-            Some(predicted) => (predicted as Ns).max(now),
+            Some(predicted) => (predicted as Ns).clamp(now, now + IDLE_LOOK),
             None => now + IDLE_LOOK,
         };
     }

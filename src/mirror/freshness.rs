@@ -47,6 +47,11 @@ impl Freshness {
         (!std::mem::replace(&mut self.live, true)).then_some(Transition::Live)
     }
 
+    /// Nobody looked until `now_ns`, so a silence counts only from here on.
+    pub fn excuse(&mut self, now_ns: u64) {
+        self.last_ns = self.last_ns.max(now_ns);
+    }
+
     /// None came; it is `now_ns`.
     pub fn none_came(&mut self, now_ns: u64) -> Option<Transition> {
         let over = self.live && now_ns.saturating_sub(self.last_ns) > self.limit_ns;
@@ -71,5 +76,8 @@ mod tests {
         assert_eq!(freshness.none_came(1151), Some(Transition::Stale));
         assert_eq!(freshness.none_came(2000), None);
         assert_eq!(freshness.came(2001), Some(Transition::Live));
+        freshness.excuse(5000);
+        assert_eq!(freshness.none_came(5100), None);
+        assert_eq!(freshness.none_came(5101), Some(Transition::Stale));
     }
 }

@@ -8,9 +8,7 @@ pub mod clock;
 pub mod freshness;
 pub mod gaps;
 pub mod servo;
-pub mod time;
 
 pub use background::BackgroundMirror;
 pub use freshness::Transition;
 pub use servo::ServoMirror;
-pub use time::monotonic_ns;

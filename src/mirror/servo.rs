@@ -3,16 +3,17 @@
 use super::clock::UpdateClock;
 use super::freshness::{Freshness, Transition};
 use super::gaps::UpdateCounter;
-use super::time::monotonic_ns;
 use crate::device::{Bus, BusError};
 use crate::function::servo::{ServoLook, ServoReader, ServoReading};
 use crate::function::servo_timer::ServoTimer;
-use crate::segment::{Counter, Publisher, RegionId, RegionState, Stamp};
+use crate::segment::{Counter, Publisher, RegionId, RegionState, Stamp, monotonic_ns};
 
 /// The servo timer's bits in the servo buffer.
 const TIMER_BITS: u32 = 15;
 /// How often a torn copy is made again at once, before the next look.
 const COPIES: usize = 3;
+/// A timer that moved on by no more than this many updates belongs to the stretch of the last update.
+const NEXT_UPDATES: u64 = 64;
 /// Servo data are stale after this time, or [`STALE_PERIODS`], without an update.
 const STALE_NS: u64 = 100_000_000;
 const STALE_PERIODS: u64 = 10;
@@ -24,9 +25,10 @@ pub struct ServoMirror {
     timer: ServoTimer,
     gaps: UpdateCounter,
     freshness: Freshness,
-    servo_period_ns: Option<u64>,
     last_update_ns: u64,
     last_look_ns: u64,
+    /// The period the segment was last told.
+    told_period_ns: u64,
     /// Since the last update taken: predicted update times that fell into a stretch of Host-Busy.
     held_off: u64,
 }
@@ -41,9 +43,9 @@ impl ServoMirror {
             timer: ServoTimer::new(TIMER_BITS),
             gaps: UpdateCounter::default(),
             freshness: Freshness::new(STALE_NS),
-            servo_period_ns: None,
             last_update_ns: 0,
             last_look_ns: 0,
+            told_period_ns: 0,
             held_off: 0,
         }
     }
@@ -51,7 +53,6 @@ impl ServoMirror {
     /// Takes what the board said of its motors (I59), servo period (I10) and report period in servo cycles (I19).
     pub fn configure(&mut self, motors: usize, servo_period_ns: Option<u64>, cycles: Option<u32>) {
         self.reader.set_motors(motors);
-        self.servo_period_ns = servo_period_ns;
         if let Some(cycles) = cycles
             && self.gaps.cycles() != Some(cycles)
         {
@@ -103,6 +104,10 @@ impl ServoMirror {
                     publisher.counters().add(Counter::Retries, 1);
                     self.note_hold(before);
                 }
+                ServoLook::First(timer) => {
+                    self.timer.advance(timer);
+                    break;
+                }
                 look @ (ServoLook::Unchanged | ServoLook::Busy) => {
                     if look == ServoLook::Busy {
                         self.note_hold(before);
@@ -113,13 +118,13 @@ impl ServoMirror {
         }
         let now = monotonic_ns();
         self.clock.looked_in_vain(now);
-        // Only looks tell that the board is silent; a mirror that was itself stopped has no right to say so.
-        let looked_lately = now.saturating_sub(self.last_look_ns) < self.freshness.limit_ns();
+        // Only looks tell that the board is silent; a mirror that was itself stopped has no right to say so yet.
+        if now.saturating_sub(self.last_look_ns) >= self.freshness.limit_ns() {
+            self.freshness.excuse(now);
+        }
         self.last_look_ns = now;
-        let transition = if looked_lately { self.freshness.none_came(now) } else { None };
+        let transition = self.freshness.none_came(now);
         if transition.is_some() {
-            // When updates come again they are a new stretch: the board may have been reset in between.
-            self.forget();
             publisher.set_region_state(RegionId::Servo, RegionState::Stale);
         }
         Ok(transition)
@@ -127,15 +132,22 @@ impl ServoMirror {
 
     fn publish(&mut self, publisher: &mut Publisher, timer: u16, time_ns: u64) -> Option<Transition> {
         let (servo_timer, passed) = self.timer.advance(timer);
-        let updates = match passed {
-            Some(passed) => {
-                let turns = self.whole_turns(time_ns, passed);
-                self.gaps.updates(u64::from(passed) + (turns << TIMER_BITS))
-            }
-            None => 1,
-        };
+        let passed = u64::from(passed.unwrap_or(u32::MAX));
+        let was_live = self.freshness.is_live();
+        let elapsed = self.elapsed_cycles(time_ns);
+        if passed > NEXT_UPDATES * u64::from(self.gaps.cycles().unwrap_or(1))
+            && !(was_live && agree(passed, elapsed))
+        {
+            // The timer jumped as time did not: the board was reset, or cleared its memory, and what was read may be
+            // zeros. From here on a new stretch begins, with the next update.
+            publisher.counters().add(Counter::Resets, u64::from(was_live));
+            self.last_update_ns = time_ns;
+            self.clock.looked_in_vain(monotonic_ns());
+            return None;
+        }
+        // What the board did while it reported nothing is no update that could have been missed.
+        let updates = if was_live { self.gaps.updates(passed + whole_turns(passed, elapsed)) } else { 1 };
         publisher.publish(RegionId::Servo, Stamp { time_ns, servo_timer, valid: true }, self.reader.image());
-        let now = monotonic_ns();
         self.clock.found(time_ns, updates);
         self.note_hold(time_ns);
         let not_read = updates - 1;
@@ -145,7 +157,7 @@ impl ServoMirror {
         counters.add(Counter::Skipped, skipped);
         counters.add(Counter::Missed, not_read - skipped);
         self.last_update_ns = time_ns;
-        self.last_look_ns = now;
+        self.last_look_ns = monotonic_ns();
         let transition = self.freshness.came(time_ns);
         if transition.is_some() {
             publisher.set_region_state(RegionId::Servo, RegionState::Live);
@@ -154,13 +166,10 @@ impl ServoMirror {
         transition
     }
 
-    /// How many whole turns of the 15-bit timer passed unseen: a mirror that was stopped for longer than one can
-    /// tell from the time that went by.
-    fn whole_turns(&self, now_ns: u64, passed: u32) -> u64 {
-        let Some(servo_period_ns) = self.servo_period_ns else { return 0 };
-        let elapsed = now_ns.saturating_sub(self.last_update_ns) / servo_period_ns.max(1);
-        let turn = 1u64 << TIMER_BITS;
-        (elapsed.saturating_sub(u64::from(passed)) + turn / 2) / turn
+    /// Servo cycles that fit into the time since the last update, as far as the period is known.
+    fn elapsed_cycles(&self, now_ns: u64) -> Option<u64> {
+        let cycles = u64::from(self.gaps.cycles()?);
+        Some(now_ns.saturating_sub(self.last_update_ns) * cycles / self.clock.period_ns()?.max(1))
     }
 
     /// In the handshake, an update due while Host-Busy was set has been skipped by the board.
@@ -175,13 +184,49 @@ impl ServoMirror {
     }
 
     /// Keeps the limit of staleness at ten periods of what the updates really come at.
-    fn follow_period(&mut self, publisher: &mut Publisher) {
+    fn follow_period(&mut self, publisher: &Publisher) {
         let Some(period) = self.clock.period_ns() else { return };
-        let limit = STALE_NS.max(STALE_PERIODS * period);
         // A few per cent either way change nothing for anybody.
-        if limit.abs_diff(self.freshness.limit_ns()) > self.freshness.limit_ns() / 16 {
-            self.freshness.set_limit(limit);
-            publisher.set_period(RegionId::Servo, period, limit);
+        if period.abs_diff(self.told_period_ns) > self.told_period_ns / 16 {
+            self.told_period_ns = period;
+            self.freshness.set_limit(STALE_NS.max(STALE_PERIODS * period));
+            publisher.set_period(RegionId::Servo, period, self.freshness.limit_ns());
         }
+    }
+}
+
+/// Whether the servo cycles the timer says passed are about those that fit into the time that went by.
+fn agree(passed: u64, elapsed: Option<u64>) -> bool {
+    let Some(elapsed) = elapsed else { return false };
+    let passed = passed + whole_turns(passed, Some(elapsed));
+    // A simulated board on a busy machine runs slow, never fast.
+    (elapsed / 4..=elapsed + elapsed / 4 + NEXT_UPDATES).contains(&passed)
+}
+
+/// Cycles in the whole turns of the timer that passed unseen: a mirror that was stopped for longer than a turn can
+/// tell only from the time that went by.
+fn whole_turns(passed: u64, elapsed: Option<u64>) -> u64 {
+    let turn = 1u64 << TIMER_BITS;
+    let turns = (elapsed.unwrap_or(0).saturating_sub(passed) + turn / 2) / turn;
+    turns * turn
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_jump_of_the_timer_has_to_agree_with_the_time() {
+        assert!(agree(2258, Some(2258)) && agree(2000, Some(2258)) && agree(900, Some(2258)));
+        assert!(!agree(30_000, Some(200)) && !agree(100, Some(2258)) && !agree(5, None));
+        assert!(agree(1000, Some(33_768)), "a whole turn and a bit");
+    }
+
+    #[test]
+    fn turns_are_counted_by_time() {
+        assert_eq!(whole_turns(10, None), 0);
+        assert_eq!(whole_turns(10, Some(12)), 0);
+        assert_eq!(whole_turns(10, Some(32_800)), 32_768);
+        assert_eq!(whole_turns(32_000, Some(65_536 + 31_000)), 65_536);
     }
 }

@@ -94,7 +94,8 @@
 //! The latest sample is sample `head`; when it is lost meanwhile, start again with the new head, a bounded number of times. Check `length` against
 //! `payload_bytes` in the copy. Use plain relaxed loads (in C `atomic_load_explicit(…, memory_order_relaxed)` and
 //! `atomic_thread_fence`): stronger loads and read-modify-writes are not promised to work on read-only pages. On x86-64 a
-//! reader in an interpreted language that loads whole words in this order is right as well: the processor keeps loads in order.
+//! reader in an interpreted language that loads whole words in this order is right as well, and so is one that copies with ordinary vector
+//! loads: the processor keeps loads in order.
 //!
 //! A reader that follows every sample keeps the number of the next it wants. When that is lost, it goes on at `head - slot_count/2`
 //! and has lost exactly the difference.

@@ -101,12 +101,53 @@ impl Words for ReadMap {
     #[inline]
     fn load_all(&self, index: usize, copy: &mut [u64]) {
         let start = self.run(index, copy.len());
-        for (offset, word) in copy.iter_mut().enumerate() {
+        let done = load_blocks(start, copy);
+        for (offset, word) in copy.iter_mut().enumerate().skip(done) {
             let from = start.wrapping_add(offset);
             // SAFETY: as in `load`; `run` checked the whole stretch.
             *word = unsafe { AtomicU64::from_ptr(from) }.load(Ordering::Relaxed);
         }
     }
+}
+
+/// Copies whole blocks of four words where the processor can load them at once, and says how many words that were. Compilers do not
+/// join atomic loads, and one word at a time takes twice as long.
+///
+/// Counts as relaxed loads byte by byte, in some order; what it copied is believed only if the sequence after it says so. Ordinary
+/// vector loads keep their order among loads on x86-64, as word loads do.
+#[inline]
+#[cfg(all(target_arch = "x86_64", not(miri)))]
+fn load_blocks(from: *const u64, copy: &mut [u64]) -> usize {
+    let words = copy.len() / 4 * 4;
+    if words == 0 || !std::arch::is_x86_feature_detected!("avx") {
+        return 0;
+    }
+    // SAFETY: the processor has AVX. `from` has as many words as `copy` in the mapping (`run` checked them), neither is
+    // touched beyond `words`, and the private copy overlaps nothing. No `nomem`: the fences around keep their order.
+    unsafe {
+        std::arch::asm!(
+            "2:",
+            "vmovdqu ymm0, ymmword ptr [{from} + rcx]",
+            "vmovdqu ymmword ptr [{to} + rcx], ymm0",
+            "add rcx, 32",
+            "cmp rcx, {end}",
+            "jb 2b",
+            "vzeroupper",
+            from = in(reg) from,
+            to = in(reg) copy.as_mut_ptr(),
+            inout("rcx") 0usize => _,
+            end = in(reg) words * WORD,
+            clobber_abi("C"),
+            options(nostack),
+        );
+    }
+    words
+}
+
+#[inline]
+#[cfg(not(all(target_arch = "x86_64", not(miri))))]
+fn load_blocks(_from: *const u64, _copy: &mut [u64]) -> usize {
+    0
 }
 
 impl WriteMap {

@@ -12,6 +12,8 @@
 //! | [`ring`] | the slot-ring protocol, over any memory (shared, or a model checker's) |
 //! | `memory` | the only unsafe code: mapping, words, futex |
 //! | [`publish`], [`subscribe`] | writer and reader |
+//! | `plan`, `header` | where to put things in a new segment; checking where a found one has put them |
+//! | `lock`, `sample`, `cursor` | ownership; one sample in private memory; following all of them |
 
 #[cfg(not(target_pointer_width = "64"))]
 compile_error!(
@@ -24,23 +26,27 @@ use std::path::{Path, PathBuf};
 
 use nix::time::{ClockId, clock_gettime};
 
+mod cursor;
 mod header;
 pub mod identity;
 pub mod layout;
 mod lock;
 mod memory;
 pub mod name;
+mod plan;
 pub mod publish;
 pub mod ring;
 mod sample;
 pub mod subscribe;
 
+pub use cursor::Cursor;
 pub use identity::Identity;
 pub use layout::{Counter, RegionId, RegionState, State};
 pub use name::SegmentName;
-pub use publish::{Counters, CreateOptions, Publisher, RegionSpec};
+pub use plan::{CreateOptions, RegionSpec};
+pub use publish::{Counters, Publisher};
 pub use sample::{Sample, Stamp};
-pub use subscribe::{Condition, Cursor, HeaderInfo, Read, RegionInfo, Subscriber, WaitOutcome};
+pub use subscribe::{Condition, HeaderInfo, Read, RegionInfo, Subscriber, WaitOutcome};
 
 /// Where segments live unless a test says otherwise: the directory of POSIX shared-memory objects.
 pub const DIRECTORY: &str = "/dev/shm";

@@ -11,61 +11,10 @@ use super::header::{self, Geometry};
 use super::layout::*;
 use super::lock::{self, NameLock};
 use super::memory::WriteMap;
+use super::plan::{CreateOptions, Plan};
 use super::ring::{Ring, Words, WordsMut};
 use super::sample::Stamp;
-use super::{DIRECTORY, SegmentError, SegmentName, clock_ns, monotonic_ns};
-
-/// Regions begin on two cache lines, because processors fetch lines in pairs and the head should travel alone.
-const REGION_ALIGNMENT: usize = 2 * LINE;
-
-/// A region to lay out.
-#[derive(Clone, Copy, Debug)]
-pub struct RegionSpec {
-    /// What it mirrors.
-    pub id: RegionId,
-    /// Number of slots, a power of two and at least 2.
-    pub slots: u32,
-    /// Longest payload in bytes, at most [`MAX_PAYLOAD`].
-    pub payload_bytes: u32,
-    /// Host byte offset of the payload's first word in the DPRAM.
-    pub first_host_offset: u32,
-    /// How often to expect a sample, in ns; 0 where there is no period.
-    pub period_hint_ns: u64,
-    /// How old the latest sample may grow before it counts as stale, in ns; 0: never stale.
-    pub stale_after_ns: u64,
-}
-
-/// What segment to create.
-#[derive(Clone, Debug)]
-pub struct CreateOptions {
-    /// Its name.
-    pub name: SegmentName,
-    /// Permission bits; nobody but the owner may have the write bit.
-    pub mode: u32,
-    /// The group it shall belong to, if not the process's own.
-    pub group: Option<u32>,
-    /// The directory to create it in.
-    pub directory: PathBuf,
-    /// How long without [`Publisher::beat`] until readers take the owner for stopped, in ns.
-    pub heartbeat_limit_ns: u64,
-    /// Its regions.
-    pub regions: Vec<RegionSpec>,
-}
-
-impl CreateOptions {
-    /// A world-readable segment of that name in `/dev/shm`, stale after 300 ms without a heartbeat.
-    #[must_use]
-    pub fn new(name: SegmentName, regions: Vec<RegionSpec>) -> Self {
-        Self {
-            name,
-            mode: 0o644,
-            group: None,
-            directory: PathBuf::from(DIRECTORY),
-            heartbeat_limit_ns: 300_000_000,
-            regions,
-        }
-    }
-}
+use super::{SegmentError, clock_ns, monotonic_ns};
 
 /// One region as its writer sees it.
 #[derive(Clone, Copy)]
@@ -309,90 +258,6 @@ impl Counters<'_> {
     #[must_use]
     pub fn value(&self, counter: Counter) -> u64 {
         self.map.load(AT_COUNTERS / WORD + counter as usize)
-    }
-}
-
-/// Where everything will lie.
-struct Plan {
-    header_length: usize,
-    total_length: usize,
-    /// Each with the offset of its entry and its ring.
-    regions: Vec<(RegionSpec, usize, Ring)>,
-}
-
-impl Plan {
-    fn new(options: &CreateOptions) -> Result<Self, SegmentError> {
-        let refuse = |why: String| Err(SegmentError::Spec(why));
-        if options.mode & !0o777 != 0 || options.mode & 0o022 != 0 {
-            return refuse(format!("mode {:o} would let others than the owner write to it", options.mode));
-        }
-        let mut plan = Self {
-            header_length: AT_REGIONS + options.regions.len() * REGION_STRIDE,
-            total_length: 0,
-            regions: Vec::new(),
-        };
-        let mut end = plan.header_length;
-        for (index, spec) in options.regions.iter().enumerate() {
-            let name = spec.id.name();
-            if plan.regions.iter().any(|(other, ..)| other.id == spec.id) {
-                return refuse(format!("there are two {name} regions"));
-            }
-            if !spec.slots.is_power_of_two() || spec.slots < 2 {
-                return refuse(format!("{} slots for the {name} region are not a power of two", spec.slots));
-            }
-            if u64::from(spec.payload_bytes) > MAX_PAYLOAD {
-                return refuse(format!("a {name} payload of {} bytes is too long", spec.payload_bytes));
-            }
-            let payload_bytes = spec.payload_bytes as usize;
-            let stride = header::slot_bytes(payload_bytes).next_multiple_of(LINE);
-            let head = end.next_multiple_of(REGION_ALIGNMENT);
-            let slots = head + REGION_ALIGNMENT;
-            end = slots + spec.slots as usize * stride;
-            let ring = header::ring_at(head, slots, spec.slots as usize, stride, payload_bytes);
-            plan.regions.push((*spec, AT_REGIONS + index * REGION_STRIDE, ring));
-        }
-        plan.total_length = end.next_multiple_of(4096);
-        if plan.total_length as u64 > MAX_TOTAL {
-            return refuse(format!("{} bytes are more than a segment may have", plan.total_length));
-        }
-        Ok(plan)
-    }
-
-    /// Writes all of the header but the magic. The memory is new, so every other word is zero.
-    fn write(&self, map: &WriteMap, options: &CreateOptions, generation: u64) {
-        let put = |offset: usize, value: u64| map.store(offset / WORD, value);
-        put(AT_ABI_MAJOR, ABI_MAJOR);
-        put(AT_ABI_MINOR, ABI_MINOR);
-        put(AT_HEADER_LENGTH, self.header_length as u64);
-        put(AT_TOTAL_LENGTH, self.total_length as u64);
-        put(AT_BYTE_ORDER, BYTE_ORDER);
-        put(AT_WORD_BYTES, WORD as u64);
-        put(AT_STATE, State::Init as u64);
-        put(AT_GENERATION, generation);
-        put(AT_OWNER_PID, u64::from(std::process::id()));
-        put(AT_OWNER_UID, u64::from(nix::unistd::geteuid().as_raw()));
-        put(AT_CLOCK_ID, libc::CLOCK_MONOTONIC as u64);
-        put(AT_CREATED, monotonic_ns());
-        put(AT_HEARTBEAT_LIMIT, options.heartbeat_limit_ns);
-        put(AT_REGION_TABLE, AT_REGIONS as u64);
-        put(AT_REGION_COUNT, self.regions.len() as u64);
-        put(AT_REGION_STRIDE, REGION_STRIDE as u64);
-        put(AT_COUNTER_TABLE, AT_COUNTERS as u64);
-        put(AT_COUNTER_COUNT, Counter::ALL.len() as u64);
-        for (spec, entry, ring) in &self.regions {
-            put(entry + REGION_ID, spec.id as u64);
-            put(entry + REGION_HEAD, (ring.head * WORD) as u64);
-            put(entry + REGION_SLOTS, (ring.slots * WORD) as u64);
-            put(entry + REGION_SLOT_COUNT, ring.count as u64);
-            put(entry + REGION_SLOT_STRIDE, (ring.stride * WORD) as u64);
-            put(entry + REGION_PAYLOAD, u64::from(spec.payload_bytes));
-            put(entry + REGION_HOST_OFFSET, u64::from(spec.first_host_offset));
-            put(entry + REGION_STATE, RegionState::Off as u64);
-            put(entry + REGION_PERIOD, spec.period_hint_ns);
-            put(entry + REGION_STALE_AFTER, spec.stale_after_ns);
-        }
-        let entries = self.regions.iter().map(|(_, entry, _)| *entry);
-        put(AT_LAYOUT_HASH, header::hash_of(entries, |offset| map.load(offset / WORD)));
     }
 }
 

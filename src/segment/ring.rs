@@ -170,3 +170,86 @@ impl Ring {
         self.slots + (sequence.wrapping_sub(1) as usize & (self.count - 1)) * self.stride
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::sync::atomic::{AtomicU64, Ordering, fence};
+
+    use super::*;
+
+    const RING: Ring = Ring { head: 0, slots: 1, count: 4, stride: 3, body: 2 };
+
+    struct Memory(Vec<AtomicU64>);
+
+    impl Words for Memory {
+        fn load(&self, index: usize) -> u64 {
+            self.0[index].load(Ordering::Relaxed)
+        }
+
+        fn fence_acquire(&self) {
+            fence(Ordering::Acquire);
+        }
+    }
+
+    impl WordsMut for Memory {
+        fn store(&self, index: usize, value: u64) {
+            self.0[index].store(value, Ordering::Relaxed);
+        }
+
+        fn store_release(&self, index: usize, value: u64) {
+            self.0[index].store(value, Ordering::Release);
+        }
+
+        fn fence_release(&self) {
+            fence(Ordering::Release);
+        }
+    }
+
+    fn memory() -> Memory {
+        Memory((0..13).map(|_| AtomicU64::new(0)).collect())
+    }
+
+    /// Whatever store the writer dies after, the last sample it finished is there, the one it was at is not, and the one it was
+    /// overwriting is gone at once.
+    #[test]
+    fn a_writer_that_dies_in_mid_write_leaves_the_last_sample() {
+        let (memory, mut body) = (memory(), [0; 2]);
+        for sequence in 1..=6 {
+            RING.write(&memory, sequence, &[sequence, sequence]);
+        }
+        let slot = 1 + 2 * 3;
+        for (index, value) in [(slot, 13), (slot + 1, 7), (slot + 2, 7), (slot, 14)] {
+            memory.store(index, value);
+            assert_eq!(RING.latest(&memory, &mut body, 1), Latest::Whole { sequence: 6, retries: 0 });
+            assert_eq!(body, [6, 6]);
+            assert_eq!(RING.read(&memory, 7, &mut body), Attempt::NotYet);
+            assert_eq!(RING.read(&memory, 3, &mut body), Attempt::Lost);
+            assert_eq!(RING.read(&memory, 4, &mut body), Attempt::Whole);
+            assert_eq!(body, [4, 4]);
+        }
+    }
+
+    #[test]
+    fn numbers_begin_at_one_and_the_ring_holds_as_many_as_it_has_slots() {
+        let (memory, mut body) = (memory(), [0; 2]);
+        assert_eq!(RING.latest(&memory, &mut body, 3), Latest::Empty);
+        assert_eq!(RING.read(&memory, 1, &mut body), Attempt::NotYet);
+        assert_eq!(RING.read(&memory, 0, &mut body), Attempt::Lost);
+        for sequence in 1..=9 {
+            RING.write(&memory, sequence, &[sequence, 0]);
+            for wanted in 1..=sequence {
+                let expected = if wanted + 4 > sequence { Attempt::Whole } else { Attempt::Lost };
+                assert_eq!(RING.read(&memory, wanted, &mut body), expected, "{wanted} of {sequence}");
+            }
+        }
+        assert_eq!((RING.oldest(9), RING.oldest(2), RING.resume(9), RING.resume(0)), (6, 1, 7, 1));
+    }
+
+    #[test]
+    fn a_reader_the_writer_always_overtakes_gives_up() {
+        let (memory, mut body) = (memory(), [0; 2]);
+        RING.write(&memory, 1, &[1, 1]);
+        memory.store(1, 9);
+        assert_eq!(RING.latest(&memory, &mut body, 5), Latest::Overrun);
+    }
+}

@@ -9,6 +9,7 @@ use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
+use super::cursor::Cursor;
 use super::header::{self, Geometry, Refusal, Region};
 use super::layout::*;
 use super::lock;
@@ -18,7 +19,7 @@ use super::sample::{Sample, Stamp};
 use super::{DIRECTORY, SegmentError, SegmentName, monotonic_ns};
 
 /// How often a read is started again when the writer comes round; with 4 slots or more, once is rare.
-const ATTEMPTS: u32 = 16;
+pub(super) const ATTEMPTS: u32 = 16;
 /// How long a sleeping reader goes without looking whether the owner still lives.
 const SLICE_NS: u64 = 100_000_000;
 
@@ -356,7 +357,13 @@ impl Subscriber {
     /// [`SegmentError::NoSuchRegion`].
     pub fn cursor(&self, region: RegionId, next: u64) -> Result<Cursor, SegmentError> {
         self.region_of(region)?;
-        Ok(Cursor { region, generation: self.generation, next: next.max(1), lost: 0 })
+        Ok(Cursor::new(region, self.generation, next))
+    }
+
+    /// Where an overrun reader of `region` goes on.
+    pub(super) fn resume(&self, region: RegionId) -> Result<u64, SegmentError> {
+        let ring = self.region_of(region)?.ring;
+        Ok(ring.resume(ring.published(&self.map)))
     }
 
     fn is_replaced(&self) -> bool {
@@ -400,62 +407,5 @@ fn accept(region: &Region, sample: &mut Sample, sequence: u64, retries: u32) -> 
         Ok(())
     } else {
         Err(SegmentError::Corrupt { region: region.id, sequence })
-    }
-}
-
-/// Follows every sample of a region and knows exactly how many it lost. Holds no borrow: hand it the subscriber it was made by.
-#[derive(Clone, Debug)]
-pub struct Cursor {
-    region: RegionId,
-    generation: u64,
-    next: u64,
-    lost: u64,
-}
-
-impl Cursor {
-    /// Copies the next sample; `false` when it is not published yet. Overrun by the writer, goes on half a
-    /// ring behind it and counts what it lost.
-    ///
-    /// # Errors
-    /// [`SegmentError::OtherGeneration`] with another segment's subscriber; [`SegmentError::Overrun`] when the writer overtook every
-    /// attempt (calling again is right); [`SegmentError::Corrupt`].
-    #[inline]
-    pub fn next(&mut self, subscriber: &Subscriber, sample: &mut Sample) -> Result<bool, SegmentError> {
-        if subscriber.generation != self.generation {
-            return Err(SegmentError::OtherGeneration {
-                cursor: self.generation,
-                segment: subscriber.generation,
-            });
-        }
-        for _ in 0..ATTEMPTS {
-            match subscriber.read(self.region, self.next, sample)? {
-                Read::Sample => {
-                    self.next += 1;
-                    return Ok(true);
-                }
-                Read::NotYet => return Ok(false),
-                Read::Lost { .. } => {
-                    let ring = subscriber.region_of(self.region)?.ring;
-                    // What was overwritten is lost for certain, even while this process still sees an older head.
-                    let resume =
-                        ring.resume(ring.published(&subscriber.map)).max(self.next.saturating_add(1));
-                    self.lost = self.lost.wrapping_add(resume - self.next);
-                    self.next = resume;
-                }
-            }
-        }
-        Err(SegmentError::Overrun { region: self.region, attempts: ATTEMPTS })
-    }
-
-    /// The number of the sample it will read next.
-    #[must_use]
-    pub fn position(&self) -> u64 {
-        self.next
-    }
-
-    /// How many samples it lost, exactly.
-    #[must_use]
-    pub fn lost(&self) -> u64 {
-        self.lost
     }
 }

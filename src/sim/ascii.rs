@@ -10,22 +10,14 @@
 
 use std::collections::VecDeque;
 
-use super::language::{CommandError, Interpreter};
+use super::language::{CommandError, Interpreter, Reply};
 use super::machine::Machine;
 use super::offsets;
 use crate::format::TextOrder;
-
-/// A line follows.
-pub const LINE: u16 = 0x000D;
-/// End of transmission.
-pub const ACKNOWLEDGE: u16 = 0x0006;
-/// A line that a program's `CMD` caused.
-pub const COMMAND_RESPONSE: u16 = 0x010D;
-/// A program's `SEND`.
-pub const SEND_MESSAGE: u16 = 0x020D;
+use crate::map::classic::{self, RESPONSE_ACKNOWLEDGE, RESPONSE_ERROR, RESPONSE_LINE};
 
 /// The most characters a line in two parts can have.
-const LONGEST: usize = 200;
+const LONGEST: usize = classic::ASCII_LINE_LIMIT;
 /// Responses kept for a host that does not fetch them; then the oldest program's messages would be lost, so new ones are.
 const QUEUE: usize = 4096;
 
@@ -74,8 +66,8 @@ impl AsciiPort {
     /// Queues the error's control word.
     pub fn push_error(&mut self, error: CommandError) {
         let code = error.0;
-        let digits = (code / 100 % 10) << 8 | (code / 10 % 10) << 4 | code % 10;
-        self.push(0x8000 | digits, &[]);
+        let digits = (code / 100 % 10) << 8 | (code / 10 % 10) << 4 | (code % 10);
+        self.push(RESPONSE_ERROR | digits, &[]);
     }
 }
 
@@ -100,8 +92,13 @@ fn take_character(machine: &mut Machine, interpreter: &mut Interpreter) {
     control(machine, interpreter, character);
 }
 
+/// Carries out a control character. One that reports data ends with the acknowledgement, others answer nothing.
 fn control(machine: &mut Machine, interpreter: &mut Interpreter, character: u8) {
-    interpreter.control(machine, character);
+    if let Some(reply) = interpreter.control(machine, character)
+        && (reply.error.is_some() || !reply.lines.is_empty())
+    {
+        answer(machine, reply);
+    }
 }
 
 fn take_line(machine: &mut Machine, interpreter: &mut Interpreter) {
@@ -151,22 +148,28 @@ fn execute(machine: &mut Machine, interpreter: &mut Interpreter, line: &[u8]) {
     let resets = machine.stats.resets;
     let reply = interpreter.execute(machine, line);
     // A reset empties the queues; its own acknowledgement is lost with them.
-    if machine.faults.ascii_no_reply || machine.stats.resets != resets {
+    if machine.stats.resets == resets {
+        answer(machine, reply);
+    }
+}
+
+fn answer(machine: &mut Machine, reply: Reply) {
+    if machine.faults.ascii_no_reply {
         return;
     }
     for text in reply.lines {
-        machine.ascii.push(LINE, text.as_bytes());
+        machine.ascii.push(RESPONSE_LINE, text.as_bytes());
     }
     match reply.error {
         Some(error) => machine.ascii.push_error(error),
-        None if machine.variables.i(3) >= 2.0 => machine.ascii.push(ACKNOWLEDGE, &[]),
+        None if machine.variables.i(3) >= 2.0 => machine.ascii.push(RESPONSE_ACKNOWLEDGE, &[]),
         None => {}
     }
 }
 
 fn respond(machine: &mut Machine) {
     let Some(next) = machine.ascii.queue.front() else { return };
-    if next.control == ACKNOWLEDGE && machine.faults.ascii_late_ack > 0 {
+    if next.control == RESPONSE_ACKNOWLEDGE && machine.faults.ascii_late_ack > 0 {
         let left = machine.ascii.late.get_or_insert(machine.faults.ascii_late_ack);
         if *left > 0 {
             *left -= 1;

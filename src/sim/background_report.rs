@@ -8,6 +8,7 @@ use super::language::Variables;
 use super::memory::Memory;
 use super::offsets;
 use crate::format::int24;
+use crate::map::classic::DATA_READY;
 
 /// Axes in the report: A B C U V W X Y Z.
 const AXES: u16 = 9;
@@ -24,7 +25,7 @@ pub fn pass(variables: &Variables, faults: &Faults, memory: &mut Memory) -> bool
         return false;
     }
     let ready = memory.dpram.read16(offsets::BACKGROUND_READY);
-    if ready & 1 == 1 {
+    if ready & DATA_READY != 0 {
         return false;
     }
     for port in 0..3 {
@@ -37,7 +38,7 @@ pub fn pass(variables: &Variables, faults: &Faults, memory: &mut Memory) -> bool
     let timer = memory.read_x(offsets::SERVO_COUNTER) as u16;
     memory.dpram.write16(offsets::BACKGROUND_TIMER, timer);
     memory.dpram.order_writes();
-    memory.dpram.write16(offsets::BACKGROUND_READY, ready | 1);
+    memory.dpram.write16(offsets::BACKGROUND_READY, ready | DATA_READY);
     true
 }
 
@@ -82,4 +83,44 @@ fn long(memory: &mut Memory, source: u16, offset: u16) {
 
 fn short(memory: &mut Memory, word: u32, offset: u16) {
     memory.dpram.write32(offset, int24::extend(word));
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::testing::Bench;
+    use crate::format::float48;
+
+    #[test]
+    fn a_report_waits_for_the_host_to_clear_data_ready() {
+        let mut bench = Bench::started();
+        bench.run(5);
+        assert_eq!((bench.read(0x0228), bench.read(0x022A)), (1, 1));
+        bench.write(0x0228, 0);
+        bench.board.machine.memory.write_x(0, 0xFFFF);
+        bench.run(1);
+        assert_eq!((bench.read(0x0228), bench.read(0x022A)), (1, 0));
+        assert!(bench.violations().is_empty());
+        bench.set(49, 0.0);
+        bench.write(0x0228, 0);
+        bench.run(3);
+        assert_eq!(bench.read(0x0228), 0);
+    }
+
+    #[test]
+    fn the_program_status_chooses_where_axis_positions_come_from() {
+        for (status, expected) in
+            [(0, 3.0), (1 << 7, 1.0), (1 << 7 | 1 << 5, 3.0), (1 << 9, 2.0), (1 << 9 | 1 << 7, 1.0)]
+        {
+            let mut bench = Bench::started();
+            let memory = &mut bench.board.machine.memory;
+            // X axis of C.S. 2
+            memory.write_l(0x093C, 1.0);
+            memory.write_l(0x095C, 2.0);
+            memory.write_l(0x08DF, 3.0);
+            memory.write_y(0x08D7, status);
+            bench.run(1);
+            let found = float48::decode(bench.read32(0x0314), bench.read32(0x0318));
+            assert_eq!(found, expected, "{status:#x}");
+        }
+    }
 }

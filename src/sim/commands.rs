@@ -1,18 +1,14 @@
-//! What on-line commands do to the board (GRAMMAR of the on-line commands: Software Reference pp. 171-300).
+//! What on-line commands do to motors (Software Reference, "On-line commands", pp. 171-300).
 //!
-//! Motors and coordinate systems are 0-based here. A command on a motor that is not there or not activated (Ix00=0)
+//! Motors are 0-based here. A command on a motor that is not there or not activated (Ix00=0)
 //! ends in ERR003, one on a motor whose coordinate system runs a program in ERR001.
 
-use super::gather::Activity;
 use super::language::CommandError;
-use super::machine::{MOTORS, Machine, Port};
+use super::machine::Machine;
 use super::motor::{Loop, ramp};
-use super::{coordinate, offsets};
+use super::offsets;
 
-type Result<T = (), E = CommandError> = std::result::Result<T, E>;
-
-/// Long words free on a board without buffers.
-const FREE_LONG_WORDS: i64 = 41_301;
+type Result = std::result::Result<(), CommandError>;
 
 /// A jog command. Positions and distances in counts.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -50,6 +46,12 @@ impl Machine {
     /// ERR001, ERR003; ERR003 also for `until_trigger` with a jog that has no end.
     pub fn jog(&mut self, motor: usize, jog: Jog, until_trigger: Option<f64>) -> Result {
         self.may_move(motor)?;
+        self.start_jog(motor, jog, until_trigger)?;
+        self.refresh(motor);
+        Ok(())
+    }
+
+    fn start_jog(&mut self, motor: usize, jog: Jog, until_trigger: Option<f64>) -> Result {
         let x = 100 * (motor + 1);
         let ramp = ramp(x, &self.variables);
         let speed = self.ix(motor, 22);
@@ -102,8 +104,8 @@ impl Machine {
         self.may_move(motor)?;
         let ramp = ramp(100 * (motor + 1), &self.variables);
         let speed = self.ix(motor, 23);
-        self.memory.write_d(offsets::background(offsets::BIAS, motor), 0);
         self.motors[motor].home(speed, &ramp);
+        self.refresh(motor);
         Ok(())
     }
 
@@ -114,8 +116,9 @@ impl Machine {
     pub fn home_zero(&mut self, motor: usize) -> Result {
         self.may_move(motor)?;
         let offset = self.ix(motor, 26) / 16.0;
-        self.memory.write_d(offsets::background(offsets::BIAS, motor), 0);
         self.motors[motor].home_here(offset);
+        self.home_bias(motor);
+        self.refresh(motor);
         Ok(())
     }
 
@@ -129,6 +132,7 @@ impl Machine {
         }
         if let Some(state) = self.motors.get_mut(motor) {
             state.open(Loop::Killed);
+            self.refresh(motor);
         }
         Ok(())
     }
@@ -143,6 +147,7 @@ impl Machine {
             return Err(CommandError::SYNTAX);
         }
         self.motors[motor].open(Loop::Open(percent));
+        self.refresh(motor);
         Ok(())
     }
 
@@ -163,6 +168,7 @@ impl Machine {
         let (offset, sensor) = (self.ix(motor, 26) / 16.0, self.ix(motor, 10) != 0.0);
         self.memory.write_d(offsets::background(offsets::BIAS, motor), 0);
         self.motors[motor].absolute(offset, sensor);
+        self.refresh(motor);
         Ok(())
     }
 
@@ -171,268 +177,5 @@ impl Machine {
             return Err(CommandError::SYNTAX);
         }
         if self.program_runs(motor) { Err(CommandError::RUNNING) } else { Ok(()) }
-    }
-
-    /// `A`: every motor of the coordinate system stops at Ix15; open loops close.
-    pub fn abort(&mut self, cs: usize) {
-        coordinate::stop_program(cs, &mut self.memory);
-        self.release_hold(cs);
-        for motor in self.motors_of(cs) {
-            self.abort_motor(motor);
-        }
-    }
-
-    /// `Q`.
-    pub fn quit(&mut self, cs: usize) {
-        coordinate::stop_program(cs, &mut self.memory);
-    }
-
-    /// `H`: the time base goes to zero at Ix95.
-    pub fn feed_hold(&mut self, cs: usize) {
-        if let Some(coordinate) = self.coordinates.get_mut(cs) {
-            coordinate.hold();
-        }
-    }
-
-    /// `\`. Without a program there is nothing to hold.
-    pub fn program_hold(&mut self, cs: usize) {
-        self.stop_after_move(cs);
-    }
-
-    /// `/`. Without a program there is no move to end.
-    pub fn stop_after_move(&mut self, cs: usize) {
-        coordinate::stop_program(cs, &mut self.memory);
-    }
-
-    /// `R`. Ends a feed hold.
-    ///
-    /// # Errors
-    /// ERR015: no coordinate system can point to a program while there are no program buffers.
-    pub fn run(&mut self, cs: usize) -> Result {
-        self.release_hold(cs);
-        Err(CommandError::NO_PROGRAM)
-    }
-
-    /// `S`. Ends a feed hold.
-    ///
-    /// # Errors
-    /// As [`Machine::run`].
-    pub fn step(&mut self, cs: usize) -> Result {
-        self.run(cs)
-    }
-
-    /// `B{program}`.
-    ///
-    /// # Errors
-    /// ERR001 while a program runs; ERR003: there is no such program.
-    pub fn begin(&mut self, cs: usize, _program: f64) -> Result {
-        if coordinate::running(cs.min(MOTORS - 1), &self.memory) {
-            return Err(CommandError::RUNNING);
-        }
-        Err(CommandError::SYNTAX)
-    }
-
-    fn release_hold(&mut self, cs: usize) {
-        if let Some(coordinate) = self.coordinates.get_mut(cs) {
-            coordinate.resume();
-        }
-    }
-
-    fn motors_of(&self, cs: usize) -> Vec<usize> {
-        (0..self.motors.len()).filter(|&motor| self.axes.coordinate_system(motor) == Some(cs)).collect()
-    }
-
-    fn abort_motor(&mut self, motor: usize) {
-        if self.active(motor) {
-            let rate = self.ix(motor, 15);
-            self.motors[motor].abort(rate);
-        }
-    }
-
-    /// `%{percent}`. Negative is taken as zero, too much saturates.
-    pub fn set_override(&mut self, cs: usize, percent: f64) {
-        coordinate::set_override(cs.min(MOTORS - 1), percent, &self.variables, &mut self.memory);
-    }
-
-    /// `%`: the commanded override in percent.
-    #[must_use]
-    pub fn override_percent(&self, cs: usize) -> f64 {
-        coordinate::override_percent(cs.min(MOTORS - 1), &self.variables, &self.memory)
-    }
-
-    /// `GATHER`.
-    ///
-    /// # Errors
-    /// ERR003 when gathering would start without a buffer.
-    pub fn gather(&mut self) -> Result {
-        self.gather.start(&self.variables)
-    }
-
-    /// `ENDGATHER`.
-    ///
-    /// # Errors
-    /// None; the form is that of the other commands.
-    pub fn end_gather(&mut self) -> Result {
-        self.gather.stop();
-        Ok(())
-    }
-
-    /// `DEFINE GATHER [longs]`.
-    ///
-    /// # Errors
-    /// ERR003 while gathering, or without room.
-    pub fn define_gather(&mut self, longs: Option<u32>) -> Result {
-        let free = self.free_memory();
-        self.gather.define(longs, &self.variables, &mut self.memory, free)
-    }
-
-    /// `DELETE GATHER`.
-    ///
-    /// # Errors
-    /// ERR003 while gathering.
-    pub fn delete_gather(&mut self) -> Result {
-        self.gather.delete(&self.variables, &mut self.memory)
-    }
-
-    /// Whether data gathering runs.
-    #[must_use]
-    pub fn gathering(&self) -> bool {
-        self.gather.runs(Activity::Gathering)
-    }
-
-    /// What has to follow the assignment of I-variable `number`: I58=1 forces I3 (3 to 2, 1 to 0), I4=0 and I6=1.
-    pub fn i_assigned(&mut self, number: usize) {
-        if number == 58 && self.variables.i(58) == 1.0 {
-            let handshake = (self.variables.i(3) as u32 & 2) as f64;
-            self.variables.set_i(3, handshake);
-            self.variables.set_i(4, 0.0);
-            self.variables.set_i(6, 1.0);
-        }
-    }
-
-    /// Free long words: `SIZE` without an open buffer.
-    #[must_use]
-    pub fn free_memory(&self) -> i64 {
-        FREE_LONG_WORDS - i64::from(self.gather.memory_used(&self.variables))
-    }
-
-    /// `$$$`, or `$$$***` with `factory`.
-    pub fn reset(&mut self, factory: bool) {
-        self.restart(factory);
-    }
-
-    /// `VERSION`.
-    #[must_use]
-    pub fn firmware(&self) -> &str {
-        &self.identity.firmware
-    }
-
-    /// `TYPE`.
-    #[must_use]
-    pub fn type_text(&self) -> &str {
-        &self.identity.type_text
-    }
-
-    /// `DATE`.
-    #[must_use]
-    pub fn date_text(&self) -> &str {
-        &self.identity.date_text
-    }
-
-    /// `CHECKSUM`: 24 bits that differ from one simulated firmware to another.
-    #[must_use]
-    pub fn checksum(&self) -> u32 {
-        let bytes = self.identity.firmware.bytes().chain(self.identity.type_text.bytes());
-        bytes.fold(0, |sum: u32, byte| sum.rotate_left(5).wrapping_add(byte.into())) & 0xFF_FFFF
-    }
-
-    /// `<CTRL-Z>`: the serial port takes the responses, DPRAM ASCII is switched off.
-    pub fn serial_becomes_active(&mut self) {
-        self.port = Port::Serial;
-        self.variables.set_i(58, 0.0);
-    }
-
-    /// `<CTRL-X>`: empties the queues; with I58=1 also clears both ASCII control words.
-    pub fn cancel_queues(&mut self) {
-        self.ascii.clear();
-        if self.variables.i(58) == 1.0 {
-            self.memory.dpram.write16(offsets::ASCII_IN_CONTROL, 0);
-            self.memory.dpram.write16(offsets::ASCII_OUT_CONTROL, 0);
-        }
-    }
-
-    /// `<CTRL-K>`.
-    pub fn kill_all(&mut self) {
-        for motor in 0..self.motors.len() {
-            self.motors[motor].open(Loop::Killed);
-        }
-        for cs in 0..MOTORS {
-            coordinate::stop_program(cs, &mut self.memory);
-        }
-    }
-
-    /// `<CTRL-A>`: every active motor stops, those in no coordinate system too.
-    pub fn abort_all(&mut self) {
-        for cs in 0..MOTORS {
-            coordinate::stop_program(cs, &mut self.memory);
-            self.release_hold(cs);
-        }
-        for motor in 0..self.motors.len() {
-            self.abort_motor(motor);
-        }
-    }
-
-    /// `<CTRL-O>`.
-    pub fn hold_all(&mut self) {
-        for cs in 0..MOTORS {
-            self.feed_hold(cs);
-        }
-    }
-
-    /// `<CTRL-Q>`.
-    pub fn quit_all(&mut self) {
-        for cs in 0..MOTORS {
-            self.quit(cs);
-        }
-    }
-
-    /// `<CTRL-R>`. A control character reports no error: what cannot run stays as it is.
-    pub fn run_all(&mut self) {
-        for cs in 0..MOTORS {
-            let _ = self.run(cs);
-        }
-    }
-
-    /// `<CTRL-S>`.
-    pub fn step_all(&mut self) {
-        for cs in 0..MOTORS {
-            let _ = Machine::step(self, cs);
-        }
-    }
-
-    /// `<CTRL-D>`: takes both bits out of I5.
-    pub fn disable_plcs(&mut self) {
-        self.variables.set_i(5, 0.0);
-    }
-
-    /// `Z`: all axis positions of the coordinate system become zero.
-    ///
-    /// # Errors
-    /// ERR001 while a program runs.
-    pub fn zero_axes(&mut self, cs: usize) -> Result {
-        if coordinate::running(cs.min(MOTORS - 1), &self.memory) {
-            return Err(CommandError::RUNNING);
-        }
-        for motor in self.motors_of(cs) {
-            self.place(motor, 0.0);
-        }
-        Ok(())
-    }
-
-    /// Sets the bias register so that `motor`, where it is commanded to be, is at `counts`.
-    pub(super) fn place(&mut self, motor: usize, counts: f64) {
-        let scale = self.ix(motor, 8) * 32.0;
-        let bias = ((counts - self.motors[motor].commanded()) * scale).round() as i64;
-        self.memory.write_d(offsets::background(offsets::BIAS, motor), bias);
     }
 }

@@ -16,8 +16,8 @@
 
 use serde::Serialize;
 
-use super::ascii::{COMMAND_RESPONSE, SEND_MESSAGE};
 use super::machine::{Board, Machine, Port};
+use crate::map::classic::{RESPONSE_MESSAGE, RESPONSE_TO_PROGRAM};
 
 /// The most cycles of one `step`.
 const MOST_STEPS: u64 = 100_000_000;
@@ -93,7 +93,10 @@ fn answer(board: &mut Board, line: &str, virtual_time: bool) -> Result<Answer, S
             let ms = machine.cycle_ms();
             machine.faults.set(name, value, ms)?;
         }
-        ("reset", []) => machine.reset(false),
+        ("reset", []) => {
+            machine.reset(false);
+            board.interpreter.reset();
+        }
         ("send", _) => return Ok(send(machine, rest)),
         ("cmd", _) => return Ok(command(board, rest)),
         ("limit", [motor, end @ ("+" | "-" | "0")]) => {
@@ -136,7 +139,7 @@ fn inputs<'a>(machine: &'a mut Machine, motor: &str) -> Result<&'a mut super::mo
 fn send(machine: &mut Machine, text: &str) -> Answer {
     match machine.response_port() {
         Port::Dpram => {
-            machine.ascii.push(SEND_MESSAGE, text.as_bytes());
+            machine.ascii.push(RESPONSE_MESSAGE, text.as_bytes());
             Answer::Line("ok".into())
         }
         Port::Serial => Answer::Transmit(serial_line(machine, text, machine.variables.i(62) == 1.0)),
@@ -150,7 +153,7 @@ fn command(board: &mut Board, text: &str) -> Answer {
     match machine.response_port() {
         Port::Dpram => {
             for line in reply.lines {
-                machine.ascii.push(COMMAND_RESPONSE, line.as_bytes());
+                machine.ascii.push(RESPONSE_TO_PROGRAM, line.as_bytes());
             }
             if let Some(error) = reply.error {
                 machine.ascii.push_error(error);

@@ -8,6 +8,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 use nix::fcntl::{Flock, FlockArg};
+use nix::sys::memfd::{MFdFlags, memfd_create};
 
 use super::offsets;
 use crate::device::mapping::Mapping;
@@ -47,7 +48,7 @@ pub struct Dpram {
     /// Word by word what PMAC wrote last.
     shadow: Box<[u16]>,
     /// Held for life: one board a file.
-    _lock: Flock<File>,
+    _lock: Option<Flock<File>>,
 }
 
 impl Dpram {
@@ -79,8 +80,25 @@ impl Dpram {
         } else if length != offsets::LENGTH as u64 {
             return Err(DpramError::Length { path: path.to_owned(), length });
         }
-        let mapping = Mapping::new(&file, 0, offsets::LENGTH).map_err(fail)?;
-        let mut dpram = Self { mapping, shadow: vec![0; offsets::LENGTH / 2].into(), _lock: file };
+        Self::map(&file, path).map(|dpram| Self { _lock: Some(file), ..dpram })
+    }
+
+    /// Memory that nobody else can map: a board on its own.
+    ///
+    /// # Errors
+    /// [`DpramError::File`] when the system gives no memory.
+    pub fn private() -> Result<Self, DpramError> {
+        let fail = |source| DpramError::File { path: "private memory".into(), source };
+        let file = memfd_create(c"pmac-dpram", MFdFlags::MFD_CLOEXEC).map_err(|errno| fail(errno.into()))?;
+        let file = File::from(file);
+        file.set_len(offsets::LENGTH as u64).map_err(fail)?;
+        Self::map(&file, Path::new("private memory"))
+    }
+
+    fn map(file: &File, path: &Path) -> Result<Self, DpramError> {
+        let mapping = Mapping::new(file, 0, offsets::LENGTH)
+            .map_err(|source| DpramError::File { path: path.to_owned(), source })?;
+        let mut dpram = Self { mapping, shadow: vec![0; offsets::LENGTH / 2].into(), _lock: None };
         for offset in (0..offsets::LENGTH as u16).step_by(2) {
             dpram.shadow[usize::from(offset) / 2] = dpram.read16(offset);
         }

@@ -2,13 +2,14 @@
 //!
 //! With I48=1 the first `GATHER` starts the servo report and the second the gathering; `ENDGATHER` stops what the
 //! latest one started (DPRAM manual p. 14). I20 says which of the sources I21-I44 are stored, I19 how often, I45 where:
-//! 2 DPRAM up to its end, 3 DPRAM round and round, 0 and 1 the same in PMAC's own memory. Firmware 1.16C and later
-//! keep the buffer at $D240 and the two words before it, earlier ones at $D200.
+//! 2 DPRAM up to its end, 3 DPRAM round and round, 0 and 1 the same in PMAC's own memory. Some firmware keeps
+//! the buffer at $D240 and the two words before it, the others at $D200 (see [`crate::map::Layout`]).
 
 use super::language::{CommandError, Variables};
 use super::memory::Memory;
 use super::offsets;
 use crate::format::int24;
+use crate::map::{self, GatherPlace, Layout};
 
 /// What a `GATHER` started.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -28,8 +29,8 @@ pub struct Gather {
     size: Option<u32>,
     index: u32,
     wait: u32,
-    /// Where the buffer is in the DPRAM.
-    shift: u16,
+    /// Where the buffer and its words are in the DPRAM.
+    place: GatherPlace,
     /// Gathered words, when they are kept in PMAC's own memory.
     memory: Vec<u32>,
 }
@@ -38,8 +39,8 @@ impl Gather {
     /// Nothing defined. `firmware` decides where the buffer lies.
     #[must_use]
     pub fn new(firmware: &str) -> Self {
-        let shift = if firmware >= "1.16C" { offsets::GATHER_SHIFT } else { 0 };
-        Self { running: Vec::new(), size: None, index: 0, wait: 0, shift, memory: Vec::new() }
+        let place = Layout::new(&map::PMAC, firmware.parse().ok()).gather();
+        Self { running: Vec::new(), size: None, index: 0, wait: 0, place, memory: Vec::new() }
     }
 
     /// Whether `activity` has been started.
@@ -102,7 +103,7 @@ impl Gather {
             return Err(CommandError::SYNTAX);
         }
         let room = if in_dpram(variables) {
-            (offsets::LENGTH as u32 - u32::from(offsets::GATHER_BUFFER + self.shift)) / 4
+            (offsets::LENGTH as u32 - self.place.buffer.bytes()) / 4
         } else {
             free.clamp(0, i64::from(u32::MAX)) as u32
         };
@@ -179,7 +180,7 @@ impl Gather {
 
     fn put(&mut self, word: u32, variables: &Variables, memory: &mut Memory) {
         if in_dpram(variables) {
-            let offset = u32::from(offsets::GATHER_BUFFER + self.shift) + 4 * self.index;
+            let offset = self.place.buffer.bytes() + 4 * self.index;
             // The last sample of a buffer that fills the DPRAM has nowhere to go beyond its end.
             if let Ok(offset) = u16::try_from(offset)
                 && usize::from(offset) + 4 <= offsets::LENGTH
@@ -196,8 +197,8 @@ impl Gather {
     fn note(&self, variables: &Variables, memory: &mut Memory) {
         if in_dpram(variables) {
             memory.dpram.order_writes();
-            memory.dpram.write16(offsets::GATHER_SIZE + self.shift, self.size.unwrap_or(0) as u16);
-            memory.dpram.write16(offsets::GATHER_INDEX + self.shift, self.index as u16);
+            memory.dpram.write16(self.place.size.bytes() as u16, self.size.unwrap_or(0) as u16);
+            memory.dpram.write16(self.place.index.bytes() as u16, self.index as u16);
         }
     }
 }

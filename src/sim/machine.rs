@@ -5,36 +5,24 @@
 //! the language calls are in `commands.rs`, the registers and status words in `registers.rs`.
 
 use super::coordinate::CoordinateSystem;
+use super::dpram::{Dpram, DpramError};
 use super::fault::Faults;
 use super::gather::Gather;
 use super::judge::Judge;
+use super::language::variables::SavedVariables;
 use super::language::{AxisDefinitions, Family, Interpreter, Variables};
-use super::motor::{Event, Loop, Motor};
+use super::motor::{Events, Loop, Motor};
 use super::random::Random;
 use super::servo_report::ServoReport;
 use super::{ascii, background_report, coordinate, offsets};
 
 pub use super::ascii::AsciiPort;
 pub use super::commands::Jog;
+pub use super::identity::Identity;
 pub use super::memory::Memory;
 
 /// Motors and coordinate systems of a classic board.
 pub const MOTORS: usize = 8;
-
-/// What kind of board it is.
-#[derive(Debug, Clone)]
-pub struct Identity {
-    /// What the language must know of the family.
-    pub family: &'static Family,
-    /// `VERSION`, e.g. `1.16D`.
-    pub firmware: String,
-    /// `TYPE`.
-    pub type_text: String,
-    /// `DATE`.
-    pub date_text: String,
-    /// How many motors there are, 1-8.
-    pub motors: usize,
-}
 
 /// The port that responses not asked for go to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -83,7 +71,7 @@ pub struct Machine {
     pub(super) coordinates: Vec<CoordinateSystem>,
     pub(super) gather: Gather,
     pub(super) port: Port,
-    saved: (Variables, AxisDefinitions),
+    saved: (SavedVariables, AxisDefinitions),
     noise: Option<Random>,
     /// What the memory held before [`Faults::all_ones`].
     before_all_ones: Option<Vec<u16>>,
@@ -95,8 +83,8 @@ impl Machine {
     pub fn new(memory: Memory, identity: Identity, fixed_i10: Option<f64>, seed: Option<u64>) -> Self {
         let variables = factory(&identity, fixed_i10);
         let mut machine = Self {
+            saved: (variables.snapshot(&memory), AxisDefinitions::default()),
             memory,
-            saved: (variables.clone(), AxisDefinitions::default()),
             variables,
             axes: AxisDefinitions::default(),
             faults: Faults::default(),
@@ -117,10 +105,19 @@ impl Machine {
         machine
     }
 
-    /// The port that responses not asked for go to.
+    /// A board of `family` with firmware 1.16D and memory of its own, that no host can reach but by commands.
+    ///
+    /// # Errors
+    /// [`DpramError`] when the system gives no memory.
+    pub fn alone(family: &'static Family) -> Result<Self, DpramError> {
+        Ok(Self::new(Memory::new(Dpram::private()?), Identity::new(family, "1.16D"), None, None))
+    }
+
+    /// The port that responses not asked for go to: the one the last command came through, while I58=1 lets the DPRAM be
+    /// one.
     #[must_use]
     pub fn response_port(&self) -> Port {
-        self.port
+        if self.variables.i(58) == 1.0 { self.port } else { Port::Serial }
     }
 
     /// A command came through the DPRAM.
@@ -157,9 +154,9 @@ impl Machine {
             }
             let factor = self.axes.coordinate_system(motor).map_or(1.0, |cs| time_base[cs]);
             let noise = self.noise.as_mut().map_or(0.0, |noise| noise.unit() / 2.0);
-            let event = self.motors[motor].cycle(100 * (motor + 1), &self.variables, ms, factor, noise);
-            if let Some(event) = event {
-                self.on_event(motor, event);
+            let events = self.motors[motor].cycle(100 * (motor + 1), &self.variables, ms, factor, noise);
+            if events != Events::default() {
+                self.on_events(motor, events);
             }
             self.write_servo_registers(motor);
         }
@@ -173,6 +170,7 @@ impl Machine {
     pub fn housekeeping(&mut self) {
         for motor in 0..self.motors.len() {
             self.scan_in_position(motor);
+            self.average_velocity(motor);
             self.write_background_registers(motor);
         }
         for cs in 0..MOTORS {
@@ -209,25 +207,26 @@ impl Machine {
         false
     }
 
-    fn on_event(&mut self, motor: usize, event: Event) {
+    fn on_events(&mut self, motor: usize, events: Events) {
+        if events.homed {
+            self.home_bias(motor);
+        }
+        if !events.limit && !events.fatal {
+            return;
+        }
         let cs = self.axes.coordinate_system(motor);
         if let Some(cs) = cs {
             coordinate::stop_program(cs, &mut self.memory);
         }
-        // Ix25 bits 21-22: what a fatal error kills besides the motor itself.
+        // Ix25 bits 21-22: what a fatal error kills besides the motor itself: 0 all, 1 its coordinate system.
         let scope = self.ix(motor, 25) as u32 >> 21 & 3;
-        for other in 0..self.motors.len() {
+        for other in (0..self.motors.len()).filter(|&other| other != motor) {
             let same = cs.is_some() && self.axes.coordinate_system(other) == cs;
-            if other == motor || !self.active(other) {
-                continue;
-            }
-            let rate = self.ix(other, 15);
-            match event {
-                Event::Limit if same => self.motors[other].abort(rate),
-                Event::FatalFollowingError if scope == 0 || scope == 1 && same => {
-                    self.motors[other].open(Loop::Killed);
-                }
-                _ => {}
+            if events.fatal && (scope == 0 || scope == 1 && same) {
+                self.motors[other].open(Loop::Killed);
+            } else if same && self.motors[other].moving() {
+                let rate = self.ix(other, 15);
+                self.motors[other].abort(rate);
             }
         }
     }
@@ -235,17 +234,19 @@ impl Machine {
     /// Reloads the saved (or factory) values and starts anew.
     pub(super) fn restart(&mut self, factory_values: bool) {
         if factory_values {
-            self.saved = (factory(&self.identity, self.fixed_i10), AxisDefinitions::default());
             self.memory.clear();
+            let variables = factory(&self.identity, self.fixed_i10);
+            self.saved = (variables.snapshot(&self.memory), AxisDefinitions::default());
         }
-        (self.variables, self.axes) = self.saved.clone();
+        self.variables.restore(&self.saved.0, &mut self.memory);
+        self.axes = self.saved.1.clone();
         self.stats.resets += 1;
         self.power_on();
     }
 
     /// Keeps the present values for the next reset.
     pub fn save(&mut self) {
-        self.saved = (self.variables.clone(), self.axes.clone());
+        self.saved = (self.variables.snapshot(&self.memory), self.axes.clone());
     }
 
     fn power_on(&mut self) {

@@ -6,14 +6,18 @@
 //! | file | what it is on the board |
 //! |---|---|
 //! | [`memory`], [`dpram`] | X and Y memory, and the part shared with the host |
-//! | [`machine`], `commands`, `registers` | the servo interrupt and the background loop; what commands do; status words |
-//! | [`motor`], [`profile`], [`coordinate`] | servo loop, drive and shaft; jog and home moves; time base |
+//! | [`machine`], `commands`, `board_commands`, `axis_position`, `registers` | servo interrupt and background loop; what commands do; status words |
+//! | [`motor`], `supervision`, [`profile`], [`coordinate`] | servo loop, drive and shaft; jog and home moves; time base |
 //! | [`servo_report`], [`background_report`], [`ascii`], [`gather`] | the automatic functions of the DPRAM |
 //! | [`language`] | the interpreter of on-line commands |
 //! | [`judge`], [`fault`] | what a host does wrong; what the board can be told to do wrong |
 
 pub mod ascii;
+#[cfg(test)]
+mod ascii_tests;
+mod axis_position;
 pub mod background_report;
+mod board_commands;
 pub mod clock;
 mod commands;
 pub mod control;
@@ -21,21 +25,31 @@ pub mod coordinate;
 pub mod dpram;
 pub mod fault;
 pub mod gather;
+pub mod identity;
 pub mod interrupt;
 pub mod judge;
 pub mod language;
 pub mod machine;
 pub mod memory;
+#[cfg(test)]
+mod motion_tests;
 pub mod motor;
 pub mod offsets;
 pub mod options;
 pub mod process;
 pub mod profile;
 mod random;
+#[cfg(test)]
+mod register_tests;
 mod registers;
+#[cfg(test)]
+mod reset_tests;
 pub mod serial;
 pub mod servo_report;
 pub mod socket;
+mod supervision;
+#[cfg(test)]
+mod testing;
 
 /// The start-up file that enables all DPRAM functions for eight motors.
 pub const STARTUP: &str = include_str!("dpram-startup.pmc");

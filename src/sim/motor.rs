@@ -33,7 +33,7 @@ pub enum Loop {
 
 /// What a move is for.
 #[derive(Debug, Clone, Copy, PartialEq)]
-enum Purpose {
+pub(super) enum Purpose {
     Jog,
     /// A homing search, until the trigger.
     Search,
@@ -44,18 +44,20 @@ enum Purpose {
 }
 
 #[derive(Debug, Clone)]
-struct Move {
-    profile: Profile,
-    purpose: Purpose,
+pub(super) struct Move {
+    pub(super) profile: Profile,
+    pub(super) purpose: Purpose,
 }
 
-/// What the motor did in a servo cycle that concerns others.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Event {
+/// What happened to a motor in a servo cycle that concerns others.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Events {
+    /// A homing search has found its trigger: the position's zero is new.
+    pub homed: bool,
     /// It ran into a limit.
-    Limit,
+    pub limit: bool,
     /// Its following error was fatal and it was killed.
-    FatalFollowingError,
+    pub fatal: bool,
 }
 
 /// Flags of the world around the motor, set by whoever plays with the simulator.
@@ -80,16 +82,16 @@ pub struct Motor {
     pub inputs: Inputs,
     /// The loop.
     pub servo: Loop,
-    motion: Option<Move>,
-    commanded: f64,
-    desired_velocity: f64,
+    pub(super) motion: Option<Move>,
+    pub(super) commanded: f64,
+    pub(super) desired_velocity: f64,
     /// Where the shaft is.
-    shaft: f64,
+    pub(super) shaft: f64,
     /// Where the shaft is when the motor's position is zero.
-    reference: f64,
+    pub(super) reference: f64,
     /// Where the shaft was when the encoder counter was zero.
-    encoder_zero: f64,
-    actual: f64,
+    pub(super) encoder_zero: f64,
+    pub(super) actual: f64,
     /// Counts in the last servo cycle, by the encoder.
     moved: f64,
     /// Output in DAC bits.
@@ -300,12 +302,12 @@ impl Motor {
         }
     }
 
-    fn plan(&mut self, profile: Profile, purpose: Purpose) {
+    pub(super) fn plan(&mut self, profile: Profile, purpose: Purpose) {
         self.motion = Some(Move { profile, purpose });
     }
 
     /// Moves the zero of the position by `shift` counts.
-    fn re_reference(&mut self, shift: f64) {
+    pub(super) fn re_reference(&mut self, shift: f64) {
         self.reference += shift;
         self.commanded -= shift;
         self.actual -= shift;
@@ -316,14 +318,7 @@ impl Motor {
 
     /// One servo cycle of `ms` milliseconds, with the trajectory going at `time_base`. `x` is 100 times the motor's
     /// number, `noise` counts of encoder noise.
-    pub fn cycle(
-        &mut self,
-        x: usize,
-        variables: &Variables,
-        ms: f64,
-        time_base: f64,
-        noise: f64,
-    ) -> Option<Event> {
+    pub fn cycle(&mut self, x: usize, variables: &Variables, ms: f64, time_base: f64, noise: f64) -> Events {
         if let Some(motion) = &mut self.motion {
             let sample = motion.profile.advance(ms * time_base);
             self.commanded = sample.position;
@@ -340,9 +335,11 @@ impl Motor {
         if self.servo != Loop::Closed {
             self.commanded = actual;
         }
-        self.look_for_trigger(x, variables, before);
-        let event = self.watch_limits(x, variables);
-        self.watch_following_error(x, variables).or(event)
+        Events {
+            homed: self.look_for_trigger(x, variables, before),
+            limit: self.watch_limits(x, variables),
+            fatal: self.watch_following_error(x, variables),
+        }
     }
 
     fn drive(&mut self, x: usize, variables: &Variables, ms: f64) {
@@ -362,69 +359,6 @@ impl Motor {
             self.shaft += self.output * COUNTS_PER_BIT * ms;
         }
     }
-
-    fn look_for_trigger(&mut self, x: usize, variables: &Variables, before: f64) {
-        if !self.searching() {
-            return;
-        }
-        let on_warning = variables.i(x + 3) as u32 >> 17 & 1 == 1;
-        let pulse = std::mem::take(&mut self.inputs.trigger);
-        let captured = if pulse || on_warning && self.warning {
-            Some(self.shaft)
-        } else if on_warning || self.inputs.no_index {
-            None
-        } else {
-            index_between(before, self.shaft)
-        };
-        let (Some(captured), Some(motion)) = (captured, self.motion.as_ref()) else { return };
-        let purpose = motion.purpose;
-        let ramp = ramp(x, variables);
-        self.trigger_move = false;
-        let position = captured - self.reference;
-        if let Purpose::Trigger(after) = purpose {
-            let (target, speed) = (position + after, variables.i(x + 22));
-            let profile = Profile::to_target(self.commanded, self.desired_velocity, target, speed, &ramp);
-            self.plan(profile, Purpose::Jog);
-        } else {
-            self.captured = captured - self.encoder_zero;
-            self.re_reference(position + variables.i(x + 26) / 16.0);
-            self.home_complete = true;
-            let speed = variables.i(x + 23);
-            let profile = Profile::to_target(self.commanded, self.desired_velocity, 0.0, speed, &ramp);
-            self.plan(profile, Purpose::Jog);
-        }
-    }
-
-    fn watch_limits(&mut self, x: usize, variables: &Variables) -> Option<Event> {
-        let hardware = variables.i(x + 25) as u32 >> 17 & 1 == 0;
-        let homing = self.motion.as_ref().is_some_and(|motion| motion.purpose == Purpose::Search);
-        let (upper, lower) = (variables.i(x + 13), variables.i(x + 14));
-        self.limits = [
-            hardware && self.inputs.positive_limit || !homing && upper != 0.0 && self.commanded > upper,
-            hardware && self.inputs.negative_limit || !homing && lower != 0.0 && self.commanded < lower,
-        ];
-        let into =
-            self.limits[0] && self.desired_velocity > 0.0 || self.limits[1] && self.desired_velocity < 0.0;
-        if into && !self.aborting() && self.servo == Loop::Closed {
-            self.abort(variables.i(x + 15));
-            self.on_limit = true;
-            return Some(Event::Limit);
-        }
-        None
-    }
-
-    fn watch_following_error(&mut self, x: usize, variables: &Variables) -> Option<Event> {
-        let error = (self.commanded - self.actual).abs() * 16.0;
-        let (fatal, warning) = (variables.i(x + 11), variables.i(x + 12));
-        self.warning = warning > 0.0 && error > warning && self.servo == Loop::Closed || self.fatal;
-        if self.servo == Loop::Closed && fatal > 0.0 && error > fatal {
-            self.open(Loop::Killed);
-            self.fatal = true;
-            self.warning = true;
-            return Some(Event::FatalFollowingError);
-        }
-        None
-    }
 }
 
 impl Default for Motor {
@@ -437,14 +371,4 @@ impl Default for Motor {
 #[must_use]
 pub fn ramp(x: usize, variables: &Variables) -> Ramp {
     Ramp::new(variables.i(x + 19), variables.i(x + 20), variables.i(x + 21))
-}
-
-/// The index pulse passed on the way from `before` to `after`, if any.
-fn index_between(before: f64, after: f64) -> Option<f64> {
-    let pulse = if after > before {
-        (after / INDEX_PERIOD).floor() * INDEX_PERIOD
-    } else {
-        (after / INDEX_PERIOD).ceil() * INDEX_PERIOD
-    };
-    (after > before && pulse > before || after < before && pulse < before).then_some(pulse)
 }

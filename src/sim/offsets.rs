@@ -1,70 +1,68 @@
 //! The addresses the simulated board works with, in one place.
 //!
-//! Host offsets are bytes into the DPRAM; PMAC addresses are word numbers. Motor registers repeat every
-//! [`MOTOR_STRIDE`] words, the background registers of motors and coordinate systems every [`BACKGROUND_STRIDE`].
-//! Sources: DPRAM manual pp. 12-29, Software Reference p. 399 and the suggested M-variables.
+//! What lies in the DPRAM comes from the register map, as byte offsets. PMAC's own registers are word numbers: those of
+//! motors repeat every [`MOTOR_STRIDE`] words, the background registers of motors and coordinate systems every
+//! [`BACKGROUND_STRIDE`] (DPRAM manual pp. 14-21, Software Reference p. 399, suggested M-variables).
+
+use crate::map::{HostOffset, classic};
+
+const fn bytes(offset: HostOffset) -> u16 {
+    offset.bytes() as u16
+}
 
 /// Length of the DPRAM in bytes (8K x 16).
-pub const LENGTH: usize = 0x4000;
+pub const LENGTH: usize = classic::LENGTH as usize;
 /// First DPRAM address on the PMAC's side.
-pub const BASE: u16 = 0xD000;
+pub const BASE: u16 = classic::BASE as u16;
 /// Last DPRAM address on the PMAC's side.
-pub const LAST: u16 = 0xDFFF;
+pub const LAST: u16 = BASE + (LENGTH / 4) as u16 - 1;
 
 /// Control panel: the request enable mask.
-pub const PANEL_ENABLE: u16 = 0x0000;
+pub const PANEL_ENABLE: u16 = bytes(classic::PANEL_REQUEST_ENABLE);
 
-/// Servo report: the host's status (bit 0 Host-Busy).
-pub const SERVO_HOST_STATUS: u16 = 0x0024;
-/// Servo report: PMAC's status (bit 15 PMAC-Busy, bits 0-14 servo timer).
-pub const SERVO_PMAC_STATUS: u16 = 0x0026;
+/// Servo report: the host's status.
+pub const SERVO_HOST_STATUS: u16 = bytes(classic::SERVO_HOST_STATUS);
+/// Servo report: PMAC's status.
+pub const SERVO_PMAC_STATUS: u16 = bytes(classic::SERVO_PMAC_STATUS);
 /// Servo report: copy of Y:$0003.
-pub const SERVO_GLOBAL_Y: u16 = 0x0028;
+pub const SERVO_GLOBAL_Y: u16 = bytes(classic::SERVO_GLOBAL_STATUS_Y);
 /// Servo report: copy of X:$0003.
-pub const SERVO_GLOBAL_X: u16 = 0x002C;
+pub const SERVO_GLOBAL_X: u16 = bytes(classic::SERVO_GLOBAL_STATUS_X);
 /// Servo report: the first motor's block.
-pub const SERVO_MOTOR: u16 = 0x0048;
+pub const SERVO_MOTOR: u16 = bytes(classic::SERVO_MOTOR);
 /// Servo report: bytes from one motor's block to the next.
-pub const SERVO_MOTOR_LENGTH: u16 = 0x3C;
+pub const SERVO_MOTOR_LENGTH: u16 = classic::SERVO_MOTOR_STRIDE as u16;
 
-/// Background report: data ready (bit 0).
-pub const BACKGROUND_READY: u16 = 0x0228;
+/// Background report: data ready.
+pub const BACKGROUND_READY: u16 = bytes(classic::BACKGROUND_DATA_READY);
 /// Background report: servo timer.
-pub const BACKGROUND_TIMER: u16 = 0x022A;
+pub const BACKGROUND_TIMER: u16 = bytes(classic::BACKGROUND_SERVO_TIMER);
 /// Background report: the three ports, four bytes each.
-pub const BACKGROUND_PORTS: u16 = 0x022C;
+pub const BACKGROUND_PORTS: u16 = bytes(classic::BACKGROUND_PANEL_PORT);
 /// Background report: the first motor's block.
-pub const BACKGROUND_MOTOR: u16 = 0x024C;
+pub const BACKGROUND_MOTOR: u16 = bytes(classic::BACKGROUND_BLOCK);
 /// Background report: bytes from one block to the next.
-pub const BACKGROUND_MOTOR_LENGTH: u16 = 0x7C;
+pub const BACKGROUND_MOTOR_LENGTH: u16 = classic::BACKGROUND_BLOCK_STRIDE as u16;
 
-/// ASCII: the host's control word (bit 0: a line is there).
-pub const ASCII_OUT_CONTROL: u16 = 0x062C;
+/// ASCII: the host's control word.
+pub const ASCII_OUT_CONTROL: u16 = bytes(classic::ASCII_OUTPUT_CONTROL);
 /// ASCII: the host's control character.
-pub const ASCII_OUT_CHARACTER: u16 = 0x062E;
-/// ASCII: the host's text, 160 bytes.
-pub const ASCII_OUT_TEXT: u16 = 0x0630;
+pub const ASCII_OUT_CHARACTER: u16 = bytes(classic::ASCII_CONTROL_CHARACTER);
+/// ASCII: the host's text.
+pub const ASCII_OUT_TEXT: u16 = bytes(classic::ASCII_COMMAND);
 /// ASCII: length of the host's text buffer in bytes.
-pub const ASCII_OUT_LENGTH: usize = 160;
+pub const ASCII_OUT_LENGTH: usize = classic::ASCII_COMMAND_BYTES;
 /// ASCII: PMAC's control word.
-pub const ASCII_IN_CONTROL: u16 = 0x06D0;
+pub const ASCII_IN_CONTROL: u16 = bytes(classic::ASCII_INPUT_CONTROL);
 /// ASCII: PMAC's character count (with the NUL).
-pub const ASCII_IN_COUNT: u16 = 0x06D2;
-/// ASCII: PMAC's text, 256 bytes.
-pub const ASCII_IN_TEXT: u16 = 0x06D4;
-/// ASCII: the most characters one line of a response can have.
-pub const ASCII_IN_CHARACTERS: usize = 255;
+pub const ASCII_IN_COUNT: u16 = bytes(classic::ASCII_INPUT_COUNT);
+/// ASCII: PMAC's text.
+pub const ASCII_IN_TEXT: u16 = bytes(classic::ASCII_RESPONSE);
+/// ASCII: the most characters one line of a response can have, without its NUL.
+pub const ASCII_IN_CHARACTERS: usize = classic::ASCII_RESPONSE_BYTES - 1;
 
 /// Variable write: entry count.
-pub const VARIABLE_WRITE_COUNT: u16 = 0x07D4;
-/// Gather: size in long words (firmware to 1.16B).
-pub const GATHER_SIZE: u16 = 0x07FC;
-/// Gather: storage index (firmware to 1.16B).
-pub const GATHER_INDEX: u16 = 0x07FE;
-/// Gather: buffer (firmware to 1.16B), $D200.
-pub const GATHER_BUFFER: u16 = 0x0800;
-/// How far firmware 1.16C and later moved the gather buffer and its two words ($40 locations).
-pub const GATHER_SHIFT: u16 = 0x0100;
+pub const VARIABLE_WRITE_COUNT: u16 = bytes(classic::VARIABLE_WRITE_COUNT);
 
 /// X: servo counter.
 pub const SERVO_COUNTER: u16 = 0x0000;

@@ -6,6 +6,7 @@ use clap::{Parser, ValueEnum};
 
 use super::language::family;
 use super::machine::Identity;
+use crate::map::Firmware;
 
 /// A simulated PMAC: the board's side of a DPRAM, in its own process.
 #[derive(Debug, Parser)]
@@ -32,9 +33,9 @@ pub struct Options {
     /// What family of boards to be one of
     #[arg(long, value_enum, default_value_t = BoardFamily::Pmac)]
     pub family: BoardFamily,
-    /// What VERSION answers; from 1.16C on the gather buffer is at $D240
-    #[arg(long, default_value = "1.16D", value_parser = firmware)]
-    pub firmware: String,
+    /// What VERSION answers; it also decides where the gather buffer lies
+    #[arg(long, default_value = "1.16D")]
+    pub firmware: Firmware,
     /// File of on-line command lines sent at start; comments begin with ;
     #[arg(long, value_name = "FILE", conflicts_with = "dpram_startup")]
     pub startup: Option<PathBuf>,
@@ -74,17 +75,11 @@ impl Options {
     /// The board these options describe.
     #[must_use]
     pub fn identity(&self) -> Identity {
-        let (family, type_text) = match self.family {
-            BoardFamily::Pmac => (&family::PMAC, "PMAC1, ISA, BATTERY, PID, CLK X1"),
-            BoardFamily::Pmac2 => (&family::PMAC2, "PMAC2, ISA, FLASH, PID, CLK X2"),
+        let family = match self.family {
+            BoardFamily::Pmac => &family::PMAC,
+            BoardFamily::Pmac2 => &family::PMAC2,
         };
-        Identity {
-            family,
-            firmware: self.firmware.clone(),
-            type_text: type_text.into(),
-            date_text: "07/17/1999".into(),
-            motors: self.motors.into(),
-        }
+        Identity { motors: self.motors.into(), ..Identity::new(family, &self.firmware.to_string()) }
     }
 
     /// The I10 that the asked rate means.
@@ -109,12 +104,4 @@ fn servo_hz(text: &str) -> Result<f64, String> {
     } else {
         Err("it has to be from 1.001 to 100000".into())
     }
-}
-
-fn firmware(text: &str) -> Result<String, String> {
-    let good = text.len() >= 4
-        && text.starts_with("1.")
-        && text[2..4].bytes().all(|byte| byte.is_ascii_digit())
-        && text[4..].bytes().all(|byte| byte.is_ascii_alphanumeric());
-    if good { Ok(text.to_ascii_uppercase()) } else { Err("it has to look like 1.16D".into()) }
 }

@@ -175,7 +175,7 @@ impl Simulator {
             line.serve();
         }
         if let Some(serial) = &mut self.serial {
-            serial.serve(&mut self.board.machine);
+            serial.serve(&mut self.board);
         }
         let Some(listener) = &self.control else { return };
         let mut fresh = Vec::new();

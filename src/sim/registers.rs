@@ -46,12 +46,23 @@ impl Machine {
         memory.write_d(at(offsets::TARGET), target);
         memory.write_y(at(offsets::HOME_CAPTURE), captured);
         memory.write_y(at(offsets::BACKGROUND_STATUS), status);
-        let now = int24::signed(memory.read_x(offsets::motor(offsets::VELOCITY, motor)));
-        let average = int24::signed(memory.read_y(at(offsets::AVERAGE_VELOCITY)));
-        // A sixteenth of the difference a pass, and its last units one by one.
+    }
+
+    /// Goes on averaging the velocity: a sixteenth of the difference a background pass.
+    pub(super) fn average_velocity(&mut self, motor: usize) {
+        let address = offsets::background(offsets::AVERAGE_VELOCITY, motor);
+        let now = int24::signed(self.memory.read_x(offsets::motor(offsets::VELOCITY, motor)));
+        let average = int24::signed(self.memory.read_y(address));
         let difference = now - average;
+        // The last units one by one.
         let step = if difference.abs() < 16 { difference.signum() } else { difference / 16 };
-        memory.write_y(at(offsets::AVERAGE_VELOCITY), (average + step) as u32);
+        self.memory.write_y(address, (average + step) as u32);
+    }
+
+    /// Makes the registers of a motor show what a command has just done.
+    pub(super) fn refresh(&mut self, motor: usize) {
+        self.write_servo_registers(motor);
+        self.write_background_registers(motor);
     }
 
     /// `??` words as far as they follow from the motors.
@@ -75,7 +86,7 @@ impl Machine {
         use super::gather::Activity;
         use super::machine::Port;
         let x = bit(19, self.gather.runs(Activity::Gathering));
-        let dpram = self.port == Port::Dpram;
+        let dpram = self.response_port() == Port::Dpram;
         // Bits above 11 other than these two belong to buffers and are left to them.
         let y = self.memory.read_y(offsets::GLOBAL_STATUS) & !(1 << 22 | 1 << 15);
         let others = self.memory.read_x(offsets::GLOBAL_STATUS) & !(1 << 19);

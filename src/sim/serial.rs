@@ -1,7 +1,7 @@
 //! The serial port: raw bytes both ways. What several clients send is one stream, as on a wire; each gets every reply.
 
 use super::language::SerialPort;
-use super::machine::Machine;
+use super::machine::Board;
 use super::socket::{Client, Listener};
 
 /// The port and who is connected to it.
@@ -19,14 +19,14 @@ impl Serial {
     }
 
     /// Takes new clients, gives what they sent to the board, sends back what it answers.
-    pub fn serve(&mut self, machine: &mut Machine) {
+    pub fn serve(&mut self, board: &mut Board) {
         self.listener.accept(&mut self.clients);
         let mut output = Vec::new();
         let mut buffer = [0; 1024];
         for client in &mut self.clients {
             client.flush();
             for &byte in client.receive(&mut buffer) {
-                self.port.receive(machine, byte, &mut output);
+                self.port.receive(&mut board.machine, &mut board.interpreter, byte, &mut output);
             }
         }
         self.transmit(&output);

@@ -13,6 +13,7 @@ use super::language::Variables;
 use super::memory::Memory;
 use super::offsets;
 use crate::format::int24;
+use crate::map::classic::{HOST_BUSY, PMAC_BUSY, SERVO_TIMER_MASK};
 
 /// One long word of the report: where it comes from and where it goes.
 #[derive(Debug, Clone, Copy)]
@@ -92,11 +93,11 @@ impl ServoReport {
             }
         }
         self.wait = period;
-        if memory.dpram.read16(offsets::SERVO_HOST_STATUS) & 1 == 1 {
+        if memory.dpram.read16(offsets::SERVO_HOST_STATUS) & HOST_BUSY != 0 {
             self.skipped += 1;
             return;
         }
-        let busy = memory.dpram.shadow(offsets::SERVO_PMAC_STATUS) | 0x8000;
+        let busy = memory.dpram.shadow(offsets::SERVO_PMAC_STATUS) | PMAC_BUSY;
         memory.dpram.write16(offsets::SERVO_PMAC_STATUS, busy);
         if faults.servo_busy_stuck {
             return;
@@ -105,8 +106,8 @@ impl ServoReport {
         self.updates += 1;
         self.copy(motors, memory);
         memory.dpram.order_writes();
-        let timer = memory.read_x(offsets::SERVO_COUNTER) as u16 & 0x7FFF;
-        memory.dpram.write16(offsets::SERVO_PMAC_STATUS, timer | 0x8000);
+        let timer = memory.read_x(offsets::SERVO_COUNTER) as u16 & SERVO_TIMER_MASK;
+        memory.dpram.write16(offsets::SERVO_PMAC_STATUS, timer | PMAC_BUSY);
         memory.dpram.write16(offsets::SERVO_PMAC_STATUS, timer);
     }
 
@@ -124,5 +125,84 @@ impl ServoReport {
             };
             memory.dpram.write32(copy.offset, int24::extend(word));
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::testing::Bench;
+
+    #[test]
+    fn updates_come_every_i19_cycles_after_gather_and_carry_the_timer() {
+        let mut bench = Bench::bare("1.16D");
+        for (variable, value) in [(48, 1.0), (59, 2.0), (19, 5.0)] {
+            bench.set(variable, value);
+        }
+        bench.run(20);
+        assert_eq!(bench.board.machine.report.updates, 0, "no GATHER yet");
+        bench.board.machine.gather().unwrap();
+        bench.run(1);
+        assert_eq!(bench.read(0x0026), 21);
+        bench.run(4);
+        assert_eq!(bench.read(0x0026), 21);
+        bench.run(1);
+        assert_eq!(bench.read(0x0026), 26);
+        assert_eq!(bench.board.machine.report.updates, 2);
+        bench.board.machine.end_gather().unwrap();
+        bench.run(20);
+        assert_eq!(bench.board.machine.report.updates, 2);
+    }
+
+    #[test]
+    fn host_busy_holds_updates_off_and_each_is_counted() {
+        let mut bench = Bench::started();
+        bench.run(3);
+        bench.write(0x0024, 1);
+        bench.run(7);
+        assert_eq!(bench.read(0x0026), 3);
+        assert_eq!((bench.board.machine.report.updates, bench.board.machine.report.skipped), (3, 7));
+        bench.write(0x0024, 0);
+        bench.run(1);
+        assert_eq!(bench.read(0x0026), 11);
+        assert!(bench.violations().is_empty());
+    }
+
+    #[test]
+    fn the_timer_has_fifteen_bits() {
+        let mut bench = Bench::started();
+        bench.board.machine.memory.write_x(0, 0xFF_FFFE);
+        bench.run(1);
+        assert_eq!(bench.read(0x0026), 0x7FFF);
+        bench.run(1);
+        assert_eq!(bench.read(0x0026), 0);
+    }
+
+    #[test]
+    fn tagged_updates_carry_their_number_everywhere_and_only_for_i59_motors() {
+        let mut bench = Bench::started();
+        bench.set(59, 3.0);
+        bench.board.machine.report.tag = true;
+        bench.board.machine.report.updates = 0xFF_FFF0;
+        bench.run(5);
+        // 0xFFFFF5 is negative as a 24-bit word: sign-extended.
+        for motor in 0..3 {
+            for register in (0x0048..0x007C).step_by(4) {
+                assert_eq!(bench.read32(register + 0x3C * motor), 0xFFFF_FFF5);
+            }
+        }
+        assert_eq!(bench.read32(0x0028), 0xFFFF_FFF5);
+        assert_eq!(bench.read32(0x0048 + 0x3C * 3), 0);
+    }
+
+    #[test]
+    fn a_stuck_busy_bit_stays_until_the_fault_is_gone() {
+        let mut bench = Bench::started();
+        bench.run(4);
+        bench.board.machine.faults.servo_busy_stuck = true;
+        bench.run(10);
+        assert_eq!(bench.read(0x0026), 0x8004);
+        bench.board.machine.faults.servo_busy_stuck = false;
+        bench.run(1);
+        assert_eq!(bench.read(0x0026), 15);
     }
 }

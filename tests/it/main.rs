@@ -1,7 +1,19 @@
-//! Integration tests: formats, the map, the segment, the socket, whole processes.
+//! Integration tests: formats, the map, the segment, the socket, the command line, the simulator, whole processes.
 
+mod bench;
+mod cli;
+mod client;
 mod decode;
 mod format;
 mod map;
+mod replies;
+mod rig;
+mod segment;
+mod segment_cost;
+mod segment_hostile;
+mod segment_life;
 mod segment_loom;
+mod simulator;
+mod site;
 mod socket;
+mod whole;

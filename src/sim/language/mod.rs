@@ -1,235 +1,102 @@
-//! The command language's place (stand-in).
+//! The command language of a PMAC: what a line of text does, and what comes back.
+//!
+//! On the board this is the interpreter of on-line commands (Software Reference, "On-line commands"), reached through
+//! the serial port, the host bus and the DPRAM. A line goes through [`Interpreter::execute`] and yields a [`Reply`]: data
+//! lines and at most one error. How a reply becomes bytes is the port's affair: [`SerialPort`] puts the handshake of I3,
+//! I4 and I6 around it; the DPRAM port puts the same into its control word.
+//!
+//! Board families differ in data ([`Family`]): variable tables, counts, keyword tables, where variables live.
+//!
+//! | file | idea |
+//! |---|---|
+//! | [`family`], [`i_rows`] | what differs between board families; the I-variable tables |
+//! | [`scanner`], [`words`] | blanks, numbers, keywords |
+//! | [`number`] | numbers as PMAC prints them |
+//! | [`expression`] | arithmetic |
+//! | [`variables`], [`m_definition`], [`axis`], [`password`] | the state commands read and write |
+//! | [`interpreter`] | one line, command by command; addressing |
+//! | `motor`, `coordinate`, `assign`, `memory`, `system`, `control` | the commands, by what they act on |
+//! | [`buffers`] | program buffers: what is not there yet answers an error here |
+//! | [`serial`] | the raw byte stream of the serial port |
 
-use super::machine::{Jog, Machine};
+mod assign;
+pub mod axis;
+pub mod buffers;
+mod control;
+mod coordinate;
+pub mod expression;
+pub mod family;
+pub mod i_rows;
+pub mod interpreter;
+pub mod m_definition;
+mod memory;
+mod motor;
+pub mod number;
+pub mod password;
+pub mod scanner;
+pub mod serial;
+mod system;
+pub mod variables;
+pub mod words;
 
-/// An error as PMAC numbers it.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub use axis::{AxisDefinition, AxisDefinitions};
+pub use family::Family;
+pub use interpreter::Interpreter;
+pub use serial::SerialPort;
+pub use variables::Variables;
+
+use super::machine::{Jog, Machine, Memory};
+
+/// The number of an error report: 3 is printed as `ERR003` (Software Reference, I6).
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, thiserror::Error)]
+#[error("ERR{0:03}")]
 pub struct CommandError(pub u16);
 
 impl CommandError {
-    /// ERR001.
+    /// ERR001: not allowed while a motion program runs.
     pub const RUNNING: Self = Self(1);
-    /// ERR003.
+    /// ERR002: the password is missing or wrong.
+    pub const PASSWORD: Self = Self(2);
+    /// ERR003: a command or number that is not understood.
     pub const SYNTAX: Self = Self(3);
-    /// ERR015.
+    /// ERR004: a character above 127.
+    pub const CHARACTER: Self = Self(4);
+    /// ERR005: a program command with no buffer open to take it.
+    pub const NO_OPEN_BUFFER: Self = Self(5);
+    /// ERR010: both overtravel limits of a motor are set.
+    pub const BOTH_LIMITS: Self = Self(10);
+    /// ERR011: the previous move is still in progress.
+    pub const MOVE_IN_PROGRESS: Self = Self(11);
+    /// ERR012: a motor of the coordinate system is open-loop.
+    pub const OPEN_LOOP: Self = Self(12);
+    /// ERR013: a motor of the coordinate system is not activated.
+    pub const NOT_ACTIVATED: Self = Self(13);
+    /// ERR014: there is no motor in the coordinate system.
+    pub const NO_MOTOR: Self = Self(14);
+    /// ERR015: the coordinate system does not point to a program.
     pub const NO_PROGRAM: Self = Self(15);
 }
 
-/// A family of boards.
-#[derive(Debug)]
-pub struct Family {
-    /// Its name.
-    pub name: &'static str,
-}
-
-/// Classic PMAC.
-pub static PMAC: Family = Family { name: "pmac" };
-/// Classic PMAC2.
-pub static PMAC2: Family = Family { name: "pmac2" };
-
-/// The I-variables.
-#[derive(Debug, Clone)]
-pub struct Variables {
-    i: Vec<f64>,
-}
-
-impl Variables {
-    /// Factory defaults.
-    #[must_use]
-    pub fn new(family: &'static Family) -> Self {
-        let pmac2 = family.name == "pmac2";
-        let mut i = vec![0.0; 1024];
-        i[3] = 1.0;
-        i[6] = 3.0;
-        i[10] = if pmac2 { 3_713_991.0 } else { 3_713_707.0 };
-        i[100] = 1.0;
-        for n in 1..=8usize {
-            let x = 100 * n;
-            let all = [
-                (3, 0x071F as f64 + n as f64),
-                (5, 0x073F as f64),
-                (7, 96.0),
-                (8, 96.0),
-                (9, 96.0),
-                (11, 32000.0),
-                (12, 16000.0),
-                (15, 0.25),
-                (16, 32.0),
-                (19, 0.015625),
-                (21, 50.0),
-                (22, 32.0),
-                (23, 32.0),
-                (28, 160.0),
-                (30, 2000.0),
-                (34, 1.0),
-                (69, 20480.0),
-                (93, (0x0806 + 0xC0 * (n - 1)) as f64),
-                (94, 1644.0),
-                (95, 1644.0),
-            ];
-            for (k, value) in all {
-                i[x + k] = value;
-            }
-        }
-        Self { i }
-    }
-
-    /// I-variable `n`.
-    #[must_use]
-    pub fn i(&self, n: usize) -> f64 {
-        self.i.get(n).copied().unwrap_or(0.0)
-    }
-
-    /// Sets I-variable `n`.
-    pub fn set_i(&mut self, n: usize, value: f64) {
-        if let Some(place) = self.i.get_mut(n) {
-            *place = value;
-        }
-    }
-}
-
-/// Which motor belongs to which axis.
-#[derive(Debug, Clone, Default)]
-pub struct AxisDefinitions;
-
-impl AxisDefinitions {
-    /// The 0-based coordinate system of a motor.
-    #[must_use]
-    pub fn coordinate_system(&self, _motor: usize) -> Option<usize> {
-        None
-    }
-}
-
-/// What a line gave.
-#[derive(Debug, Default)]
+/// What a command line answers: its data lines, without handshake characters, then perhaps an error.
+///
+/// Data produced before the error comes first; a line reports one error only.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Reply {
-    /// Lines of data.
+    /// Lines of data, in order.
     pub lines: Vec<String>,
-    /// The error that ended the line.
+    /// The error that ended the line, if one did.
     pub error: Option<CommandError>,
 }
 
-/// Understands a few commands.
-#[derive(Debug, Default)]
-pub struct Interpreter {
-    motor: usize,
-}
+/// The result of one command of a line.
+type Outcome = Result<(), CommandError>;
 
-impl Interpreter {
-    /// Executes one line.
-    pub fn execute(&mut self, machine: &mut Machine, line: &[u8]) -> Reply {
-        let mut reply = Reply::default();
-        for word in String::from_utf8_lossy(line).to_ascii_uppercase().split_whitespace() {
-            if let Err(error) = self.word(machine, word, &mut reply.lines) {
-                reply.error = Some(error);
-                break;
-            }
-        }
-        reply
+#[cfg(test)]
+pub(crate) mod testing {
+    use super::{Machine, family};
+
+    /// A board at factory defaults.
+    pub(crate) fn machine() -> Machine {
+        Machine::alone(&family::PMAC).unwrap()
     }
-
-    fn word(
-        &mut self,
-        machine: &mut Machine,
-        word: &str,
-        lines: &mut Vec<String>,
-    ) -> Result<(), CommandError> {
-        let mut rest = word;
-        if let Some(tail) = rest.strip_prefix('#') {
-            let digit = tail.chars().next().and_then(|c| c.to_digit(10)).ok_or(CommandError(3))?;
-            self.motor = digit as usize - 1;
-            rest = &tail[1..];
-        }
-        let number = |text: &str| text.parse::<f64>().map_err(|_| CommandError(3));
-        match rest {
-            "" => Ok(()),
-            "J+" => machine.jog(self.motor, Jog::Plus, None),
-            "J-" => machine.jog(self.motor, Jog::Minus, None),
-            "J/" => machine.jog(self.motor, Jog::Stop, None),
-            "K" => machine.kill(self.motor),
-            "HM" => machine.home(self.motor),
-            "HMZ" => machine.home_zero(self.motor),
-            "VERSION" => {
-                lines.push(machine.firmware().to_owned());
-                Ok(())
-            }
-            "TYPE" => {
-                lines.push(machine.type_text().to_owned());
-                Ok(())
-            }
-            "P" => {
-                lines.push(format!("{}", (machine.position(self.motor) * 10.0).round() / 10.0));
-                Ok(())
-            }
-            "SAVE" => {
-                machine.save();
-                Ok(())
-            }
-            "GATHER" => machine.gather(),
-            "ENDGATHER" => machine.end_gather(),
-            "$$$" => {
-                machine.reset(false);
-                Ok(())
-            }
-            _ if rest.starts_with("J=") => machine.jog(self.motor, Jog::To(number(&rest[2..])?), None),
-            _ if rest.starts_with('I') => match rest[1..].split_once('=') {
-                None => {
-                    let n: usize = rest[1..].parse().map_err(|_| CommandError(3))?;
-                    lines.push(machine.variables.i(n).to_string());
-                    Ok(())
-                }
-                Some((n, value)) => {
-                    let n: usize = n.parse().map_err(|_| CommandError(3))?;
-                    machine.variables.set_i(n, number(value)?);
-                    machine.i_assigned(n);
-                    Ok(())
-                }
-            },
-            _ if rest.starts_with("GAT") => machine.define_gather(None),
-            _ => Err(CommandError(3)),
-        }
-    }
-
-    /// Acts on a control character.
-    pub fn control(&mut self, machine: &mut Machine, character: u8) {
-        match character {
-            1 => machine.abort_all(),
-            11 => machine.kill_all(),
-            24 => machine.cancel_queues(),
-            26 => machine.serial_becomes_active(),
-            _ => {}
-        }
-    }
-}
-
-/// The serial port.
-#[derive(Debug, Default)]
-pub struct SerialPort {
-    interpreter: Interpreter,
-    line: Vec<u8>,
-}
-
-impl SerialPort {
-    /// Takes one byte.
-    pub fn receive(&mut self, machine: &mut Machine, byte: u8, out: &mut Vec<u8>) {
-        match byte {
-            b'\r' => {
-                let line = std::mem::take(&mut self.line);
-                let reply = self.interpreter.execute(machine, &line);
-                for text in reply.lines {
-                    out.extend_from_slice(text.as_bytes());
-                    out.push(b'\r');
-                }
-                out.push(if reply.error.is_some() { 7 } else { 6 });
-            }
-            ..=31 => self.interpreter.control(machine, byte),
-            _ if self.line.len() < 255 => self.line.push(byte),
-            _ => {}
-        }
-    }
-}
-
-/// The families.
-pub mod family {
-    pub use super::{Family, PMAC, PMAC2};
 }

@@ -1,0 +1,222 @@
+//! What can be typed after `pmacctl`.
+
+use std::path::PathBuf;
+use std::time::Duration;
+
+use clap::{Args as ClapArgs, Parser, Subcommand, ValueEnum};
+
+use crate::format::{Float48Layout, WordOrder};
+use crate::map::{Family, Firmware, GatherSizeWord, UnknownFamily};
+
+/// Looks at and talks to a PMAC through its daemon pmacd.
+#[derive(Debug, Parser)]
+#[command(name = "pmacctl", version, arg_required_else_help = true, disable_help_subcommand = true)]
+pub struct Args {
+    #[command(flatten)]
+    pub global: Global,
+    #[command(subcommand)]
+    pub command: Command,
+}
+
+#[derive(Debug, ClapArgs)]
+pub struct Global {
+    /// Which board: the segment /dev/shm/NAME and the socket /run/pmacd/NAME.sock
+    #[arg(long, global = true, value_name = "NAME", default_value = "pmac0")]
+    pub name: String,
+    /// The daemon's socket, when it lies elsewhere
+    #[arg(long, global = true, value_name = "PATH")]
+    pub socket: Option<PathBuf>,
+    /// Print JSON
+    #[arg(long, global = true)]
+    pub json: bool,
+    /// Print no results, only errors; the exit status tells
+    #[arg(long, short, global = true)]
+    pub quiet: bool,
+}
+
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// How the daemon, its board and its data stand
+    Status,
+    /// Check everything between this user and live data, and say what to do
+    Doctor,
+    /// The motors' positions, velocities and status, live
+    Motors,
+    /// The coordinate systems' targets and status, live
+    Coordinates,
+    /// The motors, again and again: repainted on a terminal, a line each time in a pipe
+    Watch(Watch),
+    /// What lies where in the DPRAM (needs no daemon)
+    Map(Map),
+    /// Read the DPRAM at addresses as the manual prints them
+    Read(Read),
+    /// Send a command line, or a control character as '^K', and print the reply
+    Send(Send),
+    /// Decode a raw image of the DPRAM from a file
+    Decode(Decode),
+}
+
+#[derive(Debug, ClapArgs)]
+pub struct Watch {
+    /// Stop after so many prints
+    #[arg(long, value_name = "N")]
+    pub count: Option<u64>,
+    /// Stop after so long
+    #[arg(long, value_name = "S", value_parser = seconds)]
+    pub seconds: Option<Duration>,
+    /// Prints a second, at most
+    #[arg(long, value_name = "HZ", default_value = "5", value_parser = rate)]
+    pub rate: Duration,
+}
+
+#[derive(Debug, ClapArgs)]
+pub struct Map {
+    /// The board's family
+    #[arg(long, value_name = "FAMILY", default_value = "pmac", value_parser = family)]
+    pub family: &'static Family,
+    /// The board's firmware, as VERSION answers; without it, the map as printed
+    #[arg(long, value_name = "VERSION")]
+    pub firmware: Option<Firmware>,
+    /// Where firmware that moves the gather buffer keeps its size word
+    #[arg(long, value_name = "WHERE", default_value = "with-index")]
+    pub gather_size: GatherSize,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+pub enum GatherSize {
+    WithIndex,
+    AsPrinted,
+}
+
+impl From<GatherSize> for GatherSizeWord {
+    fn from(choice: GatherSize) -> Self {
+        match choice {
+            GatherSize::WithIndex => Self::WithIndex,
+            GatherSize::AsPrinted => Self::AsPrinted,
+        }
+    }
+}
+
+#[derive(Debug, ClapArgs)]
+pub struct Read {
+    /// Y:$D001, X:$D009, DP:$D200, D:$D014, L:$D09A, F:$D210, or a host offset 0x0024
+    #[arg(required = true, value_name = "ADDR")]
+    pub addresses: Vec<String>,
+    /// The board's family, instead of the one the daemon says
+    #[arg(long, value_name = "FAMILY", value_parser = family)]
+    pub family: Option<&'static Family>,
+    /// How L: values are laid out
+    #[arg(long, value_name = "LAYOUT", default_value = "register")]
+    pub float48: Float48,
+}
+
+#[derive(Debug, ClapArgs)]
+pub struct Send {
+    /// The line, or one control character as '^K'
+    #[arg(value_name = "LINE", allow_hyphen_values = true)]
+    pub line: String,
+    /// How long the board may take, in seconds
+    #[arg(long, value_name = "S", default_value = "5", value_parser = seconds)]
+    pub timeout: Duration,
+}
+
+#[derive(Debug, ClapArgs)]
+pub struct Decode {
+    /// The image, as long as the family's DPRAM (16 KiB); - is stdin
+    #[arg(value_name = "FILE")]
+    pub file: PathBuf,
+    /// The board's family
+    #[arg(long, value_name = "FAMILY", default_value = "pmac", value_parser = family)]
+    pub family: &'static Family,
+    /// How many motors and coordinate systems it reported; all the family has when not given
+    #[arg(long, value_name = "N")]
+    pub motors: Option<usize>,
+    /// Order of the bytes in each 16-bit word of the image
+    #[arg(long, value_name = "ORDER", default_value = "little")]
+    pub word_order: Order,
+    /// How L: values are laid out
+    #[arg(long, value_name = "LAYOUT", default_value = "register")]
+    pub float48: Float48,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+pub enum Float48 {
+    Register,
+    Printed,
+}
+
+impl From<Float48> for Float48Layout {
+    fn from(choice: Float48) -> Self {
+        match choice {
+            Float48::Register => Self::Register,
+            Float48::Printed => Self::Printed,
+        }
+    }
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+pub enum Order {
+    Little,
+    Swapped,
+}
+
+impl From<Order> for WordOrder {
+    fn from(choice: Order) -> Self {
+        match choice {
+            Order::Little => Self::Little,
+            Order::Swapped => Self::Swapped,
+        }
+    }
+}
+
+fn family(name: &str) -> Result<&'static Family, UnknownFamily> {
+    Family::by_name(name)
+}
+
+fn seconds(text: &str) -> Result<Duration, String> {
+    let seconds: f64 = text.parse().map_err(|_| "not a number of seconds".to_owned())?;
+    if seconds > 0.0 && seconds <= 1e9 {
+        Ok(Duration::from_secs_f64(seconds))
+    } else {
+        Err("not more than 0 seconds".to_owned())
+    }
+}
+
+/// The time between two prints.
+fn rate(text: &str) -> Result<Duration, String> {
+    let hz: f64 = text.parse().map_err(|_| "not a number of prints a second".to_owned())?;
+    if (0.001..=1000.0).contains(&hz) {
+        Ok(Duration::from_secs_f64(1.0 / hz))
+    } else {
+        Err("not between 0.001 and 1000 a second".to_owned())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::CommandFactory;
+
+    #[test]
+    fn the_tree_is_sound() {
+        Args::command().debug_assert();
+    }
+
+    #[test]
+    fn global_options_stand_before_or_after_the_command() {
+        for line in ["pmacctl --name rig --json motors", "pmacctl motors --json --name rig"] {
+            let args = Args::try_parse_from(line.split(' ')).unwrap();
+            assert_eq!((args.global.name.as_str(), args.global.json), ("rig", true));
+        }
+    }
+
+    #[test]
+    fn numbers_out_of_reason_are_refused() {
+        for text in ["0", "-1", "nan", "inf", "1e10", "x", ""] {
+            assert!(seconds(text).is_err(), "{text}");
+            assert!(rate(text).is_err(), "{text}");
+        }
+        assert_eq!(seconds("0.5"), Ok(Duration::from_millis(500)));
+        assert_eq!(rate("4"), Ok(Duration::from_millis(250)));
+    }
+}

@@ -1,0 +1,221 @@
+//! `pmacctl doctor`: everything between this user and live data, checked one by one, with what to do.
+
+use std::fs;
+use std::os::unix::fs::MetadataExt;
+use std::path::Path;
+
+use nix::sys::statvfs::statvfs;
+use nix::unistd::{AccessFlags, Gid, Group, access};
+use serde::Serialize;
+
+use super::{Context, Failure, Verdict};
+use crate::client::{Board, CommandError, Connection};
+use crate::protocol::{BoardInfo, State};
+use crate::segment::{Condition, DIRECTORY, RegionId, RegionState, monotonic_ns};
+
+/// Less room than this in /dev/shm is worth a warning: a segment takes a few MiB.
+const ROOM: u64 = 16 << 20;
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+enum Level {
+    Ok,
+    Warn,
+    Fail,
+}
+
+/// One thing looked at.
+#[derive(Debug, Serialize)]
+struct Check {
+    check: &'static str,
+    level: Level,
+    text: String,
+}
+
+#[derive(Debug, Default)]
+struct Report(Vec<Check>);
+
+impl Report {
+    fn add(&mut self, level: Level, check: &'static str, text: impl Into<String>) {
+        self.0.push(Check { check, level, text: text.into() });
+    }
+}
+
+pub fn run(context: &mut Context) -> Result<Verdict, Failure> {
+    let mut report = Report::default();
+    shared_memory(&mut report);
+    let board = segment(&mut report, context.name.as_str());
+    let info = socket(&mut report, &context.socket);
+    if let Some(board) = &board {
+        data(&mut report, board);
+    }
+    if let Some(info) = &info {
+        functions(&mut report, info);
+    }
+    if let (Some(board), Some(info)) = (&board, &info) {
+        same_daemon(&mut report, board, info);
+    }
+    if context.output.is_json() {
+        context.output.json(&report.0)?;
+    } else {
+        for check in &report.0 {
+            let level = match check.level {
+                Level::Ok => "ok",
+                Level::Warn => "warn",
+                Level::Fail => "FAIL",
+            };
+            context.output.line(format_args!("{level:<4}  {:<13} {}", check.check, check.text))?;
+        }
+    }
+    Ok(report.0.iter().all(|check| check.level != Level::Fail).into())
+}
+
+fn shared_memory(report: &mut Report) {
+    const WHAT: &str = "shared memory";
+    match statvfs(DIRECTORY) {
+        Err(errno) => {
+            let text = format!("{DIRECTORY} cannot be looked at: {}; mount a tmpfs there", errno.desc());
+            report.add(Level::Fail, WHAT, text);
+        }
+        Ok(room) => {
+            let free = room.blocks_available() * room.fragment_size();
+            let mib = free >> 20;
+            if free < ROOM {
+                let text = format!("{DIRECTORY} has only {mib} MiB left; remove what is not needed there");
+                report.add(Level::Warn, WHAT, text);
+            } else {
+                report.add(Level::Ok, WHAT, format!("{DIRECTORY} has {mib} MiB left"));
+            }
+        }
+    }
+}
+
+fn segment(report: &mut Report, name: &str) -> Option<Board> {
+    let board = match Board::attach(name) {
+        Ok(board) => board,
+        Err(error) => {
+            report.add(Level::Fail, "segment", error.to_string());
+            return None;
+        }
+    };
+    let subscriber = board.subscriber();
+    let header = subscriber.header();
+    let path = subscriber.path().display();
+    report.add(Level::Ok, "segment", format!("{path} is there, layout 1.{}", header.abi_minor));
+    let pid = header.owner_pid;
+    let age_ms = monotonic_ns().saturating_sub(header.heartbeat_ns) / 1_000_000;
+    let limit_ms = header.heartbeat_limit_ns / 1_000_000;
+    match subscriber.condition() {
+        Condition::Dead | Condition::OwnerGone | Condition::Replaced => {
+            report.add(
+                Level::Fail,
+                "daemon",
+                format!("process {pid} that made the segment is gone; start pmacd"),
+            );
+        }
+        _ if age_ms > limit_ms => {
+            let text = format!(
+                "process {pid} gave its last sign of life {age_ms} ms ago (limit {limit_ms} ms); continue it, or restart it"
+            );
+            report.add(Level::Fail, "daemon", text);
+        }
+        _ => {
+            report.add(Level::Ok, "daemon", format!("process {pid} lives, last sign of life {age_ms} ms ago"))
+        }
+    }
+    Some(board)
+}
+
+fn socket(report: &mut Report, path: &Path) -> Option<BoardInfo> {
+    match Connection::open(path).and_then(|mut connection| connection.info()) {
+        Ok(info) => {
+            report.add(Level::Ok, "socket", format!("{} answers, pmacd {}", path.display(), info.version));
+            Some(info)
+        }
+        Err(error @ CommandError::Connect { .. }) => {
+            report.add(Level::Fail, "socket", unreachable(path, &error));
+            None
+        }
+        Err(error) => {
+            report.add(Level::Fail, "socket", error.to_string());
+            None
+        }
+    }
+}
+
+/// Why the socket cannot be reached, with the group to join when it is a matter of permission.
+fn unreachable(path: &Path, error: &CommandError) -> String {
+    let found = match fs::metadata(path) {
+        Ok(found) if access(path, AccessFlags::W_OK).is_err() => found,
+        _ => return error.to_string(),
+    };
+    let group = Group::from_gid(Gid::from_raw(found.gid())).ok().flatten();
+    let group = group.map_or_else(|| found.gid().to_string(), |group| group.name);
+    format!("{} may be used by the group {group}, and you are not in it; have yourself added", path.display())
+}
+
+fn data(report: &mut Report, board: &Board) {
+    let condition = board.subscriber().condition();
+    if condition.is_over() {
+        // The data are old because the daemon is gone, which has been said.
+        return;
+    }
+    for (region, variable) in [(RegionId::Servo, "I48"), (RegionId::Background, "I49")] {
+        let what = region.name();
+        let Ok(about) = board.subscriber().region(region) else {
+            report.add(Level::Warn, what, "the daemon does not mirror these data; see its settings");
+            continue;
+        };
+        let published = about.published;
+        match about.state {
+            RegionState::Live if condition == Condition::Live => {
+                report.add(Level::Ok, what, format!("live, {published} updates"));
+            }
+            RegionState::Off => {
+                let text = format!("off on the board; switch it on: pmacctl send {variable}=1");
+                report.add(Level::Warn, what, text);
+            }
+            RegionState::Live | RegionState::Stale => {
+                let text =
+                    format!("stale after {published} updates; is {variable} on, and does the board run?");
+                report.add(Level::Fail, what, text);
+            }
+        }
+    }
+}
+
+fn functions(report: &mut Report, info: &BoardInfo) {
+    let who = [info.board_type.as_deref(), Some(info.family.as_str()), info.firmware.as_deref()];
+    let who: Vec<_> = who.into_iter().flatten().collect();
+    match info.state {
+        State::Live => report.add(Level::Ok, "board", format!("{}, {}", info.board, who.join(", "))),
+        State::Init => report.add(Level::Warn, "board", format!("{} is being identified; wait", info.board)),
+        State::Stale | State::Dead => {
+            let text = format!("{} does not answer; look at its power, cable and address", info.board);
+            report.add(Level::Fail, "board", text);
+        }
+    }
+    if info.enabled.iter().any(|name| name == "ascii") {
+        report.add(Level::Ok, "commands", "the board takes command lines through the DPRAM");
+    } else {
+        let text = "the board takes no command lines through the DPRAM; set I58=1 by another port";
+        report.add(Level::Warn, "commands", text);
+    }
+    if info.enabled.iter().any(|name| name == "interrupt") {
+        report.add(Level::Ok, "interrupt", "replies are announced by an interrupt");
+    } else {
+        report.add(Level::Ok, "interrupt", "none; replies are polled for");
+    }
+}
+
+/// Whether socket and segment are of the same daemon: a mixed-up `--socket` is hard to notice otherwise.
+fn same_daemon(report: &mut Report, board: &Board, info: &BoardInfo) {
+    let header = board.subscriber().header();
+    if u64::from(info.pid) != header.owner_pid {
+        let text = format!(
+            "the socket is that of process {} ({}), the segment that of process {}; check --name and --socket",
+            info.pid, info.segment, header.owner_pid
+        );
+        report.add(Level::Fail, "same daemon", text);
+    }
+}

@@ -1,0 +1,43 @@
+//! `pmacctl map`: what lies where, from the register table alone.
+
+use super::args::Map;
+use super::table::{Align, Table};
+use super::{Context, Failure, Verdict};
+use crate::map::{Layout, MapRecord};
+
+pub fn run(context: &mut Context, options: &Map) -> Result<Verdict, Failure> {
+    let layout = Layout::with_gather_size(options.family, options.firmware, options.gather_size.into());
+    let records = layout.records();
+    if context.output.is_json() {
+        context.output.json(&records)?;
+    } else {
+        context.output.text(table(&records))?;
+    }
+    Ok(Verdict::Yes)
+}
+
+fn table(records: &[MapRecord]) -> Table {
+    let mut table = Table::new(&[
+        ("offset", Align::Left),
+        ("address", Align::Left),
+        ("bytes", Align::Right),
+        ("space", Align::Left),
+        ("format", Align::Left),
+        ("number", Align::Right),
+        ("function", Align::Left),
+        ("register", Align::Left),
+    ]);
+    for record in records {
+        table.row([
+            format!("0x{:04X}", record.host_offset),
+            record.pmac_address.clone(),
+            record.length.to_string(),
+            record.space.to_owned(),
+            record.format.to_owned(),
+            record.number.map_or_else(String::new, |number| number.to_string()),
+            record.function.to_owned(),
+            record.register.to_owned(),
+        ]);
+    }
+    table
+}

@@ -1,0 +1,51 @@
+//! `pmacctl send`: a command line or a control character, and the board's reply.
+
+use serde_json::json;
+
+use super::args::Send;
+use super::{Context, Failure, Verdict};
+use crate::client::CommandError;
+use crate::protocol::{CallError, TIMEOUT_MAX_MS, check_line, control};
+
+pub fn run(context: &mut Context, options: &Send) -> Result<Verdict, Failure> {
+    let control = control::parse(&options.line).filter(|_| options.line.len() == 2);
+    if control.is_none() {
+        check_line(&options.line).map_err(|reason| Failure::Request(format!("invalid line: {reason}")))?;
+    }
+    if options.timeout.as_millis() > TIMEOUT_MAX_MS.into() {
+        let most = TIMEOUT_MAX_MS / 1000;
+        return Err(Failure::Request(format!(
+            "--timeout is longer than the {most} s that a command may take"
+        )));
+    }
+    let mut connection = context.connection()?;
+    let reply = match control {
+        Some(character) => connection.control(character),
+        None => connection.send(&options.line, options.timeout),
+    };
+    let json = context.output.is_json();
+    match reply {
+        Ok(lines) if json => context.output.json(&json!({ "lines": lines, "error": null }))?,
+        Ok(lines) => print(context, &lines)?,
+        Err(CommandError::Refused(CallError::Board { code, meaning, lines })) => {
+            // What the board answered before the error belongs to the reply, and comes first.
+            if json {
+                let error = json!({ "code": code, "meaning": meaning });
+                context.output.json(&json!({ "lines": lines, "error": error }))?;
+            } else {
+                print(context, &lines)?;
+            }
+            context.output.flush()?;
+            return Err(CommandError::Refused(CallError::Board { code, meaning, lines }).into());
+        }
+        Err(error) => return Err(error.into()),
+    }
+    Ok(Verdict::Yes)
+}
+
+fn print(context: &mut Context, lines: &[String]) -> Result<(), Failure> {
+    for line in lines {
+        context.output.line(line)?;
+    }
+    Ok(())
+}

@@ -1,0 +1,46 @@
+//! How the programs answer a command line that cannot be taken.
+
+use std::io::{self, Write};
+use std::process::ExitCode;
+
+use clap::error::ErrorKind;
+
+/// Prints what clap has to say: help and version on stdout with status 0, a mistake in one line on stderr
+/// with `program`'s name before it and status 2.
+#[must_use]
+pub fn usage(program: &str, error: &clap::Error) -> ExitCode {
+    match error.kind() {
+        ErrorKind::DisplayHelp | ErrorKind::DisplayVersion => {
+            // Nobody reads it: nothing to be done.
+            let _ = error.print();
+            ExitCode::SUCCESS
+        }
+        ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand => {
+            let _ = error.print();
+            ExitCode::from(2)
+        }
+        _ => {
+            let _ =
+                writeln!(io::stderr(), "{program}: {}; see {program} --help", one_line(&error.to_string()));
+            ExitCode::from(2)
+        }
+    }
+}
+
+/// Clap's message without its advice and usage paragraphs.
+fn one_line(text: &str) -> String {
+    let what = text.split("\n\n").next().unwrap_or_default();
+    let what = what.split_whitespace().collect::<Vec<_>>().join(" ");
+    what.strip_prefix("error: ").unwrap_or(&what).to_owned()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_mistake_takes_one_line() {
+        let text = "error: the following required arguments were not provided:\n  <ADDR>...\n\nUsage: pmacctl read\n";
+        assert_eq!(one_line(text), "the following required arguments were not provided: <ADDR>...");
+    }
+}

@@ -1,0 +1,70 @@
+//! What the segment says about the board, in the terms in which its data are decoded.
+
+use crate::decode::{MotorScales, Scales};
+use crate::map::{FAMILIES, Family};
+use crate::segment::Identity;
+
+/// The number under which the segment knows a family.
+const FAMILY_NUMBERS: [(u32, &str); 4] = [(1, "pmac"), (2, "pmac2"), (3, "turbo"), (4, "turbo2")];
+
+/// The name of the family that the segment calls `number`, whether its data can be decoded here or not.
+#[must_use]
+pub fn family_name(number: u32) -> Option<&'static str> {
+    FAMILY_NUMBERS.iter().find(|(known, _)| *known == number).map(|(_, name)| *name)
+}
+
+/// The board's family; the first one when the segment does not say, `None` when it is one that is not known here.
+#[must_use]
+pub fn family(identity: &Identity) -> Option<&'static Family> {
+    match identity.family {
+        None => FAMILIES.first().copied(),
+        Some(number) => Family::by_name(family_name(number)?).ok(),
+    }
+}
+
+/// The scales of the board's motors as far as they are known.
+#[must_use]
+pub fn scales(identity: &Identity) -> Scales {
+    let motor = |index: usize| MotorScales {
+        position_scale: identity.ix08[index].map(f64::from),
+        velocity_scale: identity.ix09[index].map(f64::from),
+        master_scale: identity.ix07[index].map(f64::from),
+    };
+    Scales { motors: (0..identity.ix08.len()).map(motor).collect(), i10: identity.i10 }
+}
+
+/// How many motors, and coordinate systems, the board's reports have: I59 where it is known, else all of `family`.
+#[must_use]
+pub fn reported(identity: &Identity, family: &Family) -> usize {
+    let said = identity.i59.or(identity.motors).and_then(|count| usize::try_from(count).ok());
+    said.unwrap_or(family.motors).min(family.motors)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_not_said_takes_the_defaults() {
+        let identity = Identity::default();
+        let family = family(&identity).unwrap();
+        assert_eq!(family.name, "pmac");
+        assert_eq!(reported(&identity, family), 8);
+        assert_eq!(scales(&identity).motor(1), MotorScales::default());
+    }
+
+    #[test]
+    fn what_is_said_counts_as_far_as_it_is_known_here() {
+        let mut identity =
+            Identity { family: Some(2), i59: Some(3), i10: Some(3_713_707), ..Identity::default() };
+        identity.ix08[2] = Some(96);
+        assert_eq!(family(&identity).unwrap().name, "pmac2");
+        assert_eq!(reported(&identity, family(&identity).unwrap()), 3);
+        assert_eq!(scales(&identity).motor(3).position_scale, Some(96.0));
+        assert_eq!(scales(&identity).motor(1).position_scale, None);
+        identity.i59 = Some(400);
+        assert_eq!(reported(&identity, family(&identity).unwrap()), 8);
+        identity.family = Some(99);
+        assert!(family(&identity).is_none());
+    }
+}

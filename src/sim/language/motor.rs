@@ -1,0 +1,142 @@
+//! Commands of the addressed motor: jog, home, kill, open loop, reports (Software Reference, on-line commands).
+
+use super::axis::AxisDefinition;
+use super::interpreter::Line;
+use super::number::tenths;
+use super::{CommandError, Jog, Machine, Outcome};
+
+impl Line<'_, '_> {
+    pub(super) fn jog(&mut self) -> Outcome {
+        if self.at_argument() && !matches!(self.scanner.peek(), Some(b'+' | b'-')) {
+            // `J5` is a circle vector.
+            return Err(CommandError::NO_OPEN_BUFFER);
+        }
+        let mut until_trigger = None;
+        let jog = match self.scanner.next_character() {
+            Some(b'+') => Jog::Plus,
+            Some(b'-') => Jog::Minus,
+            Some(b'/') => Jog::Stop,
+            Some(b'!') => Jog::RoundCommanded,
+            Some(b'=') if self.scanner.take(b'=') => Jog::ToAsPreJog(self.scanner.constant()?),
+            Some(b'=') if !self.scanner.at_constant() && self.scanner.peek() != Some(b'*') => Jog::PreJog,
+            Some(b'=') => self.distance(Jog::ToVariable, Jog::To, &mut until_trigger)?,
+            Some(b':') => self.distance(Jog::ByCommandedVariable, Jog::ByCommanded, &mut until_trigger)?,
+            Some(b'^') => self.distance(Jog::ByActualVariable, Jog::ByActual, &mut until_trigger)?,
+            _ => return Err(CommandError::SYNTAX),
+        };
+        let motor = self.movable_motor()?;
+        self.machine.jog(motor, jog, until_trigger)
+    }
+
+    /// `{c}` or `*`, then perhaps `^{c2}`: the move ends that far from the trigger.
+    fn distance(
+        &mut self,
+        variable: Jog,
+        constant: impl FnOnce(f64) -> Jog,
+        until_trigger: &mut Option<f64>,
+    ) -> Result<Jog, CommandError> {
+        let jog = if self.scanner.take(b'*') { variable } else { constant(self.scanner.constant()?) };
+        if self.scanner.take(b'^') {
+            *until_trigger = Some(self.scanner.constant()?);
+        }
+        Ok(jog)
+    }
+
+    pub(super) fn home(&mut self) -> Outcome {
+        let motor = self.movable_motor()?;
+        self.machine.home(motor)
+    }
+
+    pub(super) fn home_zero(&mut self) -> Outcome {
+        let motor = self.free_motor()?;
+        self.machine.home_zero(motor)
+    }
+
+    pub(super) fn kill(&mut self) -> Outcome {
+        let motor = self.free_motor()?;
+        self.machine.kill(motor)
+    }
+
+    pub(super) fn open_loop(&mut self) -> Outcome {
+        let percent = self.scanner.constant()?;
+        if percent.abs() > 100.0 {
+            return Err(CommandError::SYNTAX);
+        }
+        let motor = self.movable_motor()?;
+        self.machine.open_loop(motor, percent)
+    }
+
+    pub(super) fn reset_motor(&mut self) -> Outcome {
+        let motor = self.free_motor()?;
+        self.machine.reset_motor(motor)
+    }
+
+    pub(super) fn absolute_position(&mut self) -> Outcome {
+        let motor = self.free_motor()?;
+        self.machine.absolute_position(motor)
+    }
+
+    pub(super) fn report_position(&mut self) -> Outcome {
+        let position = self.machine.position(self.interpreter.motor);
+        self.answer(tenths(position))
+    }
+
+    pub(super) fn report_velocity(&mut self) -> Outcome {
+        let velocity = self.machine.velocity(self.interpreter.motor);
+        self.answer(tenths(velocity))
+    }
+
+    pub(super) fn report_following_error(&mut self) -> Outcome {
+        let error = self.machine.following_error(self.interpreter.motor);
+        self.answer(tenths(error))
+    }
+
+    /// `#n->` lists, `#n->{definition}` defines in the addressed coordinate system (Software Reference p. 179). A motor of
+    /// another coordinate system lists as `0` and is not to be taken away from there.
+    pub(super) fn axis_definition(&mut self, motor: usize) -> Outcome {
+        let cs = self.interpreter.cs;
+        let decimals = self.machine.variables.family().decimals;
+        let given = self.scanner.at_constant()
+            || self.scanner.peek().is_some_and(|c| matches!(c, b'+' | b'-') || super::axis::is_axis(c));
+        let axes = &self.machine.axes;
+        if !given {
+            let own = axes.definition(motor).filter(|definition| definition.coordinate_system == cs);
+            let text = own.map_or_else(|| "0".to_owned(), |definition| definition.text(decimals));
+            return self.answer(text);
+        }
+        let definition = AxisDefinition::parse(&mut self.scanner, cs)?;
+        if axes.coordinate_system(motor).is_some_and(|other| other != cs) {
+            return Err(CommandError::SYNTAX);
+        }
+        if is_running(self.machine, cs) {
+            return Err(CommandError::RUNNING);
+        }
+        self.machine.axes.set(motor, definition);
+        Ok(())
+    }
+
+    /// The addressed motor, unless a program runs in its coordinate system (ERR001).
+    fn free_motor(&self) -> Result<usize, CommandError> {
+        let motor = self.interpreter.motor;
+        match self.machine.axes.coordinate_system(motor) {
+            Some(cs) if is_running(self.machine, cs) => Err(CommandError::RUNNING),
+            _ => Ok(motor),
+        }
+    }
+
+    /// As [`Line::free_motor`]; also it must be activated (else ERR003).
+    fn movable_motor(&self) -> Result<usize, CommandError> {
+        let motor = self.free_motor()?;
+        if is_activated(self.machine, motor) { Ok(motor) } else { Err(CommandError::SYNTAX) }
+    }
+}
+
+/// Whether Ix00 of the 0-based `motor` is set.
+pub(super) fn is_activated(machine: &Machine, motor: usize) -> bool {
+    machine.variables.i(machine.variables.family().motor_i(motor, 0)) != 0.0
+}
+
+/// Bit 0 of the first `??` word: a program runs in the 0-based coordinate system `cs`.
+pub(super) fn is_running(machine: &Machine, cs: usize) -> bool {
+    machine.coordinate_status(cs)[0] & 1 != 0
+}

@@ -1,0 +1,56 @@
+//! The board's password: it locks listing and opening of programs from 1000 on and of PLCs (Software Reference,
+//! `PASSWORD`).
+
+/// A password, and whether it has been given since the last reset.
+#[derive(Debug, Clone, Default)]
+pub struct Password {
+    text: Vec<u8>,
+    given: bool,
+}
+
+impl Password {
+    /// Whether what it protects is accessible: no password is set, or it has been given.
+    #[must_use]
+    pub fn is_open(&self) -> bool {
+        self.given || self.text.is_empty()
+    }
+
+    /// Sets a new password when the board is open; otherwise gives one. Returns whether the board is open then.
+    pub fn set_or_give(&mut self, text: &[u8]) -> bool {
+        if self.is_open() {
+            *self = Self { text: text.to_vec(), given: true };
+        } else {
+            self.given = self.text == text;
+        }
+        self.given
+    }
+
+    /// The password, when one may see it.
+    #[must_use]
+    pub fn text(&self) -> Option<&[u8]> {
+        self.is_open().then_some(&self.text)
+    }
+
+    /// A reset: it must be given anew.
+    pub fn close(&mut self) {
+        self.given = false;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn it_opens_to_the_right_word_only() {
+        let mut password = Password::default();
+        assert!(password.set_or_give(b"Bush"));
+        password.close();
+        assert_eq!(password.text(), None);
+        assert!(!password.set_or_give(b"bush"), "case matters");
+        assert!(password.set_or_give(b"Bush"));
+        assert!(password.set_or_give(b""), "an open board takes a new one");
+        password.close();
+        assert!(password.is_open());
+    }
+}

@@ -1,0 +1,263 @@
+//! The serial port as a stream of raw bytes: line collection, line editing, and the handshake around replies.
+//!
+//! I3 chooses the characters around data and the acknowledgement, I4 adds checksum bytes, I6 the error text (Software
+//! Reference p. 22-25). All three are looked at when the reply is sent, so `I3=2` is acknowledged in the new manner.
+
+use super::control::control;
+use super::interpreter::LONGEST_LINE;
+use super::{CommandError, Interpreter, Machine, Reply, Variables};
+
+const ACK: u8 = 0x06;
+const BELL: u8 = 0x07;
+const LF: u8 = b'\n';
+const CR: u8 = b'\r';
+
+const BACKSPACE: u8 = control(b'H');
+const REPEAT: u8 = control(b'I');
+const CHECKSUM: u8 = control(b'N');
+const CANCEL: u8 = control(b'X');
+const LAST_LINE: u8 = control(b'Y');
+
+/// The handshake in force: I3, I4 and I6.
+#[derive(Debug, Clone, Copy)]
+struct Handshake {
+    line_feeds: bool,
+    acknowledge: bool,
+    checksum: bool,
+    error_text: bool,
+    error_return: bool,
+}
+
+impl Handshake {
+    fn of(variables: &Variables) -> Self {
+        let bit = |number, mask| variables.i_integer(number) & mask != 0;
+        Self {
+            line_feeds: bit(3, 1),
+            acknowledge: bit(3, 2),
+            checksum: bit(4, 1),
+            error_text: bit(6, 1),
+            error_return: bit(6, 1) && bit(6, 2),
+        }
+    }
+
+    fn data(self, lines: &[String], out: &mut Vec<u8>) {
+        for line in lines {
+            if self.line_feeds {
+                out.push(LF);
+            }
+            out.extend_from_slice(line.as_bytes());
+            out.push(CR);
+            if self.checksum {
+                out.push(sum(line.as_bytes()));
+            }
+        }
+    }
+
+    fn error(self, error: CommandError, out: &mut Vec<u8>) {
+        out.push(BELL);
+        if !self.error_text {
+            return;
+        }
+        if self.error_return {
+            out.push(CR);
+        }
+        if self.line_feeds {
+            out.push(LF);
+        }
+        out.extend_from_slice(error.to_string().as_bytes());
+        out.push(CR);
+    }
+
+    fn acknowledgement(self, command: &[u8], out: &mut Vec<u8>) {
+        if self.acknowledge {
+            out.push(ACK);
+        } else if self.line_feeds {
+            out.push(LF);
+        }
+        if self.checksum {
+            out.push(sum(command));
+        }
+    }
+}
+
+/// The sum of the characters, modulo 256: what I4 and ^N report.
+fn sum(text: &[u8]) -> u8 {
+    text.iter().fold(0, |sum, character| sum.wrapping_add(*character))
+}
+
+/// The board's end of a serial line.
+#[derive(Debug, Clone, Default)]
+pub struct SerialPort {
+    line: Vec<u8>,
+    last_line: Vec<u8>,
+}
+
+impl SerialPort {
+    /// A port with nothing received.
+    #[must_use]
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// Takes one byte from the host and appends what the board sends back to `out`.
+    ///
+    /// A classic board has one addressing for all ports: give each port the same `interpreter`. Line feeds and NULs are
+    /// ignored. Of a line too long only the start is kept, and it is answered with an error.
+    pub fn receive(
+        &mut self,
+        machine: &mut Machine,
+        interpreter: &mut Interpreter,
+        byte: u8,
+        out: &mut Vec<u8>,
+    ) {
+        match byte {
+            CR => {
+                self.last_line = std::mem::take(&mut self.line);
+                self.enter(machine, interpreter, out);
+            }
+            REPEAT => self.enter(machine, interpreter, out),
+            BACKSPACE => {
+                self.line.pop();
+            }
+            CHECKSUM => out.push(sum(&self.line)),
+            CANCEL => {
+                self.line.clear();
+                interpreter.control(machine, CANCEL);
+                if machine.variables.i_integer(63) != 0 {
+                    out.push(CANCEL);
+                }
+            }
+            LAST_LINE => {
+                let text = String::from_utf8_lossy(&self.last_line).into_owned();
+                report(machine, &Reply { lines: vec![text], error: None }, out);
+            }
+            0..b' ' => {
+                if let Some(reply) = interpreter.control(machine, byte) {
+                    report(machine, &reply, out);
+                }
+            }
+            _ if self.line.len() <= LONGEST_LINE => self.line.push(byte),
+            _ => {}
+        }
+    }
+
+    /// Carries out the line last entered and sends its reply.
+    fn enter(&self, machine: &mut Machine, interpreter: &mut Interpreter, out: &mut Vec<u8>) {
+        let reply = interpreter.execute(machine, &self.last_line);
+        let handshake = Handshake::of(&machine.variables);
+        handshake.data(&reply.lines, out);
+        match reply.error {
+            Some(error) => handshake.error(error, out),
+            None => handshake.acknowledgement(&self.last_line, out),
+        }
+    }
+}
+
+/// Sends the answer to a control character: data as for a line, and an acknowledgement only where data was asked for
+/// and I3 asks for `<ACK>`.
+fn report(machine: &Machine, reply: &Reply, out: &mut Vec<u8>) {
+    let handshake = Handshake::of(&machine.variables);
+    handshake.data(&reply.lines, out);
+    match reply.error {
+        Some(error) => handshake.error(error, out),
+        None if handshake.acknowledge && !reply.lines.is_empty() => out.push(ACK),
+        None => {}
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::testing;
+    use super::*;
+
+    struct Board {
+        machine: Machine,
+        interpreter: Interpreter,
+        port: SerialPort,
+    }
+
+    impl Board {
+        fn new() -> Self {
+            let mut board = Self {
+                machine: testing::machine(),
+                interpreter: Interpreter::new(),
+                port: SerialPort::new(),
+            };
+            board.send(b"I3=2 I6=1\r");
+            board
+        }
+
+        fn send(&mut self, bytes: &[u8]) -> Vec<u8> {
+            let mut out = Vec::new();
+            for &byte in bytes {
+                self.port.receive(&mut self.machine, &mut self.interpreter, byte, &mut out);
+            }
+            out
+        }
+    }
+
+    #[test]
+    fn backspace_removes_and_line_feeds_vanish() {
+        let mut board = Board::new();
+        assert_eq!(board.send(b"P1=22\x08\x087\r\nP\n1\r"), b"\x067\r\x06");
+    }
+
+    #[test]
+    fn data_comes_before_the_error_and_nothing_after_it() {
+        let mut board = Board::new();
+        assert_eq!(board.send(b"P1=3 P1 P2 UUU P3=5\r"), b"3\r0\r\x07ERR003\r");
+        assert_eq!(board.send(b"P3\r"), b"0\r\x06");
+    }
+
+    #[test]
+    fn checksums_follow_lines_and_handshake() {
+        let mut board = Board::new();
+        board.send(b"I4=1\r");
+        let command = b"P1..2".iter().fold(0u8, |sum, c| sum.wrapping_add(*c));
+        assert_eq!(board.send(b"P1..2\r"), [b'0', CR, b'0', b'0', CR, b'0', ACK, command]);
+    }
+
+    #[test]
+    fn cancel_empties_the_line_and_echoes_if_asked() {
+        let mut board = Board::new();
+        assert_eq!(board.send(b"UUU\x18\r"), b"\x06");
+        board.send(b"I63=1\r");
+        assert_eq!(board.send(b"\x18"), b"\x18");
+    }
+
+    #[test]
+    fn the_last_line_repeats_and_is_reported() {
+        let mut board = Board::new();
+        board.send(b"P1=P1+1\r");
+        assert_eq!(board.send(b"\t\t"), b"\x06\x06");
+        assert_eq!(board.send(b"\x19"), b"P1=P1+1\r\x06");
+        assert_eq!(board.send(b"P1\r"), b"3\r\x06");
+    }
+
+    #[test]
+    fn characters_above_127_and_long_lines_are_refused_whole() {
+        let mut board = Board::new();
+        assert_eq!(board.send(b"P1=5 \xE4\r"), b"\x07ERR004\r");
+        assert_eq!(board.send(b"P1\r"), b"0\r\x06");
+        let mut line = b"P1=5".to_vec();
+        line.resize(255, b' ');
+        line.push(b'\r');
+        assert_eq!(board.send(&line), b"\x06");
+        line.insert(0, b' ');
+        assert_eq!(board.send(&line), b"\x07ERR003\r");
+        line.splice(0..0, [b' '; 1000]);
+        assert_eq!(board.send(&line), b"\x07ERR003\r");
+    }
+
+    #[test]
+    fn control_reports_of_all_motors() {
+        let mut board = Board::new();
+        assert_eq!(board.send(b"\x10"), b"0 0 0 0 0 0 0 0\r\x06");
+        board.send(b"I3=1\r");
+        assert_eq!(board.send(b"\x16"), b"\n0 0 0 0 0 0 0 0\r");
+        let status = board.send(b"\x02");
+        assert_eq!(status.len(), 1 + 8 * 12 + 7 + 1);
+        assert_eq!(board.send(b"\x15"), b"\x07\nERR003\r", "no rotary buffer to open");
+        assert_eq!(board.send(b"\x0c\x01\x0b\x0f"), b"");
+    }
+}

@@ -1,0 +1,86 @@
+//! Commands of the whole board: identity, reset, save, password, data gathering.
+
+use super::buffers::BufferCommand;
+use super::interpreter::Line;
+use super::motor::is_running;
+use super::words::Word;
+use super::{CommandError, Outcome, buffers};
+
+#[derive(Debug, Clone, Copy)]
+enum Buffer {
+    Gather,
+    All,
+}
+
+const BUFFERS: &[(&str, Buffer)] =
+    &[("GATHER", Buffer::Gather), ("GAT", Buffer::Gather), ("ALL", Buffer::All)];
+
+impl Line<'_, '_> {
+    pub(super) fn identity(&mut self, what: Word) -> Outcome {
+        let machine = &*self.machine;
+        let text = match what {
+            Word::Type => machine.type_text().to_owned(),
+            Word::Date => machine.date_text().to_owned(),
+            Word::Checksum => format!("{:X}", machine.checksum()),
+            Word::Size => machine.free_memory().to_string(),
+            _ => machine.firmware().to_owned(),
+        };
+        self.answer(text)
+    }
+
+    /// `$$$` and `$$$***`. What follows on the line is lost with the reset, as is the addressing.
+    pub(super) fn reset_board(&mut self, factory: bool) -> Outcome {
+        self.machine.reset(factory);
+        self.interpreter.reset();
+        self.scanner.rest();
+        Ok(())
+    }
+
+    /// `SAVE`; not while a program runs.
+    pub(super) fn save(&mut self) -> Outcome {
+        if (0..self.machine.variables.family().coordinate_systems).any(|cs| is_running(self.machine, cs)) {
+            return Err(CommandError::RUNNING);
+        }
+        self.machine.save();
+        Ok(())
+    }
+
+    /// `PASSWORD={text}` sets or gives it, the rest of the line being the text; `PASSWORD` reports it.
+    pub(super) fn password(&mut self) -> Outcome {
+        if !self.scanner.take(b'=') {
+            let password = self.machine.variables.password.text().ok_or(CommandError::PASSWORD)?;
+            let password = String::from_utf8_lossy(password).into_owned();
+            return self.answer(password);
+        }
+        let text = self.scanner.rest().trim_ascii_end();
+        if self.machine.variables.password.set_or_give(text) { Ok(()) } else { Err(CommandError::PASSWORD) }
+    }
+
+    /// `DEFINE GATHER [n]`; other buffers are not there yet.
+    pub(super) fn define(&mut self) -> Outcome {
+        match self.scanner.keyword(&[BUFFERS]) {
+            Some(Buffer::Gather) if self.scanner.at_unsigned() => {
+                let longs = u32::try_from(self.scanner.integer()?).map_err(|_| CommandError::SYNTAX)?;
+                self.machine.define_gather(Some(longs))
+            }
+            Some(Buffer::Gather) => self.machine.define_gather(None),
+            _ => buffers::execute(BufferCommand::Define),
+        }
+    }
+
+    /// `DELETE GATHER`; `DELETE ALL` means the same, as there is no other buffer yet.
+    pub(super) fn delete(&mut self) -> Outcome {
+        match self.scanner.keyword(&[BUFFERS]) {
+            Some(Buffer::Gather | Buffer::All) => self.machine.delete_gather(),
+            None => buffers::execute(BufferCommand::Delete),
+        }
+    }
+
+    /// `GATHER`. Gathering from a trigger on is not simulated.
+    pub(super) fn gather(&mut self) -> Outcome {
+        if self.scanner.take_text(b"TRIGGER") {
+            return Err(CommandError::SYNTAX);
+        }
+        self.machine.gather()
+    }
+}

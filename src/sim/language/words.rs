@@ -1,0 +1,190 @@
+//! Keywords of on-line commands, long and short forms (Software Reference, command lists).
+//!
+//! A family has its list of tables: what all boards share is [`COMMON`]; a further family adds a table.
+
+use super::buffers::BufferCommand;
+
+/// What a keyword asks for. Commands of one character are dispatched by that character.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Word {
+    /// `?` and longer: status words of motor (1), coordinate system (2) or board (3).
+    Status(u8),
+    /// `$`: reset the motor.
+    ResetMotor,
+    /// `$*`: read the absolute position.
+    AbsolutePosition,
+    /// `$$$`: reset the board.
+    Reset,
+    /// `$$$***`: reset it to factory defaults.
+    FactoryReset,
+    /// `HOME`.
+    Home,
+    /// `HOMEZ`.
+    HomeZero,
+    /// `ABS`.
+    Absolute,
+    /// `INC`.
+    Incremental,
+    /// `FRAX`.
+    FeedrateAxes,
+    /// `UNDEFINE`.
+    Undefine,
+    /// `RX` and its like: read memory.
+    Read(super::memory::Form),
+    /// `WX` and its like: write memory.
+    Write(super::memory::Space),
+    /// `DEFINE` a buffer.
+    Define,
+    /// `DELETE` a buffer.
+    Delete,
+    /// `GATHER`.
+    Gather,
+    /// `ENDGATHER`.
+    EndGather,
+    /// `VERSION`.
+    Version,
+    /// `TYPE`.
+    Type,
+    /// `DATE`.
+    Date,
+    /// `CHECKSUM`.
+    Checksum,
+    /// `SIZE`.
+    Size,
+    /// `SAVE`.
+    Save,
+    /// `PASSWORD`.
+    Password,
+    /// A statement of a program: without an open buffer it has no place to go (ERR005).
+    Program,
+    /// A command on program and table buffers.
+    Buffer(BufferCommand),
+    /// A word that another family has: ERR003 here.
+    Foreign,
+}
+
+use super::memory::{Form, Space};
+use BufferCommand as B;
+use Word as W;
+
+const fn read(space: Space, hex: bool) -> Word {
+    W::Read(Form { space, hex })
+}
+
+/// Keywords of every board.
+pub const COMMON: &[(&str, Word)] = &[
+    ("?", W::Status(1)),
+    ("??", W::Status(2)),
+    ("???", W::Status(3)),
+    ("$", W::ResetMotor),
+    ("$*", W::AbsolutePosition),
+    ("$$", W::Foreign),
+    ("$$*", W::Foreign),
+    ("$$$", W::Reset),
+    ("$$$***", W::FactoryReset),
+    ("HOME", W::Home),
+    ("HM", W::Home),
+    ("HOMEZ", W::HomeZero),
+    ("HMZ", W::HomeZero),
+    ("ABS", W::Absolute),
+    ("INC", W::Incremental),
+    ("FRAX", W::FeedrateAxes),
+    ("UNDEFINE", W::Undefine),
+    ("UNDEF", W::Undefine),
+    ("RX", read(Space::X, false)),
+    ("RY", read(Space::Y, false)),
+    ("RL", read(Space::L, false)),
+    ("RHX", read(Space::X, true)),
+    ("RHY", read(Space::Y, true)),
+    ("RHL", read(Space::L, true)),
+    ("WX", W::Write(Space::X)),
+    ("WY", W::Write(Space::Y)),
+    ("WL", W::Write(Space::L)),
+    ("DEFINE", W::Define),
+    ("DEF", W::Define),
+    ("DELETE", W::Delete),
+    ("DEL", W::Delete),
+    ("GATHER", W::Gather),
+    ("GAT", W::Gather),
+    ("ENDGATHER", W::EndGather),
+    ("ENDG", W::EndGather),
+    ("VERSION", W::Version),
+    ("VER", W::Version),
+    ("TYPE", W::Type),
+    ("DATE", W::Date),
+    ("CHECKSUM", W::Checksum),
+    ("CHKS", W::Checksum),
+    ("SIZE", W::Size),
+    ("SAVE", W::Save),
+    ("PASSWORD", W::Password),
+    ("OPEN", W::Buffer(B::Open)),
+    ("CLOSE", W::Buffer(B::Close)),
+    ("CLS", W::Buffer(B::Close)),
+    ("CLEAR", W::Buffer(B::Clear)),
+    ("CLR", W::Buffer(B::Clear)),
+    ("LEARN", W::Buffer(B::Learn)),
+    ("LIST", W::Buffer(B::List)),
+    ("PC", W::Buffer(B::ProgramLine)),
+    ("PE", W::Buffer(B::ProgramLine)),
+    ("PR", W::Buffer(B::RotaryRemaining)),
+    ("ENABLE", W::Buffer(B::Plc)),
+    ("ENA", W::Buffer(B::Plc)),
+    ("DISABLE", W::Buffer(B::Plc)),
+    ("DIS", W::Buffer(B::Plc)),
+    ("PMATCH", W::Foreign),
+    ("LINEAR", W::Program),
+    ("LIN", W::Program),
+    ("RAPID", W::Program),
+    ("RPD", W::Program),
+    ("CIRCLE", W::Program),
+    ("CIR", W::Program),
+    ("SPLINE", W::Program),
+    ("PVT", W::Program),
+    ("NORMAL", W::Program),
+    ("NRM", W::Program),
+    ("PSET", W::Program),
+    ("STOP", W::Program),
+    ("BLOCKSTART", W::Program),
+    ("BSTART", W::Program),
+    ("BLOCKSTOP", W::Program),
+    ("BSTOP", W::Program),
+    ("CC0", W::Program),
+    ("CC1", W::Program),
+    ("CC2", W::Program),
+    ("CCR", W::Program),
+    ("TSELECT", W::Program),
+    ("TSEL", W::Program),
+    ("TINIT", W::Program),
+    ("ADIS", W::Program),
+    ("AROT", W::Program),
+    ("IDIS", W::Program),
+    ("IROT", W::Program),
+    ("WAIT", W::Program),
+    ("TA", W::Program),
+    ("TS", W::Program),
+    ("TM", W::Program),
+    ("DWELL", W::Program),
+    ("DWE", W::Program),
+    ("DELAY", W::Program),
+    ("DLY", W::Program),
+    ("CALL", W::Program),
+    ("CMD", W::Program),
+    ("COMMAND", W::Program),
+    ("SEND", W::Program),
+    ("DISPLAY", W::Program),
+    ("DISP", W::Program),
+    ("ADDRESS", W::Program),
+    ("ADR", W::Program),
+    ("IF", W::Program),
+    ("ELSE", W::Program),
+    ("ENDIF", W::Program),
+    ("ENDI", W::Program),
+    ("WHILE", W::Program),
+    ("ENDWHILE", W::Program),
+    ("ENDW", W::Program),
+    ("GOTO", W::Program),
+    ("GOSUB", W::Program),
+    ("RETURN", W::Program),
+    ("RET", W::Program),
+    ("READ", W::Program),
+];

@@ -1,0 +1,158 @@
+//! Reset, save, gathering, and a board that loses its memory.
+
+use super::machine::Jog;
+use super::testing::Bench;
+use crate::format::fixed48;
+
+#[test]
+fn a_reset_goes_back_to_what_was_saved_and_stops_the_servo_report() {
+    let mut bench = Bench::started();
+    bench.set(122, 5.0);
+    bench.board.machine.jog(0, Jog::To(500.0), None).unwrap();
+    bench.run(5000);
+    bench.write(0x0024, 1);
+    bench.write_text("I19");
+    bench.write(0x062C, 1);
+    bench.run(5);
+    assert_ne!(bench.read(0x06D0), 0);
+    bench.board.machine.reset(false);
+    let machine = &bench.board.machine;
+    assert_eq!(machine.variables.i(122), 32.0, "the shipped file saves its values");
+    assert_eq!((machine.stats.resets, machine.position(0), machine.memory.read_x(0)), (1, 0.0, 0));
+    assert_eq!(machine.motor_status(0)[0] & 1 << 18, 1 << 18, "Ix80=0 leaves motors killed");
+    for (offset, value) in [(0x0026, 0), (0x062C, 0), (0x06D0, 0), (0x0024, 1)] {
+        assert_eq!(bench.read(offset), value, "{offset:#06x}");
+    }
+    bench.write(0x0024, 0);
+    bench.run(50);
+    assert_eq!(bench.read(0x0026), 0, "needs a new GATHER");
+    bench.board.machine.gather().unwrap();
+    bench.run(1);
+    assert_eq!(bench.read(0x0026), 51);
+    bench.board.machine.reset(true);
+    assert_eq!(bench.board.machine.variables.i(58), 0.0);
+    bench.board.machine.reset(false);
+    assert_eq!(bench.board.machine.variables.i(58), 0.0, "factory values are the saved ones then");
+    assert!(bench.violations().is_empty(), "{:?}", bench.violations());
+}
+
+#[test]
+fn ix80_closes_loops_at_power_on() {
+    let mut bench = Bench::started();
+    bench.set(180, 1.0);
+    bench.board.machine.save();
+    bench.board.machine.reset(false);
+    assert_eq!(bench.board.machine.motor_status(0)[0] & 1 << 18, 0);
+    assert_eq!(bench.board.machine.motor_status(1)[0] & 1 << 18, 1 << 18);
+}
+
+#[test]
+fn gather_and_endgather_count() {
+    let mut bench = Bench::started();
+    let machine = &mut bench.board.machine;
+    assert!(machine.gather().is_err(), "the servo report runs; gathering has no buffer");
+    machine.define_gather(Some(10)).unwrap();
+    machine.gather().unwrap();
+    assert!(machine.gathering());
+    assert!(machine.define_gather(None).is_err());
+    assert!(machine.delete_gather().is_err());
+    machine.end_gather().unwrap();
+    assert!(!machine.gathering());
+    bench.run(1);
+    assert_eq!(bench.read(0x0026), 1, "the servo report runs on");
+    bench.board.machine.end_gather().unwrap();
+    bench.run(5);
+    assert_eq!(bench.read(0x0026), 1);
+    bench.set(48, 0.0);
+    bench.board.machine.gather().unwrap();
+    assert!(bench.board.machine.gathering(), "with I48=0 the first GATHER gathers");
+}
+
+/// One short and one long source, in the DPRAM.
+fn gathering(firmware: &str, mode: f64, size: u32) -> Bench {
+    let mut bench = Bench::bare(firmware);
+    for (variable, value) in [
+        (19, 2.0),
+        (20, f64::from(0b101)),
+        (21, f64::from(0x40_0000)),
+        (23, f64::from(0x80_002B)),
+        (45, mode),
+    ] {
+        bench.set(variable, value);
+    }
+    // Motor 1 off, so that no servo cycle writes its register.
+    bench.set(100, 0.0);
+    bench.board.machine.memory.write_d(0x2B, -3072);
+    bench.board.machine.define_gather(Some(size)).unwrap();
+    bench.board.machine.gather().unwrap();
+    bench
+}
+
+#[test]
+fn gathered_samples_lie_in_the_dpram_in_order_of_their_sources() {
+    let mut bench = gathering("1.16B", 2.0, 7);
+    bench.run(1);
+    assert_eq!((bench.read(0x07FC), bench.read(0x07FE)), (7, 3));
+    assert_eq!(bench.board.machine.global_status()[0] & 1 << 19, 1 << 19);
+    bench.run(2);
+    assert_eq!(bench.read(0x07FE), 6);
+    assert_eq!([bench.read32(0x0800), bench.read32(0x080C)], [1, 3], "servo counter, every second cycle");
+    assert_eq!(fixed48::decode(bench.read32(0x0810), bench.read32(0x0814)), -3072);
+    bench.run(2);
+    // 7 is rounded up to 9, then it is over.
+    assert_eq!(bench.read(0x07FE), 9);
+    assert!(!bench.board.machine.gathering());
+    bench.run(10);
+    assert_eq!((bench.read(0x07FE), bench.read32(0x0824)), (9, 0));
+    assert!(bench.board.machine.gather().is_err(), "needs DEFINE GATHER");
+}
+
+#[test]
+fn a_round_gather_buffer_starts_again_and_later_firmware_keeps_it_elsewhere() {
+    let mut bench = gathering("1.16D", 3.0, 6);
+    bench.run(3);
+    assert_eq!((bench.read(0x08FC), bench.read(0x08FE)), (6, 0));
+    bench.run(2);
+    assert_eq!((bench.read(0x08FE), bench.read32(0x0900), bench.read32(0x090C)), (3, 5, 3));
+    assert_eq!(bench.read32(0x0800), 0);
+}
+
+#[test]
+fn gathering_into_pmacs_own_memory_takes_free_memory() {
+    let mut bench = gathering("1.16D", 0.0, 301);
+    let free = bench.board.machine.free_memory();
+    assert_eq!(free, 41_301 - 301);
+    bench.run(5);
+    assert_eq!(
+        bench.board.machine.gather.stored(),
+        [1, 0xFF_F400, 0xFF_FFFF, 3, 0xFF_F400, 0xFF_FFFF, 5, 0xFF_F400, 0xFF_FFFF]
+    );
+    assert_eq!(bench.read32(0x0900), 0);
+}
+
+#[test]
+fn a_buffer_larger_than_the_dpram_is_refused() {
+    let mut bench = Bench::bare("1.16B");
+    bench.set(45, 2.0);
+    assert!(bench.board.machine.define_gather(Some(3585)).is_err());
+    assert!(bench.board.machine.define_gather(Some(0)).is_err());
+    bench.board.machine.define_gather(None).unwrap();
+    assert_eq!(bench.read(0x07FC), 3584);
+}
+
+#[test]
+fn a_board_that_is_gone_reads_all_ones_and_comes_back() {
+    let mut bench = Bench::started();
+    bench.run(5);
+    bench.board.machine.faults.all_ones = true;
+    bench.run(3);
+    for offset in [0x0024, 0x0026, 0x0228, 0x06D0, 0x3FFE] {
+        assert_eq!(bench.read(offset), 0xFFFF);
+    }
+    bench.board.machine.faults.all_ones = false;
+    bench.run(1);
+    assert_eq!((bench.read(0x0024), bench.read(0x0026) & 0x8000, bench.read(0x0228)), (0, 0, 1));
+    bench.run(1);
+    assert_eq!(bench.read(0x0026), 10);
+    assert!(bench.violations().is_empty(), "{:?}", bench.violations());
+}

@@ -1,0 +1,122 @@
+//! A board in virtual time for the unit tests, and a host that pokes at its DPRAM.
+
+use std::fs::{File, OpenOptions};
+
+use tempfile::TempDir;
+
+use super::STARTUP;
+use super::dpram::Dpram;
+use super::language::{Interpreter, family};
+use super::machine::{Board, Identity, Machine};
+use super::memory::Memory;
+use super::process;
+use crate::device::mapping::Mapping;
+
+/// A board and the host's view of its memory.
+pub struct Bench {
+    pub board: Board,
+    host: Mapping,
+    _directory: TempDir,
+}
+
+impl Bench {
+    /// At factory defaults.
+    pub fn bare(firmware: &str) -> Self {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("dpram");
+        let memory = Memory::new(Dpram::open(&path).unwrap());
+        let identity = Identity::new(&family::PMAC, firmware);
+        let machine = Machine::new(memory, identity, None, None);
+        let file: File = OpenOptions::new().read(true).write(true).open(&path).unwrap();
+        let host = Mapping::new(&file, 0, 0x4000).unwrap();
+        Self { board: Board { machine, interpreter: Interpreter::default() }, host, _directory: directory }
+    }
+
+    /// With the shipped start-up file.
+    pub fn started() -> Self {
+        let mut bench = Self::bare("1.16D");
+        process::load(&mut bench.board, "shipped", STARTUP).unwrap();
+        bench
+    }
+
+    pub fn run(&mut self, cycles: usize) {
+        for _ in 0..cycles {
+            self.board.step();
+        }
+    }
+
+    /// Runs until `done`, at most `cycles` cycles.
+    pub fn until(&mut self, cycles: usize, mut done: impl FnMut(&mut Machine) -> bool) {
+        for _ in 0..cycles {
+            self.board.step();
+            if done(&mut self.board.machine) {
+                return;
+            }
+        }
+        panic!("not within {cycles} cycles");
+    }
+
+    pub fn set(&mut self, variable: usize, value: f64) {
+        self.board.machine.variables.set_i(variable, value);
+        self.board.machine.i_assigned(variable);
+    }
+
+    pub fn read(&self, offset: u16) -> u16 {
+        self.host.read16(offset.into()).unwrap()
+    }
+
+    pub fn read32(&self, offset: u16) -> u32 {
+        u32::from(self.read(offset)) | u32::from(self.read(offset + 2)) << 16
+    }
+
+    pub fn write(&self, offset: u16, value: u16) {
+        self.host.write16(offset.into(), value).unwrap();
+    }
+
+    /// Puts a text and its NUL into the host's buffer.
+    pub fn write_text(&self, text: &str) {
+        let mut bytes = text.as_bytes().to_vec();
+        bytes.push(0);
+        bytes.resize(160.min(bytes.len() + bytes.len() % 2), 0);
+        for (index, pair) in bytes.chunks(2).enumerate() {
+            self.write(0x0630 + 2 * index as u16, u16::from_le_bytes([pair[0], *pair.get(1).unwrap_or(&0)]));
+        }
+    }
+
+    /// The next response: control word and text; frees the buffer.
+    pub fn response(&mut self) -> (u16, String) {
+        for _ in 0..100 {
+            let control = self.read(0x06D0);
+            if control != 0 {
+                let count = usize::from(self.read(0x06D2));
+                let bytes: Vec<u8> =
+                    (0..count).map(|at| self.read(0x06D4 + (at as u16 & !1)).to_le_bytes()[at % 2]).collect();
+                let (nul, text) = bytes.split_last().unwrap();
+                assert_eq!(*nul, 0);
+                self.write(0x06D0, 0);
+                return (control, String::from_utf8(text.to_vec()).unwrap());
+            }
+            self.run(1);
+        }
+        panic!("no response");
+    }
+
+    /// Sends a line and gives the responses up to the end or an error.
+    pub fn send(&mut self, line: &str) -> Vec<(u16, String)> {
+        self.write_text(line);
+        self.write(0x062C, 1);
+        let mut responses = Vec::new();
+        loop {
+            let response = self.response();
+            let last = response.0 != 0x000D;
+            responses.push(response);
+            if last {
+                return responses;
+            }
+        }
+    }
+
+    pub fn violations(&self) -> &[String] {
+        self.board.machine.judge.violations()
+    }
+}

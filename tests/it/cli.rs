@@ -1,0 +1,401 @@
+//! The command line: what it prints, and how it ends.
+
+use std::io::{BufRead, BufReader, Read};
+use std::os::unix::fs::PermissionsExt;
+use std::os::unix::process::CommandExt;
+use std::process::Stdio;
+
+use pmac_dpram::segment::{RegionId, RegionState, State};
+
+use crate::bench::Bench;
+use crate::rig::{Ran, Rig, command, pmacctl, pmacctl_with};
+
+const MOTORS: &str = "\
+motor  commanded  actual  difference  velocity  unit   flags
+   #1     1000.0   999.8         0.2     0.000  count  homed in-position
+   #2      -25.0   -24.0        -1.0    -0.500  count  moving
+   #3         77     -77         154         5  raw    off
+";
+const SYSTEMS: &str = "\
+system  mode     lines  left ms  flags                targets
+    &1  circle1      3      0.0  running in-position  X12.5
+    &2  linear       0      0.0
+    &3  linear       0      0.0
+";
+
+fn said(stdout: &str, code: i32) -> Ran {
+    Ran { stdout: stdout.to_owned(), stderr: String::new(), code: Some(code) }
+}
+
+/// One line on stderr, nothing on stdout.
+fn one_clear_line(ran: &Ran) -> &str {
+    assert_eq!(ran.stdout, "", "{ran:?}");
+    assert_eq!(ran.stderr.lines().count(), 1, "{ran:?}");
+    assert!(ran.stderr.starts_with("pmacctl: "), "{ran:?}");
+    ran.stderr.trim_end()
+}
+
+#[test]
+fn motors_and_coordinates_are_shown_live() {
+    let rig = Rig::new().live();
+    assert_eq!(rig.run("motors"), said(MOTORS, 0));
+    assert_eq!(rig.run("coordinates"), said(SYSTEMS, 0));
+    assert_eq!(rig.run("motors --quiet"), said("", 0));
+}
+
+#[test]
+fn motors_as_json_have_the_pinned_keys() {
+    let rig = Rig::new().live();
+    let ran = rig.run("motors --json");
+    assert_eq!(ran.code, Some(0));
+    let document = ran.json();
+    assert_eq!(document["servo"]["fresh"], true);
+    assert_eq!(document["servo"]["sequence"], 1);
+    assert_eq!(document["servo"]["servo_timer"], 0x11234);
+    assert!(document["servo"]["time"].as_str().unwrap().ends_with('Z'));
+    assert_eq!(document["motors"].as_array().unwrap().len(), 3);
+    let motor = &document["motors"][0];
+    assert_eq!(motor["motor"], 1);
+    for key in [
+        "commanded_position",
+        "actual_position",
+        "master_position",
+        "compensation_position",
+        "previous_dac",
+        "servo_status",
+        "actual_velocity",
+        "time_left",
+        "handwheel_pointer",
+    ] {
+        let quantity = motor[key].as_object().unwrap();
+        assert_eq!(
+            quantity.keys().map(String::as_str).collect::<Vec<_>>(),
+            ["raw", "unit", "value"],
+            "{key}"
+        );
+    }
+    assert_eq!(motor["actual_position"]["raw"], 3072 * 1000 - 768);
+    assert_eq!(motor["actual_position"]["value"], 999.75);
+    assert_eq!(motor["actual_position"]["unit"], "count");
+    let status = ["motor_activated", "integration_mode", "desired_velocity_zero"];
+    assert_eq!(motor["status"], serde_json::json!(status));
+    assert!(document["motors"][2]["actual_position"]["value"].is_null());
+}
+
+#[test]
+fn an_image_decodes_as_the_live_data_do() {
+    let rig = Rig::new().live();
+    let file = tempfile::NamedTempFile::new().unwrap();
+    std::fs::write(file.path(), rig.image()).unwrap();
+    let path = file.path().display();
+    let image = pmacctl(&format!("decode {path} --motors 3 --json")).json();
+    // The scales are not in the image: raw values and everything else agree.
+    let live = rig.run("motors --json").json();
+    for (image, live) in image["motors"].as_array().unwrap().iter().zip(live["motors"].as_array().unwrap()) {
+        assert_eq!(image["status"], live["status"]);
+        for (key, quantity) in live.as_object().unwrap() {
+            assert_eq!(image[key].get("raw"), quantity.get("raw"), "{key}");
+        }
+    }
+    let coordinates = rig.run("coordinates --json").json();
+    assert_eq!(image["coordinate_systems"], coordinates["coordinate_systems"]);
+    assert_eq!(image["servo"]["servo_timer"], 0x1234);
+    let ran = pmacctl(&format!("decode {path} --motors 3"));
+    assert!(ran.stdout.ends_with(SYSTEMS), "{ran:?}");
+
+    std::fs::write(file.path(), [0; 100]).unwrap();
+    let ran = pmacctl(&format!("decode {path}"));
+    assert!(one_clear_line(&ran).contains("16384 bytes, not 100"), "{ran:?}");
+    assert_eq!(ran.code, Some(2));
+    assert_eq!(pmacctl("decode /nonexistent").code, Some(2));
+    assert_eq!(pmacctl(&format!("decode {path} --motors 9")).code, Some(2));
+}
+
+#[test]
+fn old_data_say_so() {
+    let rig = Rig::new().live();
+    let stale = |rig: &Rig, reason: &str, name: &str| {
+        let ran = rig.run("motors");
+        assert_eq!(ran.code, Some(1));
+        let (first, rest) = ran.stdout.split_once('\n').unwrap();
+        assert!(first.starts_with("STALE: ") && first.contains(reason), "{first}");
+        // Flags of the background data stand beside the servo data only while they are live themselves.
+        let background_is_live = !["board_silent", "starting", "daemon_stopped"].contains(&name);
+        let flags = "  homed in-position";
+        assert_eq!(rest, if background_is_live { MOTORS.to_owned() } else { MOTORS.replace(flags, "") });
+        let ran = rig.run("motors --json");
+        assert_eq!((ran.code, &ran.json()["servo"]["fresh"]), (Some(1), &serde_json::json!(false)));
+        assert_eq!(ran.json()["servo"]["stale"], name);
+    };
+    rig.publisher.set_region_state(RegionId::Servo, RegionState::Stale);
+    stale(&rig, "has not updated these data for", "no_updates");
+    rig.publisher.set_region_state(RegionId::Servo, RegionState::Off);
+    stale(&rig, "I48", "off");
+    rig.publisher.set_region_state(RegionId::Servo, RegionState::Live);
+    rig.publisher.set_period(RegionId::Servo, 1, 1);
+    stale(&rig, "has not updated these data for", "no_updates");
+    rig.publisher.set_state(State::Stale);
+    stale(&rig, "the board does not answer", "board_silent");
+    rig.publisher.set_state(State::Init);
+    stale(&rig, "identifying", "starting");
+    rig.publisher.beat(0);
+    stale(&rig, "no sign of life", "daemon_stopped");
+}
+
+#[test]
+fn no_daemon_is_said_and_no_data_too() {
+    let ran = pmacctl("--name pmac-test-nobody motors");
+    assert!(one_clear_line(&ran).contains("is pmacd running"), "{ran:?}");
+    assert_eq!(ran.code, Some(2));
+    let ran = pmacctl("--name pmac-test-nobody status --json");
+    assert_eq!((ran.code, ran.json()["condition"].as_str()), (Some(1), Some("absent")));
+    let rig = Rig::new();
+    let ran = rig.run("motors");
+    assert!(ran.stdout.starts_with("STALE: there are no servo data yet"), "{ran:?}");
+    assert_eq!(ran.code, Some(1));
+    assert_eq!(rig.run("motors --json").json()["motors"], serde_json::json!([]));
+}
+
+#[test]
+fn status_tells_segment_board_and_socket() {
+    let bench = Bench::new();
+    let rig = Rig::new().live();
+    let ran = rig.run(&format!("status --socket {}", bench.socket.display()));
+    assert_eq!(ran.code, Some(0), "{ran:?}");
+    for part in
+        ["condition live", "PMAC1, pmac, 1.16D", "reports 3 motors", "2258.8 Hz", "enabled servo ascii"]
+    {
+        let words = ran.stdout.split_whitespace().collect::<Vec<_>>().join(" ");
+        assert!(words.contains(part), "{part}: {}", ran.stdout);
+    }
+    let document = rig.run("status --json --socket /nonexistent/x.sock").json();
+    assert_eq!(document["condition"], "live");
+    assert_eq!(document["regions"]["servo"]["published"], 1);
+    assert_eq!(document["counters"]["lost"], 0);
+    assert_eq!(document["socket"]["reachable"], false);
+    rig.publisher.set_state(State::Stale);
+    assert_eq!(rig.run("status").code, Some(1));
+}
+
+#[test]
+fn the_doctor_finds_what_is_wrong() {
+    let bench = Bench::new();
+    let rig = Rig::new().live();
+    let ran = rig.run(&format!("doctor --socket {}", bench.socket.display()));
+    assert_eq!(ran.code, Some(0), "{ran:?}");
+    assert!(ran.stdout.lines().all(|line| line.starts_with("ok  ")), "{ran:?}");
+
+    let level = |ran: &Ran, check: &str| {
+        let report = ran.json();
+        let found = report.as_array().unwrap().iter().find(|found| found["check"] == check).cloned();
+        found.unwrap_or_else(|| panic!("{check}: {report}"))["level"].as_str().unwrap().to_owned()
+    };
+    let ran = rig.run("doctor --json --socket /nonexistent/x.sock");
+    assert_eq!((ran.code, level(&ran, "socket").as_str()), (Some(1), "fail"));
+    assert_eq!(level(&ran, "segment"), "ok");
+    rig.publisher.set_region_state(RegionId::Background, RegionState::Off);
+    bench.info.update(|info| info.pid = 1);
+    let ran = rig.run(&format!("doctor --json --socket {}", bench.socket.display()));
+    assert_eq!(
+        (level(&ran, "background"), level(&ran, "same daemon")),
+        ("warn".to_owned(), "fail".to_owned())
+    );
+    assert_eq!(ran.code, Some(1));
+    assert_eq!(pmacctl("doctor --name pmac-test-nobody").code, Some(1));
+}
+
+#[test]
+fn the_map_needs_no_daemon_and_follows_family_and_firmware() {
+    let printed = pmacctl("map --json");
+    let records = printed.json();
+    assert_eq!(records.as_array().unwrap().len(), 289);
+    let keys: Vec<_> = records[0].as_object().unwrap().keys().cloned().collect();
+    let pinned =
+        ["format", "function", "host_offset", "length", "number", "pmac_address", "register", "space"];
+    assert_eq!(keys, pinned);
+    assert_eq!(pmacctl("map --json --family pmac2").json(), records);
+    let text = |line: &str| pmacctl(line).stdout;
+    assert!(text("map").lines().any(|line| line.contains("$D200") && line.contains("gather")));
+    let moved = text("map --firmware 1.16D");
+    assert!(moved.lines().any(|line| line.contains("$D240") && line.contains("gather")));
+    let ran = pmacctl("map --family vax");
+    assert!(one_clear_line(&ran).contains("known are pmac, pmac2"), "{ran:?}");
+    assert_eq!((ran.code, pmacctl("map --firmware new").code), (Some(2), Some(2)));
+}
+
+#[test]
+fn addresses_are_read_as_the_manual_prints_them() {
+    let bench = Bench::new();
+    let socket = bench.socket.display();
+    let ran = pmacctl(&format!("read Y:$D001 X:$D009 DP:$D200 0x0024 --socket {socket}"));
+    let expected = "\
+address   offset  words      value
+Y:$D001   0x0004  0002           2
+X:$D009   0x0026  0013          19
+DP:$D200  0x0800  0400 0401  67175424
+Y:$D009   0x0024  0012          18
+";
+    let columns = |text: &str| {
+        text.lines().map(|line| line.split_whitespace().collect::<Vec<_>>().join(" ")).collect::<Vec<_>>()
+    };
+    assert_eq!(columns(&ran.stdout), columns(expected));
+    assert_eq!(ran.code, Some(0));
+    let json = pmacctl(&format!("--socket {socket} --json read D:$D014")).json();
+    assert_eq!(json[0]["words"], serde_json::json!([0x28, 0x29, 0x2A, 0x2B]));
+    assert_eq!(json[0]["host_offset"], 0x50);
+    let before = bench.seen.lock().unwrap().len();
+    for wrong in ["Z:$D000", "Y:$C000", "0x0001", "0x9000", ""] {
+        let ran = pmacctl_with(["--socket", &socket.to_string(), "read", wrong]);
+        one_clear_line(&ran);
+        assert_eq!(ran.code, Some(2), "{wrong}");
+    }
+    assert_eq!(bench.seen.lock().unwrap().len(), before);
+}
+
+#[test]
+fn a_line_is_sent_and_its_reply_stands_alone() {
+    let bench = Bench::new();
+    let socket = bench.socket.to_str().unwrap();
+    let send =
+        |args: &[&str]| pmacctl_with(["--socket", socket, "send"].into_iter().chain(args.iter().copied()));
+    assert_eq!(send(&["1.5,2.5"]), said("1.5\n2.5\n", 0));
+    assert_eq!(send(&["J+"]), said("", 0));
+    assert_eq!(send(&["^K"]), said("", 0));
+    let error = "ERR003: data error or unrecognized command\n".to_owned();
+    assert_eq!(send(&["BAD"]), Ran { stdout: "before\n".to_owned(), stderr: error.clone(), code: Some(1) });
+    let ran = send(&["BAD", "--json"]);
+    assert_eq!((ran.json()["error"]["code"].as_i64(), ran.stderr, ran.code), (Some(3), error, Some(1)));
+    assert_eq!(send(&["--json", "a"]).json(), serde_json::json!({"lines": ["a"], "error": null}));
+    assert_eq!(send(&["LATE"]).code, Some(1));
+    assert_eq!(*bench.seen.lock().unwrap(), ["1.5,2.5", "J+", "^K", "BAD", "BAD", "a", "LATE"]);
+    for wrong in [
+        &["#1\r"] as &[&str],
+        &[""],
+        &[&"x".repeat(201)],
+        &["a", "--timeout", "0"],
+        &["a", "--timeout", "700"],
+    ] {
+        let ran = send(wrong);
+        one_clear_line(&ran);
+        assert_eq!(ran.code, Some(2), "{wrong:?}");
+    }
+    assert_eq!(bench.seen.lock().unwrap().len(), 7);
+}
+
+#[test]
+fn unknown_things_get_one_clear_line() {
+    for line in [
+        "frobnicate",
+        "motors --frob",
+        "motors extra",
+        "read",
+        "send",
+        "--name ../x motors",
+        "watch --rate 0",
+    ] {
+        let ran = pmacctl(line);
+        one_clear_line(&ran);
+        assert_eq!(ran.code, Some(2), "{line}");
+    }
+    let ran = pmacctl("--help");
+    assert!(ran.stdout.contains("motors") && ran.code == Some(0));
+}
+
+#[test]
+fn a_reader_that_goes_away_ends_it_quietly_and_a_full_disk_does_not() {
+    let mut map = command();
+    let mut map = map.args(["map", "--json"]).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    drop(map.stdout.take());
+    let ran = Ran::from(map.wait_with_output().unwrap());
+    assert_eq!((ran.stderr.as_str(), ran.code), ("", Some(0)));
+    let full = std::fs::OpenOptions::new().write(true).open("/dev/full").unwrap();
+    let ran = Ran::from(command().arg("map").stdout(full).stderr(Stdio::piped()).output().unwrap());
+    assert!(one_clear_line(&ran).contains("No space left"), "{ran:?}");
+    assert_eq!(ran.code, Some(2));
+}
+
+#[test]
+fn watch_repaints_on_a_terminal() {
+    let rig = Rig::new().live();
+    let pty = nix::pty::openpty(None, None).unwrap();
+    let watching = command()
+        .args(["--name", &rig.name, "watch", "--count", "2", "--rate", "100"])
+        .stdout(pty.slave)
+        .output();
+    assert_eq!(watching.unwrap().status.code(), Some(0));
+    // The other end of a terminal that nobody has open any more gives what is left, and then an error.
+    let mut screen = Vec::new();
+    let _ = std::fs::File::from(pty.master).read_to_end(&mut screen);
+    let screen = String::from_utf8(screen).unwrap();
+    assert_eq!(screen.matches("\x1b[H").count(), 2, "{screen:?}");
+    assert!(screen.contains("#1     1000.0   999.8         0.2"), "{screen:?}");
+}
+
+#[test]
+fn watch_prints_a_line_each_time_in_a_pipe() {
+    let rig = Rig::new().live();
+    let ran = rig.run("watch --count 3 --rate 100");
+    let lines: Vec<_> = ran.stdout.lines().collect();
+    assert_eq!(lines, ["update=1 fresh #1=999.8 #2=-24.0 #3=-77"; 3]);
+    assert_eq!(ran.code, Some(0));
+    let ran = rig.run("watch --seconds 0.1 --json");
+    assert!(ran.stdout.lines().all(|line| line.starts_with("{\"motors\"") && line.ends_with('}')), "{ran:?}");
+}
+
+#[test]
+fn watch_goes_on_with_the_next_daemon() {
+    let rig = Rig::new().live();
+    let mut watching = command()
+        .args(["--name", &rig.name, "watch", "--rate", "50"])
+        .stdout(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut lines = BufReader::new(watching.stdout.take().unwrap()).lines().map(Result::unwrap);
+    assert!(lines.next().unwrap().starts_with("update=1 fresh"));
+    let name = rig.name.clone();
+    drop(rig);
+    assert!(lines.any(|line| line.contains("stale=daemon_gone")), "an old position was shown as live");
+    let mut rig = Rig::named(&name).live();
+    rig.publish();
+    assert!(lines.any(|line| line.starts_with("update=2 fresh")));
+    drop(lines);
+    // Its reader has gone: it ends by itself, and quietly.
+    assert_eq!(watching.wait().unwrap().code(), Some(0));
+}
+
+#[test]
+fn a_stranger_may_look_and_not_send() {
+    if !nix::unistd::geteuid().is_root() {
+        eprintln!("not tested: only root can take another user's place");
+        return;
+    }
+    let bench = Bench::with(|options| options.mode = 0o666);
+    // Where the stranger finds the program and the socket.
+    let directory = bench.socket.parent().unwrap();
+    let program = directory.join("pmacctl");
+    std::fs::copy(env!("CARGO_BIN_EXE_pmacctl"), &program).unwrap();
+    for path in [directory, &program] {
+        std::fs::set_permissions(path, std::fs::Permissions::from_mode(0o755)).unwrap();
+    }
+    let run = |args: &[&str]| -> Ran {
+        let mut command = std::process::Command::new(&program);
+        command.uid(65_534).gid(65_534).arg("--socket").arg(&bench.socket).args(args);
+        for _ in 0..500 {
+            match command.output() {
+                // Another test's child may still hold the copy open for writing, for a moment.
+                Err(error) if error.kind() == std::io::ErrorKind::ExecutableFileBusy => {
+                    std::thread::sleep(std::time::Duration::from_millis(10));
+                }
+                output => return output.unwrap().into(),
+            }
+        }
+        panic!("the program's copy stays busy");
+    };
+    assert_eq!(run(&["read", "0x0024"]).code, Some(0));
+    for (args, role) in [(["send", "#1J+"], "engineer"), (["send", "^K"], "operate")] {
+        let ran = run(&args);
+        assert!(ran.stderr.contains(role) && ran.stderr.contains("not permitted"), "{ran:?}");
+        assert_eq!(ran.code, Some(1));
+    }
+    assert_eq!(*bench.seen.lock().unwrap(), ["read 0x0024 1"]);
+}

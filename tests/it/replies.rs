@@ -1,0 +1,366 @@
+//! The board's replies, byte for byte as the manuals print them, over the serial port (tests/data/replies.json).
+//!
+//! A vector's context is prose; [`SETUPS`] says by number how the board gets into it. What cannot be shown yet is in
+//! [`WAITING`], by number, with the reason.
+
+use std::collections::BTreeSet;
+
+use pmac_dpram::sim::language::{Interpreter, SerialPort, family};
+use pmac_dpram::sim::machine::Machine;
+use proptest::prelude::*;
+
+/// How the board comes into the context of vectors: the numbers, and what is sent before.
+///
+/// The answers to the preparation are not looked at, but it must not ring the bell.
+const SETUPS: &[(&[u32], &str)] = &[
+    (&[1, 2, 3], "I3=0 I6=0 P1=25 P2=50 P3=75\r"),
+    (&[5, 6], "I3=1 I6=0 P1=25 P2=50 P3=75\r"),
+    (&[7, 9], "I3=2 I6=0 P1=25 P2=50 P3=75\r"),
+    (&[10, 11], "I3=3 I6=0 P1=25 P2=50 P3=75\r"),
+    (&[13], "I3=0 I6=1\r"),
+    (&[14], "I3=2 I6=3\r"),
+    (&[15], "I3=1 I6=1\r"),
+    (&[17, 19], "I3=2 I4=1\r"),
+    (&[18], "I3=2 I4=1\rJ+\x0e"),
+    (&[21, 22], "I3=2 I6=1 I9=2 &1#4->5000A\r"),
+    (&[23], "I3=2 I6=1 I9=2 &1#4->5000A\r#4->0\r"),
+    (
+        &[25, 26, 27, 29, 30, 31, 33, 34, 35, 37, 39, 53, 54, 55, 57, 63, 71, 73, 74, 75, 79, 82, 85],
+        "I3=2 I6=1 I9=2\r",
+    ),
+    (&[38], "I3=2 I6=1 I9=2 I10=3713707\r&1%500\r"),
+    (&[41], "I3=2 I6=1 I9=2 WX$818,$A8002A WY$817,$020010\r"),
+    (&[42], "I3=2 I6=1 I9=2 I5=2\r"),
+    (&[43], "I3=2 I6=1 I9=2 I130=60000 I131=5000 I132=5000 I133=50000 I134=1 I135=20000\r"),
+    (&[45], "I3=2 I9=1 I125=$C000\r"),
+    (&[46], "I3=2 I9=2 I125=$C000\r"),
+    (&[47], "I3=2 I9=3 I125=$C000\r"),
+    (&[58], "I3=2 I6=1 I9=2 I130=2000\rI130=1.25*I130\r"),
+    (&[59], "I3=2 I6=1 I9=2\rI3=5\r"),
+    (&[61], "I3=2 I6=1 I9=2 P25=10 I120=45\r"),
+    (&[62], "I3=2 I6=1 I9=2 P25=10 I120=45\rI120 = (I120+P25*3)\r"),
+    (&[65], "I3=2 I6=1 I9=2 M0->* M0=3548976\r"),
+    (&[66], "I3=2 I6=1 I9=2 M165->* M165=5.75\r"),
+    (&[67], "I3=2 I6=1 I9=2 M1..3->Y:$FFC2,0 M2->* M2=0 M1=1\r"),
+    (&[69], "I3=2 I6=1 I9=2 M101->X:$C001,24,S M102->Y:$C003,8,16,S M103->X:$C003,24,S\r"),
+    (&[70], "I3=2 I9=3 M11->Y:$FFC2,0\r"),
+    (&[77], "I3=2 I6=1 I9=2 &1Q255=-3.4578\r"),
+    (&[78], "I3=2 I6=1 I9=2 &1Q101=0 Q102=98.5 Q103=-0.333333333\r"),
+    (&[86], "I3=2 I6=1 I9=2 I100=1 I200=1\r"),
+    // D:$002B and D:$0067 are the actual positions of motors 1 and 2, 3072 units a count.
+    (&[102], "I3=2 I6=1 I9=2 WL$2B,6128640\r"),
+    (&[103], "I3=2 I6=1 I9=2 WL$67,-1536\r"),
+    (&[110], "I3=2 I6=1 I9=2 WX$1000,$123456,$789012,$345678\r"),
+    // A board without buffers has that much free.
+    (&[111], "I3=2 I6=1 I9=2 DELETE GATHER\r"),
+];
+
+/// The vectors that cannot be shown, and why.
+const WAITING: &[(&[u32], &str)] = &[
+    (&[87, 89, 90, 91, 93, 94, 95], "program and rotary buffers"),
+    (&[121, 122, 123, 125, 126, 127, 129, 130, 131, 133, 134, 135, 137, 138, 139], "rotary buffers"),
+    (&[141, 142, 143, 145, 146, 147, 149, 150, 151, 153], "rotary buffers"),
+    (&[154, 155, 157, 158, 159, 161, 162], "the compiler of binary rotary programs"),
+    (&[81], "compensation tables"),
+    (&[49, 50, 51, 97, 98, 99, 105, 106, 107, 109, 114, 115, 117, 118, 119], "the Turbo family"),
+    (&[83, 101], "Option 6L, lookahead"),
+    (&[113], "the MACRO option"),
+];
+
+#[derive(serde::Deserialize)]
+struct Vectors {
+    replies: Vec<Vector>,
+}
+
+#[derive(serde::Deserialize)]
+struct Vector {
+    id: u32,
+    context: String,
+    send: String,
+    expect: String,
+}
+
+fn vectors() -> Vec<Vector> {
+    let vectors: Vectors = serde_json::from_str(include_str!("../data/replies.json")).unwrap();
+    vectors.replies
+}
+
+/// A board with a host on its serial port.
+struct Bench {
+    machine: Machine,
+    interpreter: Interpreter,
+    port: SerialPort,
+}
+
+impl Bench {
+    fn new() -> Self {
+        Self {
+            machine: Machine::alone(&family::PMAC).unwrap(),
+            interpreter: Interpreter::new(),
+            port: SerialPort::new(),
+        }
+    }
+
+    fn send(&mut self, bytes: &[u8]) -> Vec<u8> {
+        let mut out = Vec::new();
+        for &byte in bytes {
+            self.port.receive(&mut self.machine, &mut self.interpreter, byte, &mut out);
+        }
+        out
+    }
+}
+
+/// Runs lines at I3=2, I6=1 and compares the whole conversation.
+#[track_caller]
+fn converse(lines: &[(&str, &str)]) {
+    let mut bench = Bench::new();
+    bench.send(b"I3=2 I6=1\r");
+    for (line, reply) in lines {
+        let got = bench.send(format!("{line}\r").as_bytes());
+        assert_eq!(String::from_utf8_lossy(&got), *reply, "{line}");
+    }
+}
+
+fn numbers(table: &[(&[u32], &str)]) -> Vec<u32> {
+    table.iter().flat_map(|(ids, _)| ids.iter().copied()).collect()
+}
+
+#[test]
+fn every_vector_is_shown_or_waits_for_a_reason() {
+    let listed = [numbers(SETUPS), numbers(WAITING)].concat();
+    let distinct: BTreeSet<u32> = listed.iter().copied().collect();
+    assert_eq!(listed.len(), distinct.len(), "a vector is listed twice");
+    assert_eq!(distinct, vectors().iter().map(|vector| vector.id).collect());
+}
+
+#[test]
+fn replies_byte_for_byte() {
+    let mut wrong = Vec::new();
+    for vector in vectors() {
+        let Some((_, setup)) = SETUPS.iter().find(|(ids, _)| ids.contains(&vector.id)) else { continue };
+        let mut bench = Bench::new();
+        let prepared = bench.send(setup.as_bytes());
+        assert!(!prepared.contains(&7), "the preparation of vector {} fails", vector.id);
+        let got = bench.send(vector.send.as_bytes());
+        if got != vector.expect.as_bytes() {
+            let got = String::from_utf8_lossy(&got).into_owned();
+            wrong.push(format!(
+                "{} ({}): {:?} gives {got:?}, not {:?}",
+                vector.id, vector.context, vector.send, vector.expect
+            ));
+        }
+    }
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+}
+
+#[test]
+fn what_definitions_and_assignments_leave_behind() {
+    converse(&[
+        ("&2#4->5000A", "\x06"),
+        ("#4->", "5000A\r\x06"),
+        ("&1#4->", "0\r\x06"),
+        ("#4->X", "\x07ERR003\r"),
+        ("#8->3333.333Z-666.667 #8->", "3333.333Z-666.667\r\x06"),
+        ("#8 ->", "\x07ERR003\r"),
+        ("&2#4->0", "\x06"),
+        ("&1#4->X", "\x06"),
+        ("UNDEFINE #4->", "0\r\x06"),
+        ("342", "\x06"),
+        ("P0 $1F", "342\r\x07ERR003\r"),
+        ("$1F", "\x06"),
+        ("P0", "31\r\x06"),
+        ("M1..3->Y:$700,0,4 M1=20 M3", "4\r\x06"),
+        ("M0..1023->*", "\x06"),
+        ("M3->", "*\r\x06"),
+        ("I5=9 I5", "1\r\x06"),
+        ("I130..132=7 I130..132=* I130..132", "2000\r1280\r1280\r\x06"),
+        ("I1024", "\x07ERR003\r"),
+        ("I5..3", "\x07ERR003\r"),
+        ("P(5*2)=3 P10", "3\r\x06"),
+        ("P1=10*2/3 P1", "6.666666667\r\x06"),
+        ("P1=+P2", "\x07ERR003\r"),
+        // An ampersand after a value is an operator, whatever the blanks.
+        ("P1=6 &3 P1", "2\r\x06"),
+        ("&2Q0=5", "\x06"),
+        ("&1Q512", "5\r\x06"),
+        ("P1=7 RHL$1001", "700000000802\r\x06"),
+    ]);
+}
+
+#[test]
+fn addressing_is_modal_and_shared_by_lines() {
+    converse(&[
+        ("#&@", "1\r1\r0\r\x06"),
+        ("#3&2@4", "\x06"),
+        ("# & @", "3\r2\r4\r\x06"),
+        ("#9", "\x07ERR003\r"),
+        ("&0", "\x07ERR003\r"),
+        ("#", "3\r\x06"),
+        // The reset brings back I3=1, and what follows on the line is lost with it.
+        ("$$$ P1", "\n"),
+        ("#&", "\n1\r\n1\r\n"),
+    ]);
+}
+
+#[test]
+fn errors_by_situation() {
+    converse(&[
+        ("", "\x06"),
+        ("X1000 Y1000", "\x07ERR005\r"),
+        ("LINEAR", "\x07ERR005\r"),
+        ("DWELL100", "\x07ERR005\r"),
+        ("F5", "\x07ERR005\r"),
+        ("M1==1", "\x07ERR005\r"),
+        ("HOME1,2", "\x07ERR005\r"),
+        ("CLEAR", "\x07ERR005\r"),
+        ("CLOSE", "\x06"),
+        ("OPEN PROG 1", "\x07ERR003\r"),
+        ("DEFINE ROT 100", "\x07ERR003\r"),
+        ("PR", "\x07ERR003\r"),
+        ("B1", "\x07ERR003\r"),
+        ("R", "\x07ERR015\r"),
+        ("S", "\x07ERR015\r"),
+        ("##", "1\r1\r\x06"),
+        ("#2J+", "\x07ERR003\r"),
+        ("#1O101", "\x07ERR003\r"),
+        ("%-5", "\x07ERR003\r"),
+        ("GATHER", "\x07ERR003\r"),
+        ("DEFINE GATHER 100 GATHER ENDGATHER DELETE GATHER", "\x06"),
+        ("RX$10000", "\x07ERR003\r"),
+        ("RX$1000,17", "\x07ERR003\r"),
+        ("WX$FFFF,1,2", "\x07ERR003\r"),
+        ("WX$1000", "\x07ERR003\r"),
+        ("; comment", "\x07ERR003\r"),
+        ("P1=5;comment", "\x07ERR003\r"),
+        ("PASSWORD=aBc", "\x06"),
+        ("PASSWORD", "aBc\r\x06"),
+        ("VERSION TYPE DATE", "1.16D\rPMAC1, ISA, FLASH, PID, CLK X1\r07/17/1999\r\x06"),
+    ]);
+}
+
+#[test]
+fn a_running_program_keeps_its_motors() {
+    converse(&[
+        ("&2#1->X I200=1", "\x06"),
+        // Bit 0 of the first status word of &2: a program runs.
+        ("WX$8D8,$A80001", "\x06"),
+        ("#1J+", "\x07ERR001\r"),
+        ("K", "\x07ERR001\r"),
+        ("HM", "\x07ERR001\r"),
+        ("#2J+", "\x06"),
+        ("B0", "\x07ERR001\r"),
+        ("X=5", "\x07ERR001\r"),
+        ("Z", "\x07ERR001\r"),
+        ("UNDEFINE", "\x07ERR001\r"),
+        ("&1UNDEFINE ALL", "\x07ERR001\r"),
+        ("&2#1->0", "\x07ERR001\r"),
+        ("SAVE", "\x07ERR001\r"),
+        ("A #1J/", "\x06"),
+    ]);
+}
+
+#[test]
+fn lines_that_drivers_send() {
+    converse(&[
+        ("I300=1 I200=1", "\x06"),
+        ("#3 I322=10 I320=100 J=5000", "\x06"),
+        ("I322=12.5 I320=80 #3 J^1000", "\x06"),
+        ("#3 HOME", "\x06"),
+        ("#3 J/ M340=1", "\x06"),
+        ("#3K M361=0", "\x06"),
+        ("&2A Q71=Q81", "\x06"),
+        ("#1J=100^5 J:-20^-5 J^*^3 J=* J:* J==7.5 J! J=", "\x06"),
+        ("J=#3J-", "\x06"),
+        ("i322 I320", "12.5\r80\r\x06"),
+        ("&2 INC(X,R) ABS FRAX(X,Y) ??", "280020000000\r\x06"),
+        ("I113 I114 I130 I131 I133", "0\r0\r2000\r1280\r0\r\x06"),
+        ("$ $* $", "\x06"),
+        ("&1H/\\Q%", "100\r\x06"),
+    ]);
+}
+
+#[test]
+fn dpram_ascii_forces_the_handshake_once() {
+    converse(&[
+        ("I3=3 I6=3 I58=1", "\x06"),
+        ("I3 I4 I6", "2\r0\r1\r\x06"),
+        ("I3=3", "\x06"),
+        ("I58", "\n1\r\x06"),
+    ]);
+    let mut bench = Bench::new();
+    bench.send(b"I58=1\r\x1a");
+    assert_eq!(bench.send(b"I58\r"), b"0\r");
+}
+
+/// Pieces of real lines, so that random texts get past the first token.
+const PIECES: &[&str] = &[
+    "#1",
+    "&2",
+    "J",
+    "+",
+    "-",
+    "/",
+    "=",
+    ":",
+    "^",
+    "*",
+    "..",
+    "->",
+    "X",
+    "Y:",
+    "L",
+    "DP:$D200",
+    ",24,S",
+    "(",
+    ")",
+    "$",
+    "$$$",
+    "P",
+    "Q1",
+    "M",
+    "I",
+    "1023",
+    "0.5",
+    "SIN(",
+    "ATAN2(",
+    "%",
+    "&",
+    "|",
+    "RHX$1000",
+    "WL",
+    ",",
+    "HOME",
+    "DEFINE",
+    "GATHER",
+    "DELETE",
+    "ABS(",
+    "INC",
+    "PASSWORD",
+    "UNDEFINE",
+    "ALL",
+    "5000A",
+    "99999999999999999999",
+    "LIST",
+    "\"",
+    " ",
+    "\t",
+    "?",
+];
+
+proptest! {
+    #[test]
+    fn no_byte_stream_upsets_the_board(bytes in proptest::collection::vec(any::<u8>(), 0..600)) {
+        let mut bench = Bench::new();
+        bench.send(&bytes);
+        bench.send(b"\x18I3=2\r");
+        prop_assert_eq!(bench.send(b"P1023=1 P1023\r").split_last().map(|(last, _)| *last), Some(6));
+    }
+
+    #[test]
+    fn no_line_upsets_the_board(pieces in proptest::collection::vec(proptest::sample::select(PIECES), 0..40)) {
+        let mut bench = Bench::new();
+        bench.send(b"I3=2 I4=0 I6=1\r");
+        let out = bench.send(format!("{}\r", pieces.concat()).as_bytes());
+        prop_assert!(!out.is_empty() || bench.machine.variables.i(3) == 0.0);
+    }
+}

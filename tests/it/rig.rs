@@ -1,0 +1,188 @@
+//! A published segment with known contents, and the programs run against it.
+
+use std::path::Path;
+use std::process::{Command, Output, Stdio};
+use std::sync::atomic::{AtomicU32, Ordering};
+
+use pmac_dpram::format::{fixed48, float48, int24, split32};
+use pmac_dpram::segment::{
+    CreateOptions, Identity, Publisher, RegionId, RegionSpec, RegionState, SegmentName, Stamp, State,
+    monotonic_ns,
+};
+
+/// Nothing is stale in a test unless the test says so.
+const LONG_NS: u64 = 3_600_000_000_000;
+/// Nobody beats the segment's heart here; a test that wants it silent beats it at time 0.
+const HEARTBEAT_NS: u64 = 60_000_000_000;
+const SERVO_START: usize = 0x24;
+const SERVO_WORDS: usize = (0x228 - 0x24) / 2;
+const BACKGROUND_START: usize = 0x228;
+const BACKGROUND_WORDS: usize = (0x62C - 0x228) / 2;
+
+/// A segment in /dev/shm under a name of its own.
+pub struct Rig {
+    pub name: String,
+    pub publisher: Publisher,
+    pub servo: Vec<u16>,
+    pub background: Vec<u16>,
+}
+
+fn put(words: &mut [u16], start: usize, offset: usize, value: u32) {
+    words[(offset - start) / 2..][..2].copy_from_slice(&split32(value));
+}
+
+fn put_fixed(words: &mut [u16], start: usize, offset: usize, value: i64) {
+    let [y, x] = fixed48::encode(value);
+    put(words, start, offset, y);
+    put(words, start, offset + 4, x);
+}
+
+impl Rig {
+    pub fn new() -> Self {
+        static NEXT: AtomicU32 = AtomicU32::new(0);
+        let number = NEXT.fetch_add(1, Ordering::Relaxed);
+        Self::named(&format!("pmac-test-cli-{}-{number}", std::process::id()))
+    }
+
+    pub fn named(name: &str) -> Self {
+        Self::at(Path::new(pmac_dpram::segment::DIRECTORY), name)
+    }
+
+    pub fn at(directory: &Path, name: &str) -> Self {
+        let region = |id, slots, payload_bytes: usize, first_host_offset: usize| RegionSpec {
+            id,
+            slots,
+            payload_bytes: payload_bytes as u32,
+            first_host_offset: first_host_offset as u32,
+            period_hint_ns: 442_713,
+            stale_after_ns: LONG_NS,
+        };
+        let mut options = CreateOptions::new(
+            SegmentName::new(name).unwrap(),
+            vec![
+                region(RegionId::Servo, 64, 2 * SERVO_WORDS, SERVO_START),
+                region(RegionId::Background, 4, 2 * BACKGROUND_WORDS, BACKGROUND_START),
+                region(RegionId::Board, 4, pmac_dpram::segment::identity::BYTES, 0),
+            ],
+        );
+        options.heartbeat_limit_ns = HEARTBEAT_NS;
+        directory.clone_into(&mut options.directory);
+        let mut publisher = Publisher::create(&options).unwrap();
+        let mut identity = Identity {
+            family: Some(1),
+            motors: Some(8),
+            i10: Some(3_713_707),
+            i59: Some(3),
+            firmware: Some("1.16D".to_owned()),
+            board_type: Some("PMAC1".to_owned()),
+            servo_period_ps: Some(442_708_000),
+            ..Identity::default()
+        };
+        identity.ix08[..2].fill(Some(96));
+        identity.ix09[..2].fill(Some(96));
+        let stamp = Stamp { time_ns: monotonic_ns(), servo_timer: 0, valid: true };
+        publisher.publish_bytes(RegionId::Board, stamp, &identity.encode());
+        let mut rig = Self {
+            name: name.to_owned(),
+            publisher,
+            servo: vec![0; SERVO_WORDS],
+            background: vec![0; BACKGROUND_WORDS],
+        };
+        rig.fill();
+        rig
+    }
+
+    /// Three motors: one in position, one that moves, one without scales that is off.
+    fn fill(&mut self) {
+        let servo = &mut self.servo;
+        servo[1] = 0x1234;
+        for (motor, commanded, actual, velocity, status) in [
+            (0, 3072 * 1000, 3072 * 1000 - 768, 0_i32, 0x81_2000),
+            (1, -3072 * 25, -3072 * 24, -1536, 0x80_0000),
+            (2, 77, -77, 5, 0),
+        ] {
+            let block = 0x48 + 0x3C * motor;
+            put_fixed(servo, SERVO_START, block, commanded);
+            put_fixed(servo, SERVO_START, block + 8, actual);
+            put(servo, SERVO_START, block + 0x24, int24::extend(status));
+            put(servo, SERVO_START, block + 0x28, int24::extend(velocity as u32 & int24::MASK));
+        }
+        let background = &mut self.background;
+        background[0] = 1;
+        put(background, BACKGROUND_START, 0x24C + 0x10, int24::extend(0x80_4401));
+        // Coordinate system 1 runs a program: X12.5, a circle, 3 lines left.
+        put(background, BACKGROUND_START, 0x24C + 0x18, 1);
+        put(background, BACKGROUND_START, 0x24C + 0x64, int24::extend(0x02_0001));
+        put(background, BACKGROUND_START, 0x24C + 0x68, 3);
+        let [y, x] = float48::encode(12.5);
+        let target = 0x24C + 0x1C + 8 * 6;
+        put(background, BACKGROUND_START, target, y);
+        put(background, BACKGROUND_START, target + 4, x);
+    }
+
+    /// Publishes everything, and says that it is live.
+    pub fn live(mut self) -> Self {
+        self.publish();
+        self.publisher.set_region_state(RegionId::Servo, RegionState::Live);
+        self.publisher.set_region_state(RegionId::Background, RegionState::Live);
+        self.publisher.set_state(State::Live);
+        self
+    }
+
+    pub fn publish(&mut self) {
+        let stamp = Stamp { time_ns: monotonic_ns(), servo_timer: 0x11234, valid: true };
+        self.publisher.publish(RegionId::Servo, stamp, &self.servo);
+        self.publisher.publish(RegionId::Background, stamp, &self.background);
+    }
+
+    /// The DPRAM that the board would have.
+    pub fn image(&self) -> Vec<u8> {
+        let mut words = vec![0_u16; 0x2000];
+        words[SERVO_START / 2..][..SERVO_WORDS].copy_from_slice(&self.servo);
+        words[BACKGROUND_START / 2..][..BACKGROUND_WORDS].copy_from_slice(&self.background);
+        words.iter().flat_map(|word| word.to_le_bytes()).collect()
+    }
+
+    pub fn run(&self, line: &str) -> Ran {
+        pmacctl(&format!("--name {} {line}", self.name))
+    }
+}
+
+/// What a program said.
+#[derive(Debug, PartialEq, Eq)]
+pub struct Ran {
+    pub stdout: String,
+    pub stderr: String,
+    pub code: Option<i32>,
+}
+
+impl From<Output> for Ran {
+    fn from(output: Output) -> Self {
+        Self {
+            stdout: String::from_utf8(output.stdout).unwrap(),
+            stderr: String::from_utf8(output.stderr).unwrap(),
+            code: output.status.code(),
+        }
+    }
+}
+
+impl Ran {
+    pub fn json(&self) -> serde_json::Value {
+        serde_json::from_str(&self.stdout).unwrap_or_else(|error| panic!("{error}: {self:?}"))
+    }
+}
+
+/// Runs `pmacctl` with the words of `line` as arguments.
+pub fn pmacctl(line: &str) -> Ran {
+    pmacctl_with(line.split_whitespace())
+}
+
+pub fn pmacctl_with<'a>(args: impl IntoIterator<Item = &'a str>) -> Ran {
+    command().args(args).output().unwrap().into()
+}
+
+pub fn command() -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_pmacctl"));
+    command.stdin(Stdio::null());
+    command
+}

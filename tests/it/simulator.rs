@@ -1,0 +1,321 @@
+//! `pmac-sim` as a process: its sockets, its clock, its end, its refusals.
+
+use std::fs::OpenOptions;
+use std::io::{BufRead, BufReader, Read, Write};
+use std::os::unix::net::UnixStream;
+use std::path::Path;
+use std::process::{Child, Command, Output, Stdio};
+use std::time::{Duration, Instant};
+
+use pmac_dpram::device::mapping::Mapping;
+use serde_json::Value;
+use tempfile::TempDir;
+
+const PATIENCE: Duration = Duration::from_secs(20);
+
+/// A running simulator; killed when the test ends.
+struct Sim {
+    child: Child,
+    directory: TempDir,
+    control: BufReader<UnixStream>,
+    memory: Mapping,
+}
+
+fn connect(path: &Path) -> UnixStream {
+    let start = Instant::now();
+    loop {
+        match UnixStream::connect(path) {
+            Ok(stream) => {
+                stream.set_read_timeout(Some(PATIENCE)).unwrap();
+                return stream;
+            }
+            Err(error) if start.elapsed() > PATIENCE => panic!("{}: {error}", path.display()),
+            Err(_) => std::thread::sleep(Duration::from_millis(5)),
+        }
+    }
+}
+
+impl Sim {
+    fn start(options: &[&str]) -> Self {
+        let directory = tempfile::tempdir().unwrap();
+        let at = |name: &str| directory.path().join(name);
+        let child = Command::new(env!("CARGO_BIN_EXE_pmac-sim"))
+            .arg("--memory")
+            .arg(at("dpram"))
+            .args(
+                ["control", "serial", "interrupt"]
+                    .map(|name| format!("--{name}=unix:{}", at(name).display())),
+            )
+            .args(options)
+            .spawn()
+            .unwrap();
+        let control = BufReader::new(connect(&at("control")));
+        let file = OpenOptions::new().read(true).write(true).open(at("dpram")).unwrap();
+        let memory = Mapping::new(&file, 0, 0x4000).unwrap();
+        Self { child, directory, control, memory }
+    }
+
+    fn ask(&mut self, command: &str) -> String {
+        self.control.get_mut().write_all(format!("{command}\n").as_bytes()).unwrap();
+        let mut answer = String::new();
+        self.control.read_line(&mut answer).unwrap();
+        answer.trim_end().to_owned()
+    }
+
+    fn ok(&mut self, command: &str) {
+        assert_eq!(self.ask(command), "ok", "{command}");
+    }
+
+    fn status(&mut self, key: &str) -> u64 {
+        let status: Value = serde_json::from_str(&self.ask("status")).unwrap();
+        status[key].as_u64().unwrap()
+    }
+
+    fn socket(&self, name: &str) -> UnixStream {
+        connect(&self.directory.path().join(name))
+    }
+
+    fn read(&self, offset: usize) -> u16 {
+        self.memory.read16(offset).unwrap()
+    }
+
+    fn write(&self, offset: usize, value: u16) {
+        self.memory.write16(offset, value).unwrap();
+    }
+
+    fn write_text(&self, text: &str) {
+        let mut bytes = text.as_bytes().to_vec();
+        bytes.resize(bytes.len() / 2 * 2 + 2, 0);
+        for (index, pair) in bytes.chunks(2).enumerate() {
+            self.write(0x0630 + 2 * index, u16::from_le_bytes([pair[0], pair[1]]));
+        }
+    }
+
+    fn wait(&mut self) -> Option<i32> {
+        let start = Instant::now();
+        while start.elapsed() < PATIENCE {
+            if let Some(status) = self.child.try_wait().unwrap() {
+                return status.code();
+            }
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        panic!("the simulator does not end");
+    }
+}
+
+impl Drop for Sim {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+#[test]
+fn virtual_time_stands_still_until_stepped() {
+    let mut sim = Sim::start(&["--virtual", "--dpram-startup"]);
+    assert_eq!(sim.status("servo_cycles"), 0);
+    sim.ok("step 100");
+    assert_eq!((sim.status("servo_cycles"), sim.status("updates"), sim.read(0x0026)), (100, 100, 100));
+    sim.write(0x0024, 1);
+    sim.ok("step 7");
+    assert_eq!((sim.status("skipped"), sim.read(0x0026)), (7, 100));
+    std::thread::sleep(Duration::from_millis(20));
+    assert_eq!(sim.status("servo_cycles"), 107);
+    assert_eq!(
+        (sim.status("late"), sim.status("violations_total"), sim.status("background_updates")),
+        (0, 0, 1)
+    );
+}
+
+#[test]
+fn real_time_goes_on_by_itself_and_refuses_steps() {
+    let mut sim = Sim::start(&["--dpram-startup", "--servo-hz", "1000"]);
+    let start = Instant::now();
+    while sim.status("updates") < 20 {
+        assert!(start.elapsed() < PATIENCE, "the servo does not run");
+    }
+    assert!(sim.ask("step 1").starts_with("error: step needs"));
+    // Simulated time may slip behind, never run ahead.
+    assert!(u128::from(sim.status("servo_cycles")) <= start.elapsed().as_millis() + 2000);
+}
+
+#[test]
+fn a_racing_host_finds_no_two_updates_in_one_copy() {
+    const COPIES: usize = 20_000;
+    let mut sim = Sim::start(&["--dpram-startup", "--servo-hz", "5000"]);
+    sim.ok("tag on");
+    let start = Instant::now();
+    let (mut good, mut numbers) = (0, std::collections::BTreeSet::new());
+    while good < COPIES || numbers.len() < 10 {
+        assert!(start.elapsed() < PATIENCE, "{good} copies of {} updates", numbers.len());
+        let status = sim.read(0x0026);
+        sim.memory.order_reads();
+        let words: Vec<u16> =
+            (0x0028..0x0030).chain(0x0048..0x007C).step_by(2).map(|at| sim.read(at)).collect();
+        sim.memory.order_reads();
+        if status & 0x8000 != 0 || sim.read(0x0026) != status {
+            continue;
+        }
+        let longs: Vec<u32> =
+            words.chunks(2).map(|pair| u32::from(pair[0]) | u32::from(pair[1]) << 16).collect();
+        // The update under way when tags were switched on still has registers in it.
+        if numbers.is_empty() && longs.iter().any(|&long| long != longs[0]) {
+            continue;
+        }
+        assert!(longs.iter().all(|&long| long == longs[0]), "{longs:x?}");
+        numbers.insert(longs[0]);
+        good += 1;
+    }
+    assert_eq!(sim.status("violations_total"), 0);
+}
+
+#[test]
+fn interrupts_are_counted_for_every_host_and_can_be_lost() {
+    let mut sim = Sim::start(&["--virtual", "--dpram-startup"]);
+    let mut hosts = [sim.socket("interrupt"), sim.socket("interrupt")];
+    let count = |host: &mut UnixStream| {
+        let mut bytes = [0; 4];
+        host.read_exact(&mut bytes).unwrap();
+        u32::from_ne_bytes(bytes)
+    };
+    // An answer on the control socket, and a second one: by then the connections have been taken.
+    sim.status("resets");
+    sim.status("resets");
+    sim.ok("fault spurious_interrupt 1");
+    sim.ok("step 1");
+    for host in &mut hosts {
+        assert_eq!(count(host), 1);
+        host.write_all(&1u32.to_ne_bytes()).unwrap();
+    }
+    sim.write_text("I10");
+    sim.write(0x062C, 1);
+    sim.ok("step 5");
+    assert_eq!(sim.read(0x06D0), 0x000D);
+    sim.write(0x06D0, 0);
+    sim.ok("step 5");
+    assert_eq!(sim.read(0x06D0), 0x0006);
+    for host in &mut hosts {
+        assert_eq!([count(host), count(host)], [2, 3]);
+    }
+    sim.ok("fault lost_interrupt 1");
+    for _ in 0..2 {
+        sim.write(0x06D0, 0);
+        sim.write(0x062C, 1);
+        sim.ok("step 5");
+    }
+    assert_eq!(count(&mut hosts[0]), 4, "one of the two was lost");
+}
+
+#[test]
+fn the_serial_port_is_a_byte_stream() {
+    let mut sim = Sim::start(&["--virtual", "--dpram-startup", "--firmware", "1.17c"]);
+    let mut serial = sim.socket("serial");
+    serial.write_all(b"VERSION\r").unwrap();
+    let mut answer = [0; 7];
+    serial.read_exact(&mut answer).unwrap();
+    assert_eq!(&answer, b"1.17C\r\x06");
+    sim.ok("send HELLO");
+    let mut answer = [0; 6];
+    serial.read_exact(&mut answer).unwrap();
+    assert_eq!(&answer, b"HELLO\r");
+}
+
+#[test]
+fn control_refuses_nonsense_in_one_line() {
+    let mut sim = Sim::start(&["--virtual"]);
+    for command in [
+        "",
+        "nonsense",
+        "step",
+        "step x",
+        "step -1",
+        "fault",
+        "fault x on",
+        "limit 9 +",
+        "limit 0 +",
+        "limit 1 x",
+        "trigger",
+        "tag",
+    ] {
+        let answer = sim.ask(command);
+        assert!(answer.starts_with("error: "), "{command:?}: {answer}");
+    }
+    let long = "x".repeat(100_000);
+    assert!(sim.ask(&long).starts_with("error: "));
+    sim.ok("limit 1 +");
+    sim.ok("reset");
+    assert_eq!(sim.status("resets"), 1);
+}
+
+#[test]
+fn it_ends_on_sigterm_and_exit_and_leaves_only_the_memory() {
+    let mut sim = Sim::start(&["--dpram-startup"]);
+    let pid = nix::unistd::Pid::from_raw(sim.child.id().try_into().unwrap());
+    nix::sys::signal::kill(pid, nix::sys::signal::Signal::SIGTERM).unwrap();
+    assert_eq!(sim.wait(), Some(0));
+    let left: Vec<_> =
+        std::fs::read_dir(sim.directory.path()).unwrap().map(|e| e.unwrap().file_name()).collect();
+    assert_eq!(left, ["dpram"]);
+    let mut sim = Sim::start(&["--virtual"]);
+    sim.ok("exit");
+    assert_eq!(sim.wait(), Some(0));
+}
+
+#[test]
+fn a_killed_simulator_is_replaced_on_the_same_memory() {
+    let mut sim = Sim::start(&["--virtual", "--dpram-startup"]);
+    sim.write(0x0026, 0x8005);
+    sim.child.kill().unwrap();
+    sim.child.wait().unwrap();
+    let at = |name: &str| sim.directory.path().join(name);
+    sim.child = Command::new(env!("CARGO_BIN_EXE_pmac-sim"))
+        .args(["--virtual", "--dpram-startup", "--memory"])
+        .arg(at("dpram"))
+        .arg(format!("--control=unix:{}", at("control").display()))
+        .spawn()
+        .unwrap();
+    sim.control = BufReader::new(connect(&at("control")));
+    sim.ok("step 3");
+    assert_eq!(sim.read(0x0026), 3);
+}
+
+fn refused(options: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_pmac-sim")).args(options).stdin(Stdio::null()).output().unwrap()
+}
+
+#[test]
+fn bad_options_get_one_line_and_status_2() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = |name: &str| directory.path().join(name).display().to_string();
+    let (memory, short, startup) = (path("dpram"), path("short"), path("startup"));
+    std::fs::write(&short, [0; 100]).unwrap();
+    std::fs::write(&startup, "I10\n\n; comment\nI19 ; fine\nNONSENSE\n").unwrap();
+    let socket = format!("unix:{}", path("no/where"));
+    let cases: &[(&[&str], &str)] = &[
+        (&[], "--memory"),
+        (&["--memory", "/nonexistent/dpram"], "/nonexistent/dpram"),
+        (&["--memory", &short], "100 bytes"),
+        (&["--memory", &memory, "--motors", "9"], "--motors"),
+        (&["--memory", &memory, "--servo-hz", "nan"], "--servo-hz"),
+        (&["--memory", &memory, "--servo-hz", "0"], "--servo-hz"),
+        (&["--memory", &memory, "--serial", "/tmp/x"], "unix:PATH"),
+        (&["--memory", &memory, "--serial", &socket], "no/where"),
+        (&["--memory", &memory, "--virtual"], "--control"),
+        (&["--memory", &memory, "--family", "vax"], "vax"),
+        (&["--memory", &memory, "--firmware", "new"], "1.16D"),
+        (&["--memory", &memory, "--startup", "/nonexistent/file"], "/nonexistent/file"),
+        (&["--memory", &memory, "--startup", &startup], "line 5"),
+        (&["--memory", &memory, "stray"], "stray"),
+    ];
+    for (options, says) in cases {
+        let output = refused(options);
+        let text = String::from_utf8(output.stderr).unwrap();
+        assert_eq!(output.status.code(), Some(2), "{options:?}: {text}");
+        assert_eq!(text.lines().count(), 1, "{options:?}: {text}");
+        assert!(text.contains(says), "{options:?}: {text}");
+    }
+    assert_eq!(refused(&["--help"]).status.code(), Some(0));
+    let sim = Sim::start(&["--virtual"]);
+    let output = refused(&["--memory", &sim.directory.path().join("dpram").display().to_string()]);
+    assert!(String::from_utf8(output.stderr).unwrap().contains("another running pmac-sim"));
+}

@@ -1,0 +1,346 @@
+//! The main job, whole: board → daemon → segment → client, as separate processes.
+
+use std::process::Stdio;
+use std::time::Duration;
+
+use pmac_dpram::client::CommandError;
+use pmac_dpram::map::HostOffset;
+use pmac_dpram::protocol::CallError;
+use pmac_dpram::segment::{Condition, Counter, RegionId, Sample, Subscriber, WaitOutcome};
+
+use crate::site::{PATIENCE, Site, counter, is_live, wait_until};
+
+const SECOND: Duration = Duration::from_secs(1);
+
+#[test]
+fn a_client_sees_the_motors_move() {
+    let mut site = Site::running(&[], &[]);
+    site.wait_for_live_servo();
+    let (status, _, error) = site.pmacctl(&["send", "#1J=3000 #2J=-1500.5"]);
+    assert_eq!((status, error.as_str()), (0, ""));
+    let positions = || {
+        // On a machine that stands still for a tenth of a second the data are stale, and say so.
+        let (status, json, _) = site.pmacctl(&["motors", "--json"]);
+        let document: serde_json::Value = serde_json::from_str(&json).unwrap();
+        assert_eq!(document["servo"]["fresh"], status == 0);
+        assert_eq!(document["motors"].as_array().unwrap().len(), 8);
+        [0, 1].map(|motor| document["motors"][motor]["actual_position"]["value"].as_f64().unwrap_or(f64::NAN))
+    };
+    wait_until("both motors in their places", || {
+        let [first, second] = positions();
+        (first - 3000.0).abs() < 0.6 && (second + 1500.5).abs() < 0.6
+    });
+    let (status, json, _) = site.pmacctl(&["coordinates", "--json"]);
+    assert_eq!(status, 0, "{json}");
+    site.assert_no_violations();
+    assert_eq!(site.stop_daemon(), 0);
+    assert!(Subscriber::attach(&site.segment()).is_err(), "a clean stop takes the segment away");
+}
+
+#[test]
+fn in_virtual_time_no_update_is_missed_and_no_sample_lost() {
+    let site = Site::running(&["--virtual"], &[]);
+    let subscriber = site.attach();
+    let mut board = site.control_connection();
+    // The daemon does not take what lay there before it came for an update.
+    wait_until("the first look", || counter(&subscriber, Counter::BusAccesses) > 0);
+    let before = subscriber.published(RegionId::Servo).unwrap();
+    let mut cursor = subscriber.cursor(RegionId::Servo, before + 1).unwrap();
+    let mut sample = Sample::new();
+    let mut last_timer = None;
+    let mut updates = 0u64;
+    for step in 0..3000u64 {
+        board.ask("step 1");
+        let outcome = subscriber.wait_newer(RegionId::Servo, before + updates, PATIENCE).unwrap();
+        assert_eq!(outcome, WaitOutcome::Newer, "step {step}");
+        while cursor.next(&subscriber, &mut sample).unwrap() {
+            updates += 1;
+            if let Some(last) = last_timer {
+                assert_eq!(sample.stamp.servo_timer, last + 1, "step {step}");
+            }
+            last_timer = Some(sample.stamp.servo_timer);
+        }
+    }
+    assert_eq!((updates, cursor.lost()), (3000, 0));
+    assert_eq!(counter(&subscriber, Counter::Missed), 0);
+    assert_eq!(counter(&subscriber, Counter::Skipped), 0);
+    site.assert_no_violations();
+}
+
+#[test]
+fn the_documented_handshake_delivers_the_same() {
+    let config = tempfile::NamedTempFile::new().unwrap();
+    std::fs::write(config.path(), "servo_reading = \"handshake\"\n").unwrap();
+    let site = Site::running(&["--virtual"], &["--config", config.path().to_str().unwrap()]);
+    let subscriber = site.attach();
+    let mut board = site.control_connection();
+    wait_until("the first look", || counter(&subscriber, Counter::BusAccesses) > 0);
+    let before = subscriber.published(RegionId::Servo).unwrap();
+    for update in 0..500u64 {
+        board.ask("step 1");
+        let outcome = subscriber.wait_newer(RegionId::Servo, before + update, PATIENCE).unwrap();
+        assert_eq!(outcome, WaitOutcome::Newer);
+    }
+    assert_eq!(counter(&subscriber, Counter::Missed) + counter(&subscriber, Counter::Skipped), 0);
+    assert_eq!(site.status()["skipped"], 0);
+    site.assert_no_violations();
+}
+
+#[test]
+fn commands_replies_and_errors_pass_through() {
+    let site = Site::running(&[], &[]);
+    let mut connection = site.connection();
+    let long = format!("P1=1{}", "+1".repeat(98));
+    assert_eq!(long.len(), 200);
+    for (line, reply) in [
+        ("P1=25 P2=50 P3=75", &[] as &[&str]),
+        ("P1..3", &["25", "50", "75"]),
+        ("VERSION", &["1.16D"]),
+        (&long[..158], &[]),
+        (&long[..160], &[]),
+        (&long, &[]),
+        ("P1", &["99"]),
+    ] {
+        assert_eq!(connection.send(line, PATIENCE).unwrap(), reply, "{line}");
+    }
+    // A line of exactly 159 characters is the longest that goes in one part.
+    let line = format!("P2={}", "1+".repeat(77) + "15");
+    assert_eq!(line.len(), 159);
+    assert_eq!(connection.send(&line, PATIENCE).unwrap(), [] as [&str; 0]);
+    assert_eq!(connection.send("P2", PATIENCE).unwrap(), ["92"]);
+    match connection.send("P1 UUU", PATIENCE) {
+        Err(CommandError::Refused(CallError::Board { code: 3, lines, .. })) => assert_eq!(lines, ["99"]),
+        other => panic!("{other:?}"),
+    }
+    let (_, words) = connection.read(HostOffset::new(0x0024), 2).unwrap();
+    assert_eq!(words[0], 0, "Host-Busy is not left set");
+    assert_eq!(connection.control(16).unwrap().len(), 1, "^P answers with one line");
+    assert_eq!(connection.control(11).unwrap(), [] as [&str; 0]);
+    assert_eq!(connection.send("P1", PATIENCE).unwrap(), ["99"]);
+    let (status, stdout, stderr) = site.pmacctl(&["send", "P1 UUU"]);
+    assert_eq!((status, stdout.as_str()), (1, "99\n"));
+    assert!(stderr.starts_with("ERR003: "), "{stderr}");
+    assert_eq!(site.pmacctl(&["send", "^K"]).0, 0);
+    let log = site.log();
+    assert!(log.contains("UUU") && log.contains(&format!("pid {}", std::process::id())), "{log}");
+    site.assert_no_violations();
+}
+
+#[test]
+fn texts_of_programs_reach_who_listens_and_never_a_reply() {
+    let site = Site::running(&[], &[]);
+    let mut messages = site.connection().messages().unwrap();
+    let mut connection = site.connection();
+    assert_eq!(connection.send("P1=5", PATIENCE).unwrap(), [] as [&str; 0]);
+    for round in 0..20 {
+        site.control(&format!("send DOOR {round}"));
+        assert_eq!(connection.send("P1", PATIENCE).unwrap(), ["5"]);
+        site.control("cmd P1");
+        assert_eq!(connection.send("P1", PATIENCE).unwrap(), ["5"]);
+    }
+    let mut texts = Vec::new();
+    while texts.len() < 40 {
+        let message = messages.next_within(PATIENCE).unwrap().expect("a message in time");
+        texts.push(message.text);
+    }
+    assert_eq!(texts.iter().filter(|text| text.starts_with("DOOR ")).count(), 20);
+    assert_eq!(texts.iter().filter(|text| *text == "5").count(), 20);
+    site.assert_no_violations();
+}
+
+#[test]
+fn replies_come_without_interrupts_and_in_spite_of_false_ones() {
+    let site = Site::running(&[], &[]);
+    let mut connection = site.connection();
+    site.control("fault lost_interrupt on");
+    for _ in 0..3 {
+        assert_eq!(connection.send("VERSION", PATIENCE).unwrap(), ["1.16D"]);
+    }
+    site.control("fault lost_interrupt off");
+    site.control("fault spurious_interrupt 5");
+    for _ in 0..10 {
+        assert_eq!(connection.send("VERSION", PATIENCE).unwrap(), ["1.16D"]);
+    }
+    let subscriber = site.attach();
+    wait_until("interrupts", || counter(&subscriber, Counter::Interrupts) > 0);
+    site.assert_no_violations();
+}
+
+#[test]
+fn a_late_acknowledgement_never_answers_the_next_command() {
+    let site = Site::running(&[], &[]);
+    let mut connection = site.connection();
+    wait_until("the board to be identified", || site.log().contains("the board is PMAC"));
+    site.control("fault ascii_late_ack 600ms");
+    for _ in 0..3 {
+        let timed_out = connection.send("I10", Duration::from_millis(200));
+        assert!(matches!(timed_out, Err(CommandError::Refused(CallError::TimedOut))), "{timed_out:?}");
+        assert_eq!(connection.send("I19", PATIENCE).unwrap(), ["1"]);
+    }
+    site.control("fault ascii_late_ack off");
+    assert_eq!(connection.send("I59", PATIENCE).unwrap(), ["8"]);
+    site.assert_no_violations();
+}
+
+#[test]
+fn a_board_that_stops_in_any_way_turns_stale_and_comes_back_by_itself() {
+    let site = Site::running(&[], &[]);
+    site.wait_for_live_servo();
+    let subscriber = site.attach();
+    for fault in ["servo_busy_stuck", "servo_silent", "all_ones"] {
+        site.control(&format!("fault {fault} on"));
+        wait_until(&format!("stale data after {fault}"), || !is_live(&subscriber, RegionId::Servo));
+        let (status, json, _) = site.pmacctl(&["motors", "--json"]);
+        let document: serde_json::Value = serde_json::from_str(&json).unwrap();
+        assert_eq!((status, &document["servo"]["fresh"]), (1, &serde_json::json!(false)), "{fault}");
+        site.control(&format!("fault {fault} off"));
+        wait_until(&format!("live data after {fault}"), || is_live(&subscriber, RegionId::Servo));
+    }
+    assert_eq!(site.log().matches("servo data are stale").count(), 3, "each is said once:\n{}", site.log());
+    site.control("fault background_stuck on");
+    wait_until("stale background", || !is_live(&subscriber, RegionId::Background));
+    site.control("fault background_stuck off");
+    wait_until("live background", || is_live(&subscriber, RegionId::Background));
+}
+
+#[test]
+fn a_deaf_or_dumb_board_costs_a_command_its_time_and_no_more() {
+    let site = Site::running(&[], &[]);
+    site.wait_for_live_servo();
+    let mut connection = site.connection();
+    let answers = |connection: &mut pmac_dpram::client::Connection| {
+        assert_eq!(connection.send("VERSION", PATIENCE).unwrap(), ["1.16D"]);
+    };
+    wait_until("the board to be identified", || site.log().contains("the board is PMAC"));
+    answers(&mut connection);
+    site.control("fault ascii_deaf on");
+    let deaf = connection.send("VERSION", Duration::from_millis(500));
+    assert!(matches!(deaf, Err(CommandError::Refused(CallError::Unavailable { .. }))), "{deaf:?}");
+    site.control("fault ascii_deaf off");
+    answers(&mut connection);
+    site.control("fault ascii_no_reply on");
+    let dumb = connection.send("VERSION", Duration::from_millis(500));
+    assert!(matches!(dumb, Err(CommandError::Refused(CallError::TimedOut))), "{dumb:?}");
+    site.control("fault ascii_no_reply off");
+    answers(&mut connection);
+    assert!(is_live(&site.attach(), RegionId::Servo), "the servo data do not suffer");
+}
+
+#[test]
+fn a_reset_in_between_is_survived() {
+    let site = Site::running(&[], &[]);
+    site.wait_for_live_servo();
+    let subscriber = site.attach();
+    site.control("reset");
+    wait_until("stale data: the reset ended the servo report", || !is_live(&subscriber, RegionId::Servo));
+    let mut connection = site.connection();
+    // The saved I58=1 is back; the report needs its GATHER.
+    connection.send("GATHER", PATIENCE).unwrap();
+    wait_until("live data", || is_live(&subscriber, RegionId::Servo));
+    site.assert_no_violations();
+}
+
+#[test]
+fn a_simulator_killed_in_mid_update_and_started_again() {
+    let mut site = Site::running(&[], &[]);
+    site.wait_for_live_servo();
+    let subscriber = site.attach();
+    for _ in 0..3 {
+        site.kill_simulator();
+        wait_until("stale data", || !is_live(&subscriber, RegionId::Servo));
+        assert_eq!(site.pmacctl(&["motors"]).0, 1);
+        site.start_simulator(&["--dpram-startup"]);
+        wait_until("live data", || is_live(&subscriber, RegionId::Servo));
+    }
+    assert_eq!(site.connection().send("VERSION", PATIENCE).unwrap(), ["1.16D"]);
+    site.assert_no_violations();
+}
+
+#[test]
+fn a_daemon_killed_leaves_clients_that_notice_and_find_the_next_one() {
+    let mut site = Site::running(&[], &[]);
+    site.wait_for_live_servo();
+    let mut board = pmac_dpram::client::Board::attach(&site.name).unwrap();
+    let subscriber = site.attach();
+    site.kill_daemon();
+    wait_until("the owner's end to be noticed", || subscriber.condition() == Condition::OwnerGone);
+    assert_eq!(subscriber.wait_newer(RegionId::Servo, u64::MAX - 1, SECOND).unwrap(), WaitOutcome::Dead);
+    assert_eq!(site.pmacctl(&["motors"]).0, 1);
+    site.start_daemon(&[]);
+    wait_until("the old segment to be marked", || subscriber.condition().is_over());
+    site.wait_for_live_servo();
+    wait_until("fresh data through the client that was attached before", || {
+        board.snapshot().is_ok_and(|snapshot| snapshot.servo.is_some_and(|servo| servo.is_fresh()))
+    });
+    site.assert_no_violations();
+}
+
+#[test]
+fn host_busy_left_by_a_dead_daemon_is_cleared() {
+    let config = tempfile::NamedTempFile::new().unwrap();
+    std::fs::write(config.path(), "servo_reading = \"handshake\"\n").unwrap();
+    let mut site = Site::running(&[], &["--config", config.path().to_str().unwrap()]);
+    site.wait_for_live_servo();
+    site.kill_daemon();
+    // As if it had been killed between setting the bit and clearing it.
+    let memory = std::fs::OpenOptions::new().write(true).open(site.path("dpram")).unwrap();
+    std::os::unix::fs::FileExt::write_all_at(&memory, &[1, 0], 0x24).unwrap();
+    site.start_daemon(&[]);
+    site.wait_for_live_servo();
+}
+
+#[test]
+fn a_stopped_daemon_is_stale_and_goes_on_afterwards() {
+    let site = Site::running(&[], &[]);
+    site.wait_for_live_servo();
+    let subscriber = site.attach();
+    site.signal_daemon(nix::sys::signal::Signal::SIGSTOP);
+    wait_until("staleness by the heartbeat", || subscriber.condition() == Condition::Stale);
+    let (status, _, _) = site.pmacctl(&["motors"]);
+    assert_eq!(status, 1, "old data are not shown as fresh");
+    let missed = counter(&subscriber, Counter::Missed);
+    site.signal_daemon(nix::sys::signal::Signal::SIGCONT);
+    wait_until("fresh data", || site.pmacctl(&["motors"]).0 == 0);
+    wait_until("what was not read to be counted", || counter(&subscriber, Counter::Missed) > missed);
+    site.assert_no_violations();
+}
+
+#[test]
+fn a_second_daemon_on_the_same_name_is_refused() {
+    let mut site = Site::running(&[], &[]);
+    site.wait_for_live_servo();
+    let second = site.daemon_command(&[]).stderr(Stdio::piped()).output().unwrap();
+    assert_eq!(second.status.code(), Some(1));
+    let error = String::from_utf8(second.stderr).unwrap();
+    assert!(error.contains("in use") && error.contains(&site.daemon_pid().to_string()), "{error}");
+    assert!(is_live(&site.attach(), RegionId::Servo), "the first one goes on");
+    assert_eq!(site.stop_daemon(), 0);
+    assert!(site.connection_refused());
+}
+
+#[test]
+fn a_malformed_request_is_one_line_and_status_2() {
+    let site = Site::new();
+    let config = tempfile::NamedTempFile::new().unwrap();
+    std::fs::write(config.path(), "board = \"sim\"\nspeed = 1\n").unwrap();
+    let config = config.path().to_str().unwrap();
+    for arguments in [
+        &["--board", "boat"] as &[&str],
+        &["--board", "sim", "--nonsense"],
+        &["--board", "sim", "--name", "a/b"],
+        &["--config", config],
+        &["--config", "/nonexistent"],
+        &[],
+    ] {
+        let output =
+            std::process::Command::new(env!("CARGO_BIN_EXE_pmacd")).args(arguments).output().unwrap();
+        let error = String::from_utf8(output.stderr).unwrap();
+        assert_eq!(output.status.code(), Some(2), "{arguments:?}: {error}");
+        assert_eq!(error.lines().count(), 1, "{arguments:?}: {error}");
+    }
+    for arguments in [&["motors"] as &[&str], &["send", "P1"], &["read", "Q:$D000"], &["decode", "/dev/null"]]
+    {
+        let (status, stdout, error) = site.pmacctl(arguments);
+        assert_eq!((status, stdout.as_str(), error.lines().count()), (2, "", 1), "{arguments:?}: {error}");
+    }
+}
