@@ -11,6 +11,7 @@ mod map;
 mod motors;
 mod output;
 mod read;
+mod rotary;
 mod send;
 mod status;
 mod table;
@@ -144,6 +145,7 @@ fn execute(args: Args) -> Result<Verdict, Failure> {
         Command::Read(options) => read::run(&mut context, &options),
         Command::Send(options) => send::run(&mut context, &options),
         Command::Decode(options) => decode::run(&mut context, &options),
+        Command::Rotary(options) => rotary::run(&mut context, &options),
     }?;
     context.output.flush()?;
     Ok(verdict)

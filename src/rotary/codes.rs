@@ -154,7 +154,7 @@ impl fmt::Display for Range {
 pub struct Code {
     /// Its full name in program text.
     pub name: &'static str,
-    /// Its short name; what [`super::decompile`] writes.
+    /// Its short name; what [`super::decompile()`] writes.
     pub short: &'static str,
     /// A third spelling that is read.
     pub also: Option<&'static str>,

@@ -258,12 +258,13 @@ mod tests {
 
     proptest! {
         #[test]
-        fn normal_numbers_survive_their_text(mantissa in any::<i64>(), exponent in 1u8..64, long in any::<bool>()) {
+        fn normal_numbers_survive_their_text(
+            fraction in any::<u64>(), negative in any::<bool>(), exponent in 0u8..64, long in any::<bool>(),
+        ) {
             let width = if long { Width::Long } else { Width::Short };
-            let bits = width.magnitude_bits();
-            let mantissa = mantissa >> (63 - bits);
-            let half = 1 << (bits - 1);
-            prop_assume!(mantissa >= half || mantissa < -half);
+            let half = 1 << (width.magnitude_bits() - 1);
+            let fraction = fraction as i64 & (half - 1);
+            let mantissa = if negative { -half - 1 - fraction } else { half + fraction };
             let float = Float { mantissa, exponent, width };
             let settings = Settings::default();
             let text = float.text(&settings);

@@ -5,7 +5,7 @@
 //! the start-of-line bit, and the lines' commands stand one after the other. Only constants can be sent: no expression,
 //! no branch, no loop.
 //!
-//! [`compile`] makes the words from text and refuses, with its place, whatever has no binary form; [`decompile`] makes
+//! [`compile()`] makes the words from text and refuses, with its place, whatever has no binary form; [`decompile()`] makes
 //! text from words. Both go through [`Item`], the meaning of one command, and both read the one table [`codes::CODES`].
 //! What the manual leaves open is a named field of [`Settings`]. Nothing here touches a board.
 

@@ -4,6 +4,10 @@
 //! one that fits. Blanks stand anywhere except inside a word or a number. Letters count the same in both cases. `;` and
 //! `//` begin a comment.
 
+use std::array;
+use std::cmp::Reverse;
+use std::sync::LazyLock;
+
 use super::codes::{CODES, Code, Operator};
 use super::constant::Constant;
 use super::refused::{REFUSED, RefusedWord};
@@ -124,16 +128,30 @@ fn hexadecimal(rest: &[u8]) -> (Option<Kind>, usize) {
     (Some(kind), 1 + digits)
 }
 
-/// The longest word that `rest` begins with. Every letter is one.
-fn word(rest: &[u8]) -> (Kind, usize) {
+/// Every known word by its first letter, longer ones first.
+static WORDS: LazyLock<[Vec<(&'static [u8], Kind)>; 26]> = LazyLock::new(|| {
     let commands =
         CODES.iter().flat_map(|code| code.spellings().map(move |name| (name, Kind::Command(code))));
     let refused = REFUSED.iter().map(|word| (word.name, Kind::Refused(word)));
-    let all = commands.chain(refused).chain([("PLC", Kind::Plc)]);
-    let fits =
-        |name: &str| rest.get(..name.len()).is_some_and(|start| start.eq_ignore_ascii_case(name.as_bytes()));
-    let longest = all.filter(|(name, _)| fits(name)).max_by_key(|(name, _)| name.len());
-    longest.map_or((Kind::Foreign(rest[0]), 1), |(name, kind)| (kind, name.len()))
+    let mut all: Vec<(&[u8], Kind)> = commands
+        .chain(refused)
+        .chain([("PLC", Kind::Plc)])
+        .map(|(name, kind)| (name.as_bytes(), kind))
+        .collect();
+    all.sort_by_key(|(name, _)| Reverse(name.len()));
+    array::from_fn(|letter| all.iter().filter(|(name, _)| letter_index(name[0]) == letter).copied().collect())
+});
+
+/// The place of a letter in the alphabet, from 0.
+fn letter_index(letter: u8) -> usize {
+    usize::from(letter.to_ascii_uppercase() - b'A')
+}
+
+/// The longest word that `rest`, which begins with a letter, begins with. Every letter is one.
+fn word(rest: &[u8]) -> (Kind, usize) {
+    let fits = |name: &[u8]| rest.get(..name.len()).is_some_and(|start| start.eq_ignore_ascii_case(name));
+    let longest = WORDS[letter_index(rest[0])].iter().find(|(name, _)| fits(name));
+    longest.map_or((Kind::Foreign(rest[0]), 1), |&(name, kind)| (kind, name.len()))
 }
 
 #[cfg(test)]

@@ -8,6 +8,7 @@ mod format;
 mod map;
 mod replies;
 mod rig;
+mod rotary;
 mod segment;
 mod segment_cost;
 mod segment_hostile;
