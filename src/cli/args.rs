@@ -37,6 +37,8 @@ pub struct Global {
 
 #[derive(Debug, Subcommand)]
 pub enum Command {
+    /// A simulated board, its daemon and a live view, all in a private place: nothing needed, nothing left behind
+    Demo(Demo),
     /// How the daemon, its board and its data stand
     Status,
     /// Check everything between this user and live data, and say what to do
@@ -57,6 +59,16 @@ pub enum Command {
     Decode(Decode),
     /// Motion programs as binary rotary commands (needs no daemon)
     Rotary(Rotary),
+}
+
+#[derive(Debug, ClapArgs)]
+pub struct Demo {
+    /// Stop after so long; without it, on q or ^C
+    #[arg(long, value_name = "S", value_parser = seconds)]
+    pub seconds: Option<Duration>,
+    /// Views a second, at most
+    #[arg(long, value_name = "HZ", default_value = "5", value_parser = rate)]
+    pub rate: Duration,
 }
 
 #[derive(Debug, ClapArgs)]

@@ -6,6 +6,7 @@
 mod args;
 mod coordinates;
 mod decode;
+mod demo;
 mod doctor;
 mod map;
 mod motors;
@@ -136,6 +137,7 @@ fn execute(args: Args) -> Result<Verdict, Failure> {
     let socket = args.global.socket.unwrap_or_else(|| socket_path(&name));
     let mut context = Context { name, socket, output: Output::new(args.global.json, args.global.quiet) };
     let verdict = match args.command {
+        Command::Demo(options) => demo::run(&mut context, &options),
         Command::Status => status::run(&mut context),
         Command::Doctor => doctor::run(&mut context),
         Command::Motors => motors::run(&mut context),

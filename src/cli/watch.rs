@@ -4,8 +4,9 @@ use std::time::{Duration, Instant};
 
 use super::args::Watch;
 use super::motors::{document, number, text};
+use super::output::Output;
 use super::{Context, Failure, Verdict};
-use crate::client::{Board, Snapshot};
+use crate::client::Snapshot;
 
 /// Cursor to the top left, and clear from there to the end of the screen.
 const HOME: &str = "\x1b[H";
@@ -16,6 +17,7 @@ const NO_NEWS: Duration = Duration::from_millis(500);
 
 pub fn run(context: &mut Context, options: &Watch) -> Result<Verdict, Failure> {
     let mut board = context.board()?;
+    let mut screen = Screen::new(context.output.is_terminal());
     let end = options.seconds.and_then(|seconds| Instant::now().checked_add(seconds));
     let mut printed = 0;
     let mut fresh = false;
@@ -26,7 +28,7 @@ pub fn run(context: &mut Context, options: &Watch) -> Result<Verdict, Failure> {
         let snapshot = board.snapshot()?;
         after = snapshot.servo.as_ref().map_or(0, |servo| servo.sequence);
         fresh = snapshot.servo.as_ref().is_some_and(|servo| servo.is_fresh());
-        print(context, &board, &snapshot)?;
+        screen.show(&mut context.output, &board.name().to_string(), &snapshot)?;
         context.output.flush()?;
         printed += 1;
         if options.count.is_none_or(|count| printed < count) {
@@ -40,21 +42,32 @@ fn left(end: Option<Instant>) -> Duration {
     end.map_or(Duration::MAX, |end| end.saturating_duration_since(Instant::now()))
 }
 
-fn print(context: &mut Context, board: &Board, snapshot: &Snapshot) -> Result<(), Failure> {
-    if context.output.is_json() {
-        context.output.json_line(&document(snapshot))?;
-    } else if context.output.is_terminal() {
-        let sequence = snapshot.servo.as_ref().map_or(0, |servo| servo.sequence);
-        let screen = format!("{}  update {sequence}\n{}", board.name(), text(snapshot));
-        context.output.text(HOME)?;
-        for line in screen.lines() {
-            context.output.text(format_args!("{line}{CLEAR_LINE}"))?;
-        }
-        context.output.text(CLEAR_BELOW)?;
-    } else {
-        context.output.line(plain(snapshot))?;
+/// Live data on a terminal, repainted in place, or as plain lines.
+pub struct Screen {
+    repaint: bool,
+}
+
+impl Screen {
+    pub fn new(repaint: bool) -> Self {
+        Self { repaint }
     }
-    Ok(())
+
+    pub fn show(&mut self, output: &mut Output, title: &str, snapshot: &Snapshot) -> Result<(), Failure> {
+        if output.is_json() {
+            output.json_line(&document(snapshot))?;
+        } else if self.repaint {
+            let sequence = snapshot.servo.as_ref().map_or(0, |servo| servo.sequence);
+            let screen = format!("{title}  update {sequence}\n{}", text(snapshot));
+            output.text(HOME)?;
+            for line in screen.lines() {
+                output.text(format_args!("{line}{CLEAR_LINE}"))?;
+            }
+            output.text(CLEAR_BELOW)?;
+        } else {
+            output.line(plain(snapshot))?;
+        }
+        Ok(())
+    }
 }
 
 /// One line: the update's number, whether it is live, and each motor's actual position.

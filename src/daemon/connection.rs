@@ -50,6 +50,8 @@ pub(super) struct Client {
     pub(super) peer: Peer,
     pub(super) role: Role,
     pub(super) waiting: Waiting,
+    /// Its last call named our interface by the other name, and so do the errors it gets.
+    pub(super) uses_alias: bool,
     inbox: Inbox,
     outbox: Vec<u8>,
     half_sent_since: Option<Instant>,
@@ -69,6 +71,7 @@ impl Client {
             peer,
             role,
             waiting: Waiting::Nothing,
+            uses_alias: false,
             inbox: Inbox::new(CALL_MAX),
             outbox: Vec::new(),
             half_sent_since: None,
@@ -144,7 +147,8 @@ impl Client {
     /// Puts `reply` behind what is already to be sent, and sends what goes.
     pub(super) fn reply(&mut self, reply: &Reply, now: Instant) {
         if self.hears() {
-            self.outbox.extend_from_slice(&encode(reply));
+            let bytes = if self.uses_alias { encode(&reply.clone().under_alias()) } else { encode(reply) };
+            self.outbox.extend_from_slice(&bytes);
             self.flush(now);
         }
     }

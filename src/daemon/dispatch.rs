@@ -9,7 +9,7 @@ use super::policy::Role;
 use super::queue::{DEFAULT_TIMEOUT, LINE_MAX, READ_MAX, Text};
 use crate::map::HostOffset;
 use crate::protocol::{
-    BOARD, BOARD_DESCRIPTION, Call, CallError, Parameters, Reply, SERVICE, SERVICE_DESCRIPTION,
+    BOARD, BOARD_ALIAS, BOARD_DESCRIPTION, Call, CallError, Parameters, Reply, SERVICE, SERVICE_DESCRIPTION,
     TIMEOUT_MAX_MS, check_line, control,
 };
 
@@ -112,8 +112,9 @@ fn service(method: &str, mut parameters: Parameters, call: &Call) -> Result<Acti
             let interface = parameters.string("interface")?;
             parameters.finish()?;
             let description = match interface.as_str() {
-                SERVICE => SERVICE_DESCRIPTION,
-                BOARD => BOARD_DESCRIPTION,
+                SERVICE => SERVICE_DESCRIPTION.to_owned(),
+                BOARD => BOARD_DESCRIPTION.to_owned(),
+                BOARD_ALIAS => BOARD_DESCRIPTION.replace(BOARD, BOARD_ALIAS),
                 _ => return Err(CallError::InterfaceNotFound { interface }),
             };
             Reply::with(&json!({ "description": description })).map(Action::Reply)

@@ -317,7 +317,10 @@ impl Service {
                 }
             };
             match serde_json::from_slice::<Call>(&message) {
-                Ok(call) => self.begin(id, &call, now),
+                Ok(mut call) => {
+                    client.uses_alias = call.resolve_alias();
+                    self.begin(id, &call, now);
+                }
                 Err(error) => {
                     client.reply(&malformed(&error).to_reply(), now);
                     return client.close();

@@ -13,7 +13,7 @@
 //!
 //! Boards put texts of their own programs into the same response buffer; these are told apart by the control word and
 //! never taken for a reply. A reply that comes after its command was given up cannot be told apart from the next one's,
-//! so the port does what the manual has <CTRL-X> for: it has the board empty its queues, lets everything arrive that
+//! so the port does what the manual has `<CTRL-X>` for: it has the board empty its queues, lets everything arrive that
 //! is still on its way ([`SETTLE`]), and only then takes the next line.
 
 use std::time::{Duration, Instant};
@@ -29,9 +29,9 @@ use crate::map::errors;
 
 /// How long the response buffer must have been silent before a port that gave up on a reply is used again.
 pub const SETTLE: Duration = Duration::from_millis(50);
-/// How long the board may take to act on the <CTRL-X>; firmware before 1.15 does not know the register at all.
+/// How long the board may take to act on the `<CTRL-X>`; firmware before 1.15 does not know the register at all.
 const CANCEL_LIMIT: Duration = Duration::from_millis(500);
-/// <CTRL-X>: PMAC empties its command and response queues.
+/// `<CTRL-X>`: PMAC empties its command and response queues.
 const CANCEL: u16 = 0x18;
 /// How long after its last line a control character's reply, which has no end mark, counts as complete.
 pub const CONTROL_REPLY_END: Duration = Duration::from_millis(50);

@@ -1,0 +1,235 @@
+//! `pmacctl demo`: everything at once, without hardware or privilege, in a directory of its own.
+//!
+//! It starts the daemon on a simulated board, has motors jog to and fro, and shows them live from the shared memory,
+//! as any other program could. The last line says what was measured.
+
+use std::fmt::Write as _;
+use std::io::Read as _;
+use std::os::unix::process::CommandExt;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
+use nix::sys::signal::Signal;
+use nix::sys::termios::{LocalFlags, SetArg, Termios, tcgetattr, tcsetattr};
+use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
+
+use super::args::Demo;
+use super::watch::Screen;
+use super::{Context, Failure, Verdict};
+use crate::client::{Board, ClientError};
+use crate::segment::{Counter, RegionId, SegmentName};
+
+/// How long daemon and simulator may take until live data are there.
+const START: Duration = Duration::from_secs(15);
+/// How long they may take to end.
+const END: Duration = Duration::from_secs(5);
+/// How long a command may take.
+const COMMAND: Duration = Duration::from_secs(2);
+/// The time between two jogs.
+const JOG_EVERY: Duration = Duration::from_millis(1200);
+/// What the motors do, in turn. Speeds are in counts a millisecond, positions in counts.
+const SET_UP: &str = "I122=20 I222=12 I322=8 I422=4";
+const JOGS: [&str; 4] = ["#1J=20000 #2J=8000", "#3J=-5000 #4J^2500", "#1J=0 #2J=-8000", "#3J=5000 #4J^-2500"];
+
+pub fn run(context: &mut Context, options: &Demo) -> Result<Verdict, Failure> {
+    let interrupted = Arc::new(AtomicBool::new(false));
+    for signal in [SIGTERM, SIGINT, SIGHUP] {
+        signal_hook::flag::register(signal, Arc::clone(&interrupted)).map_err(Failure::request)?;
+    }
+    let mut stage = Stage::set(&interrupted)?;
+    let mut board = stage.wait_for_data(&interrupted)?;
+    let interactive = context.output.is_terminal();
+    let keys = Keys::listen(interactive);
+    let mut screen = Screen::new(interactive);
+
+    let began = Instant::now();
+    let first = board.subscriber().counter(Counter::Updates);
+    let mut cursor =
+        board.subscriber().cursor(RegionId::Servo, board.servo_sequence()? + 1).map_err(ClientError::from)?;
+    let mut sample = crate::segment::Sample::new();
+    let missed_before = board.subscriber().counter(Counter::Missed);
+    board.send(SET_UP, COMMAND)?;
+    let mut jogs = JOGS.iter().cycle();
+    let mut next_jog = began;
+    loop {
+        if Instant::now() >= next_jog {
+            next_jog += JOG_EVERY;
+            if let Some(jog) = jogs.next() {
+                board.send(jog, COMMAND)?;
+            }
+        }
+        // Every sample is fetched, as a program that logs would; what the table shows is the latest.
+        while cursor.next(board.subscriber(), &mut sample).map_err(ClientError::from)? {}
+        let snapshot = board.snapshot()?;
+        screen.show(&mut context.output, &format!("{} (simulated; q ends it)", board.name()), &snapshot)?;
+        context.output.flush()?;
+        let over = options.seconds.is_some_and(|seconds| began.elapsed() >= seconds);
+        if over || interrupted.load(Ordering::Relaxed) || keys.quit_within(options.rate) {
+            break;
+        }
+    }
+    let elapsed = began.elapsed().as_secs_f64();
+    let subscriber = board.subscriber();
+    let updates = subscriber.counter(Counter::Updates) - first;
+    let missed = subscriber.counter(Counter::Missed) - missed_before;
+    let lost = cursor.lost() + subscriber.counter(Counter::Lost);
+    drop(keys);
+    stage.clear();
+    context.output.line(format_args!(
+        "updates={updates} lost={lost} missed={missed} rate_hz={:.1}",
+        updates as f64 / elapsed
+    ))?;
+    Ok((updates > 0 && lost == 0).into())
+}
+
+/// The daemon (which starts the simulator) in a private directory.
+struct Stage {
+    daemon: Child,
+    directory: PathBuf,
+    name: SegmentName,
+}
+
+impl Stage {
+    fn set(interrupted: &AtomicBool) -> Result<Self, Failure> {
+        let template = std::env::temp_dir().join(format!("pmac-demo-{}-XXXXXX", std::process::id()));
+        let directory = nix::unistd::mkdtemp(&template).map_err(|error| {
+            Failure::request(format!("cannot make a directory like {}: {error}", template.display()))
+        })?;
+        let name =
+            SegmentName::new(&format!("pmac-demo-{}", std::process::id())).map_err(Failure::request)?;
+        let log = std::fs::File::create(directory.join("log")).map_err(Failure::request)?;
+        let program = program();
+        let daemon = Command::new(&program)
+            .args(["--board", "sim", "--name", name.as_str(), "--socket"])
+            .arg(directory.join("socket"))
+            .stdin(Stdio::null())
+            .stdout(Stdio::null())
+            .stderr(log)
+            // A terminal's ^C is for the demo, which ends the others in good order.
+            .process_group(0)
+            .spawn()
+            .map_err(|error| Failure::request(format!("cannot start {}: {error}", program.display())));
+        if daemon.is_err() || interrupted.load(Ordering::Relaxed) {
+            let _ = std::fs::remove_dir_all(&directory);
+        }
+        Ok(Self { daemon: daemon?, directory, name })
+    }
+
+    fn socket(&self) -> PathBuf {
+        self.directory.join("socket")
+    }
+
+    fn wait_for_data(&mut self, interrupted: &AtomicBool) -> Result<Board, Failure> {
+        let deadline = Instant::now() + START;
+        loop {
+            if let Ok(board) = Board::attach(self.name.as_str()) {
+                let mut board = board.with_socket(&self.socket());
+                if board.snapshot().is_ok_and(|snapshot| snapshot.servo.is_some_and(|servo| servo.is_fresh()))
+                {
+                    return Ok(board);
+                }
+            }
+            let ended = self.daemon.try_wait().map_err(Failure::request)?;
+            if ended.is_some() || Instant::now() >= deadline || interrupted.load(Ordering::Relaxed) {
+                let said = self.said();
+                return Err(Failure::request(format!("the demo's daemon gave no live data: {said}")));
+            }
+            std::thread::sleep(Duration::from_millis(10));
+        }
+    }
+
+    /// What the daemon said last, in one line.
+    fn said(&self) -> String {
+        let log = std::fs::read_to_string(self.directory.join("log")).unwrap_or_default();
+        let mut said = String::new();
+        for line in log.lines().rev().take(3).collect::<Vec<_>>().into_iter().rev() {
+            let _ = write!(said, "{}{line}", if said.is_empty() { "" } else { "; " });
+        }
+        if said.is_empty() { "it said nothing".to_owned() } else { said }
+    }
+
+    /// Ends the daemon, which ends the simulator, and takes everything away.
+    fn clear(&mut self) {
+        let pid = nix::unistd::Pid::from_raw(self.daemon.id().cast_signed());
+        let _ = nix::sys::signal::kill(pid, Signal::SIGTERM);
+        let deadline = Instant::now() + END;
+        while matches!(self.daemon.try_wait(), Ok(None)) {
+            if Instant::now() >= deadline {
+                let _ = self.daemon.kill();
+                let _ = self.daemon.wait();
+                break;
+            }
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        let _ = std::fs::remove_dir_all(&self.directory);
+    }
+}
+
+impl Drop for Stage {
+    fn drop(&mut self) {
+        self.clear();
+    }
+}
+
+/// `pmacd` beside this program, or on the search path.
+fn program() -> PathBuf {
+    let beside = std::env::current_exe().ok().and_then(|own| Some(own.parent()?.join("pmacd")));
+    beside.filter(|path| path.exists()).unwrap_or_else(|| Path::new("pmacd").to_owned())
+}
+
+/// Single key presses, while a terminal is there to press them on.
+struct Keys {
+    restore: Option<Termios>,
+}
+
+impl Keys {
+    fn listen(interactive: bool) -> Self {
+        let stdin = std::io::stdin();
+        let restore = if interactive { tcgetattr(&stdin).ok() } else { None };
+        if let Some(before) = &restore {
+            let mut raw = before.clone();
+            raw.local_flags.remove(LocalFlags::ICANON | LocalFlags::ECHO);
+            let _ = tcsetattr(&stdin, SetArg::TCSANOW, &raw);
+        }
+        Self { restore }
+    }
+
+    /// Waits at most `time`, less if q is pressed.
+    fn quit_within(&self, time: Duration) -> bool {
+        if self.restore.is_none() {
+            std::thread::sleep(time);
+            return false;
+        }
+        let stdin = std::io::stdin();
+        let end = Instant::now() + time;
+        loop {
+            let left = end.saturating_duration_since(Instant::now());
+            let timeout = PollTimeout::try_from(left).unwrap_or(PollTimeout::ZERO);
+            let mut watched = [PollFd::new(std::os::fd::AsFd::as_fd(&stdin), PollFlags::POLLIN)];
+            match poll(&mut watched, timeout) {
+                Ok(1..) => {
+                    let mut key = [0];
+                    match stdin.lock().read(&mut key) {
+                        Ok(1) if matches!(key[0], b'q' | b'Q' | 4) => return true,
+                        Ok(0) | Err(_) => return true,
+                        Ok(_) => {}
+                    }
+                }
+                // A signal ends the wait, and the caller looks why.
+                Ok(_) | Err(_) => return false,
+            }
+        }
+    }
+}
+
+impl Drop for Keys {
+    fn drop(&mut self) {
+        if let Some(before) = &self.restore {
+            let _ = tcsetattr(std::io::stdin(), SetArg::TCSANOW, before);
+        }
+    }
+}
