@@ -128,12 +128,15 @@ fn hexadecimal(rest: &[u8]) -> (Option<Kind>, usize) {
     (Some(kind), 1 + digits)
 }
 
-/// Every known word by its first letter, longer ones first.
-static WORDS: LazyLock<[Vec<(&'static [u8], Kind)>; 26]> = LazyLock::new(|| {
+/// The words that begin with one letter, longer ones first.
+type Words = Vec<(&'static [u8], Kind)>;
+
+/// Every known word, by its first letter.
+static WORDS: LazyLock<[Words; 26]> = LazyLock::new(|| {
     let commands =
         CODES.iter().flat_map(|code| code.spellings().map(move |name| (name, Kind::Command(code))));
     let refused = REFUSED.iter().map(|word| (word.name, Kind::Refused(word)));
-    let mut all: Vec<(&[u8], Kind)> = commands
+    let mut all: Words = commands
         .chain(refused)
         .chain([("PLC", Kind::Plc)])
         .map(|(name, kind)| (name.as_bytes(), kind))
