@@ -14,7 +14,7 @@
 //! | layer | modules |
 //! |---|---|
 //! | 0 | [`mod@format`]: numbers and text as DPRAM holds them |
-//! | 1 | [`map`]: what lies where · [`decode`]: words to named values · [`setup`]: calculators, what to send to a board · [`protocol`]: the command socket's messages |
+//! | 1 | [`map`]: what lies where · [`decode`]: words to named values · [`setup`]: calculators, what to send to a board · [`rotary`]: motion programs as binary commands · [`protocol`]: the command socket's messages |
 //! | 2 | [`device`]: the bus, its kinds and decorators, the interrupt |
 //! | 3 | [`function`]: the host's half of each automatic function |
 //! | 4 | [`mirror`]: what to read when · [`segment`]: the shared-memory ABI |
@@ -31,6 +31,7 @@ pub mod function;
 pub mod map;
 pub mod mirror;
 pub mod protocol;
+pub mod rotary;
 pub mod segment;
 pub mod setup;
 pub mod sim;

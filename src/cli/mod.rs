@@ -14,6 +14,7 @@ mod map;
 mod motors;
 mod output;
 mod read;
+mod rotary;
 mod send;
 pub mod setup;
 mod status;
@@ -149,6 +150,7 @@ fn execute(args: Args) -> Result<Verdict, Failure> {
         Command::Read(options) => read::run(&mut context, &options),
         Command::Send(options) => send::run(&mut context, &options),
         Command::Decode(options) => decode::run(&mut context, &options),
+        Command::Rotary(options) => rotary::run(&mut context, &options),
     }?;
     context.output.flush()?;
     Ok(verdict)

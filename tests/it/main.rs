@@ -9,6 +9,7 @@ mod map;
 mod mixing;
 mod replies;
 mod rig;
+mod rotary;
 mod segment;
 mod segment_cost;
 mod segment_hostile;
