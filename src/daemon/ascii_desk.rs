@@ -115,6 +115,12 @@ impl AsciiDesk {
         self.state
     }
 
+    /// Other data have stopped: that the port answered once says nothing any more. It is asked again if it may be.
+    pub fn doubt(&mut self, now: Instant) {
+        self.state = PortState::Unknown;
+        self.identifier.ask_again(now);
+    }
+
     /// Whether interrupts announce responses, so that they need not be looked for so often.
     pub fn set_interrupt(&mut self, has_interrupt: bool) {
         self.has_interrupt = has_interrupt;
