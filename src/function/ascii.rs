@@ -267,7 +267,15 @@ impl AsciiPort {
     pub fn give_up(&mut self, bus: &mut impl Bus, now: Instant) -> Result<(), BusError> {
         match self.state {
             State::Idle | State::Settling { .. } => return Ok(()),
-            State::Loaded { .. } => bus.write16(ASCII_OUTPUT_CONTROL, 0)?,
+            State::Loaded { sent } => {
+                let lies = bus.read16(ASCII_OUTPUT_CONTROL)? & COMMAND_LOADED != 0;
+                bus.write16(ASCII_OUTPUT_CONTROL, 0)?;
+                // The board took the line since the last look, or holds its first part, before which it would put the
+                // next line.
+                if (!lies || sent > FIRST_PART) && bus.read16(ASCII_CONTROL_CHARACTER)? == 0 {
+                    bus.write16(ASCII_CONTROL_CHARACTER, CANCEL)?;
+                }
+            }
             State::ControlReply { taken: false, .. } => bus.write16(ASCII_CONTROL_CHARACTER, 0)?,
             // A control character of somebody else's that the board has not taken is worth more than an empty queue.
             State::Replying | State::ControlReply { .. } if bus.read16(ASCII_CONTROL_CHARACTER)? == 0 => {
@@ -312,9 +320,17 @@ impl AsciiPort {
         bus.order_reads();
         let text = self.read_response(bus, control)?;
         bus.order_reads();
+        // Looked at after the response was seen: what the board has not taken yet it cannot have answered.
+        let untaken = matches!(self.state, State::Loaded { sent } if sent <= FIRST_PART)
+            && bus.read16(ASCII_OUTPUT_CONTROL)? & COMMAND_LOADED != 0;
         bus.write16(ASCII_INPUT_CONTROL, 0)?;
         bus.order_writes();
-        Ok(Some(self.classify(control, text, now)))
+        Ok(Some(match control {
+            RESPONSE_TO_PROGRAM => AsciiEvent::ProgramResponse(text),
+            RESPONSE_MESSAGE => AsciiEvent::ProgramMessage(text),
+            _ if untaken => AsciiEvent::Stale(control),
+            _ => self.classify(control, text, now),
+        }))
     }
 
     /// The response buffer is empty: a silence may be what the state waits for.
@@ -340,13 +356,8 @@ impl AsciiPort {
         })
     }
 
-    /// Whose a response is.
+    /// Whose a response is that is not a program's.
     fn classify(&mut self, control: u16, text: ResponseText, now: Instant) -> AsciiEvent {
-        match control {
-            RESPONSE_TO_PROGRAM => return AsciiEvent::ProgramResponse(text),
-            RESPONSE_MESSAGE => return AsciiEvent::ProgramMessage(text),
-            _ => {}
-        }
         match &mut self.state {
             State::Loaded { .. } | State::Replying => {}
             State::ControlReply { quiet_since, .. } | State::Settling { quiet_since, .. } => {
