@@ -16,7 +16,6 @@ mod send;
 mod status;
 mod table;
 mod time;
-mod usage;
 mod watch;
 
 use std::ffi::OsString;
@@ -28,11 +27,10 @@ use clap::Parser;
 use crate::client::{Board, ClientError, CommandError, Connection, socket_path};
 use crate::protocol::CallError;
 use crate::segment::SegmentName;
+use crate::usage::usage;
 
 use args::{Args, Command};
 use output::Output;
-
-pub use usage::usage;
 
 /// How a command ended that was carried out.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
