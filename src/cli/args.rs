@@ -5,6 +5,7 @@ use std::time::Duration;
 
 use clap::{Args as ClapArgs, Parser, Subcommand, ValueEnum};
 
+use super::rotary::Rotary;
 use crate::format::{Float48Layout, WordOrder};
 use crate::map::{Family, Firmware, GatherSizeWord, UnknownFamily};
 
@@ -56,6 +57,8 @@ pub enum Command {
     Send(Send),
     /// Decode a raw image of the DPRAM from a file
     Decode(Decode),
+    /// Motion programs as binary rotary commands (needs no daemon)
+    Rotary(Rotary),
 }
 
 #[derive(Debug, ClapArgs)]

@@ -3,6 +3,8 @@
 //! Exit status: 0 done; 1 the answer is "no", or the board reported an error; 2 the request could not be made.
 //! Data go to stdout, everything else to stderr. A reader that goes away (`pmacctl … | head`) ends it quietly.
 
+pub mod absolute;
+pub mod answer;
 mod args;
 mod coordinates;
 mod decode;
@@ -12,7 +14,9 @@ mod map;
 mod motors;
 mod output;
 mod read;
+mod rotary;
 mod send;
+pub mod setup;
 mod status;
 mod table;
 mod time;
@@ -144,6 +148,7 @@ fn execute(args: Args) -> Result<Verdict, Failure> {
         Command::Read(options) => read::run(&mut context, &options),
         Command::Send(options) => send::run(&mut context, &options),
         Command::Decode(options) => decode::run(&mut context, &options),
+        Command::Rotary(options) => rotary::run(&mut context, &options),
     }?;
     context.output.flush()?;
     Ok(verdict)

@@ -143,8 +143,10 @@ impl BoardLoop {
     /// The most urgent piece of work that is due.
     fn one_round(&mut self) -> Result<(), BusError> {
         let now = monotonic_ns();
+        let accesses = self.bus.accesses();
         if now >= self.servo.due_ns() {
             let transition = self.servo.pass(&mut self.bus, &mut self.publisher)?;
+            self.count(Counter::ServoAccesses, accesses);
             self.tell_servo(transition);
             return Ok(());
         }
@@ -154,13 +156,20 @@ impl BoardLoop {
         let instant = Instant::now();
         if instant >= self.desk.due() {
             self.desk.pass(&mut self.bus, &self.events, &self.publisher, instant)?;
+            self.count(Counter::AsciiAccesses, accesses);
             self.tell_port();
             self.take_identity();
         } else if now >= self.background.due_ns() {
             let transition = self.background.pass(&mut self.bus, &mut self.publisher)?;
+            self.count(Counter::BackgroundAccesses, accesses);
             self.tell_background(transition);
         }
         Ok(())
+    }
+
+    /// Adds the accesses made since there were `before` of them.
+    fn count(&self, counter: Counter, before: u64) {
+        self.publisher.counters().add(counter, self.bus.accesses() - before);
     }
 
     /// Waits for the next due time or something to read. Never longer than to the next heartbeat.

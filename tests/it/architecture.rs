@@ -102,7 +102,7 @@ fn sources(below: &str) -> Vec<Source> {
 /// The library's and the programs' source, without the files that only tests see.
 fn shipped() -> Vec<Source> {
     let mut sources = sources("src");
-    sources.retain(|source| !source.path.ends_with("_tests.rs") && !source.path.ends_with("/testing.rs"));
+    sources.retain(|source| !source.path.ends_with("tests.rs") && !source.path.ends_with("/testing.rs"));
     sources
 }
 

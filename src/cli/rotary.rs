@@ -1,0 +1,271 @@
+//! `pmacctl rotary encode` and `rotary decode`: motion programs to binary rotary commands and back. Neither needs a
+//! board or a daemon.
+
+use std::fmt::Display;
+use std::fs::File;
+use std::io::{self, Read, Write};
+use std::path::Path;
+
+use clap::{Args, Subcommand};
+use serde::Deserialize;
+use serde_json::Value;
+
+use super::{Context, Failure, Verdict};
+use crate::rotary::{Report, Settings, compile, decompile};
+
+/// Most of a file that is read: more than any program for a machine, and less than memory.
+const LARGEST: u64 = 256 << 20;
+
+#[derive(Debug, Args)]
+pub struct Rotary {
+    #[command(subcommand)]
+    pub command: RotaryCommand,
+}
+
+#[derive(Debug, Subcommand)]
+pub enum RotaryCommand {
+    /// Compile a motion program to the words of a binary rotary buffer; what cannot be sent is told with its place
+    Encode(Encode),
+    /// Turn the words of a binary rotary buffer back into text
+    Decode(Decode),
+}
+
+#[derive(Debug, Args)]
+pub struct Encode {
+    /// The program's text, constants only; - is stdin
+    #[arg(value_name = "FILE")]
+    pub file: String,
+    #[command(flatten)]
+    pub format: Format,
+}
+
+#[derive(Debug, Args)]
+pub struct Decode {
+    /// A file of words as encode prints them, plain or JSON (- is stdin), or at least two words themselves
+    #[arg(value_name = "FILE|WORD", required = true)]
+    pub input: Vec<String>,
+    #[command(flatten)]
+    pub format: Format,
+}
+
+#[derive(Debug, Args)]
+pub struct Format {
+    /// What the manual leaves open about the format, and the buffer's size: exponent_bias, zero_exponent,
+    /// bit_codes (diagram, table), mode_code_bit, abs_inc_axis_bit, abs_inc_vector_bit, frax_axis_bit, buffer_words
+    #[arg(long = "set", value_name = "NAME=VALUE", value_parser = setting)]
+    pub settings: Vec<(String, toml::Value)>,
+}
+
+impl Format {
+    fn settings(&self) -> Result<Settings, Failure> {
+        let table: toml::Table = self.settings.iter().cloned().collect();
+        let settings = Settings::deserialize(table)
+            .map_err(|error| Failure::Request(format!("--set: {}", error.to_string().trim())))?;
+        settings.check().map_err(|error| Failure::Request(format!("--set {error}")))?;
+        Ok(settings)
+    }
+}
+
+fn setting(text: &str) -> Result<(String, toml::Value), String> {
+    let (name, value) = text.split_once('=').ok_or("not NAME=VALUE")?;
+    let value = match value.parse() {
+        Ok(number) => toml::Value::Integer(number),
+        Err(_) => toml::Value::String(value.to_owned()),
+    };
+    Ok((name.to_owned(), value))
+}
+
+pub fn run(context: &mut Context, options: &Rotary) -> Result<Verdict, Failure> {
+    match &options.command {
+        RotaryCommand::Encode(options) => encode(context, options),
+        RotaryCommand::Decode(options) => decode(context, options),
+    }
+}
+
+fn encode(context: &mut Context, options: &Encode) -> Result<Verdict, Failure> {
+    let settings = options.format.settings()?;
+    let name = shown(&options.file);
+    let compiled = match compile(&read(&options.file)?, &settings) {
+        Ok(compiled) => compiled,
+        Err(refused) => {
+            warn(name, &refused.warnings);
+            return Err(Failure::Refused(listing(name, "", &refused.errors)));
+        }
+    };
+    warn(name, &compiled.warnings);
+    let commands = compiled.program.documents();
+    if context.output.is_json() {
+        context.output.json(&commands.collect::<Vec<_>>())?;
+    } else {
+        for command in commands {
+            let (place, words) = ((command.line, command.column), (command.word1, command.word2));
+            context
+                .output
+                .line(format_args!("{} {}  ; {}:{} {}", words.0, words.1, place.0, place.1, command.text))?;
+        }
+    }
+    Ok(Verdict::Yes)
+}
+
+fn decode(context: &mut Context, options: &Decode) -> Result<Verdict, Failure> {
+    let settings = options.format.settings()?;
+    let (name, words) = match &options.input[..] {
+        [file] => {
+            let name = shown(file);
+            let words = words(&read(file)?);
+            (name, words.map_err(|error| Failure::Request(format!("{name}: {error}")))?)
+        }
+        several => {
+            let words = pairs(several.iter().map(String::as_str)).map_err(Failure::Request)?;
+            ("words", words)
+        }
+    };
+    let decompiled =
+        decompile(&words, &settings).map_err(|error| Failure::Refused(format!("{name}: {error}")))?;
+    warn("text", &decompiled.notes);
+    if context.output.is_json() {
+        context.output.json(&decompiled.program.documents().collect::<Vec<_>>())?;
+    } else {
+        for line in &decompiled.program.lines {
+            context.output.line(line.text())?;
+        }
+    }
+    Ok(Verdict::Yes)
+}
+
+/// What stands before a place in messages.
+fn shown(file: &str) -> &str {
+    if file == "-" { "stdin" } else { file }
+}
+
+fn read(file: &str) -> Result<Vec<u8>, Failure> {
+    let mut bytes = Vec::new();
+    let mut take = |source: &mut dyn Read| source.take(LARGEST + 1).read_to_end(&mut bytes);
+    let outcome = if file == "-" {
+        take(&mut io::stdin().lock())
+    } else {
+        File::open(Path::new(file)).and_then(|mut file| take(&mut file))
+    };
+    outcome.map_err(|error| Failure::Request(format!("{}: {error}", shown(file))))?;
+    if bytes.len() as u64 > LARGEST {
+        let limit = LARGEST >> 20;
+        return Err(Failure::Request(format!("{}: longer than {limit} MiB", shown(file))));
+    }
+    Ok(bytes)
+}
+
+/// `FILE:LINE:COLUMN: what` for each finding, one a line.
+fn listing<T: Display>(name: &str, kind: &str, report: &Report<T>) -> String {
+    let mut lines: Vec<String> = report
+        .listed
+        .iter()
+        .map(|placed| format!("{name}:{}:{}: {kind}{}", placed.line, placed.column, placed.what))
+        .collect();
+    if report.more > 0 {
+        lines.push(format!("{name}: {kind}and {} more", report.more));
+    }
+    lines.join("\n")
+}
+
+fn warn<T: Display>(name: &str, report: &Report<T>) {
+    if !report.is_empty() {
+        // Nobody reads it: nothing to be done.
+        let _ = writeln!(io::stderr(), "{}", listing(name, "warning: ", report));
+    }
+}
+
+/// The pairs of words in a file: JSON (objects with `word1` and `word2`, pairs, or plain strings in an array), or hex
+/// words separated by blanks, commas or lines, with comments as in a program.
+fn words(bytes: &[u8]) -> Result<Vec<(u32, u32)>, String> {
+    let text = std::str::from_utf8(bytes).map_err(|_| "not text".to_owned())?;
+    if text.trim_start().starts_with('[') {
+        let values: Vec<Value> = serde_json::from_str(text).map_err(|error| error.to_string())?;
+        let mut words = Vec::new();
+        for (value, at) in values.iter().zip(1..) {
+            let parts = match value {
+                Value::Object(object) => vec![object.get("word1"), object.get("word2")],
+                Value::Array(pair) => pair.iter().map(Some).collect(),
+                word => vec![Some(word)],
+            };
+            for part in parts {
+                let word = part.and_then(Value::as_str);
+                words.push(word.ok_or_else(|| format!("element {at}: no word1 and word2 of hex digits"))?);
+            }
+        }
+        return pairs(words.into_iter());
+    }
+    let code = text.lines().map(|line| {
+        let end = line.find(';').into_iter().chain(line.find("//")).min().unwrap_or(line.len());
+        &line[..end]
+    });
+    pairs(code.flat_map(|line| line.split([' ', '\t', ','])).filter(|word| !word.is_empty()))
+}
+
+/// Words of up to six hex digits, with or without `$` or `0x`, two by two.
+fn pairs<'a>(words: impl Iterator<Item = &'a str>) -> Result<Vec<(u32, u32)>, String> {
+    let word = |(text, at): (&str, usize)| {
+        let digits = ["$", "0x", "0X"].iter().find_map(|mark| text.strip_prefix(mark)).unwrap_or(text);
+        let plain = !digits.is_empty() && digits.bytes().all(|byte| byte.is_ascii_hexdigit());
+        let value = u32::from_str_radix(digits, 16).ok().filter(|&value| plain && value <= 0xFF_FFFF);
+        value.ok_or_else(|| format!("word {at}: {text:?} is not a word of six hex digits"))
+    };
+    let words = words.zip(1..).map(word).collect::<Result<Vec<u32>, String>>()?;
+    let (pairs, rest) = words.as_chunks::<2>();
+    match rest {
+        [] => Ok(pairs.iter().map(|&[word1, word2]| (word1, word2)).collect()),
+        _ => Err(format!("{} words: a command is two words", words.len())),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn words_are_read_in_each_form() {
+        let expected = vec![(0x000E23, 0x500000), (0x000661, 0x980000)];
+        for text in [
+            "000E23 500000  ; 1:1 X10\n000661 980000 // Y-3.25\n",
+            "$e23,0x500000\r\n661\t$980000",
+            r#"["000E23","500000","000661","980000"]"#,
+            r#" [["000E23","500000"],["000661","980000"]]"#,
+            r#"[{"line":1,"word1":"000E23","word2":"500000"},{"word1":"000661","word2":"980000"}]"#,
+        ] {
+            assert_eq!(words(text.as_bytes()), Ok(expected.clone()), "{text}");
+        }
+        assert_eq!(words(b""), Ok(vec![]));
+        assert_eq!(words(b"[]"), Ok(vec![]));
+    }
+
+    #[test]
+    fn what_is_no_word_is_said() {
+        for (text, expected) in [
+            ("000E23", "1 words: a command is two words"),
+            ("000E23 X10", "word 2: \"X10\""),
+            ("1000000 0", "word 1: \"1000000\""),
+            ("+12 0", "word 1: \"+12\""),
+            ("$ 0", "word 1: \"$\""),
+            (r#"[{"word1":"000E23"}]"#, "element 1"),
+            (r#"[1, 2]"#, "element 1"),
+            ("[", "EOF"),
+        ] {
+            let error = words(text.as_bytes()).unwrap_err();
+            assert!(error.starts_with(expected), "{text}: {error}");
+        }
+        assert!(words(b"\xFF\xFE").is_err());
+    }
+
+    #[test]
+    fn settings_are_set_by_name() {
+        let settings = |parts: &[&str]| {
+            Format { settings: parts.iter().map(|part| setting(part).unwrap()).collect() }.settings()
+        };
+        assert_eq!(settings(&[]).unwrap(), Settings::default());
+        let set = settings(&["exponent_bias=30", "bit_codes=table"]).unwrap();
+        assert_eq!((set.exponent_bias, set.bit_codes), (30, crate::rotary::settings::BitCodes::Table));
+        for wrong in ["bias=1", "exponent_bias=64", "exponent_bias=-1", "bit_codes=other", "exponent_bias="] {
+            assert!(matches!(settings(&[wrong]), Err(Failure::Request(_))), "{wrong}");
+        }
+        assert!(setting("exponent_bias").is_err());
+    }
+}

@@ -1,0 +1,35 @@
+//! Motion programs for the binary rotary buffers: text to 48-bit commands and back (layer 1).
+//!
+//! PMAC copies what the host puts into a binary rotary buffer straight into its internal rotary program buffer, without
+//! reading any text (DPRAM manual pp. 29-35). A command is two 24-bit words; the first command of a text line carries
+//! the start-of-line bit, and the lines' commands stand one after the other. Only constants can be sent: no expression,
+//! no branch, no loop.
+//!
+//! [`compile()`] makes the words from text and refuses, with its place, whatever has no binary form; [`decompile()`] makes
+//! text from words. Both go through [`Item`], the meaning of one command, and both read the one table [`codes::CODES`].
+//! What the manual leaves open is a named field of [`Settings`]. Nothing here touches a board.
+
+pub mod codes;
+pub mod compile;
+pub mod constant;
+pub mod decompile;
+pub mod float;
+pub mod item;
+mod parse;
+pub mod program;
+pub mod reason;
+mod refused;
+mod scan;
+pub mod settings;
+
+#[cfg(test)]
+mod tests;
+
+pub use codes::Code;
+pub use compile::{Compiled, Refused, compile};
+pub use constant::Constant;
+pub use decompile::{DecodeError, Decompiled, Note, decompile};
+pub use item::{Argument, Item};
+pub use program::{Command, END_MARKER, Line, Program, START_OF_LINE};
+pub use reason::{Placed, Reason, Report, Warning};
+pub use settings::{BitCodes, Settings, SettingsError};

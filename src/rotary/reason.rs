@@ -1,0 +1,204 @@
+//! Why a text cannot be sent, and what sending it changes.
+
+use std::fmt;
+
+use super::codes::Range;
+use super::float::TooLarge;
+
+/// Something with its place in a text.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Placed<T> {
+    /// The line, from 1.
+    pub line: u32,
+    /// The column, from 1, in characters.
+    pub column: u32,
+    /// What is there.
+    pub what: T,
+}
+
+impl<T: fmt::Display> fmt::Display for Placed<T> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}:{}: {}", self.line, self.column, self.what)
+    }
+}
+
+/// Findings in the order of the text, the first [`Report::LIMIT`] in full.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Report<T> {
+    /// The first of them.
+    pub listed: Vec<Placed<T>>,
+    /// How many more there are.
+    pub more: usize,
+}
+
+impl<T> Default for Report<T> {
+    fn default() -> Self {
+        Self { listed: Vec::new(), more: 0 }
+    }
+}
+
+impl<T> Report<T> {
+    /// How many findings are kept in full.
+    pub const LIMIT: usize = 100;
+
+    /// Whether there is none.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.listed.is_empty()
+    }
+
+    /// How many there are in all.
+    #[must_use]
+    pub fn count(&self) -> usize {
+        self.listed.len() + self.more
+    }
+
+    pub(super) fn add(&mut self, line: u32, column: u32, what: T) {
+        if self.listed.len() < Self::LIMIT {
+            self.listed.push(Placed { line, column, what });
+        } else {
+            self.more += 1;
+        }
+    }
+
+    pub(super) fn append(&mut self, other: Self) {
+        self.more += other.more;
+        for placed in other.listed {
+            self.add(placed.line, placed.column, placed.what);
+        }
+    }
+}
+
+/// Why a piece of text cannot be sent through a binary rotary buffer.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum Reason {
+    /// A branch or loop.
+    #[error("{0} cannot be sent: a rotary program has no branches, loops or subroutine ends")]
+    Branch(&'static str),
+    /// A statement that sends text from within a program.
+    #[error("{0} cannot be sent: text in a program has no binary code; send the line through an ASCII port")]
+    Text(&'static str),
+    /// A command for the board, not for a program.
+    #[error("{0} is an on-line command, not a program command: send it through an ASCII port")]
+    OnLine(String),
+    /// A program command without code.
+    #[error("{0} cannot be sent: it has no binary code")]
+    NoCode(&'static str),
+    /// WAIT.
+    #[error("WAIT cannot be sent: its binary code is not implemented in PMAC")]
+    Wait,
+    /// N or O.
+    #[error("{0} cannot be sent: the binary codes of N and O are those of variable assignments")]
+    Label(&'static str),
+    /// Parentheses or an operator where a constant must be.
+    #[error("an expression cannot be sent: only constants")]
+    Expression,
+    /// A variable where a constant must be.
+    #[error("a variable as data cannot be sent: only constants")]
+    Variable,
+    /// `P1..10=`.
+    #[error("a range of variables cannot be assigned in a program: one assignment each")]
+    VariableRange,
+    /// `I5=*`.
+    #[error("the default value * cannot be sent: only constants")]
+    Default,
+    /// A variable number that is not one.
+    #[error("{0}: variable numbers are whole numbers from 0 to 1023")]
+    VariableNumber(String),
+    /// An operator that only M-variables have.
+    #[error("{0} is for M-variables only")]
+    Operator(&'static str),
+    /// A command without its number.
+    #[error("{0} needs a constant")]
+    NeedsNumber(&'static str),
+    /// A hexadecimal constant that is too long.
+    #[error("a hexadecimal constant has 12 digits at most")]
+    LongHex,
+    /// A number outside a command's range.
+    #[error("{text}: {name} takes {range}")]
+    Range {
+        /// The command.
+        name: &'static str,
+        /// The number as it is written.
+        text: String,
+        /// What it takes.
+        range: Range,
+    },
+    /// A number beyond the largest exponent.
+    #[error("{text}: {cause}")]
+    TooLarge {
+        /// The number as it is written.
+        text: String,
+        /// The bound.
+        cause: TooLarge,
+    },
+    /// `:` or `^` in another place than after an axis and its constant.
+    #[error("{0} stands only after an axis and its constant, once")]
+    Mark(&'static str),
+    /// NORMAL without a vector.
+    #[error("NORMAL needs one or more of I, J, K on the same line")]
+    NeedsVector,
+    /// PSET without an axis.
+    #[error("PSET needs one or more axes on the same line")]
+    NeedsAxis,
+    /// HOME without motors.
+    #[error("{0} needs motor numbers from 1 to 8; without them it is an on-line command")]
+    NeedsMotors(&'static str),
+    /// ENABLE without PLC.
+    #[error("{0} must be followed by PLC and the numbers of PLC programs")]
+    NeedsPlc(&'static str),
+    /// `n..m` with n above m.
+    #[error("{first}..{last}: a range begins with the smaller number")]
+    Backwards {
+        /// The number before the points.
+        first: u16,
+        /// The number after them.
+        last: u16,
+    },
+    /// A list of axes with something else in it.
+    #[error("the list of {0} is axis letters separated by commas, in parentheses{1}")]
+    AxisList(&'static str, &'static str),
+    /// A number with nothing to belong to.
+    #[error("{0}: a number without a command before it")]
+    LoneNumber(String),
+    /// A sign or operator where a command must begin.
+    #[error("{0} does not begin a program command")]
+    Unexpected(String),
+    /// A byte that no command has.
+    #[error("the character {0} is in no command")]
+    Character(String),
+    /// A line that no buffer of this size takes.
+    #[error("{commands} commands in a line: a buffer of {words} words takes {most}; split the line")]
+    LongLine {
+        /// How many there are.
+        commands: usize,
+        /// The buffer's size in 32-bit words.
+        words: u32,
+        /// How many fit.
+        most: usize,
+    },
+}
+
+/// What sending a text changes or may not mean.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum Warning {
+    /// A 24-bit mantissa drops digits that were written.
+    #[error("{text} loses precision: {name} has a 24-bit mantissa, {sent} is sent")]
+    Precision {
+        /// The command.
+        name: &'static str,
+        /// The number as it is written.
+        text: String,
+        /// The number that is sent.
+        sent: f64,
+    },
+    /// A number nearer to zero than the smallest.
+    #[error("{text} is nearer to zero than any number of the format: 0 is sent")]
+    Vanished {
+        /// The number as it is written.
+        text: String,
+    },
+    /// `1E3`.
+    #[error("E is a letter of its own here, not an exponent; put a blank before it if that is meant")]
+    NoExponent,
+}

@@ -1,0 +1,167 @@
+//! Words of the command language that a rotary program cannot have, and why.
+//!
+//! Branches and loops are for stored programs only (DPRAM manual p. 30, rule 6); some program commands have no binary
+//! code; others are no program commands at all.
+
+use super::reason::Reason;
+
+/// Why a word is refused.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Why {
+    /// Branching, looping and what belongs to it.
+    Branch,
+    /// Text sent from within a program.
+    Text,
+    /// On-line only.
+    OnLine,
+    /// No binary code.
+    NoCode,
+    /// WAIT.
+    Wait,
+    /// N and O.
+    Label,
+    /// A function of an expression.
+    Function,
+}
+
+/// A word and why it is refused.
+#[derive(Debug, PartialEq, Eq)]
+pub struct RefusedWord {
+    /// The word in capitals.
+    pub name: &'static str,
+    /// Why.
+    pub why: Why,
+}
+
+impl RefusedWord {
+    /// What to say about it.
+    pub fn reason(&self) -> Reason {
+        match self.why {
+            Why::Branch => Reason::Branch(self.name),
+            Why::Text => Reason::Text(self.name),
+            Why::OnLine => Reason::OnLine(self.name.to_owned()),
+            Why::NoCode => Reason::NoCode(self.name),
+            Why::Wait => Reason::Wait,
+            Why::Label => Reason::Label(self.name),
+            Why::Function => Reason::Expression,
+        }
+    }
+}
+
+const fn word(name: &'static str, why: Why) -> RefusedWord {
+    RefusedWord { name, why }
+}
+
+/// All of them.
+pub static REFUSED: &[RefusedWord] = &[
+    word("IF", Why::Branch),
+    word("ELSE", Why::Branch),
+    word("ENDIF", Why::Branch),
+    word("ENDI", Why::Branch),
+    word("WHILE", Why::Branch),
+    word("ENDWHILE", Why::Branch),
+    word("ENDW", Why::Branch),
+    word("AND", Why::Branch),
+    word("OR", Why::Branch),
+    word("GOTO", Why::Branch),
+    word("GOSUB", Why::Branch),
+    word("GOS", Why::Branch),
+    word("RETURN", Why::Branch),
+    word("RET", Why::Branch),
+    word("READ", Why::Branch),
+    word("COMMAND", Why::Text),
+    word("CMD", Why::Text),
+    word("SEND", Why::Text),
+    word("SENDS", Why::Text),
+    word("SENDP", Why::Text),
+    // Not its short form DISP: DISPLC is DIS PLC.
+    word("DISPLAY", Why::Text),
+    word("ADDRESS", Why::NoCode),
+    word("ADR", Why::NoCode),
+    word("SETPHASE", Why::NoCode),
+    word("LOCK", Why::NoCode),
+    word("UNLOCK", Why::NoCode),
+    word("PRELUDE", Why::NoCode),
+    word("NOFRAX", Why::NoCode),
+    word("FRAX2", Why::NoCode),
+    word("NX", Why::NoCode),
+    word("NY", Why::NoCode),
+    word("NZ", Why::NoCode),
+    word("TX", Why::NoCode),
+    word("TY", Why::NoCode),
+    word("TZ", Why::NoCode),
+    word("TR", Why::NoCode),
+    word("PLCC", Why::NoCode),
+    word("PAUSE", Why::NoCode),
+    word("RESUME", Why::NoCode),
+    word("WAIT", Why::Wait),
+    word("N", Why::Label),
+    word("O", Why::Label),
+    word("SIN", Why::Function),
+    word("COS", Why::Function),
+    word("TAN", Why::Function),
+    word("ASIN", Why::Function),
+    word("ACOS", Why::Function),
+    word("ATAN", Why::Function),
+    word("ATAN2", Why::Function),
+    word("LN", Why::Function),
+    word("EXP", Why::Function),
+    word("SQRT", Why::Function),
+    word("INT", Why::Function),
+    word("OPEN", Why::OnLine),
+    word("CLOSE", Why::OnLine),
+    word("CLS", Why::OnLine),
+    word("CLEAR", Why::OnLine),
+    word("CLR", Why::OnLine),
+    word("DEFINE", Why::OnLine),
+    word("DEF", Why::OnLine),
+    word("DELETE", Why::OnLine),
+    word("DEL", Why::OnLine),
+    word("UNDEFINE", Why::OnLine),
+    word("UNDEF", Why::OnLine),
+    word("LIST", Why::OnLine),
+    word("LEARN", Why::OnLine),
+    word("GATHER", Why::OnLine),
+    word("GAT", Why::OnLine),
+    word("ENDGATHER", Why::OnLine),
+    word("ENDG", Why::OnLine),
+    word("SAVE", Why::OnLine),
+    word("SIZE", Why::OnLine),
+    word("TYPE", Why::OnLine),
+    word("VERSION", Why::OnLine),
+    word("VER", Why::OnLine),
+    word("DATE", Why::OnLine),
+    word("PASSWORD", Why::OnLine),
+    word("PMATCH", Why::OnLine),
+    word("PC", Why::OnLine),
+    word("PE", Why::OnLine),
+    word("PR", Why::OnLine),
+];
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::rotary::codes::{CODES, Code};
+
+    #[test]
+    fn no_word_is_both_a_command_and_refused() {
+        for word in REFUSED {
+            assert!(CODES.iter().flat_map(Code::spellings).all(|name| name != word.name), "{}", word.name);
+            assert_eq!(REFUSED.iter().filter(|other| other.name == word.name).count(), 1, "{}", word.name);
+        }
+    }
+
+    #[test]
+    fn no_refused_word_begins_with_a_command_that_needs_no_number() {
+        // Otherwise "STOPX5" and the like could be read as another word.
+        use crate::rotary::codes::Shape;
+        for code in CODES.iter().filter(|code| matches!(code.shape, Shape::Bare { .. } | Shape::Axes { .. }))
+        {
+            for name in code.spellings() {
+                for word in REFUSED.iter().filter(|word| word.name != "FRAX2") {
+                    assert!(!word.name.starts_with(name), "{} begins with {name}", word.name);
+                }
+            }
+        }
+    }
+}
