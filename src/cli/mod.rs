@@ -20,7 +20,6 @@ pub mod setup;
 mod status;
 mod table;
 mod time;
-mod usage;
 mod watch;
 
 use std::ffi::OsString;
@@ -32,11 +31,10 @@ use clap::Parser;
 use crate::client::{Board, ClientError, CommandError, Connection, socket_path};
 use crate::protocol::CallError;
 use crate::segment::SegmentName;
+use crate::usage::usage;
 
 use args::{Args, Command};
 use output::Output;
-
-pub use usage::usage;
 
 /// How a command ended that was carried out.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

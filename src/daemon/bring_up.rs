@@ -32,6 +32,7 @@ use crate::mirror::{BackgroundMirror, ServoMirror};
 use crate::protocol::BoardInfo;
 use crate::segment::identity;
 use crate::segment::{CreateOptions, Identity, Publisher, RegionId, RegionSpec, monotonic_ns};
+use crate::usage::usage;
 
 /// Slots of each region: servo, some seconds; background, some reports; the board, a few changes.
 const SERVO_SLOTS: u32 = 4096;
@@ -54,7 +55,7 @@ pub fn main() -> ExitCode {
         .init();
     let options = match Options::try_parse() {
         Ok(options) => options,
-        Err(error) => return crate::cli::usage("pmacd", &error),
+        Err(error) => return usage("pmacd", &error),
     };
     let settings = match Settings::decide(&options) {
         Ok(settings) => settings,
