@@ -95,7 +95,7 @@ impl AsciiDesk {
     pub fn new(order: TextOrder, identifier: Identifier) -> Self {
         let now = Instant::now();
         Self {
-            port: AsciiPort::new(order),
+            port: AsciiPort::new(order, now),
             lines: VecDeque::with_capacity(LINES_MAX),
             controls: VecDeque::with_capacity(CONTROLS_MAX),
             under_way: None,

@@ -18,11 +18,8 @@ impl Rig {
     fn with_order(order: TextOrder) -> Self {
         let file = tempfile::tempfile().unwrap();
         file.set_len(0x4000).unwrap();
-        Self {
-            bus: FileBoard::from_file(&file, 0x4000).unwrap(),
-            port: AsciiPort::new(order),
-            now: Instant::now(),
-        }
+        let now = Instant::now();
+        Self { bus: FileBoard::from_file(&file, 0x4000).unwrap(), port: AsciiPort::new(order, now), now }
     }
 
     fn begin(&mut self, line: &str) -> bool {
@@ -166,6 +163,27 @@ fn a_stale_acknowledgement_that_comes_before_the_board_took_the_line_does_not_en
     rig.take();
     rig.respond(RESPONSE_LINE, "25");
     rig.expect_line("25");
+    rig.respond(RESPONSE_ACKNOWLEDGE, "");
+    assert_eq!(rig.step(), Some(AsciiEvent::Done(Ok(()))));
+}
+
+#[test]
+fn a_board_that_answers_before_it_clears_the_flag_is_believed() {
+    let mut rig = Rig::new();
+    assert!(rig.begin("VERSION"));
+    rig.respond(RESPONSE_LINE, "1.14");
+    rig.expect_line("1.14");
+    rig.take();
+    rig.respond(RESPONSE_ACKNOWLEDGE, "");
+    assert_eq!(rig.step(), Some(AsciiEvent::Done(Ok(()))));
+    assert!(rig.begin("#1J+"));
+    rig.respond(RESPONSE_ACKNOWLEDGE, "");
+    assert_eq!(rig.step(), Some(AsciiEvent::Done(Ok(()))), "also when there is no text");
+    rig.take();
+    // And long after any trouble nobody doubts an acknowledgement, whoever clears what when.
+    let mut rig = Rig::new();
+    rig.now += DOUBT;
+    assert!(rig.begin("#1J+"));
     rig.respond(RESPONSE_ACKNOWLEDGE, "");
     assert_eq!(rig.step(), Some(AsciiEvent::Done(Ok(()))));
 }
