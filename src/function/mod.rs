@@ -5,5 +5,6 @@
 
 pub mod ascii;
 pub mod background;
+pub mod panel;
 pub mod servo;
 pub mod servo_timer;
