@@ -153,7 +153,7 @@ impl AsciiDesk {
             Command::Control { ticket, character, deadline } => {
                 self.controls.push_back(WaitingControl { ticket, character, deadline });
             }
-            Command::ReadWords { .. } => {}
+            Command::ReadWords { .. } | Command::Job { .. } => {}
         }
         self.look_now(now);
         Ok(())

@@ -17,6 +17,7 @@ use super::board_loop::{BoardLoop, OpenBus, Told};
 use super::identify::{Identifier, servo_period_ps};
 use super::info::SharedInfo;
 use super::interrupt_link::InterruptLink;
+use super::job_desk::JobDesk;
 use super::options::Options;
 use super::queue::queue;
 use super::serve::{Backend, ServeOptions, serve};
@@ -111,6 +112,7 @@ fn run(settings: &Settings) -> Result<(), String> {
         servo: ServoMirror::new(settings.servo_reading),
         background: BackgroundMirror::new(settings.background_period_ns),
         desk: AsciiDesk::new(settings.text_order, identifier),
+        jobs: JobDesk::default(),
         interrupt: interrupt.map(InterruptLink::new),
         publisher,
         commands: command_queue,
