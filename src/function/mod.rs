@@ -8,3 +8,4 @@ pub mod background;
 pub mod panel;
 pub mod servo;
 pub mod servo_timer;
+pub mod variable_read;
