@@ -5,7 +5,9 @@
 
 pub mod ascii;
 pub mod background;
+pub mod host_port;
 pub mod panel;
 pub mod servo;
 pub mod servo_timer;
 pub mod variable_read;
+pub mod variable_write;
