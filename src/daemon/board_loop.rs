@@ -350,6 +350,7 @@ impl BoardLoop {
                     "servo data are stale: no update for {} ms (is I48=1, I19>0, I59>0, and GATHER given?)",
                     self.servo.stale_after_ns() / 1_000_000
                 );
+                self.desk.doubt(Instant::now());
             }
             None => return,
         }
@@ -359,10 +360,13 @@ impl BoardLoop {
     fn tell_background(&mut self, transition: Option<Transition>) {
         match transition {
             Some(Transition::Live) => info!("background data come"),
-            Some(Transition::Stale) => warn!(
-                "background data are stale: no report for {} ms (is I49=1 and I59>0?)",
-                self.background.stale_after_ns() / 1_000_000
-            ),
+            Some(Transition::Stale) => {
+                warn!(
+                    "background data are stale: no report for {} ms (is I49=1 and I59>0?)",
+                    self.background.stale_after_ns() / 1_000_000
+                );
+                self.desk.doubt(Instant::now());
+            }
             None => return,
         }
         self.tell_enabled();

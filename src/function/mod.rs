@@ -5,5 +5,9 @@
 
 pub mod ascii;
 pub mod background;
+pub mod panel;
+pub mod rotary;
+#[cfg(test)]
+mod rotary_tests;
 pub mod servo;
 pub mod servo_timer;
