@@ -28,7 +28,10 @@ fn a_request_reaches_the_words_of_its_numbers_and_no_other() {
 
     assert!(!Panel::taken(&mut bus).unwrap());
     let stop = PanelRequest::of(PanelAction::JogStop, &[2]).unwrap();
-    assert!(!Panel::begin(&mut bus, &stop).unwrap(), "PMAC would clear this request's bit with the first one's");
+    assert!(
+        !Panel::begin(&mut bus, &stop).unwrap(),
+        "PMAC would clear this request's bit with the first one's"
+    );
     assert_eq!(bus.read16(HostOffset::new(0x0008)).unwrap(), 0x1111, "nothing was written");
     bus.write16(HostOffset::new(0), 0).unwrap();
     assert!(Panel::taken(&mut bus).unwrap());
