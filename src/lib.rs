@@ -42,10 +42,10 @@
 //! * Nothing panics by `unwrap`, `expect`, `panic!` or their kin outside tests. No file has more than 600 lines.
 //!
 //! Kept by the tests named:
-//! * Device words are read one 16-bit access each, ascending, each once: [`device::Bus`] has no other way; [`device::counted`]
-//!   counts, and `tests/it/bench.rs` holds the count against 2 + 4 + 30n a servo update.
+//! * Device words are read one 16-bit access each, ascending, each once: [`device::Bus`] has no other way;
+//!   [`device::counted`] counts, and the tests of [`function::servo`] and [`function::background`] hold the count.
 //! * Servo data: PMAC's status word is read again after the data; unless both readings are equal and not busy, the copy is
-//!   discarded ([`function::servo`]). Fields of two updates never mix (`tests/it/bench.rs`, a number in every field).
+//!   discarded ([`function::servo`]). Fields of two updates never mix (`tests/it/mixing.rs`, its number in every field).
 //! * No reader can slow or stop the daemon, and no writer, stopped or killed in mid-write, blocks a reader: every region is a
 //!   ring with a sequence number a slot ([`segment::ring`], model-checked in `tests/it/segment_loom.rs`).
 //! * No failure returns zeros, or old data as if they were new ([`client::View`] carries age and [`client::Staleness`];

@@ -8,6 +8,7 @@ mod decode;
 mod format;
 mod map;
 mod mixing;
+mod readme;
 mod replies;
 mod rig;
 mod rotary;
