@@ -5,7 +5,10 @@ use std::time::Duration;
 
 use clap::{Args as ClapArgs, Parser, Subcommand, ValueEnum};
 
+use super::absolute::Absolute;
 use super::rotary::Rotary;
+use super::set_up::Setup;
+use super::stop::Abort;
 use crate::format::{Float48Layout, WordOrder};
 use crate::map::{Family, Firmware, GatherSizeWord, UnknownFamily};
 
@@ -59,6 +62,14 @@ pub enum Command {
     Decode(Decode),
     /// Motion programs as binary rotary commands (needs no daemon)
     Rotary(Rotary),
+    /// Stop every motion at once, by ^A, or that of some coordinate systems; the exit status tells whether the board took it
+    Abort(Abort),
+    /// Kill every motor at once, by ^K: open loops, no output; the exit status tells whether the board took it
+    Kill,
+    /// The lines that set a board up, explained, and sent when told to
+    Setup(Setup),
+    /// What an absolute-position setting makes PMAC read (needs no daemon)
+    Absolute(Absolute),
 }
 
 #[derive(Debug, ClapArgs)]

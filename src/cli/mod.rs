@@ -6,18 +6,22 @@
 pub mod absolute;
 pub mod answer;
 mod args;
+mod ask;
 mod coordinates;
 mod decode;
 mod demo;
 mod doctor;
+mod lines;
 mod map;
 mod motors;
 mod output;
 mod read;
 mod rotary;
 mod send;
+mod set_up;
 pub mod setup;
 mod status;
+mod stop;
 mod table;
 mod time;
 mod usage;
@@ -151,6 +155,10 @@ fn execute(args: Args) -> Result<Verdict, Failure> {
         Command::Send(options) => send::run(&mut context, &options),
         Command::Decode(options) => decode::run(&mut context, &options),
         Command::Rotary(options) => rotary::run(&mut context, &options),
+        Command::Abort(options) => stop::abort(&mut context, &options),
+        Command::Kill => stop::kill(&mut context),
+        Command::Setup(options) => set_up::run(&mut context, &options),
+        Command::Absolute(options) => set_up::absolute(&mut context, &options),
     }?;
     context.output.flush()?;
     Ok(verdict)
