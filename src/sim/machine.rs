@@ -7,12 +7,14 @@
 use super::coordinate::CoordinateSystem;
 use super::dpram::{Dpram, DpramError};
 use super::fault::Faults;
+use super::functions::{self, Functions};
 use super::gather::Gather;
 use super::judge::Judge;
 use super::language::variables::SavedVariables;
 use super::language::{AxisDefinitions, Family, Interpreter, Variables};
 use super::motor::{Events, Loop, Motor};
 use super::random::Random;
+use super::rotary_lines::RotaryLines;
 use super::servo_report::ServoReport;
 use super::{ascii, background_report, coordinate, offsets};
 
@@ -64,6 +66,14 @@ pub struct Machine {
     pub report: ServoReport,
     /// The DPRAM ASCII port.
     pub ascii: AsciiPort,
+    /// The functions that work by flags in the background pass.
+    pub functions: Functions,
+    /// The internal rotary buffers.
+    pub rotary_lines: RotaryLines,
+    /// Number that stands for coordinate system 1 in a binary rotary header: 0 or 1.
+    pub rotary_cs_base: u16,
+    /// The watchdog has tripped: the board does nothing until a reset.
+    pub watchdog: bool,
     /// What fixes the servo clock when a rate was asked for: I10 of it.
     pub fixed_i10: Option<f64>,
     pub(super) identity: Identity,
@@ -92,6 +102,10 @@ impl Machine {
             stats: Statistics::default(),
             report: ServoReport::default(),
             ascii: AsciiPort::default(),
+            functions: Functions::default(),
+            rotary_lines: RotaryLines::default(),
+            rotary_cs_base: 1,
+            watchdog: false,
             fixed_i10,
             motors: vec![Motor::new(); identity.motors.clamp(1, MOTORS)],
             coordinates: vec![CoordinateSystem::default(); MOTORS],
@@ -264,6 +278,12 @@ impl Machine {
         ] {
             self.memory.dpram.write16(word, 0);
         }
+        for header in offsets::ROTARY {
+            self.memory.dpram.write16(header, 0);
+        }
+        self.watchdog = false;
+        self.functions = Functions::default();
+        self.rotary_lines.clear();
         self.ascii.clear();
         self.report.reset();
         self.gather = Gather::new(&self.identity.firmware);
@@ -321,13 +341,20 @@ pub struct Board {
 }
 
 impl Board {
-    /// One servo cycle and the background pass after it.
+    /// One servo cycle and the background pass after it; nothing once the watchdog has tripped.
     pub fn step(&mut self) {
+        if self.machine.watchdog {
+            return;
+        }
         self.machine.servo_cycle();
         if self.machine.all_ones() {
             return;
         }
         ascii::pass(&mut self.machine, &mut self.interpreter);
+        functions::pass(&mut self.machine);
+        if self.machine.watchdog {
+            return;
+        }
         self.machine.housekeeping();
     }
 }
