@@ -10,6 +10,7 @@
 //! | [`motor`], `supervision`, [`profile`], [`coordinate`] | servo loop, drive and shaft; jog and home moves; time base |
 //! | [`servo_report`], [`background_report`], [`ascii`], [`gather`] | the automatic functions of the DPRAM |
 //! | [`functions`]: [`panel`], [`variable_read`], [`variable_write`], [`rotary_transfer`] into [`rotary_lines`], `claims` | those that work by flags in the background pass; who uses which stretch |
+//! | [`mailbox`], [`host_port`] | the VME mailbox port; the interrupt registers of the ISA port |
 //! | [`language`] | the interpreter of on-line commands |
 //! | [`judge`], [`fault`] | what a host does wrong; what the board can be told to do wrong |
 
@@ -28,11 +29,13 @@ pub mod dpram;
 pub mod fault;
 pub mod functions;
 pub mod gather;
+pub mod host_port;
 pub mod identity;
 pub mod interrupt;
 pub mod judge;
 pub mod language;
 pub mod machine;
+pub mod mailbox;
 pub mod memory;
 #[cfg(test)]
 mod motion_tests;

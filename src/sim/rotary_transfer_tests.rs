@@ -209,6 +209,16 @@ fn what_a_host_does_wrong_is_recorded() {
         bench.write(FIRST + 4, host.index + 2);
     });
     assert!(marker.len() == 1 && marker[0].contains("no end marker"), "{marker:?}");
+    let marker = found(|bench, host| {
+        host.send(bench, ONE);
+        host.put(bench, host.index, (0x800, 0));
+    });
+    assert!(marker.len() == 1 && marker[0].contains("no end marker"), "{marker:?}");
+    let quick = found(|bench, host| {
+        host.send(bench, ONE);
+        host.put(bench, host.index, FOUR[0]);
+    });
+    assert!(quick.is_empty(), "a host that is writing the next line: {quick:?}");
     let changed = found(|bench, host| host.put(bench, 4, ONE[0]));
     assert!(changed.is_empty(), "the same words are no change: {changed:?}");
     let changed = found(|bench, host| host.put(bench, 4, FOUR[1]));

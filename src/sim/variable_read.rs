@@ -91,9 +91,6 @@ impl VariableRead {
         }
         let start = machine.memory.dpram.read16(offsets::VARIABLE_READ_START);
         if table != self.table || start != self.start {
-            if multi_user && !self.table.is_empty() && start != self.start {
-                machine.judge.record(cycle, "the variable read table was moved while its count was not 0");
-            }
             *self = Self { start, written: vec![false; table.len()], table, ..Self::default() };
         }
         self.judge(control, machine);
