@@ -3,6 +3,8 @@
 //! A word that only PMAC writes is compared with what PMAC wrote last; the host's command text is compared between the
 //! pass that saw its flag and the pass that takes it. A finding is recorded once, with the number of the servo cycle.
 
+use std::collections::BTreeMap;
+
 use super::dpram::Dpram;
 use super::offsets;
 
@@ -26,6 +28,8 @@ pub struct Judge {
     /// Where the walk through PMAC's half goes on: range and offset.
     range: usize,
     next: u16,
+    /// States that are wrong at present, by what they concern.
+    present: BTreeMap<&'static str, String>,
 }
 
 impl Judge {
@@ -46,6 +50,19 @@ impl Judge {
         self.total += 1;
         if self.violations.len() < KEPT {
             self.violations.push(format!("cycle {cycle}: {what}"));
+        }
+    }
+
+    /// Records the wrong state `what` of `subject` when it begins, and forgets it with `None`: a state that lasts is one
+    /// finding.
+    pub fn state(&mut self, cycle: u64, subject: &'static str, what: Option<String>) {
+        let Some(what) = what else {
+            self.present.remove(subject);
+            return;
+        };
+        if self.present.get(subject) != Some(&what) {
+            self.record(cycle, &what);
+            self.present.insert(subject, what);
         }
     }
 
@@ -74,7 +91,8 @@ impl Judge {
         }
     }
 
-    fn pmacs_word(&mut self, offset: u16, cycle: u64, dpram: &mut Dpram) {
+    /// Compares a word that only PMAC writes with what PMAC wrote last.
+    pub fn pmacs_word(&mut self, offset: u16, cycle: u64, dpram: &mut Dpram) {
         let (found, own) = (dpram.read16(offset), dpram.shadow(offset));
         if found != own {
             self.record(
@@ -85,7 +103,8 @@ impl Judge {
         }
     }
 
-    fn may_only_clear(&mut self, offset: u16, rule: &str, cycle: u64, dpram: &mut Dpram) {
+    /// As [`Judge::pmacs_word`], for a word that the host may set to 0 and nothing else.
+    pub fn may_only_clear(&mut self, offset: u16, rule: &str, cycle: u64, dpram: &mut Dpram) {
         let found = dpram.read16(offset);
         if found != dpram.shadow(offset) {
             if found != 0 {
