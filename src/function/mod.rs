@@ -9,3 +9,4 @@ pub mod panel;
 pub mod servo;
 pub mod servo_timer;
 pub mod variable_read;
+pub mod variable_write;
