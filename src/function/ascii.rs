@@ -48,6 +48,14 @@ pub struct ResponseText {
 impl ResponseText {
     const EMPTY: Self = Self { bytes: [0; ASCII_RESPONSE_BYTES], length: 0 };
 
+    /// A text of the first 255 characters of `characters`.
+    pub(super) fn of(characters: &[u8]) -> Self {
+        let mut text = Self::EMPTY;
+        text.length = characters.len().min(ASCII_RESPONSE_BYTES - 1);
+        text.bytes[..text.length].copy_from_slice(&characters[..text.length]);
+        text
+    }
+
     /// The characters, at most 255, without the NUL.
     #[must_use]
     pub fn as_bytes(&self) -> &[u8] {

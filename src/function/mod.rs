@@ -5,6 +5,7 @@
 
 pub mod ascii;
 pub mod background;
+pub mod host_port;
 pub mod panel;
 pub mod servo;
 pub mod servo_timer;
