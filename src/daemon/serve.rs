@@ -409,11 +409,11 @@ impl Service {
         let ticket = self.new_ticket();
         let Some(client) = self.clients.get_mut(&id) else { return Ok(()) };
         let Peer { uid, pid, .. } = client.peer;
-        let (mut then, mut audit) = (None, None);
+        let (mut then, mut audit, mut stops) = (None, None, 0);
         let command = match ask {
             Ask::Send { line, .. } => {
                 audit = Some(format!("sends {line:?}"));
-                Command::Send { ticket, line, deadline }
+                Command::Send { ticket, line, deadline, question: false }
             }
             Ask::Control { character } => {
                 audit = Some(format!("sends {}", control::name(character)));
@@ -425,13 +425,16 @@ impl Service {
                 Some(guard) => {
                     let line = Text::new(guard.variable.as_bytes()).unwrap_or_default();
                     then = Some(call);
-                    Command::Send { ticket, line, deadline: now + GUARD_TIMEOUT }
+                    Command::Send { ticket, line, deadline: now + GUARD_TIMEOUT, question: true }
                 }
                 None => {
                     audit = call.audit.take();
                     if let Some(stop) = call.lease {
                         // From now on: a client that is gone before the board has taken the jog is gone all the same.
                         self.leases.begin(id, stop, deadline);
+                    }
+                    if let (Job::Panel(request), None) = (&call.job, call.lease) {
+                        stops = request.stops();
                     }
                     Command::Job { ticket, job: Box::new(call.job), deadline }
                 }
@@ -444,7 +447,7 @@ impl Service {
         self.owners.insert(ticket, id);
         let deadline = deadline + GRACE;
         client.waiting =
-            Waiting::Board(Pending { ticket, oneway, deadline, lines: Vec::new(), length: 0, then });
+            Waiting::Board(Pending { ticket, oneway, deadline, lines: Vec::new(), length: 0, then, stops });
         Ok(())
     }
 
@@ -537,6 +540,7 @@ impl Service {
             Event::Done(ticket, outcome) => {
                 let Some(pending) = self.pending(ticket) else { return };
                 let lines = std::mem::take(&mut pending.lines);
+                let stops = pending.stops;
                 if let Some(call) = pending.then.take() {
                     return self.guarded(ticket, call, &lines, outcome, now);
                 }
@@ -544,6 +548,9 @@ impl Service {
                 if let Some(&id) = self.owners.get(&ticket) {
                     // A held jog has begun: its holder's time runs from here.
                     self.leases.renew(id, now);
+                    if outcome == Outcome::Done {
+                        self.leases.stopped(id, stops);
+                    }
                 }
                 self.answer(ticket, reply, now);
             }
