@@ -317,6 +317,16 @@ fn a_second_daemon_on_the_same_name_is_refused() {
     assert_eq!(second.status.code(), Some(1));
     let error = String::from_utf8(second.stderr).unwrap();
     assert!(error.contains("in use") && error.contains(&site.daemon_pid().to_string()), "{error}");
+    // Nor may one of another name have the same board: a board has one host.
+    let other = std::process::Command::new(env!("CARGO_BIN_EXE_pmacd"))
+        .args(["--board", &format!("file:{}", site.path("dpram").display())])
+        .args(["--name", &format!("{}-other", site.name), "--socket"])
+        .arg(site.path("other"))
+        .output()
+        .unwrap();
+    assert_eq!(other.status.code(), Some(1));
+    let error = String::from_utf8(other.stderr).unwrap();
+    assert!(error.contains("dpram is the board of another running pmacd"), "{error}");
     assert!(is_live(&site.attach(), RegionId::Servo), "the first one goes on");
     assert_eq!(site.stop_daemon(), 0);
     assert!(site.connection_refused());
