@@ -1,6 +1,6 @@
 //! The daemon: owns the board, mirrors it, serves commands (layer 5).
 //!
-//! Two threads work and one waits for signals. The bus thread ([`board_loop`]) owns the board; the socket's thread
+//! Two threads work, one writes the log and one waits for signals. The bus thread ([`board_loop`]) owns the board; the socket's thread
 //! ([`serve`]) owns the clients; between them stand two bounded queues ([`queue`]).
 
 pub mod ascii_desk;
@@ -12,6 +12,7 @@ pub mod identify;
 pub mod info;
 pub mod interrupt_link;
 pub mod listener;
+mod log_sink;
 pub mod options;
 pub mod policy;
 pub mod queue;

@@ -333,6 +333,35 @@ fn a_second_daemon_on_the_same_name_is_refused() {
 }
 
 #[test]
+fn a_log_that_nobody_reads_holds_nothing_up() {
+    let mut site = Site::new();
+    site.start_simulator(&["--dpram-startup"]);
+    let mut daemon = site.daemon_command(&[]).stderr(Stdio::piped()).spawn().unwrap();
+    site.wait_for_live_servo();
+    let mut connection = site.connection();
+    // Each is one line in the log; a pipe holds 64 KiB.
+    let line = format!("P1{}", " ".repeat(190));
+    for _ in 0..400 {
+        connection.send(&line, PATIENCE).unwrap();
+    }
+    site.control("fault servo_silent on");
+    let subscriber = site.attach();
+    wait_until("stale data", || !is_live(&subscriber, RegionId::Servo));
+    assert_eq!(subscriber.condition(), Condition::Live, "the bus thread still gives its signs of life");
+    nix::sys::signal::kill(
+        nix::unistd::Pid::from_raw(daemon.id().cast_signed()),
+        nix::sys::signal::Signal::SIGTERM,
+    )
+    .unwrap();
+    let mut ended = None;
+    wait_until("the daemon to stop", || {
+        ended = daemon.try_wait().unwrap();
+        ended.is_some()
+    });
+    assert!(ended.is_some_and(|status| status.success()));
+}
+
+#[test]
 fn a_malformed_request_is_one_line_and_status_2() {
     let site = Site::new();
     let config = tempfile::NamedTempFile::new().unwrap();
