@@ -30,6 +30,7 @@ pub mod format;
 pub mod function;
 pub mod map;
 pub mod mirror;
+mod process;
 pub mod protocol;
 pub mod segment;
 pub mod sim;

@@ -70,7 +70,7 @@ pub fn main() -> ExitCode {
     if options.check {
         return ExitCode::SUCCESS;
     }
-    let ended = run(&settings);
+    let ended = run(&settings, options.with_parent);
     log.finish();
     match ended {
         Ok(()) => ExitCode::SUCCESS,
@@ -84,9 +84,12 @@ fn say(status: u8, reason: &str) -> ExitCode {
     ExitCode::from(status)
 }
 
-fn run(settings: &Settings) -> Result<(), String> {
+fn run(settings: &Settings, parent: Option<u32>) -> Result<(), String> {
     // Before anything else: a signal from now on is kept until it is waited for.
     let mut signals = Signals::new([SIGTERM, SIGINT, SIGHUP]).map_err(|error| format!("signals: {error}"))?;
+    if let Some(parent) = parent {
+        crate::process::end_with_parent(parent).map_err(|error| error.to_string())?;
+    }
     if nix::unistd::geteuid().is_root() {
         warn!("running as root; the unit file or a user of its own is safer");
     }

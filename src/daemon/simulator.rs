@@ -40,8 +40,6 @@ impl Simulator {
         let program = program();
         let fail = |reason: String| SimulatorError { program: program.clone(), reason };
         let directory = private_directory().map_err(|error| fail(error.to_string()))?;
-        let startup = directory.join("startup.pmc");
-        std::fs::write(&startup, crate::sim::STARTUP).map_err(|error| fail(error.to_string()))?;
         let mut command = Command::new(&program);
         command.arg("--memory").arg(directory.join("dpram"));
         command.arg("--interrupt").arg(socket(&directory, "interrupt"));
@@ -51,7 +49,9 @@ impl Simulator {
         if let Some(firmware) = firmware {
             command.arg("--firmware").arg(firmware);
         }
-        command.arg("--startup").arg(&startup).stdin(Stdio::null()).stdout(Stdio::null());
+        command.arg("--dpram-startup").stdin(Stdio::null()).stdout(Stdio::null());
+        // Should this process be killed, the simulator ends too, and takes the directory away.
+        command.arg("--with-parent").arg(std::process::id().to_string());
         // A terminal's ^C is for the daemon, which ends the simulator in its own time.
         command.process_group(0);
         let child = command.spawn().map_err(|error| fail(error.to_string()))?;

@@ -333,6 +333,47 @@ fn a_second_daemon_on_the_same_name_is_refused() {
 }
 
 #[test]
+fn a_killed_daemon_leaves_no_simulator_and_a_killed_demo_no_daemon() {
+    let left = |pid: u32| {
+        let prefix = format!("pmac-sim-{pid}-");
+        let name = |entry: std::fs::DirEntry| entry.file_name().to_string_lossy().into_owned();
+        std::fs::read_dir("/dev/shm").unwrap().flatten().map(name).find(|name| name.starts_with(&prefix))
+    };
+    let site = Site::new();
+    let mut daemon = std::process::Command::new(env!("CARGO_BIN_EXE_pmacd"))
+        .args(["--board", "sim", "--name", &site.name, "--socket"])
+        .arg(site.socket())
+        .stderr(Stdio::null())
+        .spawn()
+        .unwrap();
+    wait_until("live servo data", || {
+        Subscriber::attach(&site.segment()).is_ok_and(|subscriber| is_live(&subscriber, RegionId::Servo))
+    });
+    assert!(left(daemon.id()).is_some());
+    daemon.kill().unwrap();
+    daemon.wait().unwrap();
+    wait_until("the simulator to end and take its directory away", || left(daemon.id()).is_none());
+    let _ = std::fs::remove_file(format!("/dev/shm/{}", site.name));
+    let _ = std::fs::remove_file(format!("/dev/shm/{}.lock", site.name));
+
+    let mut demo = std::process::Command::new(env!("CARGO_BIN_EXE_pmacctl"))
+        .arg("demo")
+        .env("TMPDIR", site.path(""))
+        .stdout(Stdio::null())
+        .spawn()
+        .unwrap();
+    let segment = format!("pmac-demo-{}", demo.id()).parse().unwrap();
+    wait_until("the demo's servo data", || {
+        Subscriber::attach(&segment).is_ok_and(|subscriber| is_live(&subscriber, RegionId::Servo))
+    });
+    demo.kill().unwrap();
+    demo.wait().unwrap();
+    wait_until("the demo's daemon to end and take its segment away", || {
+        Subscriber::attach(&segment).is_err()
+    });
+}
+
+#[test]
 fn a_log_that_nobody_reads_holds_nothing_up() {
     let mut site = Site::new();
     site.start_simulator(&["--dpram-startup"]);
