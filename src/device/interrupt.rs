@@ -76,7 +76,7 @@ impl Interrupt {
         self.stream.as_fd()
     }
 
-    /// Takes the announced interrupts, at most [`TAKEN_MAX`] announcements of them; the descriptor stays readable while
+    /// Takes the announced interrupts, a bounded number of announcements of them; the descriptor stays readable while
     /// there are more. Never waits.
     pub fn take(&mut self) -> Taken {
         let mut taken = Taken::default();
