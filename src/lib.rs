@@ -69,6 +69,7 @@ pub mod format;
 pub mod function;
 pub mod map;
 pub mod mirror;
+mod process;
 pub mod protocol;
 pub mod rotary;
 pub mod segment;
