@@ -21,4 +21,7 @@ mod serial;
 mod simulator;
 mod site;
 mod socket;
+mod tools;
+mod tools_serial;
+mod tools_terminal;
 mod whole;
