@@ -7,8 +7,8 @@
 //! the reader is told the servo cycles as well, and knows from both how many samples there have been, exactly.
 //!
 //! How many samples came between two looks is the number that fits the index and lies between what the least and the
-//! most time between the looks allow; when two numbers fit, because the host was held up between its accesses, the look is
-//! thrown away and the next one tells. After a copy the index is read again, and what the board may have overwritten
+//! most time between the looks allow. When the host was held up between two accesses of a look for a quarter of the
+//! buffer, the look is thrown away and the next one tells. After a copy the index is read again, and what the board may have overwritten
 //! meanwhile is dropped and counted as lost.
 
 use crate::device::{Bus, BusError};
@@ -23,7 +23,7 @@ pub const CHUNK_LONGS: usize = 64;
 const MOST_SAMPLE_LONGS: u32 = 48;
 /// By how many samples the count may be off that the servo cycles give: the clock itself comes once a sample or so.
 const SLACK_SAMPLES: u64 = 2;
-/// The shortest buffer that is gone round in, in samples: several times what the cycles leave open.
+/// The shortest buffer that can be gone round in, in samples: the cycles must leave less than a turn open.
 pub const LEAST_WRAP_SAMPLES: u32 = 16;
 
 /// The buffer as it was defined.
@@ -162,13 +162,11 @@ pub struct GatherReader {
     length: usize,
 }
 
-/// Why a number of samples could not be told.
-enum Unknown {
-    /// More than one number fits: look again.
-    Several,
-    /// None fits, less time passed than that.
+/// Why no number of samples fits both index and time.
+enum Misfit {
+    /// Less time passed than the fewest that fit the index take.
     TooMany,
-    /// None fits, more time passed than that.
+    /// More time passed than the most that fit the index take.
     TooFew,
 }
 
@@ -325,7 +323,7 @@ impl GatherReader {
         if u64::from(index) > self.capacity * u64::from(self.buffer.sample_longs) {
             return Some(GatherLook::OutOfRange { index });
         }
-        // A wider bracket could leave several numbers of samples open, now or at the next look.
+        // A wider bracket would leave several numbers of samples open, now or at the next look.
         if bracket.1.saturating_sub(bracket.0) / u64::from(self.buffer.period) > self.capacity / 4 {
             return Some(GatherLook::Disturbed);
         }
@@ -344,9 +342,8 @@ impl GatherReader {
             }
             (Some(last), _) => match self.samples_since(slot, last, bracket) {
                 Ok(samples) => self.written += samples,
-                Err(Unknown::Several) => return Some(GatherLook::Disturbed),
-                Err(Unknown::TooMany) => return Some(self.break_off(GatherLook::Redefined { size, index })),
-                Err(Unknown::TooFew) => return Some(self.break_off(GatherLook::Interrupted)),
+                Err(Misfit::TooMany) => return Some(self.break_off(GatherLook::Redefined { size, index })),
+                Err(Misfit::TooFew) => return Some(self.break_off(GatherLook::Interrupted)),
             },
         }
         self.last = Some(bracket);
@@ -357,23 +354,21 @@ impl GatherReader {
     }
 
     /// How many samples the board has stored since the index was read within `last`, now that it points to `slot`.
-    fn samples_since(&self, slot: u64, last: (u64, u64), now: (u64, u64)) -> Result<u64, Unknown> {
+    fn samples_since(&self, slot: u64, last: (u64, u64), now: (u64, u64)) -> Result<u64, Misfit> {
         let here = (self.base + self.written) % self.capacity;
         let ahead = (slot % self.capacity + self.capacity - here) % self.capacity;
         let period = u64::from(self.buffer.period);
         let least = (now.0.saturating_sub(last.1) / period).saturating_sub(SLACK_SAMPLES);
         let most = now.1.saturating_sub(last.0).div_ceil(period) + SLACK_SAMPLES;
         if ahead > most {
-            return Err(Unknown::TooMany);
+            return Err(Misfit::TooMany);
         }
-        // The most samples that fit the index and the time.
+        // The most samples that fit the index and the time. No other number fits: brackets and slack leave less than a
+        // turn open, under 5 + 5 + 6 samples of 16 in the shortest buffer.
         let samples = ahead + (most - ahead) / self.capacity * self.capacity;
-        if samples >= self.capacity && samples - self.capacity >= least {
-            return Err(Unknown::Several);
-        }
         // Fewer than the time asks for: gathering paused. Within one turn the index still tells.
         if samples < least && samples >= self.capacity {
-            return Err(Unknown::TooFew);
+            return Err(Misfit::TooFew);
         }
         Ok(samples)
     }

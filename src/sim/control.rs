@@ -48,6 +48,7 @@ struct Status<'a> {
     violations: &'a [String],
     violations_total: u64,
     resets: u64,
+    watchdog: bool,
 }
 
 /// The answer to `status`: a JSON object on one line.
@@ -65,6 +66,7 @@ pub fn status(machine: &Machine) -> String {
         violations: machine.judge.violations(),
         violations_total: machine.judge.total(),
         resets: machine.stats.resets,
+        watchdog: machine.watchdog,
     };
     serde_json::to_string(&status).unwrap_or_else(|error| format!("error: {error}"))
 }
@@ -142,7 +144,21 @@ fn send(machine: &mut Machine, text: &str) -> Answer {
             machine.ascii.push(RESPONSE_MESSAGE, text.as_bytes());
             Answer::Line("ok".into())
         }
-        Port::Serial => Answer::Transmit(serial_line(machine, text, machine.variables.i(62) == 1.0)),
+        port => {
+            let bytes = serial_line(machine, text, machine.variables.i(62) == 1.0);
+            transmit(machine, port, bytes)
+        }
+    }
+}
+
+/// Bytes to the mailboxes, or to the serial port, which is the caller's.
+fn transmit(machine: &mut Machine, port: Port, bytes: Vec<u8>) -> Answer {
+    match &mut machine.mailbox {
+        Some(mailbox) if port == Port::Mailbox => {
+            mailbox.push(&bytes);
+            Answer::Line("ok".into())
+        }
+        _ => Answer::Transmit(bytes),
     }
 }
 
@@ -160,14 +176,14 @@ fn command(board: &mut Board, text: &str) -> Answer {
             }
             Answer::Line("ok".into())
         }
-        Port::Serial => {
+        port => {
             let mut bytes: Vec<u8> =
                 reply.lines.iter().flat_map(|line| serial_line(machine, line, false)).collect();
             // I6=0 and 1 report a program's errors too, I6=2 and 3 only a host's.
             if reply.error.is_some() && machine.variables.i(6) < 2.0 {
                 bytes.push(7);
             }
-            Answer::Transmit(bytes)
+            transmit(machine, port, bytes)
         }
     }
 }

@@ -1,5 +1,6 @@
 //! Integration tests: formats, the map, the segment, the socket, the command line, the simulator, whole processes.
 
+mod architecture;
 mod bench;
 mod cli;
 mod client;
@@ -8,6 +9,7 @@ mod format;
 mod gather;
 mod map;
 mod mixing;
+mod readme;
 mod replies;
 mod rig;
 mod rotary;

@@ -2,6 +2,7 @@
 
 use std::fs::OpenOptions;
 use std::io::{BufRead, BufReader, Read, Write};
+use std::os::unix::fs::FileExt;
 use std::os::unix::net::UnixStream;
 use std::path::Path;
 use std::process::{Child, Command, Output, Stdio};
@@ -318,4 +319,54 @@ fn bad_options_get_one_line_and_status_2() {
     let sim = Sim::start(&["--virtual"]);
     let output = refused(&["--memory", &sim.directory.path().join("dpram").display().to_string()]);
     assert!(String::from_utf8(output.stderr).unwrap().contains("another running pmac-sim"));
+}
+
+#[test]
+fn mailboxes_and_host_port_are_files_with_sockets_for_their_interrupts() {
+    let directory = tempfile::tempdir().unwrap();
+    let at = |name: &str| directory.path().join(name).display().to_string();
+    let (taken, response) = (format!("unix:{}", at("taken")), format!("unix:{}", at("response")));
+    let mut sim = Sim::start(&[
+        "--virtual",
+        "--dpram-startup",
+        "--mailbox",
+        &at("mailbox"),
+        "--mailbox-taken",
+        &taken,
+        "--mailbox-response",
+        &response,
+        "--host-port",
+        &at("port"),
+    ]);
+    let mut lines = [connect(Path::new(&at("taken"))), connect(Path::new(&at("response")))];
+    let mut interrupt = sim.socket("interrupt");
+    sim.status("resets");
+    sim.status("resets");
+    let count = |line: &mut UnixStream| {
+        let mut bytes = [0; 4];
+        line.read_exact(&mut bytes).unwrap();
+        u32::from_ne_bytes(bytes)
+    };
+    let file = OpenOptions::new().read(true).write(true).open(at("mailbox")).unwrap();
+    let mailboxes = Mapping::new(&file, 0, 0x200).unwrap();
+    for (mailbox, character) in [(1, 0), (2, b'1'), (3, b'0'), (4, b'\r'), (0, b'I')] {
+        mailboxes.write16(2 * mailbox, u16::from(character) << 8).unwrap();
+    }
+    sim.ok("step 5");
+    assert_eq!((count(&mut lines[0]), count(&mut lines[1])), (1, 1));
+    let text: Vec<u8> = (0..8).map(|n| (mailboxes.read16(2 * n).unwrap() >> 8) as u8).collect();
+    assert_eq!(text, b"3713707\r");
+
+    let port = OpenOptions::new().read(true).write(true).open(at("port")).unwrap();
+    port.write_all_at(&[0x7F], 9).unwrap();
+    sim.write_text("I10");
+    sim.write(0x062C, 1);
+    sim.ok("step 5");
+    sim.write(0x06D0, 0);
+    sim.ok("step 5");
+    assert_eq!(count(&mut interrupt), 1, "one until the end of interrupt, although two responses came");
+    port.write_all_at(&[0x67], 12).unwrap();
+    sim.ok("step 1");
+    assert_eq!(count(&mut interrupt), 2);
+    assert_eq!(sim.status("violations_total"), 0);
 }
