@@ -1,5 +1,5 @@
-//! Data gathering, as far as it needs no board (layer 1; DPRAM manual p. 25-26): what can be gathered, the lines that
-//! make a board gather it, and what the samples say.
+//! Data gathering, as far as it needs no board (layer 1): what can be gathered, the lines that make a board gather it, and
+//! what the samples say (DPRAM manual p. 25-26).
 //!
 //! A sample is the chosen sources' values in the order of I21 to I44, each one long (`Y:`, `X:`) or two (`D:`, `L:`,
 //! Y half first). [`Source`] names one, [`plan()`] makes the lines and the columns, [`Column`] turns longs into numbers,
