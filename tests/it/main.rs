@@ -6,6 +6,7 @@ mod cli;
 mod client;
 mod decode;
 mod format;
+mod gather;
 mod map;
 mod mixing;
 mod readme;
