@@ -136,6 +136,7 @@ fn run(settings: &Settings, parent: Option<u32>) -> Result<(), String> {
         default_motors: settings.motors.map_or(classic::MOTORS, |motors| motors as usize),
         answer: None,
         began_ns: monotonic_ns(),
+        rounds_for_servo: 0,
         told: Told::default(),
     };
     let bus_thread = std::thread::Builder::new()
