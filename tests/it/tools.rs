@@ -1,11 +1,13 @@
 //! The command line's tools for a running board: stop, set up, download, backup, compare, restore.
 
 use std::path::PathBuf;
+use std::process::Stdio;
 
+use nix::sys::signal::Signal;
 use serde_json::json;
 
 use crate::bench::Bench;
-use crate::rig::{Ran, pmacctl, pmacctl_with};
+use crate::rig::{Ran, command, pmacctl, pmacctl_with};
 use crate::site::{PATIENCE, Site};
 
 /// `pmacctl` on the board of `site`.
@@ -217,10 +219,10 @@ fn variables_are_backed_up_compared_and_restored() {
     assert!(comments[1].contains("PMAC1") && comments[2].starts_with("; firmware 1.16D, "), "{comments:?}");
     let lines: Vec<_> = saved.lines().skip(comments.len()).collect();
     assert_eq!(lines.len(), 1024 * 5 + 1 - 1, "I, P, &1, Q, definitions, and the values of all but one M");
-    for line in [
+    let known = [
         "I9=2",
-        "I125=$C000",
         "I122=2000.5",
+        "I125=$C000",
         "P7=-0.5",
         "P1023=12345.678",
         "&1",
@@ -228,13 +230,17 @@ fn variables_are_backed_up_compared_and_restored() {
         "M1->Y:$FFC2,0",
         "M5->*",
         "M5=42",
-    ] {
+    ];
+    for line in known {
         assert!(lines.contains(&line), "{line}");
     }
     assert!(!lines.contains(&"M1=0"), "what M1 points to is not the backup's business");
     assert_eq!(ask(&site, "&"), ["3"], "the addressed coordinate system is left as it was");
     let ran = run(&site, &["diff", path]);
     assert_eq!((ran.stdout.as_str(), ran.code), ("", Some(0)), "{ran:?}");
+
+    // From here on with a part of it, as people keep one.
+    let path = &file(&site, "part.pmc", &known.join("\n"));
 
     ask(&site, "I9=1 I122=1 P7=3");
     ask(&site, "&1Q3=8 M1->* M5=1");
@@ -303,4 +309,26 @@ fn a_restore_leaves_its_own_port_alone_and_tells_errors_by_line() {
     assert_eq!(run(&site, &["diff", "/nonexistent"]).code, Some(2));
     assert_eq!(pmacctl("backup --socket /nonexistent/x.sock").code, Some(2));
     site.assert_no_violations();
+}
+
+#[test]
+fn an_interrupted_download_closes_its_buffer() {
+    let bench = Bench::new();
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("long.pmc");
+    std::fs::write(&path, format!("OPEN PROG 1\nJ+\n{}CLOSE\n", "X1\n".repeat(500_000))).unwrap();
+    let child = command()
+        .args(["download", "--quiet", "--socket"])
+        .args([&bench.socket, &path])
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    bench.wait_seen("J+");
+    nix::sys::signal::kill(nix::unistd::Pid::from_raw(child.id().cast_signed()), Signal::SIGINT).unwrap();
+    let ran = Ran::from(child.wait_with_output().unwrap());
+    assert!(ran.stderr.ends_with(": interrupted before this line\n"), "{ran:?}");
+    assert_eq!(ran.code, Some(1));
+    let seen = bench.seen.lock().unwrap();
+    assert!(seen.len() < 500_000);
+    assert_eq!(seen.last().unwrap(), "CLOSE");
 }
