@@ -394,6 +394,7 @@ impl BoardLoop {
         self.take_over_board();
         self.servo.forget();
         self.background.forget();
+        self.desk.forget();
         self.desk.identifier.ask_again(Instant::now());
     }
 

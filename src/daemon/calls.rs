@@ -82,11 +82,11 @@ impl Service {
         let ticket = self.new_ticket();
         let Some(client) = self.clients.get_mut(&id) else { return Ok(()) };
         let Peer { uid, pid, .. } = client.peer;
-        let (mut then, mut audit) = (None, None);
+        let (mut then, mut audit, mut stops) = (None, None, 0);
         let command = match ask {
             Ask::Send { line, .. } => {
                 audit = Some(format!("sends {line:?}"));
-                Command::Send { ticket, line, deadline }
+                Command::Send { ticket, line, deadline, question: false }
             }
             Ask::Control { character } => {
                 audit = Some(format!("sends {}", control::name(character)));
@@ -98,13 +98,16 @@ impl Service {
                 Some(guard) => {
                     let line = Text::new(guard.variable.as_bytes()).unwrap_or_default();
                     then = Some(call);
-                    Command::Send { ticket, line, deadline: now + GUARD_TIMEOUT }
+                    Command::Send { ticket, line, deadline: now + GUARD_TIMEOUT, question: true }
                 }
                 None => {
                     audit = call.audit.take();
                     if let Some(stop) = call.lease {
                         // From now on: a client that is gone before the board has taken the jog is gone all the same.
                         self.leases.begin(id, stop, deadline);
+                    }
+                    if let (Job::Panel(request), None) = (&call.job, call.lease) {
+                        stops = request.stops();
                     }
                     Command::Job { ticket, job: Box::new(call.job), deadline }
                 }
@@ -117,7 +120,7 @@ impl Service {
         self.owners.insert(ticket, id);
         let deadline = deadline + GRACE;
         client.waiting =
-            Waiting::Board(Pending { ticket, oneway, deadline, lines: Vec::new(), length: 0, then });
+            Waiting::Board(Pending { ticket, oneway, deadline, lines: Vec::new(), length: 0, then, stops });
         Ok(())
     }
 

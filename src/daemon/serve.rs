@@ -354,6 +354,7 @@ impl Service {
             Event::Done(ticket, outcome) => {
                 let Some(pending) = self.pending(ticket) else { return };
                 let lines = std::mem::take(&mut pending.lines);
+                let stops = pending.stops;
                 if let Some(call) = pending.then.take() {
                     return self.guarded(ticket, call, &lines, outcome, now);
                 }
@@ -361,6 +362,9 @@ impl Service {
                 if let Some(&id) = self.owners.get(&ticket) {
                     // A held jog has begun: its holder's time runs from here.
                     self.leases.renew(id, now);
+                    if outcome == Outcome::Done {
+                        self.leases.stopped(id, stops);
+                    }
                 }
                 self.answer(ticket, reply, now);
             }
