@@ -12,6 +12,7 @@ pub mod family;
 pub mod field;
 pub mod firmware;
 pub mod layout;
+pub mod mailbox;
 pub mod plan;
 pub mod region;
 pub mod register;

@@ -25,12 +25,13 @@ use super::fault::Delay;
 use super::language::{Interpreter, SerialPort};
 use super::machine::Machine;
 use crate::device::mapping::Mapping;
+use crate::map;
 
 /// The file's length: what the board's mailbox circuit takes of the VME bus.
-pub const LENGTH: usize = 0x200;
+pub const LENGTH: usize = map::mailbox::LENGTH;
 /// The page register, as the offset of its even byte.
-const PAGE: usize = 0x120;
-const MAILBOXES: usize = 16;
+const PAGE: usize = map::mailbox::PAGE_SELECT - 1;
+const MAILBOXES: usize = map::mailbox::MAILBOXES;
 /// The even byte of a register, mailbox 1 and the page while no host has written there.
 const UNTOUCHED: u8 = 0xFF;
 

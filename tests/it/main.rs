@@ -22,6 +22,7 @@ mod serial;
 mod simulator;
 mod site;
 mod socket;
+mod socket_jobs;
 mod tools;
 mod tools_serial;
 mod tools_terminal;
