@@ -19,6 +19,8 @@ pub const START_OF_LINE: u32 = 1 << 11;
 struct Queue {
     /// Commands there is room for in all.
     size: usize,
+    /// Commands in the lines.
+    used: usize,
     lines: VecDeque<Vec<Command>>,
 }
 
@@ -32,7 +34,7 @@ impl RotaryLines {
     /// `DEFINE ROT`: an empty buffer for `size` commands for the 0-based coordinate system.
     pub fn define(&mut self, cs: usize, size: usize) {
         if let Some(queue) = self.queues.get_mut(cs) {
-            *queue = Some(Queue { size, lines: VecDeque::new() });
+            *queue = Some(Queue { size, ..Queue::default() });
         }
     }
 
@@ -44,7 +46,10 @@ impl RotaryLines {
 
     /// The oldest line, which leaves the buffer.
     pub fn take(&mut self, cs: usize) -> Option<Vec<Command>> {
-        self.queues.get_mut(cs)?.as_mut()?.lines.pop_front()
+        let queue = self.queues.get_mut(cs)?.as_mut()?;
+        let line = queue.lines.pop_front()?;
+        queue.used -= line.len();
+        Some(line)
     }
 
     /// Buffers do not outlive a reset.
@@ -58,8 +63,7 @@ impl Machine {
     #[must_use]
     pub fn rotary_room(&self, cs: usize) -> Option<usize> {
         let queue = self.rotary_lines.queues.get(cs)?.as_ref()?;
-        let used: usize = queue.lines.iter().map(Vec::len).sum();
-        Some(queue.size.saturating_sub(used))
+        Some(queue.size.saturating_sub(queue.used))
     }
 
     /// Puts a line at the end of the rotary buffer of the 0-based coordinate system. Its first command has
@@ -73,6 +77,7 @@ impl Machine {
             return Err(CommandError(6));
         }
         if let Some(queue) = self.rotary_lines.queues.get_mut(cs).and_then(Option::as_mut) {
+            queue.used += line.len();
             queue.lines.push_back(line.to_vec());
         }
         Ok(())
