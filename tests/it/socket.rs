@@ -129,8 +129,16 @@ fn an_independent_parser_reads_the_interfaces() {
     // Every error that the service can answer is declared, and the other way round.
     let mut errors = board.error_keys.clone();
     errors.sort_unstable();
-    let declared =
-        ["BoardError", "Busy", "InvalidLine", "NotPermitted", "OutOfRange", "TimedOut", "Unavailable"];
+    let declared = [
+        "BoardError",
+        "Busy",
+        "InvalidLine",
+        "NotPermitted",
+        "OutOfRange",
+        "Refused",
+        "TimedOut",
+        "Unavailable",
+    ];
     assert_eq!(errors, declared);
     // What GetInfo answers is what it declares.
     let bench = Bench::new();
