@@ -12,6 +12,7 @@ use super::rotary::Rotary;
 use super::set_up::Setup;
 use super::stop::Abort;
 use super::terminal::Terminal;
+use super::variable::Variable;
 use crate::format::{Float48Layout, WordOrder};
 use crate::map::{Family, Firmware, GatherSizeWord, UnknownFamily};
 
@@ -65,6 +66,8 @@ pub enum Command {
     Decode(Decode),
     /// Motion programs as binary rotary commands (needs no daemon)
     Rotary(Rotary),
+    /// Registers of any kind, copied and written by PMAC in the background (I55=1)
+    Variable(Variable),
     /// Stop every motion at once, by ^A, or that of some coordinate systems; the exit status tells whether the board took it
     Abort(Abort),
     /// Kill every motor at once, by ^K: open loops, no output; the exit status tells whether the board took it
@@ -222,7 +225,7 @@ pub fn seconds(text: &str) -> Result<Duration, String> {
 }
 
 /// The time between two prints.
-fn rate(text: &str) -> Result<Duration, String> {
+pub fn rate(text: &str) -> Result<Duration, String> {
     let hz: f64 = text.parse().map_err(|_| "not a number of prints a second".to_owned())?;
     if (0.001..=1000.0).contains(&hz) {
         Ok(Duration::from_secs_f64(1.0 / hz))

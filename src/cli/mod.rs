@@ -28,6 +28,7 @@ mod stop;
 mod table;
 mod terminal;
 mod time;
+mod variable;
 mod variables;
 mod watch;
 
@@ -171,6 +172,7 @@ fn execute(args: Args) -> Result<Verdict, Failure> {
         Command::Send(options) => send::run(&mut context, &options),
         Command::Decode(options) => decode::run(&mut context, &options),
         Command::Rotary(options) => rotary::run(&mut context, &options),
+        Command::Variable(options) => variable::run(&mut context, &options),
         Command::Abort(options) => stop::abort(&mut context, &options),
         Command::Kill => stop::kill(&mut context),
         Command::Terminal(options) => terminal::run(&mut context, &options),

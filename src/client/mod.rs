@@ -20,9 +20,11 @@ pub mod command;
 pub mod identity;
 pub mod serial;
 pub mod serial_reply;
+pub mod variables;
 pub mod view;
 
 pub use board::{Board, ClientError, History, Snapshot, socket_path};
-pub use command::{CommandError, Connection, Messages};
+pub use command::{CommandError, Connection, Messages, VariableWatch};
 pub use serial::{SerialError, SerialLine};
+pub use variables::{Variable, VariableTable, VariableWidth};
 pub use view::{Staleness, View};

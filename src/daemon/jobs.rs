@@ -59,6 +59,11 @@ pub(super) struct JobCall {
 }
 
 impl JobCall {
+    /// A watch, which needs I55=1 like every use of the variable buffers.
+    pub(super) fn watch(entries: Vec<VariableEntry>) -> Self {
+        Self { guard: Some(VARIABLES_ENABLED), ..Self::new(Job::WatchVariables(entries), SHORT) }
+    }
+
     fn new(job: Job, timeout: Duration) -> Self {
         Self { job, timeout, guard: None, lease: None, audit: None }
     }

@@ -28,6 +28,7 @@ use super::listener::{ListenError, Listener};
 use super::policy::{Peer, Policy, PolicyError, Role, Roles};
 use super::queue::{Command, Event, Outcome, Receive, Sender, Text, Ticket, Unsolicited, UnsolicitedKind};
 use super::subscriptions::Subscriptions;
+use crate::function::variable_read::VariableEntry;
 use crate::map::errors::meaning;
 use crate::protocol::board::RotaryStateReply;
 use crate::protocol::board::{ReadReply, SendReply};
@@ -370,17 +371,6 @@ impl Service {
                     Err(CallError::Refused { reason })
                 };
             }
-            Ok(Action::Watch(entries)) => {
-                let wanted = entries.len();
-                action = match self.subscriptions.watch(id, entries) {
-                    Ok(()) => {
-                        client.waiting = Waiting::Watch;
-                        let reply = Reply::with(&json!({ "watched": wanted }));
-                        reply.map(|reply| Action::Reply(Reply { continues: Some(true), ..reply }))
-                    }
-                    Err(none_left) => Err(CallError::Refused { reason: none_left.to_string() }),
-                };
-            }
             _ => {}
         }
         let Some(client) = self.clients.get_mut(&id) else { return };
@@ -390,7 +380,7 @@ impl Service {
                 client.waiting = Waiting::Messages(0);
                 return;
             }
-            Ok(Action::Ask(_) | Action::Renew | Action::Watch(_)) => return,
+            Ok(Action::Ask(_) | Action::Renew) => return,
             Err(error) => {
                 if !matches!(error, CallError::Busy) {
                     let Peer { uid, pid, .. } = client.peer;
@@ -405,6 +395,15 @@ impl Service {
     }
 
     fn ask(&mut self, id: u64, ask: Ask, oneway: bool, now: Instant) -> Result<(), CallError> {
+        let asks_first = self.backend.info.is_enabled(Enabled::ASCII);
+        let ask = match ask {
+            Ask::Job(JobCall { job: Job::WatchVariables(entries), guard, .. })
+                if guard.is_none() || !asks_first =>
+            {
+                return self.watch(id, entries, now);
+            }
+            ask => ask,
+        };
         let deadline = now + ask.timeout();
         let ticket = self.new_ticket();
         let Some(client) = self.clients.get_mut(&id) else { return Ok(()) };
@@ -420,7 +419,7 @@ impl Service {
                 Command::Control { ticket, character, deadline }
             }
             Ask::Read { first, count } => Command::ReadWords { ticket, first, count },
-            Ask::Job(mut call) => match call.guard.filter(|_| self.backend.info.is_enabled(Enabled::ASCII)) {
+            Ask::Job(mut call) => match call.guard.filter(|_| asks_first) {
                 // First ask the board whether the job makes sense; where it cannot be asked, the job has to show.
                 Some(guard) => {
                     let line = Text::new(guard.variable.as_bytes()).unwrap_or_default();
@@ -445,6 +444,19 @@ impl Service {
         let deadline = deadline + GRACE;
         client.waiting =
             Waiting::Board(Pending { ticket, oneway, deadline, lines: Vec::new(), length: 0, then });
+        Ok(())
+    }
+
+    /// Begins a watch, which nothing but the table for the bus thread follows from.
+    fn watch(&mut self, id: u64, entries: Vec<VariableEntry>, now: Instant) -> Result<(), CallError> {
+        let watched = json!({ "watched": entries.len() });
+        self.subscriptions
+            .watch(id, entries)
+            .map_err(|none_left| CallError::Refused { reason: none_left.to_string() })?;
+        if let Some(client) = self.clients.get_mut(&id) {
+            client.waiting = Waiting::Watch;
+            client.reply(&Reply { continues: Some(true), ..Reply::with(&watched)? }, now);
+        }
         Ok(())
     }
 

@@ -25,4 +25,5 @@ mod socket;
 mod tools;
 mod tools_serial;
 mod tools_terminal;
+mod variables;
 mod whole;
