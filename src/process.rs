@@ -1,4 +1,4 @@
-//! What the programs of this package have in common as processes.
+//! What the programs of this package have in common as processes (layer 0).
 
 use std::io;
 

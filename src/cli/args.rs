@@ -8,6 +8,7 @@ use clap::{Args as ClapArgs, Parser, Subcommand, ValueEnum};
 use super::absolute::Absolute;
 use super::backup::{Backup, Diff, Restore};
 use super::download::Download;
+use super::gather::Gather;
 use super::rotary::Rotary;
 use super::set_up::Setup;
 use super::stop::Abort;
@@ -68,6 +69,8 @@ pub enum Command {
     Rotary(Rotary),
     /// Registers of any kind, copied and written by PMAC in the background (I55=1)
     Variable(Variable),
+    /// Sample registers at servo rate into a .csv or .npy file (I20 to I45, DEFINE GATHER, GATHER, ENDGATHER)
+    Gather(Gather),
     /// Stop every motion at once, by ^A, or that of some coordinate systems; the exit status tells whether the board took it
     Abort(Abort),
     /// Kill every motor at once, by ^K: open loops, no output; the exit status tells whether the board took it

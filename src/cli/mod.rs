@@ -13,6 +13,7 @@ mod decode;
 mod demo;
 mod doctor;
 mod download;
+mod gather;
 mod lines;
 mod map;
 mod motors;
@@ -173,6 +174,7 @@ fn execute(args: Args) -> Result<Verdict, Failure> {
         Command::Decode(options) => decode::run(&mut context, &options),
         Command::Rotary(options) => rotary::run(&mut context, &options),
         Command::Variable(options) => variable::run(&mut context, &options),
+        Command::Gather(options) => gather::run(&mut context, &options),
         Command::Abort(options) => stop::abort(&mut context, &options),
         Command::Kill => stop::kill(&mut context),
         Command::Terminal(options) => terminal::run(&mut context, &options),

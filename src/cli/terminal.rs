@@ -156,20 +156,10 @@ fn interactive(mut session: Session, messages: Messages, options: &Terminal) -> 
             Err(ReadlineError::Eof) => break Ok(()),
             Err(error) => break Err(failed(error)),
         };
-        let input = Input::of(&text);
-        match &input {
-            Input::Nothing => {}
-            Input::Quit => break Ok(()),
-            Input::Help => println(HELP)?,
-            Input::Wrong(what) => println(what)?,
-            Input::Control(_) | Input::Line(_) => match session.ask(&input) {
-                Ok((lines, error, _)) => {
-                    for line in lines.iter().chain(&error) {
-                        println(line)?;
-                    }
-                }
-                Err(failure) => break Err(failure),
-            },
+        match answer(&mut session, &text) {
+            Ok(true) => {}
+            Ok(false) => break Ok(()),
+            Err(failure) => break Err(failure),
         }
         // Only these can change what is addressed.
         if text.contains(['#', '&', '$']) {
@@ -181,6 +171,26 @@ fn interactive(mut session: Session, messages: Messages, options: &Terminal) -> 
         save_history(&mut editor, file);
     }
     outcome.map(|()| Verdict::Yes)
+}
+
+/// Carries out what was typed, or pasted, which may be several lines; whether to go on.
+fn answer(session: &mut Session, text: &str) -> Result<bool, Failure> {
+    for text in text.lines() {
+        let input = Input::of(text);
+        match &input {
+            Input::Nothing => {}
+            Input::Quit => return Ok(false),
+            Input::Help => println(HELP)?,
+            Input::Wrong(what) => println(what)?,
+            Input::Control(_) | Input::Line(_) => {
+                let (lines, error, _) = session.ask(&input)?;
+                for line in lines.iter().chain(&error) {
+                    println(line)?;
+                }
+            }
+        }
+    }
+    Ok(true)
 }
 
 /// Not by `println!`, which would panic when nobody reads.

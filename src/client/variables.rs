@@ -10,9 +10,12 @@ use super::view::View;
 use super::{CommandError, Connection, VariableWatch};
 use crate::decode::TooShort;
 use crate::format::join32;
-use crate::mirror::variable::{ENTRY_WORDS, HEADER_WORDS};
 use crate::segment::{RegionId, WaitOutcome};
 use crate::setup::gather_source::GatherSource;
+
+/// 16-bit words before the entries, and of an entry.
+const HEADER_WORDS: usize = 4;
+const ENTRY_WORDS: usize = 8;
 
 /// What an entry's second word says it is, in the terms of the variable-read table.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]

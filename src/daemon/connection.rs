@@ -33,6 +33,8 @@ pub(super) struct Pending {
     pub(super) length: usize,
     /// The job that waits for this answer, and begins if it is what its guard wants.
     pub(super) then: Option<JobCall>,
+    /// The motors whose jog is over for this client when the board has taken the job.
+    pub(super) stops: u8,
 }
 
 /// What a client waits for.

@@ -1,10 +1,12 @@
 //! What the socket can have the other functions do: panel requests, words of the open area, rotary programs.
 
+use crate::function::gather::GatherBuffer;
 use crate::function::panel::{FeedOverride, PanelRequest};
-use crate::function::rotary::{RotaryBuffer, RotarySetup};
+use crate::function::rotary::RotaryBuffer;
 use crate::function::variable_read::VariableEntry;
 use crate::function::variable_write::WriteRecord;
 use crate::map::HostOffset;
+use crate::mirror::GatherClock;
 
 /// One job.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -31,12 +33,34 @@ pub enum Job {
     WatchVariables(Vec<VariableEntry>),
     /// Have PMAC write registers, in their order; done when it has.
     WriteVariables(Vec<WriteRecord>),
+    /// Follow the gather buffer that was just defined, from its first sample on, into the segment.
+    GatherBegin {
+        /// The buffer.
+        buffer: GatherBuffer,
+        /// By which clock the board's turns in it are counted.
+        clock: GatherClock,
+    },
+    /// The board gathers no more: publish what is left.
+    GatherEnd,
     /// Set a rotary buffer up, empty.
-    RotaryOpen(RotarySetup),
+    RotaryOpen {
+        /// Which buffer.
+        buffer: RotaryBuffer,
+        /// Its first word; where the plan has it when not given.
+        start: Option<HostOffset>,
+        /// Its size in longs; what the plan keeps for it when not given.
+        size_longs: Option<u32>,
+        /// The coordinate system, 1 to 8.
+        coordinate_system: u8,
+        /// What the header calls coordinate system 1.
+        coordinate_system_base: u8,
+    },
     /// Put lines into a rotary buffer, as there is room; done when the last one is in.
     RotarySend {
         /// Which buffer.
         buffer: RotaryBuffer,
+        /// The number the first of them has to have, counted from 0 since the buffer was set up.
+        first: Option<u64>,
         /// The commands of each line, two words a command.
         lines: Vec<Vec<(u32, u32)>>,
     },

@@ -8,10 +8,11 @@ use super::queue::{Event, Outcome, Text, Ticket};
 use super::rotary_desk::RotaryDesk;
 use super::write_desk::WriteDesk;
 use crate::device::{Bus, BusError};
+use crate::function::rotary::RotarySetup;
 use crate::function::variable_read::{VariableMode, VariableReadBusError, VariableReader};
 use crate::function::variable_write::VariableWriter;
 use crate::map::{HostOffset, Plan};
-use crate::mirror::VariableMirror;
+use crate::mirror::{GatherMirror, VariableMirror};
 use crate::segment::Publisher;
 
 /// The desks.
@@ -20,6 +21,7 @@ pub struct JobDesk {
     panel: PanelDesk,
     rotary: RotaryDesk,
     variables: VariableMirror,
+    gather: GatherMirror,
     write: WriteDesk,
 }
 
@@ -31,6 +33,7 @@ impl JobDesk {
             panel: PanelDesk::new(),
             rotary: RotaryDesk::new(),
             variables: VariableMirror::new(plan.variable_read(), mode),
+            gather: GatherMirror::new(),
             write: WriteDesk::new(plan.variable_write()),
             plan,
         }
@@ -42,6 +45,7 @@ impl JobDesk {
     /// When the bus cannot be reached.
     pub fn take_over(&mut self, bus: &mut impl Bus, publisher: &Publisher) -> Result<(), BusError> {
         self.rotary.forget();
+        self.gather.forget(publisher);
         VariableWriter::release(bus)?;
         VariableReader::release(bus)?;
         self.variables.begin_again(bus, publisher, Instant::now())?;
@@ -73,8 +77,8 @@ impl JobDesk {
     ) -> Result<Option<Event>, BusError> {
         let outcome = match job {
             Job::Panel(request) => return Ok(self.panel.submit(ticket, request, deadline)),
-            Job::RotarySend { buffer, lines } => {
-                return Ok(self.rotary.submit(ticket, buffer, lines, deadline));
+            Job::RotarySend { buffer, first, lines } => {
+                return Ok(self.rotary.submit(ticket, buffer, first, lines, deadline));
             }
             Job::WriteVariables(records) => return Ok(self.write.submit(ticket, records, deadline)),
             Job::RotaryState(buffer) => return self.rotary.state(bus, ticket, buffer).map(Some),
@@ -94,7 +98,33 @@ impl JobDesk {
                     Err(VariableReadBusError::Bus(error)) => return Err(error),
                 }
             }
-            Job::RotaryOpen(setup) => self.rotary.open(bus, &setup)?,
+            Job::GatherBegin { buffer, clock } => {
+                match self.plan.check_gather(buffer.place.buffer, buffer.size_longs, buffer.sample_longs) {
+                    Err(reason) => Outcome::Refused(Text::of(&reason)),
+                    Ok(()) => match self.gather.begin(bus, buffer, clock, publisher, Instant::now())? {
+                        Ok(()) => Outcome::Done,
+                        Err(reason) => Outcome::Refused(Text::of(&reason)),
+                    },
+                }
+            }
+            Job::GatherEnd => {
+                self.gather.end(Instant::now());
+                Outcome::Done
+            }
+            Job::RotaryOpen { buffer, start, size_longs, coordinate_system, coordinate_system_base } => {
+                let kept = self.plan.rotary()[buffer as usize];
+                let setup = RotarySetup {
+                    buffer,
+                    start: start.unwrap_or(kept.start),
+                    size_longs: size_longs.unwrap_or(kept.words() as u32 / 2),
+                    coordinate_system,
+                    coordinate_system_base,
+                };
+                match self.plan.check_rotary(buffer as usize, setup.start, setup.size_longs) {
+                    Ok(()) => self.rotary.open(bus, &setup)?,
+                    Err(reason) => Outcome::Refused(Text::of(&reason)),
+                }
+            }
             Job::RotaryFinish(buffer) => self.rotary.finish(buffer),
         };
         Ok(Some(Event::Done(ticket, outcome)))
@@ -103,7 +133,8 @@ impl JobDesk {
     /// When to pass next; `None` while nothing is to be done.
     #[must_use]
     pub fn due(&self) -> Option<Instant> {
-        let dues = [self.panel.due(), self.rotary.due(), self.write.due(), self.variables.due()];
+        let dues =
+            [self.panel.due(), self.gather.due(), self.rotary.due(), self.write.due(), self.variables.due()];
         dues.into_iter().flatten().min()
     }
 
@@ -120,6 +151,8 @@ impl JobDesk {
         let Some(first) = self.due().filter(|due| *due <= now) else { return Ok(None) };
         if self.panel.due() == Some(first) {
             self.panel.pass(bus, now)
+        } else if self.gather.due() == Some(first) {
+            self.gather.pass(bus, publisher, now).map(|()| None)
         } else if self.write.due() == Some(first) {
             self.write.pass(bus, now)
         } else if self.rotary.due() == Some(first) {
@@ -138,6 +171,10 @@ fn write(bus: &mut impl Bus, first: HostOffset, words: &[MaskedWord]) -> Result<
         return Ok(Outcome::OutOfRange);
     }
     for (index, word) in words.iter().enumerate() {
+        // A word of which nothing is to change is not touched: it may be PMAC's.
+        if word.mask == 0 {
+            continue;
+        }
         let offset = first.plus_words(index);
         let value = if word.mask == u16::MAX {
             word.value

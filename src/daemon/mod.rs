@@ -6,6 +6,7 @@
 pub mod ascii_desk;
 pub mod board_loop;
 pub mod bring_up;
+mod calls;
 mod connection;
 mod dispatch;
 pub mod identify;

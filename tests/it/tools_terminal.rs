@@ -4,9 +4,10 @@ use std::fs::File;
 use std::io::{BufRead, BufReader, Read, Write};
 use std::process::{Child, Stdio};
 use std::sync::{Arc, Mutex};
+use std::time::{Duration, Instant};
 
-use crate::rig::{Ran, command};
-use crate::site::{Site, wait_until};
+use crate::rig::{Ran, command, pty};
+use crate::site::{PATIENCE, Site, wait_until};
 
 fn terminal(site: &Site, options: &[&str]) -> std::process::Command {
     let mut command = command();
@@ -25,7 +26,7 @@ fn in_a_pipe_replies_errors_and_texts_are_kept_apart() {
     let mut child = piped(&site, &[]);
     let mut stdin = child.stdin.take().unwrap();
     let mut stdout = BufReader::new(child.stdout.take().unwrap()).lines().map(Result::unwrap);
-    stdin.write_all(b"P1=5\n\n P1 P2 \nFROB\n").unwrap();
+    stdin.write_all(b"P1=5\n\n P1 P2 \nUUU\n").unwrap();
     assert_eq!((stdout.next().unwrap(), stdout.next().unwrap()), ("5".to_owned(), "0".to_owned()));
     let mut stderr = BufReader::new(child.stderr.take().unwrap()).lines().map(Result::unwrap);
     assert_eq!(stderr.next().unwrap(), "ERR003: data error or unrecognized command");
@@ -35,10 +36,10 @@ fn in_a_pipe_replies_errors_and_texts_are_kept_apart() {
     let status = u64::from_str_radix(&stdout.next().unwrap(), 16).unwrap();
     assert_eq!(status >> 42 & 1, 1, "killed: the loop is open");
     assert_eq!(child.wait().unwrap().code(), Some(1), "one line was refused");
-    assert_eq!(site.connection().send("P1", crate::site::PATIENCE).unwrap(), ["5"], "nothing after .quit");
+    assert_eq!(site.connection().send("P1", PATIENCE).unwrap(), ["5"], "nothing after .quit");
 
     let mut child = piped(&site, &["--json"]);
-    child.stdin.take().unwrap().write_all(b"P1..2\nFROB\n.frob\n").unwrap();
+    child.stdin.take().unwrap().write_all(b"P1..2\nUUU\n.frob\n").unwrap();
     let ran = Ran::from(child.wait_with_output().unwrap());
     let lines: Vec<serde_json::Value> =
         ran.stdout.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
@@ -46,6 +47,22 @@ fn in_a_pipe_replies_errors_and_texts_are_kept_apart() {
     assert_eq!(lines[1]["error"]["code"], 3);
     assert!(lines[2]["error"]["message"].as_str().unwrap().contains(".help"));
     site.assert_no_violations();
+}
+
+/// A process that is not left behind by a test that fails.
+struct Running(Child);
+
+impl Running {
+    fn ended(mut self) -> Option<i32> {
+        self.0.wait().unwrap().code()
+    }
+}
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
 }
 
 /// A person at a terminal, who types and sees.
@@ -60,7 +77,11 @@ impl Person {
     }
 
     fn sees(&self, text: &str) {
-        wait_until(&format!("{text:?} on the screen"), || self.screen.lock().unwrap().contains(text));
+        let begun = Instant::now();
+        while !self.screen().contains(text) {
+            assert!(begun.elapsed() < PATIENCE, "waited in vain for {text:?} in {:?}", self.screen());
+            std::thread::sleep(Duration::from_millis(5));
+        }
     }
 
     fn screen(&self) -> String {
@@ -72,15 +93,15 @@ impl Person {
 fn on_a_terminal_there_is_a_prompt_editing_and_history() {
     let site = Site::running(&[], &[]);
     let size = nix::pty::Winsize { ws_row: 24, ws_col: 80, ws_xpixel: 0, ws_ypixel: 0 };
-    let pty = nix::pty::openpty(Some(&size), None).unwrap();
+    let pty = pty(Some(&size));
     let state = tempfile::tempdir().unwrap();
     let slave = || Stdio::from(pty.slave.try_clone().unwrap());
     let start = |state: &std::path::Path| {
         let mut command = terminal(&site, &[]);
         command.env("XDG_STATE_HOME", state).env("TERM", "xterm");
-        command.stdin(slave()).stdout(slave()).stderr(slave()).spawn().unwrap()
+        Running(command.stdin(slave()).stdout(slave()).stderr(slave()).spawn().unwrap())
     };
-    let mut child = start(state.path());
+    let child = start(state.path());
     let master = File::from(pty.master);
     let screen = Arc::new(Mutex::new(String::new()));
     let (seen, mut source) = (Arc::clone(&screen), master.try_clone().unwrap());
@@ -91,14 +112,14 @@ fn on_a_terminal_there_is_a_prompt_editing_and_history() {
         }
     });
     let mut person = Person { keyboard: master, screen };
-    person.sees("#1 &1> ");
+    person.sees("#8 &1> ");
     // A wrong character, taken back.
     person.types("P9=12\x7f7\r");
     person.types("P9\r");
     person.sees("\n17\r\n");
     person.types("#2\r");
     person.sees("#2 &1> ");
-    person.types("FROB\r");
+    person.types("UUU\r");
     person.sees("ERR003: data error or unrecognized command");
     person.types("P9=P9");
     person.sees("P9=P9");
@@ -111,16 +132,16 @@ fn on_a_terminal_there_is_a_prompt_editing_and_history() {
     person.types("\x1b[A\x1b[A\rP9\r");
     person.sees("\n19\r\n");
     person.types(".quit\r");
-    assert_eq!(child.wait().unwrap().code(), Some(0), "{}", person.screen());
+    assert_eq!(child.ended(), Some(0), "{}", person.screen());
     let history = std::fs::read_to_string(state.path().join("pmacctl/history")).unwrap();
     assert!(history.contains("P9=P9+1\nP9\n"), "{history}");
 
-    let mut child = start(state.path());
+    let child = start(state.path());
     wait_until("another prompt", || person.screen().matches(".quit leaves").count() == 2);
     person.types("\x1b[A\x1b[A\r");
     wait_until("the answer", || person.screen().matches("\n19\r\n").count() == 2);
     // End of input.
     person.types("\x04");
-    assert_eq!(child.wait().unwrap().code(), Some(0), "{}", person.screen());
+    assert_eq!(child.ended(), Some(0), "{}", person.screen());
     site.assert_no_violations();
 }

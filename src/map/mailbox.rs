@@ -1,0 +1,8 @@
+//! The VME mailbox circuit: 16 byte registers for commands and replies, and the DPRAM's page (User Manual p. 260-267).
+
+/// What the circuit takes of the VME bus, in bytes from its base.
+pub const LENGTH: usize = 0x200;
+/// Mailboxes; mailbox k is the byte at base + 2 k + 1.
+pub const MAILBOXES: usize = 16;
+/// The page register: bits A19-A14 of the DPRAM's VME address, to be written after every reset.
+pub const PAGE_SELECT: usize = 0x121;
