@@ -72,7 +72,7 @@ impl Line<'_, '_> {
             Some(Buffer::Gather) => self.machine.define_gather(None),
             Some(Buffer::Rotary) => {
                 // A binary command takes up to two words of program memory.
-                let size = usize::try_from(self.scanner.integer()?).map_err(|_| CommandError::SYNTAX)?;
+                let size = self.scanner.integer()?;
                 self.machine.rotary_lines.define(self.interpreter.cs, size / 2);
                 Ok(())
             }
