@@ -12,9 +12,11 @@ use super::judge::Judge;
 use super::language::variables::SavedVariables;
 use super::language::{AxisDefinitions, Family, Interpreter, Variables};
 use super::motor::{Events, Loop, Motor};
+use super::program::Programs;
+use super::program::store::Store;
 use super::random::Random;
 use super::servo_report::ServoReport;
-use super::{ascii, background_report, coordinate, offsets};
+use super::{ascii, background_report, offsets};
 
 pub use super::ascii::AsciiPort;
 pub use super::commands::Jog;
@@ -64,6 +66,10 @@ pub struct Machine {
     pub report: ServoReport,
     /// The DPRAM ASCII port.
     pub ascii: AsciiPort,
+    /// Program buffers and what runs out of them.
+    pub programs: Programs,
+    /// What the board has to say on the serial port without being asked; whoever serves the port takes it away.
+    pub serial_output: Vec<u8>,
     /// What fixes the servo clock when a rate was asked for: I10 of it.
     pub fixed_i10: Option<f64>,
     pub(super) identity: Identity,
@@ -71,7 +77,7 @@ pub struct Machine {
     pub(super) coordinates: Vec<CoordinateSystem>,
     pub(super) gather: Gather,
     pub(super) port: Port,
-    saved: (SavedVariables, AxisDefinitions),
+    saved: (SavedVariables, AxisDefinitions, Store),
     noise: Option<Random>,
     /// What the memory held before [`Faults::all_ones`].
     before_all_ones: Option<Vec<u16>>,
@@ -83,7 +89,9 @@ impl Machine {
     pub fn new(memory: Memory, identity: Identity, fixed_i10: Option<f64>, seed: Option<u64>) -> Self {
         let variables = factory(&identity, fixed_i10);
         let mut machine = Self {
-            saved: (variables.snapshot(&memory), AxisDefinitions::default()),
+            saved: (variables.snapshot(&memory), AxisDefinitions::default(), Store::default()),
+            programs: Programs::default(),
+            serial_output: Vec::new(),
             memory,
             variables,
             axes: AxisDefinitions::default(),
@@ -148,6 +156,7 @@ impl Machine {
             time_base[index] = coordinate.cycle(index, &self.variables, &mut self.memory);
         }
         let ms = self.cycle_ms();
+        self.programs_cycle(ms, &time_base);
         for motor in 0..self.motors.len() {
             if !self.active(motor) {
                 continue;
@@ -176,8 +185,10 @@ impl Machine {
         for cs in 0..MOTORS {
             self.write_coordinate_registers(cs);
         }
+        self.serve_requests();
+        self.background_plcs();
         self.write_global_status();
-        if background_report::pass(&self.variables, &self.faults, &mut self.memory) {
+        if background_report::pass(&self.variables, &self.faults, &self.programs.report, &mut self.memory) {
             self.stats.background_updates += 1;
         }
         self.judge.pass(self.stats.servo_cycles, &mut self.memory.dpram);
@@ -216,7 +227,7 @@ impl Machine {
         }
         let cs = self.axes.coordinate_system(motor);
         if let Some(cs) = cs {
-            coordinate::stop_program(cs, &mut self.memory);
+            self.end_program(cs);
         }
         // Ix25 bits 21-22: what a fatal error kills besides the motor itself: 0 all, 1 its coordinate system.
         let scope = self.ix(motor, 25) as u32 >> 21 & 3;
@@ -236,17 +247,19 @@ impl Machine {
         if factory_values {
             self.memory.clear();
             let variables = factory(&self.identity, self.fixed_i10);
-            self.saved = (variables.snapshot(&self.memory), AxisDefinitions::default());
+            self.saved = (variables.snapshot(&self.memory), AxisDefinitions::default(), Store::default());
         }
         self.variables.restore(&self.saved.0, &mut self.memory);
         self.axes = self.saved.1.clone();
+        self.programs = Programs::new(self.saved.2.clone());
         self.stats.resets += 1;
         self.power_on();
     }
 
     /// Keeps the present values for the next reset.
     pub fn save(&mut self) {
-        self.saved = (self.variables.snapshot(&self.memory), self.axes.clone());
+        let store = self.programs.store.kept();
+        self.saved = (self.variables.snapshot(&self.memory), self.axes.clone(), store);
     }
 
     fn power_on(&mut self) {
@@ -275,6 +288,10 @@ impl Machine {
             self.motors[motor].reset();
             self.power_on_motor(motor);
             self.write_servo_registers(motor);
+        }
+        for cs in 0..MOTORS {
+            // Ix91: the program to point to at power-up.
+            let _ = self.begin(cs, self.variables.i(100 * (cs + 1) + 91));
         }
         self.housekeeping();
     }

@@ -9,6 +9,7 @@
 //! | [`machine`], `commands`, `board_commands`, `axis_position`, `registers` | servo interrupt and background loop; what commands do; status words |
 //! | [`motor`], `supervision`, [`profile`], [`coordinate`] | servo loop, drive and shaft; jog and home moves; time base |
 //! | [`servo_report`], [`background_report`], [`ascii`], [`gather`] | the automatic functions of the DPRAM |
+//! | [`program`] | program buffers, motion programs, PLCs |
 //! | [`language`] | the interpreter of on-line commands |
 //! | [`judge`], [`fault`] | what a host does wrong; what the board can be told to do wrong |
 
@@ -38,6 +39,7 @@ pub mod offsets;
 pub mod options;
 pub mod process;
 pub mod profile;
+pub mod program;
 mod random;
 #[cfg(test)]
 mod register_tests;
