@@ -178,7 +178,8 @@ impl Line<'_, '_> {
         let cs = self.interpreter.cs;
         let system = self.machine.programs.systems.get(cs)?;
         let cursor = system.cursor?;
-        let at_cursor = (cursor.program, cursor.line, self.machine.programs.offset(cs, cursor));
+        let offset = self.machine.programs.offset(cs, cursor);
+        let at_cursor = (cursor.program, cursor.line, offset);
         // Starved or at rest, execution stands where calculation does.
         let executing = system.executing.filter(|_| !system.trajectory.is_idle());
         Some(executing.unwrap_or(at_cursor))

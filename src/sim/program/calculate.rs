@@ -272,7 +272,11 @@ impl Calculator<'_> {
                 self.system.cursor = Some(Cursor { item: cursor.item + 1 + axes.len(), ..cursor });
             }
             Item::Stop => {
-                self.system.cursor = Some(Cursor { item: cursor.item + 1, ..cursor });
+                self.system.cursor = Some(if cursor.item + 1 < line.items.len() {
+                    Cursor { item: cursor.item + 1, ..cursor }
+                } else {
+                    Cursor::at(cursor.program, cursor.line + 1)
+                });
                 self.end(Ending::Here);
                 return Flow::Wait;
             }

@@ -108,7 +108,7 @@ impl Programs {
         tables.map(|table| table.size).sum()
     }
 
-    /// Where the line of `cursor` begins in its buffer, in long words.
+    /// Where the command at `cursor` is in its buffer, in long words.
     pub(super) fn offset(&self, cs: usize, cursor: Cursor) -> usize {
         let (line, end) = match cursor.program {
             0 => (self.store.rotary(cs).and_then(|rotary| rotary.line(cursor.line)), 0),
@@ -120,7 +120,9 @@ impl Programs {
                 )
             }
         };
-        line.map_or(end, |line| line.offset)
+        let before =
+            |line: &item::Line| line.items.iter().take(cursor.item).map(item::Item::words).sum::<usize>();
+        line.map_or(end, |line| line.offset + before(line))
     }
 
     /// Whether a motion program runs in any coordinate system.

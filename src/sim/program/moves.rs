@@ -6,7 +6,7 @@ use super::circle::{self, Centre};
 use super::item::{Mode, Time, Transform};
 use super::path::{Arc, Blend, Motors, Path, Ramp};
 use super::spline::{Spline, cubic};
-use super::system::Failure;
+use super::system::{Cursor, Failure};
 use super::trajectory::{Entry, Shape};
 use super::transform::Vector;
 use crate::sim::language::variables::{VariableKind, value};
@@ -56,8 +56,8 @@ impl Calculator<'_> {
     }
 
     fn entry(&mut self, shape: Shape, target: Motors, axes: [f64; 9]) -> Entry {
-        let cursor = self.system.cursor.unwrap_or(super::system::Cursor::at(0, 0));
-        let offset = self.machine.programs.offset(self.cs, cursor);
+        let cursor = self.system.cursor.unwrap_or(Cursor::at(0, 0));
+        let offset = self.machine.programs.offset(self.cs, Cursor { item: 0, ..cursor });
         Entry {
             shape,
             start: 0.0,
