@@ -141,10 +141,10 @@ mod tests {
             for radius in [6.0, -6.0] {
                 let arc = Arc::new(way, Centre::Radius(radius), DOWN, clockwise, 0.0, 0.0).unwrap();
                 let (sin, cos) = arc.sweep.sin_cos();
-                for k in 0..2 {
-                    let end = arc.radius[1] * (cos * arc.e1[k] + sin * arc.e2[k]) - arc.radius[0] * arc.e1[k];
-                    assert!((end - way[k]).abs() < 1e-9);
-                }
+                let end = |k: usize| {
+                    arc.radius[1] * (cos * arc.e1[k] + sin * arc.e2[k]) - arc.radius[0] * arc.e1[k]
+                };
+                assert!((end(0) - way[0]).abs() < 1e-9 && (end(1) - way[1]).abs() < 1e-9);
                 assert_eq!(arc.sweep > PI, radius < 0.0);
             }
         }

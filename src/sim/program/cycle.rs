@@ -28,13 +28,13 @@ struct Begun {
 impl Machine {
     /// One servo cycle of all programs; `time_base` has 1.0 for 100%.
     pub(in crate::sim) fn programs_cycle(&mut self, ms: f64, time_base: &[f64; MOTORS]) {
-        let calculates = self.stats.servo_cycles % (self.variables.i(8) as u64 + 1) == 0;
-        for cs in 0..MOTORS {
+        let calculates = self.stats.servo_cycles.is_multiple_of(self.variables.i(8) as u64 + 1);
+        for (cs, &factor) in time_base.iter().enumerate() {
             if self.programs.systems[cs].running {
                 if calculates {
                     self.real_time_interrupt(cs);
                 }
-                self.program_cycle(cs, ms, time_base[cs]);
+                self.program_cycle(cs, ms, factor);
             }
         }
         if calculates {
@@ -153,8 +153,8 @@ impl Machine {
         match begun.shape {
             Some(Shape::Rapid(jogs)) => {
                 for (motor, jog) in jogs.iter().enumerate() {
-                    if let (Some((target, speed, after)), true) = (jog, self.active(motor)) {
-                        self.rapid(motor, *target, *speed, *after);
+                    if let (Some(jog), true) = (jog, self.active(motor)) {
+                        self.rapid(motor, jog.target, jog.speed, jog.after_trigger);
                     }
                 }
             }

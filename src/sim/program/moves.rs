@@ -7,7 +7,7 @@ use super::item::{Mode, Time, Transform};
 use super::path::{Arc, Blend, Motors, Path, Ramp};
 use super::spline::{Spline, cubic};
 use super::system::{Cursor, Failure};
-use super::trajectory::{Entry, Shape};
+use super::trajectory::{Entry, Jog, Shape};
 use super::transform::Vector;
 use crate::sim::language::variables::{VariableKind, value};
 use crate::sim::machine::MOTORS;
@@ -350,8 +350,9 @@ impl Calculator<'_> {
                 if slowest > 0.0 && (way[motor] != 0.0 || trigger.is_some()) {
                     let speed = if way[motor] == 0.0 { speed(motor) } else { way[motor].abs() / slowest };
                     let after = trigger.map(|_| after[motor]);
-                    let jog = jogs[motor].get_or_insert((target[motor], speed, None));
-                    jog.2 = jog.2.or(after);
+                    let jog = Jog { target: target[motor], speed, after_trigger: None };
+                    let jog = jogs[motor].get_or_insert(jog);
+                    jog.after_trigger = jog.after_trigger.or(after);
                 }
             }
         }

@@ -70,9 +70,7 @@ impl Tracker {
             Some(Item::If(_)) => self.short_if = true,
             Some(Item::While(_)) if last => self.blocks.push(Block::While),
             Some(Item::Else) if index == 0 && self.after_short_if => {
-                if last {
-                    self.blocks.push(Block::Else);
-                }
+                self.blocks.extend(last.then_some(Block::Else));
             }
             Some(Item::Else) => {
                 if top != Some(Block::If) {

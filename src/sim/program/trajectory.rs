@@ -13,6 +13,17 @@ use crate::sim::machine::MOTORS;
 /// An assignment that waits for the start of a move: M-variable number, operator, value.
 pub type Later = (usize, Operator, f64);
 
+/// The part of one motor in a RAPID move.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Jog {
+    /// Where to, in counts.
+    pub target: f64,
+    /// How fast, in counts/ms.
+    pub speed: f64,
+    /// With a trigger on the way, end so many counts from it.
+    pub after_trigger: Option<f64>,
+}
+
 /// What a move does.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Shape {
@@ -22,8 +33,8 @@ pub enum Shape {
     Cubic(f64, Box<[[f64; 3]; MOTORS]>),
     /// DWELL: so many ms of real time.
     Dwell(f64),
-    /// RAPID: motors move by themselves to targets at speeds (counts/ms), perhaps on to so far from a trigger.
-    Rapid(Box<[Option<(f64, f64, Option<f64>)>; MOTORS]>),
+    /// RAPID: motors move by themselves.
+    Rapid(Box<[Option<Jog>; MOTORS]>),
     /// HOME, bit n for 0-based motor n.
     Home(u8),
 }
