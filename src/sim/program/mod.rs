@@ -8,7 +8,7 @@
 //! |---|---|
 //! | [`item`], [`words`], [`parse`], [`text`], [`binary`] | program lines: internal form, text, DPRAM words |
 //! | [`store`], [`rotary`], [`structure`] | the buffers, their memory, their blocks |
-//! | [`system`], `calculate`, `moves` | one coordinate system's program; its lines; its moves |
+//! | [`system`], `calculate`, `flow`, `moves` | one coordinate system's program; its lines; their order; its moves |
 //! | [`path`], [`circle`], [`spline`], [`transform`], [`trajectory`] | geometry and time of moves |
 //! | `run`, `cycle` | run, stop, abort; servo and real-time interrupts |
 //! | [`plc`], `message` | PLC programs; CMD and SEND |
@@ -17,6 +17,7 @@ pub mod binary;
 mod calculate;
 pub mod circle;
 mod cycle;
+mod flow;
 pub mod item;
 mod message;
 mod moves;
@@ -42,7 +43,7 @@ use plc::Plcs;
 use store::{Store, TableKind};
 use system::{Cursor, System};
 
-pub use calculate::split;
+pub use flow::split;
 
 use super::machine::MOTORS;
 

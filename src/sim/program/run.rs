@@ -61,7 +61,7 @@ impl Machine {
     /// `R`: runs on from the pointer; out of a hold, goes on.
     ///
     /// # Errors
-    /// ERR010 to ERR017, see [`check_start`].
+    /// ERR015 to ERR010 as the motors and the pointer are, ERR017 away from where it stopped, ERR016 for open blocks.
     pub fn run(&mut self, cs: usize) -> Result {
         self.start_program(cs, true)
     }
