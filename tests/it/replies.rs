@@ -358,8 +358,13 @@ fn programs_are_stored_and_listed() {
         ("I9=3 LIST PROG10,0,4", "0:LINEAR ABS F(P1*2)\r\x06"),
         ("LIST PROG 10,10,6", "11:N10 X1000:50 Y3^-0.01\r\x06"),
         ("LIST PLC 1", "\x07ERR003\r"),
-        ("PASSWORD=x $$$", "\n"),
-        ("I3=2", "\x06"),
+        ("PASSWORD=x", "\x06"),
+        ("SAVE $$$", "\x06"),
+        ("OPEN PROG 1000", "\x07ERR002\r"),
+        ("LIST PLC 1", "\x07ERR002\r"),
+        ("OPEN PROG 10 CLOSE LIST PROG 10,0,1", "0:LINEAR ABS F(P1*2)\r\x06"),
+        ("PASSWORD=x", "\x06"),
+        ("OPEN PROG 1000 CLOSE", "\x06"),
     ]);
 }
 

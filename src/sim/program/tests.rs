@@ -535,3 +535,27 @@ fn programs_outlive_a_reset_only_when_saved() {
     lines(&mut bench, "$$$***");
     assert_eq!(error(&mut bench, "LIST PROG 1"), 3);
 }
+
+#[test]
+fn a_program_that_runs_everything_keeps_its_distance_from_the_text() {
+    // A closed figure of all that blends, round and round: nothing may creep in.
+    let mut bench = bench();
+    bench.set(13, 10.0);
+    load(
+        &mut bench,
+        "P1=0 INC TA40 TS10 F200
+         WHILE(P1<20)
+         LINEAR X10 A3
+         CIRCLE1 X10 Y10 J10 I0
+         CIRCLE2 X-20 Y-10 I-10 J0 Z4
+         LINEAR DELAY20 A-3 Z-4
+         P1=P1+1
+         ENDWHILE",
+    );
+    lines(&mut bench, "R");
+    let (_, end) = finish(&mut bench);
+    for position in end {
+        assert!(position.abs() < 1e-6, "{end:?}");
+    }
+    assert_eq!(lines(&mut bench, "P1"), ["20"]);
+}
