@@ -1,11 +1,10 @@
 //! Where binary program lines go: the internal rotary buffers of the coordinate systems.
 //!
-//! [`Machine::rotary_room`] and [`Machine::rotary_append`] are all that the transfer from the DPRAM knows of them. Behind
-//! them stands a queue that keeps the lines as they came, in order, and executes nothing.
+//! [`Machine::rotary_remaining`], [`Machine::rotary_room`] and [`Machine::rotary_append`] are all that the transfer from the
+//! DPRAM knows of them. Behind them stands a queue that keeps the lines as they came, in order, and executes nothing.
 
 use std::collections::VecDeque;
 
-use super::language::CommandError;
 use super::machine::{MOTORS, Machine};
 
 /// A program command: the two 24-bit words of its binary form.
@@ -47,28 +46,62 @@ impl RotaryLines {
     }
 }
 
+/// Why a line does not come into a rotary buffer.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+pub enum AppendError {
+    /// There is no buffer.
+    #[error("no rotary buffer is defined for the coordinate system")]
+    Undefined,
+    /// There is no room now.
+    #[error("no room in the rotary buffer")]
+    Full,
+    /// Two words are no command.
+    #[error(transparent)]
+    Command(#[from] NoCommand),
+}
+
+/// Two words that are no command.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[error("${word1:06X} ${word2:06X} is no program command")]
+pub struct NoCommand {
+    /// The first word.
+    pub word1: u32,
+    /// The second word.
+    pub word2: u32,
+}
+
 impl Machine {
-    /// Commands for which the rotary buffer of the 0-based coordinate system has room; `None` when it has no buffer.
+    /// Lines in the rotary buffer of the 0-based coordinate system; `None` when it has no buffer.
     #[must_use]
-    pub fn rotary_room(&self, cs: usize) -> Option<usize> {
+    pub fn rotary_remaining(&self, cs: usize) -> Option<u64> {
         let queue = self.rotary_lines.queues.get(cs)?.as_ref()?;
-        let used: usize = queue.lines.iter().map(Vec::len).sum();
-        Some(queue.size.saturating_sub(used))
+        Some(queue.lines.len() as u64)
+    }
+
+    /// Whether the rotary buffer of the 0-based coordinate system can take a line of `commands` commands now.
+    #[must_use]
+    pub fn rotary_room(&self, cs: usize, commands: usize) -> bool {
+        let queue = self.rotary_lines.queues.get(cs).and_then(Option::as_ref);
+        queue.is_some_and(|queue| queue.lines.iter().map(Vec::len).sum::<usize>() + commands <= queue.size)
     }
 
     /// Puts a line at the end of the rotary buffer of the 0-based coordinate system. Its first command has
     /// [`START_OF_LINE`] set; if not, the host's index had split a line and this is its continuation.
     ///
     /// # Errors
-    /// ERR005 without a buffer, ERR006 without room, ERR003 for a command that does not exist.
-    pub fn rotary_append(&mut self, cs: usize, line: &[Command]) -> Result<(), CommandError> {
-        let room = self.rotary_room(cs).ok_or(CommandError::NO_OPEN_BUFFER)?;
-        if room < line.len() {
-            return Err(CommandError(6));
+    /// [`AppendError`]; nothing is stored then.
+    pub fn rotary_append(&mut self, cs: usize, line: &[Command]) -> Result<(), AppendError> {
+        let wrong = line.iter().find(|(word1, _)| matches!(word1 >> 6 & 0x1F, 0 | 29 | 31));
+        if let Some(&(word1, word2)) = wrong {
+            return Err(NoCommand { word1, word2 }.into());
         }
-        if let Some(queue) = self.rotary_lines.queues.get_mut(cs).and_then(Option::as_mut) {
-            queue.lines.push_back(line.to_vec());
+        let room = self.rotary_room(cs, line.len());
+        let queue =
+            self.rotary_lines.queues.get_mut(cs).and_then(Option::as_mut).ok_or(AppendError::Undefined)?;
+        if !room {
+            return Err(AppendError::Full);
         }
+        queue.lines.push_back(line.to_vec());
         Ok(())
     }
 }
