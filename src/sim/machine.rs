@@ -148,6 +148,14 @@ impl Machine {
         self.port = Port::Mailbox;
     }
 
+    /// Whether the interrupt line of the DPRAM's responses is asserted: I56=1, and the host has not taken the last one.
+    #[must_use]
+    pub fn response_waits(&self) -> bool {
+        self.variables.i(56) == 1.0
+            && self.before_all_ones.is_none()
+            && self.memory.dpram.read16(offsets::ASCII_IN_CONTROL) != 0
+    }
+
     /// A command came through the DPRAM.
     pub(super) fn dpram_becomes_active(&mut self) {
         self.port = Port::Dpram;
