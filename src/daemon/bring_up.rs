@@ -17,6 +17,7 @@ use super::board_loop::{BoardLoop, OpenBus, Told};
 use super::identify::{Identifier, servo_period_ps};
 use super::info::SharedInfo;
 use super::interrupt_link::InterruptLink;
+use super::job_desk::JobDesk;
 use super::options::Options;
 use super::queue::queue;
 use super::serve::{Backend, ServeOptions, serve};
@@ -32,6 +33,7 @@ use crate::mirror::{BackgroundMirror, ServoMirror};
 use crate::protocol::BoardInfo;
 use crate::segment::identity;
 use crate::segment::{CreateOptions, Identity, Publisher, RegionId, RegionSpec, monotonic_ns};
+use crate::usage::usage;
 
 /// Slots of each region: servo, some seconds; background, some reports; the board, a few changes.
 const SERVO_SLOTS: u32 = 4096;
@@ -54,7 +56,7 @@ pub fn main() -> ExitCode {
         .init();
     let options = match Options::try_parse() {
         Ok(options) => options,
-        Err(error) => return crate::cli::usage("pmacd", &error),
+        Err(error) => return usage("pmacd", &error),
     };
     let settings = match Settings::decide(&options) {
         Ok(settings) => settings,
@@ -110,6 +112,7 @@ fn run(settings: &Settings) -> Result<(), String> {
         servo: ServoMirror::new(settings.servo_reading),
         background: BackgroundMirror::new(settings.background_period_ns),
         desk: AsciiDesk::new(settings.text_order, identifier),
+        jobs: JobDesk::default(),
         interrupt: interrupt.map(InterruptLink::new),
         publisher,
         commands: command_queue,

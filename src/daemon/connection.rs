@@ -9,6 +9,7 @@ use std::time::{Duration, Instant};
 
 use nix::poll::PollFlags;
 
+use super::jobs::JobCall;
 use super::policy::{Peer, Role};
 use super::queue::Ticket;
 use crate::protocol::{CALL_MAX, Inbox, Reply, frame::TooLong, message::encode};
@@ -30,6 +31,8 @@ pub(super) struct Pending {
     pub(super) lines: Vec<String>,
     /// Its length in bytes.
     pub(super) length: usize,
+    /// The job that waits for this answer, and begins if it is what its guard wants.
+    pub(super) then: Option<JobCall>,
 }
 
 /// What a client waits for.

@@ -114,6 +114,23 @@ pub struct ReadReply {
     pub words: Vec<u16>,
 }
 
+/// The reply of `RotaryState`.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct RotaryStateReply {
+    /// Commands in the buffer that the board has not taken.
+    pub ahead_commands: u32,
+    /// Lines in the buffer that the board has not taken wholly.
+    pub ahead_lines: u64,
+    /// Lines put into the buffer since it was set up.
+    pub sent_lines: u64,
+    /// The board's internal rotary buffer is full.
+    pub busy: bool,
+    /// The board's error code, if it reports one.
+    pub error: Option<u8>,
+    /// How often the buffer was found empty though more lines were to follow.
+    pub underruns: u64,
+}
+
 /// An error that the service answers.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
@@ -150,6 +167,12 @@ pub enum CallError {
     #[error("invalid line: {reason}")]
     InvalidLine {
         /// What is wrong and where.
+        reason: String,
+    },
+    /// It cannot be done; nothing has been written.
+    #[error("{reason}")]
+    Refused {
+        /// Why, and what to do.
         reason: String,
     },
     /// The words lie outside the board's window.
@@ -196,6 +219,7 @@ impl CallError {
                 (BOARD, "NotPermitted", json!({"role_needed": role_needed}))
             }
             Self::InvalidLine { reason } => (BOARD, "InvalidLine", json!({"reason": reason})),
+            Self::Refused { reason } => (BOARD, "Refused", json!({"reason": reason})),
             Self::OutOfRange => (BOARD, "OutOfRange", Value::Null),
             Self::InvalidParameter { parameter } => {
                 (SERVICE, "InvalidParameter", json!({"parameter": parameter}))
@@ -240,6 +264,7 @@ impl CallError {
             (BOARD, "Busy") => Self::Busy,
             (BOARD, "NotPermitted") => Self::NotPermitted { role_needed: text("role_needed") },
             (BOARD, "InvalidLine") => Self::InvalidLine { reason: text("reason") },
+            (BOARD, "Refused") => Self::Refused { reason: text("reason") },
             (BOARD, "OutOfRange") => Self::OutOfRange,
             (SERVICE, "InvalidParameter") => Self::InvalidParameter { parameter: text("parameter") },
             (SERVICE, "InterfaceNotFound") => Self::InterfaceNotFound { interface: text("interface") },

@@ -45,6 +45,22 @@ impl fmt::Display for GatherSource {
 }
 
 impl GatherSource {
+    /// The register at `address`, or `None` for a space or a number that cannot be gathered.
+    #[must_use]
+    pub const fn new(address: PmacAddress) -> Option<Self> {
+        let PmacAddress { space, number } = address;
+        match space {
+            Space::Y | Space::X | Space::D | Space::L if number <= 0xFFFF => Some(Self { space, number }),
+            _ => None,
+        }
+    }
+
+    /// The register.
+    #[must_use]
+    pub const fn address(self) -> PmacAddress {
+        PmacAddress::new(self.space, self.number)
+    }
+
     /// The value of the I-variable: $0aaaa for Y, $40aaaa for X, $80aaaa for D, $C0aaaa for L.
     #[must_use]
     pub const fn code(self) -> u32 {

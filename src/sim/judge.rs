@@ -85,7 +85,8 @@ impl Judge {
         self.may_only_clear(offsets::BACKGROUND_READY, "the host only clears Data-Ready", cycle, dpram);
         let flag = dpram.read16(offsets::ASCII_OUT_CONTROL);
         if flag > 1 && flag != dpram.shadow(offsets::ASCII_OUT_CONTROL) {
-            self.record(cycle, &format!("0x062C = 0x{flag:04X}: bits 1-15 are reserved"));
+            let word = offsets::ASCII_OUT_CONTROL;
+            self.record(cycle, &format!("0x{word:04X} = 0x{flag:04X}: bits 1-15 are reserved"));
             dpram.adopt(offsets::ASCII_OUT_CONTROL, flag);
         }
     }

@@ -11,7 +11,7 @@ use crate::map::Firmware;
 
 /// A simulated PMAC: the board's side of a DPRAM, in its own process.
 #[derive(Debug, Parser)]
-#[command(name = "pmac-sim", version, about, disable_help_subcommand = true)]
+#[command(name = "pmac-sim", version, disable_help_subcommand = true)]
 pub struct Options {
     /// The shared memory: a file of 16384 bytes, created if missing and never removed
     #[arg(long, value_name = "PATH")]

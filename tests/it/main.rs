@@ -1,5 +1,6 @@
 //! Integration tests: formats, the map, the segment, the socket, the command line, the simulator, whole processes.
 
+mod architecture;
 mod bench;
 mod cli;
 mod client;
@@ -7,6 +8,7 @@ mod decode;
 mod format;
 mod map;
 mod mixing;
+mod readme;
 mod replies;
 mod rig;
 mod rotary;
