@@ -11,6 +11,7 @@ pub mod errors;
 pub mod family;
 pub mod firmware;
 pub mod layout;
+pub mod mailbox;
 pub mod plan;
 pub mod region;
 pub mod register;

@@ -23,12 +23,10 @@ use super::fault::Delay;
 use super::language::{Interpreter, SerialPort};
 use super::machine::Machine;
 use crate::device::mapping::Mapping;
+use crate::map::mailbox::{self, LENGTH, MAILBOXES};
 
-/// The file's length: what the board's mailbox circuit takes of the VME bus.
-pub const LENGTH: usize = 0x200;
-/// The page register, as the offset of its even byte.
-const PAGE: usize = 0x120;
-const MAILBOXES: usize = 16;
+/// The page register's word in the file.
+const PAGE: usize = mailbox::PAGE - 1;
 /// The even byte of a register that no host has written to.
 const UNTOUCHED: u8 = 0xFF;
 
