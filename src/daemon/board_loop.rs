@@ -135,7 +135,7 @@ impl BoardLoop {
     /// Puts the host's words in order, as at the start.
     fn take_over_board(&mut self) {
         self.release_board();
-        if let Err(error) = self.jobs.take_over(&mut self.bus) {
+        if let Err(error) = self.jobs.take_over(&mut self.bus, &self.publisher) {
             self.bus_failed(&error);
         }
     }
@@ -167,7 +167,7 @@ impl BoardLoop {
         }
         let instant = Instant::now();
         if self.jobs.due().is_some_and(|due| due <= instant) && self.answer.is_none() {
-            if let Some(event) = self.jobs.pass(&mut self.bus, instant)? {
+            if let Some(event) = self.jobs.pass(&mut self.bus, &mut self.publisher, instant)? {
                 self.reply(event);
             }
         } else if instant >= self.desk.due() {
@@ -261,7 +261,7 @@ impl BoardLoop {
                     self.reply(event);
                 }
                 Command::Job { ticket, job, deadline } => {
-                    match self.jobs.submit(&mut self.bus, ticket, *job, deadline) {
+                    match self.jobs.submit(&mut self.bus, &self.publisher, ticket, *job, deadline) {
                         Ok(None) => {}
                         Ok(Some(event)) => self.reply(event),
                         Err(error) => {

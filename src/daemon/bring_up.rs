@@ -28,8 +28,9 @@ use crate::device::{BoardSpec, Bus, Counted, FileBoard, InterruptSource, WordSwa
 use crate::format::WordOrder;
 use crate::function::background::BACKGROUND_WORDS;
 use crate::function::servo::SERVO_WORDS;
-use crate::map::classic;
-use crate::mirror::{BackgroundMirror, ServoMirror};
+use crate::function::variable_read::VariableMode;
+use crate::map::{BadFirmware, Family, Firmware, Layout, Plan, PlanSettings, classic};
+use crate::mirror::{BackgroundMirror, ServoMirror, variable};
 use crate::protocol::BoardInfo;
 use crate::segment::identity;
 use crate::segment::{CreateOptions, Identity, Publisher, RegionId, RegionSpec, monotonic_ns};
@@ -89,6 +90,7 @@ fn run(settings: &Settings) -> Result<(), String> {
     let mut open = open;
     let bus = Counted::new(open()?);
 
+    let plan = plan(settings)?;
     let (commands, command_queue) = queue(QUEUE).map_err(|error| format!("queue: {error}"))?;
     let (events, event_queue) = queue(QUEUE).map_err(|error| format!("queue: {error}"))?;
     let info = Arc::new(SharedInfo::new(board_info(settings, &publisher)));
@@ -112,7 +114,7 @@ fn run(settings: &Settings) -> Result<(), String> {
         servo: ServoMirror::new(settings.servo_reading),
         background: BackgroundMirror::new(settings.background_period_ns),
         desk: AsciiDesk::new(settings.text_order, identifier),
-        jobs: JobDesk::default(),
+        jobs: JobDesk::new(plan, VariableMode::SingleUser),
         interrupt: interrupt.map(InterruptLink::new),
         publisher,
         commands: command_queue,
@@ -180,9 +182,17 @@ fn segment_options(settings: &Settings) -> CreateOptions {
         period_hint_ns: 0,
         stale_after_ns: u64::MAX,
     };
+    let variable = RegionSpec {
+        id: RegionId::Variable,
+        slots: BACKGROUND_SLOTS,
+        payload_bytes: 2 * variable::PAYLOAD_WORDS as u32,
+        first_host_offset: 0,
+        period_hint_ns: 0,
+        stale_after_ns: 1_000_000_000,
+    };
     CreateOptions {
         mode: settings.segment_mode,
-        ..CreateOptions::new(settings.name.clone(), vec![servo, background, board])
+        ..CreateOptions::new(settings.name.clone(), vec![servo, background, board, variable])
     }
 }
 
@@ -213,6 +223,14 @@ fn board_info(settings: &Settings, publisher: &Publisher) -> BoardInfo {
         segment: format!("/{}", settings.name.as_str()),
         ..BoardInfo::default()
     }
+}
+
+/// Where the buffers of the open area lie.
+fn plan(settings: &Settings) -> Result<Plan, String> {
+    let firmware = settings.firmware.as_deref().map(str::parse).transpose();
+    let firmware: Option<Firmware> = firmware.map_err(|error: BadFirmware| error.to_string())?;
+    let family = Family::by_name(settings.family.name()).map_err(|error| error.to_string())?;
+    Plan::new(&Layout::new(family, firmware), PlanSettings::default()).map_err(|error| error.to_string())
 }
 
 /// A simulator to keep alive, how to open the board's bus, and where its interrupt comes from.

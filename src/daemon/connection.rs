@@ -44,6 +44,8 @@ pub(super) enum Waiting {
     Board(Pending),
     /// Unsolicited texts, of which so many were dropped since the last one it got.
     Messages(u64),
+    /// Nothing more: it watches variables as long as it stays.
+    Watch,
 }
 
 /// One connection.
@@ -194,6 +196,7 @@ impl Client {
             // Its command is under way; the reply is the end of it.
             Waiting::Board(_) => false,
             Waiting::Messages(_) => self.hung_up,
+            Waiting::Watch => self.hung_up || self.input_ended,
             Waiting::Nothing => self.hung_up || (self.input_ended && self.outbox.is_empty()),
         }
     }

@@ -8,6 +8,7 @@ use super::info::SharedInfo;
 use super::jobs::{self, JobCall};
 use super::policy::Role;
 use super::queue::{DEFAULT_TIMEOUT, LINE_MAX, READ_MAX, Text};
+use crate::function::variable_read::VariableEntry;
 use crate::map::HostOffset;
 use crate::protocol::{
     BOARD, BOARD_ALIAS, BOARD_DESCRIPTION, Call, CallError, Parameters, Reply, SERVICE, SERVICE_DESCRIPTION,
@@ -48,6 +49,8 @@ pub(super) enum Action {
     Stream,
     /// Renew the caller's lease on a jog.
     Renew,
+    /// Have PMAC copy these registers as long as the caller stays.
+    Watch(Vec<VariableEntry>),
 }
 
 /// Finds out what `call` by a caller of `role` means.
@@ -89,6 +92,14 @@ pub(super) fn understand(call: &Call, role: Role, info: &SharedInfo) -> Result<A
             "PanelRenew" => {
                 parameters.finish()?;
                 Ok(Action::Renew)
+            }
+            "WatchVariables" => {
+                let entries = jobs::watched(parameters)?;
+                if call.more == Some(true) {
+                    Ok(Action::Watch(entries))
+                } else {
+                    Err(CallError::ExpectedMore)
+                }
             }
             _ => match jobs::understand(method, parameters) {
                 Some(asked) => {

@@ -2,6 +2,8 @@
 
 use crate::function::panel::{FeedOverride, PanelRequest};
 use crate::function::rotary::{RotaryBuffer, RotarySetup};
+use crate::function::variable_read::VariableEntry;
+use crate::function::variable_write::WriteRecord;
 use crate::map::HostOffset;
 
 /// One job.
@@ -22,7 +24,13 @@ pub enum Job {
         first: HostOffset,
         /// Values and masks.
         words: Vec<MaskedWord>,
+        /// Also where an automatic function or a buffer owns the words.
+        anywhere: bool,
     },
+    /// Have PMAC copy these registers in the background, instead of those it copied before; none stops it.
+    WatchVariables(Vec<VariableEntry>),
+    /// Have PMAC write registers, in their order; done when it has.
+    WriteVariables(Vec<WriteRecord>),
     /// Set a rotary buffer up, empty.
     RotaryOpen(RotarySetup),
     /// Put lines into a rotary buffer, as there is room; done when the last one is in.

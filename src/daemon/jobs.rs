@@ -8,8 +8,12 @@ use super::job::{Job, MaskedWord};
 use super::policy::Role;
 use crate::function::panel::{FeedOverride, PanelAction, PanelRequest};
 use crate::function::rotary::{RotaryBuffer, RotarySetup};
-use crate::map::{HostOffset, classic};
+use crate::function::variable_read::{VariableEntry, VariableKind};
+use crate::function::variable_write::{WordKind, WriteRecord};
+use crate::map::{HostOffset, PmacAddress, Space, classic};
+use crate::protocol::board::VariableRecord;
 use crate::protocol::{CallError, Parameters};
+use crate::setup::gather_source::GatherSource;
 
 /// How long the board may take to act on a panel request.
 const PANEL_TIMEOUT: Duration = Duration::from_secs(1);
@@ -18,6 +22,11 @@ const SHORT: Duration = Duration::from_secs(1);
 /// How long a batch of rotary lines may wait for room when its caller does not say, and at most.
 const ROTARY_TIMEOUT_MS: u64 = 60_000;
 const ROTARY_TIMEOUT_MAX_MS: u64 = 3_600_000;
+/// How long PMAC may take to write variables when the caller does not say, and at most.
+const WRITE_TIMEOUT_MS: u64 = 5_000;
+const WRITE_TIMEOUT_MAX_MS: u64 = 600_000;
+/// The most records of one call.
+const RECORDS_MAX: usize = 1024;
 /// The most words of one write, and the most commands of one batch of rotary lines.
 const WRITE_MAX: usize = 64;
 const COMMANDS_MAX: usize = 4096;
@@ -34,6 +43,7 @@ pub(super) struct Guard {
 }
 
 const PANEL_ENABLED: Guard = Guard { variable: "I2", value: "3", purpose: "the DPRAM control panel" };
+const VARIABLES_ENABLED: Guard = Guard { variable: "I55", value: "1", purpose: "background variable data" };
 const ROTARY_ENABLED: Guard = Guard { variable: "I57", value: "1", purpose: "binary rotary transfer" };
 
 /// A job as it was called for.
@@ -70,6 +80,7 @@ pub(super) fn understand(method: &str, parameters: Parameters) -> Option<Result<
         "PanelHold" => panel(parameters, true),
         "FeedOverride" => feed_override(parameters),
         "Write" => write(parameters),
+        "WriteVariables" => write_variables(parameters),
         "RotaryOpen" => rotary_open(parameters),
         "RotarySend" => rotary_send(parameters),
         "RotaryFinish" => {
@@ -158,23 +169,91 @@ fn write(mut parameters: Parameters) -> Result<JobCall, CallError> {
     if values.is_empty() || values.len() > WRITE_MAX || masks.len() != values.len() {
         return Err(invalid("words"));
     }
-    let end = first.plus_words(values.len()).bytes();
-    if end > classic::LENGTH {
+    if first.plus_words(values.len()).bytes() > classic::LENGTH {
         return Err(CallError::OutOfRange);
-    }
-    if !anywhere && first < classic::OPEN.start {
-        return Err(refused(format!(
-            "{first} belongs to an automatic function; only {} and up are open for use, unless you insist as an \
-             engineer",
-            classic::OPEN.start
-        )));
     }
     let words: Vec<MaskedWord> =
         values.iter().zip(&masks).map(|(&value, &mask)| MaskedWord { value, mask }).collect();
     Ok(JobCall {
         audit: Some(format!("write {first} = {values:04X?} mask {masks:04X?}")),
-        ..JobCall::new(Job::Write { first, words }, SHORT)
+        ..JobCall::new(Job::Write { first, words, anywhere }, SHORT)
     })
+}
+
+/// The registers a watch names.
+pub(super) fn watched(mut parameters: Parameters) -> Result<Vec<VariableEntry>, CallError> {
+    let Value::Array(registers) = parameters.value("registers")? else { return Err(invalid("registers")) };
+    parameters.finish()?;
+    let entries = registers.iter().map(|register| {
+        let text = register.as_str().ok_or_else(|| invalid("registers"))?;
+        let source: GatherSource = text.parse().map_err(|_| {
+            refused(format!("{text:?} is no register; write Y:$0003, X:$0028, D:$002B or L:$1005"))
+        })?;
+        let PmacAddress { space, number } = source.address();
+        let kind = match space {
+            Space::Y => VariableKind::Y,
+            Space::X => VariableKind::X,
+            _ => VariableKind::Long,
+        };
+        let address = u16::try_from(number).map_err(|_| invalid("registers"))?;
+        Ok(VariableEntry { address, kind })
+    });
+    let entries: Vec<VariableEntry> = entries.collect::<Result<_, CallError>>()?;
+    if entries.is_empty() { Err(refused("no register is named")) } else { Ok(entries) }
+}
+
+fn write_variables(mut parameters: Parameters) -> Result<JobCall, CallError> {
+    let Value::Array(records) = parameters.value("records")? else { return Err(invalid("records")) };
+    let timeout_ms = match parameters.optional_integer("timeout_ms")?.map(u64::try_from) {
+        None => WRITE_TIMEOUT_MS,
+        Some(Ok(ms @ 1..=WRITE_TIMEOUT_MAX_MS)) => ms,
+        Some(_) => return Err(invalid("timeout_ms")),
+    };
+    parameters.finish()?;
+    if records.is_empty() || records.len() > RECORDS_MAX {
+        return Err(invalid("records"));
+    }
+    let mut audit = String::from("variable write");
+    let records: Vec<WriteRecord> =
+        records.into_iter().map(|record| write_record(record, &mut audit)).collect::<Result<_, _>>()?;
+    Ok(JobCall {
+        guard: Some(VARIABLES_ENABLED),
+        audit: Some(audit),
+        ..JobCall::new(Job::WriteVariables(records), Duration::from_millis(timeout_ms))
+    })
+}
+
+fn write_record(record: Value, audit: &mut String) -> Result<WriteRecord, CallError> {
+    use std::fmt::Write as _;
+    let record: VariableRecord = serde_json::from_value(record).map_err(|_| invalid("records"))?;
+    let text = &record.register;
+    let source: GatherSource = text.parse().map_err(|_| {
+        refused(format!("{text:?} is no register; write Y:$0700, X:$0701, D:$0728 or L:$1005"))
+    })?;
+    let PmacAddress { space, number } = source.address();
+    let address = u16::try_from(number).map_err(|_| invalid("records"))?;
+    let whole = || {
+        let value = record.value;
+        if value.fract() == 0.0 && value.abs() < 2f64.powi(53) {
+            Ok(value as i64)
+        } else {
+            Err(refused(format!("{text} takes a whole number, not {value}")))
+        }
+    };
+    let in_part = record.width.is_some() || record.offset.is_some();
+    let record_or_reason = match space {
+        Space::D | Space::L if in_part => {
+            return Err(refused(format!("{text} is written as a whole; leave width and offset out")));
+        }
+        Space::D => WriteRecord::fixed48(address, whole()?),
+        Space::L => WriteRecord::float48(address, record.value),
+        _ => {
+            let kind = if space == Space::Y { WordKind::Y } else { WordKind::X };
+            WriteRecord::word(kind, address, record.width.unwrap_or(24), record.offset.unwrap_or(0), whole()?)
+        }
+    };
+    let _ = write!(audit, " {text}={}", record.value);
+    record_or_reason.map_err(|reason| refused(format!("{text}: {reason}")))
 }
 
 fn buffer(parameters: &mut Parameters) -> Result<RotaryBuffer, CallError> {

@@ -24,5 +24,7 @@ pub mod rotary_desk;
 pub mod serve;
 pub mod settings;
 pub mod simulator;
+mod subscriptions;
+pub mod write_desk;
 
 pub use bring_up::main;

@@ -16,6 +16,7 @@ use std::time::{Duration, Instant};
 use log::{error, info, warn};
 use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
 use nix::sys::eventfd::{EfdFlags, EventFd};
+use serde_json::json;
 
 use super::connection::{Client, Pending, Waiting};
 use super::dispatch::{Action, Ask, understand};
@@ -26,6 +27,7 @@ use super::lease::Leases;
 use super::listener::{ListenError, Listener};
 use super::policy::{Peer, Policy, PolicyError, Role, Roles};
 use super::queue::{Command, Event, Outcome, Receive, Sender, Text, Ticket, Unsolicited, UnsolicitedKind};
+use super::subscriptions::Subscriptions;
 use crate::map::errors::meaning;
 use crate::protocol::board::RotaryStateReply;
 use crate::protocol::board::{ReadReply, SendReply};
@@ -153,6 +155,7 @@ pub fn serve(options: &ServeOptions, listener: Listener, backend: Backend) -> Re
         clients: BTreeMap::new(),
         owners: HashMap::new(),
         leases: Leases::default(),
+        subscriptions: Subscriptions::default(),
         next_client: 0,
         next_ticket: 0,
         accept_after: None,
@@ -171,6 +174,7 @@ struct Service {
     /// Whose call each ticket is.
     owners: HashMap<Ticket, u64>,
     leases: Leases,
+    subscriptions: Subscriptions,
     next_client: u64,
     next_ticket: u64,
     accept_after: Option<Instant>,
@@ -205,14 +209,18 @@ impl Service {
             }
             self.expire(now);
             self.end_leases(now);
-            let owners = &mut self.owners;
-            self.clients.retain(|_, client| {
+            let (owners, subscriptions) = (&mut self.owners, &mut self.subscriptions);
+            self.clients.retain(|id, client| {
                 let stays = !client.is_finished();
+                if !stays {
+                    subscriptions.forget(*id);
+                }
                 if let (false, Waiting::Board(pending)) = (stays, &client.waiting) {
                     owners.remove(&pending.ticket);
                 }
                 stays
             });
+            self.tell_subscriptions(now);
         }
         self.farewell();
     }
@@ -260,7 +268,7 @@ impl Service {
         let clients = self.clients.values().flat_map(|client| {
             let pending = match &client.waiting {
                 Waiting::Board(pending) => Some(pending.deadline),
-                Waiting::Nothing | Waiting::Messages(_) => None,
+                Waiting::Nothing | Waiting::Messages(_) | Waiting::Watch => None,
             };
             [pending, client.patience_ends(self.options.patience)]
         });
@@ -362,6 +370,17 @@ impl Service {
                     Err(CallError::Refused { reason })
                 };
             }
+            Ok(Action::Watch(entries)) => {
+                let wanted = entries.len();
+                action = match self.subscriptions.watch(id, entries) {
+                    Ok(()) => {
+                        client.waiting = Waiting::Watch;
+                        let reply = Reply::with(&json!({ "watched": wanted }));
+                        reply.map(|reply| Action::Reply(Reply { continues: Some(true), ..reply }))
+                    }
+                    Err(none_left) => Err(CallError::Refused { reason: none_left.to_string() }),
+                };
+            }
             _ => {}
         }
         let Some(client) = self.clients.get_mut(&id) else { return };
@@ -371,7 +390,7 @@ impl Service {
                 client.waiting = Waiting::Messages(0);
                 return;
             }
-            Ok(Action::Ask(_) | Action::Renew) => return,
+            Ok(Action::Ask(_) | Action::Renew | Action::Watch(_)) => return,
             Err(error) => {
                 if !matches!(error, CallError::Busy) {
                     let Peer { uid, pid, .. } = client.peer;
@@ -466,6 +485,19 @@ impl Service {
                 client.reply(&error.to_reply(), now);
             }
             self.advance(id, now);
+        }
+    }
+
+    /// Tells the bus thread which registers are watched, when that has changed. A full queue is tried again.
+    fn tell_subscriptions(&mut self, now: Instant) {
+        let Some(table) = self.subscriptions.news() else { return };
+        let command = Command::Job {
+            ticket: self.new_ticket(),
+            job: Box::new(Job::WatchVariables(table)),
+            deadline: now + STOP_TIMEOUT,
+        };
+        if self.backend.commands.try_send(command).is_ok() {
+            self.subscriptions.told();
         }
     }
 
@@ -606,7 +638,7 @@ impl Service {
         for client in self.clients.values_mut() {
             match &client.waiting {
                 Waiting::Board(Pending { oneway: true, .. }) | Waiting::Nothing => {}
-                Waiting::Board(_) | Waiting::Messages(_) => client.reply(&reply, now),
+                Waiting::Board(_) | Waiting::Messages(_) | Waiting::Watch => client.reply(&reply, now),
             }
         }
     }

@@ -6,6 +6,7 @@
 pub mod ascii;
 pub mod background;
 pub mod host_port;
+pub mod mailbox;
 pub mod panel;
 pub mod rotary;
 #[cfg(test)]

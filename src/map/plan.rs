@@ -66,14 +66,12 @@ pub enum PlanError {
         second: Extent,
     },
     /// A buffer that leaves the open area.
-    #[error("{buffer} does not fit into the open area, {first} to {last}; make it or its neighbours smaller")]
+    #[error("{buffer} does not fit into the area {open}; make it or its neighbours smaller")]
     Outside {
         /// The buffer's name.
         buffer: &'static str,
-        /// The area's first address.
-        first: String,
-        /// Its last address.
-        last: String,
+        /// The area.
+        open: Extent,
     },
     /// A size its function does not allow.
     #[error("{buffer}: {size} is not possible; {allowed}")]
@@ -88,27 +86,33 @@ pub enum PlanError {
 }
 
 /// A buffer with the PMAC addresses of its first and last word, as messages show it.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Extent {
     /// The buffer's name.
     pub name: &'static str,
-    /// Its first address.
-    pub first: String,
-    /// Its last address.
-    pub last: String,
+    /// Its first PMAC address.
+    pub first: u32,
+    /// Its last PMAC address.
+    pub last: u32,
+    digits: usize,
 }
 
 impl fmt::Display for Extent {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{} ({}-{})", self.name, self.first, self.last)
+        let Self { name, first, last, digits } = self;
+        write!(f, "{name} (${first:0digits$X}-${last:0digits$X})")
     }
 }
 
 impl Extent {
     fn of(family: &Family, region: Region) -> Self {
         let last = HostOffset::new(region.end.bytes().saturating_sub(2));
-        let print = |offset| family.print_number(family.pmac_number(offset));
-        Self { name: region.name, first: print(region.start), last: print(last) }
+        Self {
+            name: region.name,
+            first: family.pmac_number(region.start),
+            last: family.pmac_number(last),
+            digits: family.address_digits,
+        }
     }
 }
 
@@ -345,8 +349,10 @@ impl Plan {
     }
 
     fn describe_open(&self) -> String {
+        let print = |number| self.family.print_number(number);
         let extents = self.open_regions().into_iter().map(|region| Extent::of(self.family, region));
-        let texts: Vec<_> = extents.map(|extent| format!("{}-{}", extent.first, extent.last)).collect();
+        let texts: Vec<_> =
+            extents.map(|extent| format!("{}-{}", print(extent.first), print(extent.last))).collect();
         match texts.as_slice() {
             [] => "with the present plan nothing is open for other use".to_owned(),
             texts => format!("open for other use is {}", texts.join(", ")),
@@ -389,8 +395,7 @@ fn region_at(name: &'static str, start: u32, longs: u32, open: Region) -> Option
 }
 
 fn outside(buffer: &'static str, family: &Family, open: Region) -> PlanError {
-    let extent = Extent::of(family, open);
-    PlanError::Outside { buffer, first: extent.first, last: extent.last }
+    PlanError::Outside { buffer, open: Extent::of(family, open) }
 }
 
 #[cfg(test)]

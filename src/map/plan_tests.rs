@@ -51,7 +51,7 @@ fn buffers_that_overlap_are_named_with_their_addresses() {
     let placed = PlanSettings { variable_read_start: 0xD700, ..PlanSettings::default() };
     assert!(refused(placed).starts_with("gather ($D200-$D7BF) and variable_read ($D700-$D87F) overlap"));
     let placed = PlanSettings { rotary_start: [0, 0xDFF0], ..PlanSettings::default() };
-    assert!(refused(placed).starts_with("rotary_2 does not fit into the open area, $D200 to $DFFF"));
+    assert!(refused(placed).starts_with("rotary_2 does not fit into the area open ($D200-$DFFF);"));
     for start in [0xD1FF, 0xE000, u32::MAX, 1] {
         let placed = PlanSettings { variable_write_start: start, ..PlanSettings::default() };
         assert!(refused(placed).starts_with("variable_write does not fit"), "{start:#X}");

@@ -114,6 +114,22 @@ pub struct ReadReply {
     pub words: Vec<u16>,
 }
 
+/// A register to write: an element of `WriteVariables`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct VariableRecord {
+    /// `Y:$0700`, `X:$0701`, `D:$0728` or `L:$1005`.
+    pub register: String,
+    /// Of a Y or X word, the lowest bit to write; 0 when not given.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub offset: Option<u8>,
+    /// Of a Y or X word, how many bits to write: 1, 4, 8, 12, 16, 20 or 24; 24 when not given.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub width: Option<u8>,
+    /// The value; whole for all but `L:`.
+    pub value: f64,
+}
+
 /// The reply of `RotaryState`.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct RotaryStateReply {
