@@ -1,7 +1,7 @@
 //! A Linux driver for the dual-ported RAM (DPRAM) of Delta Tau PMAC motion controllers.
 //!
-//! A PMAC board shares 8K x 16 bit of memory with its host. One privileged daemon (`pmacd`) owns the board; every
-//! other process reads coherent live data from a POSIX shared-memory segment and sends commands through a socket.
+//! A PMAC board shares 8K x 16 bit of memory with its host. One daemon (`pmacd`) owns the board; every other process
+//! reads coherent live data from a POSIX shared-memory segment and sends commands through a socket.
 //!
 //! ```text
 //! read      device → function → mirror → segment ⇒ client → cli / your program
@@ -9,17 +9,56 @@
 //! firmware  sim ⇄ the same bytes that device::file maps                    (⇒ = process boundary)
 //! ```
 //!
-//! Layers, lowest first; a module uses only layers below its own:
+//! # Where to begin
+//! * To read a board from a program of your own: [`client`].
+//! * To read one from C, Python or anything else: [`segment::layout`], which needs no code of ours.
+//! * To send commands from another language: [`protocol::BOARD_DESCRIPTION`], the socket's interface.
+//! * To look up a register: [`map::classic`]; a number format: [`mod@format`]; a status bit: [`map::status`].
+//! * To see how a handshake goes: the host's half in [`function`], PMAC's half in [`sim`].
+//! * To follow the daemon from its start to its end: [`daemon::bring_up`], then [`daemon::board_loop`].
+//!
+//! # Layers
+//! Lowest first. A module uses only layers below its own, and within its layer only what stands before it:
 //!
 //! | layer | modules |
 //! |---|---|
-//! | 0 | [`mod@format`]: numbers and text as DPRAM holds them |
-//! | 1 | [`map`]: what lies where · [`decode`]: words to named values · [`protocol`]: the command socket's messages · [`rotary`]: motion programs as binary commands |
+//! | 0 | [`mod@format`]: numbers and text as DPRAM holds them · [`usage`]: how programs refuse a command line |
+//! | 1 | [`map`]: what lies where · [`decode`]: words to named values · [`setup`]: calculators, what to send to a board · [`rotary`]: motion programs as binary commands · [`protocol`]: the command socket's messages |
 //! | 2 | [`device`]: the bus, its kinds and decorators, the interrupt |
 //! | 3 | [`function`]: the host's half of each automatic function |
-//! | 4 | [`mirror`]: what to read when · [`segment`]: the shared-memory ABI |
+//! | 4 | [`segment`]: the shared-memory ABI · [`mirror`]: what to read when |
 //! | 5 | [`daemon`] · [`client`] · [`sim`] |
 //! | 6 | [`cli`] and the programs |
+//!
+//! # Invariants
+//! Kept by `tests/it/architecture.rs`, which reads the source:
+//! * The table above is the truth about who uses whom. Besides: the simulator sees [`mod@format`], [`map`] and a mapping, and
+//!   nobody but its own program sees it; the client sees no device; what mirrors words ([`device`] to [`daemon`]) does not
+//!   decode them.
+//! * `unsafe` lives in `device/mapping.rs` and `segment/memory.rs`. Memory that another agent writes is mapped through
+//!   `memmap2::MmapRaw` only, so that no reference or slice into it can come to be.
+//! * Only [`map`] knows an address in the DPRAM. Only [`device`] knows a path in `/dev` or `/sys`, but for the directory
+//!   of shared-memory objects, [`segment::DIRECTORY`].
+//! * Nothing panics by `unwrap`, `expect`, `panic!` or their kin outside tests. No file has more than 600 lines.
+//!
+//! Kept by the tests named:
+//! * Device words are read one 16-bit access each, ascending, each once: [`device::Bus`] has no other way;
+//!   [`device::counted`] counts, and the tests of [`function::servo`] and [`function::background`] hold the count.
+//! * Servo data: PMAC's status word is read again after the data; unless both readings are equal and not busy, the copy is
+//!   discarded ([`function::servo`]). Fields of two updates never mix (`tests/it/mixing.rs`, its number in every field).
+//! * No reader can slow or stop the daemon, and no writer, stopped or killed in mid-write, blocks a reader: every region is a
+//!   ring with a sequence number a slot ([`segment::ring`], model-checked in `tests/it/segment_loom.rs`).
+//! * No failure returns zeros, or old data as if they were new ([`client::View`] carries age and [`client::Staleness`];
+//!   `tests/it/whole.rs` kills, stops and restarts both sides).
+//! * Three counts that are never mixed: *skipped* (the board held off an update because Host-Busy was set), *missed* (the
+//!   board made an update that was not read in time; known from its timer), *lost* (a reader was overrun in the ring).
+//! * The host writes only its own bits, data before flag, and clears them at start and on the way out; the simulator's
+//!   [`sim::judge`] records every breach, and the tests of whole systems assert that there was none.
+//!
+//! Kept by shape:
+//! * One thread owns the bus ([`daemon::board_loop`]), so no lock guards it. After start it waits for no client.
+//! * Every wait is bounded. [`function`]s never wait: they do what can be done now and return.
+//! * Family, firmware, DPRAM size, byte and text order are data and settings, not cases in the code.
 
 pub mod cli;
 pub mod client;
@@ -33,4 +72,6 @@ pub mod mirror;
 pub mod protocol;
 pub mod rotary;
 pub mod segment;
+pub mod setup;
 pub mod sim;
+pub mod usage;

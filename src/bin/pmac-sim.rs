@@ -3,18 +3,14 @@
 use std::process::ExitCode;
 
 use clap::Parser;
-use clap::error::ErrorKind;
 use pmac_dpram::sim::options::Options;
 use pmac_dpram::sim::process::Simulator;
+use pmac_dpram::usage::usage;
 
 fn main() -> ExitCode {
     let options = match Options::try_parse() {
         Ok(options) => options,
-        Err(error) if matches!(error.kind(), ErrorKind::DisplayHelp | ErrorKind::DisplayVersion) => {
-            print!("{error}");
-            return ExitCode::SUCCESS;
-        }
-        Err(error) => return refuse(&one_line(&error.to_string())),
+        Err(error) => return usage("pmac-sim", &error),
     };
     let simulator = match Simulator::new(&options) {
         Ok(simulator) => simulator,
@@ -33,12 +29,4 @@ fn main() -> ExitCode {
 fn refuse(why: &str) -> ExitCode {
     eprintln!("pmac-sim: {why}");
     ExitCode::from(2)
-}
-
-/// The sentence of a usage error, without the usage that follows it.
-fn one_line(error: &str) -> String {
-    let sentence =
-        error.split("\n\nUsage").next().unwrap_or(error).split("\n\nFor more").next().unwrap_or(error);
-    let words: Vec<&str> = sentence.trim_start_matches("error: ").split_whitespace().collect();
-    format!("{}; see --help", words.join(" "))
 }

@@ -5,7 +5,12 @@ use std::time::Duration;
 
 use clap::{Args as ClapArgs, Parser, Subcommand, ValueEnum};
 
+use super::absolute::Absolute;
+use super::backup::{Backup, Diff, Restore};
+use super::download::Download;
 use super::rotary::Rotary;
+use super::set_up::Setup;
+use super::stop::Abort;
 use crate::format::{Float48Layout, WordOrder};
 use crate::map::{Family, Firmware, GatherSizeWord, UnknownFamily};
 
@@ -59,6 +64,22 @@ pub enum Command {
     Decode(Decode),
     /// Motion programs as binary rotary commands (needs no daemon)
     Rotary(Rotary),
+    /// Stop every motion at once, by ^A, or that of some coordinate systems; the exit status tells whether the board took it
+    Abort(Abort),
+    /// Kill every motor at once, by ^K: open loops, no output; the exit status tells whether the board took it
+    Kill,
+    /// Send a program or command file line by line, with its comments, #include and #define resolved
+    Download(Download),
+    /// The board's variables as lines that it would take again, one a line, sorted
+    Backup(Backup),
+    /// What differs between a file of variables and the board, or another file
+    Diff(Diff),
+    /// Send those lines of a file of variables that differ from what the board holds, after asking
+    Restore(Restore),
+    /// The lines that set a board up, explained, and sent when told to
+    Setup(Setup),
+    /// What an absolute-position setting makes PMAC read (needs no daemon)
+    Absolute(Absolute),
 }
 
 #[derive(Debug, ClapArgs)]
@@ -188,7 +209,7 @@ fn family(name: &str) -> Result<&'static Family, UnknownFamily> {
     Family::by_name(name)
 }
 
-fn seconds(text: &str) -> Result<Duration, String> {
+pub fn seconds(text: &str) -> Result<Duration, String> {
     let seconds: f64 = text.parse().map_err(|_| "not a number of seconds".to_owned())?;
     if seconds > 0.0 && seconds <= 1e9 {
         Ok(Duration::from_secs_f64(seconds))

@@ -3,21 +3,31 @@
 //! Exit status: 0 done; 1 the answer is "no", or the board reported an error; 2 the request could not be made.
 //! Data go to stdout, everything else to stderr. A reader that goes away (`pmacctl … | head`) ends it quietly.
 
+pub mod absolute;
+pub mod answer;
 mod args;
+mod ask;
+mod backup;
 mod coordinates;
 mod decode;
 mod demo;
 mod doctor;
+mod download;
+mod lines;
 mod map;
 mod motors;
 mod output;
+mod preprocess;
 mod read;
 mod rotary;
 mod send;
+mod set_up;
+pub mod setup;
 mod status;
+mod stop;
 mod table;
 mod time;
-mod usage;
+mod variables;
 mod watch;
 
 use std::ffi::OsString;
@@ -29,11 +39,10 @@ use clap::Parser;
 use crate::client::{Board, ClientError, CommandError, Connection, socket_path};
 use crate::protocol::CallError;
 use crate::segment::SegmentName;
+use crate::usage::usage;
 
 use args::{Args, Command};
 use output::Output;
-
-pub use usage::usage;
 
 /// How a command ended that was carried out.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -109,6 +118,19 @@ impl Context {
     }
 }
 
+/// Mistakes in files that are told, at most.
+const MISTAKES_MAX: usize = 50;
+
+/// Says what is wrong in files of which nothing is used then, one mistake a line with its place.
+fn mistaken(mistakes: Vec<preprocess::Mistake>) -> Failure {
+    for mistake in mistakes.iter().take(MISTAKES_MAX) {
+        // Nobody reads it: nothing to be done.
+        let _ = writeln!(io::stderr(), "{mistake}");
+    }
+    let count = mistakes.len();
+    Failure::Request(format!("{count} mistake{}; nothing was sent", if count == 1 { "" } else { "s" }))
+}
+
 /// Runs `pmacctl` with these arguments, the first of which is the program's name.
 pub fn run(args: impl IntoIterator<Item = OsString>) -> ExitCode {
     let args = match Args::try_parse_from(args) {
@@ -148,6 +170,14 @@ fn execute(args: Args) -> Result<Verdict, Failure> {
         Command::Send(options) => send::run(&mut context, &options),
         Command::Decode(options) => decode::run(&mut context, &options),
         Command::Rotary(options) => rotary::run(&mut context, &options),
+        Command::Abort(options) => stop::abort(&mut context, &options),
+        Command::Kill => stop::kill(&mut context),
+        Command::Download(options) => download::run(&mut context, &options),
+        Command::Backup(options) => backup::backup(&mut context, &options),
+        Command::Diff(options) => backup::diff(&mut context, &options),
+        Command::Restore(options) => backup::restore(&mut context, &options),
+        Command::Setup(options) => set_up::run(&mut context, &options),
+        Command::Absolute(options) => set_up::absolute(&mut context, &options),
     }?;
     context.output.flush()?;
     Ok(verdict)

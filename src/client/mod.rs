@@ -18,8 +18,11 @@
 pub mod board;
 pub mod command;
 pub mod identity;
+pub mod serial;
+pub mod serial_reply;
 pub mod view;
 
 pub use board::{Board, ClientError, History, Snapshot, socket_path};
 pub use command::{CommandError, Connection, Messages};
+pub use serial::{SerialError, SerialLine};
 pub use view::{Staleness, View};

@@ -95,7 +95,7 @@ impl AsciiDesk {
     pub fn new(order: TextOrder, identifier: Identifier) -> Self {
         let now = Instant::now();
         Self {
-            port: AsciiPort::new(order),
+            port: AsciiPort::new(order, now),
             lines: VecDeque::with_capacity(LINES_MAX),
             controls: VecDeque::with_capacity(CONTROLS_MAX),
             under_way: None,
@@ -113,6 +113,12 @@ impl AsciiDesk {
     #[must_use]
     pub fn state(&self) -> PortState {
         self.state
+    }
+
+    /// Other data have stopped: that the port answered once says nothing any more. It is asked again if it may be.
+    pub fn doubt(&mut self, now: Instant) {
+        self.state = PortState::Unknown;
+        self.identifier.ask_again(now);
     }
 
     /// Whether interrupts announce responses, so that they need not be looked for so often.
@@ -147,7 +153,7 @@ impl AsciiDesk {
             Command::Control { ticket, character, deadline } => {
                 self.controls.push_back(WaitingControl { ticket, character, deadline });
             }
-            Command::ReadWords { .. } => {}
+            Command::ReadWords { .. } | Command::Job { .. } => {}
         }
         self.look_now(now);
         Ok(())
@@ -203,7 +209,7 @@ impl AsciiDesk {
         }
     }
 
-    /// Hands over control characters, the first that waits first.
+    /// Hands over control characters, the first that can go first.
     fn serve_controls(
         &mut self,
         bus: &mut impl Bus,
@@ -223,15 +229,20 @@ impl AsciiDesk {
             }
             return Ok(());
         }
-        let Some(&first) = self.controls.front() else { return Ok(()) };
-        if now >= first.deadline {
+        // One with a reply has to wait until the port is idle. What stops a machine does not wait behind it.
+        let ready = |control: &WaitingControl| self.port.is_idle() || !control_has_reply(control.character);
+        if let Some(&oldest) = self.controls.front()
+            && now >= oldest.deadline
+        {
             self.controls.pop_front();
-            self.fail(events, publisher, first.ticket, false);
+            self.fail(events, publisher, oldest.ticket, false);
             return Ok(());
         }
+        let Some(index) = self.controls.iter().position(ready) else { return Ok(()) };
+        let Some(&first) = self.controls.get(index) else { return Ok(()) };
         let has_reply = control_has_reply(first.character);
         if self.port.control(bus, first.character, has_reply, now)? {
-            self.controls.pop_front();
+            self.controls.remove(index);
             self.last_event = now;
             publisher.counters().add(Counter::AsciiCommands, 1);
             if has_reply {
@@ -255,7 +266,8 @@ impl AsciiDesk {
         now: Instant,
     ) -> Result<(), BusError> {
         if let Some(&next) = self.lines.front() {
-            if self.port.begin(bus, next.line.as_bytes())? {
+            // Its caller has been told by now that it was not done. So must it be; [`Self::expire`] takes it away.
+            if now < next.deadline && self.port.begin(bus, next.line.as_bytes())? {
                 self.lines.pop_front();
                 self.start(Caller::Client(next.ticket), next.deadline, publisher, now);
             }
@@ -380,3 +392,7 @@ fn carried(text: &ResponseText) -> Text<REPLY_MAX> {
     let bytes = text.as_bytes();
     Text::new(&bytes[..bytes.len().min(REPLY_MAX)]).unwrap_or_default()
 }
+
+#[cfg(test)]
+#[path = "ascii_desk_tests.rs"]
+mod tests;

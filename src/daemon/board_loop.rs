@@ -17,6 +17,7 @@ use super::ascii_desk::{AsciiDesk, PortState};
 use super::identify::Identifier;
 use super::info::SharedInfo;
 use super::interrupt_link::InterruptLink;
+use super::job_desk::JobDesk;
 use super::queue::{Command, Event, Outcome, READ_MAX, Receive, Sender};
 use crate::device::{Bus, BusError, Counted};
 use crate::function::ascii::AsciiPort;
@@ -55,6 +56,8 @@ pub struct BoardLoop {
     pub background: BackgroundMirror,
     /// ASCII.
     pub desk: AsciiDesk,
+    /// The other functions.
+    pub jobs: JobDesk,
     /// The board's interrupt, if it has one.
     pub interrupt: Option<InterruptLink>,
     /// The segment.
@@ -69,7 +72,7 @@ pub struct BoardLoop {
     pub stop: Arc<EventFd>,
     /// Motors to read while the board has not said how many it reports.
     pub default_motors: usize,
-    /// An answer the socket's queue had no room for; no command is taken until it is gone.
+    /// An answer the socket's queue had no room for; no command is taken and no job goes on until it is gone.
     pub answer: Option<Event>,
     /// CLOCK_MONOTONIC at start.
     pub began_ns: u64,
@@ -103,7 +106,7 @@ impl BoardLoop {
     pub fn run(mut self) {
         // Without it the kernel adds up to 50 µs to every sleep.
         let _ = nix::sys::prctl::set_timerslack(1);
-        self.release_board();
+        self.take_over_board();
         let mut heartbeat_due = 0;
         let mut check_due = monotonic_ns() + BOARD_CHECK_NS;
         loop {
@@ -129,12 +132,21 @@ impl BoardLoop {
         self.release_board();
     }
 
+    /// Puts the host's words in order, as at the start.
+    fn take_over_board(&mut self) {
+        self.release_board();
+        if let Err(error) = self.jobs.take_over(&mut self.bus, &self.publisher) {
+            self.bus_failed(&error);
+        }
+    }
+
     /// Clears every bit a host may have left set; Host-Busy left by a dead one would stop the servo data for ever.
     fn release_board(&mut self) {
         let bus = &mut self.bus;
         let released = ServoReader::release(bus)
             .and_then(|()| BackgroundReader::release(bus))
-            .and_then(|()| AsciiPort::release(bus));
+            .and_then(|()| AsciiPort::release(bus))
+            .and_then(|()| self.jobs.leave(bus));
         if let Err(error) = released {
             self.bus_failed(&error);
         }
@@ -143,8 +155,10 @@ impl BoardLoop {
     /// The most urgent piece of work that is due.
     fn one_round(&mut self) -> Result<(), BusError> {
         let now = monotonic_ns();
+        let accesses = self.bus.accesses();
         if now >= self.servo.due_ns() {
             let transition = self.servo.pass(&mut self.bus, &mut self.publisher)?;
+            self.count(Counter::ServoAccesses, accesses);
             self.tell_servo(transition);
             return Ok(());
         }
@@ -152,21 +166,34 @@ impl BoardLoop {
             return Ok(());
         }
         let instant = Instant::now();
-        if instant >= self.desk.due() {
+        if self.jobs.due().is_some_and(|due| due <= instant) && self.answer.is_none() {
+            if let Some(event) = self.jobs.pass(&mut self.bus, &mut self.publisher, instant)? {
+                self.reply(event);
+            }
+        } else if instant >= self.desk.due() {
             self.desk.pass(&mut self.bus, &self.events, &self.publisher, instant)?;
+            self.count(Counter::AsciiAccesses, accesses);
             self.tell_port();
             self.take_identity();
         } else if now >= self.background.due_ns() {
             let transition = self.background.pass(&mut self.bus, &mut self.publisher)?;
+            self.count(Counter::BackgroundAccesses, accesses);
             self.tell_background(transition);
         }
         Ok(())
     }
 
+    /// Adds the accesses made since there were `before` of them.
+    fn count(&self, counter: Counter, before: u64) {
+        self.publisher.counters().add(counter, self.bus.accesses() - before);
+    }
+
     /// Waits for the next due time or something to read. Never longer than to the next heartbeat.
     fn wait(&self, now: u64, heartbeat_due: u64) -> Readable {
+        let desks_due = self.jobs.due().filter(|_| self.answer.is_none());
+        let desks_due = desks_due.map_or(self.desk.due(), |due| due.min(self.desk.due()));
         let desk_due = now
-            + u64::try_from(self.desk.due().saturating_duration_since(Instant::now()).as_nanos())
+            + u64::try_from(desks_due.saturating_duration_since(Instant::now()).as_nanos())
                 .unwrap_or(HEARTBEAT_NS);
         let others = desk_due.min(self.background.due_ns());
         // Work that would not fit before the servo data waits until after them.
@@ -232,6 +259,16 @@ impl BoardLoop {
                         Err(BusError::OutOfRange { .. }) => Event::Done(ticket, Outcome::OutOfRange),
                     };
                     self.reply(event);
+                }
+                Command::Job { ticket, job, deadline } => {
+                    match self.jobs.submit(&mut self.bus, &self.publisher, ticket, *job, deadline) {
+                        Ok(None) => {}
+                        Ok(Some(event)) => self.reply(event),
+                        Err(error) => {
+                            self.bus_failed(&error);
+                            self.reply(Event::Done(ticket, Outcome::Unavailable));
+                        }
+                    }
                 }
                 Command::Send { line, .. } if Identifier::may_be_changed_by(line.as_bytes()) => {
                     self.desk.identifier.ask_again(now);
@@ -312,7 +349,7 @@ impl BoardLoop {
     /// The board is another one, or has been reset: nothing seen so far says anything about what comes.
     fn start_over(&mut self) {
         self.publisher.counters().add(Counter::Resets, 1);
-        self.release_board();
+        self.take_over_board();
         self.servo.forget();
         self.background.forget();
         self.desk.identifier.ask_again(Instant::now());
@@ -341,6 +378,7 @@ impl BoardLoop {
                     "servo data are stale: no update for {} ms (is I48=1, I19>0, I59>0, and GATHER given?)",
                     self.servo.stale_after_ns() / 1_000_000
                 );
+                self.desk.doubt(Instant::now());
             }
             None => return,
         }
@@ -350,10 +388,13 @@ impl BoardLoop {
     fn tell_background(&mut self, transition: Option<Transition>) {
         match transition {
             Some(Transition::Live) => info!("background data come"),
-            Some(Transition::Stale) => warn!(
-                "background data are stale: no report for {} ms (is I49=1 and I59>0?)",
-                self.background.stale_after_ns() / 1_000_000
-            ),
+            Some(Transition::Stale) => {
+                warn!(
+                    "background data are stale: no report for {} ms (is I49=1 and I59>0?)",
+                    self.background.stale_after_ns() / 1_000_000
+                );
+                self.desk.doubt(Instant::now());
+            }
             None => return,
         }
         self.tell_enabled();

@@ -17,6 +17,7 @@ use super::board_loop::{BoardLoop, OpenBus, Told};
 use super::identify::{Identifier, servo_period_ps};
 use super::info::SharedInfo;
 use super::interrupt_link::InterruptLink;
+use super::job_desk::JobDesk;
 use super::options::Options;
 use super::queue::queue;
 use super::serve::{Backend, ServeOptions, serve};
@@ -27,11 +28,13 @@ use crate::device::{BoardSpec, Bus, Counted, FileBoard, InterruptSource, WordSwa
 use crate::format::WordOrder;
 use crate::function::background::BACKGROUND_WORDS;
 use crate::function::servo::SERVO_WORDS;
-use crate::map::classic;
-use crate::mirror::{BackgroundMirror, ServoMirror};
+use crate::function::variable_read::VariableMode;
+use crate::map::{BadFirmware, Family, Firmware, Layout, Plan, PlanSettings, classic};
+use crate::mirror::{BackgroundMirror, ServoMirror, variable};
 use crate::protocol::BoardInfo;
 use crate::segment::identity;
 use crate::segment::{CreateOptions, Identity, Publisher, RegionId, RegionSpec, monotonic_ns};
+use crate::usage::usage;
 
 /// Slots of each region: servo, some seconds; background, some reports; the board, a few changes.
 const SERVO_SLOTS: u32 = 4096;
@@ -54,7 +57,7 @@ pub fn main() -> ExitCode {
         .init();
     let options = match Options::try_parse() {
         Ok(options) => options,
-        Err(error) => return crate::cli::usage("pmacd", &error),
+        Err(error) => return usage("pmacd", &error),
     };
     let settings = match Settings::decide(&options) {
         Ok(settings) => settings,
@@ -87,6 +90,7 @@ fn run(settings: &Settings) -> Result<(), String> {
     let mut open = open;
     let bus = Counted::new(open()?);
 
+    let plan = plan(settings)?;
     let (commands, command_queue) = queue(QUEUE).map_err(|error| format!("queue: {error}"))?;
     let (events, event_queue) = queue(QUEUE).map_err(|error| format!("queue: {error}"))?;
     let info = Arc::new(SharedInfo::new(board_info(settings, &publisher)));
@@ -110,6 +114,7 @@ fn run(settings: &Settings) -> Result<(), String> {
         servo: ServoMirror::new(settings.servo_reading),
         background: BackgroundMirror::new(settings.background_period_ns),
         desk: AsciiDesk::new(settings.text_order, identifier),
+        jobs: JobDesk::new(plan, VariableMode::SingleUser),
         interrupt: interrupt.map(InterruptLink::new),
         publisher,
         commands: command_queue,
@@ -177,9 +182,17 @@ fn segment_options(settings: &Settings) -> CreateOptions {
         period_hint_ns: 0,
         stale_after_ns: u64::MAX,
     };
+    let variable = RegionSpec {
+        id: RegionId::Variable,
+        slots: BACKGROUND_SLOTS,
+        payload_bytes: 2 * variable::PAYLOAD_WORDS as u32,
+        first_host_offset: 0,
+        period_hint_ns: 0,
+        stale_after_ns: 1_000_000_000,
+    };
     CreateOptions {
         mode: settings.segment_mode,
-        ..CreateOptions::new(settings.name.clone(), vec![servo, background, board])
+        ..CreateOptions::new(settings.name.clone(), vec![servo, background, board, variable])
     }
 }
 
@@ -210,6 +223,14 @@ fn board_info(settings: &Settings, publisher: &Publisher) -> BoardInfo {
         segment: format!("/{}", settings.name.as_str()),
         ..BoardInfo::default()
     }
+}
+
+/// Where the buffers of the open area lie.
+fn plan(settings: &Settings) -> Result<Plan, String> {
+    let firmware = settings.firmware.as_deref().map(str::parse).transpose();
+    let firmware: Option<Firmware> = firmware.map_err(|error: BadFirmware| error.to_string())?;
+    let family = Family::by_name(settings.family.name()).map_err(|error| error.to_string())?;
+    Plan::new(&Layout::new(family, firmware), PlanSettings::default()).map_err(|error| error.to_string())
 }
 
 /// A simulator to keep alive, how to open the board's bus, and where its interrupt comes from.

@@ -9,6 +9,7 @@ use std::time::{Duration, Instant};
 
 use nix::poll::PollFlags;
 
+use super::jobs::JobCall;
 use super::policy::{Peer, Role};
 use super::queue::Ticket;
 use crate::protocol::{CALL_MAX, Inbox, Reply, frame::TooLong, message::encode};
@@ -30,6 +31,8 @@ pub(super) struct Pending {
     pub(super) lines: Vec<String>,
     /// Its length in bytes.
     pub(super) length: usize,
+    /// The job that waits for this answer, and begins if it is what its guard wants.
+    pub(super) then: Option<JobCall>,
 }
 
 /// What a client waits for.
@@ -41,6 +44,8 @@ pub(super) enum Waiting {
     Board(Pending),
     /// Unsolicited texts, of which so many were dropped since the last one it got.
     Messages(u64),
+    /// Nothing more: it watches variables as long as it stays.
+    Watch,
 }
 
 /// One connection.
@@ -191,6 +196,7 @@ impl Client {
             // Its command is under way; the reply is the end of it.
             Waiting::Board(_) => false,
             Waiting::Messages(_) => self.hung_up,
+            Waiting::Watch => self.hung_up || self.input_ended,
             Waiting::Nothing => self.hung_up || (self.input_ended && self.outbox.is_empty()),
         }
     }

@@ -5,8 +5,10 @@ use std::time::Duration;
 use serde_json::json;
 
 use super::info::SharedInfo;
+use super::jobs::{self, JobCall};
 use super::policy::Role;
 use super::queue::{DEFAULT_TIMEOUT, LINE_MAX, READ_MAX, Text};
+use crate::function::variable_read::VariableEntry;
 use crate::map::HostOffset;
 use crate::protocol::{
     BOARD, BOARD_ALIAS, BOARD_DESCRIPTION, Call, CallError, Parameters, Reply, SERVICE, SERVICE_DESCRIPTION,
@@ -17,15 +19,12 @@ use crate::protocol::{
 const OFFSET_LIMIT: i64 = 1 << 20;
 
 /// What a call asks of the bus thread.
-#[derive(Debug, Clone, Copy)]
-#[expect(
-    clippy::large_enum_variant,
-    reason = "short-lived, and the line travels inline as it does in the queue"
-)]
+#[derive(Debug)]
 pub(super) enum Ask {
     Send { line: Text<LINE_MAX>, timeout: Duration },
     Control { character: u8 },
     Read { first: HostOffset, count: usize },
+    Job(JobCall),
 }
 
 impl Ask {
@@ -34,6 +33,7 @@ impl Ask {
         match self {
             Self::Send { timeout, .. } => *timeout,
             Self::Control { .. } | Self::Read { .. } => DEFAULT_TIMEOUT,
+            Self::Job(call) => call.timeout,
         }
     }
 }
@@ -47,6 +47,10 @@ pub(super) enum Action {
     Ask(Ask),
     /// Pass on every unsolicited text from now on.
     Stream,
+    /// Renew the caller's lease on a jog.
+    Renew,
+    /// Have PMAC copy these registers as long as the caller stays.
+    Watch(Vec<VariableEntry>),
 }
 
 /// Finds out what `call` by a caller of `role` means.
@@ -85,13 +89,31 @@ pub(super) fn understand(call: &Call, role: Role, info: &SharedInfo) -> Result<A
                 parameters.finish()?;
                 if call.more == Some(true) { Ok(Action::Stream) } else { Err(CallError::ExpectedMore) }
             }
-            _ => Err(CallError::MethodNotFound { method: call.method.clone() }),
+            "PanelRenew" => {
+                parameters.finish()?;
+                Ok(Action::Renew)
+            }
+            "WatchVariables" => {
+                let entries = jobs::watched(parameters)?;
+                if call.more == Some(true) {
+                    Ok(Action::Watch(entries))
+                } else {
+                    Err(CallError::ExpectedMore)
+                }
+            }
+            _ => match jobs::understand(method, parameters) {
+                Some(asked) => {
+                    require(role, jobs::role_for(method))?;
+                    Ok(Action::Ask(Ask::Job(asked?)))
+                }
+                None => Err(CallError::MethodNotFound { method: call.method.clone() }),
+            },
         },
         _ => Err(CallError::InterfaceNotFound { interface: interface.to_owned() }),
     }
 }
 
-fn require(role: Role, needed: Role) -> Result<(), CallError> {
+pub(super) fn require(role: Role, needed: Role) -> Result<(), CallError> {
     if role >= needed { Ok(()) } else { Err(CallError::NotPermitted { role_needed: needed.to_string() }) }
 }
 

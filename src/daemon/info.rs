@@ -43,6 +43,12 @@ impl SharedInfo {
         held.map(|mut info| change(&mut info)).is_ok()
     }
 
+    /// Whether an automatic function is at work. Never waits.
+    #[must_use]
+    pub fn is_enabled(&self, function: Enabled) -> bool {
+        Enabled::from_bits_truncate(self.enabled.load(Ordering::Relaxed)).contains(function)
+    }
+
     /// All of it.
     #[must_use]
     pub fn read(&self) -> BoardInfo {

@@ -6,7 +6,7 @@ use clap::Parser;
 
 /// Owns a PMAC's dual-ported RAM: mirrors it into shared memory, serves commands on a socket.
 #[derive(Debug, Clone, Default, Parser)]
-#[command(name = "pmacd", version, about, max_term_width = 100)]
+#[command(name = "pmacd", version, max_term_width = 100)]
 pub struct Options {
     /// The board: sim, or file:PATH[,irq=unix:PATH]
     #[arg(long, value_name = "SPEC")]

@@ -11,6 +11,8 @@ use std::time::{Duration, Instant};
 
 use nix::sys::eventfd::{EfdFlags, EventFd};
 
+use super::job::Job;
+use crate::function::rotary::RotaryState;
 use crate::map::HostOffset;
 
 /// The longest command line the DPRAM takes, in two parts (DPRAM manual p. 27).
@@ -19,6 +21,9 @@ pub const LINE_MAX: usize = 200;
 pub const REPLY_MAX: usize = 255;
 /// The most words one [`Command::ReadWords`] may ask for.
 pub const READ_MAX: usize = 64;
+
+/// The longest reason of a refusal.
+pub const REASON_MAX: usize = 240;
 
 /// A short text of at most `N` bytes, held inline.
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -43,6 +48,28 @@ impl<const N: usize> Text<N> {
     }
 }
 
+impl<const N: usize> Text<N> {
+    /// As much of `text` as fits.
+    #[must_use]
+    pub fn of(text: &dyn fmt::Display) -> Self {
+        let mut start = Self::default();
+        // A text that is cut off is an error of `write!` alone.
+        let _ = fmt::write(&mut start, format_args!("{text}"));
+        start
+    }
+}
+
+impl<const N: usize> fmt::Write for Text<N> {
+    fn write_str(&mut self, text: &str) -> fmt::Result {
+        let length = usize::from(self.length);
+        let room = N.min(usize::from(u8::MAX)).saturating_sub(length);
+        let bytes = &text.as_bytes()[..text.len().min(room)];
+        self.bytes[length..length + bytes.len()].copy_from_slice(bytes);
+        self.length += bytes.len() as u8;
+        if bytes.len() == text.len() { Ok(()) } else { Err(fmt::Error) }
+    }
+}
+
 impl<const N: usize> Default for Text<N> {
     fn default() -> Self {
         Self { bytes: [0; N], length: 0 }
@@ -60,7 +87,7 @@ impl<const N: usize> fmt::Debug for Text<N> {
 pub struct Ticket(pub u64);
 
 /// What the socket asks of the bus thread.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug)]
 pub enum Command {
     /// Send an ASCII command line and collect its reply. Answered by [`Event::Line`]s and one [`Event::Done`].
     Send {
@@ -80,6 +107,15 @@ pub enum Command {
         /// When to give up.
         deadline: Instant,
     },
+    /// Have one of the other functions do something. Answered by [`Event::Done`], or by what the job says.
+    Job {
+        /// Whose command this is.
+        ticket: Ticket,
+        /// What to do. Boxed by the socket's thread; the bus thread only takes it apart.
+        job: Box<Job>,
+        /// When to give up.
+        deadline: Instant,
+    },
     /// Read words of the DPRAM between two updates. Answered by [`Event::Words`] or [`Event::Done`].
     ReadWords {
         /// Whose command this is.
@@ -93,6 +129,7 @@ pub enum Command {
 
 /// How a command ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[expect(clippy::large_enum_variant, reason = "inline, so that the bus thread need not allocate to say why")]
 pub enum Outcome {
     /// The board acknowledged it.
     Done,
@@ -104,6 +141,8 @@ pub enum Outcome {
     Unavailable,
     /// The words lie outside the board's window.
     OutOfRange,
+    /// It cannot be done, for this reason. Nothing has been written.
+    Refused(Text<REASON_MAX>),
 }
 
 /// What the bus thread tells the socket.
@@ -124,6 +163,8 @@ pub enum Event {
         /// How many are valid.
         count: usize,
     },
+    /// How far a rotary buffer is.
+    Rotary(Ticket, RotaryState),
     /// A text a PMAC program sent by itself.
     Unsolicited(Unsolicited),
 }

@@ -16,19 +16,29 @@ use std::time::{Duration, Instant};
 use log::{error, info, warn};
 use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
 use nix::sys::eventfd::{EfdFlags, EventFd};
+use serde_json::json;
 
 use super::connection::{Client, Pending, Waiting};
 use super::dispatch::{Action, Ask, understand};
 use super::info::SharedInfo;
+use super::job::Job;
+use super::jobs::JobCall;
+use super::lease::Leases;
 use super::listener::{ListenError, Listener};
 use super::policy::{Peer, Policy, PolicyError, Role, Roles};
-use super::queue::{Command, Event, Outcome, Receive, Sender, Ticket, Unsolicited, UnsolicitedKind};
+use super::queue::{Command, Event, Outcome, Receive, Sender, Text, Ticket, Unsolicited, UnsolicitedKind};
+use super::subscriptions::Subscriptions;
 use crate::map::errors::meaning;
+use crate::protocol::board::RotaryStateReply;
 use crate::protocol::board::{ReadReply, SendReply};
-use crate::protocol::{Call, CallError, Message, MessageKind, Reply, control};
+use crate::protocol::{Call, CallError, Enabled, Message, MessageKind, Reply, control};
 
 /// How much longer than asked the bus thread may take before it is not believed to answer at all.
 const GRACE: Duration = Duration::from_secs(1);
+/// How long the board may take to say whether a job makes sense.
+const GUARD_TIMEOUT: Duration = Duration::from_millis(500);
+/// How long the board may take to stop a jog whose holder is gone.
+const STOP_TIMEOUT: Duration = Duration::from_secs(5);
 /// How long accepting pauses when the process has no more descriptors.
 const ACCEPT_PAUSE: Duration = Duration::from_millis(200);
 /// The most connections accepted in one go.
@@ -144,6 +154,8 @@ pub fn serve(options: &ServeOptions, listener: Listener, backend: Backend) -> Re
         backend,
         clients: BTreeMap::new(),
         owners: HashMap::new(),
+        leases: Leases::default(),
+        subscriptions: Subscriptions::default(),
         next_client: 0,
         next_ticket: 0,
         accept_after: None,
@@ -161,6 +173,8 @@ struct Service {
     clients: BTreeMap<u64, Client>,
     /// Whose call each ticket is.
     owners: HashMap<Ticket, u64>,
+    leases: Leases,
+    subscriptions: Subscriptions,
     next_client: u64,
     next_ticket: u64,
     accept_after: Option<Instant>,
@@ -194,14 +208,19 @@ impl Service {
                 self.accept(now);
             }
             self.expire(now);
-            let owners = &mut self.owners;
-            self.clients.retain(|_, client| {
+            self.end_leases(now);
+            let (owners, subscriptions) = (&mut self.owners, &mut self.subscriptions);
+            self.clients.retain(|id, client| {
                 let stays = !client.is_finished();
+                if !stays {
+                    subscriptions.forget(*id);
+                }
                 if let (false, Waiting::Board(pending)) = (stays, &client.waiting) {
                     owners.remove(&pending.ticket);
                 }
                 stays
             });
+            self.tell_subscriptions(now);
         }
         self.farewell();
     }
@@ -249,11 +268,11 @@ impl Service {
         let clients = self.clients.values().flat_map(|client| {
             let pending = match &client.waiting {
                 Waiting::Board(pending) => Some(pending.deadline),
-                Waiting::Nothing | Waiting::Messages(_) => None,
+                Waiting::Nothing | Waiting::Messages(_) | Waiting::Watch => None,
             };
             [pending, client.patience_ends(self.options.patience)]
         });
-        clients.chain([self.accept_after]).flatten().min()
+        clients.chain([self.accept_after, self.leases.next_end()]).flatten().min()
     }
 
     fn accept(&mut self, now: Instant) {
@@ -337,11 +356,32 @@ impl Service {
             return;
         }
         let mut action = understand(call, client.role, &self.backend.info);
-        if let Ok(Action::Ask(ask)) = action {
-            match self.ask(id, ask, oneway, now) {
+        match action {
+            Ok(Action::Ask(ask)) => match self.ask(id, ask, oneway, now) {
                 Ok(()) => return,
                 Err(error) => action = Err(error),
+            },
+            Ok(Action::Renew) => {
+                let held = self.leases.renew(id, now);
+                let reason = "there is no held jog of this connection (any more)".to_owned();
+                action = if held {
+                    Ok(Action::Reply(Reply::default()))
+                } else {
+                    Err(CallError::Refused { reason })
+                };
             }
+            Ok(Action::Watch(entries)) => {
+                let wanted = entries.len();
+                action = match self.subscriptions.watch(id, entries) {
+                    Ok(()) => {
+                        client.waiting = Waiting::Watch;
+                        let reply = Reply::with(&json!({ "watched": wanted }));
+                        reply.map(|reply| Action::Reply(Reply { continues: Some(true), ..reply }))
+                    }
+                    Err(none_left) => Err(CallError::Refused { reason: none_left.to_string() }),
+                };
+            }
+            _ => {}
         }
         let Some(client) = self.clients.get_mut(&id) else { return };
         let reply = match action {
@@ -350,7 +390,7 @@ impl Service {
                 client.waiting = Waiting::Messages(0);
                 return;
             }
-            Ok(Action::Ask(_)) => return,
+            Ok(Action::Ask(_) | Action::Renew | Action::Watch(_)) => return,
             Err(error) => {
                 if !matches!(error, CallError::Busy) {
                     let Peer { uid, pid, .. } = client.peer;
@@ -365,28 +405,122 @@ impl Service {
     }
 
     fn ask(&mut self, id: u64, ask: Ask, oneway: bool, now: Instant) -> Result<(), CallError> {
-        let Some(client) = self.clients.get_mut(&id) else { return Ok(()) };
-        let ticket = Ticket(self.next_ticket);
-        self.next_ticket += 1;
         let deadline = now + ask.timeout();
+        let ticket = self.new_ticket();
+        let Some(client) = self.clients.get_mut(&id) else { return Ok(()) };
+        let Peer { uid, pid, .. } = client.peer;
+        let (mut then, mut audit) = (None, None);
         let command = match ask {
-            Ask::Send { line, .. } => Command::Send { ticket, line, deadline },
-            Ask::Control { character } => Command::Control { ticket, character, deadline },
+            Ask::Send { line, .. } => {
+                audit = Some(format!("sends {line:?}"));
+                Command::Send { ticket, line, deadline }
+            }
+            Ask::Control { character } => {
+                audit = Some(format!("sends {}", control::name(character)));
+                Command::Control { ticket, character, deadline }
+            }
             Ask::Read { first, count } => Command::ReadWords { ticket, first, count },
+            Ask::Job(mut call) => match call.guard.filter(|_| self.backend.info.is_enabled(Enabled::ASCII)) {
+                // First ask the board whether the job makes sense; where it cannot be asked, the job has to show.
+                Some(guard) => {
+                    let line = Text::new(guard.variable.as_bytes()).unwrap_or_default();
+                    then = Some(call);
+                    Command::Send { ticket, line, deadline: now + GUARD_TIMEOUT }
+                }
+                None => {
+                    audit = call.audit.take();
+                    if let Some(stop) = call.lease {
+                        // From now on: a client that is gone before the board has taken the jog is gone all the same.
+                        self.leases.begin(id, stop, deadline);
+                    }
+                    Command::Job { ticket, job: Box::new(call.job), deadline }
+                }
+            },
         };
         self.backend.commands.try_send(command).map_err(|_| CallError::Busy)?;
-        let Peer { uid, pid, .. } = client.peer;
-        match ask {
-            Ask::Send { line, .. } => info!(target: "audit", "uid {uid} pid {pid} sends {line:?}"),
-            Ask::Control { character } => {
-                info!(target: "audit", "uid {uid} pid {pid} sends {}", control::name(character));
-            }
-            Ask::Read { .. } => {}
+        if let Some(what) = audit {
+            info!(target: "audit", "uid {uid} pid {pid} {what}");
         }
         self.owners.insert(ticket, id);
-        let pending = Pending { ticket, oneway, deadline: deadline + GRACE, lines: Vec::new(), length: 0 };
-        client.waiting = Waiting::Board(pending);
+        let deadline = deadline + GRACE;
+        client.waiting =
+            Waiting::Board(Pending { ticket, oneway, deadline, lines: Vec::new(), length: 0, then });
         Ok(())
+    }
+
+    fn new_ticket(&mut self) -> Ticket {
+        self.next_ticket += 1;
+        Ticket(self.next_ticket)
+    }
+
+    /// The board has answered the question a job waited for.
+    fn guarded(
+        &mut self,
+        ticket: Ticket,
+        mut call: JobCall,
+        lines: &[String],
+        outcome: Outcome,
+        now: Instant,
+    ) {
+        let Some(id) = self.owners.remove(&ticket) else { return };
+        let Some(client) = self.clients.get_mut(&id) else { return };
+        let Waiting::Board(pending) = std::mem::replace(&mut client.waiting, Waiting::Nothing) else {
+            return;
+        };
+        let answer = lines.first().map(|line| line.rsplit('=').next().unwrap_or(line).trim());
+        let result = match (call.guard.take(), answer) {
+            (Some(guard), Some(value)) if outcome == Outcome::Done && value != guard.value => {
+                let reason = format!(
+                    "{} is {value}, and {} needs {}; send {}={} first",
+                    guard.variable, guard.purpose, guard.value, guard.variable, guard.value
+                );
+                Err(CallError::Refused { reason })
+            }
+            // A board that cannot be asked (any more) may still do it; if not, the job says so.
+            _ => self.ask(id, Ask::Job(call), pending.oneway, now),
+        };
+        let Some(client) = self.clients.get_mut(&id) else { return };
+        if let Err(error) = result {
+            if !pending.oneway {
+                client.reply(&error.to_reply(), now);
+            }
+            self.advance(id, now);
+        }
+    }
+
+    /// Tells the bus thread which registers are watched, when that has changed. A full queue is tried again.
+    fn tell_subscriptions(&mut self, now: Instant) {
+        let Some(table) = self.subscriptions.news() else { return };
+        let command = Command::Job {
+            ticket: self.new_ticket(),
+            job: Box::new(Job::WatchVariables(table)),
+            deadline: now + STOP_TIMEOUT,
+        };
+        if self.backend.commands.try_send(command).is_ok() {
+            self.subscriptions.told();
+        }
+    }
+
+    /// Requests the stop of every jog whose holder is gone or silent.
+    fn end_leases(&mut self, now: Instant) {
+        let clients = &self.clients;
+        let is_gone = |id: u64| clients.get(&id).is_none_or(|client| !client.hears());
+        let mut ended = Vec::new();
+        while let Some(end) = self.leases.ended(now, is_gone) {
+            ended.push(end);
+        }
+        for (id, stop) in ended {
+            warn!(target: "audit", "a held jog is stopped (mask {:#04x}): its holder is gone or silent", stop.mask);
+            let command = Command::Job {
+                ticket: self.new_ticket(),
+                job: Box::new(Job::Panel(stop)),
+                deadline: now + STOP_TIMEOUT,
+            };
+            if self.backend.commands.try_send(command).is_err() {
+                // The queue is full; the stop must not be forgotten.
+                self.leases.begin(id, stop, now);
+            }
+        }
     }
 
     fn on_event(&mut self, event: Event, now: Instant) {
@@ -403,12 +537,30 @@ impl Service {
             Event::Done(ticket, outcome) => {
                 let Some(pending) = self.pending(ticket) else { return };
                 let lines = std::mem::take(&mut pending.lines);
+                if let Some(call) = pending.then.take() {
+                    return self.guarded(ticket, call, &lines, outcome, now);
+                }
                 let reply = outcome_reply(outcome, lines, pending.length > COLLECT_MAX);
+                if let Some(&id) = self.owners.get(&ticket) {
+                    // A held jog has begun: its holder's time runs from here.
+                    self.leases.renew(id, now);
+                }
                 self.answer(ticket, reply, now);
             }
             Event::Words { ticket, time_ns, words, count } => {
                 let words = words.iter().copied().take(count).collect();
                 self.answer(ticket, Reply::with(&ReadReply { time_ns, words }), now);
+            }
+            Event::Rotary(ticket, state) => {
+                let reply = RotaryStateReply {
+                    ahead_commands: state.ahead_commands,
+                    ahead_lines: state.ahead_lines,
+                    sent_lines: state.sent_lines,
+                    busy: state.busy,
+                    error: state.error,
+                    underruns: state.underruns,
+                };
+                self.answer(ticket, Reply::with(&reply), now);
             }
             Event::Unsolicited(text) => self.broadcast(&text, now),
         }
@@ -486,7 +638,7 @@ impl Service {
         for client in self.clients.values_mut() {
             match &client.waiting {
                 Waiting::Board(Pending { oneway: true, .. }) | Waiting::Nothing => {}
-                Waiting::Board(_) | Waiting::Messages(_) => client.reply(&reply, now),
+                Waiting::Board(_) | Waiting::Messages(_) | Waiting::Watch => client.reply(&reply, now),
             }
         }
     }
@@ -518,5 +670,8 @@ fn outcome_reply(outcome: Outcome, lines: Vec<String>, overlong: bool) -> Result
             reason: "DPRAM ASCII is off (I58 = 0) or the board does not answer".to_owned(),
         }),
         Outcome::OutOfRange => Err(CallError::OutOfRange),
+        Outcome::Refused(reason) => {
+            Err(CallError::Refused { reason: String::from_utf8_lossy(reason.as_bytes()).into_owned() })
+        }
     }
 }

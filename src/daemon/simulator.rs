@@ -40,8 +40,6 @@ impl Simulator {
         let program = program();
         let fail = |reason: String| SimulatorError { program: program.clone(), reason };
         let directory = private_directory().map_err(|error| fail(error.to_string()))?;
-        let startup = directory.join("startup.pmc");
-        std::fs::write(&startup, crate::sim::STARTUP).map_err(|error| fail(error.to_string()))?;
         let mut command = Command::new(&program);
         command.arg("--memory").arg(directory.join("dpram"));
         command.arg("--interrupt").arg(socket(&directory, "interrupt"));
@@ -51,7 +49,7 @@ impl Simulator {
         if let Some(firmware) = firmware {
             command.arg("--firmware").arg(firmware);
         }
-        command.arg("--startup").arg(&startup).stdin(Stdio::null()).stdout(Stdio::null());
+        command.arg("--dpram-startup").stdin(Stdio::null()).stdout(Stdio::null());
         // A terminal's ^C is for the daemon, which ends the simulator in its own time.
         command.process_group(0);
         let child = command.spawn().map_err(|error| fail(error.to_string()))?;
@@ -125,7 +123,7 @@ fn program() -> PathBuf {
 
 /// A directory only this user can enter, in memory if possible: the simulator's DPRAM lies there.
 fn private_directory() -> std::io::Result<PathBuf> {
-    let parent = Path::new("/dev/shm");
+    let parent = Path::new(crate::segment::DIRECTORY);
     let parent = if parent.is_dir() { parent.to_owned() } else { std::env::temp_dir() };
     let template = parent.join(format!("pmac-sim-{}-XXXXXX", std::process::id()));
     Ok(nix::unistd::mkdtemp(&template)?)

@@ -1,16 +1,17 @@
-//! Decorator: counts every access. On real hardware bus accesses are the cost, so the count is always kept.
+//! Decorator: counts every access, to words or to byte registers. On real hardware bus accesses are the cost, so the count is always kept.
 
+use super::byte::{ByteBus, ByteBusError};
 use super::{Bus, BusError};
 use crate::map::HostOffset;
 
-/// Counts the words read and written through it. A refused access counts nothing: the bus never saw it.
+/// Counts the words (or bytes) read and written through it. A refused access counts nothing: the bus never saw it.
 pub struct Counted<B> {
     bus: B,
     reads: u64,
     writes: u64,
 }
 
-impl<B: Bus> Counted<B> {
+impl<B> Counted<B> {
     /// Starts counting at zero.
     pub fn new(bus: B) -> Self {
         Self { bus, reads: 0, writes: 0 }
@@ -73,6 +74,24 @@ impl<B: Bus> Bus for Counted<B> {
 
     fn still_there(&self) -> bool {
         self.bus.still_there()
+    }
+}
+
+impl<B: ByteBus> ByteBus for Counted<B> {
+    fn read8(&mut self, offset: u32) -> Result<u8, ByteBusError> {
+        let byte = self.bus.read8(offset)?;
+        self.reads += 1;
+        Ok(byte)
+    }
+
+    fn write8(&mut self, offset: u32, value: u8) -> Result<(), ByteBusError> {
+        self.bus.write8(offset, value)?;
+        self.writes += 1;
+        Ok(())
+    }
+
+    fn order_accesses(&mut self) {
+        self.bus.order_accesses();
     }
 }
 

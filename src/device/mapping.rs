@@ -1,8 +1,8 @@
 //! The board's memory in our address space: the only mapping of hardware, and every access to it.
 //!
 //! What another agent writes is never behind a reference or a slice. Each access is one instruction of exactly
-//! 16 bits on an aligned address: a compiler may fuse or split a volatile access, a 16-bit bus may not stand for it,
-//! and an emulated board decodes only plain moves.
+//! 16 bits on an aligned address, or of 8 bits for byte registers: a compiler may fuse or split a volatile access,
+//! a 16-bit bus may not stand for it, and an emulated board decodes only plain moves.
 #![allow(unsafe_code)]
 
 use std::fs::File;
@@ -65,6 +65,26 @@ impl Mapping {
         })
     }
 
+    /// Reads the byte register at `offset`, or `None` when it is outside the window.
+    #[inline]
+    #[must_use]
+    pub fn read8(&self, offset: usize) -> Option<u8> {
+        self.byte(offset).map(|byte| {
+            // SAFETY: `byte` gives only addresses inside the mapping, which lives as long as `self`.
+            unsafe { load8(byte) }
+        })
+    }
+
+    /// Writes the byte register at `offset`; `None` when it is outside the window.
+    #[inline]
+    #[must_use]
+    pub fn write8(&self, offset: usize, value: u8) -> Option<()> {
+        self.byte(offset).map(|byte| {
+            // SAFETY: `byte` gives only addresses inside the mapping, which is writable and lives as long as `self`.
+            unsafe { store8(byte, value) }
+        })
+    }
+
     /// Orders earlier reads before later ones.
     #[inline]
     pub fn order_reads(&self) {
@@ -95,6 +115,15 @@ impl Mapping {
         }
         // SAFETY: skip + offset + 2 <= skip + length, the length of the mapping.
         Some(unsafe { self.map.as_mut_ptr().add(self.skip + offset) }.cast())
+    }
+
+    #[inline]
+    fn byte(&self, offset: usize) -> Option<*mut u8> {
+        if offset >= self.length {
+            return None;
+        }
+        // SAFETY: skip + offset < skip + length, the length of the mapping.
+        Some(unsafe { self.map.as_mut_ptr().add(self.skip + offset) })
     }
 }
 
@@ -134,6 +163,42 @@ unsafe fn store16(word: *mut u16, value: u16) {
     }
 }
 
+/// # Safety
+/// `byte` points into a live readable mapping.
+#[inline]
+unsafe fn load8(byte: *const u8) -> u8 {
+    #[cfg(target_arch = "x86_64")]
+    {
+        let value: u8;
+        // SAFETY: by the caller's promise. No `nomem`, so the compiler keeps the order of accesses.
+        unsafe {
+            std::arch::asm!("mov {0}, byte ptr [{1}]", out(reg_byte) value, in(reg) byte, options(nostack, preserves_flags, readonly));
+        }
+        value
+    }
+    #[cfg(not(target_arch = "x86_64"))]
+    // SAFETY: by the caller's promise.
+    unsafe {
+        byte.read_volatile()
+    }
+}
+
+/// # Safety
+/// `byte` points into a live writable mapping.
+#[inline]
+unsafe fn store8(byte: *mut u8, value: u8) {
+    #[cfg(target_arch = "x86_64")]
+    // SAFETY: by the caller's promise. No `nomem`, so the compiler keeps the order of accesses.
+    unsafe {
+        std::arch::asm!("mov byte ptr [{0}], {1}", in(reg) byte, in(reg_byte) value, options(nostack, preserves_flags));
+    }
+    #[cfg(not(target_arch = "x86_64"))]
+    // SAFETY: by the caller's promise.
+    unsafe {
+        byte.write_volatile(value)
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -148,6 +213,22 @@ mod tests {
         assert_eq!(whole.read16(0x1812), Some(0xBEEF));
         assert_eq!(whole.read16(0x1810), Some(0));
         assert_eq!(whole.read16(0x1814), Some(0));
+    }
+
+    #[test]
+    fn a_byte_register_leaves_its_neighbours_alone() {
+        let file = tempfile::tempfile().unwrap();
+        file.set_len(0x1000).unwrap();
+        let window = Mapping::new(&file, 0x200, 0x200).unwrap();
+        for offset in 0..3 {
+            window.write16(2 * offset, 0x1111).unwrap();
+        }
+        window.write8(3, 0xAB).unwrap();
+        assert_eq!((window.read8(2), window.read8(3), window.read8(4)), (Some(0x11), Some(0xAB), Some(0x11)));
+        assert_eq!(window.read16(2), Some(0xAB11));
+        assert_eq!(Mapping::new(&file, 0, 0x1000).unwrap().read8(0x203), Some(0xAB));
+        assert_eq!((window.read8(0x1FF), window.read8(0x200)), (Some(0), None));
+        assert_eq!(window.write8(0x200, 1), None);
     }
 
     #[test]

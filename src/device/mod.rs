@@ -1,5 +1,6 @@
 //! The bus to the board (layer 2): the trait, its kinds, its decorators, and the interrupt.
 
+pub mod byte;
 pub mod byteswap;
 pub mod counted;
 pub mod file;
@@ -7,6 +8,7 @@ pub mod interrupt;
 pub mod mapping;
 pub mod spec;
 
+pub use byte::{ByteBus, ByteBusError, PortRegisters};
 pub use byteswap::WordSwapped;
 pub use counted::Counted;
 pub use file::FileBoard;

@@ -29,6 +29,8 @@ use crate::map::errors;
 
 /// How long the response buffer must have been silent before a port that gave up on a reply is used again.
 pub const SETTLE: Duration = Duration::from_millis(50);
+/// How long after a command was given up an acknowledgement may still be its.
+const DOUBT: Duration = Duration::from_secs(10);
 /// How long the board may take to act on the `<CTRL-X>`; firmware before 1.15 does not know the register at all.
 const CANCEL_LIMIT: Duration = Duration::from_millis(500);
 /// `<CTRL-X>`: PMAC empties its command and response queues.
@@ -47,6 +49,14 @@ pub struct ResponseText {
 
 impl ResponseText {
     const EMPTY: Self = Self { bytes: [0; ASCII_RESPONSE_BYTES], length: 0 };
+
+    /// A text of the first 255 characters of `characters`.
+    pub(super) fn of(characters: &[u8]) -> Self {
+        let mut text = Self::EMPTY;
+        text.length = characters.len().min(ASCII_RESPONSE_BYTES - 1);
+        text.bytes[..text.length].copy_from_slice(&characters[..text.length]);
+        text
+    }
 
     /// The characters, at most 255, without the NUL.
     #[must_use]
@@ -128,13 +138,28 @@ pub struct AsciiPort {
     length: usize,
     /// The end of the reply came together with its last line; it is told at the next step.
     end_follows: bool,
+    /// The board was seen to answer before it cleared the command flag.
+    answers_early: bool,
+    /// Until then an acknowledgement may belong to a command given up, by this host or the one before it.
+    doubt_until: Instant,
+    /// A command was given up in that time.
+    gave_up: bool,
 }
 
 impl AsciiPort {
     /// A port whose texts are packed in `order`.
     #[must_use]
-    pub fn new(order: TextOrder) -> Self {
-        Self { order, state: State::Idle, line: [0; ASCII_LINE_LIMIT], length: 0, end_follows: false }
+    pub fn new(order: TextOrder, now: Instant) -> Self {
+        Self {
+            order,
+            state: State::Idle,
+            line: [0; ASCII_LINE_LIMIT],
+            length: 0,
+            end_follows: false,
+            answers_early: false,
+            doubt_until: now + DOUBT,
+            gave_up: false,
+        }
     }
 
     /// Withdraws whatever a host, this one or a dead one, left in the port: the command flag, the control character
@@ -267,7 +292,15 @@ impl AsciiPort {
     pub fn give_up(&mut self, bus: &mut impl Bus, now: Instant) -> Result<(), BusError> {
         match self.state {
             State::Idle | State::Settling { .. } => return Ok(()),
-            State::Loaded { .. } => bus.write16(ASCII_OUTPUT_CONTROL, 0)?,
+            State::Loaded { sent } => {
+                let lies = bus.read16(ASCII_OUTPUT_CONTROL)? & COMMAND_LOADED != 0;
+                bus.write16(ASCII_OUTPUT_CONTROL, 0)?;
+                // The board took the line since the last look, or holds its first part, before which it would put the
+                // next line.
+                if (!lies || sent > FIRST_PART) && bus.read16(ASCII_CONTROL_CHARACTER)? == 0 {
+                    bus.write16(ASCII_CONTROL_CHARACTER, CANCEL)?;
+                }
+            }
             State::ControlReply { taken: false, .. } => bus.write16(ASCII_CONTROL_CHARACTER, 0)?,
             // A control character of somebody else's that the board has not taken is worth more than an empty queue.
             State::Replying | State::ControlReply { .. } if bus.read16(ASCII_CONTROL_CHARACTER)? == 0 => {
@@ -277,6 +310,8 @@ impl AsciiPort {
         }
         bus.order_writes();
         self.end_follows = false;
+        self.doubt_until = now + DOUBT;
+        self.gave_up = true;
         self.state = State::Settling { quiet_since: now, since: now };
         Ok(())
     }
@@ -312,9 +347,40 @@ impl AsciiPort {
         bus.order_reads();
         let text = self.read_response(bus, control)?;
         bus.order_reads();
+        let stale = self.is_stale(bus, control, &text, now)?;
         bus.write16(ASCII_INPUT_CONTROL, 0)?;
         bus.order_writes();
-        Ok(Some(self.classify(control, text, now)))
+        Ok(Some(match control {
+            RESPONSE_TO_PROGRAM => AsciiEvent::ProgramResponse(text),
+            RESPONSE_MESSAGE => AsciiEvent::ProgramMessage(text),
+            _ if stale => AsciiEvent::Stale(control),
+            _ => self.classify(control, text, now),
+        }))
+    }
+
+    /// Whether a response that came while the line still lies in the buffer belongs to an earlier command.
+    ///
+    /// The manual has the board clear the flag when it "has processed" the line; whether its answer can come before
+    /// that is not said. A board that was seen to answer so early is believed. Otherwise an acknowledgement without
+    /// text is doubted for a while after a command was given up, and after the start, when an earlier host may have
+    /// left one under way.
+    fn is_stale(
+        &mut self,
+        bus: &mut impl Bus,
+        control: u16,
+        text: &ResponseText,
+        now: Instant,
+    ) -> Result<bool, BusError> {
+        let loaded = matches!(self.state, State::Loaded { sent } if sent <= FIRST_PART);
+        if !loaded || self.answers_early || bus.read16(ASCII_OUTPUT_CONTROL)? & COMMAND_LOADED == 0 {
+            return Ok(false);
+        }
+        let doubtful = now < self.doubt_until;
+        if control == RESPONSE_LINE && !self.gave_up {
+            self.answers_early = true;
+        }
+        self.gave_up &= doubtful;
+        Ok(doubtful && control == RESPONSE_ACKNOWLEDGE && text.length == 0)
     }
 
     /// The response buffer is empty: a silence may be what the state waits for.
@@ -340,13 +406,8 @@ impl AsciiPort {
         })
     }
 
-    /// Whose a response is.
+    /// Whose a response is that is not a program's.
     fn classify(&mut self, control: u16, text: ResponseText, now: Instant) -> AsciiEvent {
-        match control {
-            RESPONSE_TO_PROGRAM => return AsciiEvent::ProgramResponse(text),
-            RESPONSE_MESSAGE => return AsciiEvent::ProgramMessage(text),
-            _ => {}
-        }
         match &mut self.state {
             State::Loaded { .. } | State::Replying => {}
             State::ControlReply { quiet_since, .. } | State::Settling { quiet_since, .. } => {

@@ -18,11 +18,8 @@ impl Rig {
     fn with_order(order: TextOrder) -> Self {
         let file = tempfile::tempfile().unwrap();
         file.set_len(0x4000).unwrap();
-        Self {
-            bus: FileBoard::from_file(&file, 0x4000).unwrap(),
-            port: AsciiPort::new(order),
-            now: Instant::now(),
-        }
+        let now = Instant::now();
+        Self { bus: FileBoard::from_file(&file, 0x4000).unwrap(), port: AsciiPort::new(order, now), now }
     }
 
     fn begin(&mut self, line: &str) -> bool {
@@ -158,6 +155,63 @@ fn a_stale_acknowledgement_is_drained() {
 }
 
 #[test]
+fn a_stale_acknowledgement_that_comes_before_the_board_took_the_line_does_not_end_it() {
+    let mut rig = Rig::new();
+    assert!(rig.begin("P1"));
+    rig.respond(RESPONSE_ACKNOWLEDGE, "");
+    assert_eq!(rig.step(), Some(AsciiEvent::Stale(RESPONSE_ACKNOWLEDGE)));
+    rig.take();
+    rig.respond(RESPONSE_LINE, "25");
+    rig.expect_line("25");
+    rig.respond(RESPONSE_ACKNOWLEDGE, "");
+    assert_eq!(rig.step(), Some(AsciiEvent::Done(Ok(()))));
+}
+
+#[test]
+fn a_board_that_answers_before_it_clears_the_flag_is_believed() {
+    let mut rig = Rig::new();
+    assert!(rig.begin("VERSION"));
+    rig.respond(RESPONSE_LINE, "1.14");
+    rig.expect_line("1.14");
+    rig.take();
+    rig.respond(RESPONSE_ACKNOWLEDGE, "");
+    assert_eq!(rig.step(), Some(AsciiEvent::Done(Ok(()))));
+    assert!(rig.begin("#1J+"));
+    rig.respond(RESPONSE_ACKNOWLEDGE, "");
+    assert_eq!(rig.step(), Some(AsciiEvent::Done(Ok(()))), "also when there is no text");
+    rig.take();
+    // And long after any trouble nobody doubts an acknowledgement, whoever clears what when.
+    let mut rig = Rig::new();
+    rig.now += DOUBT;
+    assert!(rig.begin("#1J+"));
+    rig.respond(RESPONSE_ACKNOWLEDGE, "");
+    assert_eq!(rig.step(), Some(AsciiEvent::Done(Ok(()))));
+}
+
+#[test]
+fn a_line_given_up_half_way_is_not_put_before_the_next() {
+    let mut rig = Rig::new();
+    assert!(rig.begin(&"A".repeat(180)));
+    rig.take();
+    assert_eq!(rig.step(), None);
+    rig.port.give_up(&mut rig.bus, rig.now).unwrap();
+    assert_eq!(rig.bus.read16(ASCII_OUTPUT_CONTROL).unwrap(), 0, "the second part is withdrawn");
+    assert_eq!(rig.bus.read16(ASCII_CONTROL_CHARACTER).unwrap(), CANCEL, "the first is to be forgotten");
+    rig.now += SETTLE;
+    assert_eq!(rig.step(), None);
+    assert!(!rig.begin("P2"), "not before the board has done so");
+}
+
+#[test]
+fn a_line_taken_just_before_it_is_given_up_is_cancelled() {
+    let mut rig = Rig::new();
+    assert!(rig.begin("P1"));
+    rig.take();
+    rig.port.give_up(&mut rig.bus, rig.now).unwrap();
+    assert_eq!(rig.bus.read16(ASCII_CONTROL_CHARACTER).unwrap(), CANCEL);
+}
+
+#[test]
 fn what_comes_after_giving_up_belongs_to_nobody() {
     let mut rig = Rig::new();
     assert!(rig.begin("P1"));
@@ -201,6 +255,7 @@ fn a_line_the_board_never_took_is_withdrawn() {
     assert!(rig.begin("#1J+"));
     rig.port.give_up(&mut rig.bus, rig.now).unwrap();
     assert_eq!(rig.bus.read16(ASCII_OUTPUT_CONTROL).unwrap(), 0);
+    assert_eq!(rig.bus.read16(ASCII_CONTROL_CHARACTER).unwrap(), 0, "nothing is to be forgotten");
 }
 
 #[test]

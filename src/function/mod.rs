@@ -5,5 +5,13 @@
 
 pub mod ascii;
 pub mod background;
+pub mod host_port;
+pub mod mailbox;
+pub mod panel;
+pub mod rotary;
+#[cfg(test)]
+mod rotary_tests;
 pub mod servo;
 pub mod servo_timer;
+pub mod variable_read;
+pub mod variable_write;

@@ -8,7 +8,9 @@ pub mod clock;
 pub mod freshness;
 pub mod gaps;
 pub mod servo;
+pub mod variable;
 
 pub use background::BackgroundMirror;
 pub use freshness::Transition;
 pub use servo::ServoMirror;
+pub use variable::VariableMirror;

@@ -114,6 +114,39 @@ pub struct ReadReply {
     pub words: Vec<u16>,
 }
 
+/// A register to write: an element of `WriteVariables`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct VariableRecord {
+    /// `Y:$0700`, `X:$0701`, `D:$0728` or `L:$1005`.
+    pub register: String,
+    /// Of a Y or X word, the lowest bit to write; 0 when not given.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub offset: Option<u8>,
+    /// Of a Y or X word, how many bits to write: 1, 4, 8, 12, 16, 20 or 24; 24 when not given.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub width: Option<u8>,
+    /// The value; whole for all but `L:`.
+    pub value: f64,
+}
+
+/// The reply of `RotaryState`.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct RotaryStateReply {
+    /// Commands in the buffer that the board has not taken.
+    pub ahead_commands: u32,
+    /// Lines in the buffer that the board has not taken wholly.
+    pub ahead_lines: u64,
+    /// Lines put into the buffer since it was set up.
+    pub sent_lines: u64,
+    /// The board's internal rotary buffer is full.
+    pub busy: bool,
+    /// The board's error code, if it reports one.
+    pub error: Option<u8>,
+    /// How often the buffer was found empty though more lines were to follow.
+    pub underruns: u64,
+}
+
 /// An error that the service answers.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
@@ -150,6 +183,12 @@ pub enum CallError {
     #[error("invalid line: {reason}")]
     InvalidLine {
         /// What is wrong and where.
+        reason: String,
+    },
+    /// It cannot be done; nothing has been written.
+    #[error("{reason}")]
+    Refused {
+        /// Why, and what to do.
         reason: String,
     },
     /// The words lie outside the board's window.
@@ -196,6 +235,7 @@ impl CallError {
                 (BOARD, "NotPermitted", json!({"role_needed": role_needed}))
             }
             Self::InvalidLine { reason } => (BOARD, "InvalidLine", json!({"reason": reason})),
+            Self::Refused { reason } => (BOARD, "Refused", json!({"reason": reason})),
             Self::OutOfRange => (BOARD, "OutOfRange", Value::Null),
             Self::InvalidParameter { parameter } => {
                 (SERVICE, "InvalidParameter", json!({"parameter": parameter}))
@@ -240,6 +280,7 @@ impl CallError {
             (BOARD, "Busy") => Self::Busy,
             (BOARD, "NotPermitted") => Self::NotPermitted { role_needed: text("role_needed") },
             (BOARD, "InvalidLine") => Self::InvalidLine { reason: text("reason") },
+            (BOARD, "Refused") => Self::Refused { reason: text("reason") },
             (BOARD, "OutOfRange") => Self::OutOfRange,
             (SERVICE, "InvalidParameter") => Self::InvalidParameter { parameter: text("parameter") },
             (SERVICE, "InterfaceNotFound") => Self::InterfaceNotFound { interface: text("interface") },

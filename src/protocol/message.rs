@@ -146,6 +146,31 @@ impl Parameters {
         }
     }
 
+    /// The value `name`, whatever it is.
+    ///
+    /// # Errors
+    /// [`CallError::InvalidParameter`] when it is missing or null.
+    pub fn value(&mut self, name: &str) -> Result<Value, CallError> {
+        self.optional_value(name).ok_or_else(|| Self::invalid(name))
+    }
+
+    /// The value `name`, or `None` when it is missing or null.
+    pub fn optional_value(&mut self, name: &str) -> Option<Value> {
+        self.0.remove(name).filter(|value| !value.is_null())
+    }
+
+    /// The boolean `name`, or `None` when it is missing or null.
+    ///
+    /// # Errors
+    /// [`CallError::InvalidParameter`] when it is something else.
+    pub fn optional_bool(&mut self, name: &str) -> Result<Option<bool>, CallError> {
+        match self.optional_value(name) {
+            None => Ok(None),
+            Some(Value::Bool(value)) => Ok(Some(value)),
+            Some(_) => Err(Self::invalid(name)),
+        }
+    }
+
     /// Ends the reading.
     ///
     /// # Errors

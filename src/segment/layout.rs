@@ -375,11 +375,17 @@ pub enum Counter {
     Resets = 15,
     /// Sleeping readers woken.
     Wakes = 16,
+    /// Of the bus cycles: those for servo data, polls and retries included.
+    ServoAccesses = 17,
+    /// Of the bus cycles: those for background data.
+    BackgroundAccesses = 18,
+    /// Of the bus cycles: those for ASCII.
+    AsciiAccesses = 19,
 }
 
 impl Counter {
     /// All counters, in table order.
-    pub const ALL: [Self; 17] = [
+    pub const ALL: [Self; 20] = [
         Self::Updates,
         Self::Lost,
         Self::Retries,
@@ -397,6 +403,9 @@ impl Counter {
         Self::Interrupts,
         Self::Resets,
         Self::Wakes,
+        Self::ServoAccesses,
+        Self::BackgroundAccesses,
+        Self::AsciiAccesses,
     ];
 
     /// The counter's name, as JSON output spells it.
@@ -420,6 +429,9 @@ impl Counter {
             Self::Interrupts => "interrupts",
             Self::Resets => "resets",
             Self::Wakes => "wakes",
+            Self::ServoAccesses => "servo_accesses",
+            Self::BackgroundAccesses => "background_accesses",
+            Self::AsciiAccesses => "ascii_accesses",
         }
     }
 }

@@ -1,4 +1,4 @@
-//! The shared-memory segment: how a daemon publishes what it mirrors and how anyone reads it.
+//! The shared-memory segment (layer 4): how a daemon publishes what it mirrors and how anyone reads it.
 //!
 //! One writer, any number of readers that map the segment read-only and need no conversation with the daemon. Each
 //! region is a ring of slots with a sequence number per slot, so that a writer stopped or killed in mid-write never

@@ -176,6 +176,9 @@ impl Machine {
     /// `<CTRL-X>`: empties the queues; with I58=1 also clears both ASCII control words.
     pub fn cancel_queues(&mut self) {
         self.ascii.clear();
+        if let Some(mailbox) = &mut self.mailbox {
+            mailbox.cancel();
+        }
         if self.variables.i(58) == 1.0 {
             self.memory.dpram.write16(offsets::ASCII_IN_CONTROL, 0);
             self.memory.dpram.write16(offsets::ASCII_OUT_CONTROL, 0);

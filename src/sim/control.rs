@@ -45,6 +45,7 @@ struct Status<'a> {
     violations: &'a [String],
     violations_total: u64,
     resets: u64,
+    watchdog: bool,
 }
 
 /// The answer to `status`: a JSON object on one line.
@@ -62,6 +63,7 @@ pub fn status(machine: &Machine) -> String {
         violations: machine.judge.violations(),
         violations_total: machine.judge.total(),
         resets: machine.stats.resets,
+        watchdog: machine.watchdog,
     };
     serde_json::to_string(&status).unwrap_or_else(|error| format!("error: {error}"))
 }

@@ -27,12 +27,14 @@ pub enum DpramError {
         source: io::Error,
     },
     /// The file exists with another length.
-    #[error("{path} is {length} bytes long, a DPRAM has {expected}; give another path or remove the file", expected = offsets::LENGTH)]
+    #[error("{path} is {length} bytes long, not {expected}; give another path or remove the file")]
     Length {
         /// The file.
         path: PathBuf,
         /// Its length in bytes.
         length: u64,
+        /// The length it should have.
+        expected: usize,
     },
     /// Another simulator runs on this file.
     #[error("{path} is the memory of another running pmac-sim; stop it or give another path")]
@@ -59,27 +61,7 @@ impl Dpram {
     /// # Errors
     /// [`DpramError`] when the file has another length, belongs to another running simulator or cannot be mapped.
     pub fn open(path: &Path) -> Result<Self, DpramError> {
-        let fail = |source| DpramError::File { path: path.to_owned(), source };
-        let file = OpenOptions::new()
-            .read(true)
-            .write(true)
-            .create(true)
-            .truncate(false)
-            .open(path)
-            .map_err(fail)?;
-        let file = Flock::lock(file, FlockArg::LockExclusiveNonblock).map_err(|(_, errno)| {
-            if errno == nix::errno::Errno::EWOULDBLOCK {
-                DpramError::InUse { path: path.to_owned() }
-            } else {
-                fail(errno.into())
-            }
-        })?;
-        let length = file.metadata().map_err(fail)?.len();
-        if length == 0 {
-            file.set_len(offsets::LENGTH as u64).map_err(fail)?;
-        } else if length != offsets::LENGTH as u64 {
-            return Err(DpramError::Length { path: path.to_owned(), length });
-        }
+        let file = open_shared(path, offsets::LENGTH)?;
         Self::map(&file, path).map(|dpram| Self { _lock: Some(file), ..dpram })
     }
 
@@ -162,6 +144,31 @@ impl Dpram {
     pub fn order_reads(&self) {
         self.mapping.order_reads();
     }
+}
+
+/// Opens the file at `path` that a host shares, or creates it `length` bytes long and zeroed, and locks it: one board a
+/// file.
+///
+/// # Errors
+/// [`DpramError`], as for [`Dpram::open`].
+pub(super) fn open_shared(path: &Path, length: usize) -> Result<Flock<File>, DpramError> {
+    let fail = |source| DpramError::File { path: path.to_owned(), source };
+    let file =
+        OpenOptions::new().read(true).write(true).create(true).truncate(false).open(path).map_err(fail)?;
+    let file = Flock::lock(file, FlockArg::LockExclusiveNonblock).map_err(|(_, errno)| {
+        if errno == nix::errno::Errno::EWOULDBLOCK {
+            DpramError::InUse { path: path.to_owned() }
+        } else {
+            fail(errno.into())
+        }
+    })?;
+    let found = file.metadata().map_err(fail)?.len();
+    if found == 0 {
+        file.set_len(length as u64).map_err(fail)?;
+    } else if found != length as u64 {
+        return Err(DpramError::Length { path: path.to_owned(), length: found, expected: length });
+    }
+    Ok(file)
 }
 
 #[cfg(test)]

@@ -5,6 +5,8 @@
 //! 2 DPRAM up to its end, 3 DPRAM round and round, 0 and 1 the same in PMAC's own memory. Some firmware keeps
 //! the buffer at $D240 and the two words before it, the others at $D200 (see [`crate::map::Layout`]).
 
+use std::ops::Range;
+
 use super::language::{CommandError, Variables};
 use super::memory::Memory;
 use super::offsets;
@@ -53,6 +55,13 @@ impl Gather {
     #[must_use]
     pub fn memory_used(&self, variables: &Variables) -> u32 {
         if in_dpram(variables) { 0 } else { self.size.unwrap_or(0) }
+    }
+
+    /// The bytes of the DPRAM that the buffer takes, if it lies there.
+    #[must_use]
+    pub fn span(&self, variables: &Variables) -> Option<Range<u32>> {
+        let first = self.place.buffer.bytes();
+        self.size.filter(|_| in_dpram(variables)).map(|size| first..first + 4 * size)
     }
 
     /// The words gathered so far into PMAC's own memory, in order.

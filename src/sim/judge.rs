@@ -3,6 +3,8 @@
 //! A word that only PMAC writes is compared with what PMAC wrote last; the host's command text is compared between the
 //! pass that saw its flag and the pass that takes it. A finding is recorded once, with the number of the servo cycle.
 
+use std::collections::BTreeMap;
+
 use super::dpram::Dpram;
 use super::offsets;
 
@@ -26,6 +28,8 @@ pub struct Judge {
     /// Where the walk through PMAC's half goes on: range and offset.
     range: usize,
     next: u16,
+    /// States that are wrong at present, by what they concern.
+    present: BTreeMap<&'static str, String>,
 }
 
 impl Judge {
@@ -49,6 +53,19 @@ impl Judge {
         }
     }
 
+    /// Records the wrong state `what` of `subject` when it begins, and forgets it with `None`: a state that lasts is one
+    /// finding.
+    pub fn state(&mut self, cycle: u64, subject: &'static str, what: Option<String>) {
+        let Some(what) = what else {
+            self.present.remove(subject);
+            return;
+        };
+        if self.present.get(subject) != Some(&what) {
+            self.record(cycle, &what);
+            self.present.insert(subject, what);
+        }
+    }
+
     /// One background pass: the words whose change hurts most, and a stretch of the others.
     pub fn pass(&mut self, cycle: u64, dpram: &mut Dpram) {
         self.pmacs_word(offsets::SERVO_PMAC_STATUS, cycle, dpram);
@@ -68,12 +85,14 @@ impl Judge {
         self.may_only_clear(offsets::BACKGROUND_READY, "the host only clears Data-Ready", cycle, dpram);
         let flag = dpram.read16(offsets::ASCII_OUT_CONTROL);
         if flag > 1 && flag != dpram.shadow(offsets::ASCII_OUT_CONTROL) {
-            self.record(cycle, &format!("0x062C = 0x{flag:04X}: bits 1-15 are reserved"));
+            let word = offsets::ASCII_OUT_CONTROL;
+            self.record(cycle, &format!("0x{word:04X} = 0x{flag:04X}: bits 1-15 are reserved"));
             dpram.adopt(offsets::ASCII_OUT_CONTROL, flag);
         }
     }
 
-    fn pmacs_word(&mut self, offset: u16, cycle: u64, dpram: &mut Dpram) {
+    /// Compares a word that only PMAC writes with what PMAC wrote last.
+    pub fn pmacs_word(&mut self, offset: u16, cycle: u64, dpram: &mut Dpram) {
         let (found, own) = (dpram.read16(offset), dpram.shadow(offset));
         if found != own {
             self.record(
@@ -84,7 +103,8 @@ impl Judge {
         }
     }
 
-    fn may_only_clear(&mut self, offset: u16, rule: &str, cycle: u64, dpram: &mut Dpram) {
+    /// As [`Judge::pmacs_word`], for a word that the host may set to 0 and nothing else.
+    pub fn may_only_clear(&mut self, offset: u16, rule: &str, cycle: u64, dpram: &mut Dpram) {
         let found = dpram.read16(offset);
         if found != dpram.shadow(offset) {
             if found != 0 {

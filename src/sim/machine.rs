@@ -7,10 +7,12 @@
 use super::coordinate::CoordinateSystem;
 use super::dpram::{Dpram, DpramError};
 use super::fault::Faults;
+use super::functions::{self, Functions};
 use super::gather::Gather;
 use super::judge::Judge;
 use super::language::variables::SavedVariables;
 use super::language::{AxisDefinitions, Family, Interpreter, Variables};
+use super::mailbox::{self, Mailbox};
 use super::motor::{Events, Loop, Motor};
 use super::program::Programs;
 use super::program::store::Store;
@@ -33,6 +35,8 @@ pub enum Port {
     Serial,
     /// The DPRAM.
     Dpram,
+    /// The VME mailboxes.
+    Mailbox,
 }
 
 /// What was counted since the simulator started.
@@ -70,6 +74,14 @@ pub struct Machine {
     pub programs: Programs,
     /// What the board has to say on the serial port without being asked; whoever serves the port takes it away.
     pub serial_output: Vec<u8>,
+    /// The functions that work by flags in the background pass.
+    pub functions: Functions,
+    /// The VME mailbox port, on a board that has one.
+    pub mailbox: Option<Mailbox>,
+    /// Number that stands for coordinate system 1 in a binary rotary header: 0 or 1.
+    pub rotary_cs_base: u16,
+    /// The watchdog has tripped: the board does nothing until a reset.
+    pub watchdog: bool,
     /// What fixes the servo clock when a rate was asked for: I10 of it.
     pub fixed_i10: Option<f64>,
     pub(super) identity: Identity,
@@ -100,6 +112,10 @@ impl Machine {
             stats: Statistics::default(),
             report: ServoReport::default(),
             ascii: AsciiPort::default(),
+            functions: Functions::default(),
+            mailbox: None,
+            rotary_cs_base: 1,
+            watchdog: false,
             fixed_i10,
             motors: vec![Motor::new(); identity.motors.clamp(1, MOTORS)],
             coordinates: vec![CoordinateSystem::default(); MOTORS],
@@ -125,7 +141,23 @@ impl Machine {
     /// one.
     #[must_use]
     pub fn response_port(&self) -> Port {
-        if self.variables.i(58) == 1.0 { self.port } else { Port::Serial }
+        match self.port {
+            Port::Dpram if self.variables.i(58) != 1.0 => Port::Serial,
+            port => port,
+        }
+    }
+
+    /// A command came through the mailboxes.
+    pub(super) fn mailbox_becomes_active(&mut self) {
+        self.port = Port::Mailbox;
+    }
+
+    /// Whether the interrupt line of the DPRAM's responses is asserted: I56=1, and the host has not taken the last one.
+    #[must_use]
+    pub fn response_waits(&self) -> bool {
+        self.variables.i(56) == 1.0
+            && self.before_all_ones.is_none()
+            && self.memory.dpram.read16(offsets::ASCII_IN_CONTROL) != 0
     }
 
     /// A command came through the DPRAM.
@@ -188,23 +220,34 @@ impl Machine {
         self.serve_requests();
         self.background_plcs();
         self.write_global_status();
+        if self.before_all_ones.is_some() {
+            return;
+        }
         if background_report::pass(&self.variables, &self.faults, &self.programs.report, &mut self.memory) {
             self.stats.background_updates += 1;
         }
         self.judge.pass(self.stats.servo_cycles, &mut self.memory.dpram);
     }
 
-    /// Puts all ones into the whole DPRAM while that fault is on, and the old content back after it. Says whether the
-    /// board is gone.
+    /// Puts all ones into the whole DPRAM while it is out of reach, by that fault or for want of its page, and the old
+    /// content back after it. Says whether it is out of reach.
+    ///
+    /// Without its page the DPRAM stands still: PMAC's own commands into it count, its functions rest.
     fn all_ones(&mut self) -> bool {
+        let reachable = self.mailbox.as_ref().is_none_or(Mailbox::reaches_dpram);
         let dpram = &mut self.memory.dpram;
         let words = (0..offsets::LENGTH as u16).step_by(2);
-        if self.faults.all_ones {
-            let before = &mut self.before_all_ones;
-            let fresh = before.is_none();
-            before.get_or_insert_with(|| words.clone().map(|offset| dpram.read16(offset)).collect());
-            for offset in words {
-                if fresh || dpram.read16(offset) != 0xFFFF {
+        if self.faults.all_ones || !reachable {
+            let fresh = self.before_all_ones.is_none();
+            let before = self
+                .before_all_ones
+                .get_or_insert_with(|| words.clone().map(|offset| dpram.read16(offset)).collect());
+            for (offset, before) in words.zip(before) {
+                let found = dpram.read16(offset);
+                if !fresh && found != 0xFFFF && found == dpram.shadow(offset) {
+                    *before = found;
+                }
+                if found != 0xFFFF {
                     dpram.disturb(offset, 0xFFFF);
                 }
             }
@@ -277,6 +320,14 @@ impl Machine {
         ] {
             self.memory.dpram.write16(word, 0);
         }
+        for header in offsets::ROTARY {
+            self.memory.dpram.write16(header, 0);
+        }
+        self.watchdog = false;
+        if let Some(mailbox) = &mut self.mailbox {
+            mailbox.reset();
+        }
+        self.functions = Functions::default();
         self.ascii.clear();
         self.report.reset();
         self.gather = Gather::new(&self.identity.firmware);
@@ -338,13 +389,26 @@ pub struct Board {
 }
 
 impl Board {
-    /// One servo cycle and the background pass after it.
+    /// One servo cycle and the background pass after it; nothing once the watchdog has tripped.
     pub fn step(&mut self) {
-        self.machine.servo_cycle();
-        if self.machine.all_ones() {
+        if self.machine.watchdog {
             return;
         }
-        ascii::pass(&mut self.machine, &mut self.interpreter);
-        self.machine.housekeeping();
+        let machine = &mut self.machine;
+        machine.servo_cycle();
+        if !machine.faults.all_ones {
+            mailbox::pass(machine, &mut self.interpreter);
+        }
+        if machine.all_ones() {
+            if !machine.faults.all_ones {
+                machine.housekeeping();
+            }
+            return;
+        }
+        ascii::pass(machine, &mut self.interpreter);
+        functions::pass(machine);
+        if !machine.watchdog {
+            machine.housekeeping();
+        }
     }
 }

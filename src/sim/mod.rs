@@ -10,6 +10,8 @@
 //! | [`motor`], `supervision`, [`profile`], [`coordinate`] | servo loop, drive and shaft; jog and home moves; time base |
 //! | [`servo_report`], [`background_report`], [`ascii`], [`gather`] | the automatic functions of the DPRAM |
 //! | [`program`] | program buffers, motion programs, PLCs |
+//! | [`functions`]: [`panel`], [`variable_read`], [`variable_write`], [`rotary_transfer`], `claims` | those that work by flags in the background pass; who uses which stretch |
+//! | [`mailbox`], [`host_port`] | the VME mailbox port; the interrupt registers of the ISA port |
 //! | [`language`] | the interpreter of on-line commands |
 //! | [`judge`], [`fault`] | what a host does wrong; what the board can be told to do wrong |
 
@@ -19,24 +21,29 @@ mod ascii_tests;
 mod axis_position;
 pub mod background_report;
 mod board_commands;
+mod claims;
 pub mod clock;
 mod commands;
 pub mod control;
 pub mod coordinate;
 pub mod dpram;
 pub mod fault;
+pub mod functions;
 pub mod gather;
+pub mod host_port;
 pub mod identity;
 pub mod interrupt;
 pub mod judge;
 pub mod language;
 pub mod machine;
+pub mod mailbox;
 pub mod memory;
 #[cfg(test)]
 mod motion_tests;
 pub mod motor;
 pub mod offsets;
 pub mod options;
+pub mod panel;
 pub mod process;
 pub mod profile;
 pub mod program;
@@ -46,12 +53,15 @@ mod register_tests;
 mod registers;
 #[cfg(test)]
 mod reset_tests;
+pub mod rotary_transfer;
 pub mod serial;
 pub mod servo_report;
 pub mod socket;
 mod supervision;
 #[cfg(test)]
 mod testing;
+pub mod variable_read;
+pub mod variable_write;
 
 /// The start-up file that enables all DPRAM functions for eight motors.
 pub const STARTUP: &str = include_str!("dpram-startup.pmc");

@@ -20,6 +20,15 @@ pub const LAST: u16 = BASE + (LENGTH / 4) as u16 - 1;
 /// Control panel: the request enable mask.
 pub const PANEL_ENABLE: u16 = bytes(classic::PANEL_REQUEST_ENABLE);
 
+/// Control panel: the override enable mask.
+pub const PANEL_OVERRIDE_ENABLE: u16 = bytes(classic::PANEL_OVERRIDE_ENABLE);
+/// Control panel: the request word of number 1.
+pub const PANEL_REQUEST: u16 = bytes(classic::PANEL_REQUEST);
+/// Control panel: the override of coordinate system 1.
+pub const PANEL_OVERRIDE: u16 = bytes(classic::PANEL_OVERRIDE);
+/// Control panel: bytes from one number's words to the next one's.
+pub const PANEL_LENGTH: u16 = classic::PANEL_STRIDE as u16;
+
 /// Servo report: the host's status.
 pub const SERVO_HOST_STATUS: u16 = bytes(classic::SERVO_HOST_STATUS);
 /// Servo report: PMAC's status.
@@ -63,6 +72,22 @@ pub const ASCII_IN_CHARACTERS: usize = classic::ASCII_RESPONSE_BYTES - 1;
 
 /// Variable write: entry count.
 pub const VARIABLE_WRITE_COUNT: u16 = bytes(classic::VARIABLE_WRITE_COUNT);
+/// Variable write: PMAC address of the records.
+pub const VARIABLE_WRITE_START: u16 = bytes(classic::VARIABLE_WRITE_START);
+/// Variable read: control word.
+pub const VARIABLE_READ_CONTROL: u16 = bytes(classic::VARIABLE_READ_CONTROL);
+/// Variable read: servo timer.
+pub const VARIABLE_READ_TIMER: u16 = bytes(classic::VARIABLE_READ_SERVO_TIMER);
+/// Variable read: entry count.
+pub const VARIABLE_READ_COUNT: u16 = bytes(classic::VARIABLE_READ_COUNT);
+/// Variable read: PMAC address of the table.
+pub const VARIABLE_READ_START: u16 = bytes(classic::VARIABLE_READ_START);
+/// Binary rotary buffers: the headers of the first and the second.
+pub const ROTARY: [u16; 2] = [bytes(classic::ROTARY_1), bytes(classic::ROTARY_2)];
+/// First address of the part of the DPRAM that buffers of the host's choice lie in.
+pub const OPEN_FIRST: u16 = BASE + (classic::OPEN.start.bytes() / 4) as u16;
+/// Y: address of the PLCC function blocks.
+pub const FUNCTION_BLOCKS: u16 = 0x9FFF;
 
 /// X: servo counter.
 pub const SERVO_COUNTER: u16 = 0x0000;
@@ -126,6 +151,13 @@ pub const AVERAGE_VELOCITY: u16 = 0x082A;
 pub const JOG_VARIABLE: u16 = 0x082B;
 /// Y: program lines remaining.
 pub const LINES_REMAINING: u16 = 0x08AE;
+
+/// The byte offset of a DPRAM address, `None` for an address that is not in the DPRAM's part for buffers of the host's
+/// choice ($D200-$DFFF).
+#[must_use]
+pub const fn open_offset(address: u16) -> Option<u16> {
+    if address >= OPEN_FIRST && address <= LAST { Some(4 * (address - BASE)) } else { None }
+}
 
 /// The address of `register` for 0-based `motor`, among the servo registers.
 #[must_use]

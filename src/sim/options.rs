@@ -4,13 +4,14 @@ use std::path::{Path, PathBuf};
 
 use clap::{Parser, ValueEnum};
 
+use super::host_port::Controller;
 use super::language::family;
 use super::machine::Identity;
 use crate::map::Firmware;
 
 /// A simulated PMAC: the board's side of a DPRAM, in its own process.
 #[derive(Debug, Parser)]
-#[command(name = "pmac-sim", version, about, disable_help_subcommand = true)]
+#[command(name = "pmac-sim", version, disable_help_subcommand = true)]
 pub struct Options {
     /// The shared memory: a file of 16384 bytes, created if missing and never removed
     #[arg(long, value_name = "PATH")]
@@ -18,6 +19,24 @@ pub struct Options {
     /// Socket on which each interrupt is told as a 4-byte count, as UIO gives it
     #[arg(long, value_name = "unix:PATH", value_parser = unix_path)]
     pub interrupt: Option<UnixPath>,
+    /// The VME mailbox port: a file of 512 bytes, created if missing
+    #[arg(long, value_name = "PATH")]
+    pub mailbox: Option<PathBuf>,
+    /// Socket on which each mailbox group taken (vector v-1) is told as a 4-byte count
+    #[arg(long, value_name = "unix:PATH", value_parser = unix_path, requires = "mailbox")]
+    pub mailbox_taken: Option<UnixPath>,
+    /// Socket on which each mailbox response (vector v) is told as a 4-byte count
+    #[arg(long, value_name = "unix:PATH", value_parser = unix_path, requires = "mailbox")]
+    pub mailbox_response: Option<UnixPath>,
+    /// The DPRAM is out of reach after each reset until this page (A19-A14) is written to mailbox base+0x121
+    #[arg(long, value_name = "N", value_parser = page, requires = "mailbox")]
+    pub dpram_page: Option<u8>,
+    /// The interrupt registers of the ISA host port: a file of 16 bytes, created if missing
+    #[arg(long, value_name = "PATH")]
+    pub host_port: Option<PathBuf>,
+    /// The number of coordinate system 1 in a binary rotary header
+    #[arg(long, value_name = "0|1", default_value_t = 1, value_parser = clap::value_parser!(u16).range(0..=1))]
+    pub rotary_cs_base: u16,
     /// Socket that is the serial port: raw bytes
     #[arg(long, value_name = "unix:PATH", value_parser = unix_path)]
     pub serial: Option<UnixPath>,
@@ -82,6 +101,15 @@ impl Options {
         Identity { motors: self.motors.into(), ..Identity::new(family, &self.firmware.to_string()) }
     }
 
+    /// The interrupt registers a board of this family has.
+    #[must_use]
+    pub fn controller(&self) -> Controller {
+        match self.family {
+            BoardFamily::Pmac => Controller::Intel8259,
+            BoardFamily::Pmac2 => Controller::Pmac2,
+        }
+    }
+
     /// The I10 that the asked rate means.
     #[must_use]
     pub fn fixed_i10(&self) -> Option<f64> {
@@ -94,6 +122,15 @@ fn unix_path(text: &str) -> Result<UnixPath, String> {
         Some(path) if !path.is_empty() => Ok(UnixPath(path.into())),
         _ => Err("it has to be unix:PATH".into()),
     }
+}
+
+/// Six bits, decimal or with 0x.
+fn page(text: &str) -> Result<u8, String> {
+    let number = match text.strip_prefix("0x") {
+        Some(digits) => u8::from_str_radix(digits, 16),
+        None => text.parse(),
+    };
+    number.ok().filter(|page| *page < 0x40).ok_or_else(|| "it has to be from 0 to 0x3F".into())
 }
 
 /// I10 has 23 bits: a period of at most a second.

@@ -12,9 +12,12 @@ use super::STARTUP;
 use super::clock::Clock;
 use super::control::{self, Answer};
 use super::dpram::{Dpram, DpramError};
+use super::fault::Faults;
+use super::host_port::HostPort;
 use super::interrupt::InterruptLine;
 use super::language::{Interpreter, SerialPort};
 use super::machine::{Board, Machine};
+use super::mailbox::Mailbox;
 use super::memory::Memory;
 use super::options::{Options, UnixPath};
 use super::serial::Serial;
@@ -77,6 +80,9 @@ struct ControlClient {
 pub struct Simulator {
     board: Board,
     interrupt: Option<InterruptLine>,
+    mailbox_taken: Option<InterruptLine>,
+    mailbox_response: Option<InterruptLine>,
+    host_port: Option<HostPort>,
     serial: Option<Serial>,
     control: Option<Listener>,
     control_clients: Vec<ControlClient>,
@@ -101,7 +107,15 @@ impl Simulator {
             }
         };
         let memory = Memory::new(Dpram::open(&options.memory)?);
-        let machine = Machine::new(memory, options.identity(), options.fixed_i10(), options.seed);
+        let mut machine = Machine::new(memory, options.identity(), options.fixed_i10(), options.seed);
+        machine.rotary_cs_base = options.rotary_cs_base;
+        machine.mailbox = options.mailbox.as_deref().map(Mailbox::open).transpose()?;
+        if let Some(mailbox) = &mut machine.mailbox {
+            mailbox.page = options.dpram_page;
+        }
+        let controller = options.controller();
+        let host_port = options.host_port.as_deref();
+        let host_port = host_port.map(|path| HostPort::open(path, controller)).transpose()?;
         let mut board = Board { machine, interpreter: Interpreter::default() };
         if let Some((name, text)) = startup {
             load(&mut board, &name, &text)?;
@@ -113,6 +127,9 @@ impl Simulator {
         Ok(Self {
             board,
             interrupt: listen(options.interrupt.as_ref())?.map(InterruptLine::new),
+            mailbox_taken: listen(options.mailbox_taken.as_ref())?.map(InterruptLine::new),
+            mailbox_response: listen(options.mailbox_response.as_ref())?.map(InterruptLine::new),
+            host_port,
             serial: listen(options.serial.as_ref())?.map(|at| Serial::new(at, SerialPort::default())),
             control: listen(options.control.as_ref())?,
             control_clients: Vec::new(),
@@ -152,26 +169,26 @@ impl Simulator {
     fn cycle(&mut self) {
         self.board.step();
         let machine = &mut self.board.machine;
-        let faults = &mut machine.faults;
         let mut raise = std::mem::take(&mut machine.ascii.interrupts);
-        let lost = raise.min(faults.lost_interrupts);
-        raise -= lost;
-        if faults.lost_interrupts != u64::MAX {
-            faults.lost_interrupts -= lost;
+        if let Some(port) = &mut self.host_port {
+            raise = port.pass(raise, machine);
         }
+        let faults = &mut machine.faults;
+        raise = lose(raise, faults);
         if faults.spurious_interrupts > 0 {
             faults.spurious_interrupts = faults.spurious_interrupts.saturating_sub(1);
             raise += 1;
         }
-        if raise > 0
-            && let Some(line) = &mut self.interrupt
-        {
-            line.raise(raise);
+        tell(raise, &mut self.interrupt);
+        if let Some(mailbox) = &mut machine.mailbox {
+            tell(lose(std::mem::take(&mut mailbox.taken), faults), &mut self.mailbox_taken);
+            tell(lose(std::mem::take(&mut mailbox.responses), faults), &mut self.mailbox_response);
         }
     }
 
     fn serve(&mut self) {
-        if let Some(line) = &mut self.interrupt {
+        let lines = [&mut self.interrupt, &mut self.mailbox_taken, &mut self.mailbox_response];
+        for line in lines.into_iter().flatten() {
             line.serve();
         }
         if let Some(serial) = &mut self.serial {
@@ -233,6 +250,21 @@ impl Simulator {
                 "ok".into()
             }
         }
+    }
+}
+
+/// The interrupts that are left when that fault has had its share.
+fn lose(raised: u64, faults: &mut Faults) -> u64 {
+    let lost = raised.min(faults.lost_interrupts);
+    if faults.lost_interrupts != u64::MAX {
+        faults.lost_interrupts -= lost;
+    }
+    raised - lost
+}
+
+fn tell(raised: u64, line: &mut Option<InterruptLine>) {
+    if let Some(line) = line.as_mut().filter(|_| raised > 0) {
+        line.raise(raised);
     }
 }
 

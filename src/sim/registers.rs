@@ -86,7 +86,7 @@ impl Machine {
         use super::gather::Activity;
         use super::machine::Port;
         let x = bit(19, self.gather.runs(Activity::Gathering));
-        let dpram = self.response_port() == Port::Dpram;
+        let host = self.response_port() != Port::Serial;
         use super::program::store::Open;
         let open = self.programs.store.open();
         let full = self.free_memory() < self.variables.i(18) as i64;
@@ -98,7 +98,7 @@ impl Machine {
         let y = self.memory.read_y(offsets::GLOBAL_STATUS) & !own | buffers;
         let others = self.memory.read_x(offsets::GLOBAL_STATUS) & !(1 << 19);
         self.memory.write_x(offsets::GLOBAL_STATUS, others | x);
-        self.memory.write_y(offsets::GLOBAL_STATUS, y | bit(22, dpram) | bit(15, dpram));
+        self.memory.write_y(offsets::GLOBAL_STATUS, y | bit(22, host) | bit(15, host));
     }
 
     fn servo_status(&self, motor: usize) -> u32 {

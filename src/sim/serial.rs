@@ -26,6 +26,10 @@ impl Serial {
         for client in &mut self.clients {
             client.flush();
             for &byte in client.receive(&mut buffer) {
+                // A board whose watchdog has tripped hears nothing.
+                if board.machine.watchdog {
+                    continue;
+                }
                 self.port.receive(&mut board.machine, &mut board.interpreter, byte, &mut output);
             }
         }

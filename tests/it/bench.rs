@@ -78,6 +78,11 @@ impl Bench {
         self.server.take().unwrap().stop();
     }
 
+    /// What the bus thread has seen so far: lines, and jobs as they print.
+    pub fn seen(&self) -> Vec<String> {
+        self.seen.lock().unwrap().clone()
+    }
+
     /// Waits until the bus thread has seen `line`.
     pub fn wait_seen(&self, line: &str) {
         for _ in 0..1000 {
@@ -146,11 +151,22 @@ impl FakeBus {
 
     fn answer(&mut self, command: Command) {
         match command {
+            Command::Job { ticket, job, .. } => {
+                self.seen.lock().unwrap().push(format!("{job:?}"));
+                self.done(ticket, Outcome::Done);
+            }
             Command::Send { ticket, line, .. } => {
                 let line = String::from_utf8(line.as_bytes().to_vec()).unwrap();
                 self.seen.lock().unwrap().push(line.clone());
                 match line.as_str() {
                     "SILENT" => {}
+                    "I2" => {
+                        self.line(
+                            ticket,
+                            if self.seen.lock().unwrap().contains(&"I2=3".to_owned()) { "3" } else { "1" },
+                        );
+                        self.done(ticket, Outcome::Done);
+                    }
                     "J+" => self.done(ticket, Outcome::Done),
                     "BAD" => {
                         self.line(ticket, "before");

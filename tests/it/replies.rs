@@ -12,7 +12,7 @@ use proptest::prelude::*;
 /// How the board comes into the context of vectors: the numbers, and what is sent before.
 ///
 /// The answers to the preparation are not looked at, but it must not ring the bell.
-const SETUPS: &[(&[u32], &str)] = &[
+pub const SETUPS: &[(&[u32], &str)] = &[
     (&[1, 2, 3], "I3=0 I6=0 P1=25 P2=50 P3=75\r"),
     (&[5, 6], "I3=1 I6=0 P1=25 P2=50 P3=75\r"),
     (&[7, 9], "I3=2 I6=0 P1=25 P2=50 P3=75\r"),
@@ -88,14 +88,14 @@ struct Vectors {
 }
 
 #[derive(serde::Deserialize)]
-struct Vector {
-    id: u32,
+pub struct Vector {
+    pub id: u32,
     context: String,
-    send: String,
-    expect: String,
+    pub send: String,
+    pub expect: String,
 }
 
-fn vectors() -> Vec<Vector> {
+pub fn vectors() -> Vec<Vector> {
     let vectors: Vectors = serde_json::from_str(include_str!("../data/replies.json")).unwrap();
     vectors.replies
 }

@@ -101,7 +101,7 @@ fn the_layout_is_the_one_that_was_published() {
         (0x0C8, 4),
         (0x0D0, 128),
         (0x0D8, 0x200),
-        (0x0E0, 17),
+        (0x0E0, 20),
         (0x200 + 6 * 8, 33),
         (0x200 + 16 * 8, 44),
         // servo: head, slots, count, stride, payload, host offset, reserved; state, period, stale after

@@ -2,6 +2,7 @@
 
 use std::fs::OpenOptions;
 use std::io::{BufRead, BufReader, Read, Write};
+use std::os::unix::fs::FileExt;
 use std::os::unix::net::UnixStream;
 use std::path::Path;
 use std::process::{Child, Command, Output, Stdio};
@@ -318,4 +319,106 @@ fn bad_options_get_one_line_and_status_2() {
     let sim = Sim::start(&["--virtual"]);
     let output = refused(&["--memory", &sim.directory.path().join("dpram").display().to_string()]);
     assert!(String::from_utf8(output.stderr).unwrap().contains("another running pmac-sim"));
+}
+
+#[test]
+fn mailboxes_and_host_port_are_files_with_sockets_for_their_interrupts() {
+    let directory = tempfile::tempdir().unwrap();
+    let at = |name: &str| directory.path().join(name).display().to_string();
+    let (taken, response) = (format!("unix:{}", at("taken")), format!("unix:{}", at("response")));
+    let mut sim = Sim::start(&[
+        "--virtual",
+        "--dpram-startup",
+        "--mailbox",
+        &at("mailbox"),
+        "--mailbox-taken",
+        &taken,
+        "--mailbox-response",
+        &response,
+        "--host-port",
+        &at("port"),
+    ]);
+    let mut lines = [connect(Path::new(&at("taken"))), connect(Path::new(&at("response")))];
+    let mut interrupt = sim.socket("interrupt");
+    sim.status("resets");
+    sim.status("resets");
+    let count = |line: &mut UnixStream| {
+        let mut bytes = [0; 4];
+        line.read_exact(&mut bytes).unwrap();
+        u32::from_ne_bytes(bytes)
+    };
+    let file = OpenOptions::new().read(true).write(true).open(at("mailbox")).unwrap();
+    let mailboxes = Mapping::new(&file, 0, 0x200).unwrap();
+    for (mailbox, character) in [(1, 0), (2, b'1'), (3, b'0'), (4, b'\r'), (0, b'I')] {
+        mailboxes.write16(2 * mailbox, u16::from(character) << 8).unwrap();
+    }
+    sim.ok("step 5");
+    assert_eq!((count(&mut lines[0]), count(&mut lines[1])), (1, 1));
+    let text: Vec<u8> = (0..8).map(|n| (mailboxes.read16(2 * n).unwrap() >> 8) as u8).collect();
+    assert_eq!(text, b"3713707\r");
+
+    let port = OpenOptions::new().read(true).write(true).open(at("port")).unwrap();
+    port.write_all_at(&[0x7F], 9).unwrap();
+    sim.write_text("I10");
+    sim.write(0x062C, 1);
+    sim.ok("step 5");
+    sim.write(0x06D0, 0);
+    sim.ok("step 5");
+    assert_eq!(count(&mut interrupt), 1, "one until the end of interrupt, although two responses came");
+    port.write_all_at(&[0x67], 12).unwrap();
+    sim.ok("step 1");
+    assert_eq!(count(&mut interrupt), 2);
+    assert_eq!(sim.status("violations_total"), 0);
+}
+
+#[test]
+fn a_racing_host_reads_and_writes_variables_without_a_violation() {
+    const ROUNDS: u16 = 300;
+    let mut sim = Sim::start(&["--dpram-startup", "--servo-hz", "5000"]);
+    let start = Instant::now();
+    let until = |done: &dyn Fn() -> bool| {
+        while !done() {
+            assert!(start.elapsed() < PATIENCE, "no answer");
+            std::hint::spin_loop();
+        }
+    };
+    // Four times the servo counter from $D400 on; records at $D300.
+    sim.write(0x07EE, 0xD400);
+    for entry in 0..4 {
+        sim.write(0x1000 + 4 * entry, 0);
+        sim.write(0x1002 + 4 * entry, 2);
+    }
+    sim.write(0x07E8, 0);
+    sim.memory.order_writes();
+    sim.write(0x07EC, 4);
+    sim.write(0x07D6, 0xD300);
+    for round in 0..ROUNDS {
+        until(&|| sim.read(0x07E8) & 1 == 1);
+        sim.memory.order_reads();
+        let counters = [0, 4, 8, 12].map(|at| sim.read(0x1010 + at));
+        assert_eq!(counters, [sim.read(0x07EA); 4], "one pass");
+        sim.memory.order_reads();
+        sim.write(0x07E8, 0);
+
+        until(&|| sim.read(0x07D4) == 0);
+        for (word, value) in [0x2000, 0, round, 0, 0, 0].into_iter().enumerate() {
+            sim.write(0x0C00 + 2 * word, value);
+        }
+        sim.memory.order_writes();
+        sim.write(0x07D4, 1);
+        // The panel: motor 1 there and back.
+        until(&|| sim.read(0x0000) == 0);
+        sim.write(0x0004, if round % 2 == 0 { 1 << 9 } else { 1 << 8 });
+        sim.memory.order_writes();
+        sim.write(0x0000, 1);
+    }
+    until(&|| sim.read(0x07D4) == 0 && sim.read(0x0000) == 0);
+    sim.write_text("RY$2000");
+    sim.memory.order_writes();
+    sim.write(0x062C, 1);
+    until(&|| sim.read(0x06D0) == 0x000D);
+    let text: Vec<u8> = [0x06D4, 0x06D6].iter().flat_map(|&at| sim.read(at).to_le_bytes()).collect();
+    assert_eq!(text[..3], *b"299");
+    let status = sim.ask("status");
+    assert!(status.contains("\"violations\":[]"), "{status}");
 }

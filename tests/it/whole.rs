@@ -254,6 +254,10 @@ fn a_simulator_killed_in_mid_update_and_started_again() {
     }
     assert_eq!(site.connection().send("VERSION", PATIENCE).unwrap(), ["1.16D"]);
     site.assert_no_violations();
+    // Nobody sends a command that would find out; that the port answered once does not keep the board alive.
+    site.kill_simulator();
+    wait_until("the board to be called silent", || subscriber.condition() == Condition::Stale);
+    wait_until("no function to be called enabled", || site.connection().info().unwrap().enabled.is_empty());
 }
 
 #[test]

@@ -19,8 +19,7 @@ pub struct NoCommand {
     pub word2: u32,
 }
 
-/// The start-of-line bit of word 1.
-const START: u32 = 1 << 11;
+use super::rotary::START_OF_LINE as START;
 const BIAS: i32 = 31;
 
 /// The items of one line.

@@ -17,7 +17,10 @@ impl Machine {
     pub fn send_message(&mut self, text: &str) {
         match self.response_port() {
             Port::Dpram => self.ascii.push(RESPONSE_MESSAGE, text.as_bytes()),
-            Port::Serial => self.serial_line(text, self.variables.i(62) == 1.0),
+            port => {
+                let line = self.unasked_line(text, self.variables.i(62) == 1.0);
+                self.transmit(port, &line);
+            }
         }
     }
 
@@ -49,34 +52,36 @@ impl Machine {
                     self.ascii.push_error(error);
                 }
             }
-            Port::Serial => {
-                for line in &reply.lines {
-                    self.serial_line(line, false);
-                }
+            port => {
+                let mut bytes: Vec<u8> =
+                    reply.lines.iter().flat_map(|line| self.unasked_line(line, false)).collect();
                 // I6=0 and 1 report a program's errors too, I6=2 and 3 only a host's.
                 if reply.error.is_some() && self.variables.i(6) < 2.0 {
-                    self.serial_output.push(BELL);
+                    bytes.push(BELL);
                 }
+                self.transmit(port, &bytes);
             }
         }
     }
 
-    /// A line as the serial port sends it unasked: `^B` before it with I64=1, `<LF>` if I3 is odd, `<CR>` after it.
-    fn serial_line(&mut self, text: &str, without_return: bool) {
+    /// Bytes to the mailboxes, or to the serial port.
+    fn transmit(&mut self, port: Port, bytes: &[u8]) {
         /// What nobody fetches is lost from here on.
         const MOST: usize = 65_536;
-        if self.serial_output.len() > MOST {
-            return;
+        match &mut self.mailbox {
+            Some(mailbox) if port == Port::Mailbox => mailbox.push(bytes),
+            _ if self.serial_output.len() < MOST => self.serial_output.extend_from_slice(bytes),
+            _ => {}
         }
-        if self.variables.i(64) == 1.0 {
-            self.serial_output.push(TAG);
-        }
-        if self.variables.i(3) as u32 & 1 == 1 {
-            self.serial_output.push(b'\n');
-        }
-        self.serial_output.extend_from_slice(text.as_bytes());
-        if !without_return {
-            self.serial_output.push(b'\r');
-        }
+    }
+
+    /// A line as a port sends it unasked: `^B` before it with I64=1, `<LF>` if I3 is odd, `<CR>` after it.
+    fn unasked_line(&self, text: &str, without_return: bool) -> Vec<u8> {
+        let mut bytes = Vec::with_capacity(text.len() + 3);
+        bytes.extend((self.variables.i(64) == 1.0).then_some(TAG));
+        bytes.extend((self.variables.i(3) as u32 & 1 == 1).then_some(b'\n'));
+        bytes.extend_from_slice(text.as_bytes());
+        bytes.extend((!without_return).then_some(b'\r'));
+        bytes
     }
 }

@@ -11,8 +11,14 @@ use super::item::{Item, Line};
 use crate::sim::language::CommandError;
 use crate::sim::machine::Machine;
 
-/// The most long words that one command of the binary format takes in the internal buffer.
-const WORDS_OF_A_COMMAND: usize = 2;
+/// The long words that a command of the binary format takes in the internal buffer.
+const WORDS_OF_A_COMMAND: usize = 1;
+
+/// A program command: the two 24-bit words of its binary form.
+pub type Command = (u32, u32);
+
+/// In a command's first word: it is the first of its line (DPRAM manual, "Internal PMAC 48-bit command format").
+pub const START_OF_LINE: u32 = 1 << 11;
 
 /// A rotary buffer.
 #[derive(Debug, Clone, Default)]
@@ -126,7 +132,7 @@ impl Machine {
     ///
     /// # Errors
     /// [`AppendError`]; nothing is stored then.
-    pub fn rotary_append(&mut self, cs: usize, commands: &[(u32, u32)]) -> Result<(), AppendError> {
+    pub fn rotary_append(&mut self, cs: usize, commands: &[Command]) -> Result<(), AppendError> {
         let items = binary::line(commands)?;
         let rotary = self.programs.store.rotary_mut(cs).ok_or(AppendError::Undefined)?;
         if items.is_empty() {

@@ -428,7 +428,7 @@ fn a_rotary_buffer_starves_and_goes_on() {
     assert!(!running(&bench.board.machine));
     // It takes words too: X-10, a whole line.
     let machine = &mut bench.board.machine;
-    assert!(machine.rotary_room(0, 10) && !machine.rotary_room(1, 1) && !machine.rotary_room(0, 16));
+    assert!(machine.rotary_room(0, 10) && !machine.rotary_room(1, 1) && !machine.rotary_room(0, 31));
     machine.rotary_append(0, &[(0x000E23, 0xB00000)]).unwrap();
     assert!(machine.rotary_append(0, &[(0x000800, 0x00FFFF)]).is_err());
     lines(&mut bench, "R");

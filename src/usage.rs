@@ -1,4 +1,4 @@
-//! How the programs answer a command line that cannot be taken.
+//! How the programs answer a command line that cannot be taken (layer 0).
 
 use std::io::{self, Write};
 use std::process::ExitCode;

@@ -1,0 +1,270 @@
+//! `pmacctl download`: program and command files, line by line, with errors told by file and line.
+//!
+//! Lines that follow an `OPEN` go into a buffer until `CLOSE`. A buffer that somebody left open would take every line, so CLOSE
+//! goes first; a buffer that an error, an interruption or the end of the file leaves open is closed again.
+
+use std::io::{self, IsTerminal, Write};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
+use clap::Args;
+use serde_json::json;
+use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
+
+use super::lines::{LineError, Way};
+use super::preprocess::{SourceLine, preprocess};
+use super::{Context, Failure, Verdict};
+use crate::protocol::TIMEOUT_MAX_MS;
+
+/// Most of a file that is read.
+const LARGEST: u64 = 64 << 20;
+/// Ends the input into a buffer; harmless when none is open.
+const CLOSE: &str = "CLOSE";
+
+/// `download`.
+#[derive(Debug, Args)]
+pub struct Download {
+    /// Files of command lines: ; and // start comments, #include "FILE" and #define NAME text work; - is stdin
+    #[arg(required = true, value_name = "FILE")]
+    pub files: Vec<PathBuf>,
+    /// Print the lines that would be sent, and send none
+    #[arg(long)]
+    pub dry_run: bool,
+    /// Go on after a line that the board refuses
+    #[arg(long)]
+    pub keep_going: bool,
+    /// How long the board may take for a line, in seconds; SAVE may take longer
+    #[arg(long, value_name = "S", default_value = "10", value_parser = super::args::seconds)]
+    pub timeout: Duration,
+}
+
+pub fn run(context: &mut Context, options: &Download) -> Result<Verdict, Failure> {
+    if options.timeout.as_millis() > TIMEOUT_MAX_MS.into() {
+        let most = TIMEOUT_MAX_MS / 1000;
+        return Err(Failure::Request(format!(
+            "--timeout is longer than the {most} s that a command may take"
+        )));
+    }
+    let lines = preprocess(&options.files, &read).map_err(super::mistaken)?;
+    if options.dry_run {
+        return dry_run(context, &lines);
+    }
+    let stop = Arc::new(AtomicBool::new(false));
+    for signal in [SIGINT, SIGTERM, SIGHUP] {
+        signal_hook::flag::register(signal, Arc::clone(&stop)).map_err(Failure::request)?;
+    }
+    let way = Way::daemon(context)?;
+    let mut download =
+        Sender { way, timeout: options.timeout, buffer: Buffer::default(), refused: Vec::new(), sent: 0 };
+    let outcome = download.send_all(context, &lines, options.keep_going, &stop);
+    let closing = download.close_buffer();
+    download.report(context, lines.len())?;
+    outcome?;
+    closing?;
+    Ok(download.refused.is_empty().into())
+}
+
+fn read(path: &Path) -> Result<Vec<u8>, String> {
+    use std::io::Read;
+    let mut bytes = Vec::new();
+    let source: Box<dyn Read> = if path == Path::new("-") {
+        Box::new(io::stdin().lock())
+    } else {
+        Box::new(std::fs::File::open(path).map_err(|error| error.to_string())?)
+    };
+    source.take(LARGEST + 1).read_to_end(&mut bytes).map_err(|error| error.to_string())?;
+    if bytes.len() as u64 > LARGEST { Err(format!("longer than {} MiB", LARGEST >> 20)) } else { Ok(bytes) }
+}
+
+fn dry_run(context: &mut Context, lines: &[SourceLine]) -> Result<Verdict, Failure> {
+    if context.output.is_json() {
+        let document: Vec<_> = lines
+            .iter()
+            .map(|line| json!({ "file": line.place.file, "line": line.place.line, "text": line.text }))
+            .collect();
+        context.output.json(&document)?;
+        return Ok(Verdict::Yes);
+    }
+    context.output.line(CLOSE)?;
+    for line in lines {
+        context.output.line(&line.text)?;
+    }
+    Ok(Verdict::Yes)
+}
+
+/// A line that the board refused.
+struct Refused {
+    line: SourceLine,
+    code: Option<u16>,
+    text: String,
+}
+
+struct Sender {
+    way: Way,
+    timeout: Duration,
+    buffer: Buffer,
+    refused: Vec<Refused>,
+    sent: usize,
+}
+
+impl Sender {
+    fn send_all(
+        &mut self,
+        context: &mut Context,
+        lines: &[SourceLine],
+        keep_going: bool,
+        stop: &AtomicBool,
+    ) -> Result<(), Failure> {
+        self.way.send(CLOSE, self.timeout)?;
+        let mut progress = Progress::new(lines.len());
+        for line in lines {
+            if stop.load(Ordering::Relaxed) {
+                progress.clear();
+                return Err(Failure::Refused(format!("{}: interrupted before this line", line.place)));
+            }
+            progress.show(self.sent);
+            // Counted as open even if the board refuses the line: an error may follow what opened it.
+            self.buffer.follow(&line.text);
+            let result = self.way.send(&line.text, self.timeout);
+            let (replies, error) = match result {
+                Ok(replies) => (replies, None),
+                Err(LineError::Board { code, text, lines }) => (lines, Some((code, text))),
+                Err(LineError::NotSent(failure)) => {
+                    progress.clear();
+                    return Err(at(line, failure));
+                }
+            };
+            self.sent += usize::from(error.is_none());
+            if !replies.is_empty() && !context.output.is_json() {
+                progress.clear();
+                for reply in &replies {
+                    context.output.line(reply)?;
+                }
+            }
+            if let Some((code, text)) = error {
+                progress.clear();
+                // Nobody reads it: nothing to be done.
+                let _ = writeln!(io::stderr(), "{}: {text}: {}", line.place, line.text);
+                self.refused.push(Refused { line: line.clone(), code, text });
+                if !keep_going {
+                    break;
+                }
+            }
+        }
+        progress.clear();
+        Ok(())
+    }
+
+    fn close_buffer(&mut self) -> Result<(), Failure> {
+        if !self.buffer.open {
+            return Ok(());
+        }
+        self.way.send(CLOSE, self.timeout)?;
+        if self.refused.is_empty() {
+            let _ = writeln!(io::stderr(), "warning: a buffer was left open; it is closed now");
+        }
+        Ok(())
+    }
+
+    fn report(&self, context: &mut Context, total: usize) -> Result<(), Failure> {
+        if context.output.is_json() {
+            let errors: Vec<_> = self
+                .refused
+                .iter()
+                .map(|refused| {
+                    let SourceLine { place, text } = &refused.line;
+                    json!({ "file": place.file, "line": place.line, "text": text, "code": refused.code,
+                            "message": refused.text })
+                })
+                .collect();
+            context.output.json(&json!({ "lines": total, "taken": self.sent, "errors": errors }))?;
+            context.output.flush()?;
+        }
+        Ok(())
+    }
+}
+
+fn at(line: &SourceLine, failure: Failure) -> Failure {
+    match failure {
+        Failure::Refused(text) => Failure::Refused(format!("{}: {text}", line.place)),
+        Failure::Request(text) => Failure::Request(format!("{}: {text}", line.place)),
+        other => other,
+    }
+}
+
+/// Whether lines go into a buffer, as far as the lines themselves tell.
+#[derive(Debug, Default)]
+struct Buffer {
+    open: bool,
+}
+
+impl Buffer {
+    fn follow(&mut self, line: &str) {
+        let upper = line.to_ascii_uppercase();
+        for part in upper.split('"').step_by(2) {
+            for word in part.split(|c: char| !c.is_ascii_alphabetic()) {
+                match word {
+                    "OPEN" | "OPENPROG" | "OPENPLC" | "OPENPLCC" | "OPENROT" | "OPENROTARY"
+                    | "OPENFORWARD" | "OPENINVERSE" => self.open = true,
+                    "CLOSE" | "CLS" => self.open = false,
+                    _ => {}
+                }
+            }
+        }
+    }
+}
+
+/// How far it is, on a terminal.
+struct Progress {
+    total: usize,
+    shown: bool,
+    last: std::time::Instant,
+}
+
+impl Progress {
+    /// Often enough to be seen moving.
+    const EVERY: Duration = Duration::from_millis(100);
+
+    fn new(total: usize) -> Self {
+        Self { total, shown: false, last: std::time::Instant::now() }
+    }
+
+    fn show(&mut self, done: usize) {
+        if self.last.elapsed() >= Self::EVERY && io::stderr().is_terminal() {
+            self.last = std::time::Instant::now();
+            self.shown = true;
+            let _ = write!(io::stderr(), "\r{done} of {} lines\x1b[K", self.total);
+        }
+    }
+
+    fn clear(&mut self) {
+        if std::mem::take(&mut self.shown) {
+            let _ = write!(io::stderr(), "\r\x1b[K");
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn open_buffers_are_followed() {
+        let mut buffer = Buffer::default();
+        for (line, open) in [
+            ("CLOSE", false),
+            ("SEND\"OPEN PROG 1\"", false),
+            ("OPEN PROG 1", true),
+            ("X10 Y20", true),
+            ("CMD\"CLOSE\"", true),
+            ("close", false),
+            ("&1open rot", true),
+            ("CLOSE OPEN PLC 3 CLEAR", true),
+        ] {
+            buffer.follow(line);
+            assert_eq!(buffer.open, open, "{line}");
+        }
+    }
+}

@@ -1,0 +1,388 @@
+//! Program files as people write them, made into the lines a board takes.
+//!
+//! A board knows no comments, names or includes: those are the host's business. `;` and `//` start a comment. The
+//! directives are `#include "FILE"` (relative to the file it stands in), `#define NAME text`, `#undef NAME`, `#ifdef NAME`,
+//! `#ifndef NAME`, `#else` and `#endif`, each alone on its line, in either case. A defined name is replaced wherever it stands
+//! as a whole word, in what it stands for too; names are case-sensitive. Text in double quotes is left alone by all of this.
+
+use std::collections::BTreeMap;
+use std::fmt;
+use std::path::{Path, PathBuf};
+
+use crate::protocol::check_line;
+
+/// Files in files, at most.
+const DEPTH_MAX: usize = 16;
+/// Names in names, at most.
+const ROUNDS_MAX: usize = 32;
+/// A text longer than this is no line of a program, however it comes about.
+const TEXT_MAX: usize = 4096;
+
+/// Where something stands.
+#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Place {
+    /// The file, as it was named.
+    pub file: String,
+    /// The line, from 1; 0 is the file as a whole.
+    pub line: usize,
+}
+
+impl fmt::Display for Place {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.line {
+            0 => f.write_str(&self.file),
+            line => write!(f, "{}:{line}", self.file),
+        }
+    }
+}
+
+/// A line for the board.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct SourceLine {
+    pub place: Place,
+    pub text: String,
+}
+
+/// Something that cannot be sent.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("{place}: {what}")]
+pub struct Mistake {
+    pub place: Place,
+    pub what: String,
+}
+
+/// Reads files: the file system, or a test.
+pub type Reader<'a> = &'a dyn Fn(&Path) -> Result<Vec<u8>, String>;
+
+/// The lines of the files, one after the other; names that one file defines hold in the next ones too.
+///
+/// # Errors
+/// Everything that is wrong, in order. A file that cannot be read is one mistake, at the line that includes it.
+pub fn preprocess(files: &[PathBuf], read: Reader<'_>) -> Result<Vec<SourceLine>, Vec<Mistake>> {
+    let mut source =
+        Source { read, names: BTreeMap::new(), open: Vec::new(), lines: Vec::new(), mistakes: Vec::new() };
+    for file in files {
+        match read(file) {
+            Ok(bytes) => source.file(file, &bytes),
+            Err(what) => {
+                let place = Place { file: shown(file), line: 0 };
+                source.mistakes.push(Mistake { place, what });
+            }
+        }
+    }
+    if source.mistakes.is_empty() { Ok(source.lines) } else { Err(source.mistakes) }
+}
+
+fn shown(path: &Path) -> String {
+    if path == Path::new("-") { "stdin".to_owned() } else { path.display().to_string() }
+}
+
+struct Source<'a> {
+    read: Reader<'a>,
+    names: BTreeMap<String, String>,
+    /// The files being read, the outermost first.
+    open: Vec<PathBuf>,
+    lines: Vec<SourceLine>,
+    mistakes: Vec<Mistake>,
+}
+
+/// One `#ifdef`.
+struct Condition {
+    place: Place,
+    /// Whether its lines count.
+    holds: bool,
+    /// Whether the conditions around it hold.
+    around: bool,
+    has_else: bool,
+}
+
+impl Source<'_> {
+    fn file(&mut self, path: &Path, bytes: &[u8]) {
+        self.open.push(path.to_owned());
+        // What is not UTF-8 can only be a comment; anywhere else the check of the line finds it.
+        let text = String::from_utf8_lossy(bytes);
+        let mut conditions = Vec::new();
+        for (line, number) in text.lines().zip(1..) {
+            let place = Place { file: shown(path), line: number };
+            if let Err(what) = self.line(path, &place, line, &mut conditions) {
+                self.mistakes.push(Mistake { place, what });
+            }
+        }
+        for condition in conditions {
+            self.mistakes.push(Mistake { place: condition.place, what: "no #endif to this".to_owned() });
+        }
+        self.open.pop();
+    }
+
+    fn line(
+        &mut self,
+        path: &Path,
+        place: &Place,
+        line: &str,
+        conditions: &mut Vec<Condition>,
+    ) -> Result<(), String> {
+        let text = without_comment(line).replace('\t', " ");
+        let text = text.trim();
+        let holds = conditions.last().is_none_or(|condition| condition.holds);
+        let Some((directive, rest)) = directive(text) else {
+            return if holds && !text.is_empty() { self.command(place, text) } else { Ok(()) };
+        };
+        match directive {
+            Directive::Ifdef | Directive::Ifndef => {
+                let known = self.names.contains_key(name(rest)?);
+                let holds = holds && known == (directive == Directive::Ifdef);
+                let around = conditions.last().is_none_or(|condition| condition.holds);
+                conditions.push(Condition { place: place.clone(), holds, around, has_else: false });
+            }
+            Directive::Else => {
+                let condition = conditions.last_mut().ok_or("#else without #ifdef")?;
+                if condition.has_else {
+                    return Err("a second #else".to_owned());
+                }
+                condition.has_else = true;
+                condition.holds = condition.around && !condition.holds;
+            }
+            Directive::Endif => {
+                conditions.pop().ok_or("#endif without #ifdef")?;
+            }
+            _ if !holds => {}
+            Directive::Define => self.define(rest)?,
+            Directive::Undef => {
+                self.names.remove(name(rest)?);
+            }
+            Directive::Include => self.include(path, rest)?,
+        }
+        Ok(())
+    }
+
+    fn command(&mut self, place: &Place, text: &str) -> Result<(), String> {
+        let text = self.replace(text)?;
+        let text = text.trim();
+        if text.is_empty() {
+            return Ok(());
+        }
+        check_line(text)?;
+        self.lines.push(SourceLine { place: place.clone(), text: text.to_owned() });
+        Ok(())
+    }
+
+    fn define(&mut self, rest: &str) -> Result<(), String> {
+        let end = rest.find(|c: char| !is_word(c)).unwrap_or(rest.len());
+        let (word, text) = rest.split_at(end);
+        let word = name(word)?;
+        if text.starts_with('(') {
+            return Err(format!("{word} has parameters; only plain names can be defined"));
+        }
+        self.names.insert(word.to_owned(), text.trim().to_owned());
+        Ok(())
+    }
+
+    fn include(&mut self, path: &Path, rest: &str) -> Result<(), String> {
+        let file =
+            rest.strip_prefix('"').and_then(|rest| rest.strip_suffix('"')).filter(|file| !file.is_empty());
+        let file = file.ok_or("not #include \"FILE\"")?;
+        let file = path.parent().unwrap_or(Path::new("")).join(file);
+        if self.open.contains(&file) {
+            return Err(format!("{} includes itself", file.display()));
+        }
+        if self.open.len() >= DEPTH_MAX {
+            return Err(format!("files in files deeper than {DEPTH_MAX}"));
+        }
+        let bytes = (self.read)(&file).map_err(|what| format!("{}: {what}", file.display()))?;
+        self.file(&file, &bytes);
+        Ok(())
+    }
+
+    /// `text` with every defined name replaced, until there is none left.
+    fn replace(&self, text: &str) -> Result<String, String> {
+        let mut text = text.to_owned();
+        for _ in 0..ROUNDS_MAX {
+            let Some(replaced) = self.replaced_once(&text) else { return Ok(text) };
+            if replaced.len() > TEXT_MAX {
+                return Err(format!("the defined names make the line longer than {TEXT_MAX} characters"));
+            }
+            text = replaced;
+        }
+        Err("the defined names stand for each other without end".to_owned())
+    }
+
+    /// `None` when there is nothing to replace.
+    fn replaced_once(&self, text: &str) -> Option<String> {
+        let mut out = String::new();
+        let mut found = false;
+        let mut quoted = false;
+        let mut rest = text;
+        while let Some(c) = rest.chars().next() {
+            let length =
+                if is_word(c) { rest.find(|c| !is_word(c)).unwrap_or(rest.len()) } else { c.len_utf8() };
+            let (part, tail) = rest.split_at(length);
+            rest = tail;
+            quoted ^= c == '"';
+            match self.names.get(part).filter(|_| !quoted) {
+                Some(text) => {
+                    found = true;
+                    out.push_str(text);
+                }
+                None => out.push_str(part),
+            }
+        }
+        found.then_some(out)
+    }
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Directive {
+    Include,
+    Define,
+    Undef,
+    Ifdef,
+    Ifndef,
+    Else,
+    Endif,
+}
+
+/// The directive that `text` is, and what follows its word. Anything else that starts with `#` addresses a motor.
+fn directive(text: &str) -> Option<(Directive, &str)> {
+    let text = text.strip_prefix('#')?.trim_start();
+    let end = text.find(|c: char| !c.is_ascii_alphabetic()).unwrap_or(text.len());
+    let (word, rest) = text.split_at(end);
+    let directive = match word.to_ascii_lowercase().as_str() {
+        "include" => Directive::Include,
+        "define" => Directive::Define,
+        "undef" => Directive::Undef,
+        "ifdef" => Directive::Ifdef,
+        "ifndef" => Directive::Ifndef,
+        "else" => Directive::Else,
+        "endif" => Directive::Endif,
+        _ => return None,
+    };
+    Some((directive, rest.trim()))
+}
+
+fn is_word(c: char) -> bool {
+    c.is_ascii_alphanumeric() || c == '_'
+}
+
+/// `text` as a name that can be defined.
+fn name(text: &str) -> Result<&str, String> {
+    let starts = text.starts_with(|c: char| c.is_ascii_alphabetic() || c == '_');
+    if starts && text.chars().all(is_word) { Ok(text) } else { Err(format!("{text:?} is no name")) }
+}
+
+fn without_comment(line: &str) -> &str {
+    let mut quoted = false;
+    let mut before = ' ';
+    for (at, c) in line.char_indices() {
+        match c {
+            '"' => quoted = !quoted,
+            ';' if !quoted => return &line[..at],
+            '/' if !quoted && before == '/' => return &line[..at - 1],
+            _ => {}
+        }
+        before = c;
+    }
+    line
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn run(files: &[(&str, &str)]) -> Result<Vec<String>, Vec<String>> {
+        let read = |path: &Path| {
+            let found = files.iter().find(|(name, _)| Path::new(name) == path);
+            found.map(|(_, text)| text.as_bytes().to_vec()).ok_or_else(|| "not there".to_owned())
+        };
+        match preprocess(&[PathBuf::from(files[0].0)], &read) {
+            Ok(lines) => Ok(lines.iter().map(|line| format!("{}: {}", line.place, line.text)).collect()),
+            Err(mistakes) => Err(mistakes.iter().map(Mistake::to_string).collect()),
+        }
+    }
+
+    fn lines(text: &str) -> Vec<String> {
+        run(&[("f", text)]).unwrap()
+    }
+
+    #[test]
+    fn comments_and_blank_lines_go() {
+        let text = "; title\r\n\r\nI100=1 ; on\n\tP1=2//two\nSEND\"a;b//c\" ; said\n/\nP2=P3/2\n";
+        assert_eq!(
+            lines(text),
+            ["f:3: I100=1", "f:4: P1=2", "f:5: SEND\"a;b//c\"", "f:6: /", "f:7: P2=P3/2"]
+        );
+    }
+
+    #[test]
+    fn names_are_replaced_as_whole_words_and_in_each_other() {
+        let text = "#define SPEED I122\n#define FAST (2*BASE)\n#DEFINE BASE 16 ; counts\n#define GONE\n\
+                    SPEED=FAST\nSPEEDY=1\nSEND\"SPEED\"\nspeed\nGONE\n#1J+GONE\n#undef SPEED\nSPEED\n";
+        assert_eq!(
+            lines(text),
+            [
+                "f:5: I122=(2*16)",
+                "f:6: SPEEDY=1",
+                "f:7: SEND\"SPEED\"",
+                "f:8: speed",
+                "f:10: #1J+GONE",
+                "f:12: SPEED"
+            ]
+        );
+    }
+
+    #[test]
+    fn files_are_included_where_they_are_named() {
+        let files = [
+            ("dir/main.pmc", "P1=1\n#include \"inc/a.pmc\"\nP1=A\n"),
+            ("dir/inc/a.pmc", "#include \"b.pmc\" ; beside it\nP2=1"),
+            ("dir/inc/b.pmc", "#define A 7\n"),
+        ];
+        assert_eq!(
+            run(&files).unwrap(),
+            ["dir/main.pmc:1: P1=1", "dir/inc/a.pmc:2: P2=1", "dir/main.pmc:3: P1=7"]
+        );
+    }
+
+    #[test]
+    fn conditions_choose() {
+        let text = "#define A\n#ifdef A\nP1=1\n#ifndef A\nP2=1\n#else\nP3=1\n#endif\n#else\nP4=1\n#ifdef A\nP5=1\n\
+                    #else\nP6=1\n#endif\n#include \"nowhere\"\n#endif\nP7=1";
+        assert_eq!(lines(text), ["f:3: P1=1", "f:7: P3=1", "f:18: P7=1"]);
+    }
+
+    #[test]
+    fn everything_wrong_is_told_with_its_place() {
+        let long = "P".repeat(201);
+        let text = format!(
+            "#include nothing\n#include \"gone\"\n#include \"f\"\n#define 1A 2\n#define F(x) x\n#else\n#endif\n\
+             #define A B\n#define B A\nP1=A\n{long}\nP1=\u{b}5\nP1=\u{fc}\n#ifdef A\n"
+        );
+        let mistakes = run(&[("f", &text)]).unwrap_err();
+        let expected = [
+            "f:1: not #include \"FILE\"",
+            "f:2: gone: not there",
+            "f:3: f includes itself",
+            "f:4: \"1A\" is no name",
+            "f:5: F has parameters",
+            "f:6: #else without #ifdef",
+            "f:7: #endif without #ifdef",
+            "f:10: the defined names stand for each other",
+            "f:11: the line has 201 characters",
+            "f:12: character '\\u{b}' at position 3",
+            "f:13: character",
+            "f:14: no #endif to this",
+        ];
+        assert_eq!(mistakes.len(), expected.len(), "{mistakes:?}");
+        for (mistake, expected) in mistakes.iter().zip(expected) {
+            assert!(mistake.starts_with(expected), "{mistake}: {expected}");
+        }
+        let doubling: String = (0..20).map(|n| format!("#define A{n} A{} A{}\n", n + 1, n + 1)).collect();
+        assert!(run(&[("f", &format!("{doubling}A0\n"))]).unwrap_err()[0].contains("longer than 4096"));
+    }
+
+    proptest::proptest! {
+        #[test]
+        fn no_text_can_harm(text in "(#define|#include|#ifdef|#endif|\"|;|//|A|B| |\n|\u{e9})*") {
+            let _ = run(&[("f", &text)]);
+        }
+    }
+}

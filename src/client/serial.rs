@@ -1,0 +1,330 @@
+//! A board at the end of a serial line: for set-up, before its DPRAM is switched on.
+//!
+//! Eight data bits, no parity, one stop bit, no flow control. The line is taken for this process alone (an advisory
+//! lock), and every wait is bounded.
+
+use std::fs::{File, OpenOptions};
+use std::io::{self, Read, Write};
+use std::os::fd::AsFd;
+use std::os::unix::fs::OpenOptionsExt;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use nix::errno::Errno;
+use nix::fcntl::{Flock, FlockArg, OFlag};
+use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
+use nix::sys::termios::{self, BaudRate, ControlFlags, FlushArg, SetArg};
+
+use super::serial_reply::{Answer, Handshake, Reply, parse, recognise};
+
+/// A silence that ends an answer whose form has no end mark; several characters long at the lowest rate.
+const QUIET: Duration = Duration::from_millis(250);
+/// How long the board may take to say how it answers.
+const PROBE: Duration = Duration::from_secs(1);
+/// How often it is asked; a text that a program sends can spoil an answer.
+const PROBES: usize = 3;
+/// More than the longest listing a set-up reads.
+const LONGEST: usize = 64 * 1024;
+/// Empties the line that somebody left half-sent, without carrying it out.
+const CANCEL: u8 = 0x18;
+
+/// The rates a board can be set to, in bits a second.
+pub const BAUD_RATES: [u32; 8] = [1200, 2400, 4800, 9600, 19_200, 38_400, 57_600, 115_200];
+
+/// Why a serial line is of no use, or a line was not carried out.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum SerialError {
+    /// It cannot be opened or set.
+    #[error("{path}: {source}")]
+    Port {
+        /// The device.
+        path: PathBuf,
+        /// What the system said.
+        source: io::Error,
+    },
+    /// It is something else.
+    #[error("{path}: not a serial line")]
+    NotSerial {
+        /// The path.
+        path: PathBuf,
+    },
+    /// Another program holds it.
+    #[error("{path}: another program uses it")]
+    InUse {
+        /// The device.
+        path: PathBuf,
+    },
+    /// A rate that the line does not have.
+    #[error("{baud} baud is none of 1200, 2400, 4800, 9600, 19200, 38400, 57600, 115200")]
+    Rate {
+        /// What was asked for.
+        baud: u32,
+    },
+    /// Nothing that a PMAC sends came back.
+    #[error("{path}: {}; is a PMAC there, and is {baud} its rate?", if *.silent { "no answer" } else { "no answer that makes sense" })]
+    NoBoard {
+        /// The device.
+        path: PathBuf,
+        /// The rate in use.
+        baud: u32,
+        /// Nothing came at all.
+        silent: bool,
+    },
+    /// The board did not answer the line in time.
+    #[error("the board did not answer in time; the line may or may not have been carried out")]
+    TimedOut,
+    /// The board refused the line.
+    #[error("{}", refusal(*.code))]
+    Board {
+        /// The number of `ERRnnn`; `None` when the board says none (I6 is 0 or 2).
+        code: Option<u16>,
+        /// What it had answered before.
+        lines: Vec<String>,
+    },
+}
+
+fn refusal(code: Option<u16>) -> String {
+    match code {
+        Some(code) => {
+            format!("ERR{code:03}: {}", crate::map::errors::meaning(code).unwrap_or("unknown error"))
+        }
+        None => "the board refuses the line and says no number; I6=1 makes it say one".to_owned(),
+    }
+}
+
+/// A serial line with a board that answers.
+#[derive(Debug)]
+pub struct SerialLine {
+    path: PathBuf,
+    baud: u32,
+    file: Flock<File>,
+    handshake: Handshake,
+}
+
+impl SerialLine {
+    /// Opens the device `path` at `baud` bits a second and asks the board how it answers. That is one ^X and the question
+    /// `I4`; no variable is changed.
+    ///
+    /// # Errors
+    /// [`SerialError`].
+    pub fn open(path: &Path, baud: u32) -> Result<Self, SerialError> {
+        let rate = rate(baud).ok_or(SerialError::Rate { baud })?;
+        let port = |source: io::Error| SerialError::Port { path: path.to_owned(), source };
+        // Without O_NONBLOCK, opening a line without carrier waits for it.
+        let flags = OFlag::O_NOCTTY | OFlag::O_NONBLOCK;
+        let file =
+            OpenOptions::new().read(true).write(true).custom_flags(flags.bits()).open(path).map_err(port)?;
+        let mut settings = match termios::tcgetattr(&file) {
+            Ok(settings) => settings,
+            Err(Errno::ENOTTY) => return Err(SerialError::NotSerial { path: path.to_owned() }),
+            Err(error) => return Err(port(error.into())),
+        };
+        let file = Flock::lock(file, FlockArg::LockExclusiveNonblock).map_err(|(_, error)| match error {
+            Errno::EWOULDBLOCK => SerialError::InUse { path: path.to_owned() },
+            error => port(error.into()),
+        })?;
+        termios::cfmakeraw(&mut settings);
+        settings.control_flags |= ControlFlags::CLOCAL | ControlFlags::CREAD;
+        settings.control_flags &= !(ControlFlags::CSTOPB | ControlFlags::CRTSCTS);
+        termios::cfsetspeed(&mut settings, rate).map_err(|error| port(error.into()))?;
+        termios::tcsetattr(&*file, SetArg::TCSANOW, &settings).map_err(|error| port(error.into()))?;
+        termios::tcflush(&*file, FlushArg::TCIOFLUSH).map_err(|error| port(error.into()))?;
+        let handshake = Handshake { line_feeds: false, acknowledge: false, checksum: false };
+        let mut line = Self { path: path.to_owned(), baud, file, handshake };
+        line.write(&[CANCEL])?;
+        line.recognise()?;
+        Ok(line)
+    }
+
+    /// Sends one command line and returns the lines of its answer.
+    ///
+    /// # Errors
+    /// [`SerialError`]; [`SerialError::Board`] when the board refused the line.
+    pub fn send(&mut self, line: &str, timeout: Duration) -> Result<Vec<String>, SerialError> {
+        let reply = self.exchange(line, timeout)?;
+        if !self.handshake.acknowledge && !self.handshake.line_feeds && reply.error.is_none() {
+            // Silence is all this form has to say that a line was taken: only another answer shows that it is done.
+            self.answers_within(timeout)?;
+        }
+        match reply.error {
+            None => Ok(reply.lines),
+            Some(error) => Err(SerialError::Board { code: error.code, lines: reply.lines }),
+        }
+    }
+
+    /// Asks the board anew how it answers, until it does: after a reset, which may change the handshake.
+    ///
+    /// # Errors
+    /// [`SerialError::NoBoard`] when it has not answered within `timeout`.
+    pub fn answers_within(&mut self, timeout: Duration) -> Result<(), SerialError> {
+        let deadline = Instant::now() + timeout;
+        loop {
+            match self.recognise() {
+                Err(SerialError::NoBoard { .. }) if Instant::now() < deadline => {}
+                result => return result,
+            }
+        }
+    }
+
+    fn recognise(&mut self) -> Result<(), SerialError> {
+        let mut silent = true;
+        for _ in 0..PROBES {
+            self.drain()?;
+            self.write(b"I4\r")?;
+            let bytes = self.collect(PROBE, |bytes| match bytes {
+                [] => Finish::No,
+                _ => Finish::AfterSilence,
+            })?;
+            if let Some(handshake) = recognise(&bytes) {
+                self.handshake = handshake;
+                return Ok(());
+            }
+            silent &= bytes.is_empty();
+        }
+        Err(SerialError::NoBoard { path: self.path.clone(), baud: self.baud, silent })
+    }
+
+    fn exchange(&mut self, line: &str, timeout: Duration) -> Result<Reply, SerialError> {
+        self.drain()?;
+        self.write(format!("{line}\r").as_bytes())?;
+        let handshake = self.handshake;
+        let bytes = self.collect(timeout, |bytes| match parse(handshake, bytes) {
+            Answer::Complete(_) => Finish::Now,
+            Answer::PerhapsComplete(_) => Finish::AfterSilence,
+            Answer::Unfinished => Finish::No,
+        })?;
+        match parse(handshake, &bytes) {
+            Answer::PerhapsComplete(reply) | Answer::Complete(reply) => Ok(reply),
+            Answer::Unfinished => Err(SerialError::TimedOut),
+        }
+    }
+
+    /// Throws away what came unasked.
+    fn drain(&mut self) -> Result<(), SerialError> {
+        termios::tcflush(&*self.file, FlushArg::TCIFLUSH).map_err(|error| self.port(error.into()))
+    }
+
+    /// What comes until `finish` is content with it, or until `timeout`.
+    fn collect(
+        &mut self,
+        timeout: Duration,
+        finish: impl Fn(&[u8]) -> Finish,
+    ) -> Result<Vec<u8>, SerialError> {
+        let deadline = Instant::now() + timeout;
+        let mut bytes = Vec::new();
+        let mut chunk = [0; 1024];
+        let mut heard = Instant::now();
+        loop {
+            let until = match finish(&bytes) {
+                Finish::Now => return Ok(bytes),
+                Finish::AfterSilence => deadline.min(heard + QUIET),
+                Finish::No => deadline,
+            };
+            let wait = until.saturating_duration_since(Instant::now());
+            if wait.is_zero() || bytes.len() > LONGEST {
+                return Ok(bytes);
+            }
+            if !self.ready(PollFlags::POLLIN, wait)? {
+                continue;
+            }
+            match self.file.read(&mut chunk) {
+                Ok(0) => return Err(self.port(io::ErrorKind::UnexpectedEof.into())),
+                Ok(count) => bytes.extend_from_slice(&chunk[..count]),
+                Err(error) if again(&error) => {}
+                Err(error) => return Err(self.port(error)),
+            }
+            heard = Instant::now();
+        }
+    }
+
+    fn write(&mut self, mut bytes: &[u8]) -> Result<(), SerialError> {
+        let deadline = Instant::now() + PROBE + Duration::from_secs(2 * bytes.len() as u64 / 100);
+        while !bytes.is_empty() {
+            if !self.ready(PollFlags::POLLOUT, deadline.saturating_duration_since(Instant::now()))? {
+                return Err(
+                    self.port(io::Error::new(io::ErrorKind::TimedOut, "the line does not take characters"))
+                );
+            }
+            match self.file.write(bytes) {
+                Ok(count) => bytes = &bytes[count..],
+                Err(error) if again(&error) => {}
+                Err(error) => return Err(self.port(error)),
+            }
+        }
+        Ok(())
+    }
+
+    fn ready(&self, events: PollFlags, wait: Duration) -> Result<bool, SerialError> {
+        // Rounded up, so that a wait that is nearly over does not spin.
+        let millis = u16::try_from(wait.as_millis().saturating_add(1)).unwrap_or(u16::MAX);
+        match poll(&mut [PollFd::new(self.file.as_fd(), events)], PollTimeout::from(millis)) {
+            Ok(count) => Ok(count > 0),
+            Err(Errno::EINTR) => Ok(false),
+            Err(error) => Err(self.port(error.into())),
+        }
+    }
+
+    fn port(&self, source: io::Error) -> SerialError {
+        SerialError::Port { path: self.path.clone(), source }
+    }
+}
+
+/// Whether what has come is an answer.
+enum Finish {
+    /// It is.
+    Now,
+    /// It is, if nothing more comes for [`QUIET`].
+    AfterSilence,
+    /// It is not.
+    No,
+}
+
+fn again(error: &io::Error) -> bool {
+    matches!(error.kind(), io::ErrorKind::Interrupted | io::ErrorKind::WouldBlock)
+}
+
+fn rate(baud: u32) -> Option<BaudRate> {
+    Some(match baud {
+        1200 => BaudRate::B1200,
+        2400 => BaudRate::B2400,
+        4800 => BaudRate::B4800,
+        9600 => BaudRate::B9600,
+        19_200 => BaudRate::B19200,
+        38_400 => BaudRate::B38400,
+        57_600 => BaudRate::B57600,
+        115_200 => BaudRate::B115200,
+        _ => return None,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_rate_that_is_named_exists() {
+        for baud in BAUD_RATES {
+            assert!(rate(baud).is_some(), "{baud}");
+        }
+        assert!(rate(300).is_none());
+    }
+
+    #[test]
+    fn what_is_no_serial_line_is_said() {
+        let refused = |path: &str| SerialLine::open(Path::new(path), 9600).unwrap_err().to_string();
+        assert!(refused("/nonexistent/ttyS0").contains("No such file"));
+        assert_eq!(refused("/dev/null"), "/dev/null: not a serial line");
+        let error = SerialLine::open(Path::new("/dev/null"), 300).unwrap_err().to_string();
+        assert!(error.starts_with("300 baud is none of 1200"), "{error}");
+    }
+
+    #[test]
+    fn a_line_on_which_nobody_answers_is_given_up() {
+        let pty = nix::pty::openpty(None, None).unwrap();
+        let path = nix::unistd::ttyname(&pty.slave).unwrap();
+        let error = SerialLine::open(&path, 38_400).unwrap_err();
+        assert!(matches!(error, SerialError::NoBoard { silent: true, .. }), "{error}");
+        assert!(error.to_string().contains("is 38400 its rate"), "{error}");
+    }
+}

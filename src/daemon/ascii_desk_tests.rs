@@ -1,0 +1,115 @@
+//! The desk in front of a hand-driven board: who waits for whom, and what is never begun.
+
+use super::*;
+use crate::daemon::queue::{Receive, queue};
+use crate::device::FileBoard;
+use crate::map::classic::{
+    ASCII_CONTROL_CHARACTER, ASCII_INPUT_CONTROL, ASCII_OUTPUT_CONTROL, COMMAND_LOADED, RESPONSE_ACKNOWLEDGE,
+};
+use crate::segment::{CreateOptions, Identity, SegmentName};
+
+struct Rig {
+    bus: FileBoard,
+    desk: AsciiDesk,
+    events: Sender<Event>,
+    told: Receive<Event>,
+    publisher: Publisher,
+    _directory: tempfile::TempDir,
+    now: Instant,
+}
+
+impl Rig {
+    fn new() -> Self {
+        let file = tempfile::tempfile().unwrap();
+        file.set_len(0x4000).unwrap();
+        let directory = tempfile::tempdir().unwrap();
+        let options = CreateOptions {
+            directory: directory.path().to_owned(),
+            ..CreateOptions::new(SegmentName::new("desk").unwrap(), Vec::new())
+        };
+        let now = Instant::now();
+        let (events, told) = queue(16).unwrap();
+        Self {
+            bus: FileBoard::from_file(&file, 0x4000).unwrap(),
+            desk: AsciiDesk::new(TextOrder::LowFirst, Identifier::new(Identity::default(), false, now)),
+            events,
+            told,
+            publisher: Publisher::create(&options).unwrap(),
+            _directory: directory,
+            now,
+        }
+    }
+
+    fn send(&mut self, ticket: u64, line: &str, patience: Duration) {
+        let line = Text::new(line.as_bytes()).unwrap();
+        let command = Command::Send { ticket: Ticket(ticket), line, deadline: self.now + patience };
+        self.desk.submit(&command, self.now).unwrap();
+    }
+
+    fn control(&mut self, ticket: u64, character: u8) {
+        let deadline = self.now + Duration::from_secs(5);
+        let command = Command::Control { ticket: Ticket(ticket), character, deadline };
+        self.desk.submit(&command, self.now).unwrap();
+    }
+
+    fn pass(&mut self) {
+        self.desk.pass(&mut self.bus, &self.events, &self.publisher, self.now).unwrap();
+    }
+
+    fn ended(&self) -> Vec<(u64, Outcome)> {
+        std::iter::from_fn(|| self.told.try_receive())
+            .filter_map(|event| match event {
+                Event::Done(ticket, outcome) => Some((ticket.0, outcome)),
+                _ => None,
+            })
+            .collect()
+    }
+
+    fn loaded(&mut self) -> bool {
+        self.bus.read16(ASCII_OUTPUT_CONTROL).unwrap() & COMMAND_LOADED != 0
+    }
+}
+
+#[test]
+fn a_line_whose_time_is_over_is_never_begun() {
+    let mut rig = Rig::new();
+    rig.send(1, "P1", Duration::from_secs(60));
+    rig.pass();
+    assert!(rig.loaded());
+    rig.bus.write16(ASCII_OUTPUT_CONTROL, 0).unwrap();
+    for ticket in [2, 3, 4] {
+        rig.send(ticket, "#1J+", Duration::from_millis(100));
+    }
+    // The daemon stands still for a second; meanwhile the board answers.
+    rig.bus.write16(ASCII_INPUT_CONTROL, RESPONSE_ACKNOWLEDGE).unwrap();
+    rig.now += Duration::from_secs(1);
+    for _ in 0..6 {
+        rig.pass();
+        assert!(!rig.loaded(), "its caller has been told that it was not done");
+    }
+    let unavailable = |ticket| (ticket, Outcome::Unavailable);
+    assert_eq!(rig.ended(), [(1, Outcome::Done), unavailable(2), unavailable(3), unavailable(4)]);
+}
+
+#[test]
+fn what_stops_the_machine_does_not_wait_behind_a_report() {
+    const POSITIONS: u8 = 0x10;
+    const KILL_ALL: u8 = 0x0B;
+    let mut rig = Rig::new();
+    rig.send(1, "P1", Duration::from_secs(60));
+    rig.pass();
+    assert!(rig.loaded(), "the board does not answer yet");
+    rig.control(2, POSITIONS);
+    rig.control(3, KILL_ALL);
+    rig.pass();
+    assert_eq!(rig.bus.read16(ASCII_CONTROL_CHARACTER).unwrap(), u16::from(KILL_ALL));
+    rig.bus.write16(ASCII_CONTROL_CHARACTER, 0).unwrap();
+    rig.pass();
+    assert_eq!(rig.ended(), [(3, Outcome::Done)]);
+    // The report comes when the line is done.
+    rig.bus.write16(ASCII_OUTPUT_CONTROL, 0).unwrap();
+    rig.bus.write16(ASCII_INPUT_CONTROL, RESPONSE_ACKNOWLEDGE).unwrap();
+    rig.pass();
+    rig.pass();
+    assert_eq!(rig.bus.read16(ASCII_CONTROL_CHARACTER).unwrap(), u16::from(POSITIONS));
+}

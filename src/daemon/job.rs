@@ -1,0 +1,56 @@
+//! What the socket can have the other functions do: panel requests, words of the open area, rotary programs.
+
+use crate::function::panel::{FeedOverride, PanelRequest};
+use crate::function::rotary::{RotaryBuffer, RotarySetup};
+use crate::function::variable_read::VariableEntry;
+use crate::function::variable_write::WriteRecord;
+use crate::map::HostOffset;
+
+/// One job.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Job {
+    /// Hand a control panel request to the board; done when the board has taken it.
+    Panel(PanelRequest),
+    /// Set a coordinate system's feed rate override, or stop overriding it.
+    Override {
+        /// The coordinate system, 1 to 8.
+        coordinate_system: usize,
+        /// The override, or `None` to leave the board's own.
+        value: Option<FeedOverride>,
+    },
+    /// Write words, ascending; of each only the bits set in its mask (others keep what they are).
+    Write {
+        /// The first word.
+        first: HostOffset,
+        /// Values and masks.
+        words: Vec<MaskedWord>,
+        /// Also where an automatic function or a buffer owns the words.
+        anywhere: bool,
+    },
+    /// Have PMAC copy these registers in the background, instead of those it copied before; none stops it.
+    WatchVariables(Vec<VariableEntry>),
+    /// Have PMAC write registers, in their order; done when it has.
+    WriteVariables(Vec<WriteRecord>),
+    /// Set a rotary buffer up, empty.
+    RotaryOpen(RotarySetup),
+    /// Put lines into a rotary buffer, as there is room; done when the last one is in.
+    RotarySend {
+        /// Which buffer.
+        buffer: RotaryBuffer,
+        /// The commands of each line, two words a command.
+        lines: Vec<Vec<(u32, u32)>>,
+    },
+    /// No line will follow: running empty is no underrun any more.
+    RotaryFinish(RotaryBuffer),
+    /// How far a rotary buffer is. Answered by [`super::queue::Event::Rotary`].
+    RotaryState(RotaryBuffer),
+}
+
+/// A word to write, and which of its bits.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct MaskedWord {
+    /// The value.
+    pub value: u16,
+    /// The bits to change.
+    pub mask: u16,
+}

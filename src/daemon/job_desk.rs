@@ -1,0 +1,151 @@
+//! The desks of the functions other than ASCII, as one: who gets a job, and when each is due.
+
+use std::time::Instant;
+
+use super::job::{Job, MaskedWord};
+use super::panel_desk::PanelDesk;
+use super::queue::{Event, Outcome, Text, Ticket};
+use super::rotary_desk::RotaryDesk;
+use super::write_desk::WriteDesk;
+use crate::device::{Bus, BusError};
+use crate::function::variable_read::{VariableMode, VariableReadBusError, VariableReader};
+use crate::function::variable_write::VariableWriter;
+use crate::map::{HostOffset, Plan};
+use crate::mirror::VariableMirror;
+use crate::segment::Publisher;
+
+/// The desks.
+pub struct JobDesk {
+    plan: Plan,
+    panel: PanelDesk,
+    rotary: RotaryDesk,
+    variables: VariableMirror,
+    write: WriteDesk,
+}
+
+impl JobDesk {
+    /// Desks whose buffers lie where `plan` says.
+    #[must_use]
+    pub fn new(plan: Plan, mode: VariableMode) -> Self {
+        Self {
+            panel: PanelDesk::new(),
+            rotary: RotaryDesk::new(),
+            variables: VariableMirror::new(plan.variable_read(), mode),
+            write: WriteDesk::new(plan.variable_write()),
+            plan,
+        }
+    }
+
+    /// Puts the board's host words in order at the start, or after a reset.
+    ///
+    /// # Errors
+    /// When the bus cannot be reached.
+    pub fn take_over(&mut self, bus: &mut impl Bus, publisher: &Publisher) -> Result<(), BusError> {
+        self.rotary.forget();
+        VariableWriter::release(bus)?;
+        VariableReader::release(bus)?;
+        self.variables.begin_again(bus, publisher, Instant::now())?;
+        self.panel.take_over(bus)
+    }
+
+    /// Leaves nothing requested on the way out. Overrides stay: a machine's speed must not change because its
+    /// daemon stops.
+    ///
+    /// # Errors
+    /// When the bus cannot be reached.
+    pub fn leave(&mut self, bus: &mut impl Bus) -> Result<(), BusError> {
+        VariableWriter::release(bus)?;
+        VariableReader::release(bus)?;
+        self.panel.leave(bus)
+    }
+
+    /// Takes a job in; tells its end if it has one at once.
+    ///
+    /// # Errors
+    /// When the bus cannot be reached.
+    pub fn submit(
+        &mut self,
+        bus: &mut impl Bus,
+        publisher: &Publisher,
+        ticket: Ticket,
+        job: Job,
+        deadline: Instant,
+    ) -> Result<Option<Event>, BusError> {
+        let outcome = match job {
+            Job::Panel(request) => return Ok(self.panel.submit(ticket, request, deadline)),
+            Job::RotarySend { buffer, lines } => {
+                return Ok(self.rotary.submit(ticket, buffer, lines, deadline));
+            }
+            Job::WriteVariables(records) => return Ok(self.write.submit(ticket, records, deadline)),
+            Job::RotaryState(buffer) => return self.rotary.state(bus, ticket, buffer).map(Some),
+            Job::Override { coordinate_system, value } => {
+                self.panel.set_override(bus, coordinate_system, value)?
+            }
+            Job::Write { first, words, anywhere } => {
+                match if anywhere { Ok(()) } else { self.plan.check_open(first, words.len()) } {
+                    Ok(()) => write(bus, first, &words)?,
+                    Err(reason) => Outcome::Refused(Text::of(&reason)),
+                }
+            }
+            Job::WatchVariables(entries) => {
+                match self.variables.begin(bus, &entries, publisher, Instant::now()) {
+                    Ok(()) => Outcome::Done,
+                    Err(VariableReadBusError::Refused(reason)) => Outcome::Refused(Text::of(&reason)),
+                    Err(VariableReadBusError::Bus(error)) => return Err(error),
+                }
+            }
+            Job::RotaryOpen(setup) => self.rotary.open(bus, &setup)?,
+            Job::RotaryFinish(buffer) => self.rotary.finish(buffer),
+        };
+        Ok(Some(Event::Done(ticket, outcome)))
+    }
+
+    /// When to pass next; `None` while nothing is to be done.
+    #[must_use]
+    pub fn due(&self) -> Option<Instant> {
+        let dues = [self.panel.due(), self.rotary.due(), self.write.due(), self.variables.due()];
+        dues.into_iter().flatten().min()
+    }
+
+    /// Does one bounded piece of what is due, what was due first first.
+    ///
+    /// # Errors
+    /// When the bus cannot be reached.
+    pub fn pass(
+        &mut self,
+        bus: &mut impl Bus,
+        publisher: &mut Publisher,
+        now: Instant,
+    ) -> Result<Option<Event>, BusError> {
+        let Some(first) = self.due().filter(|due| *due <= now) else { return Ok(None) };
+        if self.panel.due() == Some(first) {
+            self.panel.pass(bus, now)
+        } else if self.write.due() == Some(first) {
+            self.write.pass(bus, now)
+        } else if self.rotary.due() == Some(first) {
+            self.rotary.pass(bus, now)
+        } else {
+            self.variables.pass(bus, publisher, now).map(|()| None)
+        }
+    }
+}
+
+/// Writes words, ascending, of each only the bits of its mask.
+fn write(bus: &mut impl Bus, first: HostOffset, words: &[MaskedWord]) -> Result<Outcome, BusError> {
+    // Nothing is written unless all of it can be.
+    let end = first.plus_words(words.len()).bytes() as usize;
+    if end > bus.length() {
+        return Ok(Outcome::OutOfRange);
+    }
+    for (index, word) in words.iter().enumerate() {
+        let offset = first.plus_words(index);
+        let value = if word.mask == u16::MAX {
+            word.value
+        } else {
+            bus.read16(offset)? & !word.mask | word.value & word.mask
+        };
+        bus.write16(offset, value)?;
+    }
+    bus.order_writes();
+    Ok(Outcome::Done)
+}

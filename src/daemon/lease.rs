@@ -1,0 +1,84 @@
+//! Leases on jogs: a motor jogs only while the client that holds it says so.
+//!
+//! `PanelHold` starts a jog; the same connection has to renew it within [`LEASE`], again and again. When it does not,
+//! or is gone, the stop is requested.
+
+use std::collections::HashMap;
+use std::time::{Duration, Instant};
+
+use crate::function::panel::PanelRequest;
+
+/// How long a client may be silent.
+pub(super) const LEASE: Duration = Duration::from_millis(200);
+
+#[derive(Debug)]
+struct Lease {
+    stop: PanelRequest,
+    until: Instant,
+}
+
+/// Every lease there is, by client.
+#[derive(Debug, Default)]
+pub(super) struct Leases(HashMap<u64, Lease>);
+
+impl Leases {
+    /// `client` holds a jog that `stop` ends. One it held before is added to it.
+    /// It runs until `begun` at first, when the board must have taken the jog, and after that from renewal to renewal.
+    pub(super) fn begin(&mut self, client: u64, stop: PanelRequest, begun: Instant) {
+        let lease = self.0.entry(client).or_insert(Lease { stop: PanelRequest::default(), until: begun });
+        lease.until = lease.until.max(begun);
+        lease.stop.mask |= stop.mask;
+        for (held, new) in lease.stop.words.iter_mut().zip(stop.words) {
+            *held |= new;
+        }
+    }
+
+    /// `client` is still there; false when it holds nothing.
+    pub(super) fn renew(&mut self, client: u64, now: Instant) -> bool {
+        let lease = self.0.get_mut(&client);
+        let held = lease.is_some();
+        if let Some(lease) = lease {
+            lease.until = now + LEASE;
+        }
+        held
+    }
+
+    /// When the next one runs out.
+    pub(super) fn next_end(&self) -> Option<Instant> {
+        self.0.values().map(|lease| lease.until).min()
+    }
+
+    /// Takes out one that has run out, or whose client `is_gone`: the client, and what to request.
+    pub(super) fn ended(
+        &mut self,
+        now: Instant,
+        is_gone: impl Fn(u64) -> bool,
+    ) -> Option<(u64, PanelRequest)> {
+        let client =
+            self.0.iter().find(|(client, lease)| lease.until <= now || is_gone(**client)).map(|(c, _)| *c)?;
+        self.0.remove(&client).map(|lease| (client, lease.stop))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::function::panel::PanelAction;
+
+    #[test]
+    fn silence_and_absence_end_a_lease_and_renewal_does_not() {
+        let now = Instant::now();
+        let stop = |motor| PanelRequest::of(PanelAction::JogStop, &[motor]).unwrap();
+        let mut leases = Leases::default();
+        for (client, motor) in [(7, 1), (7, 3), (8, 2)] {
+            leases.begin(client, stop(motor), now + LEASE);
+        }
+        assert!(leases.renew(7, now + LEASE / 2) && !leases.renew(9, now));
+        assert_eq!(leases.next_end(), Some(now + LEASE));
+        assert_eq!(leases.ended(now + LEASE, |_| false), Some((8, stop(2))));
+        assert_eq!(leases.ended(now + LEASE, |_| false), None);
+        let both = PanelRequest::of(PanelAction::JogStop, &[1, 3]).unwrap();
+        assert_eq!(leases.ended(now + LEASE, |client| client == 7), Some((7, both)));
+        assert_eq!(leases.next_end(), None);
+    }
+}

@@ -1,0 +1,207 @@
+//! The desk in front of the binary rotary buffers: keeps the board fed as it makes room.
+
+use std::collections::VecDeque;
+use std::time::{Duration, Instant};
+
+use super::queue::{Event, Outcome, Text, Ticket};
+use crate::device::{Bus, BusError};
+use crate::function::rotary::{RotaryBuffer, RotaryError, RotarySetup, RotaryStream};
+
+/// Batches of lines that may wait, for both buffers together.
+const WAITING_MAX: usize = 32;
+/// Commands written in one pass: four words each, so that the servo data never wait long.
+const COMMANDS_A_PASS: usize = 16;
+/// How often to look for room in a full buffer.
+const LOOK: Duration = Duration::from_millis(1);
+
+/// The commands of a line, two words each.
+type Line = Vec<(u32, u32)>;
+
+#[derive(Debug)]
+struct Batch {
+    ticket: Ticket,
+    buffer: RotaryBuffer,
+    lines: VecDeque<Line>,
+    deadline: Instant,
+}
+
+/// The desk.
+#[derive(Debug)]
+pub struct RotaryDesk {
+    streams: [Option<RotaryStream>; 2],
+    waiting: VecDeque<Batch>,
+    next_look: Instant,
+}
+
+impl RotaryDesk {
+    /// A desk with no buffer set up.
+    #[must_use]
+    pub fn new() -> Self {
+        Self {
+            streams: [None, None],
+            waiting: VecDeque::with_capacity(WAITING_MAX),
+            next_look: Instant::now(),
+        }
+    }
+
+    /// Forgets the buffers, as after a reset of the board: they have to be set up again.
+    pub fn forget(&mut self) {
+        self.streams = [None, None];
+    }
+
+    fn stream(&mut self, buffer: RotaryBuffer) -> &mut Option<RotaryStream> {
+        &mut self.streams[buffer as usize]
+    }
+
+    /// Sets a buffer up.
+    ///
+    /// # Errors
+    /// When the bus cannot be reached.
+    pub fn open(&mut self, bus: &mut impl Bus, setup: &RotarySetup) -> Result<Outcome, BusError> {
+        if self.waiting.iter().any(|batch| batch.buffer == setup.buffer) {
+            return Ok(refused(&"lines for this buffer are still waiting; let them go first"));
+        }
+        match RotaryStream::set_up(bus, setup) {
+            Ok(stream) => {
+                *self.stream(setup.buffer) = Some(stream);
+                Ok(Outcome::Done)
+            }
+            Err(RotaryError::Bus(error)) => Err(error),
+            Err(reason) => Ok(refused(&reason)),
+        }
+    }
+
+    /// Takes lines in, or refuses them.
+    pub fn submit(
+        &mut self,
+        ticket: Ticket,
+        buffer: RotaryBuffer,
+        lines: Vec<Line>,
+        deadline: Instant,
+    ) -> Option<Event> {
+        let reason = if self.stream(buffer).is_none() {
+            Some("the rotary buffer has not been set up")
+        } else if self.waiting.len() == WAITING_MAX {
+            Some("too many lines wait already")
+        } else {
+            None
+        };
+        if let Some(reason) = reason {
+            return Some(Event::Done(ticket, refused(&reason)));
+        }
+        self.waiting.push_back(Batch { ticket, buffer, lines: lines.into(), deadline });
+        self.next_look = Instant::now();
+        None
+    }
+
+    /// No line will follow.
+    pub fn finish(&mut self, buffer: RotaryBuffer) -> Outcome {
+        match self.stream(buffer) {
+            Some(stream) => {
+                stream.finish();
+                Outcome::Done
+            }
+            None => refused(&"the rotary buffer has not been set up"),
+        }
+    }
+
+    /// How far a buffer is.
+    ///
+    /// # Errors
+    /// When the bus cannot be reached.
+    pub fn state(
+        &mut self,
+        bus: &mut impl Bus,
+        ticket: Ticket,
+        buffer: RotaryBuffer,
+    ) -> Result<Event, BusError> {
+        let Some(stream) = self.stream(buffer) else {
+            return Ok(Event::Done(ticket, refused(&"the rotary buffer has not been set up")));
+        };
+        match stream.state(bus) {
+            Ok(state) => Ok(Event::Rotary(ticket, state)),
+            Err(RotaryError::Bus(error)) => Err(error),
+            Err(reason) => Ok(Event::Done(ticket, refused(&reason))),
+        }
+    }
+
+    /// When to pass next; `None` while nothing waits.
+    #[must_use]
+    pub fn due(&self) -> Option<Instant> {
+        (!self.waiting.is_empty()).then_some(self.next_look)
+    }
+
+    /// Puts in what there is room for; tells what has ended.
+    ///
+    /// # Errors
+    /// When the bus cannot be reached.
+    pub fn pass(&mut self, bus: &mut impl Bus, now: Instant) -> Result<Option<Event>, BusError> {
+        // Both buffers get their turn: a full one does not hold up the other.
+        for buffer in [RotaryBuffer::First, RotaryBuffer::Second] {
+            let Some(index) = self.waiting.iter().position(|batch| batch.buffer == buffer) else { continue };
+            match self.feed(bus, index)? {
+                Fed::Some => self.next_look = now,
+                Fed::Full => self.next_look = now + LOOK,
+                Fed::Ended(event) => {
+                    self.waiting.remove(index);
+                    self.next_look = now;
+                    return Ok(Some(event));
+                }
+            }
+        }
+        let late = self.waiting.iter().position(|batch| now >= batch.deadline);
+        Ok(late.and_then(|index| self.waiting.remove(index)).map(|batch| {
+            let reason = format!("the board made no room for {} of the lines in time", batch.lines.len());
+            Event::Done(batch.ticket, refused(&reason))
+        }))
+    }
+
+    fn feed(&mut self, bus: &mut impl Bus, index: usize) -> Result<Fed, BusError> {
+        let Some(batch) = self.waiting.get_mut(index) else { return Ok(Fed::Full) };
+        let Some(stream) = &mut self.streams[batch.buffer as usize] else {
+            return Ok(Fed::Ended(Event::Done(
+                batch.ticket,
+                refused(&"the rotary buffer was lost in a reset"),
+            )));
+        };
+        let mut commands = 0;
+        while let Some(line) = batch.lines.front() {
+            if commands > 0 && commands + line.len() > COMMANDS_A_PASS {
+                return Ok(Fed::Some);
+            }
+            match stream.offer(bus, line) {
+                Ok(true) => {
+                    commands += line.len();
+                    batch.lines.pop_front();
+                }
+                Ok(false) => return Ok(Fed::Full),
+                Err(RotaryError::Bus(error)) => return Err(error),
+                Err(reason) => return Ok(Fed::Ended(Event::Done(batch.ticket, refused(&reason)))),
+            }
+        }
+        Ok(Fed::Ended(Event::Done(batch.ticket, Outcome::Done)))
+    }
+}
+
+impl Default for RotaryDesk {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+#[expect(
+    clippy::large_enum_variant,
+    reason = "short-lived, and the event travels inline as it does in the queue"
+)]
+enum Fed {
+    /// There may be room for more.
+    Some,
+    /// There is no room for the next line.
+    Full,
+    /// The batch is done or cannot be.
+    Ended(Event),
+}
+
+fn refused(reason: &dyn std::fmt::Display) -> Outcome {
+    Outcome::Refused(Text::of(reason))
+}

@@ -1,0 +1,115 @@
+//! Who watches which registers: equal requests of many clients share one entry of PMAC's table of 128.
+
+use std::collections::BTreeMap;
+
+use crate::function::variable_read::VariableEntry;
+use crate::map::classic::VARIABLE_READ_ENTRIES;
+
+/// No entry is left.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error(
+    "PMAC reads {VARIABLE_READ_ENTRIES} registers at most; {used} are in use, {wanted} more are wanted: close a watch, or \
+     watch fewer"
+)]
+pub(super) struct NoneLeft {
+    used: usize,
+    wanted: usize,
+}
+
+/// Every client's registers.
+#[derive(Debug, Default)]
+pub(super) struct Subscriptions {
+    clients: BTreeMap<u64, Vec<VariableEntry>>,
+    /// The table as it should be on the board, and whether the bus thread has been told.
+    table: Vec<VariableEntry>,
+    is_told: bool,
+}
+
+impl Subscriptions {
+    /// `client` watches `entries`, instead of what it watched before.
+    ///
+    /// # Errors
+    /// When there are not enough entries left; nothing is changed then.
+    pub(super) fn watch(&mut self, client: u64, entries: Vec<VariableEntry>) -> Result<(), NoneLeft> {
+        let before = self.clients.insert(client, entries);
+        let table = self.merged();
+        if table.len() > VARIABLE_READ_ENTRIES {
+            match before {
+                Some(before) => self.clients.insert(client, before),
+                None => self.clients.remove(&client),
+            };
+            let used = self.merged().len();
+            return Err(NoneLeft { used, wanted: table.len() - used });
+        }
+        self.adopt(table);
+        Ok(())
+    }
+
+    /// `client` is gone.
+    pub(super) fn forget(&mut self, client: u64) {
+        if self.clients.remove(&client).is_some() {
+            let table = self.merged();
+            self.adopt(table);
+        }
+    }
+
+    /// The table to tell the bus thread, if it has changed since it was told.
+    pub(super) fn news(&self) -> Option<Vec<VariableEntry>> {
+        (!self.is_told).then(|| self.table.clone())
+    }
+
+    /// The bus thread has been told.
+    pub(super) fn told(&mut self) {
+        self.is_told = true;
+    }
+
+    /// Every register somebody watches, once. Those that stay keep their order, so that a change moves little.
+    fn merged(&self) -> Vec<VariableEntry> {
+        let wanted = || self.clients.values().flatten().copied();
+        let mut table: Vec<VariableEntry> =
+            self.table.iter().copied().filter(|entry| wanted().any(|other| other == *entry)).collect();
+        for entry in wanted() {
+            if !table.contains(&entry) {
+                table.push(entry);
+            }
+        }
+        table
+    }
+
+    fn adopt(&mut self, table: Vec<VariableEntry>) {
+        if table != self.table {
+            self.table = table;
+            self.is_told = false;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::function::variable_read::VariableKind;
+
+    fn entries(addresses: std::ops::Range<u16>) -> Vec<VariableEntry> {
+        addresses.map(|address| VariableEntry { address, kind: VariableKind::X }).collect()
+    }
+
+    #[test]
+    fn equal_requests_share_and_are_freed_with_the_last() {
+        let mut subscriptions = Subscriptions { is_told: true, ..Subscriptions::default() };
+        assert_eq!(subscriptions.news(), None);
+        subscriptions.watch(1, entries(0..100)).unwrap();
+        subscriptions.watch(2, entries(50..128)).unwrap();
+        assert_eq!(subscriptions.news().unwrap().len(), 128);
+        subscriptions.told();
+        let error = subscriptions.watch(3, entries(120..130)).unwrap_err();
+        assert_eq!(error, NoneLeft { used: 128, wanted: 2 });
+        subscriptions.watch(3, entries(0..128)).unwrap();
+        assert_eq!(subscriptions.news(), None, "nothing new for the board");
+        subscriptions.forget(3);
+        subscriptions.forget(1);
+        assert_eq!(subscriptions.news(), Some(entries(50..128)));
+        subscriptions.told();
+        subscriptions.forget(2);
+        assert_eq!(subscriptions.news(), Some(Vec::new()));
+    }
+}

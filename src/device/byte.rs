@@ -1,0 +1,145 @@
+//! Byte registers beside the DPRAM: the VME mailboxes in a mapped window, the ISA host port in I/O space.
+//!
+//! These are not memory: a read or a write of one acts, so each is one access of exactly 8 bits.
+
+use std::fs::{File, OpenOptions};
+use std::os::unix::fs::FileExt;
+
+use super::mapping::Mapping;
+
+/// Where Linux shows the I/O space of a PC as a file; a byte read from or written to it is one 8-bit access.
+const PORT_NODE: &str = "/dev/port";
+
+/// A failure to reach a byte register.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum ByteBusError {
+    /// The register would lie outside the window.
+    #[error("byte register {offset:#x} lies outside the window of {length:#x} bytes")]
+    OutOfRange {
+        /// The register's offset.
+        offset: u32,
+        /// The window's length in bytes.
+        length: usize,
+    },
+    /// The kernel refused the access.
+    #[error("byte register {offset:#x} cannot be reached: {source}")]
+    Io {
+        /// The register's offset.
+        offset: u32,
+        /// What the kernel said.
+        source: std::io::Error,
+    },
+}
+
+/// Access to byte registers, each with one 8-bit access.
+pub trait ByteBus: Send {
+    /// Reads the register `offset` bytes from the window's start.
+    ///
+    /// # Errors
+    /// When it lies outside the window or cannot be reached.
+    fn read8(&mut self, offset: u32) -> Result<u8, ByteBusError>;
+
+    /// Writes the register `offset` bytes from the window's start.
+    ///
+    /// # Errors
+    /// When it lies outside the window or cannot be reached.
+    fn write8(&mut self, offset: u32, value: u8) -> Result<(), ByteBusError>;
+
+    /// Orders the accesses before this call before those after it.
+    fn order_accesses(&mut self);
+}
+
+impl ByteBus for Mapping {
+    fn read8(&mut self, offset: u32) -> Result<u8, ByteBusError> {
+        let length = self.length();
+        Mapping::read8(self, offset as usize).ok_or(ByteBusError::OutOfRange { offset, length })
+    }
+
+    fn write8(&mut self, offset: u32, value: u8) -> Result<(), ByteBusError> {
+        let length = self.length();
+        Mapping::write8(self, offset as usize, value).ok_or(ByteBusError::OutOfRange { offset, length })
+    }
+
+    fn order_accesses(&mut self) {
+        self.order_reads();
+        self.order_writes();
+    }
+}
+
+/// Registers in the I/O space of a PC. Needs the right to do raw I/O; nothing else on the machine may use them.
+pub struct PortRegisters {
+    file: File,
+    base: u16,
+    length: usize,
+}
+
+impl PortRegisters {
+    /// The `length` registers from I/O address `base` on (a PMAC's host port: 16, from 0x210 by default).
+    ///
+    /// # Errors
+    /// When the I/O space cannot be opened.
+    pub fn open(base: u16, length: usize) -> std::io::Result<Self> {
+        Ok(Self::in_file(OpenOptions::new().read(true).write(true).open(PORT_NODE)?, base, length))
+    }
+
+    /// The same registers in an open `file` that stands for the I/O space.
+    #[must_use]
+    pub fn in_file(file: File, base: u16, length: usize) -> Self {
+        Self { file, base, length }
+    }
+
+    fn position(&self, offset: u32) -> Result<u64, ByteBusError> {
+        if offset as usize >= self.length {
+            return Err(ByteBusError::OutOfRange { offset, length: self.length });
+        }
+        Ok(u64::from(self.base) + u64::from(offset))
+    }
+}
+
+impl ByteBus for PortRegisters {
+    fn read8(&mut self, offset: u32) -> Result<u8, ByteBusError> {
+        let mut byte = [0];
+        self.file
+            .read_exact_at(&mut byte, self.position(offset)?)
+            .map_err(|source| ByteBusError::Io { offset, source })?;
+        Ok(byte[0])
+    }
+
+    fn write8(&mut self, offset: u32, value: u8) -> Result<(), ByteBusError> {
+        self.file
+            .write_all_at(&[value], self.position(offset)?)
+            .map_err(|source| ByteBusError::Io { offset, source })
+    }
+
+    /// Nothing to do: each access has ended when the kernel returns.
+    fn order_accesses(&mut self) {}
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn registers_lie_from_the_base_on_and_nowhere_else() {
+        let file = tempfile::tempfile().unwrap();
+        file.set_len(0x1000).unwrap();
+        let mut ports = PortRegisters::in_file(file.try_clone().unwrap(), 0x210, 16);
+        let mut mapped = Mapping::new(&file, 0x210, 16).unwrap();
+        for bus in [&mut ports as &mut dyn ByteBus, &mut mapped] {
+            bus.write8(8, 0x67).unwrap();
+            assert_eq!((bus.read8(7).unwrap(), bus.read8(8).unwrap(), bus.read8(9).unwrap()), (0, 0x67, 0));
+            assert!(matches!(bus.read8(16), Err(ByteBusError::OutOfRange { .. })));
+            assert!(bus.write8(u32::MAX, 0).is_err());
+            bus.write8(8, 0).unwrap();
+        }
+        mapped.write8(9, 0x80).unwrap();
+        assert_eq!(ports.read8(9).unwrap(), 0x80);
+    }
+
+    #[test]
+    fn a_register_the_kernel_refuses_is_an_error_not_a_value() {
+        let mut ports = PortRegisters::in_file(tempfile::tempfile().unwrap(), 0x210, 16);
+        assert!(matches!(ports.read8(8), Err(ByteBusError::Io { offset: 8, .. })));
+    }
+}

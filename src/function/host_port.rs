@@ -1,0 +1,229 @@
+//! The board's own interrupt controller behind its ISA or PCI host port: unmask, acknowledge (PMAC User Manual
+//! p. 249-257, PMAC2 User Manual p. 91-92).
+//!
+//! | base + | PMAC(1): an 8259 | PMAC2 |
+//! |---|---|---|
+//! | 8 | command word 0: end of interrupt, 0x60 + line | latched lines; a 1 written clears the line |
+//! | 9 | mask, 1 = **masked** | lines as they stand |
+//! | 10 | - | mask, 1 = **enabled** |
+//! | 11 | - | 1 = level, 0 = edge |
+//!
+//! A DPRAM ASCII response raises line 7 of a PMAC(1) (EQU4, by jumper E55) and bit 5 of a PMAC2. Other lines of the
+//! same controller may be somebody else's, so the mask is changed by the one bit only.
+//!
+//! In which order to serve: read the response, write 0 to 0x06D0, acknowledge here, then look at 0x06D0 once more. A
+//! response that comes before the acknowledgement is found by that look; one that comes after it raises the line
+//! again. The line has no latch on the board: an interrupt with 0x06D0 = 0 is an old one that was served already.
+//!
+//! That a write of ones clears a PMAC2's latched lines is inferred from "write clears"; how a PMAC(1) leaves its 8259
+//! at power-on is told nowhere, so its initialisation is a setting, and off.
+
+use crate::device::{ByteBus, ByteBusError};
+
+/// Registers of the controller, in bytes from the host port's base.
+mod register {
+    /// PMAC(1): ICW1, OCW2, OCW3. PMAC2: latched lines.
+    pub const COMMAND: u32 = 8;
+    /// PMAC(1): ICW2, ICW4, mask.
+    pub const PIC_MASK: u32 = 9;
+    /// PMAC2: the lines as they stand.
+    pub const SIGNALS: u32 = 9;
+    /// PMAC2: mask.
+    pub const ENABLE: u32 = 10;
+}
+
+/// 8259: specific end of interrupt, the line in bits 2-0.
+const SPECIFIC_END: u8 = 0x60;
+/// 8259: the next read of register 8 gives the requests (OCW3).
+const SELECT_REQUESTS: u8 = 0x0A;
+
+/// Which controller it is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Controller {
+    /// PMAC(1) on an ISA bus.
+    Pic8259,
+    /// PMAC2.
+    Pmac2,
+}
+
+/// The three words that make an 8259 ready, in the order in which they are written: ICW1, ICW2, ICW4.
+pub type Initialisation = [u8; 3];
+
+/// Edge-triggered, alone, vectors from 8 on (which nobody reads), 8086 mode, ordinary end of interrupt.
+pub const EDGE_TRIGGERED: Initialisation = [0x13, 0x08, 0x01];
+
+/// The controller of one board and the line that is ours.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct HostPort {
+    /// Which controller.
+    pub controller: Controller,
+    /// The line, 0-7.
+    pub line: u8,
+    /// How to initialise an 8259 before its line is enabled; `None` leaves it as it is.
+    #[serde(default)]
+    pub initialisation: Option<Initialisation>,
+}
+
+impl HostPort {
+    /// A PMAC(1) whose DPRAM ASCII interrupt is on line 7 (jumper E55).
+    pub const PMAC: Self = Self { controller: Controller::Pic8259, line: 7, initialisation: None };
+    /// A PMAC2, whose DPRAM ASCII interrupt is bit 5.
+    pub const PMAC2: Self = Self { controller: Controller::Pmac2, line: 5, initialisation: None };
+
+    const fn bit(&self) -> u8 {
+        1 << (self.line & 7)
+    }
+
+    /// Lets the line through, after ending whatever interrupt of it was never ended. The other lines stay as they
+    /// are, or, where the controller is initialised, closed. 1 read and 2 writes; 4 more with an initialisation.
+    ///
+    /// # Errors
+    /// When the registers cannot be reached.
+    pub fn enable(&self, bus: &mut impl ByteBus) -> Result<(), ByteBusError> {
+        if let (Controller::Pic8259, Some([icw1, icw2, icw4])) = (self.controller, self.initialisation) {
+            bus.write8(register::COMMAND, icw1)?;
+            bus.write8(register::PIC_MASK, icw2)?;
+            bus.write8(register::PIC_MASK, icw4)?;
+            // Initialising opens every line.
+            bus.write8(register::PIC_MASK, u8::MAX)?;
+        }
+        self.acknowledge(bus)?;
+        self.change_mask(bus, true)
+    }
+
+    /// Shuts the line, and leaves the others as they are. 1 read, 1 write.
+    ///
+    /// # Errors
+    /// When the registers cannot be reached.
+    pub fn disable(&self, bus: &mut impl ByteBus) -> Result<(), ByteBusError> {
+        self.change_mask(bus, false)
+    }
+
+    /// Ends the line's interrupt, so that the next one can come. The PC's own controllers are the kernel's business.
+    /// 1 write.
+    ///
+    /// # Errors
+    /// When the registers cannot be reached.
+    pub fn acknowledge(&self, bus: &mut impl ByteBus) -> Result<(), ByteBusError> {
+        let value = match self.controller {
+            Controller::Pic8259 => SPECIFIC_END | self.line & 7,
+            Controller::Pmac2 => self.bit(),
+        };
+        bus.write8(register::COMMAND, value)?;
+        bus.order_accesses();
+        Ok(())
+    }
+
+    /// Whether the board holds the line up now. 1 read; on an 8259 1 write before it.
+    ///
+    /// # Errors
+    /// When the registers cannot be reached.
+    pub fn is_asserted(&self, bus: &mut impl ByteBus) -> Result<bool, ByteBusError> {
+        let lines = match self.controller {
+            Controller::Pic8259 => {
+                bus.write8(register::COMMAND, SELECT_REQUESTS)?;
+                bus.order_accesses();
+                bus.read8(register::COMMAND)?
+            }
+            Controller::Pmac2 => bus.read8(register::SIGNALS)?,
+        };
+        Ok(lines & self.bit() != 0)
+    }
+
+    fn change_mask(&self, bus: &mut impl ByteBus, enabled: bool) -> Result<(), ByteBusError> {
+        let (register, one_is_enabled) = match self.controller {
+            Controller::Pic8259 => (register::PIC_MASK, false),
+            Controller::Pmac2 => (register::ENABLE, true),
+        };
+        let mask = bus.read8(register)?;
+        let set = enabled == one_is_enabled;
+        bus.write8(register, if set { mask | self.bit() } else { mask & !self.bit() })?;
+        bus.order_accesses();
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The controller's registers; every write is kept.
+    struct Registers {
+        values: [u8; 16],
+        /// What an 8259 answers when asked for its requests.
+        requests: u8,
+        written: Vec<(u32, u8)>,
+        reads: usize,
+    }
+
+    impl Registers {
+        fn new() -> Self {
+            Self { values: [0; 16], requests: 0, written: Vec::new(), reads: 0 }
+        }
+    }
+
+    impl ByteBus for Registers {
+        fn read8(&mut self, offset: u32) -> Result<u8, ByteBusError> {
+            self.reads += 1;
+            let asked = self.written.last() == Some(&(8, 0x0A));
+            Ok(if offset == 8 && asked { self.requests } else { self.values[offset as usize] })
+        }
+        fn write8(&mut self, offset: u32, value: u8) -> Result<(), ByteBusError> {
+            self.written.push((offset, value));
+            self.values[offset as usize] = value;
+            Ok(())
+        }
+        fn order_accesses(&mut self) {}
+    }
+
+    #[test]
+    fn a_pmac_is_acknowledged_by_a_specific_end_and_masks_with_ones() {
+        let mut bus = Registers::new();
+        bus.values[9] = 0xFF;
+        HostPort::PMAC.enable(&mut bus).unwrap();
+        assert_eq!((bus.written.as_slice(), bus.reads), (&[(8, 0x67), (9, 0x7F)][..], 1));
+        HostPort::PMAC.acknowledge(&mut bus).unwrap();
+        assert_eq!(bus.written.last(), Some(&(8, 0x67)));
+        bus.values[9] = 0x5B;
+        HostPort::PMAC.disable(&mut bus).unwrap();
+        assert_eq!(bus.values[9], 0xDB, "the other lines are not ours");
+    }
+
+    #[test]
+    fn a_pmac2_is_the_other_way_round() {
+        let mut bus = Registers::new();
+        bus.values[10] = 0x81;
+        HostPort::PMAC2.enable(&mut bus).unwrap();
+        assert_eq!((bus.written.as_slice(), bus.reads), (&[(8, 0x20), (10, 0xA1)][..], 1));
+        HostPort::PMAC2.disable(&mut bus).unwrap();
+        assert_eq!(bus.values[10], 0x81);
+        bus.values[9] = 0x20;
+        assert!(HostPort::PMAC2.is_asserted(&mut bus).unwrap());
+        bus.values[9] = 0xDF;
+        assert!(!HostPort::PMAC2.is_asserted(&mut bus).unwrap());
+    }
+
+    #[test]
+    fn an_initialised_controller_opens_our_line_only() {
+        let mut bus = Registers::new();
+        HostPort { initialisation: Some(EDGE_TRIGGERED), ..HostPort::PMAC }.enable(&mut bus).unwrap();
+        assert_eq!(bus.written, [(8, 0x13), (9, 0x08), (9, 0x01), (9, 0xFF), (8, 0x67), (9, 0x7F)]);
+    }
+
+    #[test]
+    fn any_line_can_be_ours() {
+        for line in 0..8 {
+            let mut bus = Registers::new();
+            let port = HostPort { line, ..HostPort::PMAC };
+            bus.values[9] = 0xFF;
+            port.enable(&mut bus).unwrap();
+            assert_eq!(bus.written, [(8, 0x60 + line), (9, !(1 << line))]);
+            bus.requests = 1 << line;
+            assert!(port.is_asserted(&mut bus).unwrap());
+            bus.requests = !(1 << line);
+            assert!(!port.is_asserted(&mut bus).unwrap());
+        }
+    }
+}

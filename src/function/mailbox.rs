@@ -1,0 +1,451 @@
+//! The VME mailbox port: command lines and replies through sixteen byte registers (PMAC User Manual p. 263-267).
+//!
+//! | register | host | PMAC |
+//! |---|---|---|
+//! | mailbox 0, 2-15 | writes a group of up to 15 characters, mailbox 0 last | takes it, then interrupts with vector v-1 |
+//! | mailbox 1 | writes 0: the next group of a reply may come | - |
+//! | mailbox 0-15 | reads, up to `<CR>`, `<ACK>`, `<BELL>` or all 16 | fills, then interrupts with vector v |
+//! | base + 0x121 | writes bits A19-A14 of the DPRAM's address after every reset | selects the page |
+//!
+//! Mailbox n is the byte at base + 2n + 1. A line ends with `<CR>`, which may be a group of its own. A control
+//! character goes alone to mailbox 0. Behind the last character of a group stand characters of older ones.
+//!
+//! The registers tell nothing about where PMAC is: the two interrupts do ([`MailboxPort::signal`]). So it is the host
+//! who remembers whether mailbox 1 has been written since the last group: writing it while a group lies unread would
+//! let PMAC put the next one over it.
+//!
+//! Needs I3 = 2 (or 3): without `<ACK>` a reply has no end. The text of a program's `CMD"..."` or `SEND"..."` looks
+//! like a line of a reply; what comes while no reply is awaited is given as a program's message.
+
+use std::time::{Duration, Instant};
+
+use super::ascii::{AsciiEvent, ResponseText};
+use crate::device::{ByteBus, ByteBusError};
+use crate::map::classic::ASCII_LINE_LIMIT;
+
+/// How long the port must have been silent before it is used again after it gave up on a reply.
+pub const SETTLE: Duration = Duration::from_millis(50);
+/// How long after its last line a control character's reply counts as complete if no `<ACK>` ends it.
+pub const CONTROL_REPLY_END: Duration = Duration::from_millis(50);
+
+/// Characters of a group the host sends at most: mailbox 1 stays out.
+const SEND_GROUP: usize = 15;
+/// Characters of a group PMAC sends at most.
+const RECEIVE_GROUP: usize = 16;
+/// Characters of a reply line at most.
+const LINE_LIMIT: usize = 255;
+/// Where the page select register lies.
+const PAGE_SELECT: u32 = 0x121;
+
+const ACKNOWLEDGE: u8 = 0x06;
+const BELL: u8 = 0x07;
+const LINE_FEED: u8 = 0x0A;
+const RETURN: u8 = 0x0D;
+/// `<CTRL-X>`: PMAC empties its command and response queues.
+const CANCEL: u8 = 0x18;
+
+const fn mailbox(number: usize) -> u32 {
+    2 * number as u32 + 1
+}
+
+/// The page of a DPRAM at the VME address `dpram`: its bits A19-A14.
+#[must_use]
+pub const fn page_of(dpram: u32) -> u8 {
+    (dpram >> 14 & 0x3F) as u8
+}
+
+/// Makes the DPRAM at the VME address `dpram` reachable; to be done after every reset of the board, before the first
+/// access to the DPRAM. 1 write.
+///
+/// # Errors
+/// When the register cannot be reached.
+pub fn select_page(bus: &mut impl ByteBus, dpram: u32) -> Result<(), ByteBusError> {
+    bus.write8(PAGE_SELECT, page_of(dpram))?;
+    bus.order_accesses();
+    Ok(())
+}
+
+/// What an interrupt of a PMAC on the VME bus means.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum MailboxSignal {
+    /// Vector v-1: PMAC has taken the group the host sent.
+    GroupTaken,
+    /// Vector v: a group of a reply lies in the mailboxes.
+    ReplyLies,
+    /// Vector v+1: a response lies in the DPRAM ASCII buffer; not the mailboxes' business.
+    DpramResponse,
+}
+
+impl MailboxSignal {
+    /// What `vector` means to a board whose X:$0789 holds `v` ($A1 by default); `None`: another's interrupt.
+    #[must_use]
+    pub const fn of_vector(vector: u8, v: u8) -> Option<Self> {
+        match vector.wrapping_sub(v) {
+            u8::MAX => Some(Self::GroupTaken),
+            0 => Some(Self::ReplyLies),
+            1 => Some(Self::DpramResponse),
+            _ => None,
+        }
+    }
+}
+
+/// How the board reports an error (I6). What follows a `<BELL>` in the mailboxes may be an old group's, so it must be
+/// known.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum ErrorReport {
+    /// I6 = 0 or 2: `<BELL>` alone; error numbers are then 0.
+    BellOnly,
+    /// I6 = 1: `<BELL>ERRnnn<CR>`.
+    #[default]
+    SameLine,
+    /// I6 = 3: `<BELL><CR>ERRnnn<CR>`.
+    NextLine,
+}
+
+/// When the host lets PMAC send.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum EnableReplies {
+    /// After every group read, the last one too, so that messages of programs come at any time. The manual's way.
+    #[default]
+    Always,
+    /// Only while a reply is awaited, anew for each command: some boards have been seen not to keep it.
+    WithCommand,
+}
+
+/// Settings of the port.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct MailboxSettings {
+    /// How the board reports an error.
+    pub error_report: ErrorReport,
+    /// When the host lets PMAC send.
+    pub enable_replies: EnableReplies,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum State {
+    Idle,
+    /// A group of the line lies in the mailboxes; `sent` characters went with it and those before it.
+    Sending {
+        sent: usize,
+    },
+    /// PMAC has the whole line.
+    Replying,
+    /// A control character with a reply was sent; a line came last at `quiet_since`.
+    ControlReply {
+        quiet_since: Instant,
+    },
+    /// Something may still come that belongs to a command given up; nothing did since `quiet_since`.
+    Settling {
+        quiet_since: Instant,
+    },
+}
+
+/// The host's half of the port: one command line at a time.
+pub struct MailboxPort {
+    settings: MailboxSettings,
+    state: State,
+    /// The line with its `<CR>`.
+    line: [u8; ASCII_LINE_LIMIT + 1],
+    length: usize,
+    /// A control character lies in mailbox 0.
+    control_lies: bool,
+    /// Vector v-1 came and was not acted on yet.
+    group_taken: bool,
+    /// Vector v came and the group was not read yet.
+    reply_lies: bool,
+    /// Mailbox 1 was written since the last group came.
+    enabled: bool,
+    text: [u8; LINE_LIMIT + RECEIVE_GROUP],
+    text_length: usize,
+    /// A `<BELL>` came; the line that follows tells the error's number.
+    error: bool,
+}
+
+impl MailboxPort {
+    /// A port that has not been started.
+    #[must_use]
+    pub fn new(settings: MailboxSettings) -> Self {
+        Self {
+            settings,
+            state: State::Idle,
+            line: [0; ASCII_LINE_LIMIT + 1],
+            length: 0,
+            control_lies: false,
+            group_taken: false,
+            reply_lies: false,
+            enabled: false,
+            text: [0; LINE_LIMIT + RECEIVE_GROUP],
+            text_length: 0,
+            error: false,
+        }
+    }
+
+    /// Makes the port ready, after a reset of the board or of the host: whatever reply was under way is let pass, and
+    /// dropped. Steps until [`MailboxPort::is_idle`]. 1 write, 1 read.
+    ///
+    /// # Errors
+    /// When the registers cannot be reached.
+    pub fn start(&mut self, bus: &mut impl ByteBus, now: Instant) -> Result<(), ByteBusError> {
+        *self = Self::new(self.settings);
+        self.state = State::Settling { quiet_since: now };
+        self.enable(bus)
+    }
+
+    /// Whether [`MailboxPort::begin`] may be called.
+    #[must_use]
+    pub fn is_idle(&self) -> bool {
+        self.state == State::Idle && !self.control_lies
+    }
+
+    /// Whether something is expected from the board.
+    #[must_use]
+    pub fn is_waiting(&self) -> bool {
+        !self.is_idle()
+    }
+
+    /// Whether the board has taken the whole command under way, as far as steps have seen.
+    #[must_use]
+    pub fn was_taken(&self) -> bool {
+        match self.state {
+            State::Replying => true,
+            State::ControlReply { .. } => !self.control_lies,
+            _ => false,
+        }
+    }
+
+    /// Notes an interrupt. It is acted on by the next step.
+    pub fn signal(&mut self, signal: MailboxSignal) {
+        match signal {
+            MailboxSignal::GroupTaken => self.group_taken = true,
+            MailboxSignal::ReplyLies => {
+                self.reply_lies = true;
+                self.enabled = false;
+            }
+            MailboxSignal::DpramResponse => {}
+        }
+    }
+
+    /// Starts sending `line`, without its `<CR>`. `Ok(false)`: the port is not idle, or a group lies unread; try
+    /// later. 1 write a character and 1 for the `<CR>`, in groups; nothing waits in between.
+    ///
+    /// # Errors
+    /// When the registers cannot be reached. The line must have passed [`super::ascii::check_line`]; one that is too
+    /// long is not sent.
+    pub fn begin(&mut self, bus: &mut impl ByteBus, line: &[u8]) -> Result<bool, ByteBusError> {
+        if !self.is_idle() || self.reply_lies || line.len() > ASCII_LINE_LIMIT {
+            return Ok(false);
+        }
+        self.line[..line.len()].copy_from_slice(line);
+        self.line[line.len()] = RETURN;
+        self.length = line.len() + 1;
+        self.text_length = 0;
+        self.error = false;
+        self.send_group(bus, 0)?;
+        Ok(true)
+    }
+
+    /// Sends a control character. `Ok(false)`: a group of a line, or an earlier control character, still lies in the
+    /// mailboxes, or the character's reply would mix with another; try later. With `has_reply` its lines come as
+    /// [`AsciiEvent::Line`] and end with `<ACK>` or a silence. 1 write.
+    ///
+    /// # Errors
+    /// When the registers cannot be reached.
+    pub fn control(
+        &mut self,
+        bus: &mut impl ByteBus,
+        character: u8,
+        has_reply: bool,
+        now: Instant,
+    ) -> Result<bool, ByteBusError> {
+        let sending = matches!(self.state, State::Sending { .. });
+        if sending || self.control_lies || self.reply_lies || has_reply && !self.is_idle() {
+            return Ok(false);
+        }
+        self.send_control(bus, character)?;
+        if has_reply {
+            self.text_length = 0;
+            self.error = false;
+            self.state = State::ControlReply { quiet_since: now };
+        }
+        Ok(true)
+    }
+
+    /// Gives up on the command under way: has the board empty its queues, lets pass what still comes, and drops it.
+    /// 2 writes, 1 read.
+    ///
+    /// # Errors
+    /// When the registers cannot be reached.
+    pub fn give_up(&mut self, bus: &mut impl ByteBus, now: Instant) -> Result<(), ByteBusError> {
+        if self.is_idle() {
+            return Ok(());
+        }
+        self.send_control(bus, CANCEL)?;
+        // A board that lost an interrupt would wait for this for ever; what it overwrites is dropped anyway.
+        self.reply_lies = false;
+        self.enable(bus)?;
+        self.state = State::Settling { quiet_since: now };
+        Ok(())
+    }
+
+    /// Acts on what was signalled and tells what was found; `None` when there is nothing (more) to find. Costs
+    /// nothing unless something was signalled; then a group: at most 16 reads, or 15 writes, and 1 write and 1 read.
+    ///
+    /// # Errors
+    /// When the registers cannot be reached.
+    pub fn step(&mut self, bus: &mut impl ByteBus, now: Instant) -> Result<Option<AsciiEvent>, ByteBusError> {
+        let taken = std::mem::take(&mut self.group_taken);
+        if taken {
+            self.control_lies = false;
+        }
+        let sent_all = matches!(self.state, State::Sending { sent } if sent == self.length);
+        // PMAC could not have filled the mailboxes before it took what lay in them, whichever interrupt is seen first.
+        if sent_all && (taken || self.reply_lies) {
+            self.state = State::Replying;
+        }
+        if std::mem::take(&mut self.reply_lies) {
+            // The rest of the line waits until the group has been read: it would be written over it.
+            self.group_taken = taken && matches!(self.state, State::Sending { .. });
+            return self.take_group(bus, now);
+        }
+        match self.state {
+            State::Sending { sent } if taken => self.send_group(bus, sent)?,
+            State::Replying | State::ControlReply { .. } if taken && !self.enabled => self.enable(bus)?,
+            State::ControlReply { quiet_since }
+                if !self.control_lies && now >= quiet_since + CONTROL_REPLY_END =>
+            {
+                self.state = State::Idle;
+                return Ok(Some(AsciiEvent::Done(Ok(()))));
+            }
+            State::Settling { quiet_since } if now >= quiet_since + SETTLE => {
+                self.control_lies = false;
+                self.text_length = 0;
+                self.error = false;
+                self.state = State::Idle;
+            }
+            _ => {}
+        }
+        Ok(None)
+    }
+
+    /// Writes the next group of the line: characters 2 and later to the mailboxes of their numbers, the first last.
+    fn send_group(&mut self, bus: &mut impl ByteBus, from: usize) -> Result<(), ByteBusError> {
+        // No group is out: an interrupt not acted on yet was another's.
+        self.group_taken = false;
+        let group = &self.line[from..self.length.min(from + SEND_GROUP)];
+        for (index, &character) in group.iter().enumerate().skip(1) {
+            bus.write8(mailbox(index + 1), character)?;
+        }
+        bus.order_accesses();
+        bus.write8(mailbox(0), group[0])?;
+        bus.order_accesses();
+        self.state = State::Sending { sent: from + group.len() };
+        Ok(())
+    }
+
+    fn send_control(&mut self, bus: &mut impl ByteBus, character: u8) -> Result<(), ByteBusError> {
+        bus.write8(mailbox(0), character)?;
+        bus.order_accesses();
+        self.group_taken = false;
+        self.control_lies = true;
+        Ok(())
+    }
+
+    /// Lets PMAC send the next group.
+    fn enable(&mut self, bus: &mut impl ByteBus) -> Result<(), ByteBusError> {
+        self.enabled = true;
+        bus.write8(mailbox(1), 0)?;
+        bus.order_accesses();
+        // A bridge may hold the write back until something is read.
+        bus.read8(mailbox(1))?;
+        Ok(())
+    }
+
+    /// Reads the group that lies in the mailboxes, and lets PMAC send the next.
+    fn take_group(
+        &mut self,
+        bus: &mut impl ByteBus,
+        now: Instant,
+    ) -> Result<Option<AsciiEvent>, ByteBusError> {
+        if let State::ControlReply { quiet_since } | State::Settling { quiet_since } = &mut self.state {
+            *quiet_since = now;
+        }
+        let mut end = None;
+        for number in 0..RECEIVE_GROUP {
+            let character = bus.read8(mailbox(number))?;
+            match character {
+                BELL if self.settings.error_report == ErrorReport::BellOnly => {
+                    end = Some(BELL);
+                    break;
+                }
+                BELL => {
+                    self.error = true;
+                    self.text_length = 0;
+                }
+                ACKNOWLEDGE | RETURN => {
+                    end = Some(character);
+                    break;
+                }
+                LINE_FEED => {}
+                _ => {
+                    self.text[self.text_length] = character;
+                    self.text_length += 1;
+                }
+            }
+        }
+        let event = self.judge(end);
+        if self.settings.enable_replies == EnableReplies::Always || self.state != State::Idle {
+            self.enable(bus)?;
+        }
+        Ok(event)
+    }
+
+    /// What a group that ended with `end` (`None`: 16 characters of a line that goes on) completes.
+    fn judge(&mut self, end: Option<u8>) -> Option<AsciiEvent> {
+        let settling = matches!(self.state, State::Settling { .. });
+        let awaited = matches!(self.state, State::Replying | State::ControlReply { .. });
+        let stale = |end: u8| Some(AsciiEvent::Stale(end.into()));
+        let number_follows = self.settings.error_report == ErrorReport::NextLine;
+        // A PMAC sends no longer line; of one that is, a character at the seam is lost.
+        let text = ResponseText::of(&self.text[..self.text_length]);
+        match end {
+            None if self.text_length < LINE_LIMIT => return None,
+            Some(RETURN) if self.error && self.text_length == 0 && number_follows => return None,
+            _ => self.text_length = 0,
+        }
+        if settling {
+            self.error = false;
+            return end.and_then(stale);
+        }
+        match end {
+            Some(RETURN) if self.error => {
+                self.error = false;
+                self.finish(awaited, Err(error_number(text.as_bytes())), RETURN)
+            }
+            Some(BELL) => self.finish(awaited, Err(0), BELL),
+            Some(ACKNOWLEDGE) => self.finish(awaited, Ok(()), ACKNOWLEDGE),
+            _ if awaited => Some(AsciiEvent::Line(text)),
+            _ => Some(AsciiEvent::ProgramMessage(text)),
+        }
+    }
+
+    fn finish(&mut self, awaited: bool, result: Result<(), u16>, end: u8) -> Option<AsciiEvent> {
+        if !awaited {
+            return Some(AsciiEvent::Stale(end.into()));
+        }
+        self.state = State::Idle;
+        Some(AsciiEvent::Done(result))
+    }
+}
+
+/// The number in `ERRnnn`, 0 when the text is another.
+fn error_number(text: &[u8]) -> u16 {
+    let digits = text.strip_prefix(b"ERR").and_then(|digits| std::str::from_utf8(digits).ok());
+    digits.and_then(|digits| digits.trim().parse().ok()).unwrap_or(0)
+}
+
+#[cfg(test)]
+#[path = "mailbox_tests.rs"]
+mod tests;

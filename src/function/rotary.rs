@@ -1,0 +1,357 @@
+//! The binary rotary program buffers: motion program lines that PMAC copies, without reading text, into its own rotary
+//! program buffer (DPRAM manual p. 30-31; the second buffer's header, at 0x07DC, is not in the manual).
+//!
+//! A buffer is a ring of 32-bit longs in the open part of the DPRAM, two a command, low 24 bits used. The host writes
+//! at its index (header Y+1), PMAC reads at its own (X+1) up to the host's; equal means empty. At the host's index
+//! stands an end marker, which the next command overwrites. The buffer counts as full when PMAC's index is four longs
+//! ahead of the host's, so a line and the marker behind it never reach what PMAC still has to read. A line must be
+//! complete in the buffer before the host's index moves.
+//!
+//! The host owns the ring, its index, and, while I57=0, the header; PMAC owns the status word and its index. PMAC's
+//! internal buffer holds further lines: an empty ring does not mean yet that the motors wait.
+
+use std::collections::VecDeque;
+
+use crate::device::{Bus, BusError};
+use crate::map::classic::{OPEN, ROTARY_1, ROTARY_2, ROTARY_BUSY, ROTARY_ERROR, rotary_header};
+use crate::map::{HostOffset, PMAC};
+use crate::rotary::{END_MARKER, START_OF_LINE};
+
+/// Longs before PMAC's index that are never filled (manual p. 30, rule 3); the end marker takes two of them.
+const KEPT_FREE: u32 = 4;
+/// The smallest buffer in longs: one command a line.
+pub const LEAST_LONGS: u32 = 2 + KEPT_FREE;
+/// The largest buffer in longs: all of the DPRAM's open part.
+pub const MOST_LONGS: u32 = (OPEN.end.bytes() - OPEN.start.bytes()) / 4;
+
+/// Which of PMAC's two binary rotary buffers.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Deserialize, serde::Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum RotaryBuffer {
+    /// The one the manual describes, header at $D1FC.
+    #[default]
+    First,
+    /// The other one, header at $D1F7.
+    Second,
+}
+
+impl RotaryBuffer {
+    /// Where its header begins.
+    #[must_use]
+    pub const fn header(self) -> HostOffset {
+        match self {
+            Self::First => ROTARY_1,
+            Self::Second => ROTARY_2,
+        }
+    }
+}
+
+/// Where a buffer lies and what it feeds.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct RotarySetup {
+    /// Which header.
+    pub buffer: RotaryBuffer,
+    /// The ring's first location (its Y half), from 0x0800 on.
+    pub start: HostOffset,
+    /// The ring's length in longs: even, at least [`LEAST_LONGS`], and inside the DPRAM.
+    pub size_longs: u32,
+    /// The coordinate system, 1 to 8, that has the rotary program buffer.
+    pub coordinate_system: u8,
+    /// The number the header holds for coordinate system 1: 1 or 0. No text says which; see
+    /// [`crate::rotary::Settings::coordinate_system_base`].
+    pub coordinate_system_base: u8,
+}
+
+/// Why a rotary buffer cannot be set up, or a line not be put into it.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum RotaryError {
+    /// The bus cannot be reached.
+    #[error(transparent)]
+    Bus(#[from] BusError),
+    /// The size is not one a rotary buffer can have.
+    #[error(
+        "a rotary buffer of {size} longs is not possible; take an even number from {LEAST_LONGS} to {MOST_LONGS}"
+    )]
+    Size {
+        /// What was asked for.
+        size: u32,
+    },
+    /// The buffer would not lie in the open part of the DPRAM.
+    #[error("a rotary buffer of {size} longs at {start} does not lie in the open part, 0x0800 to 0x3FFF")]
+    Place {
+        /// Its start.
+        start: HostOffset,
+        /// Its length in longs.
+        size: u32,
+    },
+    /// No such coordinate system, or no such base.
+    #[error("coordinate system {number} counted from {base} is not possible; 1 to 8, counted from 0 or 1")]
+    CoordinateSystem {
+        /// The coordinate system.
+        number: u8,
+        /// What the first one is called.
+        base: u8,
+    },
+    /// The line has no command.
+    #[error("a line without commands cannot be sent; leave it out")]
+    Empty,
+    /// The line can never fit.
+    #[error("a line of {commands} commands does not fit a rotary buffer of {size} longs, which takes {most}")]
+    TooLong {
+        /// Its commands.
+        commands: usize,
+        /// The buffer's length in longs.
+        size: u32,
+        /// The most commands of a line.
+        most: u32,
+    },
+    /// The words are not those of one line.
+    #[error(
+        "command {number} of the line is ${word1:06X}, ${word2:06X}; words have 24 bits, and bit 11 of the first \
+         word is set in a line's first command and in no other"
+    )]
+    NotALine {
+        /// Which command, from 1.
+        number: usize,
+        /// Its first word.
+        word1: u32,
+        /// Its second word.
+        word2: u32,
+    },
+    /// The header does not say what it must: another host wrote it, or the board lost it.
+    #[error(
+        "the rotary header at {header} has host index {host} (this host left {expected}) and PMAC index {pmac}, which \
+         cannot come about by reading; set the buffer up again"
+    )]
+    Header {
+        /// The header's offset.
+        header: HostOffset,
+        /// The host index found.
+        host: u16,
+        /// The host index this host wrote last.
+        expected: u32,
+        /// The PMAC index found.
+        pmac: u16,
+    },
+}
+
+/// How far PMAC is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
+pub struct RotaryState {
+    /// Longs in the ring that PMAC has not taken.
+    pub ahead_longs: u32,
+    /// Commands in the ring that PMAC has not taken.
+    pub ahead_commands: u32,
+    /// Lines in the ring that PMAC has not taken wholly.
+    pub ahead_lines: u64,
+    /// Lines put into the ring so far.
+    pub sent_lines: u64,
+    /// PMAC's internal rotary buffer is full: it takes nothing until motion goes on.
+    pub busy: bool,
+    /// PMAC has reported an error: its code, the meaning of which no text gives.
+    pub error: Option<u8>,
+    /// How often the ring was found empty though the stream was not finished. A ring that ran empty is found so at the
+    /// next line at the latest, so none is missed.
+    pub underruns: u64,
+}
+
+/// Feeds one binary rotary buffer, line by line.
+#[derive(Debug)]
+pub struct RotaryStream {
+    header: HostOffset,
+    start: HostOffset,
+    size: u32,
+    /// The host's index, as the board has it.
+    host: u32,
+    /// Longs that PMAC had not taken at the last look.
+    ahead: u32,
+    sent_longs: u64,
+    sent_lines: u64,
+    /// For each line that PMAC has not taken wholly: the number of longs sent up to its end.
+    line_ends: VecDeque<u64>,
+    underruns: u64,
+    /// The ring has been counted as run empty since the last line.
+    dry: bool,
+    finished: bool,
+}
+
+impl RotaryStream {
+    /// Sets the buffer up, empty. I57 must be 0 until this has returned; then `I57=1` starts the transfer.
+    ///
+    /// Costs 1 read and 9 writes; one write more to clear a status word that is not 0 (power-on leaves anything in it).
+    ///
+    /// # Errors
+    /// [`RotaryError::Size`], [`RotaryError::Place`], [`RotaryError::CoordinateSystem`] before anything is written;
+    /// [`RotaryError::Bus`].
+    pub fn set_up(bus: &mut impl Bus, setup: &RotarySetup) -> Result<Self, RotaryError> {
+        let RotarySetup { buffer, start, size_longs: size, coordinate_system, coordinate_system_base: base } =
+            *setup;
+        if !(LEAST_LONGS..=MOST_LONGS).contains(&size) || !size.is_multiple_of(2) {
+            return Err(RotaryError::Size { size });
+        }
+        let fits = start >= OPEN.start
+            && start.bytes().is_multiple_of(4)
+            && start.bytes() / 4 + size <= OPEN.end.bytes() / 4;
+        if !fits {
+            return Err(RotaryError::Place { start, size });
+        }
+        if !(1..=8).contains(&coordinate_system) || base > 1 {
+            return Err(RotaryError::CoordinateSystem { number: coordinate_system, base });
+        }
+        let header = buffer.header();
+        let stream = Self {
+            header,
+            start,
+            size,
+            host: 0,
+            ahead: 0,
+            sent_longs: 0,
+            sent_lines: 0,
+            line_ends: VecDeque::with_capacity(size as usize / 2),
+            underruns: 0,
+            dry: false,
+            finished: false,
+        };
+        stream.put(bus, 0, END_MARKER)?;
+        let word = u16::from(coordinate_system) + u16::from(base) - 1;
+        bus.write16(header.plus_words(rotary_header::COORDINATE_SYSTEM), word)?;
+        bus.write16(header.plus_words(rotary_header::START), PMAC.pmac_number(start) as u16)?;
+        bus.write16(header.plus_words(rotary_header::SIZE), size as u16)?;
+        let status = header.plus_words(rotary_header::STATUS);
+        if bus.read16(status)? != 0 {
+            bus.write16(status, 0)?;
+        }
+        bus.order_writes();
+        bus.write16(header.plus_words(rotary_header::PMAC_INDEX), 0)?;
+        bus.write16(header.plus_words(rotary_header::HOST_INDEX), 0)?;
+        bus.order_writes();
+        Ok(stream)
+    }
+
+    /// The ring's length in longs.
+    #[must_use]
+    pub const fn size_longs(&self) -> u32 {
+        self.size
+    }
+
+    /// The most commands that one line may have.
+    #[must_use]
+    pub const fn most_commands_a_line(&self) -> u32 {
+        (self.size - KEPT_FREE) / 2
+    }
+
+    /// No line will follow: from now on an empty ring is no underrun. A line offered all the same makes it go on.
+    pub fn finish(&mut self) {
+        self.finished = true;
+    }
+
+    /// Puts `line`, the words of its commands in order, into the ring. `Ok(false)`: there is no room for all of it yet,
+    /// and nothing was written.
+    ///
+    /// The words and the new end marker are in place before the host's index moves, and the old end marker, which
+    /// begins a line as the first command does, is overwritten last.
+    ///
+    /// Costs 2 reads, and 4 writes a command with 5 more when there is room.
+    ///
+    /// # Errors
+    /// [`RotaryError::Empty`], [`RotaryError::TooLong`], [`RotaryError::NotALine`] without an access;
+    /// [`RotaryError::Header`]; [`RotaryError::Bus`].
+    pub fn offer(&mut self, bus: &mut impl Bus, line: &[(u32, u32)]) -> Result<bool, RotaryError> {
+        let longs = self.check(line)?;
+        self.look(bus)?;
+        if self.ahead + longs > self.size - KEPT_FREE {
+            return Ok(false);
+        }
+        let Some((first, others)) = line.split_first() else { return Err(RotaryError::Empty) };
+        let next = (self.host + longs) % self.size;
+        self.put(bus, next, END_MARKER)?;
+        for (number, command) in (1..).zip(others) {
+            self.put(bus, (self.host + 2 * number) % self.size, *command)?;
+        }
+        bus.order_writes();
+        self.put(bus, self.host, *first)?;
+        bus.order_writes();
+        bus.write16(self.header.plus_words(rotary_header::HOST_INDEX), next as u16)?;
+        bus.order_writes();
+        self.host = next;
+        self.ahead += longs;
+        self.sent_longs += u64::from(longs);
+        self.sent_lines += 1;
+        self.line_ends.push_back(self.sent_longs);
+        self.dry = false;
+        self.finished = false;
+        Ok(true)
+    }
+
+    /// How far PMAC is. Costs 3 reads.
+    ///
+    /// # Errors
+    /// [`RotaryError::Header`]; [`RotaryError::Bus`].
+    pub fn state(&mut self, bus: &mut impl Bus) -> Result<RotaryState, RotaryError> {
+        self.look(bus)?;
+        let status = bus.read16(self.header.plus_words(rotary_header::STATUS))?;
+        Ok(RotaryState {
+            ahead_longs: self.ahead,
+            ahead_commands: self.ahead / 2,
+            ahead_lines: self.line_ends.len() as u64,
+            sent_lines: self.sent_lines,
+            busy: status & ROTARY_BUSY != 0,
+            error: (status & ROTARY_ERROR != 0).then_some(status as u8),
+            underruns: self.underruns,
+        })
+    }
+
+    /// Reads both indexes and learns what PMAC has taken.
+    fn look(&mut self, bus: &mut impl Bus) -> Result<(), RotaryError> {
+        let mut words = [0; 2];
+        bus.read_block(self.header.plus_words(rotary_header::HOST_INDEX), &mut words)?;
+        let [host, pmac] = words;
+        let error = RotaryError::Header { header: self.header, host, expected: self.host, pmac };
+        if u32::from(host) != self.host || u32::from(pmac) >= self.size || !pmac.is_multiple_of(2) {
+            return Err(error);
+        }
+        // PMAC's index only ever moves towards the host's.
+        let ahead = (self.host + self.size - u32::from(pmac)) % self.size;
+        if ahead > self.ahead {
+            return Err(error);
+        }
+        self.ahead = ahead;
+        let taken = self.sent_longs - u64::from(ahead);
+        while self.line_ends.front().is_some_and(|end| *end <= taken) {
+            self.line_ends.pop_front();
+        }
+        if ahead == 0 && self.sent_longs > 0 && !self.finished && !self.dry {
+            self.dry = true;
+            self.underruns += 1;
+        }
+        Ok(())
+    }
+
+    /// The line's length in longs, if it is one that can be sent.
+    fn check(&self, line: &[(u32, u32)]) -> Result<u32, RotaryError> {
+        if line.is_empty() {
+            return Err(RotaryError::Empty);
+        }
+        if line.len() > self.most_commands_a_line() as usize {
+            let most = self.most_commands_a_line();
+            return Err(RotaryError::TooLong { commands: line.len(), size: self.size, most });
+        }
+        for (number, &(word1, word2)) in (1..).zip(line) {
+            let starts = word1 & START_OF_LINE != 0;
+            if (word1 | word2) >> 24 != 0 || starts != (number == 1) {
+                return Err(RotaryError::NotALine { number, word1, word2 });
+            }
+        }
+        Ok(2 * line.len() as u32)
+    }
+
+    /// Writes a command's two longs at `index`, zero-extended. The size is even, so they never part at the ring's end.
+    fn put(&self, bus: &mut impl Bus, index: u32, (word1, word2): (u32, u32)) -> Result<(), BusError> {
+        let at = self.start.plus_words(2 * index as usize);
+        bus.write16(at, word1 as u16)?;
+        bus.write16(at.plus_words(1), (word1 >> 16) as u16)?;
+        bus.write16(at.plus_words(2), word2 as u16)?;
+        bus.write16(at.plus_words(3), (word2 >> 16) as u16)
+    }
+}

@@ -1,0 +1,323 @@
+//! The rotary stream against a board whose reading side is played by hand, and by a consumer that strikes at any access.
+
+use proptest::prelude::*;
+
+use super::rotary::*;
+use crate::device::{Bus, BusError, Counted, FileBoard};
+use crate::map::HostOffset;
+use crate::map::classic::{ROTARY_1, ROTARY_2, ROTARY_BUSY, ROTARY_ERROR, rotary_header as at};
+use crate::rotary::{END_MARKER, START_OF_LINE};
+
+const START: HostOffset = HostOffset::new(0x0900);
+
+fn setup(size_longs: u32) -> RotarySetup {
+    RotarySetup {
+        buffer: RotaryBuffer::First,
+        start: START,
+        size_longs,
+        coordinate_system: 3,
+        coordinate_system_base: 1,
+    }
+}
+
+fn board() -> Counted<FileBoard> {
+    let file = tempfile::tempfile().unwrap();
+    file.set_len(0x4000).unwrap();
+    Counted::new(FileBoard::from_file(&file, 0x4000).unwrap())
+}
+
+fn long(bus: &mut impl Bus, index: u32) -> u32 {
+    let mut words = [0; 2];
+    bus.read_block(START.plus_words(2 * index as usize), &mut words).unwrap();
+    u32::from(words[1]) << 16 | u32::from(words[0])
+}
+
+fn command(bus: &mut impl Bus, index: u32) -> (u32, u32) {
+    (long(bus, index), long(bus, index + 1))
+}
+
+fn header(bus: &mut impl Bus) -> [u16; 6] {
+    let mut words = [0; 6];
+    bus.read_block(ROTARY_1, &mut words).unwrap();
+    words
+}
+
+/// A line of `commands` commands that no other line equals.
+fn line(commands: usize, seed: u32) -> Vec<(u32, u32)> {
+    (0..commands as u32)
+        .map(|n| {
+            let start = if n == 0 { START_OF_LINE } else { 0 };
+            (start | 0xA0_0040 | n, 0x80_0000 | seed)
+        })
+        .collect()
+}
+
+#[test]
+fn the_header_says_where_the_ring_lies() {
+    let mut bus = board();
+    bus.write16(ROTARY_1, 0x8005).unwrap();
+    bus.write16(ROTARY_1.plus_words(at::PMAC_INDEX), 77).unwrap();
+    let before = bus.accesses();
+    RotaryStream::set_up(&mut bus, &setup(100)).unwrap();
+    assert_eq!(bus.accesses() - before, 11);
+    assert_eq!(header(&mut bus), [0, 3, 0, 0, 100, 0xD240]);
+    assert_eq!(command(&mut bus, 0), END_MARKER);
+
+    let mut bus = board();
+    let second = RotarySetup {
+        buffer: RotaryBuffer::Second,
+        coordinate_system_base: 0,
+        start: HostOffset::new(0x0800),
+        ..setup(6)
+    };
+    RotaryStream::set_up(&mut bus, &second).unwrap();
+    assert_eq!(bus.accesses(), 10);
+    let mut words = [0; 6];
+    bus.read_block(ROTARY_2, &mut words).unwrap();
+    assert_eq!(words, [0, 2, 0, 0, 6, 0xD200]);
+}
+
+#[test]
+fn an_impossible_set_up_writes_nothing() {
+    let refused = |setup: RotarySetup| {
+        let mut bus = board();
+        let error = RotaryStream::set_up(&mut bus, &setup).unwrap_err();
+        assert_eq!(bus.accesses(), 0);
+        error
+    };
+    for size in [0, 4, 7, 101, 3586] {
+        assert!(matches!(refused(setup(size)), RotaryError::Size { .. }), "{size}");
+    }
+    for (start, size) in [(0x07FC, 6), (0x0902, 6), (0x0804, 3584), (0x3FFC, 6)] {
+        let error = refused(RotarySetup { start: HostOffset::new(start), ..setup(size) });
+        assert!(matches!(error, RotaryError::Place { .. }), "{start:x}");
+    }
+    for (coordinate_system, coordinate_system_base) in [(0, 1), (9, 1), (1, 2)] {
+        let error = refused(RotarySetup { coordinate_system, coordinate_system_base, ..setup(6) });
+        assert!(matches!(error, RotaryError::CoordinateSystem { .. }));
+    }
+    let last = RotarySetup { start: HostOffset::new(0x3FFC - 5 * 4), ..setup(6) };
+    assert!(RotaryStream::set_up(&mut board(), &last).is_ok());
+}
+
+#[test]
+fn a_line_costs_what_it_says_and_stands_before_the_index_moves() {
+    let mut bus = board();
+    let mut stream = RotaryStream::set_up(&mut bus, &setup(20)).unwrap();
+    let words = line(3, 1);
+    let (reads, writes) = (bus.reads(), bus.writes());
+    assert!(stream.offer(&mut bus, &words).unwrap());
+    assert_eq!((bus.reads() - reads, bus.writes() - writes), (2, 3 * 4 + 5));
+    assert_eq!(header(&mut bus)[at::HOST_INDEX], 6);
+    assert_eq!([0, 2, 4].map(|index| command(&mut bus, index)).as_slice(), words);
+    assert_eq!(command(&mut bus, 6), END_MARKER);
+    let reads = bus.reads();
+    let state = stream.state(&mut bus).unwrap();
+    assert_eq!(bus.reads() - reads, 3);
+    assert_eq!((state.ahead_longs, state.ahead_commands, state.ahead_lines), (6, 3, 1));
+}
+
+#[test]
+fn the_smallest_buffer_takes_one_command_and_goes_round() {
+    let mut bus = board();
+    let mut stream = RotaryStream::set_up(&mut bus, &setup(6)).unwrap();
+    for turn in 0..9_u16 {
+        assert!(stream.offer(&mut bus, &line(1, turn.into())).unwrap());
+        let (reads, writes) = (bus.reads(), bus.writes());
+        // Full by the manual's rule.
+        let words = header(&mut bus);
+        assert_eq!(words[at::PMAC_INDEX], (words[at::HOST_INDEX] + 4) % 6);
+        assert!(!stream.offer(&mut bus, &line(1, 99)).unwrap());
+        assert_eq!((bus.reads() - reads, bus.writes() - writes), (6 + 2, 0), "nothing was written");
+        assert_eq!(words[at::HOST_INDEX], 2 * (turn + 1) % 6);
+        bus.write16(ROTARY_1.plus_words(at::PMAC_INDEX), words[at::HOST_INDEX]).unwrap();
+    }
+    let error = stream.offer(&mut bus, &line(2, 1)).unwrap_err();
+    assert!(matches!(error, RotaryError::TooLong { commands: 2, size: 6, most: 1 }));
+}
+
+#[test]
+fn words_that_are_no_line_are_refused_without_an_access() {
+    let mut bus = board();
+    let mut stream = RotaryStream::set_up(&mut bus, &setup(20)).unwrap();
+    let before = bus.accesses();
+    assert!(matches!(stream.offer(&mut bus, &[]), Err(RotaryError::Empty)));
+    let bad: [(&[(u32, u32)], usize); 4] = [
+        (&[(0x40, 1)], 1),
+        (&[(0x840, 1), (0x840, 1)], 2),
+        (&[(0x100_0840, 1)], 1),
+        (&[(0x840, 0x100_0000)], 1),
+    ];
+    for (words, which) in bad {
+        let error = stream.offer(&mut bus, words).unwrap_err();
+        assert!(matches!(error, RotaryError::NotALine { number, .. } if number == which), "{error}");
+    }
+    assert_eq!(bus.accesses(), before);
+}
+
+#[test]
+fn status_and_underruns() {
+    let mut bus = board();
+    let mut stream = RotaryStream::set_up(&mut bus, &setup(20)).unwrap();
+    assert_eq!(stream.state(&mut bus).unwrap().underruns, 0, "nothing sent yet");
+    let pmac = ROTARY_1.plus_words(at::PMAC_INDEX);
+    stream.offer(&mut bus, &line(2, 1)).unwrap();
+    stream.offer(&mut bus, &line(1, 2)).unwrap();
+    bus.write16(pmac, 2).unwrap();
+    bus.write16(ROTARY_1, ROTARY_BUSY).unwrap();
+    let state = stream.state(&mut bus).unwrap();
+    assert_eq!((state.ahead_commands, state.ahead_lines, state.sent_lines), (2, 2, 2));
+    assert_eq!((state.busy, state.error, state.underruns), (true, None, 0));
+    bus.write16(pmac, 6).unwrap();
+    bus.write16(ROTARY_1, ROTARY_ERROR | 7).unwrap();
+    for _ in 0..2 {
+        let state = stream.state(&mut bus).unwrap();
+        assert_eq!((state.busy, state.error, state.underruns), (false, Some(7), 1), "counted once");
+        assert_eq!(state.ahead_lines, 0);
+    }
+    // Found by the next line itself, too.
+    stream.offer(&mut bus, &line(1, 3)).unwrap();
+    bus.write16(pmac, 8).unwrap();
+    stream.offer(&mut bus, &line(1, 4)).unwrap();
+    stream.finish();
+    bus.write16(pmac, 10).unwrap();
+    assert_eq!(stream.state(&mut bus).unwrap().underruns, 2);
+}
+
+#[test]
+fn a_header_that_somebody_else_wrote_is_not_followed() {
+    for (word, value) in [
+        (at::HOST_INDEX, 4),
+        (at::HOST_INDEX, 0),
+        (at::PMAC_INDEX, 20),
+        (at::PMAC_INDEX, 0xFFFF),
+        (at::PMAC_INDEX, 3),
+        // Ahead of the host, and back to where it has been.
+        (at::PMAC_INDEX, 8),
+        (at::PMAC_INDEX, 0),
+    ] {
+        let mut bus = board();
+        let mut stream = RotaryStream::set_up(&mut bus, &setup(20)).unwrap();
+        stream.offer(&mut bus, &line(3, 1)).unwrap();
+        bus.write16(ROTARY_1.plus_words(at::PMAC_INDEX), 2).unwrap();
+        stream.state(&mut bus).unwrap();
+        bus.write16(ROTARY_1.plus_words(word), value).unwrap();
+        let writes = bus.writes();
+        let error = stream.offer(&mut bus, &line(1, 2)).unwrap_err();
+        assert!(matches!(error, RotaryError::Header { .. }), "{word} {value}");
+        assert!(stream.state(&mut bus).is_err());
+        assert_eq!(bus.writes(), writes);
+    }
+}
+
+/// A board whose PMAC looks at the ring after every access of the host, and takes some commands when it likes to.
+struct Consumer {
+    words: Vec<u16>,
+    size: u32,
+    /// Every word that will be sent, and after how many commands a line ends.
+    sent: Vec<(u32, u32)>,
+    ends: Vec<usize>,
+    taken: usize,
+    /// How many commands to take at each access, round and round.
+    appetite: Vec<u8>,
+    accesses: usize,
+}
+
+impl Consumer {
+    fn word(&self, offset: HostOffset) -> u16 {
+        self.words[offset.word()]
+    }
+
+    fn command(&self, index: u32) -> (u32, u32) {
+        let at = START.plus_words(2 * index as usize);
+        let long = |word| {
+            u32::from(self.word(at.plus_words(word + 1))) << 16 | u32::from(self.word(at.plus_words(word)))
+        };
+        (long(0), long(2))
+    }
+
+    fn look(&mut self) {
+        let [host, pmac] =
+            [at::HOST_INDEX, at::PMAC_INDEX].map(|word| u32::from(self.word(ROTARY_1.plus_words(word))));
+        if self.word(ROTARY_1.plus_words(at::SIZE)) == 0 {
+            return;
+        }
+        let visible = ((host + self.size - pmac) % self.size / 2) as usize;
+        for n in 0..visible {
+            let found = self.command((pmac + 2 * n as u32) % self.size);
+            assert_eq!(found, self.sent[self.taken + n], "command {}", self.taken + n);
+        }
+        let end = self.taken + visible;
+        assert!(end == 0 || self.ends.contains(&end), "the host's index splits a line");
+        // Whatever stands behind the last line begins a line: that is how its end is known.
+        assert_ne!(self.command(host).0 & START_OF_LINE, 0);
+        let appetite = self.appetite[self.accesses % self.appetite.len()] as usize;
+        self.accesses += 1;
+        let eaten = appetite.min(visible);
+        self.taken += eaten;
+        let pmac = (pmac + 2 * eaten as u32) % self.size;
+        self.words[ROTARY_1.plus_words(at::PMAC_INDEX).word()] = pmac as u16;
+    }
+}
+
+impl Bus for Consumer {
+    fn length(&self) -> usize {
+        2 * self.words.len()
+    }
+    fn read16(&mut self, offset: HostOffset) -> Result<u16, BusError> {
+        let word = self.word(offset);
+        self.look();
+        Ok(word)
+    }
+    fn write16(&mut self, offset: HostOffset, value: u16) -> Result<(), BusError> {
+        self.words[offset.word()] = value;
+        self.look();
+        Ok(())
+    }
+    fn read_block(&mut self, first: HostOffset, words: &mut [u16]) -> Result<(), BusError> {
+        for (n, word) in words.iter_mut().enumerate() {
+            *word = self.read16(first.plus_words(n))?;
+        }
+        Ok(())
+    }
+    fn order_reads(&mut self) {}
+    fn order_writes(&mut self) {}
+}
+
+proptest! {
+    #[test]
+    fn every_line_arrives_whole_and_in_order(
+        half_size in 3_u32..24,
+        lengths in prop::collection::vec(1_usize..24, 1..40),
+        mut appetite in prop::collection::vec(0_u8..4, 1..50),
+    ) {
+        // A consumer that never eats never finishes.
+        appetite.push(1);
+        let size = 2 * half_size;
+        let most = half_size as usize - 2;
+        let lines: Vec<_> =
+            lengths.iter().zip(0..).map(|(length, seed)| line((*length - 1) % most + 1, seed)).collect();
+        let sent = lines.concat();
+        let ends = lines.iter().scan(0, |end, line| { *end += line.len(); Some(*end) }).collect();
+        let mut bus =
+            Consumer { words: vec![0; 0x2000], size, sent, ends, taken: 0, appetite, accesses: 0 };
+        let mut stream = RotaryStream::set_up(&mut bus, &setup(size)).unwrap();
+        for words in &lines {
+            let mut tries = 0;
+            while !stream.offer(&mut bus, words).unwrap() {
+                tries += 1;
+                prop_assert!(tries < 10_000);
+            }
+            let host = u32::from(bus.word(ROTARY_1.plus_words(at::HOST_INDEX)));
+            prop_assert_eq!(bus.command(host), END_MARKER);
+        }
+        stream.finish();
+        let mut tries = 0;
+        while stream.state(&mut bus).unwrap().ahead_longs > 0 {
+            tries += 1;
+            prop_assert!(tries < 10_000);
+        }
+        prop_assert_eq!(bus.taken, bus.sent.len());
+        prop_assert_eq!(stream.state(&mut bus).unwrap().sent_lines, lines.len() as u64);
+    }
+}

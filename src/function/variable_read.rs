@@ -1,0 +1,490 @@
+//! Background variable data, the host's half: up to 128 registers of the host's choice (DPRAM manual p. 21-24).
+//!
+//! | word | host | PMAC |
+//! |---|---|---|
+//! | 0x07E8 bit 8 | sets for multi-user mode, else clears | reads |
+//! | 0x07E8 bit 0 | clears when it took a report (single-user mode) | sets after a pass; skips passes while set |
+//! | 0x07EA | reads | writes the servo timer after a pass |
+//! | 0x07EC | writes the number of entries, last; 0 stops the function | reads |
+//! | 0x07EE | writes where the table lies, a PMAC address | reads |
+//! | table, Y words | writes the registers' addresses | reads |
+//! | table, X words | writes the kinds; clears bit 15 when it took a value (multi-user mode) | sets bit 15 |
+//! | behind the table | reads | writes the values, 2 or 4 words an entry |
+//!
+//! A table is changed in the order count 0, silence, start, table, control, count. PMAC may be in the middle of a pass
+//! when the count becomes 0, and no word tells when that pass ends. Two things keep what it still writes out: the
+//! table is touched only after a silence ([`SETTLE`]), so that PMAC does not normally read half an entry; and, however
+//! long the pass lasts, the first value that is announced after the change is dropped, as it may be the old pass's,
+//! while a second one must come from a pass that began after it. A late pass may also write back a word it had read
+//! before, so the mode and the kinds are compared with what was set, and set again.
+//!
+//! Needs I55 = 1. A register that is read has the value it had at that moment of the pass: the values of one report
+//! come from one pass, but not from one servo cycle.
+
+use std::time::{Duration, Instant};
+
+use crate::device::{Bus, BusError};
+use crate::map::classic::{
+    self, DATA_READY, VARIABLE_READ_CONTROL, VARIABLE_READ_COUNT, VARIABLE_READ_ENTRIES,
+    VARIABLE_READ_ENTRY_READY, VARIABLE_READ_ENTRY_WORDS, VARIABLE_READ_MULTI_USER,
+    VARIABLE_READ_SERVO_TIMER, VARIABLE_READ_START,
+};
+use crate::map::plan::VARIABLE_READ_DATA_WORDS;
+use crate::map::{HostOffset, Region};
+
+/// How long after the count became 0 the table is left alone.
+pub const SETTLE: Duration = Duration::from_millis(50);
+/// Words of the table or its data that one step reads or writes at most, so that servo data need not wait.
+pub const STEP_WORDS: usize = 32;
+/// The bits of an entry's X word that say what kind of register it is.
+const KIND_BITS: u16 = 0x0007;
+
+/// What kind of register an entry names.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum VariableKind {
+    /// A Y word: 24 bits, sign-extended to a long.
+    Y,
+    /// An X word: 24 bits, sign-extended to a long.
+    X,
+    /// X and Y, fixed or floating point: two longs, Y half first.
+    Long,
+    /// A function block of a compiled PLC, firmware 1.16: two longs. The address is the block's number.
+    Special,
+}
+
+impl VariableKind {
+    /// The value of an entry's X word.
+    #[must_use]
+    pub const fn code(self) -> u16 {
+        match self {
+            Self::Y => 0,
+            Self::Long => 1,
+            Self::X => 2,
+            Self::Special => 4,
+        }
+    }
+
+    /// 16-bit words of its value in the DPRAM.
+    #[must_use]
+    pub const fn words(self) -> usize {
+        match self {
+            Self::Y | Self::X => 2,
+            Self::Long | Self::Special => 4,
+        }
+    }
+}
+
+/// One register to read.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub struct VariableEntry {
+    /// Its PMAC address.
+    pub address: u16,
+    /// What kind of register it is.
+    pub kind: VariableKind,
+}
+
+/// Who says when PMAC may update a value.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum VariableMode {
+    /// One ready bit for the whole table: all values of a report come from one pass.
+    #[default]
+    SingleUser,
+    /// A ready bit an entry.
+    MultiUser,
+}
+
+impl VariableMode {
+    const fn control(self) -> u16 {
+        match self {
+            Self::SingleUser => 0,
+            Self::MultiUser => VARIABLE_READ_MULTI_USER,
+        }
+    }
+}
+
+/// Why a table was refused. Nothing has been written then.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum VariableReadError {
+    /// Too many entries for the function.
+    #[error("a PMAC reads 128 registers at most, not {0}")]
+    TooMany(usize),
+    /// Too many for the place the plan gives.
+    #[error(
+        "{entries} entries with their data take {needed} words, the plan keeps {place}; enlarge its variable_read_entries"
+    )]
+    NoRoom {
+        /// How many were asked for.
+        entries: usize,
+        /// Words they take.
+        needed: usize,
+        /// Words there are.
+        place: usize,
+    },
+}
+
+/// What a look at the function gave.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum VariableLook {
+    /// No table is set up.
+    Off,
+    /// A table is being set up; look again.
+    SettingUp,
+    /// Nothing new.
+    Nothing,
+    /// A part was read; look again for the rest.
+    Partial,
+    /// Single-user mode: every value is new. The servo timer at the end of PMAC's pass.
+    Report(u16),
+    /// Multi-user mode: the entries whose bit is set have a new value.
+    Values(u128),
+}
+
+/// The value of an entry as last read.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct VariableValue {
+    /// The words as the board held them, low word first; the last two are 0 unless the entry is 48 bits wide.
+    pub words: [u16; VARIABLE_READ_DATA_WORDS],
+    /// The low 16 bits of the servo counter: in single-user mode at the end of the pass that wrote the value, in
+    /// multi-user mode at the end of that pass or of the one before or after.
+    pub timer: u16,
+    /// How many values have been taken since the table was set up; 0: none yet.
+    pub updates: u64,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum State {
+    Off,
+    /// The count is 0; the table may be touched after this moment.
+    Silent {
+        until: Instant,
+    },
+    /// Entries before `next` are written.
+    Writing {
+        next: usize,
+    },
+    /// Single-user mode waits for the ready bit; multi-user mode looks at entry `next` next.
+    Running {
+        next: usize,
+    },
+    /// Single-user mode reads a report; entries before `next` are read.
+    Reading {
+        next: usize,
+    },
+}
+
+/// The host's half of the function: one table at a time.
+pub struct VariableReader {
+    state: State,
+    mode: VariableMode,
+    place: Region,
+    entries: [VariableEntry; VARIABLE_READ_ENTRIES],
+    /// Where each entry's data begin, in words from the place's start.
+    data: [u16; VARIABLE_READ_ENTRIES],
+    values: [VariableValue; VARIABLE_READ_ENTRIES],
+    /// Values being read, before the whole report is known to stand.
+    pending: [[u16; VARIABLE_READ_DATA_WORDS]; VARIABLE_READ_ENTRIES],
+    count: usize,
+    /// Entries whose first announced value was dropped; in single-user mode bit 0 stands for all.
+    dropped: u128,
+    repairs: u64,
+}
+
+impl VariableReader {
+    /// A reader that uses the words of `place` (a plan's), and has no table yet.
+    #[must_use]
+    pub fn new(place: Region) -> Self {
+        Self {
+            state: State::Off,
+            mode: VariableMode::SingleUser,
+            place,
+            entries: [VariableEntry { address: 0, kind: VariableKind::Y }; VARIABLE_READ_ENTRIES],
+            data: [0; VARIABLE_READ_ENTRIES],
+            values: [VariableValue::default(); VARIABLE_READ_ENTRIES],
+            pending: [[0; VARIABLE_READ_DATA_WORDS]; VARIABLE_READ_ENTRIES],
+            count: 0,
+            dropped: 0,
+            repairs: 0,
+        }
+    }
+
+    /// Stops the function, whoever started it. To be called at the start and on every way out. 2 writes.
+    ///
+    /// # Errors
+    /// When the bus cannot be reached.
+    pub fn release(bus: &mut impl Bus) -> Result<(), BusError> {
+        bus.write16(VARIABLE_READ_COUNT, 0)?;
+        bus.order_writes();
+        bus.write16(VARIABLE_READ_CONTROL, 0)?;
+        bus.order_writes();
+        Ok(())
+    }
+
+    /// Replaces the table by `entries`; none stops the function. From here on there are no values until looks bring
+    /// them. 1 write; the looks that follow write 2 words an entry and 3 more.
+    ///
+    /// # Errors
+    /// A table that cannot be, or a bus out of reach.
+    pub fn begin(
+        &mut self,
+        bus: &mut impl Bus,
+        entries: &[VariableEntry],
+        mode: VariableMode,
+        now: Instant,
+    ) -> Result<(), VariableReadBusError> {
+        self.check(entries)?;
+        bus.write16(VARIABLE_READ_COUNT, 0)?;
+        bus.order_writes();
+        let mut offset = entries.len() * VARIABLE_READ_ENTRY_WORDS;
+        for (index, &entry) in entries.iter().enumerate() {
+            self.entries[index] = entry;
+            self.data[index] = offset as u16;
+            offset += entry.kind.words();
+        }
+        self.values[..entries.len()].fill(VariableValue::default());
+        self.count = entries.len();
+        self.mode = mode;
+        self.dropped = 0;
+        self.state = if entries.is_empty() { State::Off } else { State::Silent { until: now + SETTLE } };
+        Ok(())
+    }
+
+    /// Checks that `entries` can be read with the place there is. Any table of as many entries must fit, whatever
+    /// kinds they have: a pass that is under way during a change may still work by the kinds of the last table.
+    ///
+    /// # Errors
+    /// What cannot be.
+    pub fn check(&self, entries: &[VariableEntry]) -> Result<(), VariableReadError> {
+        if entries.len() > VARIABLE_READ_ENTRIES {
+            return Err(VariableReadError::TooMany(entries.len()));
+        }
+        let needed = entries.len() * (VARIABLE_READ_ENTRY_WORDS + VARIABLE_READ_DATA_WORDS);
+        if needed > self.place.words() {
+            return Err(VariableReadError::NoRoom {
+                entries: entries.len(),
+                needed,
+                place: self.place.words(),
+            });
+        }
+        Ok(())
+    }
+
+    /// The table.
+    #[must_use]
+    pub fn entries(&self) -> &[VariableEntry] {
+        &self.entries[..self.count]
+    }
+
+    /// The values, one an entry.
+    #[must_use]
+    pub fn values(&self) -> &[VariableValue] {
+        &self.values[..self.count]
+    }
+
+    /// Whether a table is set up and PMAC may announce values.
+    #[must_use]
+    pub fn is_running(&self) -> bool {
+        matches!(self.state, State::Running { .. } | State::Reading { .. })
+    }
+
+    /// How often a word of the table or the mode was not as set, and was set again.
+    #[must_use]
+    pub fn repairs(&self) -> u64 {
+        self.repairs
+    }
+
+    /// Does what can be done now: a part of the set-up, or of a report. Costs at most [`STEP_WORDS`] words of the
+    /// table or its data and 3 more: 1 read when there is nothing in single-user mode; in multi-user mode
+    /// 1 read, 1 an entry looked at, for each value its words and 1 write, and 1 read more when there was a value.
+    ///
+    /// # Errors
+    /// When the bus cannot be reached.
+    pub fn look(&mut self, bus: &mut impl Bus, now: Instant) -> Result<VariableLook, BusError> {
+        match self.state {
+            State::Off => Ok(VariableLook::Off),
+            State::Silent { until } => {
+                if now >= until {
+                    bus.write16(VARIABLE_READ_START, self.start_address())?;
+                    self.state = State::Writing { next: 0 };
+                }
+                Ok(VariableLook::SettingUp)
+            }
+            State::Writing { next } => self.write_table(bus, next),
+            State::Running { next } => self.look_at_control(bus, next),
+            State::Reading { next } => self.read_report(bus, next),
+        }
+    }
+
+    /// The PMAC address of the table.
+    fn start_address(&self) -> u16 {
+        (classic::BASE + self.place.start.bytes() / 4) as u16
+    }
+
+    fn write_table(&mut self, bus: &mut impl Bus, next: usize) -> Result<VariableLook, BusError> {
+        let end = self.count.min(next + STEP_WORDS / VARIABLE_READ_ENTRY_WORDS);
+        for index in next..end {
+            bus.write16(self.address_word(index), self.entries[index].address)?;
+            bus.write16(self.kind_word(index), self.entries[index].kind.code())?;
+        }
+        if end < self.count {
+            self.state = State::Writing { next: end };
+            return Ok(VariableLook::SettingUp);
+        }
+        bus.write16(VARIABLE_READ_CONTROL, self.mode.control())?;
+        bus.order_writes();
+        bus.write16(VARIABLE_READ_COUNT, self.count as u16)?;
+        bus.order_writes();
+        self.state = State::Running { next: 0 };
+        Ok(VariableLook::SettingUp)
+    }
+
+    fn look_at_control(&mut self, bus: &mut impl Bus, next: usize) -> Result<VariableLook, BusError> {
+        let control = bus.read16(VARIABLE_READ_CONTROL)?;
+        // All ones is an absent board.
+        if control == u16::MAX {
+            return Ok(VariableLook::Nothing);
+        }
+        let multi_user = self.mode == VariableMode::MultiUser;
+        // In multi-user mode PMAC has no business in this word.
+        let ours = VARIABLE_READ_MULTI_USER | if multi_user { DATA_READY } else { 0 };
+        if control & ours != self.mode.control() {
+            self.repairs += 1;
+            self.write_control(bus)?;
+            return Ok(VariableLook::Nothing);
+        }
+        if multi_user {
+            return self.look_at_entries(bus, next);
+        }
+        if control & DATA_READY == 0 {
+            return Ok(VariableLook::Nothing);
+        }
+        if self.dropped == 0 {
+            self.dropped = 1;
+            self.write_control(bus)?;
+            return Ok(VariableLook::Nothing);
+        }
+        bus.order_reads();
+        self.state = State::Reading { next: 0 };
+        Ok(VariableLook::Partial)
+    }
+
+    fn write_control(&self, bus: &mut impl Bus) -> Result<(), BusError> {
+        bus.write16(VARIABLE_READ_CONTROL, self.mode.control())?;
+        bus.order_writes();
+        Ok(())
+    }
+
+    /// Single-user mode: the next entries of a report, and after the last one the request for the next report.
+    fn read_report(&mut self, bus: &mut impl Bus, next: usize) -> Result<VariableLook, BusError> {
+        let mut index = next;
+        let mut words = 0;
+        while index < self.count && words + self.entries[index].kind.words() <= STEP_WORDS {
+            words += self.entries[index].kind.words();
+            self.pending[index] = self.read_value(bus, index)?;
+            index += 1;
+        }
+        if index < self.count {
+            self.state = State::Reading { next: index };
+            return Ok(VariableLook::Partial);
+        }
+        let timer = bus.read16(VARIABLE_READ_SERVO_TIMER)?;
+        bus.order_reads();
+        self.write_control(bus)?;
+        for (value, words) in self.values[..self.count].iter_mut().zip(&self.pending) {
+            *value = VariableValue { words: *words, timer, updates: value.updates + 1 };
+        }
+        self.state = State::Running { next: 0 };
+        Ok(VariableLook::Report(timer))
+    }
+
+    /// Multi-user mode: goes on around the table from entry `next`, at most once around.
+    fn look_at_entries(&mut self, bus: &mut impl Bus, next: usize) -> Result<VariableLook, BusError> {
+        let mut new = 0u128;
+        let mut budget = STEP_WORDS;
+        let mut index = next;
+        for _ in 0..self.count {
+            let needed = 2 + self.entries[index].kind.words();
+            if budget < needed {
+                break;
+            }
+            budget -= 1;
+            let word = bus.read16(self.kind_word(index))?;
+            if word & VARIABLE_READ_ENTRY_READY != 0 {
+                budget -= needed - 1;
+                if self.take_entry(bus, index, word)? {
+                    new |= 1 << index;
+                }
+            }
+            index = (index + 1) % self.count;
+        }
+        self.state = State::Running { next: index };
+        if new == 0 {
+            return Ok(VariableLook::Nothing);
+        }
+        let timer = bus.read16(VARIABLE_READ_SERVO_TIMER)?;
+        for (index, value) in self.values[..self.count].iter_mut().enumerate() {
+            if new & 1 << index != 0 {
+                value.timer = timer;
+            }
+        }
+        Ok(VariableLook::Values(new))
+    }
+
+    /// Takes the value PMAC announced with the X word `word`, unless it is to be dropped, and asks for the next.
+    fn take_entry(&mut self, bus: &mut impl Bus, index: usize, word: u16) -> Result<bool, BusError> {
+        let entry = self.entries[index];
+        let bit = 1u128 << index;
+        let as_set = word & KIND_BITS == entry.kind.code();
+        let wanted = as_set && self.dropped & bit != 0;
+        if wanted {
+            bus.order_reads();
+            let words = self.read_value(bus, index)?;
+            bus.order_reads();
+            self.values[index].words = words;
+            self.values[index].updates += 1;
+        } else if as_set {
+            self.dropped |= bit;
+        } else {
+            self.repairs += 1;
+        }
+        bus.write16(self.kind_word(index), entry.kind.code())?;
+        bus.order_writes();
+        Ok(wanted)
+    }
+
+    fn read_value(
+        &self,
+        bus: &mut impl Bus,
+        index: usize,
+    ) -> Result<[u16; VARIABLE_READ_DATA_WORDS], BusError> {
+        let mut words = [0; VARIABLE_READ_DATA_WORDS];
+        let first = self.place.start.plus_words(self.data[index].into());
+        bus.read_block(first, &mut words[..self.entries[index].kind.words()])?;
+        Ok(words)
+    }
+
+    const fn address_word(&self, index: usize) -> HostOffset {
+        self.place.start.plus_words(index * VARIABLE_READ_ENTRY_WORDS)
+    }
+
+    const fn kind_word(&self, index: usize) -> HostOffset {
+        self.place.start.plus_words(index * VARIABLE_READ_ENTRY_WORDS + 1)
+    }
+}
+
+/// A refused table, or a bus out of reach.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum VariableReadBusError {
+    /// Refused; nothing has been written.
+    #[error(transparent)]
+    Refused(#[from] VariableReadError),
+    /// The bus.
+    #[error(transparent)]
+    Bus(#[from] BusError),
+}
+
+#[cfg(test)]
+#[path = "variable_read_tests.rs"]
+mod tests;

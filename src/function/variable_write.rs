@@ -1,0 +1,380 @@
+//! Background variable write, the host's half: registers or bits of them set without a command line (DPRAM manual
+//! p. 24-25, firmware 1.15G and later).
+//!
+//! | word | host | PMAC |
+//! |---|---|---|
+//! | 0x07D4 | writes the number of records, 1-32, last | writes 0 when it has done them |
+//! | 0x07D6 | writes where the records lie, a PMAC address | reads |
+//! | records, 6 words each | writes | reads |
+//!
+//! A record: the register's address; bits 2-0 its kind, 7-3 the width, 12-8 the offset, 15-13 the sort of special
+//! register (0); the data, two longs. The manual prints 0x07E6 and 0x07E8 for the first two words, which are the
+//! variable-read function's. More than 32 records go in several cycles, in their order; each cycle is done in one
+//! background pass, the whole is not.
+//!
+//! Needs I55 = 1. Nothing tells that a record was refused; PMAC writes where it is told to. Address 0 is the servo
+//! clock: writing it trips the watchdog, so it is refused.
+
+use std::time::{Duration, Instant};
+
+use crate::device::{Bus, BusError};
+use crate::format::{fixed48, float48, int24, join32, split32, write48};
+use crate::map::classic::{
+    self, VARIABLE_WRITE_COUNT, VARIABLE_WRITE_RECORD_WORDS, VARIABLE_WRITE_RECORDS, VARIABLE_WRITE_START,
+};
+use crate::map::{HostOffset, Region};
+
+/// How long after the count was taken back the records are left alone: PMAC may be working on them, and clears the
+/// count when it is done.
+pub const SETTLE: Duration = Duration::from_millis(50);
+/// Records that one step writes at most, so that servo data need not wait.
+pub const STEP_RECORDS: usize = 5;
+/// Bits in a PMAC word.
+const WORD_BITS: u8 = 24;
+/// Widths PMAC writes, in bits.
+const WIDTHS: [u8; 7] = [1, 4, 8, 12, 16, 20, WORD_BITS];
+
+/// Which word a record writes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum WordKind {
+    /// A Y word.
+    Y,
+    /// An X word.
+    X,
+    /// The Y word of a function block of a compiled PLC, firmware 1.16; the address is the block's number.
+    SpecialY,
+    /// The X word of a function block of a compiled PLC, firmware 1.16; the address is the block's number.
+    SpecialX,
+}
+
+impl WordKind {
+    const fn code(self) -> u16 {
+        match self {
+            Self::Y => 0,
+            Self::X => 2,
+            Self::SpecialY => 4,
+            Self::SpecialX => 6,
+        }
+    }
+}
+
+/// The kind of a 48-bit register.
+const LONG: u16 = 1;
+
+/// Why a record was refused.
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum RecordError {
+    /// The servo clock.
+    #[error("address 0 is PMAC's servo clock; writing it would trip the watchdog")]
+    AddressZero,
+    /// A width PMAC does not write.
+    #[error("PMAC writes 1, 4, 8, 12, 16, 20 or 24 bits, not {0}")]
+    Width(u8),
+    /// Bits that are not in the word.
+    #[error("{width} bits from bit {offset} on leave the word, which has bits 0 to 23")]
+    Offset {
+        /// The width.
+        width: u8,
+        /// The first bit.
+        offset: u8,
+    },
+    /// A value of more bits.
+    #[error("{value} does not fit in {width} bits, which hold {least} to {most}")]
+    Value {
+        /// The value.
+        value: i64,
+        /// The width.
+        width: u8,
+        /// The least value: the least signed one.
+        least: i64,
+        /// The largest value: the largest unsigned one.
+        most: i64,
+    },
+    /// A fixed-point value of more than 48 bits.
+    #[error("{0} does not fit in 48 bits")]
+    Fixed48(i64),
+    /// A floating-point value that is infinite or no number.
+    #[error("{0} cannot be held by a 48-bit floating-point register")]
+    Float48(f64),
+}
+
+/// One register, or some bits of one, and what to write there.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct WriteRecord {
+    words: [u16; VARIABLE_WRITE_RECORD_WORDS],
+}
+
+impl WriteRecord {
+    /// Writes `value` to the `width` bits (1, 4, 8, 12, 16, 20, 24) from bit `offset` on of a word. The value may be
+    /// meant signed or unsigned: with 4 bits, -8 to 15.
+    ///
+    /// # Errors
+    /// What PMAC could not do, or not do without harm.
+    pub fn word(
+        kind: WordKind,
+        address: u16,
+        width: u8,
+        offset: u8,
+        value: i64,
+    ) -> Result<Self, RecordError> {
+        if !WIDTHS.contains(&width) {
+            return Err(RecordError::Width(width));
+        }
+        if offset > WORD_BITS - width {
+            return Err(RecordError::Offset { width, offset });
+        }
+        let (least, most) = (-(1i64 << (width - 1)), (1i64 << width) - 1);
+        if !(least..=most).contains(&value) {
+            return Err(RecordError::Value { value, width, least, most });
+        }
+        let bits = value as u32 & (int24::MASK >> (WORD_BITS - width));
+        // The whole word is width 0.
+        let width_code = if width == WORD_BITS { 0 } else { u16::from(width) };
+        Self::new(address, kind.code() | width_code << 3 | u16::from(offset) << 8, [bits, 0])
+    }
+
+    /// Writes a 48-bit register as two words; of each, bits 31-24 do not matter.
+    ///
+    /// # Errors
+    /// Address 0.
+    pub fn long(address: u16, y: u32, x: u32) -> Result<Self, RecordError> {
+        Self::new(address, LONG, write48::pack([y, x]))
+    }
+
+    /// Writes a 48-bit fixed-point register (`D:`).
+    ///
+    /// # Errors
+    /// Address 0, or a value of more than 48 bits with its sign.
+    pub fn fixed48(address: u16, value: i64) -> Result<Self, RecordError> {
+        let [y, x] = fixed48::encode(value);
+        if fixed48::decode(y, x) != value {
+            return Err(RecordError::Fixed48(value));
+        }
+        Self::long(address, y, x)
+    }
+
+    /// Writes a 48-bit floating-point register (`L:`); the value is rounded to its 36 bits of mantissa.
+    ///
+    /// # Errors
+    /// Address 0, or a value that is infinite or no number.
+    pub fn float48(address: u16, value: f64) -> Result<Self, RecordError> {
+        if !value.is_finite() {
+            return Err(RecordError::Float48(value));
+        }
+        let [y, x] = float48::encode(value);
+        Self::long(address, y, x)
+    }
+
+    fn new(address: u16, type_word: u16, data: [u32; 2]) -> Result<Self, RecordError> {
+        if address == 0 {
+            return Err(RecordError::AddressZero);
+        }
+        let [[low_1, high_1], [low_2, high_2]] = data.map(split32);
+        Ok(Self { words: [address, type_word, low_1, high_1, low_2, high_2] })
+    }
+
+    /// The record as it lies in the DPRAM, first word first.
+    #[must_use]
+    pub const fn words(&self) -> &[u16; VARIABLE_WRITE_RECORD_WORDS] {
+        &self.words
+    }
+
+    /// The register's address, or the function block's number.
+    #[must_use]
+    pub const fn address(&self) -> u16 {
+        self.words[0]
+    }
+
+    /// The two data longs.
+    #[must_use]
+    pub const fn data(&self) -> [u32; 2] {
+        [join32(self.words[2], self.words[3]), join32(self.words[4], self.words[5])]
+    }
+}
+
+/// What a step found.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum WriteStep {
+    /// Nothing is under way; [`VariableWriter::begin`] may be called.
+    Idle,
+    /// Records are being handed over, PMAC has not done them yet, or the records rest after a job was given up.
+    Waiting,
+    /// PMAC has done this many records more, and more follow.
+    Progress(usize),
+    /// PMAC has done them all; the job is over.
+    Done,
+}
+
+/// What became of a job that was given up.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct GivenUp {
+    /// Records, from the first on, that PMAC has done.
+    pub done: usize,
+    /// Records behind those that PMAC may have done, in part or in whole.
+    pub uncertain: usize,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum State {
+    Idle,
+    /// Of the cycle's records, those before `next` are written.
+    Loading {
+        next: usize,
+    },
+    /// The count is set; PMAC has the cycle's records.
+    Handed,
+    /// A count was taken back at this moment.
+    Settling {
+        since: Instant,
+    },
+}
+
+/// The host's half of the function: one job at a time.
+pub struct VariableWriter {
+    place: Region,
+    state: State,
+    records: Vec<WriteRecord>,
+    /// Records of cycles that are done.
+    done: usize,
+}
+
+impl VariableWriter {
+    /// A writer that keeps its records in `place` (a plan's). With less room than one record it can write nothing.
+    #[must_use]
+    pub fn new(place: Region) -> Self {
+        Self { place, state: State::Idle, records: Vec::new(), done: 0 }
+    }
+
+    /// Takes back records a host, this one or a dead one, left for PMAC. To be called at the start and on every way
+    /// out. 1 write.
+    ///
+    /// # Errors
+    /// When the bus cannot be reached.
+    pub fn release(bus: &mut impl Bus) -> Result<(), BusError> {
+        bus.write16(VARIABLE_WRITE_COUNT, 0)?;
+        bus.order_writes();
+        Ok(())
+    }
+
+    /// Whether [`VariableWriter::begin`] may be called.
+    #[must_use]
+    pub fn is_idle(&self) -> bool {
+        self.state == State::Idle
+    }
+
+    /// Records that go in one cycle.
+    #[must_use]
+    pub fn records_per_cycle(&self) -> usize {
+        (self.place.words() / VARIABLE_WRITE_RECORD_WORDS).min(VARIABLE_WRITE_RECORDS)
+    }
+
+    /// Starts writing `records`, in their order. `Err` gives them back: the writer is not idle, has no room, or PMAC
+    /// still works for another host, or there is no board; try later. No record is no job: it is done at once.
+    /// 1 read; each cycle costs 6 writes a record and 2 more, and the reads of the steps that wait.
+    ///
+    /// # Errors
+    /// When the bus cannot be reached.
+    pub fn begin(
+        &mut self,
+        bus: &mut impl Bus,
+        records: Vec<WriteRecord>,
+    ) -> Result<Result<(), Vec<WriteRecord>>, BusError> {
+        if !self.is_idle() || self.records_per_cycle() == 0 || bus.read16(VARIABLE_WRITE_COUNT)? != 0 {
+            return Ok(Err(records));
+        }
+        self.records = records;
+        self.done = 0;
+        self.state = State::Loading { next: 0 };
+        Ok(Ok(()))
+    }
+
+    /// Does what can be done now. At most [`STEP_RECORDS`] records and 2 words are written, or 1 is read.
+    ///
+    /// # Errors
+    /// When the bus cannot be reached.
+    pub fn step(&mut self, bus: &mut impl Bus, now: Instant) -> Result<WriteStep, BusError> {
+        match self.state {
+            State::Idle => Ok(WriteStep::Idle),
+            State::Loading { .. } if self.cycle() == 0 => {
+                self.state = State::Idle;
+                Ok(WriteStep::Done)
+            }
+            State::Loading { next } => {
+                self.load(bus, next)?;
+                Ok(WriteStep::Waiting)
+            }
+            State::Handed => {
+                if bus.read16(VARIABLE_WRITE_COUNT)? != 0 {
+                    return Ok(WriteStep::Waiting);
+                }
+                bus.order_reads();
+                let cycle = self.cycle();
+                self.done += cycle;
+                if self.cycle() == 0 {
+                    self.state = State::Idle;
+                    return Ok(WriteStep::Done);
+                }
+                self.state = State::Loading { next: 0 };
+                Ok(WriteStep::Progress(cycle))
+            }
+            State::Settling { since } if now >= since + SETTLE => {
+                self.state = State::Idle;
+                Ok(WriteStep::Idle)
+            }
+            State::Settling { .. } => Ok(WriteStep::Waiting),
+        }
+    }
+
+    /// Ends the job under way: takes the count back, so that PMAC does nothing more of it from the next pass on, and
+    /// tells what it did. 1 write when PMAC has records. A job that is not under way has done nothing.
+    ///
+    /// # Errors
+    /// When the bus cannot be reached.
+    pub fn give_up(&mut self, bus: &mut impl Bus, now: Instant) -> Result<GivenUp, BusError> {
+        let uncertain = match self.state {
+            State::Idle | State::Settling { .. } => return Ok(GivenUp { done: 0, uncertain: 0 }),
+            State::Loading { .. } => {
+                self.state = State::Idle;
+                0
+            }
+            State::Handed => {
+                Self::release(bus)?;
+                self.state = State::Settling { since: now };
+                self.cycle()
+            }
+        };
+        Ok(GivenUp { done: self.done, uncertain })
+    }
+
+    /// Records of the present cycle.
+    fn cycle(&self) -> usize {
+        (self.records.len() - self.done).min(self.records_per_cycle())
+    }
+
+    /// Writes the next records, and after the cycle's last one hands them over.
+    fn load(&mut self, bus: &mut impl Bus, next: usize) -> Result<(), BusError> {
+        let cycle = self.cycle();
+        let end = cycle.min(next + STEP_RECORDS);
+        for index in next..end {
+            let first: HostOffset = self.place.start.plus_words(index * VARIABLE_WRITE_RECORD_WORDS);
+            for (word, value) in self.records[self.done + index].words.iter().enumerate() {
+                bus.write16(first.plus_words(word), *value)?;
+            }
+        }
+        if end < cycle {
+            self.state = State::Loading { next: end };
+            return Ok(());
+        }
+        bus.write16(VARIABLE_WRITE_START, (classic::BASE + self.place.start.bytes() / 4) as u16)?;
+        bus.order_writes();
+        bus.write16(VARIABLE_WRITE_COUNT, cycle as u16)?;
+        bus.order_writes();
+        self.state = State::Handed;
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+#[path = "variable_write_tests.rs"]
+mod tests;

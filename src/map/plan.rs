@@ -1,0 +1,403 @@
+//! The plan of the open area, $D200-$DFFF: which buffer of variable size lies where, and what is left for other use.
+//!
+//! The host alone places the tables of the background variable functions and the binary rotary buffers, and must keep
+//! them apart (DPRAM manual p. 25). The gather buffer begins where the firmware has it, at the bottom, and its length
+//! changes from one gathering to the next. So the others are placed from the top downwards: rotary 1, rotary 2,
+//! variable read, variable write; what lies between is for the user. Each can be given a place of its own instead.
+
+use std::fmt;
+
+use super::classic::{
+    self, VARIABLE_READ_ENTRIES, VARIABLE_READ_ENTRY_WORDS, VARIABLE_WRITE_RECORD_WORDS,
+    VARIABLE_WRITE_RECORDS,
+};
+use super::{Family, HostOffset, Layout, Region};
+
+/// 16-bit words of the data of one variable-read entry at most: a long register's.
+pub const VARIABLE_READ_DATA_WORDS: usize = 4;
+/// Longs a gather sample has at most: 24 sources of two longs.
+const SAMPLE_LONGS: u32 = 48;
+
+/// Sizes of the buffers in the open area, and places for those that shall not lie where the plan puts them.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Deserialize, serde::Serialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct PlanSettings {
+    /// Longs (32 bits) kept for gathering, from the gather buffer's start on.
+    pub gather_longs: u32,
+    /// Entries the variable-read table has room for, 0-128.
+    pub variable_read_entries: u32,
+    /// Records the variable-write table has room for, 0-32.
+    pub variable_write_records: u32,
+    /// Longs of the two rotary buffers, each 0 (none) or even and at least 6.
+    pub rotary_longs: [u32; 2],
+    /// PMAC address of the variable-read table; 0 where the plan puts it.
+    pub variable_read_start: u32,
+    /// PMAC address of the variable-write records; 0 where the plan puts them.
+    pub variable_write_start: u32,
+    /// PMAC addresses of the two rotary buffers; 0 where the plan puts them.
+    pub rotary_start: [u32; 2],
+}
+
+impl Default for PlanSettings {
+    /// Gathering below $D800, the tables and rotary buffers from $DA20 on, 544 longs from $D800 for the user.
+    fn default() -> Self {
+        Self {
+            gather_longs: 0x5C0,
+            variable_read_entries: VARIABLE_READ_ENTRIES as u32,
+            variable_write_records: VARIABLE_WRITE_RECORDS as u32,
+            rotary_longs: [0x200; 2],
+            variable_read_start: 0,
+            variable_write_start: 0,
+            rotary_start: [0; 2],
+        }
+    }
+}
+
+/// Why the buffers cannot lie as asked.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum PlanError {
+    /// Two buffers share words.
+    #[error("{first} and {second} overlap; make one of them smaller, or give it another place")]
+    Overlap {
+        /// One buffer, with its addresses.
+        first: Extent,
+        /// The other.
+        second: Extent,
+    },
+    /// A buffer that leaves the open area.
+    #[error("{buffer} does not fit into the area {open}; make it or its neighbours smaller")]
+    Outside {
+        /// The buffer's name.
+        buffer: &'static str,
+        /// The area.
+        open: Extent,
+    },
+    /// A size its function does not allow.
+    #[error("{buffer}: {size} is not possible; {allowed}")]
+    Size {
+        /// The buffer's name.
+        buffer: &'static str,
+        /// What was asked for.
+        size: u32,
+        /// What can be had.
+        allowed: &'static str,
+    },
+}
+
+/// A buffer with the PMAC addresses of its first and last word, as messages show it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Extent {
+    /// The buffer's name.
+    pub name: &'static str,
+    /// Its first PMAC address.
+    pub first: u32,
+    /// Its last PMAC address.
+    pub last: u32,
+    digits: usize,
+}
+
+impl fmt::Display for Extent {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { name, first, last, digits } = self;
+        write!(f, "{name} (${first:0digits$X}-${last:0digits$X})")
+    }
+}
+
+impl Extent {
+    fn of(family: &Family, region: Region) -> Self {
+        let last = HostOffset::new(region.end.bytes().saturating_sub(2));
+        Self {
+            name: region.name,
+            first: family.pmac_number(region.start),
+            last: family.pmac_number(last),
+            digits: family.address_digits,
+        }
+    }
+}
+
+/// Who a word of the DPRAM belongs to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Owner {
+    /// A function with a fixed place: panel, servo, background, ASCII, or the buffers' headers.
+    Fixed(&'static Region),
+    /// A buffer in the open area: `gather`, `variable_read`, `variable_write`, `rotary_1` or `rotary_2`.
+    Buffer(Region),
+    /// Below a gather buffer that the firmware moved: its index lies here, and nothing tells what else.
+    Firmware(Region),
+    /// Nobody: open for other use.
+    Open,
+}
+
+impl fmt::Display for Owner {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Fixed(region) => write!(f, "the {} area", region.name),
+            Self::Buffer(region) => write!(f, "the {} buffer", region.name),
+            Self::Firmware(_) => f.write_str("the firmware, which keeps the gather index there"),
+            Self::Open => f.write_str("nobody"),
+        }
+    }
+}
+
+/// Words that are not open for other use.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum NotOpen {
+    /// They belong to a function.
+    #[error("{offset} ({address}) belongs to {owner}; {open}")]
+    Owned {
+        /// The first word that does.
+        offset: HostOffset,
+        /// Its PMAC address.
+        address: String,
+        /// Whose it is.
+        owner: String,
+        /// What is open instead.
+        open: String,
+    },
+    /// They lie outside the DPRAM.
+    #[error("{offset} lies outside the DPRAM")]
+    Outside {
+        /// The first word that does.
+        offset: HostOffset,
+    },
+}
+
+/// Where the buffers of the open area lie.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Plan {
+    family: &'static Family,
+    settings: PlanSettings,
+    open: Region,
+    firmware: Region,
+    gather: Region,
+    variable_read: Region,
+    variable_write: Region,
+    rotary: [Region; 2],
+}
+
+impl Plan {
+    /// Places the buffers of `settings` on a board with `layout`.
+    ///
+    /// # Errors
+    /// A size that cannot be, a buffer that leaves the open area, two that overlap.
+    pub fn new(layout: &Layout, settings: PlanSettings) -> Result<Self, PlanError> {
+        check_sizes(&settings)?;
+        let family = layout.family();
+        let open = Region::new("open", classic::OPEN.start, HostOffset::new(family.length));
+        let gather_start = layout.gather().buffer;
+        let rows: [(&str, u32, u32); 4] = [
+            ("rotary_1", settings.rotary_longs[0], settings.rotary_start[0]),
+            ("rotary_2", settings.rotary_longs[1], settings.rotary_start[1]),
+            ("variable_read", read_longs(settings.variable_read_entries), settings.variable_read_start),
+            ("variable_write", write_longs(settings.variable_write_records), settings.variable_write_start),
+        ];
+        let mut top = open.end.bytes();
+        let mut placed = [open; 4];
+        for (region, (name, longs, start)) in placed.iter_mut().zip(rows) {
+            let outside = || outside(name, family, open);
+            let start = match start {
+                0 => {
+                    top = top.checked_sub(4 * longs).ok_or_else(outside)?;
+                    top
+                }
+                number => {
+                    4 * number.checked_sub(family.base).filter(|&n| n < family.length).ok_or_else(outside)?
+                }
+            };
+            *region = region_at(name, start, longs, open).ok_or_else(outside)?;
+        }
+        let [rotary_1, rotary_2, variable_read, variable_write] = placed;
+        let gather = region_at("gather", gather_start.bytes(), settings.gather_longs, open)
+            .ok_or_else(|| outside("gather", family, open))?;
+        let plan = Self {
+            family,
+            settings,
+            open,
+            firmware: Region::new("firmware", open.start, gather_start),
+            gather,
+            variable_read,
+            variable_write,
+            rotary: [rotary_1, rotary_2],
+        };
+        plan.check_overlap()?;
+        Ok(plan)
+    }
+
+    fn check_overlap(&self) -> Result<(), PlanError> {
+        let buffers = self.buffers();
+        for (index, &first) in buffers.iter().enumerate() {
+            for &second in &buffers[..index] {
+                let both = first.words() > 0 && second.words() > 0;
+                if both && first.start < second.end && second.start < first.end {
+                    let [first, second] = [second, first].map(|region| Extent::of(self.family, region));
+                    return Err(PlanError::Overlap { first, second });
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Every buffer, those of no length and the firmware's words below the gather buffer included.
+    fn buffers(&self) -> [Region; 6] {
+        let [rotary_1, rotary_2] = self.rotary;
+        [self.firmware, self.gather, self.variable_read, self.variable_write, rotary_1, rotary_2]
+    }
+
+    /// The sizes and places it was made from.
+    #[must_use]
+    pub const fn settings(&self) -> PlanSettings {
+        self.settings
+    }
+
+    /// The words kept for gathering.
+    #[must_use]
+    pub const fn gather(&self) -> Region {
+        self.gather
+    }
+
+    /// The size for `DEFINE GATHER`, in longs, when a sample has `sample_longs` (1-48): the most whole samples that
+    /// fit. PMAC rounds other sizes up, past what is kept. `None` when not one sample fits.
+    #[must_use]
+    pub fn gather_size(&self, sample_longs: u32) -> Option<u32> {
+        if !(1..=SAMPLE_LONGS).contains(&sample_longs) {
+            return None;
+        }
+        let samples = self.settings.gather_longs / sample_longs;
+        (samples > 0).then_some(samples * sample_longs)
+    }
+
+    /// The variable-read table and, behind it, its data.
+    #[must_use]
+    pub const fn variable_read(&self) -> Region {
+        self.variable_read
+    }
+
+    /// The variable-write records.
+    #[must_use]
+    pub const fn variable_write(&self) -> Region {
+        self.variable_write
+    }
+
+    /// The two rotary buffers.
+    #[must_use]
+    pub const fn rotary(&self) -> [Region; 2] {
+        self.rotary
+    }
+
+    /// The stretches open for other use, ascending.
+    #[must_use]
+    pub fn open_regions(&self) -> Vec<Region> {
+        let mut buffers = self.buffers();
+        buffers.sort_by_key(|region| region.start);
+        let mut regions = Vec::new();
+        let mut next = self.open.start;
+        for buffer in buffers.into_iter().filter(|buffer| buffer.words() > 0) {
+            if next < buffer.start {
+                regions.push(Region::new("open", next, buffer.start));
+            }
+            next = buffer.end;
+        }
+        if next < self.open.end {
+            regions.push(Region::new("open", next, self.open.end));
+        }
+        regions
+    }
+
+    /// Who the word at `offset` belongs to, or `None` when it lies outside the DPRAM.
+    #[must_use]
+    pub fn classify(&self, offset: HostOffset) -> Option<Owner> {
+        if !self.open.contains(offset) {
+            return self.family.region(offset).map(Owner::Fixed);
+        }
+        if self.firmware.contains(offset) {
+            return Some(Owner::Firmware(self.firmware));
+        }
+        let buffer = self.buffers().into_iter().find(|region| region.contains(offset));
+        Some(buffer.map_or(Owner::Open, Owner::Buffer))
+    }
+
+    /// Checks that all `words` words from `first` on are open for other use.
+    ///
+    /// # Errors
+    /// [`NotOpen`], which names the first word that is not, its owner and what is open.
+    pub fn check_open(&self, first: HostOffset, words: usize) -> Result<(), NotOpen> {
+        let end = u64::from(first.bytes()) + 2 * words as u64;
+        if end > u64::from(self.family.length) {
+            return Err(NotOpen::Outside { offset: first.max(self.open.end) });
+        }
+        for offset in (0..words).map(|word| first.plus_words(word)) {
+            match self.classify(offset) {
+                Some(Owner::Open) => {}
+                Some(owner) => {
+                    return Err(NotOpen::Owned {
+                        offset,
+                        address: self.print_half(offset),
+                        owner: owner.to_string(),
+                        open: self.describe_open(),
+                    });
+                }
+                None => return Err(NotOpen::Outside { offset }),
+            }
+        }
+        Ok(())
+    }
+
+    fn print_half(&self, offset: HostOffset) -> String {
+        format!("{}:{}", self.family.half(offset), self.family.print_number(self.family.pmac_number(offset)))
+    }
+
+    fn describe_open(&self) -> String {
+        let print = |number| self.family.print_number(number);
+        let extents = self.open_regions().into_iter().map(|region| Extent::of(self.family, region));
+        let texts: Vec<_> =
+            extents.map(|extent| format!("{}-{}", print(extent.first), print(extent.last))).collect();
+        match texts.as_slice() {
+            [] => "with the present plan nothing is open for other use".to_owned(),
+            texts => format!("open for other use is {}", texts.join(", ")),
+        }
+    }
+}
+
+fn check_sizes(settings: &PlanSettings) -> Result<(), PlanError> {
+    let size = |buffer, size, allowed| Err(PlanError::Size { buffer, size, allowed });
+    if settings.variable_read_entries as usize > VARIABLE_READ_ENTRIES {
+        return size("variable_read", settings.variable_read_entries, "a table has 0 to 128 entries");
+    }
+    if settings.variable_write_records as usize > VARIABLE_WRITE_RECORDS {
+        return size("variable_write", settings.variable_write_records, "a table has 0 to 32 records");
+    }
+    for (buffer, longs) in ["rotary_1", "rotary_2"].into_iter().zip(settings.rotary_longs) {
+        if longs != 0 && (longs < 6 || !longs.is_multiple_of(2)) {
+            return size(buffer, longs, "a rotary buffer has 0 or an even number of longs, at least 6");
+        }
+    }
+    Ok(())
+}
+
+/// Longs that `entries` entries of the variable-read table take with their data.
+const fn read_longs(entries: u32) -> u32 {
+    entries * (VARIABLE_READ_ENTRY_WORDS + VARIABLE_READ_DATA_WORDS) as u32 / 2
+}
+
+const fn write_longs(records: u32) -> u32 {
+    records * VARIABLE_WRITE_RECORD_WORDS as u32 / 2
+}
+
+/// The region of `longs` longs from byte `start` on, if it lies in the open area.
+fn region_at(name: &'static str, start: u32, longs: u32, open: Region) -> Option<Region> {
+    let end = longs.checked_mul(4)?.checked_add(start)?;
+    if start < open.start.bytes() || end > open.end.bytes() {
+        return None;
+    }
+    Some(Region::new(name, HostOffset::checked(start)?, HostOffset::checked(end)?))
+}
+
+fn outside(buffer: &'static str, family: &Family, open: Region) -> PlanError {
+    PlanError::Outside { buffer, open: Extent::of(family, open) }
+}
+
+#[cfg(test)]
+#[path = "plan_tests.rs"]
+mod tests;

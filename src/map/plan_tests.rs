@@ -1,0 +1,154 @@
+//! The plan: where buffers lie, what is refused, who owns a word.
+
+use proptest::prelude::*;
+
+use super::super::PMAC;
+use super::*;
+
+fn layout(firmware: Option<&str>) -> Layout {
+    Layout::new(&PMAC, firmware.map(|text| text.parse().unwrap()))
+}
+
+fn at(number: u32) -> HostOffset {
+    HostOffset::new(4 * (number - 0xD000))
+}
+
+#[test]
+fn gathering_begins_where_the_firmware_has_it_and_the_rest_stays() {
+    for (firmware, start, end) in [(None, 0xD200, 0xD7C0), (Some("1.16D"), 0xD240, 0xD800)] {
+        let plan = Plan::new(&layout(firmware), PlanSettings::default()).unwrap();
+        assert_eq!((plan.gather().start, plan.gather().end), (at(start), at(end)));
+        assert_eq!(plan.rotary().map(|region| region.start), [at(0xDE00), at(0xDC00)]);
+        assert_eq!((plan.variable_read().start, plan.variable_read().words()), (at(0xDA80), 768));
+        assert_eq!((plan.variable_write().start, plan.variable_write().words()), (at(0xDA20), 192));
+        let open = plan.open_regions();
+        assert_eq!(open.len(), 1);
+        assert_eq!((open[0].start, open[0].end), (at(end), at(0xDA20)));
+        assert!(plan.check_open(at(0xD800), 2).is_ok());
+    }
+}
+
+#[test]
+fn gather_sizes_are_whole_samples() {
+    let settings = PlanSettings { gather_longs: 4000 / 2, ..PlanSettings::default() };
+    let plan = Plan::new(&layout(None), settings).unwrap();
+    assert_eq!(plan.gather_size(3), Some(1998));
+    assert_eq!(plan.gather_size(0), None);
+    assert_eq!(plan.gather_size(49), None);
+    let none = PlanSettings { gather_longs: 5, ..settings };
+    assert_eq!(Plan::new(&layout(None), none).unwrap().gather_size(6), None);
+}
+
+#[test]
+fn buffers_that_overlap_are_named_with_their_addresses() {
+    let refused = |settings| Plan::new(&layout(None), settings).unwrap_err().to_string();
+    let wide = PlanSettings { gather_longs: 0x900, ..PlanSettings::default() };
+    assert_eq!(
+        refused(wide),
+        "gather ($D200-$DAFF) and variable_read ($DA80-$DBFF) overlap; make one of them smaller, or give it \
+         another place"
+    );
+    let placed = PlanSettings { variable_read_start: 0xD700, ..PlanSettings::default() };
+    assert!(refused(placed).starts_with("gather ($D200-$D7BF) and variable_read ($D700-$D87F) overlap"));
+    let placed = PlanSettings { rotary_start: [0, 0xDFF0], ..PlanSettings::default() };
+    assert!(refused(placed).starts_with("rotary_2 does not fit into the area open ($D200-$DFFF);"));
+    for start in [0xD1FF, 0xE000, u32::MAX, 1] {
+        let placed = PlanSettings { variable_write_start: start, ..PlanSettings::default() };
+        assert!(refused(placed).starts_with("variable_write does not fit"), "{start:#X}");
+    }
+    let huge = PlanSettings { gather_longs: u32::MAX, ..PlanSettings::default() };
+    assert!(refused(huge).starts_with("gather does not fit"));
+    // What firmware keeps below a gather buffer it moved is not free either.
+    let below =
+        PlanSettings { variable_write_start: 0xD200, variable_write_records: 1, ..PlanSettings::default() };
+    assert!(
+        Plan::new(&layout(Some("1.16D")), below)
+            .unwrap_err()
+            .to_string()
+            .starts_with("firmware ($D200-$D23F)")
+    );
+}
+
+#[test]
+fn sizes_no_function_takes_are_refused() {
+    for (settings, buffer) in [
+        (PlanSettings { variable_read_entries: 129, ..PlanSettings::default() }, "variable_read"),
+        (PlanSettings { variable_write_records: 33, ..PlanSettings::default() }, "variable_write"),
+        (PlanSettings { rotary_longs: [4, 0], ..PlanSettings::default() }, "rotary_1"),
+        (PlanSettings { rotary_longs: [0, 7], ..PlanSettings::default() }, "rotary_2"),
+    ] {
+        let error = Plan::new(&layout(None), settings).unwrap_err();
+        assert!(matches!(error, PlanError::Size { buffer: named, .. } if named == buffer), "{error}");
+    }
+}
+
+#[test]
+fn every_word_has_the_owner_the_map_gives_it() {
+    let plan = Plan::new(&layout(Some("1.16D")), PlanSettings::default()).unwrap();
+    let owner = |number| plan.classify(at(number)).unwrap().to_string();
+    assert_eq!(owner(0xD000), "the panel area");
+    assert_eq!(owner(0xD1F5), "the pointers area");
+    assert!(owner(0xD23F).starts_with("the firmware"));
+    assert_eq!(owner(0xD240), "the gather buffer");
+    assert_eq!(plan.classify(at(0xD800)), Some(Owner::Open));
+    assert_eq!(owner(0xDFFF), "the rotary_1 buffer");
+    assert_eq!(plan.classify(HostOffset::new(0x4000)), None);
+}
+
+#[test]
+fn what_is_not_open_is_refused_with_what_is() {
+    let plan = Plan::new(&layout(None), PlanSettings::default()).unwrap();
+    assert_eq!(
+        plan.check_open(HostOffset::new(0x0026), 1).unwrap_err().to_string(),
+        "0x0026 (X:$D009) belongs to the servo area; open for other use is $D7C0-$DA1F"
+    );
+    assert!(plan.check_open(at(0xDA1F), 2).is_ok());
+    assert!(plan.check_open(at(0xDA1F), 4).unwrap_err().to_string().contains("variable_write"));
+    assert!(matches!(plan.check_open(at(0xDFFF), 4), Err(NotOpen::Outside { .. })));
+    assert!(matches!(plan.check_open(at(0xD800), usize::MAX / 4), Err(NotOpen::Outside { .. })));
+}
+
+#[test]
+fn without_buffers_all_of_the_area_is_open() {
+    let settings = PlanSettings {
+        gather_longs: 0,
+        variable_read_entries: 0,
+        variable_write_records: 0,
+        rotary_longs: [0; 2],
+        ..PlanSettings::default()
+    };
+    let plan = Plan::new(&layout(None), settings).unwrap();
+    assert_eq!(plan.open_regions(), [Region::new("open", at(0xD200), HostOffset::new(0x4000))]);
+}
+
+proptest! {
+    #[test]
+    fn a_plan_that_is_accepted_gives_every_word_one_owner(
+        gather_longs in 0u32..2000,
+        variable_read_entries in 0u32..=128,
+        variable_write_records in 0u32..=32,
+        rotary in 3u32..400,
+        start in 0xD200u32..0xE000,
+        moved in any::<bool>(),
+    ) {
+        let settings = PlanSettings {
+            gather_longs,
+            variable_read_entries,
+            variable_write_records,
+            rotary_longs: [2 * rotary, 0],
+            variable_read_start: start,
+            ..PlanSettings::default()
+        };
+        let layout = layout(moved.then_some("1.16D"));
+        if let Ok(plan) = Plan::new(&layout, settings) {
+            let open = plan.open_regions();
+            for bytes in (0x0800..0x4000).step_by(2) {
+                let offset = HostOffset::new(bytes);
+                let owners = plan.buffers().iter().chain(&open).filter(|region| region.contains(offset)).count();
+                prop_assert_eq!(owners, 1);
+                let is_open = plan.classify(offset) == Some(Owner::Open);
+                prop_assert_eq!(is_open, open.iter().any(|region| region.contains(offset)));
+            }
+        }
+    }
+}

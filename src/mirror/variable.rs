@@ -1,0 +1,177 @@
+//! The variable region: user-chosen registers that PMAC copies in the background, published with their own table.
+//!
+//! # Payload
+//! | offset | type | field |
+//! |---|---|---|
+//! | 0 | u32 | table number: grows with every change of the table |
+//! | 4 | u32 | entries that follow |
+//! | 8 + 16 k | u16 | entry k: PMAC address |
+//! | 10 + 16 k | u16 | its kind: 0 Y, 1 long (D or L), 2 X, 4 special |
+//! | 12 + 16 k | u32 | how many values of it were taken since the table was set up (modulo 2^32); 0: none yet |
+//! | 16 + 16 k | u16 × 4 | its words as the board held them, low word first |
+//!
+//! Integers are in the machine's byte order, 32-bit ones low half first on the machines there are. The sample's servo
+//! timer is that of PMAC's pass.
+
+use std::time::{Duration, Instant};
+
+use crate::device::{Bus, BusError};
+use crate::format::split32;
+use crate::function::servo_timer::ServoTimer;
+use crate::function::variable_read::{
+    VariableEntry, VariableLook, VariableMode, VariableReadBusError, VariableReader,
+};
+use crate::map::{Region, classic};
+use crate::segment::{Publisher, RegionId, RegionState, Stamp, monotonic_ns};
+
+/// 16-bit words before the entries, and of an entry.
+pub const HEADER_WORDS: usize = 4;
+/// 16-bit words of an entry.
+pub const ENTRY_WORDS: usize = 8;
+/// The longest payload in 16-bit words.
+pub const PAYLOAD_WORDS: usize = HEADER_WORDS + classic::VARIABLE_READ_ENTRIES * ENTRY_WORDS;
+/// The servo timer's bits in the variable-read header.
+const TIMER_BITS: u32 = 16;
+/// How often to look for new values; PMAC's background cycle takes some milliseconds.
+const LOOK: Duration = Duration::from_millis(2);
+/// How often to look at most while there is work to go on with.
+const GO_ON: Duration = Duration::from_micros(50);
+/// Without new values for this long the region is stale.
+const STALE: Duration = Duration::from_secs(1);
+
+/// Mirrors the variable-read buffer.
+pub struct VariableMirror {
+    reader: VariableReader,
+    mode: VariableMode,
+    timer: ServoTimer,
+    table: u32,
+    payload: [u16; PAYLOAD_WORDS],
+    next_look: Instant,
+    last_values: Option<Instant>,
+    is_live: bool,
+}
+
+impl VariableMirror {
+    /// A mirror that uses the words of `place` and has no table.
+    #[must_use]
+    pub fn new(place: Region, mode: VariableMode) -> Self {
+        Self {
+            reader: VariableReader::new(place),
+            mode,
+            timer: ServoTimer::new(TIMER_BITS),
+            table: 0,
+            payload: [0; PAYLOAD_WORDS],
+            next_look: Instant::now(),
+            last_values: None,
+            is_live: false,
+        }
+    }
+
+    /// Replaces the table; an empty one stops the function.
+    ///
+    /// # Errors
+    /// A table that cannot be, or a bus out of reach.
+    pub fn begin(
+        &mut self,
+        bus: &mut impl Bus,
+        entries: &[VariableEntry],
+        publisher: &Publisher,
+        now: Instant,
+    ) -> Result<(), VariableReadBusError> {
+        self.reader.begin(bus, entries, self.mode, now)?;
+        self.table = self.table.wrapping_add(1);
+        self.timer.forget();
+        self.last_values = None;
+        self.is_live = false;
+        self.next_look = now;
+        publisher.set_region_state(RegionId::Variable, RegionState::Off);
+        Ok(())
+    }
+
+    /// Sets the present table up again, as after a reset of the board.
+    ///
+    /// # Errors
+    /// When the bus cannot be reached.
+    pub fn begin_again(
+        &mut self,
+        bus: &mut impl Bus,
+        publisher: &Publisher,
+        now: Instant,
+    ) -> Result<(), BusError> {
+        let entries = self.reader.entries().to_vec();
+        match self.begin(bus, &entries, publisher, now) {
+            // The table has been accepted before.
+            Ok(()) | Err(VariableReadBusError::Refused(_)) => Ok(()),
+            Err(VariableReadBusError::Bus(error)) => Err(error),
+        }
+    }
+
+    /// When to look next; `None` while there is no table.
+    #[must_use]
+    pub fn due(&self) -> Option<Instant> {
+        (!self.reader.entries().is_empty()).then_some(self.next_look)
+    }
+
+    /// Looks once; publishes what is new.
+    ///
+    /// # Errors
+    /// When the bus cannot be reached.
+    pub fn pass(
+        &mut self,
+        bus: &mut impl Bus,
+        publisher: &mut Publisher,
+        now: Instant,
+    ) -> Result<(), BusError> {
+        let time_ns = monotonic_ns();
+        let timer = match self.reader.look(bus, now)? {
+            VariableLook::Report(timer) => Some(timer),
+            VariableLook::Values(which) => {
+                let entry = self.reader.values().get(which.trailing_zeros() as usize);
+                entry.map(|value| value.timer)
+            }
+            VariableLook::Partial | VariableLook::SettingUp => {
+                self.next_look = now + GO_ON;
+                None
+            }
+            VariableLook::Off | VariableLook::Nothing => {
+                self.next_look = now + LOOK;
+                let silent = self.last_values.is_none_or(|last| now.duration_since(last) > STALE);
+                if self.is_live && silent {
+                    self.is_live = false;
+                    publisher.set_region_state(RegionId::Variable, RegionState::Stale);
+                }
+                None
+            }
+        };
+        if let Some(timer) = timer {
+            self.publish(publisher, timer, time_ns);
+            self.last_values = Some(now);
+            self.next_look = now + LOOK;
+        }
+        Ok(())
+    }
+
+    fn publish(&mut self, publisher: &mut Publisher, timer: u16, time_ns: u64) {
+        let (servo_timer, _) = self.timer.advance(timer);
+        let count = self.reader.entries().len();
+        self.payload[..2].copy_from_slice(&split32(self.table));
+        self.payload[2..HEADER_WORDS].copy_from_slice(&split32(count as u32));
+        let slots = self.payload[HEADER_WORDS..].chunks_exact_mut(ENTRY_WORDS);
+        for ((slot, entry), value) in slots.zip(self.reader.entries()).zip(self.reader.values()) {
+            slot[0] = entry.address;
+            slot[1] = entry.kind.code();
+            slot[2..4].copy_from_slice(&split32(value.updates as u32));
+            slot[4..].copy_from_slice(&value.words);
+        }
+        let words = HEADER_WORDS + count * ENTRY_WORDS;
+        publisher.publish(
+            RegionId::Variable,
+            Stamp { time_ns, servo_timer, valid: true },
+            &self.payload[..words],
+        );
+        if !self.is_live {
+            self.is_live = true;
+            publisher.set_region_state(RegionId::Variable, RegionState::Live);
+        }
+    }
+}

@@ -1,0 +1,138 @@
+//! Tests of [`super::enable`].
+
+use super::enable::{EnablePlan, Function, Options, plan};
+
+fn commands(functions: &[Function], options: &Options) -> Vec<String> {
+    plan(functions, options).unwrap().commands
+}
+
+fn why<'a>(plan: &'a EnablePlan, line: &str) -> &'a str {
+    let mut lines = plan.plans.iter().flat_map(|plan| &plan.lines);
+    &lines.find(|planned| planned.line == line).unwrap_or_else(|| panic!("no line {line}")).why
+}
+
+#[test]
+fn each_function_by_itself() {
+    let defaults = Options::default();
+    let expected: [(Function, &[&str]); 7] = [
+        (Function::Ascii, &["I3=2", "I58=1"]),
+        (Function::Panel, &["I2=3"]),
+        (Function::Servo, &["I19=1", "I59=8", "I48=1", "GATHER"]),
+        (Function::Background, &["I59=8", "I49=1"]),
+        (Function::Variable, &["WY$D1FB,0", "WY$D1F5,0", "I55=1"]),
+        (
+            Function::Rotary,
+            &["I57=0", "WY$D1FD,0", "WX$D1FD,0", "&1 DEFINE ROT 100", "&1 B0", "OPEN ROT", "I57=1"],
+        ),
+        (Function::Gather, &["I19=1", "I45=3", "DEFINE GATHER 1024", "GATHER"]),
+    ];
+    for (function, lines) in expected {
+        assert_eq!(commands(&[function], &defaults), lines, "{function}");
+    }
+}
+
+#[test]
+fn reasons_name_the_side_effects() {
+    let plan = plan(&Function::ALL, &Options::default()).unwrap();
+    let i58 = why(&plan, "I58=1");
+    assert!(i58.contains("I3") && i58.contains("I4=0") && i58.contains("I6=1"), "{i58}");
+    assert!(why(&plan, "I2=3").contains("JPAN"));
+    assert!(why(&plan, "WY$D1F5,0").contains("watchdog"));
+    for line in plan.plans.iter().flat_map(|plan| &plan.lines) {
+        assert!(!line.why.is_empty(), "{}", line.line);
+    }
+}
+
+#[test]
+fn together_they_share_settings_and_keep_to_an_order() {
+    let options = Options { motors: 4, period: 2, save: true, ..Options::default() };
+    // Typed in any order, and twice.
+    let typed = [Function::Gather, Function::Background, Function::Servo, Function::Rotary, Function::Servo];
+    let lines = commands(&typed, &options);
+    assert_eq!(
+        lines,
+        [
+            "I19=2",
+            "I59=4",
+            "I48=1",
+            "I49=1",
+            "I57=0",
+            "WY$D1FD,0",
+            "WX$D1FD,0",
+            "I45=3",
+            "SAVE",
+            "&1 DEFINE ROT 100",
+            "&1 B0",
+            "DEFINE GATHER 1024",
+            "GATHER",
+            "GATHER",
+            "OPEN ROT",
+            "I57=1"
+        ]
+    );
+}
+
+#[test]
+fn gather_beside_servo_needs_a_second_gather() {
+    let defaults = Options::default();
+    let both = plan(&[Function::Servo, Function::Gather], &defaults).unwrap();
+    assert_eq!(both.commands.iter().filter(|line| *line == "GATHER").count(), 2);
+    assert!(both.plans[1].lines.last().unwrap().why.contains("second"));
+    let alone = plan(&[Function::Gather], &defaults).unwrap();
+    assert!(alone.plans[0].notes.iter().any(|note| note.contains("I48=1") && note.contains("once more")));
+}
+
+#[test]
+fn options_reach_the_lines() {
+    let options = Options {
+        interrupt: true,
+        coordinate_system: 2,
+        rotary_words: 200,
+        gather_longs: 100,
+        gather_wrap: false,
+        gather_sources: ["D:$002B", "Y:$C003"].map(|text| text.parse().unwrap()).to_vec(),
+        ..Options::default()
+    };
+    assert_eq!(commands(&[Function::Ascii], &options), ["I3=2", "I58=1", "I56=1"]);
+    let gather = plan(&[Function::Gather], &options).unwrap();
+    assert_eq!(
+        gather.commands,
+        ["I19=1", "I45=2", "I20=$000003", "I21=$80002B", "I22=$00C003", "DEFINE GATHER 100", "GATHER"]
+    );
+    // 3 longs a sample: 100 becomes 102.
+    assert!(gather.plans[0].notes.iter().any(|note| note.contains("102 longs")));
+    assert!(commands(&[Function::Rotary], &options).contains(&"&2 DEFINE ROT 200".to_owned()));
+}
+
+#[test]
+fn impossible_options_are_refused_with_their_range() {
+    let refused = |function, options| plan(&[function], &options).unwrap_err().to_string();
+    let defaults = Options::default;
+    assert_eq!(
+        refused(Function::Servo, Options { motors: 9, ..defaults() }),
+        "motor 9 is not possible; it is 1 to 8"
+    );
+    assert!(refused(Function::Background, Options { motors: 0, ..defaults() }).contains("1 to 8"));
+    assert!(refused(Function::Servo, Options { period: 0, ..defaults() }).contains("1 to 8388607"));
+    assert!(refused(Function::Gather, Options { gather_longs: 3585, ..defaults() }).contains("1 to 3584"));
+    let wide = Options {
+        gather_longs: 3584,
+        gather_sources: ["D:$002B", "Y:$C003"].map(|text| text.parse().unwrap()).to_vec(),
+        ..defaults()
+    };
+    assert!(refused(Function::Gather, wide).contains("3585 is not possible"));
+    let many = Options { gather_sources: vec!["Y:$1".parse().unwrap(); 25], ..defaults() };
+    assert!(refused(Function::Gather, many).contains("0 to 24"));
+    assert!(refused(Function::Rotary, Options { coordinate_system: 9, ..defaults() }).contains("1 to 8"));
+    // What a function does not use does not matter to it.
+    assert!(plan(&[Function::Panel], &Options { motors: 9, period: 0, ..defaults() }).is_ok());
+}
+
+#[test]
+fn functions_by_name() {
+    for function in Function::ALL {
+        assert_eq!(function.name().to_uppercase().parse(), Ok(function));
+    }
+    let error = "mailbox".parse::<Function>().unwrap_err().to_string();
+    assert!(error.contains("\"mailbox\"") && error.contains("gather"));
+}

@@ -1,0 +1,165 @@
+//! Set-up calculators (layer 1): what to send to a board, and why. They compute and write nothing themselves.
+//!
+//! [`isa`] and [`vme`] give the lines that place the DPRAM in the host's memory, [`enable`] those that switch the
+//! automatic functions on, [`absolute`] tells what an absolute-position word makes PMAC read, and [`position`] works
+//! the position out. The addresses here are those of PMAC's set-up registers (X:$0783 to X:$078C, Turbo I90 to I99);
+//! the DPRAM's own come from [`crate::map`].
+
+pub mod absolute;
+#[cfg(test)]
+mod absolute_tests;
+pub mod enable;
+#[cfg(test)]
+mod enable_tests;
+pub mod gather_source;
+pub mod isa;
+pub mod number;
+pub mod position;
+pub mod vme;
+#[cfg(test)]
+mod vme_tests;
+
+use std::fmt;
+use std::str::FromStr;
+
+use serde::{Serialize, Serializer};
+
+/// The bytes of the DPRAM that a board shows at a time, and the multiple at which they start: 16 KiB.
+pub const WINDOW: u32 = 0x4000;
+
+/// Which kind of set-up registers a board has.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+pub enum Generation {
+    /// PMAC and PMAC2: registers X:$0783 to X:$078C, four-digit addresses, Ix10 alone.
+    #[default]
+    Classic,
+    /// Turbo PMAC and Turbo PMAC2: I90 to I99, six-digit addresses, Ixx10 with Ixx95.
+    Turbo,
+}
+
+/// A family name that is not known.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("no board family is called {name:?}; known are pmac, pmac2, turbo, turbo2")]
+pub struct UnknownGeneration {
+    /// What was asked for.
+    pub name: String,
+}
+
+impl FromStr for Generation {
+    type Err = UnknownGeneration;
+
+    fn from_str(name: &str) -> Result<Self, UnknownGeneration> {
+        match name.to_ascii_lowercase().as_str() {
+            "pmac" | "pmac2" => Ok(Self::Classic),
+            "turbo" | "turbo2" => Ok(Self::Turbo),
+            _ => Err(UnknownGeneration { name: name.to_owned() }),
+        }
+    }
+}
+
+/// What to send to a board to place its DPRAM, in order, and what every part of it means.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct SetupPlan {
+    /// The on-line command lines, `SAVE` and `$$$` included.
+    pub commands: Vec<String>,
+    /// What the host writes on the bus after every reset, before it touches the DPRAM; `None` where nothing is.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub after_reset: Option<Vec<BusWrite>>,
+    /// The values in the lines, register by register.
+    pub values: Vec<SetupValue>,
+    /// What is possible but likely not meant.
+    pub warnings: Vec<String>,
+}
+
+/// One byte that the host writes on its own bus.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+pub struct BusWrite {
+    /// The bus address of the byte. `0x…` in JSON.
+    #[serde(serialize_with = "hexadecimal")]
+    pub address: u32,
+    /// The byte. `0x…` in JSON.
+    #[serde(serialize_with = "hexadecimal")]
+    pub value: u8,
+}
+
+fn hexadecimal<S: Serializer>(
+    number: &(impl fmt::UpperHex + Copy),
+    serializer: S,
+) -> Result<S::Ok, S::Error> {
+    serializer.collect_str(&format_args!("0x{number:02X}"))
+}
+
+/// A set-up register and what its value says.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct SetupValue {
+    /// `X:$0786` or `I93`.
+    pub register: String,
+    /// The value, `$0E`.
+    pub value: String,
+    /// Its bits, highest first.
+    pub fields: Vec<BitField>,
+    #[serde(skip)]
+    number: u32,
+}
+
+/// Some bits of a register and what they say.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct BitField {
+    /// Which: `7-6`, or `2`.
+    pub bits: String,
+    /// As binary digits.
+    pub value: String,
+    /// What they say.
+    pub meaning: String,
+}
+
+impl SetupValue {
+    /// A register's 8-bit value, not explained yet.
+    fn new(register: String, number: u32) -> Self {
+        Self { register, value: format!("${number:02X}"), fields: Vec::new(), number }
+    }
+
+    /// Explains the bits `high` to `low`.
+    fn field(mut self, high: u32, low: u32, meaning: impl Into<String>) -> Self {
+        let width = high - low + 1;
+        let bits = if width == 1 { high.to_string() } else { format!("{high}-{low}") };
+        let value = (self.number >> low) & ((1 << width) - 1);
+        let value = format!("{value:0digits$b}", digits = width as usize);
+        self.fields.push(BitField { bits, value, meaning: meaning.into() });
+        self
+    }
+}
+
+/// `SAVE` keeps the values over a reset, and only a reset makes the board use them.
+fn with_save_and_reset(mut lines: Vec<String>) -> Vec<String> {
+    lines.extend(["SAVE".to_owned(), "$$$".to_owned()]);
+    lines
+}
+
+/// The address of the last byte of the window at `start`, for messages.
+const fn last_of_window(start: u32) -> u32 {
+    start.saturating_add(WINDOW - 1)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn families_by_name() {
+        assert_eq!("PMAC2".parse(), Ok(Generation::Classic));
+        assert_eq!("turbo".parse(), Ok(Generation::Turbo));
+        let error = "umac".parse::<Generation>().unwrap_err().to_string();
+        assert_eq!(error, "no board family is called \"umac\"; known are pmac, pmac2, turbo, turbo2");
+    }
+
+    #[test]
+    fn bits_are_cut_out_as_they_lie() {
+        let value =
+            SetupValue::new("X:$0787".to_owned(), 0xC5).field(7, 6, "a").field(2, 2, "b").field(1, 1, "c");
+        let cut: Vec<_> =
+            value.fields.iter().map(|field| (field.bits.as_str(), field.value.as_str())).collect();
+        assert_eq!(cut, [("7-6", "11"), ("2", "1"), ("1", "0")]);
+        assert_eq!(value.value, "$C5");
+    }
+}

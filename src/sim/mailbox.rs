@@ -1,0 +1,248 @@
+//! The VME mailbox port (User Manual pp. 263-267) as a file of 0x200 bytes that a host maps too.
+//!
+//! Sixteen byte registers at the odd addresses base+1 to base+0x1F, mailboxes 0 to 15. The host writes characters 2 to n
+//! of a group, 15 at most, into mailboxes 2 to 15 and the first one, last of all, into mailbox 0: that is the trigger. PMAC
+//! takes the group and interrupts with vector v-1. A line ends with `<CR>`; a control character goes alone into
+//! mailbox 0. A write of 0 to mailbox 1 lets PMAC fill mailboxes 0 to 15 once with what it has to say, up to 16 characters,
+//! and interrupt with vector v; a `<CR>` ends a group, `<ACK>` has a group of its own, mailboxes not filled keep
+//! what was in them. What PMAC says is what the serial port would say under I3, I4 and I6. base+0x121 takes the DPRAM's page,
+//! A19-A14 of its address, and forgets it at a reset; with [`Mailbox::page`] set, the DPRAM is out of reach until then.
+//!
+//! A file cannot tell that a byte was written that has not changed. So PMAC keeps 0xFF in the even byte before each
+//! register, as an empty byte lane reads, and a host writes 16 bits at base+2n: anything but 0xFF in the low byte and the
+//! character in the high byte.
+
+use std::collections::VecDeque;
+use std::fs::File;
+use std::path::Path;
+
+use nix::fcntl::Flock;
+
+use super::dpram::{DpramError, open_shared};
+use super::fault::Delay;
+use super::language::{Interpreter, SerialPort};
+use super::machine::Machine;
+use crate::device::mapping::Mapping;
+use crate::map::mailbox::{self, LENGTH, MAILBOXES};
+
+/// The page register's word in the file.
+const PAGE: usize = mailbox::PAGE - 1;
+/// The even byte of a register that no host has written to.
+const UNTOUCHED: u8 = 0xFF;
+
+const ACK: u8 = 0x06;
+const CR: u8 = 0x0D;
+const CANCEL: u8 = 0x18;
+
+/// The port.
+pub struct Mailbox {
+    mapping: Mapping,
+    _lock: Flock<File>,
+    port: SerialPort,
+    output: VecDeque<u8>,
+    /// The host has written 0 to mailbox 1 since the last response.
+    may_fill: bool,
+    /// The registers as they were when the trigger was first seen.
+    seen: Option<[u8; MAILBOXES]>,
+    taking: Delay,
+    answering: Delay,
+    /// Characters still to be put into their mailboxes although the interrupt is out.
+    rest: Vec<(usize, u8)>,
+    /// The page that brings the DPRAM into reach; without one it always is.
+    pub page: Option<u8>,
+    /// Interrupts with vector v-1, "taken", not yet given to the hosts.
+    pub taken: u64,
+    /// Interrupts with vector v, "response", not yet given to the hosts.
+    pub responses: u64,
+}
+
+impl Mailbox {
+    /// The port in the file at `path`, which is created if missing.
+    ///
+    /// # Errors
+    /// [`DpramError`] when the file has another length, belongs to another running simulator or cannot be mapped.
+    pub fn open(path: &Path) -> Result<Self, DpramError> {
+        let lock = open_shared(path, LENGTH)?;
+        let mapping = Mapping::new(&lock, 0, LENGTH)
+            .map_err(|source| DpramError::File { path: path.to_owned(), source })?;
+        let mut mailbox = Self {
+            mapping,
+            _lock: lock,
+            port: SerialPort::new(),
+            output: VecDeque::new(),
+            may_fill: false,
+            seen: None,
+            taking: Delay::default(),
+            answering: Delay::default(),
+            rest: Vec::new(),
+            page: None,
+            taken: 0,
+            responses: 0,
+        };
+        mailbox.reset();
+        Ok(mailbox)
+    }
+
+    /// As a board's reset leaves it: nothing under way, mailboxes and page 0.
+    pub fn reset(&mut self) {
+        for register in (0..2 * MAILBOXES).step_by(2).chain([PAGE]) {
+            self.put(register, 0);
+        }
+        self.port = SerialPort::new();
+        self.cancel();
+        self.may_fill = false;
+        self.seen = None;
+        self.rest.clear();
+    }
+
+    /// Drops what is still to be said (`<CTRL-X>`).
+    pub fn cancel(&mut self) {
+        self.output.clear();
+    }
+
+    /// Queues bytes for the host.
+    pub fn push(&mut self, bytes: &[u8]) {
+        self.output.extend(bytes);
+    }
+
+    /// The page the host has written since the last reset.
+    #[must_use]
+    pub fn selected_page(&self) -> Option<u8> {
+        let [mark, value] = self.word(PAGE);
+        (mark != UNTOUCHED).then_some(value & 0x3F)
+    }
+
+    /// Whether the host reaches the DPRAM.
+    #[must_use]
+    pub fn reaches_dpram(&self) -> bool {
+        self.page.is_none() || self.page == self.selected_page()
+    }
+
+    /// Even and odd byte at `register`.
+    fn word(&self, register: usize) -> [u8; 2] {
+        self.mapping.read16(register).unwrap_or(0xFFFF).to_le_bytes()
+    }
+
+    fn put(&self, register: usize, value: u8) {
+        let _ = self.mapping.write16(register, u16::from_le_bytes([UNTOUCHED, value]));
+    }
+
+    /// The characters of a group.
+    fn group(boxes: &[u8; MAILBOXES]) -> Vec<u8> {
+        let mut group = vec![boxes[0]];
+        if boxes[0] < b' ' {
+            return group;
+        }
+        for &character in &boxes[2..] {
+            group.push(character);
+            if character == CR {
+                break;
+            }
+        }
+        group
+    }
+
+    /// Looks at mailbox 1, which enables a response.
+    fn look_at_enable(&mut self, machine: &mut Machine) {
+        let [mark, value] = self.word(2);
+        if mark == UNTOUCHED {
+            return;
+        }
+        self.put(2, value);
+        if value == 0 {
+            self.may_fill = true;
+        } else {
+            let cycle = machine.stats.servo_cycles;
+            machine.judge.record(cycle, &format!("the host wrote 0x{value:02X} to mailbox 1, which takes 0"));
+        }
+    }
+
+    /// Takes a group when there is one: seen in one pass, taken in the next.
+    fn take(&mut self, machine: &mut Machine) -> Option<Vec<u8>> {
+        if self.word(0)[0] == UNTOUCHED {
+            self.seen = None;
+            return None;
+        }
+        self.mapping.order_reads();
+        let boxes = std::array::from_fn(|mailbox| self.word(2 * mailbox)[1]);
+        let seen = self.seen.replace(boxes)?;
+        let group = Self::group(&boxes);
+        if Self::group(&seen) != group {
+            let cycle = machine.stats.servo_cycles;
+            machine.judge.record(cycle, "the mailboxes changed before PMAC had taken the group");
+        }
+        let fault = &machine.faults.mailbox;
+        if fault.stuck || !self.taking.over(fault.late) {
+            return None;
+        }
+        self.seen = None;
+        for mailbox in (0..=group.len()).filter(|&mailbox| mailbox != 1) {
+            if let Some(&value) = boxes.get(mailbox) {
+                self.put(2 * mailbox, value);
+            }
+        }
+        self.taken += 1;
+        Some(group)
+    }
+
+    /// Fills the mailboxes when the host has enabled it and there is something to say.
+    fn respond(&mut self, machine: &Machine) {
+        let fault = &machine.faults.mailbox;
+        if !self.may_fill || self.output.is_empty() || fault.stuck || !self.answering.over(fault.late) {
+            return;
+        }
+        self.may_fill = false;
+        let mut group = Vec::new();
+        while let Some(&character) = self.output.front() {
+            if group.len() == MAILBOXES || character == ACK && !group.is_empty() {
+                break;
+            }
+            self.output.pop_front();
+            group.push(character);
+            if matches!(character, CR | ACK) {
+                break;
+            }
+        }
+        let now = if fault.torn { group.len() / 2 } else { group.len() };
+        for (mailbox, &character) in group.iter().enumerate() {
+            if mailbox < now {
+                self.put(2 * mailbox, character);
+            } else {
+                self.rest.push((mailbox, character));
+            }
+        }
+        self.mapping.order_writes();
+        self.responses += 1;
+    }
+}
+
+/// One background pass: the enable, a group, what it says, a response.
+pub fn pass(machine: &mut Machine, interpreter: &mut Interpreter) {
+    let Some(mut mailbox) = machine.mailbox.take() else { return };
+    for (number, character) in std::mem::take(&mut mailbox.rest) {
+        mailbox.put(2 * number, character);
+    }
+    mailbox.look_at_enable(machine);
+    if let Some(group) = mailbox.take(machine) {
+        machine.mailbox_becomes_active();
+        let resets = machine.stats.resets;
+        let mut output = Vec::new();
+        for character in group {
+            if character == CANCEL {
+                mailbox.cancel();
+            }
+            mailbox.port.receive(machine, interpreter, character, &mut output);
+        }
+        if machine.stats.resets == resets {
+            mailbox.push(&output);
+        } else {
+            mailbox.reset();
+        }
+    }
+    mailbox.respond(machine);
+    machine.mailbox = Some(mailbox);
+}
+
+#[cfg(test)]
+#[path = "mailbox_tests.rs"]
+mod tests;

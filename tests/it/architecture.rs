@@ -1,0 +1,322 @@
+//! The house in shape: the invariants of `src/lib.rs` that can be read off the source.
+//!
+//! Only code counts: comments and everything under `#[cfg(test)]` are taken away first. Each rule lists every breach
+//! it finds, and each is tried on text that breaks it.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// The only files that may hold `unsafe`, and map memory.
+const ISLANDS: [&str; 2] = ["src/device/mapping.rs", "src/segment/memory.rs"];
+/// A file one can read in one sitting.
+const MOST_LINES: usize = 600;
+/// Modules that see less than their layer allows: the simulator is the driver's opponent, the client maps no device.
+const SEES_ONLY: [(&str, &[&str]); 2] = [
+    ("sim", &["format", "map", "device::mapping", "usage"]),
+    ("client", &["format", "map", "decode", "protocol", "segment"]),
+];
+/// Words are mirrored as the board held them: these do not decode.
+const DECODES_NOTHING: [&str; 5] = ["device", "function", "mirror", "segment", "daemon"];
+/// Modules in which a number that looks like an address is one, and belongs into `map`.
+const KNOWS_NO_ADDRESS: [&str; 9] =
+    ["decode", "device", "function", "mirror", "segment", "daemon", "client", "sim", "cli"];
+
+/// Offsets that are none in the DPRAM: PMAC's own registers, and the segment's layout.
+const OTHER_OFFSETS: [&str; 4] =
+    ["src/sim/offsets.rs", "src/sim/language/", "src/segment/layout.rs", "src/segment/identity.rs"];
+
+/// A source file: its path from the package's root, and its code, line by line with the line's number.
+struct Source {
+    path: String,
+    text: String,
+    code: Vec<(usize, String)>,
+}
+
+impl Source {
+    fn new(path: &str, text: &str) -> Self {
+        Self { path: path.to_owned(), text: text.to_owned(), code: code(text) }
+    }
+
+    /// The module directly under the crate: `daemon` for `src/daemon/queue.rs`, `bin` for a program.
+    fn module(&self) -> &str {
+        let inner = self.path.trim_start_matches("src/");
+        inner.split('/').next().unwrap_or(inner).trim_end_matches(".rs")
+    }
+
+    /// Every line of code for which `wrong` has something to say.
+    fn breaches(&self, wrong: impl Fn(&str) -> Option<String>) -> Vec<String> {
+        let said = self.code.iter().filter_map(|(number, line)| Some((number, wrong(line)?)));
+        said.map(|(number, what)| format!("{}:{number}: {what}", self.path)).collect()
+    }
+}
+
+/// The lines without comments and without what only tests see.
+fn code(text: &str) -> Vec<(usize, String)> {
+    let mut lines = text.lines().enumerate().map(|(index, line)| (index + 1, line));
+    let mut kept = Vec::new();
+    while let Some((number, line)) = lines.next() {
+        let indent = line.len() - line.trim_start().len();
+        if line.trim_start().starts_with("#[cfg(") && line.contains("test") {
+            // One item: a line that ends it, or everything to the brace that closes it (rustfmt aligns them).
+            let end = format!("{:indent$}}}", "");
+            let item = lines.by_ref().find(|(_, line)| !line.trim_start().starts_with("#["));
+            if item.is_some_and(|(_, line)| !line.ends_with(';') && !line.ends_with('}')) {
+                let _ = lines.by_ref().find(|(_, line)| *line == end);
+            }
+        } else if !line.trim_start().starts_with("//") && !line.trim().is_empty() {
+            kept.push((number, line.split(" // ").next().unwrap_or(line).to_owned()));
+        }
+    }
+    kept
+}
+
+fn root() -> PathBuf {
+    PathBuf::from(env!("CARGO_MANIFEST_DIR"))
+}
+
+fn files_below(directory: &Path, found: &mut Vec<PathBuf>) {
+    for entry in fs::read_dir(directory).unwrap() {
+        let path = entry.unwrap().path();
+        if path.is_dir() {
+            files_below(&path, found);
+        } else if path.extension().is_some_and(|extension| extension == "rs") {
+            found.push(path);
+        }
+    }
+}
+
+fn sources(below: &str) -> Vec<Source> {
+    let mut paths = Vec::new();
+    files_below(&root().join(below), &mut paths);
+    paths.sort();
+    let read = |path: &PathBuf| {
+        let name = path.strip_prefix(root()).unwrap().to_str().unwrap().to_owned();
+        Source::new(&name, &fs::read_to_string(path).unwrap())
+    };
+    let sources: Vec<Source> = paths.iter().map(read).collect();
+    assert!(!sources.is_empty());
+    sources
+}
+
+/// The library's and the programs' source, without the files that only tests see.
+fn shipped() -> Vec<Source> {
+    let mut sources = sources("src");
+    sources.retain(|source| !source.path.ends_with("tests.rs") && !source.path.ends_with("/testing.rs"));
+    sources
+}
+
+fn assert_none(rule: &str, breaches: Vec<String>) {
+    assert!(breaches.is_empty(), "{rule}:\n{}", breaches.join("\n"));
+}
+
+/// Layer and place within it of each module, as the table in `src/lib.rs` has them.
+fn layers(lib: &str) -> BTreeMap<String, (u32, usize)> {
+    let rows = lib.lines().filter_map(|line| line.strip_prefix("//! | ")?.split_once(" | "));
+    let rows = rows.filter_map(|(layer, modules)| Some((layer.parse::<u32>().ok()?, modules)));
+    let names = |modules: &str| {
+        let links = modules.split("[`").skip(1).filter_map(|rest| Some(rest.split_once('`')?.0.to_owned()));
+        links.map(|name| name.trim_start_matches("mod@").to_owned()).collect::<Vec<_>>()
+    };
+    rows.flat_map(|(layer, modules)| {
+        names(modules).into_iter().enumerate().map(move |(at, name)| (name, (layer, at)))
+    })
+    .collect()
+}
+
+/// The paths that follow `crate::` (in a program, the library's name) on this line.
+fn uses(line: &str) -> Vec<String> {
+    let path = |rest: &str| {
+        let end =
+            rest.find(|c: char| !c.is_ascii_alphanumeric() && c != '_' && c != ':').unwrap_or(rest.len());
+        rest[..end].trim_end_matches(':').to_owned()
+    };
+    line.split("crate::").skip(1).chain(line.split("pmac_dpram::").skip(1)).map(path).collect()
+}
+
+fn layer_breach(layers: &BTreeMap<String, (u32, usize)>, module: &str, line: &str) -> Option<String> {
+    let own = layers.get(module);
+    uses(line).iter().find_map(|path| {
+        let other = path.split("::").next().unwrap_or(path);
+        let place = layers.get(other);
+        let only = SEES_ONLY.iter().find(|(name, _)| *name == module).map(|(_, only)| *only);
+        let seen = |allowed: &&str| path == *allowed || path.starts_with(&format!("{allowed}::"));
+        let fault = if other == module {
+            return None;
+        } else if place.is_none() {
+            "no module of the table; one `use` a module"
+        } else if module != "bin" && own.is_none_or(|own| place >= Some(own)) {
+            "not below it"
+        } else if only.is_some_and(|only| !only.iter().any(seen)) {
+            "more than it may see"
+        } else if other == "sim" && module != "bin" {
+            "the simulator, which the driver must not know"
+        } else if other == "decode" && DECODES_NOTHING.contains(&module) {
+            "decoding, which is the client's"
+        } else {
+            return None;
+        };
+        Some(format!("{module} uses {path}: {fault}"))
+    })
+}
+
+#[test]
+fn every_module_stands_in_the_table_of_layers_and_says_so_itself() {
+    let lib = fs::read_to_string(root().join("src/lib.rs")).unwrap();
+    let layers = layers(&lib);
+    let declared = lib.lines().filter_map(|line| line.strip_prefix("pub mod ")?.strip_suffix(';'));
+    let mut declared: Vec<&str> = declared.collect();
+    declared.sort_unstable();
+    assert_eq!(layers.keys().collect::<Vec<_>>(), declared);
+    for (module, (layer, _)) in &layers {
+        let paths = [format!("src/{module}/mod.rs"), format!("src/{module}.rs")];
+        let text = paths.iter().find_map(|path| fs::read_to_string(root().join(path)).ok()).unwrap();
+        assert!(text.lines().take(2).any(|line| line.contains(&format!("(layer {layer})"))), "{module}");
+    }
+}
+
+#[test]
+fn a_module_uses_only_what_lies_below_it() {
+    let layers = layers(&fs::read_to_string(root().join("src/lib.rs")).unwrap());
+    let mut breaches = Vec::new();
+    for source in shipped().iter().filter(|source| source.path != "src/lib.rs") {
+        breaches.extend(source.breaches(|line| layer_breach(&layers, source.module(), line)));
+        // `super` out of the module's own tree would be another way to its neighbours.
+        let depth = source.path.matches('/').count() - usize::from(source.path.ends_with("/mod.rs"));
+        let too_far = "super::".repeat(depth.max(1));
+        let leaves = |line: &str| line.contains(&too_far).then(|| "super leads out of the module".to_owned());
+        breaches.extend(source.breaches(leaves));
+    }
+    assert_none("layers, as in src/lib.rs", breaches);
+
+    for (module, line) in [
+        ("segment", "use crate::mirror::ServoMirror;"),
+        ("function", "    crate::daemon::main()"),
+        ("daemon", "use crate::sim::STARTUP;"),
+        ("sim", "use crate::function::servo;"),
+        ("sim", "use crate::device::FileBoard;"),
+        ("client", "use crate::device::Bus;"),
+        ("mirror", "use crate::decode::value;"),
+        ("map", "use crate::{format, segment};"),
+    ] {
+        assert!(layer_breach(&layers, module, line).is_some(), "{module}: {line}");
+    }
+    assert!(layer_breach(&layers, "mirror", "use crate::segment::Publisher;").is_none());
+    assert!(layer_breach(&layers, "sim", "use crate::device::mapping::Mapping;").is_none());
+}
+
+#[test]
+fn unsafe_code_lives_on_its_islands() {
+    let manifest = fs::read_to_string(root().join("Cargo.toml")).unwrap();
+    for lint in ["unsafe_code", "unsafe_op_in_unsafe_fn", "undocumented_unsafe_blocks"] {
+        assert!(manifest.contains(&format!("{lint} = \"deny\"")), "{lint}");
+    }
+    let word = |line: &str| {
+        let words = line.split(|c: char| !c.is_ascii_alphanumeric() && c != '_');
+        words
+            .into_iter()
+            .any(|word| word == "unsafe" || word == "unsafe_code")
+            .then(|| line.trim().to_owned())
+    };
+    let elsewhere = |source: &&Source| !ISLANDS.contains(&source.path.as_str());
+    let sources = sources("src");
+    let breaches = sources.iter().filter(elsewhere).flat_map(|source| source.breaches(word)).collect();
+    assert_none("unsafe outside its islands", breaches);
+    for island in ISLANDS {
+        let source = sources.iter().find(|source| source.path == island).unwrap();
+        assert!(!source.breaches(word).is_empty(), "{island} needs no unsafe and is no island");
+    }
+}
+
+/// memmap2's other types hand out slices of memory that another agent writes.
+fn mapping_breach(path: &str, line: &str) -> Option<String> {
+    let mut names = line.split(|c: char| !c.is_ascii_alphanumeric() && c != '_');
+    let foreign = line.contains("memmap2") && !ISLANDS.contains(&path);
+    let slices = names.any(|name| name.starts_with("Mmap") && !["MmapRaw", "MmapOptions"].contains(&name));
+    let calls = [".map(&", ".map(file", ".map_mut(", ".map_exec(", ".map_copy", ".map_anon("];
+    let maps = ISLANDS.contains(&path) && calls.iter().any(|call| line.contains(call));
+    (foreign || slices || maps).then(|| line.trim().to_owned())
+}
+
+#[test]
+fn memory_is_mapped_through_mmap_raw_only() {
+    let breaches = shipped()
+        .iter()
+        .flat_map(|source| source.breaches(|line| mapping_breach(&source.path, line)))
+        .collect();
+    assert_none("memmap2 is used on the islands, as MmapRaw", breaches);
+    assert!(mapping_breach("src/device/file.rs", "use memmap2::MmapRaw;").is_some());
+    assert!(mapping_breach(ISLANDS[0], "use memmap2::{Mmap, MmapRaw};").is_some());
+    assert!(mapping_breach(ISLANDS[0], "let map = MmapOptions::new().map_mut(file)?;").is_some());
+}
+
+/// A DPRAM address in code: a host offset of the register map (even, 0x000-0x7FE), or a PMAC address ($D000-$DFFF).
+fn address_breach(path: &str, line: &str) -> Option<String> {
+    let offsets_of_its_own = OTHER_OFFSETS.iter().any(|other| path.starts_with(other));
+    let address = |rest: &str| {
+        let end = rest.find(|c: char| !c.is_ascii_hexdigit() && c != '_').unwrap_or(rest.len());
+        let value = u32::from_str_radix(&rest[..end], 16).unwrap_or(u32::MAX);
+        (end == 4 && value & 0xF000 == 0xD000)
+            || (!offsets_of_its_own && end >= 3 && value < 0x800 && value.is_multiple_of(2))
+    };
+    line.split("0x").skip(1).any(address).then(|| line.trim().to_owned())
+}
+
+#[test]
+fn only_the_map_knows_addresses() {
+    let shipped = shipped();
+    let guarded = shipped.iter().filter(|source| KNOWS_NO_ADDRESS.contains(&source.module()));
+    let breaches = guarded.flat_map(|source| source.breaches(|line| address_breach(&source.path, line)));
+    assert_none("DPRAM addresses belong into src/map", breaches.collect());
+    let function = "src/function/servo.rs";
+    assert!(address_breach(function, "bus.read16(HostOffset::new(0x0026))?;").is_some());
+    assert!(address_breach(function, "let first = 0x228;").is_some());
+    assert!(address_breach("src/sim/offsets.rs", "let buffer = 0xD200;").is_some());
+    assert!(address_breach("src/sim/offsets.rs", "let counter = 0x0000;").is_none());
+    assert!(address_breach(function, "let mask = 0x00FF_FFFF;").is_none());
+    assert!(address_breach(function, "let numbers = 0x00FF;").is_none());
+    assert!(address_breach(function, "let cancel = 0x18;").is_none());
+}
+
+#[test]
+fn only_the_device_layer_knows_paths_of_devices() {
+    let named = |line: &str| {
+        let found = ["\"/dev", "\"/sys", "\"/proc"].iter().any(|path| line.contains(path));
+        (found && !line.contains("const DIRECTORY: &str = \"/dev/shm\"")).then(|| line.trim().to_owned())
+    };
+    let shipped = shipped();
+    let elsewhere = shipped.iter().filter(|source| source.module() != "device");
+    assert_none("paths in /dev and /sys", elsewhere.flat_map(|source| source.breaches(named)).collect());
+    assert!(named("let shm = Path::new(\"/dev/shm\");").is_some());
+}
+
+#[test]
+fn nothing_shipped_panics_on_purpose() {
+    let panics = ["unwrap()", ".expect(\"", "panic!(", "unreachable!(", "todo!(", "unimplemented!(", "dbg!("];
+    let wrong = |line: &str| panics.iter().any(|call| line.contains(call)).then(|| line.trim().to_owned());
+    assert_none("panics", shipped().iter().flat_map(|source| source.breaches(wrong)).collect());
+    assert!(wrong("let word = words.first().unwrap();").is_some());
+}
+
+#[test]
+fn a_file_can_be_read_in_one_sitting_and_says_what_it_is() {
+    let mut breaches = Vec::new();
+    for source in sources("src").iter().chain(&sources("tests")) {
+        let lines = source.text.lines().count();
+        if lines > MOST_LINES {
+            breaches.push(format!("{} has {lines} lines", source.path));
+        }
+        if !source.text.starts_with("//! ") {
+            breaches.push(format!("{} has no header", source.path));
+        }
+    }
+    assert_none("files", breaches);
+}
+
+#[test]
+fn tests_and_comments_are_taken_away_before_anything_is_judged() {
+    let text = "//! Header\nuse a;\n#[cfg(test)]\nmod far;\nfn f() {} // why\n#[cfg(test)]\n#[path = \"x\"]\nmod tests {\n    g();\n}\nfn h() {}\n";
+    let kept = code(text);
+    let kept: Vec<(usize, &str)> = kept.iter().map(|(number, line)| (*number, line.as_str())).collect();
+    assert_eq!(kept, [(2, "use a;"), (5, "fn f() {}"), (11, "fn h() {}")]);
+}

@@ -1,0 +1,89 @@
+//! No snapshot is ever mixed: every field of a servo update carries the update's own number, and reading processes
+//! check each snapshot they take.
+//!
+//! The long run: `PMAC_SNAPSHOTS=10000000 cargo test --release --test it mixing:: -- --nocapture`.
+
+use std::process::{Command, Stdio};
+
+use pmac_dpram::segment::{RegionId, Sample, SegmentName, Subscriber, WaitOutcome};
+
+use crate::site::{PATIENCE, Site};
+
+/// Where a motor's tagged words lie in the payload: the payload begins at host offset 0x24, motor 1 at 0x48, a block
+/// has 30 words, of which the last four are spare.
+const FIRST_MOTOR: usize = (0x48 - 0x24) / 2;
+const BLOCK: usize = 30;
+const FIELDS: usize = 26;
+const READERS: usize = 3;
+const NAME: &str = "PMAC_MIXING_SEGMENT";
+const COUNT: &str = "PMAC_SNAPSHOTS";
+
+/// Checks that all longs of all motors are the same number.
+fn is_whole(words: &[u16]) -> bool {
+    let long = |index: usize| u32::from(words[index]) | u32::from(words[index + 1]) << 16;
+    let tag = long(FIRST_MOTOR);
+    words[FIRST_MOTOR..].chunks(BLOCK).enumerate().all(|(motor, _)| {
+        (0..FIELDS).step_by(2).all(|field| long(FIRST_MOTOR + motor * BLOCK + field) == tag)
+    })
+}
+
+fn snapshots() -> u64 {
+    std::env::var(COUNT).ok().and_then(|text| text.parse().ok()).unwrap_or(30_000)
+}
+
+/// Not a test of its own: one of the reading processes of the test below.
+#[test]
+fn reader() {
+    let Ok(name) = std::env::var(NAME) else { return };
+    let subscriber = Subscriber::attach(&SegmentName::new(&name).unwrap()).unwrap();
+    let mut sample = Sample::new();
+    let (mut checked, mut mixed, mut updates, mut last) = (0u64, 0u64, 0u64, 0);
+    while checked < snapshots() / READERS as u64 {
+        // One reader in three sleeps for each update; the others read as fast as they can.
+        if std::process::id().is_multiple_of(3) {
+            let outcome = subscriber.wait_newer(RegionId::Servo, last, PATIENCE).unwrap();
+            assert_ne!(outcome, WaitOutcome::Dead);
+        }
+        let Some(sequence) = subscriber.latest(RegionId::Servo, &mut sample).unwrap() else { continue };
+        checked += 1;
+        updates += u64::from(sequence != last);
+        last = sequence;
+        mixed += u64::from(!is_whole(sample.words()));
+    }
+    println!("checked={checked} updates={updates} mixed={mixed}");
+}
+
+#[test]
+fn no_snapshot_is_mixed() {
+    let site = Site::running(&["--servo-hz", "4000"], &[]);
+    site.control("tag on");
+    site.wait_for_live_servo();
+    // Until every update in the ring's latest slot is a tagged one.
+    let subscriber = site.attach();
+    let start = subscriber.published(RegionId::Servo).unwrap();
+    assert_eq!(subscriber.wait_newer(RegionId::Servo, start + 2, PATIENCE).unwrap(), WaitOutcome::Newer);
+    let readers: Vec<_> = (0..READERS)
+        .map(|_| {
+            Command::new(std::env::current_exe().unwrap())
+                .args(["--exact", "mixing::reader", "--nocapture"])
+                .env(NAME, &site.name)
+                .stdout(Stdio::piped())
+                .spawn()
+                .unwrap()
+        })
+        .collect();
+    for reader in readers {
+        let output = reader.wait_with_output().unwrap();
+        let text = String::from_utf8(output.stdout).unwrap();
+        let line = text.lines().find(|line| line.contains("checked=")).expect("a reader's result");
+        println!("{line}");
+        assert!(output.status.success() && line.ends_with(" mixed=0"), "{text}");
+    }
+    let mut sample = Sample::new();
+    subscriber.latest(RegionId::Servo, &mut sample).unwrap();
+    assert!(is_whole(sample.words()));
+    let mut broken = sample.words().to_vec();
+    broken[FIRST_MOTOR + 7 * BLOCK + 4] ^= 1;
+    assert!(!is_whole(&broken), "the check sees a mixed snapshot");
+    site.assert_no_violations();
+}
