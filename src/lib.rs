@@ -22,8 +22,8 @@
 //!
 //! | layer | modules |
 //! |---|---|
-//! | 0 | [`mod@format`]: numbers and text as DPRAM holds them · [`usage`]: how programs refuse a command line |
-//! | 1 | [`map`]: what lies where · [`decode`]: words to named values · [`setup`]: calculators, what to send to a board · [`rotary`]: motion programs as binary commands · [`protocol`]: the command socket's messages |
+//! | 0 | [`mod@format`]: numbers and text as DPRAM holds them · [`usage`]: how programs refuse a command line · [`process`]: how they end with their parent |
+//! | 1 | [`map`]: what lies where · [`decode`]: words to named values · [`setup`]: calculators, what to send to a board · [`rotary`]: motion programs as binary commands · [`gather`]: what is gathered and what it says · [`protocol`]: the command socket's messages |
 //! | 2 | [`device`]: the bus, its kinds and decorators, the interrupt |
 //! | 3 | [`function`]: the host's half of each automatic function |
 //! | 4 | [`segment`]: the shared-memory ABI · [`mirror`]: what to read when |
@@ -67,8 +67,10 @@ pub mod decode;
 pub mod device;
 pub mod format;
 pub mod function;
+pub mod gather;
 pub mod map;
 pub mod mirror;
+pub mod process;
 pub mod protocol;
 pub mod rotary;
 pub mod segment;

@@ -11,6 +11,7 @@ use super::download::Download;
 use super::rotary::Rotary;
 use super::set_up::Setup;
 use super::stop::Abort;
+use super::terminal::Terminal;
 use crate::format::{Float48Layout, WordOrder};
 use crate::map::{Family, Firmware, GatherSizeWord, UnknownFamily};
 
@@ -68,6 +69,8 @@ pub enum Command {
     Abort(Abort),
     /// Kill every motor at once, by ^K: open loops, no output; the exit status tells whether the board took it
     Kill,
+    /// A conversation with the board: line editing, history, and the texts its programs send; works in a pipe too
+    Terminal(Terminal),
     /// Send a program or command file line by line, with its comments, #include and #define resolved
     Download(Download),
     /// The board's variables as lines that it would take again, one a line, sorted

@@ -77,7 +77,9 @@ pub struct Restore {
 pub fn backup(context: &mut Context, options: &Backup) -> Result<Verdict, Failure> {
     let mut connection = context.connection()?;
     let info = connection.info()?;
-    let date = connection.send("DATE", PATIENCE)?.join(" ");
+    // Asked here: the daemon knows them a moment after its start only.
+    let mut say = |line| Ok::<_, Failure>(connection.send(line, PATIENCE)?.join(" "));
+    let (board_type, firmware, date) = (say("TYPE")?, say("VERSION")?, say("DATE")?);
     let mut board = Reader::open(connection)?;
     let count = variables_of(&info.family);
     let wanted = |kind| options.what.contains(&kind);
@@ -109,8 +111,6 @@ pub fn backup(context: &mut Context, options: &Backup) -> Result<Verdict, Failur
     let taken = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_nanos());
     let taken =
         rfc3339(i64::try_from(taken).unwrap_or(0) / 1_000_000_000 * 1_000_000_000).replace(".000000", "");
-    let board_type = info.board_type.unwrap_or_else(|| "unknown".to_owned());
-    let firmware = info.firmware.unwrap_or_else(|| "unknown".to_owned());
     let text = if context.output.is_json() {
         let variables: Vec<_> =
             held.iter().map(|(item, text)| json!({ "variable": name(*item), "value": text })).collect();

@@ -106,6 +106,8 @@ impl Stage {
         let daemon = Command::new(&program)
             .args(["--board", "sim", "--name", name.as_str(), "--socket"])
             .arg(directory.join("socket"))
+            // Should the demo be killed, nothing goes on running behind it.
+            .args(["--with-parent", &std::process::id().to_string()])
             .stdin(Stdio::null())
             .stdout(Stdio::null())
             .stderr(log)

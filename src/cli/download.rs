@@ -16,7 +16,7 @@ use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use super::lines::{LineError, Way};
 use super::preprocess::{SourceLine, preprocess};
 use super::{Context, Failure, Verdict};
-use crate::protocol::TIMEOUT_MAX_MS;
+use crate::protocol::{OpenBuffer, TIMEOUT_MAX_MS};
 
 /// Most of a file that is read.
 const LARGEST: u64 = 64 << 20;
@@ -57,7 +57,7 @@ pub fn run(context: &mut Context, options: &Download) -> Result<Verdict, Failure
     }
     let way = Way::daemon(context)?;
     let mut download =
-        Sender { way, timeout: options.timeout, buffer: Buffer::default(), refused: Vec::new(), sent: 0 };
+        Sender { way, timeout: options.timeout, buffer: OpenBuffer::default(), refused: Vec::new(), sent: 0 };
     let outcome = download.send_all(context, &lines, options.keep_going, &stop);
     let closing = download.close_buffer();
     download.report(context, lines.len())?;
@@ -104,7 +104,7 @@ struct Refused {
 struct Sender {
     way: Way,
     timeout: Duration,
-    buffer: Buffer,
+    buffer: OpenBuffer,
     refused: Vec<Refused>,
     sent: usize,
 }
@@ -126,7 +126,7 @@ impl Sender {
             }
             progress.show(self.sent);
             // Counted as open even if the board refuses the line: an error may follow what opened it.
-            self.buffer.follow(&line.text);
+            self.buffer.follow(line.text.as_bytes());
             let result = self.way.send(&line.text, self.timeout);
             let (replies, error) = match result {
                 Ok(replies) => (replies, None),
@@ -158,7 +158,7 @@ impl Sender {
     }
 
     fn close_buffer(&mut self) -> Result<(), Failure> {
-        if !self.buffer.open {
+        if !self.buffer.is_open() {
             return Ok(());
         }
         self.way.send(CLOSE, self.timeout)?;
@@ -194,28 +194,6 @@ fn at(line: &SourceLine, failure: Failure) -> Failure {
     }
 }
 
-/// Whether lines go into a buffer, as far as the lines themselves tell.
-#[derive(Debug, Default)]
-struct Buffer {
-    open: bool,
-}
-
-impl Buffer {
-    fn follow(&mut self, line: &str) {
-        let upper = line.to_ascii_uppercase();
-        for part in upper.split('"').step_by(2) {
-            for word in part.split(|c: char| !c.is_ascii_alphabetic()) {
-                match word {
-                    "OPEN" | "OPENPROG" | "OPENPLC" | "OPENPLCC" | "OPENROT" | "OPENROTARY"
-                    | "OPENFORWARD" | "OPENINVERSE" => self.open = true,
-                    "CLOSE" | "CLS" => self.open = false,
-                    _ => {}
-                }
-            }
-        }
-    }
-}
-
 /// How far it is, on a terminal.
 struct Progress {
     total: usize,
@@ -242,29 +220,6 @@ impl Progress {
     fn clear(&mut self) {
         if std::mem::take(&mut self.shown) {
             let _ = write!(io::stderr(), "\r\x1b[K");
-        }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn open_buffers_are_followed() {
-        let mut buffer = Buffer::default();
-        for (line, open) in [
-            ("CLOSE", false),
-            ("SEND\"OPEN PROG 1\"", false),
-            ("OPEN PROG 1", true),
-            ("X10 Y20", true),
-            ("CMD\"CLOSE\"", true),
-            ("close", false),
-            ("&1open rot", true),
-            ("CLOSE OPEN PLC 3 CLEAR", true),
-        ] {
-            buffer.follow(line);
-            assert_eq!(buffer.open, open, "{line}");
         }
     }
 }

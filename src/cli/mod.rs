@@ -26,6 +26,7 @@ pub mod setup;
 mod status;
 mod stop;
 mod table;
+mod terminal;
 mod time;
 mod variables;
 mod watch;
@@ -172,6 +173,7 @@ fn execute(args: Args) -> Result<Verdict, Failure> {
         Command::Rotary(options) => rotary::run(&mut context, &options),
         Command::Abort(options) => stop::abort(&mut context, &options),
         Command::Kill => stop::kill(&mut context),
+        Command::Terminal(options) => terminal::run(&mut context, &options),
         Command::Download(options) => download::run(&mut context, &options),
         Command::Backup(options) => backup::backup(&mut context, &options),
         Command::Diff(options) => backup::diff(&mut context, &options),

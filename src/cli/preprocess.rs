@@ -323,7 +323,7 @@ mod tests {
                 "f:6: SPEEDY=1",
                 "f:7: SEND\"SPEED\"",
                 "f:8: speed",
-                "f:10: #1J+GONE",
+                "f:10: #1J+",
                 "f:12: SPEED"
             ]
         );

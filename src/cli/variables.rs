@@ -40,6 +40,13 @@ impl Item {
         }
     }
 
+    const fn system(self) -> Option<u8> {
+        match self {
+            Self::Q { system, .. } => Some(system),
+            _ => None,
+        }
+    }
+
     /// The same kind of thing with `number`.
     const fn at(self, number: u16) -> Self {
         match self {
@@ -245,7 +252,9 @@ fn questions(items: &[Item]) -> Vec<(String, &[Item])> {
             .count();
         let question = first.question(run);
         let separate = usize::from(!line.is_empty());
-        if run == 0 || line.len() + separate + question.len() > LINE_MAX {
+        // Behind something else, the & of a coordinate system could be taken for the operator.
+        let apart = line.is_empty() || first.system() == items[start].system();
+        if run == 0 || !apart || line.len() + separate + question.len() > LINE_MAX {
             questions.push((std::mem::take(&mut line), &items[start..at]));
             start = at;
             continue;
@@ -303,7 +312,8 @@ mod tests {
             Item::Definition(4),
             Item::M(5),
         ];
-        assert_eq!(questions(&items)[0].0, "&1Q9 &2Q10 M4-> M5");
+        let lines: Vec<String> = questions(&items).into_iter().map(|(line, _)| line).collect();
+        assert_eq!(lines, ["&1Q9", "&2Q10", "M4-> M5"]);
         assert_eq!(questions(&[]), []);
         let scattered: Vec<Item> = (0..300).map(|n| Item::P(3 * n)).collect();
         let asked = questions(&scattered);

@@ -18,9 +18,9 @@ use crate::protocol::transport::connect;
 use crate::protocol::{BOARD, BoardInfo, Call, CallError, Inbox, Message, REPLY_MAX, Reply, control};
 
 /// How long the daemon itself may take: to accept, and to answer what needs no board.
-const DAEMON_TIMEOUT: Duration = Duration::from_secs(5);
+pub(super) const DAEMON_TIMEOUT: Duration = Duration::from_secs(5);
 /// How much longer than the board the daemon may take. More than the daemon's own grace.
-const MARGIN: Duration = Duration::from_secs(2);
+pub(super) const MARGIN: Duration = Duration::from_secs(2);
 
 /// A command failed.
 #[derive(Debug, thiserror::Error)]
@@ -143,12 +143,24 @@ impl Connection {
         Ok(Messages { path, link, ended: false })
     }
 
-    fn call<T: DeserializeOwned>(
+    pub(super) fn call<T: DeserializeOwned>(
         &mut self,
         method: &str,
         parameters: Value,
         timeout: Duration,
     ) -> Result<T, CommandError> {
+        self.ask(method, parameters, timeout)?;
+        self.answer(timeout)
+    }
+
+    /// Sends a call and does not wait for its reply, which [`Connection::answer`] takes. Several may be under way; the
+    /// daemon answers them in their order.
+    pub(super) fn ask(
+        &mut self,
+        method: &str,
+        parameters: Value,
+        timeout: Duration,
+    ) -> Result<(), CommandError> {
         let parameters = match parameters {
             Value::Object(map) => map,
             _ => Map::new(),
@@ -158,9 +170,18 @@ impl Connection {
             Some(link) => link,
             None => self.dial()?,
         };
-        let deadline = after(timeout);
-        let reply = link.write(&encode(&call), deadline).and_then(|()| link.next_reply(deadline));
-        let reply = reply.map_err(|error| fault(&self.path, error))?;
+        link.write(&encode(&call), after(timeout)).map_err(|error| fault(&self.path, error))?;
+        self.link = Some(link);
+        Ok(())
+    }
+
+    /// The reply to the oldest call under way.
+    pub(super) fn answer<T: DeserializeOwned>(&mut self, timeout: Duration) -> Result<T, CommandError> {
+        let Some(mut link) = self.link.take() else {
+            let source = io::ErrorKind::NotConnected.into();
+            return Err(CommandError::Broken { path: self.path.clone(), source });
+        };
+        let reply = link.next_reply(after(timeout)).map_err(|error| fault(&self.path, error))?;
         // Only a connection whose last reply has been read can be used again.
         self.link = Some(link);
         understand(reply)

@@ -14,6 +14,7 @@ use super::queue::{
 use crate::device::{Bus, BusError};
 use crate::format::TextOrder;
 use crate::function::ascii::{AsciiEvent, AsciiPort, ResponseText, control_has_reply};
+use crate::protocol::OpenBuffer;
 use crate::segment::{Counter, Publisher, monotonic_ns};
 
 /// Lines that may wait. The socket's queue is bounded too; this is the depth behind it.
@@ -43,6 +44,7 @@ struct Waiting {
     ticket: Ticket,
     line: Text<LINE_MAX>,
     deadline: Instant,
+    question: bool,
 }
 
 #[derive(Clone, Copy)]
@@ -79,6 +81,8 @@ pub struct AsciiDesk {
     under_way: Option<UnderWay>,
     /// The control character that lies in its word, until the board takes it.
     control_lies: Option<WaitingControl>,
+    /// Whether the board takes lines as program lines.
+    buffer: OpenBuffer,
     /// An event the socket's queue had no room for. Until it is gone nothing more is taken from the board.
     outbox: Option<Event>,
     /// The identity, and when it is asked.
@@ -100,6 +104,7 @@ impl AsciiDesk {
             controls: VecDeque::with_capacity(CONTROLS_MAX),
             under_way: None,
             control_lies: None,
+            buffer: OpenBuffer::default(),
             outbox: None,
             identifier,
             state: PortState::Unknown,
@@ -119,6 +124,11 @@ impl AsciiDesk {
     pub fn doubt(&mut self, now: Instant) {
         self.state = PortState::Unknown;
         self.identifier.ask_again(now);
+    }
+
+    /// The board is another one, or was reset: no buffer is open.
+    pub fn forget(&mut self) {
+        self.buffer = OpenBuffer::default();
     }
 
     /// Whether interrupts announce responses, so that they need not be looked for so often.
@@ -147,8 +157,8 @@ impl AsciiDesk {
         match *command {
             Command::Send { ticket, .. } if self.lines.len() == LINES_MAX => return Err(ticket),
             Command::Control { ticket, .. } if self.controls.len() == CONTROLS_MAX => return Err(ticket),
-            Command::Send { ticket, line, deadline } => {
-                self.lines.push_back(Waiting { ticket, line, deadline });
+            Command::Send { ticket, line, deadline, question } => {
+                self.lines.push_back(Waiting { ticket, line, deadline, question });
             }
             Command::Control { ticket, character, deadline } => {
                 self.controls.push_back(WaitingControl { ticket, character, deadline });
@@ -188,7 +198,7 @@ impl AsciiDesk {
             self.expire(bus, events, publisher, now)?;
         }
         if self.outbox.is_none() && self.under_way.is_none() && self.port.is_idle() {
-            self.begin_next(bus, publisher, now)?;
+            self.begin_next(bus, events, publisher, now)?;
         }
         self.next_look = now + self.patience(now);
         Ok(())
@@ -201,11 +211,13 @@ impl AsciiDesk {
             || self.outbox.is_some()
             || !self.lines.is_empty()
             || !self.controls.is_empty();
+        // What cannot be asked now is not waited for.
+        let question = if self.buffer.is_open() { Duration::MAX } else { self.identifier.due_in(now) };
         match (owed, self.has_interrupt) {
             (true, _) if now.duration_since(self.last_event) < SOON => LOOK_SOON,
             (true, _) => LOOK_LATER,
-            (false, false) => LOOK_IDLE.min(self.identifier.due_in(now)),
-            (false, true) => LOOK_IDLE_WITH_INTERRUPT.min(self.identifier.due_in(now)),
+            (false, false) => LOOK_IDLE.min(question),
+            (false, true) => LOOK_IDLE_WITH_INTERRUPT.min(question),
         }
     }
 
@@ -243,6 +255,7 @@ impl AsciiDesk {
         let has_reply = control_has_reply(first.character);
         if self.port.control(bus, first.character, has_reply, now)? {
             self.controls.remove(index);
+            self.buffer.follow_control(first.character);
             self.last_event = now;
             publisher.counters().add(Counter::AsciiCommands, 1);
             if has_reply {
@@ -262,16 +275,24 @@ impl AsciiDesk {
     fn begin_next(
         &mut self,
         bus: &mut impl Bus,
+        events: &Sender<Event>,
         publisher: &Publisher,
         now: Instant,
     ) -> Result<(), BusError> {
         if let Some(&next) = self.lines.front() {
+            if next.question && self.buffer.is_open() {
+                self.lines.pop_front();
+                self.tell(events, Event::Done(next.ticket, Outcome::Unavailable));
+                return Ok(());
+            }
             // Its caller has been told by now that it was not done. So must it be; [`Self::expire`] takes it away.
             if now < next.deadline && self.port.begin(bus, next.line.as_bytes())? {
                 self.lines.pop_front();
+                self.buffer.follow(next.line.as_bytes());
                 self.start(Caller::Client(next.ticket), next.deadline, publisher, now);
             }
-        } else if let Some((line, patience)) = self.identifier.next_line(now)
+        } else if !self.buffer.is_open()
+            && let Some((line, patience)) = self.identifier.next_line(now)
             && self.port.begin(bus, line.as_bytes())?
         {
             self.identifier.sent();

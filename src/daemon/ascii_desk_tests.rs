@@ -42,7 +42,8 @@ impl Rig {
 
     fn send(&mut self, ticket: u64, line: &str, patience: Duration) {
         let line = Text::new(line.as_bytes()).unwrap();
-        let command = Command::Send { ticket: Ticket(ticket), line, deadline: self.now + patience };
+        let deadline = self.now + patience;
+        let command = Command::Send { ticket: Ticket(ticket), line, deadline, question: false };
         self.desk.submit(&command, self.now).unwrap();
     }
 

@@ -36,6 +36,8 @@ const BOARD_CHECK_NS: u64 = 1_000_000_000;
 const FIRST_SIGN_NS: u64 = 1_000_000_000;
 /// A background look or a command may take this long on a slow bus; none is begun closer before a servo update.
 const ROOM_NS: u64 = 40_000;
+/// Rounds in a row that the servo may take while other work is due.
+const STARVING_ROUNDS: u32 = 8;
 /// How long an unreachable bus is left alone.
 const BUS_ERROR_PAUSE: Duration = Duration::from_millis(10);
 /// Commands taken from the queue in one round.
@@ -76,6 +78,8 @@ pub struct BoardLoop {
     pub answer: Option<Event>,
     /// CLOCK_MONOTONIC at start.
     pub began_ns: u64,
+    /// Rounds in a row that went to the servo.
+    pub rounds_for_servo: u32,
     /// What is to be said when it changes.
     pub told: Told,
 }
@@ -91,6 +95,14 @@ pub struct Told {
     identity: Option<Identity>,
     /// The socket's thread was reading when the identity changed; to be told at the next beat.
     info_pending: bool,
+}
+
+/// Work that can wait for the servo.
+#[derive(Debug, Clone, Copy)]
+enum Work {
+    Jobs,
+    Ascii,
+    Background,
 }
 
 /// Which descriptors became readable.
@@ -152,35 +164,65 @@ impl BoardLoop {
         }
     }
 
-    /// The most urgent piece of work that is due.
+    /// The most urgent piece of work that is due: servo data, else what has waited longest.
     fn one_round(&mut self) -> Result<(), BusError> {
         let now = monotonic_ns();
         let accesses = self.bus.accesses();
-        if now >= self.servo.due_ns() {
-            let transition = self.servo.pass(&mut self.bus, &mut self.publisher)?;
-            self.count(Counter::ServoAccesses, accesses);
-            self.tell_servo(transition);
-            return Ok(());
-        }
-        if self.servo.due_ns() - now < ROOM_NS && self.servo.is_live() {
-            return Ok(());
-        }
-        let instant = Instant::now();
-        if self.jobs.due().is_some_and(|due| due <= instant) && self.answer.is_none() {
-            if let Some(event) = self.jobs.pass(&mut self.bus, &mut self.publisher, instant)? {
-                self.reply(event);
+        let work = self.longest_waiting(now);
+        let servo_due = now >= self.servo.due_ns();
+        let no_room = self.servo.due_ns().saturating_sub(now) < ROOM_NS && self.servo.is_live();
+        // On a slow bus, or at a high servo rate, there may never be room. What stops a machine goes out all the same.
+        let starving = self.rounds_for_servo >= STARVING_ROUNDS && work.is_some();
+        if (servo_due || no_room) && !starving {
+            self.rounds_for_servo += 1;
+            if servo_due {
+                let transition = self.servo.pass(&mut self.bus, &mut self.publisher)?;
+                self.count(Counter::ServoAccesses, accesses);
+                self.tell_servo(transition);
+                if self.servo.take_reset() {
+                    info!("the board was reset, or its memory cleared");
+                    self.desk.identifier.ask_again(Instant::now());
+                }
             }
-        } else if instant >= self.desk.due() {
-            self.desk.pass(&mut self.bus, &self.events, &self.publisher, instant)?;
-            self.count(Counter::AsciiAccesses, accesses);
-            self.tell_port();
-            self.take_identity();
-        } else if now >= self.background.due_ns() {
-            let transition = self.background.pass(&mut self.bus, &mut self.publisher)?;
-            self.count(Counter::BackgroundAccesses, accesses);
-            self.tell_background(transition);
+            return Ok(());
+        }
+        self.rounds_for_servo = 0;
+        let instant = Instant::now();
+        match work {
+            None => {}
+            Some(Work::Jobs) => {
+                if let Some(event) = self.jobs.pass(&mut self.bus, &mut self.publisher, instant)? {
+                    self.reply(event);
+                }
+            }
+            Some(Work::Ascii) => {
+                self.desk.pass(&mut self.bus, &self.events, &self.publisher, instant)?;
+                self.count(Counter::AsciiAccesses, accesses);
+                self.tell_port();
+                self.take_identity();
+            }
+            Some(Work::Background) => {
+                let transition = self.background.pass(&mut self.bus, &mut self.publisher)?;
+                self.count(Counter::BackgroundAccesses, accesses);
+                self.tell_background(transition);
+            }
         }
         Ok(())
+    }
+
+    /// Of the work that is due and can wait for the servo, that which has waited longest.
+    fn longest_waiting(&self, now: u64) -> Option<Work> {
+        let instant = Instant::now();
+        let overdue = |due: Instant| instant.checked_duration_since(due);
+        let jobs = self.jobs.due().filter(|_| self.answer.is_none()).and_then(overdue);
+        let background = now.checked_sub(self.background.due_ns()).map(Duration::from_nanos);
+        let works =
+            [(jobs, Work::Jobs), (overdue(self.desk.due()), Work::Ascii), (background, Work::Background)];
+        works
+            .into_iter()
+            .filter_map(|(overdue, work)| Some((overdue?, work)))
+            .max_by_key(|(o, _)| *o)
+            .map(|(_, w)| w)
     }
 
     /// Adds the accesses made since there were `before` of them.
@@ -352,6 +394,7 @@ impl BoardLoop {
         self.take_over_board();
         self.servo.forget();
         self.background.forget();
+        self.desk.forget();
         self.desk.identifier.ask_again(Instant::now());
     }
 

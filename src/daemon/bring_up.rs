@@ -2,6 +2,7 @@
 //!
 //! settings → simulator (if any) → board → segment → socket → bus thread → wait for a signal → the same backwards.
 
+use std::io::Write;
 use std::process::ExitCode;
 use std::sync::Arc;
 use std::time::Instant;
@@ -18,6 +19,7 @@ use super::identify::{Identifier, servo_period_ps};
 use super::info::SharedInfo;
 use super::interrupt_link::InterruptLink;
 use super::job_desk::JobDesk;
+use super::log_sink::LogSink;
 use super::options::Options;
 use super::queue::queue;
 use super::serve::{Backend, ServeOptions, serve};
@@ -51,9 +53,14 @@ const EXIT_FAILURE: u8 = 1;
 /// The whole program.
 #[must_use]
 pub fn main() -> ExitCode {
+    let log = match LogSink::start(std::io::stderr()) {
+        Ok(log) => log,
+        Err(error) => return say(EXIT_FAILURE, &format!("the log's thread: {error}")),
+    };
     env_logger::Builder::from_env(env_logger::Env::default().default_filter_or("info"))
         .format_timestamp(None)
         .format_target(false)
+        .target(env_logger::Target::Pipe(Box::new(log.clone())))
         .init();
     let options = match Options::try_parse() {
         Ok(options) => options,
@@ -61,26 +68,31 @@ pub fn main() -> ExitCode {
     };
     let settings = match Settings::decide(&options) {
         Ok(settings) => settings,
-        Err(error) => {
-            eprintln!("pmacd: {error}");
-            return ExitCode::from(EXIT_USAGE);
-        }
+        Err(error) => return say(EXIT_USAGE, &error.to_string()),
     };
     if options.check {
         return ExitCode::SUCCESS;
     }
-    match run(&settings) {
+    let ended = run(&settings, options.with_parent);
+    log.finish();
+    match ended {
         Ok(()) => ExitCode::SUCCESS,
-        Err(reason) => {
-            eprintln!("pmacd: {reason}");
-            ExitCode::from(EXIT_FAILURE)
-        }
+        Err(reason) => say(EXIT_FAILURE, &reason),
     }
 }
 
-fn run(settings: &Settings) -> Result<(), String> {
+/// Says why the program ends. Not by `eprintln!`, which would panic when stderr is closed.
+fn say(status: u8, reason: &str) -> ExitCode {
+    let _ = writeln!(std::io::stderr(), "pmacd: {reason}");
+    ExitCode::from(status)
+}
+
+fn run(settings: &Settings, parent: Option<u32>) -> Result<(), String> {
     // Before anything else: a signal from now on is kept until it is waited for.
     let mut signals = Signals::new([SIGTERM, SIGINT, SIGHUP]).map_err(|error| format!("signals: {error}"))?;
+    if let Some(parent) = parent {
+        crate::process::end_with_parent(parent).map_err(|error| error.to_string())?;
+    }
     if nix::unistd::geteuid().is_root() {
         warn!("running as root; the unit file or a user of its own is safer");
     }
@@ -124,6 +136,7 @@ fn run(settings: &Settings) -> Result<(), String> {
         default_motors: settings.motors.map_or(classic::MOTORS, |motors| motors as usize),
         answer: None,
         began_ns: monotonic_ns(),
+        rounds_for_servo: 0,
         told: Told::default(),
     };
     let bus_thread = std::thread::Builder::new()

@@ -33,10 +33,13 @@ pub(super) struct Pending {
     pub(super) length: usize,
     /// The job that waits for this answer, and begins if it is what its guard wants.
     pub(super) then: Option<JobCall>,
+    /// The motors whose jog is over for this client when the board has taken the job.
+    pub(super) stops: u8,
 }
 
 /// What a client waits for.
 #[derive(Debug)]
+#[expect(clippy::large_enum_variant, reason = "one a connection, and most connections wait for the board")]
 pub(super) enum Waiting {
     /// Nothing: its next call can begin.
     Nothing,

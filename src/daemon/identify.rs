@@ -85,7 +85,9 @@ impl Identifier {
     /// Looks at a line somebody sends: does it change what the board would answer?
     #[must_use]
     pub fn may_be_changed_by(line: &[u8]) -> bool {
-        line.contains(&b'=') || line.contains(&b'$')
+        // An I-variable, or a reset or $-address. A jog (J=), P, Q and M come too often to ask four questions after each.
+        line.contains(&b'$')
+            || line.contains(&b'=') && line.iter().any(|byte| byte.eq_ignore_ascii_case(&b'i'))
     }
 
     /// How long nothing needs to be asked.
@@ -267,6 +269,16 @@ mod tests {
         }
         identifier.done();
         assert_eq!(answer(&mut identifier, now + SETTLE, &["PMAC1"]), "TYPE", "it begins again");
+    }
+
+    #[test]
+    fn only_lines_that_may_change_an_answer_have_it_asked_again() {
+        for line in ["I59=4", "i108=96", "P1=2I19=1", "$$$", "WX$D009,1", "I(P1)=3"] {
+            assert!(Identifier::may_be_changed_by(line.as_bytes()), "{line}");
+        }
+        for line in ["#1J=1000 #2J=-5", "P5=1", "M1=0", "#1J=", "I108", "?"] {
+            assert!(!Identifier::may_be_changed_by(line.as_bytes()), "{line}");
+        }
     }
 
     #[test]

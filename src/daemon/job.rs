@@ -1,7 +1,7 @@
 //! What the socket can have the other functions do: panel requests, words of the open area, rotary programs.
 
 use crate::function::panel::{FeedOverride, PanelRequest};
-use crate::function::rotary::{RotaryBuffer, RotarySetup};
+use crate::function::rotary::RotaryBuffer;
 use crate::function::variable_read::VariableEntry;
 use crate::function::variable_write::WriteRecord;
 use crate::map::HostOffset;
@@ -32,11 +32,24 @@ pub enum Job {
     /// Have PMAC write registers, in their order; done when it has.
     WriteVariables(Vec<WriteRecord>),
     /// Set a rotary buffer up, empty.
-    RotaryOpen(RotarySetup),
+    RotaryOpen {
+        /// Which buffer.
+        buffer: RotaryBuffer,
+        /// Its first word; where the plan has it when not given.
+        start: Option<HostOffset>,
+        /// Its size in longs; what the plan keeps for it when not given.
+        size_longs: Option<u32>,
+        /// The coordinate system, 1 to 8.
+        coordinate_system: u8,
+        /// What the header calls coordinate system 1.
+        coordinate_system_base: u8,
+    },
     /// Put lines into a rotary buffer, as there is room; done when the last one is in.
     RotarySend {
         /// Which buffer.
         buffer: RotaryBuffer,
+        /// The number the first of them has to have, counted from 0 since the buffer was set up.
+        first: Option<u64>,
         /// The commands of each line, two words a command.
         lines: Vec<Vec<(u32, u32)>>,
     },

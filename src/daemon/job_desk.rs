@@ -8,6 +8,7 @@ use super::queue::{Event, Outcome, Text, Ticket};
 use super::rotary_desk::RotaryDesk;
 use super::write_desk::WriteDesk;
 use crate::device::{Bus, BusError};
+use crate::function::rotary::RotarySetup;
 use crate::function::variable_read::{VariableMode, VariableReadBusError, VariableReader};
 use crate::function::variable_write::VariableWriter;
 use crate::map::{HostOffset, Plan};
@@ -73,8 +74,8 @@ impl JobDesk {
     ) -> Result<Option<Event>, BusError> {
         let outcome = match job {
             Job::Panel(request) => return Ok(self.panel.submit(ticket, request, deadline)),
-            Job::RotarySend { buffer, lines } => {
-                return Ok(self.rotary.submit(ticket, buffer, lines, deadline));
+            Job::RotarySend { buffer, first, lines } => {
+                return Ok(self.rotary.submit(ticket, buffer, first, lines, deadline));
             }
             Job::WriteVariables(records) => return Ok(self.write.submit(ticket, records, deadline)),
             Job::RotaryState(buffer) => return self.rotary.state(bus, ticket, buffer).map(Some),
@@ -94,7 +95,20 @@ impl JobDesk {
                     Err(VariableReadBusError::Bus(error)) => return Err(error),
                 }
             }
-            Job::RotaryOpen(setup) => self.rotary.open(bus, &setup)?,
+            Job::RotaryOpen { buffer, start, size_longs, coordinate_system, coordinate_system_base } => {
+                let kept = self.plan.rotary()[buffer as usize];
+                let setup = RotarySetup {
+                    buffer,
+                    start: start.unwrap_or(kept.start),
+                    size_longs: size_longs.unwrap_or(kept.words() as u32 / 2),
+                    coordinate_system,
+                    coordinate_system_base,
+                };
+                match self.plan.check_rotary(buffer as usize, setup.start, setup.size_longs) {
+                    Ok(()) => self.rotary.open(bus, &setup)?,
+                    Err(reason) => Outcome::Refused(Text::of(&reason)),
+                }
+            }
             Job::RotaryFinish(buffer) => self.rotary.finish(buffer),
         };
         Ok(Some(Event::Done(ticket, outcome)))
@@ -138,6 +152,10 @@ fn write(bus: &mut impl Bus, first: HostOffset, words: &[MaskedWord]) -> Result<
         return Ok(Outcome::OutOfRange);
     }
     for (index, word) in words.iter().enumerate() {
+        // A word of which nothing is to change is not touched: it may be PMAC's.
+        if word.mask == 0 {
+            continue;
+        }
         let offset = first.plus_words(index);
         let value = if word.mask == u16::MAX {
             word.value

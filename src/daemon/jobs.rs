@@ -7,7 +7,7 @@ use serde_json::Value;
 use super::job::{Job, MaskedWord};
 use super::policy::Role;
 use crate::function::panel::{FeedOverride, PanelAction, PanelRequest};
-use crate::function::rotary::{RotaryBuffer, RotarySetup};
+use crate::function::rotary::RotaryBuffer;
 use crate::function::variable_read::{VariableEntry, VariableKind};
 use crate::function::variable_write::{WordKind, WriteRecord};
 use crate::map::{HostOffset, PmacAddress, Space, classic};
@@ -44,7 +44,8 @@ pub(super) struct Guard {
 
 const PANEL_ENABLED: Guard = Guard { variable: "I2", value: "3", purpose: "the DPRAM control panel" };
 const VARIABLES_ENABLED: Guard = Guard { variable: "I55", value: "1", purpose: "background variable data" };
-const ROTARY_ENABLED: Guard = Guard { variable: "I57", value: "1", purpose: "binary rotary transfer" };
+// The header must not change under a transfer (DPRAM manual p. 30).
+const ROTARY_AT_REST: Guard = Guard { variable: "I57", value: "0", purpose: "setting a rotary buffer up" };
 
 /// A job as it was called for.
 #[derive(Debug)]
@@ -272,29 +273,31 @@ fn rotary_buffer(mut parameters: Parameters) -> Result<RotaryBuffer, CallError> 
 
 fn rotary_open(mut parameters: Parameters) -> Result<JobCall, CallError> {
     let buffer = buffer(&mut parameters)?;
-    let mut number = |name: &str| -> Result<u32, CallError> {
-        u32::try_from(parameters.integer(name)?).map_err(|_| invalid(name))
+    let mut optional = |name: &str| -> Result<Option<u32>, CallError> {
+        let value = parameters.optional_integer(name)?;
+        value.map(|value| u32::try_from(value).map_err(|_| invalid(name))).transpose()
     };
-    let (start, size_longs) = (number("start")?, number("size_longs")?);
-    let (cs, base) = (number("coordinate_system")?, number("coordinate_system_base")?);
+    let (start, size_longs) = (optional("start")?, optional("size_longs")?);
+    let start = start.map(|start| HostOffset::checked(start).ok_or_else(|| invalid("start"))).transpose()?;
+    let mut number = |name: &str| -> Result<u8, CallError> {
+        u8::try_from(parameters.integer(name)?).map_err(|_| invalid(name))
+    };
+    let coordinate_system = number("coordinate_system")?;
+    let coordinate_system_base = number("coordinate_system_base")?;
     parameters.finish()?;
-    let setup = RotarySetup {
-        buffer,
-        start: HostOffset::checked(start).ok_or_else(|| invalid("start"))?,
-        size_longs,
-        coordinate_system: u8::try_from(cs).map_err(|_| invalid("coordinate_system"))?,
-        coordinate_system_base: u8::try_from(base).map_err(|_| invalid("coordinate_system_base"))?,
-    };
+    let job = Job::RotaryOpen { buffer, start, size_longs, coordinate_system, coordinate_system_base };
     Ok(JobCall {
-        guard: Some(ROTARY_ENABLED),
-        audit: Some(format!("rotary buffer for &{cs} at {} with {size_longs} longs", setup.start)),
-        ..JobCall::new(Job::RotaryOpen(setup), SHORT)
+        guard: Some(ROTARY_AT_REST),
+        audit: Some(format!("rotary buffer {} for &{coordinate_system}", buffer as usize + 1)),
+        ..JobCall::new(job, SHORT)
     })
 }
 
 fn rotary_send(mut parameters: Parameters) -> Result<JobCall, CallError> {
     let buffer = buffer(&mut parameters)?;
     let lines = parameters.value("lines")?;
+    let first = parameters.optional_integer("first")?;
+    let first = first.map(|first| u64::try_from(first).map_err(|_| invalid("first"))).transpose()?;
     let timeout_ms = match parameters.optional_integer("timeout_ms")?.map(u64::try_from) {
         None => ROTARY_TIMEOUT_MS,
         Some(Ok(ms @ 1..=ROTARY_TIMEOUT_MAX_MS)) => ms,
@@ -317,6 +320,6 @@ fn rotary_send(mut parameters: Parameters) -> Result<JobCall, CallError> {
         .collect::<Result<Vec<Vec<(u32, u32)>>, CallError>>()?;
     Ok(JobCall {
         audit: Some(format!("rotary program, {} lines, {commands} commands", lines.len())),
-        ..JobCall::new(Job::RotarySend { buffer, lines }, Duration::from_millis(timeout_ms))
+        ..JobCall::new(Job::RotarySend { buffer, first, lines }, Duration::from_millis(timeout_ms))
     })
 }

@@ -43,6 +43,16 @@ impl Leases {
         held
     }
 
+    /// The board has taken the stop of the motors in `mask`, asked for by `client` itself.
+    pub(super) fn stopped(&mut self, client: u64, mask: u8) {
+        if let Some(lease) = self.0.get_mut(&client) {
+            lease.stop.mask &= !mask;
+            if lease.stop.mask == 0 {
+                self.0.remove(&client);
+            }
+        }
+    }
+
     /// When the next one runs out.
     pub(super) fn next_end(&self) -> Option<Instant> {
         self.0.values().map(|lease| lease.until).min()
@@ -80,5 +90,10 @@ mod tests {
         let both = PanelRequest::of(PanelAction::JogStop, &[1, 3]).unwrap();
         assert_eq!(leases.ended(now + LEASE, |client| client == 7), Some((7, both)));
         assert_eq!(leases.next_end(), None);
+        leases.begin(7, both, now + LEASE);
+        leases.stopped(7, 0b001);
+        assert!(leases.renew(7, now), "motor 3 is still held");
+        leases.stopped(7, 0b100);
+        assert!(!leases.renew(7, now));
     }
 }

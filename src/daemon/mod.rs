@@ -1,11 +1,12 @@
 //! The daemon: owns the board, mirrors it, serves commands (layer 5).
 //!
-//! Two threads work and one waits for signals. The bus thread ([`board_loop`]) owns the board; the socket's thread
+//! Two threads work, one writes the log and one waits for signals. The bus thread ([`board_loop`]) owns the board; the socket's thread
 //! ([`serve`]) owns the clients; between them stand two bounded queues ([`queue`]).
 
 pub mod ascii_desk;
 pub mod board_loop;
 pub mod bring_up;
+mod calls;
 mod connection;
 mod dispatch;
 pub mod identify;
@@ -16,6 +17,7 @@ pub mod job_desk;
 mod jobs;
 mod lease;
 pub mod listener;
+mod log_sink;
 pub mod options;
 pub mod panel_desk;
 pub mod policy;

@@ -23,4 +23,7 @@ pub struct Options {
     /// Reads the configuration, says what is wrong with it, and exits
     #[arg(long)]
     pub check: bool,
+    /// End when the process that started this one ends, whose number it is
+    #[arg(long, value_name = "PID", hide = true)]
+    pub with_parent: Option<u32>,
 }

@@ -97,6 +97,9 @@ pub enum Command {
         line: Text<LINE_MAX>,
         /// When to give up, wherever the line is by then.
         deadline: Instant,
+        /// A question of the daemon's own: not for a board that would take it as a program line. Answered by
+        /// [`Outcome::Unavailable`] then.
+        question: bool,
     },
     /// Send a control character (1 to 31) at once, before every queued line. Answered by [`Event::Done`].
     Control {

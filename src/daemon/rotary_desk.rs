@@ -21,6 +21,8 @@ type Line = Vec<(u32, u32)>;
 struct Batch {
     ticket: Ticket,
     buffer: RotaryBuffer,
+    /// The number the next line has to have, if its sender counts.
+    first: Option<u64>,
     lines: VecDeque<Line>,
     deadline: Instant,
 }
@@ -76,6 +78,7 @@ impl RotaryDesk {
         &mut self,
         ticket: Ticket,
         buffer: RotaryBuffer,
+        first: Option<u64>,
         lines: Vec<Line>,
         deadline: Instant,
     ) -> Option<Event> {
@@ -89,7 +92,7 @@ impl RotaryDesk {
         if let Some(reason) = reason {
             return Some(Event::Done(ticket, refused(&reason)));
         }
-        self.waiting.push_back(Batch { ticket, buffer, lines: lines.into(), deadline });
+        self.waiting.push_back(Batch { ticket, buffer, first, lines: lines.into(), deadline });
         self.next_look = Instant::now();
         None
     }
@@ -150,10 +153,8 @@ impl RotaryDesk {
             }
         }
         let late = self.waiting.iter().position(|batch| now >= batch.deadline);
-        Ok(late.and_then(|index| self.waiting.remove(index)).map(|batch| {
-            let reason = format!("the board made no room for {} of the lines in time", batch.lines.len());
-            Event::Done(batch.ticket, refused(&reason))
-        }))
+        let batch = late.and_then(|index| self.waiting.remove(index));
+        Ok(batch.map(|batch| Event::Done(batch.ticket, Outcome::TimedOut)))
     }
 
     fn feed(&mut self, bus: &mut impl Bus, index: usize) -> Result<Fed, BusError> {
@@ -164,6 +165,13 @@ impl RotaryDesk {
                 refused(&"the rotary buffer was lost in a reset"),
             )));
         };
+        // After a batch that did not go in whole, those sent behind it would leave a gap.
+        if let Some(first) = batch.first
+            && first != stream.sent_lines()
+        {
+            let reason = format!("line {first} is not the next one, line {} is", stream.sent_lines());
+            return Ok(Fed::Ended(Event::Done(batch.ticket, refused(&reason))));
+        }
         let mut commands = 0;
         while let Some(line) = batch.lines.front() {
             if commands > 0 && commands + line.len() > COMMANDS_A_PASS {
@@ -173,6 +181,7 @@ impl RotaryDesk {
                 Ok(true) => {
                     commands += line.len();
                     batch.lines.pop_front();
+                    batch.first = batch.first.map(|first| first + 1);
                 }
                 Ok(false) => return Ok(Fed::Full),
                 Err(RotaryError::Bus(error)) => return Err(error),

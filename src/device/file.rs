@@ -4,6 +4,9 @@ use std::fs::{File, OpenOptions};
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 
+use nix::errno::Errno;
+use nix::fcntl::{FcntlArg, fcntl};
+
 use super::mapping::Mapping;
 use super::{Bus, BusError};
 use crate::map::HostOffset;
@@ -41,6 +44,12 @@ pub enum FileBoardError {
         /// The length it needs.
         expected: usize,
     },
+    /// Another host works on it.
+    #[error("{path} is the board of another running pmacd; a board has one host: stop that one first")]
+    InUse {
+        /// The file.
+        path: PathBuf,
+    },
 }
 
 /// A board whose DPRAM is an ordinary file.
@@ -49,13 +58,15 @@ pub struct FileBoard {
     path: PathBuf,
     /// Device and inode of what is mapped, to notice when the path leads elsewhere.
     identity: (u64, u64),
+    /// Held for life: two hosts on one board take each other's replies and clear each other's flags.
+    _lock: Option<File>,
 }
 
 impl FileBoard {
     /// Maps the first `length` bytes of the file at `path`.
     ///
     /// # Errors
-    /// When the path is no regular file of that length, or cannot be opened for reading and writing.
+    /// When the path is no regular file of that length, cannot be opened for reading and writing, or has a host already.
     pub fn open(path: &Path, length: usize) -> Result<Self, FileBoardError> {
         let open_error = |source| FileBoardError::Open { path: path.to_owned(), source };
         let kind = std::fs::metadata(path).map_err(open_error)?.file_type();
@@ -71,8 +82,23 @@ impl FileBoard {
                 expected: length,
             });
         }
+        // Of another kind than the lock by which a simulator keeps a second simulator away, so the two do not meet.
+        let whole = libc::flock {
+            l_type: libc::F_WRLCK as libc::c_short,
+            l_whence: libc::SEEK_SET as libc::c_short,
+            l_start: 0,
+            l_len: 0,
+            l_pid: 0,
+        };
+        match fcntl(&file, FcntlArg::F_OFD_SETLK(&whole)) {
+            Ok(_) => {}
+            Err(Errno::EAGAIN | Errno::EACCES) => {
+                return Err(FileBoardError::InUse { path: path.to_owned() });
+            }
+            Err(errno) => return Err(open_error(errno.into())),
+        }
         let mapping = Mapping::new(&file, 0, length).map_err(open_error)?;
-        Ok(Self { mapping, path: path.to_owned(), identity: identity(&metadata) })
+        Ok(Self { mapping, path: path.to_owned(), identity: identity(&metadata), _lock: Some(file) })
     }
 
     /// The same board reached through an open `file`, for tests that have no path.
@@ -84,6 +110,7 @@ impl FileBoard {
             mapping: Mapping::new(file, 0, length)?,
             path: PathBuf::from("/proc/self/fd"),
             identity: identity(&file.metadata()?),
+            _lock: None,
         })
     }
 
@@ -174,6 +201,15 @@ mod tests {
             FileBoard::open(Path::new("/nonexistent/dpram"), DPRAM_BYTES),
             Err(FileBoardError::Open { .. })
         ));
+    }
+
+    #[test]
+    fn a_board_has_one_host() {
+        let file = memory(0x4000);
+        let first = FileBoard::open(file.path(), DPRAM_BYTES).unwrap();
+        assert!(matches!(FileBoard::open(file.path(), DPRAM_BYTES), Err(FileBoardError::InUse { .. })));
+        drop(first);
+        assert!(FileBoard::open(file.path(), DPRAM_BYTES).is_ok());
     }
 
     #[test]

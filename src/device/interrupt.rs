@@ -4,10 +4,15 @@
 //! started. The count tells how many interrupts there were, so one that was not seen is known to be missing.
 
 use std::io::{ErrorKind, Read};
-use std::os::fd::{AsFd, BorrowedFd};
+use std::os::fd::{AsFd, AsRawFd, BorrowedFd};
 use std::os::unix::net::UnixStream;
 use std::path::PathBuf;
 use std::str::FromStr;
+
+use nix::sys::socket::{AddressFamily, SockFlag, SockType, UnixAddr, connect, socket};
+
+/// Announcements taken in one go: a source that never stops must not hold up the servo data.
+const TAKEN_MAX: usize = 64;
 
 /// Where interrupts come from.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -50,14 +55,18 @@ pub struct Taken {
 }
 
 impl Interrupt {
-    /// Connects to `source`. Does not wait: a socket nobody listens on is an error at once.
+    /// Connects to `source`. Does not wait: a socket nobody listens on, or whose listener is stopped and has no room for
+    /// one more, is an error at once.
     ///
     /// # Errors
     /// What the kernel says about the path.
     pub fn connect(source: &InterruptSource) -> std::io::Result<Self> {
         let InterruptSource::Unix(path) = source;
-        let stream = UnixStream::connect(path)?;
-        stream.set_nonblocking(true)?;
+        let address = UnixAddr::new(path)?;
+        let flags = SockFlag::SOCK_CLOEXEC | SockFlag::SOCK_NONBLOCK;
+        let socket = socket(AddressFamily::Unix, SockType::Stream, flags, None)?;
+        connect(socket.as_raw_fd(), &address)?;
+        let stream = UnixStream::from(socket);
         Ok(Self { stream, partial: [0; 4], filled: 0, total: None })
     }
 
@@ -67,10 +76,11 @@ impl Interrupt {
         self.stream.as_fd()
     }
 
-    /// Takes every announced interrupt. Never waits.
+    /// Takes the announced interrupts, a bounded number of announcements of them; the descriptor stays readable while
+    /// there are more. Never waits.
     pub fn take(&mut self) -> Taken {
         let mut taken = Taken::default();
-        loop {
+        for _ in 0..TAKEN_MAX {
             match self.stream.read(&mut self.partial[self.filled..]) {
                 Ok(0) => {
                     taken.closed = true;
@@ -97,6 +107,7 @@ impl Interrupt {
                 }
             }
         }
+        taken
     }
 }
 
@@ -129,5 +140,29 @@ mod tests {
         assert!(interrupt.take().closed);
         drop(listener);
         assert!(Interrupt::connect(&InterruptSource::Unix(path)).is_err());
+    }
+
+    #[test]
+    fn a_source_that_never_stops_and_one_that_never_accepts_hold_nobody_up() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("irq");
+        let listener = UnixListener::bind(&path).unwrap();
+        let source = InterruptSource::Unix(path);
+        let mut interrupt = Interrupt::connect(&source).unwrap();
+        let (mut board, _) = listener.accept().unwrap();
+        for count in 1..=200u32 {
+            board.write_all(&count.to_ne_bytes()).unwrap();
+        }
+        assert_eq!(interrupt.take().interrupts as usize, TAKEN_MAX);
+        assert_eq!(interrupt.take().interrupts as usize, TAKEN_MAX, "the rest is still there");
+        nix::sys::socket::listen(&listener, nix::sys::socket::Backlog::new(1).unwrap()).unwrap();
+        let mut waiting = Vec::new();
+        let refused = loop {
+            match Interrupt::connect(&source) {
+                Ok(interrupt) => waiting.push(interrupt),
+                Err(error) => break error,
+            }
+        };
+        assert_eq!(refused.kind(), ErrorKind::WouldBlock, "its backlog is full");
     }
 }

@@ -37,6 +37,8 @@ const CANCEL_LIMIT: Duration = Duration::from_millis(500);
 const CANCEL: u16 = 0x18;
 /// How long after its last line a control character's reply, which has no end mark, counts as complete.
 pub const CONTROL_REPLY_END: Duration = Duration::from_millis(50);
+/// How long a board may take for the first line of a control character's reply.
+pub const CONTROL_REPLY_BEGIN: Duration = Duration::from_millis(300);
 /// Characters of a line that go in its first part.
 const FIRST_PART: usize = ASCII_COMMAND_BYTES - 1;
 
@@ -125,7 +127,7 @@ enum State {
     /// PMAC has the whole line.
     Replying,
     /// A control character that has a reply lies in its word, or was taken; a line came last at `quiet_since`.
-    ControlReply { taken: bool, quiet_since: Instant },
+    ControlReply { taken: bool, answered: bool, quiet_since: Instant },
     /// Something may still come that belongs to a command given up; nothing did since `quiet_since`.
     Settling { quiet_since: Instant, since: Instant },
 }
@@ -245,7 +247,7 @@ impl AsciiPort {
         bus.order_writes();
         if has_reply {
             self.end_follows = false;
-            self.state = State::ControlReply { taken: false, quiet_since: now };
+            self.state = State::ControlReply { taken: false, answered: false, quiet_since: now };
         }
         Ok(true)
     }
@@ -338,7 +340,7 @@ impl AsciiPort {
         if let State::ControlReply { taken: false, .. } = self.state
             && bus.read16(ASCII_CONTROL_CHARACTER)? == 0
         {
-            self.state = State::ControlReply { taken: true, quiet_since: now };
+            self.state = State::ControlReply { taken: true, answered: false, quiet_since: now };
         }
         let control = bus.read16(ASCII_INPUT_CONTROL)?;
         if control == 0 {
@@ -396,10 +398,12 @@ impl AsciiPort {
                 }
                 None
             }
-            State::ControlReply { taken: true, quiet_since }
-                if now.duration_since(quiet_since) >= CONTROL_REPLY_END =>
+            State::ControlReply { taken: true, answered, quiet_since }
+                if now.duration_since(quiet_since)
+                    >= if answered { CONTROL_REPLY_END } else { CONTROL_REPLY_BEGIN } =>
             {
-                self.state = State::Idle;
+                // Should more come after all, it is not the next command's.
+                self.state = State::Settling { quiet_since: now, since: now };
                 Some(AsciiEvent::Done(Ok(())))
             }
             _ => None,
@@ -410,9 +414,11 @@ impl AsciiPort {
     fn classify(&mut self, control: u16, text: ResponseText, now: Instant) -> AsciiEvent {
         match &mut self.state {
             State::Loaded { .. } | State::Replying => {}
-            State::ControlReply { quiet_since, .. } | State::Settling { quiet_since, .. } => {
-                *quiet_since = now
+            State::ControlReply { answered, quiet_since, .. } => {
+                *answered = true;
+                *quiet_since = now;
             }
+            State::Settling { quiet_since, .. } => *quiet_since = now,
             State::Idle => return AsciiEvent::Stale(control),
         }
         if matches!(self.state, State::Settling { .. }) {

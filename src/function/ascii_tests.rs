@@ -291,6 +291,10 @@ fn a_control_characters_reply_ends_with_a_silence() {
     rig.expect_line("0 0 0 0 0 0 0 0");
     rig.now += CONTROL_REPLY_END;
     assert_eq!(rig.step(), Some(AsciiEvent::Done(Ok(()))));
+    rig.respond(RESPONSE_LINE, "a late line of it");
+    assert_eq!(rig.step(), Some(AsciiEvent::Stale(RESPONSE_LINE)), "not the next command's");
+    rig.now += SETTLE;
+    assert_eq!(rig.step(), None);
     assert!(rig.begin("P1"));
 }
 

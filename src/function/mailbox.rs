@@ -35,7 +35,7 @@ const RECEIVE_GROUP: usize = 16;
 /// Characters of a reply line at most.
 const LINE_LIMIT: usize = 255;
 /// Where the page select register lies.
-const PAGE_SELECT: u32 = 0x121;
+const PAGE_SELECT: u32 = crate::map::mailbox::PAGE_SELECT as u32;
 
 const ACKNOWLEDGE: u8 = 0x06;
 const BELL: u8 = 0x07;

@@ -5,6 +5,9 @@
 
 pub mod ascii;
 pub mod background;
+pub mod gather;
+#[cfg(test)]
+mod gather_tests;
 pub mod host_port;
 pub mod mailbox;
 pub mod panel;

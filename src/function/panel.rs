@@ -26,7 +26,7 @@ use crate::map::classic::{
 /// The bits a motor acts on.
 const MOTOR_BITS: u16 = PANEL_JOG_MINUS | PANEL_JOG_PLUS | PANEL_PRE_JOG | PANEL_HOME;
 /// Words of the panel, 0x0000-0x0023.
-const PANEL_WORDS: usize = classic::PANEL.words();
+pub const PANEL_WORDS: usize = classic::PANEL.words();
 /// The enable bits there are, one a number.
 const NUMBERS: u16 = 0x00FF;
 
@@ -194,6 +194,15 @@ impl PanelRequest {
     }
 }
 
+impl PanelRequest {
+    /// The motors it stops jogging, and of which it wants nothing else: bit 0 is number 1.
+    #[must_use]
+    pub fn stops(&self) -> u8 {
+        let is_stop = |index: &usize| self.words[*index] == PanelAction::JogStop.bits();
+        (0..MOTORS).filter(is_stop).fold(0, |mask, index| mask | 1 << index) & self.mask
+    }
+}
+
 fn check_number(number: usize) -> Result<(), PanelError> {
     if (1..=MOTORS).contains(&number) { Ok(()) } else { Err(PanelError::Number(number)) }
 }
@@ -261,6 +270,20 @@ pub struct PanelWords {
     pub requests: [u16; MOTORS],
     /// The overrides of coordinate systems 1 to 8, valid or not.
     pub overrides: [u16; MOTORS],
+}
+
+impl PanelWords {
+    /// The panel in its words, the first being the one at 0x0000.
+    #[must_use]
+    pub fn of(words: &[u16; PANEL_WORDS]) -> Self {
+        let word = |first: HostOffset, index| words[at(first, index).word() - PANEL_REQUEST_ENABLE.word()];
+        Self {
+            request_enable: word(PANEL_REQUEST_ENABLE, 0),
+            override_enable: word(PANEL_OVERRIDE_ENABLE, 0),
+            requests: std::array::from_fn(|index| word(PANEL_REQUEST, index)),
+            overrides: std::array::from_fn(|index| word(PANEL_OVERRIDE, index)),
+        }
+    }
 }
 
 /// The host's half of the panel.
@@ -370,13 +393,7 @@ impl Panel {
     pub fn show(bus: &mut impl Bus) -> Result<PanelWords, BusError> {
         let mut words = [0; PANEL_WORDS];
         bus.read_block(PANEL_REQUEST_ENABLE, &mut words)?;
-        let word = |first: HostOffset, index| words[at(first, index).word() - PANEL_REQUEST_ENABLE.word()];
-        Ok(PanelWords {
-            request_enable: words[0],
-            override_enable: word(PANEL_OVERRIDE_ENABLE, 0),
-            requests: std::array::from_fn(|index| word(PANEL_REQUEST, index)),
-            overrides: std::array::from_fn(|index| word(PANEL_OVERRIDE, index)),
-        })
+        Ok(PanelWords::of(&words))
     }
 
     fn enabled_overrides(&mut self, bus: &mut impl Bus) -> Result<Option<u16>, BusError> {

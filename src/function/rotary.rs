@@ -235,6 +235,12 @@ impl RotaryStream {
         self.size
     }
 
+    /// Lines put into the ring since it was set up.
+    #[must_use]
+    pub const fn sent_lines(&self) -> u64 {
+        self.sent_lines
+    }
+
     /// The most commands that one line may have.
     #[must_use]
     pub const fn most_commands_a_line(&self) -> u32 {

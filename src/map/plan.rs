@@ -286,6 +286,24 @@ impl Plan {
         self.rotary
     }
 
+    /// Checks that rotary buffer `index` (0 or 1) may lie at `start` with `longs` longs: in its own place, or where
+    /// nothing else is planned. What lies outside the DPRAM is not judged here.
+    ///
+    /// # Errors
+    /// [`NotOpen::Owned`], which names the first word that belongs to something else.
+    pub fn check_rotary(&self, index: usize, start: HostOffset, longs: u32) -> Result<(), NotOpen> {
+        let own = self.rotary.get(index);
+        let words = usize::try_from(longs.min(self.family.length / 4)).unwrap_or_default() * 2;
+        let offsets = (0..words).map(|word| start.plus_words(word));
+        let mut owners = offsets.filter_map(|offset| Some((offset, self.classify(offset)?)));
+        let other = owners
+            .find(|(offset, owner)| *owner != Owner::Open && own.is_none_or(|own| !own.contains(*offset)));
+        match other {
+            None => Ok(()),
+            Some((offset, owner)) => Err(self.owned(offset, owner)),
+        }
+    }
+
     /// The stretches open for other use, ascending.
     #[must_use]
     pub fn open_regions(&self) -> Vec<Region> {
@@ -330,18 +348,16 @@ impl Plan {
         for offset in (0..words).map(|word| first.plus_words(word)) {
             match self.classify(offset) {
                 Some(Owner::Open) => {}
-                Some(owner) => {
-                    return Err(NotOpen::Owned {
-                        offset,
-                        address: self.print_half(offset),
-                        owner: owner.to_string(),
-                        open: self.describe_open(),
-                    });
-                }
+                Some(owner) => return Err(self.owned(offset, owner)),
                 None => return Err(NotOpen::Outside { offset }),
             }
         }
         Ok(())
+    }
+
+    fn owned(&self, offset: HostOffset, owner: Owner) -> NotOpen {
+        let (address, owner, open) = (self.print_half(offset), owner.to_string(), self.describe_open());
+        NotOpen::Owned { offset, address, owner, open }
     }
 
     fn print_half(&self, offset: HostOffset) -> String {

@@ -9,9 +9,9 @@
 use super::{BusWrite, Generation, SetupPlan, SetupValue, WINDOW, last_of_window, with_save_and_reset};
 
 /// The bytes that the mailbox chip takes.
-pub const MAILBOX_BYTES: u32 = 0x200;
+pub const MAILBOX_BYTES: u32 = crate::map::mailbox::LENGTH as u32;
 /// Where, from the mailboxes' base, the host writes A19-A14 of the DPRAM.
-pub const PAGE_SELECT: u32 = 0x121;
+pub const PAGE_SELECT: u32 = crate::map::mailbox::PAGE_SELECT as u32;
 /// Address-modifier bits that do not matter: supervisor and user accesses are taken alike.
 const MODIFIER_IGNORED: u32 = 0x04;
 

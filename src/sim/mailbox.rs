@@ -5,12 +5,14 @@
 //! takes the group and interrupts with vector v-1. A line ends with `<CR>`; a control character goes alone into
 //! mailbox 0. A write of 0 to mailbox 1 lets PMAC fill mailboxes 0 to 15 once with what it has to say, up to 16 characters,
 //! and interrupt with vector v; a `<CR>` ends a group, `<ACK>` has a group of its own, mailboxes not filled keep
-//! what was in them. What PMAC says is what the serial port would say under I3, I4 and I6. base+0x121 takes the DPRAM's page,
+//! what was in them (mailboxes 0 and 1 aside, see below). What PMAC says is what the serial port would say under I3, I4 and I6. base+0x121 takes the DPRAM's page,
 //! A19-A14 of its address, and forgets it at a reset; with [`Mailbox::page`] set, the DPRAM is out of reach until then.
 //!
-//! A file cannot tell that a byte was written that has not changed. So PMAC keeps 0xFF in the even byte before each
-//! register, as an empty byte lane reads, and a host writes 16 bits at base+2n: anything but 0xFF in the low byte and the
-//! character in the high byte.
+//! A file cannot tell that a byte was written that has not changed. So PMAC leaves 0 in mailbox 0 when it has taken a
+//! group, 0xFF in mailbox 1 when it has taken the permission, 0xFF in the page register at a reset: a host's byte is
+//! another one. Only a group that begins with the first character of the response before it goes unnoticed. A host
+//! that writes 16 bits at base+2n, the character in the high byte, is always noticed: PMAC keeps 0xFF in the
+//! even bytes, as an empty byte lane reads.
 
 use std::collections::VecDeque;
 use std::fs::File;
@@ -23,11 +25,14 @@ use super::fault::Delay;
 use super::language::{Interpreter, SerialPort};
 use super::machine::Machine;
 use crate::device::mapping::Mapping;
-use crate::map::mailbox::{self, LENGTH, MAILBOXES};
+use crate::map;
 
-/// The page register's word in the file.
-const PAGE: usize = mailbox::PAGE - 1;
-/// The even byte of a register that no host has written to.
+/// The file's length: what the board's mailbox circuit takes of the VME bus.
+pub const LENGTH: usize = map::mailbox::LENGTH;
+/// The page register, as the offset of its even byte.
+const PAGE: usize = map::mailbox::PAGE_SELECT - 1;
+const MAILBOXES: usize = map::mailbox::MAILBOXES;
+/// The even byte of a register, mailbox 1 and the page while no host has written there.
 const UNTOUCHED: u8 = 0xFF;
 
 const ACK: u8 = 0x06;
@@ -40,6 +45,8 @@ pub struct Mailbox {
     _lock: Flock<File>,
     port: SerialPort,
     output: VecDeque<u8>,
+    /// What PMAC has left in mailboxes 0 and 1.
+    left: [u8; 2],
     /// The host has written 0 to mailbox 1 since the last response.
     may_fill: bool,
     /// The registers as they were when the trigger was first seen.
@@ -70,6 +77,7 @@ impl Mailbox {
             _lock: lock,
             port: SerialPort::new(),
             output: VecDeque::new(),
+            left: [0; 2],
             may_fill: false,
             seen: None,
             taking: Delay::default(),
@@ -83,11 +91,13 @@ impl Mailbox {
         Ok(mailbox)
     }
 
-    /// As a board's reset leaves it: nothing under way, mailboxes and page 0.
+    /// As a board's reset leaves it: nothing under way, mailboxes 0.
     pub fn reset(&mut self) {
-        for register in (0..2 * MAILBOXES).step_by(2).chain([PAGE]) {
-            self.put(register, 0);
+        for number in 0..MAILBOXES {
+            self.leave(number, 0);
         }
+        self.leave(1, UNTOUCHED);
+        self.put(PAGE, UNTOUCHED);
         self.port = SerialPort::new();
         self.cancel();
         self.may_fill = false;
@@ -108,8 +118,8 @@ impl Mailbox {
     /// The page the host has written since the last reset.
     #[must_use]
     pub fn selected_page(&self) -> Option<u8> {
-        let [mark, value] = self.word(PAGE);
-        (mark != UNTOUCHED).then_some(value & 0x3F)
+        let [_, value] = self.word(PAGE);
+        (value != UNTOUCHED).then_some(value & 0x3F)
     }
 
     /// Whether the host reaches the DPRAM.
@@ -125,6 +135,20 @@ impl Mailbox {
 
     fn put(&self, register: usize, value: u8) {
         let _ = self.mapping.write16(register, u16::from_le_bytes([UNTOUCHED, value]));
+    }
+
+    /// Leaves a character in a mailbox.
+    fn leave(&mut self, number: usize, value: u8) {
+        self.put(2 * number, value);
+        if let Some(left) = self.left.get_mut(number) {
+            *left = value;
+        }
+    }
+
+    /// Whether the host has written to mailbox 0 or 1.
+    fn touched(&self, number: usize) -> bool {
+        let [mark, value] = self.word(2 * number);
+        mark != UNTOUCHED || value != self.left[number]
     }
 
     /// The characters of a group.
@@ -144,11 +168,11 @@ impl Mailbox {
 
     /// Looks at mailbox 1, which enables a response.
     fn look_at_enable(&mut self, machine: &mut Machine) {
-        let [mark, value] = self.word(2);
-        if mark == UNTOUCHED {
+        if !self.touched(1) {
             return;
         }
-        self.put(2, value);
+        let [_, value] = self.word(2);
+        self.leave(1, UNTOUCHED);
         if value == 0 {
             self.may_fill = true;
         } else {
@@ -159,7 +183,7 @@ impl Mailbox {
 
     /// Takes a group when there is one: seen in one pass, taken in the next.
     fn take(&mut self, machine: &mut Machine) -> Option<Vec<u8>> {
-        if self.word(0)[0] == UNTOUCHED {
+        if !self.touched(0) {
             self.seen = None;
             return None;
         }
@@ -176,10 +200,9 @@ impl Mailbox {
             return None;
         }
         self.seen = None;
-        for mailbox in (0..=group.len()).filter(|&mailbox| mailbox != 1) {
-            if let Some(&value) = boxes.get(mailbox) {
-                self.put(2 * mailbox, value);
-            }
+        self.leave(0, 0);
+        for (number, &value) in boxes.iter().enumerate().take(group.len() + 1).skip(2) {
+            self.leave(number, value);
         }
         self.taken += 1;
         Some(group)
@@ -206,7 +229,7 @@ impl Mailbox {
         let now = if fault.torn { group.len() / 2 } else { group.len() };
         for (mailbox, &character) in group.iter().enumerate() {
             if mailbox < now {
-                self.put(2 * mailbox, character);
+                self.leave(mailbox, character);
             } else {
                 self.rest.push((mailbox, character));
             }
@@ -220,7 +243,7 @@ impl Mailbox {
 pub fn pass(machine: &mut Machine, interpreter: &mut Interpreter) {
     let Some(mut mailbox) = machine.mailbox.take() else { return };
     for (number, character) in std::mem::take(&mut mailbox.rest) {
-        mailbox.put(2 * number, character);
+        mailbox.leave(number, character);
     }
     mailbox.look_at_enable(machine);
     if let Some(group) = mailbox.take(machine) {

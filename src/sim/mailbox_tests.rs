@@ -11,6 +11,8 @@ use super::*;
 struct Rig {
     bench: Bench,
     host: Mapping,
+    /// The host writes bytes, as on the bus; else 16 bits.
+    bytes: bool,
     _directory: TempDir,
 }
 
@@ -26,11 +28,15 @@ impl Rig {
         bench.set(6, 1.0);
         let file = OpenOptions::new().read(true).write(true).open(&path).unwrap();
         let host = Mapping::new(&file, 0, LENGTH).unwrap();
-        Self { bench, host, _directory: directory }
+        Self { bench, host, bytes: true, _directory: directory }
     }
 
     fn write(&self, mailbox: usize, character: u8) {
-        self.host.write16(2 * mailbox, u16::from(character) << 8).unwrap();
+        if self.bytes {
+            self.host.write8(2 * mailbox + 1, character).unwrap();
+        } else {
+            self.host.write16(2 * mailbox, u16::from(character) << 8).unwrap();
+        }
     }
 
     fn read(&self, mailbox: usize) -> u8 {
@@ -129,6 +135,21 @@ fn the_same_character_and_the_same_line_can_be_sent_again() {
 }
 
 #[test]
+fn a_host_that_writes_16_bits_is_noticed_even_with_the_character_that_is_there() {
+    let mut rig = Rig::new(None);
+    rig.bytes = false;
+    rig.send("P0=7");
+    rig.write(1, 0);
+    rig.response();
+    rig.send("P0");
+    rig.write(1, 0);
+    assert_eq!(rig.response()[..2], *b"7\r");
+    rig.send("7");
+    rig.write(1, 0);
+    assert_eq!(rig.response()[0], ACK);
+}
+
+#[test]
 fn errors_bell_and_text_in_one_group() {
     let mut rig = Rig::new(None);
     rig.write(1, 0);
@@ -137,7 +158,7 @@ fn errors_bell_and_text_in_one_group() {
     rig.bench.set(6, 0.0);
     rig.write(1, 0);
     rig.send("UUU");
-    assert_eq!(rig.response()[..5], *b"\x07\0UU\r", "a BELL, and what the host had written behind it");
+    assert_eq!(rig.response()[..5], *b"\x07\xFFUU\r", "a BELL, and what the host had written behind it");
     rig.write(1, 0);
     rig.silent();
 }
@@ -189,10 +210,10 @@ fn the_dpram_is_out_of_reach_until_the_page_is_written_after_every_reset() {
     rig.bench.board.machine.save();
     rig.bench.run(5);
     assert_eq!((rig.bench.read(0x0228), rig.bench.read(0x3FFE)), (0xFFFF, 0xFFFF));
-    rig.host.write16(0x120, 0x3E00).unwrap();
+    rig.host.write8(0x121, 0x3E).unwrap();
     rig.bench.run(5);
     assert_eq!(rig.bench.read(0x0228), 0xFFFF, "another page");
-    rig.host.write16(0x120, 0x3F00).unwrap();
+    rig.host.write8(0x121, 0x3F).unwrap();
     rig.bench.run(3);
     assert_eq!((rig.bench.read(0x0228), rig.bench.read(0x3FFE)), (1, 0));
     assert_eq!(rig.port().selected_page(), Some(0x3F));
@@ -239,7 +260,7 @@ fn faults_hold_delay_and_tear() {
     rig.bench.run(1);
     assert_eq!((rig.port().taken, rig.port().responses), (1, 0));
     rig.bench.run(4);
-    assert_eq!((rig.port().responses, rig.read(0), rig.read(1)), (1, b'0', 0));
+    assert_eq!((rig.port().responses, rig.read(0), rig.read(1)), (1, b'0', 0xFF));
     rig.bench.run(1);
     assert_eq!((rig.read(0), rig.read(1)), (b'0', CR));
 }

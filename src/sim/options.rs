@@ -67,6 +67,9 @@ pub struct Options {
     /// Give the encoders half a count of noise from this seed
     #[arg(long, value_name = "N")]
     pub seed: Option<u64>,
+    /// End when the process that started this one ends, whose number it is, and remove the memory and its directory
+    #[arg(long, value_name = "PID", hide = true)]
+    pub with_parent: Option<u32>,
 }
 
 /// The families that can be simulated.

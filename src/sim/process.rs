@@ -22,6 +22,7 @@ use super::memory::Memory;
 use super::options::{Options, UnixPath};
 use super::serial::Serial;
 use super::socket::{Client, Listener};
+use crate::process::end_with_parent;
 
 /// How often sockets are looked at.
 const SOCKETS_EVERY: Duration = Duration::from_millis(1);
@@ -88,6 +89,29 @@ pub struct Simulator {
     control_clients: Vec<ControlClient>,
     virtual_time: bool,
     stop: Arc<AtomicBool>,
+    // Last, so that the sockets are gone from the directory.
+    _leave: Option<LeaveNothing>,
+}
+
+/// Ends with the process that started it, and takes away what lies in the directory made for it.
+struct LeaveNothing {
+    memory: PathBuf,
+}
+
+impl LeaveNothing {
+    fn with(parent: u32, memory: &Path) -> Result<Self, SimError> {
+        end_with_parent(parent)?;
+        Ok(Self { memory: memory.to_owned() })
+    }
+}
+
+impl Drop for LeaveNothing {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_file(&self.memory);
+        if let Some(directory) = self.memory.parent() {
+            let _ = std::fs::remove_dir(directory);
+        }
+    }
 }
 
 impl Simulator {
@@ -124,6 +148,7 @@ impl Simulator {
         for signal in [signal_hook::consts::SIGTERM, signal_hook::consts::SIGINT] {
             signal_hook::flag::register(signal, Arc::clone(&stop))?;
         }
+        let leave = options.with_parent.map(|pid| LeaveNothing::with(pid, &options.memory)).transpose()?;
         Ok(Self {
             board,
             interrupt: listen(options.interrupt.as_ref())?.map(InterruptLine::new),
@@ -135,6 +160,7 @@ impl Simulator {
             control_clients: Vec::new(),
             virtual_time: options.virtual_time,
             stop,
+            _leave: leave,
         })
     }
 

@@ -8,7 +8,7 @@ use std::process::Stdio;
 use pmac_dpram::segment::{RegionId, RegionState, State};
 
 use crate::bench::Bench;
-use crate::rig::{Ran, Rig, command, pmacctl, pmacctl_with};
+use crate::rig::{Ran, Rig, command, pmacctl, pmacctl_with, pty};
 
 const MOTORS: &str = "\
 motor  commanded  actual  difference  velocity  unit   flags
@@ -317,7 +317,7 @@ fn a_reader_that_goes_away_ends_it_quietly_and_a_full_disk_does_not() {
 #[test]
 fn watch_repaints_on_a_terminal() {
     let rig = Rig::new().live();
-    let pty = nix::pty::openpty(None, None).unwrap();
+    let pty = pty(None);
     let watching = command()
         .args(["--name", &rig.name, "watch", "--count", "2", "--rate", "100"])
         .stdout(pty.slave)

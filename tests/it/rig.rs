@@ -186,3 +186,13 @@ pub fn command() -> Command {
     command.stdin(Stdio::null());
     command
 }
+
+/// A terminal's two ends. Neither gets into the processes that other tests start, where it would stay open.
+pub fn pty(size: Option<&nix::pty::Winsize>) -> nix::pty::OpenptyResult {
+    use nix::fcntl::{FcntlArg, FdFlag, fcntl};
+    let pty = nix::pty::openpty(size, None).unwrap();
+    for end in [&pty.master, &pty.slave] {
+        fcntl(end, FcntlArg::F_SETFD(FdFlag::FD_CLOEXEC)).unwrap();
+    }
+    pty
+}

@@ -317,9 +317,89 @@ fn a_second_daemon_on_the_same_name_is_refused() {
     assert_eq!(second.status.code(), Some(1));
     let error = String::from_utf8(second.stderr).unwrap();
     assert!(error.contains("in use") && error.contains(&site.daemon_pid().to_string()), "{error}");
+    // Nor may one of another name have the same board: a board has one host.
+    let other = std::process::Command::new(env!("CARGO_BIN_EXE_pmacd"))
+        .args(["--board", &format!("file:{}", site.path("dpram").display())])
+        .args(["--name", &format!("{}-other", site.name), "--socket"])
+        .arg(site.path("other"))
+        .output()
+        .unwrap();
+    assert_eq!(other.status.code(), Some(1));
+    let error = String::from_utf8(other.stderr).unwrap();
+    assert!(error.contains("dpram is the board of another running pmacd"), "{error}");
     assert!(is_live(&site.attach(), RegionId::Servo), "the first one goes on");
     assert_eq!(site.stop_daemon(), 0);
     assert!(site.connection_refused());
+}
+
+#[test]
+fn a_killed_daemon_leaves_no_simulator_and_a_killed_demo_no_daemon() {
+    let left = |pid: u32| {
+        let prefix = format!("pmac-sim-{pid}-");
+        let name = |entry: std::fs::DirEntry| entry.file_name().to_string_lossy().into_owned();
+        std::fs::read_dir("/dev/shm").unwrap().flatten().map(name).find(|name| name.starts_with(&prefix))
+    };
+    let site = Site::new();
+    let mut daemon = std::process::Command::new(env!("CARGO_BIN_EXE_pmacd"))
+        .args(["--board", "sim", "--name", &site.name, "--socket"])
+        .arg(site.socket())
+        .stderr(Stdio::null())
+        .spawn()
+        .unwrap();
+    wait_until("live servo data", || {
+        Subscriber::attach(&site.segment()).is_ok_and(|subscriber| is_live(&subscriber, RegionId::Servo))
+    });
+    assert!(left(daemon.id()).is_some());
+    daemon.kill().unwrap();
+    daemon.wait().unwrap();
+    wait_until("the simulator to end and take its directory away", || left(daemon.id()).is_none());
+    let _ = std::fs::remove_file(format!("/dev/shm/{}", site.name));
+    let _ = std::fs::remove_file(format!("/dev/shm/{}.lock", site.name));
+
+    let mut demo = std::process::Command::new(env!("CARGO_BIN_EXE_pmacctl"))
+        .arg("demo")
+        .env("TMPDIR", site.path(""))
+        .stdout(Stdio::null())
+        .spawn()
+        .unwrap();
+    let segment = format!("pmac-demo-{}", demo.id()).parse().unwrap();
+    wait_until("the demo's servo data", || {
+        Subscriber::attach(&segment).is_ok_and(|subscriber| is_live(&subscriber, RegionId::Servo))
+    });
+    demo.kill().unwrap();
+    demo.wait().unwrap();
+    wait_until("the demo's daemon to end and take its segment away", || {
+        Subscriber::attach(&segment).is_err()
+    });
+}
+
+#[test]
+fn a_log_that_nobody_reads_holds_nothing_up() {
+    let mut site = Site::new();
+    site.start_simulator(&["--dpram-startup"]);
+    let mut daemon = site.daemon_command(&[]).stderr(Stdio::piped()).spawn().unwrap();
+    site.wait_for_live_servo();
+    let mut connection = site.connection();
+    // Each is one line in the log; a pipe holds 64 KiB.
+    let line = format!("P1{}", " ".repeat(190));
+    for _ in 0..400 {
+        connection.send(&line, PATIENCE).unwrap();
+    }
+    site.control("fault servo_silent on");
+    let subscriber = site.attach();
+    wait_until("stale data", || !is_live(&subscriber, RegionId::Servo));
+    assert_eq!(subscriber.condition(), Condition::Live, "the bus thread still gives its signs of life");
+    nix::sys::signal::kill(
+        nix::unistd::Pid::from_raw(daemon.id().cast_signed()),
+        nix::sys::signal::Signal::SIGTERM,
+    )
+    .unwrap();
+    let mut ended = None;
+    wait_until("the daemon to stop", || {
+        ended = daemon.try_wait().unwrap();
+        ended.is_some()
+    });
+    assert!(ended.is_some_and(|status| status.success()));
 }
 
 #[test]

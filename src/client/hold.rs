@@ -1,0 +1,82 @@
+//! A jog that lasts only as long as somebody holds it.
+//!
+//! The daemon requests the stop by itself when it has not heard from the holder for 200 ms, whatever the reason: killed,
+//! stopped, or the machine it ran on is too busy. So the jog never outlives this process.
+
+use std::sync::mpsc::{RecvTimeoutError, SyncSender, sync_channel};
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+use super::command::{CommandError, Connection};
+
+/// How often the lease is renewed; three times before it is over.
+const RENEW: Duration = Duration::from_millis(60);
+
+/// A held jog. The stop is requested when it is dropped.
+#[derive(Debug)]
+pub struct HeldJog {
+    numbers: Vec<u8>,
+    /// Dropped to end the renewing.
+    tell: Option<SyncSender<()>>,
+    renewing: Option<JoinHandle<(Connection, Option<CommandError>)>>,
+}
+
+impl HeldJog {
+    /// Begins `action` (`jog-` or `jog+`) of the motors `numbers` (1 to 8), and renews it from now on.
+    ///
+    /// # Errors
+    /// As [`Connection::panel`]. Whatever the board has taken then is stopped by the daemon.
+    pub fn begin(mut connection: Connection, action: &str, numbers: &[u8]) -> Result<Self, CommandError> {
+        connection.panel_hold(action, numbers)?;
+        let (tell, told) = sync_channel::<()>(0);
+        let renewing = std::thread::spawn(move || {
+            loop {
+                match told.recv_timeout(RENEW) {
+                    Err(RecvTimeoutError::Timeout) => {}
+                    Ok(()) | Err(RecvTimeoutError::Disconnected) => return (connection, None),
+                }
+                if let Err(error) = connection.panel_renew() {
+                    return (connection, Some(error));
+                }
+            }
+        });
+        Ok(Self { numbers: numbers.to_vec(), tell: Some(tell), renewing: Some(renewing) })
+    }
+
+    /// Whether it is still renewed; false when the daemon has ended it or cannot be reached.
+    #[must_use]
+    pub fn is_held(&self) -> bool {
+        self.renewing.as_ref().is_some_and(|renewing| !renewing.is_finished())
+    }
+
+    /// Stops the motors, and returns when the board has taken the stop.
+    ///
+    /// # Errors
+    /// Why the hold had ended before, or the stop was not taken. The daemon goes on requesting the stop by itself.
+    pub fn stop(mut self) -> Result<Connection, CommandError> {
+        self.end()
+    }
+
+    fn end(&mut self) -> Result<Connection, CommandError> {
+        drop(self.tell.take());
+        let ended = self.renewing.take().and_then(|renewing| renewing.join().ok());
+        let Some((mut connection, before)) = ended else {
+            return Err(crate::protocol::CallError::Protocol("the hold is over".to_owned()).into());
+        };
+        // Asked for whatever happened before: one stop too many does no harm.
+        let stopped = connection.panel("jog-stop", &self.numbers);
+        match before {
+            Some(error) => Err(error),
+            None => stopped.map(|()| connection),
+        }
+    }
+}
+
+impl Drop for HeldJog {
+    fn drop(&mut self) {
+        if self.renewing.is_some() {
+            // If it fails, the connection is closed and the daemon requests the stop.
+            let _ = self.end();
+        }
+    }
+}

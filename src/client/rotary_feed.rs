@@ -1,0 +1,141 @@
+//! A whole program into a binary rotary buffer: batch after batch, two under way, so that the board never waits for us.
+//!
+//! Lines are counted from the set-up of the buffer. A batch names the number of its first line, and the daemon takes it
+//! only if that is the next one; so when a batch did not go in whole, those sent behind it leave no gap, and the daemon's
+//! own count tells where to go on.
+
+use std::collections::VecDeque;
+use std::time::Duration;
+
+use serde_json::{Map, Value, json};
+
+use super::command::{CommandError, Connection, MARGIN};
+use super::jobs::Done;
+use crate::protocol::CallError;
+use crate::protocol::board::RotaryStateReply;
+
+/// A line: the commands of it, two words of 24 bits each.
+pub type RotaryLine = Vec<(u32, u32)>;
+
+/// Commands of a batch, at most; as many as a call has room for even if each stands in a line of its own.
+const BATCH_COMMANDS: usize = 1024;
+/// Batches under way.
+const UNDER_WAY: usize = 2;
+/// How long a batch may wait for room. Short, so that no more than that goes in after somebody has said stop.
+const BATCH_PATIENCE: Duration = Duration::from_millis(300);
+
+/// Lines on their way into a rotary buffer that has been set up and takes line 0 next.
+#[derive(Debug)]
+pub struct RotaryFeed<'a> {
+    connection: Connection,
+    buffer: u8,
+    lines: &'a [RotaryLine],
+    /// The line to send next.
+    next: usize,
+    /// How many lines are in for certain.
+    inside: usize,
+    /// The ends of the batches under way.
+    under_way: VecDeque<usize>,
+}
+
+impl<'a> RotaryFeed<'a> {
+    /// Begins with the first of `lines` in buffer `buffer` (1 or 2).
+    #[must_use]
+    pub fn new(connection: Connection, buffer: u8, lines: &'a [RotaryLine]) -> Self {
+        Self { connection, buffer, lines, next: 0, inside: 0, under_way: VecDeque::with_capacity(UNDER_WAY) }
+    }
+
+    /// How many lines are in the buffer, or through it, for certain.
+    #[must_use]
+    pub const fn inside(&self) -> usize {
+        self.inside
+    }
+
+    /// Whether all of them are.
+    #[must_use]
+    pub const fn is_done(&self) -> bool {
+        self.inside == self.lines.len()
+    }
+
+    /// Sends what may be under way and waits for one batch to go in, or for its time to be over (about a third of a
+    /// second). `Some`: it was over, with the buffer's state.
+    ///
+    /// # Errors
+    /// [`CommandError`]: the daemon cannot be reached, or refuses a line. [`RotaryFeed::inside`] tells how far it got.
+    pub fn step(&mut self) -> Result<Option<RotaryStateReply>, CommandError> {
+        while self.under_way.len() < UNDER_WAY && self.next < self.lines.len() {
+            self.send_batch()?;
+        }
+        let Some(end) = self.under_way.pop_front() else { return Ok(None) };
+        match self.connection.answer::<Done>(BATCH_PATIENCE + MARGIN) {
+            Ok(_) => {
+                self.inside = end;
+                Ok(None)
+            }
+            Err(CommandError::Refused(CallError::TimedOut)) => self.catch_up().map(Some),
+            Err(error) => {
+                // What is under way behind it will be refused as well; how far it got is worth knowing.
+                if matches!(error, CommandError::Refused(_)) {
+                    self.catch_up()?;
+                }
+                Err(error)
+            }
+        }
+    }
+
+    /// Sends nothing more: waits until no batch is under way, and gives the buffer's state.
+    ///
+    /// # Errors
+    /// [`CommandError`] when the daemon cannot be reached.
+    pub fn settle(&mut self) -> Result<RotaryStateReply, CommandError> {
+        self.catch_up()
+    }
+
+    /// The connection, when nothing is under way any more.
+    #[must_use]
+    pub fn into_connection(self) -> Connection {
+        self.connection
+    }
+
+    fn send_batch(&mut self) -> Result<(), CommandError> {
+        let rest = &self.lines[self.next..];
+        let mut commands = 0;
+        let full = rest.iter().position(|line| {
+            commands += line.len();
+            commands > BATCH_COMMANDS
+        });
+        // A line longer than a batch goes alone, to be refused with the reason.
+        let count = full.unwrap_or(rest.len()).max(1);
+        let batch: Vec<Value> = rest.iter().take(count).map(words).collect();
+        let parameters = json!({
+            "buffer": self.buffer,
+            "lines": batch,
+            "first": self.next,
+            "timeout_ms": BATCH_PATIENCE.as_millis() as u64,
+        });
+        self.connection.ask("RotarySend", parameters, BATCH_PATIENCE + MARGIN)?;
+        self.next += count;
+        self.under_way.push_back(self.next);
+        Ok(())
+    }
+
+    /// Waits for every batch under way, and learns from the daemon how many lines are in.
+    fn catch_up(&mut self) -> Result<RotaryStateReply, CommandError> {
+        while self.under_way.pop_front().is_some() {
+            match self.connection.answer::<Done>(BATCH_PATIENCE + MARGIN) {
+                Ok(_) | Err(CommandError::Refused(_)) => {}
+                Err(error) => return Err(error),
+            }
+        }
+        let state = self.connection.rotary_state(self.buffer)?;
+        let inside = usize::try_from(state.sent_lines).unwrap_or(usize::MAX);
+        self.inside = inside.min(self.lines.len());
+        self.next = self.inside;
+        Ok(state)
+    }
+}
+
+fn words(line: &RotaryLine) -> Value {
+    let words = line.iter().flat_map(|&(word1, word2)| [word1, word2]).map(Value::from).collect();
+    Value::Object(Map::from_iter([("words".to_owned(), Value::Array(words))]))
+}

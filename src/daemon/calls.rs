@@ -1,0 +1,201 @@
+//! What becomes of a call: the part of the server that begins calls, asks the board what a job needs to be so first,
+//! and stops what must not outlive its caller.
+
+use std::time::{Duration, Instant};
+
+use log::{info, warn};
+use serde_json::json;
+
+use super::connection::{Pending, Waiting};
+use super::dispatch::{Action, Ask, understand};
+use super::job::Job;
+use super::jobs::JobCall;
+use super::policy::Peer;
+use super::queue::{Command, Outcome, Text, Ticket};
+use super::serve::{GRACE, Service};
+use crate::protocol::{Call, CallError, Enabled, Reply, control};
+
+/// How long the board may take to say whether a job makes sense.
+const GUARD_TIMEOUT: Duration = Duration::from_millis(500);
+/// How long the board may take to stop a jog whose holder is gone.
+const STOP_TIMEOUT: Duration = Duration::from_secs(5);
+
+impl Service {
+    pub(super) fn begin(&mut self, id: u64, call: &Call, now: Instant) {
+        let Some(client) = self.clients.get_mut(&id) else { return };
+        let oneway = call.oneway == Some(true);
+        // What was asked by somebody who has gone without waiting for the answer is not begun any more.
+        if !oneway && !client.hears() {
+            return;
+        }
+        let mut action = understand(call, client.role, &self.backend.info);
+        match action {
+            Ok(Action::Ask(ask)) => match self.ask(id, ask, oneway, now) {
+                Ok(()) => return,
+                Err(error) => action = Err(error),
+            },
+            Ok(Action::Renew) => {
+                let held = self.leases.renew(id, now);
+                let reason = "there is no held jog of this connection (any more)".to_owned();
+                action = if held {
+                    Ok(Action::Reply(Reply::default()))
+                } else {
+                    Err(CallError::Refused { reason })
+                };
+            }
+            Ok(Action::Watch(entries)) => {
+                let wanted = entries.len();
+                action = match self.subscriptions.watch(id, entries) {
+                    Ok(()) => {
+                        client.waiting = Waiting::Watch;
+                        let reply = Reply::with(&json!({ "watched": wanted }));
+                        reply.map(|reply| Action::Reply(Reply { continues: Some(true), ..reply }))
+                    }
+                    Err(none_left) => Err(CallError::Refused { reason: none_left.to_string() }),
+                };
+            }
+            _ => {}
+        }
+        let Some(client) = self.clients.get_mut(&id) else { return };
+        let reply = match action {
+            Ok(Action::Reply(reply)) => reply,
+            Ok(Action::Stream) => {
+                client.waiting = Waiting::Messages(0);
+                return;
+            }
+            Ok(Action::Ask(_) | Action::Renew | Action::Watch(_)) => return,
+            Err(error) => {
+                if !matches!(error, CallError::Busy) {
+                    let Peer { uid, pid, .. } = client.peer;
+                    info!(target: "audit", "refused {:?} of uid {uid} pid {pid}: {error}", call.method);
+                }
+                error.to_reply()
+            }
+        };
+        if !oneway {
+            client.reply(&reply, now);
+        }
+    }
+
+    fn ask(&mut self, id: u64, ask: Ask, oneway: bool, now: Instant) -> Result<(), CallError> {
+        let deadline = now + ask.timeout();
+        let ticket = self.new_ticket();
+        let Some(client) = self.clients.get_mut(&id) else { return Ok(()) };
+        let Peer { uid, pid, .. } = client.peer;
+        let (mut then, mut audit, mut stops) = (None, None, 0);
+        let command = match ask {
+            Ask::Send { line, .. } => {
+                audit = Some(format!("sends {line:?}"));
+                Command::Send { ticket, line, deadline, question: false }
+            }
+            Ask::Control { character } => {
+                audit = Some(format!("sends {}", control::name(character)));
+                Command::Control { ticket, character, deadline }
+            }
+            Ask::Read { first, count } => Command::ReadWords { ticket, first, count },
+            Ask::Job(mut call) => match call.guard.filter(|_| self.backend.info.is_enabled(Enabled::ASCII)) {
+                // First ask the board whether the job makes sense; where it cannot be asked, the job has to show.
+                Some(guard) => {
+                    let line = Text::new(guard.variable.as_bytes()).unwrap_or_default();
+                    then = Some(call);
+                    Command::Send { ticket, line, deadline: now + GUARD_TIMEOUT, question: true }
+                }
+                None => {
+                    audit = call.audit.take();
+                    if let Some(stop) = call.lease {
+                        // From now on: a client that is gone before the board has taken the jog is gone all the same.
+                        self.leases.begin(id, stop, deadline);
+                    }
+                    if let (Job::Panel(request), None) = (&call.job, call.lease) {
+                        stops = request.stops();
+                    }
+                    Command::Job { ticket, job: Box::new(call.job), deadline }
+                }
+            },
+        };
+        self.backend.commands.try_send(command).map_err(|_| CallError::Busy)?;
+        if let Some(what) = audit {
+            info!(target: "audit", "uid {uid} pid {pid} {what}");
+        }
+        self.owners.insert(ticket, id);
+        let deadline = deadline + GRACE;
+        client.waiting =
+            Waiting::Board(Pending { ticket, oneway, deadline, lines: Vec::new(), length: 0, then, stops });
+        Ok(())
+    }
+
+    fn new_ticket(&mut self) -> Ticket {
+        self.next_ticket += 1;
+        Ticket(self.next_ticket)
+    }
+
+    /// The board has answered the question a job waited for.
+    pub(super) fn guarded(
+        &mut self,
+        ticket: Ticket,
+        mut call: JobCall,
+        lines: &[String],
+        outcome: Outcome,
+        now: Instant,
+    ) {
+        let Some(id) = self.owners.remove(&ticket) else { return };
+        let Some(client) = self.clients.get_mut(&id) else { return };
+        let Waiting::Board(pending) = std::mem::replace(&mut client.waiting, Waiting::Nothing) else {
+            return;
+        };
+        let answer = lines.first().map(|line| line.rsplit('=').next().unwrap_or(line).trim());
+        let result = match (call.guard.take(), answer) {
+            (Some(guard), Some(value)) if outcome == Outcome::Done && value != guard.value => {
+                let reason = format!(
+                    "{} is {value}, and {} needs {}; send {}={} first",
+                    guard.variable, guard.purpose, guard.value, guard.variable, guard.value
+                );
+                Err(CallError::Refused { reason })
+            }
+            // A board that cannot be asked (any more) may still do it; if not, the job says so.
+            _ => self.ask(id, Ask::Job(call), pending.oneway, now),
+        };
+        let Some(client) = self.clients.get_mut(&id) else { return };
+        if let Err(error) = result {
+            if !pending.oneway {
+                client.reply(&error.to_reply(), now);
+            }
+            self.advance(id, now);
+        }
+    }
+
+    /// Tells the bus thread which registers are watched, when that has changed. A full queue is tried again.
+    pub(super) fn tell_subscriptions(&mut self, now: Instant) {
+        let Some(table) = self.subscriptions.news() else { return };
+        let command = Command::Job {
+            ticket: self.new_ticket(),
+            job: Box::new(Job::WatchVariables(table)),
+            deadline: now + STOP_TIMEOUT,
+        };
+        if self.backend.commands.try_send(command).is_ok() {
+            self.subscriptions.told();
+        }
+    }
+
+    /// Requests the stop of every jog whose holder is gone or silent.
+    pub(super) fn end_leases(&mut self, now: Instant) {
+        let clients = &self.clients;
+        let is_gone = |id: u64| clients.get(&id).is_none_or(|client| !client.hears());
+        let mut ended = Vec::new();
+        while let Some(end) = self.leases.ended(now, is_gone) {
+            ended.push(end);
+        }
+        for (id, stop) in ended {
+            warn!(target: "audit", "a held jog is stopped (mask {:#04x}): its holder is gone or silent", stop.mask);
+            let command = Command::Job {
+                ticket: self.new_ticket(),
+                job: Box::new(Job::Panel(stop)),
+                deadline: now + STOP_TIMEOUT,
+            };
+            if self.backend.commands.try_send(command).is_err() {
+                // The queue is full; the stop must not be forgotten.
+                self.leases.begin(id, stop, now);
+            }
+        }
+    }
+}

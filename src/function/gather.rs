@@ -1,0 +1,418 @@
+//! Reading of gathered samples out of the DPRAM while the board writes them (DPRAM manual p. 25-26).
+//!
+//! The board stores a sample every I19 servo cycles at its index (longs from the buffer's start), and writes the buffer's
+//! size, as `DEFINE GATHER` had it, and the index beside it. A sample never parts at the buffer's end: the real length
+//! is the size rounded up to whole samples. The host only reads; nothing tells the board how far it has come. So
+//! with I45=3 the board overwrites what was not read in time, and the index alone cannot tell a whole turn from none:
+//! the reader is told the servo cycles as well, and knows from both how many samples there have been, exactly.
+//!
+//! How many samples came between two looks is the number that fits the index and lies between what the least and the
+//! most time between the looks allow. When the host was held up between two accesses of a look for a quarter of the
+//! buffer, the look is thrown away and the next one tells. After a copy the index is read again, and what the board may have overwritten
+//! meanwhile is dropped and counted as lost.
+
+use crate::device::{Bus, BusError};
+use crate::function::servo_timer::ServoTimer;
+use crate::gather::{GatherMode, GatherPlan, plan};
+use crate::map::classic::SERVO_PMAC_STATUS;
+use crate::map::{GatherPlace, Layout};
+
+/// Longs copied in one step at most; no sample is longer than 48.
+pub const CHUNK_LONGS: usize = 64;
+/// The longest sample: 24 sources of two longs.
+const MOST_SAMPLE_LONGS: u32 = 48;
+/// By how many samples the count may be off that the servo cycles give: the clock itself comes once a sample or so.
+const SLACK_SAMPLES: u64 = 2;
+/// The shortest buffer that can be gone round in, in samples: the cycles must leave less than a turn open.
+pub const LEAST_WRAP_SAMPLES: u32 = 16;
+
+/// The buffer as it was defined.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct GatherBuffer {
+    /// Where the board's firmware has it.
+    pub place: GatherPlace,
+    /// Longs from the buffer's start to the DPRAM's end.
+    pub room_longs: u32,
+    /// The size given to `DEFINE GATHER`, in longs.
+    pub size_longs: u32,
+    /// Longs of one sample, 1 to 48.
+    pub sample_longs: u32,
+    /// What happens at its end.
+    pub mode: GatherMode,
+    /// Servo cycles from one sample to the next (I19).
+    pub period: u32,
+}
+
+impl GatherBuffer {
+    /// The buffer that `plan` defines on a board with `layout`.
+    #[must_use]
+    pub fn planned(plan: &GatherPlan, layout: &Layout) -> Self {
+        Self {
+            place: layout.gather(),
+            room_longs: plan::room_longs(layout),
+            size_longs: plan.buffer_longs,
+            sample_longs: plan.sample_longs,
+            mode: plan.mode,
+            period: plan.period,
+        }
+    }
+}
+
+/// A buffer that cannot be read.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum GatherError {
+    /// No such sample length.
+    #[error("samples of {longs} longs are not possible; 1 to 48 are")]
+    Sample {
+        /// Longs of one sample.
+        longs: u32,
+    },
+    /// No such period.
+    #[error("samples cannot come every 0 servo cycles; set I19 to 1 or more")]
+    Period,
+    /// It does not fit into the DPRAM.
+    #[error("a gather buffer of {longs} longs is not possible; there is room for 1 to {room}")]
+    Size {
+        /// Its real length in longs.
+        longs: u32,
+        /// The room there is.
+        room: u32,
+    },
+    /// Too short to be gone round in.
+    #[error(
+        "a gather buffer of {samples} samples is too short to be read while the board goes round in it; \
+         {LEAST_WRAP_SAMPLES} are needed, or I45=2"
+    )]
+    TooShort {
+        /// Its samples.
+        samples: u32,
+    },
+}
+
+/// Where a reader begins.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum GatherStart {
+    /// At the first sample after `DEFINE GATHER`. The first step must come before a whole buffer has been gathered;
+    /// between the definition and `GATHER` is best.
+    Defined,
+    /// At the sample that the board stores next when the first step looks: gathering runs already.
+    Running,
+}
+
+/// What a step found. Numbers of samples count from 0 at the [`GatherStart`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum GatherLook {
+    /// No complete sample that was not taken yet.
+    Idle,
+    /// Samples, whole and in order, lie in [`GatherReader::longs`]. The first one's number is higher than the last one's
+    /// before it by more than 1 where samples were lost.
+    Samples {
+        /// The number of the first.
+        first: u64,
+        /// How many.
+        count: usize,
+    },
+    /// Gathering is over (I45=2 and the buffer full, or [`GatherReader::stopped`]) and every sample was taken.
+    Ended,
+    /// The host was held up between its accesses for so long that they say nothing; nothing was taken. Look again.
+    Disturbed,
+    /// The index lies outside the buffer: not the board's doing. Nothing was taken.
+    OutOfRange {
+        /// What the index word held.
+        index: u16,
+    },
+    /// Size or index are not those of the buffer this reader was made for: a `DEFINE GATHER`, a `DELETE GATHER` or a
+    /// reset. Nothing is read until [`GatherReader::restart`].
+    Redefined {
+        /// What the size word held, in longs.
+        size: u16,
+        /// What the index word held.
+        index: u16,
+    },
+    /// Gathering paused, for how many samples cannot be known because nobody looked for a whole turn of the buffer.
+    /// Nothing is read until [`GatherReader::restart`]. A pause that took as long as whole turns cannot be told from
+    /// those turns; who sends `ENDGATHER` himself says so with [`GatherReader::stopped`].
+    Interrupted,
+}
+
+/// Reads the samples of one gather.
+#[derive(Debug)]
+pub struct GatherReader {
+    buffer: GatherBuffer,
+    /// Samples the buffer holds.
+    capacity: u64,
+    start: GatherStart,
+    /// The slot of sample 0.
+    base: u64,
+    /// Complete samples the board has stored since sample 0.
+    written: u64,
+    /// Samples dealt with: taken or lost.
+    read: u64,
+    lost: u64,
+    /// The servo cycles just before and just after the last index was read.
+    last: Option<(u64, u64)>,
+    /// Gathering has ended at the next look.
+    stopping: bool,
+    stopped: bool,
+    /// What ended the reading.
+    broken: Option<GatherLook>,
+    words: [u16; 2 * CHUNK_LONGS],
+    longs: [u32; CHUNK_LONGS],
+    length: usize,
+}
+
+/// Why no number of samples fits both index and time.
+enum Misfit {
+    /// Less time passed than the fewest that fit the index take.
+    TooMany,
+    /// More time passed than the most that fit the index take.
+    TooFew,
+}
+
+impl GatherReader {
+    /// A reader that has not looked yet.
+    ///
+    /// # Errors
+    /// [`GatherError`] for a buffer that no board can have or that could not be read.
+    pub fn new(buffer: GatherBuffer, start: GatherStart) -> Result<Self, GatherError> {
+        let GatherBuffer { size_longs, sample_longs, room_longs: room, .. } = buffer;
+        if !(1..=MOST_SAMPLE_LONGS).contains(&sample_longs) {
+            return Err(GatherError::Sample { longs: sample_longs });
+        }
+        if buffer.period == 0 {
+            return Err(GatherError::Period);
+        }
+        let samples = size_longs.div_ceil(sample_longs);
+        let longs = samples.saturating_mul(sample_longs);
+        if samples == 0 || longs > room {
+            return Err(GatherError::Size { longs, room });
+        }
+        if buffer.mode == GatherMode::Wrap && samples < LEAST_WRAP_SAMPLES {
+            return Err(GatherError::TooShort { samples });
+        }
+        Ok(Self {
+            buffer,
+            capacity: samples.into(),
+            start,
+            base: 0,
+            written: 0,
+            read: 0,
+            lost: 0,
+            last: None,
+            stopping: false,
+            stopped: false,
+            broken: None,
+            words: [0; 2 * CHUNK_LONGS],
+            longs: [0; CHUNK_LONGS],
+            length: 0,
+        })
+    }
+
+    /// Begins anew, with sample 0 and nothing lost.
+    pub fn restart(&mut self, start: GatherStart) {
+        self.start = start;
+        (self.base, self.written, self.read, self.lost, self.length) = (0, 0, 0, 0, 0);
+        (self.last, self.broken) = (None, None);
+        (self.stopping, self.stopped) = (false, false);
+    }
+
+    /// The board has answered `ENDGATHER`: after the next look at the index no further samples come, and time that
+    /// passes says nothing any more. What is left is still read.
+    pub fn stopped(&mut self) {
+        self.stopping = true;
+    }
+
+    /// The longs of the samples that the last step took, in order; empty unless it was [`GatherLook::Samples`].
+    #[must_use]
+    pub fn longs(&self) -> &[u32] {
+        &self.longs[..self.length]
+    }
+
+    /// Longs of one sample.
+    #[must_use]
+    pub const fn sample_longs(&self) -> usize {
+        self.buffer.sample_longs as usize
+    }
+
+    /// Samples the board has stored, as of the last look.
+    #[must_use]
+    pub const fn written(&self) -> u64 {
+        self.written
+    }
+
+    /// Samples that were overwritten before they could be taken.
+    #[must_use]
+    pub const fn lost(&self) -> u64 {
+        self.lost
+    }
+
+    /// Samples in the buffer that are not taken yet, as of the last look.
+    #[must_use]
+    pub const fn waiting(&self) -> u64 {
+        self.written - self.read
+    }
+
+    /// Looks once and takes up to [`CHUNK_LONGS`] longs of samples.
+    ///
+    /// `cycles` gives the servo cycles that the board has run, from any beginning: the servo report's timer
+    /// ([`report_cycles`]), or the host's clock divided by the servo period. It must not run ahead of or behind the
+    /// board by more than two samples, and not stand still while the board gathers. It is used with I45=3 only.
+    ///
+    /// Costs 2 reads, and one more with 2 for each long when there are samples; and with I45=3 what `cycles` costs,
+    /// twice, or three times when there are samples.
+    ///
+    /// # Errors
+    /// When the bus cannot be reached.
+    pub fn step<B: Bus>(
+        &mut self,
+        bus: &mut B,
+        mut cycles: impl FnMut(&mut B) -> Result<u64, BusError>,
+    ) -> Result<GatherLook, BusError> {
+        self.length = 0;
+        if let Some(look) = self.broken {
+            return Ok(look);
+        }
+        let timed = self.buffer.mode == GatherMode::Wrap;
+        let before = if timed { cycles(bus)? } else { 0 };
+        let size = bus.read16(self.buffer.place.size)?;
+        let index = bus.read16(self.buffer.place.index)?;
+        let after = if timed { cycles(bus)? } else { 0 };
+        if u64::from(size).div_ceil(self.buffer.sample_longs.into()) != self.capacity {
+            return Ok(self.break_off(GatherLook::Redefined { size, index }));
+        }
+        if let Some(look) = self.learn(size, index, (before, after)) {
+            return Ok(look);
+        }
+        self.skip_overwritten();
+        if self.read == self.written {
+            let full = !timed && self.base + self.written == self.capacity;
+            return Ok(if full || self.stopped { GatherLook::Ended } else { GatherLook::Idle });
+        }
+        let taken = self.copy(bus)?;
+        let index = bus.read16(self.buffer.place.index)?;
+        let later = if timed { cycles(bus)? } else { 0 };
+        let first = self.read;
+        if let Some(look) = self.learn(size, index, (after, later)) {
+            return Ok(look);
+        }
+        self.skip_overwritten();
+        let dropped = ((self.read - first) as usize).min(taken);
+        let sample_longs = self.sample_longs();
+        self.longs.copy_within(dropped * sample_longs..taken * sample_longs, 0);
+        let count = taken - dropped;
+        self.length = count * sample_longs;
+        if count == 0 {
+            return Ok(GatherLook::Idle);
+        }
+        let first = self.read;
+        self.read += count as u64;
+        Ok(GatherLook::Samples { first, count })
+    }
+
+    fn break_off(&mut self, look: GatherLook) -> GatherLook {
+        self.broken = Some(look);
+        look
+    }
+
+    /// Takes an index that was read within `bracket`, in servo cycles. Gives what the step found if that is the end of
+    /// it.
+    fn learn(&mut self, size: u16, index: u16, bracket: (u64, u64)) -> Option<GatherLook> {
+        // A board may move its index long by long; only whole samples count.
+        let slot = u64::from(index) / u64::from(self.buffer.sample_longs);
+        if u64::from(index) > self.capacity * u64::from(self.buffer.sample_longs) {
+            return Some(GatherLook::OutOfRange { index });
+        }
+        // A wider bracket would leave several numbers of samples open, now or at the next look.
+        if bracket.1.saturating_sub(bracket.0) / u64::from(self.buffer.period) > self.capacity / 4 {
+            return Some(GatherLook::Disturbed);
+        }
+        match (self.last, self.start) {
+            (None, GatherStart::Running) => self.base = slot,
+            (None, GatherStart::Defined) => self.written = slot,
+            (Some(_), _) if self.buffer.mode == GatherMode::Stop || self.stopped => {
+                let slot = if self.buffer.mode == GatherMode::Wrap { slot % self.capacity } else { slot };
+                let here = (self.base + self.written) % self.capacity;
+                let expected =
+                    if self.buffer.mode == GatherMode::Wrap { here } else { self.base + self.written };
+                if slot < expected || (self.stopped && slot != expected) {
+                    return Some(self.break_off(GatherLook::Redefined { size, index }));
+                }
+                self.written += slot - expected;
+            }
+            (Some(last), _) => match self.samples_since(slot, last, bracket) {
+                Ok(samples) => self.written += samples,
+                Err(Misfit::TooMany) => return Some(self.break_off(GatherLook::Redefined { size, index })),
+                Err(Misfit::TooFew) => return Some(self.break_off(GatherLook::Interrupted)),
+            },
+        }
+        self.last = Some(bracket);
+        if self.stopping {
+            self.stopped = true;
+        }
+        None
+    }
+
+    /// How many samples the board has stored since the index was read within `last`, now that it points to `slot`.
+    fn samples_since(&self, slot: u64, last: (u64, u64), now: (u64, u64)) -> Result<u64, Misfit> {
+        let here = (self.base + self.written) % self.capacity;
+        let ahead = (slot % self.capacity + self.capacity - here) % self.capacity;
+        let period = u64::from(self.buffer.period);
+        let least = (now.0.saturating_sub(last.1) / period).saturating_sub(SLACK_SAMPLES);
+        let most = now.1.saturating_sub(last.0).div_ceil(period) + SLACK_SAMPLES;
+        if ahead > most {
+            return Err(Misfit::TooMany);
+        }
+        // The most samples that fit the index and the time. No other number fits: brackets and slack leave less than a
+        // turn open, under 5 + 5 + 6 samples of 16 in the shortest buffer.
+        let samples = ahead + (most - ahead) / self.capacity * self.capacity;
+        // Fewer than the time asks for: gathering paused. Within one turn the index still tells.
+        if samples < least && samples >= self.capacity {
+            return Err(Misfit::TooFew);
+        }
+        Ok(samples)
+    }
+
+    /// Gives up what the board has overwritten, or may be overwriting now with the sample it stores next.
+    fn skip_overwritten(&mut self) {
+        let keeps = match self.buffer.mode {
+            GatherMode::Wrap if !self.stopped => self.capacity - 1,
+            _ => self.capacity,
+        };
+        let oldest = self.written.saturating_sub(keeps);
+        if self.read < oldest {
+            self.lost += oldest - self.read;
+            self.read = oldest;
+        }
+    }
+
+    /// Copies the next samples, as many as there are and fit, and tells how many.
+    fn copy(&mut self, bus: &mut impl Bus) -> Result<usize, BusError> {
+        let sample_longs = self.sample_longs();
+        let taken = self.waiting().min((CHUNK_LONGS / sample_longs) as u64) as usize;
+        let slot = ((self.base + self.read) % self.capacity) as usize;
+        // Up to the buffer's end, then from its start.
+        let until_end = taken.min(self.capacity as usize - slot);
+        let (head, tail) = self.words[..2 * taken * sample_longs].split_at_mut(2 * until_end * sample_longs);
+        bus.order_reads();
+        bus.read_block(self.buffer.place.buffer.plus_words(2 * slot * sample_longs), head)?;
+        if !tail.is_empty() {
+            bus.read_block(self.buffer.place.buffer, tail)?;
+        }
+        bus.order_reads();
+        for (long, [low, high]) in self.longs.iter_mut().zip(self.words.as_chunks().0) {
+            *long = u32::from(*high) << 16 | u32::from(*low);
+        }
+        Ok(taken)
+    }
+}
+
+/// The servo cycles by the timer of the servo report, extended by `timer` (of 15 bits): a clock for
+/// [`GatherReader::step`] while that report runs and is not held off. Costs one read. Must be called at least once in
+/// 32767 servo cycles, 14 s.
+///
+/// # Errors
+/// When the bus cannot be reached.
+pub fn report_cycles(bus: &mut impl Bus, timer: &mut ServoTimer) -> Result<u64, BusError> {
+    Ok(timer.advance(bus.read16(SERVO_PMAC_STATUS)?).0)
+}

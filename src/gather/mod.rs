@@ -1,0 +1,18 @@
+//! Data gathering, as far as it needs no board (layer 1): what can be gathered, the lines that make a board gather it, and
+//! what the samples say (DPRAM manual p. 25-26).
+//!
+//! A sample is the chosen sources' values in the order of I21 to I44, each one long (`Y:`, `X:`) or two (`D:`, `L:`,
+//! Y half first). [`Source`] names one, [`plan()`] makes the lines and the columns, [`Column`] turns longs into numbers,
+//! [`csv`] and [`npy`] write them. Reading the samples from the DPRAM is [`crate::function`]'s part.
+
+pub mod column;
+pub mod csv;
+pub mod npy;
+pub mod plan;
+pub mod source;
+
+pub use column::{Column, Reading, SampleClock};
+pub use csv::CsvWriter;
+pub use npy::NpyWriter;
+pub use plan::{GatherMode, GatherPlan, GatherRequest, PlanError, ServoReport, plan};
+pub use source::{Source, SourceError};

@@ -1,0 +1,267 @@
+//! The lines that make a board gather, and what the samples will hold (DPRAM manual p. 25-26).
+
+use serde::Serialize;
+
+use super::{Column, Source};
+use crate::decode::Scales;
+use crate::map::Layout;
+
+/// Sources that one gather takes: I21 to I44.
+pub const MOST_SOURCES: usize = 24;
+/// The largest I19.
+const MOST_PERIOD: u32 = 8_388_607;
+
+/// What happens at the buffer's end.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Deserialize, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum GatherMode {
+    /// I45=2: gathering ends.
+    Stop,
+    /// I45=3: gathering goes on at the start, over the oldest samples.
+    #[default]
+    Wrap,
+}
+
+/// How the servo report stands, which decides what a `GATHER` starts.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum ServoReport {
+    /// I48=0: `GATHER` starts gathering.
+    #[default]
+    Off,
+    /// I48=1 and not running: the first `GATHER` starts the report, the second one gathering.
+    Waiting,
+    /// I48=1 and running: `GATHER` starts gathering.
+    Running,
+}
+
+/// What is to be gathered, and how the board stands.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct GatherRequest {
+    /// The sources, 1 to 24 different ones.
+    pub sources: Vec<Source>,
+    /// Servo cycles from one sample to the next (I19), 1 or more. The servo report comes as often.
+    pub period: u32,
+    /// What happens at the buffer's end.
+    pub mode: GatherMode,
+    /// The buffer's length in longs, rounded up to whole samples; `None` takes all the room there is. Buffers for
+    /// variables and binary rotary programs lie in the same room: where there are any, give what
+    /// [`crate::map::plan`] leaves, less a sample for the rounding.
+    pub buffer_longs: Option<u32>,
+    /// How the servo report stands.
+    pub servo_report: ServoReport,
+    /// Whether gathering runs already and must be ended first, or `DEFINE GATHER` would be refused.
+    pub gathering: bool,
+}
+
+/// How to gather.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct GatherPlan {
+    /// The lines up to and with `DEFINE GATHER`, in order. After them the index is 0 and nothing moves: the time to
+    /// begin reading.
+    pub prepare: Vec<String>,
+    /// The lines that start gathering.
+    pub start: Vec<String>,
+    /// The line that ends gathering and leaves the servo report running.
+    pub stop: String,
+    /// Longs of one sample.
+    pub sample_longs: u32,
+    /// Longs of the buffer, a multiple of `sample_longs`.
+    pub buffer_longs: u32,
+    /// What happens at its end.
+    pub mode: GatherMode,
+    /// Servo cycles from one sample to the next.
+    pub period: u32,
+    /// What the samples hold, in order.
+    pub columns: Vec<Column>,
+}
+
+/// A request that no board can fulfil.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum PlanError {
+    /// Too few or too many sources.
+    #[error("{count} sources cannot be gathered at once; 1 to {MOST_SOURCES} can (I21 to I44)")]
+    Sources {
+        /// How many were asked for.
+        count: usize,
+    },
+    /// The same source twice.
+    #[error("{name} is asked for twice; once is enough")]
+    Twice {
+        /// Its name.
+        name: String,
+    },
+    /// I19 cannot be that.
+    #[error(
+        "a period of {period} servo cycles is not possible; 1 to {MOST_PERIOD} are (I19; 0 stops gathering)"
+    )]
+    Period {
+        /// What was asked for.
+        period: u32,
+    },
+    /// The buffer does not fit.
+    #[error(
+        "a gather buffer of {longs} longs (samples of {sample_longs}) is not possible; there is room for {room} from {start} on"
+    )]
+    Buffer {
+        /// Its length in longs, in whole samples.
+        longs: u32,
+        /// Longs of one sample.
+        sample_longs: u32,
+        /// The most there is room for.
+        room: u32,
+        /// Where the board has the buffer, as a PMAC address.
+        start: String,
+    },
+}
+
+impl GatherPlan {
+    /// All lines that make the board gather, in order.
+    pub fn lines(&self) -> impl Iterator<Item = &str> {
+        self.prepare.iter().chain(&self.start).map(String::as_str)
+    }
+}
+
+/// Longs that the gather buffer of a board with `layout` can have.
+#[must_use]
+pub fn room_longs(layout: &Layout) -> u32 {
+    layout.family().length.saturating_sub(layout.gather().buffer.bytes()) / 4
+}
+
+/// Plans a gather on a board with `layout`; `scales` as far as they are known.
+///
+/// # Errors
+/// [`PlanError`]; nothing has to be undone then.
+pub fn plan(request: &GatherRequest, layout: &Layout, scales: &Scales) -> Result<GatherPlan, PlanError> {
+    let sources = &request.sources;
+    let count = sources.len();
+    if !(1..=MOST_SOURCES).contains(&count) {
+        return Err(PlanError::Sources { count });
+    }
+    for (n, source) in sources.iter().enumerate() {
+        if sources[..n].iter().any(|other| other.name == source.name) {
+            return Err(PlanError::Twice { name: source.name.clone() });
+        }
+    }
+    let period = request.period;
+    if !(1..=MOST_PERIOD).contains(&period) {
+        return Err(PlanError::Period { period });
+    }
+    let sample_longs: u32 = sources.iter().map(|source| source.register.longs()).sum();
+    let room = room_longs(layout);
+    let buffer_longs = match request.buffer_longs {
+        Some(longs) => longs.div_ceil(sample_longs).saturating_mul(sample_longs),
+        None => room / sample_longs * sample_longs,
+    };
+    if buffer_longs == 0 || buffer_longs > room {
+        let family = layout.family();
+        let start = family.print_number(family.pmac_number(layout.gather().buffer));
+        return Err(PlanError::Buffer { longs: buffer_longs, sample_longs, room, start });
+    }
+    let mut prepare = Vec::with_capacity(count + 5);
+    if request.gathering {
+        prepare.push("ENDGATHER".to_owned());
+    }
+    prepare.push(format!("I19={period}"));
+    prepare.push(format!("I20=${:06X}", (1_u32 << count) - 1));
+    prepare.extend((21..).zip(sources).map(|(i, source)| format!("I{i}=${:06X}", source.register.code())));
+    prepare.push(format!("I45={}", if request.mode == GatherMode::Wrap { 3 } else { 2 }));
+    prepare.push(format!("DEFINE GATHER {buffer_longs}"));
+    let gathers = if request.servo_report == ServoReport::Waiting { 2 } else { 1 };
+    Ok(GatherPlan {
+        prepare,
+        start: vec!["GATHER".to_owned(); gathers],
+        stop: "ENDGATHER".to_owned(),
+        sample_longs,
+        buffer_longs,
+        mode: request.mode,
+        period,
+        columns: sources.iter().map(|source| Column::new(source, scales)).collect(),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::map::PMAC;
+
+    fn request(names: &[&str]) -> GatherRequest {
+        let layout = Layout::new(&PMAC, None);
+        GatherRequest {
+            sources: names.iter().map(|name| Source::parse(name, &layout).unwrap()).collect(),
+            period: 1,
+            mode: GatherMode::Wrap,
+            buffer_longs: None,
+            servo_report: ServoReport::Off,
+            gathering: false,
+        }
+    }
+
+    fn planned(request: &GatherRequest, firmware: Option<&str>) -> Result<GatherPlan, PlanError> {
+        let layout = Layout::new(&PMAC, firmware.map(|version| version.parse().unwrap()));
+        plan(request, &layout, &Scales::default())
+    }
+
+    #[test]
+    fn the_lines_in_their_order() {
+        let mut request = request(&["1.actual_position", "1.commanded_position", "X:$0033"]);
+        request.period = 4;
+        request.buffer_longs = Some(2998);
+        let made = planned(&request, None).unwrap();
+        let lines: Vec<_> = made.lines().collect();
+        assert_eq!(
+            lines,
+            [
+                "I19=4",
+                "I20=$000007",
+                "I21=$80002B",
+                "I22=$800028",
+                "I23=$400033",
+                "I45=3",
+                "DEFINE GATHER 3000",
+                "GATHER"
+            ]
+        );
+        assert_eq!((made.sample_longs, made.buffer_longs, made.columns.len()), (5, 3000, 3));
+        request.servo_report = ServoReport::Waiting;
+        request.gathering = true;
+        request.mode = GatherMode::Stop;
+        let made = planned(&request, None).unwrap();
+        assert_eq!(made.prepare[0], "ENDGATHER");
+        assert!(made.prepare.contains(&"I45=2".to_owned()));
+        assert_eq!(made.start, ["GATHER", "GATHER"]);
+    }
+
+    #[test]
+    fn sizes_are_whole_samples_and_fit_where_the_firmware_has_the_buffer() {
+        // The manual's example: 4000 longs of 3 are 4002 really.
+        let mut request = request(&["1.actual_position", "X:$0033"]);
+        request.buffer_longs = Some(4000);
+        assert!(matches!(planned(&request, None), Err(PlanError::Buffer { longs: 4002, room: 3584, .. })));
+        request.buffer_longs = None;
+        assert_eq!(planned(&request, None).unwrap().buffer_longs, 3582);
+        assert_eq!(planned(&request, Some("1.16D")).unwrap().buffer_longs, 3519);
+        request.buffer_longs = Some(3520);
+        let error = planned(&request, Some("1.16D")).unwrap_err().to_string();
+        assert!(error.contains("room for 3520 from $D240 on"), "{error}");
+        request.buffer_longs = Some(0);
+        assert!(planned(&request, None).is_err());
+        request.buffer_longs = Some(u32::MAX);
+        assert!(planned(&request, None).is_err());
+    }
+
+    #[test]
+    fn impossible_requests_are_refused() {
+        assert_eq!(planned(&request(&[]), None), Err(PlanError::Sources { count: 0 }));
+        let names: Vec<_> = (0..25).map(|n| format!("X:${n}")).collect();
+        let names: Vec<_> = names.iter().map(String::as_str).collect();
+        assert_eq!(planned(&request(&names), None), Err(PlanError::Sources { count: 25 }));
+        assert_eq!(planned(&request(&names[..24]), None).unwrap().prepare[1], "I20=$FFFFFF");
+        let twice = planned(&request(&["X:$33", "X:$0033"]), None);
+        assert_eq!(twice, Err(PlanError::Twice { name: "X:$0033".to_owned() }));
+        for period in [0, 8_388_608] {
+            let request = GatherRequest { period, ..request(&["X:$33"]) };
+            assert_eq!(planned(&request, None), Err(PlanError::Period { period }));
+        }
+    }
+}

@@ -1,0 +1,242 @@
+//! What can be gathered, by name or by address.
+//!
+//! The names are those of the register table: what the servo and background reports copy from one PMAC register can be
+//! gathered from that register. `3.actual_position` is motor 3's, `cs2.program_status` coordinate system 2's,
+//! `servo_timer` the board's servo counter. Any other register goes by its address: `Y:$C003`, `X:$0033`, `D:$002B`,
+//! `L:$1005`; a 24-bit word is signed unless `,u` follows.
+
+use super::column::Reading;
+use crate::map::register::{Format, NumberKind};
+use crate::map::{Entry, Layout, SourceAt};
+use crate::setup::gather_source::{BadSource, GatherSource};
+
+/// One source of a gather.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Source {
+    /// What it was asked for as; the column's name.
+    pub name: String,
+    /// The register, with its code for I21 to I44.
+    pub register: GatherSource,
+    /// How its longs are to be read.
+    pub reading: Reading,
+    /// The unit of the integer or number in the register, empty where none is known.
+    pub units: &'static str,
+    /// The motor whose I-variables scale it.
+    pub motor: Option<usize>,
+}
+
+/// Text that names nothing that can be gathered.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum SourceError {
+    /// An address, but not one that can be gathered.
+    #[error(transparent)]
+    Address(#[from] BadSource),
+    /// A difference of two registers.
+    #[error(
+        "{text:?}: no register holds the following error; gather commanded_position and actual_position, which \
+         are of the same servo cycle, and subtract"
+    )]
+    FollowingError {
+        /// The text.
+        text: String,
+    },
+    /// The prefix is no motor or coordinate system of the board.
+    #[error(
+        "{text:?}: there is no such motor or coordinate system; write 1.NAME to {last}.NAME or cs1.NAME to cs{last}.NAME"
+    )]
+    Number {
+        /// The text.
+        text: String,
+        /// The last motor, and coordinate system.
+        last: usize,
+    },
+    /// No register of that name.
+    #[error("{text:?} is not known; {known}, or an address such as X:$0033")]
+    Name {
+        /// The text.
+        text: String,
+        /// The names there are for such a prefix, as a sentence.
+        known: String,
+    },
+}
+
+/// Whose register a name is for.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Owner {
+    Board,
+    Motor,
+    System,
+}
+
+impl Owner {
+    const fn prefix(self) -> &'static str {
+        match self {
+            Self::Board => "",
+            Self::Motor => "motor_",
+            Self::System => "cs_",
+        }
+    }
+
+    fn owns(self, entry: &Entry) -> bool {
+        match self {
+            Self::Board => entry.register.number.is_none(),
+            Self::Motor => entry.register.number == Some(NumberKind::Motor),
+            Self::System => entry.register.number == Some(NumberKind::CoordinateSystem),
+        }
+    }
+
+    fn known(self, layout: &Layout) -> String {
+        let names: Vec<_> = gatherable(layout, self, (self != Self::Board).then_some(1))
+            .map(|(entry, _, _)| entry.register.name.trim_start_matches(self.prefix()))
+            .collect();
+        let whose = match self {
+            Self::Board => "of the board there are",
+            Self::Motor => "of a motor there are",
+            Self::System => "of a coordinate system there are",
+        };
+        format!("{whose} {}", names.join(", "))
+    }
+}
+
+impl Source {
+    /// The source that `text` names on a board with `layout`.
+    ///
+    /// # Errors
+    /// [`SourceError`], which lists the names there are.
+    pub fn parse(text: &str, layout: &Layout) -> Result<Self, SourceError> {
+        let text = text.trim();
+        if text.contains([':', '$']) {
+            return Self::address(text);
+        }
+        let lower = text.to_ascii_lowercase();
+        let (owner, number, name) = owner(&lower, layout)?;
+        if name == "following_error" {
+            return Err(SourceError::FollowingError { text: text.to_owned() });
+        }
+        let found = gatherable(layout, owner, number)
+            .find(|(entry, _, _)| entry.register.name.trim_start_matches(owner.prefix()) == name);
+        let Some((entry, register, reading)) = found else {
+            return Err(SourceError::Name { text: text.to_owned(), known: owner.known(layout) });
+        };
+        let motor = if owner == Owner::Motor { number } else { None };
+        Ok(Self { name: lower, register, reading, units: entry.register.units, motor })
+    }
+
+    fn address(text: &str) -> Result<Self, SourceError> {
+        let (address, unsigned) = match text.split_once(',') {
+            Some((address, sign)) if sign.trim().eq_ignore_ascii_case("u") => (address, true),
+            Some((address, sign)) if sign.trim().eq_ignore_ascii_case("s") => (address, false),
+            Some(_) => return Err(BadSource { text: text.to_owned() }.into()),
+            None => (text, false),
+        };
+        let register: GatherSource = address.parse()?;
+        let reading = match (register.longs(), register.address().space) {
+            (1, _) if unsigned => Reading::Unsigned,
+            (1, _) => Reading::Signed,
+            (_, _) if unsigned => return Err(BadSource { text: text.to_owned() }.into()),
+            (_, crate::map::Space::L) => Reading::Float,
+            _ => Reading::Fixed,
+        };
+        let sign = if unsigned { ",u" } else { "" };
+        Ok(Self { name: format!("{register}{sign}"), register, reading, units: "", motor: None })
+    }
+}
+
+/// Splits a name into whose it is, which one's, and the rest.
+fn owner<'a>(text: &'a str, layout: &Layout) -> Result<(Owner, Option<usize>, &'a str), SourceError> {
+    let Some((prefix, name)) = text.split_once('.') else { return Ok((Owner::Board, None, text)) };
+    let family = layout.family();
+    let (owner, digits, last) = match prefix.strip_prefix("cs") {
+        Some(digits) => (Owner::System, digits, family.coordinate_systems),
+        None => (Owner::Motor, prefix, family.motors),
+    };
+    match digits.parse() {
+        Ok(number) if (1..=last).contains(&number) => Ok((owner, Some(number), name)),
+        _ => Err(SourceError::Number { text: text.to_owned(), last }),
+    }
+}
+
+/// The registers of `owner`'s `number` that are copies of one known register, which can be gathered just as well.
+fn gatherable(
+    layout: &Layout,
+    owner: Owner,
+    number: Option<usize>,
+) -> impl Iterator<Item = (Entry, GatherSource, Reading)> {
+    let layout = *layout;
+    layout.entries().filter_map(move |entry| {
+        let SourceAt::One(address) = entry.source(layout.family()) else { return None };
+        if entry.number != number || !owner.owns(&entry) {
+            return None;
+        }
+        let reading = match entry.register.format {
+            Format::Fixed48 => Reading::Fixed,
+            Format::Float48 => Reading::Float,
+            Format::Signed24 => Reading::Signed,
+            Format::Bits24 | Format::Unsigned16 | Format::Unsigned24 => Reading::Unsigned,
+            _ => return None,
+        };
+        Some((entry, GatherSource::new(address)?, reading))
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::map::PMAC;
+
+    fn parse(text: &str) -> Result<Source, SourceError> {
+        Source::parse(text, &Layout::new(&PMAC, None))
+    }
+
+    #[test]
+    fn names_and_strides() {
+        for (text, register, code) in [
+            ("1.commanded_position", "D:$0028", 0x80_0028),
+            ("1.actual_position", "D:$002B", 0x80_002B),
+            ("2.Actual_Position", "D:$0067", 0x80_0067),
+            ("1.master_position", "D:$002D", 0x80_002D),
+            ("8.compensation_position", "D:$01EA", 0x80_01EA),
+            ("1.previous_dac", "X:$003A", 0x40_003A),
+            ("1.actual_velocity", "X:$0033", 0x40_0033),
+            ("1.servo_status", "X:$003D", 0x40_003D),
+            ("2.background_status", "Y:$08D4", 0x00_08D4),
+            ("cs2.program_status", "Y:$08D7", 0x00_08D7),
+            ("servo_timer", "X:$0000", 0x40_0000),
+        ] {
+            let source = parse(text).unwrap();
+            assert_eq!(
+                (source.register.to_string().as_str(), source.register.code()),
+                (register, code),
+                "{text}"
+            );
+            assert_eq!(source.name, text.to_ascii_lowercase());
+        }
+    }
+
+    #[test]
+    fn addresses_are_taken_as_they_are() {
+        let source = parse("x:$33").unwrap();
+        assert_eq!((source.name.as_str(), source.reading), ("X:$0033", Reading::Signed));
+        assert_eq!(parse("Y:$C003,u").unwrap().reading, Reading::Unsigned);
+        assert_eq!(parse("D:$002B").unwrap().reading, Reading::Fixed);
+        assert_eq!(parse("L:$1005").unwrap().reading, Reading::Float);
+    }
+
+    #[test]
+    fn what_cannot_be_gathered_is_refused_with_what_can() {
+        let said = |text: &str| parse(text).unwrap_err().to_string();
+        assert!(said("1.following_error").contains("commanded_position and actual_position"));
+        assert!(said("9.actual_position").contains("1.NAME to 8.NAME"));
+        assert!(said("0.actual_position").contains("1.NAME to 8.NAME"));
+        assert!(said("csx.program_status").contains("cs1.NAME"));
+        assert!(said("1.position").contains("actual_position"));
+        assert!(said("1.program_status").contains("actual_position"));
+        assert!(said("timer").contains("servo_timer"));
+        // One of three registers, by the program's state: not one that can be gathered.
+        assert!(!said("cs1.x_target_position").contains("x_target_position,"));
+        for text in ["", "DP:$D200", "D:$002B,u", "X:$10000", "X:$33,7", "$33"] {
+            assert!(parse(text).is_err(), "{text}");
+        }
+    }
+}

@@ -1,0 +1,334 @@
+//! The command line's tools for a running board: stop, set up, download, backup, compare, restore.
+
+use std::path::PathBuf;
+use std::process::Stdio;
+
+use nix::sys::signal::Signal;
+use serde_json::json;
+
+use crate::bench::Bench;
+use crate::rig::{Ran, command, pmacctl, pmacctl_with};
+use crate::site::{PATIENCE, Site};
+
+/// `pmacctl` on the board of `site`.
+pub fn run(site: &Site, args: &[&str]) -> Ran {
+    let socket = site.socket();
+    let socket = socket.to_str().unwrap();
+    pmacctl_with(["--name", &site.name, "--socket", socket].into_iter().chain(args.iter().copied()))
+}
+
+/// What the board answers to `line`.
+pub fn ask(site: &Site, line: &str) -> Vec<String> {
+    site.connection().send(line, PATIENCE).unwrap_or_else(|error| panic!("{line}: {error}"))
+}
+
+fn file(site: &Site, name: &str, text: &str) -> String {
+    let path: PathBuf = site.path(name);
+    std::fs::write(&path, text).unwrap();
+    path.to_str().unwrap().to_owned()
+}
+
+#[test]
+fn set_up_lines_and_absolute_words_need_no_daemon() {
+    let ran = pmacctl("setup isa --address 0xEC000 --addressing 24 --json");
+    assert_eq!(
+        (ran.json()["commands"].clone(), ran.code),
+        (json!(["WX:$786,$0000E,$000C5", "SAVE", "$$$"]), Some(0))
+    );
+    let ran = pmacctl("setup vme --mailbox 0x7FA000 --dpram 0x1FC000 --irq-level 2 --vector 0xA1 --json");
+    assert_eq!(ran.json()["after_reset"], json!([{ "address": "0x7FA121", "value": "0x3F" }]));
+    let ran = pmacctl("absolute --family turbo --ixx10 0x078D00 --ixx95 0x200000 --json");
+    assert_eq!((ran.json()["kind"].as_str(), ran.json()["bits"].as_u64()), (Some("parallel"), Some(32)));
+    assert!(pmacctl("setup enable servo").stdout.contains("I48=1"));
+    assert!(pmacctl("absolute --ix10 0x000100").stdout.contains("resolver"));
+    for (line, reason) in [
+        ("setup isa --address 0xEC100", "not a multiple of 16 KiB"),
+        ("setup isa --address 0xEC000 --yes", "--send"),
+        ("setup isa --address 0xEC000 --port /dev/ttyS0", "--send"),
+        ("setup isa --address 0xEC000 --send --baud 9600", "--port"),
+        ("setup isa --address 0xEC000 --send --yes --port /dev/null", "/dev/null: not a serial line"),
+        ("setup isa --address 0xEC000 --send --yes --port /dev/null --baud 31", "31 baud"),
+        ("setup enable everything", "everything"),
+        ("absolute --ixx10 0x78D00 --ixx95 0x330000", "format code $33"),
+    ] {
+        let ran = pmacctl(line);
+        assert!(ran.stderr.contains(reason) && ran.stderr.lines().count() == 1, "{line}: {ran:?}");
+        assert_eq!(ran.code, Some(2), "{line}");
+    }
+}
+
+#[test]
+fn nothing_is_sent_unless_somebody_says_so() {
+    let bench = Bench::new();
+    let socket = bench.socket.display();
+    let ran = pmacctl(&format!("setup enable servo --send --socket {socket}"));
+    assert!(ran.stderr.contains("--yes") && ran.stderr.contains("nothing was sent"), "{ran:?}");
+    assert_eq!(ran.code, Some(2));
+    assert_eq!(*bench.seen.lock().unwrap(), [""; 0]);
+    let ran = pmacctl(&format!("setup enable servo --motors 2 --send --yes --json --socket {socket}"));
+    let document = ran.json();
+    assert_eq!((ran.code, &document["error"]), (Some(0), &json!(null)));
+    assert_eq!(document["sent"], document["commands"]);
+    assert_eq!(json!(*bench.seen.lock().unwrap()), document["commands"]);
+}
+
+#[test]
+fn set_up_through_the_daemon_stops_at_the_first_error() {
+    let site = Site::running(&[], &[]);
+    // While the servo report runs, GATHER would begin something else.
+    ask(&site, "ENDGATHER");
+    let ran = run(&site, &["setup", "enable", "servo", "background", "--motors", "3", "--send", "--yes"]);
+    assert_eq!(ran.code, Some(0), "{ran:?}");
+    assert!(ran.stdout.contains("\nsent I48=1\n"), "{ran:?}");
+    assert_eq!(ask(&site, "I48 I49 I59"), ["1", "1", "3"]);
+    // A gather buffer cannot be defined while it is in use.
+    ask(&site, "I20=1 I21=$80002B DEFINE GATHER 100 GATHER");
+    let enable = ["setup", "enable", "gather", "--source", "D:$002B", "--send", "--yes"];
+    let ran = run(&site, &enable);
+    assert_eq!(ran.code, Some(1), "{ran:?}");
+    let told: Vec<_> = ran.stderr.lines().collect();
+    assert!(told[0].starts_with("stopped at DEFINE GATHER 1024; the board took I"), "{ran:?}");
+    assert!(told[0].ends_with("; not sent: GATHER"), "{ran:?}");
+    assert_eq!(told[1], "ERR003: data error or unrecognized command");
+    assert!(!ran.stdout.contains("sent DEFINE"), "{ran:?}");
+    let ran = run(&site, &[&enable[..], &["--json"]].concat());
+    assert_eq!((ran.json()["error"]["code"].as_i64(), ran.code), (Some(3), Some(1)));
+    site.assert_no_violations();
+}
+
+#[test]
+fn abort_and_kill_go_at_once_and_the_status_says_whether_they_went() {
+    let bench = Bench::new();
+    let socket = bench.socket.display();
+    for line in ["abort", "abort --all", "kill", "abort 1 3"] {
+        let ran = pmacctl(&format!("{line} --socket {socket}"));
+        assert_eq!((ran.stdout.as_str(), ran.stderr.as_str(), ran.code), ("", "", Some(0)), "{line}");
+    }
+    assert_eq!(*bench.seen.lock().unwrap(), ["^A", "^A", "^K", "&1A", "&3A"]);
+    let ran = pmacctl(&format!("kill --json --socket {socket}"));
+    assert_eq!(ran.json(), json!({ "sent": ["^K"], "error": null }));
+    for (line, code) in [("abort 0", 2), ("abort 17", 2), ("abort --all 1", 2), ("kill 1", 2)] {
+        assert_eq!(pmacctl(&format!("{line} --socket {socket}")).code, Some(code), "{line}");
+    }
+    assert_eq!(pmacctl("kill --socket /nonexistent/x.sock").code, Some(2));
+}
+
+#[test]
+fn abort_and_kill_act_on_the_motors() {
+    let mut site = Site::running(&[], &[]);
+    ask(&site, "#1J+ #2J+");
+    assert_eq!(run(&site, &["kill"]).code, Some(0));
+    let open_loop =
+        |motor: &str| u64::from_str_radix(&ask(&site, &format!("{motor}?"))[0], 16).unwrap() >> 42 & 1;
+    assert_eq!((open_loop("#1"), open_loop("#2")), (1, 1));
+    assert_eq!(run(&site, &["abort"]).code, Some(0));
+    assert_eq!((open_loop("#1"), open_loop("#2")), (0, 0), "an abort closes open loops");
+    let ran = run(&site, &["abort", "9"]);
+    assert!(ran.stderr.starts_with("&9A: ERR003"), "{ran:?}");
+    assert_eq!(ran.code, Some(1));
+    site.assert_no_violations();
+    site.kill_simulator();
+    assert_eq!(run(&site, &["kill"]).code, Some(1), "a dead board does not take it");
+}
+
+#[test]
+fn a_file_is_downloaded_line_by_line() {
+    let site = Site::running(&[], &[]);
+    file(&site, "names.pmc", "#define COUNT P5\n#define START 100 ; counts\n");
+    let main = file(
+        &site,
+        "main.pmc",
+        "; a machine\n#include \"names.pmc\"\nCOUNT=START // begin\n\nP6=COUNT*2\nCOUNT P6\n#ifdef NEVER\nUUU\n#endif\n",
+    );
+    let dry = run(&site, &["download", &main, "--dry-run"]);
+    assert_eq!((dry.stdout.as_str(), dry.code), ("CLOSE\nP5=100\nP6=P5*2\nP5 P6\n", Some(0)));
+    assert_eq!(ask(&site, "P5"), ["0"]);
+    let ran = run(&site, &["download", &main]);
+    assert_eq!((ran.stdout.as_str(), ran.stderr.as_str(), ran.code), ("100\n200\n", "", Some(0)));
+
+    let bad = file(&site, "bad.pmc", "P7=1\nP7=2 UUU\nP7=P7+1\nUUU\n");
+    let ran = run(&site, &["download", &bad]);
+    let error = format!("{bad}:2: ERR003: data error or unrecognized command: P7=2 UUU\n");
+    assert_eq!((ran.stderr.as_str(), ran.code), (error.as_str(), Some(1)));
+    assert_eq!(ask(&site, "P7"), ["2"]);
+    let ran = run(&site, &["download", &bad, "--keep-going", "--json"]);
+    assert_eq!((ran.stderr.lines().count(), ran.code), (2, Some(1)));
+    let document = ran.json();
+    assert_eq!((&document["lines"], &document["taken"]), (&json!(4), &json!(2)));
+    assert_eq!(
+        document["errors"][1],
+        json!({ "file": bad, "line": 4, "text": "UUU", "code": 3,
+        "message": "ERR003: data error or unrecognized command" })
+    );
+    assert_eq!(ask(&site, "P7"), ["3"]);
+
+    let wrong = file(&site, "wrong.pmc", "P8=1\n#include \"none.pmc\"\n#else\n");
+    let ran = run(&site, &["download", &wrong]);
+    assert!(ran.stderr.starts_with(&format!("{wrong}:2: ")), "{ran:?}");
+    assert!(ran.stderr.contains(&format!("{wrong}:3: #else without #ifdef")), "{ran:?}");
+    assert!(ran.stderr.ends_with("pmacctl: 2 mistakes; nothing was sent\n"), "{ran:?}");
+    assert_eq!((ran.code, ask(&site, "P8")), (Some(2), vec!["0".to_owned()]));
+    assert_eq!(run(&site, &["download", "/nonexistent"]).code, Some(2));
+    site.assert_no_violations();
+}
+
+#[test]
+fn a_buffer_is_closed_whatever_happens() {
+    let bench = Bench::new();
+    let directory = tempfile::tempdir().unwrap();
+    let socket = bench.socket.display();
+    let download = |text: &str, options: &str| {
+        let path = directory.path().join("f");
+        std::fs::write(&path, text).unwrap();
+        let ran = pmacctl(&format!("download {} {options} --socket {socket}", path.display()));
+        (ran, std::mem::take(&mut *bench.seen.lock().unwrap()))
+    };
+    let (ran, seen) = download("OPEN PROG 1\nX1\nCLOSE\n", "--quiet");
+    assert_eq!(
+        (seen, ran.code),
+        (["CLOSE", "OPEN PROG 1", "X1", "CLOSE"].map(str::to_owned).to_vec(), Some(0))
+    );
+    let (ran, seen) = download("OPEN PROG 1\nBAD\nX1\nCLOSE\n", "");
+    assert_eq!(
+        (seen, ran.code),
+        (["CLOSE", "OPEN PROG 1", "BAD", "CLOSE"].map(str::to_owned).to_vec(), Some(1))
+    );
+    let (ran, seen) = download("OPEN PROG 1\nLATE\n", "");
+    assert!(ran.stderr.contains("f:2: the board did not answer in time"), "{ran:?}");
+    assert_eq!((seen.last().unwrap().as_str(), ran.code), ("CLOSE", Some(1)));
+    let (ran, seen) = download("OPEN PROG 1\nX1\n", "");
+    assert!(ran.stderr.contains("left open"), "{ran:?}");
+    assert_eq!((seen.last().unwrap().as_str(), ran.code), ("CLOSE", Some(0)));
+}
+
+#[test]
+fn variables_are_backed_up_compared_and_restored() {
+    let site = Site::running(&[], &[]);
+    ask(&site, "I9=2 I125=$C000 I122=2000.5 P7=-0.5 P1023=12345.678");
+    // Apart: a blank before & would not keep it from being an operator.
+    ask(&site, "&1Q3=7 M1->Y:$FFC2,0 M5=42");
+    ask(&site, "&3");
+    let path = site.path("machine.pmc");
+    let path = path.to_str().unwrap();
+    let began = std::time::Instant::now();
+    let ran = run(&site, &["backup", "-o", path]);
+    eprintln!("a backup of all variables took {:?}", began.elapsed());
+    assert_eq!((ran.stdout.as_str(), ran.stderr.as_str(), ran.code), ("", "", Some(0)));
+    let saved = std::fs::read_to_string(path).unwrap();
+    let comments: Vec<_> = saved.lines().take_while(|line| line.starts_with("; ")).collect();
+    assert!(comments[1].contains("PMAC1") && comments[2].starts_with("; firmware 1.16D, "), "{comments:?}");
+    let lines: Vec<_> = saved.lines().skip(comments.len()).collect();
+    assert_eq!(lines.len(), 1024 * 5 + 1 - 1, "I, P, &1, Q, definitions, and the values of all but one M");
+    let known = [
+        "I9=2",
+        "I122=2000.5",
+        "I125=$C000",
+        "P7=-0.5",
+        "P1023=12345.678",
+        "&1",
+        "Q3=7",
+        "M1->Y:$FFC2,0",
+        "M5->*",
+        "M5=42",
+    ];
+    for line in known {
+        assert!(lines.contains(&line), "{line}");
+    }
+    assert!(!lines.contains(&"M1=0"), "what M1 points to is not the backup's business");
+    assert_eq!(ask(&site, "&"), ["3"], "the addressed coordinate system is left as it was");
+    let ran = run(&site, &["diff", path]);
+    assert_eq!((ran.stdout.as_str(), ran.code), ("", Some(0)), "{ran:?}");
+
+    // From here on with a part of it, as people keep one.
+    let path = &file(&site, "part.pmc", &known.join("\n"));
+
+    ask(&site, "I9=1 I122=1 P7=3");
+    ask(&site, "&1Q3=8 M1->* M5=1");
+    ask(&site, "&2");
+    let ran = run(&site, &["diff", path]);
+    let differ = "-I9=2\n+I9=1\n-I122=2000.5\n+I122=1\n-P7=-0.5\n+P7=3\n-&1Q3=7\n+&1Q3=8\n-M1->Y:$FFC2,0\n+M1->*\n-M5=42\n+M5=1\n";
+    assert_eq!((ran.stdout.as_str(), ran.code), (differ, Some(1)));
+    let ran = run(&site, &["diff", path, "--json"]);
+    assert_eq!(ran.json()[1], json!({ "variable": "I122", "first": "2000.5", "second": "1" }));
+
+    let plan = "I9=2  ; was 1\nI122=2000.5  ; was 1\nP7=-0.5  ; was 3\n&1Q3=7  ; was 8\nM1->Y:$FFC2,0  ; was *\nM5=42  ; was 1\n";
+    let ran = run(&site, &["restore", path, "--dry-run"]);
+    assert_eq!((ran.stdout.as_str(), ran.code), (plan, Some(0)));
+    let ran = run(&site, &["restore", path]);
+    assert!(ran.stderr.contains("--yes"), "{ran:?}");
+    assert_eq!((ran.code, ask(&site, "P7")), (Some(2), vec!["3".to_owned()]));
+    let ran = run(&site, &["restore", path, "--yes"]);
+    assert_eq!((ran.stdout.as_str(), ran.stderr.as_str(), ran.code), (plan, "", Some(0)));
+    assert_eq!(run(&site, &["diff", path]).code, Some(0));
+    assert_eq!(ask(&site, "&"), ["2"]);
+    site.assert_no_violations();
+}
+
+#[test]
+fn a_restore_leaves_its_own_port_alone_and_tells_errors_by_line() {
+    let site = Site::running(&[], &[]);
+    // I5 has two bits: the board takes 7 and holds another value.
+    let path = file(&site, "part.pmc", "I3=0\nI6=3\nI58=0\nI5=7\nP1=5\n&9Q1=1\nP2=6\n");
+    let ran = run(&site, &["restore", &path, "--yes"]);
+    assert_eq!(ran.code, Some(1), "{ran:?}");
+    assert!(
+        ran.stderr.contains("ERR003"),
+        "reading Q-variables of a coordinate system that is not there: {ran:?}"
+    );
+    let path = file(&site, "part.pmc", "I3=0\nI6=3\nI58=0\nI5=7\nP1=5\nP2=6\n");
+    let ran = run(&site, &["restore", &path, "--yes", "--json"]);
+    let told: Vec<_> = ran.stderr.lines().collect();
+    assert_eq!(told.len(), 4, "{ran:?}");
+    for (told, begin) in
+        told.iter().zip([":1: I3 is left at 2", ":2: I6 is left at 1", ":3: I58 is left at 1"])
+    {
+        assert!(told.starts_with(&format!("{path}{begin}")), "{told}");
+    }
+    assert!(told[3].starts_with(&format!("{path}:4: the board took it and holds ")), "{ran:?}");
+    let document = ran.json();
+    assert_eq!((document["skipped"].as_array().unwrap().len(), &document["taken"]), (3, &json!(3)));
+    assert_eq!((document["errors"][0]["line"].as_u64(), ran.code), (Some(4), Some(1)));
+    assert_eq!(ask(&site, "I3 I6 I58 P1 P2"), ["2", "1", "1", "5", "6"]);
+
+    let other = file(&site, "other.pmc", "P1=5.0\nP2=7\nP3=1\n");
+    let ran = pmacctl(&format!("diff {path} {other}"));
+    let differ = "-I3=0\n-I5=7\n-I6=3\n-I58=0\n-P2=6\n+P2=7\n+P3=1\n";
+    assert_eq!((ran.stdout.as_str(), ran.code), (differ, Some(1)));
+    let wrong = file(&site, "wrong.pmc", "P1=5\nOPEN PROG 1\nP1=6\n");
+    for command in ["restore", "diff"] {
+        let ran = run(&site, &[command, &wrong]);
+        assert!(ran.stderr.starts_with(&format!("{wrong}:2: ")), "{ran:?}");
+        assert!(ran.stderr.contains(&format!("{wrong}:3: P1 is set in line 1 already")), "{ran:?}");
+        assert_eq!(ran.code, Some(2));
+    }
+    assert_eq!(run(&site, &["backup", "--what", "X"]).code, Some(2));
+    let ran = run(&site, &["backup", "--what", "p,i", "--json"]);
+    assert_eq!(ran.json()["variables"].as_array().unwrap().len(), 2048);
+    assert_eq!(ran.json()["board_type"].as_str().unwrap().split(',').next(), Some("PMAC1"));
+    assert_eq!(run(&site, &["backup", "-o", "/nonexistent/x", "--what", "I"]).code, Some(2));
+    assert_eq!(run(&site, &["diff", "/nonexistent"]).code, Some(2));
+    assert_eq!(pmacctl("backup --socket /nonexistent/x.sock").code, Some(2));
+    site.assert_no_violations();
+}
+
+#[test]
+fn an_interrupted_download_closes_its_buffer() {
+    let bench = Bench::new();
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("long.pmc");
+    std::fs::write(&path, format!("OPEN PROG 1\nJ+\n{}CLOSE\n", "X1\n".repeat(500_000))).unwrap();
+    let child = command()
+        .args(["download", "--quiet", "--socket"])
+        .args([&bench.socket, &path])
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    bench.wait_seen("J+");
+    nix::sys::signal::kill(nix::unistd::Pid::from_raw(child.id().cast_signed()), Signal::SIGINT).unwrap();
+    let ran = Ran::from(child.wait_with_output().unwrap());
+    assert!(ran.stderr.ends_with(": interrupted before this line\n"), "{ran:?}");
+    assert_eq!(ran.code, Some(1));
+    let seen = bench.seen.lock().unwrap();
+    assert!(seen.len() < 500_000);
+    assert_eq!(seen.last().unwrap(), "CLOSE");
+}

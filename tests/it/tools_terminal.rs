@@ -1,0 +1,147 @@
+//! `pmacctl terminal`: in a pipe, and on a terminal.
+
+use std::fs::File;
+use std::io::{BufRead, BufReader, Read, Write};
+use std::process::{Child, Stdio};
+use std::sync::{Arc, Mutex};
+use std::time::{Duration, Instant};
+
+use crate::rig::{Ran, command, pty};
+use crate::site::{PATIENCE, Site, wait_until};
+
+fn terminal(site: &Site, options: &[&str]) -> std::process::Command {
+    let mut command = command();
+    command.args(["--name", &site.name, "--socket"]).arg(site.socket()).arg("terminal").args(options);
+    command
+}
+
+fn piped(site: &Site, options: &[&str]) -> Child {
+    let mut command = terminal(site, options);
+    command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap()
+}
+
+#[test]
+fn in_a_pipe_replies_errors_and_texts_are_kept_apart() {
+    let site = Site::running(&[], &[]);
+    let mut child = piped(&site, &[]);
+    let mut stdin = child.stdin.take().unwrap();
+    let mut stdout = BufReader::new(child.stdout.take().unwrap()).lines().map(Result::unwrap);
+    stdin.write_all(b"P1=5\n\n P1 P2 \nUUU\n").unwrap();
+    assert_eq!((stdout.next().unwrap(), stdout.next().unwrap()), ("5".to_owned(), "0".to_owned()));
+    let mut stderr = BufReader::new(child.stderr.take().unwrap()).lines().map(Result::unwrap);
+    assert_eq!(stderr.next().unwrap(), "ERR003: data error or unrecognized command");
+    site.control("send HELLO THERE");
+    assert_eq!(stderr.next().unwrap(), "-- SEND: HELLO THERE");
+    stdin.write_all(b"^K\n#1?\n.quit\nP1=6\n").unwrap();
+    let status = u64::from_str_radix(&stdout.next().unwrap(), 16).unwrap();
+    assert_eq!(status >> 42 & 1, 1, "killed: the loop is open");
+    assert_eq!(child.wait().unwrap().code(), Some(1), "one line was refused");
+    assert_eq!(site.connection().send("P1", PATIENCE).unwrap(), ["5"], "nothing after .quit");
+
+    let mut child = piped(&site, &["--json"]);
+    child.stdin.take().unwrap().write_all(b"P1..2\nUUU\n.frob\n").unwrap();
+    let ran = Ran::from(child.wait_with_output().unwrap());
+    let lines: Vec<serde_json::Value> =
+        ran.stdout.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+    assert_eq!(lines[0], serde_json::json!({ "line": "P1..2", "lines": ["5", "0"], "error": null }));
+    assert_eq!(lines[1]["error"]["code"], 3);
+    assert!(lines[2]["error"]["message"].as_str().unwrap().contains(".help"));
+    site.assert_no_violations();
+}
+
+/// A process that is not left behind by a test that fails.
+struct Running(Child);
+
+impl Running {
+    fn ended(mut self) -> Option<i32> {
+        self.0.wait().unwrap().code()
+    }
+}
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+/// A person at a terminal, who types and sees.
+struct Person {
+    keyboard: File,
+    screen: Arc<Mutex<String>>,
+}
+
+impl Person {
+    fn types(&mut self, text: &str) {
+        self.keyboard.write_all(text.as_bytes()).unwrap();
+    }
+
+    fn sees(&self, text: &str) {
+        let begun = Instant::now();
+        while !self.screen().contains(text) {
+            assert!(begun.elapsed() < PATIENCE, "waited in vain for {text:?} in {:?}", self.screen());
+            std::thread::sleep(Duration::from_millis(5));
+        }
+    }
+
+    fn screen(&self) -> String {
+        self.screen.lock().unwrap().clone()
+    }
+}
+
+#[test]
+fn on_a_terminal_there_is_a_prompt_editing_and_history() {
+    let site = Site::running(&[], &[]);
+    let size = nix::pty::Winsize { ws_row: 24, ws_col: 80, ws_xpixel: 0, ws_ypixel: 0 };
+    let pty = pty(Some(&size));
+    let state = tempfile::tempdir().unwrap();
+    let slave = || Stdio::from(pty.slave.try_clone().unwrap());
+    let start = |state: &std::path::Path| {
+        let mut command = terminal(&site, &[]);
+        command.env("XDG_STATE_HOME", state).env("TERM", "xterm");
+        Running(command.stdin(slave()).stdout(slave()).stderr(slave()).spawn().unwrap())
+    };
+    let child = start(state.path());
+    let master = File::from(pty.master);
+    let screen = Arc::new(Mutex::new(String::new()));
+    let (seen, mut source) = (Arc::clone(&screen), master.try_clone().unwrap());
+    std::thread::spawn(move || {
+        let mut bytes = [0; 1024];
+        while let Ok(count @ 1..) = source.read(&mut bytes) {
+            seen.lock().unwrap().push_str(&String::from_utf8_lossy(&bytes[..count]));
+        }
+    });
+    let mut person = Person { keyboard: master, screen };
+    person.sees("#8 &1> ");
+    // A wrong character, taken back.
+    person.types("P9=12\x7f7\r");
+    person.types("P9\r");
+    person.sees("\n17\r\n");
+    person.types("#2\r");
+    person.sees("#2 &1> ");
+    person.types("UUU\r");
+    person.sees("ERR003: data error or unrecognized command");
+    person.types("P9=P9");
+    person.sees("P9=P9");
+    site.control("send WATCH OUT");
+    person.sees("-- SEND: WATCH OUT");
+    person.types("+1\r");
+    // Two lines back in the history, and this one again.
+    person.types("P9\r");
+    person.sees("\n18\r\n");
+    person.types("\x1b[A\x1b[A\rP9\r");
+    person.sees("\n19\r\n");
+    person.types(".quit\r");
+    assert_eq!(child.ended(), Some(0), "{}", person.screen());
+    let history = std::fs::read_to_string(state.path().join("pmacctl/history")).unwrap();
+    assert!(history.contains("P9=P9+1\nP9\n"), "{history}");
+
+    let child = start(state.path());
+    wait_until("another prompt", || person.screen().matches(".quit leaves").count() == 2);
+    person.types("\x1b[A\x1b[A\r");
+    wait_until("the answer", || person.screen().matches("\n19\r\n").count() == 2);
+    // End of input.
+    person.types("\x04");
+    assert_eq!(child.ended(), Some(0), "{}", person.screen());
+    site.assert_no_violations();
+}
