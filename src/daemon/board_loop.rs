@@ -181,6 +181,7 @@ impl BoardLoop {
                 self.tell_servo(transition);
                 if self.servo.take_reset() {
                     info!("the board was reset, or its memory cleared");
+                    self.desk.forget();
                     self.desk.identifier.ask_again(Instant::now());
                 }
             }

@@ -11,8 +11,9 @@ use crate::function::rotary::{RotaryBuffer, RotaryError, RotarySetup, RotaryStre
 const WAITING_MAX: usize = 32;
 /// Commands written in one pass: four words each, so that the servo data never wait long.
 const COMMANDS_A_PASS: usize = 16;
-/// How often to look for room in a full buffer.
-const LOOK: Duration = Duration::from_millis(1);
+/// How often to look for room in a full buffer: two reads. More often than a servo cycle, after which even a board that
+/// takes all there is at once has not taken what came since the last one.
+const LOOK: Duration = Duration::from_micros(250);
 
 /// The commands of a line, two words each.
 type Line = Vec<(u32, u32)>;
