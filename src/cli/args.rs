@@ -9,11 +9,13 @@ use super::absolute::Absolute;
 use super::backup::{Backup, Diff, Restore};
 use super::download::Download;
 use super::gather::Gather;
+use super::panel::Panel;
 use super::rotary::Rotary;
 use super::set_up::Setup;
 use super::stop::Abort;
 use super::terminal::Terminal;
 use super::variable::Variable;
+use super::write::Write;
 use crate::format::{Float48Layout, WordOrder};
 use crate::map::{Family, Firmware, GatherSizeWord, UnknownFamily};
 
@@ -61,11 +63,15 @@ pub enum Command {
     Map(Map),
     /// Read the DPRAM at addresses as the manual prints them
     Read(Read),
+    /// Write open words of the DPRAM, whole or some bits; with --engineer any
+    Write(Write),
+    /// Jog, home, run, stop and override the feed rate through the control panel (I2=3)
+    Panel(Panel),
     /// Send a command line, or a control character as '^K', and print the reply
     Send(Send),
     /// Decode a raw image of the DPRAM from a file
     Decode(Decode),
-    /// Motion programs as binary rotary commands (needs no daemon)
+    /// Motion programs as binary rotary commands: compiled, turned back, or streamed to the board
     Rotary(Rotary),
     /// Registers of any kind, copied and written by PMAC in the background (I55=1)
     Variable(Variable),
@@ -144,7 +150,7 @@ impl From<GatherSize> for GatherSizeWord {
 
 #[derive(Debug, ClapArgs)]
 pub struct Read {
-    /// Y:$D001, X:$D009, DP:$D200, D:$D014, L:$D09A, F:$D210, or a host offset 0x0024
+    /// Y:$D001, X:$D009, DP:$D200, D:$D014, L:$D09A, F:$D210, a host offset 0x0024, or bits as Y:$D001,8,4
     #[arg(required = true, value_name = "ADDR")]
     pub addresses: Vec<String>,
     /// The board's family, instead of the one the daemon says

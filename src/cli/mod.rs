@@ -14,13 +14,17 @@ mod demo;
 mod doctor;
 mod download;
 mod gather;
+mod interrupt;
 mod lines;
 mod map;
 mod motors;
 mod output;
+mod panel;
 mod preprocess;
 mod read;
 mod rotary;
+mod rotary_progress;
+mod rotary_stream;
 mod send;
 mod set_up;
 pub mod setup;
@@ -32,6 +36,7 @@ mod time;
 mod variable;
 mod variables;
 mod watch;
+mod write;
 
 use std::ffi::OsString;
 use std::io::{self, Write};
@@ -97,6 +102,7 @@ impl From<CommandError> for Failure {
                 | CallError::Unavailable { .. }
                 | CallError::Busy
                 | CallError::NotPermitted { .. }
+                | CallError::Refused { .. }
                 | CallError::OutOfRange,
             ) => Self::Refused(error.to_string()),
             _ => Self::request(error),
@@ -170,6 +176,8 @@ fn execute(args: Args) -> Result<Verdict, Failure> {
         Command::Watch(options) => watch::run(&mut context, &options),
         Command::Map(options) => map::run(&mut context, &options),
         Command::Read(options) => read::run(&mut context, &options),
+        Command::Write(options) => write::run(&mut context, &options),
+        Command::Panel(options) => panel::run(&mut context, &options),
         Command::Send(options) => send::run(&mut context, &options),
         Command::Decode(options) => decode::run(&mut context, &options),
         Command::Rotary(options) => rotary::run(&mut context, &options),

@@ -22,6 +22,11 @@ impl Output {
         self.json
     }
 
+    /// Whether only errors are wanted.
+    pub fn is_quiet(&self) -> bool {
+        self.quiet
+    }
+
     /// Whether a person looks at it.
     pub fn is_terminal(&self) -> bool {
         !self.quiet && self.stdout.get_ref().is_terminal()

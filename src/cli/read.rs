@@ -6,7 +6,8 @@ use super::args::Read;
 use super::table::{Align, Table};
 use super::{Context, Failure, Verdict};
 use crate::decode::{Value, value};
-use crate::map::{Family, Location};
+use crate::format::join32;
+use crate::map::{BitField, Family, Field};
 
 /// One address read.
 #[derive(Debug, Serialize)]
@@ -15,6 +16,9 @@ struct Found {
     address: String,
     pmac_address: String,
     host_offset: u32,
+    /// Which bits the value has, when not all.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    bits: Option<BitField>,
     /// CLOCK_MONOTONIC of the first read.
     time_ns: u64,
     /// The 16-bit words, ascending.
@@ -25,7 +29,7 @@ struct Found {
 pub fn run(context: &mut Context, options: &Read) -> Result<Verdict, Failure> {
     // A wrong address is found before anything is asked, as far as the family is known without asking.
     if let Some(family) = options.family {
-        locations(options, family)?;
+        fields(options, family)?;
     }
     let mut connection = context.connection()?;
     let family = match options.family {
@@ -34,14 +38,18 @@ pub fn run(context: &mut Context, options: &Read) -> Result<Verdict, Failure> {
             .map_err(|error| Failure::Request(format!("{error}; say --family")))?,
     };
     let mut found = Vec::new();
-    for (address, location) in options.addresses.iter().zip(locations(options, family)?) {
+    for (address, Field { location, bits }) in options.addresses.iter().zip(fields(options, family)?) {
         let (time_ns, words) = connection.read(location.offset, location.space.words())?;
         found.push(Found {
             address: address.clone(),
             pmac_address: location.pmac_address(family).to_string(),
+            bits,
             host_offset: location.offset.bytes(),
             time_ns,
-            value: value(location.space, &words, options.float48.into()),
+            value: match bits {
+                None => value(location.space, &words, options.float48.into()),
+                Some(bits) => part(bits, &words),
+            },
             words,
         });
     }
@@ -53,8 +61,19 @@ pub fn run(context: &mut Context, options: &Read) -> Result<Verdict, Failure> {
     Ok(Verdict::Yes)
 }
 
-fn locations(options: &Read, family: &Family) -> Result<Vec<Location>, Failure> {
-    options.addresses.iter().map(|text| Location::parse(text, family).map_err(Failure::request)).collect()
+fn fields(options: &Read, family: &Family) -> Result<Vec<Field>, Failure> {
+    options.addresses.iter().map(|text| Field::parse(text, family).map_err(Failure::request)).collect()
+}
+
+/// The value of a bit field.
+fn part(bits: BitField, words: &[u16]) -> Option<Value> {
+    let word = match *words {
+        [word] => word.into(),
+        [low, high] => join32(low, high),
+        _ => return None,
+    };
+    let value = bits.of(word);
+    Some(u16::try_from(value).map_or(Value::Fixed(value.into()), Value::Word))
 }
 
 fn table(found: &[Found]) -> Table {
@@ -66,7 +85,10 @@ fn table(found: &[Found]) -> Table {
     ]);
     for found in found {
         table.row([
-            found.pmac_address.clone(),
+            match found.bits {
+                None => found.pmac_address.clone(),
+                Some(bits) => format!("{},{},{}", found.pmac_address, bits.offset, bits.width),
+            },
             format!("0x{:04X}", found.host_offset),
             found.words.iter().map(|word| format!("{word:04X}")).collect::<Vec<_>>().join(" "),
             found.value.map_or_else(String::new, |value| value.to_string()),

@@ -1,5 +1,5 @@
 //! `pmacctl rotary encode` and `rotary decode`: motion programs to binary rotary commands and back. Neither needs a
-//! board or a daemon.
+//! board or a daemon. For `rotary stream` see [`super::rotary_stream`].
 
 use std::fmt::Display;
 use std::fs::File;
@@ -10,8 +10,9 @@ use clap::{Args, Subcommand};
 use serde::Deserialize;
 use serde_json::Value;
 
+use super::rotary_stream::{self, Stream};
 use super::{Context, Failure, Verdict};
-use crate::rotary::{Report, Settings, compile, decompile};
+use crate::rotary::{Program, Report, Settings, compile, decompile};
 
 /// Most of a file that is read: more than any program for a machine, and less than memory.
 const LARGEST: u64 = 256 << 20;
@@ -28,6 +29,8 @@ pub enum RotaryCommand {
     Encode(Encode),
     /// Turn the words of a binary rotary buffer back into text
     Decode(Decode),
+    /// Compile a motion program and keep the board fed with it through a binary rotary buffer
+    Stream(Stream),
 }
 
 #[derive(Debug, Args)]
@@ -57,7 +60,7 @@ pub struct Format {
 }
 
 impl Format {
-    fn settings(&self) -> Result<Settings, Failure> {
+    pub(super) fn settings(&self) -> Result<Settings, Failure> {
         let table: toml::Table = self.settings.iter().cloned().collect();
         let settings = Settings::deserialize(table)
             .map_err(|error| Failure::Request(format!("--set: {}", error.to_string().trim())))?;
@@ -79,21 +82,13 @@ pub fn run(context: &mut Context, options: &Rotary) -> Result<Verdict, Failure> 
     match &options.command {
         RotaryCommand::Encode(options) => encode(context, options),
         RotaryCommand::Decode(options) => decode(context, options),
+        RotaryCommand::Stream(options) => rotary_stream::run(context, options),
     }
 }
 
 fn encode(context: &mut Context, options: &Encode) -> Result<Verdict, Failure> {
-    let settings = options.format.settings()?;
-    let name = shown(&options.file);
-    let compiled = match compile(&read(&options.file)?, &settings) {
-        Ok(compiled) => compiled,
-        Err(refused) => {
-            warn(name, &refused.warnings);
-            return Err(Failure::Refused(listing(name, "", &refused.errors)));
-        }
-    };
-    warn(name, &compiled.warnings);
-    let commands = compiled.program.documents();
+    let program = compiled(&options.file, &options.format.settings()?)?;
+    let commands = program.documents();
     if context.output.is_json() {
         context.output.json(&commands.collect::<Vec<_>>())?;
     } else {
@@ -105,6 +100,24 @@ fn encode(context: &mut Context, options: &Encode) -> Result<Verdict, Failure> {
         }
     }
     Ok(Verdict::Yes)
+}
+
+/// The program in `file`. Warnings go to stderr.
+///
+/// # Errors
+/// Everything that cannot be sent, a line each: `FILE:LINE:COLUMN: reason`.
+pub fn compiled(file: &str, settings: &Settings) -> Result<Program, Failure> {
+    let name = shown(file);
+    match compile(&read(file)?, settings) {
+        Ok(compiled) => {
+            warn(name, &compiled.warnings);
+            Ok(compiled.program)
+        }
+        Err(refused) => {
+            warn(name, &refused.warnings);
+            Err(Failure::Refused(listing(name, "", &refused.errors)))
+        }
+    }
 }
 
 fn decode(context: &mut Context, options: &Decode) -> Result<Verdict, Failure> {
@@ -134,7 +147,7 @@ fn decode(context: &mut Context, options: &Decode) -> Result<Verdict, Failure> {
 }
 
 /// What stands before a place in messages.
-fn shown(file: &str) -> &str {
+pub fn shown(file: &str) -> &str {
     if file == "-" { "stdin" } else { file }
 }
 

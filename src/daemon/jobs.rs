@@ -370,7 +370,8 @@ fn rotary_send(mut parameters: Parameters) -> Result<JobCall, CallError> {
         })
         .collect::<Result<Vec<Vec<(u32, u32)>>, CallError>>()?;
     Ok(JobCall {
-        audit: Some(format!("rotary program, {} lines, {commands} commands", lines.len())),
+        // One line a program: the batches that follow say that they do.
+        audit: first.is_none_or(|first| first == 0).then(|| "sends a rotary program".to_owned()),
         ..JobCall::new(Job::RotarySend { buffer, first, lines }, Duration::from_millis(timeout_ms))
     })
 }

@@ -36,6 +36,12 @@ impl RotaryLines {
         }
     }
 
+    /// Whether there is any buffer that `OPEN ROT` can open.
+    #[must_use]
+    pub fn is_defined(&self) -> bool {
+        self.queues.iter().any(Option::is_some)
+    }
+
     /// The oldest line, which leaves the buffer.
     pub fn take(&mut self, cs: usize) -> Option<Vec<Command>> {
         self.queues.get_mut(cs)?.as_mut()?.lines.pop_front()

@@ -74,6 +74,9 @@ impl Line<'_, '_> {
         let number = self.scanner.unsigned()?;
         let cs = self.interpreter.cs;
         self.not_running(cs)?;
+        if number == 0.0 && self.machine.rotary_room(cs).is_some() {
+            return Ok(());
+        }
         if !buffers::exists(number) {
             return Err(CommandError::SYNTAX);
         }

@@ -5,6 +5,7 @@
 //! lines. A classic board has one such pair for all its ports, so its ports share one [`Interpreter`].
 
 use super::axis::is_axis;
+use super::buffers::BufferCommand;
 use super::scanner::Scanner;
 use super::variables::VariableKind;
 use super::words::Word;
@@ -156,6 +157,12 @@ impl Line<'_, '_> {
             Word::Save => self.save(),
             Word::Password => self.password(),
             Word::Program => Err(CommandError::NO_OPEN_BUFFER),
+            Word::Buffer(BufferCommand::Open)
+                if self.scanner.take_text(b"ROT") && self.machine.rotary_lines.is_defined() =>
+            {
+                self.scanner.take_text(b"ARY");
+                Ok(())
+            }
             Word::Buffer(command) => buffers::execute(command),
             Word::Foreign => Err(CommandError::SYNTAX),
         }

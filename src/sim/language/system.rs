@@ -9,11 +9,17 @@ use super::{CommandError, Outcome, buffers};
 #[derive(Debug, Clone, Copy)]
 enum Buffer {
     Gather,
+    Rotary,
     All,
 }
 
-const BUFFERS: &[(&str, Buffer)] =
-    &[("GATHER", Buffer::Gather), ("GAT", Buffer::Gather), ("ALL", Buffer::All)];
+const BUFFERS: &[(&str, Buffer)] = &[
+    ("GATHER", Buffer::Gather),
+    ("GAT", Buffer::Gather),
+    ("ROTARY", Buffer::Rotary),
+    ("ROT", Buffer::Rotary),
+    ("ALL", Buffer::All),
+];
 
 impl Line<'_, '_> {
     pub(super) fn identity(&mut self, what: Word) -> Outcome {
@@ -64,6 +70,12 @@ impl Line<'_, '_> {
                 self.machine.define_gather(Some(longs))
             }
             Some(Buffer::Gather) => self.machine.define_gather(None),
+            Some(Buffer::Rotary) => {
+                // A binary command takes up to two words of program memory.
+                let size = self.scanner.integer()?;
+                self.machine.rotary_lines.define(self.interpreter.cs, size / 2);
+                Ok(())
+            }
             _ => buffers::execute(BufferCommand::Define),
         }
     }
@@ -72,7 +84,7 @@ impl Line<'_, '_> {
     pub(super) fn delete(&mut self) -> Outcome {
         match self.scanner.keyword(&[BUFFERS]) {
             Some(Buffer::Gather | Buffer::All) => self.machine.delete_gather(),
-            None => buffers::execute(BufferCommand::Delete),
+            Some(Buffer::Rotary) | None => buffers::execute(BufferCommand::Delete),
         }
     }
 

@@ -1,0 +1,88 @@
+//! How far a rotary stream is: a bar on a terminal, a plain line now and then where nobody repaints.
+
+use std::io::{self, IsTerminal, Write};
+use std::time::{Duration, Instant};
+
+/// Cells of the bar.
+const CELLS: usize = 30;
+const EVERY_ON_TERMINAL: Duration = Duration::from_millis(100);
+const EVERY_PLAIN: Duration = Duration::from_secs(1);
+
+/// The progress, on stderr: stdout is for the result.
+#[derive(Debug)]
+pub struct Progress {
+    total: usize,
+    began: Instant,
+    last: Instant,
+    terminal: bool,
+    quiet: bool,
+    /// A bar stands on the terminal's line.
+    shown: bool,
+}
+
+impl Progress {
+    pub fn new(total: usize, quiet: bool) -> Self {
+        let now = Instant::now();
+        Self { total, began: now, last: now, terminal: io::stderr().is_terminal(), quiet, shown: false }
+    }
+
+    /// Since the beginning.
+    pub fn elapsed(&self) -> Duration {
+        self.began.elapsed()
+    }
+
+    /// Whether it is time to show something new.
+    pub fn due(&self) -> bool {
+        let every = if self.terminal { EVERY_ON_TERMINAL } else { EVERY_PLAIN };
+        !self.quiet && self.last.elapsed() >= every
+    }
+
+    /// `sent` lines are in, `ahead` of them not taken by the board.
+    pub fn show(&mut self, sent: usize, ahead: u64) {
+        if !self.due() {
+            return;
+        }
+        self.last = Instant::now();
+        let seconds = self.elapsed().as_secs_f64();
+        // Nobody reads it: nothing to be done.
+        let _ = if self.terminal {
+            self.shown = true;
+            write!(io::stderr(), "\r{}\x1b[K", bar(sent, self.total, ahead, seconds))
+        } else {
+            writeln!(io::stderr(), "sent={sent} of={} ahead={ahead} seconds={seconds:.1}", self.total)
+        };
+    }
+
+    /// A line of text between.
+    pub fn say(&mut self, text: &str) {
+        self.clear();
+        let _ = writeln!(io::stderr(), "{text}");
+    }
+
+    pub fn clear(&mut self) {
+        if std::mem::take(&mut self.shown) {
+            let _ = write!(io::stderr(), "\r\x1b[K");
+        }
+    }
+}
+
+fn bar(sent: usize, total: usize, ahead: u64, seconds: f64) -> String {
+    let full = (sent * CELLS).checked_div(total).unwrap_or(CELLS).min(CELLS);
+    let (done, left) = ("#".repeat(full), "-".repeat(CELLS - full));
+    format!("[{done}{left}] {sent} of {total} lines, {ahead} ahead, {seconds:.1} s")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_bar_fills() {
+        assert_eq!(bar(0, 10, 0, 0.0), format!("[{}] 0 of 10 lines, 0 ahead, 0.0 s", "-".repeat(30)));
+        assert!(
+            bar(5, 10, 3, 1.25).starts_with("[###############---------------] 5 of 10 lines, 3 ahead, 1.2")
+        );
+        assert!(bar(10, 10, 0, 2.0).starts_with(&format!("[{}]", "#".repeat(30))));
+        assert!(bar(0, 0, 0, 0.0).starts_with("[##"));
+    }
+}
