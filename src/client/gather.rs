@@ -10,7 +10,7 @@ use super::command::{CommandError, Connection, DAEMON_TIMEOUT, MARGIN};
 use crate::format::join32;
 use crate::gather::{GatherMode, GatherPlan};
 use crate::map::Layout;
-use crate::segment::{Cursor, RegionId, Sample};
+use crate::segment::{Cursor, RegionId, Sample, SegmentError};
 
 /// 16-bit words before the samples.
 const HEADER_WORDS: usize = 16;
@@ -83,7 +83,8 @@ impl GatherFollower {
         if !self.cursor.next(board.subscriber(), &mut self.sample)? {
             return Ok(None);
         }
-        Ok(GatherChunk::decode(self.sample.words()))
+        let corrupt = SegmentError::Corrupt { region: RegionId::Gather, sequence: self.sample.sequence };
+        GatherChunk::decode(self.sample.words()).map(Some).ok_or(corrupt.into())
     }
 }
 
