@@ -70,7 +70,7 @@ pub mod function;
 pub mod gather;
 pub mod map;
 pub mod mirror;
-mod process;
+pub mod process;
 pub mod protocol;
 pub mod rotary;
 pub mod segment;

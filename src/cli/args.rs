@@ -8,11 +8,13 @@ use clap::{Args as ClapArgs, Parser, Subcommand, ValueEnum};
 use super::absolute::Absolute;
 use super::backup::{Backup, Diff, Restore};
 use super::download::Download;
+use super::gather::Gather;
 use super::panel::Panel;
 use super::rotary::Rotary;
 use super::set_up::Setup;
 use super::stop::Abort;
 use super::terminal::Terminal;
+use super::variable::Variable;
 use super::write::Write;
 use crate::format::{Float48Layout, WordOrder};
 use crate::map::{Family, Firmware, GatherSizeWord, UnknownFamily};
@@ -71,6 +73,10 @@ pub enum Command {
     Decode(Decode),
     /// Motion programs as binary rotary commands: compiled, turned back, or streamed to the board
     Rotary(Rotary),
+    /// Registers of any kind, copied and written by PMAC in the background (I55=1)
+    Variable(Variable),
+    /// Sample registers at servo rate into a .csv or .npy file (I20 to I45, DEFINE GATHER, GATHER, ENDGATHER)
+    Gather(Gather),
     /// Stop every motion at once, by ^A, or that of some coordinate systems; the exit status tells whether the board took it
     Abort(Abort),
     /// Kill every motor at once, by ^K: open loops, no output; the exit status tells whether the board took it
@@ -228,7 +234,7 @@ pub fn seconds(text: &str) -> Result<Duration, String> {
 }
 
 /// The time between two prints.
-fn rate(text: &str) -> Result<Duration, String> {
+pub fn rate(text: &str) -> Result<Duration, String> {
     let hz: f64 = text.parse().map_err(|_| "not a number of prints a second".to_owned())?;
     if (0.001..=1000.0).contains(&hz) {
         Ok(Duration::from_secs_f64(1.0 / hz))

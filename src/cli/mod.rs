@@ -13,6 +13,7 @@ mod decode;
 mod demo;
 mod doctor;
 mod download;
+mod gather;
 mod interrupt;
 mod lines;
 mod map;
@@ -32,6 +33,7 @@ mod stop;
 mod table;
 mod terminal;
 mod time;
+mod variable;
 mod variables;
 mod watch;
 mod write;
@@ -179,6 +181,8 @@ fn execute(args: Args) -> Result<Verdict, Failure> {
         Command::Send(options) => send::run(&mut context, &options),
         Command::Decode(options) => decode::run(&mut context, &options),
         Command::Rotary(options) => rotary::run(&mut context, &options),
+        Command::Variable(options) => variable::run(&mut context, &options),
+        Command::Gather(options) => gather::run(&mut context, &options),
         Command::Abort(options) => stop::abort(&mut context, &options),
         Command::Kill => stop::kill(&mut context),
         Command::Terminal(options) => terminal::run(&mut context, &options),

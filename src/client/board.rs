@@ -114,6 +114,12 @@ impl Board {
         &self.name
     }
 
+    /// The daemon's socket.
+    #[must_use]
+    pub fn socket(&self) -> &Path {
+        &self.socket
+    }
+
     /// The segment, for what has no method here. Another one after the daemon was restarted.
     #[must_use]
     pub fn subscriber(&self) -> &Subscriber {
@@ -240,7 +246,7 @@ impl Board {
     }
 
     /// Copies the latest sample of `region`; `None` when there is none, or the daemon does not mirror it at all.
-    fn latest(&mut self, region: RegionId) -> Result<Option<()>, ClientError> {
+    pub(super) fn latest(&mut self, region: RegionId) -> Result<Option<()>, ClientError> {
         match self.subscriber.latest(region, &mut self.sample) {
             Ok(found) => Ok(found.map(|_| ())),
             Err(SegmentError::NoSuchRegion(_)) => Ok(None),
@@ -248,7 +254,7 @@ impl Board {
         }
     }
 
-    fn view<T>(
+    pub(super) fn view<T>(
         &self,
         region: RegionId,
         decode: impl FnOnce(&[u16]) -> Result<T, TooShort>,

@@ -12,10 +12,11 @@ use serde::de::DeserializeOwned;
 use serde_json::{Map, Value, json};
 
 use crate::map::HostOffset;
-use crate::protocol::board::{ReadReply, SendReply};
+use crate::protocol::board::{ReadReply, SendReply, VariableRecord};
 use crate::protocol::message::encode;
 use crate::protocol::transport::connect;
 use crate::protocol::{BOARD, BoardInfo, Call, CallError, Inbox, Message, REPLY_MAX, Reply, control};
+use crate::setup::gather_source::GatherSource;
 
 /// How long the daemon itself may take: to accept, and to answer what needs no board.
 pub(super) const DAEMON_TIMEOUT: Duration = Duration::from_secs(5);
@@ -143,6 +144,40 @@ impl Connection {
         Ok(Messages { path, link, ended: false })
     }
 
+    /// Turns the connection into a watch on `registers`: PMAC copies them in the background until it is dropped.
+    ///
+    /// # Errors
+    /// [`CommandError`]; [`CallError::Refused`] in it when no entry is left, or I55 is not 1.
+    pub fn watch_variables(mut self, registers: &[GatherSource]) -> Result<VariableWatch, CommandError> {
+        let registers: Vec<Value> = registers.iter().map(|register| register.to_string().into()).collect();
+        let parameters = Map::from_iter([("registers".to_owned(), registers.into())]);
+        let mut call = Call::new(format!("{BOARD}.WatchVariables"), parameters);
+        call.more = Some(true);
+        let path = self.path.clone();
+        let mut link = match self.link.take() {
+            Some(link) => link,
+            None => self.dial()?,
+        };
+        let deadline = Instant::now() + DAEMON_TIMEOUT;
+        let reply = link.write(&encode(&call), deadline).and_then(|()| link.next_reply(deadline));
+        understand::<Value>(reply.map_err(|error| fault(&path, error))?)?;
+        Ok(VariableWatch { path, link })
+    }
+
+    /// Has PMAC write registers in the background, in their order, and waits until it has.
+    ///
+    /// # Errors
+    /// [`CommandError`]; [`CallError::Refused`] in it, with nothing written, for what cannot be written.
+    pub fn write_variables(
+        &mut self,
+        records: &[VariableRecord],
+        timeout: Duration,
+    ) -> Result<(), CommandError> {
+        let timeout_ms = u64::try_from(timeout.as_millis()).unwrap_or(u64::MAX).max(1);
+        let parameters = json!({"records": records, "timeout_ms": timeout_ms});
+        self.call::<Value>("WriteVariables", parameters, timeout.saturating_add(MARGIN)).map(|_| ())
+    }
+
     pub(super) fn call<T: DeserializeOwned>(
         &mut self,
         method: &str,
@@ -256,6 +291,31 @@ fn again(error: io::Error) -> io::Result<()> {
     match error.kind() {
         io::ErrorKind::Interrupted | io::ErrorKind::WouldBlock | io::ErrorKind::TimedOut => Ok(()),
         _ => Err(error),
+    }
+}
+
+/// Registers that PMAC copies as long as this is there.
+#[derive(Debug)]
+pub struct VariableWatch {
+    path: PathBuf,
+    link: Link,
+}
+
+impl VariableWatch {
+    /// Whether the daemon still holds the watch; waits at most a millisecond.
+    ///
+    /// # Errors
+    /// [`CommandError`] when the daemon has ended it, or is gone.
+    pub fn check(&mut self) -> Result<(), CommandError> {
+        match self.link.next_reply(after(Duration::from_millis(1))) {
+            Err(error) if error.kind() == io::ErrorKind::TimedOut => Ok(()),
+            Err(error) => Err(fault(&self.path, error)),
+            // The only reply has come already; another one can only be the end.
+            Ok(reply) => match CallError::from_reply(&reply) {
+                Some(error) => Err(error.into()),
+                None => Err(CallError::Protocol("a second reply to a watch".to_owned()).into()),
+            },
+        }
     }
 }
 

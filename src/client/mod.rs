@@ -17,18 +17,22 @@
 
 pub mod board;
 pub mod command;
+pub mod gather;
 pub mod hold;
 pub mod identity;
 pub mod jobs;
 pub mod rotary_feed;
 pub mod serial;
 pub mod serial_reply;
+pub mod variables;
 pub mod view;
 
 pub use board::{Board, ClientError, History, Snapshot, socket_path};
-pub use command::{CommandError, Connection, Messages};
+pub use command::{CommandError, Connection, Messages, VariableWatch};
+pub use gather::{GatherChunk, GatherFollower, GatherPhase};
 pub use hold::HeldJog;
 pub use jobs::RotaryPlace;
 pub use rotary_feed::{RotaryFeed, RotaryLine};
 pub use serial::{SerialError, SerialLine};
+pub use variables::{Variable, VariableTable, VariableWidth};
 pub use view::{Staleness, View};

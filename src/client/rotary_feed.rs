@@ -106,7 +106,7 @@ impl<'a> RotaryFeed<'a> {
         });
         // A line longer than a batch goes alone, to be refused with the reason.
         let count = full.unwrap_or(rest.len()).max(1);
-        let batch: Vec<Value> = rest.iter().take(count).map(|line| words(line)).collect();
+        let batch: Vec<Value> = rest.iter().take(count).map(words).collect();
         let parameters = json!({
             "buffer": self.buffer,
             "lines": batch,

@@ -32,7 +32,7 @@ use crate::function::background::BACKGROUND_WORDS;
 use crate::function::servo::SERVO_WORDS;
 use crate::function::variable_read::VariableMode;
 use crate::map::{BadFirmware, Family, Firmware, Layout, Plan, PlanSettings, classic};
-use crate::mirror::{BackgroundMirror, ServoMirror, variable};
+use crate::mirror::{BackgroundMirror, ServoMirror, gather, variable};
 use crate::protocol::BoardInfo;
 use crate::segment::identity;
 use crate::segment::{CreateOptions, Identity, Publisher, RegionId, RegionSpec, monotonic_ns};
@@ -204,9 +204,17 @@ fn segment_options(settings: &Settings) -> CreateOptions {
         period_hint_ns: 0,
         stale_after_ns: 1_000_000_000,
     };
+    let gather = RegionSpec {
+        id: RegionId::Gather,
+        slots: gather::SLOTS,
+        payload_bytes: 2 * gather::PAYLOAD_WORDS as u32,
+        first_host_offset: 0,
+        period_hint_ns: 0,
+        stale_after_ns: 0,
+    };
     CreateOptions {
         mode: settings.segment_mode,
-        ..CreateOptions::new(settings.name.clone(), vec![servo, background, board, variable])
+        ..CreateOptions::new(settings.name.clone(), vec![servo, background, board, variable, gather])
     }
 }
 

@@ -13,6 +13,7 @@ use super::jobs::JobCall;
 use super::policy::Peer;
 use super::queue::{Command, Outcome, Text, Ticket};
 use super::serve::{GRACE, Service};
+use crate::function::variable_read::VariableEntry;
 use crate::protocol::{Call, CallError, Enabled, Reply, control};
 
 /// How long the board may take to say whether a job makes sense.
@@ -47,17 +48,6 @@ impl Service {
                     Err(CallError::Refused { reason })
                 };
             }
-            Ok(Action::Watch(entries)) => {
-                let wanted = entries.len();
-                action = match self.subscriptions.watch(id, entries) {
-                    Ok(()) => {
-                        client.waiting = Waiting::Watch;
-                        let reply = Reply::with(&json!({ "watched": wanted }));
-                        reply.map(|reply| Action::Reply(Reply { continues: Some(true), ..reply }))
-                    }
-                    Err(none_left) => Err(CallError::Refused { reason: none_left.to_string() }),
-                };
-            }
             _ => {}
         }
         let Some(client) = self.clients.get_mut(&id) else { return };
@@ -67,7 +57,7 @@ impl Service {
                 client.waiting = Waiting::Messages(0);
                 return;
             }
-            Ok(Action::Ask(_) | Action::Renew | Action::Watch(_)) => return,
+            Ok(Action::Ask(_) | Action::Renew) => return,
             Err(error) => {
                 if !matches!(error, CallError::Busy) {
                     let Peer { uid, pid, .. } = client.peer;
@@ -82,6 +72,15 @@ impl Service {
     }
 
     fn ask(&mut self, id: u64, ask: Ask, oneway: bool, now: Instant) -> Result<(), CallError> {
+        let asks_first = self.backend.info.is_enabled(Enabled::ASCII);
+        let ask = match ask {
+            Ask::Job(JobCall { job: Job::WatchVariables(entries), guard, .. })
+                if guard.is_none() || !asks_first =>
+            {
+                return self.watch(id, entries, now);
+            }
+            ask => ask,
+        };
         let deadline = now + ask.timeout();
         let ticket = self.new_ticket();
         let Some(client) = self.clients.get_mut(&id) else { return Ok(()) };
@@ -97,7 +96,7 @@ impl Service {
                 Command::Control { ticket, character, deadline }
             }
             Ask::Read { first, count } => Command::ReadWords { ticket, first, count },
-            Ask::Job(mut call) => match call.guard.filter(|_| self.backend.info.is_enabled(Enabled::ASCII)) {
+            Ask::Job(mut call) => match call.guard.filter(|_| asks_first) {
                 // First ask the board whether the job makes sense; where it cannot be asked, the job has to show.
                 Some(guard) => {
                     let line = Text::new(guard.variable.as_bytes()).unwrap_or_default();
@@ -131,6 +130,19 @@ impl Service {
     fn new_ticket(&mut self) -> Ticket {
         self.next_ticket += 1;
         Ticket(self.next_ticket)
+    }
+
+    /// Begins a watch, of which only a change of the table concerns the bus thread.
+    fn watch(&mut self, id: u64, entries: Vec<VariableEntry>, now: Instant) -> Result<(), CallError> {
+        let watched = json!({ "watched": entries.len() });
+        self.subscriptions
+            .watch(id, entries)
+            .map_err(|none_left| CallError::Refused { reason: none_left.to_string() })?;
+        if let Some(client) = self.clients.get_mut(&id) {
+            client.waiting = Waiting::Watch;
+            client.reply(&Reply { continues: Some(true), ..Reply::with(&watched)? }, now);
+        }
+        Ok(())
     }
 
     /// The board has answered the question a job waited for.

@@ -39,6 +39,7 @@ pub(super) struct Pending {
 
 /// What a client waits for.
 #[derive(Debug)]
+#[expect(clippy::large_enum_variant, reason = "one a connection, and most connections wait for the board")]
 pub(super) enum Waiting {
     /// Nothing: its next call can begin.
     Nothing,

@@ -8,7 +8,6 @@ use super::info::SharedInfo;
 use super::jobs::{self, JobCall};
 use super::policy::Role;
 use super::queue::{DEFAULT_TIMEOUT, LINE_MAX, READ_MAX, Text};
-use crate::function::variable_read::VariableEntry;
 use crate::map::HostOffset;
 use crate::protocol::{
     BOARD, BOARD_ALIAS, BOARD_DESCRIPTION, Call, CallError, Parameters, Reply, SERVICE, SERVICE_DESCRIPTION,
@@ -49,8 +48,6 @@ pub(super) enum Action {
     Stream,
     /// Renew the caller's lease on a jog.
     Renew,
-    /// Have PMAC copy these registers as long as the caller stays.
-    Watch(Vec<VariableEntry>),
 }
 
 /// Finds out what `call` by a caller of `role` means.
@@ -96,7 +93,7 @@ pub(super) fn understand(call: &Call, role: Role, info: &SharedInfo) -> Result<A
             "WatchVariables" => {
                 let entries = jobs::watched(parameters)?;
                 if call.more == Some(true) {
-                    Ok(Action::Watch(entries))
+                    Ok(Action::Ask(Ask::Job(JobCall::watch(entries))))
                 } else {
                     Err(CallError::ExpectedMore)
                 }

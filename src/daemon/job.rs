@@ -1,10 +1,12 @@
 //! What the socket can have the other functions do: panel requests, words of the open area, rotary programs.
 
+use crate::function::gather::GatherBuffer;
 use crate::function::panel::{FeedOverride, PanelRequest};
 use crate::function::rotary::RotaryBuffer;
 use crate::function::variable_read::VariableEntry;
 use crate::function::variable_write::WriteRecord;
 use crate::map::HostOffset;
+use crate::mirror::GatherClock;
 
 /// One job.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -31,6 +33,15 @@ pub enum Job {
     WatchVariables(Vec<VariableEntry>),
     /// Have PMAC write registers, in their order; done when it has.
     WriteVariables(Vec<WriteRecord>),
+    /// Follow the gather buffer that was just defined, from its first sample on, into the segment.
+    GatherBegin {
+        /// The buffer.
+        buffer: GatherBuffer,
+        /// By which clock the board's turns in it are counted.
+        clock: GatherClock,
+    },
+    /// The board gathers no more: publish what is left.
+    GatherEnd,
     /// Set a rotary buffer up, empty.
     RotaryOpen {
         /// Which buffer.

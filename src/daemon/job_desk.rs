@@ -12,7 +12,7 @@ use crate::function::rotary::RotarySetup;
 use crate::function::variable_read::{VariableMode, VariableReadBusError, VariableReader};
 use crate::function::variable_write::VariableWriter;
 use crate::map::{HostOffset, Plan};
-use crate::mirror::VariableMirror;
+use crate::mirror::{GatherMirror, VariableMirror};
 use crate::segment::Publisher;
 
 /// The desks.
@@ -21,6 +21,7 @@ pub struct JobDesk {
     panel: PanelDesk,
     rotary: RotaryDesk,
     variables: VariableMirror,
+    gather: GatherMirror,
     write: WriteDesk,
 }
 
@@ -32,6 +33,7 @@ impl JobDesk {
             panel: PanelDesk::new(),
             rotary: RotaryDesk::new(),
             variables: VariableMirror::new(plan.variable_read(), mode),
+            gather: GatherMirror::new(),
             write: WriteDesk::new(plan.variable_write()),
             plan,
         }
@@ -43,6 +45,7 @@ impl JobDesk {
     /// When the bus cannot be reached.
     pub fn take_over(&mut self, bus: &mut impl Bus, publisher: &Publisher) -> Result<(), BusError> {
         self.rotary.forget();
+        self.gather.forget(publisher);
         VariableWriter::release(bus)?;
         VariableReader::release(bus)?;
         self.variables.begin_again(bus, publisher, Instant::now())?;
@@ -95,6 +98,19 @@ impl JobDesk {
                     Err(VariableReadBusError::Bus(error)) => return Err(error),
                 }
             }
+            Job::GatherBegin { buffer, clock } => {
+                match self.plan.check_gather(buffer.place.buffer, buffer.size_longs, buffer.sample_longs) {
+                    Err(reason) => Outcome::Refused(Text::of(&reason)),
+                    Ok(()) => match self.gather.begin(bus, buffer, clock, publisher, Instant::now())? {
+                        Ok(()) => Outcome::Done,
+                        Err(reason) => Outcome::Refused(Text::of(&reason)),
+                    },
+                }
+            }
+            Job::GatherEnd => {
+                self.gather.end(Instant::now());
+                Outcome::Done
+            }
             Job::RotaryOpen { buffer, start, size_longs, coordinate_system, coordinate_system_base } => {
                 let kept = self.plan.rotary()[buffer as usize];
                 let setup = RotarySetup {
@@ -137,7 +153,8 @@ impl JobDesk {
     /// When to pass next; `None` while nothing is to be done.
     #[must_use]
     pub fn due(&self) -> Option<Instant> {
-        let dues = [self.panel.due(), self.rotary.due(), self.write.due(), self.variables.due()];
+        let dues =
+            [self.panel.due(), self.gather.due(), self.rotary.due(), self.write.due(), self.variables.due()];
         dues.into_iter().flatten().min()
     }
 
@@ -154,6 +171,8 @@ impl JobDesk {
         let Some(first) = self.due().filter(|due| *due <= now) else { return Ok(None) };
         if self.panel.due() == Some(first) {
             self.panel.pass(bus, now)
+        } else if self.gather.due() == Some(first) {
+            self.gather.pass(bus, publisher, now).map(|()| None)
         } else if self.write.due() == Some(first) {
             self.write.pass(bus, now)
         } else if self.rotary.due() == Some(first) {

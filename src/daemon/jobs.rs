@@ -6,11 +6,14 @@ use serde_json::Value;
 
 use super::job::{Job, MaskedWord};
 use super::policy::Role;
+use crate::function::gather::GatherBuffer;
 use crate::function::panel::{FeedOverride, PanelAction, PanelRequest};
 use crate::function::rotary::RotaryBuffer;
 use crate::function::variable_read::{VariableEntry, VariableKind};
 use crate::function::variable_write::{WordKind, WriteRecord};
-use crate::map::{HostOffset, PmacAddress, Space, classic};
+use crate::gather::GatherMode;
+use crate::map::{GatherPlace, HostOffset, PmacAddress, Space, classic};
+use crate::mirror::GatherClock;
 use crate::protocol::board::VariableRecord;
 use crate::protocol::{CallError, Parameters};
 use crate::setup::gather_source::GatherSource;
@@ -60,6 +63,11 @@ pub(super) struct JobCall {
 }
 
 impl JobCall {
+    /// A watch, which needs I55=1 like every use of the variable buffers.
+    pub(super) fn watch(entries: Vec<VariableEntry>) -> Self {
+        Self { guard: Some(VARIABLES_ENABLED), ..Self::new(Job::WatchVariables(entries), SHORT) }
+    }
+
     fn new(job: Job, timeout: Duration) -> Self {
         Self { job, timeout, guard: None, lease: None, audit: None }
     }
@@ -82,6 +90,8 @@ pub(super) fn understand(method: &str, parameters: Parameters) -> Option<Result<
         "FeedOverride" => feed_override(parameters),
         "Write" => write(parameters),
         "WriteVariables" => write_variables(parameters),
+        "GatherBegin" => gather_begin(parameters),
+        "GatherEnd" => parameters.finish().map(|()| JobCall::new(Job::GatherEnd, SHORT)),
         "RotaryOpen" => rotary_open(parameters),
         "RotarySend" => rotary_send(parameters),
         "RotaryFinish" => {
@@ -255,6 +265,47 @@ fn write_record(record: Value, audit: &mut String) -> Result<WriteRecord, CallEr
     };
     let _ = write!(audit, " {text}={}", record.value);
     record_or_reason.map_err(|reason| refused(format!("{text}: {reason}")))
+}
+
+fn gather_begin(mut parameters: Parameters) -> Result<JobCall, CallError> {
+    let mut number = |name: &str| -> Result<u32, CallError> {
+        u32::try_from(parameters.integer(name)?).map_err(|_| invalid(name))
+    };
+    let offset = |bytes: u32, name: &str| {
+        HostOffset::checked(bytes)
+            .filter(|offset| offset.bytes() < classic::LENGTH)
+            .ok_or_else(|| invalid(name))
+    };
+    let place = GatherPlace {
+        buffer: offset(number("buffer")?, "buffer")?,
+        size: offset(number("size_word")?, "size_word")?,
+        index: offset(number("index_word")?, "index_word")?,
+    };
+    let (size_longs, sample_longs) = (number("size_longs")?, number("sample_longs")?);
+    let period = number("period")?;
+    let wrap = parameters.optional_bool("wrap")?.unwrap_or(true);
+    let servo_period_ns = parameters.optional_integer("servo_period_ns")?;
+    parameters.finish()?;
+    let clock = match servo_period_ns {
+        None => GatherClock::Report,
+        Some(ns) => GatherClock::host(u64::try_from(ns).map_err(|_| invalid("servo_period_ns"))?)
+            .ok_or_else(|| invalid("servo_period_ns"))?,
+    };
+    let buffer = GatherBuffer {
+        place,
+        room_longs: (classic::LENGTH - place.buffer.bytes()) / 4,
+        size_longs,
+        sample_longs,
+        mode: if wrap { GatherMode::Wrap } else { GatherMode::Stop },
+        period,
+    };
+    Ok(JobCall {
+        audit: Some(format!(
+            "gather, {size_longs} longs from {} on, samples of {sample_longs}",
+            place.buffer
+        )),
+        ..JobCall::new(Job::GatherBegin { buffer, clock }, SHORT)
+    })
 }
 
 fn buffer(parameters: &mut Parameters) -> Result<RotaryBuffer, CallError> {

@@ -20,9 +20,10 @@ pub(super) struct NoneLeft {
 #[derive(Debug, Default)]
 pub(super) struct Subscriptions {
     clients: BTreeMap<u64, Vec<VariableEntry>>,
-    /// The table as it should be on the board, and whether the bus thread has been told.
+    /// The table as it should be on the board; the bus thread starts with an empty one.
     table: Vec<VariableEntry>,
-    is_told: bool,
+    /// The bus thread has another one.
+    is_news: bool,
 }
 
 impl Subscriptions {
@@ -55,12 +56,12 @@ impl Subscriptions {
 
     /// The table to tell the bus thread, if it has changed since it was told.
     pub(super) fn news(&self) -> Option<Vec<VariableEntry>> {
-        (!self.is_told).then(|| self.table.clone())
+        self.is_news.then(|| self.table.clone())
     }
 
     /// The bus thread has been told.
     pub(super) fn told(&mut self) {
-        self.is_told = true;
+        self.is_news = false;
     }
 
     /// Every register somebody watches, once. Those that stay keep their order, so that a change moves little.
@@ -79,7 +80,7 @@ impl Subscriptions {
     fn adopt(&mut self, table: Vec<VariableEntry>) {
         if table != self.table {
             self.table = table;
-            self.is_told = false;
+            self.is_news = true;
         }
     }
 }
@@ -95,7 +96,7 @@ mod tests {
 
     #[test]
     fn equal_requests_share_and_are_freed_with_the_last() {
-        let mut subscriptions = Subscriptions { is_told: true, ..Subscriptions::default() };
+        let mut subscriptions = Subscriptions::default();
         assert_eq!(subscriptions.news(), None);
         subscriptions.watch(1, entries(0..100)).unwrap();
         subscriptions.watch(2, entries(50..128)).unwrap();

@@ -268,6 +268,25 @@ impl Plan {
         (samples > 0).then_some(samples * sample_longs)
     }
 
+    /// Whether a gather buffer at `start`, of `longs` rounded up to whole samples, leaves the other buffers alone.
+    ///
+    /// # Errors
+    /// [`PlanError`] with the buffer in the way.
+    pub fn check_gather(&self, start: HostOffset, longs: u32, sample_longs: u32) -> Result<(), PlanError> {
+        let longs = longs.div_ceil(sample_longs.max(1)).saturating_mul(sample_longs.max(1));
+        let gather = region_at("gather", start.bytes(), longs, self.open)
+            .ok_or_else(|| outside("gather", self.family, self.open))?;
+        for other in self.buffers().into_iter().filter(|other| other.name != "gather") {
+            let apart =
+                gather.end.bytes() <= other.start.bytes() || other.end.bytes() <= gather.start.bytes();
+            if !apart && other.words() > 0 {
+                let (first, second) = (Extent::of(self.family, gather), Extent::of(self.family, other));
+                return Err(PlanError::Overlap { first, second });
+            }
+        }
+        Ok(())
+    }
+
     /// The variable-read table and, behind it, its data.
     #[must_use]
     pub const fn variable_read(&self) -> Region {

@@ -152,3 +152,18 @@ proptest! {
         }
     }
 }
+
+#[test]
+fn a_gather_buffer_may_grow_up_to_the_next_buffer() {
+    let layout = Layout::new(&PMAC, None);
+    let plan = Plan::new(&layout, PlanSettings::default()).unwrap();
+    let start = layout.gather().buffer;
+    let room = (plan.variable_write().start.bytes() - start.bytes()) / 4;
+    assert_eq!(plan.check_gather(start, room, 1), Ok(()));
+    assert!(matches!(plan.check_gather(start, room + 1, 1), Err(PlanError::Overlap { .. })));
+    // Rounded up to whole samples, as the board does.
+    let sample = (2..48).find(|sample| !room.is_multiple_of(*sample)).unwrap();
+    assert!(plan.check_gather(start, room, sample).is_err());
+    assert!(matches!(plan.check_gather(start, u32::MAX, 7), Err(PlanError::Outside { .. })));
+    assert!(matches!(plan.check_gather(HostOffset::new(0), 10, 1), Err(PlanError::Outside { .. })));
+}

@@ -7,10 +7,12 @@ pub mod background;
 pub mod clock;
 pub mod freshness;
 pub mod gaps;
+pub mod gather;
 pub mod servo;
 pub mod variable;
 
 pub use background::BackgroundMirror;
 pub use freshness::Transition;
+pub use gather::{GatherClock, GatherMirror};
 pub use servo::ServoMirror;
 pub use variable::VariableMirror;

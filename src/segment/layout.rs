@@ -306,9 +306,9 @@ pub enum RegionId {
     Board = 3,
     /// Control panel, host offsets 0x0000 to 0x0023.
     Panel = 4,
-    /// Background variable data (reserved).
+    /// Background variable data; the payload is described in `src/mirror/variable.rs`.
     Variable = 5,
-    /// Data gathering (reserved).
+    /// Gathered samples; the payload is described in `src/mirror/gather.rs`.
     Gather = 6,
 }
 

@@ -152,7 +152,8 @@ fn unsolicited_messages_have_words_of_their_own() {
     assert_eq!(bench.response(), (0x010D, "1".into()));
     assert_eq!(bench.response(), (0x010D, "8".into()));
     bench.board.machine.serial_becomes_active();
-    assert_eq!(execute(&mut bench.board, "send DONE", true), Answer::Transmit(b"DONE\r".to_vec()));
+    assert_eq!(execute(&mut bench.board, "send DONE", true), Answer::Line("ok".into()));
+    assert_eq!(bench.board.machine.serial_output, b"DONE\r");
 }
 
 #[test]

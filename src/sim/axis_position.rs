@@ -60,17 +60,14 @@ impl Machine {
             for (index, letter) in AXES.iter().enumerate() {
                 row[index] = definition.terms.iter().filter(|(_, axis)| axis == letter).map(|(k, _)| k).sum();
             }
-            let scale = self.ix(motor, 8) * 32.0;
-            let bias = self.memory.read_d(offsets::background(offsets::BIAS, motor)) as f64;
-            let bias = if scale == 0.0 { 0.0 } else { bias / scale };
-            row[AXES.len()] = self.motors[motor].commanded() + bias - definition.offset;
+            row[AXES.len()] = self.motors[motor].commanded() + self.bias(motor) - definition.offset;
             equations.push((motor, row));
         }
         equations
     }
 
     /// Makes the present position the one `axes` say, by the bias of each motor, and writes the axis registers.
-    fn set_axes(&mut self, cs: usize, axes: &[f64; AXES.len()]) {
+    pub(super) fn set_axes(&mut self, cs: usize, axes: &[f64; AXES.len()]) {
         for (motor, row) in self.equations(cs) {
             let counts: f64 = row.iter().zip(axes).map(|(k, axis)| k * axis).sum();
             let offset = self.axes.definition(motor).map_or(0.0, |definition| definition.offset);
@@ -81,6 +78,65 @@ impl Machine {
             let register = offsets::background(offsets::AXIS_TARGET_C, cs) + index as u16;
             self.memory.write_l(register, axis);
         }
+    }
+
+    /// Puts the axis positions that follow from the motors' commanded positions into `axes`; an axis that no motor moves
+    /// keeps its own.
+    pub(super) fn axis_positions(&self, cs: usize, axes: &mut [f64; AXES.len()]) {
+        let equations = self.equations(cs);
+        let found = solve(equations.iter().map(|(_, row)| *row).collect());
+        for (index, axis) in axes.iter_mut().enumerate() {
+            if equations.iter().any(|(_, row)| row[index] != 0.0) {
+                *axis = found[index];
+            }
+        }
+    }
+
+    /// Where the motors of the coordinate system are, in counts from home, when its axes are at `axes`; those of others
+    /// stay at `otherwise`.
+    pub(super) fn motor_targets(
+        &self,
+        cs: usize,
+        axes: &[f64; AXES.len()],
+        otherwise: &[f64; MOTORS],
+    ) -> [f64; MOTORS] {
+        let vector = self.motor_vector(cs, axes);
+        let mut targets = *otherwise;
+        for motor in self.motors_of(cs) {
+            let offset = self.axes.definition(motor).map_or(0.0, |definition| definition.offset);
+            targets[motor] = vector[motor] + offset - self.bias(motor);
+        }
+        targets
+    }
+
+    /// How far the motors of the coordinate system go when its axes go by `axes`, in counts.
+    pub(super) fn motor_vector(&self, cs: usize, axes: &[f64; AXES.len()]) -> [f64; MOTORS] {
+        let mut counts = [0.0; MOTORS];
+        for motor in self.motors_of(cs) {
+            let Some(definition) = self.axes.definition(motor) else { continue };
+            for (scale, letter) in &definition.terms {
+                let axis = AXES.iter().position(|axis| axis == letter);
+                counts[motor] += scale * axis.map_or(0.0, |axis| axes[axis]);
+            }
+        }
+        counts
+    }
+
+    /// The motors of the coordinate system that move axis number `axis`.
+    pub(super) fn motors_on(&self, cs: usize, axis: usize) -> Vec<usize> {
+        let moves = |motor: &usize| {
+            self.axes.definition(*motor).is_some_and(|definition| {
+                definition.terms.iter().any(|(_, letter)| AXES.get(axis) == Some(letter))
+            })
+        };
+        self.motors_of(cs).into_iter().filter(moves).collect()
+    }
+
+    /// The position bias of a motor in counts.
+    fn bias(&self, motor: usize) -> f64 {
+        let scale = self.ix(motor, 8) * 32.0;
+        let bias = self.memory.read_d(offsets::background(offsets::BIAS, motor)) as f64;
+        if scale == 0.0 { 0.0 } else { bias / scale }
     }
 
     /// After homing, home is at the axis definition's offset.

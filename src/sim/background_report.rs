@@ -19,7 +19,9 @@ const SEGMENTED_STOP: u32 = 1 << 5;
 const COMPENSATED: u32 = 1 << 9;
 
 /// Makes the report when it is due; says whether it did.
-pub fn pass(variables: &Variables, faults: &Faults, memory: &mut Memory) -> bool {
+///
+/// `programs` has time left in acceleration and execution address offset of each coordinate system.
+pub fn pass(variables: &Variables, faults: &Faults, programs: &[[u32; 2]], memory: &mut Memory) -> bool {
     let count = (variables.i(59) as usize).min(8);
     if variables.i(49) != 1.0 || count == 0 || faults.background_stuck {
         return false;
@@ -33,7 +35,7 @@ pub fn pass(variables: &Variables, faults: &Faults, memory: &mut Memory) -> bool
         memory.dpram.write32(offsets::BACKGROUND_PORTS + 4 * port, int24::extend(word));
     }
     for index in 0..count {
-        copy(index, memory);
+        copy(index, programs.get(index).copied().unwrap_or_default(), memory);
     }
     let timer = memory.read_x(offsets::SERVO_COUNTER) as u16;
     memory.dpram.write16(offsets::BACKGROUND_TIMER, timer);
@@ -42,7 +44,7 @@ pub fn pass(variables: &Variables, faults: &Faults, memory: &mut Memory) -> bool
     true
 }
 
-fn copy(index: usize, memory: &mut Memory) {
+fn copy(index: usize, [ramp_left, program_offset]: [u32; 2], memory: &mut Memory) {
     let block = offsets::BACKGROUND_MOTOR + offsets::BACKGROUND_MOTOR_LENGTH * index as u16;
     let register = |register| offsets::background(register, index);
     let status = memory.read_y(register(offsets::PROGRAM_STATUS));
@@ -66,10 +68,9 @@ fn copy(index: usize, memory: &mut Memory) {
     short(memory, lines, block + 0x68);
     let time_left = memory.read_x(offsets::motor(offsets::TIME_LEFT, index));
     short(memory, time_left, block + 0x6C);
-    // +0x70 time left in acceleration and +0x74 program address have no documented source register: a motion program
-    // gives them; without one both are zero.
-    short(memory, 0, block + 0x70);
-    short(memory, 0, block + 0x74);
+    // These two have no documented source register.
+    short(memory, ramp_left, block + 0x70);
+    short(memory, program_offset, block + 0x74);
     let average = memory.read_y(register(offsets::AVERAGE_VELOCITY));
     short(memory, average, block + 0x78);
 }

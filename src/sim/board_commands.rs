@@ -16,16 +16,11 @@ const FREE_LONG_WORDS: i64 = 41_301;
 impl Machine {
     /// `A`: every motor of the coordinate system stops at Ix15; open loops close.
     pub fn abort(&mut self, cs: usize) {
-        coordinate::stop_program(cs, &mut self.memory);
+        self.end_program(cs);
         self.release_hold(cs);
         for motor in self.motors_of(cs) {
             self.abort_motor(motor);
         }
-    }
-
-    /// `Q`.
-    pub fn quit(&mut self, cs: usize) {
-        coordinate::stop_program(cs, &mut self.memory);
     }
 
     /// `H`: the time base goes to zero at Ix95.
@@ -35,45 +30,7 @@ impl Machine {
         }
     }
 
-    /// `\`. Without a program there is nothing to hold.
-    pub fn program_hold(&mut self, cs: usize) {
-        self.stop_after_move(cs);
-    }
-
-    /// `/`. Without a program there is no move to end.
-    pub fn stop_after_move(&mut self, cs: usize) {
-        coordinate::stop_program(cs, &mut self.memory);
-    }
-
-    /// `R`. Ends a feed hold.
-    ///
-    /// # Errors
-    /// ERR015: no coordinate system can point to a program while there are no program buffers.
-    pub fn run(&mut self, cs: usize) -> Result {
-        self.release_hold(cs);
-        Err(CommandError::NO_PROGRAM)
-    }
-
-    /// `S`. Ends a feed hold.
-    ///
-    /// # Errors
-    /// As [`Machine::run`].
-    pub fn step(&mut self, cs: usize) -> Result {
-        self.run(cs)
-    }
-
-    /// `B{program}`.
-    ///
-    /// # Errors
-    /// ERR001 while a program runs; ERR003: there is no such program.
-    pub fn begin(&mut self, cs: usize, _program: f64) -> Result {
-        if coordinate::running(cs.min(MOTORS - 1), &self.memory) {
-            return Err(CommandError::RUNNING);
-        }
-        Err(CommandError::SYNTAX)
-    }
-
-    fn release_hold(&mut self, cs: usize) {
+    pub(super) fn release_hold(&mut self, cs: usize) {
         if let Some(coordinate) = self.coordinates.get_mut(cs) {
             coordinate.resume();
         }
@@ -154,10 +111,30 @@ impl Machine {
         }
     }
 
-    /// Free long words: `SIZE` without an open buffer.
+    /// Free long words.
     #[must_use]
     pub fn free_memory(&self) -> i64 {
-        FREE_LONG_WORDS - i64::from(self.gather.memory_used(&self.variables))
+        let buffers = self.programs.store.words() as i64;
+        FREE_LONG_WORDS - i64::from(self.gather.memory_used(&self.variables)) - buffers
+    }
+
+    /// `SIZE`: free long words, negative while a buffer is open.
+    #[must_use]
+    pub fn size(&self) -> i64 {
+        let free = self.free_memory();
+        if self.programs.store.open().is_some() { -free } else { free }
+    }
+
+    /// The words gathered into PMAC's own memory.
+    #[must_use]
+    pub fn gathered(&self) -> &[u32] {
+        self.gather.stored()
+    }
+
+    /// Whether a gather buffer takes room in PMAC's own memory.
+    #[must_use]
+    pub fn gather_is_defined(&self) -> bool {
+        self.gather.memory_used(&self.variables) > 0
     }
 
     /// `$$$`, or `$$$***` with `factory`.
@@ -215,14 +192,14 @@ impl Machine {
             self.refresh(motor);
         }
         for cs in 0..MOTORS {
-            coordinate::stop_program(cs, &mut self.memory);
+            self.end_program(cs);
         }
     }
 
     /// `<CTRL-A>`: every active motor stops, those in no coordinate system too.
     pub fn abort_all(&mut self) {
         for cs in 0..MOTORS {
-            coordinate::stop_program(cs, &mut self.memory);
+            self.end_program(cs);
             self.release_hold(cs);
         }
         for motor in 0..self.motors.len() {
@@ -258,8 +235,8 @@ impl Machine {
         }
     }
 
-    /// `<CTRL-D>`: takes both bits out of I5.
+    /// `<CTRL-D>`: disables all PLCs.
     pub fn disable_plcs(&mut self) {
-        self.variables.set_i(5, 0.0);
+        self.enable_plcs(u32::MAX, false);
     }
 }

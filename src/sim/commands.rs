@@ -115,10 +115,7 @@ impl Machine {
     /// ERR001, ERR003.
     pub fn home_zero(&mut self, motor: usize) -> Result {
         self.may_move(motor)?;
-        let offset = self.ix(motor, 26) / 16.0;
-        self.motors[motor].home_here(offset);
-        self.home_bias(motor);
-        self.refresh(motor);
+        self.home_here(motor);
         Ok(())
     }
 
@@ -170,6 +167,29 @@ impl Machine {
         self.motors[motor].absolute(offset, sensor);
         self.refresh(motor);
         Ok(())
+    }
+
+    /// A program's `RAPID`: to `target` at `speed` counts/ms, or to `after` counts from a trigger.
+    pub(super) fn rapid(&mut self, motor: usize, target: f64, speed: f64, after: Option<f64>) {
+        let ramp = ramp(100 * (motor + 1), &self.variables);
+        self.motors[motor].jog_to(target, speed, &ramp, after);
+    }
+
+    /// A program's `HOME`.
+    pub(super) fn search_home(&mut self, motor: usize) {
+        let ramp = ramp(100 * (motor + 1), &self.variables);
+        let speed = self.ix(motor, 23);
+        self.motors[motor].home(speed, &ramp);
+    }
+
+    /// Makes the commanded position home, as `HMZ` does.
+    pub(super) fn home_here(&mut self, motor: usize) {
+        if self.active(motor) {
+            let offset = self.ix(motor, 26) / 16.0;
+            self.motors[motor].home_here(offset);
+            self.home_bias(motor);
+            self.refresh(motor);
+        }
     }
 
     fn may_move(&self, motor: usize) -> Result {

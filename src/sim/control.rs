@@ -16,8 +16,7 @@
 
 use serde::Serialize;
 
-use super::machine::{Board, Machine, Port};
-use crate::map::classic::{RESPONSE_MESSAGE, RESPONSE_TO_PROGRAM};
+use super::machine::{Board, Machine};
 
 /// The most cycles of one `step`.
 const MOST_STEPS: u64 = 100_000_000;
@@ -29,8 +28,6 @@ pub enum Answer {
     Line(String),
     /// Run so many cycles, then answer.
     Step(u64),
-    /// Text for the serial port; the answer is `ok`.
-    Transmit(Vec<u8>),
     /// Answer, then end.
     Exit,
 }
@@ -99,8 +96,8 @@ fn answer(board: &mut Board, line: &str, virtual_time: bool) -> Result<Answer, S
             machine.reset(false);
             board.interpreter.reset();
         }
-        ("send", _) => return Ok(send(machine, rest)),
-        ("cmd", _) => return Ok(command(board, rest)),
+        ("send", _) => machine.send_message(rest),
+        ("cmd", _) => machine.command_message(rest),
         ("limit", [motor, end @ ("+" | "-" | "0")]) => {
             let inputs = inputs(machine, motor)?;
             inputs.positive_limit = *end == "+";
@@ -135,68 +132,4 @@ fn inputs<'a>(machine: &'a mut Machine, motor: &str) -> Result<&'a mut super::mo
         .and_then(|number| number.checked_sub(1))
         .and_then(|index| machine.inputs(index))
         .ok_or_else(|| format!("no motor {motor:?}"))
-}
-
-/// A program's `SEND`: to the active response port.
-fn send(machine: &mut Machine, text: &str) -> Answer {
-    match machine.response_port() {
-        Port::Dpram => {
-            machine.ascii.push(RESPONSE_MESSAGE, text.as_bytes());
-            Answer::Line("ok".into())
-        }
-        port => {
-            let bytes = serial_line(machine, text, machine.variables.i(62) == 1.0);
-            transmit(machine, port, bytes)
-        }
-    }
-}
-
-/// Bytes to the mailboxes, or to the serial port, which is the caller's.
-fn transmit(machine: &mut Machine, port: Port, bytes: Vec<u8>) -> Answer {
-    match &mut machine.mailbox {
-        Some(mailbox) if port == Port::Mailbox => {
-            mailbox.push(&bytes);
-            Answer::Line("ok".into())
-        }
-        _ => Answer::Transmit(bytes),
-    }
-}
-
-/// A program's `CMD`: its data, or its error, to the active response port. There is no closing `<ACK>`.
-fn command(board: &mut Board, text: &str) -> Answer {
-    let reply = board.interpreter.execute(&mut board.machine, text.as_bytes());
-    let machine = &mut board.machine;
-    match machine.response_port() {
-        Port::Dpram => {
-            for line in reply.lines {
-                machine.ascii.push(RESPONSE_TO_PROGRAM, line.as_bytes());
-            }
-            if let Some(error) = reply.error {
-                machine.ascii.push_error(error);
-            }
-            Answer::Line("ok".into())
-        }
-        port => {
-            let mut bytes: Vec<u8> =
-                reply.lines.iter().flat_map(|line| serial_line(machine, line, false)).collect();
-            // I6=0 and 1 report a program's errors too, I6=2 and 3 only a host's.
-            if reply.error.is_some() && machine.variables.i(6) < 2.0 {
-                bytes.push(7);
-            }
-            transmit(machine, port, bytes)
-        }
-    }
-}
-
-/// A line as the serial port sends it: `<LF>` before it if I3 is odd, `<CR>` after it unless suppressed.
-fn serial_line(machine: &Machine, text: &str, without_return: bool) -> Vec<u8> {
-    let mut bytes = Vec::with_capacity(text.len() + 2);
-    if machine.variables.i(3) as u32 & 1 == 1 {
-        bytes.push(b'\n');
-    }
-    bytes.extend_from_slice(text.as_bytes());
-    if !without_return {
-        bytes.push(b'\r');
-    }
-    bytes
 }

@@ -10,8 +10,8 @@ use crate::format::int24;
 
 /// Largest 24-bit positive value, where an override saturates.
 const FULL: f64 = 8_388_607.0;
-/// `??` word 1 after a reset: FRAX(X,Y,Z), absolute, linear, nothing running.
-const STATUS_AT_RESET: u32 = 0xA8_0000;
+/// `??` word 1 after a reset: FRAX(X,Y,Z), axes absolute, circle vectors incremental, nothing running.
+const STATUS_AT_RESET: u32 = 0xA8_0020;
 /// `??` word 1, bit 0: a program runs.
 const RUNNING: u32 = 1;
 

@@ -23,7 +23,6 @@ use nix::fcntl::Flock;
 
 use super::dpram::{DpramError, open_shared};
 use super::machine::Machine;
-use super::offsets;
 
 /// The file's length.
 pub const LENGTH: usize = 16;
@@ -99,8 +98,7 @@ impl HostPort {
             written = direct;
         }
         let written = if machine.faults.host_port_stuck { 0 } else { written };
-        let level =
-            machine.variables.i(56) == 1.0 && machine.memory.dpram.read16(offsets::ASCII_IN_CONTROL) != 0;
+        let level = machine.response_waits();
         let raised = match self.controller {
             Controller::Intel8259 => self.intel8259(written, level, machine),
             Controller::Pmac2 => self.pmac2(written, level, edges, machine.watchdog),

@@ -14,10 +14,11 @@ use super::language::variables::SavedVariables;
 use super::language::{AxisDefinitions, Family, Interpreter, Variables};
 use super::mailbox::{self, Mailbox};
 use super::motor::{Events, Loop, Motor};
+use super::program::Programs;
+use super::program::store::Store;
 use super::random::Random;
-use super::rotary_lines::RotaryLines;
 use super::servo_report::ServoReport;
-use super::{ascii, background_report, coordinate, offsets};
+use super::{ascii, background_report, offsets};
 
 pub use super::ascii::AsciiPort;
 pub use super::commands::Jog;
@@ -69,10 +70,12 @@ pub struct Machine {
     pub report: ServoReport,
     /// The DPRAM ASCII port.
     pub ascii: AsciiPort,
+    /// Program buffers and what runs out of them.
+    pub programs: Programs,
+    /// What the board has to say on the serial port without being asked; whoever serves the port takes it away.
+    pub serial_output: Vec<u8>,
     /// The functions that work by flags in the background pass.
     pub functions: Functions,
-    /// The internal rotary buffers.
-    pub rotary_lines: RotaryLines,
     /// The VME mailbox port, on a board that has one.
     pub mailbox: Option<Mailbox>,
     /// Number that stands for coordinate system 1 in a binary rotary header: 0 or 1.
@@ -86,7 +89,7 @@ pub struct Machine {
     pub(super) coordinates: Vec<CoordinateSystem>,
     pub(super) gather: Gather,
     pub(super) port: Port,
-    saved: (SavedVariables, AxisDefinitions),
+    saved: (SavedVariables, AxisDefinitions, Store),
     noise: Option<Random>,
     /// What the memory held before [`Faults::all_ones`].
     before_all_ones: Option<Vec<u16>>,
@@ -98,7 +101,9 @@ impl Machine {
     pub fn new(memory: Memory, identity: Identity, fixed_i10: Option<f64>, seed: Option<u64>) -> Self {
         let variables = factory(&identity, fixed_i10);
         let mut machine = Self {
-            saved: (variables.snapshot(&memory), AxisDefinitions::default()),
+            saved: (variables.snapshot(&memory), AxisDefinitions::default(), Store::default()),
+            programs: Programs::default(),
+            serial_output: Vec::new(),
             memory,
             variables,
             axes: AxisDefinitions::default(),
@@ -108,7 +113,6 @@ impl Machine {
             report: ServoReport::default(),
             ascii: AsciiPort::default(),
             functions: Functions::default(),
-            rotary_lines: RotaryLines::default(),
             mailbox: None,
             rotary_cs_base: 1,
             watchdog: false,
@@ -148,6 +152,14 @@ impl Machine {
         self.port = Port::Mailbox;
     }
 
+    /// Whether the interrupt line of the DPRAM's responses is asserted: I56=1, and the host has not taken the last one.
+    #[must_use]
+    pub fn response_waits(&self) -> bool {
+        self.variables.i(56) == 1.0
+            && self.before_all_ones.is_none()
+            && self.memory.dpram.read16(offsets::ASCII_IN_CONTROL) != 0
+    }
+
     /// A command came through the DPRAM.
     pub(super) fn dpram_becomes_active(&mut self) {
         self.port = Port::Dpram;
@@ -176,6 +188,7 @@ impl Machine {
             time_base[index] = coordinate.cycle(index, &self.variables, &mut self.memory);
         }
         let ms = self.cycle_ms();
+        self.programs_cycle(ms, &time_base);
         for motor in 0..self.motors.len() {
             if !self.active(motor) {
                 continue;
@@ -204,11 +217,13 @@ impl Machine {
         for cs in 0..MOTORS {
             self.write_coordinate_registers(cs);
         }
+        self.serve_requests();
+        self.background_plcs();
         self.write_global_status();
         if self.before_all_ones.is_some() {
             return;
         }
-        if background_report::pass(&self.variables, &self.faults, &mut self.memory) {
+        if background_report::pass(&self.variables, &self.faults, &self.programs.report, &mut self.memory) {
             self.stats.background_updates += 1;
         }
         self.judge.pass(self.stats.servo_cycles, &mut self.memory.dpram);
@@ -255,7 +270,7 @@ impl Machine {
         }
         let cs = self.axes.coordinate_system(motor);
         if let Some(cs) = cs {
-            coordinate::stop_program(cs, &mut self.memory);
+            self.end_program(cs);
         }
         // Ix25 bits 21-22: what a fatal error kills besides the motor itself: 0 all, 1 its coordinate system.
         let scope = self.ix(motor, 25) as u32 >> 21 & 3;
@@ -275,17 +290,19 @@ impl Machine {
         if factory_values {
             self.memory.clear();
             let variables = factory(&self.identity, self.fixed_i10);
-            self.saved = (variables.snapshot(&self.memory), AxisDefinitions::default());
+            self.saved = (variables.snapshot(&self.memory), AxisDefinitions::default(), Store::default());
         }
         self.variables.restore(&self.saved.0, &mut self.memory);
         self.axes = self.saved.1.clone();
+        self.programs = Programs::new(self.saved.2.clone());
         self.stats.resets += 1;
         self.power_on();
     }
 
     /// Keeps the present values for the next reset.
     pub fn save(&mut self) {
-        self.saved = (self.variables.snapshot(&self.memory), self.axes.clone());
+        let store = self.programs.store.kept();
+        self.saved = (self.variables.snapshot(&self.memory), self.axes.clone(), store);
     }
 
     fn power_on(&mut self) {
@@ -311,7 +328,6 @@ impl Machine {
             mailbox.reset();
         }
         self.functions = Functions::default();
-        self.rotary_lines.clear();
         self.ascii.clear();
         self.report.reset();
         self.gather = Gather::new(&self.identity.firmware);
@@ -323,6 +339,10 @@ impl Machine {
             self.motors[motor].reset();
             self.power_on_motor(motor);
             self.write_servo_registers(motor);
+        }
+        for cs in 0..MOTORS {
+            // Ix91: the program to point to at power-up.
+            let _ = self.begin(cs, self.variables.i(100 * (cs + 1) + 91));
         }
         self.housekeeping();
     }

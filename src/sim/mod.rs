@@ -9,7 +9,8 @@
 //! | [`machine`], `commands`, `board_commands`, `axis_position`, `registers` | servo interrupt and background loop; what commands do; status words |
 //! | [`motor`], `supervision`, [`profile`], [`coordinate`] | servo loop, drive and shaft; jog and home moves; time base |
 //! | [`servo_report`], [`background_report`], [`ascii`], [`gather`] | the automatic functions of the DPRAM |
-//! | [`functions`]: [`panel`], [`variable_read`], [`variable_write`], [`rotary_transfer`] into [`rotary_lines`], `claims` | those that work by flags in the background pass; who uses which stretch |
+//! | [`program`] | program buffers, motion programs, PLCs |
+//! | [`functions`]: [`panel`], [`variable_read`], [`variable_write`], [`rotary_transfer`], `claims` | those that work by flags in the background pass; who uses which stretch |
 //! | [`mailbox`], [`host_port`] | the VME mailbox port; the interrupt registers of the ISA port |
 //! | [`language`] | the interpreter of on-line commands |
 //! | [`judge`], [`fault`] | what a host does wrong; what the board can be told to do wrong |
@@ -45,13 +46,13 @@ pub mod options;
 pub mod panel;
 pub mod process;
 pub mod profile;
+pub mod program;
 mod random;
 #[cfg(test)]
 mod register_tests;
 mod registers;
 #[cfg(test)]
 mod reset_tests;
-pub mod rotary_lines;
 pub mod rotary_transfer;
 pub mod serial;
 pub mod servo_report;

@@ -279,7 +279,7 @@ fn an_abort_stops_and_closes_loops() {
     assert_eq!(bench.board.machine.motor_status(0)[0] & ABORTING, ABORTING);
     assert_eq!(bench.board.machine.motor_status(1)[0] & OPEN_LOOP, 0);
     bench.until(1000, |machine| !machine.motors[0].moving());
-    assert_eq!(bench.board.machine.coordinate_status(0)[0], 0xA8_0000);
+    assert_eq!(bench.board.machine.coordinate_status(0)[0], 0xA8_0020);
     settle(&mut bench, 0);
     bench.run(1);
     assert_eq!(bench.board.machine.coordinate_status(0)[1], 1 << 17);

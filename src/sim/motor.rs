@@ -113,6 +113,12 @@ pub struct Motor {
     pub in_position_scans: u32,
     /// Encoder count captured by the last home.
     pub captured: f64,
+    /// A program's move: where it ends, and the milliseconds left when it has an end in time.
+    program: Option<(f64, Option<f64>)>,
+    /// A program's dwell.
+    pub dwelling: bool,
+    /// A program's run-time error.
+    pub data_error: bool,
 }
 
 impl Motor {
@@ -140,6 +146,9 @@ impl Motor {
             warning: false,
             in_position_scans: 0,
             captured: 0.0,
+            program: None,
+            dwelling: false,
+            data_error: false,
         }
     }
 
@@ -193,19 +202,21 @@ impl Motor {
     /// Where the present move ends, or the commanded position.
     #[must_use]
     pub fn target(&self) -> f64 {
-        self.motion.as_ref().and_then(|motion| motion.profile.end()).unwrap_or(self.commanded)
+        let program = self.program.map_or(self.commanded, |(target, _)| target);
+        self.motion.as_ref().map_or(program, |motion| motion.profile.end().unwrap_or(self.commanded))
     }
 
     /// Milliseconds left in a definite move, `None` otherwise.
     #[must_use]
     pub fn time_left(&self) -> Option<f64> {
-        self.motion.as_ref().and_then(|motion| motion.profile.time_left())
+        let program = self.program.and_then(|(_, time)| time);
+        self.motion.as_ref().map_or(program, |motion| motion.profile.time_left())
     }
 
     /// Whether a move is under way.
     #[must_use]
     pub fn moving(&self) -> bool {
-        self.motion.is_some()
+        self.motion.is_some() || self.program.is_some()
     }
 
     /// Whether a homing search or a jog until trigger waits for its trigger.
@@ -238,7 +249,24 @@ impl Motor {
     pub fn open(&mut self, servo: Loop) {
         self.servo = servo;
         self.motion = None;
+        self.program = None;
         self.desired_velocity = 0.0;
+    }
+
+    /// A program wants it at `position`, going at `velocity` counts/ms, on the way to `target` for `time_left` ms.
+    pub(super) fn follow(&mut self, position: f64, velocity: f64, target: f64, time_left: Option<f64>) {
+        if self.motion.is_none() && self.servo == Loop::Closed {
+            self.commanded = position;
+            self.desired_velocity = velocity;
+            self.program = Some((target, time_left));
+        }
+    }
+
+    /// A program does not move it now.
+    pub(super) fn rest(&mut self) {
+        if self.program.take().is_some() {
+            self.desired_velocity = 0.0;
+        }
     }
 
     /// Goes on at `speed` counts/ms until stopped; zero stops.
@@ -269,7 +297,9 @@ impl Motor {
 
     /// Stops at `rate` counts/ms^2; closes an open loop.
     pub fn abort(&mut self, rate: f64) {
-        if self.servo != Loop::Closed || self.motion.is_none() {
+        let program = self.program.take().is_some();
+        self.dwelling = false;
+        if self.servo != Loop::Closed || self.motion.is_none() && !program {
             self.close_loop();
             return;
         }
@@ -303,6 +333,7 @@ impl Motor {
     }
 
     pub(super) fn plan(&mut self, profile: Profile, purpose: Purpose) {
+        self.program = None;
         self.motion = Some(Move { profile, purpose });
     }
 

@@ -220,6 +220,7 @@ impl Simulator {
         if let Some(serial) = &mut self.serial {
             serial.serve(&mut self.board);
         }
+        self.transmit();
         let Some(listener) = &self.control else { return };
         let mut fresh = Vec::new();
         listener.accept(&mut fresh);
@@ -230,6 +231,14 @@ impl Simulator {
         }
         clients.retain(|client| !client.client.gone());
         self.control_clients = clients;
+    }
+
+    /// Sends what the board has to say on its serial port.
+    fn transmit(&mut self) {
+        let output = std::mem::take(&mut self.board.machine.serial_output);
+        if let Some(serial) = &mut self.serial {
+            serial.transmit(&output);
+        }
     }
 
     fn serve_control(&mut self, from: &mut ControlClient) {
@@ -259,12 +268,6 @@ impl Simulator {
                         return format!("error: stopped after {done} cycles");
                     }
                     self.cycle();
-                }
-                "ok".into()
-            }
-            Answer::Transmit(bytes) => {
-                if let Some(serial) = &mut self.serial {
-                    serial.transmit(&bytes);
                 }
                 "ok".into()
             }

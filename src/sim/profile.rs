@@ -35,11 +35,11 @@ impl Ramp {
 
 /// One change of velocity, or a stretch at constant velocity.
 #[derive(Debug, Clone, Copy, PartialEq)]
-struct Phase {
-    from: f64,
-    to: f64,
-    time: f64,
-    s_time: f64,
+pub(super) struct Phase {
+    pub(super) from: f64,
+    pub(super) to: f64,
+    pub(super) time: f64,
+    pub(super) s_time: f64,
 }
 
 impl Phase {
@@ -57,7 +57,7 @@ impl Phase {
     }
 
     /// Distance and velocity `t` ms after the start of the phase.
-    fn at(&self, t: f64) -> (f64, f64) {
+    pub(super) fn at(&self, t: f64) -> (f64, f64) {
         let change = self.to - self.from;
         if change == 0.0 {
             return (self.from * t, self.from);

@@ -33,7 +33,7 @@ fn every_register_of_both_reports_is_copied_to_its_place() {
     }
     machine.memory.dpram.write16(0x0228, 0);
     machine.report.cycle(&machine.variables, &machine.gather, &machine.faults, &mut machine.memory);
-    assert!(super::background_report::pass(&machine.variables, &machine.faults, &mut machine.memory));
+    assert!(super::background_report::pass(&machine.variables, &machine.faults, &[], &mut machine.memory));
     let mut checked = 0;
     for record in records {
         let function = record["function"].as_str().unwrap();

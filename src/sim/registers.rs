@@ -87,8 +87,15 @@ impl Machine {
         use super::machine::Port;
         let x = bit(19, self.gather.runs(Activity::Gathering));
         let host = self.response_port() != Port::Serial;
-        // Bits above 11 other than these two belong to buffers and are left to them.
-        let y = self.memory.read_y(offsets::GLOBAL_STATUS) & !(1 << 22 | 1 << 15);
+        use super::program::store::Open;
+        let open = self.programs.store.open();
+        let full = self.free_memory() < self.variables.i(18) as i64;
+        let buffers = bit(19, matches!(open, Some(Open::Program(_))))
+            | bit(18, open == Some(Open::Rotary))
+            | bit(17, matches!(open, Some(Open::Plc(_))))
+            | bit(11, full);
+        let own = 1 << 22 | 0b111 << 17 | 1 << 15 | 1 << 11;
+        let y = self.memory.read_y(offsets::GLOBAL_STATUS) & !own | buffers;
         let others = self.memory.read_x(offsets::GLOBAL_STATUS) & !(1 << 19);
         self.memory.write_x(offsets::GLOBAL_STATUS, others | x);
         self.memory.write_y(offsets::GLOBAL_STATUS, y | bit(22, host) | bit(15, host));
@@ -108,6 +115,8 @@ impl Machine {
             | bit(18, state.servo != Loop::Closed)
             | bit(17, definite)
             | bit(16, self.ix(motor, 34) == 1.0)
+            | bit(15, state.dwelling)
+            | bit(14, state.data_error)
             | bit(13, state.desired_velocity() == 0.0)
             | bit(12, state.aborting())
             | bit(10, state.searching())

@@ -6,7 +6,7 @@
 //! that bit. What the host's index has passed is seen in one pass and taken in the next, so that a host that changes it
 //! is found out. Indexes and size count 32-bit words; a command takes two of them, of which the low 24 bits count.
 //!
-//! Status word: bit 14 while the next line finds no room in the internal buffer; bit 15 with a code in bits 7-0 while
+//! Status word: bit 14 while the internal buffer does not take the next line; bit 15 with a code in bits 7-0 while
 //! the transfer cannot go on.
 //!
 //! What the manual leaves open: the codes are the numbers of the errors that a command line would get: 3 a header
@@ -19,7 +19,7 @@ use std::ops::Range;
 use super::fault::Delay;
 use super::machine::{MOTORS, Machine};
 use super::offsets;
-use super::rotary_lines::{Command, START_OF_LINE};
+use super::program::rotary::{AppendError, Command, START_OF_LINE};
 use crate::format::int24;
 use crate::map::classic::{ROTARY_BUSY, ROTARY_ERROR, rotary_header};
 
@@ -31,6 +31,7 @@ const COMMAND: u16 = 2;
 const SMALLEST: u16 = 6;
 /// Error codes: numbers of command errors.
 const BAD_HEADER: u16 = 3;
+const NO_COMMAND: u16 = 3;
 const NO_BUFFER: u16 = 5;
 
 /// The header as it stands in the DPRAM.
@@ -120,19 +121,8 @@ impl RotaryTransfer {
             while taken < available {
                 let length = line_length(&commands[taken..available]);
                 let line = &commands[taken..taken + length];
-                match machine.rotary_room(cs) {
-                    Some(room) if room < length => {
-                        status = ROTARY_BUSY;
-                        break;
-                    }
-                    Some(_) => {}
-                    None => {
-                        status = ROTARY_ERROR | NO_BUFFER;
-                        break;
-                    }
-                }
-                if let Err(error) = machine.rotary_append(cs, line) {
-                    status = ROTARY_ERROR | error.0 & 0xFF;
+                status = append(cs, line, machine);
+                if status != 0 {
                     break;
                 }
                 taken += length;
@@ -180,6 +170,22 @@ impl RotaryTransfer {
             let what = format!("the rotary host index {host} goes beyond full: PMAC's is {pmac} of {size}");
             machine.judge.record(cycle, &what);
         }
+    }
+}
+
+/// Gives a line to the internal buffer; what the status word says of it.
+fn append(cs: usize, line: &[Command], machine: &mut Machine) -> u16 {
+    if machine.rotary_remaining(cs).is_none() {
+        return ROTARY_ERROR | NO_BUFFER;
+    }
+    if !machine.rotary_room(cs, line.len()) {
+        return ROTARY_BUSY;
+    }
+    match machine.rotary_append(cs, line) {
+        Ok(()) => 0,
+        Err(AppendError::Full) => ROTARY_BUSY,
+        Err(AppendError::Undefined) => ROTARY_ERROR | NO_BUFFER,
+        Err(AppendError::Command(_)) => ROTARY_ERROR | NO_COMMAND,
     }
 }
 

@@ -1,6 +1,8 @@
 //! The binary rotary transfer against the rules of the manual, p. 30.
 
-use super::super::rotary_lines::Command;
+use super::super::program::binary;
+use super::super::program::rotary::Command;
+use super::super::program::store::Open;
 use super::super::testing::Bench;
 
 const FIRST: u16 = 0x07F0;
@@ -62,8 +64,33 @@ impl Host {
 
 fn bench(room: usize) -> Bench {
     let mut bench = Bench::bare("1.16D");
-    bench.board.machine.rotary_lines.define(0, room);
+    define(&mut bench, 0, room);
     bench
+}
+
+/// An internal buffer for `room` commands for the 0-based coordinate system.
+fn define(bench: &mut Bench, cs: usize, room: usize) {
+    let store = &mut bench.board.machine.programs.store;
+    store.close();
+    // The highest coordinate system comes first.
+    let size = |cs: usize| store.rotary(cs).map(|rotary| rotary.size);
+    let mut sizes: Vec<_> = (0..8).map(|other| if other == cs { Some(room) } else { size(other) }).collect();
+    for other in 0..8 {
+        let _ = store.delete_rotary(other);
+    }
+    for (other, size) in sizes.drain(..).enumerate().rev().filter_map(|(other, size)| Some((other, size?))) {
+        store.define_rotary(other, size, 1000).unwrap();
+    }
+    store.open_buffer(Open::Rotary).unwrap();
+}
+
+/// The oldest line of an internal buffer, which leaves it.
+fn take(bench: &mut Bench, cs: usize) -> Option<Vec<Command>> {
+    let rotary = bench.board.machine.programs.store.rotary_mut(cs)?;
+    let items = rotary.line(rotary.first())?.items.clone();
+    rotary.free_before(rotary.first() + 1);
+    let known = [ONE, TWO, FOUR].into_iter().find(|line| binary::line(line) == Ok(items.clone()));
+    Some(known.expect("a line of these").to_vec())
 }
 
 #[test]
@@ -79,8 +106,7 @@ fn lines_arrive_whole_and_in_order_and_the_index_follows() {
     host.send(&bench, FOUR);
     bench.run(2);
     assert_eq!(host.pmac_index(&bench), 2, "round the end of the buffer");
-    let lines = &mut bench.board.machine.rotary_lines;
-    let taken: Vec<_> = std::iter::from_fn(|| lines.take(0)).collect();
+    let taken: Vec<_> = std::iter::from_fn(|| take(&mut bench, 0)).collect();
     assert_eq!(taken, [TWO, ONE, FOUR, FOUR]);
     assert!(bench.violations().is_empty(), "{:?}", bench.violations());
 }
@@ -100,7 +126,7 @@ fn the_smallest_buffer_takes_one_command_a_line_for_ever() {
 #[test]
 fn both_buffers_work_side_by_side_and_i57_enables_them() {
     let mut bench = bench(100);
-    bench.board.machine.rotary_lines.define(7, 100);
+    define(&mut bench, 7, 100);
     let mut first = Host::new(&mut bench, FIRST, 0xD300, 20, 1);
     let mut second = Host::new(&mut bench, SECOND, 0xD400, 30, 8);
     bench.set(57, 0.0);
@@ -111,7 +137,7 @@ fn both_buffers_work_side_by_side_and_i57_enables_them() {
     bench.set(57, 1.0);
     bench.run(2);
     assert_eq!((first.pmac_index(&bench), second.pmac_index(&bench)), (2, 8));
-    assert_eq!(bench.board.machine.rotary_lines.take(7).as_deref(), Some(FOUR));
+    assert_eq!(take(&mut bench, 7).as_deref(), Some(FOUR));
     assert!(bench.violations().is_empty(), "{:?}", bench.violations());
 }
 
@@ -133,7 +159,7 @@ fn a_full_internal_buffer_holds_the_transfer_and_says_so() {
     host.send(&bench, TWO);
     bench.run(10);
     assert_eq!((host.pmac_index(&bench), host.status(&bench)), (8, BUSY));
-    bench.board.machine.rotary_lines.take(0).unwrap();
+    take(&mut bench, 0).unwrap();
     bench.run(1);
     assert_eq!((host.pmac_index(&bench), host.status(&bench)), (12, 0));
     assert!(bench.violations().is_empty(), "{:?}", bench.violations());
@@ -146,9 +172,19 @@ fn without_an_internal_buffer_there_is_an_error_until_there_is_one() {
     host.send(&bench, ONE);
     bench.run(3);
     assert_eq!((host.pmac_index(&bench), host.status(&bench)), (0, ERROR | 5));
-    bench.board.machine.rotary_lines.define(1, 10);
+    define(&mut bench, 1, 10);
     bench.run(1);
     assert_eq!((host.pmac_index(&bench), host.status(&bench)), (2, 0));
+}
+
+#[test]
+fn words_that_are_no_command_stop_the_transfer_with_an_error() {
+    let mut bench = bench(50);
+    let mut host = Host::new(&mut bench, FIRST, 0xD300, 20, 1);
+    host.send(&bench, ONE);
+    host.send(&bench, &[(0x00_0800, 0)]);
+    bench.run(5);
+    assert_eq!((host.pmac_index(&bench), host.status(&bench)), (2, ERROR | 3));
 }
 
 #[test]
@@ -268,7 +304,7 @@ fn faults_hold_delay_and_tear() {
     assert_eq!(host.pmac_index(&bench), 6, "in the middle of the line");
     bench.run(1);
     assert_eq!(host.pmac_index(&bench), 8);
-    assert_eq!(bench.board.machine.rotary_lines.take(0).as_deref(), Some(FOUR));
-    assert_eq!(bench.board.machine.rotary_lines.take(0), None);
+    assert_eq!(take(&mut bench, 0).as_deref(), Some(FOUR));
+    assert_eq!(take(&mut bench, 0), None);
     assert!(bench.violations().is_empty(), "{:?}", bench.violations());
 }

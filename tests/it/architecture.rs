@@ -14,7 +14,7 @@ const MOST_LINES: usize = 600;
 /// Modules that see less than their layer allows: the simulator is the driver's opponent, the client maps no device.
 const SEES_ONLY: [(&str, &[&str]); 2] = [
     ("sim", &["format", "map", "rotary::codes", "device::mapping", "usage", "process"]),
-    ("client", &["format", "map", "decode", "protocol", "segment"]),
+    ("client", &["format", "map", "decode", "gather", "setup::gather_source", "protocol", "segment"]),
 ];
 /// Words are mirrored as the board held them: these do not decode.
 const DECODES_NOTHING: [&str; 5] = ["device", "function", "mirror", "segment", "daemon"];

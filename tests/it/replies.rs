@@ -51,17 +51,32 @@ pub const SETUPS: &[(&[u32], &str)] = &[
     (&[102], "I3=2 I6=1 I9=2 WL$2B,6128640\r"),
     (&[103], "I3=2 I6=1 I9=2 WL$67,-1536\r"),
     (&[110], "I3=2 I6=1 I9=2 WX$1000,$123456,$789012,$345678\r"),
+    (&[81], "I3=2 I6=1 I9=2 DEFINE TCOMP 100,100000\r"),
+    (&[87], "I3=2 I6=1\r"),
+    (&[89], "I3=2 I6=1\r&2 DEFINE ROT 100\r&1 DEFINE ROT 100\r"),
+    (&[90], "I3=2 I6=1\r&2 DEFINE ROT 100\r&1 DEFINE ROT 100\r&1 B0 &2 B0\r"),
+    (&[91], "I3=2 I6=1\r&2 DEFINE ROT 100\r&1 DEFINE ROT 100\r&1 B0 &2 B0\rOPEN ROT\r"),
+    (
+        &[93],
+        "I3=2 I6=1 I100=1 I200=1\r&1#1->X &2#2->X\r#1J/#2J/&2 DEFINE ROT 100\r&1 DEFINE ROT 100\r&1 B0 &2 B0\rOPEN ROT\r\
+         &1 X10 Y10 F5\r&2 X30 Y30 F30\r",
+    ),
+    (&[94], "I3=2 I6=1 I9=2\r&1 DEFINE ROT 100\rB0 OPEN ROT\r"),
+    (&[95], "I3=2 I6=1 I9=2\r&1 DEFINE ROT 100\rOPEN PROG 1\r"),
+    (
+        &[
+            121, 122, 123, 125, 126, 127, 129, 130, 131, 133, 134, 135, 137, 138, 139, 141, 142, 143, 145,
+            146, 147, 149, 150, 151, 153,
+        ],
+        "I3=2 I6=1 DEFINE ROT 100\rB0 OPEN ROT\r",
+    ),
     // A board without buffers has that much free.
     (&[111], "I3=2 I6=1 I9=2 DELETE GATHER\r"),
 ];
 
 /// The vectors that cannot be shown, and why.
 const WAITING: &[(&[u32], &str)] = &[
-    (&[87, 89, 90, 91, 93, 94, 95], "program and rotary buffers"),
-    (&[121, 122, 123, 125, 126, 127, 129, 130, 131, 133, 134, 135, 137, 138, 139], "rotary buffers"),
-    (&[141, 142, 143, 145, 146, 147, 149, 150, 151, 153], "rotary buffers"),
     (&[154, 155, 157, 158, 159, 161, 162], "the compiler of binary rotary programs"),
-    (&[81], "compensation tables"),
     (&[49, 50, 51, 97, 98, 99, 105, 106, 107, 109, 114, 115, 117, 118, 119], "the Turbo family"),
     (&[83, 101], "Option 6L, lookahead"),
     (&[113], "the MACRO option"),
@@ -214,8 +229,12 @@ fn errors_by_situation() {
         ("HOME1,2", "\x07ERR005\r"),
         ("CLEAR", "\x07ERR005\r"),
         ("CLOSE", "\x06"),
-        ("OPEN PROG 1", "\x07ERR003\r"),
-        ("DEFINE ROT 100", "\x07ERR003\r"),
+        ("OPEN ROT", "\x07ERR003\r"),
+        ("OPEN PROG 0", "\x07ERR003\r"),
+        ("OPEN PLC 32", "\x07ERR003\r"),
+        ("LIST", "\x07ERR005\r"),
+        ("LIST PROG 1", "\x07ERR003\r"),
+        ("PC", "\x07ERR003\r"),
         ("PR", "\x07ERR003\r"),
         ("B1", "\x07ERR003\r"),
         ("R", "\x07ERR015\r"),
@@ -292,6 +311,107 @@ fn dpram_ascii_forces_the_handshake_once() {
     assert_eq!(bench.send(b"I58\r"), b"0\r");
 }
 
+#[test]
+fn programs_are_stored_and_listed() {
+    converse(&[
+        ("OPEN PROG 10", "\x06"),
+        ("OPEN PLC 1", "\x07ERR007\r"),
+        ("CLEAR SIZE", "-41301\r\x06"),
+        ("linear abs f ( p1 * 2 )", "\x06"),
+        ("X10 Y20.5 Z(P1+SIN(30))", "\x06"),
+        ("N10 X1000:50 Y3^-0.01", "\x06"),
+        ("IF (P1>5 AND P2!<3 OR (P3~2)) CMD\"#1J+ abc\"", "\x06"),
+        ("WHILE(M11=0) WAIT", "\x06"),
+        ("IF(P1=1)", "\x06"),
+        ("ENDWHILE", "\x07ERR009\r"),
+        ("P(P1+5)=-3 M1==1 M2|=$0F Q5=P1+2*3", "\x06"),
+        ("ELSE", "\x06"),
+        ("HOME1..3,5 HMZ 2 ENA PLC 1,3..5", "\x06"),
+        ("ENDIF", "\x06"),
+        ("DWE250 DLY(Q1) NRM K-1 PSET X0 FRAX(X,Y) INC(R) TSEL2 CC1 CCR0.5", "\x06"),
+        ("CIR2 X5 I2.5 SPLINE1 PVT200 STOP BSTART BSTOP RPD TA100 TS50 TM30", "\x06"),
+        ("G1 M3 T(P1) D2.5 S1500 CALL20.15 GOTO10 GOSUB(P1) READ(X,Y) RET", "\x06"),
+        // What is no statement is carried out.
+        ("#2 &2 M5-> ? J/", "*\r000000000000\r\x07ERR003\r"),
+        ("&1", "\x06"),
+        ("P1=7 OPEN", "\x07ERR003\r"),
+        ("X", "\x07ERR003\r"),
+        ("ENDIF", "\x07ERR009\r"),
+        ("ADIS100 BOGUS", "\x07ERR003\r"),
+        ("R", "\x07ERR015\r"),
+        (
+            "LIST",
+            "LIN ABS F(P1*2)\rX10 Y20.5 Z(P1+SIN(30))\rN10 X1000:50 Y3^-0.01\r\
+             IF(P1>5ANDP2!<3OR(P3~2)) CMD\"#1J+ abc\"\rWHILE(M11=0) WAIT\rIF(P1=1)\r\
+             P(P1+5)=-3 M1==1 M2|=15 Q5=P1+2*3\rELSE\rHM1..3,5 HMZ2 ENA PLC1,3..5\rENDI\r\
+             DWE250 DLY(Q1) NRM K-1 PSET X0 FRAX(X,Y) INC(R) TSEL2 CC1 CCR0.5\r\
+             CIR2 X5 I2.5 SPLINE1 PVT200 STOP BSTART BSTOP RPD TA100 TS50 TM30\r\
+             G1 M3 T(P1) D2.5 S1500 CALL20.15 GOTO10 GOSUB(P1) READ(X,Y) RET\rP1=7\rADIS100\r\x06",
+        ),
+        ("CLOSE CLOSE", "\x06"),
+        ("X5", "\x07ERR005\r"),
+        ("R", "\x07ERR015\r"),
+        ("B10.1", "\x07ERR003\r"),
+        ("B10.0001 PC", "P10:11\r\x06"),
+        ("LIST PC", "P10:11:N10 X1000:50 Y3^-0.01\r\x06"),
+        ("LIST PC,1", "11:N10 X1000:50 Y3^-0.01\r\x06"),
+        ("I9=3 LIST PROG10,0,4", "0:LINEAR ABS F(P1*2)\r\x06"),
+        ("LIST PROG 10,10,6", "11:N10 X1000:50 Y3^-0.01\r\x06"),
+        ("LIST PLC 1", "\x07ERR003\r"),
+        ("PASSWORD=x", "\x06"),
+        ("SAVE $$$", "\x06"),
+        ("OPEN PROG 1000", "\x07ERR002\r"),
+        ("LIST PLC 1", "\x07ERR002\r"),
+        ("OPEN PROG 10 CLOSE LIST PROG 10,0,1", "0:LINEAR ABS F(P1*2)\r\x06"),
+        ("PASSWORD=x", "\x06"),
+        ("OPEN PROG 1000 CLOSE", "\x06"),
+    ]);
+}
+
+#[test]
+fn buffers_take_and_give_back_memory() {
+    converse(&[
+        ("DEFINE GATHER 100", "\x06"),
+        ("&2 DEFINE ROT 50", "\x07ERR003\r"),
+        ("DELETE GATHER", "\x06"),
+        ("&2 DEFINE ROT 50", "\x06"),
+        ("&3 DEFINE ROT 50", "\x07ERR003\r"),
+        ("&1 DEFINE ROT 4 SIZE", "41247\r\x06"),
+        ("DEFINE ROT 5", "\x07ERR003\r"),
+        ("DEFINE UBUFFER 1000 SIZE", "40247\r\x06"),
+        ("DEFINE UBUFFER 99999", "\x07ERR006\r"),
+        ("PR", "0\r\x06"),
+        ("OPEN ROT", "\x06"),
+        ("X10 Y20", "\x06"),
+        ("IF(P1=1)", "\x07ERR003\r"),
+        ("GOTO 5", "\x07ERR003\r"),
+        ("X(P1+2)", "\x07ERR006\r"),
+        ("CMD\"A\"", "\x06"),
+        ("&3X1", "\x07ERR005\r"),
+        ("&1LIST ROT PR", "X10 Y20\rCMD\"A\"\r2\r\x06"),
+        ("&2 X1 &1", "\x06"),
+        ("&2 PR", "1\r\x06"),
+        ("CLEAR PR", "0\r\x06"),
+        ("CLOSE DELETE ROT", "\x06"),
+        ("&1 DELETE ROT DELETE UBUFFER SIZE", "41301\r\x06"),
+        ("DELETE ROT", "\x07ERR003\r"),
+        ("OPEN PLC 3", "\x06"),
+        ("X5", "\x07ERR003\r"),
+        ("P1=P1+1 ADR#2&3 SEND\"hi\"", "\x06"),
+        ("M1==1", "\x07ERR003\r"),
+        ("CLOSE LIST PLC 3", "P1=P1+1 ADR#2&3 SEND\"hi\"\r\x06"),
+        ("ENABLE PLC 3,5..7", "\x06"),
+        ("ENABLE PLC 32", "\x07ERR003\r"),
+        ("DEFINE COMP 3,100", "\x06"),
+        ("5", "\x06"),
+        ("-6", "\x06"),
+        ("7", "\x06"),
+        ("8", "\x06"),
+        ("P0 LIST COMP", "8\r5\r-6\r7\r\x06"),
+        ("OPEN PROG 1000 X5 CLOSE", "\x06"),
+    ]);
+}
+
 /// Pieces of real lines, so that random texts get past the first token.
 const PIECES: &[&str] = &[
     "#1",
@@ -341,6 +461,23 @@ const PIECES: &[&str] = &[
     "5000A",
     "99999999999999999999",
     "LIST",
+    "OPEN PROG 1",
+    "OPEN ROT",
+    "OPEN PLC 1",
+    "CLOSE",
+    "DEFINE ROT 50",
+    "IF(",
+    "WHILE(",
+    "ELSE",
+    "ENDIF",
+    "AND",
+    "CIR1",
+    "CALL",
+    "READ(",
+    "B0",
+    "R",
+    "N5",
+    ",",
     "\"",
     " ",
     "\t",

@@ -370,3 +370,55 @@ fn mailboxes_and_host_port_are_files_with_sockets_for_their_interrupts() {
     assert_eq!(count(&mut interrupt), 2);
     assert_eq!(sim.status("violations_total"), 0);
 }
+
+#[test]
+fn a_racing_host_reads_and_writes_variables_without_a_violation() {
+    const ROUNDS: u16 = 300;
+    let mut sim = Sim::start(&["--dpram-startup", "--servo-hz", "5000"]);
+    let start = Instant::now();
+    let until = |done: &dyn Fn() -> bool| {
+        while !done() {
+            assert!(start.elapsed() < PATIENCE, "no answer");
+            std::hint::spin_loop();
+        }
+    };
+    // Four times the servo counter from $D400 on; records at $D300.
+    sim.write(0x07EE, 0xD400);
+    for entry in 0..4 {
+        sim.write(0x1000 + 4 * entry, 0);
+        sim.write(0x1002 + 4 * entry, 2);
+    }
+    sim.write(0x07E8, 0);
+    sim.memory.order_writes();
+    sim.write(0x07EC, 4);
+    sim.write(0x07D6, 0xD300);
+    for round in 0..ROUNDS {
+        until(&|| sim.read(0x07E8) & 1 == 1);
+        sim.memory.order_reads();
+        let counters = [0, 4, 8, 12].map(|at| sim.read(0x1010 + at));
+        assert_eq!(counters, [sim.read(0x07EA); 4], "one pass");
+        sim.memory.order_reads();
+        sim.write(0x07E8, 0);
+
+        until(&|| sim.read(0x07D4) == 0);
+        for (word, value) in [0x2000, 0, round, 0, 0, 0].into_iter().enumerate() {
+            sim.write(0x0C00 + 2 * word, value);
+        }
+        sim.memory.order_writes();
+        sim.write(0x07D4, 1);
+        // The panel: motor 1 there and back.
+        until(&|| sim.read(0x0000) == 0);
+        sim.write(0x0004, if round % 2 == 0 { 1 << 9 } else { 1 << 8 });
+        sim.memory.order_writes();
+        sim.write(0x0000, 1);
+    }
+    until(&|| sim.read(0x07D4) == 0 && sim.read(0x0000) == 0);
+    sim.write_text("RY$2000");
+    sim.memory.order_writes();
+    sim.write(0x062C, 1);
+    until(&|| sim.read(0x06D0) == 0x000D);
+    let text: Vec<u8> = [0x06D4, 0x06D6].iter().flat_map(|&at| sim.read(at).to_le_bytes()).collect();
+    assert_eq!(text[..3], *b"299");
+    let status = sim.ask("status");
+    assert!(status.contains("\"violations\":[]"), "{status}");
+}

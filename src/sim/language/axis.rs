@@ -114,6 +114,31 @@ pub enum AxisMode {
     Feedrate,
 }
 
+/// Longest list in parentheses: nine axes and the vector.
+const LONGEST_LIST: usize = 10;
+
+/// `(X,Y)` after `ABS`, `INC` or `FRAX`; `None` when there is no list.
+///
+/// # Errors
+/// ERR003 for a list that is too long or not closed, or a letter that is neither an axis nor R.
+pub fn parse_list(scanner: &mut Scanner) -> Result<Option<Vec<char>>, CommandError> {
+    if !scanner.take(b'(') {
+        return Ok(None);
+    }
+    let mut axes = Vec::new();
+    loop {
+        let letter = scanner.next_character().filter(|&c| is_axis(c) || c == b'R');
+        axes.push(char::from(letter.ok_or(CommandError::SYNTAX)?));
+        if scanner.take(b')') {
+            return Ok(Some(axes));
+        }
+        if axes.len() == LONGEST_LIST {
+            return Err(CommandError::SYNTAX);
+        }
+        scanner.expect(b',')?;
+    }
+}
+
 /// The first `??` word after `ABS`, `INC` or `FRAX` with this list, when it was `status` before.
 ///
 /// Without a list all nine axes are meant, but not the circle vectors (`R` in a list). `FRAX` with a list takes all

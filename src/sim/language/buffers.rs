@@ -1,9 +1,12 @@
-//! Program and table buffers: motion programs, rotary buffers, PLCs, compensation tables.
-//!
-//! The simulated board has none of them yet. This is the one place that says so: whatever needs such a buffer answers
-//! the error that a board gives for a buffer it does not have, never a silent success.
+//! Commands on program and table buffers: open, close, clear, define, delete, PLC switches, `PC`, `PE`, `PR`, `LEARN`
+//! (Software Reference, on-line commands; Turbo Software Reference p. 381 for what opening a program forbids).
 
+use super::interpreter::Line;
+use super::number::decimal;
 use super::{CommandError, Outcome};
+use crate::sim::program::item::{AXES, Data, Item};
+use crate::sim::program::parse::numbers;
+use crate::sim::program::store::{LAST_PROGRAM, Open, PLCS, PROTECTED, Table, TableKind};
 
 /// A command that works on buffers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -18,44 +21,269 @@ pub enum BufferCommand {
     Learn,
     /// `LIST` of any kind.
     List,
-    /// `PC`, `PE`.
-    ProgramLine,
+    /// `PC`: the line to be calculated next.
+    Calculated,
+    /// `PE`: the line under execution.
+    Executed,
     /// `PR`.
     RotaryRemaining,
-    /// `ENABLE PLC`, `DISABLE PLC`.
+    /// `ENABLE PLC`, or `DISABLE PLC` with `false`.
+    Plc(bool),
+    /// `PMATCH`.
+    Match,
+}
+
+#[derive(Debug, Clone, Copy)]
+enum Opened {
+    Program,
+    Rotary,
     Plc,
-    /// `DEFINE` of anything but a gather buffer.
-    Define,
-    /// `DELETE` of anything but a gather buffer.
-    Delete,
 }
 
-/// Carries out `command` as far as a board without program buffers can.
-///
-/// # Errors
-/// ERR005 where an open buffer is needed, ERR003 where a defined one is. `CLOSE` succeeds: it is valid with nothing open.
-pub fn execute(command: BufferCommand) -> Outcome {
-    match command {
-        BufferCommand::Close => Ok(()),
-        BufferCommand::Clear | BufferCommand::Learn => Err(CommandError::NO_OPEN_BUFFER),
-        BufferCommand::Open
-        | BufferCommand::List
-        | BufferCommand::ProgramLine
-        | BufferCommand::RotaryRemaining
-        | BufferCommand::Plc
-        | BufferCommand::Define
-        | BufferCommand::Delete => Err(CommandError::SYNTAX),
+const OPENED: &[(&str, Opened)] = &[
+    ("PROG", Opened::Program),
+    ("PROGRAM", Opened::Program),
+    ("ROT", Opened::Rotary),
+    ("ROTARY", Opened::Rotary),
+    ("PLC", Opened::Plc),
+];
+
+#[derive(Debug, Clone, Copy)]
+enum Kind {
+    Rotary,
+    Table(TableKind),
+    /// Named by the manual, takes nothing here.
+    Nothing,
+}
+
+const KINDS: &[(&str, Kind)] = &[
+    ("ROT", Kind::Rotary),
+    ("ROTARY", Kind::Rotary),
+    ("UBUFFER", Kind::Table(TableKind::User)),
+    ("UBUF", Kind::Table(TableKind::User)),
+    ("TBUF", Kind::Table(TableKind::Transformation)),
+    ("COMP", Kind::Table(TableKind::Leadscrew)),
+    ("TCOMP", Kind::Table(TableKind::Torque)),
+    ("BLCOMP", Kind::Table(TableKind::Backlash)),
+    ("CCBUF", Kind::Table(TableKind::Cutter)),
+    ("TRACE", Kind::Nothing),
+    ("TEMPS", Kind::Nothing),
+];
+
+impl Line<'_, '_> {
+    pub(super) fn buffer_command(&mut self, command: BufferCommand) -> Outcome {
+        self.store_items()?;
+        let cs = self.interpreter.cs;
+        match command {
+            BufferCommand::Open => self.open(),
+            BufferCommand::Close => {
+                self.machine.programs.store.close();
+                Ok(())
+            }
+            BufferCommand::Clear => self.clear(),
+            BufferCommand::Learn => self.learn(),
+            BufferCommand::List => self.list(),
+            BufferCommand::Calculated => {
+                let text = self.calculated_text().ok_or(CommandError::SYNTAX)?;
+                self.answer(text)
+            }
+            BufferCommand::Executed => {
+                let (program, _, offset) = self.executed().ok_or(CommandError::SYNTAX)?;
+                self.answer(format!("P{program}:{offset}"))
+            }
+            BufferCommand::RotaryRemaining => {
+                let lines = self.machine.rotary_remaining(cs).ok_or(CommandError::SYNTAX)?;
+                self.answer(lines.to_string())
+            }
+            BufferCommand::Plc(enable) => {
+                if !self.scanner.take_text(b"PLC") {
+                    return Err(CommandError::SYNTAX);
+                }
+                let plcs = numbers(&mut self.scanner, 0, PLCS - 1)?;
+                self.machine.enable_plcs(plcs as u32, enable);
+                Ok(())
+            }
+            BufferCommand::Match => {
+                if let Some(system) =
+                    self.machine.programs.systems.get_mut(cs).filter(|system| !system.running)
+                {
+                    system.rematch = true;
+                }
+                Ok(())
+            }
+        }
     }
-}
 
-/// Whether program `number` (its fraction is a label, 0 the rotary buffer) exists, so that `B` can point to it.
-#[must_use]
-pub const fn exists(_number: f64) -> bool {
-    false
-}
+    fn open(&mut self) -> Outcome {
+        let which = self.scanner.keyword(&[OPENED]).ok_or(CommandError::SYNTAX)?;
+        let open = match which {
+            Opened::Rotary => Open::Rotary,
+            Opened::Program => {
+                self.scanner.take_text(b"RAM");
+                match self.scanner.integer()? {
+                    number @ 1..=LAST_PROGRAM => Open::Program(number as u32),
+                    _ => return Err(CommandError::SYNTAX),
+                }
+            }
+            Opened::Plc => match self.scanner.integer()? {
+                number if number < PLCS => Open::Plc(number),
+                _ => return Err(CommandError::SYNTAX),
+            },
+        };
+        if self.machine.programs.store.open().is_some() {
+            return Err(CommandError::BUFFER_IN_USE);
+        }
+        match open {
+            Open::Program(number) => {
+                self.accessible(number as usize >= PROTECTED)?;
+                if self.machine.programs.any_runs() {
+                    return Err(CommandError::RUNNING);
+                }
+                self.machine.forget_pointers();
+            }
+            Open::Plc(number) => {
+                self.accessible(true)?;
+                self.machine.enable_plcs(1 << number, false);
+            }
+            Open::Rotary => {}
+        }
+        self.machine.programs.store.open_buffer(open)
+    }
 
-/// Whether the 0-based coordinate system `cs` points to a program that `R` and `S` can execute.
-#[must_use]
-pub const fn is_pointed(_cs: usize) -> bool {
-    false
+    /// ERR002 for what is behind the password.
+    pub(super) fn accessible(&self, protected: bool) -> Outcome {
+        if protected && !self.machine.variables.password.is_open() {
+            return Err(CommandError::PASSWORD);
+        }
+        Ok(())
+    }
+
+    fn clear(&mut self) -> Outcome {
+        let cs = self.interpreter.cs;
+        let machine = &mut *self.machine;
+        let rotary = machine.programs.store.rotary_is_open();
+        if rotary && machine.programs.systems.get(cs).is_some_and(|system| system.running) {
+            return Err(CommandError::RUNNING);
+        }
+        machine.programs.store.clear(cs)?;
+        if rotary {
+            // The pointer was to a line that is gone.
+            if machine.programs.systems[cs].cursor.is_some_and(|cursor| cursor.program == 0) {
+                machine.begin(cs, 0.0)?;
+            }
+            machine.note_rotary(cs);
+        }
+        Ok(())
+    }
+
+    /// `LEARN`, with or without axes in parentheses: a line with the present commanded positions.
+    fn learn(&mut self) -> Outcome {
+        let list = super::axis::parse_list(&mut self.scanner)?;
+        if self.machine.programs.store.open().is_none() {
+            return Err(CommandError::NO_OPEN_BUFFER);
+        }
+        let cs = self.interpreter.cs;
+        let mut axes = [0.0; AXES.len()];
+        self.machine.axis_positions(cs, &mut axes);
+        for (index, letter) in AXES.iter().enumerate() {
+            let wanted = match &list {
+                Some(list) => list.contains(&char::from(*letter)),
+                None => !self.machine.motors_on(cs, index).is_empty(),
+            };
+            if wanted {
+                let position = decimal(axes[index], self.machine.variables.family().decimals);
+                let position = position.parse().unwrap_or(axes[index]);
+                self.items.push(Item::Axis(index, Data::Constant(position), None));
+            }
+        }
+        self.store_items()
+    }
+
+    /// `DEFINE` of anything but a gather buffer: sizes in long words, entries or counts.
+    pub(super) fn define_buffer(&mut self) -> Outcome {
+        let kind = self.scanner.keyword(&[KINDS]).ok_or(CommandError::SYNTAX)?;
+        let size = self.scanner.integer()?;
+        let (cs, motor) = (self.interpreter.cs, self.interpreter.motor);
+        let free = self.machine.free_memory();
+        if self.machine.gather_is_defined() {
+            return Err(CommandError::SYNTAX);
+        }
+        let kind = match kind {
+            Kind::Nothing => return Err(CommandError::SYNTAX),
+            Kind::Rotary => return self.machine.programs.store.define_rotary(cs, size, free),
+            Kind::Table(kind) => kind,
+        };
+        let (owner, span) = match kind {
+            TableKind::Leadscrew | TableKind::Torque | TableKind::Backlash => {
+                self.scanner.expect(b',')?;
+                (motor, self.scanner.unsigned()?)
+            }
+            TableKind::Cutter => (cs, 0.0),
+            TableKind::User | TableKind::Transformation => (0, 0.0),
+        };
+        if size == 0 {
+            return Err(CommandError::SYNTAX);
+        }
+        if size as i64 > free {
+            return Err(CommandError::NO_ROOM);
+        }
+        let tables = &mut self.machine.programs.store.tables;
+        if tables.iter().any(|table| table.kind == kind && table.owner == owner) {
+            return Err(CommandError::SYNTAX);
+        }
+        tables.push(Table { kind, owner, size, span, entries: Vec::new() });
+        Ok(())
+    }
+
+    /// `DELETE` of anything but a gather buffer.
+    pub(super) fn delete_buffer(&mut self) -> Outcome {
+        let (cs, motor) = (self.interpreter.cs, self.interpreter.motor);
+        let kind = self.scanner.keyword(&[KINDS]).ok_or(CommandError::SYNTAX)?;
+        match kind {
+            Kind::Nothing => Ok(()),
+            Kind::Rotary => {
+                if self.machine.programs.systems.get(cs).is_some_and(|system| system.running) {
+                    return Err(CommandError::RUNNING);
+                }
+                self.machine.programs.store.delete_rotary(cs)?;
+                let system = &mut self.machine.programs.systems[cs];
+                if system.cursor.is_some_and(|cursor| cursor.program == 0) {
+                    system.point(None);
+                }
+                self.machine.note_rotary(cs);
+                Ok(())
+            }
+            Kind::Table(kind) => {
+                let owner = match kind {
+                    TableKind::Leadscrew | TableKind::Torque | TableKind::Backlash => motor,
+                    TableKind::Cutter => cs,
+                    TableKind::User | TableKind::Transformation => 0,
+                };
+                let tables = &mut self.machine.programs.store.tables;
+                let before = tables.len();
+                tables.retain(|table| table.kind != kind || table.owner != owner);
+                if tables.len() == before { Err(CommandError::SYNTAX) } else { Ok(()) }
+            }
+        }
+    }
+
+    /// `DELETE ALL`: every buffer that is no program.
+    pub(super) fn delete_all(&mut self) -> Outcome {
+        if self.machine.programs.any_runs() {
+            return Err(CommandError::RUNNING);
+        }
+        if self.machine.programs.store.rotary_is_open() {
+            return Err(CommandError::BUFFER_IN_USE);
+        }
+        self.machine.delete_gather()?;
+        self.machine.programs.store.delete_all();
+        for cs in 0..self.machine.variables.family().coordinate_systems {
+            let system = &mut self.machine.programs.systems[cs];
+            if system.cursor.is_some_and(|cursor| cursor.program == 0) {
+                system.point(None);
+            }
+            self.machine.note_rotary(cs);
+        }
+        Ok(())
+    }
 }

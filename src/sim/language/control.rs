@@ -1,10 +1,10 @@
 //! Control characters that are commands: they act at once, without a line end, and leave the line under way alone
 //! (Software Reference, "On-line commands", CONTROL-A and following).
 
-use super::buffers::BufferCommand;
 use super::coordinate::status_text;
 use super::number::tenths;
-use super::{Machine, Reply, buffers};
+use super::{Machine, Reply};
+use crate::sim::program::store::Open;
 
 /// The code of ^`letter` (upper case).
 pub(super) const fn control(letter: u8) -> u8 {
@@ -45,13 +45,13 @@ pub(super) fn execute(machine: &mut Machine, character: u8) -> Option<Reply> {
         D => machine.disable_plcs(),
         F => reply = report(motors.map(|motor| tenths(machine.following_error(motor))).collect()),
         K => machine.kill_all(),
-        L => reply.error = buffers::execute(BufferCommand::Close).err(),
+        L => machine.programs.store.close(),
         O => machine.hold_all(),
         P => reply = report(motors.map(|motor| tenths(machine.position(motor))).collect()),
         Q => machine.quit_all(),
         R => machine.run_all(),
         S => machine.step_all(),
-        U => reply.error = buffers::execute(BufferCommand::Open).err(),
+        U => reply.error = machine.programs.store.open_buffer(Open::Rotary).err(),
         V => reply = report(motors.map(|motor| tenths(machine.velocity(motor))).collect()),
         X => machine.cancel_queues(),
         Z => machine.serial_becomes_active(),

@@ -1,16 +1,13 @@
 //! Commands of the addressed coordinate system: run, stop, override, axis positions and modes, status words.
 
-use super::axis::{AxisMode, with_mode};
+use super::axis::{AxisMode, parse_list, with_mode};
 use super::interpreter::Line;
 use super::motor::{is_activated, is_running};
 use super::number::decimal;
-use super::{CommandError, Machine, Outcome, buffers};
+use super::{CommandError, Machine, Outcome};
 
 /// The largest value of the time base register, in units of I10.
 const LARGEST_TIME_BASE: f64 = ((1 << 23) - 1) as f64;
-
-/// Longest list in parentheses: nine axes and the vector.
-const LONGEST_LIST: usize = 10;
 
 impl Line<'_, '_> {
     /// An axis letter: `X=5` renames the position, `X5` is a move and needs a buffer; A, V and Z alone are commands.
@@ -55,15 +52,11 @@ impl Line<'_, '_> {
     }
 
     pub(super) fn run_program(&mut self) -> Outcome {
-        let cs = self.interpreter.cs;
-        check_start(self.machine, cs, buffers::is_pointed(cs))?;
-        self.machine.run(cs)
+        self.machine.run(self.interpreter.cs)
     }
 
     pub(super) fn step_program(&mut self) -> Outcome {
-        let cs = self.interpreter.cs;
-        check_start(self.machine, cs, buffers::is_pointed(cs))?;
-        self.machine.step(cs)
+        self.machine.step(self.interpreter.cs)
     }
 
     /// `B{c}` points to a program; `B={c}` renames the B axis.
@@ -74,12 +67,6 @@ impl Line<'_, '_> {
         let number = self.scanner.unsigned()?;
         let cs = self.interpreter.cs;
         self.not_running(cs)?;
-        if number == 0.0 && self.machine.rotary_room(cs).is_some() {
-            return Ok(());
-        }
-        if !buffers::exists(number) {
-            return Err(CommandError::SYNTAX);
-        }
         self.machine.begin(cs, number)
     }
 
@@ -112,20 +99,7 @@ impl Line<'_, '_> {
 
     /// `ABS`, `INC`, `FRAX`, with or without a list of axes in parentheses.
     pub(super) fn axis_mode(&mut self, mode: AxisMode) -> Outcome {
-        let mut list = None;
-        if self.scanner.take(b'(') {
-            let axes: &mut Vec<char> = list.insert(Vec::new());
-            loop {
-                axes.push(char::from(self.scanner.next_character().ok_or(CommandError::SYNTAX)?));
-                if self.scanner.take(b')') {
-                    break;
-                }
-                if axes.len() == LONGEST_LIST {
-                    return Err(CommandError::SYNTAX);
-                }
-                self.scanner.expect(b',')?;
-            }
-        }
+        let list = parse_list(&mut self.scanner)?;
         let cs = self.interpreter.cs;
         let status = with_mode(self.machine.coordinate_status(cs)[0], mode, list.as_deref())?;
         let address = self.machine.variables.family().coordinate_status_address(cs);
@@ -159,7 +133,10 @@ pub(super) fn status_text([first, second]: [u32; 2]) -> String {
 
 /// What stops a program from starting, in the order in which a board looks (Software Reference p. 25; the order itself
 /// is not printed). `pointed`: the coordinate system points to a program.
-fn check_start(machine: &Machine, cs: usize, pointed: bool) -> Outcome {
+///
+/// # Errors
+/// ERR015, ERR014, ERR013, ERR012, ERR010, ERR011.
+pub(in crate::sim) fn check_start(machine: &Machine, cs: usize, pointed: bool) -> Outcome {
     let motors: Vec<usize> = machine.axes.motors_in(cs).collect();
     let status = |motor: usize| machine.motor_status(motor)[0];
     let bits_set = |motor: &usize, mask: u32| status(*motor) & mask == mask;

@@ -49,7 +49,42 @@ const FUNCTIONS: &[(&str, Function)] = &[
 /// # Errors
 /// ERR003 for anything that is not an expression.
 pub fn evaluate(scanner: &mut Scanner, machine: &Machine, cs: usize) -> Result<f64, CommandError> {
-    Evaluator { machine, cs }.sum(scanner)
+    Evaluator { machine, cs, strict: true }.sum(scanner)
+}
+
+/// Takes the expression at the scanner without its value: what a program line does when it is entered. A computed
+/// variable number need not be valid yet.
+///
+/// # Errors
+/// ERR003 for anything that is not an expression.
+pub fn check(scanner: &mut Scanner, machine: &Machine) -> Result<(), CommandError> {
+    Evaluator { machine, cs: 0, strict: false }.sum(scanner).map(|_| ())
+}
+
+/// Takes the condition at the scanner likewise.
+///
+/// # Errors
+/// ERR003 for anything that is not a condition.
+pub fn check_condition(scanner: &mut Scanner, machine: &Machine) -> Result<(), CommandError> {
+    Evaluator { machine, cs: 0, strict: false }.condition(scanner).map(|_| ())
+}
+
+/// Whether the condition of an `IF` or `WHILE` holds: comparisons joined by `AND` and, less tightly, `OR`.
+///
+/// # Errors
+/// ERR003 for anything that is not a condition.
+pub fn condition(scanner: &mut Scanner, machine: &Machine, cs: usize) -> Result<bool, CommandError> {
+    Evaluator { machine, cs, strict: true }.condition(scanner)
+}
+
+/// A variable's number that was given as a constant.
+///
+/// # Errors
+/// ERR003 when there is no such variable.
+pub fn check_number(number: f64, machine: &Machine) -> Result<usize, CommandError> {
+    let number = number.round_ties_even();
+    let count = machine.variables.family().variables as f64;
+    if (0.0..count).contains(&number) { Ok(number as usize) } else { Err(CommandError::SYNTAX) }
 }
 
 /// The number of a variable after its letter: digits, or an expression in parentheses.
@@ -57,26 +92,85 @@ pub fn evaluate(scanner: &mut Scanner, machine: &Machine, cs: usize) -> Result<f
 /// # Errors
 /// ERR003 when there is none, or when it is outside 0 to `count` - 1.
 pub fn variable_number(scanner: &mut Scanner, machine: &Machine, cs: usize) -> Result<usize, CommandError> {
-    let count = machine.variables.family().variables;
-    let number = if scanner.take(b'(') {
-        let number = Evaluator { machine, cs }.sum(scanner)?.round_ties_even();
-        scanner.expect(b')')?;
-        if number < 0.0 || number >= count as f64 {
-            return Err(CommandError::SYNTAX);
-        }
-        number as usize
-    } else {
-        scanner.integer()?
-    };
-    if number < count { Ok(number) } else { Err(CommandError::SYNTAX) }
+    Evaluator { machine, cs, strict: true }.number(scanner)
 }
+
+/// What a comparison's sign asks for, before `!` turns it round.
+#[derive(Debug, Clone, Copy)]
+enum Comparison {
+    Equal,
+    Greater,
+    Less,
+    /// Within one.
+    Near,
+}
+
+const COMPARATORS: &[(&str, (Comparison, bool))] = &[
+    ("=", (Comparison::Equal, true)),
+    ("!=", (Comparison::Equal, false)),
+    (">", (Comparison::Greater, true)),
+    ("!>", (Comparison::Greater, false)),
+    ("<", (Comparison::Less, true)),
+    ("!<", (Comparison::Less, false)),
+    ("~", (Comparison::Near, true)),
+    ("!~", (Comparison::Near, false)),
+];
 
 struct Evaluator<'a> {
     machine: &'a Machine,
     cs: usize,
+    /// A computed variable number must be in range; otherwise it counts as 0.
+    strict: bool,
 }
 
 impl Evaluator<'_> {
+    fn condition(&self, scanner: &mut Scanner) -> Result<bool, CommandError> {
+        let mut any = false;
+        loop {
+            let mut all = self.comparison(scanner)?;
+            while scanner.take_text(b"AND") {
+                all &= self.comparison(scanner)?;
+            }
+            any |= all;
+            if !scanner.take_text(b"OR") {
+                return Ok(any);
+            }
+        }
+    }
+
+    fn comparison(&self, scanner: &mut Scanner) -> Result<bool, CommandError> {
+        let mut ahead = scanner.clone();
+        if let Ok(left) = self.sum(&mut ahead)
+            && let Some((comparison, wanted)) = ahead.keyword(&[COMPARATORS])
+        {
+            *scanner = ahead;
+            let right = self.sum(scanner)?;
+            let holds = match comparison {
+                Comparison::Equal => left == right,
+                Comparison::Greater => left > right,
+                Comparison::Less => left < right,
+                Comparison::Near => (left - right).abs() < 1.0,
+            };
+            return Ok(holds == wanted);
+        }
+        scanner.expect(b'(')?;
+        let holds = self.condition(scanner)?;
+        scanner.expect(b')')?;
+        Ok(holds)
+    }
+
+    fn number(&self, scanner: &mut Scanner) -> Result<usize, CommandError> {
+        if !scanner.take(b'(') {
+            return check_number(scanner.integer()? as f64, self.machine);
+        }
+        let number = self.sum(scanner)?;
+        scanner.expect(b')')?;
+        match check_number(number, self.machine) {
+            Err(_) if !self.strict => Ok(0),
+            result => result,
+        }
+    }
+
     fn sum(&self, scanner: &mut Scanner) -> Result<f64, CommandError> {
         let mut left = self.product(scanner)?;
         loop {
@@ -130,7 +224,7 @@ impl Evaluator<'_> {
         }
         let kind = scanner.peek().and_then(VariableKind::from_letter).ok_or(CommandError::SYNTAX)?;
         scanner.next_character();
-        let number = variable_number(scanner, self.machine, self.cs)?;
+        let number = self.number(scanner)?;
         Ok(value(self.machine, kind, self.cs, number))
     }
 

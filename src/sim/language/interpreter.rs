@@ -5,11 +5,11 @@
 //! lines. A classic board has one such pair for all its ports, so its ports share one [`Interpreter`].
 
 use super::axis::is_axis;
-use super::buffers::BufferCommand;
 use super::scanner::Scanner;
 use super::variables::VariableKind;
 use super::words::Word;
-use super::{CommandError, Machine, Outcome, Reply, buffers};
+use super::{CommandError, Machine, Outcome, Reply};
+use crate::sim::program::item::Item;
 
 /// The longest command line a board takes.
 pub const LONGEST_LINE: usize = 255;
@@ -28,6 +28,8 @@ pub(super) struct Line<'a, 'b> {
     pub(super) machine: &'a mut Machine,
     pub(super) scanner: Scanner<'b>,
     pub(super) lines: Vec<String>,
+    /// The items of the program line under entry.
+    pub(super) items: Vec<Item>,
 }
 
 impl Interpreter {
@@ -35,6 +37,12 @@ impl Interpreter {
     #[must_use]
     pub fn new() -> Self {
         Self::default()
+    }
+
+    /// A conversation with the 0-based motor and coordinate system addressed.
+    #[must_use]
+    pub fn addressing(motor: usize, cs: usize) -> Self {
+        Self { motor, cs, card: 0 }
     }
 
     /// The addressed motor, 0-based.
@@ -64,8 +72,11 @@ impl Interpreter {
         if line.len() > LONGEST_LINE {
             return Reply { lines: Vec::new(), error: Some(CommandError::SYNTAX) };
         }
-        let mut line = Line { interpreter: self, machine, scanner: Scanner::new(line), lines: Vec::new() };
-        let error = line.run().err();
+        let scanner = Scanner::new(line);
+        let mut line = Line { interpreter: self, machine, scanner, lines: Vec::new(), items: Vec::new() };
+        let result = line.run();
+        // What stands to the left of an error is stored.
+        let error = line.store_items().and(result).err();
         Reply { lines: line.lines, error }
     }
 
@@ -89,7 +100,7 @@ impl Line<'_, '_> {
         Ok(())
     }
 
-    /// A line that is a constant and nothing else assigns P0 (User Manual p. 150).
+    /// A line that is a constant and nothing else assigns P0, or an entry of a table that is not full (User Manual p. 150).
     fn bare_constant(&mut self) -> Result<bool, CommandError> {
         if !self.scanner.at_constant() {
             return Ok(false);
@@ -98,11 +109,16 @@ impl Line<'_, '_> {
         if self.scanner.peek().is_some() {
             return Err(CommandError::SYNTAX);
         }
-        super::variables::assign(self.machine, VariableKind::P, 0, 0, value);
+        if !self.table_entry(value) {
+            super::variables::assign(self.machine, VariableKind::P, 0, 0, value);
+        }
         Ok(true)
     }
 
     fn command(&mut self) -> Outcome {
+        if self.program_statement()? {
+            return Ok(());
+        }
         let words = self.machine.variables.family().words;
         // `$` before a hex digit is a number, and no command begins with one.
         if self.scanner.at_constant() && self.scanner.peek() == Some(b'$') {
@@ -157,13 +173,7 @@ impl Line<'_, '_> {
             Word::Save => self.save(),
             Word::Password => self.password(),
             Word::Program => Err(CommandError::NO_OPEN_BUFFER),
-            Word::Buffer(BufferCommand::Open)
-                if self.scanner.take_text(b"ROT") && self.machine.rotary_lines.is_defined() =>
-            {
-                self.scanner.take_text(b"ARY");
-                Ok(())
-            }
-            Word::Buffer(command) => buffers::execute(command),
+            Word::Buffer(command) => self.buffer_command(command),
             Word::Foreign => Err(CommandError::SYNTAX),
         }
     }
@@ -201,6 +211,8 @@ impl Line<'_, '_> {
         let Some(cs) = self.address(count)? else {
             return self.answer((self.interpreter.cs + 1).to_string());
         };
+        // What follows is for another rotary buffer.
+        self.store_items()?;
         self.interpreter.cs = cs;
         Ok(())
     }

@@ -16,7 +16,7 @@
 //! | [`variables`], [`m_definition`], [`axis`], [`password`] | the state commands read and write |
 //! | [`interpreter`] | one line, command by command; addressing |
 //! | `motor`, `coordinate`, `assign`, `memory`, `system`, `control` | the commands, by what they act on |
-//! | [`buffers`] | program buffers: what is not there yet answers an error here |
+//! | [`buffers`], `list`, `entry` | commands on program buffers; listings; lines that go into an open buffer |
 //! | [`serial`] | the raw byte stream of the serial port |
 
 mod assign;
@@ -24,10 +24,12 @@ pub mod axis;
 pub mod buffers;
 mod control;
 mod coordinate;
+mod entry;
 pub mod expression;
 pub mod family;
 pub mod i_rows;
 pub mod interpreter;
+mod list;
 pub mod m_definition;
 mod memory;
 mod motor;
@@ -40,6 +42,7 @@ pub mod variables;
 pub mod words;
 
 pub use axis::{AxisDefinition, AxisDefinitions};
+pub(super) use coordinate::check_start;
 pub use family::Family;
 pub use interpreter::Interpreter;
 pub use serial::SerialPort;
@@ -63,6 +66,12 @@ impl CommandError {
     pub const CHARACTER: Self = Self(4);
     /// ERR005: a program command with no buffer open to take it.
     pub const NO_OPEN_BUFFER: Self = Self(5);
+    /// ERR006: no room in the buffer.
+    pub const NO_ROOM: Self = Self(6);
+    /// ERR007: a buffer is open already.
+    pub const BUFFER_IN_USE: Self = Self(7);
+    /// ERR009: the end of a block without its begin.
+    pub const STRUCTURE: Self = Self(9);
     /// ERR010: both overtravel limits of a motor are set.
     pub const BOTH_LIMITS: Self = Self(10);
     /// ERR011: the previous move is still in progress.
@@ -75,6 +84,10 @@ impl CommandError {
     pub const NO_MOTOR: Self = Self(14);
     /// ERR015: the coordinate system does not point to a program.
     pub const NO_PROGRAM: Self = Self(15);
+    /// ERR016: the program has blocks that do not end.
+    pub const BAD_STRUCTURE: Self = Self(16);
+    /// ERR017: motors are not where the program stopped.
+    pub const NOT_AT_STOP: Self = Self(17);
 }
 
 /// What a command line answers: its data lines, without handshake characters, then perhaps an error.

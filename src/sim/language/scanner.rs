@@ -96,6 +96,20 @@ impl<'a> Scanner<'a> {
         rest
     }
 
+    /// The text from here to where `other`, a later position in the same line, stands.
+    #[must_use]
+    pub fn up_to(&self, other: &Self) -> &'a [u8] {
+        self.text.get(self.at..other.at).unwrap_or(&[])
+    }
+
+    /// The text up to the next `end` as it was typed, and takes that too. `None` when there is none.
+    pub fn until(&mut self, end: u8) -> Option<&'a [u8]> {
+        let rest = &self.text[self.at..];
+        let length = rest.iter().position(|&c| c == end)?;
+        self.at += length + 1;
+        Some(&rest[..length])
+    }
+
     /// Whether an unsigned constant stands here.
     pub fn at_unsigned(&mut self) -> bool {
         self.peek();

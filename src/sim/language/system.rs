@@ -1,25 +1,18 @@
 //! Commands of the whole board: identity, reset, save, password, data gathering.
 
-use super::buffers::BufferCommand;
 use super::interpreter::Line;
 use super::motor::is_running;
 use super::words::Word;
-use super::{CommandError, Outcome, buffers};
+use super::{CommandError, Outcome};
 
 #[derive(Debug, Clone, Copy)]
 enum Buffer {
     Gather,
-    Rotary,
     All,
 }
 
-const BUFFERS: &[(&str, Buffer)] = &[
-    ("GATHER", Buffer::Gather),
-    ("GAT", Buffer::Gather),
-    ("ROTARY", Buffer::Rotary),
-    ("ROT", Buffer::Rotary),
-    ("ALL", Buffer::All),
-];
+const BUFFERS: &[(&str, Buffer)] =
+    &[("GATHER", Buffer::Gather), ("GAT", Buffer::Gather), ("ALL", Buffer::All)];
 
 impl Line<'_, '_> {
     pub(super) fn identity(&mut self, what: Word) -> Outcome {
@@ -28,7 +21,7 @@ impl Line<'_, '_> {
             Word::Type => machine.type_text().to_owned(),
             Word::Date => machine.date_text().to_owned(),
             Word::Checksum => format!("{:X}", machine.checksum()),
-            Word::Size => machine.free_memory().to_string(),
+            Word::Size => machine.size().to_string(),
             _ => machine.firmware().to_owned(),
         };
         self.answer(text)
@@ -62,7 +55,7 @@ impl Line<'_, '_> {
         if self.machine.variables.password.set_or_give(text) { Ok(()) } else { Err(CommandError::PASSWORD) }
     }
 
-    /// `DEFINE GATHER [n]`; other buffers are not there yet.
+    /// `DEFINE GATHER [n]`, or another buffer.
     pub(super) fn define(&mut self) -> Outcome {
         match self.scanner.keyword(&[BUFFERS]) {
             Some(Buffer::Gather) if self.scanner.at_unsigned() => {
@@ -70,21 +63,16 @@ impl Line<'_, '_> {
                 self.machine.define_gather(Some(longs))
             }
             Some(Buffer::Gather) => self.machine.define_gather(None),
-            Some(Buffer::Rotary) => {
-                // A binary command takes up to two words of program memory.
-                let size = usize::try_from(self.scanner.integer()?).map_err(|_| CommandError::SYNTAX)?;
-                self.machine.rotary_lines.define(self.interpreter.cs, size / 2);
-                Ok(())
-            }
-            _ => buffers::execute(BufferCommand::Define),
+            _ => self.define_buffer(),
         }
     }
 
-    /// `DELETE GATHER`; `DELETE ALL` means the same, as there is no other buffer yet.
+    /// `DELETE GATHER`, `DELETE ALL`, or another buffer.
     pub(super) fn delete(&mut self) -> Outcome {
         match self.scanner.keyword(&[BUFFERS]) {
-            Some(Buffer::Gather | Buffer::All) => self.machine.delete_gather(),
-            Some(Buffer::Rotary) | None => buffers::execute(BufferCommand::Delete),
+            Some(Buffer::Gather) => self.machine.delete_gather(),
+            Some(Buffer::All) => self.delete_all(),
+            None => self.delete_buffer(),
         }
     }
 

@@ -1,0 +1,329 @@
+//! `pmacctl gather`: what the board samples at servo rate, into a file.
+
+use std::fs::File;
+use std::io::{self, BufWriter, IsTerminal, Write};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+use clap::Args as ClapArgs;
+use serde_json::json;
+use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
+
+use super::args::seconds;
+use super::variable::board_layout;
+use super::{Context, Failure, Verdict};
+use crate::client::{Board, CommandError, Connection, GatherFollower, GatherPhase};
+use crate::gather::{
+    Column, CsvWriter, GatherMode, GatherPlan, GatherRequest, NpyWriter, SampleClock, ServoReport, Source,
+    column, plan,
+};
+use crate::map::Plan;
+use crate::map::plan::PlanSettings;
+use crate::protocol::CallError;
+use crate::segment::{RegionId, RegionState};
+
+/// How long the board may take to answer a line.
+const LINE: Duration = Duration::from_secs(5);
+/// How long to sleep when there are no samples.
+const LOOK: Duration = Duration::from_millis(5);
+/// How long without a sample until the board is said to gather nothing.
+const SILENCE: Duration = Duration::from_secs(5);
+/// How often the progress is shown.
+const PROGRESS: Duration = Duration::from_millis(200);
+
+#[derive(Debug, ClapArgs)]
+pub struct Gather {
+    /// What to sample: 1.actual_position, cs2.program_status, servo_timer, Y:$C003 (signed unless ,u follows), D:$002B
+    #[arg(long, short, value_name = "SOURCE", required = true)]
+    source: Vec<String>,
+    /// Servo cycles from one sample to the next (I19; the servo report comes as often meanwhile)
+    #[arg(long, value_name = "CYCLES", default_value = "1")]
+    period: u32,
+    /// How long; without it until ^C, or until the buffer is full with --once
+    #[arg(long, value_name = "S", value_parser = seconds)]
+    seconds: Option<Duration>,
+    /// The board's buffer in longs, rounded up to whole samples; without it, what the daemon keeps for it
+    #[arg(long, value_name = "LONGS")]
+    buffer: Option<u32>,
+    /// Stop when the buffer is full (I45=2) instead of going round in it
+    #[arg(long)]
+    once: bool,
+    /// Where to: a file whose name ends in .csv or .npy, or - for CSV on stdout
+    #[arg(long, short, value_name = "FILE")]
+    output: PathBuf,
+}
+
+/// The file's form.
+enum Writer {
+    Csv(CsvWriter<Box<dyn Write>>),
+    Npy(NpyWriter<BufWriter<File>>),
+}
+
+impl Writer {
+    fn row(&mut self, number: u64, values: &[f64]) -> io::Result<()> {
+        match self {
+            Self::Csv(writer) => writer.row(number, values),
+            Self::Npy(writer) => writer.row(number, values),
+        }
+    }
+
+    fn finish(self) -> io::Result<()> {
+        match self {
+            Self::Csv(writer) => writer.finish().map(drop),
+            Self::Npy(writer) => writer.finish().map(drop),
+        }
+    }
+}
+
+pub fn run(context: &mut Context, options: &Gather) -> Result<Verdict, Failure> {
+    let extension = options.output.extension().and_then(|extension| extension.to_str());
+    let is_stdout = options.output == Path::new("-");
+    if !is_stdout && !matches!(extension, Some("csv" | "npy")) {
+        let path = options.output.display();
+        return Err(Failure::Request(format!(
+            "{path}: a name ending in .csv or .npy says the form; - is CSV on stdout"
+        )));
+    }
+    let mut board = context.board()?;
+    let mut connection = context.connection()?;
+    let (layout, scales) = board_layout(&mut board)?;
+    let sources: Vec<Source> = options
+        .source
+        .iter()
+        .map(|text| Source::parse(text, &layout))
+        .collect::<Result<_, _>>()
+        .map_err(Failure::request)?;
+    let sample_longs = sources.iter().map(|source| source.register.longs()).sum();
+    let kept = Plan::new(&layout, PlanSettings::default()).map_err(Failure::request)?;
+    let runs =
+        board.subscriber().region(RegionId::Servo).map_err(Failure::request)?.state == RegionState::Live;
+    let old_period = ask(&mut connection, "I19")?;
+    let i48 = ask(&mut connection, "I48")?;
+    let request = GatherRequest {
+        sources,
+        period: options.period,
+        mode: if options.once { GatherMode::Stop } else { GatherMode::Wrap },
+        buffer_longs: options.buffer.or_else(|| kept.gather_size(sample_longs)),
+        servo_report: match (i48.as_str(), runs) {
+            ("1", true) => ServoReport::Running,
+            ("1", false) => ServoReport::Waiting,
+            _ => ServoReport::Off,
+        },
+        gathering: false,
+    };
+    let plan = plan(&request, &layout, &scales).map_err(Failure::request)?;
+    kept.check_gather(layout.gather().buffer, plan.buffer_longs, plan.sample_longs)
+        .map_err(Failure::request)?;
+    let clock = SampleClock { period: plan.period, servo_period_ns: scales.servo_period_ns() };
+    let host_clock = match (request.servo_report, clock.servo_period_ns) {
+        (ServoReport::Off, Some(ns)) => Some(ns.round() as u64),
+        (ServoReport::Off, None) if !options.once => {
+            return Err(Failure::Refused(
+                "the servo report is off and I10 is not known, so turns of the buffer cannot be counted; \
+                 switch the report on (I48=1), or gather --once"
+                    .to_owned(),
+            ));
+        }
+        _ => None,
+    };
+    let stop = Arc::new(AtomicBool::new(false));
+    for signal in [SIGINT, SIGTERM, SIGHUP] {
+        signal_hook::flag::register(signal, Arc::clone(&stop)).map_err(Failure::request)?;
+    }
+    let out = open(&options.output, &plan.columns, clock)?;
+
+    for line in &plan.prepare {
+        connection.send(line, LINE).map_err(|error| explain(line, error))?;
+    }
+    connection.gather_begin(&plan, &layout, host_clock)?;
+    let follower = board.follow_gather()?;
+    let mut gather =
+        Run { follower, plan: &plan, clock, out, gather: None, next: 0, samples: 0, ended: None };
+    let mut outcome = start(&mut connection, &plan);
+    if outcome.is_ok() {
+        outcome = gather.until(&board, options.seconds, &stop);
+    }
+    // Whatever happened: a board that goes on gathering would refuse the next gather.
+    let stopped = finish(&mut connection, &plan, &old_period);
+    if outcome.is_ok() && stopped.is_ok() && gather.ended.is_none() {
+        outcome = gather.rest(&board, options.seconds);
+    }
+    let (samples, next, ended) = (gather.samples, gather.next, gather.ended);
+    gather.out.finish()?;
+    outcome?;
+    stopped?;
+    let lost = next - samples;
+    let span = clock.at(next);
+    let unit = if clock.servo_period_ns.is_some() { "seconds" } else { "servo_cycles" };
+    if context.output.is_json() && !is_stdout {
+        context
+            .output
+            .json(&json!({ "samples": samples, "lost": lost, unit: span, "columns": plan.columns }))?;
+    } else {
+        let summary = format!("samples={samples} lost={lost} {unit}={span:.3}");
+        if is_stdout {
+            writeln!(io::stderr(), "{summary}")?;
+        } else {
+            context.output.line(summary)?;
+        }
+    }
+    match ended {
+        Some(GatherPhase::Redefined) => Err(Failure::Refused(
+            "the buffer was defined anew, or the board was reset; what came before is kept".to_owned(),
+        )),
+        Some(GatherPhase::Interrupted) => Err(Failure::Refused(
+            "gathering paused, for how many samples cannot be known; what came before is kept".to_owned(),
+        )),
+        _ => Ok(Verdict::Yes),
+    }
+}
+
+fn ask(connection: &mut Connection, variable: &str) -> Result<String, Failure> {
+    let lines = connection.send(variable, LINE)?;
+    Ok(lines
+        .first()
+        .map(|line| line.rsplit('=').next().unwrap_or(line).trim().to_owned())
+        .unwrap_or_default())
+}
+
+fn start(connection: &mut Connection, plan: &GatherPlan) -> Result<(), Failure> {
+    plan.start.iter().try_for_each(|line| Ok(connection.send(line, LINE).map(drop)?))
+}
+
+/// Ends gathering on the board and puts the report's period back.
+fn finish(connection: &mut Connection, plan: &GatherPlan, old_period: &str) -> Result<(), Failure> {
+    let stopped = connection.send(&plan.stop, LINE).map(drop);
+    let told = connection.gather_end();
+    if old_period != plan.period.to_string() {
+        connection.send(&format!("I19={old_period}"), LINE)?;
+    }
+    stopped?;
+    Ok(told?)
+}
+
+fn explain(line: &str, error: CommandError) -> Failure {
+    match &error {
+        CommandError::Refused(CallError::Board { .. }) if line.starts_with("DEFINE") => Failure::Refused(
+            format!("{line}: {error}; if the board gathers already, `pmacctl send ENDGATHER` ends that"),
+        ),
+        _ => Failure::from(error),
+    }
+}
+
+fn open(path: &Path, columns: &[Column], clock: SampleClock) -> Result<Writer, Failure> {
+    if path == Path::new("-") {
+        let stdout: Box<dyn Write> = Box::new(BufWriter::new(io::stdout()));
+        return Ok(Writer::Csv(CsvWriter::new(stdout, columns, clock)?));
+    }
+    let file =
+        File::create(path).map_err(|error| Failure::Request(format!("{}: {error}", path.display())))?;
+    let file = BufWriter::new(file);
+    Ok(if path.extension().is_some_and(|extension| extension == "npy") {
+        Writer::Npy(NpyWriter::new(file, columns, clock)?)
+    } else {
+        let file: Box<dyn Write> = Box::new(file);
+        Writer::Csv(CsvWriter::new(file, columns, clock)?)
+    })
+}
+
+/// A gather under way.
+struct Run<'a> {
+    follower: GatherFollower,
+    plan: &'a GatherPlan,
+    clock: SampleClock,
+    out: Writer,
+    /// The number the daemon gave it.
+    gather: Option<u32>,
+    /// The number of the sample after the last one there was; those before it were written or lost.
+    next: u64,
+    /// Samples written.
+    samples: u64,
+    ended: Option<GatherPhase>,
+}
+
+impl Run<'_> {
+    /// Samples that `seconds` have.
+    fn wanted(&self, seconds: Option<Duration>) -> Option<u64> {
+        let period_ns = self.clock.servo_period_ns? * f64::from(self.plan.period);
+        Some((seconds?.as_nanos() as f64 / period_ns).round() as u64)
+    }
+
+    fn until(&mut self, board: &Board, seconds: Option<Duration>, stop: &AtomicBool) -> Result<(), Failure> {
+        let wanted = self.wanted(seconds);
+        // Without the servo period, the host's clock has to do.
+        let end =
+            if wanted.is_none() { seconds.and_then(|time| Instant::now().checked_add(time)) } else { None };
+        let (mut last_news, mut shown) = (Instant::now(), Instant::now());
+        let shows = io::stderr().is_terminal();
+        while self.ended.is_none()
+            && !stop.load(Ordering::Relaxed)
+            && wanted.is_none_or(|wanted| self.next < wanted)
+            && end.is_none_or(|end| Instant::now() < end)
+        {
+            if self.take(board, wanted)? {
+                last_news = Instant::now();
+            } else if last_news.elapsed() > SILENCE {
+                return Err(Failure::Refused("the board gathers nothing: no sample for 5 s".to_owned()));
+            } else {
+                std::thread::sleep(LOOK);
+            }
+            if shows && shown.elapsed() > PROGRESS {
+                shown = Instant::now();
+                let (samples, lost) = (self.samples, self.next - self.samples);
+                let _ = write!(
+                    io::stderr(),
+                    "\rsamples={samples} lost={lost} {:.1} s ",
+                    self.clock.at(self.next)
+                );
+            }
+        }
+        if shows {
+            let _ = write!(io::stderr(), "\r\x1b[K");
+        }
+        Ok(())
+    }
+
+    /// What is left after the end.
+    fn rest(&mut self, board: &Board, seconds: Option<Duration>) -> Result<(), Failure> {
+        let wanted = self.wanted(seconds);
+        let deadline = Instant::now() + SILENCE;
+        while self.ended.is_none() && wanted.is_none_or(|wanted| self.next < wanted) {
+            if !self.take(board, wanted)? {
+                if Instant::now() > deadline {
+                    return Err(Failure::Request(
+                        "the daemon does not say that the gather has ended".to_owned(),
+                    ));
+                }
+                std::thread::sleep(LOOK);
+            }
+        }
+        Ok(())
+    }
+
+    /// Takes what has come next, up to sample `wanted`; whether anything had.
+    fn take(&mut self, board: &Board, wanted: Option<u64>) -> Result<bool, Failure> {
+        let Some(chunk) = self.follower.next(board)? else { return Ok(false) };
+        if *self.gather.get_or_insert(chunk.gather) != chunk.gather {
+            return Err(Failure::Refused("somebody else has begun another gather".to_owned()));
+        }
+        let is_wanted = |number: u64| wanted.is_none_or(|wanted| number < wanted);
+        let mut values = Vec::with_capacity(self.plan.columns.len());
+        let mut number = chunk.first;
+        for sample in chunk.longs.chunks_exact(chunk.sample_longs) {
+            if is_wanted(number) {
+                values.clear();
+                column::decode(&self.plan.columns, sample, &mut values);
+                self.out.row(number, &values)?;
+                self.samples += 1;
+            }
+            number += 1;
+        }
+        self.next = wanted.map_or(number, |wanted| number.min(wanted)).max(self.next);
+        if chunk.phase != GatherPhase::GoesOn {
+            self.ended = Some(chunk.phase);
+        }
+        Ok(true)
+    }
+}

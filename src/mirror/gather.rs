@@ -1,0 +1,207 @@
+//! The gather region: samples that the board gathers, as they were stored, in order (DPRAM manual p. 25-26).
+//!
+//! # Payload
+//! | offset | type | field |
+//! |---|---|---|
+//! | 0 | u32 | gather number: grows with every gather that is followed |
+//! | 4 | u32 | state: 0 it goes on, 1 it has ended and this is the last, 2 the buffer was defined anew, 3 it paused, for how many samples cannot be known |
+//! | 8 | u32 | longs of a sample |
+//! | 12 | u32 | samples that follow |
+//! | 16 | u64 | number of the first of them, or of the next one that there would be; the first sample of a gather is 0 |
+//! | 24 | u64 | samples lost since the beginning, because the board overwrote them before they were read |
+//! | 32 | u32 × … | the samples' longs, in the order of I21 to I44, a 48-bit register's Y half first |
+//!
+//! Integers are in the machine's byte order, wider ones low half first on the machines there are. A ring of [`SLOTS`] such
+//! payloads holds more than 8 s of eight longs at 2.26 kHz; a reader that comes later knows by the numbers what it
+//! missed. The region is live while a gather is followed.
+
+use std::time::{Duration, Instant};
+
+use crate::device::{Bus, BusError};
+use crate::format::split32;
+use crate::function::gather::{
+    CHUNK_LONGS, GatherBuffer, GatherLook, GatherReader, GatherStart, report_cycles,
+};
+use crate::function::servo_timer::ServoTimer;
+use crate::segment::{Publisher, RegionId, RegionState, Stamp, monotonic_ns};
+
+/// 16-bit words before the samples.
+pub const HEADER_WORDS: usize = 16;
+/// The longest payload in 16-bit words.
+pub const PAYLOAD_WORDS: usize = HEADER_WORDS + 2 * CHUNK_LONGS;
+/// Payloads in the ring.
+pub const SLOTS: u32 = 4096;
+/// How often to look for samples when there were none.
+const LOOK: Duration = Duration::from_millis(2);
+/// The servo timer's bits in the servo report.
+const TIMER_BITS: u32 = 15;
+
+/// By which clock the board's turns in its buffer are counted.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum GatherClock {
+    /// The servo report's timer, while that report runs.
+    Report,
+    /// The host's clock, and the board's servo period in nanoseconds, not 0.
+    Host(std::num::NonZeroU64),
+}
+
+impl GatherClock {
+    /// The host's clock, for a board with this servo period in nanoseconds; `None` for 0.
+    #[must_use]
+    pub fn host(servo_period_ns: u64) -> Option<Self> {
+        std::num::NonZeroU64::new(servo_period_ns).map(Self::Host)
+    }
+}
+
+/// What the payload says of the gather.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Phase {
+    GoesOn = 0,
+    Ended = 1,
+    Redefined = 2,
+    Interrupted = 3,
+}
+
+/// Follows one gather at a time.
+pub struct GatherMirror {
+    /// The gather that is followed.
+    reader: Option<GatherReader>,
+    clock: GatherClock,
+    timer: ServoTimer,
+    number: u32,
+    payload: [u16; PAYLOAD_WORDS],
+    next_look: Instant,
+}
+
+impl Default for GatherMirror {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl GatherMirror {
+    /// A mirror that follows nothing.
+    #[must_use]
+    pub fn new() -> Self {
+        Self {
+            reader: None,
+            clock: GatherClock::Report,
+            timer: ServoTimer::new(TIMER_BITS),
+            number: 0,
+            payload: [0; PAYLOAD_WORDS],
+            next_look: Instant::now(),
+        }
+    }
+
+    /// Follows the gather of `buffer` from its first sample on. To be called between `DEFINE GATHER` and `GATHER`.
+    /// The inner error is why it cannot be followed; what was followed before still is then.
+    ///
+    /// # Errors
+    /// When the bus cannot be reached.
+    pub fn begin(
+        &mut self,
+        bus: &mut impl Bus,
+        buffer: GatherBuffer,
+        clock: GatherClock,
+        publisher: &Publisher,
+        now: Instant,
+    ) -> Result<Result<(), String>, BusError> {
+        let mut reader = match GatherReader::new(buffer, GatherStart::Defined) {
+            Ok(reader) => reader,
+            Err(error) => return Ok(Err(error.to_string())),
+        };
+        let mut timer = ServoTimer::new(TIMER_BITS);
+        let reason = match look(bus, &mut reader, clock, &mut timer)? {
+            GatherLook::Idle => None,
+            GatherLook::Samples { .. } | GatherLook::Ended => {
+                Some("gathering runs already: follow it between DEFINE GATHER and GATHER".to_owned())
+            }
+            GatherLook::Disturbed => Some("the daemon was held up; try again".to_owned()),
+            other => Some(format!("this is not the buffer that the board has: {other:?}")),
+        };
+        if let Some(reason) = reason {
+            return Ok(Err(reason));
+        }
+        (self.reader, self.timer, self.clock) = (Some(reader), timer, clock);
+        self.number = self.number.wrapping_add(1);
+        self.next_look = now;
+        publisher.set_region_state(RegionId::Gather, RegionState::Live);
+        Ok(Ok(()))
+    }
+
+    /// The board has taken `ENDGATHER`.
+    pub fn end(&mut self, now: Instant) {
+        if let Some(reader) = &mut self.reader {
+            reader.stopped();
+            self.next_look = now;
+        }
+    }
+
+    /// Follows nothing any more, as after a reset of the board.
+    pub fn forget(&mut self, publisher: &Publisher) {
+        self.reader = None;
+        publisher.set_region_state(RegionId::Gather, RegionState::Off);
+    }
+
+    /// When to look next; `None` while nothing is followed.
+    #[must_use]
+    pub fn due(&self) -> Option<Instant> {
+        self.reader.is_some().then_some(self.next_look)
+    }
+
+    /// Looks once; publishes what is new.
+    ///
+    /// # Errors
+    /// When the bus cannot be reached.
+    pub fn pass(
+        &mut self,
+        bus: &mut impl Bus,
+        publisher: &mut Publisher,
+        now: Instant,
+    ) -> Result<(), BusError> {
+        let Some(reader) = &mut self.reader else { return Ok(()) };
+        let time_ns = monotonic_ns();
+        let found = look(bus, reader, self.clock, &mut self.timer)?;
+        let (phase, first, count) = match found {
+            GatherLook::Samples { first, count } => (Phase::GoesOn, first, count),
+            GatherLook::Idle | GatherLook::Disturbed | GatherLook::OutOfRange { .. } => {
+                self.next_look = now + LOOK;
+                return Ok(());
+            }
+            GatherLook::Ended => (Phase::Ended, reader.written(), 0),
+            GatherLook::Redefined { .. } => (Phase::Redefined, reader.written(), 0),
+            GatherLook::Interrupted => (Phase::Interrupted, reader.written(), 0),
+        };
+        let sample_longs = reader.sample_longs() as u32;
+        for (at, value) in [(0, self.number), (2, phase as u32), (4, sample_longs), (6, count as u32)] {
+            self.payload[at..at + 2].copy_from_slice(&split32(value));
+        }
+        for (at, value) in [(8, first), (12, reader.lost())] {
+            self.payload[at..at + 2].copy_from_slice(&split32(value as u32));
+            self.payload[at + 2..at + 4].copy_from_slice(&split32((value >> 32) as u32));
+        }
+        let longs = if count == 0 { &[] } else { reader.longs() };
+        for (words, long) in self.payload[HEADER_WORDS..].as_chunks_mut::<2>().0.iter_mut().zip(longs) {
+            *words = split32(*long);
+        }
+        let stamp = Stamp { time_ns, servo_timer: 0, valid: true };
+        publisher.publish(RegionId::Gather, stamp, &self.payload[..HEADER_WORDS + 2 * longs.len()]);
+        self.next_look = now;
+        if phase != Phase::GoesOn {
+            self.forget(publisher);
+        }
+        Ok(())
+    }
+}
+
+fn look<B: Bus>(
+    bus: &mut B,
+    reader: &mut GatherReader,
+    clock: GatherClock,
+    timer: &mut ServoTimer,
+) -> Result<GatherLook, BusError> {
+    reader.step(bus, |bus| match clock {
+        GatherClock::Report => report_cycles(bus, timer),
+        GatherClock::Host(period) => Ok(monotonic_ns() / period),
+    })
+}

@@ -1,0 +1,232 @@
+//! Binary rotary commands to [`Item`]s: what PMAC makes of two 24-bit words (DPRAM manual pp. 31-35).
+//!
+//! Names and codes come from the one table of the format, as addresses come from the register map; the bits are taken
+//! apart here, the way the board reads them: exponent bias 31, CODE2 of a mode at bit 16 of word 1, `^=` 1 and `&=` 2,
+//! axes at the bits they have in the first `??` word.
+
+use super::item::{AXES, Data, Item, Mark, Mode, Operator, Time, Transform};
+use crate::rotary::codes::{self, CODES, Code, Shape};
+use crate::sim::language::axis::AxisMode;
+use crate::sim::language::variables::VariableKind;
+
+/// Two words that are no command, or a mark with no axis before it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[error("${word1:06X} ${word2:06X} is no program command here")]
+pub struct NoCommand {
+    /// The first word.
+    pub word1: u32,
+    /// The second word.
+    pub word2: u32,
+}
+
+use super::rotary::START_OF_LINE as START;
+const BIAS: i32 = 31;
+
+/// The items of one line.
+///
+/// # Errors
+/// [`NoCommand`] for the first pair that is none.
+pub fn line(commands: &[(u32, u32)]) -> Result<Vec<Item>, NoCommand> {
+    let mut items: Vec<Item> = Vec::new();
+    for &(word1, word2) in commands {
+        let no_command = NoCommand { word1, word2 };
+        let word = word1 & 0xFF_FFFF & !START;
+        let code = CODES.iter().find(|code| matches(code, word)).ok_or(no_command)?;
+        if let Shape::Mark { .. } = code.shape {
+            let value = Data::Constant(short(word, word2));
+            let mark = if code.name == ":" { Mark::Velocity } else { Mark::Trigger };
+            match items.last_mut() {
+                Some(Item::Axis(_, _, slot @ None)) => *slot = Some((mark, value)),
+                _ => return Err(no_command),
+            }
+        } else {
+            items.push(item(code, word, word2).ok_or(no_command)?);
+        }
+    }
+    Ok(items)
+}
+
+fn matches(code: &Code, word: u32) -> bool {
+    let (code1, low) = ((word >> 6 & 0x1F) as u8, (word & 0x3F) as u8);
+    let (high, two) = ((word >> 16) as u8, (word >> 12 & 3) as u8);
+    let mode = code1 == codes::MODES;
+    match code.shape {
+        Shape::Letter { code1: own, .. } => code1 == own,
+        Shape::Data { code2 } | Shape::Mark { code2 } => code1 == codes::DATA && high == code2,
+        Shape::Assignment { code1: own, code2, .. } => code1 == own && two == code2,
+        Shape::Count { code2 } | Shape::Bare { code2 } => mode && low == 0 && high & 0x1F == code2,
+        Shape::Axes { code2, .. } => mode && low == 2 && two == code2,
+        Shape::Motors { subcode } => mode && low == subcode,
+        Shape::Plcs { code2 } => mode && low == 1 && two & 1 == code2,
+    }
+}
+
+fn item(code: &Code, word: u32, data: u32) -> Option<Item> {
+    let data = data & 0xFF_FFFF;
+    Some(match code.shape {
+        Shape::Letter { code1, .. } => {
+            let mantissa = f64::from(signed(data)) * 4096.0 + f64::from(word >> 12);
+            let value = Data::Constant(mantissa * 2f64.powi((word & 0x3F) as i32 - BIAS - 35));
+            letter(code1, value)?
+        }
+        Shape::Data { .. } => {
+            let value = Data::Constant(short(word, data));
+            match code.name {
+                "TA" => Item::Time(Time::Acceleration, value),
+                "TS" => Item::Time(Time::SCurve, value),
+                "TM" => Item::Time(Time::Move, value),
+                "PVT" => Item::Pvt(value),
+                "DWELL" => Item::Dwell(value),
+                "DELAY" => Item::Delay(value),
+                "CCR" => Item::CutterRadius(value),
+                _ => return None,
+            }
+        }
+        Shape::Assignment { variable, operator, .. } => {
+            let operator = match operator {
+                codes::Operator::Assign => Operator::Assign,
+                codes::Operator::AssignLater => Operator::AssignLater,
+                codes::Operator::Or => Operator::Or,
+                codes::Operator::Xor => Operator::Xor,
+                codes::Operator::And => Operator::And,
+            };
+            let number = Data::Constant(f64::from(word >> 14));
+            Item::Assign(
+                VariableKind::from_letter(variable)?,
+                number,
+                operator,
+                Data::Constant(short(word, data)),
+            )
+        }
+        Shape::Count { .. } => {
+            let count = match data {
+                1..=1023 => data,
+                1024 => 0,
+                _ => return None,
+            };
+            let number = Data::Constant(count.into());
+            match (code.name, count) {
+                ("CIRCLE", 1) => Item::Mode(Mode::Circle1),
+                ("CIRCLE", 2) => Item::Mode(Mode::Circle2),
+                ("SPLINE", 1) => Item::Mode(Mode::Spline1),
+                ("SPLINE", 2) => Item::Mode(Mode::Spline2),
+                ("CC", 0..=2) => Item::CutterCompensation(count as u8),
+                ("TSELECT", _) => Item::Select(number),
+                ("ADIS", _) => Item::Transform(Transform::AbsoluteDisplacement, number),
+                ("AROT", _) => Item::Transform(Transform::AbsoluteRotation, number),
+                ("IDIS", _) => Item::Transform(Transform::IncrementalDisplacement, number),
+                ("IROT", _) => Item::Transform(Transform::IncrementalRotation, number),
+                _ => return None,
+            }
+        }
+        Shape::Bare { .. } => match code.name {
+            "LINEAR" => Item::Mode(Mode::Linear),
+            "RAPID" => Item::Mode(Mode::Rapid),
+            "NORMAL" => Item::Normal,
+            "PSET" => Item::Pset,
+            "STOP" => Item::Stop,
+            "BLOCKSTART" => Item::BlockStart,
+            "BLOCKSTOP" => Item::BlockStop,
+            "TINIT" => Item::Identity,
+            _ => return None,
+        },
+        Shape::Axes { code2, vectors } => {
+            let (mode, lowest) = match code2 {
+                0 => (AxisMode::Absolute, 6),
+                1 => (AxisMode::Incremental, 6),
+                _ => (AxisMode::Feedrate, 7),
+            };
+            let mut list: Vec<char> = (0..AXES.len())
+                .filter(|axis| data >> (lowest + 2 * axis) & 1 == 1)
+                .map(|axis| char::from(AXES[axis]))
+                .collect();
+            let all = list.len() == AXES.len();
+            if vectors && data >> 5 & 1 == 1 {
+                list.push('R');
+            }
+            match (list.len(), all) {
+                (0, _) => return None,
+                (9, true) => Item::Axes(mode, None),
+                _ => Item::Axes(mode, Some(list.into())),
+            }
+        }
+        Shape::Motors { .. } => match data as u8 {
+            0 => return None,
+            motors => Item::Home { zero: code.name == "HOMEZ", motors },
+        },
+        Shape::Plcs { .. } => match data << 8 | word >> 16 & 0xFF {
+            0 => return None,
+            plcs => Item::Plc { enable: code.name == "ENABLE", plcs },
+        },
+        Shape::Mark { .. } => return None,
+    })
+}
+
+fn letter(code1: u8, value: Data) -> Option<Item> {
+    if code1 == codes::CALL {
+        return Some(Item::Call(value));
+    }
+    let letter = b'A' + code1.checked_sub(1)?;
+    Some(match letter {
+        b'F' => Item::Feedrate(value),
+        b'I'..=b'K' => Item::Vector(usize::from(letter - b'I'), value),
+        b'G' | b'M' | b'T' | b'D' => Item::Code(letter, value),
+        _ => match AXES.iter().position(|&axis| axis == letter) {
+            Some(axis) => Item::Axis(axis, value, None),
+            None => Item::Letter(letter, value),
+        },
+    })
+}
+
+/// A number with a 24-bit mantissa.
+fn short(word: u32, data: u32) -> f64 {
+    f64::from(signed(data & 0xFF_FFFF)) * 2f64.powi((word & 0x3F) as i32 - BIAS - 23)
+}
+
+fn signed(data: u32) -> i32 {
+    (data << 8) as i32 >> 8
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::text;
+    use super::*;
+    use crate::sim::program::item::Line;
+
+    #[test]
+    fn words_of_the_fact_sheet_become_text() {
+        for (words, expected) in [
+            (&[(0x000E23, 0x500000), (0x000661, 0x980000)][..], "X10 Y-3.25"),
+            (
+                &[(0x000E23, 0x500000), (0x000664, 0x500000), (0x0001A2, 0x500000), (0x000361, 0x600000)],
+                "X10 Y20 F5 M3",
+            ),
+            (&[(0x000880, 0)], "B0"),
+            (&[(0x0008DF, 0x800000)], "C-1"),
+            (&[(0x99AEE4, 0x509999)], "CALL20.15"),
+            (&[(0x0009E0, 0x400000), (0x000622, 0x500000)], "G1 X5"),
+            (&[(0x000F26, 0x640000)], "TA100"),
+            (&[(0x020F27, 0x640000)], "PVT200"),
+            (&[(0x000E29, 0x7D0000), (0x460725, 0x640000)], "X1000:50"),
+            (&[(0x440F27, 0x7D0000)], "DWE250"),
+            (&[(0x010F80, 0)], "LIN"),
+            (&[(0x000F80, 1)], "CIR1"),
+            (&[(0x0D0F80, 0x400)], "AROT0"),
+            (&[(0x020F80, 0), (0x0002DF, 0x800000)], "NRM K-1"),
+            (&[(0x000F82, 0x140000)], "ABS(X,Y)"),
+            (&[(0x001F82, 0x555540)], "INC"),
+            (&[(0x002F82, 0x280000)], "FRAX(X,Y)"),
+            (&[(0x000F86, 0xFF)], "HMZ1..8"),
+            (&[(0x001F81, 0xFFFFFF)], "DIS PLC8..31"),
+            (&[(0x192B9E, 0x800000)], "P100=-0.5"),
+            (&[(0x051BE7, 0x7F8000)], "M20^=255"),
+            (&[(0x052BE7, 0x7F0000)], "M20&=254"),
+            (&[(0x007BE0, 0x400000)], "M1==1"),
+        ] {
+            let items = line(words).unwrap();
+            assert_eq!(text::line(&Line { items, offset: 0 }, false), expected);
+        }
+        assert!(line(&[(0x000800, 0x00FFFF)]).is_err());
+        assert!(line(&[(0x460725, 0x640000)]).is_err(), "a mark without an axis");
+    }
+}

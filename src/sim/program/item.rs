@@ -1,0 +1,270 @@
+//! The small internal form of program lines: one [`Item`] a command, one [`Line`] a text line.
+//!
+//! Text, DPRAM words and `LIST` all go through it. Numbers are constants, or expressions kept as text, which are
+//! evaluated when the line is calculated. An item takes one long word of its buffer, an expression one more for each
+//! operand (User Manual, "Motion programs").
+
+use super::super::language::axis::AxisMode;
+use super::super::language::expression::evaluate;
+use super::super::language::scanner::Scanner;
+use super::super::language::variables::VariableKind;
+use super::super::machine::Machine;
+
+/// The axis letters in the order of their registers.
+pub const AXES: [u8; 9] = *b"ABCUVWXYZ";
+
+/// A number of a program.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Data {
+    /// As it was typed.
+    Constant(f64),
+    /// The text between the parentheses.
+    Expression(Box<str>),
+}
+
+impl Data {
+    /// Its value now. An expression that cannot be evaluated (a variable number out of range) is 0.
+    #[must_use]
+    pub fn value(&self, machine: &Machine, cs: usize) -> f64 {
+        match self {
+            Self::Constant(value) => *value,
+            Self::Expression(text) => {
+                evaluate(&mut Scanner::new(text.as_bytes()), machine, cs).unwrap_or(0.0)
+            }
+        }
+    }
+
+    fn words(&self) -> usize {
+        match self {
+            Self::Constant(_) => 0,
+            Self::Expression(text) => text.bytes().filter(|c| b"+-*/%&|^<>=~(".contains(c)).count() + 1,
+        }
+    }
+}
+
+/// A move mode, in the order of nothing in particular; bits 4, 1, 0 of PSTATUS tell them apart.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Mode {
+    /// Blended straight moves.
+    #[default]
+    Linear,
+    /// Jog-like moves.
+    Rapid,
+    /// Clockwise arcs.
+    Circle1,
+    /// Counter-clockwise arcs.
+    Circle2,
+    /// Splines with one segment time.
+    Spline1,
+    /// Splines whose segment time may change.
+    Spline2,
+    /// Position, velocity, time.
+    Pvt,
+}
+
+impl Mode {
+    /// PSTATUS bits 4, 1 and 0.
+    #[must_use]
+    pub const fn status(self) -> u32 {
+        match self {
+            Self::Linear => 0,
+            Self::Rapid => 0b0_0010,
+            Self::Circle1 => 0b0_0001,
+            Self::Circle2 => 0b0_0011,
+            Self::Spline1 | Self::Spline2 => 0b1_0001,
+            Self::Pvt => 0b1_0010,
+        }
+    }
+}
+
+/// What stands behind an axis and its position.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Mark {
+    /// `:`, the end velocity of a PVT move.
+    Velocity,
+    /// `^`, the distance after a trigger of a RAPID move.
+    Trigger,
+}
+
+/// A time that stays in force.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Time {
+    /// `TA`.
+    Acceleration,
+    /// `TS`.
+    SCurve,
+    /// `TM`.
+    Move,
+}
+
+/// How a transformation changes the selected matrix.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Transform {
+    /// `ADIS`: displacement.
+    AbsoluteDisplacement,
+    /// `AROT`: rotation and scale.
+    AbsoluteRotation,
+    /// `IDIS`: displacement on top of the present one.
+    IncrementalDisplacement,
+    /// `IROT`: rotation on top of the present one.
+    IncrementalRotation,
+}
+
+/// How a variable is assigned.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Operator {
+    /// `=`: when the line is calculated.
+    Assign,
+    /// `==`: at the start of the next move.
+    AssignLater,
+    /// `|=`, likewise.
+    Or,
+    /// `^=`, likewise.
+    Xor,
+    /// `&=`, likewise.
+    And,
+}
+
+/// One command of a program.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Item {
+    /// `LINEAR`, `RAPID`, `CIRCLEn`, `SPLINEn`.
+    Mode(Mode),
+    /// `PVT` and its time.
+    Pvt(Data),
+    /// An axis (index into [`AXES`]) and its position or distance.
+    Axis(usize, Data, Option<(Mark, Data)>),
+    /// `I`, `J`, `K` (0 to 2).
+    Vector(usize, Data),
+    /// Another letter with a number: `R S E H L P Q`.
+    Letter(u8, Data),
+    /// `F`.
+    Feedrate(Data),
+    /// `TA`, `TS`, `TM`.
+    Time(Time, Data),
+    /// `DWELL`.
+    Dwell(Data),
+    /// `DELAY`.
+    Delay(Data),
+    /// `CALL`.
+    Call(Data),
+    /// `G`, `M`, `T`, `D`: a call to program 1000 and following.
+    Code(u8, Data),
+    /// `GOTO`.
+    Goto(Data),
+    /// `GOSUB`.
+    Gosub(Data),
+    /// `N`.
+    Label(u32),
+    /// `RETURN`.
+    Return,
+    /// `NORMAL`; its vector follows.
+    Normal,
+    /// `PSET`; its axes follow.
+    Pset,
+    /// `ABS`, `INC`, `FRAX`; no list means all axes.
+    Axes(AxisMode, Option<Box<[char]>>),
+    /// `HOME` (or `HOMEZ`) and its motors, bit n-1 for motor n.
+    Home {
+        /// `HOMEZ`.
+        zero: bool,
+        /// The motors.
+        motors: u8,
+    },
+    /// `ENABLE PLC`, `DISABLE PLC`; bit n for PLC n.
+    Plc {
+        /// `ENABLE`.
+        enable: bool,
+        /// The programs.
+        plcs: u32,
+    },
+    /// `STOP`.
+    Stop,
+    /// `BLOCKSTART`.
+    BlockStart,
+    /// `BLOCKSTOP`.
+    BlockStop,
+    /// `WAIT`.
+    Wait,
+    /// `CC0`, `CC1`, `CC2`.
+    CutterCompensation(u8),
+    /// `CCR`.
+    CutterRadius(Data),
+    /// `TSELECT`.
+    Select(Data),
+    /// `TINIT`.
+    Identity,
+    /// `ADIS`, `AROT`, `IDIS`, `IROT` and the number of their first Q-variable.
+    Transform(Transform, Data),
+    /// An assignment: variable, its number, value.
+    Assign(VariableKind, Data, Operator, Data),
+    /// `IF` and the condition between its parentheses.
+    If(Box<str>),
+    /// `ELSE`.
+    Else,
+    /// `ENDIF`.
+    EndIf,
+    /// `WHILE` and the condition between its parentheses.
+    While(Box<str>),
+    /// `ENDWHILE`.
+    EndWhile,
+    /// `READ` and its letters.
+    Read(Box<[u8]>),
+    /// `CMD"text"`.
+    Command(Box<str>),
+    /// `CMD^x`.
+    CommandCharacter(u8),
+    /// `SEND"text"`.
+    Send(Box<str>),
+    /// `DISPLAY`, what follows it.
+    Display(Box<str>),
+    /// `ADDRESS#m&n`, 0-based.
+    Address(Option<usize>, Option<usize>),
+}
+
+impl Item {
+    /// The long words it takes in its buffer.
+    #[must_use]
+    pub fn words(&self) -> usize {
+        1 + match self {
+            Self::Axis(_, position, mark) => {
+                position.words() + mark.as_ref().map_or(0, |(_, value)| 1 + value.words())
+            }
+            Self::Pvt(data)
+            | Self::Vector(_, data)
+            | Self::Letter(_, data)
+            | Self::Feedrate(data)
+            | Self::Time(_, data)
+            | Self::Dwell(data)
+            | Self::Delay(data)
+            | Self::Call(data)
+            | Self::Code(_, data)
+            | Self::Goto(data)
+            | Self::Gosub(data)
+            | Self::CutterRadius(data)
+            | Self::Select(data)
+            | Self::Transform(_, data) => data.words(),
+            Self::Assign(_, number, _, value) => number.words() + value.words(),
+            Self::If(text) | Self::While(text) => Data::Expression(text.clone()).words(),
+            Self::Command(text) | Self::Send(text) | Self::Display(text) => text.len().div_ceil(6),
+            _ => 0,
+        }
+    }
+}
+
+/// One program line: what was entered with one carriage return.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Line {
+    /// Its commands in order; not empty.
+    pub items: Vec<Item>,
+    /// Where it begins in its buffer, in long words.
+    pub offset: usize,
+}
+
+impl Line {
+    /// The long words it takes.
+    #[must_use]
+    pub fn words(&self) -> usize {
+        self.items.iter().map(Item::words).sum()
+    }
+}

@@ -1,0 +1,134 @@
+//! Program buffers and what runs out of them: motion programs, rotary buffers, PLCs.
+//!
+//! User Manual, "Writing a motion program" (pp. 160-217) and "Writing a PLC program"; Software Reference, "Program
+//! commands". A line of text or of DPRAM words becomes an [`item::Line`] in the [`store`]; calculation takes it apart
+//! ahead of time and puts moves into a [`trajectory`], which tells the motors each servo cycle where to be.
+//!
+//! | file | idea |
+//! |---|---|
+//! | [`item`], [`words`], [`parse`], [`text`], [`binary`] | program lines: internal form, text, DPRAM words |
+//! | [`store`], [`rotary`], [`structure`] | the buffers, their memory, their blocks |
+//! | [`system`], `calculate`, `flow`, `moves` | one coordinate system's program; its lines; their order; its moves |
+//! | [`path`], [`circle`], [`spline`], [`transform`], [`trajectory`] | geometry and time of moves |
+//! | `run`, `cycle` | run, stop, abort; servo and real-time interrupts |
+//! | [`plc`], `message` | PLC programs; CMD and SEND |
+
+pub mod binary;
+mod calculate;
+pub mod circle;
+mod cycle;
+mod flow;
+pub mod item;
+mod message;
+mod moves;
+pub mod parse;
+pub mod path;
+pub mod plc;
+pub mod rotary;
+mod run;
+pub mod spline;
+pub mod store;
+pub mod structure;
+pub mod system;
+#[cfg(test)]
+mod tests;
+pub mod text;
+pub mod trajectory;
+pub mod transform;
+pub mod words;
+
+use std::collections::VecDeque;
+
+use plc::Plcs;
+use store::{Store, TableKind};
+use system::{Cursor, System};
+
+pub use flow::split;
+
+use super::machine::MOTORS;
+
+/// What a program asks the interpreter to do, in the background.
+#[derive(Debug, Clone, PartialEq, Eq)]
+enum Request {
+    /// A command line, with the motor and coordinate system it is for.
+    Line(Box<str>, usize, usize),
+    /// A control character.
+    Character(u8),
+}
+
+/// Buffers and programs of a board.
+#[derive(Debug)]
+pub struct Programs {
+    /// The buffers.
+    pub store: Store,
+    /// The programs of the coordinate systems.
+    pub systems: Vec<System>,
+    /// The PLC programs.
+    pub plcs: Plcs,
+    requests: VecDeque<Request>,
+    /// For the background report, a coordinate system each: time left in acceleration (1/2 ms), execution address offset.
+    pub report: [[u32; 2]; MOTORS],
+}
+
+impl Default for Programs {
+    fn default() -> Self {
+        Self::new(Store::default())
+    }
+}
+
+impl Programs {
+    /// After a reset with these buffers.
+    #[must_use]
+    pub fn new(store: Store) -> Self {
+        Self {
+            store,
+            systems: (0..MOTORS).map(|_| System { rematch: true, ..System::default() }).collect(),
+            plcs: Plcs::default(),
+            requests: VecDeque::new(),
+            report: [[0; 2]; MOTORS],
+        }
+    }
+
+    /// Has the interpreter carry out `text`, with a 0-based motor and coordinate system addressed.
+    fn ask(&mut self, text: &str, motor: usize, cs: usize) {
+        /// Lines that wait at most; a program that asks faster loses some.
+        const MOST: usize = 64;
+        if self.requests.len() < MOST {
+            self.requests.push_back(Request::Line(text.into(), motor, cs));
+        }
+    }
+
+    fn ask_character(&mut self, code: u8) {
+        self.requests.push_back(Request::Character(code));
+        self.requests.truncate(64);
+    }
+
+    /// Transformation matrices that `DEFINE TBUF` has made room for.
+    fn transformations(&self, _cs: usize) -> usize {
+        let tables = self.store.tables.iter().filter(|table| table.kind == TableKind::Transformation);
+        tables.map(|table| table.size).sum()
+    }
+
+    /// Where the command at `cursor` is in its buffer, in long words.
+    pub(super) fn offset(&self, cs: usize, cursor: Cursor) -> usize {
+        let (line, end) = match cursor.program {
+            0 => (self.store.rotary(cs).and_then(|rotary| rotary.line(cursor.line)), 0),
+            number => {
+                let program = self.store.program(number);
+                (
+                    program.and_then(|program| program.line(cursor.line)),
+                    program.map_or(0, |program| program.words()),
+                )
+            }
+        };
+        let before =
+            |line: &item::Line| line.items.iter().take(cursor.item).map(item::Item::words).sum::<usize>();
+        line.map_or(end, |line| line.offset + before(line))
+    }
+
+    /// Whether a motion program runs in any coordinate system.
+    #[must_use]
+    pub fn any_runs(&self) -> bool {
+        self.systems.iter().any(|system| system.running)
+    }
+}

@@ -1,0 +1,329 @@
+//! Program text to [`Item`]s, one at a time, with an open buffer (Software Reference, "Program commands").
+//!
+//! What is no program statement is left to the on-line interpreter: an open buffer does not take away the commands
+//! that need none.
+
+use super::item::{AXES, Data, Item, Mark, Mode, Operator};
+use super::words::{Keyword, WORDS};
+use crate::sim::language::CommandError;
+use crate::sim::language::axis::{AxisMode, parse_list};
+use crate::sim::language::expression::{check, check_condition, check_number};
+use crate::sim::language::scanner::Scanner;
+use crate::sim::language::variables::VariableKind;
+use crate::sim::machine::Machine;
+
+/// What kind of buffer is open; each refuses some statements.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Kind {
+    /// A fixed motion program.
+    Motion,
+    /// A rotary motion program: no branch, loop or label.
+    Rotary,
+    /// A PLC program: no motion.
+    Plc,
+}
+
+type Parsed<T> = Result<T, CommandError>;
+
+/// The highest number of a label.
+const LAST_LABEL: usize = 262_143;
+
+/// Takes the program statement at the scanner. `None`: there is none; the scanner has not moved.
+///
+/// # Errors
+/// ERR003 for a statement that is wrong or not allowed in a buffer of this kind.
+pub fn item(scanner: &mut Scanner, machine: &Machine, kind: Kind) -> Parsed<Option<Item>> {
+    let mut reader = Reader { scanner: scanner.clone(), machine };
+    let item = reader.item()?;
+    if let Some(item) = &item {
+        if !allowed(item, kind) {
+            return Err(CommandError::SYNTAX);
+        }
+        *scanner = reader.scanner;
+    }
+    Ok(item)
+}
+
+fn allowed(item: &Item, kind: Kind) -> bool {
+    let flow = matches!(item, Item::If(_) | Item::Else | Item::EndIf | Item::While(_) | Item::EndWhile);
+    let general = matches!(
+        item,
+        Item::Assign(..)
+            | Item::Plc { .. }
+            | Item::Command(_)
+            | Item::CommandCharacter(_)
+            | Item::Send(_)
+            | Item::Display(_)
+            | Item::Address(..)
+    );
+    let later = matches!(item, Item::Assign(_, _, operator, _) if *operator != Operator::Assign);
+    let branch = matches!(
+        item,
+        Item::Goto(_) | Item::Gosub(_) | Item::Label(_) | Item::Return | Item::Read(_) | Item::Wait
+    );
+    match kind {
+        Kind::Motion => !matches!(item, Item::Address(..)),
+        Kind::Rotary => !flow && !branch && !matches!(item, Item::Address(..)),
+        Kind::Plc => flow || general && !later,
+    }
+}
+
+struct Reader<'a, 'b> {
+    scanner: Scanner<'a>,
+    machine: &'b Machine,
+}
+
+impl Reader<'_, '_> {
+    fn item(&mut self) -> Parsed<Option<Item>> {
+        if let Some(keyword) = self.scanner.keyword(&[WORDS]) {
+            return self.keyword(keyword);
+        }
+        let Some(letter) = self.scanner.next_character() else { return Ok(None) };
+        if let Some(kind) = VariableKind::from_letter(letter)
+            && let Some(item) = self.assignment(kind)?
+        {
+            return Ok(Some(item));
+        }
+        // `O5` is the on-line command.
+        if !self.at_data() || !letter.is_ascii_uppercase() || letter == b'O' {
+            return Ok(None);
+        }
+        if letter == b'N' {
+            let label = self.scanner.integer()?;
+            return if label <= LAST_LABEL {
+                Ok(Some(Item::Label(label as u32)))
+            } else {
+                Err(CommandError::SYNTAX)
+            };
+        }
+        // `M5->` is executed at once, `J-` is a jog.
+        let mut ahead = self.scanner.clone();
+        if letter == b'M' && ahead.integer().is_ok() && ahead.take_tight(b"->") {
+            return Ok(None);
+        }
+        let data = self.data()?;
+        Ok(Some(match letter {
+            b'I' | b'J' | b'K' => Item::Vector(usize::from(letter - b'I'), data),
+            b'F' => Item::Feedrate(data),
+            b'G' | b'M' | b'T' | b'D' => Item::Code(letter, data),
+            b'R' | b'S' | b'E' | b'H' | b'L' | b'P' | b'Q' => Item::Letter(letter, data),
+            _ => {
+                let axis = AXES.iter().position(|&a| a == letter).ok_or(CommandError::SYNTAX)?;
+                let mark = if self.scanner.take(b':') {
+                    Some((Mark::Velocity, self.data()?))
+                } else if self.scanner.take(b'^') {
+                    Some((Mark::Trigger, self.data()?))
+                } else {
+                    None
+                };
+                Item::Axis(axis, data, mark)
+            }
+        }))
+    }
+
+    fn keyword(&mut self, keyword: Keyword) -> Parsed<Option<Item>> {
+        Ok(Some(match keyword {
+            Keyword::Mode(mode) => Item::Mode(mode),
+            Keyword::Circle => Item::Mode(self.one_of([Mode::Circle1, Mode::Circle2])?),
+            Keyword::Spline => Item::Mode(self.one_of([Mode::Spline1, Mode::Spline2])?),
+            Keyword::Pvt => Item::Pvt(self.data()?),
+            Keyword::Normal => Item::Normal,
+            Keyword::Pset => Item::Pset,
+            Keyword::Stop => Item::Stop,
+            Keyword::BlockStart => Item::BlockStart,
+            Keyword::BlockStop => Item::BlockStop,
+            Keyword::Wait => Item::Wait,
+            Keyword::CutterCompensation => match self.scanner.integer()? {
+                side @ 0..=2 => Item::CutterCompensation(side as u8),
+                _ => return Err(CommandError::SYNTAX),
+            },
+            Keyword::CutterRadius => Item::CutterRadius(self.data()?),
+            Keyword::Select => Item::Select(self.data()?),
+            Keyword::Identity => Item::Identity,
+            Keyword::Transform(transform) => Item::Transform(transform, self.data()?),
+            Keyword::Time(time) => Item::Time(time, self.data()?),
+            Keyword::Dwell => Item::Dwell(self.data()?),
+            Keyword::Delay => Item::Delay(self.data()?),
+            Keyword::Call => Item::Call(self.data()?),
+            Keyword::Command if self.scanner.take(b'^') => {
+                let letter = self.scanner.next_character().ok_or(CommandError::SYNTAX)?;
+                Item::CommandCharacter(letter & 0x1F)
+            }
+            Keyword::Command => Item::Command(self.quoted()?),
+            Keyword::Send => Item::Send(self.quoted()?),
+            Keyword::Display => Item::Display(String::from_utf8_lossy(self.scanner.rest()).into()),
+            Keyword::Address => self.address()?,
+            Keyword::If => Item::If(self.condition()?),
+            Keyword::While => Item::While(self.condition()?),
+            Keyword::Else => Item::Else,
+            Keyword::EndIf => Item::EndIf,
+            Keyword::EndWhile => Item::EndWhile,
+            Keyword::Goto => Item::Goto(self.data()?),
+            Keyword::Gosub => Item::Gosub(self.data()?),
+            Keyword::Return => Item::Return,
+            Keyword::Read => self.read()?,
+            Keyword::Axes(mode) => {
+                let list = parse_list(&mut self.scanner)?;
+                if mode == AxisMode::Feedrate && list.as_ref().is_some_and(|list| list.contains(&'R')) {
+                    return Err(CommandError::SYNTAX);
+                }
+                Item::Axes(mode, list.map(Into::into))
+            }
+            Keyword::Home(zero) => {
+                if !self.scanner.at_unsigned() {
+                    return Ok(None);
+                }
+                let motors = numbers(&mut self.scanner, 1, self.machine.variables.family().motors)?;
+                Item::Home { zero, motors: (motors >> 1) as u8 }
+            }
+            Keyword::Plc(enable) => {
+                if !self.scanner.take_text(b"PLC") {
+                    return Err(CommandError::SYNTAX);
+                }
+                Item::Plc { enable, plcs: numbers(&mut self.scanner, 0, 31)? as u32 }
+            }
+        }))
+    }
+
+    /// `5=…`, `5==…`, `(expression)|=…` after I, P, Q or M. `None`, with the scanner unmoved, when it is none.
+    fn assignment(&mut self, kind: VariableKind) -> Parsed<Option<Item>> {
+        let mut ahead = self.scanner.clone();
+        let number = match ahead.peek() {
+            Some(b'(') => {
+                ahead.next_character();
+                let Ok(text) = expression(&mut ahead, self.machine) else { return Ok(None) };
+                if !ahead.take(b')') {
+                    return Ok(None);
+                }
+                text
+            }
+            Some(b'0'..=b'9') => Data::Constant(match ahead.integer() {
+                Ok(number) => number as f64,
+                Err(_) => return Ok(None),
+            }),
+            _ => return Ok(None),
+        };
+        let later: &[(&[u8], Operator)] = &[
+            (b"==", Operator::AssignLater),
+            (b"|=", Operator::Or),
+            (b"^=", Operator::Xor),
+            (b"&=", Operator::And),
+        ];
+        let operator = match later.iter().find(|(text, _)| ahead.take_text(text)) {
+            Some(_) if kind != VariableKind::M => return Err(CommandError::SYNTAX),
+            Some((_, operator)) => *operator,
+            None if ahead.take(b'=') => Operator::Assign,
+            None => return Ok(None),
+        };
+        if let Data::Constant(number) = number {
+            check_number(number, self.machine)?;
+        }
+        let value = expression(&mut ahead, self.machine)?;
+        self.scanner = ahead;
+        Ok(Some(Item::Assign(kind, number, operator, value)))
+    }
+
+    fn at_data(&mut self) -> bool {
+        self.scanner.at_constant() || self.scanner.peek() == Some(b'(')
+    }
+
+    /// A constant, or an expression in parentheses.
+    fn data(&mut self) -> Parsed<Data> {
+        if self.scanner.at_constant() {
+            return self.scanner.constant().map(Data::Constant);
+        }
+        self.scanner.expect(b'(')?;
+        let data = expression(&mut self.scanner, self.machine)?;
+        self.scanner.expect(b')')?;
+        Ok(data)
+    }
+
+    fn condition(&mut self) -> Parsed<Box<str>> {
+        self.scanner.expect(b'(')?;
+        let start = self.scanner.clone();
+        check_condition(&mut self.scanner, self.machine)?;
+        let text = squeezed(start.up_to(&self.scanner));
+        self.scanner.expect(b')')?;
+        Ok(text)
+    }
+
+    fn quoted(&mut self) -> Parsed<Box<str>> {
+        self.scanner.expect(b'"')?;
+        let text = self.scanner.until(b'"').ok_or(CommandError::SYNTAX)?;
+        Ok(String::from_utf8_lossy(text).into())
+    }
+
+    fn address(&mut self) -> Parsed<Item> {
+        let family = self.machine.variables.family();
+        let mut one = |mark: u8, count: usize| -> Parsed<Option<usize>> {
+            if !self.scanner.take(mark) {
+                return Ok(None);
+            }
+            match self.scanner.integer()? {
+                number if (1..=count).contains(&number) => Ok(Some(number - 1)),
+                _ => Err(CommandError::SYNTAX),
+            }
+        };
+        let motor = one(b'#', family.motors)?;
+        let cs = one(b'&', family.coordinate_systems)?;
+        if motor.is_none() && cs.is_none() { Err(CommandError::SYNTAX) } else { Ok(Item::Address(motor, cs)) }
+    }
+
+    fn read(&mut self) -> Parsed<Item> {
+        self.scanner.expect(b'(')?;
+        let mut letters = Vec::new();
+        loop {
+            let letter = self.scanner.next_character().filter(u8::is_ascii_uppercase);
+            letters.push(letter.filter(|c| !b"NO".contains(c)).ok_or(CommandError::SYNTAX)?);
+            if self.scanner.take(b')') {
+                return Ok(Item::Read(letters.into()));
+            }
+            self.scanner.expect(b',')?;
+        }
+    }
+
+    fn one_of(&mut self, modes: [Mode; 2]) -> Parsed<Mode> {
+        match self.scanner.integer()? {
+            1 => Ok(modes[0]),
+            2 => Ok(modes[1]),
+            _ => Err(CommandError::SYNTAX),
+        }
+    }
+}
+
+/// The expression at the scanner: a constant, or its text.
+fn expression(scanner: &mut Scanner, machine: &Machine) -> Parsed<Data> {
+    let start = scanner.clone();
+    check(scanner, machine)?;
+    let text = start.up_to(scanner);
+    let mut constant = Scanner::new(text);
+    match constant.constant() {
+        Ok(value) if constant.peek().is_none() => Ok(Data::Constant(value)),
+        _ => Ok(Data::Expression(squeezed(text))),
+    }
+}
+
+/// Text as a buffer keeps it: capitals, no blanks.
+fn squeezed(text: &[u8]) -> Box<str> {
+    let text: String = text.iter().filter(|c| !b" \t".contains(c)).map(|&c| char::from(c)).collect();
+    text.to_ascii_uppercase().into()
+}
+
+/// `1,3` or `1..8`, as bits.
+///
+/// # Errors
+/// ERR003 for numbers outside `first` to `last`.
+pub fn numbers(scanner: &mut Scanner, first: usize, last: usize) -> Parsed<u64> {
+    let mut bits = 0;
+    loop {
+        let from = scanner.integer()?;
+        let to = if scanner.take_text(b"..") { scanner.integer()? } else { from };
+        if from < first || to > last || from > to {
+            return Err(CommandError::SYNTAX);
+        }
+        bits |= (from..=to).fold(0, |bits, number| bits | 1 << number);
+        if !scanner.take(b',') {
+            return Ok(bits);
+        }
+    }
+}

@@ -1,0 +1,172 @@
+//! The way of one blended move: straight or arc, in motor counts, from its start (User Manual pp. 166-177).
+//!
+//! An axis is a sum over motors, so an arc in XYZ is an arc of vectors in motor space: `r (cos e1 + sin e2)`, with a
+//! radius that may grow (a spiral) and a straight part on top for all else.
+
+use crate::sim::machine::MOTORS;
+
+/// A number a motor.
+pub type Motors = [f64; MOTORS];
+
+/// The way of a move, from 0 to 1.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Path {
+    /// Straight, so far.
+    Line(Motors),
+    /// An arc.
+    Arc(Box<Arc>),
+}
+
+/// An arc.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Arc {
+    /// Toward the start, a unit of radius.
+    pub e1: Motors,
+    /// A quarter turn on, a unit of radius.
+    pub e2: Motors,
+    /// Radius at start and end.
+    pub radius: [f64; 2],
+    /// Angle in radians, positive.
+    pub sweep: f64,
+    /// What goes straight meanwhile.
+    pub straight: Motors,
+}
+
+impl Path {
+    /// Adds the displacement at `u` and the velocity for `rate` (du/dt) to the sums.
+    pub fn add(&self, u: f64, rate: f64, position: &mut Motors, velocity: &mut Motors) {
+        match self {
+            Self::Line(way) => {
+                for motor in 0..MOTORS {
+                    position[motor] += way[motor] * u;
+                    velocity[motor] += way[motor] * rate;
+                }
+            }
+            Self::Arc(arc) => {
+                let grown = arc.radius[1] - arc.radius[0];
+                let radius = arc.radius[0] + grown * u;
+                let (sin, cos) = (arc.sweep * u).sin_cos();
+                for motor in 0..MOTORS {
+                    let (e1, e2) = (arc.e1[motor], arc.e2[motor]);
+                    let outward = cos * e1 + sin * e2;
+                    let along = cos * e2 - sin * e1;
+                    position[motor] += radius * outward - arc.radius[0] * e1 + arc.straight[motor] * u;
+                    velocity[motor] +=
+                        (grown * outward + radius * arc.sweep * along + arc.straight[motor]) * rate;
+                }
+            }
+        }
+    }
+
+    /// The velocity at the start (`u` 0) or end (1) for `rate`.
+    #[must_use]
+    pub fn velocity(&self, u: f64, rate: f64) -> Motors {
+        let (mut position, mut velocity) = ([0.0; MOTORS], [0.0; MOTORS]);
+        self.add(u, rate, &mut position, &mut velocity);
+        velocity
+    }
+}
+
+/// A move that may flow into its neighbours: how far along its path it is when.
+///
+/// It begins and ends with a ramp of which half overlaps the neighbour's; alone it lasts its time and both halves.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Blend {
+    /// The way.
+    pub path: Path,
+    /// Move time in ms, from the middle of one ramp to the middle of the other.
+    pub time: f64,
+    /// The ramp it begins with.
+    pub up: Ramp,
+    /// The ramp it ends with.
+    pub down: Ramp,
+}
+
+/// Total and S-curve time of a ramp in ms.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Ramp {
+    /// Total.
+    pub time: f64,
+    /// S-curve at each end.
+    pub s_time: f64,
+}
+
+impl Ramp {
+    /// The same shape within `time`.
+    #[must_use]
+    pub fn within(self, time: f64) -> Self {
+        let factor = if self.time > 0.0 { time / self.time } else { 1.0 };
+        Self { time, s_time: self.s_time * factor }
+    }
+
+    fn phase(self, from: f64, to: f64) -> crate::sim::profile::Phase {
+        crate::sim::profile::Phase { from, to, time: self.time, s_time: self.s_time }
+    }
+}
+
+impl Blend {
+    /// From its start to its end in ms.
+    #[must_use]
+    pub fn length(&self) -> f64 {
+        self.time + (self.up.time + self.down.time) / 2.0
+    }
+
+    /// When the ramp at the end begins, in ms from the start.
+    #[must_use]
+    pub fn coasts_until(&self) -> f64 {
+        self.length() - self.down.time
+    }
+
+    /// Adds the displacement and velocity `t` ms after the start.
+    pub fn add(&self, t: f64, position: &mut Motors, velocity: &mut Motors) {
+        let rate = 1.0 / self.time;
+        let (u, rate) = if t < self.up.time {
+            self.up.phase(0.0, rate).at(t)
+        } else {
+            let coast = self.coasts_until();
+            let before = rate * self.up.time / 2.0;
+            if t <= coast {
+                (before + rate * (t - self.up.time), rate)
+            } else {
+                let (u, rate_now) = self.down.phase(rate, 0.0).at(t - coast);
+                (before + rate * (coast - self.up.time) + u, rate_now)
+            }
+        };
+        self.path.add(u, rate, position, velocity);
+    }
+
+    /// Velocity at the end of the coast, where the next move takes over.
+    #[must_use]
+    pub fn end_velocity(&self) -> Motors {
+        self.path.velocity(1.0, 1.0 / self.time)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_blend_covers_its_way_in_its_time_and_both_half_ramps() {
+        let mut way = [0.0; MOTORS];
+        way[1] = 500.0;
+        let blend = Blend {
+            path: Path::Line(way),
+            time: 100.0,
+            up: Ramp { time: 40.0, s_time: 10.0 },
+            down: Ramp { time: 20.0, s_time: 0.0 },
+        };
+        assert_eq!(blend.length(), 130.0);
+        assert_eq!(blend.coasts_until(), 110.0);
+        let at = |t: f64| {
+            let (mut position, mut velocity) = ([0.0; MOTORS], [0.0; MOTORS]);
+            blend.add(t, &mut position, &mut velocity);
+            (position[1], velocity[1])
+        };
+        assert_eq!(at(0.0), (0.0, 0.0));
+        for (t, position, velocity) in [(40.0, 100.0, 5.0), (110.0, 450.0, 5.0), (130.0, 500.0, 0.0)] {
+            let found = at(t);
+            assert!((found.0 - position).abs() < 1e-9 && (found.1 - velocity).abs() < 1e-9, "{t}: {found:?}");
+        }
+    }
+}

@@ -1,0 +1,219 @@
+//! PLC programs: PLC 0 in the real-time interrupt, PLC 1 to 31 in the background (User Manual, "Writing a PLC program").
+//!
+//! I5 lets them run: 1 PLC 0, 2 the others, 3 both. A scan goes from the top to the end, or to the `ENDWHILE` of a loop
+//! that goes on, where the next scan comes back to. Opening a PLC's buffer disables it; a reset enables all.
+
+use std::sync::Arc;
+
+use super::item::{Item, Line};
+use super::store::{Open, PLCS};
+use super::structure::{Effect, Tracker};
+use crate::sim::language::expression::{check_number, condition};
+use crate::sim::language::scanner::Scanner;
+use crate::sim::language::variables::assign;
+use crate::sim::machine::Machine;
+
+/// The most lines of one scan.
+const MOST_LINES: usize = 10_000;
+
+/// Where a PLC's next scan begins, and what it has addressed.
+#[derive(Debug, Clone, Copy, Default)]
+struct State {
+    line: usize,
+    motor: usize,
+    cs: usize,
+}
+
+/// All of them.
+#[derive(Debug, Clone)]
+pub struct Plcs {
+    /// Bit n for PLC n.
+    enabled: u32,
+    states: [State; PLCS],
+}
+
+impl Default for Plcs {
+    fn default() -> Self {
+        Self { enabled: u32::MAX, states: [State::default(); PLCS] }
+    }
+}
+
+impl Machine {
+    /// `ENABLE PLC`, `DISABLE PLC`: bit n for PLC n. An enabled one begins at its top.
+    pub fn enable_plcs(&mut self, plcs: u32, enable: bool) {
+        let all = &mut self.programs.plcs;
+        if enable {
+            for number in (0..PLCS).filter(|number| (plcs & !all.enabled) >> number & 1 == 1) {
+                all.states[number] = State::default();
+            }
+            all.enabled |= plcs;
+        } else {
+            all.enabled &= !plcs;
+        }
+    }
+
+    /// Which PLCs are enabled, bit n for PLC n. Whether they run is I5's affair.
+    #[must_use]
+    pub fn enabled_plcs(&self) -> u32 {
+        self.programs.plcs.enabled
+    }
+
+    /// PLC 0, with I5 odd.
+    pub(super) fn foreground_plc(&mut self) {
+        if self.variables.i(5) as u32 & 1 == 1 {
+            self.scan_plc(0);
+        }
+    }
+
+    /// PLC 1 to 31, with I5 of 2 or 3.
+    pub(in crate::sim) fn background_plcs(&mut self) {
+        if self.variables.i(5) as u32 & 2 == 2 {
+            for number in 1..PLCS {
+                self.scan_plc(number);
+            }
+        }
+    }
+
+    fn scan_plc(&mut self, number: usize) {
+        let runs = |machine: &Self| {
+            machine.programs.plcs.enabled >> number & 1 == 1
+                && machine.programs.store.open() != Some(Open::Plc(number))
+        };
+        let begin = self.programs.plcs.states[number];
+        let mut scan = Scan { machine: self, number, state: State { line: 0, ..begin }, at: begin.line };
+        for _ in 0..MOST_LINES {
+            if !runs(scan.machine) {
+                return;
+            }
+            let Some(line) = scan.line(scan.at) else { break };
+            if scan.carry_out(&line, 0) == Next::Scan {
+                break;
+            }
+        }
+        let state = scan.state;
+        if runs(self) {
+            self.programs.plcs.states[number] = state;
+        }
+    }
+}
+
+#[derive(Debug, PartialEq, Eq)]
+enum Next {
+    Line,
+    Scan,
+}
+
+struct Scan<'a> {
+    machine: &'a mut Machine,
+    number: usize,
+    state: State,
+    at: usize,
+}
+
+impl Scan<'_> {
+    fn line(&self, number: usize) -> Option<Arc<Line>> {
+        self.machine.programs.store.plc(self.number)?.line(number as u64).cloned()
+    }
+
+    /// Carries out the line at `at` from `first` on and moves `at` on.
+    fn carry_out(&mut self, line: &Line, first: usize) -> Next {
+        for (index, item) in line.items.iter().enumerate().skip(first) {
+            let last = index + 1 == line.items.len();
+            let cs = self.state.cs;
+            match item {
+                Item::If(text) if !self.holds(text) => {
+                    return if last { self.skip(Tracker::in_if(), true) } else { self.skip_short() };
+                }
+                Item::While(text) if !self.holds(text) => {
+                    return if last {
+                        self.skip(Tracker::in_while(), false)
+                    } else {
+                        self.at += 1;
+                        Next::Line
+                    };
+                }
+                Item::Else if last => return self.skip(Tracker::in_if(), false),
+                Item::Else => break,
+                Item::EndWhile => {
+                    self.state.line = self.begin_of_loop();
+                    return Next::Scan;
+                }
+                Item::Assign(kind, number, _, value) => {
+                    let number = number.value(self.machine, cs);
+                    let value = value.value(self.machine, cs);
+                    if let Ok(number) = check_number(number, self.machine) {
+                        assign(self.machine, *kind, cs, number, value);
+                    }
+                }
+                Item::Plc { enable, plcs } => self.machine.enable_plcs(*plcs, *enable),
+                Item::Command(text) => {
+                    let State { motor, cs, .. } = self.state;
+                    self.machine.programs.ask(text, motor, cs);
+                }
+                Item::CommandCharacter(code) => self.machine.programs.ask_character(*code),
+                Item::Send(text) => self.machine.send_message(text),
+                Item::Address(motor, cs) => {
+                    self.state.motor = motor.unwrap_or(self.state.motor);
+                    self.state.cs = cs.unwrap_or(self.state.cs);
+                }
+                _ => {}
+            }
+        }
+        // `WHILE(…) statement`: the next scan is at it again.
+        if line.items.len() > 1 && line.items.iter().any(|item| matches!(item, Item::While(_))) {
+            self.state.line = self.at;
+            return Next::Scan;
+        }
+        self.at += 1;
+        Next::Line
+    }
+
+    fn holds(&self, text: &str) -> bool {
+        condition(&mut Scanner::new(text.as_bytes()), self.machine, self.state.cs).unwrap_or(false)
+    }
+
+    /// Past a short IF, into the `ELSE` of the next line if there is one.
+    fn skip_short(&mut self) -> Next {
+        self.at += 1;
+        match self.line(self.at) {
+            Some(line) if line.items.first() == Some(&Item::Else) => self.carry_out(&line, 1),
+            _ => Next::Line,
+        }
+    }
+
+    fn skip(&mut self, mut tracker: Tracker, stop_at_else: bool) -> Next {
+        loop {
+            self.at += 1;
+            let Some(line) = self.line(self.at) else { return Next::Scan };
+            for index in 0..line.items.len() {
+                let outermost = tracker.depth() == 1;
+                let found = match tracker.item(&line, index) {
+                    Ok(Effect::Else) => outermost && stop_at_else,
+                    Ok(Effect::Ends) => outermost,
+                    Ok(Effect::None) => false,
+                    Err(_) => return Next::Scan,
+                };
+                if found {
+                    return self.carry_out(&line, index + 1);
+                }
+            }
+        }
+    }
+
+    /// The line of the `WHILE` that the `ENDWHILE` at `at` belongs to.
+    fn begin_of_loop(&self) -> usize {
+        let mut depth = 0;
+        for number in (0..self.at).rev() {
+            let Some(line) = self.line(number) else { break };
+            for (index, item) in line.items.iter().enumerate().rev() {
+                match item {
+                    Item::EndWhile => depth += 1,
+                    Item::While(_) if index + 1 == line.items.len() && depth == 0 => return number,
+                    Item::While(_) if index + 1 == line.items.len() => depth -= 1,
+                    _ => {}
+                }
+            }
+        }
+        0
+    }
+}

@@ -1,0 +1,174 @@
+//! The internal rotary program buffers: one a coordinate system, lines in, executed lines out (User Manual p. 213).
+//!
+//! Lines come as text while `OPEN ROT` is in force, or in binary out of the DPRAM: [`room`](Machine::rotary_room) and
+//! [`append`](Machine::rotary_append) are what the transfer calls. An executed line gives its room back at once.
+
+use std::collections::VecDeque;
+use std::sync::Arc;
+
+use super::binary::{self, NoCommand};
+use super::item::{Item, Line};
+use crate::sim::language::CommandError;
+use crate::sim::machine::Machine;
+
+/// The long words that a command of the binary format takes in the internal buffer.
+const WORDS_OF_A_COMMAND: usize = 1;
+
+/// A program command: the two 24-bit words of its binary form.
+pub type Command = (u32, u32);
+
+/// In a command's first word: it is the first of its line (DPRAM manual, "Internal PMAC 48-bit command format").
+pub const START_OF_LINE: u32 = 1 << 11;
+
+/// A rotary buffer.
+#[derive(Debug, Clone, Default)]
+pub struct Rotary {
+    /// Its size in long words, as defined.
+    pub size: usize,
+    used: usize,
+    lines: VecDeque<Arc<Line>>,
+    /// The number of the first line still there; lines are numbered from the definition on.
+    first: u64,
+    /// Where the next line begins: long words since the definition, modulo the size.
+    offset: usize,
+}
+
+impl Rotary {
+    /// An empty buffer of `size` long words.
+    #[must_use]
+    pub fn new(size: usize) -> Self {
+        Self { size, ..Self::default() }
+    }
+
+    /// Long words free.
+    #[must_use]
+    pub fn free(&self) -> usize {
+        self.size - self.used
+    }
+
+    /// Puts a line behind the others.
+    ///
+    /// # Errors
+    /// ERR006 without room.
+    pub fn append(&mut self, items: Vec<Item>) -> Result<(), CommandError> {
+        let line = Line { items, offset: self.offset };
+        let words = line.words();
+        if words > self.free() {
+            return Err(CommandError::NO_ROOM);
+        }
+        self.used += words;
+        self.offset = (self.offset + words) % self.size;
+        self.lines.push_back(Arc::new(line));
+        Ok(())
+    }
+
+    /// The line with `number`.
+    #[must_use]
+    pub fn line(&self, number: u64) -> Option<&Arc<Line>> {
+        self.lines.get(usize::try_from(number.checked_sub(self.first)?).ok()?)
+    }
+
+    /// The number of the first line still there.
+    #[must_use]
+    pub fn first(&self) -> u64 {
+        self.first
+    }
+
+    /// The number the next line will have.
+    #[must_use]
+    pub fn next(&self) -> u64 {
+        self.first + self.lines.len() as u64
+    }
+
+    /// Frees the lines before `number`.
+    pub fn free_before(&mut self, number: u64) {
+        while self.first < number {
+            let Some(line) = self.lines.pop_front() else { return };
+            self.used -= line.words();
+            self.first += 1;
+        }
+    }
+
+    /// Erases all lines.
+    pub fn clear(&mut self) {
+        let next = self.next();
+        self.free_before(next);
+    }
+
+    /// The lines, in order.
+    pub fn lines(&self) -> impl Iterator<Item = &Arc<Line>> {
+        self.lines.iter()
+    }
+}
+
+/// Why a binary line does not come into a rotary buffer.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+pub enum AppendError {
+    /// No rotary buffer is defined for the coordinate system.
+    #[error("no rotary buffer is defined for the coordinate system")]
+    Undefined,
+    /// Not enough room now; try again when lines have been executed.
+    #[error("no room in the rotary buffer")]
+    Full,
+    /// Two words are no command.
+    #[error(transparent)]
+    Command(#[from] NoCommand),
+}
+
+impl Machine {
+    /// Whether the rotary buffer of the 0-based `cs` can take a line of `commands` commands now; `false` too when there is
+    /// none, and when it is not open (`OPEN ROT`).
+    #[must_use]
+    pub fn rotary_room(&self, cs: usize, commands: usize) -> bool {
+        self.programs.store.rotary_is_open()
+            && self
+                .programs
+                .store
+                .rotary(cs)
+                .is_some_and(|rotary| rotary.free() >= commands * WORDS_OF_A_COMMAND)
+    }
+
+    /// Puts one binary line into the rotary buffer of the 0-based `cs`: the 24-bit word pairs of its commands.
+    ///
+    /// # Errors
+    /// [`AppendError`]; nothing is stored then.
+    pub fn rotary_append(&mut self, cs: usize, commands: &[Command]) -> Result<(), AppendError> {
+        let items = binary::line(commands)?;
+        let rotary = self.programs.store.rotary_mut(cs).ok_or(AppendError::Undefined)?;
+        if items.is_empty() {
+            return Ok(());
+        }
+        rotary.append(items).map_err(|_| AppendError::Full)?;
+        self.note_rotary(cs);
+        Ok(())
+    }
+
+    /// Lines of the rotary buffer ahead of the calculated line: `PR`. `None` without a buffer.
+    #[must_use]
+    pub fn rotary_remaining(&self, cs: usize) -> Option<u64> {
+        let rotary = self.programs.store.rotary(cs)?;
+        let calculated = self.programs.systems.get(cs)?.rotary_line().max(rotary.first());
+        Some(rotary.next().saturating_sub(calculated))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn executed_lines_give_their_room_back() {
+        let mut rotary = Rotary::new(5);
+        let line = || vec![Item::Stop, Item::Wait];
+        rotary.append(line()).unwrap();
+        rotary.append(line()).unwrap();
+        assert_eq!(rotary.append(line()), Err(CommandError::NO_ROOM));
+        assert_eq!((rotary.first(), rotary.next(), rotary.free()), (0, 2, 1));
+        rotary.free_before(1);
+        rotary.append(line()).unwrap();
+        assert_eq!(rotary.line(2).map(|line| line.offset), Some(4));
+        assert_eq!(rotary.line(0), None);
+        rotary.clear();
+        assert_eq!((rotary.free(), rotary.next()), (5, 3));
+    }
+}

@@ -1,0 +1,316 @@
+//! The program and table buffers and the memory they take (Software Reference, `OPEN`, `DEFINE`, `DELETE`, `SIZE`).
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use super::item::{Item, Line};
+use super::rotary::Rotary;
+use super::structure::Tracker;
+use crate::sim::language::CommandError;
+use crate::sim::machine::MOTORS;
+
+/// PLC programs of a board.
+pub const PLCS: usize = 32;
+/// The highest number of a motion program.
+pub const LAST_PROGRAM: usize = 32_767;
+/// Programs from here on, and all PLCs, are behind the password.
+pub const PROTECTED: usize = 1000;
+
+type Result<T> = std::result::Result<T, CommandError>;
+
+/// A fixed program: motion or PLC.
+#[derive(Debug, Clone, Default)]
+pub struct Program {
+    lines: Vec<Arc<Line>>,
+    words: usize,
+}
+
+impl Program {
+    /// Line `number`, from 0.
+    #[must_use]
+    pub fn line(&self, number: u64) -> Option<&Arc<Line>> {
+        self.lines.get(usize::try_from(number).ok()?)
+    }
+
+    /// The lines, in order.
+    pub fn lines(&self) -> impl Iterator<Item = &Arc<Line>> {
+        self.lines.iter()
+    }
+
+    /// Long words it takes.
+    #[must_use]
+    pub fn words(&self) -> usize {
+        self.words
+    }
+
+    /// The number of the line that has label `label`; line 0 for label 0 where no line has it.
+    #[must_use]
+    pub fn label(&self, label: u32) -> Option<u64> {
+        let found = self.lines.iter().position(|line| line.items.contains(&Item::Label(label)));
+        found.map(|line| line as u64).or((label == 0).then_some(0))
+    }
+
+    /// Whether all its blocks are closed.
+    #[must_use]
+    pub fn is_structured(&self) -> bool {
+        let mut tracker = Tracker::default();
+        self.lines.iter().all(|line| tracker.line(line).is_ok()) && tracker.depth() == 0
+    }
+}
+
+/// Which buffer is open.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Open {
+    /// A motion program.
+    Program(u32),
+    /// All rotary buffers.
+    Rotary,
+    /// A PLC program.
+    Plc(usize),
+}
+
+/// A kind of table.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum TableKind {
+    /// `COMP`: leadscrew compensation.
+    Leadscrew,
+    /// `TCOMP`: torque compensation.
+    Torque,
+    /// `BLCOMP`: backlash compensation.
+    Backlash,
+    /// `UBUFFER`.
+    User,
+    /// `TBUF`: transformation matrices.
+    Transformation,
+    /// `CCBUF`: cutter compensation.
+    Cutter,
+}
+
+/// A table, or a buffer without entries of its own.
+#[derive(Debug, Clone)]
+pub struct Table {
+    /// What it is.
+    pub kind: TableKind,
+    /// The 0-based motor or coordinate system it was defined for.
+    pub owner: usize,
+    /// Entries, or long words.
+    pub size: usize,
+    /// Counts it spans.
+    pub span: f64,
+    /// What has been entered.
+    pub entries: Vec<f64>,
+}
+
+impl Table {
+    /// Whether it takes entries from lines that are a constant.
+    #[must_use]
+    pub fn takes_entries(&self) -> bool {
+        matches!(self.kind, TableKind::Leadscrew | TableKind::Torque | TableKind::Backlash)
+            && self.entries.len() < self.size
+    }
+}
+
+/// All buffers.
+#[derive(Debug, Clone)]
+pub struct Store {
+    programs: BTreeMap<u32, Program>,
+    plcs: Vec<Program>,
+    rotary: [Option<Rotary>; MOTORS],
+    /// The tables, in the order of their definition.
+    pub tables: Vec<Table>,
+    open: Option<Open>,
+    blocks: Tracker,
+}
+
+impl Default for Store {
+    fn default() -> Self {
+        Self {
+            programs: BTreeMap::new(),
+            plcs: vec![Program::default(); PLCS],
+            rotary: Default::default(),
+            tables: Vec::new(),
+            open: None,
+            blocks: Tracker::default(),
+        }
+    }
+}
+
+impl Store {
+    /// What is left after a reset: fixed programs and tables, no rotary buffer.
+    #[must_use]
+    pub fn kept(&self) -> Self {
+        Self { rotary: Default::default(), open: None, ..self.clone() }
+    }
+
+    /// Which buffer is open.
+    #[must_use]
+    pub fn open(&self) -> Option<Open> {
+        self.open
+    }
+
+    /// Whether the rotary buffers are open.
+    #[must_use]
+    pub fn rotary_is_open(&self) -> bool {
+        self.open == Some(Open::Rotary)
+    }
+
+    /// Opens a buffer.
+    ///
+    /// # Errors
+    /// ERR007 while one is open; ERR003 for rotary buffers when none is defined.
+    pub fn open_buffer(&mut self, which: Open) -> Result<()> {
+        if self.open.is_some() {
+            return Err(CommandError::BUFFER_IN_USE);
+        }
+        self.blocks = Tracker::default();
+        match which {
+            Open::Rotary if self.rotary.iter().all(Option::is_none) => return Err(CommandError::SYNTAX),
+            Open::Rotary => {}
+            Open::Program(number) => {
+                self.programs.entry(number).or_default();
+            }
+            Open::Plc(_) => {}
+        }
+        self.open = Some(which);
+        if let Some(program) = self.open_program() {
+            let mut blocks = Tracker::default();
+            let _ = program.lines.iter().try_for_each(|line| blocks.line(line));
+            self.blocks = blocks;
+        }
+        Ok(())
+    }
+
+    /// Closes whatever is open. An empty program is as none.
+    pub fn close(&mut self) {
+        if let Some(Open::Program(number)) = self.open.take()
+            && self.programs.get(&number).is_some_and(|program| program.lines.is_empty())
+        {
+            self.programs.remove(&number);
+        }
+    }
+
+    /// The fixed program that is open.
+    #[must_use]
+    pub fn open_program(&self) -> Option<&Program> {
+        match self.open? {
+            Open::Program(number) => self.programs.get(&number),
+            Open::Plc(number) => self.plcs.get(number),
+            Open::Rotary => None,
+        }
+    }
+
+    /// Erases the open buffer; `cs` says which rotary buffer is meant.
+    ///
+    /// # Errors
+    /// ERR005 with nothing open.
+    pub fn clear(&mut self, cs: usize) -> Result<()> {
+        self.blocks = Tracker::default();
+        match self.open.ok_or(CommandError::NO_OPEN_BUFFER)? {
+            Open::Program(number) => *self.programs.entry(number).or_default() = Program::default(),
+            Open::Plc(number) => {
+                if let Some(plc) = self.plcs.get_mut(number) {
+                    *plc = Program::default();
+                }
+            }
+            Open::Rotary => self.rotary_mut(cs).ok_or(CommandError::NO_OPEN_BUFFER)?.clear(),
+        }
+        Ok(())
+    }
+
+    /// Stores a line in the open buffer, with `free` long words free; `cs` says which rotary buffer is meant.
+    ///
+    /// # Errors
+    /// ERR005 with nothing open for it, ERR006 without room, ERR009 for a block's end without its begin.
+    pub fn append(&mut self, cs: usize, items: Vec<Item>, free: i64) -> Result<()> {
+        let open = self.open.ok_or(CommandError::NO_OPEN_BUFFER)?;
+        if open == Open::Rotary {
+            return self.rotary_mut(cs).ok_or(CommandError::NO_OPEN_BUFFER)?.append(items);
+        }
+        let program = match open {
+            Open::Program(number) => self.programs.get_mut(&number),
+            Open::Plc(number) => self.plcs.get_mut(number),
+            Open::Rotary => None,
+        };
+        let program = program.ok_or(CommandError::NO_OPEN_BUFFER)?;
+        let line = Line { items, offset: program.words };
+        let words = line.words();
+        if words as i64 > free {
+            return Err(CommandError::NO_ROOM);
+        }
+        let mut blocks = self.blocks.clone();
+        blocks.line(&line).map_err(|_| CommandError::STRUCTURE)?;
+        self.blocks = blocks;
+        program.words += words;
+        program.lines.push(Arc::new(line));
+        Ok(())
+    }
+
+    /// Motion program `number`.
+    #[must_use]
+    pub fn program(&self, number: u32) -> Option<&Program> {
+        self.programs.get(&number)
+    }
+
+    /// PLC program `number`; empty when it was never entered.
+    #[must_use]
+    pub fn plc(&self, number: usize) -> Option<&Program> {
+        self.plcs.get(number)
+    }
+
+    /// The rotary buffer of the 0-based `cs`.
+    #[must_use]
+    pub fn rotary(&self, cs: usize) -> Option<&Rotary> {
+        self.rotary.get(cs)?.as_ref()
+    }
+
+    /// The rotary buffer of the 0-based `cs`.
+    pub fn rotary_mut(&mut self, cs: usize) -> Option<&mut Rotary> {
+        self.rotary.get_mut(cs)?.as_mut()
+    }
+
+    /// `DEFINE ROT`: of the highest coordinate system first.
+    ///
+    /// # Errors
+    /// ERR003 for no words, or when the buffer of this or of a lower coordinate system is defined; ERR006 without room;
+    /// ERR007 while the rotary buffers are open.
+    pub fn define_rotary(&mut self, cs: usize, words: usize, free: i64) -> Result<()> {
+        if self.rotary_is_open() {
+            return Err(CommandError::BUFFER_IN_USE);
+        }
+        if words == 0 || self.rotary.iter().take(cs + 1).any(Option::is_some) {
+            return Err(CommandError::SYNTAX);
+        }
+        if words as i64 > free {
+            return Err(CommandError::NO_ROOM);
+        }
+        if let Some(slot) = self.rotary.get_mut(cs) {
+            *slot = Some(Rotary::new(words));
+        }
+        Ok(())
+    }
+
+    /// `DELETE ROT`: the one of a higher coordinate system stays where it is.
+    ///
+    /// # Errors
+    /// ERR003 when there is none, ERR007 while the rotary buffers are open.
+    pub fn delete_rotary(&mut self, cs: usize) -> Result<()> {
+        if self.rotary_is_open() {
+            return Err(CommandError::BUFFER_IN_USE);
+        }
+        self.rotary.get_mut(cs).and_then(Option::take).map(|_| ()).ok_or(CommandError::SYNTAX)
+    }
+
+    /// `DELETE ALL`: rotary buffers and tables.
+    pub fn delete_all(&mut self) {
+        self.rotary = Default::default();
+        self.tables.clear();
+    }
+
+    /// Long words that all buffers take.
+    #[must_use]
+    pub fn words(&self) -> usize {
+        let fixed: usize = self.programs.values().chain(&self.plcs).map(Program::words).sum();
+        let rotary: usize = self.rotary.iter().flatten().map(|rotary| rotary.size).sum();
+        fixed + rotary + self.tables.iter().map(|table| table.size).sum::<usize>()
+    }
+}

@@ -1,0 +1,301 @@
+//! The motion of a coordinate system: calculated moves in order, evaluated each servo cycle.
+//!
+//! Moves are placed on a clock that runs with the time base. Blended neighbours overlap in a ramp: there the position
+//! is the sum of both. Everything else begins where its predecessor has ended. Positions are closed forms of the
+//! clock, so nothing accumulates.
+
+use std::collections::VecDeque;
+
+use super::item::{Mode, Operator};
+use super::path::{Blend, Motors};
+use crate::sim::machine::MOTORS;
+
+/// An assignment that waits for the start of a move: M-variable number, operator, value.
+pub type Later = (usize, Operator, f64);
+
+/// The part of one motor in a RAPID move.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Jog {
+    /// Where to, in counts.
+    pub target: f64,
+    /// How fast, in counts/ms.
+    pub speed: f64,
+    /// With a trigger on the way, end so many counts from it.
+    pub after_trigger: Option<f64>,
+}
+
+/// What a move does.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Shape {
+    /// LINEAR, CIRCLE, DELAY.
+    Blend(Blend),
+    /// SPLINE, PVT: position `c1 t + c2 t^2 + c3 t^3` for so many ms.
+    Cubic(f64, Box<[[f64; 3]; MOTORS]>),
+    /// DWELL: so many ms of real time.
+    Dwell(f64),
+    /// RAPID: motors move by themselves.
+    Rapid(Box<[Option<Jog>; MOTORS]>),
+    /// HOME, bit n for 0-based motor n.
+    Home(u8),
+}
+
+/// A calculated move.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Entry {
+    /// What it does.
+    pub shape: Shape,
+    /// When it begins, by the clock in ms.
+    pub start: f64,
+    /// Where its motors end.
+    pub target: Motors,
+    /// Where its axes end, in user units.
+    pub axes: [f64; 9],
+    /// The mode it was calculated in.
+    pub mode: Mode,
+    /// Calculated with I13>0.
+    pub segmented: bool,
+    /// Flows out of the move before it.
+    pub joined: bool,
+    /// Nothing may flow out of it any more.
+    pub closed: bool,
+    /// Whether it has begun.
+    pub started: bool,
+    /// What to assign when it begins.
+    pub later: Vec<Later>,
+    /// The line it comes from: program (0 rotary), line number, offset in its buffer.
+    pub origin: (u32, u64, usize),
+}
+
+impl Entry {
+    fn end(&self) -> f64 {
+        match &self.shape {
+            Shape::Blend(blend) => self.start + blend.length(),
+            Shape::Cubic(time, _) => self.start + time,
+            Shape::Dwell(_) | Shape::Rapid(_) | Shape::Home(_) => self.start,
+        }
+    }
+
+    /// Whether it takes the motion out of the hands of the clock.
+    #[must_use]
+    pub fn breaks(&self) -> bool {
+        !matches!(self.shape, Shape::Blend(_) | Shape::Cubic(..))
+    }
+}
+
+/// Where the motors are to be.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Sample {
+    /// Counts from home.
+    pub position: Motors,
+    /// Counts/ms at a time base of 100%.
+    pub velocity: Motors,
+}
+
+/// The moves of a coordinate system.
+#[derive(Debug, Clone, Default)]
+pub struct Trajectory {
+    clock: f64,
+    base: Motors,
+    entries: VecDeque<Entry>,
+}
+
+impl Trajectory {
+    /// Nothing to do, motors at `base`.
+    pub fn reset(&mut self, base: Motors) {
+        self.entries.clear();
+        self.base = base;
+        self.clock = 0.0;
+    }
+
+    /// Whether nothing is left to do.
+    #[must_use]
+    pub fn is_idle(&self) -> bool {
+        self.entries.is_empty()
+    }
+
+    /// Moves that have been calculated and have not begun.
+    #[must_use]
+    pub fn ahead(&self) -> usize {
+        self.entries.iter().filter(|entry| !entry.started).count()
+    }
+
+    /// Whether what comes last is no blend or spline: calculation does not go through it.
+    #[must_use]
+    pub fn blocked(&self) -> bool {
+        self.entries.back().is_some_and(Entry::breaks)
+    }
+
+    /// Where the motors will be when all is done.
+    #[must_use]
+    pub fn target(&self) -> Motors {
+        self.entries.back().map_or(self.base, |entry| entry.target)
+    }
+
+    /// The moves, in order.
+    pub fn entries(&self) -> impl Iterator<Item = &Entry> {
+        self.entries.iter()
+    }
+
+    /// The move under way: the latest that has begun.
+    #[must_use]
+    pub fn executing(&self) -> Option<&Entry> {
+        self.entries.iter().rev().find(|entry| entry.started)
+    }
+
+    /// The velocity out of which a further move could flow.
+    #[must_use]
+    pub fn open_velocity(&self) -> Option<Motors> {
+        let entry = self.entries.back().filter(|entry| !entry.closed)?;
+        match &entry.shape {
+            Shape::Blend(blend) if self.clock < entry.start + blend.coasts_until() => {
+                Some(blend.end_velocity())
+            }
+            _ => None,
+        }
+    }
+
+    /// Lets nothing flow out of the last move.
+    pub fn close(&mut self) {
+        if let Some(entry) = self.entries.back_mut() {
+            entry.closed = true;
+        }
+    }
+
+    /// Puts `entry` behind the others; its `start` is set here. `delay` ms pass before it when nothing is under way. A blend
+    /// flows out of the last move in the ramp it begins with, shortened to what is left.
+    pub fn append(&mut self, mut entry: Entry, delay: f64) {
+        let clock = self.clock;
+        entry.start = match self.entries.back_mut() {
+            None => clock + delay,
+            Some(last) => {
+                let end = last.end();
+                match (&mut last.shape, &mut entry.shape) {
+                    (Shape::Blend(before), Shape::Blend(blend)) if !last.closed => {
+                        let centre = last.start + before.up.time / 2.0 + before.time;
+                        let free = 2.0 * (centre - clock.max(last.start + before.up.time));
+                        let ramp = blend.up.time.min(free);
+                        if clock < last.start + before.coasts_until() && ramp > 0.0 {
+                            blend.up = blend.up.within(ramp);
+                            before.down = blend.up;
+                            entry.joined = true;
+                            centre - ramp / 2.0
+                        } else {
+                            end
+                        }
+                    }
+                    _ => end,
+                }
+            }
+        };
+        if let Some(last) = self.entries.back_mut() {
+            last.closed = true;
+        }
+        self.entries.push_back(entry);
+    }
+
+    /// Takes out what has not begun and gives it back, first one first; what is under way comes to rest.
+    pub fn drop_ahead(&mut self) -> Vec<Entry> {
+        let first = self.entries.iter().position(|entry| !entry.started).unwrap_or(self.entries.len());
+        let dropped: Vec<Entry> = self.entries.drain(first..).collect();
+        self.close();
+        dropped
+    }
+
+    /// Ends the breaking move in front: its motors have stopped at `position`.
+    pub fn finish_front(&mut self, position: Motors) {
+        if self.entries.pop_front().is_some() {
+            self.base = position;
+        }
+    }
+
+    /// The move in front.
+    #[must_use]
+    pub fn front(&self) -> Option<&Entry> {
+        self.entries.front()
+    }
+
+    /// Goes on by `real` ms, of which the clock sees `scaled`. `begun` hears of each move that begins.
+    ///
+    /// Gives where the motors are to be, or `None` when the clock does not move them now.
+    pub fn advance(&mut self, real: f64, scaled: f64, mut begun: impl FnMut(&mut Entry)) -> Option<Sample> {
+        if self.entries.is_empty() {
+            return None;
+        }
+        self.clock += scaled;
+        let mut moved = false;
+        loop {
+            let clock = self.clock;
+            let front = self.entries.front_mut()?;
+            if clock < front.start {
+                break;
+            }
+            if !front.started {
+                front.started = true;
+                begun(front);
+            }
+            let end = front.end();
+            match &mut front.shape {
+                Shape::Dwell(left) => {
+                    *left -= real;
+                    if *left > 0.0 {
+                        return moved.then_some(Sample { position: self.base, velocity: [0.0; MOTORS] });
+                    }
+                }
+                Shape::Rapid(_) | Shape::Home(_) => {
+                    return moved.then_some(Sample { position: self.base, velocity: [0.0; MOTORS] });
+                }
+                _ if clock < end => break,
+                _ => moved = true,
+            }
+            self.base = front.target;
+            self.entries.pop_front();
+            if self.entries.is_empty() {
+                return moved.then_some(Sample { position: self.base, velocity: [0.0; MOTORS] });
+            }
+        }
+        let mut sample = Sample { position: self.base, velocity: [0.0; MOTORS] };
+        for entry in &mut self.entries {
+            let t = self.clock - entry.start;
+            if t < 0.0 {
+                break;
+            }
+            if !entry.started {
+                entry.started = true;
+                begun(entry);
+            }
+            match &entry.shape {
+                Shape::Blend(blend) => {
+                    blend.add(t.min(blend.length()), &mut sample.position, &mut sample.velocity);
+                }
+                Shape::Cubic(time, coefficients) => {
+                    let t = t.min(*time);
+                    for (motor, [c1, c2, c3]) in coefficients.iter().enumerate() {
+                        sample.position[motor] += t * (c1 + t * (c2 + t * c3));
+                        sample.velocity[motor] += c1 + t * (2.0 * c2 + t * 3.0 * c3);
+                    }
+                }
+                _ => break,
+            }
+        }
+        Some(sample)
+    }
+
+    /// Milliseconds left in the move under way and in its ramp, by the clock.
+    #[must_use]
+    pub fn time_left(&self) -> Option<(f64, f64)> {
+        let index = self.entries.iter().rposition(|entry| entry.started)?;
+        let entry = &self.entries[index];
+        let t = self.clock - entry.start;
+        let end =
+            self.entries.get(index + 1).filter(|next| next.joined).map_or(entry.end(), |next| next.start);
+        let ramp = match &entry.shape {
+            Shape::Blend(blend) if t < blend.up.time => blend.up.time - t,
+            Shape::Blend(blend) if t > blend.coasts_until() => blend.length() - t,
+            _ => 0.0,
+        };
+        match &entry.shape {
+            Shape::Blend(_) | Shape::Cubic(..) => Some(((end - self.clock).max(0.0), ramp)),
+            _ => None,
+        }
+    }
+}

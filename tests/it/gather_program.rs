@@ -1,0 +1,149 @@
+//! `pmacctl gather` on a simulated board with its daemon.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+use pmac_dpram::client::GatherChunk;
+use pmac_dpram::segment::{RegionId, Sample, Subscriber};
+
+use crate::rig::Ran;
+use crate::site::{Site, is_live, wait_until};
+use crate::tools::{ask, run};
+
+/// The number after the last sample that was published, while a gather is followed.
+fn published(subscriber: &Subscriber, sample: &mut Sample) -> Option<u64> {
+    if !is_live(subscriber, RegionId::Gather) {
+        return None;
+    }
+    subscriber.latest(RegionId::Gather, sample).unwrap()?;
+    let chunk = GatherChunk::decode(sample.words()).unwrap();
+    Some(chunk.first + (chunk.longs.len() / chunk.sample_longs) as u64)
+}
+
+/// Runs the board in steps, each no sooner than the daemon has what the last one gathered, while `pmacctl` runs.
+fn in_steps(site: &Site, arguments: &[&str]) -> Ran {
+    let done = AtomicBool::new(false);
+    std::thread::scope(|scope| {
+        scope.spawn(|| {
+            let mut control = site.control_connection();
+            let subscriber = site.attach();
+            let mut sample = Sample::new();
+            while !done.load(Ordering::Relaxed) {
+                let before = published(&subscriber, &mut sample);
+                control.ask("step 20");
+                let start = Instant::now();
+                // Before the gather and after its end there is nothing to wait for.
+                while before.is_some()
+                    && published(&subscriber, &mut sample) == before
+                    && start.elapsed() < Duration::from_millis(300)
+                {
+                    std::thread::sleep(Duration::from_micros(200));
+                }
+                std::thread::sleep(Duration::from_micros(300));
+            }
+        });
+        let ran = run(site, arguments);
+        done.store(true, Ordering::Relaxed);
+        ran
+    })
+}
+
+fn rows(text: &str) -> Vec<Vec<f64>> {
+    text.lines().skip(1).map(|line| line.split(',').map(|cell| cell.parse().unwrap()).collect()).collect()
+}
+
+#[test]
+fn in_virtual_time_nothing_is_lost() {
+    let site = Site::running(&["--virtual"], &[]);
+    let done = AtomicBool::new(false);
+    std::thread::scope(|scope| {
+        scope.spawn(|| {
+            let mut control = site.control_connection();
+            while !done.load(Ordering::Relaxed) {
+                control.ask("step 20");
+                std::thread::sleep(Duration::from_millis(1));
+            }
+        });
+        wait_until("the board's scales and servo data", || {
+            run(&site, &["motors"]).stdout.contains("count") && is_live(&site.attach(), RegionId::Servo)
+        });
+        done.store(true, Ordering::Relaxed);
+    });
+    let csv = site.path("data.csv");
+    let sources = ["--source", "servo_timer", "--source", "1.actual_position", "--source", "D:$0028"];
+    let arguments = [&["gather"][..], &sources, &["--seconds", "2", "-o", csv.to_str().unwrap()]].concat();
+    let ran = in_steps(&site, &arguments);
+    assert_eq!((ran.code, ran.stdout.as_str()), (Some(0), "samples=4518 lost=0 seconds=2.000\n"), "{ran:?}");
+    let text = std::fs::read_to_string(&csv).unwrap();
+    assert!(text.starts_with("sample,time_s,servo_timer [servo cycles],1.actual_position [count],D:$0028\n"));
+    let rows = rows(&text);
+    assert_eq!(rows.len(), 4518);
+    for (number, row) in rows.iter().enumerate() {
+        assert_eq!((row[0], row[2]), (number as f64, rows[0][2] + number as f64));
+    }
+
+    let npy = site.path("data.npy");
+    let npy_name = npy.to_str().unwrap();
+    let arguments = [
+        "gather",
+        "--source",
+        "X:$0000",
+        "--period",
+        "4",
+        "--seconds",
+        "0.5",
+        "--output",
+        npy_name,
+        "--json",
+    ];
+    let ran = in_steps(&site, &arguments);
+    assert_eq!((ran.json()["samples"].as_u64(), ran.json()["lost"].as_u64()), (Some(282), Some(0)));
+    let bytes = std::fs::read(&npy).unwrap();
+    assert!(bytes.starts_with(b"\x93NUMPY") && bytes.len() > 282 * 24);
+    site.assert_no_violations();
+}
+
+#[test]
+fn in_real_time_the_counts_are_exact_and_the_board_is_left_as_it_was() {
+    let site = Site::running(&[], &[]);
+    site.wait_for_live_servo();
+    wait_until("the board's scales", || run(&site, &["motors"]).stdout.contains("count"));
+    let gather =
+        |rest: &[&str]| run(&site, &[&["gather", "--source", "servo_timer", "-o", "-"], rest].concat());
+    let ran = gather(&["--seconds", "0.5", "--period", "2"]);
+    assert_eq!(ran.code, Some(0), "{ran:?}");
+    let rows = rows(&ran.stdout);
+    let count = |name: &str| -> u64 {
+        let (_, rest) = ran.stderr.split_once(&format!("{name}=")).unwrap();
+        rest.split_whitespace().next().unwrap().parse().unwrap()
+    };
+    assert_eq!(
+        (count("samples"), count("samples") + count("lost")),
+        (rows.len() as u64, 565),
+        "{}",
+        ran.stderr
+    );
+    for row in &rows {
+        assert_eq!(row[2] - rows[0][2], 2.0 * (row[0] - rows[0][0]), "numbered as the board counts");
+    }
+    assert_eq!(ask(&site, "I19"), ["1"], "as it was");
+    wait_until("the servo report to go on", || is_live(&site.attach(), RegionId::Servo));
+
+    // A buffer that is gathered once ends by itself.
+    let ran = gather(&["--once", "--buffer", "100"]);
+    assert!(ran.code == Some(0) && ran.stderr.starts_with("samples=100 lost=0 "), "{ran:?}");
+
+    for (rest, said) in [
+        (&["--buffer", "3000", "--seconds", "1"][..], "overlap"),
+        (&["--buffer", "90000", "--seconds", "1"], "there is room for"),
+        (&["--buffer", "5", "--seconds", "1"], "too short"),
+        (&["--source", "1.position", "--seconds", "1"], "actual_position"),
+        (&["--period", "0", "--seconds", "1"], "period of 0"),
+    ] {
+        let ran = gather(rest);
+        assert!(ran.code != Some(0) && ran.stderr.contains(said), "{rest:?}: {ran:?}");
+    }
+    let ran = run(&site, &["gather", "--source", "servo_timer", "-o", "data.txt"]);
+    assert!(ran.code == Some(2) && ran.stderr.contains(".csv or .npy"), "{ran:?}");
+    site.assert_no_violations();
+}

@@ -1,0 +1,140 @@
+//! Background variables, end to end: a simulated board, its daemon, and several clients at a time.
+
+use pmac_dpram::client::{Board, VariableWatch};
+use pmac_dpram::setup::gather_source::GatherSource;
+
+use crate::site::{Site, wait_until};
+use crate::tools::{ask, run};
+
+fn register(text: &str) -> GatherSource {
+    text.parse().unwrap()
+}
+
+fn board(site: &Site) -> Board {
+    Board::attach(&site.name).unwrap().with_socket(&site.socket())
+}
+
+fn watch(board: &Board, registers: &[&str]) -> VariableWatch {
+    let registers: Vec<GatherSource> = registers.iter().map(|text| register(text)).collect();
+    board.watch_variables(&registers).unwrap()
+}
+
+/// The live table's registers as the list shows them, sorted.
+fn listed(site: &Site) -> Vec<String> {
+    let document = run(site, &["variable", "list", "--json"]).json();
+    let name = |entry: &serde_json::Value| entry["register"].as_str().unwrap().to_owned();
+    let mut names: Vec<String> = document["entries"].as_array().unwrap().iter().map(name).collect();
+    names.sort();
+    names
+}
+
+#[test]
+fn clients_share_entries_and_free_them() {
+    let site = Site::running(&[], &[]);
+    site.wait_for_live_servo();
+    for line in ["WY$700,$123456", "WX$701,$FFFFFE", "WY$0728,1", "WX$0728,0"] {
+        ask(&site, line);
+    }
+    let (mut one, mut two) = (board(&site), board(&site));
+    let first = watch(&one, &["Y:$0700", "X:$0701", "X:$0000"]);
+    let second = watch(&two, &["X:$0701", "D:$0728"]);
+    wait_until("a table of both", || listed(&site) == ["D:$0728", "X:$0000", "X:$0701", "Y:$0700"]);
+    wait_until("values", || {
+        let Some(view) = two.variables().unwrap().filter(|view| view.is_fresh()) else { return false };
+        let value = |text: &str| view.data.value_of(register(text)).map(|entry| entry.value().to_vec());
+        value("Y:$0700") == Some(vec![0x12_3456])
+            && value("X:$0701") == Some(vec![0xFFFF_FFFE])
+            && value("D:$0728") == Some(vec![1, 0])
+    });
+    // The servo counter is read in the pass whose end the sample's servo time tells.
+    let view = one.variables().unwrap().unwrap();
+    let counter = view.data.value_of(register("X:$0000")).unwrap().value()[0];
+    let behind = (view.servo_timer as u32).wrapping_sub(counter) & 0xFFFF;
+    assert!(behind < 2000, "{behind} servo cycles between the value and its time");
+
+    drop(first);
+    wait_until("the first one's entries to be free", || listed(&site) == ["D:$0728", "X:$0701"]);
+    drop(second);
+    wait_until("all entries to be free", || listed(&site).is_empty());
+    assert_eq!(run(&site, &["variable", "list"]).stdout, "nobody watches a variable\n");
+    site.assert_no_violations();
+}
+
+#[test]
+fn a_watch_prints_what_the_registers_hold() {
+    let site = Site::running(&[], &[]);
+    site.wait_for_live_servo();
+    ask(&site, "WY$700,$FFFFFB");
+    ask(&site, "WX$701,$800000");
+    let watch = ["variable", "watch", "Y:$0700", "X:$0701,u", "--count", "2", "--rate", "100"];
+    let ran = run(&site, &watch);
+    assert_eq!((ran.code, ran.stdout.lines().count()), (Some(0), 2), "{ran:?}");
+    for line in ran.stdout.lines() {
+        assert!(line.starts_with("servo=") && line.ends_with(" Y:$0700=-5 X:$0701,u=8388608"), "{line}");
+    }
+    let ran = run(&site, &["variable", "watch", "X:$0701", "--count", "1", "--json"]);
+    assert_eq!(ran.json()["values"][0]["value"], -0x80_0000);
+    assert!(ran.json()["servo_timer"].as_u64().unwrap() > 0);
+
+    for (arguments, said) in [
+        (&["variable", "watch", "Q:$0700"][..], "Q:$0700"),
+        (&["variable", "set", "Y:$0000=1"], "watchdog"),
+        (&["variable", "set", "Y:$0700,20,8=1"], "leave the word"),
+        (&["variable", "set", "Y:$0700,8,5=1"], "1, 4, 8, 12, 16, 20 or 24"),
+        (&["variable", "set", "Y:$0700,8,4=16"], "does not fit in 4 bits"),
+        (&["variable", "set", "Y:$0700=1.5"], "a whole number"),
+        (&["variable", "set", "Y:$0700=0", "Y:$0700=16777216"], "does not fit in 24 bits"),
+        (&["variable", "set", "L:$0728,0,24=1"], "as a whole"),
+    ] {
+        let ran = run(&site, arguments);
+        assert!(ran.code != Some(0) && ran.stdout.is_empty(), "{arguments:?}: {ran:?}");
+        assert!(ran.stderr.contains(said) && ran.stderr.lines().count() == 1, "{arguments:?}: {ran:?}");
+    }
+    assert_eq!(ask(&site, "RHY$700"), ["FFFFFB"], "a refused call writes nothing");
+
+    // 128 are all there are.
+    let board = board(&site);
+    let many: Vec<GatherSource> = (0x700..0x780).map(|n| register(&format!("X:${n:X}"))).collect();
+    let held = board.watch_variables(&many).unwrap();
+    let ran = run(&site, &["variable", "watch", "Y:$0700", "--count", "1"]);
+    assert!(ran.code != Some(0) && ran.stderr.contains("128 are in use, 1 more"), "{ran:?}");
+    drop(held);
+
+    ask(&site, "I55=0");
+    for arguments in [&["variable", "watch", "Y:$0700"][..], &["variable", "set", "Y:$0700=1"]] {
+        let ran = run(&site, arguments);
+        assert!(ran.code != Some(0) && ran.stderr.contains("send I55=1 first"), "{ran:?}");
+    }
+    site.assert_no_violations();
+}
+
+#[test]
+fn a_set_writes_the_bits_asked_for_and_many_in_their_order() {
+    let site = Site::running(&[], &[]);
+    site.wait_for_live_servo();
+    ask(&site, "WY$700,$ABCDEF");
+    let done = |arguments: &[&str]| {
+        let ran = run(&site, &[&["variable", "set"], arguments].concat());
+        assert_eq!((ran.code, ran.stderr.as_str()), (Some(0), ""), "{arguments:?}");
+    };
+    done(&["Y:$0700,8,4=5"]);
+    assert_eq!(ask(&site, "RHY$700"), ["ABC5EF"]);
+    done(&["Y:$0700,0=0", "X:$0700=-2", "D:$0728=-3"]);
+    assert_eq!(ask(&site, "RHY$700"), ["ABC5EE"]);
+    assert_eq!(ask(&site, "RHX$700"), ["FFFFFE"]);
+    assert_eq!(
+        (ask(&site, "RHX$728"), ask(&site, "RHY$728")),
+        (vec!["FFFFFF".into()], vec!["FFFFFD".into()])
+    );
+    done(&["L:$0729=2.5"]);
+    let ran = run(&site, &["variable", "watch", "L:$0729", "--count", "1", "--json"]);
+    assert_eq!(ran.json()["values"][0]["value"], 2.5);
+
+    // 100 records take four cycles of 32; each register is written twice, and the last word counts.
+    let values: Vec<String> = (0..100).map(|n| format!("Y:${:X}={}", 0x740 + n % 50, 1000 + n)).collect();
+    done(&values.iter().map(String::as_str).collect::<Vec<_>>());
+    for n in [0, 17, 49] {
+        assert_eq!(ask(&site, &format!("RY${:X}", 0x740 + n)), [(1050 + n).to_string()]);
+    }
+    site.assert_no_violations();
+}
