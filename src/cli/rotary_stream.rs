@@ -144,7 +144,10 @@ impl Streaming<'_> {
         }
         self.line(
             &format!("&{cs}B0"),
-            "; has the coordinate system a rotary buffer (--define LONGS), and is no program running in it?",
+            &format!(
+                "; has the coordinate system a rotary buffer (--define LONGS), and is no program running in it (&{cs}Q ends \
+                 one that waits for more lines)?"
+            ),
         )?;
         self.line("I57=0", "")?;
         self.board.rotary_open(place)?;

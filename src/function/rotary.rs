@@ -152,7 +152,8 @@ pub struct RotaryState {
     /// PMAC has reported an error: its code, the meaning of which no text gives.
     pub error: Option<u8>,
     /// How often the ring was found empty though the stream was not finished. A ring that ran empty is found so at the
-    /// next line at the latest, so none is missed.
+    /// next line at the latest, so none is missed. When PMAC's internal buffer is full for the first time the count
+    /// starts over: until then PMAC takes all there is, and that is no sign that the motors wait.
     pub underruns: u64,
 }
 
@@ -171,6 +172,8 @@ pub struct RotaryStream {
     /// For each line that PMAC has not taken wholly: the number of longs sent up to its end.
     line_ends: VecDeque<u64>,
     underruns: u64,
+    /// PMAC's internal buffer has been full.
+    filled: bool,
     /// The ring has been counted as run empty since the last line.
     dry: bool,
     finished: bool,
@@ -210,6 +213,7 @@ impl RotaryStream {
             sent_lines: 0,
             line_ends: VecDeque::with_capacity(size as usize / 2),
             underruns: 0,
+            filled: false,
             dry: false,
             finished: false,
         };
@@ -258,7 +262,8 @@ impl RotaryStream {
     /// The words and the new end marker are in place before the host's index moves, and the old end marker, which
     /// begins a line as the first command does, is overwritten last.
     ///
-    /// Costs 2 reads, and 4 writes a command with 5 more when there is room.
+    /// Costs 2 reads, and 4 writes a command with 5 more when there is room; 1 read more when there is none, until PMAC's
+    /// internal buffer has been full.
     ///
     /// # Errors
     /// [`RotaryError::Empty`], [`RotaryError::TooLong`], [`RotaryError::NotALine`] without an access;
@@ -267,6 +272,9 @@ impl RotaryStream {
         let longs = self.check(line)?;
         self.look(bus)?;
         if self.ahead + longs > self.size - KEPT_FREE {
+            if !self.filled {
+                self.status(bus)?;
+            }
             return Ok(false);
         }
         let Some((first, others)) = line.split_first() else { return Err(RotaryError::Empty) };
@@ -296,7 +304,7 @@ impl RotaryStream {
     /// [`RotaryError::Header`]; [`RotaryError::Bus`].
     pub fn state(&mut self, bus: &mut impl Bus) -> Result<RotaryState, RotaryError> {
         self.look(bus)?;
-        let status = bus.read16(self.header.plus_words(rotary_header::STATUS))?;
+        let status = self.status(bus)?;
         Ok(RotaryState {
             ahead_longs: self.ahead,
             ahead_commands: self.ahead / 2,
@@ -306,6 +314,15 @@ impl RotaryStream {
             error: (status & ROTARY_ERROR != 0).then_some(status as u8),
             underruns: self.underruns,
         })
+    }
+
+    fn status(&mut self, bus: &mut impl Bus) -> Result<u16, BusError> {
+        let status = bus.read16(self.header.plus_words(rotary_header::STATUS))?;
+        if status & ROTARY_BUSY != 0 && !self.filled {
+            self.filled = true;
+            self.underruns = 0;
+        }
+        Ok(status)
     }
 
     /// Reads both indexes and learns what PMAC has taken.

@@ -128,7 +128,8 @@ fn the_smallest_buffer_takes_one_command_and_goes_round() {
         let words = header(&mut bus);
         assert_eq!(words[at::PMAC_INDEX], (words[at::HOST_INDEX] + 4) % 6);
         assert!(!stream.offer(&mut bus, &line(1, 99)).unwrap());
-        assert_eq!((bus.reads() - reads, bus.writes() - writes), (6 + 2, 0), "nothing was written");
+        // Until PMAC's own buffer has been full, a look at the status word as well.
+        assert_eq!((bus.reads() - reads, bus.writes() - writes), (6 + 3, 0), "nothing was written");
         assert_eq!(words[at::HOST_INDEX], 2 * (turn + 1) % 6);
         bus.write16(ROTARY_1.plus_words(at::PMAC_INDEX), words[at::HOST_INDEX]).unwrap();
     }
@@ -320,4 +321,27 @@ proptest! {
         prop_assert_eq!(bus.taken, bus.sent.len());
         prop_assert_eq!(stream.state(&mut bus).unwrap().sent_lines, lines.len() as u64);
     }
+}
+
+#[test]
+fn what_pmac_takes_to_fill_its_own_buffer_is_no_underrun() {
+    let mut bus = board();
+    let mut stream = RotaryStream::set_up(&mut bus, &setup(6)).unwrap();
+    for word in 0..3 {
+        assert!(stream.offer(&mut bus, &line(1, word)).unwrap());
+        take_all(&mut bus);
+    }
+    assert_eq!(stream.state(&mut bus).unwrap().underruns, 3, "it may be that the motors wait");
+    assert!(stream.offer(&mut bus, &line(1, 3)).unwrap());
+    bus.write16(ROTARY_1.plus_words(at::STATUS), ROTARY_BUSY).unwrap();
+    assert!(!stream.offer(&mut bus, &line(1, 4)).unwrap());
+    assert_eq!(stream.state(&mut bus).unwrap().underruns, 0, "they did not");
+    take_all(&mut bus);
+    assert_eq!(stream.state(&mut bus).unwrap().underruns, 1, "now they may");
+}
+
+/// PMAC takes all there is.
+fn take_all(bus: &mut impl Bus) {
+    let host = bus.read16(ROTARY_1.plus_words(at::HOST_INDEX)).unwrap();
+    bus.write16(ROTARY_1.plus_words(at::PMAC_INDEX), host).unwrap();
 }

@@ -122,6 +122,40 @@ fn every_action_for_coordinate_systems_has_its_effect() {
 }
 
 #[test]
+fn a_program_is_stepped_run_held_and_aborted() {
+    let site = running();
+    let mut board = site.connection();
+    let lines = ["&2 #2->X I293=$8C6", "OPEN PROG 7 CLEAR", "LINEAR INC TM50 TA20 TS0", "X20", "X20", "X20"];
+    for line in lines.into_iter().chain(["WHILE (P1=0)", "X20", "ENDWHILE", "CLOSE", "&2 B7"]) {
+        board.send(line, PATIENCE).unwrap();
+    }
+    done(&site, &["panel", "step", "2"]);
+    done(&site, &["panel", "step", "2"]);
+    until(&mut board, "#2P", "a step", |position| position > 15.0);
+    let after = {
+        until(&mut board, "#2V", "it stands again", |speed| speed.abs() < 0.01);
+        ask(&mut board, "#2P")
+    };
+    assert!(after < 61.0, "it does not run: {after}");
+    done(&site, &["panel", "start", "2"]);
+    until(&mut board, "#2P", "it runs", |position| position > 200.0);
+    // Half the speed takes twice the time.
+    done(&site, &["panel", "feed", "2", "50%"]);
+    until(&mut board, "&2%", "half", |percent| (percent - 50.0).abs() < 0.01);
+    done(&site, &["panel", "hold", "2"]);
+    until(&mut board, "#2V", "it is held", |speed| speed.abs() < 0.01);
+    let held = ask(&mut board, "#2P");
+    done(&site, &["panel", "start", "2"]);
+    until(&mut board, "#2P", "it goes on", |position| position > held + 50.0);
+    done(&site, &["panel", "stop", "2"]);
+    until(&mut board, "#2V", "it is aborted", |speed| speed.abs() < 0.01);
+    let aborted = ask(&mut board, "#2P");
+    std::thread::sleep(Duration::from_millis(300));
+    assert!((ask(&mut board, "#2P") - aborted).abs() < 1.0);
+    site.assert_no_violations();
+}
+
+#[test]
 fn a_feed_rate_is_set_in_percent_and_raw_and_released() {
     let site = running();
     let mut board = site.connection();

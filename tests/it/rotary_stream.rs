@@ -261,3 +261,89 @@ fn a_batch_that_is_not_the_next_one_is_refused_whole() {
     connection.send("CLOSE", PATIENCE).unwrap();
     site.assert_no_violations();
 }
+
+#[test]
+fn the_motors_go_where_the_text_says() {
+    let site = running();
+    let path = site.path("run.pmc");
+    let mut text = "LINEAR ABS TM20 TA10 TS0\n".to_owned();
+    for step in 1..=100 {
+        text += &format!("X{} Y-{}\n", step * 10, step * 2);
+    }
+    text += "DWELL 50\nX-125 Y40.5\n";
+    std::fs::write(&path, text).unwrap();
+    let mut board = site.connection();
+    let (status, stdout, stderr) =
+        stream(&site, &[path.to_str().unwrap(), "--define", "60", "--size", "20", "--run"]);
+    assert_eq!(status, 0, "{stderr}");
+    assert!(stdout.starts_with("lines=103 commands=208 underruns="), "{stdout}");
+    let mut position = |motor: &str| board.send(motor, PATIENCE).unwrap()[0].parse::<f64>().unwrap();
+    wait_until("the last move", || {
+        (position("#1P") + 125.0).abs() < 1.0 && (position("#2P") - 40.5).abs() < 1.0
+    });
+    site.assert_no_violations();
+}
+
+#[test]
+fn a_buffer_that_runs_empty_is_counted() {
+    let site = running();
+    let path = site.path("run.pmc");
+    let text: String = (0..3000).map(|step| format!("X{}\n", step % 2)).collect();
+    std::fs::write(&path, format!("LINEAR ABS TM10 TA5 TS0\n{text}")).unwrap();
+    let mut child = Command::new(env!("CARGO_BIN_EXE_pmacctl"))
+        .args(["--name", &site.name])
+        .arg("--socket")
+        .arg(site.socket())
+        .args(["rotary", "stream", path.to_str().unwrap(), "--define", "60", "--size", "40", "--run"])
+        .stdin(Stdio::null())
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .spawn()
+        .unwrap();
+    let mut connection = site.connection();
+    let taken = |connection: &mut pmac_dpram::client::Connection| {
+        connection.rotary_state(1).map_or(0, |state| state.sent_lines - state.ahead_lines)
+    };
+    wait_until("a program that runs", || taken(&mut connection) > 100);
+    let before = connection.rotary_state(1).unwrap().underruns;
+    // Nobody sends any more, and nobody says that there is nothing left to send.
+    child.kill().unwrap();
+    child.wait().unwrap();
+    wait_until("an empty buffer", || connection.rotary_state(1).unwrap().ahead_lines == 0);
+    assert_eq!(connection.rotary_state(1).unwrap().underruns, before + 1);
+    assert_eq!(connection.rotary_state(1).unwrap().underruns, before + 1, "counted once");
+    for line in ["&1A", "CLOSE"] {
+        connection.send(line, PATIENCE).unwrap();
+    }
+    site.assert_no_violations();
+}
+
+#[test]
+fn the_boards_error_is_passed_on() {
+    let site = running();
+    let mut connection = site.connection();
+    for line in ["CLOSE", "&1DEFINE ROT 400", "&1B0", "I57=0"] {
+        connection.send(line, PATIENCE).unwrap();
+    }
+    let place = RotaryPlace {
+        buffer: 2,
+        start: None,
+        size_longs: None,
+        coordinate_system: 1,
+        coordinate_system_base: 1,
+    };
+    connection.rotary_open(place).unwrap();
+    for line in ["I57=1", "OPEN ROT"] {
+        connection.send(line, PATIENCE).unwrap();
+    }
+    // The middle one is no command.
+    let lines: Vec<RotaryLine> =
+        vec![vec![(0x000E23, 0x500000)], vec![(0x000800, 0)], vec![(0x000E23, 0x500000)]];
+    let mut feed = RotaryFeed::new(site.connection(), 2, &lines);
+    while !feed.is_done() {
+        feed.step().unwrap();
+    }
+    wait_until("the board's error", || connection.rotary_state(2).unwrap().error.is_some());
+    assert_eq!(connection.rotary_state(2).unwrap().ahead_lines, 2, "it stopped at the second line");
+    connection.send("CLOSE", PATIENCE).unwrap();
+}
