@@ -16,7 +16,9 @@ use crate::client::HeldJog;
 use crate::function::panel::{FeedOverride, PANEL_WORDS, PanelAction, PanelWords};
 use crate::map::classic::PANEL;
 
-/// How often a held jog is looked after.
+/// How long the daemon may take to ask its board about itself.
+const ASKING: Duration = Duration::from_secs(2);
+/// How often a held jog is looked after, in milliseconds.
 const LOOK: u16 = 20;
 
 /// `panel`.
@@ -165,7 +167,10 @@ fn input_ended() -> bool {
 }
 
 fn feed(context: &mut Context, feed: &Feed) -> Result<Verdict, Failure> {
-    let i10 = i10(context);
+    let i10 = match feed.wanted {
+        Wanted::Percent(_) => wait_for_i10(context),
+        _ => i10(context),
+    };
     let value = match feed.wanted {
         Wanted::Off => None,
         Wanted::Raw(value) => Some(value),
@@ -194,6 +199,17 @@ fn feed(context: &mut Context, feed: &Feed) -> Result<Verdict, Failure> {
             .line(format_args!("&{}: {got:.2} % is the most that the panel has room for", feed.system))?;
     }
     Ok(Verdict::Yes)
+}
+
+/// The same for a daemon that has only just been started, and asks its board in a moment.
+fn wait_for_i10(context: &Context) -> Option<u32> {
+    let deadline = Instant::now() + ASKING;
+    loop {
+        match i10(context) {
+            None if Instant::now() < deadline => std::thread::sleep(Duration::from_millis(20)),
+            found => return found,
+        }
+    }
 }
 
 /// The servo period as the segment says it, if there is one and the board has told.

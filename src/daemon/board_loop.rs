@@ -17,6 +17,7 @@ use super::ascii_desk::{AsciiDesk, PortState};
 use super::identify::Identifier;
 use super::info::SharedInfo;
 use super::interrupt_link::InterruptLink;
+use super::job::Job;
 use super::job_desk::JobDesk;
 use super::queue::{Command, Event, Outcome, READ_MAX, Receive, Sender};
 use crate::device::{Bus, BusError, Counted};
@@ -40,6 +41,8 @@ const ROOM_NS: u64 = 40_000;
 const STARVING_ROUNDS: u32 = 8;
 /// How long an unreachable bus is left alone.
 const BUS_ERROR_PAUSE: Duration = Duration::from_millis(10);
+/// How long the board may take, at the daemon's end, to stop what was held.
+const LAST_STOP: Duration = Duration::from_millis(500);
 /// Commands taken from the queue in one round.
 const COMMANDS_A_ROUND: usize = 4;
 
@@ -141,7 +144,25 @@ impl BoardLoop {
             self.attend(&readable);
         }
         self.info.set_state(InfoState::Dead);
+        self.stop_held_jogs();
         self.release_board();
+    }
+
+    /// What is left in the queue is not begun any more, except for the stop of a jog that somebody held.
+    fn stop_held_jogs(&mut self) {
+        let deadline = Instant::now() + LAST_STOP;
+        while let Some(command) = self.commands.try_receive() {
+            if let Command::Job { ticket, job, .. } = command
+                && let Job::Panel(request) = *job
+                && request.stops() == request.mask
+            {
+                let _ =
+                    self.jobs.submit(&mut self.bus, &self.publisher, ticket, Job::Panel(request), deadline);
+            }
+        }
+        if let Err(error) = self.jobs.finish_stops(&mut self.bus, deadline) {
+            self.bus_failed(&error);
+        }
     }
 
     /// Puts the host's words in order, as at the start.

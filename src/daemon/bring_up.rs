@@ -159,9 +159,10 @@ fn run(settings: &Settings, parent: Option<u32>) -> Result<(), String> {
             break;
         }
     }
+    // First the socket: at its end it has the bus thread stop what is held.
+    server.stop();
     let _ = stop.write(1);
     let ended = bus_thread.join();
-    server.stop();
     if ended.is_err() {
         error!("the bus thread ended with a panic");
         return Err("the bus thread failed".to_owned());

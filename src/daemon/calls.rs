@@ -3,7 +3,7 @@
 
 use std::time::{Duration, Instant};
 
-use log::{info, warn};
+use log::{error, info, warn};
 use serde_json::json;
 
 use super::connection::{Pending, Waiting};
@@ -18,6 +18,10 @@ use crate::protocol::{Call, CallError, Enabled, Reply, control};
 
 /// How long the board may take to say whether a job makes sense.
 const GUARD_TIMEOUT: Duration = Duration::from_millis(500);
+/// Holds the stops that the board did not take, until they are requested again.
+const NOBODY: u64 = u64::MAX;
+/// How long until then.
+const STOP_AGAIN: Duration = Duration::from_secs(1);
 /// How long the board may take to stop a jog whose holder is gone.
 const STOP_TIMEOUT: Duration = Duration::from_secs(5);
 
@@ -189,24 +193,36 @@ impl Service {
         }
     }
 
-    /// Requests the stop of every jog whose holder is gone or silent.
-    pub(super) fn end_leases(&mut self, now: Instant) {
+    /// The request with `ticket` is over: one that had to stop a jog and was not taken comes again.
+    pub(super) fn after_stop(&mut self, ticket: Ticket, outcome: Outcome, now: Instant) {
+        let Some(stop) = self.leases.stop_over(ticket) else { return };
+        if outcome != Outcome::Done {
+            error!(
+                target: "audit",
+                "the board did not take the stop of a held jog (mask {:#04x}); asking again", stop.mask
+            );
+            self.leases.begin(NOBODY, stop, now + STOP_AGAIN);
+        }
+    }
+
+    /// Requests the stop of every jog whose holder is gone or silent, or of all that are held.
+    pub(super) fn end_leases(&mut self, now: Instant, all: bool) {
         let clients = &self.clients;
-        let is_gone = |id: u64| clients.get(&id).is_none_or(|client| !client.hears());
+        let is_gone = |id: u64| all || id != NOBODY && clients.get(&id).is_none_or(|client| !client.hears());
         let mut ended = Vec::new();
         while let Some(end) = self.leases.ended(now, is_gone) {
             ended.push(end);
         }
         for (id, stop) in ended {
             warn!(target: "audit", "a held jog is stopped (mask {:#04x}): its holder is gone or silent", stop.mask);
-            let command = Command::Job {
-                ticket: self.new_ticket(),
-                job: Box::new(Job::Panel(stop)),
-                deadline: now + STOP_TIMEOUT,
-            };
+            let ticket = self.new_ticket();
+            let command =
+                Command::Job { ticket, job: Box::new(Job::Panel(stop)), deadline: now + STOP_TIMEOUT };
             if self.backend.commands.try_send(command).is_err() {
                 // The queue is full; the stop must not be forgotten.
                 self.leases.begin(id, stop, now);
+            } else {
+                self.leases.stopping(ticket, stop);
             }
         }
     }

@@ -130,6 +130,26 @@ impl JobDesk {
         Ok(Some(Event::Done(ticket, outcome)))
     }
 
+    /// At the end: of the panel requests that wait, only stops are still handed over, until `deadline`.
+    ///
+    /// # Errors
+    /// When the bus cannot be reached.
+    pub fn finish_stops(&mut self, bus: &mut impl Bus, deadline: Instant) -> Result<(), BusError> {
+        self.panel.keep_stops();
+        while let Some(due) = self.panel.due() {
+            let now = Instant::now();
+            if now >= deadline {
+                break;
+            }
+            if due <= now {
+                self.panel.pass(bus, now)?;
+            } else {
+                std::thread::sleep(due - now);
+            }
+        }
+        Ok(())
+    }
+
     /// When to pass next; `None` while nothing is to be done.
     #[must_use]
     pub fn due(&self) -> Option<Instant> {

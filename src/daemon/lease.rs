@@ -6,6 +6,7 @@
 use std::collections::HashMap;
 use std::time::{Duration, Instant};
 
+use super::queue::Ticket;
 use crate::function::panel::PanelRequest;
 
 /// How long a client may be silent.
@@ -17,15 +18,18 @@ struct Lease {
     until: Instant,
 }
 
-/// Every lease there is, by client.
+/// Every lease there is, by client, and the stops that the board has not taken yet.
 #[derive(Debug, Default)]
-pub(super) struct Leases(HashMap<u64, Lease>);
+pub(super) struct Leases {
+    held: HashMap<u64, Lease>,
+    stopping: HashMap<Ticket, PanelRequest>,
+}
 
 impl Leases {
     /// `client` holds a jog that `stop` ends. One it held before is added to it.
     /// It runs until `begun` at first, when the board must have taken the jog, and after that from renewal to renewal.
     pub(super) fn begin(&mut self, client: u64, stop: PanelRequest, begun: Instant) {
-        let lease = self.0.entry(client).or_insert(Lease { stop: PanelRequest::default(), until: begun });
+        let lease = self.held.entry(client).or_insert(Lease { stop: PanelRequest::default(), until: begun });
         lease.until = lease.until.max(begun);
         lease.stop.mask |= stop.mask;
         for (held, new) in lease.stop.words.iter_mut().zip(stop.words) {
@@ -35,7 +39,7 @@ impl Leases {
 
     /// `client` is still there; false when it holds nothing.
     pub(super) fn renew(&mut self, client: u64, now: Instant) -> bool {
-        let lease = self.0.get_mut(&client);
+        let lease = self.held.get_mut(&client);
         let held = lease.is_some();
         if let Some(lease) = lease {
             lease.until = now + LEASE;
@@ -45,17 +49,27 @@ impl Leases {
 
     /// The board has taken the stop of the motors in `mask`, asked for by `client` itself.
     pub(super) fn stopped(&mut self, client: u64, mask: u8) {
-        if let Some(lease) = self.0.get_mut(&client) {
+        if let Some(lease) = self.held.get_mut(&client) {
             lease.stop.mask &= !mask;
             if lease.stop.mask == 0 {
-                self.0.remove(&client);
+                self.held.remove(&client);
             }
         }
     }
 
+    /// `ticket` requests the stop of what was held.
+    pub(super) fn stopping(&mut self, ticket: Ticket, stop: PanelRequest) {
+        self.stopping.insert(ticket, stop);
+    }
+
+    /// The request with `ticket` is over; what it was to stop, if it was such a one.
+    pub(super) fn stop_over(&mut self, ticket: Ticket) -> Option<PanelRequest> {
+        self.stopping.remove(&ticket)
+    }
+
     /// When the next one runs out.
     pub(super) fn next_end(&self) -> Option<Instant> {
-        self.0.values().map(|lease| lease.until).min()
+        self.held.values().map(|lease| lease.until).min()
     }
 
     /// Takes out one that has run out, or whose client `is_gone`: the client, and what to request.
@@ -64,9 +78,12 @@ impl Leases {
         now: Instant,
         is_gone: impl Fn(u64) -> bool,
     ) -> Option<(u64, PanelRequest)> {
-        let client =
-            self.0.iter().find(|(client, lease)| lease.until <= now || is_gone(**client)).map(|(c, _)| *c)?;
-        self.0.remove(&client).map(|lease| (client, lease.stop))
+        let client = self
+            .held
+            .iter()
+            .find(|(client, lease)| lease.until <= now || is_gone(**client))
+            .map(|(c, _)| *c)?;
+        self.held.remove(&client).map(|lease| (client, lease.stop))
     }
 }
 

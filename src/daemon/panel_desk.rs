@@ -67,6 +67,11 @@ impl PanelDesk {
         None
     }
 
+    /// Forgets every request that waits and is not a stop.
+    pub fn keep_stops(&mut self) {
+        self.waiting.retain(|waiting| waiting.request.stops() == waiting.request.mask);
+    }
+
     /// Sets or releases an override; done at once.
     ///
     /// # Errors

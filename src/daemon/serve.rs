@@ -200,7 +200,7 @@ impl Service {
                 self.accept(now);
             }
             self.expire(now);
-            self.end_leases(now);
+            self.end_leases(now, false);
             let (owners, subscriptions) = (&mut self.owners, &mut self.subscriptions);
             self.clients.retain(|id, client| {
                 let stays = !client.is_finished();
@@ -214,6 +214,8 @@ impl Service {
             });
             self.tell_subscriptions(now);
         }
+        // Nobody will be there to hold a jog; the bus thread still does this before it ends.
+        self.end_leases(Instant::now(), true);
         self.farewell();
     }
 
@@ -352,6 +354,7 @@ impl Service {
                 }
             }
             Event::Done(ticket, outcome) => {
+                self.after_stop(ticket, outcome, now);
                 let Some(pending) = self.pending(ticket) else { return };
                 let lines = std::mem::take(&mut pending.lines);
                 let stops = pending.stops;

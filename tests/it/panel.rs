@@ -1,0 +1,339 @@
+//! The control panel and the open words from the command line to the simulated motors, as real processes.
+
+use std::os::unix::fs::FileExt;
+use std::process::{Child, Command, Stdio};
+use std::time::Duration;
+
+use nix::sys::signal::{Signal, kill};
+use nix::unistd::Pid;
+use pmac_dpram::client::{Connection, HeldJog};
+use serde_json::Value;
+
+use crate::site::{PATIENCE, Site, wait_until};
+
+/// Motor 1's actual velocity in the servo report.
+const VELOCITY: u64 = 0x70;
+
+fn running() -> Site {
+    let site = Site::running(&[], &[]);
+    site.wait_for_live_servo();
+    wait_until("a board that takes commands", || site.pmacctl(&["send", "I2=3"]).0 == 0);
+    site
+}
+
+fn done(site: &Site, arguments: &[&str]) -> String {
+    let (status, stdout, stderr) = site.pmacctl(arguments);
+    assert_eq!((status, stderr.as_str()), (0, ""), "{arguments:?}: {stdout}");
+    stdout
+}
+
+fn ask(connection: &mut Connection, line: &str) -> f64 {
+    connection.send(line, PATIENCE).unwrap()[0].parse().unwrap()
+}
+
+fn until(connection: &mut Connection, line: &str, what: &str, holds: impl Fn(f64) -> bool) {
+    wait_until(&format!("{line}: {what}"), || holds(ask(connection, line)));
+}
+
+/// Motor 1 of a board with no daemon: whether it moves, straight from the report.
+fn moves_by_itself(site: &Site) -> bool {
+    let memory = std::fs::File::open(site.path("dpram")).unwrap();
+    let mut long = [0; 4];
+    memory.read_exact_at(&mut long, VELOCITY).unwrap();
+    i32::from_le_bytes(long) != 0
+}
+
+/// `pmacctl` that goes on running, its input open.
+fn start(site: &Site, arguments: &[&str]) -> Child {
+    Command::new(env!("CARGO_BIN_EXE_pmacctl"))
+        .args(["--name", &site.name])
+        .arg("--socket")
+        .arg(site.socket())
+        .args(arguments)
+        .stdin(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap()
+}
+
+fn signal(child: &Child, signal: Signal) {
+    kill(Pid::from_raw(child.id().cast_signed()), signal).unwrap();
+}
+
+fn status(mut child: Child) -> Option<i32> {
+    let mut status = None;
+    wait_until("pmacctl to end", || {
+        status = child.try_wait().unwrap();
+        status.is_some()
+    });
+    status.unwrap().code()
+}
+
+#[test]
+fn every_action_for_motors_has_its_effect() {
+    let site = running();
+    let mut board = site.connection();
+    done(&site, &["panel", "jog+", "1", "3"]);
+    until(&mut board, "#1V", "it goes up", |speed| speed > 1.0);
+    until(&mut board, "#3V", "it goes up", |speed| speed > 1.0);
+    done(&site, &["panel", "jog-", "3"]);
+    until(&mut board, "#3V", "it goes down", |speed| speed < -1.0);
+    assert!(
+        ask(&mut board, "#1V") > 1.0 && ask(&mut board, "#2V").abs() < 0.1,
+        "the others go on as they were"
+    );
+    done(&site, &["panel", "jog-stop", "1", "3"]);
+    for line in ["#1V", "#3V"] {
+        until(&mut board, line, "it stands", |speed| speed.abs() < 0.1);
+    }
+    assert!(ask(&mut board, "#1P").abs() > 10.0);
+    done(&site, &["panel", "pre-jog", "1"]);
+    until(&mut board, "#1P", "it is back", |position| position.abs() < 1.0);
+    board.send("#2J^500", PATIENCE).unwrap();
+    until(&mut board, "#2P", "it has moved", |position| (position - 500.0).abs() < 1.0);
+    done(&site, &["panel", "home", "2"]);
+    // Homing ends at the index pulse; the position counts from there.
+    until(&mut board, "#2P", "it is homed", |position| position.abs() < 400.0);
+    // Jog plus and jog minus for one motor are a stop.
+    done(&site, &["panel", "jog+", "4"]);
+    until(&mut board, "#4V", "it goes", |speed| speed > 1.0);
+    done(&site, &["panel", "jog-stop", "4"]);
+    until(&mut board, "#4V", "it stands", |speed| speed.abs() < 0.1);
+    site.assert_no_violations();
+}
+
+#[test]
+fn every_action_for_coordinate_systems_has_its_effect() {
+    let site = running();
+    let mut board = site.connection();
+    board.send("&1 #1->X I193=$806", PATIENCE).unwrap();
+    board.send("#1J+", PATIENCE).unwrap();
+    until(&mut board, "#1V", "it goes", |speed| speed > 1.0);
+    done(&site, &["panel", "stop", "1"]);
+    until(&mut board, "#1V", "the abort stops it", |speed| speed.abs() < 0.1);
+    assert_ne!(ask(&mut board, "RX$0808"), 0.0);
+    done(&site, &["panel", "hold", "1"]);
+    until(&mut board, "RX$0808", "no time passes for a held program", |time| time == 0.0);
+    // Without a program there is nothing to run: the board takes the request and drops it.
+    for action in ["start", "step"] {
+        done(&site, &["panel", action, "2", "3"]);
+    }
+    site.assert_no_violations();
+}
+
+#[test]
+fn a_feed_rate_is_set_in_percent_and_raw_and_released() {
+    let site = running();
+    let mut board = site.connection();
+    done(&site, &["panel", "feed", "1", "50%"]);
+    until(&mut board, "&1%", "half", |percent| (percent - 50.0).abs() < 0.01);
+    done(&site, &["panel", "feed", "2", "14507"]);
+    until(&mut board, "&2%", "all", |percent| (percent - 100.0).abs() < 0.01);
+    let told = done(&site, &["panel", "feed", "2", "300%"]);
+    assert!(told.contains("225.8") && told.contains("the most"), "{told}");
+    until(&mut board, "&2%", "the most there is", |percent| (percent - 225.87).abs() < 0.02);
+    let shown: Value = serde_json::from_str(&done(&site, &["panel", "show", "--json"])).unwrap();
+    assert_eq!((&shown["override_enable"], &shown["request_enable"]), (&3.into(), &0.into()));
+    assert_eq!(shown["numbers"][0]["override_raw"], 7253);
+    assert!((shown["numbers"][0]["override_percent"].as_f64().unwrap() - 50.0).abs() < 0.01);
+    done(&site, &["panel", "feed", "1", "off"]);
+    // Released, it is the board's own again.
+    board.send("&1%80", PATIENCE).unwrap();
+    until(&mut board, "&1%", "its own", |percent| (percent - 80.0).abs() < 0.01);
+    assert!(done(&site, &["panel", "show"]).lines().nth(1).unwrap().contains("off"));
+    site.assert_no_violations();
+}
+
+#[test]
+fn without_i2_3_it_is_refused_and_nothing_written() {
+    let site = running();
+    site.connection().send("I2=1", PATIENCE).unwrap();
+    let panel = |site: &Site| {
+        let memory = std::fs::File::open(site.path("dpram")).unwrap();
+        let mut words = [0; 0x24];
+        memory.read_exact_at(&mut words, 0).unwrap();
+        words
+    };
+    let before = panel(&site);
+    for arguments in [
+        &["panel", "jog+", "1"] as &[&str],
+        &["panel", "jog+", "1", "--hold", "--seconds", "1"],
+        &["panel", "stop", "2"],
+        &["panel", "feed", "1", "50%"],
+    ] {
+        let (status, _, error) = site.pmacctl(arguments);
+        assert_eq!(status, 1, "{arguments:?}: {error}");
+        assert!(error.contains("I2 is 1") && error.contains("send I2=3 first"), "{error}");
+    }
+    assert_eq!(panel(&site), before);
+    for wrong in [
+        &["panel", "jog+", "9"] as &[&str],
+        &["panel", "jog+"],
+        &["panel", "fly", "1"],
+        &["panel", "feed", "1", "-5%"],
+        &["panel", "jog+", "1", "--seconds", "1"],
+    ] {
+        let (status, _, error) = site.pmacctl(wrong);
+        assert_eq!((status, error.lines().count()), (2, 1), "{wrong:?}: {error}");
+    }
+    site.assert_no_violations();
+}
+
+#[test]
+fn a_held_jog_ends_with_its_holder_however_that_ends() {
+    let site = running();
+    let mut board = site.connection();
+    let hold = |board: &mut Connection| {
+        let child = start(&site, &["panel", "jog+", "1", "--hold"]);
+        until(board, "#1V", "it is held", |speed| speed > 1.0);
+        child
+    };
+    let stands = |board: &mut Connection| until(board, "#1V", "it stands", |speed| speed.abs() < 0.1);
+    let child = hold(&mut board);
+    std::thread::sleep(Duration::from_millis(600));
+    assert!(ask(&mut board, "#1V") > 1.0, "longer than the lease");
+    signal(&child, Signal::SIGINT);
+    stands(&mut board);
+    assert_eq!(status(child), Some(0));
+    let mut child = hold(&mut board);
+    drop(child.stdin.take());
+    stands(&mut board);
+    assert_eq!(status(child), Some(0));
+    let child = hold(&mut board);
+    signal(&child, Signal::SIGKILL);
+    stands(&mut board);
+    assert_eq!(status(child), None);
+    // Alive, but it does nothing.
+    let child = hold(&mut board);
+    signal(&child, Signal::SIGSTOP);
+    stands(&mut board);
+    signal(&child, Signal::SIGCONT);
+    assert_eq!(status(child), Some(1), "it says that it was stopped");
+    let child = start(&site, &["panel", "jog-", "1", "--hold", "--seconds", "0.5"]);
+    until(&mut board, "#1V", "it goes", |speed| speed < -1.0);
+    stands(&mut board);
+    assert_eq!(status(child), Some(0));
+    let log = site.log();
+    assert_eq!(log.matches("holder is gone or silent").count(), 2, "{log}");
+    site.assert_no_violations();
+}
+
+#[test]
+fn a_hold_in_a_program_ends_when_it_is_dropped() {
+    let site = running();
+    let mut board = site.connection();
+    let held = HeldJog::begin(site.connection(), "jog+", &[1, 2]).unwrap();
+    until(&mut board, "#2V", "it goes", |speed| speed > 1.0);
+    assert!(held.is_held());
+    drop(held);
+    for line in ["#1V", "#2V"] {
+        until(&mut board, line, "it stands", |speed| speed.abs() < 0.1);
+    }
+    assert!(HeldJog::begin(site.connection(), "home", &[1]).is_err());
+    site.assert_no_violations();
+}
+
+#[test]
+fn a_daemon_that_is_stopped_stops_what_is_held() {
+    let mut site = running();
+    let child = start(&site, &["panel", "jog+", "1", "--hold"]);
+    wait_until("the jog", || moves_by_itself(&site));
+    assert_eq!(site.stop_daemon(), 0);
+    wait_until("the stop", || !moves_by_itself(&site));
+    assert_eq!(status(child), Some(2));
+    site.assert_no_violations();
+}
+
+#[test]
+fn a_jog_outlives_a_killed_daemon_and_a_request_does_not() {
+    let mut site = running();
+    let child = start(&site, &["panel", "jog+", "1", "--hold"]);
+    wait_until("the jog", || moves_by_itself(&site));
+    site.kill_daemon();
+    assert_eq!(status(child), Some(2), "the holder says that there is nobody any more");
+    std::thread::sleep(Duration::from_millis(500));
+    assert!(moves_by_itself(&site), "nobody is left who could stop it but the board");
+    site.start_daemon(&[]);
+    let mut board = site.connection();
+    until(&mut board, "#1V", "it goes on", |speed| speed > 1.0);
+    done(&site, &["panel", "jog-stop", "1"]);
+    until(&mut board, "#1V", "it stands", |speed| speed.abs() < 0.1);
+    // A request that the board has not taken is withdrawn by the next daemon.
+    site.control("fault panel_stuck on");
+    let asking = start(&site, &["panel", "jog+", "2"]);
+    let requested = |site: &Site| {
+        let memory = std::fs::File::open(site.path("dpram")).unwrap();
+        let mut word = [0; 2];
+        memory.read_exact_at(&mut word, 0).unwrap();
+        u16::from_le_bytes(word)
+    };
+    wait_until("the request", || requested(&site) == 2);
+    site.kill_daemon();
+    assert_eq!(status(asking), Some(2));
+    assert_eq!(requested(&site), 2);
+    site.start_daemon(&[]);
+    wait_until("its withdrawal", || requested(&site) == 0);
+    site.control("fault panel_stuck off");
+    let mut board = site.connection();
+    wait_until("a board that answers", || board.send("#2V", PATIENCE).is_ok());
+    std::thread::sleep(Duration::from_millis(200));
+    assert!(ask(&mut board, "#2V").abs() < 0.1);
+}
+
+#[test]
+fn a_request_that_the_board_does_not_take_is_withdrawn() {
+    let site = running();
+    site.control("fault panel_stuck on");
+    let (status, _, error) = site.pmacctl(&["panel", "jog+", "1"]);
+    assert_eq!(status, 1);
+    assert!(error.contains("did not take the panel request in time"), "{error}");
+    assert_eq!(done(&site, &["read", "0x0000"]).split_whitespace().last(), Some("0"));
+    site.control("fault panel_stuck off");
+    done(&site, &["panel", "jog+", "1"]);
+    done(&site, &["panel", "jog-stop", "1"]);
+}
+
+#[test]
+fn words_and_bits_are_written_where_they_are_open() {
+    let site = running();
+    let value = |address: &str| {
+        let document: Value = serde_json::from_str(&done(&site, &["--json", "read", address])).unwrap();
+        document[0]["value"].clone()
+    };
+    done(&site, &["write", "Y:$D800", "-5", "$1F", "65535"]);
+    assert_eq!(value("Y:$D800"), 0xFFFB);
+    assert_eq!((value("Y:$D801"), value("Y:$D802")), (0x1F.into(), 0xFFFF.into()));
+    assert_eq!(value("X:$D800"), 0, "what lies between is not touched");
+    done(&site, &["write", "Y:$D800,8,4", "3"]);
+    assert_eq!((value("Y:$D800"), value("Y:$D800,8,4")), (0xF3FB.into(), 3.into()));
+    done(&site, &["write", "DP:$D803", "-70000"]);
+    assert_eq!(value("DP:$D803"), -70_000);
+    done(&site, &["write", "DP:$D803,12,8", "$A5"]);
+    assert_eq!(value("DP:$D803,12,8"), 0xA5);
+    done(&site, &["write", "F:$D804", "-2.5", "1e3"]);
+    assert_eq!((value("F:$D804"), value("F:$D805")), ((-2.5).into(), 1000.0.into()));
+    done(&site, &["write", "0x2030", "7"]);
+    assert_eq!(value("0x2030"), 7);
+    // The board sees the same.
+    assert_eq!(ask(&mut site.connection(), "RY$D801"), 31.0);
+    // The panel's own words, a table in the plan, and the headers.
+    for address in ["X:$D000", "Y:$D1FC", "0x0024", "Y:$DC00"] {
+        let (status, _, error) = site.pmacctl(&["write", address, "1"]);
+        assert_eq!(status, 1, "{address}: {error}");
+        assert!(error.contains("belongs to"), "{error}");
+    }
+    assert_eq!(value("Y:$DC00"), 0, "nothing was written");
+    done(&site, &["write", "Y:$DC00", "1", "--engineer"]);
+    assert_eq!(value("Y:$DC00"), 1);
+    for wrong in [
+        &["write", "Y:$D800"] as &[&str],
+        &["write", "Y:$D800", "65536"],
+        &["write", "L:$D800", "1"],
+        &["write", "Y:$D800,12,8", "1"],
+        &["read", "F:$D800,0,8"],
+    ] {
+        let (status, _, error) = site.pmacctl(wrong);
+        assert_eq!((status, error.lines().count()), (2, 1), "{wrong:?}: {error}");
+    }
+    site.assert_no_violations();
+}

@@ -1,0 +1,263 @@
+//! `pmacctl rotary stream` against the simulated board, as real processes.
+
+use std::path::PathBuf;
+use std::process::{Command, Output, Stdio};
+use std::time::Duration;
+
+use nix::sys::signal::{Signal, kill};
+use nix::unistd::Pid;
+use pmac_dpram::client::{RotaryFeed, RotaryLine, RotaryPlace};
+
+use crate::site::{PATIENCE, Site, wait_until};
+
+fn running() -> Site {
+    let site = Site::running(&[], &[]);
+    site.wait_for_live_servo();
+    wait_until("a board that takes commands", || site.pmacctl(&["send", "&1 #1->X #2->Y"]).0 == 0);
+    site
+}
+
+/// A program of so many lines of two commands, in a file of the site.
+fn program(site: &Site, lines: usize) -> PathBuf {
+    let path = site.path("program.pmc");
+    let mut text = "; two commands a line, and this one takes none\n".to_owned();
+    for line in 0..lines {
+        text += &format!("X{} Y{}\n", line % 1000, line * 7 % 500);
+    }
+    std::fs::write(&path, text).unwrap();
+    path
+}
+
+fn stream(site: &Site, arguments: &[&str]) -> (i32, String, String) {
+    site.pmacctl(&[&["rotary", "stream"], arguments].concat())
+}
+
+/// The numbers of `lines=N commands=N underruns=N seconds=S`.
+fn summary(stdout: &str) -> [f64; 4] {
+    let values = stdout.trim_end().split(' ').map(|part| part.split_once('=').unwrap().1.parse().unwrap());
+    values.collect::<Vec<f64>>().try_into().unwrap()
+}
+
+#[test]
+fn a_program_goes_in_whole_through_either_buffer() {
+    let site = running();
+    let file = program(&site, 9000);
+    let file = file.to_str().unwrap();
+    let (status, stdout, stderr) = stream(&site, &[file, "--define", "37000"]);
+    assert_eq!(status, 0, "{stderr}");
+    assert!(stdout.starts_with("lines=9000 commands=18000 underruns="), "{stdout}");
+    println!("{:.0} commands/s", 18000.0 / summary(&stdout)[3]);
+    // Nothing is left open: this would be a program line otherwise.
+    assert_eq!(site.connection().send("I57", PATIENCE).unwrap(), ["1"]);
+    site.assert_no_violations();
+    // The other buffer, small, elsewhere, for the other coordinate system: after a reset, which forgets the first one.
+    site.control("reset");
+    wait_until("a board that takes commands", || site.pmacctl(&["send", "I58"]).0 == 0);
+    let short = program(&site, 500);
+    let short = short.to_str().unwrap();
+    let options = ["--cs", "2", "--buffer", "2", "--size", "20", "--start", "DP:$D800", "--define", "2100"];
+    let (status, stdout, stderr) = stream(&site, &[&[short, "--json"], &options[..]].concat());
+    assert_eq!(status, 0, "{stderr}");
+    let document: serde_json::Value = serde_json::from_str(&stdout).unwrap();
+    assert_eq!((&document["lines"], &document["commands"]), (&500.into(), &1000.into()));
+    assert_eq!((&document["ahead_lines"], &document["finished"]), (&0.into(), &true.into()));
+    site.assert_no_violations();
+}
+
+#[test]
+fn what_cannot_be_sent_is_told_before_anything_is() {
+    let site = running();
+    let path = site.path("bad.pmc");
+    std::fs::write(&path, "X1\nIF (P1>0)\nX(P1+2)\n").unwrap();
+    let file = path.to_str().unwrap();
+    let (status, stdout, stderr) = stream(&site, &[file, "--define", "100"]);
+    assert_eq!((status, stdout.as_str()), (1, ""));
+    let lines: Vec<&str> = stderr.lines().collect();
+    assert!(
+        lines[0].starts_with(&format!("{file}:2:1: ")) && lines[1].starts_with(&format!("{file}:3:")),
+        "{stderr}"
+    );
+    assert!(!site.log().contains("DEFINE"), "nothing was sent");
+    // A line that the buffer could never hold.
+    std::fs::write(&path, "X1\nX1 Y2 Z3\n").unwrap();
+    let (status, _, stderr) = stream(&site, &[file, "--size", "8"]);
+    assert_eq!(status, 1);
+    assert!(stderr.starts_with(&format!("{file}:2:1: 3 commands in a line")), "{stderr}");
+    // Lost precision is a warning.
+    std::fs::write(&path, "P1=1.23456789\n").unwrap();
+    let (status, stdout, stderr) = stream(&site, &[file, "--define", "100"]);
+    assert_eq!(status, 0, "{stderr}");
+    assert!(stderr.starts_with(&format!("{file}:1:4: warning: ")), "{stderr}");
+    assert!(stdout.starts_with("lines=1 commands=1 "), "{stdout}");
+    std::fs::write(&path, "; nothing\n").unwrap();
+    assert_eq!(stream(&site, &[file]).0, 2);
+    site.assert_no_violations();
+}
+
+#[test]
+fn a_board_that_is_not_ready_says_what_it_lacks() {
+    let site = running();
+    let file = program(&site, 10);
+    let file = file.to_str().unwrap();
+    let (status, _, stderr) = stream(&site, &[file]);
+    assert_eq!(status, 1);
+    assert!(stderr.starts_with("&1B0: ERR003") && stderr.contains("--define"), "{stderr}");
+    site.connection().send("&1DEFINE ROT 100", PATIENCE).unwrap();
+    // Across the table of the variable write.
+    let (status, _, stderr) = stream(&site, &[file, "--start", "DP:$DA00", "--size", "128"]);
+    assert_eq!(status, 1);
+    assert!(stderr.contains("belongs to the variable_write buffer"), "{stderr}");
+    // The header is not touched under a transfer.
+    site.connection().send("I57=1", PATIENCE).unwrap();
+    let place = RotaryPlace {
+        buffer: 1,
+        start: None,
+        size_longs: None,
+        coordinate_system: 1,
+        coordinate_system_base: 1,
+    };
+    let error = site.connection().rotary_open(place).unwrap_err().to_string();
+    assert!(error.contains("I57 is 1") && error.contains("send I57=0"), "{error}");
+    let error = site.connection().rotary_state(1).unwrap_err().to_string();
+    assert!(error.contains("has not been set up"), "{error}");
+    assert_eq!(stream(&site, &[file]).0, 0);
+    site.assert_no_violations();
+}
+
+#[test]
+fn a_board_that_takes_no_more_is_waited_for_and_then_told() {
+    let site = running();
+    let file = program(&site, 2000);
+    let file = file.to_str().unwrap();
+    let (status, stdout, stderr) = stream(&site, &[file, "--define", "200", "--timeout", "2"]);
+    assert_eq!(status, 1, "{stderr}");
+    let [lines, commands, underruns, _] = summary(&stdout);
+    assert!(lines > 50.0 && lines < 1000.0 && commands == 2.0 * lines && underruns <= 1.0, "{stdout}");
+    let said = stderr.lines().last().unwrap();
+    assert!(said.starts_with(&format!("{file}:")) && said.contains("taken nothing for 2 s"), "{said}");
+    assert!(said.contains("still in the DPRAM buffer") && said.contains("send CLOSE"), "{said}");
+    // The line at which the board stopped is that of the first one it has not taken.
+    let state = site.connection().rotary_state(1).unwrap();
+    let line = 2 + state.sent_lines - state.ahead_lines;
+    assert!(said.starts_with(&format!("{file}:{line}: ")), "{said} {line}");
+    assert_eq!(state.sent_lines as f64, lines);
+    site.connection().send("CLOSE", PATIENCE).unwrap();
+    site.assert_no_violations();
+}
+
+/// Runs the stream, sends it `signal` when it is under way, and gives what it said.
+fn interrupted(site: &Site, arguments: &[&str], signal: Signal) -> Output {
+    let child = Command::new(env!("CARGO_BIN_EXE_pmacctl"))
+        .args(["--name", &site.name])
+        .arg("--socket")
+        .arg(site.socket())
+        .args(["rotary", "stream"])
+        .args(arguments)
+        .stdin(Stdio::null())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut connection = site.connection();
+    wait_until("a full buffer", || connection.rotary_state(1).is_ok_and(|state| state.busy));
+    kill(Pid::from_raw(child.id().cast_signed()), signal).unwrap();
+    child.wait_with_output().unwrap()
+}
+
+#[test]
+fn an_interrupted_stream_leaves_whole_lines_and_says_what_is_left() {
+    let site = running();
+    let file = program(&site, 2000);
+    let file = file.to_str().unwrap();
+    let output = interrupted(&site, &[file, "--define", "200"], Signal::SIGINT);
+    let (stdout, stderr) =
+        (String::from_utf8(output.stdout).unwrap(), String::from_utf8(output.stderr).unwrap());
+    assert_eq!(output.status.code(), Some(1), "{stderr}");
+    let said = stderr.lines().last().unwrap();
+    assert!(said.contains("interrupted; ") && said.contains("of 2000 lines were sent"), "{said}");
+    let state = site.connection().rotary_state(1).unwrap();
+    assert!(said.contains(&format!("{} of them are still in the DPRAM buffer", state.ahead_lines)), "{said}");
+    assert_eq!(summary(&stdout)[0] as u64, state.sent_lines);
+    // Nothing follows.
+    std::thread::sleep(Duration::from_millis(500));
+    assert_eq!(site.connection().rotary_state(1).unwrap().sent_lines, state.sent_lines);
+    site.connection().send("CLOSE", PATIENCE).unwrap();
+    site.assert_no_violations();
+}
+
+#[test]
+fn a_killed_stream_stops_within_its_batches_and_the_next_one_starts_over() {
+    let site = running();
+    let file = program(&site, 2000);
+    let file = file.to_str().unwrap();
+    interrupted(&site, &[file, "--define", "200"], Signal::SIGKILL);
+    std::thread::sleep(Duration::from_secs(1));
+    let state = site.connection().rotary_state(1).unwrap();
+    assert!(state.sent_lines < 1000, "{state:?}");
+    std::thread::sleep(Duration::from_millis(300));
+    assert_eq!(site.connection().rotary_state(1).unwrap(), state);
+    site.connection().send("CLOSE", PATIENCE).unwrap();
+    let short = program(&site, 20);
+    let (status, stdout, stderr) = stream(&site, &[short.to_str().unwrap(), "--timeout", "1"]);
+    // The board's own buffer is still full of the first one's lines.
+    assert_eq!(status, 1, "{stdout} {stderr}");
+    assert_eq!(site.connection().rotary_state(1).unwrap().sent_lines, 20);
+    site.connection().send("CLOSE", PATIENCE).unwrap();
+    site.assert_no_violations();
+}
+
+#[test]
+fn no_question_goes_into_an_open_buffer() {
+    let site = running();
+    let mut connection = site.connection();
+    connection.send("&1DEFINE ROT 100", PATIENCE).unwrap();
+    connection.send("I2=1", PATIENCE).unwrap();
+    // The daemon would ask the board again after this line, and ask I2 before a panel request.
+    wait_until("the questions after I2=1", || {
+        let before = site.status()["commands"].as_u64();
+        std::thread::sleep(Duration::from_millis(500));
+        site.status()["commands"].as_u64() == before
+    });
+    connection.send("I19=1", PATIENCE).unwrap();
+    connection.send("OPEN ROT", PATIENCE).unwrap();
+    let commands = site.status()["commands"].as_u64().unwrap();
+    let error = connection.panel("jog+", &[1]).unwrap_err().to_string();
+    assert!(error.contains("did not take the panel request in time"), "{error}");
+    std::thread::sleep(Duration::from_millis(500));
+    assert_eq!(site.status()["commands"].as_u64().unwrap(), commands, "not one line was sent");
+    connection.send("CLOSE", PATIENCE).unwrap();
+    wait_until("the questions", || site.status()["commands"].as_u64().unwrap() > commands + 3);
+    site.assert_no_violations();
+}
+
+#[test]
+fn a_batch_that_is_not_the_next_one_is_refused_whole() {
+    let site = running();
+    let mut connection = site.connection();
+    for line in ["CLOSE", "&1DEFINE ROT 400", "&1B0", "I57=0"] {
+        connection.send(line, PATIENCE).unwrap();
+    }
+    let place = RotaryPlace {
+        buffer: 1,
+        start: None,
+        size_longs: Some(40),
+        coordinate_system: 1,
+        coordinate_system_base: 1,
+    };
+    connection.rotary_open(place).unwrap();
+    let lines: Vec<RotaryLine> = vec![vec![(0x000E23, 0x500000), (0x000661, 0x980000)]; 60];
+    let mut feed = RotaryFeed::new(site.connection(), 1, &lines);
+    // I57 is 0: nobody takes anything, and 9 lines fill the buffer.
+    let state = feed.step().unwrap().expect("the time is over");
+    assert_eq!((state.sent_lines, state.ahead_lines, feed.inside()), (9, 9, 9));
+    for line in ["I57=1", "OPEN ROT"] {
+        connection.send(line, PATIENCE).unwrap();
+    }
+    while !feed.is_done() {
+        feed.step().unwrap();
+    }
+    wait_until("all of it", || connection.rotary_state(1).unwrap().ahead_lines == 0);
+    assert_eq!(connection.rotary_state(1).unwrap().sent_lines, 60);
+    connection.send("CLOSE", PATIENCE).unwrap();
+    site.assert_no_violations();
+}
