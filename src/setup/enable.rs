@@ -339,13 +339,13 @@ fn rotary(options: &Options) -> Result<FunctionPlan, OutOfRange> {
         .line(Phase::Define, format!("&{system} B0"), "points the coordinate system at it; before OPEN ROT")
         .line(
             Phase::Open,
-            "OPEN ROT",
-            "lets program lines in, text ones through any port as well, until CLOSE",
+            "I57=1",
+            "transfers from the DPRAM; the host has filled in coordinate system, size and start before",
         )
         .line(
             Phase::Open,
-            "I57=1",
-            "transfers from the DPRAM; the host has filled in coordinate system, size and start before",
+            "OPEN ROT",
+            "lets program lines in until CLOSE, text ones through any port as well: I57=1 would be one by now",
         )
         .note("with several coordinate systems define from the highest to the lowest")
         .note("no rotary buffer can be defined while a gather buffer exists: DELETE GATHER first")

@@ -22,7 +22,7 @@ fn each_function_by_itself() {
         (Function::Variable, &["WY$D1FB,0", "WY$D1F5,0", "I55=1"]),
         (
             Function::Rotary,
-            &["I57=0", "WY$D1FD,0", "WX$D1FD,0", "&1 DEFINE ROT 100", "&1 B0", "OPEN ROT", "I57=1"],
+            &["I57=0", "WY$D1FD,0", "WX$D1FD,0", "&1 DEFINE ROT 100", "&1 B0", "I57=1", "OPEN ROT"],
         ),
         (Function::Gather, &["I19=1", "I45=3", "DEFINE GATHER 1024", "GATHER"]),
     ];
@@ -66,8 +66,8 @@ fn together_they_share_settings_and_keep_to_an_order() {
             "DEFINE GATHER 1024",
             "GATHER",
             "GATHER",
-            "OPEN ROT",
-            "I57=1"
+            "I57=1",
+            "OPEN ROT"
         ]
     );
 }

@@ -268,6 +268,21 @@ fn a_hold_in_a_program_ends_when_it_is_dropped() {
 }
 
 #[test]
+fn a_stop_that_the_board_does_not_take_is_asked_for_again() {
+    let site = running();
+    let mut board = site.connection();
+    let child = start(&site, &["panel", "jog+", "1", "--hold"]);
+    until(&mut board, "#1V", "it is held", |speed| speed > 1.0);
+    site.control("fault panel_stuck on");
+    signal(&child, Signal::SIGKILL);
+    assert_eq!(status(child), None);
+    wait_until("the first stop to fail", || site.log().contains("did not take the stop of a held jog"));
+    assert!(ask(&mut board, "#1V") > 1.0);
+    site.control("fault panel_stuck off");
+    until(&mut board, "#1V", "it stands", |speed| speed.abs() < 0.1);
+}
+
+#[test]
 fn a_daemon_that_is_stopped_stops_what_is_held() {
     let mut site = running();
     let child = start(&site, &["panel", "jog+", "1", "--hold"]);
