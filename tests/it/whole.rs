@@ -37,6 +37,11 @@ fn a_client_sees_the_motors_move() {
     assert!(Subscriber::attach(&site.segment()).is_err(), "a clean stop takes the segment away");
 }
 
+/// Updates of the run in virtual time; a minute at the default rate: `PMAC_STEPS=135528`.
+fn steps() -> u64 {
+    std::env::var("PMAC_STEPS").ok().and_then(|text| text.parse().ok()).unwrap_or(3000)
+}
+
 #[test]
 fn in_virtual_time_no_update_is_missed_and_no_sample_lost() {
     let site = Site::running(&["--virtual"], &[]);
@@ -49,7 +54,7 @@ fn in_virtual_time_no_update_is_missed_and_no_sample_lost() {
     let mut sample = Sample::new();
     let mut last_timer = None;
     let mut updates = 0u64;
-    for step in 0..3000u64 {
+    for step in 0..steps() {
         board.ask("step 1");
         let outcome = subscriber.wait_newer(RegionId::Servo, before + updates, PATIENCE).unwrap();
         assert_eq!(outcome, WaitOutcome::Newer, "step {step}");
@@ -61,7 +66,7 @@ fn in_virtual_time_no_update_is_missed_and_no_sample_lost() {
             last_timer = Some(sample.stamp.servo_timer);
         }
     }
-    assert_eq!((updates, cursor.lost()), (3000, 0));
+    assert_eq!((updates, cursor.lost()), (steps(), 0));
     assert_eq!(counter(&subscriber, Counter::Missed), 0);
     assert_eq!(counter(&subscriber, Counter::Skipped), 0);
     site.assert_no_violations();
