@@ -362,6 +362,13 @@ impl Service {
                     return self.guarded(ticket, call, &lines, outcome, now);
                 }
                 let reply = outcome_reply(outcome, lines, pending.length > COLLECT_MAX);
+                if let (Outcome::Refused(reason), Some(id)) = (outcome, self.owners.get(&ticket))
+                    && let Some(client) = self.clients.get(id)
+                {
+                    // What was asked has been logged; that it was not done must be too.
+                    let Peer { uid, pid, .. } = client.peer;
+                    info!(target: "audit", "refused that of uid {uid} pid {pid}: {reason:?}");
+                }
                 if let Some(&id) = self.owners.get(&ticket) {
                     // A held jog has begun: its holder's time runs from here.
                     self.leases.renew(id, now);
