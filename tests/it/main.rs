@@ -2,6 +2,7 @@
 
 mod architecture;
 mod bench;
+mod campaign;
 mod cli;
 mod client;
 mod decode;
