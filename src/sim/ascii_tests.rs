@@ -186,3 +186,21 @@ fn the_judge_sees_what_a_host_must_not_do() {
     bench.run(300);
     assert!(bench.violations().is_empty(), "{:?}", bench.violations());
 }
+
+#[test]
+fn control_w_takes_the_line_that_i47_points_to() {
+    let mut bench = Bench::started();
+    bench.set(47, f64::from(0xD300));
+    for (index, pair) in b"P7=42 P7..8\0".chunks(2).enumerate() {
+        bench.write(0x0C00 + 2 * index as u16, u16::from_le_bytes([pair[0], pair[1]]));
+    }
+    bench.write(0x062E, 0x17);
+    assert_eq!([bench.response(), bench.response(), bench.response()], [line("42"), line("0"), ack()]);
+    // A line without data is acknowledged; one that is not in the DPRAM is empty.
+    bench.write(0x0C04, u16::from(b'2'));
+    bench.write(0x062E, 0x17);
+    assert_eq!(bench.response(), ack());
+    bench.set(47, f64::from(0x1000));
+    bench.write(0x062E, 0x17);
+    assert_eq!(bench.response(), ack());
+}
