@@ -279,7 +279,9 @@ impl AsciiDesk {
         publisher: &Publisher,
         now: Instant,
     ) -> Result<(), BusError> {
-        if let Some(&next) = self.lines.front() {
+        if let Some(&next) = self.lines.front()
+            && (self.buffer.is_open() || !self.identifier.is_overdue(now))
+        {
             if next.question && self.buffer.is_open() {
                 self.lines.pop_front();
                 self.tell(events, Event::Done(next.ticket, Outcome::Unavailable));
