@@ -498,7 +498,8 @@ fn outcome_reply(outcome: Outcome, lines: Vec<String>, overlong: bool) -> Result
         }
         Outcome::TimedOut => Err(CallError::TimedOut { lines }),
         Outcome::Unavailable => Err(CallError::Unavailable {
-            reason: "the port for command lines is off (DPRAM ASCII: I58=0) or the board does not answer".to_owned(),
+            reason: "the port for command lines is off (DPRAM ASCII: I58=0) or the board does not answer"
+                .to_owned(),
         }),
         Outcome::OutOfRange => Err(CallError::OutOfRange),
         Outcome::Refused(reason) => {

@@ -216,6 +216,12 @@ impl MailboxPort {
         }
     }
 
+    /// Whether a control character lies in mailbox 0, not taken by the board yet, as far as steps have seen.
+    #[must_use]
+    pub fn control_lies(&self) -> bool {
+        self.control_lies
+    }
+
     /// Notes an interrupt. It is acted on by the next step.
     pub fn signal(&mut self, signal: MailboxSignal) {
         match signal {

@@ -73,6 +73,39 @@ pub struct BoardInfo {
     pub segment: String,
     /// The automatic functions at work: `servo`, `background`, `ascii`, `interrupt`.
     pub enabled: Vec<String>,
+    /// Which port command lines go through now.
+    #[serde(default)]
+    pub command_port: CommandPort,
+    /// The interrupt controller behind the board's host port, where the daemon serves it.
+    #[serde(default)]
+    pub host_port: Option<HostPortInfo>,
+}
+
+/// A port for command lines.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+#[repr(u32)]
+pub enum CommandPort {
+    /// The DPRAM's ASCII buffers.
+    #[default]
+    Dpram = 0,
+    /// The VME mailboxes.
+    Mailbox = 1,
+}
+
+/// The interrupt controller behind a host port.
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
+pub struct HostPortInfo {
+    /// `pic8259` or `pmac2`.
+    pub controller: String,
+    /// The line, 0 to 7.
+    pub line: u32,
+    /// Interrupts served since the daemon's start.
+    pub served: u32,
+    /// Of these, how many were old ones: no response was there any more.
+    pub old: u32,
+    /// Responses whose interrupt never came.
+    pub unannounced: u32,
 }
 
 /// Which statement of a PMAC program caused a text.
@@ -162,7 +195,10 @@ pub enum CallError {
         lines: Vec<String>,
     },
     /// The board did not answer in time.
-    #[error("the board did not answer in time{}; the line may or may not have been carried out", so_far(lines))]
+    #[error(
+        "the board did not answer in time{}; the line may or may not have been carried out",
+        so_far(lines)
+    )]
     TimedOut {
         /// What had come of its reply.
         lines: Vec<String>,

@@ -195,7 +195,10 @@ fn an_invalid_line_never_reaches_the_bus_thread() {
 fn a_silent_bus_thread_ends_in_a_time_out() {
     let bench = Bench::new();
     let mut board = connect(&bench);
-    assert_eq!(refused(board.send("SILENT", Duration::from_millis(50))), CallError::TimedOut { lines: Vec::new() });
+    assert_eq!(
+        refused(board.send("SILENT", Duration::from_millis(50))),
+        CallError::TimedOut { lines: Vec::new() }
+    );
     assert_eq!(board.send("still there", TIMEOUT).unwrap(), ["still there"]);
 }
 
