@@ -34,7 +34,6 @@ const LOOK_IDLE_WITH_INTERRUPT: Duration = Duration::from_secs(1);
 
 /// A command under way, and so who it is for.
 #[derive(Clone, Copy)]
-#[expect(clippy::large_enum_variant, reason = "one at a time, inline so that nothing is allocated")]
 pub(super) enum Begun {
     Line(Waiting),
     Control(WaitingControl),
@@ -145,12 +144,19 @@ impl AsciiDesk {
         self.identifier.ask_again(now);
     }
 
-    /// The board is another one, or was reset: no buffer is open, and what it had been told to send it has forgotten.
+    /// The board is another one, or was reset: no buffer is open, and what it had been told to send it has forgotten. A
+    /// command under way through the mailboxes is given up: whether it was carried out nobody knows.
     ///
     /// # Errors
     /// When the mailboxes cannot be reached.
     pub fn forget(&mut self, now: Instant) -> Result<(), PortError> {
         self.buffer = OpenBuffer::default();
+        if self.port.way() == Way::Mailbox
+            && let Some(under_way) = &mut self.under_way
+        {
+            under_way.taken = true;
+            under_way.deadline = now;
+        }
         self.port.start(now)
     }
 

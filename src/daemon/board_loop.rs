@@ -99,6 +99,8 @@ pub struct Told {
     pub(super) port: Option<(Way, PortState)>,
     /// The DPRAM is out of reach for want of its page.
     pub(super) out_of_reach: bool,
+    /// A reset was found by its lost page, and servo data have not come since to tell of the same one.
+    pub(super) reset_known: bool,
     /// Both interrupts of the mailboxes are there.
     pub(super) mailbox: bool,
     bus_error: bool,
@@ -134,6 +136,9 @@ impl BoardLoop {
         let _ = nix::sys::prctl::set_timerslack(1);
         self.reach_dpram_first();
         self.take_over_board();
+        if let Err(error) = self.desk.forget(Instant::now()) {
+            self.bus_failed(&error);
+        }
         let mut heartbeat_due = 0;
         let mut check_due = monotonic_ns() + BOARD_CHECK_NS;
         loop {
@@ -186,9 +191,6 @@ impl BoardLoop {
         if let Some(Err(error)) = self.host_port.as_mut().map(HostPortLink::enable) {
             self.bus_failed(&error);
         }
-        if let Err(error) = self.desk.forget(Instant::now()) {
-            self.bus_failed(&error);
-        }
         if let Err(error) = self.jobs.take_over(&mut self.bus, &self.publisher) {
             self.bus_failed(&error);
         }
@@ -223,8 +225,9 @@ impl BoardLoop {
                 self.tell_servo(transition);
                 if self.servo.take_reset() {
                     info!("the board was reset, or its memory cleared");
-                    self.after_reset()?;
+                    self.after_reset(!self.told.reset_known)?;
                 }
+                self.told.reset_known &= !self.servo.is_live();
             }
             return Ok(());
         }
@@ -442,6 +445,9 @@ impl BoardLoop {
                 self.told.gone = false;
                 self.reopen_registers();
                 self.start_over();
+                if let Err(error) = self.after_reset(true) {
+                    self.bus_failed(&error);
+                }
             }
             Err(reason) => {
                 if !std::mem::replace(&mut self.told.gone, true) {
@@ -457,7 +463,6 @@ impl BoardLoop {
         self.take_over_board();
         self.servo.forget();
         self.background.forget();
-        self.desk.identifier.ask_again(Instant::now());
     }
 
     pub(super) fn bus_failed(&mut self, error: &dyn std::fmt::Display) {

@@ -38,7 +38,11 @@ impl BoardLoop {
             mailbox.select_page()?;
         }
         match (std::mem::replace(&mut self.told.out_of_reach, out_of_reach), out_of_reach) {
-            (false, true) => warn!("the DPRAM is out of reach, so the board was reset; writing its page"),
+            (false, true) => {
+                warn!("the DPRAM is out of reach, so the board was reset; writing its page");
+                self.told.reset_known = true;
+                self.after_reset(true)?;
+            }
             (true, false) => {
                 info!("the DPRAM is in reach, its page is selected");
                 self.start_over();
@@ -56,16 +60,16 @@ impl BoardLoop {
         }
     }
 
-    /// The board was reset: what it forgets is told to it again.
-    pub(super) fn after_reset(&mut self) -> Result<(), PortError> {
+    /// The board was reset: what it forgets is told to it again. What goes through the mailboxes now was begun before the
+    /// reset if it `is_news`.
+    pub(super) fn after_reset(&mut self, is_news: bool) -> Result<(), PortError> {
         self.page_again();
         if let Some(host_port) = &mut self.host_port {
             host_port.enable()?;
         }
         let now = Instant::now();
-        self.desk.forget(now)?;
         self.desk.identifier.ask_again(now);
-        Ok(())
+        if is_news { self.desk.forget(now) } else { Ok(()) }
     }
 
     /// The simulator that was started again has files of its own for these, too.

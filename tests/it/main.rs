@@ -8,6 +8,8 @@ mod decode;
 mod format;
 mod gather;
 mod gather_program;
+mod host_port;
+mod mailbox;
 mod map;
 mod mixing;
 mod panel;
