@@ -28,7 +28,7 @@ pub mod host_port;
 pub mod mailbox;
 pub mod panel;
 #[cfg(test)]
-mod port_costs;
+mod port_cost_tests;
 pub mod rotary;
 #[cfg(test)]
 mod rotary_tests;
