@@ -15,13 +15,16 @@ use signal_hook::iterator::Signals;
 
 use super::ascii_desk::AsciiDesk;
 use super::board_loop::{BoardLoop, OpenBus, Told};
+use super::host_link::HostPortLink;
 use super::identify::{Identifier, servo_period_ps};
 use super::info::SharedInfo;
 use super::interrupt_link::InterruptLink;
 use super::job_desk::JobDesk;
 use super::log_sink::LogSink;
+use super::mailbox_link::MailboxLink;
 use super::options::Options;
 use super::queue::queue;
+use super::response_port::ResponsePort;
 use super::serve::{Backend, ServeOptions, serve};
 use super::settings::Settings;
 use super::simulator::Simulator;
@@ -33,7 +36,7 @@ use crate::function::servo::SERVO_WORDS;
 use crate::function::variable_read::VariableMode;
 use crate::map::{BadFirmware, Family, Firmware, Layout, Plan, PlanSettings, classic};
 use crate::mirror::{BackgroundMirror, ServoMirror, gather, variable};
-use crate::protocol::BoardInfo;
+use crate::protocol::{BoardInfo, HostPortInfo};
 use crate::segment::identity;
 use crate::segment::{CreateOptions, Identity, Publisher, RegionId, RegionSpec, monotonic_ns};
 use crate::usage::usage;
@@ -102,6 +105,12 @@ fn run(settings: &Settings, parent: Option<u32>) -> Result<(), String> {
     let mut open = open;
     let bus = Counted::new(open()?);
 
+    let mailbox = settings.mailbox.clone().map(MailboxLink::open).transpose();
+    let mailbox = mailbox.map_err(|error| format!("mailboxes: {error}"))?;
+    let host_port = settings.host_port.clone().map(HostPortLink::open).transpose();
+    let host_port = host_port.map_err(|error| format!("host port: {error}"))?;
+    let response = settings.mailbox.as_ref().and_then(|mailbox| mailbox.dpram.clone());
+
     let plan = plan(settings)?;
     let (commands, command_queue) = queue(QUEUE).map_err(|error| format!("queue: {error}"))?;
     let (events, event_queue) = queue(QUEUE).map_err(|error| format!("queue: {error}"))?;
@@ -125,9 +134,10 @@ fn run(settings: &Settings, parent: Option<u32>) -> Result<(), String> {
         open,
         servo: ServoMirror::new(settings.servo_reading),
         background: BackgroundMirror::new(settings.background_period_ns),
-        desk: AsciiDesk::new(settings.text_order, identifier),
+        desk: AsciiDesk::new(ResponsePort::new(settings.text_order, mailbox, Instant::now()), identifier),
         jobs: JobDesk::new(plan, VariableMode::SingleUser),
-        interrupt: interrupt.map(InterruptLink::new),
+        interrupt: response.or(interrupt).map(InterruptLink::new),
+        host_port,
         publisher,
         commands: command_queue,
         events,
@@ -243,6 +253,11 @@ fn board_info(settings: &Settings, publisher: &Publisher) -> BoardInfo {
         generation: publisher.generation(),
         pid: std::process::id(),
         segment: format!("/{}", settings.name.as_str()),
+        host_port: settings.host_port.as_ref().map(|config| HostPortInfo {
+            controller: HostPortLink::name(&config.port).to_owned(),
+            line: config.port.line.into(),
+            ..HostPortInfo::default()
+        }),
         ..BoardInfo::default()
     }
 }

@@ -1,6 +1,7 @@
 //! The bus to the board (layer 2): the trait, its kinds, its decorators, and the interrupt.
 
 pub mod byte;
+pub mod byte_spec;
 pub mod byteswap;
 pub mod counted;
 pub mod file;
@@ -8,7 +9,8 @@ pub mod interrupt;
 pub mod mapping;
 pub mod spec;
 
-pub use byte::{ByteBus, ByteBusError, PortRegisters};
+pub use byte::{ByteBus, ByteBusError, OtherLane, PortRegisters};
+pub use byte_spec::{ByteSpec, ByteSpecError, open_bytes, open_host_port};
 pub use byteswap::WordSwapped;
 pub use counted::Counted;
 pub use file::FileBoard;

@@ -9,6 +9,8 @@ mod decode;
 mod format;
 mod gather;
 mod gather_program;
+mod host_port;
+mod mailbox;
 mod map;
 mod mixing;
 mod panel;
