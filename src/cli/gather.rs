@@ -19,8 +19,7 @@ use crate::gather::{
     Column, CsvWriter, GatherMode, GatherPlan, GatherRequest, NpyWriter, SampleClock, ServoReport, Source,
     column, plan,
 };
-use crate::map::Plan;
-use crate::map::plan::PlanSettings;
+use crate::map::{Layout, Plan};
 use crate::protocol::CallError;
 use crate::segment::{RegionId, RegionState};
 
@@ -88,7 +87,10 @@ pub fn run(context: &mut Context, options: &Gather) -> Result<Verdict, Failure> 
     }
     let mut board = context.board()?;
     let mut connection = context.connection()?;
-    let (layout, scales) = board_layout(&mut board)?;
+    let settings = connection.settings()?;
+    let (layout, scales, firmware) = board_layout(&mut board)?;
+    let layout =
+        Layout::with_gather(layout.family(), firmware, settings.gather.position, settings.gather.size_word);
     let sources: Vec<Source> = options
         .source
         .iter()
@@ -96,7 +98,7 @@ pub fn run(context: &mut Context, options: &Gather) -> Result<Verdict, Failure> 
         .collect::<Result<_, _>>()
         .map_err(Failure::request)?;
     let sample_longs = sources.iter().map(|source| source.register.longs()).sum();
-    let kept = Plan::new(&layout, PlanSettings::default()).map_err(Failure::request)?;
+    let kept = Plan::new(&layout, settings.plan).map_err(Failure::request)?;
     let runs =
         board.subscriber().region(RegionId::Servo).map_err(Failure::request)?.state == RegionState::Live;
     let old_period = ask(&mut connection, "I19")?;

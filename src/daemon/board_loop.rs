@@ -20,6 +20,7 @@ use super::interrupt_link::InterruptLink;
 use super::job::Job;
 use super::job_desk::JobDesk;
 use super::queue::{Command, Event, Outcome, READ_MAX, Receive, Sender};
+use super::uncertain::Uncertain;
 use crate::device::{Bus, BusError, Counted};
 use crate::function::ascii::AsciiPort;
 use crate::function::background::BackgroundReader;
@@ -63,6 +64,8 @@ pub struct BoardLoop {
     pub desk: AsciiDesk,
     /// The other functions.
     pub jobs: JobDesk,
+    /// Where their buffers lie, which the firmware has a say in.
+    pub uncertain: Uncertain,
     /// The board's interrupt, if it has one.
     pub interrupt: Option<InterruptLink>,
     /// The segment.
@@ -496,6 +499,10 @@ impl BoardLoop {
         let motors = identity.i59.map_or(self.default_motors, |i59| i59 as usize);
         self.servo.configure(motors, identity.servo_period_ps.map(|ps| ps / 1000), identity.i19);
         self.background.configure(motors);
+        match self.uncertain.plan_for(identity.firmware.as_deref()) {
+            Ok(plan) => self.jobs.set_plan(plan),
+            Err(reason) => warn!("{reason}; the plan for boards of unknown firmware stays in force"),
+        }
         let stamp = Stamp { time_ns: monotonic_ns(), servo_timer: 0, valid: true };
         self.publisher.publish_bytes(RegionId::Board, stamp, &identity.encode());
         self.publisher.set_region_state(RegionId::Board, RegionState::Live);

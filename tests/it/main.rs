@@ -29,5 +29,6 @@ mod socket_jobs;
 mod tools;
 mod tools_serial;
 mod tools_terminal;
+mod uncertain;
 mod variables;
 mod whole;
