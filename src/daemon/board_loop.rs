@@ -203,6 +203,7 @@ impl BoardLoop {
                 let transition = self.servo.pass(&mut self.bus, &mut self.publisher)?;
                 self.count(Counter::ServoAccesses, accesses);
                 self.tell_servo(transition);
+                self.desk.see_buffer(self.servo.program_buffer_open());
                 if self.servo.take_reset() {
                     info!("the board was reset, or its memory cleared");
                     self.desk.forget();
