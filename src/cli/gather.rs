@@ -19,6 +19,7 @@ use crate::gather::{
     Column, CsvWriter, GatherMode, GatherPlan, GatherRequest, NpyWriter, SampleClock, ServoReport, Source,
     column, plan,
 };
+use crate::map::classic::GATHERING;
 use crate::map::{Layout, Plan};
 use crate::protocol::CallError;
 use crate::segment::{RegionId, RegionState};
@@ -103,6 +104,7 @@ pub fn run(context: &mut Context, options: &Gather) -> Result<Verdict, Failure> 
         board.subscriber().region(RegionId::Servo).map_err(Failure::request)?.state == RegionState::Live;
     let old_period = ask(&mut connection, "I19")?;
     let i48 = ask(&mut connection, "I48")?;
+    let gathering = found_gathering(&mut connection, &old_period)?;
     let request = GatherRequest {
         sources,
         period: options.period,
@@ -113,7 +115,7 @@ pub fn run(context: &mut Context, options: &Gather) -> Result<Verdict, Failure> 
             ("1", false) => ServoReport::Waiting,
             _ => ServoReport::Off,
         },
-        gathering: false,
+        gathering,
     };
     let plan = plan(&request, &layout, &scales).map_err(Failure::request)?;
     kept.check_gather(layout.gather().buffer, plan.buffer_longs, plan.sample_longs)
@@ -188,6 +190,24 @@ fn ask(connection: &mut Connection, variable: &str) -> Result<String, Failure> {
         .first()
         .map(|line| line.rsplit('=').next().unwrap_or(line).trim().to_owned())
         .unwrap_or_default())
+}
+
+/// Whether the board gathers already, as after a `pmacctl gather` that was killed; says so.
+fn found_gathering(connection: &mut Connection, period: &str) -> Result<bool, Failure> {
+    let status = connection.send("???", LINE)?;
+    let gathers = status
+        .first()
+        .and_then(|line| line.get(..6))
+        .and_then(|word| u32::from_str_radix(word, 16).ok())
+        .is_some_and(|word| word & GATHERING != 0);
+    if gathers {
+        let _ = writeln!(
+            io::stderr(),
+            "the board was gathering already, every I19={period} servo cycles: that has been ended (by whom it was begun is \
+             not known; I19 stays {period} afterwards)"
+        );
+    }
+    Ok(gathers)
 }
 
 fn start(connection: &mut Connection, plan: &GatherPlan) -> Result<(), Failure> {

@@ -69,6 +69,8 @@ pub const SERVO_MOTOR_WORDS: usize = SERVO_MOTOR_STRIDE as usize / 2;
 /// In the high word of the copy of Y:$0003 (bits 19, 18 and 17 there): a motion, rotary or PLC buffer is open, so that a
 /// command line is a program line (Software Reference, `???`).
 pub const PROGRAM_BUFFER_OPEN: u16 = 0b1110;
+/// In X:$0003, the first word of `???`: data are gathered.
+pub const GATHERING: u32 = 1 << 19;
 /// Where PMAC keeps the time base of coordinate system `number` (1 to 8) that the panel's override sets; the default of
 /// its Ix93.
 #[must_use]
