@@ -117,7 +117,7 @@ pub fn run(context: &mut Context, options: &Gather) -> Result<Verdict, Failure> 
         },
         gathering,
     };
-    let plan = plan(&request, &layout, &scales).map_err(Failure::request)?;
+    let mut plan = plan(&request, &layout, &scales).map_err(Failure::request)?;
     kept.check_gather(layout.gather().buffer, plan.buffer_longs, plan.sample_longs)
         .map_err(Failure::request)?;
     let clock = SampleClock { period: plan.period, servo_period_ns: scales.servo_period_ns() };
@@ -138,6 +138,11 @@ pub fn run(context: &mut Context, options: &Gather) -> Result<Verdict, Failure> 
     }
     let out = open(&options.output, &plan.columns, clock)?;
 
+    if request.servo_report == ServoReport::Waiting {
+        // Its timer is the clock, and has to run before the first look.
+        start_report(&mut connection, &board, options.period)?;
+        plan.start.truncate(1);
+    }
     for line in &plan.prepare {
         connection.send(line, LINE).map_err(|error| explain(line, error))?;
     }
@@ -190,6 +195,23 @@ fn ask(connection: &mut Connection, variable: &str) -> Result<String, Failure> {
         .first()
         .map(|line| line.rsplit('=').next().unwrap_or(line).trim().to_owned())
         .unwrap_or_default())
+}
+
+/// Starts the servo report, for which I48=1 waits for a `GATHER`.
+fn start_report(connection: &mut Connection, board: &Board, period: u32) -> Result<(), Failure> {
+    connection.send(&format!("I19={period}"), LINE)?;
+    connection.send("GATHER", LINE)?;
+    let deadline = Instant::now() + SILENCE;
+    while board.subscriber().region(RegionId::Servo).map_err(Failure::request)?.state != RegionState::Live {
+        if Instant::now() > deadline {
+            return Err(Failure::Refused(
+                "I48=1 and GATHER start no servo report (is I59 above 0?), so turns of the buffer cannot be counted"
+                    .to_owned(),
+            ));
+        }
+        std::thread::sleep(LOOK);
+    }
+    Ok(())
 }
 
 /// Whether the board gathers already, as after a `pmacctl gather` that was killed; says so.

@@ -193,7 +193,7 @@ fn without_the_servo_report_gathering_goes_by_the_hosts_clock() {
     wait_until("the report to end", || !is_live(&site.attach(), RegionId::Servo));
     let gather = || run(&site, &["gather", "--source", "servo_timer", "--seconds", "0.5", "-o", "-"]);
     let check = |ran: Ran| {
-        assert_eq!(ran.code, Some(0), "{ran:?}");
+        assert_eq!(ran.code, Some(0), "{ran:?} {}", site.log());
         let rows = rows(&ran.stdout);
         assert!(rows.len() > 100, "{}", ran.stderr);
         for row in &rows {
