@@ -3,7 +3,7 @@
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use pmac_dpram::client::GatherChunk;
+use pmac_dpram::client::{GatherChunk, GatherPhase};
 use pmac_dpram::segment::{RegionId, Sample, Subscriber};
 
 use crate::rig::Ran;
@@ -15,8 +15,14 @@ fn published(subscriber: &Subscriber, sample: &mut Sample) -> Option<u64> {
     if !is_live(subscriber, RegionId::Gather) {
         return None;
     }
-    subscriber.latest(RegionId::Gather, sample).unwrap()?;
+    if subscriber.latest(RegionId::Gather, sample).unwrap().is_none() {
+        return Some(0);
+    }
     let chunk = GatherChunk::decode(sample.words()).unwrap();
+    if chunk.phase != GatherPhase::GoesOn {
+        // The end of the one before.
+        return Some(0);
+    }
     Some(chunk.first + (chunk.longs.len() / chunk.sample_longs) as u64)
 }
 
@@ -32,10 +38,12 @@ fn in_steps(site: &Site, arguments: &[&str]) -> Ran {
                 let before = published(&subscriber, &mut sample);
                 control.ask("step 20");
                 let start = Instant::now();
-                // Before the gather and after its end there is nothing to wait for.
+                // Before the gather and after its end there is nothing to wait for. Before its first sample the board needs
+                // steps to take the line that begins it.
+                let patience = Duration::from_millis(if before == Some(0) { 20 } else { 300 });
                 while before.is_some()
                     && published(&subscriber, &mut sample) == before
-                    && start.elapsed() < Duration::from_millis(300)
+                    && start.elapsed() < patience
                 {
                     std::thread::sleep(Duration::from_micros(200));
                 }
