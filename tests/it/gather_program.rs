@@ -29,11 +29,15 @@ fn published(subscriber: &Subscriber, sample: &mut Sample) -> Option<u64> {
 /// Runs the board in steps, each no sooner than the daemon has what the last one gathered, while `pmacctl` runs.
 fn in_steps(site: &Site, arguments: &[&str]) -> Ran {
     let done = AtomicBool::new(false);
+    let period = arguments.iter().skip_while(|word| **word != "--period").nth(1);
+    let a_step = 20 / period.map_or(1, |period| period.parse::<u64>().unwrap());
     std::thread::scope(|scope| {
         scope.spawn(|| {
             let mut control = site.control_connection();
             let subscriber = site.attach();
             let mut sample = Sample::new();
+            // Samples stepped for at least, since the first one was published.
+            let mut due = 0;
             while !done.load(Ordering::Relaxed) {
                 let before = published(&subscriber, &mut sample);
                 control.ask("step 20");
@@ -41,8 +45,9 @@ fn in_steps(site: &Site, arguments: &[&str]) -> Ran {
                 // Before the gather and after its end there is nothing to wait for. Before its first sample the board needs
                 // steps to take the line that begins it.
                 let patience = Duration::from_millis(if before == Some(0) { 20 } else { 300 });
-                while before.is_some()
-                    && published(&subscriber, &mut sample) == before
+                due = before.filter(|&count| count > 0).map_or(0, |count| due.max(count) + a_step);
+                while published(&subscriber, &mut sample)
+                    .is_some_and(|count| Some(count) == before || count + a_step < due)
                     && start.elapsed() < patience
                 {
                     std::thread::sleep(Duration::from_micros(200));
