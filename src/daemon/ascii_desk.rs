@@ -177,6 +177,11 @@ impl AsciiDesk {
         &mut self.port
     }
 
+    /// What a report of the board says of its program buffers, which others may open too.
+    pub fn see_buffer(&mut self, open: bool) {
+        self.buffer.see(open);
+    }
+
     /// Whether interrupts announce responses, so that they need not be looked for so often.
     pub fn set_interrupt(&mut self, has_interrupt: bool) {
         self.has_interrupt = has_interrupt;

@@ -23,6 +23,7 @@ use super::job_desk::JobDesk;
 use super::mailbox_link::MailboxLink;
 use super::queue::{Command, Event, Outcome, READ_MAX, Receive, Sender};
 use super::response_port::{PortError, Way};
+use super::uncertain::Uncertain;
 use crate::device::{Bus, BusError, Counted};
 use crate::function::ascii::AsciiPort;
 use crate::function::background::BackgroundReader;
@@ -66,6 +67,8 @@ pub struct BoardLoop {
     pub desk: AsciiDesk,
     /// The other functions.
     pub jobs: JobDesk,
+    /// Where their buffers lie, which the firmware has a say in.
+    pub uncertain: Uncertain,
     /// The board's interrupt, if it has one.
     pub interrupt: Option<InterruptLink>,
     /// The board's own interrupt controller, where it has to be served.
@@ -223,6 +226,7 @@ impl BoardLoop {
                 let transition = self.servo.pass(&mut self.bus, &mut self.publisher)?;
                 self.count(Counter::ServoAccesses, accesses);
                 self.tell_servo(transition);
+                self.desk.see_buffer(self.servo.program_buffer_open());
                 if self.servo.take_reset() {
                     info!("the board was reset, or its memory cleared");
                     self.after_reset(!self.told.reset_known)?;
@@ -541,6 +545,10 @@ impl BoardLoop {
         let motors = identity.i59.map_or(self.default_motors, |i59| i59 as usize);
         self.servo.configure(motors, identity.servo_period_ps.map(|ps| ps / 1000), identity.i19);
         self.background.configure(motors);
+        match self.uncertain.plan_for(identity.firmware.as_deref()) {
+            Ok(plan) => self.jobs.set_plan(plan),
+            Err(reason) => warn!("{reason}; the plan for boards of unknown firmware stays in force"),
+        }
         let stamp = Stamp { time_ns: monotonic_ns(), servo_timer: 0, valid: true };
         self.publisher.publish_bytes(RegionId::Board, stamp, &identity.encode());
         self.publisher.set_region_state(RegionId::Board, RegionState::Live);

@@ -33,8 +33,7 @@ use crate::device::{BoardSpec, Bus, Counted, FileBoard, InterruptSource, WordSwa
 use crate::format::WordOrder;
 use crate::function::background::BACKGROUND_WORDS;
 use crate::function::servo::SERVO_WORDS;
-use crate::function::variable_read::VariableMode;
-use crate::map::{BadFirmware, Family, Firmware, Layout, Plan, PlanSettings, classic};
+use crate::map::classic;
 use crate::mirror::{BackgroundMirror, ServoMirror, gather, variable};
 use crate::protocol::{BoardInfo, HostPortInfo};
 use crate::segment::identity;
@@ -111,10 +110,10 @@ fn run(settings: &Settings, parent: Option<u32>) -> Result<(), String> {
     let host_port = host_port.map_err(|error| format!("host port: {error}"))?;
     let response = settings.mailbox.as_ref().and_then(|mailbox| mailbox.dpram.clone());
 
-    let plan = plan(settings)?;
     let (commands, command_queue) = queue(QUEUE).map_err(|error| format!("queue: {error}"))?;
     let (events, event_queue) = queue(QUEUE).map_err(|error| format!("queue: {error}"))?;
-    let info = Arc::new(SharedInfo::new(board_info(settings, &publisher)));
+    let info =
+        Arc::new(SharedInfo::new(board_info(settings, &publisher), settings.uncertain.settings().clone()));
     let serve_options = ServeOptions {
         mode: settings.socket_mode,
         group: settings.socket_group.clone(),
@@ -135,9 +134,10 @@ fn run(settings: &Settings, parent: Option<u32>) -> Result<(), String> {
         servo: ServoMirror::new(settings.servo_reading),
         background: BackgroundMirror::new(settings.background_period_ns),
         desk: AsciiDesk::new(ResponsePort::new(settings.text_order, mailbox, Instant::now()), identifier),
-        jobs: JobDesk::new(plan, VariableMode::SingleUser),
+        jobs: JobDesk::new(settings.uncertain.plan(), settings.uncertain.variable_mode()),
         interrupt: response.or(interrupt).map(InterruptLink::new),
         host_port,
+        uncertain: settings.uncertain.clone(),
         publisher,
         commands: command_queue,
         events,
@@ -260,14 +260,6 @@ fn board_info(settings: &Settings, publisher: &Publisher) -> BoardInfo {
         }),
         ..BoardInfo::default()
     }
-}
-
-/// Where the buffers of the open area lie.
-fn plan(settings: &Settings) -> Result<Plan, String> {
-    let firmware = settings.firmware.as_deref().map(str::parse).transpose();
-    let firmware: Option<Firmware> = firmware.map_err(|error: BadFirmware| error.to_string())?;
-    let family = Family::by_name(settings.family.name()).map_err(|error| error.to_string())?;
-    Plan::new(&Layout::new(family, firmware), PlanSettings::default()).map_err(|error| error.to_string())
 }
 
 /// A simulator to keep alive, how to open the board's bus, and where its interrupt comes from.

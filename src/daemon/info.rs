@@ -7,12 +7,13 @@ use std::sync::{Mutex, PoisonError};
 
 use super::host_link::HostPortCounts;
 use super::response_port::Way;
-use crate::protocol::{BoardInfo, CommandPort, Enabled, State};
+use crate::protocol::{BoardInfo, BoardSettings, CommandPort, Enabled, State};
 
 /// The daemon's present knowledge of its board.
 #[derive(Debug, Default)]
 pub struct SharedInfo {
     info: Mutex<BoardInfo>,
+    settings: BoardSettings,
     state: AtomicU32,
     enabled: AtomicU32,
     command_port: AtomicU32,
@@ -22,10 +23,16 @@ pub struct SharedInfo {
 }
 
 impl SharedInfo {
-    /// Starts with `info`; its `state` and `enabled` are ignored, they have setters of their own.
+    /// Starts with `info`; its `state` and `enabled` are ignored, they have setters of their own. The `settings` stay.
     #[must_use]
-    pub fn new(info: BoardInfo) -> Self {
-        Self { info: Mutex::new(info), ..Self::default() }
+    pub fn new(info: BoardInfo, settings: BoardSettings) -> Self {
+        Self { info: Mutex::new(info), settings, ..Self::default() }
+    }
+
+    /// What `GetSettings` answers.
+    #[must_use]
+    pub fn settings(&self) -> &BoardSettings {
+        &self.settings
     }
 
     /// Says whether the segment's data can be trusted. Never waits.
@@ -101,7 +108,10 @@ mod tests {
 
     #[test]
     fn what_is_set_is_read() {
-        let shared = SharedInfo::new(BoardInfo { name: "pmac0".to_owned(), ..BoardInfo::default() });
+        let shared = SharedInfo::new(
+            BoardInfo { name: "pmac0".to_owned(), ..BoardInfo::default() },
+            BoardSettings::default(),
+        );
         for state in [State::Init, State::Live, State::Stale, State::Dead] {
             shared.set_state(state);
             assert_eq!(shared.read().state, state);

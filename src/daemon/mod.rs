@@ -34,6 +34,7 @@ pub mod serve;
 pub mod settings;
 pub mod simulator;
 mod subscriptions;
+pub mod uncertain;
 pub mod write_desk;
 
 pub use bring_up::main;

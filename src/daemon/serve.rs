@@ -26,7 +26,7 @@ use super::queue::{Command, Event, Outcome, Receive, Sender, Ticket, Unsolicited
 use super::subscriptions::Subscriptions;
 use crate::map::errors::meaning;
 use crate::protocol::board::RotaryStateReply;
-use crate::protocol::board::{ReadReply, SendReply};
+use crate::protocol::board::{NotesReply, ReadReply, SendReply};
 use crate::protocol::{Call, CallError, Message, MessageKind, Reply};
 
 /// How much longer than asked the bus thread may take before it is not believed to answer at all.
@@ -361,7 +361,10 @@ impl Service {
                 if let Some(call) = pending.then.take() {
                     return self.guarded(ticket, call, &lines, outcome, now);
                 }
-                let reply = outcome_reply(outcome, lines, pending.length > COLLECT_MAX);
+                let reply = match (&pending.notes, outcome) {
+                    (Some(notes), Outcome::Done) => Reply::with(&NotesReply { notes: notes.clone() }),
+                    _ => outcome_reply(outcome, lines, pending.length > COLLECT_MAX),
+                };
                 if let (Outcome::Refused(reason), Some(id)) = (outcome, self.owners.get(&ticket))
                     && let Some(client) = self.clients.get(id)
                 {

@@ -147,6 +147,13 @@ pub struct ReadReply {
     pub words: Vec<u16>,
 }
 
+/// The reply of `FeedOverride`.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct NotesReply {
+    /// What the caller should know of the effect, one sentence each; none when all is as it should be.
+    pub notes: Vec<String>,
+}
+
 /// A register to write: an element of `WriteVariables`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]

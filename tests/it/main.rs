@@ -33,5 +33,6 @@ mod socket_jobs;
 mod tools;
 mod tools_serial;
 mod tools_terminal;
+mod uncertain;
 mod variables;
 mod whole;
