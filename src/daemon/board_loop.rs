@@ -393,6 +393,9 @@ impl BoardLoop {
     fn check_board(&mut self) {
         if self.bus.still_there() {
             self.told.gone = false;
+            if let Err(error) = self.let_reports_come() {
+                self.bus_failed(&error);
+            }
             return;
         }
         match (self.open)() {
@@ -408,6 +411,18 @@ impl BoardLoop {
                 }
             }
         }
+    }
+
+    /// A memory test, a power failure or another host may have left the host's own words in a state that holds the
+    /// reports off for ever.
+    fn let_reports_come(&mut self) -> Result<(), BusError> {
+        if !self.servo.is_live() {
+            ServoReader::release(&mut self.bus)?;
+        }
+        if !self.background.is_live() {
+            self.background.start_over(&mut self.bus)?;
+        }
+        Ok(())
     }
 
     /// The board is another one, or has been reset: nothing seen so far says anything about what comes.
@@ -435,10 +450,6 @@ impl BoardLoop {
                 self.desk.identifier.ask_again(Instant::now());
             }
             Some(Transition::Stale) => {
-                // A board reset in between has Host-Busy wherever its memory test left it.
-                if let Err(error) = ServoReader::release(&mut self.bus) {
-                    self.bus_failed(&error);
-                }
                 warn!(
                     "servo data are stale: no update for {} ms (is I48=1, I19>0, I59>0, and GATHER given?)",
                     self.servo.stale_after_ns() / 1_000_000

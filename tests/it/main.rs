@@ -2,6 +2,7 @@
 
 mod architecture;
 mod bench;
+mod campaign;
 mod cli;
 mod client;
 mod decode;
@@ -24,6 +25,7 @@ mod segment_loom;
 mod serial;
 mod simulator;
 mod site;
+mod soak;
 mod socket;
 mod socket_jobs;
 mod tools;
