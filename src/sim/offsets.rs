@@ -98,6 +98,13 @@ pub const PORTS: u16 = 0xFFC0;
 /// Y: the machine inputs, bit n-1 for input n.
 pub const MACHINE_INPUTS: u16 = PORTS + 2;
 
+/// Y: the encoder conversion table, 32 words.
+pub const CONVERSION_TABLE: u16 = 0x0720;
+/// X: the bus set-up registers, ten words.
+pub const BUS_SET_UP: u16 = 0x0783;
+/// X: their copies in force.
+pub const BUS_ACTIVE: u16 = 0xE006;
+
 /// Words from one motor's servo registers to the next motor's.
 pub const MOTOR_STRIDE: u16 = 0x3C;
 /// X: time left in the move, 1/2 ms.

@@ -8,10 +8,10 @@
 use std::ops::RangeInclusive;
 
 use super::memory::Memory;
+use super::offsets;
 
-const BUS: RangeInclusive<u16> = 0x0783..=0x078C;
-const ACTIVE: u16 = 0xE006;
-const CONVERSION: RangeInclusive<u16> = 0x0720..=0x073F;
+const BUS: RangeInclusive<u16> = offsets::BUS_SET_UP..=offsets::BUS_SET_UP + 9;
+const CONVERSION: RangeInclusive<u16> = offsets::CONVERSION_TABLE..=offsets::CONVERSION_TABLE + 31;
 
 /// Factory values of X:$0783 and following.
 const VME: [u32; 10] = [0x39, 0x04, 0x00, 0x7F, 0xA0, 0x02, 0xA1, 0x10, 0x60, 0x10];
@@ -45,7 +45,7 @@ impl SetUp {
 
     /// Puts them back, and the bus set-up into force.
     pub(super) fn put(&self, memory: &mut Memory) {
-        for ((saved, active), &value) in BUS.zip(ACTIVE..).zip(&self.bus) {
+        for ((saved, active), &value) in BUS.zip(offsets::BUS_ACTIVE..).zip(&self.bus) {
             memory.write_x(saved, value);
             memory.write_x(active, value);
         }
