@@ -14,6 +14,7 @@ use nix::sys::eventfd::EventFd;
 use nix::sys::time::TimeSpec;
 
 use super::ascii_desk::{AsciiDesk, PortState};
+use super::board::{OpenBus, usable};
 use super::host_link::HostPortLink;
 use super::identify::Identifier;
 use super::info::SharedInfo;
@@ -49,9 +50,6 @@ const BUS_ERROR_PAUSE: Duration = Duration::from_millis(10);
 const LAST_STOP: Duration = Duration::from_millis(500);
 /// Commands taken from the queue in one round.
 const COMMANDS_A_ROUND: usize = 4;
-
-/// Opens the board's bus, again if need be.
-pub type OpenBus = Box<dyn FnMut() -> Result<Box<dyn Bus>, String> + Send>;
 
 /// Everything the thread works with.
 pub struct BoardLoop {
@@ -108,6 +106,7 @@ pub struct Told {
     pub(super) mailbox: bool,
     bus_error: bool,
     gone: bool,
+    silent: bool,
     pub(super) interrupt: bool,
     identity: Option<Identity>,
     /// The socket's thread was reading when the identity changed; to be told at the next beat.
@@ -143,7 +142,7 @@ impl BoardLoop {
             self.bus_failed(&error);
         }
         let mut heartbeat_due = 0;
-        let mut check_due = monotonic_ns() + BOARD_CHECK_NS;
+        let mut check_due = monotonic_ns();
         loop {
             if let Err(error) = self.one_round() {
                 self.bus_failed(&error);
@@ -440,15 +439,21 @@ impl BoardLoop {
     fn check_board(&mut self) {
         if self.bus.still_there() {
             self.told.gone = false;
-            if let Err(error) = self.let_reports_come() {
+            self.check_answers();
+            if !self.told.silent
+                && let Err(error) = self.let_reports_come()
+            {
                 self.bus_failed(&error);
             }
             return;
         }
         match (self.open)() {
-            Ok(bus) => {
+            Ok(opened) => {
                 info!("the board's memory was replaced; opened it again");
-                self.bus.replace(bus);
+                self.bus.replace(opened.bus);
+                if let (Some(link), Some(interrupt)) = (&mut self.interrupt, opened.interrupt) {
+                    link.replace(usable(interrupt));
+                }
                 self.told.gone = false;
                 self.reopen_registers();
                 self.start_over();
@@ -474,6 +479,22 @@ impl BoardLoop {
             self.background.start_over(&mut self.bus)?;
         }
         Ok(())
+    }
+
+    /// Where no board is, every word reads as ones; PMAC-Busy among them keeps them from being taken for data.
+    fn check_answers(&mut self) {
+        let silent = !self.bus.answers();
+        if std::mem::replace(&mut self.told.silent, silent) == silent {
+            return;
+        }
+        if silent {
+            warn!(
+                "every word of the board reads 0xFFFF: nothing answers on the bus (is the address right, the board powered, its DPRAM placed there and its page selected?)"
+            );
+        } else {
+            info!("the board answers on the bus again");
+            self.start_over();
+        }
     }
 
     /// The board is another one, or has been reset: nothing seen so far says anything about what comes.

@@ -14,7 +14,8 @@ use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use signal_hook::iterator::Signals;
 
 use super::ascii_desk::AsciiDesk;
-use super::board_loop::{BoardLoop, OpenBus, Told};
+use super::board::{self, Board};
+use super::board_loop::{BoardLoop, Told};
 use super::host_link::HostPortLink;
 use super::identify::{Identifier, servo_period_ps};
 use super::info::SharedInfo;
@@ -27,10 +28,7 @@ use super::queue::queue;
 use super::response_port::ResponsePort;
 use super::serve::{Backend, ServeOptions, serve};
 use super::settings::Settings;
-use super::simulator::Simulator;
-use crate::device::file::DPRAM_BYTES;
-use crate::device::{BoardSpec, Bus, Counted, FileBoard, InterruptSource, WordSwapped};
-use crate::format::WordOrder;
+use crate::device::{Counted, Inherited, System};
 use crate::function::background::BACKGROUND_WORDS;
 use crate::function::servo::SERVO_WORDS;
 use crate::map::classic;
@@ -100,15 +98,17 @@ fn run(settings: &Settings, parent: Option<u32>) -> Result<(), String> {
     }
     let options = segment_options(settings);
     let publisher = Publisher::create(&options).map_err(|error| error.to_string())?;
-    let (_simulator, open, interrupt) = open_board(settings)?;
-    let mut open = open;
-    let bus = Counted::new(open()?);
+    let (system, inherited) = (System::here(), Inherited::take_all());
+    let Board { simulator: _simulator, bus, open, interrupt } = board::open(settings, &system, &inherited)?;
+    let mailbox = settings.mailbox.clone().map(|config| MailboxLink::open(config, &system, &inherited));
+    let mailbox = mailbox.transpose().map_err(|error| format!("mailboxes: {error}"))?;
+    let host_port = settings.host_port.clone().map(|config| HostPortLink::open(config, &system, &inherited));
+    let host_port = host_port.transpose().map_err(|error| format!("host port: {error}"))?;
+    // The board is open: what opens more of the machine is not kept.
+    drop(inherited);
 
-    let mailbox = settings.mailbox.clone().map(MailboxLink::open).transpose();
-    let mailbox = mailbox.map_err(|error| format!("mailboxes: {error}"))?;
-    let host_port = settings.host_port.clone().map(HostPortLink::open).transpose();
-    let host_port = host_port.map_err(|error| format!("host port: {error}"))?;
-    let response = settings.mailbox.as_ref().and_then(|mailbox| mailbox.dpram.clone());
+    let response =
+        settings.mailbox.as_ref().and_then(|mailbox| mailbox.dpram.clone()).map(InterruptLink::new);
 
     let (commands, command_queue) = queue(QUEUE).map_err(|error| format!("queue: {error}"))?;
     let (events, event_queue) = queue(QUEUE).map_err(|error| format!("queue: {error}"))?;
@@ -129,13 +129,13 @@ fn run(settings: &Settings, parent: Option<u32>) -> Result<(), String> {
         Arc::new(EventFd::from_value_and_flags(0, flags).map_err(|error| format!("eventfd: {error}"))?);
     let identifier = Identifier::new(configured_identity(settings), settings.ask_board, Instant::now());
     let board = BoardLoop {
-        bus,
+        bus: Counted::new(bus),
         open,
         servo: ServoMirror::new(settings.servo_reading),
         background: BackgroundMirror::new(settings.background_period_ns),
         desk: AsciiDesk::new(ResponsePort::new(settings.text_order, mailbox, Instant::now()), identifier),
         jobs: JobDesk::new(settings.uncertain.plan(), settings.uncertain.variable_mode()),
-        interrupt: response.or(interrupt).map(InterruptLink::new),
+        interrupt: response.or(interrupt),
         host_port,
         uncertain: settings.uncertain.clone(),
         publisher,
@@ -259,30 +259,5 @@ fn board_info(settings: &Settings, publisher: &Publisher) -> BoardInfo {
             ..HostPortInfo::default()
         }),
         ..BoardInfo::default()
-    }
-}
-
-/// A simulator to keep alive, how to open the board's bus, and where its interrupt comes from.
-type Opened = (Option<Simulator>, OpenBus, Option<InterruptSource>);
-
-fn open_board(settings: &Settings) -> Result<Opened, String> {
-    let order = settings.word_order;
-    let open_file = move |path: std::path::PathBuf| -> OpenBus {
-        Box::new(move || {
-            let board = FileBoard::open(&path, DPRAM_BYTES).map_err(|error| error.to_string())?;
-            Ok(match order {
-                WordOrder::Little => Box::new(board) as Box<dyn Bus>,
-                WordOrder::Swapped => Box::new(WordSwapped(board)),
-            })
-        })
-    };
-    match &settings.board {
-        BoardSpec::Simulator => {
-            let simulator = Simulator::start(settings.family, settings.firmware.as_deref())
-                .map_err(|error| error.to_string())?;
-            let (memory, interrupt) = (simulator.memory(), simulator.interrupt());
-            Ok((Some(simulator), open_file(memory), Some(interrupt)))
-        }
-        BoardSpec::File { path, interrupt } => Ok((None, open_file(path.clone()), interrupt.clone())),
     }
 }

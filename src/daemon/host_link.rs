@@ -11,7 +11,7 @@ use log::{info, warn};
 use super::ascii_desk::AsciiDesk;
 use super::ports::HostPortConfig;
 use super::response_port::{PortError, Way};
-use crate::device::{Bus, ByteBus, ByteBusError, ByteSpecError, Counted, open_host_port};
+use crate::device::{Bus, ByteBus, ByteBusError, Counted, Inherited, OpenError, System, open_host_port};
 use crate::function::host_port::{Controller, HostPort};
 use crate::map::classic::ASCII_INPUT_CONTROL;
 
@@ -49,10 +49,10 @@ impl HostPortLink {
     /// Opens the registers.
     ///
     /// # Errors
-    /// [`ByteSpecError`].
-    pub fn open(config: HostPortConfig) -> Result<Self, ByteSpecError> {
+    /// [`OpenError`].
+    pub fn open(config: HostPortConfig, system: &System, inherited: &Inherited) -> Result<Self, OpenError> {
         Ok(Self {
-            registers: Counted::new(open_host_port(&config.registers)?),
+            registers: Counted::new(open_host_port(&config.registers, system, inherited)?),
             config,
             was_open: None,
             pending: None,
@@ -102,7 +102,8 @@ impl HostPortLink {
     /// # Errors
     /// In words.
     pub fn reopen(&mut self) -> Result<(), String> {
-        self.registers.replace(open_host_port(&self.config.registers).map_err(|error| error.to_string())?);
+        let opened = open_host_port(&self.config.registers, &System::here(), &Inherited::default());
+        self.registers.replace(opened.map_err(|error| error.to_string())?);
         self.enable().map_err(|error| error.to_string())
     }
 

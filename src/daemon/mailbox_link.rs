@@ -9,7 +9,7 @@ use std::time::Instant;
 
 use super::interrupt_link::InterruptLink;
 use super::ports::{Lane, MailboxConfig, Use};
-use crate::device::{ByteBus, ByteBusError, ByteSpecError, Counted, OtherLane, open_bytes};
+use crate::device::{ByteBus, ByteBusError, Counted, Inherited, OpenError, OtherLane, System, open_bytes};
 use crate::function::mailbox::{MailboxPort, MailboxSignal};
 use crate::map::mailbox;
 
@@ -24,8 +24,12 @@ pub struct MailboxLink {
     reply: Option<InterruptLink>,
 }
 
-fn open(config: &MailboxConfig) -> Result<Box<dyn ByteBus>, ByteSpecError> {
-    let bus = open_bytes(&config.registers, mailbox::LENGTH)?;
+fn open(
+    config: &MailboxConfig,
+    system: &System,
+    inherited: &Inherited,
+) -> Result<Box<dyn ByteBus>, OpenError> {
+    let bus = open_bytes(&config.registers, mailbox::LENGTH, system, inherited)?;
     Ok(match config.lane {
         Lane::Odd => bus,
         Lane::Even => Box::new(OtherLane(bus)),
@@ -36,14 +40,14 @@ impl MailboxLink {
     /// Opens the registers.
     ///
     /// # Errors
-    /// [`ByteSpecError`].
-    pub fn open(config: MailboxConfig) -> Result<Self, ByteSpecError> {
+    /// [`OpenError`].
+    pub fn open(config: MailboxConfig, system: &System, inherited: &Inherited) -> Result<Self, OpenError> {
         let link = |source| Some(InterruptLink::new(source));
         let vectors = config.vectors.clone();
         let (taken, reply) =
             vectors.map_or((None, None), |vectors| (link(vectors.taken), link(vectors.reply)));
         Ok(Self {
-            registers: Counted::new(open(&config)?),
+            registers: Counted::new(open(&config, system, inherited)?),
             port: MailboxPort::new(config.talk),
             config,
             taken,
@@ -54,9 +58,9 @@ impl MailboxLink {
     /// Opens the registers again: the board's memory was replaced.
     ///
     /// # Errors
-    /// [`ByteSpecError`]; the registers are the old ones then.
-    pub fn reopen(&mut self) -> Result<(), ByteSpecError> {
-        open(&self.config).map(|bus| self.registers.replace(bus))
+    /// [`OpenError`]; the registers are the old ones then.
+    pub fn reopen(&mut self) -> Result<(), OpenError> {
+        open(&self.config, &System::here(), &Inherited::default()).map(|bus| self.registers.replace(bus))
     }
 
     /// When command lines go this way.

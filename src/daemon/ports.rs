@@ -183,7 +183,7 @@ mod tests {
         let config = mailbox("registers = \"file:m\"\nuse = \"never\"\npage = 0x3F\n").unwrap();
         assert_eq!((config.vectors, config.page), (None, Some(0x3F)));
         let config = host_port("registers = \"port:0x210\"\n", FamilyName::Pmac).unwrap();
-        assert_eq!((config.port, config.registers), (HostPort::PMAC, ByteSpec::Port(0x210)));
+        assert_eq!((config.port, config.registers), (HostPort::PMAC, "port:0x210".parse().unwrap()));
         assert_eq!(host_port("registers = \"file:h\"\n", FamilyName::Pmac2).unwrap().port, HostPort::PMAC2);
     }
 

@@ -1,169 +1,195 @@
-//! Where a window of byte registers is, as the configuration writes it, and the one function that opens it.
+//! Where byte registers lie, as it is written in a configuration, and how they are opened: the VME mailboxes in a mapped
+//! window, the ISA host port in I/O space, or a file in which another process stands for them.
 
+use std::fmt;
 use std::fs::OpenOptions;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
-use super::byte::{ByteBus, ByteBusError, PortRegisters};
+use super::byte::PORT_NODE;
+use super::inherited::Inherited;
 use super::mapping::Mapping;
+use super::open::window;
+use super::refusal::{OpenError, Why, node_refused, raw_node_refused};
+use super::spec::{Given, Place, needed};
+use super::system::{System, number};
+use super::{ByteBus, PortRegisters};
 
-/// A window of byte registers.
+/// Where a window of byte registers begins.
 #[derive(Debug, Clone, PartialEq, Eq)]
-#[non_exhaustive]
-pub enum ByteSpec {
-    /// `file:PATH`: a file that another process, such as the simulator, treats as its registers.
-    File(PathBuf),
-    /// `port:0x210`: from this address on in the I/O space of a PC.
-    Port(u16),
+pub struct ByteSpec {
+    place: BytePlace,
+    /// Where in the place the registers begin, in bytes.
+    offset: u64,
 }
 
-/// Why a window cannot be had.
-#[derive(Debug, thiserror::Error)]
-#[non_exhaustive]
-pub enum ByteSpecError {
-    /// It is not understood.
-    #[error("registers `{spec}`: {reason}; write file:PATH or port:ADDRESS")]
-    Spec {
-        /// What was written.
-        spec: String,
-        /// What is wrong with it.
-        reason: &'static str,
-    },
-    /// It cannot be opened.
-    #[error("cannot open the registers {what}: {source}")]
-    Open {
-        /// Which.
-        what: String,
-        /// What the kernel said.
-        source: std::io::Error,
-    },
-    /// The file is not as long as the window.
-    #[error("{path} has {found} bytes, these registers take {expected}; is it the simulator's file?")]
-    Length {
-        /// The file.
-        path: PathBuf,
-        /// Its length.
-        found: u64,
-        /// The length it needs.
-        expected: usize,
-    },
+#[derive(Debug, Clone, PartialEq, Eq)]
+enum BytePlace {
+    /// A file in which a simulator stands for the registers.
+    File(PathBuf),
+    /// The I/O space of a PC.
+    Ports(u16),
+    /// Mapped memory.
+    Window(Place),
+}
+
+impl ByteSpec {
+    /// Whether a file stands for the registers: the board is a simulated one.
+    #[must_use]
+    pub fn is_file(&self) -> bool {
+        matches!(self.place, BytePlace::File(_))
+    }
+}
+
+/// Why a specification was refused.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error(
+    "registers `{spec}`: {reason}; write port:0x210, mem:0xADDRESS, uio:/dev/uioN[,map=M], pci:0000:03:00.0[,bar=N], vme:NODE or file:PATH, all but port with [,offset=N]"
+)]
+pub struct ByteSpecError {
+    spec: String,
+    reason: String,
 }
 
 impl FromStr for ByteSpec {
     type Err = ByteSpecError;
 
     fn from_str(spec: &str) -> Result<Self, ByteSpecError> {
-        let refuse = |reason| ByteSpecError::Spec { spec: spec.to_owned(), reason };
-        match spec.split_once(':') {
-            Some(("file", "")) => Err(refuse("the path after file: is missing")),
-            Some(("file", path)) => Ok(Self::File(path.into())),
-            Some(("port", address)) => {
-                let digits = address.strip_prefix("0x").or_else(|| address.strip_prefix("0X"));
-                let address =
-                    digits.map_or_else(|| address.parse(), |digits| u16::from_str_radix(digits, 16));
-                address.map(Self::Port).map_err(|_| refuse("an I/O address is a number from 0 to 0xFFFF"))
+        parse(spec).map_err(|reason| ByteSpecError { spec: spec.to_owned(), reason })
+    }
+}
+
+fn parse(spec: &str) -> Result<ByteSpec, String> {
+    let (kind, rest) = spec.split_once(':').unwrap_or((spec, ""));
+    let (subject, mut given) = Given::split(rest)?;
+    let place = match Place::parse(kind, subject, &mut given)? {
+        Some(place) => BytePlace::Window(place),
+        None => match kind {
+            "file" => BytePlace::File(needed(kind, "path", subject)?.into()),
+            "port" => {
+                let base =
+                    number(needed(kind, "address", subject)?).and_then(|base| u16::try_from(base).ok());
+                BytePlace::Ports(
+                    base.ok_or_else(|| format!("{subject} is no I/O address; write it as 0x210"))?,
+                )
             }
-            _ => Err(refuse("there is no such kind of registers")),
+            _ => return Err(format!("there is no kind `{kind}` of byte registers")),
+        },
+    };
+    let offset = match place {
+        BytePlace::Ports(_) => 0,
+        _ => given.offset.take().unwrap_or(0),
+    };
+    given.nothing_left(kind)?;
+    Ok(ByteSpec { place, offset })
+}
+
+impl fmt::Display for ByteSpec {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match &self.place {
+            BytePlace::File(path) => write!(f, "file:{}", path.display())?,
+            BytePlace::Ports(base) => write!(f, "port:{base:#x}")?,
+            BytePlace::Window(place) => place.fmt(f)?,
         }
+        if self.offset == 0 { Ok(()) } else { write!(f, ",offset={:#x}", self.offset) }
     }
 }
 
-impl std::fmt::Display for ByteSpec {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        match self {
-            Self::File(path) => write!(f, "file:{}", path.display()),
-            Self::Port(address) => write!(f, "port:{address:#x}"),
-        }
-    }
-}
-
-/// Opens the window of `length` bytes that `spec` names. Every kind of window is opened here.
+/// Opens the `length` byte registers `spec` says (of the VME mailboxes 0x200, of the host port 16). Descriptors handed
+/// over are used before nodes are opened.
 ///
 /// # Errors
-/// [`ByteSpecError`] when it cannot be opened, or is a file of another length.
-pub fn open_bytes(spec: &ByteSpec, length: usize) -> Result<Box<dyn ByteBus>, ByteSpecError> {
-    let failed = |source| ByteSpecError::Open { what: spec.to_string(), source };
-    match spec {
-        ByteSpec::File(path) => {
-            let file = OpenOptions::new().read(true).write(true).open(path).map_err(failed)?;
-            let found = file.metadata().map_err(failed)?.len();
-            if found != length as u64 {
-                return Err(ByteSpecError::Length { path: path.clone(), found, expected: length });
-            }
-            Ok(Box::new(Mapping::new(&file, 0, length).map_err(failed)?))
+/// [`OpenError`]: what was refused, why, and what to do.
+pub fn open_bytes(
+    spec: &ByteSpec,
+    length: usize,
+    system: &System,
+    inherited: &Inherited,
+) -> Result<Box<dyn ByteBus>, OpenError> {
+    let refuse = |why| OpenError::new(spec.to_string(), why);
+    match &spec.place {
+        BytePlace::Window(place) => {
+            let (mapping, _, _) = window(place, spec.offset, length, system, inherited)?;
+            Ok(Box::new(mapping))
         }
-        ByteSpec::Port(base) => Ok(Box::new(PortRegisters::open(*base, length).map_err(failed)?)),
-    }
-}
-
-/// Registers of the host port: its I/O addresses.
-const HOST_PORT_LENGTH: usize = 16;
-/// The register that reads other than it is written.
-const COMMAND: u32 = 8;
-/// Where a simulated host port takes what is written to it: its file cannot tell that a byte was written that has not
-/// changed.
-const SIMULATED_COMMAND: u32 = 12;
-
-/// Opens the registers of a host port.
-///
-/// # Errors
-/// As [`open_bytes`].
-pub fn open_host_port(spec: &ByteSpec) -> Result<Box<dyn ByteBus>, ByteSpecError> {
-    let bus = open_bytes(spec, HOST_PORT_LENGTH)?;
-    Ok(match spec {
-        ByteSpec::File(_) => Box::new(SimulatedHostPort(bus)),
-        ByteSpec::Port(_) => bus,
-    })
-}
-
-struct SimulatedHostPort(Box<dyn ByteBus>);
-
-impl ByteBus for SimulatedHostPort {
-    fn read8(&mut self, offset: u32) -> Result<u8, ByteBusError> {
-        self.0.read8(offset)
-    }
-    fn write8(&mut self, offset: u32, value: u8) -> Result<(), ByteBusError> {
-        self.0.write8(if offset == COMMAND { SIMULATED_COMMAND } else { offset }, value)
-    }
-    fn order_accesses(&mut self) {
-        self.0.order_accesses();
+        BytePlace::Ports(base) => {
+            let path = Path::new(PORT_NODE);
+            let mut options = OpenOptions::new();
+            let opened = options.read(true).write(true).open(system.path(path));
+            let file = opened.map_err(|error| refuse(raw_node_refused(system, path, error)))?;
+            Ok(Box::new(PortRegisters::in_file(file, *base, length)))
+        }
+        BytePlace::File(path) => {
+            let missing = "is the simulator running?";
+            let permission = "be the user the simulator runs as";
+            let file = OpenOptions::new().read(true).write(true).open(path);
+            let file =
+                file.map_err(|error| refuse(node_refused(system, path, error, missing, permission)))?;
+            let io = |source| refuse(Why::Io { doing: "mapping it".to_owned(), source });
+            let found = file.metadata().map_err(io)?.len();
+            if found < spec.offset.saturating_add(length as u64) {
+                let text = format!("it has {found:#x} bytes, the registers end behind that");
+                return Err(refuse(Why::Unsuitable(text)));
+            }
+            Ok(Box::new(Mapping::new(&file, spec.offset, length).map_err(io)?))
+        }
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::device::testing::FakeSystem;
+
+    fn open(fake: &FakeSystem, spec: &str, length: usize) -> Result<Box<dyn ByteBus>, String> {
+        let spec: ByteSpec = spec.parse().map_err(|error: ByteSpecError| error.to_string())?;
+        open_bytes(&spec, length, &fake.system, &Inherited::default()).map_err(|error| error.to_string())
+    }
 
     #[test]
-    fn what_is_written_is_what_is_meant() {
-        for (text, spec) in [
-            ("file:/dev/shm/mailbox", ByteSpec::File("/dev/shm/mailbox".into())),
-            ("port:0x210", ByteSpec::Port(0x210)),
-            ("port:528", ByteSpec::Port(528)),
+    fn every_kind_leads_to_its_registers() {
+        let fake = FakeSystem::new();
+        fake.memory("dev/mem", 0x10_0000);
+        fake.memory("dev/port", 0x1000);
+        fake.memory("registers", 0x400);
+        fake.uio(0, "pmac-dpram", 0xD4000, 0x4000, 0, 0x8000);
+        fake.uio_map(0, 1, "mailbox", 0xE000, 0x1000, 0x200);
+        let page = crate::device::mapping::page_bytes() as usize;
+        let file = format!("file:{}", fake.path("registers").display());
+        for (spec, file, at) in [
+            ("mem:0xE0000", "dev/mem", 0xE_0000),
+            ("uio:/dev/uio0,map=1", "dev/uio0", page + 0x200),
+            ("uio:/dev/uio0,map=1,offset=0x10", "dev/uio0", page + 0x210),
+            ("port:0x210", "dev/port", 0x210),
+            (file.as_str(), "registers", 0),
         ] {
-            assert_eq!(text.parse::<ByteSpec>().unwrap(), spec);
-            assert_eq!(spec.to_string().parse::<ByteSpec>().unwrap(), spec);
-        }
-        for text in ["", "file:", "port:", "port:0x10000", "port:-1", "tape:0"] {
-            assert!(matches!(text.parse::<ByteSpec>(), Err(ByteSpecError::Spec { .. })), "{text}");
+            let mut bus = open(&fake, spec, 0x200).unwrap();
+            bus.write8(3, 0xA5).unwrap();
+            assert_eq!(bus.read8(3).unwrap(), 0xA5, "{spec}");
+            assert!(bus.read8(0x200).is_err(), "{spec}");
+            assert_eq!(std::fs::read(fake.path(file)).unwrap()[at + 3], 0xA5, "{spec}");
+            let shown = spec.parse::<ByteSpec>().unwrap().to_string();
+            assert_eq!(shown.parse(), spec.parse::<ByteSpec>(), "{shown}");
         }
     }
 
     #[test]
-    fn a_file_serves_if_it_is_as_long_as_the_registers() {
-        let file = tempfile::NamedTempFile::new().unwrap();
-        let spec = ByteSpec::File(file.path().to_owned());
-        assert!(matches!(open_bytes(&spec, 16), Err(ByteSpecError::Length { found: 0, expected: 16, .. })));
-        file.as_file().set_len(16).unwrap();
-        let mut window = open_bytes(&spec, 16).unwrap();
-        window.write8(15, 7).unwrap();
-        assert_eq!(std::fs::read(file.path()).unwrap()[15], 7);
-        drop(window);
-        let mut port = open_host_port(&spec).unwrap();
-        port.write8(8, 0x67).unwrap();
-        port.write8(9, 0x7F).unwrap();
-        assert_eq!(std::fs::read(file.path()).unwrap()[8..13], [0, 0x7F, 0, 0, 0x67]);
-        let missing = ByteSpec::File("/nonexistent/registers".into());
-        assert!(matches!(open_bytes(&missing, 16), Err(ByteSpecError::Open { .. })));
+    fn what_is_wrong_is_said() {
+        let fake = FakeSystem::new();
+        fake.memory("short", 0x100);
+        let short = format!("file:{}", fake.path("short").display());
+        for (spec, reason) in [
+            ("port:0x210", "there is no /dev/port"),
+            ("port:0x10000", "no I/O address"),
+            ("port:0x210,offset=2", "port: has no option offset="),
+            ("port:", "address after port: is missing"),
+            ("mem:0xE0000,length=0x4000", "mem: has no option length="),
+            ("mem:0xE0000,irq=unix:x", "mem: has no option irq="),
+            ("serial:/dev/ttyS0", "there is no kind `serial`"),
+            (short.as_str(), "it has 0x100 bytes"),
+        ] {
+            let error = open(&fake, spec, 0x200).err().unwrap();
+            assert!(error.contains(reason), "{spec}: {error}");
+        }
     }
 }

@@ -10,6 +10,7 @@ mod format;
 mod gather;
 mod gather_program;
 mod host_port;
+mod inherited;
 mod mailbox;
 mod map;
 mod mixing;
