@@ -47,7 +47,10 @@ const LAST_STOP: Duration = Duration::from_millis(500);
 const COMMANDS_A_ROUND: usize = 4;
 
 /// Opens the board's bus, again if need be.
-pub type OpenBus = Box<dyn FnMut() -> Result<Box<dyn Bus>, String> + Send>;
+pub type OpenBus = Box<dyn FnMut() -> Result<Box<dyn Bus>, OpenError> + Send>;
+
+/// Why the bus cannot be opened.
+pub type OpenError = Box<dyn std::error::Error + Send + Sync>;
 
 /// Everything the thread works with.
 pub struct BoardLoop {
@@ -125,6 +128,7 @@ impl BoardLoop {
         let mut heartbeat_due = 0;
         let mut check_due = monotonic_ns() + BOARD_CHECK_NS;
         loop {
+            self.info.count_round();
             if let Err(error) = self.one_round() {
                 self.bus_failed(&error);
             }

@@ -6,6 +6,7 @@ pub mod counted;
 pub mod file;
 pub mod interrupt;
 pub mod mapping;
+pub mod scheduling;
 pub mod spec;
 
 pub use byte::{ByteBus, ByteBusError, PortRegisters};
