@@ -168,11 +168,7 @@ fn run(settings: &Settings, options: &Options, log: &mut LogWriter) -> Result<()
         settings.socket.display()
     );
 
-    let memory = match privilege::lock_memory() {
-        Ok(()) => "memory locked".to_owned(),
-        Err(errno) => format!("memory not locked ({}; see LimitMEMLOCK)", errno.desc()),
-    };
-    info!("runs as {}, {memory}, scheduling {}", Holdings::read(), scheduling());
+    info!("runs as {}, {}, scheduling {}", Holdings::read(), privilege::lock_memory(), scheduling());
     manager.ready(&info);
 
     let asked = until_asked_to_end(&mut signals, &mut manager, &info, || bus_thread.is_finished());

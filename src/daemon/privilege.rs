@@ -9,10 +9,16 @@ use std::fmt;
 use caps::CapSet;
 use nix::sys::mman::{MlockAllFlags, mlockall};
 use nix::sys::prctl;
-use nix::unistd::{Gid, Uid, User, getegid, geteuid, getresgid, getresuid, initgroups, setresgid, setresuid};
+use nix::sys::resource::{Resource, getrlimit};
+use nix::unistd::{
+    Gid, Group, Uid, User, getegid, geteuid, getresgid, getresuid, initgroups, setresgid, setresuid,
+};
 
 /// The sets that give a right, in the order in which they can be emptied.
 const SETS: [CapSet; 4] = [CapSet::Ambient, CapSet::Effective, CapSet::Permitted, CapSet::Inheritable];
+
+/// A limit of locked memory below this is the reason why none can be locked: the kernel counts all address space.
+const ENOUGH_BYTES: u64 = 1 << 30;
 
 /// A right could not be given up, or the user to become is not to be had.
 #[derive(Debug, thiserror::Error)]
@@ -139,12 +145,16 @@ fn is_empty(set: CapSet) -> Result<bool, PrivilegeError> {
 }
 
 /// Keeps everything that is mapped now in memory. Called when the threads run, so that their stacks are; memory that
-/// clients cause to be allocated later is not the bus thread's, and not locked.
-///
-/// # Errors
-/// When the kernel refuses, for want of `LimitMEMLOCK`.
-pub fn lock_memory() -> nix::Result<()> {
-    mlockall(MlockAllFlags::MCL_CURRENT)
+/// clients cause to be allocated later is not the bus thread's, and not locked. Returns what came of it.
+#[must_use]
+pub fn lock_memory() -> String {
+    match (mlockall(MlockAllFlags::MCL_CURRENT), getrlimit(Resource::RLIMIT_MEMLOCK)) {
+        (Ok(()), _) => "memory locked".to_owned(),
+        (Err(_), Ok((limit, _))) if limit < ENOUGH_BYTES => {
+            format!("memory not locked (LimitMEMLOCK is {} KiB, too little)", limit / 1024)
+        }
+        (Err(errno), _) => format!("memory not locked ({errno})"),
+    }
 }
 
 /// What the calling thread holds, as the kernel tells it.
@@ -184,7 +194,9 @@ impl Holdings {
 impl fmt::Display for Holdings {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let name = User::from_uid(self.uid).ok().flatten().map(|user| user.name);
-        write!(f, "user {} ({}), group {}", name.as_deref().unwrap_or("?"), self.uid, self.gid)?;
+        let group = Group::from_gid(self.gid).ok().flatten().map(|group| group.name);
+        write!(f, "user {} ({})", name.as_deref().unwrap_or("?"), self.uid)?;
+        write!(f, ", group {} ({})", group.as_deref().unwrap_or("?"), self.gid)?;
         match self.capabilities.as_slice() {
             [] => write!(f, ", no capabilities")?,
             some => write!(f, ", capabilities {}", some.join(" "))?,
