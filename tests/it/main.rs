@@ -25,6 +25,7 @@ mod serial;
 mod service;
 mod simulator;
 mod site;
+mod soak;
 mod socket;
 mod socket_jobs;
 mod tools;
