@@ -14,11 +14,11 @@ use log::{Level, info, warn};
 use nix::sys::eventfd::{EfdFlags, EventFd};
 
 use super::ascii_desk::AsciiDesk;
-use super::board_loop::{BoardLoop, OpenBus, OpenError, Told};
+use super::board::{self, Board};
+use super::board_loop::{BoardLoop, Told};
 use super::exit::{self, Failure};
 use super::identify::{Identifier, servo_period_ps};
 use super::info::SharedInfo;
-use super::interrupt_link::InterruptLink;
 use super::job_desk::JobDesk;
 use super::journal;
 use super::log_sink::{LogSink, LogWriter};
@@ -28,12 +28,9 @@ use super::privilege::{self, Account, Holdings};
 use super::queue::queue;
 use super::serve::{Backend, ServeOptions, serve};
 use super::settings::Settings;
-use super::simulator::Simulator;
 use super::watch::{Manager, Signals, until_asked_to_end};
-use crate::device::file::DPRAM_BYTES;
 use crate::device::scheduling::scheduling;
-use crate::device::{BoardSpec, Bus, Counted, FileBoard, InterruptSource, WordSwapped};
-use crate::format::WordOrder;
+use crate::device::{BoardSpec, Counted, Inherited, System};
 use crate::function::background::BACKGROUND_WORDS;
 use crate::function::servo::SERVO_WORDS;
 use crate::function::variable_read::VariableMode;
@@ -60,7 +57,7 @@ pub fn main() -> ExitCode {
     let mut logger = env_logger::Builder::from_env(env_logger::Env::default().default_filter_or("info"));
     logger.format_timestamp(None).format_target(false);
     if in_journal {
-        logger.format(|target, record| journal::write(target, record));
+        logger.format(journal::write);
     }
     logger.target(env_logger::Target::Pipe(Box::new(log.clone()))).init();
     let options = match Options::try_parse() {
@@ -96,7 +93,8 @@ fn run(settings: &Settings, options: &Options, log: &mut LogWriter) -> Result<()
     if stays_root {
         warn!("running as root; the unit file, or --user, is safer");
     }
-    let early = if needs_rights(&settings.board) { Some(open_board(settings)?) } else { None };
+    let inherited = Inherited::take_all();
+    let early = needs_rights(&settings.board).then(|| open_board(settings, &inherited)).transpose()?;
     if let Some(account) = &account {
         make_socket_directory(&settings.socket, account)?;
     }
@@ -110,8 +108,10 @@ fn run(settings: &Settings, options: &Options, log: &mut LogWriter) -> Result<()
     let publisher = Publisher::create(&segment_options(settings)?)?;
     let Board { simulator: _simulator, bus, open, interrupt } = match early {
         Some(board) => board,
-        None => open_board(settings)?,
+        None => open_board(settings, &inherited)?,
     };
+    // The board is open: what opens more of the machine is not kept.
+    drop(inherited);
 
     let plan = plan(settings)?;
     let (commands, command_queue) = queue(QUEUE).map_err(|error| Failure::system("queue", error))?;
@@ -138,13 +138,13 @@ fn run(settings: &Settings, options: &Options, log: &mut LogWriter) -> Result<()
         Arc::new(EventFd::from_value_and_flags(0, flags).map_err(|error| Failure::system("eventfd", error))?);
     let identifier = Identifier::new(configured_identity(settings), settings.ask_board, Instant::now());
     let board = BoardLoop {
-        bus,
+        bus: Counted::new(bus),
         open,
         servo: ServoMirror::new(settings.servo_reading),
         background: BackgroundMirror::new(settings.background_period_ns),
         desk: AsciiDesk::new(settings.text_order, identifier),
         jobs: JobDesk::new(plan, VariableMode::SingleUser),
-        interrupt: interrupt.map(InterruptLink::new),
+        interrupt,
         publisher,
         commands: command_queue,
         events,
@@ -275,7 +275,7 @@ fn plan(settings: &Settings) -> Result<Plan, Failure> {
 
 /// Whether this board cannot be opened any more when privileges are given up.
 fn needs_rights(board: &BoardSpec) -> bool {
-    !matches!(board, BoardSpec::Simulator | BoardSpec::File { .. })
+    matches!(board, BoardSpec::Window(_))
 }
 
 /// The directory of the sockets, for a daemon that root starts by hand: the user it becomes could not make it.
@@ -293,43 +293,6 @@ fn make_socket_directory(socket: &Path, account: &Account) -> Result<(), Failure
         .map_err(|error| Failure::system(&directory.display().to_string(), error))
 }
 
-/// An open board.
-struct Board {
-    /// The simulator to keep alive.
-    simulator: Option<Simulator>,
-    bus: Counted<Box<dyn Bus>>,
-    /// How to open it again.
-    open: OpenBus,
-    interrupt: Option<InterruptSource>,
-}
-
-fn open_board(settings: &Settings) -> Result<Board, Failure> {
-    let opened = ways_to(settings).and_then(|(simulator, mut open, interrupt)| {
-        Ok(Board { simulator, bus: Counted::new(open()?), open, interrupt })
-    });
-    opened.map_err(|error| Failure::board(error.as_ref()))
-}
-
-/// A simulator to keep alive, how to open the board's bus, and where its interrupt comes from.
-type Opened = (Option<Simulator>, OpenBus, Option<InterruptSource>);
-
-fn ways_to(settings: &Settings) -> Result<Opened, OpenError> {
-    let order = settings.word_order;
-    let open_file = move |path: std::path::PathBuf| -> OpenBus {
-        Box::new(move || {
-            let board = FileBoard::open(&path, DPRAM_BYTES)?;
-            Ok(match order {
-                WordOrder::Little => Box::new(board) as Box<dyn Bus>,
-                WordOrder::Swapped => Box::new(WordSwapped(board)),
-            })
-        })
-    };
-    match &settings.board {
-        BoardSpec::Simulator => {
-            let simulator = Simulator::start(settings.family, settings.firmware.as_deref())?;
-            let (memory, interrupt) = (simulator.memory(), simulator.interrupt());
-            Ok((Some(simulator), open_file(memory), Some(interrupt)))
-        }
-        BoardSpec::File { path, interrupt } => Ok((None, open_file(path.clone()), interrupt.clone())),
-    }
+fn open_board(settings: &Settings, inherited: &Inherited) -> Result<Board, Failure> {
+    board::open(settings, &System::here(), inherited).map_err(|error| Failure::board(error.as_ref()))
 }

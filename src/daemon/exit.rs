@@ -8,6 +8,7 @@ use std::io;
 use super::listener::ListenError;
 use super::privilege::PrivilegeError;
 use super::serve::ServeError;
+use crate::device::refusal::{OpenError, Why};
 use crate::segment::SegmentError;
 
 /// The command line was not understood. Nothing has been done.
@@ -59,6 +60,13 @@ fn lacks_right(error: &(dyn Error + 'static)) -> bool {
     while let Some(error) = next {
         if error.downcast_ref::<io::Error>().is_some_and(|io| io.kind() == io::ErrorKind::PermissionDenied) {
             return true;
+        }
+        if let Some(OpenError { why, .. }) = error.downcast_ref::<OpenError>() {
+            return match why {
+                Why::Permission { .. } | Why::RawIo(_) | Why::Lockdown(..) | Why::DeviceControl(_) => true,
+                Why::Io { source, .. } => source.kind() == io::ErrorKind::PermissionDenied,
+                _ => false,
+            };
         }
         next = error.source();
     }
@@ -116,6 +124,9 @@ mod tests {
         let status = |kind: io::ErrorKind| Failure::board(&Wrapped(kind.into())).status;
         assert_eq!(status(io::ErrorKind::PermissionDenied), NO_PERMISSION);
         assert_eq!(status(io::ErrorKind::NotFound), UNAVAILABLE);
+        let window = |why: Why| Failure::board(&OpenError::new("mem:0xD4000", why)).status;
+        assert_eq!(window(Why::RawIo("/dev/mem".into())), NO_PERMISSION);
+        assert_eq!(window(Why::Unsuitable("too short".to_owned())), UNAVAILABLE);
     }
 
     #[test]

@@ -53,7 +53,12 @@ impl Simulator {
         // Should this process be killed, the simulator ends too, and takes the directory away.
         command.arg("--with-parent").arg(std::process::id().to_string());
         // The service manager talks to the daemon alone.
-        command.env_remove("NOTIFY_SOCKET").env_remove("WATCHDOG_USEC").env_remove("WATCHDOG_PID");
+        for variable in ["NOTIFY_SOCKET", "WATCHDOG_USEC", "WATCHDOG_PID"]
+            .iter()
+            .chain(&crate::device::inherited::VARIABLES)
+        {
+            command.env_remove(variable);
+        }
         // A terminal's ^C is for the daemon, which ends the simulator in its own time.
         command.process_group(0);
         let child = command.spawn().map_err(|error| fail(error.to_string()))?;

@@ -28,7 +28,7 @@ impl Signals {
     /// When the system gives no descriptors.
     pub fn take() -> io::Result<Self> {
         let (read, write) = UnixStream::pair()?;
-        SignalDelivery::with_pipe(read, write, SignalOnly::default(), [SIGTERM, SIGINT, SIGHUP]).map(Self)
+        SignalDelivery::with_pipe(read, write, SignalOnly, [SIGTERM, SIGINT, SIGHUP]).map(Self)
     }
 
     /// The first signal that ends the daemon, if one came before `deadline`.

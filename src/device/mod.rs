@@ -1,20 +1,40 @@
 //! The bus to the board (layer 2): the trait, its kinds, its decorators, and the interrupt.
 
 pub mod byte;
+pub mod byte_spec;
 pub mod byteswap;
 pub mod counted;
 pub mod file;
+pub mod inherited;
 pub mod interrupt;
+pub mod kernel;
 pub mod mapping;
+pub mod memory;
+pub mod open;
+pub mod pci;
+pub mod refusal;
 pub mod scheduling;
 pub mod spec;
+pub mod system;
+#[cfg(test)]
+mod testing;
+pub mod uio;
+pub mod uio_interrupt;
+pub mod vme;
+pub mod window;
 
 pub use byte::{ByteBus, ByteBusError, PortRegisters};
+pub use byte_spec::{ByteSpec, open_bytes};
 pub use byteswap::WordSwapped;
 pub use counted::Counted;
 pub use file::FileBoard;
+pub use inherited::Inherited;
 pub use interrupt::{Interrupt, InterruptSource};
-pub use spec::BoardSpec;
+pub use open::{OpenedBoard, open};
+pub use refusal::OpenError;
+pub use spec::{BoardSpec, Place, WindowSpec};
+pub use system::System;
+pub use window::WindowBoard;
 
 use crate::map::HostOffset;
 
@@ -70,6 +90,11 @@ pub trait Bus: Send {
     fn still_there(&self) -> bool {
         true
     }
+
+    /// Whether something answers on the bus at all: where no board is, every word reads as ones.
+    fn answers(&mut self) -> bool {
+        true
+    }
 }
 
 impl<B: Bus + ?Sized> Bus for Box<B> {
@@ -93,5 +118,8 @@ impl<B: Bus + ?Sized> Bus for Box<B> {
     }
     fn still_there(&self) -> bool {
         (**self).still_there()
+    }
+    fn answers(&mut self) -> bool {
+        (**self).answers()
     }
 }
