@@ -17,6 +17,8 @@ use crate::protocol::board::VariableRecord;
 use crate::setup::gather_source::GatherSource;
 use crate::setup::number;
 
+/// How long a board may take to say who it is; one that is not asked never does.
+const IDENTIFIED: Duration = Duration::from_secs(2);
 /// How long to sleep before the daemon is asked again whether it still holds the watch.
 const NO_NEWS: Duration = Duration::from_millis(500);
 /// How long PMAC may take until the first values of a new table.
@@ -76,9 +78,16 @@ pub fn run(context: &mut Context, options: &Variable) -> Result<Verdict, Failure
     }
 }
 
-/// The layout and scales of the board, as far as the segment tells.
+/// The board's map and scales, as far as it has told them.
 pub(super) fn board_layout(board: &mut Board) -> Result<(Layout, Scales), Failure> {
-    let identity = board.identity()?;
+    // A daemon that was just started, or a board that was just reset, is still being asked.
+    let deadline = Instant::now() + IDENTIFIED;
+    let mut identity = board.identity()?;
+    while identity.firmware.is_none() && Instant::now() < deadline {
+        std::thread::sleep(Duration::from_millis(20));
+        board.refresh()?;
+        identity = board.identity()?;
+    }
     let family = identity::family(&identity)
         .ok_or_else(|| Failure::Request("the board's family is not known to this program".to_owned()))?;
     let firmware = identity.firmware.as_deref().and_then(|text| text.parse().ok());

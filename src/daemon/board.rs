@@ -101,7 +101,11 @@ fn in_order(bus: Box<dyn Bus>, order: WordOrder) -> Box<dyn Bus> {
 
 /// A link to an interrupt of its own. A simulator's socket may come later; a UIO device has to be there now, while there
 /// is the privilege to open it.
-fn link(source: InterruptSource, system: &System, inherited: &Inherited) -> Result<InterruptLink, OpenError> {
+pub(super) fn link(
+    source: InterruptSource,
+    system: &System,
+    inherited: &Inherited,
+) -> Result<InterruptLink, OpenError> {
     if matches!(source, InterruptSource::Unix(_)) {
         return Ok(InterruptLink::new(source));
     }

@@ -17,15 +17,18 @@ use super::ascii_desk::AsciiDesk;
 use super::board::{self, Board};
 use super::board_loop::{BoardLoop, Told};
 use super::exit::{self, Failure};
+use super::host_link::HostPortLink;
 use super::identify::{Identifier, servo_period_ps};
 use super::info::SharedInfo;
 use super::job_desk::JobDesk;
 use super::journal;
 use super::log_sink::{LogSink, LogWriter};
+use super::mailbox_link::MailboxLink;
 use super::options::Options;
 use super::policy::group_id;
 use super::privilege::{self, Account, Holdings};
 use super::queue::queue;
+use super::response_port::ResponsePort;
 use super::serve::{Backend, ServeOptions, serve};
 use super::settings::Settings;
 use super::watch::{Manager, Signals, until_asked_to_end};
@@ -36,7 +39,7 @@ use crate::function::servo::SERVO_WORDS;
 use crate::function::variable_read::VariableMode;
 use crate::map::{BadFirmware, Family, Firmware, Layout, Plan, PlanSettings, classic};
 use crate::mirror::{BackgroundMirror, ServoMirror, gather, variable};
-use crate::protocol::BoardInfo;
+use crate::protocol::{BoardInfo, HostPortInfo};
 use crate::segment::identity;
 use crate::segment::{CreateOptions, Identity, Publisher, RegionId, RegionSpec, monotonic_ns};
 use crate::usage::usage_with;
@@ -94,7 +97,7 @@ fn run(settings: &Settings, options: &Options, log: &mut LogWriter) -> Result<()
         warn!("running as root; the unit file, or --user, is safer");
     }
     let inherited = Inherited::take_all();
-    let early = needs_rights(&settings.board).then(|| open_board(settings, &inherited)).transpose()?;
+    let early = needs_rights(&settings.board).then(|| Machine::open(settings, &inherited)).transpose()?;
     if let Some(account) = &account {
         make_socket_directory(&settings.socket, account)?;
     }
@@ -106,10 +109,11 @@ fn run(settings: &Settings, options: &Options, log: &mut LogWriter) -> Result<()
         crate::process::end_with_parent(parent).map_err(|error| Failure::new(exit::SYSTEM, error))?;
     }
     let publisher = Publisher::create(&segment_options(settings)?)?;
-    let Board { simulator: _simulator, bus, open, interrupt } = match early {
-        Some(board) => board,
-        None => open_board(settings, &inherited)?,
+    let Machine { board, mailbox, host_port } = match early {
+        Some(machine) => machine,
+        None => Machine::open(settings, &inherited)?,
     };
+    let Board { simulator: _simulator, bus, open, interrupt } = board;
     // The board is open: what opens more of the machine is not kept.
     drop(inherited);
 
@@ -142,9 +146,10 @@ fn run(settings: &Settings, options: &Options, log: &mut LogWriter) -> Result<()
         open,
         servo: ServoMirror::new(settings.servo_reading),
         background: BackgroundMirror::new(settings.background_period_ns),
-        desk: AsciiDesk::new(settings.text_order, identifier),
+        desk: AsciiDesk::new(ResponsePort::new(settings.text_order, mailbox, Instant::now()), identifier),
         jobs: JobDesk::new(plan, VariableMode::SingleUser),
         interrupt,
+        host_port,
         publisher,
         commands: command_queue,
         events,
@@ -260,6 +265,11 @@ fn board_info(settings: &Settings, publisher: &Publisher) -> BoardInfo {
         generation: publisher.generation(),
         pid: std::process::id(),
         segment: format!("/{}", settings.name.as_str()),
+        host_port: settings.host_port.as_ref().map(|config| HostPortInfo {
+            controller: HostPortLink::name(&config.port).to_owned(),
+            line: config.port.line.into(),
+            ..HostPortInfo::default()
+        }),
         ..BoardInfo::default()
     }
 }
@@ -293,6 +303,35 @@ fn make_socket_directory(socket: &Path, account: &Account) -> Result<(), Failure
         .map_err(|error| Failure::system(&directory.display().to_string(), error))
 }
 
-fn open_board(settings: &Settings, inherited: &Inherited) -> Result<Board, Failure> {
-    board::open(settings, &System::here(), inherited).map_err(|error| Failure::board(error.as_ref()))
+/// Everything of the machine that the daemon works with.
+struct Machine {
+    board: Board,
+    mailbox: Option<MailboxLink>,
+    host_port: Option<HostPortLink>,
+}
+
+impl Machine {
+    fn open(settings: &Settings, inherited: &Inherited) -> Result<Self, Failure> {
+        let system = &System::here();
+        let failed = |what: &str, error: &(dyn std::error::Error + 'static)| {
+            let Failure { status, reason } = Failure::board(error);
+            Failure { status, reason: format!("{what}{reason}") }
+        };
+        let mut board =
+            board::open(settings, system, inherited).map_err(|error| failed("", error.as_ref()))?;
+        let mailbox = settings.mailbox.clone();
+        // Where a board has a vector for it, a response in the DPRAM is announced there.
+        if let Some(source) = mailbox.as_ref().and_then(|mailbox| mailbox.dpram.clone()) {
+            let link = board::link(source, system, inherited);
+            board.interrupt = Some(link.map_err(|error| failed("mailboxes: ", error.as_ref()))?);
+        }
+        let mailbox = mailbox.map(|config| MailboxLink::open(config, system, inherited)).transpose();
+        let host_port = settings.host_port.clone();
+        let host_port = host_port.map(|config| HostPortLink::open(config, system, inherited)).transpose();
+        Ok(Self {
+            board,
+            mailbox: mailbox.map_err(|error| failed("mailboxes: ", error.as_ref()))?,
+            host_port: host_port.map_err(|error| failed("host port: ", &error))?,
+        })
+    }
 }

@@ -5,7 +5,9 @@
 use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
 use std::sync::{Mutex, PoisonError};
 
-use crate::protocol::{BoardInfo, Enabled, State};
+use super::host_link::HostPortCounts;
+use super::response_port::Way;
+use crate::protocol::{BoardInfo, CommandPort, Enabled, State};
 
 /// The daemon's present knowledge of its board.
 #[derive(Debug, Default)]
@@ -14,6 +16,10 @@ pub struct SharedInfo {
     state: AtomicU32,
     enabled: AtomicU32,
     rounds: AtomicU64,
+    command_port: AtomicU32,
+    served: AtomicU32,
+    old: AtomicU32,
+    unannounced: AtomicU32,
 }
 
 impl SharedInfo {
@@ -31,6 +37,22 @@ impl SharedInfo {
     /// Says which automatic functions are at work. Never waits.
     pub fn set_enabled(&self, enabled: Enabled) {
         self.enabled.store(enabled.bits(), Ordering::Relaxed);
+    }
+
+    /// Says which port command lines go through. Never waits.
+    pub fn set_command_port(&self, way: Way) {
+        let port = match way {
+            Way::Dpram => CommandPort::Dpram,
+            Way::Mailbox => CommandPort::Mailbox,
+        };
+        self.command_port.store(port as u32, Ordering::Relaxed);
+    }
+
+    /// Says what the host port's interrupts have come to. Never waits.
+    pub fn set_host_port(&self, counts: HostPortCounts) {
+        self.served.store(counts.served, Ordering::Relaxed);
+        self.old.store(counts.old, Ordering::Relaxed);
+        self.unannounced.store(counts.unannounced, Ordering::Relaxed);
     }
 
     /// Changes the identity. May wait for a reader: not for the bus thread.
@@ -71,6 +93,15 @@ impl SharedInfo {
             2 => State::Stale,
             _ => State::Dead,
         };
+        info.command_port = match self.command_port.load(Ordering::Relaxed) {
+            0 => CommandPort::Dpram,
+            _ => CommandPort::Mailbox,
+        };
+        if let Some(host_port) = &mut info.host_port {
+            host_port.served = self.served.load(Ordering::Relaxed);
+            host_port.old = self.old.load(Ordering::Relaxed);
+            host_port.unannounced = self.unannounced.load(Ordering::Relaxed);
+        }
         info.enabled = Enabled::from_bits_truncate(self.enabled.load(Ordering::Relaxed)).names();
         info
     }

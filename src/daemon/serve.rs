@@ -451,14 +451,14 @@ impl Service {
                 client.hang_up();
                 client.close();
             }
-            if let Waiting::Board(pending) = &client.waiting
+            if let Waiting::Board(pending) = &mut client.waiting
                 && pending.deadline <= now
             {
-                unanswered.push(pending.ticket);
+                unanswered.push((pending.ticket, std::mem::take(&mut pending.lines)));
             }
         }
-        for ticket in unanswered {
-            self.answer(ticket, Err(CallError::TimedOut), now);
+        for (ticket, lines) in unanswered {
+            self.answer(ticket, Err(CallError::TimedOut { lines }), now);
         }
     }
 
@@ -496,9 +496,10 @@ fn outcome_reply(outcome: Outcome, lines: Vec<String>, overlong: bool) -> Result
             let meaning = meaning(code).unwrap_or("an error number without a documented meaning").to_owned();
             Err(CallError::Board { code, meaning, lines })
         }
-        Outcome::TimedOut => Err(CallError::TimedOut),
+        Outcome::TimedOut => Err(CallError::TimedOut { lines }),
         Outcome::Unavailable => Err(CallError::Unavailable {
-            reason: "DPRAM ASCII is off (I58 = 0) or the board does not answer".to_owned(),
+            reason: "the port for command lines is off (DPRAM ASCII: I58=0) or the board does not answer"
+                .to_owned(),
         }),
         Outcome::OutOfRange => Err(CallError::OutOfRange),
         Outcome::Refused(reason) => {

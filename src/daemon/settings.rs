@@ -6,6 +6,7 @@ use serde::Deserialize;
 
 use super::options::Options;
 use super::policy::Roles;
+use super::ports::{HostPortConfig, HostPortTable, MailboxConfig, MailboxTable};
 use crate::device::BoardSpec;
 use crate::format::{TextOrder, WordOrder};
 use crate::function::servo::ServoReading;
@@ -46,6 +47,10 @@ pub struct ConfigFile {
     ask_board: Option<bool>,
     /// Groups whose members may do more than look.
     roles: Option<RolesTable>,
+    /// The mailbox circuit of a VME board.
+    mailbox: Option<MailboxTable>,
+    /// The interrupt controller behind the host port.
+    host_port: Option<HostPortTable>,
 }
 
 #[derive(Debug, Clone, Default, Deserialize)]
@@ -129,6 +134,10 @@ pub struct Settings {
     pub ask_board: bool,
     /// Groups whose members may do more than look.
     pub roles: Roles,
+    /// The mailbox circuit of a VME board.
+    pub mailbox: Option<MailboxConfig>,
+    /// The interrupt controller behind the host port.
+    pub host_port: Option<HostPortConfig>,
 }
 
 /// Why the settings were refused. One line: what, where, what to do.
@@ -154,6 +163,8 @@ impl Settings {
         let name = options.name.clone().or(file.name).unwrap_or_else(|| "pmac0".to_owned());
         let socket = options.socket.clone().or(file.socket);
         let roles = file.roles.unwrap_or_default();
+        let family = file.family.unwrap_or_default();
+        let host_port = file.host_port.map(|table| table.decide(family)).transpose();
         Ok(Self {
             board: board_text.parse().map_err(refused)?,
             board_text,
@@ -164,7 +175,7 @@ impl Settings {
             socket_group: file.socket_group,
             segment_group: file.segment_group,
             segment_mode: mode("segment_mode", file.segment_mode.as_deref(), 0o644)?,
-            family: file.family.unwrap_or_default(),
+            family,
             firmware: file.firmware,
             motors: limited("motors", file.motors, 1, classic::MOTORS as u32)?,
             i10: limited("i10", file.i10, 1, 8_388_607)?,
@@ -175,6 +186,8 @@ impl Settings {
             background_period_ns: period_ns(file.background_hz.unwrap_or(20.0))?,
             ask_board: file.ask_board.unwrap_or(true),
             roles: Roles { operate: roles.operate, engineer: roles.engineer },
+            mailbox: file.mailbox.map(MailboxTable::decide).transpose().map_err(SettingsError)?,
+            host_port: host_port.map_err(SettingsError)?,
         })
     }
 }

@@ -23,8 +23,8 @@ pub mod uio_interrupt;
 pub mod vme;
 pub mod window;
 
-pub use byte::{ByteBus, ByteBusError, PortRegisters};
-pub use byte_spec::{ByteSpec, open_bytes};
+pub use byte::{ByteBus, ByteBusError, OtherLane, PortRegisters};
+pub use byte_spec::{ByteSpec, open_bytes, open_host_port};
 pub use byteswap::WordSwapped;
 pub use counted::Counted;
 pub use file::FileBoard;

@@ -10,7 +10,7 @@ pub mod message;
 pub mod open_buffer;
 pub mod transport;
 
-pub use board::{BoardInfo, CallError, Enabled, Message, MessageKind, State};
+pub use board::{BoardInfo, CallError, CommandPort, Enabled, HostPortInfo, Message, MessageKind, State};
 pub use frame::Inbox;
 pub use message::{Call, Parameters, Reply};
 pub use open_buffer::OpenBuffer;

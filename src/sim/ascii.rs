@@ -10,7 +10,7 @@
 
 use std::collections::VecDeque;
 
-use super::language::{CommandError, Interpreter, Reply};
+use super::language::{CommandError, Interpreter, Reply, takes_line};
 use super::machine::Machine;
 use super::offsets;
 use crate::format::TextOrder;
@@ -98,10 +98,11 @@ fn take_character(machine: &mut Machine, interpreter: &mut Interpreter) {
     control(machine, interpreter, character);
 }
 
-/// Carries out a control character. One that reports data ends with the acknowledgement, others answer nothing.
+/// Carries out a control character. One that reports data ends with the acknowledgement, as does the line that ^W takes;
+/// others answer nothing. (^E and ^G report bytes that no text of this port can hold.)
 fn control(machine: &mut Machine, interpreter: &mut Interpreter, character: u8) {
     if let Some(reply) = interpreter.control(machine, character)
-        && (reply.error.is_some() || !reply.lines.is_empty())
+        && (reply.error.is_some() || !reply.lines.is_empty() || takes_line(character))
     {
         answer(machine, reply);
     }

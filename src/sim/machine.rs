@@ -18,6 +18,7 @@ use super::program::Programs;
 use super::program::store::Store;
 use super::random::Random;
 use super::servo_report::ServoReport;
+use super::set_up::SetUp;
 use super::{ascii, background_report, offsets};
 
 pub use super::ascii::AsciiPort;
@@ -50,6 +51,28 @@ pub struct Statistics {
     pub background_updates: u64,
     /// Board resets, the one at power-on not counted.
     pub resets: u64,
+}
+
+/// What a reset brings back.
+struct Saved {
+    variables: SavedVariables,
+    axes: AxisDefinitions,
+    store: Store,
+    set_up: SetUp,
+    /// Whose factory values the set-up registers have.
+    vme: bool,
+}
+
+impl Saved {
+    fn factory(variables: &Variables, memory: &Memory, vme: bool) -> Self {
+        Self {
+            variables: variables.snapshot(memory),
+            axes: AxisDefinitions::default(),
+            store: Store::default(),
+            set_up: SetUp::factory(vme),
+            vme,
+        }
+    }
 }
 
 /// The board without its command interpreter.
@@ -89,7 +112,7 @@ pub struct Machine {
     pub(super) coordinates: Vec<CoordinateSystem>,
     pub(super) gather: Gather,
     pub(super) port: Port,
-    saved: (SavedVariables, AxisDefinitions, Store),
+    saved: Saved,
     noise: Option<Random>,
     /// What the memory held before it went out of reach ([`Faults::all_ones`], [`Faults::all_zeros`], its page).
     out_of_reach: Option<Vec<u16>>,
@@ -101,7 +124,7 @@ impl Machine {
     pub fn new(memory: Memory, identity: Identity, fixed_i10: Option<f64>, seed: Option<u64>) -> Self {
         let variables = factory(&identity, fixed_i10);
         let mut machine = Self {
-            saved: (variables.snapshot(&memory), AxisDefinitions::default(), Store::default()),
+            saved: Saved::factory(&variables, &memory, false),
             programs: Programs::default(),
             serial_output: Vec::new(),
             memory,
@@ -194,6 +217,7 @@ impl Machine {
                 continue;
             }
             let factor = self.axes.coordinate_system(motor).map_or(1.0, |cs| time_base[cs]);
+            self.compensate(motor);
             let noise = self.noise.as_mut().map_or(0.0, |noise| noise.unit() / 2.0);
             let events = self.motors[motor].cycle(100 * (motor + 1), &self.variables, ms, factor, noise);
             if events != Events::default() {
@@ -212,6 +236,7 @@ impl Machine {
         for motor in 0..self.motors.len() {
             self.scan_in_position(motor);
             self.average_velocity(motor);
+            self.take_up_backlash(motor);
             self.write_background_registers(motor);
         }
         for cs in 0..MOTORS {
@@ -286,16 +311,24 @@ impl Machine {
         }
     }
 
+    /// Makes it a VME board, with these mailboxes and a VME board's set-up registers.
+    pub(super) fn fit_mailbox(&mut self, mailbox: Option<Mailbox>) {
+        self.mailbox = mailbox;
+        self.saved.vme = self.mailbox.is_some();
+        self.saved.set_up = SetUp::factory(self.saved.vme);
+        self.saved.set_up.put(&mut self.memory);
+    }
+
     /// Reloads the saved (or factory) values and starts anew.
     pub(super) fn restart(&mut self, factory_values: bool) {
         if factory_values {
             self.memory.clear();
             let variables = factory(&self.identity, self.fixed_i10);
-            self.saved = (variables.snapshot(&self.memory), AxisDefinitions::default(), Store::default());
+            self.saved = Saved::factory(&variables, &self.memory, self.saved.vme);
         }
-        self.variables.restore(&self.saved.0, &mut self.memory);
-        self.axes = self.saved.1.clone();
-        self.programs = Programs::new(self.saved.2.clone());
+        self.variables.restore(&self.saved.variables, &mut self.memory);
+        self.axes = self.saved.axes.clone();
+        self.programs = Programs::new(self.saved.store.clone());
         self.stats.resets += 1;
         self.power_on();
     }
@@ -303,11 +336,18 @@ impl Machine {
     /// Keeps the present values for the next reset.
     pub fn save(&mut self) {
         let store = self.programs.store.kept();
-        self.saved = (self.variables.snapshot(&self.memory), self.axes.clone(), store);
+        self.saved = Saved {
+            variables: self.variables.snapshot(&self.memory),
+            axes: self.axes.clone(),
+            store,
+            set_up: SetUp::of(&self.memory),
+            vme: self.saved.vme,
+        };
     }
 
     fn power_on(&mut self) {
         self.memory.clear_registers();
+        self.saved.set_up.put(&mut self.memory);
         for word in [
             offsets::PANEL_ENABLE,
             offsets::SERVO_PMAC_STATUS,

@@ -95,6 +95,8 @@ pub const SERVO_COUNTER: u16 = 0x0000;
 pub const GLOBAL_STATUS: u16 = 0x0003;
 /// Y: control panel, thumbwheel and machine I/O ports, three in a row.
 pub const PORTS: u16 = 0xFFC0;
+/// Y: the machine inputs, bit n-1 for input n.
+pub const MACHINE_INPUTS: u16 = PORTS + 2;
 
 /// Words from one motor's servo registers to the next motor's.
 pub const MOTOR_STRIDE: u16 = 0x3C;

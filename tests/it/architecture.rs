@@ -23,9 +23,10 @@ const KNOWS_NO_ADDRESS: [&str; 9] =
     ["decode", "device", "function", "mirror", "segment", "daemon", "client", "sim", "cli"];
 
 /// Offsets that are none in the DPRAM: PMAC's own registers, the segment's layout, I/O ports.
-const OTHER_OFFSETS: [&str; 5] = [
+const OTHER_OFFSETS: [&str; 6] = [
     "src/sim/offsets.rs",
     "src/sim/language/",
+    "src/sim/set_up.rs",
     "src/segment/layout.rs",
     "src/segment/identity.rs",
     "src/device/byte_spec.rs",

@@ -2,13 +2,16 @@
 
 mod architecture;
 mod bench;
+mod campaign;
 mod cli;
 mod client;
 mod decode;
 mod format;
 mod gather;
 mod gather_program;
+mod host_port;
 mod inherited;
+mod mailbox;
 mod map;
 mod mixing;
 mod panel;
