@@ -144,6 +144,7 @@ impl BoardLoop {
         let mut heartbeat_due = 0;
         let mut check_due = monotonic_ns();
         loop {
+            self.info.count_round();
             if let Err(error) = self.one_round() {
                 self.bus_failed(&error);
             }
@@ -440,9 +441,10 @@ impl BoardLoop {
         if self.bus.still_there() {
             self.told.gone = false;
             self.check_answers();
-            if !self.told.silent
-                && let Err(error) = self.let_reports_come()
-            {
+            if self.told.silent {
+                return;
+            }
+            if let Err(error) = self.let_reports_come() {
                 self.bus_failed(&error);
             }
             return;
@@ -494,6 +496,9 @@ impl BoardLoop {
         } else {
             info!("the board answers on the bus again");
             self.start_over();
+            if let Err(error) = self.after_reset(true) {
+                self.bus_failed(&error);
+            }
         }
     }
 
