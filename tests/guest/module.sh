@@ -1,0 +1,16 @@
+#!/bin/sh
+# module.sh HEADERS DIR: builds kernel/ in DIR, with every warning the kernel's own builds know, none of which may appear.
+set -eu
+here=$(cd "$(dirname "$0")" && pwd)
+headers=$1
+dir=$2
+rm -rf "$dir"
+mkdir -p "$dir"
+cp "$here"/../../kernel/* "$dir"
+# A module's type information would need pahole, which is not there.
+if ! make -C "$dir" KDIR="$headers" W=1 CONFIG_DEBUG_INFO_BTF_MODULES= modules >"$dir/log" 2>&1 || grep -q 'warning:' "$dir/log"; then
+	cat "$dir/log"
+	echo 'module.sh: kernel/ does not build without warnings' >&2
+	exit 1
+fi
+strip --strip-debug "$dir/pmac_dpram.ko"
