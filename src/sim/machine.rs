@@ -91,8 +91,8 @@ pub struct Machine {
     pub(super) port: Port,
     saved: (SavedVariables, AxisDefinitions, Store),
     noise: Option<Random>,
-    /// What the memory held before [`Faults::all_ones`].
-    before_all_ones: Option<Vec<u16>>,
+    /// What the memory held before it went out of reach ([`Faults::all_ones`], [`Faults::all_zeros`], its page).
+    out_of_reach: Option<Vec<u16>>,
 }
 
 impl Machine {
@@ -123,7 +123,7 @@ impl Machine {
             port: Port::Serial,
             identity,
             noise: seed.map(Random::new),
-            before_all_ones: None,
+            out_of_reach: None,
         };
         machine.power_on();
         machine
@@ -156,7 +156,7 @@ impl Machine {
     #[must_use]
     pub fn response_waits(&self) -> bool {
         self.variables.i(56) == 1.0
-            && self.before_all_ones.is_none()
+            && self.out_of_reach.is_none()
             && self.memory.dpram.read16(offsets::ASCII_IN_CONTROL) != 0
     }
 
@@ -202,7 +202,7 @@ impl Machine {
             self.write_servo_registers(motor);
         }
         self.gather.cycle(&self.variables, &mut self.memory);
-        if self.before_all_ones.is_none() {
+        if self.out_of_reach.is_none() {
             self.report.cycle(&self.variables, &self.gather, &self.faults, &mut self.memory);
         }
     }
@@ -220,7 +220,7 @@ impl Machine {
         self.serve_requests();
         self.background_plcs();
         self.write_global_status();
-        if self.before_all_ones.is_some() {
+        if self.out_of_reach.is_some() {
             return;
         }
         if background_report::pass(&self.variables, &self.faults, &self.programs.report, &mut self.memory) {
@@ -229,31 +229,32 @@ impl Machine {
         self.judge.pass(self.stats.servo_cycles, &mut self.memory.dpram);
     }
 
-    /// Puts all ones into the whole DPRAM while it is out of reach, by that fault or for want of its page, and the old
-    /// content back after it. Says whether it is out of reach.
+    /// Puts all ones (or zeros) into the whole DPRAM while it is out of reach, by that fault or for want of its page, and
+    /// the old content back after it. Says whether it is out of reach.
     ///
     /// Without its page the DPRAM stands still: PMAC's own commands into it count, its functions rest.
-    fn all_ones(&mut self) -> bool {
+    fn is_out_of_reach(&mut self) -> bool {
         let reachable = self.mailbox.as_ref().is_none_or(Mailbox::reaches_dpram);
         let dpram = &mut self.memory.dpram;
         let words = (0..offsets::LENGTH as u16).step_by(2);
-        if self.faults.all_ones || !reachable {
-            let fresh = self.before_all_ones.is_none();
+        if self.faults.hides_memory() || !reachable {
+            let reads = if self.faults.all_zeros { 0 } else { 0xFFFF };
+            let fresh = self.out_of_reach.is_none();
             let before = self
-                .before_all_ones
+                .out_of_reach
                 .get_or_insert_with(|| words.clone().map(|offset| dpram.read16(offset)).collect());
             for (offset, before) in words.zip(before) {
                 let found = dpram.read16(offset);
-                if !fresh && found != 0xFFFF && found == dpram.shadow(offset) {
+                if !fresh && found != reads && found == dpram.shadow(offset) {
                     *before = found;
                 }
-                if found != 0xFFFF {
-                    dpram.disturb(offset, 0xFFFF);
+                if found != reads {
+                    dpram.disturb(offset, reads);
                 }
             }
             return true;
         }
-        if let Some(before) = self.before_all_ones.take() {
+        if let Some(before) = self.out_of_reach.take() {
             for (offset, value) in words.zip(before) {
                 dpram.disturb(offset, value);
             }
@@ -396,11 +397,11 @@ impl Board {
         }
         let machine = &mut self.machine;
         machine.servo_cycle();
-        if !machine.faults.all_ones {
+        if !machine.faults.hides_memory() {
             mailbox::pass(machine, &mut self.interpreter);
         }
-        if machine.all_ones() {
-            if !machine.faults.all_ones {
+        if machine.is_out_of_reach() {
+            if !machine.faults.hides_memory() {
                 machine.housekeeping();
             }
             return;

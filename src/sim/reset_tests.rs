@@ -154,5 +154,11 @@ fn a_board_that_is_gone_reads_all_ones_and_comes_back() {
     assert_eq!((bench.read(0x0024), bench.read(0x0026) & 0x8000, bench.read(0x0228)), (0, 0, 1));
     bench.run(1);
     assert_eq!(bench.read(0x0026), 10);
+    bench.board.machine.faults.all_zeros = true;
+    bench.run(3);
+    assert_eq!((bench.read(0x0026), bench.read(0x0228), bench.read(0x3FFE)), (0, 0, 0));
+    bench.board.machine.faults.all_zeros = false;
+    bench.run(2);
+    assert_eq!(bench.read(0x0026), 15);
     assert!(bench.violations().is_empty(), "{:?}", bench.violations());
 }

@@ -24,6 +24,7 @@ mod segment_loom;
 mod serial;
 mod simulator;
 mod site;
+mod soak;
 mod socket;
 mod socket_jobs;
 mod tools;
