@@ -14,6 +14,7 @@ use nix::sys::eventfd::EventFd;
 use nix::sys::time::TimeSpec;
 
 use super::ascii_desk::{AsciiDesk, PortState};
+use super::board::{OpenBus, usable};
 use super::identify::Identifier;
 use super::info::SharedInfo;
 use super::interrupt_link::InterruptLink;
@@ -45,9 +46,6 @@ const BUS_ERROR_PAUSE: Duration = Duration::from_millis(10);
 const LAST_STOP: Duration = Duration::from_millis(500);
 /// Commands taken from the queue in one round.
 const COMMANDS_A_ROUND: usize = 4;
-
-/// Opens the board's bus, again if need be.
-pub type OpenBus = Box<dyn FnMut() -> Result<Box<dyn Bus>, String> + Send>;
 
 /// Everything the thread works with.
 pub struct BoardLoop {
@@ -94,6 +92,7 @@ pub struct Told {
     port: Option<PortState>,
     bus_error: bool,
     gone: bool,
+    silent: bool,
     interrupt: bool,
     identity: Option<Identity>,
     /// The socket's thread was reading when the identity changed; to be told at the next beat.
@@ -123,7 +122,7 @@ impl BoardLoop {
         let _ = nix::sys::prctl::set_timerslack(1);
         self.take_over_board();
         let mut heartbeat_due = 0;
-        let mut check_due = monotonic_ns() + BOARD_CHECK_NS;
+        let mut check_due = monotonic_ns();
         loop {
             if let Err(error) = self.one_round() {
                 self.bus_failed(&error);
@@ -393,12 +392,16 @@ impl BoardLoop {
     fn check_board(&mut self) {
         if self.bus.still_there() {
             self.told.gone = false;
+            self.check_answers();
             return;
         }
         match (self.open)() {
-            Ok(bus) => {
+            Ok(opened) => {
                 info!("the board's memory was replaced; opened it again");
-                self.bus.replace(bus);
+                self.bus.replace(opened.bus);
+                if let (Some(link), Some(interrupt)) = (&mut self.interrupt, opened.interrupt) {
+                    link.replace(usable(interrupt));
+                }
                 self.told.gone = false;
                 self.start_over();
             }
@@ -407,6 +410,22 @@ impl BoardLoop {
                     warn!("the board's memory is gone: {reason}; trying again every second");
                 }
             }
+        }
+    }
+
+    /// Where no board is, every word reads as ones; PMAC-Busy among them keeps them from being taken for data.
+    fn check_answers(&mut self) {
+        let silent = !self.bus.answers();
+        if std::mem::replace(&mut self.told.silent, silent) == silent {
+            return;
+        }
+        if silent {
+            warn!(
+                "every word of the board reads 0xFFFF: nothing answers on the bus (is the address right, the board powered, its DPRAM placed there and its page selected?)"
+            );
+        } else {
+            info!("the board answers on the bus again");
+            self.start_over();
         }
     }
 

@@ -14,20 +14,17 @@ use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use signal_hook::iterator::Signals;
 
 use super::ascii_desk::AsciiDesk;
-use super::board_loop::{BoardLoop, OpenBus, Told};
+use super::board::{self, Board};
+use super::board_loop::{BoardLoop, Told};
 use super::identify::{Identifier, servo_period_ps};
 use super::info::SharedInfo;
-use super::interrupt_link::InterruptLink;
 use super::job_desk::JobDesk;
 use super::log_sink::LogSink;
 use super::options::Options;
 use super::queue::queue;
 use super::serve::{Backend, ServeOptions, serve};
 use super::settings::Settings;
-use super::simulator::Simulator;
-use crate::device::file::DPRAM_BYTES;
-use crate::device::{BoardSpec, Bus, Counted, FileBoard, InterruptSource, WordSwapped};
-use crate::format::WordOrder;
+use crate::device::{Counted, Inherited, System};
 use crate::function::background::BACKGROUND_WORDS;
 use crate::function::servo::SERVO_WORDS;
 use crate::function::variable_read::VariableMode;
@@ -98,9 +95,8 @@ fn run(settings: &Settings, parent: Option<u32>) -> Result<(), String> {
     }
     let options = segment_options(settings);
     let publisher = Publisher::create(&options).map_err(|error| error.to_string())?;
-    let (_simulator, open, interrupt) = open_board(settings)?;
-    let mut open = open;
-    let bus = Counted::new(open()?);
+    let Board { simulator: _simulator, bus, open, interrupt } =
+        board::open(settings, &System::here(), Inherited::take_all())?;
 
     let plan = plan(settings)?;
     let (commands, command_queue) = queue(QUEUE).map_err(|error| format!("queue: {error}"))?;
@@ -121,13 +117,13 @@ fn run(settings: &Settings, parent: Option<u32>) -> Result<(), String> {
         Arc::new(EventFd::from_value_and_flags(0, flags).map_err(|error| format!("eventfd: {error}"))?);
     let identifier = Identifier::new(configured_identity(settings), settings.ask_board, Instant::now());
     let board = BoardLoop {
-        bus,
+        bus: Counted::new(bus),
         open,
         servo: ServoMirror::new(settings.servo_reading),
         background: BackgroundMirror::new(settings.background_period_ns),
         desk: AsciiDesk::new(settings.text_order, identifier),
         jobs: JobDesk::new(plan, VariableMode::SingleUser),
-        interrupt: interrupt.map(InterruptLink::new),
+        interrupt,
         publisher,
         commands: command_queue,
         events,
@@ -253,29 +249,4 @@ fn plan(settings: &Settings) -> Result<Plan, String> {
     let firmware: Option<Firmware> = firmware.map_err(|error: BadFirmware| error.to_string())?;
     let family = Family::by_name(settings.family.name()).map_err(|error| error.to_string())?;
     Plan::new(&Layout::new(family, firmware), PlanSettings::default()).map_err(|error| error.to_string())
-}
-
-/// A simulator to keep alive, how to open the board's bus, and where its interrupt comes from.
-type Opened = (Option<Simulator>, OpenBus, Option<InterruptSource>);
-
-fn open_board(settings: &Settings) -> Result<Opened, String> {
-    let order = settings.word_order;
-    let open_file = move |path: std::path::PathBuf| -> OpenBus {
-        Box::new(move || {
-            let board = FileBoard::open(&path, DPRAM_BYTES).map_err(|error| error.to_string())?;
-            Ok(match order {
-                WordOrder::Little => Box::new(board) as Box<dyn Bus>,
-                WordOrder::Swapped => Box::new(WordSwapped(board)),
-            })
-        })
-    };
-    match &settings.board {
-        BoardSpec::Simulator => {
-            let simulator = Simulator::start(settings.family, settings.firmware.as_deref())
-                .map_err(|error| error.to_string())?;
-            let (memory, interrupt) = (simulator.memory(), simulator.interrupt());
-            Ok((Some(simulator), open_file(memory), Some(interrupt)))
-        }
-        BoardSpec::File { path, interrupt } => Ok((None, open_file(path.clone()), interrupt.clone())),
-    }
 }

@@ -13,17 +13,39 @@ const RECONNECT: Duration = Duration::from_millis(500);
 
 /// A connection that is made again when it breaks.
 pub struct InterruptLink {
-    source: InterruptSource,
+    /// Where to connect again; `None` for the interrupt of the board's own device, which comes back with the board.
+    source: Option<InterruptSource>,
     interrupt: Option<Interrupt>,
     next_try: Instant,
     complained: bool,
+    /// Interrupts that came without an announcement of their own, so far.
+    missed: u64,
 }
 
 impl InterruptLink {
     /// Not connected yet; the first [`InterruptLink::tend`] tries.
     #[must_use]
     pub fn new(source: InterruptSource) -> Self {
-        Self { source, interrupt: None, next_try: Instant::now(), complained: false }
+        Self { source: Some(source), ..Self::of_board(None) }
+    }
+
+    /// Open already, and opened again from `source` when it breaks.
+    #[must_use]
+    pub fn opened(source: InterruptSource, interrupt: Interrupt) -> Self {
+        Self { source: Some(source), ..Self::of_board(Some(interrupt)) }
+    }
+
+    /// The interrupt of the board's own device, if it has one that can be used.
+    #[must_use]
+    pub fn of_board(interrupt: Option<Interrupt>) -> Self {
+        Self { source: None, interrupt, next_try: Instant::now(), complained: false, missed: 0 }
+    }
+
+    /// The board was opened again: its device's own interrupt takes the place of the former one.
+    pub fn replace(&mut self, interrupt: Option<Interrupt>) {
+        if self.source.is_none() {
+            self.interrupt = interrupt;
+        }
     }
 
     /// Whether interrupts can arrive.
@@ -40,23 +62,21 @@ impl InterruptLink {
 
     /// Connects if not connected and it is time to try. True if the connection was just made.
     pub fn tend(&mut self, now: Instant) -> bool {
+        let Some(source) = &self.source else { return false };
         if self.interrupt.is_some() || now < self.next_try {
             return false;
         }
         self.next_try = now + RECONNECT;
-        match Interrupt::connect(&self.source) {
+        match Interrupt::connect(source) {
             Ok(interrupt) => {
-                info!("interrupt connected ({:?})", self.source);
+                info!("interrupt connected ({source})");
                 self.interrupt = Some(interrupt);
                 self.complained = false;
                 true
             }
             Err(error) => {
                 if !std::mem::replace(&mut self.complained, true) {
-                    warn!(
-                        "interrupt {:?} is not there ({error}); looking for responses instead",
-                        self.source
-                    );
+                    warn!("interrupt {source} is not there ({error}); looking for responses instead");
                 }
                 false
             }
@@ -67,14 +87,36 @@ impl InterruptLink {
     pub fn take(&mut self) -> Taken {
         let Some(interrupt) = &mut self.interrupt else { return Taken::default() };
         let taken = interrupt.take();
+        self.tell_missed(taken.missed);
         if taken.closed {
-            warn!(
-                "interrupt {:?} was closed by the board's side; connecting again when it is back",
-                self.source
-            );
-            self.interrupt = None;
+            match &self.source {
+                Some(source) => {
+                    warn!(
+                        "interrupt {source} was closed by the board's side; connecting again when it is back"
+                    );
+                }
+                None => warn!("the interrupt went away with the board's device"),
+            }
             self.complained = true;
         }
+        if taken.disarmed {
+            warn!("the interrupt cannot be armed again; looking for responses instead");
+            // Opening it again would end the same way.
+            self.source = None;
+        }
+        if taken.closed || taken.disarmed {
+            self.interrupt = None;
+        }
         taken
+    }
+
+    /// Says at the first, and then each time their number has doubled, how many interrupts came while the thread was
+    /// busy with others. Nothing is lost by it: a response is looked for after each wake.
+    fn tell_missed(&mut self, missed: u32) {
+        let before = self.missed;
+        self.missed += u64::from(missed);
+        if self.missed.checked_ilog2() != before.checked_ilog2() {
+            info!("{} interrupts so far came together with another", self.missed);
+        }
     }
 }

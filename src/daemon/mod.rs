@@ -4,6 +4,7 @@
 //! ([`serve`]) owns the clients; between them stand two bounded queues ([`queue`]).
 
 pub mod ascii_desk;
+pub mod board;
 pub mod board_loop;
 pub mod bring_up;
 mod calls;

@@ -52,6 +52,9 @@ impl Simulator {
         command.arg("--dpram-startup").stdin(Stdio::null()).stdout(Stdio::null());
         // Should this process be killed, the simulator ends too, and takes the directory away.
         command.arg("--with-parent").arg(std::process::id().to_string());
+        for variable in crate::device::inherited::VARIABLES {
+            command.env_remove(variable);
+        }
         // A terminal's ^C is for the daemon, which ends the simulator in its own time.
         command.process_group(0);
         let child = command.spawn().map_err(|error| fail(error.to_string()))?;

@@ -41,6 +41,10 @@ impl<B: Bus> Bus for WordSwapped<B> {
     fn still_there(&self) -> bool {
         self.0.still_there()
     }
+
+    fn answers(&mut self) -> bool {
+        self.0.answers()
+    }
 }
 
 #[cfg(test)]

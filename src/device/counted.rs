@@ -75,6 +75,10 @@ impl<B: Bus> Bus for Counted<B> {
     fn still_there(&self) -> bool {
         self.bus.still_there()
     }
+
+    fn answers(&mut self) -> bool {
+        self.bus.answers()
+    }
 }
 
 impl<B: ByteBus> ByteBus for Counted<B> {

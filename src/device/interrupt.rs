@@ -1,15 +1,22 @@
-//! The board's interrupt as a descriptor that yields 4-byte counts, the way a UIO device does.
+//! The board's interrupt as a descriptor that yields 4-byte counts: a UIO device, or a Unix socket of a simulated board,
+//! which announces its interrupts in the same form, the native-endian total since it started.
 //!
-//! A simulated board announces its interrupts over a Unix socket in the same form: the native-endian total since it
-//! started. The count tells how many interrupts there were, so one that was not seen is known to be missing.
+//! The count tells how many interrupts there were, so one that was not seen is known to be missing.
 
+use std::fmt;
 use std::io::{ErrorKind, Read};
 use std::os::fd::{AsFd, AsRawFd, BorrowedFd};
 use std::os::unix::net::UnixStream;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 use nix::sys::socket::{AddressFamily, SockFlag, SockType, UnixAddr, connect, socket};
+
+use super::inherited::Inherited;
+use super::refusal::OpenError;
+use super::system::System;
+use super::uio::UioDevice;
+use super::uio_interrupt::{Count, NoInterrupt, UioInterrupt};
 
 /// Announcements taken in one go: a source that never stops must not hold up the servo data.
 const TAKEN_MAX: usize = 64;
@@ -20,6 +27,8 @@ const TAKEN_MAX: usize = 64;
 pub enum InterruptSource {
     /// A Unix stream socket a simulator listens on.
     Unix(PathBuf),
+    /// The node of a UIO device.
+    Uio(PathBuf),
 }
 
 impl FromStr for InterruptSource {
@@ -28,19 +37,51 @@ impl FromStr for InterruptSource {
     fn from_str(text: &str) -> Result<Self, String> {
         match text.split_once(':') {
             Some(("unix", path)) if !path.is_empty() => Ok(Self::Unix(path.into())),
-            _ => Err(format!("irq={text} is not understood, write irq=unix:PATH")),
+            Some(("uio", node)) if node.starts_with('/') => Ok(Self::Uio(node.into())),
+            _ => Err(format!("irq={text} is not understood, write irq=uio:/dev/uioN or irq=unix:PATH")),
         }
     }
 }
 
+impl fmt::Display for InterruptSource {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Unix(path) => write!(f, "unix:{}", path.display()),
+            Self::Uio(node) => write!(f, "uio:{}", node.display()),
+        }
+    }
+}
+
+/// Why an interrupt could not be opened.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum InterruptError {
+    /// The socket.
+    #[error(transparent)]
+    Socket(#[from] std::io::Error),
+    /// The UIO device.
+    #[error(transparent)]
+    Open(#[from] OpenError),
+    /// The UIO device has none that can be used.
+    #[error(transparent)]
+    None(#[from] NoInterrupt),
+}
+
 /// An open interrupt descriptor.
 pub struct Interrupt {
-    stream: UnixStream,
-    /// Bytes of a count that arrived without its rest.
-    partial: [u8; 4],
-    filled: usize,
-    /// The last total; `None` until the first count, whose distance from zero says nothing about us.
+    line: Line,
+    /// The last total; `None` before a first count whose distance from zero says nothing about us.
     total: Option<u32>,
+}
+
+enum Line {
+    Socket {
+        stream: UnixStream,
+        /// Bytes of a count that arrived without its rest.
+        partial: [u8; 4],
+        filled: usize,
+    },
+    Uio(UioInterrupt),
 }
 
 /// What a look at the descriptor gave.
@@ -52,63 +93,117 @@ pub struct Taken {
     pub missed: u32,
     /// The other end is gone; connect again.
     pub closed: bool,
+    /// The device is there, but its interrupt could not be armed again: no further one comes.
+    pub disarmed: bool,
+}
+
+impl Taken {
+    fn add(&mut self, last: &mut Option<u32>, total: u32) {
+        // A first count, or one that went back (the board restarted), stands for itself alone.
+        let step = last.map_or(1, |last| total.wrapping_sub(last));
+        let step = if step == 0 || step > u32::MAX / 2 { 1 } else { step };
+        *last = Some(total);
+        self.interrupts = self.interrupts.saturating_add(step);
+        self.missed = self.missed.saturating_add(step - 1);
+    }
+}
+
+impl From<UioInterrupt> for Interrupt {
+    fn from(interrupt: UioInterrupt) -> Self {
+        Self { total: interrupt.total(), line: Line::Uio(interrupt) }
+    }
 }
 
 impl Interrupt {
-    /// Connects to `source`. Does not wait: a socket nobody listens on, or whose listener is stopped and has no room for
-    /// one more, is an error at once.
+    /// Opens `source` on this machine. Does not wait: a socket nobody listens on, or whose listener is stopped and has no
+    /// room for one more, is an error at once.
     ///
     /// # Errors
-    /// What the kernel says about the path.
-    pub fn connect(source: &InterruptSource) -> std::io::Result<Self> {
-        let InterruptSource::Unix(path) = source;
-        let address = UnixAddr::new(path)?;
-        let flags = SockFlag::SOCK_CLOEXEC | SockFlag::SOCK_NONBLOCK;
-        let socket = socket(AddressFamily::Unix, SockType::Stream, flags, None)?;
-        connect(socket.as_raw_fd(), &address)?;
-        let stream = UnixStream::from(socket);
-        Ok(Self { stream, partial: [0; 4], filled: 0, total: None })
+    /// Why the source cannot be opened, or will not give interrupts.
+    pub fn connect(source: &InterruptSource) -> Result<Self, InterruptError> {
+        Self::open(source, &System::here(), &mut Inherited::default())
+    }
+
+    /// Opens `source` on `system`, from a descriptor handed over if there is one.
+    ///
+    /// # Errors
+    /// Why the source cannot be opened, or will not give interrupts.
+    pub fn open(
+        source: &InterruptSource,
+        system: &System,
+        inherited: &mut Inherited,
+    ) -> Result<Self, InterruptError> {
+        match source {
+            InterruptSource::Unix(path) => Ok(Self::over(dial(path)?)),
+            InterruptSource::Uio(node) => {
+                Ok(UioDevice::open(system, inherited, node)?.interrupt().map(Self::from)?)
+            }
+        }
+    }
+
+    /// Interrupts announced over an open socket.
+    fn over(stream: UnixStream) -> Self {
+        Self { line: Line::Socket { stream, partial: [0; 4], filled: 0 }, total: None }
     }
 
     /// Readable when an interrupt is waiting, or the other end is gone.
     #[must_use]
     pub fn descriptor(&self) -> BorrowedFd<'_> {
-        self.stream.as_fd()
+        match &self.line {
+            Line::Socket { stream, .. } => stream.as_fd(),
+            Line::Uio(interrupt) => interrupt.file().as_fd(),
+        }
     }
 
     /// Takes the announced interrupts, a bounded number of announcements of them; the descriptor stays readable while
-    /// there are more. Never waits.
+    /// there are more. A UIO device is armed again after each. Never waits.
     pub fn take(&mut self) -> Taken {
         let mut taken = Taken::default();
-        for _ in 0..TAKEN_MAX {
-            match self.stream.read(&mut self.partial[self.filled..]) {
-                Ok(0) => {
-                    taken.closed = true;
-                    return taken;
-                }
-                Ok(bytes) => {
-                    self.filled += bytes;
-                    if self.filled == 4 {
-                        self.filled = 0;
-                        let total = u32::from_ne_bytes(self.partial);
-                        // A first count, or one that went back (the board restarted), stands for itself alone.
-                        let step = self.total.map_or(1, |last| total.wrapping_sub(last));
-                        let step = if step == 0 || step > u32::MAX / 2 { 1 } else { step };
-                        self.total = Some(total);
-                        taken.interrupts = taken.interrupts.saturating_add(step);
-                        taken.missed = taken.missed.saturating_add(step - 1);
+        match &mut self.line {
+            Line::Socket { stream, partial, filled } => {
+                for _ in 0..TAKEN_MAX {
+                    match stream.read(&mut partial[*filled..]) {
+                        Ok(0) => {
+                            taken.closed = true;
+                            break;
+                        }
+                        Ok(bytes) => {
+                            *filled += bytes;
+                            if *filled == 4 {
+                                *filled = 0;
+                                taken.add(&mut self.total, u32::from_ne_bytes(*partial));
+                            }
+                        }
+                        Err(error) if error.kind() == ErrorKind::Interrupted => {}
+                        Err(error) if error.kind() == ErrorKind::WouldBlock => break,
+                        Err(_) => {
+                            taken.closed = true;
+                            break;
+                        }
                     }
                 }
-                Err(error) if error.kind() == ErrorKind::Interrupted => {}
-                Err(error) if error.kind() == ErrorKind::WouldBlock => return taken,
-                Err(_) => {
-                    taken.closed = true;
-                    return taken;
-                }
             }
+            // One read gives the total; a line that fires again at once must not keep the thread here.
+            Line::Uio(interrupt) => match interrupt.read() {
+                Count::Nothing => {}
+                Count::Total(total) => taken.add(&mut self.total, total),
+                Count::Last(total) => {
+                    taken.add(&mut self.total, total);
+                    taken.disarmed = true;
+                }
+                Count::Gone => taken.closed = true,
+            },
         }
         taken
     }
+}
+
+fn dial(path: &Path) -> std::io::Result<UnixStream> {
+    let address = UnixAddr::new(path)?;
+    let flags = SockFlag::SOCK_CLOEXEC | SockFlag::SOCK_NONBLOCK;
+    let socket = socket(AddressFamily::Unix, SockType::Stream, flags, None)?;
+    connect(socket.as_raw_fd(), &address)?;
+    Ok(UnixStream::from(socket))
 }
 
 #[cfg(test)]
@@ -126,16 +221,16 @@ mod tests {
         let (mut board, _) = listener.accept().unwrap();
         assert_eq!(interrupt.take(), Taken::default());
         board.write_all(&7u32.to_ne_bytes()).unwrap();
-        assert_eq!(interrupt.take(), Taken { interrupts: 1, missed: 0, closed: false });
+        assert_eq!(interrupt.take(), Taken { interrupts: 1, ..Taken::default() });
         board.write_all(&8u32.to_ne_bytes()).unwrap();
         board.write_all(&11u32.to_ne_bytes()).unwrap();
-        assert_eq!(interrupt.take(), Taken { interrupts: 4, missed: 2, closed: false });
+        assert_eq!(interrupt.take(), Taken { interrupts: 4, missed: 2, ..Taken::default() });
         board.write_all(&12u32.to_ne_bytes()[..3]).unwrap();
         assert_eq!(interrupt.take(), Taken::default());
         board.write_all(&12u32.to_ne_bytes()[3..]).unwrap();
         assert_eq!(interrupt.take().interrupts, 1);
         board.write_all(&1u32.to_ne_bytes()).unwrap();
-        assert_eq!(interrupt.take(), Taken { interrupts: 1, missed: 0, closed: false });
+        assert_eq!(interrupt.take(), Taken { interrupts: 1, ..Taken::default() });
         drop(board);
         assert!(interrupt.take().closed);
         drop(listener);
@@ -163,6 +258,7 @@ mod tests {
                 Err(error) => break error,
             }
         };
+        let InterruptError::Socket(refused) = refused else { panic!("{refused}") };
         assert_eq!(refused.kind(), ErrorKind::WouldBlock, "its backlog is full");
     }
 }

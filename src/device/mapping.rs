@@ -1,4 +1,5 @@
-//! The board's memory in our address space: the only mapping of hardware, and every access to it.
+//! The board's memory in our address space: the only mapping of hardware, and every access to it; and the descriptors
+//! this process was started with.
 //!
 //! What another agent writes is never behind a reference or a slice. Each access is one instruction of exactly
 //! 16 bits on an aligned address, or of 8 bits for byte registers: a compiler may fuse or split a volatile access,
@@ -7,7 +8,8 @@
 
 use std::fs::File;
 use std::io;
-use std::sync::atomic::{Ordering, fence};
+use std::os::fd::{FromRawFd, OwnedFd, RawFd};
+use std::sync::atomic::{AtomicU64, Ordering, fence};
 
 use memmap2::{MmapOptions, MmapRaw};
 
@@ -33,9 +35,22 @@ impl Mapping {
                 ),
             ));
         }
-        let page = nix::unistd::sysconf(nix::unistd::SysconfVar::PAGE_SIZE)?.unwrap_or(4096) as u64;
-        let skip = (offset % page) as usize;
-        let map = MmapOptions::new().offset(offset - skip as u64).len(skip + length).map_raw(file)?;
+        let skip = offset % page_bytes();
+        Self::within(file, offset - skip, skip as usize, length)
+    }
+
+    /// Maps `length` bytes that begin `skip` bytes behind the place `start` of `file`. A UIO device's `start` says which
+    /// of its maps is meant, so the window may lie pages behind it.
+    ///
+    /// # Errors
+    /// What `mmap` reports, or `InvalidInput` for an odd `skip`, an empty window, or one that is too long.
+    pub fn within(file: &File, start: u64, skip: usize, length: usize) -> io::Result<Self> {
+        let total = skip.checked_add(length).filter(|_| skip.is_multiple_of(2) && length > 0);
+        let total = total.ok_or_else(|| {
+            let text = format!("a window of {length} bytes, {skip:#x} bytes on, must be even and not empty");
+            io::Error::new(io::ErrorKind::InvalidInput, text)
+        })?;
+        let map = MmapOptions::new().offset(start).len(total).map_raw(file)?;
         Ok(Self { map, skip, length })
     }
 
@@ -127,6 +142,36 @@ impl Mapping {
     }
 }
 
+/// The size of a page in bytes.
+#[must_use]
+pub fn page_bytes() -> u64 {
+    let page = nix::unistd::sysconf(nix::unistd::SysconfVar::PAGE_SIZE).ok().flatten();
+    page.and_then(|page| u64::try_from(page).ok()).unwrap_or(4096)
+}
+
+/// Descriptors given out by [`inherited`], one bit each.
+static GIVEN_OUT: AtomicU64 = AtomicU64::new(0);
+
+/// The open descriptor `number` (3 to 63) that this process was started with, closed in programs it starts. Each is
+/// given out once, so that it has one owner.
+///
+/// To be called only for a number that the service manager named as handed over to this very process, which is a
+/// promise that nothing else in it owns the descriptor.
+pub(super) fn inherited(number: RawFd) -> Option<OwnedFd> {
+    let bit =
+        u32::try_from(number).ok().filter(|number| (3..64).contains(number)).map(|number| 1 << number)?;
+    if GIVEN_OUT.fetch_or(bit, Ordering::Relaxed) & bit != 0 {
+        return None;
+    }
+    // SAFETY: F_SETFD on a number that is open here, or EBADF; it touches no memory.
+    if unsafe { libc::fcntl(number, libc::F_SETFD, libc::FD_CLOEXEC) } < 0 {
+        return None;
+    }
+    // SAFETY: the descriptor is open, by the service manager's promise nobody else in this process owns it, and the bit
+    // above keeps it from being given out twice.
+    Some(unsafe { OwnedFd::from_raw_fd(number) })
+}
+
 /// # Safety
 /// `word` is 2-byte aligned and points into a live readable mapping.
 #[inline]
@@ -213,6 +258,26 @@ mod tests {
         assert_eq!(whole.read16(0x1812), Some(0xBEEF));
         assert_eq!(whole.read16(0x1810), Some(0));
         assert_eq!(whole.read16(0x1814), Some(0));
+    }
+
+    #[test]
+    fn a_window_may_begin_pages_behind_the_place_that_is_mapped() {
+        let file = tempfile::tempfile().unwrap();
+        let page = page_bytes() as usize;
+        file.set_len(4 * page as u64).unwrap();
+        let window = Mapping::within(&file, page as u64, page + 0x10, 0x20).unwrap();
+        window.write16(0x1E, 0xCAFE).unwrap();
+        assert_eq!(window.read16(0x20), None);
+        assert_eq!(Mapping::new(&file, 0, 4 * page).unwrap().read16(2 * page + 0x2E), Some(0xCAFE));
+        assert!(Mapping::within(&file, 0, 1, 2).is_err());
+        assert!(Mapping::within(&file, 0, usize::MAX - 1, 2).is_err());
+    }
+
+    #[test]
+    fn descriptors_nobody_handed_over_are_not_taken() {
+        assert!(inherited(0).is_none() && inherited(2).is_none() && inherited(-1).is_none());
+        assert!(inherited(64).is_none() && inherited(i32::MAX).is_none());
+        assert!(inherited(63).is_none(), "not open");
     }
 
     #[test]

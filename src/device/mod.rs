@@ -4,16 +4,32 @@ pub mod byte;
 pub mod byteswap;
 pub mod counted;
 pub mod file;
+pub mod inherited;
 pub mod interrupt;
+pub mod kernel;
 pub mod mapping;
+pub mod memory;
+pub mod open;
+pub mod refusal;
 pub mod spec;
+pub mod system;
+#[cfg(test)]
+mod testing;
+pub mod uio;
+pub mod uio_interrupt;
+pub mod window;
 
 pub use byte::{ByteBus, ByteBusError, PortRegisters};
 pub use byteswap::WordSwapped;
 pub use counted::Counted;
 pub use file::FileBoard;
+pub use inherited::Inherited;
 pub use interrupt::{Interrupt, InterruptSource};
-pub use spec::BoardSpec;
+pub use open::{OpenedBoard, open};
+pub use refusal::OpenError;
+pub use spec::{BoardSpec, Place, WindowSpec};
+pub use system::System;
+pub use window::WindowBoard;
 
 use crate::map::HostOffset;
 
@@ -69,6 +85,11 @@ pub trait Bus: Send {
     fn still_there(&self) -> bool {
         true
     }
+
+    /// Whether something answers on the bus at all: where no board is, every word reads as ones.
+    fn answers(&mut self) -> bool {
+        true
+    }
 }
 
 impl<B: Bus + ?Sized> Bus for Box<B> {
@@ -92,5 +113,8 @@ impl<B: Bus + ?Sized> Bus for Box<B> {
     }
     fn still_there(&self) -> bool {
         (**self).still_there()
+    }
+    fn answers(&mut self) -> bool {
+        (**self).answers()
     }
 }

@@ -1,9 +1,15 @@
 //! Which board: the `--board` specification, parsed.
 
+use std::fmt;
 use std::path::PathBuf;
 use std::str::FromStr;
 
 use super::InterruptSource;
+use super::file::DPRAM_BYTES;
+use super::system::number;
+
+/// The longest window that is mapped: no DPRAM is longer.
+const LONGEST: u64 = 0x10_0000;
 
 /// What the user wrote after `--board`.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -11,18 +17,59 @@ use super::InterruptSource;
 pub enum BoardSpec {
     /// `sim`: start a simulator and use its memory.
     Simulator,
-    /// `file:PATH[,irq=unix:PATH]`: a file some other process treats as its DPRAM.
+    /// `file:PATH[,irq=SOURCE]`: a file some other process treats as its DPRAM.
     File {
         /// The memory file.
         path: PathBuf,
         /// Where its interrupt is announced, if anywhere.
         interrupt: Option<InterruptSource>,
     },
+    /// A window of the machine's memory: a board in a slot.
+    Window(WindowSpec),
+}
+
+/// A board in a slot.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct WindowSpec {
+    /// What to map.
+    pub place: Place,
+    /// Where in it the DPRAM begins, in bytes.
+    pub offset: u64,
+    /// How many bytes of it are mapped.
+    pub length: usize,
+    /// Where its interrupt comes from; of a UIO board without this, from the same device.
+    pub interrupt: Option<InterruptSource>,
+}
+
+/// What a board's window is a part of.
+#[derive(Debug, Clone, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum Place {
+    /// `mem:ADDR`: physical memory from this address on.
+    Memory(u64),
+    /// `uio:/dev/uioN[,map=M]`: a map of a UIO device.
+    Uio {
+        /// The device's node.
+        node: PathBuf,
+        /// Which map.
+        map: u32,
+    },
+}
+
+impl fmt::Display for Place {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Memory(address) => write!(f, "mem:{address:#x}"),
+            Self::Uio { node, map } => write!(f, "uio:{},map={map}", node.display()),
+        }
+    }
 }
 
 /// Why a board specification was refused.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("board `{spec}`: {reason}; write sim or file:PATH[,irq=unix:PATH]")]
+#[error(
+    "board `{spec}`: {reason}; write sim, file:PATH, mem:0xADDRESS or uio:/dev/uioN[,map=M], each but sim with [,irq=SOURCE]"
+)]
 pub struct SpecError {
     spec: String,
     reason: String,
@@ -32,53 +79,174 @@ impl FromStr for BoardSpec {
     type Err = SpecError;
 
     fn from_str(spec: &str) -> Result<Self, SpecError> {
-        let refuse = |reason: String| SpecError { spec: spec.to_owned(), reason };
-        let (kind, rest) = spec.split_once(':').unwrap_or((spec, ""));
-        match kind {
-            "sim" if rest.is_empty() => Ok(Self::Simulator),
-            "sim" => Err(refuse("sim takes nothing after it".to_owned())),
-            "file" => {
-                let mut parts = rest.split(',');
-                let path = parts.next().filter(|path| !path.is_empty());
-                let path = path.ok_or_else(|| refuse("the path after file: is missing".to_owned()))?;
-                let mut interrupt = None;
-                for option in parts {
-                    match option.split_once('=') {
-                        Some(("irq", source)) if interrupt.is_none() => {
-                            interrupt = Some(source.parse().map_err(refuse)?);
-                        }
-                        Some(("irq", _)) => return Err(refuse("irq= is given twice".to_owned())),
-                        _ => return Err(refuse(format!("unknown option `{option}`"))),
-                    }
-                }
-                Ok(Self::File { path: path.into(), interrupt })
-            }
-            "mem" | "uio" | "pci" => {
-                Err(refuse(format!("{kind}: boards are not in this version, only simulated ones")))
-            }
-            _ => Err(refuse(format!("there is no board kind `{kind}`"))),
-        }
+        parse(spec).map_err(|reason| SpecError { spec: spec.to_owned(), reason })
     }
+}
+
+fn parse(spec: &str) -> Result<BoardSpec, String> {
+    let (kind, rest) = spec.split_once(':').unwrap_or((spec, ""));
+    if kind == "sim" {
+        return if spec == "sim" {
+            Ok(BoardSpec::Simulator)
+        } else {
+            Err("sim takes nothing after it".to_owned())
+        };
+    }
+    let mut parts = rest.split(',');
+    let subject = parts.next().unwrap_or_default();
+    let mut given = Given::parse(parts)?;
+    let needed = |what: &str| match subject {
+        "" => Err(format!("the {what} after {kind}: is missing")),
+        subject => Ok(subject),
+    };
+    let board = match kind {
+        "file" => BoardSpec::File { path: needed("path")?.into(), interrupt: given.interrupt.take() },
+        "mem" => {
+            let address = address(needed("address")?)?;
+            BoardSpec::Window(given.window(Place::Memory(address))?)
+        }
+        "uio" => {
+            let node = node(needed("node")?)?;
+            let map = given.map.take().unwrap_or(0);
+            BoardSpec::Window(given.window(Place::Uio { node, map })?)
+        }
+        _ => return Err(format!("there is no board kind `{kind}`")),
+    };
+    match given.left() {
+        Some(option) => Err(format!("{kind}: has no option {option}=")),
+        None => Ok(board),
+    }
+}
+
+/// The options after the first comma.
+#[derive(Default)]
+struct Given {
+    interrupt: Option<InterruptSource>,
+    map: Option<u32>,
+    offset: Option<u64>,
+    length: Option<usize>,
+}
+
+impl Given {
+    fn parse<'a>(options: impl Iterator<Item = &'a str>) -> Result<Self, String> {
+        let mut given = Self::default();
+        for option in options {
+            let (key, value) = option.split_once('=').ok_or_else(|| format!("unknown option `{option}`"))?;
+            let twice = match key {
+                "irq" => given.interrupt.replace(value.parse()?).is_some(),
+                "map" => given.map.replace(small(option, value)?).is_some(),
+                "offset" => given.offset.replace(even(option, value)?).is_some(),
+                "length" => given.length.replace(length(option, value)?).is_some(),
+                _ => return Err(format!("unknown option `{option}`")),
+            };
+            if twice {
+                return Err(format!("{key}= is given twice"));
+            }
+        }
+        Ok(given)
+    }
+
+    /// The window in `place`, taking the options every window has.
+    fn window(&mut self, place: Place) -> Result<WindowSpec, String> {
+        let offset = self.offset.take().unwrap_or(0);
+        let length = self.length.take().unwrap_or(DPRAM_BYTES);
+        let start = if let Place::Memory(address) = place { address } else { 0 };
+        if start.checked_add(offset).and_then(|first| first.checked_add(length as u64)).is_none() {
+            return Err("the window leaves the machine's addresses".to_owned());
+        }
+        Ok(WindowSpec { place, offset, length, interrupt: self.interrupt.take() })
+    }
+
+    /// An option that this kind of board does not have.
+    fn left(&self) -> Option<&'static str> {
+        let left = [
+            (self.interrupt.is_some(), "irq"),
+            (self.map.is_some(), "map"),
+            (self.offset.is_some(), "offset"),
+            (self.length.is_some(), "length"),
+        ];
+        left.into_iter().find_map(|(left, option)| left.then_some(option))
+    }
+}
+
+fn address(text: &str) -> Result<u64, String> {
+    number(text)
+        .filter(|address| address.is_multiple_of(2))
+        .ok_or_else(|| format!("{text} is no address of a word; write it as 0xD4000"))
+}
+
+fn node(text: &str) -> Result<PathBuf, String> {
+    if text.starts_with('/') {
+        Ok(text.into())
+    } else {
+        Err(format!("{text} is no node; write it as /dev/uio0"))
+    }
+}
+
+fn even(option: &str, value: &str) -> Result<u64, String> {
+    number(value)
+        .filter(|number| number.is_multiple_of(2))
+        .ok_or_else(|| format!("{option}: write an even number of bytes, as 0x4000"))
+}
+
+fn small(option: &str, value: &str) -> Result<u32, String> {
+    number(value)
+        .and_then(|number| u32::try_from(number).ok())
+        .filter(|number| *number < 16)
+        .ok_or_else(|| format!("{option}: write a number from 0 to 15"))
+}
+
+fn length(option: &str, value: &str) -> Result<usize, String> {
+    let length = even(option, value)?;
+    usize::try_from(length).ok().filter(|_| (DPRAM_BYTES as u64..=LONGEST).contains(&length)).ok_or_else(
+        || {
+            format!(
+                "{option}: a DPRAM has at least {DPRAM_BYTES:#x} bytes, and {LONGEST:#x} are mapped at most"
+            )
+        },
+    )
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
+    fn window(place: Place) -> WindowSpec {
+        WindowSpec { place, offset: 0, length: 0x4000, interrupt: None }
+    }
+
     #[test]
     fn what_is_written_is_what_is_meant() {
-        assert_eq!("sim".parse(), Ok(BoardSpec::Simulator));
-        assert_eq!(
-            "file:/dev/shm/dpram".parse(),
-            Ok(BoardSpec::File { path: "/dev/shm/dpram".into(), interrupt: None })
-        );
-        assert_eq!(
-            "file:m,irq=unix:/run/irq".parse(),
-            Ok(BoardSpec::File {
-                path: "m".into(),
-                interrupt: Some(InterruptSource::Unix("/run/irq".into()))
-            })
-        );
+        let uio = |map| Place::Uio { node: "/dev/uio0".into(), map };
+        let irq = || Some(InterruptSource::Uio("/dev/uio0".into()));
+        for (text, spec) in [
+            ("sim", BoardSpec::Simulator),
+            ("file:/dev/shm/dpram", BoardSpec::File { path: "/dev/shm/dpram".into(), interrupt: None }),
+            (
+                "file:m,irq=unix:/run/irq",
+                BoardSpec::File {
+                    path: "m".into(),
+                    interrupt: Some(InterruptSource::Unix("/run/irq".into())),
+                },
+            ),
+            ("mem:0xD4000", BoardSpec::Window(window(Place::Memory(0xD4000)))),
+            (
+                "mem:0xD4000,irq=uio:/dev/uio0,length=0x8000",
+                BoardSpec::Window(WindowSpec {
+                    length: 0x8000,
+                    interrupt: irq(),
+                    ..window(Place::Memory(0xD4000))
+                }),
+            ),
+            ("uio:/dev/uio0", BoardSpec::Window(window(uio(0)))),
+            ("uio:/dev/uio0,map=1", BoardSpec::Window(window(uio(1)))),
+            (
+                "uio:/dev/uio0,offset=0xFA0000",
+                BoardSpec::Window(WindowSpec { offset: 0xFA_0000, ..window(uio(0)) }),
+            ),
+        ] {
+            assert_eq!(text.parse(), Ok(spec), "{text}");
+        }
     }
 
     #[test]
@@ -86,12 +254,25 @@ mod tests {
         for (spec, reason) in [
             ("", "no board kind ``"),
             ("sim:x", "nothing after it"),
+            ("sim:", "nothing after it"),
             ("file:", "path after file: is missing"),
             ("file:a,irq=b", "irq=b"),
             ("file:a,irq=unix:", "irq=unix:"),
+            ("file:a,irq=uio:uio0", "irq=uio:/dev/uioN"),
             ("file:a,irq=unix:b,irq=unix:c", "given twice"),
             ("file:a,speed=9", "unknown option `speed=9`"),
-            ("mem:0xD4000", "not in this version"),
+            ("file:a,length=0x4000", "file: has no option length="),
+            ("mem:", "address after mem: is missing"),
+            ("mem:D4000", "write it as 0xD4000"),
+            ("mem:0xD4001", "write it as 0xD4000"),
+            ("mem:0xD4000,map=1", "mem: has no option map="),
+            ("mem:0xD4000,length=0x2000", "at least 0x4000"),
+            ("mem:0xD4000,length=0x10000000", "at most"),
+            ("mem:0xFFFFFFFFFFFFF000", "leaves the machine's addresses"),
+            ("mem:0xD4000,offset=1", "an even number"),
+            ("uio:uio0", "write it as /dev/uio0"),
+            ("uio:/dev/uio0,map=16", "from 0 to 15"),
+            ("uio:/dev/uio0,map", "unknown option `map`"),
             ("isa:0x210", "no board kind `isa`"),
         ] {
             let error = spec.parse::<BoardSpec>().unwrap_err().to_string();

@@ -8,6 +8,7 @@ mod decode;
 mod format;
 mod gather;
 mod gather_program;
+mod inherited;
 mod map;
 mod mixing;
 mod panel;

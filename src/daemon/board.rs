@@ -1,0 +1,174 @@
+//! The board of the settings, opened: a simulator's, a file, or a window of the machine's memory, and its interrupt.
+
+use std::path::PathBuf;
+
+use log::{info, warn};
+
+use super::interrupt_link::InterruptLink;
+use super::settings::Settings;
+use super::simulator::Simulator;
+use crate::device::file::DPRAM_BYTES;
+use crate::device::interrupt::InterruptError;
+use crate::device::uio_interrupt::NoInterrupt;
+use crate::device::{
+    self, BoardSpec, Bus, FileBoard, Inherited, Interrupt, InterruptSource, OpenedBoard, System, WindowSpec,
+    WordSwapped,
+};
+use crate::format::WordOrder;
+
+/// Opens the board again, when its memory was replaced or its device came back.
+pub type OpenBus = Box<dyn FnMut() -> Result<OpenedBoard, String> + Send>;
+
+/// The board, and how to open it again.
+pub struct Board {
+    /// A simulator of our own, which ends with this.
+    pub simulator: Option<Simulator>,
+    /// The board's words.
+    pub bus: Box<dyn Bus>,
+    /// Opens it again.
+    pub open: OpenBus,
+    /// Its interrupt, if it may have one.
+    pub interrupt: Option<InterruptLink>,
+}
+
+/// Opens what `settings` name. Descriptors handed over by the service manager are used before nodes are opened; what is
+/// left of them is closed.
+///
+/// # Errors
+/// What could not be opened, why, and what to do. A UIO interrupt that was asked for and is not there is one of these;
+/// one that cannot be armed is not: replies are looked for instead.
+pub fn open(settings: &Settings, system: &System, mut inherited: Inherited) -> Result<Board, String> {
+    let order = settings.word_order;
+    match &settings.board {
+        BoardSpec::Simulator => {
+            let simulator = Simulator::start(settings.family, settings.firmware.as_deref())
+                .map_err(|error| error.to_string())?;
+            let source = Some(simulator.interrupt());
+            let open = open_file(simulator.memory(), order);
+            Ok(Board { simulator: Some(simulator), ..of_file(open, source, system, inherited)? })
+        }
+        BoardSpec::File { path, interrupt } => {
+            of_file(open_file(path.clone(), order), interrupt.clone(), system, inherited)
+        }
+        BoardSpec::Window(spec) => {
+            let first = open_window(spec, order, system, &mut inherited)?;
+            let interrupt = match &spec.interrupt {
+                Some(source) => Some(link(source.clone(), system, &mut inherited)?),
+                None => first.interrupt.map(|own| InterruptLink::of_board(usable(own))),
+            };
+            let (spec, system) = (spec.clone(), system.clone());
+            let open: OpenBus =
+                Box::new(move || open_window(&spec, order, &system, &mut Inherited::default()));
+            Ok(Board { simulator: None, bus: first.bus, open, interrupt })
+        }
+    }
+}
+
+fn of_file(
+    mut open: OpenBus,
+    source: Option<InterruptSource>,
+    system: &System,
+    mut inherited: Inherited,
+) -> Result<Board, String> {
+    let bus = open()?.bus;
+    let interrupt = source.map(|source| link(source, system, &mut inherited)).transpose()?;
+    Ok(Board { simulator: None, bus, open, interrupt })
+}
+
+fn open_file(path: PathBuf, order: WordOrder) -> OpenBus {
+    Box::new(move || {
+        let board = FileBoard::open(&path, DPRAM_BYTES).map_err(|error| error.to_string())?;
+        Ok(OpenedBoard { bus: in_order(Box::new(board), order), interrupt: None })
+    })
+}
+
+fn open_window(
+    spec: &WindowSpec,
+    order: WordOrder,
+    system: &System,
+    inherited: &mut Inherited,
+) -> Result<OpenedBoard, String> {
+    let opened = device::open(spec, system, inherited).map_err(|error| error.to_string())?;
+    Ok(OpenedBoard { bus: in_order(opened.bus, order), ..opened })
+}
+
+fn in_order(bus: Box<dyn Bus>, order: WordOrder) -> Box<dyn Bus> {
+    match order {
+        WordOrder::Little => bus,
+        WordOrder::Swapped => Box::new(WordSwapped(bus)),
+    }
+}
+
+/// A link to an interrupt of its own. A simulator's socket may come later; a UIO device has to be there now, while there
+/// is the privilege to open it.
+fn link(
+    source: InterruptSource,
+    system: &System,
+    inherited: &mut Inherited,
+) -> Result<InterruptLink, String> {
+    if matches!(source, InterruptSource::Unix(_)) {
+        return Ok(InterruptLink::new(source));
+    }
+    match Interrupt::open(&source, system, inherited) {
+        Ok(interrupt) => Ok(InterruptLink::opened(source, interrupt)),
+        Err(InterruptError::None(reason @ NoInterrupt::Rearm { .. })) => {
+            Ok(InterruptLink::of_board(usable(Err(reason))))
+        }
+        Err(error) => Err(format!("irq={source}: {error}")),
+    }
+}
+
+/// The interrupt, or nothing when it cannot be used, which is said.
+pub fn usable(interrupt: Result<Interrupt, NoInterrupt>) -> Option<Interrupt> {
+    match interrupt {
+        Ok(interrupt) => Some(interrupt),
+        Err(reason @ NoInterrupt::NoLine(_)) => {
+            info!("{reason}; responses are looked for instead");
+            None
+        }
+        Err(reason) => {
+            warn!("{reason}; responses are looked for instead");
+            None
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::daemon::options::Options;
+
+    fn settings(board: &str) -> Settings {
+        let options = Options { board: Some(board.to_owned()), ..Options::default() };
+        Settings::decide(&options).unwrap()
+    }
+
+    #[test]
+    fn a_window_is_opened_again_when_its_device_came_back() {
+        let root = tempfile::tempdir().unwrap();
+        let system = System::below(root.path());
+        let memory = root.path().join("dev/mem");
+        std::fs::create_dir_all(memory.parent().unwrap()).unwrap();
+        std::fs::write(&memory, vec![0; 0x8000]).unwrap();
+        let mut board = open(&settings("mem:0x4000"), &system, Inherited::default()).unwrap();
+        assert!(board.interrupt.is_none());
+        board.bus.write16(crate::map::HostOffset::new(0), 0x1234).unwrap();
+        assert_eq!(std::fs::read(&memory).unwrap()[0x4000..0x4002], [0x34, 0x12]);
+        let mut again = (board.open)().unwrap();
+        assert_eq!(again.bus.read16(crate::map::HostOffset::new(0)).unwrap(), 0x1234);
+        std::fs::remove_file(&memory).unwrap();
+        assert!((board.open)().err().unwrap().contains("mem:0x4000"));
+    }
+
+    #[test]
+    fn an_interrupt_that_was_asked_for_and_is_not_there_is_an_error() {
+        let root = tempfile::tempdir().unwrap();
+        let system = System::below(root.path());
+        std::fs::create_dir_all(root.path().join("dev")).unwrap();
+        std::fs::write(root.path().join("dev/mem"), vec![0; 0x4000]).unwrap();
+        let error = open(&settings("mem:0,irq=uio:/dev/uio7"), &system, Inherited::default()).err().unwrap();
+        assert!(error.contains("irq=uio:/dev/uio7") && error.contains("no UIO device is there"), "{error}");
+        let board = open(&settings("mem:0,irq=unix:/nonexistent"), &system, Inherited::default()).unwrap();
+        assert!(!board.interrupt.unwrap().is_connected(), "a simulator may come later");
+    }
+}

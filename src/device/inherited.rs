@@ -1,0 +1,94 @@
+//! Descriptors handed over by the service manager: `LISTEN_PID`, `LISTEN_FDS`, `LISTEN_FDNAMES` (sd_listen_fds(3)).
+//!
+//! With `OpenFile=/dev/mem:mem` systemd opens the node, and the daemon needs no privilege at all. A descriptor named
+//! `mem` or `uio` is used instead of opening the node of that kind.
+
+use std::fs::File;
+use std::os::fd::{OwnedFd, RawFd};
+
+use super::mapping;
+
+/// The first descriptor that can be handed over.
+const FIRST: RawFd = 3;
+/// Of more than this the rest is left alone.
+const MOST: usize = 32;
+
+/// The variables of the environment by which descriptors are announced; programs started from here must not see them.
+pub const VARIABLES: [&str; 3] = ["LISTEN_PID", "LISTEN_FDS", "LISTEN_FDNAMES"];
+
+/// The descriptors that nobody has asked for yet. What is left is closed with it.
+#[derive(Debug, Default)]
+pub struct Inherited(Vec<(String, OwnedFd)>);
+
+impl Inherited {
+    /// Takes what was handed over to this process. A second call gets none. Programs started from here do not get them.
+    #[must_use]
+    pub fn take_all() -> Self {
+        let [pid, count, names] = VARIABLES.map(|name| std::env::var(name).unwrap_or_default());
+        let announced = announced(&pid, &count, &names, std::process::id());
+        let taken =
+            announced.into_iter().filter_map(|(number, name)| Some((name, mapping::inherited(number)?)));
+        Self(taken.collect())
+    }
+
+    /// These, for tests.
+    #[must_use]
+    pub fn of(descriptors: Vec<(String, OwnedFd)>) -> Self {
+        Self(descriptors)
+    }
+
+    /// The first descriptor of this name, if there is one left.
+    pub fn take(&mut self, name: &str) -> Option<File> {
+        self.take_if(name, |_| true)
+    }
+
+    /// The first descriptor of this name of which `suits` says yes, if there is one left.
+    pub fn take_if(&mut self, name: &str, suits: impl Fn(&File) -> bool) -> Option<File> {
+        let named = self.0.iter().enumerate().filter(|(_, (found, _))| found == name);
+        for index in named.map(|(index, _)| index).collect::<Vec<_>>() {
+            let (name, descriptor) = self.0.remove(index);
+            let file = File::from(descriptor);
+            if suits(&file) {
+                return Some(file);
+            }
+            self.0.insert(index, (name, file.into()));
+        }
+        None
+    }
+}
+
+/// The descriptors announced to process `own`, with their names.
+fn announced(pid: &str, count: &str, names: &str, own: u32) -> Vec<(RawFd, String)> {
+    if pid.parse() != Ok(own) {
+        return Vec::new();
+    }
+    let count = count.parse().unwrap_or(0).min(MOST);
+    let mut names = names.split(':');
+    (FIRST..).take(count).map(|number| (number, names.next().unwrap_or_default().to_owned())).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_what_was_announced_to_this_very_process_is_taken() {
+        let named = |number, name: &str| (number, name.to_owned());
+        assert_eq!(announced("7", "2", "mem:uio", 7), [named(3, "mem"), named(4, "uio")]);
+        assert_eq!(announced("7", "2", "mem", 7), [named(3, "mem"), named(4, "")]);
+        for (pid, count, own) in [("7", "2", 8), ("", "2", 7), ("7", "", 7), ("7", "-1", 7), ("7", "many", 7)]
+        {
+            assert_eq!(announced(pid, count, "mem:uio", own), []);
+        }
+        assert_eq!(announced("7", "4000000", "", 7).len(), MOST);
+    }
+
+    #[test]
+    fn each_is_given_out_once() {
+        let file = tempfile::tempfile().unwrap();
+        let mut inherited = Inherited::of(vec![("mem".to_owned(), file.into())]);
+        assert!(inherited.take("uio").is_none());
+        assert!(inherited.take("mem").is_some());
+        assert!(inherited.take("mem").is_none());
+    }
+}

@@ -1,0 +1,207 @@
+//! Facts about the kernel and this process that decide what may be mapped: lockdown, capabilities, configuration,
+//! and who claims a physical address.
+
+use std::ops::Range;
+
+use super::system::{System, number};
+
+/// Bit of CAP_SYS_RAWIO in the kernel's sets of capabilities.
+const CAP_SYS_RAWIO: u32 = 17;
+/// Where PCI devices are.
+pub(super) const PCI_DEVICES: &str = "/sys/bus/pci/devices";
+
+/// Kernel lockdown (`lockdown=`, or Secure Boot).
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Lockdown {
+    /// The kernel does not say: securityfs is not mounted, or the kernel has no lockdown.
+    Unknown,
+    /// Off.
+    Off,
+    /// On, in this mode.
+    On(String),
+}
+
+impl Lockdown {
+    /// What the kernel says.
+    #[must_use]
+    pub fn of(system: &System) -> Self {
+        let Ok(text) = system.text("/sys/kernel/security/lockdown") else { return Self::Unknown };
+        match text.split_whitespace().find_map(|mode| mode.strip_prefix('[')?.strip_suffix(']')) {
+            None => Self::Unknown,
+            Some("none") => Self::Off,
+            Some(mode) => Self::On(mode.to_owned()),
+        }
+    }
+
+    /// The mode it is on in.
+    #[must_use]
+    pub fn mode(&self) -> Option<&str> {
+        match self {
+            Self::On(mode) => Some(mode),
+            Self::Unknown | Self::Off => None,
+        }
+    }
+}
+
+/// Whether this process has CAP_SYS_RAWIO.
+#[must_use]
+pub fn may_do_raw_io(system: &System) -> bool {
+    let status = system.text("/proc/self/status").unwrap_or_default();
+    let effective = status.lines().find_map(|line| line.strip_prefix("CapEff:"));
+    let effective = effective.and_then(|bits| u64::from_str_radix(bits.trim(), 16).ok());
+    effective.is_some_and(|bits| bits >> CAP_SYS_RAWIO & 1 != 0)
+}
+
+/// Who has a range of physical addresses.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Claim {
+    /// It is main memory, wholly or in part.
+    MainMemory,
+    /// A driver has it.
+    By(String),
+    /// Nobody, as far as this process may see.
+    Nobody,
+    /// The kernel hides the addresses from this process.
+    Hidden,
+}
+
+/// Who claims `range`, from what sysfs says of PCI devices and what /proc/iomem says to whoever may see it.
+#[must_use]
+pub fn claim(system: &System, range: &Range<u64>) -> Claim {
+    let of_pci = system.names(PCI_DEVICES).into_iter().find_map(|device| {
+        let directory = format!("{PCI_DEVICES}/{device}");
+        let resources = system.text(format!("{directory}/resource")).ok()?;
+        let overlaps = resources.lines().filter_map(resource).any(|bar| overlap(&bar.range, range));
+        let driver = overlaps.then(|| system.link_name(format!("{directory}/driver"))).flatten()?;
+        Some(Claim::By(format!("driver {driver} of PCI device {device}")))
+    });
+    of_pci.unwrap_or_else(|| iomem_claim(&system.text("/proc/iomem").unwrap_or_default(), range))
+}
+
+fn iomem_claim(iomem: &str, range: &Range<u64>) -> Claim {
+    let entries = iomem.lines().filter_map(|line| {
+        let (span, name) = line.split_once(" : ")?;
+        let (first, last) = span.trim().split_once('-')?;
+        let first = u64::from_str_radix(first, 16).ok()?;
+        Some((first..u64::from_str_radix(last, 16).ok()?.checked_add(1)?, name.trim()))
+    });
+    let entries: Vec<_> = entries.collect();
+    // Who may not see them is shown zeros.
+    if entries.iter().all(|(entry, _)| *entry == (0..1)) {
+        return Claim::Hidden;
+    }
+    let mut claim = Claim::Nobody;
+    for (_, name) in entries.iter().filter(|(entry, _)| overlap(entry, range)) {
+        match *name {
+            "System RAM" => return Claim::MainMemory,
+            // A bus is not a driver, and what the firmware reserved is nobody's.
+            name if name == "Reserved" || name.starts_with("PCI Bus") || name.contains("ROM") => {}
+            // A device's own resource is named by its place; below it stands the driver that has it.
+            name if name.len() == 12 && name.as_bytes()[4] == b':' && name.as_bytes()[7] == b':' => {}
+            name => claim = Claim::By(name.to_owned()),
+        }
+    }
+    claim
+}
+
+fn overlap(a: &Range<u64>, b: &Range<u64>) -> bool {
+    a.start < b.end && b.start < a.end
+}
+
+/// A resource of a PCI device: its addresses and flags.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) struct Resource {
+    pub range: Range<u64>,
+    pub flags: u64,
+}
+
+/// A line of sysfs's `resource`: first and last address, flags. `None` for one that is not used.
+pub(super) fn resource(line: &str) -> Option<Resource> {
+    let mut fields = line.split_whitespace().map(number);
+    let (first, last, flags) = (fields.next()??, fields.next()??, fields.next()??);
+    (flags != 0).then_some(Resource { range: first..last.checked_add(1)?, flags })
+}
+
+/// What the kernel was built with, of what matters here: the option's value (`y`, `m`) or `n`; `None` where the
+/// configuration cannot be read.
+#[must_use]
+pub fn configured(system: &System, option: &str) -> Option<String> {
+    let release = system.text("/proc/sys/kernel/osrelease").ok()?;
+    let places = [format!("/boot/config-{release}"), format!("/usr/lib/modules/{release}/config")];
+    let text = places.iter().find_map(|place| system.text(place).ok())?;
+    let prefix = format!("CONFIG_{option}=");
+    Some(text.lines().find_map(|line| line.strip_prefix(&prefix)).unwrap_or("n").to_owned())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::device::testing::FakeSystem;
+
+    #[test]
+    fn the_mode_in_brackets_is_the_one_in_force() {
+        for (text, lockdown) in [
+            ("none [integrity] confidentiality\n", Lockdown::On("integrity".to_owned())),
+            ("[none] integrity confidentiality\n", Lockdown::Off),
+            ("", Lockdown::Unknown),
+        ] {
+            let fake = FakeSystem::new();
+            fake.file("sys/kernel/security/lockdown", text);
+            assert_eq!(Lockdown::of(&fake.system), lockdown);
+        }
+        assert_eq!(Lockdown::of(&FakeSystem::new().system), Lockdown::Unknown);
+    }
+
+    #[test]
+    fn the_capability_is_bit_17_of_the_effective_set() {
+        for (bits, may) in
+            [("0000000000020000", true), ("000001ffffffffff", true), ("0000000000000000", false)]
+        {
+            let fake = FakeSystem::new();
+            fake.file("proc/self/status", &format!("Name:\tx\nCapPrm:\t{bits}\nCapEff:\t{bits}\n"));
+            assert_eq!(may_do_raw_io(&fake.system), may);
+        }
+        assert!(!may_do_raw_io(&FakeSystem::new().system));
+    }
+
+    #[test]
+    fn who_claims_an_address_is_found_where_it_is_shown() {
+        let fake = FakeSystem::new();
+        let window = 0xFEBF_0000..0xFEBF_4000;
+        assert_eq!(claim(&fake.system, &window), Claim::Hidden);
+        fake.file("proc/iomem", "00000000-00000000 : Reserved\n00000000-00000000 : System RAM\n");
+        assert_eq!(claim(&fake.system, &window), Claim::Hidden);
+        fake.file(
+            "proc/iomem",
+            "00000000-00000fff : Reserved\n00001000-0009fbff : System RAM\n000a0000-000bffff : PCI Bus 0000:00\n\
+             000f0000-000fffff : System ROM\n00100000-0fffffff : System RAM\nfe000000-febfffff : PCI Bus 0000:00\n\
+             \x20 febf0000-febf3fff : 0000:00:03.0\n    febf0000-febf3fff : foo\n",
+        );
+        assert_eq!(claim(&fake.system, &window), Claim::By("foo".to_owned()));
+        assert_eq!(claim(&fake.system, &(0xD4000..0xD8000)), Claim::Nobody);
+        assert_eq!(claim(&fake.system, &(0x20_0000..0x20_4000)), Claim::MainMemory);
+        fake.file(
+            "sys/bus/pci/devices/0000:00:03.0/resource",
+            "0x00000000febf0000 0x00000000febf3fff 0x0000000000040200\n0x0 0x0 0x0\n",
+        );
+        fake.link("sys/bus/pci/devices/0000:00:03.0/driver", "../../../bus/pci/drivers/ivshmem");
+        assert_eq!(
+            claim(&fake.system, &window),
+            Claim::By("driver ivshmem of PCI device 0000:00:03.0".to_owned())
+        );
+    }
+
+    #[test]
+    fn an_option_that_does_not_stand_in_the_configuration_is_off() {
+        let fake = FakeSystem::new();
+        assert_eq!(configured(&fake.system, "STRICT_DEVMEM"), None);
+        fake.file("proc/sys/kernel/osrelease", "6.1.0-9-amd64\n");
+        fake.file(
+            "boot/config-6.1.0-9-amd64",
+            "CONFIG_STRICT_DEVMEM=y\nCONFIG_UIO=m\n# CONFIG_VME_BUS is not set\n",
+        );
+        for (option, value) in [("STRICT_DEVMEM", "y"), ("UIO", "m"), ("VME_BUS", "n")] {
+            assert_eq!(configured(&fake.system, option).as_deref(), Some(value));
+        }
+    }
+}

@@ -1,0 +1,151 @@
+//! A board whose DPRAM is a window of mapped memory: /dev/mem, a UIO map, a PCI resource, a VME window.
+
+use super::mapping::Mapping;
+use super::system::System;
+use super::{Bus, BusError};
+use crate::map::HostOffset;
+
+/// Words of the window that are looked at before it is said that nothing answers.
+const SAMPLES: usize = 64;
+
+/// A mapped board.
+pub struct WindowBoard {
+    mapping: Mapping,
+    /// The file by whose disappearance, or replacement, one sees that the device went away.
+    witness: Option<Witness>,
+}
+
+struct Witness {
+    system: System,
+    path: String,
+    identity: Option<(u64, u64)>,
+}
+
+impl WindowBoard {
+    /// A board whose window nothing can take away.
+    #[must_use]
+    pub fn new(mapping: Mapping) -> Self {
+        Self { mapping, witness: None }
+    }
+
+    /// A board that is gone when the file at `path` is, or is another one.
+    #[must_use]
+    pub fn watched(mapping: Mapping, system: &System, path: String) -> Self {
+        let identity = system.identity(&path);
+        Self { mapping, witness: Some(Witness { system: system.clone(), path, identity }) }
+    }
+
+    fn out_of_range(&self, offset: HostOffset, words: usize) -> BusError {
+        BusError::OutOfRange { offset, words, length: self.mapping.length() }
+    }
+}
+
+impl Bus for WindowBoard {
+    fn length(&self) -> usize {
+        self.mapping.length()
+    }
+
+    fn read16(&mut self, offset: HostOffset) -> Result<u16, BusError> {
+        self.mapping.read16(offset.bytes() as usize).ok_or_else(|| self.out_of_range(offset, 1))
+    }
+
+    fn write16(&mut self, offset: HostOffset, value: u16) -> Result<(), BusError> {
+        self.mapping.write16(offset.bytes() as usize, value).ok_or_else(|| self.out_of_range(offset, 1))
+    }
+
+    fn read_block(&mut self, first: HostOffset, words: &mut [u16]) -> Result<(), BusError> {
+        let start = first.bytes() as usize;
+        if start + 2 * words.len() > self.mapping.length() {
+            return Err(self.out_of_range(first, words.len()));
+        }
+        for (index, word) in words.iter_mut().enumerate() {
+            *word =
+                self.mapping.read16(start + 2 * index).ok_or_else(|| self.out_of_range(first, index + 1))?;
+        }
+        Ok(())
+    }
+
+    fn order_reads(&mut self) {
+        self.mapping.order_reads();
+    }
+
+    fn order_writes(&mut self) {
+        self.mapping.order_writes();
+    }
+
+    fn still_there(&self) -> bool {
+        let there = |witness: &Witness| {
+            witness.identity.is_some() && witness.system.identity(&witness.path) == witness.identity
+        };
+        self.witness.as_ref().is_none_or(there)
+    }
+
+    /// One word is enough to see that something answers; only ones in all samples say that nothing does.
+    fn answers(&mut self) -> bool {
+        let words = self.mapping.length() / 2;
+        let step = (words / SAMPLES).max(1);
+        (0..words)
+            .step_by(step)
+            .any(|word| self.mapping.read16(2 * word).is_some_and(|word| word != u16::MAX))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::device::testing::FakeSystem;
+
+    fn board(file: &std::fs::File) -> WindowBoard {
+        WindowBoard::new(Mapping::new(file, 0x20, 0x4000).unwrap())
+    }
+
+    #[test]
+    fn words_are_those_of_the_window() {
+        let file = tempfile::tempfile().unwrap();
+        file.set_len(0x8000).unwrap();
+        let mut board = board(&file);
+        board.write16(HostOffset::new(0x3FFE), 0xABCD).unwrap();
+        let mut words = [1; 2];
+        board.read_block(HostOffset::new(0x3FFC), &mut words).unwrap();
+        assert_eq!(words, [0, 0xABCD]);
+        assert_eq!(Mapping::new(&file, 0, 0x8000).unwrap().read16(0x401E), Some(0xABCD));
+        assert!(board.read_block(HostOffset::new(0x3FFE), &mut words).is_err());
+        assert!(board.read16(HostOffset::new(0x4000)).is_err());
+        assert!(board.write16(HostOffset::new(0x4000), 1).is_err());
+        assert!(board.still_there());
+    }
+
+    #[test]
+    fn memory_of_ones_alone_answers_not() {
+        let file = tempfile::tempfile().unwrap();
+        file.set_len(0x8000).unwrap();
+        let mut board = board(&file);
+        assert!(board.answers());
+        for word in 0..0x2000 {
+            board.write16(HostOffset::new(2 * word), u16::MAX).unwrap();
+        }
+        assert!(!board.answers());
+        board.write16(HostOffset::new(0x100), 0).unwrap();
+        assert!(board.answers());
+    }
+
+    #[test]
+    fn a_device_that_went_away_or_was_replaced_is_noticed() {
+        let fake = FakeSystem::new();
+        let file = tempfile::tempfile().unwrap();
+        file.set_len(0x8000).unwrap();
+        let watched = |path: &str| {
+            let mapping = Mapping::new(&file, 0, 0x4000).unwrap();
+            WindowBoard::watched(mapping, &fake.system, path.to_owned())
+        };
+        fake.file("sys/class/uio/uio0/name", "x");
+        let board = watched("/sys/class/uio/uio0");
+        assert!(board.still_there());
+        std::fs::rename(fake.path("sys/class/uio/uio0"), fake.path("sys/class/uio/uio1")).unwrap();
+        assert!(!board.still_there());
+        fake.file("sys/class/uio/uio0/name", "x");
+        assert!(!board.still_there(), "another device has its name");
+        assert!(watched("/sys/class/uio/uio0").still_there());
+        assert!(!watched("/sys/class/uio/uio9").still_there());
+    }
+}

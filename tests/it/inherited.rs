@@ -1,0 +1,65 @@
+//! Descriptors handed over by the service manager: `pmacd` on a board whose memory it could not open itself.
+
+use std::fs::File;
+use std::os::fd::AsRawFd;
+use std::process::{Command, Stdio};
+
+use crate::site::wait_until;
+
+/// Starts `pmacd` as systemd does with `OpenFile=…:mem`: `file` as descriptor 3, announced to the very process.
+fn handed_over(file: &File, board: &str, socket: &std::path::Path, name: &str) -> std::process::Child {
+    let number = file.as_raw_fd();
+    // A duplicate on descriptor 3 has no close-on-exec; the shell keeps its process number when it becomes pmacd.
+    let script = format!(
+        "exec 3<>/proc/$PPID/fd/{number}; LISTEN_PID=$$ LISTEN_FDS=1 LISTEN_FDNAMES=mem exec \"$0\" \"$@\""
+    );
+    Command::new("sh")
+        .arg("-c")
+        .arg(script)
+        .arg(env!("CARGO_BIN_EXE_pmacd"))
+        .args(["--board", board, "--name", name, "--socket"])
+        .arg(socket)
+        .args(["--with-parent", &std::process::id().to_string()])
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap()
+}
+
+#[test]
+fn memory_handed_over_is_mapped_and_the_descriptor_closed() {
+    let directory = tempfile::tempdir().unwrap();
+    let memory = directory.path().join("memory");
+    File::create(&memory).unwrap().set_len(0x8000).unwrap();
+    let file = File::options().read(true).write(true).open(&memory).unwrap();
+    let socket = directory.path().join("socket");
+    let name = format!("pmac-test-handed-{}", std::process::id());
+    let mut daemon = handed_over(&file, "mem:0x4000", &socket, &name);
+    wait_until("the socket", || {
+        assert!(daemon.try_wait().unwrap().is_none(), "pmacd ended");
+        socket.exists()
+    });
+    let own = format!("/proc/{}", daemon.id());
+    let maps = std::fs::read_to_string(format!("{own}/maps")).unwrap();
+    let mapped = maps.lines().find(|line| line.ends_with("/memory")).unwrap();
+    assert!(mapped.contains("rw-s 00004000"), "{mapped}");
+    let open = std::fs::read_dir(format!("{own}/fd")).unwrap().flatten();
+    let open: Vec<_> = open.filter_map(|fd| std::fs::read_link(fd.path()).ok()).collect();
+    assert!(!open.contains(&memory), "{open:?}");
+    let pid = nix::unistd::Pid::from_raw(daemon.id().cast_signed());
+    nix::sys::signal::kill(pid, nix::sys::signal::Signal::SIGTERM).unwrap();
+    assert!(daemon.wait().unwrap().success());
+}
+
+#[test]
+fn memory_handed_over_that_is_too_short_is_refused() {
+    let directory = tempfile::tempdir().unwrap();
+    let memory = directory.path().join("memory");
+    File::create(&memory).unwrap().set_len(0x4000).unwrap();
+    let file = File::options().read(true).write(true).open(&memory).unwrap();
+    let name = format!("pmac-test-short-{}", std::process::id());
+    let daemon = handed_over(&file, "mem:0x4000", &directory.path().join("socket"), &name);
+    let ended = daemon.wait_with_output().unwrap();
+    let stderr = String::from_utf8_lossy(&ended.stderr);
+    assert_eq!(ended.status.code(), Some(1), "{stderr}");
+    assert!(stderr.contains("ends at 0x4000, before the window does at 0x8000"), "{stderr}");
+}
