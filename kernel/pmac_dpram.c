@@ -102,6 +102,7 @@ struct pmac_board {
 	const struct pmac_controller *controller;
 	u8 __iomem *pic;	/* NULL without a controller */
 	bool init8259;
+	unsigned int users;	/* open files; UIO serialises open and release */
 	bool level;
 	spinlock_t lock;	/* guards masked, against the interrupt */
 	bool masked;
@@ -167,6 +168,8 @@ static int pmac_open(struct uio_info *info, struct inode *inode)
 {
 	struct pmac_board *board = info->priv;
 
+	if (board->users++)
+		return 0;
 	if (board->pic && board->init8259) {
 		iowrite8(0x13, board->pic);		/* ICW1: edges, alone, ICW4 follows */
 		iowrite8(0x08, board->pic + 1);		/* ICW2: vectors, which nobody reads */
@@ -180,7 +183,10 @@ static int pmac_open(struct uio_info *info, struct inode *inode)
 
 static int pmac_release(struct uio_info *info, struct inode *inode)
 {
-	pmac_open_line(info->priv, false);
+	struct pmac_board *board = info->priv;
+
+	if (!--board->users)
+		pmac_open_line(board, false);
 	return 0;
 }
 

@@ -47,13 +47,9 @@ wait_for() {
 	done
 }
 
-# simulator [OPTION...]: the board. Its memory is $site/dpram. P100 to P199 hold 0 to 99.
+# simulator [OPTION...]: the board. Its memory is $site/dpram. Its servo is slower than a board's, as the machine that looks is.
 simulator() {
-	{
-		cat "$root/src/sim/dpram-startup.pmc"
-		for i in $(seq 0 99); do echo "P$((100 + i))=$i"; done
-	} >"$site/startup.pmc"
-	background simulator "$programs/pmac-sim" --memory "$site/dpram" --startup "$site/startup.pmc" \
+	background simulator "$programs/pmac-sim" --memory "$site/dpram" --dpram-startup --servo-hz 1100 \
 		--interrupt "unix:$site/irq" --control "unix:$site/control" "$@"
 	simulator=$last
 	wait_for 10 'the simulator' test -S "$site/control"
@@ -75,9 +71,11 @@ boot() {
 }
 
 # Every pulse that the simulated board gives becomes one on PIN.
-bridge() { # PIN
+bridge() { # PIN [ENDS]
 	wait_for 10 "the machine's test socket" test -S "$site/qtest"
-	background bridge "$cache/bridge" "$site/irq" "$site/qtest" /machine/i440fx/ioapic "$1"
+	pin=$1
+	shift
+	background bridge "$cache/bridge" "$site/irq" "$site/qtest" /machine/i440fx/ioapic "$pin" "$@"
 	bridge=$last
 }
 

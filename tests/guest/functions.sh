@@ -1,8 +1,8 @@
 #!/bin/sh
 # functions.sh DIR PMACCTL [OPTION...]: every automatic function of the DPRAM once, through a running daemon.
 # What it prints is the same wherever the daemon runs, so a real window and a memory file can be compared line by line.
-# DIR is for its files. Runs in busybox as well.
-directory=$1
+# It works in DIR. Runs in busybox as well.
+cd "$1" || exit
 shift
 
 # Several words, so that --socket can be among them.
@@ -26,7 +26,7 @@ position() { $pmacctl motors | awk -v motor="#$1" '$1 == motor { print $3 }'; }
 
 say 'the board as it was saved, its servo report begun, its motors closed'
 # A board that resets answers nobody.
-$pmacctl send --timeout 0.3 '$$$' >"$directory/reset" 2>&1
+$pmacctl send --timeout 0.3 '$$$' >reset 2>&1
 until_reply 8 I59
 $pmacctl send '#1J/ #2J/ #3J/ #4J/ #5J/ #6J/ #7J/ #8J/ GATHER' 2>&1
 i=0
@@ -77,12 +77,12 @@ run variable watch --count 1 Y:\$0700,u X:\$0701 D:\$0728 1.actual_position | se
 run variable list
 
 say 'gather'
-if $pmacctl gather --source 1.actual_position --period 10 --seconds 0.5 -o "$directory/gathered.csv" >"$directory/summary" 2>&1; then
-	sed 's/samples=[0-9]*/samples=N/; s/seconds=.*/seconds=S/' "$directory/summary"
-	sed 's/^[0-9]*,[0-9.]*,/N,T,/' "$directory/gathered.csv" | sort -u
-	[ "$(wc -l <"$directory/gathered.csv")" -gt 20 ] && echo 'as many as there should be' || echo 'too few'
+if $pmacctl gather --source 1.actual_position --period 10 --seconds 0.5 -o gathered.csv >"summary" 2>&1; then
+	sed 's/samples=[0-9]*/samples=N/; s/seconds=.*/seconds=S/' summary
+	sed 's/^[0-9]*,[0-9.]*,/N,T,/' gathered.csv | sort -u
+	[ "$(wc -l <gathered.csv)" -gt 20 ] && echo 'as many as there should be' || echo 'too few'
 else
-	cat "$directory/summary"
+	cat summary
 fi
 
 say 'a binary rotary program: ten moves, and settings enough that the buffer goes round'
@@ -94,14 +94,15 @@ say 'a binary rotary program: ten moves, and settings enough that the buffer goe
 		i=$((i + 1))
 	done
 	echo 'P2=42'
-} >"$directory/program.pmc"
+} >program.pmc
 run send '&1 #1->X #2->Y'
-run rotary stream "$directory/program.pmc" --define 1000 --run | sed 's/underruns=.*/underruns=N/'
+run rotary stream program.pmc --define 1000 --run | sed 's/underruns=.*/underruns=N/'
 until_reply 42 P2
 until_reply 199 P3
 until_reply 1800 '#1P'
 until_reply 900 '#2P'
 run send '&1A'
+sleep 0.5
 run coordinates | sed 's/^\( *&[12] .* 0 \) *[0-9.]*/\1T/'
 
 say 'open words'

@@ -10,17 +10,18 @@ lines=${3:-10000}
 
 open_site "isa-$pin"
 simulator
-# The two registers of the board's interrupt controller, as byte sinks: what the driver writes there is on file.
+# The two registers of the board's interrupt controller, as byte sinks: what the driver writes there is on file, and each end
+# of an interrupt lets the next one come.
 boot isa "$cache/initramfs.gz" 1 "pmac.passes=$passes pmac.lines=$lines" \
-	-chardev "file,id=command,path=$site/8259-command" -device isa-debugcon,iobase=0x218,chardev=command \
+	-chardev "socket,id=command,path=$site/ends,server=on,wait=off,logfile=$site/8259-command" -device isa-debugcon,iobase=0x218,chardev=command \
 	-chardev "file,id=mask,path=$site/8259-mask" -device isa-debugcon,iobase=0x219,chardev=mask
-bridge "$pin"
+bridge "$pin" "$site/ends"
 guest_verdict
 
 # The simulator's end ends the bridge, which says how often it pulsed.
 kill "$simulator"
 wait "$bridge" || fail "the bridge: $(cat "$site/bridge")"
-pulses=$(sed -n 's/^pulses=//p' "$site/bridge")
+pulses=$(sed -n 's/^pulses=\([0-9]*\).*/\1/p' "$site/bridge")
 seen=$(value interrupts)
 [ "$pulses" -ge "$lines" ] || fail "$lines lines, but the board gave only $pulses interrupts"
 [ "$pulses" = "$seen" ] || fail "interrupts: the board gave $pulses, the guest saw $seen"

@@ -18,6 +18,9 @@ functions() { # NAME SPEC
 # Replies announced by interrupts, one line after the other, each compared.
 many() {
 	lines=$(argument lines)
+	for ten in 0 1 2 3 4 5 6 7 8 9; do
+		pmacctl --socket /run/pmac0.sock send "$(for one in 0 1 2 3 4 5 6 7 8 9; do printf 'P1%s%s=%s ' $ten $one $((ten * 10 + one)); done)"
+	done
 	i=0
 	while [ $i -lt "$lines" ]; do
 		echo "P$((100 + i % 100))"
