@@ -31,13 +31,12 @@ pub struct Board {
     pub interrupt: Option<InterruptLink>,
 }
 
-/// Opens what `settings` name. Descriptors handed over by the service manager are used before nodes are opened; what is
-/// left of them is closed.
+/// Opens what `settings` name. Descriptors handed over by the service manager are used before nodes are opened.
 ///
 /// # Errors
 /// What could not be opened, why, and what to do. A UIO interrupt that was asked for and is not there is one of these;
 /// one that cannot be armed is not: replies are looked for instead.
-pub fn open(settings: &Settings, system: &System, mut inherited: Inherited) -> Result<Board, String> {
+pub fn open(settings: &Settings, system: &System, inherited: &Inherited) -> Result<Board, String> {
     let order = settings.word_order;
     match &settings.board {
         BoardSpec::Simulator => {
@@ -51,14 +50,13 @@ pub fn open(settings: &Settings, system: &System, mut inherited: Inherited) -> R
             of_file(open_file(path.clone(), order), interrupt.clone(), system, inherited)
         }
         BoardSpec::Window(spec) => {
-            let first = open_window(spec, order, system, &mut inherited)?;
+            let first = open_window(spec, order, system, inherited)?;
             let interrupt = match &spec.interrupt {
-                Some(source) => Some(link(source.clone(), system, &mut inherited)?),
+                Some(source) => Some(link(source.clone(), system, inherited)?),
                 None => first.interrupt.map(|own| InterruptLink::of_board(usable(own))),
             };
             let (spec, system) = (spec.clone(), system.clone());
-            let open: OpenBus =
-                Box::new(move || open_window(&spec, order, &system, &mut Inherited::default()));
+            let open: OpenBus = Box::new(move || open_window(&spec, order, &system, &Inherited::default()));
             Ok(Board { simulator: None, bus: first.bus, open, interrupt })
         }
     }
@@ -68,10 +66,10 @@ fn of_file(
     mut open: OpenBus,
     source: Option<InterruptSource>,
     system: &System,
-    mut inherited: Inherited,
+    inherited: &Inherited,
 ) -> Result<Board, String> {
     let bus = open()?.bus;
-    let interrupt = source.map(|source| link(source, system, &mut inherited)).transpose()?;
+    let interrupt = source.map(|source| link(source, system, inherited)).transpose()?;
     Ok(Board { simulator: None, bus, open, interrupt })
 }
 
@@ -86,7 +84,7 @@ fn open_window(
     spec: &WindowSpec,
     order: WordOrder,
     system: &System,
-    inherited: &mut Inherited,
+    inherited: &Inherited,
 ) -> Result<OpenedBoard, String> {
     let opened = device::open(spec, system, inherited).map_err(|error| error.to_string())?;
     Ok(OpenedBoard { bus: in_order(opened.bus, order), ..opened })
@@ -101,11 +99,7 @@ fn in_order(bus: Box<dyn Bus>, order: WordOrder) -> Box<dyn Bus> {
 
 /// A link to an interrupt of its own. A simulator's socket may come later; a UIO device has to be there now, while there
 /// is the privilege to open it.
-fn link(
-    source: InterruptSource,
-    system: &System,
-    inherited: &mut Inherited,
-) -> Result<InterruptLink, String> {
+fn link(source: InterruptSource, system: &System, inherited: &Inherited) -> Result<InterruptLink, String> {
     if matches!(source, InterruptSource::Unix(_)) {
         return Ok(InterruptLink::new(source));
     }
@@ -150,7 +144,7 @@ mod tests {
         let memory = root.path().join("dev/mem");
         std::fs::create_dir_all(memory.parent().unwrap()).unwrap();
         std::fs::write(&memory, vec![0; 0x8000]).unwrap();
-        let mut board = open(&settings("mem:0x4000"), &system, Inherited::default()).unwrap();
+        let mut board = open(&settings("mem:0x4000"), &system, &Inherited::default()).unwrap();
         assert!(board.interrupt.is_none());
         board.bus.write16(crate::map::HostOffset::new(0), 0x1234).unwrap();
         assert_eq!(std::fs::read(&memory).unwrap()[0x4000..0x4002], [0x34, 0x12]);
@@ -166,9 +160,9 @@ mod tests {
         let system = System::below(root.path());
         std::fs::create_dir_all(root.path().join("dev")).unwrap();
         std::fs::write(root.path().join("dev/mem"), vec![0; 0x4000]).unwrap();
-        let error = open(&settings("mem:0,irq=uio:/dev/uio7"), &system, Inherited::default()).err().unwrap();
-        assert!(error.contains("irq=uio:/dev/uio7") && error.contains("no UIO device is there"), "{error}");
-        let board = open(&settings("mem:0,irq=unix:/nonexistent"), &system, Inherited::default()).unwrap();
+        let error = open(&settings("mem:0,irq=uio:/dev/uio7"), &system, &Inherited::default()).err().unwrap();
+        assert!(error.contains("irq=uio:/dev/uio7") & error.contains("no UIO device is there"), "{error}");
+        let board = open(&settings("mem:0,irq=unix:/nonexistent"), &system, &Inherited::default()).unwrap();
         assert!(!board.interrupt.unwrap().is_connected(), "a simulator may come later");
     }
 }

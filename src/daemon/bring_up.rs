@@ -95,8 +95,11 @@ fn run(settings: &Settings, parent: Option<u32>) -> Result<(), String> {
     }
     let options = segment_options(settings);
     let publisher = Publisher::create(&options).map_err(|error| error.to_string())?;
+    let inherited = Inherited::take_all();
     let Board { simulator: _simulator, bus, open, interrupt } =
-        board::open(settings, &System::here(), Inherited::take_all())?;
+        board::open(settings, &System::here(), &inherited)?;
+    // The board is open: what opens more of the machine is not kept.
+    drop(inherited);
 
     let plan = plan(settings)?;
     let (commands, command_queue) = queue(QUEUE).map_err(|error| format!("queue: {error}"))?;

@@ -8,7 +8,8 @@ use clap::Parser;
 #[derive(Debug, Clone, Default, Parser)]
 #[command(name = "pmacd", version, max_term_width = 100)]
 pub struct Options {
-    /// The board: sim, file:PATH, mem:0xADDRESS or uio:/dev/uioN[,map=M], with [,irq=uio:/dev/uioN|unix:PATH]
+    /// The board: sim, file:PATH, mem:0xADDRESS, uio:/dev/uioN[,map=M], pci:0000:03:00.0[,bar=N] or vme:NODE, each but
+    /// sim with [,irq=uio:/dev/uioN] or [,irq=unix:PATH]
     #[arg(long, value_name = "SPEC")]
     pub board: Option<String>,
     /// The name of the shared-memory segment and of the socket [default: pmac0]

@@ -8,7 +8,7 @@ use std::os::unix::fs::FileExt;
 use super::mapping::Mapping;
 
 /// Where Linux shows the I/O space of a PC as a file; a byte read from or written to it is one 8-bit access.
-const PORT_NODE: &str = "/dev/port";
+pub(super) const PORT_NODE: &str = "/dev/port";
 
 /// A failure to reach a byte register.
 #[derive(Debug, thiserror::Error)]

@@ -16,7 +16,8 @@ const MOST: usize = 32;
 /// The variables of the environment by which descriptors are announced; programs started from here must not see them.
 pub const VARIABLES: [&str; 3] = ["LISTEN_PID", "LISTEN_FDS", "LISTEN_FDNAMES"];
 
-/// The descriptors that nobody has asked for yet. What is left is closed with it.
+/// The descriptors handed over. They are closed with it: who holds `/dev/mem` may map all of the machine, so it is to be
+/// dropped when the board is open.
 #[derive(Debug, Default)]
 pub struct Inherited(Vec<(String, OwnedFd)>);
 
@@ -37,23 +38,17 @@ impl Inherited {
         Self(descriptors)
     }
 
-    /// The first descriptor of this name, if there is one left.
-    pub fn take(&mut self, name: &str) -> Option<File> {
-        self.take_if(name, |_| true)
+    /// The first descriptor of this name, if there is one: a duplicate, so that window and registers can both have it.
+    #[must_use]
+    pub fn find(&self, name: &str) -> Option<File> {
+        self.find_if(name, |_| true)
     }
 
-    /// The first descriptor of this name of which `suits` says yes, if there is one left.
-    pub fn take_if(&mut self, name: &str, suits: impl Fn(&File) -> bool) -> Option<File> {
-        let named = self.0.iter().enumerate().filter(|(_, (found, _))| found == name);
-        for index in named.map(|(index, _)| index).collect::<Vec<_>>() {
-            let (name, descriptor) = self.0.remove(index);
-            let file = File::from(descriptor);
-            if suits(&file) {
-                return Some(file);
-            }
-            self.0.insert(index, (name, file.into()));
-        }
-        None
+    /// The first descriptor of this name of which `suits` says yes, if there is one.
+    #[must_use]
+    pub fn find_if(&self, name: &str, suits: impl Fn(&File) -> bool) -> Option<File> {
+        let named = self.0.iter().filter(|(found, _)| found == name);
+        named.filter_map(|(_, descriptor)| descriptor.try_clone().ok()).map(File::from).find(suits)
     }
 }
 
@@ -84,11 +79,15 @@ mod tests {
     }
 
     #[test]
-    fn each_is_given_out_once() {
-        let file = tempfile::tempfile().unwrap();
-        let mut inherited = Inherited::of(vec![("mem".to_owned(), file.into())]);
-        assert!(inherited.take("uio").is_none());
-        assert!(inherited.take("mem").is_some());
-        assert!(inherited.take("mem").is_none());
+    fn a_descriptor_is_found_by_name_and_by_what_it_is() {
+        let (short, long) = (tempfile::tempfile().unwrap(), tempfile::tempfile().unwrap());
+        long.set_len(7).unwrap();
+        let inherited =
+            Inherited::of(vec![("uio".to_owned(), short.into()), ("uio".to_owned(), long.into())]);
+        let length = |file: &File| file.metadata().unwrap().len();
+        assert!(inherited.find("mem").is_none());
+        assert_eq!(inherited.find("uio").as_ref().map(length), Some(0));
+        assert_eq!(inherited.find_if("uio", |file| length(file) == 7).as_ref().map(length), Some(7));
+        assert!(inherited.find_if("uio", |file| length(file) == 8).is_none());
     }
 }

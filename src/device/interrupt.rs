@@ -121,7 +121,7 @@ impl Interrupt {
     /// # Errors
     /// Why the source cannot be opened, or will not give interrupts.
     pub fn connect(source: &InterruptSource) -> Result<Self, InterruptError> {
-        Self::open(source, &System::here(), &mut Inherited::default())
+        Self::open(source, &System::here(), &Inherited::default())
     }
 
     /// Opens `source` on `system`, from a descriptor handed over if there is one.
@@ -131,7 +131,7 @@ impl Interrupt {
     pub fn open(
         source: &InterruptSource,
         system: &System,
-        inherited: &mut Inherited,
+        inherited: &Inherited,
     ) -> Result<Self, InterruptError> {
         match source {
             InterruptSource::Unix(path) => Ok(Self::over(dial(path)?)),

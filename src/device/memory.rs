@@ -32,13 +32,13 @@ const FIXED_RANGES: u64 = 0x10_0000;
 /// [`OpenError`], which tells missing permission, capability, lockdown and the two STRICT_DEVMEM apart.
 pub fn map(
     system: &System,
-    inherited: &mut Inherited,
+    inherited: &Inherited,
     address: u64,
     length: usize,
 ) -> Result<Mapping, OpenError> {
     let refuse = |why| OpenError::new(format!("mem:{address:#x}"), why);
     let range = address..address.saturating_add(length as u64);
-    let file = match inherited.take(HANDED_OVER) {
+    let file = match inherited.find(HANDED_OVER) {
         Some(file) => {
             check_handed_over(&file, &range).map_err(refuse)?;
             file
@@ -113,7 +113,7 @@ mod tests {
     use crate::device::testing::FakeSystem;
 
     fn refused(fake: &FakeSystem) -> Why {
-        map(&fake.system, &mut Inherited::default(), 0xD4000, 0x4000).err().unwrap().why
+        map(&fake.system, &Inherited::default(), 0xD4000, 0x4000).err().unwrap().why
     }
 
     fn eperm() -> io::Error {
@@ -124,7 +124,7 @@ mod tests {
     fn the_window_begins_at_the_address_even_inside_a_page() {
         let fake = FakeSystem::new();
         fake.memory("dev/mem", 0x10_0000);
-        let window = map(&fake.system, &mut Inherited::default(), 0xD_4802, 0x4000).unwrap();
+        let window = map(&fake.system, &Inherited::default(), 0xD_4802, 0x4000).unwrap();
         assert_eq!(window.length(), 0x4000);
         window.write16(0x3FFE, 0x1234).unwrap();
         let file = File::open(fake.path("dev/mem")).unwrap();
@@ -180,8 +180,8 @@ mod tests {
         let open =
             |write: bool| File::options().read(true).write(write).open(fake.path("elsewhere")).unwrap();
         let with = |file: File| {
-            let mut inherited = Inherited::of(vec![(HANDED_OVER.to_owned(), file.into())]);
-            map(&fake.system, &mut inherited, 0xD_4000, 0x4000)
+            let inherited = Inherited::of(vec![(HANDED_OVER.to_owned(), file.into())]);
+            map(&fake.system, &inherited, 0xD_4000, 0x4000)
         };
         assert!(with(open(true)).is_ok(), "there is no /dev/mem here at all");
         let why = with(open(false)).err().unwrap().to_string();

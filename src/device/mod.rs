@@ -1,6 +1,7 @@
 //! The bus to the board (layer 2): the trait, its kinds, its decorators, and the interrupt.
 
 pub mod byte;
+pub mod byte_spec;
 pub mod byteswap;
 pub mod counted;
 pub mod file;
@@ -10,6 +11,7 @@ pub mod kernel;
 pub mod mapping;
 pub mod memory;
 pub mod open;
+pub mod pci;
 pub mod refusal;
 pub mod spec;
 pub mod system;
@@ -17,9 +19,11 @@ pub mod system;
 mod testing;
 pub mod uio;
 pub mod uio_interrupt;
+pub mod vme;
 pub mod window;
 
 pub use byte::{ByteBus, ByteBusError, PortRegisters};
+pub use byte_spec::{ByteSpec, open_bytes};
 pub use byteswap::WordSwapped;
 pub use counted::Counted;
 pub use file::FileBoard;

@@ -4,13 +4,13 @@ use super::Bus;
 use super::inherited::Inherited;
 use super::interrupt::Interrupt;
 use super::mapping::Mapping;
-use super::memory;
 use super::refusal::OpenError;
 use super::spec::{Place, WindowSpec};
 use super::system::System;
 use super::uio::UioDevice;
 use super::uio_interrupt::NoInterrupt;
 use super::window::WindowBoard;
+use super::{memory, pci, vme};
 
 /// A board that was opened.
 pub struct OpenedBoard {
@@ -32,7 +32,7 @@ impl OpenedBoard {
 ///
 /// # Errors
 /// [`OpenError`]: what was refused, why, and what to do.
-pub fn open(spec: &WindowSpec, system: &System, inherited: &mut Inherited) -> Result<OpenedBoard, OpenError> {
+pub fn open(spec: &WindowSpec, system: &System, inherited: &Inherited) -> Result<OpenedBoard, OpenError> {
     let (mapping, path, device) = window(&spec.place, spec.offset, spec.length, system, inherited)?;
     let bus: Box<dyn Bus> = match path {
         Some(path) => Box::new(WindowBoard::watched(mapping, system, path)),
@@ -51,7 +51,7 @@ pub(super) fn window(
     offset: u64,
     length: usize,
     system: &System,
-    inherited: &mut Inherited,
+    inherited: &Inherited,
 ) -> Result<Mapped, OpenError> {
     match place {
         Place::Memory(address) => {
@@ -61,6 +61,13 @@ pub(super) fn window(
             let device = UioDevice::open(system, inherited, node)?;
             let mapping = device.map(*map, offset, length)?;
             Ok((mapping, Some(device.directory()), Some(device)))
+        }
+        Place::Pci { address, bar } => {
+            let mapping = pci::map(system, *address, *bar, offset, length)?;
+            Ok((mapping, Some(pci::directory(*address)), None))
+        }
+        Place::Vme(node) => {
+            Ok((vme::map(system, node, offset, length)?, Some(node.display().to_string()), None))
         }
     }
 }
@@ -73,7 +80,7 @@ mod tests {
 
     fn open_text(fake: &FakeSystem, text: &str) -> Result<OpenedBoard, OpenError> {
         let Ok(crate::device::BoardSpec::Window(spec)) = text.parse() else { panic!("{text}") };
-        open(&spec, &fake.system, &mut Inherited::default())
+        open(&spec, &fake.system, &Inherited::default())
     }
 
     #[test]

@@ -6,6 +6,7 @@ use std::str::FromStr;
 
 use super::InterruptSource;
 use super::file::DPRAM_BYTES;
+use super::pci::PciAddress;
 use super::system::number;
 
 /// The longest window that is mapped: no DPRAM is longer.
@@ -54,6 +55,35 @@ pub enum Place {
         /// Which map.
         map: u32,
     },
+    /// `pci:DOMAIN:BUS:DEVICE.FUNCTION[,bar=N]`: a memory resource of a PCI device.
+    Pci {
+        /// Where the device is.
+        address: PciAddress,
+        /// Which BAR; the first that is long enough without it.
+        bar: Option<u8>,
+    },
+    /// `vme:NODE`: a window of a VME bridge, as a node that maps.
+    Vme(PathBuf),
+}
+
+impl Place {
+    /// The place a specification of this kind names, taking the options it has; `None` when it is no kind of place.
+    pub(super) fn parse(kind: &str, subject: &str, given: &mut Given) -> Result<Option<Self>, String> {
+        let place = match kind {
+            "mem" => Self::Memory(address(needed(kind, "address", subject)?)?),
+            "uio" => {
+                let node = node(needed(kind, "node", subject)?, "/dev/uio0")?;
+                Self::Uio { node, map: given.map.take().unwrap_or(0) }
+            }
+            "pci" => {
+                let address = needed(kind, "address", subject)?.parse()?;
+                Self::Pci { address, bar: given.bar.take() }
+            }
+            "vme" => Self::Vme(node(needed(kind, "node", subject)?, "/dev/bus/vme/m0")?),
+            _ => return Ok(None),
+        };
+        Ok(Some(place))
+    }
 }
 
 impl fmt::Display for Place {
@@ -61,6 +91,9 @@ impl fmt::Display for Place {
         match self {
             Self::Memory(address) => write!(f, "mem:{address:#x}"),
             Self::Uio { node, map } => write!(f, "uio:{},map={map}", node.display()),
+            Self::Pci { address, bar: None } => write!(f, "pci:{address}"),
+            Self::Pci { address, bar: Some(bar) } => write!(f, "pci:{address},bar={bar}"),
+            Self::Vme(node) => write!(f, "vme:{}", node.display()),
         }
     }
 }
@@ -68,7 +101,7 @@ impl fmt::Display for Place {
 /// Why a board specification was refused.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error(
-    "board `{spec}`: {reason}; write sim, file:PATH, mem:0xADDRESS or uio:/dev/uioN[,map=M], each but sim with [,irq=SOURCE]"
+    "board `{spec}`: {reason}; write sim, file:PATH, mem:0xADDRESS, uio:/dev/uioN[,map=M], pci:0000:03:00.0[,bar=N] or vme:NODE, each but sim with [,irq=SOURCE]"
 )]
 pub struct SpecError {
     spec: String,
@@ -92,49 +125,44 @@ fn parse(spec: &str) -> Result<BoardSpec, String> {
             Err("sim takes nothing after it".to_owned())
         };
     }
-    let mut parts = rest.split(',');
-    let subject = parts.next().unwrap_or_default();
-    let mut given = Given::parse(parts)?;
-    let needed = |what: &str| match subject {
-        "" => Err(format!("the {what} after {kind}: is missing")),
-        subject => Ok(subject),
-    };
-    let board = match kind {
-        "file" => BoardSpec::File { path: needed("path")?.into(), interrupt: given.interrupt.take() },
-        "mem" => {
-            let address = address(needed("address")?)?;
-            BoardSpec::Window(given.window(Place::Memory(address))?)
+    let (subject, mut given) = Given::split(rest)?;
+    let board = match Place::parse(kind, subject, &mut given)? {
+        Some(place) => BoardSpec::Window(given.window(place)?),
+        None if kind == "file" => {
+            BoardSpec::File { path: needed(kind, "path", subject)?.into(), interrupt: given.interrupt.take() }
         }
-        "uio" => {
-            let node = node(needed("node")?)?;
-            let map = given.map.take().unwrap_or(0);
-            BoardSpec::Window(given.window(Place::Uio { node, map })?)
-        }
-        _ => return Err(format!("there is no board kind `{kind}`")),
+        None => return Err(format!("there is no board kind `{kind}`")),
     };
-    match given.left() {
-        Some(option) => Err(format!("{kind}: has no option {option}=")),
-        None => Ok(board),
-    }
+    given.nothing_left(kind)?;
+    Ok(board)
+}
+
+pub(super) fn needed<'a>(kind: &str, what: &str, subject: &'a str) -> Result<&'a str, String> {
+    if subject.is_empty() { Err(format!("the {what} after {kind}: is missing")) } else { Ok(subject) }
 }
 
 /// The options after the first comma.
 #[derive(Default)]
-struct Given {
+pub(super) struct Given {
     interrupt: Option<InterruptSource>,
     map: Option<u32>,
-    offset: Option<u64>,
+    bar: Option<u8>,
+    pub(super) offset: Option<u64>,
     length: Option<usize>,
 }
 
 impl Given {
-    fn parse<'a>(options: impl Iterator<Item = &'a str>) -> Result<Self, String> {
+    /// What stands before the first comma, and the options behind it.
+    pub(super) fn split(rest: &str) -> Result<(&str, Self), String> {
+        let mut parts = rest.split(',');
+        let subject = parts.next().unwrap_or_default();
         let mut given = Self::default();
-        for option in options {
+        for option in parts {
             let (key, value) = option.split_once('=').ok_or_else(|| format!("unknown option `{option}`"))?;
             let twice = match key {
                 "irq" => given.interrupt.replace(value.parse()?).is_some(),
-                "map" => given.map.replace(small(option, value)?).is_some(),
+                "map" => given.map.replace(small(option, value, 15)?.into()).is_some(),
+                "bar" => given.bar.replace(small(option, value, 5)?).is_some(),
                 "offset" => given.offset.replace(even(option, value)?).is_some(),
                 "length" => given.length.replace(length(option, value)?).is_some(),
                 _ => return Err(format!("unknown option `{option}`")),
@@ -143,7 +171,7 @@ impl Given {
                 return Err(format!("{key}= is given twice"));
             }
         }
-        Ok(given)
+        Ok((subject, given))
     }
 
     /// The window in `place`, taking the options every window has.
@@ -157,15 +185,19 @@ impl Given {
         Ok(WindowSpec { place, offset, length, interrupt: self.interrupt.take() })
     }
 
-    /// An option that this kind of board does not have.
-    fn left(&self) -> Option<&'static str> {
+    /// Refuses an option that this kind of board does not have.
+    pub(super) fn nothing_left(&self, kind: &str) -> Result<(), String> {
         let left = [
             (self.interrupt.is_some(), "irq"),
             (self.map.is_some(), "map"),
+            (self.bar.is_some(), "bar"),
             (self.offset.is_some(), "offset"),
             (self.length.is_some(), "length"),
         ];
-        left.into_iter().find_map(|(left, option)| left.then_some(option))
+        match left.into_iter().find(|(left, _)| *left) {
+            Some((_, option)) => Err(format!("{kind}: has no option {option}=")),
+            None => Ok(()),
+        }
     }
 }
 
@@ -175,11 +207,11 @@ fn address(text: &str) -> Result<u64, String> {
         .ok_or_else(|| format!("{text} is no address of a word; write it as 0xD4000"))
 }
 
-fn node(text: &str) -> Result<PathBuf, String> {
+fn node(text: &str, as_in: &str) -> Result<PathBuf, String> {
     if text.starts_with('/') {
         Ok(text.into())
     } else {
-        Err(format!("{text} is no node; write it as /dev/uio0"))
+        Err(format!("{text} is no node; write it as {as_in}"))
     }
 }
 
@@ -189,11 +221,9 @@ fn even(option: &str, value: &str) -> Result<u64, String> {
         .ok_or_else(|| format!("{option}: write an even number of bytes, as 0x4000"))
 }
 
-fn small(option: &str, value: &str) -> Result<u32, String> {
-    number(value)
-        .and_then(|number| u32::try_from(number).ok())
-        .filter(|number| *number < 16)
-        .ok_or_else(|| format!("{option}: write a number from 0 to 15"))
+fn small(option: &str, value: &str, most: u8) -> Result<u8, String> {
+    let small = number(value).and_then(|number| u8::try_from(number).ok()).filter(|number| *number <= most);
+    small.ok_or_else(|| format!("{option}: write a number from 0 to {most}"))
 }
 
 fn length(option: &str, value: &str) -> Result<usize, String> {
@@ -244,6 +274,24 @@ mod tests {
                 "uio:/dev/uio0,offset=0xFA0000",
                 BoardSpec::Window(WindowSpec { offset: 0xFA_0000, ..window(uio(0)) }),
             ),
+            (
+                "pci:0000:03:00.0",
+                BoardSpec::Window(window(Place::Pci { address: "03:00.0".parse().unwrap(), bar: None })),
+            ),
+            (
+                "pci:0000:03:00.0,bar=2,irq=uio:/dev/uio0",
+                BoardSpec::Window(WindowSpec {
+                    interrupt: irq(),
+                    ..window(Place::Pci { address: "03:00.0".parse().unwrap(), bar: Some(2) })
+                }),
+            ),
+            (
+                "vme:/dev/bus/vme/m0,offset=0x8000",
+                BoardSpec::Window(WindowSpec {
+                    offset: 0x8000,
+                    ..window(Place::Vme("/dev/bus/vme/m0".into()))
+                }),
+            ),
         ] {
             assert_eq!(text.parse(), Ok(spec), "{text}");
         }
@@ -273,6 +321,10 @@ mod tests {
             ("uio:uio0", "write it as /dev/uio0"),
             ("uio:/dev/uio0,map=16", "from 0 to 15"),
             ("uio:/dev/uio0,map", "unknown option `map`"),
+            ("pci:03", "03 is no PCI address"),
+            ("pci:0000:03:00.0,bar=6", "from 0 to 5"),
+            ("pci:0000:03:00.0,map=0", "pci: has no option map="),
+            ("vme:m0", "write it as /dev/bus/vme/m0"),
             ("isa:0x210", "no board kind `isa`"),
         ] {
             let error = spec.parse::<BoardSpec>().unwrap_err().to_string();

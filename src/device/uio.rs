@@ -98,7 +98,7 @@ impl UioDevice {
     ///
     /// # Errors
     /// [`OpenError`] when there is no such device, this user may not use it, or the descriptor is another device's.
-    pub fn open(system: &System, inherited: &mut Inherited, node: &Path) -> Result<Self, OpenError> {
+    pub fn open(system: &System, inherited: &Inherited, node: &Path) -> Result<Self, OpenError> {
         let refuse = |why| OpenError::new(format!("uio:{}", node.display()), why);
         let info = find(system, node).map_err(refuse)?;
         let file = match handed_over(system, inherited, &info).map_err(refuse)? {
@@ -194,7 +194,7 @@ fn find(system: &System, node: &Path) -> Result<UioInfo, Why> {
 }
 
 /// The descriptor handed over for this device, and so that a read from it does not wait.
-fn handed_over(system: &System, inherited: &mut Inherited, info: &UioInfo) -> Result<Option<File>, Why> {
+fn handed_over(system: &System, inherited: &Inherited, info: &UioInfo) -> Result<Option<File>, Why> {
     let device = system.text(format!("{CLASS}/{}/dev", info.device)).unwrap_or_default();
     let same = |file: &File| {
         file.metadata().is_ok_and(|metadata| {
@@ -202,7 +202,7 @@ fn handed_over(system: &System, inherited: &mut Inherited, info: &UioInfo) -> Re
             device == format!("{}:{}", nix::sys::stat::major(found), nix::sys::stat::minor(found))
         })
     };
-    let Some(file) = inherited.take_if(HANDED_OVER, same) else { return Ok(None) };
+    let Some(file) = inherited.find_if(HANDED_OVER, same) else { return Ok(None) };
     let io = |errno: nix::Error| Why::Io {
         doing: "looking at the descriptor handed over as `uio`".to_owned(),
         source: errno.into(),
@@ -222,7 +222,7 @@ mod tests {
     use crate::device::testing::FakeSystem;
 
     fn open(fake: &FakeSystem, node: &str) -> Result<UioDevice, OpenError> {
-        UioDevice::open(&fake.system, &mut Inherited::default(), Path::new(node))
+        UioDevice::open(&fake.system, &Inherited::default(), Path::new(node))
     }
 
     #[test]
@@ -279,8 +279,8 @@ mod tests {
         std::fs::remove_file(fake.path("dev/uio0")).unwrap();
         let with = |write: bool| {
             let file = File::options().read(true).write(write).open("/dev/null").unwrap();
-            let mut inherited = Inherited::of(vec![(HANDED_OVER.to_owned(), file.into())]);
-            UioDevice::open(&fake.system, &mut inherited, Path::new("/dev/uio0"))
+            let inherited = Inherited::of(vec![(HANDED_OVER.to_owned(), file.into())]);
+            UioDevice::open(&fake.system, &inherited, Path::new("/dev/uio0"))
         };
         assert!(matches!(with(true).unwrap_err().why, Why::Missing { .. }), "it is of another device");
         fake.file("sys/class/uio/uio0/dev", "1:3\n");

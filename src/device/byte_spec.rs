@@ -1,0 +1,187 @@
+//! Where byte registers lie, as it is written in a configuration, and how they are opened: the VME mailboxes in a mapped
+//! window, the ISA host port in I/O space, or a file in which another process stands for them.
+
+use std::fmt;
+use std::fs::OpenOptions;
+use std::path::{Path, PathBuf};
+use std::str::FromStr;
+
+use super::byte::PORT_NODE;
+use super::inherited::Inherited;
+use super::mapping::Mapping;
+use super::open::window;
+use super::refusal::{OpenError, Why, node_refused, raw_node_refused};
+use super::spec::{Given, Place, needed};
+use super::system::{System, number};
+use super::{ByteBus, PortRegisters};
+
+/// Where a window of byte registers begins.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct ByteSpec {
+    place: BytePlace,
+    /// Where in the place the registers begin, in bytes.
+    offset: u64,
+}
+
+#[derive(Debug, Clone, PartialEq, Eq)]
+enum BytePlace {
+    /// A file in which a simulator stands for the registers.
+    File(PathBuf),
+    /// The I/O space of a PC.
+    Ports(u16),
+    /// Mapped memory.
+    Window(Place),
+}
+
+/// Why a specification was refused.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error(
+    "registers `{spec}`: {reason}; write port:0x210, mem:0xADDRESS, uio:/dev/uioN[,map=M], pci:0000:03:00.0[,bar=N], vme:NODE or file:PATH, all but port with [,offset=N]"
+)]
+pub struct ByteSpecError {
+    spec: String,
+    reason: String,
+}
+
+impl FromStr for ByteSpec {
+    type Err = ByteSpecError;
+
+    fn from_str(spec: &str) -> Result<Self, ByteSpecError> {
+        parse(spec).map_err(|reason| ByteSpecError { spec: spec.to_owned(), reason })
+    }
+}
+
+fn parse(spec: &str) -> Result<ByteSpec, String> {
+    let (kind, rest) = spec.split_once(':').unwrap_or((spec, ""));
+    let (subject, mut given) = Given::split(rest)?;
+    let place = match Place::parse(kind, subject, &mut given)? {
+        Some(place) => BytePlace::Window(place),
+        None => match kind {
+            "file" => BytePlace::File(needed(kind, "path", subject)?.into()),
+            "port" => {
+                let base =
+                    number(needed(kind, "address", subject)?).and_then(|base| u16::try_from(base).ok());
+                BytePlace::Ports(
+                    base.ok_or_else(|| format!("{subject} is no I/O address; write it as 0x210"))?,
+                )
+            }
+            _ => return Err(format!("there is no kind `{kind}` of byte registers")),
+        },
+    };
+    let offset = match place {
+        BytePlace::Ports(_) => 0,
+        _ => given.offset.take().unwrap_or(0),
+    };
+    given.nothing_left(kind)?;
+    Ok(ByteSpec { place, offset })
+}
+
+impl fmt::Display for ByteSpec {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match &self.place {
+            BytePlace::File(path) => write!(f, "file:{}", path.display())?,
+            BytePlace::Ports(base) => write!(f, "port:{base:#x}")?,
+            BytePlace::Window(place) => place.fmt(f)?,
+        }
+        if self.offset == 0 { Ok(()) } else { write!(f, ",offset={:#x}", self.offset) }
+    }
+}
+
+/// Opens the `length` byte registers `spec` says (of the VME mailboxes 0x200, of the host port 16). Descriptors handed
+/// over are used before nodes are opened.
+///
+/// # Errors
+/// [`OpenError`]: what was refused, why, and what to do.
+pub fn open_bytes(
+    spec: &ByteSpec,
+    length: usize,
+    system: &System,
+    inherited: &Inherited,
+) -> Result<Box<dyn ByteBus>, OpenError> {
+    let refuse = |why| OpenError::new(spec.to_string(), why);
+    match &spec.place {
+        BytePlace::Window(place) => {
+            let (mapping, _, _) = window(place, spec.offset, length, system, inherited)?;
+            Ok(Box::new(mapping))
+        }
+        BytePlace::Ports(base) => {
+            let path = Path::new(PORT_NODE);
+            let mut options = OpenOptions::new();
+            let opened = options.read(true).write(true).open(system.path(path));
+            let file = opened.map_err(|error| refuse(raw_node_refused(system, path, error)))?;
+            Ok(Box::new(PortRegisters::in_file(file, *base, length)))
+        }
+        BytePlace::File(path) => {
+            let missing = "is the simulator running?";
+            let permission = "be the user the simulator runs as";
+            let file = OpenOptions::new().read(true).write(true).open(path);
+            let file =
+                file.map_err(|error| refuse(node_refused(system, path, error, missing, permission)))?;
+            let io = |source| refuse(Why::Io { doing: "mapping it".to_owned(), source });
+            let found = file.metadata().map_err(io)?.len();
+            if found < spec.offset.saturating_add(length as u64) {
+                let text = format!("it has {found:#x} bytes, the registers end behind that");
+                return Err(refuse(Why::Unsuitable(text)));
+            }
+            Ok(Box::new(Mapping::new(&file, spec.offset, length).map_err(io)?))
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::device::testing::FakeSystem;
+
+    fn open(fake: &FakeSystem, spec: &str, length: usize) -> Result<Box<dyn ByteBus>, String> {
+        let spec: ByteSpec = spec.parse().map_err(|error: ByteSpecError| error.to_string())?;
+        open_bytes(&spec, length, &fake.system, &Inherited::default()).map_err(|error| error.to_string())
+    }
+
+    #[test]
+    fn every_kind_leads_to_its_registers() {
+        let fake = FakeSystem::new();
+        fake.memory("dev/mem", 0x10_0000);
+        fake.memory("dev/port", 0x1000);
+        fake.memory("registers", 0x400);
+        fake.uio(0, "pmac-dpram", 0xD4000, 0x4000, 0, 0x8000);
+        fake.uio_map(0, 1, "mailbox", 0xE000, 0x1000, 0x200);
+        let page = crate::device::mapping::page_bytes() as usize;
+        let file = format!("file:{}", fake.path("registers").display());
+        for (spec, file, at) in [
+            ("mem:0xE0000", "dev/mem", 0xE_0000),
+            ("uio:/dev/uio0,map=1", "dev/uio0", page + 0x200),
+            ("uio:/dev/uio0,map=1,offset=0x10", "dev/uio0", page + 0x210),
+            ("port:0x210", "dev/port", 0x210),
+            (file.as_str(), "registers", 0),
+        ] {
+            let mut bus = open(&fake, spec, 0x200).unwrap();
+            bus.write8(3, 0xA5).unwrap();
+            assert_eq!(bus.read8(3).unwrap(), 0xA5, "{spec}");
+            assert!(bus.read8(0x200).is_err(), "{spec}");
+            assert_eq!(std::fs::read(fake.path(file)).unwrap()[at + 3], 0xA5, "{spec}");
+            let shown = spec.parse::<ByteSpec>().unwrap().to_string();
+            assert_eq!(shown.parse(), spec.parse::<ByteSpec>(), "{shown}");
+        }
+    }
+
+    #[test]
+    fn what_is_wrong_is_said() {
+        let fake = FakeSystem::new();
+        fake.memory("short", 0x100);
+        let short = format!("file:{}", fake.path("short").display());
+        for (spec, reason) in [
+            ("port:0x210", "there is no /dev/port"),
+            ("port:0x10000", "no I/O address"),
+            ("port:0x210,offset=2", "port: has no option offset="),
+            ("port:", "address after port: is missing"),
+            ("mem:0xE0000,length=0x4000", "mem: has no option length="),
+            ("mem:0xE0000,irq=unix:x", "mem: has no option irq="),
+            ("serial:/dev/ttyS0", "there is no kind `serial`"),
+            (short.as_str(), "it has 0x100 bytes"),
+        ] {
+            let error = open(&fake, spec, 0x200).err().unwrap();
+            assert!(error.contains(reason), "{spec}: {error}");
+        }
+    }
+}
