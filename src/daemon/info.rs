@@ -2,7 +2,7 @@
 //!
 //! The bus thread only stores atomics or tries the lock, so no reader ever holds it up.
 
-use std::sync::atomic::{AtomicU32, Ordering};
+use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
 use std::sync::{Mutex, PoisonError};
 
 use crate::protocol::{BoardInfo, Enabled, State};
@@ -13,6 +13,7 @@ pub struct SharedInfo {
     info: Mutex<BoardInfo>,
     state: AtomicU32,
     enabled: AtomicU32,
+    rounds: AtomicU64,
 }
 
 impl SharedInfo {
@@ -47,6 +48,17 @@ impl SharedInfo {
     #[must_use]
     pub fn is_enabled(&self, function: Enabled) -> bool {
         Enabled::from_bits_truncate(self.enabled.load(Ordering::Relaxed)).contains(function)
+    }
+
+    /// The bus thread has made another round. Never waits.
+    pub fn count_round(&self) {
+        self.rounds.fetch_add(1, Ordering::Relaxed);
+    }
+
+    /// Rounds of the bus thread so far: while it lives, at least ten a second.
+    #[must_use]
+    pub fn rounds(&self) -> u64 {
+        self.rounds.load(Ordering::Relaxed)
     }
 
     /// All of it.

@@ -13,6 +13,7 @@ pub mod memory;
 pub mod open;
 pub mod pci;
 pub mod refusal;
+pub mod scheduling;
 pub mod spec;
 pub mod system;
 #[cfg(test)]

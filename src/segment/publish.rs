@@ -87,7 +87,8 @@ impl Publisher {
         nix::fcntl::posix_fallocate(&file, 0, plan.total_length as libc::off_t).map_err(|errno| {
             SegmentError::Full { path: path.clone(), bytes: plan.total_length as u64, source: errno.into() }
         })?;
-        if let Some(group) = options.group {
+        let own = file.metadata().map_err(fail("look at"))?.gid();
+        if let Some(group) = options.group.filter(|group| *group != own) {
             std::os::unix::fs::fchown(&file, None, Some(group)).map_err(fail("give to its group"))?;
         }
         file.set_permissions(Permissions::from_mode(options.mode)).map_err(fail("set the mode of"))?;
