@@ -70,13 +70,31 @@ boot() {
 	machine=$last
 }
 
-# Every pulse that the simulated board gives becomes one on PIN.
-bridge() { # PIN [ENDS]
+# bridge RAISE LOWER WAIT: every interrupt of the simulated board becomes one of the machine (see bridge.rs).
+bridge() {
 	wait_for 10 "the machine's test socket" test -S "$site/qtest"
-	pin=$1
-	shift
-	background bridge "$cache/bridge" "$site/irq" "$site/qtest" /machine/i440fx/ioapic "$pin" "$@"
+	background bridge "$cache/bridge" "$site/irq" "$site/qtest" "$@"
 	bridge=$last
+}
+
+# An edge on a pin of the machine's I/O APIC. The board's controller waits for the guest to end it, at the port $site/ends.
+bridge_edge() { # PIN
+	line="set_irq_in /machine/i440fx/ioapic unnamed-gpio-in $1"
+	bridge "$line 1" "$line 0" "ended:$site/ends"
+}
+
+# The interrupts the board gave, after which it is gone.
+pulses() {
+	kill "$simulator"
+	wait "$bridge" || fail "the bridge: $(cat "$site/bridge")"
+	pulses=$(sed -n 's/^pulses=\([0-9]*\).*/\1/p' "$site/bridge")
+}
+
+# The host port's interrupt controller: what the guest writes to its two registers is on file, and an end lets the next
+# interrupt come. Words for boot.
+host_port() {
+	echo "-chardev socket,id=command,path=$site/ends,server=on,wait=off,logfile=$site/8259-command -device isa-debugcon,iobase=0x218,chardev=command \
+		-chardev file,id=mask,path=$site/8259-mask -device isa-debugcon,iobase=0x219,chardev=mask"
 }
 
 # The guest's own verdict: no FAIL, and it came to its end.
@@ -92,3 +110,13 @@ guest_verdict() {
 
 # The number that the guest gave under that name.
 value() { sed -n "s/^@@ value $1 //p" "$site/said"; }
+
+# The same functions have to give the same results as on a memory file.
+same_functions() { # PASS...
+	for pass in "$@"; do
+		sed -n "/^@@ begin functions-$pass/,/^@@ end functions-$pass/p" "$site/said" | sed '1d;$d' >"$site/functions-$pass"
+		[ "$(wc -l <"$site/functions-$pass")" -gt 100 ] || fail "the functions through $pass: no results"
+		diff -u "$cache/functions-file" "$site/functions-$pass" >&2 || fail "the functions through $pass give other results than on a memory file"
+		echo "$name: ok functions through $pass, $(wc -l <"$site/functions-$pass") lines as on a memory file"
+	done
+}

@@ -78,3 +78,46 @@ stop_daemon() {
 
 # Interrupts as UIO has counted them.
 interrupts() { cat /sys/class/uio/uio0/event; }
+
+functions() { # NAME SPEC
+	start_daemon "$2" || return
+	say "begin functions-$1"
+	sh /guest/functions.sh /run pmacctl --socket /run/pmac0.sock
+	say "end functions-$1"
+}
+
+# Replies announced by interrupts, one line after the other, each compared.
+many() { # LINES
+	for ten in 0 1 2 3 4 5 6 7 8 9; do
+		pmacctl --socket /run/pmac0.sock send "$(for one in 0 1 2 3 4 5 6 7 8 9; do printf 'P1%s%s=%s ' $ten $one $((ten * 10 + one)); done)"
+	done
+	i=0
+	while [ $i -lt "$1" ]; do
+		echo "P$((100 + i % 100))"
+		i=$((i + 1))
+	done >/run/lines
+	sed 's/^P1//; s/^0*\(.\)/\1/' /run/lines >/run/expected
+	read -r begun _ </proc/uptime
+	pmacctl --socket /run/pmac0.sock terminal </run/lines >/run/replies
+	read -r ended _ </proc/uptime
+	cmp -s /run/expected /run/replies && ok "$1 replies" || fail "$1 lines sent, $(wc -l </run/replies) replies, not all of them right"
+	say "value lines_per_second $(echo "$1 $begun $ended" | awk '{ printf "%.0f", $1 / ($3 - $2) }')"
+}
+
+# refused WHAT SPEC TEXT: pmacd does not take that board, and says why.
+refused() {
+	said=$(timeout 20 pmacd --board "$2" --name pmac9 --socket /run/pmac9.sock 2>&1)
+	case $? in
+	0 | 124 | 143) fail "$1: pmacd took $2: $said" ;;
+	*) expect_in "$1" "$3" "$(echo "$said" | grep -F "$3" || echo "$said")" ;;
+	esac
+}
+
+# Gives a PCI device to uio_pci_generic.
+bind_generic() { # DEVICE
+	echo uio_pci_generic >"$1/driver_override"
+	echo "${1##*/}" >/sys/bus/pci/drivers/uio_pci_generic/bind
+}
+
+# What the daemon said that somebody should hear, for whoever reads the console.
+complaints() { grep -E 'WARN|ERROR' /run/pmacd.log | sed 's/^/   /'; }
