@@ -1,35 +1,28 @@
 #!/bin/sh
 # initramfs.sh IMAGE: a guest's whole world, a few MiB: busybox, our programs with their libraries, the kernel's modules for
-# UIO and ours, and the guests' parts of the tests.
+# UIO and virtual disks and ours, and the guests' parts of the tests.
 set -eu
 here=$(cd "$(dirname "$0")" && pwd)
 . "$here/common.sh"
 image=$1
+version=$(cat "$cache/kernel/version")
 
 tree=$(mktemp -d)
 trap 'rm -rf "$tree"' EXIT
 chmod 755 "$tree"
-mkdir -p "$tree/bin" "$tree/modules" "$tree/guest" "$tree/etc"
+mkdir -p "$tree/bin" "$tree/guest" "$tree/etc"
 cp /bin/busybox "$tree/bin/busybox"
 cp "$here/inside/init" "$tree/init"
 cp "$here"/inside/*.sh "$here/functions.sh" "$tree/guest/"
 
 for program in pmacd pmacctl; do
-	cp "$programs/$program" "$tree/bin/"
-	strip "$tree/bin/$program"
+	strip -o "$tree/bin/$program" "$programs/$program"
 	for library in $(ldd "$programs/$program" | sed -n 's/.* => \(\/[^ ]*\) .*/\1/p; s/^\s*\(\/[^ ]*\) .*/\1/p'); do
 		[ -e "$tree$library" ] || { mkdir -p "$tree${library%/*}" && cp -L "$library" "$tree$library"; }
 	done
 done
 
-for module in uio uio_pci_generic; do
-	file=$(find "$cache/kernel/modules/" -name "$module.ko*")
-	case $file in
-	*.xz) xz -dc "$file" >"$tree/modules/$module.ko" ;;
-	*) cp "$file" "$tree/modules/$module.ko" ;;
-	esac
-done
-cp "$cache/module/pmac_dpram.ko" "$tree/modules/"
+"$here/modules.sh" "$tree" uio_pci_generic virtio_blk virtio_pci
 
 (cd "$tree" && find . | cpio --quiet -o -H newc -R 0:0) | gzip -1 >"$image.new"
 mv "$image.new" "$image"

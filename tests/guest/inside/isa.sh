@@ -1,8 +1,8 @@
 # An ISA board: its DPRAM at 0xD4000, its interrupt on IRQ 7, both through our own UIO driver.
 place_dpram
-load uio
+
 # The addresses, the interrupt and the ports of a PMAC as delivered; behind the ports is what the test's host watches.
-insmod /modules/pmac_dpram.ko phys=0xd4000 irq=7 ioport=0x210 controller=pmac || { fail 'insmod pmac_dpram'; dmesg | tail -n 5; }
+modprobe pmac_dpram phys=0xd4000 irq=7 ioport=0x210 controller=pmac || { fail 'modprobe pmac_dpram'; dmesg | tail -n 5; }
 expect 'UIO name' pmac-dpram "$(cat /sys/class/uio/uio0/name)"
 expect 'UIO window' '0x00000000000d4000 0x0000000000004000 0x0' \
 	"$(cd /sys/class/uio/uio0/maps/map0 && echo "$(cat addr)" "$(cat size)" "$(cat offset)")"

@@ -53,10 +53,6 @@ place_dpram() {
 	config "$board" 4 '\x02\x00'
 }
 
-load() {
-	for module in "$@"; do insmod "/modules/$module.ko" || fail "insmod $module"; done
-}
-
 # start_daemon SPEC [OPTION...]: pmacd, until its servo data are live. $daemon is its process.
 start_daemon() {
 	spec=$1

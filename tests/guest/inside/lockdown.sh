@@ -1,7 +1,7 @@
 # A kernel that is locked down after the board was found, as one with Secure Boot is from the start.
 place_dpram
-load uio uio_pci_generic
-insmod /modules/pmac_dpram.ko phys=0xd4000 irq=7 ioport=0x210 controller=pmac || fail 'insmod pmac_dpram'
+modprobe -a uio_pci_generic
+modprobe pmac_dpram phys=0xd4000 irq=7 ioport=0x210 controller=pmac || fail 'modprobe pmac_dpram'
 memory=$(pci_device 0x1af4 0x1110)
 interrupt=$(pci_device 0x1234 0x11e8)
 bind_generic "$interrupt"
