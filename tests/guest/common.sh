@@ -3,6 +3,7 @@
 root=$(cd "$here/../.." && pwd)
 target=${CARGO_TARGET_DIR:-$root/target}
 cache=${PMAC_GUEST_CACHE:-$target/guest}
+kernel=$cache/${KERNEL:-kernel}
 programs=$target/${PROFILE:-release}
 PATH=$PATH:/usr/sbin:/sbin
 
@@ -55,18 +56,18 @@ simulator() {
 	wait_for 10 'the simulator' test -S "$site/control"
 }
 
-# boot TEST IMAGE CORES APPEND [OPTION...]: a machine of emulated processors. Accelerators are not tried: some pretend.
+# QEMU 7.2 spoils the flags when it emulates the CMPXCHG16B that newer kernels allocate memory with; without it they do otherwise.
+# boot TEST CORES APPEND [OPTION...]: a machine of emulated processors. Accelerators are not tried: some pretend.
 boot() {
 	test=$1
-	image=$2
-	cores=$3
-	append=$4
-	shift 4
-	background console timeout 240 qemu-system-x86_64 -accel tcg -M pc -m 512 -smp "$cores" \
+	cores=$2
+	append=$3
+	shift 3
+	background console timeout 300 qemu-system-x86_64 -accel tcg -cpu qemu64,-cx16 -M pc -m 512 -smp "$cores" \
 		-nodefaults -no-user-config -display none -no-reboot -serial stdio \
 		-object "memory-backend-file,id=dpram,mem-path=$site/dpram,size=16K,share=on" -device ivshmem-plain,memdev=dpram \
 		-qtest "unix:$site/qtest,server=on,wait=off" -qtest-log none \
-		-kernel "$cache/kernel/vmlinuz" -initrd "$image" -append "console=ttyS0 quiet panic=-1 pmac.test=$test $append" "$@"
+		-kernel "$kernel/vmlinuz" -initrd "$kernel/initramfs.gz" -append "console=ttyS0 quiet panic=-1 pmac.test=$test $append" "$@"
 	machine=$last
 }
 

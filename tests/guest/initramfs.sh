@@ -1,12 +1,10 @@
 #!/bin/sh
-# initramfs.sh IMAGE: a guest's whole world, a few MiB: busybox, our programs with their libraries, the kernel's modules for
+# initramfs.sh: $kernel/initramfs.gz, a guest's whole world, a few MiB: busybox, our programs with their libraries, the kernel's modules for
 # UIO and virtual disks and ours, and the guests' parts of the tests.
 set -eu
 here=$(cd "$(dirname "$0")" && pwd)
 . "$here/common.sh"
-image=$1
-version=$(cat "$cache/kernel/version")
-
+image=$kernel/initramfs.gz
 tree=$(mktemp -d)
 trap 'rm -rf "$tree"' EXIT
 chmod 755 "$tree"
@@ -15,9 +13,10 @@ cp /bin/busybox "$tree/bin/busybox"
 cp "$here/inside/init" "$tree/init"
 cp "$here"/inside/*.sh "$here/functions.sh" "$tree/guest/"
 
-for program in pmacd pmacctl; do
-	strip -o "$tree/bin/$program" "$programs/$program"
-	for library in $(ldd "$programs/$program" | sed -n 's/.* => \(\/[^ ]*\) .*/\1/p; s/^\s*\(\/[^ ]*\) .*/\1/p'); do
+for program in "$programs/pmacd" "$programs/pmacctl" "$cache/latency"; do
+	[ -e "$program" ] || continue
+	strip -o "$tree/bin/${program##*/}" "$program"
+	for library in $(ldd "$program" | sed -n 's/.* => \(\/[^ ]*\) .*/\1/p; s/^\s*\(\/[^ ]*\) .*/\1/p'); do
 		[ -e "$tree$library" ] || { mkdir -p "$tree${library%/*}" && cp -L "$library" "$tree$library"; }
 	done
 done

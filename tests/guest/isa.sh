@@ -1,5 +1,5 @@
 #!/bin/sh
-# isa.sh [PIN [PASSES [LINES]]]: an ISA board in a guest, its firmware outside of it. Every function through /dev/mem and through UIO,
+# isa.sh [PIN [PASSES [LINES]]]: PASSES of mem, uio, lines. An ISA board in a guest, its firmware outside of it. Every function through /dev/mem and through UIO,
 # compared with the same on a memory file; LINES command lines whose replies interrupts announce; no interrupt lost.
 set -eu
 here=$(cd "$(dirname "$0")" && pwd)
@@ -8,10 +8,10 @@ pin=${1:-7}
 passes=${2:-mem,uio}
 lines=${3:-10000}
 
-open_site "isa-$pin"
+open_site "isa-$pin${KERNEL:+-$KERNEL}"
 simulator
 # shellcheck disable=SC2046 # words
-boot isa "$cache/initramfs.gz" 1 "pmac.passes=$passes pmac.lines=$lines" $(host_port)
+boot isa 1 "pmac.passes=$passes pmac.lines=$lines" $(host_port)
 bridge_edge "$pin"
 guest_verdict
 pulses
@@ -19,7 +19,10 @@ pulses
 seen=$(value interrupts)
 [ "$pulses" -ge "$lines" ] || fail "$lines lines, but the board gave only $pulses interrupts"
 [ "$pulses" = "$seen" ] || fail "interrupts: the board gave $pulses, the guest saw $seen"
-echo "$name: ok $pulses interrupts, none lost, $(value lines_per_second) lines a second"
+# Newer kernels count for UIO in a thread of their own, which may find two at once.
+counted=$(value counted)
+[ "$counted" -le "$seen" ] && [ "$counted" -ge $((seen * 9 / 10)) ] || fail "UIO counted $counted of $seen interrupts"
+echo "$name: ok $pulses interrupts, none lost, $counted counted by UIO, $(value lines_per_second) lines a second"
 # One end of interrupt (0x67, a g) for each, and one for each time the line was opened (0xE9 without bit 7, an i).
 ends=$(tr -cd g <"$site/8259-command" | wc -c)
 opened=$(tr -cd i <"$site/8259-mask" | wc -c)
@@ -28,4 +31,5 @@ opened=$(tr -cd i <"$site/8259-mask" | wc -c)
 echo "$name: ok each was ended at the board's own controller"
 
 # shellcheck disable=SC2046 # words
-same_functions $(echo "$passes" | tr , ' ')
+same_functions $(echo "$passes" | sed 's/lines//' | tr , ' ')
+sed -n 's/^@@ latency //p' "$site/said" >"$cache/latency-$pin"

@@ -11,7 +11,7 @@ dir=$(cd "$dir" && pwd)
 
 depends() { # PACKAGE PATTERN: the dependency of PACKAGE whose name begins so
 	# shellcheck disable=SC2086
-	apt-cache $apt_options depends "$1" | sed -n "s/^ *Depends: \($2[^ ]*\)\$/\1/p" | head -n 1
+	apt-cache $apt_options depends "$1" 2>/dev/null | sed -n "s/^ *Depends: \($2[^ ]*\)\$/\1/p" | head -n 1
 }
 
 # Superseded versions vanish from the mirror, so the name comes from the package that always depends on the newest.
@@ -25,9 +25,9 @@ kbuild=$(depends "$headers" 'linux-kbuild-')
 
 rm -rf "$dir"
 mkdir -p "$dir/deb" "$dir/root"
-# The kernel's postinst would build an initramfs and touch the boot loader; only its files are wanted.
+# The directory may be nobody else's to read, so apt stays who it is. The kernel's postinst would build an initramfs and touch the boot loader; only its files are wanted.
 # shellcheck disable=SC2086
-(cd "$dir/deb" && apt-get $apt_options download -qq "$image" "$headers" "$common" "$kbuild")
+(cd "$dir/deb" && apt-get $apt_options -o APT::Sandbox::User=root download -qq "$image" "$headers" "$common" "$kbuild")
 for package in "$dir"/deb/*.deb; do
 	dpkg-deb --extract "$package" "$dir/root"
 done
@@ -45,6 +45,7 @@ for tree in "$source/$headers" "$source/$common"; do
 done
 ln -sfn "root/usr/src/$headers" "$dir/headers"
 ln -sfn "root/boot/vmlinuz-$version" "$dir/vmlinuz"
+# depmod looks for lib/modules; Debian 13 has it below usr.
 modules=$dir/root/lib/modules/$version
 [ -d "$modules" ] || modules=$dir/root/usr/lib/modules/$version
 ln -sfn "$modules" "$dir/modules"

@@ -1,9 +1,9 @@
 #!/bin/sh
-# module.sh HEADERS DIR: builds kernel/ in DIR, with every warning the kernel's own builds know, none of which may appear.
+# module.sh KERNEL: builds kernel/ for that kernel (see kernel.sh) in KERNEL/module, with every warning the kernel's own builds know, none of which may appear.
 set -eu
 here=$(cd "$(dirname "$0")" && pwd)
-headers=$1
-dir=$2
+headers=$1/headers
+dir=$1/module
 rm -rf "$dir"
 mkdir -p "$dir"
 cp "$here"/../../kernel/* "$dir"

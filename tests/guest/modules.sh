@@ -5,17 +5,17 @@ here=$(cd "$(dirname "$0")" && pwd)
 . "$here/common.sh"
 tree=$1
 shift
-version=$(cat "$cache/kernel/version")
+version=$(cat "$kernel/version")
 modules=$tree/lib/modules/$version
 mkdir -p "$modules"
 for module in "$@"; do
-	modprobe --set-version "$version" --dirname "$cache/kernel/root" --show-depends "$module"
+	modprobe --set-version "$version" --dirname "$kernel/root" --show-depends "$module"
 done | sed -n 's/^insmod \([^ ]*\).*/\1/p' | while read -r file; do
 	case $file in
 	*.xz) xz -dc "$file" >"$modules/$(basename "$file" .xz)" ;;
 	*) cp "$file" "$modules/" ;;
 	esac
 done
-cp "$cache"/kernel/modules/modules.order "$cache"/kernel/modules/modules.builtin* "$modules/"
-cp "$cache/module/pmac_dpram.ko" "$modules/"
+cp "$kernel"/modules/modules.order "$kernel"/modules/modules.builtin* "$modules/"
+cp "$kernel/module/pmac_dpram.ko" "$modules/"
 depmod -b "$tree" "$version"

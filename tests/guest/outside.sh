@@ -10,4 +10,5 @@ pmacctl="$programs/pmacctl --name pmac-guest-$$ --socket $site/socket"
 wait_for 10 'live servo data' $pmacctl motors
 "$here/functions.sh" "$site" $pmacctl >"$site/result"
 mv "$site/result" "$1"
+[ ! -x "$cache/latency" ] || "$cache/latency" "pmac-guest-$$" "$site/socket" 1000 'file, by interrupt' >"$cache/latency-file"
 echo "$name: ok functions on a memory file, $(wc -l <"$1") lines"

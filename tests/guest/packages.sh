@@ -1,5 +1,6 @@
 #!/bin/sh
-# packages.sh: installs by apt-get what the guests need and the machine lacks. Package sources stay as they are.
+# packages.sh [--look]: installs by apt-get what the guests need and the machine lacks. Package sources stay as they are.
+#   --look: installs nothing, tells by its exit status whether anything is missing
 set -eu
 PATH=$PATH:/usr/sbin:/sbin
 missing=
@@ -15,9 +16,14 @@ needs strip binutils
 needs xz xz-utils
 needs mmdebstrap mmdebstrap
 needs mke2fs e2fsprogs
+needs iasl acpica-tools
 # The shared one that some machines have cannot be the only program of a guest.
 [ "$(dpkg-query -W -f '${db:Status-Abbrev}' busybox-static 2>/dev/null)" = 'ii ' ] || missing="$missing busybox-static"
 
+if [ "${1-}" = --look ]; then
+	[ -z "$missing" ]
+	exit
+fi
 export DEBIAN_FRONTEND=noninteractive
 # The kernel is looked up in the package lists too, so that they are wanted even if nothing is missing.
 if [ -n "$missing" ] || ! apt-cache show linux-image-cloud-amd64 >/dev/null 2>&1; then

@@ -7,7 +7,7 @@ lines=${1:-1000}
 
 open_site pci
 simulator
-boot pci "$cache/initramfs.gz" 1 "pmac.lines=$lines" -device edu
+boot pci 1 "pmac.lines=$lines" -device edu
 wait_for 60 "the device's address" grep -q '^@@ value edu' "$site/console"
 edu=$(tr -d '\r' <"$site/console" | sed -n 's/^@@ value edu //p')
 # edu raises INTx when its register 0x60 is written, and lowers it by 0x64.

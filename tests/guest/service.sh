@@ -6,7 +6,7 @@ here=$(cd "$(dirname "$0")" && pwd)
 open_site service
 simulator
 # shellcheck disable=SC2046 # words
-boot system "$cache/initramfs.gz" 2 'systemd.show_status=0' $(host_port) \
+boot system 2 'systemd.show_status=0' $(host_port) \
 	-drive "if=none,id=disk,file=$cache/system.ext4,format=raw,snapshot=on" -device virtio-blk-pci,drive=disk
 bridge_edge 7
 guest_verdict

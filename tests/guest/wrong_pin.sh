@@ -4,7 +4,7 @@ set -eu
 here=$(cd "$(dirname "$0")" && pwd)
 . "$here/common.sh"
 name=wrong-pin
-if "$here/isa.sh" 5 uio 100 >"$cache/wrong-pin" 2>&1; then
+if "$here/isa.sh" 5 lines 100 >"$cache/wrong-pin" 2>&1; then
 	fail 'interrupts went to pin 5, and the test did not notice'
 fi
 grep '^isa-5: FAIL interrupts: the board gave [0-9]*, the guest saw 0$' "$cache/wrong-pin" ||

@@ -12,13 +12,22 @@ for pass in $(argument passes | tr , ' '); do
 	case $pass in
 	mem) functions mem mem:0xD4000,irq=uio:/dev/uio0 ;;
 	uio) functions uio uio:/dev/uio0 ;;
+	lines) start_daemon uio:/dev/uio0 ;;
 	esac || break
 	[ "$pass" != "$(argument passes | sed 's/.*,//')" ] || many "$(argument lines)"
 	pmacctl --socket /run/pmac0.sock status | sed 's/^/   /'
 	stop_daemon
 	complaints
 done
-say "value interrupts $(interrupts)"
-grep -E '^ *7:' /proc/interrupts
+if [ -x /bin/latency ]; then
+	start_daemon uio:/dev/uio0
+	latency pmac0 /run/pmac0.sock 500 'guest, by interrupt' | sed 's/^/@@ latency /'
+	stop_daemon
+	start_daemon mem:0xD4000
+	latency pmac0 /run/pmac0.sock 500 'guest, polled' | sed 's/^/@@ latency /'
+	stop_daemon
+fi
+say "value counted $(interrupts)"
+say "value interrupts $(awk '$1 == "7:" { print $2 }' /proc/interrupts)"
 rmmod pmac_dpram && [ ! -e /dev/uio0 ] && ok 'the driver goes' || fail 'rmmod pmac_dpram'
 expect 'and leaves nothing behind' '' "$(grep pmac-dpram /proc/iomem /proc/ioports)"

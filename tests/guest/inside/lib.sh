@@ -72,8 +72,15 @@ stop_daemon() {
 	expect 'pmacd ends by itself' 0 $?
 }
 
-# Interrupts as UIO has counted them.
-interrupts() { cat /sys/class/uio/uio0/event; }
+# Interrupts as UIO has counted them, once no more come: a daemon that looks by itself may be ahead of them.
+interrupts() {
+	before=
+	until now=$(cat /sys/class/uio/uio0/event); [ "$now" = "$before" ]; do
+		before=$now
+		sleep 0.7
+	done
+	echo "$now"
+}
 
 functions() { # NAME SPEC
 	start_daemon "$2" || return

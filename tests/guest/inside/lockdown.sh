@@ -1,7 +1,10 @@
 # A kernel that is locked down after the board was found, as one with Secure Boot is from the start.
 place_dpram
 modprobe -a uio_pci_generic
-modprobe pmac_dpram phys=0xd4000 irq=7 ioport=0x210 controller=pmac || fail 'modprobe pmac_dpram'
+# No parameter: window, interrupt, ports and controller are the firmware's to say, and udev would load it by this name.
+modprobe "$(cat /sys/bus/acpi/devices/PMAC0001:00/modalias)" || fail 'modprobe by ACPI'
+expect 'UIO name' pmac-dpram "$(cat /sys/class/uio/uio0/name)"
+dmesg | grep -q 'pmac-dpram PMAC0001:00: .*level [0-9]*, controller pmac$' && ok 'described by ACPI, a level' || { fail 'not as ACPI describes it'; dmesg | tail -n 5; }
 memory=$(pci_device 0x1af4 0x1110)
 interrupt=$(pci_device 0x1234 0x11e8)
 bind_generic "$interrupt"

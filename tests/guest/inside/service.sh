@@ -74,7 +74,7 @@ systemctl stop "$unit"
 
 # A name that somebody else has taken.
 as other sh -c 'echo >/dev/shm/taken; chmod 666 /dev/shm/taken'
-expect_in 'a segment of another user' "uid $(id -u other)" "$(timeout 20 setpriv --reuid pmacd --regid pmac --clear-groups -- \
+expect_in 'a segment of another user' "belongs to user $(id -u other)" "$(timeout 20 setpriv --reuid pmacd --regid pmac --clear-groups -- \
 	pmacd --board uio:/dev/uio0 --name taken --socket /run/pmacd/taken.sock 2>&1 | grep pmacd:)"
 
 # /dev/mem, with nothing, with the file's mode alone, and as the drop-in has it.
