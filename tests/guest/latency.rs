@@ -10,7 +10,7 @@ use std::error::Error;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use pmac_dpram::client::Board;
+use pmac_dpram::client::{Board, CommandError};
 use pmac_dpram::map::HostOffset;
 use pmac_dpram::segment::monotonic_ns;
 
@@ -24,10 +24,10 @@ fn report(label: &str, what: &str, mut nanoseconds: Vec<u64>) {
 }
 
 /// The times that so many runs of `run` take.
-fn times(
+fn times<T>(
     samples: usize,
-    mut run: impl FnMut() -> Result<(), Box<dyn Error>>,
-) -> Result<Vec<u64>, Box<dyn Error>> {
+    mut run: impl FnMut() -> Result<T, CommandError>,
+) -> Result<Vec<u64>, CommandError> {
     let mut times = Vec::with_capacity(samples);
     for _ in 0..samples {
         let begun = Instant::now();
@@ -55,9 +55,9 @@ fn main() -> Result<(), Box<dyn Error>> {
     }
     report(label, "wake", wakes);
     let connection = board.connection()?;
-    report(label, "ask", times(samples, || Ok(drop(connection.info()?)))?);
+    report(label, "ask", times(samples, || connection.info())?);
     let word = HostOffset::new(0x26);
-    report(label, "read", times(samples, || Ok(drop(connection.read(word, 1)?)))?);
-    report(label, "send", times(samples, || Ok(drop(connection.send("P100", PATIENCE)?)))?);
+    report(label, "read", times(samples, || connection.read(word, 1))?);
+    report(label, "send", times(samples, || connection.send("P100", PATIENCE))?);
     Ok(())
 }
