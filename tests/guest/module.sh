@@ -4,6 +4,9 @@ set -eu
 here=$(cd "$(dirname "$0")" && pwd)
 headers=$1/headers
 dir=$1/module
+version=$(sed -n 's/^version = "\(.*\)"/\1/p' "$here/../../Cargo.toml" | head -n 1)
+grep -qx "PACKAGE_VERSION=\"$version\"" "$here/../../kernel/dkms.conf" && grep -q "PMAC_VERSION.*\"$version\"" "$here/../../kernel/pmac_dpram.c" ||
+	{ echo "module.sh: kernel/dkms.conf and kernel/pmac_dpram.c are not of version $version" >&2; exit 1; }
 rm -rf "$dir"
 mkdir -p "$dir"
 cp "$here"/../../kernel/* "$dir"
