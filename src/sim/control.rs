@@ -12,6 +12,7 @@
 //! | `index MOTOR on\|off` | connects the encoder's index channel, the usual trigger of a homing search |
 //! | `stall MOTOR on\|off` | holds the shaft |
 //! | `tag on\|off` | the servo report carries its update's number in every field |
+//! | `time on\|off` | it carries its update's time, CLOCK_MONOTONIC in ns, as motor 1's compensation position |
 //! | `exit` | ends the simulator |
 
 use serde::Serialize;
@@ -107,11 +108,12 @@ fn answer(board: &mut Board, line: &str, virtual_time: bool) -> Result<Answer, S
         ("index", [motor, state]) => inputs(machine, motor)?.no_index = !on(state)?,
         ("stall", [motor, state]) => inputs(machine, motor)?.stalled = on(state)?,
         ("tag", [state]) => machine.report.tag = on(state)?,
+        ("time", [state]) => machine.report.time = on(state)?,
         ("exit", []) => return Ok(Answer::Exit),
         _ => {
             return Err(format!(
                 "cannot do {line:?}; commands: step N, status, fault NAME on|off|N, reset, send TEXT, cmd TEXT, \
-                 limit MOTOR +|-|0, trigger MOTOR, index MOTOR on|off, stall MOTOR on|off, tag on|off, exit"
+                 limit MOTOR +|-|0, trigger MOTOR, index MOTOR on|off, stall MOTOR on|off, tag on|off, time on|off, exit"
             ));
         }
     }
