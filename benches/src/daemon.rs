@@ -65,11 +65,25 @@ pub fn watch(subscriber: &Subscriber, time: Duration) -> Watched {
 /// Measures every rate and way of reading `rounds` times, `seconds` each.
 pub fn run(rounds: usize, seconds: u64) {
     machine::introduce("daemon");
-    println!("{seconds} s a line, 8 motors, a client that sleeps and follows every update; delays in us from the board's update to");
+    println!(
+        "{seconds} s a line, 8 motors, a client that sleeps and follows every update; delays in us from the board's update to"
+    );
     println!("the daemon's first read of it (mirrored) and to the woken client with its copy (woken)");
     println!(
         "{:<10} {:>7} {:>7} {:>7} {:>6} {:>7} {:>4} {:>7} {:>6} {:>24} {:>24} {:>6} {:>6}",
-        "reading", "Hz", "made", "seen", "missed", "skipped", "lost", "ratio", "polls", "mirrored 50/99/99.9", "woken 50/99/99.9", "pmacd", "sim"
+        "reading",
+        "Hz",
+        "made",
+        "seen",
+        "missed",
+        "skipped",
+        "lost",
+        "ratio",
+        "polls",
+        "mirrored 50/99/99.9",
+        "woken 50/99/99.9",
+        "pmacd",
+        "sim"
     );
     for _ in 0..rounds {
         for servo_hz in [500.0, 2258.8, 9000.0] {
@@ -78,8 +92,12 @@ pub fn run(rounds: usize, seconds: u64) {
             }
         }
     }
-    println!("ratio: bus accesses for servo data per update / (6 + 30 motors), handshake / (9 + 30 motors); polls: accesses beyond that per update");
-    println!("made: updates by the simulator's own count; skipped: by the simulator's count / by the daemon's estimate");
+    println!(
+        "ratio: bus accesses for servo data per update / (6 + 30 motors), handshake / (9 + 30 motors); polls: accesses beyond that per update"
+    );
+    println!(
+        "made: updates by the simulator's own count; skipped: by the simulator's count / by the daemon's estimate"
+    );
 }
 
 fn line(setup: &Setup, seconds: u64) {

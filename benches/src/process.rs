@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 use nix::sched::{CpuSet, sched_setaffinity};
 use nix::sys::signal::{Signal, kill};
-use nix::sys::wait::{WaitStatus, waitpid};
+use nix::sys::wait::{WaitPidFlag, WaitStatus, waitpid};
 use nix::unistd::{ForkResult, Pid, fork};
 
 /// Words between cells that different processes write: two cache lines, so that no prefetcher couples them.
@@ -134,6 +134,18 @@ impl Child {
         let Some(pid) = self.0.take() else { return };
         let status = waitpid(pid, None).expect("waitpid");
         assert!(matches!(status, WaitStatus::Exited(_, 0)), "a measuring process failed: {status:?}");
+    }
+
+    /// Whether the process has ended; waits for nothing.
+    pub fn is_over(&mut self) -> bool {
+        let Some(pid) = self.0 else { return true };
+        let status = waitpid(pid, Some(WaitPidFlag::WNOHANG)).expect("waitpid");
+        if status == WaitStatus::StillAlive {
+            return false;
+        }
+        self.0 = None;
+        assert!(matches!(status, WaitStatus::Exited(_, 0)), "a measuring process failed: {status:?}");
+        true
     }
 
     pub fn signal(&self, signal: Signal) {

@@ -72,12 +72,18 @@ impl Rig {
 
     /// Starts the daemon; returns when it has published servo data and knows the board.
     pub fn start_daemon(&mut self, setup: &Setup) {
+        self.start_daemon_of("pmacd", setup, &[]);
+    }
+
+    /// As [`Rig::start_daemon`], of a program that is to the outside what `pmacd` is.
+    pub fn start_daemon_of(&mut self, daemon: &str, setup: &Setup, environment: &[(&str, &Path)]) {
         let config = self.directory.path().join("pmacd.toml");
         let board = format!("file:{},irq=unix:{}", self.memory().display(), self.interrupt().display());
         let text = format!("board = \"{board}\"\nservo_reading = \"{}\"\n", setup.reading);
         std::fs::write(&config, text).expect("written");
         let daemon = Program::start(
-            Command::new(program("pmacd"))
+            Command::new(program(daemon))
+                .envs(environment.iter().copied())
                 .args(["--name", &self.name])
                 .arg("--socket")
                 .arg(self.socket())
@@ -123,7 +129,8 @@ impl Rig {
 
     /// One line to the simulator's control socket, and its answer.
     pub fn control(&self, line: &str) -> String {
-        let mut stream = UnixStream::connect(self.directory.path().join("control")).expect("the control socket");
+        let mut stream =
+            UnixStream::connect(self.directory.path().join("control")).expect("the control socket");
         stream.set_read_timeout(Some(PATIENCE)).expect("a time-out");
         writeln!(stream, "{line}").expect("sent");
         let mut answer = String::new();
@@ -189,7 +196,7 @@ impl Drop for Program {
 }
 
 /// A program of the driver: beside this one, or where `cargo build --release` puts it.
-fn program(name: &str) -> PathBuf {
+pub fn program(name: &str) -> PathBuf {
     let beside = std::env::current_exe().ok().and_then(|own| Some(own.parent()?.join(name)));
     let built = Path::new(env!("CARGO_MANIFEST_DIR")).join("../target/release").join(name);
     let named = std::env::var_os("PMAC_PROGRAMS").map(|directory| Path::new(&directory).join(name));
