@@ -65,11 +65,14 @@ fn use_everything(rig: &Rig, seconds: u64) -> String {
         let _ = child.wait();
     }
     sender.join();
-    for arguments in [
-        &["variable", "set", "Y:$0700=5"][..],
-        &["rotary", "stream", file, "--define", "9000"],
+    // A rotary buffer cannot be defined above a gather buffer.
+    let then: [&[&str]; 4] = [
+        &["variable", "set", "Y:$0700=5"],
         &["send", "ENDGATHER"],
-    ] {
+        &["send", "DELETE GATHER"],
+        &["rotary", "stream", file, "--define", "9000"],
+    ];
+    for arguments in then {
         let status = pmacctl(rig, arguments).status().expect("pmacctl");
         assert!(status.success(), "{arguments:?}");
     }

@@ -23,9 +23,10 @@ pub fn update_ns(sample: &Sample) -> u64 {
     half(0) | half(2) << 24
 }
 
-/// Ns from an update to `now`.
+/// Ns from an update to `now`; 0 if `now`, taken before the board was looked at, was just before it.
 pub fn delay_ns(sample: &Sample, now: u64) -> f64 {
-    (now.wrapping_sub(update_ns(sample)) & STAMP_MASK) as f64
+    let delay = now.wrapping_sub(update_ns(sample)) & STAMP_MASK;
+    if delay > STAMP_MASK / 2 { 0.0 } else { delay as f64 }
 }
 
 /// What a client saw of the servo data for a while.
