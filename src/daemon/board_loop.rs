@@ -444,7 +444,7 @@ impl BoardLoop {
             if self.told.silent {
                 return;
             }
-            if let Err(error) = self.let_reports_come() {
+            if let Err(error) = self.let_board_speak() {
                 self.bus_failed(&error);
             }
             return;
@@ -469,18 +469,6 @@ impl BoardLoop {
                 }
             }
         }
-    }
-
-    /// A memory test, a power failure or another host may have left the host's own words in a state that holds the
-    /// reports off for ever.
-    fn let_reports_come(&mut self) -> Result<(), BusError> {
-        if !self.servo.is_live() {
-            ServoReader::release(&mut self.bus)?;
-        }
-        if !self.background.is_live() {
-            self.background.start_over(&mut self.bus)?;
-        }
-        Ok(())
     }
 
     /// Where no board is, every word reads as ones; PMAC-Busy among them keeps them from being taken for data.

@@ -97,6 +97,12 @@ impl BackgroundReader {
         }
         self.next_block = None;
         bus.order_reads();
+        // A board that was reset meanwhile may have begun, or made, another report (`tests/models/background.pml`).
+        let mut again = [0; 2];
+        bus.read_block(BACKGROUND_DATA_READY, &mut again)?;
+        if again != [self.image[0], self.image[word_index(BACKGROUND_SERVO_TIMER)]] {
+            return Ok(BackgroundLook::Nothing);
+        }
         Self::release(bus)?;
         Ok(BackgroundLook::Report(self.image[word_index(BACKGROUND_SERVO_TIMER)]))
     }
@@ -144,11 +150,33 @@ mod tests {
             );
         }
         assert_eq!(reader.look(&mut bus).unwrap(), BackgroundLook::Report(0x9000));
-        assert_eq!(bus.accesses() - before, 2 + PORT_WORDS as u64 + 3 * 62 + 1 + 3, "3 are the test's own");
+        assert_eq!(bus.accesses() - before, 2 + PORT_WORDS as u64 + 3 * 62 + 3 + 3, "3 are the test's own");
         assert_eq!(reader.image().len(), word_index(BACKGROUND_BLOCK) + 3 * 62);
         assert_eq!(reader.image()[word_index(BACKGROUND_BLOCK)], 0xABCD);
         assert_eq!(bus.read16(BACKGROUND_DATA_READY).unwrap(), 0);
         assert_eq!(reader.look(&mut bus).unwrap(), BackgroundLook::Nothing);
+    }
+
+    #[test]
+    fn a_report_across_a_reset_is_not_taken() {
+        let file = tempfile::tempfile().unwrap();
+        file.set_len(0x4000).unwrap();
+        let mut bus = FileBoard::from_file(&file, 0x4000).unwrap();
+        let mut reader = BackgroundReader::default();
+        reader.set_numbers(1);
+        for (ready, timer) in [(0, 0), (DATA_READY, 8)] {
+            bus.write16(BACKGROUND_SERVO_TIMER, 7).unwrap();
+            bus.write16(BACKGROUND_DATA_READY, DATA_READY).unwrap();
+            assert_eq!(reader.look(&mut bus).unwrap(), BackgroundLook::Partial);
+            bus.write16(BACKGROUND_SERVO_TIMER, timer).unwrap();
+            bus.write16(BACKGROUND_DATA_READY, ready).unwrap();
+            assert_eq!(reader.look(&mut bus).unwrap(), BackgroundLook::Nothing);
+            assert_eq!(
+                bus.read16(BACKGROUND_DATA_READY).unwrap(),
+                ready,
+                "a whole new report is left for the next looks"
+            );
+        }
     }
 
     #[test]
