@@ -3,6 +3,7 @@
 pub mod byte;
 pub mod byte_spec;
 pub mod byteswap;
+pub mod candidates;
 pub mod counted;
 pub mod file;
 pub mod inherited;
@@ -12,6 +13,7 @@ pub mod mapping;
 pub mod memory;
 pub mod open;
 pub mod pci;
+pub mod probe;
 pub mod refusal;
 pub mod spec;
 pub mod system;

@@ -42,6 +42,15 @@ pub fn open(spec: &WindowSpec, system: &System, inherited: &Inherited) -> Result
     Ok(OpenedBoard { bus, interrupt: own.map(|device| device.interrupt().map(Interrupt::from)) })
 }
 
+/// Opens the window alone, and leaves interrupts as they are.
+///
+/// # Errors
+/// As [`open`].
+pub fn open_window(spec: &WindowSpec, system: &System) -> Result<WindowBoard, OpenError> {
+    let (mapping, _, _) = window(&spec.place, spec.offset, spec.length, system, &Inherited::default())?;
+    Ok(WindowBoard::new(mapping))
+}
+
 /// What was mapped: the window, the file whose disappearance tells that the device went away, and the open device.
 type Mapped = (Mapping, Option<String>, Option<UioDevice>);
 

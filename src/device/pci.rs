@@ -24,7 +24,7 @@ const BARS: u8 = 6;
 const MEMORY: u64 = 1 << 9;
 const PORTS: u64 = 1 << 8;
 /// The driver that only passes interrupts on, and so may stay bound.
-const INTERRUPTS_ONLY: &str = "uio_pci_generic";
+pub(super) const INTERRUPTS_ONLY: &str = "uio_pci_generic";
 
 /// Where a device is on PCI: domain, bus, device and function.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
