@@ -14,7 +14,7 @@ use crate::client::{Board, CommandError, Connection};
 use crate::device::System;
 use crate::device::candidates::Candidate;
 use crate::device::probe::Probe;
-use crate::protocol::{BoardInfo, State};
+use crate::protocol::{BoardInfo, CommandPort, HostPortInfo, State};
 use crate::segment::{Condition, DIRECTORY, RegionId, RegionState, monotonic_ns};
 
 /// Less room than this in /dev/shm is worth a warning: a segment takes a few MiB.
@@ -234,16 +234,36 @@ fn functions(report: &mut Report, info: &BoardInfo) {
             report.add(Level::Fail, "board", text);
         }
     }
-    if info.enabled.iter().any(|name| name == "ascii") {
-        report.add(Level::Ok, "commands", "the board takes command lines through the DPRAM");
-    } else {
-        let text = "the board takes no command lines through the DPRAM; set I58=1 by another port";
-        report.add(Level::Warn, "commands", text);
-    }
+    let (level, text) = match (info.command_port, info.enabled.iter().any(|name| name == "ascii")) {
+        (CommandPort::Dpram, true) => (Level::Ok, "the board takes command lines through the DPRAM"),
+        (CommandPort::Mailbox, true) => {
+            (Level::Ok, "the board takes command lines through the VME mailboxes")
+        }
+        (CommandPort::Dpram, false) => {
+            (Level::Warn, "the board takes no command lines through the DPRAM; set I58=1 by another port")
+        }
+        (CommandPort::Mailbox, false) => (
+            Level::Warn,
+            "the board takes no command lines through the VME mailboxes; set I3=2 by another port",
+        ),
+    };
+    report.add(level, "commands", text);
     if info.enabled.iter().any(|name| name == "interrupt") {
         report.add(Level::Ok, "interrupt", "replies are announced by an interrupt");
     } else {
         report.add(Level::Ok, "interrupt", "none; replies are polled for");
+    }
+    if let Some(host_port) = &info.host_port {
+        let HostPortInfo { controller, line, served, old, unannounced } = host_port;
+        let counts = format!("{controller} line {line}, {served} interrupts served, {old} of them old ones");
+        if *unannounced == 0 {
+            report.add(Level::Ok, "host port", counts);
+        } else {
+            let text = format!(
+                "{counts}; {unannounced} responses came without one: is I56=1, and the line's jumper set?"
+            );
+            report.add(Level::Warn, "host port", text);
+        }
     }
 }
 

@@ -19,8 +19,8 @@ use crate::gather::{
     Column, CsvWriter, GatherMode, GatherPlan, GatherRequest, NpyWriter, SampleClock, ServoReport, Source,
     column, plan,
 };
-use crate::map::Plan;
-use crate::map::plan::PlanSettings;
+use crate::map::classic::GATHERING;
+use crate::map::{Layout, Plan};
 use crate::protocol::CallError;
 use crate::segment::{RegionId, RegionState};
 
@@ -88,7 +88,10 @@ pub fn run(context: &mut Context, options: &Gather) -> Result<Verdict, Failure> 
     }
     let mut board = context.board()?;
     let mut connection = context.connection()?;
-    let (layout, scales) = board_layout(&mut board)?;
+    let settings = connection.settings()?;
+    let (layout, scales, firmware) = board_layout(&mut board)?;
+    let layout =
+        Layout::with_gather(layout.family(), firmware, settings.gather.position, settings.gather.size_word);
     let sources: Vec<Source> = options
         .source
         .iter()
@@ -96,11 +99,12 @@ pub fn run(context: &mut Context, options: &Gather) -> Result<Verdict, Failure> 
         .collect::<Result<_, _>>()
         .map_err(Failure::request)?;
     let sample_longs = sources.iter().map(|source| source.register.longs()).sum();
-    let kept = Plan::new(&layout, PlanSettings::default()).map_err(Failure::request)?;
+    let kept = Plan::new(&layout, settings.plan).map_err(Failure::request)?;
     let runs =
         board.subscriber().region(RegionId::Servo).map_err(Failure::request)?.state == RegionState::Live;
     let old_period = ask(&mut connection, "I19")?;
     let i48 = ask(&mut connection, "I48")?;
+    let gathering = found_gathering(&mut connection, &old_period)?;
     let request = GatherRequest {
         sources,
         period: options.period,
@@ -111,9 +115,9 @@ pub fn run(context: &mut Context, options: &Gather) -> Result<Verdict, Failure> 
             ("1", false) => ServoReport::Waiting,
             _ => ServoReport::Off,
         },
-        gathering: false,
+        gathering,
     };
-    let plan = plan(&request, &layout, &scales).map_err(Failure::request)?;
+    let mut plan = plan(&request, &layout, &scales).map_err(Failure::request)?;
     kept.check_gather(layout.gather().buffer, plan.buffer_longs, plan.sample_longs)
         .map_err(Failure::request)?;
     let clock = SampleClock { period: plan.period, servo_period_ns: scales.servo_period_ns() };
@@ -134,6 +138,11 @@ pub fn run(context: &mut Context, options: &Gather) -> Result<Verdict, Failure> 
     }
     let out = open(&options.output, &plan.columns, clock)?;
 
+    if request.servo_report == ServoReport::Waiting {
+        // Its timer is the clock, and has to run before the first look.
+        start_report(&mut connection, &board, options.period)?;
+        plan.start.truncate(1);
+    }
     for line in &plan.prepare {
         connection.send(line, LINE).map_err(|error| explain(line, error))?;
     }
@@ -186,6 +195,41 @@ fn ask(connection: &mut Connection, variable: &str) -> Result<String, Failure> {
         .first()
         .map(|line| line.rsplit('=').next().unwrap_or(line).trim().to_owned())
         .unwrap_or_default())
+}
+
+/// Starts the servo report, for which I48=1 waits for a `GATHER`.
+fn start_report(connection: &mut Connection, board: &Board, period: u32) -> Result<(), Failure> {
+    connection.send(&format!("I19={period}"), LINE)?;
+    connection.send("GATHER", LINE)?;
+    let deadline = Instant::now() + SILENCE;
+    while board.subscriber().region(RegionId::Servo).map_err(Failure::request)?.state != RegionState::Live {
+        if Instant::now() > deadline {
+            return Err(Failure::Refused(
+                "I48=1 and GATHER start no servo report (is I59 above 0?), so turns of the buffer cannot be counted"
+                    .to_owned(),
+            ));
+        }
+        std::thread::sleep(LOOK);
+    }
+    Ok(())
+}
+
+/// Whether the board gathers already, as after a `pmacctl gather` that was killed; says so.
+fn found_gathering(connection: &mut Connection, period: &str) -> Result<bool, Failure> {
+    let status = connection.send("???", LINE)?;
+    let gathers = status
+        .first()
+        .and_then(|line| line.get(..6))
+        .and_then(|word| u32::from_str_radix(word, 16).ok())
+        .is_some_and(|word| word & GATHERING != 0);
+    if gathers {
+        let _ = writeln!(
+            io::stderr(),
+            "the board was gathering already, every I19={period} servo cycles: that has been ended (by whom it was begun is \
+             not known; I19 stays {period} afterwards)"
+        );
+    }
+    Ok(gathers)
 }
 
 fn start(connection: &mut Connection, plan: &GatherPlan) -> Result<(), Failure> {

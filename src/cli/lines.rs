@@ -122,7 +122,9 @@ impl Way {
         match self {
             Self::Daemon(connection) => match connection.send(line, timeout) {
                 // A board that resets need not acknowledge it.
-                Err(CommandError::Refused(CallError::TimedOut)) if kind == Kind::Reset => Ok(Vec::new()),
+                Err(CommandError::Refused(CallError::TimedOut { .. })) if kind == Kind::Reset => {
+                    Ok(Vec::new())
+                }
                 result => Ok(result?),
             },
             Self::Serial(serial) => match serial.send(line, timeout) {

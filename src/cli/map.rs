@@ -3,10 +3,15 @@
 use super::args::Map;
 use super::table::{Align, Table};
 use super::{Context, Failure, Verdict};
-use crate::map::{Layout, MapRecord};
+use crate::map::{GatherPosition, Layout, MapRecord};
 
 pub fn run(context: &mut Context, options: &Map) -> Result<Verdict, Failure> {
-    let layout = Layout::with_gather_size(options.family, options.firmware, options.gather_size.into());
+    let layout = Layout::with_gather(
+        options.family,
+        options.firmware,
+        GatherPosition::default(),
+        options.gather_size.into(),
+    );
     let records = layout.records();
     if context.output.is_json() {
         context.output.json(&records)?;

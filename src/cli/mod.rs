@@ -99,7 +99,7 @@ impl From<CommandError> for Failure {
         match &error {
             CommandError::Refused(
                 CallError::Board { .. }
-                | CallError::TimedOut
+                | CallError::TimedOut { .. }
                 | CallError::Unavailable { .. }
                 | CallError::Busy
                 | CallError::NotPermitted { .. }

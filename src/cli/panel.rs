@@ -1,6 +1,6 @@
 //! `pmacctl panel`: jog, home, run, stop and feed rate override through the control panel of the DPRAM (I2=3).
 
-use std::io::{self, Read};
+use std::io::{self, Read, Write};
 use std::os::fd::AsFd;
 use std::time::{Duration, Instant};
 
@@ -183,13 +183,16 @@ fn feed(context: &mut Context, feed: &Feed) -> Result<Verdict, Failure> {
             Some(FeedOverride::from_percent(percent, i10).map_err(Failure::request)?)
         }
     };
-    context.connection()?.feed_override(feed.system, value.map(FeedOverride::raw))?;
+    let notes = context.connection()?.feed_override(feed.system, value.map(FeedOverride::raw))?;
     let percent = value.zip(i10).and_then(|(value, i10)| value.percent(i10));
+    for note in &notes {
+        let _ = writeln!(io::stderr(), "&{}: {note}", feed.system);
+    }
     if context.output.is_json() {
         let raw = value.map(FeedOverride::raw);
-        context
-            .output
-            .json(&serde_json::json!({"coordinate_system": feed.system, "raw": raw, "percent": percent}))?;
+        context.output.json(&serde_json::json!({
+            "coordinate_system": feed.system, "raw": raw, "percent": percent, "notes": notes
+        }))?;
     } else if let (Wanted::Percent(asked), Some(value), Some(got)) = (feed.wanted, value, percent)
         && value == FeedOverride::MAXIMUM
         && got < asked

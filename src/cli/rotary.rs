@@ -54,14 +54,21 @@ pub struct Decode {
 #[derive(Debug, Args)]
 pub struct Format {
     /// What the manual leaves open about the format, and the buffer's size: exponent_bias, zero_exponent,
-    /// bit_codes (diagram, table), mode_code_bit, abs_inc_axis_bit, abs_inc_vector_bit, frax_axis_bit, buffer_words
+    /// bit_codes (diagram, table), mode_code_bit, abs_inc_axis_bit, abs_inc_vector_bit, frax_axis_bit,
+    /// coordinate_system_base, buffer_words. What is not given: as printed best; of stream, as the daemon has it
     #[arg(long = "set", value_name = "NAME=VALUE", value_parser = setting)]
     pub settings: Vec<(String, toml::Value)>,
 }
 
 impl Format {
     pub(super) fn settings(&self) -> Result<Settings, Failure> {
-        let table: toml::Table = self.settings.iter().cloned().collect();
+        self.over(&Settings::default())
+    }
+
+    /// The settings of `base`, but for those given.
+    pub(super) fn over(&self, base: &Settings) -> Result<Settings, Failure> {
+        let mut table = toml::Table::try_from(base).map_err(Failure::request)?;
+        table.extend(self.settings.iter().cloned());
         let settings = Settings::deserialize(table)
             .map_err(|error| Failure::Request(format!("--set: {}", error.to_string().trim())))?;
         settings.check().map_err(|error| Failure::Request(format!("--set {error}")))?;
@@ -276,6 +283,10 @@ mod tests {
         assert_eq!(settings(&[]).unwrap(), Settings::default());
         let set = settings(&["exponent_bias=30", "bit_codes=table"]).unwrap();
         assert_eq!((set.exponent_bias, set.bit_codes), (30, crate::rotary::settings::BitCodes::Table));
+        let of_the_daemon = Settings { exponent_bias: 29, frax_axis_bit: 6, ..Settings::default() };
+        let over =
+            Format { settings: vec![setting("exponent_bias=30").unwrap()] }.over(&of_the_daemon).unwrap();
+        assert_eq!((over.exponent_bias, over.frax_axis_bit), (30, 6));
         for wrong in ["bias=1", "exponent_bias=64", "exponent_bias=-1", "bit_codes=other", "exponent_bias="] {
             assert!(matches!(settings(&[wrong]), Err(Failure::Request(_))), "{wrong}");
         }

@@ -14,7 +14,7 @@ use super::rotary::{Format, compiled, shown};
 use super::rotary_progress::Progress;
 use super::{Context, Failure, Verdict};
 use crate::client::{CommandError, Connection, RotaryFeed, RotaryLine, RotaryPlace};
-use crate::map::{HostOffset, Location, PMAC, PlanSettings};
+use crate::map::{HostOffset, Location, PMAC};
 use crate::protocol::CallError;
 use crate::protocol::board::RotaryStateReply;
 use crate::rotary::Program;
@@ -63,9 +63,18 @@ fn start(text: &str) -> Result<HostOffset, String> {
 }
 
 pub fn run(context: &mut Context, options: &Stream) -> Result<Verdict, Failure> {
-    let mut settings = options.format.settings()?;
+    let mut board = context.connection()?;
+    let of_the_daemon = board.settings()?;
+    let mut settings = options.format.over(&of_the_daemon.rotary)?;
     // A line that the buffer can never hold is found now and not in the middle of the program.
-    let kept = PlanSettings::default().rotary_longs[usize::from(options.buffer) - 1];
+    let kept = of_the_daemon.plan.rotary_longs[usize::from(options.buffer) - 1];
+    if kept == 0 && options.size.is_none() {
+        return Err(Failure::Request(format!(
+            "the daemon keeps no room for rotary buffer {}; say where with --start and --size, or set rotary_longs in its \
+             configuration",
+            options.buffer
+        )));
+    }
     settings.buffer_words = options.size.unwrap_or_else(|| kept.min(settings.buffer_words));
     settings.check().map_err(|error| Failure::Request(format!("--size: {error}")))?;
     let program = compiled(&options.file, &settings)?;
@@ -83,7 +92,7 @@ pub fn run(context: &mut Context, options: &Stream) -> Result<Verdict, Failure> 
     let mut streaming = Streaming {
         options,
         program: &program,
-        board: context.connection()?,
+        board,
         progress: Progress::new(program.lines.len(), context.output.is_quiet()),
         patience: Patience::new(options.timeout),
         interrupt,

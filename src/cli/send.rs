@@ -38,6 +38,15 @@ pub fn run(context: &mut Context, options: &Send) -> Result<Verdict, Failure> {
             context.output.flush()?;
             return Err(CommandError::Refused(CallError::Board { code, meaning, lines }).into());
         }
+        Err(CommandError::Refused(CallError::TimedOut { lines })) => {
+            if json {
+                context.output.json(&json!({ "lines": lines, "error": "timed out" }))?;
+            } else {
+                print(context, &lines)?;
+            }
+            context.output.flush()?;
+            return Err(CommandError::Refused(CallError::TimedOut { lines }).into());
+        }
         Err(error) => return Err(error.into()),
     }
     Ok(Verdict::Yes)

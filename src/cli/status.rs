@@ -66,7 +66,8 @@ fn document(context: &Context, board: &Board, identity: &Identity) -> Value {
         subscriber.counters().map(|(counter, value)| (counter.name().to_owned(), json!(value))).collect();
     let service = match Connection::open(&context.socket).and_then(|mut connection| connection.info()) {
         Ok(info) => json!({ "path": context.socket, "reachable": true, "version": info.version,
-            "board": info.board, "enabled": info.enabled }),
+            "board": info.board, "enabled": info.enabled, "command_port": info.command_port,
+            "host_port": info.host_port }),
         Err(error) => json!({ "path": context.socket, "reachable": false, "reason": error.to_string() }),
     };
     json!({
@@ -131,6 +132,15 @@ fn text(document: &Value) -> String {
         let enabled: Vec<_> = socket["enabled"].as_array().into_iter().flatten().map(plain).collect();
         say("socket", plain(&socket["path"]));
         say("enabled", enabled.join(" "));
+        let port = if socket["command_port"] == "mailbox" { "VME mailboxes" } else { "DPRAM" };
+        say("command lines", format!("through the {port}"));
+        let host_port = &socket["host_port"];
+        if !host_port.is_null() {
+            let count = |name: &str| plain(&host_port[name]);
+            let (name, line) = (plain(&host_port["controller"]), count("line"));
+            let counts = ["served", "old", "unannounced"].map(|name| format!("{name}={}", count(name)));
+            say("host port", format!("{name} line {line}: {}", counts.join(" ")));
+        }
     } else {
         say("socket", plain(&socket["reason"]));
     }

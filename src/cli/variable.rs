@@ -12,11 +12,13 @@ use crate::client::{Board, Variable as Entry, VariableTable, VariableWidth, View
 use crate::decode::Scales;
 use crate::format::{fixed48, float48, int24};
 use crate::gather::{Column, Source};
-use crate::map::{Layout, PmacAddress, Space};
+use crate::map::{Firmware, Layout, PmacAddress, Space};
 use crate::protocol::board::VariableRecord;
 use crate::setup::gather_source::GatherSource;
 use crate::setup::number;
 
+/// How long a board may take to say who it is; one that is not asked never does.
+const IDENTIFIED: Duration = Duration::from_secs(2);
 /// How long to sleep before the daemon is asked again whether it still holds the watch.
 const NO_NEWS: Duration = Duration::from_millis(500);
 /// How long PMAC may take until the first values of a new table.
@@ -76,18 +78,25 @@ pub fn run(context: &mut Context, options: &Variable) -> Result<Verdict, Failure
     }
 }
 
-/// The layout and scales of the board, as far as the segment tells.
-pub(super) fn board_layout(board: &mut Board) -> Result<(Layout, Scales), Failure> {
-    let identity = board.identity()?;
+/// The board's map and scales, as far as it has told them.
+pub(super) fn board_layout(board: &mut Board) -> Result<(Layout, Scales, Option<Firmware>), Failure> {
+    // A daemon that was just started, or a board that was just reset, is still being asked.
+    let deadline = Instant::now() + IDENTIFIED;
+    let mut identity = board.identity()?;
+    while identity.firmware.is_none() && Instant::now() < deadline {
+        std::thread::sleep(Duration::from_millis(20));
+        board.refresh()?;
+        identity = board.identity()?;
+    }
     let family = identity::family(&identity)
         .ok_or_else(|| Failure::Request("the board's family is not known to this program".to_owned()))?;
     let firmware = identity.firmware.as_deref().and_then(|text| text.parse().ok());
-    Ok((Layout::new(family, firmware), identity::scales(&identity)))
+    Ok((Layout::new(family, firmware), identity::scales(&identity), firmware))
 }
 
 fn watch(context: &mut Context, options: &Watch) -> Result<Verdict, Failure> {
     let mut board = context.board()?;
-    let (layout, scales) = board_layout(&mut board)?;
+    let (layout, scales, _) = board_layout(&mut board)?;
     let sources: Vec<Source> = options
         .registers
         .iter()

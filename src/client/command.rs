@@ -15,7 +15,9 @@ use crate::map::HostOffset;
 use crate::protocol::board::{ReadReply, SendReply, VariableRecord};
 use crate::protocol::message::encode;
 use crate::protocol::transport::connect;
-use crate::protocol::{BOARD, BoardInfo, Call, CallError, Inbox, Message, REPLY_MAX, Reply, control};
+use crate::protocol::{
+    BOARD, BoardInfo, BoardSettings, Call, CallError, Inbox, Message, REPLY_MAX, Reply, control,
+};
 use crate::setup::gather_source::GatherSource;
 
 /// How long the daemon itself may take: to accept, and to answer what needs no board.
@@ -90,6 +92,14 @@ impl Connection {
     /// [`CommandError`].
     pub fn info(&mut self) -> Result<BoardInfo, CommandError> {
         self.call("GetInfo", Value::Null, DAEMON_TIMEOUT)
+    }
+
+    /// What no document decides, as the daemon has it: where its buffers lie, and the readings of uncertain formats.
+    ///
+    /// # Errors
+    /// [`CommandError`].
+    pub fn settings(&mut self) -> Result<BoardSettings, CommandError> {
+        self.call("GetSettings", Value::Null, DAEMON_TIMEOUT)
     }
 
     /// Sends one command line (1 to 200 printable ASCII characters) and returns the lines of its reply, none when the

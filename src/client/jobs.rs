@@ -9,7 +9,7 @@ use serde_json::{Value, json};
 
 use super::command::{CommandError, Connection, DAEMON_TIMEOUT, MARGIN};
 use crate::map::HostOffset;
-use crate::protocol::board::RotaryStateReply;
+use crate::protocol::board::{NotesReply, RotaryStateReply};
 
 /// More than the daemon gives the board for a job, the question before it included.
 const JOB_TIMEOUT: Duration = Duration::from_secs(5);
@@ -67,12 +67,18 @@ impl Connection {
     }
 
     /// Overrides the feed rate of `coordinate_system` (1 to 8) with `raw` (1/32768 ms, 0 to 32767; 14507 is 100 % at the
-    /// default I10), until it is released by `None`.
+    /// default I10), until it is released by `None`. Returns what speaks against an effect: an Ix93 that points elsewhere, or
+    /// that the board could not be asked.
     ///
     /// # Errors
     /// As [`Connection::panel`].
-    pub fn feed_override(&mut self, coordinate_system: u8, raw: Option<u16>) -> Result<(), CommandError> {
-        self.job("FeedOverride", json!({"coordinate_system": coordinate_system, "raw": raw}))
+    pub fn feed_override(
+        &mut self,
+        coordinate_system: u8,
+        raw: Option<u16>,
+    ) -> Result<Vec<String>, CommandError> {
+        let parameters = json!({"coordinate_system": coordinate_system, "raw": raw});
+        self.call::<NotesReply>("FeedOverride", parameters, JOB_TIMEOUT + MARGIN).map(|reply| reply.notes)
     }
 
     /// Writes consecutive 16-bit words (1 to 64) from `first` on: of each, its value and the mask of the bits to change.

@@ -72,7 +72,7 @@ impl<'a> RotaryFeed<'a> {
                 self.inside = end;
                 Ok(None)
             }
-            Err(CommandError::Refused(CallError::TimedOut)) => self.catch_up().map(Some),
+            Err(CommandError::Refused(CallError::TimedOut { .. })) => self.catch_up().map(Some),
             Err(error) => {
                 // What is under way behind it will be refused as well; how far it got is worth knowing.
                 if matches!(error, CommandError::Refused(_)) {

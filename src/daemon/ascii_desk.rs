@@ -1,7 +1,7 @@
-//! The desk in front of the board's ASCII port: many callers, one line at a time.
+//! The desk in front of the board's ports for command lines: many callers, one line at a time.
 //!
 //! Lines wait in order; control characters do not wait, they overtake every line. The desk also asks the board who it
-//! is ([`super::identify`]) when nobody else is being served. Everything is bounded: the queues by their length, a
+//! is ([`super::identify`]) when nobody else is being served. Which port the lines go through is [`super::desk_ways`]'s. Everything is bounded: the queues by their length, a
 //! command by its deadline, a pass by the number of responses it takes.
 
 use std::collections::VecDeque;
@@ -11,9 +11,9 @@ use super::identify::Identifier;
 use super::queue::{
     Command, Event, LINE_MAX, Outcome, REPLY_MAX, Sender, Text, Ticket, Unsolicited, UnsolicitedKind,
 };
-use crate::device::{Bus, BusError};
-use crate::format::TextOrder;
-use crate::function::ascii::{AsciiEvent, AsciiPort, ResponseText, control_has_reply};
+use super::response_port::{PortError, ResponsePort, Way};
+use crate::device::Bus;
+use crate::function::ascii::{AsciiEvent, ResponseText, control_has_reply};
 use crate::protocol::OpenBuffer;
 use crate::segment::{Counter, Publisher, monotonic_ns};
 
@@ -32,15 +32,26 @@ const SOON: Duration = Duration::from_millis(20);
 const LOOK_IDLE: Duration = Duration::from_millis(20);
 const LOOK_IDLE_WITH_INTERRUPT: Duration = Duration::from_secs(1);
 
-/// Who a command under way is for.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Caller {
-    Client(Ticket),
-    Identifier,
+/// A command under way, and so who it is for.
+#[derive(Clone, Copy)]
+pub(super) enum Begun {
+    Line(Waiting),
+    Control(WaitingControl),
+    Question,
+}
+
+impl Begun {
+    fn ticket(&self) -> Option<Ticket> {
+        match self {
+            Self::Line(line) => Some(line.ticket),
+            Self::Control(control) => Some(control.ticket),
+            Self::Question => None,
+        }
+    }
 }
 
 #[derive(Clone, Copy)]
-struct Waiting {
+pub(super) struct Waiting {
     ticket: Ticket,
     line: Text<LINE_MAX>,
     deadline: Instant,
@@ -48,18 +59,18 @@ struct Waiting {
 }
 
 #[derive(Clone, Copy)]
-struct WaitingControl {
+pub(super) struct WaitingControl {
     ticket: Ticket,
     character: u8,
     deadline: Instant,
 }
 
 #[derive(Clone, Copy)]
-struct UnderWay {
-    caller: Caller,
+pub(super) struct UnderWay {
+    pub(super) begun: Begun,
     deadline: Instant,
     /// The board has shown that it works on it.
-    taken: bool,
+    pub(super) taken: bool,
 }
 
 /// Whether the port answers, as far as known.
@@ -75,39 +86,46 @@ pub enum PortState {
 
 /// The desk.
 pub struct AsciiDesk {
-    port: AsciiPort,
-    lines: VecDeque<Waiting>,
-    controls: VecDeque<WaitingControl>,
-    under_way: Option<UnderWay>,
+    pub(super) port: ResponsePort,
+    pub(super) lines: VecDeque<Waiting>,
+    pub(super) controls: VecDeque<WaitingControl>,
+    pub(super) under_way: Option<UnderWay>,
     /// The control character that lies in its word, until the board takes it.
-    control_lies: Option<WaitingControl>,
+    pub(super) control_lies: Option<WaitingControl>,
     /// Whether the board takes lines as program lines.
-    buffer: OpenBuffer,
+    pub(super) buffer: OpenBuffer,
     /// An event the socket's queue had no room for. Until it is gone nothing more is taken from the board.
     outbox: Option<Event>,
     /// The identity, and when it is asked.
     pub identifier: Identifier,
-    state: PortState,
+    pub(super) state: PortState,
+    /// Since when the DPRAM's port has left something lying.
+    pub(super) stuck_since: Option<Instant>,
+    /// When the board may be asked again which port it looks at.
+    pub(super) next_ask: Instant,
     last_event: Instant,
     next_look: Instant,
     has_interrupt: bool,
 }
 
 impl AsciiDesk {
-    /// A desk for a port whose texts are packed in `order`.
+    /// A desk for `port`.
     #[must_use]
-    pub fn new(order: TextOrder, identifier: Identifier) -> Self {
+    pub fn new(port: ResponsePort, identifier: Identifier) -> Self {
         let now = Instant::now();
         Self {
-            port: AsciiPort::new(order, now),
-            lines: VecDeque::with_capacity(LINES_MAX),
-            controls: VecDeque::with_capacity(CONTROLS_MAX),
+            port,
+            // One may come back from a port that did not take it.
+            lines: VecDeque::with_capacity(LINES_MAX + 1),
+            controls: VecDeque::with_capacity(CONTROLS_MAX + 1),
             under_way: None,
             control_lies: None,
             buffer: OpenBuffer::default(),
             outbox: None,
             identifier,
             state: PortState::Unknown,
+            stuck_since: None,
+            next_ask: now,
             last_event: now,
             next_look: now,
             has_interrupt: false,
@@ -126,9 +144,42 @@ impl AsciiDesk {
         self.identifier.ask_again(now);
     }
 
-    /// The board is another one, or was reset: no buffer is open.
-    pub fn forget(&mut self) {
+    /// The board is another one, or was reset: no buffer is open, and what it had been told to send it has forgotten. A
+    /// command under way through the mailboxes is given up: whether it was carried out nobody knows.
+    ///
+    /// # Errors
+    /// When the mailboxes cannot be reached.
+    pub fn forget(&mut self, now: Instant) -> Result<(), PortError> {
         self.buffer = OpenBuffer::default();
+        if self.port.way() == Way::Mailbox
+            && let Some(under_way) = &mut self.under_way
+        {
+            under_way.taken = true;
+            under_way.deadline = now;
+        }
+        self.port.start(now)
+    }
+
+    /// Whether an answer waits for room in the socket's queue, so that nothing more is taken from the board.
+    #[must_use]
+    pub fn is_held_up(&self) -> bool {
+        self.outbox.is_some()
+    }
+
+    /// The ports for command lines.
+    #[must_use]
+    pub fn port(&self) -> &ResponsePort {
+        &self.port
+    }
+
+    /// The ports for command lines.
+    pub fn port_mut(&mut self) -> &mut ResponsePort {
+        &mut self.port
+    }
+
+    /// What a report of the board says of its program buffers, which others may open too.
+    pub fn see_buffer(&mut self, open: bool) {
+        self.buffer.see(open);
     }
 
     /// Whether interrupts announce responses, so that they need not be looked for so often.
@@ -165,6 +216,11 @@ impl AsciiDesk {
             }
             Command::ReadWords { .. } | Command::Job { .. } => {}
         }
+        if let Command::Send { line, .. } = command
+            && Identifier::may_be_changed_by(line.as_bytes())
+        {
+            self.ask_way_soon(now);
+        }
         self.look_now(now);
         Ok(())
     }
@@ -172,14 +228,14 @@ impl AsciiDesk {
     /// Does what can be done now.
     ///
     /// # Errors
-    /// When the bus cannot be reached.
+    /// When a port cannot be reached.
     pub fn pass(
         &mut self,
         bus: &mut impl Bus,
         events: &Sender<Event>,
         publisher: &Publisher,
         now: Instant,
-    ) -> Result<(), BusError> {
+    ) -> Result<(), PortError> {
         if let Some(event) = self.outbox.take() {
             self.tell(events, event);
         }
@@ -194,6 +250,7 @@ impl AsciiDesk {
             self.last_event = now;
             self.handle(events, publisher, event);
         }
+        self.consider_ways(bus, now)?;
         if self.outbox.is_none() {
             self.expire(bus, events, publisher, now)?;
         }
@@ -214,7 +271,10 @@ impl AsciiDesk {
         // What cannot be asked now is not waited for.
         let question = if self.buffer.is_open() { Duration::MAX } else { self.identifier.due_in(now) };
         match (owed, self.has_interrupt) {
-            (true, _) if now.duration_since(self.last_event) < SOON => LOOK_SOON,
+            // The mailboxes' interrupts tell everything; only time has to be watched.
+            (true, _) if self.port.way() == Way::Dpram && now.duration_since(self.last_event) < SOON => {
+                LOOK_SOON
+            }
             (true, _) => LOOK_LATER,
             (false, false) => LOOK_IDLE.min(question),
             (false, true) => LOOK_IDLE_WITH_INTERRUPT.min(question),
@@ -228,14 +288,14 @@ impl AsciiDesk {
         events: &Sender<Event>,
         publisher: &Publisher,
         now: Instant,
-    ) -> Result<(), BusError> {
+    ) -> Result<(), PortError> {
         if let Some(lying) = self.control_lies {
             if !self.port.control_lies(bus)? {
                 self.control_lies = None;
                 self.state = PortState::Answers;
                 self.tell(events, Event::Done(lying.ticket, Outcome::Done));
             } else if now >= lying.deadline {
-                self.port.withdraw_control(bus)?;
+                self.port.withdraw_control(bus, now)?;
                 self.control_lies = None;
                 self.fail(events, publisher, lying.ticket, false);
             }
@@ -259,11 +319,8 @@ impl AsciiDesk {
             self.last_event = now;
             publisher.counters().add(Counter::AsciiCommands, 1);
             if has_reply {
-                self.under_way = Some(UnderWay {
-                    caller: Caller::Client(first.ticket),
-                    deadline: first.deadline,
-                    taken: false,
-                });
+                let begun = Begun::Control(first);
+                self.under_way = Some(UnderWay { begun, deadline: first.deadline, taken: false });
             } else {
                 self.control_lies = Some(first);
             }
@@ -278,8 +335,10 @@ impl AsciiDesk {
         events: &Sender<Event>,
         publisher: &Publisher,
         now: Instant,
-    ) -> Result<(), BusError> {
-        if let Some(&next) = self.lines.front() {
+    ) -> Result<(), PortError> {
+        if let Some(&next) = self.lines.front()
+            && (self.buffer.is_open() || !self.identifier.is_overdue(now))
+        {
             if next.question && self.buffer.is_open() {
                 self.lines.pop_front();
                 self.tell(events, Event::Done(next.ticket, Outcome::Unavailable));
@@ -289,20 +348,20 @@ impl AsciiDesk {
             if now < next.deadline && self.port.begin(bus, next.line.as_bytes())? {
                 self.lines.pop_front();
                 self.buffer.follow(next.line.as_bytes());
-                self.start(Caller::Client(next.ticket), next.deadline, publisher, now);
+                self.start(Begun::Line(next), next.deadline, publisher, now);
             }
         } else if !self.buffer.is_open()
             && let Some((line, patience)) = self.identifier.next_line(now)
             && self.port.begin(bus, line.as_bytes())?
         {
             self.identifier.sent();
-            self.start(Caller::Identifier, now + patience, publisher, now);
+            self.start(Begun::Question, now + patience, publisher, now);
         }
         Ok(())
     }
 
-    fn start(&mut self, caller: Caller, deadline: Instant, publisher: &Publisher, now: Instant) {
-        self.under_way = Some(UnderWay { caller, deadline, taken: false });
+    fn start(&mut self, begun: Begun, deadline: Instant, publisher: &Publisher, now: Instant) {
+        self.under_way = Some(UnderWay { begun, deadline, taken: false });
         self.last_event = now;
         publisher.counters().add(Counter::AsciiCommands, 1);
     }
@@ -314,16 +373,16 @@ impl AsciiDesk {
         events: &Sender<Event>,
         publisher: &Publisher,
         now: Instant,
-    ) -> Result<(), BusError> {
+    ) -> Result<(), PortError> {
         if let Some(under_way) = self.under_way
             && now >= under_way.deadline
         {
             let taken = under_way.taken || self.port.was_taken();
             self.port.give_up(bus, now)?;
             self.under_way = None;
-            match under_way.caller {
-                Caller::Client(ticket) => self.fail(events, publisher, ticket, taken),
-                Caller::Identifier => {
+            match under_way.begun.ticket() {
+                Some(ticket) => self.fail(events, publisher, ticket, taken),
+                None => {
                     self.identifier.failed(now);
                     self.state = PortState::Silent;
                 }
@@ -337,7 +396,7 @@ impl AsciiDesk {
             if self.port.is_idle() && self.under_way.is_none() {
                 // Nothing of ours is under way, yet the line could not be begun: an earlier one still lies in the
                 // buffer with nobody to take it. It must not be carried out by surprise later.
-                AsciiPort::withdraw_line(bus)?;
+                self.port.withdraw_line(bus)?;
             }
             self.fail(events, publisher, first.ticket, false);
         }
@@ -358,21 +417,21 @@ impl AsciiDesk {
                 counters.add(Counter::AsciiReplies, 1);
                 if let Some(under_way) = &mut self.under_way {
                     under_way.taken = true;
-                    match under_way.caller {
-                        Caller::Client(ticket) => self.tell(events, Event::Line(ticket, carried(&text))),
-                        Caller::Identifier => self.identifier.line(text.as_bytes()),
+                    match under_way.begun.ticket() {
+                        Some(ticket) => self.tell(events, Event::Line(ticket, carried(&text))),
+                        None => self.identifier.line(text.as_bytes()),
                     }
                 }
             }
             AsciiEvent::Done(result) => {
                 counters.add(Counter::AsciiErrors, u64::from(result.is_err()));
                 self.state = PortState::Answers;
-                match self.under_way.take().map(|under_way| under_way.caller) {
-                    Some(Caller::Client(ticket)) => {
+                match self.under_way.take().map(|under_way| under_way.begun.ticket()) {
+                    Some(Some(ticket)) => {
                         let outcome = result.map_or_else(Outcome::Error, |()| Outcome::Done);
                         self.tell(events, Event::Done(ticket, outcome));
                     }
-                    Some(Caller::Identifier) => self.identifier.done(),
+                    Some(None) => self.identifier.done(),
                     None => {}
                 }
             }

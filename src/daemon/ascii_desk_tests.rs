@@ -3,6 +3,7 @@
 use super::*;
 use crate::daemon::queue::{Receive, queue};
 use crate::device::FileBoard;
+use crate::format::TextOrder;
 use crate::map::classic::{
     ASCII_CONTROL_CHARACTER, ASCII_INPUT_CONTROL, ASCII_OUTPUT_CONTROL, COMMAND_LOADED, RESPONSE_ACKNOWLEDGE,
 };
@@ -28,10 +29,11 @@ impl Rig {
             ..CreateOptions::new(SegmentName::new("desk").unwrap(), Vec::new())
         };
         let now = Instant::now();
+        let port = ResponsePort::new(TextOrder::LowFirst, None, now);
         let (events, told) = queue(16).unwrap();
         Self {
             bus: FileBoard::from_file(&file, 0x4000).unwrap(),
-            desk: AsciiDesk::new(TextOrder::LowFirst, Identifier::new(Identity::default(), false, now)),
+            desk: AsciiDesk::new(port, Identifier::new(Identity::default(), false, now)),
             events,
             told,
             publisher: Publisher::create(&options).unwrap(),

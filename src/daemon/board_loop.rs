@@ -15,12 +15,16 @@ use nix::sys::time::TimeSpec;
 
 use super::ascii_desk::{AsciiDesk, PortState};
 use super::board::{OpenBus, usable};
+use super::host_link::HostPortLink;
 use super::identify::Identifier;
 use super::info::SharedInfo;
 use super::interrupt_link::InterruptLink;
 use super::job::Job;
 use super::job_desk::JobDesk;
+use super::mailbox_link::MailboxLink;
 use super::queue::{Command, Event, Outcome, READ_MAX, Receive, Sender};
+use super::response_port::{PortError, Way};
+use super::uncertain::Uncertain;
 use crate::device::{Bus, BusError, Counted};
 use crate::function::ascii::AsciiPort;
 use crate::function::background::BackgroundReader;
@@ -61,8 +65,12 @@ pub struct BoardLoop {
     pub desk: AsciiDesk,
     /// The other functions.
     pub jobs: JobDesk,
+    /// Where their buffers lie, which the firmware has a say in.
+    pub uncertain: Uncertain,
     /// The board's interrupt, if it has one.
     pub interrupt: Option<InterruptLink>,
+    /// The board's own interrupt controller, where it has to be served.
+    pub host_port: Option<HostPortLink>,
     /// The segment.
     pub publisher: Publisher,
     /// From the socket.
@@ -89,11 +97,17 @@ pub struct BoardLoop {
 #[derive(Default)]
 pub struct Told {
     state: Option<State>,
-    port: Option<PortState>,
+    pub(super) port: Option<(Way, PortState)>,
+    /// The DPRAM is out of reach for want of its page.
+    pub(super) out_of_reach: bool,
+    /// A reset was found by its lost page, and servo data have not come since to tell of the same one.
+    pub(super) reset_known: bool,
+    /// Both interrupts of the mailboxes are there.
+    pub(super) mailbox: bool,
     bus_error: bool,
     gone: bool,
     silent: bool,
-    interrupt: bool,
+    pub(super) interrupt: bool,
     identity: Option<Identity>,
     /// The socket's thread was reading when the identity changed; to be told at the next beat.
     info_pending: bool,
@@ -113,6 +127,8 @@ struct Readable {
     stop: bool,
     commands: bool,
     interrupt: bool,
+    /// One of the mailboxes' interrupts.
+    mailbox: bool,
 }
 
 impl BoardLoop {
@@ -120,7 +136,11 @@ impl BoardLoop {
     pub fn run(mut self) {
         // Without it the kernel adds up to 50 µs to every sleep.
         let _ = nix::sys::prctl::set_timerslack(1);
+        self.reach_dpram_first();
         self.take_over_board();
+        if let Err(error) = self.desk.forget(Instant::now()) {
+            self.bus_failed(&error);
+        }
         let mut heartbeat_due = 0;
         let mut check_due = monotonic_ns();
         loop {
@@ -145,6 +165,9 @@ impl BoardLoop {
         self.info.set_state(InfoState::Dead);
         self.stop_held_jogs();
         self.release_board();
+        if let Some(Err(error)) = self.host_port.as_mut().map(HostPortLink::leave) {
+            self.bus_failed(&error);
+        }
     }
 
     /// What is left in the queue is not begun any more, except for the stop of a jog that somebody held.
@@ -165,8 +188,11 @@ impl BoardLoop {
     }
 
     /// Puts the host's words in order, as at the start.
-    fn take_over_board(&mut self) {
+    pub(super) fn take_over_board(&mut self) {
         self.release_board();
+        if let Some(Err(error)) = self.host_port.as_mut().map(HostPortLink::enable) {
+            self.bus_failed(&error);
+        }
         if let Err(error) = self.jobs.take_over(&mut self.bus, &self.publisher) {
             self.bus_failed(&error);
         }
@@ -185,7 +211,7 @@ impl BoardLoop {
     }
 
     /// The most urgent piece of work that is due: servo data, else what has waited longest.
-    fn one_round(&mut self) -> Result<(), BusError> {
+    fn one_round(&mut self) -> Result<(), PortError> {
         let now = monotonic_ns();
         let accesses = self.bus.accesses();
         let work = self.longest_waiting(now);
@@ -199,11 +225,12 @@ impl BoardLoop {
                 let transition = self.servo.pass(&mut self.bus, &mut self.publisher)?;
                 self.count(Counter::ServoAccesses, accesses);
                 self.tell_servo(transition);
+                self.desk.see_buffer(self.servo.program_buffer_open());
                 if self.servo.take_reset() {
                     info!("the board was reset, or its memory cleared");
-                    self.desk.forget();
-                    self.desk.identifier.ask_again(Instant::now());
+                    self.after_reset(!self.told.reset_known)?;
                 }
+                self.told.reset_known &= !self.servo.is_live();
             }
             return Ok(());
         }
@@ -217,8 +244,15 @@ impl BoardLoop {
                 }
             }
             Some(Work::Ascii) => {
+                let registers = self.desk.port().register_accesses();
                 self.desk.pass(&mut self.bus, &self.events, &self.publisher, instant)?;
+                if let Some(host_port) = &mut self.host_port {
+                    host_port.serve(&mut self.bus, &mut self.desk, instant)?;
+                    self.info.set_host_port(host_port.counts());
+                }
                 self.count(Counter::AsciiAccesses, accesses);
+                let registers = self.desk.port().register_accesses() - registers;
+                self.publisher.counters().add(Counter::AsciiAccesses, registers);
                 self.tell_port();
                 self.take_identity();
             }
@@ -270,14 +304,21 @@ impl BoardLoop {
         let stop = self.stop.as_fd();
         let commands = self.answer.is_none().then(|| self.commands.descriptor());
         // A place without a descriptor of its own watches the first one again, which is harmless.
+        let mailbox = self.desk.port().mailbox.as_ref();
+        let [taken, reply] = mailbox.map_or([None, None], MailboxLink::descriptors);
         let mut watched =
-            [watched(stop), watched(commands.unwrap_or(stop)), watched(interrupt.unwrap_or(stop))];
+            [Some(stop), commands, interrupt, taken, reply].map(|fd| watched(fd.unwrap_or(stop)));
         if ppoll(&mut watched, Some(TimeSpec::from_duration(timeout)), None).is_err() {
             // A signal, or no memory: the next round looks again.
             return Readable::default();
         }
-        let [stop, second, third] = watched.map(|fd| fd.any().unwrap_or(false));
-        Readable { stop, commands: second && commands.is_some(), interrupt: third && interrupt.is_some() }
+        let [stop, second, third, fourth, fifth] = watched.map(|fd| fd.any().unwrap_or(false));
+        Readable {
+            stop,
+            commands: second && commands.is_some(),
+            interrupt: third && interrupt.is_some(),
+            mailbox: fourth && taken.is_some() || fifth && reply.is_some(),
+        }
     }
 
     /// Takes what became readable.
@@ -291,15 +332,18 @@ impl BoardLoop {
         {
             let taken = link.take();
             self.publisher.counters().add(Counter::Interrupts, u64::from(taken.interrupts));
+            if let Some(host_port) = self.host_port.as_mut().filter(|_| taken.interrupts > 0) {
+                host_port.interrupted(self.desk.port().responses());
+            }
             self.desk.look_now(now);
         }
+        self.attend_mailbox(readable.mailbox, now);
         if let Some(link) = &mut self.interrupt {
             link.tend(now);
             let connected = link.is_connected();
             if connected != self.told.interrupt {
                 self.told.interrupt = connected;
-                self.desk.set_interrupt(connected);
-                self.tell_enabled();
+                self.tell_interrupt();
             }
         }
         if readable.commands {
@@ -387,12 +431,20 @@ impl BoardLoop {
         if self.told.info_pending {
             self.inform();
         }
+        if let Err(error) = self.guard_page() {
+            self.bus_failed(&error);
+        }
     }
 
     fn check_board(&mut self) {
         if self.bus.still_there() {
             self.told.gone = false;
             self.check_answers();
+            if !self.told.silent
+                && let Err(error) = self.let_reports_come()
+            {
+                self.bus_failed(&error);
+            }
             return;
         }
         match (self.open)() {
@@ -403,7 +455,11 @@ impl BoardLoop {
                     link.replace(usable(interrupt));
                 }
                 self.told.gone = false;
+                self.reopen_registers();
                 self.start_over();
+                if let Err(error) = self.after_reset(true) {
+                    self.bus_failed(&error);
+                }
             }
             Err(reason) => {
                 if !std::mem::replace(&mut self.told.gone, true) {
@@ -411,6 +467,18 @@ impl BoardLoop {
                 }
             }
         }
+    }
+
+    /// A memory test, a power failure or another host may have left the host's own words in a state that holds the
+    /// reports off for ever.
+    fn let_reports_come(&mut self) -> Result<(), BusError> {
+        if !self.servo.is_live() {
+            ServoReader::release(&mut self.bus)?;
+        }
+        if !self.background.is_live() {
+            self.background.start_over(&mut self.bus)?;
+        }
+        Ok(())
     }
 
     /// Where no board is, every word reads as ones; PMAC-Busy among them keeps them from being taken for data.
@@ -430,16 +498,14 @@ impl BoardLoop {
     }
 
     /// The board is another one, or has been reset: nothing seen so far says anything about what comes.
-    fn start_over(&mut self) {
+    pub(super) fn start_over(&mut self) {
         self.publisher.counters().add(Counter::Resets, 1);
         self.take_over_board();
         self.servo.forget();
         self.background.forget();
-        self.desk.forget();
-        self.desk.identifier.ask_again(Instant::now());
     }
 
-    fn bus_failed(&mut self, error: &BusError) {
+    pub(super) fn bus_failed(&mut self, error: &dyn std::fmt::Display) {
         self.publisher.counters().add(Counter::BusErrors, 1);
         if !std::mem::replace(&mut self.told.bus_error, true) {
             error!("bus: {error}; further bus errors are only counted");
@@ -454,15 +520,12 @@ impl BoardLoop {
                 self.desk.identifier.ask_again(Instant::now());
             }
             Some(Transition::Stale) => {
-                // A board reset in between has Host-Busy wherever its memory test left it.
-                if let Err(error) = ServoReader::release(&mut self.bus) {
-                    self.bus_failed(&error);
-                }
                 warn!(
                     "servo data are stale: no update for {} ms (is I48=1, I19>0, I59>0, and GATHER given?)",
                     self.servo.stale_after_ns() / 1_000_000
                 );
                 self.desk.doubt(Instant::now());
+                self.page_again();
             }
             None => return,
         }
@@ -478,31 +541,19 @@ impl BoardLoop {
                     self.background.stale_after_ns() / 1_000_000
                 );
                 self.desk.doubt(Instant::now());
+                self.page_again();
             }
             None => return,
         }
         self.tell_enabled();
     }
 
-    fn tell_port(&mut self) {
-        let state = self.desk.state();
-        if self.told.port.replace(state) == Some(state) {
-            return;
-        }
-        match state {
-            PortState::Unknown => return,
-            PortState::Answers => info!("DPRAM ASCII answers"),
-            PortState::Silent => warn!("DPRAM ASCII does not answer (is I58=1?)"),
-        }
-        self.tell_enabled();
-    }
-
-    fn tell_enabled(&self) {
+    pub(super) fn tell_enabled(&self) {
         let mut enabled = Enabled::empty();
         enabled.set(Enabled::SERVO, self.servo.is_live());
         enabled.set(Enabled::BACKGROUND, self.background.is_live());
         enabled.set(Enabled::ASCII, self.desk.state() == PortState::Answers);
-        enabled.set(Enabled::INTERRUPT, self.told.interrupt);
+        enabled.set(Enabled::INTERRUPT, self.has_interrupt());
         self.info.set_enabled(enabled);
     }
 
@@ -515,6 +566,10 @@ impl BoardLoop {
         let motors = identity.i59.map_or(self.default_motors, |i59| i59 as usize);
         self.servo.configure(motors, identity.servo_period_ps.map(|ps| ps / 1000), identity.i19);
         self.background.configure(motors);
+        match self.uncertain.plan_for(identity.firmware.as_deref()) {
+            Ok(plan) => self.jobs.set_plan(plan),
+            Err(reason) => warn!("{reason}; the plan for boards of unknown firmware stays in force"),
+        }
         let stamp = Stamp { time_ns: monotonic_ns(), servo_timer: 0, valid: true };
         self.publisher.publish_bytes(RegionId::Board, stamp, &identity.encode());
         self.publisher.set_region_state(RegionId::Board, RegionState::Live);

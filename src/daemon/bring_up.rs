@@ -16,21 +16,24 @@ use signal_hook::iterator::Signals;
 use super::ascii_desk::AsciiDesk;
 use super::board::{self, Board};
 use super::board_loop::{BoardLoop, Told};
+use super::host_link::HostPortLink;
 use super::identify::{Identifier, servo_period_ps};
 use super::info::SharedInfo;
+use super::interrupt_link::InterruptLink;
 use super::job_desk::JobDesk;
 use super::log_sink::LogSink;
+use super::mailbox_link::MailboxLink;
 use super::options::Options;
 use super::queue::queue;
+use super::response_port::ResponsePort;
 use super::serve::{Backend, ServeOptions, serve};
 use super::settings::Settings;
 use crate::device::{Counted, Inherited, System};
 use crate::function::background::BACKGROUND_WORDS;
 use crate::function::servo::SERVO_WORDS;
-use crate::function::variable_read::VariableMode;
-use crate::map::{BadFirmware, Family, Firmware, Layout, Plan, PlanSettings, classic};
+use crate::map::classic;
 use crate::mirror::{BackgroundMirror, ServoMirror, gather, variable};
-use crate::protocol::BoardInfo;
+use crate::protocol::{BoardInfo, HostPortInfo};
 use crate::segment::identity;
 use crate::segment::{CreateOptions, Identity, Publisher, RegionId, RegionSpec, monotonic_ns};
 use crate::usage::usage;
@@ -95,16 +98,22 @@ fn run(settings: &Settings, parent: Option<u32>) -> Result<(), String> {
     }
     let options = segment_options(settings);
     let publisher = Publisher::create(&options).map_err(|error| error.to_string())?;
-    let inherited = Inherited::take_all();
-    let Board { simulator: _simulator, bus, open, interrupt } =
-        board::open(settings, &System::here(), &inherited)?;
+    let (system, inherited) = (System::here(), Inherited::take_all());
+    let Board { simulator: _simulator, bus, open, interrupt } = board::open(settings, &system, &inherited)?;
+    let mailbox = settings.mailbox.clone().map(|config| MailboxLink::open(config, &system, &inherited));
+    let mailbox = mailbox.transpose().map_err(|error| format!("mailboxes: {error}"))?;
+    let host_port = settings.host_port.clone().map(|config| HostPortLink::open(config, &system, &inherited));
+    let host_port = host_port.transpose().map_err(|error| format!("host port: {error}"))?;
     // The board is open: what opens more of the machine is not kept.
     drop(inherited);
 
-    let plan = plan(settings)?;
+    let response =
+        settings.mailbox.as_ref().and_then(|mailbox| mailbox.dpram.clone()).map(InterruptLink::new);
+
     let (commands, command_queue) = queue(QUEUE).map_err(|error| format!("queue: {error}"))?;
     let (events, event_queue) = queue(QUEUE).map_err(|error| format!("queue: {error}"))?;
-    let info = Arc::new(SharedInfo::new(board_info(settings, &publisher)));
+    let info =
+        Arc::new(SharedInfo::new(board_info(settings, &publisher), settings.uncertain.settings().clone()));
     let serve_options = ServeOptions {
         mode: settings.socket_mode,
         group: settings.socket_group.clone(),
@@ -124,9 +133,11 @@ fn run(settings: &Settings, parent: Option<u32>) -> Result<(), String> {
         open,
         servo: ServoMirror::new(settings.servo_reading),
         background: BackgroundMirror::new(settings.background_period_ns),
-        desk: AsciiDesk::new(settings.text_order, identifier),
-        jobs: JobDesk::new(plan, VariableMode::SingleUser),
-        interrupt,
+        desk: AsciiDesk::new(ResponsePort::new(settings.text_order, mailbox, Instant::now()), identifier),
+        jobs: JobDesk::new(settings.uncertain.plan(), settings.uncertain.variable_mode()),
+        interrupt: response.or(interrupt),
+        host_port,
+        uncertain: settings.uncertain.clone(),
         publisher,
         commands: command_queue,
         events,
@@ -242,14 +253,11 @@ fn board_info(settings: &Settings, publisher: &Publisher) -> BoardInfo {
         generation: publisher.generation(),
         pid: std::process::id(),
         segment: format!("/{}", settings.name.as_str()),
+        host_port: settings.host_port.as_ref().map(|config| HostPortInfo {
+            controller: HostPortLink::name(&config.port).to_owned(),
+            line: config.port.line.into(),
+            ..HostPortInfo::default()
+        }),
         ..BoardInfo::default()
     }
-}
-
-/// Where the buffers of the open area lie.
-fn plan(settings: &Settings) -> Result<Plan, String> {
-    let firmware = settings.firmware.as_deref().map(str::parse).transpose();
-    let firmware: Option<Firmware> = firmware.map_err(|error: BadFirmware| error.to_string())?;
-    let family = Family::by_name(settings.family.name()).map_err(|error| error.to_string())?;
-    Plan::new(&Layout::new(family, firmware), PlanSettings::default()).map_err(|error| error.to_string())
 }

@@ -85,7 +85,7 @@ impl Service {
         let ticket = self.new_ticket();
         let Some(client) = self.clients.get_mut(&id) else { return Ok(()) };
         let Peer { uid, pid, .. } = client.peer;
-        let (mut then, mut audit, mut stops) = (None, None, 0);
+        let (mut then, mut audit, mut stops, mut notes) = (None, None, 0, None);
         let command = match ask {
             Ask::Send { line, .. } => {
                 audit = Some(format!("sends {line:?}"));
@@ -99,12 +99,16 @@ impl Service {
             Ask::Job(mut call) => match call.guard.filter(|_| asks_first) {
                 // First ask the board whether the job makes sense; where it cannot be asked, the job has to show.
                 Some(guard) => {
-                    let line = Text::new(guard.variable.as_bytes()).unwrap_or_default();
+                    let line = Text::new(call.question(guard).as_bytes()).unwrap_or_default();
                     then = Some(call);
                     Command::Send { ticket, line, deadline: now + GUARD_TIMEOUT, question: true }
                 }
                 None => {
+                    if let Some(guard) = call.guard.take() {
+                        call.note_unasked(guard);
+                    }
                     audit = call.audit.take();
+                    notes = call.notes.take();
                     if let Some(stop) = call.lease {
                         // From now on: a client that is gone before the board has taken the jog is gone all the same.
                         self.leases.begin(id, stop, deadline);
@@ -122,8 +126,16 @@ impl Service {
         }
         self.owners.insert(ticket, id);
         let deadline = deadline + GRACE;
-        client.waiting =
-            Waiting::Board(Pending { ticket, oneway, deadline, lines: Vec::new(), length: 0, then, stops });
+        client.waiting = Waiting::Board(Pending {
+            ticket,
+            oneway,
+            deadline,
+            lines: Vec::new(),
+            length: 0,
+            then,
+            stops,
+            notes,
+        });
         Ok(())
     }
 
@@ -159,7 +171,13 @@ impl Service {
         let Waiting::Board(pending) = std::mem::replace(&mut client.waiting, Waiting::Nothing) else {
             return;
         };
-        let answer = lines.first().map(|line| line.rsplit('=').next().unwrap_or(line).trim());
+        let mut answers = lines.iter().map(|line| line.rsplit('=').next().unwrap_or(line).trim());
+        let answer = answers.next();
+        match (call.guard, call.time_base) {
+            (Some(guard), _) if outcome != Outcome::Done => call.note_unasked(guard),
+            (_, Some(number)) => call.note_time_base(number, answers.next()),
+            _ => {}
+        }
         let result = match (call.guard.take(), answer) {
             (Some(guard), Some(value)) if outcome == Outcome::Done && value != guard.value => {
                 let reason = format!(

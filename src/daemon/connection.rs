@@ -35,6 +35,8 @@ pub(super) struct Pending {
     pub(super) then: Option<JobCall>,
     /// The motors whose jog is over for this client when the board has taken the job.
     pub(super) stops: u8,
+    /// Of a call that answers with remarks: these.
+    pub(super) notes: Option<Vec<String>>,
 }
 
 /// What a client waits for.

@@ -69,6 +69,10 @@ pub(super) fn understand(call: &Call, role: Role, info: &SharedInfo) -> Result<A
                 parameters.finish()?;
                 Reply::with(&info.read()).map(Action::Reply)
             }
+            "GetSettings" => {
+                parameters.finish()?;
+                Reply::with(info.settings()).map(Action::Reply)
+            }
             "Send" => {
                 require(role, Role::Engineer)?;
                 send(parameters)

@@ -17,6 +17,8 @@ const PATIENCE: Duration = Duration::from_millis(500);
 const AGAIN: Duration = Duration::from_secs(10);
 /// How long to wait after a line that may have changed something: more may follow.
 const SETTLE: Duration = Duration::from_millis(200);
+/// How long lines that go on changing something can put the questions off.
+const LONGEST: Duration = Duration::from_secs(2);
 
 /// What is asked, in order. Each question is one line; each value of its reply is one reply line.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -39,6 +41,10 @@ pub struct Identifier {
     under_way: bool,
     /// Whether to begin again when the reply has come.
     again: bool,
+    /// The first of the changes since the last complete answer.
+    changing_since: Option<Instant>,
+    /// Changes have gone on for so long that the questions are asked to their end first.
+    overdue: bool,
     not_before: Instant,
     asking: Identity,
     /// Lines of the present reply so far.
@@ -59,27 +65,48 @@ impl Identifier {
             next: if ask { 0 } else { QUESTIONS.len() },
             under_way: false,
             again: false,
+            changing_since: None,
+            overdue: false,
             not_before: now,
             lines: 0,
             wanted: ask,
         }
     }
 
-    /// The board may answer differently now: ask again soon.
+    /// The board may answer differently now: ask again soon. Where that is said again and again, the questions are asked
+    /// to their end every few seconds all the same.
     pub fn ask_again(&mut self, now: Instant) {
-        if self.wanted {
-            self.again = true;
-            self.not_before = now + SETTLE;
-            self.begin_again();
+        if !self.wanted {
+            return;
         }
+        self.again = true;
+        let since = *self.changing_since.get_or_insert(now);
+        self.overdue = now >= since + LONGEST;
+        if !self.overdue {
+            self.not_before = now + SETTLE;
+        }
+        self.begin_again();
     }
 
     /// Goes back to the first question, unless the board still owes the reply to another.
     fn begin_again(&mut self) {
-        if self.again && !self.under_way {
+        let may_stop_here = !self.overdue || self.next >= QUESTIONS.len();
+        if self.again && !self.under_way && may_stop_here {
             self.again = false;
             self.next = 0;
         }
+    }
+
+    /// Whether a question has waited so long that other lines wait for it now.
+    #[must_use]
+    pub fn is_overdue(&self, now: Instant) -> bool {
+        self.next < QUESTIONS.len() && now >= self.not_before + LONGEST
+    }
+
+    /// The line was not sent after all: it is asked again.
+    pub fn not_sent(&mut self) {
+        self.under_way = false;
+        self.begin_again();
     }
 
     /// Looks at a line somebody sends: does it change what the board would answer?
@@ -170,6 +197,8 @@ impl Identifier {
         self.next += 1;
         if self.next == QUESTIONS.len() {
             self.news = Some(self.asking.clone());
+            self.changing_since = None;
+            self.overdue = false;
         }
         self.begin_again();
     }
@@ -178,6 +207,8 @@ impl Identifier {
     pub fn failed(&mut self, now: Instant) {
         self.under_way = false;
         self.again = false;
+        self.changing_since = None;
+        self.overdue = false;
         self.next = 0;
         self.not_before = now + AGAIN;
     }
@@ -269,6 +300,30 @@ mod tests {
         }
         identifier.done();
         assert_eq!(answer(&mut identifier, now + SETTLE, &["PMAC1"]), "TYPE", "it begins again");
+    }
+
+    #[test]
+    fn a_stream_of_changes_puts_the_answer_off_but_not_for_ever() {
+        let start = Instant::now();
+        let mut identifier = Identifier::new(Identity::default(), true, start);
+        identifier.news();
+        let mut answered_at = None;
+        for step in 0..100 {
+            let now = start + Duration::from_millis(50 * step);
+            identifier.ask_again(now);
+            if identifier.next_line(now).is_some() {
+                identifier.sent();
+                identifier.line(b"1");
+                identifier.done();
+            }
+            if identifier.news().is_some() {
+                answered_at.get_or_insert(now - start);
+            }
+        }
+        let answered_at = answered_at.expect("an answer in spite of them");
+        assert!((LONGEST..2 * LONGEST).contains(&answered_at), "{answered_at:?}");
+        assert!(!identifier.is_overdue(identifier.not_before + SETTLE));
+        assert!(identifier.is_overdue(identifier.not_before + LONGEST));
     }
 
     #[test]

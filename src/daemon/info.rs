@@ -5,21 +5,34 @@
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Mutex, PoisonError};
 
-use crate::protocol::{BoardInfo, Enabled, State};
+use super::host_link::HostPortCounts;
+use super::response_port::Way;
+use crate::protocol::{BoardInfo, BoardSettings, CommandPort, Enabled, State};
 
 /// The daemon's present knowledge of its board.
 #[derive(Debug, Default)]
 pub struct SharedInfo {
     info: Mutex<BoardInfo>,
+    settings: BoardSettings,
     state: AtomicU32,
     enabled: AtomicU32,
+    command_port: AtomicU32,
+    served: AtomicU32,
+    old: AtomicU32,
+    unannounced: AtomicU32,
 }
 
 impl SharedInfo {
-    /// Starts with `info`; its `state` and `enabled` are ignored, they have setters of their own.
+    /// Starts with `info`; its `state` and `enabled` are ignored, they have setters of their own. The `settings` stay.
     #[must_use]
-    pub fn new(info: BoardInfo) -> Self {
-        Self { info: Mutex::new(info), ..Self::default() }
+    pub fn new(info: BoardInfo, settings: BoardSettings) -> Self {
+        Self { info: Mutex::new(info), settings, ..Self::default() }
+    }
+
+    /// What `GetSettings` answers.
+    #[must_use]
+    pub fn settings(&self) -> &BoardSettings {
+        &self.settings
     }
 
     /// Says whether the segment's data can be trusted. Never waits.
@@ -30,6 +43,22 @@ impl SharedInfo {
     /// Says which automatic functions are at work. Never waits.
     pub fn set_enabled(&self, enabled: Enabled) {
         self.enabled.store(enabled.bits(), Ordering::Relaxed);
+    }
+
+    /// Says which port command lines go through. Never waits.
+    pub fn set_command_port(&self, way: Way) {
+        let port = match way {
+            Way::Dpram => CommandPort::Dpram,
+            Way::Mailbox => CommandPort::Mailbox,
+        };
+        self.command_port.store(port as u32, Ordering::Relaxed);
+    }
+
+    /// Says what the host port's interrupts have come to. Never waits.
+    pub fn set_host_port(&self, counts: HostPortCounts) {
+        self.served.store(counts.served, Ordering::Relaxed);
+        self.old.store(counts.old, Ordering::Relaxed);
+        self.unannounced.store(counts.unannounced, Ordering::Relaxed);
     }
 
     /// Changes the identity. May wait for a reader: not for the bus thread.
@@ -59,6 +88,15 @@ impl SharedInfo {
             2 => State::Stale,
             _ => State::Dead,
         };
+        info.command_port = match self.command_port.load(Ordering::Relaxed) {
+            0 => CommandPort::Dpram,
+            _ => CommandPort::Mailbox,
+        };
+        if let Some(host_port) = &mut info.host_port {
+            host_port.served = self.served.load(Ordering::Relaxed);
+            host_port.old = self.old.load(Ordering::Relaxed);
+            host_port.unannounced = self.unannounced.load(Ordering::Relaxed);
+        }
         info.enabled = Enabled::from_bits_truncate(self.enabled.load(Ordering::Relaxed)).names();
         info
     }
@@ -70,7 +108,10 @@ mod tests {
 
     #[test]
     fn what_is_set_is_read() {
-        let shared = SharedInfo::new(BoardInfo { name: "pmac0".to_owned(), ..BoardInfo::default() });
+        let shared = SharedInfo::new(
+            BoardInfo { name: "pmac0".to_owned(), ..BoardInfo::default() },
+            BoardSettings::default(),
+        );
         for state in [State::Init, State::Live, State::Stale, State::Dead] {
             shared.set_state(state);
             assert_eq!(shared.read().state, state);

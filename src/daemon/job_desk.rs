@@ -39,6 +39,11 @@ impl JobDesk {
         }
     }
 
+    /// The board's firmware has become known, and with it where gathering lies; the other buffers stay where they are.
+    pub fn set_plan(&mut self, plan: Plan) {
+        self.plan = plan;
+    }
+
     /// Puts the board's host words in order at the start, or after a reset.
     ///
     /// # Errors

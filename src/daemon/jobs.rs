@@ -56,6 +56,10 @@ pub(super) struct JobCall {
     pub(super) job: Job,
     pub(super) timeout: Duration,
     pub(super) guard: Option<Guard>,
+    /// The coordinate system whose Ix93 has a say in the effect; asked together with the guard.
+    pub(super) time_base: Option<usize>,
+    /// Remarks for the caller, if the reply has room for some.
+    pub(super) notes: Option<Vec<String>>,
     /// The motors to stop when the caller is gone or silent.
     pub(super) lease: Option<PanelRequest>,
     /// What the audit log says of it, if it can move a machine or change a register.
@@ -63,13 +67,56 @@ pub(super) struct JobCall {
 }
 
 impl JobCall {
+    /// The question to ask the board first.
+    pub(super) fn question(&self, guard: Guard) -> String {
+        match self.time_base {
+            Some(number) => format!("{} I{number}93", guard.variable),
+            None => guard.variable.to_owned(),
+        }
+    }
+
+    /// Takes note of where coordinate system `number` takes its time base from, if not from the override.
+    pub(super) fn note_time_base(&mut self, number: usize, answer: Option<&str>) {
+        let register = classic::override_register(number);
+        let Some(answer) = answer else { return };
+        let value = match answer.strip_prefix('$') {
+            Some(digits) => u32::from_str_radix(digits, 16).ok(),
+            None => answer.parse().ok(),
+        };
+        if value != Some(register) {
+            self.note(format!(
+                "the override has no effect: I{number}93 is {answer}, and &{number} takes its time base from there; \
+                 I{number}93=${register:X} is where the panel's override goes"
+            ));
+        }
+    }
+
+    /// Takes note of what could not be asked.
+    pub(super) fn note_unasked(&mut self, guard: Guard) {
+        let (question, value) = (self.question(guard), guard.value);
+        let base = self.time_base.map_or_else(String::new, |number| {
+            format!(" and I{number}93=${:X}", classic::override_register(number))
+        });
+        self.note(format!(
+            "{question} could not be asked (a program buffer is open, where the question would be a program line, or the \
+             board does not answer): this has an effect only while {}={value}{base}",
+            guard.variable
+        ));
+    }
+
+    fn note(&mut self, note: String) {
+        if let Some(notes) = &mut self.notes {
+            notes.push(note);
+        }
+    }
+
     /// A watch, which needs I55=1 like every use of the variable buffers.
     pub(super) fn watch(entries: Vec<VariableEntry>) -> Self {
         Self { guard: Some(VARIABLES_ENABLED), ..Self::new(Job::WatchVariables(entries), SHORT) }
     }
 
     fn new(job: Job, timeout: Duration) -> Self {
-        Self { job, timeout, guard: None, lease: None, audit: None }
+        Self { job, timeout, guard: None, time_base: None, notes: None, lease: None, audit: None }
     }
 }
 
@@ -162,6 +209,8 @@ fn feed_override(mut parameters: Parameters) -> Result<JobCall, CallError> {
     };
     Ok(JobCall {
         guard: value.map(|_| PANEL_ENABLED),
+        time_base: value.map(|_| coordinate_system).filter(|number| (1..=classic::MOTORS).contains(number)),
+        notes: Some(Vec::new()),
         audit: Some(audit),
         ..JobCall::new(Job::Override { coordinate_system, value }, SHORT)
     })

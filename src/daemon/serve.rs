@@ -26,7 +26,7 @@ use super::queue::{Command, Event, Outcome, Receive, Sender, Ticket, Unsolicited
 use super::subscriptions::Subscriptions;
 use crate::map::errors::meaning;
 use crate::protocol::board::RotaryStateReply;
-use crate::protocol::board::{ReadReply, SendReply};
+use crate::protocol::board::{NotesReply, ReadReply, SendReply};
 use crate::protocol::{Call, CallError, Message, MessageKind, Reply};
 
 /// How much longer than asked the bus thread may take before it is not believed to answer at all.
@@ -361,7 +361,10 @@ impl Service {
                 if let Some(call) = pending.then.take() {
                     return self.guarded(ticket, call, &lines, outcome, now);
                 }
-                let reply = outcome_reply(outcome, lines, pending.length > COLLECT_MAX);
+                let reply = match (&pending.notes, outcome) {
+                    (Some(notes), Outcome::Done) => Reply::with(&NotesReply { notes: notes.clone() }),
+                    _ => outcome_reply(outcome, lines, pending.length > COLLECT_MAX),
+                };
                 if let (Outcome::Refused(reason), Some(id)) = (outcome, self.owners.get(&ticket))
                     && let Some(client) = self.clients.get(id)
                 {
@@ -451,14 +454,14 @@ impl Service {
                 client.hang_up();
                 client.close();
             }
-            if let Waiting::Board(pending) = &client.waiting
+            if let Waiting::Board(pending) = &mut client.waiting
                 && pending.deadline <= now
             {
-                unanswered.push(pending.ticket);
+                unanswered.push((pending.ticket, std::mem::take(&mut pending.lines)));
             }
         }
-        for ticket in unanswered {
-            self.answer(ticket, Err(CallError::TimedOut), now);
+        for (ticket, lines) in unanswered {
+            self.answer(ticket, Err(CallError::TimedOut { lines }), now);
         }
     }
 
@@ -496,9 +499,10 @@ fn outcome_reply(outcome: Outcome, lines: Vec<String>, overlong: bool) -> Result
             let meaning = meaning(code).unwrap_or("an error number without a documented meaning").to_owned();
             Err(CallError::Board { code, meaning, lines })
         }
-        Outcome::TimedOut => Err(CallError::TimedOut),
+        Outcome::TimedOut => Err(CallError::TimedOut { lines }),
         Outcome::Unavailable => Err(CallError::Unavailable {
-            reason: "DPRAM ASCII is off (I58 = 0) or the board does not answer".to_owned(),
+            reason: "the port for command lines is off (DPRAM ASCII: I58=0) or the board does not answer"
+                .to_owned(),
         }),
         Outcome::OutOfRange => Err(CallError::OutOfRange),
         Outcome::Refused(reason) => {

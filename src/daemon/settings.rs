@@ -6,10 +6,14 @@ use serde::Deserialize;
 
 use super::options::Options;
 use super::policy::Roles;
+use super::ports::{HostPortConfig, HostPortTable, MailboxConfig, MailboxTable};
+use super::uncertain::Uncertain;
 use crate::device::BoardSpec;
 use crate::format::{TextOrder, WordOrder};
 use crate::function::servo::ServoReading;
-use crate::map::classic;
+use crate::map::{PlanSettings, classic};
+use crate::protocol::{BoardSettings, GatherSettings, VariablesSettings};
+use crate::rotary;
 use crate::segment::SegmentName;
 
 /// The configuration file as it is written: TOML, every key optional, an unknown one an error.
@@ -44,6 +48,19 @@ pub struct ConfigFile {
     ask_board: Option<bool>,
     /// Groups whose members may do more than look.
     roles: Option<RolesTable>,
+    /// The mailbox circuit of a VME board.
+    mailbox: Option<MailboxTable>,
+    /// The interrupt controller behind the host port.
+    host_port: Option<HostPortTable>,
+    /// What no document decides: see [`super::uncertain`].
+    #[serde(default)]
+    plan: PlanSettings,
+    #[serde(default)]
+    gather: GatherSettings,
+    #[serde(default)]
+    variables: VariablesSettings,
+    #[serde(default)]
+    rotary: rotary::Settings,
 }
 
 #[derive(Debug, Clone, Default, Deserialize)]
@@ -125,6 +142,12 @@ pub struct Settings {
     pub ask_board: bool,
     /// Groups whose members may do more than look.
     pub roles: Roles,
+    /// The mailbox circuit of a VME board.
+    pub mailbox: Option<MailboxConfig>,
+    /// The interrupt controller behind the host port.
+    pub host_port: Option<HostPortConfig>,
+    /// What no document decides.
+    pub uncertain: Uncertain,
 }
 
 /// Why the settings were refused. One line: what, where, what to do.
@@ -150,6 +173,14 @@ impl Settings {
         let name = options.name.clone().or(file.name).unwrap_or_else(|| "pmac0".to_owned());
         let socket = options.socket.clone().or(file.socket);
         let roles = file.roles.unwrap_or_default();
+        let family = file.family.unwrap_or_default();
+        let host_port = file.host_port.map(|table| table.decide(family)).transpose();
+        let uncertain = BoardSettings {
+            plan: file.plan,
+            gather: file.gather,
+            variables: file.variables,
+            rotary: file.rotary,
+        };
         Ok(Self {
             board: board_text.parse().map_err(refused)?,
             board_text,
@@ -159,7 +190,9 @@ impl Settings {
             socket_mode: mode("socket_mode", file.socket_mode.as_deref(), 0o660)?,
             socket_group: file.socket_group,
             segment_mode: mode("segment_mode", file.segment_mode.as_deref(), 0o644)?,
-            family: file.family.unwrap_or_default(),
+            family,
+            uncertain: Uncertain::decide(uncertain, family.name(), file.firmware.as_deref())
+                .map_err(refused)?,
             firmware: file.firmware,
             motors: limited("motors", file.motors, 1, classic::MOTORS as u32)?,
             i10: limited("i10", file.i10, 1, 8_388_607)?,
@@ -170,6 +203,8 @@ impl Settings {
             background_period_ns: period_ns(file.background_hz.unwrap_or(20.0))?,
             ask_board: file.ask_board.unwrap_or(true),
             roles: Roles { operate: roles.operate, engineer: roles.engineer },
+            mailbox: file.mailbox.map(MailboxTable::decide).transpose().map_err(SettingsError)?,
+            host_port: host_port.map_err(SettingsError)?,
         })
     }
 }
@@ -261,6 +296,10 @@ mod tests {
             ("board = \"sim\"\nmotors = 9\n", "motors = 9 is out of range: write 1 to 8"),
             ("board = \"sim\"\nsocket_mode = \"9\"\n", "no file mode"),
             ("board = \"sim\"\nbackground_hz = 0\n", "background_hz = 0 is out of range"),
+            ("board = \"sim\"\n[rotary]\nexponent_bias = 64\n", "[rotary] exponent_bias = 64: 0 to 63"),
+            ("board = \"sim\"\n[plan]\nrotary_longs = [5, 0]\n", "[plan] rotary"),
+            ("board = \"sim\"\n[gather]\nplace = 3\n", "FILE:3:1: unknown field `place`"),
+            ("board = \"sim\"\nfirmware = \"new\"\n", "not a firmware version"),
             ("board = \"boat\"\n", "no board kind `boat`"),
             ("board = \"sim\"\nname = \"a/b\"\n", "cannot be a segment's name"),
             ("board = \"sim\"\n[roles]\nking = []\n", "FILE:3:1: unknown field `king`"),

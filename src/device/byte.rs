@@ -67,6 +67,34 @@ impl ByteBus for Mapping {
     }
 }
 
+impl<B: ByteBus + ?Sized> ByteBus for Box<B> {
+    fn read8(&mut self, offset: u32) -> Result<u8, ByteBusError> {
+        (**self).read8(offset)
+    }
+    fn write8(&mut self, offset: u32, value: u8) -> Result<(), ByteBusError> {
+        (**self).write8(offset, value)
+    }
+    fn order_accesses(&mut self) {
+        (**self).order_accesses();
+    }
+}
+
+/// Registers on the other byte lane: a bridge that swaps the two bytes of a word shows an odd register at the even
+/// address below it.
+pub struct OtherLane<B>(pub B);
+
+impl<B: ByteBus> ByteBus for OtherLane<B> {
+    fn read8(&mut self, offset: u32) -> Result<u8, ByteBusError> {
+        self.0.read8(offset ^ 1)
+    }
+    fn write8(&mut self, offset: u32, value: u8) -> Result<(), ByteBusError> {
+        self.0.write8(offset ^ 1, value)
+    }
+    fn order_accesses(&mut self) {
+        self.0.order_accesses();
+    }
+}
+
 /// Registers in the I/O space of a PC. Needs the right to do raw I/O; nothing else on the machine may use them.
 pub struct PortRegisters {
     file: File,

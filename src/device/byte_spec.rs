@@ -33,6 +33,14 @@ enum BytePlace {
     Window(Place),
 }
 
+impl ByteSpec {
+    /// Whether a file stands for the registers: the board is a simulated one.
+    #[must_use]
+    pub fn is_file(&self) -> bool {
+        matches!(self.place, BytePlace::File(_))
+    }
+}
+
 /// Why a specification was refused.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error(

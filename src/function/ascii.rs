@@ -252,6 +252,36 @@ impl AsciiPort {
         Ok(true)
     }
 
+    /// Whether the port reads as all ones: the board's memory is out of reach (its page is not selected, or it has no
+    /// power). The control character's word has 8 bits, so nobody writes that. 1 read.
+    ///
+    /// # Errors
+    /// When the bus cannot be reached.
+    pub fn is_out_of_reach(bus: &mut impl Bus) -> Result<bool, BusError> {
+        Ok(bus.read16(ASCII_CONTROL_CHARACTER)? == u16::MAX)
+    }
+
+    /// Takes back the command under way if the board has taken nothing of it, so that it can go another way; the port
+    /// is idle then. `Ok(false)`: the board has taken some of it, or nothing is under way.
+    ///
+    /// # Errors
+    /// When the bus cannot be reached.
+    pub fn take_back(&mut self, bus: &mut impl Bus) -> Result<bool, BusError> {
+        let word = match self.state {
+            State::Loaded { sent } if sent <= FIRST_PART => ASCII_OUTPUT_CONTROL,
+            State::ControlReply { taken: false, .. } => ASCII_CONTROL_CHARACTER,
+            _ => return Ok(false),
+        };
+        let lying = bus.read16(word)?;
+        if lying == 0 || lying == u16::MAX {
+            return Ok(false);
+        }
+        bus.write16(word, 0)?;
+        bus.order_writes();
+        self.state = State::Idle;
+        Ok(true)
+    }
+
     /// Takes back a line the board has not taken, and nothing else.
     ///
     /// # Errors

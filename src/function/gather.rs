@@ -143,6 +143,8 @@ pub struct GatherReader {
     /// Samples the buffer holds.
     capacity: u64,
     start: GatherStart,
+    /// By how many samples the count may be off that the clock gives.
+    slack: u64,
     /// The slot of sample 0.
     base: u64,
     /// Complete samples the board has stored since sample 0.
@@ -195,6 +197,7 @@ impl GatherReader {
             buffer,
             capacity: samples.into(),
             start,
+            slack: SLACK_SAMPLES,
             base: 0,
             written: 0,
             read: 0,
@@ -215,6 +218,13 @@ impl GatherReader {
         (self.base, self.written, self.read, self.lost, self.length) = (0, 0, 0, 0, 0);
         (self.last, self.broken) = (None, None);
         (self.stopping, self.stopped) = (false, false);
+    }
+
+    /// The clock is not the board's own: its cycles may be off by an eighth of a turn, which still leaves less than a
+    /// turn open (a quarter for each of two brackets, an eighth on either side). A buffer that somebody else defines
+    /// anew within that distance of its end looks as if gathering went on.
+    pub fn doubt_clock(&mut self) {
+        self.slack = SLACK_SAMPLES.max(self.capacity / 8);
     }
 
     /// The board has answered `ENDGATHER`: after the next look at the index no further samples come, and time that
@@ -358,8 +368,8 @@ impl GatherReader {
         let here = (self.base + self.written) % self.capacity;
         let ahead = (slot % self.capacity + self.capacity - here) % self.capacity;
         let period = u64::from(self.buffer.period);
-        let least = (now.0.saturating_sub(last.1) / period).saturating_sub(SLACK_SAMPLES);
-        let most = now.1.saturating_sub(last.0).div_ceil(period) + SLACK_SAMPLES;
+        let least = (now.0.saturating_sub(last.1) / period).saturating_sub(self.slack);
+        let most = now.1.saturating_sub(last.0).div_ceil(period) + self.slack;
         if ahead > most {
             return Err(Misfit::TooMany);
         }

@@ -77,11 +77,12 @@ impl HostPort {
     }
 
     /// Lets the line through, after ending whatever interrupt of it was never ended. The other lines stay as they
-    /// are, or, where the controller is initialised, closed. 1 read and 2 writes; 4 more with an initialisation.
+    /// are, or, where the controller is initialised, closed. Gives whether the line was open already. 1 read and
+    /// 2 writes; 4 more with an initialisation.
     ///
     /// # Errors
     /// When the registers cannot be reached.
-    pub fn enable(&self, bus: &mut impl ByteBus) -> Result<(), ByteBusError> {
+    pub fn enable(&self, bus: &mut impl ByteBus) -> Result<bool, ByteBusError> {
         if let (Controller::Pic8259, Some([icw1, icw2, icw4])) = (self.controller, self.initialisation) {
             bus.write8(register::COMMAND, icw1)?;
             bus.write8(register::PIC_MASK, icw2)?;
@@ -98,7 +99,7 @@ impl HostPort {
     /// # Errors
     /// When the registers cannot be reached.
     pub fn disable(&self, bus: &mut impl ByteBus) -> Result<(), ByteBusError> {
-        self.change_mask(bus, false)
+        self.change_mask(bus, false).map(|_| ())
     }
 
     /// Ends the line's interrupt, so that the next one can come. The PC's own controllers are the kernel's business.
@@ -132,7 +133,8 @@ impl HostPort {
         Ok(lines & self.bit() != 0)
     }
 
-    fn change_mask(&self, bus: &mut impl ByteBus, enabled: bool) -> Result<(), ByteBusError> {
+    /// Opens or shuts the line; gives whether it was open.
+    fn change_mask(&self, bus: &mut impl ByteBus, enabled: bool) -> Result<bool, ByteBusError> {
         let (register, one_is_enabled) = match self.controller {
             Controller::Pic8259 => (register::PIC_MASK, false),
             Controller::Pmac2 => (register::ENABLE, true),
@@ -141,7 +143,7 @@ impl HostPort {
         let set = enabled == one_is_enabled;
         bus.write8(register, if set { mask | self.bit() } else { mask & !self.bit() })?;
         bus.order_accesses();
-        Ok(())
+        Ok((mask & self.bit() != 0) == one_is_enabled)
     }
 }
 
@@ -182,6 +184,10 @@ mod tests {
     fn a_pmac_is_acknowledged_by_a_specific_end_and_masks_with_ones() {
         let mut bus = Registers::new();
         bus.values[9] = 0xFF;
+        assert!(!HostPort::PMAC.enable(&mut bus).unwrap(), "it was shut");
+        assert!(HostPort::PMAC.enable(&mut bus).unwrap(), "it is open");
+        bus = Registers::new();
+        bus.values[9] = 0xFF;
         HostPort::PMAC.enable(&mut bus).unwrap();
         assert_eq!((bus.written.as_slice(), bus.reads), (&[(8, 0x67), (9, 0x7F)][..], 1));
         HostPort::PMAC.acknowledge(&mut bus).unwrap();
@@ -195,7 +201,7 @@ mod tests {
     fn a_pmac2_is_the_other_way_round() {
         let mut bus = Registers::new();
         bus.values[10] = 0x81;
-        HostPort::PMAC2.enable(&mut bus).unwrap();
+        assert!(!HostPort::PMAC2.enable(&mut bus).unwrap());
         assert_eq!((bus.written.as_slice(), bus.reads), (&[(8, 0x20), (10, 0xA1)][..], 1));
         HostPort::PMAC2.disable(&mut bus).unwrap();
         assert_eq!(bus.values[10], 0x81);

@@ -25,6 +25,8 @@ use crate::map::classic::ASCII_LINE_LIMIT;
 
 /// How long the port must have been silent before it is used again after it gave up on a reply.
 pub const SETTLE: Duration = Duration::from_millis(50);
+/// How long the board may take to take the `<CTRL-X>`. Until it has, more of the reply given up may come.
+pub const CANCEL_LIMIT: Duration = Duration::from_secs(1);
 /// How long after its last line a control character's reply counts as complete if no `<ACK>` ends it.
 pub const CONTROL_REPLY_END: Duration = Duration::from_millis(50);
 
@@ -140,6 +142,7 @@ enum State {
     /// Something may still come that belongs to a command given up; nothing did since `quiet_since`.
     Settling {
         quiet_since: Instant,
+        since: Instant,
     },
 }
 
@@ -190,7 +193,7 @@ impl MailboxPort {
     /// When the registers cannot be reached.
     pub fn start(&mut self, bus: &mut impl ByteBus, now: Instant) -> Result<(), ByteBusError> {
         *self = Self::new(self.settings);
-        self.state = State::Settling { quiet_since: now };
+        self.state = State::Settling { quiet_since: now, since: now };
         self.enable(bus)
     }
 
@@ -214,6 +217,12 @@ impl MailboxPort {
             State::ControlReply { .. } => !self.control_lies,
             _ => false,
         }
+    }
+
+    /// Whether a control character lies in mailbox 0, not taken by the board yet, as far as steps have seen.
+    #[must_use]
+    pub fn control_lies(&self) -> bool {
+        self.control_lies
     }
 
     /// Notes an interrupt. It is acted on by the next step.
@@ -286,7 +295,7 @@ impl MailboxPort {
         // A board that lost an interrupt would wait for this for ever; what it overwrites is dropped anyway.
         self.reply_lies = false;
         self.enable(bus)?;
-        self.state = State::Settling { quiet_since: now };
+        self.state = State::Settling { quiet_since: now, since: now };
         Ok(())
     }
 
@@ -299,6 +308,9 @@ impl MailboxPort {
         let taken = std::mem::take(&mut self.group_taken);
         if taken {
             self.control_lies = false;
+            if let State::Settling { quiet_since, .. } = &mut self.state {
+                *quiet_since = now;
+            }
         }
         let sent_all = matches!(self.state, State::Sending { sent } if sent == self.length);
         // PMAC could not have filled the mailboxes before it took what lay in them, whichever interrupt is seen first.
@@ -319,7 +331,9 @@ impl MailboxPort {
                 self.state = State::Idle;
                 return Ok(Some(AsciiEvent::Done(Ok(()))));
             }
-            State::Settling { quiet_since } if now >= quiet_since + SETTLE => {
+            State::Settling { quiet_since, since }
+                if now >= quiet_since + SETTLE && (!self.control_lies || now >= since + CANCEL_LIMIT) =>
+            {
                 self.control_lies = false;
                 self.text_length = 0;
                 self.error = false;
@@ -369,7 +383,7 @@ impl MailboxPort {
         bus: &mut impl ByteBus,
         now: Instant,
     ) -> Result<Option<AsciiEvent>, ByteBusError> {
-        if let State::ControlReply { quiet_since } | State::Settling { quiet_since } = &mut self.state {
+        if let State::ControlReply { quiet_since } | State::Settling { quiet_since, .. } = &mut self.state {
             *quiet_since = now;
         }
         let mut end = None;

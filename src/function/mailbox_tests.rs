@@ -226,9 +226,27 @@ fn what_comes_after_giving_up_belongs_to_nobody() {
     assert!(!rig.begin("P2"), "the silence starts anew");
     rig.now += SETTLE;
     assert_eq!(rig.step(), None);
+    assert!(!rig.begin("P2"), "PMAC has not taken the <CTRL-X>: there may be more");
+    rig.port.signal(MailboxSignal::GroupTaken);
+    assert_eq!(rig.step(), None);
+    rig.now += SETTLE;
+    assert_eq!(rig.step(), None);
     assert!(rig.begin("P2"));
     rig.take_all("P2");
     assert_eq!(rig.fill(b"2\r"), line("2"));
+}
+
+#[test]
+fn a_cancel_that_is_never_taken_does_not_close_the_port_for_ever() {
+    let mut rig = Rig::new(MailboxSettings::default());
+    assert!(rig.begin("P1"));
+    rig.port.give_up(&mut rig.bus, rig.now).unwrap();
+    rig.now += CANCEL_LIMIT - SETTLE;
+    assert_eq!(rig.step(), None);
+    assert!(!rig.port.is_idle());
+    rig.now += SETTLE;
+    assert_eq!(rig.step(), None);
+    assert!(rig.begin("P2"));
 }
 
 #[test]

@@ -10,8 +10,8 @@
 
 use crate::device::{Bus, BusError};
 use crate::map::classic::{
-    self, HOST_BUSY, PMAC_BUSY, SERVO_GLOBAL_STATUS_Y, SERVO_HOST_STATUS, SERVO_MOTOR, SERVO_MOTOR_WORDS,
-    SERVO_PMAC_STATUS, SERVO_TIMER_MASK,
+    self, HOST_BUSY, PMAC_BUSY, PROGRAM_BUFFER_OPEN, SERVO_GLOBAL_STATUS_Y, SERVO_HOST_STATUS, SERVO_MOTOR,
+    SERVO_MOTOR_WORDS, SERVO_PMAC_STATUS, SERVO_TIMER_MASK,
 };
 
 /// How the buffer is read.
@@ -90,6 +90,14 @@ impl ServoReader {
     #[must_use]
     pub fn image(&self) -> &[u16] {
         &self.image[..word_index(SERVO_MOTOR) + self.motors * SERVO_MOTOR_WORDS]
+    }
+
+    /// Whether a program buffer was open on the board at the last update, as the copy of its global status says.
+    #[must_use]
+    pub fn program_buffer_open(&self) -> bool {
+        self.image
+            .get(word_index(SERVO_GLOBAL_STATUS_Y) + 1)
+            .is_some_and(|word| word & PROGRAM_BUFFER_OPEN != 0)
     }
 
     /// Forgets the last update. What lies in the buffer at the next look counts as old: only a change after it is an

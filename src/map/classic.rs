@@ -66,6 +66,17 @@ pub const SERVO_MOTOR_STRIDE: u32 = 0x3C;
 /// 16-bit words in a motor's servo block.
 pub const SERVO_MOTOR_WORDS: usize = SERVO_MOTOR_STRIDE as usize / 2;
 
+/// In the high word of the copy of Y:$0003 (bits 19, 18 and 17 there): a motion, rotary or PLC buffer is open, so that a
+/// command line is a program line (Software Reference, `???`).
+pub const PROGRAM_BUFFER_OPEN: u16 = 0b1110;
+/// In X:$0003, the first word of `???`: data are gathered.
+pub const GATHERING: u32 = 1 << 19;
+/// Where PMAC keeps the time base of coordinate system `number` (1 to 8) that the panel's override sets; the default of
+/// its Ix93.
+#[must_use]
+pub const fn override_register(number: usize) -> u32 {
+    0x0806 + 0xC0 * (number as u32).saturating_sub(1)
+}
 /// In [`SERVO_HOST_STATUS`]: the host is reading, PMAC leaves the buffer alone.
 pub const HOST_BUSY: u16 = 1 << 0;
 /// In [`SERVO_PMAC_STATUS`]: PMAC is updating the buffer.

@@ -16,6 +16,19 @@ pub enum GatherSizeWord {
     AsPrinted,
 }
 
+/// Where the gather buffer and its index lie. That some firmware moves them is known from one driver's table only.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Deserialize, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum GatherPosition {
+    /// Where that table has them for the board's firmware; as printed while the firmware is not known.
+    #[default]
+    ByFirmware,
+    /// At $D200, index at 0x07FE, as printed.
+    Printed,
+    /// At $D240, index at 0x08FE, whatever the firmware.
+    Moved,
+}
+
 /// The register map of one board.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Layout {
@@ -70,18 +83,23 @@ impl Layout {
     /// The layout of `family`; without `firmware`, as printed.
     #[must_use]
     pub fn new(family: &'static Family, firmware: Option<Firmware>) -> Self {
-        Self::with_gather_size(family, firmware, GatherSizeWord::default())
+        Self::with_gather(family, firmware, GatherPosition::default(), GatherSizeWord::default())
     }
 
-    /// As [`Layout::new`], with a choice for the gather buffer's size word.
+    /// As [`Layout::new`], with a choice for what no manual tells of the gather buffer.
     #[must_use]
-    pub fn with_gather_size(
+    pub fn with_gather(
         family: &'static Family,
         firmware: Option<Firmware>,
+        position: GatherPosition,
         size_word: GatherSizeWord,
     ) -> Self {
-        let moved = firmware
-            .is_some_and(|version| family.gather_moved_in.iter().any(|name| name.parse() == Ok(version)));
+        let moved = match position {
+            GatherPosition::ByFirmware => firmware
+                .is_some_and(|version| family.gather_moved_in.iter().any(|name| name.parse() == Ok(version))),
+            GatherPosition::Printed => false,
+            GatherPosition::Moved => true,
+        };
         let printed = family.gather;
         let shift = |offset: HostOffset| offset.plus_words(family.gather_shift as usize / 2);
         let gather = if moved {
@@ -247,7 +265,7 @@ mod tests {
     fn listed_firmware_moves_the_gather_buffer_and_no_other() {
         let at = |version: Option<&str>, size_word| {
             let firmware = version.map(|text| text.parse().unwrap());
-            let place = Layout::with_gather_size(&PMAC, firmware, size_word).gather();
+            let place = Layout::with_gather(&PMAC, firmware, GatherPosition::ByFirmware, size_word).gather();
             [place.size, place.index, place.buffer].map(HostOffset::bytes)
         };
         let printed = [0x07FC, 0x07FE, 0x0800];

@@ -27,7 +27,7 @@ pub use classic_table::PANEL_REQUEST_BITS;
 pub use family::{FAMILIES, Family, GatherPlace, PMAC, PMAC2, UnknownFamily};
 pub use field::{BitField, Field, FieldError};
 pub use firmware::{BadFirmware, Firmware};
-pub use layout::{Entry, GatherSizeWord, Layout, MapRecord, Place, records};
+pub use layout::{Entry, GatherPosition, GatherSizeWord, Layout, MapRecord, Place, records};
 pub use plan::{NotOpen, Owner, Plan, PlanError, PlanSettings};
 pub use region::Region;
 pub use register::{Bits, Block, Format, NumberKind, Register, Source, SourceAt, Width, Writer};

@@ -70,6 +70,16 @@ impl BackgroundMirror {
         self.began_ns = None;
     }
 
+    /// Gives up what lies there, so that the next report is a new one.
+    ///
+    /// # Errors
+    /// When the bus cannot be reached.
+    pub fn start_over(&mut self, bus: &mut impl Bus) -> Result<(), BusError> {
+        self.reader.forget();
+        self.began_ns = None;
+        BackgroundReader::release(bus)
+    }
+
     /// Looks once: reads a part of a report, and publishes it when it is whole.
     ///
     /// # Errors

@@ -110,6 +110,9 @@ impl GatherMirror {
             Ok(reader) => reader,
             Err(error) => return Ok(Err(error.to_string())),
         };
+        if matches!(clock, GatherClock::Host(_)) {
+            reader.doubt_clock();
+        }
         let mut timer = ServoTimer::new(TIMER_BITS);
         let reason = match look(bus, &mut reader, clock, &mut timer)? {
             GatherLook::Idle => None,

@@ -82,6 +82,12 @@ impl ServoMirror {
         self.freshness.is_live()
     }
 
+    /// Whether a program buffer is open on the board, as far as the servo data tell: not while none come.
+    #[must_use]
+    pub fn program_buffer_open(&self) -> bool {
+        self.is_live() && self.reader.program_buffer_open()
+    }
+
     /// Updates are stale after this time.
     #[must_use]
     pub fn stale_after_ns(&self) -> u64 {

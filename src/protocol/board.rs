@@ -73,6 +73,39 @@ pub struct BoardInfo {
     pub segment: String,
     /// The automatic functions at work: `servo`, `background`, `ascii`, `interrupt`.
     pub enabled: Vec<String>,
+    /// Which port command lines go through now.
+    #[serde(default)]
+    pub command_port: CommandPort,
+    /// The interrupt controller behind the board's host port, where the daemon serves it.
+    #[serde(default)]
+    pub host_port: Option<HostPortInfo>,
+}
+
+/// A port for command lines.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+#[repr(u32)]
+pub enum CommandPort {
+    /// The DPRAM's ASCII buffers.
+    #[default]
+    Dpram = 0,
+    /// The VME mailboxes.
+    Mailbox = 1,
+}
+
+/// The interrupt controller behind a host port.
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
+pub struct HostPortInfo {
+    /// `pic8259` or `pmac2`.
+    pub controller: String,
+    /// The line, 0 to 7.
+    pub line: u32,
+    /// Interrupts served since the daemon's start.
+    pub served: u32,
+    /// Of these, how many were old ones: no response was there any more.
+    pub old: u32,
+    /// Responses whose interrupt never came.
+    pub unannounced: u32,
 }
 
 /// Which statement of a PMAC program caused a text.
@@ -112,6 +145,13 @@ pub struct ReadReply {
     pub time_ns: u64,
     /// The words, ascending.
     pub words: Vec<u16>,
+}
+
+/// The reply of `FeedOverride`.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct NotesReply {
+    /// What the caller should know of the effect, one sentence each; none when all is as it should be.
+    pub notes: Vec<String>,
 }
 
 /// A register to write: an element of `WriteVariables`.
@@ -162,8 +202,14 @@ pub enum CallError {
         lines: Vec<String>,
     },
     /// The board did not answer in time.
-    #[error("the board did not answer in time; the line may or may not have been carried out")]
-    TimedOut,
+    #[error(
+        "the board did not answer in time{}; the line may or may not have been carried out",
+        so_far(lines)
+    )]
+    TimedOut {
+        /// What had come of its reply.
+        lines: Vec<String>,
+    },
     /// The board does not take commands now.
     #[error("the board does not take commands now: {reason}")]
     Unavailable {
@@ -220,6 +266,15 @@ pub enum CallError {
     Protocol(String),
 }
 
+/// How much of a reply had come when it was given up.
+fn so_far(lines: &[String]) -> String {
+    match lines.len() {
+        0 => String::new(),
+        1 => ": 1 line of its reply had come, its end had not".to_owned(),
+        count => format!(": {count} lines of its reply had come, its end had not"),
+    }
+}
+
 impl CallError {
     /// The error as a reply.
     #[must_use]
@@ -228,7 +283,7 @@ impl CallError {
             Self::Board { code, meaning, lines } => {
                 (BOARD, "BoardError", json!({"code": code, "meaning": meaning, "lines": lines}))
             }
-            Self::TimedOut => (BOARD, "TimedOut", Value::Null),
+            Self::TimedOut { lines } => (BOARD, "TimedOut", json!({"lines": lines})),
             Self::Unavailable { reason } => (BOARD, "Unavailable", json!({"reason": reason})),
             Self::Busy => (BOARD, "Busy", Value::Null),
             Self::NotPermitted { role_needed } => {
@@ -261,6 +316,10 @@ impl CallError {
         let full_name = reply.error.as_deref()?;
         let fields = reply.parameters.clone().unwrap_or_default();
         let text = |name: &str| fields.get(name).and_then(Value::as_str).unwrap_or_default().to_owned();
+        let lines = || {
+            let lines = fields.get("lines").and_then(|lines| serde_json::from_value(lines.clone()).ok());
+            lines.unwrap_or_default()
+        };
         let (interface, name) = full_name.rsplit_once('.').unwrap_or(("", full_name));
         Some(match (interface, name) {
             (BOARD, "BoardError") => Self::Board {
@@ -270,12 +329,9 @@ impl CallError {
                     .and_then(|c| u16::try_from(c).ok())
                     .unwrap_or(0),
                 meaning: text("meaning"),
-                lines: fields
-                    .get("lines")
-                    .and_then(|lines| serde_json::from_value(lines.clone()).ok())
-                    .unwrap_or_default(),
+                lines: lines(),
             },
-            (BOARD, "TimedOut") => Self::TimedOut,
+            (BOARD, "TimedOut") => Self::TimedOut { lines: lines() },
             (BOARD, "Unavailable") => Self::Unavailable { reason: text("reason") },
             (BOARD, "Busy") => Self::Busy,
             (BOARD, "NotPermitted") => Self::NotPermitted { role_needed: text("role_needed") },
@@ -300,7 +356,8 @@ mod tests {
         let text = || "why".to_owned();
         for error in [
             CallError::Board { code: 3, meaning: text(), lines: vec![text()] },
-            CallError::TimedOut,
+            CallError::TimedOut { lines: vec![text(), text()] },
+            CallError::TimedOut { lines: Vec::new() },
             CallError::Unavailable { reason: text() },
             CallError::Busy,
             CallError::NotPermitted { role_needed: text() },

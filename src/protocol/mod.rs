@@ -8,12 +8,14 @@ pub mod control;
 pub mod frame;
 pub mod message;
 pub mod open_buffer;
+pub mod settings;
 pub mod transport;
 
-pub use board::{BoardInfo, CallError, Enabled, Message, MessageKind, State};
+pub use board::{BoardInfo, CallError, CommandPort, Enabled, HostPortInfo, Message, MessageKind, State};
 pub use frame::Inbox;
 pub use message::{Call, Parameters, Reply};
 pub use open_buffer::OpenBuffer;
+pub use settings::{BoardSettings, GatherSettings, VariablesMode, VariablesSettings};
 
 /// The name of our interface.
 pub const BOARD: &str = "io.github.pmac-dpram.Board";

@@ -10,7 +10,7 @@
 
 use std::collections::VecDeque;
 
-use super::language::{CommandError, Interpreter, Reply};
+use super::language::{CommandError, Interpreter, Reply, takes_line};
 use super::machine::Machine;
 use super::offsets;
 use crate::format::TextOrder;
@@ -40,6 +40,10 @@ pub struct AsciiPort {
     first_part: Option<Vec<u8>>,
     /// Passes left until a late `<ACK>` may go.
     late: Option<u64>,
+    /// Words of a torn response that are not written yet.
+    rest: Vec<(u16, u16)>,
+    /// The response given last is to be given again.
+    repeat: Option<Response>,
     /// Lines and control characters taken.
     pub commands: u64,
     /// Interrupts raised by responses, not yet given to the hosts.
@@ -53,6 +57,8 @@ impl AsciiPort {
         self.seen = None;
         self.first_part = None;
         self.late = None;
+        self.rest.clear();
+        self.repeat = None;
     }
 
     /// Queues a response. A line longer than the buffer is cut at 255 characters.
@@ -92,10 +98,11 @@ fn take_character(machine: &mut Machine, interpreter: &mut Interpreter) {
     control(machine, interpreter, character);
 }
 
-/// Carries out a control character. One that reports data ends with the acknowledgement, others answer nothing.
+/// Carries out a control character. One that reports data ends with the acknowledgement, as does the line that ^W takes;
+/// others answer nothing. (^E and ^G report bytes that no text of this port can hold.)
 fn control(machine: &mut Machine, interpreter: &mut Interpreter, character: u8) {
     if let Some(reply) = interpreter.control(machine, character)
-        && (reply.error.is_some() || !reply.lines.is_empty())
+        && (reply.error.is_some() || !reply.lines.is_empty() || takes_line(character))
     {
         answer(machine, reply);
     }
@@ -168,6 +175,16 @@ fn answer(machine: &mut Machine, reply: Reply) {
 }
 
 fn respond(machine: &mut Machine) {
+    for (offset, word) in std::mem::take(&mut machine.ascii.rest) {
+        machine.memory.dpram.write16(offset, word);
+    }
+    if let Some(again) =
+        machine.ascii.repeat.take_if(|_| machine.memory.dpram.read16(offsets::ASCII_IN_CONTROL) == 0)
+    {
+        machine.ascii.queue.push_front(again);
+        put(machine);
+        return;
+    }
     let Some(next) = machine.ascii.queue.front() else { return };
     if next.control == RESPONSE_ACKNOWLEDGE && machine.faults.ascii_late_ack > 0 {
         let left = machine.ascii.late.get_or_insert(machine.faults.ascii_late_ack);
@@ -180,15 +197,31 @@ fn respond(machine: &mut Machine) {
         return;
     }
     machine.ascii.late = None;
+    if machine.faults.ascii_repeat {
+        machine.ascii.repeat = machine.ascii.queue.front().cloned();
+    }
+    put(machine);
+}
+
+/// Writes the first response of the queue.
+fn put(machine: &mut Machine) {
     let Some(Response { control, text }) = machine.ascii.queue.pop_front() else { return };
     let dpram = &mut machine.memory.dpram;
     // One NUL at least; the second half of the last word is a NUL too.
-    for (index, place) in (0..=text.len()).step_by(2).enumerate() {
+    let words = (0..=text.len()).step_by(2).map(|place| {
         let character = |at: usize| text.get(at).copied().unwrap_or(0);
         let word = TextOrder::LowFirst.pack(character(place), character(place + 1));
-        dpram.write16(offsets::ASCII_IN_TEXT + 2 * index as u16, word);
+        (offsets::ASCII_IN_TEXT + place as u16, word)
+    });
+    let whole = if machine.faults.ascii_torn { text.len() / 4 } else { usize::MAX };
+    for (index, (offset, word)) in words.enumerate() {
+        if index < whole {
+            dpram.write16(offset, word);
+        } else {
+            machine.ascii.rest.push((offset, word));
+        }
     }
-    dpram.write16(offsets::ASCII_IN_COUNT, text.len() as u16 + 1);
+    dpram.write16(offsets::ASCII_IN_COUNT, machine.faults.ascii_count.unwrap_or(text.len() as u16 + 1));
     dpram.order_writes();
     dpram.write16(offsets::ASCII_IN_CONTROL, control);
     if machine.variables.i(56) == 1.0 {

@@ -186,3 +186,47 @@ fn the_judge_sees_what_a_host_must_not_do() {
     bench.run(300);
     assert!(bench.violations().is_empty(), "{:?}", bench.violations());
 }
+
+#[test]
+fn control_w_takes_the_line_that_i47_points_to() {
+    let mut bench = Bench::started();
+    bench.set(47, f64::from(0xD300));
+    for (index, pair) in b"P7=42 P7..8\0".chunks(2).enumerate() {
+        bench.write(0x0C00 + 2 * index as u16, u16::from_le_bytes([pair[0], pair[1]]));
+    }
+    bench.write(0x062E, 0x17);
+    assert_eq!([bench.response(), bench.response(), bench.response()], [line("42"), line("0"), ack()]);
+    // A line without data is acknowledged; one that is not in the DPRAM is empty.
+    bench.write(0x0C04, u16::from(b'2'));
+    bench.write(0x062E, 0x17);
+    assert_eq!(bench.response(), ack());
+    bench.set(47, f64::from(0x1000));
+    bench.write(0x062E, 0x17);
+    assert_eq!(bench.response(), ack());
+}
+
+#[test]
+fn torn_repeated_and_miscounted_responses_are_what_their_faults_say() {
+    let mut bench = Bench::started();
+    bench.board.machine.faults.ascii_repeat = true;
+    assert_eq!(bench.send("I59"), [line("8"), line("8"), ack()]);
+    assert_eq!(bench.response(), ack());
+    bench.board.machine.faults.ascii_repeat = false;
+    bench.board.machine.faults.ascii_count = Some(77);
+    bench.write_text("VERSION I10");
+    bench.write(0x062C, 1);
+    bench.run(5);
+    assert_eq!((bench.read(0x06D0), bench.read(0x06D2)), (0x000D, 77));
+    bench.board.machine.faults.ascii_count = None;
+    bench.board.machine.faults.ascii_torn = true;
+    bench.write(0x06D0, 0);
+    while bench.read(0x06D0) == 0 {
+        bench.run(1);
+    }
+    // Of "3713707" only two characters have come; "16" is left of "1.16D".
+    let words = |bench: &Bench| [0x06D4, 0x06D6].map(|offset| bench.read(offset).to_le_bytes());
+    assert_eq!(words(&bench), [*b"37", *b"16"]);
+    bench.run(1);
+    assert_eq!(words(&bench), [*b"37", *b"13"]);
+    assert_eq!(bench.response(), line("3713707"));
+}

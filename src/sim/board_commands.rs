@@ -59,12 +59,17 @@ impl Machine {
         coordinate::override_percent(cs.min(MOTORS - 1), &self.variables, &self.memory)
     }
 
-    /// `GATHER`.
+    /// `GATHER`, or `GATHER TRIGGER`.
     ///
     /// # Errors
     /// ERR003 when gathering would start without a buffer.
-    pub fn gather(&mut self) -> Result {
-        self.gather.start(&self.variables)
+    pub fn gather(&mut self, triggered: bool) -> Result {
+        self.gather.start(triggered, &self.variables)
+    }
+
+    /// What the gather sources hold now.
+    pub(super) fn gather_sources(&self) -> [Option<u32>; 48] {
+        super::gather::sources(&self.variables, &self.memory)
     }
 
     /// `ENDGATHER`.

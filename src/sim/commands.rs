@@ -86,10 +86,10 @@ impl Machine {
                 position
             }
             Jog::ByCommanded(distance) => state.commanded() + distance,
-            Jog::ByActual(distance) => state.actual() + distance,
+            Jog::ByActual(distance) => state.corrected() + distance,
             Jog::ToVariable => register,
             Jog::ByCommandedVariable => state.commanded() + register,
-            Jog::ByActualVariable => state.actual() + register,
+            Jog::ByActualVariable => state.corrected() + register,
         };
         let target = (target * 32.0).round() / 32.0;
         state.jog_to(target, speed, &ramp, until_trigger);

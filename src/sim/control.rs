@@ -11,12 +11,15 @@
 //! | `trigger MOTOR` | a trigger pulse for homing or a jog until trigger |
 //! | `index MOTOR on\|off` | connects the encoder's index channel, the usual trigger of a homing search |
 //! | `stall MOTOR on\|off` | holds the shaft |
+//! | `poke OFFSET VALUE` | puts a word into the DPRAM as if PMAC had: a wild index, a count that is wrong |
+//! | `timer STEP` | the servo counter jumps by so many cycles, back if negative |
 //! | `tag on\|off` | the servo report carries its update's number in every field |
 //! | `exit` | ends the simulator |
 
 use serde::Serialize;
 
 use super::machine::{Board, Machine};
+use super::offsets;
 
 /// The most cycles of one `step`.
 const MOST_STEPS: u64 = 100_000_000;
@@ -53,7 +56,7 @@ struct Status<'a> {
 pub fn status(machine: &Machine) -> String {
     let status = Status {
         servo_cycles: machine.stats.servo_cycles,
-        servo_timer: machine.memory.read_x(super::offsets::SERVO_COUNTER),
+        servo_timer: machine.memory.read_x(offsets::SERVO_COUNTER),
         servo_period_us: machine.cycle_ms() * 1000.0,
         updates: machine.report.updates,
         skipped: machine.report.skipped,
@@ -106,12 +109,25 @@ fn answer(board: &mut Board, line: &str, virtual_time: bool) -> Result<Answer, S
         ("trigger", [motor]) => inputs(machine, motor)?.trigger = true,
         ("index", [motor, state]) => inputs(machine, motor)?.no_index = !on(state)?,
         ("stall", [motor, state]) => inputs(machine, motor)?.stalled = on(state)?,
+        ("poke", [offset, value]) => {
+            let number = |text: &str| u16::from_str_radix(text.trim_start_matches("0x"), 16);
+            let (Ok(offset), Ok(value)) = (number(offset), number(value)) else {
+                return Err(format!("poke takes two hexadecimal words, not {rest:?}"));
+            };
+            machine.memory.dpram.write16(offset & !1, value);
+        }
+        ("timer", [step]) => {
+            let step: i32 =
+                step.parse().map_err(|_| format!("timer takes a number of cycles, not {step:?}"))?;
+            let counter = machine.memory.read_x(offsets::SERVO_COUNTER);
+            machine.memory.write_x(offsets::SERVO_COUNTER, counter.wrapping_add_signed(step));
+        }
         ("tag", [state]) => machine.report.tag = on(state)?,
         ("exit", []) => return Ok(Answer::Exit),
         _ => {
             return Err(format!(
                 "cannot do {line:?}; commands: step N, status, fault NAME on|off|N, reset, send TEXT, cmd TEXT, \
-                 limit MOTOR +|-|0, trigger MOTOR, index MOTOR on|off, stall MOTOR on|off, tag on|off, exit"
+                 limit MOTOR +|-|0, trigger MOTOR, index MOTOR on|off, stall MOTOR on|off, poke OFFSET VALUE, timer STEP, tag on|off, exit"
             ));
         }
     }

@@ -55,11 +55,25 @@ pub struct Faults {
     pub lost_interrupts: u64,
     /// Interrupts to raise with nothing behind them.
     pub spurious_interrupts: u64,
+    /// The control word of a response stands before the second half of its text does.
+    pub ascii_torn: bool,
+    /// Every response is given twice.
+    pub ascii_repeat: bool,
+    /// What the character count of a response says instead of the truth.
+    pub ascii_count: Option<u16>,
+    /// Every word reads zero.
+    pub all_zeros: bool,
     /// Every word reads all ones, as with a board that has lost its power or its address.
     pub all_ones: bool,
 }
 
 impl Faults {
+    /// Whether a host sees nothing of the memory.
+    #[must_use]
+    pub fn hides_memory(&self) -> bool {
+        self.all_ones || self.all_zeros
+    }
+
     /// Sets the fault `name` as `value` (`on`, `off` or a number) says; `ms_per_cycle` turns `50ms` into cycles.
     ///
     /// # Errors
@@ -90,9 +104,13 @@ impl Faults {
                     None => count()?,
                 }
             }
+            "ascii_torn" => self.ascii_torn = switch()?,
+            "ascii_repeat" => self.ascii_repeat = switch()?,
+            "ascii_count" => self.ascii_count = if value == "off" { None } else { Some(count()? as u16) },
             "lost_interrupt" => self.lost_interrupts = count()?,
             "spurious_interrupt" => self.spurious_interrupts = if value == "on" { 1 } else { count()? },
             "all_ones" => self.all_ones = switch()?,
+            "all_zeros" => self.all_zeros = switch()?,
             "host_port_stuck" => self.host_port_stuck = switch()?,
             _ => match name.rsplit_once('_').map(|(function, kind)| (self.function(function), kind)) {
                 Some((Some(fault), "stuck")) => fault.stuck = switch()?,
@@ -101,8 +119,8 @@ impl Faults {
                 _ => {
                     return Err(format!(
                         "no fault {name:?}; there are servo_busy_stuck, servo_silent, background_stuck, ascii_deaf, \
-                         ascii_no_reply, ascii_late_ack, lost_interrupt, spurious_interrupt, all_ones, \
-                         host_port_stuck, and _stuck, _late, _torn of panel, variable_read, variable_write, rotary, \
+                         ascii_no_reply, ascii_late_ack, ascii_torn, ascii_repeat, ascii_count, lost_interrupt, \
+                         spurious_interrupt, all_ones, all_zeros, host_port_stuck, and _stuck, _late, _torn of panel, variable_read, variable_write, rotary, \
                          mailbox"
                     ));
                 }

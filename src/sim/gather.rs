@@ -1,7 +1,8 @@
 //! `DEFINE GATHER`, `GATHER`, `ENDGATHER`: who is running, and the storage of gathered data.
 //!
 //! With I48=1 the first `GATHER` starts the servo report and the second the gathering; `ENDGATHER` stops what the
-//! latest one started (DPRAM manual p. 14). I20 says which of the sources I21-I44 are stored, I19 how often, I45 where:
+//! latest one started (DPRAM manual p. 14). `GATHER TRIGGER` waits until machine input 2, bit 1 of Y:$FFC2, goes from 0 to 1; which
+//! input it is comes from no page at hand. I20 says which of the sources I21-I44 are stored, I19 how often, I45 where:
 //! 2 DPRAM up to its end, 3 DPRAM round and round, 0 and 1 the same in PMAC's own memory. Some firmware keeps
 //! the buffer at $D240 and the two words before it, the others at $D200 (see [`crate::map::Layout`]).
 
@@ -13,11 +14,16 @@ use super::offsets;
 use crate::format::int24;
 use crate::map::{self, GatherPlace, Layout};
 
+/// The bit of the machine inputs that `GATHER TRIGGER` waits for.
+const TRIGGER_INPUT: u32 = 1;
+
 /// What a `GATHER` started.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Activity {
     /// The servo report.
     ServoReport,
+    /// Data gathering that waits for its trigger.
+    Armed,
     /// Data gathering.
     Gathering,
 }
@@ -31,6 +37,8 @@ pub struct Gather {
     size: Option<u32>,
     index: u32,
     wait: u32,
+    /// The trigger input as it was last.
+    input: bool,
     /// Where the buffer and its words are in the DPRAM.
     place: GatherPlace,
     /// Gathered words, when they are kept in PMAC's own memory.
@@ -42,7 +50,7 @@ impl Gather {
     #[must_use]
     pub fn new(firmware: &str) -> Self {
         let place = Layout::new(&map::PMAC, firmware.parse().ok()).gather();
-        Self { running: Vec::new(), size: None, index: 0, wait: 0, place, memory: Vec::new() }
+        Self { running: Vec::new(), size: None, index: 0, wait: 0, input: false, place, memory: Vec::new() }
     }
 
     /// Whether `activity` has been started.
@@ -70,22 +78,27 @@ impl Gather {
         &self.memory
     }
 
-    /// `GATHER`.
+    fn gathers(&self) -> bool {
+        self.runs(Activity::Gathering) || self.runs(Activity::Armed)
+    }
+
+    /// `GATHER`, or `GATHER TRIGGER`.
     ///
     /// # Errors
     /// ERR003 when gathering would start and there is no buffer, or it is full.
-    pub fn start(&mut self, variables: &Variables) -> Result<(), CommandError> {
+    pub fn start(&mut self, triggered: bool, variables: &Variables) -> Result<(), CommandError> {
         if variables.i(48) == 1.0 && !self.runs(Activity::ServoReport) {
             self.running.push(Activity::ServoReport);
             return Ok(());
         }
-        if self.runs(Activity::Gathering) {
+        if self.gathers() {
             return Ok(());
         }
         match self.size {
             Some(size) if self.index < size => {
                 self.wait = 0;
-                self.running.push(Activity::Gathering);
+                self.input = true;
+                self.running.push(if triggered { Activity::Armed } else { Activity::Gathering });
                 Ok(())
             }
             _ => Err(CommandError::SYNTAX),
@@ -108,7 +121,7 @@ impl Gather {
         memory: &mut Memory,
         free: i64,
     ) -> Result<(), CommandError> {
-        if self.runs(Activity::Gathering) {
+        if self.gathers() {
             return Err(CommandError::SYNTAX);
         }
         let room = if in_dpram(variables) {
@@ -132,7 +145,7 @@ impl Gather {
     /// # Errors
     /// ERR003 while gathering.
     pub fn delete(&mut self, variables: &Variables, memory: &mut Memory) -> Result<(), CommandError> {
-        if self.runs(Activity::Gathering) {
+        if self.gathers() {
             return Err(CommandError::SYNTAX);
         }
         self.size = None;
@@ -144,6 +157,14 @@ impl Gather {
 
     /// One servo cycle: stores a sample when one is due.
     pub fn cycle(&mut self, variables: &Variables, memory: &mut Memory) {
+        if self.runs(Activity::Armed) {
+            let input = memory.read_y(offsets::MACHINE_INPUTS) >> TRIGGER_INPUT & 1 == 1;
+            if input && !std::mem::replace(&mut self.input, input) {
+                let armed = self.running.iter_mut().filter(|activity| **activity == Activity::Armed);
+                armed.for_each(|activity| *activity = Activity::Gathering);
+            }
+            self.input = input;
+        }
         if !self.runs(Activity::Gathering) {
             return;
         }
@@ -162,18 +183,8 @@ impl Gather {
 
     fn store(&mut self, variables: &Variables, memory: &mut Memory) {
         let Some(size) = self.size else { return };
-        let mask = variables.i(20) as u32;
-        for source in (0..24).filter(|bit| mask >> bit & 1 == 1) {
-            let code = variables.i(21 + source as usize) as u32;
-            let address = code as u16;
-            let words: [Option<u32>; 2] = match code >> 22 & 3 {
-                0 => [Some(memory.read_y(address)), None],
-                1 => [Some(memory.read_x(address)), None],
-                _ => [Some(memory.read_y(address)), Some(memory.read_x(address))],
-            };
-            for word in words.into_iter().flatten() {
-                self.put(word, variables, memory);
-            }
+        for word in sources(variables, memory).into_iter().flatten() {
+            self.put(word, variables, memory);
         }
         // The size is rounded up to whole samples: only here, after a sample, is the end looked for.
         if self.index >= size {
@@ -210,6 +221,23 @@ impl Gather {
             memory.dpram.write16(self.place.index.bytes() as u16, self.index as u16);
         }
     }
+}
+
+/// What the sources that I20 selects hold now: two places a source, Y before X.
+pub(super) fn sources(variables: &Variables, memory: &Memory) -> [Option<u32>; 48] {
+    let mask = variables.i(20) as u32;
+    let mut words = [None; 48];
+    for source in (0..24).filter(|bit| mask >> bit & 1 == 1) {
+        let code = variables.i(21 + source) as u32;
+        let address = code as u16;
+        let [low, high] = match code >> 22 & 3 {
+            0 => [Some(memory.read_y(address)), None],
+            1 => [Some(memory.read_x(address)), None],
+            _ => [Some(memory.read_y(address)), Some(memory.read_x(address))],
+        };
+        (words[2 * source], words[2 * source + 1]) = (low, high);
+    }
+    words
 }
 
 fn in_dpram(variables: &Variables) -> bool {

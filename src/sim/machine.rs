@@ -18,6 +18,7 @@ use super::program::Programs;
 use super::program::store::Store;
 use super::random::Random;
 use super::servo_report::ServoReport;
+use super::set_up::SetUp;
 use super::{ascii, background_report, offsets};
 
 pub use super::ascii::AsciiPort;
@@ -50,6 +51,28 @@ pub struct Statistics {
     pub background_updates: u64,
     /// Board resets, the one at power-on not counted.
     pub resets: u64,
+}
+
+/// What a reset brings back.
+struct Saved {
+    variables: SavedVariables,
+    axes: AxisDefinitions,
+    store: Store,
+    set_up: SetUp,
+    /// Whose factory values the set-up registers have.
+    vme: bool,
+}
+
+impl Saved {
+    fn factory(variables: &Variables, memory: &Memory, vme: bool) -> Self {
+        Self {
+            variables: variables.snapshot(memory),
+            axes: AxisDefinitions::default(),
+            store: Store::default(),
+            set_up: SetUp::factory(vme),
+            vme,
+        }
+    }
 }
 
 /// The board without its command interpreter.
@@ -89,10 +112,10 @@ pub struct Machine {
     pub(super) coordinates: Vec<CoordinateSystem>,
     pub(super) gather: Gather,
     pub(super) port: Port,
-    saved: (SavedVariables, AxisDefinitions, Store),
+    saved: Saved,
     noise: Option<Random>,
-    /// What the memory held before [`Faults::all_ones`].
-    before_all_ones: Option<Vec<u16>>,
+    /// What the memory held before it went out of reach ([`Faults::all_ones`], [`Faults::all_zeros`], its page).
+    out_of_reach: Option<Vec<u16>>,
 }
 
 impl Machine {
@@ -101,7 +124,7 @@ impl Machine {
     pub fn new(memory: Memory, identity: Identity, fixed_i10: Option<f64>, seed: Option<u64>) -> Self {
         let variables = factory(&identity, fixed_i10);
         let mut machine = Self {
-            saved: (variables.snapshot(&memory), AxisDefinitions::default(), Store::default()),
+            saved: Saved::factory(&variables, &memory, false),
             programs: Programs::default(),
             serial_output: Vec::new(),
             memory,
@@ -123,7 +146,7 @@ impl Machine {
             port: Port::Serial,
             identity,
             noise: seed.map(Random::new),
-            before_all_ones: None,
+            out_of_reach: None,
         };
         machine.power_on();
         machine
@@ -156,7 +179,7 @@ impl Machine {
     #[must_use]
     pub fn response_waits(&self) -> bool {
         self.variables.i(56) == 1.0
-            && self.before_all_ones.is_none()
+            && self.out_of_reach.is_none()
             && self.memory.dpram.read16(offsets::ASCII_IN_CONTROL) != 0
     }
 
@@ -194,6 +217,7 @@ impl Machine {
                 continue;
             }
             let factor = self.axes.coordinate_system(motor).map_or(1.0, |cs| time_base[cs]);
+            self.compensate(motor);
             let noise = self.noise.as_mut().map_or(0.0, |noise| noise.unit() / 2.0);
             let events = self.motors[motor].cycle(100 * (motor + 1), &self.variables, ms, factor, noise);
             if events != Events::default() {
@@ -202,7 +226,7 @@ impl Machine {
             self.write_servo_registers(motor);
         }
         self.gather.cycle(&self.variables, &mut self.memory);
-        if self.before_all_ones.is_none() {
+        if self.out_of_reach.is_none() {
             self.report.cycle(&self.variables, &self.gather, &self.faults, &mut self.memory);
         }
     }
@@ -212,6 +236,7 @@ impl Machine {
         for motor in 0..self.motors.len() {
             self.scan_in_position(motor);
             self.average_velocity(motor);
+            self.take_up_backlash(motor);
             self.write_background_registers(motor);
         }
         for cs in 0..MOTORS {
@@ -220,7 +245,7 @@ impl Machine {
         self.serve_requests();
         self.background_plcs();
         self.write_global_status();
-        if self.before_all_ones.is_some() {
+        if self.out_of_reach.is_some() {
             return;
         }
         if background_report::pass(&self.variables, &self.faults, &self.programs.report, &mut self.memory) {
@@ -229,31 +254,32 @@ impl Machine {
         self.judge.pass(self.stats.servo_cycles, &mut self.memory.dpram);
     }
 
-    /// Puts all ones into the whole DPRAM while it is out of reach, by that fault or for want of its page, and the old
-    /// content back after it. Says whether it is out of reach.
+    /// Puts all ones (or zeros) into the whole DPRAM while it is out of reach, by that fault or for want of its page, and
+    /// the old content back after it. Says whether it is out of reach.
     ///
     /// Without its page the DPRAM stands still: PMAC's own commands into it count, its functions rest.
-    fn all_ones(&mut self) -> bool {
+    fn is_out_of_reach(&mut self) -> bool {
         let reachable = self.mailbox.as_ref().is_none_or(Mailbox::reaches_dpram);
         let dpram = &mut self.memory.dpram;
         let words = (0..offsets::LENGTH as u16).step_by(2);
-        if self.faults.all_ones || !reachable {
-            let fresh = self.before_all_ones.is_none();
+        if self.faults.hides_memory() || !reachable {
+            let reads = if self.faults.all_zeros { 0 } else { 0xFFFF };
+            let fresh = self.out_of_reach.is_none();
             let before = self
-                .before_all_ones
+                .out_of_reach
                 .get_or_insert_with(|| words.clone().map(|offset| dpram.read16(offset)).collect());
             for (offset, before) in words.zip(before) {
                 let found = dpram.read16(offset);
-                if !fresh && found != 0xFFFF && found == dpram.shadow(offset) {
+                if !fresh && found != reads && found == dpram.shadow(offset) {
                     *before = found;
                 }
-                if found != 0xFFFF {
-                    dpram.disturb(offset, 0xFFFF);
+                if found != reads {
+                    dpram.disturb(offset, reads);
                 }
             }
             return true;
         }
-        if let Some(before) = self.before_all_ones.take() {
+        if let Some(before) = self.out_of_reach.take() {
             for (offset, value) in words.zip(before) {
                 dpram.disturb(offset, value);
             }
@@ -285,16 +311,24 @@ impl Machine {
         }
     }
 
+    /// Makes it a VME board, with these mailboxes and a VME board's set-up registers.
+    pub(super) fn fit_mailbox(&mut self, mailbox: Option<Mailbox>) {
+        self.mailbox = mailbox;
+        self.saved.vme = self.mailbox.is_some();
+        self.saved.set_up = SetUp::factory(self.saved.vme);
+        self.saved.set_up.put(&mut self.memory);
+    }
+
     /// Reloads the saved (or factory) values and starts anew.
     pub(super) fn restart(&mut self, factory_values: bool) {
         if factory_values {
             self.memory.clear();
             let variables = factory(&self.identity, self.fixed_i10);
-            self.saved = (variables.snapshot(&self.memory), AxisDefinitions::default(), Store::default());
+            self.saved = Saved::factory(&variables, &self.memory, self.saved.vme);
         }
-        self.variables.restore(&self.saved.0, &mut self.memory);
-        self.axes = self.saved.1.clone();
-        self.programs = Programs::new(self.saved.2.clone());
+        self.variables.restore(&self.saved.variables, &mut self.memory);
+        self.axes = self.saved.axes.clone();
+        self.programs = Programs::new(self.saved.store.clone());
         self.stats.resets += 1;
         self.power_on();
     }
@@ -302,11 +336,18 @@ impl Machine {
     /// Keeps the present values for the next reset.
     pub fn save(&mut self) {
         let store = self.programs.store.kept();
-        self.saved = (self.variables.snapshot(&self.memory), self.axes.clone(), store);
+        self.saved = Saved {
+            variables: self.variables.snapshot(&self.memory),
+            axes: self.axes.clone(),
+            store,
+            set_up: SetUp::of(&self.memory),
+            vme: self.saved.vme,
+        };
     }
 
     fn power_on(&mut self) {
         self.memory.clear_registers();
+        self.saved.set_up.put(&mut self.memory);
         for word in [
             offsets::PANEL_ENABLE,
             offsets::SERVO_PMAC_STATUS,
@@ -396,11 +437,11 @@ impl Board {
         }
         let machine = &mut self.machine;
         machine.servo_cycle();
-        if !machine.faults.all_ones {
+        if !machine.faults.hides_memory() {
             mailbox::pass(machine, &mut self.interpreter);
         }
-        if machine.all_ones() {
-            if !machine.faults.all_ones {
+        if machine.is_out_of_reach() {
+            if !machine.faults.hides_memory() {
                 machine.housekeeping();
             }
             return;

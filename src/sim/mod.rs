@@ -7,6 +7,8 @@
 //! |---|---|
 //! | [`memory`], [`dpram`] | X and Y memory, and the part shared with the host |
 //! | [`machine`], `commands`, `board_commands`, `axis_position`, `registers` | servo interrupt and background loop; what commands do; status words |
+//! | `compensation` | leadscrew and backlash compensation |
+//! | `set_up` | registers that SAVE keeps beside the variables |
 //! | [`motor`], `supervision`, [`profile`], [`coordinate`] | servo loop, drive and shaft; jog and home moves; time base |
 //! | [`servo_report`], [`background_report`], [`ascii`], [`gather`] | the automatic functions of the DPRAM |
 //! | [`program`] | program buffers, motion programs, PLCs |
@@ -24,6 +26,7 @@ mod board_commands;
 mod claims;
 pub mod clock;
 mod commands;
+mod compensation;
 pub mod control;
 pub mod coordinate;
 pub mod dpram;
@@ -56,6 +59,7 @@ mod reset_tests;
 pub mod rotary_transfer;
 pub mod serial;
 pub mod servo_report;
+mod set_up;
 pub mod socket;
 mod supervision;
 #[cfg(test)]

@@ -7,6 +7,7 @@
 //!
 //! Jog and home: Software Reference pp. 72-76, 190-194, 241; User Manual pp. 127-135.
 
+use super::compensation::Backlash;
 use super::language::Variables;
 use super::profile::{Profile, Ramp};
 
@@ -119,6 +120,10 @@ pub struct Motor {
     pub dwelling: bool,
     /// A program's run-time error.
     pub data_error: bool,
+    /// What leadscrew and backlash compensation add to the actual position, in counts.
+    pub(super) compensation: f64,
+    /// Take-up of backlash.
+    pub(super) backlash: Backlash,
 }
 
 impl Motor {
@@ -149,6 +154,8 @@ impl Motor {
             program: None,
             dwelling: false,
             data_error: false,
+            compensation: 0.0,
+            backlash: Backlash::default(),
         }
     }
 
@@ -168,6 +175,12 @@ impl Motor {
     #[must_use]
     pub fn actual(&self) -> f64 {
         self.actual
+    }
+
+    /// Actual position with compensation, in counts: what the loop closes on.
+    #[must_use]
+    pub fn corrected(&self) -> f64 {
+        self.actual + self.compensation
     }
 
     /// Counts moved in the last servo cycle.
@@ -237,7 +250,7 @@ impl Motor {
     pub fn close_loop(&mut self) {
         if self.servo != Loop::Closed {
             self.servo = Loop::Closed;
-            self.commanded = self.actual;
+            self.commanded = self.corrected();
             self.desired_velocity = 0.0;
             self.motion = None;
         }
@@ -342,6 +355,7 @@ impl Motor {
         self.reference += shift;
         self.commanded -= shift;
         self.actual -= shift;
+        self.backlash.shift(-shift);
         if let Some(motion) = &mut self.motion {
             motion.profile.shift(-shift);
         }
@@ -364,7 +378,7 @@ impl Motor {
         self.moved = actual - self.actual;
         self.actual = actual;
         if self.servo != Loop::Closed {
-            self.commanded = actual;
+            self.commanded = self.corrected();
         }
         Events {
             homed: self.look_for_trigger(x, variables, before),
@@ -380,7 +394,7 @@ impl Motor {
             Loop::Killed => 0.0,
             Loop::Open(percent) => percent / 100.0 * most,
             Loop::Closed => {
-                let error = self.commanded - (self.shaft - self.reference);
+                let error = self.commanded - self.compensation - (self.shaft - self.reference);
                 // The part of the error made good in this cycle; exact for any period, so never unstable.
                 let part = 1.0 - (-ms * variables.i(x + 30) / 2000.0 / LAG_MS).exp();
                 (error * part / ms / COUNTS_PER_BIT).clamp(-most, most)

@@ -95,6 +95,15 @@ pub const SERVO_COUNTER: u16 = 0x0000;
 pub const GLOBAL_STATUS: u16 = 0x0003;
 /// Y: control panel, thumbwheel and machine I/O ports, three in a row.
 pub const PORTS: u16 = 0xFFC0;
+/// Y: the machine inputs, bit n-1 for input n.
+pub const MACHINE_INPUTS: u16 = PORTS + 2;
+
+/// Y: the encoder conversion table, 32 words.
+pub const CONVERSION_TABLE: u16 = 0x0720;
+/// X: the bus set-up registers, ten words.
+pub const BUS_SET_UP: u16 = 0x0783;
+/// X: their copies in force.
+pub const BUS_ACTIVE: u16 = 0xE006;
 
 /// Words from one motor's servo registers to the next motor's.
 pub const MOTOR_STRIDE: u16 = 0x3C;

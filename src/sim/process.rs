@@ -133,7 +133,7 @@ impl Simulator {
         let memory = Memory::new(Dpram::open(&options.memory)?);
         let mut machine = Machine::new(memory, options.identity(), options.fixed_i10(), options.seed);
         machine.rotary_cs_base = options.rotary_cs_base;
-        machine.mailbox = options.mailbox.as_deref().map(Mailbox::open).transpose()?;
+        machine.fit_mailbox(options.mailbox.as_deref().map(Mailbox::open).transpose()?);
         if let Some(mailbox) = &mut machine.mailbox {
             mailbox.page = options.dpram_page;
         }

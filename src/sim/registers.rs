@@ -85,7 +85,7 @@ impl Machine {
     pub(super) fn write_global_status(&mut self) {
         use super::gather::Activity;
         use super::machine::Port;
-        let x = bit(19, self.gather.runs(Activity::Gathering));
+        let x = bit(19, self.gather.runs(Activity::Gathering)) | bit(17, self.gather.runs(Activity::Armed));
         let host = self.response_port() != Port::Serial;
         use super::program::store::Open;
         let open = self.programs.store.open();
@@ -96,7 +96,7 @@ impl Machine {
             | bit(11, full);
         let own = 1 << 22 | 0b111 << 17 | 1 << 15 | 1 << 11;
         let y = self.memory.read_y(offsets::GLOBAL_STATUS) & !own | buffers;
-        let others = self.memory.read_x(offsets::GLOBAL_STATUS) & !(1 << 19);
+        let others = self.memory.read_x(offsets::GLOBAL_STATUS) & !(1 << 19 | 1 << 17);
         self.memory.write_x(offsets::GLOBAL_STATUS, others | x);
         self.memory.write_y(offsets::GLOBAL_STATUS, y | bit(22, host) | bit(15, host));
     }
@@ -131,6 +131,7 @@ impl Machine {
             | bit(11, state.on_limit)
             | bit(10, state.home_complete)
             | bit(7, state.trigger_move)
+            | bit(4, state.backlash.negative)
             | bit(2, state.fatal)
             | bit(1, state.warning)
             | bit(0, self.in_position(motor))
@@ -149,7 +150,7 @@ impl Machine {
             && state.servo == Loop::Closed
             && state.desired_velocity() == 0.0
             && state.time_left().is_none()
-            && (state.commanded() - state.actual()).abs() < band;
+            && (state.commanded() - state.corrected()).abs() < band;
         state.in_position_scans = if now { state.in_position_scans.saturating_add(1).min(1000) } else { 0 };
     }
 
@@ -174,7 +175,8 @@ impl Machine {
     pub fn following_error(&self, motor: usize) -> f64 {
         let commanded = self.memory.read_d(offsets::motor(offsets::COMMANDED, motor));
         let actual = self.memory.read_d(offsets::motor(offsets::ACTUAL, motor));
-        divide((commanded - actual) as f64, self.scale(motor))
+        let compensation = self.memory.read_d(offsets::motor(offsets::COMPENSATION, motor));
+        divide((commanded - actual - compensation) as f64, self.scale(motor))
     }
 
     /// The two words of `?` for the 0-based `motor`.

@@ -26,7 +26,7 @@ fn a_reset_goes_back_to_what_was_saved_and_stops_the_servo_report() {
     bench.write(0x0024, 0);
     bench.run(50);
     assert_eq!(bench.read(0x0026), 0, "needs a new GATHER");
-    bench.board.machine.gather().unwrap();
+    bench.board.machine.gather(false).unwrap();
     bench.run(1);
     assert_eq!(bench.read(0x0026), 51);
     bench.board.machine.reset(true);
@@ -50,9 +50,9 @@ fn ix80_closes_loops_at_power_on() {
 fn gather_and_endgather_count() {
     let mut bench = Bench::started();
     let machine = &mut bench.board.machine;
-    assert!(machine.gather().is_err(), "the servo report runs; gathering has no buffer");
+    assert!(machine.gather(false).is_err(), "the servo report runs; gathering has no buffer");
     machine.define_gather(Some(10)).unwrap();
-    machine.gather().unwrap();
+    machine.gather(false).unwrap();
     assert!(machine.gathering());
     assert!(machine.define_gather(None).is_err());
     assert!(machine.delete_gather().is_err());
@@ -64,7 +64,7 @@ fn gather_and_endgather_count() {
     bench.run(5);
     assert_eq!(bench.read(0x0026), 1);
     bench.set(48, 0.0);
-    bench.board.machine.gather().unwrap();
+    bench.board.machine.gather(false).unwrap();
     assert!(bench.board.machine.gathering(), "with I48=0 the first GATHER gathers");
 }
 
@@ -84,7 +84,7 @@ fn gathering(firmware: &str, mode: f64, size: u32) -> Bench {
     bench.set(100, 0.0);
     bench.board.machine.memory.write_d(0x2B, -3072);
     bench.board.machine.define_gather(Some(size)).unwrap();
-    bench.board.machine.gather().unwrap();
+    bench.board.machine.gather(false).unwrap();
     bench
 }
 
@@ -104,7 +104,7 @@ fn gathered_samples_lie_in_the_dpram_in_order_of_their_sources() {
     assert!(!bench.board.machine.gathering());
     bench.run(10);
     assert_eq!((bench.read(0x07FE), bench.read32(0x0824)), (9, 0));
-    assert!(bench.board.machine.gather().is_err(), "needs DEFINE GATHER");
+    assert!(bench.board.machine.gather(false).is_err(), "needs DEFINE GATHER");
 }
 
 #[test]
@@ -154,5 +154,55 @@ fn a_board_that_is_gone_reads_all_ones_and_comes_back() {
     assert_eq!((bench.read(0x0024), bench.read(0x0026) & 0x8000, bench.read(0x0228)), (0, 0, 1));
     bench.run(1);
     assert_eq!(bench.read(0x0026), 10);
+    bench.board.machine.faults.all_zeros = true;
+    bench.run(3);
+    assert_eq!((bench.read(0x0026), bench.read(0x0228), bench.read(0x3FFE)), (0, 0, 0));
+    bench.board.machine.faults.all_zeros = false;
+    bench.run(2);
+    assert_eq!(bench.read(0x0026), 15);
     assert!(bench.violations().is_empty(), "{:?}", bench.violations());
+}
+
+#[test]
+fn set_up_registers_survive_a_reset_once_saved_and_act_after_it() {
+    let mut bench = Bench::bare("1.16D");
+    let mut send = |line: &str| {
+        let reply = bench.board.interpreter.execute(&mut bench.board.machine, line.as_bytes());
+        assert_eq!(reply.error, None, "{line}");
+        reply.lines.concat()
+    };
+    assert_eq!(send("RHX$783,10"), "000039 000004 000000 00000D 000045 000002 0000A1 000010 000060 000010");
+    send("WX$786,$0E,$C5 WY$720,$00C000");
+    assert_eq!(send("RHX$E009,2"), "00000D 000045", "not in force yet");
+    send("$$$");
+    assert_eq!(send("RHX$786,2"), "00000D 000045", "not saved");
+    send("WX$786,$0E,$C5 WY$720,$00C000");
+    send("SAVE");
+    send("$$$");
+    assert_eq!(send("RHX$786,2"), "00000E 0000C5");
+    assert_eq!(send("RHX$E009,2"), "00000E 0000C5");
+    assert_eq!(send("RHY$720"), "00C000");
+    send("$$$***");
+    assert_eq!(send("RHX$786,2"), "00000D 000045");
+    assert_eq!(send("RHY$720"), "000000");
+}
+
+#[test]
+fn gathering_can_wait_for_a_machine_input() {
+    let mut bench = gathering("1.16D", 2.0, 40);
+    let machine = &mut bench.board.machine;
+    machine.end_gather().unwrap();
+    assert!(!machine.gathering());
+    machine.define_gather(Some(40)).unwrap();
+    machine.memory.write_y(0xFFC2, 2);
+    machine.gather(true).unwrap();
+    let state = |bench: &Bench| bench.board.machine.global_status()[0] >> 17 & 0b101;
+    bench.run(5);
+    assert_eq!(state(&bench), 0b001, "the input was on already: it has to come anew");
+    bench.board.machine.memory.write_y(0xFFC2, 0);
+    bench.run(5);
+    assert_eq!(state(&bench), 0b001);
+    bench.board.machine.memory.write_y(0xFFC2, 2);
+    bench.run(1);
+    assert_eq!(state(&bench), 0b100);
 }

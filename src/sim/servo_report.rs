@@ -140,7 +140,7 @@ mod tests {
         }
         bench.run(20);
         assert_eq!(bench.board.machine.report.updates, 0, "no GATHER yet");
-        bench.board.machine.gather().unwrap();
+        bench.board.machine.gather(false).unwrap();
         bench.run(1);
         assert_eq!(bench.read(0x0026), 21);
         bench.run(4);

@@ -64,7 +64,7 @@ impl Motor {
 
     /// Kills the motor when its following error is fatal; says whether it did.
     pub(super) fn watch_following_error(&mut self, x: usize, variables: &Variables) -> bool {
-        let error = (self.commanded - self.actual).abs() * 16.0;
+        let error = (self.commanded - self.corrected()).abs() * 16.0;
         let (fatal, warning) = (variables.i(x + 11), variables.i(x + 12));
         self.warning = warning > 0.0 && error > warning && self.servo == Loop::Closed || self.fatal;
         let killed = self.servo == Loop::Closed && fatal > 0.0 && error > fatal;

@@ -13,7 +13,7 @@ use pmac_dpram::daemon::queue::{
     Command, Event, Outcome, READ_MAX, Receive, Sender, Text, Ticket, Unsolicited, UnsolicitedKind, queue,
 };
 use pmac_dpram::daemon::serve::{Backend, ServeOptions, Server, serve};
-use pmac_dpram::protocol::{BoardInfo, Enabled, State};
+use pmac_dpram::protocol::{BoardInfo, BoardSettings, Enabled, State};
 
 /// A served socket in a directory of its own, with its bus thread.
 pub struct Bench {
@@ -40,20 +40,23 @@ impl Bench {
         let socket = directory.path().join("pmac0.sock");
         let mut options = ServeOptions::new(socket.clone());
         change(&mut options);
-        let info = Arc::new(SharedInfo::new(BoardInfo {
-            name: "pmac0".to_owned(),
-            version: "0.1.0".to_owned(),
-            board: "file:/dev/shm/x".to_owned(),
-            family: "pmac".to_owned(),
-            firmware: Some("1.16D".to_owned()),
-            board_type: Some("PMAC1".to_owned()),
-            motors: 8,
-            servo_period_ns: Some(442_713),
-            generation: 3,
-            pid: std::process::id(),
-            segment: "/pmac0".to_owned(),
-            ..BoardInfo::default()
-        }));
+        let info = Arc::new(SharedInfo::new(
+            BoardInfo {
+                name: "pmac0".to_owned(),
+                version: "0.1.0".to_owned(),
+                board: "file:/dev/shm/x".to_owned(),
+                family: "pmac".to_owned(),
+                firmware: Some("1.16D".to_owned()),
+                board_type: Some("PMAC1".to_owned()),
+                motors: 8,
+                servo_period_ns: Some(442_713),
+                generation: 3,
+                pid: std::process::id(),
+                segment: "/pmac0".to_owned(),
+                ..BoardInfo::default()
+            },
+            BoardSettings::default(),
+        ));
         info.set_state(State::Live);
         info.set_enabled(Enabled::SERVO | Enabled::ASCII);
         let (commands, bus_commands) = queue(8).unwrap();

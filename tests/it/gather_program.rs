@@ -3,7 +3,7 @@
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use pmac_dpram::client::GatherChunk;
+use pmac_dpram::client::{GatherChunk, GatherPhase};
 use pmac_dpram::segment::{RegionId, Sample, Subscriber};
 
 use crate::rig::Ran;
@@ -15,27 +15,40 @@ fn published(subscriber: &Subscriber, sample: &mut Sample) -> Option<u64> {
     if !is_live(subscriber, RegionId::Gather) {
         return None;
     }
-    subscriber.latest(RegionId::Gather, sample).unwrap()?;
+    if subscriber.latest(RegionId::Gather, sample).unwrap().is_none() {
+        return Some(0);
+    }
     let chunk = GatherChunk::decode(sample.words()).unwrap();
+    if chunk.phase != GatherPhase::GoesOn {
+        // The end of the one before.
+        return Some(0);
+    }
     Some(chunk.first + (chunk.longs.len() / chunk.sample_longs) as u64)
 }
 
 /// Runs the board in steps, each no sooner than the daemon has what the last one gathered, while `pmacctl` runs.
 fn in_steps(site: &Site, arguments: &[&str]) -> Ran {
     let done = AtomicBool::new(false);
+    let period = arguments.iter().skip_while(|word| **word != "--period").nth(1);
+    let a_step = 20 / period.map_or(1, |period| period.parse::<u64>().unwrap());
     std::thread::scope(|scope| {
         scope.spawn(|| {
             let mut control = site.control_connection();
             let subscriber = site.attach();
             let mut sample = Sample::new();
+            // Samples stepped for at least, since the first one was published.
+            let mut due = 0;
             while !done.load(Ordering::Relaxed) {
                 let before = published(&subscriber, &mut sample);
                 control.ask("step 20");
                 let start = Instant::now();
-                // Before the gather and after its end there is nothing to wait for.
-                while before.is_some()
-                    && published(&subscriber, &mut sample) == before
-                    && start.elapsed() < Duration::from_millis(300)
+                // Before the gather and after its end there is nothing to wait for. Before its first sample the board needs
+                // steps to take the line that begins it.
+                let patience = Duration::from_millis(if before == Some(0) { 20 } else { 300 });
+                due = before.filter(|&count| count > 0).map_or(0, |count| due.max(count) + a_step);
+                while published(&subscriber, &mut sample)
+                    .is_some_and(|count| Some(count) == before || count + a_step < due)
+                    && start.elapsed() < patience
                 {
                     std::thread::sleep(Duration::from_micros(200));
                 }
@@ -50,6 +63,11 @@ fn in_steps(site: &Site, arguments: &[&str]) -> Ran {
 
 fn rows(text: &str) -> Vec<Vec<f64>> {
     text.lines().skip(1).map(|line| line.split(',').map(|cell| cell.parse().unwrap()).collect()).collect()
+}
+
+/// How long to gather at every servo cycle in virtual time; a minute: `PMAC_GATHER_SECONDS=60`.
+fn seconds() -> u64 {
+    std::env::var("PMAC_GATHER_SECONDS").ok().and_then(|text| text.parse().ok()).unwrap_or(2)
 }
 
 #[test]
@@ -70,14 +88,20 @@ fn in_virtual_time_nothing_is_lost() {
         done.store(true, Ordering::Relaxed);
     });
     let csv = site.path("data.csv");
-    let sources = ["--source", "servo_timer", "--source", "1.actual_position", "--source", "D:$0028"];
-    let arguments = [&["gather"][..], &sources, &["--seconds", "2", "-o", csv.to_str().unwrap()]].concat();
+    let sources = ["servo_timer", "1.actual_position", "D:$0028", "1.commanded_position"];
+    let sources: Vec<&str> = sources.iter().flat_map(|source| ["--source", source]).collect();
+    let seconds = seconds();
+    let (time, samples) = (seconds.to_string(), (seconds as f64 * 1e9 / 442_708.373).round() as usize);
+    let arguments = [&["gather"][..], &sources, &["--seconds", &time, "-o", csv.to_str().unwrap()]].concat();
+    let began = Instant::now();
     let ran = in_steps(&site, &arguments);
-    assert_eq!((ran.code, ran.stdout.as_str()), (Some(0), "samples=4518 lost=0 seconds=2.000\n"), "{ran:?}");
+    println!("{} in {:.1} s of real time", ran.stdout.trim_end(), began.elapsed().as_secs_f64());
+    let said = format!("samples={samples} lost=0 seconds={seconds}.000\n");
+    assert_eq!((ran.code, ran.stdout.as_str()), (Some(0), said.as_str()), "{ran:?}");
     let text = std::fs::read_to_string(&csv).unwrap();
-    assert!(text.starts_with("sample,time_s,servo_timer [servo cycles],1.actual_position [count],D:$0028\n"));
+    assert!(text.starts_with("sample,time_s,servo_timer [servo cycles],1.actual_position [count],D:$0028,"));
     let rows = rows(&text);
-    assert_eq!(rows.len(), 4518);
+    assert_eq!(rows.len(), samples);
     for (number, row) in rows.iter().enumerate() {
         assert_eq!((row[0], row[2]), (number as f64, rows[0][2] + number as f64));
     }
@@ -145,5 +169,58 @@ fn in_real_time_the_counts_are_exact_and_the_board_is_left_as_it_was() {
     }
     let ran = run(&site, &["gather", "--source", "servo_timer", "-o", "data.txt"]);
     assert!(ran.code == Some(2) && ran.stderr.contains(".csv or .npy"), "{ran:?}");
+    site.assert_no_violations();
+}
+
+#[test]
+fn after_a_killed_gather_another_one_works_and_says_what_it_found() {
+    let site = Site::running(&[], &[]);
+    site.wait_for_live_servo();
+    wait_until("the board's scales", || run(&site, &["motors"]).stdout.contains("count"));
+    let mut killed = crate::rig::command()
+        .args(["--name", &site.name, "--socket"])
+        .arg(site.socket())
+        .args(["gather", "--source", "servo_timer", "--period", "3", "-o"])
+        .arg(site.path("killed.csv"))
+        .spawn()
+        .unwrap();
+    wait_until("gathering", || is_live(&site.attach(), RegionId::Gather));
+    killed.kill().unwrap();
+    killed.wait().unwrap();
+    let gather = || run(&site, &["gather", "--source", "servo_timer", "--seconds", "0.2", "-o", "-"]);
+    let ran = gather();
+    assert!(ran.code == Some(0) && ran.stderr.contains("was gathering already, every I19=3 "), "{ran:?}");
+    assert!(rows(&ran.stdout).len() > 10);
+    let ran = gather();
+    assert!(ran.code == Some(0) && !ran.stderr.contains("already"), "{ran:?}");
+    site.assert_no_violations();
+}
+
+#[test]
+fn without_the_servo_report_gathering_goes_by_the_hosts_clock() {
+    let site = Site::running(&[], &[]);
+    site.wait_for_live_servo();
+    wait_until("the board's scales", || run(&site, &["motors"]).stdout.contains("count"));
+    ask(&site, "ENDGATHER");
+    ask(&site, "I48=0");
+    wait_until("the report to end", || !is_live(&site.attach(), RegionId::Servo));
+    let gather = || run(&site, &["gather", "--source", "servo_timer", "--seconds", "0.5", "-o", "-"]);
+    let check = |ran: Ran| {
+        assert_eq!(ran.code, Some(0), "{ran:?} {}", site.log());
+        let rows = rows(&ran.stdout);
+        assert!(rows.len() > 100, "{}", ran.stderr);
+        for row in &rows {
+            assert_eq!(row[2] - rows[0][2], row[0] - rows[0][0], "numbered as the board counts");
+        }
+    };
+    check(gather());
+    assert!(!is_live(&site.attach(), RegionId::Servo), "the report is off as before");
+    // I48=1, but no GATHER has begun the report: the first one does, and the second one gathers.
+    ask(&site, "I48=1");
+    check(gather());
+    // ENDGATHER undid the latest GATHER only.
+    wait_until("the report, which goes on", || is_live(&site.attach(), RegionId::Servo));
+    check(gather());
+    wait_until("the report, which goes on", || is_live(&site.attach(), RegionId::Servo));
     site.assert_no_violations();
 }

@@ -19,7 +19,7 @@ const NAME: &str = "PMAC_MIXING_SEGMENT";
 const COUNT: &str = "PMAC_SNAPSHOTS";
 
 /// Checks that all longs of all motors are the same number.
-fn is_whole(words: &[u16]) -> bool {
+pub fn is_whole(words: &[u16]) -> bool {
     let long = |index: usize| u32::from(words[index]) | u32::from(words[index + 1]) << 16;
     let tag = long(FIRST_MOTOR);
     words[FIRST_MOTOR..].chunks(BLOCK).enumerate().all(|(motor, _)| {

@@ -386,3 +386,51 @@ fn words_and_bits_are_written_where_they_are_open() {
     }
     site.assert_no_violations();
 }
+
+/// What `panel feed` says beside doing it.
+fn feed_note(site: &Site) -> String {
+    let (status, _, stderr) = site.pmacctl(&["panel", "feed", "1", "7000"]);
+    assert_eq!(status, 0, "{stderr}");
+    stderr
+}
+
+#[test]
+fn an_override_that_nobody_reads_is_said_to_have_no_effect() {
+    let site = running();
+    let mut board = site.connection();
+    assert_eq!(feed_note(&site), "");
+    board.send("I193=$C000", PATIENCE).unwrap();
+    let note = feed_note(&site);
+    assert!(note.contains("no effect") && note.contains("I193=$806"), "{note}");
+    assert_eq!(board.feed_override(1, Some(7000)).unwrap().len(), 1);
+    assert!(board.feed_override(2, Some(7000)).unwrap().is_empty(), "the other one's");
+    board.send("I193=$806", PATIENCE).unwrap();
+    assert_eq!(feed_note(&site), "");
+    for wrong in ["0", "9"] {
+        let (status, _, stderr) = site.pmacctl(&["panel", "feed", wrong, "7000"]);
+        assert!(status == 2 && !stderr.is_empty(), "{stderr}");
+    }
+    assert!(board.feed_override(0, Some(7000)).is_err());
+    site.assert_no_violations();
+}
+
+#[test]
+fn a_buffer_that_somebody_else_opened_is_noticed_and_no_question_gets_into_it() {
+    use std::io::{Read, Write};
+    let site = running();
+    let mut serial = std::os::unix::net::UnixStream::connect(site.path("serial")).unwrap();
+    serial.set_read_timeout(Some(PATIENCE)).unwrap();
+    serial.write_all(b"OPEN PROG 5 CLEAR\r").unwrap();
+    assert_eq!(serial.read(&mut [0; 16]).unwrap(), 1, "<ACK>");
+    serial.write_all(b"X1\r").unwrap();
+    // The servo report tells; the next one is a servo cycle away.
+    wait_until("a question that is not asked", || feed_note(&site).contains("could not be asked"));
+    for _ in 0..5 {
+        assert!(feed_note(&site).contains("could not be asked"));
+    }
+    serial.write_all(b"CLOSE\r").unwrap();
+    wait_until("questions again", || feed_note(&site).is_empty());
+    let listed = site.connection().send("LIST PROG 5", PATIENCE).unwrap();
+    assert!(listed.iter().any(|line| line.contains("X1")) && !listed.concat().contains('I'), "{listed:?}");
+    site.assert_no_violations();
+}

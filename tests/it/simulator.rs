@@ -422,3 +422,46 @@ fn a_racing_host_reads_and_writes_variables_without_a_violation() {
     let status = sim.ask("status");
     assert!(status.contains("\"violations\":[]"), "{status}");
 }
+
+const COMMANDS: &str = include_str!("../data/online_commands.tsv");
+
+/// The answer up to its end: data lines joined by `|`, or the error behind them.
+fn converse(serial: &mut UnixStream, line: &str) -> String {
+    serial.write_all(format!("{line}\r").as_bytes()).unwrap();
+    let (mut text, mut error) = (String::new(), false);
+    loop {
+        let mut byte = [0];
+        serial.read_exact(&mut byte).unwrap();
+        match byte[0] {
+            0x06 => return text.trim_end_matches('|').to_owned(),
+            0x07 => error = true,
+            b'\r' if error => return text,
+            b'\r' => text.push('|'),
+            other => text.push(other.into()),
+        }
+    }
+}
+
+#[test]
+fn every_online_command_is_taken_or_refused_with_its_number() {
+    let sim = Sim::start(&["--dpram-startup"]);
+    let mut serial = sim.socket("serial");
+    serial.write_all(b"I3=2 I6=1 I9=2\r").unwrap();
+    let mut byte = [0];
+    serial.read_exact(&mut byte).unwrap();
+    let mut wrong = Vec::new();
+    for row in COMMANDS.lines().filter(|row| !row.starts_with("# ")) {
+        let (line, expected) = row.split_once('\t').unwrap();
+        let answer = converse(&mut serial, line);
+        let parts = (answer.split('|'), expected.split('|'));
+        let same = parts.0.clone().count() == parts.1.clone().count()
+            && parts
+                .0
+                .zip(parts.1)
+                .all(|(found, expected)| found == expected || expected == "*" && !found.starts_with("ERR"));
+        if !same {
+            wrong.push(format!("{line:?}: {answer:?}, not {expected:?}"));
+        }
+    }
+    assert!(wrong.is_empty(), "{wrong:#?}");
+}

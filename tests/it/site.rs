@@ -137,6 +137,10 @@ impl Site {
         self.daemon.as_ref().unwrap().id()
     }
 
+    pub fn simulator_pid(&self) -> u32 {
+        self.simulator.as_ref().unwrap().id()
+    }
+
     pub fn signal_daemon(&self, signal: Signal) {
         kill(pid(self.daemon.as_ref().unwrap()), signal).unwrap();
     }

@@ -171,7 +171,7 @@ fn the_client_asks_and_hears() {
     let error = refused(board.send("BAD", TIMEOUT));
     assert_eq!(error.to_string(), "ERR003: data error or unrecognized command");
     assert!(matches!(error, CallError::Board { code: 3, lines, .. } if lines == ["before"]));
-    assert_eq!(refused(board.send("LATE", TIMEOUT)), CallError::TimedOut);
+    assert_eq!(refused(board.send("LATE", TIMEOUT)), CallError::TimedOut { lines: Vec::new() });
     assert!(matches!(refused(board.send("OFF", TIMEOUT)), CallError::Unavailable { .. }));
     assert!(matches!(
         board.read(HostOffset::new(0x3FFE), 2),
@@ -195,7 +195,10 @@ fn an_invalid_line_never_reaches_the_bus_thread() {
 fn a_silent_bus_thread_ends_in_a_time_out() {
     let bench = Bench::new();
     let mut board = connect(&bench);
-    assert_eq!(refused(board.send("SILENT", Duration::from_millis(50))), CallError::TimedOut);
+    assert_eq!(
+        refused(board.send("SILENT", Duration::from_millis(50))),
+        CallError::TimedOut { lines: Vec::new() }
+    );
     assert_eq!(board.send("still there", TIMEOUT).unwrap(), ["still there"]);
 }
 

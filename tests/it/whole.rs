@@ -179,7 +179,7 @@ fn a_late_acknowledgement_never_answers_the_next_command() {
     site.control("fault ascii_late_ack 600ms");
     for _ in 0..3 {
         let timed_out = connection.send("I10", Duration::from_millis(200));
-        assert!(matches!(timed_out, Err(CommandError::Refused(CallError::TimedOut))), "{timed_out:?}");
+        assert!(matches!(timed_out, Err(CommandError::Refused(CallError::TimedOut { .. }))), "{timed_out:?}");
         assert_eq!(connection.send("I19", PATIENCE).unwrap(), ["1"]);
     }
     site.control("fault ascii_late_ack off");
@@ -225,7 +225,7 @@ fn a_deaf_or_dumb_board_costs_a_command_its_time_and_no_more() {
     answers(&mut connection);
     site.control("fault ascii_no_reply on");
     let dumb = connection.send("VERSION", Duration::from_millis(500));
-    assert!(matches!(dumb, Err(CommandError::Refused(CallError::TimedOut))), "{dumb:?}");
+    assert!(matches!(dumb, Err(CommandError::Refused(CallError::TimedOut { .. }))), "{dumb:?}");
     site.control("fault ascii_no_reply off");
     answers(&mut connection);
     assert!(is_live(&site.attach(), RegionId::Servo), "the servo data do not suffer");

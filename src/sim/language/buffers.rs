@@ -99,6 +99,11 @@ impl Line<'_, '_> {
                 if !self.scanner.take_text(b"PLC") {
                     return Err(CommandError::SYNTAX);
                 }
+                if self.scanner.take_text(b"C") {
+                    // Compiled PLCs come from a host's compiler; this board has none to switch.
+                    numbers(&mut self.scanner, 0, PLCS - 1)?;
+                    return Ok(());
+                }
                 let plcs = numbers(&mut self.scanner, 0, PLCS - 1)?;
                 self.machine.enable_plcs(plcs as u32, enable);
                 Ok(())
@@ -213,9 +218,13 @@ impl Line<'_, '_> {
             Kind::Rotary => return self.machine.programs.store.define_rotary(cs, size, free),
             Kind::Table(kind) => kind,
         };
+        let (mut motors, mut desired) = ([motor; 2], false);
         let (owner, span) = match kind {
             TableKind::Leadscrew | TableKind::Torque | TableKind::Backlash => {
                 self.scanner.expect(b',')?;
+                if kind == TableKind::Leadscrew {
+                    (motors, desired) = self.compensated_motors()?;
+                }
                 (motor, self.scanner.unsigned()?)
             }
             TableKind::Cutter => (cs, 0.0),
@@ -231,8 +240,25 @@ impl Line<'_, '_> {
         if tables.iter().any(|table| table.kind == kind && table.owner == owner) {
             return Err(CommandError::SYNTAX);
         }
-        tables.push(Table { kind, owner, size, span, entries: Vec::new() });
+        tables.push(Table { kind, owner, size, span, motors, desired, entries: Vec::new() });
         Ok(())
+    }
+
+    /// `[#source[D],][#target,]` of `DEFINE COMP`; both are the addressed motor unless named.
+    fn compensated_motors(&mut self) -> Result<([usize; 2], bool), CommandError> {
+        let (mut motors, mut desired) = ([self.interpreter.motor; 2], false);
+        for (index, motor) in motors.iter_mut().enumerate() {
+            if !self.scanner.take(b'#') {
+                break;
+            }
+            *motor = match self.scanner.integer()? {
+                number if (1..=self.machine.variables.family().motors).contains(&number) => number - 1,
+                _ => return Err(CommandError::SYNTAX),
+            };
+            desired |= index == 0 && self.scanner.take(b'D');
+            self.scanner.expect(b',')?;
+        }
+        Ok((motors, desired))
     }
 
     /// `DELETE` of anything but a gather buffer.

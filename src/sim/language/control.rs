@@ -1,9 +1,17 @@
 //! Control characters that are commands: they act at once, without a line end, and leave the line under way alone
 //! (Software Reference, "On-line commands", CONTROL-A and following).
+//!
+//! ^W takes a command line from the DPRAM: I47 is the address where it begins, packed as the DPRAM ASCII port packs it (two
+//! characters a 16-bit word, the first one low, Y word before X word), up to a NUL or carriage return; it is answered
+//! where the ^W came from. ^E and ^G are binary reports of old firmware: what the sources of I20 to I44 hold, and
+//! both words of the global status, each 24-bit word as three bytes, high byte first. (Their form, and the packing for ^W,
+//! come from no page at hand.)
 
 use super::coordinate::status_text;
+use super::interpreter::LONGEST_LINE;
 use super::number::tenths;
 use super::{Machine, Reply};
+use crate::sim::offsets;
 use crate::sim::program::store::Open;
 
 /// The code of ^`letter` (upper case).
@@ -28,8 +36,38 @@ const V: u8 = control(b'V');
 const X: u8 = control(b'X');
 const Z: u8 = control(b'Z');
 
-/// Carries out `character`. `None`: it is no command. (^E and ^G, binary reports of old firmware, and ^W, a command
-/// taken from where I47 points, are not simulated.)
+/// ^W.
+pub(super) const TAKE: u8 = control(b'W');
+
+/// Whether `character` makes the board take a line, which is answered like one.
+#[must_use]
+pub(in crate::sim) const fn takes_line(character: u8) -> bool {
+    character == TAKE
+}
+
+/// The line that ^W takes; empty when I47 points outside the DPRAM.
+pub(super) fn dpram_line(machine: &Machine) -> Vec<u8> {
+    let first = machine.variables.i(47) as u16;
+    let words = (first..=offsets::LAST)
+        .filter(|address| *address >= offsets::BASE)
+        .flat_map(|address| [machine.memory.read_y(address), machine.memory.read_x(address)]);
+    let characters = words.flat_map(|word| (word as u16).to_le_bytes());
+    characters.take_while(|c| !matches!(c, 0 | b'\r')).take(LONGEST_LINE + 1).collect()
+}
+
+/// What ^E and ^G report, for ports that take any byte.
+pub(super) fn binary_report(machine: &Machine, character: u8) -> Option<Vec<u8>> {
+    const E: u8 = control(b'E');
+    const G: u8 = control(b'G');
+    let words: Vec<u32> = match character {
+        E => machine.gather_sources().into_iter().flatten().collect(),
+        G => machine.global_status().to_vec(),
+        _ => return None,
+    };
+    Some(words.iter().flat_map(|word| word.to_be_bytes().into_iter().skip(1)).collect())
+}
+
+/// Carries out `character`. `None`: it is no command of this kind.
 pub(super) fn execute(machine: &mut Machine, character: u8) -> Option<Reply> {
     let family = machine.variables.family();
     let report = |texts: Vec<String>| Reply { lines: vec![texts.join(" ")], error: None };

@@ -85,6 +85,10 @@ impl Interpreter {
     ///
     /// `Some` with lines is a report; most characters answer nothing.
     pub fn control(&mut self, machine: &mut Machine, character: u8) -> Option<Reply> {
+        if character == super::control::TAKE {
+            let line = super::control::dpram_line(machine);
+            return Some(self.execute(machine, &line));
+        }
         super::control::execute(machine, character)
     }
 }

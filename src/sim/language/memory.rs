@@ -17,6 +17,8 @@ pub enum Space {
     Y,
     /// 48-bit registers: X word high, Y word low.
     L,
+    /// Program memory, for writing only: it is the firmware's, and what is written there changes nothing here.
+    Program,
 }
 
 /// What a read command reads, and how it shows it.
@@ -62,6 +64,7 @@ impl Line<'_, '_> {
                     memory.write_y(address, y);
                     memory.write_x(address, x);
                 }
+                Space::Program => {}
             }
         }
         Ok(())
@@ -82,6 +85,7 @@ impl Line<'_, '_> {
         let memory = &self.machine.memory;
         let (y, x) = (memory.read_y(address) & int24::MASK, memory.read_x(address) & int24::MASK);
         match (form.space, form.hex) {
+            (Space::Program, _) => String::new(),
             (Space::X, true) => format!("{x:06X}"),
             (Space::Y, true) => format!("{y:06X}"),
             (Space::L, true) => format!("{x:06X}{y:06X}"),

@@ -42,6 +42,7 @@ pub mod variables;
 pub mod words;
 
 pub use axis::{AxisDefinition, AxisDefinitions};
+pub(super) use control::takes_line;
 pub(super) use coordinate::check_start;
 pub use family::Family;
 pub use interpreter::Interpreter;

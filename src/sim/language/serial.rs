@@ -3,7 +3,7 @@
 //! I3 chooses the characters around data and the acknowledgement, I4 adds checksum bytes, I6 the error text (Software
 //! Reference p. 22-25). All three are looked at when the reply is sent, so `I3=2` is acknowledged in the new manner.
 
-use super::control::control;
+use super::control::{TAKE, binary_report, control, dpram_line};
 use super::interpreter::LONGEST_LINE;
 use super::{CommandError, Interpreter, Machine, Reply, Variables};
 
@@ -131,8 +131,14 @@ impl SerialPort {
                 let text = String::from_utf8_lossy(&self.last_line).into_owned();
                 report(machine, &Reply { lines: vec![text], error: None }, out);
             }
+            TAKE => {
+                let line = dpram_line(machine);
+                Self::carry_out(&line, machine, interpreter, out);
+            }
             0..b' ' => {
-                if let Some(reply) = interpreter.control(machine, byte) {
+                if let Some(bytes) = binary_report(machine, byte) {
+                    out.extend_from_slice(&bytes);
+                } else if let Some(reply) = interpreter.control(machine, byte) {
                     report(machine, &reply, out);
                 }
             }
@@ -143,12 +149,16 @@ impl SerialPort {
 
     /// Carries out the line last entered and sends its reply.
     fn enter(&self, machine: &mut Machine, interpreter: &mut Interpreter, out: &mut Vec<u8>) {
-        let reply = interpreter.execute(machine, &self.last_line);
+        Self::carry_out(&self.last_line, machine, interpreter, out);
+    }
+
+    fn carry_out(line: &[u8], machine: &mut Machine, interpreter: &mut Interpreter, out: &mut Vec<u8>) {
+        let reply = interpreter.execute(machine, line);
         let handshake = Handshake::of(&machine.variables);
         handshake.data(&reply.lines, out);
         match reply.error {
             Some(error) => handshake.error(error, out),
-            None => handshake.acknowledgement(&self.last_line, out),
+            None => handshake.acknowledgement(line, out),
         }
     }
 }
@@ -259,5 +269,20 @@ mod tests {
         assert_eq!(status.len(), 1 + 8 * 12 + 7 + 1);
         assert_eq!(board.send(b"\x15"), b"\x07\nERR003\r", "no rotary buffer to open");
         assert_eq!(board.send(b"\x0c\x01\x0b\x0f"), b"");
+    }
+
+    #[test]
+    fn a_line_from_the_dpram_and_binary_reports() {
+        let mut board = Board::new();
+        for (index, pair) in b"I3 UUU\r\0".chunks(2).enumerate() {
+            let word = u16::from_le_bytes([pair[0], pair[1]]);
+            board.machine.memory.dpram.write16(0x0C00 + 2 * index as u16, word);
+        }
+        board.send(b"I47=$D300\r");
+        assert_eq!(board.send(b"P1\x17=5\r"), b"2\r\x07ERR003\r\x06", "the line under way goes on");
+        board.send(b"I20=5 I21=$400003 I23=$80002B WX$3,$123456 WL$2B,$112233445566\r");
+        assert_eq!(board.send(b"\x05"), b"\x12\x34\x56\x44\x55\x66\x11\x22\x33");
+        board.send(b"WY$3,$010203\r");
+        assert_eq!(board.send(b"\x07"), b"\x12\x34\x56\x01\x02\x03");
     }
 }

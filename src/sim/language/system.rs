@@ -76,11 +76,9 @@ impl Line<'_, '_> {
         }
     }
 
-    /// `GATHER`. Gathering from a trigger on is not simulated.
+    /// `GATHER`, at once or from a trigger on.
     pub(super) fn gather(&mut self) -> Outcome {
-        if self.scanner.take_text(b"TRIGGER") {
-            return Err(CommandError::SYNTAX);
-        }
-        self.machine.gather()
+        let triggered = self.scanner.take_text(b"TRIGGER");
+        self.machine.gather(triggered)
     }
 }

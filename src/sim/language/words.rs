@@ -100,6 +100,7 @@ pub const COMMON: &[(&str, Word)] = &[
     ("WX", W::Write(Space::X)),
     ("WY", W::Write(Space::Y)),
     ("WL", W::Write(Space::L)),
+    ("WP", W::Write(Space::Program)),
     ("DEFINE", W::Define),
     ("DEF", W::Define),
     ("DELETE", W::Delete),

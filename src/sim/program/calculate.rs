@@ -282,12 +282,12 @@ impl Calculator<'_> {
                 // The step that was held back.
                 self.system.moved = !self.system.continuous;
             }
-            Item::CutterCompensation(side) => self.machine.program_word(
-                self.cs,
-                0b11 << 2,
-                u32::from(*side != 0) << 2 | u32::from(*side == 1) << 3,
-            ),
-            Item::CutterRadius(_) => {}
+            Item::CutterCompensation(side) => {
+                self.cutter_side(*side);
+                let bits = u32::from(*side != 0) << 2 | u32::from(*side == 1) << 3;
+                self.machine.program_word(self.cs, 0b11 << 2, bits);
+            }
+            Item::CutterRadius(radius) => self.cutter_radius(radius),
             Item::Select(number) => {
                 let number = self.value(number).round().max(0.0) as usize;
                 let count = self.machine.programs.transformations(self.cs);

@@ -9,13 +9,17 @@
 //! | [`item`], [`words`], [`parse`], [`text`], [`binary`] | program lines: internal form, text, DPRAM words |
 //! | [`store`], [`rotary`], [`structure`] | the buffers, their memory, their blocks |
 //! | [`system`], `calculate`, `flow`, `moves` | one coordinate system's program; its lines; their order; its moves |
-//! | [`path`], [`circle`], [`spline`], [`transform`], [`trajectory`] | geometry and time of moves |
+//! | [`path`], [`circle`], [`spline`], [`transform`], [`cutter`], [`cutting`], [`trajectory`] | geometry and time of moves |
 //! | `run`, `cycle` | run, stop, abort; servo and real-time interrupts |
 //! | [`plc`], `message` | PLC programs; CMD and SEND |
 
 pub mod binary;
 mod calculate;
 pub mod circle;
+pub mod cutter;
+pub mod cutting;
+#[cfg(test)]
+mod cutting_tests;
 mod cycle;
 mod flow;
 pub mod item;

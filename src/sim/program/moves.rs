@@ -22,7 +22,7 @@ const SHORTEST: f64 = 1.0;
 impl Calculator<'_> {
     pub(super) fn set_mode(&mut self, mode: Mode) {
         if mode != self.system.mode {
-            self.finish_spline();
+            self.end_spline();
         }
         self.system.mode = mode;
         self.machine.program_word(self.cs, 0b1_0011, mode.status());
@@ -150,6 +150,9 @@ impl Calculator<'_> {
             return;
         }
         self.match_positions();
+        if !matches!(self.system.mode, Mode::Linear | Mode::Circle1 | Mode::Circle2) {
+            self.finish_cutting();
+        }
         let request = std::mem::take(&mut self.system.request);
         let axes = self.target(&request.axes);
         let arc = matches!(self.system.mode, Mode::Circle1 | Mode::Circle2)
@@ -160,14 +163,9 @@ impl Calculator<'_> {
                     Some(radius) => Centre::Radius(radius),
                     None => Centre::From(self.centre(&request.vectors)),
                 };
-                self.arc(centre, axes);
+                self.travel(Some(centre), axes);
             }
-            Mode::Linear | Mode::Circle1 | Mode::Circle2 => {
-                let from = self.system.trajectory.target();
-                let target = self.machine.motor_targets(self.cs, &axes, &from);
-                let time = self.move_time(self.distance(&axes));
-                self.blend(Path::Line(difference(&target, &from)), time, target, axes);
-            }
+            Mode::Linear | Mode::Circle1 | Mode::Circle2 => self.travel(None, axes),
             Mode::Rapid => self.rapid(&request.triggers, axes),
             Mode::Spline1 | Mode::Spline2 => {
                 let from = self.system.trajectory.target();
@@ -199,8 +197,13 @@ impl Calculator<'_> {
         }
     }
 
-    /// Ends a spline under way: its last point counts twice more. PVT ends where it is.
+    /// Ends a spline under way, and a move that cutter compensation holds back. A spline's last point counts twice more. PVT ends where it is.
     pub(super) fn finish_spline(&mut self) {
+        self.finish_cutting();
+        self.end_spline();
+    }
+
+    fn end_spline(&mut self) {
         self.system.velocities = [0.0; 9];
         let Some(mut spline) = self.system.spline.take() else { return };
         let axes = self.system.axes;
@@ -217,7 +220,7 @@ impl Calculator<'_> {
         let status = self.machine.coordinate_status(self.cs)[0];
         let incremental = |axis: usize| status >> (6 + 2 * axis) & 1 == 1;
         let matrix = self.system.transformations.selected();
-        let mut axes = self.system.axes;
+        let mut axes = self.programmed();
         if let Some(matrix) = matrix {
             let programmed = matrix.programmed(three(&axes));
             axes[X..].copy_from_slice(&programmed);
@@ -242,7 +245,7 @@ impl Calculator<'_> {
         if incremental {
             return matrix.turned(given);
         }
-        let start = three(&self.system.axes);
+        let start = three(&self.programmed());
         let centre = matrix.base(given);
         [0, 1, 2].map(|k| if vectors[k].is_some() { centre[k] - start[k] } else { 0.0 })
     }
@@ -266,17 +269,43 @@ impl Calculator<'_> {
         if speed > 0.0 { (distance * self.ix(90) / speed).min(LONGEST) } else { LONGEST }
     }
 
-    fn arc(&mut self, centre: Centre, axes: [f64; 9]) {
-        let start = three(&self.system.axes);
-        let end = three(&axes);
-        let way = [0, 1, 2].map(|k| end[k] - start[k]);
+    /// Where the program is: with cutter compensation the axes are beside it.
+    pub(super) fn programmed(&self) -> [f64; 9] {
+        self.system.cutter.programmed().unwrap_or(self.system.axes)
+    }
+
+    /// From where the axes are to `axes`, straight or in an arc.
+    pub(super) fn go(&mut self, centre: Option<Centre>, axes: [f64; 9]) {
+        if let Some(centre) = centre {
+            return self.arc(centre, axes);
+        }
+        let from = self.system.trajectory.target();
+        let target = self.machine.motor_targets(self.cs, &axes, &from);
+        let time = self.move_time(self.distance(&axes));
+        self.blend(Path::Line(difference(&target, &from)), time, target, axes);
+    }
+
+    /// The arc between two places; without one, the program fails.
+    pub(super) fn geometry(
+        &mut self,
+        start: &[f64; 9],
+        end: &[f64; 9],
+        centre: Centre,
+    ) -> Option<circle::Arc> {
+        let way = [X, X + 1, X + 2].map(|k| end[k] - start[k]);
         let normal = self.system.normal.unwrap_or([0.0, 0.0, -1.0]);
         let clockwise = self.system.mode == Mode::Circle1;
         let (allowed, smallest) = (self.ix(96), self.machine.variables.i(90));
-        let Ok(arc) = circle::Arc::new(way, centre, normal, clockwise, allowed, smallest) else {
+        let arc = circle::Arc::new(way, centre, normal, clockwise, allowed, smallest);
+        if arc.is_err() {
             self.system.failure = Some(Failure::CircleRadius);
-            return;
-        };
+        }
+        arc.ok()
+    }
+
+    fn arc(&mut self, centre: Centre, axes: [f64; 9]) {
+        let start = self.system.axes;
+        let Some(arc) = self.geometry(&start, &axes, centre) else { return };
         let from = self.system.trajectory.target();
         let target = self.machine.motor_targets(self.cs, &axes, &from);
         let vector = |v: Vector| {

@@ -142,9 +142,10 @@ impl Machine {
             return;
         };
         let dropped = system.trajectory.drop_ahead();
-        if let Some(first) = dropped.first() {
-            let (program, line, _) = first.origin;
-            system.cursor = Some(Cursor::at(program, line));
+        let held = system.cutter.forget().map(|cursor| Cursor::at(cursor.program, cursor.line));
+        let first = dropped.first().map(|first| Cursor::at(first.origin.0, first.origin.1));
+        if let Some(first) = first.or(held) {
+            system.cursor = Some(first);
             system.spline = None;
             system.request = Default::default();
             match system.trajectory.entries().last() {
@@ -189,6 +190,7 @@ impl Machine {
         let system = &mut self.programs.systems[cs];
         system.trajectory.reset(commanded);
         system.spline = None;
+        system.cutter.forget();
         system.request = Default::default();
         system.later.clear();
         system.hold = Hold::Off;

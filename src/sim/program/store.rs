@@ -97,11 +97,30 @@ pub struct Table {
     pub size: usize,
     /// Counts it spans.
     pub span: f64,
+    /// Leadscrew compensation: the 0-based motor whose position it goes by, and the one that is corrected.
+    pub motors: [usize; 2],
+    /// It goes by the desired position rather than the actual one.
+    pub desired: bool,
     /// What has been entered.
     pub entries: Vec<f64>,
 }
 
 impl Table {
+    /// The entry for `position` counts from home, between entries in proportion.
+    ///
+    /// The first entry is for one spacing from zero and the last one for the whole span, and so for zero too: the table
+    /// begins anew beyond its span, either way. An entry that has not been made is zero.
+    #[must_use]
+    pub fn at(&self, position: f64) -> f64 {
+        if self.span <= 0.0 {
+            return 0.0;
+        }
+        let place = position.rem_euclid(self.span) / self.span * self.size as f64;
+        let entry = |k: usize| self.entries.get((k + self.size - 1) % self.size).copied().unwrap_or(0.0);
+        let (below, part) = (place.floor() as usize, place.fract());
+        entry(below) * (1.0 - part) + entry(below + 1) * part
+    }
+
     /// Whether it takes entries from lines that are a constant.
     #[must_use]
     pub fn takes_entries(&self) -> bool {

@@ -1,5 +1,6 @@
 //! What a coordinate system knows of the program it runs.
 
+use super::cutting::Cutter;
 use super::item::Mode;
 use super::path::Motors;
 use super::spline::Spline;
@@ -119,6 +120,8 @@ pub struct System {
     pub axes: [f64; 9],
     /// Axis velocities there in PVT mode, user units per ms.
     pub velocities: [f64; 9],
+    /// Cutter radius compensation.
+    pub cutter: Cutter,
     /// The spline under way.
     pub spline: Option<Spline>,
     /// Assignments that wait for the next move.
@@ -155,6 +158,7 @@ impl System {
         self.frames.clear();
         self.loops.clear();
         self.request = Request::default();
+        self.cutter = Cutter::default();
         self.in_block = false;
         self.moved = false;
         self.later.clear();

@@ -1,0 +1,178 @@
+//! The interrupt controller behind the board's host port, served in the one order that loses nothing.
+//!
+//! The response is read and 0 written to 0x06D0 by the desk; then the interrupt is acknowledged here, then 0x06D0 looked
+//! at once more. An interrupt with 0x06D0 = 0, of a response that was found by looking, is an old one: it is counted and
+//! acknowledged, or the controller would give no other.
+
+use std::time::{Duration, Instant};
+
+use log::{info, warn};
+
+use super::ascii_desk::AsciiDesk;
+use super::ports::HostPortConfig;
+use super::response_port::{PortError, Way};
+use crate::device::{Bus, ByteBus, ByteBusError, Counted, Inherited, OpenError, System, open_host_port};
+use crate::function::host_port::{Controller, HostPort};
+use crate::map::classic::ASCII_INPUT_CONTROL;
+
+/// How long after a response its interrupt may still come. Then it was lost on its way to us, and has to be
+/// acknowledged all the same.
+const ANNOUNCED_BY: Duration = Duration::from_millis(50);
+
+/// What was counted.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct HostPortCounts {
+    /// Interrupts served.
+    pub served: u32,
+    /// Of these, how many were old ones: no response was there any more.
+    pub old: u32,
+    /// Responses whose interrupt never came.
+    pub unannounced: u32,
+}
+
+/// The controller.
+pub struct HostPortLink {
+    config: HostPortConfig,
+    registers: Counted<Box<dyn ByteBus>>,
+    /// Whether the line was open before we opened it; `None` while we have not.
+    was_open: Option<bool>,
+    /// An interrupt came that was not acknowledged yet; the value is the number of responses taken before it.
+    pending: Option<u64>,
+    /// Responses taken when the line was acknowledged last.
+    acknowledged: u64,
+    /// When a response was first seen taken whose interrupt has not come.
+    unannounced_since: Option<Instant>,
+    counts: HostPortCounts,
+}
+
+impl HostPortLink {
+    /// Opens the registers.
+    ///
+    /// # Errors
+    /// [`OpenError`].
+    pub fn open(config: HostPortConfig, system: &System, inherited: &Inherited) -> Result<Self, OpenError> {
+        Ok(Self {
+            registers: Counted::new(open_host_port(&config.registers, system, inherited)?),
+            config,
+            was_open: None,
+            pending: None,
+            acknowledged: 0,
+            unannounced_since: None,
+            counts: HostPortCounts::default(),
+        })
+    }
+
+    /// What was counted since the start.
+    #[must_use]
+    pub fn counts(&self) -> HostPortCounts {
+        self.counts
+    }
+
+    /// The controller and the line.
+    #[must_use]
+    pub fn port(&self) -> &HostPort {
+        &self.config.port
+    }
+
+    /// Its name in `GetInfo`.
+    #[must_use]
+    pub fn name(port: &HostPort) -> &'static str {
+        match port.controller {
+            Controller::Pic8259 => "pic8259",
+            Controller::Pmac2 => "pmac2",
+        }
+    }
+
+    /// Opens the line, at start and after a reset of the board, which shuts it.
+    ///
+    /// # Errors
+    /// When the registers cannot be reached.
+    pub fn enable(&mut self) -> Result<(), ByteBusError> {
+        let found = self.config.port.enable(&mut self.registers)?;
+        if self.was_open.is_none() {
+            self.was_open = Some(found);
+            let state = if found { "was open already" } else { "opened" };
+            info!("host port: {} line {} {state}", Self::name(&self.config.port), self.config.port.line);
+        }
+        Ok(())
+    }
+
+    /// Opens the registers again, and the line: the board's memory was replaced.
+    ///
+    /// # Errors
+    /// In words.
+    pub fn reopen(&mut self) -> Result<(), String> {
+        let opened = open_host_port(&self.config.registers, &System::here(), &Inherited::default());
+        self.registers.replace(opened.map_err(|error| error.to_string())?);
+        self.enable().map_err(|error| error.to_string())
+    }
+
+    /// Shuts the line, unless it was open before we came.
+    ///
+    /// # Errors
+    /// When the registers cannot be reached.
+    pub fn leave(&mut self) -> Result<(), ByteBusError> {
+        match self.was_open.take() {
+            Some(false) => self.config.port.disable(&mut self.registers),
+            Some(true) => self.config.port.acknowledge(&mut self.registers),
+            None => Ok(()),
+        }
+    }
+
+    /// Interrupts came, after `responses` responses had been taken from the DPRAM.
+    pub fn interrupted(&mut self, responses: u64) {
+        self.pending.get_or_insert(responses);
+    }
+
+    /// After the desk has taken what it could: acknowledges what is to be acknowledged. At most 2 reads of the DPRAM and 1
+    /// write of a register; nothing without an interrupt.
+    ///
+    /// # Errors
+    /// [`PortError`].
+    pub fn serve(&mut self, bus: &mut impl Bus, desk: &mut AsciiDesk, now: Instant) -> Result<(), PortError> {
+        let responses = desk.port().responses();
+        let Some(before) = self.pending else { return Ok(self.serve_unannounced(responses, now)?) };
+        // A response nobody has room for stays where it is; before it is taken the line would only be raised again.
+        if desk.is_held_up() {
+            return Ok(());
+        }
+        if responses == before && desk.port().way() == Way::Dpram {
+            if bus.read16(ASCII_INPUT_CONTROL)? != 0 {
+                desk.look_now(now);
+                return Ok(());
+            }
+            self.counts.old += 1;
+        }
+        self.pending = None;
+        self.counts.served += 1;
+        self.acknowledge(responses)?;
+        if bus.read16(ASCII_INPUT_CONTROL)? != 0 {
+            desk.look_now(now);
+        }
+        Ok(())
+    }
+
+    fn acknowledge(&mut self, responses: u64) -> Result<(), ByteBusError> {
+        self.acknowledged = responses;
+        self.unannounced_since = None;
+        self.config.port.acknowledge(&mut self.registers)
+    }
+
+    /// A response was taken and its interrupt does not come: the controller waits for us, we for it.
+    fn serve_unannounced(&mut self, responses: u64, now: Instant) -> Result<(), ByteBusError> {
+        if responses == self.acknowledged {
+            return Ok(());
+        }
+        let since = *self.unannounced_since.get_or_insert(now);
+        if now < since + ANNOUNCED_BY {
+            return Ok(());
+        }
+        if self.counts.unannounced == 0 {
+            warn!(
+                "host port: no interrupt came with a response (is I56=1?); acknowledged all the same, further ones are counted"
+            );
+        }
+        self.counts.unannounced += 1;
+        self.acknowledge(responses)
+    }
+}

@@ -1,0 +1,63 @@
+//! What the bus thread does about the ports for command lines besides serving them: the mailboxes' interrupts, and what
+//! is said when a port, or the way in use, changes.
+
+use std::time::Instant;
+
+use log::{info, warn};
+
+use super::ascii_desk::PortState;
+use super::board_loop::BoardLoop;
+use super::response_port::Way;
+use crate::segment::Counter;
+
+impl BoardLoop {
+    pub(super) fn attend_mailbox(&mut self, readable: bool, now: Instant) {
+        let Some(mailbox) = &mut self.desk.port_mut().mailbox else { return };
+        let interrupts = if readable { mailbox.take_interrupts() } else { 0 };
+        mailbox.tend(now);
+        let connected = mailbox.is_connected();
+        if interrupts > 0 {
+            self.publisher.counters().add(Counter::Interrupts, u64::from(interrupts));
+            self.desk.look_now(now);
+        }
+        if connected != self.told.mailbox {
+            self.told.mailbox = connected;
+            self.tell_interrupt();
+        }
+    }
+
+    /// Whether the interrupts of the way in use are there has changed.
+    pub(super) fn tell_interrupt(&mut self) {
+        self.desk.set_interrupt(self.has_interrupt());
+        self.tell_enabled();
+    }
+
+    pub(super) fn has_interrupt(&self) -> bool {
+        match self.desk.port().way() {
+            Way::Dpram => self.told.interrupt,
+            Way::Mailbox => self.told.mailbox,
+        }
+    }
+
+    pub(super) fn tell_port(&mut self) {
+        let (way, state) = (self.desk.port().way(), self.desk.state());
+        let before = self.told.port.replace((way, state));
+        if before == Some((way, state)) {
+            return;
+        }
+        if before.is_none_or(|(before, _)| before != way) {
+            self.info.set_command_port(way);
+            self.desk.set_interrupt(self.has_interrupt());
+        }
+        match (way, state) {
+            (_, PortState::Unknown) => {}
+            (Way::Dpram, PortState::Answers) => info!("DPRAM ASCII answers"),
+            (Way::Dpram, PortState::Silent) => warn!("DPRAM ASCII does not answer (is I58=1?)"),
+            (Way::Mailbox, PortState::Answers) => info!("the VME mailboxes answer"),
+            (Way::Mailbox, PortState::Silent) => {
+                warn!("the VME mailboxes do not answer (is I3=2? are both interrupts there?)");
+            }
+        }
+        self.tell_enabled();
+    }
+}

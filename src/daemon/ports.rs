@@ -1,0 +1,217 @@
+//! The tables `[mailbox]` and `[host_port]` of the configuration: byte registers beside the DPRAM.
+
+use serde::Deserialize;
+
+use super::settings::FamilyName;
+use crate::device::{ByteSpec, InterruptSource};
+use crate::function::host_port::{Controller, HostPort, Initialisation};
+use crate::function::mailbox::{EnableReplies, ErrorReport, MailboxSettings};
+
+/// Pages there are: six bits.
+const PAGES: u8 = 0x40;
+
+/// When command lines go through the VME mailboxes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Use {
+    /// Always; the DPRAM's ASCII buffers are left alone.
+    Always,
+    /// While the DPRAM's port is off (I58=0) or out of reach.
+    #[default]
+    Fallback,
+    /// Never: the registers are there for the page alone.
+    Never,
+}
+
+/// Which byte of a word a register is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Lane {
+    /// The odd one, as the manual has it: mailbox n at base + 2n + 1.
+    #[default]
+    Odd,
+    /// The even one: the bridge swaps the bytes of a word.
+    Even,
+}
+
+/// `[mailbox]` as it is written.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MailboxTable {
+    registers: String,
+    #[serde(default, rename = "use")]
+    when: Use,
+    #[serde(default)]
+    lane: Lane,
+    taken: Option<String>,
+    reply: Option<String>,
+    dpram: Option<String>,
+    page: Option<u8>,
+    #[serde(default)]
+    error_report: ErrorReport,
+    #[serde(default)]
+    enable_replies: EnableReplies,
+}
+
+/// Where the interrupts of vectors v-1 and v are announced.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Vectors {
+    /// v-1: PMAC has taken a group.
+    pub taken: InterruptSource,
+    /// v: a group of a reply lies in the mailboxes.
+    pub reply: InterruptSource,
+}
+
+/// The mailbox circuit of a VME board.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct MailboxConfig {
+    /// Its 0x200 bytes.
+    pub registers: ByteSpec,
+    /// When command lines go that way.
+    pub when: Use,
+    /// Which byte of a word a register is.
+    pub lane: Lane,
+    /// There unless command lines never go that way.
+    pub vectors: Option<Vectors>,
+    /// Where vector v+1, a response in the DPRAM, is announced, if not where the board's own specification says.
+    pub dpram: Option<InterruptSource>,
+    /// What brings the DPRAM into reach: bits A19-A14 of its address, written after every reset.
+    pub page: Option<u8>,
+    /// How the board talks.
+    pub talk: MailboxSettings,
+}
+
+impl MailboxTable {
+    /// What it says.
+    ///
+    /// # Errors
+    /// The key that is wrong, and how to write it.
+    pub fn decide(self) -> Result<MailboxConfig, String> {
+        let source = |key: &str, text: Option<String>| {
+            let parse = |text: String| text.parse().map_err(|error| format!("mailbox.{key}: {error}"));
+            text.map(parse).transpose()
+        };
+        let vectors = match (source("taken", self.taken)?, source("reply", self.reply)?) {
+            (Some(taken), Some(reply)) => Some(Vectors { taken, reply }),
+            (None, None) if self.when == Use::Never => None,
+            _ => {
+                return Err(
+                    "mailbox: taken and reply are missing: say where the interrupts of vectors v-1 and v \
+                            are announced, or write use = \"never\""
+                        .to_owned(),
+                );
+            }
+        };
+        if let Some(page) = self.page.filter(|page| *page >= PAGES) {
+            return Err(format!("mailbox.page = {page} is out of range: write 0 to 0x3F, bits A19-A14"));
+        }
+        Ok(MailboxConfig {
+            registers: self.registers.parse().map_err(|error| format!("mailbox.registers: {error}"))?,
+            when: self.when,
+            lane: self.lane,
+            vectors,
+            dpram: source("dpram", self.dpram)?,
+            page: self.page,
+            talk: MailboxSettings { error_report: self.error_report, enable_replies: self.enable_replies },
+        })
+    }
+}
+
+/// `[host_port]` as it is written.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct HostPortTable {
+    registers: String,
+    controller: Option<Controller>,
+    line: Option<u8>,
+    initialisation: Option<Initialisation>,
+}
+
+/// The interrupt controller behind the board's host port.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct HostPortConfig {
+    /// Its 16 registers.
+    pub registers: ByteSpec,
+    /// The controller and our line of it.
+    pub port: HostPort,
+}
+
+impl HostPortTable {
+    /// What it says, for a board of `family`.
+    ///
+    /// # Errors
+    /// The key that is wrong, and how to write it.
+    pub fn decide(self, family: FamilyName) -> Result<HostPortConfig, String> {
+        let default = match self.controller {
+            Some(Controller::Pic8259) => HostPort::PMAC,
+            Some(Controller::Pmac2) => HostPort::PMAC2,
+            None if family == FamilyName::Pmac2 => HostPort::PMAC2,
+            None => HostPort::PMAC,
+        };
+        let line = self.line.unwrap_or(default.line);
+        if line > 7 {
+            return Err(format!("host_port.line = {line} is out of range: write 0 to 7"));
+        }
+        if self.initialisation.is_some() && default.controller == Controller::Pmac2 {
+            return Err("host_port.initialisation is for the 8259 of a PMAC(1); leave it out".to_owned());
+        }
+        Ok(HostPortConfig {
+            registers: self.registers.parse().map_err(|error| format!("host_port.registers: {error}"))?,
+            port: HostPort { line, initialisation: self.initialisation, ..default },
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn mailbox(text: &str) -> Result<MailboxConfig, String> {
+        toml::from_str::<MailboxTable>(text).map_err(|error| error.message().to_owned())?.decide()
+    }
+
+    fn host_port(text: &str, family: FamilyName) -> Result<HostPortConfig, String> {
+        toml::from_str::<HostPortTable>(text).map_err(|error| error.message().to_owned())?.decide(family)
+    }
+
+    #[test]
+    fn what_is_left_out_has_its_default() {
+        let config = mailbox("registers = \"file:m\"\ntaken = \"unix:t\"\nreply = \"unix:r\"\n").unwrap();
+        assert_eq!((config.when, config.lane, config.page), (Use::Fallback, Lane::Odd, None));
+        assert!(config.vectors.is_some() && config.dpram.is_none());
+        assert_eq!(config.talk, MailboxSettings::default());
+        let config = mailbox("registers = \"file:m\"\nuse = \"never\"\npage = 0x3F\n").unwrap();
+        assert_eq!((config.vectors, config.page), (None, Some(0x3F)));
+        let config = host_port("registers = \"port:0x210\"\n", FamilyName::Pmac).unwrap();
+        assert_eq!((config.port, config.registers), (HostPort::PMAC, "port:0x210".parse().unwrap()));
+        assert_eq!(host_port("registers = \"file:h\"\n", FamilyName::Pmac2).unwrap().port, HostPort::PMAC2);
+    }
+
+    #[test]
+    fn what_is_wrong_is_said_with_its_key() {
+        let both = "registers = \"file:m\"\ntaken = \"unix:t\"\nreply = \"unix:r\"\n";
+        for (text, reason) in [
+            ("registers = \"file:m\"\n".to_owned(), "taken and reply are missing"),
+            ("registers = \"m\"\nuse = \"never\"\n".to_owned(), "mailbox.registers"),
+            (format!("{both}page = 64\n"), "mailbox.page = 64"),
+            (both.replace("unix:t", "t"), "mailbox.taken"),
+            (format!("{both}use = \"often\"\n"), "often"),
+            (format!("{both}speed = 1\n"), "speed"),
+        ] {
+            let error = mailbox(&text).unwrap_err();
+            assert!(error.contains(reason), "{text}: {error}");
+        }
+        for (text, reason) in [
+            ("registers = \"port:0x210\"\nline = 8\n", "host_port.line = 8"),
+            (
+                "registers = \"port:0x210\"\ncontroller = \"pmac2\"\ninitialisation = [1, 2, 3]\n",
+                "leave it out",
+            ),
+            ("registers = \"port:x\"\n", "host_port.registers"),
+            ("controller = \"apic\"\nregisters = \"port:1\"\n", "apic"),
+        ] {
+            let error = host_port(text, FamilyName::Pmac).unwrap_err();
+            assert!(error.contains(reason), "{text}: {error}");
+        }
+    }
+}

@@ -1,0 +1,86 @@
+//! What a reset of the board undoes, done again: the DPRAM's page, the mailboxes' permission to send, the host port's line.
+
+use std::time::{Duration, Instant};
+
+use log::{info, warn};
+
+use super::board_loop::BoardLoop;
+use super::host_link::HostPortLink;
+use super::mailbox_link::MailboxLink;
+use super::response_port::PortError;
+use crate::function::ascii::AsciiPort;
+
+/// How long the board may take, at the start, to bring the DPRAM into reach.
+const FIRST_REACH: Duration = Duration::from_millis(200);
+
+impl BoardLoop {
+    /// Brings the DPRAM into reach before it is touched for the first time, where its page has to be written.
+    pub(super) fn reach_dpram_first(&mut self) {
+        self.page_again();
+        let deadline = Instant::now() + FIRST_REACH;
+        let has_page = self.desk.port().mailbox.as_ref().is_some_and(|mailbox| mailbox.page().is_some());
+        while has_page
+            && Instant::now() < deadline
+            && !matches!(AsciiPort::is_out_of_reach(&mut self.bus), Ok(false))
+        {
+            std::thread::sleep(Duration::from_millis(1));
+        }
+    }
+
+    /// Writes the page while the DPRAM reads as all ones: a reset has had the board forget it. 1 read.
+    pub(super) fn guard_page(&mut self) -> Result<(), PortError> {
+        let Some(mailbox) = self.desk.port_mut().mailbox.as_mut().filter(|mailbox| mailbox.page().is_some())
+        else {
+            return Ok(());
+        };
+        let out_of_reach = AsciiPort::is_out_of_reach(&mut self.bus)?;
+        if out_of_reach {
+            mailbox.select_page()?;
+        }
+        match (std::mem::replace(&mut self.told.out_of_reach, out_of_reach), out_of_reach) {
+            (false, true) => {
+                warn!("the DPRAM is out of reach, so the board was reset; writing its page");
+                self.told.reset_known = true;
+                self.after_reset(true)?;
+            }
+            (true, false) => {
+                info!("the DPRAM is in reach, its page is selected");
+                self.start_over();
+            }
+            _ => {}
+        }
+        Ok(())
+    }
+
+    /// A board whose data stop may have been reset; the page it has already does no harm.
+    pub(super) fn page_again(&mut self) {
+        let mailbox = self.desk.port_mut().mailbox.as_mut();
+        if let Some(Err(error)) = mailbox.map(MailboxLink::select_page) {
+            self.bus_failed(&error);
+        }
+    }
+
+    /// The board was reset: what it forgets is told to it again. What goes through the mailboxes now was begun before the
+    /// reset if it `is_news`.
+    pub(super) fn after_reset(&mut self, is_news: bool) -> Result<(), PortError> {
+        self.page_again();
+        if let Some(host_port) = &mut self.host_port {
+            host_port.enable()?;
+        }
+        let now = Instant::now();
+        self.desk.identifier.ask_again(now);
+        if is_news { self.desk.forget(now) } else { Ok(()) }
+    }
+
+    /// The simulator that was started again has files of its own for these, too.
+    pub(super) fn reopen_registers(&mut self) {
+        let mailbox = self.desk.port_mut().mailbox.as_mut().map(MailboxLink::reopen);
+        if let Some(Err(error)) = mailbox {
+            warn!("mailboxes: {error}");
+        }
+        if let Some(Err(error)) = self.host_port.as_mut().map(HostPortLink::reopen) {
+            warn!("host port: {error}");
+        }
+        self.page_again();
+    }
+}

@@ -1,0 +1,322 @@
+//! The port command lines go through: the DPRAM's ASCII buffers or the VME mailboxes, the same to who sends them.
+//!
+//! Where the mailboxes are the fallback, the board is asked for I58 through them: it is what tells whether the board
+//! looks at the DPRAM's buffers at all. A line goes the other way only when it lay untouched in the DPRAM before and
+//! after that question, so that no line is carried out twice.
+
+use std::time::{Duration, Instant};
+
+use super::mailbox_link::MailboxLink;
+use super::ports::Use;
+use crate::device::{Bus, BusError, ByteBusError};
+use crate::format::TextOrder;
+use crate::function::ascii::{AsciiEvent, AsciiPort};
+
+/// How long the board may take to say what I58 is.
+const PATIENCE: Duration = Duration::from_millis(500);
+/// The question.
+const QUESTION: &[u8] = b"I58";
+
+/// A port cannot be reached.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum PortError {
+    /// The DPRAM.
+    #[error(transparent)]
+    Dpram(#[from] BusError),
+    /// The mailboxes, or the host port.
+    #[error(transparent)]
+    Registers(#[from] ByteBusError),
+}
+
+/// Which way command lines go.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Way {
+    /// The DPRAM's ASCII buffers.
+    Dpram,
+    /// The VME mailboxes.
+    Mailbox,
+}
+
+/// What the board said of I58.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Answer {
+    /// 0: it does not look at the DPRAM's buffers.
+    Off,
+    /// Another value.
+    On,
+    /// Nothing that is understood.
+    None,
+}
+
+struct Question {
+    until: Instant,
+    answer: Answer,
+}
+
+/// The ports, and the way in use.
+pub struct ResponsePort {
+    /// The DPRAM's.
+    pub dpram: AsciiPort,
+    /// The mailbox circuit, on a board that has one.
+    pub mailbox: Option<MailboxLink>,
+    way: Way,
+    question: Option<Question>,
+    answer: Option<Answer>,
+    /// Responses taken from the DPRAM.
+    responses: u64,
+}
+
+impl ResponsePort {
+    /// The ports of a board whose texts are packed in `order`.
+    #[must_use]
+    pub fn new(order: TextOrder, mailbox: Option<MailboxLink>, now: Instant) -> Self {
+        let always = mailbox.as_ref().is_some_and(|mailbox| mailbox.when() == Use::Always);
+        Self {
+            dpram: AsciiPort::new(order, now),
+            mailbox,
+            way: if always { Way::Mailbox } else { Way::Dpram },
+            question: None,
+            answer: None,
+            responses: 0,
+        }
+    }
+
+    /// The way in use.
+    #[must_use]
+    pub fn way(&self) -> Way {
+        self.way
+    }
+
+    /// Responses taken from the DPRAM so far.
+    #[must_use]
+    pub fn responses(&self) -> u64 {
+        self.responses
+    }
+
+    /// Accesses to the mailboxes' registers so far.
+    #[must_use]
+    pub fn register_accesses(&self) -> u64 {
+        self.mailbox.as_ref().map_or(0, |mailbox| mailbox.registers.accesses())
+    }
+
+    /// Whether the way may change, and interrupts are there to go the other.
+    #[must_use]
+    pub fn may_change(&self) -> bool {
+        self.mailbox.as_ref().is_some_and(|mailbox| mailbox.when() == Use::Fallback && mailbox.is_connected())
+    }
+
+    /// Goes another way from now on. Nothing may be under way.
+    pub fn change(&mut self, way: Way) {
+        self.way = way;
+    }
+
+    fn used_mailbox(&mut self) -> Option<&mut MailboxLink> {
+        self.mailbox.as_mut().filter(|mailbox| mailbox.when() != Use::Never)
+    }
+
+    /// Whether a line may be begun.
+    #[must_use]
+    pub fn is_idle(&self) -> bool {
+        match (self.way, &self.mailbox) {
+            (Way::Mailbox, Some(mailbox)) => mailbox.port.is_idle() && self.question.is_none(),
+            _ => self.dpram.is_idle(),
+        }
+    }
+
+    /// Whether something is expected from the board.
+    #[must_use]
+    pub fn is_waiting(&self) -> bool {
+        self.question.is_some() || !self.is_idle()
+    }
+
+    /// Whether the board has taken the whole command under way, as far as known.
+    #[must_use]
+    pub fn was_taken(&self) -> bool {
+        match (self.way, &self.mailbox) {
+            (Way::Mailbox, Some(mailbox)) => mailbox.port.was_taken(),
+            _ => self.dpram.was_taken(),
+        }
+    }
+
+    /// Starts sending `line`; false: try later.
+    ///
+    /// # Errors
+    /// [`PortError`].
+    pub fn begin(&mut self, bus: &mut impl Bus, line: &[u8]) -> Result<bool, PortError> {
+        match (self.way, &mut self.mailbox) {
+            (Way::Mailbox, Some(mailbox)) => Ok(self.question.is_none()
+                && mailbox.is_connected()
+                && mailbox.port.begin(&mut mailbox.registers, line)?),
+            _ => Ok(self.dpram.begin(bus, line)?),
+        }
+    }
+
+    /// Hands a control character to the board; false: try later.
+    ///
+    /// # Errors
+    /// [`PortError`].
+    pub fn control(
+        &mut self,
+        bus: &mut impl Bus,
+        character: u8,
+        has_reply: bool,
+        now: Instant,
+    ) -> Result<bool, PortError> {
+        match (self.way, &mut self.mailbox) {
+            (Way::Mailbox, Some(mailbox)) => Ok(mailbox.is_connected()
+                && mailbox.port.control(&mut mailbox.registers, character, has_reply, now)?),
+            _ => Ok(self.dpram.control(bus, character, has_reply, now)?),
+        }
+    }
+
+    /// Whether a control character waits for the board to take it.
+    ///
+    /// # Errors
+    /// [`PortError`].
+    pub fn control_lies(&self, bus: &mut impl Bus) -> Result<bool, PortError> {
+        match (self.way, &self.mailbox) {
+            (Way::Mailbox, Some(mailbox)) => Ok(mailbox.port.control_lies()),
+            _ => Ok(self.dpram.control_lies(bus)?),
+        }
+    }
+
+    /// Takes back a control character the board has not taken. From a mailbox nothing can be taken back; a cancel goes
+    /// over it.
+    ///
+    /// # Errors
+    /// [`PortError`].
+    pub fn withdraw_control(&mut self, bus: &mut impl Bus, now: Instant) -> Result<(), PortError> {
+        match (self.way, &mut self.mailbox) {
+            (Way::Mailbox, Some(mailbox)) => Ok(mailbox.port.give_up(&mut mailbox.registers, now)?),
+            _ => Ok(self.dpram.withdraw_control(bus)?),
+        }
+    }
+
+    /// Takes back a line that lies in the DPRAM and is not ours.
+    ///
+    /// # Errors
+    /// [`PortError`].
+    pub fn withdraw_line(&mut self, bus: &mut impl Bus) -> Result<(), PortError> {
+        match self.way {
+            Way::Mailbox => Ok(()),
+            Way::Dpram => Ok(AsciiPort::withdraw_line(bus)?),
+        }
+    }
+
+    /// Gives up on the command under way.
+    ///
+    /// # Errors
+    /// [`PortError`].
+    pub fn give_up(&mut self, bus: &mut impl Bus, now: Instant) -> Result<(), PortError> {
+        match (self.way, &mut self.mailbox) {
+            (Way::Mailbox, Some(mailbox)) => Ok(mailbox.port.give_up(&mut mailbox.registers, now)?),
+            _ => Ok(self.dpram.give_up(bus, now)?),
+        }
+    }
+
+    /// Makes the mailboxes ready, at start and after a reset of the board.
+    ///
+    /// # Errors
+    /// [`PortError`].
+    pub fn start(&mut self, now: Instant) -> Result<(), PortError> {
+        self.question = None;
+        Ok(self.used_mailbox().map_or(Ok(()), |mailbox| mailbox.start(now))?)
+    }
+
+    /// Does what can be done now and tells what was found.
+    ///
+    /// # Errors
+    /// [`PortError`].
+    pub fn step(&mut self, bus: &mut impl Bus, now: Instant) -> Result<Option<AsciiEvent>, PortError> {
+        if let Some(event) = self.step_mailbox(now)? {
+            return Ok(Some(event));
+        }
+        if self.way == Way::Mailbox {
+            return Ok(None);
+        }
+        let event = self.dpram.step(bus, now)?;
+        self.responses += u64::from(event.is_some());
+        Ok(event)
+    }
+
+    fn step_mailbox(&mut self, now: Instant) -> Result<Option<AsciiEvent>, PortError> {
+        let Some(mailbox) = self.mailbox.as_mut().filter(|mailbox| mailbox.when() != Use::Never) else {
+            return Ok(None);
+        };
+        let event = mailbox.port.step(&mut mailbox.registers, now)?;
+        let Some(question) = &mut self.question else { return Ok(event) };
+        let ended = match event {
+            Some(AsciiEvent::Line(text)) => {
+                question.answer = value(text.as_bytes());
+                None
+            }
+            Some(AsciiEvent::Done(Ok(()))) => Some(question.answer),
+            Some(AsciiEvent::Done(Err(_))) => Some(Answer::None),
+            Some(AsciiEvent::ProgramResponse(_) | AsciiEvent::ProgramMessage(_) | AsciiEvent::Stale(_)) => {
+                return Ok(event);
+            }
+            None if now >= question.until => {
+                mailbox.port.give_up(&mut mailbox.registers, now)?;
+                Some(Answer::None)
+            }
+            None => None,
+        };
+        if ended.is_some() {
+            self.answer = ended;
+            self.question = None;
+        }
+        Ok(None)
+    }
+
+    /// Asks the board for I58 through the mailboxes; false: not now. [`ResponsePort::take_answer`] has what it says.
+    ///
+    /// # Errors
+    /// [`PortError`].
+    pub fn ask(&mut self, now: Instant) -> Result<bool, PortError> {
+        let Some(mailbox) = self.mailbox.as_mut().filter(|mailbox| mailbox.is_connected()) else {
+            return Ok(false);
+        };
+        if self.question.is_some() || !mailbox.port.begin(&mut mailbox.registers, QUESTION)? {
+            return Ok(false);
+        }
+        self.question = Some(Question { until: now + PATIENCE, answer: Answer::None });
+        Ok(true)
+    }
+
+    /// What the board said of I58, once.
+    pub fn take_answer(&mut self) -> Option<Answer> {
+        self.answer.take()
+    }
+}
+
+/// The value in a reply to `I58`, in any of the forms I9 chooses.
+fn value(text: &[u8]) -> Answer {
+    let text = std::str::from_utf8(text).unwrap_or_default();
+    let digits = text.rsplit('=').next().unwrap_or_default().trim().trim_start_matches('$');
+    match i64::from_str_radix(digits, 16) {
+        Ok(0) => Answer::Off,
+        Ok(_) => Answer::On,
+        Err(_) => Answer::None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn i58_is_read_in_every_form() {
+        for (text, answer) in [
+            ("0", Answer::Off),
+            ("1", Answer::On),
+            ("$0", Answer::Off),
+            ("I58=1", Answer::On),
+            ("I58=$0", Answer::Off),
+            ("", Answer::None),
+            ("hello", Answer::None),
+        ] {
+            assert_eq!(value(text.as_bytes()), answer, "{text}");
+        }
+    }
+}

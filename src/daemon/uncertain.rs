@@ -1,0 +1,111 @@
+//! The settings of a board that no document decides: checked once at the start, and again when its firmware is known.
+
+use crate::function::variable_read::VariableMode;
+use crate::map::{BadFirmware, Family, Firmware, Layout, Plan};
+use crate::protocol::settings::{BoardSettings, VariablesMode};
+
+/// The settings, checked for a family.
+#[derive(Debug, Clone)]
+pub struct Uncertain {
+    settings: BoardSettings,
+    family: &'static Family,
+    plan: Plan,
+}
+
+impl Uncertain {
+    /// Checks `settings` for a board of the family named `family`, whose firmware is not known unless configured.
+    ///
+    /// # Errors
+    /// One line: the setting, its value and what it may be, or which buffers overlap.
+    pub fn decide(settings: BoardSettings, family: &str, firmware: Option<&str>) -> Result<Self, String> {
+        let family = Family::by_name(family).map_err(|error| error.to_string())?;
+        let firmware =
+            firmware.map(str::parse).transpose().map_err(|error: BadFirmware| error.to_string())?;
+        settings.rotary.check().map_err(|error| format!("[rotary] {error}"))?;
+        let plan = plan(&settings, family, firmware)?;
+        Ok(Self { settings, family, plan })
+    }
+
+    /// As they are written, defaults filled in.
+    #[must_use]
+    pub const fn settings(&self) -> &BoardSettings {
+        &self.settings
+    }
+
+    /// Where the buffers lie, as far as is known before the board has told its firmware.
+    #[must_use]
+    pub const fn plan(&self) -> Plan {
+        self.plan
+    }
+
+    /// Where they lie on a board that says it has `firmware`. A text that is no version changes nothing.
+    ///
+    /// # Errors
+    /// Which buffers overlap now that gathering lies elsewhere.
+    pub fn plan_for(&self, firmware: Option<&str>) -> Result<Plan, String> {
+        match firmware.and_then(|text| text.parse().ok()) {
+            None => Ok(self.plan),
+            known => plan(&self.settings, self.family, known),
+        }
+    }
+
+    /// How background variables are read.
+    #[must_use]
+    pub fn variable_mode(&self) -> VariableMode {
+        match self.settings.variables.mode {
+            VariablesMode::SingleUser => VariableMode::SingleUser,
+            VariablesMode::MultiUser => VariableMode::MultiUser,
+        }
+    }
+}
+
+fn plan(
+    settings: &BoardSettings,
+    family: &'static Family,
+    firmware: Option<Firmware>,
+) -> Result<Plan, String> {
+    let gather = settings.gather;
+    let layout = Layout::with_gather(family, firmware, gather.position, gather.size_word);
+    Plan::new(&layout, settings.plan).map_err(|error| format!("[plan] {error}"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::map::{GatherPosition, HostOffset};
+
+    fn decided(settings: BoardSettings) -> Result<Uncertain, String> {
+        Uncertain::decide(settings, "pmac", None)
+    }
+
+    #[test]
+    fn the_gather_buffer_is_kept_where_the_firmware_has_it() {
+        let uncertain = decided(BoardSettings::default()).unwrap();
+        let start = |plan: Plan| plan.gather().start;
+        assert_eq!(start(uncertain.plan()), HostOffset::new(0x0800));
+        assert_eq!(start(uncertain.plan_for(Some("1.16D")).unwrap()), HostOffset::new(0x0900));
+        for other in [Some("1.13"), Some("hello"), None] {
+            assert_eq!(start(uncertain.plan_for(other).unwrap()), HostOffset::new(0x0800), "{other:?}");
+        }
+        let mut settings = BoardSettings::default();
+        settings.gather.position = GatherPosition::Printed;
+        let uncertain = decided(settings).unwrap();
+        assert_eq!(start(uncertain.plan_for(Some("1.16D")).unwrap()), HostOffset::new(0x0800));
+    }
+
+    #[test]
+    fn what_cannot_be_is_said_by_name() {
+        let mut settings = BoardSettings::default();
+        settings.rotary.exponent_bias = 64;
+        assert_eq!(decided(settings).unwrap_err(), "[rotary] exponent_bias = 64: 0 to 63");
+        let mut settings = BoardSettings::default();
+        settings.plan.variable_write_start = 0xD300;
+        let error = decided(settings).unwrap_err();
+        assert!(error.starts_with("[plan] ") && error.contains("variable_write"), "{error}");
+        // Room up to the tables as printed, and 64 longs too much where the firmware has moved the buffer.
+        let mut settings = BoardSettings::default();
+        settings.plan.gather_longs = 0x820;
+        let uncertain = decided(settings).unwrap();
+        assert!(uncertain.plan_for(Some("1.16D")).unwrap_err().contains("overlap"));
+    }
+}

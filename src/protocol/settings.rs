@@ -1,0 +1,72 @@
+//! What the documents leave open about a board, and where the daemon places its buffers: one named setting each.
+//!
+//! The same tables stand in the daemon's configuration file (TOML) and in the reply of `GetSettings`, so that a client
+//! works by what the daemon works by. The defaults are the readings that fit the manuals best; none was seen on a board.
+
+use serde::{Deserialize, Serialize};
+
+use crate::map::{GatherPosition, GatherSizeWord, PlanSettings};
+use crate::rotary;
+
+/// All of them.
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct BoardSettings {
+    /// Sizes and places of the buffers in the open area.
+    pub plan: PlanSettings,
+    /// Where gathering lies.
+    pub gather: GatherSettings,
+    /// How background variables are read.
+    pub variables: VariablesSettings,
+    /// The binary rotary format.
+    pub rotary: rotary::Settings,
+}
+
+/// Where gathering lies. One driver's table tells of firmware that moved it; no manual does.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct GatherSettings {
+    /// The buffer and its index: where the board's firmware has them, or told outright.
+    pub position: GatherPosition,
+    /// The size word, where the buffer has been moved.
+    pub size_word: GatherSizeWord,
+}
+
+/// How background variables are read.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct VariablesSettings {
+    /// The buffer's mode (DPRAM manual p. 22).
+    pub mode: VariablesMode,
+}
+
+/// The two modes of the variable-read buffer.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum VariablesMode {
+    /// One ready bit for the whole table: the values of a report belong together.
+    #[default]
+    SingleUser,
+    /// A ready bit an entry: values come one by one, and other hosts may use entries of the table.
+    MultiUser,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_tables_are_written_by_name_and_come_back() {
+        let text = "[gather]\nposition = \"moved\"\nsize_word = \"as-printed\"\n[variables]\nmode = \"multi-user\"\n\
+                    [plan]\nrotary_start = [0xDE00, 0]\n[rotary]\nexponent_bias = 30\n";
+        let settings: BoardSettings = toml::from_str(text).unwrap();
+        assert_eq!(settings.gather.position, GatherPosition::Moved);
+        assert_eq!(settings.gather.size_word, GatherSizeWord::AsPrinted);
+        assert_eq!(settings.variables.mode, VariablesMode::MultiUser);
+        assert_eq!((settings.plan.rotary_start, settings.plan.gather_longs), ([0xDE00, 0], 0x5C0));
+        assert_eq!(settings.rotary.exponent_bias, 30);
+        let json = serde_json::to_string(&settings).unwrap();
+        assert_eq!(serde_json::from_str::<BoardSettings>(&json).unwrap(), settings);
+        assert!(toml::from_str::<BoardSettings>("[gather]\nplace = 1\n").is_err());
+    }
+}

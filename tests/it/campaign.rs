@@ -1,0 +1,530 @@
+//! The fault campaign: a board that misbehaves, while a function is used, while the daemon or a client dies. Every
+//! combination is drawn from a seed, so that a run that fails can be repeated alone.
+//!
+//! Ten thousand: `PMAC_CAMPAIGN_RUNS=10000 cargo test --release --test it campaign:: -- --nocapture`
+//! (`PMAC_CAMPAIGN_FIRST=n` begins with run n). Among the other tests it is short.
+//!
+//! After each run the fault is taken away, and within a bound everything works again. No call takes longer than it
+//! may, no snapshot is mixed, no command is done twice or not at all without its sender being told so, nobody
+//! gets another's reply, and the host has no bit of its own set once it has gone; no descriptor, memory object or file is left.
+
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::os::unix::fs::FileExt;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+use nix::sys::signal::Signal;
+use pmac_dpram::client::{Board, CommandError, Connection, RotaryPlace};
+use pmac_dpram::map::HostOffset;
+use pmac_dpram::protocol::CallError;
+use pmac_dpram::protocol::board::VariableRecord;
+use pmac_dpram::segment::{RegionId, Sample, Subscriber};
+
+use crate::mixing::is_whole;
+use crate::site::{Site, is_live, wait_until};
+
+/// What a sender gives the board.
+const TIMEOUT: Duration = Duration::from_millis(250);
+/// Nothing takes longer: a gather is several calls, each bounded by what the daemon gives the board and a margin.
+const BOUND: Duration = Duration::from_secs(20);
+/// Runs on one pair of processes, before both are ended and what they leave is looked at.
+const RUNS_A_SITE: u64 = 100;
+
+/// Words of the host that a board would wait on for ever: Host-Busy, the command's flag and character, the enable masks of
+/// the panel, the counts of the variable tables.
+const HOST_WORDS: [(u64, u16); 5] =
+    [(0x0024, 1), (0x062C, 1), (0x062E, 0xFF), (0x07D0, 0xFFFF), (0x07D4, 0xFFFF)];
+
+fn number(name: &str, default: u64) -> u64 {
+    std::env::var(name).ok().and_then(|text| text.parse().ok()).unwrap_or(default)
+}
+
+/// Evenly spread numbers from a seed (splitmix64).
+struct Random(u64);
+
+impl Random {
+    fn next(&mut self) -> u64 {
+        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
+        let mixed = (self.0 ^ self.0 >> 30).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        let mixed = (mixed ^ mixed >> 27).wrapping_mul(0x94D0_49BB_1331_11EB);
+        mixed ^ mixed >> 31
+    }
+
+    fn below(&mut self, limit: u64) -> u64 {
+        self.next() % limit
+    }
+
+    fn one_of<T: Copy>(&mut self, among: &[T]) -> T {
+        among[self.below(among.len() as u64) as usize]
+    }
+}
+
+/// What the board does wrong.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+enum Misbehaviour {
+    Nothing,
+    /// A fault of the simulator with its value, taken back afterwards.
+    Fault(&'static str, &'static str),
+    /// Words that are nonsense: an index, a count, a control word.
+    Poke(&'static str, &'static str),
+    /// The servo counter jumps.
+    Timer(&'static str),
+    Reset,
+    /// The board's process is killed, as a power failure does, and started again.
+    Power,
+}
+
+const MISBEHAVIOURS: &[Misbehaviour] = {
+    use Misbehaviour::*;
+    &[
+        Nothing,
+        Fault("servo_busy_stuck", "on"),
+        Fault("servo_silent", "on"),
+        Fault("background_stuck", "on"),
+        Fault("ascii_deaf", "on"),
+        Fault("ascii_no_reply", "on"),
+        Fault("ascii_late_ack", "30ms"),
+        Fault("ascii_late_ack", "400ms"),
+        Fault("ascii_torn", "on"),
+        Fault("ascii_repeat", "on"),
+        Fault("ascii_count", "0"),
+        Fault("ascii_count", "1"),
+        Fault("ascii_count", "300"),
+        Fault("ascii_count", "65535"),
+        Fault("lost_interrupt", "on"),
+        Fault("lost_interrupt", "3"),
+        Fault("spurious_interrupt", "50"),
+        Fault("all_ones", "on"),
+        Fault("all_zeros", "on"),
+        Fault("panel_stuck", "on"),
+        Fault("panel_late", "200"),
+        Fault("panel_torn", "on"),
+        Fault("variable_read_stuck", "on"),
+        Fault("variable_read_late", "200"),
+        Fault("variable_read_torn", "on"),
+        Fault("variable_write_stuck", "on"),
+        Fault("variable_write_late", "200"),
+        Fault("variable_write_torn", "on"),
+        Fault("rotary_stuck", "on"),
+        Fault("rotary_late", "100"),
+        Fault("rotary_torn", "on"),
+        // Control word, count and text of a response nobody gave.
+        Poke("06D0", "000D"),
+        Poke("06D0", "FFFF"),
+        Poke("06D0", "8003"),
+        Poke("06D2", "FFFF"),
+        // Index and size of the gather buffer, in both places.
+        Poke("08FE", "FFFF"),
+        Poke("08FC", "0001"),
+        Poke("07FE", "7FFF"),
+        // Host-Busy, set by somebody else.
+        Poke("0024", "0001"),
+        // Data-Ready and the timer of the background report.
+        Poke("0228", "FFFF"),
+        Poke("022A", "0000"),
+        Timer("-1"),
+        Timer("-20000"),
+        Timer("100000"),
+        Reset,
+        Power,
+    ]
+};
+
+/// What the host is about.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+enum Use {
+    Count,
+    Ask,
+    Control,
+    Panel,
+    Feed,
+    Variables,
+    SetVariable,
+    Words,
+    Rotary,
+    Gather,
+}
+
+const USES: &[Use] = &[
+    Use::Count,
+    Use::Ask,
+    Use::Control,
+    Use::Panel,
+    Use::Feed,
+    Use::Variables,
+    Use::SetVariable,
+    Use::Words,
+    Use::Rotary,
+    Use::Gather,
+];
+
+/// What happens meanwhile to those who use it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+enum Event {
+    Nothing,
+    DaemonKilled,
+    DaemonStopped,
+    DaemonEnded,
+}
+
+fn event(random: &mut Random) -> Event {
+    match random.below(10) {
+        0 => Event::DaemonKilled,
+        1 => Event::DaemonEnded,
+        2 => Event::DaemonStopped,
+        _ => Event::Nothing,
+    }
+}
+
+/// How often a variable of the board was asked to go up by one, and was told to have done so.
+#[derive(Default)]
+struct Count {
+    asked: u64,
+    done: u64,
+}
+
+impl Count {
+    fn ask(&mut self, connection: &mut Connection) -> Result<(), CommandError> {
+        self.asked += 1;
+        connection.send("P100=P100+1", TIMEOUT)?;
+        self.done += 1;
+        Ok(())
+    }
+
+    fn begin(&mut self, connection: &mut Connection) {
+        wait_until("P100 to be set", || connection.send("P100=0", Duration::from_secs(2)).is_ok());
+        *self = Self::default();
+    }
+}
+
+struct Campaign {
+    site: Site,
+    dpram: File,
+    count: Count,
+    longest: Duration,
+    longest_recovery: Duration,
+    results: BTreeMap<(Use, bool), u64>,
+}
+
+impl Campaign {
+    fn new() -> Self {
+        let site = Site::running(&[], &[]);
+        let dpram = File::open(site.path("dpram")).unwrap();
+        let mut campaign = Self {
+            site,
+            dpram,
+            count: Count::default(),
+            longest: Duration::ZERO,
+            longest_recovery: Duration::ZERO,
+            results: BTreeMap::new(),
+        };
+        campaign.board_is_new();
+        campaign
+    }
+
+    /// After power-on or a reset: what the runs need that the start-up lines do not set.
+    fn board_is_new(&mut self) {
+        self.site.control("tag on");
+        self.site.wait_for_live_servo();
+        let mut connection = self.site.connection();
+        for line in ["I2=3", "I55=1", "&1 #1->X #2->Y"] {
+            wait_until("a board that takes commands", || connection.send(line, TIMEOUT).is_ok());
+        }
+        self.count.begin(&mut connection);
+    }
+
+    fn run(&mut self, run: u64) {
+        let mut random = Random(run);
+        let misbehaviour = random.one_of(MISBEHAVIOURS);
+        let used = random.one_of(USES);
+        let event = event(&mut random);
+        let delay = Duration::from_micros(random.below(15_000));
+        let is_first = random.below(2) == 0;
+        println!("run {run}: {misbehaviour:?} while {used:?}, {event:?} after {delay:?}");
+
+        if is_first {
+            self.begin(misbehaviour);
+        }
+        let started = Instant::now();
+        let (site, count) = (&self.site, &mut self.count);
+        let outcome = std::thread::scope(|scope| {
+            let user = scope.spawn(move || use_it(site, used, count, run, garbles(misbehaviour)));
+            std::thread::sleep(delay);
+            match event {
+                Event::DaemonKilled => site.signal_daemon(Signal::SIGKILL),
+                Event::DaemonEnded => site.signal_daemon(Signal::SIGTERM),
+                Event::DaemonStopped => {
+                    site.signal_daemon(Signal::SIGSTOP);
+                    std::thread::sleep(Duration::from_millis(120));
+                    site.signal_daemon(Signal::SIGCONT);
+                }
+                Event::Nothing => {}
+            }
+            if !is_first && misbehaviour != Misbehaviour::Power {
+                disturb(site, misbehaviour);
+            }
+            user.join().unwrap()
+        });
+        let took = started.elapsed();
+        assert!(took < BOUND, "{used:?} took {took:?}");
+        self.longest = self.longest.max(took);
+        *self.results.entry((used, outcome.is_ok())).or_default() += 1;
+        if misbehaviour == Misbehaviour::Nothing && event == Event::Nothing {
+            outcome.unwrap_or_else(|error| panic!("{used:?} on a board in order: {error}"));
+        } else if let Err(error) = outcome {
+            println!("    {error}");
+        }
+
+        if !is_first && misbehaviour == Misbehaviour::Power {
+            self.begin(misbehaviour);
+        }
+        let started = Instant::now();
+        self.mend(misbehaviour, event);
+        self.recover(misbehaviour);
+        self.longest_recovery = self.longest_recovery.max(started.elapsed());
+    }
+
+    fn begin(&mut self, misbehaviour: Misbehaviour) {
+        if misbehaviour == Misbehaviour::Power {
+            self.site.kill_simulator();
+            self.site.start_simulator(&["--dpram-startup"]);
+        } else {
+            disturb(&self.site, misbehaviour);
+        }
+    }
+
+    /// Takes the fault away and starts what was ended.
+    fn mend(&mut self, misbehaviour: Misbehaviour, event: Event) {
+        if let Misbehaviour::Fault(name, _) = misbehaviour {
+            self.site.control(&format!("fault {name} off"));
+        }
+        match event {
+            Event::DaemonKilled => self.site.kill_daemon(),
+            Event::DaemonEnded => {
+                self.site.stop_daemon();
+                // Memory that nobody could reach could not be put in order either.
+                if !matches!(misbehaviour, Misbehaviour::Fault("all_ones" | "all_zeros", _)) {
+                    self.assert_released();
+                }
+            }
+            Event::DaemonStopped | Event::Nothing => return,
+        }
+        self.site.start_daemon(&[]);
+    }
+
+    /// Everything works again.
+    fn recover(&mut self, misbehaviour: Misbehaviour) {
+        let site = &self.site;
+        wait_until("live data", || {
+            Subscriber::attach(&site.segment())
+                .is_ok_and(|subscriber| is_live(&subscriber, RegionId::Background))
+        });
+        let mut connection = site.connection();
+        // A gather that was left running goes first, then the servo report, which is started again.
+        wait_until("a reply", || {
+            let closed = connection.send("CLOSE", TIMEOUT).is_ok();
+            closed && connection.send("ENDGATHER ENDGATHER GATHER I57=0", TIMEOUT).is_ok()
+        });
+        site.wait_for_live_servo();
+        let forgets = matches!(misbehaviour, Misbehaviour::Reset | Misbehaviour::Power);
+        if forgets {
+            self.board_is_new();
+        } else {
+            let reply = connection.send("P100", Duration::from_secs(2)).unwrap();
+            let found: u64 = reply[0].trim().parse().unwrap();
+            let Count { asked, done } = self.count;
+            assert!(
+                (done..=asked).contains(&found),
+                "P100 is {found}: asked {asked} times, done {done} times"
+            );
+            self.count = Count { asked: found, done: found };
+        }
+        assert_eq!(connection.send("I59 I58", Duration::from_secs(2)).unwrap(), ["8", "1"]);
+    }
+
+    /// No bit of the host's is set.
+    fn assert_released(&self) {
+        for (offset, bits) in HOST_WORDS {
+            let mut word = [0; 2];
+            self.dpram.read_exact_at(&mut word, offset).unwrap();
+            assert_eq!(u16::from_le_bytes(word) & bits, 0, "a bit of the host's is left in 0x{offset:04X}");
+        }
+    }
+
+    /// Looks at every servo sample it can get, of whichever daemon there is.
+    fn check_samples(segment: &pmac_dpram::segment::SegmentName, done: &AtomicBool) -> (u64, u64) {
+        let (mut checked, mut mixed, mut last) = (0, 0, (0, 0));
+        let mut sample = Sample::new();
+        let mut subscriber: Option<Subscriber> = None;
+        while !done.load(Ordering::Relaxed) {
+            std::thread::sleep(Duration::from_micros(300));
+            if subscriber.as_ref().is_none_or(|subscriber| subscriber.condition().is_over()) {
+                subscriber = Subscriber::attach(segment).ok();
+            }
+            let Some(attached) = &subscriber else { continue };
+            let Ok(Some(sequence)) = attached.latest(RegionId::Servo, &mut sample) else { continue };
+            if last == (attached.generation(), sequence) {
+                continue;
+            }
+            last = (attached.generation(), sequence);
+            // Zeros are the one thing that a memory losing its content word by word can mix in.
+            checked += 1;
+            mixed += u64::from(!is_whole(sample.words()) && !sample.words().contains(&0));
+        }
+        (checked, mixed)
+    }
+}
+
+fn disturb(site: &Site, misbehaviour: Misbehaviour) {
+    match misbehaviour {
+        Misbehaviour::Nothing | Misbehaviour::Power => {}
+        Misbehaviour::Fault(name, value) => drop(site.control(&format!("fault {name} {value}"))),
+        Misbehaviour::Poke(offset, value) => drop(site.control(&format!("poke {offset} {value}"))),
+        Misbehaviour::Timer(step) => drop(site.control(&format!("timer {step}"))),
+        Misbehaviour::Reset => drop(site.control("reset")),
+    }
+}
+
+/// Whether the board may give responses that no host could know to be wrong.
+fn garbles(misbehaviour: Misbehaviour) -> bool {
+    matches!(
+        misbehaviour,
+        Misbehaviour::Fault("ascii_torn" | "ascii_repeat" | "ascii_count", _)
+            | Misbehaviour::Poke("06D0" | "06D2", _)
+    )
+}
+
+fn use_it(site: &Site, used: Use, count: &mut Count, run: u64, garbled: bool) -> Result<(), CommandError> {
+    let mut connection = Connection::open(&site.socket())?;
+    match used {
+        Use::Count => (0..3).try_for_each(|_| count.ask(&mut connection)),
+        Use::Ask => {
+            // Another's reply would not have this number in it.
+            let number = run % 1_000_000;
+            let reply = connection.send(&format!("P101={number} P101"), TIMEOUT)?;
+            assert!(garbled || reply == [number.to_string()], "{reply:?}");
+            Ok(())
+        }
+        Use::Control => connection.control(0x04).map(drop),
+        Use::Panel => {
+            connection.panel("jog+", &[1, 3])?;
+            connection.panel("jog-stop", &[1, 3])
+        }
+        Use::Feed => {
+            connection.feed_override(1, Some(7253))?;
+            connection.feed_override(1, None).map(drop)
+        }
+        Use::Variables => {
+            let mut board = board(site)?;
+            let registers = ["X:$0000", "D:$0028", "Y:$0700"].map(|text| text.parse().unwrap());
+            let mut watch = board.watch_variables(&registers)?;
+            let _ = board.wait_variables(0, TIMEOUT);
+            watch.check()
+        }
+        Use::SetVariable => {
+            let record = |register: &str, value| VariableRecord {
+                register: register.to_owned(),
+                offset: None,
+                width: None,
+                value,
+            };
+            let records: Vec<VariableRecord> =
+                (0..40).map(|index| record(&format!("Y:${:04X}", 0x700 + index), index as f64)).collect();
+            connection.write_variables(&records, TIMEOUT)
+        }
+        Use::Words => {
+            let first = HostOffset::new(0x2000);
+            let words: Vec<(u16, u16)> = (0..16).map(|word| (run as u16 ^ word, 0xFFFF)).collect();
+            connection.write(first, &words, false)?;
+            connection.read(first, 16).map(drop)
+        }
+        Use::Rotary => {
+            for line in ["CLOSE", "I57=0", "DELETE GATHER", "&1DELETE ROT", "&1DEFINE ROT 100", "&1B0"] {
+                connection.send(line, TIMEOUT)?;
+            }
+            connection.rotary_open(RotaryPlace {
+                buffer: 1,
+                start: None,
+                size_longs: None,
+                coordinate_system: 1,
+                coordinate_system_base: 1,
+            })?;
+            connection.send("I57=1", TIMEOUT)?;
+            connection.rotary_state(1)?;
+            connection.send("I57=0", TIMEOUT).map(drop)
+        }
+        Use::Gather => {
+            let (status, _, error) =
+                site.pmacctl(&["gather", "--source", "servo_timer", "--seconds", "0.05", "-o", "-"]);
+            if status == 0 { Ok(()) } else { Err(CallError::Protocol(error).into()) }
+        }
+    }
+}
+
+fn board(site: &Site) -> Result<Board, CommandError> {
+    let gone = |_| CallError::Protocol("no segment".to_owned()).into();
+    Board::attach(&site.name).map(|board| board.with_socket(&site.socket())).map_err(gone)
+}
+
+/// Shared-memory objects of the daemon of that name.
+fn objects(name: &str) -> Vec<String> {
+    let names = std::fs::read_dir("/dev/shm").unwrap().flatten();
+    let names = names.map(|entry| entry.file_name().to_string_lossy().into_owned());
+    names.filter(|found| found.contains(name) && !found.ends_with(".lock")).collect()
+}
+
+#[test]
+fn whatever_the_board_does_everything_works_again() {
+    let first = number("PMAC_CAMPAIGN_FIRST", 1);
+    let runs = number("PMAC_CAMPAIGN_RUNS", 12);
+    let (mut done, mut results) = (0, BTreeMap::new());
+    let (mut longest, mut recovery, mut checked) = (Duration::ZERO, Duration::ZERO, 0);
+    while done < runs {
+        let mut campaign = Campaign::new();
+        let segment = campaign.site.segment();
+        let over = AtomicBool::new(false);
+        let (samples, mixed) = std::thread::scope(|scope| {
+            let checker = scope.spawn(|| Campaign::check_samples(&segment, &over));
+            // Ended also when a run fails, or the scope would wait for ever.
+            let _ended = Ended(&over);
+            for run in done..runs.min(done + RUNS_A_SITE) {
+                campaign.run(first + run);
+            }
+            over.store(true, Ordering::Relaxed);
+            checker.join().unwrap()
+        });
+        assert_eq!(mixed, 0, "of {samples} samples");
+        checked += samples;
+        done = runs.min(done + RUNS_A_SITE);
+        longest = longest.max(campaign.longest);
+        recovery = recovery.max(campaign.longest_recovery);
+        for (key, times) in &campaign.results {
+            *results.entry(*key).or_default() += times;
+        }
+        let descriptors =
+            std::fs::read_dir(format!("/proc/{}/fd", campaign.site.daemon_pid())).unwrap().count();
+        assert!(descriptors < 40, "the daemon has {descriptors} descriptors open");
+        assert_eq!(campaign.site.stop_daemon(), 0);
+        campaign.assert_released();
+        assert_eq!(objects(&campaign.site.name), Vec::<String>::new(), "objects are left");
+        let text: Vec<String> = results
+            .iter()
+            .map(|((used, ok), times): (&(Use, bool), &u64)| {
+                format!("{used:?} {} {times}", if *ok { "done" } else { "refused" })
+            })
+            .collect();
+        println!(
+            "{done} runs: {checked} samples checked, none mixed; longest call {longest:?}, recovery {recovery:?}; {}",
+            text.join(", ")
+        );
+    }
+}
+
+struct Ended<'a>(&'a AtomicBool);
+
+impl Drop for Ended<'_> {
+    fn drop(&mut self) {
+        self.0.store(true, Ordering::Relaxed);
+    }
+}

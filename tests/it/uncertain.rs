@@ -1,0 +1,129 @@
+//! What no document decides: the daemon's settings for it, and that both programs work by them.
+
+use pmac_dpram::protocol::BoardSettings;
+use serde_json::json;
+
+use crate::site::{PATIENCE, Site, wait_until};
+
+/// A board whose daemon is configured with `text`, and takes commands.
+fn configured(simulator: &[&str], text: &str) -> Site {
+    let mut site = Site::new();
+    let path = site.path("pmacd.toml");
+    std::fs::write(&path, text).unwrap();
+    site.start_simulator(&[&["--dpram-startup"], simulator].concat());
+    site.start_daemon(&["--config", path.to_str().unwrap()]);
+    site.wait_for_live_servo();
+    wait_until("a board that takes commands", || site.pmacctl(&["send", "&1 #1->X #2->Y"]).0 == 0);
+    site
+}
+
+fn word(site: &Site, offset: &str) -> u64 {
+    let (status, stdout, stderr) = site.pmacctl(&["read", offset, "--json"]);
+    assert_eq!(status, 0, "{stderr}");
+    let document: serde_json::Value = serde_json::from_str(&stdout).unwrap();
+    document[0]["words"][0].as_u64().unwrap()
+}
+
+#[test]
+fn the_example_shows_the_defaults() {
+    let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("systemd/pmacd.toml.example");
+    let text = std::fs::read_to_string(path).unwrap();
+    let (_, tables) = text.split_once("# What no document decides").unwrap();
+    let lines = tables.lines().filter_map(|line| line.strip_prefix("# "));
+    let written = lines.filter(|line| line.starts_with('[') || line.contains(" = ") && !line.contains(','));
+    let mut written: String = written.map(|line| format!("{line}\n")).collect();
+    for list in ["rotary_longs = [512, 512]\n", "rotary_start = [0, 0]\n"] {
+        assert!(tables.contains(list));
+    }
+    written += "";
+    let settings: BoardSettings =
+        toml::from_str(&written).unwrap_or_else(|error| panic!("{error}\n{written}"));
+    assert_eq!(settings, BoardSettings::default());
+    let keys = |value: &serde_json::Value| value.as_object().unwrap().len();
+    let all = serde_json::to_value(&settings).unwrap();
+    let expected: usize =
+        ["plan", "gather", "variables", "rotary"].iter().map(|table| keys(&all[table])).sum();
+    assert_eq!(written.lines().filter(|line| line.contains(" = ")).count(), expected - 2, "{written}");
+}
+
+#[test]
+fn the_daemon_and_the_command_line_work_by_them() {
+    let site = configured(
+        &["--rotary-cs-base", "0"],
+        "[plan]\nrotary_longs = [64, 0]\nrotary_start = [0xD900, 0]\ngather_longs = 600\n\
+         [variables]\nmode = \"multi-user\"\n[rotary]\ncoordinate_system_base = 0\n",
+    );
+    let settings = site.connection().settings().unwrap();
+    assert_eq!((settings.plan.gather_longs, settings.rotary.coordinate_system_base), (600, 0));
+
+    let program = site.path("program.pmc");
+    std::fs::write(&program, "RAPID X10 Y-5\nX20\n").unwrap();
+    let file = program.to_str().unwrap();
+    let (status, stdout, stderr) = site.pmacctl(&["rotary", "stream", file, "--define", "200", "--run"]);
+    assert_eq!(status, 0, "{stderr}");
+    assert!(stdout.starts_with("lines=2 commands=4 "), "{stdout}");
+    wait_until("the motors where the text says", || {
+        let lines = site.connection().send("#1P #2P", PATIENCE).unwrap();
+        lines == ["20", "-5"]
+    });
+    assert_eq!(word(&site, "0x07F2"), 0, "the header's coordinate system");
+    assert_eq!((word(&site, "0x07F8"), word(&site, "0x07FA")), (64, 0xD900), "size and start");
+    let (status, _, stderr) = site.pmacctl(&["rotary", "stream", file, "--buffer", "2"]);
+    assert!(status == 2 && stderr.contains("no room for rotary buffer 2"), "{stderr}");
+
+    let (status, stdout, stderr) =
+        site.pmacctl(&["variable", "watch", "X:$0000", "--count", "2", "--seconds", "10"]);
+    assert_eq!((status, stdout.lines().count()), (0, 2), "{stderr}");
+    std::thread::scope(|scope| {
+        scope.spawn(|| site.pmacctl(&["variable", "watch", "X:$0000", "--seconds", "2"]));
+        wait_until("the variable buffer in multi-user mode", || word(&site, "0x07E8") & 0x100 != 0);
+    });
+
+    // 600 longs hold 300 samples of a long register, whole.
+    let csv = site.path("data.csv");
+    let gather = ["gather", "--source", "D:$0028", "--once", "-o", csv.to_str().unwrap()];
+    let (status, stdout, stderr) = site.pmacctl(&gather);
+    assert!(status == 0 && stdout.starts_with("samples=300 lost=0 "), "{stdout}{stderr}");
+    // The board's firmware has moved gathering by 64 longs, which the daemon knows by now.
+    let end = 0xD240 + 600;
+    let open = |address: u32| site.pmacctl(&["write", &format!("Y:${address:X}"), "7"]);
+    assert_eq!(open(end).0, 0);
+    let (status, _, stderr) = open(end - 1);
+    assert!(status != 0 && stderr.contains("belongs to the gather buffer"), "{stderr}");
+    site.assert_no_violations();
+}
+
+#[test]
+fn the_exponent_in_a_stream_has_the_daemons_bias_unless_told_otherwise() {
+    let site = configured(&[], "[rotary]\nexponent_bias = 30\n[plan]\nrotary_start = [0xD900, 0]\n");
+    let program = site.path("program.pmc");
+    std::fs::write(&program, "X10\n").unwrap();
+    let file = program.to_str().unwrap();
+    for (options, expected) in [(&["--define", "200"][..], 0x0E22), (&["--set", "exponent_bias=31"], 0x0E23)]
+    {
+        let (status, _, stderr) = site.pmacctl(&[&["rotary", "stream", file], options].concat());
+        assert_eq!(status, 0, "{stderr}");
+        assert_eq!(word(&site, "0x2400"), expected, "{options:?}");
+    }
+    let (status, _, stderr) = site.pmacctl(&["rotary", "stream", file, "--set", "exponent_bias=64"]);
+    assert!(status == 2 && stderr.contains("0 to 63"), "{stderr}");
+    site.assert_no_violations();
+}
+
+#[test]
+fn gathering_is_looked_for_where_the_settings_say() {
+    // A board that answers 1.16D and gathers as printed is not a board of that one table.
+    let site = configured(&[], "[gather]\nposition = \"printed\"\n");
+    let settings = site.connection().settings().unwrap();
+    assert_eq!(serde_json::to_value(settings.gather).unwrap()["position"], json!("printed"));
+    let (status, _, stderr) =
+        site.pmacctl(&["gather", "--source", "servo_timer", "--seconds", "1", "-o", "-"]);
+    assert!(status == 1 && stderr.contains("not the buffer that the board has"), "{stderr}");
+    // And one with older firmware does.
+    drop(site);
+    let site = configured(&["--firmware", "1.13"], "");
+    let (status, stdout, stderr) =
+        site.pmacctl(&["gather", "--source", "servo_timer", "--once", "--buffer", "50", "-o", "-"]);
+    assert!(status == 0 && stdout.lines().count() == 51, "{stdout}{stderr}");
+    site.assert_no_violations();
+}

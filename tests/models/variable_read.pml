@@ -1,0 +1,167 @@
+/* Background variable read: mode and Data-Ready (0x07E8), count (0x07EC), and four longs of the open area that hold the
+ * table and, behind its last entry, the values. One table has one entry, the other two; what is data of the first is
+ * an entry of the second.
+ *
+ * Pmac mirrors src/sim/variable_read.rs, but word by word, Host src/function/variable_read.rs. Every access to the DPRAM
+ * is one step. A value tells which register it is and which pass read it, in both of its halves.
+ *
+ * -D...       what changes; what FAILS is told as the counterexample goes
+ * PASSES      passes are counted modulo this
+ * MULTI       multi-user mode: a ready bit an entry; MULTI=2: the host changes the mode with the table
+ * CRASH       the host is killed anywhere, any number of times, and started again
+ * NO_SILENCE  the host does not wait, after it has set the count to 0, until a pass under way has ended (50 ms). FAILS: a
+ *             pass begun with the short table writes its value where the long one has its second entry by now: that
+ *             entry names another register for ever, and nobody reads it back. So the silence must be longer than
+ *             PMAC's longest pass. Only between tables of the same length (SAME) it need not: there the next rule is
+ *             enough.
+ * NO_DROP     the first value announced after a change is taken. FAILS with NO_SILENCE and SAME: a pass begun with the
+ *             old table announces its values when the new one is set up.
+ * NO_RELEASE  the host does not set the count to 0 at its start, and takes what is ready. FAILS with CRASH: PMAC reads
+ *             the table while it is written.
+ */
+#define READY 128
+#define MULTI_USER 2
+#ifndef PASSES
+#define PASSES 4
+#endif
+#ifndef SAME
+#define SAME 0
+#endif
+#ifndef MULTI
+#define MULTI 0
+#endif
+#define LONGS 4
+#ifdef NO_DROP
+#define DROPPED 3
+#else
+#define DROPPED 0
+#endif
+
+byte control;                                         /* bit 0 Data-Ready, bit 1 stands for bit 8, multi-user mode */
+byte count, start;
+byte y[LONGS], x[LONGS];                              /* the halves of the longs; of an entry: address, kind */
+
+byte pass_number = 0;
+bool in_pass = false;
+bool killed = false;
+bool updated = false, taken = false;
+
+proctype Pmac() {
+  byte c, n, s, i, value;
+  do
+  :: atomic { c = control; in_pass = true };          /* one background pass */
+     atomic { n = count; if :: n == 0 -> goto ended :: else fi };
+     atomic { s = start; i = 0; updated = false; if :: !(c & MULTI_USER) && (c & 1) -> goto ended :: else fi };
+     do
+     :: i < n ->
+        if
+        :: (c & MULTI_USER) && (x[s + i] & READY) -> goto next
+        :: else
+        fi;
+        atomic { value = (y[s + i] * PASSES + pass_number) & 127 };
+        y[s + n + i] = value;
+        x[s + n + i] = value;
+        if
+        :: c & MULTI_USER -> atomic { value = x[s + i] }; x[s + i] = value | READY
+        :: else
+        fi;
+next:   atomic { i++; value = 0 }
+     :: else -> break
+     od;
+     if
+     :: c & MULTI_USER
+     :: else -> c = control; control = c | 1
+     fi;
+ended: atomic { in_pass = false; pass_number = (pass_number + 1) % PASSES; updated = true; c = 0; n = 0; i = 0; s = 0; value = 0 }
+  od
+}
+
+#define ADDRESS(i) (2 * table + (i))                  /* the registers of the first table, of the second */
+
+proctype Host() {
+  byte n, table, mode, dropped, i, word, a, b, p;
+  do
+  :: {
+#ifndef NO_RELEASE
+    count = 0;                                        /* VariableReader::release, at the start */
+    control = 0;
+#endif
+    do
+    :: atomic { i = 0; if :: table = 1 :: table = 2 fi; n = (SAME -> 2 : table); dropped = DROPPED;
+#if MULTI == 0
+         mode = 0
+#elif MULTI == 1
+         mode = MULTI_USER
+#else
+         if :: mode = 0 :: mode = MULTI_USER fi
+#endif
+       };
+#ifndef NO_RELEASE
+       count = 0;                                     /* VariableReader::begin */
+#endif
+#ifndef NO_SILENCE
+       !in_pass;                                      /* SETTLE */
+#endif
+       start = 0;
+       do
+       :: i < n -> y[start + i] = ADDRESS(i); atomic { x[start + i] = 0; i++ }
+       :: else -> break
+       od;
+       control = mode;
+       atomic { count = n; i = 0 };
+       do                                             /* VariableReader::look */
+       :: break                                       /* another table is wanted */
+       :: atomic { word = control; taken = false };
+          if
+          :: (word & MULTI_USER) != mode || (mode && (word & 1)) -> control = mode
+          :: else -> if
+             :: mode -> i = 0;
+                do
+                :: i < n ->
+                   word = x[start + i];
+                   if
+                   :: !(word & READY) -> goto unready
+                   :: (word & READY) && !(dropped & (1 << i)) && word == READY -> dropped = dropped | (1 << i)
+                   :: (word & READY) && (dropped & (1 << i)) && word == READY ->
+                      a = y[start + n + i];
+                      atomic { b = x[start + n + i]; assert(a == b && a / PASSES == ADDRESS(i)); a = 0; b = 0; taken = true }
+                   :: else
+                   fi;
+                   x[start + i] = 0;
+unready:           i++
+                :: else -> break
+                od
+             :: !mode && !(word & 1)
+             :: !mode && (word & 1) && !dropped -> dropped = 1; control = mode
+             :: !mode && (word & 1) && dropped -> i = 0;
+                do
+                :: i < n ->
+                   a = y[start + n + i];
+                   atomic {
+                     b = x[start + n + i];
+                     assert(a == b && a / PASSES == ADDRESS(i) && (i == 0 || a % PASSES == p));
+                     p = a % PASSES; a = 0; b = 0; i++
+                   }
+                :: else -> break
+                od;
+                atomic { control = mode; p = 0; taken = true }
+             fi
+          fi;
+          atomic { i = 0; word = 0 }
+       od
+    od
+  } unless { atomic { killed -> killed = false; i = 0; word = 0; a = 0; b = 0; p = 0; dropped = 0; n = 0; table = 0; mode = 0 } }
+  od
+}
+
+proctype Chaos() {
+#ifdef CRASH
+  do
+  :: killed = true; !killed
+  :: break
+  od;
+#endif
+  skip
+}
+
+init { atomic { run Pmac(); run Host(); run Chaos() } }
