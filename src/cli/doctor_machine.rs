@@ -18,8 +18,8 @@ pub fn boards(report: &mut Report, system: &System) {
     kernel(report, system);
     let memory = memory::may_open(system);
     match &memory {
-        Ok(()) => report.add(Level::Ok, "/dev/mem", "you may open it"),
-        Err(why) => report.add(Level::Ok, "/dev/mem", format!("not for you: {why}")),
+        Ok(()) => report.add(Level::Ok, "memory", "you may open /dev/mem"),
+        Err(why) => report.add(Level::Ok, "memory", format!("/dev/mem is not for you: {why}")),
     }
     let found = candidates(system);
     if found.is_empty() {

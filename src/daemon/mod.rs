@@ -27,6 +27,7 @@ pub mod panel_desk;
 pub mod policy;
 mod port_watch;
 pub mod ports;
+mod presence;
 pub mod queue;
 mod resets;
 pub mod response_port;
