@@ -9,6 +9,12 @@ use clap::error::ErrorKind;
 /// with `program`'s name before it and status 2.
 #[must_use]
 pub fn usage(program: &str, error: &clap::Error) -> ExitCode {
+    usage_with(program, error, 2)
+}
+
+/// As [`usage`], with another status for a mistake.
+#[must_use]
+pub fn usage_with(program: &str, error: &clap::Error, status: u8) -> ExitCode {
     match error.kind() {
         ErrorKind::DisplayHelp | ErrorKind::DisplayVersion => {
             // Nobody reads it: nothing to be done.
@@ -17,12 +23,12 @@ pub fn usage(program: &str, error: &clap::Error) -> ExitCode {
         }
         ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand => {
             let _ = error.print();
-            ExitCode::from(2)
+            ExitCode::from(status)
         }
         _ => {
             let _ =
                 writeln!(io::stderr(), "{program}: {}; see {program} --help", one_line(&error.to_string()));
-            ExitCode::from(2)
+            ExitCode::from(status)
         }
     }
 }

@@ -43,7 +43,7 @@ use std::ffi::OsString;
 use std::io::{self, Write};
 use std::process::ExitCode;
 
-use clap::Parser;
+use clap::{CommandFactory, Parser};
 
 use crate::client::{Board, ClientError, CommandError, Connection, socket_path};
 use crate::protocol::CallError;
@@ -52,6 +52,12 @@ use crate::usage::usage;
 
 use args::{Args, Command};
 use output::Output;
+
+/// What can be typed, for manual pages and completions.
+#[must_use]
+pub fn command() -> clap::Command {
+    Args::command()
+}
 
 /// How a command ended that was carried out.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -17,7 +17,10 @@ use crate::device::{
 use crate::format::WordOrder;
 
 /// Opens the board again, when its memory was replaced or its device came back.
-pub type OpenBus = Box<dyn FnMut() -> Result<OpenedBoard, String> + Send>;
+pub type OpenBus = Box<dyn FnMut() -> Result<OpenedBoard, OpenError> + Send>;
+
+/// What could not be opened, why, and what to do.
+pub type OpenError = Box<dyn std::error::Error + Send + Sync>;
 
 /// The board, and how to open it again.
 pub struct Board {
@@ -36,12 +39,11 @@ pub struct Board {
 /// # Errors
 /// What could not be opened, why, and what to do. A UIO interrupt that was asked for and is not there is one of these;
 /// one that cannot be armed is not: replies are looked for instead.
-pub fn open(settings: &Settings, system: &System, inherited: &Inherited) -> Result<Board, String> {
+pub fn open(settings: &Settings, system: &System, inherited: &Inherited) -> Result<Board, OpenError> {
     let order = settings.word_order;
     match &settings.board {
         BoardSpec::Simulator => {
-            let simulator = Simulator::start(settings.family, settings.firmware.as_deref())
-                .map_err(|error| error.to_string())?;
+            let simulator = Simulator::start(settings.family, settings.firmware.as_deref())?;
             let source = Some(simulator.interrupt());
             let open = open_file(simulator.memory(), order);
             Ok(Board { simulator: Some(simulator), ..of_file(open, source, system, inherited)? })
@@ -67,7 +69,7 @@ fn of_file(
     source: Option<InterruptSource>,
     system: &System,
     inherited: &Inherited,
-) -> Result<Board, String> {
+) -> Result<Board, OpenError> {
     let bus = open()?.bus;
     let interrupt = source.map(|source| link(source, system, inherited)).transpose()?;
     Ok(Board { simulator: None, bus, open, interrupt })
@@ -75,7 +77,7 @@ fn of_file(
 
 fn open_file(path: PathBuf, order: WordOrder) -> OpenBus {
     Box::new(move || {
-        let board = FileBoard::open(&path, DPRAM_BYTES).map_err(|error| error.to_string())?;
+        let board = FileBoard::open(&path, DPRAM_BYTES)?;
         Ok(OpenedBoard { bus: in_order(Box::new(board), order), interrupt: None })
     })
 }
@@ -85,8 +87,8 @@ fn open_window(
     order: WordOrder,
     system: &System,
     inherited: &Inherited,
-) -> Result<OpenedBoard, String> {
-    let opened = device::open(spec, system, inherited).map_err(|error| error.to_string())?;
+) -> Result<OpenedBoard, OpenError> {
+    let opened = device::open(spec, system, inherited)?;
     Ok(OpenedBoard { bus: in_order(opened.bus, order), ..opened })
 }
 
@@ -99,7 +101,11 @@ fn in_order(bus: Box<dyn Bus>, order: WordOrder) -> Box<dyn Bus> {
 
 /// A link to an interrupt of its own. A simulator's socket may come later; a UIO device has to be there now, while there
 /// is the privilege to open it.
-fn link(source: InterruptSource, system: &System, inherited: &Inherited) -> Result<InterruptLink, String> {
+pub(super) fn link(
+    source: InterruptSource,
+    system: &System,
+    inherited: &Inherited,
+) -> Result<InterruptLink, OpenError> {
     if matches!(source, InterruptSource::Unix(_)) {
         return Ok(InterruptLink::new(source));
     }
@@ -108,7 +114,7 @@ fn link(source: InterruptSource, system: &System, inherited: &Inherited) -> Resu
         Err(InterruptError::None(reason @ NoInterrupt::Rearm { .. })) => {
             Ok(InterruptLink::of_board(usable(Err(reason))))
         }
-        Err(error) => Err(format!("irq={source}: {error}")),
+        Err(error) => Err(format!("irq={source}: {error}").into()),
     }
 }
 
@@ -151,7 +157,7 @@ mod tests {
         let mut again = (board.open)().unwrap();
         assert_eq!(again.bus.read16(crate::map::HostOffset::new(0)).unwrap(), 0x1234);
         std::fs::remove_file(&memory).unwrap();
-        assert!((board.open)().err().unwrap().contains("mem:0x4000"));
+        assert!((board.open)().err().unwrap().to_string().contains("mem:0x4000"));
     }
 
     #[test]
@@ -161,6 +167,7 @@ mod tests {
         std::fs::create_dir_all(root.path().join("dev")).unwrap();
         std::fs::write(root.path().join("dev/mem"), vec![0; 0x4000]).unwrap();
         let error = open(&settings("mem:0,irq=uio:/dev/uio7"), &system, &Inherited::default()).err().unwrap();
+        let error = error.to_string();
         assert!(error.contains("irq=uio:/dev/uio7") & error.contains("no UIO device is there"), "{error}");
         let board = open(&settings("mem:0,irq=unix:/nonexistent"), &system, &Inherited::default()).unwrap();
         assert!(!board.interrupt.unwrap().is_connected(), "a simulator may come later");

@@ -146,6 +146,7 @@ impl BoardLoop {
         let mut heartbeat_due = 0;
         let mut check_due = monotonic_ns();
         loop {
+            self.info.count_round();
             if let Err(error) = self.one_round() {
                 self.bus_failed(&error);
             }

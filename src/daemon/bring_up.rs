@@ -1,34 +1,39 @@
 //! From the command line to a running daemon, and back: the whole order in one place.
 //!
-//! settings → simulator (if any) → board → segment → socket → bus thread → wait for a signal → the same backwards.
+//! settings → board → privileges given up → segment → socket → bus thread → wait for a signal → the same backwards. (A
+//! board that needs no right to be opened is opened when the name is taken: a second daemon is then told whose it is.)
 
 use std::io::Write;
+use std::path::Path;
 use std::process::ExitCode;
 use std::sync::Arc;
 use std::time::Instant;
 
 use clap::Parser;
-use log::{error, info, warn};
+use log::{Level, info, warn};
 use nix::sys::eventfd::{EfdFlags, EventFd};
-use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
-use signal_hook::iterator::Signals;
 
 use super::ascii_desk::AsciiDesk;
 use super::board::{self, Board};
 use super::board_loop::{BoardLoop, Told};
+use super::exit::{self, Failure};
 use super::host_link::HostPortLink;
 use super::identify::{Identifier, servo_period_ps};
 use super::info::SharedInfo;
-use super::interrupt_link::InterruptLink;
 use super::job_desk::JobDesk;
-use super::log_sink::LogSink;
+use super::journal;
+use super::log_sink::{LogSink, LogWriter};
 use super::mailbox_link::MailboxLink;
 use super::options::Options;
+use super::policy::group_id;
+use super::privilege::{self, Account, Holdings};
 use super::queue::queue;
 use super::response_port::ResponsePort;
 use super::serve::{Backend, ServeOptions, serve};
 use super::settings::Settings;
-use crate::device::{Counted, Inherited, System};
+use super::watch::{Manager, Signals, until_asked_to_end};
+use crate::device::scheduling::scheduling;
+use crate::device::{BoardSpec, Counted, Inherited, System};
 use crate::function::background::BACKGROUND_WORDS;
 use crate::function::servo::SERVO_WORDS;
 use crate::map::classic;
@@ -36,7 +41,7 @@ use crate::mirror::{BackgroundMirror, ServoMirror, gather, variable};
 use crate::protocol::{BoardInfo, HostPortInfo};
 use crate::segment::identity;
 use crate::segment::{CreateOptions, Identity, Publisher, RegionId, RegionSpec, monotonic_ns};
-use crate::usage::usage;
+use crate::usage::usage_with;
 
 /// Slots of each region: servo, some seconds; background, some reports; the board, a few changes.
 const SERVO_SLOTS: u32 = 4096;
@@ -45,73 +50,74 @@ const BOARD_SLOTS: u32 = 4;
 /// Commands and events that may lie between the threads.
 const QUEUE: usize = 256;
 
-/// The request was not understood or cannot be: nothing has been done.
-const EXIT_USAGE: u8 = 2;
-/// The daemon could not start, or could not go on.
-const EXIT_FAILURE: u8 = 1;
-
-/// The whole program.
+/// The whole program. Its exit statuses are those of [`exit`].
 #[must_use]
 pub fn main() -> ExitCode {
-    let log = match LogSink::start(std::io::stderr()) {
-        Ok(log) => log,
-        Err(error) => return say(EXIT_FAILURE, &format!("the log's thread: {error}")),
-    };
-    env_logger::Builder::from_env(env_logger::Env::default().default_filter_or("info"))
-        .format_timestamp(None)
-        .format_target(false)
-        .target(env_logger::Target::Pipe(Box::new(log.clone())))
-        .init();
+    let in_journal = journal::is_journal(&std::io::stderr());
+    let (log, mut log_writer) =
+        LogSink::new(std::io::stderr(), if in_journal { journal::prefix(Level::Warn) } else { "[WARN ] " });
+    let mut logger = env_logger::Builder::from_env(env_logger::Env::default().default_filter_or("info"));
+    logger.format_timestamp(None).format_target(false);
+    if in_journal {
+        logger.format(journal::write);
+    }
+    logger.target(env_logger::Target::Pipe(Box::new(log.clone()))).init();
     let options = match Options::try_parse() {
         Ok(options) => options,
-        Err(error) => return usage("pmacd", &error),
+        Err(error) => return usage_with("pmacd", &error, exit::USAGE),
     };
-    let settings = match Settings::decide(&options) {
-        Ok(settings) => settings,
-        Err(error) => return say(EXIT_USAGE, &error.to_string()),
-    };
-    if options.check {
-        return ExitCode::SUCCESS;
-    }
-    let ended = run(&settings, options.with_parent);
+    let ended = Settings::decide(&options)
+        .map_err(|error| {
+            let status = if options.config.is_some() { exit::CONFIGURATION } else { exit::USAGE };
+            Failure::new(status, error)
+        })
+        .and_then(|settings| if options.check { Ok(()) } else { run(&settings, &options, &mut log_writer) });
+    // What was logged before the thread was to start is not lost.
+    let _ = log_writer.start();
     log.finish();
     match ended {
         Ok(()) => ExitCode::SUCCESS,
-        Err(reason) => say(EXIT_FAILURE, &reason),
+        Err(failure) => {
+            // Not by `eprintln!`, which would panic when stderr is closed.
+            let prefix = if in_journal { journal::prefix(Level::Error) } else { "pmacd: " };
+            let _ = writeln!(std::io::stderr(), "{prefix}{failure}");
+            ExitCode::from(failure.status)
+        }
     }
 }
 
-/// Says why the program ends. Not by `eprintln!`, which would panic when stderr is closed.
-fn say(status: u8, reason: &str) -> ExitCode {
-    let _ = writeln!(std::io::stderr(), "pmacd: {reason}");
-    ExitCode::from(status)
-}
-
-fn run(settings: &Settings, parent: Option<u32>) -> Result<(), String> {
+fn run(settings: &Settings, options: &Options, log: &mut LogWriter) -> Result<(), Failure> {
     // Before anything else: a signal from now on is kept until it is waited for.
-    let mut signals = Signals::new([SIGTERM, SIGINT, SIGHUP]).map_err(|error| format!("signals: {error}"))?;
-    if let Some(parent) = parent {
-        crate::process::end_with_parent(parent).map_err(|error| error.to_string())?;
+    let mut signals = Signals::take().map_err(|error| Failure::system("signals", error))?;
+    let mut manager = Manager::from_environment();
+    let account = options.user.as_deref().map(Account::named).transpose()?;
+    let stays_root = account.is_none() && nix::unistd::geteuid().is_root();
+    if stays_root {
+        warn!("running as root; the unit file, or --user, is safer");
     }
-    if nix::unistd::geteuid().is_root() {
-        warn!("running as root; the unit file or a user of its own is safer");
+    let inherited = Inherited::take_all();
+    let early = needs_rights(&settings.board).then(|| Machine::open(settings, &inherited)).transpose()?;
+    if let Some(account) = &account {
+        make_socket_directory(&settings.socket, account)?;
     }
-    let options = segment_options(settings);
-    let publisher = Publisher::create(&options).map_err(|error| error.to_string())?;
-    let (system, inherited) = (System::here(), Inherited::take_all());
-    let Board { simulator: _simulator, bus, open, interrupt } = board::open(settings, &system, &inherited)?;
-    let mailbox = settings.mailbox.clone().map(|config| MailboxLink::open(config, &system, &inherited));
-    let mailbox = mailbox.transpose().map_err(|error| format!("mailboxes: {error}"))?;
-    let host_port = settings.host_port.clone().map(|config| HostPortLink::open(config, &system, &inherited));
-    let host_port = host_port.transpose().map_err(|error| format!("host port: {error}"))?;
+    if !stays_root {
+        privilege::give_up(account.as_ref())?;
+    }
+    if let Some(parent) = options.with_parent {
+        // A change of user undoes this, so it comes after.
+        crate::process::end_with_parent(parent).map_err(|error| Failure::new(exit::SYSTEM, error))?;
+    }
+    let publisher = Publisher::create(&segment_options(settings)?)?;
+    let Machine { board, mailbox, host_port } = match early {
+        Some(machine) => machine,
+        None => Machine::open(settings, &inherited)?,
+    };
+    let Board { simulator: _simulator, bus, open, interrupt } = board;
     // The board is open: what opens more of the machine is not kept.
     drop(inherited);
 
-    let response =
-        settings.mailbox.as_ref().and_then(|mailbox| mailbox.dpram.clone()).map(InterruptLink::new);
-
-    let (commands, command_queue) = queue(QUEUE).map_err(|error| format!("queue: {error}"))?;
-    let (events, event_queue) = queue(QUEUE).map_err(|error| format!("queue: {error}"))?;
+    let (commands, command_queue) = queue(QUEUE).map_err(|error| Failure::system("queue", error))?;
+    let (events, event_queue) = queue(QUEUE).map_err(|error| Failure::system("queue", error))?;
     let info =
         Arc::new(SharedInfo::new(board_info(settings, &publisher), settings.uncertain.settings().clone()));
     let serve_options = ServeOptions {
@@ -120,13 +126,19 @@ fn run(settings: &Settings, parent: Option<u32>) -> Result<(), String> {
         roles: settings.roles.clone(),
         ..ServeOptions::new(settings.socket.clone())
     };
-    let listener = serve_options.listen().map_err(|error| error.to_string())?;
+    let listener = serve_options.listen()?;
+    if stays_root {
+        // Root's own right to everything is not needed any more; until here it was, in places that belong to others.
+        privilege::give_up(None)?;
+    }
+    // Threads begin here: each would have kept the rights it was started with.
+    log.start().map_err(|error| Failure::system("the log's thread", error))?;
     let backend = Backend { commands, events: event_queue, info: Arc::clone(&info) };
-    let server = serve(&serve_options, listener, backend).map_err(|error| error.to_string())?;
+    let server = serve(&serve_options, listener, backend)?;
 
     let flags = EfdFlags::EFD_NONBLOCK | EfdFlags::EFD_CLOEXEC;
     let stop =
-        Arc::new(EventFd::from_value_and_flags(0, flags).map_err(|error| format!("eventfd: {error}"))?);
+        Arc::new(EventFd::from_value_and_flags(0, flags).map_err(|error| Failure::system("eventfd", error))?);
     let identifier = Identifier::new(configured_identity(settings), settings.ask_board, Instant::now());
     let board = BoardLoop {
         bus: Counted::new(bus),
@@ -135,13 +147,13 @@ fn run(settings: &Settings, parent: Option<u32>) -> Result<(), String> {
         background: BackgroundMirror::new(settings.background_period_ns),
         desk: AsciiDesk::new(ResponsePort::new(settings.text_order, mailbox, Instant::now()), identifier),
         jobs: JobDesk::new(settings.uncertain.plan(), settings.uncertain.variable_mode()),
-        interrupt: response.or(interrupt),
+        interrupt,
         host_port,
         uncertain: settings.uncertain.clone(),
         publisher,
         commands: command_queue,
         events,
-        info,
+        info: Arc::clone(&info),
         stop: Arc::clone(&stop),
         default_motors: settings.motors.map_or(classic::MOTORS, |motors| motors as usize),
         answer: None,
@@ -152,36 +164,34 @@ fn run(settings: &Settings, parent: Option<u32>) -> Result<(), String> {
     let bus_thread = std::thread::Builder::new()
         .name("bus".to_owned())
         .spawn(move || board.run())
-        .map_err(|error| format!("the bus thread: {error}"))?;
+        .map_err(|error| Failure::system("the bus thread", error))?;
     info!(
         "pmacd {} serves board {} as {} on {}",
         env!("CARGO_PKG_VERSION"),
         settings.board_text,
-        options.name.as_str(),
+        settings.name.as_str(),
         settings.socket.display()
     );
 
-    for signal in signals.forever() {
-        if signal == SIGHUP {
-            warn!("SIGHUP changes nothing: restart the daemon to have it read its configuration again");
-        } else {
-            info!("signal {signal}: stopping");
-            break;
-        }
-    }
+    info!("runs as {}, {}, scheduling {}", Holdings::read(), privilege::lock_memory(), scheduling());
+    manager.ready(&info);
+
+    let asked = until_asked_to_end(&mut signals, &mut manager, &info, || bus_thread.is_finished());
+    manager.stopping();
     // First the socket: at its end it has the bus thread stop what is held.
     server.stop();
     let _ = stop.write(1);
-    let ended = bus_thread.join();
-    if ended.is_err() {
-        error!("the bus thread ended with a panic");
-        return Err("the bus thread failed".to_owned());
+    if bus_thread.join().is_err() || asked.is_none() {
+        return Err(Failure::new(
+            exit::SOFTWARE,
+            "the bus thread ended by itself, which is a defect; see the log",
+        ));
     }
     Ok(())
 }
 
 /// The regions this version publishes.
-fn segment_options(settings: &Settings) -> CreateOptions {
+fn segment_options(settings: &Settings) -> Result<CreateOptions, Failure> {
     let servo = RegionSpec {
         id: RegionId::Servo,
         slots: SERVO_SLOTS,
@@ -222,10 +232,12 @@ fn segment_options(settings: &Settings) -> CreateOptions {
         period_hint_ns: 0,
         stale_after_ns: 0,
     };
-    CreateOptions {
+    let group = settings.segment_group.as_deref().map(group_id).transpose();
+    Ok(CreateOptions {
         mode: settings.segment_mode,
+        group: group.map_err(|error| Failure::new(exit::CONFIGURATION, error))?.map(nix::unistd::Gid::as_raw),
         ..CreateOptions::new(settings.name.clone(), vec![servo, background, board, variable, gather])
-    }
+    })
 }
 
 fn configured_identity(settings: &Settings) -> Identity {
@@ -259,5 +271,58 @@ fn board_info(settings: &Settings, publisher: &Publisher) -> BoardInfo {
             ..HostPortInfo::default()
         }),
         ..BoardInfo::default()
+    }
+}
+
+/// Whether this board cannot be opened any more when privileges are given up.
+fn needs_rights(board: &BoardSpec) -> bool {
+    matches!(board, BoardSpec::Window(_))
+}
+
+/// The directory of the sockets, for a daemon that root starts by hand: the user it becomes could not make it.
+fn make_socket_directory(socket: &Path, account: &Account) -> Result<(), Failure> {
+    let Some(directory) = socket.parent().filter(|directory| !directory.as_os_str().is_empty()) else {
+        return Ok(());
+    };
+    if directory.exists() || !nix::unistd::geteuid().is_root() {
+        return Ok(());
+    }
+    std::fs::create_dir(directory)
+        .and_then(|()| {
+            std::os::unix::fs::chown(directory, Some(account.uid.as_raw()), Some(account.gid.as_raw()))
+        })
+        .map_err(|error| Failure::system(&directory.display().to_string(), error))
+}
+
+/// Everything of the machine that the daemon works with.
+struct Machine {
+    board: Board,
+    mailbox: Option<MailboxLink>,
+    host_port: Option<HostPortLink>,
+}
+
+impl Machine {
+    fn open(settings: &Settings, inherited: &Inherited) -> Result<Self, Failure> {
+        let system = &System::here();
+        let failed = |what: &str, error: &(dyn std::error::Error + 'static)| {
+            let Failure { status, reason } = Failure::board(error);
+            Failure { status, reason: format!("{what}{reason}") }
+        };
+        let mut board =
+            board::open(settings, system, inherited).map_err(|error| failed("", error.as_ref()))?;
+        let mailbox = settings.mailbox.clone();
+        // Where a board has a vector for it, a response in the DPRAM is announced there.
+        if let Some(source) = mailbox.as_ref().and_then(|mailbox| mailbox.dpram.clone()) {
+            let link = board::link(source, system, inherited);
+            board.interrupt = Some(link.map_err(|error| failed("mailboxes: ", error.as_ref()))?);
+        }
+        let mailbox = mailbox.map(|config| MailboxLink::open(config, system, inherited)).transpose();
+        let host_port = settings.host_port.clone();
+        let host_port = host_port.map(|config| HostPortLink::open(config, system, inherited)).transpose();
+        Ok(Self {
+            board,
+            mailbox: mailbox.map_err(|error| failed("mailboxes: ", error.as_ref()))?,
+            host_port: host_port.map_err(|error| failed("host port: ", &error))?,
+        })
     }
 }

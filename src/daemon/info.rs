@@ -2,7 +2,7 @@
 //!
 //! The bus thread only stores atomics or tries the lock, so no reader ever holds it up.
 
-use std::sync::atomic::{AtomicU32, Ordering};
+use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
 use std::sync::{Mutex, PoisonError};
 
 use super::host_link::HostPortCounts;
@@ -16,6 +16,7 @@ pub struct SharedInfo {
     settings: BoardSettings,
     state: AtomicU32,
     enabled: AtomicU32,
+    rounds: AtomicU64,
     command_port: AtomicU32,
     served: AtomicU32,
     old: AtomicU32,
@@ -76,6 +77,17 @@ impl SharedInfo {
     #[must_use]
     pub fn is_enabled(&self, function: Enabled) -> bool {
         Enabled::from_bits_truncate(self.enabled.load(Ordering::Relaxed)).contains(function)
+    }
+
+    /// The bus thread has made another round. Never waits.
+    pub fn count_round(&self) {
+        self.rounds.fetch_add(1, Ordering::Relaxed);
+    }
+
+    /// Rounds of the bus thread so far: while it lives, at least ten a second.
+    #[must_use]
+    pub fn rounds(&self) -> u64 {
+        self.rounds.load(Ordering::Relaxed)
     }
 
     /// All of it.

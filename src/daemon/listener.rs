@@ -104,7 +104,9 @@ impl Listener {
             identity: identity(&temporary).map_err(fault("creating the socket"))?,
             path: temporary.clone(),
         };
-        if let Some(group) = group {
+        let made = temporary.symlink_metadata().map_err(fault("setting its group"))?;
+        // A service may be forbidden the call that it does not need.
+        if let Some(group) = group.filter(|group| group.as_raw() != made.gid()) {
             chown(&temporary, None, Some(group.as_raw())).map_err(fault("setting its group"))?;
         }
         let permissions = std::fs::Permissions::from_mode(mode);

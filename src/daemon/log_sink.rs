@@ -1,7 +1,8 @@
 //! Where the log goes: to stderr, by a thread of its own.
 //!
 //! Whoever reads stderr may stop reading: a pager, a stopped service manager. A thread that logs must not wait for it,
-//! least of all the bus thread. So lines go into a bounded queue; what finds no room is dropped, and counted.
+//! least of all the bus thread. So lines go into a bounded queue; what finds no room is dropped, and counted. The thread
+//! starts when the program has become who it shall be; until then lines wait in the queue.
 
 use std::io::{self, Write};
 use std::sync::Arc;
@@ -28,18 +29,13 @@ pub struct LogSink {
 }
 
 impl LogSink {
-    /// Starts the thread that writes to `target`.
-    ///
-    /// # Errors
-    /// When the system gives no thread.
-    pub fn start(target: impl Write + Send + 'static) -> io::Result<Self> {
+    /// The end that takes lines, and the one that will write them to `target`. `prefix` begins the lines of its own.
+    pub fn new(target: impl Write + Send + 'static, prefix: &'static str) -> (Self, LogWriter) {
         let (entries, queue) = sync_channel(LINES);
         let sink = Self { entries, dropped: Arc::default() };
         let dropped = Arc::clone(&sink.dropped);
-        std::thread::Builder::new()
-            .name("log".to_owned())
-            .spawn(move || write_all(&queue, &dropped, target))?;
-        Ok(sink)
+        let run = Box::new(move || write_all(&queue, &dropped, target, prefix));
+        (sink, LogWriter { run: Some(run) })
     }
 
     /// Waits until everything logged so far is written, but not for long.
@@ -48,6 +44,22 @@ impl LogSink {
         if self.entries.try_send(Entry::Flushed(written)).is_ok() {
             let _: Result<(), RecvTimeoutError> = all.recv_timeout(LAST_WORDS);
         }
+    }
+}
+
+/// The end that writes, in a thread of its own once it is started.
+pub struct LogWriter {
+    run: Option<Box<dyn FnOnce() + Send>>,
+}
+
+impl LogWriter {
+    /// Starts the thread, unless it runs already.
+    ///
+    /// # Errors
+    /// When the system gives no thread.
+    pub fn start(&mut self) -> io::Result<()> {
+        let Some(run) = self.run.take() else { return Ok(()) };
+        std::thread::Builder::new().name("log".to_owned()).spawn(run).map(drop)
     }
 }
 
@@ -64,7 +76,7 @@ impl Write for LogSink {
     }
 }
 
-fn write_all(queue: &Receiver<Entry>, dropped: &AtomicU64, mut target: impl Write) {
+fn write_all(queue: &Receiver<Entry>, dropped: &AtomicU64, mut target: impl Write, prefix: &str) {
     // Nobody can be told that the log cannot be written.
     for entry in queue {
         match entry {
@@ -73,7 +85,7 @@ fn write_all(queue: &Receiver<Entry>, dropped: &AtomicU64, mut target: impl Writ
         }
         match dropped.swap(0, Ordering::Relaxed) {
             0 => {}
-            lines => drop(writeln!(target, "[WARN ] {lines} log lines were dropped: nobody read the log")),
+            lines => drop(writeln!(target, "{prefix}{lines} log lines were dropped: nobody read the log")),
         }
     }
 }
@@ -87,7 +99,8 @@ mod tests {
     #[test]
     fn a_reader_that_stops_costs_lines_and_no_time() {
         let (mut reader, pipe) = io::pipe().unwrap();
-        let mut sink = LogSink::start(pipe).unwrap();
+        let (mut sink, mut writer) = LogSink::new(pipe, "[WARN ] ");
+        writer.start().unwrap();
         let began = Instant::now();
         for _ in 0..4 * LINES {
             sink.write_all(&[b'x'; 200]).unwrap();
@@ -103,8 +116,10 @@ mod tests {
     #[test]
     fn the_last_words_are_written_before_the_end() {
         let (mut reader, pipe) = io::pipe().unwrap();
-        let mut sink = LogSink::start(pipe).unwrap();
+        let (mut sink, mut writer) = LogSink::new(pipe, "");
         sink.write_all(b"stopping\n").unwrap();
+        writer.start().unwrap();
+        writer.start().unwrap();
         sink.finish();
         let mut text = [0; 9];
         reader.read_exact(&mut text).unwrap();

@@ -7,9 +7,11 @@
 use std::os::fd::BorrowedFd;
 use std::time::Instant;
 
+use super::board::{self, link};
 use super::interrupt_link::InterruptLink;
 use super::ports::{Lane, MailboxConfig, Use};
-use crate::device::{ByteBus, ByteBusError, Counted, Inherited, OpenError, OtherLane, System, open_bytes};
+use crate::device::refusal::OpenError;
+use crate::device::{ByteBus, ByteBusError, Counted, Inherited, OtherLane, System, open_bytes};
 use crate::function::mailbox::{MailboxPort, MailboxSignal};
 use crate::map::mailbox;
 
@@ -37,15 +39,21 @@ fn open(
 }
 
 impl MailboxLink {
-    /// Opens the registers.
+    /// Opens the registers and, where they can be opened only now, the interrupts.
     ///
     /// # Errors
-    /// [`OpenError`].
-    pub fn open(config: MailboxConfig, system: &System, inherited: &Inherited) -> Result<Self, OpenError> {
-        let link = |source| Some(InterruptLink::new(source));
-        let vectors = config.vectors.clone();
-        let (taken, reply) =
-            vectors.map_or((None, None), |vectors| (link(vectors.taken), link(vectors.reply)));
+    /// What could not be opened, why, and what to do.
+    pub fn open(
+        config: MailboxConfig,
+        system: &System,
+        inherited: &Inherited,
+    ) -> Result<Self, board::OpenError> {
+        let (taken, reply) = match config.vectors.clone() {
+            Some(vectors) => {
+                (Some(link(vectors.taken, system, inherited)?), Some(link(vectors.reply, system, inherited)?))
+            }
+            None => (None, None),
+        };
         Ok(Self {
             registers: Counted::new(open(&config, system, inherited)?),
             port: MailboxPort::new(config.talk),
@@ -60,7 +68,8 @@ impl MailboxLink {
     /// # Errors
     /// [`OpenError`]; the registers are the old ones then.
     pub fn reopen(&mut self) -> Result<(), OpenError> {
-        open(&self.config, &System::here(), &Inherited::default()).map(|bus| self.registers.replace(bus))
+        let opened = open(&self.config, &System::here(), &Inherited::default());
+        opened.map(|bus| self.registers.replace(bus))
     }
 
     /// When command lines go this way.

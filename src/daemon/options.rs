@@ -21,6 +21,9 @@ pub struct Options {
     /// The command socket [default: /run/pmacd/NAME.sock]
     #[arg(long, value_name = "PATH")]
     pub socket: Option<PathBuf>,
+    /// Become this user, with its groups, once the board is open (started as root)
+    #[arg(long, value_name = "NAME")]
+    pub user: Option<String>,
     /// Reads the configuration, says what is wrong with it, and exits
     #[arg(long)]
     pub check: bool,

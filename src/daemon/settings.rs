@@ -27,6 +27,8 @@ pub struct ConfigFile {
     socket_mode: Option<String>,
     /// Group of the socket file.
     socket_group: Option<String>,
+    /// Group of the segment.
+    segment_group: Option<String>,
     /// Mode of the segment, as "0644".
     segment_mode: Option<String>,
     /// pmac or pmac2.
@@ -120,6 +122,8 @@ pub struct Settings {
     pub socket_group: Option<String>,
     /// Mode of the segment.
     pub segment_mode: u32,
+    /// Group of the segment, when it is not the daemon's own.
+    pub segment_group: Option<String>,
     /// The board's family.
     pub family: FamilyName,
     /// Firmware, where the board cannot be asked.
@@ -189,6 +193,7 @@ impl Settings {
             name: SegmentName::new(&name).map_err(refused)?,
             socket_mode: mode("socket_mode", file.socket_mode.as_deref(), 0o660)?,
             socket_group: file.socket_group,
+            segment_group: file.segment_group,
             segment_mode: mode("segment_mode", file.segment_mode.as_deref(), 0o644)?,
             family,
             uncertain: Uncertain::decide(uncertain, family.name(), file.firmware.as_deref())

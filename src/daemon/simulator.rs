@@ -52,7 +52,11 @@ impl Simulator {
         command.arg("--dpram-startup").stdin(Stdio::null()).stdout(Stdio::null());
         // Should this process be killed, the simulator ends too, and takes the directory away.
         command.arg("--with-parent").arg(std::process::id().to_string());
-        for variable in crate::device::inherited::VARIABLES {
+        // The service manager talks to the daemon alone.
+        for variable in ["NOTIFY_SOCKET", "WATCHDOG_USEC", "WATCHDOG_PID"]
+            .iter()
+            .chain(&crate::device::inherited::VARIABLES)
+        {
             command.env_remove(variable);
         }
         // A terminal's ^C is for the daemon, which ends the simulator in its own time.

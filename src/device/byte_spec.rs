@@ -13,7 +13,7 @@ use super::open::window;
 use super::refusal::{OpenError, Why, node_refused, raw_node_refused};
 use super::spec::{Given, Place, needed};
 use super::system::{System, number};
-use super::{ByteBus, PortRegisters};
+use super::{ByteBus, ByteBusError, PortRegisters};
 
 /// Where a window of byte registers begins.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -31,14 +31,6 @@ enum BytePlace {
     Ports(u16),
     /// Mapped memory.
     Window(Place),
-}
-
-impl ByteSpec {
-    /// Whether a file stands for the registers: the board is a simulated one.
-    #[must_use]
-    pub fn is_file(&self) -> bool {
-        matches!(self.place, BytePlace::File(_))
-    }
 }
 
 /// Why a specification was refused.
@@ -136,6 +128,41 @@ pub fn open_bytes(
     }
 }
 
+/// Registers of the host port: its I/O addresses.
+const HOST_PORT_LENGTH: usize = 16;
+/// The register that reads other than it is written.
+const COMMAND: u32 = 8;
+/// Where a simulated host port takes what is written to it: its file cannot tell that a byte was written that has not
+/// changed.
+const SIMULATED_COMMAND: u32 = 12;
+
+/// Opens the registers of a host port.
+///
+/// # Errors
+/// As [`open_bytes`].
+pub fn open_host_port(
+    spec: &ByteSpec,
+    system: &System,
+    inherited: &Inherited,
+) -> Result<Box<dyn ByteBus>, OpenError> {
+    let bus = open_bytes(spec, HOST_PORT_LENGTH, system, inherited)?;
+    Ok(if matches!(spec.place, BytePlace::File(_)) { Box::new(SimulatedHostPort(bus)) } else { bus })
+}
+
+struct SimulatedHostPort(Box<dyn ByteBus>);
+
+impl ByteBus for SimulatedHostPort {
+    fn read8(&mut self, offset: u32) -> Result<u8, ByteBusError> {
+        self.0.read8(offset)
+    }
+    fn write8(&mut self, offset: u32, value: u8) -> Result<(), ByteBusError> {
+        self.0.write8(if offset == COMMAND { SIMULATED_COMMAND } else { offset }, value)
+    }
+    fn order_accesses(&mut self) {
+        self.0.order_accesses();
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -170,6 +197,24 @@ mod tests {
             assert_eq!(std::fs::read(fake.path(file)).unwrap()[at + 3], 0xA5, "{spec}");
             let shown = spec.parse::<ByteSpec>().unwrap().to_string();
             assert_eq!(shown.parse(), spec.parse::<ByteSpec>(), "{shown}");
+        }
+    }
+
+    #[test]
+    fn a_simulated_host_port_takes_commands_beside_the_register_that_is_read() {
+        let fake = FakeSystem::new();
+        fake.memory("registers", HOST_PORT_LENGTH as u64);
+        fake.memory("dev/port", 0x1000);
+        let open =
+            |spec: &str| open_host_port(&spec.parse().unwrap(), &fake.system, &Inherited::default()).unwrap();
+        for (spec, file, written) in [
+            (format!("file:{}", fake.path("registers").display()), "registers", [0, 0x7F, 0, 0, 0x67]),
+            ("port:0x0".to_owned(), "dev/port", [0x67, 0x7F, 0, 0, 0]),
+        ] {
+            let mut port = open(&spec);
+            port.write8(8, 0x67).unwrap();
+            port.write8(9, 0x7F).unwrap();
+            assert_eq!(std::fs::read(fake.path(file)).unwrap()[8..13], written, "{spec}");
         }
     }
 

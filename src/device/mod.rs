@@ -6,7 +6,6 @@ pub mod byteswap;
 pub mod candidates;
 pub mod counted;
 pub mod file;
-pub mod host_port_registers;
 pub mod inherited;
 pub mod interrupt;
 pub mod kernel;
@@ -16,6 +15,7 @@ pub mod open;
 pub mod pci;
 pub mod probe;
 pub mod refusal;
+pub mod scheduling;
 pub mod spec;
 pub mod system;
 #[cfg(test)]
@@ -26,11 +26,10 @@ pub mod vme;
 pub mod window;
 
 pub use byte::{ByteBus, ByteBusError, OtherLane, PortRegisters};
-pub use byte_spec::{ByteSpec, open_bytes};
+pub use byte_spec::{ByteSpec, open_bytes, open_host_port};
 pub use byteswap::WordSwapped;
 pub use counted::Counted;
 pub use file::FileBoard;
-pub use host_port_registers::open_host_port;
 pub use inherited::Inherited;
 pub use interrupt::{Interrupt, InterruptSource};
 pub use open::{OpenedBoard, open};

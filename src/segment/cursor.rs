@@ -2,8 +2,9 @@
 
 use super::SegmentError;
 use super::layout::RegionId;
+use super::ring::Attempt;
 use super::sample::Sample;
-use super::subscribe::{ATTEMPTS, Read, Subscriber};
+use super::subscribe::{ATTEMPTS, Subscriber};
 
 /// Follows every sample of a region and knows exactly how many it lost. Holds no borrow: hand it the subscriber it was made by.
 #[derive(Clone, Debug)]
@@ -11,12 +12,14 @@ pub struct Cursor {
     region: RegionId,
     generation: u64,
     next: u64,
+    /// What the head was when it was last looked at.
+    head: u64,
     lost: u64,
 }
 
 impl Cursor {
     pub(super) fn new(region: RegionId, generation: u64, next: u64) -> Self {
-        Self { region, generation, next: next.max(1), lost: 0 }
+        Self { region, generation, next: next.max(1), head: 0, lost: 0 }
     }
 
     /// Copies the next sample; `false` when it is not published yet. Overrun by the writer, goes on half a
@@ -34,15 +37,15 @@ impl Cursor {
             });
         }
         for _ in 0..ATTEMPTS {
-            match subscriber.read(self.region, self.next, sample)? {
-                Read::Sample => {
+            match subscriber.follow(self.region, self.next, &mut self.head, sample)? {
+                Attempt::Whole => {
                     self.next = self.next.saturating_add(1);
                     return Ok(true);
                 }
-                Read::NotYet => return Ok(false),
-                Read::Lost { .. } => {
+                Attempt::NotYet => return Ok(false),
+                Attempt::Lost => {
                     // What was overwritten is lost for certain, even while this process still sees an older head.
-                    let resume = subscriber.resume(self.region)?.max(self.next.saturating_add(1));
+                    let resume = subscriber.resume(self.region, self.head)?.max(self.next.saturating_add(1));
                     self.lost = self.lost.wrapping_add(resume - self.next);
                     self.next = resume;
                 }

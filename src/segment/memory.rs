@@ -11,13 +11,17 @@ use std::sync::atomic::{AtomicU64, Ordering, fence};
 
 use memmap2::{MmapOptions, MmapRaw};
 
-use super::layout::WORD;
+use super::layout::{LINE, WORD};
 use super::ring::{Words, WordsMut};
+
+/// Words of a cache line.
+pub(super) const LINE_WORDS: usize = LINE / WORD;
 
 /// A read-only mapping of a segment.
 pub(super) struct ReadMap {
     map: MmapRaw,
     words: usize,
+    kernel: Kernel,
 }
 
 /// The owner's writable mapping of a segment.
@@ -27,7 +31,7 @@ impl ReadMap {
     /// Maps the first `length` bytes of `file`, which must be that long and stay so.
     pub(super) fn new(file: &File, length: usize) -> io::Result<Self> {
         let map = MmapOptions::new().len(length).populate().map_raw_read_only(file)?;
-        Ok(Self { map, words: length / WORD })
+        Ok(Self { map, words: length / WORD, kernel: Kernel::detect() })
     }
 
     #[inline]
@@ -46,6 +50,14 @@ impl ReadMap {
         );
         // SAFETY: index + count <= words, and the mapping is at least words * 8 bytes long.
         unsafe { self.map.as_mut_ptr().cast::<u64>().add(index) }
+    }
+
+    /// Word by word, what is no whole line.
+    #[cold]
+    fn load_rest(&self, index: usize, copy: &mut [u64]) {
+        for (offset, word) in copy.iter_mut().enumerate() {
+            *word = self.load(index + offset);
+        }
     }
 
     /// Sleeps until the low half of the word at `index` differs from `seen` or someone is woken on it, or until
@@ -101,53 +113,125 @@ impl Words for ReadMap {
     #[inline]
     fn load_all(&self, index: usize, copy: &mut [u64]) {
         let start = self.run(index, copy.len());
-        let done = load_blocks(start, copy);
-        for (offset, word) in copy.iter_mut().enumerate().skip(done) {
-            let from = start.wrapping_add(offset);
-            // SAFETY: as in `load`; `run` checked the whole stretch.
-            *word = unsafe { AtomicU64::from_ptr(from) }.load(Ordering::Relaxed);
+        // SAFETY: `run` checked the stretch of the mapping; the copy is private, as long, and overlaps nothing.
+        let done = unsafe { self.kernel.copy(start, copy.as_mut_ptr(), copy.len()) };
+        if done < copy.len() {
+            self.load_rest(index + done, &mut copy[done..]);
         }
     }
 }
 
-/// Copies whole blocks of four words where the processor can load them at once, and says how many words that were. Compilers do not
-/// join atomic loads, and one word at a time takes twice as long.
-///
-/// Counts as relaxed loads byte by byte, in some order; what it copied is believed only if the sequence after it says so. Ordinary
-/// vector loads keep their order among loads on x86-64, as word loads do.
-#[inline]
-#[cfg(all(target_arch = "x86_64", not(miri)))]
-fn load_blocks(from: *const u64, copy: &mut [u64]) -> usize {
-    let words = copy.len() / 4 * 4;
-    if words == 0 || !std::arch::is_x86_feature_detected!("avx") {
-        return 0;
-    }
-    // SAFETY: the processor has AVX. `from` has as many words as `copy` in the mapping (`run` checked them), neither is
-    // touched beyond `words`, and the private copy overlaps nothing. No `nomem`: the fences around keep their order.
-    unsafe {
-        std::arch::asm!(
-            "2:",
-            "vmovdqu ymm0, ymmword ptr [{from} + rcx]",
-            "vmovdqu ymmword ptr [{to} + rcx], ymm0",
-            "add rcx, 32",
-            "cmp rcx, {end}",
-            "jb 2b",
-            "vzeroupper",
-            from = in(reg) from,
-            to = in(reg) copy.as_mut_ptr(),
-            inout("rcx") 0usize => _,
-            end = in(reg) words * WORD,
-            clobber_abi("C"),
-            options(nostack),
-        );
-    }
-    words
+/// What the processor copies at once.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Kernel {
+    /// Word by word, by Rust's own atomics.
+    #[cfg_attr(all(target_arch = "x86_64", not(any(miri, test))), allow(dead_code))]
+    Words,
+    /// 16 bytes at a time, as every x86-64 processor can.
+    #[cfg(all(target_arch = "x86_64", not(miri)))]
+    Sse2,
+    /// 32 bytes at a time.
+    #[cfg(all(target_arch = "x86_64", not(miri)))]
+    Avx,
 }
 
-#[inline]
-#[cfg(not(all(target_arch = "x86_64", not(miri))))]
-fn load_blocks(_from: *const u64, _copy: &mut [u64]) -> usize {
-    0
+impl Kernel {
+    /// The best this processor has.
+    fn detect() -> Self {
+        #[cfg(all(target_arch = "x86_64", not(miri)))]
+        return if std::arch::is_x86_feature_detected!("avx") { Self::Avx } else { Self::Sse2 };
+        #[cfg(not(all(target_arch = "x86_64", not(miri))))]
+        Self::Words
+    }
+
+    /// Copies as many whole cache lines of `words` as there are, and says how many words that were. Compilers do not join atomic
+    /// accesses, and one word at a time takes three times as long.
+    ///
+    /// On the shared side this counts as relaxed accesses byte by byte, in some order; what was copied is believed only if the sequence
+    /// after it says so. Ordinary vector accesses keep their order among loads, and among stores, on x86-64, as word accesses do.
+    ///
+    /// # Safety
+    /// Both `from` and `to` have `words` words, and do not overlap. At most one of them is shared, the other private.
+    #[inline(always)]
+    #[cfg(all(target_arch = "x86_64", not(miri)))]
+    unsafe fn copy(self, from: *const u64, to: *mut u64, words: usize) -> usize {
+        let words = words / LINE_WORDS * LINE_WORDS;
+        if words == 0 {
+            return 0;
+        }
+        match self {
+            Self::Words => return 0,
+            // SAFETY: the processor has AVX, as was detected, and the caller answers for the memory; nothing beyond
+            // `words` is touched. `vzeroupper` clears what is declared lost. No `nomem`: the fences around keep their order.
+            Self::Avx => unsafe {
+                std::arch::asm!(
+                    "test {left}, 64",
+                    "jz 2f",
+                    "vmovdqu ymm0, ymmword ptr [{from}]",
+                    "vmovdqu ymm1, ymmword ptr [{from} + 32]",
+                    "vmovdqu ymmword ptr [{to}], ymm0",
+                    "vmovdqu ymmword ptr [{to} + 32], ymm1",
+                    "add {from}, 64",
+                    "add {to}, 64",
+                    "sub {left}, 64",
+                    "jz 3f",
+                    "2:",
+                    "vmovdqu ymm0, ymmword ptr [{from}]",
+                    "vmovdqu ymm1, ymmword ptr [{from} + 32]",
+                    "vmovdqu ymm2, ymmword ptr [{from} + 64]",
+                    "vmovdqu ymm3, ymmword ptr [{from} + 96]",
+                    "vmovdqu ymmword ptr [{to}], ymm0",
+                    "vmovdqu ymmword ptr [{to} + 32], ymm1",
+                    "vmovdqu ymmword ptr [{to} + 64], ymm2",
+                    "vmovdqu ymmword ptr [{to} + 96], ymm3",
+                    "sub {from}, -128",
+                    "sub {to}, -128",
+                    "add {left}, -128",
+                    "jnz 2b",
+                    "3:",
+                    "vzeroupper",
+                    from = inout(reg) from => _,
+                    to = inout(reg) to => _,
+                    left = inout(reg) words * WORD => _,
+                    out("xmm0") _, out("xmm1") _, out("xmm2") _, out("xmm3") _,
+                    out("xmm4") _, out("xmm5") _, out("xmm6") _, out("xmm7") _,
+                    out("xmm8") _, out("xmm9") _, out("xmm10") _, out("xmm11") _,
+                    out("xmm12") _, out("xmm13") _, out("xmm14") _, out("xmm15") _,
+                    options(nostack),
+                );
+            },
+            // SAFETY: as above; SSE2 belongs to x86-64.
+            Self::Sse2 => unsafe {
+                std::arch::asm!(
+                    "2:",
+                    "movdqu xmm0, xmmword ptr [{from}]",
+                    "movdqu xmm1, xmmword ptr [{from} + 16]",
+                    "movdqu xmm2, xmmword ptr [{from} + 32]",
+                    "movdqu xmm3, xmmword ptr [{from} + 48]",
+                    "movdqu xmmword ptr [{to}], xmm0",
+                    "movdqu xmmword ptr [{to} + 16], xmm1",
+                    "movdqu xmmword ptr [{to} + 32], xmm2",
+                    "movdqu xmmword ptr [{to} + 48], xmm3",
+                    "add {from}, 64",
+                    "add {to}, 64",
+                    "sub {left}, 64",
+                    "jnz 2b",
+                    from = inout(reg) from => _,
+                    to = inout(reg) to => _,
+                    left = inout(reg) words * WORD => _,
+                    out("xmm0") _, out("xmm1") _, out("xmm2") _, out("xmm3") _,
+                    options(nostack),
+                );
+            },
+        }
+        words
+    }
+
+    #[inline(always)]
+    #[cfg(not(all(target_arch = "x86_64", not(miri))))]
+    unsafe fn copy(self, _from: *const u64, _to: *mut u64, _words: usize) -> usize {
+        0
+    }
 }
 
 impl WriteMap {
@@ -155,7 +239,7 @@ impl WriteMap {
     /// its memory already set aside, and stay so.
     pub(super) fn new(file: &File, length: usize) -> io::Result<Self> {
         let map = MmapOptions::new().len(length).populate().map_raw(file)?;
-        Ok(Self(ReadMap { map, words: length / WORD }))
+        Ok(Self(ReadMap { map, words: length / WORD, kernel: Kernel::detect() }))
     }
 
     /// See [`ReadMap::wake`].
@@ -202,11 +286,46 @@ impl WordsMut for WriteMap {
     #[inline]
     fn store_all(&self, index: usize, values: &[u64]) {
         let start = self.0.run(index, values.len());
-        for (offset, value) in values.iter().enumerate() {
+        // SAFETY: `run` checked the stretch of the writable mapping; the values are private, as many, and overlap nothing.
+        let done = unsafe { self.0.kernel.copy(values.as_ptr(), start, values.len()) };
+        for (offset, value) in values.iter().enumerate().skip(done) {
             let to = start.wrapping_add(offset);
             // SAFETY: as in `atomic`; `run` checked the whole stretch.
             unsafe { AtomicU64::from_ptr(to) }.store(*value, Ordering::Relaxed);
         }
+    }
+}
+
+/// Private memory of whole cache lines, which begins on one.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Lines(Vec<Line>);
+
+#[derive(Clone, Copy, Debug, Default)]
+#[repr(C, align(64))]
+struct Line([u64; LINE_WORDS]);
+
+impl Lines {
+    /// Room for `words` words, rounded up to whole lines. Allocates only when it has to grow.
+    #[inline(always)]
+    pub(super) fn room(&mut self, words: usize) -> &mut [u64] {
+        let lines = words.div_ceil(LINE_WORDS);
+        if self.0.len() != lines {
+            self.resize(lines);
+        }
+        // SAFETY: a line is its words and nothing else; private memory, borrowed as long as the result.
+        unsafe { std::slice::from_raw_parts_mut(self.0.as_mut_ptr().cast(), self.0.len() * LINE_WORDS) }
+    }
+
+    #[cold]
+    fn resize(&mut self, lines: usize) {
+        self.0.resize(lines, Line::default());
+    }
+
+    /// The words.
+    #[inline(always)]
+    pub(super) fn words(&self) -> &[u64] {
+        // SAFETY: as in `room`.
+        unsafe { std::slice::from_raw_parts(self.0.as_ptr().cast(), self.0.len() * LINE_WORDS) }
     }
 }
 
@@ -246,6 +365,30 @@ mod tests {
         let file = tempfile::tempfile().unwrap();
         file.set_len(4096).unwrap();
         ReadMap::new(&file, 4096).unwrap().load_all(510, &mut [0; 3]);
+    }
+
+    #[test]
+    fn every_kernel_copies_what_it_is_given_and_no_more() {
+        let mut kernels = vec![Kernel::Words, Kernel::detect()];
+        #[cfg(all(target_arch = "x86_64", not(miri)))]
+        kernels.push(Kernel::Sse2);
+        let file = tempfile::tempfile().unwrap();
+        file.set_len(4096).unwrap();
+        for kernel in kernels {
+            let mut writer = WriteMap::new(&file, 4096).unwrap();
+            writer.0.kernel = kernel;
+            for (start, count) in (0..10).flat_map(|start| (0..60).map(move |count| (start, count))) {
+                writer.store_all(0, &[0; 128]);
+                let values: Vec<u64> = (1..=count).collect();
+                writer.store_all(start, &values);
+                let mut copy = vec![9; count as usize + 2];
+                writer.0.load_all(start, &mut copy[1..=count as usize]);
+                assert_eq!((copy[0], copy[count as usize + 1]), (9, 9));
+                assert_eq!(copy[1..=count as usize], values, "{kernel:?} {start}");
+                assert_eq!(writer.load(start + count as usize), 0, "{kernel:?} {start} {count}");
+                assert!((0..start).all(|index| writer.load(index) == 0));
+            }
+        }
     }
 
     #[test]

@@ -87,7 +87,8 @@ impl Publisher {
         nix::fcntl::posix_fallocate(&file, 0, plan.total_length as libc::off_t).map_err(|errno| {
             SegmentError::Full { path: path.clone(), bytes: plan.total_length as u64, source: errno.into() }
         })?;
-        if let Some(group) = options.group {
+        let own = file.metadata().map_err(fail("look at"))?.gid();
+        if let Some(group) = options.group.filter(|group| *group != own) {
             std::os::unix::fs::fchown(&file, None, Some(group)).map_err(fail("give to its group"))?;
         }
         file.set_permissions(Permissions::from_mode(options.mode)).map_err(fail("set the mode of"))?;
@@ -117,7 +118,16 @@ impl Publisher {
     /// created without that region or the payload is longer than the region's: defects of the caller.
     #[inline]
     pub fn publish(&mut self, region: RegionId, stamp: Stamp, words: &[u16]) -> u64 {
-        self.publish_payload(region, stamp, words.len() * 2, |payload| {
+        let published = self.put(region, stamp, words);
+        self.wake(region);
+        published
+    }
+
+    /// As [`Publisher::publish`], without the system call that wakes who sleeps: for readers that look by themselves, or to be
+    /// followed by [`Publisher::wake`].
+    #[inline]
+    pub fn put(&mut self, region: RegionId, stamp: Stamp, words: &[u16]) -> u64 {
+        self.put_payload(region, stamp, words.len() * 2, |payload| {
             let (whole, rest) = words.as_chunks::<4>();
             for (word, chunk) in payload.iter_mut().zip(whole) {
                 *word = join(*chunk);
@@ -132,17 +142,29 @@ impl Publisher {
 
     /// Publishes bytes as the region's next sample; otherwise as [`Publisher::publish`].
     pub fn publish_bytes(&mut self, region: RegionId, stamp: Stamp, bytes: &[u8]) -> u64 {
-        self.publish_payload(region, stamp, bytes.len(), |payload| {
+        let published = self.put_payload(region, stamp, bytes.len(), |payload| {
             for (word, chunk) in payload.iter_mut().zip(bytes.chunks(WORD)) {
                 let mut last = [0; WORD];
                 last[..chunk.len()].copy_from_slice(chunk);
                 *word = u64::from_ne_bytes(last);
             }
-        })
+        });
+        self.wake(region);
+        published
+    }
+
+    /// Wakes who sleeps until the region has a newer sample.
+    #[inline]
+    pub fn wake(&self, region: RegionId) {
+        let Some(outlet) = &self.outlets[region as usize] else { return };
+        let woken = self.map.wake(outlet.ring.head);
+        if woken > 0 {
+            self.counters().add(Counter::Wakes, woken);
+        }
     }
 
     #[inline]
-    fn publish_payload(
+    fn put_payload(
         &mut self,
         region: RegionId,
         stamp: Stamp,
@@ -158,12 +180,7 @@ impl Publisher {
         fill(&mut body[STAMP_WORDS..]);
         outlet.published += 1;
         outlet.ring.write(&self.map, outlet.published, body);
-        let woken = self.map.wake(outlet.ring.head);
-        let published = outlet.published;
-        if woken > 0 {
-            self.counters().add(Counter::Wakes, woken);
-        }
-        published
+        outlet.published
     }
 
     /// Number of samples published in `region` so far, which is the number of the latest.

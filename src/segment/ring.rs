@@ -109,28 +109,53 @@ impl Ring {
         head
     }
 
-    /// Copies sample `sequence` to `body` (as many words as it has, at most the slot's).
+    /// Copies the slot of sample `sequence`, its sequence number first, to `slot` (as many words as that has, at most the slot's).
     #[inline]
-    pub fn read<M: Words>(&self, memory: &M, sequence: u64, body: &mut [u64]) -> Attempt {
+    pub fn read<M: Words>(&self, memory: &M, sequence: u64, slot: &mut [u64]) -> Attempt {
         let head = self.published(memory);
         if sequence > head {
             return Attempt::NotYet;
         }
-        if sequence < self.oldest(head) {
-            return Attempt::Lost;
-        }
-        if self.copy(memory, sequence, body) { Attempt::Whole } else { Attempt::Lost }
+        self.read_published(memory, sequence, head, slot)
     }
 
-    /// Copies the latest sample to `body`, starting again at most `attempts - 1` times when the writer comes round.
+    /// As [`Ring::read`] of a sample known to be published because [`Ring::published`] once said `head`: a reader with many samples to go
+    /// need not look at the head for each.
     #[inline]
-    pub fn latest<M: Words>(&self, memory: &M, body: &mut [u64], attempts: u32) -> Latest {
-        for retries in 0..attempts {
+    pub fn read_published<M: Words>(
+        &self,
+        memory: &M,
+        sequence: u64,
+        head: u64,
+        slot: &mut [u64],
+    ) -> Attempt {
+        if sequence >= self.oldest(head) && self.copy(memory, sequence, slot) {
+            Attempt::Whole
+        } else {
+            Attempt::Lost
+        }
+    }
+
+    /// Copies the latest sample's slot to `slot`, starting again at most `attempts - 1` times (at least: none)
+    /// when the writer comes round.
+    #[inline]
+    pub fn latest<M: Words>(&self, memory: &M, slot: &mut [u64], attempts: u32) -> Latest {
+        let sequence = self.published(memory);
+        if sequence == 0 {
+            return Latest::Empty;
+        }
+        if self.copy(memory, sequence, slot) {
+            return Latest::Whole { sequence, retries: 0 };
+        }
+        self.latest_again(memory, slot, attempts)
+    }
+
+    /// The attempts after the first, which nearly always is enough.
+    #[cold]
+    fn latest_again<M: Words>(&self, memory: &M, slot: &mut [u64], attempts: u32) -> Latest {
+        for retries in 1..attempts {
             let sequence = self.published(memory);
-            if sequence == 0 {
-                return Latest::Empty;
-            }
-            if self.copy(memory, sequence, body) {
+            if self.copy(memory, sequence, slot) {
                 return Latest::Whole { sequence, retries };
             }
         }
@@ -151,18 +176,19 @@ impl Ring {
         head.saturating_sub(self.count as u64 / 2).max(1)
     }
 
-    #[inline]
-    fn copy<M: Words>(&self, memory: &M, sequence: u64, body: &mut [u64]) -> bool {
-        let slot = self.slot(sequence);
+    /// The sequence number is copied with the rest, unused: so whole cache lines are copied, and from the beginning of one.
+    #[inline(always)]
+    fn copy<M: Words>(&self, memory: &M, sequence: u64, slot: &mut [u64]) -> bool {
+        let from = self.slot(sequence);
         let mark = sequence.wrapping_mul(2);
-        if memory.load(slot) != mark {
+        if memory.load(from) != mark {
             return false;
         }
         memory.fence_acquire();
-        let length = body.len().min(self.body);
-        memory.load_all(slot + 1, &mut body[..length]);
+        let length = slot.len().min(self.stride);
+        memory.load_all(from, &mut slot[..length]);
         memory.fence_acquire();
-        memory.load(slot) == mark
+        memory.load(from) == mark
     }
 
     #[inline]
@@ -213,33 +239,33 @@ mod tests {
     /// overwriting is gone at once.
     #[test]
     fn a_writer_that_dies_in_mid_write_leaves_the_last_sample() {
-        let (memory, mut body) = (memory(), [0; 2]);
+        let (memory, mut copy) = (memory(), [0; 3]);
         for sequence in 1..=6 {
             RING.write(&memory, sequence, &[sequence, sequence]);
         }
         let slot = 1 + 2 * 3;
         for (index, value) in [(slot, 13), (slot + 1, 7), (slot + 2, 7), (slot, 14)] {
             memory.store(index, value);
-            assert_eq!(RING.latest(&memory, &mut body, 1), Latest::Whole { sequence: 6, retries: 0 });
-            assert_eq!(body, [6, 6]);
-            assert_eq!(RING.read(&memory, 7, &mut body), Attempt::NotYet);
-            assert_eq!(RING.read(&memory, 3, &mut body), Attempt::Lost);
-            assert_eq!(RING.read(&memory, 4, &mut body), Attempt::Whole);
-            assert_eq!(body, [4, 4]);
+            assert_eq!(RING.latest(&memory, &mut copy, 1), Latest::Whole { sequence: 6, retries: 0 });
+            assert_eq!(copy[1..], [6, 6]);
+            assert_eq!(RING.read(&memory, 7, &mut copy), Attempt::NotYet);
+            assert_eq!(RING.read(&memory, 3, &mut copy), Attempt::Lost);
+            assert_eq!(RING.read(&memory, 4, &mut copy), Attempt::Whole);
+            assert_eq!(copy[1..], [4, 4]);
         }
     }
 
     #[test]
     fn numbers_begin_at_one_and_the_ring_holds_as_many_as_it_has_slots() {
-        let (memory, mut body) = (memory(), [0; 2]);
-        assert_eq!(RING.latest(&memory, &mut body, 3), Latest::Empty);
-        assert_eq!(RING.read(&memory, 1, &mut body), Attempt::NotYet);
-        assert_eq!(RING.read(&memory, 0, &mut body), Attempt::Lost);
+        let (memory, mut copy) = (memory(), [0; 3]);
+        assert_eq!(RING.latest(&memory, &mut copy, 3), Latest::Empty);
+        assert_eq!(RING.read(&memory, 1, &mut copy), Attempt::NotYet);
+        assert_eq!(RING.read(&memory, 0, &mut copy), Attempt::Lost);
         for sequence in 1..=9 {
             RING.write(&memory, sequence, &[sequence, 0]);
             for wanted in 1..=sequence {
                 let expected = if wanted + 4 > sequence { Attempt::Whole } else { Attempt::Lost };
-                assert_eq!(RING.read(&memory, wanted, &mut body), expected, "{wanted} of {sequence}");
+                assert_eq!(RING.read(&memory, wanted, &mut copy), expected, "{wanted} of {sequence}");
             }
         }
         assert_eq!((RING.oldest(9), RING.oldest(2), RING.resume(9), RING.resume(0)), (6, 1, 7, 1));
@@ -247,9 +273,9 @@ mod tests {
 
     #[test]
     fn a_reader_the_writer_always_overtakes_gives_up() {
-        let (memory, mut body) = (memory(), [0; 2]);
+        let (memory, mut copy) = (memory(), [0; 3]);
         RING.write(&memory, 1, &[1, 1]);
         memory.store(1, 9);
-        assert_eq!(RING.latest(&memory, &mut body, 5), Latest::Overrun);
+        assert_eq!(RING.latest(&memory, &mut copy, 5), Latest::Overrun);
     }
 }

@@ -1,7 +1,7 @@
 //! One sample of a region, in private memory.
 
 use super::layout::{FLAG_VALID, STAMP_WORDS, WORD};
-use super::memory;
+use super::memory::{self, Lines};
 
 /// When and under what conditions a sample was taken.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -24,7 +24,8 @@ pub struct Sample {
     /// Attempts the writer overtook before this copy was whole.
     pub retries: u32,
     length: usize,
-    body: Vec<u64>,
+    /// The slot as it was: sequence, stamp, payload.
+    slot: Lines,
 }
 
 impl Sample {
@@ -47,21 +48,22 @@ impl Sample {
     }
 
     fn payload(&self) -> &[u64] {
-        self.body.get(STAMP_WORDS..).unwrap_or(&[])
+        self.slot.words().get(1 + STAMP_WORDS..).unwrap_or(&[])
     }
 
-    /// Room for `words` words of stamp and payload, to be filled by a ring.
+    /// Room for a slot of `words` words, to be filled by a ring.
+    #[inline(always)]
     pub(super) fn room(&mut self, words: usize) -> &mut [u64] {
         // Until `accept`, what is in here is nobody's sample.
         self.sequence = 0;
         self.length = 0;
-        self.body.resize(words, 0);
-        &mut self.body
+        self.slot.room(words)
     }
 
     /// Makes what was filled in sample `sequence`; `false` if its length cannot be.
+    #[inline(always)]
     pub(super) fn accept(&mut self, sequence: u64, retries: u32, payload_bytes: usize) -> bool {
-        let [time_ns, servo_timer, flags_length, payload @ ..] = self.body.as_slice() else { return false };
+        let [_, time_ns, servo_timer, flags_length, payload @ ..] = self.slot.words() else { return false };
         let length = (flags_length >> 32) as usize;
         if length > payload_bytes.min(payload.len() * WORD) {
             return false;

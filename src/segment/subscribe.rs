@@ -129,6 +129,8 @@ pub struct Subscriber {
     file: File,
     path: PathBuf,
     geometry: Geometry,
+    /// The regions once more, by number: found without a search.
+    inlets: [Option<Region>; RegionId::ALL.len() + 1],
     generation: u64,
 }
 
@@ -170,7 +172,11 @@ impl Subscriber {
         };
         let map = ReadMap::new(&file, geometry.total_length).map_err(SegmentError::io("map", &path))?;
         let generation = map.load(AT_GENERATION / WORD);
-        Ok(Self { map, file, path, geometry, generation })
+        let mut inlets = [None; RegionId::ALL.len() + 1];
+        for region in geometry.regions.iter().rev() {
+            inlets[region.id as usize] = Some(*region);
+        }
+        Ok(Self { map, file, path, geometry, inlets, generation })
     }
 
     /// How the segment stands: what its header says, whether its owner gives signs of life, exists at all, or was replaced. Three system calls.
@@ -288,7 +294,7 @@ impl Subscriber {
     #[inline]
     pub fn latest(&self, region: RegionId, sample: &mut Sample) -> Result<Option<u64>, SegmentError> {
         let inlet = self.region_of(region)?;
-        match inlet.ring.latest(&self.map, sample.room(inlet.ring.body), ATTEMPTS) {
+        match inlet.ring.latest(&self.map, sample.room(inlet.ring.body + 1), ATTEMPTS) {
             Latest::Empty => Ok(None),
             Latest::Overrun => Err(SegmentError::Overrun { region, attempts: ATTEMPTS }),
             Latest::Whole { sequence, retries } => {
@@ -304,7 +310,7 @@ impl Subscriber {
     #[inline]
     pub fn read(&self, region: RegionId, sequence: u64, sample: &mut Sample) -> Result<Read, SegmentError> {
         let inlet = self.region_of(region)?;
-        match inlet.ring.read(&self.map, sequence, sample.room(inlet.ring.body)) {
+        match inlet.ring.read(&self.map, sequence, sample.room(inlet.ring.body + 1)) {
             Attempt::Whole => accept(inlet, sample, sequence, 0).map(|()| Read::Sample),
             Attempt::NotYet => Ok(Read::NotYet),
             Attempt::Lost => {
@@ -360,10 +366,36 @@ impl Subscriber {
         Ok(Cursor::new(region, self.generation, next))
     }
 
-    /// Where an overrun reader of `region` goes on.
-    pub(super) fn resume(&self, region: RegionId) -> Result<u64, SegmentError> {
-        let ring = self.region_of(region)?.ring;
-        Ok(ring.resume(ring.published(&self.map)))
+    /// For a cursor: as [`Subscriber::read`] of the sample it wants, looking at the head only when `head`, what it last was, is reached.
+    /// When the sample is lost, `head` is looked at as well.
+    #[inline]
+    pub(super) fn follow(
+        &self,
+        region: RegionId,
+        sequence: u64,
+        head: &mut u64,
+        sample: &mut Sample,
+    ) -> Result<Attempt, SegmentError> {
+        let inlet = self.region_of(region)?;
+        let slot = sample.room(inlet.ring.body + 1);
+        if sequence > *head {
+            *head = inlet.ring.published(&self.map);
+            if sequence > *head {
+                return Ok(Attempt::NotYet);
+            }
+        }
+        let attempt = inlet.ring.read_published(&self.map, sequence, *head, slot);
+        if attempt == Attempt::Whole {
+            accept(inlet, sample, sequence, 0)?;
+        } else {
+            *head = inlet.ring.published(&self.map);
+        }
+        Ok(attempt)
+    }
+
+    /// Where an overrun reader of `region` goes on when the head is `head`.
+    pub(super) fn resume(&self, region: RegionId, head: u64) -> Result<u64, SegmentError> {
+        Ok(self.region_of(region)?.ring.resume(head))
     }
 
     fn is_replaced(&self) -> bool {
@@ -378,9 +410,13 @@ impl Subscriber {
         !lock::is_held(&self.file).unwrap_or(true)
     }
 
-    #[inline]
+    #[inline(always)]
     fn region_of(&self, id: RegionId) -> Result<&Region, SegmentError> {
-        self.geometry.regions.iter().find(|region| region.id == id).ok_or(SegmentError::NoSuchRegion(id))
+        // No `ok_or`: it would make and drop an error on every read.
+        match &self.inlets[id as usize] {
+            Some(region) => Ok(region),
+            None => Err(SegmentError::NoSuchRegion(id)),
+        }
     }
 
     fn in_entry(&self, region: &Region, field: usize) -> u64 {
@@ -401,7 +437,7 @@ impl Subscriber {
     }
 }
 
-#[inline]
+#[inline(always)]
 fn accept(region: &Region, sample: &mut Sample, sequence: u64, retries: u32) -> Result<(), SegmentError> {
     if sample.accept(sequence, retries, region.payload_bytes) {
         Ok(())

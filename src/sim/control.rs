@@ -14,6 +14,7 @@
 //! | `poke OFFSET VALUE` | puts a word into the DPRAM as if PMAC had: a wild index, a count that is wrong |
 //! | `timer STEP` | the servo counter jumps by so many cycles, back if negative |
 //! | `tag on\|off` | the servo report carries its update's number in every field |
+//! | `time on\|off` | it carries its update's time, CLOCK_MONOTONIC in ns, as motor 1's compensation position |
 //! | `exit` | ends the simulator |
 
 use serde::Serialize;
@@ -123,11 +124,12 @@ fn answer(board: &mut Board, line: &str, virtual_time: bool) -> Result<Answer, S
             machine.memory.write_x(offsets::SERVO_COUNTER, counter.wrapping_add_signed(step));
         }
         ("tag", [state]) => machine.report.tag = on(state)?,
+        ("time", [state]) => machine.report.time = on(state)?,
         ("exit", []) => return Ok(Answer::Exit),
         _ => {
             return Err(format!(
                 "cannot do {line:?}; commands: step N, status, fault NAME on|off|N, reset, send TEXT, cmd TEXT, \
-                 limit MOTOR +|-|0, trigger MOTOR, index MOTOR on|off, stall MOTOR on|off, poke OFFSET VALUE, timer STEP, tag on|off, exit"
+                 limit MOTOR +|-|0, trigger MOTOR, index MOTOR on|off, stall MOTOR on|off, poke OFFSET VALUE, timer STEP, tag on|off, time on|off, exit"
             ));
         }
     }

@@ -6,6 +6,11 @@
 //!
 //! With tags on, every 24-bit half of every copied register carries the number of the update (modulo 2^24) instead of
 //! the register's content: a reader that finds two numbers in one copy has read across two updates.
+//!
+//! With times on, motor 1's compensation position is CLOCK_MONOTONIC in ns at the update (modulo 2^48): what a reader's own clock is
+//! later when it has the data is how long they took.
+
+use nix::time::{ClockId, clock_gettime};
 
 use super::fault::Faults;
 use super::gather::{Activity, Gather};
@@ -28,13 +33,16 @@ const REGISTERS: [(u16, bool, u16); 9] = [
     (offsets::COMMANDED, true, 0x00),
     (offsets::ACTUAL, true, 0x08),
     (offsets::MASTER, true, 0x10),
-    (offsets::COMPENSATION, true, 0x18),
+    (offsets::COMPENSATION, true, COMPENSATION_PLACE),
     (offsets::DAC, false, 0x20),
     (offsets::SERVO_STATUS, false, 0x24),
     (offsets::VELOCITY, false, 0x28),
     (offsets::TIME_LEFT, false, 0x2C),
     (offsets::FEEDBACK_ADDRESS, false, 0x30),
 ];
+
+/// The compensation position's offset in the motor's block.
+const COMPENSATION_PLACE: u16 = 0x18;
 
 /// Long words copied for one motor.
 const PER_MOTOR: usize = 13;
@@ -46,6 +54,8 @@ pub struct ServoReport {
     wait: u32,
     /// Fields carry the update's number.
     pub tag: bool,
+    /// A field carries the time of the update.
+    pub time: bool,
     /// Updates made.
     pub updates: u64,
     /// Updates held off because Host-Busy was set.
@@ -67,7 +77,7 @@ impl Default for ServoReport {
                 }
             }
         }
-        Self { copies, wait: 0, tag: false, updates: 0, skipped: 0 }
+        Self { copies, wait: 0, tag: false, time: false, updates: 0, skipped: 0 }
     }
 }
 
@@ -105,10 +115,22 @@ impl ServoReport {
         memory.dpram.order_writes();
         self.updates += 1;
         self.copy(motors, memory);
+        if self.time {
+            Self::stamp(memory);
+        }
         memory.dpram.order_writes();
         let timer = memory.read_x(offsets::SERVO_COUNTER) as u16 & SERVO_TIMER_MASK;
         memory.dpram.write16(offsets::SERVO_PMAC_STATUS, timer | PMAC_BUSY);
         memory.dpram.write16(offsets::SERVO_PMAC_STATUS, timer);
+    }
+
+    fn stamp(memory: &mut Memory) {
+        let now = clock_gettime(ClockId::CLOCK_MONOTONIC)
+            .map_or(0, |now| now.tv_sec().cast_unsigned() * 1_000_000_000 + now.tv_nsec().cast_unsigned());
+        for (half, place) in [(now, 0), (now >> 24, 4)] {
+            let offset = offsets::SERVO_MOTOR + COMPENSATION_PLACE + place;
+            memory.dpram.write32(offset, int24::extend(half as u32 & int24::MASK));
+        }
     }
 
     fn copy(&self, motors: usize, memory: &mut Memory) {

@@ -22,9 +22,15 @@ const DECODES_NOTHING: [&str; 5] = ["device", "function", "mirror", "segment", "
 const KNOWS_NO_ADDRESS: [&str; 9] =
     ["decode", "device", "function", "mirror", "segment", "daemon", "client", "sim", "cli"];
 
-/// Offsets that are none in the DPRAM: PMAC's own registers, and the segment's layout.
-const OTHER_OFFSETS: [&str; 4] =
-    ["src/sim/offsets.rs", "src/sim/language/", "src/segment/layout.rs", "src/segment/identity.rs"];
+/// Offsets that are none in the DPRAM: PMAC's own registers, the segment's layout, I/O ports.
+const OTHER_OFFSETS: [&str; 6] = [
+    "src/sim/offsets.rs",
+    "src/sim/language/",
+    "src/sim/set_up.rs",
+    "src/segment/layout.rs",
+    "src/segment/identity.rs",
+    "src/device/byte_spec.rs",
+];
 
 /// A source file: its path from the package's root, and its code, line by line with the line's number.
 struct Source {

@@ -60,6 +60,6 @@ fn memory_handed_over_that_is_too_short_is_refused() {
     let daemon = handed_over(&file, "mem:0x4000", &directory.path().join("socket"), &name);
     let ended = daemon.wait_with_output().unwrap();
     let stderr = String::from_utf8_lossy(&ended.stderr);
-    assert_eq!(ended.status.code(), Some(1), "{stderr}");
+    assert_eq!(ended.status.code(), Some(69), "{stderr}");
     assert!(stderr.contains("ends at 0x4000, before the window does at 0x8000"), "{stderr}");
 }

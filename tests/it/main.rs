@@ -27,6 +27,7 @@ mod segment_hostile;
 mod segment_life;
 mod segment_loom;
 mod serial;
+mod service;
 mod simulator;
 mod site;
 mod soak;

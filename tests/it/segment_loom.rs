@@ -95,16 +95,16 @@ fn assert_overwritten(view: &View, sequence: u64) {
     assert!(is_so || view.weakened.copies_only, "sample {sequence} was published and is not visible");
 }
 
-fn assert_whole(body: [u64; 2], sequence: u64) {
-    assert_eq!(body, [sequence; 2], "the copy of sample {sequence} is mixed");
+fn assert_whole(copy: [u64; 3], sequence: u64) {
+    assert_eq!(copy[1..], [sequence; 2], "the copy of sample {sequence} is mixed");
 }
 
 fn latest(weakened: Weakened) {
     with_writer(weakened, |view| {
-        let mut body = [0; 2];
-        match RING.latest(view, &mut body, 1) {
+        let mut copy = [0; 3];
+        match RING.latest(view, &mut copy, 1) {
             Latest::Empty => {}
-            Latest::Whole { sequence, .. } => assert_whole(body, sequence),
+            Latest::Whole { sequence, .. } => assert_whole(copy, sequence),
             Latest::Overrun => {
                 // With one attempt, the sample it tried is any of those the ring has gone past: sample 1.
                 assert_overwritten(view, 1);
@@ -115,10 +115,10 @@ fn latest(weakened: Weakened) {
 
 fn history(weakened: Weakened) {
     with_writer(weakened, |view| {
-        let mut body = [0; 2];
-        match RING.read(view, 1, &mut body) {
+        let mut copy = [0; 3];
+        match RING.read(view, 1, &mut copy) {
             Attempt::NotYet => {}
-            Attempt::Whole => assert_whole(body, 1),
+            Attempt::Whole => assert_whole(copy, 1),
             Attempt::Lost => assert_overwritten(view, 1),
         }
     });

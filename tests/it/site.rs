@@ -85,6 +85,12 @@ impl Site {
         });
     }
 
+    /// Takes over a daemon that the test has started.
+    pub fn adopt(mut self, daemon: Child) -> Self {
+        self.daemon = Some(daemon);
+        self
+    }
+
     /// How the daemon is started on this board.
     pub fn daemon_command(&self, options: &[&str]) -> Command {
         let board =

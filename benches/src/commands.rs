@@ -1,0 +1,178 @@
+//! `commands`: what the daemon adds to a command's round trip, what commands do to the servo mirror, and how fast rotary programs go in.
+
+use std::time::{Duration, Instant};
+
+use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
+use pmac_dpram::device::file::DPRAM_BYTES;
+use pmac_dpram::device::{FileBoard, Interrupt, InterruptSource};
+use pmac_dpram::format::TextOrder;
+use pmac_dpram::function::ascii::{AsciiEvent, AsciiPort};
+
+use crate::clock::{Figures, Series};
+use crate::process::{Child, Shared};
+use crate::rig::{Rig, Setup, program};
+use crate::table::{Bar, Table};
+use crate::{daemon, machine};
+
+const LINE: &str = "I122";
+const ANSWER: &str = "32";
+
+/// All three, `rounds` times in turn.
+pub fn run(rounds: usize) {
+    machine::introduce("commands");
+    let mut table = Table::default();
+    for round in 0..rounds {
+        let start = Instant::now();
+        round_trips(&mut table);
+        servo_beside_commands(&mut table);
+        rotary(&mut table);
+        println!("round {round}: {:.1} s", start.elapsed().as_secs_f64());
+    }
+    println!("\n{}", table.text());
+}
+
+/// The same question to the same board: directly on the DPRAM by the library, and through socket and daemon.
+fn round_trips(table: &mut Table) {
+    const QUESTIONS: usize = 1500;
+    // At 9 kHz the board answers in less time than at the usual rate, so that what the daemon adds is seen the better.
+    let setup = Setup { servo_hz: 9000.0, ..Setup::default() };
+    let mut rig = Rig::simulator_alone(&setup);
+    let direct = direct(&rig, QUESTIONS);
+    rig.start_daemon(&setup);
+    std::thread::sleep(Duration::from_millis(500));
+    let mut connection = rig.connection();
+    let through: Series = (0..QUESTIONS)
+        .map(|_| {
+            let start = Instant::now();
+            let lines = connection.send(LINE, Duration::from_secs(2)).expect("an answer");
+            let ns = start.elapsed().as_nanos() as f64;
+            assert_eq!(lines, [ANSWER]);
+            crate::clock::ticks(ns)
+        })
+        .collect();
+    let through = through.figures();
+    let us = |through: f64, direct: f64| [through / 1e3, direct / 1e3];
+    table.add(
+        "4a",
+        "ASCII round trip, socket and daemon / directly, median",
+        "us",
+        Bar::None,
+        us(through.median, direct.median),
+    );
+    table.add("4a", "- p99", "us", Bar::None, us(through.p99, direct.p99));
+    let share = (through.median - direct.median) / 1e3;
+    table.add("4a", "- the daemon's share of the median / 50 us", "us", Bar::AtMost(1.0), [share, 50.0]);
+}
+
+/// The handshake alone, in this process: sleeps until the board's interrupt, as the daemon does.
+fn direct(rig: &Rig, questions: usize) -> Figures {
+    let mut bus = FileBoard::open(&rig.memory(), DPRAM_BYTES).expect("the board's memory");
+    let mut interrupt = Interrupt::connect(&InterruptSource::Unix(rig.interrupt())).expect("its interrupt");
+    AsciiPort::release(&mut bus).expect("the bus");
+    std::thread::sleep(Duration::from_millis(100));
+    let mut port = AsciiPort::new(TextOrder::default(), Instant::now());
+    let mut ask = || {
+        let start = Instant::now();
+        let mut answered = false;
+        while !port.begin(&mut bus, LINE.as_bytes()).expect("the bus") {
+            port.step(&mut bus, Instant::now()).expect("the bus");
+            assert!(start.elapsed() < Duration::from_secs(5), "the port is never idle");
+        }
+        loop {
+            match port.step(&mut bus, Instant::now()).expect("the bus") {
+                Some(AsciiEvent::Done(done)) => {
+                    assert!(done.is_ok() && answered);
+                    return start.elapsed().as_nanos() as f64;
+                }
+                Some(AsciiEvent::Line(text)) => answered |= text.as_bytes() == ANSWER.as_bytes(),
+                Some(_) => {}
+                None => {
+                    let mut watched = [PollFd::new(interrupt.descriptor(), PollFlags::POLLIN)];
+                    poll(&mut watched, PollTimeout::from(20_u8)).expect("a wait");
+                    interrupt.take();
+                }
+            }
+            assert!(start.elapsed() < Duration::from_secs(5), "no answer");
+        }
+    };
+    let series: Series = (0..questions).map(|_| crate::clock::ticks(ask())).collect();
+    series.figures()
+}
+
+/// How late the daemon reads servo updates while four clients send as fast as they can, and while none does.
+fn servo_beside_commands(table: &mut Table) {
+    const BLOCK: Duration = Duration::from_millis(2500);
+    let rig = Rig::start(&Setup::default());
+    let subscriber = rig.subscriber();
+    std::thread::sleep(Duration::from_millis(700));
+    let shared = Shared::cells(3);
+    let clients: Vec<Child> = (0..4)
+        .map(|_| {
+            Child::run(|| {
+                let mut connection = rig.connection();
+                while shared.value(0) < 2 {
+                    if shared.value(0) == 0 {
+                        std::thread::sleep(Duration::from_millis(2));
+                        continue;
+                    }
+                    connection.send(LINE, Duration::from_secs(5)).expect("an answer");
+                    shared.cell(1).fetch_add(1, std::sync::atomic::Ordering::Relaxed);
+                }
+            })
+        })
+        .collect();
+    let mut with_and_without = |active: u64| {
+        shared.set(0, active);
+        let before = shared.value(1);
+        let watched = daemon::watch(&subscriber, BLOCK);
+        (watched, shared.value(1) - before)
+    };
+    let (alone, _) = with_and_without(0);
+    let (beside, commands) = with_and_without(1);
+    shared.set(0, 2);
+    clients.into_iter().for_each(Child::join);
+    assert!(commands > 0 && alone.lost + beside.lost == 0);
+    let us = |beside: f64, alone: f64| [beside / 1e3, alone / 1e3];
+    table.add(
+        "4b",
+        "servo delay p99.9, 4 clients sending / none",
+        "us",
+        Bar::AtMost(1.2),
+        us(beside.mirrored.p999, alone.mirrored.p999),
+    );
+    table.add("4b", "- p99", "us", Bar::None, us(beside.mirrored.p99, alone.mirrored.p99));
+    table.add("4b", "- median", "us", Bar::None, us(beside.mirrored.median, alone.mirrored.median));
+    let rate = commands as f64 / BLOCK.as_secs_f64();
+    table.add("4b", "- command lines a second meanwhile", "1/s", Bar::None, [rate, 1.0]);
+}
+
+/// A program of two commands a line through `pmacctl rotary stream`, into a board whose own buffer has room for all of it.
+fn rotary(table: &mut Table) {
+    let rig = Rig::start(&Setup::default());
+    std::thread::sleep(Duration::from_millis(300));
+    rig.connection().send("&1 #1->X #2->Y", Duration::from_secs(5)).expect("axes");
+    let file = rig.memory().with_file_name("program.pmc");
+    let text: String = (0..9000).map(|line| format!("X{} Y{}\n", line % 1000, line * 7 % 500)).collect();
+    std::fs::write(&file, text).expect("written");
+    let output = std::process::Command::new(program("pmacctl"))
+        .args(["--name", &rig.name, "--socket"])
+        .arg(rig.socket())
+        .args(["rotary", "stream"])
+        .arg(file)
+        .args(["--define", "37000"])
+        .output()
+        .expect("pmacctl");
+    let text = String::from_utf8_lossy(&output.stdout);
+    let value = |key: &str| {
+        let part = text.split_whitespace().find_map(|part| part.strip_prefix(key));
+        part.and_then(|value| value.parse::<f64>().ok()).unwrap_or_else(|| panic!("{output:?}"))
+    };
+    let rate = value("commands=") / value("seconds=");
+    table.add(
+        "4c",
+        "rotary streaming, commands a second / 20000",
+        "1/s",
+        Bar::AtLeast(1.0),
+        [rate, 20_000.0],
+    );
+}

@@ -1,0 +1,144 @@
+//! How the daemon ends, as a number that a service manager can act on: the statuses of `sysexits.h`.
+//!
+//! A unit file says which of them starting again cannot mend (`RestartPreventExitStatus=64 77 78`).
+
+use std::error::Error;
+use std::io;
+
+use super::listener::ListenError;
+use super::privilege::PrivilegeError;
+use super::serve::ServeError;
+use crate::device::refusal::{OpenError, Why};
+use crate::segment::SegmentError;
+
+/// The command line was not understood. Nothing has been done.
+pub const USAGE: u8 = 64;
+/// The board, its name or its socket is not to be had: it is not there, or another daemon has it. May mend itself.
+pub const UNAVAILABLE: u8 = 69;
+/// A defect of the daemon's own.
+pub const SOFTWARE: u8 = 70;
+/// The system gave no memory, descriptor or thread.
+pub const SYSTEM: u8 = 71;
+/// A right is missing.
+pub const NO_PERMISSION: u8 = 77;
+/// The configuration is wrong.
+pub const CONFIGURATION: u8 = 78;
+
+/// Why the daemon ends, and with which status.
+#[derive(Debug, thiserror::Error)]
+#[error("{reason}")]
+pub struct Failure {
+    /// One of this module's statuses.
+    pub status: u8,
+    /// What, where, what to do.
+    pub reason: String,
+}
+
+impl Failure {
+    /// A failure with a status of this module.
+    #[must_use]
+    pub fn new(status: u8, reason: impl ToString) -> Self {
+        Self { status, reason: reason.to_string() }
+    }
+
+    /// The system refused `what` that every daemon needs.
+    #[must_use]
+    pub fn system(what: &str, error: impl std::fmt::Display) -> Self {
+        Self::new(SYSTEM, format!("{what}: {error}"))
+    }
+
+    /// The board cannot be opened: for want of a right, or because it is not there.
+    #[must_use]
+    pub fn board(error: &(dyn Error + 'static)) -> Self {
+        Self::new(if lacks_right(error) { NO_PERMISSION } else { UNAVAILABLE }, error)
+    }
+}
+
+/// Whether the kernel's refusal is at the bottom of `error`.
+fn lacks_right(error: &(dyn Error + 'static)) -> bool {
+    let mut next = Some(error);
+    while let Some(error) = next {
+        if error.downcast_ref::<io::Error>().is_some_and(|io| io.kind() == io::ErrorKind::PermissionDenied) {
+            return true;
+        }
+        if let Some(OpenError { why, .. }) = error.downcast_ref::<OpenError>() {
+            return match why {
+                Why::Permission { .. } | Why::RawIo(_) | Why::Lockdown(..) | Why::DeviceControl(_) => true,
+                Why::Io { source, .. } => source.kind() == io::ErrorKind::PermissionDenied,
+                _ => false,
+            };
+        }
+        next = error.source();
+    }
+    false
+}
+
+impl From<SegmentError> for Failure {
+    fn from(error: SegmentError) -> Self {
+        let status = match &error {
+            SegmentError::InUse { .. } => UNAVAILABLE,
+            SegmentError::ForeignOwner { .. } => NO_PERMISSION,
+            SegmentError::Spec { .. } => SOFTWARE,
+            other if lacks_right(other) => NO_PERMISSION,
+            _ => SYSTEM,
+        };
+        Self::new(status, error)
+    }
+}
+
+impl From<ListenError> for Failure {
+    fn from(error: ListenError) -> Self {
+        let status = match &error {
+            ListenError::Served(_) => UNAVAILABLE,
+            ListenError::Foreign(_) | ListenError::Group { .. } => CONFIGURATION,
+            other if lacks_right(other) => NO_PERMISSION,
+            _ => SYSTEM,
+        };
+        Self::new(status, error)
+    }
+}
+
+impl From<ServeError> for Failure {
+    fn from(error: ServeError) -> Self {
+        Self::new(if matches!(error, ServeError::Policy(_)) { CONFIGURATION } else { SYSTEM }, error)
+    }
+}
+
+impl From<PrivilegeError> for Failure {
+    fn from(error: PrivilegeError) -> Self {
+        let no_such_user = matches!(error, PrivilegeError::NoSuchUser(_));
+        Self::new(if no_such_user { CONFIGURATION } else { NO_PERMISSION }, error)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[derive(Debug, thiserror::Error)]
+    #[error("/dev/uio0")]
+    struct Wrapped(#[source] io::Error);
+
+    #[test]
+    fn a_missing_right_is_told_from_a_missing_board_however_deep_it_lies() {
+        let status = |kind: io::ErrorKind| Failure::board(&Wrapped(kind.into())).status;
+        assert_eq!(status(io::ErrorKind::PermissionDenied), NO_PERMISSION);
+        assert_eq!(status(io::ErrorKind::NotFound), UNAVAILABLE);
+        let window = |why: Why| Failure::board(&OpenError::new("mem:0xD4000", why)).status;
+        assert_eq!(window(Why::RawIo("/dev/mem".into())), NO_PERMISSION);
+        assert_eq!(window(Why::Unsuitable("too short".to_owned())), UNAVAILABLE);
+    }
+
+    #[test]
+    fn what_starting_again_cannot_mend_has_the_numbers_the_unit_names() {
+        let foreign = SegmentError::ForeignOwner { path: "/dev/shm/pmac0".into(), uid: 7 };
+        assert_eq!(Failure::from(foreign).status, 77);
+        assert_eq!(Failure::from(SegmentError::InUse { path: "x".into(), pid: None }).status, 69);
+        assert_eq!(Failure::from(ListenError::Foreign("x".into())).status, 78);
+        assert_eq!(Failure::from(ListenError::Served("x".into())).status, 69);
+        let denied =
+            |kind: io::ErrorKind| ListenError::Io { path: "x".into(), action: "y", source: kind.into() };
+        assert_eq!(Failure::from(denied(io::ErrorKind::PermissionDenied)).status, 77);
+        assert_eq!(Failure::from(denied(io::ErrorKind::OutOfMemory)).status, 71);
+    }
+}

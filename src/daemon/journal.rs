@@ -1,0 +1,61 @@
+//! How a log line begins: for people with its level in words, for the journal with its syslog level.
+
+use std::io::{self, Write};
+use std::os::fd::AsFd;
+
+use log::{Level, Record};
+use nix::sys::stat::fstat;
+
+/// Whether `stream` goes to the journal: `$JOURNAL_STREAM` names its device and inode. A stream that was redirected since
+/// does not.
+#[must_use]
+pub fn is_journal(stream: &impl AsFd) -> bool {
+    std::env::var("JOURNAL_STREAM").is_ok_and(|named| leads_to(&named, stream))
+}
+
+fn leads_to(named: &str, stream: &impl AsFd) -> bool {
+    fstat(stream).is_ok_and(|stat| named == format!("{}:{}", stat.st_dev, stat.st_ino))
+}
+
+/// The prefix that tells the journal a line's level (sd-daemon(3)).
+#[must_use]
+pub fn prefix(level: Level) -> &'static str {
+    match level {
+        Level::Error => "<3>",
+        Level::Warn => "<4>",
+        Level::Info => "<6>",
+        Level::Debug | Level::Trace => "<7>",
+    }
+}
+
+/// Writes a log record as the journal reads it.
+///
+/// # Errors
+/// What the writer says.
+pub fn write(target: &mut impl Write, record: &Record<'_>) -> io::Result<()> {
+    writeln!(target, "{}{}", prefix(record.level()), record.args())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::os::unix::fs::MetadataExt;
+
+    #[test]
+    fn only_the_stream_that_is_named_is_the_journal() {
+        let file = tempfile::tempfile().unwrap();
+        let metadata = file.metadata().unwrap();
+        assert!(leads_to(&format!("{}:{}", metadata.dev(), metadata.ino()), &file));
+        for other in ["", "8:", "0:0", &format!("{}:{}", metadata.dev(), metadata.ino() + 1)] {
+            assert!(!leads_to(other, &file), "{other}");
+        }
+    }
+
+    #[test]
+    fn a_record_begins_with_its_level() {
+        let mut line = Vec::new();
+        let record = Record::builder().level(Level::Warn).args(format_args!("servo data are stale")).build();
+        write(&mut line, &record).unwrap();
+        assert_eq!(line, b"<4>servo data are stale\n");
+    }
+}

@@ -1,0 +1,131 @@
+//! What the daemon tells its service manager: sd_notify(3), which is one datagram a message to the socket `$NOTIFY_SOCKET`.
+
+use std::io;
+use std::os::linux::net::SocketAddrExt;
+use std::os::unix::ffi::OsStrExt;
+use std::os::unix::net::{SocketAddr, UnixDatagram};
+use std::time::{Duration, Instant};
+
+/// The way to the service manager.
+#[derive(Debug)]
+pub struct Notifier {
+    socket: UnixDatagram,
+    manager: SocketAddr,
+}
+
+impl Notifier {
+    /// As the environment says; `None` when no service manager asks.
+    ///
+    /// # Errors
+    /// When the address is none, or the system gives no socket.
+    pub fn from_environment() -> io::Result<Option<Self>> {
+        std::env::var_os("NOTIFY_SOCKET").map(|address| Self::to(address.as_bytes())).transpose()
+    }
+
+    /// To a path, or, behind an `@`, to an address of the abstract namespace.
+    ///
+    /// # Errors
+    /// When it is neither, or the system gives no socket.
+    pub fn to(address: &[u8]) -> io::Result<Self> {
+        let manager = match address {
+            [b'@', name @ ..] => SocketAddr::from_abstract_name(name)?,
+            [b'/', ..] => SocketAddr::from_pathname(std::ffi::OsStr::from_bytes(address))?,
+            _ => return Err(io::Error::new(io::ErrorKind::InvalidInput, "neither a path nor @name")),
+        };
+        let socket = UnixDatagram::unbound()?;
+        // A manager that does not read is not waited for.
+        socket.set_nonblocking(true)?;
+        Ok(Self { socket, manager })
+    }
+
+    /// Sends assignments, one a line.
+    ///
+    /// # Errors
+    /// When the manager is gone, or reads nothing.
+    pub fn send(&self, assignments: &str) -> io::Result<()> {
+        self.socket.send_to_addr(assignments.as_bytes(), &self.manager).map(drop)
+    }
+}
+
+/// When to give a sign of life: twice in the time after which the manager gives the daemon up, and only if the bus
+/// thread has made rounds since the last. A bus thread that hangs is what the manager must learn of.
+#[derive(Debug)]
+pub struct Watchdog {
+    every: Duration,
+    next: Instant,
+    rounds: Option<u64>,
+}
+
+impl Watchdog {
+    /// As the environment says: `$WATCHDOG_USEC`, meant for the process `$WATCHDOG_PID` or for any.
+    #[must_use]
+    pub fn from_environment(now: Instant) -> Option<Self> {
+        let number = |name: &str| std::env::var(name).ok().map(|text| text.parse::<u64>().ok());
+        match number("WATCHDOG_PID") {
+            Some(pid) if pid != Some(std::process::id().into()) => None,
+            _ => Self::new(Duration::from_micros(number("WATCHDOG_USEC").flatten()?), now),
+        }
+    }
+
+    /// A manager that gives the daemon up after `limit`; a limit of zero is none.
+    #[must_use]
+    pub fn new(limit: Duration, now: Instant) -> Option<Self> {
+        (!limit.is_zero()).then_some(Self { every: limit / 2, next: now, rounds: None })
+    }
+
+    /// When to ask next whether a sign is due.
+    #[must_use]
+    pub fn next(&self) -> Instant {
+        self.next
+    }
+
+    /// Whether to give a sign now, when the bus thread has made `rounds` rounds. Without progress the question is asked
+    /// again soon: the thread may only have been late.
+    pub fn is_due(&mut self, now: Instant, rounds: u64) -> bool {
+        if now < self.next {
+            return false;
+        }
+        let moved = self.rounds.replace(rounds) != Some(rounds);
+        self.next = now + if moved { self.every } else { self.every / 8 };
+        moved
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_message_arrives_at_a_path_and_at_an_abstract_address() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("notify");
+        let name = format!("pmac-test-notify-{}", std::process::id());
+        let abstract_address = SocketAddr::from_abstract_name(&name).unwrap();
+        for (manager, address) in [
+            (UnixDatagram::bind(&path).unwrap(), path.as_os_str().as_bytes().to_vec()),
+            (UnixDatagram::bind_addr(&abstract_address).unwrap(), format!("@{name}").into_bytes()),
+        ] {
+            Notifier::to(&address).unwrap().send("READY=1\nSTATUS=on").unwrap();
+            let mut message = [0; 64];
+            let length = manager.recv(&mut message).unwrap();
+            assert_eq!(&message[..length], b"READY=1\nSTATUS=on");
+        }
+        assert!(Notifier::to(b"vsock:2:1").is_err());
+        assert!(Notifier::to(b"/nonexistent/socket").unwrap().send("READY=1").is_err());
+    }
+
+    #[test]
+    fn a_bus_thread_that_stands_still_starves_the_watchdog() {
+        let start = Instant::now();
+        let at = |milliseconds| start + Duration::from_millis(milliseconds);
+        let mut watchdog = Watchdog::new(Duration::from_secs(2), start).unwrap();
+        assert!(watchdog.is_due(at(0), 0), "the start is a sign of life");
+        assert!(!watchdog.is_due(at(999), 900), "too early");
+        assert!(watchdog.is_due(at(1000), 900));
+        for late in [2000, 2200, 2400, 9000] {
+            assert!(!watchdog.is_due(at(late), 900), "no round since");
+        }
+        assert!(watchdog.is_due(at(9200), 901), "it was only late");
+        assert!(Watchdog::new(Duration::ZERO, start).is_none());
+    }
+}

@@ -1,0 +1,239 @@
+//! Giving up every right that only the opening of the board needed, for good.
+//!
+//! Rights are a thread's own, so this happens while there is one thread: a user and its groups instead of root's, no
+//! capability in any set, none to be had by running another program. What was achieved is read back from the kernel.
+
+use std::ffi::CString;
+use std::fmt;
+
+use caps::CapSet;
+use nix::sys::mman::{MlockAllFlags, mlockall};
+use nix::sys::prctl;
+use nix::sys::resource::{Resource, getrlimit};
+use nix::unistd::{
+    Gid, Group, Uid, User, getegid, geteuid, getresgid, getresuid, initgroups, setresgid, setresuid,
+};
+
+/// The sets that give a right, in the order in which they can be emptied.
+const SETS: [CapSet; 4] = [CapSet::Ambient, CapSet::Effective, CapSet::Permitted, CapSet::Inheritable];
+
+/// A limit of locked memory below this is the reason why none can be locked: the kernel counts all address space.
+const ENOUGH_BYTES: u64 = 1 << 30;
+
+/// A right could not be given up, or the user to become is not to be had.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum PrivilegeError {
+    /// The system does not know the user.
+    #[error("user {0:?} does not exist; create it or correct --user")]
+    NoSuchUser(String),
+    /// The user data base cannot be read.
+    #[error("looking up user {user:?}: {source}")]
+    Lookup {
+        /// The user.
+        user: String,
+        /// What the system said.
+        source: nix::Error,
+    },
+    /// Only root can become somebody else.
+    #[error("cannot become user {user:?}: only root can; this is user {uid}")]
+    NotRoot {
+        /// The user to become.
+        user: String,
+        /// Who it is now.
+        uid: Uid,
+    },
+    /// The kernel refused.
+    #[error("giving up privileges: {what}: {reason}")]
+    Refused {
+        /// What was tried.
+        what: &'static str,
+        /// What the kernel said.
+        reason: String,
+    },
+    /// The kernel said yes, and yet something is left.
+    #[error("privileges were given up, and yet {0}")]
+    Left(String),
+}
+
+fn refused(what: &'static str) -> impl FnOnce(nix::Error) -> PrivilegeError {
+    move |errno| PrivilegeError::Refused { what, reason: errno.to_string() }
+}
+
+/// The user to become.
+#[derive(Debug, Clone)]
+pub struct Account {
+    name: CString,
+    /// Its number.
+    pub uid: Uid,
+    /// Its primary group.
+    pub gid: Gid,
+}
+
+impl Account {
+    /// Looks up the user `name`, and whether this process can become it: root can, and the user itself is it already.
+    ///
+    /// # Errors
+    /// [`PrivilegeError`] for a user that does not exist, or that only root could become.
+    pub fn named(name: &str) -> Result<Self, PrivilegeError> {
+        let user = User::from_name(name);
+        let user = user.map_err(|source| PrivilegeError::Lookup { user: name.to_owned(), source })?;
+        let user = user.ok_or_else(|| PrivilegeError::NoSuchUser(name.to_owned()))?;
+        let uid = geteuid();
+        if !uid.is_root() && uid != user.uid {
+            return Err(PrivilegeError::NotRoot { user: name.to_owned(), uid });
+        }
+        let c_name = CString::new(name).map_err(|_| PrivilegeError::NoSuchUser(name.to_owned()))?;
+        Ok(Self { name: c_name, uid: user.uid, gid: user.gid })
+    }
+
+    /// Becomes the user, in every sense the kernel has, with all its groups. For the user itself, nothing: which groups it
+    /// has is then the affair of the unit that chose them.
+    fn assume(&self) -> Result<(), PrivilegeError> {
+        if !geteuid().is_root() {
+            return Ok(());
+        }
+        initgroups(&self.name, self.gid).map_err(refused("setgroups"))?;
+        setresgid(self.gid, self.gid, self.gid).map_err(refused("setgid"))?;
+        setresuid(self.uid, self.uid, self.uid).map_err(refused("setuid"))?;
+        let user = getresuid().map_err(refused("getresuid"))?;
+        let group = getresgid().map_err(refused("getresgid"))?;
+        if [user.real, user.effective, user.saved] != [self.uid; 3] {
+            return Err(PrivilegeError::Left(format!("the users are {user:?}")));
+        }
+        if [group.real, group.effective, group.saved] != [self.gid; 3] {
+            return Err(PrivilegeError::Left(format!("the groups are {group:?}")));
+        }
+        Ok(())
+    }
+}
+
+/// Becomes `account`, if one is given, then gives up every capability for good. For a process with one thread.
+///
+/// # Errors
+/// [`PrivilegeError`] when anything of it is refused, or when the kernel shows afterwards that something is left.
+pub fn give_up(account: Option<&Account>) -> Result<(), PrivilegeError> {
+    // While there still is the right to do so. Where there is none, the line about what was achieved says what is left.
+    if caps::has_cap(None, CapSet::Effective, caps::Capability::CAP_SETPCAP).unwrap_or(false) {
+        let _ = caps::clear(None, CapSet::Bounding);
+    }
+    if let Some(account) = account {
+        account.assume()?;
+    }
+    for set in SETS {
+        // A unit without capabilities also forbids the call that would take them away.
+        if !is_empty(set)? {
+            caps::clear(None, set).map_err(|error| PrivilegeError::Refused {
+                what: "dropping capabilities",
+                reason: error.to_string(),
+            })?;
+        }
+    }
+    prctl::set_no_new_privs().map_err(refused("no new privileges"))?;
+    for set in SETS {
+        if !is_empty(set)? {
+            return Err(PrivilegeError::Left(format!("capabilities are left in the {set:?} set")));
+        }
+    }
+    Ok(())
+}
+
+fn is_empty(set: CapSet) -> Result<bool, PrivilegeError> {
+    caps::read(None, set)
+        .map(|caps| caps.is_empty())
+        .map_err(|error| PrivilegeError::Refused { what: "reading capabilities", reason: error.to_string() })
+}
+
+/// Keeps everything that is mapped now in memory. Called when the threads run, so that their stacks are; memory that
+/// clients cause to be allocated later is not the bus thread's, and not locked. Returns what came of it.
+#[must_use]
+pub fn lock_memory() -> String {
+    match (mlockall(MlockAllFlags::MCL_CURRENT), getrlimit(Resource::RLIMIT_MEMLOCK)) {
+        (Ok(()), _) => "memory locked".to_owned(),
+        (Err(_), Ok((limit, _))) if limit < ENOUGH_BYTES => {
+            format!("memory not locked (LimitMEMLOCK is {} KiB, too little)", limit / 1024)
+        }
+        (Err(errno), _) => format!("memory not locked ({errno})"),
+    }
+}
+
+/// What the calling thread holds, as the kernel tells it.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Holdings {
+    /// The effective user.
+    pub uid: Uid,
+    /// The effective group.
+    pub gid: Gid,
+    /// Names of the capabilities in any set but the bounding one.
+    pub capabilities: Vec<String>,
+    /// How many capabilities a program it runs could get at most.
+    pub bounding: usize,
+    /// Whether running another program gives no right.
+    pub no_new_privileges: bool,
+}
+
+impl Holdings {
+    /// Asks the kernel.
+    #[must_use]
+    pub fn read() -> Self {
+        let of = |set| caps::read(None, set).unwrap_or_default();
+        let mut capabilities: Vec<String> =
+            SETS.into_iter().flat_map(of).map(|capability| capability.to_string()).collect();
+        capabilities.sort_unstable();
+        capabilities.dedup();
+        Self {
+            uid: geteuid(),
+            gid: getegid(),
+            capabilities,
+            bounding: of(CapSet::Bounding).len(),
+            no_new_privileges: prctl::get_no_new_privs().unwrap_or(false),
+        }
+    }
+}
+
+impl fmt::Display for Holdings {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let name = User::from_uid(self.uid).ok().flatten().map(|user| user.name);
+        let group = Group::from_gid(self.gid).ok().flatten().map(|group| group.name);
+        write!(f, "user {} ({})", name.as_deref().unwrap_or("?"), self.uid)?;
+        write!(f, ", group {} ({})", group.as_deref().unwrap_or("?"), self.gid)?;
+        match self.capabilities.as_slice() {
+            [] => write!(f, ", no capabilities")?,
+            some => write!(f, ", capabilities {}", some.join(" "))?,
+        }
+        write!(f, " (bounding set {})", self.bounding)?;
+        f.write_str(if self.no_new_privileges { ", no new privileges" } else { ", new privileges possible" })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_thread_that_gave_up_holds_nothing() {
+        // Capabilities are a thread's own: the other tests keep theirs.
+        let holdings = std::thread::spawn(|| {
+            give_up(None).unwrap();
+            Holdings::read()
+        });
+        let holdings = holdings.join().unwrap();
+        assert_eq!(holdings.capabilities, [""; 0]);
+        assert!(holdings.no_new_privileges);
+        let text = holdings.to_string();
+        assert!(
+            text.contains("no capabilities (bounding set ") && text.ends_with("no new privileges"),
+            "{text}"
+        );
+    }
+
+    #[test]
+    fn who_one_cannot_become_is_named() {
+        let error = Account::named("no-such-user-here").unwrap_err();
+        assert!(
+            matches!(error, PrivilegeError::NoSuchUser(_)) && error.to_string().contains("no-such-user-here")
+        );
+        let own = User::from_uid(geteuid()).unwrap().unwrap();
+        assert_eq!(Account::named(&own.name).unwrap().uid, geteuid());
+    }
+}

@@ -1,0 +1,209 @@
+//! What the first thread does while the others work: waits for signals, and keeps the service manager informed.
+
+use std::io;
+use std::os::fd::AsFd;
+use std::os::unix::net::UnixStream;
+use std::time::{Duration, Instant};
+
+use log::{error, info, warn};
+use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
+use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
+use signal_hook::iterator::backend::SignalDelivery;
+use signal_hook::iterator::exfiltrator::SignalOnly;
+
+use super::info::SharedInfo;
+use super::notify::{Notifier, Watchdog};
+use crate::protocol::{BoardInfo, State};
+
+/// How often the state is looked at, for the service manager and for a thread that ended by itself.
+const LOOK: Duration = Duration::from_millis(500);
+
+/// The signals that have come, from the moment this was made.
+pub struct Signals(SignalDelivery<UnixStream, SignalOnly>);
+
+impl Signals {
+    /// From now on, SIGTERM, SIGINT and SIGHUP are kept until they are waited for.
+    ///
+    /// # Errors
+    /// When the system gives no descriptors.
+    pub fn take() -> io::Result<Self> {
+        let (read, write) = UnixStream::pair()?;
+        SignalDelivery::with_pipe(read, write, SignalOnly, [SIGTERM, SIGINT, SIGHUP]).map(Self)
+    }
+
+    /// The first signal that ends the daemon, if one came before `deadline`.
+    fn wait(&mut self, deadline: Instant) -> Option<i32> {
+        // Up to a millisecond late rather than early, which would make a busy loop of the last one.
+        let left = deadline.saturating_duration_since(Instant::now()) + Duration::from_millis(1);
+        let timeout = PollTimeout::try_from(left).unwrap_or(PollTimeout::MAX);
+        let _ = poll(&mut [PollFd::new(self.0.get_read().as_fd(), PollFlags::POLLIN)], timeout);
+        let mut end = None;
+        for signal in self.0.pending() {
+            if signal == SIGHUP {
+                warn!("SIGHUP changes nothing: restart the daemon to have it read its configuration again");
+            } else {
+                end = Some(signal);
+            }
+        }
+        end
+    }
+}
+
+/// The service manager, if one asked to be informed.
+pub struct Manager {
+    notifier: Option<Notifier>,
+    watchdog: Option<Watchdog>,
+    told: String,
+    stuck: bool,
+}
+
+impl Manager {
+    /// As the environment says.
+    #[must_use]
+    pub fn from_environment() -> Self {
+        let notifier = Notifier::from_environment().unwrap_or_else(|error| {
+            warn!("NOTIFY_SOCKET: {error}; the service manager is not told anything");
+            None
+        });
+        let watchdog = notifier.as_ref().and_then(|_| Watchdog::from_environment(Instant::now()));
+        Self { notifier, watchdog, told: String::new(), stuck: false }
+    }
+
+    fn send(&self, assignments: &str) {
+        if let Some(notifier) = &self.notifier
+            && let Err(error) = notifier.send(assignments)
+        {
+            warn!("telling the service manager: {error}");
+        }
+    }
+
+    /// The segment is published and the socket listens.
+    pub fn ready(&mut self, info: &SharedInfo) {
+        self.told = status(&info.read());
+        self.send(&format!("READY=1\nSTATUS={}", self.told));
+    }
+
+    /// The end has begun.
+    pub fn stopping(&self) {
+        // With a last sign of life: the end has its own time limit.
+        self.send("STOPPING=1\nWATCHDOG=1\nSTATUS=stopping");
+    }
+
+    /// What there is to tell by now.
+    fn look(&mut self, info: &SharedInfo, now: Instant) {
+        if self.notifier.is_none() {
+            return;
+        }
+        let status = status(&info.read());
+        if status != self.told {
+            self.send(&format!("STATUS={status}"));
+            self.told = status;
+        }
+        if let Some(watchdog) = &mut self.watchdog
+            && now >= watchdog.next()
+        {
+            let moves = watchdog.is_due(now, info.rounds());
+            if moves {
+                self.send("WATCHDOG=1");
+            } else if !self.stuck {
+                error!("the bus thread makes no rounds; the watchdog is left to the service manager");
+            }
+            self.stuck = !moves;
+        }
+    }
+
+    fn next(&self, now: Instant) -> Instant {
+        let look = now + LOOK;
+        self.watchdog.as_ref().map_or(look, |watchdog| watchdog.next().min(look))
+    }
+}
+
+/// Returns the signal that asks the daemon to end, or `None` when `ended` says that a thread did so by itself.
+pub fn until_asked_to_end(
+    signals: &mut Signals,
+    manager: &mut Manager,
+    info: &SharedInfo,
+    ended: impl Fn() -> bool,
+) -> Option<i32> {
+    loop {
+        let now = Instant::now();
+        manager.look(info, now);
+        if let Some(signal) = signals.wait(manager.next(now)) {
+            info!("signal {signal}: stopping");
+            return Some(signal);
+        }
+        if ended() {
+            return None;
+        }
+    }
+}
+
+/// One line for `systemctl status`: board, state, what it is, its servo rate.
+fn status(info: &BoardInfo) -> String {
+    let state = match info.state {
+        State::Init => "no data yet",
+        State::Live => "live",
+        State::Stale => "stale",
+        State::Dead => "ended",
+    };
+    let mut text = format!("{}: {state}", info.board);
+    if let Some(board_type) = &info.board_type {
+        text += &format!(", {board_type}");
+    }
+    if let Some(firmware) = &info.firmware {
+        text += &format!(", firmware {firmware}");
+    }
+    if let Some(period) = info.servo_period_ns.filter(|period| *period > 0) {
+        text += &format!(", servo {:.1} Hz", 1e9 / period as f64);
+    }
+    // A message is lines of assignments: nothing of the board's may begin another.
+    text.replace(|c: char| c.is_control(), " ")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::os::unix::net::UnixDatagram;
+
+    #[test]
+    fn the_manager_learns_of_each_change_once_and_of_a_stuck_bus_thread_by_silence() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("notify");
+        let socket = UnixDatagram::bind(&path).unwrap();
+        socket.set_nonblocking(true).unwrap();
+        let said = || {
+            let mut text = [0; 512];
+            socket.recv(&mut text).ok().map(|length| String::from_utf8_lossy(&text[..length]).into_owned())
+        };
+        let start = Instant::now();
+        let mut manager = Manager {
+            notifier: Some(Notifier::to(path.to_str().unwrap().as_bytes()).unwrap()),
+            watchdog: Watchdog::new(Duration::from_secs(2), start),
+            told: String::new(),
+            stuck: false,
+        };
+        let info = BoardInfo { board: "sim".to_owned(), ..BoardInfo::default() };
+        let info = SharedInfo::new(info, crate::protocol::BoardSettings::default());
+        info.count_round();
+        manager.ready(&info);
+        assert_eq!(said().as_deref(), Some("READY=1\nSTATUS=sim: no data yet"));
+        manager.look(&info, start);
+        assert_eq!(said().as_deref(), Some("WATCHDOG=1"));
+        info.set_state(State::Live);
+        info.update(|info| {
+            info.firmware = Some("1.16D\nREADY=0".to_owned());
+            info.servo_period_ns = Some(442_708);
+        });
+        for _ in 0..2 {
+            manager.look(&info, start);
+        }
+        assert_eq!(said().as_deref(), Some("STATUS=sim: live, firmware 1.16D READY=0, servo 2258.8 Hz"));
+        for second in 1..10 {
+            manager.look(&info, start + Duration::from_secs(second));
+        }
+        assert_eq!(said(), None, "the bus thread made no round");
+        info.count_round();
+        manager.look(&info, start + Duration::from_secs(10));
+        assert_eq!(said().as_deref(), Some("WATCHDOG=1"));
+    }
+}

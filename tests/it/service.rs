@@ -1,0 +1,421 @@
+//! `pmacd` as a system service: what it tells the service manager, how it ends, and what it holds; unit files and udev rules,
+//! checked by the tools that will read them.
+
+use std::cell::RefCell;
+use std::fs;
+use std::io::{self, Read};
+use std::os::linux::net::SocketAddrExt;
+use std::os::unix::fs::MetadataExt;
+use std::os::unix::net::{SocketAddr, UnixDatagram, UnixStream};
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::time::{Duration, Instant};
+
+use nix::sys::signal::Signal;
+
+use crate::site::{PATIENCE, Site, wait_until};
+
+fn root() -> PathBuf {
+    PathBuf::from(env!("CARGO_MANIFEST_DIR"))
+}
+
+/// The service manager's end.
+struct Manager {
+    socket: UnixDatagram,
+    /// The last status it was told.
+    status: RefCell<String>,
+}
+
+impl Manager {
+    fn at(path: &Path) -> Self {
+        Self::on(UnixDatagram::bind(path).unwrap())
+    }
+
+    fn on(socket: UnixDatagram) -> Self {
+        Self { socket, status: RefCell::default() }
+    }
+
+    /// The next message within `patience`.
+    fn next(&self, patience: Duration) -> Option<String> {
+        self.socket.set_read_timeout(Some(patience)).unwrap();
+        let mut message = [0; 4096];
+        match self.socket.recv(&mut message) {
+            Ok(length) => {
+                let message = String::from_utf8(message[..length].to_vec()).unwrap();
+                if let Some(status) = message.lines().find_map(|line| line.strip_prefix("STATUS=")) {
+                    status.clone_into(&mut self.status.borrow_mut());
+                }
+                Some(message)
+            }
+            Err(error) if [io::ErrorKind::WouldBlock, io::ErrorKind::TimedOut].contains(&error.kind()) => {
+                None
+            }
+            Err(error) => panic!("{error}"),
+        }
+    }
+
+    /// The next message with this assignment in it.
+    fn wait_for(&self, assignment: &str) -> String {
+        let deadline = Instant::now() + PATIENCE;
+        while Instant::now() < deadline {
+            if let Some(message) = self.next(PATIENCE)
+                && message.lines().any(|line| line.starts_with(assignment))
+            {
+                return message;
+            }
+        }
+        panic!("waited in vain for {assignment}");
+    }
+}
+
+#[test]
+fn the_service_manager_is_told_of_start_state_life_and_end() {
+    let mut site = Site::new();
+    site.start_simulator(&["--dpram-startup"]);
+    let manager = Manager::at(&site.path("notify"));
+    let mut daemon = site.daemon_command(&[]);
+    daemon.env("NOTIFY_SOCKET", site.path("notify")).env("WATCHDOG_USEC", "400000");
+    let mut daemon = site.adopt(daemon.stderr(Stdio::null()).spawn().unwrap());
+    let ready = manager.wait_for("READY=1");
+    // When it says so, it is so: no waiting here.
+    assert!(UnixStream::connect(daemon.socket()).is_ok());
+    assert_eq!(daemon.attach().header().owner_pid, u64::from(daemon.daemon_pid()));
+    assert!(ready.lines().nth(1).is_some_and(|line| line.starts_with("STATUS=file:")), "{ready}");
+    manager.wait_for("WATCHDOG=1");
+    manager.wait_for("WATCHDOG=1");
+    wait_until("a status with state and rate", || {
+        manager.next(Duration::from_millis(100));
+        let status = manager.status.borrow();
+        status.contains(": live, PMAC1") && status.contains("firmware 1.16D") && status.contains("2258.8 Hz")
+    });
+    // Stopped, it gives no sign of life. What it had said before is read first.
+    daemon.signal_daemon(Signal::SIGSTOP);
+    while manager.next(Duration::from_millis(50)).is_some() {}
+    assert_eq!(manager.next(Duration::from_millis(1500)), None, "a stopped daemon starves the watchdog");
+    daemon.signal_daemon(Signal::SIGCONT);
+    manager.wait_for("WATCHDOG=1");
+    daemon.signal_daemon(Signal::SIGTERM);
+    manager.wait_for("STOPPING=1");
+    assert_eq!(daemon.stop_daemon(), 0);
+}
+
+#[test]
+fn an_abstract_address_is_one_too_and_a_watchdog_of_another_process_none() {
+    let mut site = Site::new();
+    site.start_simulator(&["--dpram-startup"]);
+    let name = format!("pmac-test-{}", site.name);
+    let address = SocketAddr::from_abstract_name(&name).unwrap();
+    let manager = Manager::on(UnixDatagram::bind_addr(&address).unwrap());
+    let mut daemon = site.daemon_command(&[]);
+    daemon.env("NOTIFY_SOCKET", format!("@{name}")).env("WATCHDOG_USEC", "100000").env("WATCHDOG_PID", "1");
+    let site = site.adopt(daemon.stderr(Stdio::null()).spawn().unwrap());
+    manager.wait_for("READY=1");
+    let until = Instant::now() + Duration::from_millis(700);
+    while Instant::now() < until {
+        let message = manager.next(Duration::from_millis(100)).unwrap_or_default();
+        assert!(!message.contains("WATCHDOG"), "{message}");
+    }
+    drop(site);
+}
+
+#[test]
+fn every_failure_has_the_exit_status_that_the_unit_acts_on() {
+    let mut site = Site::new();
+    site.start_simulator(&[]);
+    let status = |site: &Site, options: &[&str]| {
+        let output = site.daemon_command(options).output().unwrap();
+        (output.status.code().unwrap_or(-1), String::from_utf8(output.stderr).unwrap())
+    };
+    let configuration = |text: &str| {
+        let path = site.path("configuration");
+        fs::write(&path, text).unwrap();
+        path.display().to_string()
+    };
+    let unknown_group = configuration("[roles]\noperate = [\"no-such-group-here\"]\n");
+    let (code, error) = status(&site, &["--config", &unknown_group]);
+    assert!(code == 78 && error.contains("no-such-group-here"), "{code} {error}");
+    let group_of_segment = configuration("segment_group = \"no-such-group-here\"\n");
+    let (code, error) = status(&site, &["--config", &group_of_segment]);
+    assert!(code == 78 && error.contains("no-such-group-here"), "{code} {error}");
+    // What lies where the socket should be is not ours.
+    fs::write(site.socket(), "precious").unwrap();
+    assert_eq!(status(&site, &[]).0, 78);
+    fs::remove_file(site.socket()).unwrap();
+    let unit = fs::read_to_string(root().join("systemd/pmacd@.service")).unwrap();
+    assert!(unit.contains("RestartPreventExitStatus=64 77 78"));
+    // Nothing is left of the failed attempts.
+    site.start_daemon(&[]);
+    assert_eq!(site.stop_daemon(), 0);
+}
+
+/// A line of a process's status, of each of its threads.
+fn of_each_thread(pid: u32, field: &str) -> Vec<String> {
+    let threads = fs::read_dir(format!("/proc/{pid}/task")).unwrap();
+    let value = |thread: fs::DirEntry| {
+        let status = fs::read_to_string(thread.path().join("status")).unwrap();
+        let line = status.lines().find_map(|line| line.strip_prefix(field)?.strip_prefix(':'));
+        line.unwrap().split_whitespace().collect::<Vec<_>>().join(" ")
+    };
+    threads.flatten().map(value).collect()
+}
+
+#[test]
+fn no_thread_of_the_running_daemon_holds_a_capability() {
+    let site = Site::running(&[], &[]);
+    site.wait_for_live_servo();
+    let pid = site.daemon_pid();
+    for field in ["CapEff", "CapPrm", "CapInh", "CapAmb"] {
+        let sets = of_each_thread(pid, field);
+        assert!(sets.len() >= 4 && sets.iter().all(|set| set == "0000000000000000"), "{field}: {sets:?}");
+    }
+    assert!(of_each_thread(pid, "NoNewPrivs").iter().all(|flag| flag == "1"));
+    assert!(site.log().contains("no capabilities"), "{}", site.log());
+    assert!(site.log().contains("memory ") && site.log().contains(", scheduling other"), "{}", site.log());
+}
+
+#[test]
+fn root_becomes_another_user_in_every_thread_and_leaves_nothing_behind() {
+    if !nix::unistd::geteuid().is_root() {
+        return eprintln!("skipped: only root can become another user");
+    }
+    let user = nix::unistd::User::from_name("nobody").unwrap().unwrap();
+    let mut site = Site::new();
+    // A place that the user may use; the board as it opens it.
+    let owner = (Some(user.uid.as_raw()), Some(user.gid.as_raw()));
+    std::os::unix::fs::chown(site.directory.path(), owner.0, owner.1).unwrap();
+    site.start_simulator(&["--dpram-startup"]);
+    for name in ["dpram", "interrupt"] {
+        std::os::unix::fs::chown(site.path(name), owner.0, owner.1).unwrap();
+    }
+    let daemon = site.daemon_command(&["--user", "nobody"]).stderr(Stdio::null()).spawn().unwrap();
+    // (A client would not believe a segment of this user's.)
+    let mut site = site.adopt(daemon);
+    wait_until("the daemon's socket", || UnixStream::connect(site.socket()).is_ok());
+    let pid = site.daemon_pid();
+    let (uid, gid) = (user.uid.to_string(), user.gid.to_string());
+    assert!(of_each_thread(pid, "Uid").iter().all(|line| line.split(' ').all(|each| each == uid)));
+    assert!(of_each_thread(pid, "Gid").iter().all(|line| line.split(' ').all(|each| each == gid)));
+    for field in ["CapEff", "CapPrm", "CapInh", "CapAmb", "CapBnd"] {
+        assert!(of_each_thread(pid, field).iter().all(|set| set == "0000000000000000"), "{field}");
+    }
+    let segment = Path::new("/dev/shm").join(&site.name);
+    assert_eq!(fs::metadata(&segment).unwrap().uid(), user.uid.as_raw());
+    assert_eq!(site.stop_daemon(), 0);
+    assert!(!segment.exists() && !site.socket().exists());
+}
+
+#[test]
+fn the_journal_gets_levels_and_a_terminal_words() {
+    let run = |journal: bool| {
+        let (mut reader, writer) = io::pipe().unwrap();
+        let mut command = Command::new(env!("CARGO_BIN_EXE_pmacd"));
+        command.args(["--board", "boat"]).stdin(Stdio::null());
+        if journal {
+            let stat = nix::sys::stat::fstat(&writer).unwrap();
+            command.env("JOURNAL_STREAM", format!("{}:{}", stat.st_dev, stat.st_ino));
+        }
+        command.stderr(writer).status().unwrap();
+        drop(command);
+        let mut text = String::new();
+        reader.read_to_string(&mut text).unwrap();
+        text
+    };
+    assert!(run(true).starts_with("<3>"), "{}", run(true));
+    assert!(run(false).starts_with("pmacd: "), "{}", run(false));
+}
+
+/// A tree as the package lays it out, as far as unit files are concerned.
+fn installed() -> tempfile::TempDir {
+    let tree = tempfile::tempdir().unwrap();
+    let put = |from: &str, to: &str, mode: u32| {
+        let to = tree.path().join(to);
+        fs::create_dir_all(to.parent().unwrap()).unwrap();
+        fs::copy(root().join(from), &to).unwrap();
+        fs::set_permissions(&to, std::os::unix::fs::PermissionsExt::from_mode(mode)).unwrap();
+    };
+    put("systemd/pmacd@.service", "usr/lib/systemd/system/pmacd@.service", 0o644);
+    put("systemd/pci-prepare", "usr/lib/pmacd/pci-prepare", 0o755);
+    put("systemd/pci-prepare", "usr/sbin/pmacd", 0o755);
+    tree
+}
+
+fn has(program: &str) -> bool {
+    let there = Command::new(program).arg("--version").output().is_ok();
+    if !there {
+        eprintln!("skipped: there is no {program}");
+    }
+    there
+}
+
+fn with_drop_in(tree: &Path, name: &str) {
+    let directory = tree.join("etc/systemd/system/pmacd@pmac0.service.d");
+    fs::create_dir_all(&directory).unwrap();
+    fs::copy(root().join("systemd/dropins").join(name), directory.join(name)).unwrap();
+}
+
+#[test]
+fn systemd_finds_nothing_to_say_about_the_units() {
+    if !has("systemd-analyze") {
+        return;
+    }
+    let drop_ins = fs::read_dir(root().join("systemd/dropins")).unwrap().flatten();
+    let names = drop_ins.map(|entry| entry.file_name().into_string().unwrap());
+    let names: Vec<String> = names.filter(|name| name.ends_with(".conf")).collect();
+    assert!(names.len() >= 6);
+    for name in names.iter().map(String::as_str).chain([""]) {
+        let tree = installed();
+        // The targets that any unit wants, from this machine's own systemd.
+        let units = tree.path().join("usr/lib/systemd/system");
+        for unit in [
+            "sysinit.target",
+            "basic.target",
+            "shutdown.target",
+            "multi-user.target",
+            "network.target",
+            "-.slice",
+        ] {
+            let _ = fs::copy(Path::new("/usr/lib/systemd/system").join(unit), units.join(unit));
+        }
+        if !name.is_empty() {
+            with_drop_in(tree.path(), name);
+        }
+        let output = Command::new("systemd-analyze")
+            .args(["verify", "--man=no", "--recursive-errors=no", "--root"])
+            .arg(tree.path())
+            .arg("pmacd@pmac0.service")
+            .output()
+            .unwrap();
+        let said = String::from_utf8_lossy(&[output.stdout, output.stderr].concat()).into_owned();
+        // Debian 12's systemd does not know the setting that its successors have.
+        let said: Vec<&str> = said.lines().filter(|line| !line.contains("Unknown key 'OpenFile'")).collect();
+        assert!(said.is_empty(), "{name}: {said:?}");
+        assert!(output.status.success() || name.contains("openfile"), "{name}");
+    }
+}
+
+#[test]
+fn the_units_expose_no_more_than_they_promise() {
+    if !has("systemd-analyze") {
+        return;
+    }
+    // (drop-in, ten times the highest exposure)
+    for (name, threshold) in [
+        ("", 10),
+        ("simulator.conf", 10),
+        ("device.conf", 10),
+        ("dev-mem.conf", 15),
+        ("dev-mem-openfile.conf", 10),
+        ("pci.conf", 10),
+        ("real-time.conf", 10),
+    ] {
+        let tree = installed();
+        if !name.is_empty() {
+            with_drop_in(tree.path(), name);
+        }
+        let output = Command::new("systemd-analyze")
+            .args(["security", "--offline=true", &format!("--threshold={threshold}"), "--root"])
+            .arg(tree.path())
+            .arg("pmacd@pmac0.service")
+            .output()
+            .unwrap();
+        let said = String::from_utf8_lossy(&output.stdout).into_owned();
+        let verdict = said.lines().find(|line| line.contains("Overall exposure level"));
+        assert!(verdict.is_some() && output.status.success(), "{name}: {verdict:?}");
+    }
+}
+
+#[test]
+fn what_would_break_the_service_stays_out_of_the_unit() {
+    let unit = fs::read_to_string(root().join("systemd/pmacd@.service")).unwrap();
+    let settings: Vec<&str> = unit.lines().filter(|line| !line.starts_with('#')).collect();
+    for needed in ["RemoveIPC=no", "RuntimeDirectoryPreserve=yes", "NotifyAccess=main", "Type=notify"] {
+        assert!(settings.contains(&needed), "{needed}");
+    }
+    for breaks in ["PrivateUsers=", "DynamicUser=", "PrivateIPC=", "SystemCallErrorNumber="] {
+        assert!(!settings.iter().any(|line| line.starts_with(breaks)), "{breaks}");
+    }
+}
+
+#[test]
+fn the_udev_rules_start_the_service_and_run_nothing() {
+    let path = root().join("udev/60-pmacd.rules");
+    let rules = fs::read_to_string(&path).unwrap();
+    let rules: Vec<&str> = rules.lines().filter(|line| !line.starts_with('#')).collect();
+    let rules = rules.join("\n");
+    for forbidden in ["RUN", "uaccess", "0666", "/dev/mem", "KERNEL==\"mem\""] {
+        assert!(!rules.contains(forbidden), "{forbidden}");
+    }
+    let acting = rules.lines().find(|line| line.contains("SYSTEMD_WANTS")).unwrap();
+    for part in
+        ["GROUP=\"pmac\"", "MODE=\"0660\"", "SYMLINK+=\"pmac%n\"", "TAG+=\"systemd\"", "pmacd@pmac%n.service"]
+    {
+        assert!(acting.contains(part), "{part}");
+    }
+    // Labels that are jumped to exist.
+    for label in rules.split("GOTO=\"").skip(1).filter_map(|rest| rest.split('"').next()) {
+        assert!(rules.contains(&format!("LABEL=\"{label}\"")), "{label}");
+    }
+    let verify = Command::new("udevadm").args(["verify", "--resolve-names=never"]).arg(&path).output();
+    match verify {
+        Ok(output) if !String::from_utf8_lossy(&output.stderr).contains("Unknown command verb") => {
+            let said = [output.stdout, output.stderr].concat();
+            assert!(output.status.success(), "{}", String::from_utf8_lossy(&said));
+        }
+        _ => eprintln!("skipped: udevadm here has no verify (it came with systemd 254)"),
+    }
+}
+
+#[test]
+fn the_shipped_simulator_configuration_is_accepted() {
+    let output = Command::new(env!("CARGO_BIN_EXE_pmacd"))
+        .args(["--check", "--name", "sim", "--config"])
+        .arg(root().join("systemd/sim.toml"))
+        .output()
+        .unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+}
+
+#[test]
+fn a_pci_device_is_prepared_only_if_it_can_be_the_board() {
+    let sysfs = tempfile::tempdir().unwrap();
+    let device = sysfs.path().join("0000:03:00.0");
+    fs::create_dir(&device).unwrap();
+    for (name, text) in [("class", "0x068000\n"), ("enable", "0\n"), ("config", ""), ("resource0", "")] {
+        fs::write(device.join(name), text).unwrap();
+    }
+    let run = |arguments: &[&str]| {
+        let output = Command::new("sh")
+            .arg(root().join("systemd/pci-prepare"))
+            .args(arguments)
+            .env("PMAC_PCI_DEVICES", sysfs.path())
+            .output()
+            .unwrap();
+        (output.status.code().unwrap_or(-1), String::from_utf8(output.stderr).unwrap())
+    };
+    for (arguments, status, reason) in [
+        (&[] as &[&str], 64, "usage"),
+        (&["0000:03:00.0", "0", "1"], 64, "usage"),
+        (&["../../../etc"], 64, "no PCI address"),
+        (&["0000:03:00.0/.."], 64, "no PCI address"),
+        (&["0000:03:00.0\n0000:04:00.0"], 64, "no PCI address"),
+        (&["0000:03:00.0", "6"], 64, "no BAR"),
+        (&["0000:03:00.0", "0 config"], 64, "no BAR"),
+        (&["0000:04:00.0"], 69, "no PCI device"),
+        (&["0000:03:00.0", "1"], 78, "has no BAR 1"),
+    ] {
+        let (code, error) = run(arguments);
+        assert!(code == status && error.contains(reason), "{arguments:?}: {code} {error}");
+    }
+    fs::write(device.join("class"), "0x010802\n").unwrap();
+    assert_eq!(run(&["0000:03:00.0"]).0, 78, "a disk is no PMAC");
+    fs::write(device.join("class"), "0x068000\n").unwrap();
+    std::os::unix::fs::symlink("../../bus/pci/drivers/other", device.join("driver")).unwrap();
+    let (code, error) = run(&["0000:03:00.0", "0"]);
+    assert!(code == 78 && error.contains("driver other"), "{error}");
+    fs::remove_file(device.join("driver")).unwrap();
+    assert_eq!(fs::read_to_string(device.join("enable")).unwrap(), "0\n", "nothing has been done so far");
+    // Whether the group exists depends on the machine; what was tried before it does not.
+    let (code, error) = run(&["0000:03:00.0", "0"]);
+    assert_eq!(fs::read_to_string(device.join("enable")).unwrap(), "1\n");
+    assert!(code == 0 || (code == 71 && error.contains("group pmac")), "{code} {error}");
+}
