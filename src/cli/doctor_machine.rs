@@ -18,8 +18,12 @@ pub fn boards(report: &mut Report, system: &System) {
     kernel(report, system);
     let memory = memory::may_open(system);
     match &memory {
-        Ok(()) => report.add(Level::Ok, "memory", "you may open /dev/mem"),
-        Err(why) => report.add(Level::Ok, "memory", format!("/dev/mem is not for you: {why}")),
+        Ok(()) => report.add(
+            Level::Ok,
+            "memory",
+            "you may open /dev/mem, if the board is at a fixed address (ISA, VME)",
+        ),
+        Err(why) => report.add(Level::Ok, "memory", format!("you may not open it: {why}")),
     }
     let found = candidates(system);
     if found.is_empty() {

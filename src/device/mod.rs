@@ -11,6 +11,7 @@ pub mod interrupt;
 pub mod kernel;
 pub mod mapping;
 pub mod memory;
+mod one_host;
 pub mod open;
 pub mod pci;
 pub mod probe;
