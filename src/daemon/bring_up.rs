@@ -140,12 +140,14 @@ fn run(settings: &Settings, options: &Options, log: &mut LogWriter) -> Result<()
     let stop =
         Arc::new(EventFd::from_value_and_flags(0, flags).map_err(|error| Failure::system("eventfd", error))?);
     let identifier = Identifier::new(configured_identity(settings), settings.ask_board, Instant::now());
+    let now = Instant::now();
+    let port = ResponsePort::new(settings.text_order, mailbox, now).after_another_host(now);
     let board = BoardLoop {
         bus: Counted::new(bus),
         open,
         servo: ServoMirror::new(settings.servo_reading),
         background: BackgroundMirror::new(settings.background_period_ns),
-        desk: AsciiDesk::new(ResponsePort::new(settings.text_order, mailbox, Instant::now()), identifier),
+        desk: AsciiDesk::new(port, identifier),
         jobs: JobDesk::new(settings.uncertain.plan(), settings.uncertain.variable_mode()),
         interrupt,
         host_port,

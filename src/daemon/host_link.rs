@@ -98,6 +98,14 @@ impl HostPortLink {
         Ok(())
     }
 
+    /// Whether the line is open. 1 read.
+    ///
+    /// # Errors
+    /// When the registers cannot be reached.
+    pub fn is_open(&mut self) -> Result<bool, ByteBusError> {
+        self.config.port.is_enabled(&mut self.registers)
+    }
+
     /// Opens the registers again, and the line: the board's memory was replaced.
     ///
     /// # Errors

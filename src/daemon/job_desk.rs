@@ -51,9 +51,10 @@ impl JobDesk {
     pub fn take_over(&mut self, bus: &mut impl Bus, publisher: &Publisher) -> Result<(), BusError> {
         self.rotary.forget();
         self.gather.forget(publisher);
-        VariableWriter::release(bus)?;
+        let now = Instant::now();
+        self.write.take_over(bus, now)?;
         VariableReader::release(bus)?;
-        self.variables.begin_again(bus, publisher, Instant::now())?;
+        self.variables.begin_again(bus, publisher, now)?;
         self.panel.take_over(bus)
     }
 

@@ -7,6 +7,8 @@ use super::queue::{Event, Outcome, Text, Ticket};
 use crate::device::{Bus, BusError};
 use crate::function::panel::{FeedOverride, Panel, PanelBusError, PanelRequest};
 
+/// How long the panel is left alone after a request was withdrawn; longer than two background passes of a busy board.
+const REST: Duration = Duration::from_millis(50);
 /// Requests that may wait.
 const WAITING_MAX: usize = 32;
 /// How often to look whether the board has taken a request.
@@ -26,6 +28,10 @@ pub struct PanelDesk {
     waiting: VecDeque<Waiting>,
     /// The request that lies in the panel.
     lying: Option<(Ticket, Instant)>,
+    /// Of a request that was withdrawn, whose it was, and until when the panel rests: PMAC may have been at work on it, and
+    /// clears the mask when it is done, which must not look as if it had taken the next one.
+    withdrawn: Option<Ticket>,
+    rests_until: Option<Instant>,
     next_look: Instant,
 }
 
@@ -37,6 +43,8 @@ impl PanelDesk {
             panel: Panel::new(),
             waiting: VecDeque::with_capacity(WAITING_MAX),
             lying: None,
+            withdrawn: None,
+            rests_until: None,
             next_look: Instant::now(),
         }
     }
@@ -46,7 +54,10 @@ impl PanelDesk {
     /// # Errors
     /// When the bus cannot be reached.
     pub fn take_over(&mut self, bus: &mut impl Bus) -> Result<(), BusError> {
-        self.panel.take_over(bus).map(|_| ())
+        self.panel.take_over(bus)?;
+        self.withdrawn = self.lying.take().map(|(ticket, _)| ticket);
+        self.rests_until = Some(Instant::now() + REST);
+        Ok(())
     }
 
     /// Withdraws a request the board has not taken: nobody will be there to know what becomes of it.
@@ -96,7 +107,8 @@ impl PanelDesk {
     /// When to pass next; `None` while nothing is to be done.
     #[must_use]
     pub fn due(&self) -> Option<Instant> {
-        (self.lying.is_some() || !self.waiting.is_empty()).then_some(self.next_look)
+        let has_work = self.lying.is_some() || self.withdrawn.is_some() || !self.waiting.is_empty();
+        has_work.then_some(self.next_look)
     }
 
     /// Does what can be done now; tells what has ended.
@@ -117,15 +129,21 @@ impl PanelDesk {
             // It must not be carried out by surprise, when the panel is enabled one day.
             Panel::withdraw(bus)?;
             self.lying = None;
+            self.rests_until = Some(now + REST);
+            return Ok(Some(Event::Done(ticket, not_taken())));
+        }
+        if let Some(ticket) = self.withdrawn.take() {
             return Ok(Some(Event::Done(ticket, not_taken())));
         }
         let Some(next) = self.waiting.pop_front() else { return Ok(None) };
         if now >= next.deadline {
             return Ok(Some(Event::Done(next.ticket, not_taken())));
         }
-        if Panel::begin(bus, &next.request)? {
+        let rests = self.rests_until.take_if(|until| now < *until);
+        if rests.is_none() && Panel::begin(bus, &next.request)? {
             self.lying = Some((next.ticket, next.deadline));
         } else {
+            self.rests_until = rests;
             self.waiting.push_front(next);
         }
         Ok(None)
@@ -158,11 +176,15 @@ mod tests {
         let mut bus = FileBoard::from_file(&file, 0x4000).unwrap();
         let mut desk = PanelDesk::new();
         desk.take_over(&mut bus).unwrap();
-        let now = Instant::now();
+        let begun = Instant::now();
         let request = |number| PanelRequest::of(PanelAction::JogPlus, &[number]).unwrap();
         for number in 1..=3 {
-            assert!(desk.submit(Ticket(number as u64), request(number), now + LOOK * 10).is_none());
+            let deadline = begun + REST + LOOK * 10;
+            assert!(desk.submit(Ticket(number as u64), request(number), deadline).is_none());
         }
+        assert!(desk.pass(&mut bus, begun).unwrap().is_none());
+        assert_eq!(bus.read16(PANEL_REQUEST_ENABLE).unwrap(), 0, "it rests after it was taken over");
+        let now = begun + REST;
         assert!(desk.pass(&mut bus, now).unwrap().is_none());
         assert_eq!(bus.read16(PANEL_REQUEST_ENABLE).unwrap(), 1);
         assert!(desk.pass(&mut bus, now).unwrap().is_none(), "the board has not taken it");

@@ -4,8 +4,7 @@ use log::{info, warn};
 
 use super::board::usable;
 use super::board_loop::BoardLoop;
-use crate::device::{Bus, BusError};
-use crate::function::servo::ServoReader;
+use crate::device::Bus;
 use crate::segment::Counter;
 
 impl BoardLoop {
@@ -15,7 +14,7 @@ impl BoardLoop {
             self.told.gone = false;
             self.check_answers();
             if !self.told.silent
-                && let Err(error) = self.let_reports_come()
+                && let Err(error) = self.let_board_speak()
             {
                 self.bus_failed(&error);
             }
@@ -70,17 +69,5 @@ impl BoardLoop {
         self.take_over_board();
         self.servo.forget();
         self.background.forget();
-    }
-
-    /// A memory test, a power failure or another host may have left the host's own words in a state that holds the
-    /// reports off for ever.
-    fn let_reports_come(&mut self) -> Result<(), BusError> {
-        if !self.servo.is_live() {
-            ServoReader::release(&mut self.bus)?;
-        }
-        if !self.background.is_live() {
-            self.background.start_over(&mut self.bus)?;
-        }
-        Ok(())
     }
 }

@@ -9,6 +9,7 @@ use super::host_link::HostPortLink;
 use super::mailbox_link::MailboxLink;
 use super::response_port::PortError;
 use crate::function::ascii::AsciiPort;
+use crate::function::servo::ServoReader;
 
 /// How long the board may take, at the start, to bring the DPRAM into reach.
 const FIRST_REACH: Duration = Duration::from_millis(200);
@@ -52,6 +53,23 @@ impl BoardLoop {
         Ok(())
     }
 
+    /// A memory test, a power failure or another host may have left the host's own words in a state that holds the
+    /// reports off for ever, and a reset that was too quick to be noticed has shut the interrupt's line.
+    pub(super) fn let_board_speak(&mut self) -> Result<(), PortError> {
+        if !self.servo.is_live() {
+            ServoReader::release(&mut self.bus)?;
+        }
+        if !self.background.is_live() {
+            self.background.start_over(&mut self.bus)?;
+        }
+        if let Some(host_port) = &mut self.host_port
+            && !host_port.is_open()?
+        {
+            host_port.enable()?;
+        }
+        Ok(())
+    }
+
     /// A board whose data stop may have been reset; the page it has already does no harm.
     pub(super) fn page_again(&mut self) {
         let mailbox = self.desk.port_mut().mailbox.as_mut();
@@ -67,6 +85,9 @@ impl BoardLoop {
         if let Some(host_port) = &mut self.host_port {
             host_port.enable()?;
         }
+        // What was under way with the board as it was before is over; a half-read report is of no use.
+        self.background.forget();
+        self.jobs.take_over(&mut self.bus, &self.publisher)?;
         let now = Instant::now();
         self.desk.identifier.ask_again(now);
         if is_news { self.desk.forget(now) } else { Ok(()) }

@@ -82,6 +82,13 @@ impl ResponsePort {
         }
     }
 
+    /// See [`AsciiPort::settle`].
+    #[must_use]
+    pub fn after_another_host(mut self, now: Instant) -> Self {
+        self.dpram.settle(now);
+        self
+    }
+
     /// The way in use.
     #[must_use]
     pub fn way(&self) -> Way {

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use super::queue::{Event, Outcome, Text, Ticket};
 use crate::device::{Bus, BusError};
-use crate::function::variable_write::{VariableWriter, WriteRecord, WriteStep};
+use crate::function::variable_write::{GivenUp, VariableWriter, WriteRecord, WriteStep};
 use crate::map::Region;
 
 /// Batches that may wait.
@@ -25,6 +25,8 @@ pub struct WriteDesk {
     writer: VariableWriter,
     waiting: VecDeque<Batch>,
     under_way: Option<(Ticket, Instant)>,
+    /// What was under way when the board was taken over, and what became of it.
+    interrupted: Option<(Ticket, GivenUp)>,
     next_look: Instant,
 }
 
@@ -36,8 +38,23 @@ impl WriteDesk {
             writer: VariableWriter::new(place),
             waiting: VecDeque::with_capacity(WAITING_MAX),
             under_way: None,
+            interrupted: None,
             next_look: Instant::now(),
         }
+    }
+
+    /// Takes back what this host or a dead one handed over: at the start, or when the board is another one.
+    ///
+    /// # Errors
+    /// When the bus cannot be reached.
+    pub fn take_over(&mut self, bus: &mut impl Bus, now: Instant) -> Result<(), BusError> {
+        VariableWriter::release(bus)?;
+        let given_up = self.writer.start_over(now);
+        if let Some((ticket, _)) = self.under_way.take() {
+            self.interrupted = Some((ticket, given_up));
+        }
+        self.next_look = now;
+        Ok(())
     }
 
     /// Takes records in, or refuses them.
@@ -53,8 +70,11 @@ impl WriteDesk {
     /// When to pass next; `None` while nothing is to be done.
     #[must_use]
     pub fn due(&self) -> Option<Instant> {
-        (self.under_way.is_some() || !self.waiting.is_empty() || !self.writer.is_idle())
-            .then_some(self.next_look)
+        (self.under_way.is_some()
+            || self.interrupted.is_some()
+            || !self.waiting.is_empty()
+            || !self.writer.is_idle())
+        .then_some(self.next_look)
     }
 
     /// Does what can be done now; tells what has ended.
@@ -62,6 +82,12 @@ impl WriteDesk {
     /// # Errors
     /// When the bus cannot be reached.
     pub fn pass(&mut self, bus: &mut impl Bus, now: Instant) -> Result<Option<Event>, BusError> {
+        if let Some((ticket, given_up)) = self.interrupted.take() {
+            return Ok(Some(Event::Done(
+                ticket,
+                not_all_written("the board was reset, or replaced", given_up),
+            )));
+        }
         let step = self.writer.step(bus, now)?;
         self.next_look = if matches!(step, WriteStep::Progress(_)) { now } else { now + LOOK };
         if let Some((ticket, deadline)) = self.under_way {
@@ -73,11 +99,8 @@ impl WriteDesk {
             if now >= deadline {
                 self.under_way = None;
                 let given_up = self.writer.give_up(bus, now)?;
-                let reason = format!(
-                    "PMAC did not write in time (is I55=1?): {} records are written, {} may be",
-                    given_up.done, given_up.uncertain
-                );
-                return Ok(Some(Event::Done(ticket, Outcome::Refused(Text::of(&reason)))));
+                let outcome = not_all_written("PMAC did not write in time (is I55=1?)", given_up);
+                return Ok(Some(Event::Done(ticket, outcome)));
             }
             return Ok(None);
         }
@@ -96,4 +119,8 @@ impl WriteDesk {
         }
         Ok(None)
     }
+}
+
+fn not_all_written(why: &str, GivenUp { done, uncertain }: GivenUp) -> Outcome {
+    Outcome::Refused(Text::of(&format!("{why}: {done} records are written, {uncertain} may be")))
 }

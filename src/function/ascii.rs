@@ -164,6 +164,11 @@ impl AsciiPort {
         }
     }
 
+    /// Begins with a silence: a host that died in the middle of a reply has left the rest of it to come.
+    pub fn settle(&mut self, now: Instant) {
+        self.state = State::Settling { quiet_since: now, since: now };
+    }
+
     /// Withdraws whatever a host, this one or a dead one, left in the port: the command flag, the control character
     /// (a board that was deaf must not act on it later), the response, which is nobody's.
     ///

@@ -134,11 +134,25 @@ impl HostPort {
     }
 
     /// Opens or shuts the line; gives whether it was open.
-    fn change_mask(&self, bus: &mut impl ByteBus, enabled: bool) -> Result<bool, ByteBusError> {
-        let (register, one_is_enabled) = match self.controller {
+    /// Whether the line is let through. 1 read.
+    ///
+    /// # Errors
+    /// When the registers cannot be reached.
+    pub fn is_enabled(&self, bus: &mut impl ByteBus) -> Result<bool, ByteBusError> {
+        let (register, one_is_enabled) = self.mask();
+        Ok((bus.read8(register)? & self.bit() != 0) == one_is_enabled)
+    }
+
+    /// The mask's register, and whether a 1 in it lets a line through.
+    const fn mask(&self) -> (u32, bool) {
+        match self.controller {
             Controller::Pic8259 => (register::PIC_MASK, false),
             Controller::Pmac2 => (register::ENABLE, true),
-        };
+        }
+    }
+
+    fn change_mask(&self, bus: &mut impl ByteBus, enabled: bool) -> Result<bool, ByteBusError> {
+        let (register, one_is_enabled) = self.mask();
         let mask = bus.read8(register)?;
         let set = enabled == one_is_enabled;
         bus.write8(register, if set { mask | self.bit() } else { mask & !self.bit() })?;
@@ -193,7 +207,9 @@ mod tests {
         HostPort::PMAC.acknowledge(&mut bus).unwrap();
         assert_eq!(bus.written.last(), Some(&(8, 0x67)));
         bus.values[9] = 0x5B;
+        assert!(HostPort::PMAC.is_enabled(&mut bus).unwrap());
         HostPort::PMAC.disable(&mut bus).unwrap();
+        assert!(!HostPort::PMAC.is_enabled(&mut bus).unwrap());
         assert_eq!(bus.values[9], 0xDB, "the other lines are not ours");
     }
 

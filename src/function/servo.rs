@@ -8,6 +8,8 @@
 //!
 //! Host-Busy left set by a host that died stops the updates for ever; [`ServoReader::release`] clears it.
 
+use std::time::{Duration, Instant};
+
 use crate::device::{Bus, BusError};
 use crate::map::classic::{
     self, HOST_BUSY, PMAC_BUSY, PROGRAM_BUFFER_OPEN, SERVO_GLOBAL_STATUS_Y, SERVO_HOST_STATUS, SERVO_MOTOR,
@@ -28,6 +30,8 @@ pub enum ServoReading {
 
 /// Words of the servo buffer, from the host status word at 0x0024 to the end of motor 8's block.
 pub const SERVO_WORDS: usize = word_index(SERVO_MOTOR) + classic::MOTORS * SERVO_MOTOR_WORDS;
+/// A copy that took longer is thrown away: the timer comes round after 32768 servo cycles, 14.5 s at the default rate.
+const LONGEST_COPY: Duration = Duration::from_secs(1);
 /// The two global status longs.
 const GLOBAL_WORDS: usize = 4;
 /// How often PMAC-Busy is looked at after Host-Busy was set, before this update is given up.
@@ -164,13 +168,15 @@ impl ServoReader {
     /// Copies the buffer; `before` is the status word read before. Accepts the copy only if it still stands.
     fn copy(&mut self, bus: &mut impl Bus, before: u16) -> Result<ServoLook, BusError> {
         bus.order_reads();
+        let began = Instant::now();
         let global = word_index(SERVO_GLOBAL_STATUS_Y);
         let motor = word_index(SERVO_MOTOR);
         bus.read_block(SERVO_GLOBAL_STATUS_Y, &mut self.image[global..global + GLOBAL_WORDS])?;
         bus.read_block(SERVO_MOTOR, &mut self.image[motor..motor + self.motors * SERVO_MOTOR_WORDS])?;
         bus.order_reads();
         let after = bus.read16(SERVO_PMAC_STATUS)?;
-        if after != before {
+        // A timer that comes round while this thread is held up looks as if nothing had happened.
+        if after != before || began.elapsed() > LONGEST_COPY {
             return Ok(ServoLook::Torn);
         }
         self.image[word_index(SERVO_PMAC_STATUS)] = after;

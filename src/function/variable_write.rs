@@ -347,6 +347,14 @@ impl VariableWriter {
         Ok(GivenUp { done: self.done, uncertain })
     }
 
+    /// After [`VariableWriter::release`]: gives up the job under way, and lets the records rest in any case, since PMAC may
+    /// be at work on those of the host before.
+    pub fn start_over(&mut self, now: Instant) -> GivenUp {
+        let uncertain = if self.state == State::Handed { self.cycle() } else { 0 };
+        self.state = State::Settling { since: now };
+        GivenUp { done: self.done, uncertain }
+    }
+
     /// Records of the present cycle.
     fn cycle(&self) -> usize {
         (self.records.len() - self.done).min(self.records_per_cycle())
