@@ -51,8 +51,8 @@ pub enum Command {
     Demo(Demo),
     /// How the daemon, its board and its data stand
     Status,
-    /// Check everything between this user and live data, and say what to do
-    Doctor,
+    /// Check everything between this user and live data, and say what to do; find boards in this machine
+    Doctor(Doctor),
     /// The motors' positions, velocities and status, live
     Motors,
     /// The coordinate systems' targets and status, live
@@ -95,6 +95,19 @@ pub enum Command {
     Setup(Setup),
     /// What an absolute-position setting makes PMAC read (needs no daemon)
     Absolute(Absolute),
+}
+
+#[derive(Debug, ClapArgs)]
+pub struct Doctor {
+    /// Look for boards in this machine, opening nothing, and say how each would be written after --board
+    #[arg(long)]
+    pub boards: bool,
+    /// Open this board, read its window without writing to it, and say what seems to live there
+    #[arg(long, value_name = "SPEC")]
+    pub probe: Option<String>,
+    /// Where /dev, /proc and /sys of the machine lie
+    #[arg(long, value_name = "DIRECTORY", hide = true)]
+    pub root: Option<PathBuf>,
 }
 
 #[derive(Debug, ClapArgs)]

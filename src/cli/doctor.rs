@@ -8,8 +8,12 @@ use nix::sys::statvfs::statvfs;
 use nix::unistd::{AccessFlags, Gid, Group, access};
 use serde::Serialize;
 
-use super::{Context, Failure, Verdict};
+use super::args::Doctor;
+use super::{Context, Failure, Verdict, doctor_machine as machine};
 use crate::client::{Board, CommandError, Connection};
+use crate::device::System;
+use crate::device::candidates::Candidate;
+use crate::device::probe::Probe;
 use crate::protocol::{BoardInfo, CommandPort, HostPortInfo, State};
 use crate::segment::{Condition, DIRECTORY, RegionId, RegionState, monotonic_ns};
 
@@ -18,7 +22,7 @@ const ROOM: u64 = 16 << 20;
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
-enum Level {
+pub(super) enum Level {
     Ok,
     Warn,
     Fail,
@@ -26,35 +30,70 @@ enum Level {
 
 /// One thing looked at.
 #[derive(Debug, Serialize)]
-struct Check {
-    check: &'static str,
-    level: Level,
-    text: String,
+pub(super) struct Check {
+    pub check: &'static str,
+    pub level: Level,
+    pub text: String,
+    /// What may be a board.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub candidate: Option<Candidate>,
+    /// What was seen in a window.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub probe: Option<Probe>,
+}
+
+impl Check {
+    pub fn new(level: Level, check: &'static str, text: impl Into<String>) -> Self {
+        Self { check, level, text: text.into(), candidate: None, probe: None }
+    }
 }
 
 #[derive(Debug, Default)]
-struct Report(Vec<Check>);
+pub(super) struct Report(pub Vec<Check>);
 
 impl Report {
-    fn add(&mut self, level: Level, check: &'static str, text: impl Into<String>) {
-        self.0.push(Check { check, level, text: text.into() });
+    pub fn add(&mut self, level: Level, check: &'static str, text: impl Into<String>) {
+        self.0.push(Check::new(level, check, text));
     }
 }
 
-pub fn run(context: &mut Context) -> Result<Verdict, Failure> {
+pub fn run(context: &mut Context, options: &Doctor) -> Result<Verdict, Failure> {
     let mut report = Report::default();
-    shared_memory(&mut report);
-    let board = segment(&mut report, context.name.as_str());
-    let info = socket(&mut report, &context.socket);
+    let system = options.root.as_ref().map_or_else(System::here, System::below);
+    if let Some(text) = &options.probe {
+        let spec = text.parse().map_err(Failure::request)?;
+        machine::look_at(&mut report, &spec, text, &system)?;
+    }
+    if options.boards {
+        machine::boards(&mut report, &system);
+    }
+    if !options.boards && options.probe.is_none() {
+        everything(&mut report, context, &system);
+    }
+    tell(context, &report)
+}
+
+/// What stands between this user and live data.
+fn everything(report: &mut Report, context: &Context, system: &System) {
+    shared_memory(report);
+    let board = segment(report, context.name.as_str());
+    let info = socket(report, &context.socket);
     if let Some(board) = &board {
-        data(&mut report, board);
+        data(report, board);
     }
     if let Some(info) = &info {
-        functions(&mut report, info);
+        functions(report, info);
     }
     if let (Some(board), Some(info)) = (&board, &info) {
-        same_daemon(&mut report, board, info);
+        same_daemon(report, board, info);
     }
+    if board.is_none() && info.is_none() {
+        // No daemon: the next step is to tell one which board to open.
+        machine::boards(report, system);
+    }
+}
+
+fn tell(context: &mut Context, report: &Report) -> Result<Verdict, Failure> {
     if context.output.is_json() {
         context.output.json(&report.0)?;
     } else {

@@ -12,6 +12,7 @@ mod coordinates;
 mod decode;
 mod demo;
 mod doctor;
+mod doctor_machine;
 mod download;
 mod gather;
 mod interrupt;
@@ -176,7 +177,7 @@ fn execute(args: Args) -> Result<Verdict, Failure> {
     let verdict = match args.command {
         Command::Demo(options) => demo::run(&mut context, &options),
         Command::Status => status::run(&mut context),
-        Command::Doctor => doctor::run(&mut context),
+        Command::Doctor(options) => doctor::run(&mut context, &options),
         Command::Motors => motors::run(&mut context),
         Command::Coordinates => coordinates::run(&mut context),
         Command::Watch(options) => watch::run(&mut context, &options),

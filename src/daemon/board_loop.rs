@@ -14,7 +14,7 @@ use nix::sys::eventfd::EventFd;
 use nix::sys::time::TimeSpec;
 
 use super::ascii_desk::{AsciiDesk, PortState};
-use super::board::{OpenBus, usable};
+use super::board::OpenBus;
 use super::host_link::HostPortLink;
 use super::identify::Identifier;
 use super::info::SharedInfo;
@@ -105,8 +105,10 @@ pub struct Told {
     /// Both interrupts of the mailboxes are there.
     pub(super) mailbox: bool,
     bus_error: bool,
-    gone: bool,
-    silent: bool,
+    /// The board's memory is not to be had.
+    pub(super) gone: bool,
+    /// Nothing answers on the bus.
+    pub(super) silent: bool,
     pub(super) interrupt: bool,
     identity: Option<Identity>,
     /// The socket's thread was reading when the identity changed; to be told at the next beat.
@@ -270,7 +272,7 @@ impl BoardLoop {
     fn longest_waiting(&self, now: u64) -> Option<Work> {
         let instant = Instant::now();
         let overdue = |due: Instant| instant.checked_duration_since(due);
-        let jobs = self.jobs.due().filter(|_| self.answer.is_none()).and_then(overdue);
+        let jobs = self.jobs_due().and_then(overdue);
         let background = now.checked_sub(self.background.due_ns()).map(Duration::from_nanos);
         let works =
             [(jobs, Work::Jobs), (overdue(self.desk.due()), Work::Ascii), (background, Work::Background)];
@@ -281,6 +283,11 @@ impl BoardLoop {
             .map(|(_, w)| w)
     }
 
+    /// When a job is to go on: not before its last answer is gone, nor while what would be read is no board's.
+    fn jobs_due(&self) -> Option<Instant> {
+        self.jobs.due().filter(|_| self.answer.is_none() && !self.told.silent)
+    }
+
     /// Adds the accesses made since there were `before` of them.
     fn count(&self, counter: Counter, before: u64) {
         self.publisher.counters().add(counter, self.bus.accesses() - before);
@@ -288,8 +295,7 @@ impl BoardLoop {
 
     /// Waits for the next due time or something to read. Never longer than to the next heartbeat.
     fn wait(&self, now: u64, heartbeat_due: u64) -> Readable {
-        let desks_due = self.jobs.due().filter(|_| self.answer.is_none());
-        let desks_due = desks_due.map_or(self.desk.due(), |due| due.min(self.desk.due()));
+        let desks_due = self.jobs_due().map_or(self.desk.due(), |due| due.min(self.desk.due()));
         let desk_due = now
             + u64::try_from(desks_due.saturating_duration_since(Instant::now()).as_nanos())
                 .unwrap_or(HEARTBEAT_NS);
@@ -437,67 +443,6 @@ impl BoardLoop {
         }
     }
 
-    fn check_board(&mut self) {
-        if self.bus.still_there() {
-            self.told.gone = false;
-            self.check_answers();
-            if self.told.silent {
-                return;
-            }
-            if let Err(error) = self.let_board_speak() {
-                self.bus_failed(&error);
-            }
-            return;
-        }
-        match (self.open)() {
-            Ok(opened) => {
-                info!("the board's memory was replaced; opened it again");
-                self.bus.replace(opened.bus);
-                if let (Some(link), Some(interrupt)) = (&mut self.interrupt, opened.interrupt) {
-                    link.replace(usable(interrupt));
-                }
-                self.told.gone = false;
-                self.reopen_registers();
-                self.start_over();
-                if let Err(error) = self.after_reset(true) {
-                    self.bus_failed(&error);
-                }
-            }
-            Err(reason) => {
-                if !std::mem::replace(&mut self.told.gone, true) {
-                    warn!("the board's memory is gone: {reason}; trying again every second");
-                }
-            }
-        }
-    }
-
-    /// Where no board is, every word reads as ones; PMAC-Busy among them keeps them from being taken for data.
-    fn check_answers(&mut self) {
-        let silent = !self.bus.answers();
-        if std::mem::replace(&mut self.told.silent, silent) == silent {
-            return;
-        }
-        if silent {
-            warn!(
-                "every word of the board reads 0xFFFF: nothing answers on the bus (is the address right, the board powered, its DPRAM placed there and its page selected?)"
-            );
-        } else {
-            info!("the board answers on the bus again");
-            self.start_over();
-            if let Err(error) = self.after_reset(true) {
-                self.bus_failed(&error);
-            }
-        }
-    }
-
-    /// The board is another one, or has been reset: nothing seen so far says anything about what comes.
-    pub(super) fn start_over(&mut self) {
-        self.publisher.counters().add(Counter::Resets, 1);
-        self.take_over_board();
-        self.servo.forget();
-        self.background.forget();
-    }
-
     pub(super) fn bus_failed(&mut self, error: &dyn std::fmt::Display) {
         self.publisher.counters().add(Counter::BusErrors, 1);
         if !std::mem::replace(&mut self.told.bus_error, true) {
@@ -519,6 +464,7 @@ impl BoardLoop {
                 );
                 self.desk.doubt(Instant::now());
                 self.page_again();
+                self.check_answers();
             }
             None => return,
         }

@@ -11,6 +11,9 @@ use crate::device::{Interrupt, InterruptSource};
 /// How often a lost connection is tried again.
 const RECONNECT: Duration = Duration::from_millis(500);
 
+/// More wakes than this in a second are no responses of a board: something keeps the line raised.
+const STORM: u32 = 10_000;
+
 /// A connection that is made again when it breaks.
 pub struct InterruptLink {
     /// Where to connect again; `None` for the interrupt of the board's own device, which comes back with the board.
@@ -20,6 +23,28 @@ pub struct InterruptLink {
     complained: bool,
     /// Interrupts that came without an announcement of their own, so far.
     missed: u64,
+    rate: Rate,
+}
+
+/// Counts wakes, to see when they come faster than anybody has something to say.
+#[derive(Debug)]
+struct Rate {
+    since: Instant,
+    wakes: u32,
+}
+
+impl Rate {
+    /// One more, at `now`. True if the last [`STORM`] took less than a second.
+    fn is_storm(&mut self, now: impl FnOnce() -> Instant) -> bool {
+        self.wakes += 1;
+        if self.wakes < STORM {
+            return false;
+        }
+        let now = now();
+        let took = now.duration_since(self.since);
+        *self = Self { since: now, wakes: 0 };
+        took < Duration::from_secs(1)
+    }
 }
 
 impl InterruptLink {
@@ -38,7 +63,9 @@ impl InterruptLink {
     /// The interrupt of the board's own device, if it has one that can be used.
     #[must_use]
     pub fn of_board(interrupt: Option<Interrupt>) -> Self {
-        Self { source: None, interrupt, next_try: Instant::now(), complained: false, missed: 0 }
+        let now = Instant::now();
+        let rate = Rate { since: now, wakes: 0 };
+        Self { source: None, interrupt, next_try: now, complained: false, missed: 0, rate }
     }
 
     /// The board was opened again: its device's own interrupt takes the place of the former one.
@@ -104,7 +131,14 @@ impl InterruptLink {
             // Opening it again would end the same way.
             self.source = None;
         }
-        if taken.closed || taken.disarmed {
+        let storms = taken.interrupts > 0 && self.rate.is_storm(Instant::now);
+        if storms {
+            warn!(
+                "interrupts come without end, as if nobody acknowledged them; given up, looking for responses instead"
+            );
+            self.source = None;
+        }
+        if taken.closed || taken.disarmed || storms {
             self.interrupt = None;
         }
         taken
@@ -117,6 +151,22 @@ impl InterruptLink {
         self.missed += u64::from(missed);
         if self.missed.checked_ilog2() != before.checked_ilog2() {
             info!("{} interrupts so far came together with another", self.missed);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_what_no_board_could_mean_is_a_storm() {
+        let begin = Instant::now();
+        for (wakes_a_second, storms) in [(5_000, false), (9_000, false), (11_000, true), (1_000_000, true)] {
+            let mut rate = Rate { since: begin, wakes: 0 };
+            let step = Duration::from_secs(1) / wakes_a_second;
+            let stormy = (1..=3 * STORM).any(|wake| rate.is_storm(|| begin + wake * step));
+            assert_eq!(stormy, storms, "{wakes_a_second}");
         }
     }
 }

@@ -30,6 +30,7 @@ pub mod panel_desk;
 pub mod policy;
 mod port_watch;
 pub mod ports;
+mod presence;
 pub mod privilege;
 pub mod queue;
 mod resets;

@@ -101,8 +101,7 @@ pub fn open_bytes(
     let refuse = |why| OpenError::new(spec.to_string(), why);
     match &spec.place {
         BytePlace::Window(place) => {
-            let (mapping, _, _) = window(place, spec.offset, length, system, inherited)?;
-            Ok(Box::new(mapping))
+            Ok(Box::new(window(place, spec.offset, length, system, inherited)?.mapping))
         }
         BytePlace::Ports(base) => {
             let path = Path::new(PORT_NODE);

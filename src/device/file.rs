@@ -4,11 +4,8 @@ use std::fs::{File, OpenOptions};
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 
-use nix::errno::Errno;
-use nix::fcntl::{FcntlArg, fcntl};
-
 use super::mapping::Mapping;
-use super::{Bus, BusError};
+use super::{Bus, BusError, one_host};
 use crate::map::HostOffset;
 
 /// The size of the classic DPRAM in bytes: 8K words of 16 bits (DPRAM manual p. 1).
@@ -83,19 +80,8 @@ impl FileBoard {
             });
         }
         // Of another kind than the lock by which a simulator keeps a second simulator away, so the two do not meet.
-        let whole = libc::flock {
-            l_type: libc::F_WRLCK as libc::c_short,
-            l_whence: libc::SEEK_SET as libc::c_short,
-            l_start: 0,
-            l_len: 0,
-            l_pid: 0,
-        };
-        match fcntl(&file, FcntlArg::F_OFD_SETLK(&whole)) {
-            Ok(_) => {}
-            Err(Errno::EAGAIN | Errno::EACCES) => {
-                return Err(FileBoardError::InUse { path: path.to_owned() });
-            }
-            Err(errno) => return Err(open_error(errno.into())),
+        if !one_host::lock(&file).map_err(open_error)? {
+            return Err(FileBoardError::InUse { path: path.to_owned() });
         }
         let mapping = Mapping::new(&file, 0, length).map_err(open_error)?;
         Ok(Self { mapping, path: path.to_owned(), identity: identity(&metadata), _lock: Some(file) })

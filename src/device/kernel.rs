@@ -122,11 +122,17 @@ pub(super) fn resource(line: &str) -> Option<Resource> {
     (flags != 0).then_some(Resource { range: first..last.checked_add(1)?, flags })
 }
 
+/// The kernel's release, as `uname -r` gives it.
+#[must_use]
+pub fn release(system: &System) -> Option<String> {
+    system.text("/proc/sys/kernel/osrelease").ok()
+}
+
 /// What the kernel was built with, of what matters here: the option's value (`y`, `m`) or `n`; `None` where the
 /// configuration cannot be read.
 #[must_use]
 pub fn configured(system: &System, option: &str) -> Option<String> {
-    let release = system.text("/proc/sys/kernel/osrelease").ok()?;
+    let release = release(system)?;
     let places = [format!("/boot/config-{release}"), format!("/usr/lib/modules/{release}/config")];
     let text = places.iter().find_map(|place| system.text(place).ok())?;
     let prefix = format!("CONFIG_{option}=");

@@ -11,9 +11,10 @@ use std::os::unix::fs::{FileTypeExt, MetadataExt, OpenOptionsExt};
 use std::path::Path;
 
 use nix::fcntl::{FcntlArg, OFlag, fcntl};
+use nix::unistd::{AccessFlags, access};
 
 use super::inherited::Inherited;
-use super::kernel::{Claim, claim};
+use super::kernel::{Claim, Lockdown, claim, may_do_raw_io};
 use super::mapping::Mapping;
 use super::refusal::{OpenError, Why, raw_node_refused};
 use super::system::System;
@@ -47,6 +48,24 @@ pub fn map(
     };
     check_length(&file, &range).map_err(refuse)?;
     Mapping::new(&file, address, length).map_err(|error| refuse(map_refused(system, range, error)))
+}
+
+/// What would keep this process from opening /dev/mem, found without opening it.
+///
+/// # Errors
+/// The reason, with what to do.
+pub fn may_open(system: &System) -> Result<(), Why> {
+    let path = Path::new(NODE);
+    let refused = |errno| Err(raw_node_refused(system, path, io::Error::from_raw_os_error(errno)));
+    if let Err(errno) = access(&system.path(path), AccessFlags::R_OK | AccessFlags::W_OK) {
+        return refused(errno as i32);
+    }
+    // The kernel asks for these at opening, and answers EPERM.
+    if Lockdown::of(system).mode().is_some() || !may_do_raw_io(system) {
+        refused(libc::EPERM)
+    } else {
+        Ok(())
+    }
 }
 
 fn open(system: &System) -> Result<File, Why> {
@@ -131,6 +150,18 @@ mod tests {
         let mut bytes = [0; 2];
         std::os::unix::fs::FileExt::read_exact_at(&file, &mut bytes, 0xD_8800).unwrap();
         assert_eq!(bytes, [0x34, 0x12]);
+    }
+
+    #[test]
+    fn what_would_keep_one_out_is_found_without_opening() {
+        let fake = FakeSystem::new();
+        assert!(matches!(may_open(&fake.system), Err(Why::Missing { .. })));
+        fake.memory("dev/mem", 16);
+        assert!(matches!(may_open(&fake.system), Err(Why::RawIo(_))));
+        fake.file("proc/self/status", "CapEff:\t0000000000020000\n");
+        assert!(may_open(&fake.system).is_ok());
+        fake.file("sys/kernel/security/lockdown", "[integrity]");
+        assert!(matches!(may_open(&fake.system), Err(Why::Lockdown(..))));
     }
 
     #[test]

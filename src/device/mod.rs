@@ -3,6 +3,7 @@
 pub mod byte;
 pub mod byte_spec;
 pub mod byteswap;
+pub mod candidates;
 pub mod counted;
 pub mod file;
 pub mod inherited;
@@ -10,8 +11,10 @@ pub mod interrupt;
 pub mod kernel;
 pub mod mapping;
 pub mod memory;
+mod one_host;
 pub mod open;
 pub mod pci;
+pub mod probe;
 pub mod refusal;
 pub mod scheduling;
 pub mod spec;

@@ -1,16 +1,18 @@
 //! Opens a board in a slot: its window, and the interrupt it has itself.
 
+use std::fs::File;
+
 use super::Bus;
 use super::inherited::Inherited;
 use super::interrupt::Interrupt;
 use super::mapping::Mapping;
-use super::refusal::OpenError;
+use super::refusal::{OpenError, Why};
 use super::spec::{Place, WindowSpec};
 use super::system::System;
 use super::uio::UioDevice;
 use super::uio_interrupt::NoInterrupt;
 use super::window::WindowBoard;
-use super::{memory, pci, vme};
+use super::{memory, one_host, pci, vme};
 
 /// A board that was opened.
 pub struct OpenedBoard {
@@ -28,22 +30,47 @@ impl OpenedBoard {
     }
 }
 
-/// Opens the board `spec` says. Descriptors handed over are used before nodes are opened.
+/// Opens the board `spec` says, for this host alone. Descriptors handed over are used before nodes are opened.
 ///
 /// # Errors
 /// [`OpenError`]: what was refused, why, and what to do.
 pub fn open(spec: &WindowSpec, system: &System, inherited: &Inherited) -> Result<OpenedBoard, OpenError> {
-    let (mapping, path, device) = window(&spec.place, spec.offset, spec.length, system, inherited)?;
-    let bus: Box<dyn Bus> = match path {
-        Some(path) => Box::new(WindowBoard::watched(mapping, system, path)),
-        None => Box::new(WindowBoard::new(mapping)),
+    let mapped = window(&spec.place, spec.offset, spec.length, system, inherited)?;
+    let refuse = |why| OpenError::new(spec.place.to_string(), why);
+    if let Some(node) = &mapped.node
+        && !one_host::lock(node)
+            .map_err(|source| refuse(Why::Io { doing: "locking it".to_owned(), source }))?
+    {
+        let text = "it is the board of another running pmacd; a board has one host: stop that one first";
+        return Err(refuse(Why::Unsuitable(text.to_owned())));
+    }
+    let own = mapped.uio.filter(|_| spec.interrupt.is_none());
+    let interrupt = own.map(|device| device.interrupt().map(Interrupt::from));
+    let bus = match mapped.witness {
+        Some(path) => WindowBoard::watched(mapped.mapping, mapped.node, system, path),
+        None => WindowBoard::new(mapped.mapping),
     };
-    let own = device.filter(|_| spec.interrupt.is_none());
-    Ok(OpenedBoard { bus, interrupt: own.map(|device| device.interrupt().map(Interrupt::from)) })
+    Ok(OpenedBoard { bus: Box::new(bus), interrupt })
 }
 
-/// What was mapped: the window, the file whose disappearance tells that the device went away, and the open device.
-type Mapped = (Mapping, Option<String>, Option<UioDevice>);
+/// Opens the window alone, beside a daemon that may have it, and leaves interrupts as they are.
+///
+/// # Errors
+/// As [`open`].
+pub fn open_window(spec: &WindowSpec, system: &System) -> Result<WindowBoard, OpenError> {
+    let mapped = window(&spec.place, spec.offset, spec.length, system, &Inherited::default())?;
+    Ok(WindowBoard::new(mapped.mapping))
+}
+
+/// What was mapped.
+pub(super) struct Mapped {
+    pub mapping: Mapping,
+    /// The file through which it was, unless it leads to more than the board (`/dev/mem`).
+    node: Option<File>,
+    /// The file whose disappearance tells that the device went away.
+    witness: Option<String>,
+    uio: Option<UioDevice>,
+}
 
 /// Maps `length` bytes of `place` from `offset` on.
 pub(super) fn window(
@@ -53,23 +80,26 @@ pub(super) fn window(
     system: &System,
     inherited: &Inherited,
 ) -> Result<Mapped, OpenError> {
-    match place {
+    Ok(match place {
         Place::Memory(address) => {
-            Ok((memory::map(system, inherited, address.saturating_add(offset), length)?, None, None))
+            let mapping = memory::map(system, inherited, address.saturating_add(offset), length)?;
+            Mapped { mapping, node: None, witness: None, uio: None }
         }
         Place::Uio { node, map } => {
             let device = UioDevice::open(system, inherited, node)?;
             let mapping = device.map(*map, offset, length)?;
-            Ok((mapping, Some(device.directory()), Some(device)))
+            let (node, witness) = (device.node()?, device.directory());
+            Mapped { mapping, node: Some(node), witness: Some(witness), uio: Some(device) }
         }
         Place::Pci { address, bar } => {
-            let mapping = pci::map(system, *address, *bar, offset, length)?;
-            Ok((mapping, Some(pci::directory(*address)), None))
+            let (mapping, node) = pci::map(system, *address, *bar, offset, length)?;
+            Mapped { mapping, node: Some(node), witness: Some(pci::directory(*address)), uio: None }
         }
-        Place::Vme(node) => {
-            Ok((vme::map(system, node, offset, length)?, Some(node.display().to_string()), None))
+        Place::Vme(path) => {
+            let (mapping, node) = vme::map(system, path, offset, length)?;
+            Mapped { mapping, node: Some(node), witness: Some(path.display().to_string()), uio: None }
         }
-    }
+    })
 }
 
 #[cfg(test)]
@@ -103,8 +133,22 @@ mod tests {
     fn a_uio_board_brings_its_interrupt_unless_another_is_named() {
         let fake = FakeSystem::new();
         fake.uio(0, "pmac-dpram", 0xD4000, 0x4000, 0, 0x4000);
-        assert!(open_text(&fake, "uio:/dev/uio0").unwrap().interrupt.is_some());
-        assert!(open_text(&fake, "uio:/dev/uio0,irq=unix:/x").unwrap().interrupt.is_none());
+        for (text, brings) in [("uio:/dev/uio0", true), ("uio:/dev/uio0,irq=unix:/x", false)] {
+            assert_eq!(open_text(&fake, text).unwrap().interrupt.is_some(), brings, "{text}");
+        }
+    }
+
+    #[test]
+    fn a_board_has_one_host_and_a_look_beside_it_is_allowed() {
+        let fake = FakeSystem::new();
+        fake.uio(0, "pmac-dpram", 0xD4000, 0x4000, 0, 0x4000);
+        let first = open_text(&fake, "uio:/dev/uio0").unwrap();
+        let error = open_text(&fake, "uio:/dev/uio0").err().unwrap().to_string();
+        assert!(error.contains("another running pmacd"), "{error}");
+        let Ok(crate::device::BoardSpec::Window(spec)) = "uio:/dev/uio0".parse() else { panic!() };
+        assert!(open_window(&spec, &fake.system).is_ok());
+        drop(first);
+        assert!(open_text(&fake, "uio:/dev/uio0").is_ok());
     }
 
     #[test]

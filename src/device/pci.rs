@@ -4,7 +4,7 @@
 //! without a number the first memory BAR long enough is taken.
 
 use std::fmt;
-use std::fs::OpenOptions;
+use std::fs::{File, OpenOptions};
 use std::io;
 use std::ops::Range;
 use std::os::unix::fs::OpenOptionsExt;
@@ -24,7 +24,7 @@ const BARS: u8 = 6;
 const MEMORY: u64 = 1 << 9;
 const PORTS: u64 = 1 << 8;
 /// The driver that only passes interrupts on, and so may stay bound.
-const INTERRUPTS_ONLY: &str = "uio_pci_generic";
+pub(super) const INTERRUPTS_ONLY: &str = "uio_pci_generic";
 
 /// Where a device is on PCI: domain, bus, device and function.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -165,7 +165,7 @@ pub fn directory(address: PciAddress) -> String {
     format!("{PCI_DEVICES}/{address}")
 }
 
-/// Maps `length` bytes of a memory BAR from `offset` on; without `bar`, of the first one that is long enough.
+/// Maps `length` bytes of a memory BAR from `offset` on, and gives the file through which; without `bar`, of the first one that is long enough.
 ///
 /// # Errors
 /// [`OpenError`] when there is no such device or BAR, a driver has it, or this user may not map it.
@@ -175,7 +175,7 @@ pub fn map(
     bar: Option<u8>,
     offset: u64,
     length: usize,
-) -> Result<Mapping, OpenError> {
+) -> Result<(Mapping, File), OpenError> {
     let refuse = |why| OpenError::new(format!("pci:{address}"), why);
     let directory = directory(address);
     let info = PciInfo::of(system, address).ok_or_else(|| {
@@ -200,8 +200,10 @@ pub fn map(
     if file.metadata().is_ok_and(|metadata| metadata.len() < needed) {
         return Err(refuse(Why::Unsuitable(format!("{} is shorter than its BAR", path.display()))));
     }
-    Mapping::new(&file, offset, length)
-        .map_err(|error| refuse(sysfs_refused(system, &path, &bar.range, error)))
+    match Mapping::new(&file, offset, length) {
+        Ok(mapping) => Ok((mapping, file)),
+        Err(error) => Err(refuse(sysfs_refused(system, &path, &bar.range, error))),
+    }
 }
 
 /// Has the kernel switch the device's memory on, unless it is.
@@ -261,7 +263,9 @@ mod tests {
 
     fn map_bar(fake: &FakeSystem, bar: Option<u8>) -> Result<Mapping, String> {
         let address = "0000:03:00.0".parse().unwrap();
-        map(&fake.system, address, bar, 0, 0x4000).map_err(|error| error.to_string())
+        map(&fake.system, address, bar, 0, 0x4000)
+            .map(|(window, _)| window)
+            .map_err(|error| error.to_string())
     }
 
     #[test]

@@ -128,6 +128,17 @@ impl UioDevice {
         format!("{CLASS}/{}", self.info.device)
     }
 
+    /// The open file of its node.
+    ///
+    /// # Errors
+    /// When there are no more descriptors.
+    pub(super) fn node(&self) -> Result<File, OpenError> {
+        self.file.try_clone().map_err(|source| {
+            let why = Why::Io { doing: "keeping it open".to_owned(), source };
+            OpenError::new(format!("uio:{}", self.node.display()), why)
+        })
+    }
+
     /// Maps `length` bytes of its map `number` from `offset` bytes behind the start of its memory on.
     ///
     /// # Errors

@@ -3,7 +3,7 @@
 //! Where the window lies on the VME bus, its address modifier and width are set up beforehand by whoever set up the
 //! machine; here it is only mapped.
 
-use std::fs::OpenOptions;
+use std::fs::{File, OpenOptions};
 use std::io::{Seek, SeekFrom};
 use std::os::unix::fs::OpenOptionsExt;
 use std::path::Path;
@@ -14,11 +14,11 @@ use super::mapping::Mapping;
 use super::refusal::{OpenError, Why, node_refused};
 use super::system::System;
 
-/// Maps `length` bytes of the window at `node` from `offset` on.
+/// Maps `length` bytes of the window at `node` from `offset` on, and gives the file through which.
 ///
 /// # Errors
 /// [`OpenError`] when there is no such node, this user may not use it, or the window is not set up or too short.
-pub fn map(system: &System, node: &Path, offset: u64, length: usize) -> Result<Mapping, OpenError> {
+pub fn map(system: &System, node: &Path, offset: u64, length: usize) -> Result<(Mapping, File), OpenError> {
     let refuse = |why| OpenError::new(format!("vme:{}", node.display()), why);
     let mut options = OpenOptions::new();
     options.read(true).write(true).custom_flags((OFlag::O_SYNC | OFlag::O_CLOEXEC).bits());
@@ -36,8 +36,10 @@ pub fn map(system: &System, node: &Path, offset: u64, length: usize) -> Result<M
             "the window has {size:#x} bytes, {needed:#x} are needed; set it up (address, size, address modifier, width) before the daemon starts"
         ))));
     }
-    Mapping::new(&file, offset, length)
-        .map_err(|error| io("mapping it (is the window enabled, and does its bridge's driver map?)", error))
+    match Mapping::new(&file, offset, length) {
+        Ok(mapping) => Ok((mapping, file)),
+        Err(error) => Err(io("mapping it (is the window enabled, and does its bridge's driver map?)", error)),
+    }
 }
 
 #[cfg(test)]
@@ -51,7 +53,7 @@ mod tests {
         let node = Path::new("/dev/bus/vme/m0");
         assert!(matches!(map(&fake.system, node, 0, 0x4000).err().unwrap().why, Why::Missing { .. }));
         fake.memory("dev/bus/vme/m0", 0xC000);
-        map(&fake.system, node, 0x8000, 0x4000).unwrap().write16(0, 0x1234).unwrap();
+        map(&fake.system, node, 0x8000, 0x4000).unwrap().0.write16(0, 0x1234).unwrap();
         assert_eq!(std::fs::read(fake.path("dev/bus/vme/m0")).unwrap()[0x8000..0x8002], [0x34, 0x12]);
         let error = map(&fake.system, node, 0x8002, 0x4000).err().unwrap().to_string();
         assert!(error.contains("has 0xc000 bytes, 0xc002 are needed"), "{error}");

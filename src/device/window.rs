@@ -1,5 +1,7 @@
 //! A board whose DPRAM is a window of mapped memory: /dev/mem, a UIO map, a PCI resource, a VME window.
 
+use std::fs::File;
+
 use super::mapping::Mapping;
 use super::system::System;
 use super::{Bus, BusError};
@@ -13,6 +15,8 @@ pub struct WindowBoard {
     mapping: Mapping,
     /// The file by whose disappearance, or replacement, one sees that the device went away.
     witness: Option<Witness>,
+    /// Held for life: the lock on it keeps other hosts away.
+    _node: Option<File>,
 }
 
 struct Witness {
@@ -25,14 +29,14 @@ impl WindowBoard {
     /// A board whose window nothing can take away.
     #[must_use]
     pub fn new(mapping: Mapping) -> Self {
-        Self { mapping, witness: None }
+        Self { mapping, witness: None, _node: None }
     }
 
-    /// A board that is gone when the file at `path` is, or is another one.
+    /// A board that is gone when the file at `path` is, or is another one; `node` stays open as long as it lives.
     #[must_use]
-    pub fn watched(mapping: Mapping, system: &System, path: String) -> Self {
+    pub fn watched(mapping: Mapping, node: Option<File>, system: &System, path: String) -> Self {
         let identity = system.identity(&path);
-        Self { mapping, witness: Some(Witness { system: system.clone(), path, identity }) }
+        Self { mapping, witness: Some(Witness { system: system.clone(), path, identity }), _node: node }
     }
 
     fn out_of_range(&self, offset: HostOffset, words: usize) -> BusError {
@@ -136,7 +140,7 @@ mod tests {
         file.set_len(0x8000).unwrap();
         let watched = |path: &str| {
             let mapping = Mapping::new(&file, 0, 0x4000).unwrap();
-            WindowBoard::watched(mapping, &fake.system, path.to_owned())
+            WindowBoard::watched(mapping, None, &fake.system, path.to_owned())
         };
         fake.file("sys/class/uio/uio0/name", "x");
         let board = watched("/sys/class/uio/uio0");

@@ -164,7 +164,7 @@ mod tests {
         let mut bus = FileBoard::from_file(&file, 0x4000).unwrap();
         let mut reader = BackgroundReader::default();
         reader.set_numbers(1);
-        for (ready, timer) in [(0, 0), (DATA_READY, 8)] {
+        for (ready, timer) in [(0, 0), (DATA_READY, 8), (u16::MAX, u16::MAX)] {
             bus.write16(BACKGROUND_SERVO_TIMER, 7).unwrap();
             bus.write16(BACKGROUND_DATA_READY, DATA_READY).unwrap();
             assert_eq!(reader.look(&mut bus).unwrap(), BackgroundLook::Partial);

@@ -1,7 +1,9 @@
 //! Descriptors handed over by the service manager: `pmacd` on a board whose memory it could not open itself.
 
 use std::fs::File;
+use std::io::{BufRead, BufReader};
 use std::os::fd::AsRawFd;
+use std::os::unix::fs::FileExt;
 use std::process::{Command, Stdio};
 
 use crate::site::wait_until;
@@ -48,6 +50,24 @@ fn memory_handed_over_is_mapped_and_the_descriptor_closed() {
     let pid = nix::unistd::Pid::from_raw(daemon.id().cast_signed());
     nix::sys::signal::kill(pid, nix::sys::signal::Signal::SIGTERM).unwrap();
     assert!(daemon.wait().unwrap().success());
+}
+
+#[test]
+fn a_slot_that_reads_as_ones_is_told_once_and_so_is_the_board_that_comes() {
+    let directory = tempfile::tempdir().unwrap();
+    let memory = directory.path().join("memory");
+    std::fs::write(&memory, vec![0xFF; 0x4000]).unwrap();
+    let file = File::options().read(true).write(true).open(&memory).unwrap();
+    let name = format!("pmac-test-silent-{}", std::process::id());
+    let mut daemon = handed_over(&file, "mem:0", &directory.path().join("socket"), &name);
+    let mut log = BufReader::new(daemon.stderr.take().unwrap()).lines().map_while(Result::ok);
+    let said = log.find(|line| line.contains("nothing answers on the bus") || line.contains("again"));
+    assert!(said.is_some_and(|line| line.contains("0xFFFF")));
+    file.write_all_at(&[0; 0x4000], 0).unwrap();
+    let said = log.find(|line| line.contains("the bus"));
+    assert!(said.is_some_and(|line| line.contains("the board answers on the bus again")));
+    daemon.kill().unwrap();
+    daemon.wait().unwrap();
 }
 
 #[test]

@@ -6,6 +6,7 @@ mod campaign;
 mod cli;
 mod client;
 mod decode;
+mod doctor;
 mod format;
 mod gather;
 mod gather_program;

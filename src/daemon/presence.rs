@@ -1,0 +1,73 @@
+//! Whether the board is still there: its memory may be replaced, its device removed, its slot empty.
+
+use log::{info, warn};
+
+use super::board::usable;
+use super::board_loop::BoardLoop;
+use crate::device::Bus;
+use crate::segment::Counter;
+
+impl BoardLoop {
+    /// Looks whether the board is there, and opens it again when it was replaced or came back.
+    pub(super) fn check_board(&mut self) {
+        if self.bus.still_there() {
+            self.told.gone = false;
+            self.check_answers();
+            if !self.told.silent
+                && let Err(error) = self.let_board_speak()
+            {
+                self.bus_failed(&error);
+            }
+            return;
+        }
+        match (self.open)() {
+            Ok(opened) => {
+                info!("the board's memory was replaced; opened it again");
+                self.bus.replace(opened.bus);
+                if let (Some(link), Some(interrupt)) = (&mut self.interrupt, opened.interrupt) {
+                    link.replace(usable(interrupt));
+                }
+                self.told.gone = false;
+                self.reopen_registers();
+                self.begin_anew();
+            }
+            Err(reason) => {
+                if !std::mem::replace(&mut self.told.gone, true) {
+                    warn!("the board's memory is gone: {reason}; trying again every second");
+                }
+            }
+        }
+    }
+
+    /// Where no board is, every word reads as ones. The functions take none of it for data, and jobs wait meanwhile.
+    pub(super) fn check_answers(&mut self) {
+        let silent = !self.bus.answers();
+        if std::mem::replace(&mut self.told.silent, silent) == silent {
+            return;
+        }
+        if silent {
+            warn!(
+                "every word of the board reads 0xFFFF: nothing answers on the bus (is the address right, the board powered, its DPRAM placed there and its page selected?)"
+            );
+        } else {
+            info!("the board answers on the bus again");
+            self.begin_anew();
+        }
+    }
+
+    /// The board is another one, or was without power.
+    fn begin_anew(&mut self) {
+        self.start_over();
+        if let Err(error) = self.after_reset(true) {
+            self.bus_failed(&error);
+        }
+    }
+
+    /// Nothing seen so far says anything about what comes.
+    pub(super) fn start_over(&mut self) {
+        self.publisher.counters().add(Counter::Resets, 1);
+        self.take_over_board();
+        self.servo.forget();
+        self.background.forget();
+    }
+}

@@ -1,0 +1,276 @@
+//! Which boards there may be in this machine, from what sysfs says. Nothing is opened, nothing written.
+//!
+//! An ISA board does not say that it is there; only its address, which the user knows, leads to it.
+
+use nix::unistd::{AccessFlags, access};
+use serde::Serialize;
+
+use super::file::DPRAM_BYTES;
+use super::pci::{self, PciInfo};
+use super::refusal::allowed;
+use super::system::System;
+use super::uio::UioInfo;
+
+/// PCI vendor and device of a PMAC PCI, as a driver of 2002 probes them. Altera's example designs have the same.
+const KNOWN_ID: (u16, u16) = (0x1172, 0x0001);
+/// A DPRAM on PCI is a memory BAR no shorter and no longer than this.
+const SHORTEST: u64 = DPRAM_BYTES as u64;
+const LONGEST: u64 = 4 * SHORTEST;
+/// UIO drivers of PMAC boards have names that begin so.
+const NAME: &str = "pmac";
+/// Where the kernel's vme_user puts the windows of a bridge.
+const VME_WINDOWS: &str = "/dev/bus/vme";
+
+/// How sure it is that this is a PMAC.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Certainty {
+    /// By its name or id.
+    Likely,
+    /// By the size of its memory alone.
+    Maybe,
+}
+
+/// Something that may be a board.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct Candidate {
+    /// What `--board` would say.
+    pub spec: String,
+    /// How sure it is.
+    pub certainty: Certainty,
+    /// What is known of it.
+    pub what: String,
+    /// The driver that has it, where it has one.
+    pub driver: Option<String>,
+    /// Whether this user may open everything the specification needs.
+    pub usable: bool,
+    /// What is in the way, or would be better, each with what to do.
+    pub hints: Vec<String>,
+}
+
+/// Everything that may be a board, the likely first.
+#[must_use]
+pub fn candidates(system: &System) -> Vec<Candidate> {
+    let uio = UioInfo::all(system);
+    let pci = PciInfo::all(system);
+    // What sits on PCI is told there, by its id.
+    let on_pci = |info: &UioInfo| pci.iter().any(|device| device.uio.as_deref() == Some(&info.device));
+    let mut found: Vec<Candidate> =
+        uio.iter().filter(|info| !on_pci(info)).filter_map(|info| of_uio(system, info)).collect();
+    found.extend(pci.iter().filter_map(|device| {
+        let own = uio.iter().find(|info| device.uio.as_deref() == Some(&info.device));
+        of_pci(system, device, own)
+    }));
+    found.extend(system.names(VME_WINDOWS).iter().filter(|name| name.starts_with('m')).map(|name| {
+        let node = format!("{VME_WINDOWS}/{name}");
+        Candidate {
+            spec: format!("vme:{node}"),
+            certainty: Certainty::Maybe,
+            what: "a window of a VME bridge".to_owned(),
+            driver: None,
+            usable: may_use(system, &node),
+            hints: refused(system, &node, "have a udev rule give it to the daemon's group")
+                .into_iter()
+                .collect(),
+        }
+    }));
+    found.sort_by_key(|candidate| candidate.certainty);
+    found
+}
+
+/// A UIO device that is not on PCI: by its name, or by a map that may be a DPRAM.
+fn of_uio(system: &System, info: &UioInfo) -> Option<Candidate> {
+    let certainty = if info.name.starts_with(NAME) { Certainty::Likely } else { Certainty::Maybe };
+    let fits = |size: u64| match certainty {
+        Certainty::Likely => size >= SHORTEST,
+        Certainty::Maybe => (SHORTEST..=LONGEST).contains(&size),
+    };
+    let map = info.maps.iter().find(|map| fits(map.size.saturating_sub(map.offset)))?;
+    let node = node_of(info);
+    Some(Candidate {
+        spec: uio_spec(info, map.number),
+        certainty,
+        what: format!("UIO device {}, {:#x} bytes at {:#x}", info.name, map.size, map.address),
+        driver: Some(info.name.clone()),
+        usable: may_use(system, &node),
+        hints: refused(system, &node, "join that group, or have a udev rule give it to the daemon's")
+            .into_iter()
+            .collect(),
+    })
+}
+
+/// A PCI device: by its id, or by a BAR that may be a DPRAM while no driver of another kind has it.
+fn of_pci(system: &System, device: &PciInfo, uio: Option<&UioInfo>) -> Option<Candidate> {
+    let known = device.id == KNOWN_ID;
+    let foreign = device.driver.as_deref().filter(|driver| *driver != pci::INTERRUPTS_ONLY);
+    if foreign.is_some() && !known {
+        return None;
+    }
+    let fits = |size: u64| if known { size >= SHORTEST } else { (SHORTEST..=LONGEST).contains(&size) };
+    let bar = device.bars.iter().find(|bar| bar.is_memory && fits(bar.size()))?;
+    let address = device.address;
+    let directory = pci::directory(address);
+    let resource = format!("{directory}/resource{}", bar.number);
+    let mut hints = Vec::new();
+    // A UIO device that shows this very BAR needs no privilege beyond its node's.
+    let map = uio.and_then(|info| Some((info, info.maps.iter().find(|map| map.address == bar.range.start)?)));
+    let (spec, nodes) = match (map, uio) {
+        (Some((info, map)), _) => (uio_spec(info, map.number), vec![node_of(info)]),
+        (None, Some(info)) => {
+            let spec = format!("pci:{address},bar={},irq=uio:{}", bar.number, node_of(info));
+            (spec, vec![resource, node_of(info)])
+        }
+        (None, None) => (format!("pci:{address},bar={}", bar.number), vec![resource]),
+    };
+    let bind = format!("driverctl set-override {address} {}", pci::INTERRUPTS_ONLY);
+    match (foreign, uio) {
+        (Some(driver), _) => hints.push(format!("driver {driver} has it; give it another: {bind}")),
+        (None, None) => hints.push(format!("for its interrupt, and to need no right but a node's: {bind}")),
+        (None, Some(_)) => {}
+    }
+    for node in &nodes {
+        hints.extend(refused(system, node, "hand it to the daemon's group"));
+    }
+    let (vendor, id) = device.id;
+    let like = if known { "the id of a PMAC PCI, and of Altera's example designs" } else { "of that size" };
+    Some(Candidate {
+        spec,
+        certainty: if known { Certainty::Likely } else { Certainty::Maybe },
+        what: format!("PCI device {vendor:04x}:{id:04x} at {address}, {bar}, {like}"),
+        driver: device.driver.clone(),
+        usable: foreign.is_none() && nodes.iter().all(|node| may_use(system, node)),
+        hints,
+    })
+}
+
+fn node_of(info: &UioInfo) -> String {
+    format!("/dev/{}", info.device)
+}
+
+fn uio_spec(info: &UioInfo, map: u32) -> String {
+    let map = if map == 0 { String::new() } else { format!(",map={map}") };
+    format!("uio:{}{map}", node_of(info))
+}
+
+fn may_use(system: &System, node: &str) -> bool {
+    access(&system.path(node), AccessFlags::R_OK | AccessFlags::W_OK).is_ok()
+}
+
+/// What keeps this user from a node, if anything does.
+fn refused(system: &System, node: &str, cure: &str) -> Option<String> {
+    (!may_use(system, node)).then(|| match allowed(&system.path(node)) {
+        Some(allowed) => format!("you may not read and write {node} ({allowed}); {cure}"),
+        None => format!("{node} is not there; is udev running?"),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::device::testing::FakeSystem;
+
+    fn pci(fake: &FakeSystem, address: &str, id: (u16, u16), resource: &str, driver: Option<&str>) {
+        let at = format!("sys/bus/pci/devices/{address}");
+        fake.file(&format!("{at}/vendor"), &format!("{:#06x}\n", id.0));
+        fake.file(&format!("{at}/device"), &format!("{:#06x}\n", id.1));
+        fake.file(&format!("{at}/resource"), resource);
+        for number in 0..6 {
+            fake.file(&format!("{at}/resource{number}"), "");
+        }
+        if let Some(driver) = driver {
+            fake.link(&format!("{at}/driver"), &format!("../../drivers/{driver}"));
+        }
+    }
+
+    /// 16 KiB of memory as the first BAR.
+    const FITS: &str = "0xfea00000 0xfea03fff 0x40200\n";
+
+    fn specs(fake: &FakeSystem) -> Vec<(String, Certainty)> {
+        candidates(&fake.system).into_iter().map(|found| (found.spec, found.certainty)).collect()
+    }
+
+    #[test]
+    fn an_empty_machine_has_no_candidate() {
+        let fake = FakeSystem::new();
+        assert_eq!(candidates(&fake.system), []);
+    }
+
+    #[test]
+    fn a_uio_device_counts_by_its_name_or_the_size_of_its_memory() {
+        let fake = FakeSystem::new();
+        fake.uio(0, "something", 0xFE00_0000, 0x8000, 0, 16);
+        fake.uio(1, "pmac-dpram", 0xD4000, 0x200, 0, 16);
+        fake.uio_map(1, 1, "dpram", 0xD4000, 0x4000, 0);
+        fake.uio(2, "camera", 0xFD00_0000, 0x10_0000, 0, 16);
+        assert_eq!(
+            specs(&fake),
+            [
+                ("uio:/dev/uio1,map=1".to_owned(), Certainty::Likely),
+                ("uio:/dev/uio0".to_owned(), Certainty::Maybe)
+            ]
+        );
+        let found = &candidates(&fake.system)[0];
+        assert!(found.usable && found.hints.is_empty() && found.what.contains("pmac-dpram"), "{found:?}");
+        std::fs::remove_file(fake.path("dev/uio1")).unwrap();
+        let found = &candidates(&fake.system)[0];
+        assert!(!found.usable && found.hints[0].contains("/dev/uio1 is not there"), "{found:?}");
+    }
+
+    #[test]
+    fn a_pci_device_counts_by_its_id_or_a_bar_of_that_size_that_nobody_has() {
+        let fake = FakeSystem::new();
+        pci(&fake, "0000:00:01.0", (0x8086, 0x1234), FITS, Some("nvme"));
+        pci(&fake, "0000:00:02.0", (0x10B5, 0x9050), FITS, None);
+        pci(&fake, "0000:00:03.0", (0x8086, 0x1111), "0xfe000000 0xfe0fffff 0x40200\n", None);
+        pci(&fake, "0000:00:04.0", KNOWN_ID, "0xe000 0xe0ff 0x40101\n0xfeb00000 0xfeb03fff 0x40200\n", None);
+        assert_eq!(
+            specs(&fake),
+            [
+                ("pci:0000:00:04.0,bar=1".to_owned(), Certainty::Likely),
+                ("pci:0000:00:02.0,bar=0".to_owned(), Certainty::Maybe)
+            ]
+        );
+        let found = &candidates(&fake.system)[0];
+        assert!(found.what.contains("1172:0001"), "{found:?}");
+        assert!(found.hints[0].contains("driverctl set-override 0000:00:04.0 uio_pci_generic"), "{found:?}");
+    }
+
+    #[test]
+    fn a_known_device_with_a_foreign_driver_is_named_with_what_to_do() {
+        let fake = FakeSystem::new();
+        pci(&fake, "0000:00:04.0", KNOWN_ID, FITS, Some("altera"));
+        let found = &candidates(&fake.system)[0];
+        assert!(!found.usable && found.hints[0].contains("driver altera has it"), "{found:?}");
+        assert_eq!(found.driver.as_deref(), Some("altera"));
+    }
+
+    #[test]
+    fn with_uio_pci_generic_the_map_of_the_bar_is_used_where_there_is_one() {
+        let fake = FakeSystem::new();
+        pci(&fake, "0000:00:04.0", KNOWN_ID, FITS, Some("uio_pci_generic"));
+        fake.file("sys/bus/pci/devices/0000:00:04.0/uio/uio3/name", "uio_pci_generic\n");
+        fake.uio(3, "uio_pci_generic", 0xFEA0_0000, 0x4000, 0, 16);
+        assert_eq!(specs(&fake), [("uio:/dev/uio3".to_owned(), Certainty::Likely)]);
+        fake.uio_map(3, 0, "bar1", 0xFEB0_0000, 0x100, 0);
+        assert_eq!(
+            specs(&fake),
+            [("pci:0000:00:04.0,bar=0,irq=uio:/dev/uio3".to_owned(), Certainty::Likely)]
+        );
+    }
+
+    #[test]
+    fn every_specification_is_one_the_daemon_takes() {
+        let fake = FakeSystem::new();
+        pci(&fake, "0000:00:04.0", KNOWN_ID, FITS, Some("uio_pci_generic"));
+        fake.file("sys/bus/pci/devices/0000:00:04.0/uio/uio3/name", "x\n");
+        fake.uio(3, "uio_pci_generic", 0, 0x100, 0, 16);
+        fake.uio(1, "pmac-dpram", 0xD4000, 0x4000, 0, 16);
+        fake.memory("dev/bus/vme/m0", 0x4000);
+        fake.memory("dev/bus/vme/ctl", 0);
+        let found = candidates(&fake.system);
+        assert_eq!(found.len(), 3, "{found:?}");
+        for candidate in found {
+            candidate.spec.parse::<crate::device::BoardSpec>().unwrap();
+        }
+    }
+}

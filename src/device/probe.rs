@@ -1,0 +1,173 @@
+//! Looks at a window some times without writing to it, and says what seems to live there.
+//!
+//! A board that reports servo data counts the timer in the status word of the servo buffer (DPRAM manual p. 15): that is
+//! proof. Without reports a PMAC's DPRAM is memory like any other, and cannot be told from it without a write.
+
+use std::time::{Duration, Instant};
+
+use serde::Serialize;
+
+use super::{Bus, BusError};
+use crate::map::HostOffset;
+use crate::map::classic::{LENGTH, PMAC_BUSY, SERVO_PMAC_STATUS, SERVO_TIMER_MASK};
+
+/// Looks at the timer, and the time from one to the next. Short, and no multiple of a usual servo period.
+const LOOKS: usize = 40;
+const PAUSE: Duration = Duration::from_micros(5300);
+/// The fastest servo clock there is, in Hz, is well below this.
+const FASTEST_HZ: f64 = 100_000.0;
+/// Of the looks, how many must have seen the timer further on than the one before: it reports each I19 servo cycles.
+const MOVED_LEAST: usize = 4;
+
+/// What seems to be there.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Verdict {
+    /// Every word reads as ones: nothing answers.
+    Absent,
+    /// A PMAC that reports servo data.
+    Reporting,
+    /// Something changes, but not as servo data do.
+    Changing,
+    /// Memory in which nothing changes: a PMAC whose reports are off, or something else.
+    Still,
+}
+
+/// What was seen.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Probe {
+    /// What it seems to be.
+    pub verdict: Verdict,
+    /// Words read.
+    pub words: usize,
+    /// Words that read as 0xFFFF.
+    pub ones: usize,
+    /// Words that read as 0.
+    pub zeros: usize,
+    /// Words that were others at the end than at the beginning.
+    pub changed: usize,
+    /// Looks at which the servo timer had gone on.
+    pub timer_moves: usize,
+    /// Servo cycles a second, from the timer, of a board that reports.
+    pub servo_hz: Option<f64>,
+}
+
+/// Reads the window of `bus` twice, and its servo timer some times in between. Takes a quarter of a second, writes nothing.
+///
+/// # Errors
+/// When the window is shorter than a DPRAM.
+pub fn probe(bus: &mut impl Bus) -> Result<Probe, BusError> {
+    probe_by(bus, |_| std::thread::sleep(PAUSE))
+}
+
+fn probe_by<B: Bus>(bus: &mut B, mut pause: impl FnMut(&mut B)) -> Result<Probe, BusError> {
+    let first = image(bus)?;
+    let begin = Instant::now();
+    let mut status = bus.read16(SERVO_PMAC_STATUS)?;
+    let (mut moves, mut cycles) = (0, 0u64);
+    for _ in 0..LOOKS {
+        pause(bus);
+        let now = bus.read16(SERVO_PMAC_STATUS)?;
+        if now & PMAC_BUSY == 0 {
+            let passed = now.wrapping_sub(status) & SERVO_TIMER_MASK;
+            moves += usize::from(passed != 0);
+            cycles += u64::from(passed);
+            status = now & SERVO_TIMER_MASK;
+        }
+    }
+    let seconds = begin.elapsed().as_secs_f64();
+    let last = image(bus)?;
+    let count = |value: u16| last.iter().filter(|word| **word == value).count();
+    let changed = first.iter().zip(&last).filter(|(before, after)| before != after).count();
+    let hz = cycles as f64 / seconds;
+    // A timer that jumps about, as noise does, would be faster than any servo clock.
+    let reports = moves >= MOVED_LEAST && hz < FASTEST_HZ;
+    let ones = count(u16::MAX);
+    let verdict = match () {
+        () if ones == last.len() => Verdict::Absent,
+        () if reports => Verdict::Reporting,
+        () if changed > 0 || moves > 0 => Verdict::Changing,
+        () => Verdict::Still,
+    };
+    Ok(Probe {
+        verdict,
+        words: last.len(),
+        ones,
+        zeros: count(0),
+        changed,
+        timer_moves: moves,
+        servo_hz: (verdict == Verdict::Reporting).then_some(hz),
+    })
+}
+
+fn image(bus: &mut impl Bus) -> Result<Vec<u16>, BusError> {
+    let mut words = vec![0; LENGTH as usize / 2];
+    bus.read_block(HostOffset::new(0), &mut words)?;
+    Ok(words)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::device::FileBoard;
+
+    fn bus() -> FileBoard {
+        let file = tempfile::tempfile().unwrap();
+        file.set_len(LENGTH.into()).unwrap();
+        FileBoard::from_file(&file, LENGTH as usize).unwrap()
+    }
+
+    #[test]
+    fn a_timer_that_counts_is_a_board_that_reports() {
+        let (mut bus, mut timer) = (bus(), 0x7FF0);
+        bus.write16(SERVO_PMAC_STATUS, timer).unwrap();
+        let seen = probe_by(&mut bus, |bus| {
+            std::thread::sleep(Duration::from_millis(1));
+            timer = (timer + 2) & SERVO_TIMER_MASK;
+            bus.write16(SERVO_PMAC_STATUS, timer).unwrap();
+        });
+        let seen = seen.unwrap();
+        assert_eq!((seen.verdict, seen.timer_moves), (Verdict::Reporting, LOOKS), "{seen:?}");
+        assert!(seen.servo_hz.is_some_and(|hz| hz > 0.0 && hz < 2000.0), "{seen:?}");
+    }
+
+    #[test]
+    fn ones_still_memory_and_memory_that_changes_otherwise_are_told_apart() {
+        let (mut bus, looks) = (bus(), |_: &mut FileBoard| {});
+        let seen = probe_by(&mut bus, looks).unwrap();
+        assert_eq!((seen.verdict, seen.zeros, seen.servo_hz), (Verdict::Still, 0x2000, None));
+        let mut value = 0u16;
+        let noise = |bus: &mut FileBoard| {
+            value = value.wrapping_mul(25_173).wrapping_add(13_849);
+            bus.write16(SERVO_PMAC_STATUS, value).unwrap();
+        };
+        assert_eq!(probe_by(&mut bus, noise).unwrap().verdict, Verdict::Changing);
+        for word in 0..0x2000 {
+            bus.write16(HostOffset::new(2 * word), u16::MAX).unwrap();
+        }
+        let seen = probe_by(&mut bus, looks).unwrap();
+        assert_eq!((seen.verdict, seen.ones, seen.timer_moves), (Verdict::Absent, 0x2000, 0));
+    }
+
+    #[test]
+    fn nothing_is_written() {
+        struct ReadOnly(FileBoard);
+        impl Bus for ReadOnly {
+            fn length(&self) -> usize {
+                self.0.length()
+            }
+            fn read16(&mut self, offset: HostOffset) -> Result<u16, BusError> {
+                self.0.read16(offset)
+            }
+            fn write16(&mut self, _: HostOffset, _: u16) -> Result<(), BusError> {
+                panic!("written")
+            }
+            fn read_block(&mut self, first: HostOffset, words: &mut [u16]) -> Result<(), BusError> {
+                self.0.read_block(first, words)
+            }
+            fn order_reads(&mut self) {}
+            fn order_writes(&mut self) {}
+        }
+        assert!(probe_by(&mut ReadOnly(bus()), |_| {}).is_ok());
+    }
+}

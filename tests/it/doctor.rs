@@ -1,0 +1,84 @@
+//! `pmacctl doctor` on machines made of ordinary files, and its probe into a simulated board.
+
+use std::fs;
+use std::path::Path;
+
+use crate::rig::pmacctl;
+use crate::site::Site;
+
+fn file(root: &Path, path: &str, content: &str) {
+    let path = root.join(path);
+    fs::create_dir_all(path.parent().unwrap()).unwrap();
+    fs::write(path, content).unwrap();
+}
+
+fn uio(root: &Path, device: &str, name: &str, size: &str) {
+    let class = format!("sys/class/uio/{device}");
+    file(root, &format!("{class}/name"), name);
+    file(root, &format!("{class}/maps/map0/addr"), "0xd4000");
+    file(root, &format!("{class}/maps/map0/size"), size);
+    file(root, &format!("dev/{device}"), "");
+}
+
+#[test]
+fn boards_are_found_with_what_to_write_and_what_is_in_the_way() {
+    let root = tempfile::tempdir().unwrap();
+    let look = |arguments: &str| pmacctl(&format!("doctor {arguments} --root {}", root.path().display()));
+    let ran = look("--boards");
+    assert_eq!(ran.code, Some(0), "{ran:?}");
+    assert!(ran.stdout.contains("warn  candidate     no UIO, PCI or VME device"), "{ran:?}");
+
+    uio(root.path(), "uio0", "pmac-dpram", "0x4000");
+    file(root.path(), "sys/kernel/security/lockdown", "none [integrity] confidentiality\n");
+    file(root.path(), "proc/sys/kernel/osrelease", "6.1.0-9-amd64\n");
+    file(root.path(), "boot/config-6.1.0-9-amd64", "CONFIG_STRICT_DEVMEM=y\nCONFIG_UIO=m\n");
+    let ran = look("--boards");
+    assert!(
+        ran.stdout.contains("ok    candidate     likely uio:/dev/uio0: UIO device pmac-dpram"),
+        "{ran:?}"
+    );
+    assert!(ran.stdout.contains("6.1.0-9-amd64, locked down (integrity)"), "{ran:?}");
+    assert!(ran.stdout.contains("STRICT_DEVMEM=y IO_STRICT_DEVMEM=n UIO=m"), "{ran:?}");
+    assert!(ran.stdout.contains("mem:0xD4000"), "an ISA board shows itself nowhere: {ran:?}");
+
+    let report = look("--boards --json").json();
+    let found = report.as_array().unwrap().iter().find_map(|check| check.get("candidate")).unwrap();
+    assert_eq!((&found["spec"], &found["certainty"]), (&"uio:/dev/uio0".into(), &"likely".into()));
+    assert_eq!(found["usable"], true);
+}
+
+#[test]
+fn without_a_daemon_the_doctor_looks_for_boards_by_itself() {
+    let root = tempfile::tempdir().unwrap();
+    let look = |name: &str| {
+        pmacctl(&format!("doctor --name {name} --socket /nonexistent/x --root {}", root.path().display()))
+    };
+    let ran = look("pmac-test-nobody");
+    assert_eq!(ran.code, Some(1));
+    assert!(ran.stdout.contains("candidate") && ran.stdout.contains("ISA"), "{ran:?}");
+}
+
+#[test]
+fn a_probe_tells_a_board_from_memory_and_from_nothing() {
+    let mut site = Site::new();
+    site.start_simulator(&["--dpram-startup"]);
+    let board = format!("file:{}", site.path("dpram").display());
+    let probe = |spec: &str| {
+        let (code, stdout, stderr) = site.pmacctl(&["doctor", "--json", "--probe", spec]);
+        let report: serde_json::Value = serde_json::from_str(&stdout).unwrap_or_else(|_| panic!("{stderr}"));
+        (code, report[0]["probe"]["verdict"].as_str().map(str::to_owned), report[0]["text"].to_string())
+    };
+    let (code, verdict, text) = probe(&board);
+    assert_eq!((code, verdict.as_deref()), (0, Some("reporting")), "{text}");
+    let other = site.path("other");
+    for (byte, code, verdict) in [(0, 0, "still"), (0xFF, 1, "absent")] {
+        fs::write(&other, vec![byte; 0x4000]).unwrap();
+        let seen = probe(&format!("file:{}", other.display()));
+        assert_eq!((seen.0, seen.1.as_deref()), (code, Some(verdict)), "{}", seen.2);
+    }
+    let (code, verdict, text) = probe("uio:/dev/uio63");
+    assert_eq!((code, verdict), (1, None));
+    assert!(text.contains("/dev/uio63"), "{text}");
+    let (code, _, stderr) = site.pmacctl(&["doctor", "--probe", "boat"]);
+    assert!(code == 2 && stderr.contains("no board kind `boat`"), "{stderr}");
+}
