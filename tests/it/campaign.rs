@@ -19,9 +19,9 @@ use pmac_dpram::client::{Board, CommandError, Connection, RotaryPlace};
 use pmac_dpram::map::HostOffset;
 use pmac_dpram::protocol::CallError;
 use pmac_dpram::protocol::board::VariableRecord;
-use pmac_dpram::segment::{RegionId, Sample, Subscriber};
+use pmac_dpram::segment::{RegionId, Sample, SegmentName, Subscriber};
 
-use crate::mixing::is_whole;
+use crate::mixing::tagged_longs;
 use crate::site::{Site, is_live, wait_until};
 
 /// What a sender gives the board.
@@ -198,8 +198,10 @@ impl Count {
     }
 }
 
-struct Campaign {
+struct Campaign<'a> {
     site: Site,
+    /// Every servo sample from now on carries its update's number in every field.
+    tagged: &'a AtomicBool,
     dpram: File,
     count: Count,
     longest: Duration,
@@ -207,12 +209,13 @@ struct Campaign {
     results: BTreeMap<(Use, bool), u64>,
 }
 
-impl Campaign {
-    fn new() -> Self {
+impl<'a> Campaign<'a> {
+    fn new(tagged: &'a AtomicBool) -> Self {
         let site = Site::running(&[], &[]);
         let dpram = File::open(site.path("dpram")).unwrap();
         let mut campaign = Self {
             site,
+            tagged,
             dpram,
             count: Count::default(),
             longest: Duration::ZERO,
@@ -227,6 +230,8 @@ impl Campaign {
     fn board_is_new(&mut self) {
         self.site.control("tag on");
         self.site.wait_for_live_servo();
+        self.wait_for_updates();
+        self.tagged.store(true, Ordering::SeqCst);
         let mut connection = self.site.connection();
         for line in ["I2=3", "I55=1", "&1 #1->X #2->Y"] {
             wait_until("a board that takes commands", || connection.send(line, TIMEOUT).is_ok());
@@ -287,6 +292,7 @@ impl Campaign {
 
     fn begin(&mut self, misbehaviour: Misbehaviour) {
         if misbehaviour == Misbehaviour::Power {
+            self.tagged.store(false, Ordering::SeqCst);
             self.site.kill_simulator();
             self.site.start_simulator(&["--dpram-startup"]);
         } else {
@@ -329,9 +335,7 @@ impl Campaign {
             closed && connection.send("ENDGATHER ENDGATHER GATHER I57=0", TIMEOUT).is_ok()
         });
         // Live because its time is not over yet does not count: a new update has to come.
-        let subscriber = site.attach();
-        let published = subscriber.published(RegionId::Servo).unwrap();
-        wait_until("servo data", || subscriber.published(RegionId::Servo).unwrap() > published + 2);
+        self.wait_for_updates();
         let forgets = matches!(misbehaviour, Misbehaviour::Reset | Misbehaviour::Power);
         if forgets {
             self.board_is_new();
@@ -348,6 +352,12 @@ impl Campaign {
         assert_eq!(connection.send("I59 I58", Duration::from_secs(2)).unwrap(), ["8", "1"]);
     }
 
+    fn wait_for_updates(&self) {
+        let subscriber = self.site.attach();
+        let published = subscriber.published(RegionId::Servo).unwrap();
+        wait_until("servo data", || subscriber.published(RegionId::Servo).unwrap() > published + 2);
+    }
+
     /// No bit of the host's is set.
     fn assert_released(&self) {
         for (offset, bits) in HOST_WORDS {
@@ -356,29 +366,33 @@ impl Campaign {
             assert_eq!(u16::from_le_bytes(word) & bits, 0, "a bit of the host's is left in 0x{offset:04X}");
         }
     }
+}
 
-    /// Looks at every servo sample it can get, of whichever daemon there is.
-    fn check_samples(segment: &pmac_dpram::segment::SegmentName, done: &AtomicBool) -> (u64, u64) {
-        let (mut checked, mut mixed, mut last) = (0, 0, (0, 0));
-        let mut sample = Sample::new();
-        let mut subscriber: Option<Subscriber> = None;
-        while !done.load(Ordering::Relaxed) {
-            std::thread::sleep(Duration::from_micros(300));
-            if subscriber.as_ref().is_none_or(|subscriber| subscriber.condition().is_over()) {
-                subscriber = Subscriber::attach(segment).ok();
-            }
-            let Some(attached) = &subscriber else { continue };
-            let Ok(Some(sequence)) = attached.latest(RegionId::Servo, &mut sample) else { continue };
-            if last == (attached.generation(), sequence) {
-                continue;
-            }
-            last = (attached.generation(), sequence);
-            // Zeros are the one thing that a memory losing its content word by word can mix in.
-            checked += 1;
-            mixed += u64::from(!is_whole(sample.words()) && !sample.words().contains(&0));
+/// Looks at every servo sample it can get, of whichever daemon there is, while they are `tagged`.
+fn check_samples(segment: &SegmentName, tagged: &AtomicBool, done: &AtomicBool) -> (u64, u64) {
+    let (mut checked, mut mixed, mut last) = (0, 0, (0, 0));
+    let mut sample = Sample::new();
+    let mut subscriber: Option<Subscriber> = None;
+    while !done.load(Ordering::Relaxed) {
+        std::thread::sleep(Duration::from_micros(300));
+        if subscriber.as_ref().is_none_or(|subscriber| subscriber.condition().is_over()) {
+            subscriber = Subscriber::attach(segment).ok();
         }
-        (checked, mixed)
+        let Some(attached) = &subscriber else { continue };
+        let was_tagged = tagged.load(Ordering::SeqCst);
+        let Ok(Some(sequence)) = attached.latest(RegionId::Servo, &mut sample) else { continue };
+        let is_news = last != (attached.generation(), sequence);
+        if !was_tagged || !tagged.load(Ordering::SeqCst) || !is_news {
+            continue;
+        }
+        last = (attached.generation(), sequence);
+        checked += 1;
+        // Zeros are the one thing that a memory which loses its content word by word can mix in.
+        let mut numbers = tagged_longs(sample.words()).filter(|&long| long != 0);
+        let first = numbers.next();
+        mixed += u64::from(numbers.any(|long| Some(long) != first));
     }
+    (checked, mixed)
 }
 
 fn disturb(site: &Site, misbehaviour: Misbehaviour) {
@@ -490,11 +504,12 @@ fn whatever_the_board_does_everything_works_again() {
     let (mut done, mut results) = (0, BTreeMap::new());
     let (mut longest, mut recovery, mut checked) = (Duration::ZERO, Duration::ZERO, 0);
     while done < runs {
-        let mut campaign = Campaign::new();
+        let tagged = AtomicBool::new(false);
+        let mut campaign = Campaign::new(&tagged);
         let segment = campaign.site.segment();
         let over = AtomicBool::new(false);
         let (samples, mixed) = std::thread::scope(|scope| {
-            let checker = scope.spawn(|| Campaign::check_samples(&segment, &over));
+            let checker = scope.spawn(|| check_samples(&segment, &tagged, &over));
             // Ended also when a run fails, or the scope would wait for ever.
             let _ended = Ended(&over);
             for run in done..runs.min(done + RUNS_A_SITE) {

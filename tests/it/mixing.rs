@@ -18,13 +18,19 @@ const READERS: usize = 3;
 const NAME: &str = "PMAC_MIXING_SEGMENT";
 const COUNT: &str = "PMAC_SNAPSHOTS";
 
-/// Checks that all longs of all motors are the same number.
-pub fn is_whole(words: &[u16]) -> bool {
+/// The longs of all motors that carry the update's number.
+pub fn tagged_longs(words: &[u16]) -> impl Iterator<Item = u32> {
     let long = |index: usize| u32::from(words[index]) | u32::from(words[index + 1]) << 16;
-    let tag = long(FIRST_MOTOR);
-    words[FIRST_MOTOR..].chunks(BLOCK).enumerate().all(|(motor, _)| {
-        (0..FIELDS).step_by(2).all(|field| long(FIRST_MOTOR + motor * BLOCK + field) == tag)
+    let motors = words[FIRST_MOTOR..].chunks(BLOCK).count();
+    (0..motors).flat_map(move |motor| {
+        (0..FIELDS).step_by(2).map(move |field| long(FIRST_MOTOR + motor * BLOCK + field))
     })
+}
+
+/// Checks that all longs of all motors are the same number.
+fn is_whole(words: &[u16]) -> bool {
+    let tag = tagged_longs(words).next();
+    tagged_longs(words).all(|long| Some(long) == tag)
 }
 
 fn snapshots() -> u64 {
