@@ -7,6 +7,7 @@ mod cli;
 mod client;
 mod decode;
 mod doctor;
+mod download;
 mod format;
 mod gather;
 mod gather_program;
