@@ -1,6 +1,7 @@
 //! Integration tests: formats, the map, the segment, the socket, the command line, the simulator, whole processes.
 
 mod architecture;
+mod backup;
 mod bench;
 mod campaign;
 mod cli;
