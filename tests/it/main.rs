@@ -1,12 +1,14 @@
 //! Integration tests: formats, the map, the segment, the socket, the command line, the simulator, whole processes.
 
 mod architecture;
+mod backup;
 mod bench;
 mod campaign;
 mod cli;
 mod client;
 mod decode;
 mod doctor;
+mod download;
 mod format;
 mod gather;
 mod gather_program;

@@ -1,7 +1,8 @@
-//! `pmacctl terminal`: in a pipe, and on a terminal.
+//! `pmacctl terminal`: in a pipe, and on a terminal. `pmacctl rotary stream` on a terminal.
 
 use std::fs::File;
 use std::io::{BufRead, BufReader, Read, Write};
+use std::os::fd::OwnedFd;
 use std::process::{Child, Stdio};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
@@ -72,6 +73,20 @@ struct Person {
 }
 
 impl Person {
+    /// Sits down at the terminal of this end.
+    fn at(master: OwnedFd) -> Self {
+        let keyboard = File::from(master);
+        let screen = Arc::new(Mutex::new(String::new()));
+        let (seen, mut source) = (Arc::clone(&screen), keyboard.try_clone().unwrap());
+        std::thread::spawn(move || {
+            let mut bytes = [0; 1024];
+            while let Ok(count @ 1..) = source.read(&mut bytes) {
+                seen.lock().unwrap().push_str(&String::from_utf8_lossy(&bytes[..count]));
+            }
+        });
+        Self { keyboard, screen }
+    }
+
     fn types(&mut self, text: &str) {
         self.keyboard.write_all(text.as_bytes()).unwrap();
     }
@@ -102,16 +117,7 @@ fn on_a_terminal_there_is_a_prompt_editing_and_history() {
         Running(command.stdin(slave()).stdout(slave()).stderr(slave()).spawn().unwrap())
     };
     let child = start(state.path());
-    let master = File::from(pty.master);
-    let screen = Arc::new(Mutex::new(String::new()));
-    let (seen, mut source) = (Arc::clone(&screen), master.try_clone().unwrap());
-    std::thread::spawn(move || {
-        let mut bytes = [0; 1024];
-        while let Ok(count @ 1..) = source.read(&mut bytes) {
-            seen.lock().unwrap().push_str(&String::from_utf8_lossy(&bytes[..count]));
-        }
-    });
-    let mut person = Person { keyboard: master, screen };
+    let mut person = Person::at(pty.master);
     person.sees("#8 &1> ");
     // A wrong character, taken back.
     person.types("P9=12\x7f7\r");
@@ -143,5 +149,49 @@ fn on_a_terminal_there_is_a_prompt_editing_and_history() {
     // End of input.
     person.types("\x04");
     assert_eq!(child.ended(), Some(0), "{}", person.screen());
+    site.assert_no_violations();
+}
+
+#[test]
+fn on_a_terminal_a_stream_shows_how_far_it_is() {
+    let site = Site::running(&[], &[]);
+    site.wait_for_live_servo();
+    let mut connection = site.connection();
+    connection.send("&1 #1->X", PATIENCE).unwrap();
+    // More than the board's buffer holds, and than it runs in a moment.
+    let moves: String = (0..1350).map(|step| format!("X{}\n", step % 2)).collect();
+    let path = site.path("run.pmc");
+    std::fs::write(&path, format!("LINEAR ABS TM5 TA2 TS0\n{moves}")).unwrap();
+    let pty = pty(Some(&nix::pty::Winsize { ws_row: 24, ws_col: 80, ws_xpixel: 0, ws_ypixel: 0 }));
+    let slave = || Stdio::from(pty.slave.try_clone().unwrap());
+    let mut command = command();
+    command.args(["--name", &site.name, "--socket"]).arg(site.socket()).args(["rotary", "stream"]).arg(&path);
+    command.args(["--define", "1000", "--run"]).env("TERM", "xterm");
+    let child = Running(command.stdin(slave()).stdout(slave()).stderr(slave()).spawn().unwrap());
+    let person = Person::at(pty.master);
+    person.sees(" of 1351 lines, ");
+    assert_eq!(child.ended(), Some(0), "{}", person.screen());
+    wait_until("the whole summary", || person.screen().ends_with("\r\n"));
+    let screen = person.screen();
+    // Each state of the bar replaces the one before, and the summary the last one.
+    let mut states: Vec<&str> = screen.split("\x1b[K").collect();
+    let summary = states.pop().unwrap();
+    assert!(summary.starts_with("lines=1351 commands=1355 underruns="), "{screen:?}");
+    assert!(summary.contains(" seconds=") && summary.lines().count() == 1, "{screen:?}");
+    assert_eq!(states.pop(), Some("\r"), "the bar is wiped out");
+    let sent = |state: &&str| -> usize {
+        let (bar, rest) = state.strip_prefix("\r[").unwrap().split_once("] ").unwrap();
+        assert!(bar.len() == 30 && bar.trim_start_matches('#').trim_end_matches('-').is_empty(), "{state:?}");
+        assert!(
+            rest.contains(" of 1351 lines, ") && rest.ends_with(" s") && !rest.contains('\n'),
+            "{state:?}"
+        );
+        rest.split_once(' ').unwrap().0.parse().unwrap()
+    };
+    let sent: Vec<usize> = states.iter().map(sent).collect();
+    assert!(sent.is_sorted() && sent.last().is_some_and(|&last| last <= 1351), "{sent:?}");
+    assert!(states.iter().any(|state| state.contains('#')), "{screen:?}");
+    connection.send("&1A", PATIENCE).unwrap();
+    assert_eq!(connection.send("I57", PATIENCE).unwrap(), ["1"], "no buffer is left open");
     site.assert_no_violations();
 }
