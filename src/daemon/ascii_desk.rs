@@ -1,7 +1,7 @@
 //! The desk in front of the board's ports for command lines: many callers, one line at a time.
 //!
 //! Lines wait in order; control characters do not wait, they overtake every line. The desk also asks the board who it
-//! is ([`super::identify`]) when nobody else is being served. Which port the lines go through is [`super::desk_ways`]'s. Everything is bounded: the queues by their length, a
+//! is ([`super::identify`]) when nobody else is being served. Which port the lines go through is `desk_ways.rs`'s. Everything is bounded: the queues by their length, a
 //! command by its deadline, a pass by the number of responses it takes.
 
 use std::collections::VecDeque;

@@ -212,3 +212,25 @@ fn write(bus: &mut impl Bus, first: HostOffset, words: &[MaskedWord]) -> Result<
     bus.order_writes();
     Ok(Outcome::Done)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::device::{Counted, FileBoard};
+
+    /// The rows of [`crate::function`]'s table of costs about open words.
+    #[test]
+    fn open_words_cost_what_the_table_says() {
+        for n in [1, 8, 100] {
+            for (mask, cost) in [(u16::MAX, (0, n)), (0x00F0, (n, n)), (0, (0, 0))] {
+                let file = tempfile::tempfile().unwrap();
+                file.set_len(0x4000).unwrap();
+                let mut bus = Counted::new(FileBoard::from_file(&file, 0x4000).unwrap());
+                let words = vec![MaskedWord { value: 0xABCD, mask }; n as usize];
+                assert_eq!(write(&mut bus, HostOffset::new(0x3000), &words).unwrap(), Outcome::Done);
+                assert_eq!((bus.reads(), bus.writes()), cost, "{n} {mask:04x}");
+                assert_eq!(bus.read16(HostOffset::new(0x3000)).unwrap(), 0xABCD & mask);
+            }
+        }
+    }
+}

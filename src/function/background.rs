@@ -79,6 +79,8 @@ impl BackgroundReader {
     }
 
     /// Looks once: reads the next part of the report if there is one, and after its last part asks for the next.
+    /// 1 access when there is nothing; a report of n numbers costs 62n + 11 in all: 8 to begin with, 62 a look, and
+    /// in the last look 3 more, to see that it still stands and to free the buffer.
     ///
     /// # Errors
     /// When the bus cannot be reached.

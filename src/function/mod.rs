@@ -3,6 +3,48 @@
 //! Every function works in steps that never wait: a step looks at the bus, does what can be done now, and returns.
 //! How often to step, and when to give up, is the caller's business. A function writes only the bits the host owns.
 //!
+//! # What each function costs
+//! Bus accesses of 16 bits (the mailboxes' of 8), counted by tests for several n. *Necessary* are the data and the words
+//! by which host and PMAC hand them over; what is counted beyond them makes sure that the data are whole, that nobody
+//! else meddled, or that a write has arrived. A look is a step that finds nothing to do.
+//!
+//! | what | necessary | counted | for example |
+//! |---|---|---|---|
+//! | servo update, optimistic, n motors | 30n + 6 | 30n + 6 | n = 8: 246 |
+//! | servo update, handshake | 30n + 8 | 30n + 9 | n = 8: 249 |
+//! | servo look, either way | 1 | 1 | 1 |
+//! | background report, n numbers | 62n + 9 | 62n + 11 | n = 8: 507 |
+//! | background look | 1 | 1 | 1 |
+//! | variable read set-up, e entries | 2e + 4 | 2e + 4 | e = 128: 260 |
+//! | variable read first report, dropped | 0 | 2 | 2 |
+//! | variable read report, w words of values | w + 3 | w + 3 | 128 of X: 259 |
+//! | variable read look | 1 | 1 | 1 |
+//! | variable read multi-user, a look at e entries of which k are new, w words | e + w + k + 1 | e + w + k + 2 | e = k = 5, L: 32 |
+//! | variable read multi-user look at e entries, none new | e | e + 1 | e = 5: 6 |
+//! | variable write, r records in c cycles | 6r + 3c | 6r + 3c + 1 | r = 32, c = 1: 196 |
+//! | variable write look | 1 | 1 | 1 |
+//! | panel request, n numbers, until seen taken | n + 2 | n + 3 | n = 8: 11 |
+//! | panel look | 1 | 1 | 1 |
+//! | feed override set; the first one 1 more | 2 | 2 | 2 |
+//! | feed override ended | 1 | 1 | 1 |
+//! | open words, n whole | n | n | n = 8: 8 |
+//! | open words, n of which some bits | 2n | 2n | n = 8: 16 |
+//! | gather, s samples of l longs, s l up to 64 | 2sl + 2 | 2sl + 3 | s = 8, l = 8: 131 |
+//! | gather look | 1 | 2 | 2 |
+//! | gather round and round (I45=3), s samples | 2sl + 5 | 2sl + 6 | s = 8, l = 8: 134 |
+//! | gather look, round and round | 3 | 4 | 4 |
+//! | rotary set-up; 1 more if the status is not 0 | 9 | 10 | 10 |
+//! | rotary line of c commands | 4c + 6 | 4c + 7 | c = 3: 19 |
+//! | rotary look, no room; until PMAC was once full 1 more | 1 | 2 | 2 |
+//! | rotary state | 2 | 3 | 3 |
+//! | ASCII line of n, reply of m characters | n/2 + m/2 + 10 | n/2 + m/2 + 11 | n = m = 20: 31 |
+//! | mailbox line of n, reply of m characters | n + m + 4 + ceil((m+1)/16) | n + m + 5 + 2 ceil((m+1)/16) | n = m = 20: 49 |
+//! | released at start and end: servo, background, variable read, variable write, panel | 7 | 8 | 1 + 1 + 2 + 1 + 3: 8 |
+//!
+//! Halves of n are rounded down, of m up. A look of the variable reader meets as many entries of a table as
+//! [`variable_read::STEP_WORDS`] words allow and goes on with the next ones; in single-user mode a report costs the
+//! same in however many looks it is read. Open words are written by the daemon itself.
+//!
 //! # What a command line costs
 //! Bus accesses of a line of n characters that is answered by one line of m characters, counted by a test. The DPRAM's are
 //! of 16 bits, the mailboxes' of 8:
@@ -21,6 +63,8 @@
 
 pub mod ascii;
 pub mod background;
+#[cfg(test)]
+mod cost_tests;
 pub mod gather;
 #[cfg(test)]
 mod gather_tests;

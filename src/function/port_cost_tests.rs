@@ -13,7 +13,7 @@ use crate::map::classic::{
 };
 
 /// A line of `n` characters with a reply line of `m`, through the DPRAM; nothing is looked at in vain.
-fn dpram(n: usize, m: usize) -> usize {
+pub fn dpram(n: usize, m: usize) -> usize {
     let file = tempfile::tempfile().unwrap();
     file.set_len(0x4000).unwrap();
     let mut bus = Counted::new(FileBoard::from_file(&file, 0x4000).unwrap());
@@ -36,7 +36,7 @@ fn dpram(n: usize, m: usize) -> usize {
 }
 
 /// The same through the mailboxes.
-fn mailboxes(n: usize, m: usize) -> usize {
+pub fn mailboxes(n: usize, m: usize) -> usize {
     let file = tempfile::tempfile().unwrap();
     file.set_len(0x200).unwrap();
     let mut bus = Counted::new(Mapping::new(&file, 0, 0x200).unwrap());

@@ -1,4 +1,4 @@
-/* Background variable write, and, with -DPANEL, the control panel's requests: the same handshake. The host writes what is
+/* Background variable write. The control panel's requests go by the same handshake. The host writes what is
  * to be done (two words here: a record's address and data; the request words of two motors), then the count (0x07D4) or
  * enable mask (0x0000). PMAC does it, and writes 0 to say so.
  *

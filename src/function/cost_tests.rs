@@ -1,0 +1,312 @@
+//! The table of costs in [`super`], held to by counting: each function against a file whose other end plays PMAC.
+
+use std::time::Instant;
+
+use super::background::{BackgroundLook, BackgroundReader};
+use super::gather::{GatherBuffer, GatherLook, GatherReader, GatherStart, report_cycles};
+use super::panel::{FeedOverride, Panel, PanelAction, PanelRequest};
+use super::port_cost_tests::{dpram, mailboxes};
+use super::rotary::{RotaryBuffer, RotarySetup, RotaryStream};
+use super::servo::{ServoLook, ServoReader, ServoReading};
+use super::servo_timer::ServoTimer;
+use super::variable_read::{self, VariableEntry, VariableKind, VariableLook, VariableMode, VariableReader};
+use super::variable_write::{VariableWriter, WordKind, WriteRecord, WriteStep};
+use crate::device::{Bus, Counted, FileBoard};
+use crate::gather::GatherMode;
+use crate::map::classic::{
+    BACKGROUND_DATA_READY, BACKGROUND_SERVO_TIMER, DATA_READY, PANEL_REQUEST_ENABLE, ROTARY_1, ROTARY_BUSY,
+    SERVO_PMAC_STATUS, VARIABLE_READ_CONTROL, VARIABLE_READ_ENTRY_READY, VARIABLE_WRITE_COUNT, rotary_header,
+};
+use crate::map::{HostOffset, Layout, PMAC, Region};
+use crate::rotary::START_OF_LINE;
+
+const PLACE: Region = Region::new("variables", HostOffset::new(0x2A00), HostOffset::new(0x2A00 + 2 * 768));
+
+/// The host's bus, which counts, and PMAC's own way to the same memory.
+struct Rig {
+    host: Counted<FileBoard>,
+    pmac: FileBoard,
+}
+
+impl Rig {
+    fn new() -> Self {
+        let file = tempfile::tempfile().unwrap();
+        file.set_len(0x4000).unwrap();
+        let board = || FileBoard::from_file(&file, 0x4000).unwrap();
+        Self { host: Counted::new(board()), pmac: board() }
+    }
+
+    fn put(&mut self, offset: HostOffset, word: u16) {
+        self.pmac.write16(offset, word).unwrap();
+    }
+
+    /// What `act` gives, and how many accesses it took.
+    fn cost<T>(&mut self, act: impl FnOnce(&mut Counted<FileBoard>) -> T) -> (T, usize) {
+        let before = self.host.accesses();
+        let result = act(&mut self.host);
+        (result, (self.host.accesses() - before) as usize)
+    }
+}
+
+/// The last number of the table's row whose first cell begins with `what`.
+fn documented(what: &str) -> usize {
+    let start = format!("//! | {what}");
+    let mut rows = include_str!("mod.rs").lines().filter(|line| line.starts_with(&start));
+    let row = rows.next().unwrap_or_else(|| panic!("no row for {what}"));
+    assert_eq!(rows.next(), None, "one row for {what}");
+    row.trim_end_matches(" |").rsplit(' ').next().unwrap().parse().unwrap()
+}
+
+#[test]
+fn servo() {
+    for (reading, over, row) in [
+        (ServoReading::Optimistic, 6, "servo update, optimistic"),
+        (ServoReading::Handshake, 9, "servo update, handshake"),
+    ] {
+        for n in 0..=8 {
+            let (mut rig, mut reader) = (Rig::new(), ServoReader::new(reading));
+            reader.set_motors(n);
+            reader.look(&mut rig.host).unwrap();
+            rig.put(SERVO_PMAC_STATUS, 1);
+            let (look, cost) = rig.cost(|bus| reader.look(bus).unwrap());
+            assert_eq!((look, cost), (ServoLook::Update(1), 30 * n + over), "{n}");
+            if n == 8 {
+                assert_eq!(cost, documented(row));
+            }
+            let idle = rig.cost(|bus| reader.look(bus).unwrap());
+            assert_eq!(idle, (ServoLook::Unchanged, documented("servo look")));
+        }
+    }
+}
+
+#[test]
+fn background() {
+    for n in 0..=8 {
+        let (mut rig, mut reader) = (Rig::new(), BackgroundReader::default());
+        reader.set_numbers(n);
+        let idle = rig.cost(|bus| reader.look(bus).unwrap());
+        assert_eq!(idle, (BackgroundLook::Nothing, documented("background look")));
+        rig.put(BACKGROUND_SERVO_TIMER, 7);
+        rig.put(BACKGROUND_DATA_READY, DATA_READY);
+        let (look, cost) = rig.cost(|bus| {
+            let looks = std::iter::repeat_with(|| reader.look(bus).unwrap());
+            looks.take(20).find(|look| *look != BackgroundLook::Partial)
+        });
+        assert_eq!((look, cost), (Some(BackgroundLook::Report(7)), 62 * n + 11), "{n}");
+        if n == 8 {
+            assert_eq!(cost, documented("background report"));
+        }
+    }
+}
+
+/// A reader whose table of `entries` is set up, and what that cost.
+fn variables(rig: &mut Rig, entries: &[VariableEntry], mode: VariableMode) -> (VariableReader, usize) {
+    let (now, mut reader) = (Instant::now(), VariableReader::new(PLACE));
+    let ((), cost) = rig.cost(|bus| {
+        reader.begin(bus, entries, mode, now).unwrap();
+        for _ in 0..20 {
+            if !reader.is_running() {
+                reader.look(bus, now + variable_read::SETTLE).unwrap();
+            }
+        }
+    });
+    assert!(reader.is_running());
+    (reader, cost)
+}
+
+const X: VariableEntry = VariableEntry { address: 0x0028, kind: VariableKind::X };
+const L: VariableEntry = VariableEntry { address: 0x1005, kind: VariableKind::Long };
+
+#[test]
+fn variable_read() {
+    for entries in [vec![X], vec![L], vec![X, L, X], vec![L; 40], [X, L].repeat(20), vec![X; 128]] {
+        let mut rig = Rig::new();
+        let now = Instant::now();
+        let (mut reader, cost) = variables(&mut rig, &entries, VariableMode::SingleUser);
+        assert_eq!(cost, 2 * entries.len() + 4);
+        let all = entries.len() == 128;
+        assert!(!all || cost == documented("variable read set-up"));
+        rig.put(VARIABLE_READ_CONTROL, DATA_READY);
+        let first = rig.cost(|bus| reader.look(bus, now).unwrap());
+        assert_eq!(first, (VariableLook::Nothing, documented("variable read first report")));
+        let idle = rig.cost(|bus| reader.look(bus, now).unwrap());
+        assert_eq!(idle, (VariableLook::Nothing, documented("variable read look")));
+        rig.put(VARIABLE_READ_CONTROL, DATA_READY);
+        let (look, cost) = rig.cost(|bus| {
+            let looks = std::iter::repeat_with(|| reader.look(bus, now).unwrap());
+            looks.take(50).find(|look| *look != VariableLook::Partial)
+        });
+        let words: usize = entries.iter().map(|entry| entry.kind.words()).sum();
+        assert_eq!((look, cost), (Some(VariableLook::Report(0)), words + 3));
+        assert!(!all || cost == documented("variable read report"));
+    }
+}
+
+#[test]
+fn variable_read_in_multi_user_mode() {
+    for (entries, new) in
+        [(vec![X; 1], 1), (vec![X; 8], 8), (vec![X; 8], 3), (vec![L, X, L], 2), (vec![L; 5], 5)]
+    {
+        let mut rig = Rig::new();
+        let (now, e) = (Instant::now(), entries.len());
+        let (mut reader, _) = variables(&mut rig, &entries, VariableMode::MultiUser);
+        let announce = |rig: &mut Rig, count: usize| {
+            for (index, entry) in entries.iter().enumerate().take(count) {
+                let word = entry.kind.code() | VARIABLE_READ_ENTRY_READY;
+                rig.put(PLACE.start.plus_words(2 * index + 1), word);
+            }
+        };
+        let look =
+            |rig: &mut Rig, reader: &mut VariableReader| rig.cost(|bus| reader.look(bus, now).unwrap());
+        announce(&mut rig, e);
+        // The first values are dropped; what is dropped is freed, without its words.
+        assert_eq!(look(&mut rig, &mut reader), (VariableLook::Nothing, e + 1 + e));
+        let (idle, cost) = look(&mut rig, &mut reader);
+        assert_eq!((idle, cost), (VariableLook::Nothing, e + 1));
+        assert!(e != 5 || cost == documented("variable read multi-user look"));
+        announce(&mut rig, new);
+        let words: usize = entries[..new].iter().map(|entry| entry.kind.words()).sum();
+        let (values, cost) = look(&mut rig, &mut reader);
+        assert_eq!((values, cost), (VariableLook::Values((1 << new) - 1), e + words + new + 2));
+        assert!(e != 5 || cost == documented("variable read multi-user, a look"));
+    }
+}
+
+#[test]
+fn variable_write() {
+    let small = Region::new("small", PLACE.start, PLACE.start.plus_words(5 * 6));
+    for (place, r, c) in
+        [(PLACE, 1, 1), (PLACE, 7, 1), (PLACE, 32, 1), (PLACE, 33, 2), (PLACE, 100, 4), (small, 7, 2)]
+    {
+        let (mut rig, mut writer, now) = (Rig::new(), VariableWriter::new(place), Instant::now());
+        let records = vec![WriteRecord::word(WordKind::X, 0x0700, 24, 0, 1).unwrap(); r];
+        let (begun, mut sum) = rig.cost(|bus| writer.begin(bus, records).unwrap());
+        assert!(begun.is_ok());
+        let mut cycles = 0;
+        for _ in 0..200 {
+            let (step, cost) = rig.cost(|bus| writer.step(bus, now).unwrap());
+            sum += cost;
+            if step == WriteStep::Done {
+                break;
+            }
+            if rig.pmac.read16(VARIABLE_WRITE_COUNT).unwrap() != 0 {
+                let idle = rig.cost(|bus| writer.step(bus, now).unwrap());
+                assert_eq!(idle, (WriteStep::Waiting, documented("variable write look")));
+                rig.put(VARIABLE_WRITE_COUNT, 0);
+                cycles += 1;
+            }
+        }
+        assert!(writer.is_idle());
+        assert_eq!((cycles, sum), (c, 6 * r + 3 * c + 1), "{r}");
+        assert!(r != 32 || sum == documented("variable write, "));
+    }
+}
+
+#[test]
+fn panel_and_overrides() {
+    for n in 1..=8 {
+        let mut rig = Rig::new();
+        let numbers: Vec<usize> = (1..=n).collect();
+        let request = PanelRequest::of(PanelAction::JogPlus, &numbers).unwrap();
+        let (begun, begin) = rig.cost(|bus| Panel::begin(bus, &request).unwrap());
+        assert!(begun);
+        assert_eq!(rig.cost(|bus| Panel::taken(bus).unwrap()), (false, documented("panel look")));
+        rig.put(PANEL_REQUEST_ENABLE, 0);
+        let (taken, seen) = rig.cost(|bus| Panel::taken(bus).unwrap());
+        assert_eq!((taken, begin + seen), (true, n + 3));
+        assert!(n != 8 || begin + seen == documented("panel request"));
+
+        let (mut panel, value) = (Panel::new(), FeedOverride::MAXIMUM);
+        let set = documented("feed override set");
+        assert_eq!(rig.cost(|bus| panel.set_override(bus, n, value).unwrap()), (true, set + 1));
+        assert_eq!(rig.cost(|bus| panel.set_override(bus, n, value).unwrap()), (true, set));
+        let ended = documented("feed override ended");
+        assert_eq!(rig.cost(|bus| panel.release_override(bus, n).unwrap()), (true, ended));
+    }
+}
+
+#[test]
+fn gather() {
+    let place = Layout::new(&PMAC, Some("1.16D".parse().unwrap())).gather();
+    for (mode, clock, row) in [(GatherMode::Stop, 0, ""), (GatherMode::Wrap, 1, ", round and round")] {
+        for (s, l) in [(1, 1), (64, 1), (5, 3), (8, 8), (1, 48), (2, 32)] {
+            let (mut rig, mut timer) = (Rig::new(), ServoTimer::new(15));
+            // The samples part at the buffer's end in no case: 128 of them.
+            let buffer = GatherBuffer {
+                place,
+                room_longs: 128 * 48,
+                size_longs: 128 * l,
+                sample_longs: l,
+                mode,
+                period: 1,
+            };
+            rig.put(place.size, (128 * l) as u16);
+            let mut reader = GatherReader::new(buffer, GatherStart::Defined).unwrap();
+            let mut step = |rig: &mut Rig| {
+                rig.cost(|bus| reader.step(bus, |bus| report_cycles(bus, &mut timer)).unwrap())
+            };
+            let look = documented(&format!("gather look{row} |"));
+            assert_eq!(step(&mut rig), (GatherLook::Idle, look));
+            assert_eq!(look, 2 + 2 * clock);
+            rig.put(SERVO_PMAC_STATUS, s as u16);
+            rig.put(place.index, (s * l) as u16);
+            let (samples, cost) = step(&mut rig);
+            assert_eq!(samples, GatherLook::Samples { first: 0, count: s as usize });
+            assert_eq!(cost, 2 * (s * l) as usize + 3 + 3 * clock);
+            if (s, l) == (8, 8) {
+                let row = if clock == 0 { "gather, s samples" } else { "gather round and round" };
+                assert_eq!(cost, documented(row));
+            }
+        }
+    }
+}
+
+#[test]
+fn rotary() {
+    for c in [1, 2, 3, 10, 48] {
+        let mut rig = Rig::new();
+        let size_longs = 2 * c + 4;
+        let setup = RotarySetup {
+            buffer: RotaryBuffer::First,
+            start: HostOffset::new(0x0900),
+            size_longs,
+            coordinate_system: 1,
+            coordinate_system_base: 1,
+        };
+        let (stream, cost) = rig.cost(|bus| RotaryStream::set_up(bus, &setup).unwrap());
+        assert_eq!(cost, documented("rotary set-up"));
+        let line: Vec<_> =
+            (0..c).map(|command| (if command == 0 { START_OF_LINE } else { 0 } | 0x40, 0x80_0000)).collect();
+        let mut stream = stream;
+        let (sent, cost) = rig.cost(|bus| stream.offer(bus, &line).unwrap());
+        assert_eq!((sent, cost), (true, 4 * c as usize + 7));
+        assert!(c != 3 || cost == documented("rotary line"));
+        let look = documented("rotary look");
+        assert_eq!(rig.cost(|bus| stream.offer(bus, &line).unwrap()), (false, look + 1));
+        rig.put(ROTARY_1.plus_words(rotary_header::STATUS), ROTARY_BUSY);
+        let (state, cost) = rig.cost(|bus| stream.state(bus).unwrap());
+        assert_eq!((state.busy, cost), (true, documented("rotary state")));
+        assert_eq!(rig.cost(|bus| stream.offer(bus, &line).unwrap()), (false, look));
+        rig.put(ROTARY_1.plus_words(rotary_header::PMAC_INDEX), (2 * c) as u16);
+        assert_eq!(rig.cost(|bus| stream.offer(bus, &line).unwrap()), (true, 4 * c as usize + 7));
+        rig.put(ROTARY_1.plus_words(rotary_header::STATUS), ROTARY_BUSY | 1);
+        let (_, again) = rig.cost(|bus| RotaryStream::set_up(bus, &setup).unwrap());
+        assert_eq!(again, documented("rotary set-up") + 1);
+    }
+}
+
+#[test]
+fn lines_and_releases() {
+    assert_eq!(dpram(20, 20), documented("ASCII line"));
+    assert_eq!(mailboxes(20, 20), documented("mailbox line"));
+    let mut rig = Rig::new();
+    let costs = [
+        rig.cost(|bus| ServoReader::release(bus).unwrap()).1,
+        rig.cost(|bus| BackgroundReader::release(bus).unwrap()).1,
+        rig.cost(|bus| VariableReader::release(bus).unwrap()).1,
+        rig.cost(|bus| VariableWriter::release(bus).unwrap()).1,
+        rig.cost(|bus| Panel::new().take_over(bus).unwrap()).1,
+    ];
+    assert_eq!(costs, [1, 1, 2, 1, 3]);
+    assert_eq!(costs.iter().sum::<usize>(), documented("released at start"));
+}
