@@ -184,7 +184,9 @@ fn after_a_killed_gather_another_one_works_and_says_what_it_found() {
         .arg(site.path("killed.csv"))
         .spawn()
         .unwrap();
-    wait_until("gathering", || is_live(&site.attach(), RegionId::Gather));
+    // The daemon follows before the board gathers, so samples are waited for.
+    let (subscriber, mut sample) = (site.attach(), Sample::new());
+    wait_until("gathering", || published(&subscriber, &mut sample).is_some_and(|number| number > 0));
     killed.kill().unwrap();
     killed.wait().unwrap();
     let gather = || run(&site, &["gather", "--source", "servo_timer", "--seconds", "0.2", "-o", "-"]);
