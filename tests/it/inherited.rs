@@ -4,12 +4,12 @@ use std::fs::File;
 use std::io::{BufRead, BufReader};
 use std::os::fd::AsRawFd;
 use std::os::unix::fs::FileExt;
-use std::process::{Command, Stdio};
+use std::process::{Child, Command, Stdio};
 
 use crate::site::wait_until;
 
 /// Starts `pmacd` as systemd does with `OpenFile=…:mem`: `file` as descriptor 3, announced to the very process.
-fn handed_over(file: &File, board: &str, socket: &std::path::Path, name: &str) -> std::process::Child {
+fn handed_over(file: &File, board: &str, socket: &std::path::Path, name: &str) -> Child {
     let number = file.as_raw_fd();
     // A duplicate on descriptor 3 has no close-on-exec; the shell keeps its process number when it becomes pmacd.
     let script = format!(
@@ -25,6 +25,13 @@ fn handed_over(file: &File, board: &str, socket: &std::path::Path, name: &str) -
         .stderr(Stdio::piped())
         .spawn()
         .unwrap()
+}
+
+/// In good order: a killed daemon leaves its segment for the next one, and here there is none.
+fn end(mut daemon: Child) {
+    let pid = nix::unistd::Pid::from_raw(daemon.id().cast_signed());
+    nix::sys::signal::kill(pid, nix::sys::signal::Signal::SIGTERM).unwrap();
+    assert!(daemon.wait().unwrap().success());
 }
 
 #[test]
@@ -47,9 +54,7 @@ fn memory_handed_over_is_mapped_and_the_descriptor_closed() {
     let open = std::fs::read_dir(format!("{own}/fd")).unwrap().flatten();
     let open: Vec<_> = open.filter_map(|fd| std::fs::read_link(fd.path()).ok()).collect();
     assert!(!open.contains(&memory), "{open:?}");
-    let pid = nix::unistd::Pid::from_raw(daemon.id().cast_signed());
-    nix::sys::signal::kill(pid, nix::sys::signal::Signal::SIGTERM).unwrap();
-    assert!(daemon.wait().unwrap().success());
+    end(daemon);
 }
 
 #[test]
@@ -79,8 +84,7 @@ fn a_slot_that_reads_as_ones_is_told_once_and_so_is_the_board_that_comes() {
     });
     file.write_all_at(&[0; 0x4000], 0).unwrap();
     wait_until("the board to be told", || logged("the board answers on the bus again") > 0);
-    daemon.kill().unwrap();
-    daemon.wait().unwrap();
+    end(daemon);
     reader.join().unwrap();
 }
 
