@@ -99,10 +99,6 @@ impl FileBoard {
             _lock: None,
         })
     }
-
-    fn out_of_range(&self, offset: HostOffset, words: usize) -> BusError {
-        BusError::OutOfRange { offset, words, length: self.mapping.length() }
-    }
 }
 
 fn identity(metadata: &std::fs::Metadata) -> (u64, u64) {
@@ -115,26 +111,15 @@ impl Bus for FileBoard {
     }
 
     fn read16(&mut self, offset: HostOffset) -> Result<u16, BusError> {
-        self.mapping.read16(offset.bytes() as usize).ok_or_else(|| self.out_of_range(offset, 1))
+        Bus::read16(&mut self.mapping, offset)
     }
 
     fn write16(&mut self, offset: HostOffset, value: u16) -> Result<(), BusError> {
-        self.mapping.write16(offset.bytes() as usize, value).ok_or_else(|| self.out_of_range(offset, 1))
+        Bus::write16(&mut self.mapping, offset, value)
     }
 
     fn read_block(&mut self, first: HostOffset, words: &mut [u16]) -> Result<(), BusError> {
-        let start = first.bytes() as usize;
-        if start + 2 * words.len() > self.mapping.length() {
-            return Err(self.out_of_range(first, words.len()));
-        }
-        for (index, word) in words.iter_mut().enumerate() {
-            *word = self.mapping.read16(start + 2 * index).ok_or(BusError::OutOfRange {
-                offset: first,
-                words: index,
-                length: self.mapping.length(),
-            })?;
-        }
-        Ok(())
+        self.mapping.read_block(first, words)
     }
 
     fn order_reads(&mut self) {

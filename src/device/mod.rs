@@ -9,6 +9,7 @@ pub mod file;
 pub mod inherited;
 pub mod interrupt;
 pub mod kernel;
+mod mapped;
 pub mod mapping;
 pub mod memory;
 mod one_host;

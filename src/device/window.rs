@@ -38,10 +38,6 @@ impl WindowBoard {
         let identity = system.identity(&path);
         Self { mapping, witness: Some(Witness { system: system.clone(), path, identity }), _node: node }
     }
-
-    fn out_of_range(&self, offset: HostOffset, words: usize) -> BusError {
-        BusError::OutOfRange { offset, words, length: self.mapping.length() }
-    }
 }
 
 impl Bus for WindowBoard {
@@ -50,23 +46,15 @@ impl Bus for WindowBoard {
     }
 
     fn read16(&mut self, offset: HostOffset) -> Result<u16, BusError> {
-        self.mapping.read16(offset.bytes() as usize).ok_or_else(|| self.out_of_range(offset, 1))
+        Bus::read16(&mut self.mapping, offset)
     }
 
     fn write16(&mut self, offset: HostOffset, value: u16) -> Result<(), BusError> {
-        self.mapping.write16(offset.bytes() as usize, value).ok_or_else(|| self.out_of_range(offset, 1))
+        Bus::write16(&mut self.mapping, offset, value)
     }
 
     fn read_block(&mut self, first: HostOffset, words: &mut [u16]) -> Result<(), BusError> {
-        let start = first.bytes() as usize;
-        if start + 2 * words.len() > self.mapping.length() {
-            return Err(self.out_of_range(first, words.len()));
-        }
-        for (index, word) in words.iter_mut().enumerate() {
-            *word =
-                self.mapping.read16(start + 2 * index).ok_or_else(|| self.out_of_range(first, index + 1))?;
-        }
-        Ok(())
+        self.mapping.read_block(first, words)
     }
 
     fn order_reads(&mut self) {
