@@ -361,8 +361,10 @@ impl BoardLoop {
     fn take_commands(&mut self, now: Instant) {
         // The socket wakes once a command: leave the wake set while some may be left.
         self.commands.clear();
-        for _ in 0..COMMANDS_A_ROUND {
-            if self.answer.is_some() {
+        for taken in 0..COMMANDS_A_ROUND {
+            // Many words may be asked for: on a slow bus a second reading could cost the next servo update.
+            let no_room = || self.servo.is_live() && monotonic_ns() + ROOM_NS > self.servo.due_ns();
+            if self.answer.is_some() || taken > 0 && no_room() {
                 break;
             }
             let Some(command) = self.commands.try_receive() else { return };

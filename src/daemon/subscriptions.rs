@@ -1,7 +1,8 @@
 //! Who watches which registers: equal requests of many clients share one entry of PMAC's table of 128.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashSet};
 
+use super::queue::Ticket;
 use crate::function::variable_read::VariableEntry;
 use crate::map::classic::VARIABLE_READ_ENTRIES;
 
@@ -24,6 +25,8 @@ pub(super) struct Subscriptions {
     table: Vec<VariableEntry>,
     /// The bus thread has another one.
     is_news: bool,
+    /// What the bus thread was told last, until it has heard it: tables that change faster than that do not fill its queue.
+    telling: Option<Ticket>,
 }
 
 impl Subscriptions {
@@ -56,24 +59,26 @@ impl Subscriptions {
 
     /// The table to tell the bus thread, if it has changed since it was told.
     pub(super) fn news(&self) -> Option<Vec<VariableEntry>> {
-        self.is_news.then(|| self.table.clone())
+        (self.is_news && self.telling.is_none()).then(|| self.table.clone())
     }
 
-    /// The bus thread has been told.
-    pub(super) fn told(&mut self) {
+    /// The bus thread has been told, under `ticket`.
+    pub(super) fn told(&mut self, ticket: Ticket) {
         self.is_news = false;
+        self.telling = Some(ticket);
+    }
+
+    /// The bus thread has answered what it was told under `ticket`.
+    pub(super) fn heard(&mut self, ticket: Ticket) {
+        self.telling = self.telling.filter(|telling| *telling != ticket);
     }
 
     /// Every register somebody watches, once. Those that stay keep their order, so that a change moves little.
     fn merged(&self) -> Vec<VariableEntry> {
-        let wanted = || self.clients.values().flatten().copied();
-        let mut table: Vec<VariableEntry> =
-            self.table.iter().copied().filter(|entry| wanted().any(|other| other == *entry)).collect();
-        for entry in wanted() {
-            if !table.contains(&entry) {
-                table.push(entry);
-            }
-        }
+        let mut missing: HashSet<VariableEntry> = self.clients.values().flatten().copied().collect();
+        let mut table = self.table.clone();
+        table.retain(|entry| missing.remove(entry));
+        table.extend(self.clients.values().flatten().filter(|entry| missing.remove(*entry)));
         table
     }
 
@@ -101,7 +106,8 @@ mod tests {
         subscriptions.watch(1, entries(0..100)).unwrap();
         subscriptions.watch(2, entries(50..128)).unwrap();
         assert_eq!(subscriptions.news().unwrap().len(), 128);
-        subscriptions.told();
+        subscriptions.told(Ticket(1));
+        subscriptions.heard(Ticket(1));
         let error = subscriptions.watch(3, entries(120..130)).unwrap_err();
         assert_eq!(error, NoneLeft { used: 128, wanted: 2 });
         subscriptions.watch(3, entries(0..128)).unwrap();
@@ -109,8 +115,12 @@ mod tests {
         subscriptions.forget(3);
         subscriptions.forget(1);
         assert_eq!(subscriptions.news(), Some(entries(50..128)));
-        subscriptions.told();
+        subscriptions.told(Ticket(2));
         subscriptions.forget(2);
+        assert_eq!(subscriptions.news(), None, "the bus thread is still at the table before");
+        subscriptions.heard(Ticket(1));
+        assert_eq!(subscriptions.news(), None);
+        subscriptions.heard(Ticket(2));
         assert_eq!(subscriptions.news(), Some(Vec::new()));
     }
 }
