@@ -10,7 +10,7 @@ use super::connection::{Pending, Waiting};
 use super::dispatch::{Action, Ask, understand};
 use super::job::Job;
 use super::jobs::JobCall;
-use super::policy::Peer;
+use super::policy::{Peer, Role};
 use super::queue::{Command, Outcome, Text, Ticket};
 use super::serve::{GRACE, Service};
 use super::turns::Turn;
@@ -171,8 +171,10 @@ impl Service {
     /// Begins a watch, of which only a change of the table concerns the bus thread.
     fn watch(&mut self, id: u64, entries: Vec<VariableEntry>, now: Instant) -> Result<(), CallError> {
         let watched = json!({ "watched": entries.len() });
+        let Some(client) = self.clients.get(&id) else { return Ok(()) };
+        let observer = (client.role == Role::Observe).then_some(client.peer.uid);
         self.subscriptions
-            .watch(id, entries)
+            .watch(id, entries, observer)
             .map_err(|none_left| CallError::Refused { reason: none_left.to_string() })?;
         if let Some(client) = self.clients.get_mut(&id) {
             client.waiting = Waiting::Watch;

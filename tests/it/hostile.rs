@@ -1,7 +1,7 @@
 //! Clients that mean harm, against a real daemon and a real (simulated) board: whatever they do, others are served and the servo data
 //! go on; afterwards the daemon is as before.
 //!
-//! Short among the other tests. For long: `PMAC_HOSTILE_SECONDS=20 PMAC_HOSTILE_CLIENTS=4000 cargo test --release --test it hostile --
+//! Short among the other tests. For long: `PMAC_HOSTILE_MS=10000 PMAC_HOSTILE_CYCLES=20000 PMAC_HOSTILE_CLIENTS=4000 PMAC_HOSTILE_FLOODERS=200 cargo test --release --test it hostile --
 //! --nocapture`, which prints what the servo data and the honest client noticed, with and without each attack.
 
 use std::io::{ErrorKind, IoSlice, Read, Write};
@@ -29,7 +29,7 @@ fn setting(name: &str, short: u64) -> u64 {
 
 /// How long an attack that has no end of its own goes on.
 fn time() -> Duration {
-    Duration::from_secs(setting("PMAC_HOSTILE_SECONDS", 1))
+    Duration::from_millis(setting("PMAC_HOSTILE_MS", 300))
 }
 
 /// Connections of the largest attacks.
@@ -37,7 +37,12 @@ fn crowd() -> usize {
     setting("PMAC_HOSTILE_CLIENTS", 1000) as usize
 }
 
-/// The command of the board's interface with its NUL.
+/// Connections that one attacker floods.
+fn flooders() -> usize {
+    setting("PMAC_HOSTILE_FLOODERS", 40) as usize
+}
+
+/// A call of the board's interface, with its NUL.
 pub fn call(method: &str, parameters: serde_json::Value) -> Vec<u8> {
     let call = json!({"method": format!("{BOARD}.{method}"), "parameters": parameters});
     format!("{call}\0").into_bytes()
@@ -172,13 +177,13 @@ fn attackers_are_not_noticed_by_others() {
         ("flood of nonsense", call("Nothing\n[INFO ] uid 0 pid 1 sends \"#1K\"", json!({})), true),
         ("flood of tables", call("WatchVariables", json!({"registers": vec!["Y:$0"; 9000]})), true),
     ] {
-        watch(&site, what, || flood(&mut many(&site, 100), &message, hears, time()));
+        watch(&site, what, || flood(&mut many(&site, flooders()), &message, hears, time()));
     }
 
     watch(&site, "huge and malformed messages", || huge_messages(&socket));
     watch(&site, "descriptors sent along", || descriptors_sent_along(&site));
     watch(&site, "coming and going", || {
-        for number in 0..setting("PMAC_HOSTILE_CYCLES", 2000) {
+        for number in 0..setting("PMAC_HOSTILE_CYCLES", 5000) {
             let mut stream = connect(&socket);
             if number % 2 == 0 {
                 let _ = stream.write(&call("GetInfo", json!({})));
