@@ -206,9 +206,10 @@ impl ServoMirror {
     fn skipped(&mut self, not_read: u64) -> u64 {
         let holds = self.holds.drain(..);
         match (self.clock.update_ns(), self.clock.period_ns()) {
-            (Some(update), Some(period @ 1..)) if not_read > 0 => {
-                holds.map(|(from, to)| due_between(update, period, not_read, from, to)).sum::<u64>().min(not_read)
-            }
+            (Some(update), Some(period @ 1..)) if not_read > 0 => holds
+                .map(|(from, to)| due_between(update, period, not_read, from, to))
+                .sum::<u64>()
+                .min(not_read),
             _ => 0,
         }
     }
