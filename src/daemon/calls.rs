@@ -141,11 +141,17 @@ impl Service {
     /// Hands the bus thread what it has room for.
     pub(super) fn hand_out(&mut self, now: Instant) {
         let mut refused = Vec::new();
-        while let Some(Turn { ticket, command, audit }) = self.turns.next() {
+        while let Some(Turn { ticket, mut command, audit }) = self.turns.next() {
+            if let Command::Send { question: true, deadline, .. } = &mut command {
+                // How long it waited here says nothing about the board.
+                *deadline = now + GUARD_TIMEOUT;
+            }
             let client = self.owners.get(&ticket).and_then(|id| self.clients.get(id));
             let wanted = client.filter(|client| match &client.waiting {
-                // As in `begin`: what nobody waits for any more is not begun.
-                Waiting::Board(pending) => pending.oneway || client.hears(),
+                // As in `begin`: what nobody waits for any more is not begun, and not what has waited too long.
+                Waiting::Board(pending) => {
+                    (pending.oneway || client.hears()) && now + GRACE < pending.deadline
+                }
                 _ => false,
             });
             let Some(Peer { uid, pid, .. }) = wanted.map(|client| client.peer) else {
