@@ -29,6 +29,7 @@ use super::policy::group_id;
 use super::privilege::{self, Account, Holdings};
 use super::queue::queue;
 use super::response_port::ResponsePort;
+use super::room::Room;
 use super::serve::{Backend, ServeOptions, serve};
 use super::settings::Settings;
 use super::watch::{Manager, Signals, until_asked_to_end};
@@ -161,6 +162,7 @@ fn run(settings: &Settings, options: &Options, log: &mut LogWriter) -> Result<()
         answer: None,
         began_ns: monotonic_ns(),
         rounds_for_servo: 0,
+        room: Room::default(),
         told: Told::default(),
     };
     let bus_thread = std::thread::Builder::new()

@@ -37,6 +37,7 @@ pub mod queue;
 mod refusals;
 mod resets;
 pub mod response_port;
+pub mod room;
 pub mod rotary_desk;
 pub mod serve;
 pub mod settings;
