@@ -5,6 +5,7 @@ pub mod byte_spec;
 pub mod byteswap;
 pub mod candidates;
 pub mod counted;
+pub mod descriptors;
 pub mod file;
 pub mod inherited;
 pub mod interrupt;
