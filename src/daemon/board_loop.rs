@@ -523,8 +523,15 @@ impl BoardLoop {
         let Some(identity) = &self.told.identity else { return };
         let motors = identity.i59.map_or(self.default_motors as u32, |i59| i59);
         self.told.info_pending = !self.info.try_update(|info| {
-            info.firmware.clone_from(&identity.firmware);
-            info.board_type.clone_from(&identity.board_type);
+            // A text that is there already is not made again.
+            for (told, known) in [
+                (&mut info.firmware, identity.firmware.as_deref()),
+                (&mut info.board_type, identity.board_type.as_deref()),
+            ] {
+                if told.as_deref() != known {
+                    *told = known.map(str::to_owned);
+                }
+            }
             info.motors = motors;
             info.servo_period_ns = identity.servo_period_ps.map(|ps| ps / 1000);
         });
