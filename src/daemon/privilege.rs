@@ -139,12 +139,10 @@ pub fn give_up(account: Option<&Account>) -> Result<(), PrivilegeError> {
 }
 
 /// Raises the limit of locked memory as far as it goes, for [`lock_memory`] to come: without end for root, else up to the hard
-/// limit. Under the unit it is without end already.
+/// limit. Under the unit it is without end already, and nothing is called that the unit forbids.
 pub fn allow_locking() {
-    let raised = setrlimit(Resource::RLIMIT_MEMLOCK, RLIM_INFINITY, RLIM_INFINITY);
-    if let (Err(_), Ok((soft, hard))) = (raised, getrlimit(Resource::RLIMIT_MEMLOCK))
-        && soft < hard
-    {
+    let Ok((soft, hard)) = getrlimit(Resource::RLIMIT_MEMLOCK) else { return };
+    if soft != RLIM_INFINITY && setrlimit(Resource::RLIMIT_MEMLOCK, RLIM_INFINITY, RLIM_INFINITY).is_err() {
         let _ = setrlimit(Resource::RLIMIT_MEMLOCK, hard, hard);
     }
 }
