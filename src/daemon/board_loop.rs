@@ -151,7 +151,8 @@ impl BoardLoop {
                 self.bus_failed(&error);
             }
             let now = monotonic_ns();
-            if now >= heartbeat_due {
+            // Who waits for the board to be live shall not have to wait for the next beat.
+            if now >= heartbeat_due || self.is_alive() && self.told.state != Some(State::Live) {
                 heartbeat_due = now + HEARTBEAT_NS;
                 self.beat(now);
             }
@@ -412,11 +413,15 @@ impl BoardLoop {
         Ok((time_ns, words))
     }
 
+    /// Whether the board gives any sign of life.
+    fn is_alive(&self) -> bool {
+        self.servo.is_live() || self.background.is_live() || self.desk.state() == PortState::Answers
+    }
+
     /// The heartbeat: what must be seen even when no data come.
     fn beat(&mut self, now: u64) {
         self.publisher.counters().set(Counter::BusAccesses, self.bus.accesses());
-        let alive =
-            self.servo.is_live() || self.background.is_live() || self.desk.state() == PortState::Answers;
+        let alive = self.is_alive();
         let state = match (alive, self.told.state) {
             (true, _) => State::Live,
             (false, None) if now < self.began_ns + FIRST_SIGN_NS => State::Init,
