@@ -15,6 +15,7 @@ mod variables;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
+use nix::sys::resource::{Resource, getrlimit};
 use pmac_dpram::segment::{Counter, Subscriber};
 
 use crate::clock::Figures;
@@ -120,6 +121,14 @@ pub fn run(seconds: u64) {
     );
     let motors = MOTORS.map(|motors| (Setup { motors, ..default() }, Load::Motors(motors.into())));
     let motors = group(&mut report, "motors reported", "accesses/upd", "", motors.into());
+    let is_locked = |lines: &[Line]| lines.iter().any(|line| line.memory_mib[2] > 0.0);
+    if !is_locked(&readers) {
+        let limit = getrlimit(Resource::RLIMIT_MEMLOCK).map_or(0, |(_, hard)| hard / 1024);
+        report.say("");
+        report.say(&format!(
+            "memory is not locked: the limit of locked memory is {limit} KiB here, and this user may not raise it; the unit does"
+        ));
+    }
     start::measure(&mut report);
     let results = Results { readers, woken_readers, clients, variables, motors };
     let directory = Path::new(env!("CARGO_MANIFEST_DIR")).join("results");

@@ -30,7 +30,7 @@ pub fn of(results: &Results) -> String {
     let panel = |title, unit, along, logarithmic, curves| Panel { title, unit, along, logarithmic, curves };
     let [median, p99] = delays(["10 Hz", "p99"], BLUE, readers);
     let [woken_median, woken_p99] = delays(["each update", ""], ORANGE, woken_readers);
-    let percent = "% of one processor";
+    let percent = "% of a CPU";
     let mut panels = vec![
         panel(
             CPU,
