@@ -152,7 +152,8 @@ impl BoardLoop {
                 self.bus_failed(&error);
             }
             let now = monotonic_ns();
-            if now >= heartbeat_due {
+            // Who waits for the board to be live shall not have to wait for the next beat.
+            if now >= heartbeat_due || self.is_alive() && self.told.state != Some(State::Live) {
                 heartbeat_due = now + HEARTBEAT_NS;
                 self.beat(now);
             }
@@ -419,11 +420,15 @@ impl BoardLoop {
         Ok((time_ns, words))
     }
 
+    /// Whether the board gives any sign of life.
+    fn is_alive(&self) -> bool {
+        self.servo.is_live() || self.background.is_live() || self.desk.state() == PortState::Answers
+    }
+
     /// The heartbeat: what must be seen even when no data come.
     fn beat(&mut self, now: u64) {
         self.publisher.counters().set(Counter::BusAccesses, self.bus.accesses());
-        let alive =
-            self.servo.is_live() || self.background.is_live() || self.desk.state() == PortState::Answers;
+        let alive = self.is_alive();
         let state = match (alive, self.told.state) {
             (true, _) => State::Live,
             (false, None) if now < self.began_ns + FIRST_SIGN_NS => State::Init,
@@ -530,8 +535,15 @@ impl BoardLoop {
         let Some(identity) = &self.told.identity else { return };
         let motors = identity.i59.map_or(self.default_motors as u32, |i59| i59);
         self.told.info_pending = !self.info.try_update(|info| {
-            info.firmware.clone_from(&identity.firmware);
-            info.board_type.clone_from(&identity.board_type);
+            // A text that is there already is not made again.
+            for (told, known) in [
+                (&mut info.firmware, identity.firmware.as_deref()),
+                (&mut info.board_type, identity.board_type.as_deref()),
+            ] {
+                if told.as_deref() != known {
+                    *told = known.map(str::to_owned);
+                }
+            }
             info.motors = motors;
             info.servo_period_ns = identity.servo_period_ps.map(|ps| ps / 1000);
         });

@@ -3,6 +3,7 @@
 //! settings → board → privileges given up → segment → socket → bus thread → wait for a signal → the same backwards. (A
 //! board that needs no right to be opened is opened when the name is taken: a second daemon is then told whose it is.)
 
+use std::ffi::OsString;
 use std::io::Write;
 use std::path::Path;
 use std::process::ExitCode;
@@ -55,6 +56,12 @@ const QUEUE: usize = 256;
 /// The whole program. Its exit statuses are those of [`exit`].
 #[must_use]
 pub fn main() -> ExitCode {
+    main_with(std::env::args_os())
+}
+
+/// As [`main`], with these arguments, the program's name first. For a process with one thread, or a test.
+#[must_use]
+pub fn main_with(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
     let in_journal = journal::is_journal(&std::io::stderr());
     let (log, mut log_writer) =
         LogSink::new(std::io::stderr(), if in_journal { journal::prefix(Level::Warn) } else { "[WARN ] " });
@@ -64,7 +71,7 @@ pub fn main() -> ExitCode {
         logger.format(journal::write);
     }
     logger.target(env_logger::Target::Pipe(Box::new(log.clone()))).init();
-    let options = match Options::try_parse() {
+    let options = match Options::try_parse_from(arguments) {
         Ok(options) => options,
         Err(error) => return usage_with("pmacd", &error, exit::USAGE),
     };
@@ -97,6 +104,7 @@ fn run(settings: &Settings, options: &Options, log: &mut LogWriter) -> Result<()
     if stays_root {
         warn!("running as root; the unit file, or --user, is safer");
     }
+    privilege::allow_locking();
     let inherited = Inherited::take_all();
     let early = needs_rights(&settings.board).then(|| Machine::open(settings, &inherited)).transpose()?;
     if let Some(account) = &account {
@@ -260,7 +268,7 @@ fn configured_identity(settings: &Settings) -> Identity {
         i10: settings.i10,
         i19: settings.i19,
         i59: settings.motors,
-        firmware: settings.firmware.clone(),
+        firmware: settings.firmware.as_deref().map(Into::into),
         ..Identity::default()
     }
 }

@@ -49,4 +49,4 @@ pub mod uncertain;
 mod watch;
 pub mod write_desk;
 
-pub use bring_up::main;
+pub use bring_up::{main, main_with};

@@ -73,8 +73,8 @@ impl Rig {
             motors: Some(8),
             i10: Some(3_713_707),
             i59: Some(3),
-            firmware: Some("1.16D".to_owned()),
-            board_type: Some("PMAC1".to_owned()),
+            firmware: Some("1.16D".into()),
+            board_type: Some("PMAC1".into()),
             servo_period_ps: Some(442_708_000),
             ..Identity::default()
         };
