@@ -17,6 +17,9 @@ const DEPTH_MAX: usize = 16;
 const ROUNDS_MAX: usize = 32;
 /// A text longer than this is no line of a program, however it comes about.
 const TEXT_MAX: usize = 4096;
+/// Files included, each as often as it is, and their bytes.
+const INCLUDES_MAX: usize = 1000;
+const BYTES_MAX: usize = 64 << 20;
 
 /// Where something stands.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
@@ -39,7 +42,9 @@ impl fmt::Display for Place {
 /// A line for the board.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct SourceLine {
+    /// Where it stands.
     pub place: Place,
+    /// The line, names replaced.
     pub text: String,
 }
 
@@ -47,7 +52,9 @@ pub struct SourceLine {
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{place}: {what}")]
 pub struct Mistake {
+    /// Where it stands.
     pub place: Place,
+    /// What is wrong with it.
     pub what: String,
 }
 
@@ -59,8 +66,15 @@ pub type Reader<'a> = &'a dyn Fn(&Path) -> Result<Vec<u8>, String>;
 /// # Errors
 /// Everything that is wrong, in order. A file that cannot be read is one mistake, at the line that includes it.
 pub fn preprocess(files: &[PathBuf], read: Reader<'_>) -> Result<Vec<SourceLine>, Vec<Mistake>> {
-    let mut source =
-        Source { read, names: BTreeMap::new(), open: Vec::new(), lines: Vec::new(), mistakes: Vec::new() };
+    let mut source = Source {
+        read,
+        names: BTreeMap::new(),
+        open: Vec::new(),
+        included: 0,
+        bytes: 0,
+        lines: Vec::new(),
+        mistakes: Vec::new(),
+    };
     for file in files {
         match read(file) {
             Ok(bytes) => source.file(file, &bytes),
@@ -82,6 +96,9 @@ struct Source<'a> {
     names: BTreeMap<String, String>,
     /// The files being read, the outermost first.
     open: Vec<PathBuf>,
+    /// How often a file was included, and the bytes of all that were.
+    included: usize,
+    bytes: usize,
     lines: Vec<SourceLine>,
     mistakes: Vec<Mistake>,
 }
@@ -188,7 +205,16 @@ impl Source<'_> {
         if self.open.len() >= DEPTH_MAX {
             return Err(format!("files in files deeper than {DEPTH_MAX}"));
         }
+        // Files that include others more than once grow by powers.
+        if self.included >= INCLUDES_MAX {
+            return Err(format!("files are included more than {INCLUDES_MAX} times"));
+        }
+        self.included += 1;
         let bytes = (self.read)(&file).map_err(|what| format!("{}: {what}", file.display()))?;
+        self.bytes = self.bytes.saturating_add(bytes.len());
+        if self.bytes > BYTES_MAX {
+            return Err(format!("the files included have more than {} MiB together", BYTES_MAX >> 20));
+        }
         self.file(&file, &bytes);
         Ok(())
     }
@@ -224,6 +250,10 @@ impl Source<'_> {
                     out.push_str(text);
                 }
                 None => out.push_str(part),
+            }
+            // Too long already: what a name stands for may be long, and stand there a thousand times.
+            if found && out.len() > TEXT_MAX {
+                break;
             }
         }
         found.then_some(out)
@@ -377,6 +407,36 @@ mod tests {
         }
         let doubling: String = (0..20).map(|n| format!("#define A{n} A{} A{}\n", n + 1, n + 1)).collect();
         assert!(run(&[("f", &format!("{doubling}A0\n"))]).unwrap_err()[0].contains("longer than 4096"));
+    }
+
+    #[test]
+    fn small_files_never_grow_without_measure() {
+        // 256 ways through four files, then 65536 through eight.
+        let names = ["a", "b", "c", "d", "e", "f", "g", "h", "i"];
+        let include = |name: &&str| format!("#include \"{name}\"\n").repeat(4);
+        let texts: Vec<String> = names.iter().skip(1).map(include).chain(["P1=1".to_owned()]).collect();
+        let files: Vec<(&str, &str)> = names.into_iter().zip(texts.iter().map(String::as_str)).collect();
+        assert_eq!(run(&files[4..]).unwrap().len(), 256);
+        let mistakes = run(&files).unwrap_err();
+        assert!(mistakes[0].contains("included more than 1000 times"), "{}", mistakes[0]);
+        assert!(mistakes.len() < 4000);
+        let large = format!(";{}", "-".repeat(30 << 20));
+        let mistakes =
+            run(&[("a", "#include \"b\"\n#include \"b\"\n#include \"b\"\n"), ("b", &large)]).unwrap_err();
+        assert_eq!(mistakes, ["a:3: the files included have more than 64 MiB together"]);
+        // A name of a megabyte, a thousand times in a line, would be a gigabyte.
+        let text = format!("#define A {}\n{}\n", "x".repeat(1 << 20), "A ".repeat(1000));
+        let source = Source {
+            read: &|_: &Path| Err(String::new()),
+            names: BTreeMap::from([("A".to_owned(), "x".repeat(1 << 20))]),
+            open: Vec::new(),
+            included: 0,
+            bytes: 0,
+            lines: Vec::new(),
+            mistakes: Vec::new(),
+        };
+        assert!(source.replaced_once(&"A ".repeat(1000)).unwrap().len() < 2 << 20);
+        assert!(run(&[("f", &text)]).unwrap_err()[0].contains("longer than 4096"));
     }
 
     proptest::proptest! {

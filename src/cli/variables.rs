@@ -26,7 +26,12 @@ pub enum Item {
     /// A P-variable.
     P(u16),
     /// A Q-variable of a coordinate system.
-    Q { system: u8, number: u16 },
+    Q {
+        /// The coordinate system.
+        system: u8,
+        /// The variable.
+        number: u16,
+    },
     /// What an M-variable points to.
     Definition(u16),
     /// What it holds.
@@ -127,6 +132,7 @@ fn number(text: &str) -> Option<f64> {
 /// One line of a file.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Entry {
+    /// What it sets.
     pub item: Item,
     /// What it is set to.
     pub text: String,
@@ -210,7 +216,10 @@ fn entry(code: &str, system: u8) -> Result<Line<'_>, String> {
 ///
 /// # Errors
 /// When the board refuses a question, or answers something else.
-pub fn read(way: &mut Way, items: impl IntoIterator<Item = Item>) -> Result<BTreeMap<Item, String>, Failure> {
+pub(super) fn read(
+    way: &mut Way,
+    items: impl IntoIterator<Item = Item>,
+) -> Result<BTreeMap<Item, String>, Failure> {
     let mut items: Vec<Item> = items.into_iter().collect();
     items.sort_unstable();
     items.dedup();

@@ -80,6 +80,12 @@ impl Connection {
         Ok(connection)
     }
 
+    /// A connection that has been made already. Where it breaks, the daemon at the socket `path` is connected to.
+    #[must_use]
+    pub fn over(stream: UnixStream, path: &Path) -> Self {
+        Self { path: path.to_owned(), link: Some(Link { stream, inbox: Inbox::new(REPLY_MAX) }) }
+    }
+
     fn dial(&self) -> Result<Link, CommandError> {
         let stream = connect(&self.path, Instant::now() + DAEMON_TIMEOUT)
             .map_err(|source| CommandError::Connect { path: self.path.clone(), source })?;

@@ -19,10 +19,27 @@ const OFFSET_LIMIT: i64 = 1 << 20;
 
 /// What a call asks of the bus thread.
 #[derive(Debug)]
-pub(super) enum Ask {
-    Send { line: Text<LINE_MAX>, timeout: Duration },
-    Control { character: u8 },
-    Read { first: HostOffset, count: usize },
+pub enum Ask {
+    /// Send a command line.
+    Send {
+        /// The line, of printable characters.
+        line: Text<LINE_MAX>,
+        /// How long the board may take.
+        timeout: Duration,
+    },
+    /// Send a control character.
+    Control {
+        /// The character, 1 to 31.
+        character: u8,
+    },
+    /// Read words of the DPRAM.
+    Read {
+        /// The first word.
+        first: HostOffset,
+        /// How many, 1 to [`READ_MAX`].
+        count: usize,
+    },
+    /// Have one of the other functions do something.
     Job(JobCall),
 }
 
@@ -39,7 +56,7 @@ impl Ask {
 
 /// What is to be done about a call.
 #[derive(Debug)]
-pub(super) enum Action {
+pub enum Action {
     /// Answer at once.
     Reply(Reply),
     /// Ask the bus thread.
@@ -54,7 +71,7 @@ pub(super) enum Action {
 ///
 /// # Errors
 /// What to answer instead.
-pub(super) fn understand(call: &Call, role: Role, info: &SharedInfo) -> Result<Action, CallError> {
+pub fn understand(call: &Call, role: Role, info: &SharedInfo) -> Result<Action, CallError> {
     let Some((interface, method)) = call.interface_and_method() else {
         return Err(CallError::InvalidParameter { parameter: "method".to_owned() });
     };
@@ -219,6 +236,12 @@ mod tests {
         assert_eq!(read(i64::MAX, 1), CallError::OutOfRange);
         assert_eq!(read(0, 0), CallError::OutOfRange);
         assert_eq!(read(0, 65), CallError::OutOfRange);
+        // Its end has no offset of 32 bits.
+        let last = json!({"host_offset": u32::MAX - 1, "words": [1], "anywhere": true});
+        assert_eq!(engineer("Write", last), CallError::OutOfRange);
+        let after_the_end = json!({"host_offset": 0x3FFE, "words": [1, 2]});
+        assert_eq!(engineer("Write", after_the_end), CallError::OutOfRange);
+        assert!(board(Role::Engineer, "Write", json!({"host_offset": 0x3FFE, "words": [1]})).is_ok());
         for timeout in [0, -1, 600_001] {
             let error = engineer("Send", json!({"line": "?", "timeout_ms": timeout}));
             assert_eq!(error, invalid("timeout_ms"));

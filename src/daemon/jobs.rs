@@ -52,9 +52,11 @@ const ROTARY_AT_REST: Guard = Guard { variable: "I57", value: "0", purpose: "set
 
 /// A job as it was called for.
 #[derive(Debug)]
-pub(super) struct JobCall {
-    pub(super) job: Job,
-    pub(super) timeout: Duration,
+pub struct JobCall {
+    /// What to do.
+    pub job: Job,
+    /// How long it may take.
+    pub timeout: Duration,
     pub(super) guard: Option<Guard>,
     /// The coordinate system whose Ix93 has a say in the effect; asked together with the guard.
     pub(super) time_base: Option<usize>,
@@ -229,7 +231,8 @@ fn write(mut parameters: Parameters) -> Result<JobCall, CallError> {
     if values.is_empty() || values.len() > WRITE_MAX || masks.len() != values.len() {
         return Err(invalid("words"));
     }
-    if first.plus_words(values.len()).bytes() > classic::LENGTH {
+    // Not by the offset of the end, which there may be none of in 32 bits.
+    if first.bytes() > classic::LENGTH - 2 * values.len() as u32 {
         return Err(CallError::OutOfRange);
     }
     let words: Vec<MaskedWord> =

@@ -55,7 +55,10 @@ impl PanelDesk {
     /// When the bus cannot be reached.
     pub fn take_over(&mut self, bus: &mut impl Bus) -> Result<(), BusError> {
         self.panel.take_over(bus)?;
-        self.withdrawn = self.lying.take().map(|(ticket, _)| ticket);
+        // Taken over again before its answer went out, it still has to have one.
+        if let Some((ticket, _)) = self.lying.take() {
+            self.withdrawn = Some(ticket);
+        }
         self.rests_until = Some(Instant::now() + REST);
         Ok(())
     }
@@ -202,5 +205,25 @@ mod tests {
             assert_eq!(bus.read16(PANEL_REQUEST_ENABLE).unwrap(), 0, "withdrawn, or never written");
         }
         assert!(desk.due().is_none());
+    }
+
+    #[test]
+    fn a_request_under_way_is_answered_however_often_the_board_is_taken_over() {
+        let file = tempfile::tempfile().unwrap();
+        file.set_len(0x4000).unwrap();
+        let mut bus = FileBoard::from_file(&file, 0x4000).unwrap();
+        let mut desk = PanelDesk::new();
+        let now = Instant::now();
+        let request = PanelRequest::of(PanelAction::JogPlus, &[1]).unwrap();
+        assert!(desk.submit(Ticket(7), request, now + REST).is_none());
+        assert!(desk.pass(&mut bus, now).unwrap().is_none());
+        assert_eq!(bus.read16(PANEL_REQUEST_ENABLE).unwrap(), 1, "it lies in the panel");
+        desk.take_over(&mut bus).unwrap();
+        desk.take_over(&mut bus).unwrap();
+        assert!(matches!(
+            desk.pass(&mut bus, now).unwrap(),
+            Some(Event::Done(Ticket(7), Outcome::Refused(_)))
+        ));
+        assert_eq!(desk.due(), None);
     }
 }

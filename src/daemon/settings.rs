@@ -156,8 +156,14 @@ pub struct Settings {
 
 /// Why the settings were refused. One line: what, where, what to do.
 #[derive(Debug, thiserror::Error)]
-#[error("{0}")]
+#[error("{}", one_line(.0))]
 pub struct SettingsError(String);
+
+/// What was written may have line ends and other control characters in it, which are shown as in TOML.
+fn one_line(text: &str) -> String {
+    let shown = |c: char| if c.is_control() { c.escape_default().collect() } else { String::from(c) };
+    text.chars().map(shown).collect()
+}
 
 impl Settings {
     /// Decides from the command line and the file it names.
@@ -306,6 +312,7 @@ mod tests {
             ("board = \"sim\"\n[gather]\nplace = 3\n", "FILE:3:1: unknown field `place`"),
             ("board = \"sim\"\nfirmware = \"new\"\n", "not a firmware version"),
             ("board = \"boat\"\n", "no board kind `boat`"),
+            ("board = \"\\n\\u001b[2J\"\n", "no board kind `\\n\\u{1b}[2J`"),
             ("board = \"sim\"\nname = \"a/b\"\n", "cannot be a segment's name"),
             ("board = \"sim\"\n[roles]\nking = []\n", "FILE:3:1: unknown field `king`"),
         ] {

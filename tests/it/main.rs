@@ -11,6 +11,7 @@ mod decode;
 mod doctor;
 mod download;
 mod format;
+mod fuzz_corpus;
 mod gather;
 mod gather_program;
 mod host_port;

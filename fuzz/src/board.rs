@@ -1,0 +1,422 @@
+//! The host's half of each function, against memory that changes in any way at any access: each writes only its own words,
+//! needs no more accesses than a step may, and believes nothing that cannot be.
+
+use std::time::{Duration, Instant};
+
+use pmac_dpram::device::BusError;
+use pmac_dpram::format::TextOrder;
+use pmac_dpram::function::ascii::{AsciiEvent, AsciiPort, check_line};
+use pmac_dpram::function::background::{BACKGROUND_WORDS, BackgroundLook, BackgroundReader};
+use pmac_dpram::function::gather::{
+    CHUNK_LONGS, GatherBuffer, GatherLook, GatherReader, GatherStart, report_cycles,
+};
+use pmac_dpram::function::mailbox::{MailboxPort, MailboxSettings, MailboxSignal};
+use pmac_dpram::function::panel::{FeedOverride, Panel, PanelAction, PanelRequest};
+use pmac_dpram::function::rotary::{RotaryBuffer, RotaryError, RotarySetup, RotaryStream};
+use pmac_dpram::function::servo::{SERVO_WORDS, ServoLook, ServoReader, ServoReading};
+use pmac_dpram::function::servo_timer::ServoTimer;
+use pmac_dpram::function::variable_read::{
+    STEP_WORDS, VariableEntry, VariableKind, VariableLook, VariableMode, VariableReader,
+};
+use pmac_dpram::function::variable_write::{STEP_RECORDS, VariableWriter, WordKind, WriteRecord};
+use pmac_dpram::gather::GatherMode;
+use pmac_dpram::map::{Family, GatherPlace, HostOffset, Layout, Plan, PlanSettings, Region, classic};
+
+use super::bus::{RamBus, RamBytes};
+use super::tape::Tape;
+
+/// Most steps of one input.
+const STEPS: usize = 400;
+
+struct Functions {
+    servo: ServoReader,
+    background: BackgroundReader,
+    ascii: AsciiPort,
+    panel: Panel,
+    reader: VariableReader,
+    writer: VariableWriter,
+    gather: Option<(GatherReader, ServoTimer)>,
+    rotary: [Option<(RotaryStream, RotarySetup)>; 2],
+    mailbox: MailboxPort,
+    registers: RamBytes,
+    plan: Plan,
+    now: Instant,
+}
+
+/// First byte: what the memory is full of, and how the servo data are read. Then steps: what the memory does, or a function.
+pub fn body(data: &[u8]) {
+    let mut tape = Tape::new(data);
+    let way = tape.u8();
+    let mut bus = RamBus::new([0, 0, 0xFFFF, 0x8000][usize::from(way & 3)]);
+    let layout = Layout::new(Family::by_name("pmac").unwrap(), None);
+    let plan = Plan::new(&layout, PlanSettings::default()).expect("the default plan fits");
+    let now = Instant::now();
+    let order = if way & 4 == 0 { TextOrder::LowFirst } else { TextOrder::HighFirst };
+    let reading = if way & 8 == 0 { ServoReading::Optimistic } else { ServoReading::Handshake };
+    let mut functions = Functions {
+        servo: ServoReader::new(reading),
+        background: BackgroundReader::default(),
+        ascii: AsciiPort::new(order, now),
+        panel: Panel::new(),
+        reader: VariableReader::new(plan.variable_read()),
+        writer: VariableWriter::new(plan.variable_write()),
+        gather: None,
+        rotary: [None, None],
+        mailbox: MailboxPort::new(MailboxSettings::default()),
+        registers: RamBytes { bytes: [0; 0x200], accesses: 0 },
+        plan,
+        now,
+    };
+    for _ in 0..STEPS {
+        if tape.is_over() {
+            break;
+        }
+        let what = tape.u8();
+        match what & 15 {
+            0..=4 => bus.change(what >> 4, &mut tape),
+            5 => functions.now += Duration::from_millis(u64::from(what >> 4) * 20),
+            _ => functions
+                .step(&mut bus, what & 15, what >> 4, &mut tape)
+                .expect("no access leaves the memory"),
+        }
+    }
+}
+
+impl Functions {
+    fn step(&mut self, bus: &mut RamBus, function: u8, how: u8, tape: &mut Tape<'_>) -> Result<(), BusError> {
+        bus.take_accesses();
+        match function {
+            6 => self.servo(bus, how),
+            7 => self.background(bus, how),
+            8 | 9 => self.ascii(bus, how, tape),
+            10 => self.panel(bus, how, tape),
+            11 => self.variable_read(bus, how, tape),
+            12 => self.variable_write(bus, how, tape),
+            13 => self.gather(bus, how, tape),
+            14 => self.rotary(bus, how, tape),
+            _ => {
+                self.mailbox(how, tape);
+                Ok(())
+            }
+        }
+    }
+
+    fn servo(&mut self, bus: &mut RamBus, how: u8) -> Result<(), BusError> {
+        match how {
+            0 => self.servo.set_motors(usize::from(how)),
+            1 => self.servo.set_motors(8),
+            2 => self.servo.set_motors(1000),
+            3 => self.servo.forget(),
+            4 => ServoReader::release(bus)?,
+            _ => {
+                let look = self.servo.look(bus)?;
+                if let ServoLook::Update(timer) | ServoLook::First(timer) = look {
+                    assert!(timer <= classic::SERVO_TIMER_MASK);
+                }
+                let _ = self.servo.program_buffer_open();
+            }
+        }
+        assert!(self.servo.image().len() <= SERVO_WORDS && self.servo.motors() <= classic::MOTORS);
+        assert!(bus.take_accesses() <= SERVO_WORDS as u32 + 5);
+        bus.assert_written("servo", |offset| offset == classic::SERVO_HOST_STATUS.bytes());
+        Ok(())
+    }
+
+    fn background(&mut self, bus: &mut RamBus, how: u8) -> Result<(), BusError> {
+        match how {
+            0 => self.background.set_numbers(3),
+            1 => self.background.set_numbers(1000),
+            2 => self.background.forget(),
+            3 => BackgroundReader::release(bus)?,
+            _ => {
+                if let BackgroundLook::Report(_) = self.background.look(bus)? {
+                    assert!(!self.background.image().is_empty());
+                }
+            }
+        }
+        assert!(self.background.image().len() <= BACKGROUND_WORDS);
+        assert!(bus.take_accesses() <= BACKGROUND_WORDS as u32 + 8);
+        bus.assert_written("background", |offset| offset == classic::BACKGROUND_DATA_READY.bytes());
+        Ok(())
+    }
+
+    fn ascii(&mut self, bus: &mut RamBus, how: u8, tape: &mut Tape<'_>) -> Result<(), BusError> {
+        let now = self.now;
+        match how {
+            0 => {
+                let line = tape.piece();
+                if check_line(line).is_ok() {
+                    self.ascii.begin(bus, line)?;
+                }
+            }
+            1 => {
+                self.ascii.control(bus, tape.u8() % 31 + 1, true, now)?;
+            }
+            2 => {
+                self.ascii.control(bus, tape.u8() % 31 + 1, false, now)?;
+            }
+            3 => self.ascii.give_up(bus, now)?,
+            4 => {
+                self.ascii.take_back(bus)?;
+            }
+            5 => self.ascii.withdraw_control(bus)?,
+            6 => self.ascii.settle(now),
+            7 => AsciiPort::release(bus)?,
+            _ => {
+                if let Some(
+                    AsciiEvent::Line(text)
+                    | AsciiEvent::ProgramResponse(text)
+                    | AsciiEvent::ProgramMessage(text),
+                ) = self.ascii.step(bus, now)?
+                {
+                    assert!(text.as_bytes().len() <= 255 && !text.as_bytes().contains(&0));
+                }
+            }
+        }
+        assert!(!(self.ascii.is_idle() && self.ascii.was_taken()));
+        assert!(bus.take_accesses() <= 256);
+        bus.assert_written("ascii", |offset| {
+            within(&classic::ASCII_OUTPUT, offset) || offset == classic::ASCII_INPUT_CONTROL.bytes()
+        });
+        Ok(())
+    }
+
+    fn panel(&mut self, bus: &mut RamBus, how: u8, tape: &mut Tape<'_>) -> Result<(), BusError> {
+        let number = usize::from(tape.u8() & 15);
+        match how {
+            0 => drop(self.panel.take_over(bus)?),
+            1 => Panel::withdraw(bus)?,
+            2 => drop(Panel::taken(bus)?),
+            3 | 4 => {
+                if let Ok(raw) = FeedOverride::from_raw(tape.u32() >> (tape.u8() & 31)) {
+                    let _ = self.panel.set_override(bus, number, raw);
+                }
+            }
+            5 => drop(self.panel.release_override(bus, number)),
+            6 => drop(Panel::show(bus)?),
+            _ => {
+                let action = PanelAction::ALL[usize::from(how) % PanelAction::ALL.len()];
+                if let Ok(request) = PanelRequest::of(action, &[number]) {
+                    assert!((1..=8).contains(&number));
+                    let _ = Panel::begin(bus, &request)?;
+                }
+            }
+        }
+        assert!(bus.take_accesses() <= 40);
+        bus.assert_written("panel", |offset| within(&classic::PANEL, offset));
+        Ok(())
+    }
+
+    fn variable_read(&mut self, bus: &mut RamBus, how: u8, tape: &mut Tape<'_>) -> Result<(), BusError> {
+        match how {
+            0 => VariableReader::release(bus)?,
+            1..=3 => {
+                let kinds = [VariableKind::Y, VariableKind::Long, VariableKind::X];
+                let entry = |tape: &mut Tape<'_>| {
+                    let kind = kinds[usize::from(tape.u8()) % kinds.len()];
+                    VariableEntry { address: tape.u16(), kind }
+                };
+                let count = usize::from(tape.u8()) % if how == 3 { 200 } else { 4 };
+                let entries: Vec<VariableEntry> = (0..count).map(|_| entry(tape)).collect();
+                let mode = if how == 1 { VariableMode::SingleUser } else { VariableMode::MultiUser };
+                let fits = self.reader.check(&entries).is_ok();
+                assert_eq!(self.reader.begin(bus, &entries, mode, self.now).is_ok(), fits);
+            }
+            _ => {
+                let look = self.reader.look(bus, self.now)?;
+                let count = self.reader.entries().len() as u32;
+                if let VariableLook::Values(new) = look {
+                    assert!(new != 0 && 128 - new.leading_zeros() <= count);
+                }
+            }
+        }
+        assert_eq!(self.reader.values().len(), self.reader.entries().len());
+        assert!(self.reader.entries().len() <= classic::VARIABLE_READ_ENTRIES);
+        let accesses = bus.take_accesses();
+        assert!(accesses <= 2 * STEP_WORDS as u32 + 128 + 4, "{accesses}");
+        let place = self.plan.variable_read();
+        let controls =
+            [classic::VARIABLE_READ_CONTROL, classic::VARIABLE_READ_COUNT, classic::VARIABLE_READ_START];
+        bus.assert_written("variable_read", |offset| {
+            within(&place, offset) || controls.iter().any(|control| control.bytes() == offset)
+        });
+        Ok(())
+    }
+
+    fn variable_write(&mut self, bus: &mut RamBus, how: u8, tape: &mut Tape<'_>) -> Result<(), BusError> {
+        match how {
+            0 => VariableWriter::release(bus)?,
+            1 => {
+                let given_up = self.writer.give_up(bus, self.now)?;
+                assert!(given_up.uncertain <= self.writer.records_per_cycle());
+            }
+            2 => drop(self.writer.start_over(self.now)),
+            3..=6 => {
+                let count = usize::from(tape.u8()) % if how == 3 { 200 } else { 3 };
+                let record = |tape: &mut Tape<'_>| {
+                    let (address, value) = (tape.u16(), tape.u64());
+                    match tape.u8() & 3 {
+                        0 => WriteRecord::fixed48(address, value as i64),
+                        1 => WriteRecord::float48(address, f64::from_bits(value)),
+                        2 => WriteRecord::long(address, value as u32, (value >> 32) as u32),
+                        _ => WriteRecord::word(WordKind::Y, address, tape.u8(), tape.u8(), value as i64),
+                    }
+                };
+                let records: Vec<WriteRecord> = (0..count).filter_map(|_| record(tape).ok()).collect();
+                let idle = self.writer.is_idle();
+                if self.writer.begin(bus, records)?.is_ok() {
+                    assert!(idle);
+                }
+            }
+            _ => drop(self.writer.step(bus, self.now)?),
+        }
+        assert!(bus.take_accesses() <= 6 * STEP_RECORDS as u32 + 3);
+        let place = self.plan.variable_write();
+        let controls = [classic::VARIABLE_WRITE_COUNT, classic::VARIABLE_WRITE_START];
+        bus.assert_written("variable_write", |offset| {
+            within(&place, offset) || controls.iter().any(|control| control.bytes() == offset)
+        });
+        Ok(())
+    }
+
+    fn gather(&mut self, bus: &mut RamBus, how: u8, tape: &mut Tape<'_>) -> Result<(), BusError> {
+        if how < 3 || self.gather.is_none() {
+            let mode = if how == 0 { GatherMode::Stop } else { GatherMode::Wrap };
+            let buffer = GatherBuffer {
+                place: GatherPlace {
+                    buffer: classic::GATHER_BUFFER,
+                    size: classic::GATHER_SIZE,
+                    index: classic::GATHER_INDEX,
+                },
+                room_longs: (classic::LENGTH - classic::GATHER_BUFFER.bytes()) / 4,
+                size_longs: u32::from(tape.u16()),
+                sample_longs: u32::from(tape.u8()) % 50,
+                mode,
+                period: u32::from(tape.u8()),
+            };
+            let start = if how == 2 { GatherStart::Running } else { GatherStart::Defined };
+            self.gather = GatherReader::new(buffer, start).ok().map(|reader| (reader, ServoTimer::new(15)));
+            return Ok(());
+        }
+        let Some((reader, timer)) = &mut self.gather else { return Ok(()) };
+        let before = (reader.written(), reader.lost());
+        match how {
+            3 => reader.stopped(),
+            4 => reader.doubt_clock(),
+            5 => {
+                reader.restart(GatherStart::Running);
+                return Ok(());
+            }
+            _ => {
+                let look = reader.step(bus, |bus: &mut RamBus| report_cycles(bus, timer))?;
+                match look {
+                    GatherLook::Samples { count, .. } => {
+                        assert!(count > 0 && reader.longs().len() == count * reader.sample_longs());
+                    }
+                    _ => assert!(reader.longs().is_empty()),
+                }
+            }
+        }
+        assert!(reader.longs().len() <= CHUNK_LONGS);
+        assert!(reader.written() >= before.0 && reader.lost() >= before.1);
+        assert!(reader.lost() + reader.waiting() <= reader.written());
+        assert!(bus.take_accesses() <= 2 * CHUNK_LONGS as u32 + 6);
+        bus.assert_written("gather", |_| false);
+        Ok(())
+    }
+
+    fn rotary(&mut self, bus: &mut RamBus, how: u8, tape: &mut Tape<'_>) -> Result<(), BusError> {
+        let which = usize::from(how & 1);
+        let buffer = [RotaryBuffer::First, RotaryBuffer::Second][which];
+        if how < 4 || self.rotary[which].is_none() {
+            let setup = RotarySetup {
+                buffer,
+                start: HostOffset::checked(u32::from(tape.u16()) << 1).unwrap_or(classic::OPEN.start),
+                size_longs: u32::from(tape.u16()),
+                coordinate_system: tape.u8() & 15,
+                coordinate_system_base: tape.u8() & 3,
+            };
+            match RotaryStream::set_up(bus, &setup) {
+                Ok(stream) => self.rotary[which] = Some((stream, setup)),
+                Err(RotaryError::Bus(error)) => return Err(error),
+                Err(_) => {
+                    bus.assert_written("a rotary buffer refused", |_| false);
+                    return Ok(());
+                }
+            }
+        }
+        let Some((stream, setup)) = &mut self.rotary[which] else { return Ok(()) };
+        bus.take_accesses();
+        let result = match how {
+            0..=3 => Ok(()),
+            4 | 5 => {
+                stream.finish();
+                Ok(())
+            }
+            6 | 7 => stream.state(bus).map(|state| {
+                assert!(state.ahead_longs < stream.size_longs() && state.ahead_lines <= state.sent_lines);
+            }),
+            _ => {
+                let count = usize::from(tape.u8()) % 9;
+                let line: Vec<(u32, u32)> = (0..count)
+                    .map(|n| {
+                        let (word1, word2) = (tape.u32() >> 8, tape.u32() >> 8);
+                        (if n == 0 { word1 | 1 << 11 } else { word1 & !(1 << 11) }, word2)
+                    })
+                    .collect();
+                stream.offer(bus, &line).map(drop)
+            }
+        };
+        if let Err(RotaryError::Bus(error)) = result {
+            return Err(error);
+        }
+        assert!(bus.take_accesses() <= 3 + 9 + 4 * 9);
+        let ring = setup.start.bytes()..setup.start.bytes() + 4 * setup.size_longs;
+        let header = buffer.header().bytes()..buffer.header().bytes() + 12;
+        bus.assert_written("rotary", |offset| ring.contains(&offset) || header.contains(&offset));
+        Ok(())
+    }
+
+    fn mailbox(&mut self, how: u8, tape: &mut Tape<'_>) {
+        let (port, bus) = (&mut self.mailbox, &mut self.registers);
+        bus.accesses = 0;
+        match how {
+            0 => port.start(bus, self.now).unwrap(),
+            1 => {
+                let line = tape.piece();
+                if check_line(line).is_ok() {
+                    port.begin(bus, line).map(drop).unwrap();
+                }
+            }
+            2 => port.control(bus, tape.u8() % 31 + 1, true, self.now).map(drop).unwrap(),
+            3 => port.control(bus, tape.u8() % 31 + 1, false, self.now).map(drop).unwrap(),
+            4 => port.give_up(bus, self.now).unwrap(),
+            5 | 6 => {
+                // A group of a reply.
+                for (byte, at) in tape.piece().iter().zip(1usize..) {
+                    if let Some(register) = bus.bytes.get_mut(at * 2 - 1) {
+                        *register = *byte;
+                    }
+                }
+                port.signal(MailboxSignal::ReplyLies);
+            }
+            7 => port.signal(MailboxSignal::GroupTaken),
+            8 => {
+                let (at, value) = (tape.u16(), tape.u8());
+                bus.bytes[usize::from(at) % 0x200] = value;
+            }
+            _ => {
+                if let Some(AsciiEvent::Line(text) | AsciiEvent::ProgramMessage(text)) =
+                    port.step(bus, self.now).unwrap()
+                {
+                    assert!(text.as_bytes().len() <= 255);
+                }
+            }
+        }
+        assert!(bus.accesses <= 64, "{}", bus.accesses);
+    }
+}
+
+fn within(region: &Region, offset: u32) -> bool {
+    (region.start.bytes()..region.end.bytes()).contains(&offset)
+}

@@ -1,0 +1,167 @@
+//! A board's memory that somebody else writes: before a function looks, and between two of its accesses.
+
+use pmac_dpram::device::{Bus, BusError, ByteBus, ByteBusError};
+use pmac_dpram::map::{HostOffset, classic};
+
+use super::tape::Tape;
+
+const WORDS: usize = classic::LENGTH as usize / 2;
+
+/// Words that steer the functions: status, counts, indices, controls.
+const HOT: [u32; 30] = [
+    0x0000, 0x0002, 0x0004, 0x0024, 0x0026, 0x0048, 0x0228, 0x022A, 0x024C, 0x062C, 0x062E, 0x0630, 0x06D0,
+    0x06D2, 0x06D4, 0x07D4, 0x07D6, 0x07DC, 0x07DE, 0x07E0, 0x07E2, 0x07E4, 0x07E8, 0x07EA, 0x07EC, 0x07EE,
+    0x07F0, 0x07F6, 0x07FC, 0x07FE,
+];
+
+/// The memory, who touched it, and what will change in it.
+pub struct RamBus {
+    words: Box<[u16; WORDS]>,
+    accesses: u32,
+    /// Offsets in bytes the host wrote to since they were last looked at.
+    written: Vec<u32>,
+    /// After so many accesses, this word becomes that.
+    changes: Vec<(u32, usize, u16)>,
+}
+
+impl RamBus {
+    pub fn new(fill: u16) -> Self {
+        let words = Box::new([fill; WORDS]);
+        Self { words, accesses: 0, written: Vec::with_capacity(256), changes: Vec::new() }
+    }
+
+    /// Accesses since the last call.
+    pub fn take_accesses(&mut self) -> u32 {
+        std::mem::take(&mut self.accesses)
+    }
+
+    /// Asserts that all the host wrote since the last call lies where it may.
+    pub fn assert_written(&mut self, what: &str, may: impl Fn(u32) -> bool) {
+        let wrong = self.written.iter().find(|offset| !may(**offset));
+        assert!(wrong.is_none(), "{what} wrote to {wrong:x?}");
+        self.written.clear();
+    }
+
+    /// What the board, or whoever plays it, does: `how` is 0 to 7.
+    pub fn change(&mut self, how: u8, tape: &mut Tape<'_>) {
+        match how & 7 {
+            0 => {
+                let (at, value) = (usize::from(tape.u16() >> 1), tape.u16());
+                self.words[at % WORDS] = value;
+            }
+            1 | 2 => {
+                let at = hot(tape.u8());
+                self.words[at] = tape.u16();
+            }
+            3 => {
+                let at = hot(tape.u8());
+                self.words[at] = self.words[at].wrapping_add(u16::from(tape.u8()));
+            }
+            4 => {
+                let at = usize::from(tape.u16() >> 1);
+                for (pair, n) in tape.piece().chunks(2).zip(0..) {
+                    self.words[(at + n) % WORDS] =
+                        u16::from_le_bytes([pair[0], pair.get(1).copied().unwrap_or(0)]);
+                }
+            }
+            5 => {
+                // A reply, with its count right: control word, and text.
+                let text = tape.piece();
+                let at = classic::ASCII_RESPONSE.word();
+                for (pair, n) in text.chunks(2).zip(0..128) {
+                    self.words[at + n] = u16::from_le_bytes([pair[0], pair.get(1).copied().unwrap_or(0)]);
+                }
+                self.words[classic::ASCII_INPUT_COUNT.word()] = text.len() as u16 + 1;
+                self.words[classic::ASCII_INPUT_CONTROL.word()] = [
+                    classic::RESPONSE_LINE,
+                    classic::RESPONSE_ACKNOWLEDGE,
+                    classic::RESPONSE_TO_PROGRAM,
+                    classic::RESPONSE_MESSAGE,
+                ][usize::from(tape.u8() & 3)];
+            }
+            _ => {
+                if self.changes.len() < 16 {
+                    let (after, at) = (u32::from(tape.u8()), hot(tape.u8()));
+                    self.changes.push((after, at, tape.u16()));
+                }
+            }
+        }
+    }
+
+    fn touch(&mut self, offset: HostOffset) -> Result<usize, BusError> {
+        if offset.word() >= WORDS {
+            return Err(BusError::OutOfRange { offset, words: 1, length: self.length() });
+        }
+        self.accesses += 1;
+        let Self { words, changes, .. } = self;
+        changes.retain_mut(|(after, at, value)| {
+            let due = *after == 0;
+            *after = after.saturating_sub(1);
+            if due {
+                words[*at] = *value;
+            }
+            !due
+        });
+        Ok(offset.word())
+    }
+}
+
+fn hot(index: u8) -> usize {
+    HOT[usize::from(index) % HOT.len()] as usize / 2
+}
+
+impl Bus for RamBus {
+    fn length(&self) -> usize {
+        classic::LENGTH as usize
+    }
+
+    fn read16(&mut self, offset: HostOffset) -> Result<u16, BusError> {
+        let at = self.touch(offset)?;
+        Ok(self.words[at])
+    }
+
+    fn write16(&mut self, offset: HostOffset, value: u16) -> Result<(), BusError> {
+        let at = self.touch(offset)?;
+        self.words[at] = value;
+        self.written.push(offset.bytes());
+        Ok(())
+    }
+
+    fn read_block(&mut self, first: HostOffset, words: &mut [u16]) -> Result<(), BusError> {
+        if first.word() + words.len() > WORDS {
+            return Err(BusError::OutOfRange { offset: first, words: words.len(), length: self.length() });
+        }
+        for (word, n) in words.iter_mut().zip(0..) {
+            *word = self.read16(first.plus_words(n))?;
+        }
+        Ok(())
+    }
+
+    fn order_reads(&mut self) {}
+
+    fn order_writes(&mut self) {}
+}
+
+/// The VME board's byte registers.
+pub struct RamBytes {
+    pub bytes: [u8; 0x200],
+    pub accesses: u32,
+}
+
+impl ByteBus for RamBytes {
+    fn read8(&mut self, offset: u32) -> Result<u8, ByteBusError> {
+        self.accesses += 1;
+        let value = self.bytes.get(offset as usize).copied();
+        value.ok_or(ByteBusError::OutOfRange { offset, length: self.bytes.len() })
+    }
+
+    fn write8(&mut self, offset: u32, value: u8) -> Result<(), ByteBusError> {
+        self.accesses += 1;
+        let length = self.bytes.len();
+        let at = self.bytes.get_mut(offset as usize).ok_or(ByteBusError::OutOfRange { offset, length })?;
+        *at = value;
+        Ok(())
+    }
+
+    fn order_accesses(&mut self) {}
+}

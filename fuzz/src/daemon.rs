@@ -1,0 +1,328 @@
+//! The daemon's desks and mirrors against memory that changes in any way: what clients asked for is answered once and only
+//! once whatever the board does, in bounded time, and nothing is written where the board writes.
+
+use std::cell::RefCell;
+use std::collections::BTreeMap;
+use std::time::{Duration, Instant};
+
+use pmac_dpram::daemon::ascii_desk::AsciiDesk;
+use pmac_dpram::daemon::identify::Identifier;
+use pmac_dpram::daemon::job::{Job, MaskedWord};
+use pmac_dpram::daemon::job_desk::JobDesk;
+use pmac_dpram::daemon::queue::{Command, Event, Receive, Sender, Text, Ticket, queue};
+use pmac_dpram::daemon::response_port::ResponsePort;
+use pmac_dpram::format::TextOrder;
+use pmac_dpram::function::gather::GatherBuffer;
+use pmac_dpram::function::panel::{FeedOverride, PanelAction, PanelRequest};
+use pmac_dpram::function::rotary::RotaryBuffer;
+use pmac_dpram::function::servo::ServoReading;
+use pmac_dpram::function::variable_read::{VariableEntry, VariableKind, VariableMode};
+use pmac_dpram::function::variable_write::{WordKind, WriteRecord};
+use pmac_dpram::gather::GatherMode;
+use pmac_dpram::map::{Family, GatherPlace, HostOffset, Layout, Plan, PlanSettings, classic};
+use pmac_dpram::mirror::{BackgroundMirror, GatherClock, ServoMirror, gather, variable};
+use pmac_dpram::segment::{CreateOptions, Identity, Publisher, RegionId, RegionSpec, SegmentName};
+
+use super::bus::RamBus;
+use super::tape::Tape;
+
+/// Most steps of one input.
+const STEPS: usize = 300;
+/// Passes that must be enough to answer everything once the board does nothing more and time goes on.
+const LAST_PASSES: usize = 400;
+
+struct Shared {
+    _directory: tempfile::TempDir,
+    publisher: Publisher,
+    sender: Sender<Event>,
+    receiver: Receive<Event>,
+}
+
+thread_local!(static SHARED: RefCell<Option<Shared>> = const { RefCell::new(None) });
+
+fn shared() -> Shared {
+    let directory = tempfile::tempdir_in("/dev/shm").unwrap();
+    let regions = [
+        (RegionId::Servo, 516),
+        (RegionId::Background, 1028),
+        (RegionId::Board, 528),
+        (RegionId::Variable, 2 * variable::PAYLOAD_WORDS as u32),
+        (RegionId::Gather, 2 * gather::PAYLOAD_WORDS as u32),
+    ];
+    let regions = regions.map(|(id, payload_bytes)| RegionSpec {
+        id,
+        slots: 4,
+        payload_bytes,
+        first_host_offset: 0,
+        period_hint_ns: 442_673,
+        stale_after_ns: 100_000_000,
+    });
+    let mut options = CreateOptions::new(SegmentName::new("pmac0").unwrap(), regions.to_vec());
+    options.directory = directory.path().to_owned();
+    let (sender, receiver) = queue(8).unwrap();
+    Shared { publisher: Publisher::create(&options).unwrap(), _directory: directory, sender, receiver }
+}
+
+struct Desks<'a> {
+    shared: &'a mut Shared,
+    bus: RamBus,
+    ascii: AsciiDesk,
+    jobs: JobDesk,
+    servo: ServoMirror,
+    background: BackgroundMirror,
+    now: Instant,
+    /// What was asked, and how often it was answered.
+    asked: BTreeMap<u64, u32>,
+    /// Somebody may write anywhere, and did.
+    wrote_anywhere: bool,
+}
+
+/// First byte: what the memory is full of, and settings. Then steps: what the memory does, what clients ask for, passes.
+pub fn body(data: &[u8]) {
+    SHARED.with_borrow_mut(|place| {
+        let shared = place.get_or_insert_with(shared);
+        while shared.receiver.try_receive().is_some() {}
+        let mut tape = Tape::new(data);
+        let way = tape.u8();
+        let layout = Layout::new(Family::by_name("pmac").unwrap(), None);
+        let plan = Plan::new(&layout, PlanSettings::default()).expect("the default plan fits");
+        let now = Instant::now();
+        let order = if way & 4 == 0 { TextOrder::LowFirst } else { TextOrder::HighFirst };
+        let mode = if way & 16 == 0 { VariableMode::SingleUser } else { VariableMode::MultiUser };
+        let port = ResponsePort::new(order, None, now);
+        let identifier = Identifier::new(Identity::default(), way & 32 != 0, now);
+        let mut desks = Desks {
+            shared,
+            bus: RamBus::new([0, 0, 0xFFFF, 0x8000][usize::from(way & 3)]),
+            ascii: AsciiDesk::new(port, identifier),
+            jobs: JobDesk::new(plan, mode),
+            servo: ServoMirror::new(if way & 8 == 0 {
+                ServoReading::Optimistic
+            } else {
+                ServoReading::Handshake
+            }),
+            background: BackgroundMirror::new(50_000_000),
+            now,
+            asked: BTreeMap::new(),
+            wrote_anywhere: false,
+        };
+        for _ in 0..STEPS {
+            if tape.is_over() {
+                break;
+            }
+            let what = tape.u8();
+            desks.step(what & 15, what >> 4, &mut tape);
+        }
+        desks.settle();
+    });
+}
+
+impl Desks<'_> {
+    fn step(&mut self, what: u8, how: u8, tape: &mut Tape<'_>) {
+        match what {
+            0..=4 => self.bus.change(how, tape),
+            5 => self.now += Duration::from_millis(u64::from(how) * 20),
+            6 | 7 => self.ask_ascii(how, tape),
+            8 | 9 => self.ask_job(how, tape),
+            10 => self.hear(),
+            11 => match how {
+                0 => self.ascii.forget(self.now).unwrap(),
+                1 => self.ascii.doubt(self.now),
+                2 => self.ascii.see_buffer(true),
+                3 => self.ascii.see_buffer(false),
+                4 => self.ascii.set_interrupt(true),
+                5 => self.jobs.take_over(&mut self.bus, &self.shared.publisher).unwrap(),
+                6 => self.jobs.leave(&mut self.bus).unwrap(),
+                7 => self.servo.configure(
+                    usize::from(tape.u8()),
+                    Some(u64::from(tape.u32())),
+                    Some(tape.u32()),
+                ),
+                8 => self.background.configure(usize::from(tape.u8())),
+                9 => self.servo.forget(),
+                10 => self.background.forget(),
+                _ => self.background.start_over(&mut self.bus).unwrap(),
+            },
+            _ => self.pass(how),
+        }
+    }
+
+    fn ticket(&mut self) -> Ticket {
+        let number = self.asked.len() as u64;
+        self.asked.insert(number, 0);
+        Ticket(number)
+    }
+
+    fn ask_ascii(&mut self, how: u8, tape: &mut Tape<'_>) {
+        let ticket = self.ticket();
+        let deadline = self.now + Duration::from_millis(u64::from(how & 7) * 100);
+        let command = if how & 8 == 0 {
+            let line: Vec<u8> = tape.piece().iter().take(200).map(|byte| byte % 95 + 32).collect();
+            let line = Text::new(&line).unwrap();
+            Command::Send { ticket, line, deadline, question: how & 1 != 0 }
+        } else {
+            Command::Control { ticket, character: tape.u8() % 31 + 1, deadline }
+        };
+        if self.ascii.submit(&command, self.now).is_err() {
+            self.answered(ticket);
+        }
+    }
+
+    fn ask_job(&mut self, how: u8, tape: &mut Tape<'_>) {
+        let ticket = self.ticket();
+        let deadline = self.now + Duration::from_millis(u64::from(tape.u8()) * 10);
+        let job = self.job(how, tape);
+        let (bus, publisher) = (&mut self.bus, &self.shared.publisher);
+        let answer =
+            self.jobs.submit(bus, publisher, ticket, job, deadline).expect("no job leaves the memory");
+        if let Some(event) = answer {
+            self.take(event);
+        }
+        self.bounded(1200);
+    }
+
+    /// A job as the command socket lets one through.
+    fn job(&mut self, how: u8, tape: &mut Tape<'_>) -> Job {
+        let buffer = if how & 1 == 0 { RotaryBuffer::First } else { RotaryBuffer::Second };
+        match how {
+            0 | 1 => {
+                let action = PanelAction::ALL[usize::from(tape.u8()) % PanelAction::ALL.len()];
+                Job::Panel(PanelRequest::of(action, &[usize::from(tape.u8() & 7) + 1]).unwrap())
+            }
+            2 => {
+                let raw = FeedOverride::from_raw(u32::from(tape.u16() & 0x7FFF)).ok();
+                Job::Override {
+                    coordinate_system: usize::from(tape.u8()),
+                    value: raw.filter(|_| how & 1 == 0),
+                }
+            }
+            3 => {
+                let anywhere = tape.u8() & 1 != 0;
+                self.wrote_anywhere |= anywhere;
+                let count = usize::from(tape.u8() & 7) + 1;
+                let first = u32::from(tape.u16() & 0x3FFE).min(classic::LENGTH - 2 * count as u32);
+                let words = (0..count).map(|_| MaskedWord { value: tape.u16(), mask: tape.u16() });
+                Job::Write { first: HostOffset::checked(first).unwrap(), words: words.collect(), anywhere }
+            }
+            4 | 5 => {
+                let kinds = [VariableKind::Y, VariableKind::Long, VariableKind::X];
+                let count = usize::from(tape.u8()) % 140;
+                let entry = |at: usize| VariableEntry { address: at as u16, kind: kinds[at % 3] };
+                Job::WatchVariables((0..count).map(entry).collect())
+            }
+            6 | 7 => {
+                let count = usize::from(tape.u8()) + 1;
+                let record =
+                    WriteRecord::word(WordKind::Y, tape.u16() | 1, 24, 0, i64::from(tape.u16())).unwrap();
+                Job::WriteVariables(vec![record; count])
+            }
+            8 => {
+                let size_longs = u32::from(tape.u16());
+                let buffer = GatherBuffer {
+                    place: GatherPlace {
+                        buffer: classic::GATHER_BUFFER,
+                        size: classic::GATHER_SIZE,
+                        index: classic::GATHER_INDEX,
+                    },
+                    room_longs: (classic::LENGTH - classic::GATHER_BUFFER.bytes()) / 4,
+                    size_longs,
+                    sample_longs: u32::from(tape.u8()),
+                    mode: if tape.u8() & 1 == 0 { GatherMode::Wrap } else { GatherMode::Stop },
+                    period: u32::from(tape.u8()),
+                };
+                let clock = GatherClock::host(tape.u64() >> 20).unwrap_or(GatherClock::Report);
+                Job::GatherBegin { buffer, clock }
+            }
+            9 => Job::GatherEnd,
+            10 | 11 => {
+                let start = HostOffset::checked(u32::from(tape.u16())).filter(|_| how & 1 == 0);
+                let size_longs = Some(u32::from(tape.u16())).filter(|size| size & 1 == 0);
+                let (coordinate_system, base) = (tape.u8() & 15, tape.u8() & 3);
+                Job::RotaryOpen { buffer, start, size_longs, coordinate_system, coordinate_system_base: base }
+            }
+            12 | 13 => {
+                let first = Some(u64::from(tape.u8())).filter(|first| *first < 0x80);
+                let count = usize::from(tape.u8() & 31);
+                let line = |tape: &mut Tape<'_>| {
+                    let word1 = tape.u32() >> 8;
+                    vec![(word1 | 1 << 11, tape.u32() >> 8); usize::from(word1 & 0xF != 0)]
+                };
+                Job::RotarySend { buffer, first, lines: (0..count).map(|_| line(tape)).collect() }
+            }
+            14 => Job::RotaryFinish(buffer),
+            _ => Job::RotaryState(buffer),
+        }
+    }
+
+    fn pass(&mut self, how: u8) {
+        let now = self.now;
+        let Shared { publisher, sender, .. } = &mut *self.shared;
+        let (bus, mut told) = (&mut self.bus, None);
+        match how & 3 {
+            0 => self.ascii.pass(bus, sender, publisher, now).expect("the port lies in the memory"),
+            1 => told = self.jobs.pass(bus, publisher, now).expect("no function leaves the memory"),
+            2 => drop(self.servo.pass(bus, publisher).expect("servo data lie in the memory")),
+            _ => drop(self.background.pass(bus, publisher).expect("background data lie in the memory")),
+        }
+        if let Some(event) = told {
+            self.take(event);
+        }
+        self.bounded(1200);
+    }
+
+    /// Whatever the board does, one piece of work costs so many accesses at most, and touches the host's words alone.
+    fn bounded(&mut self, most: u32) {
+        let accesses = self.bus.take_accesses();
+        assert!(accesses <= most, "{accesses} accesses in one go");
+        let owned = [classic::PANEL, classic::ASCII_OUTPUT, classic::POINTERS, classic::OPEN];
+        let controls =
+            [classic::SERVO_HOST_STATUS, classic::BACKGROUND_DATA_READY, classic::ASCII_INPUT_CONTROL];
+        let anywhere = self.wrote_anywhere;
+        self.bus.assert_written("the daemon", |offset| {
+            anywhere
+                || owned.iter().any(|region| (region.start.bytes()..region.end.bytes()).contains(&offset))
+                || controls.iter().any(|control| control.bytes() == offset)
+        });
+    }
+
+    fn hear(&mut self) {
+        while let Some(event) = self.shared.receiver.try_receive() {
+            self.take(event);
+        }
+    }
+
+    fn take(&mut self, event: Event) {
+        match event {
+            Event::Line(ticket, _) => {
+                assert_eq!(self.asked.get(&ticket.0), Some(&0), "a line after the end of its command");
+            }
+            Event::Done(ticket, _) | Event::Words { ticket, .. } | Event::Rotary(ticket, _) => {
+                self.answered(ticket)
+            }
+            Event::Unsolicited(_) => {}
+        }
+    }
+
+    fn answered(&mut self, ticket: Ticket) {
+        let times = self.asked.get_mut(&ticket.0).expect("somebody asked for what is answered");
+        *times += 1;
+        assert_eq!(*times, 1, "{ticket:?} was answered twice");
+    }
+
+    /// The board does nothing more, and time goes on: everything that was asked has its answer soon.
+    fn settle(&mut self) {
+        for _ in 0..LAST_PASSES {
+            if self.asked.values().all(|times| *times == 1) {
+                return;
+            }
+            self.now += Duration::from_millis(100);
+            self.hear();
+            self.pass(0);
+            self.pass(1);
+        }
+        self.hear();
+        let open: Vec<&u64> =
+            self.asked.iter().filter(|(_, times)| **times == 0).map(|(number, _)| number).collect();
+        assert!(open.is_empty(), "never answered: {open:?}");
+    }
+}

@@ -1,0 +1,122 @@
+//! The command socket: messages as a hostile client writes them, cut out of the stream, read and judged as the daemon does
+//! it before anything reaches the thread that owns the board.
+
+use std::cell::RefCell;
+
+use pmac_dpram::daemon::dispatch::{Action, Ask, understand};
+use pmac_dpram::daemon::info::SharedInfo;
+use pmac_dpram::daemon::job::Job;
+use pmac_dpram::daemon::policy::Role;
+use pmac_dpram::map::classic;
+use pmac_dpram::protocol::message::encode;
+use pmac_dpram::protocol::{BOARD, CALL_MAX, Call, CallError, Inbox, LINE_MAX, READ_MAX, Reply};
+
+/// First byte: the caller's role and whether method and parameters are wrapped up; second: where the stream is cut.
+pub fn body(data: &[u8]) {
+    let [way, cut, rest @ ..] = data else { return };
+    let role = [Role::Engineer, Role::Operate, Role::Observe][usize::from(way % 3)];
+    if way & 0x80 != 0 {
+        return one_call(rest, role);
+    }
+    let mut inbox = Inbox::new(CALL_MAX);
+    let mut found = Vec::new();
+    for chunk in rest.chunks(usize::from(*cut) + 1) {
+        assert!(!inbox.is_full());
+        inbox.push(chunk);
+        while let Some(message) = inbox.next_message().expect("no input is as long as the limit") {
+            found.push(message);
+        }
+    }
+    let whole = rest.split(|&byte| byte == 0).count() - 1;
+    assert_eq!(found.len(), whole);
+    assert_eq!(inbox.is_half_sent(), rest.last().is_some_and(|&last| last != 0));
+    for message in &found {
+        assert!(!message.contains(&0));
+        handle(message, role);
+    }
+}
+
+/// The method's name, a line end, and the parameters: a call without its envelope, so that parameters are got at.
+fn one_call(text: &[u8], role: Role) {
+    let mut parts = text.splitn(2, |&byte| byte == b'\n');
+    let method = String::from_utf8_lossy(parts.next().unwrap_or_default()).into_owned();
+    let Ok(parameters) = serde_json::from_slice(parts.next().unwrap_or(b"{}")) else { return };
+    let mut call = Call::new(format!("{BOARD}.{method}"), parameters);
+    call.more = Some(true);
+    judge(&call, role);
+}
+
+fn handle(message: &[u8], role: Role) {
+    let Ok(mut call) = serde_json::from_slice::<Call>(message) else { return };
+    let again: Call = serde_json::from_slice(encode(&call).strip_suffix(b"\0").unwrap()).unwrap();
+    // A flag that is off is left out.
+    assert_eq!(
+        (&again.method, &again.parameters.unwrap_or_default()),
+        (&call.method, &call.parameters.clone().unwrap_or_default())
+    );
+    let alias = call.resolve_alias();
+    assert!(!alias || call.method.starts_with(BOARD));
+    judge(&call, role);
+}
+
+fn judge(call: &Call, role: Role) {
+    thread_local!(static INFO: RefCell<SharedInfo> = RefCell::default());
+    let action = INFO.with_borrow(|info| understand(call, role, info));
+    match action {
+        Err(error) => {
+            let reply = error.to_reply();
+            assert_eq!(CallError::from_reply(&through_the_wire(&reply)), Some(error));
+        }
+        Ok(Action::Reply(reply)) => drop(through_the_wire(&reply)),
+        Ok(Action::Stream | Action::Renew) => {}
+        Ok(Action::Ask(ask)) => within_bounds(&ask, role),
+    }
+}
+
+fn through_the_wire(reply: &Reply) -> Reply {
+    let bytes = encode(reply);
+    let (end, message) = bytes.split_last().unwrap();
+    assert!(*end == 0 && !message.contains(&0));
+    let read: Reply = serde_json::from_slice(message).unwrap();
+    assert_eq!(read.error, reply.error);
+    read
+}
+
+/// What the thread that owns the board may rely on.
+fn within_bounds(ask: &Ask, role: Role) {
+    match ask {
+        Ask::Send { line, timeout } => {
+            assert!(role == Role::Engineer && (1..=600_000).contains(&timeout.as_millis()));
+            let line = line.as_bytes();
+            assert!((1..=LINE_MAX).contains(&line.len()) && line.iter().all(|byte| (32..127).contains(byte)));
+        }
+        Ask::Control { character } => assert!(role >= Role::Operate && (1..=31).contains(character)),
+        Ask::Read { first, count } => {
+            assert!((1..=READ_MAX).contains(count) && first.bytes() < 1 << 20 && first.bytes() % 2 == 0);
+        }
+        Ask::Job(call) => {
+            assert!(call.timeout.as_secs() <= 3600);
+            job(&call.job, role);
+        }
+    }
+}
+
+fn job(job: &Job, role: Role) {
+    match job {
+        Job::Panel(_) | Job::Override { .. } => assert!(role >= Role::Operate),
+        Job::WatchVariables(entries) => assert!(!entries.is_empty()),
+        Job::RotaryState(_) => {}
+        Job::Write { first, words, .. } => {
+            assert_eq!(role, Role::Engineer);
+            assert!((1..=64).contains(&words.len()));
+            assert!(u64::from(first.bytes()) + 2 * words.len() as u64 <= u64::from(classic::LENGTH));
+        }
+        Job::WriteVariables(records) => {
+            assert!((1..=1024).contains(&records.len()) && role == Role::Engineer)
+        }
+        Job::RotarySend { lines, .. } => {
+            assert!(lines.iter().map(Vec::len).sum::<usize>() <= 4096 && role == Role::Engineer);
+        }
+        _ => assert_eq!(role, Role::Engineer),
+    }
+}
