@@ -12,8 +12,12 @@
 //! |---|---|---|---|
 //! | servo update, optimistic, n motors | 30n + 6 | 30n + 6 | n = 8: 246 |
 //! | servo update, handshake | 30n + 8 | 30n + 9 | n = 8: 249 |
+//! | servo without spare words, n motors | 26n + 6 | 26n + 6 | n = 8: 214 |
+//! | servo, handshake, without spare words | 26n + 8 | 26n + 9 | n = 8: 217 |
+//! | servo of w words a motor, n motors | wn + 6 | wn + 6 | position and status, w = 6, n = 2: 18 |
 //! | servo look, either way | 1 | 1 | 1 |
 //! | background report, n numbers | 62n + 9 | 62n + 11 | n = 8: 507 |
+//! | background of w words a number | wn + 9 | wn + 11 | two status words, w = 4, n = 8: 43 |
 //! | background look | 1 | 1 | 1 |
 //! | variable read set-up, e entries | 2e + 4 | 2e + 4 | e = 128: 260 |
 //! | variable read first report, dropped | 0 | 2 | 2 |

@@ -9,6 +9,7 @@ mod client;
 mod decode;
 mod doctor;
 mod download;
+mod fields;
 mod format;
 mod gather;
 mod gather_program;
