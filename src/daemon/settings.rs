@@ -8,7 +8,7 @@ use super::options::Options;
 use super::policy::Roles;
 use super::ports::{HostPortConfig, HostPortTable, MailboxConfig, MailboxTable, Use};
 use super::uncertain::Uncertain;
-use crate::device::BoardSpec;
+use crate::device::{Access, BoardSpec};
 use crate::format::{TextOrder, WordOrder};
 use crate::function::servo::ServoReading;
 use crate::map::{PlanSettings, classic};
@@ -208,8 +208,13 @@ impl Settings {
             variables: file.variables,
             rotary: file.rotary,
         };
+        let board: BoardSpec = board_text.parse().map_err(refused)?;
+        if file.word_order == Some(WordOrder::Swapped) && board.access() == Access::Bits32 {
+            let text = "access=32 and word_order = \"swapped\" do not go together: how a bridge that swaps bytes would swap 32 bits is not known; leave access=32 out";
+            return Err(SettingsError(text.to_owned()));
+        }
         Ok(Self {
-            board: board_text.parse().map_err(refused)?,
+            board,
             board_text,
             socket: socket
                 .unwrap_or_else(|| format!("/run/pmacd/{}.sock", name.trim_start_matches('/')).into()),
@@ -339,6 +344,7 @@ mod tests {
             ("board = \"sim\"\nfunctions = []\n[host_port]\nregisters = \"file:p\"\n", "[host_port] is for"),
             ("board = \"sim\"\n[gather]\nplace = 3\n", "FILE:3:1: unknown field `place`"),
             ("board = \"sim\"\nfirmware = \"new\"\n", "not a firmware version"),
+            ("board = \"file:m,access=32\"\nword_order = \"swapped\"\n", "leave access=32 out"),
             ("board = \"boat\"\n", "no board kind `boat`"),
             ("board = \"sim\"\nname = \"a/b\"\n", "cannot be a segment's name"),
             ("board = \"sim\"\n[roles]\nking = []\n", "FILE:3:1: unknown field `king`"),

@@ -108,7 +108,7 @@ impl BackgroundReader {
             let start = block * BACKGROUND_BLOCK_WORDS;
             let words = &mut self.image[word_index(BACKGROUND_BLOCK) + start..];
             for run in &self.runs {
-                bus.read_block(BACKGROUND_BLOCK.plus_words(start + run.start), &mut words[run.clone()])?;
+                bus.read_data(BACKGROUND_BLOCK.plus_words(start + run.start), &mut words[run.clone()])?;
             }
             self.next_block = Some(block + 1);
             if self.selected_from(block + 1).is_some() {
@@ -142,7 +142,7 @@ impl BackgroundReader {
         let ports = word_index(BACKGROUND_PANEL_PORT);
         self.image[0] = ready;
         self.image[word_index(BACKGROUND_SERVO_TIMER)] = bus.read16(BACKGROUND_SERVO_TIMER)?;
-        bus.read_block(BACKGROUND_PANEL_PORT, &mut self.image[ports..ports + PORT_WORDS])?;
+        bus.read_data(BACKGROUND_PANEL_PORT, &mut self.image[ports..ports + PORT_WORDS])?;
         self.next_block = Some(0);
         Ok(BackgroundLook::Partial)
     }

@@ -2,48 +2,51 @@
 
 use std::time::Instant;
 
-use super::background::{BACKGROUND_WORDS, BackgroundLook, BackgroundReader};
+use super::background::{BackgroundLook, BackgroundReader};
 use super::gather::{GatherBuffer, GatherLook, GatherReader, GatherStart, report_cycles};
 use super::panel::{FeedOverride, Panel, PanelAction, PanelRequest};
 use super::port_cost_tests::{dpram, mailboxes};
 use super::rotary::{RotaryBuffer, RotarySetup, RotaryStream};
-use super::servo::{SERVO_WORDS, ServoLook, ServoReader, ServoReading};
+use super::servo::{ServoLook, ServoReader, ServoReading};
 use super::servo_timer::ServoTimer;
 use super::variable_read::{self, VariableEntry, VariableKind, VariableLook, VariableMode, VariableReader};
 use super::variable_write::{VariableWriter, WordKind, WriteRecord, WriteStep};
-use crate::device::{Bus, Counted, FileBoard};
+use crate::device::{Access, Bus, Counted, FileBoard};
 use crate::gather::GatherMode;
 use crate::map::classic::{
     BACKGROUND_DATA_READY, BACKGROUND_SERVO_TIMER, DATA_READY, PANEL_REQUEST_ENABLE, ROTARY_1, ROTARY_BUSY,
-    SERVO_HOST_STATUS, SERVO_MOTOR, SERVO_PMAC_STATUS, VARIABLE_READ_CONTROL, VARIABLE_READ_ENTRY_READY,
-    VARIABLE_WRITE_COUNT, rotary_header,
+    SERVO_PMAC_STATUS, VARIABLE_READ_CONTROL, VARIABLE_READ_ENTRY_READY, VARIABLE_WRITE_COUNT, rotary_header,
 };
-use crate::map::{HostOffset, Layout, PMAC, Region, Selection};
+use crate::map::{HostOffset, Layout, PMAC, Region};
 use crate::rotary::START_OF_LINE;
 
-const ALL: [usize; 8] = [1, 2, 3, 4, 5, 6, 7, 8];
-const PLACE: Region = Region::new("variables", HostOffset::new(0x2A00), HostOffset::new(0x2A00 + 2 * 768));
+pub const PLACE: Region =
+    Region::new("variables", HostOffset::new(0x2A00), HostOffset::new(0x2A00 + 2 * 768));
 
 /// The host's bus, which counts, and PMAC's own way to the same memory.
-struct Rig {
-    host: Counted<FileBoard>,
+pub struct Rig {
+    pub host: Counted<FileBoard>,
     pmac: FileBoard,
 }
 
 impl Rig {
-    fn new() -> Self {
+    pub fn new() -> Self {
+        Self::with_access(Access::Bits16)
+    }
+
+    pub fn with_access(access: Access) -> Self {
         let file = tempfile::tempfile().unwrap();
         file.set_len(0x4000).unwrap();
         let board = || FileBoard::from_file(&file, 0x4000).unwrap();
-        Self { host: Counted::new(board()), pmac: board() }
+        Self { host: Counted::new(board().with_access(access)), pmac: board() }
     }
 
-    fn put(&mut self, offset: HostOffset, word: u16) {
+    pub fn put(&mut self, offset: HostOffset, word: u16) {
         self.pmac.write16(offset, word).unwrap();
     }
 
     /// What `act` gives, and how many accesses it took.
-    fn cost<T>(&mut self, act: impl FnOnce(&mut Counted<FileBoard>) -> T) -> (T, usize) {
+    pub fn cost<T>(&mut self, act: impl FnOnce(&mut Counted<FileBoard>) -> T) -> (T, usize) {
         let before = self.host.accesses();
         let result = act(&mut self.host);
         (result, (self.host.accesses() - before) as usize)
@@ -51,7 +54,7 @@ impl Rig {
 }
 
 /// The last number of the table's row whose first cell begins with `what`.
-fn documented(what: &str) -> usize {
+pub fn documented(what: &str) -> usize {
     let start = format!("//! | {what}");
     let mut rows = include_str!("mod.rs").lines().filter(|line| line.starts_with(&start));
     let row = rows.next().unwrap_or_else(|| panic!("no row for {what}"));
@@ -81,77 +84,6 @@ fn servo() {
     }
 }
 
-/// These words of the blocks of these numbers.
-fn selected(fields: &[(usize, usize)], numbers: &[usize]) -> Selection {
-    Selection::new(fields.iter().map(|(start, end)| *start..*end), numbers.iter().copied())
-}
-
-#[test]
-fn a_part_of_the_servo_report() {
-    let optimistic = ServoReading::Optimistic;
-    for (reading, selection, reported, words, row) in [
-        // Without the spare words.
-        (optimistic, selected(&[(0, 26)], &ALL), 8, 8 * 26, "servo without spare words"),
-        (optimistic, selected(&[(0, 26)], &ALL), 3, 3 * 26, ""),
-        (ServoReading::Handshake, selected(&[(0, 26)], &ALL), 8, 8 * 26, "servo, handshake, without spare"),
-        // Some motors, of which the board may report fewer.
-        (optimistic, selected(&[(0, 30)], &[1, 3]), 8, 60, ""),
-        (optimistic, selected(&[(0, 30)], &[1, 3]), 2, 30, ""),
-        (optimistic, selected(&[(0, 30)], &[5]), 4, 0, ""),
-        // Some fields, side by side or not: actual position and status of motors 1 and 3.
-        (optimistic, selected(&[(4, 8), (18, 20)], &[1, 3]), 8, 12, "servo of w words"),
-        (optimistic, selected(&[], &ALL), 8, 0, ""),
-    ] {
-        let mut rig = Rig::new();
-        let mut reader = ServoReader::selecting(reading, selection);
-        reader.set_motors(reported);
-        reader.look(&mut rig.host).unwrap();
-        for word in 0..SERVO_WORDS {
-            rig.put(SERVO_HOST_STATUS.plus_words(word), 0x1111);
-        }
-        rig.put(SERVO_PMAC_STATUS, 1);
-        let (look, cost) = rig.cost(|bus| reader.look(bus).unwrap());
-        let over = if reading == optimistic { 6 } else { 9 };
-        assert_eq!((look, cost), (ServoLook::Update(1), words + over), "{selection:?}");
-        assert!(row.is_empty() || cost == documented(row), "{row}");
-        // What was read lies where it belongs, and all else is 0: 4 words are the board's, 1 is the timer.
-        assert_eq!(reader.image().iter().filter(|word| **word == 0x1111).count(), words + 4);
-        let first = SERVO_MOTOR.words_since(SERVO_HOST_STATUS);
-        for (index, word) in reader.image().iter().enumerate().skip(first) {
-            let (block, at) = ((index - first) / 30, (index - first) % 30);
-            let read = selection.has_number(block + 1) && selection.has_words(at, 1);
-            assert_eq!(*word == 0x1111, read, "{index}");
-        }
-    }
-}
-
-#[test]
-fn a_part_of_the_background_report() {
-    for (selection, reported, words, row) in [
-        (selected(&[(0, 62)], &[2, 7]), 8, 124, ""),
-        (selected(&[(0, 62)], &[2, 7]), 6, 62, ""),
-        (selected(&[(8, 10), (50, 52)], &ALL), 8, 32, "background of w words"),
-        (selected(&[], &ALL), 8, 0, ""),
-        (selected(&[(0, 62)], &[]), 8, 0, ""),
-    ] {
-        let mut rig = Rig::new();
-        let mut reader = BackgroundReader::selecting(selection);
-        reader.set_numbers(reported);
-        for word in 0..BACKGROUND_WORDS {
-            rig.put(BACKGROUND_DATA_READY.plus_words(word), 0x1111);
-        }
-        rig.put(BACKGROUND_SERVO_TIMER, 7);
-        rig.put(BACKGROUND_DATA_READY, DATA_READY);
-        let (look, cost) = rig.cost(|bus| {
-            let looks = std::iter::repeat_with(|| reader.look(bus).unwrap());
-            looks.take(20).find(|look| *look != BackgroundLook::Partial)
-        });
-        assert_eq!((look, cost), (Some(BackgroundLook::Report(7)), words + 11), "{selection:?}");
-        assert!(row.is_empty() || cost == documented(row), "{row}");
-        assert_eq!(reader.image().iter().filter(|word| **word == 0x1111).count(), words + 6);
-    }
-}
-
 #[test]
 fn background() {
     for n in 0..=8 {
@@ -173,7 +105,7 @@ fn background() {
 }
 
 /// A reader whose table of `entries` is set up, and what that cost.
-fn variables(rig: &mut Rig, entries: &[VariableEntry], mode: VariableMode) -> (VariableReader, usize) {
+pub fn variables(rig: &mut Rig, entries: &[VariableEntry], mode: VariableMode) -> (VariableReader, usize) {
     let (now, mut reader) = (Instant::now(), VariableReader::new(PLACE));
     let ((), cost) = rig.cost(|bus| {
         reader.begin(bus, entries, mode, now).unwrap();
@@ -187,8 +119,8 @@ fn variables(rig: &mut Rig, entries: &[VariableEntry], mode: VariableMode) -> (V
     (reader, cost)
 }
 
-const X: VariableEntry = VariableEntry { address: 0x0028, kind: VariableKind::X };
-const L: VariableEntry = VariableEntry { address: 0x1005, kind: VariableKind::Long };
+pub const X: VariableEntry = VariableEntry { address: 0x0028, kind: VariableKind::X };
+pub const L: VariableEntry = VariableEntry { address: 0x1005, kind: VariableKind::Long };
 
 #[test]
 fn variable_read() {
@@ -370,7 +302,7 @@ fn rotary() {
 
 #[test]
 fn lines_and_releases() {
-    assert_eq!(dpram(20, 20), documented("ASCII line"));
+    assert_eq!(dpram(20, 20, Access::Bits16), documented("ASCII line of n"));
     assert_eq!(mailboxes(20, 20), documented("mailbox line"));
     let mut rig = Rig::new();
     let costs = [

@@ -193,10 +193,10 @@ impl ServoReader {
         bus.order_reads();
         let began = Instant::now();
         let global = word_index(SERVO_GLOBAL_STATUS_Y);
-        bus.read_block(SERVO_GLOBAL_STATUS_Y, &mut self.image[global..global + GLOBAL_WORDS])?;
+        bus.read_data(SERVO_GLOBAL_STATUS_Y, &mut self.image[global..global + GLOBAL_WORDS])?;
         let motors = &mut self.image[word_index(SERVO_MOTOR)..];
         for run in &self.runs {
-            bus.read_block(SERVO_MOTOR.plus_words(run.start), &mut motors[run.clone()])?;
+            bus.read_data(SERVO_MOTOR.plus_words(run.start), &mut motors[run.clone()])?;
         }
         bus.order_reads();
         let after = bus.read16(SERVO_PMAC_STATUS)?;
