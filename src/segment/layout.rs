@@ -65,8 +65,9 @@
 //! | 0x60 | `unread_numbers` | no | bit `k-1`: nothing of motor or coordinate system `k` is read from the board |
 //! | 0x68 | reserved | | 3 words |
 //!
-//! The last two are about the servo and background regions, whose payload has one block a number, one behind the other.
-//! What is not read has its place in the payload, **holds 0 there, and must not be shown as a value.**
+//! The last two are about the servo and background regions, whose payload has a block a number, one behind the other: servo
+//! from host offset 0x48 on, 30 words a block; background from 0x24C on, 62 words. What is not read has its place in the payload,
+//! **holds 0 there, and must not be shown as a value.** (A payload ends with the last number that is read.)
 //!
 //! # Head and slots
 //! The head word counts the samples published. Samples are numbered from 1, so the head is also the number of the latest, and

@@ -52,14 +52,33 @@ fn what_is_not_read_is_shown_as_such() {
     assert_eq!((&system["axis_targets"]["X"], &system["axis_targets"]["Y"]), (&12.5.into(), &Value::Null));
     assert_eq!((&system["lines_remaining"], &system["program_status"]), (&3.into(), &Value::Null));
     assert_eq!(systems["background_motors"][0]["target_position"], Value::Null);
+}
 
-    // A program without our code finds it in the region's entry.
+#[test]
+fn a_program_without_our_code_finds_it_in_the_regions_entry() {
+    let rig = partial("entry");
     let path = Path::new(DIRECTORY).join(&rig.name);
-    let bytes = std::fs::read(path).unwrap();
+    let bytes = std::fs::read(&path).unwrap();
     let word = |offset: usize| u64::from_ne_bytes(bytes[offset..offset + 8].try_into().unwrap());
     assert_eq!((word(0x300), word(layout::AT_ABI_MINOR)), (RegionId::Servo as u64, 1));
     assert_eq!(!word(0x300 + 0x58), 0b0011_0000_0000_0000_1111_0000);
     assert_eq!(!word(0x300 + 0x60), 0b101);
+
+    if !Command::new("python3").arg("--version").output().is_ok_and(|output| output.status.success()) {
+        println!("skipped: there is no python3 here");
+        return;
+    }
+    let script = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/segment_reader.py");
+    let ran = Command::new("python3").arg(script).arg(&path).output().unwrap();
+    let document: Value = serde_json::from_slice(&ran.stdout).unwrap();
+    let words = |region: &str| document["regions"][region]["latest"]["words"].as_array().unwrap().clone();
+    let read = words("servo").iter().map(|word| word.is_u64()).collect::<Vec<_>>();
+    let expected = |index: usize| match index.checked_sub(18) {
+        None => true,
+        Some(word) => [0, 2].contains(&(word / 30)) && [4, 5, 6, 7, 20, 21].contains(&(word % 30)),
+    };
+    assert_eq!(read, (0..read.len()).map(expected).collect::<Vec<_>>());
+    assert_eq!(words("background").iter().filter(|word| word.is_u64()).count(), 18 + 6);
 }
 
 proptest! {
