@@ -42,8 +42,11 @@
 //! * Nothing panics by `unwrap`, `expect`, `panic!` or their kin outside tests. No file has more than 600 lines.
 //!
 //! Kept by the tests named:
-//! * Device words are read one 16-bit access each, ascending, each once: [`device::Bus`] has no other way;
-//!   [`device::counted`] counts, and the tests of [`function::servo`] and [`function::background`] hold the count.
+//! * Device words are read one 16-bit access each, ascending, each once: [`device::Bus`] has no other way, but for data, which
+//!   it may read two words at a time where the board is said to take that; [`device::counted`] counts, and the tests of
+//!   [`function`] hold the count.
+//! * What is not read from the board is never shown as a value: the segment says what it is, [`decode`] gives `None`
+//!   (`tests/it/fields.rs`).
 //! * Servo data: PMAC's status word is read again after the data; unless both readings are equal and not busy, the copy is
 //!   discarded ([`function::servo`]). Fields of two updates never mix (`tests/it/mixing.rs`, its number in every field).
 //! * No reader can slow or stop the daemon, and no writer, stopped or killed in mid-write, blocks a reader: every region is a

@@ -40,7 +40,7 @@ use crate::function::background::BACKGROUND_WORDS;
 use crate::function::servo::SERVO_WORDS;
 use crate::map::classic;
 use crate::mirror::{BackgroundMirror, ServoMirror, gather, variable};
-use crate::protocol::{BoardInfo, HostPortInfo};
+use crate::protocol::{BoardInfo, Function, HostPortInfo};
 use crate::segment::identity;
 use crate::segment::{CreateOptions, Identity, Publisher, RegionId, RegionSpec, monotonic_ns};
 use crate::usage::usage_with;
@@ -149,16 +149,23 @@ fn run(settings: &Settings, options: &Options, log: &mut LogWriter) -> Result<()
     let flags = EfdFlags::EFD_NONBLOCK | EfdFlags::EFD_CLOEXEC;
     let stop =
         Arc::new(EventFd::from_value_and_flags(0, flags).map_err(|error| Failure::system("eventfd", error))?);
-    let identifier = Identifier::new(configured_identity(settings), settings.ask_board, Instant::now());
+    let reading = settings.uncertain.settings();
+    let asks = settings.ask_board && reading.functions.has(Function::Ascii);
+    let identifier = Identifier::new(configured_identity(settings), asks, Instant::now());
     let now = Instant::now();
     let port = ResponsePort::new(settings.text_order, mailbox, now).after_another_host(now);
     let board = BoardLoop {
         bus: Counted::new(bus),
         open,
-        servo: ServoMirror::new(settings.servo_reading),
-        background: BackgroundMirror::new(settings.background_period_ns),
+        servo: ServoMirror::selecting(settings.servo_reading, reading.servo.selection()),
+        background: BackgroundMirror::selecting(
+            settings.background_period_ns,
+            reading.background.selection(),
+        ),
         desk: AsciiDesk::new(port, identifier),
-        jobs: JobDesk::new(settings.uncertain.plan(), settings.uncertain.variable_mode()),
+        jobs: JobDesk::new(settings.uncertain.plan(), settings.uncertain.variable_mode())
+            .using(reading.functions.clone()),
+        functions: reading.functions.clone(),
         interrupt,
         host_port,
         uncertain: settings.uncertain.clone(),
@@ -252,7 +259,13 @@ fn segment_options(settings: &Settings) -> Result<CreateOptions, Failure> {
         stale_after_ns: 0,
     };
     let group = settings.segment_group.as_deref().map(group_id).transpose();
+    let reading = settings.uncertain.settings();
+    let selections = vec![
+        (RegionId::Servo, reading.servo.selection()),
+        (RegionId::Background, reading.background.selection()),
+    ];
     Ok(CreateOptions {
+        selections,
         mode: settings.segment_mode,
         group: group.map_err(|error| Failure::new(exit::CONFIGURATION, error))?.map(nix::unistd::Gid::as_raw),
         ..CreateOptions::new(settings.name.clone(), vec![servo, background, board, variable, gather])

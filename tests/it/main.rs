@@ -10,6 +10,7 @@ mod client;
 mod decode;
 mod doctor;
 mod download;
+mod fields;
 mod format;
 mod fuzz_corpus;
 mod gather;
