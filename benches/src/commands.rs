@@ -31,6 +31,17 @@ pub fn run(rounds: usize) {
     println!("\n{}", table.text());
 }
 
+/// Pauses so spread that questions come at any moment of the board's cycle: asked one right after the other, they would all keep
+/// step with it, and a microsecond more or less would count as nothing or as a whole cycle.
+struct Pauses(u64);
+
+impl Pauses {
+    fn pause(&mut self) {
+        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        std::thread::sleep(Duration::from_nanos((self.0 >> 33) % 500_000));
+    }
+}
+
 /// The same question to the same board: directly on the DPRAM by the library, and through socket and daemon.
 fn round_trips(table: &mut Table) {
     const QUESTIONS: usize = 1500;
@@ -41,8 +52,10 @@ fn round_trips(table: &mut Table) {
     rig.start_daemon(&setup);
     std::thread::sleep(Duration::from_millis(500));
     let mut connection = rig.connection();
+    let mut pauses = Pauses(1);
     let through: Series = (0..QUESTIONS)
         .map(|_| {
+            pauses.pause();
             let start = Instant::now();
             let lines = connection.send(LINE, Duration::from_secs(2)).expect("an answer");
             let ns = start.elapsed().as_nanos() as f64;
@@ -95,7 +108,12 @@ fn direct(rig: &Rig, questions: usize) -> Figures {
             assert!(start.elapsed() < Duration::from_secs(5), "no answer");
         }
     };
-    let series: Series = (0..questions).map(|_| crate::clock::ticks(ask())).collect();
+    let mut pauses = Pauses(1);
+    let asked = (0..questions).map(|_| {
+        pauses.pause();
+        crate::clock::ticks(ask())
+    });
+    let series: Series = asked.collect();
     series.figures()
 }
 

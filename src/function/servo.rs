@@ -4,7 +4,8 @@
 //! bit (X:$D009 bit 15), copies motors 1 to I59, stores the servo timer (bits 14-0) and clears PMAC-Busy. Because it
 //! tests Host-Busy before it sets its own flag, Host-Busy alone does not protect a slow read: an update may begin
 //! right after the host looked. So in both ways of reading the status word is read again after the data, and unless
-//! both readings are equal and not busy, the copy is discarded.
+//! both readings are equal and not busy, the copy is discarded. What this cannot show: a bus that returned something else
+//! in the middle of a copy, for less than a servo period.
 //!
 //! Host-Busy left set by a host that died stops the updates for ever; [`ServoReader::release`] clears it.
 

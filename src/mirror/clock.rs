@@ -14,20 +14,29 @@ const MILLISECOND: Ns = 1_000_000;
 /// How far a phase error moves the next prediction, and how far the spacing of two updates moves the period.
 const PHASE_GAIN: f64 = 0.25;
 const PERIOD_GAIN: f64 = 0.02;
-/// Every update found at the first look moves the aim earlier by this part of a period: without it nobody would
-/// notice that the looks come later and later.
+/// Every update found at the first look moves the aim earlier by this part of a period, and no more than so many ns:
+/// without it nobody would notice that the looks come later and later.
 const NUDGE: f64 = 1.0 / 64.0;
+const NUDGE_NS: f64 = 20_000.0;
+/// One look that came late makes the next update seem early. So many in a row mean that the period is wrong.
+const HURRIED: u8 = 3;
 /// Without an update for this many periods (and at least [`SILENCE`]) there is no phase to hold.
 const LOCK_PERIODS: f64 = 20.0;
 const SILENCE: Ns = 50 * MILLISECOND;
 /// After so long the board is no longer expected to go on any moment.
 const LONG_SILENCE: Ns = 1_000 * MILLISECOND;
-/// How often to look at least, whatever the prediction says: one access a millisecond costs nothing, and a period
-/// that became much shorter is noticed.
+/// The prediction is good to this part of a period: looks in vain that near to it were early, others were made for other reasons.
+const AIM: f64 = 1.0 / 8.0;
+/// From one look in vain to the next while an update is due: a sixteenth of a period, but no less and no more than this.
+const LOOK_AGAIN: std::ops::RangeInclusive<Ns> = 10 * MICROSECOND..=60 * MICROSECOND;
+/// How often to look at least, whatever the prediction says: so a period that became much shorter is noticed. One
+/// access a millisecond costs nothing; where updates come more seldom, one look halfway is enough, but not less than
+/// this, because a period that was told may be wrong.
 const IDLE_LOOK: Ns = MILLISECOND;
+const SELDOM_LOOK: Ns = 10 * MILLISECOND;
 
 /// Predicts updates that come at a nearly constant period.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Default)]
 pub struct UpdateClock {
     /// The time between updates; 0 while unknown.
     period_ns: f64,
@@ -35,15 +44,11 @@ pub struct UpdateClock {
     predicted_ns: Option<f64>,
     /// The last update seen.
     last_update_ns: Option<Ns>,
+    /// So many updates in a row came less than half a period after the one before.
+    hurried: u8,
     /// The last look that found nothing since the last update.
     last_early_ns: Option<Ns>,
     due_ns: Ns,
-}
-
-impl Default for UpdateClock {
-    fn default() -> Self {
-        Self { period_ns: 0.0, predicted_ns: None, last_update_ns: None, last_early_ns: None, due_ns: 0 }
-    }
 }
 
 impl UpdateClock {
@@ -68,6 +73,12 @@ impl UpdateClock {
         (self.period_ns > 0.0).then_some(self.period_ns as Ns)
     }
 
+    /// When the last update seen was made: what the phase says, whenever it was found. None without a phase.
+    #[must_use]
+    pub fn update_ns(&self) -> Option<Ns> {
+        self.predicted_ns.map(|predicted| (predicted - self.period_ns).max(0.0) as Ns)
+    }
+
     /// A look at `now` found nothing new.
     pub fn looked_in_vain(&mut self, now: Ns) {
         self.last_early_ns = Some(now);
@@ -76,11 +87,14 @@ impl UpdateClock {
             self.predicted_ns = None;
         }
         let again = match self.predicted_ns {
-            Some(_) => (self.period_ns / 16.0) as Ns,
+            Some(predicted) => {
+                let soon = ((self.period_ns / 16.0) as Ns).clamp(*LOOK_AGAIN.start(), *LOOK_AGAIN.end());
+                soon.max((predicted as Ns).saturating_sub(now))
+            }
             None if self.period_ns > 0.0 && silent <= LONG_SILENCE => (self.period_ns / 4.0) as Ns,
             None => IDLE_LOOK,
         };
-        self.due_ns = now + again.clamp(10 * MICROSECOND, IDLE_LOOK);
+        self.due_ns = now + again.clamp(*LOOK_AGAIN.start(), self.longest_wait());
     }
 
     /// A look at `now` found an update, the `updates`-th after the last one seen (1: none was missed).
@@ -88,15 +102,23 @@ impl UpdateClock {
         let updates = updates.max(1) as f64;
         let at = now as f64;
         let elapsed = self.last_update_ns.map(|last| at - last as f64);
+        let is_hurried = elapsed.is_some_and(|elapsed| elapsed < updates * self.period_ns / 2.0);
+        self.hurried = if is_hurried { self.hurried + 1 } else { 0 };
+        if self.hurried == HURRIED {
+            self.hurried = 0;
+            self.period_ns = 0.0;
+            self.predicted_ns = None;
+        }
         match (self.predicted_ns, elapsed) {
             (Some(predicted), Some(elapsed)) if updates < LOCK_PERIODS => {
                 // The prediction was for the update nearest to this look, also if one came before it unseen.
                 let behind = ((at - predicted) / self.period_ns).floor().max(0.0);
                 let predicted = predicted + behind * self.period_ns;
-                let error = match self.last_early_ns {
+                let early = self.last_early_ns.map(|early| early as f64);
+                let error = match early.filter(|early| *early > predicted - AIM * self.period_ns) {
                     // It came between two looks; take the middle.
-                    Some(early) => (at + early as f64) / 2.0 - predicted,
-                    None => -NUDGE * self.period_ns,
+                    Some(early) => (at + early) / 2.0 - predicted,
+                    None => -(NUDGE * self.period_ns).min(NUDGE_NS),
                 };
                 let error = error.clamp(-self.period_ns, self.period_ns);
                 // Looks come late by a bounded time, so the spacing of updates is right in the long run, whatever
@@ -123,99 +145,18 @@ impl UpdateClock {
         self.last_update_ns = Some(now);
         self.last_early_ns = None;
         self.due_ns = match self.predicted_ns {
-            Some(predicted) => (predicted as Ns).clamp(now, now + IDLE_LOOK),
+            Some(predicted) => (predicted as Ns).clamp(now, now + self.longest_wait()),
             None => now + IDLE_LOOK,
         };
+    }
+
+    /// From one look to the next at most.
+    fn longest_wait(&self) -> Ns {
+        let half = if self.predicted_ns.is_some() { self.period_ns / 2.0 } else { 0.0 };
+        (half as Ns).clamp(IDLE_LOOK, SELDOM_LOOK)
     }
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// Runs the clock against updates at `phase + k * period` with looks that come up to `lateness` late.
-    /// Returns (looks per update, worst delay after the first tenth, missed).
-    fn run(clock: &mut UpdateClock, period: f64, lateness: Ns, updates: u64) -> (f64, Ns, u64) {
-        let (mut looks, mut worst, mut missed, mut seen) = (0u64, 0, 0, 0u64);
-        let mut now = 1_000_000u64;
-        let mut random = 12345u64;
-        let phase = 1_234_567.0;
-        while seen < updates {
-            random = random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-            now = now.max(clock.due_ns()) + (random >> 33) % (lateness + 1) + 200;
-            looks += 1;
-            let count = (((now as f64 - phase) / period).floor() + 1.0).max(0.0) as u64;
-            if count > seen {
-                let delay = now - (phase + (count - 1) as f64 * period) as u64;
-                if seen > updates / 10 {
-                    worst = worst.max(delay);
-                    missed += count - seen - 1;
-                }
-                clock.found(now, count - seen);
-                seen = count;
-            } else {
-                clock.looked_in_vain(now);
-            }
-        }
-        (looks as f64 / updates as f64, worst, missed)
-    }
-
-    #[test]
-    fn it_locks_without_being_told_the_period() {
-        let mut clock = UpdateClock::default();
-        let (looks, worst, missed) = run(&mut clock, 442_708.4, 5_000, 20_000);
-        assert_eq!(missed, 0);
-        assert!(looks < 3.0, "{looks} looks an update");
-        assert!(worst < 60_000, "{worst} ns late");
-        let period = clock.period_ns().unwrap();
-        assert!((442_000..443_400).contains(&period), "{period}");
-    }
-
-    #[test]
-    fn it_holds_at_9_khz_with_a_sleep_that_overshoots_by_half_a_period() {
-        let mut clock = UpdateClock::default();
-        clock.expect_period(111_111);
-        let (looks, _, missed) = run(&mut clock, 111_111.1, 55_000, 50_000);
-        assert_eq!(missed, 0);
-        assert!(looks < 3.0, "{looks} looks an update");
-    }
-
-    #[test]
-    fn a_wrong_or_changed_period_is_learnt() {
-        let mut clock = UpdateClock::default();
-        clock.expect_period(500_000);
-        let (_, _, missed) = run(&mut clock, 442_708.4, 5_000, 20_000);
-        assert_eq!(missed, 0);
-        clock.expect_period(2_000_000);
-        assert_eq!(clock.period_ns(), Some(2_000_000));
-    }
-
-    #[test]
-    fn a_silent_board_is_looked_at_seldom() {
-        let mut clock = UpdateClock::default();
-        clock.expect_period(442_708);
-        clock.found(1_000_000, 1);
-        let (mut now, mut looks) = (1_000_000, 0);
-        while now < 3_001_000_000 {
-            now = clock.due_ns().max(now + 1);
-            clock.looked_in_vain(now);
-            looks += u64::from(now > 1_001_000_000);
-        }
-        assert!((1_900..2_300).contains(&looks), "{looks} looks in two seconds, after the first");
-        let mut unknown = UpdateClock::default();
-        unknown.looked_in_vain(5);
-        assert_eq!(unknown.due_ns(), 5 + IDLE_LOOK);
-    }
-
-    #[test]
-    fn after_standing_still_it_looks_ahead_and_not_behind() {
-        let mut clock = UpdateClock::default();
-        clock.expect_period(442_708);
-        for k in 0..100u64 {
-            clock.found(1_000_000 + k * 442_708, 1);
-        }
-        let now = 1_000_000 + 1_100 * 442_708;
-        clock.found(now, 1000);
-        assert!(clock.due_ns() >= now && clock.due_ns() <= now + 442_708 + 1, "{}", clock.due_ns() - now);
-    }
-}
+#[path = "clock_tests.rs"]
+mod tests;

@@ -164,7 +164,7 @@ impl ServoMirror {
         publisher.publish(RegionId::Servo, Stamp { time_ns, servo_timer, valid: true }, self.reader.image());
         self.clock.found(time_ns, updates);
         let not_read = updates - 1;
-        let skipped = self.skipped(not_read, time_ns);
+        let skipped = self.skipped(not_read);
         self.note_hold(time_ns);
         let counters = publisher.counters();
         counters.add(Counter::Updates, 1);
@@ -201,22 +201,17 @@ impl ServoMirror {
         }
     }
 
-    /// How many of the `not_read` updates before the one seen at `now_ns` were due while Host-Busy was set. An
-    /// estimate: when an update was due is known no better than the clock knows it.
-    fn skipped(&mut self, not_read: u64, now_ns: u64) -> u64 {
-        let period = self.clock.period_ns().unwrap_or(0);
-        let mut holds = self.holds.drain(..);
-        if not_read == 0 || period == 0 {
-            return 0;
+    /// How many of the `not_read` updates before the last one were due while Host-Busy was set. An estimate: when an
+    /// update was due is known no better than the clock knows it.
+    fn skipped(&mut self, not_read: u64) -> u64 {
+        let holds = self.holds.drain(..);
+        match (self.clock.update_ns(), self.clock.period_ns()) {
+            (Some(update), Some(period @ 1..)) if not_read > 0 => holds
+                .map(|(from, to)| due_between(update, period, not_read, from, to))
+                .sum::<u64>()
+                .min(not_read),
+            _ => 0,
         }
-        let held = |(from, to): (u64, u64)| {
-            // The update seen came at most a period before it was seen, those before it a period earlier each.
-            let first = now_ns.saturating_sub(to) / period;
-            let last = now_ns.saturating_sub(from).div_ceil(period);
-            last.min(not_read).saturating_sub(first.min(not_read)).min((to - from).div_ceil(period))
-        };
-        let counted: u64 = holds.by_ref().map(held).sum();
-        counted.min(not_read)
     }
 
     /// Keeps the limit of staleness at ten periods of what the updates really come at.
@@ -239,6 +234,13 @@ fn agree(passed: u64, elapsed: Option<u64>) -> bool {
     (elapsed / 2..=elapsed + elapsed / 4 + NEXT_UPDATES).contains(&passed)
 }
 
+/// Of the `count` updates before the one at `update_ns`, each a period before the next: those due from `from` to `to`.
+fn due_between(update_ns: u64, period_ns: u64, count: u64, from: u64, to: u64) -> u64 {
+    let first = update_ns.saturating_sub(to).div_ceil(period_ns).max(1);
+    let last = (update_ns.saturating_sub(from) / period_ns).min(count);
+    (last + 1).saturating_sub(first)
+}
+
 /// Cycles in the whole turns of the timer that passed unseen: a mirror that was stopped for longer than a turn can
 /// tell only from the time that went by.
 fn whole_turns(passed: u64, elapsed: Option<u64>) -> u64 {
@@ -256,6 +258,18 @@ mod tests {
         assert!(agree(2258, Some(2258)) && agree(2000, Some(2258)) && agree(1200, Some(2258)));
         assert!(!agree(30_000, Some(200)) && !agree(100, Some(2258)) && !agree(5, None));
         assert!(agree(1000, Some(33_768)), "a whole turn and a bit");
+    }
+
+    #[test]
+    fn skipped_updates_are_those_due_while_the_host_held_the_buffer() {
+        // Updates at 900, 800 and 700 were not read; the one at 1000 was.
+        assert_eq!(due_between(1000, 100, 3, 880, 920), 1);
+        assert_eq!(due_between(1000, 100, 3, 820, 880), 0);
+        assert_eq!(due_between(1000, 100, 3, 780, 920), 2);
+        assert_eq!(due_between(1000, 100, 3, 900, 900), 1);
+        assert_eq!(due_between(1000, 100, 3, 100, 2000), 3);
+        assert_eq!(due_between(1000, 100, 3, 100, 650), 0, "before the first of them");
+        assert_eq!(due_between(1000, 100, 3, 950, 2000), 0, "the one seen was not skipped");
     }
 
     #[test]

@@ -280,8 +280,15 @@ impl Machine {
             return true;
         }
         if let Some(before) = self.out_of_reach.take() {
-            for (offset, value) in words.zip(before) {
-                dpram.disturb(offset, value);
+            let status = offsets::SERVO_PMAC_STATUS;
+            let hidden = dpram.read16(status);
+            for (offset, value) in words.zip(&before).filter(|(offset, _)| *offset != status) {
+                dpram.disturb(offset, *value);
+            }
+            // The board did not stand still meanwhile: the status word of before is not to be seen again beside the old data.
+            self.report.cycle(&self.variables, &self.gather, &self.faults, &mut self.memory);
+            if self.memory.dpram.read16(status) == hidden {
+                self.memory.dpram.disturb(status, before[usize::from(status / 2)]);
             }
         }
         false

@@ -3,6 +3,7 @@
 mod architecture;
 mod backup;
 mod bench;
+mod bystander;
 mod campaign;
 mod cli;
 mod client;
@@ -25,7 +26,6 @@ mod rig;
 mod rotary;
 mod rotary_stream;
 mod segment;
-mod segment_cost;
 mod segment_hostile;
 mod segment_life;
 mod segment_loom;

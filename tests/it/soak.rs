@@ -38,7 +38,7 @@ fn place(motor: u32) -> f64 {
 }
 
 /// Resident memory of a process, in KiB, and how many descriptors it has open.
-fn weight(pid: u32) -> (u64, usize) {
+pub fn weight(pid: u32) -> (u64, usize) {
     let status = std::fs::read_to_string(format!("/proc/{pid}/status")).unwrap();
     let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:")).unwrap();
     let resident = line.trim().trim_end_matches(" kB").trim().parse().unwrap();
