@@ -94,7 +94,7 @@ impl Board {
     /// # Errors
     /// [`ClientError::Segment`] when this daemon publishes none.
     pub fn follow_gather(&self) -> Result<GatherFollower, ClientError> {
-        let next = self.subscriber().published(RegionId::Gather)? + 1;
+        let next = self.subscriber().published(RegionId::Gather)?.saturating_add(1);
         let cursor = self.subscriber().cursor(RegionId::Gather, next)?;
         Ok(GatherFollower { cursor, sample: Sample::new() })
     }
