@@ -5,7 +5,8 @@
 //! tests Host-Busy before it sets its own flag, Host-Busy alone does not protect a slow read: an update may begin
 //! right after the host looked. So in both ways of reading the status word is read again after the data, and unless
 //! both readings are equal and not busy, the copy is discarded. What this cannot show: a bus that returned something else
-//! in the middle of a copy, for less than a servo period.
+//! in the middle of a copy, for less than a servo period; and, in optimistic reading, a servo counter that is set back by
+//! one update at that moment, so that two updates in a row have the same number.
 //!
 //! Host-Busy left set by a host that died stops the updates for ever; [`ServoReader::release`] clears it.
 

@@ -270,6 +270,10 @@ impl<'a> Campaign<'a> {
             std::thread::sleep(life);
         }
 
+        // Two updates of the same number, one after the other, cannot be told apart in optimistic reading.
+        if misbehaviour == Misbehaviour::Timer("-1") {
+            self.tagged.store(false, Ordering::SeqCst);
+        }
         if is_first {
             self.begin(misbehaviour);
         }
@@ -311,6 +315,7 @@ impl<'a> Campaign<'a> {
         let started = Instant::now();
         self.mend(misbehaviour, event);
         self.recover(misbehaviour);
+        self.tagged.store(true, Ordering::SeqCst);
         if undisturbed && bystander == Some(Bystander::Jogging) {
             self.assert_stopped();
         }
