@@ -24,6 +24,7 @@ use super::job_desk::JobDesk;
 use super::mailbox_link::MailboxLink;
 use super::queue::{Command, Event, Outcome, READ_MAX, Receive, Sender};
 use super::response_port::{PortError, Way};
+use super::room::Room;
 use super::uncertain::Uncertain;
 use crate::device::{Bus, BusError, Counted};
 use crate::function::ascii::AsciiPort;
@@ -40,8 +41,6 @@ const HEARTBEAT_NS: u64 = 50_000_000;
 const BOARD_CHECK_NS: u64 = 1_000_000_000;
 /// How long a board may take to give its first sign of life before it is called stale.
 const FIRST_SIGN_NS: u64 = 1_000_000_000;
-/// A background look or a command may take this long on a slow bus; none is begun closer before a servo update.
-const ROOM_NS: u64 = 40_000;
 /// Rounds in a row that the servo may take while other work is due.
 const STARVING_ROUNDS: u32 = 8;
 /// How long an unreachable bus is left alone.
@@ -89,6 +88,8 @@ pub struct BoardLoop {
     pub began_ns: u64,
     /// Rounds in a row that went to the servo.
     pub rounds_for_servo: u32,
+    /// What is left free before servo updates.
+    pub room: Room,
     /// What is to be said when it changes.
     pub told: Told,
 }
@@ -220,7 +221,7 @@ impl BoardLoop {
         let accesses = self.bus.accesses();
         let work = self.longest_waiting(now);
         let servo_due = now >= self.servo.due_ns();
-        let no_room = self.servo.due_ns().saturating_sub(now) < ROOM_NS && self.servo.is_live();
+        let no_room = self.servo.due_ns().saturating_sub(now) < self.room.ns() && self.servo.is_live();
         // On a slow bus, or at a high servo rate, there may never be room. What stops a machine goes out all the same.
         let starving = self.rounds_for_servo >= STARVING_ROUNDS && work.is_some();
         if (servo_due || no_room) && !starving {
@@ -266,6 +267,9 @@ impl BoardLoop {
                 self.tell_background(transition);
             }
         }
+        if work.is_some() {
+            self.room.took(self.bus.accesses() - accesses, instant.elapsed());
+        }
         Ok(())
     }
 
@@ -303,7 +307,8 @@ impl BoardLoop {
         let others = desk_due.min(self.background.due_ns());
         // Work that would not fit before the servo data waits until after them.
         let servo = self.servo.due_ns();
-        let due = if self.servo.is_live() && others + ROOM_NS > servo { servo } else { servo.min(others) };
+        let due =
+            if self.servo.is_live() && others + self.room.ns() > servo { servo } else { servo.min(others) };
         let timeout = Duration::from_nanos(due.min(heartbeat_due).saturating_sub(monotonic_ns()));
         fn watched(fd: BorrowedFd<'_>) -> PollFd<'_> {
             PollFd::new(fd, PollFlags::POLLIN)

@@ -30,6 +30,7 @@ use super::policy::group_id;
 use super::privilege::{self, Account, Holdings};
 use super::queue::queue;
 use super::response_port::ResponsePort;
+use super::room::Room;
 use super::serve::{Backend, ServeOptions, serve};
 use super::settings::Settings;
 use super::watch::{Manager, Signals, until_asked_to_end};
@@ -44,9 +45,10 @@ use crate::segment::identity;
 use crate::segment::{CreateOptions, Identity, Publisher, RegionId, RegionSpec, monotonic_ns};
 use crate::usage::usage_with;
 
-/// Slots of each region: servo, some seconds; background, some reports; the board, a few changes.
+/// Slots of each region, for readers that sleep: servo, two seconds at the default rate; variables, a second at the rate of a PMAC's
+/// background; background, a second (see [`background_slots`]); the board, a few changes.
 const SERVO_SLOTS: u32 = 4096;
-const BACKGROUND_SLOTS: u32 = 16;
+const VARIABLE_SLOTS: u32 = 1024;
 const BOARD_SLOTS: u32 = 4;
 /// Commands and events that may lie between the threads.
 const QUEUE: usize = 256;
@@ -169,6 +171,7 @@ fn run(settings: &Settings, options: &Options, log: &mut LogWriter) -> Result<()
         answer: None,
         began_ns: monotonic_ns(),
         rounds_for_servo: 0,
+        room: Room::default(),
         told: Told::default(),
     };
     let bus_thread = std::thread::Builder::new()
@@ -201,6 +204,12 @@ fn run(settings: &Settings, options: &Options, log: &mut LogWriter) -> Result<()
 }
 
 /// The regions this version publishes.
+/// A second of background reports, and no fewer than 16.
+fn background_slots(period_ns: u64) -> u32 {
+    let reports = 1_000_000_000 / period_ns.max(1);
+    u32::try_from(reports).unwrap_or(u32::MAX).clamp(16, 1024).next_power_of_two()
+}
+
 fn segment_options(settings: &Settings) -> Result<CreateOptions, Failure> {
     let servo = RegionSpec {
         id: RegionId::Servo,
@@ -212,7 +221,7 @@ fn segment_options(settings: &Settings) -> Result<CreateOptions, Failure> {
     };
     let background = RegionSpec {
         id: RegionId::Background,
-        slots: BACKGROUND_SLOTS,
+        slots: background_slots(settings.background_period_ns),
         payload_bytes: 2 * BACKGROUND_WORDS as u32,
         first_host_offset: classic::BACKGROUND_DATA_READY.bytes(),
         period_hint_ns: settings.background_period_ns,
@@ -228,7 +237,7 @@ fn segment_options(settings: &Settings) -> Result<CreateOptions, Failure> {
     };
     let variable = RegionSpec {
         id: RegionId::Variable,
-        slots: BACKGROUND_SLOTS,
+        slots: VARIABLE_SLOTS,
         payload_bytes: 2 * variable::PAYLOAD_WORDS as u32,
         first_host_offset: 0,
         period_hint_ns: 0,

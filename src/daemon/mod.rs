@@ -35,6 +35,7 @@ pub mod privilege;
 pub mod queue;
 mod resets;
 pub mod response_port;
+pub mod room;
 pub mod rotary_desk;
 pub mod serve;
 pub mod settings;

@@ -18,6 +18,8 @@ const PERIOD_GAIN: f64 = 0.02;
 /// without it nobody would notice that the looks come later and later.
 const NUDGE: f64 = 1.0 / 64.0;
 const NUDGE_NS: f64 = 20_000.0;
+/// One look that came late makes the next update seem early. So many in a row mean that the period is wrong.
+const HURRIED: u8 = 3;
 /// Without an update for this many periods (and at least [`SILENCE`]) there is no phase to hold.
 const LOCK_PERIODS: f64 = 20.0;
 const SILENCE: Ns = 50 * MILLISECOND;
@@ -28,11 +30,13 @@ const AIM: f64 = 1.0 / 8.0;
 /// From one look in vain to the next while an update is due: a sixteenth of a period, but no less and no more than this.
 const LOOK_AGAIN: std::ops::RangeInclusive<Ns> = 10 * MICROSECOND..=60 * MICROSECOND;
 /// How often to look at least, whatever the prediction says: so a period that became much shorter is noticed. One
-/// access a millisecond costs nothing; where updates come more seldom, one look halfway is enough.
+/// access a millisecond costs nothing; where updates come more seldom, one look halfway is enough, but not less than
+/// this, because a period that was told may be wrong.
 const IDLE_LOOK: Ns = MILLISECOND;
+const SELDOM_LOOK: Ns = 10 * MILLISECOND;
 
 /// Predicts updates that come at a nearly constant period.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Default)]
 pub struct UpdateClock {
     /// The time between updates; 0 while unknown.
     period_ns: f64,
@@ -40,15 +44,11 @@ pub struct UpdateClock {
     predicted_ns: Option<f64>,
     /// The last update seen.
     last_update_ns: Option<Ns>,
+    /// So many updates in a row came less than half a period after the one before.
+    hurried: u8,
     /// The last look that found nothing since the last update.
     last_early_ns: Option<Ns>,
     due_ns: Ns,
-}
-
-impl Default for UpdateClock {
-    fn default() -> Self {
-        Self { period_ns: 0.0, predicted_ns: None, last_update_ns: None, last_early_ns: None, due_ns: 0 }
-    }
 }
 
 impl UpdateClock {
@@ -102,6 +102,13 @@ impl UpdateClock {
         let updates = updates.max(1) as f64;
         let at = now as f64;
         let elapsed = self.last_update_ns.map(|last| at - last as f64);
+        let is_hurried = elapsed.is_some_and(|elapsed| elapsed < updates * self.period_ns / 2.0);
+        self.hurried = if is_hurried { self.hurried + 1 } else { 0 };
+        if self.hurried == HURRIED {
+            self.hurried = 0;
+            self.period_ns = 0.0;
+            self.predicted_ns = None;
+        }
         match (self.predicted_ns, elapsed) {
             (Some(predicted), Some(elapsed)) if updates < LOCK_PERIODS => {
                 // The prediction was for the update nearest to this look, also if one came before it unseen.
@@ -145,8 +152,8 @@ impl UpdateClock {
 
     /// From one look to the next at most.
     fn longest_wait(&self) -> Ns {
-        let locked = self.predicted_ns.is_some();
-        IDLE_LOOK.max(if locked { (self.period_ns / 2.0) as Ns } else { 0 })
+        let half = if self.predicted_ns.is_some() { self.period_ns / 2.0 } else { 0.0 };
+        (half as Ns).clamp(IDLE_LOOK, SELDOM_LOOK)
     }
 }
 

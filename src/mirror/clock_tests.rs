@@ -168,6 +168,20 @@ fn a_period_that_changes_under_way_is_found_without_being_told() {
 }
 
 #[test]
+fn a_period_that_was_told_and_is_nonsense_is_unlearnt() {
+    let mut clock = UpdateClock::default();
+    run(&mut clock, 442_708.4, 5_000, 1_000);
+    // I19 garbled on its way, told as 3713707.
+    clock.expect_period(442_708 * 3_713_707);
+    let late = 1_000.0 * 442_708.4;
+    let updates = updates(2_000, |number| if number == 0 { late } else { 442_708.4 });
+    let mut random = random();
+    let Seen { missed, .. } = watch(&mut clock, &updates, |_| random(5_000));
+    assert_eq!(missed, 0, "after the first tenth");
+    assert!((400_000..500_000).contains(&clock.period_ns().unwrap()), "{:?}", clock.period_ns());
+}
+
+#[test]
 fn a_machine_that_stands_still_at_times_costs_only_what_it_slept_through() {
     let updates = updates(50_000, |_| 442_708.4);
     let mut random = random();

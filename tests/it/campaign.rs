@@ -361,6 +361,10 @@ impl<'a> Campaign<'a> {
             let closed = connection.send("CLOSE", TIMEOUT).is_ok();
             closed && connection.send("ENDGATHER ENDGATHER GATHER I57=0", TIMEOUT).is_ok()
         });
+        if garbles(misbehaviour) {
+            // A gather that was told a wrong I19 sets it again at its end.
+            wait_until("the report's period", || connection.send("I19=1 I48=1", TIMEOUT).is_ok());
+        }
         // Live because its time is not over yet does not count: a new update has to come.
         self.wait_for_updates();
         let forgets = matches!(misbehaviour, Misbehaviour::Reset | Misbehaviour::Power);
