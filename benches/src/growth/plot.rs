@@ -163,8 +163,9 @@ impl Panel {
             .values(1)
             .fold((f64::INFINITY, 0.0_f64), |(low, high), value| (low.min(value), high.max(value)));
         if self.logarithmic {
-            let first = low.max(0.1).log10().floor() as i32;
-            let last = (high.max(0.2).log10().ceil() as i32).max(first + 1);
+            // At least from 10 to 1000, so that most panels have one scale.
+            let first = (low.max(0.1).log10().floor() as i32).min(1);
+            let last = (high.max(0.2).log10().ceil() as i32).max(3);
             return (first..=last).map(|power| 10_f64.powi(power)).collect();
         }
         let size = 10_f64.powf((high.max(1e-9) / 4.0).log10().floor());
