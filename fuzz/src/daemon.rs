@@ -28,6 +28,8 @@ use super::tape::Tape;
 
 /// Most steps of one input.
 const STEPS: usize = 300;
+/// Most accesses of one piece of work: copies of the servo data that were torn again and again.
+const ONE_GO: u32 = 1200;
 /// Passes that must be enough to answer everything once the board does nothing more and time goes on.
 const LAST_PASSES: usize = 400;
 
@@ -125,25 +127,29 @@ impl Desks<'_> {
             6 | 7 => self.ask_ascii(how, tape),
             8 | 9 => self.ask_job(how, tape),
             10 => self.hear(),
-            11 => match how {
-                0 => self.ascii.forget(self.now).unwrap(),
-                1 => self.ascii.doubt(self.now),
-                2 => self.ascii.see_buffer(true),
-                3 => self.ascii.see_buffer(false),
-                4 => self.ascii.set_interrupt(true),
-                5 => self.jobs.take_over(&mut self.bus, &self.shared.publisher).unwrap(),
-                6 => self.jobs.leave(&mut self.bus).unwrap(),
-                7 => self.servo.configure(
-                    usize::from(tape.u8()),
-                    Some(u64::from(tape.u32())),
-                    Some(tape.u32()),
-                ),
-                8 => self.background.configure(usize::from(tape.u8())),
-                9 => self.servo.forget(),
-                10 => self.background.forget(),
-                _ => self.background.start_over(&mut self.bus).unwrap(),
-            },
+            11 => {
+                self.turn(how, tape);
+                self.bounded(ONE_GO);
+            }
             _ => self.pass(how),
+        }
+    }
+
+    /// What the thread that owns the board does when something happened to it.
+    fn turn(&mut self, how: u8, tape: &mut Tape<'_>) {
+        match how {
+            0 => self.ascii.forget(self.now).unwrap(),
+            1 => self.ascii.doubt(self.now),
+            2 => self.ascii.see_buffer(true),
+            3 => self.ascii.see_buffer(false),
+            4 => self.ascii.set_interrupt(true),
+            5 => self.jobs.take_over(&mut self.bus, &self.shared.publisher).unwrap(),
+            6 => self.jobs.leave(&mut self.bus).unwrap(),
+            7 => self.servo.configure(usize::from(tape.u8()), Some(u64::from(tape.u32())), Some(tape.u32())),
+            8 => self.background.configure(usize::from(tape.u8())),
+            9 => self.servo.forget(),
+            10 => self.background.forget(),
+            _ => self.background.start_over(&mut self.bus).unwrap(),
         }
     }
 
@@ -178,7 +184,7 @@ impl Desks<'_> {
         if let Some(event) = answer {
             self.take(event);
         }
-        self.bounded(1200);
+        self.bounded(ONE_GO);
     }
 
     /// A job as the command socket lets one through.
@@ -267,7 +273,7 @@ impl Desks<'_> {
         if let Some(event) = told {
             self.take(event);
         }
-        self.bounded(1200);
+        self.bounded(ONE_GO);
     }
 
     /// Whatever the board does, one piece of work costs so many accesses at most, and touches the host's words alone.

@@ -178,7 +178,7 @@ fn read(place: &mut Place, way: u8, tape: &mut Tape<'_>) {
         }
     };
     let attach = || Board::attach_in(place.directory.path(), "pmac0").expect("attached to a moment ago");
-    let mut board = (way & 8 == 0).then(attach);
+    let mut board = (way & 14 == 0).then(attach);
     // From here on the file keeps its length, as the owner's does; the words change under the reader.
     let length = reader.header().total_length;
     let _ = (reader.condition(), reader.counters().count());

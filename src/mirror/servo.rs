@@ -22,6 +22,8 @@ const NEXT_UPDATES: u64 = 64;
 /// Servo data are stale after this time, or [`STALE_PERIODS`], without an update.
 const STALE_NS: u64 = 100_000_000;
 const STALE_PERIODS: u64 = 10;
+/// More servo cycles than any board has run: what a nonsensical I19 makes of the time that passed ends here.
+const MOST_CYCLES: u64 = 1 << 48;
 
 /// Mirrors the servo fixed data.
 pub struct ServoMirror {
@@ -73,7 +75,7 @@ impl ServoMirror {
             self.gaps.expect_cycles(cycles);
         }
         if let (Some(period), Some(cycles @ 1..)) = (servo_period_ns, cycles) {
-            self.clock.expect_period(period * u64::from(cycles));
+            self.clock.expect_period(period.saturating_mul(cycles.into()));
         }
     }
 
@@ -189,8 +191,10 @@ impl ServoMirror {
 
     /// Servo cycles that fit into the time since the last update, as far as the period is known.
     fn elapsed_cycles(&self, now_ns: u64) -> Option<u64> {
-        let cycles = u64::from(self.gaps.cycles()?);
-        Some(now_ns.saturating_sub(self.last_update_ns) * cycles / self.clock.period_ns()?.max(1))
+        let cycles = self.gaps.cycles()?;
+        let elapsed_ns = u128::from(now_ns.saturating_sub(self.last_update_ns));
+        let elapsed = elapsed_ns * u128::from(cycles) / u128::from(self.clock.period_ns()?.max(1));
+        Some(u64::try_from(elapsed).unwrap_or(u64::MAX).min(MOST_CYCLES))
     }
 
     /// Whether the board was found reset since the last call.
@@ -227,7 +231,7 @@ impl ServoMirror {
         // A few per cent either way change nothing for anybody.
         if period.abs_diff(self.told_period_ns) > self.told_period_ns / 16 {
             self.told_period_ns = period;
-            self.freshness.set_limit(STALE_NS.max(STALE_PERIODS * period));
+            self.freshness.set_limit(STALE_NS.max(period.saturating_mul(STALE_PERIODS)));
             publisher.set_period(RegionId::Servo, period, self.freshness.limit_ns());
         }
     }
@@ -277,6 +281,19 @@ mod tests {
         assert_eq!(due_between(1000, 100, 3, 100, 2000), 3);
         assert_eq!(due_between(1000, 100, 3, 100, 650), 0, "before the first of them");
         assert_eq!(due_between(1000, 100, 3, 950, 2000), 0, "the one seen was not skipped");
+    }
+
+    #[test]
+    fn a_nonsensical_period_makes_no_nonsensical_sums() {
+        let mut mirror = ServoMirror::new(ServoReading::Optimistic);
+        for (period, cycles) in [(442_673, 1), (442_673, 8_388_607), (1, u32::MAX), (u64::MAX, u32::MAX)] {
+            mirror.configure(8, Some(period), Some(cycles));
+            let elapsed = mirror.elapsed_cycles(u64::MAX);
+            assert!(elapsed.is_some_and(|elapsed| elapsed <= MOST_CYCLES), "{period} {cycles}: {elapsed:?}");
+            let _ = agree(u32::MAX.into(), elapsed);
+        }
+        mirror.configure(8, Some(442_673), Some(1));
+        assert_eq!(mirror.elapsed_cycles(442_673 * 5), Some(5));
     }
 
     #[test]

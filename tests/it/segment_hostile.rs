@@ -145,6 +145,23 @@ fn what_is_not_a_file_is_refused_at_once() {
     ));
 }
 
+/// A head that counts to the end of all numbers leaves no next one to follow from.
+#[test]
+fn nothing_follows_the_last_number() {
+    let directory = tempfile::tempdir().unwrap();
+    let regions = vec![spec(RegionId::Gather, 4, 160)];
+    let publisher = Publisher::create(&options(directory.path(), regions)).unwrap();
+    let bytes = std::fs::read(publisher.path()).unwrap();
+    drop(publisher);
+    let mut words: Vec<u64> = bytes.as_chunks().0.iter().map(|word| u64::from_ne_bytes(*word)).collect();
+    let head = words[0x308 / 8] as usize;
+    words[head / 8] = u64::MAX;
+    put(directory.path(), &words, bytes.len() as u64);
+    let board = pmac_dpram::client::Board::attach_in(directory.path(), "pmac0").unwrap();
+    let mut follower = board.follow_gather().unwrap();
+    assert!(!matches!(follower.next(&board), Ok(Some(_))));
+}
+
 /// A sample whose length cannot be is an error, and nothing of it is handed out.
 #[test]
 fn a_corrupt_slot_is_named() {
