@@ -48,11 +48,21 @@ impl Refusals {
 
     /// Closes the accounts whose time is over, and says what they hold back.
     pub(super) fn sum_up(&mut self, now: Instant) {
+        self.close(|account| account.until <= now);
+    }
+
+    /// Closes all accounts, as nothing more will be told.
+    pub(super) fn end(&mut self) {
+        self.close(|_| true);
+    }
+
+    fn close(&mut self, is_over: impl Fn(&Account) -> bool) {
         self.users.retain(|user, account| {
-            if account.until <= now && account.untold > 0 {
+            let closed = is_over(account);
+            if closed && account.untold > 0 {
                 info!(target: "audit", "refused {} more of uid {user} within {PERIOD:?}", account.untold);
             }
-            account.until > now
+            !closed
         });
     }
 
@@ -105,6 +115,8 @@ mod tests {
         refusals.sum_up(now + PERIOD);
         assert_eq!(refusals.next_end(), None);
         assert!(refusals.may_tell(loud, now + PERIOD));
+        refusals.end();
+        assert_eq!(refusals.next_end(), None);
     }
 
     #[test]

@@ -475,6 +475,7 @@ impl Service {
 
     /// Tells those who wait that nothing more will come; does not wait for them to hear it.
     fn farewell(&mut self) {
+        self.refusals.end();
         let now = Instant::now();
         let reply = CallError::Unavailable { reason: "pmacd is stopping".to_owned() }.to_reply();
         for client in self.clients.values_mut() {

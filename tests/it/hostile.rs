@@ -208,14 +208,14 @@ fn attackers_are_not_noticed_by_others() {
     });
     watch(&site, "nobody attacks any more", || std::thread::sleep(time()));
 
+    site.assert_no_violations();
+    assert_eq!(site.stop_daemon(), 0);
     let log = site.log();
     let refusals = log.lines().filter(|line| line.contains("refused") || line.contains("dropped")).count();
     assert!((1..400).contains(&refusals), "{refusals} lines of refusals");
     assert!(log.contains(" more of uid "), "what was not logged is counted");
     assert!(!log.contains("\n[INFO ] uid 0 pid 1 "), "nobody writes into the log by himself");
     assert!(!log.contains("panicked"), "{log}");
-    site.assert_no_violations();
-    assert_eq!(site.stop_daemon(), 0);
 }
 
 fn huge_messages(socket: &Path) {

@@ -22,6 +22,7 @@ mod hostile_witness;
 mod inherited;
 mod mailbox;
 mod map;
+mod misbehaviour;
 mod mixing;
 mod panel;
 mod readme;
