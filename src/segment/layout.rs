@@ -93,6 +93,7 @@
 //! # Reading sample n
 //! ```text
 //! head     load relaxed; fence acquire.  n > head: not yet.  head - n >= slot_count: lost
+//! sequence load relaxed; fence acquire.  Not 2n: lost
 //! time_ns, servo_timer, flags|length, payload   relaxed loads of 64-bit words into private memory
 //! fence acquire; sequence load relaxed.  Not 2n: lost, throw the copy away
 //! ```
