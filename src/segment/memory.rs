@@ -34,14 +34,14 @@ impl ReadMap {
         Ok(Self { map, words: length / WORD, kernel: Kernel::detect() })
     }
 
-    #[inline]
+    #[inline(always)]
     fn word(&self, index: usize) -> *mut u64 {
         self.run(index, 1)
     }
 
     /// The address of `count` words from `index` on. Readers check the geometry before they map, so that a position outside is a
     /// defect of this library, not of a segment.
-    #[inline]
+    #[inline(always)]
     fn run(&self, index: usize, count: usize) -> *mut u64 {
         assert!(
             index <= self.words && count <= self.words - index,
@@ -98,19 +98,19 @@ fn low_half(word: *mut u64) -> *mut u32 {
 }
 
 impl Words for ReadMap {
-    #[inline]
+    #[inline(always)]
     fn load(&self, index: usize) -> u64 {
         // SAFETY: `word` is aligned and inside the mapping, which lives as long as `self`; every access to it by anyone is
         // an atomic one of this width. A relaxed 8-byte load is allowed on read-only pages of 64-bit targets.
         unsafe { AtomicU64::from_ptr(self.word(index)) }.load(Ordering::Relaxed)
     }
 
-    #[inline]
+    #[inline(always)]
     fn fence_acquire(&self) {
         fence(Ordering::Acquire);
     }
 
-    #[inline]
+    #[inline(always)]
     fn load_all(&self, index: usize, copy: &mut [u64]) {
         let start = self.run(index, copy.len());
         // SAFETY: `run` checked the stretch of the mapping; the copy is private, as long, and overlaps nothing.
