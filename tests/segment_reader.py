@@ -16,6 +16,8 @@ import time
 
 MAGIC = int.from_bytes(b"PMACDPRM", "little")
 REGIONS = {1: "servo", 2: "background", 3: "board", 4: "panel", 5: "variable", 6: "gather"}
+# Where the first number's block begins (host byte offset), and words (16 bits) of a block.
+BLOCKS = {"servo": (0x48, 30), "background": (0x24C, 62)}
 
 
 class Segment:
@@ -38,7 +40,7 @@ class Segment:
         for entry in range(table, table + count * stride, stride):
             name = REGIONS.get(self.at(entry))
             if name:
-                self.regions[name] = Region(self, entry)
+                self.regions[name] = Region(self, entry, BLOCKS.get(name))
 
     def at(self, offset):
         return self.words[offset // 8]
@@ -67,8 +69,8 @@ class Segment:
 
 
 class Region:
-    def __init__(self, segment, entry):
-        self.segment, self.entry = segment, entry
+    def __init__(self, segment, entry, blocks):
+        self.segment, self.entry, self.blocks = segment, entry, blocks
         fields = [segment.at(entry + offset) for offset in range(0x08, 0x38, 8)]
         self.head, self.slots, self.count, self.stride, self.payload, self.host_offset = fields
 
@@ -99,8 +101,17 @@ class Region:
             "servo_timer": body[1],
             "valid": bool(body[2] & 1),
             "length": length,
-            "words": halves,
+            "words": [word if self.is_read(index) else None for index, word in enumerate(halves)],
         }
+
+    def is_read(self, index):
+        """Whether the word is read from the board at all: one that is not is 0 and means nothing."""
+        if self.blocks is None:
+            return True
+        start, length = self.blocks
+        number, word = divmod(index - (start - self.host_offset) // 2, length)
+        unread_words, unread_numbers = self.segment.at(self.entry + 0x58), self.segment.at(self.entry + 0x60)
+        return number < 0 or not (unread_words >> word & 1 or unread_numbers >> number & 1)
 
     def latest(self):
         for _ in range(1000):

@@ -134,7 +134,6 @@ pub struct Figures {
     pub median: f64,
     pub p99: f64,
     pub p999: f64,
-    pub max: f64,
     /// Mean of the fastest 99 %.
     pub mean: f64,
 }
@@ -166,7 +165,6 @@ impl Series {
             median: at(0.5),
             p99: at(0.99),
             p999: at(0.999),
-            max: at(1.0),
             mean: kept.iter().map(|value| ns(*value)).sum::<f64>() / kept.len() as f64,
         }
     }

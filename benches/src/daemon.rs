@@ -30,11 +30,12 @@ pub fn delay_ns(sample: &Sample, now: u64) -> f64 {
 }
 
 /// What a client saw of the servo data for a while.
+#[derive(Default)]
 pub struct Watched {
-    /// Update to the daemon's first read of it.
-    pub mirrored: Figures,
-    /// Update to the woken client, with its copy.
-    pub woken: Figures,
+    /// Ns from each update to the daemon's first read of it.
+    pub mirrored: Vec<f64>,
+    /// Ns from each update to the woken client, with its copy.
+    pub woken: Vec<f64>,
     pub samples: u64,
     pub lost: u64,
 }
@@ -55,11 +56,21 @@ pub fn watch(subscriber: &Subscriber, time: Duration) -> Watched {
             samples += 1;
         }
     }
-    Watched {
-        mirrored: Series::from_ns(mirrored).figures(),
-        woken: Series::from_ns(woken).figures(),
-        samples,
-        lost: cursor.lost(),
+    Watched { mirrored, woken, samples, lost: cursor.lost() }
+}
+
+impl Watched {
+    /// Adds what was seen in another while.
+    pub fn append(&mut self, mut other: Self) {
+        self.mirrored.append(&mut other.mirrored);
+        self.woken.append(&mut other.woken);
+        self.samples += other.samples;
+        self.lost += other.lost;
+    }
+
+    /// The figures of both delays: mirrored, woken.
+    pub fn figures(&self) -> [Figures; 2] {
+        [&self.mirrored, &self.woken].map(|delays| Series::from_ns(delays.iter().copied()).figures())
     }
 }
 
@@ -114,6 +125,7 @@ fn line(setup: &Setup, seconds: u64) {
     let cpu = || [rig.daemon().processor_seconds(), rig.simulator.processor_seconds()];
     let (start, before, board_before, cpu_before) = (Instant::now(), counts(), board(), cpu());
     let watched = watch(&subscriber, Duration::from_secs(seconds));
+    let [mirrored, woken] = watched.figures();
     let (after, board_after, cpu_after) = (counts(), board(), cpu());
     let wall = start.elapsed().as_secs_f64();
     let [seen, missed, skipped, accesses] = std::array::from_fn(|index| after[index] - before[index]);
@@ -135,8 +147,8 @@ fn line(setup: &Setup, seconds: u64) {
         watched.lost,
         accesses as f64 / formula as f64,
         accesses.saturating_sub(formula) as f64 / seen as f64,
-        us(&watched.mirrored),
-        us(&watched.woken),
+        us(&mirrored),
+        us(&woken),
         share[0],
         share[1]
     );

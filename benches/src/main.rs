@@ -5,6 +5,7 @@ mod allocation;
 mod clock;
 mod commands;
 mod daemon;
+mod growth;
 mod machine;
 mod process;
 mod rig;
@@ -15,7 +16,8 @@ const USAGE: &str =
     "usage: pmac-dpram-bench segment [ROUNDS [CHECKED-COPIES [PAGES]]]   (h hot, f fresh, w wake, l loss)
        pmac-dpram-bench daemon [ROUNDS [SECONDS]]
        pmac-dpram-bench commands [ROUNDS]
-       pmac-dpram-bench allocation [SECONDS]";
+       pmac-dpram-bench allocation [SECONDS]
+       pmac-dpram-bench growth [SECONDS-PER-LINE]";
 
 fn main() {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
@@ -28,6 +30,7 @@ fn main() {
             segment::run(number(1, 9) as usize, number(2, 100_000_000), only);
         }
         Some("daemon") => daemon::run(number(1, 3) as usize, number(2, 5)),
+        Some("growth") => growth::run(number(1, 4)),
         Some("commands") => commands::run(number(1, 5) as usize),
         Some("allocation") => {
             if !allocation::run(number(1, 10)) {

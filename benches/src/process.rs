@@ -21,6 +21,10 @@ pub struct Shared {
     words: usize,
 }
 
+// SAFETY: all that is reached through a shared reference are atomics; who uses `address` keeps accesses apart himself, as with
+// any raw pointer.
+unsafe impl Sync for Shared {}
+
 impl Shared {
     /// `cells` words on cache lines of their own.
     pub fn cells(cells: usize) -> Self {

@@ -24,6 +24,7 @@ pub struct Rig {
 }
 
 /// What to run.
+#[derive(Clone, Copy)]
 pub struct Setup {
     pub servo_hz: f64,
     pub motors: u8,
@@ -75,8 +76,8 @@ impl Rig {
         self.start_daemon_of("pmacd", setup, &[]);
     }
 
-    /// As [`Rig::start_daemon`], of a program that is to the outside what `pmacd` is.
-    pub fn start_daemon_of(&mut self, daemon: &str, setup: &Setup, environment: &[(&str, &Path)]) {
+    /// Starts a program that is to the outside what `pmacd` is, and waits for nothing.
+    pub fn spawn_daemon_of(&mut self, daemon: &str, setup: &Setup, environment: &[(&str, &Path)]) {
         let config = self.directory.path().join("pmacd.toml");
         let board = format!("file:{},irq=unix:{}", self.memory().display(), self.interrupt().display());
         let text = format!("board = \"{board}\"\nservo_reading = \"{}\"\n", setup.reading);
@@ -91,6 +92,11 @@ impl Rig {
                 .arg(config),
         );
         self.daemon = Some(daemon);
+    }
+
+    /// As [`Rig::start_daemon`], of a program that is to the outside what `pmacd` is.
+    pub fn start_daemon_of(&mut self, daemon: &str, setup: &Setup, environment: &[(&str, &Path)]) {
+        self.spawn_daemon_of(daemon, setup, environment);
         let mut board = None;
         until("the daemon's data", || {
             board = board.take().or_else(|| Board::attach(&self.name).ok());
@@ -179,6 +185,15 @@ impl Program {
             kib.sum::<f64>() / 1024.0
         };
         [sum(&["Rss:"]), sum(&["Private_Clean:", "Private_Dirty:"])]
+    }
+}
+
+impl Program {
+    /// Memory that cannot be paged out, in MiB.
+    pub fn locked_mib(&self) -> f64 {
+        let text = std::fs::read_to_string(format!("/proc/{}/status", self.0.id())).unwrap_or_default();
+        let line = text.lines().find_map(|line| line.strip_prefix("VmLck:")?.trim().strip_suffix(" kB"));
+        line.and_then(|kib| kib.trim().parse::<f64>().ok()).unwrap_or(f64::NAN) / 1024.0
     }
 }
 

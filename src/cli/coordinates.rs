@@ -2,11 +2,11 @@
 
 use serde_json::{Value, json};
 
-use super::motors::stamp;
+use super::motors::{NOT_READ, stamp};
 use super::table::{Align, Table};
 use super::{Context, Failure, Verdict};
 use crate::client::{Snapshot, Staleness};
-use crate::decode::{BackgroundData, CoordinateSystem};
+use crate::decode::{BackgroundData, CoordinateSystem, Quantity};
 use crate::map::AXES;
 
 pub fn run(context: &mut Context) -> Result<Verdict, Failure> {
@@ -54,9 +54,9 @@ pub fn table(data: &BackgroundData) -> String {
     for system in &data.coordinate_systems {
         table.row([
             format!("&{}", system.coordinate_system),
-            system.motion_mode.map_or_else(|| "?".to_owned(), |mode| format!("{mode:?}").to_lowercase()),
-            system.lines_remaining.to_string(),
-            system.time_left_in_move.value.map_or_else(String::new, |left| format!("{left:.1}")),
+            mode(system),
+            system.lines_remaining.map_or_else(|| NOT_READ.to_owned(), |lines| lines.to_string()),
+            system.time_left_in_move.map_or_else(|| NOT_READ.to_owned(), milliseconds),
             flags(system).join(" "),
             targets(system),
         ]);
@@ -77,14 +77,31 @@ const SHORT: [(&str, &str); 9] = [
     ("in_position", "in-position"),
 ];
 
+fn mode(system: &CoordinateSystem) -> String {
+    let unknown = if system.program_status.is_some() { "?" } else { NOT_READ };
+    system.motion_mode.map_or_else(|| unknown.to_owned(), |mode| format!("{mode:?}").to_lowercase())
+}
+
+fn milliseconds(time: Quantity) -> String {
+    time.value.map_or_else(String::new, |left| format!("{left:.1}"))
+}
+
 fn flags(system: &CoordinateSystem) -> Vec<&'static str> {
-    let set = |name: &str| system.status.has(name) || system.program_status.has(name);
+    let words = [system.status, system.program_status];
+    if words == [None; 2] {
+        return vec![NOT_READ];
+    }
+    let set = |name: &str| words.iter().flatten().any(|word| word.has(name));
     SHORT.iter().filter(|(name, _)| set(name)).map(|(_, short)| *short).collect()
 }
 
 /// The axes whose targets are not 0; most boards use few of the nine.
 fn targets(system: &CoordinateSystem) -> String {
-    let axes = AXES.iter().zip(system.axis_targets.0).filter(|(_, target)| *target != 0.0);
+    if system.axis_targets.0 == [None; AXES.len()] {
+        return NOT_READ.to_owned();
+    }
+    let axes = AXES.iter().zip(system.axis_targets.0);
+    let axes = axes.filter_map(|(axis, target)| Some((axis, target.filter(|target| *target != 0.0)?)));
     axes.map(|(axis, target)| format!("{axis}{target}")).collect::<Vec<_>>().join(" ")
 }
 

@@ -7,6 +7,7 @@ use std::path::Path;
 use nix::sys::statvfs::statvfs;
 use nix::unistd::{AccessFlags, Gid, Group, access};
 use serde::Serialize;
+use serde_json::json;
 
 use super::args::Doctor;
 use super::{Context, Failure, Verdict, doctor_machine as machine};
@@ -14,7 +15,7 @@ use crate::client::{Board, CommandError, Connection};
 use crate::device::System;
 use crate::device::candidates::Candidate;
 use crate::device::probe::Probe;
-use crate::protocol::{BoardInfo, CommandPort, HostPortInfo, State};
+use crate::protocol::{BoardInfo, BoardSettings, CommandPort, Function, HostPortInfo, State};
 use crate::segment::{Condition, DIRECTORY, RegionId, RegionState, monotonic_ns};
 
 /// Less room than this in /dev/shm is worth a warning: a segment takes a few MiB.
@@ -77,12 +78,14 @@ pub fn run(context: &mut Context, options: &Doctor) -> Result<Verdict, Failure> 
 fn everything(report: &mut Report, context: &Context, system: &System) {
     shared_memory(report);
     let board = segment(report, context.name.as_str());
-    let info = socket(report, &context.socket);
+    let (info, settings) = socket(report, &context.socket).unzip();
+    let settings = settings.flatten().unwrap_or_default();
     if let Some(board) = &board {
-        data(report, board);
+        data(report, board, &settings);
     }
     if let Some(info) = &info {
-        functions(report, info);
+        functions(report, info, &settings);
+        left_out(report, &settings);
     }
     if let (Some(board), Some(info)) = (&board, &info) {
         same_daemon(report, board, info);
@@ -165,11 +168,14 @@ fn segment(report: &mut Report, name: &str) -> Option<Board> {
     Some(board)
 }
 
-fn socket(report: &mut Report, path: &Path) -> Option<BoardInfo> {
-    match Connection::open(path).and_then(|mut connection| connection.info()) {
-        Ok(info) => {
+/// What the daemon says of itself, and of its settings if it does.
+fn socket(report: &mut Report, path: &Path) -> Option<(BoardInfo, Option<BoardSettings>)> {
+    let asked = Connection::open(path)
+        .and_then(|mut connection| Ok((connection.info()?, connection.settings().ok())));
+    match asked {
+        Ok((info, settings)) => {
             report.add(Level::Ok, "socket", format!("{} answers, pmacd {}", path.display(), info.version));
-            Some(info)
+            Some((info, settings))
         }
         Err(error @ CommandError::Connect { .. }) => {
             report.add(Level::Fail, "socket", unreachable(path, &error));
@@ -193,14 +199,19 @@ fn unreachable(path: &Path, error: &CommandError) -> String {
     format!("{} may be used by the group {group}, and you are not in it; have yourself added", path.display())
 }
 
-fn data(report: &mut Report, board: &Board) {
+fn data(report: &mut Report, board: &Board, settings: &BoardSettings) {
     let condition = board.subscriber().condition();
     if condition.is_over() {
         // The data are old because the daemon is gone, which has been said.
         return;
     }
-    for (region, variable) in [(RegionId::Servo, "I48"), (RegionId::Background, "I49")] {
+    for (region, function, variable) in
+        [(RegionId::Servo, Function::Servo, "I48"), (RegionId::Background, Function::Background, "I49")]
+    {
         let what = region.name();
+        if !settings.functions.has(function) {
+            continue;
+        }
         let Ok(about) = board.subscriber().region(region) else {
             report.add(Level::Warn, what, "the daemon does not mirror these data; see its settings");
             continue;
@@ -223,7 +234,26 @@ fn data(report: &mut Report, board: &Board) {
     }
 }
 
-fn functions(report: &mut Report, info: &BoardInfo) {
+/// What the configuration has the daemon not use, or not read.
+fn left_out(report: &mut Report, settings: &BoardSettings) {
+    let off = Function::ALL.into_iter().filter(|function| !settings.functions.has(*function));
+    let off: Vec<_> = off.map(Function::name).collect();
+    if !off.is_empty() {
+        let text = format!("{} switched off by the daemon's configuration", off.join(", "));
+        report.add(Level::Ok, "functions", text);
+    }
+    let defaults = BoardSettings::default();
+    let parts = [
+        ("servo", settings.servo != defaults.servo, json!(settings.servo)),
+        ("background", settings.background != defaults.background, json!(settings.background)),
+    ];
+    for (report_name, _, part) in parts.into_iter().filter(|(_, differs, _)| *differs) {
+        let text = format!("of the {report_name} report only a part is read, by the configuration: {part}");
+        report.add(Level::Ok, "reading", text);
+    }
+}
+
+fn functions(report: &mut Report, info: &BoardInfo, settings: &BoardSettings) {
     let who = [info.board_type.as_deref(), Some(info.family.as_str()), info.firmware.as_deref()];
     let who: Vec<_> = who.into_iter().flatten().collect();
     match info.state {
@@ -233,6 +263,9 @@ fn functions(report: &mut Report, info: &BoardInfo) {
             let text = format!("{} does not answer; look at its power, cable and address", info.board);
             report.add(Level::Fail, "board", text);
         }
+    }
+    if !settings.functions.has(Function::Ascii) {
+        return;
     }
     let (level, text) = match (info.command_port, info.enabled.iter().any(|name| name == "ascii")) {
         (CommandPort::Dpram, true) => (Level::Ok, "the board takes command lines through the DPRAM"),

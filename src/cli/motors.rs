@@ -67,44 +67,60 @@ pub fn table(servo: &ServoData, background: Option<&BackgroundData>) -> String {
         ("flags", Align::Left),
     ]);
     for motor in &servo.motors {
-        let scaled = motor.commanded_position.value.is_some();
+        let positions = [motor.commanded_position, motor.actual_position].into_iter().flatten();
+        let scaled = positions.map(|position| position.value.is_some()).next();
         let background =
             background.and_then(|data| data.motors.iter().find(|other| other.motor == motor.motor));
         let mut flags = flags(motor);
         flags.extend(
             background
                 .into_iter()
-                .flat_map(|background| SHORT_BACKGROUND.short(|name| background.status.has(name))),
+                .filter_map(|background| background.status)
+                .flat_map(|status| SHORT_BACKGROUND.short(|name| status.has(name))),
         );
         table.row([
             format!("#{}", motor.motor),
-            number(&motor.commanded_position),
-            number(&motor.actual_position),
-            difference(&motor.commanded_position, &motor.actual_position),
-            velocity(&motor.actual_velocity),
-            if scaled { "count".to_owned() } else { "raw".to_owned() },
+            number(motor.commanded_position),
+            number(motor.actual_position),
+            difference(motor.commanded_position, motor.actual_position),
+            velocity(motor.actual_velocity),
+            match scaled {
+                Some(true) => "count".to_owned(),
+                Some(false) => "raw".to_owned(),
+                None => NOT_READ.to_owned(),
+            },
             flags.join(" "),
         ]);
     }
     table.to_string()
 }
 
+/// Stands for what the daemon does not read from the board.
+pub const NOT_READ: &str = "-";
+
 /// A position: in counts where the scale is known, else the raw integer.
-pub fn number(quantity: &Quantity) -> String {
-    quantity.value.map_or_else(|| quantity.raw.to_string(), |value| format!("{value:.1}"))
+pub fn number(quantity: Option<Quantity>) -> String {
+    in_places(quantity, 1)
+}
+
+/// The value with so many decimal places, else the raw integer.
+fn in_places(quantity: Option<Quantity>, places: usize) -> String {
+    let Some(Quantity { raw, value, .. }) = quantity else { return NOT_READ.to_owned() };
+    value.map_or_else(|| raw.to_string(), |value| format!("{value:.places$}"))
 }
 
 /// Commanded less actual position. Not called following error: whether compensation and master positions belong to
 /// it depends on the board's settings.
-fn difference(commanded: &Quantity, actual: &Quantity) -> String {
+fn difference(commanded: Option<Quantity>, actual: Option<Quantity>) -> String {
+    let (Some(commanded), Some(actual)) = (commanded, actual) else { return NOT_READ.to_owned() };
     match (commanded.value, actual.value) {
         (Some(commanded), Some(actual)) => format!("{:.1}", commanded - actual),
         _ => commanded.raw.wrapping_sub(actual.raw).to_string(),
     }
 }
 
-fn velocity(quantity: &Quantity) -> String {
-    quantity.value.map_or_else(|| quantity.raw.to_string(), |value| format!("{value:.3}"))
+fn velocity(quantity: Option<Quantity>) -> String {
+    in_places(quantity, 3)
 }
 
 /// Short words for flags, worst first.
@@ -141,11 +157,12 @@ const SHORT_BACKGROUND: Short = Short(&[
 ]);
 
 fn flags(motor: &ServoMotor) -> Vec<&'static str> {
-    if !motor.status.has("motor_activated") {
+    let Some(status) = motor.status else { return vec![NOT_READ] };
+    if !status.has("motor_activated") {
         return vec!["off"];
     }
-    let mut flags = SHORT_SERVO.short(|name| motor.status.has(name));
-    if !motor.status.has("desired_velocity_zero") && !motor.status.has("open_loop") {
+    let mut flags = SHORT_SERVO.short(|name| status.has(name));
+    if !status.has("desired_velocity_zero") && !status.has("open_loop") {
         flags.push("moving");
     }
     flags

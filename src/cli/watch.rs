@@ -78,6 +78,6 @@ fn plain(snapshot: &Snapshot) -> String {
     };
     let state = servo.stale.map_or_else(|| "fresh".to_owned(), |stale| format!("stale={}", stale.name()));
     let positions =
-        servo.data.motors.iter().map(|motor| format!(" #{}={}", motor.motor, number(&motor.actual_position)));
+        servo.data.motors.iter().map(|motor| format!(" #{}={}", motor.motor, number(motor.actual_position)));
     format!("update={} {state}{}", servo.sequence, positions.collect::<String>())
 }

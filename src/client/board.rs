@@ -9,8 +9,9 @@ use std::time::{Duration, Instant};
 use super::command::{CommandError, Connection};
 use super::identity;
 use super::view::{Staleness, View, region_staleness, staleness};
-use crate::decode::{BackgroundData, ServoData, TooShort, background, servo};
+use crate::decode::{BackgroundData, ServoData, TooShort, background_selected, servo_selected};
 use crate::format::Float48Layout;
+use crate::map::Selection;
 use crate::segment::{
     Condition, DIRECTORY, Identity, RegionId, Sample, SegmentError, SegmentName, Subscriber, WaitOutcome,
     monotonic_ns,
@@ -167,11 +168,13 @@ impl Board {
         let identity = self.identity()?;
         let decoder = Decoder::new(&identity)?;
         let servo = match self.latest(RegionId::Servo)? {
-            Some(()) => Some(self.view(RegionId::Servo, |words| decoder.servo(words))?),
+            Some(()) => Some(self.view(RegionId::Servo, |words, selection| decoder.servo(words, selection))?),
             None => None,
         };
         let background = match self.latest(RegionId::Background)? {
-            Some(()) => Some(self.view(RegionId::Background, |words| decoder.background(words))?),
+            Some(()) => Some(
+                self.view(RegionId::Background, |words, selection| decoder.background(words, selection))?,
+            ),
             None => None,
         };
         let stale = staleness(&self.subscriber, monotonic_ns());
@@ -220,7 +223,7 @@ impl Board {
         let mut cursor = self.subscriber.cursor(RegionId::Servo, since)?;
         let mut samples = Vec::new();
         while samples.len() < most && cursor.next(&self.subscriber, &mut self.sample)? {
-            samples.push(self.view(RegionId::Servo, |words| decoder.servo(words))?);
+            samples.push(self.view(RegionId::Servo, |words, selection| decoder.servo(words, selection))?);
         }
         Ok(History { samples, lost: cursor.lost(), next: cursor.position() })
     }
@@ -257,10 +260,10 @@ impl Board {
     pub(super) fn view<T>(
         &self,
         region: RegionId,
-        decode: impl FnOnce(&[u16]) -> Result<T, TooShort>,
+        decode: impl FnOnce(&[u16], Selection) -> Result<T, TooShort>,
     ) -> Result<View<T>, ClientError> {
-        let data = decode(self.sample.words())?;
         let region = self.subscriber.region(region)?;
+        let data = decode(self.sample.words(), region.selection)?;
         // After the data were copied: what was live a moment ago and is not now is not shown as live.
         let now_ns = monotonic_ns();
         let stale = staleness(&self.subscriber, now_ns);
@@ -292,12 +295,13 @@ impl Decoder {
         Ok(Self { count: identity::reported(identity, family), scales: identity::scales(identity) })
     }
 
-    fn servo(&self, words: &[u16]) -> Result<ServoData, TooShort> {
-        self.as_many_as_there_are(|count| servo(words, count, &self.scales))
+    fn servo(&self, words: &[u16], selection: Selection) -> Result<ServoData, TooShort> {
+        self.as_many_as_there_are(|count| servo_selected(words, count, &self.scales, selection))
     }
 
-    fn background(&self, words: &[u16]) -> Result<BackgroundData, TooShort> {
-        self.as_many_as_there_are(|count| background(words, count, &self.scales, Float48Layout::default()))
+    fn background(&self, words: &[u16], selection: Selection) -> Result<BackgroundData, TooShort> {
+        let layout = Float48Layout::default();
+        self.as_many_as_there_are(|count| background_selected(words, count, &self.scales, layout, selection))
     }
 
     /// Decodes fewer motors when a sample is from before the board was told to report more.

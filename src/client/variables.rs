@@ -137,7 +137,7 @@ impl Board {
     pub fn variables(&mut self) -> Result<Option<View<VariableTable>>, ClientError> {
         self.refresh()?;
         match self.latest(RegionId::Variable)? {
-            Some(()) => self.view(RegionId::Variable, VariableTable::decode).map(Some),
+            Some(()) => self.view(RegionId::Variable, |words, _| VariableTable::decode(words)).map(Some),
             None => Ok(None),
         }
     }

@@ -17,8 +17,8 @@ use crate::function::ascii::{AsciiEvent, ResponseText, control_has_reply};
 use crate::protocol::OpenBuffer;
 use crate::segment::{Counter, Publisher, monotonic_ns};
 
-/// Lines that may wait. The socket's queue is bounded too; this is the depth behind it.
-const LINES_MAX: usize = 64;
+/// Lines that may wait: one of each connection that there may be. The socket's queue is bounded too; this is the depth behind it.
+const LINES_MAX: usize = 256;
 /// Control characters that may wait for the board to take the one before.
 const CONTROLS_MAX: usize = 16;
 /// Responses taken in one pass, so that a chattering board cannot hold up the servo data.

@@ -11,8 +11,8 @@ use crate::device::file::DPRAM_BYTES;
 use crate::device::interrupt::InterruptError;
 use crate::device::uio_interrupt::NoInterrupt;
 use crate::device::{
-    self, BoardSpec, Bus, FileBoard, Inherited, Interrupt, InterruptSource, OpenedBoard, System, WindowSpec,
-    WordSwapped,
+    self, Access, BoardSpec, Bus, FileBoard, Inherited, Interrupt, InterruptSource, OpenedBoard, System,
+    WindowSpec, WordSwapped,
 };
 use crate::format::WordOrder;
 
@@ -45,11 +45,11 @@ pub fn open(settings: &Settings, system: &System, inherited: &Inherited) -> Resu
         BoardSpec::Simulator => {
             let simulator = Simulator::start(settings.family, settings.firmware.as_deref())?;
             let source = Some(simulator.interrupt());
-            let open = open_file(simulator.memory(), order);
+            let open = open_file(simulator.memory(), order, Access::Bits16);
             Ok(Board { simulator: Some(simulator), ..of_file(open, source, system, inherited)? })
         }
-        BoardSpec::File { path, interrupt } => {
-            of_file(open_file(path.clone(), order), interrupt.clone(), system, inherited)
+        BoardSpec::File { path, interrupt, access } => {
+            of_file(open_file(path.clone(), order, *access), interrupt.clone(), system, inherited)
         }
         BoardSpec::Window(spec) => {
             let first = open_window(spec, order, system, inherited)?;
@@ -75,9 +75,9 @@ fn of_file(
     Ok(Board { simulator: None, bus, open, interrupt })
 }
 
-fn open_file(path: PathBuf, order: WordOrder) -> OpenBus {
+fn open_file(path: PathBuf, order: WordOrder, access: Access) -> OpenBus {
     Box::new(move || {
-        let board = FileBoard::open(&path, DPRAM_BYTES)?;
+        let board = FileBoard::open(&path, DPRAM_BYTES)?.with_access(access);
         Ok(OpenedBoard { bus: in_order(Box::new(board), order), interrupt: None })
     })
 }

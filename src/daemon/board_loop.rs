@@ -32,7 +32,7 @@ use crate::function::background::BackgroundReader;
 use crate::function::servo::ServoReader;
 use crate::map::HostOffset;
 use crate::mirror::{BackgroundMirror, ServoMirror, Transition};
-use crate::protocol::{Enabled, State as InfoState};
+use crate::protocol::{Enabled, Function, Functions, State as InfoState};
 use crate::segment::{Counter, Identity, Publisher, RegionId, RegionState, Stamp, State, monotonic_ns};
 
 /// How often the segment's heartbeat is written.
@@ -64,6 +64,8 @@ pub struct BoardLoop {
     pub desk: AsciiDesk,
     /// The other functions.
     pub jobs: JobDesk,
+    /// The functions that are used; the others' words are left alone.
+    pub functions: Functions,
     /// Where their buffers lie, which the firmware has a say in.
     pub uncertain: Uncertain,
     /// The board's interrupt, if it has one.
@@ -141,6 +143,8 @@ impl BoardLoop {
         let _ = nix::sys::prctl::set_timerslack(1);
         self.reach_dpram_first();
         self.take_over_board();
+        // What the configuration says of the board is known without asking.
+        self.take_identity();
         if let Err(error) = self.desk.forget(Instant::now()) {
             self.bus_failed(&error);
         }
@@ -152,7 +156,8 @@ impl BoardLoop {
                 self.bus_failed(&error);
             }
             let now = monotonic_ns();
-            if now >= heartbeat_due {
+            // Who waits for the board to be live shall not have to wait for the next beat.
+            if now >= heartbeat_due || self.shows_life() && self.told.state != Some(State::Live) {
                 heartbeat_due = now + HEARTBEAT_NS;
                 self.beat(now);
             }
@@ -204,14 +209,36 @@ impl BoardLoop {
 
     /// Clears every bit a host may have left set; Host-Busy left by a dead one would stop the servo data for ever.
     fn release_board(&mut self) {
-        let bus = &mut self.bus;
-        let released = ServoReader::release(bus)
-            .and_then(|()| BackgroundReader::release(bus))
-            .and_then(|()| AsciiPort::release(bus))
-            .and_then(|()| self.jobs.leave(bus));
-        if let Err(error) = released {
+        if let Err(error) = self.release_words() {
             self.bus_failed(&error);
         }
+    }
+
+    fn release_words(&mut self) -> Result<(), BusError> {
+        let bus = &mut self.bus;
+        if self.functions.has(Function::Servo) {
+            ServoReader::release(bus)?;
+        }
+        if self.functions.has(Function::Background) {
+            BackgroundReader::release(bus)?;
+        }
+        if self.functions.has(Function::Ascii) {
+            AsciiPort::release(bus)?;
+        }
+        self.jobs.leave(bus)
+    }
+
+    /// When the servo data are to be looked at, CLOCK_MONOTONIC; never where they are not used.
+    fn servo_due_ns(&self) -> u64 {
+        if self.functions.has(Function::Servo) { self.servo.due_ns() } else { u64::MAX }
+    }
+
+    fn background_due_ns(&self) -> u64 {
+        if self.functions.has(Function::Background) { self.background.due_ns() } else { u64::MAX }
+    }
+
+    fn ascii_due(&self) -> Option<Instant> {
+        self.functions.has(Function::Ascii).then(|| self.desk.due())
     }
 
     /// The most urgent piece of work that is due: servo data, else what has waited longest.
@@ -219,8 +246,8 @@ impl BoardLoop {
         let now = monotonic_ns();
         let accesses = self.bus.accesses();
         let work = self.longest_waiting(now);
-        let servo_due = now >= self.servo.due_ns();
-        let no_room = self.servo.due_ns().saturating_sub(now) < self.room.ns() && self.servo.is_live();
+        let servo_due = now >= self.servo_due_ns();
+        let no_room = self.servo_due_ns().saturating_sub(now) < self.room.ns() && self.servo.is_live();
         // On a slow bus, or at a high servo rate, there may never be room. What stops a machine goes out all the same.
         let starving = self.rounds_for_servo >= STARVING_ROUNDS && work.is_some();
         if (servo_due || no_room) && !starving {
@@ -277,9 +304,9 @@ impl BoardLoop {
         let instant = Instant::now();
         let overdue = |due: Instant| instant.checked_duration_since(due);
         let jobs = self.jobs_due().and_then(overdue);
-        let background = now.checked_sub(self.background.due_ns()).map(Duration::from_nanos);
-        let works =
-            [(jobs, Work::Jobs), (overdue(self.desk.due()), Work::Ascii), (background, Work::Background)];
+        let ascii = self.ascii_due().and_then(overdue);
+        let background = now.checked_sub(self.background_due_ns()).map(Duration::from_nanos);
+        let works = [(jobs, Work::Jobs), (ascii, Work::Ascii), (background, Work::Background)];
         works
             .into_iter()
             .filter_map(|(overdue, work)| Some((overdue?, work)))
@@ -299,15 +326,16 @@ impl BoardLoop {
 
     /// Waits for the next due time or something to read. Never longer than to the next heartbeat.
     fn wait(&self, now: u64, heartbeat_due: u64) -> Readable {
-        let desks_due = self.jobs_due().map_or(self.desk.due(), |due| due.min(self.desk.due()));
-        let desk_due = now
-            + u64::try_from(desks_due.saturating_duration_since(Instant::now()).as_nanos())
-                .unwrap_or(HEARTBEAT_NS);
-        let others = desk_due.min(self.background.due_ns());
+        let desks_due = [self.jobs_due(), self.ascii_due()].into_iter().flatten().min();
+        let desk_due = desks_due.map_or(u64::MAX, |due| {
+            let left = due.saturating_duration_since(Instant::now()).as_nanos();
+            now + u64::try_from(left).unwrap_or(HEARTBEAT_NS)
+        });
+        let others = desk_due.min(self.background_due_ns());
         // Work that would not fit before the servo data waits until after them.
-        let servo = self.servo.due_ns();
-        let due =
-            if self.servo.is_live() && others + self.room.ns() > servo { servo } else { servo.min(others) };
+        let servo = self.servo_due_ns();
+        let no_room = self.servo.is_live() && others.saturating_add(self.room.ns()) > servo;
+        let due = if no_room { servo } else { servo.min(others) };
         let timeout = Duration::from_nanos(due.min(heartbeat_due).saturating_sub(monotonic_ns()));
         fn watched(fd: BorrowedFd<'_>) -> PollFd<'_> {
             PollFd::new(fd, PollFlags::POLLIN)
@@ -366,8 +394,10 @@ impl BoardLoop {
     fn take_commands(&mut self, now: Instant) {
         // The socket wakes once a command: leave the wake set while some may be left.
         self.commands.clear();
-        for _ in 0..COMMANDS_A_ROUND {
-            if self.answer.is_some() {
+        for taken in 0..COMMANDS_A_ROUND {
+            // Many words may be asked for: on a slow bus a second reading could cost the next servo update.
+            let no_room = || self.servo.is_live() && monotonic_ns() + self.room.ns() > self.servo.due_ns();
+            if self.answer.is_some() || taken > 0 && no_room() {
                 break;
             }
             let Some(command) = self.commands.try_receive() else { return };
@@ -420,8 +450,7 @@ impl BoardLoop {
     /// The heartbeat: what must be seen even when no data come.
     fn beat(&mut self, now: u64) {
         self.publisher.counters().set(Counter::BusAccesses, self.bus.accesses());
-        let alive =
-            self.servo.is_live() || self.background.is_live() || self.desk.state() == PortState::Answers;
+        let alive = self.shows_life();
         let state = match (alive, self.told.state) {
             (true, _) => State::Live,
             (false, None) if now < self.began_ns + FIRST_SIGN_NS => State::Init,
@@ -446,6 +475,16 @@ impl BoardLoop {
         if let Err(error) = self.guard_page() {
             self.bus_failed(&error);
         }
+    }
+
+    /// Whether the board does something, as far as what is used of it can tell.
+    fn shows_life(&self) -> bool {
+        let tells = [Function::Servo, Function::Background, Function::Ascii];
+        let told = tells.into_iter().any(|function| self.functions.has(function));
+        self.servo.is_live()
+            || self.background.is_live()
+            || self.desk.state() == PortState::Answers
+            || !told && !self.told.silent && !self.told.gone
     }
 
     pub(super) fn bus_failed(&mut self, error: &dyn std::fmt::Display) {
@@ -528,8 +567,15 @@ impl BoardLoop {
         let Some(identity) = &self.told.identity else { return };
         let motors = identity.i59.map_or(self.default_motors as u32, |i59| i59);
         self.told.info_pending = !self.info.try_update(|info| {
-            info.firmware.clone_from(&identity.firmware);
-            info.board_type.clone_from(&identity.board_type);
+            // A text that is there already is not made again.
+            for (told, known) in [
+                (&mut info.firmware, identity.firmware.as_deref()),
+                (&mut info.board_type, identity.board_type.as_deref()),
+            ] {
+                if told.as_deref() != known {
+                    *told = known.map(str::to_owned);
+                }
+            }
             info.motors = motors;
             info.servo_period_ns = identity.servo_period_ps.map(|ps| ps / 1000);
         });

@@ -3,6 +3,7 @@
 //! settings → board → privileges given up → segment → socket → bus thread → wait for a signal → the same backwards. (A
 //! board that needs no right to be opened is opened when the name is taken: a second daemon is then told whose it is.)
 
+use std::ffi::OsString;
 use std::io::Write;
 use std::path::Path;
 use std::process::ExitCode;
@@ -39,7 +40,7 @@ use crate::function::background::BACKGROUND_WORDS;
 use crate::function::servo::SERVO_WORDS;
 use crate::map::classic;
 use crate::mirror::{BackgroundMirror, ServoMirror, gather, variable};
-use crate::protocol::{BoardInfo, HostPortInfo};
+use crate::protocol::{BoardInfo, Function, HostPortInfo};
 use crate::segment::identity;
 use crate::segment::{CreateOptions, Identity, Publisher, RegionId, RegionSpec, monotonic_ns};
 use crate::usage::usage_with;
@@ -55,6 +56,12 @@ const QUEUE: usize = 256;
 /// The whole program. Its exit statuses are those of [`exit`].
 #[must_use]
 pub fn main() -> ExitCode {
+    main_with(std::env::args_os())
+}
+
+/// As [`main`], with these arguments, the program's name first. For a process with one thread, or a test.
+#[must_use]
+pub fn main_with(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
     let in_journal = journal::is_journal(&std::io::stderr());
     let (log, mut log_writer) =
         LogSink::new(std::io::stderr(), if in_journal { journal::prefix(Level::Warn) } else { "[WARN ] " });
@@ -64,7 +71,7 @@ pub fn main() -> ExitCode {
         logger.format(journal::write);
     }
     logger.target(env_logger::Target::Pipe(Box::new(log.clone()))).init();
-    let options = match Options::try_parse() {
+    let options = match Options::try_parse_from(arguments) {
         Ok(options) => options,
         Err(error) => return usage_with("pmacd", &error, exit::USAGE),
     };
@@ -97,6 +104,7 @@ fn run(settings: &Settings, options: &Options, log: &mut LogWriter) -> Result<()
     if stays_root {
         warn!("running as root; the unit file, or --user, is safer");
     }
+    privilege::allow_locking();
     let inherited = Inherited::take_all();
     let early = needs_rights(&settings.board).then(|| Machine::open(settings, &inherited)).transpose()?;
     if let Some(account) = &account {
@@ -141,16 +149,23 @@ fn run(settings: &Settings, options: &Options, log: &mut LogWriter) -> Result<()
     let flags = EfdFlags::EFD_NONBLOCK | EfdFlags::EFD_CLOEXEC;
     let stop =
         Arc::new(EventFd::from_value_and_flags(0, flags).map_err(|error| Failure::system("eventfd", error))?);
-    let identifier = Identifier::new(configured_identity(settings), settings.ask_board, Instant::now());
+    let reading = settings.uncertain.settings();
+    let asks = settings.ask_board && reading.functions.has(Function::Ascii);
+    let identifier = Identifier::new(configured_identity(settings), asks, Instant::now());
     let now = Instant::now();
     let port = ResponsePort::new(settings.text_order, mailbox, now).after_another_host(now);
     let board = BoardLoop {
         bus: Counted::new(bus),
         open,
-        servo: ServoMirror::new(settings.servo_reading),
-        background: BackgroundMirror::new(settings.background_period_ns),
+        servo: ServoMirror::selecting(settings.servo_reading, reading.servo.selection()),
+        background: BackgroundMirror::selecting(
+            settings.background_period_ns,
+            reading.background.selection(),
+        ),
         desk: AsciiDesk::new(port, identifier),
-        jobs: JobDesk::new(settings.uncertain.plan(), settings.uncertain.variable_mode()),
+        jobs: JobDesk::new(settings.uncertain.plan(), settings.uncertain.variable_mode())
+            .using(reading.functions.clone()),
+        functions: reading.functions.clone(),
         interrupt,
         host_port,
         uncertain: settings.uncertain.clone(),
@@ -244,7 +259,13 @@ fn segment_options(settings: &Settings) -> Result<CreateOptions, Failure> {
         stale_after_ns: 0,
     };
     let group = settings.segment_group.as_deref().map(group_id).transpose();
+    let reading = settings.uncertain.settings();
+    let selections = vec![
+        (RegionId::Servo, reading.servo.selection()),
+        (RegionId::Background, reading.background.selection()),
+    ];
     Ok(CreateOptions {
+        selections,
         mode: settings.segment_mode,
         group: group.map_err(|error| Failure::new(exit::CONFIGURATION, error))?.map(nix::unistd::Gid::as_raw),
         ..CreateOptions::new(settings.name.clone(), vec![servo, background, board, variable, gather])
@@ -260,7 +281,7 @@ fn configured_identity(settings: &Settings) -> Identity {
         i10: settings.i10,
         i19: settings.i19,
         i59: settings.motors,
-        firmware: settings.firmware.clone(),
+        firmware: settings.firmware.as_deref().map(Into::into),
         ..Identity::default()
     }
 }

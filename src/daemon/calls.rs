@@ -10,9 +10,10 @@ use super::connection::{Pending, Waiting};
 use super::dispatch::{Action, Ask, understand};
 use super::job::Job;
 use super::jobs::JobCall;
-use super::policy::Peer;
+use super::policy::{Peer, Role};
 use super::queue::{Command, Outcome, Text, Ticket};
 use super::serve::{GRACE, Service};
+use super::turns::Turn;
 use crate::function::variable_read::VariableEntry;
 use crate::protocol::{Call, CallError, Enabled, Reply, control};
 
@@ -61,7 +62,8 @@ impl Service {
             Err(error) => {
                 if !matches!(error, CallError::Busy) {
                     let Peer { uid, pid, .. } = client.peer;
-                    info!(target: "audit", "refused {:?} of uid {uid} pid {pid}: {error}", call.method);
+                    let what = format_args!("refused {:?} of uid {uid} pid {pid}: {error}", call.method);
+                    self.refusals.tell(uid, what, now);
                 }
                 error.to_reply()
             }
@@ -84,7 +86,7 @@ impl Service {
         let deadline = now + ask.timeout();
         let ticket = self.new_ticket();
         let Some(client) = self.clients.get_mut(&id) else { return Ok(()) };
-        let Peer { uid, pid, .. } = client.peer;
+        let uid = client.peer.uid;
         let (mut then, mut audit, mut stops, mut notes) = (None, None, 0, None);
         let command = match ask {
             Ask::Send { line, .. } => {
@@ -120,10 +122,7 @@ impl Service {
                 }
             },
         };
-        self.backend.commands.try_send(command).map_err(|_| CallError::Busy)?;
-        if let Some(what) = audit {
-            info!(target: "audit", "uid {uid} pid {pid} {what}");
-        }
+        self.turns.wait(uid, Turn { ticket, command, audit });
         self.owners.insert(ticket, id);
         let deadline = deadline + GRACE;
         client.waiting = Waiting::Board(Pending {
@@ -139,6 +138,37 @@ impl Service {
         Ok(())
     }
 
+    /// Hands the bus thread what it has room for.
+    pub(super) fn hand_out(&mut self, now: Instant) {
+        let mut refused = Vec::new();
+        while let Some(Turn { ticket, mut command, audit }) = self.turns.next() {
+            if let Command::Send { question: true, deadline, .. } = &mut command {
+                // How long it waited here says nothing about the board.
+                *deadline = now + GUARD_TIMEOUT;
+            }
+            let client = self.owners.get(&ticket).and_then(|id| self.clients.get(id));
+            let wanted = client.filter(|client| match &client.waiting {
+                // As in `begin`: what nobody waits for any more is not begun, and not what has waited too long.
+                Waiting::Board(pending) => {
+                    (pending.oneway || client.hears()) && now + GRACE < pending.deadline
+                }
+                _ => false,
+            });
+            let Some(Peer { uid, pid, .. }) = wanted.map(|client| client.peer) else {
+                refused.push(ticket);
+                continue;
+            };
+            if self.backend.commands.try_send(command).is_err() {
+                refused.push(ticket);
+            } else if let Some(what) = audit {
+                info!(target: "audit", "uid {uid} pid {pid} {what}");
+            }
+        }
+        for ticket in refused {
+            self.answer(ticket, Err(CallError::Busy), now);
+        }
+    }
+
     fn new_ticket(&mut self) -> Ticket {
         self.next_ticket += 1;
         Ticket(self.next_ticket)
@@ -147,8 +177,10 @@ impl Service {
     /// Begins a watch, of which only a change of the table concerns the bus thread.
     fn watch(&mut self, id: u64, entries: Vec<VariableEntry>, now: Instant) -> Result<(), CallError> {
         let watched = json!({ "watched": entries.len() });
+        let Some(client) = self.clients.get(&id) else { return Ok(()) };
+        let observer = (client.role == Role::Observe).then_some(client.peer.uid);
         self.subscriptions
-            .watch(id, entries)
+            .watch(id, entries, observer)
             .map_err(|none_left| CallError::Refused { reason: none_left.to_string() })?;
         if let Some(client) = self.clients.get_mut(&id) {
             client.waiting = Waiting::Watch;
@@ -201,13 +233,11 @@ impl Service {
     /// Tells the bus thread which registers are watched, when that has changed. A full queue is tried again.
     pub(super) fn tell_subscriptions(&mut self, now: Instant) {
         let Some(table) = self.subscriptions.news() else { return };
-        let command = Command::Job {
-            ticket: self.new_ticket(),
-            job: Box::new(Job::WatchVariables(table)),
-            deadline: now + STOP_TIMEOUT,
-        };
+        let ticket = self.new_ticket();
+        let command =
+            Command::Job { ticket, job: Box::new(Job::WatchVariables(table)), deadline: now + STOP_TIMEOUT };
         if self.backend.commands.try_send(command).is_ok() {
-            self.subscriptions.told();
+            self.subscriptions.told(ticket);
         }
     }
 

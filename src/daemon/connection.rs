@@ -16,6 +16,8 @@ use crate::protocol::{CALL_MAX, Inbox, Reply, frame::TooLong, message::encode};
 
 /// No further call is begun while this much output waits, in bytes.
 const HIGH_WATER: usize = 64 * 1024;
+/// The longest call of one who may only look, in bytes: a watch of every register there is takes a quarter of it.
+const OBSERVER_CALL_MAX: usize = 8 * 1024;
 /// Unsolicited texts are counted as lost while this much output waits, in bytes.
 const STREAM_HIGH_WATER: usize = 256 * 1024;
 
@@ -62,6 +64,11 @@ pub(super) struct Client {
     pub(super) waiting: Waiting,
     /// Its last call named our interface by the other name, and so do the errors it gets.
     pub(super) uses_alias: bool,
+    /// It has had its turn, and may have more calls to begin.
+    pub(super) has_more: bool,
+    connected: Instant,
+    /// It has asked something.
+    has_spoken: bool,
     inbox: Inbox,
     outbox: Vec<u8>,
     half_sent_since: Option<Instant>,
@@ -75,14 +82,17 @@ pub(super) struct Client {
 }
 
 impl Client {
-    pub(super) fn new(stream: UnixStream, peer: Peer, role: Role) -> Self {
+    pub(super) fn new(stream: UnixStream, peer: Peer, role: Role, now: Instant) -> Self {
         Self {
             stream,
             peer,
             role,
             waiting: Waiting::Nothing,
             uses_alias: false,
-            inbox: Inbox::new(CALL_MAX),
+            has_more: false,
+            connected: now,
+            has_spoken: false,
+            inbox: Inbox::new(if role == Role::Observe { OBSERVER_CALL_MAX } else { CALL_MAX }),
             outbox: Vec::new(),
             half_sent_since: None,
             stalled_since: None,
@@ -148,6 +158,7 @@ impl Client {
             self.receive(now);
         }
         let call = self.inbox.next_message();
+        self.has_spoken |= matches!(call, Ok(Some(_)));
         // The clock of a half-sent message starts anew with each message.
         self.half_sent_since = None;
         self.note_half_sent(now);
@@ -180,6 +191,10 @@ impl Client {
             }
         }
         self.outbox.drain(..sent);
+        if self.outbox.is_empty() && self.outbox.capacity() > HIGH_WATER {
+            // What one long reply took is not kept for the next one.
+            self.outbox = Vec::new();
+        }
         self.stalled_since = match self.stalled_since {
             _ if self.outbox.is_empty() => None,
             Some(since) if sent == 0 => Some(since),
@@ -202,8 +217,14 @@ impl Client {
             Waiting::Board(_) => false,
             Waiting::Messages(_) => self.hung_up,
             Waiting::Watch => self.hung_up || self.input_ended,
+            Waiting::Nothing if self.has_more => false,
             Waiting::Nothing => self.hung_up || (self.input_ended && self.outbox.is_empty()),
         }
+    }
+
+    /// Whether it has not asked anything since it came, for `patience` at least.
+    pub(super) fn is_silent(&self, now: Instant, patience: Duration) -> bool {
+        !self.has_spoken && now.duration_since(self.connected) >= patience
     }
 
     /// When it is to be dropped if nothing happens: a message half sent, or output not fetched, for `patience`.

@@ -10,8 +10,8 @@ use super::policy::Role;
 use super::queue::{DEFAULT_TIMEOUT, LINE_MAX, READ_MAX, Text};
 use crate::map::HostOffset;
 use crate::protocol::{
-    BOARD, BOARD_ALIAS, BOARD_DESCRIPTION, Call, CallError, Parameters, Reply, SERVICE, SERVICE_DESCRIPTION,
-    TIMEOUT_MAX_MS, check_line, control,
+    BOARD, BOARD_ALIAS, BOARD_DESCRIPTION, Call, CallError, Function, Parameters, Reply, SERVICE,
+    SERVICE_DESCRIPTION, TIMEOUT_MAX_MS, check_line, control,
 };
 
 /// The end of the largest DPRAM of any family is far below this, in bytes; offsets above it are refused unasked.
@@ -78,6 +78,15 @@ pub fn understand(call: &Call, role: Role, info: &SharedInfo) -> Result<Action, 
     if call.upgrade == Some(true) {
         return Err(CallError::InvalidParameter { parameter: "upgrade".to_owned() });
     }
+    if let (BOARD, Some(function)) = (interface, function_of(method))
+        && !info.settings().functions.has(function)
+    {
+        let name = function.name();
+        let reason = format!(
+            "the function `{name}` is switched off: `functions` in the daemon's configuration leaves it out"
+        );
+        return Err(CallError::Refused { reason });
+    }
     let mut parameters = Parameters::of(call);
     match interface {
         SERVICE => service(method, parameters, call),
@@ -129,6 +138,18 @@ pub fn understand(call: &Call, role: Role, info: &SharedInfo) -> Result<Action, 
         },
         _ => Err(CallError::InterfaceNotFound { interface: interface.to_owned() }),
     }
+}
+
+/// The function of the board that a method needs, if it needs one.
+fn function_of(method: &str) -> Option<Function> {
+    Some(match method {
+        "Send" | "SendControl" | "Messages" => Function::Ascii,
+        "Panel" | "PanelHold" | "PanelRenew" | "FeedOverride" => Function::Panel,
+        "WatchVariables" | "WriteVariables" => Function::Variables,
+        "GatherBegin" | "GatherEnd" => Function::Gather,
+        "RotaryOpen" | "RotarySend" | "RotaryFinish" | "RotaryState" => Function::Rotary,
+        _ => return None,
+    })
 }
 
 pub(super) fn require(role: Role, needed: Role) -> Result<(), CallError> {
@@ -223,6 +244,33 @@ mod tests {
                 assert_eq!(refused, role < needed, "{method} by {role}: {found:?}");
                 assert_eq!(found.is_ok(), role >= needed);
             }
+        }
+    }
+
+    #[test]
+    fn a_method_of_a_function_that_is_switched_off_says_so() {
+        let with = |functions: Value| {
+            let settings = crate::protocol::BoardSettings {
+                functions: serde_json::from_value(functions).unwrap(),
+                ..Default::default()
+            };
+            SharedInfo::new(crate::protocol::BoardInfo::default(), settings)
+        };
+        let methods = BOARD_DESCRIPTION.lines().filter_map(|line| line.strip_prefix("method "));
+        let methods: Vec<_> = methods.filter_map(|line| line.split('(').next()).collect();
+        assert_eq!(methods.len(), 19, "{methods:?}");
+        for method in methods {
+            let call = json!({"method": format!("{BOARD}.{method}"), "parameters": {}});
+            let call: Call = serde_json::from_value(call).unwrap();
+            let refused = |functions: Value| match super::understand(&call, Role::Engineer, &with(functions))
+            {
+                Err(CallError::Refused { reason }) => reason.contains("is switched off"),
+                _ => false,
+            };
+            let needed = function_of(method);
+            assert_eq!(refused(json!([])), needed.is_some(), "{method}");
+            assert_eq!(needed.is_none(), ["GetInfo", "GetSettings", "Read", "Write"].contains(&method));
+            assert!(!needed.is_some_and(|function| refused(json!([function]))), "{method}");
         }
     }
 

@@ -5,11 +5,12 @@
 //! the configuration. Asking moves the board's active response port to the DPRAM, so it is done only when there is
 //! reason: at start, when the board comes (back) to life, and after a line that may have changed an answer.
 
+use std::fmt::Write;
 use std::time::{Duration, Instant};
 
 use super::queue::{LINE_MAX, Text};
 use crate::map::classic;
-use crate::segment::Identity;
+use crate::segment::{Identity, ShortText};
 
 /// How long the board may take for one question.
 const PATIENCE: Duration = Duration::from_millis(500);
@@ -137,15 +138,16 @@ impl Identifier {
         if self.next == 0 {
             self.asking = self.configured.clone();
         }
-        let text = match question {
-            Question::Type => "TYPE".to_owned(),
-            Question::Version => "VERSION".to_owned(),
-            Question::Reports => "I10 I19 I48 I49 I59".to_owned(),
+        let mut line = Text::default();
+        let fits = match question {
+            Question::Type => line.write_str("TYPE"),
+            Question::Version => line.write_str("VERSION"),
+            Question::Reports => line.write_str("I10 I19 I48 I49 I59"),
             Question::Scales => {
-                (1..=classic::MOTORS).map(|motor| format!("I{motor}07I{motor}08I{motor}09")).collect()
+                (1..=classic::MOTORS).try_for_each(|motor| write!(line, "I{motor}07I{motor}08I{motor}09"))
             }
         };
-        Text::new(text.as_bytes()).map(|line| (line, PATIENCE))
+        fits.ok().map(|()| (line, PATIENCE))
     }
 
     /// The line was sent.
@@ -158,12 +160,13 @@ impl Identifier {
         let index = self.lines;
         self.lines += 1;
         let Some(question) = QUESTIONS.get(self.next) else { return };
-        let text = String::from_utf8_lossy(line).trim().to_owned();
+        let line = line.trim_ascii();
+        let text = std::str::from_utf8(line).unwrap_or_default();
         match question {
-            Question::Type => self.asking.board_type = Some(text),
-            Question::Version => self.asking.firmware = Some(text),
+            Question::Type => self.asking.board_type = Some(ShortText::from_bytes(line)),
+            Question::Version => self.asking.firmware = Some(ShortText::from_bytes(line)),
             Question::Reports => {
-                let value = number(&text).and_then(|value| u32::try_from(value).ok());
+                let value = number(text).and_then(|value| u32::try_from(value).ok());
                 let asking = &mut self.asking;
                 match index {
                     0 => {
@@ -178,7 +181,7 @@ impl Identifier {
                 }
             }
             Question::Scales => {
-                let value = number(&text).and_then(|value| i32::try_from(value).ok());
+                let value = number(text).and_then(|value| i32::try_from(value).ok());
                 let scales = match index % 3 {
                     0 => &mut self.asking.ix07,
                     1 => &mut self.asking.ix08,

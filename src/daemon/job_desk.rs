@@ -13,11 +13,13 @@ use crate::function::variable_read::{VariableMode, VariableReadBusError, Variabl
 use crate::function::variable_write::VariableWriter;
 use crate::map::{HostOffset, Plan};
 use crate::mirror::{GatherMirror, VariableMirror};
+use crate::protocol::{Function, Functions};
 use crate::segment::Publisher;
 
 /// The desks.
 pub struct JobDesk {
     plan: Plan,
+    functions: Functions,
     panel: PanelDesk,
     rotary: RotaryDesk,
     variables: VariableMirror,
@@ -35,8 +37,16 @@ impl JobDesk {
             variables: VariableMirror::new(plan.variable_read(), mode),
             gather: GatherMirror::new(),
             write: WriteDesk::new(plan.variable_write()),
+            functions: Functions::default(),
             plan,
         }
+    }
+
+    /// The same desks, of which only those of `functions` touch the board by themselves.
+    #[must_use]
+    pub fn using(mut self, functions: Functions) -> Self {
+        self.functions = functions;
+        self
     }
 
     /// The board's firmware has become known, and with it where gathering lies; the other buffers stay where they are.
@@ -51,11 +61,13 @@ impl JobDesk {
     pub fn take_over(&mut self, bus: &mut impl Bus, publisher: &Publisher) -> Result<(), BusError> {
         self.rotary.forget();
         self.gather.forget(publisher);
-        let now = Instant::now();
-        self.write.take_over(bus, now)?;
-        VariableReader::release(bus)?;
-        self.variables.begin_again(bus, publisher, now)?;
-        self.panel.take_over(bus)
+        if self.functions.has(Function::Variables) {
+            let now = Instant::now();
+            self.write.take_over(bus, now)?;
+            VariableReader::release(bus)?;
+            self.variables.begin_again(bus, publisher, now)?;
+        }
+        if self.functions.has(Function::Panel) { self.panel.take_over(bus) } else { Ok(()) }
     }
 
     /// Leaves nothing requested on the way out. Overrides stay: a machine's speed must not change because its
@@ -64,9 +76,11 @@ impl JobDesk {
     /// # Errors
     /// When the bus cannot be reached.
     pub fn leave(&mut self, bus: &mut impl Bus) -> Result<(), BusError> {
-        VariableWriter::release(bus)?;
-        VariableReader::release(bus)?;
-        self.panel.leave(bus)
+        if self.functions.has(Function::Variables) {
+            VariableWriter::release(bus)?;
+            VariableReader::release(bus)?;
+        }
+        if self.functions.has(Function::Panel) { self.panel.leave(bus) } else { Ok(()) }
     }
 
     /// Takes a job in; tells its end if it has one at once.

@@ -9,7 +9,7 @@ use super::policy::Role;
 use crate::function::gather::GatherBuffer;
 use crate::function::panel::{FeedOverride, PanelAction, PanelRequest};
 use crate::function::rotary::RotaryBuffer;
-use crate::function::variable_read::{VariableEntry, VariableKind};
+use crate::function::variable_read::{VariableEntry, VariableKind, VariableReadError};
 use crate::function::variable_write::{WordKind, WriteRecord};
 use crate::gather::GatherMode;
 use crate::map::{GatherPlace, HostOffset, PmacAddress, Space, classic};
@@ -247,6 +247,9 @@ fn write(mut parameters: Parameters) -> Result<JobCall, CallError> {
 pub(super) fn watched(mut parameters: Parameters) -> Result<Vec<VariableEntry>, CallError> {
     let Value::Array(registers) = parameters.value("registers")? else { return Err(invalid("registers")) };
     parameters.finish()?;
+    if registers.len() > classic::VARIABLE_READ_ENTRIES {
+        return Err(refused(VariableReadError::TooMany(registers.len())));
+    }
     let entries = registers.iter().map(|register| {
         let text = register.as_str().ok_or_else(|| invalid("registers"))?;
         let source: GatherSource = text.parse().map_err(|_| {

@@ -1,8 +1,9 @@
 //! Where the log goes: to stderr, by a thread of its own.
 //!
 //! Whoever reads stderr may stop reading: a pager, a stopped service manager. A thread that logs must not wait for it,
-//! least of all the bus thread. So lines go into a bounded queue; what finds no room is dropped, and counted. The thread
-//! starts when the program has become who it shall be; until then lines wait in the queue.
+//! least of all the bus thread. So lines go into a bounded queue, in pieces that it has room for from the start; what finds
+//! no room is dropped, and counted. The thread starts when the program has become who it shall be; until then lines wait
+//! in the queue.
 
 use std::io::{self, Write};
 use std::sync::Arc;
@@ -10,14 +11,16 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError, sync_channel};
 use std::time::Duration;
 
-/// Lines that may wait.
-const LINES: usize = 1024;
+/// Pieces of lines that may wait, and how long they are: most lines are one.
+const PIECES: usize = 1024;
+const PIECE_BYTES: usize = 240;
 /// How long the end of the program waits for the lines that are left.
 const LAST_WORDS: Duration = Duration::from_millis(500);
 
-/// A line, or the wish to know when all lines before it are written.
+/// A piece of a line, or the wish to know when all before it are written.
+#[expect(clippy::large_enum_variant, reason = "inline, so that who logs needs no memory")]
 enum Entry {
-    Line(Vec<u8>),
+    Piece { bytes: [u8; PIECE_BYTES], length: usize, begins: bool },
     Flushed(SyncSender<()>),
 }
 
@@ -31,7 +34,7 @@ pub struct LogSink {
 impl LogSink {
     /// The end that takes lines, and the one that will write them to `target`. `prefix` begins the lines of its own.
     pub fn new(target: impl Write + Send + 'static, prefix: &'static str) -> (Self, LogWriter) {
-        let (entries, queue) = sync_channel(LINES);
+        let (entries, queue) = sync_channel(PIECES);
         let sink = Self { entries, dropped: Arc::default() };
         let dropped = Arc::clone(&sink.dropped);
         let run = Box::new(move || write_all(&queue, &dropped, target, prefix));
@@ -65,8 +68,15 @@ impl LogWriter {
 
 impl Write for LogSink {
     fn write(&mut self, line: &[u8]) -> io::Result<usize> {
-        if let Err(TrySendError::Full(_)) = self.entries.try_send(Entry::Line(line.to_vec())) {
-            self.dropped.fetch_add(1, Ordering::Relaxed);
+        // The logger writes line by line and one thread at a time, so the pieces of a line stay together.
+        for (number, piece) in line.chunks(PIECE_BYTES).enumerate() {
+            let mut bytes = [0; PIECE_BYTES];
+            bytes[..piece.len()].copy_from_slice(piece);
+            let entry = Entry::Piece { bytes, length: piece.len(), begins: number == 0 };
+            if let Err(TrySendError::Full(_)) = self.entries.try_send(entry) {
+                self.dropped.fetch_add(1, Ordering::Relaxed);
+                break;
+            }
         }
         Ok(line.len())
     }
@@ -78,14 +88,26 @@ impl Write for LogSink {
 
 fn write_all(queue: &Receiver<Entry>, dropped: &AtomicU64, mut target: impl Write, prefix: &str) {
     // Nobody can be told that the log cannot be written.
+    let mut in_line = false;
     for entry in queue {
         match entry {
-            Entry::Line(line) => drop(target.write_all(&line)),
+            Entry::Piece { bytes, length, begins } => {
+                if begins && in_line {
+                    // The rest of the line before found no room.
+                    let _ = target.write_all(b"\n");
+                }
+                in_line = !bytes[..length].ends_with(b"\n");
+                drop(target.write_all(&bytes[..length]));
+            }
             Entry::Flushed(written) => drop(written.try_send(())),
         }
-        match dropped.swap(0, Ordering::Relaxed) {
-            0 => {}
-            lines => drop(writeln!(target, "{prefix}{lines} log lines were dropped: nobody read the log")),
+        if !in_line {
+            match dropped.swap(0, Ordering::Relaxed) {
+                0 => {}
+                lines => {
+                    drop(writeln!(target, "{prefix}{lines} log lines were dropped: nobody read the log"))
+                }
+            }
         }
     }
 }
@@ -102,8 +124,8 @@ mod tests {
         let (mut sink, mut writer) = LogSink::new(pipe, "[WARN ] ");
         writer.start().unwrap();
         let began = Instant::now();
-        for _ in 0..4 * LINES {
-            sink.write_all(&[b'x'; 200]).unwrap();
+        for _ in 0..4 * PIECES {
+            sink.write_all(format!("{}\n", "x".repeat(200)).as_bytes()).unwrap();
         }
         sink.finish();
         assert!(began.elapsed() < Duration::from_secs(5), "nobody waited for the reader");
@@ -111,6 +133,21 @@ mod tests {
         let mut text = String::new();
         reader.read_to_string(&mut text).unwrap();
         assert!(text.contains("log lines were dropped"));
+    }
+
+    #[test]
+    fn a_long_line_is_put_together_again() {
+        let (mut reader, pipe) = io::pipe().unwrap();
+        let (mut sink, mut writer) = LogSink::new(pipe, "");
+        let line = format!("{}\n", "0123456789".repeat(100));
+        sink.write_all(line.as_bytes()).unwrap();
+        sink.write_all(b"next\n").unwrap();
+        writer.start().unwrap();
+        sink.finish();
+        drop(sink);
+        let mut text = String::new();
+        reader.read_to_string(&mut text).unwrap();
+        assert_eq!(text, line + "next\n");
     }
 
     #[test]

@@ -3,6 +3,7 @@
 //! Two threads work, one writes the log and one waits for signals. The bus thread ([`board_loop`]) owns the board; the socket's thread
 //! ([`serve`]) owns the clients; between them stand two bounded queues ([`queue`]).
 
+mod admission;
 pub mod ascii_desk;
 pub mod board;
 pub mod board_loop;
@@ -33,16 +34,19 @@ pub mod ports;
 mod presence;
 pub mod privilege;
 pub mod queue;
+mod refusals;
 mod resets;
 pub mod response_port;
 pub mod room;
 pub mod rotary_desk;
 pub mod serve;
 pub mod settings;
+mod shares;
 pub mod simulator;
 mod subscriptions;
+mod turns;
 pub mod uncertain;
 mod watch;
 pub mod write_desk;
 
-pub use bring_up::main;
+pub use bring_up::{main, main_with};

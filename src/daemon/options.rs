@@ -9,7 +9,7 @@ use clap::Parser;
 #[command(name = "pmacd", version, max_term_width = 100)]
 pub struct Options {
     /// The board: sim, file:PATH, mem:0xADDRESS, uio:/dev/uioN[,map=M], pci:0000:03:00.0[,bar=N] or vme:NODE, each but
-    /// sim with [,irq=uio:/dev/uioN] or [,irq=unix:PATH]
+    /// sim with [,irq=uio:/dev/uioN] or [,irq=unix:PATH], each but sim and vme with [,access=32]
     #[arg(long, value_name = "SPEC")]
     pub board: Option<String>,
     /// The name of the shared-memory segment and of the socket [default: pmac0]

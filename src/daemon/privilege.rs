@@ -9,7 +9,7 @@ use std::fmt;
 use caps::CapSet;
 use nix::sys::mman::{MlockAllFlags, mlockall};
 use nix::sys::prctl;
-use nix::sys::resource::{Resource, getrlimit};
+use nix::sys::resource::{RLIM_INFINITY, Resource, getrlimit, setrlimit};
 use nix::unistd::{
     Gid, Group, Uid, User, getegid, geteuid, getresgid, getresuid, initgroups, setresgid, setresuid,
 };
@@ -136,6 +136,15 @@ pub fn give_up(account: Option<&Account>) -> Result<(), PrivilegeError> {
         }
     }
     Ok(())
+}
+
+/// Raises the limit of locked memory as far as it goes, for [`lock_memory`] to come: without end for root, else up to the hard
+/// limit. Under the unit it is without end already, and nothing is called that the unit forbids.
+pub fn allow_locking() {
+    let Ok((soft, hard)) = getrlimit(Resource::RLIMIT_MEMLOCK) else { return };
+    if soft != RLIM_INFINITY && setrlimit(Resource::RLIMIT_MEMLOCK, RLIM_INFINITY, RLIM_INFINITY).is_err() {
+        let _ = setrlimit(Resource::RLIMIT_MEMLOCK, hard, hard);
+    }
 }
 
 fn is_empty(set: CapSet) -> Result<bool, PrivilegeError> {

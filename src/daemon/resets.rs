@@ -10,6 +10,7 @@ use super::mailbox_link::MailboxLink;
 use super::response_port::PortError;
 use crate::function::ascii::AsciiPort;
 use crate::function::servo::ServoReader;
+use crate::protocol::Function;
 
 /// How long the board may take, at the start, to bring the DPRAM into reach.
 const FIRST_REACH: Duration = Duration::from_millis(200);
@@ -56,10 +57,10 @@ impl BoardLoop {
     /// A memory test, a power failure or another host may have left the host's own words in a state that holds the
     /// reports off for ever, and a reset that was too quick to be noticed has shut the interrupt's line.
     pub(super) fn let_board_speak(&mut self) -> Result<(), PortError> {
-        if !self.servo.is_live() {
+        if self.functions.has(Function::Servo) && !self.servo.is_live() {
             ServoReader::release(&mut self.bus)?;
         }
-        if !self.background.is_live() {
+        if self.functions.has(Function::Background) && !self.background.is_live() {
             self.background.start_over(&mut self.bus)?;
         }
         if let Some(host_port) = &mut self.host_port

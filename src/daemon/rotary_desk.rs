@@ -170,8 +170,9 @@ impl RotaryDesk {
         if let Some(first) = batch.first
             && first != stream.sent_lines()
         {
-            let reason = format!("line {first} is not the next one, line {} is", stream.sent_lines());
-            return Ok(Fed::Ended(Event::Done(batch.ticket, refused(&reason))));
+            let next = stream.sent_lines();
+            let reason = refused(&format_args!("line {first} is not the next one, line {next} is"));
+            return Ok(Fed::Ended(Event::Done(batch.ticket, reason)));
         }
         let mut commands = 0;
         while let Some(line) = batch.lines.front() {

@@ -2,28 +2,32 @@
 //!
 //! It never waits for a client and never holds up the bus thread: whatever a client does, or does not do, costs at most
 //! its own bounded buffers. Each connection has one call under way at a time, so replies keep the order of the calls;
-//! a ticket brings every event of the bus thread back to the call it belongs to.
+//! a ticket brings every event of the bus thread back to the call it belongs to. Nobody is served first for asking
+//! most: a connection begins a few calls a round, its user is served for a share of the round ([`super::shares`]), and commands for the board take turns ([`super::turns`]).
 
 use std::collections::{BTreeMap, HashMap};
 use std::io;
 use std::os::fd::AsFd;
-use std::os::unix::net::UnixStream;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use log::{error, info, warn};
+use log::{error, info};
 use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
 use nix::sys::eventfd::{EfdFlags, EventFd};
 
+use super::admission::Admission;
 use super::connection::{Client, Pending, Waiting};
 use super::info::SharedInfo;
 use super::lease::Leases;
 use super::listener::{ListenError, Listener};
-use super::policy::{Peer, Policy, PolicyError, Role, Roles};
+use super::policy::{Peer, Policy, PolicyError, Roles};
 use super::queue::{Command, Event, Outcome, Receive, Sender, Ticket, Unsolicited, UnsolicitedKind};
+use super::refusals::Refusals;
+use super::shares::Shares;
 use super::subscriptions::Subscriptions;
+use super::turns::Turns;
 use crate::map::errors::meaning;
 use crate::protocol::board::RotaryStateReply;
 use crate::protocol::board::{NotesReply, ReadReply, SendReply};
@@ -31,10 +35,8 @@ use crate::protocol::{Call, CallError, Message, MessageKind, Reply};
 
 /// How much longer than asked the bus thread may take before it is not believed to answer at all.
 pub(super) const GRACE: Duration = Duration::from_secs(1);
-/// How long accepting pauses when the process has no more descriptors.
-const ACCEPT_PAUSE: Duration = Duration::from_millis(200);
-/// The most connections accepted in one go.
-const ACCEPT_MAX: usize = 64;
+/// Calls a connection may begin before others have their turn.
+const CALLS_A_TURN: usize = 8;
 /// The longest reply of the board that is collected, in bytes.
 const COLLECT_MAX: usize = 1024 * 1024;
 
@@ -49,9 +51,10 @@ pub struct ServeOptions {
     pub group: Option<String>,
     /// The groups that raise a user's role.
     pub roles: Roles,
-    /// The most connections at a time.
+    /// The most connections at a time; fewer where the limit of open files is lower.
     pub max_clients: usize,
-    /// The most connections of one user (root and the daemon's own user aside).
+    /// The most connections of one user. Root and the daemon's own user may have more, but as nobody else all there are:
+    /// the last eighth is for users who hold fewer than four, and half of it for those who may operate.
     pub max_clients_per_user: usize,
     /// How long a client may leave a message half sent, or its output unfetched.
     pub patience: Duration,
@@ -141,16 +144,19 @@ pub fn serve(options: &ServeOptions, listener: Listener, backend: Backend) -> Re
     let stop = Arc::new(EventFd::from_value_and_flags(0, flags).map_err(io::Error::from)?);
     let service = Service {
         policy: Policy::new(&options.roles)?,
+        admission: Admission::new(options),
         options: options.clone(),
         listener,
         backend,
         clients: BTreeMap::new(),
         owners: HashMap::new(),
+        shares: Shares::default(),
+        turns: Turns::default(),
+        refusals: Refusals::default(),
         leases: Leases::default(),
         subscriptions: Subscriptions::default(),
         next_client: 0,
         next_ticket: 0,
-        accept_after: None,
     };
     let waker = Arc::clone(&stop);
     let thread = std::thread::Builder::new().name("socket".to_owned()).spawn(move || service.run(&waker))?;
@@ -161,15 +167,19 @@ pub(super) struct Service {
     pub(super) options: ServeOptions,
     pub(super) policy: Policy,
     pub(super) listener: Listener,
+    pub(super) admission: Admission,
     pub(super) backend: Backend,
     pub(super) clients: BTreeMap<u64, Client>,
     /// Whose call each ticket is.
     pub(super) owners: HashMap<Ticket, u64>,
+    pub(super) shares: Shares,
+    /// The calls that the bus thread has not answered, as it gets them.
+    pub(super) turns: Turns,
+    pub(super) refusals: Refusals,
     pub(super) leases: Leases,
     pub(super) subscriptions: Subscriptions,
     pub(super) next_client: u64,
     pub(super) next_ticket: u64,
-    pub(super) accept_after: Option<Instant>,
 }
 
 impl Service {
@@ -193,15 +203,14 @@ impl Service {
                     self.on_event(event, now);
                 }
             }
-            for (id, flags) in ready.clients {
-                self.on_ready(id, flags, now);
-            }
+            self.serve_ready(ready.clients, now);
             if ready.listener {
                 self.accept(now);
             }
             self.expire(now);
             self.end_leases(now, false);
             let (owners, subscriptions) = (&mut self.owners, &mut self.subscriptions);
+            let before = self.clients.len();
             self.clients.retain(|id, client| {
                 let stays = !client.is_finished();
                 if !stays {
@@ -212,7 +221,12 @@ impl Service {
                 }
                 stays
             });
+            if self.clients.len() < before {
+                // There is a descriptor again.
+                self.admission.pause = None;
+            }
             self.tell_subscriptions(now);
+            self.hand_out(now);
         }
         // Nobody will be there to hold a jog; the bus thread still does this before it ends.
         self.end_leases(Instant::now(), true);
@@ -226,7 +240,7 @@ impl Service {
             PollFd::new(self.backend.events.descriptor(), PollFlags::POLLIN),
             PollFd::new(
                 self.listener.as_fd(),
-                if self.accept_after.is_none() { PollFlags::POLLIN } else { PollFlags::empty() },
+                if self.admission.pause.is_none() { PollFlags::POLLIN } else { PollFlags::empty() },
             ),
         ];
         for (&id, client) in &self.clients {
@@ -235,7 +249,13 @@ impl Service {
                 fds.push(PollFd::new(client.as_fd(), flags));
             }
         }
+        // Who did not come to the end of his calls is served again, whether more arrives or not.
+        let mut clients: BTreeMap<u64, PollFlags> = (self.clients.iter())
+            .filter(|(_, client)| client.has_more)
+            .map(|(&id, _)| (id, PollFlags::empty()))
+            .collect();
         let timeout = match self.next_deadline() {
+            _ if !clients.is_empty() || self.turns.has_next() => PollTimeout::ZERO,
             None => PollTimeout::NONE,
             Some(deadline) => {
                 let left = deadline.saturating_duration_since(Instant::now()) + Duration::from_millis(1);
@@ -245,17 +265,10 @@ impl Service {
         poll(&mut fds, timeout)?;
         let flags = |fd: &PollFd<'_>| fd.revents().unwrap_or(PollFlags::POLLERR);
         let is_ready = |index: usize| fds.get(index).is_some_and(|fd| flags(fd).contains(PollFlags::POLLIN));
-        Ok(Ready {
-            stop: is_ready(0),
-            events: is_ready(1),
-            listener: is_ready(2),
-            clients: ids
-                .iter()
-                .zip(&fds[3..])
-                .map(|(&id, fd)| (id, flags(fd)))
-                .filter(|(_, flags)| !flags.is_empty())
-                .collect(),
-        })
+        let polled = ids.iter().zip(&fds[3..]).map(|(&id, fd)| (id, flags(fd)));
+        clients.extend(polled.filter(|(_, flags)| !flags.is_empty()));
+        let clients = clients.into_iter().collect();
+        Ok(Ready { stop: is_ready(0), events: is_ready(1), listener: is_ready(2), clients })
     }
 
     fn next_deadline(&self) -> Option<Instant> {
@@ -266,43 +279,27 @@ impl Service {
             };
             [pending, client.patience_ends(self.options.patience)]
         });
-        clients.chain([self.accept_after, self.leases.next_end()]).flatten().min()
+        let others = [self.admission.pause, self.leases.next_end(), self.refusals.next_end()];
+        clients.chain(others).flatten().min()
     }
 
-    fn accept(&mut self, now: Instant) {
-        // Whoever connects faster than this still leaves time for everybody else.
-        for _ in 0..ACCEPT_MAX {
-            match self.listener.accept() {
-                Ok(stream) => self.admit(stream, now),
-                Err(error) => match error.kind() {
-                    io::ErrorKind::WouldBlock => return,
-                    io::ErrorKind::Interrupted | io::ErrorKind::ConnectionAborted => {}
-                    _ => {
-                        warn!("accepting a connection: {error}");
-                        self.accept_after = Some(now + ACCEPT_PAUSE);
-                        return;
-                    }
-                },
+    /// Serves those who are ready, each user's for his share of time; who is left is ready again in the next round.
+    fn serve_ready(&mut self, mut ready: Vec<(u64, PollFlags)>, now: Instant) {
+        self.shares.begin_round();
+        let user = |clients: &BTreeMap<u64, Client>, id| clients.get(&id).map(|client| client.peer.uid);
+        ready.sort_by_key(|(id, _)| {
+            user(&self.clients, *id).is_some_and(|user| self.shares.comes_later(user, *id))
+        });
+        let mut began = Instant::now();
+        for (id, flags) in ready {
+            let Some(user) = user(&self.clients, id) else { continue };
+            if self.shares.has_time(user, id) {
+                self.on_ready(id, flags, now);
+                let ended = Instant::now();
+                self.shares.used(user, ended - began);
+                began = ended;
             }
         }
-    }
-
-    fn admit(&mut self, stream: UnixStream, now: Instant) {
-        let Ok(peer) = Peer::of(&stream) else { return };
-        let of_user = self.clients.values().filter(|client| client.peer.uid == peer.uid).count();
-        let trusted = peer.uid.is_root() || peer.uid == nix::unistd::geteuid();
-        let too_many = self.clients.len() >= self.options.max_clients
-            || (!trusted && of_user >= self.options.max_clients_per_user);
-        if too_many {
-            info!(target: "audit", "refused a connection of uid {} pid {}: too many", peer.uid, peer.pid);
-            let reason = "too many connections; close some".to_owned();
-            Client::new(stream, peer, Role::Observe)
-                .reply(&CallError::Unavailable { reason }.to_reply(), now);
-            return;
-        }
-        let role = self.policy.role_of(&peer);
-        self.clients.insert(self.next_client, Client::new(stream, peer, role));
-        self.next_client += 1;
     }
 
     fn on_ready(&mut self, id: u64, flags: PollFlags, now: Instant) {
@@ -317,10 +314,11 @@ impl Service {
         self.advance(id, now);
     }
 
-    /// Begins the client's calls, one after the other, until one has to wait.
+    /// Begins the client's calls, one after the other, until one has to wait or others are to have their turn.
     pub(super) fn advance(&mut self, id: u64, now: Instant) {
-        loop {
+        for _ in 0..CALLS_A_TURN {
             let Some(client) = self.clients.get_mut(&id) else { return };
+            client.has_more = false;
             let message = match client.next_call(now) {
                 Ok(None) => return,
                 Ok(Some(message)) => message,
@@ -340,6 +338,9 @@ impl Service {
                 }
             }
         }
+        if let Some(client) = self.clients.get_mut(&id) {
+            client.has_more = true;
+        }
     }
 
     fn on_event(&mut self, event: Event, now: Instant) {
@@ -354,6 +355,8 @@ impl Service {
                 }
             }
             Event::Done(ticket, outcome) => {
+                self.turns.over(ticket);
+                self.subscriptions.heard(ticket);
                 self.after_stop(ticket, outcome, now);
                 let Some(pending) = self.pending(ticket) else { return };
                 let lines = std::mem::take(&mut pending.lines);
@@ -407,7 +410,8 @@ impl Service {
         }
     }
 
-    fn answer(&mut self, ticket: Ticket, reply: Result<Reply, CallError>, now: Instant) {
+    pub(super) fn answer(&mut self, ticket: Ticket, reply: Result<Reply, CallError>, now: Instant) {
+        self.turns.over(ticket);
         let Some(id) = self.owners.remove(&ticket) else { return };
         let Some(client) = self.clients.get_mut(&id) else { return };
         if let Waiting::Board(pending) = std::mem::replace(&mut client.waiting, Waiting::Nothing)
@@ -443,14 +447,16 @@ impl Service {
 
     /// Acts on every deadline that has passed.
     fn expire(&mut self, now: Instant) {
-        if self.accept_after.is_some_and(|until| until <= now) {
-            self.accept_after = None;
+        if self.admission.pause.is_some_and(|until| until <= now) {
+            self.admission.pause = None;
         }
+        self.refusals.sum_up(now);
         let mut unanswered = Vec::new();
         for client in self.clients.values_mut() {
             if client.patience_ends(self.options.patience).is_some_and(|end| end <= now) {
                 let Peer { uid, pid, .. } = client.peer;
-                info!(target: "audit", "dropped a connection of uid {uid} pid {pid}: stopped half-way");
+                let what = format_args!("dropped a connection of uid {uid} pid {pid}: stopped half-way");
+                self.refusals.tell(uid, what, now);
                 client.hang_up();
                 client.close();
             }
@@ -461,12 +467,15 @@ impl Service {
             }
         }
         for (ticket, lines) in unanswered {
-            self.answer(ticket, Err(CallError::TimedOut { lines }), now);
+            let never_begun = self.turns.take_back(ticket);
+            let error = if never_begun { CallError::Busy } else { CallError::TimedOut { lines } };
+            self.answer(ticket, Err(error), now);
         }
     }
 
     /// Tells those who wait that nothing more will come; does not wait for them to hear it.
     fn farewell(&mut self) {
+        self.refusals.end();
         let now = Instant::now();
         let reply = CallError::Unavailable { reason: "pmacd is stopping".to_owned() }.to_reply();
         for client in self.clients.values_mut() {

@@ -6,13 +6,15 @@ use serde::Deserialize;
 
 use super::options::Options;
 use super::policy::Roles;
-use super::ports::{HostPortConfig, HostPortTable, MailboxConfig, MailboxTable};
+use super::ports::{HostPortConfig, HostPortTable, MailboxConfig, MailboxTable, Use};
 use super::uncertain::Uncertain;
-use crate::device::BoardSpec;
+use crate::device::{Access, BoardSpec};
 use crate::format::{TextOrder, WordOrder};
 use crate::function::servo::ServoReading;
 use crate::map::{PlanSettings, classic};
-use crate::protocol::{BoardSettings, GatherSettings, VariablesSettings};
+use crate::protocol::{
+    BackgroundSettings, BoardSettings, Function, Functions, GatherSettings, ServoSettings, VariablesSettings,
+};
 use crate::rotary;
 use crate::segment::SegmentName;
 
@@ -54,6 +56,13 @@ pub struct ConfigFile {
     mailbox: Option<MailboxTable>,
     /// The interrupt controller behind the host port.
     host_port: Option<HostPortTable>,
+    /// The automatic functions that are used.
+    #[serde(default)]
+    functions: Functions,
+    #[serde(default)]
+    servo: ServoSettings,
+    #[serde(default)]
+    background: BackgroundSettings,
     /// What no document decides: see [`super::uncertain`].
     #[serde(default)]
     plan: PlanSettings,
@@ -184,15 +193,34 @@ impl Settings {
         let socket = options.socket.clone().or(file.socket);
         let roles = file.roles.unwrap_or_default();
         let family = file.family.unwrap_or_default();
+        let mailbox = file.mailbox.map(MailboxTable::decide).transpose().map_err(SettingsError)?;
+        if !file.functions.has(Function::Ascii) {
+            if mailbox.as_ref().is_some_and(|mailbox| mailbox.when != Use::Never) {
+                let text = "functions leaves \"ascii\" out, so the mailboxes have no use but for the page: write use = \"never\" in [mailbox]";
+                return Err(SettingsError(text.to_owned()));
+            }
+            if file.host_port.is_some() {
+                let text = "functions leaves \"ascii\" out, whose responses [host_port] is for: leave one or the other out";
+                return Err(SettingsError(text.to_owned()));
+            }
+        }
         let host_port = file.host_port.map(|table| table.decide(family)).transpose();
         let uncertain = BoardSettings {
+            functions: file.functions,
+            servo: file.servo,
+            background: file.background,
             plan: file.plan,
             gather: file.gather,
             variables: file.variables,
             rotary: file.rotary,
         };
+        let board: BoardSpec = board_text.parse().map_err(refused)?;
+        if file.word_order == Some(WordOrder::Swapped) && board.access() == Access::Bits32 {
+            let text = "access=32 and word_order = \"swapped\" do not go together: how a bridge that swaps bytes would swap 32 bits is not known; leave access=32 out";
+            return Err(SettingsError(text.to_owned()));
+        }
         Ok(Self {
-            board: board_text.parse().map_err(refused)?,
+            board,
             board_text,
             socket: socket
                 .unwrap_or_else(|| format!("/run/pmacd/{}.sock", name.trim_start_matches('/')).into()),
@@ -214,7 +242,7 @@ impl Settings {
             background_period_ns: period_ns(file.background_hz.unwrap_or(20.0))?,
             ask_board: file.ask_board.unwrap_or(true),
             roles: Roles { operate: roles.operate, engineer: roles.engineer },
-            mailbox: file.mailbox.map(MailboxTable::decide).transpose().map_err(SettingsError)?,
+            mailbox,
             host_port: host_port.map_err(SettingsError)?,
         })
     }
@@ -309,8 +337,20 @@ mod tests {
             ("board = \"sim\"\nbackground_hz = 0\n", "background_hz = 0 is out of range"),
             ("board = \"sim\"\n[rotary]\nexponent_bias = 64\n", "[rotary] exponent_bias = 64: 0 to 63"),
             ("board = \"sim\"\n[plan]\nrotary_longs = [5, 0]\n", "[plan] rotary"),
+            (
+                "board = \"sim\"\n[servo]\nfields = [\n'actual_position',\n'speed']\n",
+                "FILE:3:10: there is no servo field `speed`",
+            ),
+            ("board = \"sim\"\n[background]\nmotors = [1, 9]\n", "FILE:3:10: there is no motor 9"),
+            ("board = \"sim\"\nfunctions = [\"seervo\"]\n", ": unknown variant `seervo`"),
+            (
+                "board = \"sim\"\nfunctions = [\"servo\"]\n[mailbox]\nregisters = \"file:m\"\ntaken = \"unix:t\"\nreply = \"unix:r\"\n",
+                "write use = \"never\" in [mailbox]",
+            ),
+            ("board = \"sim\"\nfunctions = []\n[host_port]\nregisters = \"file:p\"\n", "[host_port] is for"),
             ("board = \"sim\"\n[gather]\nplace = 3\n", "FILE:3:1: unknown field `place`"),
             ("board = \"sim\"\nfirmware = \"new\"\n", "not a firmware version"),
+            ("board = \"file:m,access=32\"\nword_order = \"swapped\"\n", "leave access=32 out"),
             ("board = \"boat\"\n", "no board kind `boat`"),
             ("board = \"\\n\\u001b[2J\"\n", "no board kind `\\n\\u{1b}[2J`"),
             ("board = \"sim\"\nname = \"a/b\"\n", "cannot be a segment's name"),

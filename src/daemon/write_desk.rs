@@ -122,5 +122,5 @@ impl WriteDesk {
 }
 
 fn not_all_written(why: &str, GivenUp { done, uncertain }: GivenUp) -> Outcome {
-    Outcome::Refused(Text::of(&format!("{why}: {done} records are written, {uncertain} may be")))
+    Outcome::Refused(Text::of(&format_args!("{why}: {done} records are written, {uncertain} may be")))
 }

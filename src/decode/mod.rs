@@ -9,14 +9,16 @@ pub mod quantity;
 pub mod servo;
 pub mod value;
 
-pub use background::{AxisTargets, BackgroundData, BackgroundMotor, CoordinateSystem, Ports, background};
+pub use background::{
+    AxisTargets, BackgroundData, BackgroundMotor, CoordinateSystem, Ports, background, background_selected,
+};
 pub use image::{Image, ImageError};
 pub use quantity::{Flags, MotorScales, Quantity, Scales};
-pub use servo::{ServoData, ServoMotor, servo};
+pub use servo::{ServoData, ServoMotor, servo, servo_selected};
 pub use value::{Value, value};
 
-use crate::format::join32;
-use crate::map::Region;
+use crate::format::{Float48Layout, fixed48, int24, join32};
+use crate::map::{Region, Selection};
 
 /// A slice with fewer words than the region's asked-for part has.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
@@ -50,7 +52,35 @@ const fn long(words: &[u16], at: usize) -> u32 {
     join32(words[at], words[at + 1])
 }
 
-/// The two 32-bit values of a 48-bit register whose first Y half is word `at`, low one first.
-const fn pair(words: &[u16], at: usize) -> (u32, u32) {
-    (long(words, at), long(words, at + 2))
+/// One number's words, and which of them were read: a register that was not has no value.
+struct Block<'a, const WORDS: usize> {
+    words: &'a [u16; WORDS],
+    selection: Selection,
+}
+
+impl<const WORDS: usize> Block<'_, WORDS> {
+    fn long(&self, at: usize) -> Option<u32> {
+        self.selection.has_words(at, 2).then(|| long(self.words, at))
+    }
+
+    /// The two 32-bit values of a 48-bit register, low one first.
+    fn pair(&self, at: usize) -> Option<(u32, u32)> {
+        Some((self.long(at)?, self.long(at + 2)?))
+    }
+
+    fn signed(&self, at: usize) -> Option<i32> {
+        self.long(at).map(int24::signed)
+    }
+
+    fn unsigned(&self, at: usize) -> Option<u32> {
+        self.long(at).map(int24::unsigned)
+    }
+
+    fn fixed(&self, at: usize) -> Option<i64> {
+        self.pair(at).map(|(low, high)| fixed48::decode(low, high))
+    }
+
+    fn float(&self, at: usize, layout: Float48Layout) -> Option<f64> {
+        self.pair(at).map(|(low, high)| layout.decode(low, high))
+    }
 }

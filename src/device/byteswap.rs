@@ -1,7 +1,8 @@
 //! Decorator: a bus whose 16-bit words arrive with their bytes exchanged, as some VME bridges deliver them.
 //!
 //! It acts on words only. Whether the characters of a text stand low byte first or high byte first within a word is
-//! a setting of its own ([`crate::format::TextOrder`]): boards in production need one, the other, or both.
+//! a setting of its own ([`crate::format::TextOrder`]): boards in production need one, the other, or both. Data are read by
+//! 16 bits, however wide the bus inside may read: how a bridge that swaps would swap 32 bits is not known.
 
 use super::{Bus, BusError};
 use crate::map::HostOffset;

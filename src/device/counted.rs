@@ -4,7 +4,7 @@ use super::byte::{ByteBus, ByteBusError};
 use super::{Bus, BusError};
 use crate::map::HostOffset;
 
-/// Counts the words (or bytes) read and written through it. A refused access counts nothing: the bus never saw it.
+/// Counts the accesses by which words (or bytes) are read and written through it. A refused access counts nothing: the bus never saw it.
 pub struct Counted<B> {
     bus: B,
     reads: u64,
@@ -17,13 +17,13 @@ impl<B> Counted<B> {
         Self { bus, reads: 0, writes: 0 }
     }
 
-    /// Words read so far.
+    /// Accesses that read, so far.
     #[must_use]
     pub fn reads(&self) -> u64 {
         self.reads
     }
 
-    /// Words written so far.
+    /// Accesses that wrote, so far.
     #[must_use]
     pub fn writes(&self) -> u64 {
         self.writes
@@ -62,6 +62,12 @@ impl<B: Bus> Bus for Counted<B> {
         self.bus.read_block(first, words)?;
         self.reads += words.len() as u64;
         Ok(())
+    }
+
+    fn read_data(&mut self, first: HostOffset, words: &mut [u16]) -> Result<usize, BusError> {
+        let accesses = self.bus.read_data(first, words)?;
+        self.reads += accesses as u64;
+        Ok(accesses)
     }
 
     fn order_reads(&mut self) {

@@ -5,7 +5,7 @@ use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 
 use super::mapping::Mapping;
-use super::{Bus, BusError, one_host};
+use super::{Access, Bus, BusError, one_host};
 use crate::map::HostOffset;
 
 /// The size of the classic DPRAM in bytes: 8K words of 16 bits (DPRAM manual p. 1).
@@ -87,6 +87,12 @@ impl FileBoard {
         Ok(Self { mapping, path: path.to_owned(), identity: identity(&metadata), _lock: Some(file) })
     }
 
+    /// The same board, whose data are read by accesses up to so wide.
+    #[must_use]
+    pub fn with_access(self, access: Access) -> Self {
+        Self { mapping: self.mapping.with_access(access), ..self }
+    }
+
     /// The same board reached through an open `file`, for tests that have no path.
     ///
     /// # Errors
@@ -120,6 +126,10 @@ impl Bus for FileBoard {
 
     fn read_block(&mut self, first: HostOffset, words: &mut [u16]) -> Result<(), BusError> {
         self.mapping.read_block(first, words)
+    }
+
+    fn read_data(&mut self, first: HostOffset, words: &mut [u16]) -> Result<usize, BusError> {
+        self.mapping.read_data(first, words)
     }
 
     fn order_reads(&mut self) {

@@ -1,7 +1,8 @@
-//! Mapped memory as a bus: what every board that is mapped does alike, each word by one access, ascending, once.
+//! Mapped memory as a bus: what every board that is mapped does alike, each word by one access, ascending, once; of data
+//! two words by one where the board takes 32 bits.
 
 use super::mapping::Mapping;
-use super::{Bus, BusError};
+use super::{Access, Bus, BusError};
 use crate::map::HostOffset;
 
 impl Bus for Mapping {
@@ -29,6 +30,31 @@ impl Bus for Mapping {
         Ok(())
     }
 
+    fn read_data(&mut self, first: HostOffset, words: &mut [u16]) -> Result<usize, BusError> {
+        if self.access() == Access::Bits16 {
+            self.read_block(first, words)?;
+            return Ok(words.len());
+        }
+        let (start, count) = (first.bytes() as usize, words.len());
+        if start + 2 * count > Mapping::length(self) {
+            return Err(out_of_range(self, first, count));
+        }
+        let (mut at, mut accesses) = (0, 0);
+        while let Some(rest) = words.get_mut(at..).filter(|rest| !rest.is_empty()) {
+            let offset = start + 2 * at;
+            let pair = if rest.len() >= 2 { self.read32(offset) } else { None };
+            if let (Some(read), [low, high, ..]) = (pair, &mut *rest) {
+                [*low, *high] = read;
+                at += 2;
+            } else {
+                rest[0] = Mapping::read16(self, offset).ok_or_else(|| out_of_range(self, first, count))?;
+                at += 1;
+            }
+            accesses += 1;
+        }
+        Ok(accesses)
+    }
+
     fn order_reads(&mut self) {
         Mapping::order_reads(self);
     }
@@ -40,4 +66,59 @@ impl Bus for Mapping {
 
 fn out_of_range(mapping: &Mapping, offset: HostOffset, words: usize) -> BusError {
     BusError::OutOfRange { offset, words, length: mapping.length() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::device::{Counted, WordSwapped};
+    use proptest::prelude::*;
+
+    proptest! {
+        /// Whatever the alignment of window and block: the same words by 32 bits as by 16, each aligned pair by one access.
+        #[test]
+        fn wide_reads_give_the_same_words(
+            content in prop::collection::vec(any::<u16>(), 64),
+            start in 0usize..4, first in 0usize..70, count in 0usize..70,
+        ) {
+            let file = tempfile::tempfile().unwrap();
+            file.set_len(0x1000).unwrap();
+            let window = || Mapping::new(&file, 2 * start as u64, 128).unwrap();
+            let mut narrow = Counted::new(window());
+            for (index, word) in content.iter().enumerate() {
+                narrow.write16(HostOffset::new(2 * index as u32), *word).unwrap();
+            }
+            let mut wide = Counted::new(window().with_access(Access::Bits32));
+            let first_word = HostOffset::new(2 * first as u32);
+            let (mut by_16, mut by_32) = (vec![0; count], vec![0; count]);
+            let written = narrow.accesses();
+            let read = (narrow.read_data(first_word, &mut by_16).ok(), wide.read_data(first_word, &mut by_32).ok());
+            prop_assert_eq!(&by_16, &by_32);
+            if first + count > 64 {
+                prop_assert_eq!((read, wide.accesses()), ((None, None), 0));
+            } else {
+                prop_assert_eq!(&by_32, &content[first..first + count]);
+                // An odd word before the first aligned pair, and one behind the last.
+                let before = ((start + first) % 2).min(count);
+                let accesses = before + (count - before).div_ceil(2);
+                prop_assert_eq!(read, (Some(count), Some(accesses)));
+                prop_assert_eq!((narrow.accesses() - written, wide.accesses()), (count as u64, accesses as u64));
+                // Words whose bytes a bridge exchanges are never read two at a time.
+                let mut swapped = WordSwapped(window().with_access(Access::Bits32));
+                prop_assert_eq!(swapped.read_data(first_word, &mut by_32).ok(), Some(count));
+                by_32.iter_mut().for_each(|word| *word = word.swap_bytes());
+                prop_assert_eq!(&by_16, &by_32);
+            }
+        }
+    }
+
+    #[test]
+    fn control_words_are_read_by_16_bits_all_the_same() {
+        let file = tempfile::tempfile().unwrap();
+        file.set_len(0x1000).unwrap();
+        let mut bus = Counted::new(Mapping::new(&file, 0, 0x100).unwrap().with_access(Access::Bits32));
+        bus.read_block(HostOffset::new(0), &mut [0; 8]).unwrap();
+        bus.read16(HostOffset::new(0)).unwrap();
+        assert_eq!(bus.accesses(), 9);
+    }
 }

@@ -2,8 +2,9 @@
 //! this process was started with.
 //!
 //! What another agent writes is never behind a reference or a slice. Each access is one instruction of exactly
-//! 16 bits on an aligned address, or of 8 bits for byte registers: a compiler may fuse or split a volatile access,
-//! a 16-bit bus may not stand for it, and an emulated board decodes only plain moves.
+//! 16 bits on an aligned address, of 32 bits where the board is said to take them, or of 8 bits for byte registers: a
+//! compiler may fuse or split a volatile access, a 16-bit bus may not stand for it, and an emulated board decodes only
+//! plain moves.
 #![allow(unsafe_code)]
 
 use std::fs::File;
@@ -13,12 +14,15 @@ use std::sync::atomic::{AtomicU64, Ordering, fence};
 
 use memmap2::{MmapOptions, MmapRaw};
 
+use super::Access;
+
 /// A mapped window of a board's memory, `length` bytes long and 2-byte aligned.
 pub struct Mapping {
     map: MmapRaw,
     /// Where the window starts inside the page-aligned mapping.
     skip: usize,
     length: usize,
+    access: Access,
 }
 
 impl Mapping {
@@ -51,7 +55,19 @@ impl Mapping {
             io::Error::new(io::ErrorKind::InvalidInput, text)
         })?;
         let map = MmapOptions::new().offset(start).len(total).map_raw(file)?;
-        Ok(Self { map, skip, length })
+        Ok(Self { map, skip, length, access: Access::Bits16 })
+    }
+
+    /// The same window, whose data are read by accesses up to so wide.
+    #[must_use]
+    pub fn with_access(self, access: Access) -> Self {
+        Self { access, ..self }
+    }
+
+    /// How wide a read of data may be.
+    #[must_use]
+    pub fn access(&self) -> Access {
+        self.access
     }
 
     /// The window's length in bytes.
@@ -68,6 +84,21 @@ impl Mapping {
             // SAFETY: `word` gives only aligned addresses inside the mapping, which lives as long as `self`.
             unsafe { load16(word) }
         })
+    }
+
+    /// Reads the word at byte `offset` and the next one by one access of 32 bits, or `None` when its address is no multiple
+    /// of 4 or the window ends before.
+    #[inline]
+    #[must_use]
+    pub fn read32(&self, offset: usize) -> Option<[u16; 2]> {
+        let end = offset.checked_add(4).filter(|end| *end <= self.length)?;
+        let word = self.word(end - 4).filter(|_| (self.skip + offset).is_multiple_of(4))?;
+        // SAFETY: `word` lies in the mapping, which lives as long as `self`, and so do the 4 bytes from there on, for their
+        // end was compared with the window's. A mapping begins on a page, so `skip + offset` is the address's alignment.
+        let pair = unsafe { load32(word.cast()) };
+        // The half at the lower address is the first word on machines of either byte order.
+        let [a, b, c, d] = pair.to_ne_bytes();
+        Some([u16::from_ne_bytes([a, b]), u16::from_ne_bytes([c, d])])
     }
 
     /// Writes the word at byte `offset`; `None` when it is odd or outside the window.
@@ -193,6 +224,26 @@ unsafe fn load16(word: *const u16) -> u16 {
 }
 
 /// # Safety
+/// `pair` is 4-byte aligned and points to 4 bytes of a live readable mapping.
+#[inline]
+unsafe fn load32(pair: *const u32) -> u32 {
+    #[cfg(target_arch = "x86_64")]
+    {
+        let value: u32;
+        // SAFETY: by the caller's promise. No `nomem`, so the compiler keeps the order of accesses.
+        unsafe {
+            std::arch::asm!("mov {0:e}, dword ptr [{1}]", out(reg) value, in(reg) pair, options(nostack, preserves_flags, readonly));
+        }
+        value
+    }
+    #[cfg(not(target_arch = "x86_64"))]
+    // SAFETY: by the caller's promise.
+    unsafe {
+        pair.read_volatile()
+    }
+}
+
+/// # Safety
 /// `word` is 2-byte aligned and points into a live writable mapping.
 #[inline]
 unsafe fn store16(word: *mut u16, value: u16) {
@@ -271,6 +322,25 @@ mod tests {
         assert_eq!(Mapping::new(&file, 0, 4 * page).unwrap().read16(2 * page + 0x2E), Some(0xCAFE));
         assert!(Mapping::within(&file, 0, 1, 2).is_err());
         assert!(Mapping::within(&file, 0, usize::MAX - 1, 2).is_err());
+    }
+
+    #[test]
+    fn two_words_are_read_at_once_where_they_are_aligned() {
+        let file = tempfile::tempfile().unwrap();
+        file.set_len(0x1000).unwrap();
+        for (start, first) in [(0x100, 0), (0x102, 2)] {
+            let window = Mapping::new(&file, start, 0x20).unwrap();
+            for word in 0..0x10 {
+                window.write16(2 * word, 0x1100 + word as u16).unwrap();
+            }
+            let word = 0x1100 + first as u16 / 2;
+            assert_eq!(window.read32(first), Some([word, word + 1]));
+            assert_eq!(window.read32(first + 4), Some([word + 2, word + 3]));
+            for wrong in [first + 1, first + 2, first + 3, 0x1E, 0x20, usize::MAX - 3, usize::MAX] {
+                assert_eq!(window.read32(wrong), None, "{start:#x} {wrong:#x}");
+            }
+        }
+        assert_eq!(Mapping::new(&file, 0x100, 0x20).unwrap().read32(0x1C), Some([0x110E - 1, 0x110F - 1]));
     }
 
     #[test]

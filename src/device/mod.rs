@@ -5,6 +5,7 @@ pub mod byte_spec;
 pub mod byteswap;
 pub mod candidates;
 pub mod counted;
+pub mod descriptors;
 pub mod file;
 pub mod inherited;
 pub mod interrupt;
@@ -36,7 +37,7 @@ pub use inherited::Inherited;
 pub use interrupt::{Interrupt, InterruptSource};
 pub use open::{OpenedBoard, open};
 pub use refusal::OpenError;
-pub use spec::{BoardSpec, Place, WindowSpec};
+pub use spec::{Access, BoardSpec, Place, WindowSpec};
 pub use system::System;
 pub use window::WindowBoard;
 
@@ -61,7 +62,7 @@ pub enum BusError {
 /// Exact-width access to a board's DPRAM.
 ///
 /// Every method that reads takes each word with one 16-bit access, in ascending order, once; none falls back to
-/// another width, and none returns data it did not read.
+/// another width, and none returns data it did not read. Only [`Bus::read_data`] may take two words at once.
 pub trait Bus: Send {
     /// The length of the window in bytes.
     fn length(&self) -> usize;
@@ -83,6 +84,17 @@ pub trait Bus: Send {
     /// # Errors
     /// [`BusError::OutOfRange`] when a word lies outside the window; nothing has been read then.
     fn read_block(&mut self, first: HostOffset, words: &mut [u16]) -> Result<(), BusError>;
+
+    /// Reads `words.len()` consecutive words, ascending, each exactly once, and tells by how many bus accesses: where the
+    /// board was said to take it, two words that lie in one aligned 32-bit location are one. For data alone, which PMAC
+    /// owns while they are read; never for a word by which host and PMAC hand something over.
+    ///
+    /// # Errors
+    /// [`BusError::OutOfRange`] when a word lies outside the window; nothing has been read then.
+    fn read_data(&mut self, first: HostOffset, words: &mut [u16]) -> Result<usize, BusError> {
+        self.read_block(first, words)?;
+        Ok(words.len())
+    }
 
     /// Orders the reads before this call before every access after it.
     fn order_reads(&mut self);
@@ -113,6 +125,9 @@ impl<B: Bus + ?Sized> Bus for Box<B> {
     }
     fn read_block(&mut self, first: HostOffset, words: &mut [u16]) -> Result<(), BusError> {
         (**self).read_block(first, words)
+    }
+    fn read_data(&mut self, first: HostOffset, words: &mut [u16]) -> Result<usize, BusError> {
+        (**self).read_data(first, words)
     }
     fn order_reads(&mut self) {
         (**self).order_reads();

@@ -46,9 +46,10 @@ pub fn open(spec: &WindowSpec, system: &System, inherited: &Inherited) -> Result
     }
     let own = mapped.uio.filter(|_| spec.interrupt.is_none());
     let interrupt = own.map(|device| device.interrupt().map(Interrupt::from));
+    let mapping = mapped.mapping.with_access(spec.access);
     let bus = match mapped.witness {
-        Some(path) => WindowBoard::watched(mapped.mapping, mapped.node, system, path),
-        None => WindowBoard::new(mapped.mapping),
+        Some(path) => WindowBoard::watched(mapping, mapped.node, system, path),
+        None => WindowBoard::new(mapping),
     };
     Ok(OpenedBoard { bus: Box::new(bus), interrupt })
 }

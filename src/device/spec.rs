@@ -18,12 +18,14 @@ const LONGEST: u64 = 0x10_0000;
 pub enum BoardSpec {
     /// `sim`: start a simulator and use its memory.
     Simulator,
-    /// `file:PATH[,irq=SOURCE]`: a file some other process treats as its DPRAM.
+    /// `file:PATH[,irq=SOURCE][,access=32]`: a file some other process treats as its DPRAM.
     File {
         /// The memory file.
         path: PathBuf,
         /// Where its interrupt is announced, if anywhere.
         interrupt: Option<InterruptSource>,
+        /// How wide a read of its data may be.
+        access: Access,
     },
     /// A window of the machine's memory: a board in a slot.
     Window(WindowSpec),
@@ -40,6 +42,19 @@ pub struct WindowSpec {
     pub length: usize,
     /// Where its interrupt comes from; of a UIO board without this, from the same device.
     pub interrupt: Option<InterruptSource>,
+    /// How wide a read of its data may be.
+    pub access: Access,
+}
+
+/// How wide a read of a board's data may be. Control words are always read and written by 16 bits.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Access {
+    /// 16 bits, as the DPRAM is: right on every bus.
+    #[default]
+    Bits16,
+    /// 32 bits where two words lie in one aligned location: half the bus transactions on PCI, where the target or a bridge
+    /// makes two device cycles of each. Not confirmed on a card.
+    Bits32,
 }
 
 /// What a board's window is a part of.
@@ -101,11 +116,22 @@ impl fmt::Display for Place {
 /// Why a board specification was refused.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error(
-    "board `{spec}`: {reason}; write sim, file:PATH, mem:0xADDRESS, uio:/dev/uioN[,map=M], pci:0000:03:00.0[,bar=N] or vme:NODE, each but sim with [,irq=SOURCE]"
+    "board `{spec}`: {reason}; write sim, file:PATH, mem:0xADDRESS, uio:/dev/uioN[,map=M], pci:0000:03:00.0[,bar=N] or vme:NODE, each but sim with [,irq=SOURCE], each but sim and vme with [,access=32]"
 )]
 pub struct SpecError {
     spec: String,
     reason: String,
+}
+
+impl BoardSpec {
+    /// How wide a read of its data may be.
+    #[must_use]
+    pub const fn access(&self) -> Access {
+        match self {
+            Self::Simulator => Access::Bits16,
+            Self::File { access, .. } | Self::Window(WindowSpec { access, .. }) => *access,
+        }
+    }
 }
 
 impl FromStr for BoardSpec {
@@ -129,7 +155,8 @@ fn parse(spec: &str) -> Result<BoardSpec, String> {
     let board = match Place::parse(kind, subject, &mut given)? {
         Some(place) => BoardSpec::Window(given.window(place)?),
         None if kind == "file" => {
-            BoardSpec::File { path: needed(kind, "path", subject)?.into(), interrupt: given.interrupt.take() }
+            let (interrupt, access) = (given.interrupt.take(), given.access.take().unwrap_or_default());
+            BoardSpec::File { path: needed(kind, "path", subject)?.into(), interrupt, access }
         }
         None => return Err(format!("there is no board kind `{kind}`")),
     };
@@ -149,6 +176,7 @@ pub(super) struct Given {
     bar: Option<u8>,
     pub(super) offset: Option<u64>,
     length: Option<usize>,
+    access: Option<Access>,
 }
 
 impl Given {
@@ -165,6 +193,7 @@ impl Given {
                 "bar" => given.bar.replace(small(option, value, 5)?).is_some(),
                 "offset" => given.offset.replace(even(option, value)?).is_some(),
                 "length" => given.length.replace(length(option, value)?).is_some(),
+                "access" => given.access.replace(access(option, value)?).is_some(),
                 _ => return Err(format!("unknown option `{option}`")),
             };
             if twice {
@@ -182,7 +211,10 @@ impl Given {
         if start.checked_add(offset).and_then(|first| first.checked_add(length as u64)).is_none() {
             return Err("the window leaves the machine's addresses".to_owned());
         }
-        Ok(WindowSpec { place, offset, length, interrupt: self.interrupt.take() })
+        // A VME board is a slave of 16 bits.
+        let access =
+            if matches!(place, Place::Vme(_)) { None } else { self.access.take() }.unwrap_or_default();
+        Ok(WindowSpec { place, offset, length, interrupt: self.interrupt.take(), access })
     }
 
     /// Refuses an option that this kind of board does not have.
@@ -193,6 +225,7 @@ impl Given {
             (self.bar.is_some(), "bar"),
             (self.offset.is_some(), "offset"),
             (self.length.is_some(), "length"),
+            (self.access.is_some(), "access"),
         ];
         match left.into_iter().find(|(left, _)| *left) {
             Some((_, option)) => Err(format!("{kind}: has no option {option}=")),
@@ -237,12 +270,20 @@ fn length(option: &str, value: &str) -> Result<usize, String> {
     )
 }
 
+fn access(option: &str, value: &str) -> Result<Access, String> {
+    match value {
+        "16" => Ok(Access::Bits16),
+        "32" => Ok(Access::Bits32),
+        _ => Err(format!("{option}: data are read by 16 or by 32 bits")),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
 
     fn window(place: Place) -> WindowSpec {
-        WindowSpec { place, offset: 0, length: 0x4000, interrupt: None }
+        WindowSpec { place, offset: 0, length: 0x4000, interrupt: None, access: Access::Bits16 }
     }
 
     #[test]
@@ -251,12 +292,28 @@ mod tests {
         let irq = || Some(InterruptSource::Uio("/dev/uio0".into()));
         for (text, spec) in [
             ("sim", BoardSpec::Simulator),
-            ("file:/dev/shm/dpram", BoardSpec::File { path: "/dev/shm/dpram".into(), interrupt: None }),
+            (
+                "file:/dev/shm/dpram",
+                BoardSpec::File { path: "/dev/shm/dpram".into(), interrupt: None, access: Access::Bits16 },
+            ),
+            (
+                "file:m,access=32",
+                BoardSpec::File { path: "m".into(), interrupt: None, access: Access::Bits32 },
+            ),
+            ("mem:0xD4000,access=16", BoardSpec::Window(window(Place::Memory(0xD4000)))),
+            (
+                "pci:03:00.0,access=32",
+                BoardSpec::Window(WindowSpec {
+                    access: Access::Bits32,
+                    ..window(Place::Pci { address: "03:00.0".parse().unwrap(), bar: None })
+                }),
+            ),
             (
                 "file:m,irq=unix:/run/irq",
                 BoardSpec::File {
                     path: "m".into(),
                     interrupt: Some(InterruptSource::Unix("/run/irq".into())),
+                    access: Access::Bits16,
                 },
             ),
             ("mem:0xD4000", BoardSpec::Window(window(Place::Memory(0xD4000)))),
@@ -325,6 +382,9 @@ mod tests {
             ("pci:0000:03:00.0,bar=6", "from 0 to 5"),
             ("pci:0000:03:00.0,map=0", "pci: has no option map="),
             ("vme:m0", "write it as /dev/bus/vme/m0"),
+            ("vme:/dev/bus/vme/m0,access=32", "vme: has no option access="),
+            ("pci:03:00.0,access=64", "access=64: data are read by 16 or by 32 bits"),
+            ("mem:0xD4000,access=32,access=16", "given twice"),
             ("isa:0x210", "no board kind `isa`"),
         ] {
             let error = spec.parse::<BoardSpec>().unwrap_err().to_string();

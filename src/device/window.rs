@@ -57,6 +57,10 @@ impl Bus for WindowBoard {
         self.mapping.read_block(first, words)
     }
 
+    fn read_data(&mut self, first: HostOffset, words: &mut [u16]) -> Result<usize, BusError> {
+        self.mapping.read_data(first, words)
+    }
+
     fn order_reads(&mut self) {
         self.mapping.order_reads();
     }

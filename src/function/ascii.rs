@@ -491,7 +491,7 @@ impl AsciiPort {
         let count = if (1..=ASCII_RESPONSE_BYTES).contains(&count) { count } else { ASCII_RESPONSE_BYTES };
         let mut words = [0u16; ASCII_RESPONSE_BYTES / 2];
         let words = &mut words[..(count - 1).div_ceil(2)];
-        bus.read_block(ASCII_RESPONSE, words)?;
+        bus.read_data(ASCII_RESPONSE, words)?;
         for (pair, word) in text.bytes.chunks_exact_mut(2).zip(words.iter()) {
             pair.copy_from_slice(&self.order.unpack(*word));
         }

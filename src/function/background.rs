@@ -7,7 +7,10 @@
 //! status of the same report: bit 7 set and bit 5 clear, the segmented move's target; else bit 9 set, the
 //! cutter-compensated one; else the programmed one.
 
+use std::ops::Range;
+
 use crate::device::{Bus, BusError};
+use crate::map::Selection;
 use crate::map::classic::{
     self, BACKGROUND_BLOCK, BACKGROUND_BLOCK_WORDS, BACKGROUND_DATA_READY, BACKGROUND_PANEL_PORT,
     BACKGROUND_SERVO_TIMER, DATA_READY,
@@ -33,12 +36,15 @@ pub enum BackgroundLook {
     Report(u16),
 }
 
-/// Reads the background fixed data of motors and coordinate systems 1 to `numbers`.
+/// Reads the background fixed data of motors and coordinate systems 1 to `numbers`, or what was selected of it.
 ///
 /// A report is long, and the servo data must not wait for it, so each look reads one block. That is safe: PMAC leaves
 /// the buffer alone until the host clears Data-Ready, which happens after the last block.
 pub struct BackgroundReader {
+    selection: Selection,
     numbers: usize,
+    /// What is read of a block, in words from its start.
+    runs: Vec<Range<usize>>,
     image: [u16; BACKGROUND_WORDS],
     /// The next block to read, while a report is being read.
     next_block: Option<usize>,
@@ -46,21 +52,33 @@ pub struct BackgroundReader {
 
 impl Default for BackgroundReader {
     fn default() -> Self {
-        Self { numbers: classic::MOTORS, image: [0; BACKGROUND_WORDS], next_block: None }
+        Self::selecting(Selection::ALL)
     }
 }
 
 impl BackgroundReader {
+    /// A reader that has seen nothing yet, and reads of the blocks only what `selection` has.
+    #[must_use]
+    pub fn selecting(selection: Selection) -> Self {
+        let mut runs = Vec::new();
+        let (words, _) = selection.left_out();
+        Selection::without(words, 0).runs(BACKGROUND_BLOCK_WORDS, 1, &mut runs);
+        let image = [0; BACKGROUND_WORDS];
+        Self { selection, numbers: classic::MOTORS, runs, image, next_block: None }
+    }
+
     /// Reads motors and coordinate systems 1 to `numbers` from now on (I59); at most 8.
     pub fn set_numbers(&mut self, numbers: usize) {
         self.numbers = numbers.min(classic::MOTORS);
         self.next_block = None;
     }
 
-    /// The buffer as last taken, from the word at 0x0228 on, up to the last block read; spares are 0.
+    /// The buffer as last taken, from the word at 0x0228 on, up to the last block read. Words the host does not read
+    /// (the spares, what was not selected) are 0.
     #[must_use]
     pub fn image(&self) -> &[u16] {
-        &self.image[..word_index(BACKGROUND_BLOCK) + self.numbers * BACKGROUND_BLOCK_WORDS]
+        let numbers = self.selection.last_number(self.numbers);
+        &self.image[..word_index(BACKGROUND_BLOCK) + numbers * BACKGROUND_BLOCK_WORDS]
     }
 
     /// Gives up whatever lies in the buffer, so that the next report is a new one.
@@ -85,28 +103,32 @@ impl BackgroundReader {
     /// # Errors
     /// When the bus cannot be reached.
     pub fn look(&mut self, bus: &mut impl Bus) -> Result<BackgroundLook, BusError> {
-        let Some(block) = self.next_block else { return self.look_for_report(bus) };
-        if block < self.numbers {
-            let start = word_index(BACKGROUND_BLOCK) + block * BACKGROUND_BLOCK_WORDS;
-            bus.read_block(
-                BACKGROUND_BLOCK.plus_words(block * BACKGROUND_BLOCK_WORDS),
-                &mut self.image[start..start + BACKGROUND_BLOCK_WORDS],
-            )?;
+        let Some(next) = self.next_block else { return self.look_for_report(bus) };
+        if let Some(block) = self.selected_from(next) {
+            let start = block * BACKGROUND_BLOCK_WORDS;
+            let words = &mut self.image[word_index(BACKGROUND_BLOCK) + start..];
+            for run in &self.runs {
+                bus.read_data(BACKGROUND_BLOCK.plus_words(start + run.start), &mut words[run.clone()])?;
+            }
             self.next_block = Some(block + 1);
-            if block + 1 < self.numbers {
+            if self.selected_from(block + 1).is_some() {
                 return Ok(BackgroundLook::Partial);
             }
         }
         self.next_block = None;
         bus.order_reads();
         // A board that was reset meanwhile may have begun, or made, another report (`tests/models/background.pml`).
-        let mut again = [0; 2];
-        bus.read_block(BACKGROUND_DATA_READY, &mut again)?;
+        let again = [bus.read16(BACKGROUND_DATA_READY)?, bus.read16(BACKGROUND_SERVO_TIMER)?];
         if again != [self.image[0], self.image[word_index(BACKGROUND_SERVO_TIMER)]] {
             return Ok(BackgroundLook::Nothing);
         }
         Self::release(bus)?;
         Ok(BackgroundLook::Report(self.image[word_index(BACKGROUND_SERVO_TIMER)]))
+    }
+
+    /// The first block from `next` on that is to be read.
+    fn selected_from(&self, next: usize) -> Option<usize> {
+        (next..self.numbers).find(|block| self.selection.has_number(block + 1))
     }
 
     /// Reads the global words if PMAC has a report ready.
@@ -120,7 +142,7 @@ impl BackgroundReader {
         let ports = word_index(BACKGROUND_PANEL_PORT);
         self.image[0] = ready;
         self.image[word_index(BACKGROUND_SERVO_TIMER)] = bus.read16(BACKGROUND_SERVO_TIMER)?;
-        bus.read_block(BACKGROUND_PANEL_PORT, &mut self.image[ports..ports + PORT_WORDS])?;
+        bus.read_data(BACKGROUND_PANEL_PORT, &mut self.image[ports..ports + PORT_WORDS])?;
         self.next_block = Some(0);
         Ok(BackgroundLook::Partial)
     }

@@ -11,7 +11,7 @@ use super::servo::{ServoLook, ServoReader, ServoReading};
 use super::servo_timer::ServoTimer;
 use super::variable_read::{self, VariableEntry, VariableKind, VariableLook, VariableMode, VariableReader};
 use super::variable_write::{VariableWriter, WordKind, WriteRecord, WriteStep};
-use crate::device::{Bus, Counted, FileBoard};
+use crate::device::{Access, Bus, Counted, FileBoard};
 use crate::gather::GatherMode;
 use crate::map::classic::{
     BACKGROUND_DATA_READY, BACKGROUND_SERVO_TIMER, DATA_READY, PANEL_REQUEST_ENABLE, ROTARY_1, ROTARY_BUSY,
@@ -20,28 +20,33 @@ use crate::map::classic::{
 use crate::map::{HostOffset, Layout, PMAC, Region};
 use crate::rotary::START_OF_LINE;
 
-const PLACE: Region = Region::new("variables", HostOffset::new(0x2A00), HostOffset::new(0x2A00 + 2 * 768));
+pub const PLACE: Region =
+    Region::new("variables", HostOffset::new(0x2A00), HostOffset::new(0x2A00 + 2 * 768));
 
 /// The host's bus, which counts, and PMAC's own way to the same memory.
-struct Rig {
-    host: Counted<FileBoard>,
+pub struct Rig {
+    pub host: Counted<FileBoard>,
     pmac: FileBoard,
 }
 
 impl Rig {
-    fn new() -> Self {
+    pub fn new() -> Self {
+        Self::with_access(Access::Bits16)
+    }
+
+    pub fn with_access(access: Access) -> Self {
         let file = tempfile::tempfile().unwrap();
         file.set_len(0x4000).unwrap();
         let board = || FileBoard::from_file(&file, 0x4000).unwrap();
-        Self { host: Counted::new(board()), pmac: board() }
+        Self { host: Counted::new(board().with_access(access)), pmac: board() }
     }
 
-    fn put(&mut self, offset: HostOffset, word: u16) {
+    pub fn put(&mut self, offset: HostOffset, word: u16) {
         self.pmac.write16(offset, word).unwrap();
     }
 
     /// What `act` gives, and how many accesses it took.
-    fn cost<T>(&mut self, act: impl FnOnce(&mut Counted<FileBoard>) -> T) -> (T, usize) {
+    pub fn cost<T>(&mut self, act: impl FnOnce(&mut Counted<FileBoard>) -> T) -> (T, usize) {
         let before = self.host.accesses();
         let result = act(&mut self.host);
         (result, (self.host.accesses() - before) as usize)
@@ -49,7 +54,7 @@ impl Rig {
 }
 
 /// The last number of the table's row whose first cell begins with `what`.
-fn documented(what: &str) -> usize {
+pub fn documented(what: &str) -> usize {
     let start = format!("//! | {what}");
     let mut rows = include_str!("mod.rs").lines().filter(|line| line.starts_with(&start));
     let row = rows.next().unwrap_or_else(|| panic!("no row for {what}"));
@@ -100,7 +105,7 @@ fn background() {
 }
 
 /// A reader whose table of `entries` is set up, and what that cost.
-fn variables(rig: &mut Rig, entries: &[VariableEntry], mode: VariableMode) -> (VariableReader, usize) {
+pub fn variables(rig: &mut Rig, entries: &[VariableEntry], mode: VariableMode) -> (VariableReader, usize) {
     let (now, mut reader) = (Instant::now(), VariableReader::new(PLACE));
     let ((), cost) = rig.cost(|bus| {
         reader.begin(bus, entries, mode, now).unwrap();
@@ -114,8 +119,8 @@ fn variables(rig: &mut Rig, entries: &[VariableEntry], mode: VariableMode) -> (V
     (reader, cost)
 }
 
-const X: VariableEntry = VariableEntry { address: 0x0028, kind: VariableKind::X };
-const L: VariableEntry = VariableEntry { address: 0x1005, kind: VariableKind::Long };
+pub const X: VariableEntry = VariableEntry { address: 0x0028, kind: VariableKind::X };
+pub const L: VariableEntry = VariableEntry { address: 0x1005, kind: VariableKind::Long };
 
 #[test]
 fn variable_read() {
@@ -297,7 +302,7 @@ fn rotary() {
 
 #[test]
 fn lines_and_releases() {
-    assert_eq!(dpram(20, 20), documented("ASCII line"));
+    assert_eq!(dpram(20, 20, Access::Bits16), documented("ASCII line of n"));
     assert_eq!(mailboxes(20, 20), documented("mailbox line"));
     let mut rig = Rig::new();
     let costs = [

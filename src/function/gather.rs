@@ -405,9 +405,9 @@ impl GatherReader {
         let until_end = taken.min(self.capacity as usize - slot);
         let (head, tail) = self.words[..2 * taken * sample_longs].split_at_mut(2 * until_end * sample_longs);
         bus.order_reads();
-        bus.read_block(self.buffer.place.buffer.plus_words(2 * slot * sample_longs), head)?;
+        bus.read_data(self.buffer.place.buffer.plus_words(2 * slot * sample_longs), head)?;
         if !tail.is_empty() {
-            bus.read_block(self.buffer.place.buffer, tail)?;
+            bus.read_data(self.buffer.place.buffer, tail)?;
         }
         bus.order_reads();
         for (long, [low, high]) in self.longs.iter_mut().zip(self.words.as_chunks().0) {

@@ -4,7 +4,7 @@
 //! How often to step, and when to give up, is the caller's business. A function writes only the bits the host owns.
 //!
 //! # What each function costs
-//! Bus accesses of 16 bits (the mailboxes' of 8), counted by tests for several n. *Necessary* are the data and the words
+//! Bus accesses of 16 bits (the mailboxes' of 8, and 32 of data where the board takes them), counted by tests for several n. *Necessary* are the data and the words
 //! by which host and PMAC hand them over; what is counted beyond them makes sure that the data are whole, that nobody
 //! else meddled, or that a write has arrived. A look is a step that finds nothing to do.
 //!
@@ -12,12 +12,21 @@
 //! |---|---|---|---|
 //! | servo update, optimistic, n motors | 30n + 6 | 30n + 6 | n = 8: 246 |
 //! | servo update, handshake | 30n + 8 | 30n + 9 | n = 8: 249 |
+//! | servo without spare words, n motors | 26n + 6 | 26n + 6 | n = 8: 214 |
+//! | servo, handshake, without spare words | 26n + 8 | 26n + 9 | n = 8: 217 |
+//! | servo of w words a motor, n motors | wn + 6 | wn + 6 | position and status, w = 6, n = 2: 18 |
+//! | servo by 32 bits, n motors | 15n + 4 | 15n + 4 | n = 8: 124 |
+//! | servo by 32 bits, handshake | 15n + 6 | 15n + 7 | n = 8: 127 |
+//! | servo by 32 bits without spare words | 13n + 4 | 13n + 4 | n = 8: 108 |
 //! | servo look, either way | 1 | 1 | 1 |
 //! | background report, n numbers | 62n + 9 | 62n + 11 | n = 8: 507 |
+//! | background of w words a number | wn + 9 | wn + 11 | two status words, w = 4, n = 8: 43 |
+//! | background by 32 bits | 31n + 6 | 31n + 8 | n = 8: 256 |
 //! | background look | 1 | 1 | 1 |
 //! | variable read set-up, e entries | 2e + 4 | 2e + 4 | e = 128: 260 |
 //! | variable read first report, dropped | 0 | 2 | 2 |
 //! | variable read report, w words of values | w + 3 | w + 3 | 128 of X: 259 |
+//! | variable read by 32 bits, a report | w/2 + 3 | w/2 + 3 | 128 of X: 131 |
 //! | variable read look | 1 | 1 | 1 |
 //! | variable read multi-user, a look at e entries of which k are new, w words | e + w + k + 1 | e + w + k + 2 | e = k = 5, L: 32 |
 //! | variable read multi-user look at e entries, none new | e | e + 1 | e = 5: 6 |
@@ -30,6 +39,7 @@
 //! | open words, n whole | n | n | n = 8: 8 |
 //! | open words, n of which some bits | 2n | 2n | n = 8: 16 |
 //! | gather, s samples of l longs, s l up to 64 | 2sl + 2 | 2sl + 3 | s = 8, l = 8: 131 |
+//! | gather by 32 bits | sl + 2 | sl + 3 | s = 8, l = 8: 67 |
 //! | gather look | 1 | 2 | 2 |
 //! | gather round and round (I45=3), s samples | 2sl + 5 | 2sl + 6 | s = 8, l = 8: 134 |
 //! | gather look, round and round | 3 | 4 | 4 |
@@ -38,10 +48,15 @@
 //! | rotary look, no room; until PMAC was once full 1 more | 1 | 2 | 2 |
 //! | rotary state | 2 | 3 | 3 |
 //! | ASCII line of n, reply of m characters | n/2 + m/2 + 10 | n/2 + m/2 + 11 | n = m = 20: 31 |
+//! | ASCII line by 32 bits | n/2 + m/4 + 10 | n/2 + m/4 + 11 | n = m = 20: 26 |
 //! | mailbox line of n, reply of m characters | n + m + 4 + ceil((m+1)/16) | n + m + 5 + 2 ceil((m+1)/16) | n = m = 20: 49 |
 //! | released at start and end: servo, background, variable read, variable write, panel | 7 | 8 | 1 + 1 + 2 + 1 + 3: 8 |
 //!
-//! Halves of n are rounded down, of m up. A look of the variable reader meets as many entries of a table as
+//! By 32 bits (`,access=32` behind the board) are read the data that PMAC owns meanwhile, two words of one location by one
+//! access; the words by which host and PMAC hand them over never are. A function that the configuration switches off
+//! makes no access at all.
+//!
+//! Halves of n are rounded down, of m up, and so are quarters. A look of the variable reader meets as many entries of a table as
 //! [`variable_read::STEP_WORDS`] words allow and goes on with the next ones; in single-user mode a report costs the
 //! same in however many looks it is read. Open words are written by the daemon itself.
 //!
@@ -71,6 +86,8 @@ mod gather_tests;
 pub mod host_port;
 pub mod mailbox;
 pub mod panel;
+#[cfg(test)]
+mod part_cost_tests;
 #[cfg(test)]
 mod port_cost_tests;
 pub mod rotary;

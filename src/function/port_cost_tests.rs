@@ -5,7 +5,7 @@ use std::time::Instant;
 use super::ascii::{AsciiEvent, AsciiPort};
 use super::mailbox::{MailboxPort, MailboxSettings, MailboxSignal, SETTLE};
 use crate::device::mapping::Mapping;
-use crate::device::{Bus, ByteBus, Counted, FileBoard};
+use crate::device::{Access, Bus, ByteBus, Counted, FileBoard};
 use crate::format::TextOrder;
 use crate::map::classic::{
     ASCII_INPUT_CONTROL, ASCII_INPUT_COUNT, ASCII_OUTPUT_CONTROL, ASCII_RESPONSE, RESPONSE_ACKNOWLEDGE,
@@ -13,10 +13,10 @@ use crate::map::classic::{
 };
 
 /// A line of `n` characters with a reply line of `m`, through the DPRAM; nothing is looked at in vain.
-pub fn dpram(n: usize, m: usize) -> usize {
+pub fn dpram(n: usize, m: usize, access: Access) -> usize {
     let file = tempfile::tempfile().unwrap();
     file.set_len(0x4000).unwrap();
-    let mut bus = Counted::new(FileBoard::from_file(&file, 0x4000).unwrap());
+    let mut bus = Counted::new(FileBoard::from_file(&file, 0x4000).unwrap().with_access(access));
     let mut board = FileBoard::from_file(&file, 0x4000).unwrap();
     let now = Instant::now();
     let mut port = AsciiPort::new(TextOrder::LowFirst, now);
@@ -69,9 +69,10 @@ pub fn mailboxes(n: usize, m: usize) -> usize {
 #[test]
 fn a_line_costs_what_the_table_says() {
     for (n, m) in [(2, 2), (20, 20), (80, 80), (159, 255), (1, 0), (15, 15), (29, 16), (33, 47)] {
-        assert_eq!(dpram(n, m), n / 2 + m.div_ceil(2) + 11, "{n} {m}");
+        assert_eq!(dpram(n, m, Access::Bits32), n / 2 + m.div_ceil(2).div_ceil(2) + 11, "{n} {m}");
+        assert_eq!(dpram(n, m, Access::Bits16), n / 2 + m.div_ceil(2) + 11, "{n} {m}");
         assert_eq!(mailboxes(n, m), n + m + 5 + 2 * (m + 1).div_ceil(16), "{n} {m}");
     }
-    assert_eq!([(2, 2), (20, 20), (80, 80)].map(|(n, m)| dpram(n, m)), [13, 31, 91]);
+    assert_eq!([(2, 2), (20, 20), (80, 80)].map(|(n, m)| dpram(n, m, Access::Bits16)), [13, 31, 91]);
     assert_eq!([(2, 2), (20, 20), (80, 80)].map(|(n, m)| mailboxes(n, m)), [11, 49, 177]);
 }

@@ -10,8 +10,6 @@
 //! The host owns the ring, its index, and, while I57=0, the header; PMAC owns the status word and its index. PMAC's
 //! internal buffer holds further lines: an empty ring does not mean yet that the motors wait.
 
-use std::collections::VecDeque;
-
 use crate::device::{Bus, BusError};
 use crate::map::classic::{OPEN, ROTARY_1, ROTARY_2, ROTARY_BUSY, ROTARY_ERROR, rotary_header};
 use crate::map::{HostOffset, PMAC};
@@ -23,6 +21,7 @@ const KEPT_FREE: u32 = 4;
 pub const LEAST_LONGS: u32 = 2 + KEPT_FREE;
 /// The largest buffer in longs: all of the DPRAM's open part.
 pub const MOST_LONGS: u32 = (OPEN.end.bytes() - OPEN.start.bytes()) / 4;
+const MOST_COMMANDS: usize = MOST_LONGS as usize / 2;
 
 /// Which of PMAC's two binary rotary buffers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Deserialize, serde::Serialize)]
@@ -169,8 +168,10 @@ pub struct RotaryStream {
     ahead: u32,
     sent_longs: u64,
     sent_lines: u64,
-    /// For each line that PMAC has not taken wholly: the number of longs sent up to its end.
-    line_ends: VecDeque<u64>,
+    /// A bit for each place of a command in the ring: whether a line ends there.
+    line_ends: [u64; MOST_COMMANDS.div_ceil(64)],
+    /// Lines that PMAC has not taken wholly.
+    ahead_lines: u64,
     underruns: u64,
     /// PMAC's internal buffer has been full.
     filled: bool,
@@ -211,7 +212,8 @@ impl RotaryStream {
             ahead: 0,
             sent_longs: 0,
             sent_lines: 0,
-            line_ends: VecDeque::with_capacity(size as usize / 2),
+            line_ends: [0; MOST_COMMANDS.div_ceil(64)],
+            ahead_lines: 0,
             underruns: 0,
             filled: false,
             dry: false,
@@ -288,11 +290,14 @@ impl RotaryStream {
         bus.order_writes();
         bus.write16(self.header.plus_words(rotary_header::HOST_INDEX), next as u16)?;
         bus.order_writes();
+        for number in 0..longs / 2 {
+            self.set_line_end((self.host + 2 * number) % self.size, 2 * number + 2 == longs);
+        }
         self.host = next;
         self.ahead += longs;
         self.sent_longs += u64::from(longs);
         self.sent_lines += 1;
-        self.line_ends.push_back(self.sent_longs);
+        self.ahead_lines += 1;
         self.dry = false;
         self.finished = false;
         Ok(true)
@@ -308,7 +313,7 @@ impl RotaryStream {
         Ok(RotaryState {
             ahead_longs: self.ahead,
             ahead_commands: self.ahead / 2,
-            ahead_lines: self.line_ends.len() as u64,
+            ahead_lines: self.ahead_lines,
             sent_lines: self.sent_lines,
             busy: status & ROTARY_BUSY != 0,
             error: (status & ROTARY_ERROR != 0).then_some(status as u8),
@@ -339,16 +344,28 @@ impl RotaryStream {
         if ahead > self.ahead {
             return Err(error);
         }
-        self.ahead = ahead;
-        let taken = self.sent_longs - u64::from(ahead);
-        while self.line_ends.front().is_some_and(|end| *end <= taken) {
-            self.line_ends.pop_front();
+        for taken in (ahead + 2..=self.ahead).step_by(2) {
+            self.ahead_lines -= u64::from(self.is_line_end((self.host + self.size - taken) % self.size));
         }
+        self.ahead = ahead;
         if ahead == 0 && self.sent_longs > 0 && !self.finished && !self.dry {
             self.dry = true;
             self.underruns += 1;
         }
         Ok(())
+    }
+
+    /// Whether the command at `index`, in longs from the ring's start, is the last of its line.
+    fn is_line_end(&self, index: u32) -> bool {
+        let place = index as usize / 2;
+        self.line_ends[place / 64] >> (place % 64) & 1 != 0
+    }
+
+    fn set_line_end(&mut self, index: u32, ends: bool) {
+        let place = index as usize / 2;
+        let bit = 1 << (place % 64);
+        let word = &mut self.line_ends[place / 64];
+        *word = if ends { *word | bit } else { *word & !bit };
     }
 
     /// The line's length in longs, if it is one that can be sent.

@@ -5,13 +5,16 @@
 //! tests Host-Busy before it sets its own flag, Host-Busy alone does not protect a slow read: an update may begin
 //! right after the host looked. So in both ways of reading the status word is read again after the data, and unless
 //! both readings are equal and not busy, the copy is discarded. What this cannot show: a bus that returned something else
-//! in the middle of a copy, for less than a servo period.
+//! in the middle of a copy, for less than a servo period; and, in optimistic reading, a servo counter that is set back by
+//! one update at that moment, so that two updates in a row have the same number.
 //!
 //! Host-Busy left set by a host that died stops the updates for ever; [`ServoReader::release`] clears it.
 
+use std::ops::Range;
 use std::time::{Duration, Instant};
 
 use crate::device::{Bus, BusError};
+use crate::map::Selection;
 use crate::map::classic::{
     self, HOST_BUSY, PMAC_BUSY, PROGRAM_BUFFER_OPEN, SERVO_GLOBAL_STATUS_Y, SERVO_HOST_STATUS, SERVO_MOTOR,
     SERVO_MOTOR_WORDS, SERVO_PMAC_STATUS, SERVO_TIMER_MASK,
@@ -58,10 +61,13 @@ pub enum ServoLook {
     Update(u16),
 }
 
-/// Reads the servo fixed data of motors 1 to `motors`.
+/// Reads the servo fixed data of motors 1 to `motors`, or what was selected of it.
 pub struct ServoReader {
     reading: ServoReading,
+    selection: Selection,
     motors: usize,
+    /// What is read of the motors' blocks, in words from the first one's start.
+    runs: Vec<Range<usize>>,
     last_timer: Option<u16>,
     image: [u16; SERVO_WORDS],
 }
@@ -70,7 +76,23 @@ impl ServoReader {
     /// A reader that has seen nothing yet.
     #[must_use]
     pub fn new(reading: ServoReading) -> Self {
-        Self { reading, motors: classic::MOTORS, last_timer: None, image: [0; SERVO_WORDS] }
+        Self::selecting(reading, Selection::ALL)
+    }
+
+    /// As [`ServoReader::new`], but of the motors' blocks only what `selection` has.
+    #[must_use]
+    pub fn selecting(reading: ServoReading, selection: Selection) -> Self {
+        let mut reader = Self {
+            reading,
+            selection,
+            motors: 0,
+            // Room for any selection, so that it is not allocated later.
+            runs: Vec::with_capacity(classic::MOTORS * SERVO_MOTOR_WORDS),
+            last_timer: None,
+            image: [0; SERVO_WORDS],
+        };
+        reader.set_motors(classic::MOTORS);
+        reader
     }
 
     /// How the buffer is read.
@@ -82,19 +104,21 @@ impl ServoReader {
     /// Reads motors 1 to `motors` from now on (I59); at most 8.
     pub fn set_motors(&mut self, motors: usize) {
         self.motors = motors.min(classic::MOTORS);
+        self.selection.runs(SERVO_MOTOR_WORDS, self.motors, &mut self.runs);
     }
 
-    /// The motors read.
+    /// The motors the board reports, as far as is known.
     #[must_use]
     pub fn motors(&self) -> usize {
         self.motors
     }
 
     /// The buffer as last taken, from the word at 0x0024 on, up to the last motor read. Words the host does not read
-    /// (its own status, the spares) are 0.
+    /// (its own status, the global spares, what was not selected) are 0.
     #[must_use]
     pub fn image(&self) -> &[u16] {
-        &self.image[..word_index(SERVO_MOTOR) + self.motors * SERVO_MOTOR_WORDS]
+        let motors = self.selection.last_number(self.motors);
+        &self.image[..word_index(SERVO_MOTOR) + motors * SERVO_MOTOR_WORDS]
     }
 
     /// Whether a program buffer was open on the board at the last update, as the copy of its global status says.
@@ -171,9 +195,11 @@ impl ServoReader {
         bus.order_reads();
         let began = Instant::now();
         let global = word_index(SERVO_GLOBAL_STATUS_Y);
-        let motor = word_index(SERVO_MOTOR);
-        bus.read_block(SERVO_GLOBAL_STATUS_Y, &mut self.image[global..global + GLOBAL_WORDS])?;
-        bus.read_block(SERVO_MOTOR, &mut self.image[motor..motor + self.motors * SERVO_MOTOR_WORDS])?;
+        bus.read_data(SERVO_GLOBAL_STATUS_Y, &mut self.image[global..global + GLOBAL_WORDS])?;
+        let motors = &mut self.image[word_index(SERVO_MOTOR)..];
+        for run in &self.runs {
+            bus.read_data(SERVO_MOTOR.plus_words(run.start), &mut motors[run.clone()])?;
+        }
         bus.order_reads();
         let after = bus.read16(SERVO_PMAC_STATUS)?;
         // A timer that comes round while this thread is held up looks as if nothing had happened.

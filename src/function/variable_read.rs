@@ -460,7 +460,7 @@ impl VariableReader {
     ) -> Result<[u16; VARIABLE_READ_DATA_WORDS], BusError> {
         let mut words = [0; VARIABLE_READ_DATA_WORDS];
         let first = self.place.start.plus_words(self.data[index].into());
-        bus.read_block(first, &mut words[..self.entries[index].kind.words()])?;
+        bus.read_data(first, &mut words[..self.entries[index].kind.words()])?;
         Ok(words)
     }
 

@@ -16,6 +16,7 @@ pub mod mailbox;
 pub mod plan;
 pub mod region;
 pub mod register;
+pub mod selection;
 pub mod status;
 pub mod typed;
 
@@ -31,5 +32,6 @@ pub use layout::{Entry, GatherPosition, GatherSizeWord, Layout, MapRecord, Place
 pub use plan::{NotOpen, Owner, Plan, PlanError, PlanSettings};
 pub use region::Region;
 pub use register::{Bits, Block, Format, NumberKind, Register, Source, SourceAt, Width, Writer};
+pub use selection::{BlockField, Selection, block_fields};
 pub use status::{MotionMode, StatusTable, StatusTables, TargetSource};
 pub use typed::{AddressError, Location};

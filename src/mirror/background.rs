@@ -4,6 +4,7 @@ use super::freshness::{Freshness, Transition};
 use crate::device::{Bus, BusError};
 use crate::function::background::{BackgroundLook, BackgroundReader};
 use crate::function::servo_timer::ServoTimer;
+use crate::map::Selection;
 use crate::segment::{Counter, Publisher, RegionId, RegionState, Stamp, monotonic_ns};
 
 /// The servo timer's bits in the background buffer.
@@ -29,8 +30,14 @@ impl BackgroundMirror {
     /// A mirror that takes a report every `period_ns`.
     #[must_use]
     pub fn new(period_ns: u64) -> Self {
+        Self::selecting(period_ns, Selection::ALL)
+    }
+
+    /// As [`BackgroundMirror::new`], but of the blocks only what `selection` has is read.
+    #[must_use]
+    pub fn selecting(period_ns: u64, selection: Selection) -> Self {
         Self {
-            reader: BackgroundReader::default(),
+            reader: BackgroundReader::selecting(selection),
             timer: ServoTimer::new(TIMER_BITS),
             freshness: Freshness::new(STALE_NS.max(STALE_PERIODS * period_ns)),
             period_ns,

@@ -20,7 +20,7 @@ use std::time::{Duration, Instant};
 use crate::device::{Bus, BusError};
 use crate::format::split32;
 use crate::function::gather::{
-    CHUNK_LONGS, GatherBuffer, GatherLook, GatherReader, GatherStart, report_cycles,
+    CHUNK_LONGS, GatherBuffer, GatherError, GatherLook, GatherReader, GatherStart, report_cycles,
 };
 use crate::function::servo_timer::ServoTimer;
 use crate::segment::{Publisher, RegionId, RegionState, Stamp, monotonic_ns};
@@ -51,6 +51,24 @@ impl GatherClock {
     pub fn host(servo_period_ns: u64) -> Option<Self> {
         std::num::NonZeroU64::new(servo_period_ns).map(Self::Host)
     }
+}
+
+/// Why a gather cannot be followed.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum NotFollowed {
+    /// No board has such a buffer, or it could not be read.
+    #[error(transparent)]
+    Buffer(#[from] GatherError),
+    /// There are samples already.
+    #[error("gathering runs already: follow it between DEFINE GATHER and GATHER")]
+    Runs,
+    /// What was read says nothing.
+    #[error("the daemon was held up; try again")]
+    HeldUp,
+    /// The board's words are not those of this buffer.
+    #[error("this is not the buffer that the board has: {0:?}")]
+    NotTheBuffer(GatherLook),
 }
 
 /// What the payload says of the gather.
@@ -105,10 +123,10 @@ impl GatherMirror {
         clock: GatherClock,
         publisher: &Publisher,
         now: Instant,
-    ) -> Result<Result<(), String>, BusError> {
+    ) -> Result<Result<(), NotFollowed>, BusError> {
         let mut reader = match GatherReader::new(buffer, GatherStart::Defined) {
             Ok(reader) => reader,
-            Err(error) => return Ok(Err(error.to_string())),
+            Err(error) => return Ok(Err(error.into())),
         };
         if matches!(clock, GatherClock::Host(_)) {
             reader.doubt_clock();
@@ -116,11 +134,9 @@ impl GatherMirror {
         let mut timer = ServoTimer::new(TIMER_BITS);
         let reason = match look(bus, &mut reader, clock, &mut timer)? {
             GatherLook::Idle => None,
-            GatherLook::Samples { .. } | GatherLook::Ended => {
-                Some("gathering runs already: follow it between DEFINE GATHER and GATHER".to_owned())
-            }
-            GatherLook::Disturbed => Some("the daemon was held up; try again".to_owned()),
-            other => Some(format!("this is not the buffer that the board has: {other:?}")),
+            GatherLook::Samples { .. } | GatherLook::Ended => Some(NotFollowed::Runs),
+            GatherLook::Disturbed => Some(NotFollowed::HeldUp),
+            other => Some(NotFollowed::NotTheBuffer(other)),
         };
         if let Some(reason) = reason {
             return Ok(Err(reason));

@@ -13,6 +13,6 @@ pub mod variable;
 
 pub use background::BackgroundMirror;
 pub use freshness::Transition;
-pub use gather::{GatherClock, GatherMirror};
+pub use gather::{GatherClock, GatherMirror, NotFollowed};
 pub use servo::ServoMirror;
 pub use variable::VariableMirror;

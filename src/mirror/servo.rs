@@ -8,6 +8,7 @@ use super::gaps::UpdateCounter;
 use crate::device::{Bus, BusError};
 use crate::function::servo::{ServoLook, ServoReader, ServoReading};
 use crate::function::servo_timer::ServoTimer;
+use crate::map::Selection;
 use crate::segment::{Counter, Publisher, RegionId, RegionState, Stamp, monotonic_ns};
 
 /// The servo timer's bits in the servo buffer.
@@ -45,8 +46,14 @@ impl ServoMirror {
     /// A mirror that has seen nothing.
     #[must_use]
     pub fn new(reading: ServoReading) -> Self {
+        Self::selecting(reading, Selection::ALL)
+    }
+
+    /// As [`ServoMirror::new`], but of the motors' blocks only what `selection` has is read.
+    #[must_use]
+    pub fn selecting(reading: ServoReading, selection: Selection) -> Self {
         Self {
-            reader: ServoReader::new(reading),
+            reader: ServoReader::selecting(reading, selection),
             clock: UpdateClock::default(),
             timer: ServoTimer::new(TIMER_BITS),
             gaps: UpdateCounter::default(),

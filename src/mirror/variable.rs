@@ -19,7 +19,7 @@ use crate::device::{Bus, BusError};
 use crate::format::split32;
 use crate::function::servo_timer::ServoTimer;
 use crate::function::variable_read::{
-    VariableEntry, VariableLook, VariableMode, VariableReadBusError, VariableReader,
+    VariableEntry, VariableKind, VariableLook, VariableMode, VariableReadBusError, VariableReader,
 };
 use crate::map::{Region, classic};
 use crate::segment::{Publisher, RegionId, RegionState, Stamp, monotonic_ns};
@@ -98,8 +98,10 @@ impl VariableMirror {
         publisher: &Publisher,
         now: Instant,
     ) -> Result<(), BusError> {
-        let entries = self.reader.entries().to_vec();
-        match self.begin(bus, &entries, publisher, now) {
+        let mut table = [VariableEntry { address: 0, kind: VariableKind::Y }; classic::VARIABLE_READ_ENTRIES];
+        let count = self.reader.entries().len();
+        table[..count].copy_from_slice(self.reader.entries());
+        match self.begin(bus, &table[..count], publisher, now) {
             // The table has been accepted before.
             Ok(()) | Err(VariableReadBusError::Refused(_)) => Ok(()),
             Err(VariableReadBusError::Bus(error)) => Err(error),

@@ -1,5 +1,8 @@
 //! Messages out of a byte stream: each ends with one NUL.
 
+/// Room kept while nothing is held, in bytes.
+const KEPT: usize = 16 * 1024;
+
 /// A message is longer than its receiver takes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[error("a message is longer than {limit} bytes")]
@@ -54,6 +57,10 @@ impl Inbox {
         let message = self.bytes[self.start..self.scanned].to_vec();
         self.scanned += 1;
         self.start = self.scanned;
+        if self.is_empty() && self.bytes.capacity() > KEPT {
+            // What one long message took is not kept for the next one.
+            *self = Self::new(self.limit);
+        }
         Ok(Some(message))
     }
 

@@ -8,6 +8,7 @@ pub mod control;
 pub mod frame;
 pub mod message;
 pub mod open_buffer;
+pub mod reading;
 pub mod settings;
 pub mod transport;
 
@@ -15,6 +16,7 @@ pub use board::{BoardInfo, CallError, CommandPort, Enabled, HostPortInfo, Messag
 pub use frame::Inbox;
 pub use message::{Call, Parameters, Reply};
 pub use open_buffer::OpenBuffer;
+pub use reading::{BackgroundSettings, Function, Functions, ServoSettings};
 pub use settings::{BoardSettings, GatherSettings, VariablesMode, VariablesSettings};
 
 /// The name of our interface.

@@ -1,10 +1,12 @@
-//! What the documents leave open about a board, and where the daemon places its buffers: one named setting each.
+//! What the documents leave open about a board, where the daemon places its buffers, and what it reads at all: one named
+//! setting each.
 //!
 //! The same tables stand in the daemon's configuration file (TOML) and in the reply of `GetSettings`, so that a client
 //! works by what the daemon works by. The defaults are the readings that fit the manuals best; none was seen on a board.
 
 use serde::{Deserialize, Serialize};
 
+use super::{BackgroundSettings, Functions, ServoSettings};
 use crate::map::{GatherPosition, GatherSizeWord, PlanSettings};
 use crate::rotary;
 
@@ -12,6 +14,12 @@ use crate::rotary;
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct BoardSettings {
+    /// The functions that are used.
+    pub functions: Functions,
+    /// What is read of the servo report.
+    pub servo: ServoSettings,
+    /// What is read of the background report.
+    pub background: BackgroundSettings,
     /// Sizes and places of the buffers in the open area.
     pub plan: PlanSettings,
     /// Where gathering lies.

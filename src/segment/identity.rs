@@ -26,6 +26,8 @@
 //! | 0x110 | 32 × i32 | Ix08, position scale factor | its own bit |
 //! | 0x190 | 32 × i32 | Ix09, velocity scale factor | its own bit |
 
+use super::ShortText;
+
 /// Length of the payload in bytes.
 pub const BYTES: usize = 0x210;
 /// Most motors a board has.
@@ -72,10 +74,10 @@ pub struct Identity {
     pub i49: Option<u32>,
     /// I59, motors reported.
     pub i59: Option<u32>,
-    /// Firmware version, as `1.16D`; at most 16 bytes are published.
-    pub firmware: Option<String>,
-    /// The board's answer to `TYPE`; at most 64 bytes are published.
-    pub board_type: Option<String>,
+    /// Firmware version, as `1.16D`.
+    pub firmware: Option<ShortText<FIRMWARE_BYTES>>,
+    /// The board's answer to `TYPE`.
+    pub board_type: Option<ShortText<BOARD_TYPE_BYTES>>,
     /// Ix07, master scale factor, motor 1 first.
     pub ix07: [Option<i32>; MOTORS],
     /// Ix08, position scale factor: positions are in 1/(Ix08·32) counts.
@@ -110,13 +112,13 @@ impl Identity {
             known |= 1 << SERVO_PERIOD_BIT;
             put(AT_SERVO_PERIOD, &period.to_ne_bytes());
         }
-        for (bit, at, text, room) in [
-            (FIRMWARE_BIT, AT_FIRMWARE, &self.firmware, FIRMWARE_BYTES),
-            (BOARD_TYPE_BIT, AT_BOARD_TYPE, &self.board_type, BOARD_TYPE_BYTES),
+        for (bit, at, text) in [
+            (FIRMWARE_BIT, AT_FIRMWARE, self.firmware.as_deref()),
+            (BOARD_TYPE_BIT, AT_BOARD_TYPE, self.board_type.as_deref()),
         ] {
             if let Some(text) = text {
                 known |= 1 << bit;
-                put(at, cut(text, room).as_bytes());
+                put(at, text.as_bytes());
             }
         }
         for (table, scales) in [&self.ix07, &self.ix08, &self.ix09].into_iter().enumerate() {
@@ -145,13 +147,10 @@ impl Identity {
         let known = u32_at(AT_KNOWN);
         let is_known = |bit: u32| known >> bit & 1 != 0;
         let number = |bit: u32, at: usize| is_known(bit).then(|| u32_at(at));
-        let text = |bit: u32, at: usize, room: usize| {
-            is_known(bit).then(|| {
-                let text = &bytes[at..at + room];
-                let end = text.iter().position(|byte| *byte == 0).unwrap_or(room);
-                String::from_utf8_lossy(&text[..end]).into_owned()
-            })
-        };
+        fn text<const N: usize>(bytes: &[u8]) -> ShortText<N> {
+            let end = bytes.iter().take(N).position(|byte| *byte == 0).unwrap_or(N);
+            ShortText::from_bytes(&bytes[..end])
+        }
         let scales = |table: usize| {
             let table_known = u32_at(AT_SCALES_KNOWN + table * 4);
             std::array::from_fn(|motor| {
@@ -174,19 +173,13 @@ impl Identity {
             i48: number(6, AT_I48),
             i49: number(7, AT_I49),
             i59: number(8, AT_I59),
-            firmware: text(FIRMWARE_BIT, AT_FIRMWARE, FIRMWARE_BYTES),
-            board_type: text(BOARD_TYPE_BIT, AT_BOARD_TYPE, BOARD_TYPE_BYTES),
+            firmware: is_known(FIRMWARE_BIT).then(|| text(&bytes[AT_FIRMWARE..])),
+            board_type: is_known(BOARD_TYPE_BIT).then(|| text(&bytes[AT_BOARD_TYPE..])),
             ix07: scales(0),
             ix08: scales(1),
             ix09: scales(2),
         })
     }
-}
-
-/// `text` cut to `room` bytes without splitting a character.
-fn cut(text: &str, room: usize) -> &str {
-    let end = (0..=room.min(text.len())).rfind(|end| text.is_char_boundary(*end)).unwrap_or(0);
-    &text[..end]
 }
 
 #[cfg(test)]
@@ -237,7 +230,7 @@ mod tests {
     #[test]
     fn a_long_text_is_cut_at_a_character_and_a_short_payload_is_refused() {
         let firmware = format!("{}é", "x".repeat(15));
-        let identity = Identity { firmware: Some(firmware), ..Identity::default() };
+        let identity = Identity { firmware: Some(firmware.as_str().into()), ..Identity::default() };
         assert_eq!(
             Identity::decode(&identity.encode()).unwrap().firmware.as_deref(),
             Some("xxxxxxxxxxxxxxx")

@@ -14,7 +14,7 @@
 //! |---|---|---|---|
 //! | 0x000 | `magic` | no | [`MAGIC`], the bytes `PMACDPRM` on a little-endian machine. Stored last |
 //! | 0x008 | `abi_major` | no | 1. Refuse any other |
-//! | 0x010 | `abi_minor` | no | 0. Accept any |
+//! | 0x010 | `abi_minor` | no | 1. Accept any; 0 had no `unread_words` and `unread_numbers` |
 //! | 0x018 | `header_length` | no | bytes from the start to the end of the region table |
 //! | 0x020 | `layout_hash` | no | checksum of the geometry, see below |
 //! | 0x028 | `total_length` | no | size of the object in bytes; it is never resized |
@@ -61,7 +61,13 @@
 //! | 0x40 | `state` | yes | 0 off: not mirrored · 1 live · 2 stale: no update within its time |
 //! | 0x48 | `period_ns` | yes | how often to expect a sample; 0 where there is no period |
 //! | 0x50 | `stale_after_ns` | yes | a latest sample older than this is stale whatever `state` says; 0: never |
-//! | 0x58 | reserved | | 5 words |
+//! | 0x58 | `unread_words` | no | bit `i`: word `i` (16 bits) of every motor's or coordinate system's block is not read from the board |
+//! | 0x60 | `unread_numbers` | no | bit `k-1`: nothing of motor or coordinate system `k` is read from the board |
+//! | 0x68 | reserved | | 3 words |
+//!
+//! The last two are about the servo and background regions, whose payload has a block a number, one behind the other: servo
+//! from host offset 0x48 on, 30 words a block; background from 0x24C on, 62 words. What is not read has its place in the payload,
+//! **holds 0 there, and must not be shown as a value.** (A payload ends with the last number that is read.)
 //!
 //! # Head and slots
 //! The head word counts the samples published. Samples are numbered from 1, so the head is also the number of the latest, and
@@ -87,6 +93,7 @@
 //! # Reading sample n
 //! ```text
 //! head     load relaxed; fence acquire.  n > head: not yet.  head - n >= slot_count: lost
+//! sequence load relaxed; fence acquire.  Not 2n: lost
 //! time_ns, servo_timer, flags|length, payload   relaxed loads of 64-bit words into private memory
 //! fence acquire; sequence load relaxed.  Not 2n: lost, throw the copy away
 //! ```
@@ -119,7 +126,7 @@ pub const MAGIC: u64 = u64::from_le_bytes(*b"PMACDPRM");
 /// Version of this page.
 pub const ABI_MAJOR: u64 = 1;
 /// Additions since.
-pub const ABI_MINOR: u64 = 0;
+pub const ABI_MINOR: u64 = 1;
 /// What `byte_order` holds, as the machine that wrote it reads it.
 pub const BYTE_ORDER: u64 = 0x0102_0304_0506_0708;
 /// Bytes of a word, the unit of every access.
@@ -210,6 +217,10 @@ pub const REGION_STATE: usize = 0x40;
 pub const REGION_PERIOD: usize = 0x48;
 /// Offset in a region entry of `stale_after_ns`.
 pub const REGION_STALE_AFTER: usize = 0x50;
+/// Offset in a region entry of `unread_words`.
+pub const REGION_UNREAD_WORDS: usize = 0x58;
+/// Offset in a region entry of `unread_numbers`.
+pub const REGION_UNREAD_NUMBERS: usize = 0x60;
 
 /// Offset in a slot of `sequence`.
 pub const SLOT_SEQUENCE: usize = 0x00;

@@ -37,6 +37,7 @@ mod plan;
 pub mod publish;
 pub mod ring;
 mod sample;
+mod short_text;
 pub mod subscribe;
 
 pub use cursor::Cursor;
@@ -46,6 +47,7 @@ pub use name::SegmentName;
 pub use plan::{CreateOptions, RegionSpec};
 pub use publish::{Counters, Publisher};
 pub use sample::{Sample, Stamp};
+pub use short_text::ShortText;
 pub use subscribe::{Condition, HeaderInfo, Read, RegionInfo, Subscriber, WaitOutcome};
 
 /// Where segments live unless a test says otherwise: the directory of POSIX shared-memory objects.

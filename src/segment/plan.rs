@@ -7,6 +7,7 @@ use super::layout::*;
 use super::memory::WriteMap;
 use super::ring::{Ring, Words, WordsMut};
 use super::{DIRECTORY, SegmentError, SegmentName, monotonic_ns};
+use crate::map::Selection;
 
 /// Regions begin on two cache lines, because processors fetch lines in pairs and the head should travel alone.
 const REGION_ALIGNMENT: usize = 2 * LINE;
@@ -43,6 +44,8 @@ pub struct CreateOptions {
     pub heartbeat_limit_ns: u64,
     /// Its regions.
     pub regions: Vec<RegionSpec>,
+    /// The regions of which only a part is read from the board.
+    pub selections: Vec<(RegionId, Selection)>,
 }
 
 impl CreateOptions {
@@ -56,6 +59,7 @@ impl CreateOptions {
             directory: PathBuf::from(DIRECTORY),
             heartbeat_limit_ns: 300_000_000,
             regions,
+            selections: Vec::new(),
         }
     }
 }
@@ -138,6 +142,11 @@ impl Plan {
             put(entry + REGION_STATE, RegionState::Off as u64);
             put(entry + REGION_PERIOD, spec.period_hint_ns);
             put(entry + REGION_STALE_AFTER, spec.stale_after_ns);
+            for (_, selection) in options.selections.iter().filter(|(id, _)| *id == spec.id) {
+                let (words, numbers) = selection.left_out();
+                put(entry + REGION_UNREAD_WORDS, words);
+                put(entry + REGION_UNREAD_NUMBERS, numbers);
+            }
         }
         let entries = self.regions.iter().map(|(_, entry, _)| *entry);
         put(AT_LAYOUT_HASH, header::hash_of(entries, |offset| map.load(offset / WORD)));

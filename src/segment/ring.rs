@@ -4,9 +4,9 @@
 //! (`tests/it/segment_loom.rs`). The order of the accesses is that of [`super::layout`], "Writing" and "Reading".
 //!
 //! Why a reader's copy is whole: if any word of it was written for a later sample in the same slot, the acquire fence
-//! after the copy pairs with the writer's release fence before that word, so the look at the sequence after it sees the later
-//! sample's odd number. Why nothing in it is older: the head's release store comes after the slot's last word, and the fence
-//! after the head's load pairs with it.
+//! after the copy pairs with the writer's release fence before that word, so the second look at the sequence sees the later
+//! sample's odd number. Why it is not older than asked for: the head's release store comes after the slot's last word,
+//! and the fence after the head's load pairs with it.
 
 /// Memory as a reader sees it: an array of 64-bit words that another process writes.
 pub trait Words {
@@ -176,15 +176,19 @@ impl Ring {
         head.saturating_sub(self.count as u64 / 2).max(1)
     }
 
-    /// Copies a slot that the head says is written; no look at its sequence is needed before. The sequence number is copied with
-    /// the rest, unused: so whole cache lines are copied, and from the beginning of one.
+    /// The sequence number is copied with the rest, unused: so whole cache lines are copied, and from the beginning of one.
     #[inline(always)]
     fn copy<M: Words>(&self, memory: &M, sequence: u64, slot: &mut [u64]) -> bool {
         let from = self.slot(sequence);
+        let mark = sequence.wrapping_mul(2);
+        if memory.load(from) != mark {
+            return false;
+        }
+        memory.fence_acquire();
         let length = slot.len().min(self.stride);
         memory.load_all(from, &mut slot[..length]);
         memory.fence_acquire();
-        memory.load(from) == sequence.wrapping_mul(2)
+        memory.load(from) == mark
     }
 
     #[inline]

@@ -17,6 +17,7 @@ use super::memory::ReadMap;
 use super::ring::{Attempt, Latest, Words};
 use super::sample::{Sample, Stamp};
 use super::{DIRECTORY, SegmentError, SegmentName, monotonic_ns};
+use crate::map::Selection;
 
 /// How often a read is started again when the writer comes round; with 4 slots or more, once is rare.
 pub(super) const ATTEMPTS: u32 = 16;
@@ -92,6 +93,8 @@ pub struct RegionInfo {
     pub stale_after_ns: u64,
     /// Number of samples published.
     pub published: u64,
+    /// What of each number's block, and which numbers, are read from the board at all.
+    pub selection: Selection,
 }
 
 /// What a segment says about itself and its owner.
@@ -433,6 +436,10 @@ impl Subscriber {
             period_ns: self.in_entry(region, REGION_PERIOD),
             stale_after_ns: self.in_entry(region, REGION_STALE_AFTER),
             published: region.ring.published(&self.map),
+            selection: Selection::without(
+                self.in_entry(region, REGION_UNREAD_WORDS),
+                self.in_entry(region, REGION_UNREAD_NUMBERS),
+            ),
         }
     }
 }

@@ -21,7 +21,7 @@ fn a_board_outlives_its_daemons() {
     let mut board = Board::attach_in(directory.path(), "/pmac0").unwrap();
     let live = board.snapshot().unwrap().servo.unwrap();
     assert_eq!((live.sequence, live.stale), (2, None));
-    assert_eq!(live.data.motors[0].actual_position.value, Some(999.75));
+    assert_eq!(live.data.motors[0].actual_position.unwrap().value, Some(999.75));
     drop(first);
 
     // Still readable, and old.

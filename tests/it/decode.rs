@@ -70,7 +70,7 @@ fn the_servo_buffer_decodes_field_by_field() {
     assert!(first.has("data_gathering_on") && first.has("this_card_addressed"));
     assert_eq!(second.names().collect::<Vec<_>>(), ["vme_or_dpram_response_mode"]);
     assert_eq!(data.motors.len(), 8);
-    assert_eq!(data.motors[7].handwheel_pointer.raw, 0x12_3456);
+    assert_eq!(data.motors[7].handwheel_pointer.unwrap().raw, 0x12_3456);
 }
 
 #[test]
@@ -188,7 +188,7 @@ fn the_background_buffer_decodes_field_by_field() {
     let system = data.coordinate_systems[2];
     assert_eq!((system.axis_targets.axis("V"), system.axis_targets.axis("D")), (Some(-3.25), None));
     let empty = data.coordinate_systems[0];
-    assert_eq!((empty.source, empty.motion_mode), (TargetSource::C, Some(MotionMode::Linear)));
+    assert_eq!((empty.source, empty.motion_mode), (Some(TargetSource::C), Some(MotionMode::Linear)));
 }
 
 #[test]
@@ -244,7 +244,7 @@ proptest! {
         if let Ok(data) = servo(&words, count, &scales()) {
             let text = serde_json::to_string(&data).unwrap();
             prop_assert!(serde_json::from_str::<Json>(&text).is_ok());
-            prop_assert!(data.motors.iter().all(|m| m.commanded_position.raw.unsigned_abs() <= 1 << 47));
+            prop_assert!(data.motors.iter().all(|m| m.commanded_position.unwrap().raw.unsigned_abs() <= 1 << 47));
         }
         for layout in [Float48Layout::Register, Float48Layout::Printed] {
             if let Ok(data) = background(&words, count, &scales(), layout) {

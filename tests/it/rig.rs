@@ -5,6 +5,7 @@ use std::process::{Command, Output, Stdio};
 use std::sync::atomic::{AtomicU32, Ordering};
 
 use pmac_dpram::format::{fixed48, float48, int24, split32};
+use pmac_dpram::map::Selection;
 use pmac_dpram::segment::{
     CreateOptions, Identity, Publisher, RegionId, RegionSpec, RegionState, SegmentName, Stamp, State,
     monotonic_ns,
@@ -49,6 +50,11 @@ impl Rig {
     }
 
     pub fn at(directory: &Path, name: &str) -> Self {
+        Self::selecting(directory, name, Vec::new())
+    }
+
+    /// As [`Rig::at`], of a daemon that reads only a part of a region.
+    pub fn selecting(directory: &Path, name: &str, selections: Vec<(RegionId, Selection)>) -> Self {
         let region = |id, slots, payload_bytes: usize, first_host_offset: usize| RegionSpec {
             id,
             slots,
@@ -66,6 +72,7 @@ impl Rig {
             ],
         );
         options.heartbeat_limit_ns = HEARTBEAT_NS;
+        options.selections = selections;
         directory.clone_into(&mut options.directory);
         let mut publisher = Publisher::create(&options).unwrap();
         let mut identity = Identity {
@@ -73,8 +80,8 @@ impl Rig {
             motors: Some(8),
             i10: Some(3_713_707),
             i59: Some(3),
-            firmware: Some("1.16D".to_owned()),
-            board_type: Some("PMAC1".to_owned()),
+            firmware: Some("1.16D".into()),
+            board_type: Some("PMAC1".into()),
             servo_period_ps: Some(442_708_000),
             ..Identity::default()
         };

@@ -1,5 +1,5 @@
 //! `pmacd` with an allocator that counts, thread by thread. While it runs, the file that the environment variable `PMAC_COUNTS`
-//! names holds a line for every thread: its name, and how often it asked for memory.
+//! names holds a line for every thread: its name, how often it asked for memory, and how often it gave some back.
 
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
@@ -11,7 +11,8 @@ use std::time::Duration;
 const THREADS: usize = 64;
 const NONE: usize = usize::MAX;
 
-static COUNTS: [AtomicU64; THREADS] = [const { AtomicU64::new(0) }; THREADS];
+static ASKED: [AtomicU64; THREADS] = [const { AtomicU64::new(0) }; THREADS];
+static GIVEN_BACK: [AtomicU64; THREADS] = [const { AtomicU64::new(0) }; THREADS];
 static IDS: [AtomicU64; THREADS] = [const { AtomicU64::new(0) }; THREADS];
 static NEXT: AtomicUsize = AtomicUsize::new(0);
 
@@ -22,7 +23,7 @@ thread_local! {
 
 struct Counting;
 
-fn count() {
+fn count(counts: &[AtomicU64; THREADS]) {
     let place = PLACE.get();
     let place = if place == NONE {
         let place = NEXT.fetch_add(1, Ordering::Relaxed).min(THREADS - 1);
@@ -34,24 +35,25 @@ fn count() {
     } else {
         place
     };
-    COUNTS[place].fetch_add(1, Ordering::Relaxed);
+    counts[place].fetch_add(1, Ordering::Relaxed);
 }
 
 // SAFETY: everything is the system's allocator's; counting allocates nothing.
 unsafe impl GlobalAlloc for Counting {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
-        count();
+        count(&ASKED);
         // SAFETY: the caller's promises are passed on.
         unsafe { System.alloc(layout) }
     }
 
     unsafe fn realloc(&self, block: *mut u8, layout: Layout, size: usize) -> *mut u8 {
-        count();
+        count(&ASKED);
         // SAFETY: the caller's promises are passed on.
         unsafe { System.realloc(block, layout, size) }
     }
 
     unsafe fn dealloc(&self, block: *mut u8, layout: Layout) {
+        count(&GIVEN_BACK);
         // SAFETY: the caller's promises are passed on.
         unsafe { System.dealloc(block, layout) }
     }
@@ -74,10 +76,10 @@ fn main() -> ExitCode {
 
 fn report() -> String {
     let mut text = String::new();
-    for (id, count) in IDS.iter().zip(&COUNTS) {
-        let (id, count) = (id.load(Ordering::Relaxed), count.load(Ordering::Relaxed));
+    for ((id, asked), given_back) in IDS.iter().zip(&ASKED).zip(&GIVEN_BACK) {
+        let [id, asked, given_back] = [id, asked, given_back].map(|count| count.load(Ordering::Relaxed));
         if let Ok(name) = std::fs::read_to_string(format!("/proc/self/task/{id}/comm")) {
-            text += &format!("{} {count}\n", name.trim());
+            text += &format!("{} {asked} {given_back}\n", name.trim());
         }
     }
     text

@@ -24,7 +24,7 @@ pub fn round(table: &mut Table, directory: &Path) {
     let awake = keep_awake(1);
     let ours = waked(1, |_| Ours::new(directory), |shared, reader| follow(directory, shared, reader));
     let bare = waked(1, Bare, bare_sleeper);
-    let peer = waked(1, |_| Peer(Waker::new()), |shared, reader| peer_sleeper(shared, reader));
+    let peer = waked(1, |_| Peer(Waker::new()), peer_sleeper);
     table.add(
         "7",
         "blocked wake and copy / bare futex, mean",
@@ -42,7 +42,7 @@ pub fn round(table: &mut Table, directory: &Path) {
     );
     table.add("7", "- p99", "us", Bar::None, [ours.delay.p99 / 1e3, peer.delay.p99 / 1e3]);
     let ours = waked(4, |_| Ours::new(directory), |shared, reader| follow(directory, shared, reader));
-    let peer = waked(4, |_| Peer(Waker::new()), |shared, reader| peer_sleeper(shared, reader));
+    let peer = waked(4, |_| Peer(Waker::new()), peer_sleeper);
     table.add(
         "8",
         "waking 4 blocked readers: waker's cost / iceoryx2",

@@ -1,0 +1,130 @@
+//! What is said of those who are refused: each user's refusals up to a number at a time, the others as a count.
+//!
+//! Whoever may connect could otherwise fill the log, or have the journal drop the lines of others.
+
+use std::collections::HashMap;
+use std::fmt::{self, Write as _};
+use std::time::{Duration, Instant};
+
+use log::info;
+use nix::unistd::Uid;
+
+/// Refusals of one user that are logged, and in which time.
+const TOLD: u32 = 20;
+const PERIOD: Duration = Duration::from_secs(10);
+/// The most characters of one. What a client sent can be as long as a message.
+const LENGTH: usize = 240;
+
+#[derive(Debug)]
+struct Account {
+    until: Instant,
+    told: u32,
+    untold: u64,
+}
+
+/// Every user's account.
+#[derive(Debug, Default)]
+pub(super) struct Refusals {
+    users: HashMap<Uid, Account>,
+}
+
+impl Refusals {
+    /// Logs what was refused to `user`, or counts it.
+    pub(super) fn tell(&mut self, user: Uid, what: fmt::Arguments<'_>, now: Instant) {
+        if self.may_tell(user, now) {
+            info!(target: "audit", "{}", one_line(what));
+        }
+    }
+
+    fn may_tell(&mut self, user: Uid, now: Instant) -> bool {
+        let account = self.users.entry(user).or_insert(Account { until: now + PERIOD, told: 0, untold: 0 });
+        if account.told < TOLD {
+            account.told += 1;
+            return true;
+        }
+        account.untold += 1;
+        false
+    }
+
+    /// Closes the accounts whose time is over, and says what they hold back.
+    pub(super) fn sum_up(&mut self, now: Instant) {
+        self.close(|account| account.until <= now);
+    }
+
+    /// Closes all accounts, as nothing more will be told.
+    pub(super) fn end(&mut self) {
+        self.close(|_| true);
+    }
+
+    fn close(&mut self, is_over: impl Fn(&Account) -> bool) {
+        self.users.retain(|user, account| {
+            let closed = is_over(account);
+            if closed && account.untold > 0 {
+                info!(target: "audit", "refused {} more of uid {user} within {PERIOD:?}", account.untold);
+            }
+            !closed
+        });
+    }
+
+    /// When the next account is to be closed.
+    pub(super) fn next_end(&self) -> Option<Instant> {
+        self.users.values().map(|account| account.until).min()
+    }
+}
+
+/// `text` as one line of bounded length: a client's own words must not look like a line of the log.
+fn one_line(text: fmt::Arguments<'_>) -> String {
+    struct Line(String, usize);
+    impl fmt::Write for Line {
+        fn write_str(&mut self, text: &str) -> fmt::Result {
+            for character in text.chars() {
+                if self.1 == LENGTH {
+                    self.0.push('…');
+                    return Err(fmt::Error);
+                }
+                self.1 += 1;
+                if character.is_control() {
+                    self.0.extend(character.escape_default());
+                } else {
+                    self.0.push(character);
+                }
+            }
+            Ok(())
+        }
+    }
+    let mut line = Line(String::new(), 0);
+    // An error says only that it was cut.
+    let _ = line.write_fmt(text);
+    line.0
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_flood_is_counted_and_others_are_heard() {
+        let (loud, quiet) = (Uid::from_raw(1), Uid::from_raw(2));
+        let now = Instant::now();
+        let mut refusals = Refusals::default();
+        let told = (0..1000).filter(|_| refusals.may_tell(loud, now)).count();
+        assert_eq!(told, TOLD as usize);
+        assert!(refusals.may_tell(quiet, now));
+        assert_eq!(refusals.users[&loud].untold, 1000 - u64::from(TOLD));
+        assert_eq!(refusals.next_end(), Some(now + PERIOD));
+        refusals.sum_up(now + PERIOD);
+        assert_eq!(refusals.next_end(), None);
+        assert!(refusals.may_tell(loud, now + PERIOD));
+        refusals.end();
+        assert_eq!(refusals.next_end(), None);
+    }
+
+    #[test]
+    fn no_words_of_a_client_make_a_line_of_their_own() {
+        let words = format!("x\n[INFO ] uid 0 sends {}\u{1b}[2J", "y".repeat(100_000));
+        let line = one_line(format_args!("refused {words}"));
+        assert!(line.starts_with("refused x\\n[INFO ] uid 0") && line.ends_with('…'));
+        assert!(line.chars().count() <= LENGTH + 10 && !line.contains(char::is_control));
+        assert_eq!(one_line(format_args!("a\u{1b}b{}", 7)), "a\\u{1b}b7");
+    }
+}

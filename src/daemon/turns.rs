@@ -1,0 +1,208 @@
+//! Whose command is next: the users take turns, and so do each user's connections.
+//!
+//! The bus thread gets few commands at a time, so that what waits, waits here, where it can be put in a fair order: a
+//! user who asks from sixty connections at once delays another one's command by the few that have been handed over
+//! and one of his own, not by sixty. Each connection has one command here at most, which bounds all of it.
+
+use std::collections::{HashMap, VecDeque};
+
+use nix::unistd::Uid;
+
+use super::job::Job;
+use super::queue::{Command, Ticket};
+
+/// What does not wait behind the others' kind.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Kind {
+    /// Lines for the board, which it takes one after the other.
+    Line,
+    /// Control characters, which overtake the lines.
+    Control,
+    /// Control panel requests.
+    Panel,
+    /// Writes of variables.
+    Variables,
+    /// Lines for a rotary buffer, which may wait long for room.
+    Rotary,
+    /// What is done at once.
+    Short,
+}
+
+impl Kind {
+    const ALL: [Self; 6] =
+        [Self::Control, Self::Panel, Self::Line, Self::Short, Self::Variables, Self::Rotary];
+
+    fn of(command: &Command) -> Self {
+        match command {
+            Command::Send { .. } => Self::Line,
+            Command::Control { .. } => Self::Control,
+            Command::ReadWords { .. } => Self::Short,
+            Command::Job { job, .. } => match **job {
+                Job::Panel(_) => Self::Panel,
+                Job::WriteVariables(_) => Self::Variables,
+                Job::RotarySend { .. } => Self::Rotary,
+                _ => Self::Short,
+            },
+        }
+    }
+
+    /// How many the bus thread gets at a time: enough that it need not wait for the next, and less than its own desks take.
+    fn at_once(self) -> usize {
+        match self {
+            Self::Line | Self::Control | Self::Short | Self::Variables => 8,
+            Self::Panel | Self::Rotary => 16,
+        }
+    }
+}
+
+/// A command that waits for its turn.
+#[derive(Debug)]
+pub(super) struct Turn {
+    pub(super) ticket: Ticket,
+    pub(super) command: Command,
+    /// What the audit log says of it once it is handed over.
+    pub(super) audit: Option<String>,
+}
+
+/// The commands of one kind.
+#[derive(Debug, Default)]
+struct Line {
+    /// Those who wait, the next one first, each with what waits, oldest first. Nobody without anything.
+    users: VecDeque<(Uid, VecDeque<Turn>)>,
+    handed: usize,
+}
+
+/// Every command that the bus thread has not answered.
+#[derive(Debug, Default)]
+pub(super) struct Turns {
+    lines: [Line; Kind::ALL.len()],
+    /// What the bus thread has.
+    handed: HashMap<Ticket, Kind>,
+}
+
+impl Turns {
+    /// `turn` of `user` waits from now on.
+    pub(super) fn wait(&mut self, user: Uid, turn: Turn) {
+        let users = &mut self.lines[Kind::of(&turn.command) as usize].users;
+        match users.iter_mut().find(|(other, _)| *other == user) {
+            Some((_, turns)) => turns.push_back(turn),
+            None => users.push_back((user, VecDeque::from([turn]))),
+        }
+    }
+
+    /// Whether [`Self::next`] has one.
+    pub(super) fn has_next(&self) -> bool {
+        Kind::ALL.into_iter().any(|kind| self.may_go(kind))
+    }
+
+    fn may_go(&self, kind: Kind) -> bool {
+        let line = &self.lines[kind as usize];
+        !line.users.is_empty() && line.handed < kind.at_once()
+    }
+
+    /// The next one to hand over; the bus thread has it until it is [`Self::over`].
+    pub(super) fn next(&mut self) -> Option<Turn> {
+        let kind = Kind::ALL.into_iter().find(|kind| self.may_go(*kind))?;
+        let line = &mut self.lines[kind as usize];
+        let (user, mut turns) = line.users.pop_front()?;
+        let turn = turns.pop_front()?;
+        if !turns.is_empty() {
+            line.users.push_back((user, turns));
+        }
+        line.handed += 1;
+        self.handed.insert(turn.ticket, kind);
+        Some(turn)
+    }
+
+    /// The bus thread has answered, or is not believed to answer any more.
+    pub(super) fn over(&mut self, ticket: Ticket) {
+        if let Some(kind) = self.handed.remove(&ticket) {
+            self.lines[kind as usize].handed -= 1;
+        }
+    }
+
+    /// Takes one back; false when it does not wait (any more).
+    pub(super) fn take_back(&mut self, ticket: Ticket) -> bool {
+        let mut found = false;
+        for line in &mut self.lines {
+            line.users.retain_mut(|(_, turns)| {
+                let before = turns.len();
+                turns.retain(|turn| turn.ticket != ticket);
+                found |= turns.len() < before;
+                !turns.is_empty()
+            });
+        }
+        found
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::map::HostOffset;
+    use std::time::Instant;
+
+    fn control(ticket: u64) -> Turn {
+        let ticket = Ticket(ticket);
+        let command = Command::Control { ticket, character: 1, deadline: Instant::now() };
+        Turn { ticket, command, audit: None }
+    }
+
+    fn read(ticket: u64) -> Turn {
+        let ticket = Ticket(ticket);
+        let command = Command::ReadWords { ticket, first: HostOffset::new(0), count: 1 };
+        Turn { ticket, command, audit: None }
+    }
+
+    fn next(turns: &mut Turns) -> Option<u64> {
+        assert_eq!(turns.has_next(), Kind::ALL.into_iter().any(|kind| turns.may_go(kind)));
+        turns.next().map(|turn| turn.ticket.0)
+    }
+
+    #[test]
+    fn users_take_turns_and_each_ones_commands_keep_their_order() {
+        let (many, few) = (Uid::from_raw(1), Uid::from_raw(2));
+        let mut turns = Turns::default();
+        for ticket in 0..60 {
+            turns.wait(many, read(ticket));
+        }
+        for ticket in [100, 101] {
+            turns.wait(few, read(ticket));
+        }
+        let at_once: Vec<u64> = std::iter::from_fn(|| next(&mut turns)).collect();
+        assert_eq!(at_once, [0, 100, 1, 101, 2, 3, 4, 5]);
+        assert!(!turns.has_next());
+        turns.wait(few, read(102));
+        turns.over(Ticket(0));
+        turns.over(Ticket(0));
+        turns.over(Ticket(77));
+        assert_eq!(next(&mut turns), Some(6), "only one has room");
+        assert_eq!(next(&mut turns), None);
+        turns.over(Ticket(3));
+        assert_eq!(next(&mut turns), Some(102));
+    }
+
+    #[test]
+    fn one_kind_does_not_wait_for_another() {
+        let user = Uid::from_raw(1);
+        let mut turns = Turns::default();
+        for ticket in 0..20 {
+            turns.wait(user, read(ticket));
+        }
+        while next(&mut turns).is_some() {}
+        turns.wait(user, control(99));
+        assert_eq!(next(&mut turns), Some(99));
+    }
+
+    #[test]
+    fn what_is_taken_back_is_not_handed_over() {
+        let user = Uid::from_raw(1);
+        let mut turns = Turns::default();
+        turns.wait(user, read(1));
+        turns.wait(user, read(2));
+        assert!(turns.take_back(Ticket(1)) && !turns.take_back(Ticket(1)));
+        assert_eq!(next(&mut turns), Some(2));
+        assert!(!turns.take_back(Ticket(2)), "the bus thread has it");
+        assert_eq!(next(&mut turns), None);
+    }
+}

@@ -1,0 +1,27 @@
+//! How many more descriptors the kernel gives this process.
+
+use nix::sys::resource::{Resource, getrlimit};
+
+/// What a process like this has open, where the kernel does not tell.
+const USUAL: usize = 32;
+
+/// Descriptors that may still be opened: the soft limit (`RLIMIT_NOFILE`) less those that are open.
+#[must_use]
+pub fn descriptors_left() -> usize {
+    let limit = getrlimit(Resource::RLIMIT_NOFILE)
+        .map_or(usize::MAX, |(soft, _)| usize::try_from(soft).unwrap_or(usize::MAX));
+    let open = std::fs::read_dir("/proc/self/fd").map_or(USUAL, Iterator::count);
+    limit.saturating_sub(open)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_open_is_not_left() {
+        let (soft, _) = getrlimit(Resource::RLIMIT_NOFILE).unwrap();
+        let held: Vec<_> = (0..20).map(|_| std::fs::File::open("/dev/null").unwrap()).collect();
+        assert!(descriptors_left() as u64 <= soft - held.len() as u64);
+    }
+}

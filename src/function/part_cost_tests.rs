@@ -1,0 +1,178 @@
+//! The rows of the table of costs in [`super`] about reading less than everything, and about reading by 32 bits.
+
+use std::time::Instant;
+
+use super::background::{BACKGROUND_WORDS, BackgroundLook, BackgroundReader};
+use super::cost_tests::{PLACE, Rig, X, documented, variables};
+use super::gather::{GatherBuffer, GatherLook, GatherReader, GatherStart};
+use super::port_cost_tests::dpram;
+use super::servo::{SERVO_WORDS, ServoLook, ServoReader, ServoReading};
+use super::variable_read::{VariableLook, VariableMode};
+use crate::device::Access;
+use crate::gather::GatherMode;
+use crate::map::classic::{
+    BACKGROUND_DATA_READY, BACKGROUND_SERVO_TIMER, DATA_READY, SERVO_HOST_STATUS, SERVO_MOTOR,
+    SERVO_PMAC_STATUS, VARIABLE_READ_CONTROL,
+};
+use crate::map::{Layout, PMAC, Selection};
+
+const ALL: [usize; 8] = [1, 2, 3, 4, 5, 6, 7, 8];
+
+/// These words of the blocks of these numbers.
+fn selected(fields: &[(usize, usize)], numbers: &[usize]) -> Selection {
+    Selection::new(fields.iter().map(|(start, end)| *start..*end), numbers.iter().copied())
+}
+
+#[test]
+fn a_part_of_the_servo_report() {
+    let optimistic = ServoReading::Optimistic;
+    for (reading, selection, reported, words, row) in [
+        // Without the spare words.
+        (optimistic, selected(&[(0, 26)], &ALL), 8, 8 * 26, "servo without spare words"),
+        (optimistic, selected(&[(0, 26)], &ALL), 3, 3 * 26, ""),
+        (ServoReading::Handshake, selected(&[(0, 26)], &ALL), 8, 8 * 26, "servo, handshake, without spare"),
+        // Some motors, of which the board may report fewer.
+        (optimistic, selected(&[(0, 30)], &[1, 3]), 8, 60, ""),
+        (optimistic, selected(&[(0, 30)], &[1, 3]), 2, 30, ""),
+        (optimistic, selected(&[(0, 30)], &[5]), 4, 0, ""),
+        // Some fields, side by side or not: actual position and status of motors 1 and 3.
+        (optimistic, selected(&[(4, 8), (18, 20)], &[1, 3]), 8, 12, "servo of w words"),
+        (optimistic, selected(&[], &ALL), 8, 0, ""),
+    ] {
+        let mut rig = Rig::new();
+        let mut reader = ServoReader::selecting(reading, selection);
+        reader.set_motors(reported);
+        reader.look(&mut rig.host).unwrap();
+        for word in 0..SERVO_WORDS {
+            rig.put(SERVO_HOST_STATUS.plus_words(word), 0x1111);
+        }
+        rig.put(SERVO_PMAC_STATUS, 1);
+        let (look, cost) = rig.cost(|bus| reader.look(bus).unwrap());
+        let over = if reading == optimistic { 6 } else { 9 };
+        assert_eq!((look, cost), (ServoLook::Update(1), words + over), "{selection:?}");
+        assert!(row.is_empty() || cost == documented(row), "{row}");
+        // What was read lies where it belongs, and all else is 0: 4 words are the board's, 1 is the timer.
+        assert_eq!(reader.image().iter().filter(|word| **word == 0x1111).count(), words + 4);
+        let first = SERVO_MOTOR.words_since(SERVO_HOST_STATUS);
+        for (index, word) in reader.image().iter().enumerate().skip(first) {
+            let (block, at) = ((index - first) / 30, (index - first) % 30);
+            let read = selection.has_number(block + 1) && selection.has_words(at, 1);
+            assert_eq!(*word == 0x1111, read, "{index}");
+        }
+    }
+}
+
+#[test]
+fn a_part_of_the_background_report() {
+    for (selection, reported, words, row) in [
+        (selected(&[(0, 62)], &[2, 7]), 8, 124, ""),
+        (selected(&[(0, 62)], &[2, 7]), 6, 62, ""),
+        (selected(&[(8, 10), (50, 52)], &ALL), 8, 32, "background of w words"),
+        (selected(&[], &ALL), 8, 0, ""),
+        (selected(&[(0, 62)], &[]), 8, 0, ""),
+    ] {
+        let mut rig = Rig::new();
+        let mut reader = BackgroundReader::selecting(selection);
+        reader.set_numbers(reported);
+        for word in 0..BACKGROUND_WORDS {
+            rig.put(BACKGROUND_DATA_READY.plus_words(word), 0x1111);
+        }
+        rig.put(BACKGROUND_SERVO_TIMER, 7);
+        rig.put(BACKGROUND_DATA_READY, DATA_READY);
+        let (look, cost) = rig.cost(|bus| {
+            let looks = std::iter::repeat_with(|| reader.look(bus).unwrap());
+            looks.take(20).find(|look| *look != BackgroundLook::Partial)
+        });
+        assert_eq!((look, cost), (Some(BackgroundLook::Report(7)), words + 11), "{selection:?}");
+        assert!(row.is_empty() || cost == documented(row), "{row}");
+        assert_eq!(reader.image().iter().filter(|word| **word == 0x1111).count(), words + 6);
+    }
+}
+
+/// What an update costs by 32 bits, of so many motors.
+fn servo_by_32_bits(reading: ServoReading, selection: Selection, motors: usize) -> usize {
+    let mut rig = Rig::with_access(Access::Bits32);
+    let mut reader = ServoReader::selecting(reading, selection);
+    reader.set_motors(motors);
+    reader.look(&mut rig.host).unwrap();
+    for word in 0..SERVO_WORDS {
+        rig.put(SERVO_HOST_STATUS.plus_words(word), word as u16);
+    }
+    rig.put(SERVO_PMAC_STATUS, 1);
+    let (look, cost) = rig.cost(|bus| reader.look(bus).unwrap());
+    assert_eq!(look, ServoLook::Update(1));
+    let first = SERVO_MOTOR.words_since(SERVO_HOST_STATUS);
+    for (index, word) in reader.image().iter().enumerate().skip(first) {
+        assert_eq!(*word, if selection.has_words((index - first) % 30, 1) { index as u16 } else { 0 });
+    }
+    cost
+}
+
+#[test]
+fn servo_data_by_32_bits() {
+    let without_spare = selected(&[(0, 26)], &ALL);
+    for n in 0..=8 {
+        for (reading, selection, expected, row) in [
+            (ServoReading::Optimistic, Selection::ALL, 15 * n + 4, "servo by 32 bits, n motors"),
+            (ServoReading::Handshake, Selection::ALL, 15 * n + 7, "servo by 32 bits, handshake"),
+            (ServoReading::Optimistic, without_spare, 13 * n + 4, "servo by 32 bits without spare"),
+        ] {
+            let cost = servo_by_32_bits(reading, selection, n);
+            assert_eq!(cost, expected, "{n}");
+            assert!(n != 8 || cost == documented(row));
+        }
+    }
+    // Fields begin at whole locations, so a part is halved as well.
+    assert_eq!(servo_by_32_bits(ServoReading::Optimistic, selected(&[(4, 8), (18, 20)], &ALL), 2), 4 + 6);
+}
+
+#[test]
+fn the_background_report_by_32_bits() {
+    for n in 0..=8 {
+        let (mut rig, mut reader) = (Rig::with_access(Access::Bits32), BackgroundReader::default());
+        reader.set_numbers(n);
+        rig.put(BACKGROUND_SERVO_TIMER, 7);
+        rig.put(BACKGROUND_DATA_READY, DATA_READY);
+        let (look, cost) = rig.cost(|bus| {
+            let looks = std::iter::repeat_with(|| reader.look(bus).unwrap());
+            looks.take(20).find(|look| *look != BackgroundLook::Partial)
+        });
+        assert_eq!((look, cost), (Some(BackgroundLook::Report(7)), 31 * n + 8), "{n}");
+        assert!(n != 8 || cost == documented("background by 32 bits"));
+    }
+}
+
+#[test]
+fn the_other_data_by_32_bits() {
+    let place = Layout::new(&PMAC, None).gather();
+    for (s, l) in [(1, 1), (64, 1), (5, 3), (8, 8), (1, 48)] {
+        let mut rig = Rig::with_access(Access::Bits32);
+        let (mode, size_longs) = (GatherMode::Stop, 128 * l);
+        let buffer =
+            GatherBuffer { place, room_longs: 128 * 48, size_longs, sample_longs: l, mode, period: 1 };
+        rig.put(place.size, size_longs as u16);
+        let mut reader = GatherReader::new(buffer, GatherStart::Defined).unwrap();
+        assert_eq!(reader.step(&mut rig.host, |_| Ok(0)).unwrap(), GatherLook::Idle);
+        rig.put(place.index, (s * l) as u16);
+        let (look, cost) = rig.cost(|bus| reader.step(bus, |_| Ok(0)).unwrap());
+        assert_eq!(look, GatherLook::Samples { first: 0, count: s as usize });
+        assert_eq!(cost, (s * l) as usize + 3);
+        assert!((s, l) != (8, 8) || cost == documented("gather by 32 bits"));
+    }
+
+    let mut rig = Rig::with_access(Access::Bits32);
+    let (mut reader, _) = variables(&mut rig, &[X; 128], VariableMode::SingleUser);
+    let now = Instant::now();
+    let mut report = |rig: &mut Rig| {
+        rig.put(VARIABLE_READ_CONTROL, DATA_READY);
+        rig.cost(|bus| {
+            let looks = std::iter::repeat_with(|| reader.look(bus, now).unwrap());
+            looks.take(50).find(|look| *look != VariableLook::Partial)
+        })
+    };
+    report(&mut rig);
+    let (look, cost) = report(&mut rig);
+    assert_eq!((look, cost), (Some(VariableLook::Report(0)), documented("variable read by 32 bits")));
+    assert!(PLACE.start.bytes().is_multiple_of(4));
+    assert_eq!(dpram(20, 20, Access::Bits32), documented("ASCII line by 32 bits"));
+}
