@@ -403,6 +403,11 @@ impl Parser<'_> {
                 self.error(number.first, Reason::TooLarge { text, cause });
                 None
             }
+            // In range as it is written, and no more as it would be sent: a feed rate of 0, a routine that is the next one.
+            Ok((float, _)) if !code.range.contains(float.value(self.settings)) => {
+                self.error(number.first, Reason::Range { name: code.name, text, range: code.range });
+                None
+            }
             Ok((float, loss)) => {
                 let warning = match (loss, width) {
                     // A program's numbers have 36 bits in PMAC too, however they come there.

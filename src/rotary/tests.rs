@@ -241,6 +241,18 @@ fn lost_digits_are_warned_of_where_a_mantissa_is_short() {
 }
 
 #[test]
+fn a_number_has_to_be_in_range_as_it_is_sent_too() {
+    for text in ["F0.0000000001", "PVT0.0000000001", "CALL32767.99999999999", "G999.999999999999"] {
+        let found = errors(text);
+        assert_eq!(found.len(), 1, "{text}: {found:?}");
+    }
+    // Where 0 is in range it is sent, with a warning.
+    for text in ["X0.0000000001", "F0.000000001", "CALL32767.9999"] {
+        assert!(compile(text.as_bytes(), &Settings::default()).is_ok(), "{text}");
+    }
+}
+
+#[test]
 fn a_line_longer_than_the_buffer_is_refused() {
     let settings = Settings { buffer_words: 8, ..Settings::default() };
     assert!(compile(b"X1 Y2", &settings).is_ok());
