@@ -51,7 +51,8 @@ fn round_trips(table: &mut Table) {
     let mut rig = Rig::simulator_alone(&setup);
     let direct = direct(&rig, QUESTIONS);
     rig.start_daemon(&setup);
-    std::thread::sleep(Duration::from_millis(500));
+    // Not while the daemon still asks the board who it is, which takes the port for some ms at a time.
+    std::thread::sleep(Duration::from_millis(2500));
     let mut connection = rig.connection();
     let mut pauses = Pauses(1);
     let through: Series = (0..QUESTIONS)

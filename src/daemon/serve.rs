@@ -3,7 +3,7 @@
 //! It never waits for a client and never holds up the bus thread: whatever a client does, or does not do, costs at most
 //! its own bounded buffers. Each connection has one call under way at a time, so replies keep the order of the calls;
 //! a ticket brings every event of the bus thread back to the call it belongs to. Nobody is served first for asking
-//! most: a connection begins a few calls a round, its user is served for a share of the round ([`super::shares`]), and commands for the board take turns ([`super::turns`]).
+//! most: a connection begins a few calls a round, its user is served for a share of the round (`shares`), and commands for the board take turns (`turns`).
 
 use std::collections::{BTreeMap, HashMap};
 use std::io;
