@@ -31,6 +31,8 @@ use crate::soak::weight;
 const TIMEOUT: Duration = Duration::from_millis(250);
 /// Nothing takes longer: a gather is several calls, each bounded by what the daemon gives the board and a margin.
 const BOUND: Duration = Duration::from_secs(20);
+/// What takes longer than this is worth a look.
+const LONG: Duration = Duration::from_secs(2);
 /// Runs on one pair of processes, before both are ended and what they leave is looked at.
 const RUNS_A_SITE: u64 = 100;
 
@@ -229,6 +231,9 @@ impl<'a> Campaign<'a> {
             user.join().unwrap()
         });
         let took = started.elapsed();
+        if took > LONG {
+            println!("    took {took:?}");
+        }
         assert!(took < BOUND, "{used:?} took {took:?}");
         self.longest = self.longest.max(took);
         *self.results.entry((used, outcome.is_ok())).or_default() += 1;
@@ -249,7 +254,11 @@ impl<'a> Campaign<'a> {
         if undisturbed && bystander == Some(Bystander::Jogging) {
             self.assert_stopped();
         }
-        self.longest_recovery = self.longest_recovery.max(started.elapsed());
+        let recovery = started.elapsed();
+        if recovery > LONG {
+            println!("    recovered after {recovery:?}");
+        }
+        self.longest_recovery = self.longest_recovery.max(recovery);
     }
 
     fn begin(&mut self, misbehaviour: Misbehaviour) {
