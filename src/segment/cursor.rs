@@ -28,7 +28,7 @@ impl Cursor {
     /// # Errors
     /// [`SegmentError::OtherGeneration`] with another segment's subscriber; [`SegmentError::Overrun`] when the writer overtook every
     /// attempt (calling again is right); [`SegmentError::Corrupt`].
-    #[inline]
+    #[inline(always)]
     pub fn next(&mut self, subscriber: &Subscriber, sample: &mut Sample) -> Result<bool, SegmentError> {
         if subscriber.generation() != self.generation {
             return Err(SegmentError::OtherGeneration {

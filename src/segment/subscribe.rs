@@ -371,7 +371,7 @@ impl Subscriber {
 
     /// For a cursor: as [`Subscriber::read`] of the sample it wants, looking at the head only when `head`, what it last was, is reached.
     /// When the sample is lost, `head` is looked at as well.
-    #[inline]
+    #[inline(always)]
     pub(super) fn follow(
         &self,
         region: RegionId,
