@@ -18,7 +18,9 @@ const PERIOD_GAIN: f64 = 0.02;
 /// without it nobody would notice that the looks come later and later.
 const NUDGE: f64 = 1.0 / 64.0;
 const NUDGE_NS: f64 = 20_000.0;
-/// One look that came late makes the next update seem early. So many in a row mean that the period is wrong.
+/// So many updates in a row that came much too early mean that the period is wrong. Only one so long that looks are more
+/// frequent is judged so: shorter ones are learnt fast enough, and a simulated board that catches up after it was not run
+/// makes updates in quick succession without any change of its period.
 const HURRIED: u8 = 3;
 /// Without an update for this many periods (and at least [`SILENCE`]) there is no phase to hold.
 const LOCK_PERIODS: f64 = 20.0;
@@ -102,7 +104,8 @@ impl UpdateClock {
         let updates = updates.max(1) as f64;
         let at = now as f64;
         let elapsed = self.last_update_ns.map(|last| at - last as f64);
-        let is_hurried = elapsed.is_some_and(|elapsed| elapsed < updates * self.period_ns / 2.0);
+        let is_long = self.period_ns > 2.0 * SELDOM_LOOK as f64;
+        let is_hurried = is_long && elapsed.is_some_and(|elapsed| elapsed < updates * self.period_ns / 2.0);
         self.hurried = if is_hurried { self.hurried + 1 } else { 0 };
         if self.hurried == HURRIED {
             self.hurried = 0;

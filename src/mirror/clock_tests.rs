@@ -174,11 +174,23 @@ fn a_period_that_was_told_and_is_nonsense_is_unlearnt() {
     // I19 garbled on its way, told as 3713707.
     clock.expect_period(442_708 * 3_713_707);
     let late = 1_000.0 * 442_708.4;
-    let updates = updates(2_000, |number| if number == 0 { late } else { 442_708.4 });
+    let updates = updates(30_000, |number| if number == 0 { late } else { 442_708.4 });
     let mut random = random();
     let Seen { missed, .. } = watch(&mut clock, &updates, |_| random(5_000));
-    assert_eq!(missed, 0, "after the first tenth");
+    assert_eq!(missed, 0, "after the first tenth, which is 1.3 s");
     assert!((400_000..500_000).contains(&clock.period_ns().unwrap()), "{:?}", clock.period_ns());
+}
+
+#[test]
+fn a_board_that_catches_up_has_not_changed_its_period() {
+    let mut clock = UpdateClock::default();
+    run(&mut clock, 442_708.4, 5_000, 1_000);
+    let start = clock.due_ns() + 50_000_000;
+    for number in 0..30 {
+        clock.found(start + number * 20_000, 1);
+    }
+    let period = clock.period_ns().unwrap();
+    assert!((200_000..1_500_000).contains(&period), "{period} ns");
 }
 
 #[test]
