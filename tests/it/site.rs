@@ -198,6 +198,9 @@ impl Site {
 
 impl Drop for Site {
     fn drop(&mut self) {
+        if std::thread::panicking() {
+            eprintln!("what the daemon had logged:\n{}", self.log());
+        }
         end(self.daemon.take(), Signal::SIGKILL);
         end(self.simulator.take(), Signal::SIGKILL);
         let _ = std::fs::remove_file(Path::new("/dev/shm").join(&self.name));

@@ -146,14 +146,21 @@ impl Run<'_> {
         self.variable_samples.fetch_add(samples, Ordering::Relaxed);
     }
 
-    /// Says every ten seconds how it goes.
-    fn report(&self, subscriber: &Subscriber, end: Instant) {
+    /// Says every ten seconds how it goes, until the end or until one of the programs at work has given up.
+    fn report(&self, subscriber: &Subscriber, end: Instant, programs: &mut [&mut Child]) {
         let (daemon, simulator) = (self.site.daemon_pid(), self.site.simulator_pid());
         let started = Instant::now();
         let mut settled = None;
         let mut said = Instant::now();
         while Instant::now() < end {
             std::thread::sleep(Duration::from_millis(200));
+            if programs
+                .iter_mut()
+                .any(|program| program.try_wait().unwrap().is_some_and(|status| !status.success()))
+            {
+                println!("after {} s: a program has given up", started.elapsed().as_secs());
+                return;
+            }
             // Settled once everything has been used for a while.
             if settled.is_none() && (end - Instant::now()) < (end - started) * 3 / 4 {
                 settled = Some((weight(daemon), weight(simulator)));
@@ -218,9 +225,9 @@ fn everything_at_once_loses_nothing_and_stays_as_small_as_it_was() {
     for source in ["servo_timer", "1.actual_position", "2.actual_position", "D:$0028"] {
         gather_arguments.extend(["--source", source]);
     }
-    let gather = pmacctl(&site, &gather_arguments);
+    let mut gather = pmacctl(&site, &gather_arguments);
     wait_until("the gather to run", || std::fs::metadata(&file).is_ok_and(|there| there.len() > 4096));
-    let stream =
+    let mut stream =
         pmacctl(&site, &["rotary", "stream", program.to_str().unwrap(), "--define", "1000", "--run"]);
     let subscriber = site.attach();
     let before = counter(&subscriber, Counter::Updates);
@@ -238,7 +245,7 @@ fn everything_at_once_loses_nothing_and_stays_as_small_as_it_was() {
         }
         scope.spawn(move || run.watch_variables(&["X:$0000", "D:$0028", "Y:$0700", "L:$0720"]));
         scope.spawn(move || run.watch_variables(&["X:$0000", "X:$0701", "D:$002B"]));
-        run.report(&subscriber, end);
+        run.report(&subscriber, end, &mut [&mut gather, &mut stream]);
         run.done.store(true, Ordering::Relaxed);
     });
     let stream = stream.wait_with_output().unwrap();
