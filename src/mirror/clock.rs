@@ -29,7 +29,7 @@ const SILENCE: Ns = 50 * MILLISECOND;
 const LONG_SILENCE: Ns = 1_000 * MILLISECOND;
 /// The prediction is good to this part of a period: looks in vain that near to it were early, others were made for other reasons.
 const AIM: f64 = 1.0 / 8.0;
-/// From one look in vain to the next while an update is due: a sixteenth of a period, but no less and no more than this.
+/// From the first look in vain to the next while an update is due: a sixteenth of a period, but no less and no more than this.
 const LOOK_AGAIN: std::ops::RangeInclusive<Ns> = 10 * MICROSECOND..=60 * MICROSECOND;
 /// How often to look at least, whatever the prediction says: so a period that became much shorter is noticed. One
 /// access a millisecond costs nothing; where updates come more seldom, one look halfway is enough, but not less than
@@ -89,14 +89,25 @@ impl UpdateClock {
             self.predicted_ns = None;
         }
         let again = match self.predicted_ns {
-            Some(predicted) => {
-                let soon = ((self.period_ns / 16.0) as Ns).clamp(*LOOK_AGAIN.start(), *LOOK_AGAIN.end());
-                soon.max((predicted as Ns).saturating_sub(now))
-            }
+            Some(predicted) => self.wait_for(predicted, now),
             None if self.period_ns > 0.0 && silent <= LONG_SILENCE => (self.period_ns / 4.0) as Ns,
             None => IDLE_LOOK,
         };
         self.due_ns = now + again.clamp(*LOOK_AGAIN.start(), self.longest_wait());
+    }
+
+    /// From a look in vain to the next: soon while the update may come any moment, and the later the longer it has failed to
+    /// come, but at the times when the ones after it would come. A board that leaves updates out is not asked for each as
+    /// if it were late; and a simulated one that shares the processor gets it.
+    fn wait_for(&self, predicted: f64, now: Ns) -> Ns {
+        let soon = ((self.period_ns / 16.0) as Ns).clamp(*LOOK_AGAIN.start(), *LOOK_AGAIN.end());
+        let late = now as f64 - predicted;
+        if late < 0.0 {
+            return soon.max(-late as Ns);
+        }
+        let since_due = late % self.period_ns;
+        let patience = (since_due / 2.0).max((late - self.period_ns) / 8.0).min(self.period_ns / 2.0);
+        soon.max(patience as Ns).min((self.period_ns - since_due) as Ns)
     }
 
     /// A look at `now` found an update, the `updates`-th after the last one seen (1: none was missed).

@@ -214,6 +214,24 @@ fn a_machine_that_stands_still_at_times_costs_only_what_it_slept_through() {
 }
 
 #[test]
+fn an_update_that_fails_to_come_is_looked_for_less_and_less() {
+    for period in [111_111, 442_708, 2_000_000] {
+        let mut clock = UpdateClock::default();
+        run(&mut clock, period as f64, 2_000, 1_000);
+        let start = clock.due_ns();
+        let mut looks = [0; 6];
+        loop {
+            let now = clock.due_ns();
+            let Some(looks) = looks.get_mut(((now - start) / period) as usize) else { break };
+            clock.looked_in_vain(now);
+            assert!(clock.due_ns() - now <= period / 2 + 1, "what comes in time again is not missed");
+            *looks += 1;
+        }
+        assert!(looks[0] <= 9 && looks[3] <= 5 && looks[5] <= 3, "{looks:?} at {period} ns");
+    }
+}
+
+#[test]
 fn updates_that_fail_to_come_are_no_reason_to_lose_the_phase() {
     // One in ten is left out by the board, as with Host-Busy set.
     let all = updates(50_000, |_| 442_708.4).into_iter();
