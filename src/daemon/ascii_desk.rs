@@ -71,6 +71,8 @@ pub(super) struct UnderWay {
     deadline: Instant,
     /// The board has shown that it works on it.
     pub(super) taken: bool,
+    /// Its time is over, and the port waits for what may still come of it.
+    given_up: bool,
 }
 
 /// Whether the port answers, as far as known.
@@ -320,7 +322,8 @@ impl AsciiDesk {
             publisher.counters().add(Counter::AsciiCommands, 1);
             if has_reply {
                 let begun = Begun::Control(first);
-                self.under_way = Some(UnderWay { begun, deadline: first.deadline, taken: false });
+                self.under_way =
+                    Some(UnderWay { begun, deadline: first.deadline, taken: false, given_up: false });
             } else {
                 self.control_lies = Some(first);
             }
@@ -361,7 +364,7 @@ impl AsciiDesk {
     }
 
     fn start(&mut self, begun: Begun, deadline: Instant, publisher: &Publisher, now: Instant) {
-        self.under_way = Some(UnderWay { begun, deadline, taken: false });
+        self.under_way = Some(UnderWay { begun, deadline, taken: false, given_up: false });
         self.last_event = now;
         publisher.counters().add(Counter::AsciiCommands, 1);
     }
@@ -374,20 +377,25 @@ impl AsciiDesk {
         publisher: &Publisher,
         now: Instant,
     ) -> Result<(), PortError> {
-        if let Some(under_way) = self.under_way
+        if let Some(under_way) = &mut self.under_way
             && now >= under_way.deadline
         {
-            let taken = under_way.taken || self.port.was_taken();
-            self.port.give_up(bus, now)?;
-            self.under_way = None;
-            match under_way.begun.ticket() {
-                Some(ticket) => self.fail(events, publisher, ticket, taken),
-                None => {
-                    self.identifier.failed(now);
-                    self.state = PortState::Silent;
-                }
+            if !std::mem::replace(&mut under_way.given_up, true) {
+                under_way.taken |= self.port.give_up(bus, now)?;
             }
-            return Ok(());
+            // Who hears that it was not taken may send it again, so that is said only after a silence.
+            if under_way.taken || self.port.is_idle() {
+                let UnderWay { begun, taken, .. } = *under_way;
+                self.under_way = None;
+                match begun.ticket() {
+                    Some(ticket) => self.fail(events, publisher, ticket, taken),
+                    None => {
+                        self.identifier.failed(now);
+                        self.state = PortState::Silent;
+                    }
+                }
+                return Ok(());
+            }
         }
         if let Some(&first) = self.lines.front()
             && now >= first.deadline
@@ -441,7 +449,12 @@ impl AsciiDesk {
             AsciiEvent::ProgramMessage(text) => {
                 self.unsolicited(events, publisher, UnsolicitedKind::Send, &text)
             }
-            AsciiEvent::Stale(_) => counters.add(Counter::AsciiUnsolicited, 1),
+            AsciiEvent::Stale(_) => {
+                counters.add(Counter::AsciiUnsolicited, 1);
+                if let Some(under_way) = self.under_way.as_mut().filter(|under_way| under_way.given_up) {
+                    under_way.taken = true;
+                }
+            }
         }
     }
 

@@ -4,6 +4,7 @@ use super::*;
 use crate::daemon::queue::{Receive, queue};
 use crate::device::FileBoard;
 use crate::format::TextOrder;
+use crate::function::ascii::SETTLE;
 use crate::map::classic::{
     ASCII_CONTROL_CHARACTER, ASCII_INPUT_CONTROL, ASCII_OUTPUT_CONTROL, COMMAND_LOADED, RESPONSE_ACKNOWLEDGE,
 };
@@ -92,6 +93,32 @@ fn a_line_whose_time_is_over_is_never_begun() {
     }
     let unavailable = |ticket| (ticket, Outcome::Unavailable);
     assert_eq!(rig.ended(), [(1, Outcome::Done), unavailable(2), unavailable(3), unavailable(4)]);
+}
+
+#[test]
+fn that_a_line_was_not_taken_is_said_after_a_silence_only() {
+    for (answers, outcome) in [(false, Outcome::Unavailable), (true, Outcome::TimedOut)] {
+        let mut rig = Rig::new();
+        rig.send(1, "#1J:100", Duration::from_millis(1));
+        rig.send(2, "P2", Duration::from_secs(5));
+        rig.pass();
+        assert!(rig.loaded());
+        rig.now += Duration::from_millis(1);
+        rig.pass();
+        assert!(!rig.loaded(), "withdrawn");
+        assert_eq!(rig.ended(), [], "a board may clear the flag only when it has done the line");
+        if answers {
+            rig.now += SETTLE / 2;
+            rig.bus.write16(ASCII_INPUT_CONTROL, RESPONSE_ACKNOWLEDGE).unwrap();
+            rig.pass();
+            assert_eq!(rig.ended(), [(1, outcome)], "who sends it again would jog twice");
+        }
+        rig.now += SETTLE;
+        rig.pass();
+        assert!(answers || rig.ended() == [(1, outcome)]);
+        rig.pass();
+        assert!(rig.loaded(), "the next line goes out");
+    }
 }
 
 #[test]
