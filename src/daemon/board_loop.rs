@@ -145,7 +145,7 @@ impl BoardLoop {
         self.take_over_board();
         // What the configuration says of the board is known without asking.
         self.take_identity();
-        if let Err(error) = self.desk.forget(Instant::now()) {
+        if let Err(error) = self.forget_commands() {
             self.bus_failed(&error);
         }
         let mut heartbeat_due = 0;
@@ -431,7 +431,7 @@ impl BoardLoop {
 
     fn submit(&mut self, command: &Command, now: Instant) {
         if let Err(ticket) = self.desk.submit(command, now) {
-            self.reply(Event::Done(ticket, Outcome::Unavailable));
+            self.reply(Event::Done(ticket, Outcome::Busy));
         }
     }
 
