@@ -39,10 +39,10 @@ impl BoardLoop {
         if out_of_reach {
             mailbox.select_page()?;
         }
-        match (std::mem::replace(&mut self.told.out_of_reach, out_of_reach), out_of_reach) {
+        match (std::mem::replace(&mut self.condition.out_of_reach, out_of_reach), out_of_reach) {
             (false, true) => {
                 warn!("the DPRAM is out of reach, so the board was reset; writing its page");
-                self.told.reset_known = true;
+                self.condition.reset_known = true;
                 self.after_reset(true)?;
             }
             (true, false) => {
