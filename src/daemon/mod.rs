@@ -41,6 +41,8 @@ pub mod room;
 pub mod rotary_desk;
 pub mod serve;
 pub mod settings;
+mod settings_checks;
+pub mod settings_place;
 mod shares;
 pub mod simulator;
 mod subscriptions;
