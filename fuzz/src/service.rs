@@ -28,6 +28,8 @@ use super::tape::Tape;
 const STEPS: usize = 300;
 const AT_ONCE: usize = 6;
 const CLIENTS: usize = 12;
+/// Most unasked texts of one input: enough to fill the socket and the output of a client that hears nothing.
+const TEXTS: usize = 1600;
 /// Rounds that must be enough to answer everybody once the board answers at once.
 const LAST_ROUNDS: usize = 2000;
 /// What one connection's output may come to: the limit for unasked texts, and replies to a few short calls.
@@ -89,6 +91,8 @@ struct Board {
     events: Sender<Event>,
     /// Commands it has taken and not answered.
     has: VecDeque<Command>,
+    /// Unasked texts that it may still send: more make an input slow, and show no more.
+    texts: usize,
     /// Events that the queue had no room for.
     late: VecDeque<Event>,
 }
@@ -153,7 +157,7 @@ impl Scene {
         };
         let backend = Backend { commands: to_board, events: from_board, info: Arc::new(info) };
         let server = Rounds::new(&options, listener(), backend).unwrap();
-        let board = Board { commands, events, has: VecDeque::new(), late: VecDeque::new() };
+        let board = Board { commands, events, has: VecDeque::new(), texts: TEXTS, late: VecDeque::new() };
         Self { server, board, clients: Vec::new(), now: Instant::now(), next: 0 }
     }
 
@@ -432,7 +436,9 @@ impl Board {
 
     /// A program on the board says something, `count` times.
     fn tell(&mut self, count: usize) {
-        for number in 0..count.min(1000usize.saturating_sub(self.late.len())) {
+        let count = count.min(self.texts);
+        self.texts -= count;
+        for number in 0..count {
             let kind = if number & 1 == 0 { UnsolicitedKind::Cmd } else { UnsolicitedKind::Send };
             let text = Text::new(&[b'a' + (number % 26) as u8; 255]).unwrap();
             self.send(Event::Unsolicited(Unsolicited { time_ns: 1, kind, text }));
