@@ -155,7 +155,9 @@ impl Functions {
             2 => {
                 self.ascii.control(bus, tape.u8() % 31 + 1, false, now)?;
             }
-            3 => self.ascii.give_up(bus, now)?,
+            3 => {
+                self.ascii.give_up(bus, now)?;
+            }
             4 => {
                 self.ascii.take_back(bus)?;
             }
@@ -390,7 +392,7 @@ impl Functions {
             }
             2 => port.control(bus, tape.u8() % 31 + 1, true, self.now).map(drop).unwrap(),
             3 => port.control(bus, tape.u8() % 31 + 1, false, self.now).map(drop).unwrap(),
-            4 => port.give_up(bus, self.now).unwrap(),
+            4 => port.give_up(bus, self.now).map(drop).unwrap(),
             5 | 6 => {
                 // A group of a reply.
                 for (byte, at) in tape.piece().iter().zip(1usize..) {

@@ -22,6 +22,9 @@ use crate::map::{Family, Firmware, GatherSizeWord, UnknownFamily};
 /// Looks at and talks to a PMAC through its daemon pmacd.
 #[derive(Debug, Parser)]
 #[command(name = "pmacctl", version, arg_required_else_help = true, disable_help_subcommand = true)]
+#[command(
+    after_help = "Exit status: 0 done; 1 the answer is no, or the board or the daemon refused; 2 the request could not be made."
+)]
 pub struct Args {
     #[command(flatten)]
     pub global: Global,

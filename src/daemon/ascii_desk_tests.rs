@@ -4,6 +4,7 @@ use super::*;
 use crate::daemon::queue::{Receive, queue};
 use crate::device::FileBoard;
 use crate::format::TextOrder;
+use crate::function::ascii::SETTLE;
 use crate::map::classic::{
     ASCII_CONTROL_CHARACTER, ASCII_INPUT_CONTROL, ASCII_OUTPUT_CONTROL, COMMAND_LOADED, RESPONSE_ACKNOWLEDGE,
 };
@@ -92,6 +93,95 @@ fn a_line_whose_time_is_over_is_never_begun() {
     }
     let unavailable = |ticket| (ticket, Outcome::Unavailable);
     assert_eq!(rig.ended(), [(1, Outcome::Done), unavailable(2), unavailable(3), unavailable(4)]);
+}
+
+#[test]
+fn that_a_line_was_not_taken_is_said_after_a_silence_only() {
+    for (answers, outcome) in [(false, Outcome::Unavailable), (true, Outcome::TimedOut)] {
+        let mut rig = Rig::new();
+        rig.send(1, "#1J:100", Duration::from_millis(1));
+        rig.send(2, "P2", Duration::from_secs(5));
+        rig.pass();
+        assert!(rig.loaded());
+        rig.now += Duration::from_millis(1);
+        rig.pass();
+        assert!(!rig.loaded(), "withdrawn");
+        assert_eq!(rig.ended(), [], "a board may clear the flag only when it has done the line");
+        if answers {
+            rig.now += SETTLE / 2;
+            rig.bus.write16(ASCII_INPUT_CONTROL, RESPONSE_ACKNOWLEDGE).unwrap();
+            rig.pass();
+            assert_eq!(rig.ended(), [(1, outcome)], "who sends it again would jog twice");
+        }
+        rig.now += SETTLE;
+        rig.pass();
+        assert!(answers || rig.ended() == [(1, outcome)]);
+        rig.pass();
+        assert!(rig.loaded(), "the next line goes out");
+    }
+}
+
+#[test]
+fn a_line_that_waits_for_another_says_nothing_of_the_board() {
+    let mut rig = Rig::new();
+    rig.send(1, "LIST", Duration::from_secs(60));
+    rig.send(2, "P2", Duration::from_secs(1));
+    rig.pass();
+    rig.bus.write16(ASCII_OUTPUT_CONTROL, 0).unwrap();
+    rig.desk.state = PortState::Answers;
+    rig.now += Duration::from_secs(1);
+    rig.pass();
+    assert_eq!(rig.ended(), [(2, Outcome::Busy)]);
+    assert_eq!(rig.desk.state(), PortState::Answers);
+}
+
+#[test]
+fn a_new_board_does_nothing_of_what_the_old_one_was_told() {
+    const ABORT: u8 = 0x01;
+    const ONES: u16 = u16::MAX;
+    // What the words of the flag and of the control character hold when the reset is noticed, and what may be said then.
+    for (flag, character, outcome) in [
+        (COMMAND_LOADED, u16::from(ABORT), Outcome::Unavailable),
+        (0, 0, Outcome::TimedOut),
+        (ONES, ONES, Outcome::TimedOut),
+    ] {
+        let mut rig = Rig::new();
+        rig.send(1, "P1", Duration::from_secs(600));
+        rig.control(2, ABORT);
+        rig.pass();
+        rig.pass();
+        assert!(rig.loaded());
+        rig.bus.write16(ASCII_OUTPUT_CONTROL, flag).unwrap();
+        rig.bus.write16(ASCII_CONTROL_CHARACTER, character).unwrap();
+        rig.desk.forget(&mut rig.bus, rig.now).unwrap();
+        assert!(!rig.loaded());
+        assert_ne!(rig.bus.read16(ASCII_CONTROL_CHARACTER).unwrap(), u16::from(ABORT));
+        rig.bus.write16(ASCII_CONTROL_CHARACTER, 0).unwrap();
+        for _ in 0..3 {
+            rig.pass();
+            rig.now += SETTLE;
+        }
+        let mut ended = rig.ended();
+        ended.sort_by_key(|(ticket, _)| *ticket);
+        assert_eq!(ended, [(1, outcome), (2, outcome)], "{flag:#x}");
+    }
+}
+
+#[test]
+fn the_second_half_of_a_line_is_no_line_for_a_new_board() {
+    let mut rig = Rig::new();
+    rig.send(1, &format!("{}#1J+", " ".repeat(180)), Duration::from_secs(600));
+    rig.pass();
+    assert!(rig.loaded());
+    rig.bus.write16(ASCII_OUTPUT_CONTROL, 0).unwrap();
+    rig.desk.forget(&mut rig.bus, rig.now).unwrap();
+    rig.bus.write16(ASCII_CONTROL_CHARACTER, 0).unwrap();
+    for _ in 0..3 {
+        rig.pass();
+        assert!(!rig.loaded());
+        rig.now += SETTLE;
+    }
+    assert_eq!(rig.ended(), [(1, Outcome::Unavailable)]);
 }
 
 #[test]

@@ -45,6 +45,7 @@ pub mod settings;
 mod shares;
 pub mod simulator;
 mod subscriptions;
+mod telling;
 mod turns;
 pub mod uncertain;
 mod watch;

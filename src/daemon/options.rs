@@ -7,6 +7,10 @@ use clap::Parser;
 /// Owns a PMAC's dual-ported RAM: mirrors it into shared memory, serves commands on a socket.
 #[derive(Debug, Clone, Default, Parser)]
 #[command(name = "pmacd", version, max_term_width = 100)]
+#[command(
+    after_help = "Exit status: 0 asked to end; 64 the command line; 69 the board, its name or its socket is not to be had; \
+    70 a defect; 71 the system refused memory, a descriptor or a thread; 77 a right is missing; 78 the configuration."
+)]
 pub struct Options {
     /// The board: sim, file:PATH, mem:0xADDRESS, uio:/dev/uioN[,map=M], pci:0000:03:00.0[,bar=N] or vme:NODE, each but
     /// sim with [,irq=uio:/dev/uioN] or [,irq=unix:PATH], each but sim and vme with [,access=32]

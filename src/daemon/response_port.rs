@@ -195,7 +195,9 @@ impl ResponsePort {
     /// [`PortError`].
     pub fn withdraw_control(&mut self, bus: &mut impl Bus, now: Instant) -> Result<(), PortError> {
         match (self.way, &mut self.mailbox) {
-            (Way::Mailbox, Some(mailbox)) => Ok(mailbox.port.give_up(&mut mailbox.registers, now)?),
+            (Way::Mailbox, Some(mailbox)) => {
+                Ok(mailbox.port.give_up(&mut mailbox.registers, now).map(drop)?)
+            }
             _ => Ok(self.dpram.withdraw_control(bus)?),
         }
     }
@@ -211,11 +213,12 @@ impl ResponsePort {
         }
     }
 
-    /// Gives up on the command under way.
+    /// Gives up on the command under way. True when the board has the whole of it; otherwise an [`AsciiEvent::Stale`] that
+    /// comes before the port is idle tells that it had.
     ///
     /// # Errors
     /// [`PortError`].
-    pub fn give_up(&mut self, bus: &mut impl Bus, now: Instant) -> Result<(), PortError> {
+    pub fn give_up(&mut self, bus: &mut impl Bus, now: Instant) -> Result<bool, PortError> {
         match (self.way, &mut self.mailbox) {
             (Way::Mailbox, Some(mailbox)) => Ok(mailbox.port.give_up(&mut mailbox.registers, now)?),
             _ => Ok(self.dpram.give_up(bus, now)?),

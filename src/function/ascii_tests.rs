@@ -194,7 +194,7 @@ fn a_line_given_up_half_way_is_not_put_before_the_next() {
     assert!(rig.begin(&"A".repeat(180)));
     rig.take();
     assert_eq!(rig.step(), None);
-    rig.port.give_up(&mut rig.bus, rig.now).unwrap();
+    assert!(!rig.port.give_up(&mut rig.bus, rig.now).unwrap(), "half of it is no command");
     assert_eq!(rig.bus.read16(ASCII_OUTPUT_CONTROL).unwrap(), 0, "the second part is withdrawn");
     assert_eq!(rig.bus.read16(ASCII_CONTROL_CHARACTER).unwrap(), CANCEL, "the first is to be forgotten");
     rig.now += SETTLE;
@@ -207,7 +207,7 @@ fn a_line_taken_just_before_it_is_given_up_is_cancelled() {
     let mut rig = Rig::new();
     assert!(rig.begin("P1"));
     rig.take();
-    rig.port.give_up(&mut rig.bus, rig.now).unwrap();
+    assert!(rig.port.give_up(&mut rig.bus, rig.now).unwrap(), "the board has it");
     assert_eq!(rig.bus.read16(ASCII_CONTROL_CHARACTER).unwrap(), CANCEL);
 }
 
@@ -217,7 +217,7 @@ fn what_comes_after_giving_up_belongs_to_nobody() {
     assert!(rig.begin("P1"));
     rig.take();
     rig.step();
-    rig.port.give_up(&mut rig.bus, rig.now).unwrap();
+    assert!(rig.port.give_up(&mut rig.bus, rig.now).unwrap());
     assert_eq!(rig.bus.read16(ASCII_CONTROL_CHARACTER).unwrap(), CANCEL, "the board is to empty its queues");
     rig.now += SETTLE;
     assert_eq!(rig.step(), None);
@@ -253,7 +253,7 @@ fn firmware_without_the_control_register_does_not_block_the_port() {
 fn a_line_the_board_never_took_is_withdrawn() {
     let mut rig = Rig::new();
     assert!(rig.begin("#1J+"));
-    rig.port.give_up(&mut rig.bus, rig.now).unwrap();
+    assert!(!rig.port.give_up(&mut rig.bus, rig.now).unwrap());
     assert_eq!(rig.bus.read16(ASCII_OUTPUT_CONTROL).unwrap(), 0);
     assert_eq!(rig.bus.read16(ASCII_CONTROL_CHARACTER).unwrap(), 0, "nothing is to be forgotten");
 }

@@ -283,20 +283,21 @@ impl MailboxPort {
     }
 
     /// Gives up on the command under way: has the board empty its queues, lets pass what still comes, and drops it.
-    /// 2 writes, 1 read.
+    /// True when the board has the whole command, as far as was signalled. 2 writes, 1 read.
     ///
     /// # Errors
     /// When the registers cannot be reached.
-    pub fn give_up(&mut self, bus: &mut impl ByteBus, now: Instant) -> Result<(), ByteBusError> {
+    pub fn give_up(&mut self, bus: &mut impl ByteBus, now: Instant) -> Result<bool, ByteBusError> {
+        let taken = self.was_taken();
         if self.is_idle() {
-            return Ok(());
+            return Ok(taken);
         }
         self.send_control(bus, CANCEL)?;
         // A board that lost an interrupt would wait for this for ever; what it overwrites is dropped anyway.
         self.reply_lies = false;
         self.enable(bus)?;
         self.state = State::Settling { quiet_since: now, since: now };
-        Ok(())
+        Ok(taken)
     }
 
     /// Acts on what was signalled and tells what was found; `None` when there is nothing (more) to find. Costs
