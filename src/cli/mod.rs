@@ -93,6 +93,15 @@ impl Failure {
     fn request(error: impl std::fmt::Display) -> Self {
         Self::Request(error.to_string())
     }
+
+    /// The same, with where it happened before it.
+    fn at(self, place: impl std::fmt::Display) -> Self {
+        match self {
+            Self::Refused(text) => Self::Refused(format!("{place}: {text}")),
+            Self::Request(text) => Self::Request(format!("{place}: {text}")),
+            output @ Self::Output(_) => output,
+        }
+    }
 }
 
 impl From<ClientError> for Failure {
