@@ -231,6 +231,17 @@ fn a_restore_says_which_line_may_have_been_carried_out() {
 }
 
 #[test]
+fn the_status_says_when_command_lines_are_off() {
+    let mut site = Site::new();
+    let path = file(&site, "config", "functions = ['servo']\nmotors = 2\ni10 = 3713707\n");
+    site.start_simulator(&["--dpram-startup"]);
+    site.start_daemon(&["--config", &path]);
+    let ran = run(&site, &["status"]);
+    assert!(ran.stdout.contains("\ncommand lines   off by the daemon's configuration\n"), "{ran:?}");
+    assert_eq!(run(&site, &["status", "--json"]).json()["socket"]["functions"], json!(["servo"]));
+}
+
+#[test]
 fn variables_are_backed_up_compared_and_restored() {
     let site = Site::running(&[], &[]);
     ask(&site, "I9=2 I125=$C000 I122=2000.5 P7=-0.5 P1023=12345.678");
