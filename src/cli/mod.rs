@@ -15,6 +15,7 @@ mod doctor;
 mod doctor_machine;
 mod download;
 mod gather;
+mod gather_board;
 mod interrupt;
 mod lines;
 mod map;
