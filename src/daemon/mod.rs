@@ -44,6 +44,7 @@ pub mod settings;
 mod shares;
 pub mod simulator;
 mod subscriptions;
+mod telling;
 mod turns;
 pub mod uncertain;
 mod watch;

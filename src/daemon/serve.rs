@@ -513,6 +513,7 @@ fn outcome_reply(outcome: Outcome, lines: Vec<String>, overlong: bool) -> Result
             reason: "the port for command lines is off (DPRAM ASCII: I58=0) or the board does not answer"
                 .to_owned(),
         }),
+        Outcome::Busy => Err(CallError::Busy),
         Outcome::OutOfRange => Err(CallError::OutOfRange),
         Outcome::Refused(reason) => {
             Err(CallError::Refused { reason: String::from_utf8_lossy(reason.as_bytes()).into_owned() })
