@@ -134,6 +134,9 @@ pub fn watch(site: &Site, what: &str, attack: impl FnOnce()) -> Verdict {
     };
 
     attack();
+    // However short it was, servo data and an honest client's answers are to be seen beside it.
+    let seen = subscriber.published(RegionId::Servo).unwrap();
+    wait_until("the mirror to go on", || subscriber.published(RegionId::Servo).unwrap() > seen + 20);
 
     done.store(true, Ordering::Relaxed);
     let mut answers = honest.thread.join().expect("the honest client was served");

@@ -198,12 +198,13 @@ impl Run<'_> {
                 said = Instant::now();
                 let [daemon, simulator] = weigh();
                 println!(
-                    "{:5} s: updates={} missed={} skipped={} retries={} daemon {daemon} simulator {simulator}",
+                    "{:5} s: updates={} missed={} skipped={} retries={} resets={} daemon {daemon} simulator {simulator}",
                     started.elapsed().as_secs(),
                     counter(subscriber, Counter::Updates),
                     counter(subscriber, Counter::Missed),
                     counter(subscriber, Counter::Skipped),
                     counter(subscriber, Counter::Retries),
+                    counter(subscriber, Counter::Resets),
                 );
             }
         }
