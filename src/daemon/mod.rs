@@ -39,6 +39,7 @@ mod resets;
 pub mod response_port;
 pub mod room;
 pub mod rotary_desk;
+pub mod rounds;
 pub mod serve;
 pub mod settings;
 mod settings_checks;

@@ -510,7 +510,7 @@ impl AsciiPort {
     }
 }
 
-/// Whether PMAC answers this control character with data (FACTS: on-line control characters).
+/// Whether PMAC answers this control character with data (software reference, on-line control characters).
 #[must_use]
 pub fn control_has_reply(character: u8) -> bool {
     const fn control(letter: u8) -> u8 {
