@@ -366,7 +366,10 @@ mod tests {
             ("board = \"sim\"\nfirmware = \"new\"\n", "FILE:2:12: "),
             ("board = \"file:m,access=32\"\nword_order = \"swapped\"\n", "FILE:2:14: access=32"),
             ("board = \"boat\"\n", "FILE:1:9: board `boat`: there is no board kind `boat`"),
-            ("board = \"\\n\\u001b[2J\"\n", "FILE:1:9: board `\\n\\u{1b}[2J`: there is no board kind `\\n\\u{1b}[2J`"),
+            (
+                "board = \"\\n\\u001b[2J\"\n",
+                "FILE:1:9: board `\\n\\u{1b}[2J`: there is no board kind `\\n\\u{1b}[2J`",
+            ),
             ("board = \"sim\"\nname = \"a/b\"\n", "FILE:2:8: "),
             ("board = \"sim\"\n[roles]\nking = []\n", "FILE:3:1: unknown field `king`"),
             (
