@@ -366,7 +366,8 @@ fn watch_keeps_to_its_window_and_ends_on_q() {
     }
     let frame = screen.split("\x1b[H").nth(1).unwrap();
     let lines: Vec<&str> = frame.split("\r\n").map(|line| line.trim_start_matches("\x1b[K")).collect();
-    assert!(lines[0].starts_with(&format!("/{} (q e", rig.name)[..30]), "{frame:?}");
+    let title = format!("/{} (q ends it)  update 1", rig.name);
+    assert_eq!(lines[0], &title[..30], "{frame:?}");
     assert_eq!(lines[1], "motor  commanded  actual  diff");
     assert_eq!(lines[2..], ["... 3 more", "\x1b[J"], "{frame:?}");
     terminal.write_all(b"q").unwrap();

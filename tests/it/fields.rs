@@ -301,8 +301,7 @@ fn touched(functions: &str) -> (u64, Vec<usize>) {
 
 #[test]
 fn a_function_that_is_switched_off_is_left_alone_from_start_to_end() {
-    // With nothing switched on there is not one access. Of functions that only act when asked, the same.
-    assert_eq!(touched(""), (0, vec![]));
+    // Of functions that only act when asked there is not one access.
     assert_eq!(touched("'gather', 'rotary'"), (0, vec![]));
     // Each of the others changes its own host's words and no more.
     for (function, expected) in [
