@@ -1,11 +1,11 @@
-//! Board or daemon pause and go on: nothing that is under way ends for it.
+//! Board or daemon pause and go on: nothing that is under way ends for it, and nothing old is told as new.
 
 use std::process::{Command, Stdio};
 use std::time::Duration;
 
 use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
-use pmac_dpram::segment::{Counter, RegionId};
+use pmac_dpram::segment::{Counter, RegionId, Sample, monotonic_ns};
 
 use crate::site::{Site, counter, is_live, wait_until};
 use crate::tools::{ask, run};
@@ -93,5 +93,34 @@ fn a_rotary_stream_goes_on_while_the_servo_report_pauses() {
     assert_eq!(output.status.code(), Some(0), "{stderr}");
     assert!(String::from_utf8_lossy(&output.stdout).starts_with("lines=301 "), "{stderr}");
     assert_no_reset(&site);
+    site.assert_no_violations();
+}
+
+#[test]
+fn background_data_are_no_older_than_they_say() {
+    let site = Site::running(&[], &[]);
+    site.wait_for_live_servo();
+    let subscriber = site.attach();
+    wait_until("background data", || is_live(&subscriber, RegionId::Background));
+    let mut sample = Sample::new();
+    for pause in [100, 1500, 2000] {
+        site.signal_daemon(Signal::SIGSTOP);
+        std::thread::sleep(Duration::from_millis(pause));
+        let timer = site.status()["servo_timer"].as_u64().unwrap() as u16;
+        let since = monotonic_ns();
+        site.signal_daemon(Signal::SIGCONT);
+        let mut seen = 0;
+        let mut last = 0;
+        wait_until("reports made since", || {
+            let sequence = subscriber.latest(RegionId::Background, &mut sample).unwrap().unwrap();
+            if sequence != last && sample.stamp.time_ns >= since {
+                // Its timer says when it was made.
+                let later = (sample.stamp.servo_timer as u16).wrapping_sub(timer).cast_signed();
+                assert!(later >= 0, "made {} servo cycles before the time it bears", -later);
+                (seen, last) = (seen + 1, sequence);
+            }
+            seen == 5
+        });
+    }
     site.assert_no_violations();
 }
