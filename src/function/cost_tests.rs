@@ -149,7 +149,7 @@ fn variable_read() {
             looks.take(50).find(|look| *look != VariableLook::Partial)
         });
         let words: usize = entries.iter().map(|entry| entry.kind.words()).sum();
-        assert_eq!((look, cost), (Some(VariableLook::Report(0)), words + 3));
+        assert_eq!((look, cost), (Some(VariableLook::Report(0)), words + 5));
         assert!(!all || cost == documented("variable read report"));
     }
 }
