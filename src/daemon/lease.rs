@@ -67,6 +67,11 @@ impl Leases {
         self.stopping.remove(&ticket)
     }
 
+    /// Jogs that are held, and stops that the board has not taken.
+    pub(super) fn count(&self) -> usize {
+        self.held.len() + self.stopping.len()
+    }
+
     /// When the next one runs out.
     pub(super) fn next_end(&self) -> Option<Instant> {
         self.held.values().map(|lease| lease.until).min()

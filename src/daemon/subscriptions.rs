@@ -103,6 +103,11 @@ impl Subscriptions {
         }
     }
 
+    /// Registers that are watched.
+    pub(super) fn watched(&self) -> usize {
+        self.table.len()
+    }
+
     /// The table to tell the bus thread, if it has changed since it was told.
     pub(super) fn news(&self) -> Option<Vec<VariableEntry>> {
         (self.is_news && self.telling.is_none()).then(|| self.table.clone())
