@@ -15,7 +15,7 @@ use super::queue::{Command, Outcome, Text, Ticket};
 use super::serve::{GRACE, Service};
 use super::turns::Turn;
 use crate::function::variable_read::VariableEntry;
-use crate::protocol::{Call, CallError, Enabled, Reply, control};
+use crate::protocol::{Call, CallError, Enabled, Function, Reply, control};
 
 /// How long the board may take to say whether a job makes sense.
 const GUARD_TIMEOUT: Duration = Duration::from_millis(500);
@@ -75,6 +75,7 @@ impl Service {
 
     fn ask(&mut self, id: u64, ask: Ask, oneway: bool, now: Instant) -> Result<(), CallError> {
         let asks_first = self.backend.info.is_enabled(Enabled::ASCII);
+        let may_ask = self.backend.info.settings().functions.has(Function::Ascii);
         let ask = match ask {
             Ask::Job(JobCall { job: Job::WatchVariables(entries), guard, .. })
                 if guard.is_none() || !asks_first =>
@@ -98,8 +99,10 @@ impl Service {
                 Command::Control { ticket, character, deadline }
             }
             Ask::Read { first, count } => Command::ReadWords { ticket, first, count },
-            Ask::Job(mut call) => match call.guard.filter(|_| asks_first) {
-                // First ask the board whether the job makes sense; where it cannot be asked, the job has to show.
+            Ask::Job(mut call) => match call.guard.filter(|guard| asks_first || guard.is_required && may_ask)
+            {
+                // First ask the board whether the job makes sense; where it cannot be asked, the job has to show. Where
+                // command lines are switched off, what the job needs is with its caller.
                 Some(guard) => {
                     let line = Text::new(call.question(guard).as_bytes()).unwrap_or_default();
                     then = Some(call);
@@ -206,7 +209,7 @@ impl Service {
         let mut answers = lines.iter().map(|line| line.rsplit('=').next().unwrap_or(line).trim());
         let answer = answers.next();
         match (call.guard, call.time_base) {
-            (Some(guard), _) if outcome != Outcome::Done => call.note_unasked(guard),
+            (Some(guard), _) if outcome != Outcome::Done && !guard.is_required => call.note_unasked(guard),
             (_, Some(number)) => call.note_time_base(number, answers.next()),
             _ => {}
         }
@@ -217,6 +220,9 @@ impl Service {
                     guard.variable, guard.purpose, guard.value, guard.variable, guard.value
                 );
                 Err(CallError::Refused { reason })
+            }
+            (Some(guard), answer) if guard.is_required && (outcome != Outcome::Done || answer.is_none()) => {
+                Err(guard.unanswered())
             }
             // A board that cannot be asked (any more) may still do it; if not, the job says so.
             _ => self.ask(id, Ask::Job(call), pending.oneway, now),
