@@ -14,6 +14,7 @@ use super::policy::{Peer, Role};
 use super::queue::{Command, Outcome, Text, Ticket};
 use super::serve::{GRACE, Service};
 use super::turns::Turn;
+use crate::function::panel::PanelRequest;
 use crate::function::variable_read::VariableEntry;
 use crate::protocol::{Call, CallError, Enabled, Function, Reply, control};
 
@@ -23,6 +24,8 @@ const GUARD_TIMEOUT: Duration = Duration::from_millis(500);
 const NOBODY: u64 = u64::MAX;
 /// How long until then.
 const STOP_AGAIN: Duration = Duration::from_secs(1);
+/// How long, at the end, the bus thread may take to have room for the last stop.
+const LAST_STOP: Duration = Duration::from_millis(500);
 /// How long the board may take to stop a jog whose holder is gone.
 const STOP_TIMEOUT: Duration = Duration::from_secs(5);
 
@@ -259,25 +262,47 @@ impl Service {
         }
     }
 
-    /// Requests the stop of every jog whose holder is gone or silent, or of all that are held.
-    pub(super) fn end_leases(&mut self, now: Instant, all: bool) {
+    /// Requests the stop of every jog whose holder is gone or silent, or of all that are held: all in one request. False when
+    /// there was no room for it.
+    pub(super) fn end_leases(&mut self, now: Instant, all: bool) -> bool {
+        if !all && !self.leases.may_stop() {
+            return true;
+        }
         let clients = &self.clients;
         let is_gone = |id: u64| all || id != NOBODY && clients.get(&id).is_none_or(|client| !client.hears());
         let mut ended = Vec::new();
         while let Some(end) = self.leases.ended(now, is_gone) {
             ended.push(end);
         }
+        if ended.is_empty() {
+            return true;
+        }
+        let stops = ended.iter().map(|(_, stop)| stop);
+        let stop = stops.fold(PanelRequest::default(), |sum, stop| sum.together_with(stop));
+        let ticket = self.new_ticket();
+        let command = Command::Job { ticket, job: Box::new(Job::Panel(stop)), deadline: now + STOP_TIMEOUT };
+        let is_sent = self.backend.commands.try_send(command).is_ok();
         for (id, stop) in ended {
-            warn!(target: "audit", "a held jog is stopped (mask {:#04x}): its holder is gone or silent", stop.mask);
-            let ticket = self.new_ticket();
-            let command =
-                Command::Job { ticket, job: Box::new(Job::Panel(stop)), deadline: now + STOP_TIMEOUT };
-            if self.backend.commands.try_send(command).is_err() {
+            if is_sent {
+                let mask = stop.mask;
+                warn!(target: "audit", "a held jog is stopped (mask {mask:#04x}): its holder is gone or silent");
+            } else {
                 // The queue is full; the stop must not be forgotten.
                 self.leases.begin(id, stop, now);
-            } else {
-                self.leases.stopping(ticket, stop);
             }
+        }
+        if is_sent {
+            self.leases.stopping(ticket, stop);
+        }
+        is_sent
+    }
+
+    /// At the end nobody will be there to hold a jog. A full queue empties soon, if the bus thread can tell what it has done.
+    pub(super) fn end_all_leases(&mut self) {
+        let deadline = Instant::now() + LAST_STOP;
+        while !self.end_leases(Instant::now(), true) && Instant::now() < deadline {
+            while self.backend.events.try_receive().is_some() {}
+            std::thread::sleep(Duration::from_millis(1));
         }
     }
 }

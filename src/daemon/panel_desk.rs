@@ -99,9 +99,16 @@ impl PanelDesk {
         None
     }
 
-    /// Forgets every request that waits and is not a stop.
+    /// Forgets every request that waits and is not a stop, and makes one of those that are: nobody will be told of each.
     pub fn keep_stops(&mut self) {
         self.waiting.retain(|waiting| waiting.request.stops() == waiting.request.mask);
+        if let Some(mut stop) = self.waiting.pop_front() {
+            for Waiting { request, deadline, .. } in self.waiting.drain(..) {
+                stop.request = stop.request.together_with(&request);
+                stop.deadline = stop.deadline.max(deadline);
+            }
+            self.waiting.push_back(stop);
+        }
     }
 
     /// Sets or releases an override; done at once.
@@ -224,6 +231,33 @@ mod tests {
             assert_eq!(bus.read16(PANEL_REQUEST_ENABLE).unwrap(), 0, "withdrawn, or never written");
         }
         assert!(desk.due().is_none());
+    }
+
+    #[test]
+    fn at_the_end_every_stop_has_its_place() {
+        let file = tempfile::tempfile().unwrap();
+        file.set_len(0x4000).unwrap();
+        let mut bus = FileBoard::from_file(&file, 0x4000).unwrap();
+        let mut desk = PanelDesk::new();
+        let now = Instant::now();
+        let deadline = now + REST;
+        let jog = PanelRequest::of(PanelAction::JogPlus, &[1]).unwrap();
+        let stop = |number| PanelRequest::of(PanelAction::JogStop, &[number]).unwrap();
+        for ticket in 0..WAITING_MAX as u64 - 1 {
+            assert!(desk.submit(Ticket(ticket), jog, deadline).is_none());
+        }
+        assert!(desk.submit(Ticket(98), stop(2), deadline).is_none());
+        assert!(desk.submit(Ticket(99), stop(8), deadline).is_some(), "it is full");
+        desk.keep_stops();
+        for number in 1..=8 {
+            assert!(desk.submit(Ticket(100), stop(number), deadline).is_none());
+        }
+        desk.keep_stops();
+        assert!(desk.pass(&mut bus, now).unwrap().is_none());
+        assert_eq!(bus.read16(PANEL_REQUEST_ENABLE).unwrap(), 0xFF, "one request for all");
+        bus.write16(PANEL_REQUEST_ENABLE, 0).unwrap();
+        assert!(desk.pass(&mut bus, now).unwrap().is_some());
+        assert_eq!(desk.due(), None, "no jog is left");
     }
 
     #[test]

@@ -229,7 +229,7 @@ impl Service {
             self.hand_out(now);
         }
         // Nobody will be there to hold a jog; the bus thread still does this before it ends.
-        self.end_leases(Instant::now(), true);
+        self.end_all_leases();
         self.farewell();
     }
 

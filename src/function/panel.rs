@@ -195,6 +195,16 @@ impl PanelRequest {
 }
 
 impl PanelRequest {
+    /// Two requests as one. Nothing is checked: meant for stops, of which two do not exclude each other.
+    #[must_use]
+    pub fn together_with(mut self, other: &Self) -> Self {
+        self.mask |= other.mask;
+        for (word, added) in self.words.iter_mut().zip(other.words) {
+            *word |= added;
+        }
+        self
+    }
+
     /// The motors it stops jogging, and of which it wants nothing else: bit 0 is number 1.
     #[must_use]
     pub fn stops(&self) -> u8 {
