@@ -241,7 +241,7 @@ impl Service {
 
     /// Tells the bus thread which registers are watched, when that has changed. A full queue is tried again.
     pub(super) fn tell_subscriptions(&mut self, now: Instant) {
-        let Some(table) = self.subscriptions.news() else { return };
+        let Some(table) = self.subscriptions.news(now) else { return };
         let ticket = self.new_ticket();
         let command =
             Command::Job { ticket, job: Box::new(Job::WatchVariables(table)), deadline: now + STOP_TIMEOUT };

@@ -147,6 +147,7 @@ pub fn serve(options: &ServeOptions, listener: Listener, backend: Backend) -> Re
         admission: Admission::new(options),
         options: options.clone(),
         listener,
+        subscriptions: Subscriptions::new(backend.info.settings().plan.variable_read_entries as usize),
         backend,
         clients: BTreeMap::new(),
         owners: HashMap::new(),
@@ -154,7 +155,6 @@ pub fn serve(options: &ServeOptions, listener: Listener, backend: Backend) -> Re
         turns: Turns::default(),
         refusals: Refusals::default(),
         leases: Leases::default(),
-        subscriptions: Subscriptions::default(),
         next_client: 0,
         next_ticket: 0,
     };
@@ -279,7 +279,12 @@ impl Service {
             };
             [pending, client.patience_ends(self.options.patience)]
         });
-        let others = [self.admission.pause, self.leases.next_end(), self.refusals.next_end()];
+        let others = [
+            self.admission.pause,
+            self.leases.next_end(),
+            self.refusals.next_end(),
+            self.subscriptions.next_try(),
+        ];
         clients.chain(others).flatten().min()
     }
 
@@ -356,7 +361,7 @@ impl Service {
             }
             Event::Done(ticket, outcome) => {
                 self.turns.over(ticket);
-                self.subscriptions.heard(ticket);
+                self.subscriptions.heard(ticket, outcome, now);
                 self.after_stop(ticket, outcome, now);
                 let Some(pending) = self.pending(ticket) else { return };
                 let lines = std::mem::take(&mut pending.lines);
