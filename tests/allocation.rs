@@ -21,7 +21,7 @@ use pmac_dpram::segment::{Counter, RegionId};
 #[allow(dead_code, reason = "the other tests use the rest of it")]
 mod site;
 
-use site::{PATIENCE, Site, is_live, wait_until};
+use site::{PATIENCE, Site, is_live, joined, output_within, wait_until};
 
 /// Whether allocations are counted now.
 static ARMED: AtomicBool = AtomicBool::new(false);
@@ -116,7 +116,7 @@ fn once_everything_was_used_the_bus_thread_allocates_nothing() {
     site.assert_no_violations();
     // It is this process that a signal ends; the daemon has its handler.
     kill(nix::unistd::getpid(), Signal::SIGTERM).unwrap();
-    assert_eq!(daemon.join().unwrap(), std::process::ExitCode::SUCCESS);
+    assert_eq!(joined(daemon), std::process::ExitCode::SUCCESS);
     assert_eq!(ALLOCATIONS.load(Ordering::Relaxed), 0, "allocations in the bus thread, {updates} updates");
 }
 
@@ -137,8 +137,8 @@ fn use_everything(site: &Site) {
     while Instant::now() < end {
         assert_eq!(connection.send("I122 #3", PATIENCE).unwrap(), ["32"]);
     }
-    for (arguments, child) in running {
-        let output = child.wait_with_output().unwrap();
+    for (arguments, mut child) in running {
+        let output = output_within(&mut child, PATIENCE);
         assert!(output.status.success(), "{arguments:?}: {output:?}");
     }
     let identity = |i59| {

@@ -138,7 +138,7 @@ impl Desks<'_> {
     /// What the thread that owns the board does when something happened to it.
     fn turn(&mut self, how: u8, tape: &mut Tape<'_>) {
         match how {
-            0 => self.ascii.forget(self.now).unwrap(),
+            0 => self.ascii.forget(&mut self.bus, self.now).unwrap(),
             1 => self.ascii.doubt(self.now),
             2 => self.ascii.see_buffer(true),
             3 => self.ascii.see_buffer(false),

@@ -10,6 +10,8 @@ pub mod files;
 pub mod replies;
 pub mod rotary;
 pub mod segment;
+pub mod service;
 pub mod sim;
 pub mod socket;
+pub mod sysfs;
 mod tape;

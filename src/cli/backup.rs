@@ -309,13 +309,20 @@ impl Report<'_> {
             match board.way.send(&entry.item.line(&entry.text), PATIENCE) {
                 Ok(_) => taken.push(entry),
                 Err(LineError::Board { text, .. }) => self.fail(entry, text),
-                Err(LineError::NotSent(failure)) => {
-                    complain(format_args!("{}:{}: stopped before this line", self.file, entry.line));
-                    return Err(failure);
+                Err(error) => {
+                    let stopped = match error {
+                        LineError::Uncertain { .. } => {
+                            "stopped at this line, which may or may not have been carried out"
+                        }
+                        _ => "stopped before this line",
+                    };
+                    complain(format_args!("{}:{}: {stopped}", self.file, entry.line));
+                    self.errors.push((entry, error.to_string()));
+                    return Err(error.into());
                 }
             }
+            self.sent = taken.len();
         }
-        self.sent = taken.len();
         let held = board.read(taken.iter().map(|entry| entry.item))?;
         for entry in taken {
             let now = held.get(&entry.item).map_or("", String::as_str);

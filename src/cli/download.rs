@@ -57,13 +57,13 @@ pub fn run(context: &mut Context, options: &Download) -> Result<Verdict, Failure
     }
     let way = Way::daemon(context)?;
     let mut download =
-        Sender { way, timeout: options.timeout, buffer: OpenBuffer::default(), refused: Vec::new(), sent: 0 };
+        Sender { way, timeout: options.timeout, buffer: OpenBuffer::default(), failed: Vec::new(), sent: 0 };
     let outcome = download.send_all(context, &lines, options.keep_going, &stop);
     let closing = download.close_buffer();
     download.report(context, lines.len())?;
     outcome?;
     closing?;
-    Ok(download.refused.is_empty().into())
+    Ok(download.failed.is_empty().into())
 }
 
 fn read(path: &Path) -> Result<Vec<u8>, String> {
@@ -94,9 +94,10 @@ fn dry_run(context: &mut Context, lines: &[SourceLine]) -> Result<Verdict, Failu
     Ok(Verdict::Yes)
 }
 
-/// A line that the board refused.
-struct Refused {
+/// A line that the board refused or did not answer, or that did not reach it.
+struct Failed {
     line: SourceLine,
+    /// The number of `ERRnnn`.
     code: Option<u16>,
     text: String,
 }
@@ -105,7 +106,7 @@ struct Sender {
     way: Way,
     timeout: Duration,
     buffer: OpenBuffer,
-    refused: Vec<Refused>,
+    failed: Vec<Failed>,
     sent: usize,
 }
 
@@ -127,14 +128,9 @@ impl Sender {
             progress.show(self.sent);
             // Counted as open even if the board refuses the line: an error may follow what opened it.
             self.buffer.follow(line.text.as_bytes());
-            let result = self.way.send(&line.text, self.timeout);
-            let (replies, error) = match result {
+            let (replies, error) = match self.way.send(&line.text, self.timeout) {
                 Ok(replies) => (replies, None),
-                Err(LineError::Board { code, text, lines }) => (lines, Some((code, text))),
-                Err(LineError::NotSent(failure)) => {
-                    progress.clear();
-                    return Err(at(line, failure));
-                }
+                Err(mut error) => (error.take_lines(), Some(error)),
             };
             self.sent += usize::from(error.is_none());
             if !replies.is_empty() && !context.output.is_json() {
@@ -143,14 +139,19 @@ impl Sender {
                     context.output.line(reply)?;
                 }
             }
-            if let Some((code, text)) = error {
-                progress.clear();
-                // Nobody reads it: nothing to be done.
-                let _ = writeln!(io::stderr(), "{}: {text}: {}", line.place, line.text);
-                self.refused.push(Refused { line: line.clone(), code, text });
-                if !keep_going {
-                    break;
-                }
+            let Some(error) = error else { continue };
+            progress.clear();
+            let (text, line) = (error.to_string(), line.clone());
+            let LineError::Board { code, .. } = error else {
+                let failure = Failure::from(error).at(&line.place);
+                self.failed.push(Failed { line, code: None, text });
+                return Err(failure);
+            };
+            // Nobody reads it: nothing to be done.
+            let _ = writeln!(io::stderr(), "{}: {text}: {}", line.place, line.text);
+            self.failed.push(Failed { line, code, text });
+            if !keep_going {
+                break;
             }
         }
         progress.clear();
@@ -162,7 +163,7 @@ impl Sender {
             return Ok(());
         }
         self.way.send(CLOSE, self.timeout)?;
-        if self.refused.is_empty() {
+        if self.failed.is_empty() {
             let _ = writeln!(io::stderr(), "warning: a buffer was left open; it is closed now");
         }
         Ok(())
@@ -171,26 +172,18 @@ impl Sender {
     fn report(&self, context: &mut Context, total: usize) -> Result<(), Failure> {
         if context.output.is_json() {
             let errors: Vec<_> = self
-                .refused
+                .failed
                 .iter()
-                .map(|refused| {
-                    let SourceLine { place, text } = &refused.line;
-                    json!({ "file": place.file, "line": place.line, "text": text, "code": refused.code,
-                            "message": refused.text })
+                .map(|failed| {
+                    let SourceLine { place, text } = &failed.line;
+                    json!({ "file": place.file, "line": place.line, "text": text, "code": failed.code,
+                            "message": failed.text })
                 })
                 .collect();
             context.output.json(&json!({ "lines": total, "taken": self.sent, "errors": errors }))?;
             context.output.flush()?;
         }
         Ok(())
-    }
-}
-
-fn at(line: &SourceLine, failure: Failure) -> Failure {
-    match failure {
-        Failure::Refused(text) => Failure::Refused(format!("{}: {text}", line.place)),
-        Failure::Request(text) => Failure::Request(format!("{}: {text}", line.place)),
-        other => other,
     }
 }
 

@@ -12,23 +12,21 @@ use serde_json::json;
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 
 use super::args::seconds;
+use super::gather_board::{GatherBoard, ask, gathers};
 use super::variable::board_layout;
 use super::{Context, Failure, Verdict};
-use crate::client::{Board, CommandError, Connection, GatherFollower, GatherPhase};
+use crate::client::{Board, GatherFollower, GatherPhase};
+use crate::decode::Scales;
 use crate::gather::{
     Column, CsvWriter, GatherMode, GatherPlan, GatherRequest, NpyWriter, SampleClock, ServoReport, Source,
     column, plan,
 };
-use crate::map::classic::GATHERING;
 use crate::map::{Layout, Plan};
-use crate::protocol::CallError;
 use crate::segment::{RegionId, RegionState};
 
-/// How long the board may take to answer a line.
-const LINE: Duration = Duration::from_secs(5);
 /// How long to sleep when there are no samples.
 const LOOK: Duration = Duration::from_millis(5);
-/// How long without a sample until the board is said to gather nothing.
+/// How long without a sample, beyond two periods, until the board is said to gather nothing.
 const SILENCE: Duration = Duration::from_secs(5);
 /// How often the progress is shown.
 const PROGRESS: Duration = Duration::from_millis(200);
@@ -104,7 +102,7 @@ pub fn run(context: &mut Context, options: &Gather) -> Result<Verdict, Failure> 
         board.subscriber().region(RegionId::Servo).map_err(Failure::request)?.state == RegionState::Live;
     let old_period = ask(&mut connection, "I19")?;
     let i48 = ask(&mut connection, "I48")?;
-    let gathering = found_gathering(&mut connection, &old_period)?;
+    let gathering = gathers(&mut connection)?;
     let request = GatherRequest {
         sources,
         period: options.period,
@@ -117,7 +115,7 @@ pub fn run(context: &mut Context, options: &Gather) -> Result<Verdict, Failure> 
         },
         gathering,
     };
-    let mut plan = plan(&request, &layout, &scales).map_err(Failure::request)?;
+    let plan = plan(&request, &layout, &scales).map_err(Failure::request)?;
     kept.check_gather(layout.gather().buffer, plan.buffer_longs, plan.sample_longs)
         .map_err(Failure::request)?;
     let clock = SampleClock { period: plan.period, servo_period_ns: scales.servo_period_ns() };
@@ -138,24 +136,24 @@ pub fn run(context: &mut Context, options: &Gather) -> Result<Verdict, Failure> 
     }
     let out = open(&options.output, &plan.columns, clock)?;
 
-    if request.servo_report == ServoReport::Waiting {
-        // Its timer is the clock, and has to run before the first look.
-        start_report(&mut connection, &board, options.period)?;
-        plan.start.truncate(1);
-    }
-    for line in &plan.prepare {
-        connection.send(line, LINE).map_err(|error| explain(line, error))?;
-    }
-    connection.gather_begin(&plan, &layout, host_clock)?;
-    let follower = board.follow_gather()?;
+    let silence = silence(&clock, &layout);
+    let mut side = GatherBoard::new(connection, &plan, old_period);
+    let follower = match side.begin(&board, &layout, host_clock, silence, &stop) {
+        Ok(follower) => follower,
+        Err(failure) => return Err(side.give_up(failure)),
+    };
     let mut gather =
-        Run { follower, plan: &plan, clock, out, gather: None, next: 0, samples: 0, ended: None };
-    let mut outcome = start(&mut connection, &plan);
+        Run { follower, plan: &plan, clock, silence, out, gather: None, next: 0, samples: 0, ended: None };
+    let mut outcome = side.start();
     if outcome.is_ok() {
         outcome = gather.until(&board, options.seconds, &stop);
     }
     // Whatever happened: a board that goes on gathering would refuse the next gather.
-    let stopped = finish(&mut connection, &plan, &old_period);
+    let mut stopped = Ok(());
+    match outcome {
+        Ok(()) => stopped = side.finish(),
+        Err(failure) => outcome = Err(side.give_up(failure)),
+    }
     if outcome.is_ok() && stopped.is_ok() && gather.ended.is_none() {
         outcome = gather.rest(&board, options.seconds);
     }
@@ -189,71 +187,12 @@ pub fn run(context: &mut Context, options: &Gather) -> Result<Verdict, Failure> 
     }
 }
 
-fn ask(connection: &mut Connection, variable: &str) -> Result<String, Failure> {
-    let lines = connection.send(variable, LINE)?;
-    Ok(lines
-        .first()
-        .map(|line| line.rsplit('=').next().unwrap_or(line).trim().to_owned())
-        .unwrap_or_default())
-}
-
-/// Starts the servo report, for which I48=1 waits for a `GATHER`.
-fn start_report(connection: &mut Connection, board: &Board, period: u32) -> Result<(), Failure> {
-    connection.send(&format!("I19={period}"), LINE)?;
-    connection.send("GATHER", LINE)?;
-    let deadline = Instant::now() + SILENCE;
-    while board.subscriber().region(RegionId::Servo).map_err(Failure::request)?.state != RegionState::Live {
-        if Instant::now() > deadline {
-            return Err(Failure::Refused(
-                "I48=1 and GATHER start no servo report (is I59 above 0?), so turns of the buffer cannot be counted"
-                    .to_owned(),
-            ));
-        }
-        std::thread::sleep(LOOK);
-    }
-    Ok(())
-}
-
-/// Whether the board gathers already, as after a `pmacctl gather` that was killed; says so.
-fn found_gathering(connection: &mut Connection, period: &str) -> Result<bool, Failure> {
-    let status = connection.send("???", LINE)?;
-    let gathers = status
-        .first()
-        .and_then(|line| line.get(..6))
-        .and_then(|word| u32::from_str_radix(word, 16).ok())
-        .is_some_and(|word| word & GATHERING != 0);
-    if gathers {
-        let _ = writeln!(
-            io::stderr(),
-            "the board was gathering already, every I19={period} servo cycles: that has been ended (by whom it was begun is \
-             not known; I19 stays {period} afterwards)"
-        );
-    }
-    Ok(gathers)
-}
-
-fn start(connection: &mut Connection, plan: &GatherPlan) -> Result<(), Failure> {
-    plan.start.iter().try_for_each(|line| Ok(connection.send(line, LINE).map(drop)?))
-}
-
-/// Ends gathering on the board and puts the report's period back.
-fn finish(connection: &mut Connection, plan: &GatherPlan, old_period: &str) -> Result<(), Failure> {
-    let stopped = connection.send(&plan.stop, LINE).map(drop);
-    let told = connection.gather_end();
-    if old_period != plan.period.to_string() {
-        connection.send(&format!("I19={old_period}"), LINE)?;
-    }
-    stopped?;
-    Ok(told?)
-}
-
-fn explain(line: &str, error: CommandError) -> Failure {
-    match &error {
-        CommandError::Refused(CallError::Board { .. }) if line.starts_with("DEFINE") => Failure::Refused(
-            format!("{line}: {error}; if the board gathers already, `pmacctl send ENDGATHER` ends that"),
-        ),
-        _ => Failure::from(error),
-    }
+/// How long the board may be silent: two periods, since one may just have begun, and [`SILENCE`] more. A board whose servo
+/// cycle is not known is taken to have the one of its factory settings.
+fn silence(clock: &SampleClock, layout: &Layout) -> Duration {
+    let factory = || Scales { motors: Vec::new(), i10: Some(layout.family().default_i10) }.servo_period_ns();
+    let cycle_ns = clock.servo_period_ns.or_else(factory).unwrap_or_default();
+    SILENCE.saturating_add(Duration::from_nanos((2.0 * f64::from(clock.period) * cycle_ns) as u64))
 }
 
 fn open(path: &Path, columns: &[Column], clock: SampleClock) -> Result<Writer, Failure> {
@@ -277,6 +216,8 @@ struct Run<'a> {
     follower: GatherFollower,
     plan: &'a GatherPlan,
     clock: SampleClock,
+    /// How long nothing may come.
+    silence: Duration,
     out: Writer,
     /// The number the daemon gave it.
     gather: Option<u32>,
@@ -308,8 +249,11 @@ impl Run<'_> {
         {
             if self.take(board, wanted)? {
                 last_news = Instant::now();
-            } else if last_news.elapsed() > SILENCE {
-                return Err(Failure::Refused("the board gathers nothing: no sample for 5 s".to_owned()));
+            } else if last_news.elapsed() > self.silence {
+                let seconds = self.silence.as_secs_f64();
+                return Err(Failure::Refused(format!(
+                    "the board gathers nothing: no sample for {seconds:.0} s"
+                )));
             } else {
                 std::thread::sleep(LOOK);
             }
@@ -332,10 +276,10 @@ impl Run<'_> {
     /// What is left after the end.
     fn rest(&mut self, board: &Board, seconds: Option<Duration>) -> Result<(), Failure> {
         let wanted = self.wanted(seconds);
-        let deadline = Instant::now() + SILENCE;
+        let began = Instant::now();
         while self.ended.is_none() && wanted.is_none_or(|wanted| self.next < wanted) {
             if !self.take(board, wanted)? {
-                if Instant::now() > deadline {
+                if began.elapsed() > self.silence {
                     return Err(Failure::Request(
                         "the daemon does not say that the gather has ended".to_owned(),
                     ));
@@ -369,5 +313,23 @@ impl Run<'_> {
             self.ended = Some(chunk.phase);
         }
         Ok(true)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::map::PMAC;
+
+    #[test]
+    fn a_board_may_be_silent_for_as_long_as_its_period_takes() {
+        let layout = Layout::new(&PMAC, None);
+        let seconds = |period, servo_period_ns| {
+            silence(&SampleClock { period, servo_period_ns }, &layout).as_secs_f64().round()
+        };
+        assert_eq!(seconds(1, Some(442_708.4)), 5.0);
+        assert_eq!(seconds(22_588, Some(442_708.4)), 25.0);
+        assert_eq!(seconds(22_588, None), 25.0, "as the factory has it");
+        assert_eq!(seconds(8_388_607, Some(442_708.4)), 5.0 + 7427.0, "the longest there is");
     }
 }

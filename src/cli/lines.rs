@@ -28,16 +28,33 @@ pub enum LineError {
         /// What it had answered before.
         lines: Vec<String>,
     },
-    /// The board did not answer, or the daemon did not let the line pass: what comes behind it cannot be sent either.
+    /// No answer came, or not its end: the line may or may not have been carried out.
+    Uncertain {
+        /// Why.
+        failure: Failure,
+        /// What had come of the answer.
+        lines: Vec<String>,
+    },
+    /// The line did not reach the board: what comes behind it cannot be sent either.
     NotSent(Failure),
 }
 
 impl LineError {
+    /// Takes out what the board had answered before the error, or before it was given up.
+    pub fn take_lines(&mut self) -> Vec<String> {
+        match self {
+            Self::Board { lines, .. } | Self::Uncertain { lines, .. } => std::mem::take(lines),
+            Self::NotSent(_) => Vec::new(),
+        }
+    }
+
     /// The error as JSON: `code` is null when the board was not the one that said no.
     pub fn document(&self) -> Value {
         match self {
             Self::Board { code, text, .. } => json!({ "code": code, "message": text }),
-            Self::NotSent(failure) => json!({ "code": null, "message": failure.to_string() }),
+            Self::Uncertain { failure, .. } | Self::NotSent(failure) => {
+                json!({ "code": null, "message": failure.to_string() })
+            }
         }
     }
 }
@@ -46,7 +63,7 @@ impl std::fmt::Display for LineError {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
             Self::Board { text, .. } => f.write_str(text),
-            Self::NotSent(failure) => failure.fmt(f),
+            Self::Uncertain { failure, .. } | Self::NotSent(failure) => failure.fmt(f),
         }
     }
 }
@@ -55,7 +72,7 @@ impl From<LineError> for Failure {
     fn from(error: LineError) -> Self {
         match error {
             LineError::Board { text, .. } => Self::Refused(text),
-            LineError::NotSent(failure) => failure,
+            LineError::Uncertain { failure, .. } | LineError::NotSent(failure) => failure,
         }
     }
 }
@@ -67,6 +84,15 @@ impl From<CommandError> for LineError {
             CommandError::Refused(CallError::Board { code, lines, .. }) => {
                 Self::Board { code: Some(code), text, lines }
             }
+            CommandError::Refused(CallError::TimedOut { lines }) => {
+                Self::Uncertain { failure: Failure::Refused(text), lines }
+            }
+            // The connection was there, so the daemon may have passed the line on.
+            CommandError::Broken { .. }
+            | CommandError::NoAnswer { .. }
+            | CommandError::Refused(CallError::Protocol(_)) => {
+                Self::Uncertain { failure: error.into(), lines: Vec::new() }
+            }
             other => Self::NotSent(other.into()),
         }
     }
@@ -77,7 +103,11 @@ impl From<SerialError> for LineError {
         let text = error.to_string();
         match error {
             SerialError::Board { code, lines } => Self::Board { code, text, lines },
-            SerialError::TimedOut => Self::NotSent(Failure::Refused(text)),
+            SerialError::TimedOut => Self::Uncertain { failure: Failure::Refused(text), lines: Vec::new() },
+            // The line was open, so characters may have gone out.
+            SerialError::Port { .. } | SerialError::NoBoard { .. } => {
+                Self::Uncertain { failure: Failure::Request(text), lines: Vec::new() }
+            }
             _ => Self::NotSent(Failure::Request(text)),
         }
     }

@@ -15,6 +15,7 @@ mod doctor;
 mod doctor_machine;
 mod download;
 mod gather;
+mod gather_board;
 mod interrupt;
 mod lines;
 mod map;
@@ -92,6 +93,15 @@ enum Failure {
 impl Failure {
     fn request(error: impl std::fmt::Display) -> Self {
         Self::Request(error.to_string())
+    }
+
+    /// The same, with where it happened before it.
+    fn at(self, place: impl std::fmt::Display) -> Self {
+        match self {
+            Self::Refused(text) => Self::Refused(format!("{place}: {text}")),
+            Self::Request(text) => Self::Request(format!("{place}: {text}")),
+            output @ Self::Output(_) => output,
+        }
     }
 }
 

@@ -27,29 +27,31 @@ pub fn run(context: &mut Context, options: &Send) -> Result<Verdict, Failure> {
     match reply {
         Ok(lines) if json => context.output.json(&json!({ "lines": lines, "error": null }))?,
         Ok(lines) => print(context, &lines)?,
-        Err(CommandError::Refused(CallError::Board { code, meaning, lines })) => {
+        Err(error) => {
             // What the board answered before the error belongs to the reply, and comes first.
+            let (code, meaning, lines) = parts(&error);
             if json {
                 let error = json!({ "code": code, "meaning": meaning });
                 context.output.json(&json!({ "lines": lines, "error": error }))?;
             } else {
-                print(context, &lines)?;
+                print(context, lines)?;
             }
             context.output.flush()?;
-            return Err(CommandError::Refused(CallError::Board { code, meaning, lines }).into());
+            return Err(error.into());
         }
-        Err(CommandError::Refused(CallError::TimedOut { lines })) => {
-            if json {
-                context.output.json(&json!({ "lines": lines, "error": "timed out" }))?;
-            } else {
-                print(context, &lines)?;
-            }
-            context.output.flush()?;
-            return Err(CommandError::Refused(CallError::TimedOut { lines }).into());
-        }
-        Err(error) => return Err(error.into()),
     }
     Ok(Verdict::Yes)
+}
+
+/// The number of `ERRnnn` when it is the board's error, what is wrong, and what had come of the reply.
+fn parts(error: &CommandError) -> (Option<u16>, String, &[String]) {
+    match error {
+        CommandError::Refused(CallError::Board { code, meaning, lines }) => {
+            (Some(*code), meaning.clone(), lines)
+        }
+        CommandError::Refused(CallError::TimedOut { lines }) => (None, error.to_string(), lines),
+        _ => (None, error.to_string(), &[]),
+    }
 }
 
 fn print(context: &mut Context, lines: &[String]) -> Result<(), Failure> {

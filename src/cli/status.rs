@@ -64,10 +64,12 @@ fn document(context: &Context, board: &Board, identity: &Identity) -> Value {
         .collect();
     let counters: Map<String, Value> =
         subscriber.counters().map(|(counter, value)| (counter.name().to_owned(), json!(value))).collect();
-    let service = match Connection::open(&context.socket).and_then(|mut connection| connection.info()) {
-        Ok(info) => json!({ "path": context.socket, "reachable": true, "version": info.version,
-            "board": info.board, "enabled": info.enabled, "command_port": info.command_port,
-            "host_port": info.host_port }),
+    let service = Connection::open(&context.socket)
+        .and_then(|mut connection| Ok((connection.info()?, connection.settings().unwrap_or_default())));
+    let service = match service {
+        Ok((info, settings)) => json!({ "path": context.socket, "reachable": true, "version": info.version,
+            "board": info.board, "enabled": info.enabled, "functions": settings.functions,
+            "command_port": info.command_port, "host_port": info.host_port }),
         Err(error) => json!({ "path": context.socket, "reachable": false, "reason": error.to_string() }),
     };
     json!({
@@ -132,8 +134,14 @@ fn text(document: &Value) -> String {
         let enabled: Vec<_> = socket["enabled"].as_array().into_iter().flatten().map(plain).collect();
         say("socket", plain(&socket["path"]));
         say("enabled", enabled.join(" "));
-        let port = if socket["command_port"] == "mailbox" { "VME mailboxes" } else { "DPRAM" };
-        say("command lines", format!("through the {port}"));
+        let functions = socket["functions"].as_array();
+        let taken = functions.is_some_and(|functions| functions.iter().any(|name| name == "ascii"));
+        let port = match &socket["command_port"] {
+            _ if !taken => "off by the daemon's configuration",
+            Value::String(port) if port == "mailbox" => "through the VME mailboxes",
+            _ => "through the DPRAM",
+        };
+        say("command lines", port.to_owned());
         let host_port = &socket["host_port"];
         if !host_port.is_null() {
             let count = |name: &str| plain(&host_port[name]);

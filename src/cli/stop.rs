@@ -52,6 +52,7 @@ pub fn abort(context: &mut Context, options: &Abort) -> Result<Verdict, Failure>
     match failed {
         None => Ok(Verdict::Yes),
         Some((line, LineError::Board { text, .. })) => Err(Failure::Refused(format!("{line}: {text}"))),
+        Some((line, LineError::Uncertain { failure, .. })) => Err(failure.at(line)),
         Some((_, error)) => Err(error.into()),
     }
 }
@@ -61,10 +62,14 @@ pub fn kill(context: &mut Context) -> Result<Verdict, Failure> {
 }
 
 fn control(context: &mut Context, character: u8) -> Result<Verdict, Failure> {
-    context.connection()?.control(character)?;
+    let sent = context.connection()?.control(character).map_err(LineError::from);
     if context.output.is_json() {
         let name = crate::protocol::control::name(character);
-        context.output.json(&json!({ "sent": [name], "error": null }))?;
+        let taken = sent.iter().map(|_| &name).collect::<Vec<_>>();
+        let error = sent.as_ref().err().map(LineError::document);
+        context.output.json(&json!({ "sent": taken, "error": error }))?;
+        context.output.flush()?;
     }
+    sent?;
     Ok(Verdict::Yes)
 }

@@ -116,10 +116,17 @@ impl Session {
         self.all_taken &= result.is_ok();
         match result {
             Ok(lines) => Ok((lines, None, None)),
-            Err(LineError::Board { code, text, lines }) => Ok((lines, Some(text), code)),
-            // The next line may fare better.
-            Err(LineError::NotSent(Failure::Refused(text))) => Ok((Vec::new(), Some(text), None)),
-            Err(LineError::NotSent(failure)) => Err(failure),
+            Err(mut error) => {
+                let lines = error.take_lines();
+                match error {
+                    LineError::Board { code, text, .. } => Ok((lines, Some(text), code)),
+                    error => match error.into() {
+                        // The next line may fare better.
+                        Failure::Refused(text) => Ok((lines, Some(text), None)),
+                        failure => Err(failure),
+                    },
+                }
+            }
         }
     }
 

@@ -227,7 +227,7 @@ pub(super) fn read(
     for (question, asked) in questions(&items) {
         let lines = way.send(&question, PATIENCE).map_err(|error| match error {
             LineError::Board { text, .. } => Failure::Refused(format!("{question}: {text}")),
-            LineError::NotSent(failure) => failure,
+            other => other.into(),
         })?;
         if lines.len() != asked.len() {
             let (wanted, got) = (asked.len(), lines.len());

@@ -144,6 +144,11 @@ impl Service {
     fn admit(&mut self, stream: UnixStream, now: Instant) {
         let Ok(peer) = Peer::of(&stream) else { return };
         let role = self.admission.role_of(&peer, &self.policy, now);
+        self.enter(stream, peer, role, now);
+    }
+
+    /// Gives the connection a place, if there is one.
+    pub(super) fn enter(&mut self, stream: UnixStream, peer: Peer, role: Role, now: Instant) {
         let client = Client::new(stream, peer, role, now);
         let room = self.admission.places.room(self.clients.len(), self.held_by(peer.uid), peer.uid, role);
         if let Err(full) = room

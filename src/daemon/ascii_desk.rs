@@ -13,7 +13,7 @@ use super::queue::{
 };
 use super::response_port::{PortError, ResponsePort, Way};
 use crate::device::Bus;
-use crate::function::ascii::{AsciiEvent, ResponseText, control_has_reply};
+use crate::function::ascii::{AsciiEvent, AsciiPort, ResponseText, control_has_reply};
 use crate::protocol::OpenBuffer;
 use crate::segment::{Counter, Publisher, monotonic_ns};
 
@@ -94,6 +94,8 @@ pub struct AsciiDesk {
     pub(super) under_way: Option<UnderWay>,
     /// The control character that lies in its word, until the board takes it.
     pub(super) control_lies: Option<WaitingControl>,
+    /// One that lay there when the board was forgotten, and whether that may have taken it; its caller is to be told.
+    control_lost: Option<(Ticket, bool)>,
     /// Whether the board takes lines as program lines.
     pub(super) buffer: OpenBuffer,
     /// An event the socket's queue had no room for. Until it is gone nothing more is taken from the board.
@@ -122,6 +124,7 @@ impl AsciiDesk {
             controls: VecDeque::with_capacity(CONTROLS_MAX + 1),
             under_way: None,
             control_lies: None,
+            control_lost: None,
             buffer: OpenBuffer::default(),
             outbox: None,
             identifier,
@@ -146,19 +149,31 @@ impl AsciiDesk {
         self.identifier.ask_again(now);
     }
 
-    /// The board is another one, or was reset: no buffer is open, and what it had been told to send it has forgotten. A
-    /// command under way through the mailboxes is given up: whether it was carried out nobody knows.
+    /// The board is another one, or was reset: no buffer is open, and what it had been told to send it has forgotten. The
+    /// commands under way are given up, so that the new board does nothing of what the old one was told. What lies untouched
+    /// was not carried out; of everything else nobody knows.
     ///
     /// # Errors
-    /// When the mailboxes cannot be reached.
-    pub fn forget(&mut self, now: Instant) -> Result<(), PortError> {
+    /// When a port cannot be reached.
+    pub fn forget(&mut self, bus: &mut impl Bus, now: Instant) -> Result<(), PortError> {
         self.buffer = OpenBuffer::default();
-        if self.port.way() == Way::Mailbox
-            && let Some(under_way) = &mut self.under_way
-        {
-            under_way.taken = true;
-            under_way.deadline = now;
+        if let Some(lying) = self.control_lies.take() {
+            let taken = AsciiPort::is_out_of_reach(bus)? || !self.port.control_lies(bus)?;
+            self.control_lost = Some((lying.ticket, taken));
+            self.port.withdraw_control(bus, now)?;
         }
+        if let Some(under_way) = &mut self.under_way {
+            under_way.deadline = now;
+            match self.port.way() {
+                Way::Mailbox => under_way.taken = true,
+                // Now, before a cleared flag is taken for the board's having taken the first half of a line.
+                Way::Dpram if !std::mem::replace(&mut under_way.given_up, true) => {
+                    under_way.taken |= self.port.give_up(bus, now)?;
+                }
+                Way::Dpram => {}
+            }
+        }
+        self.look_now(now);
         self.port.start(now)
     }
 
@@ -205,7 +220,7 @@ impl AsciiDesk {
     /// Takes a line or control character in; gives it back when too many wait.
     ///
     /// # Errors
-    /// The ticket, to be answered with [`Outcome::Unavailable`].
+    /// The ticket, to be answered with [`Outcome::Busy`].
     pub fn submit(&mut self, command: &Command, now: Instant) -> Result<(), Ticket> {
         match *command {
             Command::Send { ticket, .. } if self.lines.len() == LINES_MAX => return Err(ticket),
@@ -267,6 +282,7 @@ impl AsciiDesk {
         let owed = self.under_way.is_some()
             || self.port.is_waiting()
             || self.control_lies.is_some()
+            || self.control_lost.is_some()
             || self.outbox.is_some()
             || !self.lines.is_empty()
             || !self.controls.is_empty();
@@ -291,6 +307,10 @@ impl AsciiDesk {
         publisher: &Publisher,
         now: Instant,
     ) -> Result<(), PortError> {
+        if let Some((ticket, taken)) = self.control_lost.take() {
+            self.fail(events, publisher, ticket, taken);
+            return Ok(());
+        }
         if let Some(lying) = self.control_lies {
             if !self.port.control_lies(bus)? {
                 self.control_lies = None;
@@ -408,7 +428,12 @@ impl AsciiDesk {
             && now >= first.deadline
         {
             self.lines.pop_front();
-            if self.port.is_idle() && self.under_way.is_none() {
+            if self.under_way.is_some() {
+                // That it waited for another one says nothing of the board.
+                self.tell(events, Event::Done(first.ticket, Outcome::Busy));
+                return Ok(());
+            }
+            if self.port.is_idle() {
                 // Nothing of ours is under way, yet the line could not be begun: an earlier one still lies in the
                 // buffer with nobody to take it. It must not be carried out by surprise later.
                 self.port.withdraw_line(bus)?;

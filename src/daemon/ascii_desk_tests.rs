@@ -122,6 +122,69 @@ fn that_a_line_was_not_taken_is_said_after_a_silence_only() {
 }
 
 #[test]
+fn a_line_that_waits_for_another_says_nothing_of_the_board() {
+    let mut rig = Rig::new();
+    rig.send(1, "LIST", Duration::from_secs(60));
+    rig.send(2, "P2", Duration::from_secs(1));
+    rig.pass();
+    rig.bus.write16(ASCII_OUTPUT_CONTROL, 0).unwrap();
+    rig.desk.state = PortState::Answers;
+    rig.now += Duration::from_secs(1);
+    rig.pass();
+    assert_eq!(rig.ended(), [(2, Outcome::Busy)]);
+    assert_eq!(rig.desk.state(), PortState::Answers);
+}
+
+#[test]
+fn a_new_board_does_nothing_of_what_the_old_one_was_told() {
+    const ABORT: u8 = 0x01;
+    const ONES: u16 = u16::MAX;
+    // What the words of the flag and of the control character hold when the reset is noticed, and what may be said then.
+    for (flag, character, outcome) in [
+        (COMMAND_LOADED, u16::from(ABORT), Outcome::Unavailable),
+        (0, 0, Outcome::TimedOut),
+        (ONES, ONES, Outcome::TimedOut),
+    ] {
+        let mut rig = Rig::new();
+        rig.send(1, "P1", Duration::from_secs(600));
+        rig.control(2, ABORT);
+        rig.pass();
+        rig.pass();
+        assert!(rig.loaded());
+        rig.bus.write16(ASCII_OUTPUT_CONTROL, flag).unwrap();
+        rig.bus.write16(ASCII_CONTROL_CHARACTER, character).unwrap();
+        rig.desk.forget(&mut rig.bus, rig.now).unwrap();
+        assert!(!rig.loaded());
+        assert_ne!(rig.bus.read16(ASCII_CONTROL_CHARACTER).unwrap(), u16::from(ABORT));
+        rig.bus.write16(ASCII_CONTROL_CHARACTER, 0).unwrap();
+        for _ in 0..3 {
+            rig.pass();
+            rig.now += SETTLE;
+        }
+        let mut ended = rig.ended();
+        ended.sort_by_key(|(ticket, _)| *ticket);
+        assert_eq!(ended, [(1, outcome), (2, outcome)], "{flag:#x}");
+    }
+}
+
+#[test]
+fn the_second_half_of_a_line_is_no_line_for_a_new_board() {
+    let mut rig = Rig::new();
+    rig.send(1, &format!("{}#1J+", " ".repeat(180)), Duration::from_secs(600));
+    rig.pass();
+    assert!(rig.loaded());
+    rig.bus.write16(ASCII_OUTPUT_CONTROL, 0).unwrap();
+    rig.desk.forget(&mut rig.bus, rig.now).unwrap();
+    rig.bus.write16(ASCII_CONTROL_CHARACTER, 0).unwrap();
+    for _ in 0..3 {
+        rig.pass();
+        assert!(!rig.loaded());
+        rig.now += SETTLE;
+    }
+    assert_eq!(rig.ended(), [(1, Outcome::Unavailable)]);
+}
+
+#[test]
 fn what_stops_the_machine_does_not_wait_behind_a_report() {
     const POSITIONS: u8 = 0x10;
     const KILL_ALL: u8 = 0x0B;

@@ -22,18 +22,20 @@ use super::interrupt_link::InterruptLink;
 use super::job::Job;
 use super::job_desk::JobDesk;
 use super::mailbox_link::MailboxLink;
+use super::presence::Condition;
 use super::queue::{Command, Event, Outcome, READ_MAX, Receive, Sender};
-use super::response_port::{PortError, Way};
+use super::response_port::PortError;
 use super::room::Room;
+use super::telling::Told;
 use super::uncertain::Uncertain;
 use crate::device::{Bus, BusError, Counted};
 use crate::function::ascii::AsciiPort;
 use crate::function::background::BackgroundReader;
 use crate::function::servo::ServoReader;
 use crate::map::HostOffset;
-use crate::mirror::{BackgroundMirror, ServoMirror, Transition};
-use crate::protocol::{Enabled, Function, Functions, State as InfoState};
-use crate::segment::{Counter, Identity, Publisher, RegionId, RegionState, Stamp, State, monotonic_ns};
+use crate::mirror::{BackgroundMirror, ServoMirror};
+use crate::protocol::{Function, Functions, State as InfoState};
+use crate::segment::{Counter, Publisher, State, monotonic_ns};
 
 /// How often the segment's heartbeat is written.
 const HEARTBEAT_NS: u64 = 50_000_000;
@@ -92,30 +94,10 @@ pub struct BoardLoop {
     pub rounds_for_servo: u32,
     /// What is left free before servo updates.
     pub room: Room,
+    /// Whether the board is there, as far as was seen.
+    pub condition: Condition,
     /// What is to be said when it changes.
     pub told: Told,
-}
-
-/// What was said last, so that only changes are said.
-#[derive(Default)]
-pub struct Told {
-    state: Option<State>,
-    pub(super) port: Option<(Way, PortState)>,
-    /// The DPRAM is out of reach for want of its page.
-    pub(super) out_of_reach: bool,
-    /// A reset was found by its lost page, and servo data have not come since to tell of the same one.
-    pub(super) reset_known: bool,
-    /// Both interrupts of the mailboxes are there.
-    pub(super) mailbox: bool,
-    bus_error: bool,
-    /// The board's memory is not to be had.
-    pub(super) gone: bool,
-    /// Nothing answers on the bus.
-    pub(super) silent: bool,
-    pub(super) interrupt: bool,
-    identity: Option<Identity>,
-    /// The socket's thread was reading when the identity changed; to be told at the next beat.
-    info_pending: bool,
 }
 
 /// Work that can wait for the servo.
@@ -145,7 +127,7 @@ impl BoardLoop {
         self.take_over_board();
         // What the configuration says of the board is known without asking.
         self.take_identity();
-        if let Err(error) = self.desk.forget(Instant::now()) {
+        if let Err(error) = self.forget_commands() {
             self.bus_failed(&error);
         }
         let mut heartbeat_due = 0;
@@ -248,21 +230,21 @@ impl BoardLoop {
         let accesses = self.bus.accesses();
         let work = self.longest_waiting(now);
         let servo_due = now >= self.servo_due_ns();
-        let no_room = self.servo_due_ns().saturating_sub(now) < self.room.ns() && self.servo.is_live();
+        let no_room = self.has_no_room(now);
         // On a slow bus, or at a high servo rate, there may never be room. What stops a machine goes out all the same.
         let starving = self.rounds_for_servo >= STARVING_ROUNDS && work.is_some();
         if (servo_due || no_room) && !starving {
-            self.rounds_for_servo += 1;
             if servo_due {
+                self.rounds_for_servo += 1;
                 let transition = self.servo.pass(&mut self.bus, &mut self.publisher)?;
                 self.count(Counter::ServoAccesses, accesses);
                 self.tell_servo(transition);
                 self.desk.see_buffer(self.servo.program_buffer_open());
                 if self.servo.take_reset() {
                     info!("the board was reset, or its memory cleared");
-                    self.after_reset(!self.told.reset_known)?;
+                    self.after_reset(!self.condition.reset_known)?;
                 }
-                self.told.reset_known &= !self.servo.is_live();
+                self.condition.reset_known &= !self.servo.is_live();
             }
             return Ok(());
         }
@@ -300,6 +282,11 @@ impl BoardLoop {
         Ok(())
     }
 
+    /// Whether what is begun at `ns` might delay the servo data.
+    fn has_no_room(&self, ns: u64) -> bool {
+        self.servo.is_live() && ns.saturating_add(self.room.ns()) > self.servo_due_ns()
+    }
+
     /// Of the work that is due and can wait for the servo, that which has waited longest.
     fn longest_waiting(&self, now: u64) -> Option<Work> {
         let instant = Instant::now();
@@ -317,7 +304,7 @@ impl BoardLoop {
 
     /// When a job is to go on: not before its last answer is gone, nor while what would be read is no board's.
     fn jobs_due(&self) -> Option<Instant> {
-        self.jobs.due().filter(|_| self.answer.is_none() && !self.told.silent)
+        self.jobs.due().filter(|_| self.answer.is_none() && !self.condition.silent)
     }
 
     /// Adds the accesses made since there were `before` of them.
@@ -335,15 +322,15 @@ impl BoardLoop {
         let others = desk_due.min(self.background_due_ns());
         // Work that would not fit before the servo data waits until after them.
         let servo = self.servo_due_ns();
-        let no_room = self.servo.is_live() && others.saturating_add(self.room.ns()) > servo;
-        let due = if no_room { servo } else { servo.min(others) };
+        let due = if self.has_no_room(others) { servo } else { servo.min(others) };
+        let commands_wait = self.has_no_room(now) && self.rounds_for_servo < STARVING_ROUNDS;
         let timeout = Duration::from_nanos(due.min(heartbeat_due).saturating_sub(monotonic_ns()));
         fn watched(fd: BorrowedFd<'_>) -> PollFd<'_> {
             PollFd::new(fd, PollFlags::POLLIN)
         }
         let interrupt = self.interrupt.as_ref().and_then(InterruptLink::descriptor);
         let stop = self.stop.as_fd();
-        let commands = self.answer.is_none().then(|| self.commands.descriptor());
+        let commands = (self.answer.is_none() && !commands_wait).then(|| self.commands.descriptor());
         // A place without a descriptor of its own watches the first one again, which is harmless.
         let mailbox = self.desk.port().mailbox.as_ref();
         let [taken, reply] = mailbox.map_or([None, None], MailboxLink::descriptors);
@@ -395,10 +382,11 @@ impl BoardLoop {
     fn take_commands(&mut self, now: Instant) {
         // The socket wakes once a command: leave the wake set while some may be left.
         self.commands.clear();
+        let starving = self.rounds_for_servo >= STARVING_ROUNDS;
         for taken in 0..COMMANDS_A_ROUND {
-            // Many words may be asked for: on a slow bus a second reading could cost the next servo update.
-            let no_room = || self.servo.is_live() && monotonic_ns() + self.room.ns() > self.servo.due_ns();
-            if self.answer.is_some() || taken > 0 && no_room() {
+            // Many words may be asked for: on a slow bus reading them could cost the next servo update.
+            let no_room = (taken > 0 || !starving) && self.has_no_room(monotonic_ns());
+            if self.answer.is_some() || no_room {
                 break;
             }
             let Some(command) = self.commands.try_receive() else { return };
@@ -432,7 +420,7 @@ impl BoardLoop {
 
     fn submit(&mut self, command: &Command, now: Instant) {
         if let Err(ticket) = self.desk.submit(command, now) {
-            self.reply(Event::Done(ticket, Outcome::Unavailable));
+            self.reply(Event::Done(ticket, Outcome::Busy));
         }
     }
 
@@ -485,7 +473,7 @@ impl BoardLoop {
         self.servo.is_live()
             || self.background.is_live()
             || self.desk.state() == PortState::Answers
-            || !told && !self.told.silent && !self.told.gone
+            || !told && !self.condition.silent && !self.condition.gone
     }
 
     pub(super) fn bus_failed(&mut self, error: &dyn std::fmt::Display) {
@@ -494,91 +482,5 @@ impl BoardLoop {
             error!("bus: {error}; further bus errors are only counted");
         }
         std::thread::sleep(BUS_ERROR_PAUSE);
-    }
-
-    fn tell_servo(&mut self, transition: Option<Transition>) {
-        match transition {
-            Some(Transition::Live) => {
-                info!("servo data come");
-                self.desk.identifier.ask_again(Instant::now());
-            }
-            Some(Transition::Stale) => {
-                warn!(
-                    "servo data are stale: no update for {} ms (is I48=1, I19>0, I59>0, and GATHER given?)",
-                    self.servo.stale_after_ns() / 1_000_000
-                );
-                self.desk.doubt(Instant::now());
-                self.page_again();
-                self.check_answers();
-            }
-            None => return,
-        }
-        self.tell_enabled();
-    }
-
-    fn tell_background(&mut self, transition: Option<Transition>) {
-        match transition {
-            Some(Transition::Live) => info!("background data come"),
-            Some(Transition::Stale) => {
-                warn!(
-                    "background data are stale: no report for {} ms (is I49=1 and I59>0?)",
-                    self.background.stale_after_ns() / 1_000_000
-                );
-                self.desk.doubt(Instant::now());
-                self.page_again();
-            }
-            None => return,
-        }
-        self.tell_enabled();
-    }
-
-    pub(super) fn tell_enabled(&self) {
-        let mut enabled = Enabled::empty();
-        enabled.set(Enabled::SERVO, self.servo.is_live());
-        enabled.set(Enabled::BACKGROUND, self.background.is_live());
-        enabled.set(Enabled::ASCII, self.desk.state() == PortState::Answers);
-        enabled.set(Enabled::INTERRUPT, self.has_interrupt());
-        self.info.set_enabled(enabled);
-    }
-
-    /// Publishes what has become known of the board, and works by it.
-    fn take_identity(&mut self) {
-        let Some(identity) = self.desk.identifier.news() else { return };
-        if self.told.identity.as_ref() == Some(&identity) {
-            return;
-        }
-        let motors = identity.i59.map_or(self.default_motors, |i59| i59 as usize);
-        self.servo.configure(motors, identity.servo_period_ps.map(|ps| ps / 1000), identity.i19);
-        self.background.configure(motors);
-        match self.uncertain.plan_for(identity.firmware.as_deref()) {
-            Ok(plan) => self.jobs.set_plan(plan),
-            Err(reason) => warn!("{reason}; the plan for boards of unknown firmware stays in force"),
-        }
-        let stamp = Stamp { time_ns: monotonic_ns(), servo_timer: 0, valid: true };
-        self.publisher.publish_bytes(RegionId::Board, stamp, &identity.encode());
-        self.publisher.set_region_state(RegionId::Board, RegionState::Live);
-        if let (Some(board_type), Some(firmware)) = (&identity.board_type, &identity.firmware) {
-            info!("the board is {board_type}, firmware {firmware}, reports {motors} motors");
-        }
-        self.told.identity = Some(identity);
-        self.inform();
-    }
-
-    fn inform(&mut self) {
-        let Some(identity) = &self.told.identity else { return };
-        let motors = identity.i59.map_or(self.default_motors as u32, |i59| i59);
-        self.told.info_pending = !self.info.try_update(|info| {
-            // A text that is there already is not made again.
-            for (told, known) in [
-                (&mut info.firmware, identity.firmware.as_deref()),
-                (&mut info.board_type, identity.board_type.as_deref()),
-            ] {
-                if told.as_deref() != known {
-                    *told = known.map(str::to_owned);
-                }
-            }
-            info.motors = motors;
-            info.servo_period_ns = identity.servo_period_ps.map(|ps| ps / 1000);
-        });
     }
 }

@@ -16,7 +16,7 @@ use nix::sys::eventfd::{EfdFlags, EventFd};
 
 use super::ascii_desk::AsciiDesk;
 use super::board::{self, Board};
-use super::board_loop::{BoardLoop, Told};
+use super::board_loop::BoardLoop;
 use super::exit::{self, Failure};
 use super::host_link::HostPortLink;
 use super::identify::{Identifier, servo_period_ps};
@@ -27,12 +27,14 @@ use super::log_sink::{LogSink, LogWriter};
 use super::mailbox_link::MailboxLink;
 use super::options::Options;
 use super::policy::group_id;
+use super::presence::Condition;
 use super::privilege::{self, Account, Holdings};
 use super::queue::queue;
 use super::response_port::ResponsePort;
 use super::room::Room;
 use super::serve::{Backend, ServeOptions, serve};
 use super::settings::Settings;
+use super::telling::Told;
 use super::watch::{Manager, Signals, until_asked_to_end};
 use crate::device::scheduling::scheduling;
 use crate::device::{BoardSpec, Counted, Inherited, System};
@@ -179,6 +181,7 @@ fn run(settings: &Settings, options: &Options, log: &mut LogWriter) -> Result<()
         began_ns: monotonic_ns(),
         rounds_for_servo: 0,
         room: Room::default(),
+        condition: Condition::default(),
         told: Told::default(),
     };
     let bus_thread = std::thread::Builder::new()

@@ -179,6 +179,11 @@ impl Client {
         self.outbox.len() <= STREAM_HIGH_WATER
     }
 
+    /// Bytes that wait to be fetched.
+    pub(super) fn unsent(&self) -> usize {
+        self.outbox.len()
+    }
+
     /// Sends what goes.
     pub(super) fn flush(&mut self, now: Instant) {
         let mut sent = 0;

@@ -67,6 +67,11 @@ impl Leases {
         self.stopping.remove(&ticket)
     }
 
+    /// Jogs that are held, and stops that the board has not taken.
+    pub(super) fn count(&self) -> usize {
+        self.held.len() + self.stopping.len()
+    }
+
     /// Whether another stop may be requested now.
     pub(super) fn may_stop(&self) -> bool {
         self.stopping.len() < STOPS_AT_ONCE

@@ -7,13 +7,26 @@ use super::board_loop::BoardLoop;
 use crate::device::Bus;
 use crate::segment::Counter;
 
+/// What was last seen of the board, and decides what is done with it.
+#[derive(Default)]
+pub struct Condition {
+    /// Its memory is not to be had.
+    pub(super) gone: bool,
+    /// Nothing answers on the bus.
+    pub(super) silent: bool,
+    /// The DPRAM is out of reach for want of its page.
+    pub(super) out_of_reach: bool,
+    /// A reset was found by its lost page, and servo data have not come since to tell of the same one.
+    pub(super) reset_known: bool,
+}
+
 impl BoardLoop {
     /// Looks whether the board is there, and opens it again when it was replaced or came back.
     pub(super) fn check_board(&mut self) {
         if self.bus.still_there() {
-            self.told.gone = false;
+            self.condition.gone = false;
             self.check_answers();
-            if !self.told.silent
+            if !self.condition.silent
                 && let Err(error) = self.let_board_speak()
             {
                 self.bus_failed(&error);
@@ -27,12 +40,12 @@ impl BoardLoop {
                 if let (Some(link), Some(interrupt)) = (&mut self.interrupt, opened.interrupt) {
                     link.replace(usable(interrupt));
                 }
-                self.told.gone = false;
+                self.condition.gone = false;
                 self.reopen_registers();
                 self.begin_anew();
             }
             Err(reason) => {
-                if !std::mem::replace(&mut self.told.gone, true) {
+                if !std::mem::replace(&mut self.condition.gone, true) {
                     warn!("the board's memory is gone: {reason}; trying again every second");
                 }
             }
@@ -42,7 +55,7 @@ impl BoardLoop {
     /// Where no board is, every word reads as ones. The functions take none of it for data, and jobs wait meanwhile.
     pub(super) fn check_answers(&mut self) {
         let silent = !self.bus.answers();
-        if std::mem::replace(&mut self.told.silent, silent) == silent {
+        if std::mem::replace(&mut self.condition.silent, silent) == silent {
             return;
         }
         if silent {
@@ -66,6 +79,10 @@ impl BoardLoop {
     /// Nothing seen so far says anything about what comes.
     pub(super) fn start_over(&mut self) {
         self.publisher.counters().add(Counter::Resets, 1);
+        // Before the words are put in order: what lies in them tells what the board has taken.
+        if let Err(error) = self.forget_commands() {
+            self.bus_failed(&error);
+        }
         self.take_over_board();
         self.servo.forget();
         self.background.forget();

@@ -142,6 +142,8 @@ pub enum Outcome {
     TimedOut,
     /// DPRAM ASCII is not to be had now (I58 = 0, or the board is gone).
     Unavailable,
+    /// Its turn did not come: too much was before it. Nothing of it was sent.
+    Busy,
     /// The words lie outside the board's window.
     OutOfRange,
     /// It cannot be done, for this reason. Nothing has been written.

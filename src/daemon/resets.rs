@@ -39,10 +39,10 @@ impl BoardLoop {
         if out_of_reach {
             mailbox.select_page()?;
         }
-        match (std::mem::replace(&mut self.told.out_of_reach, out_of_reach), out_of_reach) {
+        match (std::mem::replace(&mut self.condition.out_of_reach, out_of_reach), out_of_reach) {
             (false, true) => {
                 warn!("the DPRAM is out of reach, so the board was reset; writing its page");
-                self.told.reset_known = true;
+                self.condition.reset_known = true;
                 self.after_reset(true)?;
             }
             (true, false) => {
@@ -89,9 +89,13 @@ impl BoardLoop {
         // What was under way with the board as it was before is over; a half-read report is of no use.
         self.background.forget();
         self.jobs.take_over(&mut self.bus, &self.publisher)?;
-        let now = Instant::now();
-        self.desk.identifier.ask_again(now);
-        if is_news { self.desk.forget(now) } else { Ok(()) }
+        self.desk.identifier.ask_again(Instant::now());
+        if is_news { self.forget_commands() } else { Ok(()) }
+    }
+
+    /// Ends the commands under way: they were the board's that is no more.
+    pub(super) fn forget_commands(&mut self) -> Result<(), PortError> {
+        self.desk.forget(&mut self.bus, Instant::now())
     }
 
     /// The simulator that was started again has files of its own for these, too.

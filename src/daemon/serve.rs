@@ -142,22 +142,7 @@ impl Drop for Server {
 pub fn serve(options: &ServeOptions, listener: Listener, backend: Backend) -> Result<Server, ServeError> {
     let flags = EfdFlags::EFD_NONBLOCK | EfdFlags::EFD_CLOEXEC;
     let stop = Arc::new(EventFd::from_value_and_flags(0, flags).map_err(io::Error::from)?);
-    let service = Service {
-        policy: Policy::new(&options.roles)?,
-        admission: Admission::new(options),
-        options: options.clone(),
-        listener,
-        subscriptions: Subscriptions::new(backend.info.settings().plan.variable_read_entries as usize),
-        backend,
-        clients: BTreeMap::new(),
-        owners: HashMap::new(),
-        shares: Shares::default(),
-        turns: Turns::default(),
-        refusals: Refusals::default(),
-        leases: Leases::default(),
-        next_client: 0,
-        next_ticket: 0,
-    };
+    let service = Service::new(options, listener, backend)?;
     let waker = Arc::clone(&stop);
     let thread = std::thread::Builder::new().name("socket".to_owned()).spawn(move || service.run(&waker))?;
     Ok(Server { stop, thread: Some(thread) })
@@ -183,9 +168,32 @@ pub(super) struct Service {
 }
 
 impl Service {
+    pub(super) fn new(
+        options: &ServeOptions,
+        listener: Listener,
+        backend: Backend,
+    ) -> Result<Self, PolicyError> {
+        Ok(Self {
+            policy: Policy::new(&options.roles)?,
+            admission: Admission::new(options),
+            options: options.clone(),
+            listener,
+            subscriptions: Subscriptions::new(backend.info.settings().plan.variable_read_entries as usize),
+            backend,
+            clients: BTreeMap::new(),
+            owners: HashMap::new(),
+            shares: Shares::default(),
+            turns: Turns::default(),
+            refusals: Refusals::default(),
+            leases: Leases::default(),
+            next_client: 0,
+            next_ticket: 0,
+        })
+    }
+
     fn run(mut self, stop: &EventFd) {
         loop {
-            let ready = match self.wait(stop) {
+            let ready = match self.wait(stop, self.timeout()) {
                 Ok(ready) => ready,
                 Err(nix::Error::EINTR) => continue,
                 Err(errno) => {
@@ -196,44 +204,67 @@ impl Service {
             if ready.stop {
                 break;
             }
-            let now = Instant::now();
-            if ready.events {
-                self.backend.events.clear();
-                while let Some(event) = self.backend.events.try_receive() {
-                    self.on_event(event, now);
-                }
-            }
-            self.serve_ready(ready.clients, now);
-            if ready.listener {
-                self.accept(now);
-            }
-            self.expire(now);
-            self.end_leases(now, false);
-            let (owners, subscriptions) = (&mut self.owners, &mut self.subscriptions);
-            let before = self.clients.len();
-            self.clients.retain(|id, client| {
-                let stays = !client.is_finished();
-                if !stays {
-                    subscriptions.forget(*id);
-                }
-                if let (false, Waiting::Board(pending)) = (stays, &client.waiting) {
-                    owners.remove(&pending.ticket);
-                }
-                stays
-            });
-            if self.clients.len() < before {
-                // There is a descriptor again.
-                self.admission.pause = None;
-            }
-            self.tell_subscriptions(now);
-            self.hand_out(now);
+            self.round(ready, Instant::now());
         }
-        // Nobody will be there to hold a jog; the bus thread still does this before it ends.
         self.end_all_leases();
-        self.farewell();
+        self.end(Instant::now());
     }
 
-    fn wait(&self, stop: &EventFd) -> nix::Result<Ready> {
+    /// Does all there is to be done now.
+    pub(super) fn round(&mut self, ready: Ready, now: Instant) {
+        if ready.events {
+            self.backend.events.clear();
+            while let Some(event) = self.backend.events.try_receive() {
+                self.on_event(event, now);
+            }
+        }
+        self.serve_ready(ready.clients, now);
+        if ready.listener {
+            self.accept(now);
+        }
+        self.expire(now);
+        self.end_leases(now, false);
+        let (owners, subscriptions) = (&mut self.owners, &mut self.subscriptions);
+        let before = self.clients.len();
+        self.clients.retain(|id, client| {
+            let stays = !client.is_finished();
+            if !stays {
+                subscriptions.forget(*id);
+            }
+            if let (false, Waiting::Board(pending)) = (stays, &client.waiting) {
+                owners.remove(&pending.ticket);
+            }
+            stays
+        });
+        if self.clients.len() < before {
+            // There is a descriptor again.
+            self.admission.pause = None;
+        }
+        self.tell_subscriptions(now);
+        self.hand_out(now);
+    }
+
+    pub(super) fn end(&mut self, now: Instant) {
+        // Nobody will be there to hold a jog; the bus thread still does this before it ends.
+        self.end_leases(now, true);
+        self.farewell(now);
+    }
+
+    /// How long nothing need be done unless something happens.
+    fn timeout(&self) -> PollTimeout {
+        match self.next_deadline() {
+            _ if self.turns.has_next() || self.clients.values().any(|client| client.has_more) => {
+                PollTimeout::ZERO
+            }
+            None => PollTimeout::NONE,
+            Some(deadline) => {
+                let left = deadline.saturating_duration_since(Instant::now()) + Duration::from_millis(1);
+                PollTimeout::try_from(left).unwrap_or(PollTimeout::MAX)
+            }
+        }
+    }
+
+    pub(super) fn wait(&self, stop: &EventFd, timeout: PollTimeout) -> nix::Result<Ready> {
         let mut ids = Vec::with_capacity(self.clients.len());
         let mut fds = vec![
             PollFd::new(stop.as_fd(), PollFlags::POLLIN),
@@ -254,14 +285,6 @@ impl Service {
             .filter(|(_, client)| client.has_more)
             .map(|(&id, _)| (id, PollFlags::empty()))
             .collect();
-        let timeout = match self.next_deadline() {
-            _ if !clients.is_empty() || self.turns.has_next() => PollTimeout::ZERO,
-            None => PollTimeout::NONE,
-            Some(deadline) => {
-                let left = deadline.saturating_duration_since(Instant::now()) + Duration::from_millis(1);
-                PollTimeout::try_from(left).unwrap_or(PollTimeout::MAX)
-            }
-        };
         poll(&mut fds, timeout)?;
         let flags = |fd: &PollFd<'_>| fd.revents().unwrap_or(PollFlags::POLLERR);
         let is_ready = |index: usize| fds.get(index).is_some_and(|fd| flags(fd).contains(PollFlags::POLLIN));
@@ -479,9 +502,8 @@ impl Service {
     }
 
     /// Tells those who wait that nothing more will come; does not wait for them to hear it.
-    fn farewell(&mut self) {
+    fn farewell(&mut self, now: Instant) {
         self.refusals.end();
-        let now = Instant::now();
         let reply = CallError::Unavailable { reason: "pmacd is stopping".to_owned() }.to_reply();
         for client in self.clients.values_mut() {
             match &client.waiting {
@@ -492,7 +514,8 @@ impl Service {
     }
 }
 
-struct Ready {
+/// Who has something to be done.
+pub(super) struct Ready {
     stop: bool,
     events: bool,
     listener: bool,
@@ -518,6 +541,7 @@ fn outcome_reply(outcome: Outcome, lines: Vec<String>, overlong: bool) -> Result
             reason: "the port for command lines is off (DPRAM ASCII: I58=0) or the board does not answer"
                 .to_owned(),
         }),
+        Outcome::Busy => Err(CallError::Busy),
         Outcome::OutOfRange => Err(CallError::OutOfRange),
         Outcome::Refused(reason) => {
             Err(CallError::Refused { reason: String::from_utf8_lossy(reason.as_bytes()).into_owned() })

@@ -130,6 +130,11 @@ impl Subscriptions {
         }
     }
 
+    /// Registers that are watched.
+    pub(super) fn watched(&self) -> usize {
+        self.table.len()
+    }
+
     /// The table to tell the bus thread, if it has changed since it was told.
     pub(super) fn news(&self, now: Instant) -> Option<Vec<VariableEntry>> {
         let may_tell = self.telling.is_none() && self.again.is_none_or(|again| again <= now);

@@ -121,6 +121,12 @@ impl Turns {
         }
     }
 
+    /// Those that wait and those that the bus thread has.
+    pub(super) fn count(&self) -> usize {
+        let waiting = self.lines.iter().flat_map(|line| &line.users).map(|(_, turns)| turns.len());
+        waiting.sum::<usize>() + self.handed.len()
+    }
+
     /// Takes one back; false when it does not wait (any more).
     pub(super) fn take_back(&mut self, ticket: Ticket) -> bool {
         let mut found = false;

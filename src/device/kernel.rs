@@ -3,7 +3,7 @@
 
 use std::ops::Range;
 
-use super::system::{System, number};
+use super::system::{System, number, plain};
 
 /// Bit of CAP_SYS_RAWIO in the kernel's sets of capabilities.
 const CAP_SYS_RAWIO: u32 = 17;
@@ -29,7 +29,7 @@ impl Lockdown {
         match text.split_whitespace().find_map(|mode| mode.strip_prefix('[')?.strip_suffix(']')) {
             None => Self::Unknown,
             Some("none") => Self::Off,
-            Some(mode) => Self::On(mode.to_owned()),
+            Some(mode) => Self::On(plain(mode)),
         }
     }
 
@@ -98,7 +98,7 @@ fn iomem_claim(iomem: &str, range: &Range<u64>) -> Claim {
             name if name == "Reserved" || name.starts_with("PCI Bus") || name.contains("ROM") => {}
             // A device's own resource is named by its place; below it stands the driver that has it.
             name if name.len() == 12 && name.as_bytes()[4] == b':' && name.as_bytes()[7] == b':' => {}
-            name => claim = Claim::By(name.to_owned()),
+            name => claim = Claim::By(plain(name)),
         }
     }
     claim
@@ -115,11 +115,11 @@ pub(super) struct Resource {
     pub flags: u64,
 }
 
-/// A line of sysfs's `resource`: first and last address, flags. `None` for one that is not used.
+/// A line of sysfs's `resource`: first and last address, flags. `None` for one that is not used, or ends before it begins.
 pub(super) fn resource(line: &str) -> Option<Resource> {
     let mut fields = line.split_whitespace().map(number);
     let (first, last, flags) = (fields.next()??, fields.next()??, fields.next()??);
-    (flags != 0).then_some(Resource { range: first..last.checked_add(1)?, flags })
+    (flags != 0 && first <= last).then_some(Resource { range: first..last.checked_add(1)?, flags })
 }
 
 /// The kernel's release, as `uname -r` gives it.
@@ -195,6 +195,17 @@ mod tests {
             claim(&fake.system, &window),
             Claim::By("driver ivshmem of PCI device 0000:00:03.0".to_owned())
         );
+    }
+
+    #[test]
+    fn a_resource_that_ends_before_it_begins_is_none() {
+        assert_eq!(resource("0x10 0x1f 0x200").unwrap().range, 0x10..0x20);
+        assert_eq!(resource("0x10 0x10 0x200").unwrap().range, 0x10..0x11);
+        for line in
+            ["0x10 0xf 0x200", "0x10 0x0 0x200", "0x0 0xffffffffffffffff 0x200", "0x10 0x1f 0x0", "0x10"]
+        {
+            assert_eq!(resource(line), None, "{line}");
+        }
     }
 
     #[test]

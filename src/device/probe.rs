@@ -60,7 +60,11 @@ pub fn probe(bus: &mut impl Bus) -> Result<Probe, BusError> {
     probe_by(bus, |_| std::thread::sleep(PAUSE))
 }
 
-fn probe_by<B: Bus>(bus: &mut B, mut pause: impl FnMut(&mut B)) -> Result<Probe, BusError> {
+/// As [`probe`], but for the pause before each look, which is the caller's.
+///
+/// # Errors
+/// When the window is shorter than a DPRAM.
+pub fn probe_by<B: Bus>(bus: &mut B, mut pause: impl FnMut(&mut B)) -> Result<Probe, BusError> {
     let first = image(bus)?;
     let begin = Instant::now();
     let mut status = bus.read16(SERVO_PMAC_STATUS)?;

@@ -42,6 +42,14 @@ impl System {
         Ok(fs::read_to_string(self.path(absolute))?.trim().to_owned())
     }
 
+    /// The name in a file, as it may stand in a message of one line.
+    ///
+    /// # Errors
+    /// What the kernel says about the file.
+    pub fn name(&self, absolute: impl AsRef<Path>) -> io::Result<String> {
+        Ok(plain(&self.text(absolute)?))
+    }
+
     /// The number in a file: hexadecimal after `0x`, else decimal.
     ///
     /// # Errors
@@ -66,7 +74,7 @@ impl System {
     #[must_use]
     pub fn link_name(&self, absolute: impl AsRef<Path>) -> Option<String> {
         let target = fs::read_link(self.path(absolute)).ok()?;
-        Some(target.file_name()?.to_str()?.to_owned())
+        Some(plain(target.file_name()?.to_str()?))
     }
 
     /// Whether the file is there.
@@ -80,6 +88,12 @@ impl System {
     pub fn identity(&self, absolute: impl AsRef<Path>) -> Option<(u64, u64)> {
         fs::metadata(self.path(absolute)).ok().map(|metadata| (metadata.dev(), metadata.ino()))
     }
+}
+
+/// The first line of `text`, with `?` for what a terminal would not show but do: drivers choose their names as they like.
+pub(super) fn plain(text: &str) -> String {
+    let line = text.lines().next().unwrap_or_default();
+    line.chars().map(|character| if character.is_control() { '?' } else { character }).collect()
 }
 
 /// A number as people and sysfs write it: hexadecimal after `0x`, else decimal.
@@ -108,6 +122,15 @@ mod tests {
         }
         for text in ["", "0x", "D4000", "-1", "+1", "0x-1", "0x10000000000000000", "1 "] {
             assert_eq!(number(text), None, "{text}");
+        }
+    }
+
+    #[test]
+    fn a_name_is_one_line_without_control_characters() {
+        for (text, name) in
+            [("pmac-dpram", "pmac-dpram"), ("a\nb", "a"), ("\x1b[2Jx\ty\r\nz", "?[2Jx?y"), ("", "")]
+        {
+            assert_eq!(plain(text), name);
         }
     }
 

@@ -49,14 +49,14 @@ impl UioInfo {
     #[must_use]
     pub fn of(system: &System, device: &str) -> Option<Self> {
         let directory = format!("{CLASS}/{device}");
-        let name = system.text(format!("{directory}/name")).ok()?;
+        let name = system.name(format!("{directory}/name")).ok()?;
         let maps = system.names(format!("{directory}/maps")).into_iter().filter_map(|map| {
             let number = map.strip_prefix("map")?.parse().ok()?;
             let map = format!("{directory}/maps/{map}");
             let value = |attribute: &str| system.number(format!("{map}/{attribute}")).ok();
             Some(UioMap {
                 number,
-                name: system.text(format!("{map}/name")).unwrap_or_default(),
+                name: system.name(format!("{map}/name")).unwrap_or_default(),
                 address: value("addr")?,
                 size: value("size")?,
                 offset: value("offset").unwrap_or(0),

@@ -1,5 +1,4 @@
-//! `D:` registers, 48-bit fixed point: value = signed X half * 2^24 + unsigned Y half (FACTS: the manual's p. 11
-//! text, confirmed).
+//! `D:` registers, 48-bit fixed point: value = signed X half * 2^24 + unsigned Y half (DPRAM manual p. 11, in the text).
 
 use super::int24;
 

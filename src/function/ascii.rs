@@ -332,7 +332,9 @@ impl AsciiPort {
         match self.state {
             State::Idle | State::Settling { .. } => return Ok(taken),
             State::Loaded { sent } => {
-                let lies = bus.read16(ASCII_OUTPUT_CONTROL)? & COMMAND_LOADED != 0;
+                // Of ones, which is no board's memory, nothing can be told.
+                let flag = bus.read16(ASCII_OUTPUT_CONTROL)?;
+                let lies = flag & COMMAND_LOADED != 0 && flag != u16::MAX;
                 taken = !lies && sent == self.length;
                 bus.write16(ASCII_OUTPUT_CONTROL, 0)?;
                 // The board took the line since the last look, or holds its first part, before which it would put the
@@ -341,7 +343,11 @@ impl AsciiPort {
                     bus.write16(ASCII_CONTROL_CHARACTER, CANCEL)?;
                 }
             }
-            State::ControlReply { taken: false, .. } => bus.write16(ASCII_CONTROL_CHARACTER, 0)?,
+            State::ControlReply { taken: false, .. } => {
+                let lying = bus.read16(ASCII_CONTROL_CHARACTER)?;
+                taken = lying == 0 || lying == u16::MAX;
+                bus.write16(ASCII_CONTROL_CHARACTER, 0)?;
+            }
             // A control character of somebody else's that the board has not taken is worth more than an empty queue.
             State::Replying | State::ControlReply { .. } if bus.read16(ASCII_CONTROL_CHARACTER)? == 0 => {
                 bus.write16(ASCII_CONTROL_CHARACTER, CANCEL)?;
@@ -504,7 +510,7 @@ impl AsciiPort {
     }
 }
 
-/// Whether PMAC answers this control character with data (FACTS: on-line control characters).
+/// Whether PMAC answers this control character with data (software reference, on-line control characters).
 #[must_use]
 pub fn control_has_reply(character: u8) -> bool {
     const fn control(letter: u8) -> u8 {

@@ -293,7 +293,7 @@ impl Subscriber {
     ///
     /// # Errors
     /// [`SegmentError::NoSuchRegion`]; [`SegmentError::Overrun`] when the writer overtook every one of a bounded number of attempts;
-    /// [`SegmentError::Corrupt`]. After an error or `None`, the sample is empty.
+    /// [`SegmentError::Corrupt`]. After an error other than `NoSuchRegion`, or `None`, the sample has no words.
     #[inline]
     pub fn latest(&self, region: RegionId, sample: &mut Sample) -> Result<Option<u64>, SegmentError> {
         let inlet = self.region_of(region)?;

@@ -175,7 +175,15 @@ impl FakeBus {
                         self.line(ticket, "before");
                         self.done(ticket, Outcome::Error(3));
                     }
-                    "LATE" => self.done(ticket, Outcome::TimedOut),
+                    "LATE" | "P404=1" => self.done(ticket, Outcome::TimedOut),
+                    "PART" => {
+                        self.line(ticket, "a part of it");
+                        self.done(ticket, Outcome::TimedOut);
+                    }
+                    "P1 P404 P500" => {
+                        (0..3).for_each(|_| self.line(ticket, "0"));
+                        self.done(ticket, Outcome::Done);
+                    }
                     "OFF" => self.done(ticket, Outcome::Unavailable),
                     "LONG" => {
                         for _ in 0..2000 {

@@ -266,8 +266,20 @@ fn a_line_is_sent_and_its_reply_stands_alone() {
     let ran = send(&["BAD", "--json"]);
     assert_eq!((ran.json()["error"]["code"].as_i64(), ran.stderr, ran.code), (Some(3), error, Some(1)));
     assert_eq!(send(&["--json", "a"]).json(), serde_json::json!({"lines": ["a"], "error": null}));
-    assert_eq!(send(&["LATE"]).code, Some(1));
-    assert_eq!(*bench.seen.lock().unwrap(), ["1.5,2.5", "J+", "^K", "BAD", "BAD", "a", "LATE"]);
+    let late = "the board did not answer in time: 1 line of its reply had come, its end had not; \
+                the line may or may not have been carried out";
+    let ran = send(&["PART"]);
+    assert_eq!(ran, Ran { stdout: "a part of it\n".to_owned(), stderr: format!("{late}\n"), code: Some(1) });
+    let ran = send(&["PART", "--json"]);
+    let error = serde_json::json!({ "code": null, "meaning": late });
+    assert_eq!(ran.json(), serde_json::json!({ "lines": ["a part of it"], "error": error }));
+    let ran = send(&["OFF", "--json"]);
+    let error = serde_json::json!({ "code": null, "meaning": ran.stderr.trim_end() });
+    assert_eq!((ran.json(), ran.code), (serde_json::json!({ "lines": [], "error": error }), Some(1)));
+    assert_eq!(
+        *bench.seen.lock().unwrap(),
+        ["1.5,2.5", "J+", "^K", "BAD", "BAD", "a", "PART", "PART", "OFF"]
+    );
     for wrong in [
         &["#1\r"] as &[&str],
         &[""],
@@ -279,7 +291,7 @@ fn a_line_is_sent_and_its_reply_stands_alone() {
         one_clear_line(&ran);
         assert_eq!(ran.code, Some(2), "{wrong:?}");
     }
-    assert_eq!(bench.seen.lock().unwrap().len(), 7);
+    assert_eq!(bench.seen.lock().unwrap().len(), 9);
 }
 
 #[test]

@@ -48,4 +48,4 @@ macro_rules! targets {
     };
 }
 
-targets! { board client config daemon files replies rotary segment sim socket }
+targets! { board client config daemon files replies rotary segment service sim socket sysfs }

@@ -7,7 +7,7 @@ use pmac_dpram::client::{GatherChunk, GatherPhase};
 use pmac_dpram::segment::{RegionId, Sample, Subscriber};
 
 use crate::rig::Ran;
-use crate::site::{Site, is_live, wait_until};
+use crate::site::{PATIENCE, Site, is_live, wait_until};
 use crate::tools::{ask, run};
 
 /// The number after the last sample that was published, while a gather is followed.
@@ -156,6 +156,8 @@ fn in_real_time_the_counts_are_exact_and_the_board_is_left_as_it_was() {
     // A buffer that is gathered once ends by itself.
     let ran = gather(&["--once", "--buffer", "100"]);
     assert!(ran.code == Some(0) && ran.stderr.starts_with("samples=100 lost=0 "), "{ran:?}");
+    ask(&site, "DELETE GATHER");
+    assert!(!starts_the_report(&site), "ENDGATHER has not ended it in place of the gather");
 
     for (rest, said) in [
         (&["--buffer", "3000", "--seconds", "1"][..], "overlap"),
@@ -195,6 +197,59 @@ fn after_a_killed_gather_another_one_works_and_says_what_it_found() {
     assert!(rows(&ran.stdout).len() > 10);
     let ran = gather();
     assert!(ran.code == Some(0) && !ran.stderr.contains("already"), "{ran:?}");
+    site.assert_no_violations();
+}
+
+/// Whether a `GATHER` starts the servo report. Where the report runs, it would gather, for which there must be no buffer.
+fn starts_the_report(site: &Site) -> bool {
+    site.connection().send("GATHER", PATIENCE).is_ok()
+}
+
+#[test]
+fn what_fails_before_the_first_sample_leaves_the_board_as_it_was() {
+    let site = Site::running(&[], &[]);
+    site.wait_for_live_servo();
+    wait_until("the board's scales", || run(&site, &["motors"]).stdout.contains("count"));
+    let gather = || {
+        let words = ["gather", "--source", "servo_timer", "--period", "3", "--seconds", "0.2", "-o", "-"];
+        run(&site, &words)
+    };
+    // A gather that waits for its trigger: DEFINE GATHER is refused, and the status does not tell.
+    ask(&site, "I20=1 I21=$80002B DEFINE GATHER 100 GATHER TRIGGER");
+    let ran = gather();
+    assert!(ran.code == Some(1) && ran.stderr.starts_with("DEFINE GATHER "), "{ran:?}");
+    assert_eq!((ask(&site, "I19"), ran.stderr.lines().count()), (vec!["1".to_owned()], 1));
+    let refused = site.connection().send("DELETE GATHER", PATIENCE);
+    assert!(refused.is_err(), "somebody else's gather waits on");
+    // That ends it, and another one would end the report.
+    ask(&site, "ENDGATHER");
+    ask(&site, "DELETE GATHER");
+    assert!(!starts_the_report(&site));
+
+    // A board that starts no servo report: the GATHER that was to start it is taken back as well.
+    ask(&site, "ENDGATHER");
+    ask(&site, "I59=0");
+    wait_until("the report to end", || !is_live(&site.attach(), RegionId::Servo));
+    let ran = gather();
+    assert!(ran.code == Some(1) && ran.stderr.contains("start no servo report"), "{ran:?}");
+    assert_eq!(ask(&site, "I19"), ["1"]);
+    ask(&site, "DELETE GATHER");
+    assert!(starts_the_report(&site), "it was left off");
+    site.assert_no_violations();
+}
+
+#[test]
+fn a_sample_in_seven_seconds_is_waited_for() {
+    let site = Site::running(&[], &[]);
+    site.wait_for_live_servo();
+    wait_until("the board's scales", || run(&site, &["motors"]).stdout.contains("count"));
+    // The first sample comes at once, the second one 15000 servo cycles of 442.7 us later.
+    let ran = run(
+        &site,
+        &["gather", "--source", "servo_timer", "--period", "15000", "--seconds", "13.3", "-o", "-"],
+    );
+    assert!(ran.code == Some(0) && ran.stderr.starts_with("samples=2 lost=0 "), "{ran:?}");
+    assert_eq!(ask(&site, "I19"), ["1"]);
     site.assert_no_violations();
 }
 

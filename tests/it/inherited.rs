@@ -6,7 +6,7 @@ use std::os::fd::AsRawFd;
 use std::os::unix::fs::FileExt;
 use std::process::{Child, Command, Stdio};
 
-use crate::site::wait_until;
+use crate::site::{PATIENCE, joined, output_within, status_within, wait_until};
 
 /// Starts `pmacd` as systemd does with `OpenFile=…:mem`: `file` as descriptor 3, announced to the very process.
 fn handed_over(file: &File, board: &str, socket: &std::path::Path, name: &str) -> Child {
@@ -31,7 +31,7 @@ fn handed_over(file: &File, board: &str, socket: &std::path::Path, name: &str) -
 fn end(mut daemon: Child) {
     let pid = nix::unistd::Pid::from_raw(daemon.id().cast_signed());
     nix::sys::signal::kill(pid, nix::sys::signal::Signal::SIGTERM).unwrap();
-    assert!(daemon.wait().unwrap().success());
+    assert!(status_within(&mut daemon, PATIENCE).success());
 }
 
 #[test]
@@ -85,7 +85,7 @@ fn a_slot_that_reads_as_ones_is_told_once_and_so_is_the_board_that_comes() {
     file.write_all_at(&[0; 0x4000], 0).unwrap();
     wait_until("the board to be told", || logged("the board answers on the bus again") > 0);
     end(daemon);
-    reader.join().unwrap();
+    joined(reader);
 }
 
 #[test]
@@ -95,8 +95,8 @@ fn memory_handed_over_that_is_too_short_is_refused() {
     File::create(&memory).unwrap().set_len(0x4000).unwrap();
     let file = File::options().read(true).write(true).open(&memory).unwrap();
     let name = format!("pmac-test-short-{}", std::process::id());
-    let daemon = handed_over(&file, "mem:0x4000", &directory.path().join("socket"), &name);
-    let ended = daemon.wait_with_output().unwrap();
+    let mut daemon = handed_over(&file, "mem:0x4000", &directory.path().join("socket"), &name);
+    let ended = output_within(&mut daemon, PATIENCE);
     let stderr = String::from_utf8_lossy(&ended.stderr);
     assert_eq!(ended.status.code(), Some(69), "{stderr}");
     assert!(stderr.contains("ends at 0x4000, before the window does at 0x8000"), "{stderr}");

@@ -5,6 +5,7 @@ mod backup;
 mod bench;
 mod bystander;
 mod campaign;
+mod campaign_uses;
 mod cli;
 mod client;
 mod decode;

@@ -1,11 +1,12 @@
 //! A simulated board and its daemon as real processes, in a private directory. Both are gone when it is dropped.
 
-use std::io::{BufRead, BufReader, Write};
+use std::io::{BufRead, BufReader, Read, Write};
 use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Stdio};
-use std::sync::atomic::{AtomicU32, Ordering};
+use std::process::{Child, Command, ExitStatus, Output, Stdio};
+use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use nix::sys::signal::{Signal, kill};
@@ -243,6 +244,90 @@ pub fn wait_until(what: &str, mut condition: impl FnMut() -> bool) {
     }
 }
 
+/// Set when this is dropped, however its scope ends: threads that go on until it is set end with a test that fails, too.
+pub struct Ended<'a>(pub &'a AtomicBool);
+
+impl Drop for Ended<'_> {
+    fn drop(&mut self) {
+        self.0.store(true, Ordering::Relaxed);
+    }
+}
+
+/// Waits for the end of a process, at most `patience`; then it is killed and the test has failed.
+#[track_caller]
+pub fn status_within(child: &mut Child, patience: Duration) -> ExitStatus {
+    let deadline = Instant::now() + patience;
+    loop {
+        if let Some(status) = child.try_wait().unwrap() {
+            return status;
+        }
+        if Instant::now() > deadline {
+            let _ = child.kill();
+            let _ = child.wait();
+            panic!("a process did not end in {patience:?}");
+        }
+        std::thread::sleep(Duration::from_millis(2));
+    }
+}
+
+/// As [`status_within`], with what the process printed where its streams are pipes.
+#[track_caller]
+pub fn output_within(child: &mut Child, patience: Duration) -> Output {
+    fn all_of(stream: Option<impl Read + Send + 'static>) -> JoinHandle<Vec<u8>> {
+        std::thread::spawn(move || {
+            let mut bytes = Vec::new();
+            if let Some(mut stream) = stream {
+                stream.read_to_end(&mut bytes).unwrap();
+            }
+            bytes
+        })
+    }
+    let (stdout, stderr) = (all_of(child.stdout.take()), all_of(child.stderr.take()));
+    let status = status_within(child, patience);
+    Output { status, stdout: joined(stdout), stderr: joined(stderr) }
+}
+
+/// What a thread that is to end returns.
+#[track_caller]
+pub fn joined<T>(thread: JoinHandle<T>) -> T {
+    wait_until("the end of a thread", || thread.is_finished());
+    thread.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))
+}
+
+/// How large a process is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Weight {
+    /// All of its memory, with what it shares with others.
+    pub resident_kib: u64,
+    pub descriptors: usize,
+    pub threads: usize,
+}
+
+impl Weight {
+    pub fn of(pid: u32) -> Self {
+        let count = |what: &str| std::fs::read_dir(format!("/proc/{pid}/{what}")).unwrap().count();
+        Self { resident_kib: kib(pid, "status", "VmRSS:"), descriptors: count("fd"), threads: count("task") }
+    }
+}
+
+impl std::fmt::Display for Weight {
+    fn fmt(&self, formatter: &mut std::fmt::Formatter) -> std::fmt::Result {
+        let Self { resident_kib, descriptors, threads } = self;
+        write!(formatter, "{resident_kib} KiB, {descriptors} descriptors, {threads} threads")
+    }
+}
+
+/// Memory that is a process's own: heap and stacks, counted page by page. A segment that fills with data does not change it.
+pub fn own_kib(pid: u32) -> u64 {
+    kib(pid, "smaps_rollup", "Anonymous:")
+}
+
+fn kib(pid: u32, file: &str, key: &str) -> u64 {
+    let text = std::fs::read_to_string(format!("/proc/{pid}/{file}")).unwrap();
+    let line = text.lines().find_map(|line| line.strip_prefix(key)).unwrap();
+    line.trim().trim_end_matches(" kB").parse().unwrap()
+}
+
 fn pid(child: &Child) -> Pid {
     Pid::from_raw(child.id().cast_signed())
 }
@@ -253,16 +338,5 @@ fn end(child: Option<Child>, signal: Signal) -> i32 {
     let _ = kill(pid(&child), signal);
     // A stopped process is not ended by anything but SIGKILL until it goes on.
     let _ = kill(pid(&child), Signal::SIGCONT);
-    let deadline = Instant::now() + PATIENCE;
-    loop {
-        if let Some(status) = child.try_wait().unwrap() {
-            return status.code().unwrap_or(-1);
-        }
-        if Instant::now() > deadline {
-            let _ = child.kill();
-            let _ = child.wait();
-            panic!("a process did not end on {signal}");
-        }
-        std::thread::sleep(Duration::from_millis(2));
-    }
+    status_within(&mut child, PATIENCE).code().unwrap_or(-1)
 }

@@ -9,13 +9,14 @@
 use std::path::Path;
 use std::process::{Child, Command, Output, Stdio};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::thread::ScopedJoinHandle;
 use std::time::{Duration, Instant};
 
 use pmac_dpram::client::Board;
 use pmac_dpram::segment::{Counter, RegionId, Sample, Subscriber, WaitOutcome};
 use pmac_dpram::setup::gather_source::GatherSource;
 
-use crate::site::{PATIENCE, Site, counter, wait_until};
+use crate::site::{Ended, PATIENCE, Site, Weight, counter, output_within, wait_until};
 
 /// Readers that sleep as long as they like and then take everything that has come meanwhile.
 const SLEEPING_READERS: usize = 16;
@@ -30,23 +31,43 @@ const STANDING_MOTORS: [u32; 6] = [3, 4, 5, 6, 7, 8];
 const GROWTH_KIB: u64 = 1024;
 
 fn seconds() -> u64 {
-    std::env::var("PMAC_SOAK_SECONDS").ok().and_then(|text| text.parse().ok()).unwrap_or(6)
+    std::env::var("PMAC_SOAK_SECONDS").ok().and_then(|text| text.parse().ok()).unwrap_or(6).max(1)
 }
 
 fn place(motor: u32) -> f64 {
     f64::from(motor) * 1000.0
 }
 
-/// Resident memory of a process, in KiB, and how many descriptors it has open.
-pub fn weight(pid: u32) -> (u64, usize) {
-    let status = std::fs::read_to_string(format!("/proc/{pid}/status")).unwrap();
-    let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:")).unwrap();
-    let resident = line.trim().trim_end_matches(" kB").trim().parse().unwrap();
-    (resident, std::fs::read_dir(format!("/proc/{pid}/fd")).unwrap().count())
+/// One of the programs at work. Dropped, it is dead.
+struct Program {
+    what: &'static str,
+    process: Child,
 }
 
-fn pmacctl(site: &Site, arguments: &[&str]) -> Child {
-    Command::new(env!("CARGO_BIN_EXE_pmacctl"))
+impl Program {
+    /// How it ended and what it printed. At its end it may be a while behind the clock.
+    fn output(&mut self) -> Output {
+        output_within(&mut self.process, PATIENCE + Duration::from_secs(seconds() / 10))
+    }
+
+    fn assert_has_not_given_up(&mut self) {
+        if self.process.try_wait().unwrap().is_some_and(|status| !status.success()) {
+            let output = self.output();
+            let stderr = String::from_utf8_lossy(&output.stderr);
+            panic!("{} has given up: {} {stderr}", self.what, output.status);
+        }
+    }
+}
+
+impl Drop for Program {
+    fn drop(&mut self) {
+        let _ = self.process.kill();
+        let _ = self.process.wait();
+    }
+}
+
+fn pmacctl(site: &Site, what: &'static str, arguments: &[&str]) -> Program {
+    let process = Command::new(env!("CARGO_BIN_EXE_pmacctl"))
         .args(["--name", &site.name])
         .arg("--socket")
         .arg(site.socket())
@@ -55,7 +76,8 @@ fn pmacctl(site: &Site, arguments: &[&str]) -> Child {
         .stdout(Stdio::piped())
         .stderr(Stdio::piped())
         .spawn()
-        .unwrap()
+        .unwrap();
+    Program { what, process }
 }
 
 /// The number after `name=` in what a program printed last.
@@ -146,43 +168,49 @@ impl Run<'_> {
         self.variable_samples.fetch_add(samples, Ordering::Relaxed);
     }
 
-    /// Says every ten seconds how it goes, until the end or until one of the programs at work has given up.
-    fn report(&self, subscriber: &Subscriber, end: Instant, programs: &mut [&mut Child]) {
-        let (daemon, simulator) = (self.site.daemon_pid(), self.site.simulator_pid());
+    /// Says every ten seconds how it goes, until the end.
+    ///
+    /// # Panics
+    /// When one of the programs or threads at work has given up, or a process has grown: nothing else is waited for then.
+    fn report(
+        &self,
+        subscriber: &Subscriber,
+        end: Instant,
+        programs: [&mut Program; 2],
+        threads: &[ScopedJoinHandle<()>],
+    ) {
+        let weigh = || [self.site.daemon_pid(), self.site.simulator_pid()].map(Weight::of);
         let started = Instant::now();
         let mut settled = None;
         let mut said = Instant::now();
-        while Instant::now() < end {
+        let mut programs = programs;
+        while settled.is_none() || Instant::now() < end {
             std::thread::sleep(Duration::from_millis(200));
-            if programs
-                .iter_mut()
-                .any(|program| program.try_wait().unwrap().is_some_and(|status| !status.success()))
-            {
-                println!("after {} s: a program has given up", started.elapsed().as_secs());
-                return;
+            for program in &mut programs {
+                program.assert_has_not_given_up();
             }
+            assert!(!threads.iter().any(ScopedJoinHandle::is_finished), "a thread has given up");
             // Settled once everything has been used for a while.
             if settled.is_none() && (end - Instant::now()) < (end - started) * 3 / 4 {
-                settled = Some((weight(daemon), weight(simulator)));
+                settled = Some(weigh());
             }
             if said.elapsed() > Duration::from_secs(10) {
                 said = Instant::now();
+                let [daemon, simulator] = weigh();
                 println!(
-                    "{:5} s: updates={} missed={} skipped={} retries={} daemon {:?} simulator {:?}",
+                    "{:5} s: updates={} missed={} skipped={} retries={} resets={} daemon {daemon} simulator {simulator}",
                     started.elapsed().as_secs(),
                     counter(subscriber, Counter::Updates),
                     counter(subscriber, Counter::Missed),
                     counter(subscriber, Counter::Skipped),
                     counter(subscriber, Counter::Retries),
-                    weight(daemon),
-                    weight(simulator),
+                    counter(subscriber, Counter::Resets),
                 );
             }
         }
-        let (was, now) = (settled.unwrap(), (weight(daemon), weight(simulator)));
-        for (what, was, now) in [("daemon", was.0, now.0), ("simulator", was.1, now.1)] {
-            assert!(now.0 <= was.0 + GROWTH_KIB, "the {what} grew from {} to {} KiB", was.0, now.0);
-            assert!(now.1 <= was.1, "the {what} had {} descriptors and has {}", was.1, now.1);
+        for ((what, was), now) in ["daemon", "simulator"].iter().zip(settled.unwrap()).zip(weigh()) {
+            assert!(now.resident_kib <= was.resident_kib + GROWTH_KIB, "the {what} was {was} and is {now}");
+            assert!(now.descriptors <= was.descriptors, "the {what} had {was} and has {now}");
         }
     }
 }
@@ -225,31 +253,36 @@ fn everything_at_once_loses_nothing_and_stays_as_small_as_it_was() {
     for source in ["servo_timer", "1.actual_position", "2.actual_position", "D:$0028"] {
         gather_arguments.extend(["--source", source]);
     }
-    let mut gather = pmacctl(&site, &gather_arguments);
+    let mut gather = pmacctl(&site, "the gather", &gather_arguments);
     wait_until("the gather to run", || std::fs::metadata(&file).is_ok_and(|there| there.len() > 4096));
-    let mut stream =
-        pmacctl(&site, &["rotary", "stream", program.to_str().unwrap(), "--define", "1000", "--run"]);
+    let stream_arguments = ["rotary", "stream", program.to_str().unwrap(), "--define", "1000", "--run"];
+    let mut stream = pmacctl(&site, "the rotary stream", &stream_arguments);
     let subscriber = site.attach();
     let before = counter(&subscriber, Counter::Updates);
     let end = Instant::now() + Duration::from_secs(seconds());
     std::thread::scope(|scope| {
         let run = &run;
+        // Also when something fails, or the scope would wait for ever.
+        let _ended = Ended(&run.done);
+        let mut threads = Vec::new();
         for reader in 0..SLEEPING_READERS {
-            scope.spawn(move || run.read_servo(Some(Duration::from_millis(5 + 7 * reader as u64))));
+            let sleep = Duration::from_millis(5 + 7 * reader as u64);
+            threads.push(scope.spawn(move || run.read_servo(Some(sleep))));
         }
         for _ in 0..WAITING_READERS {
-            scope.spawn(move || run.read_servo(None));
+            threads.push(scope.spawn(move || run.read_servo(None)));
         }
         for client in 0..COMMAND_CLIENTS {
-            scope.spawn(move || run.send(client));
+            threads.push(scope.spawn(move || run.send(client)));
         }
-        scope.spawn(move || run.watch_variables(&["X:$0000", "D:$0028", "Y:$0700", "L:$0720"]));
-        scope.spawn(move || run.watch_variables(&["X:$0000", "X:$0701", "D:$002B"]));
-        run.report(&subscriber, end, &mut [&mut gather, &mut stream]);
-        run.done.store(true, Ordering::Relaxed);
+        for registers in
+            [&["X:$0000", "D:$0028", "Y:$0700", "L:$0720"][..], &["X:$0000", "X:$0701", "D:$002B"]]
+        {
+            threads.push(scope.spawn(move || run.watch_variables(registers)));
+        }
+        run.report(&subscriber, end, [&mut gather, &mut stream], &threads);
     });
-    let stream = stream.wait_with_output().unwrap();
-    let gather = gather.wait_with_output().unwrap();
+    let (stream, gather) = (stream.output(), gather.output());
     println!(
         "{} s: updates={} missed={} skipped={} retries={}; read by {} readers {}; tables {}; commands {}; rotary lines {} \
          underruns {}; gathered {} lost {}",

@@ -128,7 +128,10 @@ fn abort_and_kill_act_on_the_motors() {
     assert_eq!(ran.code, Some(1));
     site.assert_no_violations();
     site.kill_simulator();
-    assert_eq!(run(&site, &["kill"]).code, Some(1), "a dead board does not take it");
+    let ran = run(&site, &["kill", "--json"]);
+    assert_eq!(ran.code, Some(1), "a dead board does not take it");
+    let message = ran.stderr.trim_end();
+    assert_eq!(ran.json(), json!({ "sent": [], "error": { "code": null, "message": message } }));
 }
 
 #[test]
@@ -196,9 +199,46 @@ fn a_buffer_is_closed_whatever_happens() {
     let (ran, seen) = download("OPEN PROG 1\nLATE\n", "");
     assert!(ran.stderr.contains("f:2: the board did not answer in time"), "{ran:?}");
     assert_eq!((seen.last().unwrap().as_str(), ran.code), ("CLOSE", Some(1)));
+    let (ran, _) = download("a\nPART\nb\n", "");
+    assert_eq!((ran.stdout.as_str(), ran.code), ("a\na part of it\n", Some(1)), "{ran:?}");
+    assert!(ran.stderr.contains("f:2: the board did not answer in time: 1 line of its reply"), "{ran:?}");
+    let (ran, seen) = download("a\nPART\nb\n", "--keep-going --json");
+    let error = &ran.json()["errors"][0];
+    assert_eq!((&ran.json()["taken"], &error["line"], &error["code"]), (&json!(1), &json!(2), &json!(null)));
+    assert!(error["message"].as_str().unwrap().contains("may or may not"), "{ran:?}");
+    assert_eq!(seen, ["CLOSE", "a", "PART"], "where the board does not answer, nothing more is sent");
     let (ran, seen) = download("OPEN PROG 1\nX1\n", "");
     assert!(ran.stderr.contains("left open"), "{ran:?}");
     assert_eq!((seen.last().unwrap().as_str(), ran.code), ("CLOSE", Some(0)));
+}
+
+#[test]
+fn a_restore_says_which_line_may_have_been_carried_out() {
+    let bench = Bench::new();
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("part.pmc");
+    std::fs::write(&path, "P1=5\nP404=1\nP500=2\n").unwrap();
+    let ran =
+        pmacctl(&format!("restore {} --yes --json --socket {}", path.display(), bench.socket.display()));
+    assert_eq!(*bench.seen.lock().unwrap(), ["P1 P404 P500", "P1=5", "P404=1"]);
+    let told: Vec<_> = ran.stderr.lines().collect();
+    let stopped = ":2: stopped at this line, which may or may not have been carried out";
+    assert_eq!(told[0], format!("{}{stopped}", path.display()), "{ran:?}");
+    assert!(told[1].starts_with("the board did not answer in time"), "{ran:?}");
+    let document = ran.json();
+    assert_eq!((&document["taken"], &document["errors"][0]["line"]), (&json!(1), &json!(2)));
+    assert_eq!(ran.code, Some(1));
+}
+
+#[test]
+fn the_status_says_when_command_lines_are_off() {
+    let mut site = Site::new();
+    let path = file(&site, "config", "functions = ['servo']\nmotors = 2\ni10 = 3713707\n");
+    site.start_simulator(&["--dpram-startup"]);
+    site.start_daemon(&["--config", &path]);
+    let ran = run(&site, &["status"]);
+    assert!(ran.stdout.contains("\ncommand lines   off by the daemon's configuration\n"), "{ran:?}");
+    assert_eq!(run(&site, &["status", "--json"]).json()["socket"]["functions"], json!(["servo"]));
 }
 
 #[test]

@@ -7,6 +7,7 @@ use std::process::{Child, Stdio};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
+use crate::bench::Bench;
 use crate::rig::{Ran, command, pty};
 use crate::site::{PATIENCE, Site, wait_until};
 
@@ -48,6 +49,26 @@ fn in_a_pipe_replies_errors_and_texts_are_kept_apart() {
     assert_eq!(lines[1]["error"]["code"], 3);
     assert!(lines[2]["error"]["message"].as_str().unwrap().contains(".help"));
     site.assert_no_violations();
+}
+
+#[test]
+fn of_a_reply_that_breaks_off_what_came_is_shown() {
+    let bench = Bench::new();
+    for (options, shown) in [
+        (&[][..], "a part of it\nb\n"),
+        (&["--json"], "{\"error\":{\"code\":null,\"message\":\"the board did not answer in time"),
+    ] {
+        let mut command = command();
+        command.arg("--socket").arg(&bench.socket).arg("terminal").args(options);
+        command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
+        let mut child = command.spawn().unwrap();
+        child.stdin.take().unwrap().write_all(b"PART\nb\n").unwrap();
+        let ran = Ran::from(child.wait_with_output().unwrap());
+        assert!(ran.stdout.starts_with(shown), "{ran:?}");
+        assert!(ran.stdout.contains("a part of it") && ran.stdout.lines().count() == 2, "{ran:?}");
+        assert_eq!(ran.stderr.contains("may or may not"), options.is_empty(), "{ran:?}");
+        assert_eq!(ran.code, Some(1));
+    }
 }
 
 /// A process that is not left behind by a test that fails.

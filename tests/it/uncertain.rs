@@ -31,11 +31,10 @@ fn the_example_shows_the_defaults() {
     let (_, tables) = text.split_once("# What no document decides").unwrap();
     let lines = tables.lines().filter_map(|line| line.strip_prefix("# "));
     let written = lines.filter(|line| line.starts_with('[') || line.contains(" = ") && !line.contains(','));
-    let mut written: String = written.map(|line| format!("{line}\n")).collect();
+    let written: String = written.map(|line| format!("{line}\n")).collect();
     for list in ["rotary_longs = [512, 512]\n", "rotary_start = [0, 0]\n"] {
         assert!(tables.contains(list));
     }
-    written += "";
     let settings: BoardSettings =
         toml::from_str(&written).unwrap_or_else(|error| panic!("{error}\n{written}"));
     assert_eq!(settings, BoardSettings::default());

@@ -1,0 +1,93 @@
+//! The command socket's server without a thread and a clock: who has it makes its rounds, one at a time, at times of his own.
+//!
+//! It is the very server that [`super::serve`] runs in a thread. What depends on who does what first can so be tried in every
+//! order, and again in the same one.
+
+use std::io;
+use std::os::unix::net::UnixStream;
+use std::time::Instant;
+
+use nix::poll::PollTimeout;
+use nix::sys::eventfd::{EfdFlags, EventFd};
+
+use super::connection::{Client, Waiting};
+use super::listener::Listener;
+use super::policy::{Peer, Role};
+use super::serve::{Backend, ServeError, ServeOptions, Service};
+
+/// The server.
+pub struct Rounds {
+    service: Service,
+    never: EventFd,
+}
+
+/// What the server keeps.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Kept {
+    /// Connections.
+    pub clients: usize,
+    /// Calls that wait for the board.
+    pub calls: usize,
+    /// Tickets that belong to a connection.
+    pub tickets: usize,
+    /// Jogs that a connection holds, and stops that the board has not taken.
+    pub leases: usize,
+    /// Commands that wait for their turn or are with the bus thread.
+    pub turns: usize,
+    /// Registers that are watched.
+    pub watched: usize,
+    /// The longest output that waits for a client to fetch it, in bytes.
+    pub longest_output: usize,
+}
+
+impl Rounds {
+    /// As [`super::serve::serve`], but for the thread.
+    ///
+    /// # Errors
+    /// [`ServeError`] when a group is unknown or the system gives no descriptor.
+    pub fn new(options: &ServeOptions, listener: Listener, backend: Backend) -> Result<Self, ServeError> {
+        let never = EventFd::from_value_and_flags(0, EfdFlags::EFD_CLOEXEC).map_err(io::Error::from)?;
+        Ok(Self { service: Service::new(options, listener, backend)?, never })
+    }
+
+    /// Takes in a connection of whoever `peer` is said to be, as if it had come through the listener.
+    ///
+    /// # Errors
+    /// When it cannot be made non-blocking.
+    pub fn enter(&mut self, stream: UnixStream, peer: Peer, role: Role, now: Instant) -> io::Result<()> {
+        stream.set_nonblocking(true)?;
+        self.service.enter(stream, peer, role, now);
+        Ok(())
+    }
+
+    /// Does all that is to be done at `now`, which is never before that of the round before. Does not wait.
+    ///
+    /// # Errors
+    /// What `poll` says.
+    pub fn round(&mut self, now: Instant) -> nix::Result<()> {
+        let ready = self.service.wait(&self.never, PollTimeout::ZERO)?;
+        self.service.round(ready, now);
+        Ok(())
+    }
+
+    /// What the server keeps now.
+    #[must_use]
+    pub fn kept(&self) -> Kept {
+        let Service { clients, owners, leases, turns, subscriptions, .. } = &self.service;
+        let waits = clients.values().filter(|client| matches!(client.waiting, Waiting::Board(_)));
+        Kept {
+            clients: clients.len(),
+            calls: waits.count(),
+            tickets: owners.len(),
+            leases: leases.count(),
+            turns: turns.count(),
+            watched: subscriptions.watched(),
+            longest_output: clients.values().map(Client::unsent).max().unwrap_or(0),
+        }
+    }
+
+    /// Stops: jogs that are held are stopped, and those who wait are told.
+    pub fn end(mut self, now: Instant) {
+        self.service.end(now);
+    }
+}
