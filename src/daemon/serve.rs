@@ -33,8 +33,9 @@ use crate::protocol::board::RotaryStateReply;
 use crate::protocol::board::{NotesReply, ReadReply, SendReply};
 use crate::protocol::{Call, CallError, Message, MessageKind, Reply};
 
-/// How much longer than asked the bus thread may take before it is not believed to answer at all.
-pub(super) const GRACE: Duration = Duration::from_secs(1);
+/// How much longer than asked the bus thread may take before it is not believed to answer at all: more than a port takes to
+/// be silent again after it gave up on a line (1 s), less than a client waits for the daemon (2 s).
+pub(super) const GRACE: Duration = Duration::from_millis(1500);
 /// Calls a connection may begin before others have their turn.
 const CALLS_A_TURN: usize = 8;
 /// The longest reply of the board that is collected, in bytes.

@@ -28,7 +28,7 @@ pub const SETTLE: Duration = Duration::from_millis(50);
 /// How long a group of a line may lie before a control character that cannot wait goes over it: an interrupt may be lost.
 pub const LIES_TOO_LONG: Duration = Duration::from_millis(50);
 /// How long the board may take to take the `<CTRL-X>`. Until it has, more of the reply given up may come.
-pub const CANCEL_LIMIT: Duration = Duration::from_millis(500);
+pub const CANCEL_LIMIT: Duration = Duration::from_secs(1);
 /// How long after its last line a control character's reply counts as complete if no `<ACK>` ends it.
 pub const CONTROL_REPLY_END: Duration = Duration::from_millis(50);
 
