@@ -164,6 +164,7 @@ impl BoardLoop {
     /// What is left in the queue is not begun any more, except for the stop of a jog that somebody held.
     fn stop_held_jogs(&mut self) {
         let deadline = Instant::now() + LAST_STOP;
+        self.jobs.keep_stops();
         while let Some(command) = self.commands.try_receive() {
             if let Command::Job { ticket, job, .. } = command
                 && let Job::Panel(request) = *job

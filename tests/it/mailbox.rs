@@ -218,6 +218,34 @@ fn what_stops_the_machine_takes_the_other_way_too() {
 }
 
 #[test]
+fn what_stops_the_machine_does_not_wait_behind_a_line_that_is_not_taken() {
+    let site = vme(&shipped("I58=0"), &[], "use = \"always\"\n");
+    identified(&site);
+    let mut connection = site.connection();
+    connection.send("#1J+", PATIENCE).unwrap();
+    site.control("fault mailbox_stuck on");
+    std::thread::scope(|scope| {
+        let mut other = site.connection();
+        let line = scope.spawn(move || other.send("P1=1", 10 * PATIENCE));
+        let kill = scope.spawn(|| {
+            wait_until("^K to be taken", || {
+                // The line is to be under way by then, and again when something else was.
+                std::thread::sleep(Duration::from_secs(2));
+                site.connection().control(11).is_ok()
+            })
+        });
+        // The line ends long before its own time is over, because ^K has gone over it.
+        let line = line.join().unwrap();
+        assert!(matches!(line, Err(CommandError::Refused(CallError::TimedOut { .. }))), "{line:?}");
+        site.control("fault mailbox_stuck off");
+        kill.join().unwrap();
+    });
+    let position = || site.connection().send("#1P", PATIENCE).unwrap();
+    wait_until("the motor to stand", || position() == position());
+    assert_eq!(connection.send("P1", PATIENCE).unwrap(), ["0"], "the board never took the line");
+}
+
+#[test]
 fn a_board_that_starts_with_i58_off_is_identified_through_the_mailboxes() {
     let site = vme("I3=2\nI6=1\n", &[], "");
     identified(&site);

@@ -2,7 +2,8 @@
 
 use std::os::unix::fs::FileExt;
 use std::process::{Child, Command, Stdio};
-use std::time::Duration;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
 
 use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
@@ -299,6 +300,76 @@ fn a_stop_that_the_board_does_not_take_is_asked_for_again() {
     assert!(ask(&mut board, "#1V") > 1.0);
     site.control("fault panel_stuck off");
     until(&mut board, "#1V", "it stands", |speed| speed.abs() < 0.1);
+}
+
+/// One client that holds so many jogs, of all motors in turn, until it is told to end or the daemon does.
+fn hold_many(site: &Site, jogs: usize, are_held: &AtomicBool, end: &AtomicBool) {
+    let mut held: Vec<(Connection, usize)> = Vec::new();
+    let given_up = Instant::now() + 3 * PATIENCE;
+    while !end.load(Ordering::Relaxed) && Instant::now() < given_up {
+        if held.len() < jogs {
+            let motor = held.len() % 8 + 1;
+            let mut connection = site.connection();
+            connection.panel_hold("jog+", &[motor as u8]).unwrap();
+            held.push((connection, motor));
+            are_held.store(held.len() == jogs, Ordering::Relaxed);
+        }
+        for (connection, motor) in &mut held {
+            // A machine that was too busy to renew it in time begins it again.
+            if connection.panel_renew().is_err() && connection.panel_hold("jog+", &[*motor as u8]).is_err() {
+                return;
+            }
+        }
+    }
+}
+
+#[test]
+fn many_held_jogs_end_with_their_client() {
+    let site = running();
+    let mut board = site.connection();
+    let (are_held, end) = (AtomicBool::new(false), AtomicBool::new(false));
+    std::thread::scope(|scope| {
+        let client = scope.spawn(|| hold_many(&site, 40, &are_held, &end));
+        wait_until("all to be held", || are_held.load(Ordering::Relaxed));
+        for motor in 1..=8 {
+            until(&mut board, &format!("#{motor}V"), "it goes", |speed| speed > 1.0);
+        }
+        // No stop is over while the next ones come.
+        site.control("fault panel_stuck on");
+        end.store(true, Ordering::Relaxed);
+        client.join().unwrap();
+    });
+    wait_until("a stop to be requested", || site.log().contains("holder is gone or silent"));
+    std::thread::sleep(Duration::from_millis(300));
+    site.control("fault panel_stuck off");
+    for motor in 1..=8 {
+        until(&mut board, &format!("#{motor}V"), "it stands", |speed| speed.abs() < 0.1);
+    }
+    let log = site.log();
+    assert!(!log.contains("did not take the stop"), "{log}");
+}
+
+#[test]
+fn many_held_jogs_end_with_the_daemon() {
+    let mut site = running();
+    let mut board = site.connection();
+    let (are_held, end) = (AtomicBool::new(false), AtomicBool::new(false));
+    std::thread::scope(|scope| {
+        scope.spawn(|| hold_many(&site, 40, &are_held, &end));
+        wait_until("all to be held", || are_held.load(Ordering::Relaxed));
+        for motor in 1..=8 {
+            until(&mut board, &format!("#{motor}V"), "it goes", |speed| speed > 1.0);
+        }
+        site.signal_daemon(Signal::SIGTERM);
+    });
+    assert_eq!(site.stop_daemon(), 0);
+    site.start_daemon(&[]);
+    let mut board = site.connection();
+    wait_until("a board that answers", || board.send("#1V", PATIENCE).is_ok());
+    for motor in 1..=8 {
+        until(&mut board, &format!("#{motor}V"), "it stands", |speed| speed.abs() < 0.1);
+    }
+    site.assert_no_violations();
 }
 
 #[test]

@@ -285,6 +285,44 @@ fn a_batch_that_is_not_the_next_one_is_refused_whole() {
 }
 
 #[test]
+fn nobody_sets_a_buffer_up_under_anothers_transfer() {
+    let site = running();
+    let mut connection = site.connection();
+    for line in ["CLOSE", "&1DEFINE ROT 400", "&1B0", "I57=0"] {
+        connection.send(line, PATIENCE).unwrap();
+    }
+    let place = RotaryPlace {
+        buffer: 1,
+        start: None,
+        size_longs: Some(40),
+        coordinate_system: 1,
+        coordinate_system_base: 1,
+    };
+    connection.rotary_open(place).unwrap();
+    for line in ["I57=1", "OPEN ROT"] {
+        connection.send(line, PATIENCE).unwrap();
+    }
+    // While OPEN ROT is in force I57 would be a program line. Nothing waits, and the transfer is on all the same.
+    let lines: Vec<RotaryLine> = vec![vec![(0x000E23, 0x500000), (0x000661, 0x980000)]; 60];
+    let mut feed = RotaryFeed::new(site.connection(), 1, &lines);
+    while !feed.is_done() {
+        feed.step().unwrap();
+    }
+    for _ in 0..3 {
+        let error = site.connection().rotary_open(place).unwrap_err().to_string();
+        assert!(error.contains("I57 could not be asked") && error.contains("CLOSE and I57=0"), "{error}");
+    }
+    assert_eq!(connection.rotary_state(1).unwrap().sent_lines, 60, "the stream is as it was");
+    connection.send("CLOSE", PATIENCE).unwrap();
+    let error = site.connection().rotary_open(place).unwrap_err().to_string();
+    assert!(error.contains("I57 is 1"), "{error}");
+    connection.send("I57=0", PATIENCE).unwrap();
+    site.connection().rotary_open(place).unwrap();
+    assert_eq!(connection.rotary_state(1).unwrap().sent_lines, 0);
+    site.assert_no_violations();
+}
+
+#[test]
 fn the_motors_go_where_the_text_says() {
     let site = running();
     let path = site.path("run.pmc");
