@@ -393,7 +393,8 @@ impl Board {
         }
         let which = which % self.has.len();
         let outcome = match how & 7 {
-            0..=2 => Outcome::Done,
+            0 | 1 => Outcome::Done,
+            2 => Outcome::Busy,
             3 => Outcome::Error(5),
             4 => Outcome::TimedOut,
             5 => Outcome::Unavailable,
