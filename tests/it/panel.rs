@@ -162,10 +162,16 @@ fn a_feed_rate_is_set_in_percent_and_raw_and_released() {
     let mut board = site.connection();
     done(&site, &["panel", "feed", "1", "50%"]);
     until(&mut board, "&1%", "half", |percent| (percent - 50.0).abs() < 0.01);
-    done(&site, &["panel", "feed", "2", "14507"]);
+    let told = done(&site, &["panel", "feed", "2", "14507"]);
+    assert_eq!(told, "&2: 14507 of 32767 raw = 100.00 %\n");
     until(&mut board, "&2%", "all", |percent| (percent - 100.0).abs() < 0.01);
-    let told = done(&site, &["panel", "feed", "2", "300%"]);
-    assert!(told.contains("225.8") && told.contains("the most"), "{told}");
+    for too_much in ["300%", "40000"] {
+        let (status, stdout, stderr) = site.pmacctl(&["panel", "feed", "2", too_much]);
+        assert_eq!((status, stdout.as_str()), (2, ""), "{too_much}: {stderr}");
+        assert!(stderr.contains("225.87%") || stderr.contains("0 to 32767"), "{stderr}");
+    }
+    until(&mut board, "&2%", "as it was", |percent| (percent - 100.0).abs() < 0.01);
+    done(&site, &["panel", "feed", "2", "225.87%"]);
     until(&mut board, "&2%", "the most there is", |percent| (percent - 225.87).abs() < 0.02);
     let shown: Value = serde_json::from_str(&done(&site, &["panel", "show", "--json"])).unwrap();
     assert_eq!((&shown["override_enable"], &shown["request_enable"]), (&3.into(), &0.into()));
@@ -177,6 +183,19 @@ fn a_feed_rate_is_set_in_percent_and_raw_and_released() {
     until(&mut board, "&1%", "its own", |percent| (percent - 80.0).abs() < 0.01);
     assert!(done(&site, &["panel", "show"]).lines().nth(1).unwrap().contains("off"));
     site.assert_no_violations();
+}
+
+#[test]
+fn a_withdrawn_request_is_not_shown_as_taken() {
+    let site = running();
+    site.control("fault panel_stuck on");
+    let (status, _, stderr) = site.pmacctl(&["panel", "home", "4"]);
+    assert!(status == 1 && stderr.contains("withdrawn"), "{stderr}");
+    let shown = done(&site, &["panel", "show"]);
+    let row = |number: usize| shown.lines().nth(number).unwrap().split_whitespace().collect::<Vec<_>>();
+    assert_eq!(row(0)[..4], ["number", "request", "word", "waits"]);
+    assert_eq!(row(4)[..3], ["4", "home", "-"], "{shown}");
+    assert_eq!(row(5)[..3], ["5", "-", "-"], "{shown}");
 }
 
 #[test]

@@ -125,6 +125,28 @@ fn a_board_that_is_not_ready_says_what_it_lacks() {
 }
 
 #[test]
+fn a_stream_that_was_run_says_how_to_end_the_program_and_the_next_one_what_is_in_its_way() {
+    let site = running();
+    let path = site.path("short.pmc");
+    std::fs::write(&path, "LINEAR\nINC\nTM20\nX1\nX-1\n").unwrap();
+    let file = path.to_str().unwrap();
+    let (status, _, stderr) = stream(&site, &[file, "--define", "100", "--run"]);
+    assert_eq!(status, 0, "{stderr}");
+    assert!(stderr.contains("&1 goes on running") && stderr.contains("pmacctl send '&1Q'"), "{stderr}");
+    let (status, _, stderr) = stream(&site, &[file, "--run"]);
+    assert!(status == 1 && stderr.contains("ERR001") && stderr.contains("pmacctl send '&1Q'"), "{stderr}");
+    // What is said helps, as soon as the motion is over.
+    site.connection().send("&1Q", PATIENCE).unwrap();
+    wait_until("a board that takes a jog", || site.pmacctl(&["send", "#1J=0"]).0 == 0);
+    let (status, _, stderr) = stream(&site, &[file, "--define", "100"]);
+    assert!(status == 1 && stderr.contains("pmacctl send '&1DELETE ROT'"), "{stderr}");
+    wait_until("a board that lets it go", || site.pmacctl(&["send", "&1DELETE ROT"]).0 == 0);
+    let (status, _, stderr) = stream(&site, &[file, "--define", "100", "--run", "--quiet"]);
+    assert_eq!((status, stderr.as_str()), (0, ""));
+    site.assert_no_violations();
+}
+
+#[test]
 fn a_board_that_takes_no_more_is_waited_for_and_then_told() {
     let site = running();
     let file = program(&site, 2000);
