@@ -89,15 +89,16 @@ impl<'a> GatherBoard<'a> {
         silence: Duration,
         stop: &Interrupt,
     ) -> Result<GatherFollower, Failure> {
+        // A report that has just been ended counts as live for a moment more; the first `GATHER` starts it again. Looked at
+        // while it still comes in its old period, by which the daemon judges.
+        let ended = self.report == ServoReport::Running && !report_comes(board, silence, stop)?;
         for line in &self.plan.prepare {
             self.connection.send(line, LINE).map_err(|error| explain(line, error))?;
             if *line == self.plan.stop {
                 self.say_what_was_ended();
             }
         }
-        // The servo report's timer is the clock, and has to run before the daemon's first look. A report that has just been
-        // ended counts as live for a moment more; the first `GATHER` starts it again.
-        let ended = self.report == ServoReport::Running && !report_comes(board, silence, stop)?;
+        // The servo report's timer is the clock, and has to run before the daemon's first look.
         let starts = self.plan.start.iter().skip(1).chain(self.plan.start.first().filter(|_| ended));
         for line in starts {
             self.gather(line, Begun::Report)?;

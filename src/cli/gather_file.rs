@@ -98,7 +98,7 @@ impl Writer {
             return Failure::Output(error);
         }
         let not_noted = if noted.is_err() { ", but its header does not say so" } else { "" };
-        let text = format!("{error}; it holds the first {kept} of {} samples{not_noted}", self.samples);
+        let text = format!("{error}; {kept} of {} samples are written, whole{not_noted}", self.samples);
         self.rows().failed(io::Error::new(kind, text))
     }
 }

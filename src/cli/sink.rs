@@ -5,7 +5,7 @@ use std::ffi::OsString;
 use std::fs::{self, File, Metadata, OpenOptions};
 use std::io::{self, Seek, SeekFrom, Write};
 use std::os::fd::AsFd;
-use std::os::unix::fs::{FileTypeExt, OpenOptionsExt};
+use std::os::unix::fs::{FileTypeExt, MetadataExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
@@ -42,20 +42,27 @@ fn failed(path: &Path, error: io::Error) -> Failure {
 
 /// What `path` leads to through symbolic links, and what there is, if there is anything.
 fn followed(path: &Path) -> io::Result<(PathBuf, Option<Metadata>)> {
-    let mut path = path.to_owned();
+    let there = match fs::metadata(path) {
+        Ok(there) => Some(there),
+        Err(error) if error.kind() == io::ErrorKind::NotFound => None,
+        Err(error) => return Err(error),
+    };
+    let mut target = path.to_owned();
     for _ in 0..LINKS {
-        match fs::symlink_metadata(&path) {
-            // Open files of a process look like links, but lead to what has no path.
-            Ok(there) if there.is_symlink() && !path.starts_with("/proc") && !path.starts_with("/dev/fd") => {
-                let target = fs::read_link(&path)?;
-                path = path.parent().unwrap_or(Path::new("")).join(target);
+        match fs::symlink_metadata(&target) {
+            Ok(link) if link.is_symlink() => {
+                let to = fs::read_link(&target)?;
+                target = target.parent().unwrap_or(Path::new("")).join(to);
             }
-            Ok(there) => return Ok((path, Some(there))),
-            Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok((path, None)),
-            Err(error) => return Err(error),
+            _ => return Ok((target, there)),
         }
     }
     Err(Errno::ELOOP.into())
+}
+
+/// Whether `path` is what `there` tells of. Links to a process's open files may read as paths of something else.
+fn is_at(path: &Path, there: &Metadata) -> bool {
+    fs::symlink_metadata(path).is_ok_and(|at| (at.dev(), at.ino()) == (there.dev(), there.ino()))
 }
 
 /// Puts `bytes` into `path`. A regular file, or a new one, is replaced whole or not at all; anything else is written to.
@@ -64,7 +71,9 @@ fn followed(path: &Path) -> io::Result<(PathBuf, Option<Metadata>)> {
 /// [`Failure`], which names the file.
 pub fn put(path: &Path, bytes: &[u8]) -> Result<(), Failure> {
     let put = || match followed(path)? {
-        (_, Some(there)) if !there.is_file() => OpenOptions::new().write(true).open(path)?.write_all(bytes),
+        (target, Some(there)) if !there.is_file() || !is_at(&target, &there) => {
+            OpenOptions::new().write(true).truncate(true).open(path)?.write_all(bytes)
+        }
         (target, there) => replace(&target, there.as_ref(), bytes),
     };
     put().map_err(|error| failed(path, error))
@@ -289,7 +298,7 @@ fn open_fifo(options: &OpenOptions, path: &Path, there: &Metadata, stop: &Interr
 mod tests {
     use super::*;
     use nix::sys::stat::{Mode, SFlag, makedev, mknod};
-    use std::os::unix::fs::{MetadataExt, PermissionsExt, symlink};
+    use std::os::unix::fs::{PermissionsExt, symlink};
 
     /// A device node of our own, or nothing where that is not permitted.
     fn device(path: &Path, minor: u64) -> Option<Metadata> {
