@@ -2,7 +2,10 @@
 """Reads a segment, written from the layout page (src/segment/layout.rs) alone, with nothing but the standard library.
 
     segment_reader.py PATH              header, regions and the latest sample of each, as one JSON document
-    segment_reader.py PATH REGION N     follows N samples of the region and prints how many it got and lost
+    segment_reader.py PATH REGION N     follows the next N samples of the region and prints how many it got and lost; of
+                                        servo also where the motors are in the last of them
+    segment_reader.py PATH REGION N --numbered
+                                        for tests, whose writer puts one number into all words of a sample: how many were mixed
 
 A plain 64-bit load from a memoryview is one processor load; in this order that is right on x86-64 (see the page).
 """
@@ -18,6 +21,10 @@ MAGIC = int.from_bytes(b"PMACDPRM", "little")
 REGIONS = {1: "servo", 2: "background", 3: "board", 4: "panel", 5: "variable", 6: "gather"}
 # Where the first number's block begins (host byte offset), and words (16 bits) of a block.
 BLOCKS = {"servo": (0x48, 30), "background": (0x24C, 62)}
+# Where in a motor's servo block its actual position is (pmacctl map).
+ACTUAL_POSITION = 4
+# How long to wait for a sample, in seconds.
+PATIENCE_S = 5
 
 
 class Segment:
@@ -56,6 +63,13 @@ class Segment:
                 value = (value ^ byte) * 0x100000001B3 % 2**64
         if value != self.at(0x020):
             raise SystemExit("the segment's geometry does not match its checksum")
+
+    def is_fresh(self, region, sample):
+        """Whether the sample may be shown as live; the page has the rules."""
+        now, age_limit = time.monotonic_ns(), self.at(region.entry + 0x50)
+        alive = self.at(0x040) == 1 and now - self.at(0x080) <= self.at(0x070)
+        live = self.at(region.entry + 0x40) == 1 and (age_limit == 0 or now - sample["time_ns"] <= age_limit)
+        return alive and live and sample["valid"]
 
     def header(self):
         count = self.at(0x0E0)
@@ -134,26 +148,65 @@ class Region:
         }
 
 
-def follow(region, wanted):
-    got, lost, following, mixed = 0, 0, 1, 0
-    deadline = time.monotonic() + 20
+def follow(region, wanted, numbered=False):
+    """The samples from now on, each once. Gives up when none has come for a while."""
+    got, lost, mixed, last = 0, 0, 0, None
+    following = region.published() + 1
+    deadline = time.monotonic() + PATIENCE_S
     while got + lost < wanted and time.monotonic() < deadline:
         sample = region.read(following)
         if sample is None:
+            # Polling is the simple way; a program that has to be quick waits on the futex (see the page).
+            time.sleep(0.0005)
             continue
+        deadline = time.monotonic() + PATIENCE_S
         if sample is False:
             resume = max(region.published() - region.count // 2, following + 1)
             lost, following = lost + resume - following, resume
             continue
-        mixed += len(set(sample["words"])) != 1
-        got, following = got + 1, following + 1
-    return {"got": got, "lost": lost, "mixed": mixed}
+        mixed += numbered and len(set(sample["words"])) != 1
+        got, following, last = got + 1, following + 1, sample
+    counts = {"got": got, "lost": lost}
+    return counts | {"mixed": mixed} if numbered else counts, last
+
+
+def position_scales(board):
+    """Ix08 of each motor that has told it, from the board region's latest sample (src/segment/identity.rs)."""
+    if not board:
+        return {}
+    payload = b"".join(word.to_bytes(2, sys.byteorder) for word in board["words"])
+    known = int.from_bytes(payload[0x30:0x34], sys.byteorder)
+    scales = enumerate(memoryview(payload[0x110:0x190]).cast("i").tolist(), 1)
+    return {motor: scale for motor, scale in scales if known >> motor - 1 & 1 and scale > 0}
+
+
+def actual_positions(region, sample, scales):
+    """Where each motor is: in counts if its scale is known, else the 48-bit number as the board has it."""
+    start, length = region.blocks
+    first = (start - region.host_offset) // 2
+    motors = {}
+    for motor, at in enumerate(range(first, len(sample["words"]) - length + 1, length), 1):
+        words = sample["words"][at + ACTUAL_POSITION : at + ACTUAL_POSITION + 4]
+        if None in words:
+            continue
+        # Two 24-bit halves, each in 32 bits, the low one (Y) first.
+        low, high = (words[0] | words[1] << 16) & 0xFFFFFF, (words[2] | words[3] << 16) & 0xFFFFFF
+        raw = (high << 24 | low) - ((high >> 23) << 48)
+        motors[motor] = raw / (scales[motor] * 32) if motor in scales else {"raw": raw}
+    return motors
 
 
 def main():
     segment = Segment(sys.argv[1])
     if len(sys.argv) > 3:
-        print(json.dumps(follow(segment.regions[sys.argv[2]], int(sys.argv[3]))))
+        region = segment.regions[sys.argv[2]]
+        followed, last = follow(region, int(sys.argv[3]), "--numbered" in sys.argv[4:])
+        if last and sys.argv[2] == "servo" and "mixed" not in followed:
+            scales = position_scales(segment.regions["board"].latest()) if "board" in segment.regions else {}
+            followed["servo_timer"] = last["servo_timer"]
+            followed["fresh"] = segment.is_fresh(region, last)
+            followed["actual_positions"] = actual_positions(region, last, scales)
+        print(json.dumps(followed))
         return
     regions = {name: region.info() for name, region in segment.regions.items()}
     print(json.dumps({"header": segment.header(), "regions": regions}))

@@ -128,8 +128,8 @@ pub struct Demo {
 
 #[derive(Debug, ClapArgs)]
 pub struct Watch {
-    /// Stop after so many prints
-    #[arg(long, value_name = "N")]
+    /// Stop after so many prints; without it and --seconds, on q or ^C
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     pub count: Option<u64>,
     /// Stop after so long
     #[arg(long, value_name = "S", value_parser = seconds)]

@@ -4,7 +4,6 @@
 //! as any other program could. The last line says what was measured.
 
 use std::fmt::Write as _;
-use std::io::Read as _;
 use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
@@ -12,13 +11,12 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
 use nix::sys::signal::Signal;
-use nix::sys::termios::{LocalFlags, SetArg, Termios, tcgetattr, tcsetattr};
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 
 use super::args::Demo;
-use super::watch::Screen;
+use super::keys::Keys;
+use super::screen::Screen;
 use super::{Context, Failure, Verdict};
 use crate::client::{Board, ClientError};
 use crate::segment::{Counter, RegionId, SegmentName};
@@ -45,6 +43,7 @@ pub fn run(context: &mut Context, options: &Demo) -> Result<Verdict, Failure> {
     let interactive = context.output.is_terminal();
     let keys = Keys::listen(interactive);
     let mut screen = Screen::new(interactive);
+    let hint = if keys.are_heard() { "; q ends it" } else { "" };
 
     let began = Instant::now();
     let first = board.subscriber().counter(Counter::Updates);
@@ -65,7 +64,7 @@ pub fn run(context: &mut Context, options: &Demo) -> Result<Verdict, Failure> {
         // Every sample is fetched, as a program that logs would; what the table shows is the latest.
         while cursor.next(board.subscriber(), &mut sample).map_err(ClientError::from)? {}
         let snapshot = board.snapshot()?;
-        screen.show(&mut context.output, &format!("{} (simulated; q ends it)", board.name()), &snapshot)?;
+        screen.show(&mut context.output, &format!("{} (simulated{hint})", board.name()), &snapshot)?;
         context.output.flush()?;
         let over = options.seconds.is_some_and(|seconds| began.elapsed() >= seconds);
         if over || interrupted.load(Ordering::Relaxed) || keys.quit_within(options.rate) {
@@ -181,57 +180,4 @@ impl Drop for Stage {
 fn program() -> PathBuf {
     let beside = std::env::current_exe().ok().and_then(|own| Some(own.parent()?.join("pmacd")));
     beside.filter(|path| path.exists()).unwrap_or_else(|| Path::new("pmacd").to_owned())
-}
-
-/// Single key presses, while a terminal is there to press them on.
-struct Keys {
-    restore: Option<Termios>,
-}
-
-impl Keys {
-    fn listen(interactive: bool) -> Self {
-        let stdin = std::io::stdin();
-        let restore = if interactive { tcgetattr(&stdin).ok() } else { None };
-        if let Some(before) = &restore {
-            let mut raw = before.clone();
-            raw.local_flags.remove(LocalFlags::ICANON | LocalFlags::ECHO);
-            let _ = tcsetattr(&stdin, SetArg::TCSANOW, &raw);
-        }
-        Self { restore }
-    }
-
-    /// Waits at most `time`, less if q is pressed.
-    fn quit_within(&self, time: Duration) -> bool {
-        if self.restore.is_none() {
-            std::thread::sleep(time);
-            return false;
-        }
-        let stdin = std::io::stdin();
-        let end = Instant::now() + time;
-        loop {
-            let left = end.saturating_duration_since(Instant::now());
-            let timeout = PollTimeout::try_from(left).unwrap_or(PollTimeout::ZERO);
-            let mut watched = [PollFd::new(std::os::fd::AsFd::as_fd(&stdin), PollFlags::POLLIN)];
-            match poll(&mut watched, timeout) {
-                Ok(1..) => {
-                    let mut key = [0];
-                    match stdin.lock().read(&mut key) {
-                        Ok(1) if matches!(key[0], b'q' | b'Q' | 4) => return true,
-                        Ok(0) | Err(_) => return true,
-                        Ok(_) => {}
-                    }
-                }
-                // A signal ends the wait, and the caller looks why.
-                Ok(_) | Err(_) => return false,
-            }
-        }
-    }
-}
-
-impl Drop for Keys {
-    fn drop(&mut self) {
-        if let Some(before) = &self.restore {
-            let _ = tcsetattr(std::io::stdin(), SetArg::TCSANOW, before);
-        }
-    }
 }

@@ -15,8 +15,8 @@ use crate::client::{Board, CommandError, Connection};
 use crate::device::System;
 use crate::device::candidates::Candidate;
 use crate::device::probe::Probe;
-use crate::protocol::{BoardInfo, BoardSettings, CommandPort, Function, HostPortInfo, State};
-use crate::segment::{Condition, DIRECTORY, RegionId, RegionState, monotonic_ns};
+use crate::protocol::{BoardInfo, BoardSettings, CommandPort, CommandState, Function, HostPortInfo, State};
+use crate::segment::{Condition, DIRECTORY, Identity, RegionId, RegionState, monotonic_ns};
 
 /// Less room than this in /dev/shm is worth a warning: a segment takes a few MiB.
 const ROOM: u64 = 16 << 20;
@@ -58,6 +58,30 @@ impl Report {
     }
 }
 
+impl Report {
+    /// Whether the board takes command lines.
+    fn add_commands(&mut self, info: &BoardInfo) {
+        let (port, cure) = match info.command_port {
+            CommandPort::Dpram => ("the DPRAM", "is I58=1? It can be set by another port"),
+            CommandPort::Mailbox => ("the VME mailboxes", "is I3=2? It can be set by another port"),
+        };
+        let answers = info.enabled.iter().any(|name| name == "ascii");
+        let (level, text) = match info.command_state {
+            _ if answers => (Level::Ok, format!("the board takes command lines through {port}")),
+            CommandState::Silent => {
+                (Level::Warn, format!("the last command line through {port} was not answered; {cure}"))
+            }
+            CommandState::Unknown | CommandState::Answers => (
+                Level::Ok,
+                format!(
+                    "not known yet: no command line was sent through {port}; pmacctl send TYPE would tell"
+                ),
+            ),
+        };
+        self.add(level, "commands", text);
+    }
+}
+
 pub fn run(context: &mut Context, options: &Doctor) -> Result<Verdict, Failure> {
     let mut report = Report::default();
     let system = options.root.as_ref().map_or_else(System::here, System::below);
@@ -77,10 +101,10 @@ pub fn run(context: &mut Context, options: &Doctor) -> Result<Verdict, Failure> 
 /// What stands between this user and live data.
 fn everything(report: &mut Report, context: &Context, system: &System) {
     shared_memory(report);
-    let board = segment(report, context.name.as_str());
+    let mut board = segment(report, context.name.as_str());
     let (info, settings) = socket(report, &context.socket).unzip();
     let settings = settings.flatten().unwrap_or_default();
-    if let Some(board) = &board {
+    if let Some(board) = &mut board {
         data(report, board, &settings);
     }
     if let Some(info) = &info {
@@ -199,14 +223,15 @@ fn unreachable(path: &Path, error: &CommandError) -> String {
     format!("{} may be used by the group {group}, and you are not in it; have yourself added", path.display())
 }
 
-fn data(report: &mut Report, board: &Board, settings: &BoardSettings) {
+fn data(report: &mut Report, board: &mut Board, settings: &BoardSettings) {
     let condition = board.subscriber().condition();
     if condition.is_over() {
         // The data are old because the daemon is gone, which has been said.
         return;
     }
-    for (region, function, variable) in
-        [(RegionId::Servo, Function::Servo, "I48"), (RegionId::Background, Function::Background, "I49")]
+    let identity = board.identity().unwrap_or_default();
+    for (region, function) in
+        [(RegionId::Servo, Function::Servo), (RegionId::Background, Function::Background)]
     {
         let what = region.name();
         if !settings.functions.has(function) {
@@ -222,15 +247,54 @@ fn data(report: &mut Report, board: &Board, settings: &BoardSettings) {
                 report.add(Level::Ok, what, format!("live, {published} updates"));
             }
             RegionState::Off => {
-                let text = format!("off on the board; switch it on: pmacctl send {variable}=1");
-                report.add(Level::Warn, what, text);
+                report.add(Level::Warn, what, format!("off on the board; {}", missing(region, &identity)));
             }
             RegionState::Live | RegionState::Stale => {
-                let text =
-                    format!("stale after {published} updates; is {variable} on, and does the board run?");
-                report.add(Level::Fail, what, text);
+                // A board that is silent altogether may have every variable as it was.
+                let why = match condition {
+                    Condition::Live => missing(region, &identity),
+                    _ => "so are all others: does the board run?".to_owned(),
+                };
+                report.add(Level::Fail, what, format!("stale after {published} updates; {why}"));
             }
         }
+    }
+}
+
+/// What a report that does not come is missing, as far as the board has told what it is set to.
+fn missing(region: RegionId, identity: &Identity) -> String {
+    let needed: &[(&str, Option<u32>)] = match region {
+        RegionId::Servo => &[("I48", identity.i48), ("I19", identity.i19), ("I59", identity.i59)],
+        _ => &[("I49", identity.i49), ("I59", identity.i59)],
+    };
+    let off: Vec<_> = needed.iter().filter(|(_, value)| *value == Some(0)).map(|(name, _)| *name).collect();
+    if !off.is_empty() {
+        let lines: Vec<_> =
+            off.iter().map(|name| format!("{name}={}", if *name == "I59" { 8 } else { 1 })).collect();
+        return format!(
+            "the board told {}=0; switch it on: pmacctl send '{}'",
+            off.join("=0, "),
+            lines.join(" ")
+        );
+    }
+    let unknown: Vec<_> = needed.iter().filter(|(_, value)| value.is_none()).map(|(name, _)| *name).collect();
+    if !unknown.is_empty() {
+        let names: Vec<_> = needed.iter().map(|(name, _)| *name).collect();
+        let gather = if region == RegionId::Servo { ", and GATHER" } else { "" };
+        return format!(
+            "the board has not told {}; it takes {} above 0{gather}",
+            unknown.join(" and "),
+            names.join(" and ")
+        );
+    }
+    let told: Vec<_> =
+        needed.iter().filter_map(|(name, value)| Some(format!("{name}={}", (*value)?))).collect();
+    let told = told.join(", ");
+    match region {
+        RegionId::Servo => format!(
+            "the board told {told}, so what is missing is GATHER, which a reset and ENDGATHER take away: pmacctl send GATHER"
+        ),
+        _ => format!("the board told {told}, which is all it takes: does its background run?"),
     }
 }
 
@@ -267,20 +331,7 @@ fn functions(report: &mut Report, info: &BoardInfo, settings: &BoardSettings) {
     if !settings.functions.has(Function::Ascii) {
         return;
     }
-    let (level, text) = match (info.command_port, info.enabled.iter().any(|name| name == "ascii")) {
-        (CommandPort::Dpram, true) => (Level::Ok, "the board takes command lines through the DPRAM"),
-        (CommandPort::Mailbox, true) => {
-            (Level::Ok, "the board takes command lines through the VME mailboxes")
-        }
-        (CommandPort::Dpram, false) => {
-            (Level::Warn, "the board takes no command lines through the DPRAM; set I58=1 by another port")
-        }
-        (CommandPort::Mailbox, false) => (
-            Level::Warn,
-            "the board takes no command lines through the VME mailboxes; set I3=2 by another port",
-        ),
-    };
-    report.add(level, "commands", text);
+    report.add_commands(info);
     if info.enabled.iter().any(|name| name == "interrupt") {
         report.add(Level::Ok, "interrupt", "replies are announced by an interrupt");
     } else {

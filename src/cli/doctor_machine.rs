@@ -23,7 +23,7 @@ pub fn boards(report: &mut Report, system: &System) {
             "memory",
             "you may open /dev/mem, if the board is at a fixed address (ISA, VME)",
         ),
-        Err(why) => report.add(Level::Ok, "memory", format!("you may not open it: {why}")),
+        Err(why) => report.add(Level::Warn, "memory", format!("you may not open it: {why}")),
     }
     let found = candidates(system);
     if found.is_empty() {

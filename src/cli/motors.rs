@@ -103,10 +103,25 @@ pub fn number(quantity: Option<Quantity>) -> String {
     in_places(quantity, 1)
 }
 
+/// As [`number`], where no column says what it is: `9710688raw` is no count.
+pub fn labelled(quantity: Option<Quantity>) -> String {
+    let raw = quantity.is_some_and(|quantity| quantity.value.is_none());
+    number(quantity) + if raw { "raw" } else { "" }
+}
+
 /// The value with so many decimal places, else the raw integer.
 fn in_places(quantity: Option<Quantity>, places: usize) -> String {
     let Some(Quantity { raw, value, .. }) = quantity else { return NOT_READ.to_owned() };
-    value.map_or_else(|| raw.to_string(), |value| format!("{value:.places$}"))
+    value.map_or_else(|| raw.to_string(), |value| fixed(value, places))
+}
+
+/// So many decimal places, and no sign on what is rounded to nothing.
+fn fixed(value: f64, places: usize) -> String {
+    let text = format!("{value:.places$}");
+    match text.strip_prefix('-') {
+        Some(zero) if zero.bytes().all(|byte| matches!(byte, b'0' | b'.')) => zero.to_owned(),
+        _ => text,
+    }
 }
 
 /// Commanded less actual position. Not called following error: whether compensation and master positions belong to
@@ -114,7 +129,7 @@ fn in_places(quantity: Option<Quantity>, places: usize) -> String {
 fn difference(commanded: Option<Quantity>, actual: Option<Quantity>) -> String {
     let (Some(commanded), Some(actual)) = (commanded, actual) else { return NOT_READ.to_owned() };
     match (commanded.value, actual.value) {
-        (Some(commanded), Some(actual)) => format!("{:.1}", commanded - actual),
+        (Some(commanded), Some(actual)) => fixed(commanded - actual, 1),
         _ => commanded.raw.wrapping_sub(actual.raw).to_string(),
     }
 }
@@ -172,6 +187,20 @@ fn flags(motor: &ServoMotor) -> Vec<&'static str> {
 mod tests {
     use super::*;
     use crate::map::status::CLASSIC;
+
+    #[test]
+    fn nothing_has_no_sign_and_raw_numbers_say_so() {
+        let quantity = |raw, value| Some(Quantity { raw, value, unit: "" });
+        for (value, text) in [(-0.04, "0.0"), (-0.0, "0.0"), (-0.06, "-0.1"), (-10.0, "-10.0"), (0.04, "0.0")]
+        {
+            assert_eq!(number(quantity(-1, Some(value))), text);
+            assert_eq!(labelled(quantity(-1, Some(value))), text);
+        }
+        assert_eq!(difference(quantity(1, Some(1.0)), quantity(1, Some(1.01))), "0.0");
+        assert_eq!(velocity(quantity(0, Some(-0.0001))), "0.000");
+        assert_eq!((number(quantity(-7, None)), labelled(quantity(-7, None))), ("-7".into(), "-7raw".into()));
+        assert_eq!(labelled(None), NOT_READ);
+    }
 
     #[test]
     fn every_short_word_stands_for_a_flag_there_is() {

@@ -52,7 +52,8 @@ pub enum PanelCommand {
     Hold(Systems),
     /// Override the feed rate of a coordinate system; acts while its Ix93 is $0806 + $C0*(x-1), the default
     Feed(Feed),
-    /// What the panel holds: requests the board has not taken, the last ones, and the overrides
+    /// What the panel's words hold: the request word last written for each number, whether it still waits for the board,
+    /// and the override. A request word stays as it is when it was taken, and when it was withdrawn: which, no word tells
     Show,
 }
 
@@ -180,7 +181,7 @@ fn feed(context: &mut Context, feed: &Feed) -> Result<Verdict, Failure> {
                     "the board has not told I10, so a percentage means nothing; give a raw value".into(),
                 )
             })?;
-            Some(FeedOverride::from_percent(percent, i10).map_err(Failure::request)?)
+            Some(from_percent(percent, i10)?)
         }
     };
     let notes = context.connection()?.feed_override(feed.system, value.map(FeedOverride::raw))?;
@@ -193,15 +194,42 @@ fn feed(context: &mut Context, feed: &Feed) -> Result<Verdict, Failure> {
         context.output.json(&serde_json::json!({
             "coordinate_system": feed.system, "raw": raw, "percent": percent, "notes": notes
         }))?;
-    } else if let (Wanted::Percent(asked), Some(value), Some(got)) = (feed.wanted, value, percent)
-        && value == FeedOverride::MAXIMUM
-        && got < asked
-    {
-        context
-            .output
-            .line(format_args!("&{}: {got:.2} % is the most that the panel has room for", feed.system))?;
+    } else {
+        context.output.line(format_args!("&{}: {}", feed.system, echo(value, percent)))?;
     }
     Ok(Verdict::Yes)
+}
+
+/// The override for a percentage.
+///
+/// # Errors
+/// More than the panel's word has room for, as a raw value that is too large would be.
+fn from_percent(percent: f64, i10: u32) -> Result<FeedOverride, Failure> {
+    let value = FeedOverride::from_percent(percent, i10).map_err(Failure::request)?;
+    let most = FeedOverride::MAXIMUM;
+    match most.percent(i10) {
+        // Half a unit may be rounded away; more is not what was asked for.
+        Some(got) if value == most && percent > got * (1.0 + 0.5 / f64::from(most.raw())) => {
+            // Rounded downwards, so that what is told can be typed.
+            let told = (got * 100.0).floor() / 100.0;
+            Err(Failure::Request(format!(
+                "{percent} % is more than the panel has room for; the most there is at this board's I10 is {told:.2}%"
+            )))
+        }
+        _ => Ok(value),
+    }
+}
+
+/// What was set, in both units, so that a forgotten % is seen.
+fn echo(value: Option<FeedOverride>, percent: Option<f64>) -> String {
+    let Some(value) = value else {
+        return "off; the last value stays until something else sets it".to_owned();
+    };
+    let raw = format!("{} of {} raw", value.raw(), FeedOverride::MAXIMUM.raw());
+    match percent {
+        Some(percent) => format!("{raw} = {percent:.2} %"),
+        None => format!("{raw}; the board has not told I10, so the percentage is not known"),
+    }
 }
 
 /// The same for a daemon that has only just been started, and asks its board in a moment.
@@ -235,7 +263,7 @@ struct Number {
     /// The board has not taken the request yet.
     pending: bool,
     request: u16,
-    /// What the request word asks for, or last asked for.
+    /// What the request word asks for, or last asked for. It stays when the board takes it, and when it is withdrawn.
     actions: Vec<&'static str>,
     override_enabled: bool,
     override_raw: u16,
@@ -288,8 +316,8 @@ fn actions(request: u16) -> Vec<&'static str> {
 fn table(shown: &Shown) -> Table {
     let mut table = Table::new(&[
         ("number", Align::Right),
-        ("last request", Align::Left),
-        ("taken", Align::Left),
+        ("request word", Align::Left),
+        ("waits", Align::Left),
         ("override", Align::Left),
         ("raw", Align::Right),
         ("percent", Align::Right),
@@ -298,7 +326,7 @@ fn table(shown: &Shown) -> Table {
         table.row([
             number.number.to_string(),
             if number.actions.is_empty() { "-".to_owned() } else { number.actions.join(" ") },
-            if number.pending { "no" } else { "yes" }.to_owned(),
+            if number.pending { "yes" } else { "-" }.to_owned(),
             if number.override_enabled { "on" } else { "off" }.to_owned(),
             number.override_raw.to_string(),
             number.override_percent.map_or_else(String::new, |percent| format!("{percent:.2}")),
@@ -334,6 +362,26 @@ mod tests {
         assert_eq!(shown.numbers[2].actions.len(), 2);
         assert!(shown.numbers[1].pending && !shown.numbers[0].pending && shown.numbers[0].override_enabled);
         assert!((shown.numbers[0].override_percent.unwrap() - 100.0).abs() < 0.01);
-        assert_eq!(table(&shown).to_string().lines().count(), 9);
+        let table = table(&shown).to_string();
+        let rows: Vec<Vec<&str>> = table.lines().map(|line| line.split_whitespace().collect()).collect();
+        assert_eq!(rows.len(), 9);
+        assert_eq!(rows[2][..3], ["2", "jog-stop", "yes"], "it waits");
+        assert_eq!(rows[4][..4], ["4", "-", "-", "off"], "nothing is claimed of what nobody asked for");
+    }
+
+    #[test]
+    fn a_percentage_there_is_no_room_for_is_refused_and_what_was_set_is_told() {
+        let i10 = 3_713_707;
+        for (percent, raw) in [(50.0, 7253), (225.87, 32_766), (0.0, 0)] {
+            assert_eq!(from_percent(percent, i10).unwrap().raw(), raw, "{percent}");
+        }
+        for percent in [225.88, 226.0, 500.0] {
+            let Err(Failure::Request(text)) = from_percent(percent, i10) else { panic!("{percent}") };
+            assert!(text.contains(&format!("{percent} % is more")) && text.contains("225.87%"), "{text}");
+        }
+        let value = FeedOverride::from_raw(50).unwrap();
+        assert_eq!(echo(Some(value), value.percent(i10)), "50 of 32767 raw = 0.34 %");
+        assert!(echo(Some(value), None).starts_with("50 of 32767 raw; "));
+        assert!(echo(None, None).starts_with("off"));
     }
 }

@@ -127,6 +127,13 @@ pub fn run(context: &mut Context, options: &Stream) -> Result<Verdict, Failure> 
         ))?;
     }
     context.output.flush()?;
+    if options.run && inside > 0 && !context.output.is_quiet() {
+        let cs = options.cs;
+        streaming.progress.say(&format!(
+            "&{cs} goes on running its rotary program, and waits for more lines at its end; pmacctl send '&{cs}Q' ends it, \
+             for a jog or the next stream"
+        ));
+    }
     stopped.map_or(Ok(Verdict::Yes), Err)
 }
 
@@ -148,14 +155,17 @@ impl Streaming<'_> {
         if let Some(longs) = self.options.define {
             self.line(
                 &format!("&{cs}DEFINE ROT {longs}"),
-                "; is one defined already, for this or a lower coordinate system, or a gather buffer (DELETE GATHER)?",
+                &format!(
+                    "; is one defined already (leave --define out, or take it away: pmacctl send '&{cs}DELETE ROT'), one for a \
+                     lower coordinate system, or a gather buffer (DELETE GATHER)?"
+                ),
             )?;
         }
         self.line(
             &format!("&{cs}B0"),
             &format!(
-                "; has the coordinate system a rotary buffer (--define LONGS), and is no program running in it (&{cs}Q ends \
-                 one that waits for more lines)?"
+                "; has the coordinate system a rotary buffer (--define LONGS), and is no program running in it (one that \
+                 waits for more lines ends by: pmacctl send '&{cs}Q')?"
             ),
         )?;
         self.line("I57=0", "")?;

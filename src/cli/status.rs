@@ -38,7 +38,7 @@ fn condition_name(condition: Condition) -> &'static str {
         Condition::Live => "live",
         Condition::Stale => "stale",
         Condition::Dead => "dead",
-        Condition::OwnerGone => "owner_gone",
+        Condition::OwnerGone => "daemon_gone",
         Condition::Replaced => "replaced",
     }
 }

@@ -1,38 +1,52 @@
 //! `pmacctl watch`: the motors, again and again, through every restart of the daemon.
 
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use super::args::Watch;
-use super::motors::{document, number, text};
-use super::output::Output;
-use super::{Context, Failure, Verdict};
-use crate::client::Snapshot;
+use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 
-/// Cursor to the top left, and clear from there to the end of the screen.
-const HOME: &str = "\x1b[H";
-const CLEAR_LINE: &str = "\x1b[K\n";
-const CLEAR_BELOW: &str = "\x1b[J";
+use super::args::Watch;
+use super::keys::Keys;
+use super::screen::Screen;
+use super::{Context, Failure, Verdict};
+
 /// How long a print without news is put off.
 const NO_NEWS: Duration = Duration::from_millis(500);
 
 pub fn run(context: &mut Context, options: &Watch) -> Result<Verdict, Failure> {
     let mut board = context.board()?;
-    let mut screen = Screen::new(context.output.is_terminal());
+    let interactive = context.output.is_terminal();
+    let mut screen = Screen::new(interactive);
+    let keys = Keys::listen(interactive && !context.output.is_json());
+    let interrupted = Arc::new(AtomicBool::new(false));
+    if keys.are_heard() {
+        // The terminal has to be put back, so no signal may end this at once.
+        for signal in [SIGTERM, SIGINT, SIGHUP] {
+            signal_hook::flag::register(signal, Arc::clone(&interrupted)).map_err(Failure::request)?;
+        }
+    }
+    let hint = if keys.are_heard() { " (q ends it)" } else { "" };
+    let title = format!("{}{hint}", board.name());
     let end = options.seconds.and_then(|seconds| Instant::now().checked_add(seconds));
     let mut printed = 0;
     let mut fresh = false;
     let mut after = 0;
-    while options.count.is_none_or(|count| printed < count) && end.is_none_or(|end| Instant::now() < end) {
+    while end.is_none_or(|end| Instant::now() < end) {
         let began = Instant::now();
         board.wait(after, left(end).min(NO_NEWS))?;
         let snapshot = board.snapshot()?;
         after = snapshot.servo.as_ref().map_or(0, |servo| servo.sequence);
         fresh = snapshot.servo.as_ref().is_some_and(|servo| servo.is_fresh());
-        screen.show(&mut context.output, &board.name().to_string(), &snapshot)?;
+        screen.show(&mut context.output, &title, &snapshot)?;
         context.output.flush()?;
         printed += 1;
-        if options.count.is_none_or(|count| printed < count) {
-            std::thread::sleep(options.rate.saturating_sub(began.elapsed()).min(left(end)));
+        if options.count.is_some_and(|count| printed >= count) {
+            break;
+        }
+        let rest = options.rate.saturating_sub(began.elapsed()).min(left(end));
+        if keys.quit_within(rest) || interrupted.load(Ordering::Relaxed) {
+            break;
         }
     }
     Ok(fresh.into())
@@ -40,44 +54,4 @@ pub fn run(context: &mut Context, options: &Watch) -> Result<Verdict, Failure> {
 
 fn left(end: Option<Instant>) -> Duration {
     end.map_or(Duration::MAX, |end| end.saturating_duration_since(Instant::now()))
-}
-
-/// Live data on a terminal, repainted in place, or as plain lines.
-pub struct Screen {
-    repaint: bool,
-}
-
-impl Screen {
-    pub fn new(repaint: bool) -> Self {
-        Self { repaint }
-    }
-
-    pub fn show(&mut self, output: &mut Output, title: &str, snapshot: &Snapshot) -> Result<(), Failure> {
-        if output.is_json() {
-            output.json_line(&document(snapshot))?;
-        } else if self.repaint {
-            let sequence = snapshot.servo.as_ref().map_or(0, |servo| servo.sequence);
-            let screen = format!("{title}  update {sequence}\n{}", text(snapshot));
-            output.text(HOME)?;
-            for line in screen.lines() {
-                output.text(format_args!("{line}{CLEAR_LINE}"))?;
-            }
-            output.text(CLEAR_BELOW)?;
-        } else {
-            output.line(plain(snapshot))?;
-        }
-        Ok(())
-    }
-}
-
-/// One line: the update's number, whether it is live, and each motor's actual position.
-fn plain(snapshot: &Snapshot) -> String {
-    let Some(servo) = &snapshot.servo else {
-        let reason = snapshot.stale.map_or("no_data", |stale| stale.name());
-        return format!("update=0 stale={reason}");
-    };
-    let state = servo.stale.map_or_else(|| "fresh".to_owned(), |stale| format!("stale={}", stale.name()));
-    let positions =
-        servo.data.motors.iter().map(|motor| format!(" #{}={}", motor.motor, number(motor.actual_position)));
-    format!("update={} {state}{}", servo.sequence, positions.collect::<String>())
 }

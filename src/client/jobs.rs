@@ -101,7 +101,8 @@ impl Connection {
     /// Sets a binary rotary buffer up, empty. I57 has to be 0; `I57=1` and `OPEN ROT` after it let PMAC take lines.
     ///
     /// # Errors
-    /// [`CommandError`]; refused, and nothing written, when I57 is not 0 or the place is not possible.
+    /// [`CommandError`]; refused, and nothing written, when I57 is not 0 or cannot be asked, as while a program buffer is open
+    /// (a daemon that uses no command lines leaves it to the caller), or when the place is not possible.
     pub fn rotary_open(&mut self, place: RotaryPlace) -> Result<(), CommandError> {
         let RotaryPlace { buffer, start, size_longs, coordinate_system, coordinate_system_base } = place;
         let parameters = json!({

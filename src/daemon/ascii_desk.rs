@@ -346,6 +346,13 @@ impl AsciiDesk {
                     Some(UnderWay { begun, deadline: first.deadline, taken: false, given_up: false });
             } else {
                 self.control_lies = Some(first);
+                let settles = self.port.mailbox.as_ref().is_some_and(|mailbox| mailbox.port.is_settling());
+                if let Some(under_way) = self.under_way.as_mut().filter(|it| settles && !it.given_up)
+                    && self.port.way() == Way::Mailbox
+                {
+                    // It went over a line that lay too long; whether the board had taken that nobody knows.
+                    (under_way.taken, under_way.given_up, under_way.deadline) = (true, true, now);
+                }
             }
         }
         Ok(())

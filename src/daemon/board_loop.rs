@@ -164,6 +164,7 @@ impl BoardLoop {
     /// What is left in the queue is not begun any more, except for the stop of a jog that somebody held.
     fn stop_held_jogs(&mut self) {
         let deadline = Instant::now() + LAST_STOP;
+        self.jobs.keep_stops();
         while let Some(command) = self.commands.try_receive() {
             if let Command::Job { ticket, job, .. } = command
                 && let Job::Panel(request) = *job
@@ -257,6 +258,10 @@ impl BoardLoop {
                 }
             }
             Some(Work::Ascii) => {
+                if self.condition.out_of_reach {
+                    // Nothing is begun in words that are still to be put in order.
+                    self.guard_page()?;
+                }
                 let registers = self.desk.port().register_accesses();
                 self.desk.pass(&mut self.bus, &self.events, &self.publisher, instant)?;
                 if let Some(host_port) = &mut self.host_port {

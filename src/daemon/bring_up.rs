@@ -213,13 +213,13 @@ fn run(settings: &Settings, options: &Options, log: &mut LogWriter) -> Result<()
     Ok(())
 }
 
-/// The regions this version publishes.
 /// A second of background reports, and no fewer than 16.
 fn background_slots(period_ns: u64) -> u32 {
     let reports = 1_000_000_000 / period_ns.max(1);
     u32::try_from(reports).unwrap_or(u32::MAX).clamp(16, 1024).next_power_of_two()
 }
 
+/// The regions this version publishes.
 fn segment_options(settings: &Settings) -> Result<CreateOptions, Failure> {
     let servo = RegionSpec {
         id: RegionId::Servo,

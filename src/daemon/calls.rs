@@ -14,8 +14,9 @@ use super::policy::{Peer, Role};
 use super::queue::{Command, Outcome, Text, Ticket};
 use super::serve::{GRACE, Service};
 use super::turns::Turn;
+use crate::function::panel::PanelRequest;
 use crate::function::variable_read::VariableEntry;
-use crate::protocol::{Call, CallError, Enabled, Reply, control};
+use crate::protocol::{Call, CallError, Enabled, Function, Reply, control};
 
 /// How long the board may take to say whether a job makes sense.
 const GUARD_TIMEOUT: Duration = Duration::from_millis(500);
@@ -23,6 +24,8 @@ const GUARD_TIMEOUT: Duration = Duration::from_millis(500);
 const NOBODY: u64 = u64::MAX;
 /// How long until then.
 const STOP_AGAIN: Duration = Duration::from_secs(1);
+/// How long, at the end, the bus thread may take to have room for the last stop.
+const LAST_STOP: Duration = Duration::from_millis(500);
 /// How long the board may take to stop a jog whose holder is gone.
 const STOP_TIMEOUT: Duration = Duration::from_secs(5);
 
@@ -75,6 +78,7 @@ impl Service {
 
     fn ask(&mut self, id: u64, ask: Ask, oneway: bool, now: Instant) -> Result<(), CallError> {
         let asks_first = self.backend.info.is_enabled(Enabled::ASCII);
+        let may_ask = self.backend.info.settings().functions.has(Function::Ascii);
         let ask = match ask {
             Ask::Job(JobCall { job: Job::WatchVariables(entries), guard, .. })
                 if guard.is_none() || !asks_first =>
@@ -98,8 +102,10 @@ impl Service {
                 Command::Control { ticket, character, deadline }
             }
             Ask::Read { first, count } => Command::ReadWords { ticket, first, count },
-            Ask::Job(mut call) => match call.guard.filter(|_| asks_first) {
-                // First ask the board whether the job makes sense; where it cannot be asked, the job has to show.
+            Ask::Job(mut call) => match call.guard.filter(|guard| asks_first || guard.is_required && may_ask)
+            {
+                // First ask the board whether the job makes sense; where it cannot be asked, the job has to show. Where
+                // command lines are switched off, what the job needs is with its caller.
                 Some(guard) => {
                     let line = Text::new(call.question(guard).as_bytes()).unwrap_or_default();
                     then = Some(call);
@@ -206,7 +212,7 @@ impl Service {
         let mut answers = lines.iter().map(|line| line.rsplit('=').next().unwrap_or(line).trim());
         let answer = answers.next();
         match (call.guard, call.time_base) {
-            (Some(guard), _) if outcome != Outcome::Done => call.note_unasked(guard),
+            (Some(guard), _) if outcome != Outcome::Done && !guard.is_required => call.note_unasked(guard),
             (_, Some(number)) => call.note_time_base(number, answers.next()),
             _ => {}
         }
@@ -217,6 +223,9 @@ impl Service {
                     guard.variable, guard.purpose, guard.value, guard.variable, guard.value
                 );
                 Err(CallError::Refused { reason })
+            }
+            (Some(guard), answer) if guard.is_required && (outcome != Outcome::Done || answer.is_none()) => {
+                Err(guard.unanswered())
             }
             // A board that cannot be asked (any more) may still do it; if not, the job says so.
             _ => self.ask(id, Ask::Job(call), pending.oneway, now),
@@ -232,7 +241,7 @@ impl Service {
 
     /// Tells the bus thread which registers are watched, when that has changed. A full queue is tried again.
     pub(super) fn tell_subscriptions(&mut self, now: Instant) {
-        let Some(table) = self.subscriptions.news() else { return };
+        let Some(table) = self.subscriptions.news(now) else { return };
         let ticket = self.new_ticket();
         let command =
             Command::Job { ticket, job: Box::new(Job::WatchVariables(table)), deadline: now + STOP_TIMEOUT };
@@ -253,25 +262,47 @@ impl Service {
         }
     }
 
-    /// Requests the stop of every jog whose holder is gone or silent, or of all that are held.
-    pub(super) fn end_leases(&mut self, now: Instant, all: bool) {
+    /// Requests the stop of every jog whose holder is gone or silent, or of all that are held: all in one request. False when
+    /// there was no room for it.
+    pub(super) fn end_leases(&mut self, now: Instant, all: bool) -> bool {
+        if !all && !self.leases.may_stop() {
+            return true;
+        }
         let clients = &self.clients;
         let is_gone = |id: u64| all || id != NOBODY && clients.get(&id).is_none_or(|client| !client.hears());
         let mut ended = Vec::new();
         while let Some(end) = self.leases.ended(now, is_gone) {
             ended.push(end);
         }
+        if ended.is_empty() {
+            return true;
+        }
+        let stops = ended.iter().map(|(_, stop)| stop);
+        let stop = stops.fold(PanelRequest::default(), |sum, stop| sum.together_with(stop));
+        let ticket = self.new_ticket();
+        let command = Command::Job { ticket, job: Box::new(Job::Panel(stop)), deadline: now + STOP_TIMEOUT };
+        let is_sent = self.backend.commands.try_send(command).is_ok();
         for (id, stop) in ended {
-            warn!(target: "audit", "a held jog is stopped (mask {:#04x}): its holder is gone or silent", stop.mask);
-            let ticket = self.new_ticket();
-            let command =
-                Command::Job { ticket, job: Box::new(Job::Panel(stop)), deadline: now + STOP_TIMEOUT };
-            if self.backend.commands.try_send(command).is_err() {
+            if is_sent {
+                let mask = stop.mask;
+                warn!(target: "audit", "a held jog is stopped (mask {mask:#04x}): its holder is gone or silent");
+            } else {
                 // The queue is full; the stop must not be forgotten.
                 self.leases.begin(id, stop, now);
-            } else {
-                self.leases.stopping(ticket, stop);
             }
+        }
+        if is_sent {
+            self.leases.stopping(ticket, stop);
+        }
+        is_sent
+    }
+
+    /// At the end nobody will be there to hold a jog. A full queue empties soon, if the bus thread can tell what it has done.
+    pub(super) fn end_all_leases(&mut self) {
+        let deadline = Instant::now() + LAST_STOP;
+        while !self.end_leases(Instant::now(), true) && Instant::now() < deadline {
+            while self.backend.events.try_receive().is_some() {}
+            std::thread::sleep(Duration::from_millis(1));
         }
     }
 }

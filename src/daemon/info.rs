@@ -5,9 +5,10 @@
 use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
 use std::sync::{Mutex, PoisonError};
 
+use super::ascii_desk::PortState;
 use super::host_link::HostPortCounts;
 use super::response_port::Way;
-use crate::protocol::{BoardInfo, BoardSettings, CommandPort, Enabled, State};
+use crate::protocol::{BoardInfo, BoardSettings, CommandPort, CommandState, Enabled, State};
 
 /// The daemon's present knowledge of its board.
 #[derive(Debug, Default)]
@@ -18,6 +19,7 @@ pub struct SharedInfo {
     enabled: AtomicU32,
     rounds: AtomicU64,
     command_port: AtomicU32,
+    command_state: AtomicU32,
     served: AtomicU32,
     old: AtomicU32,
     unannounced: AtomicU32,
@@ -53,6 +55,16 @@ impl SharedInfo {
             Way::Mailbox => CommandPort::Mailbox,
         };
         self.command_port.store(port as u32, Ordering::Relaxed);
+    }
+
+    /// Says what became of the last command line. Never waits.
+    pub fn set_command_state(&self, state: PortState) {
+        let state = match state {
+            PortState::Unknown => CommandState::Unknown,
+            PortState::Answers => CommandState::Answers,
+            PortState::Silent => CommandState::Silent,
+        };
+        self.command_state.store(state as u32, Ordering::Relaxed);
     }
 
     /// Says what the host port's interrupts have come to. Never waits.
@@ -104,6 +116,11 @@ impl SharedInfo {
             0 => CommandPort::Dpram,
             _ => CommandPort::Mailbox,
         };
+        info.command_state = match self.command_state.load(Ordering::Relaxed) {
+            0 => CommandState::Unknown,
+            1 => CommandState::Answers,
+            _ => CommandState::Silent,
+        };
         if let Some(host_port) = &mut info.host_port {
             host_port.served = self.served.load(Ordering::Relaxed);
             host_port.old = self.old.load(Ordering::Relaxed);
@@ -129,6 +146,13 @@ mod tests {
             assert_eq!(shared.read().state, state);
         }
         shared.set_enabled(Enabled::SERVO | Enabled::INTERRUPT);
+        assert_eq!(shared.read().command_state, CommandState::Unknown);
+        for (state, told) in
+            [(PortState::Answers, CommandState::Answers), (PortState::Silent, CommandState::Silent)]
+        {
+            shared.set_command_state(state);
+            assert_eq!(shared.read().command_state, told);
+        }
         shared.update(|info| info.motors = 8);
         assert!(shared.try_update(|info| info.pid = 7));
         let info = shared.read();

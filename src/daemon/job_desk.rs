@@ -150,6 +150,11 @@ impl JobDesk {
         Ok(Some(Event::Done(ticket, outcome)))
     }
 
+    /// At the end: has room for every stop that comes now.
+    pub fn keep_stops(&mut self) {
+        self.panel.keep_stops();
+    }
+
     /// At the end: of the panel requests that wait, only stops are still handed over, until `deadline`.
     ///
     /// # Errors

@@ -43,12 +43,18 @@ pub(super) struct Guard {
     pub(super) value: &'static str,
     /// What it is for.
     pub(super) purpose: &'static str,
+    /// Without the answer the job is not done: it could do harm, and does not show by itself that it did.
+    pub(super) is_required: bool,
 }
 
-const PANEL_ENABLED: Guard = Guard { variable: "I2", value: "3", purpose: "the DPRAM control panel" };
-const VARIABLES_ENABLED: Guard = Guard { variable: "I55", value: "1", purpose: "background variable data" };
-// The header must not change under a transfer (DPRAM manual p. 30).
-const ROTARY_AT_REST: Guard = Guard { variable: "I57", value: "0", purpose: "setting a rotary buffer up" };
+const PANEL_ENABLED: Guard =
+    Guard { variable: "I2", value: "3", purpose: "the DPRAM control panel", is_required: false };
+const VARIABLES_ENABLED: Guard =
+    Guard { variable: "I55", value: "1", purpose: "background variable data", is_required: false };
+// The header must not change under a transfer (DPRAM manual p. 30), and OPEN ROT, which is in force then, is just what
+// keeps the board from being asked.
+const ROTARY_AT_REST: Guard =
+    Guard { variable: "I57", value: "0", purpose: "setting a rotary buffer up", is_required: true };
 
 /// A job as it was called for.
 #[derive(Debug)]
@@ -66,6 +72,17 @@ pub struct JobCall {
     pub(super) lease: Option<PanelRequest>,
     /// What the audit log says of it, if it can move a machine or change a register.
     pub(super) audit: Option<String>,
+}
+
+impl Guard {
+    /// Why a job is not done whose guard has not been answered.
+    pub(super) fn unanswered(self) -> CallError {
+        let Self { variable, value, purpose, .. } = self;
+        refused(format!(
+            "{variable} could not be asked (a program buffer is open, where the question would be a program line, or the board \
+             does not answer), and {purpose} needs {value}; send CLOSE and {variable}={value} first"
+        ))
+    }
 }
 
 impl JobCall {

@@ -11,6 +11,9 @@ use crate::function::panel::PanelRequest;
 
 /// How long a client may be silent.
 pub(super) const LEASE: Duration = Duration::from_millis(200);
+/// Stops that the board has at a time. What ends meanwhile waits and becomes one more, so that the desk never is too full
+/// for one.
+const STOPS_AT_ONCE: usize = 4;
 
 #[derive(Debug)]
 struct Lease {
@@ -31,10 +34,7 @@ impl Leases {
     pub(super) fn begin(&mut self, client: u64, stop: PanelRequest, begun: Instant) {
         let lease = self.held.entry(client).or_insert(Lease { stop: PanelRequest::default(), until: begun });
         lease.until = lease.until.max(begun);
-        lease.stop.mask |= stop.mask;
-        for (held, new) in lease.stop.words.iter_mut().zip(stop.words) {
-            *held |= new;
-        }
+        lease.stop = lease.stop.together_with(&stop);
     }
 
     /// `client` is still there; false when it holds nothing.
@@ -72,9 +72,14 @@ impl Leases {
         self.held.len() + self.stopping.len()
     }
 
-    /// When the next one runs out.
+    /// Whether another stop may be requested now.
+    pub(super) fn may_stop(&self) -> bool {
+        self.stopping.len() < STOPS_AT_ONCE
+    }
+
+    /// When the next one runs out, unless its stop has to wait for others to be over.
     pub(super) fn next_end(&self) -> Option<Instant> {
-        self.held.values().map(|lease| lease.until).min()
+        self.held.values().map(|lease| lease.until).min().filter(|_| self.may_stop())
     }
 
     /// Takes out one that has run out, or whose client `is_gone`: the client, and what to request.
@@ -117,5 +122,20 @@ mod tests {
         assert!(leases.renew(7, now), "motor 3 is still held");
         leases.stopped(7, 0b100);
         assert!(!leases.renew(7, now));
+    }
+
+    #[test]
+    fn what_ends_while_many_stops_are_under_way_waits_for_one_to_be_over() {
+        let now = Instant::now();
+        let stop = PanelRequest::of(PanelAction::JogStop, &[1]).unwrap();
+        let mut leases = Leases::default();
+        leases.begin(7, stop, now);
+        for ticket in 0..STOPS_AT_ONCE as u64 {
+            assert!(leases.may_stop() && leases.next_end() == Some(now));
+            leases.stopping(Ticket(ticket), stop);
+        }
+        assert!(!leases.may_stop() && leases.next_end().is_none(), "nothing to wake up for");
+        assert_eq!(leases.stop_over(Ticket(0)), Some(stop));
+        assert!(leases.may_stop() && leases.next_end() == Some(now));
     }
 }

@@ -9,13 +9,15 @@ use std::io::{self, Write};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError, sync_channel};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 /// Pieces of lines that may wait, and how long they are: most lines are one.
 const PIECES: usize = 1024;
 const PIECE_BYTES: usize = 240;
 /// How long the end of the program waits for the lines that are left.
 const LAST_WORDS: Duration = Duration::from_millis(500);
+/// How often it looks for room meanwhile.
+const LOOK: Duration = Duration::from_millis(2);
 
 /// A piece of a line, or the wish to know when all before it are written.
 #[expect(clippy::large_enum_variant, reason = "inline, so that who logs needs no memory")]
@@ -43,10 +45,19 @@ impl LogSink {
 
     /// Waits until everything logged so far is written, but not for long.
     pub fn finish(&self) {
+        let deadline = Instant::now() + LAST_WORDS;
         let (written, all) = sync_channel(1);
-        if self.entries.try_send(Entry::Flushed(written)).is_ok() {
-            let _: Result<(), RecvTimeoutError> = all.recv_timeout(LAST_WORDS);
+        let mut entry = Entry::Flushed(written);
+        // With much left to write there may be no room even for the question.
+        while let Err(TrySendError::Full(back)) = self.entries.try_send(entry) {
+            if Instant::now() >= deadline {
+                return;
+            }
+            entry = back;
+            std::thread::sleep(LOOK);
         }
+        let left = deadline.saturating_duration_since(Instant::now());
+        let _: Result<(), RecvTimeoutError> = all.recv_timeout(left);
     }
 }
 
@@ -116,7 +127,6 @@ fn write_all(queue: &Receiver<Entry>, dropped: &AtomicU64, mut target: impl Writ
 mod tests {
     use super::*;
     use std::io::Read;
-    use std::time::Instant;
 
     #[test]
     fn a_reader_that_stops_costs_lines_and_no_time() {
@@ -148,6 +158,43 @@ mod tests {
         let mut text = String::new();
         reader.read_to_string(&mut text).unwrap();
         assert_eq!(text, line + "next\n");
+    }
+
+    /// Takes nothing until it is let go.
+    struct Held(Receiver<()>, Arc<AtomicU64>);
+
+    impl Write for Held {
+        fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+            let _ = self.0.recv();
+            self.1.fetch_add(1, Ordering::Relaxed);
+            Ok(bytes.len())
+        }
+
+        fn flush(&mut self) -> io::Result<()> {
+            Ok(())
+        }
+    }
+
+    #[test]
+    fn the_end_waits_for_the_lines_that_fill_the_queue() {
+        let (let_go, held) = sync_channel::<()>(0);
+        let written = Arc::new(AtomicU64::new(0));
+        let (mut sink, mut writer) = LogSink::new(Held(held, Arc::clone(&written)), "");
+        writer.start().unwrap();
+        for _ in 0..PIECES + 2 {
+            sink.write_all(b"line\n").unwrap();
+        }
+        let reader = std::thread::spawn(move || {
+            std::thread::sleep(10 * LOOK);
+            drop(let_go);
+        });
+        let began = Instant::now();
+        sink.finish();
+        // Unless the reader was too slow for it all of them are written.
+        if began.elapsed() < LAST_WORDS {
+            assert!(written.load(Ordering::Relaxed) >= PIECES as u64);
+        }
+        reader.join().unwrap();
     }
 
     #[test]

@@ -42,6 +42,8 @@ pub mod rotary_desk;
 pub mod rounds;
 pub mod serve;
 pub mod settings;
+mod settings_checks;
+pub mod settings_place;
 mod shares;
 pub mod simulator;
 mod subscriptions;

@@ -21,16 +21,24 @@ struct Waiting {
     deadline: Instant,
 }
 
+#[derive(Debug, Clone, Copy)]
+struct Lying {
+    ticket: Ticket,
+    mask: u8,
+    deadline: Instant,
+}
+
 /// The desk.
 #[derive(Debug)]
 pub struct PanelDesk {
     panel: Panel,
     waiting: VecDeque<Waiting>,
     /// The request that lies in the panel.
-    lying: Option<(Ticket, Instant)>,
-    /// Of a request that was withdrawn, whose it was, and until when the panel rests: PMAC may have been at work on it, and
-    /// clears the mask when it is done, which must not look as if it had taken the next one.
-    withdrawn: Option<Ticket>,
+    lying: Option<Lying>,
+    /// What is to be told of a request that was cut off: whose it was, and what became of it.
+    cut_off: Option<(Ticket, Outcome)>,
+    /// After a request was withdrawn, until when the panel rests: PMAC may have been at work on it, and clears the mask when
+    /// it is done, which must not look as if it had taken the next one.
     rests_until: Option<Instant>,
     next_look: Instant,
 }
@@ -43,7 +51,7 @@ impl PanelDesk {
             panel: Panel::new(),
             waiting: VecDeque::with_capacity(WAITING_MAX),
             lying: None,
-            withdrawn: None,
+            cut_off: None,
             rests_until: None,
             next_look: Instant::now(),
         }
@@ -54,11 +62,8 @@ impl PanelDesk {
     /// # Errors
     /// When the bus cannot be reached.
     pub fn take_over(&mut self, bus: &mut impl Bus) -> Result<(), BusError> {
+        self.cut_off(bus)?;
         self.panel.take_over(bus)?;
-        // Taken over again before its answer went out, it still has to have one.
-        if let Some((ticket, _)) = self.lying.take() {
-            self.withdrawn = Some(ticket);
-        }
         self.rests_until = Some(Instant::now() + REST);
         Ok(())
     }
@@ -68,7 +73,20 @@ impl PanelDesk {
     /// # Errors
     /// When the bus cannot be reached.
     pub fn leave(&mut self, bus: &mut impl Bus) -> Result<(), BusError> {
+        self.cut_off(bus)?;
         Panel::withdraw(bus)
+    }
+
+    /// Nobody waits any more for the board to take what lies in the panel. Whether it has may be seen for the last time.
+    fn cut_off(&mut self, bus: &mut impl Bus) -> Result<(), BusError> {
+        let Some(Lying { ticket, mask, .. }) = self.lying.take() else { return Ok(()) };
+        // Unless it lies there as it was written, the board took it before the reset, or a memory test cleared it.
+        self.cut_off = Some((ticket, Outcome::TimedOut));
+        if Panel::mask(bus)? == u16::from(mask) {
+            let reason = "the board was reset, or replaced, before it took the panel request, which has been withdrawn";
+            self.cut_off = Some((ticket, Outcome::Refused(Text::of(&reason))));
+        }
+        Ok(())
     }
 
     /// Takes a request in, or refuses it.
@@ -81,9 +99,16 @@ impl PanelDesk {
         None
     }
 
-    /// Forgets every request that waits and is not a stop.
+    /// Forgets every request that waits and is not a stop, and makes one of those that are: nobody will be told of each.
     pub fn keep_stops(&mut self) {
         self.waiting.retain(|waiting| waiting.request.stops() == waiting.request.mask);
+        if let Some(mut stop) = self.waiting.pop_front() {
+            for Waiting { request, deadline, .. } in self.waiting.drain(..) {
+                stop.request = stop.request.together_with(&request);
+                stop.deadline = stop.deadline.max(deadline);
+            }
+            self.waiting.push_back(stop);
+        }
     }
 
     /// Sets or releases an override; done at once.
@@ -110,7 +135,7 @@ impl PanelDesk {
     /// When to pass next; `None` while nothing is to be done.
     #[must_use]
     pub fn due(&self) -> Option<Instant> {
-        let has_work = self.lying.is_some() || self.withdrawn.is_some() || !self.waiting.is_empty();
+        let has_work = self.lying.is_some() || self.cut_off.is_some() || !self.waiting.is_empty();
         has_work.then_some(self.next_look)
     }
 
@@ -120,7 +145,7 @@ impl PanelDesk {
     /// When the bus cannot be reached.
     pub fn pass(&mut self, bus: &mut impl Bus, now: Instant) -> Result<Option<Event>, BusError> {
         self.next_look = now + LOOK;
-        if let Some((ticket, deadline)) = self.lying {
+        if let Some(Lying { ticket, deadline, .. }) = self.lying {
             if Panel::taken(bus)? {
                 self.lying = None;
                 self.next_look = now;
@@ -135,8 +160,8 @@ impl PanelDesk {
             self.rests_until = Some(now + REST);
             return Ok(Some(Event::Done(ticket, not_taken())));
         }
-        if let Some(ticket) = self.withdrawn.take() {
-            return Ok(Some(Event::Done(ticket, not_taken())));
+        if let Some((ticket, outcome)) = self.cut_off.take() {
+            return Ok(Some(Event::Done(ticket, outcome)));
         }
         let Some(next) = self.waiting.pop_front() else { return Ok(None) };
         if now >= next.deadline {
@@ -144,7 +169,8 @@ impl PanelDesk {
         }
         let rests = self.rests_until.take_if(|until| now < *until);
         if rests.is_none() && Panel::begin(bus, &next.request)? {
-            self.lying = Some((next.ticket, next.deadline));
+            self.lying =
+                Some(Lying { ticket: next.ticket, mask: next.request.mask, deadline: next.deadline });
         } else {
             self.rests_until = rests;
             self.waiting.push_front(next);
@@ -208,22 +234,56 @@ mod tests {
     }
 
     #[test]
-    fn a_request_under_way_is_answered_however_often_the_board_is_taken_over() {
+    fn at_the_end_every_stop_has_its_place() {
         let file = tempfile::tempfile().unwrap();
         file.set_len(0x4000).unwrap();
         let mut bus = FileBoard::from_file(&file, 0x4000).unwrap();
         let mut desk = PanelDesk::new();
         let now = Instant::now();
-        let request = PanelRequest::of(PanelAction::JogPlus, &[1]).unwrap();
-        assert!(desk.submit(Ticket(7), request, now + REST).is_none());
+        let deadline = now + REST;
+        let jog = PanelRequest::of(PanelAction::JogPlus, &[1]).unwrap();
+        let stop = |number| PanelRequest::of(PanelAction::JogStop, &[number]).unwrap();
+        for ticket in 0..WAITING_MAX as u64 - 1 {
+            assert!(desk.submit(Ticket(ticket), jog, deadline).is_none());
+        }
+        assert!(desk.submit(Ticket(98), stop(2), deadline).is_none());
+        assert!(desk.submit(Ticket(99), stop(8), deadline).is_some(), "it is full");
+        desk.keep_stops();
+        for number in 1..=8 {
+            assert!(desk.submit(Ticket(100), stop(number), deadline).is_none());
+        }
+        desk.keep_stops();
         assert!(desk.pass(&mut bus, now).unwrap().is_none());
-        assert_eq!(bus.read16(PANEL_REQUEST_ENABLE).unwrap(), 1, "it lies in the panel");
-        desk.take_over(&mut bus).unwrap();
-        desk.take_over(&mut bus).unwrap();
-        assert!(matches!(
-            desk.pass(&mut bus, now).unwrap(),
-            Some(Event::Done(Ticket(7), Outcome::Refused(_)))
-        ));
-        assert_eq!(desk.due(), None);
+        assert_eq!(bus.read16(PANEL_REQUEST_ENABLE).unwrap(), 0xFF, "one request for all");
+        bus.write16(PANEL_REQUEST_ENABLE, 0).unwrap();
+        assert!(desk.pass(&mut bus, now).unwrap().is_some());
+        assert_eq!(desk.due(), None, "no jog is left");
+    }
+
+    #[test]
+    fn a_request_under_way_is_answered_however_often_the_board_is_taken_over() {
+        let file = tempfile::tempfile().unwrap();
+        file.set_len(0x4000).unwrap();
+        let mut bus = FileBoard::from_file(&file, 0x4000).unwrap();
+        let mut desk = PanelDesk::new();
+        let request = PanelRequest::of(PanelAction::JogPlus, &[1]).unwrap();
+        // What the mask is when the board is taken over, and whether the request was surely not carried out.
+        for (ticket, (mask, untouched)) in (7..).zip([(1, true), (0, false), (0xFFFF, false)]) {
+            let now = Instant::now() + 2 * REST;
+            assert!(desk.submit(Ticket(ticket), request, now + REST).is_none());
+            assert!(desk.pass(&mut bus, now).unwrap().is_none());
+            assert_eq!(bus.read16(PANEL_REQUEST_ENABLE).unwrap(), 1, "it lies in the panel");
+            bus.write16(PANEL_REQUEST_ENABLE, mask).unwrap();
+            desk.leave(&mut bus).unwrap();
+            desk.take_over(&mut bus).unwrap();
+            desk.take_over(&mut bus).unwrap();
+            let event = desk.pass(&mut bus, now).unwrap();
+            let Some(Event::Done(told, outcome)) = event else { panic!("{event:?}") };
+            assert_eq!((told, matches!(outcome, Outcome::TimedOut)), (Ticket(ticket), !untouched));
+            if untouched {
+                assert!(format!("{outcome:?}").contains("the board was reset"), "{outcome:?}");
+            }
+            assert_eq!((desk.due(), bus.read16(PANEL_REQUEST_ENABLE).unwrap()), (None, 0));
+        }
     }
 }

@@ -49,6 +49,7 @@ impl BoardLoop {
             self.info.set_command_port(way);
             self.desk.set_interrupt(self.has_interrupt());
         }
+        self.info.set_command_state(state);
         match (way, state) {
             (_, PortState::Unknown) => {}
             (Way::Dpram, PortState::Answers) => info!("DPRAM ASCII answers"),

@@ -3,6 +3,7 @@
 use serde::Deserialize;
 
 use super::settings::FamilyName;
+use super::settings_place::Refusal;
 use crate::device::{ByteSpec, InterruptSource};
 use crate::function::host_port::{Controller, HostPort, Initialisation};
 use crate::function::mailbox::{EnableReplies, ErrorReport, MailboxSettings};
@@ -32,6 +33,11 @@ pub enum Lane {
     Odd,
     /// The even one: the bridge swaps the bytes of a word.
     Even,
+}
+
+/// What is wrong with the text of a key.
+fn of(key: &str, error: impl std::fmt::Display) -> Refusal {
+    Refusal::of(key, format!("{key}: {error}"))
 }
 
 /// `[mailbox]` as it is written.
@@ -86,27 +92,28 @@ impl MailboxTable {
     ///
     /// # Errors
     /// The key that is wrong, and how to write it.
-    pub fn decide(self) -> Result<MailboxConfig, String> {
+    pub fn decide(self) -> Result<MailboxConfig, Refusal> {
         let source = |key: &str, text: Option<String>| {
-            let parse = |text: String| text.parse().map_err(|error| format!("mailbox.{key}: {error}"));
+            let parse = |text: String| text.parse().map_err(|error| of(&format!("mailbox.{key}"), error));
             text.map(parse).transpose()
         };
         let vectors = match (source("taken", self.taken)?, source("reply", self.reply)?) {
             (Some(taken), Some(reply)) => Some(Vectors { taken, reply }),
             (None, None) if self.when == Use::Never => None,
             _ => {
-                return Err(
+                return Err(Refusal::of(
+                    "mailbox",
                     "mailbox: taken and reply are missing: say where the interrupts of vectors v-1 and v \
-                            are announced, or write use = \"never\""
-                        .to_owned(),
-                );
+                     are announced, or write use = \"never\"",
+                ));
             }
         };
         if let Some(page) = self.page.filter(|page| *page >= PAGES) {
-            return Err(format!("mailbox.page = {page} is out of range: write 0 to 0x3F, bits A19-A14"));
+            let text = format!("mailbox.page = {page} is out of range: write 0 to 0x3F, bits A19-A14");
+            return Err(Refusal::of("mailbox.page", text));
         }
         Ok(MailboxConfig {
-            registers: self.registers.parse().map_err(|error| format!("mailbox.registers: {error}"))?,
+            registers: self.registers.parse().map_err(|error| of("mailbox.registers", error))?,
             when: self.when,
             lane: self.lane,
             vectors,
@@ -141,7 +148,7 @@ impl HostPortTable {
     ///
     /// # Errors
     /// The key that is wrong, and how to write it.
-    pub fn decide(self, family: FamilyName) -> Result<HostPortConfig, String> {
+    pub fn decide(self, family: FamilyName) -> Result<HostPortConfig, Refusal> {
         let default = match self.controller {
             Some(Controller::Pic8259) => HostPort::PMAC,
             Some(Controller::Pmac2) => HostPort::PMAC2,
@@ -150,13 +157,15 @@ impl HostPortTable {
         };
         let line = self.line.unwrap_or(default.line);
         if line > 7 {
-            return Err(format!("host_port.line = {line} is out of range: write 0 to 7"));
+            let text = format!("host_port.line = {line} is out of range: write 0 to 7");
+            return Err(Refusal::of("host_port.line", text));
         }
         if self.initialisation.is_some() && default.controller == Controller::Pmac2 {
-            return Err("host_port.initialisation is for the 8259 of a PMAC(1); leave it out".to_owned());
+            let text = "host_port.initialisation is for the 8259 of a PMAC(1); leave it out";
+            return Err(Refusal::of("host_port.initialisation", text));
         }
         Ok(HostPortConfig {
-            registers: self.registers.parse().map_err(|error| format!("host_port.registers: {error}"))?,
+            registers: self.registers.parse().map_err(|error| of("host_port.registers", error))?,
             port: HostPort { line, initialisation: self.initialisation, ..default },
         })
     }
@@ -167,11 +176,17 @@ mod tests {
     use super::*;
 
     fn mailbox(text: &str) -> Result<MailboxConfig, String> {
-        toml::from_str::<MailboxTable>(text).map_err(|error| error.message().to_owned())?.decide()
+        toml::from_str::<MailboxTable>(text)
+            .map_err(|error| error.message().to_owned())?
+            .decide()
+            .map_err(|refusal| refusal.text)
     }
 
     fn host_port(text: &str, family: FamilyName) -> Result<HostPortConfig, String> {
-        toml::from_str::<HostPortTable>(text).map_err(|error| error.message().to_owned())?.decide(family)
+        toml::from_str::<HostPortTable>(text)
+            .map_err(|error| error.message().to_owned())?
+            .decide(family)
+            .map_err(|refusal| refusal.text)
     }
 
     #[test]

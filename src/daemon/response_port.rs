@@ -196,7 +196,7 @@ impl ResponsePort {
     pub fn withdraw_control(&mut self, bus: &mut impl Bus, now: Instant) -> Result<(), PortError> {
         match (self.way, &mut self.mailbox) {
             (Way::Mailbox, Some(mailbox)) => {
-                Ok(mailbox.port.give_up(&mut mailbox.registers, now).map(drop)?)
+                Ok(mailbox.port.withdraw_control(&mut mailbox.registers, now)?)
             }
             _ => Ok(self.dpram.withdraw_control(bus)?),
         }

@@ -140,6 +140,12 @@ impl RotaryDesk {
     /// # Errors
     /// When the bus cannot be reached.
     pub fn pass(&mut self, bus: &mut impl Bus, now: Instant) -> Result<Option<Event>, BusError> {
+        // First of all: whoever waits for one that is late has been told by now, and nothing more of it may go in.
+        if let Some(index) = self.waiting.iter().position(|batch| now >= batch.deadline)
+            && let Some(late) = self.waiting.remove(index)
+        {
+            return Ok(Some(Event::Done(late.ticket, Outcome::TimedOut)));
+        }
         // Both buffers get their turn: a full one does not hold up the other.
         for buffer in [RotaryBuffer::First, RotaryBuffer::Second] {
             let Some(index) = self.waiting.iter().position(|batch| batch.buffer == buffer) else { continue };
@@ -153,9 +159,7 @@ impl RotaryDesk {
                 }
             }
         }
-        let late = self.waiting.iter().position(|batch| now >= batch.deadline);
-        let batch = late.and_then(|index| self.waiting.remove(index));
-        Ok(batch.map(|batch| Event::Done(batch.ticket, Outcome::TimedOut)))
+        Ok(None)
     }
 
     fn feed(&mut self, bus: &mut impl Bus, index: usize) -> Result<Fed, BusError> {
@@ -215,4 +219,47 @@ enum Fed {
 
 fn refused(reason: &dyn std::fmt::Display) -> Outcome {
     Outcome::Refused(Text::of(reason))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::device::FileBoard;
+    use crate::map::HostOffset;
+
+    #[test]
+    fn a_batch_that_is_late_does_not_go_in_any_more() {
+        let file = tempfile::tempfile().unwrap();
+        file.set_len(0x4000).unwrap();
+        let mut bus = FileBoard::from_file(&file, 0x4000).unwrap();
+        let mut desk = RotaryDesk::new();
+        let buffer = RotaryBuffer::First;
+        let setup = RotarySetup {
+            buffer,
+            start: HostOffset::new(0x3000),
+            size_longs: 40,
+            coordinate_system: 1,
+            coordinate_system_base: 1,
+        };
+        assert_eq!(desk.open(&mut bus, &setup).unwrap(), Outcome::Done);
+        let now = Instant::now();
+        let deadline = now + Duration::from_secs(1);
+        let lines = || vec![vec![(0x000E23, 0x500000)]; 3];
+        for (ticket, deadline) in [(1, deadline), (2, deadline), (3, deadline + Duration::from_secs(1))] {
+            assert!(desk.submit(Ticket(ticket), buffer, None, lines(), deadline).is_none());
+        }
+        // There is room for all of them; the thread was stopped meanwhile.
+        for ticket in [1, 2] {
+            let event = desk.pass(&mut bus, deadline).unwrap();
+            assert!(
+                matches!(event, Some(Event::Done(Ticket(t), Outcome::TimedOut)) if t == ticket),
+                "{event:?}"
+            );
+        }
+        let event = desk.pass(&mut bus, deadline).unwrap();
+        assert!(matches!(event, Some(Event::Done(Ticket(3), Outcome::Done))), "{event:?}");
+        let state = desk.state(&mut bus, Ticket(4), buffer).unwrap();
+        assert!(matches!(state, Event::Rotary(_, state) if state.sent_lines == 3), "{state:?}");
+        assert_eq!(desk.due(), None);
+    }
 }

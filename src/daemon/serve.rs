@@ -33,8 +33,9 @@ use crate::protocol::board::RotaryStateReply;
 use crate::protocol::board::{NotesReply, ReadReply, SendReply};
 use crate::protocol::{Call, CallError, Message, MessageKind, Reply};
 
-/// How much longer than asked the bus thread may take before it is not believed to answer at all.
-pub(super) const GRACE: Duration = Duration::from_secs(1);
+/// How much longer than asked the bus thread may take before it is not believed to answer at all: more than a port takes to
+/// be silent again after it gave up on a line (1 s), less than a client waits for the daemon (2 s).
+pub(super) const GRACE: Duration = Duration::from_millis(1500);
 /// Calls a connection may begin before others have their turn.
 const CALLS_A_TURN: usize = 8;
 /// The longest reply of the board that is collected, in bytes.
@@ -178,6 +179,7 @@ impl Service {
             admission: Admission::new(options),
             options: options.clone(),
             listener,
+            subscriptions: Subscriptions::new(backend.info.settings().plan.variable_read_entries as usize),
             backend,
             clients: BTreeMap::new(),
             owners: HashMap::new(),
@@ -185,7 +187,6 @@ impl Service {
             turns: Turns::default(),
             refusals: Refusals::default(),
             leases: Leases::default(),
-            subscriptions: Subscriptions::default(),
             next_client: 0,
             next_ticket: 0,
         })
@@ -206,6 +207,7 @@ impl Service {
             }
             self.round(ready, Instant::now());
         }
+        self.end_all_leases();
         self.end(Instant::now());
     }
 
@@ -301,7 +303,12 @@ impl Service {
             };
             [pending, client.patience_ends(self.options.patience)]
         });
-        let others = [self.admission.pause, self.leases.next_end(), self.refusals.next_end()];
+        let others = [
+            self.admission.pause,
+            self.leases.next_end(),
+            self.refusals.next_end(),
+            self.subscriptions.next_try(),
+        ];
         clients.chain(others).flatten().min()
     }
 
@@ -378,7 +385,7 @@ impl Service {
             }
             Event::Done(ticket, outcome) => {
                 self.turns.over(ticket);
-                self.subscriptions.heard(ticket);
+                self.subscriptions.heard(ticket, outcome, now);
                 self.after_stop(ticket, outcome, now);
                 let Some(pending) = self.pending(ticket) else { return };
                 let lines = std::mem::take(&mut pending.lines);

@@ -7,7 +7,10 @@ use serde::Deserialize;
 use super::options::Options;
 use super::policy::Roles;
 use super::ports::{HostPortConfig, HostPortTable, MailboxConfig, MailboxTable, Use};
+use super::settings_checks::{groups, limited, period_ns, segment_mode, socket_mode, something_to_do};
+use super::settings_place::{Refusal, position};
 use super::uncertain::Uncertain;
+use crate::device::spec::SpecError;
 use crate::device::{Access, BoardSpec};
 use crate::format::{TextOrder, WordOrder};
 use crate::function::servo::ServoReading;
@@ -180,31 +183,36 @@ impl Settings {
     /// # Errors
     /// The first thing that is wrong, with file, line and column where it stands in the file.
     pub fn decide(options: &Options) -> Result<Self, SettingsError> {
-        let file = match &options.config {
-            Some(path) => read(path)?,
-            None => ConfigFile::default(),
+        let Some(path) = &options.config else {
+            let decided = Self::of(options, ConfigFile::default());
+            return decided.map_err(|refusal| SettingsError(refusal.text));
         };
+        let text = read(path)?;
+        let file = parse(path, &text)?;
+        Self::of(options, file).map_err(|refusal| SettingsError(refusal.placed(path, &text)))
+    }
+
+    fn of(options: &Options, file: ConfigFile) -> Result<Self, Refusal> {
         let board_text = options.board.clone().or(file.board).ok_or_else(|| {
-            SettingsError(
-                "no board given: write --board SPEC, or board = \"SPEC\" in the configuration".to_owned(),
-            )
+            Refusal::anywhere("no board given: write --board SPEC, or board = \"SPEC\" in the configuration")
         })?;
         let name = options.name.clone().or(file.name).unwrap_or_else(|| "pmac0".to_owned());
         let socket = options.socket.clone().or(file.socket);
         let roles = file.roles.unwrap_or_default();
         let family = file.family.unwrap_or_default();
-        let mailbox = file.mailbox.map(MailboxTable::decide).transpose().map_err(SettingsError)?;
+        something_to_do(&file.functions, &file.servo)?;
+        let mailbox = file.mailbox.map(MailboxTable::decide).transpose()?;
         if !file.functions.has(Function::Ascii) {
             if mailbox.as_ref().is_some_and(|mailbox| mailbox.when != Use::Never) {
                 let text = "functions leaves \"ascii\" out, so the mailboxes have no use but for the page: write use = \"never\" in [mailbox]";
-                return Err(SettingsError(text.to_owned()));
+                return Err(Refusal::of("mailbox.use", text));
             }
             if file.host_port.is_some() {
                 let text = "functions leaves \"ascii\" out, whose responses [host_port] is for: leave one or the other out";
-                return Err(SettingsError(text.to_owned()));
+                return Err(Refusal::of("host_port", text));
             }
         }
-        let host_port = file.host_port.map(|table| table.decide(family)).transpose();
+        let host_port = file.host_port.map(|table| table.decide(family)).transpose()?;
         let uncertain = BoardSettings {
             functions: file.functions,
             servo: file.servo,
@@ -214,24 +222,32 @@ impl Settings {
             variables: file.variables,
             rotary: file.rotary,
         };
-        let board: BoardSpec = board_text.parse().map_err(refused)?;
+        let board: BoardSpec = board_text
+            .parse()
+            .map_err(|error: SpecError| refused("board", options.board.is_some(), error))?;
         if file.word_order == Some(WordOrder::Swapped) && board.access() == Access::Bits32 {
             let text = "access=32 and word_order = \"swapped\" do not go together: how a bridge that swaps bytes would swap 32 bits is not known; leave access=32 out";
-            return Err(SettingsError(text.to_owned()));
+            return Err(Refusal::of("word_order", text));
         }
+        let named = |key: &str, names: &[String]| -> Vec<(String, String)> {
+            names.iter().enumerate().map(|(index, name)| (format!("{key}.{index}"), name.clone())).collect()
+        };
+        groups(named("roles.operate", &roles.operate))?;
+        groups(named("roles.engineer", &roles.engineer))?;
+        groups(file.socket_group.iter().map(|name| ("socket_group".to_owned(), name.clone())))?;
+        groups(file.segment_group.iter().map(|name| ("segment_group".to_owned(), name.clone())))?;
         Ok(Self {
             board,
             board_text,
             socket: socket
                 .unwrap_or_else(|| format!("/run/pmacd/{}.sock", name.trim_start_matches('/')).into()),
-            name: SegmentName::new(&name).map_err(refused)?,
-            socket_mode: mode("socket_mode", file.socket_mode.as_deref(), 0o660)?,
+            name: SegmentName::new(&name).map_err(|error| refused("name", options.name.is_some(), error))?,
+            socket_mode: socket_mode(file.socket_mode.as_deref())?,
             socket_group: file.socket_group,
             segment_group: file.segment_group,
-            segment_mode: mode("segment_mode", file.segment_mode.as_deref(), 0o644)?,
+            segment_mode: segment_mode(file.segment_mode.as_deref())?,
             family,
-            uncertain: Uncertain::decide(uncertain, family.name(), file.firmware.as_deref())
-                .map_err(refused)?,
+            uncertain: Uncertain::decide(uncertain, family.name(), file.firmware.as_deref())?,
             firmware: file.firmware,
             motors: limited("motors", file.motors, 1, classic::MOTORS as u32)?,
             i10: limited("i10", file.i10, 1, 8_388_607)?,
@@ -243,57 +259,26 @@ impl Settings {
             ask_board: file.ask_board.unwrap_or(true),
             roles: Roles { operate: roles.operate, engineer: roles.engineer },
             mailbox,
-            host_port: host_port.map_err(SettingsError)?,
+            host_port,
         })
     }
 }
 
-fn refused(error: impl std::fmt::Display) -> SettingsError {
-    SettingsError(error.to_string())
+/// A setting of the command line or of the file: what was typed has no place in the file.
+fn refused(key: &str, typed: bool, error: impl std::fmt::Display) -> Refusal {
+    if typed { Refusal::anywhere(error) } else { Refusal::of(key, error) }
 }
 
-fn read(path: &Path) -> Result<ConfigFile, SettingsError> {
-    let text = std::fs::read_to_string(path).map_err(|error| {
-        SettingsError(format!("cannot read the configuration {}: {error}", path.display()))
-    })?;
-    toml::from_str(&text).map_err(|error| {
-        let (line, column) = error.span().map_or((1, 1), |span| position(&text, span.start));
+fn read(path: &Path) -> Result<String, SettingsError> {
+    std::fs::read_to_string(path)
+        .map_err(|error| SettingsError(format!("cannot read the configuration {}: {error}", path.display())))
+}
+
+fn parse(path: &Path, text: &str) -> Result<ConfigFile, SettingsError> {
+    toml::from_str(text).map_err(|error| {
+        let (line, column) = error.span().map_or((1, 1), |span| position(text, span.start));
         SettingsError(format!("{}:{line}:{column}: {}", path.display(), error.message().replace('\n', "; ")))
     })
-}
-
-/// Line and column, from 1, of the byte at `offset`.
-fn position(text: &str, offset: usize) -> (usize, usize) {
-    let before = text.get(..offset).unwrap_or(text);
-    let line = before.matches('\n').count() + 1;
-    let column = before.rsplit('\n').next().map_or(0, |last| last.chars().count()) + 1;
-    (line, column)
-}
-
-fn mode(key: &str, text: Option<&str>, default: u32) -> Result<u32, SettingsError> {
-    let Some(text) = text else { return Ok(default) };
-    u32::from_str_radix(text, 8).ok().filter(|mode| *mode <= 0o777).ok_or_else(|| {
-        SettingsError(format!(
-            "{key} = \"{text}\" is no file mode; write three or four octal digits, as \"0660\""
-        ))
-    })
-}
-
-fn limited(key: &str, value: Option<u32>, least: u32, most: u32) -> Result<Option<u32>, SettingsError> {
-    match value {
-        Some(value) if !(least..=most).contains(&value) => {
-            Err(SettingsError(format!("{key} = {value} is out of range: write {least} to {most}")))
-        }
-        value => Ok(value),
-    }
-}
-
-fn period_ns(hz: f64) -> Result<u64, SettingsError> {
-    if (0.1..=1000.0).contains(&hz) {
-        Ok((1e9 / hz) as u64)
-    } else {
-        Err(SettingsError(format!("background_hz = {hz} is out of range: write 0.1 to 1000")))
-    }
 }
 
 #[cfg(test)]
@@ -332,11 +317,27 @@ mod tests {
             ("board = \"sim\"\nspeed = 3\n", "FILE:2:1: unknown field `speed`"),
             ("board = \n", "FILE:1:"),
             ("board = \"sim\"\nfamily = \"turbo9\"\n", "FILE:2:10: unknown variant `turbo9`"),
-            ("board = \"sim\"\nmotors = 9\n", "motors = 9 is out of range: write 1 to 8"),
-            ("board = \"sim\"\nsocket_mode = \"9\"\n", "no file mode"),
-            ("board = \"sim\"\nbackground_hz = 0\n", "background_hz = 0 is out of range"),
-            ("board = \"sim\"\n[rotary]\nexponent_bias = 64\n", "[rotary] exponent_bias = 64: 0 to 63"),
-            ("board = \"sim\"\n[plan]\nrotary_longs = [5, 0]\n", "[plan] rotary"),
+            ("board = \"sim\"\nmotors = 9\n", "FILE:2:10: motors = 9 is out of range: write 1 to 8"),
+            ("board = \"sim\"\nsocket_mode = \"9\"\n", "FILE:2:15: socket_mode = \"9\" is no file mode"),
+            ("board = \"sim\"\nsocket_mode = \"999\"\n", "FILE:2:15: socket_mode = \"999\" is no file mode"),
+            (
+                "board = \"sim\"\nsocket_mode = \"0400\"\n",
+                "FILE:2:15: socket_mode = \"0400\" lets nobody connect",
+            ),
+            (
+                "board = \"sim\"\nsegment_mode = \"0200\"\n",
+                "FILE:2:16: segment_mode = \"0200\" keeps the daemon's own",
+            ),
+            (
+                "board = \"sim\"\nsegment_mode = \"0666\"\n",
+                "FILE:2:16: segment_mode = \"0666\" would have others write",
+            ),
+            ("board = \"sim\"\nbackground_hz = 0\n", "FILE:2:17: background_hz = 0 is out of range"),
+            (
+                "board = \"sim\"\n[rotary]\nexponent_bias = 64\n",
+                "FILE:3:17: [rotary] exponent_bias = 64: 0 to 63",
+            ),
+            ("board = \"sim\"\n[plan]\nrotary_longs = [5, 0]\n", "FILE:2:1: [plan] rotary"),
             (
                 "board = \"sim\"\n[servo]\nfields = [\n'actual_position',\n'speed']\n",
                 "FILE:3:10: there is no servo field `speed`",
@@ -344,22 +345,47 @@ mod tests {
             ("board = \"sim\"\n[background]\nmotors = [1, 9]\n", "FILE:3:10: there is no motor 9"),
             ("board = \"sim\"\nfunctions = [\"seervo\"]\n", ": unknown variant `seervo`"),
             (
-                "board = \"sim\"\nfunctions = [\"servo\"]\n[mailbox]\nregisters = \"file:m\"\ntaken = \"unix:t\"\nreply = \"unix:r\"\n",
-                "write use = \"never\" in [mailbox]",
+                "board = \"sim\"\nfunctions = []\n",
+                "FILE:2:13: functions = [] leaves the daemon nothing to do",
             ),
-            ("board = \"sim\"\nfunctions = []\n[host_port]\nregisters = \"file:p\"\n", "[host_port] is for"),
+            ("board = \"sim\"\n[servo]\nmotors = []\n", "FILE:3:10: [servo] motors = [] leaves nothing"),
+            ("board = \"sim\"\n[servo]\nfields = []\n", "FILE:3:10: [servo] fields = [] leaves nothing"),
+            (
+                "board = \"sim\"\nfunctions = [\"servo\"]\n[mailbox]\nregisters = \"file:m\"\ntaken = \"unix:t\"\nreply = \"unix:r\"\n",
+                "FILE:3:1: functions leaves \"ascii\" out, so the mailboxes have no use but for the page: write use = \"never\" in [mailbox]",
+            ),
+            (
+                "board = \"sim\"\n[mailbox]\nregisters = \"file:m\"\nuse = \"never\"\npage = 64\n",
+                "FILE:5:8: mailbox.page = 64",
+            ),
+            (
+                "board = \"sim\"\nfunctions = [\"servo\"]\n[host_port]\nregisters = \"file:p\"\n",
+                "FILE:3:1: functions leaves \"ascii\" out, whose responses [host_port] is for",
+            ),
             ("board = \"sim\"\n[gather]\nplace = 3\n", "FILE:3:1: unknown field `place`"),
-            ("board = \"sim\"\nfirmware = \"new\"\n", "not a firmware version"),
-            ("board = \"file:m,access=32\"\nword_order = \"swapped\"\n", "leave access=32 out"),
-            ("board = \"boat\"\n", "no board kind `boat`"),
-            ("board = \"\\n\\u001b[2J\"\n", "no board kind `\\n\\u{1b}[2J`"),
-            ("board = \"sim\"\nname = \"a/b\"\n", "cannot be a segment's name"),
+            ("board = \"sim\"\nfirmware = \"new\"\n", "FILE:2:12: "),
+            ("board = \"file:m,access=32\"\nword_order = \"swapped\"\n", "FILE:2:14: access=32"),
+            ("board = \"boat\"\n", "FILE:1:9: board `boat`: there is no board kind `boat`"),
+            (
+                "board = \"\\n\\u001b[2J\"\n",
+                "FILE:1:9: board `\\n\\u{1b}[2J`: there is no board kind `\\n\\u{1b}[2J`",
+            ),
+            ("board = \"sim\"\nname = \"a/b\"\n", "FILE:2:8: "),
             ("board = \"sim\"\n[roles]\nking = []\n", "FILE:3:1: unknown field `king`"),
+            (
+                "board = \"sim\"\n[roles]\nengineer = [\"no-such-group\"]\n",
+                "FILE:3:13: group \"no-such-group\" does not exist",
+            ),
+            ("board = \"sim\"\nsegment_group = \"no-such-group\"\n", "FILE:2:17: group \"no-such-group\""),
+            ("board = \"sim\"\nsocket_group = \"no-such-group\"\n", "FILE:2:16: group \"no-such-group\""),
         ] {
             let error = with_file(text).unwrap_err();
             assert!(error.contains(message), "{text:?}: {error}");
             assert_eq!(error.lines().count(), 1, "{error}");
         }
+        // What was typed has no place in a file.
+        let options = Options { board: Some("boat".to_owned()), ..Options::default() };
+        assert!(Settings::decide(&options).unwrap_err().to_string().starts_with("board `boat`: "));
         let options = Options { config: Some("/nonexistent.toml".into()), ..Options::default() };
         assert!(Settings::decide(&options).unwrap_err().to_string().contains("/nonexistent.toml"));
     }

@@ -1,34 +1,46 @@
-//! Who watches which registers: equal requests of many clients share one entry of PMAC's table of 128.
+//! Who watches which registers: equal requests of many clients share one entry of PMAC's table, of 128 or what the plan keeps.
 //!
 //! Users who may only look leave a quarter of it to the others, and no one of them gets more than half.
 
 use std::collections::{BTreeMap, HashSet};
+use std::time::{Duration, Instant};
 
+use log::error;
 use nix::unistd::Uid;
 
-use super::queue::Ticket;
+use super::queue::{Outcome, Ticket};
 use crate::function::variable_read::VariableEntry;
-use crate::map::classic::VARIABLE_READ_ENTRIES;
 
-/// Entries that observers can take, one of them and all together.
-const OF_OBSERVER: usize = VARIABLE_READ_ENTRIES / 2;
-const OF_OBSERVERS: usize = VARIABLE_READ_ENTRIES / 4 * 3;
+/// How long until a table that was not taken is tried again.
+const AGAIN: Duration = Duration::from_secs(1);
+
+/// Entries that one observer can take.
+const fn of_observer(room: usize) -> usize {
+    room / 2
+}
+
+/// Entries that observers can take together.
+const fn of_observers(room: usize) -> usize {
+    room / 4 * 3
+}
 
 /// No entry is left.
-#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub(super) enum NoneLeft {
     /// For anybody.
     #[error(
-        "PMAC reads {VARIABLE_READ_ENTRIES} registers at most; {used} are in use, {wanted} more are wanted: close a watch, or \
-         watch fewer"
+        "PMAC's table has room for {room} registers ([plan] variable_read_entries, at most 128); {used} are in use, {wanted} more are \
+         wanted: close a watch, or watch fewer"
     )]
-    Full { used: usize, wanted: usize },
+    Full { room: usize, used: usize, wanted: usize },
     /// For one who may only look.
     #[error(
-        "of PMAC's {VARIABLE_READ_ENTRIES} registers, users who only observe get {OF_OBSERVER} each and {OF_OBSERVERS} together: \
-         close a watch, or watch fewer"
+        "of the {room} registers that PMAC's table has room for, users who only observe get {} each and {} together: close a \
+         watch, or watch fewer",
+        of_observer(*room),
+        of_observers(*room)
     )]
-    Observers,
+    Observers { room: usize },
 }
 
 /// What one client watches.
@@ -40,8 +52,10 @@ struct Watch {
 }
 
 /// Every client's registers.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub(super) struct Subscriptions {
+    /// Entries that the plan keeps.
+    room: usize,
     clients: BTreeMap<u64, Watch>,
     /// The table as it should be on the board; the bus thread starts with an empty one.
     table: Vec<VariableEntry>,
@@ -49,9 +63,26 @@ pub(super) struct Subscriptions {
     is_news: bool,
     /// What the bus thread was told last, until it has heard it: tables that change faster than that do not fill its queue.
     telling: Option<Ticket>,
+    /// The last table was not taken: not to be told again before then.
+    again: Option<Instant>,
+    /// That it was not has been logged.
+    is_logged: bool,
 }
 
 impl Subscriptions {
+    /// Nobody's registers, in a table of `room` entries.
+    pub(super) fn new(room: usize) -> Self {
+        Self {
+            room,
+            clients: BTreeMap::new(),
+            table: Vec::new(),
+            is_news: false,
+            telling: None,
+            again: None,
+            is_logged: false,
+        }
+    }
+
     /// `client` watches `entries`, instead of what it watched before; `observer` is its user if he may only look.
     ///
     /// # Errors
@@ -64,28 +95,24 @@ impl Subscriptions {
     ) -> Result<(), NoneLeft> {
         let before = self.clients.insert(client, Watch { entries, observer });
         let table = self.merged();
-        let refused = if table.len() > VARIABLE_READ_ENTRIES {
-            Some(table.len())
-        } else if observer.is_some()
-            && (self.count(|other| other == observer) > OF_OBSERVER
-                || self.count(|other| other.is_some()) > OF_OBSERVERS)
-        {
-            Some(0)
-        } else {
-            None
-        };
-        let Some(needed) = refused else {
+        let room = self.room;
+        let is_full = table.len() > room;
+        let is_beyond_share = observer.is_some()
+            && (self.count(|other| other == observer) > of_observer(room)
+                || self.count(|other| other.is_some()) > of_observers(room));
+        if !is_full && !is_beyond_share {
             self.adopt(table);
             return Ok(());
-        };
+        }
         match before {
             Some(before) => self.clients.insert(client, before),
             None => self.clients.remove(&client),
         };
         let used = self.merged().len();
-        Err(match needed.checked_sub(used) {
-            Some(wanted) => NoneLeft::Full { used, wanted },
-            None => NoneLeft::Observers,
+        Err(if is_full {
+            NoneLeft::Full { room, used, wanted: table.len().saturating_sub(used) }
+        } else {
+            NoneLeft::Observers { room }
         })
     }
 
@@ -109,19 +136,39 @@ impl Subscriptions {
     }
 
     /// The table to tell the bus thread, if it has changed since it was told.
-    pub(super) fn news(&self) -> Option<Vec<VariableEntry>> {
-        (self.is_news && self.telling.is_none()).then(|| self.table.clone())
+    pub(super) fn news(&self, now: Instant) -> Option<Vec<VariableEntry>> {
+        let may_tell = self.telling.is_none() && self.again.is_none_or(|again| again <= now);
+        (self.is_news && may_tell).then(|| self.table.clone())
+    }
+
+    /// When a table that was not taken is to be told again.
+    pub(super) fn next_try(&self) -> Option<Instant> {
+        self.again
     }
 
     /// The bus thread has been told, under `ticket`.
     pub(super) fn told(&mut self, ticket: Ticket) {
         self.is_news = false;
+        self.again = None;
         self.telling = Some(ticket);
     }
 
     /// The bus thread has answered what it was told under `ticket`.
-    pub(super) fn heard(&mut self, ticket: Ticket) {
-        self.telling = self.telling.filter(|telling| *telling != ticket);
+    pub(super) fn heard(&mut self, ticket: Ticket, outcome: Outcome, now: Instant) {
+        if self.telling != Some(ticket) {
+            return;
+        }
+        self.telling = None;
+        let is_taken = outcome == Outcome::Done;
+        if !is_taken {
+            // Unless there is a newer one, which may be.
+            self.again = (!std::mem::replace(&mut self.is_news, true)).then_some(now + AGAIN);
+            if !self.is_logged {
+                let count = self.table.len();
+                error!("the table of {count} watched registers was not taken, trying again: {outcome:?}");
+            }
+        }
+        self.is_logged = !is_taken;
     }
 
     /// Every register somebody watches, once. Those that stay keep their order, so that a change moves little.
@@ -141,6 +188,7 @@ impl Subscriptions {
         if table != self.table {
             self.table = table;
             self.is_news = true;
+            self.again = None;
         }
     }
 }
@@ -156,43 +204,84 @@ mod tests {
 
     #[test]
     fn equal_requests_share_and_are_freed_with_the_last() {
-        let mut subscriptions = Subscriptions::default();
-        assert_eq!(subscriptions.news(), None);
+        let now = Instant::now();
+        let mut subscriptions = Subscriptions::new(128);
+        assert_eq!(subscriptions.news(now), None);
         subscriptions.watch(1, entries(0..100), None).unwrap();
         subscriptions.watch(2, entries(50..128), None).unwrap();
-        assert_eq!(subscriptions.news().unwrap().len(), 128);
+        assert_eq!(subscriptions.news(now).unwrap().len(), 128);
         subscriptions.told(Ticket(1));
-        subscriptions.heard(Ticket(1));
+        subscriptions.heard(Ticket(1), Outcome::Done, now);
         let error = subscriptions.watch(3, entries(120..130), None).unwrap_err();
-        assert_eq!(error, NoneLeft::Full { used: 128, wanted: 2 });
+        assert_eq!(error, NoneLeft::Full { room: 128, used: 128, wanted: 2 });
         subscriptions.watch(3, entries(0..128), None).unwrap();
-        assert_eq!(subscriptions.news(), None, "nothing new for the board");
+        assert_eq!(subscriptions.news(now), None, "nothing new for the board");
         subscriptions.forget(3);
         subscriptions.forget(1);
-        assert_eq!(subscriptions.news(), Some(entries(50..128)));
+        assert_eq!(subscriptions.news(now), Some(entries(50..128)));
         subscriptions.told(Ticket(2));
         subscriptions.forget(2);
-        assert_eq!(subscriptions.news(), None, "the bus thread is still at the table before");
-        subscriptions.heard(Ticket(1));
-        assert_eq!(subscriptions.news(), None);
-        subscriptions.heard(Ticket(2));
-        assert_eq!(subscriptions.news(), Some(Vec::new()));
+        assert_eq!(subscriptions.news(now), None, "the bus thread is still at the table before");
+        subscriptions.heard(Ticket(1), Outcome::Done, now);
+        assert_eq!(subscriptions.news(now), None);
+        subscriptions.heard(Ticket(2), Outcome::Done, now);
+        assert_eq!(subscriptions.news(now), Some(Vec::new()));
     }
 
     #[test]
     fn observers_leave_entries_to_each_other_and_to_operators() {
+        let (now, none_left) = (Instant::now(), NoneLeft::Observers { room: 128 });
         let observer = |number| Some(Uid::from_raw(number));
-        let mut subscriptions = Subscriptions::default();
+        let mut subscriptions = Subscriptions::new(128);
         subscriptions.watch(1, entries(0..64), observer(1)).unwrap();
-        assert_eq!(subscriptions.watch(2, entries(64..65), observer(1)), Err(NoneLeft::Observers));
+        assert_eq!(subscriptions.watch(2, entries(64..65), observer(1)), Err(none_left));
         subscriptions.watch(2, entries(0..64), observer(2)).unwrap();
         subscriptions.watch(3, entries(64..96), observer(3)).unwrap();
-        assert_eq!(subscriptions.watch(4, entries(96..97), observer(4)), Err(NoneLeft::Observers));
-        assert_eq!(subscriptions.watch(3, entries(64..97), observer(3)), Err(NoneLeft::Observers));
+        assert_eq!(subscriptions.watch(4, entries(96..97), observer(4)), Err(none_left));
+        assert_eq!(subscriptions.watch(3, entries(64..97), observer(3)), Err(none_left));
         subscriptions.watch(4, entries(0..4), observer(4)).unwrap();
         subscriptions.watch(5, entries(96..128), None).unwrap();
-        let full = NoneLeft::Full { used: 128, wanted: 1 };
+        let full = NoneLeft::Full { room: 128, used: 128, wanted: 1 };
         assert_eq!(subscriptions.watch(5, entries(96..129), None), Err(full));
-        assert_eq!(subscriptions.news().unwrap(), entries(0..128));
+        assert_eq!(subscriptions.news(now).unwrap(), entries(0..128));
+    }
+
+    #[test]
+    fn no_more_than_the_plan_keeps_can_be_watched() {
+        let mut subscriptions = Subscriptions::new(64);
+        subscriptions.watch(1, entries(0..64), None).unwrap();
+        let full = NoneLeft::Full { room: 64, used: 64, wanted: 1 };
+        assert_eq!(subscriptions.watch(1, entries(0..65), None), Err(full));
+        assert!(full.to_string().contains("room for 64 registers"), "{full}");
+        let observer = Some(Uid::from_raw(1));
+        let error = Subscriptions::new(64).watch(1, entries(0..33), observer).unwrap_err();
+        assert!(error.to_string().contains("get 32 each and 48 together"), "{error}");
+        assert!(Subscriptions::new(0).watch(1, entries(0..1), None).is_err());
+    }
+
+    #[test]
+    fn a_table_that_is_not_taken_stays_news() {
+        let now = Instant::now();
+        let refused = Outcome::Unavailable;
+        let mut subscriptions = Subscriptions::new(128);
+        subscriptions.watch(1, entries(0..2), None).unwrap();
+        subscriptions.told(Ticket(1));
+        subscriptions.heard(Ticket(1), refused, now);
+        assert!(subscriptions.is_logged);
+        assert_eq!(
+            (subscriptions.news(now), subscriptions.next_try()),
+            (None, Some(now + AGAIN)),
+            "not at once"
+        );
+        assert_eq!(subscriptions.news(now + AGAIN), Some(entries(0..2)));
+        subscriptions.told(Ticket(2));
+        assert_eq!(subscriptions.next_try(), None);
+        // A newer one is not held up by what became of the one before.
+        subscriptions.watch(1, entries(0..3), None).unwrap();
+        subscriptions.heard(Ticket(2), refused, now);
+        assert_eq!(subscriptions.news(now), Some(entries(0..3)));
+        subscriptions.told(Ticket(3));
+        subscriptions.heard(Ticket(3), Outcome::Done, now);
+        assert!(!subscriptions.is_logged && subscriptions.news(now + AGAIN).is_none());
     }
 }

@@ -1,5 +1,6 @@
 //! The settings of a board that no document decides: checked once at the start, and again when its firmware is known.
 
+use super::settings_place::Refusal;
 use crate::function::variable_read::VariableMode;
 use crate::map::{BadFirmware, Family, Firmware, Layout, Plan};
 use crate::protocol::settings::{BoardSettings, VariablesMode};
@@ -16,13 +17,18 @@ impl Uncertain {
     /// Checks `settings` for a board of the family named `family`, whose firmware is not known unless configured.
     ///
     /// # Errors
-    /// One line: the setting, its value and what it may be, or which buffers overlap.
-    pub fn decide(settings: BoardSettings, family: &str, firmware: Option<&str>) -> Result<Self, String> {
-        let family = Family::by_name(family).map_err(|error| error.to_string())?;
-        let firmware =
-            firmware.map(str::parse).transpose().map_err(|error: BadFirmware| error.to_string())?;
-        settings.rotary.check().map_err(|error| format!("[rotary] {error}"))?;
-        let plan = plan(&settings, family, firmware)?;
+    /// The setting, its value and what it may be, or which buffers overlap.
+    pub fn decide(settings: BoardSettings, family: &str, firmware: Option<&str>) -> Result<Self, Refusal> {
+        let family = Family::by_name(family).map_err(|error| Refusal::of("family", error))?;
+        let firmware = firmware
+            .map(str::parse)
+            .transpose()
+            .map_err(|error: BadFirmware| Refusal::of("firmware", error))?;
+        settings
+            .rotary
+            .check()
+            .map_err(|error| Refusal::of(format!("rotary.{}", error.name), format!("[rotary] {error}")))?;
+        let plan = plan(&settings, family, firmware).map_err(|error| Refusal::of("plan", error))?;
         Ok(Self { settings, family, plan })
     }
 
@@ -75,7 +81,7 @@ mod tests {
     use crate::map::{GatherPosition, HostOffset};
 
     fn decided(settings: BoardSettings) -> Result<Uncertain, String> {
-        Uncertain::decide(settings, "pmac", None)
+        Uncertain::decide(settings, "pmac", None).map_err(|refusal| refusal.text)
     }
 
     #[test]

@@ -1,7 +1,10 @@
 //! Background fixed data: what PMAC reports between its PLC scans (DPRAM manual p. 17-21).
 //!
 //! Data-Ready (Y:$D08A bit 0) belongs to both: PMAC sets it after an update, the host clears it to have another.
-//! While it is set PMAC leaves the buffer alone, so a reader that waits for it cannot be overtaken.
+//! While it is set PMAC leaves the buffer alone, so a reader that waits for it cannot be overtaken. While it is clear PMAC
+//! makes a report at its next background pass, some milliseconds later at most, and that one lies there until it is
+//! cleared again. So Data-Ready is cleared when a report is wanted, not when the last one has been read: what is
+//! read then is as new as the looks for it are close together.
 //!
 //! Which register an axis target position comes from is PMAC's choice (the manual's Note 1), told by the program
 //! status of the same report: bit 7 set and bit 5 clear, the segmented move's target; else bit 9 set, the
@@ -39,7 +42,7 @@ pub enum BackgroundLook {
 /// Reads the background fixed data of motors and coordinate systems 1 to `numbers`, or what was selected of it.
 ///
 /// A report is long, and the servo data must not wait for it, so each look reads one block. That is safe: PMAC leaves
-/// the buffer alone until the host clears Data-Ready, which happens after the last block.
+/// the buffer alone until the host clears Data-Ready, which it does to ask for the next report.
 pub struct BackgroundReader {
     selection: Selection,
     numbers: usize,
@@ -91,14 +94,23 @@ impl BackgroundReader {
         Ok(())
     }
 
+    /// Asks for a report made from now on; what lies in the buffer is given up. 1 write.
+    ///
+    /// # Errors
+    /// When the bus cannot be reached.
+    pub fn ask(&mut self, bus: &mut impl Bus) -> Result<(), BusError> {
+        self.forget();
+        Self::release(bus)
+    }
+
     /// Forgets a report half read, as after the board was silent or reset.
     pub fn forget(&mut self) {
         self.next_block = None;
     }
 
-    /// Looks once: reads the next part of the report if there is one, and after its last part asks for the next.
-    /// 1 access when there is nothing; a report of n numbers costs 62n + 11 in all: 8 to begin with, 62 a look, and
-    /// in the last look 3 more, to see that it still stands and to free the buffer.
+    /// Looks once: reads the next part of the report if there is one. After its last part it lies there until another is
+    /// asked for. 1 access when there is nothing; a report of n numbers costs 62n + 11 in all: 1 to ask for it, 8 to
+    /// begin with, 62 a look, and in the last look 2 more, to see that it still stands.
     ///
     /// # Errors
     /// When the bus cannot be reached.
@@ -122,7 +134,6 @@ impl BackgroundReader {
         if again != [self.image[0], self.image[word_index(BACKGROUND_SERVO_TIMER)]] {
             return Ok(BackgroundLook::Nothing);
         }
-        Self::release(bus)?;
         Ok(BackgroundLook::Report(self.image[word_index(BACKGROUND_SERVO_TIMER)]))
     }
 
@@ -154,7 +165,7 @@ mod tests {
     use crate::device::{Counted, FileBoard};
 
     #[test]
-    fn a_report_is_taken_once_and_the_next_asked_for() {
+    fn a_report_is_held_until_the_next_is_asked_for() {
         let file = tempfile::tempfile().unwrap();
         file.set_len(0x4000).unwrap();
         let mut bus = Counted::new(FileBoard::from_file(&file, 0x4000).unwrap());
@@ -174,9 +185,15 @@ mod tests {
             );
         }
         assert_eq!(reader.look(&mut bus).unwrap(), BackgroundLook::Report(0x9000));
-        assert_eq!(bus.accesses() - before, 2 + PORT_WORDS as u64 + 3 * 62 + 3 + 3, "3 are the test's own");
+        assert_eq!(bus.accesses() - before, 2 + PORT_WORDS as u64 + 3 * 62 + 2 + 3, "3 are the test's own");
         assert_eq!(reader.image().len(), word_index(BACKGROUND_BLOCK) + 3 * 62);
         assert_eq!(reader.image()[word_index(BACKGROUND_BLOCK)], 0xABCD);
+        assert_eq!(
+            bus.read16(BACKGROUND_DATA_READY).unwrap(),
+            DATA_READY,
+            "PMAC makes none that nobody wants yet"
+        );
+        reader.ask(&mut bus).unwrap();
         assert_eq!(bus.read16(BACKGROUND_DATA_READY).unwrap(), 0);
         assert_eq!(reader.look(&mut bus).unwrap(), BackgroundLook::Nothing);
     }

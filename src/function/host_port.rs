@@ -133,7 +133,6 @@ impl HostPort {
         Ok(lines & self.bit() != 0)
     }
 
-    /// Opens or shuts the line; gives whether it was open.
     /// Whether the line is let through. 1 read.
     ///
     /// # Errors
@@ -151,6 +150,7 @@ impl HostPort {
         }
     }
 
+    /// Opens or shuts the line; gives whether it was open.
     fn change_mask(&self, bus: &mut impl ByteBus, enabled: bool) -> Result<bool, ByteBusError> {
         let (register, one_is_enabled) = self.mask();
         let mask = bus.read8(register)?;

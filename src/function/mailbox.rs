@@ -25,6 +25,8 @@ use crate::map::classic::ASCII_LINE_LIMIT;
 
 /// How long the port must have been silent before it is used again after it gave up on a reply.
 pub const SETTLE: Duration = Duration::from_millis(50);
+/// How long a group of a line may lie before a control character that cannot wait goes over it: an interrupt may be lost.
+pub const LIES_TOO_LONG: Duration = Duration::from_millis(50);
 /// How long the board may take to take the `<CTRL-X>`. Until it has, more of the reply given up may come.
 pub const CANCEL_LIMIT: Duration = Duration::from_secs(1);
 /// How long after its last line a control character's reply counts as complete if no `<ACK>` ends it.
@@ -129,9 +131,11 @@ pub struct MailboxSettings {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum State {
     Idle,
-    /// A group of the line lies in the mailboxes; `sent` characters went with it and those before it.
+    /// A group of the line lies in the mailboxes; `sent` characters went with it and those before it. A step saw it lie first
+    /// at `since`.
     Sending {
         sent: usize,
+        since: Option<Instant>,
     },
     /// PMAC has the whole line.
     Replying,
@@ -146,6 +150,15 @@ enum State {
     },
 }
 
+/// A character that lies alone in mailbox 0.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Lone {
+    /// Somebody's control character.
+    Control,
+    /// The `<CTRL-X>` that ends a command given up.
+    Cancel,
+}
+
 /// The host's half of the port: one command line at a time.
 pub struct MailboxPort {
     settings: MailboxSettings,
@@ -153,8 +166,10 @@ pub struct MailboxPort {
     /// The line with its `<CR>`.
     line: [u8; ASCII_LINE_LIMIT + 1],
     length: usize,
-    /// A control character lies in mailbox 0.
-    control_lies: bool,
+    /// What lies alone in mailbox 0.
+    lone: Option<Lone>,
+    /// A `<CTRL-X>` is still to be sent: a control character was in its way.
+    owes_cancel: bool,
     /// Vector v-1 came and was not acted on yet.
     group_taken: bool,
     /// Vector v came and the group was not read yet.
@@ -176,7 +191,8 @@ impl MailboxPort {
             state: State::Idle,
             line: [0; ASCII_LINE_LIMIT + 1],
             length: 0,
-            control_lies: false,
+            lone: None,
+            owes_cancel: false,
             group_taken: false,
             reply_lies: false,
             enabled: false,
@@ -200,7 +216,7 @@ impl MailboxPort {
     /// Whether [`MailboxPort::begin`] may be called.
     #[must_use]
     pub fn is_idle(&self) -> bool {
-        self.state == State::Idle && !self.control_lies
+        self.state == State::Idle && self.lone.is_none()
     }
 
     /// Whether something is expected from the board.
@@ -214,15 +230,21 @@ impl MailboxPort {
     pub fn was_taken(&self) -> bool {
         match self.state {
             State::Replying => true,
-            State::ControlReply { .. } => !self.control_lies,
+            State::ControlReply { .. } => self.lone.is_none(),
             _ => false,
         }
     }
 
-    /// Whether a control character lies in mailbox 0, not taken by the board yet, as far as steps have seen.
+    /// Whether the last command was given up, and something may still come of it.
+    #[must_use]
+    pub fn is_settling(&self) -> bool {
+        matches!(self.state, State::Settling { .. })
+    }
+
+    /// Whether somebody's control character lies in mailbox 0, not taken by the board yet, as far as steps have seen.
     #[must_use]
     pub fn control_lies(&self) -> bool {
-        self.control_lies
+        self.lone == Some(Lone::Control)
     }
 
     /// Notes an interrupt. It is acted on by the next step.
@@ -260,6 +282,9 @@ impl MailboxPort {
     /// mailboxes, or the character's reply would mix with another; try later. With `has_reply` its lines come as
     /// [`AsciiEvent::Line`] and end with `<ACK>` or a silence. 1 write.
     ///
+    /// One without a reply may be what stops a machine: a group that has lain for [`LIES_TOO_LONG`] is written over and its
+    /// command given up ([`MailboxPort::is_settling`]); whether the board has taken it nobody knows. A `<CTRL-X>` follows.
+    ///
     /// # Errors
     /// When the registers cannot be reached.
     pub fn control(
@@ -269,35 +294,66 @@ impl MailboxPort {
         has_reply: bool,
         now: Instant,
     ) -> Result<bool, ByteBusError> {
-        let sending = matches!(self.state, State::Sending { .. });
-        if sending || self.control_lies || self.reply_lies || has_reply && !self.is_idle() {
+        let lies_since = match (self.state, self.lone) {
+            (State::Sending { since, .. }, _) => Some(since.unwrap_or(now)),
+            (State::Settling { since, .. }, Some(Lone::Cancel)) => Some(since),
+            (State::ControlReply { quiet_since }, Some(_)) => Some(quiet_since),
+            (_, Some(_)) => Some(now),
+            (_, None) => None,
+        };
+        let in_the_way = lies_since.is_some_and(|since| has_reply || now < since + LIES_TOO_LONG);
+        if in_the_way || self.reply_lies || has_reply && !self.is_idle() {
             return Ok(false);
         }
-        self.send_control(bus, character)?;
+        self.send_alone(bus, Lone::Control, character)?;
         if has_reply {
             self.text_length = 0;
             self.error = false;
             self.state = State::ControlReply { quiet_since: now };
+        } else if lies_since.is_some() {
+            // The board may have the first half of the line.
+            self.owes_cancel = true;
+            self.state = State::Settling { quiet_since: now, since: now };
         }
         Ok(true)
     }
 
     /// Gives up on the command under way: has the board empty its queues, lets pass what still comes, and drops it.
-    /// True when the board has the whole command, as far as was signalled. 2 writes, 1 read.
+    /// True when the board has the whole command, as far as was signalled. 2 writes, 1 read; without a control character
+    /// that has to be taken first.
     ///
     /// # Errors
     /// When the registers cannot be reached.
     pub fn give_up(&mut self, bus: &mut impl ByteBus, now: Instant) -> Result<bool, ByteBusError> {
         let taken = self.was_taken();
-        if self.is_idle() {
-            return Ok(taken);
+        let has_reply = matches!(self.state, State::ControlReply { .. });
+        if self.lone == Some(Lone::Control) && !has_reply {
+            // It may be what stops the machine, and is not written over.
+            self.owes_cancel = true;
+            self.state = State::Settling { quiet_since: now, since: now };
+        } else if !self.is_idle() {
+            self.cancel(bus, now)?;
         }
-        self.send_control(bus, CANCEL)?;
+        Ok(taken)
+    }
+
+    /// Takes back a control character that the board has not taken, as far as that can be: a `<CTRL-X>` goes over it. 2
+    /// writes, 1 read.
+    ///
+    /// # Errors
+    /// When the registers cannot be reached.
+    pub fn withdraw_control(&mut self, bus: &mut impl ByteBus, now: Instant) -> Result<(), ByteBusError> {
+        if self.control_lies() { self.cancel(bus, now) } else { Ok(()) }
+    }
+
+    fn cancel(&mut self, bus: &mut impl ByteBus, now: Instant) -> Result<(), ByteBusError> {
+        self.owes_cancel = false;
+        self.send_alone(bus, Lone::Cancel, CANCEL)?;
         // A board that lost an interrupt would wait for this for ever; what it overwrites is dropped anyway.
         self.reply_lies = false;
         self.enable(bus)?;
         self.state = State::Settling { quiet_since: now, since: now };
-        Ok(taken)
+        Ok(())
     }
 
     /// Acts on what was signalled and tells what was found; `None` when there is nothing (more) to find. Costs
@@ -308,12 +364,12 @@ impl MailboxPort {
     pub fn step(&mut self, bus: &mut impl ByteBus, now: Instant) -> Result<Option<AsciiEvent>, ByteBusError> {
         let taken = std::mem::take(&mut self.group_taken);
         if taken {
-            self.control_lies = false;
+            self.lone = None;
             if let State::Settling { quiet_since, .. } = &mut self.state {
                 *quiet_since = now;
             }
         }
-        let sent_all = matches!(self.state, State::Sending { sent } if sent == self.length);
+        let sent_all = matches!(self.state, State::Sending { sent, .. } if sent == self.length);
         // PMAC could not have filled the mailboxes before it took what lay in them, whichever interrupt is seen first.
         if sent_all && (taken || self.reply_lies) {
             self.state = State::Replying;
@@ -324,18 +380,21 @@ impl MailboxPort {
             return self.take_group(bus, now);
         }
         match self.state {
-            State::Sending { sent } if taken => self.send_group(bus, sent)?,
+            State::Sending { sent, .. } if taken => self.send_group(bus, sent)?,
+            State::Sending { sent, since: None } => self.state = State::Sending { sent, since: Some(now) },
             State::Replying | State::ControlReply { .. } if taken && !self.enabled => self.enable(bus)?,
             State::ControlReply { quiet_since }
-                if !self.control_lies && now >= quiet_since + CONTROL_REPLY_END =>
+                if self.lone.is_none() && now >= quiet_since + CONTROL_REPLY_END =>
             {
                 self.state = State::Idle;
                 return Ok(Some(AsciiEvent::Done(Ok(()))));
             }
-            State::Settling { quiet_since, since }
-                if now >= quiet_since + SETTLE && (!self.control_lies || now >= since + CANCEL_LIMIT) =>
+            State::Settling { quiet_since, .. } if now < quiet_since + SETTLE => {}
+            State::Settling { .. } if self.owes_cancel && self.lone.is_none() => self.cancel(bus, now)?,
+            State::Settling { since, .. }
+                if self.lone.is_none() || self.lone == Some(Lone::Cancel) && now >= since + CANCEL_LIMIT =>
             {
-                self.control_lies = false;
+                self.lone = None;
                 self.text_length = 0;
                 self.error = false;
                 self.state = State::Idle;
@@ -356,15 +415,15 @@ impl MailboxPort {
         bus.order_accesses();
         bus.write8(mailbox(0), group[0])?;
         bus.order_accesses();
-        self.state = State::Sending { sent: from + group.len() };
+        self.state = State::Sending { sent: from + group.len(), since: None };
         Ok(())
     }
 
-    fn send_control(&mut self, bus: &mut impl ByteBus, character: u8) -> Result<(), ByteBusError> {
+    fn send_alone(&mut self, bus: &mut impl ByteBus, what: Lone, character: u8) -> Result<(), ByteBusError> {
         bus.write8(mailbox(0), character)?;
         bus.order_accesses();
         self.group_taken = false;
-        self.control_lies = true;
+        self.lone = Some(what);
         Ok(())
     }
 
@@ -449,6 +508,10 @@ impl MailboxPort {
     fn finish(&mut self, awaited: bool, result: Result<(), u16>, end: u8) -> Option<AsciiEvent> {
         if !awaited {
             return Some(AsciiEvent::Stale(end.into()));
+        }
+        if matches!(self.state, State::ControlReply { .. }) {
+            // It was taken, whether its interrupt was seen or not.
+            self.lone = None;
         }
         self.state = State::Idle;
         Some(AsciiEvent::Done(result))

@@ -25,8 +25,8 @@
 //! | background look | 1 | 1 | 1 |
 //! | variable read set-up, e entries | 2e + 4 | 2e + 4 | e = 128: 260 |
 //! | variable read first report, dropped | 0 | 2 | 2 |
-//! | variable read report, w words of values | w + 3 | w + 3 | 128 of X: 259 |
-//! | variable read by 32 bits, a report | w/2 + 3 | w/2 + 3 | 128 of X: 131 |
+//! | variable read report, w words of values | w + 3 | w + 5 | 128 of X: 261 |
+//! | variable read by 32 bits, a report | w/2 + 3 | w/2 + 5 | 128 of X: 133 |
 //! | variable read look | 1 | 1 | 1 |
 //! | variable read multi-user, a look at e entries of which k are new, w words | e + w + k + 1 | e + w + k + 2 | e = k = 5, L: 32 |
 //! | variable read multi-user look at e entries, none new | e | e + 1 | e = 5: 6 |

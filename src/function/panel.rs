@@ -195,6 +195,16 @@ impl PanelRequest {
 }
 
 impl PanelRequest {
+    /// Two requests as one. Nothing is checked: meant for stops, of which two do not exclude each other.
+    #[must_use]
+    pub fn together_with(mut self, other: &Self) -> Self {
+        self.mask |= other.mask;
+        for (word, added) in self.words.iter_mut().zip(other.words) {
+            *word |= added;
+        }
+        self
+    }
+
     /// The motors it stops jogging, and of which it wants nothing else: bit 0 is number 1.
     #[must_use]
     pub fn stops(&self) -> u8 {
@@ -340,7 +350,16 @@ impl Panel {
     /// # Errors
     /// When the bus cannot be reached.
     pub fn taken(bus: &mut impl Bus) -> Result<bool, BusError> {
-        Ok(bus.read16(PANEL_REQUEST_ENABLE)? == 0)
+        Ok(Self::mask(bus)? == 0)
+    }
+
+    /// For whom the request in the panel is, bit 0 being number 1: 0 when PMAC has taken the last one, all ones where there is
+    /// no board. 1 read.
+    ///
+    /// # Errors
+    /// When the bus cannot be reached.
+    pub fn mask(bus: &mut impl Bus) -> Result<u16, BusError> {
+        bus.read16(PANEL_REQUEST_ENABLE)
     }
 
     /// Takes back a request PMAC has not taken. PMAC may take it in this very moment; whether it did cannot be known.

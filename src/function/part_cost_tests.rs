@@ -3,7 +3,7 @@
 use std::time::Instant;
 
 use super::background::{BACKGROUND_WORDS, BackgroundLook, BackgroundReader};
-use super::cost_tests::{PLACE, Rig, X, documented, variables};
+use super::cost_tests::{PLACE, Rig, X, background_report, documented, variables};
 use super::gather::{GatherBuffer, GatherLook, GatherReader, GatherStart};
 use super::port_cost_tests::dpram;
 use super::servo::{SERVO_WORDS, ServoLook, ServoReader, ServoReading};
@@ -78,11 +78,7 @@ fn a_part_of_the_background_report() {
             rig.put(BACKGROUND_DATA_READY.plus_words(word), 0x1111);
         }
         rig.put(BACKGROUND_SERVO_TIMER, 7);
-        rig.put(BACKGROUND_DATA_READY, DATA_READY);
-        let (look, cost) = rig.cost(|bus| {
-            let looks = std::iter::repeat_with(|| reader.look(bus).unwrap());
-            looks.take(20).find(|look| *look != BackgroundLook::Partial)
-        });
+        let (look, cost) = background_report(&mut rig, &mut reader);
         assert_eq!((look, cost), (Some(BackgroundLook::Report(7)), words + 11), "{selection:?}");
         assert!(row.is_empty() || cost == documented(row), "{row}");
         assert_eq!(reader.image().iter().filter(|word| **word == 0x1111).count(), words + 6);
@@ -132,11 +128,7 @@ fn the_background_report_by_32_bits() {
         let (mut rig, mut reader) = (Rig::with_access(Access::Bits32), BackgroundReader::default());
         reader.set_numbers(n);
         rig.put(BACKGROUND_SERVO_TIMER, 7);
-        rig.put(BACKGROUND_DATA_READY, DATA_READY);
-        let (look, cost) = rig.cost(|bus| {
-            let looks = std::iter::repeat_with(|| reader.look(bus).unwrap());
-            looks.take(20).find(|look| *look != BackgroundLook::Partial)
-        });
+        let (look, cost) = background_report(&mut rig, &mut reader);
         assert_eq!((look, cost), (Some(BackgroundLook::Report(7)), 31 * n + 8), "{n}");
         assert!(n != 8 || cost == documented("background by 32 bits"));
     }

@@ -18,6 +18,10 @@
 //! while a second one must come from a pass that began after it. A late pass may also write back a word it had read
 //! before, so the mode and the kinds are compared with what was set, and set again.
 //!
+//! A report of single-user mode is read in many looks, in which the board may be reset or lose its power. So the servo
+//! timer is read before and after its words, and the control word once more after them: unless both are as they were,
+//! the report is not taken, and nothing is written.
+//!
 //! Needs I55 = 1. A register that is read has the value it had at that moment of the pass: the values of one report
 //! come from one pass, but not from one servo cycle.
 
@@ -188,6 +192,8 @@ pub struct VariableReader {
     count: usize,
     /// Entries whose first announced value was dropped; in single-user mode bit 0 stands for all.
     dropped: u128,
+    /// The servo timer of the report being read, when its reading began.
+    report_timer: u16,
     repairs: u64,
 }
 
@@ -205,6 +211,7 @@ impl VariableReader {
             pending: [[0; VARIABLE_READ_DATA_WORDS]; VARIABLE_READ_ENTRIES],
             count: 0,
             dropped: 0,
+            report_timer: 0,
             repairs: 0,
         }
     }
@@ -295,7 +302,7 @@ impl VariableReader {
     }
 
     /// Does what can be done now: a part of the set-up, or of a report. Costs at most [`STEP_WORDS`] words of the
-    /// table or its data and 3 more: 1 read when there is nothing in single-user mode; in multi-user mode
+    /// table or its data and 3 more: 1 read when there is nothing in single-user mode, for a report its words and 5; in multi-user mode
     /// 1 read, 1 an entry looked at, for each value its words and 1 write, and 1 read more when there was a value.
     ///
     /// # Errors
@@ -365,6 +372,7 @@ impl VariableReader {
             return Ok(VariableLook::Nothing);
         }
         bus.order_reads();
+        self.report_timer = bus.read16(VARIABLE_READ_SERVO_TIMER)?;
         self.state = State::Reading { next: 0 };
         Ok(VariableLook::Partial)
     }
@@ -388,13 +396,22 @@ impl VariableReader {
             self.state = State::Reading { next: index };
             return Ok(VariableLook::Partial);
         }
-        let timer = bus.read16(VARIABLE_READ_SERVO_TIMER)?;
         bus.order_reads();
+        let control = bus.read16(VARIABLE_READ_CONTROL)?;
+        // Only now: a pass that ends in between has written it before the ready bit (`tests/models/variable_read.pml`).
+        bus.order_reads();
+        let timer = bus.read16(VARIABLE_READ_SERVO_TIMER)?;
+        self.state = State::Running { next: 0 };
+        // PMAC touches neither until the host clears the ready bit. A board that was reset meanwhile did, and may have made
+        // another report already, which is left for the next looks.
+        let is_ready = control & (VARIABLE_READ_MULTI_USER | DATA_READY) == DATA_READY;
+        if timer != self.report_timer || !is_ready || control == u16::MAX {
+            return Ok(VariableLook::Nothing);
+        }
         self.write_control(bus)?;
         for (value, words) in self.values[..self.count].iter_mut().zip(&self.pending) {
             *value = VariableValue { words: *words, timer, updates: value.updates + 1 };
         }
-        self.state = State::Running { next: 0 };
         Ok(VariableLook::Report(timer))
     }
 

@@ -125,9 +125,48 @@ fn a_report_is_taken_whole_and_the_next_asked_for() {
     assert_eq!(words, [[0x1028, 0x1029, 0, 0], [0x2005, 0x2006, 0x2007, 0x2008], [0x1700, 0x1701, 0, 0]]);
     assert!(rig.reader.values().iter().all(|value| (value.timer, value.updates) == (20, 1)));
     // 2 of the accesses are the test's own pass, which found the ready bit set.
-    assert_eq!(rig.bus.accesses() - before - 3, 1 + 8 + 1 + 1);
+    assert_eq!(rig.bus.accesses() - before - 3, 2 + 8 + 2 + 1);
     assert_eq!(rig.word(0x07E8), 0);
     assert_eq!(rig.look(), VariableLook::Nothing);
+}
+
+#[test]
+fn a_report_across_a_reset_is_not_taken() {
+    let entries = [entry(0x0300, VariableKind::Long); 40];
+    // The words of header, table and values.
+    let words = || (0x07E8..0x07F0).step_by(2).chain((0x2A00..0x2A00 + 40 * 12).step_by(2));
+    let whole = 40_usize.div_ceil(STEP_WORDS / 4);
+    for looks in 1..=whole {
+        for what in ["cleared", "without power", "another report"] {
+            let mut rig = Rig::new();
+            rig.set_up(&entries, VariableMode::SingleUser);
+            rig.pass(1);
+            assert_eq!(rig.look(), VariableLook::Nothing, "dropped");
+            rig.pass(2);
+            for _ in 0..looks {
+                assert_eq!(rig.look(), VariableLook::Partial);
+            }
+            match what {
+                "cleared" => words().for_each(|offset| rig.put(offset, 0)),
+                "without power" => words().for_each(|offset| rig.put(offset, u16::MAX)),
+                _ => {
+                    rig.put(0x07E8, 0);
+                    rig.pass(3);
+                }
+            }
+            let writes = rig.bus.writes();
+            let end = (looks..=whole).map(|_| rig.look()).find(|look| *look != VariableLook::Partial);
+            assert_eq!(end, Some(VariableLook::Nothing), "{what} after {looks}");
+            assert!(rig.reader.values().iter().all(|value| *value == VariableValue::default()), "{what}");
+            assert_eq!(rig.bus.writes(), writes, "{what}: nothing is written over what is not known");
+            // A whole report that was made meanwhile is taken by the next looks.
+            if what == "another report" {
+                let next = (0..=whole).map(|_| rig.look()).find(|look| *look != VariableLook::Partial);
+                assert_eq!(next, Some(VariableLook::Report(30)));
+                assert!(rig.reader.values().iter().all(|value| value.words[0] == 0x0303));
+            }
+        }
+    }
 }
 
 #[test]

@@ -1,4 +1,8 @@
 //! The background region: asks for reports at a steady rate and publishes each.
+//!
+//! A sample's time is when its report was last seen not to be there: when it was asked for, or the last look in vain. The
+//! data are no older, whatever held up the daemon since; a report older than what is called stale is not published
+//! but asked for anew.
 
 use super::freshness::{Freshness, Transition};
 use crate::device::{Bus, BusError};
@@ -9,7 +13,7 @@ use crate::segment::{Counter, Publisher, RegionId, RegionState, Stamp, monotonic
 
 /// The servo timer's bits in the background buffer.
 const TIMER_BITS: u32 = 16;
-/// How soon to look again when a report is due and not ready.
+/// How soon to look (again) for a report that was asked for, and no later than after a quarter of a period.
 const AGAIN_NS: u64 = 2_000_000;
 /// Reports are stale after this time, or ten periods, without one.
 const STALE_NS: u64 = 1_000_000_000;
@@ -22,7 +26,18 @@ pub struct BackgroundMirror {
     freshness: Freshness,
     period_ns: u64,
     due_ns: u64,
-    /// When the first word of the report being read was read.
+    last_look_ns: u64,
+    /// A report is asked for.
+    asked: Option<Asked>,
+}
+
+/// A report that was asked for.
+#[derive(Debug, Clone, Copy)]
+struct Asked {
+    at_ns: u64,
+    /// It was not there at this time.
+    not_before_ns: u64,
+    /// When its first words were read.
     began_ns: Option<u64>,
 }
 
@@ -42,14 +57,18 @@ impl BackgroundMirror {
             freshness: Freshness::new(STALE_NS.max(STALE_PERIODS * period_ns)),
             period_ns,
             due_ns: 0,
-            began_ns: None,
+            last_look_ns: 0,
+            asked: None,
         }
     }
 
     /// Takes the number of motors and coordinate systems the board reports (I59).
     pub fn configure(&mut self, numbers: usize) {
         self.reader.set_numbers(numbers);
-        self.began_ns = None;
+        // What was half read is read again; it was made when it was.
+        if let Some(asked) = &mut self.asked {
+            asked.began_ns = None;
+        }
     }
 
     /// When to look next, CLOCK_MONOTONIC.
@@ -74,20 +93,30 @@ impl BackgroundMirror {
     pub fn forget(&mut self) {
         self.reader.forget();
         self.timer.forget();
-        self.began_ns = None;
+        self.asked = None;
     }
 
-    /// Gives up what lies there, so that the next report is a new one.
+    /// Gives up what lies there and asks for a new report.
     ///
     /// # Errors
     /// When the bus cannot be reached.
     pub fn start_over(&mut self, bus: &mut impl Bus) -> Result<(), BusError> {
-        self.reader.forget();
-        self.began_ns = None;
-        BackgroundReader::release(bus)
+        self.ask(bus, monotonic_ns())
     }
 
-    /// Looks once: reads a part of a report, and publishes it when it is whole.
+    fn ask(&mut self, bus: &mut impl Bus, now: u64) -> Result<(), BusError> {
+        self.asked = None;
+        self.reader.ask(bus)?;
+        self.asked = Some(Asked { at_ns: now, not_before_ns: now, began_ns: None });
+        self.due_ns = now + self.again_ns();
+        Ok(())
+    }
+
+    fn again_ns(&self) -> u64 {
+        AGAIN_NS.min(self.period_ns / 4)
+    }
+
+    /// Does what is due: asks for a report, looks for it, or reads a part of it, and publishes it when it is whole.
     ///
     /// # Errors
     /// When the bus cannot be reached.
@@ -96,10 +125,29 @@ impl BackgroundMirror {
         bus: &mut impl Bus,
         publisher: &mut Publisher,
     ) -> Result<Option<Transition>, BusError> {
-        let now = monotonic_ns();
+        self.pass_at(bus, publisher, monotonic_ns())
+    }
+
+    fn pass_at(
+        &mut self,
+        bus: &mut impl Bus,
+        publisher: &mut Publisher,
+        now: u64,
+    ) -> Result<Option<Transition>, BusError> {
+        // Only looks tell that the board is silent; a mirror that was itself stopped has no right to say so yet.
+        if now.saturating_sub(self.last_look_ns) >= self.freshness.limit_ns() {
+            self.freshness.excuse(now);
+        }
+        self.last_look_ns = now;
+        let Some(asked) = &mut self.asked else {
+            self.ask(bus, now)?;
+            return Ok(None);
+        };
         match self.reader.look(bus)? {
             BackgroundLook::Nothing => {
-                self.due_ns = now + AGAIN_NS;
+                // One that does not stand any more was followed by another, if at all, after its first words were read.
+                asked.not_before_ns = asked.began_ns.take().unwrap_or(now);
+                self.due_ns = now + self.again_ns();
                 let transition = self.freshness.none_came(now);
                 if transition.is_some() {
                     self.forget();
@@ -108,20 +156,25 @@ impl BackgroundMirror {
                 Ok(transition)
             }
             BackgroundLook::Partial => {
-                self.began_ns.get_or_insert(now);
+                asked.began_ns.get_or_insert(now);
                 self.due_ns = now;
                 Ok(None)
             }
             BackgroundLook::Report(timer) => {
-                let began_ns = self.began_ns.take().unwrap_or(now);
+                let Asked { at_ns, not_before_ns: time_ns, .. } = *asked;
+                self.asked = None;
+                if now.saturating_sub(time_ns) >= self.freshness.limit_ns() {
+                    self.due_ns = now;
+                    return Ok(None);
+                }
                 let (servo_timer, _) = self.timer.advance(timer);
                 publisher.publish(
                     RegionId::Background,
-                    Stamp { time_ns: began_ns, servo_timer, valid: true },
+                    Stamp { time_ns, servo_timer, valid: true },
                     self.reader.image(),
                 );
                 publisher.counters().add(Counter::BackgroundUpdates, 1);
-                self.due_ns = (began_ns + self.period_ns).max(now);
+                self.due_ns = (at_ns + self.period_ns).max(now);
                 let transition = self.freshness.came(now);
                 if transition.is_some() {
                     publisher.set_region_state(RegionId::Background, RegionState::Live);
@@ -131,3 +184,7 @@ impl BackgroundMirror {
         }
     }
 }
+
+#[cfg(test)]
+#[path = "background_tests.rs"]
+mod tests;

@@ -5,6 +5,7 @@
 
 pub mod background;
 pub mod clock;
+pub mod continuity;
 pub mod freshness;
 pub mod gaps;
 pub mod gather;

@@ -3,6 +3,7 @@
 use std::collections::VecDeque;
 
 use super::clock::UpdateClock;
+use super::continuity::{Continuity, TIMER_BITS, Verdict};
 use super::freshness::{Freshness, Transition};
 use super::gaps::UpdateCounter;
 use crate::device::{Bus, BusError};
@@ -11,28 +12,22 @@ use crate::function::servo_timer::ServoTimer;
 use crate::map::Selection;
 use crate::segment::{Counter, Publisher, RegionId, RegionState, Stamp, monotonic_ns};
 
-/// The servo timer's bits in the servo buffer.
-const TIMER_BITS: u32 = 15;
 /// How often a torn copy is made again at once, before the next look.
 const COPIES: usize = 3;
 /// Stretches of Host-Busy remembered between two updates.
 const HOLDS: usize = 16;
-/// A timer that moved on by no more than this many updates belongs to the stretch of the last update.
-const NEXT_UPDATES: u64 = 64;
 /// Servo data are stale after this time, or [`STALE_PERIODS`], without an update.
 const STALE_NS: u64 = 100_000_000;
 const STALE_PERIODS: u64 = 10;
-/// More servo cycles than any board has run: what a nonsensical I19 makes of the time that passed ends here.
-const MOST_CYCLES: u64 = 1 << 48;
 
 /// Mirrors the servo fixed data.
 pub struct ServoMirror {
     reader: ServoReader,
     clock: UpdateClock,
     timer: ServoTimer,
+    continuity: Continuity,
     gaps: UpdateCounter,
     freshness: Freshness,
-    last_update_ns: u64,
     last_look_ns: u64,
     /// The period the segment was last told.
     told_period_ns: u64,
@@ -56,9 +51,9 @@ impl ServoMirror {
             reader: ServoReader::selecting(reading, selection),
             clock: UpdateClock::default(),
             timer: ServoTimer::new(TIMER_BITS),
+            continuity: Continuity::default(),
             gaps: UpdateCounter::default(),
             freshness: Freshness::new(STALE_NS),
-            last_update_ns: 0,
             last_look_ns: 0,
             told_period_ns: 0,
             holds: VecDeque::with_capacity(HOLDS),
@@ -73,6 +68,9 @@ impl ServoMirror {
             && self.gaps.cycles() != Some(cycles)
         {
             self.gaps.expect_cycles(cycles);
+        }
+        if let Some(period) = servo_period_ns {
+            self.continuity.expect_cycle(period);
         }
         if let (Some(period), Some(cycles @ 1..)) = (servo_period_ns, cycles) {
             self.clock.expect_period(period.saturating_mul(cycles.into()));
@@ -107,6 +105,7 @@ impl ServoMirror {
     pub fn forget(&mut self) {
         self.reader.forget();
         self.timer.forget();
+        self.continuity.forget();
     }
 
     /// Looks once, and publishes the update if there is one.
@@ -154,22 +153,23 @@ impl ServoMirror {
 
     fn publish(&mut self, publisher: &mut Publisher, timer: u16, time_ns: u64) -> Option<Transition> {
         let (servo_timer, passed) = self.timer.advance(timer);
-        let passed = u64::from(passed.unwrap_or(u32::MAX));
+        let passed = passed.map_or(1, u64::from);
         let was_live = self.freshness.is_live();
-        let elapsed = self.elapsed_cycles(time_ns);
-        if passed > NEXT_UPDATES * u64::from(self.gaps.cycles().unwrap_or(1))
-            && !(was_live && agree(passed, elapsed))
-        {
-            // The timer jumped as time did not: the board was reset, or cleared its memory, and what was read may be
-            // zeros. From here on a new stretch begins, with the next update.
-            publisher.counters().add(Counter::Resets, 1);
-            self.was_reset = true;
-            self.last_update_ns = time_ns;
+        let verdict = self.continuity.judge(timer, passed, self.gaps.cycles(), time_ns, was_live);
+        if verdict != Verdict::GoesOn {
+            // What was read may be zeros. From here on a new stretch begins, with the next update.
+            if verdict == Verdict::Reset {
+                publisher.counters().add(Counter::Resets, 1);
+                self.was_reset = true;
+            }
+            self.continuity.came(time_ns, None);
             self.clock.looked_in_vain(monotonic_ns());
             return None;
         }
+        let passed = self.continuity.whole(passed, time_ns);
         // What the board did while it reported nothing is no update that could have been missed.
-        let updates = if was_live { self.gaps.updates(passed + whole_turns(passed, elapsed)) } else { 1 };
+        let updates = if was_live { self.gaps.updates(passed) } else { 1 };
+        self.continuity.came(time_ns, was_live.then_some(passed));
         publisher.publish(RegionId::Servo, Stamp { time_ns, servo_timer, valid: true }, self.reader.image());
         self.clock.found(time_ns, updates);
         let not_read = updates - 1;
@@ -179,7 +179,6 @@ impl ServoMirror {
         counters.add(Counter::Updates, 1);
         counters.add(Counter::Skipped, skipped);
         counters.add(Counter::Missed, not_read - skipped);
-        self.last_update_ns = time_ns;
         self.last_look_ns = monotonic_ns();
         let transition = self.freshness.came(time_ns);
         if transition.is_some() {
@@ -187,14 +186,6 @@ impl ServoMirror {
         }
         self.follow_period(publisher);
         transition
-    }
-
-    /// Servo cycles that fit into the time since the last update, as far as the period is known.
-    fn elapsed_cycles(&self, now_ns: u64) -> Option<u64> {
-        let cycles = self.gaps.cycles()?;
-        let elapsed_ns = u128::from(now_ns.saturating_sub(self.last_update_ns));
-        let elapsed = elapsed_ns * u128::from(cycles) / u128::from(self.clock.period_ns()?.max(1));
-        Some(u64::try_from(elapsed).unwrap_or(u64::MAX).min(MOST_CYCLES))
     }
 
     /// Whether the board was found reset since the last call.
@@ -237,14 +228,6 @@ impl ServoMirror {
     }
 }
 
-/// Whether the servo cycles the timer says passed are about those that fit into the time that went by.
-fn agree(passed: u64, elapsed: Option<u64>) -> bool {
-    let Some(elapsed) = elapsed else { return false };
-    let passed = passed + whole_turns(passed, Some(elapsed));
-    // A simulated board on a busy machine runs slow, never fast.
-    (elapsed / 2..=elapsed + elapsed / 4 + NEXT_UPDATES).contains(&passed)
-}
-
 /// Of the `count` updates before the one at `update_ns`, each a period before the next: those due from `from` to `to`.
 fn due_between(update_ns: u64, period_ns: u64, count: u64, from: u64, to: u64) -> u64 {
     let first = update_ns.saturating_sub(to).div_ceil(period_ns).max(1);
@@ -252,24 +235,9 @@ fn due_between(update_ns: u64, period_ns: u64, count: u64, from: u64, to: u64) -
     (last + 1).saturating_sub(first)
 }
 
-/// Cycles in the whole turns of the timer that passed unseen: a mirror that was stopped for longer than a turn can
-/// tell only from the time that went by.
-fn whole_turns(passed: u64, elapsed: Option<u64>) -> u64 {
-    let turn = 1u64 << TIMER_BITS;
-    let turns = (elapsed.unwrap_or(0).saturating_sub(passed) + turn / 2) / turn;
-    turns * turn
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn a_jump_of_the_timer_has_to_agree_with_the_time() {
-        assert!(agree(2258, Some(2258)) && agree(2000, Some(2258)) && agree(1200, Some(2258)));
-        assert!(!agree(30_000, Some(200)) && !agree(100, Some(2258)) && !agree(5, None));
-        assert!(agree(1000, Some(33_768)), "a whole turn and a bit");
-    }
 
     #[test]
     fn skipped_updates_are_those_due_while_the_host_held_the_buffer() {
@@ -281,26 +249,5 @@ mod tests {
         assert_eq!(due_between(1000, 100, 3, 100, 2000), 3);
         assert_eq!(due_between(1000, 100, 3, 100, 650), 0, "before the first of them");
         assert_eq!(due_between(1000, 100, 3, 950, 2000), 0, "the one seen was not skipped");
-    }
-
-    #[test]
-    fn a_nonsensical_period_makes_no_nonsensical_sums() {
-        let mut mirror = ServoMirror::new(ServoReading::Optimistic);
-        for (period, cycles) in [(442_673, 1), (442_673, 8_388_607), (1, u32::MAX), (u64::MAX, u32::MAX)] {
-            mirror.configure(8, Some(period), Some(cycles));
-            let elapsed = mirror.elapsed_cycles(u64::MAX);
-            assert!(elapsed.is_some_and(|elapsed| elapsed <= MOST_CYCLES), "{period} {cycles}: {elapsed:?}");
-            let _ = agree(u32::MAX.into(), elapsed);
-        }
-        mirror.configure(8, Some(442_673), Some(1));
-        assert_eq!(mirror.elapsed_cycles(442_673 * 5), Some(5));
-    }
-
-    #[test]
-    fn turns_are_counted_by_time() {
-        assert_eq!(whole_turns(10, None), 0);
-        assert_eq!(whole_turns(10, Some(12)), 0);
-        assert_eq!(whole_turns(10, Some(32_800)), 32_768);
-        assert_eq!(whole_turns(32_000, Some(65_536 + 31_000)), 65_536);
     }
 }

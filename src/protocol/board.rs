@@ -76,6 +76,9 @@ pub struct BoardInfo {
     /// Which port command lines go through now.
     #[serde(default)]
     pub command_port: CommandPort,
+    /// What became of the last command line.
+    #[serde(default)]
+    pub command_state: CommandState,
     /// The interrupt controller behind the board's host port, where the daemon serves it.
     #[serde(default)]
     pub host_port: Option<HostPortInfo>,
@@ -91,6 +94,20 @@ pub enum CommandPort {
     Dpram = 0,
     /// The VME mailboxes.
     Mailbox = 1,
+}
+
+/// Whether the board answers command lines.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+#[repr(u32)]
+pub enum CommandState {
+    /// None was sent since the daemon's start or the last change of the port.
+    #[default]
+    Unknown = 0,
+    /// The last one was answered.
+    Answers = 1,
+    /// The last one was not.
+    Silent = 2,
 }
 
 /// The interrupt controller behind a host port.

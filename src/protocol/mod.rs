@@ -12,7 +12,9 @@ pub mod reading;
 pub mod settings;
 pub mod transport;
 
-pub use board::{BoardInfo, CallError, CommandPort, Enabled, HostPortInfo, Message, MessageKind, State};
+pub use board::{
+    BoardInfo, CallError, CommandPort, CommandState, Enabled, HostPortInfo, Message, MessageKind, State,
+};
 pub use frame::Inbox;
 pub use message::{Call, Parameters, Reply};
 pub use open_buffer::OpenBuffer;

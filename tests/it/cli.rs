@@ -1,14 +1,16 @@
 //! The command line: what it prints, and how it ends.
 
-use std::io::{BufRead, BufReader, Read};
+use std::io::{BufRead, BufReader, Read, Write};
 use std::os::unix::fs::PermissionsExt;
 use std::os::unix::process::CommandExt;
 use std::process::Stdio;
+use std::time::Duration;
 
 use pmac_dpram::segment::{RegionId, RegionState, State};
 
 use crate::bench::Bench;
 use crate::rig::{Ran, Rig, command, pmacctl, pmacctl_with, pty};
+use crate::site::status_within;
 
 const MOTORS: &str = "\
 motor  commanded  actual  difference  velocity  unit   flags
@@ -323,6 +325,7 @@ fn unknown_things_get_one_clear_line() {
         "send",
         "--name ../x motors",
         "watch --rate 0",
+        "watch --count 0",
     ] {
         let ran = pmacctl(line);
         one_clear_line(&ran);
@@ -363,11 +366,39 @@ fn watch_repaints_on_a_terminal() {
 }
 
 #[test]
+fn watch_keeps_to_its_window_and_ends_on_q() {
+    let rig = Rig::new().live();
+    let size = nix::pty::Winsize { ws_row: 4, ws_col: 30, ws_xpixel: 0, ws_ypixel: 0 };
+    let pty = pty(Some(&size));
+    let mut watching = command()
+        .args(["--name", &rig.name, "watch", "--rate", "100"])
+        .stdin(pty.slave.try_clone().unwrap())
+        .stdout(pty.slave)
+        .spawn()
+        .unwrap();
+    let mut terminal = std::fs::File::from(pty.master);
+    let (mut screen, mut bytes) = (String::new(), [0; 4096]);
+    // The first frame is not over before the next one begins.
+    while screen.matches("\x1b[H").count() < 2 {
+        let count = terminal.read(&mut bytes).unwrap();
+        screen += std::str::from_utf8(&bytes[..count]).unwrap();
+    }
+    let frame = screen.split("\x1b[H").nth(1).unwrap();
+    let lines: Vec<&str> = frame.split("\r\n").map(|line| line.trim_start_matches("\x1b[K")).collect();
+    let title = format!("/{} (q ends it)  update 1", rig.name);
+    assert_eq!(lines[0], &title[..30], "{frame:?}");
+    assert_eq!(lines[1], "motor  commanded  actual  diff");
+    assert_eq!(lines[2..], ["... 3 more", "\x1b[J"], "{frame:?}");
+    terminal.write_all(b"q").unwrap();
+    assert_eq!(status_within(&mut watching, Duration::from_secs(10)).code(), Some(0));
+}
+
+#[test]
 fn watch_prints_a_line_each_time_in_a_pipe() {
     let rig = Rig::new().live();
     let ran = rig.run("watch --count 3 --rate 100");
     let lines: Vec<_> = ran.stdout.lines().collect();
-    assert_eq!(lines, ["update=1 fresh #1=999.8 #2=-24.0 #3=-77"; 3]);
+    assert_eq!(lines, ["update=1 fresh #1=999.8 #2=-24.0 #3=-77raw"; 3]);
     assert_eq!(ran.code, Some(0));
     let ran = rig.run("watch --seconds 0.1 --json");
     assert!(ran.stdout.lines().all(|line| line.starts_with("{\"motors\"") && line.ends_with('}')), "{ran:?}");

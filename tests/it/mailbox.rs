@@ -134,9 +134,10 @@ fn a_reply_that_comes_too_late_is_nobody_elses() {
     identified(&site);
     let mut connection = site.connection();
     for round in 0..4 {
-        // Each group, of either side, takes so many passes that the reply begins and does not end in time.
-        site.control("fault mailbox_late 150");
-        let late = connection.send("P1..9", Duration::from_millis(250));
+        // Each group, of either side, takes so many passes that the reply does not end in time, and so few that a board on a busy
+        // machine takes the cancel in time.
+        site.control("fault mailbox_late 40");
+        let late = connection.send("P1..9", Duration::from_millis(150));
         // The next line finds the board as slow, or not.
         if round % 2 == 0 {
             site.control("fault mailbox_late off");
@@ -215,6 +216,34 @@ fn what_stops_the_machine_takes_the_other_way_too() {
     };
     wait_until("the motor to stand", still);
     site.assert_no_violations();
+}
+
+#[test]
+fn what_stops_the_machine_does_not_wait_behind_a_line_that_is_not_taken() {
+    let site = vme(&shipped("I58=0"), &[], "use = \"always\"\n");
+    identified(&site);
+    let mut connection = site.connection();
+    connection.send("#1J+", PATIENCE).unwrap();
+    site.control("fault mailbox_stuck on");
+    std::thread::scope(|scope| {
+        let mut other = site.connection();
+        let line = scope.spawn(move || other.send("P1=1", 10 * PATIENCE));
+        let kill = scope.spawn(|| {
+            wait_until("^K to be taken", || {
+                // The line is to be under way by then, and again when something else was.
+                std::thread::sleep(Duration::from_secs(2));
+                site.connection().control(11).is_ok()
+            })
+        });
+        // The line ends long before its own time is over, because ^K has gone over it.
+        let line = line.join().unwrap();
+        assert!(matches!(line, Err(CommandError::Refused(CallError::TimedOut { .. }))), "{line:?}");
+        site.control("fault mailbox_stuck off");
+        kill.join().unwrap();
+    });
+    let position = || site.connection().send("#1P", PATIENCE).unwrap();
+    wait_until("the motor to stand", || position() == position());
+    assert_eq!(connection.send("P1", PATIENCE).unwrap(), ["0"], "the board never took the line");
 }
 
 #[test]

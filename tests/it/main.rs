@@ -26,6 +26,7 @@ mod map;
 mod misbehaviour;
 mod mixing;
 mod panel;
+mod pauses;
 mod readme;
 mod replies;
 mod rig;

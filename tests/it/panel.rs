@@ -2,7 +2,8 @@
 
 use std::os::unix::fs::FileExt;
 use std::process::{Child, Command, Stdio};
-use std::time::Duration;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
 
 use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
@@ -161,10 +162,16 @@ fn a_feed_rate_is_set_in_percent_and_raw_and_released() {
     let mut board = site.connection();
     done(&site, &["panel", "feed", "1", "50%"]);
     until(&mut board, "&1%", "half", |percent| (percent - 50.0).abs() < 0.01);
-    done(&site, &["panel", "feed", "2", "14507"]);
+    let told = done(&site, &["panel", "feed", "2", "14507"]);
+    assert_eq!(told, "&2: 14507 of 32767 raw = 100.00 %\n");
     until(&mut board, "&2%", "all", |percent| (percent - 100.0).abs() < 0.01);
-    let told = done(&site, &["panel", "feed", "2", "300%"]);
-    assert!(told.contains("225.8") && told.contains("the most"), "{told}");
+    for too_much in ["300%", "40000"] {
+        let (status, stdout, stderr) = site.pmacctl(&["panel", "feed", "2", too_much]);
+        assert_eq!((status, stdout.as_str()), (2, ""), "{too_much}: {stderr}");
+        assert!(stderr.contains("225.87%") || stderr.contains("0 to 32767"), "{stderr}");
+    }
+    until(&mut board, "&2%", "as it was", |percent| (percent - 100.0).abs() < 0.01);
+    done(&site, &["panel", "feed", "2", "225.87%"]);
     until(&mut board, "&2%", "the most there is", |percent| (percent - 225.87).abs() < 0.02);
     let shown: Value = serde_json::from_str(&done(&site, &["panel", "show", "--json"])).unwrap();
     assert_eq!((&shown["override_enable"], &shown["request_enable"]), (&3.into(), &0.into()));
@@ -176,6 +183,19 @@ fn a_feed_rate_is_set_in_percent_and_raw_and_released() {
     until(&mut board, "&1%", "its own", |percent| (percent - 80.0).abs() < 0.01);
     assert!(done(&site, &["panel", "show"]).lines().nth(1).unwrap().contains("off"));
     site.assert_no_violations();
+}
+
+#[test]
+fn a_withdrawn_request_is_not_shown_as_taken() {
+    let site = running();
+    site.control("fault panel_stuck on");
+    let (status, _, stderr) = site.pmacctl(&["panel", "home", "4"]);
+    assert!(status == 1 && stderr.contains("withdrawn"), "{stderr}");
+    let shown = done(&site, &["panel", "show"]);
+    let row = |number: usize| shown.lines().nth(number).unwrap().split_whitespace().collect::<Vec<_>>();
+    assert_eq!(row(0)[..4], ["number", "request", "word", "waits"]);
+    assert_eq!(row(4)[..3], ["4", "home", "-"], "{shown}");
+    assert_eq!(row(5)[..3], ["5", "-", "-"], "{shown}");
 }
 
 #[test]
@@ -280,6 +300,76 @@ fn a_stop_that_the_board_does_not_take_is_asked_for_again() {
     assert!(ask(&mut board, "#1V") > 1.0);
     site.control("fault panel_stuck off");
     until(&mut board, "#1V", "it stands", |speed| speed.abs() < 0.1);
+}
+
+/// One client that holds so many jogs, of all motors in turn, until it is told to end or the daemon does.
+fn hold_many(site: &Site, jogs: usize, are_held: &AtomicBool, end: &AtomicBool) {
+    let mut held: Vec<(Connection, usize)> = Vec::new();
+    let given_up = Instant::now() + 3 * PATIENCE;
+    while !end.load(Ordering::Relaxed) && Instant::now() < given_up {
+        if held.len() < jogs {
+            let motor = held.len() % 8 + 1;
+            let mut connection = site.connection();
+            connection.panel_hold("jog+", &[motor as u8]).unwrap();
+            held.push((connection, motor));
+            are_held.store(held.len() == jogs, Ordering::Relaxed);
+        }
+        for (connection, motor) in &mut held {
+            // A machine that was too busy to renew it in time begins it again.
+            if connection.panel_renew().is_err() && connection.panel_hold("jog+", &[*motor as u8]).is_err() {
+                return;
+            }
+        }
+    }
+}
+
+#[test]
+fn many_held_jogs_end_with_their_client() {
+    let site = running();
+    let mut board = site.connection();
+    let (are_held, end) = (AtomicBool::new(false), AtomicBool::new(false));
+    std::thread::scope(|scope| {
+        let client = scope.spawn(|| hold_many(&site, 40, &are_held, &end));
+        wait_until("all to be held", || are_held.load(Ordering::Relaxed));
+        for motor in 1..=8 {
+            until(&mut board, &format!("#{motor}V"), "it goes", |speed| speed > 1.0);
+        }
+        // No stop is over while the next ones come.
+        site.control("fault panel_stuck on");
+        end.store(true, Ordering::Relaxed);
+        client.join().unwrap();
+    });
+    wait_until("a stop to be requested", || site.log().contains("holder is gone or silent"));
+    std::thread::sleep(Duration::from_millis(300));
+    site.control("fault panel_stuck off");
+    for motor in 1..=8 {
+        until(&mut board, &format!("#{motor}V"), "it stands", |speed| speed.abs() < 0.1);
+    }
+    let log = site.log();
+    assert!(!log.contains("did not take the stop"), "{log}");
+}
+
+#[test]
+fn many_held_jogs_end_with_the_daemon() {
+    let mut site = running();
+    let mut board = site.connection();
+    let (are_held, end) = (AtomicBool::new(false), AtomicBool::new(false));
+    std::thread::scope(|scope| {
+        scope.spawn(|| hold_many(&site, 40, &are_held, &end));
+        wait_until("all to be held", || are_held.load(Ordering::Relaxed));
+        for motor in 1..=8 {
+            until(&mut board, &format!("#{motor}V"), "it goes", |speed| speed > 1.0);
+        }
+        site.signal_daemon(Signal::SIGTERM);
+    });
+    assert_eq!(site.stop_daemon(), 0);
+    site.start_daemon(&[]);
+    let mut board = site.connection();
+    wait_until("a board that answers", || board.send("#1V", PATIENCE).is_ok());
+    for motor in 1..=8 {
+        until(&mut board, &format!("#{motor}V"), "it stands", |speed| speed.abs() < 0.1);
+    }
+    site.assert_no_violations();
 }
 
 #[test]

@@ -110,6 +110,13 @@ fn the_example_configuration_is_accepted_and_so_is_every_key_in_it() {
         example.lines().map(|line| key(line).unwrap_or_else(|| line.to_owned())).collect();
     let every = every.join("\n");
     assert!(every.lines().filter(|line| line.contains(" = ") && !line.starts_with('#')).count() > 15);
+    // Of groups it is asked whether there are such.
+    let gid = nix::unistd::getgid();
+    let group = nix::unistd::Group::from_gid(gid).unwrap().map_or("root".to_owned(), |group| group.name);
+    let every = ["[\"operators\"]", "[\"pmac-engineers\"]"]
+        .into_iter()
+        .fold(every, |text, list| text.replace(list, &format!("[\"{group}\"]")))
+        .replace("_group = \"pmac\"", &format!("_group = \"{group}\""));
     let directory = tempfile::tempdir().unwrap();
     for (name, content) in [("example", &example), ("every", &every)] {
         let file = directory.path().join(name);

@@ -125,6 +125,28 @@ fn a_board_that_is_not_ready_says_what_it_lacks() {
 }
 
 #[test]
+fn a_stream_that_was_run_says_how_to_end_the_program_and_the_next_one_what_is_in_its_way() {
+    let site = running();
+    let path = site.path("short.pmc");
+    std::fs::write(&path, "LINEAR\nINC\nTM20\nX1\nX-1\n").unwrap();
+    let file = path.to_str().unwrap();
+    let (status, _, stderr) = stream(&site, &[file, "--define", "100", "--run"]);
+    assert_eq!(status, 0, "{stderr}");
+    assert!(stderr.contains("&1 goes on running") && stderr.contains("pmacctl send '&1Q'"), "{stderr}");
+    let (status, _, stderr) = stream(&site, &[file, "--run"]);
+    assert!(status == 1 && stderr.contains("ERR001") && stderr.contains("pmacctl send '&1Q'"), "{stderr}");
+    // What is said helps, as soon as the motion is over.
+    site.connection().send("&1Q", PATIENCE).unwrap();
+    wait_until("a board that takes a jog", || site.pmacctl(&["send", "#1J=0"]).0 == 0);
+    let (status, _, stderr) = stream(&site, &[file, "--define", "100"]);
+    assert!(status == 1 && stderr.contains("pmacctl send '&1DELETE ROT'"), "{stderr}");
+    wait_until("a board that lets it go", || site.pmacctl(&["send", "&1DELETE ROT"]).0 == 0);
+    let (status, _, stderr) = stream(&site, &[file, "--define", "100", "--run", "--quiet"]);
+    assert_eq!((status, stderr.as_str()), (0, ""));
+    site.assert_no_violations();
+}
+
+#[test]
 fn a_board_that_takes_no_more_is_waited_for_and_then_told() {
     let site = running();
     let file = program(&site, 2000);
@@ -259,6 +281,44 @@ fn a_batch_that_is_not_the_next_one_is_refused_whole() {
     wait_until("all of it", || connection.rotary_state(1).unwrap().ahead_lines == 0);
     assert_eq!(connection.rotary_state(1).unwrap().sent_lines, 60);
     connection.send("CLOSE", PATIENCE).unwrap();
+    site.assert_no_violations();
+}
+
+#[test]
+fn nobody_sets_a_buffer_up_under_anothers_transfer() {
+    let site = running();
+    let mut connection = site.connection();
+    for line in ["CLOSE", "&1DEFINE ROT 400", "&1B0", "I57=0"] {
+        connection.send(line, PATIENCE).unwrap();
+    }
+    let place = RotaryPlace {
+        buffer: 1,
+        start: None,
+        size_longs: Some(40),
+        coordinate_system: 1,
+        coordinate_system_base: 1,
+    };
+    connection.rotary_open(place).unwrap();
+    for line in ["I57=1", "OPEN ROT"] {
+        connection.send(line, PATIENCE).unwrap();
+    }
+    // While OPEN ROT is in force I57 would be a program line. Nothing waits, and the transfer is on all the same.
+    let lines: Vec<RotaryLine> = vec![vec![(0x000E23, 0x500000), (0x000661, 0x980000)]; 60];
+    let mut feed = RotaryFeed::new(site.connection(), 1, &lines);
+    while !feed.is_done() {
+        feed.step().unwrap();
+    }
+    for _ in 0..3 {
+        let error = site.connection().rotary_open(place).unwrap_err().to_string();
+        assert!(error.contains("I57 could not be asked") && error.contains("CLOSE and I57=0"), "{error}");
+    }
+    assert_eq!(connection.rotary_state(1).unwrap().sent_lines, 60, "the stream is as it was");
+    connection.send("CLOSE", PATIENCE).unwrap();
+    let error = site.connection().rotary_open(place).unwrap_err().to_string();
+    assert!(error.contains("I57 is 1"), "{error}");
+    connection.send("I57=0", PATIENCE).unwrap();
+    site.connection().rotary_open(place).unwrap();
+    assert_eq!(connection.rotary_state(1).unwrap().sent_lines, 0);
     site.assert_no_violations();
 }
 

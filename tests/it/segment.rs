@@ -449,7 +449,7 @@ fn a_python_program_written_from_the_page_reads_the_same() {
                 thread::sleep(Duration::from_micros(100));
             }
         });
-        let followed = run(&["servo", "3000"]);
+        let followed = run(&["servo", "3000", "--numbered"]);
         done.store(true, Ordering::Relaxed);
         writer.join().unwrap();
         followed

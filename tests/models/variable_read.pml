@@ -18,6 +18,14 @@
  *             old table announces its values when the new one is set up.
  * NO_RELEASE  the host does not set the count to 0 at its start, and takes what is ready. FAILS with CRASH: PMAC reads
  *             the table while it is written.
+ * RESET       the board is reset anywhere while the function runs, once, in single-user mode: it clears the control word,
+ *             and perhaps table and values; its timer goes on by one meanwhile (that a new report has the very timer of the old one is
+ *             not modelled: 1 in 65536).
+ * NO_REREAD   the host does not read timer and control word again at the end of a report. FAILS with RESET: the host has
+ *             read the first value; the board is reset and makes another pass; the host reads the second value.
+ * TIMER_FIRST the host does, but the timer before the control word. FAILS with RESET: the board is reset before the host reads the
+ *             timer for the first time, so that it reads 0, and again 0 at the end; then the next pass ends, and the
+ *             control word says ready.
  */
 #define READY 128
 #define MULTI_USER 2
@@ -43,11 +51,17 @@ byte y[LONGS], x[LONGS];                              /* the halves of the longs
 
 byte pass_number = 0;
 bool in_pass = false;
+#ifdef RESET
+byte timer = 0;                                       /* 0x07EA */
+bool running = false, resetting = false;
+#endif
 bool killed = false;
 bool updated = false, taken = false;
 
 proctype Pmac() {
   byte c, n, s, i, value;
+  do
+  :: {
   do
   :: atomic { c = control; in_pass = true };          /* one background pass */
      atomic { n = count; if :: n == 0 -> goto ended :: else fi };
@@ -70,9 +84,25 @@ next:   atomic { i++; value = 0 }
      od;
      if
      :: c & MULTI_USER
-     :: else -> c = control; control = c | 1
+     :: else ->
+#ifdef RESET
+        timer = 1 + pass_number;
+#endif
+        c = control; control = c | 1
      fi;
 ended: atomic { in_pass = false; pass_number = (pass_number + 1) % PASSES; updated = true; c = 0; n = 0; i = 0; s = 0; value = 0 }
+  od
+#ifdef RESET
+  } unless { atomic { resetting && running ->
+    resetting = false; in_pass = false; pass_number = (pass_number + 1) % PASSES; control = 0; timer = 0;
+    c = 0; n = 0; i = 0; s = 0; value = 0;
+    if
+    :: count = 0; start = 0; y[0] = 0; y[1] = 0; y[2] = 0; y[3] = 0; x[0] = 0; x[1] = 0; x[2] = 0; x[3] = 0
+    :: skip
+    fi } }
+#else
+  }
+#endif
   od
 }
 
@@ -80,6 +110,10 @@ ended: atomic { in_pass = false; pass_number = (pass_number + 1) % PASSES; updat
 
 proctype Host() {
   byte n, table, mode, dropped, i, word, a, b, p;
+  bool is_mixed = false;
+#ifdef RESET
+  byte stamp;
+#endif
   do
   :: {
 #ifndef NO_RELEASE
@@ -108,9 +142,18 @@ proctype Host() {
        :: else -> break
        od;
        control = mode;
-       atomic { count = n; i = 0 };
+       atomic { count = n; i = 0;
+#ifdef RESET
+         running = true
+#endif
+       };
        do                                             /* VariableReader::look */
-       :: break                                       /* another table is wanted */
+       ::
+#ifdef RESET
+          atomic { running = false; break }
+#else
+          break                                       /* another table is wanted */
+#endif
        :: atomic { word = control; taken = false };
           if
           :: (word & MULTI_USER) != mode || (mode && (word & 1)) -> control = mode
@@ -134,27 +177,55 @@ unready:           i++
              :: !mode && !(word & 1)
              :: !mode && (word & 1) && !dropped -> dropped = 1; control = mode
              :: !mode && (word & 1) && dropped -> i = 0;
+#ifdef RESET
+                stamp = timer;
+#endif
                 do
                 :: i < n ->
-                   a = y[start + n + i];
+                   a = y[n + i];
                    atomic {
-                     b = x[start + n + i];
-                     assert(a == b && a / PASSES == ADDRESS(i) && (i == 0 || a % PASSES == p));
+                     b = x[n + i];
+                     if
+                     :: a == b && a / PASSES == ADDRESS(i) && (i == 0 || a % PASSES == p) -> skip
+                     :: else -> is_mixed = true
+                     fi;
                      p = a % PASSES; a = 0; b = 0; i++
                    }
                 :: else -> break
                 od;
-                atomic { control = mode; p = 0; taken = true }
+#if defined(RESET) && !defined(NO_REREAD)
+#ifdef TIMER_FIRST
+                if :: timer != stamp -> goto gone :: else fi;
+                if :: (control & 3) != 1 -> goto gone :: else fi;
+#else
+                if :: (control & 3) != 1 -> goto gone :: else fi;
+                if :: timer != stamp -> goto gone :: else fi;
+#endif
+#endif
+                assert(!is_mixed);
+                atomic { control = mode; p = 0; taken = true };
+gone:           atomic { is_mixed = false; p = 0
+#ifdef RESET
+                  ; stamp = 0
+#endif
+                }
              fi
           fi;
           atomic { i = 0; word = 0 }
        od
     od
-  } unless { atomic { killed -> killed = false; i = 0; word = 0; a = 0; b = 0; p = 0; dropped = 0; n = 0; table = 0; mode = 0 } }
+  } unless { atomic { killed -> killed = false; i = 0; word = 0; a = 0; b = 0; p = 0; dropped = 0; n = 0; table = 0; mode = 0; is_mixed = false
+#ifdef RESET
+    ; stamp = 0; running = false
+#endif
+  } }
   od
 }
 
 proctype Chaos() {
+#ifdef RESET
+  resetting = true;
+#endif
 #ifdef CRASH
   do
   :: killed = true; !killed

@@ -1,0 +1,70 @@
+//! Single key presses, while a terminal is there to press them on.
+
+use std::io::Read as _;
+use std::os::fd::AsFd as _;
+use std::time::{Duration, Instant};
+
+use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
+use nix::sys::termios::{LocalFlags, SetArg, Termios, tcgetattr, tcsetattr};
+
+/// ^D.
+const END_OF_INPUT: u8 = 4;
+
+/// The keyboard, without lines and echo until this is dropped.
+pub struct Keys {
+    restore: Option<Termios>,
+}
+
+impl Keys {
+    /// Listens to the keyboard, if somebody looks at the output and there is one.
+    pub fn listen(interactive: bool) -> Self {
+        let stdin = std::io::stdin();
+        let restore = if interactive { tcgetattr(&stdin).ok() } else { None };
+        if let Some(before) = &restore {
+            let mut raw = before.clone();
+            raw.local_flags.remove(LocalFlags::ICANON | LocalFlags::ECHO);
+            let _ = tcsetattr(&stdin, SetArg::TCSANOW, &raw);
+        }
+        Self { restore }
+    }
+
+    /// Whether keys are heard.
+    pub fn are_heard(&self) -> bool {
+        self.restore.is_some()
+    }
+
+    /// Waits at most `time`, less if q is pressed.
+    pub fn quit_within(&self, time: Duration) -> bool {
+        if self.restore.is_none() {
+            std::thread::sleep(time);
+            return false;
+        }
+        let stdin = std::io::stdin();
+        let end = Instant::now().checked_add(time);
+        loop {
+            let left = end.map_or(Duration::MAX, |end| end.saturating_duration_since(Instant::now()));
+            let timeout = PollTimeout::try_from(left).unwrap_or(PollTimeout::MAX);
+            let mut watched = [PollFd::new(stdin.as_fd(), PollFlags::POLLIN)];
+            match poll(&mut watched, timeout) {
+                Ok(1..) => {
+                    let mut key = [0];
+                    match stdin.lock().read(&mut key) {
+                        Ok(1) if matches!(key[0], b'q' | b'Q' | END_OF_INPUT) => return true,
+                        Ok(0) | Err(_) => return true,
+                        Ok(_) => {}
+                    }
+                }
+                // A signal ends the wait, and the caller looks why.
+                Ok(_) | Err(_) => return false,
+            }
+        }
+    }
+}
+
+impl Drop for Keys {
+    fn drop(&mut self) {
+        if let Some(before) = &self.restore {
+            let _ = tcsetattr(std::io::stdin(), SetArg::TCSANOW, before);
+        }
+    }
+}

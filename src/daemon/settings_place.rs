@@ -1,0 +1,90 @@
+//! What is wrong with a setting, and where in the configuration file it stands.
+
+use std::fmt::Display;
+use std::path::Path;
+
+use toml::de::{DeTable, DeValue};
+
+/// A setting that is refused.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Refusal {
+    /// Its key from the outermost table on, as `mailbox.page` or, of a list, `roles.operate.0`; `None` when no single key
+    /// is at fault, or when it did not come from the file.
+    pub key: Option<String>,
+    /// What is wrong, and what to do.
+    pub text: String,
+}
+
+impl Refusal {
+    /// The setting `key` is wrong.
+    pub fn of(key: impl Into<String>, text: impl Display) -> Self {
+        Self { key: Some(key.into()), text: text.to_string() }
+    }
+
+    /// Something is wrong that has no place.
+    pub fn anywhere(text: impl Display) -> Self {
+        Self { key: None, text: text.to_string() }
+    }
+
+    /// The message, with file, line and column where the key stands in `text`, the content of the file at `path`.
+    #[must_use]
+    pub fn placed(&self, path: &Path, text: &str) -> String {
+        let place = self.key.as_deref().and_then(|key| offset(text, key));
+        let place = place.map(|offset| position(text, offset));
+        match place {
+            Some((line, column)) => format!("{}:{line}:{column}: {}", path.display(), self.text),
+            None => self.text.clone(),
+        }
+    }
+}
+
+/// Where the value of `key` begins, as far down as the file has it.
+fn offset(text: &str, key: &str) -> Option<usize> {
+    let table = DeTable::parse(text).ok()?;
+    let mut parts = key.split('.');
+    let mut found = table.get_ref().get(parts.next()?)?;
+    for part in parts {
+        let value: &DeValue = found.get_ref();
+        let inner = match part.parse::<usize>() {
+            Ok(index) => value.get(index),
+            Err(_) => value.get(part),
+        };
+        match inner {
+            Some(inner) => found = inner,
+            None => break,
+        }
+    }
+    Some(found.span().start)
+}
+
+/// Line and column, from 1, of the byte at `offset`.
+#[must_use]
+pub fn position(text: &str, offset: usize) -> (usize, usize) {
+    let before = text.get(..offset).unwrap_or(text);
+    let line = before.matches('\n').count() + 1;
+    let column = before.rsplit('\n').next().map_or(0, |last| last.chars().count()) + 1;
+    (line, column)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_key_is_found_as_far_down_as_it_is_there() {
+        let text = "a = 1\n[b]\nc = [\n  'x',\n  'ÿ', 'z']\n\"d\" = 2\nf.g = 3\n";
+        let place = |key: &str| offset(text, key).map(|offset| position(text, offset));
+        assert_eq!(place("a"), Some((1, 5)));
+        assert_eq!(place("b"), Some((2, 1)));
+        assert_eq!(place("b.c"), Some((3, 5)));
+        assert_eq!(place("b.c.0"), Some((4, 3)));
+        assert_eq!(place("b.c.2"), Some((5, 8)));
+        assert_eq!(place("b.d"), Some((6, 7)));
+        assert_eq!(place("b.f.g"), Some((7, 7)));
+        assert_eq!(place("b.missing"), Some((2, 1)), "its table");
+        assert_eq!(place("e"), None);
+        let refusal = Refusal::of("b.d", "is too much");
+        assert_eq!(refusal.placed(Path::new("F"), text), "F:6:7: is too much");
+        assert_eq!(Refusal::of("e", "is missing").placed(Path::new("F"), text), "is missing");
+    }
+}

@@ -1,0 +1,273 @@
+//! Whether the board went on or was reset: its servo timer against the time that went by.
+//!
+//! A board that went on shows no more servo cycles since the last update than fit into the time since. One that was reset
+//! counts from 0, so its timer itself shows no more than that. Only a timer that does the second and not the first
+//! tells of a reset; a pause of the report (I48, GATHER, a longer I19) or of either program is none, however long. A simulated
+//! board on a busy machine, stopped or in virtual time runs slow, so fewer cycles than fit say nothing.
+//!
+//! The longer the silence, the more of the timer's values fit: after about a turn of its 15 bits all do, and it tells
+//! nothing. A silence is then taken for a pause: a false alarm would end a contour that is being streamed, and a
+//! reset is seen by other means. It clears the status word at once, and a mirror that looks every few milliseconds
+//! sees a timer of exactly 0 while nothing is reported, which a board that goes on shows once in 32768 times.
+
+/// The servo timer's bits in the servo buffer.
+pub const TIMER_BITS: u32 = 15;
+/// A timer that moved on by no more than this many updates belongs to the stretch of the last update, but never one that
+/// moved by more than [`NEXT_CYCLES`].
+const NEXT_UPDATES: u64 = 64;
+const NEXT_CYCLES: u64 = 1 << (TIMER_BITS - 2);
+/// Servo cycles that an update may seem early: the thread was held up between clock and look.
+const SLACK: u64 = 64;
+/// The length of a servo cycle is known from this many, and of late: the older half counts less after so many.
+const MEASURED: u64 = 256;
+const MEASURED_AT_MOST: u64 = 8192;
+/// More servo cycles than any board has run: what a nonsensical I10 makes of the time that passed ends here.
+const MOST_CYCLES: u64 = 1 << 48;
+
+/// What an update's timer tells.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Verdict {
+    /// The board went on since the last update, or nothing says otherwise.
+    GoesOn,
+    /// The board was reset, or cleared its memory.
+    Reset,
+    /// The timer is neither where it would be now nor near its start: somebody set it, or its clock became faster.
+    Elsewhere,
+}
+
+/// Knows when the last update came and how long a servo cycle lasts.
+#[derive(Debug, Clone, Default)]
+pub struct Continuity {
+    /// A servo cycle as the board says (I10).
+    told_ns: Option<u64>,
+    /// Servo cycles that passed while updates came, and how long they took.
+    cycles: u64,
+    taken_ns: u64,
+    /// The last update; `None` while all there is is of unknown age.
+    last_ns: Option<u64>,
+}
+
+impl Continuity {
+    /// Takes the length of a servo cycle from elsewhere (I10). What is measured wins.
+    pub fn expect_cycle(&mut self, cycle_ns: u64) {
+        self.told_ns = Some(cycle_ns);
+    }
+
+    /// Starts over, as with another board.
+    pub fn forget(&mut self) {
+        *self = Self { told_ns: self.told_ns, ..Self::default() };
+    }
+
+    /// Judges an update at `now_ns` whose timer is `timer` and moved on by `passed`, less whole turns. `cycles` are those from
+    /// update to update (I19) as far as known, `was_live` whether updates came until now.
+    #[must_use]
+    pub fn judge(
+        &self,
+        timer: u16,
+        passed: u64,
+        cycles: Option<u32>,
+        now_ns: u64,
+        was_live: bool,
+    ) -> Verdict {
+        if timer == 0 && !was_live {
+            return Verdict::Reset;
+        }
+        let next = (NEXT_UPDATES * u64::from(cycles.unwrap_or(1))).min(NEXT_CYCLES);
+        let Some(elapsed) = self.elapsed(now_ns).filter(|_| passed > next) else { return Verdict::GoesOn };
+        let fit = elapsed + elapsed / 4 + SLACK;
+        if passed <= fit {
+            Verdict::GoesOn
+        } else if u64::from(timer) <= fit {
+            Verdict::Reset
+        } else {
+            Verdict::Elsewhere
+        }
+    }
+
+    /// Servo cycles since the last update of which the timer shows `passed`, whole turns included: after more than a turn
+    /// only the time that went by tells.
+    #[must_use]
+    pub fn whole(&self, passed: u64, now_ns: u64) -> u64 {
+        let turn = 1u64 << TIMER_BITS;
+        let turns = (self.elapsed(now_ns).unwrap_or(0).saturating_sub(passed) + turn / 2) / turn;
+        passed + turns * turn
+    }
+
+    /// An update came at `now_ns`, after `passed` servo cycles if they are known.
+    pub fn came(&mut self, now_ns: u64, passed: Option<u64>) {
+        if let (Some(last), Some(passed)) = (self.last_ns, passed) {
+            self.cycles += passed;
+            self.taken_ns = self.taken_ns.saturating_add(now_ns.saturating_sub(last));
+            while self.cycles > MEASURED_AT_MOST {
+                self.cycles /= 2;
+                self.taken_ns /= 2;
+            }
+        }
+        self.last_ns = Some(now_ns);
+    }
+
+    /// Servo cycles that fit into the time since the last update, as far as both are known.
+    fn elapsed(&self, now_ns: u64) -> Option<u64> {
+        let since = now_ns.saturating_sub(self.last_ns?);
+        let measured = (self.cycles >= MEASURED).then_some((self.taken_ns, self.cycles));
+        let (ns, cycles) = measured.or(self.told_ns.map(|told| (told, 1)))?;
+        let elapsed = u128::from(since) * u128::from(cycles) / u128::from(ns.max(1));
+        Some(u64::try_from(elapsed).unwrap_or(u64::MAX).min(MOST_CYCLES))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// 2258.8 Hz.
+    const CYCLE_NS: u64 = 442_708;
+    const SECOND: u64 = 2259;
+    const TURN: u64 = 1 << TIMER_BITS;
+
+    /// A board that has shown `last` and is silent for `silence` cycles; then its timer is `timer`.
+    fn after(last: u64, silence: u64, timer: u64) -> Verdict {
+        let mut continuity = Continuity::default();
+        continuity.expect_cycle(CYCLE_NS);
+        let start = 1_000_000_000;
+        continuity.came(start, None);
+        let passed = (timer + TURN - last) % TURN;
+        let is_live = silence * CYCLE_NS < 100_000_000;
+        continuity.judge(timer as u16, passed, Some(1), start + silence * CYCLE_NS, is_live)
+    }
+
+    #[test]
+    fn a_pause_is_no_reset() {
+        for silence in
+            [100, 230, 300, SECOND / 3, SECOND, 10 * SECOND, 14 * SECOND, 20 * SECOND, 3600 * SECOND]
+        {
+            for last in [0, 1, 5000, 16_000, 32_000, TURN - 1] {
+                // On time; a little early; slow, as a simulated board is; stopped, as one is in mid-pause.
+                for passed in [silence, silence + silence / 16 + 20, silence * 2 / 3, silence / 2, 70, 3, 1] {
+                    let timer = (last + passed) % TURN;
+                    if timer != 0 {
+                        assert_eq!(after(last, silence, timer), Verdict::GoesOn, "{last} {silence} {passed}");
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_reset_is_found() {
+        // The status word is cleared at once: a look finds it 0, whenever that is, wherever the timer was.
+        for silence in [230, SECOND, 8 * SECOND, 20 * SECOND, 3600 * SECOND] {
+            for last in [1, 5000, 16_000, TURN - silence % TURN, TURN - 1] {
+                assert_eq!(after(last, silence, 0), Verdict::Reset, "{last} {silence}");
+            }
+        }
+        // While updates come, from one to the next.
+        for (last, timer) in [(5000, 0), (5000, 1), (30_000, 0), (200, 0), (20_000, 60)] {
+            assert_eq!(after(last, 1, timer), Verdict::Reset, "{last}");
+        }
+        // A board whose first update is seen only when it reports again: it has counted from 0 since.
+        for (last, silence, timer) in
+            [(20_000, 300, 10), (20_000, SECOND, 2000), (5000, SECOND, 500), (12_000, 5 * SECOND, 9000)]
+        {
+            assert_eq!(after(last, silence, timer), Verdict::Reset, "{last} {silence} {timer}");
+        }
+        // With a period so long that 64 of it are a turn.
+        let mut continuity = Continuity::default();
+        continuity.expect_cycle(CYCLE_NS);
+        continuity.came(0, None);
+        let passed = TURN - 20_000 + 30;
+        assert_eq!(continuity.judge(30, passed, Some(600), 600 * CYCLE_NS, true), Verdict::Reset);
+        assert_eq!(continuity.judge(20_600, 600, Some(600), 600 * CYCLE_NS, true), Verdict::GoesOn);
+    }
+
+    #[test]
+    fn a_timer_that_is_elsewhere_is_no_reset() {
+        assert_eq!(after(5000, 1, 25_000), Verdict::Elsewhere);
+        assert_eq!(after(5000, SECOND, 25_000), Verdict::Elsewhere);
+        // The servo clock was made four times as fast meanwhile.
+        assert_eq!(after(5000, SECOND, 5000 + 4 * SECOND), Verdict::Elsewhere);
+    }
+
+    #[test]
+    fn what_nobody_knows_tells_of_no_reset() {
+        let mut continuity = Continuity::default();
+        // No update yet: what lay there is of unknown age.
+        continuity.expect_cycle(CYCLE_NS);
+        assert_eq!(continuity.judge(7, 20_000, Some(1), 1_000_000_000, false), Verdict::GoesOn);
+        assert_eq!(continuity.judge(0, 20_000, Some(1), 1_000_000_000, false), Verdict::Reset, "cleared");
+        // No length of a cycle.
+        let mut continuity = Continuity::default();
+        continuity.came(0, None);
+        assert_eq!(continuity.judge(7, 20_000, None, 442_708, true), Verdict::GoesOn);
+    }
+
+    #[test]
+    fn a_changed_report_period_is_no_reset() {
+        // From I19 = 3 to 200, 230 and 2000: whether the period is still believed or already doubted.
+        for period in [200, 230, 2000] {
+            for (cycles, is_live) in [(Some(3), true), (None, true), (Some(3), false)] {
+                let mut continuity = Continuity::default();
+                let mut now = 0;
+                for _ in 0..200 {
+                    now += 3 * CYCLE_NS;
+                    continuity.came(now, Some(3));
+                }
+                for update in 1..5 {
+                    now += period * CYCLE_NS;
+                    let timer = (9000 + update * period) as u16;
+                    assert_eq!(continuity.judge(timer, period, cycles, now, is_live), Verdict::GoesOn);
+                    continuity.came(now, is_live.then_some(period));
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn the_length_of_a_cycle_is_measured() {
+        let mut continuity = Continuity::default();
+        // Told as twice as long as it is.
+        continuity.expect_cycle(2 * CYCLE_NS);
+        let mut now = 0;
+        for update in 0..5000 {
+            now += CYCLE_NS;
+            continuity.came(now, (update > 0).then_some(1));
+        }
+        assert_eq!(continuity.elapsed(now + 1000 * CYCLE_NS), Some(1000));
+        // It became slower, and is followed.
+        for _ in 0..30_000 {
+            now += 2 * CYCLE_NS;
+            continuity.came(now, Some(1));
+        }
+        let elapsed = continuity.elapsed(now + 1000 * CYCLE_NS).unwrap();
+        assert!((500..510).contains(&elapsed), "{elapsed}");
+        continuity.forget();
+        assert_eq!(continuity.elapsed(now), None);
+        continuity.came(now, Some(1));
+        assert_eq!(continuity.elapsed(now + 1000 * CYCLE_NS), Some(500), "as told");
+    }
+
+    #[test]
+    fn turns_are_counted_by_time() {
+        let mut continuity = Continuity::default();
+        assert_eq!(continuity.whole(10, 1_000_000_000), 10);
+        continuity.expect_cycle(1000);
+        continuity.came(0, None);
+        assert_eq!(continuity.whole(10, 12_000), 10);
+        assert_eq!(continuity.whole(10, 32_800_000), 32_778);
+        assert_eq!(continuity.whole(32_000, (65_536 + 31_000) * 1000), 65_536 + 32_000);
+    }
+
+    #[test]
+    fn a_nonsensical_period_makes_no_nonsensical_sums() {
+        for cycle_ns in [0, 1, CYCLE_NS, u64::MAX] {
+            let mut continuity = Continuity::default();
+            continuity.expect_cycle(cycle_ns);
+            continuity.came(0, None);
+            let elapsed = continuity.elapsed(u64::MAX);
+            assert!(elapsed.is_some_and(|elapsed| elapsed <= MOST_CYCLES), "{cycle_ns}: {elapsed:?}");
+            let _ = continuity.judge(5, 20_000, Some(u32::MAX), u64::MAX, true);
+            continuity.came(u64::MAX, Some(continuity.whole(5, u64::MAX)));
+            let _ = continuity.judge(5, 20_000, Some(u32::MAX), u64::MAX, false);
+        }
+    }
+}
