@@ -118,7 +118,7 @@ fn text(document: &Value) -> String {
     let pid = plain(&document["owner_pid"]);
     let age = document["heartbeat_age_ms"].as_f64().unwrap_or_default();
     let uptime = document["uptime_s"].as_f64().unwrap_or_default();
-    let gone = ["dead", "owner_gone", "replaced"].iter().any(|name| document["condition"] == *name);
+    let gone = ["dead", "daemon_gone", "replaced"].iter().any(|name| document["condition"] == *name);
     let up = if gone { "gone after" } else { "up" };
     say("daemon", format!("process {pid}, {up} {uptime:.0} s, last sign of life {age:.0} ms ago"));
     let board = &document["board"];

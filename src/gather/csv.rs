@@ -75,7 +75,7 @@ mod tests {
             let text = String::from_utf8(writer.finish().unwrap()).unwrap();
             text.lines().skip(1).map(|line| line.split_once(',').unwrap().1.to_owned()).collect()
         };
-        let written = times(Some(442_708.373_069_763_17), &[0, 1, 1000, 10_000_000]);
+        let written = times(Some(442_708.373_069_763_2), &[0, 1, 1000, 10_000_000]);
         assert_eq!(written, ["0", "0.000442708", "0.442708373", "4427.083730698"]);
         assert_eq!(times(None, &[0, 10, 100]), ["0", "10", "100"]);
     }

@@ -186,7 +186,7 @@ fn nothing_is_live_in_the_status_of_a_daemon_that_is_gone() {
     site.kill_daemon();
     let (code, json, _) = site.pmacctl(&["status", "--json"]);
     let document: serde_json::Value = serde_json::from_str(&json).unwrap();
-    assert_eq!((code, &document["condition"]), (1, &"owner_gone".into()));
+    assert_eq!((code, &document["condition"]), (1, &"daemon_gone".into()));
     assert_eq!(document["regions"]["servo"]["state"], "stale");
     assert!(!json.contains("\"live\""), "{json}");
     let (_, text, _) = site.pmacctl(&["status"]);
