@@ -10,6 +10,7 @@ use std::os::unix::net::{UnixListener, UnixStream};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use nix::sys::socket::{setsockopt, sockopt::SndBuf};
 use pmac_dpram::daemon::info::SharedInfo;
 use pmac_dpram::daemon::job::Job;
 use pmac_dpram::daemon::listener::Listener;
@@ -32,8 +33,12 @@ const CLIENTS: usize = 12;
 const TEXTS: usize = 1600;
 /// Rounds that must be enough to answer everybody once the board answers at once.
 const LAST_ROUNDS: usize = 2000;
+/// Rounds that must be enough to stop every jog when nobody is there any more.
+const ALONE: usize = 8;
 /// What one connection's output may come to: the limit for unasked texts, and replies to a few short calls.
-const OUTPUT_MAX: usize = 512 * 1024;
+const OUTPUT_MAX: usize = 360 * 1024;
+/// What the kernel keeps of it, in bytes: little, so that what a client does not hear stays with the server.
+const SOCKET: usize = 4096;
 
 /// Calls, `@` is the number that comes back in the answer; whether they begin something that is not over with one reply.
 const CALLS: [(&str, bool); 24] = [
@@ -91,6 +96,8 @@ struct Board {
     events: Sender<Event>,
     /// Commands it has taken and not answered.
     has: VecDeque<Command>,
+    /// It has answered otherwise than that all is done.
+    rough: bool,
     /// Unasked texts that it may still send: more make an input slow, and show no more.
     texts: usize,
     /// Events that the queue had no room for.
@@ -157,7 +164,14 @@ impl Scene {
         };
         let backend = Backend { commands: to_board, events: from_board, info: Arc::new(info) };
         let server = Rounds::new(&options, listener(), backend).unwrap();
-        let board = Board { commands, events, has: VecDeque::new(), texts: TEXTS, late: VecDeque::new() };
+        let board = Board {
+            commands,
+            events,
+            has: VecDeque::new(),
+            rough: false,
+            texts: TEXTS,
+            late: VecDeque::new(),
+        };
         Self { server, board, clients: Vec::new(), now: Instant::now(), next: 0 }
     }
 
@@ -225,6 +239,7 @@ impl Scene {
         }
         let (ours, theirs) = UnixStream::pair().unwrap();
         ours.set_nonblocking(true).unwrap();
+        setsockopt(&theirs, SndBuf, &SOCKET).unwrap();
         let (uid, role) = USERS[usize::from(how & 3)];
         let peer = Peer { uid: uid.into(), gid: uid.into(), pid: 1 };
         self.server.enter(theirs, peer, role, self.now).unwrap();
@@ -288,8 +303,17 @@ impl Scene {
     /// All go, and nothing of them stays.
     fn leave(&mut self) {
         self.clients.clear();
+        let mut alone = 0;
         for _ in 0..LAST_ROUNDS {
-            self.now += Duration::from_millis(200);
+            // Time stands still until all of that is over which needs none.
+            match alone {
+                0..ALONE => alone += usize::from(self.server.kept().clients == 0),
+                _ => self.now += Duration::from_millis(200),
+            }
+            // Held jogs are stopped without delay, unless the board did not take a stop and is asked again.
+            if alone == ALONE && !self.board.rough && self.board.late.is_empty() {
+                assert_eq!(self.server.kept().leases, 0);
+            }
             self.board.take(usize::MAX);
             while !self.board.has.is_empty() {
                 self.board.answer(0, 0);
@@ -393,13 +417,15 @@ impl Board {
         }
         let which = which % self.has.len();
         let outcome = match how & 7 {
-            0..=2 => Outcome::Done,
+            0 | 1 => Outcome::Done,
+            2 => Outcome::Busy,
             3 => Outcome::Error(5),
             4 => Outcome::TimedOut,
             5 => Outcome::Unavailable,
             6 => Outcome::OutOfRange,
             _ => Outcome::Refused(Text::of(&"no\0t\u{7f} no\"w")),
         };
+        self.rough |= outcome != Outcome::Done;
         let Some(command) = self.has.remove(which) else { return };
         match command {
             Command::Send { ticket, line, question, .. } => {

@@ -32,19 +32,22 @@ pub struct Args {
     pub command: Command,
 }
 
+/// What these stand below among a command's own options.
+const GLOBAL: &str = "Options of every command";
+
 #[derive(Debug, ClapArgs)]
 pub struct Global {
     /// Which board: the segment /dev/shm/NAME and the socket /run/pmacd/NAME.sock
-    #[arg(long, global = true, value_name = "NAME", default_value = "pmac0")]
+    #[arg(long, global = true, help_heading = GLOBAL, value_name = "NAME", default_value = "pmac0")]
     pub name: String,
     /// The daemon's socket, when it lies elsewhere
-    #[arg(long, global = true, value_name = "PATH")]
+    #[arg(long, global = true, help_heading = GLOBAL, value_name = "PATH")]
     pub socket: Option<PathBuf>,
     /// Print JSON
-    #[arg(long, global = true)]
+    #[arg(long, global = true, help_heading = GLOBAL)]
     pub json: bool,
     /// Print no results, only errors; the exit status tells
-    #[arg(long, short, global = true)]
+    #[arg(long, short, global = true, help_heading = GLOBAL)]
     pub quiet: bool,
 }
 
@@ -240,12 +243,15 @@ fn family(name: &str) -> Result<&'static Family, UnknownFamily> {
     Family::by_name(name)
 }
 
+/// Some thirty years.
+const LONGEST_S: f64 = 1e9;
+
 pub fn seconds(text: &str) -> Result<Duration, String> {
     let seconds: f64 = text.parse().map_err(|_| "not a number of seconds".to_owned())?;
-    if seconds > 0.0 && seconds <= 1e9 {
+    if seconds > 0.0 && seconds <= LONGEST_S {
         Ok(Duration::from_secs_f64(seconds))
     } else {
-        Err("not more than 0 seconds".to_owned())
+        Err(format!("has to be above 0 and at most {LONGEST_S} seconds"))
     }
 }
 
@@ -278,10 +284,27 @@ mod tests {
     }
 
     #[test]
+    fn the_options_of_every_command_stand_apart_in_its_help() {
+        let mut command = Args::command();
+        command.build();
+        for name in ["gather", "watch", "backup"] {
+            let help = command.find_subcommand_mut(name).unwrap().render_help().to_string();
+            let (own, global) = help.split_once(&format!("{GLOBAL}:\n")).unwrap();
+            for option in ["--name", "--socket", "--json", "--quiet"] {
+                assert!(!own.contains(option) && global.contains(option), "{help}");
+            }
+            assert!(own.contains("--help") && !global.contains("--seconds"), "{help}");
+        }
+    }
+
+    #[test]
     fn numbers_out_of_reason_are_refused() {
         for text in ["0", "-1", "nan", "inf", "1e10", "x", ""] {
             assert!(seconds(text).is_err(), "{text}");
             assert!(rate(text).is_err(), "{text}");
+        }
+        for text in ["0", "1e99"] {
+            assert_eq!(seconds(text), Err("has to be above 0 and at most 1000000000 seconds".to_owned()));
         }
         assert_eq!(seconds("0.5"), Ok(Duration::from_millis(500)));
         assert_eq!(rate("4"), Ok(Duration::from_millis(250)));

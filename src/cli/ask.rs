@@ -2,7 +2,7 @@
 
 use std::io::{self, BufRead, IsTerminal, Write};
 
-use super::Failure;
+use super::{Context, Failure};
 
 /// Whether to go on: `yes` says so, or a person at the terminal does.
 ///
@@ -24,6 +24,19 @@ pub fn confirm(question: &str, yes: bool) -> Result<bool, Failure> {
     Ok(is_yes(&answer))
 }
 
+/// The question whether so many lines, shown already, are to be sent.
+pub fn sending(lines: usize, to: &str) -> String {
+    match lines {
+        1 => format!("Send this line to {to}?"),
+        _ => format!("Send these {lines} lines to {to}?"),
+    }
+}
+
+/// The board, as it is called on the command line.
+pub fn board_of(context: &Context) -> String {
+    format!("the board of {}", context.name.as_str())
+}
+
 fn is_yes(answer: &str) -> bool {
     matches!(answer.trim().to_ascii_lowercase().as_str(), "y" | "yes")
 }
@@ -31,6 +44,12 @@ fn is_yes(answer: &str) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn one_line_is_not_several() {
+        assert_eq!(sending(1, "the board of x"), "Send this line to the board of x?");
+        assert_eq!(sending(2, "the board of x"), "Send these 2 lines to the board of x?");
+    }
 
     #[test]
     fn only_yes_is_yes() {

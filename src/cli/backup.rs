@@ -9,11 +9,11 @@ use std::time::{Duration, SystemTime, UNIX_EPOCH};
 use clap::{Args, ValueEnum};
 use serde_json::json;
 
-use super::ask::confirm;
+use super::ask::{board_of, confirm, sending};
 use super::lines::{LineError, Way};
 use super::time::rfc3339;
 use super::variables::{Entry, Item, parse, read};
-use super::{Context, Failure, Verdict};
+use super::{Context, Failure, Verdict, sink};
 use crate::client::Connection;
 use crate::setup::Generation;
 
@@ -28,7 +28,7 @@ const PORT: [u16; 4] = [3, 4, 6, 58];
 /// `backup`.
 #[derive(Debug, Args)]
 pub struct Backup {
-    /// Write to this file, once everything has been read, instead of to stdout
+    /// Write to this file, once everything has been read, instead of to stdout (-)
     #[arg(long, short, value_name = "FILE")]
     pub output: Option<PathBuf>,
     /// Which variables. M means what they point to, and the values of those that point nowhere
@@ -128,8 +128,8 @@ pub fn backup(context: &mut Context, options: &Backup) -> Result<Verdict, Failur
         text
     };
     match &options.output {
-        Some(path) => replace(path, text.as_bytes())?,
-        None => context.output.text(text)?,
+        Some(path) if !sink::is_stdout(path) => sink::put(path, text.as_bytes())?,
+        _ => context.output.text(text)?,
     }
     Ok(Verdict::Yes)
 }
@@ -161,19 +161,6 @@ fn variables_of(family: &str) -> u16 {
         Ok(Generation::Turbo) => 8192,
         _ => 1024,
     }
-}
-
-/// Puts `bytes` in place of the file at `path`, whole or not at all.
-fn replace(path: &Path, bytes: &[u8]) -> Result<(), Failure> {
-    let mut partial = path.as_os_str().to_owned();
-    partial.push(".partial");
-    let failed = |error: io::Error| Failure::Request(format!("{}: {error}", path.display()));
-    let written = std::fs::write(&partial, bytes).and_then(|()| std::fs::rename(&partial, path));
-    written.map_err(|error| {
-        // What could not be put in place is of no use.
-        let _ = std::fs::remove_file(&partial);
-        failed(error)
-    })
 }
 
 /// The board, read and left with the coordinate system that was addressed.
@@ -280,8 +267,7 @@ pub fn restore(context: &mut Context, options: &Restore) -> Result<Verdict, Fail
         report.print(context)?;
         return Ok(Verdict::Yes);
     }
-    let question = format!("Send these {} lines to the board of {}?", changes.len(), context.name);
-    if !confirm(&question, options.yes)? {
+    if !confirm(&sending(changes.len(), &board_of(context)), options.yes)? {
         return Ok(Verdict::No);
     }
     board.remember(changes.iter().map(|entry| entry.item))?;
@@ -413,16 +399,5 @@ mod tests {
         let again: BTreeMap<Item, String> =
             parse("f", &text).unwrap().into_iter().map(|entry| (entry.item, entry.text)).collect();
         assert_eq!(again, held);
-    }
-
-    #[test]
-    fn a_file_is_replaced_whole_or_not_at_all() {
-        let directory = tempfile::tempdir().unwrap();
-        let path = directory.path().join("x");
-        replace(&path, b"one").unwrap();
-        replace(&path, b"two").unwrap();
-        assert_eq!(std::fs::read(&path).unwrap(), b"two");
-        assert_eq!(std::fs::read_dir(directory.path()).unwrap().count(), 1);
-        assert!(matches!(replace(Path::new("/nonexistent/x"), b""), Err(Failure::Request(_))));
     }
 }

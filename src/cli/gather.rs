@@ -1,27 +1,24 @@
 //! `pmacctl gather`: what the board samples at servo rate, into a file.
 
-use std::fs::File;
-use std::io::{self, BufWriter, IsTerminal, Write};
+use std::io::{self, IsTerminal, Write};
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use clap::Args as ClapArgs;
 use serde_json::json;
-use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 
 use super::args::seconds;
-use super::gather_board::{GatherBoard, ask, gathers};
+use super::gather_board::{GatherBoard, ask, end_gather, gathers};
+use super::gather_file::Writer;
+use super::interrupt::Interrupt;
+use super::sink::{Rows, is_stdout};
 use super::variable::board_layout;
 use super::{Context, Failure, Verdict};
 use crate::client::{Board, GatherFollower, GatherPhase};
 use crate::decode::Scales;
-use crate::gather::{
-    Column, CsvWriter, GatherMode, GatherPlan, GatherRequest, NpyWriter, SampleClock, ServoReport, Source,
-    column, plan,
-};
+use crate::gather::{GatherMode, GatherPlan, GatherRequest, SampleClock, ServoReport, Source, column, plan};
 use crate::map::{Layout, Plan};
+use crate::protocol::{BoardSettings, Function};
 use crate::segment::{RegionId, RegionState};
 
 /// How long to sleep when there are no samples.
@@ -34,7 +31,7 @@ const PROGRESS: Duration = Duration::from_millis(200);
 #[derive(Debug, ClapArgs)]
 pub struct Gather {
     /// What to sample: 1.actual_position, cs2.program_status, servo_timer, Y:$C003 (signed unless ,u follows), D:$002B
-    #[arg(long, short, value_name = "SOURCE", required = true)]
+    #[arg(long, short, value_name = "SOURCE", required_unless_present = "stop")]
     source: Vec<String>,
     /// Servo cycles from one sample to the next (I19; the servo report comes as often meanwhile)
     #[arg(long, value_name = "CYCLES", default_value = "1")]
@@ -49,37 +46,45 @@ pub struct Gather {
     #[arg(long)]
     once: bool,
     /// Where to: a file whose name ends in .csv or .npy, or - for CSV on stdout
-    #[arg(long, short, value_name = "FILE")]
-    output: PathBuf,
-}
-
-/// The file's form.
-enum Writer {
-    Csv(CsvWriter<Box<dyn Write>>),
-    Npy(NpyWriter<BufWriter<File>>),
-}
-
-impl Writer {
-    fn row(&mut self, number: u64, values: &[f64]) -> io::Result<()> {
-        match self {
-            Self::Csv(writer) => writer.row(number, values),
-            Self::Npy(writer) => writer.row(number, values),
-        }
-    }
-
-    fn finish(self) -> io::Result<()> {
-        match self {
-            Self::Csv(writer) => writer.finish().map(drop),
-            Self::Npy(writer) => writer.finish().map(drop),
-        }
-    }
+    #[arg(long, short, value_name = "FILE", required_unless_present = "stop")]
+    output: Option<PathBuf>,
+    /// End a gather that was left running (by ENDGATHER, which is sent only where the board says that it gathers)
+    #[arg(long, conflicts_with_all = ["source", "period", "seconds", "buffer", "once", "output"])]
+    stop: bool,
 }
 
 pub fn run(context: &mut Context, options: &Gather) -> Result<Verdict, Failure> {
-    let extension = options.output.extension().and_then(|extension| extension.to_str());
-    let is_stdout = options.output == Path::new("-");
+    match &options.output {
+        Some(output) => gather(context, options, output),
+        None => stop(context),
+    }
+}
+
+/// `gather --stop`. Where nothing gathers, ENDGATHER would end the servo report.
+fn stop(context: &mut Context) -> Result<Verdict, Failure> {
+    let mut connection = context.connection()?;
+    let gathering = gathers(&mut connection)?;
+    if gathering {
+        end_gather(&mut connection)?;
+    }
+    if context.output.is_json() {
+        context.output.json(&json!({ "gathered": gathering }))?;
+    } else if gathering {
+        let period = ask(&mut connection, "I19")?;
+        context
+            .output
+            .line(format_args!("ended; I19, the servo report's period as well, is left at {period}"))?;
+    } else {
+        context.output.line("the board gathers nothing; nothing was sent")?;
+    }
+    Ok(Verdict::Yes)
+}
+
+fn gather(context: &mut Context, options: &Gather, output: &Path) -> Result<Verdict, Failure> {
+    let extension = output.extension().and_then(|extension| extension.to_str());
+    let is_stdout = is_stdout(output);
     if !is_stdout && !matches!(extension, Some("csv" | "npy")) {
-        let path = options.output.display();
+        let path = output.display();
         return Err(Failure::Request(format!(
             "{path}: a name ending in .csv or .npy says the form; - is CSV on stdout"
         )));
@@ -87,6 +92,7 @@ pub fn run(context: &mut Context, options: &Gather) -> Result<Verdict, Failure> 
     let mut board = context.board()?;
     let mut connection = context.connection()?;
     let settings = connection.settings()?;
+    check_functions(&settings, &[Function::Gather, Function::Ascii])?;
     let (layout, scales, firmware) = board_layout(&mut board)?;
     let layout =
         Layout::with_gather(layout.family(), firmware, settings.gather.position, settings.gather.size_word);
@@ -98,10 +104,14 @@ pub fn run(context: &mut Context, options: &Gather) -> Result<Verdict, Failure> 
         .map_err(Failure::request)?;
     let sample_longs = sources.iter().map(|source| source.register.longs()).sum();
     let kept = Plan::new(&layout, settings.plan).map_err(Failure::request)?;
+    let i48 = ask(&mut connection, "I48")?;
+    if i48 == "1" {
+        // A board that reports takes another number of GATHERs than one that does not.
+        check_functions(&settings, &[Function::Servo])?;
+    }
     let runs =
         board.subscriber().region(RegionId::Servo).map_err(Failure::request)?.state == RegionState::Live;
     let old_period = ask(&mut connection, "I19")?;
-    let i48 = ask(&mut connection, "I48")?;
     let gathering = gathers(&mut connection)?;
     let request = GatherRequest {
         sources,
@@ -130,17 +140,18 @@ pub fn run(context: &mut Context, options: &Gather) -> Result<Verdict, Failure> 
         }
         _ => None,
     };
-    let stop = Arc::new(AtomicBool::new(false));
-    for signal in [SIGINT, SIGTERM, SIGHUP] {
-        signal_hook::flag::register(signal, Arc::clone(&stop)).map_err(Failure::request)?;
-    }
-    let out = open(&options.output, &plan.columns, clock)?;
+    let stop = Interrupt::listen()?;
+    let rows = Rows::open(output, &stop)?;
+    let mut out = Writer::new(rows, extension == Some("npy"), &plan.columns, clock)?;
 
     let silence = silence(&clock, &layout);
-    let mut side = GatherBoard::new(connection, &plan, old_period);
+    let mut side = GatherBoard::new(connection, &plan, old_period, request.servo_report);
     let follower = match side.begin(&board, &layout, host_clock, silence, &stop) {
         Ok(follower) => follower,
-        Err(failure) => return Err(side.give_up(failure)),
+        Err(failure) => {
+            out.discard();
+            return Err(side.give_up(failure));
+        }
     };
     let mut gather =
         Run { follower, plan: &plan, clock, silence, out, gather: None, next: 0, samples: 0, ended: None };
@@ -158,7 +169,12 @@ pub fn run(context: &mut Context, options: &Gather) -> Result<Verdict, Failure> 
         outcome = gather.rest(&board, options.seconds);
     }
     let (samples, next, ended) = (gather.samples, gather.next, gather.ended);
-    gather.out.finish()?;
+    if samples == 0 && outcome.is_err() {
+        gather.out.discard();
+    } else {
+        let finished = gather.out.finish();
+        outcome = outcome.and(finished);
+    }
     outcome?;
     stopped?;
     let lost = next - samples;
@@ -187,28 +203,25 @@ pub fn run(context: &mut Context, options: &Gather) -> Result<Verdict, Failure> 
     }
 }
 
+/// Asked before anything is sent to the board: half of what a gather takes would be of no use.
+fn check_functions(settings: &BoardSettings, needed: &[Function]) -> Result<(), Failure> {
+    for function in needed {
+        if !settings.functions.has(*function) {
+            let name = function.name();
+            return Err(Failure::Refused(format!(
+                "gathering takes the function `{name}`, which is switched off: `functions` in the daemon's configuration leaves it out"
+            )));
+        }
+    }
+    Ok(())
+}
+
 /// How long the board may be silent: two periods, since one may just have begun, and [`SILENCE`] more. A board whose servo
 /// cycle is not known is taken to have the one of its factory settings.
 fn silence(clock: &SampleClock, layout: &Layout) -> Duration {
     let factory = || Scales { motors: Vec::new(), i10: Some(layout.family().default_i10) }.servo_period_ns();
     let cycle_ns = clock.servo_period_ns.or_else(factory).unwrap_or_default();
     SILENCE.saturating_add(Duration::from_nanos((2.0 * f64::from(clock.period) * cycle_ns) as u64))
-}
-
-fn open(path: &Path, columns: &[Column], clock: SampleClock) -> Result<Writer, Failure> {
-    if path == Path::new("-") {
-        let stdout: Box<dyn Write> = Box::new(BufWriter::new(io::stdout()));
-        return Ok(Writer::Csv(CsvWriter::new(stdout, columns, clock)?));
-    }
-    let file =
-        File::create(path).map_err(|error| Failure::Request(format!("{}: {error}", path.display())))?;
-    let file = BufWriter::new(file);
-    Ok(if path.extension().is_some_and(|extension| extension == "npy") {
-        Writer::Npy(NpyWriter::new(file, columns, clock)?)
-    } else {
-        let file: Box<dyn Write> = Box::new(file);
-        Writer::Csv(CsvWriter::new(file, columns, clock)?)
-    })
 }
 
 /// A gather under way.
@@ -235,7 +248,7 @@ impl Run<'_> {
         Some((seconds?.as_nanos() as f64 / period_ns).round() as u64)
     }
 
-    fn until(&mut self, board: &Board, seconds: Option<Duration>, stop: &AtomicBool) -> Result<(), Failure> {
+    fn until(&mut self, board: &Board, seconds: Option<Duration>, stop: &Interrupt) -> Result<(), Failure> {
         let wanted = self.wanted(seconds);
         // Without the servo period, the host's clock has to do.
         let end =
@@ -243,7 +256,7 @@ impl Run<'_> {
         let (mut last_news, mut shown) = (Instant::now(), Instant::now());
         let shows = io::stderr().is_terminal();
         while self.ended.is_none()
-            && !stop.load(Ordering::Relaxed)
+            && !stop.came()
             && wanted.is_none_or(|wanted| self.next < wanted)
             && end.is_none_or(|end| Instant::now() < end)
         {

@@ -4,13 +4,13 @@
 //! a `GATHER` of this program is to be undone. I19 is the servo report's period as well, and is put back in every case.
 
 use std::io::{self, Write};
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use super::Failure;
+use super::interrupt::Interrupt;
 use super::lines::LineError;
 use crate::client::{Board, CommandError, Connection, GatherFollower};
-use crate::gather::{GatherMode, GatherPlan};
+use crate::gather::{GatherMode, GatherPlan, ServoReport};
 use crate::map::Layout;
 use crate::map::classic::GATHERING;
 use crate::protocol::CallError;
@@ -40,6 +40,11 @@ pub(super) fn gathers(connection: &mut Connection) -> Result<bool, Failure> {
         .is_some_and(|word| word & GATHERING != 0))
 }
 
+/// Ends gathering, where the board gathers.
+pub(super) fn end_gather(connection: &mut Connection) -> Result<(), Failure> {
+    Ok(connection.send("ENDGATHER", LINE).map(drop)?)
+}
+
 /// What the latest `GATHER` of this program has begun.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Begun {
@@ -55,14 +60,21 @@ pub(super) struct GatherBoard<'a> {
     plan: &'a GatherPlan,
     /// I19 as it was found.
     old_period: String,
+    /// How the servo report stood, as far as was known.
+    report: ServoReport,
     begun: Begun,
     /// Whether the daemon follows.
     followed: bool,
 }
 
 impl<'a> GatherBoard<'a> {
-    pub fn new(connection: Connection, plan: &'a GatherPlan, old_period: String) -> Self {
-        Self { connection, plan, old_period, begun: Begun::Nothing, followed: false }
+    pub fn new(
+        connection: Connection,
+        plan: &'a GatherPlan,
+        old_period: String,
+        report: ServoReport,
+    ) -> Self {
+        Self { connection, plan, old_period, report, begun: Begun::Nothing, followed: false }
     }
 
     /// Everything up to the `GATHER` that starts gathering. `silence` is how long the servo report may take to come.
@@ -75,8 +87,11 @@ impl<'a> GatherBoard<'a> {
         layout: &Layout,
         host_clock: Option<u64>,
         silence: Duration,
-        stop: &AtomicBool,
+        stop: &Interrupt,
     ) -> Result<GatherFollower, Failure> {
+        // A report that has just been ended counts as live for a moment more; the first `GATHER` starts it again. Looked at
+        // while it still comes in its old period, by which the daemon judges.
+        let ended = self.report == ServoReport::Running && !report_comes(board, silence, stop)?;
         for line in &self.plan.prepare {
             self.connection.send(line, LINE).map_err(|error| explain(line, error))?;
             if *line == self.plan.stop {
@@ -84,7 +99,8 @@ impl<'a> GatherBoard<'a> {
             }
         }
         // The servo report's timer is the clock, and has to run before the daemon's first look.
-        for line in self.plan.start.iter().rev().skip(1) {
+        let starts = self.plan.start.iter().skip(1).chain(self.plan.start.first().filter(|_| ended));
+        for line in starts {
             self.gather(line, Begun::Report)?;
             wait_for_report(board, silence, stop)?;
         }
@@ -164,12 +180,31 @@ impl<'a> GatherBoard<'a> {
     }
 }
 
+/// Whether the servo report still comes, seen by its next update.
+fn report_comes(board: &Board, silence: Duration, stop: &Interrupt) -> Result<bool, Failure> {
+    let region = || board.subscriber().region(RegionId::Servo).map_err(Failure::request);
+    let first = region()?;
+    let limit = silence.saturating_add(Duration::from_nanos(first.period_ns.saturating_mul(2)));
+    let began = Instant::now();
+    while region()?.state == RegionState::Live && began.elapsed() < limit && !stop.came() {
+        if region()?.published != first.published {
+            return Ok(true);
+        }
+        std::thread::sleep(LOOK);
+    }
+    if stop.came() { Err(interrupted()) } else { Ok(false) }
+}
+
+fn interrupted() -> Failure {
+    Failure::Refused("interrupted before the first sample".to_owned())
+}
+
 /// Waits for the servo report, which with I48=1 the first `GATHER` starts.
-fn wait_for_report(board: &Board, silence: Duration, stop: &AtomicBool) -> Result<(), Failure> {
+fn wait_for_report(board: &Board, silence: Duration, stop: &Interrupt) -> Result<(), Failure> {
     let began = Instant::now();
     while board.subscriber().region(RegionId::Servo).map_err(Failure::request)?.state != RegionState::Live {
-        if stop.load(Ordering::Relaxed) {
-            return Err(Failure::Refused("interrupted before the first sample".to_owned()));
+        if stop.came() {
+            return Err(interrupted());
         }
         if began.elapsed() > silence {
             return Err(Failure::Refused(
@@ -184,9 +219,11 @@ fn wait_for_report(board: &Board, silence: Duration, stop: &AtomicBool) -> Resul
 
 fn explain(line: &str, error: CommandError) -> Failure {
     match &error {
-        CommandError::Refused(CallError::Board { .. }) if line.starts_with("DEFINE") => Failure::Refused(
-            format!("{line}: {error}; if the board gathers already, `pmacctl send ENDGATHER` ends that"),
-        ),
+        CommandError::Refused(CallError::Board { .. }) if line.starts_with("DEFINE") => {
+            Failure::Refused(format!(
+                "{line}: {error}; if a gather waits for its trigger, `pmacctl send ENDGATHER` ends that (and the servo report where none waits: GATHER starts it again)"
+            ))
+        }
         _ => Failure::from(error),
     }
 }

@@ -21,6 +21,12 @@ impl Interrupt {
         Ok(Self(flag))
     }
 
+    /// None ever comes.
+    #[cfg(test)]
+    pub fn never() -> Self {
+        Self(Arc::default())
+    }
+
     /// Whether one has come.
     pub fn came(&self) -> bool {
         self.0.load(Ordering::Relaxed)

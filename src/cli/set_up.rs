@@ -9,7 +9,7 @@ use serde_json::{Value, json};
 
 use super::absolute::{self, Absolute};
 use super::answer::Answer;
-use super::ask::confirm;
+use super::ask::{board_of, confirm, sending as question};
 use super::lines::{Kind, Way};
 use super::setup::{self, SetupCommand};
 use super::{Context, Failure, Verdict};
@@ -57,9 +57,9 @@ pub fn run(context: &mut Context, options: &Setup) -> Result<Verdict, Failure> {
     }
     let place = match &sending.port {
         Some(port) => port.display().to_string(),
-        None => format!("the board of {}", context.name),
+        None => board_of(context),
     };
-    if !confirm(&format!("Send these {} lines to {place}?", commands.len()), sending.yes)? {
+    if !confirm(&question(commands.len(), &place), sending.yes)? {
         return Ok(Verdict::No);
     }
     let mut way = match &sending.port {

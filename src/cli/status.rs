@@ -43,18 +43,27 @@ fn condition_name(condition: Condition) -> &'static str {
     }
 }
 
+fn is_gone(condition: Condition) -> bool {
+    matches!(condition, Condition::Dead | Condition::OwnerGone | Condition::Replaced)
+}
+
 fn document(context: &Context, board: &Board, identity: &Identity) -> Value {
     let subscriber = board.subscriber();
     let header = subscriber.header();
+    // Looked at once, so that all of the document agrees with it.
+    let condition = subscriber.condition();
     let now_ns = monotonic_ns();
     let age_ms = |since_ns: u64| now_ns.saturating_sub(since_ns) as f64 / 1e6;
+    // One that has gone is up no longer.
+    let end_ns = if is_gone(condition) { header.heartbeat_ns } else { now_ns };
     let regions: Map<String, Value> = subscriber
         .regions()
         .map(|region| {
             let state = match region.state {
                 RegionState::Off => "off",
-                RegionState::Live => "live",
-                RegionState::Stale => "stale",
+                RegionState::Live if condition == Condition::Live => "live",
+                // What the daemon wrote when it could still write.
+                RegionState::Live | RegionState::Stale => "stale",
             };
             let about = json!({
                 "state": state, "published": region.published, "period_ns": region.period_ns, "slots": region.slots,
@@ -75,12 +84,12 @@ fn document(context: &Context, board: &Board, identity: &Identity) -> Value {
     json!({
         "name": board.name().as_str(),
         "segment": subscriber.path(),
-        "condition": condition_name(subscriber.condition()),
+        "condition": condition_name(condition),
         "generation": header.generation,
         "owner_pid": header.owner_pid,
         "owner_uid": header.owner_uid,
         "heartbeat_age_ms": age_ms(header.heartbeat_ns),
-        "uptime_s": age_ms(header.created_ns) / 1e3,
+        "uptime_s": end_ns.saturating_sub(header.created_ns) as f64 / 1e9,
         "board": {
             "family": identity.family.and_then(family_name),
             "type": identity.board_type,
@@ -109,7 +118,9 @@ fn text(document: &Value) -> String {
     let pid = plain(&document["owner_pid"]);
     let age = document["heartbeat_age_ms"].as_f64().unwrap_or_default();
     let uptime = document["uptime_s"].as_f64().unwrap_or_default();
-    say("daemon", format!("process {pid}, up {uptime:.0} s, last sign of life {age:.0} ms ago"));
+    let gone = ["dead", "daemon_gone", "replaced"].iter().any(|name| document["condition"] == *name);
+    let up = if gone { "gone after" } else { "up" };
+    say("daemon", format!("process {pid}, {up} {uptime:.0} s, last sign of life {age:.0} ms ago"));
     let board = &document["board"];
     let known = ["type", "family", "firmware"].map(|key| &board[key]);
     let known: Vec<_> = known.into_iter().filter(|value| !value.is_null()).map(plain).collect();
@@ -121,7 +132,8 @@ fn text(document: &Value) -> String {
         say("servo", format!("{:.3} us, {:.1} Hz", period / 1e3, 1e9 / period));
     }
     for (name, region) in document["regions"].as_object().into_iter().flatten() {
-        let period = region["period_ns"].as_f64().filter(|period| *period > 0.0);
+        let live = region["state"] == "live";
+        let period = region["period_ns"].as_f64().filter(|period| live && *period > 0.0);
         let rate = period.map_or_else(String::new, |period| format!(", {:.1} Hz", 1e9 / period));
         let text = format!("{}, {} published{rate}", plain(&region["state"]), region["published"]);
         say(&format!("{name} data"), text);

@@ -258,6 +258,10 @@ impl BoardLoop {
                 }
             }
             Some(Work::Ascii) => {
+                if self.condition.out_of_reach {
+                    // Nothing is begun in words that are still to be put in order.
+                    self.guard_page()?;
+                }
                 let registers = self.desk.port().register_accesses();
                 self.desk.pass(&mut self.bus, &self.events, &self.publisher, instant)?;
                 if let Some(host_port) = &mut self.host_port {

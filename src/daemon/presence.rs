@@ -70,6 +70,10 @@ impl BoardLoop {
 
     /// The board is another one, or was without power.
     fn begin_anew(&mut self) {
+        // Before the words are put in order: what lies in them tells what the board has taken.
+        if let Err(error) = self.forget_commands() {
+            self.bus_failed(&error);
+        }
         self.start_over();
         if let Err(error) = self.after_reset(true) {
             self.bus_failed(&error);
@@ -79,10 +83,6 @@ impl BoardLoop {
     /// Nothing seen so far says anything about what comes.
     pub(super) fn start_over(&mut self) {
         self.publisher.counters().add(Counter::Resets, 1);
-        // Before the words are put in order: what lies in them tells what the board has taken.
-        if let Err(error) = self.forget_commands() {
-            self.bus_failed(&error);
-        }
         self.take_over_board();
         self.servo.forget();
         self.background.forget();

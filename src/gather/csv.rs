@@ -4,7 +4,8 @@ use std::io::{self, Write};
 
 use super::{Column, SampleClock};
 
-/// Writes samples as text. Every number is the shortest text that reads back as the same f64.
+/// Writes samples as text. Times are in whole nanoseconds; every other number is the shortest text that reads back as the
+/// same f64.
 pub struct CsvWriter<W> {
     out: W,
     clock: SampleClock,
@@ -29,11 +30,17 @@ impl<W: Write> CsvWriter<W> {
     /// # Errors
     /// What the output reports.
     pub fn row(&mut self, sample: u64, values: &[f64]) -> io::Result<()> {
-        write!(self.out, "{sample},{}", self.clock.at(sample))?;
+        let time = format!("{:.9}", self.clock.at(sample));
+        write!(self.out, "{sample},{}", time.trim_end_matches('0').trim_end_matches('.'))?;
         for value in values {
             write!(self.out, ",{value}")?;
         }
         writeln!(self.out)
+    }
+
+    /// What it writes to.
+    pub fn output(&mut self) -> &mut W {
+        &mut self.out
     }
 
     /// Flushes and gives the output back.
@@ -58,6 +65,20 @@ fn quoted(text: &str) -> String {
 mod tests {
     use super::super::column::tests::{columns, scales};
     use super::*;
+
+    #[test]
+    fn times_end_at_the_nanosecond() {
+        let times = |servo_period_ns, samples: &[u64]| -> Vec<String> {
+            let clock = SampleClock { period: 1, servo_period_ns };
+            let mut writer = CsvWriter::new(Vec::new(), &[], clock).unwrap();
+            samples.iter().for_each(|&sample| writer.row(sample, &[]).unwrap());
+            let text = String::from_utf8(writer.finish().unwrap()).unwrap();
+            text.lines().skip(1).map(|line| line.split_once(',').unwrap().1.to_owned()).collect()
+        };
+        let written = times(Some(442_708.373_069_763_2), &[0, 1, 1000, 10_000_000]);
+        assert_eq!(written, ["0", "0.000442708", "0.442708373", "4427.083730698"]);
+        assert_eq!(times(None, &[0, 10, 100]), ["0", "10", "100"]);
+    }
 
     #[test]
     fn names_units_and_gaps() {

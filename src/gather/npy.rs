@@ -64,6 +64,16 @@ impl<W: Write + Seek> NpyWriter<W> {
         Ok(())
     }
 
+    /// What it writes to.
+    pub fn output(&mut self) -> &mut W {
+        &mut self.out
+    }
+
+    /// Counts only the first `elements`, of an output that took no more.
+    pub fn keep(&mut self, elements: u64) {
+        self.elements = elements;
+    }
+
     /// Writes the present number of elements into the header, and goes on at the end.
     ///
     /// # Errors

@@ -101,10 +101,10 @@ pub enum PlanError {
     },
     /// The buffer does not fit.
     #[error(
-        "a gather buffer of {longs} longs (samples of {sample_longs}) is not possible; there is room for {room} from {start} on"
+        "a gather buffer of {longs} longs, in whole samples of {sample_longs}, is not possible; there is room for {room} from {start} on"
     )]
     Buffer {
-        /// Its length in longs, in whole samples.
+        /// Its length in longs, as it was asked for.
         longs: u32,
         /// Longs of one sample.
         sample_longs: u32,
@@ -156,7 +156,8 @@ pub fn plan(request: &GatherRequest, layout: &Layout, scales: &Scales) -> Result
     if buffer_longs == 0 || buffer_longs > room {
         let family = layout.family();
         let start = family.print_number(family.pmac_number(layout.gather().buffer));
-        return Err(PlanError::Buffer { longs: buffer_longs, sample_longs, room, start });
+        let longs = request.buffer_longs.unwrap_or(room);
+        return Err(PlanError::Buffer { longs, sample_longs, room, start });
     }
     let mut prepare = Vec::with_capacity(count + 5);
     if request.gathering {
@@ -237,7 +238,7 @@ mod tests {
         // The manual's example: 4000 longs of 3 are 4002 really.
         let mut request = request(&["1.actual_position", "X:$0033"]);
         request.buffer_longs = Some(4000);
-        assert!(matches!(planned(&request, None), Err(PlanError::Buffer { longs: 4002, room: 3584, .. })));
+        assert!(matches!(planned(&request, None), Err(PlanError::Buffer { longs: 4000, room: 3584, .. })));
         request.buffer_longs = None;
         assert_eq!(planned(&request, None).unwrap().buffer_longs, 3582);
         assert_eq!(planned(&request, Some("1.16D")).unwrap().buffer_longs, 3519);

@@ -86,16 +86,37 @@ impl Owner {
         }
     }
 
+    /// The names there are, as they are written.
     fn known(self, layout: &Layout) -> String {
-        let names: Vec<_> = gatherable(layout, self, (self != Self::Board).then_some(1))
-            .map(|(entry, _, _)| entry.register.name.trim_start_matches(self.prefix()))
-            .collect();
         let whose = match self {
-            Self::Board => "of the board there are",
+            Self::Board => {
+                let all = [Self::Board.names(layout), Self::Motor.names(layout), Self::System.names(layout)];
+                return format!(
+                    "of the board there are {}; of motor 1 {}; of coordinate system 1 {}",
+                    all[0], all[1], all[2]
+                );
+            }
             Self::Motor => "of a motor there are",
             Self::System => "of a coordinate system there are",
         };
-        format!("{whose} {}", names.join(", "))
+        format!("{whose} {}", self.names(layout))
+    }
+
+    fn names(self, layout: &Layout) -> String {
+        let before = match self {
+            Self::Board => "",
+            Self::Motor => "1.",
+            Self::System => "cs1.",
+        };
+        let mut names: Vec<String> = Vec::new();
+        for (entry, _, _) in gatherable(layout, self, (self != Self::Board).then_some(1)) {
+            let name = format!("{before}{}", entry.register.name.trim_start_matches(self.prefix()));
+            // Reports of both kinds may copy the same register.
+            if !names.contains(&name) {
+                names.push(name);
+            }
+        }
+        names.join(", ")
     }
 }
 
@@ -232,7 +253,10 @@ mod tests {
         assert!(said("csx.program_status").contains("cs1.NAME"));
         assert!(said("1.position").contains("actual_position"));
         assert!(said("1.program_status").contains("actual_position"));
-        assert!(said("timer").contains("servo_timer"));
+        let timer = said("timer");
+        for name in ["servo_timer", "1.actual_position", "cs1.program_status"] {
+            assert_eq!(timer.matches(name).count(), 1, "{timer}");
+        }
         // One of three registers, by the program's state: not one that can be gathered.
         assert!(!said("cs1.x_target_position").contains("x_target_position,"));
         for text in ["", "DP:$D200", "D:$002B,u", "X:$10000", "X:$33,7", "$33"] {

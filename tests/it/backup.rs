@@ -22,6 +22,9 @@ fn a_whole_backup_names_what_has_changed_and_puts_it_back() {
         "-I122=32.5\n+I122=40\n-I125={i125}\n+I125=$C004\n-P0=1.5\n+P0=2\n-P512=0\n+P512=0.125\n\
          -&1Q9=4\n+&1Q9=5\n-M51->Y:$FFC2,0\n+M51->Y:$FFC2,1\n-M50=12\n+M50=13\n"
     );
+    let shown = run(&site, &["backup", "--what", "I", "-o", "-"]);
+    assert!(shown.code == Some(0) && shown.stdout.contains("\nI122=40\n"), "{shown:?}");
+    assert!(!std::path::Path::new("-").exists());
     let differs = run(&site, &["diff", path]);
     assert_eq!((differs.stdout.as_str(), differs.code), (expected.as_str(), Some(1)));
     // A second backup differs from the first in the same way, without a board.

@@ -196,13 +196,25 @@ fn rotary(mut connection: Connection, run: u64, keeps: bool) -> Result<(), Comma
             result => drop(result?),
         }
     }
-    connection.rotary_open(RotaryPlace {
+    let place = RotaryPlace {
         buffer: 1,
         start: None,
         size_longs: None,
         coordinate_system: 1,
         coordinate_system_base: 1,
-    })?;
+    };
+    // Lines of a sender that died wait until their time is over, which is 300 ms.
+    let end = Instant::now() + BACKGROUND;
+    loop {
+        match connection.rotary_open(place) {
+            Err(CommandError::Refused(CallError::Refused { reason }))
+                if reason.contains("still waiting") && Instant::now() < end =>
+            {
+                std::thread::sleep(Duration::from_millis(20));
+            }
+            result => break result?,
+        }
+    }
     for line in ["I57=1", "OPEN ROT"] {
         connection.send(line, TIMEOUT)?;
     }

@@ -180,6 +180,25 @@ fn status_tells_segment_board_and_socket() {
 }
 
 #[test]
+fn nothing_is_live_in_the_status_of_a_daemon_that_is_gone() {
+    let mut site = crate::site::Site::running(&[], &[]);
+    site.wait_for_live_servo();
+    site.kill_daemon();
+    let (code, json, _) = site.pmacctl(&["status", "--json"]);
+    let document: serde_json::Value = serde_json::from_str(&json).unwrap();
+    assert_eq!((code, &document["condition"]), (1, &"daemon_gone".into()));
+    assert_eq!(document["regions"]["servo"]["state"], "stale");
+    assert!(!json.contains("\"live\""), "{json}");
+    let (_, text, _) = site.pmacctl(&["status"]);
+    let data: Vec<_> = text.lines().filter(|line| line.contains(" data ")).collect();
+    assert!(
+        data.len() == 5 && data.iter().all(|line| !line.contains("live") && !line.contains("Hz")),
+        "{text}"
+    );
+    assert!(text.contains(", gone after "), "{text}");
+}
+
+#[test]
 fn the_doctor_finds_what_is_wrong() {
     let bench = Bench::new();
     let rig = Rig::new().live();

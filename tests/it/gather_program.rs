@@ -3,11 +3,13 @@
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
+use nix::sys::signal::{Signal, kill};
+use nix::unistd::Pid;
 use pmac_dpram::client::{GatherChunk, GatherPhase};
 use pmac_dpram::segment::{RegionId, Sample, Subscriber};
 
 use crate::rig::Ran;
-use crate::site::{PATIENCE, Site, is_live, wait_until};
+use crate::site::{PATIENCE, Site, is_live, joined, status_within, wait_until};
 use crate::tools::{ask, run};
 
 /// The number after the last sample that was published, while a gather is followed.
@@ -235,6 +237,128 @@ fn what_fails_before_the_first_sample_leaves_the_board_as_it_was() {
     assert_eq!(ask(&site, "I19"), ["1"]);
     ask(&site, "DELETE GATHER");
     assert!(starts_the_report(&site), "it was left off");
+    site.assert_no_violations();
+}
+
+#[test]
+fn a_report_that_was_just_ended_is_started_again() {
+    let site = Site::running(&[], &[]);
+    site.wait_for_live_servo();
+    wait_until("the board's scales", || run(&site, &["motors"]).stdout.contains("count"));
+    for _ in 0..5 {
+        ask(&site, "ENDGATHER");
+        let ran = run(&site, &["gather", "--source", "servo_timer", "--seconds", "0.1", "-o", "-"]);
+        assert!(ran.code == Some(0) && ran.stderr.starts_with("samples="), "{ran:?}");
+        wait_until("the report, which goes on", || is_live(&site.attach(), RegionId::Servo));
+    }
+    let ran = run(&site, &["gather", "--stop"]);
+    assert_eq!((ran.code, ran.stdout.as_str()), (Some(0), "the board gathers nothing; nothing was sent\n"));
+    ask(&site, "DELETE GATHER");
+    assert!(!starts_the_report(&site), "it runs on");
+    ask(&site, "I20=1 I21=$80002B DEFINE GATHER 100");
+    ask(&site, "GATHER");
+    let ran = run(&site, &["gather", "--stop", "--json"]);
+    assert_eq!((ran.code, ran.json()["gathered"].as_bool()), (Some(0), Some(true)), "{ran:?}");
+    ask(&site, "DELETE GATHER");
+    assert!(!starts_the_report(&site), "it runs on");
+    site.assert_no_violations();
+}
+
+#[test]
+fn a_function_that_is_off_is_told_before_board_or_file_is_touched() {
+    let mut site = Site::new();
+    let config = site.path("config");
+    std::fs::write(&config, "functions = ['servo', 'ascii']\n").unwrap();
+    site.start_simulator(&["--dpram-startup"]);
+    site.start_daemon(&["--config", config.to_str().unwrap()]);
+    ask(&site, "I19=2 I20=1 I21=5 I45=0");
+    let csv = site.path("data.csv");
+    std::fs::write(&csv, "what was there").unwrap();
+    let ran = run(&site, &["gather", "--source", "servo_timer", "-o", csv.to_str().unwrap()]);
+    assert!(ran.code == Some(1) && ran.stderr.contains("`gather`, which is switched off"), "{ran:?}");
+    assert_eq!(std::fs::read_to_string(&csv).unwrap(), "what was there");
+    assert_eq!(ask(&site, "I19 I20 I45"), ["2", "$1", "0"]);
+    site.assert_no_violations();
+}
+
+#[test]
+fn a_file_that_takes_no_more_holds_whole_samples() {
+    let site = Site::running(&[], &[]);
+    site.wait_for_live_servo();
+    wait_until("the board's scales", || run(&site, &["motors"]).stdout.contains("count"));
+    for form in ["csv", "npy"] {
+        let file = site.path(&format!("data.{form}"));
+        // A file may not grow beyond 20 KiB, as if the disk were full then; the signal that tells is ignored.
+        let script = "trap '' 25; ulimit -f $((20480 / $1)); shift; exec \"$@\"";
+        let unit = if std::process::Command::new("sh")
+            .args(["-c", "test -n \"$BASH_VERSION\""])
+            .status()
+            .unwrap()
+            .success()
+        {
+            "1024"
+        } else {
+            "512"
+        };
+        let ran = std::process::Command::new("sh")
+            .args(["-c", script, "sh", unit, env!("CARGO_BIN_EXE_pmacctl"), "--name", &site.name, "--socket"])
+            .arg(site.socket())
+            .args(["gather", "--source", "servo_timer", "--seconds", "10", "-o"])
+            .arg(&file)
+            .output()
+            .unwrap();
+        let said = String::from_utf8(ran.stderr).unwrap();
+        assert_eq!(ran.status.code(), Some(2), "{said}");
+        let (_, said) = said.split_once(&format!("data.{form}: File too large")).unwrap();
+        let kept: usize = said.split_once("; ").unwrap().1.split_once(" of ").unwrap().0.parse().unwrap();
+        let bytes = std::fs::read(&file).unwrap();
+        assert!(kept > 100 && bytes.len() > 10_000, "{said}");
+        if form == "csv" {
+            let text = String::from_utf8(bytes).unwrap();
+            assert!(text.ends_with('\n'));
+            assert!(rows(&text).len() == kept && rows(&text).iter().all(|row| row.len() == 3));
+        } else {
+            let header = 10 + usize::from(u16::from_le_bytes([bytes[8], bytes[9]]));
+            assert_eq!(bytes.len(), header + 24 * kept);
+            assert!(String::from_utf8_lossy(&bytes[..header]).contains(&format!("({kept},)")));
+        }
+        assert!(
+            run(&site, &["gather", "--stop"]).stdout.contains("nothing was sent"),
+            "the board is left as it was"
+        );
+    }
+    site.assert_no_violations();
+}
+
+#[test]
+fn waiting_for_a_reader_ends_with_a_signal() {
+    let site = Site::running(&[], &[]);
+    site.wait_for_live_servo();
+    wait_until("the board's scales", || run(&site, &["motors"]).stdout.contains("count"));
+    let fifo = site.path("data.csv");
+    nix::unistd::mkfifo(&fifo, nix::sys::stat::Mode::from_bits_truncate(0o600)).unwrap();
+    for signal in [Signal::SIGINT, Signal::SIGTERM] {
+        let mut waits = crate::rig::command()
+            .args(["--name", &site.name, "--socket"])
+            .arg(site.socket())
+            .args(["gather", "--source", "servo_timer", "-o"])
+            .arg(&fifo)
+            .stderr(std::process::Stdio::piped())
+            .spawn()
+            .unwrap();
+        let mut said = [0; 16];
+        std::io::Read::read_exact(waits.stderr.as_mut().unwrap(), &mut said).unwrap();
+        kill(Pid::from_raw(waits.id().cast_signed()), signal).unwrap();
+        assert_eq!(status_within(&mut waits, PATIENCE).code(), Some(2));
+    }
+    let reader = std::thread::spawn({
+        let fifo = fifo.clone();
+        move || std::fs::read_to_string(fifo).unwrap()
+    });
+    let ran =
+        run(&site, &["gather", "--source", "servo_timer", "--seconds", "0.2", "-o", fifo.to_str().unwrap()]);
+    assert_eq!(ran.code, Some(0), "{ran:?}");
+    assert!(rows(&joined(reader)).len() > 10);
     site.assert_no_violations();
 }
 

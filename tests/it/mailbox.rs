@@ -134,9 +134,10 @@ fn a_reply_that_comes_too_late_is_nobody_elses() {
     identified(&site);
     let mut connection = site.connection();
     for round in 0..4 {
-        // Each group, of either side, takes so many passes that the reply begins and does not end in time.
-        site.control("fault mailbox_late 150");
-        let late = connection.send("P1..9", Duration::from_millis(250));
+        // Each group, of either side, takes so many passes that the reply does not end in time, and so few that a board on a busy
+        // machine takes the cancel in time.
+        site.control("fault mailbox_late 40");
+        let late = connection.send("P1..9", Duration::from_millis(150));
         // The next line finds the board as slow, or not.
         if round % 2 == 0 {
             site.control("fault mailbox_late off");
