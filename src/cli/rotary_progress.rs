@@ -1,7 +1,10 @@
 //! How far a rotary stream is: a bar on a terminal, a plain line now and then where nobody repaints.
 
 use std::io::{self, IsTerminal, Write};
+use std::os::fd::AsFd;
 use std::time::{Duration, Instant};
+
+use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
 
 /// Cells of the bar.
 const CELLS: usize = 30;
@@ -43,6 +46,9 @@ impl Progress {
             return;
         }
         self.last = Instant::now();
+        if !takes_more(&io::stderr()) {
+            return;
+        }
         let seconds = self.elapsed().as_secs_f64();
         // Nobody reads it: nothing to be done.
         let _ = if self.terminal {
@@ -66,6 +72,13 @@ impl Progress {
     }
 }
 
+/// Whether a line can be written without waiting for whoever reads: a stopped terminal, or a pipe nobody empties, must not
+/// keep the machine from its program.
+fn takes_more(output: &impl AsFd) -> bool {
+    let mut watched = [PollFd::new(output.as_fd(), PollFlags::POLLOUT)];
+    poll(&mut watched, PollTimeout::ZERO) != Ok(0)
+}
+
 fn bar(sent: usize, total: usize, ahead: u64, seconds: f64) -> String {
     let full = (sent * CELLS).checked_div(total).unwrap_or(CELLS).min(CELLS);
     let (done, left) = ("#".repeat(full), "-".repeat(CELLS - full));
@@ -75,6 +88,20 @@ fn bar(sent: usize, total: usize, ahead: u64, seconds: f64) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_pipe_that_nobody_empties_is_left_alone() {
+        let (read, write) = io::pipe().unwrap();
+        let mut lines = 0;
+        while takes_more(&write) {
+            writeln!(&write, "{lines:80}").unwrap();
+            lines += 1;
+            assert!(lines < 100_000, "it is never full");
+        }
+        assert!(lines > 10);
+        drop(read);
+        assert!(takes_more(&write), "what is closed need not be waited for");
+    }
 
     #[test]
     fn the_bar_fills() {
