@@ -304,16 +304,25 @@ fn everything_at_once_loses_nothing_and_stays_as_small_as_it_was() {
     assert_eq!(number(&stream, "lines"), lines + 1);
     assert_eq!(counter(&subscriber, Counter::Lost), 0);
     assert!(run.commands.load(Ordering::Relaxed) > 0 && run.variable_samples.load(Ordering::Relaxed) > 0);
-    assert_quiet(&site.log());
+    let late = site.status()["late"].as_u64().unwrap();
+    assert_quiet(&site.log(), late + counter(&subscriber, Counter::Missed));
     site.assert_no_violations();
     assert!(Path::new(&file).exists());
 }
 
-/// Nothing above "info", and of that only what people asked for and how the daemon began.
-fn assert_quiet(log: &str) {
+/// Servo cycles without an update after which the data are called stale, 100 ms.
+const STALE_CYCLES: u64 = 225;
+
+/// Nothing above "info", and of that only what people asked for and how the daemon began. That no data came for a tenth of a
+/// second may be said as often as the machine, whose simulator or mirror was `late` by so many cycles, can have been to blame.
+fn assert_quiet(log: &str, late: u64) {
     // Said once where the tests themselves run as root.
     let lines: Vec<&str> = log.lines().filter(|line| !line.contains("running as root")).collect();
-    let is_loud = |line: &&&str| line.contains("WARN") || line.contains("ERROR");
+    let is_stale = |line: &str| line.contains("servo data are stale");
+    let stale = lines.iter().filter(|line| is_stale(line)).count() as u64;
+    println!("stale {stale} times, late {late} cycles");
+    assert!(stale * STALE_CYCLES <= late, "stale {stale} times, but late by {late} cycles only");
+    let is_loud = |line: &&&str| (line.contains("WARN") || line.contains("ERROR")) && !is_stale(line);
     let loud: Vec<&&str> = lines.iter().filter(is_loud).collect();
     assert!(loud.is_empty(), "{loud:#?}");
     let unasked = lines.iter().filter(|line| !line.contains(" uid ")).count();
