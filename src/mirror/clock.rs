@@ -30,7 +30,12 @@ const LONG_SILENCE: Ns = 1_000 * MILLISECOND;
 /// The prediction is good to this part of a period: looks in vain that near to it were early, others were made for other reasons.
 const AIM: f64 = 1.0 / 8.0;
 /// From the first look in vain to the next while an update is due: a sixteenth of a period, but no less and no more than this.
-const LOOK_AGAIN: std::ops::RangeInclusive<Ns> = 10 * MICROSECOND..=60 * MICROSECOND;
+const LOOK_AGAIN: std::ops::RangeInclusive<Ns> = 10 * MICROSECOND..=30 * MICROSECOND;
+/// An update that is later than this part of a period moves the phase as if it were just so late, as far as it is not one of so many
+/// in a row: the board, or a machine that simulates it, was held up. Earlier the phase moves but by nudges, so that what
+/// is late now and then would hold it late for good.
+const LATE: f64 = 1.0 / 16.0;
+const LATE_IN_A_ROW: u8 = 3;
 /// How often to look at least, whatever the prediction says: so a period that became much shorter is noticed. One
 /// access a millisecond costs nothing; where updates come more seldom, one look halfway is enough, but not less than
 /// this, because a period that was told may be wrong.
@@ -48,6 +53,8 @@ pub struct UpdateClock {
     last_update_ns: Option<Ns>,
     /// So many updates in a row came less than half a period after the one before.
     hurried: u8,
+    /// So many updates in a row came more than [`LATE`].
+    late: u8,
     /// The last look that found nothing since the last update.
     last_early_ns: Option<Ns>,
     due_ns: Ns,
@@ -134,7 +141,10 @@ impl UpdateClock {
                     Some(early) => (at + early) / 2.0 - predicted,
                     None => -(NUDGE * self.period_ns).min(NUDGE_NS),
                 };
-                let error = error.clamp(-self.period_ns, self.period_ns);
+                let much = LATE * self.period_ns;
+                self.late = if error > much { self.late.saturating_add(1) } else { 0 };
+                let most = if self.late < LATE_IN_A_ROW { much } else { self.period_ns };
+                let error = error.clamp(-self.period_ns, most);
                 // Looks come late by a bounded time, so the spacing of updates is right in the long run, whatever
                 // the phase; a period learnt from the phase error could settle on a wrong one.
                 self.period_ns += PERIOD_GAIN * (elapsed - updates * self.period_ns);
