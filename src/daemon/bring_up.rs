@@ -36,8 +36,9 @@ use super::serve::{Backend, ServeOptions, serve};
 use super::settings::Settings;
 use super::telling::Told;
 use super::watch::{Manager, Signals, until_asked_to_end};
+use crate::device::cpu_latency::NODE;
 use crate::device::scheduling::scheduling;
-use crate::device::{BoardSpec, Counted, Inherited, System};
+use crate::device::{BoardSpec, Counted, CpuLatency, Inherited, System};
 use crate::function::background::BACKGROUND_WORDS;
 use crate::function::servo::SERVO_WORDS;
 use crate::map::classic;
@@ -108,6 +109,7 @@ fn run(settings: &Settings, options: &Options, log: &mut LogWriter) -> Result<()
     }
     privilege::allow_locking();
     let inherited = Inherited::take_all();
+    let _cpu_latency = settings.cpu_latency_us.and_then(|latency_us| cpu_latency(latency_us, &inherited));
     let early = needs_rights(&settings.board).then(|| Machine::open(settings, &inherited)).transpose()?;
     if let Some(account) = &account {
         make_socket_directory(&settings.socket, account)?;
@@ -211,6 +213,22 @@ fn run(settings: &Settings, options: &Options, log: &mut LogWriter) -> Result<()
         ));
     }
     Ok(())
+}
+
+/// Asks for processors that wake fast. Without them everything works, only later: a refusal is told.
+fn cpu_latency(latency_us: u32, inherited: &Inherited) -> Option<CpuLatency> {
+    match CpuLatency::hold(latency_us, &System::here(), inherited) {
+        Ok(held) => {
+            info!("the machine's processors are to wake up within {latency_us} us");
+            Some(held)
+        }
+        Err(error) => {
+            warn!(
+                "cpu_latency_us = {latency_us} is not held: {NODE}: {error}; start as root, or see the drop-in cpu-latency.conf"
+            );
+            None
+        }
+    }
 }
 
 /// A second of background reports, and no fewer than 16.

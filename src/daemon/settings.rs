@@ -53,6 +53,8 @@ pub struct ConfigFile {
     background_hz: Option<f64>,
     /// Whether the board is asked who it is (TYPE, VERSION, I-variables).
     ask_board: Option<bool>,
+    /// How long the machine's processors may take to wake up.
+    cpu_latency_us: Option<u32>,
     /// Groups whose members may do more than look.
     roles: Option<RolesTable>,
     /// The mailbox circuit of a VME board.
@@ -156,6 +158,8 @@ pub struct Settings {
     pub background_period_ns: u64,
     /// Whether the board is asked who it is.
     pub ask_board: bool,
+    /// How long the machine's processors may take to wake up, if anything is asked of them.
+    pub cpu_latency_us: Option<u32>,
     /// Groups whose members may do more than look.
     pub roles: Roles,
     /// The mailbox circuit of a VME board.
@@ -257,6 +261,7 @@ impl Settings {
             text_order: file.text_order.unwrap_or_default(),
             background_period_ns: period_ns(file.background_hz.unwrap_or(20.0))?,
             ask_board: file.ask_board.unwrap_or(true),
+            cpu_latency_us: limited("cpu_latency_us", file.cpu_latency_us, 0, 1_000_000)?,
             roles: Roles { operate: roles.operate, engineer: roles.engineer },
             mailbox,
             host_port,
@@ -331,6 +336,10 @@ mod tests {
             (
                 "board = \"sim\"\nsegment_mode = \"0666\"\n",
                 "FILE:2:16: segment_mode = \"0666\" would have others write",
+            ),
+            (
+                "board = \"sim\"\ncpu_latency_us = 1000001\n",
+                "FILE:2:18: cpu_latency_us = 1000001 is out of range: write 0 to 1000000",
             ),
             ("board = \"sim\"\nbackground_hz = 0\n", "FILE:2:17: background_hz = 0 is out of range"),
             (

@@ -4,16 +4,28 @@ use std::fs::File;
 use std::io::{BufRead, BufReader};
 use std::os::fd::AsRawFd;
 use std::os::unix::fs::FileExt;
+use std::path::PathBuf;
 use std::process::{Child, Command, Stdio};
 
 use crate::site::{PATIENCE, joined, output_within, status_within, wait_until};
 
 /// Starts `pmacd` as systemd does with `OpenFile=…:mem`: `file` as descriptor 3, announced to the very process.
 fn handed_over(file: &File, board: &str, socket: &std::path::Path, name: &str) -> Child {
+    handed_over_as("mem", file, board, socket, name, &[])
+}
+
+fn handed_over_as(
+    what: &str,
+    file: &File,
+    board: &str,
+    socket: &std::path::Path,
+    name: &str,
+    options: &[&str],
+) -> Child {
     let number = file.as_raw_fd();
     // A duplicate on descriptor 3 has no close-on-exec; the shell keeps its process number when it becomes pmacd.
     let script = format!(
-        "exec 3<>/proc/$PPID/fd/{number}; LISTEN_PID=$$ LISTEN_FDS=1 LISTEN_FDNAMES=mem exec \"$0\" \"$@\""
+        "exec 3<>/proc/$PPID/fd/{number}; LISTEN_PID=$$ LISTEN_FDS=1 LISTEN_FDNAMES={what} exec \"$0\" \"$@\""
     );
     Command::new("sh")
         .arg("-c")
@@ -21,6 +33,7 @@ fn handed_over(file: &File, board: &str, socket: &std::path::Path, name: &str) -
         .arg(env!("CARGO_BIN_EXE_pmacd"))
         .args(["--board", board, "--name", name, "--socket"])
         .arg(socket)
+        .args(options)
         .args(["--with-parent", &std::process::id().to_string()])
         .stderr(Stdio::piped())
         .spawn()
@@ -51,9 +64,34 @@ fn memory_handed_over_is_mapped_and_the_descriptor_closed() {
     let maps = std::fs::read_to_string(format!("{own}/maps")).unwrap();
     let mapped = maps.lines().find(|line| line.ends_with("/memory")).unwrap();
     assert!(mapped.contains("rw-s 00004000"), "{mapped}");
-    let open = std::fs::read_dir(format!("{own}/fd")).unwrap().flatten();
-    let open: Vec<_> = open.filter_map(|fd| std::fs::read_link(fd.path()).ok()).collect();
+    let open = open_files(&daemon);
     assert!(!open.contains(&memory), "{open:?}");
+    end(daemon);
+}
+
+fn open_files(daemon: &Child) -> Vec<PathBuf> {
+    let open = std::fs::read_dir(format!("/proc/{}/fd", daemon.id())).unwrap().flatten();
+    open.filter_map(|fd| std::fs::read_link(fd.path()).ok()).collect()
+}
+
+#[test]
+fn the_request_for_processors_that_wake_fast_is_held_while_the_daemon_runs() {
+    let directory = tempfile::tempdir().unwrap();
+    let at = |name: &str| directory.path().join(name);
+    std::fs::write(at("memory"), vec![0; 0x4000]).unwrap();
+    std::fs::write(at("config"), "cpu_latency_us = 3\n").unwrap();
+    let node = File::options().read(true).write(true).create(true).truncate(true).open(at("node")).unwrap();
+    let board = format!("file:{}", at("memory").display());
+    let name = format!("pmac-test-latency-{}", std::process::id());
+    let config = at("config");
+    let options = ["--config", config.to_str().unwrap()];
+    let mut daemon = handed_over_as("cpu_latency", &node, &board, &at("socket"), &name, &options);
+    wait_until("the socket", || {
+        assert!(daemon.try_wait().unwrap().is_none(), "pmacd ended");
+        at("socket").exists()
+    });
+    assert_eq!(std::fs::read(at("node")).unwrap(), 3_i32.to_ne_bytes());
+    assert!(open_files(&daemon).contains(&at("node")));
     end(daemon);
 }
 

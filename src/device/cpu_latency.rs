@@ -1,0 +1,78 @@
+//! How long processors may take to wake up: the kernel's PM QoS request `/dev/cpu_dma_latency`, held while a file is open.
+//!
+//! A driver that sleeps until just after each servo update is as late as the processor is slow to leave its idle state: a
+//! microsecond for the shallowest, more than a hundred for the deepest, some ten where a hypervisor has to be asked. The
+//! request keeps all processors of the machine in states that are left within the time asked for (Linux, "PM Quality Of Service
+//! Interface"), at the price of power; it ends with the process that holds it, however that ends.
+
+use std::fs::{File, OpenOptions};
+use std::io::{self, Write};
+
+use super::{Inherited, System};
+
+/// Where the kernel takes the request.
+pub const NODE: &str = "/dev/cpu_dma_latency";
+/// The name of the descriptor that the service manager hands over: `OpenFile=/dev/cpu_dma_latency:cpu_latency`.
+pub const HANDED_OVER: &str = "cpu_latency";
+
+/// A request in force until it is dropped.
+#[derive(Debug)]
+#[must_use = "the request ends when this is dropped"]
+pub struct CpuLatency {
+    _request: File,
+}
+
+impl CpuLatency {
+    /// Asks for processors that wake within `latency_us` microseconds, 0 for those that do not even begin to sleep: by the
+    /// descriptor that was handed over, else by the machine's node.
+    ///
+    /// # Errors
+    /// What the kernel says: mostly that only root may open the node.
+    pub fn hold(latency_us: u32, system: &System, inherited: &Inherited) -> io::Result<Self> {
+        let latency_us = i32::try_from(latency_us).map_err(io::Error::other)?;
+        let mut request = match inherited.find(HANDED_OVER) {
+            Some(file) => file,
+            None => OpenOptions::new().write(true).open(system.path(NODE))?,
+        };
+        request.write_all(&latency_us.to_ne_bytes())?;
+        Ok(Self { _request: request })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::io::{Read, Seek};
+
+    fn asked(mut file: File) -> Vec<u8> {
+        let mut bytes = Vec::new();
+        file.rewind().unwrap();
+        file.read_to_end(&mut bytes).unwrap();
+        bytes
+    }
+
+    #[test]
+    fn the_kernel_gets_a_number_of_32_bits_by_whichever_way_there_is() {
+        let root = tempfile::tempdir().unwrap();
+        std::fs::create_dir(root.path().join("dev")).unwrap();
+        let node = root.path().join("dev/cpu_dma_latency");
+        std::fs::write(&node, []).unwrap();
+        let system = System::below(root.path());
+        let _held = CpuLatency::hold(7, &system, &Inherited::default()).unwrap();
+        assert_eq!(asked(File::open(&node).unwrap()), 7_i32.to_ne_bytes());
+
+        let handed_over = tempfile::tempfile().unwrap();
+        let kept = handed_over.try_clone().unwrap();
+        let inherited = Inherited::of(vec![(HANDED_OVER.to_owned(), handed_over.into())]);
+        let _held = CpuLatency::hold(0, &system, &inherited).unwrap();
+        assert_eq!(asked(kept), 0_i32.to_ne_bytes());
+        assert_eq!(asked(File::open(&node).unwrap()), 7_i32.to_ne_bytes());
+    }
+
+    #[test]
+    fn where_there_is_no_node_that_is_said() {
+        let root = tempfile::tempdir().unwrap();
+        let refused = CpuLatency::hold(0, &System::below(root.path()), &Inherited::default());
+        assert_eq!(refused.unwrap_err().kind(), io::ErrorKind::NotFound);
+    }
+}
