@@ -24,12 +24,13 @@ pub fn run(rounds: usize) {
     let mut table = Table::default();
     for round in 0..rounds {
         let start = Instant::now();
-        round_trips(&mut table);
+        round_trips(&mut table, false);
+        round_trips(&mut table, true);
         servo_beside_commands(&mut table);
         rotary(&mut table);
         println!("round {round}: {:.1} s", start.elapsed().as_secs_f64());
     }
-    println!("\n{}", table.text());
+    println!("\n{}4aw: as 4a, with processors kept awake (cpu_latency_us = 0)", table.text());
 }
 
 /// Pauses so spread that questions come at any moment of the board's cycle: asked one right after the other, they would all keep
@@ -44,12 +45,20 @@ impl Pauses {
 }
 
 /// The same question to the same board: directly on the DPRAM by the library, and through socket and daemon.
-fn round_trips(table: &mut Table) {
+///
+/// `awake`: both with processors that wake up at once, as `cpu_latency_us = 0` has it, where the machine allows that.
+fn round_trips(table: &mut Table, awake: bool) {
     const QUESTIONS: usize = 1500;
     // At 9 kHz the board answers in less time than at the usual rate, so that what the daemon adds is seen the better.
-    let setup = Setup { servo_hz: 9000.0, ..Setup::default() };
+    let setup = Setup { servo_hz: 9000.0, awake, ..Setup::default() };
     let mut rig = Rig::simulator_alone(&setup);
+    let request = awake.then(machine::keep_awake);
+    if matches!(request, Some(None)) {
+        return println!("4a, awake: not measured, only root may keep processors awake");
+    }
     let direct = direct(&rig, QUESTIONS);
+    // From here on the daemon's own holds.
+    drop(request);
     rig.start_daemon(&setup);
     // Not while the daemon still asks the board who it is, which takes the port for some ms at a time.
     std::thread::sleep(Duration::from_millis(2500));
@@ -67,16 +76,20 @@ fn round_trips(table: &mut Table) {
         .collect();
     let through = through.figures();
     let us = |through: f64, direct: f64| [through / 1e3, direct / 1e3];
-    table.add(
-        "4a",
-        "ASCII round trip, socket and daemon / directly, median",
-        "us",
-        Bar::None,
-        us(through.median, direct.median),
-    );
-    table.add("4a", "- p99", "us", Bar::None, us(through.p99, direct.p99));
     let share = (through.median - direct.median) / 1e3;
-    table.add("4a", "- the daemon's share of the median / 50 us", "us", Bar::AtMost(1.0), [share, 50.0]);
+    let rows = [
+        (
+            "ASCII round trip, socket and daemon / directly, median",
+            Bar::None,
+            us(through.median, direct.median),
+        ),
+        ("- p99", Bar::None, us(through.p99, direct.p99)),
+        ("- the daemon's share of the median / 50 us", Bar::AtMost(1.0), [share, 50.0]),
+    ];
+    let row = if awake { "4aw" } else { "4a" };
+    for (what, bar, figures) in rows {
+        table.add(row, what, "us", bar, figures);
+    }
 }
 
 /// The handshake alone, in this process: sleeps until the board's interrupt, as the daemon does.

@@ -97,16 +97,21 @@ pub fn run(rounds: usize, seconds: u64) {
         "pmacd",
         "sim"
     );
+    let can_be_kept_awake = machine::keep_awake().is_some();
     for _ in 0..rounds {
         for servo_hz in [500.0, 2258.8, 9000.0] {
             for reading in ["optimistic", "handshake"] {
                 line(&Setup { servo_hz, reading, ..Setup::default() }, seconds);
+            }
+            if can_be_kept_awake {
+                line(&Setup { servo_hz, awake: true, ..Setup::default() }, seconds);
             }
         }
     }
     println!(
         "ratio: bus accesses for servo data per update / (6 + 30 motors), handshake / (9 + 30 motors); polls: accesses beyond that per update"
     );
+    println!("awake: optimistic, with cpu_latency_us = 0");
     println!(
         "made: updates by the simulator's own count; skipped: by the simulator's count / by the daemon's estimate"
     );
@@ -138,7 +143,7 @@ fn line(setup: &Setup, seconds: u64) {
     };
     println!(
         "{:<10} {:>7.0} {:>7} {:>7} {:>6} {:>7} {:>4} {:>7.4} {:>6.2} {:>24} {:>24} {:>5.1}% {:>5.1}%",
-        setup.reading,
+        if setup.awake { "awake" } else { setup.reading },
         setup.servo_hz,
         made,
         seen,

@@ -2,6 +2,8 @@
 
 use std::fmt::Write as _;
 
+use pmac_dpram::device::{CpuLatency, Inherited, System};
+
 use crate::{clock, process};
 
 /// Says what runs where, in which version, and how well the clock measures.
@@ -26,4 +28,9 @@ pub fn introduction(what: &str) -> String {
     let _ = writeln!(text, "counter: {tick:.3} ns a tick, {overhead:.0} ns a reading (taken off)");
     let _ = writeln!(text, "priority: {priority}");
     text
+}
+
+/// Processors that do not sleep while what is returned is there; `None` where this user may not ask for them.
+pub fn keep_awake() -> Option<CpuLatency> {
+    CpuLatency::hold(0, &System::here(), &Inherited::default()).ok()
 }

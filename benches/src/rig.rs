@@ -29,11 +29,13 @@ pub struct Setup {
     pub servo_hz: f64,
     pub motors: u8,
     pub reading: &'static str,
+    /// Whether the daemon keeps the processors awake (`cpu_latency_us = 0`), which takes root.
+    pub awake: bool,
 }
 
 impl Default for Setup {
     fn default() -> Self {
-        Self { servo_hz: 2258.8, motors: 8, reading: "optimistic" }
+        Self { servo_hz: 2258.8, motors: 8, reading: "optimistic", awake: false }
     }
 }
 
@@ -80,7 +82,8 @@ impl Rig {
     pub fn spawn_daemon_of(&mut self, daemon: &str, setup: &Setup, environment: &[(&str, &Path)]) {
         let config = self.directory.path().join("pmacd.toml");
         let board = format!("file:{},irq=unix:{}", self.memory().display(), self.interrupt().display());
-        let text = format!("board = \"{board}\"\nservo_reading = \"{}\"\n", setup.reading);
+        let latency = if setup.awake { "cpu_latency_us = 0\n" } else { "" };
+        let text = format!("board = \"{board}\"\nservo_reading = \"{}\"\n{latency}", setup.reading);
         std::fs::write(&config, text).expect("written");
         let daemon = Program::start(
             Command::new(program(daemon))
