@@ -52,7 +52,7 @@ pub fn watch(subscriber: &Subscriber, time: Duration) -> Watched {
         assert_eq!(waited.expect("servo data"), WaitOutcome::Newer, "the board is silent");
         while cursor.next(subscriber, &mut sample).expect("a sample") {
             woken.push(delay_ns(&sample, monotonic_ns()));
-            mirrored.push(delay_ns(&sample, sample.stamp.time_ns));
+            mirrored.push(delay_ns(&sample, sample.stamp().time_ns));
             samples += 1;
         }
     }

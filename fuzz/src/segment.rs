@@ -214,16 +214,16 @@ fn read_region(reader: &Subscriber, region: RegionId, sample: &mut Sample, seque
     };
     match reader.latest(region, sample) {
         Ok(Some(number)) => {
-            assert_eq!(sample.sequence, number);
-            let _ = reader.is_fresh(region, &sample.stamp, monotonic_ns());
+            assert_eq!(sample.sequence(), number);
+            let _ = reader.is_fresh(region, &sample.stamp(), monotonic_ns());
             decode(region, sample);
         }
-        _ => assert!(sample.words().is_empty() && sample.sequence == 0),
+        _ => assert!(sample.words().is_empty() && sample.sequence() == 0),
     }
     within(sample);
     for wanted in [sequence, 0, 5, u64::MAX] {
         let _ = reader.read(region, wanted, sample);
-        assert!(sample.sequence == 0 || sample.sequence == wanted);
+        assert!(sample.sequence() == 0 || sample.sequence() == wanted);
         within(sample);
     }
     // Looks at the file itself, which takes long.
@@ -238,7 +238,7 @@ fn read_region(reader: &Subscriber, region: RegionId, sample: &mut Sample, seque
         assert!(cursor.position() >= before.0);
         if matches!(found, Ok(true)) {
             let lost = cursor.lost().wrapping_sub(before.1);
-            assert_eq!(sample.sequence, before.0.wrapping_add(lost), "sample {taken}");
+            assert_eq!(sample.sequence(), before.0.wrapping_add(lost), "sample {taken}");
         }
     }
 }

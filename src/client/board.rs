@@ -268,14 +268,14 @@ impl Board {
         let now_ns = monotonic_ns();
         let stale = staleness(&self.subscriber, now_ns);
         let stale = stale.or_else(|| region_staleness(&region, &self.sample, now_ns));
-        let time_ns = self.sample.stamp.time_ns;
+        let time_ns = self.sample.stamp().time_ns;
         let offset = self.subscriber.header().realtime_offset_ns;
         Ok(View {
-            sequence: self.sample.sequence,
+            sequence: self.sample.sequence(),
             time_ns,
             realtime_ns: i64::try_from(time_ns).unwrap_or(i64::MAX).saturating_add(offset),
             age_ns: now_ns.saturating_sub(time_ns),
-            servo_timer: self.sample.stamp.servo_timer,
+            servo_timer: self.sample.stamp().servo_timer,
             stale,
             data,
         })

@@ -83,7 +83,7 @@ impl GatherFollower {
         if !self.cursor.next(board.subscriber(), &mut self.sample)? {
             return Ok(None);
         }
-        let corrupt = SegmentError::Corrupt { region: RegionId::Gather, sequence: self.sample.sequence };
+        let corrupt = SegmentError::Corrupt { region: RegionId::Gather, sequence: self.sample.sequence() };
         GatherChunk::decode(self.sample.words()).map(Some).ok_or(corrupt.into())
     }
 }

@@ -127,7 +127,7 @@ pub(super) fn region_staleness(
     sample: &Sample,
     now_ns: u64,
 ) -> Option<Staleness> {
-    let age_ns = now_ns.saturating_sub(sample.stamp.time_ns);
+    let age_ns = now_ns.saturating_sub(sample.stamp().time_ns);
     let limit_ns = match (region.stale_after_ns, region.period_ns) {
         (0, 0) => u64::MAX,
         (0, period) => STALE_NS.max(period.saturating_mul(STALE_PERIODS)),
@@ -137,7 +137,7 @@ pub(super) fn region_staleness(
         RegionState::Off => Some(Staleness::Off),
         RegionState::Stale => Some(Staleness::NoUpdates { age_ns }),
         RegionState::Live if age_ns > limit_ns => Some(Staleness::NoUpdates { age_ns }),
-        RegionState::Live if !sample.stamp.valid => Some(Staleness::NotWhole),
+        RegionState::Live if !sample.stamp().valid => Some(Staleness::NotWhole),
         RegionState::Live => None,
     }
 }

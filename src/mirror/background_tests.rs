@@ -71,7 +71,7 @@ impl Rig {
     fn latest(&mut self) -> Option<(u64, u16, u64)> {
         let sequence = self.subscriber.latest(RegionId::Background, &mut self.sample).unwrap()?;
         let first = (BACKGROUND_BLOCK.bytes() - BACKGROUND_DATA_READY.bytes()) as usize / 2;
-        Some((sequence, self.sample.words()[first], self.sample.stamp.time_ns))
+        Some((sequence, self.sample.words()[first], self.sample.stamp().time_ns))
     }
 
     /// Runs board and mirror, each millisecond by millisecond, until another sample is published.

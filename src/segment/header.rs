@@ -32,6 +32,8 @@ pub(super) struct Region {
     pub(super) payload_bytes: usize,
     pub(super) first_host_offset: u32,
     pub(super) ring: Ring,
+    /// Cache lines of a slot's copy.
+    pub(super) lines: usize,
 }
 
 /// Why a header is refused.
@@ -149,6 +151,7 @@ fn region(
         payload_bytes: payload as usize,
         first_host_offset,
         ring: ring_at(head as usize, slots as usize, count as usize, stride as usize, payload as usize),
+        lines: slot_bytes(payload as usize).div_ceil(LINE),
     })
 }
 

@@ -93,10 +93,12 @@
 //! # Reading sample n
 //! ```text
 //! head     load relaxed; fence acquire.  n > head: not yet.  head - n >= slot_count: lost
-//! sequence load relaxed; fence acquire.  Not 2n: lost
 //! time_ns, servo_timer, flags|length, payload   relaxed loads of 64-bit words into private memory
 //! fence acquire; sequence load relaxed.  Not 2n: lost, throw the copy away
 //! ```
+//! The sequence need not be looked at before: that sample `n` is there the head has said. A reader that knows `n` from elsewhere loads
+//! it first, with a fence acquire after it, and has lost the sample if it is not 2n.
+//!
 //! The latest sample is sample `head`; when it is lost meanwhile, start again with the new head, a bounded number of times. Check `length` against
 //! `payload_bytes` in the copy. Use plain relaxed loads (in C `atomic_load_explicit(…, memory_order_relaxed)` and
 //! `atomic_thread_fence`): stronger loads and read-modify-writes are not promised to work on read-only pages. On x86-64 a

@@ -43,18 +43,16 @@ impl ReadMap {
     /// defect of this library, not of a segment.
     #[inline(always)]
     fn run(&self, index: usize, count: usize) -> *mut u64 {
-        assert!(
-            index <= self.words && count <= self.words - index,
-            "word {index} lies outside a segment of {} words",
-            self.words
-        );
+        if index > self.words || count > self.words - index {
+            outside(index, self.words);
+        }
         // SAFETY: index + count <= words, and the mapping is at least words * 8 bytes long.
         unsafe { self.map.as_mut_ptr().cast::<u64>().add(index) }
     }
 
-    /// Word by word, what is no whole line.
+    /// Word by word, what is not of whole lines.
     #[cold]
-    fn load_rest(&self, index: usize, copy: &mut [u64]) {
+    fn load_words(&self, index: usize, copy: &mut [u64]) {
         for (offset, word) in copy.iter_mut().enumerate() {
             *word = self.load(index + offset);
         }
@@ -92,6 +90,12 @@ impl ReadMap {
     }
 }
 
+/// By value: what a message only borrows would be stored for it on every access.
+#[cold]
+fn outside(index: usize, words: usize) -> ! {
+    panic!("word {index} lies outside a segment of {words} words");
+}
+
 fn low_half(word: *mut u64) -> *mut u32 {
     let half = word.cast::<u32>();
     if cfg!(target_endian = "big") { half.wrapping_add(1) } else { half }
@@ -114,9 +118,8 @@ impl Words for ReadMap {
     fn load_all(&self, index: usize, copy: &mut [u64]) {
         let start = self.run(index, copy.len());
         // SAFETY: `run` checked the stretch of the mapping; the copy is private, as long, and overlaps nothing.
-        let done = unsafe { self.kernel.copy(start, copy.as_mut_ptr(), copy.len()) };
-        if done < copy.len() {
-            self.load_rest(index + done, &mut copy[done..]);
+        if !unsafe { self.kernel.copy(start, copy.as_mut_ptr(), copy.len()) } {
+            self.load_words(index, copy);
         }
     }
 }
@@ -144,8 +147,8 @@ impl Kernel {
         Self::Words
     }
 
-    /// Copies as many whole cache lines of `words` as there are, and says how many words that were. Compilers do not join atomic
-    /// accesses, and one word at a time takes three times as long.
+    /// Copies `words` words, if they are whole cache lines, and says whether they were. Compilers do not join atomic accesses, and
+    /// one word at a time takes three times as long.
     ///
     /// On the shared side this counts as relaxed accesses byte by byte, in some order; what was copied is believed only if the sequence
     /// after it says so. Ordinary vector accesses keep their order among loads, and among stores, on x86-64, as word accesses do.
@@ -154,13 +157,12 @@ impl Kernel {
     /// Both `from` and `to` have `words` words, and do not overlap. At most one of them is shared, the other private.
     #[inline(always)]
     #[cfg(all(target_arch = "x86_64", not(miri)))]
-    unsafe fn copy(self, from: *const u64, to: *mut u64, words: usize) -> usize {
-        let words = words / LINE_WORDS * LINE_WORDS;
-        if words == 0 {
-            return 0;
+    unsafe fn copy(self, from: *const u64, to: *mut u64, words: usize) -> bool {
+        if words == 0 || !words.is_multiple_of(LINE_WORDS) {
+            return false;
         }
         match self {
-            Self::Words => return 0,
+            Self::Words => return false,
             // SAFETY: the processor has AVX, as was detected, and the caller answers for the memory; nothing beyond
             // `words` is touched. `vzeroupper` clears what is declared lost. No `nomem`: the fences around keep their order.
             Self::Avx => unsafe {
@@ -224,13 +226,13 @@ impl Kernel {
                 );
             },
         }
-        words
+        true
     }
 
     #[inline(always)]
     #[cfg(not(all(target_arch = "x86_64", not(miri))))]
-    unsafe fn copy(self, _from: *const u64, _to: *mut u64, _words: usize) -> usize {
-        0
+    unsafe fn copy(self, _from: *const u64, _to: *mut u64, _words: usize) -> bool {
+        false
     }
 }
 
@@ -286,8 +288,9 @@ impl WordsMut for WriteMap {
     #[inline]
     fn store_all(&self, index: usize, values: &[u64]) {
         let start = self.0.run(index, values.len());
+        let whole = values.len() / LINE_WORDS * LINE_WORDS;
         // SAFETY: `run` checked the stretch of the writable mapping; the values are private, as many, and overlap nothing.
-        let done = unsafe { self.0.kernel.copy(values.as_ptr(), start, values.len()) };
+        let done = if unsafe { self.0.kernel.copy(values.as_ptr(), start, whole) } { whole } else { 0 };
         for (offset, value) in values.iter().enumerate().skip(done) {
             let to = start.wrapping_add(offset);
             // SAFETY: as in `atomic`; `run` checked the whole stretch.
@@ -305,13 +308,23 @@ pub(super) struct Lines(Vec<Line>);
 struct Line([u64; LINE_WORDS]);
 
 impl Lines {
-    /// Room for `words` words, rounded up to whole lines. Allocates only when it has to grow.
+    /// Room for so many lines, as words. Allocates only when it has to grow.
     #[inline(always)]
-    pub(super) fn room(&mut self, words: usize) -> &mut [u64] {
-        let lines = words.div_ceil(LINE_WORDS);
+    pub(super) fn room(&mut self, lines: usize) -> &mut [u64] {
         if self.0.len() != lines {
             self.resize(lines);
         }
+        self.words_mut()
+    }
+
+    /// As [`Lines::room`], if it is there already.
+    #[inline(always)]
+    pub(super) fn has_room(&mut self, lines: usize) -> Option<&mut [u64]> {
+        (self.0.len() == lines).then(|| self.words_mut())
+    }
+
+    #[inline(always)]
+    fn words_mut(&mut self) -> &mut [u64] {
         // SAFETY: a line is its words and nothing else; private memory, borrowed as long as the result.
         unsafe { std::slice::from_raw_parts_mut(self.0.as_mut_ptr().cast(), self.0.len() * LINE_WORDS) }
     }
@@ -321,10 +334,15 @@ impl Lines {
         self.0.resize(lines, Line::default());
     }
 
+    /// Makes the words of the first line 0.
+    pub(super) fn clear_first(&mut self) {
+        self.0.iter_mut().take(1).for_each(|line| *line = Line::default());
+    }
+
     /// The words.
     #[inline(always)]
     pub(super) fn words(&self) -> &[u64] {
-        // SAFETY: as in `room`.
+        // SAFETY: as in `words_mut`.
         unsafe { std::slice::from_raw_parts(self.0.as_ptr().cast(), self.0.len() * LINE_WORDS) }
     }
 }

@@ -4,9 +4,9 @@
 //! (`tests/it/segment_loom.rs`). The order of the accesses is that of [`super::layout`], "Writing" and "Reading".
 //!
 //! Why a reader's copy is whole: if any word of it was written for a later sample in the same slot, the acquire fence
-//! after the copy pairs with the writer's release fence before that word, so the second look at the sequence sees the later
+//! after the copy pairs with the writer's release fence before that word, so the look at the sequence that follows sees the later
 //! sample's odd number. Why it is not older than asked for: the head's release store comes after the slot's last word,
-//! and the fence after the head's load pairs with it.
+//! and the fence after the head's load pairs with it; so the sequence need not be looked at before the copy as well.
 
 /// Memory as a reader sees it: an array of 64-bit words that another process writes.
 pub trait Words {
@@ -140,26 +140,24 @@ impl Ring {
     /// when the writer comes round.
     #[inline]
     pub fn latest<M: Words>(&self, memory: &M, slot: &mut [u64], attempts: u32) -> Latest {
-        let sequence = self.published(memory);
-        if sequence == 0 {
-            return Latest::Empty;
-        }
-        if self.copy(memory, sequence, slot) {
-            return Latest::Whole { sequence, retries: 0 };
-        }
-        self.latest_again(memory, slot, attempts)
-    }
-
-    /// The attempts after the first, which nearly always is enough.
-    #[cold]
-    fn latest_again<M: Words>(&self, memory: &M, slot: &mut [u64], attempts: u32) -> Latest {
-        for retries in 1..attempts {
-            let sequence = self.published(memory);
-            if self.copy(memory, sequence, slot) {
-                return Latest::Whole { sequence, retries };
+        let mut retries = 0;
+        loop {
+            match self.latest_at_once(memory, slot) {
+                Latest::Overrun if retries + 1 < attempts => retries += 1,
+                Latest::Whole { sequence, .. } => return Latest::Whole { sequence, retries },
+                other => return other,
             }
         }
-        Latest::Overrun
+    }
+
+    /// As [`Ring::latest`] with one attempt, which nearly always is enough.
+    #[inline(always)]
+    pub fn latest_at_once<M: Words>(&self, memory: &M, slot: &mut [u64]) -> Latest {
+        match self.published(memory) {
+            0 => Latest::Empty,
+            sequence if self.copy(memory, sequence, slot) => Latest::Whole { sequence, retries: 0 },
+            _ => Latest::Overrun,
+        }
     }
 
     /// The oldest sample the ring can hold when `head` is the latest.
@@ -180,15 +178,10 @@ impl Ring {
     #[inline(always)]
     fn copy<M: Words>(&self, memory: &M, sequence: u64, slot: &mut [u64]) -> bool {
         let from = self.slot(sequence);
-        let mark = sequence.wrapping_mul(2);
-        if memory.load(from) != mark {
-            return false;
-        }
-        memory.fence_acquire();
         let length = slot.len().min(self.stride);
         memory.load_all(from, &mut slot[..length]);
         memory.fence_acquire();
-        memory.load(from) == mark
+        memory.load(from) == sequence.wrapping_mul(2)
     }
 
     #[inline]

@@ -1,6 +1,6 @@
 //! One sample of a region, in private memory.
 
-use super::layout::{FLAG_VALID, STAMP_WORDS, WORD};
+use super::layout::{FLAG_VALID, STAMP_WORDS};
 use super::memory::{self, Lines};
 
 /// When and under what conditions a sample was taken.
@@ -15,16 +15,12 @@ pub struct Stamp {
 }
 
 /// A sample copied out of the segment. Keep one and read into it again and again: it allocates only the first time.
+///
+/// It is its slot as that was, and what is told of it is read there: a copy costs what its bytes cost.
 #[derive(Clone, Debug, Default)]
 pub struct Sample {
-    /// The sample's number in its region, from 1 on; 0 before the first read.
-    pub sequence: u64,
-    /// When it was taken.
-    pub stamp: Stamp,
-    /// Attempts the writer overtook before this copy was whole.
-    pub retries: u32,
-    length: usize,
-    /// The slot as it was: sequence, stamp, payload.
+    retries: u32,
+    /// Twice the number, stamp, payload; a number of 0 and no bytes when there is no sample in it.
     slot: Lines,
 }
 
@@ -35,45 +31,78 @@ impl Sample {
         Self::default()
     }
 
+    /// The sample's number in its region, from 1 on; 0 before the first read, and after one that brought none.
+    #[must_use]
+    #[inline]
+    pub fn sequence(&self) -> u64 {
+        self.slot.words().first().map_or(0, |mark| mark / 2)
+    }
+
+    /// When it was taken.
+    #[must_use]
+    #[inline]
+    pub fn stamp(&self) -> Stamp {
+        match self.slot.words() {
+            [_, time_ns, servo_timer, flags_length, ..] => {
+                Stamp { time_ns: *time_ns, servo_timer: *servo_timer, valid: flags_length & FLAG_VALID != 0 }
+            }
+            _ => Stamp::default(),
+        }
+    }
+
+    /// Attempts the writer overtook before this copy was whole.
+    #[must_use]
+    #[inline]
+    pub fn retries(&self) -> u32 {
+        self.retries
+    }
+
     /// The payload as the board's 16-bit words, ascending by host offset.
     #[must_use]
     pub fn words(&self) -> &[u16] {
-        &memory::halves(self.payload())[..self.length / 2]
+        memory::halves(self.payload()).get(..self.length() / 2).unwrap_or(&[])
     }
 
     /// The payload as bytes.
     #[must_use]
     pub fn bytes(&self) -> &[u8] {
-        &memory::bytes(self.payload())[..self.length]
+        memory::bytes(self.payload()).get(..self.length()).unwrap_or(&[])
     }
 
     fn payload(&self) -> &[u64] {
         self.slot.words().get(1 + STAMP_WORDS..).unwrap_or(&[])
     }
 
-    /// Room for a slot of `words` words, to be filled by a ring.
+    /// Bytes of payload, as the slot has it.
     #[inline(always)]
-    pub(super) fn room(&mut self, words: usize) -> &mut [u64] {
-        // Until `accept`, what is in here is nobody's sample.
-        self.sequence = 0;
-        self.length = 0;
-        self.slot.room(words)
+    fn length(&self) -> usize {
+        self.slot.words().get(STAMP_WORDS).map_or(0, |flags_length| (flags_length >> 32) as usize)
     }
 
-    /// Makes what was filled in sample `sequence`; `false` if its length cannot be.
+    /// As [`Sample::room`], if it is there already.
+    #[inline(always)]
+    pub(super) fn has_room(&mut self, lines: usize) -> Option<&mut [u64]> {
+        self.slot.has_room(lines)
+    }
+
+    /// Room for a slot of so many cache lines, to be filled by a ring. Until [`Sample::accept`], what is in here is nobody's sample.
+    #[inline(always)]
+    pub(super) fn room(&mut self, lines: usize) -> &mut [u64] {
+        self.slot.room(lines)
+    }
+
+    /// Makes what was filled in sample `sequence`; `false` if it says to be another, or its length cannot be.
     #[inline(always)]
     pub(super) fn accept(&mut self, sequence: u64, retries: u32, payload_bytes: usize) -> bool {
-        let [_, time_ns, servo_timer, flags_length, payload @ ..] = self.slot.words() else { return false };
-        let length = (flags_length >> 32) as usize;
-        if length > payload_bytes.min(payload.len() * WORD) {
-            return false;
-        }
-        self.stamp =
-            Stamp { time_ns: *time_ns, servo_timer: *servo_timer, valid: flags_length & FLAG_VALID != 0 };
-        self.sequence = sequence;
         self.retries = retries;
-        self.length = length;
-        true
+        self.sequence() == sequence && self.length() <= payload_bytes
+    }
+
+    /// There is no sample in it.
+    pub(super) fn clear(&mut self) {
+        self.retries = 0;
+        // Number, stamp and length are all in it.
+        self.slot.clear_first();
     }
 }
 

@@ -296,12 +296,41 @@ impl Subscriber {
     /// [`SegmentError::Corrupt`]. After an error other than `NoSuchRegion`, or `None`, the sample has no words.
     #[inline]
     pub fn latest(&self, region: RegionId, sample: &mut Sample) -> Result<Option<u64>, SegmentError> {
+        // What nearly always happens calls nothing, so that no register need be saved for it.
+        let mut attempts = 0;
+        if let Some(inlet) = &self.inlets[region as usize]
+            && let Some(slot) = sample.has_room(inlet.lines)
+        {
+            if let Latest::Whole { sequence, .. } = inlet.ring.latest_at_once(&self.map, slot)
+                && sample.accept(sequence, 0, inlet.payload_bytes)
+            {
+                return Ok(Some(sequence));
+            }
+            attempts = 1;
+        }
+        self.latest_after(attempts, region, sample)
+    }
+
+    /// As [`Subscriber::latest`], after so many attempts.
+    #[cold]
+    fn latest_after(
+        &self,
+        attempts: u32,
+        region: RegionId,
+        sample: &mut Sample,
+    ) -> Result<Option<u64>, SegmentError> {
         let inlet = self.region_of(region)?;
-        match inlet.ring.latest(&self.map, sample.room(inlet.ring.body + 1), ATTEMPTS) {
-            Latest::Empty => Ok(None),
-            Latest::Overrun => Err(SegmentError::Overrun { region, attempts: ATTEMPTS }),
+        match inlet.ring.latest(&self.map, sample.room(inlet.lines), ATTEMPTS) {
             Latest::Whole { sequence, retries } => {
-                accept(inlet, sample, sequence, retries).map(|()| Some(sequence))
+                accept(inlet, sample, sequence, attempts + retries).map(|()| Some(sequence))
+            }
+            Latest::Empty => {
+                sample.clear();
+                Ok(None)
+            }
+            Latest::Overrun => {
+                sample.clear();
+                Err(SegmentError::Overrun { region, attempts: ATTEMPTS })
             }
         }
     }
@@ -313,10 +342,14 @@ impl Subscriber {
     #[inline]
     pub fn read(&self, region: RegionId, sequence: u64, sample: &mut Sample) -> Result<Read, SegmentError> {
         let inlet = self.region_of(region)?;
-        match inlet.ring.read(&self.map, sequence, sample.room(inlet.ring.body + 1)) {
+        match inlet.ring.read(&self.map, sequence, sample.room(inlet.lines)) {
             Attempt::Whole => accept(inlet, sample, sequence, 0).map(|()| Read::Sample),
-            Attempt::NotYet => Ok(Read::NotYet),
+            Attempt::NotYet => {
+                sample.clear();
+                Ok(Read::NotYet)
+            }
             Attempt::Lost => {
+                sample.clear();
                 let first_available = inlet.ring.oldest(inlet.ring.published(&self.map));
                 Ok(Read::Lost { first_available: first_available.max(sequence.saturating_add(1)) })
             }
@@ -380,17 +413,18 @@ impl Subscriber {
         sample: &mut Sample,
     ) -> Result<Attempt, SegmentError> {
         let inlet = self.region_of(region)?;
-        let slot = sample.room(inlet.ring.body + 1);
         if sequence > *head {
             *head = inlet.ring.published(&self.map);
             if sequence > *head {
+                sample.clear();
                 return Ok(Attempt::NotYet);
             }
         }
-        let attempt = inlet.ring.read_published(&self.map, sequence, *head, slot);
+        let attempt = inlet.ring.read_published(&self.map, sequence, *head, sample.room(inlet.lines));
         if attempt == Attempt::Whole {
             accept(inlet, sample, sequence, 0)?;
         } else {
+            sample.clear();
             *head = inlet.ring.published(&self.map);
         }
         Ok(attempt)
@@ -449,6 +483,7 @@ fn accept(region: &Region, sample: &mut Sample, sequence: u64, retries: u32) -> 
     if sample.accept(sequence, retries, region.payload_bytes) {
         Ok(())
     } else {
+        sample.clear();
         Err(SegmentError::Corrupt { region: region.id, sequence })
     }
 }

@@ -408,7 +408,8 @@ fn check_samples(segment: &SegmentName, tagged: &AtomicBool, done: &AtomicBool) 
         // Zeros are the one thing that a memory which loses its content word by word can mix in.
         let numbers: BTreeSet<u32> = tagged_longs(sample.words()).filter(|&long| long != 0).collect();
         if numbers.len() > 1 {
-            let found = format!("sample {sequence}, servo timer {}: {numbers:x?}", sample.stamp.servo_timer);
+            let found =
+                format!("sample {sequence}, servo timer {}: {numbers:x?}", sample.stamp().servo_timer);
             println!("    mixed: {found}");
             mixed.push(found);
         }

@@ -117,17 +117,17 @@ pub fn watch(site: &Site, what: &str, attack: impl FnOnce()) -> Verdict {
                 std::thread::sleep(Duration::from_millis(10));
                 largest.fetch_max(Weight::of(pid).resident_kib, Ordering::Relaxed);
                 while cursor.next(&subscriber, &mut sample).unwrap() {
-                    assert!(sample.stamp.valid && sample.stamp.servo_timer > timer, "servo time goes on");
-                    timer = sample.stamp.servo_timer;
+                    assert!(sample.stamp().valid && sample.stamp().servo_timer > timer, "servo time goes on");
+                    timer = sample.stamp().servo_timer;
                     let words = &sample.words()[STAMP_WORD..];
                     let half =
                         |index: usize| u64::from(words[index]) | u64::from(words[index + 1] & 0xFF) << 16;
-                    let delay = sample.stamp.time_ns.wrapping_sub(half(0) | half(2) << 24) & STAMP_MASK;
+                    let delay = sample.stamp().time_ns.wrapping_sub(half(0) | half(2) << 24) & STAMP_MASK;
                     delays.push(if delay > STAMP_MASK / 2 { 0.0 } else { delay as f64 / 1e3 });
                 }
             }
             assert_eq!(cursor.lost(), 0, "a reader was overrun");
-            assert!(monotonic_ns() - sample.stamp.time_ns < 5_000_000_000, "the mirror has stopped");
+            assert!(monotonic_ns() - sample.stamp().time_ns < 5_000_000_000, "the mirror has stopped");
             delays.sort_by(f64::total_cmp);
             delays
         })

@@ -113,9 +113,9 @@ fn background_data_are_no_older_than_they_say() {
         let mut last = 0;
         wait_until("reports made since", || {
             let sequence = subscriber.latest(RegionId::Background, &mut sample).unwrap().unwrap();
-            if sequence != last && sample.stamp.time_ns >= since {
+            if sequence != last && sample.stamp().time_ns >= since {
                 // Its timer says when it was made.
-                let later = (sample.stamp.servo_timer as u16).wrapping_sub(timer).cast_signed();
+                let later = (sample.stamp().servo_timer as u16).wrapping_sub(timer).cast_signed();
                 assert!(later >= 0, "made {} servo cycles before the time it bears", -later);
                 (seen, last) = (seen + 1, sequence);
             }

@@ -56,9 +56,9 @@ pub fn now() -> Stamp {
 pub fn assert_unmixed(sample: &Sample) {
     let words = sample.words();
     assert_eq!(words.len(), 258);
-    assert!(words.iter().all(|word| *word == words[0]), "sample {} is mixed", sample.sequence);
-    assert_eq!(words[0], sample.sequence as u16, "sample {} is another's", sample.sequence);
-    assert_eq!(sample.stamp.servo_timer, sample.sequence);
+    assert!(words.iter().all(|word| *word == words[0]), "sample {} is mixed", sample.sequence());
+    assert_eq!(words[0], sample.sequence() as u16, "sample {} is another's", sample.sequence());
+    assert_eq!(sample.stamp().servo_timer, sample.sequence());
 }
 
 /// Publishes a servo update in which everything carries the update's own number.
@@ -153,7 +153,7 @@ fn what_is_published_comes_out_as_it_was() {
         let stamp = Stamp { time_ns: 1 << 60, servo_timer: (1 << 40) + 5, valid: length % 2 == 0 };
         let sequence = publisher.publish(RegionId::Servo, stamp, &words);
         assert_eq!(reader.latest(RegionId::Servo, &mut sample).unwrap(), Some(sequence));
-        assert_eq!((sample.words(), sample.stamp, sample.sequence), (&words[..], stamp, sequence));
+        assert_eq!((sample.words(), sample.stamp(), sample.sequence()), (&words[..], stamp, sequence));
         assert_eq!(sample.bytes().len(), usize::from(length) * 2);
     }
     let who = Identity { family: Some(1), firmware: Some("1.16D".into()), ..Identity::default() };
@@ -298,10 +298,10 @@ fn history_since_a_number_with_the_exact_count_lost() {
     for sequence in 1..=16 {
         assert!(cursor.next(&reader, &mut sample).unwrap());
         assert_unmixed(&sample);
-        assert_eq!(sample.sequence, sequence);
+        assert_eq!(sample.sequence(), sequence);
     }
     assert_eq!((cursor.lost(), cursor.next(&reader, &mut sample).unwrap()), (0, false));
-    assert_eq!(sample.sequence, 0, "a sample that was not read is empty");
+    assert_eq!(sample.sequence(), 0, "a sample that was not read is empty");
     for _ in 16..100 {
         publish_numbered(&mut publisher);
     }
@@ -346,7 +346,7 @@ fn readers_in_the_way_of_a_writer_at_full_speed() {
                 match cursor.next(&follower, &mut sample) {
                     Ok(true) => {
                         assert_unmixed(&sample);
-                        assert_eq!(sample.sequence + 1, cursor.position());
+                        assert_eq!(sample.sequence() + 1, cursor.position());
                         got += 1;
                     }
                     Ok(false) if last => return (got, cursor.lost()),
@@ -430,9 +430,9 @@ fn a_python_program_written_from_the_page_reads_the_same() {
             Some(sequence) => {
                 let latest = &theirs["latest"];
                 assert_eq!(latest["sequence"], sequence);
-                assert_eq!(latest["time_ns"], sample.stamp.time_ns);
-                assert_eq!(latest["servo_timer"], sample.stamp.servo_timer);
-                assert_eq!(latest["valid"], sample.stamp.valid);
+                assert_eq!(latest["time_ns"], sample.stamp().time_ns);
+                assert_eq!(latest["servo_timer"], sample.stamp().servo_timer);
+                assert_eq!(latest["valid"], sample.stamp().valid);
                 assert_eq!(latest["words"], serde_json::json!(sample.words()));
             }
         }

@@ -60,7 +60,7 @@ fn use_all(directory: &Path) -> Option<String> {
     for region in RegionId::ALL {
         let _ = reader.latest(region, &mut sample);
         let _ = Identity::decode(sample.bytes());
-        let _ = reader.is_fresh(region, &sample.stamp, monotonic_ns());
+        let _ = reader.is_fresh(region, &sample.stamp(), monotonic_ns());
         for sequence in [0, 1, 7, u64::MAX / 2 + 1, u64::MAX] {
             let _ = reader.read(region, sequence, &mut sample);
             let _ = reader.wait_newer(region, sequence, Duration::ZERO);
@@ -175,7 +175,7 @@ fn a_corrupt_slot_is_named() {
     file.write_all_at(&(517u64 << 32 | 1).to_ne_bytes(), slot + 0x18).unwrap();
     let error = reader.latest(RegionId::Servo, &mut sample).unwrap_err().to_string();
     assert!(error.contains("sample 20 of the servo region is corrupt"), "{error}");
-    assert!(sample.words().is_empty() && sample.sequence == 0);
+    assert!(sample.words().is_empty() && sample.sequence() == 0);
 }
 
 fn nasty() -> impl Strategy<Value = u64> {

@@ -151,9 +151,9 @@ fn an_owner_that_is_stopped_is_stale_until_it_goes_on() {
     eventually("staleness", || (reader.condition() == Condition::Stale).then_some(()));
     reader.latest(RegionId::Servo, &mut sample).unwrap().unwrap();
     assert_unmixed(&sample);
-    assert!(!reader.is_fresh(RegionId::Servo, &sample.stamp, monotonic_ns()));
+    assert!(!reader.is_fresh(RegionId::Servo, &sample.stamp(), monotonic_ns()));
     assert_eq!(
-        reader.wait_newer(RegionId::Servo, sample.sequence, Duration::from_millis(200)).unwrap(),
+        reader.wait_newer(RegionId::Servo, sample.sequence(), Duration::from_millis(200)).unwrap(),
         WaitOutcome::TimedOut,
         "it is not dead"
     );
@@ -161,7 +161,7 @@ fn an_owner_that_is_stopped_is_stale_until_it_goes_on() {
     eventually("life", || (reader.condition() == Condition::Live).then_some(()));
     eventually("fresh data", || {
         reader.latest(RegionId::Servo, &mut sample).unwrap();
-        reader.is_fresh(RegionId::Servo, &sample.stamp, monotonic_ns()).then_some(())
+        reader.is_fresh(RegionId::Servo, &sample.stamp(), monotonic_ns()).then_some(())
     });
 }
 

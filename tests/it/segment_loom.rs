@@ -21,10 +21,8 @@ struct Weakened {
     writer_fence: bool,
     slot_release: bool,
     head_release: bool,
-    /// Of the reader's three fences (after the head, after the sequence, after the copy), which.
-    reader_fences: [bool; 3],
-    /// Not an ordering: judge only the copies, not whether a published sample can be seen.
-    copies_only: bool,
+    /// Of the reader's two fences (after the head, after the copy), which.
+    reader_fences: [bool; 2],
 }
 
 struct Memory {
@@ -92,7 +90,7 @@ fn with_writer(weakened: Weakened, read: impl Fn(&View) + Sync + Send + 'static)
 fn assert_overwritten(view: &View, sequence: u64) {
     let slot = RING.slots + ((sequence - 1) % 2) as usize * RING.stride;
     let is_so = view.load(slot) > 2 * sequence || view.load(RING.head) >= sequence + 2;
-    assert!(is_so || view.weakened.copies_only, "sample {sequence} was published and is not visible");
+    assert!(is_so, "sample {sequence} was published and is not visible");
 }
 
 fn assert_whole(copy: [u64; 3], sequence: u64) {
@@ -133,12 +131,17 @@ fn fault(model: fn(Weakened), weakened: Weakened) -> String {
     }
 }
 
-fn assert_found(weakened: Weakened, what: &str) {
+/// Both models find one of these faults.
+fn assert_found(weakened: Weakened, what: &[&str]) {
     for model in [latest, history] {
         let found = fault(model, weakened);
-        assert!(found.contains(what), "expected a fault of the kind {what:?}, found {found:?}");
+        let expected = what.iter().any(|what| found.contains(what));
+        assert!(expected, "expected a fault of the kind {what:?}, found {found:?}");
     }
 }
+
+/// What a copy that is older than the head is found by.
+const OLD: &[&str] = &["mixed", "not visible"];
 
 #[test]
 fn every_copy_is_whole_and_nothing_published_is_invisible() {
@@ -149,41 +152,32 @@ fn every_copy_is_whole_and_nothing_published_is_invisible() {
 #[test]
 fn without_the_writers_fence_copies_are_mixed() {
     let weakened = Weakened { writer_fence: true, ..Weakened::default() };
-    assert_found(weakened, "mixed");
+    assert_found(weakened, &["mixed"]);
 }
 
 #[test]
 fn without_the_readers_fence_after_the_copy_copies_are_mixed() {
-    let weakened = Weakened { reader_fences: [false, false, true], ..Weakened::default() };
-    assert_found(weakened, "mixed");
+    let weakened = Weakened { reader_fences: [false, true], ..Weakened::default() };
+    assert_found(weakened, &["mixed"]);
 }
 
 #[test]
-fn with_a_relaxed_head_a_published_sample_is_invisible() {
-    assert_found(Weakened { head_release: true, ..Weakened::default() }, "not visible");
+fn with_a_relaxed_head_a_published_sample_is_not_seen_whole() {
+    let weakened = Weakened { head_release: true, ..Weakened::default() };
+    assert_found(weakened, OLD);
 }
 
 #[test]
-fn without_the_readers_fence_after_the_head_a_published_sample_is_invisible() {
-    let weakened = Weakened { reader_fences: [true, false, false], ..Weakened::default() };
-    assert_found(weakened, "not visible");
+fn without_the_readers_fence_after_the_head_a_published_sample_is_not_seen_whole() {
+    let weakened = Weakened { reader_fences: [true, false], ..Weakened::default() };
+    assert_found(weakened, OLD);
 }
 
 /// Behind the head, its release store and the fence after its load already cover the slot. Kept all the same, for readers that
 /// look at a slot without coming through the head.
 #[test]
-fn the_slots_own_release_and_acquire_are_redundant_behind_the_head() {
-    let weakened =
-        Weakened { slot_release: true, reader_fences: [false, true, false], ..Weakened::default() };
+fn the_slots_own_release_is_redundant_behind_the_head() {
+    let weakened = Weakened { slot_release: true, ..Weakened::default() };
     latest(weakened);
     history(weakened);
-}
-
-/// ... and they keep the copies whole alone when the head does not; without both pairs nothing does.
-#[test]
-fn one_pair_of_release_and_acquire_must_carry_the_data() {
-    let head_relaxed = Weakened { head_release: true, copies_only: true, ..Weakened::default() };
-    latest(head_relaxed);
-    history(head_relaxed);
-    assert_found(Weakened { slot_release: true, ..head_relaxed }, "mixed");
 }

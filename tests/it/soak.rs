@@ -120,8 +120,8 @@ impl Run<'_> {
                 }
             }
             while cursor.next(&subscriber, &mut sample).unwrap() {
-                assert!(sample.stamp.servo_timer > timer, "servo time does not go back");
-                timer = sample.stamp.servo_timer;
+                assert!(sample.stamp().servo_timer > timer, "servo time does not go back");
+                timer = sample.stamp().servo_timer;
                 samples += 1;
             }
         }

@@ -61,9 +61,9 @@ fn in_virtual_time_no_update_is_missed_and_no_sample_lost() {
         while cursor.next(&subscriber, &mut sample).unwrap() {
             updates += 1;
             if let Some(last) = last_timer {
-                assert_eq!(sample.stamp.servo_timer, last + 1, "step {step}");
+                assert_eq!(sample.stamp().servo_timer, last + 1, "step {step}");
             }
-            last_timer = Some(sample.stamp.servo_timer);
+            last_timer = Some(sample.stamp().servo_timer);
         }
     }
     assert_eq!((updates, cursor.lost()), (steps(), 0));

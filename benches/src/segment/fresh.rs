@@ -103,7 +103,7 @@ fn latest(table: &mut Table, directory: &Path) {
         shared.set(1, 2 * number - 1);
         shared.spin(0, 2 * number);
         reads.push(clock::time(|| black_box(subscriber.latest(SERVO, &mut sample).is_ok())));
-        assert_eq!(sample.sequence, number);
+        assert_eq!(sample.sequence(), number);
         shared.set(1, 2 * number);
     }
     writer.join();
@@ -133,10 +133,10 @@ pub fn first_reads(directory: &Path, period_ns: f64) -> FirstReads {
         for _ in 0..64 {
             let ticks = clock::time(|| black_box(subscriber.latest(SERVO, &mut sample).is_ok()));
             reads += 1;
-            retries += u64::from(sample.retries);
-            most = most.max(sample.retries);
-            if sample.sequence != last {
-                last = sample.sequence;
+            retries += u64::from(sample.retries());
+            most = most.max(sample.retries());
+            if sample.sequence() != last {
+                last = sample.sequence();
                 first.push(ticks);
             }
             let words = sample.words();

@@ -18,7 +18,7 @@ pub fn plain_copy(from: &[u8], to: &mut [u8], length: usize) {
     to[..length].copy_from_slice(&from[..length]);
 }
 
-/// Whole cache lines: the plain copy at its best.
+/// Whole cache lines, and never moved out of here: the plain copy at its best, which takes half the time of one across lines.
 #[repr(align(64))]
 struct Lines([u8; 576]);
 
@@ -39,13 +39,13 @@ pub fn round(table: &mut Table, directory: &Path) {
 }
 
 fn read_and_publish(table: &mut Table, subscriber: &Subscriber, publisher: &mut Publisher) {
-    let (Lines(from), Lines(mut to)) = (Lines([1; 576]), Lines([0; 576]));
+    let (from, mut to) = (Lines([1; 576]), Lines([0; 576]));
     let mut sample = Sample::new();
     let words = black_box([0x4321_u16; WORDS]);
     let [copy, latest, put] = clock::batches([
-        &mut || plain_copy(&from, &mut to, BYTES),
+        &mut || plain_copy(&from.0, &mut to.0, BYTES),
         &mut || {
-            let _ = black_box(subscriber.latest(SERVO, &mut sample));
+            black_box(subscriber.latest(SERVO, &mut sample).is_ok());
         },
         &mut || {
             publisher.put(SERVO, ours::stamp(1), &words);
@@ -76,11 +76,11 @@ fn drain(table: &mut Table, directory: &Path, subscriber: &Subscriber) {
     // SAFETY: the last `length` bytes of the mapping, which nobody writes while this runs.
     let slots = unsafe { std::slice::from_raw_parts(map.as_ptr().add(map.len() - length), length) };
     let (mut ours, mut plain) = (Series::default(), Series::default());
-    let (mut sample, Lines(mut to)) = (Sample::new(), Lines([0; 576]));
+    let (mut sample, mut to) = (Sample::new(), Lines([0; 576]));
     for _ in 0..WALKS {
         plain.push(clock::time(|| {
             for slot in slots.chunks_exact(stride) {
-                plain_copy(&slot[32..], &mut to, BYTES);
+                plain_copy(&slot[32..], &mut to.0, BYTES);
             }
         }));
         let first = subscriber.published(SERVO).expect("the region") - u64::from(SLOTS) + 1;
@@ -115,7 +115,7 @@ fn two_readers(table: &mut Table, directory: &Path, subscriber: &Subscriber) {
                 0 => std::thread::yield_now(),
                 1 => {
                     for _ in 0..100 {
-                        let _ = black_box(subscriber.latest(SERVO, &mut sample));
+                        black_box(subscriber.latest(SERVO, &mut sample).is_ok());
                     }
                 }
                 _ => break,
@@ -130,7 +130,7 @@ fn two_readers(table: &mut Table, directory: &Path, subscriber: &Subscriber) {
         let turn = shared.value(1);
         shared.wait(1, turn + 2);
         let [ns] = clock::batches([&mut || {
-            let _ = black_box(subscriber.latest(SERVO, &mut sample));
+            black_box(subscriber.latest(SERVO, &mut sample).is_ok());
         }]);
         ns
     };
@@ -156,7 +156,7 @@ fn publish_to_sixteen(table: &mut Table, directory: &Path) {
                 let (subscriber, mut sample) = (ours::subscriber(directory, "sixteen"), Sample::new());
                 shared.cell(0).fetch_add(1, std::sync::atomic::Ordering::AcqRel);
                 while shared.value(1) == 0 {
-                    let _ = black_box(subscriber.latest(SERVO, &mut sample));
+                    black_box(subscriber.latest(SERVO, &mut sample).is_ok());
                 }
             })
         })

@@ -44,7 +44,8 @@ fn sleeping_readers(table: &mut Table, directory: &Path, seconds: u64) {
                     let over = shared.value(1) == 1;
                     while cursor.next(&subscriber, &mut sample).expect("a sample") {
                         read += 1;
-                        mixed += u64::from(sample.words().iter().any(|word| *word != sample.sequence as u16));
+                        mixed +=
+                            u64::from(sample.words().iter().any(|word| *word != sample.sequence() as u16));
                     }
                     if over {
                         break;
@@ -90,8 +91,8 @@ pub fn checked_reads(directory: &Path, reads: u64) -> (u64, u64, u32) {
         let words = sample.words();
         // Branch-free, so that checking costs less than reading.
         mixed += u64::from(words.iter().fold(0, |all, word| all | (word ^ words[0])) != 0);
-        retries += u64::from(sample.retries);
-        most = most.max(sample.retries);
+        retries += u64::from(sample.retries());
+        most = most.max(sample.retries());
     }
     shared.set(1, 1);
     writer.join();

@@ -140,7 +140,7 @@ fn follow(directory: &Path, shared: &Shared, reader: u64) {
         let waited = subscriber.wait_newer(SERVO, last, LONG).expect("the region");
         assert_eq!(waited, WaitOutcome::Newer);
         last = subscriber.latest(SERVO, &mut sample).expect("a sample").expect("one");
-        let ticks = clock::after() - black_box(&sample).stamp.time_ns;
+        let ticks = clock::after() - black_box(&sample).stamp().time_ns;
         delay(shared, reader, last - 1).store(ticks, Ordering::Release);
     }
 }
