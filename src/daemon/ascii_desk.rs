@@ -504,11 +504,10 @@ impl AsciiDesk {
         );
     }
 
-    /// Puts an event into the socket's queue, or keeps it until there is room.
+    /// Puts an event into the socket's queue, or keeps it until there is room. A line of a reply is told with the reply's end.
     fn tell(&mut self, events: &Sender<Event>, event: Event) {
-        if let Err(event) = events.try_send(event) {
-            self.outbox = Some(event);
-        }
+        let is_line = matches!(event, Event::Line(..));
+        self.outbox = if is_line { events.try_put(event) } else { events.try_send(event) }.err();
     }
 }
 

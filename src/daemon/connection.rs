@@ -117,7 +117,13 @@ impl Client {
         while !self.input_ended && !self.closing && !self.inbox.is_full() {
             match self.stream.read(&mut chunk) {
                 Ok(0) => self.input_ended = true,
-                Ok(count) => self.inbox.push(&chunk[..count]),
+                Ok(count) => {
+                    self.inbox.push(&chunk[..count]);
+                    if count < chunk.len() && !self.hung_up {
+                        // That was all; the poll tells of more.
+                        break;
+                    }
+                }
                 Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
                 Err(error) if error.kind() == io::ErrorKind::WouldBlock => break,
                 Err(_) => {

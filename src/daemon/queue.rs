@@ -212,14 +212,26 @@ impl<T> Sender<T> {
     /// # Errors
     /// The value itself.
     pub fn try_send(&self, value: T) -> Result<(), T> {
-        match self.channel.try_send(value) {
-            Ok(()) => {
-                // Cannot fail in a way that matters: a saturated counter is already readable.
-                let _ = self.wake.write(1);
-                Ok(())
+        self.try_put(value).inspect(|()| self.wake())
+    }
+
+    /// As [`Sender::try_send`] of a value that means nothing without one that follows: the other side is woken by that, or when
+    /// the queue is full.
+    ///
+    /// # Errors
+    /// The value itself.
+    pub fn try_put(&self, value: T) -> Result<(), T> {
+        self.channel.try_send(value).map_err(|error| {
+            self.wake();
+            match error {
+                TrySendError::Full(value) | TrySendError::Disconnected(value) => value,
             }
-            Err(TrySendError::Full(value) | TrySendError::Disconnected(value)) => Err(value),
-        }
+        })
+    }
+
+    fn wake(&self) {
+        // Cannot fail in a way that matters: a saturated counter is already readable.
+        let _ = self.wake.write(1);
     }
 }
 
@@ -267,6 +279,8 @@ pub const DEFAULT_TIMEOUT: Duration = Duration::from_secs(5);
 
 #[cfg(test)]
 mod tests {
+    use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
+
     use super::*;
 
     #[test]
@@ -281,6 +295,21 @@ mod tests {
         assert_eq!(receiver.try_receive(), None);
         drop(receiver);
         assert_eq!(sender.try_send(4), Err(4));
+    }
+
+    #[test]
+    fn what_is_only_put_in_wakes_nobody_unless_there_is_no_room() {
+        let (sender, receiver) = queue::<u8>(2).unwrap();
+        let woken = || {
+            let mut fds = [PollFd::new(receiver.descriptor(), PollFlags::POLLIN)];
+            poll(&mut fds, PollTimeout::ZERO).unwrap() == 1
+        };
+        assert_eq!((sender.try_put(1), woken()), (Ok(()), false));
+        assert_eq!((sender.try_put(2), woken()), (Ok(()), false));
+        assert_eq!((sender.try_put(3), woken()), (Err(3), true));
+        receiver.clear();
+        assert_eq!((receiver.try_receive(), receiver.try_receive()), (Some(1), Some(2)));
+        assert_eq!((sender.try_send(4), woken()), (Ok(()), true));
     }
 
     #[test]

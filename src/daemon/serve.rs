@@ -215,9 +215,10 @@ impl Service {
     pub(super) fn round(&mut self, ready: Ready, now: Instant) {
         if ready.events {
             self.backend.events.clear();
-            while let Some(event) = self.backend.events.try_receive() {
-                self.on_event(event, now);
-            }
+        }
+        // Woken or not: the lines of a reply come without a wake, and may have to be told before its end.
+        while let Some(event) = self.backend.events.try_receive() {
+            self.on_event(event, now);
         }
         self.serve_ready(ready.clients, now);
         if ready.listener {
