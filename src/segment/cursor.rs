@@ -22,7 +22,7 @@ impl Cursor {
         Self { region, generation, next: next.max(1), head: 0, lost: 0 }
     }
 
-    /// Copies the next sample; `false` when it is not published yet. Overrun by the writer, goes on half a
+    /// Copies the next sample; `false`, and an empty sample, when it is not published yet. Overrun by the writer, goes on half a
     /// ring behind it and counts what it lost.
     ///
     /// # Errors
