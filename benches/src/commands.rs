@@ -24,13 +24,21 @@ pub fn run(rounds: usize) {
     let mut table = Table::default();
     for round in 0..rounds {
         let start = Instant::now();
-        round_trips(&mut table, false);
-        round_trips(&mut table, true);
+        for (row, only_ascii, awake) in
+            [("4a", false, false), ("4aw", false, true), ("4ao", true, false), ("4aow", true, true)]
+        {
+            // At 9 kHz the board answers in less time than at the usual rate, so that what the daemon adds is seen the better.
+            let setup = Setup { servo_hz: 9000.0, awake, only_ascii, ..Setup::default() };
+            round_trips(&mut table, row, &setup);
+        }
         servo_beside_commands(&mut table);
         rotary(&mut table);
         println!("round {round}: {:.1} s", start.elapsed().as_secs_f64());
     }
-    println!("\n{}4aw: as 4a, with processors kept awake (cpu_latency_us = 0)", table.text());
+    println!("\n{}", table.text());
+    println!(
+        "4a: beside the servo mirror; 4ao: without it (functions = [\"ascii\"]); w: with processors kept awake (cpu_latency_us = 0)"
+    );
 }
 
 /// Pauses so spread that questions come at any moment of the board's cycle: asked one right after the other, they would all keep
@@ -45,21 +53,17 @@ impl Pauses {
 }
 
 /// The same question to the same board: directly on the DPRAM by the library, and through socket and daemon.
-///
-/// `awake`: both with processors that wake up at once, as `cpu_latency_us = 0` has it, where the machine allows that.
-fn round_trips(table: &mut Table, awake: bool) {
+fn round_trips(table: &mut Table, row: &'static str, setup: &Setup) {
     const QUESTIONS: usize = 1500;
-    // At 9 kHz the board answers in less time than at the usual rate, so that what the daemon adds is seen the better.
-    let setup = Setup { servo_hz: 9000.0, awake, ..Setup::default() };
-    let mut rig = Rig::simulator_alone(&setup);
-    let request = awake.then(machine::keep_awake);
+    let mut rig = Rig::simulator_alone(setup);
+    let request = setup.awake.then(machine::keep_awake);
     if matches!(request, Some(None)) {
-        return println!("4a, awake: not measured, only root may keep processors awake");
+        return println!("{row}: not measured, only root may keep processors awake");
     }
     let direct = direct(&rig, QUESTIONS);
     // From here on the daemon's own holds.
     drop(request);
-    rig.start_daemon(&setup);
+    rig.start_daemon(setup);
     // Not while the daemon still asks the board who it is, which takes the port for some ms at a time.
     std::thread::sleep(Duration::from_millis(2500));
     let mut connection = rig.connection();
@@ -86,7 +90,6 @@ fn round_trips(table: &mut Table, awake: bool) {
         ("- p99", Bar::None, us(through.p99, direct.p99)),
         ("- the daemon's share of the median / 50 us", Bar::AtMost(1.0), [share, 50.0]),
     ];
-    let row = if awake { "4aw" } else { "4a" };
     for (what, bar, figures) in rows {
         table.add(row, what, "us", bar, figures);
     }

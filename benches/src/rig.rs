@@ -31,11 +31,13 @@ pub struct Setup {
     pub reading: &'static str,
     /// Whether the daemon keeps the processors awake (`cpu_latency_us = 0`), which takes root.
     pub awake: bool,
+    /// Whether the daemon serves command lines and nothing else.
+    pub only_ascii: bool,
 }
 
 impl Default for Setup {
     fn default() -> Self {
-        Self { servo_hz: 2258.8, motors: 8, reading: "optimistic", awake: false }
+        Self { servo_hz: 2258.8, motors: 8, reading: "optimistic", awake: false, only_ascii: false }
     }
 }
 
@@ -82,8 +84,13 @@ impl Rig {
     pub fn spawn_daemon_of(&mut self, daemon: &str, setup: &Setup, environment: &[(&str, &Path)]) {
         let config = self.directory.path().join("pmacd.toml");
         let board = format!("file:{},irq=unix:{}", self.memory().display(), self.interrupt().display());
-        let latency = if setup.awake { "cpu_latency_us = 0\n" } else { "" };
-        let text = format!("board = \"{board}\"\nservo_reading = \"{}\"\n{latency}", setup.reading);
+        let mut text = format!("board = \"{board}\"\nservo_reading = \"{}\"\n", setup.reading);
+        if setup.awake {
+            text += "cpu_latency_us = 0\n";
+        }
+        if setup.only_ascii {
+            text += "functions = [\"ascii\"]\n";
+        }
         std::fs::write(&config, text).expect("written");
         let daemon = Program::start(
             Command::new(program(daemon))
@@ -104,7 +111,10 @@ impl Rig {
         until("the daemon's data", || {
             board = board.take().or_else(|| Board::attach(&self.name).ok());
             let snapshot = board.as_mut().and_then(|board| board.snapshot().ok());
-            snapshot.is_some_and(|snapshot| snapshot.servo.is_some() && snapshot.identity.i59.is_some())
+            let has_servo = |servo: bool| servo || setup.only_ascii;
+            snapshot.is_some_and(|snapshot| {
+                has_servo(snapshot.servo.is_some()) && snapshot.identity.i59.is_some()
+            })
         });
     }
 
