@@ -43,9 +43,13 @@ impl ReadMap {
     /// defect of this library, not of a segment.
     #[inline(always)]
     fn run(&self, index: usize, count: usize) -> *mut u64 {
-        if index > self.words || count > self.words - index {
-            outside(index, self.words);
-        }
+        // Values of their own for the message: what it borrows would be stored for it on every access.
+        assert!(
+            index <= self.words && count <= self.words - index,
+            "word {} lies outside a segment of {} words",
+            { index },
+            { self.words }
+        );
         // SAFETY: index + count <= words, and the mapping is at least words * 8 bytes long.
         unsafe { self.map.as_mut_ptr().cast::<u64>().add(index) }
     }
@@ -88,12 +92,6 @@ impl ReadMap {
         let woken = unsafe { libc::syscall(libc::SYS_futex, word, libc::FUTEX_WAKE, i32::MAX) };
         u64::try_from(woken).unwrap_or(0)
     }
-}
-
-/// By value: what a message only borrows would be stored for it on every access.
-#[cold]
-fn outside(index: usize, words: usize) -> ! {
-    panic!("word {index} lies outside a segment of {words} words");
 }
 
 fn low_half(word: *mut u64) -> *mut u32 {
