@@ -224,7 +224,7 @@ fn cpu_latency(latency_us: u32, inherited: &Inherited) -> Option<CpuLatency> {
         }
         Err(error) => {
             warn!(
-                "cpu_latency_us = {latency_us} is not held: {NODE}: {error}; start as root, or see the drop-in cpu-latency.conf"
+                "cpu_latency_us = {latency_us} is not held: {NODE}: {error}; start as root, or see the drop-in wake-up.conf"
             );
             None
         }

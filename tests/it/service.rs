@@ -292,7 +292,7 @@ fn systemd_finds_nothing_to_say_about_the_units() {
         // Debian 12's systemd does not know the setting that its successors have.
         let said: Vec<&str> = said.lines().filter(|line| !line.contains("Unknown key 'OpenFile'")).collect();
         assert!(said.is_empty(), "{name}: {said:?}");
-        let takes_open_file = ["dev-mem-openfile.conf", "cpu-latency.conf"].contains(&name);
+        let takes_open_file = ["dev-mem-openfile.conf", "wake-up.conf"].contains(&name);
         assert!(output.status.success() || takes_open_file, "{name}");
     }
 }
@@ -311,7 +311,7 @@ fn the_units_expose_no_more_than_they_promise() {
         ("dev-mem-openfile.conf", 10),
         ("pci.conf", 10),
         ("real-time.conf", 10),
-        ("cpu-latency.conf", 10),
+        ("wake-up.conf", 10),
     ] {
         let tree = installed();
         if !name.is_empty() {

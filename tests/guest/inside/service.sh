@@ -24,6 +24,8 @@ expect 'its user' "$(id -u pmacd)" "$(status Uid)"
 expect 'its capabilities' '0000000000000000 0000000000000000 0000000000000000' "$(status CapEff) $(status CapPrm) $(status CapBnd)"
 expect 'its system calls are filtered' 2 "$(status Seccomp)"
 expect 'no new privileges' 1 "$(status NoNewPrivs)"
+locked=$(status VmLck)
+[ "${locked:-0}" -gt 4096 ] && ok "its memory is locked: $locked KiB" || fail "its memory is not locked: ${locked:-0} KiB"
 expect 'its devices' '/dev/null /dev/uio0' "$(readlink "/proc/$(process)/fd/"* | grep '^/dev/[^s]' | sort -u | xargs)"
 ok "exposure $(systemd-analyze security --no-pager "$unit" 2>&1 | sed -n 's/.*exposure level.*: \([0-9.]* [A-Z]*\).*/\1/p')"
 expect 'links and files in /dev/shm are protected' 2 "$(cat /proc/sys/fs/protected_regular)"
@@ -86,12 +88,20 @@ chmod 640 /dev/mem
 unit=pmacd@window.service
 mkdir -p "/etc/systemd/system/$unit.d"
 cp /usr/share/pmacd/dropins/dev-mem.conf "/etc/systemd/system/$unit.d/"
+# Besides, processors that wake up in time, by the node's group, because this systemd cannot hand it over.
+cp /usr/share/pmacd/dropins/wake-up.conf "/etc/systemd/system/$unit.d/"
+echo 'cpu_latency_us = 20' >>/etc/pmacd/window.toml
+chgrp pmac /dev/cpu_dma_latency && chmod 660 /dev/cpu_dma_latency
+latency() { od -An -td4 -N4 /dev/cpu_dma_latency | tr -d ' '; }
+expect 'nobody asks for processors that wake up in time' 2000000000 "$(latency)"
 systemctl daemon-reload
 systemctl start "$unit"
 wait_for 20 pmacctl --name window motors && ok 'by /dev/mem with the drop-in' || trouble 'nothing by /dev/mem with the drop-in'
 expect 'its user' "$(id -u pmacd)" "$(status Uid)"
 expect 'its capabilities, dropped once the window is mapped' '0000000000000000 0000000000000000' "$(status CapEff) $(status CapPrm)"
+expect 'the daemon does' 20 "$(latency)"
 systemctl stop "$unit"
+expect 'as long as it runs' 2000000000 "$(latency)"
 say "value interrupts $(interrupts)"
 expect 'units that failed' '' "$(systemctl --failed --no-legend --plain | grep pmac)"
 echo '@@ end'
