@@ -204,7 +204,7 @@ impl Settings {
         let socket = options.socket.clone().or(file.socket);
         let roles = file.roles.unwrap_or_default();
         let family = file.family.unwrap_or_default();
-        something_to_do(&file.functions, &file.servo, &file.background)?;
+        something_to_do(&file.functions, &file.servo)?;
         let mailbox = file.mailbox.map(MailboxTable::decide).transpose()?;
         if !file.functions.has(Function::Ascii) {
             if mailbox.as_ref().is_some_and(|mailbox| mailbox.when != Use::Never) {
@@ -358,10 +358,6 @@ mod tests {
                 "FILE:2:13: functions = [] leaves the daemon nothing to do",
             ),
             ("board = \"sim\"\n[servo]\nmotors = []\n", "FILE:3:10: [servo] motors = [] leaves nothing"),
-            (
-                "board = \"sim\"\n[background]\nmotors = []\n",
-                "FILE:3:10: [background] motors = [] leaves nothing of the background report",
-            ),
             ("board = \"sim\"\n[servo]\nfields = []\n", "FILE:3:10: [servo] fields = [] leaves nothing"),
             (
                 "board = \"sim\"\nfunctions = [\"servo\"]\n[mailbox]\nregisters = \"file:m\"\ntaken = \"unix:t\"\nreply = \"unix:r\"\n",

@@ -2,7 +2,7 @@
 
 use super::policy::group_id;
 use super::settings_place::Refusal;
-use crate::protocol::{BackgroundSettings, Function, Functions, ServoSettings};
+use crate::protocol::{Function, Functions, ServoSettings};
 
 /// An octal file mode.
 fn mode(key: &str, text: &str) -> Result<u32, Refusal> {
@@ -66,31 +66,24 @@ pub(super) fn groups(named: impl IntoIterator<Item = (String, String)>) -> Resul
     Ok(())
 }
 
-/// A daemon that would do nothing, or a function that would.
-pub(super) fn something_to_do(
-    functions: &Functions,
-    servo: &ServoSettings,
-    background: &BackgroundSettings,
-) -> Result<(), Refusal> {
+/// A daemon that would do nothing.
+pub(super) fn something_to_do(functions: &Functions, servo: &ServoSettings) -> Result<(), Refusal> {
     if !Function::ALL.into_iter().any(|function| functions.has(function)) {
         let text =
             "functions = [] leaves the daemon nothing to do; name some, or leave the key out for all of them";
         return Err(Refusal::of("functions", text));
     }
-    let reports = [
-        (Function::Servo, "motors", servo.motors.is_empty()),
-        (Function::Servo, "fields", servo.fields.is_empty()),
-        (Function::Background, "motors", background.motors.is_empty()),
-        (Function::Background, "fields", background.fields.is_empty()),
-    ];
-    match reports.into_iter().find(|(function, _, is_empty)| *is_empty && functions.has(*function)) {
-        Some((function, key, _)) => {
-            let name = function.name();
-            let text = format!(
-                "[{name}] {key} = [] leaves nothing of the {name} report; name some, or leave \"{name}\" out of functions"
-            );
-            Err(Refusal::of(format!("{name}.{key}"), text))
-        }
+    if !functions.has(Function::Servo) {
+        return Ok(());
+    }
+    let empty = [("motors", servo.motors.is_empty()), ("fields", servo.fields.is_empty())];
+    match empty.into_iter().find(|(_, empty)| *empty) {
+        Some((key, _)) => Err(Refusal::of(
+            format!("servo.{key}"),
+            format!(
+                "[servo] {key} = [] leaves nothing of the servo report; name some, or leave \"servo\" out of functions"
+            ),
+        )),
         None => Ok(()),
     }
 }
