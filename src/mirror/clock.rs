@@ -31,9 +31,11 @@ const LONG_SILENCE: Ns = 1_000 * MILLISECOND;
 const AIM: f64 = 1.0 / 8.0;
 /// From the first look in vain to the next while an update is due: a sixteenth of a period, but no less and no more than this.
 const LOOK_AGAIN: std::ops::RangeInclusive<Ns> = 10 * MICROSECOND..=30 * MICROSECOND;
-/// An update that is later than this part of a period moves the phase as if it were just so late, as far as it is not one of so many
-/// in a row: the board, or a machine that simulates it, was held up. Earlier the phase moves but by nudges, so that what
-/// is late now and then would hold it late for good.
+/// An update that came after so many looks in vain while it was due, and later than this part of a period, moves the phase as if it
+/// were just so late, as far as it is not one of so many in a row: the board, or a machine that simulates it, was held up. Earlier the
+/// phase moves but by nudges, so that what is late now and then would hold it late for good. (One look in vain is nothing
+/// unusual: the aim is to come just in time.)
+const LATE_LOOKS: u8 = 2;
 const LATE: f64 = 1.0 / 16.0;
 const LATE_IN_A_ROW: u8 = 3;
 /// How often to look at least, whatever the prediction says: so a period that became much shorter is noticed. One
@@ -53,8 +55,10 @@ pub struct UpdateClock {
     last_update_ns: Option<Ns>,
     /// So many updates in a row came less than half a period after the one before.
     hurried: u8,
-    /// So many updates in a row came more than [`LATE`].
+    /// So many updates in a row came much too late.
     late: u8,
+    /// Looks in vain since the next update was due.
+    late_looks: u8,
     /// The last look that found nothing since the last update.
     last_early_ns: Option<Ns>,
     due_ns: Ns,
@@ -91,6 +95,9 @@ impl UpdateClock {
     /// A look at `now` found nothing new.
     pub fn looked_in_vain(&mut self, now: Ns) {
         self.last_early_ns = Some(now);
+        if self.predicted_ns.is_some_and(|predicted| now as f64 >= predicted) {
+            self.late_looks = self.late_looks.saturating_add(1);
+        }
         let silent = self.last_update_ns.map_or(Ns::MAX, |last| now.saturating_sub(last));
         if silent > SILENCE.max((LOCK_PERIODS * self.period_ns) as Ns) {
             self.predicted_ns = None;
@@ -142,8 +149,9 @@ impl UpdateClock {
                     None => -(NUDGE * self.period_ns).min(NUDGE_NS),
                 };
                 let much = LATE * self.period_ns;
-                self.late = if error > much { self.late.saturating_add(1) } else { 0 };
-                let most = if self.late < LATE_IN_A_ROW { much } else { self.period_ns };
+                let is_late = error > much && self.late_looks >= LATE_LOOKS;
+                self.late = if is_late { self.late.saturating_add(1) } else { 0 };
+                let most = if (1..LATE_IN_A_ROW).contains(&self.late) { much } else { self.period_ns };
                 let error = error.clamp(-self.period_ns, most);
                 // Looks come late by a bounded time, so the spacing of updates is right in the long run, whatever
                 // the phase; a period learnt from the phase error could settle on a wrong one.
@@ -168,6 +176,7 @@ impl UpdateClock {
         }
         self.last_update_ns = Some(now);
         self.last_early_ns = None;
+        self.late_looks = 0;
         self.due_ns = match self.predicted_ns {
             Some(predicted) => (predicted as Ns).clamp(now, now + self.longest_wait()),
             None => now + IDLE_LOOK,

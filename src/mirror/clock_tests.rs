@@ -219,7 +219,9 @@ fn a_machine_that_stands_still_at_times_costs_only_what_it_slept_through() {
 
 #[test]
 fn updates_that_are_late_now_and_then_do_not_make_the_looks_late() {
-    for period in [442_708.4, 2_000_000.0] {
+    for (period, at_most) in
+        [(111_111.1, [25_000, 45_000]), (442_708.4, [25_000, 55_000]), (2e6, [30_000, 60_000])]
+    {
         let mut clock = UpdateClock::default();
         clock.expect_period(period as Ns);
         let (mut held_up, mut by) = (random(), random());
@@ -233,8 +235,8 @@ fn updates_that_are_late_now_and_then_do_not_make_the_looks_late() {
         let mut random = random();
         let mut delays = watch(&mut clock, &updates, |_| 5_000 + random(10_000)).delays;
         delays.sort_unstable();
-        let median = delays[delays.len() / 2];
-        assert!(median < 30_000, "{median} ns in the median at {period} ns");
+        let found = [delays[delays.len() / 2], delays[delays.len() * 9 / 10]];
+        assert!(found[0] < at_most[0] && found[1] < at_most[1], "{found:?} ns late at {period} ns");
     }
 }
 
