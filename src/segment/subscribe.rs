@@ -301,12 +301,13 @@ impl Subscriber {
         if let Some(inlet) = &self.inlets[region as usize]
             && let Some(slot) = sample.has_room(inlet.lines)
         {
-            if let Latest::Whole { sequence, .. } = inlet.ring.latest_at_once(&self.map, slot)
-                && sample.accept(sequence, 0, inlet.payload_bytes)
-            {
-                return Ok(Some(sequence));
+            match inlet.ring.latest_at_once(&self.map, slot) {
+                Latest::Whole { sequence, .. } if sample.accept(sequence, 0, inlet.payload_bytes) => {
+                    return Ok(Some(sequence));
+                }
+                Latest::Overrun => attempts = 1,
+                Latest::Whole { .. } | Latest::Empty => {}
             }
-            attempts = 1;
         }
         self.latest_after(attempts, region, sample)
     }
@@ -320,7 +321,7 @@ impl Subscriber {
         sample: &mut Sample,
     ) -> Result<Option<u64>, SegmentError> {
         let inlet = self.region_of(region)?;
-        match inlet.ring.latest(&self.map, sample.room(inlet.lines), ATTEMPTS) {
+        match inlet.ring.latest(&self.map, sample.room(inlet.lines), ATTEMPTS - attempts) {
             Latest::Whole { sequence, retries } => {
                 accept(inlet, sample, sequence, attempts + retries).map(|()| Some(sequence))
             }
