@@ -478,7 +478,10 @@ impl Board {
 
     fn catch_up(&mut self) {
         while let Some(event) = self.late.pop_front() {
-            if let Err(event) = self.events.try_send(event) {
+            // As the bus thread does.
+            let is_line = matches!(event, Event::Line(..));
+            let told = if is_line { self.events.try_put(event) } else { self.events.try_send(event) };
+            if let Err(event) = told {
                 self.late.push_front(event);
                 break;
             }

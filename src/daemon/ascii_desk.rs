@@ -21,6 +21,8 @@ use crate::segment::{Counter, Publisher, monotonic_ns};
 const LINES_MAX: usize = 256;
 /// Control characters that may wait for the board to take the one before.
 const CONTROLS_MAX: usize = 16;
+/// Lines of a reply that the socket's thread is told at once: a long listing must not fill its queue.
+const LINES_UNHEARD: u32 = 64;
 /// Responses taken in one pass, so that a chattering board cannot hold up the servo data.
 const STEPS_A_PASS: usize = 2;
 /// How often to look while the board owes something: first soon, then less often.
@@ -98,6 +100,8 @@ pub struct AsciiDesk {
     control_lost: Option<(Ticket, bool)>,
     /// Whether the board takes lines as program lines.
     pub(super) buffer: OpenBuffer,
+    /// Lines of a reply told since something else was.
+    lines_unheard: u32,
     /// An event the socket's queue had no room for. Until it is gone nothing more is taken from the board.
     outbox: Option<Event>,
     /// The identity, and when it is asked.
@@ -126,6 +130,7 @@ impl AsciiDesk {
             control_lies: None,
             control_lost: None,
             buffer: OpenBuffer::default(),
+            lines_unheard: 0,
             outbox: None,
             identifier,
             state: PortState::Unknown,
@@ -506,8 +511,11 @@ impl AsciiDesk {
 
     /// Puts an event into the socket's queue, or keeps it until there is room. A line of a reply is told with the reply's end.
     fn tell(&mut self, events: &Sender<Event>, event: Event) {
+        debug_assert!(self.outbox.is_none(), "what waits for room is told first");
         let is_line = matches!(event, Event::Line(..));
-        self.outbox = if is_line { events.try_put(event) } else { events.try_send(event) }.err();
+        self.lines_unheard = if is_line { self.lines_unheard + 1 } else { 0 };
+        let wakes = self.lines_unheard.is_multiple_of(LINES_UNHEARD);
+        self.outbox = if wakes { events.try_send(event) } else { events.try_put(event) }.err();
     }
 }
 

@@ -15,6 +15,8 @@ use pmac_dpram::daemon::queue::{
 use pmac_dpram::daemon::serve::{Backend, ServeOptions, Server, serve};
 use pmac_dpram::protocol::{BoardInfo, BoardSettings, Enabled, State};
 
+use crate::site::wait_until;
+
 /// A served socket in a directory of its own, with its bus thread.
 pub struct Bench {
     pub socket: PathBuf,
@@ -144,8 +146,13 @@ impl FakeBus {
         assert!(self.events.try_send(event).is_ok(), "the socket's thread does not empty its queue");
     }
 
+    /// As the bus thread does: a line wakes nobody, and a full queue is tried again.
     fn line(&self, ticket: Ticket, text: &str) {
-        self.say(Event::Line(ticket, Text::new(text.as_bytes()).unwrap()));
+        let mut left = Some(Event::Line(ticket, Text::new(text.as_bytes()).unwrap()));
+        wait_until("room in the queue", || {
+            left = left.take().and_then(|event| self.events.try_put(event).err());
+            left.is_none()
+        });
     }
 
     fn done(&self, ticket: Ticket, outcome: Outcome) {
@@ -163,6 +170,7 @@ impl FakeBus {
                 self.seen.lock().unwrap().push(line.clone());
                 match line.as_str() {
                     "SILENT" => {}
+                    "HALF" => self.line(ticket, "half"),
                     "I2" => {
                         self.line(
                             ticket,

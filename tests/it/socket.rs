@@ -199,6 +199,11 @@ fn a_silent_bus_thread_ends_in_a_time_out() {
         refused(board.send("SILENT", Duration::from_millis(50))),
         CallError::TimedOut { lines: Vec::new() }
     );
+    // What came of a reply without its end is told, though nothing woke anybody.
+    assert_eq!(
+        refused(board.send("HALF", Duration::from_millis(50))),
+        CallError::TimedOut { lines: vec!["half".to_owned()] }
+    );
     assert_eq!(board.send("still there", TIMEOUT).unwrap(), ["still there"]);
 }
 
