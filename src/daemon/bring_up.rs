@@ -219,7 +219,7 @@ fn run(settings: &Settings, options: &Options, log: &mut LogWriter) -> Result<()
 fn cpu_latency(latency_us: u32, inherited: &Inherited) -> Option<CpuLatency> {
     match CpuLatency::hold(latency_us, &System::here(), inherited) {
         Ok(held) => {
-            info!("the machine's processors are to wake up within {latency_us} us");
+            info!("the machine's processors are asked to wake up within {latency_us} us");
             Some(held)
         }
         Err(error) => {

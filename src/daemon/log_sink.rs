@@ -17,7 +17,7 @@ const PIECE_BYTES: usize = 240;
 /// How long the end of the program waits for the lines that are left.
 const LAST_WORDS: Duration = Duration::from_millis(500);
 /// What is logged within this time of a line is written with the next: whoever logs much wakes the thread that writes seldom, not
-/// once a line.
+/// once a line. So much is what a log lacks at most of a daemon that was killed.
 const TOGETHER: Duration = Duration::from_millis(5);
 /// How often it looks for room meanwhile.
 const LOOK: Duration = Duration::from_millis(2);

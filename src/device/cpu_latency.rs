@@ -3,7 +3,8 @@
 //! A driver that sleeps until just after each servo update is as late as the processor is slow to leave its idle state: a
 //! microsecond for the shallowest, more than a hundred for the deepest, some ten where a hypervisor has to be asked. The
 //! request keeps all processors of the machine in states that are left within the time asked for (Linux, "PM Quality Of Service
-//! Interface"), at the price of power; it ends with the process that holds it, however that ends.
+//! Interface"), at the price of power; it ends with the process that holds it, however that ends. Where the kernel has no idle driver, as in
+//! many virtual machines, it changes nothing.
 
 use std::fs::{File, OpenOptions};
 use std::io::{self, Write};
@@ -23,7 +24,7 @@ pub struct CpuLatency {
 }
 
 impl CpuLatency {
-    /// Asks for processors that wake within `latency_us` microseconds, 0 for those that do not even begin to sleep: by the
+    /// Asks for processors that wake within `latency_us` microseconds, 0 for those that poll instead of sleeping, where the kernel can: by the
     /// descriptor that was handed over, else by the machine's node.
     ///
     /// # Errors

@@ -1,7 +1,7 @@
 //! Descriptors handed over by the service manager: `LISTEN_PID`, `LISTEN_FDS`, `LISTEN_FDNAMES` (sd_listen_fds(3)).
 //!
 //! With `OpenFile=/dev/mem:mem` systemd opens the node, and the daemon needs no privilege at all. A descriptor named
-//! `mem` or `uio` is used instead of opening the node of that kind.
+//! `mem`, `uio` or `cpu_latency` is used instead of opening the node of that kind.
 
 use std::fs::File;
 use std::os::fd::{OwnedFd, RawFd};
