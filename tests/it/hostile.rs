@@ -39,7 +39,7 @@ fn crowd() -> usize {
 }
 
 /// Connections that one attacker floods.
-fn flooders() -> usize {
+pub fn flooders() -> usize {
     setting("PMAC_HOSTILE_FLOODERS", 40) as usize
 }
 
