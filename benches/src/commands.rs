@@ -1,5 +1,7 @@
 //! `commands`: what the daemon adds to a command's round trip, what commands do to the servo mirror, and how fast rotary programs go in.
 
+use std::io::{Read, Write};
+use std::os::unix::net::UnixStream;
 use std::time::{Duration, Instant};
 
 use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
@@ -17,6 +19,9 @@ use crate::{daemon, machine};
 
 const LINE: &str = "I122";
 const ANSWER: &str = "32";
+/// Bytes of that question and of its answer on the socket.
+const CALL_BYTES: usize = 98;
+const REPLY_BYTES: usize = 32;
 
 /// All three, `rounds` times in turn.
 pub fn run(rounds: usize) {
@@ -31,6 +36,7 @@ pub fn run(rounds: usize) {
             let setup = Setup { servo_hz: 9000.0, awake, only_ascii, ..Setup::default() };
             round_trips(&mut table, row, &setup);
         }
+        echo(&mut table);
         servo_beside_commands(&mut table);
         rotary(&mut table);
         println!("round {round}: {:.1} s", start.elapsed().as_secs_f64());
@@ -133,6 +139,33 @@ fn direct(rig: &Rig, questions: usize) -> Figures {
     });
     let series: Series = asked.collect();
     series.figures()
+}
+
+/// The floor: such a line to another process by a socket, and such a reply back, with nothing between.
+fn echo(table: &mut Table) {
+    const QUESTIONS: usize = 1500;
+    let (mut own, mut other) = UnixStream::pair().expect("sockets");
+    let child = Child::run(|| {
+        let mut line = [0; 128];
+        while other.read_exact(&mut line[..CALL_BYTES]).is_ok() && line[0] != 0 {
+            other.write_all(&line[..REPLY_BYTES]).expect("sent");
+        }
+    });
+    let (mut pauses, mut reply) = (Pauses(1), [0; REPLY_BYTES]);
+    let times: Series = (0..QUESTIONS)
+        .map(|_| {
+            pauses.pause();
+            let start = Instant::now();
+            own.write_all(&[1; CALL_BYTES]).expect("sent");
+            own.read_exact(&mut reply).expect("an answer");
+            crate::clock::ticks(start.elapsed().as_nanos() as f64)
+        })
+        .collect();
+    own.write_all(&[0; CALL_BYTES]).expect("sent");
+    child.join();
+    let figures = times.figures();
+    let row = "a line to a process that does nothing but answer, median / p99";
+    table.add("4e", row, "us", Bar::None, [figures.median / 1e3, figures.p99 / 1e3]);
 }
 
 /// How late the daemon reads servo updates while four clients send as fast as they can, and while none does.
