@@ -16,9 +16,6 @@ const PIECES: usize = 1024;
 const PIECE_BYTES: usize = 240;
 /// How long the end of the program waits for the lines that are left.
 const LAST_WORDS: Duration = Duration::from_millis(500);
-/// What is logged within this time of a line is written with the next: whoever logs much wakes the thread that writes seldom, not
-/// once a line. So much is what a log lacks at most of a daemon that was killed.
-const TOGETHER: Duration = Duration::from_millis(5);
 /// How often it looks for room meanwhile.
 const LOOK: Duration = Duration::from_millis(2);
 
@@ -101,32 +98,27 @@ impl Write for LogSink {
 }
 
 fn write_all(queue: &Receiver<Entry>, dropped: &AtomicU64, mut target: impl Write, prefix: &str) {
+    // Nobody can be told that the log cannot be written.
     let mut in_line = false;
-    for first in queue {
-        for entry in std::iter::once(first).chain(queue.try_iter()) {
-            write_entry(entry, &mut in_line, dropped, &mut target, prefix);
-        }
-        std::thread::sleep(TOGETHER);
-    }
-}
-
-/// Nobody can be told that the log cannot be written.
-fn write_entry(entry: Entry, in_line: &mut bool, dropped: &AtomicU64, target: &mut impl Write, prefix: &str) {
-    match entry {
-        Entry::Piece { bytes, length, begins } => {
-            if begins && *in_line {
-                // The rest of the line before found no room.
-                let _ = target.write_all(b"\n");
+    for entry in queue {
+        match entry {
+            Entry::Piece { bytes, length, begins } => {
+                if begins && in_line {
+                    // The rest of the line before found no room.
+                    let _ = target.write_all(b"\n");
+                }
+                in_line = !bytes[..length].ends_with(b"\n");
+                drop(target.write_all(&bytes[..length]));
             }
-            *in_line = !bytes[..length].ends_with(b"\n");
-            drop(target.write_all(&bytes[..length]));
+            Entry::Flushed(written) => drop(written.try_send(())),
         }
-        Entry::Flushed(written) => drop(written.try_send(())),
-    }
-    if !*in_line {
-        match dropped.swap(0, Ordering::Relaxed) {
-            0 => {}
-            lines => drop(writeln!(target, "{prefix}{lines} log lines were dropped: nobody read the log")),
+        if !in_line {
+            match dropped.swap(0, Ordering::Relaxed) {
+                0 => {}
+                lines => {
+                    drop(writeln!(target, "{prefix}{lines} log lines were dropped: nobody read the log"))
+                }
+            }
         }
     }
 }
