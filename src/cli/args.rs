@@ -71,9 +71,9 @@ pub enum Command {
     Read(Read),
     /// Write open words of the DPRAM, whole or some bits; with --engineer any
     Write(Write),
-    /// Jog, home, run, stop and override the feed rate through the control panel (I2=3)
+    /// Jog, home, run, stop and override the feed rate through the control panel (I2=3); needs the role operate
     Panel(Panel),
-    /// Send a command line, or a control character as '^K', and print the reply
+    /// Send a command line (role engineer), or a control character as '^K' (role operate), and print the reply
     Send(Send),
     /// Decode a raw image of the DPRAM from a file
     Decode(Decode),

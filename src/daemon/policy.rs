@@ -13,11 +13,12 @@ use nix::unistd::{Gid, Group, Uid, User, geteuid, getgrouplist};
 /// What a peer may do; each role includes those before it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Role {
-    /// Look: information, words of the DPRAM, unsolicited texts.
+    /// Look: information, words of the DPRAM, watched registers, texts that programs send.
     Observe,
-    /// Operate: control characters (abort, kill, feed hold).
+    /// Move the machine: the panel's keys (jog, home, start, step, stop, hold), feed rate override, every control character
+    /// (`^A` and `^K` stop, `^R` starts programs).
     Operate,
-    /// Everything: any command line.
+    /// Do everything: send any command line, write the DPRAM, gather, stream.
     Engineer,
 }
 
