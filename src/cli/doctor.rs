@@ -16,7 +16,7 @@ use crate::device::System;
 use crate::device::candidates::Candidate;
 use crate::device::probe::Probe;
 use crate::protocol::{BoardInfo, BoardSettings, CommandPort, CommandState, Function, HostPortInfo, State};
-use crate::segment::{Condition, DIRECTORY, Identity, RegionId, RegionState, monotonic_ns};
+use crate::segment::{Condition, DIRECTORY, Identity, RegionId, RegionState};
 
 /// Less room than this in /dev/shm is worth a warning: a segment takes a few MiB.
 const ROOM: u64 = 16 << 20;
@@ -169,7 +169,7 @@ fn segment(report: &mut Report, name: &str) -> Option<Board> {
     let path = subscriber.path().display();
     report.add(Level::Ok, "segment", format!("{path} is there, layout 1.{}", header.abi_minor));
     let pid = header.owner_pid;
-    let age_ms = monotonic_ns().saturating_sub(header.heartbeat_ns) / 1_000_000;
+    let age_ms = subscriber.now_ns().saturating_sub(header.heartbeat_ns) / 1_000_000;
     let limit_ms = header.heartbeat_limit_ns / 1_000_000;
     match subscriber.condition() {
         Condition::Dead | Condition::OwnerGone | Condition::Replaced => {

@@ -5,7 +5,7 @@ use serde_json::{Map, Value, json};
 use super::{Context, Failure, Verdict};
 use crate::client::identity::family_name;
 use crate::client::{Board, ClientError, Connection};
-use crate::segment::{Condition, Identity, RegionState, SegmentError, monotonic_ns};
+use crate::segment::{Condition, Identity, RegionState, SegmentError};
 
 pub fn run(context: &mut Context) -> Result<Verdict, Failure> {
     let mut board = match Board::attach(context.name.as_str()) {
@@ -52,7 +52,7 @@ fn document(context: &Context, board: &Board, identity: &Identity) -> Value {
     let header = subscriber.header();
     // Looked at once, so that all of the document agrees with it.
     let condition = subscriber.condition();
-    let now_ns = monotonic_ns();
+    let now_ns = subscriber.now_ns();
     let age_ms = |since_ns: u64| now_ns.saturating_sub(since_ns) as f64 / 1e6;
     // One that has gone is up no longer.
     let end_ns = if is_gone(condition) { header.heartbeat_ns } else { now_ns };

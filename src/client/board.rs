@@ -8,13 +8,12 @@ use std::time::{Duration, Instant};
 
 use super::command::{CommandError, Connection};
 use super::identity;
-use super::view::{Staleness, View, region_staleness, staleness};
+use super::view::{Staleness, View};
 use crate::decode::{BackgroundData, ServoData, TooShort, background_selected, servo_selected};
 use crate::format::Float48Layout;
 use crate::map::Selection;
 use crate::segment::{
     Condition, DIRECTORY, Identity, RegionId, Sample, SegmentError, SegmentName, Subscriber, WaitOutcome,
-    monotonic_ns,
 };
 
 /// How long a wait sleeps before it looks whether a new daemon has appeared.
@@ -177,7 +176,7 @@ impl Board {
             ),
             None => None,
         };
-        let stale = staleness(&self.subscriber, monotonic_ns());
+        let stale = self.staleness(self.subscriber.now_ns());
         Ok(Snapshot { identity, servo, background, stale })
     }
 
@@ -257,6 +256,11 @@ impl Board {
         }
     }
 
+    /// Why nothing in the segment is live at `now_ns`.
+    fn staleness(&self, now_ns: u64) -> Option<Staleness> {
+        Staleness::of_segment(self.subscriber.condition(), &self.subscriber.header(), now_ns)
+    }
+
     pub(super) fn view<T>(
         &self,
         region: RegionId,
@@ -265,17 +269,17 @@ impl Board {
         let region = self.subscriber.region(region)?;
         let data = decode(self.sample.words(), region.selection)?;
         // After the data were copied: what was live a moment ago and is not now is not shown as live.
-        let now_ns = monotonic_ns();
-        let stale = staleness(&self.subscriber, now_ns);
-        let stale = stale.or_else(|| region_staleness(&region, &self.sample, now_ns));
-        let time_ns = self.sample.stamp().time_ns;
+        let now_ns = self.subscriber.now_ns();
+        let stamp = self.sample.stamp();
+        let stale = self.staleness(now_ns).or_else(|| Staleness::of_sample(&region, &stamp, now_ns));
+        let time_ns = stamp.time_ns;
         let offset = self.subscriber.header().realtime_offset_ns;
         Ok(View {
             sequence: self.sample.sequence(),
             time_ns,
             realtime_ns: i64::try_from(time_ns).unwrap_or(i64::MAX).saturating_add(offset),
             age_ns: now_ns.saturating_sub(time_ns),
-            servo_timer: self.sample.stamp().servo_timer,
+            servo_timer: stamp.servo_timer,
             stale,
             data,
         })

@@ -42,8 +42,9 @@ use crate::device::{BoardSpec, Counted, CpuLatency, Inherited, System};
 use crate::function::background::BACKGROUND_WORDS;
 use crate::function::servo::SERVO_WORDS;
 use crate::map::classic;
-use crate::mirror::{BackgroundMirror, ServoMirror, gather, variable};
+use crate::mirror::{BackgroundMirror, ServoMirror, background, gather, servo, variable};
 use crate::protocol::{BoardInfo, Function, HostPortInfo};
+use crate::segment::freshness::limit_ns;
 use crate::segment::identity;
 use crate::segment::{CreateOptions, Identity, Publisher, RegionId, RegionSpec, monotonic_ns};
 use crate::usage::usage_with;
@@ -245,7 +246,7 @@ fn segment_options(settings: &Settings) -> Result<CreateOptions, Failure> {
         payload_bytes: 2 * SERVO_WORDS as u32,
         first_host_offset: classic::SERVO_HOST_STATUS.bytes(),
         period_hint_ns: 0,
-        stale_after_ns: 100_000_000,
+        stale_after_ns: servo::STALE_NS,
     };
     let background = RegionSpec {
         id: RegionId::Background,
@@ -253,7 +254,7 @@ fn segment_options(settings: &Settings) -> Result<CreateOptions, Failure> {
         payload_bytes: 2 * BACKGROUND_WORDS as u32,
         first_host_offset: classic::BACKGROUND_DATA_READY.bytes(),
         period_hint_ns: settings.background_period_ns,
-        stale_after_ns: 1_000_000_000.max(10 * settings.background_period_ns),
+        stale_after_ns: limit_ns(background::STALE_NS, settings.background_period_ns),
     };
     let board = RegionSpec {
         id: RegionId::Board,
@@ -261,7 +262,7 @@ fn segment_options(settings: &Settings) -> Result<CreateOptions, Failure> {
         payload_bytes: identity::BYTES as u32,
         first_host_offset: 0,
         period_hint_ns: 0,
-        stale_after_ns: u64::MAX,
+        stale_after_ns: 0,
     };
     let variable = RegionSpec {
         id: RegionId::Variable,
@@ -269,7 +270,7 @@ fn segment_options(settings: &Settings) -> Result<CreateOptions, Failure> {
         payload_bytes: 2 * variable::PAYLOAD_WORDS as u32,
         first_host_offset: 0,
         period_hint_ns: 0,
-        stale_after_ns: 1_000_000_000,
+        stale_after_ns: variable::STALE_NS,
     };
     let gather = RegionSpec {
         id: RegionId::Gather,

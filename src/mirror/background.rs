@@ -9,15 +9,15 @@ use crate::device::{Bus, BusError};
 use crate::function::background::{BackgroundLook, BackgroundReader};
 use crate::function::servo_timer::ServoTimer;
 use crate::map::Selection;
+use crate::segment::freshness::limit_ns;
 use crate::segment::{Counter, Publisher, RegionId, RegionState, Stamp, monotonic_ns};
 
 /// The servo timer's bits in the background buffer.
 const TIMER_BITS: u32 = 16;
 /// How soon to look (again) for a report that was asked for, and no later than after a quarter of a period.
 const AGAIN_NS: u64 = 2_000_000;
-/// Reports are stale after this time, or ten periods, without one.
-const STALE_NS: u64 = 1_000_000_000;
-const STALE_PERIODS: u64 = 10;
+/// Reports are stale after this time without one, or after ten periods ([`limit_ns`]).
+pub const STALE_NS: u64 = 1_000_000_000;
 
 /// Mirrors the background fixed data.
 pub struct BackgroundMirror {
@@ -54,7 +54,7 @@ impl BackgroundMirror {
         Self {
             reader: BackgroundReader::selecting(selection),
             timer: ServoTimer::new(TIMER_BITS),
-            freshness: Freshness::new(STALE_NS.max(STALE_PERIODS * period_ns)),
+            freshness: Freshness::new(limit_ns(STALE_NS, period_ns)),
             period_ns,
             due_ns: 0,
             last_look_ns: 0,

@@ -1,5 +1,7 @@
 //! Whether a region's data still come: one transition each way, so that each is said once.
 
+use crate::segment::freshness::is_old;
+
 /// What changed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Transition {
@@ -18,7 +20,7 @@ pub struct Freshness {
 }
 
 impl Freshness {
-    /// Not live yet; stale after `limit_ns` without data.
+    /// Not live yet; stale after `limit_ns` without data (0: never).
     #[must_use]
     pub fn new(limit_ns: u64) -> Self {
         Self { limit_ns, last_ns: 0, live: false }
@@ -54,7 +56,7 @@ impl Freshness {
 
     /// None came; it is `now_ns`.
     pub fn none_came(&mut self, now_ns: u64) -> Option<Transition> {
-        let over = self.live && now_ns.saturating_sub(self.last_ns) > self.limit_ns;
+        let over = self.live && is_old(self.last_ns, now_ns, self.limit_ns);
         if over {
             self.live = false;
         }

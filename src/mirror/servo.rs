@@ -10,15 +10,15 @@ use crate::device::{Bus, BusError};
 use crate::function::servo::{ServoLook, ServoReader, ServoReading};
 use crate::function::servo_timer::ServoTimer;
 use crate::map::Selection;
+use crate::segment::freshness::limit_ns;
 use crate::segment::{Counter, Publisher, RegionId, RegionState, Stamp, monotonic_ns};
 
 /// How often a torn copy is made again at once, before the next look.
 const COPIES: usize = 3;
 /// Stretches of Host-Busy remembered between two updates.
 const HOLDS: usize = 16;
-/// Servo data are stale after this time, or [`STALE_PERIODS`], without an update.
-const STALE_NS: u64 = 100_000_000;
-const STALE_PERIODS: u64 = 10;
+/// Servo data are stale after this time without an update, or after ten periods ([`limit_ns`]).
+pub const STALE_NS: u64 = 100_000_000;
 
 /// Mirrors the servo fixed data.
 pub struct ServoMirror {
@@ -222,7 +222,7 @@ impl ServoMirror {
         // A few per cent either way change nothing for anybody.
         if period.abs_diff(self.told_period_ns) > self.told_period_ns / 16 {
             self.told_period_ns = period;
-            self.freshness.set_limit(STALE_NS.max(period.saturating_mul(STALE_PERIODS)));
+            self.freshness.set_limit(limit_ns(STALE_NS, period));
             publisher.set_period(RegionId::Servo, period, self.freshness.limit_ns());
         }
     }

@@ -15,6 +15,7 @@
 
 use std::time::{Duration, Instant};
 
+use super::freshness::Freshness;
 use crate::device::{Bus, BusError};
 use crate::format::split32;
 use crate::function::servo_timer::ServoTimer;
@@ -36,8 +37,8 @@ const TIMER_BITS: u32 = 16;
 const LOOK: Duration = Duration::from_millis(2);
 /// How often to look at most while there is work to go on with.
 const GO_ON: Duration = Duration::from_micros(50);
-/// Without new values for this long the region is stale.
-const STALE: Duration = Duration::from_secs(1);
+/// Without new values for this long the region is stale, in ns.
+pub const STALE_NS: u64 = 1_000_000_000;
 
 /// Mirrors the variable-read buffer.
 pub struct VariableMirror {
@@ -47,8 +48,7 @@ pub struct VariableMirror {
     table: u32,
     payload: [u16; PAYLOAD_WORDS],
     next_look: Instant,
-    last_values: Option<Instant>,
-    is_live: bool,
+    freshness: Freshness,
 }
 
 impl VariableMirror {
@@ -62,8 +62,7 @@ impl VariableMirror {
             table: 0,
             payload: [0; PAYLOAD_WORDS],
             next_look: Instant::now(),
-            last_values: None,
-            is_live: false,
+            freshness: Freshness::new(STALE_NS),
         }
     }
 
@@ -81,8 +80,7 @@ impl VariableMirror {
         self.reader.begin(bus, entries, self.mode, now)?;
         self.table = self.table.wrapping_add(1);
         self.timer.forget();
-        self.last_values = None;
-        self.is_live = false;
+        self.freshness = Freshness::new(STALE_NS);
         self.next_look = now;
         publisher.set_region_state(RegionId::Variable, RegionState::Off);
         Ok(())
@@ -137,9 +135,7 @@ impl VariableMirror {
             }
             VariableLook::Off | VariableLook::Nothing => {
                 self.next_look = now + LOOK;
-                let silent = self.last_values.is_none_or(|last| now.duration_since(last) > STALE);
-                if self.is_live && silent {
-                    self.is_live = false;
+                if self.freshness.none_came(time_ns).is_some() {
                     publisher.set_region_state(RegionId::Variable, RegionState::Stale);
                 }
                 None
@@ -147,7 +143,6 @@ impl VariableMirror {
         };
         if let Some(timer) = timer {
             self.publish(publisher, timer, time_ns);
-            self.last_values = Some(now);
             self.next_look = now + LOOK;
         }
         Ok(())
@@ -171,8 +166,7 @@ impl VariableMirror {
             Stamp { time_ns, servo_timer, valid: true },
             &self.payload[..words],
         );
-        if !self.is_live {
-            self.is_live = true;
+        if self.freshness.came(time_ns).is_some() {
             publisher.set_region_state(RegionId::Variable, RegionState::Live);
         }
     }

@@ -18,6 +18,7 @@ pub(super) const MAX_HEADER: usize = 64 * 1024;
 #[derive(Debug)]
 pub(super) struct Geometry {
     pub(super) total_length: usize,
+    pub(super) clock: ClockKind,
     pub(super) counters: usize,
     pub(super) counter_count: usize,
     pub(super) regions: Vec<Region>,
@@ -71,6 +72,9 @@ impl Geometry {
         if length > MAX_TOTAL || !length.is_multiple_of(WORD as u64) {
             return malformed(format!("no segment is {length} bytes long"));
         }
+        let Some(clock) = ClockKind::from_number(word(AT_CLOCK_KIND)) else {
+            return malformed(format!("its times are of an unknown clock, kind {}", word(AT_CLOCK_KIND)));
+        };
         let header_length = word(AT_HEADER_LENGTH);
         if header_length > (header.len() * WORD) as u64 || header_length < AT_REGIONS as u64 {
             return malformed(format!("no header is {header_length} bytes long"));
@@ -104,6 +108,7 @@ impl Geometry {
         }
         Ok(Self {
             total_length: length as usize,
+            clock,
             counters: counters as usize,
             counter_count: counter_count as usize,
             regions,

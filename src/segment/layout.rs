@@ -24,15 +24,16 @@
 //! | 0x048 | `generation` | no | differs for every daemon start: CLOCK_REALTIME in ns at creation, and more than the predecessor's |
 //! | 0x050 | `owner_pid` | no | process id of the creator |
 //! | 0x058 | `owner_uid` | no | effective user id of the creator |
-//! | 0x060 | `clock_id` | no | the clock of every time stamp: 1, CLOCK_MONOTONIC |
-//! | 0x068 | `created_ns` | no | when the segment was made |
-//! | 0x070 | `heartbeat_limit_ns` | no | a heartbeat older than this means that the daemon is stopped or hangs |
+//! | 0x060 | `clock_kind` | no | the clock of every time: 1 CLOCK_MONOTONIC · 2 the segment's own, see "Clock" below. Refuse any other |
+//! | 0x068 | `created_ns` | no | when the segment was made; 0 by the segment's own clock |
+//! | 0x070 | `heartbeat_limit_ns` | no | a heartbeat older than this means that the daemon is stopped or hangs; 0: it never grows too old |
 //! | 0x078 | reserved | | |
 //! | 0x080 | `heartbeat_ns` | yes | when the daemon's bus thread last gave a sign of life (at least 10 a second) |
 //! | 0x088 | `beats` | yes | how many signs of life it gave |
-//! | 0x090 | `realtime_offset_ns` | yes | i64: CLOCK_REALTIME minus CLOCK_MONOTONIC, measured at a heartbeat |
+//! | 0x090 | `realtime_offset_ns` | yes | i64: CLOCK_REALTIME minus the segment's clock, measured at a heartbeat |
 //! | 0x098 | `realtime_taken_ns` | yes | when that was measured |
-//! | 0x0A0 | reserved | | 4 words |
+//! | 0x0A0 | `now_ns` | yes | what the segment's own clock shows (`clock_kind` 2), else 0 |
+//! | 0x0A8 | reserved | | 3 words |
 //! | 0x0C0 | `region_table` | no | offset of the region table |
 //! | 0x0C8 | `region_count` | no | number of its entries, at most [`MAX_REGIONS`] |
 //! | 0x0D0 | `region_stride` | no | bytes from entry to entry, at least 128 |
@@ -42,6 +43,12 @@
 //! | 0x100 | reserved | | 256 bytes |
 //! | 0x200 | counters | yes | room for 32 words, see [`Counter`] for the order; each is a count since the segment was made |
 //! | 0x300 | region table | | |
+//!
+//! # Clock
+//! All times in the segment are nanoseconds of one clock, and every age is the difference of two of its times. With `clock_kind` 1, now
+//! is CLOCK_MONOTONIC of this machine. With `clock_kind` 2, now is what `now_ns` holds (a relaxed load): the writer stores it at each
+//! heartbeat, and raises it to a sample's `time_ns` before it publishes the sample. A simulation or a replay runs by such a clock. It
+//! stands while its writer does, so that no heartbeat grows old by itself: only the owner's lock tells then that the writer is gone.
 //!
 //! `layout_hash` is the FNV-1a hash (64 bit, offset basis 0xCBF29CE484222325, prime 0x100000001B3) over the eight bytes, least significant
 //! first, of each of these words in turn: `abi_major`, `header_length`, `total_length`, `region_table`, `region_count`, `region_stride`,
@@ -76,7 +83,7 @@
 //! | offset in slot | field | meaning |
 //! |---|---|---|
 //! | 0x00 | `sequence` | `2n` when sample `n` is complete, `2n - 1` while it is written, 0 before the first |
-//! | 0x08 | `time_ns` | CLOCK_MONOTONIC of the first device read that went into the sample |
+//! | 0x08 | `time_ns` | when the first device read that went into the sample was made |
 //! | 0x10 | `servo_timer` | the board's servo timer, extended to 64 bit |
 //! | 0x18 | `flags` (low 32 bit), `length` (high 32 bit) | bit 0 of the flags: valid. Length of the payload in bytes |
 //! | 0x20 | payload | 16-bit words in the machine's byte order, ascending by host offset, as the board held them |
@@ -115,7 +122,7 @@
 //!
 //! # Old or fresh
 //! Data are fresh only if all of these hold; show nothing else as live:
-//! 1. `state` is 1 and `heartbeat_ns` is not older than `heartbeat_limit_ns`,
+//! 1. `state` is 1 and `heartbeat_ns` is not older than `heartbeat_limit_ns` (unless that is 0),
 //! 2. the region's `state` is 1, and the sample's `time_ns` is not older than `stale_after_ns` (unless that is 0),
 //! 3. bit 0 of the sample's flags is set.
 //!
@@ -160,8 +167,8 @@ pub const AT_GENERATION: usize = 0x048;
 pub const AT_OWNER_PID: usize = 0x050;
 /// Offset of `owner_uid`.
 pub const AT_OWNER_UID: usize = 0x058;
-/// Offset of `clock_id`.
-pub const AT_CLOCK_ID: usize = 0x060;
+/// Offset of `clock_kind`.
+pub const AT_CLOCK_KIND: usize = 0x060;
 /// Offset of `created_ns`.
 pub const AT_CREATED: usize = 0x068;
 /// Offset of `heartbeat_limit_ns`.
@@ -174,6 +181,8 @@ pub const AT_BEATS: usize = 0x088;
 pub const AT_REALTIME_OFFSET: usize = 0x090;
 /// Offset of `realtime_taken_ns`.
 pub const AT_REALTIME_TAKEN: usize = 0x098;
+/// Offset of `now_ns`.
+pub const AT_NOW: usize = 0x0A0;
 /// Offset of `region_table`.
 pub const AT_REGION_TABLE: usize = 0x0C0;
 /// Offset of `region_count`.
@@ -254,6 +263,29 @@ const _: () = {
     assert!(AT_COUNTERS.is_multiple_of(LINE) && AT_REGIONS.is_multiple_of(LINE));
     assert!(REGION_STRIDE.is_multiple_of(LINE));
 };
+
+/// The clock of every time in a segment.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[repr(u64)]
+pub enum ClockKind {
+    /// CLOCK_MONOTONIC of the machine.
+    #[default]
+    Monotonic = 1,
+    /// The segment's own: now is what its writer stored last, from 0 on. For simulations and replays.
+    Own = 2,
+}
+
+impl ClockKind {
+    /// The clock of that number; `None` for one that this version cannot read.
+    #[must_use]
+    pub fn from_number(number: u64) -> Option<Self> {
+        match number {
+            1 => Some(Self::Monotonic),
+            2 => Some(Self::Own),
+            _ => None,
+        }
+    }
+}
 
 /// State of the whole segment.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -11,6 +11,7 @@
 //! | [`name`] | what a segment may be called, and the lock on its name |
 //! | [`ring`] | the slot-ring protocol, over any memory (shared, or a model checker's) |
 //! | `memory` | the only unsafe code: mapping, words, futex |
+//! | [`freshness`] | the one rule for what may be shown as live |
 //! | [`publish`], [`subscribe`] | writer and reader |
 //! | `plan`, `header` | where to put things in a new segment; checking where a found one has put them |
 //! | `lock`, `sample`, `cursor` | ownership; one sample in private memory; following all of them |
@@ -27,6 +28,7 @@ use std::path::{Path, PathBuf};
 use nix::time::{ClockId, clock_gettime};
 
 mod cursor;
+pub mod freshness;
 mod header;
 pub mod identity;
 pub mod layout;
@@ -41,8 +43,9 @@ mod short_text;
 pub mod subscribe;
 
 pub use cursor::Cursor;
+pub use freshness::Staleness;
 pub use identity::Identity;
-pub use layout::{Counter, RegionId, RegionState, State};
+pub use layout::{ClockKind, Counter, RegionId, RegionState, State};
 pub use name::SegmentName;
 pub use plan::{CreateOptions, RegionSpec};
 pub use publish::{Counters, Publisher};
@@ -178,7 +181,7 @@ impl SegmentError {
     }
 }
 
-/// CLOCK_MONOTONIC in ns: the clock of every time stamp in a segment.
+/// CLOCK_MONOTONIC in ns: the clock of a segment, unless it has one of its own ([`ClockKind::Own`]).
 #[must_use]
 pub fn monotonic_ns() -> u64 {
     clock_ns(ClockId::CLOCK_MONOTONIC)

@@ -40,7 +40,9 @@ pub struct CreateOptions {
     pub group: Option<u32>,
     /// The directory to create it in.
     pub directory: PathBuf,
-    /// How long without [`super::Publisher::beat`] until readers take the owner for stopped, in ns.
+    /// The clock of every time in it.
+    pub clock: ClockKind,
+    /// How long without [`super::Publisher::beat`] until readers take the owner for stopped, in ns; 0: never.
     pub heartbeat_limit_ns: u64,
     /// Its regions.
     pub regions: Vec<RegionSpec>,
@@ -57,9 +59,20 @@ impl CreateOptions {
             mode: 0o644,
             group: None,
             directory: PathBuf::from(DIRECTORY),
+            clock: ClockKind::Monotonic,
             heartbeat_limit_ns: 300_000_000,
             regions,
             selections: Vec::new(),
+        }
+    }
+}
+
+impl ClockKind {
+    /// What the clock shows when the segment is made.
+    pub(super) fn start_ns(self) -> u64 {
+        match self {
+            Self::Monotonic => monotonic_ns(),
+            Self::Own => 0,
         }
     }
 }
@@ -123,8 +136,8 @@ impl Plan {
         put(AT_GENERATION, generation);
         put(AT_OWNER_PID, u64::from(std::process::id()));
         put(AT_OWNER_UID, u64::from(nix::unistd::geteuid().as_raw()));
-        put(AT_CLOCK_ID, libc::CLOCK_MONOTONIC as u64);
-        put(AT_CREATED, monotonic_ns());
+        put(AT_CLOCK_KIND, options.clock as u64);
+        put(AT_CREATED, options.clock.start_ns());
         put(AT_HEARTBEAT_LIMIT, options.heartbeat_limit_ns);
         put(AT_REGION_TABLE, AT_REGIONS as u64);
         put(AT_REGION_COUNT, self.regions.len() as u64);

@@ -31,6 +31,7 @@ pub struct Publisher {
     file: File,
     path: PathBuf,
     generation: u64,
+    clock: ClockKind,
     /// By region number.
     outlets: [Option<Outlet>; RegionId::ALL.len() + 1],
     /// Where a slot is put together; as long as the longest, so that publishing never allocates.
@@ -106,8 +107,17 @@ impl Publisher {
             });
         }
         let longest = plan.regions.iter().map(|(_, _, ring)| ring.body).max().unwrap_or(0);
-        let publisher = Self { map, file, path, generation, outlets, staging: vec![0; longest], _lock: lock };
-        publisher.beat(monotonic_ns());
+        let publisher = Self {
+            map,
+            file,
+            path,
+            generation,
+            clock: options.clock,
+            outlets,
+            staging: vec![0; longest],
+            _lock: lock,
+        };
+        publisher.beat(options.clock.start_ns());
         publisher.map.store_release(AT_MAGIC / WORD, MAGIC);
         Ok(publisher)
     }
@@ -178,6 +188,10 @@ impl Publisher {
         let body = &mut self.staging[..STAMP_WORDS + length.div_ceil(WORD)];
         body[..STAMP_WORDS].copy_from_slice(&stamp.words(length));
         fill(&mut body[STAMP_WORDS..]);
+        if self.clock == ClockKind::Own {
+            // Before the sample is there, so that nobody finds one from the future.
+            self.map.store(AT_NOW / WORD, stamp.time_ns.max(self.map.load(AT_NOW / WORD)));
+        }
         outlet.published += 1;
         outlet.ring.write(&self.map, outlet.published, body);
         outlet.published
@@ -211,11 +225,26 @@ impl Publisher {
         self.map.store_release(AT_STATE / WORD, state as u64);
     }
 
-    /// Gives a sign of life, at least ten times a second; `now_ns` is CLOCK_MONOTONIC. Measures the offset of CLOCK_REALTIME as well.
+    /// Says what time it is by the segment's own clock ([`ClockKind::Own`]); does nothing when the segment runs by CLOCK_MONOTONIC.
+    /// Every age that a reader computes from now on is counted to this time.
+    pub fn set_now(&self, now_ns: u64) {
+        if self.clock == ClockKind::Own {
+            self.map.store(AT_NOW / WORD, now_ns);
+        }
+    }
+
+    /// Gives a sign of life, at least ten times a second; `now_ns` is by the segment's clock, and is stored as
+    /// [`Publisher::set_now`] does. Measures the offset of CLOCK_REALTIME as well.
     pub fn beat(&self, now_ns: u64) {
-        let before = monotonic_ns();
-        let realtime = clock_ns(ClockId::CLOCK_REALTIME);
-        let taken = before + monotonic_ns().saturating_sub(before) / 2;
+        self.set_now(now_ns);
+        let (realtime, taken) = match self.clock {
+            ClockKind::Monotonic => {
+                let before = monotonic_ns();
+                let realtime = clock_ns(ClockId::CLOCK_REALTIME);
+                (realtime, before + monotonic_ns().saturating_sub(before) / 2)
+            }
+            ClockKind::Own => (clock_ns(ClockId::CLOCK_REALTIME), now_ns),
+        };
         self.map.store(AT_REALTIME_OFFSET / WORD, realtime.wrapping_sub(taken));
         self.map.store(AT_REALTIME_TAKEN / WORD, taken);
         self.map.store(AT_BEATS / WORD, self.map.load(AT_BEATS / WORD).wrapping_add(1));

@@ -6,7 +6,7 @@ use super::memory::{self, Lines};
 /// When and under what conditions a sample was taken.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Stamp {
-    /// CLOCK_MONOTONIC in ns of the first device read that went into the sample.
+    /// When the first device read that went into the sample was made, in ns of the segment's clock.
     pub time_ns: u64,
     /// The board's servo timer (15 bit at host offset 0x0026), extended to 64 bit; counts servo cycles.
     pub servo_timer: u64,

@@ -10,6 +10,7 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use super::cursor::Cursor;
+use super::freshness::{self, Staleness};
 use super::header::{self, Geometry, Refusal, Region};
 use super::layout::*;
 use super::lock;
@@ -104,6 +105,8 @@ pub struct HeaderInfo {
     pub abi_minor: u64,
     /// Size in bytes.
     pub total_length: usize,
+    /// The clock of every time in it.
+    pub clock: ClockKind,
     /// What the owner says; see [`Subscriber::condition`] for whether it can be believed.
     pub state: State,
     /// What tells this segment from its predecessors and successors.
@@ -112,17 +115,17 @@ pub struct HeaderInfo {
     pub owner_pid: u64,
     /// The owner's user.
     pub owner_uid: u64,
-    /// CLOCK_MONOTONIC of its making, in ns.
+    /// When it was made, in ns of its clock.
     pub created_ns: u64,
-    /// CLOCK_MONOTONIC of the last sign of life, in ns.
+    /// When the owner last gave a sign of life, in ns of the segment's clock.
     pub heartbeat_ns: u64,
-    /// A heartbeat older than this means that the owner is stopped or hangs, in ns.
+    /// A heartbeat older than this means that the owner is stopped or hangs, in ns; 0: never.
     pub heartbeat_limit_ns: u64,
     /// Number of signs of life.
     pub beats: u64,
-    /// CLOCK_REALTIME minus CLOCK_MONOTONIC, in ns.
+    /// CLOCK_REALTIME minus the segment's clock, in ns.
     pub realtime_offset_ns: i64,
-    /// CLOCK_MONOTONIC of its measurement, in ns.
+    /// When that was measured, in ns of the segment's clock.
     pub realtime_taken_ns: u64,
 }
 
@@ -188,7 +191,7 @@ impl Subscriber {
         if self.is_replaced() {
             return Condition::Replaced;
         }
-        match self.header_condition(monotonic_ns()) {
+        match self.header_condition(self.now_ns()) {
             Condition::Dead => Condition::Dead,
             _ if self.is_owner_gone() => Condition::OwnerGone,
             other => other,
@@ -199,7 +202,7 @@ impl Subscriber {
     #[must_use]
     pub fn header_condition(&self, now_ns: u64) -> Condition {
         let header = self.header();
-        let overdue = now_ns.saturating_sub(header.heartbeat_ns) > header.heartbeat_limit_ns;
+        let overdue = freshness::is_old(header.heartbeat_ns, now_ns, header.heartbeat_limit_ns);
         match header.state {
             State::Dead => Condition::Dead,
             _ if overdue => Condition::Stale,
@@ -209,16 +212,22 @@ impl Subscriber {
         }
     }
 
-    /// Whether a sample of that region and stamp may be shown as live at `now_ns` (CLOCK_MONOTONIC), by the rules of the layout
-    /// page. Does not ask the kernel whether the owner lives; its heartbeat tells within a moment.
+    /// Whether a sample of that region and stamp may be shown as live at `now_ns` (by the segment's clock), by the rules of
+    /// [`super::freshness`]. Does not ask the kernel whether the owner lives; its heartbeat tells within a moment.
     #[must_use]
     pub fn is_fresh(&self, region: RegionId, stamp: &Stamp, now_ns: u64) -> bool {
-        let Ok(region) = self.region_of(region) else { return false };
-        let stale_after_ns = self.in_entry(region, REGION_STALE_AFTER);
-        stamp.valid
-            && self.header_condition(now_ns) == Condition::Live
-            && RegionState::from_number(self.in_entry(region, REGION_STATE)) == RegionState::Live
-            && (stale_after_ns == 0 || now_ns.saturating_sub(stamp.time_ns) <= stale_after_ns)
+        let Ok(region) = self.region(region) else { return false };
+        Staleness::of_segment(self.header_condition(now_ns), &self.header(), now_ns).is_none()
+            && Staleness::of_sample(&region, stamp, now_ns).is_none()
+    }
+
+    /// What time it is by the segment's clock, in ns: the one that all its times and ages are counted by.
+    #[must_use]
+    pub fn now_ns(&self) -> u64 {
+        match self.geometry.clock {
+            ClockKind::Monotonic => monotonic_ns(),
+            ClockKind::Own => self.map.load(AT_NOW / WORD),
+        }
     }
 
     /// What tells this segment from its predecessors and successors.
@@ -240,6 +249,7 @@ impl Subscriber {
         HeaderInfo {
             abi_minor: word(AT_ABI_MINOR),
             total_length: self.geometry.total_length,
+            clock: self.geometry.clock,
             state: State::from_number(word(AT_STATE)),
             generation: self.generation,
             owner_pid: word(AT_OWNER_PID),
@@ -358,7 +368,7 @@ impl Subscriber {
     }
 
     /// Sleeps until the region has a sample newer than `sequence` (0: any), at most `timeout`. Notices within a moment
-    /// when the owner stops, is killed or is replaced.
+    /// when the owner stops, is killed or is replaced. The time-out is real time, whatever clock the segment has.
     ///
     /// # Errors
     /// [`SegmentError::NoSuchRegion`].

@@ -3,7 +3,7 @@
 use std::time::{Duration, Instant};
 
 use pmac_dpram::client::{Board, ClientError, Staleness};
-use pmac_dpram::segment::{SegmentError, State};
+use pmac_dpram::segment::{RegionId, SegmentError, Stamp, State, monotonic_ns};
 
 use crate::bench::Bench;
 use crate::rig::Rig;
@@ -105,6 +105,25 @@ fn a_board_that_fell_silent_is_not_shown_as_live() {
     assert_eq!(snapshot.stale, Some(Staleness::BoardSilent));
     assert_eq!(snapshot.servo.unwrap().stale, Some(Staleness::BoardSilent));
     assert_eq!(snapshot.background.unwrap().stale, Some(Staleness::BoardSilent));
+}
+
+/// One rule: the client says what [`Subscriber::is_fresh`] says, also of a region with a period and no limit.
+#[test]
+fn a_region_without_a_limit_never_grows_old_whatever_its_period() {
+    let directory = tempfile::tempdir().unwrap();
+    let mut rig = Rig::at(directory.path(), "pmac0").live();
+    let mut board = Board::attach_in(directory.path(), "pmac0").unwrap();
+    rig.publisher.set_period(RegionId::Servo, 1, 0);
+    let second_ago = Stamp { time_ns: monotonic_ns() - 1_000_000_000, servo_timer: 0, valid: true };
+    rig.publisher.publish(RegionId::Servo, second_ago, &rig.servo);
+    let servo = board.snapshot().unwrap().servo.unwrap();
+    assert!(servo.age_ns >= 1_000_000_000);
+    assert_eq!(servo.stale, None);
+    assert!(board.subscriber().is_fresh(RegionId::Servo, &second_ago, board.subscriber().now_ns()));
+    rig.publisher.set_period(RegionId::Servo, 1, 1);
+    let servo = board.snapshot().unwrap().servo.unwrap();
+    assert!(matches!(servo.stale, Some(Staleness::NoUpdates { .. })));
+    assert!(!board.subscriber().is_fresh(RegionId::Servo, &second_ago, board.subscriber().now_ns()));
 }
 
 #[test]

@@ -7,8 +7,8 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use pmac_dpram::segment::{
-    Condition, Counter, CreateOptions, Identity, Publisher, Read, RegionId, RegionSpec, RegionState, Sample,
-    SegmentName, Stamp, State, Subscriber, WaitOutcome, identity, layout, monotonic_ns,
+    ClockKind, Condition, Counter, CreateOptions, Identity, Publisher, Read, RegionId, RegionSpec,
+    RegionState, Sample, SegmentName, Stamp, State, Subscriber, WaitOutcome, identity, layout, monotonic_ns,
 };
 
 /// Long enough for any machine; reached only when a test fails.
@@ -221,6 +221,56 @@ fn only_what_is_live_valid_and_young_is_fresh() {
     assert!(fresh(good, 0));
     publisher.set_state(State::Dead);
     assert!(!fresh(good, 0), "the owner said farewell");
+}
+
+#[test]
+fn a_segment_with_a_clock_of_its_own_counts_every_age_by_it() {
+    let directory = tempfile::tempdir().unwrap();
+    let mut own = options(directory.path(), regions());
+    own.clock = ClockKind::Own;
+    let mut publisher = Publisher::create(&own).unwrap();
+    publisher.set_state(State::Live);
+    publisher.set_region_state(RegionId::Servo, RegionState::Live);
+    let reader = attach(directory.path());
+    let header = reader.header();
+    assert_eq!(
+        (header.clock, header.created_ns, header.heartbeat_ns, reader.now_ns()),
+        (ClockKind::Own, 0, 0, 0)
+    );
+
+    publisher.beat(1_000);
+    let stamp = Stamp { time_ns: 900, servo_timer: 0, valid: true };
+    publisher.publish(RegionId::Servo, stamp, &[1]);
+    assert_eq!(reader.now_ns(), 1_000, "a sample of the past leaves the clock alone");
+    publisher.publish(RegionId::Servo, Stamp { time_ns: 1_500, ..stamp }, &[2]);
+    assert_eq!(reader.now_ns(), 1_500, "no sample is of the future");
+    assert!(reader.is_fresh(RegionId::Servo, &stamp, reader.now_ns()));
+
+    publisher.set_now(900 + 100_000_000);
+    assert!(reader.is_fresh(RegionId::Servo, &stamp, reader.now_ns()));
+    publisher.set_now(901 + 100_000_000);
+    assert!(!reader.is_fresh(RegionId::Servo, &stamp, reader.now_ns()), "the sample is old");
+    assert_eq!(reader.condition(), Condition::Live);
+    publisher.set_now(1_001 + 300_000_000);
+    assert_eq!(reader.condition(), Condition::Stale, "the heartbeat is old");
+    publisher.beat(1_001 + 300_000_000);
+    assert_eq!((reader.condition(), reader.header().heartbeat_ns), (Condition::Live, 300_001_001));
+    let realtime = std::time::SystemTime::UNIX_EPOCH.elapsed().unwrap().as_nanos() as i128;
+    let by_segment = i128::from(reader.now_ns()) + i128::from(reader.header().realtime_offset_ns);
+    assert!((realtime - by_segment).abs() < 1_000_000_000, "{realtime} {by_segment}");
+}
+
+#[test]
+fn a_segment_that_runs_by_the_machines_clock_ignores_other_times() {
+    let directory = tempfile::tempdir().unwrap();
+    let publisher = Publisher::create(&options(directory.path(), regions())).unwrap();
+    let reader = attach(directory.path());
+    publisher.set_now(5);
+    let before = monotonic_ns();
+    assert!(reader.now_ns() >= before);
+    assert_eq!(reader.header().clock, ClockKind::Monotonic);
+    let file = std::fs::read(publisher.path()).unwrap();
+    assert_eq!(file[0x0A0..0x0A8], [0; 8], "its own clock stands at 0");
 }
 
 #[test]

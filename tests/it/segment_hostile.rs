@@ -90,7 +90,7 @@ fn a_sound_segment_is_read() {
 fn each_flaw_is_named() {
     let (directory, sound) = sound();
     let length = sound.len() as u64 * 8;
-    let flaws: [(Changes<'_>, u64, &str); 19] = [
+    let flaws: [(Changes<'_>, u64, &str); 20] = [
         (&[], length - 4096, "header says"),
         (&[], length + 4096, "header says"),
         (&[], 0x2F8, "too short"),
@@ -99,6 +99,7 @@ fn each_flaw_is_named() {
         (&[(0x000, layout::MAGIC.swap_bytes())], length, "other byte order"),
         (&[(0x008, 2)], length, "layout version 2"),
         (&[(0x030, 0x0807_0605_0403_0201)], length, "size or byte order"),
+        (&[(0x060, 3)], length, "unknown clock"),
         (&[(0x018, 1 << 40)], length, "no header is"),
         (&[(0x0C8, 65)], length, "region table"),
         (&[(0x0D0, 64)], length, "region table"),

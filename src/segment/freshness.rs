@@ -1,0 +1,144 @@
+//! The rule for what may be shown as live. It stands here and nowhere else; `mirror`, [`super::Subscriber`] and
+//! [`crate::client`] use it. The layout page says the same in words, under "Old or fresh".
+
+use std::fmt;
+
+use super::layout::RegionState;
+use super::sample::Stamp;
+use super::subscribe::{Condition, HeaderInfo, RegionInfo};
+
+/// So many periods without an update make data old.
+const PERIODS: u64 = 10;
+
+/// The age limit of a region that expects an update every `period_ns`: ten periods, and at least `least_ns`.
+/// All in nanoseconds.
+#[must_use]
+pub const fn limit_ns(least_ns: u64, period_ns: u64) -> u64 {
+    let periods = period_ns.saturating_mul(PERIODS);
+    if least_ns > periods { least_ns } else { periods }
+}
+
+/// Whether something of `time_ns` is too old at `now_ns`. A limit of 0 means never.
+#[must_use]
+pub const fn is_old(time_ns: u64, now_ns: u64, limit_ns: u64) -> bool {
+    limit_ns != 0 && now_ns.saturating_sub(time_ns) > limit_ns
+}
+
+/// Why data are not live. The text says what to do where something can be done.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Staleness {
+    /// The daemon stopped or was killed, and no other has taken its place.
+    DaemonGone,
+    /// The daemon gives no sign of life.
+    DaemonStopped {
+        /// Since when, in nanoseconds.
+        silent_ns: u64,
+    },
+    /// The daemon is still identifying its board.
+    Starting,
+    /// The daemon runs and the board does not answer.
+    BoardSilent,
+    /// The daemon does not mirror these data now: the function is off on the board.
+    Off,
+    /// The board has stopped updating these data.
+    NoUpdates {
+        /// The age of the latest, in nanoseconds.
+        age_ns: u64,
+    },
+    /// The sample itself is marked as not whole.
+    NotWhole,
+}
+
+impl Staleness {
+    /// Why nothing in the segment is live at `now_ns`; `None` when each region decides for itself.
+    #[must_use]
+    pub fn of_segment(condition: Condition, header: &HeaderInfo, now_ns: u64) -> Option<Self> {
+        let silent = is_old(header.heartbeat_ns, now_ns, header.heartbeat_limit_ns);
+        match condition {
+            Condition::Live => None,
+            Condition::Init => Some(Self::Starting),
+            Condition::Stale if silent => {
+                Some(Self::DaemonStopped { silent_ns: now_ns.saturating_sub(header.heartbeat_ns) })
+            }
+            Condition::Stale => Some(Self::BoardSilent),
+            Condition::Dead | Condition::OwnerGone | Condition::Replaced => Some(Self::DaemonGone),
+        }
+    }
+
+    /// Why a sample is not live at `now_ns`, while the segment as a whole is.
+    #[must_use]
+    pub fn of_sample(region: &RegionInfo, stamp: &Stamp, now_ns: u64) -> Option<Self> {
+        let age_ns = now_ns.saturating_sub(stamp.time_ns);
+        match region.state {
+            RegionState::Off => Some(Self::Off),
+            RegionState::Stale => Some(Self::NoUpdates { age_ns }),
+            RegionState::Live if is_old(stamp.time_ns, now_ns, region.stale_after_ns) => {
+                Some(Self::NoUpdates { age_ns })
+            }
+            RegionState::Live if !stamp.valid => Some(Self::NotWhole),
+            RegionState::Live => None,
+        }
+    }
+
+    /// The reason in one word, for programs.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::DaemonGone => "daemon_gone",
+            Self::DaemonStopped { .. } => "daemon_stopped",
+            Self::Starting => "starting",
+            Self::BoardSilent => "board_silent",
+            Self::Off => "off",
+            Self::NoUpdates { .. } => "no_updates",
+            Self::NotWhole => "not_whole",
+        }
+    }
+}
+
+fn seconds(ns: u64) -> f64 {
+    ns as f64 / 1e9
+}
+
+impl fmt::Display for Staleness {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::DaemonGone => f.write_str("pmacd is gone; start it"),
+            Self::DaemonStopped { silent_ns } => {
+                write!(
+                    f,
+                    "pmacd has given no sign of life for {:.1} s; it is stopped or hangs",
+                    seconds(*silent_ns)
+                )
+            }
+            Self::Starting => f.write_str("pmacd is still identifying the board"),
+            Self::BoardSilent => {
+                f.write_str("the board does not answer; look at its power, cable and address")
+            }
+            Self::Off => f.write_str(
+                "the board does not send these data, or pmacd does not read them; switch the function on (servo I48, background I49, variables I55; `functions` in pmacd's configuration)",
+            ),
+            Self::NoUpdates { age_ns } => {
+                write!(f, "the board has not updated these data for {:.1} s", seconds(*age_ns))
+            }
+            Self::NotWhole => f.write_str("the data were not read whole"),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_limit_is_ten_periods_and_at_least_the_least() {
+        assert_eq!([limit_ns(100, 5), limit_ns(100, 11), limit_ns(100, 0)], [100, 110, 100]);
+        assert_eq!(limit_ns(1, u64::MAX), u64::MAX);
+    }
+
+    #[test]
+    fn what_is_older_than_its_limit_is_old_and_a_limit_of_0_is_none() {
+        assert!(!is_old(1000, 1100, 100) && is_old(1000, 1101, 100));
+        assert!(!is_old(0, u64::MAX, 0));
+        assert!(!is_old(1000, 900, 1), "a sample taken after now is not old");
+    }
+}
