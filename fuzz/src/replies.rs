@@ -129,7 +129,7 @@ fn numbers(tape: &mut Tape<'_>) {
 /// Ix10, or Ixx10 and Ixx95, and the words that would be read by it.
 fn absolute(tape: &mut Tape<'_>) {
     let (one, two, which) = (tape.u32(), tape.u32(), tape.u8());
-    let format = if which & 1 == 0 { AbsoluteFormat::classic(one) } else { AbsoluteFormat::turbo(one, two) };
+    let format = if which & 1 == 0 { AbsoluteFormat::pmac(one) } else { AbsoluteFormat::turbo(one, two) };
     let Ok(format) = format else { return };
     assert!(
         format.registers.len() <= 6 && format.registers.iter().all(|part| part.from_bit + part.bits <= 24)

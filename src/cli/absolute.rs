@@ -6,7 +6,7 @@ use clap::Args;
 use serde::Serialize;
 
 use super::answer::Answer;
-use crate::setup::Generation;
+use crate::map::Generation;
 use crate::setup::absolute::AbsoluteFormat;
 use crate::setup::number::parse;
 use crate::setup::position::Word;
@@ -59,12 +59,12 @@ fn format(options: &Absolute) -> Result<AbsoluteFormat, String> {
         (Some(_), _, Some(Generation::Turbo)) => {
             return Err("a Turbo board has Ixx10 and Ixx95; give --ixx10 and --ixx95".to_owned());
         }
-        (_, Some(_), Some(Generation::Classic)) => {
+        (_, Some(_), Some(Generation::Pmac)) => {
             return Err(
                 "a PMAC or PMAC2 has Ix10 alone, with the format in its bits 16-23; give --ix10".to_owned()
             );
         }
-        (Some(ix10), _, _) => AbsoluteFormat::classic(ix10),
+        (Some(ix10), _, _) => AbsoluteFormat::pmac(ix10),
         (None, Some((ixx10, ixx95)), _) => AbsoluteFormat::turbo(ixx10, ixx95),
         (None, None, _) => return Err("give --ix10, or --ixx10 and --ixx95".to_owned()),
     };

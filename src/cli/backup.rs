@@ -15,7 +15,7 @@ use super::time::rfc3339;
 use super::variables::{Entry, Item, parse, read};
 use super::{Context, Failure, Verdict, sink};
 use crate::client::Connection;
-use crate::setup::Generation;
+use crate::map::Generation;
 
 /// How long a line may take.
 const PATIENCE: Duration = Duration::from_secs(10);

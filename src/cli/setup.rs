@@ -5,12 +5,13 @@ use std::fmt::Write;
 use clap::{Args, Subcommand, ValueEnum};
 
 use super::answer::Answer;
+use crate::map::Generation;
+use crate::setup::SetupPlan;
 use crate::setup::enable::{self, EnablePlan, Function, Options};
 use crate::setup::gather_source::GatherSource;
 use crate::setup::isa::{self, IsaAddressing, TurboWindow};
 use crate::setup::number::parse;
 use crate::setup::vme::{AddressBits, VmeSetup};
-use crate::setup::{Generation, SetupPlan};
 
 /// What to set up.
 #[derive(Debug, Clone, Subcommand)]
@@ -179,7 +180,7 @@ impl Isa {
         let window = match (self.window, self.family) {
             (Window::Kib16, _) => TurboWindow::Kib16,
             (Window::Kib64, Generation::Turbo) => TurboWindow::Kib64,
-            (Window::Kib64, Generation::Classic) => {
+            (Window::Kib64, Generation::Pmac) => {
                 return Err("only Turbo boards have a window of 64 KiB; say --family turbo".to_owned());
             }
         };

@@ -6,7 +6,7 @@
 //! `L:$1005`; a 24-bit word is signed unless `,u` follows.
 
 use super::column::Reading;
-use crate::map::register::{Format, NumberKind};
+use crate::map::table::{Format, NumberKind};
 use crate::map::{Entry, Layout, SourceAt};
 use crate::setup::gather_source::{BadSource, GatherSource};
 

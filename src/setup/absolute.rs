@@ -1,4 +1,4 @@
-//! Absolute power-on position: what Ix10 of a classic board, Ixx10 with Ixx95 of a Turbo board, make PMAC read.
+//! Absolute power-on position: what Ix10 of a PMAC, Ixx10 with Ixx95 of a Turbo board, make PMAC read.
 //!
 //! Source: PMAC software reference, Ix10; Turbo software reference, Ixx95 (its parallel section means Ixx10 where it
 //! prints Ixx81). Both have the same 8-bit format code, in bits 16-23 of Ix10 or of Ixx95: bit 23 set means a signed
@@ -8,7 +8,7 @@ use std::fmt;
 
 use serde::{Serialize, Serializer};
 
-use super::Generation;
+use crate::map::Generation;
 use crate::map::Space;
 
 /// The bits of one PMAC word.
@@ -69,7 +69,7 @@ pub struct MemoryAddress {
 impl fmt::Display for MemoryAddress {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let digits = match self.generation {
-            Generation::Classic => 4,
+            Generation::Pmac => 4,
             Generation::Turbo => 6,
         };
         write!(f, "{}:${:0digits$X}", self.space, self.number)
@@ -216,14 +216,14 @@ impl AbsoluteFormat {
     ///
     /// # Errors
     /// [`FormatError`] for 0, which reads nothing, and for values that no reference explains.
-    pub fn classic(ix10: u32) -> Result<Self, FormatError> {
+    pub fn pmac(ix10: u32) -> Result<Self, FormatError> {
         let variable = "Ix10";
         in_24_bits(variable, ix10)?;
         if ix10 == 0 {
             return Err(FormatError::Off { variable });
         }
         let (code, address) = (ix10 >> 16, ix10 & 0xFFFF);
-        let generation = Generation::Classic;
+        let generation = Generation::Pmac;
         Setting { generation, variable, value: ix10, code, address, sub_format: 0 }.format()
     }
 
@@ -290,9 +290,9 @@ impl Setting {
     }
 
     fn register(self, space: Space, number: u32) -> Result<MemoryAddress, FormatError> {
-        // A classic address has 16 bits, a Turbo address 19.
+        // An address of a PMAC has 16 bits, a Turbo address 19.
         let limit = match self.generation {
-            Generation::Classic => 0xFFFF,
+            Generation::Pmac => 0xFFFF,
             Generation::Turbo => 0x07_FFFF,
         };
         if number > limit {
@@ -350,7 +350,7 @@ impl Setting {
             converter: Some(code % 4 + 1),
             switch_open: Some(code >= 4),
             notes: vec![match self.generation {
-                Generation::Classic => "I9x, then I8x, above 0 add the next converters as geared-down stages",
+                Generation::Pmac => "I9x, then I8x, above 0 add the next converters as geared-down stages",
                 Generation::Turbo => {
                     "Ixx99, then Ixx98, above 0 add the next converters as geared-down stages"
                 }
@@ -366,9 +366,9 @@ impl Setting {
     }
 
     fn over_macro(self, kind: Kind) -> Result<AbsoluteFormat, FormatError> {
-        // One MACRO interface with 16 nodes on a classic board, four on a Turbo board.
+        // One MACRO interface with 16 nodes on a PMAC, four on a Turbo PMAC.
         let limit = match self.generation {
-            Generation::Classic => 0x0F,
+            Generation::Pmac => 0x0F,
             Generation::Turbo => 0x3F,
         };
         let mut notes = vec!["the station's MI11x of that node says what it reads"];
@@ -376,15 +376,12 @@ impl Setting {
             ZERO => Some(0),
             node if node <= limit => Some(node),
             // A Geo PMAC takes the same code for its EnDat encoders; what its address means is not documented.
-            _ if kind == Kind::MacroParallel
-                && self.code == 0xF4
-                && self.generation == Generation::Classic =>
-            {
+            _ if kind == Kind::MacroParallel && self.code == 0xF4 && self.generation == Generation::Pmac => {
                 None
             }
             node => return Err(FormatError::Node { node, limit }),
         };
-        if kind == Kind::MacroParallel && self.code == 0xF4 && self.generation == Generation::Classic {
+        if kind == Kind::MacroParallel && self.code == 0xF4 && self.generation == Generation::Pmac {
             notes.push("on a Geo PMAC this code reads an EnDat encoder");
         }
         if kind == Kind::MacroYaskawa {

@@ -59,24 +59,24 @@ fn parallel_data_to_the_ends_of_their_ranges() {
 
 #[test]
 fn classic_boards_have_all_in_one_word() {
-    assert_eq!(document(AbsoluteFormat::classic(0x16_FFD1)), parallel("Y", false, 22, &[("Y:$FFD1", 0, 22)]));
+    assert_eq!(document(AbsoluteFormat::pmac(0x16_FFD1)), parallel("Y", false, 22, &[("Y:$FFD1", 0, 22)]));
     assert_eq!(
-        document(AbsoluteFormat::classic(0xA0_FFD0)),
+        document(AbsoluteFormat::pmac(0xA0_FFD0)),
         parallel("Y", true, 32, &[("Y:$FFD0", 0, 24), ("Y:$FFD1", 0, 8)])
     );
-    assert_eq!(document(AbsoluteFormat::classic(0x54_C000)), parallel("X", false, 20, &[("X:$C000", 0, 20)]));
-    let acc28 = AbsoluteFormat::classic(0xB1_C006).unwrap();
+    assert_eq!(document(AbsoluteFormat::pmac(0x54_C000)), parallel("X", false, 20, &[("X:$C000", 0, 20)]));
+    let acc28 = AbsoluteFormat::pmac(0xB1_C006).unwrap();
     assert_eq!((acc28.kind, acc28.signed), (Kind::Acc28, true));
     assert_eq!(acc28.registers[0].address.to_string(), "Y:$C006");
 }
 
 #[test]
 fn sources_outside_the_memory() {
-    let resolver = AbsoluteFormat::classic(0x86_0010).unwrap();
+    let resolver = AbsoluteFormat::pmac(0x86_0010).unwrap();
     assert_eq!((resolver.kind, resolver.space, resolver.signed), (Kind::Resolver, None, true));
     assert_eq!((resolver.converter, resolver.switch_open), (Some(3), Some(true)));
     assert_eq!((resolver.multiplexer_address, resolver.registers.len()), (Some(0x10), 0));
-    assert_eq!(AbsoluteFormat::classic(0x00_0100).unwrap().multiplexer_address, Some(0));
+    assert_eq!(AbsoluteFormat::pmac(0x00_0100).unwrap().multiplexer_address, Some(0));
     assert_eq!(AbsoluteFormat::turbo(0x08, 0).unwrap().converter, Some(1));
     let kinds = [
         (0x71_0008, Kind::Yaskawa, None),
@@ -86,7 +86,7 @@ fn sources_outside_the_memory() {
         (0x32_FFD0, Kind::Sanyo, None),
     ];
     for (ix10, kind, node) in kinds {
-        let format = AbsoluteFormat::classic(ix10).unwrap();
+        let format = AbsoluteFormat::pmac(ix10).unwrap();
         assert_eq!((format.kind, format.node), (kind, node), "{ix10:06X}");
         assert_eq!(format.signed, ix10 >= 0x80_0000);
     }
@@ -102,7 +102,7 @@ fn every_code_is_either_listed_or_refused() {
     for code in 0..=0xFF_u32 {
         let known = matches!(code & 0x7F, 0x00..=0x32 | 0x48..=0x74);
         assert_eq!(AbsoluteFormat::turbo(0x0008, code << 16).is_ok(), known, "{code:02X}");
-        assert_eq!(AbsoluteFormat::classic(code << 16 | 0x0008).is_ok(), known, "{code:02X}");
+        assert_eq!(AbsoluteFormat::pmac(code << 16 | 0x0008).is_ok(), known, "{code:02X}");
     }
 }
 
@@ -121,11 +121,11 @@ fn what_no_reference_explains_is_refused_with_the_reason() {
     );
     assert!(turbo(0x101, 0x00_0000).contains("multiplexer address $101"));
     assert!(turbo(0x40, 0x73_0000).contains("MACRO node $40"));
-    let classic = |ix10| AbsoluteFormat::classic(ix10).unwrap_err().to_string();
+    let classic = |ix10| AbsoluteFormat::pmac(ix10).unwrap_err().to_string();
     assert!(classic(0).contains("no absolute position is read"));
     assert!(classic(0x30_FFFF).contains("$10000"));
     assert!(classic(0x74_0010).contains("MACRO node $10"));
     assert!(classic(0x100_0000).contains("more than 24 bits"));
-    assert_eq!(AbsoluteFormat::classic(0xF4_0100).unwrap().node, Some(0));
-    assert_eq!(AbsoluteFormat::classic(0xF4_C000).unwrap().node, None);
+    assert_eq!(AbsoluteFormat::pmac(0xF4_0100).unwrap().node, Some(0));
+    assert_eq!(AbsoluteFormat::pmac(0xF4_C000).unwrap().node, None);
 }

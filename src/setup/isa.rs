@@ -4,7 +4,8 @@
 //! Turbo: I93 holds A23-A16, the high digit of I94 A15-A14, its low digit 5 for a window of 16 KiB and 4 for 64 KiB.
 //! The host owns these registers; PMAC copies them into the working ones (X:$E009, X:$E00A) at reset only.
 
-use super::{Generation, SetupPlan, SetupValue, WINDOW, with_save_and_reset};
+use super::{SetupPlan, SetupValue, WINDOW, with_save_and_reset};
+use crate::map::Generation;
 
 /// How many address lines the DPRAM decodes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -70,11 +71,11 @@ pub enum IsaError {
     },
 }
 
-/// Gives the lines that place a classic board's DPRAM at `address` (bytes, on the ISA bus), enabled or not.
+/// Gives the lines that place a PMAC's DPRAM at `address` (bytes, on the ISA bus), enabled or not.
 ///
 /// # Errors
 /// [`IsaError`] when no setting of the registers means that address.
-pub fn classic(address: u32, addressing: IsaAddressing, enabled: bool) -> Result<SetupPlan, IsaError> {
+pub fn pmac(address: u32, addressing: IsaAddressing, enabled: bool) -> Result<SetupPlan, IsaError> {
     let bits = match addressing {
         IsaAddressing::Bits20 => 20,
         IsaAddressing::Bits24 => 24,
@@ -121,7 +122,7 @@ pub fn turbo(address: u32, window: TurboWindow) -> Result<SetupPlan, IsaError> {
     Ok(SetupPlan { commands: with_save_and_reset(lines), after_reset: None, values, warnings })
 }
 
-/// As [`classic`] or [`turbo`], by the board's generation.
+/// As [`pmac`] or [`turbo`], by the board's generation.
 ///
 /// # Errors
 /// [`IsaError`], for a Turbo board also when 20-bit addressing or a disabled DPRAM is asked for.
@@ -133,7 +134,7 @@ pub fn plan(
     window: TurboWindow,
 ) -> Result<SetupPlan, IsaError> {
     match generation {
-        Generation::Classic => classic(address, addressing, enabled),
+        Generation::Pmac => pmac(address, addressing, enabled),
         Generation::Turbo if !enabled => Err(IsaError::NotOnTurbo { what: "a disabled DPRAM" }),
         Generation::Turbo if addressing == IsaAddressing::Bits20 => {
             Err(IsaError::NotOnTurbo { what: "20-bit addressing" })
@@ -177,7 +178,7 @@ mod tests {
     use proptest::prelude::*;
 
     fn commands(address: u32, addressing: IsaAddressing, enabled: bool) -> Vec<String> {
-        classic(address, addressing, enabled).unwrap().commands
+        pmac(address, addressing, enabled).unwrap().commands
     }
 
     #[test]
@@ -205,7 +206,7 @@ mod tests {
 
     #[test]
     fn impossible_addresses_are_refused_with_the_reason() {
-        let refused = |address, addressing| classic(address, addressing, true).unwrap_err().to_string();
+        let refused = |address, addressing| pmac(address, addressing, true).unwrap_err().to_string();
         assert_eq!(
             refused(0xEC100, IsaAddressing::Bits24),
             "DPRAM start $0EC100 is not a multiple of 16 KiB ($4000), the smallest step the board can be set to; \
@@ -225,13 +226,13 @@ mod tests {
 
     #[test]
     fn a_likely_neighbour_is_named() {
-        let warnings = |address| classic(address, IsaAddressing::Bits24, true).unwrap().warnings;
+        let warnings = |address| pmac(address, IsaAddressing::Bits24, true).unwrap().warnings;
         assert!(warnings(0xEC000).is_empty());
         assert!(warnings(0xB0000).is_empty());
         assert!(warnings(0x98000)[0].contains("main memory"));
         assert!(warnings(0xF0000)[0].contains("BIOS"));
         assert!(warnings(0xF0_0000)[0].contains("hole"));
-        assert!(classic(0x98000, IsaAddressing::Bits24, false).unwrap().warnings.is_empty());
+        assert!(pmac(0x98000, IsaAddressing::Bits24, false).unwrap().warnings.is_empty());
     }
 
     proptest! {
@@ -239,7 +240,7 @@ mod tests {
         fn the_values_spell_the_address(window in 0u32..0x400, wide in any::<bool>(), enabled in any::<bool>()) {
             let addressing = if wide { IsaAddressing::Bits24 } else { IsaAddressing::Bits20 };
             let address = window << 14;
-            let Ok(plan) = classic(address, addressing, enabled) else {
+            let Ok(plan) = pmac(address, addressing, enabled) else {
                 prop_assert!(!wide && address > 0xF_C000);
                 return Ok(());
             };
@@ -251,7 +252,7 @@ mod tests {
 
         #[test]
         fn no_address_panics(address in any::<u32>()) {
-            let _ = classic(address, IsaAddressing::Bits20, true);
+            let _ = pmac(address, IsaAddressing::Bits20, true);
             let _ = turbo(address, TurboWindow::Kib64);
         }
     }

@@ -20,42 +20,11 @@ pub mod vme;
 mod vme_tests;
 
 use std::fmt;
-use std::str::FromStr;
 
 use serde::{Serialize, Serializer};
 
 /// The bytes of the DPRAM that a board shows at a time, and the multiple at which they start: 16 KiB.
 pub const WINDOW: u32 = 0x4000;
-
-/// Which kind of set-up registers a board has.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
-pub enum Generation {
-    /// PMAC and PMAC2: registers X:$0783 to X:$078C, four-digit addresses, Ix10 alone.
-    #[default]
-    Classic,
-    /// Turbo PMAC and Turbo PMAC2: I90 to I99, six-digit addresses, Ixx10 with Ixx95.
-    Turbo,
-}
-
-/// A family name that is not known.
-#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("no board family is called {name:?}; known are pmac, pmac2, turbo, turbo2")]
-pub struct UnknownGeneration {
-    /// What was asked for.
-    pub name: String,
-}
-
-impl FromStr for Generation {
-    type Err = UnknownGeneration;
-
-    fn from_str(name: &str) -> Result<Self, UnknownGeneration> {
-        match name.to_ascii_lowercase().as_str() {
-            "pmac" | "pmac2" => Ok(Self::Classic),
-            "turbo" | "turbo2" => Ok(Self::Turbo),
-            _ => Err(UnknownGeneration { name: name.to_owned() }),
-        }
-    }
-}
 
 /// What to send to a board to place its DPRAM, in order, and what every part of it means.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
@@ -144,14 +113,6 @@ const fn last_of_window(start: u32) -> u32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn families_by_name() {
-        assert_eq!("PMAC2".parse(), Ok(Generation::Classic));
-        assert_eq!("turbo".parse(), Ok(Generation::Turbo));
-        let error = "umac".parse::<Generation>().unwrap_err().to_string();
-        assert_eq!(error, "no board family is called \"umac\"; known are pmac, pmac2, turbo, turbo2");
-    }
 
     #[test]
     fn bits_are_cut_out_as_they_lie() {

@@ -167,7 +167,7 @@ mod tests {
         assert_eq!(turbo(0x07_8000, 0x54_0000, &["X:$078000=$FABCDE"]), Ok(0xA_BCDE));
         assert_eq!(turbo(0x07_8005, 0xB1_0000, &["Y:$078005=$FFFE77"]), Ok(-2));
         assert_eq!(turbo(0x07_8005, 0x31_0000, &["Y:$078005=-1"]), Ok(0xFFFF));
-        let classic = AbsoluteFormat::classic(0xB0_FFD0).unwrap();
+        let classic = AbsoluteFormat::pmac(0xB0_FFD0).unwrap();
         let full = words(&["Y:$FFD0=$000000", "Y:65489=$800000"]);
         assert_eq!(classic.position(&full), Ok(-(1 << 47)));
     }
@@ -235,7 +235,7 @@ mod tests {
             code in prop::sample::select(vec![0x08u32, 0x18, 0x19, 0x30, 0x31, 0x48, 0x70, 0x88, 0xB0, 0xB1, 0xF0]),
             address in 0u32..0xFFF0, any in any::<i64>(), noise in any::<u32>(),
         ) {
-            let format = AbsoluteFormat::classic(code << 16 | address).unwrap();
+            let format = AbsoluteFormat::pmac(code << 16 | address).unwrap();
             let bits = format.bits.unwrap();
             let position = if code >= 0x80 { any >> (64 - bits) } else { any & ((1 << bits) - 1) };
             prop_assert_eq!(format.position(&encode(&format, position, noise)), Ok(position));
@@ -250,7 +250,7 @@ mod tests {
         #[test]
         fn nothing_panics(text in "\\PC{0,20}", one in any::<u32>(), other in any::<u32>()) {
             let _ = text.parse::<Word>();
-            let _ = AbsoluteFormat::classic(one);
+            let _ = AbsoluteFormat::pmac(one);
             let _ = AbsoluteFormat::turbo(one, other);
         }
     }

@@ -6,7 +6,8 @@
 //! from its base, which the host writes after every reset: the board forgets it. The Turbo user manual puts A23-A20
 //! into the low digit of I97; the DPRAM manual, and boards that work, have them in the high digit, as here.
 
-use super::{BusWrite, Generation, SetupPlan, SetupValue, WINDOW, last_of_window, with_save_and_reset};
+use super::{BusWrite, SetupPlan, SetupValue, WINDOW, last_of_window, with_save_and_reset};
+use crate::map::Generation;
 
 /// The bytes that the mailbox chip takes.
 pub const MAILBOX_BYTES: u32 = crate::map::mailbox::LENGTH as u32;
@@ -162,7 +163,7 @@ impl VmeSetup {
     pub fn plan(&self) -> Result<SetupPlan, VmeError> {
         self.check()?;
         let commands = match self.generation {
-            Generation::Classic => vec![self.classic_line()],
+            Generation::Pmac => vec![self.pmac_line()],
             Generation::Turbo => self
                 .registers()
                 .iter()
@@ -202,7 +203,7 @@ impl VmeSetup {
     }
 
     /// One line, to the letter as the manual prints it: the second and third value without a leading zero.
-    fn classic_line(&self) -> String {
+    fn pmac_line(&self) -> String {
         let values = self.registers().into_iter().enumerate().map(|(n, value)| match n {
             1 | 2 => format!(",${value:X}"),
             _ => format!(",${value:02X}"),
@@ -266,7 +267,7 @@ impl VmeSetup {
 
     fn values(&self) -> Vec<SetupValue> {
         let name = |n: usize| match self.generation {
-            Generation::Classic => format!("X:${:04X}", 0x0783 + n),
+            Generation::Pmac => format!("X:${:04X}", 0x0783 + n),
             Generation::Turbo => format!("I{}", 90 + n),
         };
         let mut values: Vec<_> =

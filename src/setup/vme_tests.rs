@@ -1,7 +1,8 @@
 //! Tests of [`super::vme`].
 
+use super::BusWrite;
 use super::vme::{AddressBits, VmeSetup};
-use super::{BusWrite, Generation};
+use crate::map::Generation;
 use proptest::prelude::*;
 
 const MANUAL: VmeSetup = VmeSetup {
@@ -10,7 +11,7 @@ const MANUAL: VmeSetup = VmeSetup {
     address_bits: AddressBits::A24,
     irq_level: 2,
     vector: 0xA1,
-    generation: Generation::Classic,
+    generation: Generation::Pmac,
 };
 
 fn refused(setup: VmeSetup) -> String {

@@ -3,10 +3,11 @@
 //! PMAC answers `?`, `??` and `???` with six hexadecimal digits a word, the first digit being bits 23-20 (Software
 //! Reference p. 189-198); the fixed buffers of the DPRAM hold the same words. PMAC alone writes them.
 
-mod classic;
+mod pmac;
 mod turbo;
 
-pub use classic::CLASSIC;
+pub use pmac::PMAC;
+pub use pmac::PMAC as CLASSIC;
 pub use turbo::TURBO;
 
 /// The meaning of the 24 bits of a status word. Every bit is a flag, part of a field, or reserved.

@@ -1,6 +1,6 @@
 //! The status words of Turbo PMAC and Turbo PMAC2, firmware 1.94x. `??` has three words.
 
-use super::classic::SYSTEM_STATUS;
+use super::pmac::SYSTEM_STATUS;
 use super::{Field, StatusTable, StatusTables};
 
 /// The status words of Turbo PMAC.

@@ -1,10 +1,14 @@
-//! The DPRAM of PMAC(1) and PMAC2, $D000-$DFFF: every address, bit and length that code on either side uses by name.
+//! PMAC and PMAC2: the DPRAM at $D000-$DFFF, every address, bit and length.
 //!
-//! These constants are the one place where the addresses stand; the register table ([`super::PMAC`]'s blocks) is
-//! built from them. Manual pages are those of the DPRAM manual of June 2004; where it misprints an address (the
+//! These constants are the one place where the addresses stand; the descriptors below and the register table
+//! ([`super::pmac_table`]) are built from them. Manual pages are those of the DPRAM manual of June 2004; where it misprints an address (the
 //! variable-write header, the gather index, the ASCII start-up text) the value here follows the address rule.
 
-use super::{HostOffset, Region};
+use crate::map::functions::{
+    AsciiPort, BackgroundBlock, Blocks, BusyRule, EntryBits, Flag, IVariables, PanelBlock, RecordBits,
+    RotaryHeaders, Run, ServoBlock, StartRule, Timer, VariableRead, VariableWrite,
+};
+use crate::map::{GatherPlace, HostOffset, NumberKind, PmacAddress, Region, Space};
 
 /// The PMAC address of the first DPRAM location.
 pub const BASE: u32 = 0xD000;
@@ -258,7 +262,7 @@ pub const VARIABLE_READ_ENTRY_READY: u16 = 1 << 15;
 // ---- gathering (p. 25-26) ----
 
 /// Size of the gather buffer in longs, set by `DEFINE GATHER`. Newer firmware moves the three by
-/// [`GATHER_SHIFT`]; ask [`super::Layout::gather`].
+/// [`GATHER_SHIFT`]; ask [`crate::map::Layout::gather`].
 pub const GATHER_SIZE: HostOffset = at(0x07FC);
 /// Where PMAC stores next, in longs from the buffer's start. Misprinted as 0x07FC.
 pub const GATHER_INDEX: HostOffset = at(0x07FE);
@@ -289,22 +293,99 @@ const OPEN_START: HostOffset = at(0x0800);
 /// The whole DPRAM.
 pub const REGIONS: &[Region] = &[PANEL, SERVO, BACKGROUND, ASCII_OUTPUT, ASCII_INPUT, POINTERS, OPEN];
 
-/// The start of `number`'s servo block, or `None` unless `number` is 1-8.
-#[must_use]
-pub const fn servo_motor_at(number: usize) -> Option<HostOffset> {
-    block(SERVO_MOTOR, SERVO_MOTOR_STRIDE, number)
-}
+// ---- descriptors ----
 
-/// The start of `number`'s background block, or `None` unless `number` is 1-8.
-#[must_use]
-pub const fn background_block_at(number: usize) -> Option<HostOffset> {
-    block(BACKGROUND_BLOCK, BACKGROUND_BLOCK_STRIDE, number)
-}
+/// The servo report.
+pub const SERVO_BLOCK: ServoBlock = ServoBlock {
+    region: SERVO,
+    host_busy: Flag { word: SERVO_HOST_STATUS, mask: HOST_BUSY },
+    pmac_status: Flag { word: SERVO_PMAC_STATUS, mask: PMAC_BUSY },
+    busy: BusyRule::SetWhileWriting,
+    timer: Timer { low: SERVO_PMAC_STATUS, low_bits: SERVO_TIMER_MASK.count_ones(), high: None },
+    mask: None,
+    global: Run { first: SERVO_GLOBAL_STATUS_Y, words: 4 },
+    global_status: Some([SERVO_GLOBAL_STATUS_X, SERVO_GLOBAL_STATUS_Y]),
+    program_buffer_open: Some(Flag { word: SERVO_GLOBAL_STATUS_Y.plus_words(1), mask: PROGRAM_BUFFER_OPEN }),
+    motors: Blocks { count: MOTORS, first: SERVO_MOTOR, words: SERVO_MOTOR_WORDS },
+};
 
-const fn block(first: HostOffset, stride: u32, number: usize) -> Option<HostOffset> {
-    if number >= 1 && number <= MOTORS {
-        Some(first.plus_words((number - 1) * (stride as usize / 2)))
-    } else {
-        None
-    }
-}
+/// The background report.
+pub const BACKGROUND_REPORT: BackgroundBlock = BackgroundBlock {
+    region: BACKGROUND,
+    ready: Flag { word: BACKGROUND_DATA_READY, mask: DATA_READY },
+    host_busy: None,
+    count: None,
+    timer: Timer { low: BACKGROUND_SERVO_TIMER, low_bits: 16, high: None },
+    global: Run { first: BACKGROUND_PANEL_PORT, words: 6 },
+    numbers: NumberKind::MotorOrCoordinateSystem,
+    blocks: Blocks { count: MOTORS, first: BACKGROUND_BLOCK, words: BACKGROUND_BLOCK_WORDS },
+};
+
+/// ASCII communication.
+pub const ASCII: AsciiPort = AsciiPort {
+    command_loaded: Flag { word: ASCII_OUTPUT_CONTROL, mask: COMMAND_LOADED },
+    control_character: ASCII_CONTROL_CHARACTER,
+    command: ASCII_COMMAND,
+    command_bytes: ASCII_COMMAND_BYTES,
+    line_limit: ASCII_LINE_LIMIT,
+    response_control: ASCII_INPUT_CONTROL,
+    response_count: ASCII_INPUT_COUNT,
+    response: ASCII_RESPONSE,
+};
+
+/// The start words of tables are PMAC addresses.
+pub const START: StartRule = StartRule { from: at(0), word: BASE as u16 };
+
+/// Background variable read: the kind in bits 2-0 of the X word, addresses of 16 bits.
+pub const VARIABLE_READ: VariableRead = VariableRead {
+    ready: Flag { word: VARIABLE_READ_CONTROL, mask: DATA_READY },
+    multi_user: Flag { word: VARIABLE_READ_CONTROL, mask: VARIABLE_READ_MULTI_USER },
+    timer: VARIABLE_READ_SERVO_TIMER,
+    count: VARIABLE_READ_COUNT,
+    start: VARIABLE_READ_START,
+    entry: EntryBits { kind: 0, address: 16 },
+};
+
+/// Background variable write (DPRAM manual p. 24): bits 2-0 of the type word are the kind, 7-3 the width, 12-8 the
+/// offset.
+pub const VARIABLE_WRITE: VariableWrite = VariableWrite {
+    count: VARIABLE_WRITE_COUNT,
+    start: VARIABLE_WRITE_START,
+    record: RecordBits { kind: 0, width: 3, offset: 8, address: 16 },
+};
+
+/// The binary rotary buffers.
+pub const ROTARY: RotaryHeaders = RotaryHeaders { headers: &[ROTARY_1, ROTARY_2] };
+
+/// The control panel.
+pub const PANEL_BLOCK: PanelBlock = PanelBlock {
+    region: PANEL,
+    request_enable: PANEL_REQUEST_ENABLE,
+    override_enable: PANEL_OVERRIDE_ENABLE,
+    request: PANEL_REQUEST,
+    feed_override: PANEL_OVERRIDE,
+    stride: PANEL_STRIDE as usize / 2,
+    numbers: MOTORS,
+    time_base: PmacAddress::new(Space::X, 0x0806),
+};
+
+/// Data gathering as printed.
+pub const GATHER: GatherPlace = GatherPlace { size: GATHER_SIZE, index: GATHER_INDEX, buffer: GATHER_BUFFER };
+
+/// The I-variables of the functions (DPRAM manual, the "Enabling" section of each).
+pub const I_VARIABLES: IVariables = IVariables {
+    panel: Some(2),
+    servo_period: 19,
+    servo_enable: 48,
+    background_enable: 49,
+    reported: Some(59),
+    variables_enable: 55,
+    interrupt: 56,
+    rotary_enable: Some(57),
+    ascii_enable: 58,
+    gather_period: 19,
+    gather_mode: 45,
+    gather_masks: &[20],
+    gather_sources: 21,
+    time_base: 193,
+};

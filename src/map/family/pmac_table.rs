@@ -1,10 +1,10 @@
-//! The register table of PMAC(1) and PMAC2, built from the addresses in [`super::classic`].
+//! The register table of PMAC(1) and PMAC2, built from the addresses in [`super::pmac`].
 //!
 //! The identifiers are stable: `pmacctl map --json` and other programs use them.
 
-use super::classic as at;
-use super::register::{Bits, Block, Format, NumberKind, Register, Source, Writer};
-use super::{HostOffset, PmacAddress, Space};
+use super::pmac as at;
+use crate::map::table::{Bits, Block, Format, NumberKind, Register, Source, Writer};
+use crate::map::{HostOffset, PmacAddress, Space};
 
 use Format::{
     Address, Ascii, Bits0To7, Bits16, Bits24, Bits24Pair, Fixed48, Float48, Gather, Signed24, Unsigned15,

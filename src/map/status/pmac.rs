@@ -3,7 +3,7 @@
 use super::{Field, StatusTable, StatusTables};
 
 /// The status words of PMAC(1) and PMAC2.
-pub static CLASSIC: StatusTables = StatusTables {
+pub static PMAC: StatusTables = StatusTables {
     motor: &[SERVO_STATUS, BACKGROUND_STATUS],
     coordinate_system: &[SYSTEM_STATUS, PROGRAM_STATUS],
     global: &[GLOBAL_X, GLOBAL_Y],

@@ -1,40 +1,107 @@
-//! Board families as data: base address, size, register table, strides.
+//! Board families as data: what distinguishes one kind of board from another. Another family is another file here and
+//! an entry in [`FAMILIES`].
 
-use super::classic;
-use super::classic_table;
+pub mod pmac;
+pub(super) mod pmac_table;
+
+use std::str::FromStr;
+
+use super::functions::{
+    AsciiPort, BackgroundBlock, IVariables, PanelBlock, RotaryHeaders, ServoBlock, StartRule, VariableRead,
+    VariableWrite,
+};
 use super::status::{self, StatusTables};
-use super::{Block, HostOffset, Region, Space};
+use super::{Block, GatherPlace, HostOffset, PmacAddress, Region, Space};
 
-/// What distinguishes one family of boards from another, as far as its DPRAM goes.
+/// Which kind of set-up registers and I-variables a board has.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+pub enum Generation {
+    /// PMAC and PMAC2: registers X:$0783 to X:$078C, four-digit addresses, Ix10 alone.
+    #[default]
+    Pmac,
+    /// Turbo PMAC and Turbo PMAC2: I90 to I99, six-digit addresses, Ixx10 with Ixx95.
+    Turbo,
+}
+
+/// A family name that belongs to no generation.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("no board family is called {name:?}; known are pmac, pmac2, turbo, turbo2")]
+pub struct UnknownGeneration {
+    /// What was asked for.
+    pub name: String,
+}
+
+impl FromStr for Generation {
+    type Err = UnknownGeneration;
+
+    /// The generation of the family called `name`. Boards whose DPRAM is not supported have one too: they can be set up.
+    fn from_str(name: &str) -> Result<Self, UnknownGeneration> {
+        match name.to_ascii_lowercase().as_str() {
+            "pmac" | "pmac2" => Ok(Self::Pmac),
+            "turbo" | "turbo2" => Ok(Self::Turbo),
+            _ => Err(UnknownGeneration { name: name.to_owned() }),
+        }
+    }
+}
+
+/// What distinguishes one family of boards from another.
 #[derive(Debug, PartialEq)]
 pub struct Family {
-    /// The name in settings and on the command line.
+    /// The name in settings, on the command line and on the socket.
     pub name: &'static str,
     /// The name as Delta Tau writes it.
     pub title: &'static str,
+    /// Its number in the segment: 1 PMAC, 2 PMAC2, 3 Turbo PMAC, 4 Turbo PMAC2.
+    pub number: u32,
+    /// Its set-up registers and I-variables.
+    pub generation: Generation,
     /// The PMAC address of the first DPRAM location.
     pub base: u32,
     /// The DPRAM's size in bytes.
     pub length: u32,
-    /// How many motors the board has.
+    /// How many motors the board has, at most 32.
     pub motors: usize,
-    /// How many coordinate systems the board has.
+    /// How many coordinate systems the board has, at most 32.
     pub coordinate_systems: usize,
     /// Hexadecimal digits with which DPRAM addresses are printed.
     pub address_digits: usize,
+    /// Bits of a PMAC address.
+    pub address_bits: u32,
     /// PMAC addresses from one motor's registers to the next motor's.
     pub motor_source_stride: u32,
     /// PMAC addresses from one coordinate system's registers to the next one's.
     pub system_source_stride: u32,
     /// The default of I10, the servo period in 1/8388608 ms.
     pub default_i10: u32,
+    /// The numbers of the I-variables that govern the functions.
+    pub i: IVariables,
     /// What the DPRAM is divided into, ascending, without a gap.
     pub regions: &'static [Region],
+    /// Free for buffers of variable size and other use.
+    pub user_area: Region,
     /// The register table, ascending.
     pub blocks: &'static [Block],
     /// The status words of `?`, `??` and `???`.
     pub status: &'static StatusTables,
-    /// Where gathering lies as printed.
+    /// In the first word of `???`: data are gathered.
+    pub gathering: u32,
+    /// The servo report.
+    pub servo: ServoBlock,
+    /// The background report.
+    pub background: BackgroundBlock,
+    /// ASCII communication.
+    pub ascii: AsciiPort,
+    /// The control panel; `None` where the firmware has none.
+    pub panel: Option<PanelBlock>,
+    /// How the place of a table or rotary buffer is told to PMAC.
+    pub start: StartRule,
+    /// Background variable read.
+    pub variable_read: VariableRead,
+    /// Background variable write.
+    pub variable_write: VariableWrite,
+    /// The binary rotary buffers.
+    pub rotary: RotaryHeaders,
+    /// Data gathering as printed.
     pub gather: GatherPlace,
     /// The firmware versions, as `VERSION` answers, that move the gather buffer and its index.
     pub gather_moved_in: &'static [&'static str],
@@ -42,46 +109,45 @@ pub struct Family {
     pub gather_shift: u32,
 }
 
-/// Where the three registers of data gathering lie.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct GatherPlace {
-    /// The buffer's size in longs.
-    pub size: HostOffset,
-    /// Where PMAC stores next, in longs from the buffer's start.
-    pub index: HostOffset,
-    /// The buffer's start.
-    pub buffer: HostOffset,
-}
-
-const fn classic_family(name: &'static str, title: &'static str, default_i10: u32) -> Family {
+const fn pmac_family(name: &'static str, title: &'static str, number: u32, default_i10: u32) -> Family {
     Family {
         name,
         title,
-        base: classic::BASE,
-        length: classic::LENGTH,
-        motors: classic::MOTORS,
-        coordinate_systems: classic::MOTORS,
+        number,
+        generation: Generation::Pmac,
+        base: pmac::BASE,
+        length: pmac::LENGTH,
+        motors: pmac::MOTORS,
+        coordinate_systems: pmac::MOTORS,
         address_digits: 4,
+        address_bits: 16,
         motor_source_stride: 0x3C,
         system_source_stride: 0xC0,
         default_i10,
-        regions: classic::REGIONS,
-        blocks: classic_table::BLOCKS,
-        status: &status::CLASSIC,
-        gather: GatherPlace {
-            size: classic::GATHER_SIZE,
-            index: classic::GATHER_INDEX,
-            buffer: classic::GATHER_BUFFER,
-        },
-        gather_moved_in: classic::GATHER_MOVED_IN,
-        gather_shift: classic::GATHER_SHIFT,
+        i: pmac::I_VARIABLES,
+        regions: pmac::REGIONS,
+        user_area: pmac::OPEN,
+        blocks: pmac_table::BLOCKS,
+        status: &status::PMAC,
+        gathering: pmac::GATHERING,
+        servo: pmac::SERVO_BLOCK,
+        background: pmac::BACKGROUND_REPORT,
+        ascii: pmac::ASCII,
+        panel: Some(pmac::PANEL_BLOCK),
+        start: pmac::START,
+        variable_read: pmac::VARIABLE_READ,
+        variable_write: pmac::VARIABLE_WRITE,
+        rotary: pmac::ROTARY,
+        gather: pmac::GATHER,
+        gather_moved_in: pmac::GATHER_MOVED_IN,
+        gather_shift: pmac::GATHER_SHIFT,
     }
 }
 
 /// PMAC, the first generation (PMAC(1)), with option 2 or 2V.
-pub static PMAC: Family = classic_family("pmac", "PMAC", 3_713_707);
+pub static PMAC: Family = pmac_family("pmac", "PMAC", 1, 3_713_707);
 /// PMAC2; its DPRAM is laid out as PMAC's.
-pub static PMAC2: Family = classic_family("pmac2", "PMAC2", 3_713_991);
+pub static PMAC2: Family = pmac_family("pmac2", "PMAC2", 2, 3_713_991);
 /// The families this version knows.
 pub static FAMILIES: &[&Family] = &[&PMAC, &PMAC2];
 
@@ -108,6 +174,21 @@ impl Family {
             .copied()
             .find(|family| family.name.eq_ignore_ascii_case(name))
             .ok_or_else(|| UnknownFamily { name: name.to_owned() })
+    }
+
+    /// The family with this number in the segment, or `None` for one that is not known here.
+    #[must_use]
+    pub fn by_number(number: u32) -> Option<&'static Self> {
+        FAMILIES.iter().copied().find(|family| family.number == number)
+    }
+
+    /// Where PMAC keeps the time base of coordinate system `number` that the panel's override sets, the default of its
+    /// Ix93; `None` without a panel.
+    #[must_use]
+    pub fn override_register(&self, number: usize) -> Option<PmacAddress> {
+        let PmacAddress { space, number: first } = self.panel.as_ref()?.time_base;
+        let stride = self.system_source_stride * number.saturating_sub(1) as u32;
+        Some(PmacAddress::new(space, first + stride))
     }
 
     /// The PMAC address of the location to which the word at `offset` belongs.
@@ -183,5 +264,13 @@ mod tests {
         assert_eq!(Family::by_name("PMAC2").unwrap(), &PMAC2);
         let error = Family::by_name("pmac9").unwrap_err().to_string();
         assert_eq!(error, "no board family is called \"pmac9\"; known are pmac, pmac2");
+    }
+
+    #[test]
+    fn generations_go_by_their_families_names() {
+        assert_eq!("PMAC2".parse(), Ok(Generation::Pmac));
+        assert_eq!("turbo".parse(), Ok(Generation::Turbo));
+        let error = "umac".parse::<Generation>().unwrap_err().to_string();
+        assert_eq!(error, "no board family is called \"umac\"; known are pmac, pmac2, turbo, turbo2");
     }
 }

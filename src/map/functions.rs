@@ -1,0 +1,502 @@
+//! Descriptors: where each automatic function lies in a family's DPRAM, and how host and PMAC hand its words over.
+//!
+//! A function of the driver takes one of these and knows no address. What differs between families is a value here; a
+//! difference in the procedure itself is a small enum ([`BusyRule`]), matched in one place.
+
+use super::{HostOffset, NumberKind, PmacAddress, Region};
+
+/// Bits of a DPRAM word by which one side tells the other something.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Flag {
+    /// The word.
+    pub word: HostOffset,
+    /// The bits.
+    pub mask: u16,
+}
+
+impl Flag {
+    /// Whether any of the bits is set in `word`.
+    #[must_use]
+    pub const fn is_set(self, word: u16) -> bool {
+        word & self.mask != 0
+    }
+}
+
+/// A servo timer in the DPRAM: the low bits of PMAC's servo counter.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Timer {
+    /// The word with the low bits.
+    pub low: HostOffset,
+    /// How many bits of that word count, from bit 0.
+    pub low_bits: u32,
+    /// The word with the bits above, and how many of it count from bit 0.
+    pub high: Option<(HostOffset, u32)>,
+}
+
+impl Timer {
+    /// How many bits the timer has, at most 24.
+    #[must_use]
+    pub const fn bits(self) -> u32 {
+        match self.high {
+            None => self.low_bits,
+            Some((_, bits)) => self.low_bits + bits,
+        }
+    }
+
+    /// The timer from its words. The high one does not matter to a timer that has none.
+    #[must_use]
+    pub const fn value(self, low: u16, high: u16) -> u32 {
+        let low = low as u32 & ((1 << self.low_bits) - 1);
+        match self.high {
+            None => low,
+            Some((_, bits)) => low | (high as u32 & ((1 << bits) - 1)) << self.low_bits,
+        }
+    }
+
+    /// The timer out of `words`, the first of which lies at `start`.
+    #[must_use]
+    pub fn read(self, words: &[u16], start: HostOffset) -> u32 {
+        let word = |offset: HostOffset| words.get(offset.words_since(start)).copied().unwrap_or_default();
+        self.value(word(self.low), self.high.map_or(0, |(offset, _)| word(offset)))
+    }
+}
+
+/// Words side by side.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Run {
+    /// The first word.
+    pub first: HostOffset,
+    /// How many 16-bit words.
+    pub words: usize,
+}
+
+/// Equal blocks of registers, one a motor or coordinate system, one behind the other without a gap.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Blocks {
+    /// How many there are.
+    pub count: usize,
+    /// The block of number 1.
+    pub first: HostOffset,
+    /// 16-bit words of a block, and from one block to the next.
+    pub words: usize,
+}
+
+impl Blocks {
+    /// The start of `number`'s block, or `None` for a number there is not.
+    #[must_use]
+    pub const fn at(self, number: usize) -> Option<HostOffset> {
+        if number >= 1 && number <= self.count {
+            Some(self.first.plus_words((number - 1) * self.words))
+        } else {
+            None
+        }
+    }
+
+    /// 16-bit words from `start` to the end of the block of number `count`.
+    #[must_use]
+    pub const fn words_from(self, start: HostOffset, count: usize) -> usize {
+        self.first.words_since(start) + count * self.words
+    }
+}
+
+/// What PMAC's flag in the servo report says.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum BusyRule {
+    /// Set while PMAC writes (PMAC and PMAC2, DPRAM manual p. 14).
+    SetWhileWriting,
+    /// Clear while PMAC writes, set when the data are whole (Turbo User Manual p. 403).
+    ClearWhileWriting,
+}
+
+impl BusyRule {
+    /// Whether PMAC writes, by its flag.
+    #[must_use]
+    pub const fn is_busy(self, flag: bool) -> bool {
+        match self {
+            Self::SetWhileWriting => flag,
+            Self::ClearWhileWriting => !flag,
+        }
+    }
+}
+
+/// The servo report: motor data that PMAC copies every so many servo cycles.
+#[derive(Debug, PartialEq, Eq)]
+pub struct ServoBlock {
+    /// All of it.
+    pub region: Region,
+    /// Set by the host: PMAC skips its updates.
+    pub host_busy: Flag,
+    /// Set and cleared by PMAC.
+    pub pmac_status: Flag,
+    /// What that says.
+    pub busy: BusyRule,
+    /// The servo timer at the update.
+    pub timer: Timer,
+    /// Which motors PMAC copies: 32 bits, Y half first, bit 0 for motor 1. `None`: motors 1 to
+    /// [`IVariables::reported`].
+    pub mask: Option<HostOffset>,
+    /// Words of the board that are read with every update.
+    pub global: Run,
+    /// The longs with the words of `???`, in the order of that reply; `None` where the report has none.
+    pub global_status: Option<[HostOffset; 2]>,
+    /// In one of those: a motion, rotary or PLC buffer is open, so that a command line is a program line.
+    pub program_buffer_open: Option<Flag>,
+    /// The motors' blocks.
+    pub motors: Blocks,
+}
+
+impl ServoBlock {
+    /// 16-bit words from the region's start to the end of the last motor's block.
+    #[must_use]
+    pub const fn words(&self) -> usize {
+        self.motors.words_from(self.region.start, self.motors.count)
+    }
+
+    /// Where the word at `offset` stands in an image that begins at the region's start.
+    #[must_use]
+    pub const fn index(&self, offset: HostOffset) -> usize {
+        offset.words_since(self.region.start)
+    }
+}
+
+/// The background report: what PMAC copies between its PLC scans when the host asks for it.
+#[derive(Debug, PartialEq, Eq)]
+pub struct BackgroundBlock {
+    /// All of it.
+    pub region: Region,
+    /// PMAC sets it when a report is whole; the host clears the word to have another.
+    pub ready: Flag,
+    /// Set by the host: PMAC skips its updates.
+    pub host_busy: Option<Flag>,
+    /// How many blocks PMAC fills; the host writes it. `None`: [`IVariables::reported`] tells.
+    pub count: Option<HostOffset>,
+    /// The servo timer when the data became ready.
+    pub timer: Timer,
+    /// Words of the board that are read with every report.
+    pub global: Run,
+    /// What the blocks' numbers count.
+    pub numbers: NumberKind,
+    /// The blocks.
+    pub blocks: Blocks,
+}
+
+impl BackgroundBlock {
+    /// 16-bit words from the region's start to the end of the last block.
+    #[must_use]
+    pub const fn words(&self) -> usize {
+        self.blocks.words_from(self.region.start, self.blocks.count)
+    }
+
+    /// Where the word at `offset` stands in an image that begins at the region's start.
+    #[must_use]
+    pub const fn index(&self, offset: HostOffset) -> usize {
+        offset.words_since(self.region.start)
+    }
+}
+
+/// ASCII communication: a command line to PMAC, response lines from it.
+#[derive(Debug, PartialEq, Eq)]
+pub struct AsciiPort {
+    /// A line is in the buffer. The host sets it, PMAC clears it when it has taken the line.
+    pub command_loaded: Flag,
+    /// Bits 7-0: a control character for PMAC, which clears the word.
+    pub control_character: HostOffset,
+    /// The command line.
+    pub command: HostOffset,
+    /// Bytes of its buffer, the NUL included.
+    pub command_bytes: usize,
+    /// Characters of the longest line PMAC takes. What does not fit the buffer goes in a second part.
+    pub line_limit: usize,
+    /// What PMAC put into the response buffer: 0 nothing, else one of [`response`]'s values. The host writes 0.
+    pub response_control: HostOffset,
+    /// Characters in the response buffer, the NUL included.
+    pub response_count: HostOffset,
+    /// The response line, [`RESPONSE_BYTES`] bytes with the NUL.
+    pub response: HostOffset,
+}
+
+/// The size of the response buffer in bytes, the NUL included (DPRAM manual p. 29, Turbo User Manual p. 406).
+pub const RESPONSE_BYTES: usize = 256;
+
+/// Values of [`AsciiPort::response_control`].
+pub mod response {
+    /// A line of a reply; more follow.
+    pub const LINE: u16 = 0x000D;
+    /// The reply to a command a PMAC program issued (`CMD"..."`); no final acknowledge.
+    pub const TO_PROGRAM: u16 = 0x010D;
+    /// A message a PMAC program sent (`SEND"..."`); no final acknowledge.
+    pub const MESSAGE: u16 = 0x020D;
+    /// End of the reply.
+    pub const ACKNOWLEDGE: u16 = 0x0006;
+    /// This bit: an error; bits 11-0 are its number in three BCD digits.
+    pub const ERROR: u16 = 1 << 15;
+}
+
+/// How a table's place is written into its header's start word.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct StartRule {
+    /// A place.
+    pub from: HostOffset,
+    /// The start word of a table there; it grows by 1 a long.
+    pub word: u16,
+}
+
+impl StartRule {
+    /// The start word of a table at `offset`, which does not lie below [`StartRule::from`].
+    #[must_use]
+    pub const fn start_word(self, offset: HostOffset) -> u16 {
+        self.word.wrapping_add((offset.words_since(self.from) / 2) as u16)
+    }
+}
+
+/// Which kind of register an entry of the variable tables names.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum VariableKind {
+    /// A Y word: 24 bits, sign-extended to a long.
+    Y,
+    /// An X word: 24 bits, sign-extended to a long.
+    X,
+    /// X and Y, fixed or floating point: two longs, Y half first.
+    Long,
+    /// A function block of a compiled PLC, firmware 1.16: two longs. The address is the block's number.
+    Special,
+}
+
+impl VariableKind {
+    /// Its code: in the table (see [`EntryBits`]) and in the segment.
+    #[must_use]
+    pub const fn code(self) -> u16 {
+        match self {
+            Self::Y => 0,
+            Self::Long => 1,
+            Self::X => 2,
+            Self::Special => 4,
+        }
+    }
+
+    /// The kind with this code.
+    #[must_use]
+    pub const fn of_code(code: u16) -> Option<Self> {
+        match code {
+            0 => Some(Self::Y),
+            1 => Some(Self::Long),
+            2 => Some(Self::X),
+            4 => Some(Self::Special),
+            _ => None,
+        }
+    }
+
+    /// 16-bit words of its value in the DPRAM.
+    #[must_use]
+    pub const fn words(self) -> usize {
+        match self {
+            Self::Y | Self::X => 2,
+            Self::Long | Self::Special => 4,
+        }
+    }
+}
+
+/// How an entry of the variable-read table is written: the Y word holds address bits 15-0, the X word the kind and,
+/// from bit 0, the address bits above.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct EntryBits {
+    /// The lowest bit of the kind in the X word.
+    pub kind: u32,
+    /// Bits of an address, 16 to 19.
+    pub address: u32,
+}
+
+impl EntryBits {
+    /// The bits of the X word that the host writes.
+    #[must_use]
+    pub const fn mask(self) -> u16 {
+        0b111 << self.kind | ((1_u32 << (self.address - 16)) - 1) as u16
+    }
+
+    /// The Y and the X word.
+    #[must_use]
+    pub const fn words(self, kind: VariableKind, address: u32) -> [u16; 2] {
+        [address as u16, kind.code() << self.kind | (address >> 16) as u16]
+    }
+}
+
+/// Background variable read: registers of the host's choice.
+#[derive(Debug, PartialEq, Eq)]
+pub struct VariableRead {
+    /// In the control word, single-user mode: PMAC sets it after an update, the host clears it to have another.
+    pub ready: Flag,
+    /// In the control word: every entry has its own ready bit.
+    pub multi_user: Flag,
+    /// The low 16 bits of the servo counter at the update.
+    pub timer: HostOffset,
+    /// Entries to read; 0 stops the function.
+    pub count: HostOffset,
+    /// Where the table lies, by the [`StartRule`].
+    pub start: HostOffset,
+    /// How an entry is written.
+    pub entry: EntryBits,
+}
+
+/// Entries of a variable-read table at most, in every family.
+pub const VARIABLE_READ_ENTRIES: usize = 128;
+/// 16-bit words of an entry.
+pub const VARIABLE_READ_ENTRY_WORDS: usize = 2;
+/// In an entry's X word, in multi-user mode: PMAC sets it after an update, the host clears it to have another.
+pub const VARIABLE_READ_ENTRY_READY: u16 = 1 << 15;
+
+/// Where the parts of a write record's type word begin, each by its lowest bit.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct RecordBits {
+    /// The kind.
+    pub kind: u32,
+    /// The width in bits; 0 is the whole word.
+    pub width: u32,
+    /// The lowest bit written.
+    pub offset: u32,
+    /// Bits of an address; those above 15 stand from bit 0 on.
+    pub address: u32,
+}
+
+/// Background variable write.
+#[derive(Debug, PartialEq, Eq)]
+pub struct VariableWrite {
+    /// Records to write; the host sets it, PMAC writes 0 when it has done them.
+    pub count: HostOffset,
+    /// Where the records lie, by the [`StartRule`].
+    pub start: HostOffset,
+    /// How a record's type word is made up.
+    pub record: RecordBits,
+}
+
+/// Records of a variable-write table at most, in every family.
+pub const VARIABLE_WRITE_RECORDS: usize = 32;
+/// 16-bit words of a record.
+pub const VARIABLE_WRITE_RECORD_WORDS: usize = 6;
+
+/// The headers of the binary rotary buffers, the first buffer's first.
+#[derive(Debug, PartialEq, Eq)]
+pub struct RotaryHeaders {
+    /// Where each header begins.
+    pub headers: &'static [HostOffset],
+}
+
+/// Where the words of a rotary header lie, in 16-bit words from its start. The same in every family.
+pub mod rotary_header {
+    /// Bits 7-0 error code, [`BUSY`], [`ERROR`].
+    pub const STATUS: usize = 0;
+    /// The coordinate system the commands go to.
+    pub const COORDINATE_SYSTEM: usize = 1;
+    /// Where the host will write next, in longs from the buffer's start.
+    pub const HOST_INDEX: usize = 2;
+    /// Where PMAC will read next, in longs from the buffer's start.
+    pub const PMAC_INDEX: usize = 3;
+    /// The buffer's size in longs, even, at least 6.
+    pub const SIZE: usize = 4;
+    /// Where the buffer lies, by the [`super::StartRule`].
+    pub const START: usize = 5;
+    /// In a status word: the internal rotary buffer is full.
+    pub const BUSY: u16 = 1 << 14;
+    /// In a status word: error; bits 7-0 tell which.
+    pub const ERROR: u16 = 1 << 15;
+}
+
+/// The control panel.
+#[derive(Debug, PartialEq, Eq)]
+pub struct PanelBlock {
+    /// All of it.
+    pub region: Region,
+    /// Which motors and coordinate systems a request is for; the host sets, PMAC clears all bits when it acts.
+    pub request_enable: HostOffset,
+    /// Which coordinate systems take their feed rate override from here; the host sets and clears.
+    pub override_enable: HostOffset,
+    /// Request word of number 1, followed by its override word (0-32767 in 1/32768 ms).
+    pub request: HostOffset,
+    /// Feed rate override of coordinate system 1.
+    pub feed_override: HostOffset,
+    /// 16-bit words from one number's words to the next one's.
+    pub stride: usize,
+    /// How many numbers there are, at most 32.
+    pub numbers: usize,
+    /// Where PMAC keeps the time base of coordinate system 1 that the panel's override sets; the next one's lies the
+    /// family's coordinate system stride on.
+    pub time_base: PmacAddress,
+}
+
+/// Bits of a panel request word (DPRAM manual p. 12).
+pub mod panel_request {
+    /// Jog minus (motor). Together with [`JOG_PLUS`]: stop.
+    pub const JOG_MINUS: u16 = 1 << 8;
+    /// Jog plus (motor).
+    pub const JOG_PLUS: u16 = 1 << 9;
+    /// Return to the position before the jog, `J=` (motor).
+    pub const PRE_JOG: u16 = 1 << 10;
+    /// Run (coordinate system).
+    pub const START: u16 = 1 << 11;
+    /// Step, or quit while running (coordinate system).
+    pub const STEP: u16 = 1 << 12;
+    /// Abort (coordinate system).
+    pub const STOP: u16 = 1 << 13;
+    /// Home search (motor).
+    pub const HOME: u16 = 1 << 14;
+    /// Feed hold (coordinate system).
+    pub const FEED_HOLD: u16 = 1 << 15;
+}
+
+/// Where the three registers of data gathering lie.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct GatherPlace {
+    /// The buffer's size in longs.
+    pub size: HostOffset,
+    /// Where PMAC stores next, in longs from the buffer's start.
+    pub index: HostOffset,
+    /// The buffer's start.
+    pub buffer: HostOffset,
+}
+
+/// The numbers of the I-variables that govern the DPRAM's functions; `None` where a family has none.
+#[derive(Debug, PartialEq, Eq)]
+pub struct IVariables {
+    /// Control panel enable.
+    pub panel: Option<u16>,
+    /// Servo cycles between two servo reports.
+    pub servo_period: u16,
+    /// Servo report enable.
+    pub servo_enable: u16,
+    /// Background report enable.
+    pub background_enable: u16,
+    /// The highest motor and coordinate system in the servo and background reports.
+    pub reported: Option<u16>,
+    /// Enable of both variable tables.
+    pub variables_enable: u16,
+    /// Interrupt for a response in the DPRAM.
+    pub interrupt: u16,
+    /// Binary rotary transfer enable.
+    pub rotary_enable: Option<u16>,
+    /// ASCII communication enable.
+    pub ascii_enable: u16,
+    /// Servo cycles between two gathered samples.
+    pub gather_period: u16,
+    /// Where gathering stores: 2 in the DPRAM until it is full, 3 in the DPRAM round and round.
+    pub gather_mode: u16,
+    /// Which sources are gathered, 24 bits each.
+    pub gather_masks: &'static [u16],
+    /// The first source's address; the others follow.
+    pub gather_sources: u16,
+    /// Ix93 of coordinate system 1: the address of its time base. The next one's number is 100 higher.
+    pub time_base: u16,
+}
+
+impl IVariables {
+    /// Variable `which` (0-99) of `motor` (from 1): Ix08 of motor 3 is 308.
+    #[must_use]
+    pub const fn motor(motor: usize, which: usize) -> usize {
+        100 * motor + which
+    }
+
+    /// Ix93 of coordinate system `number`, from 1.
+    #[must_use]
+    pub const fn time_base(&self, number: usize) -> usize {
+        self.time_base as usize + 100 * number.saturating_sub(1)
+    }
+}
