@@ -2,11 +2,12 @@
 
 use std::cell::Cell;
 
+use pmac_dpram::sim::STARTUP;
+use pmac_dpram::sim::board::Statistics;
 use pmac_dpram::sim::control::{self, Answer};
 use pmac_dpram::sim::judge::Judge;
-use pmac_dpram::sim::language::{Interpreter, SerialPort, family};
-use pmac_dpram::sim::machine::{Board, Machine, Statistics};
-use pmac_dpram::sim::{STARTUP, process};
+use pmac_dpram::sim::language::family;
+use pmac_dpram::sim::world::World;
 
 use super::tape::Tape;
 
@@ -17,38 +18,34 @@ const CYCLES: u32 = 64;
 pub fn body(data: &[u8]) {
     let Some((&way, rest)) = data.split_first() else { return };
     let kind = if way & 2 == 0 { &family::PMAC } else { &family::PMAC2 };
-    let mut board = match BOARD.take() {
-        Some((which, board)) if which == kind.name => fresh(board),
-        _ => Board { machine: Machine::alone(kind).unwrap(), interpreter: Interpreter::new() },
+    let mut world = match BOARD.take() {
+        Some((which, world)) if which == kind.name => fresh(world),
+        _ => World::alone(kind).unwrap(),
     };
     if way & 1 != 0 {
-        process::load(&mut board, "startup", STARTUP).unwrap();
+        world.load("startup", STARTUP).unwrap();
     }
-    let mut serial = SerialPort::new();
     let mut cycles = CYCLES;
     let mut lasts = false;
     let mut tape = Tape::new(rest);
     while !tape.is_over() {
         let what = tape.u8();
         match what % 6 {
-            0 | 1 => line(&mut board, tape.piece()),
+            0 | 1 => line(&mut world, tape.piece()),
             2 => {
                 lasts = true;
                 let text = String::from_utf8_lossy(tape.piece()).into_owned();
-                match control::execute(&mut board, &text, true) {
+                match control::execute(&mut world, &text, true) {
                     Answer::Step(steps) => {
-                        run(&mut board, u32::try_from(steps).unwrap_or(CYCLES), &mut cycles)
+                        run(&mut world, u32::try_from(steps).unwrap_or(CYCLES), &mut cycles)
                     }
                     Answer::Line(answer) => assert!(!answer.contains('\n')),
                     Answer::Exit => return,
                 }
             }
             3 => {
-                let mut output = Vec::new();
                 let bytes = tape.piece();
-                for &byte in bytes {
-                    serial.receive(&mut board.machine, &mut board.interpreter, byte, &mut output);
-                }
+                let output = world.serial(bytes);
                 assert!(output.len() <= 1 << 20, "{} bytes in answer to {}", output.len(), bytes.len());
             }
             4 => {
@@ -56,54 +53,53 @@ pub fn body(data: &[u8]) {
                 let offset = tape.u16() & 0x3FFE;
                 for (word, at) in tape.piece().chunks(2).zip(0..) {
                     let value = u16::from_le_bytes([word[0], word.get(1).copied().unwrap_or(0)]);
-                    board.machine.memory.dpram.write16((offset + 2 * at) & 0x3FFE, value);
+                    world.board.memory.dpram.write16((offset + 2 * at) & 0x3FFE, value);
                 }
             }
-            _ => run(&mut board, u32::from(what / 6) % 16 + 1, &mut cycles),
+            _ => run(&mut world, u32::from(what / 6) % 16 + 1, &mut cycles),
         }
     }
-    run(&mut board, 4, &mut cycles);
+    run(&mut world, 4, &mut cycles);
     // What a control socket does outlasts a reset: faults, limit switches, a held shaft.
     if !lasts {
-        BOARD.set(Some((kind.name, board)));
+        BOARD.set(Some((kind.name, world)));
     }
 }
 
 thread_local! {
     /// The board of the last input, because a new one takes ten times as long as most inputs.
-    static BOARD: Cell<Option<(&'static str, Board)>> = const { Cell::new(None) };
+    static BOARD: Cell<Option<(&'static str, World)>> = const { Cell::new(None) };
 }
 
 /// As new.
-fn fresh(mut board: Board) -> Board {
-    let machine = &mut board.machine;
+fn fresh(mut world: World) -> World {
+    let board = &mut world.board;
     for offset in (0..0x4000).step_by(2) {
-        machine.memory.dpram.write16(offset, 0);
+        board.memory.dpram.write16(offset, 0);
     }
-    machine.reset(true);
-    machine.judge = Judge::default();
-    machine.stats = Statistics::default();
-    machine.serial_output.clear();
-    board.interpreter = Interpreter::new();
-    board
+    board.reset(true);
+    board.judge = Judge::default();
+    board.stats = Statistics::default();
+    board.serial_output.clear();
+    World::new(world.board, None)
 }
 
-fn line(board: &mut Board, line: &[u8]) {
+fn line(world: &mut World, line: &[u8]) {
     match line {
-        &[character @ 1..32] => drop(board.interpreter.control(&mut board.machine, character)),
+        &[character @ 1..32] => drop(world.interpreter.control(&mut world.board, character)),
         _ => {
-            let reply = board.interpreter.execute(&mut board.machine, line);
+            let reply = world.execute(line);
             assert!(reply.lines.iter().map(String::len).sum::<usize>() <= 1 << 20);
         }
     }
 }
 
-fn run(board: &mut Board, count: u32, left: &mut u32) {
+fn run(world: &mut World, count: u32, left: &mut u32) {
     let count = count.min(*left);
     *left -= count;
     for _ in 0..count {
-        board.step();
+        world.step();
     }
-    assert!(board.machine.serial_output.len() <= 1 << 20);
-    board.machine.serial_output.clear();
+    assert!(world.board.serial_output.len() <= 1 << 20);
+    world.board.serial_output.clear();
 }

@@ -10,8 +10,8 @@
 
 use std::collections::VecDeque;
 
+use super::board::Board;
 use super::language::{CommandError, Interpreter, Reply, takes_line};
-use super::machine::Machine;
 use super::offsets;
 use crate::format::TextOrder;
 use crate::map::classic::{self, RESPONSE_ACKNOWLEDGE, RESPONSE_ERROR, RESPONSE_LINE};
@@ -78,161 +78,161 @@ impl AsciiPort {
 }
 
 /// One background pass: takes a control character, then a line, then writes a response.
-pub fn pass(machine: &mut Machine, interpreter: &mut Interpreter) {
-    if machine.variables.i(58) == 1.0 && !machine.faults.ascii_deaf {
-        take_character(machine, interpreter);
-        take_line(machine, interpreter);
+pub fn poll(board: &mut Board, interpreter: &mut Interpreter) {
+    if board.variables.i(58) == 1.0 && !board.faults.ascii_deaf {
+        take_character(board, interpreter);
+        take_line(board, interpreter);
     }
-    respond(machine);
+    respond(board);
 }
 
-fn take_character(machine: &mut Machine, interpreter: &mut Interpreter) {
-    let word = machine.memory.dpram.read16(offsets::ASCII_OUT_CHARACTER);
+fn take_character(board: &mut Board, interpreter: &mut Interpreter) {
+    let word = board.memory.dpram.read16(offsets::ASCII_OUT_CHARACTER);
     let character = word as u8;
     if character == 0 {
         return;
     }
-    machine.memory.dpram.write16(offsets::ASCII_OUT_CHARACTER, 0);
-    machine.ascii.commands += 1;
-    machine.dpram_becomes_active();
-    control(machine, interpreter, character);
+    board.memory.dpram.write16(offsets::ASCII_OUT_CHARACTER, 0);
+    board.ascii.commands += 1;
+    board.dpram_becomes_active();
+    control(board, interpreter, character);
 }
 
 /// Carries out a control character. One that reports data ends with the acknowledgement, as does the line that ^W takes;
 /// others answer nothing. (^E and ^G report bytes that no text of this port can hold.)
-fn control(machine: &mut Machine, interpreter: &mut Interpreter, character: u8) {
-    if let Some(reply) = interpreter.control(machine, character)
+fn control(board: &mut Board, interpreter: &mut Interpreter, character: u8) {
+    if let Some(reply) = interpreter.control(board, character)
         && (reply.error.is_some() || !reply.lines.is_empty() || takes_line(character))
     {
-        answer(machine, reply);
+        answer(board, reply);
     }
 }
 
-fn take_line(machine: &mut Machine, interpreter: &mut Interpreter) {
-    if machine.memory.dpram.read16(offsets::ASCII_OUT_CONTROL) & 1 == 0 {
-        machine.ascii.seen = None;
+fn take_line(board: &mut Board, interpreter: &mut Interpreter) {
+    if board.memory.dpram.read16(offsets::ASCII_OUT_CONTROL) & 1 == 0 {
+        board.ascii.seen = None;
         return;
     }
-    machine.memory.dpram.order_reads();
-    let text = read_text(machine);
-    let Some(seen) = machine.ascii.seen.replace(text) else { return };
-    machine.ascii.seen = None;
+    board.memory.dpram.order_reads();
+    let text = read_text(board);
+    let Some(seen) = board.ascii.seen.replace(text) else { return };
+    board.ascii.seen = None;
     if before_nul(&seen) != before_nul(&text) {
-        let cycle = machine.stats.servo_cycles;
-        machine.judge.record(cycle, "the command text changed after its flag was set");
+        let cycle = board.stats.servo_cycles;
+        board.judge.record(cycle, "the command text changed after its flag was set");
     }
     match text.iter().position(|&byte| byte == 0) {
         Some(end) => {
-            let mut line = machine.ascii.first_part.take().unwrap_or_default();
+            let mut line = board.ascii.first_part.take().unwrap_or_default();
             line.extend_from_slice(&text[..end]);
-            machine.ascii.commands += 1;
-            machine.dpram_becomes_active();
+            board.ascii.commands += 1;
+            board.dpram_becomes_active();
             if line.len() > LONGEST {
-                machine.ascii.push_error(CommandError::SYNTAX);
+                board.ascii.push_error(CommandError::SYNTAX);
             } else {
-                execute(machine, interpreter, &line);
+                execute(board, interpreter, &line);
             }
         }
         // The last byte of a first part only shows that there is more.
-        None if machine.ascii.first_part.is_none() => {
-            machine.ascii.first_part = Some(text[..offsets::ASCII_OUT_LENGTH - 1].to_vec());
+        None if board.ascii.first_part.is_none() => {
+            board.ascii.first_part = Some(text[..offsets::ASCII_OUT_LENGTH - 1].to_vec());
         }
         None => {
-            machine.ascii.first_part = None;
-            machine.ascii.push_error(CommandError::SYNTAX);
+            board.ascii.first_part = None;
+            board.ascii.push_error(CommandError::SYNTAX);
         }
     }
-    machine.memory.dpram.order_writes();
-    machine.memory.dpram.write16(offsets::ASCII_OUT_CONTROL, 0);
+    board.memory.dpram.order_writes();
+    board.memory.dpram.write16(offsets::ASCII_OUT_CONTROL, 0);
 }
 
-fn execute(machine: &mut Machine, interpreter: &mut Interpreter, line: &[u8]) {
+fn execute(board: &mut Board, interpreter: &mut Interpreter, line: &[u8]) {
     // Some hosts send a control character as a line of its own.
     if let [character @ 1..=31] = *line {
-        control(machine, interpreter, character);
+        control(board, interpreter, character);
         return;
     }
-    let resets = machine.stats.resets;
-    let reply = interpreter.execute(machine, line);
+    let resets = board.stats.resets;
+    let reply = interpreter.execute(board, line);
     // A reset empties the queues; its own acknowledgement is lost with them.
-    if machine.stats.resets == resets {
-        answer(machine, reply);
+    if board.stats.resets == resets {
+        answer(board, reply);
     }
 }
 
-fn answer(machine: &mut Machine, reply: Reply) {
-    if machine.faults.ascii_no_reply {
+fn answer(board: &mut Board, reply: Reply) {
+    if board.faults.ascii_no_reply {
         return;
     }
     for text in reply.lines {
-        machine.ascii.push(RESPONSE_LINE, text.as_bytes());
+        board.ascii.push(RESPONSE_LINE, text.as_bytes());
     }
     match reply.error {
-        Some(error) => machine.ascii.push_error(error),
-        None if machine.variables.i(3) >= 2.0 => machine.ascii.push(RESPONSE_ACKNOWLEDGE, &[]),
+        Some(error) => board.ascii.push_error(error),
+        None if board.variables.i(3) >= 2.0 => board.ascii.push(RESPONSE_ACKNOWLEDGE, &[]),
         None => {}
     }
 }
 
-fn respond(machine: &mut Machine) {
-    for (offset, word) in std::mem::take(&mut machine.ascii.rest) {
-        machine.memory.dpram.write16(offset, word);
+fn respond(board: &mut Board) {
+    for (offset, word) in std::mem::take(&mut board.ascii.rest) {
+        board.memory.dpram.write16(offset, word);
     }
     if let Some(again) =
-        machine.ascii.repeat.take_if(|_| machine.memory.dpram.read16(offsets::ASCII_IN_CONTROL) == 0)
+        board.ascii.repeat.take_if(|_| board.memory.dpram.read16(offsets::ASCII_IN_CONTROL) == 0)
     {
-        machine.ascii.queue.push_front(again);
-        put(machine);
+        board.ascii.queue.push_front(again);
+        put(board);
         return;
     }
-    let Some(next) = machine.ascii.queue.front() else { return };
-    if next.control == RESPONSE_ACKNOWLEDGE && machine.faults.ascii_late_ack > 0 {
-        let left = machine.ascii.late.get_or_insert(machine.faults.ascii_late_ack);
+    let Some(next) = board.ascii.queue.front() else { return };
+    if next.control == RESPONSE_ACKNOWLEDGE && board.faults.ascii_late_ack > 0 {
+        let left = board.ascii.late.get_or_insert(board.faults.ascii_late_ack);
         if *left > 0 {
             *left -= 1;
             return;
         }
     }
-    if machine.memory.dpram.read16(offsets::ASCII_IN_CONTROL) != 0 {
+    if board.memory.dpram.read16(offsets::ASCII_IN_CONTROL) != 0 {
         return;
     }
-    machine.ascii.late = None;
-    if machine.faults.ascii_repeat {
-        machine.ascii.repeat = machine.ascii.queue.front().cloned();
+    board.ascii.late = None;
+    if board.faults.ascii_repeat {
+        board.ascii.repeat = board.ascii.queue.front().cloned();
     }
-    put(machine);
+    put(board);
 }
 
 /// Writes the first response of the queue.
-fn put(machine: &mut Machine) {
-    let Some(Response { control, text }) = machine.ascii.queue.pop_front() else { return };
-    let dpram = &mut machine.memory.dpram;
+fn put(board: &mut Board) {
+    let Some(Response { control, text }) = board.ascii.queue.pop_front() else { return };
+    let dpram = &mut board.memory.dpram;
     // One NUL at least; the second half of the last word is a NUL too.
     let words = (0..=text.len()).step_by(2).map(|place| {
         let character = |at: usize| text.get(at).copied().unwrap_or(0);
         let word = TextOrder::LowFirst.pack(character(place), character(place + 1));
         (offsets::ASCII_IN_TEXT + place as u16, word)
     });
-    let whole = if machine.faults.ascii_torn { text.len() / 4 } else { usize::MAX };
+    let whole = if board.faults.ascii_torn { text.len() / 4 } else { usize::MAX };
     for (index, (offset, word)) in words.enumerate() {
         if index < whole {
             dpram.write16(offset, word);
         } else {
-            machine.ascii.rest.push((offset, word));
+            board.ascii.rest.push((offset, word));
         }
     }
-    dpram.write16(offsets::ASCII_IN_COUNT, machine.faults.ascii_count.unwrap_or(text.len() as u16 + 1));
+    dpram.write16(offsets::ASCII_IN_COUNT, board.faults.ascii_count.unwrap_or(text.len() as u16 + 1));
     dpram.order_writes();
     dpram.write16(offsets::ASCII_IN_CONTROL, control);
-    if machine.variables.i(56) == 1.0 {
-        machine.ascii.interrupts += 1;
+    if board.variables.i(56) == 1.0 {
+        board.ascii.interrupts += 1;
     }
 }
 
-fn read_text(machine: &Machine) -> [u8; offsets::ASCII_OUT_LENGTH] {
+fn read_text(board: &Board) -> [u8; offsets::ASCII_OUT_LENGTH] {
     let mut text = [0; offsets::ASCII_OUT_LENGTH];
     for (index, pair) in text.chunks_exact_mut(2).enumerate() {
-        let word = machine.memory.dpram.read16(offsets::ASCII_OUT_TEXT + 2 * index as u16);
+        let word = board.memory.dpram.read16(offsets::ASCII_OUT_TEXT + 2 * index as u16);
         pair.copy_from_slice(&TextOrder::LowFirst.unpack(word));
     }
     text

@@ -16,7 +16,7 @@ fn a_line_is_answered_line_by_line_and_acknowledged() {
     assert_eq!(bench.send("I10 VERSION"), [line("3713707"), line("1.16D"), ack()]);
     assert_eq!(bench.send(""), [ack()]);
     assert_eq!(bench.read(0x062C), 0);
-    assert_eq!(bench.board.machine.ascii.commands, 2);
+    assert_eq!(bench.world.board.ascii.commands, 2);
     assert!(bench.violations().is_empty(), "{:?}", bench.violations());
 }
 
@@ -25,7 +25,7 @@ fn an_error_is_a_bcd_word() {
     let mut bench = Bench::started();
     assert_eq!(bench.send("UUU"), [(0x8003, String::new())]);
     assert_eq!(bench.send("I19 UUU"), [line("1"), (0x8003, String::new())]);
-    bench.board.machine.ascii.push_error(super::language::CommandError(17));
+    bench.world.board.ascii.push_error(super::language::CommandError(17));
     assert_eq!(bench.response(), (0x8017, String::new()));
 }
 
@@ -38,9 +38,9 @@ fn nothing_is_written_while_the_host_has_not_freed_the_buffer() {
     assert_eq!((bench.read(0x06D0), bench.read(0x06D2), bench.read(0x06D4)), (0x000D, 2, u16::from(b'1')));
     bench.run(20);
     assert_eq!(bench.read(0x06D4), u16::from(b'1'));
-    assert_eq!(bench.board.machine.ascii.interrupts, 1);
+    assert_eq!(bench.world.interrupts.response, 1);
     assert_eq!([bench.response(), bench.response(), bench.response()], [line("1"), line("8"), ack()]);
-    assert_eq!(bench.board.machine.ascii.interrupts, 3);
+    assert_eq!(bench.world.interrupts.response, 3);
 }
 
 #[test]
@@ -73,12 +73,12 @@ fn more_than_two_hundred_characters_are_an_error() {
 #[test]
 fn control_characters_act_at_once_and_silently() {
     let mut bench = Bench::started();
-    bench.board.machine.jog(0, super::machine::Jog::Plus, None).unwrap();
+    bench.world.board.jog(0, super::board::Jog::Plus, None).unwrap();
     bench.run(100);
     bench.write(0x062E, 11);
     bench.run(1);
     assert_eq!(bench.read(0x062E), 0);
-    assert_eq!(bench.board.machine.motor_status(0)[0] & 1 << 18, 1 << 18, "killed");
+    assert_eq!(bench.world.board.motor_status(0)[0] & 1 << 18, 1 << 18, "killed");
     bench.run(20);
     assert_eq!(bench.read(0x06D0), 0);
 }
@@ -99,7 +99,7 @@ fn cancel_empties_the_queue_and_both_words() {
 #[test]
 fn without_i58_the_port_is_deaf() {
     let mut bench = Bench::started();
-    bench.board.machine.serial_becomes_active();
+    bench.world.board.serial_becomes_active();
     bench.write_text("I19");
     bench.write(0x062C, 1);
     bench.write(0x062E, 11);
@@ -111,7 +111,7 @@ fn without_i58_the_port_is_deaf() {
 fn no_acknowledgement_without_its_handshake_mode() {
     let mut bench = Bench::bare("1.16D");
     bench.set(58, 1.0);
-    assert_eq!(bench.board.machine.variables.i(3), 0.0, "I3=1 becomes 0");
+    assert_eq!(bench.world.board.variables.i(3), 0.0, "I3=1 becomes 0");
     bench.write_text("VERSION");
     bench.write(0x062C, 1);
     assert_eq!(bench.response(), line("1.16D"));
@@ -122,7 +122,7 @@ fn no_acknowledgement_without_its_handshake_mode() {
 #[test]
 fn faults_of_the_port() {
     let mut bench = Bench::started();
-    bench.board.machine.faults.ascii_late_ack = 30;
+    bench.world.board.faults.ascii_late_ack = 30;
     bench.write_text("I19");
     bench.write(0x062C, 1);
     assert_eq!(bench.response(), line("1"));
@@ -130,12 +130,12 @@ fn faults_of_the_port() {
     assert_eq!(bench.read(0x06D0), 0);
     bench.run(10);
     assert_eq!(bench.response(), ack());
-    bench.board.machine.faults.ascii_late_ack = 0;
-    bench.board.machine.faults.ascii_no_reply = true;
+    bench.world.board.faults.ascii_late_ack = 0;
+    bench.world.board.faults.ascii_no_reply = true;
     bench.write(0x062C, 1);
     bench.run(20);
     assert_eq!((bench.read(0x062C), bench.read(0x06D0)), (0, 0));
-    bench.board.machine.faults.ascii_deaf = true;
+    bench.world.board.faults.ascii_deaf = true;
     bench.write(0x062C, 1);
     bench.run(20);
     assert_eq!(bench.read(0x062C), 1);
@@ -146,14 +146,14 @@ fn unsolicited_messages_have_words_of_their_own() {
     use super::control::{Answer, execute};
     let mut bench = Bench::started();
     bench.send("");
-    assert_eq!(execute(&mut bench.board, "send AT HOME", true), Answer::Line("ok".into()));
-    assert_eq!(execute(&mut bench.board, "cmd I19 I59", true), Answer::Line("ok".into()));
+    assert_eq!(execute(&mut bench.world, "send AT HOME", true), Answer::Line("ok".into()));
+    assert_eq!(execute(&mut bench.world, "cmd I19 I59", true), Answer::Line("ok".into()));
     assert_eq!(bench.response(), (0x020D, "AT HOME".into()));
     assert_eq!(bench.response(), (0x010D, "1".into()));
     assert_eq!(bench.response(), (0x010D, "8".into()));
-    bench.board.machine.serial_becomes_active();
-    assert_eq!(execute(&mut bench.board, "send DONE", true), Answer::Line("ok".into()));
-    assert_eq!(bench.board.machine.serial_output, b"DONE\r");
+    bench.world.board.serial_becomes_active();
+    assert_eq!(execute(&mut bench.world, "send DONE", true), Answer::Line("ok".into()));
+    assert_eq!(bench.world.board.serial_output, b"DONE\r");
 }
 
 #[test]
@@ -208,17 +208,17 @@ fn control_w_takes_the_line_that_i47_points_to() {
 #[test]
 fn torn_repeated_and_miscounted_responses_are_what_their_faults_say() {
     let mut bench = Bench::started();
-    bench.board.machine.faults.ascii_repeat = true;
+    bench.world.board.faults.ascii_repeat = true;
     assert_eq!(bench.send("I59"), [line("8"), line("8"), ack()]);
     assert_eq!(bench.response(), ack());
-    bench.board.machine.faults.ascii_repeat = false;
-    bench.board.machine.faults.ascii_count = Some(77);
+    bench.world.board.faults.ascii_repeat = false;
+    bench.world.board.faults.ascii_count = Some(77);
     bench.write_text("VERSION I10");
     bench.write(0x062C, 1);
     bench.run(5);
     assert_eq!((bench.read(0x06D0), bench.read(0x06D2)), (0x000D, 77));
-    bench.board.machine.faults.ascii_count = None;
-    bench.board.machine.faults.ascii_torn = true;
+    bench.world.board.faults.ascii_count = None;
+    bench.world.board.faults.ascii_torn = true;
     bench.write(0x06D0, 0);
     while bench.read(0x06D0) == 0 {
         bench.run(1);

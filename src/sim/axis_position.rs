@@ -3,8 +3,8 @@
 //! A motor's position is the sum of its terms, counts per unit times axis, and its offset. The position bias D:$0813
 //! joins that to the position that counts from home, which limits refer to (Software Reference pp. 179, 273).
 
+use super::board::{Board, MOTORS};
 use super::language::CommandError;
-use super::machine::{MOTORS, Machine};
 use super::{coordinate, offsets};
 
 /// The order of the axis registers.
@@ -13,7 +13,7 @@ const AXES: [char; 9] = ['A', 'B', 'C', 'U', 'V', 'W', 'X', 'Y', 'Z'];
 /// One motor's equation: a coefficient an axis, and what they add up to.
 type Row = [f64; AXES.len() + 1];
 
-impl Machine {
+impl Board {
     /// `Z`: all axis positions of the 0-based coordinate system become zero.
     ///
     /// # Errors

@@ -97,7 +97,7 @@ mod tests {
         bench.run(5);
         assert_eq!((bench.read(0x0228), bench.read(0x022A)), (1, 1));
         bench.write(0x0228, 0);
-        bench.board.machine.memory.write_x(0, 0xFFFF);
+        bench.world.board.memory.write_x(0, 0xFFFF);
         bench.run(1);
         assert_eq!((bench.read(0x0228), bench.read(0x022A)), (1, 0));
         assert!(bench.violations().is_empty());
@@ -113,7 +113,7 @@ mod tests {
             [(0, 3.0), (1 << 7, 1.0), (1 << 7 | 1 << 5, 3.0), (1 << 9, 2.0), (1 << 9 | 1 << 7, 1.0)]
         {
             let mut bench = Bench::started();
-            let memory = &mut bench.board.machine.memory;
+            let memory = &mut bench.world.board.memory;
             // X axis of C.S. 2
             memory.write_l(0x093C, 1.0);
             memory.write_l(0x095C, 2.0);

@@ -1,10 +1,10 @@
 //! What on-line commands do to coordinate systems and to the board as a whole (Software Reference, "On-line commands",
 //! pp. 171-300). Motors and coordinate systems are 0-based here.
 
+use super::board::{Board, MOTORS, Port};
 use super::gather::Activity;
 use super::language::CommandError;
 use super::language::variables::force_dpram_handshake;
-use super::machine::{MOTORS, Machine, Port};
 use super::motor::Loop;
 use super::{coordinate, offsets};
 
@@ -13,7 +13,7 @@ type Result = std::result::Result<(), CommandError>;
 /// Long words free on a board without buffers.
 const FREE_LONG_WORDS: i64 = 41_301;
 
-impl Machine {
+impl Board {
     /// `A`: every motor of the coordinate system stops at Ix15; open loops close.
     pub fn abort(&mut self, cs: usize) {
         self.end_program(cs);
@@ -236,7 +236,7 @@ impl Machine {
     /// `<CTRL-S>`.
     pub fn step_all(&mut self) {
         for cs in 0..MOTORS {
-            let _ = Machine::step(self, cs);
+            let _ = Board::step(self, cs);
         }
     }
 

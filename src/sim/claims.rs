@@ -5,7 +5,7 @@
 
 use std::ops::Range;
 
-use super::machine::Machine;
+use super::board::Board;
 
 /// A user's name and its bytes in the DPRAM, if it has any.
 pub type Span = (&'static str, Option<Range<u32>>);
@@ -18,8 +18,8 @@ pub struct Claims {
 
 impl Claims {
     /// Looks for overlaps when something has moved.
-    pub fn pass(&mut self, spans: &[Span], machine: &mut Machine) {
-        let gather = machine.gather.span(&machine.variables);
+    pub fn poll(&mut self, spans: &[Span], board: &mut Board) {
+        let gather = board.gather.span(&board.variables);
         let all = spans.iter().cloned().chain([("the gather buffer", gather)]);
         let now: Vec<_> = all.filter_map(|(name, span)| Some((name, span?))).collect();
         if now == self.known {
@@ -30,7 +30,7 @@ impl Claims {
                 let fresh = |pair: &(&'static str, Range<u32>)| !self.known.contains(pair);
                 let moved = fresh(&(name, span.clone())) || fresh(&(other, others.clone()));
                 if moved && span.start < others.end && others.start < span.end {
-                    let cycle = machine.stats.servo_cycles;
+                    let cycle = board.stats.servo_cycles;
                     let what = format!(
                         "{name} (0x{:04X}-0x{:04X}) and {other} (0x{:04X}-0x{:04X}) overlap",
                         span.start,
@@ -38,7 +38,7 @@ impl Claims {
                         others.start,
                         others.end - 1
                     );
-                    machine.judge.record(cycle, &what);
+                    board.judge.record(cycle, &what);
                 }
             }
         }

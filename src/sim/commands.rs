@@ -3,8 +3,8 @@
 //! Motors are 0-based here. A command on a motor that is not there or not activated (Ix00=0)
 //! ends in ERR003, one on a motor whose coordinate system runs a program in ERR001.
 
+use super::board::Board;
 use super::language::CommandError;
-use super::machine::Machine;
 use super::motor::{Loop, ramp};
 use super::offsets;
 
@@ -39,7 +39,7 @@ pub enum Jog {
     RoundCommanded,
 }
 
-impl Machine {
+impl Board {
     /// A jog; `until_trigger` is the distance in counts to go on after a trigger (`J={c}^{c2}`).
     ///
     /// # Errors

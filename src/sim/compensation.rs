@@ -7,7 +7,7 @@
 //! away likewise on the way up, Ix85 1/16 counts a background pass; none is while Ix85 is 0. A `BLCOMP` table is added to
 //! Ix86. (That the backlash belongs to the negative direction follows from the status bit; the units are the manual's.)
 
-use super::machine::Machine;
+use super::board::Board;
 use super::offsets;
 use super::program::store::TableKind;
 
@@ -44,7 +44,7 @@ impl Backlash {
     }
 }
 
-impl Machine {
+impl Board {
     /// Each servo cycle: what is added to the position of the 0-based `motor`.
     pub(super) fn compensate(&mut self, motor: usize) {
         let mut sum = 0.0;
@@ -93,7 +93,7 @@ mod tests {
     fn send(bench: &mut Bench, text: &str) -> Vec<String> {
         let mut lines = Vec::new();
         for line in text.lines() {
-            let reply = bench.board.interpreter.execute(&mut bench.board.machine, line.as_bytes());
+            let reply = bench.world.interpreter.execute(&mut bench.world.board, line.as_bytes());
             assert_eq!(reply.error, None, "{line}");
             lines.extend(reply.lines);
         }
@@ -104,9 +104,9 @@ mod tests {
     fn at(bench: &mut Bench, position: f64) -> (f64, f64) {
         send(bench, &format!("#1J={position}"));
         bench.run(20);
-        bench.until(200_000, |machine| machine.motor_status(0)[1] & 1 == 1);
+        bench.until(200_000, |board| board.motor_status(0)[1] & 1 == 1);
         bench.run(500);
-        let memory = &bench.board.machine.memory;
+        let memory = &bench.world.board.memory;
         let units = |register| memory.read_d(register) as f64 / 3072.0 * UNITS;
         (units(offsets::COMPENSATION), units(offsets::ACTUAL))
     }
@@ -142,13 +142,11 @@ mod tests {
         let mut bench = Bench::started();
         send(&mut bench, "I111=0 I211=0 I51=1 #1J/#2J/\nDELETE ALL #2 DEFINE COMP 2,#1D,#2,1000\n160\n0");
         at(&mut bench, 500.0);
-        let machine = &mut bench.board.machine;
-        assert_eq!(machine.memory.read_d(offsets::motor(offsets::COMPENSATION, 1)), 10 * 3072);
-        assert_eq!(machine.memory.read_d(offsets::COMPENSATION), 0);
+        let board = &mut bench.world.board;
+        assert_eq!(board.memory.read_d(offsets::motor(offsets::COMPENSATION, 1)), 10 * 3072);
+        assert_eq!(board.memory.read_d(offsets::COMPENSATION), 0);
         for line in ["#3 DEFINE COMP 2,#9,100", "#3 DEFINE COMP 2,#1#2,100", "#3 DEFINE COMP 2,"] {
-            assert!(
-                bench.board.interpreter.execute(&mut bench.board.machine, line.as_bytes()).error.is_some()
-            );
+            assert!(bench.world.interpreter.execute(&mut bench.world.board, line.as_bytes()).error.is_some());
         }
     }
 
@@ -159,7 +157,7 @@ mod tests {
         assert_eq!(at(&mut bench, 1000.0).0, 0.0);
         assert_eq!(at(&mut bench, 997.0).0, 0.0, "less than I99");
         assert_eq!(at(&mut bench, 500.0), (320.0, 500.0 * UNITS - 320.0));
-        assert!(bench.board.machine.motor_status(0)[1] >> 4 & 1 == 1);
+        assert!(bench.world.board.motor_status(0)[1] >> 4 & 1 == 1);
         assert_eq!(at(&mut bench, 800.0).0, 0.0);
         send(&mut bench, "DELETE ALL #1 DEFINE BLCOMP 2,1000\n160\n0");
         assert_eq!(at(&mut bench, 500.0).0, 480.0);

@@ -19,8 +19,9 @@
 
 use serde::Serialize;
 
-use super::machine::{Board, Machine};
+use super::board::Board;
 use super::offsets;
+use super::world::World;
 
 /// The most cycles of one `step`.
 const MOST_STEPS: u64 = 100_000_000;
@@ -54,33 +55,47 @@ struct Status<'a> {
 
 /// The answer to `status`: a JSON object on one line.
 #[must_use]
-pub fn status(machine: &Machine) -> String {
+pub fn status(board: &Board) -> String {
     let status = Status {
-        servo_cycles: machine.stats.servo_cycles,
-        servo_timer: machine.memory.read_x(offsets::SERVO_COUNTER),
-        servo_period_us: machine.cycle_ms() * 1000.0,
-        updates: machine.report.updates,
-        skipped: machine.report.skipped,
-        late: machine.stats.late,
-        background_updates: machine.stats.background_updates,
-        commands: machine.ascii.commands,
-        violations: machine.judge.violations(),
-        violations_total: machine.judge.total(),
-        resets: machine.stats.resets,
-        watchdog: machine.watchdog,
+        servo_cycles: board.stats.servo_cycles,
+        servo_timer: board.memory.read_x(offsets::SERVO_COUNTER),
+        servo_period_us: board.cycle_ms() * 1000.0,
+        updates: board.report.updates,
+        skipped: board.report.skipped,
+        late: board.stats.late,
+        background_updates: board.stats.background_updates,
+        commands: board.ascii.commands,
+        violations: board.judge.violations(),
+        violations_total: board.judge.total(),
+        resets: board.stats.resets,
+        watchdog: board.watchdog,
     };
     serde_json::to_string(&status).unwrap_or_else(|error| format!("error: {error}"))
 }
 
-/// Carries out one command line. `virtual_time` says whether `step` is allowed.
-pub fn execute(board: &mut Board, line: &str, virtual_time: bool) -> Answer {
-    answer(board, line.trim(), virtual_time).unwrap_or_else(|error| Answer::Line(format!("error: {error}")))
+/// Carries out one command line in virtual time, the cycles of a `step` included; gives the line that answers it.
+pub fn carry_out(world: &mut World, line: &str) -> String {
+    match execute(world, line, true) {
+        Answer::Line(line) => line,
+        Answer::Step(cycles) => {
+            for _ in 0..cycles {
+                world.step();
+            }
+            "ok".into()
+        }
+        Answer::Exit => "ok".into(),
+    }
 }
 
-fn answer(board: &mut Board, line: &str, virtual_time: bool) -> Result<Answer, String> {
+/// Carries out one command line. `virtual_time` says whether `step` is allowed.
+pub fn execute(world: &mut World, line: &str, virtual_time: bool) -> Answer {
+    answer(world, line.trim(), virtual_time).unwrap_or_else(|error| Answer::Line(format!("error: {error}")))
+}
+
+fn answer(world: &mut World, line: &str, virtual_time: bool) -> Result<Answer, String> {
     let (word, rest) = line.split_once(' ').unwrap_or((line, ""));
     let arguments: Vec<&str> = rest.split_whitespace().collect();
-    let machine = &mut board.machine;
+    let board = &mut world.board;
     match (word, arguments.as_slice()) {
         ("step", _) if !virtual_time => {
             return Err("step needs a simulator started with --virtual".into());
@@ -91,40 +106,39 @@ fn answer(board: &mut Board, line: &str, virtual_time: bool) -> Result<Answer, S
                 .map(Answer::Step)
                 .ok_or(format!("step takes 0 to {MOST_STEPS} cycles, not {count:?}"));
         }
-        ("status", []) => return Ok(Answer::Line(status(machine))),
+        ("status", []) => return Ok(Answer::Line(status(board))),
         ("fault", [name, value]) => {
-            let ms = machine.cycle_ms();
-            machine.faults.set(name, value, ms)?;
+            let ms = board.cycle_ms();
+            board.faults.set(name, value, ms)?;
         }
         ("reset", []) => {
-            machine.reset(false);
-            board.interpreter.reset();
+            world.reset();
         }
-        ("send", _) => machine.send_message(rest),
-        ("cmd", _) => machine.command_message(rest),
+        ("send", _) => board.send_message(rest),
+        ("cmd", _) => board.command_message(rest),
         ("limit", [motor, end @ ("+" | "-" | "0")]) => {
-            let inputs = inputs(machine, motor)?;
+            let inputs = inputs(board, motor)?;
             inputs.positive_limit = *end == "+";
             inputs.negative_limit = *end == "-";
         }
-        ("trigger", [motor]) => inputs(machine, motor)?.trigger = true,
-        ("index", [motor, state]) => inputs(machine, motor)?.no_index = !on(state)?,
-        ("stall", [motor, state]) => inputs(machine, motor)?.stalled = on(state)?,
+        ("trigger", [motor]) => inputs(board, motor)?.trigger = true,
+        ("index", [motor, state]) => inputs(board, motor)?.no_index = !on(state)?,
+        ("stall", [motor, state]) => inputs(board, motor)?.stalled = on(state)?,
         ("poke", [offset, value]) => {
             let number = |text: &str| u16::from_str_radix(text.trim_start_matches("0x"), 16);
             let (Ok(offset), Ok(value)) = (number(offset), number(value)) else {
                 return Err(format!("poke takes two hexadecimal words, not {rest:?}"));
             };
-            machine.memory.dpram.write16(offset & !1, value);
+            board.memory.dpram.write16(offset & !1, value);
         }
         ("timer", [step]) => {
             let step: i32 =
                 step.parse().map_err(|_| format!("timer takes a number of cycles, not {step:?}"))?;
-            let counter = machine.memory.read_x(offsets::SERVO_COUNTER);
-            machine.memory.write_x(offsets::SERVO_COUNTER, counter.wrapping_add_signed(step));
+            let counter = board.memory.read_x(offsets::SERVO_COUNTER);
+            board.memory.write_x(offsets::SERVO_COUNTER, counter.wrapping_add_signed(step));
         }
-        ("tag", [state]) => machine.report.tag = on(state)?,
-        ("time", [state]) => machine.report.time = on(state)?,
+        ("tag", [state]) => board.report.tag = on(state)?,
+        ("time", [state]) => board.report.time = on(state)?,
         ("exit", []) => return Ok(Answer::Exit),
         _ => {
             return Err(format!(
@@ -144,10 +158,10 @@ fn on(state: &str) -> Result<bool, String> {
     }
 }
 
-fn inputs<'a>(machine: &'a mut Machine, motor: &str) -> Result<&'a mut super::motor::Inputs, String> {
+fn inputs<'a>(board: &'a mut Board, motor: &str) -> Result<&'a mut super::motor::Inputs, String> {
     let number: Option<usize> = motor.parse().ok();
     number
         .and_then(|number| number.checked_sub(1))
-        .and_then(|index| machine.inputs(index))
+        .and_then(|index| board.inputs(index))
         .ok_or_else(|| format!("no motor {motor:?}"))
 }

@@ -1,8 +1,8 @@
 //! The automatic functions that the background pass serves by flags in the DPRAM: control panel, variable read, variable
 //! write, binary rotary transfer; and who has which stretch of the open part.
 
+use super::board::Board;
 use super::claims::Claims;
-use super::machine::Machine;
 use super::panel::Panel;
 use super::rotary_transfer::RotaryTransfer;
 use super::variable_read::VariableRead;
@@ -23,14 +23,14 @@ pub struct Functions {
 }
 
 /// One background pass.
-pub fn pass(machine: &mut Machine) {
-    let mut functions = std::mem::take(&mut machine.functions);
-    functions.panel.pass(machine);
-    functions.variable_write.pass(machine);
-    if !machine.watchdog {
-        functions.variable_read.pass(machine);
+pub fn poll(board: &mut Board) {
+    let mut functions = std::mem::take(&mut board.functions);
+    functions.panel.poll(board);
+    functions.variable_write.poll(board);
+    if !board.watchdog {
+        functions.variable_read.poll(board);
         for (number, rotary) in functions.rotary.iter_mut().enumerate() {
-            rotary.pass(number, machine);
+            rotary.poll(number, board);
         }
         let spans = [
             ("the variable read table", functions.variable_read.span()),
@@ -38,7 +38,7 @@ pub fn pass(machine: &mut Machine) {
             ("the first rotary buffer", functions.rotary[0].span()),
             ("the second rotary buffer", functions.rotary[1].span()),
         ];
-        functions.claims.pass(&spans, machine);
+        functions.claims.poll(&spans, board);
     }
-    machine.functions = functions;
+    board.functions = functions;
 }

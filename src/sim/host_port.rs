@@ -21,8 +21,8 @@ use std::path::Path;
 
 use nix::fcntl::Flock;
 
+use super::board::Board;
 use super::dpram::{DpramError, open_shared};
-use super::machine::Machine;
 
 /// The file's length.
 pub const LENGTH: usize = 16;
@@ -88,25 +88,24 @@ impl HostPort {
         Ok(Self { file, controller, in_service, shown: 0, reads_service, latched: 0, watchdog })
     }
 
-    /// Looks at the registers and gives the interrupts for the host: `edges` of the DPRAM's response came since the last
-    /// time.
-    pub fn pass(&mut self, edges: u64, machine: &mut Machine) -> u64 {
+    /// Reads the registers and gives the interrupts for the host. `edges`: DPRAM responses since the last call.
+    pub fn poll(&mut self, edges: u64, board: &mut Board) -> u64 {
         let (mut written, direct) = (self.read(WRITTEN), self.read(STATUS));
         if written != 0 {
             self.write(WRITTEN, 0);
         } else if direct != self.shown {
             written = direct;
         }
-        let written = if machine.faults.host_port_stuck { 0 } else { written };
-        let level = machine.response_waits();
+        let written = if board.faults.host_port_stuck { 0 } else { written };
+        let level = board.response_waits();
         let raised = match self.controller {
-            Controller::Intel8259 => self.intel8259(written, level, machine),
-            Controller::Pmac2 => self.pmac2(written, level, edges, machine.watchdog),
+            Controller::Intel8259 => self.intel8259(written, level, board),
+            Controller::Pmac2 => self.pmac2(written, level, edges, board.watchdog),
         };
         u64::from(raised)
     }
 
-    fn intel8259(&mut self, command: u8, level: bool, machine: &mut Machine) -> bool {
+    fn intel8259(&mut self, command: u8, level: bool, board: &mut Board) -> bool {
         if command & 0x10 != 0 {
             self.in_service = false;
         } else if command & 0x18 == 0x08 {
@@ -117,7 +116,7 @@ impl HostPort {
             let specific = command & 0x40 != 0;
             if specific && command & 7 != END_OF_IR7 & 7 {
                 let what = format!("0x{command:02X} to the 8259 is no end of the DPRAM's interrupt");
-                machine.judge.record(machine.stats.servo_cycles, &what);
+                board.judge.record(board.stats.servo_cycles, &what);
             } else {
                 self.in_service = false;
             }
@@ -179,7 +178,6 @@ mod tests {
 
     struct Rig {
         bench: Bench,
-        port: HostPort,
         host: File,
         _directory: TempDir,
     }
@@ -190,7 +188,9 @@ mod tests {
             let path = directory.path().join("port");
             let port = HostPort::open(&path, controller).unwrap();
             let host = OpenOptions::new().read(true).write(true).open(&path).unwrap();
-            Self { bench: Bench::started(), port, host, _directory: directory }
+            let mut bench = Bench::started();
+            bench.world.host_port = Some(port);
+            Self { bench, host, _directory: directory }
         }
 
         fn write(&self, register: u64, value: u8) {
@@ -205,14 +205,8 @@ mod tests {
 
         /// Some cycles; gives the interrupts.
         fn run(&mut self) -> u64 {
-            (0..5)
-                .map(|_| {
-                    self.bench.run(1);
-                    let machine = &mut self.bench.board.machine;
-                    let edges = std::mem::take(&mut machine.ascii.interrupts);
-                    self.port.pass(edges, machine)
-                })
-                .sum()
+            self.bench.run(5);
+            self.bench.world.take_interrupts().response
         }
 
         fn ask(&mut self) -> u64 {
@@ -277,10 +271,10 @@ mod tests {
         rig.write(12, 0x65);
         assert_eq!(rig.run(), 0);
         assert_eq!(rig.bench.violations().len(), 1, "{:?}", rig.bench.violations());
-        rig.bench.board.machine.faults.host_port_stuck = true;
+        rig.bench.world.board.faults.host_port_stuck = true;
         rig.write(12, END_OF_IR7);
         assert_eq!(rig.run(), 0);
-        rig.bench.board.machine.faults.host_port_stuck = false;
+        rig.bench.world.board.faults.host_port_stuck = false;
         rig.write(12, 0x20);
         assert_eq!(rig.run(), 1, "an unspecific end will do");
     }
@@ -316,7 +310,7 @@ mod tests {
         rig.bench.write(0x06D0, 0);
         rig.write(12, EQU1);
         assert_eq!((rig.run(), rig.read(8)), (0, 0));
-        rig.bench.board.machine.watchdog = true;
+        rig.bench.world.board.watchdog = true;
         assert_eq!((rig.run(), rig.read(8), rig.read(9)), (1, WATCHDOG, WATCHDOG));
     }
 }

@@ -1,7 +1,7 @@
 //! What kind of board is simulated, and how it answers when asked.
 
+use super::board::MOTORS;
 use super::language::Family;
-use super::machine::MOTORS;
 
 /// The answers to `TYPE`, by the name of the family (form: Software Reference p. 286).
 const TYPES: [(&str, &str); 2] =

@@ -20,10 +20,10 @@ use std::path::Path;
 
 use nix::fcntl::Flock;
 
+use super::board::Board;
 use super::dpram::{DpramError, open_shared};
 use super::fault::Delay;
 use super::language::{Interpreter, SerialPort};
-use super::machine::Machine;
 use crate::device::mapping::Mapping;
 use crate::map;
 
@@ -167,7 +167,7 @@ impl Mailbox {
     }
 
     /// Looks at mailbox 1, which enables a response.
-    fn look_at_enable(&mut self, machine: &mut Machine) {
+    fn look_at_enable(&mut self, board: &mut Board) {
         if !self.touched(1) {
             return;
         }
@@ -176,13 +176,13 @@ impl Mailbox {
         if value == 0 {
             self.may_fill = true;
         } else {
-            let cycle = machine.stats.servo_cycles;
-            machine.judge.record(cycle, &format!("the host wrote 0x{value:02X} to mailbox 1, which takes 0"));
+            let cycle = board.stats.servo_cycles;
+            board.judge.record(cycle, &format!("the host wrote 0x{value:02X} to mailbox 1, which takes 0"));
         }
     }
 
     /// Takes a group when there is one: seen in one pass, taken in the next.
-    fn take(&mut self, machine: &mut Machine) -> Option<Vec<u8>> {
+    fn take(&mut self, board: &mut Board) -> Option<Vec<u8>> {
         if !self.touched(0) {
             self.seen = None;
             return None;
@@ -192,10 +192,10 @@ impl Mailbox {
         let seen = self.seen.replace(boxes)?;
         let group = Self::group(&boxes);
         if Self::group(&seen) != group {
-            let cycle = machine.stats.servo_cycles;
-            machine.judge.record(cycle, "the mailboxes changed before PMAC had taken the group");
+            let cycle = board.stats.servo_cycles;
+            board.judge.record(cycle, "the mailboxes changed before PMAC had taken the group");
         }
-        let fault = &machine.faults.mailbox;
+        let fault = &board.faults.mailbox;
         if fault.stuck || !self.taking.over(fault.late) {
             return None;
         }
@@ -209,8 +209,8 @@ impl Mailbox {
     }
 
     /// Fills the mailboxes when the host has enabled it and there is something to say.
-    fn respond(&mut self, machine: &Machine) {
-        let fault = &machine.faults.mailbox;
+    fn respond(&mut self, board: &Board) {
+        let fault = &board.faults.mailbox;
         if !self.may_fill || self.output.is_empty() || fault.stuck || !self.answering.over(fault.late) {
             return;
         }
@@ -240,30 +240,30 @@ impl Mailbox {
 }
 
 /// One background pass: the enable, a group, what it says, a response.
-pub fn pass(machine: &mut Machine, interpreter: &mut Interpreter) {
-    let Some(mut mailbox) = machine.mailbox.take() else { return };
+pub fn poll(board: &mut Board, interpreter: &mut Interpreter) {
+    let Some(mut mailbox) = board.mailbox.take() else { return };
     for (number, character) in std::mem::take(&mut mailbox.rest) {
         mailbox.leave(number, character);
     }
-    mailbox.look_at_enable(machine);
-    if let Some(group) = mailbox.take(machine) {
-        machine.mailbox_becomes_active();
-        let resets = machine.stats.resets;
+    mailbox.look_at_enable(board);
+    if let Some(group) = mailbox.take(board) {
+        board.mailbox_becomes_active();
+        let resets = board.stats.resets;
         let mut output = Vec::new();
         for character in group {
             if character == CANCEL {
                 mailbox.cancel();
             }
-            mailbox.port.receive(machine, interpreter, character, &mut output);
+            mailbox.port.receive(board, interpreter, character, &mut output);
         }
-        if machine.stats.resets == resets {
+        if board.stats.resets == resets {
             mailbox.push(&output);
         } else {
             mailbox.reset();
         }
     }
-    mailbox.respond(machine);
-    machine.mailbox = Some(mailbox);
+    mailbox.respond(board);
+    board.mailbox = Some(mailbox);
 }
 
 #[cfg(test)]

@@ -4,8 +4,9 @@ use std::fs::OpenOptions;
 
 use tempfile::TempDir;
 
-use super::super::machine::Port;
+use super::super::board::Port;
 use super::super::testing::Bench;
+use super::super::world::Interrupts;
 use super::*;
 
 struct Rig {
@@ -23,7 +24,7 @@ impl Rig {
         let mut bench = Bench::bare("1.16D");
         let mut mailbox = Mailbox::open(&path).unwrap();
         mailbox.page = page;
-        bench.board.machine.mailbox = Some(mailbox);
+        bench.world.board.mailbox = Some(mailbox);
         bench.set(3, 2.0);
         bench.set(6, 1.0);
         let file = OpenOptions::new().read(true).write(true).open(&path).unwrap();
@@ -44,18 +45,28 @@ impl Rig {
     }
 
     fn port(&mut self) -> &mut Mailbox {
-        self.bench.board.machine.mailbox.as_mut().unwrap()
+        self.bench.world.board.mailbox.as_mut().unwrap()
     }
 
-    /// Runs until vector v-1 or v has come once more.
+    /// Runs until the board has raised this interrupt once more.
+    fn interrupt(&mut self, line: impl Fn(&mut Interrupts) -> &mut u64) {
+        for _ in 0..10 {
+            self.bench.run(1);
+            let count = line(&mut self.bench.world.interrupts);
+            if *count > 0 {
+                *count -= 1;
+                return;
+            }
+        }
+        panic!("no interrupt");
+    }
+
     fn taken(&mut self) {
-        self.bench.until(10, |machine| machine.mailbox.as_ref().unwrap().taken > 0);
-        self.port().taken -= 1;
+        self.interrupt(|interrupts| &mut interrupts.mailbox_taken);
     }
 
     fn response(&mut self) -> Vec<u8> {
-        self.bench.until(10, |machine| machine.mailbox.as_ref().unwrap().responses > 0);
-        self.port().responses -= 1;
+        self.interrupt(|interrupts| &mut interrupts.mailbox_response);
         (0..16).map(|mailbox| self.read(mailbox)).collect()
     }
 
@@ -76,7 +87,7 @@ impl Rig {
 
     fn silent(&mut self) {
         self.bench.run(20);
-        assert_eq!(self.port().responses, 0);
+        assert_eq!(self.bench.world.interrupts.mailbox_response, 0);
     }
 }
 
@@ -84,7 +95,7 @@ impl Rig {
 fn the_manuals_example_comes_in_its_three_groups() {
     let mut rig = Rig::new(None);
     for (address, value) in [(0x1000, 0x12_3456), (0x1001, 0x78_9012), (0x1002, 0x34_5678)] {
-        rig.bench.board.machine.memory.write_x(address, value);
+        rig.bench.world.board.memory.write_x(address, value);
     }
     rig.send("RHX$1000,3");
     rig.silent();
@@ -130,7 +141,7 @@ fn the_same_character_and_the_same_line_can_be_sent_again() {
         rig.send("P1=P1+1");
         rig.write(1, 0);
         assert_eq!(rig.response()[0], ACK);
-        assert_eq!(rig.bench.board.machine.memory.read_l(0x1001), f64::from(round));
+        assert_eq!(rig.bench.world.board.memory.read_l(0x1001), f64::from(round));
     }
 }
 
@@ -170,10 +181,10 @@ fn control_characters_act_from_mailbox_0_alone() {
     rig.bench.set(120, 10.0);
     rig.send("#1J+");
     rig.bench.run(100);
-    assert!(rig.bench.board.machine.motors[0].moving());
+    assert!(rig.bench.world.board.motors[0].moving());
     rig.write(2, b'J');
     rig.group(&[0x0B]);
-    assert!(!rig.bench.board.machine.motors[0].moving());
+    assert!(!rig.bench.world.board.motors[0].moving());
     rig.write(1, 0);
     assert_eq!(rig.response()[0], ACK, "of J+; ^K says nothing");
     rig.write(1, 0);
@@ -183,7 +194,7 @@ fn control_characters_act_from_mailbox_0_alone() {
     rig.write(1, 0);
     rig.bench.run(10);
     // The enable before took the number; <ACK> and the rest were cancelled.
-    rig.port().responses = 0;
+    rig.bench.world.interrupts.mailbox_response = 0;
     rig.write(1, 0);
     rig.silent();
 }
@@ -194,12 +205,12 @@ fn messages_of_programs_go_to_the_mailboxes_that_commands_came_from() {
     rig.send("P1=1");
     rig.write(1, 0);
     rig.response();
-    assert_eq!(rig.bench.board.machine.response_port(), Port::Mailbox);
-    crate::sim::control::execute(&mut rig.bench.board, "send hello", true);
+    assert_eq!(rig.bench.world.board.response_port(), Port::Mailbox);
+    crate::sim::control::execute(&mut rig.bench.world, "send hello", true);
     rig.write(1, 0);
     assert_eq!(rig.response()[..6], *b"hello\r");
     rig.group(&[0x1A]);
-    assert_eq!(rig.bench.board.machine.response_port(), Port::Serial);
+    assert_eq!(rig.bench.world.board.response_port(), Port::Serial);
 }
 
 #[test]
@@ -207,7 +218,7 @@ fn the_dpram_is_out_of_reach_until_the_page_is_written_after_every_reset() {
     let mut rig = Rig::new(Some(0x3F));
     rig.bench.set(49, 1.0);
     rig.bench.set(59, 1.0);
-    rig.bench.board.machine.save();
+    rig.bench.world.board.save();
     rig.bench.run(5);
     assert_eq!((rig.bench.read(0x0228), rig.bench.read(0x3FFE)), (0xFFFF, 0xFFFF));
     rig.host.write8(0x121, 0x3E).unwrap();
@@ -246,21 +257,27 @@ fn a_host_against_the_rules_is_recorded() {
 #[test]
 fn faults_hold_delay_and_tear() {
     let mut rig = Rig::new(None);
-    rig.bench.board.machine.faults.mailbox.stuck = true;
+    rig.bench.world.board.faults.mailbox.stuck = true;
     rig.write(2, CR);
     rig.write(0, b'V');
     rig.write(1, 0);
     rig.bench.run(30);
-    assert_eq!((rig.port().taken, rig.port().responses), (0, 0));
-    rig.bench.board.machine.faults.mailbox.stuck = false;
-    rig.bench.board.machine.faults.mailbox.late = 4;
-    rig.bench.board.machine.faults.mailbox.torn = true;
+    assert_eq!(
+        (rig.bench.world.interrupts.mailbox_taken, rig.bench.world.interrupts.mailbox_response),
+        (0, 0)
+    );
+    rig.bench.world.board.faults.mailbox.stuck = false;
+    rig.bench.world.board.faults.mailbox.late = 4;
+    rig.bench.world.board.faults.mailbox.torn = true;
     rig.bench.run(4);
-    assert_eq!(rig.port().taken, 0);
+    assert_eq!(rig.bench.world.interrupts.mailbox_taken, 0);
     rig.bench.run(1);
-    assert_eq!((rig.port().taken, rig.port().responses), (1, 0));
+    assert_eq!(
+        (rig.bench.world.interrupts.mailbox_taken, rig.bench.world.interrupts.mailbox_response),
+        (1, 0)
+    );
     rig.bench.run(4);
-    assert_eq!((rig.port().responses, rig.read(0), rig.read(1)), (1, b'0', 0xFF));
+    assert_eq!((rig.bench.world.interrupts.mailbox_response, rig.read(0), rig.read(1)), (1, b'0', 0xFF));
     rig.bench.run(1);
     assert_eq!((rig.read(0), rig.read(1)), (b'0', CR));
 }

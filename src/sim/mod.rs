@@ -5,8 +5,9 @@
 //!
 //! | file | what it is on the board |
 //! |---|---|
+//! | [`world`] | all of it together: one servo cycle a step, interrupts as counts |
 //! | [`memory`], [`dpram`] | X and Y memory, and the part shared with the host |
-//! | [`machine`], `commands`, `board_commands`, `axis_position`, `registers` | servo interrupt and background loop; what commands do; status words |
+//! | [`board`], `commands`, `board_commands`, `axis_position`, `registers` | servo interrupt and background loop; what commands do; status words |
 //! | `compensation` | leadscrew and backlash compensation |
 //! | `set_up` | registers that SAVE keeps beside the variables |
 //! | [`motor`], `supervision`, [`profile`], [`coordinate`] | servo loop, drive and shaft; jog and home moves; time base |
@@ -22,6 +23,7 @@ pub mod ascii;
 mod ascii_tests;
 mod axis_position;
 pub mod background_report;
+pub mod board;
 mod board_commands;
 mod claims;
 pub mod clock;
@@ -38,7 +40,6 @@ pub mod identity;
 pub mod interrupt;
 pub mod judge;
 pub mod language;
-pub mod machine;
 pub mod mailbox;
 pub mod memory;
 #[cfg(test)]
@@ -66,6 +67,7 @@ mod supervision;
 mod testing;
 pub mod variable_read;
 pub mod variable_write;
+pub mod world;
 
 /// The start-up file that enables all DPRAM functions for eight motors.
 pub const STARTUP: &str = include_str!("dpram-startup.pmc");

@@ -4,9 +4,9 @@ use std::path::{Path, PathBuf};
 
 use clap::{Parser, ValueEnum};
 
+use super::board::Identity;
 use super::host_port::Controller;
 use super::language::family;
-use super::machine::Identity;
 use crate::map::Firmware;
 
 /// A simulated PMAC: the board's side of a DPRAM, in its own process.

@@ -12,9 +12,9 @@
 //! and steps one that does not; a request that the board cannot carry out is dropped in silence, there is no port to
 //! report it to.
 
+use super::board::{Board, MOTORS};
 use super::commands::Jog;
 use super::fault::Delay;
-use super::machine::{MOTORS, Machine};
 use super::{coordinate, offsets};
 use crate::map::classic::{
     PANEL_FEED_HOLD, PANEL_HOME, PANEL_JOG_MINUS, PANEL_JOG_PLUS, PANEL_PRE_JOG, PANEL_START, PANEL_STEP,
@@ -43,14 +43,14 @@ pub struct Panel {
 
 impl Panel {
     /// One background pass.
-    pub fn pass(&mut self, machine: &mut Machine) {
-        if machine.variables.i(2) != 3.0 {
+    pub fn poll(&mut self, board: &mut Board) {
+        if board.variables.i(2) != 3.0 {
             *self = Self::default();
             return;
         }
-        copy_overrides(machine);
-        act(&std::mem::take(&mut self.rest), machine);
-        let dpram = &machine.memory.dpram;
+        copy_overrides(board);
+        act(&std::mem::take(&mut self.rest), board);
+        let dpram = &board.memory.dpram;
         let mask = dpram.read16(offsets::PANEL_ENABLE);
         if mask == 0 {
             self.seen = None;
@@ -60,8 +60,8 @@ impl Panel {
         let words =
             std::array::from_fn(|n| dpram.read16(offsets::PANEL_REQUEST + offsets::PANEL_LENGTH * n as u16));
         let Some(seen) = self.seen.replace((mask, words)) else { return };
-        judge(seen, (mask, words), machine);
-        let fault = machine.faults.panel.clone();
+        judge(seen, (mask, words), board);
+        let fault = board.faults.panel.clone();
         if fault.stuck || !self.delay.over(fault.late) {
             return;
         }
@@ -70,76 +70,76 @@ impl Panel {
         if fault.torn {
             self.rest = requests.split_off(requests.len() / 2);
         }
-        act(&requests, machine);
+        act(&requests, board);
         self.seen = None;
-        machine.memory.dpram.write16(offsets::PANEL_ENABLE, 0);
+        board.memory.dpram.write16(offsets::PANEL_ENABLE, 0);
     }
 }
 
-fn judge(seen: (u16, [u16; MOTORS]), now: (u16, [u16; MOTORS]), machine: &mut Machine) {
-    let cycle = machine.stats.servo_cycles;
+fn judge(seen: (u16, [u16; MOTORS]), now: (u16, [u16; MOTORS]), board: &mut Board) {
+    let cycle = board.stats.servo_cycles;
     if seen.0 != now.0 {
         let what = format!(
             "the panel's enable mask went from 0x{:04X} to 0x{:04X} before PMAC had taken the requests",
             seen.0, now.0
         );
-        machine.judge.record(cycle, &what);
+        board.judge.record(cycle, &what);
     }
     for n in (0..MOTORS).filter(|n| seen.0 >> n & 1 == 1 && seen.1[*n] != now.1[*n]) {
         let what = format!("the panel's request word {} changed after its enable bit was set", n + 1);
-        machine.judge.record(cycle, &what);
+        board.judge.record(cycle, &what);
     }
     let reserved =
         now.0 & !NUMBERS != 0 || (0..MOTORS).any(|n| now.0 >> n & 1 == 1 && now.1[n] & RESERVED != 0);
     let what = reserved.then(|| "a panel request has reserved bits set".to_owned());
-    machine.judge.state(cycle, "panel", what);
+    board.judge.state(cycle, "panel", what);
 }
 
-fn act(requests: &[Request], machine: &mut Machine) {
+fn act(requests: &[Request], board: &mut Board) {
     for &(n, word) in requests {
         // What cannot be carried out is dropped.
         let _ = match word & (PANEL_JOG_PLUS | PANEL_JOG_MINUS) {
-            0 if word & PANEL_PRE_JOG != 0 => machine.jog(n, Jog::PreJog, None),
-            0 if word & PANEL_HOME != 0 => machine.home(n),
+            0 if word & PANEL_PRE_JOG != 0 => board.jog(n, Jog::PreJog, None),
+            0 if word & PANEL_HOME != 0 => board.home(n),
             0 => Ok(()),
-            PANEL_JOG_PLUS => machine.jog(n, Jog::Plus, None),
-            PANEL_JOG_MINUS => machine.jog(n, Jog::Minus, None),
-            _ => machine.jog(n, Jog::Stop, None),
+            PANEL_JOG_PLUS => board.jog(n, Jog::Plus, None),
+            PANEL_JOG_MINUS => board.jog(n, Jog::Minus, None),
+            _ => board.jog(n, Jog::Stop, None),
         };
         if word & (PANEL_STOP | PANEL_FEED_HOLD) != 0 {
             continue;
         }
-        if word & PANEL_STEP != 0 && coordinate::running(n, &machine.memory) {
-            machine.quit(n);
+        if word & PANEL_STEP != 0 && coordinate::running(n, &board.memory) {
+            board.quit(n);
         } else if word & PANEL_STEP != 0 {
-            let _ = Machine::step(machine, n);
+            let _ = Board::step(board, n);
         } else if word & PANEL_START != 0 {
-            let _ = machine.run(n);
+            let _ = board.run(n);
         }
     }
     for &(n, word) in requests {
         if word & PANEL_STOP != 0 {
-            machine.abort(n);
+            board.abort(n);
         } else if word & PANEL_FEED_HOLD != 0 {
-            machine.feed_hold(n);
+            board.feed_hold(n);
         }
     }
 }
 
-fn copy_overrides(machine: &mut Machine) {
-    let dpram = &machine.memory.dpram;
+fn copy_overrides(board: &mut Board) {
+    let dpram = &board.memory.dpram;
     let mask = dpram.read16(offsets::PANEL_OVERRIDE_ENABLE);
     let mut wrong = (mask & !NUMBERS != 0).then(|| format!("the panel's override mask is 0x{mask:04X}"));
     for cs in (0..MOTORS).filter(|cs| mask >> cs & 1 == 1) {
         let offset = offsets::PANEL_OVERRIDE + offsets::PANEL_LENGTH * cs as u16;
-        let value = machine.memory.dpram.read16(offset);
+        let value = board.memory.dpram.read16(offset);
         if value > MOST_OVERRIDE {
             wrong = Some(format!("the panel's override {} is {value}, more than {MOST_OVERRIDE}", cs + 1));
         }
         let register = offsets::background(offsets::TIME_BASE_COMMANDED, cs);
-        machine.memory.write_x(register, u32::from(value & MOST_OVERRIDE) << 8);
+        board.memory.write_x(register, u32::from(value & MOST_OVERRIDE) << 8);
     }
-    machine.judge.state(machine.stats.servo_cycles, "panel override", wrong);
+    board.judge.state(board.stats.servo_cycles, "panel override", wrong);
 }
 
 #[cfg(test)]
@@ -164,7 +164,7 @@ mod tests {
     }
 
     fn speed(bench: &Bench, motor: usize) -> f64 {
-        bench.board.machine.motors[motor].desired_velocity()
+        bench.world.board.motors[motor].desired_velocity()
     }
 
     #[test]
@@ -180,25 +180,25 @@ mod tests {
         assert!(speed(&bench, 2) < 0.0, "a jog goes on without further requests");
         request(&mut bench, &[(3, 3 << 8)]);
         bench.run(1500);
-        assert!(bench.board.machine.position(0) > 100.0);
+        assert!(bench.world.board.position(0) > 100.0);
         request(&mut bench, &[(1, 1 << 10)]);
         bench.run(20_000);
-        assert!(bench.board.machine.position(0).abs() < 1.0, "pre-jog position");
+        assert!(bench.world.board.position(0).abs() < 1.0, "pre-jog position");
         assert!(bench.violations().is_empty(), "{:?}", bench.violations());
     }
 
     #[test]
     fn homing_hold_and_abort() {
         let mut bench = bench();
-        bench.board.interpreter.execute(&mut bench.board.machine, b"&2 #1->X");
+        bench.world.interpreter.execute(&mut bench.world.board, b"&2 #1->X");
         request(&mut bench, &[(1, 1 << 14)]);
-        assert!(bench.board.machine.motors[0].searching());
+        assert!(bench.world.board.motors[0].searching());
         request(&mut bench, &[(2, 1 << 15)]);
         bench.run(5000);
-        assert_eq!(bench.board.machine.memory.read_x(0x08C8), 0, "the time base of C.S. 2 went to zero");
+        assert_eq!(bench.world.board.memory.read_x(0x08C8), 0, "the time base of C.S. 2 went to zero");
         request(&mut bench, &[(2, 1 << 13)]);
         bench.run(3000);
-        assert!(!bench.board.machine.motors[0].searching() && speed(&bench, 0) == 0.0);
+        assert!(!bench.world.board.motors[0].searching() && speed(&bench, 0) == 0.0);
     }
 
     #[test]
@@ -211,11 +211,11 @@ mod tests {
         bench.write(0x0006, 100);
         bench.run(50);
         assert_eq!((bench.read(0x0000), speed(&bench, 0)), (1, 0.0));
-        assert_ne!(bench.board.machine.memory.read_x(0x0806), 25600);
+        assert_ne!(bench.world.board.memory.read_x(0x0806), 25600);
         bench.set(2, 3.0);
         bench.run(3);
         assert_eq!(bench.read(0x0000), 0);
-        assert_eq!(bench.board.machine.memory.read_x(0x0806), 25600);
+        assert_eq!(bench.world.board.memory.read_x(0x0806), 25600);
     }
 
     #[test]
@@ -227,21 +227,21 @@ mod tests {
         }
         bench.write(0x0002, 0b11);
         bench.run(10);
-        let memory = &bench.board.machine.memory;
+        let memory = &bench.world.board.memory;
         assert_eq!((memory.read_x(0x0806), memory.read_x(0x08C6)), (14_507 * 256, 14_507 * 256));
-        assert!((bench.board.machine.override_percent(0) - 100.0).abs() < 0.01);
+        assert!((bench.world.board.override_percent(0) - 100.0).abs() < 0.01);
         assert_eq!(bench.read(0x0002), 0b11, "PMAC does not clear the override mask");
-        bench.board.machine.set_override(0, 10.0);
+        bench.world.board.set_override(0, 10.0);
         bench.write(0x0006, 32_767);
         bench.run(4000);
-        assert!((bench.board.machine.override_percent(0) - 225.875).abs() < 0.01);
-        assert_eq!(bench.board.machine.memory.read_x(0x0808), 8_388_352, "the time base followed");
-        assert!(bench.board.machine.memory.read_x(0x08C8) < 1000, "C.S. 2 follows I293's address");
+        assert!((bench.world.board.override_percent(0) - 225.875).abs() < 0.01);
+        assert_eq!(bench.world.board.memory.read_x(0x0808), 8_388_352, "the time base followed");
+        assert!(bench.world.board.memory.read_x(0x08C8) < 1000, "C.S. 2 follows I293's address");
         bench.write(0x0002, 0b10);
         bench.run(1);
-        bench.board.machine.set_override(0, 50.0);
+        bench.world.board.set_override(0, 50.0);
         bench.run(10);
-        assert!((bench.board.machine.override_percent(0) - 50.0).abs() < 0.01);
+        assert!((bench.world.board.override_percent(0) - 50.0).abs() < 0.01);
         assert!(bench.violations().is_empty());
     }
 
@@ -266,21 +266,21 @@ mod tests {
     #[test]
     fn faults_hold_the_mask_delay_it_or_clear_it_too_early() {
         let mut bench = bench();
-        bench.board.machine.faults.panel.stuck = true;
+        bench.world.board.faults.panel.stuck = true;
         bench.write(0x0004, 1 << 9);
         bench.write(0x0008, 1 << 9);
         bench.write(0x0000, 0b11);
         bench.run(100);
         assert_eq!(bench.read(0x0000), 0b11);
-        bench.board.machine.faults.panel.stuck = false;
-        bench.board.machine.faults.panel.late = 5;
+        bench.world.board.faults.panel.stuck = false;
+        bench.world.board.faults.panel.late = 5;
         bench.run(5);
         assert_eq!(bench.read(0x0000), 0b11);
-        bench.board.machine.faults.panel.torn = true;
+        bench.world.board.faults.panel.torn = true;
         bench.run(1);
         assert_eq!(bench.read(0x0000), 0);
-        assert!(!bench.board.machine.motors[1].moving());
+        assert!(!bench.world.board.motors[1].moving());
         bench.run(1);
-        assert!(bench.board.machine.motors[0].moving() && bench.board.machine.motors[1].moving());
+        assert!(bench.world.board.motors[0].moving() && bench.world.board.motors[1].moving());
     }
 }

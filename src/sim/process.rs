@@ -9,19 +9,18 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use super::STARTUP;
+use super::board::Board;
 use super::clock::Clock;
 use super::control::{self, Answer};
 use super::dpram::{Dpram, DpramError};
-use super::fault::Faults;
 use super::host_port::HostPort;
 use super::interrupt::InterruptLine;
-use super::language::{Interpreter, SerialPort};
-use super::machine::{Board, Machine};
 use super::mailbox::Mailbox;
 use super::memory::Memory;
 use super::options::{Options, UnixPath};
 use super::serial::Serial;
 use super::socket::{Client, Listener};
+use super::world::{Interrupts, RefusedLine, World};
 use crate::process::end_with_parent;
 
 /// How often sockets are looked at.
@@ -55,20 +54,42 @@ pub enum SimError {
         source: io::Error,
     },
     /// The board refused a line of the start-up file.
-    #[error("{name}, line {line}: the board answers ERR{code:03} to {text:?}")]
-    StartupLine {
-        /// The file.
-        name: String,
-        /// The line's number.
-        line: usize,
-        /// The line.
-        text: String,
-        /// The error's number.
-        code: u16,
-    },
+    #[error(transparent)]
+    StartupLine(#[from] RefusedLine),
     /// Signals or the clock.
     #[error("cannot run: {0}")]
     System(#[from] io::Error),
+}
+
+/// The board that `options` describe, powered up, its start-up lines carried out. Sockets and the clock are not its
+/// affair.
+///
+/// # Errors
+/// [`SimError`]; nothing is left behind but the memory file.
+pub fn power_up(options: &Options) -> Result<World, SimError> {
+    let startup = match &options.startup {
+        Some(path) => Some((
+            path.display().to_string(),
+            std::fs::read_to_string(path)
+                .map_err(|source| SimError::Startup { path: path.clone(), source })?,
+        )),
+        None => options.dpram_startup.then(|| ("the shipped start-up file".to_owned(), STARTUP.to_owned())),
+    };
+    let memory = Memory::new(Dpram::open(&options.memory)?);
+    let mut board = Board::new(memory, options.identity(), options.fixed_i10(), options.seed);
+    board.rotary_cs_base = options.rotary_cs_base;
+    board.fit_mailbox(options.mailbox.as_deref().map(Mailbox::open).transpose()?);
+    if let Some(mailbox) = &mut board.mailbox {
+        mailbox.page = options.dpram_page;
+    }
+    let controller = options.controller();
+    let host_port = options.host_port.as_deref();
+    let host_port = host_port.map(|path| HostPort::open(path, controller)).transpose()?;
+    let mut world = World::new(board, host_port);
+    if let Some((name, text)) = startup {
+        world.load(&name, &text)?;
+    }
+    Ok(world)
 }
 
 /// A line-wise client of the control socket.
@@ -79,11 +100,10 @@ struct ControlClient {
 
 /// The running simulator.
 pub struct Simulator {
-    board: Board,
+    world: World,
     interrupt: Option<InterruptLine>,
     mailbox_taken: Option<InterruptLine>,
     mailbox_response: Option<InterruptLine>,
-    host_port: Option<HostPort>,
     serial: Option<Serial>,
     control: Option<Listener>,
     control_clients: Vec<ControlClient>,
@@ -120,42 +140,18 @@ impl Simulator {
     /// # Errors
     /// [`SimError`]; nothing is left behind but the memory file.
     pub fn new(options: &Options) -> Result<Self, SimError> {
-        let startup = match &options.startup {
-            Some(path) => Some((
-                path.display().to_string(),
-                std::fs::read_to_string(path)
-                    .map_err(|source| SimError::Startup { path: path.clone(), source })?,
-            )),
-            None => {
-                options.dpram_startup.then(|| ("the shipped start-up file".to_owned(), STARTUP.to_owned()))
-            }
-        };
-        let memory = Memory::new(Dpram::open(&options.memory)?);
-        let mut machine = Machine::new(memory, options.identity(), options.fixed_i10(), options.seed);
-        machine.rotary_cs_base = options.rotary_cs_base;
-        machine.fit_mailbox(options.mailbox.as_deref().map(Mailbox::open).transpose()?);
-        if let Some(mailbox) = &mut machine.mailbox {
-            mailbox.page = options.dpram_page;
-        }
-        let controller = options.controller();
-        let host_port = options.host_port.as_deref();
-        let host_port = host_port.map(|path| HostPort::open(path, controller)).transpose()?;
-        let mut board = Board { machine, interpreter: Interpreter::default() };
-        if let Some((name, text)) = startup {
-            load(&mut board, &name, &text)?;
-        }
+        let world = power_up(options)?;
         let stop = Arc::new(AtomicBool::new(false));
         for signal in [signal_hook::consts::SIGTERM, signal_hook::consts::SIGINT] {
             signal_hook::flag::register(signal, Arc::clone(&stop))?;
         }
         let leave = options.with_parent.map(|pid| LeaveNothing::with(pid, &options.memory)).transpose()?;
         Ok(Self {
-            board,
+            world,
             interrupt: listen(options.interrupt.as_ref())?.map(InterruptLine::new),
             mailbox_taken: listen(options.mailbox_taken.as_ref())?.map(InterruptLine::new),
             mailbox_response: listen(options.mailbox_response.as_ref())?.map(InterruptLine::new),
-            host_port,
-            serial: listen(options.serial.as_ref())?.map(|at| Serial::new(at, SerialPort::default())),
+            serial: listen(options.serial.as_ref())?.map(Serial::new),
             control: listen(options.control.as_ref())?,
             control_clients: Vec::new(),
             virtual_time: options.virtual_time,
@@ -175,11 +171,11 @@ impl Simulator {
             let period = if self.virtual_time {
                 SOCKETS_EVERY
             } else {
-                Duration::from_secs_f64(self.board.machine.cycle_ms() / 1000.0)
+                Duration::from_secs_f64(self.world.board.cycle_ms() / 1000.0)
             };
             let late = clock.wait(period).map_err(io::Error::from)?;
             if !self.virtual_time {
-                self.board.machine.stats.late += late;
+                self.world.board.stats.late += late;
                 self.cycle();
             }
             since_sockets += period;
@@ -191,25 +187,13 @@ impl Simulator {
         Ok(())
     }
 
-    /// One servo cycle with what follows from it.
+    /// One servo cycle; tells the hosts of its interrupts.
     fn cycle(&mut self) {
-        self.board.step();
-        let machine = &mut self.board.machine;
-        let mut raise = std::mem::take(&mut machine.ascii.interrupts);
-        if let Some(port) = &mut self.host_port {
-            raise = port.pass(raise, machine);
-        }
-        let faults = &mut machine.faults;
-        raise = lose(raise, faults);
-        if faults.spurious_interrupts > 0 {
-            faults.spurious_interrupts = faults.spurious_interrupts.saturating_sub(1);
-            raise += 1;
-        }
-        tell(raise, &mut self.interrupt);
-        if let Some(mailbox) = &mut machine.mailbox {
-            tell(lose(std::mem::take(&mut mailbox.taken), faults), &mut self.mailbox_taken);
-            tell(lose(std::mem::take(&mut mailbox.responses), faults), &mut self.mailbox_response);
-        }
+        self.world.step();
+        let Interrupts { response, mailbox_taken, mailbox_response } = self.world.take_interrupts();
+        raise(response, &mut self.interrupt);
+        raise(mailbox_taken, &mut self.mailbox_taken);
+        raise(mailbox_response, &mut self.mailbox_response);
     }
 
     fn serve(&mut self) {
@@ -218,7 +202,7 @@ impl Simulator {
             line.serve();
         }
         if let Some(serial) = &mut self.serial {
-            serial.serve(&mut self.board);
+            serial.serve(&mut self.world);
         }
         self.transmit();
         let Some(listener) = &self.control else { return };
@@ -235,7 +219,7 @@ impl Simulator {
 
     /// Sends what the board has to say on its serial port.
     fn transmit(&mut self) {
-        let output = std::mem::take(&mut self.board.machine.serial_output);
+        let output = self.world.take_serial_messages();
         if let Some(serial) = &mut self.serial {
             serial.transmit(&output);
         }
@@ -260,7 +244,7 @@ impl Simulator {
     }
 
     fn control_line(&mut self, line: &str) -> String {
-        match control::execute(&mut self.board, line, self.virtual_time) {
+        match control::execute(&mut self.world, line, self.virtual_time) {
             Answer::Line(line) => line,
             Answer::Step(count) => {
                 for done in 0..count {
@@ -279,16 +263,7 @@ impl Simulator {
     }
 }
 
-/// The interrupts that are left when that fault has had its share.
-fn lose(raised: u64, faults: &mut Faults) -> u64 {
-    let lost = raised.min(faults.lost_interrupts);
-    if faults.lost_interrupts != u64::MAX {
-        faults.lost_interrupts -= lost;
-    }
-    raised - lost
-}
-
-fn tell(raised: u64, line: &mut Option<InterruptLine>) {
+fn raise(raised: u64, line: &mut Option<InterruptLine>) {
     if let Some(line) = line.as_mut().filter(|_| raised > 0) {
         line.raise(raised);
     }
@@ -300,27 +275,4 @@ fn listen(at: Option<&UnixPath>) -> Result<Option<Listener>, SimError> {
             Listener::bind(path).map_err(|source| SimError::Socket { path: path.to_owned(), source })
         })
         .transpose()
-}
-
-/// Sends the lines of a start-up file to the board.
-///
-/// # Errors
-/// [`SimError::StartupLine`] for the first line that the board refuses.
-pub fn load(board: &mut Board, name: &str, text: &str) -> Result<(), SimError> {
-    for (index, line) in text.lines().enumerate() {
-        let command = line.split(';').next().unwrap_or("").trim();
-        if command.is_empty() {
-            continue;
-        }
-        let reply = board.interpreter.execute(&mut board.machine, command.as_bytes());
-        if let Some(error) = reply.error {
-            return Err(SimError::StartupLine {
-                name: name.into(),
-                line: index + 1,
-                text: command.into(),
-                code: error.0,
-            });
-        }
-    }
-    Ok(())
 }

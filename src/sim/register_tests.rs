@@ -21,19 +21,19 @@ fn every_register_of_both_reports_is_copied_to_its_place() {
     let mut bench = Bench::started();
     let table: Value = serde_json::from_str(TABLE).unwrap();
     let records: Vec<&Value> = table["records"].as_array().unwrap().iter().collect();
-    let machine = &mut bench.board.machine;
+    let board = &mut bench.world.board;
     // A value of its own for every word that a report can copy; no servo cycle runs, so nothing changes them.
     for address in (0..0x1000).chain(0xFFC0..0xFFC3) {
-        machine.memory.write_x(address, 0x80_0001 + 2 * u32::from(address));
-        machine.memory.write_y(address, 0x40_0000 + u32::from(address));
+        board.memory.write_x(address, 0x80_0001 + 2 * u32::from(address));
+        board.memory.write_y(address, 0x40_0000 + u32::from(address));
     }
     // PSTATUS chooses source C.
     for cs in 0..8 {
-        machine.memory.write_y(offsets::background(offsets::PROGRAM_STATUS, cs), 0);
+        board.memory.write_y(offsets::background(offsets::PROGRAM_STATUS, cs), 0);
     }
-    machine.memory.dpram.write16(0x0228, 0);
-    machine.report.cycle(&machine.variables, &machine.gather, &machine.faults, &mut machine.memory);
-    assert!(super::background_report::pass(&machine.variables, &machine.faults, &[], &mut machine.memory));
+    board.memory.dpram.write16(0x0228, 0);
+    board.report.cycle(&board.variables, &board.gather, &board.faults, &mut board.memory);
+    assert!(super::background_report::pass(&board.variables, &board.faults, &[], &mut board.memory));
     let mut checked = 0;
     for record in records {
         let function = record["function"].as_str().unwrap();
@@ -46,10 +46,10 @@ fn every_register_of_both_reports_is_copied_to_its_place() {
         let (half, address) = source(from);
         let offset = record["host_offset"].as_u64().unwrap() as u16;
         let words = match half {
-            Some('X') => vec![bench.board.machine.memory.read_x(address)],
-            Some(_) => vec![bench.board.machine.memory.read_y(address)],
+            Some('X') => vec![bench.world.board.memory.read_x(address)],
+            Some(_) => vec![bench.world.board.memory.read_y(address)],
             None => {
-                vec![bench.board.machine.memory.read_y(address), bench.board.machine.memory.read_x(address)]
+                vec![bench.world.board.memory.read_y(address), bench.world.board.memory.read_x(address)]
             }
         };
         assert_eq!(record["length"].as_u64().unwrap(), 4 * words.len() as u64, "{name}");

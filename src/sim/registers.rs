@@ -2,12 +2,12 @@
 //!
 //! Bits: Software Reference pp. 189-198.
 
-use super::machine::Machine;
+use super::board::Board;
 use super::motor::Loop;
 use super::{coordinate, offsets};
 use crate::format::int24;
 
-impl Machine {
+impl Board {
     /// Units of a position register per count.
     fn scale(&self, motor: usize) -> f64 {
         self.ix(motor, 8) * 32.0
@@ -83,8 +83,8 @@ impl Machine {
 
     /// `???`.
     pub(super) fn write_global_status(&mut self) {
+        use super::board::Port;
         use super::gather::Activity;
-        use super::machine::Port;
         let x = bit(19, self.gather.runs(Activity::Gathering)) | bit(17, self.gather.runs(Activity::Armed));
         let host = self.response_port() != Port::Serial;
         use super::program::store::Open;

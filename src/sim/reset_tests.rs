@@ -1,6 +1,6 @@
 //! Reset, save, gathering, and a board that loses its memory.
 
-use super::machine::Jog;
+use super::board::Jog;
 use super::testing::Bench;
 use crate::format::fixed48;
 
@@ -8,31 +8,31 @@ use crate::format::fixed48;
 fn a_reset_goes_back_to_what_was_saved_and_stops_the_servo_report() {
     let mut bench = Bench::started();
     bench.set(122, 5.0);
-    bench.board.machine.jog(0, Jog::To(500.0), None).unwrap();
+    bench.world.board.jog(0, Jog::To(500.0), None).unwrap();
     bench.run(5000);
     bench.write(0x0024, 1);
     bench.write_text("I19");
     bench.write(0x062C, 1);
     bench.run(5);
     assert_ne!(bench.read(0x06D0), 0);
-    bench.board.machine.reset(false);
-    let machine = &bench.board.machine;
-    assert_eq!(machine.variables.i(122), 32.0, "the shipped file saves its values");
-    assert_eq!((machine.stats.resets, machine.position(0), machine.memory.read_x(0)), (1, 0.0, 0));
-    assert_eq!(machine.motor_status(0)[0] & 1 << 18, 1 << 18, "Ix80=0 leaves motors killed");
+    bench.world.board.reset(false);
+    let board = &bench.world.board;
+    assert_eq!(board.variables.i(122), 32.0, "the shipped file saves its values");
+    assert_eq!((board.stats.resets, board.position(0), board.memory.read_x(0)), (1, 0.0, 0));
+    assert_eq!(board.motor_status(0)[0] & 1 << 18, 1 << 18, "Ix80=0 leaves motors killed");
     for (offset, value) in [(0x0026, 0), (0x062C, 0), (0x06D0, 0), (0x0024, 1)] {
         assert_eq!(bench.read(offset), value, "{offset:#06x}");
     }
     bench.write(0x0024, 0);
     bench.run(50);
     assert_eq!(bench.read(0x0026), 0, "needs a new GATHER");
-    bench.board.machine.gather(false).unwrap();
+    bench.world.board.gather(false).unwrap();
     bench.run(1);
     assert_eq!(bench.read(0x0026), 51);
-    bench.board.machine.reset(true);
-    assert_eq!(bench.board.machine.variables.i(58), 0.0);
-    bench.board.machine.reset(false);
-    assert_eq!(bench.board.machine.variables.i(58), 0.0, "factory values are the saved ones then");
+    bench.world.board.reset(true);
+    assert_eq!(bench.world.board.variables.i(58), 0.0);
+    bench.world.board.reset(false);
+    assert_eq!(bench.world.board.variables.i(58), 0.0, "factory values are the saved ones then");
     assert!(bench.violations().is_empty(), "{:?}", bench.violations());
 }
 
@@ -40,32 +40,32 @@ fn a_reset_goes_back_to_what_was_saved_and_stops_the_servo_report() {
 fn ix80_closes_loops_at_power_on() {
     let mut bench = Bench::started();
     bench.set(180, 1.0);
-    bench.board.machine.save();
-    bench.board.machine.reset(false);
-    assert_eq!(bench.board.machine.motor_status(0)[0] & 1 << 18, 0);
-    assert_eq!(bench.board.machine.motor_status(1)[0] & 1 << 18, 1 << 18);
+    bench.world.board.save();
+    bench.world.board.reset(false);
+    assert_eq!(bench.world.board.motor_status(0)[0] & 1 << 18, 0);
+    assert_eq!(bench.world.board.motor_status(1)[0] & 1 << 18, 1 << 18);
 }
 
 #[test]
 fn gather_and_endgather_count() {
     let mut bench = Bench::started();
-    let machine = &mut bench.board.machine;
-    assert!(machine.gather(false).is_err(), "the servo report runs; gathering has no buffer");
-    machine.define_gather(Some(10)).unwrap();
-    machine.gather(false).unwrap();
-    assert!(machine.gathering());
-    assert!(machine.define_gather(None).is_err());
-    assert!(machine.delete_gather().is_err());
-    machine.end_gather().unwrap();
-    assert!(!machine.gathering());
+    let board = &mut bench.world.board;
+    assert!(board.gather(false).is_err(), "the servo report runs; gathering has no buffer");
+    board.define_gather(Some(10)).unwrap();
+    board.gather(false).unwrap();
+    assert!(board.gathering());
+    assert!(board.define_gather(None).is_err());
+    assert!(board.delete_gather().is_err());
+    board.end_gather().unwrap();
+    assert!(!board.gathering());
     bench.run(1);
     assert_eq!(bench.read(0x0026), 1, "the servo report runs on");
-    bench.board.machine.end_gather().unwrap();
+    bench.world.board.end_gather().unwrap();
     bench.run(5);
     assert_eq!(bench.read(0x0026), 1);
     bench.set(48, 0.0);
-    bench.board.machine.gather(false).unwrap();
-    assert!(bench.board.machine.gathering(), "with I48=0 the first GATHER gathers");
+    bench.world.board.gather(false).unwrap();
+    assert!(bench.world.board.gathering(), "with I48=0 the first GATHER gathers");
 }
 
 /// One short and one long source, in the DPRAM.
@@ -82,9 +82,9 @@ fn gathering(firmware: &str, mode: f64, size: u32) -> Bench {
     }
     // Motor 1 off, so that no servo cycle writes its register.
     bench.set(100, 0.0);
-    bench.board.machine.memory.write_d(0x2B, -3072);
-    bench.board.machine.define_gather(Some(size)).unwrap();
-    bench.board.machine.gather(false).unwrap();
+    bench.world.board.memory.write_d(0x2B, -3072);
+    bench.world.board.define_gather(Some(size)).unwrap();
+    bench.world.board.gather(false).unwrap();
     bench
 }
 
@@ -93,7 +93,7 @@ fn gathered_samples_lie_in_the_dpram_in_order_of_their_sources() {
     let mut bench = gathering("1.16B", 2.0, 7);
     bench.run(1);
     assert_eq!((bench.read(0x07FC), bench.read(0x07FE)), (7, 3));
-    assert_eq!(bench.board.machine.global_status()[0] & 1 << 19, 1 << 19);
+    assert_eq!(bench.world.board.global_status()[0] & 1 << 19, 1 << 19);
     bench.run(2);
     assert_eq!(bench.read(0x07FE), 6);
     assert_eq!([bench.read32(0x0800), bench.read32(0x080C)], [1, 3], "servo counter, every second cycle");
@@ -101,10 +101,10 @@ fn gathered_samples_lie_in_the_dpram_in_order_of_their_sources() {
     bench.run(2);
     // 7 is rounded up to 9, then it is over.
     assert_eq!(bench.read(0x07FE), 9);
-    assert!(!bench.board.machine.gathering());
+    assert!(!bench.world.board.gathering());
     bench.run(10);
     assert_eq!((bench.read(0x07FE), bench.read32(0x0824)), (9, 0));
-    assert!(bench.board.machine.gather(false).is_err(), "needs DEFINE GATHER");
+    assert!(bench.world.board.gather(false).is_err(), "needs DEFINE GATHER");
 }
 
 #[test]
@@ -120,11 +120,11 @@ fn a_round_gather_buffer_starts_again_and_later_firmware_keeps_it_elsewhere() {
 #[test]
 fn gathering_into_pmacs_own_memory_takes_free_memory() {
     let mut bench = gathering("1.16D", 0.0, 301);
-    let free = bench.board.machine.free_memory();
+    let free = bench.world.board.free_memory();
     assert_eq!(free, 41_301 - 301);
     bench.run(5);
     assert_eq!(
-        bench.board.machine.gather.stored(),
+        bench.world.board.gather.stored(),
         [1, 0xFF_F400, 0xFF_FFFF, 3, 0xFF_F400, 0xFF_FFFF, 5, 0xFF_F400, 0xFF_FFFF]
     );
     assert_eq!(bench.read32(0x0900), 0);
@@ -134,9 +134,9 @@ fn gathering_into_pmacs_own_memory_takes_free_memory() {
 fn a_buffer_larger_than_the_dpram_is_refused() {
     let mut bench = Bench::bare("1.16B");
     bench.set(45, 2.0);
-    assert!(bench.board.machine.define_gather(Some(3585)).is_err());
-    assert!(bench.board.machine.define_gather(Some(0)).is_err());
-    bench.board.machine.define_gather(None).unwrap();
+    assert!(bench.world.board.define_gather(Some(3585)).is_err());
+    assert!(bench.world.board.define_gather(Some(0)).is_err());
+    bench.world.board.define_gather(None).unwrap();
     assert_eq!(bench.read(0x07FC), 3584);
 }
 
@@ -144,20 +144,20 @@ fn a_buffer_larger_than_the_dpram_is_refused() {
 fn a_board_that_is_gone_reads_all_ones_and_comes_back() {
     let mut bench = Bench::started();
     bench.run(5);
-    bench.board.machine.faults.all_ones = true;
+    bench.world.board.faults.all_ones = true;
     bench.run(3);
     for offset in [0x0024, 0x0026, 0x0228, 0x06D0, 0x3FFE] {
         assert_eq!(bench.read(offset), 0xFFFF);
     }
-    bench.board.machine.faults.all_ones = false;
+    bench.world.board.faults.all_ones = false;
     bench.run(1);
     assert_eq!((bench.read(0x0024), bench.read(0x0026) & 0x8000, bench.read(0x0228)), (0, 0, 1));
     bench.run(1);
     assert_eq!(bench.read(0x0026), 10);
-    bench.board.machine.faults.all_zeros = true;
+    bench.world.board.faults.all_zeros = true;
     bench.run(3);
     assert_eq!((bench.read(0x0026), bench.read(0x0228), bench.read(0x3FFE)), (0, 0, 0));
-    bench.board.machine.faults.all_zeros = false;
+    bench.world.board.faults.all_zeros = false;
     bench.run(2);
     assert_eq!(bench.read(0x0026), 15);
     assert!(bench.violations().is_empty(), "{:?}", bench.violations());
@@ -167,7 +167,7 @@ fn a_board_that_is_gone_reads_all_ones_and_comes_back() {
 fn set_up_registers_survive_a_reset_once_saved_and_act_after_it() {
     let mut bench = Bench::bare("1.16D");
     let mut send = |line: &str| {
-        let reply = bench.board.interpreter.execute(&mut bench.board.machine, line.as_bytes());
+        let reply = bench.world.interpreter.execute(&mut bench.world.board, line.as_bytes());
         assert_eq!(reply.error, None, "{line}");
         reply.lines.concat()
     };
@@ -190,19 +190,19 @@ fn set_up_registers_survive_a_reset_once_saved_and_act_after_it() {
 #[test]
 fn gathering_can_wait_for_a_machine_input() {
     let mut bench = gathering("1.16D", 2.0, 40);
-    let machine = &mut bench.board.machine;
-    machine.end_gather().unwrap();
-    assert!(!machine.gathering());
-    machine.define_gather(Some(40)).unwrap();
-    machine.memory.write_y(0xFFC2, 2);
-    machine.gather(true).unwrap();
-    let state = |bench: &Bench| bench.board.machine.global_status()[0] >> 17 & 0b101;
+    let board = &mut bench.world.board;
+    board.end_gather().unwrap();
+    assert!(!board.gathering());
+    board.define_gather(Some(40)).unwrap();
+    board.memory.write_y(0xFFC2, 2);
+    board.gather(true).unwrap();
+    let state = |bench: &Bench| bench.world.board.global_status()[0] >> 17 & 0b101;
     bench.run(5);
     assert_eq!(state(&bench), 0b001, "the input was on already: it has to come anew");
-    bench.board.machine.memory.write_y(0xFFC2, 0);
+    bench.world.board.memory.write_y(0xFFC2, 0);
     bench.run(5);
     assert_eq!(state(&bench), 0b001);
-    bench.board.machine.memory.write_y(0xFFC2, 2);
+    bench.world.board.memory.write_y(0xFFC2, 2);
     bench.run(1);
     assert_eq!(state(&bench), 0b100);
 }

@@ -16,8 +16,8 @@
 
 use std::ops::Range;
 
+use super::board::{Board, MOTORS};
 use super::fault::Delay;
-use super::machine::{MOTORS, Machine};
 use super::offsets;
 use super::program::rotary::{AppendError, Command, START_OF_LINE};
 use crate::format::int24;
@@ -67,74 +67,74 @@ impl RotaryTransfer {
     }
 
     /// One background pass; `number` is 0 for the first buffer, 1 for the second.
-    pub fn pass(&mut self, number: usize, machine: &mut Machine) {
-        let header = read_header(number, machine);
-        if machine.variables.i(57) != 1.0 || header.size == 0 {
+    pub fn poll(&mut self, number: usize, board: &mut Board) {
+        let header = read_header(number, board);
+        if board.variables.i(57) != 1.0 || header.size == 0 {
             *self = Self::default();
             return;
         }
-        let cycle = machine.stats.servo_cycles;
+        let cycle = board.stats.servo_cycles;
         let [status, index] =
             [rotary_header::STATUS, rotary_header::PMAC_INDEX].map(|word| offset(number, word));
-        let dpram = &mut machine.memory.dpram;
+        let dpram = &mut board.memory.dpram;
         if self.running {
-            machine.judge.pmacs_word(status, cycle, dpram);
-            machine.judge.pmacs_word(index, cycle, dpram);
+            board.judge.pmacs_word(status, cycle, dpram);
+            board.judge.pmacs_word(index, cycle, dpram);
         } else {
             // Up to now the host may have set it up.
             dpram.adopt(index, header.pmac);
         }
         self.running = true;
         let subject = ["the first rotary buffer", "the second rotary buffer"][number];
-        let found = match check(header, machine.rotary_cs_base) {
+        let found = match check(header, board.rotary_cs_base) {
             Ok(cs) => {
-                machine.judge.state(cycle, subject, None);
-                self.transfer(number, header, cs, machine)
+                board.judge.state(cycle, subject, None);
+                self.transfer(number, header, cs, board)
             }
             Err(what) => {
-                machine.judge.state(cycle, subject, Some(format!("{subject}: {what}")));
+                board.judge.state(cycle, subject, Some(format!("{subject}: {what}")));
                 self.seen.clear();
                 self.span = None;
                 ROTARY_ERROR | BAD_HEADER
             }
         };
-        machine.memory.dpram.write16(status, found);
+        board.memory.dpram.write16(status, found);
     }
 
     /// Takes what can be taken; gives the status word.
-    fn transfer(&mut self, number: usize, mut header: Header, cs: usize, machine: &mut Machine) -> u16 {
+    fn transfer(&mut self, number: usize, mut header: Header, cs: usize, board: &mut Board) -> u16 {
         let first = u32::from(offsets::open_offset(header.start).unwrap_or(0));
         self.span = Some(first..first + 4 * u32::from(header.size));
         if let Some(target) = self.rest.take() {
             header.pmac = target;
-            self.move_index(number, target, machine);
+            self.move_index(number, target, board);
         }
         if header.pmac != self.index {
             self.seen.clear();
         }
-        let commands = commands(header, machine);
-        self.judge(header, &commands, machine);
+        let commands = commands(header, board);
+        self.judge(header, &commands, board);
         let available = self.seen.len().min(commands.len());
-        let fault = machine.faults.rotary.clone();
+        let fault = board.faults.rotary.clone();
         let (mut taken, mut status) = (0, 0);
         if available > 0 && !fault.stuck && self.delay.over(fault.late) {
             while taken < available {
                 let length = line_length(&commands[taken..available]);
                 let line = &commands[taken..taken + length];
-                status = append(cs, line, machine);
+                status = append(cs, line, board);
                 if status != 0 {
                     break;
                 }
                 taken += length;
-                machine.memory.dpram.order_reads();
+                board.memory.dpram.order_reads();
                 let target = (header.pmac + COMMAND * taken as u16) % header.size;
                 if fault.torn && length > 1 {
                     self.rest = Some(target);
                     let middle = (target + header.size - COMMAND) % header.size;
-                    self.move_index(number, middle, machine);
+                    self.move_index(number, middle, board);
                     break;
                 }
-                self.move_index(number, target, machine);
+                self.move_index(number, target, board);
             }
         }
         self.seen = commands[taken..].to_vec();
@@ -142,46 +142,46 @@ impl RotaryTransfer {
         status
     }
 
-    fn move_index(&self, number: usize, to: u16, machine: &mut Machine) {
-        machine.memory.dpram.write16(offset(number, rotary_header::PMAC_INDEX), to);
+    fn move_index(&self, number: usize, to: u16, board: &mut Board) {
+        board.memory.dpram.write16(offset(number, rotary_header::PMAC_INDEX), to);
     }
 
-    fn judge(&self, header: Header, commands: &[Command], machine: &mut Machine) {
+    fn judge(&self, header: Header, commands: &[Command], board: &mut Board) {
         let Header { host, pmac, size, .. } = header;
-        let cycle = machine.stats.servo_cycles;
+        let cycle = board.stats.servo_cycles;
         let known = self.seen.len();
         if commands.len() < known {
-            machine.judge.record(cycle, &format!("the rotary host index went back to {host}"));
+            board.judge.record(cycle, &format!("the rotary host index went back to {host}"));
         }
         if commands.iter().zip(&self.seen).any(|(now, seen)| now != seen) {
-            machine.judge.record(cycle, "rotary commands changed after the host index had passed them");
+            board.judge.record(cycle, "rotary commands changed after the host index had passed them");
         }
         let Some(fresh) = commands.get(known..).filter(|fresh| !fresh.is_empty()) else { return };
         if fresh[0].0 & START_OF_LINE == 0 {
             let at = (pmac + COMMAND * known as u16) % size;
-            machine.judge.record(cycle, &format!("the rotary host index had split a line at {at}"));
+            board.judge.record(cycle, &format!("the rotary host index had split a line at {at}"));
         }
         // A host that is quick has begun to write the next line over the marker; that has the same bit.
-        let marker = command(header, host, machine);
+        let marker = command(header, host, board);
         if marker.0 & START_OF_LINE == 0 || marker.0 == END_MARKER.0 && marker != END_MARKER {
-            machine.judge.record(cycle, &format!("there is no end marker at the rotary host index {host}"));
+            board.judge.record(cycle, &format!("there is no end marker at the rotary host index {host}"));
         }
         if COMMAND * commands.len() as u16 > size - 4 {
             let what = format!("the rotary host index {host} goes beyond full: PMAC's is {pmac} of {size}");
-            machine.judge.record(cycle, &what);
+            board.judge.record(cycle, &what);
         }
     }
 }
 
 /// Gives a line to the internal buffer; what the status word says of it.
-fn append(cs: usize, line: &[Command], machine: &mut Machine) -> u16 {
-    if machine.rotary_remaining(cs).is_none() {
+fn append(cs: usize, line: &[Command], board: &mut Board) -> u16 {
+    if board.rotary_remaining(cs).is_none() {
         return ROTARY_ERROR | NO_BUFFER;
     }
-    if !machine.rotary_room(cs, line.len()) {
+    if !board.rotary_room(cs, line.len()) {
         return ROTARY_BUSY;
     }
-    match machine.rotary_append(cs, line) {
+    match board.rotary_append(cs, line) {
         Ok(()) => 0,
         Err(AppendError::Full) => ROTARY_BUSY,
         Err(AppendError::Undefined) => ROTARY_ERROR | NO_BUFFER,
@@ -214,8 +214,8 @@ fn offset(number: usize, word: usize) -> u16 {
     offsets::ROTARY[number] + 2 * word as u16
 }
 
-fn read_header(number: usize, machine: &Machine) -> Header {
-    let read = |word| machine.memory.dpram.read16(offset(number, word));
+fn read_header(number: usize, board: &Board) -> Header {
+    let read = |word| board.memory.dpram.read16(offset(number, word));
     let header = Header {
         cs: read(rotary_header::COORDINATE_SYSTEM),
         host: read(rotary_header::HOST_INDEX),
@@ -223,23 +223,23 @@ fn read_header(number: usize, machine: &Machine) -> Header {
         size: read(rotary_header::SIZE),
         start: read(rotary_header::START),
     };
-    machine.memory.dpram.order_reads();
+    board.memory.dpram.order_reads();
     header
 }
 
 /// The command at an index.
-fn command(header: Header, index: u16, machine: &Machine) -> Command {
+fn command(header: Header, index: u16, board: &Board) -> Command {
     let at = offsets::open_offset(header.start).unwrap_or(0) + 4 * (index % header.size);
-    let word = |at| int24::unsigned(machine.memory.dpram.read32(at));
+    let word = |at| int24::unsigned(board.memory.dpram.read32(at));
     (word(at), word(at + 4))
 }
 
 /// The commands between the indexes, in order.
-fn commands(header: Header, machine: &Machine) -> Vec<Command> {
+fn commands(header: Header, board: &Board) -> Vec<Command> {
     let used = (header.host + header.size - header.pmac) % header.size;
     (0..used)
         .step_by(COMMAND.into())
-        .map(|step| command(header, (header.pmac + step) % header.size, machine))
+        .map(|step| command(header, (header.pmac + step) % header.size, board))
         .collect()
 }
 

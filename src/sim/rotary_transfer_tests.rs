@@ -70,7 +70,7 @@ fn bench(room: usize) -> Bench {
 
 /// An internal buffer for `room` commands for the 0-based coordinate system.
 fn define(bench: &mut Bench, cs: usize, room: usize) {
-    let store = &mut bench.board.machine.programs.store;
+    let store = &mut bench.world.board.programs.store;
     store.close();
     // The highest coordinate system comes first.
     let size = |cs: usize| store.rotary(cs).map(|rotary| rotary.size);
@@ -86,7 +86,7 @@ fn define(bench: &mut Bench, cs: usize, room: usize) {
 
 /// The oldest line of an internal buffer, which leaves it.
 fn take(bench: &mut Bench, cs: usize) -> Option<Vec<Command>> {
-    let rotary = bench.board.machine.programs.store.rotary_mut(cs)?;
+    let rotary = bench.world.board.programs.store.rotary_mut(cs)?;
     let items = rotary.line(rotary.first())?.items.clone();
     rotary.free_before(rotary.first() + 1);
     let known = [ONE, TWO, FOUR].into_iter().find(|line| binary::line(line) == Ok(items.clone()));
@@ -144,7 +144,7 @@ fn both_buffers_work_side_by_side_and_i57_enables_them() {
 #[test]
 fn the_coordinate_systems_number_may_count_from_zero() {
     let mut bench = bench(100);
-    bench.board.machine.rotary_cs_base = 0;
+    bench.world.board.rotary_cs_base = 0;
     let mut host = Host::new(&mut bench, FIRST, 0xD300, 20, 0);
     host.send(&bench, ONE);
     bench.run(2);
@@ -291,15 +291,15 @@ fn a_buffer_in_the_variable_table_is_recorded() {
 fn faults_hold_delay_and_tear() {
     let mut bench = bench(50);
     let mut host = Host::new(&mut bench, FIRST, 0xD300, 20, 1);
-    bench.board.machine.faults.rotary.stuck = true;
+    bench.world.board.faults.rotary.stuck = true;
     host.send(&bench, FOUR);
     bench.run(50);
     assert_eq!(host.pmac_index(&bench), 0);
-    bench.board.machine.faults.rotary.stuck = false;
-    bench.board.machine.faults.rotary.late = 3;
+    bench.world.board.faults.rotary.stuck = false;
+    bench.world.board.faults.rotary.late = 3;
     bench.run(3);
     assert_eq!(host.pmac_index(&bench), 0);
-    bench.board.machine.faults.rotary.torn = true;
+    bench.world.board.faults.rotary.torn = true;
     bench.run(1);
     assert_eq!(host.pmac_index(&bench), 6, "in the middle of the line");
     bench.run(1);

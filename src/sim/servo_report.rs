@@ -161,18 +161,18 @@ mod tests {
             bench.set(variable, value);
         }
         bench.run(20);
-        assert_eq!(bench.board.machine.report.updates, 0, "no GATHER yet");
-        bench.board.machine.gather(false).unwrap();
+        assert_eq!(bench.world.board.report.updates, 0, "no GATHER yet");
+        bench.world.board.gather(false).unwrap();
         bench.run(1);
         assert_eq!(bench.read(0x0026), 21);
         bench.run(4);
         assert_eq!(bench.read(0x0026), 21);
         bench.run(1);
         assert_eq!(bench.read(0x0026), 26);
-        assert_eq!(bench.board.machine.report.updates, 2);
-        bench.board.machine.end_gather().unwrap();
+        assert_eq!(bench.world.board.report.updates, 2);
+        bench.world.board.end_gather().unwrap();
         bench.run(20);
-        assert_eq!(bench.board.machine.report.updates, 2);
+        assert_eq!(bench.world.board.report.updates, 2);
     }
 
     #[test]
@@ -182,7 +182,7 @@ mod tests {
         bench.write(0x0024, 1);
         bench.run(7);
         assert_eq!(bench.read(0x0026), 3);
-        assert_eq!((bench.board.machine.report.updates, bench.board.machine.report.skipped), (3, 7));
+        assert_eq!((bench.world.board.report.updates, bench.world.board.report.skipped), (3, 7));
         bench.write(0x0024, 0);
         bench.run(1);
         assert_eq!(bench.read(0x0026), 11);
@@ -192,7 +192,7 @@ mod tests {
     #[test]
     fn the_timer_has_fifteen_bits() {
         let mut bench = Bench::started();
-        bench.board.machine.memory.write_x(0, 0xFF_FFFE);
+        bench.world.board.memory.write_x(0, 0xFF_FFFE);
         bench.run(1);
         assert_eq!(bench.read(0x0026), 0x7FFF);
         bench.run(1);
@@ -203,8 +203,8 @@ mod tests {
     fn tagged_updates_carry_their_number_everywhere_and_only_for_i59_motors() {
         let mut bench = Bench::started();
         bench.set(59, 3.0);
-        bench.board.machine.report.tag = true;
-        bench.board.machine.report.updates = 0xFF_FFF0;
+        bench.world.board.report.tag = true;
+        bench.world.board.report.updates = 0xFF_FFF0;
         bench.run(5);
         // 0xFFFFF5 is negative as a 24-bit word: sign-extended.
         for motor in 0..3 {
@@ -220,10 +220,10 @@ mod tests {
     fn a_stuck_busy_bit_stays_until_the_fault_is_gone() {
         let mut bench = Bench::started();
         bench.run(4);
-        bench.board.machine.faults.servo_busy_stuck = true;
+        bench.world.board.faults.servo_busy_stuck = true;
         bench.run(10);
         assert_eq!(bench.read(0x0026), 0x8004);
-        bench.board.machine.faults.servo_busy_stuck = false;
+        bench.world.board.faults.servo_busy_stuck = false;
         bench.run(1);
         assert_eq!(bench.read(0x0026), 15);
     }

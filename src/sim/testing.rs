@@ -5,16 +5,16 @@ use std::fs::{File, OpenOptions};
 use tempfile::TempDir;
 
 use super::STARTUP;
+use super::board::{Board, Identity};
 use super::dpram::Dpram;
-use super::language::{Interpreter, family};
-use super::machine::{Board, Identity, Machine};
+use super::language::family;
 use super::memory::Memory;
-use super::process;
+use super::world::World;
 use crate::device::mapping::Mapping;
 
 /// A board and the host's view of its memory.
 pub struct Bench {
-    pub board: Board,
+    pub world: World,
     host: Mapping,
     _directory: TempDir,
 }
@@ -26,30 +26,30 @@ impl Bench {
         let path = directory.path().join("dpram");
         let memory = Memory::new(Dpram::open(&path).unwrap());
         let identity = Identity::new(&family::PMAC, firmware);
-        let machine = Machine::new(memory, identity, None, None);
+        let board = Board::new(memory, identity, None, None);
         let file: File = OpenOptions::new().read(true).write(true).open(&path).unwrap();
         let host = Mapping::new(&file, 0, 0x4000).unwrap();
-        Self { board: Board { machine, interpreter: Interpreter::default() }, host, _directory: directory }
+        Self { world: World::new(board, None), host, _directory: directory }
     }
 
     /// With the shipped start-up file.
     pub fn started() -> Self {
         let mut bench = Self::bare("1.16D");
-        process::load(&mut bench.board, "shipped", STARTUP).unwrap();
+        bench.world.load("shipped", STARTUP).unwrap();
         bench
     }
 
     pub fn run(&mut self, cycles: usize) {
         for _ in 0..cycles {
-            self.board.step();
+            self.world.step();
         }
     }
 
     /// Runs until `done`, at most `cycles` cycles.
-    pub fn until(&mut self, cycles: usize, mut done: impl FnMut(&mut Machine) -> bool) {
+    pub fn until(&mut self, cycles: usize, mut done: impl FnMut(&mut Board) -> bool) {
         for _ in 0..cycles {
-            self.board.step();
-            if done(&mut self.board.machine) {
+            self.world.step();
+            if done(&mut self.world.board) {
                 return;
             }
         }
@@ -57,8 +57,8 @@ impl Bench {
     }
 
     pub fn set(&mut self, variable: usize, value: f64) {
-        self.board.machine.variables.set_i(variable, value);
-        self.board.machine.i_assigned(variable);
+        self.world.board.variables.set_i(variable, value);
+        self.world.board.i_assigned(variable);
     }
 
     pub fn read(&self, offset: u16) -> u16 {
@@ -117,6 +117,6 @@ impl Bench {
     }
 
     pub fn violations(&self) -> &[String] {
-        self.board.machine.judge.violations()
+        self.world.board.judge.violations()
     }
 }

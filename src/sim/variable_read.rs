@@ -12,8 +12,8 @@
 
 use std::ops::Range;
 
+use super::board::Board;
 use super::fault::Delay;
-use super::machine::Machine;
 use super::memory::Memory;
 use super::offsets;
 use crate::format::int24;
@@ -68,35 +68,35 @@ impl VariableRead {
     }
 
     /// One background pass.
-    pub fn pass(&mut self, machine: &mut Machine) {
-        let cycle = machine.stats.servo_cycles;
-        if machine.variables.i(55) != 1.0 {
+    pub fn poll(&mut self, board: &mut Board) {
+        let cycle = board.stats.servo_cycles;
+        if board.variables.i(55) != 1.0 {
             *self = Self::default();
             return;
         }
-        let control = machine.memory.dpram.read16(offsets::VARIABLE_READ_CONTROL);
+        let control = board.memory.dpram.read16(offsets::VARIABLE_READ_CONTROL);
         let multi_user = control & VARIABLE_READ_MULTI_USER != 0;
-        let table = match table(&machine.memory) {
+        let table = match table(&board.memory) {
             Ok(table) => table,
             Err(what) => {
-                machine.judge.state(cycle, "variable read", Some(what));
+                board.judge.state(cycle, "variable read", Some(what));
                 *self = Self::default();
                 return;
             }
         };
         if table.is_empty() {
             *self = Self::default();
-            machine.judge.state(cycle, "variable read", None);
+            board.judge.state(cycle, "variable read", None);
             return;
         }
-        let start = machine.memory.dpram.read16(offsets::VARIABLE_READ_START);
+        let start = board.memory.dpram.read16(offsets::VARIABLE_READ_START);
         if table != self.table || start != self.start {
             *self = Self { start, written: vec![false; table.len()], table, ..Self::default() };
         }
-        self.judge(control, machine);
-        let fault = machine.faults.variable_read.clone();
+        self.judge(control, board);
+        let fault = board.faults.variable_read.clone();
         for index in std::mem::take(&mut self.rest) {
-            store(self.table[index], &mut machine.memory);
+            store(self.table[index], &mut board.memory);
         }
         if fault.stuck {
             return;
@@ -104,55 +104,55 @@ impl VariableRead {
         let due: Vec<usize> = (0..self.table.len())
             .filter(|&index| {
                 if multi_user {
-                    machine.memory.dpram.read16(self.table[index].flag) & VARIABLE_READ_ENTRY_READY == 0
+                    board.memory.dpram.read16(self.table[index].flag) & VARIABLE_READ_ENTRY_READY == 0
                 } else {
                     control & DATA_READY == 0
                 }
             })
             .collect();
         if !due.is_empty() && self.delay.over(fault.late) {
-            machine.memory.dpram.order_reads();
+            board.memory.dpram.order_reads();
             let now = if fault.torn { due.len() / 2 } else { due.len() };
             for &index in &due[..now] {
-                store(self.table[index], &mut machine.memory);
+                store(self.table[index], &mut board.memory);
             }
             self.rest = due[now..].to_vec();
-            machine.memory.dpram.order_writes();
-            self.announce(&due, multi_user, machine);
+            board.memory.dpram.order_writes();
+            self.announce(&due, multi_user, board);
         } else if multi_user {
-            self.store_timer(machine);
+            self.store_timer(board);
         }
     }
 
     /// Timer and ready bits. In multi-user mode the timer comes last, as the manual has it.
-    fn announce(&mut self, due: &[usize], multi_user: bool, machine: &mut Machine) {
+    fn announce(&mut self, due: &[usize], multi_user: bool, board: &mut Board) {
         for &index in due {
             self.written[index] = true;
         }
         if multi_user {
             for &index in due {
                 let entry = self.table[index];
-                let flag = machine.memory.dpram.read16(entry.flag) | VARIABLE_READ_ENTRY_READY;
-                machine.memory.dpram.write16(entry.flag, flag);
+                let flag = board.memory.dpram.read16(entry.flag) | VARIABLE_READ_ENTRY_READY;
+                board.memory.dpram.write16(entry.flag, flag);
             }
-            self.store_timer(machine);
+            self.store_timer(board);
         } else {
-            self.store_timer(machine);
-            let control = machine.memory.dpram.read16(offsets::VARIABLE_READ_CONTROL);
-            machine.memory.dpram.order_writes();
-            machine.memory.dpram.write16(offsets::VARIABLE_READ_CONTROL, control | DATA_READY);
+            self.store_timer(board);
+            let control = board.memory.dpram.read16(offsets::VARIABLE_READ_CONTROL);
+            board.memory.dpram.order_writes();
+            board.memory.dpram.write16(offsets::VARIABLE_READ_CONTROL, control | DATA_READY);
         }
     }
 
-    fn store_timer(&mut self, machine: &mut Machine) {
-        let timer = machine.memory.read_x(offsets::SERVO_COUNTER) as u16;
-        machine.memory.dpram.write16(offsets::VARIABLE_READ_TIMER, timer);
+    fn store_timer(&mut self, board: &mut Board) {
+        let timer = board.memory.read_x(offsets::SERVO_COUNTER) as u16;
+        board.memory.dpram.write16(offsets::VARIABLE_READ_TIMER, timer);
         self.announced = true;
     }
 
-    fn judge(&self, control: u16, machine: &mut Machine) {
-        let cycle = machine.stats.servo_cycles;
-        let dpram = &mut machine.memory.dpram;
+    fn judge(&self, control: u16, board: &mut Board) {
+        let cycle = board.stats.servo_cycles;
+        let dpram = &mut board.memory.dpram;
         let multi_user = control & VARIABLE_READ_MULTI_USER != 0;
         let undefined = self.table.iter().find(|entry| !matches!(entry.kind, Y | LONG | X | SPECIAL));
         let wrong = if let Some(entry) = undefined {
@@ -168,18 +168,18 @@ impl VariableRead {
         let set = control & !own & DATA_READY != 0;
         dpram.adopt(offsets::VARIABLE_READ_CONTROL, control);
         if self.announced {
-            machine.judge.pmacs_word(offsets::VARIABLE_READ_TIMER, cycle, dpram);
+            board.judge.pmacs_word(offsets::VARIABLE_READ_TIMER, cycle, dpram);
         }
         let written = self.table.iter().zip(&self.written).filter(|(_, written)| **written);
         for (entry, _) in written {
             for word in 0..2 * entry.longs() {
-                machine.judge.pmacs_word(entry.data + 2 * word, cycle, dpram);
+                board.judge.pmacs_word(entry.data + 2 * word, cycle, dpram);
             }
         }
         if set && self.announced && !multi_user {
-            machine.judge.record(cycle, "the host set the variable read's Data-Ready, which it only clears");
+            board.judge.record(cycle, "the host set the variable read's Data-Ready, which it only clears");
         }
-        machine.judge.state(cycle, "variable read", wrong);
+        board.judge.state(cycle, "variable read", wrong);
     }
 }
 

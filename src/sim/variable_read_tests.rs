@@ -24,7 +24,7 @@ fn set_up(bench: &Bench, control: u16, entries: &[(u16, u16)]) {
 fn bench() -> Bench {
     let mut bench = Bench::bare("1.16D");
     bench.set(55, 1.0);
-    let memory = &mut bench.board.machine.memory;
+    let memory = &mut bench.world.board.memory;
     memory.write_y(0x2000, 0x80_0001);
     memory.write_x(0x2000, 0x12_3456);
     memory.write_y(0x2001, 0xFF_FFFE);
@@ -35,8 +35,8 @@ fn bench() -> Bench {
 #[test]
 fn registers_of_every_type_lie_right_behind_the_table() {
     let mut bench = bench();
-    bench.board.machine.memory.write_y(0x9FFF, 0x3000);
-    bench.board.machine.memory.write_d(0x3002, -5);
+    bench.world.board.memory.write_y(0x9FFF, 0x3000);
+    bench.world.board.memory.write_d(0x3002, -5);
     set_up(&bench, 0, &[(0x2000, 0), (0x2001, 1), (0x2000, 2), (2, 4), (0x2001, 0)]);
     bench.run(1);
     let data: Vec<u32> = (0..7).map(|long| bench.read32(TABLE + 20 + 4 * long)).collect();
@@ -54,7 +54,7 @@ fn single_user_data_stand_still_until_the_host_clears_the_ready_bit() {
     bench.run(10);
     assert_eq!((bench.read32(TABLE + 4), bench.read(TIMER)), (1, 1));
     bench.write(CONTROL, 0);
-    bench.board.machine.memory.write_x(0, 0x81_2344);
+    bench.world.board.memory.write_x(0, 0x81_2344);
     bench.run(1);
     assert_eq!((bench.read32(TABLE + 4), bench.read(TIMER), bench.read(CONTROL)), (0xFF81_2345, 0x2345, 1));
     assert!(bench.violations().is_empty());
@@ -133,7 +133,7 @@ fn a_host_that_writes_into_pmacs_half_is_recorded() {
     bench.write(TIMER, 77);
     bench.run(1);
     assert_eq!(bench.violations().len(), 2, "{:?}", bench.violations());
-    bench.board.machine.faults.variable_read.stuck = true;
+    bench.world.board.faults.variable_read.stuck = true;
     bench.write(CONTROL, 0);
     bench.run(2);
     bench.write(CONTROL, 1);
@@ -148,12 +148,12 @@ fn a_host_that_writes_into_pmacs_half_is_recorded() {
 fn a_table_in_the_gather_buffer_is_recorded() {
     let mut bench = bench();
     bench.set(45, 3.0);
-    bench.board.machine.define_gather(Some(1000)).unwrap();
+    bench.world.board.define_gather(Some(1000)).unwrap();
     set_up(&bench, 0, &[(0, 2)]);
     bench.run(5);
     assert_eq!(bench.violations().len(), 1, "{:?}", bench.violations());
     assert!(bench.violations()[0].contains("overlap"));
-    bench.board.machine.define_gather(Some(100)).unwrap();
+    bench.world.board.define_gather(Some(100)).unwrap();
     bench.run(5);
     assert_eq!(bench.violations().len(), 1);
 }
@@ -161,15 +161,15 @@ fn a_table_in_the_gather_buffer_is_recorded() {
 #[test]
 fn faults_hold_delay_and_tear() {
     let mut bench = bench();
-    bench.board.machine.faults.variable_read.stuck = true;
+    bench.world.board.faults.variable_read.stuck = true;
     set_up(&bench, 0, &[(0, 2), (0x2000, 2)]);
     bench.run(50);
     assert_eq!(bench.read(CONTROL), 0);
-    bench.board.machine.faults.variable_read.stuck = false;
-    bench.board.machine.faults.variable_read.late = 3;
+    bench.world.board.faults.variable_read.stuck = false;
+    bench.world.board.faults.variable_read.late = 3;
     bench.run(3);
     assert_eq!(bench.read(CONTROL), 0);
-    bench.board.machine.faults.variable_read.torn = true;
+    bench.world.board.faults.variable_read.torn = true;
     bench.run(1);
     assert_eq!((bench.read(CONTROL), bench.read32(TABLE + 8), bench.read32(TABLE + 12)), (1, 54, 0));
     bench.run(1);

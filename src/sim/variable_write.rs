@@ -15,8 +15,8 @@
 
 use std::ops::Range;
 
+use super::board::Board;
 use super::fault::Delay;
-use super::machine::Machine;
 use super::offsets;
 use crate::format::{join32, write48};
 use crate::map::classic::{VARIABLE_WRITE_RECORD_WORDS as WORDS, VARIABLE_WRITE_RECORDS};
@@ -93,31 +93,31 @@ impl VariableWrite {
     }
 
     /// One background pass.
-    pub fn pass(&mut self, machine: &mut Machine) {
-        let cycle = machine.stats.servo_cycles;
-        if machine.variables.i(55) != 1.0 {
+    pub fn poll(&mut self, board: &mut Board) {
+        let cycle = board.stats.servo_cycles;
+        if board.variables.i(55) != 1.0 {
             *self = Self::default();
             return;
         }
-        write_all(&std::mem::take(&mut self.rest), machine);
-        let request = match request(machine) {
+        write_all(&std::mem::take(&mut self.rest), board);
+        let request = match request(board) {
             Ok(Some(request)) => request,
             Ok(None) => {
                 self.seen = None;
-                machine.judge.state(cycle, "variable write", None);
+                board.judge.state(cycle, "variable write", None);
                 return;
             }
             Err(what) => {
                 self.seen = None;
-                machine.judge.state(cycle, "variable write", Some(what));
+                board.judge.state(cycle, "variable write", Some(what));
                 return;
             }
         };
         let Some(seen) = self.seen.replace(request.clone()) else { return };
         if seen != request {
-            machine.judge.record(cycle, "the records of a variable write changed after their count was set");
+            board.judge.record(cycle, "the records of a variable write changed after their count was set");
         }
-        let fault = machine.faults.variable_write.clone();
+        let fault = board.faults.variable_write.clone();
         if fault.stuck || !self.delay.over(fault.late) {
             return;
         }
@@ -125,19 +125,19 @@ impl VariableWrite {
         if fault.torn {
             self.rest = records.split_off(records.len() / 2);
         }
-        write_all(&records, machine);
-        if machine.watchdog {
+        write_all(&records, board);
+        if board.watchdog {
             return;
         }
         self.seen = None;
-        machine.memory.dpram.order_writes();
-        machine.memory.dpram.write16(offsets::VARIABLE_WRITE_COUNT, 0);
+        board.memory.dpram.order_writes();
+        board.memory.dpram.write16(offsets::VARIABLE_WRITE_COUNT, 0);
     }
 }
 
 /// What the host asks for; `None` when the count is 0.
-fn request(machine: &Machine) -> Result<Option<Request>, String> {
-    let dpram = &machine.memory.dpram;
+fn request(board: &Board) -> Result<Option<Request>, String> {
+    let dpram = &board.memory.dpram;
     let count = dpram.read16(offsets::VARIABLE_WRITE_COUNT);
     if count == 0 {
         return Ok(None);
@@ -165,25 +165,25 @@ fn request(machine: &Machine) -> Result<Option<Request>, String> {
 }
 
 /// Writes record by record; a write to the servo clock is the last one.
-fn write_all(records: &[Record], machine: &mut Machine) {
+fn write_all(records: &[Record], board: &mut Board) {
     for &record in records {
-        if machine.watchdog {
+        if board.watchdog {
             return;
         }
-        let cycle = machine.stats.servo_cycles;
+        let cycle = board.stats.servo_cycles;
         if let Some(what) = record.wrong() {
-            machine.judge.record(cycle, &what);
+            board.judge.record(cycle, &what);
         }
-        write(record, machine);
+        write(record, board);
     }
 }
 
-fn write(record: Record, machine: &mut Machine) {
+fn write(record: Record, board: &mut Board) {
     let Record { address, kind, data } = record;
     if kind >> 13 != 0 {
         return;
     }
-    let memory = &mut machine.memory;
+    let memory = &mut board.memory;
     let block = (memory.read_y(offsets::FUNCTION_BLOCKS) as u16).wrapping_add(address);
     let field = |old: u32| {
         let mask = (((1u64 << record.width()) - 1) << record.offset()) as u32;
@@ -202,11 +202,9 @@ fn write(record: Record, machine: &mut Machine) {
         _ => return,
     }
     if address == offsets::SERVO_COUNTER && matches!(kind & 0b111, Y | X | LONG) {
-        let cycle = machine.stats.servo_cycles;
-        machine
-            .judge
-            .record(cycle, "a variable write went to address 0, the servo clock: the watchdog trips");
-        machine.watchdog = true;
+        let cycle = board.stats.servo_cycles;
+        board.judge.record(cycle, "a variable write went to address 0, the servo clock: the watchdog trips");
+        board.watchdog = true;
     }
 }
 

@@ -38,10 +38,10 @@ fn every_width_at_every_offset_leaves_the_other_bits_alone() {
         for offset in 0..=24 - width {
             for (old, new) in [(0u32, u32::MAX), (0xFF_FFFF, 0), (0xA5_5AC3, 0x5A_A53C)] {
                 let mut bench = bench();
-                bench.board.machine.memory.write_x(0x2000, old);
-                bench.board.machine.memory.write_y(0x2000, old);
+                bench.world.board.memory.write_x(0x2000, old);
+                bench.world.board.memory.write_y(0x2000, old);
                 write(&mut bench, &[(0x2000, space | width << 3 | offset << 8, new, u32::MAX)]);
-                let memory = &bench.board.machine.memory;
+                let memory = &bench.world.board.memory;
                 let mask = ((1 << width) - 1) << offset;
                 let expected = old & !mask | new << offset & mask;
                 let [target, other] = if space == 2 {
@@ -72,7 +72,7 @@ fn whole_words_and_longs_packed_32_and_16() {
             (0x2003, 1 | 4 << 3 | 5 << 8, 0xFFFF_FFFF, 0xFFFF_FFFF),
         ],
     );
-    let memory = &bench.board.machine.memory;
+    let memory = &bench.world.board.memory;
     assert_eq!((memory.read_y(0x2000), memory.read_x(0x2000)), (0x80_0001, 0x12_3456));
     assert_eq!(memory.read_l(0x2001), -3.25);
     assert_eq!((memory.read_y(0x2002), memory.read_x(0x2002)), (0x12_3456, 0x78_9ABC));
@@ -85,18 +85,18 @@ fn the_manuals_p_variable_is_written_without_a_command() {
     let mut bench = bench();
     let [data1, data2] = write48::pack(float48::encode(98.5));
     write(&mut bench, &[(0x1000 + 7, 1, data1, data2)]);
-    let reply = bench.board.interpreter.execute(&mut bench.board.machine, b"P7");
+    let reply = bench.world.interpreter.execute(&mut bench.world.board, b"P7");
     assert_eq!(reply.lines, ["98.5"]);
 }
 
 #[test]
 fn thirty_two_records_at_once_and_function_blocks() {
     let mut bench = bench();
-    bench.board.machine.memory.write_y(0x9FFF, 0x3000);
+    bench.world.board.memory.write_y(0x9FFF, 0x3000);
     let mut records: Vec<_> = (0..30u16).map(|n| (0x2000 + n, 0, u32::from(n), 0)).collect();
     records.extend([(0, 4, 11, 0), (5, 6, 22, 0)]);
     write(&mut bench, &records);
-    let memory = &bench.board.machine.memory;
+    let memory = &bench.world.board.memory;
     assert!((0..30).all(|n| memory.read_y(0x2000 + n) == u32::from(n)));
     assert_eq!((memory.read_y(0x3000), memory.read_x(0x3005)), (11, 22), "block 0 is not the servo clock");
     assert!(bench.violations().is_empty(), "{:?}", bench.violations());
@@ -108,7 +108,7 @@ fn nothing_is_written_without_i55_or_beyond_the_rules() {
     bench.set(55, 0.0);
     ask(&bench, &[(0x2000, 0, 5, 0)]);
     bench.run(5);
-    assert_eq!((bench.read(COUNT), bench.board.machine.memory.read_y(0x2000)), (1, 0));
+    assert_eq!((bench.read(COUNT), bench.world.board.memory.read_y(0x2000)), (1, 0));
     bench.set(55, 1.0);
     for (count, start) in [(33, 0xD300), (1, 0xD1FF), (1, 0xE000), (2, 0xDFFB), (1, 0xDFFE)] {
         bench.write(START, start);
@@ -125,7 +125,7 @@ fn nothing_is_written_without_i55_or_beyond_the_rules() {
     bench.write(START, 0xDFFD);
     bench.write(COUNT, 1);
     bench.run(2);
-    assert_eq!((bench.read(COUNT), bench.board.machine.memory.read_y(0x2000)), (0, 5));
+    assert_eq!((bench.read(COUNT), bench.world.board.memory.read_y(0x2000)), (0, 5));
 }
 
 #[test]
@@ -141,9 +141,9 @@ fn records_outside_the_table_are_recorded() {
     ];
     for (kind, expected) in cases {
         let before = bench.violations().len();
-        bench.board.machine.memory.write_y(0x2000, 0);
+        bench.world.board.memory.write_y(0x2000, 0);
         write(&mut bench, &[(0x2000, kind, u32::MAX, 0)]);
-        assert_eq!(bench.board.machine.memory.read_y(0x2000), expected, "{kind:#x}");
+        assert_eq!(bench.world.board.memory.read_y(0x2000), expected, "{kind:#x}");
         assert_eq!(bench.violations().len(), before + 1, "{kind:#x}");
     }
 }
@@ -155,19 +155,19 @@ fn address_zero_trips_the_watchdog_until_a_reset() {
         bench.run(10);
         ask(&bench, &[(0x2000, 0, 1, 0), (0, kind, 5, 0), (0x2001, 0, 1, 0)]);
         bench.run(10);
-        let machine = &bench.board.machine;
-        assert!(machine.watchdog);
-        assert_eq!((machine.memory.read_y(0x2000), machine.memory.read_y(0x2001)), (1, 0));
-        assert_eq!((bench.read(COUNT), machine.stats.servo_cycles), (3, 12), "dead");
+        let board = &bench.world.board;
+        assert!(board.watchdog);
+        assert_eq!((board.memory.read_y(0x2000), board.memory.read_y(0x2001)), (1, 0));
+        assert_eq!((bench.read(COUNT), board.stats.servo_cycles), (3, 12), "dead");
         assert_eq!(bench.violations().len(), 1, "{:?}", bench.violations());
         bench.set(58, 1.0);
         bench.write_text("P1");
         bench.write(0x062C, 1);
         bench.run(20);
         assert_eq!((bench.read(0x062C), bench.read(0x06D0)), (1, 0), "nobody answers");
-        bench.board.machine.reset(false);
+        bench.world.board.reset(false);
         bench.run(3);
-        assert_eq!((bench.read(COUNT), bench.board.machine.memory.read_x(0)), (0, 3), "{kind}");
+        assert_eq!((bench.read(COUNT), bench.world.board.memory.read_x(0)), (0, 3), "{kind}");
     }
 }
 
@@ -180,7 +180,7 @@ fn a_change_after_the_count_and_an_overlap_are_recorded() {
     bench.run(1);
     assert_eq!(bench.violations().len(), 1, "{:?}", bench.violations());
     bench.set(45, 3.0);
-    bench.board.machine.define_gather(Some(500)).unwrap();
+    bench.world.board.define_gather(Some(500)).unwrap();
     ask(&bench, &[(0x2000, 0, 1, 0)]);
     bench.run(3);
     assert_eq!(bench.violations().len(), 2, "{:?}", bench.violations());
@@ -189,17 +189,17 @@ fn a_change_after_the_count_and_an_overlap_are_recorded() {
 #[test]
 fn faults_hold_delay_and_tear() {
     let mut bench = bench();
-    bench.board.machine.faults.variable_write.stuck = true;
+    bench.world.board.faults.variable_write.stuck = true;
     ask(&bench, &[(0x2000, 0, 1, 0), (0x2001, 0, 2, 0)]);
     bench.run(50);
-    assert_eq!((bench.read(COUNT), bench.board.machine.memory.read_y(0x2000)), (2, 0));
-    bench.board.machine.faults.variable_write.stuck = false;
-    bench.board.machine.faults.variable_write.late = 2;
+    assert_eq!((bench.read(COUNT), bench.world.board.memory.read_y(0x2000)), (2, 0));
+    bench.world.board.faults.variable_write.stuck = false;
+    bench.world.board.faults.variable_write.late = 2;
     bench.run(2);
     assert_eq!(bench.read(COUNT), 2);
-    bench.board.machine.faults.variable_write.torn = true;
+    bench.world.board.faults.variable_write.torn = true;
     bench.run(1);
-    let both = |bench: &Bench| [0x2000, 0x2001].map(|address| bench.board.machine.memory.read_y(address));
+    let both = |bench: &Bench| [0x2000, 0x2001].map(|address| bench.world.board.memory.read_y(address));
     assert_eq!((bench.read(COUNT), both(&bench)), (0, [1, 0]));
     bench.run(1);
     assert_eq!(both(&bench), [1, 2]);

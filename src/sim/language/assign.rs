@@ -36,9 +36,9 @@ impl Line<'_, '_> {
     /// `5`, `(expression)` or `1..8`.
     fn numbers(&mut self) -> Result<RangeInclusive<usize>, CommandError> {
         let cs = self.interpreter.cs;
-        let first = variable_number(&mut self.scanner, self.machine, cs)?;
+        let first = variable_number(&mut self.scanner, self.board, cs)?;
         let last = if self.scanner.take_text(b"..") {
-            variable_number(&mut self.scanner, self.machine, cs)?
+            variable_number(&mut self.scanner, self.board, cs)?
         } else {
             first
         };
@@ -48,21 +48,21 @@ impl Line<'_, '_> {
     fn assign(&mut self, kind: VariableKind, numbers: RangeInclusive<usize>) -> Outcome {
         if kind == VariableKind::I && self.scanner.take(b'*') {
             for number in numbers {
-                let default = self.machine.variables.default_i(number);
-                assign(self.machine, kind, 0, number, default);
+                let default = self.board.variables.default_i(number);
+                assign(self.board, kind, 0, number, default);
             }
             return Ok(());
         }
         let cs = self.interpreter.cs;
-        let value = evaluate(&mut self.scanner, self.machine, cs)?;
+        let value = evaluate(&mut self.scanner, self.board, cs)?;
         for number in numbers {
-            assign(self.machine, kind, cs, number, value);
+            assign(self.board, kind, cs, number, value);
         }
         Ok(())
     }
 
     fn report(&mut self, kind: VariableKind, numbers: RangeInclusive<usize>) -> Outcome {
-        let variables = &self.machine.variables;
+        let variables = &self.board.variables;
         for number in numbers {
             let text = match kind {
                 VariableKind::I if variables.long_listing() => {
@@ -70,7 +70,7 @@ impl Line<'_, '_> {
                 }
                 VariableKind::I => variables.i_text(number),
                 _ => {
-                    let value = value(self.machine, kind, self.interpreter.cs, number);
+                    let value = value(self.board, kind, self.interpreter.cs, number);
                     decimal(value, variables.family().decimals)
                 }
             };
@@ -80,15 +80,15 @@ impl Line<'_, '_> {
     }
 
     fn m_definitions(&mut self, numbers: RangeInclusive<usize>) -> Outcome {
-        let last = self.machine.variables.family().last_address;
+        let last = self.board.variables.family().last_address;
         let definition = MDefinition::parse(&mut self.scanner, last)?;
         for number in numbers {
             if let Some(definition) = &definition {
-                self.machine.variables.define_m(number, definition.clone());
+                self.board.variables.define_m(number, definition.clone());
                 continue;
             }
-            let text = self.machine.variables.m_definition(number).text();
-            let long = self.machine.variables.long_listing();
+            let text = self.board.variables.m_definition(number).text();
+            let long = self.board.variables.long_listing();
             self.lines.push(if long { format!("M{number}->{text}") } else { text });
         }
         Ok(())

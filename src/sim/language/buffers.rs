@@ -77,7 +77,7 @@ impl Line<'_, '_> {
         match command {
             BufferCommand::Open => self.open(),
             BufferCommand::Close => {
-                self.machine.programs.store.close();
+                self.board.programs.store.close();
                 Ok(())
             }
             BufferCommand::Clear => self.clear(),
@@ -92,7 +92,7 @@ impl Line<'_, '_> {
                 self.answer(format!("P{program}:{offset}"))
             }
             BufferCommand::RotaryRemaining => {
-                let lines = self.machine.rotary_remaining(cs).ok_or(CommandError::SYNTAX)?;
+                let lines = self.board.rotary_remaining(cs).ok_or(CommandError::SYNTAX)?;
                 self.answer(lines.to_string())
             }
             BufferCommand::Plc(enable) => {
@@ -105,12 +105,11 @@ impl Line<'_, '_> {
                     return Ok(());
                 }
                 let plcs = numbers(&mut self.scanner, 0, PLCS - 1)?;
-                self.machine.enable_plcs(plcs as u32, enable);
+                self.board.enable_plcs(plcs as u32, enable);
                 Ok(())
             }
             BufferCommand::Match => {
-                if let Some(system) =
-                    self.machine.programs.systems.get_mut(cs).filter(|system| !system.running)
+                if let Some(system) = self.board.programs.systems.get_mut(cs).filter(|system| !system.running)
                 {
                     system.rematch = true;
                 }
@@ -135,29 +134,29 @@ impl Line<'_, '_> {
                 _ => return Err(CommandError::SYNTAX),
             },
         };
-        if self.machine.programs.store.open().is_some() {
+        if self.board.programs.store.open().is_some() {
             return Err(CommandError::BUFFER_IN_USE);
         }
         match open {
             Open::Program(number) => {
                 self.accessible(number as usize >= PROTECTED)?;
-                if self.machine.programs.any_runs() {
+                if self.board.programs.any_runs() {
                     return Err(CommandError::RUNNING);
                 }
-                self.machine.forget_pointers();
+                self.board.forget_pointers();
             }
             Open::Plc(number) => {
                 self.accessible(true)?;
-                self.machine.enable_plcs(1 << number, false);
+                self.board.enable_plcs(1 << number, false);
             }
             Open::Rotary => {}
         }
-        self.machine.programs.store.open_buffer(open)
+        self.board.programs.store.open_buffer(open)
     }
 
     /// ERR002 for what is behind the password.
     pub(super) fn accessible(&self, protected: bool) -> Outcome {
-        if protected && !self.machine.variables.password.is_open() {
+        if protected && !self.board.variables.password.is_open() {
             return Err(CommandError::PASSWORD);
         }
         Ok(())
@@ -165,18 +164,18 @@ impl Line<'_, '_> {
 
     fn clear(&mut self) -> Outcome {
         let cs = self.interpreter.cs;
-        let machine = &mut *self.machine;
-        let rotary = machine.programs.store.rotary_is_open();
-        if rotary && machine.programs.systems.get(cs).is_some_and(|system| system.running) {
+        let board = &mut *self.board;
+        let rotary = board.programs.store.rotary_is_open();
+        if rotary && board.programs.systems.get(cs).is_some_and(|system| system.running) {
             return Err(CommandError::RUNNING);
         }
-        machine.programs.store.clear(cs)?;
+        board.programs.store.clear(cs)?;
         if rotary {
             // The pointer was to a line that is gone.
-            if machine.programs.systems[cs].cursor.is_some_and(|cursor| cursor.program == 0) {
-                machine.begin(cs, 0.0)?;
+            if board.programs.systems[cs].cursor.is_some_and(|cursor| cursor.program == 0) {
+                board.begin(cs, 0.0)?;
             }
-            machine.note_rotary(cs);
+            board.note_rotary(cs);
         }
         Ok(())
     }
@@ -184,19 +183,19 @@ impl Line<'_, '_> {
     /// `LEARN`, with or without axes in parentheses: a line with the present commanded positions.
     fn learn(&mut self) -> Outcome {
         let list = super::axis::parse_list(&mut self.scanner)?;
-        if self.machine.programs.store.open().is_none() {
+        if self.board.programs.store.open().is_none() {
             return Err(CommandError::NO_OPEN_BUFFER);
         }
         let cs = self.interpreter.cs;
         let mut axes = [0.0; AXES.len()];
-        self.machine.axis_positions(cs, &mut axes);
+        self.board.axis_positions(cs, &mut axes);
         for (index, letter) in AXES.iter().enumerate() {
             let wanted = match &list {
                 Some(list) => list.contains(&char::from(*letter)),
-                None => !self.machine.motors_on(cs, index).is_empty(),
+                None => !self.board.motors_on(cs, index).is_empty(),
             };
             if wanted {
-                let position = decimal(axes[index], self.machine.variables.family().decimals);
+                let position = decimal(axes[index], self.board.variables.family().decimals);
                 let position = position.parse().unwrap_or(axes[index]);
                 self.items.push(Item::Axis(index, Data::Constant(position), None));
             }
@@ -209,13 +208,13 @@ impl Line<'_, '_> {
         let kind = self.scanner.keyword(&[KINDS]).ok_or(CommandError::SYNTAX)?;
         let size = self.scanner.integer()?;
         let (cs, motor) = (self.interpreter.cs, self.interpreter.motor);
-        let free = self.machine.free_memory();
-        if self.machine.gather_is_defined() {
+        let free = self.board.free_memory();
+        if self.board.gather_is_defined() {
             return Err(CommandError::SYNTAX);
         }
         let kind = match kind {
             Kind::Nothing => return Err(CommandError::SYNTAX),
-            Kind::Rotary => return self.machine.programs.store.define_rotary(cs, size, free),
+            Kind::Rotary => return self.board.programs.store.define_rotary(cs, size, free),
             Kind::Table(kind) => kind,
         };
         let (mut motors, mut desired) = ([motor; 2], false);
@@ -236,7 +235,7 @@ impl Line<'_, '_> {
         if size as i64 > free {
             return Err(CommandError::NO_ROOM);
         }
-        let tables = &mut self.machine.programs.store.tables;
+        let tables = &mut self.board.programs.store.tables;
         if tables.iter().any(|table| table.kind == kind && table.owner == owner) {
             return Err(CommandError::SYNTAX);
         }
@@ -252,7 +251,7 @@ impl Line<'_, '_> {
                 break;
             }
             *motor = match self.scanner.integer()? {
-                number if (1..=self.machine.variables.family().motors).contains(&number) => number - 1,
+                number if (1..=self.board.variables.family().motors).contains(&number) => number - 1,
                 _ => return Err(CommandError::SYNTAX),
             };
             desired |= index == 0 && self.scanner.take(b'D');
@@ -268,15 +267,15 @@ impl Line<'_, '_> {
         match kind {
             Kind::Nothing => Ok(()),
             Kind::Rotary => {
-                if self.machine.programs.systems.get(cs).is_some_and(|system| system.running) {
+                if self.board.programs.systems.get(cs).is_some_and(|system| system.running) {
                     return Err(CommandError::RUNNING);
                 }
-                self.machine.programs.store.delete_rotary(cs)?;
-                let system = &mut self.machine.programs.systems[cs];
+                self.board.programs.store.delete_rotary(cs)?;
+                let system = &mut self.board.programs.systems[cs];
                 if system.cursor.is_some_and(|cursor| cursor.program == 0) {
                     system.point(None);
                 }
-                self.machine.note_rotary(cs);
+                self.board.note_rotary(cs);
                 Ok(())
             }
             Kind::Table(kind) => {
@@ -285,7 +284,7 @@ impl Line<'_, '_> {
                     TableKind::Cutter => cs,
                     TableKind::User | TableKind::Transformation => 0,
                 };
-                let tables = &mut self.machine.programs.store.tables;
+                let tables = &mut self.board.programs.store.tables;
                 let before = tables.len();
                 tables.retain(|table| table.kind != kind || table.owner != owner);
                 if tables.len() == before { Err(CommandError::SYNTAX) } else { Ok(()) }
@@ -295,20 +294,20 @@ impl Line<'_, '_> {
 
     /// `DELETE ALL`: every buffer that is no program.
     pub(super) fn delete_all(&mut self) -> Outcome {
-        if self.machine.programs.any_runs() {
+        if self.board.programs.any_runs() {
             return Err(CommandError::RUNNING);
         }
-        if self.machine.programs.store.rotary_is_open() {
+        if self.board.programs.store.rotary_is_open() {
             return Err(CommandError::BUFFER_IN_USE);
         }
-        self.machine.delete_gather()?;
-        self.machine.programs.store.delete_all();
-        for cs in 0..self.machine.variables.family().coordinate_systems {
-            let system = &mut self.machine.programs.systems[cs];
+        self.board.delete_gather()?;
+        self.board.programs.store.delete_all();
+        for cs in 0..self.board.variables.family().coordinate_systems {
+            let system = &mut self.board.programs.systems[cs];
             if system.cursor.is_some_and(|cursor| cursor.program == 0) {
                 system.point(None);
             }
-            self.machine.note_rotary(cs);
+            self.board.note_rotary(cs);
         }
         Ok(())
     }

@@ -10,7 +10,7 @@
 use super::coordinate::status_text;
 use super::interpreter::LONGEST_LINE;
 use super::number::tenths;
-use super::{Machine, Reply};
+use super::{Board, Reply};
 use crate::sim::offsets;
 use crate::sim::program::store::Open;
 
@@ -46,53 +46,53 @@ pub(in crate::sim) const fn takes_line(character: u8) -> bool {
 }
 
 /// The line that ^W takes; empty when I47 points outside the DPRAM.
-pub(super) fn dpram_line(machine: &Machine) -> Vec<u8> {
-    let first = machine.variables.i(47) as u16;
+pub(super) fn dpram_line(board: &Board) -> Vec<u8> {
+    let first = board.variables.i(47) as u16;
     let words = (first..=offsets::LAST)
         .filter(|address| *address >= offsets::BASE)
-        .flat_map(|address| [machine.memory.read_y(address), machine.memory.read_x(address)]);
+        .flat_map(|address| [board.memory.read_y(address), board.memory.read_x(address)]);
     let characters = words.flat_map(|word| (word as u16).to_le_bytes());
     characters.take_while(|c| !matches!(c, 0 | b'\r')).take(LONGEST_LINE + 1).collect()
 }
 
 /// What ^E and ^G report, for ports that take any byte.
-pub(super) fn binary_report(machine: &Machine, character: u8) -> Option<Vec<u8>> {
+pub(super) fn binary_report(board: &Board, character: u8) -> Option<Vec<u8>> {
     const E: u8 = control(b'E');
     const G: u8 = control(b'G');
     let words: Vec<u32> = match character {
-        E => machine.gather_sources().into_iter().flatten().collect(),
-        G => machine.global_status().to_vec(),
+        E => board.gather_sources().into_iter().flatten().collect(),
+        G => board.global_status().to_vec(),
         _ => return None,
     };
     Some(words.iter().flat_map(|word| word.to_be_bytes().into_iter().skip(1)).collect())
 }
 
 /// Carries out `character`. `None`: it is no command of this kind.
-pub(super) fn execute(machine: &mut Machine, character: u8) -> Option<Reply> {
-    let family = machine.variables.family();
+pub(super) fn execute(board: &mut Board, character: u8) -> Option<Reply> {
+    let family = board.variables.family();
     let report = |texts: Vec<String>| Reply { lines: vec![texts.join(" ")], error: None };
     let motors = 0..family.motors;
     let mut reply = Reply::default();
     match character {
-        A => machine.abort_all(),
-        B => reply = report(motors.map(|motor| status_text(machine.motor_status(motor))).collect()),
+        A => board.abort_all(),
+        B => reply = report(motors.map(|motor| status_text(board.motor_status(motor))).collect()),
         C => {
             let systems = 0..family.coordinate_systems;
-            reply = report(systems.map(|cs| status_text(machine.coordinate_status(cs))).collect());
+            reply = report(systems.map(|cs| status_text(board.coordinate_status(cs))).collect());
         }
-        D => machine.disable_plcs(),
-        F => reply = report(motors.map(|motor| tenths(machine.following_error(motor))).collect()),
-        K => machine.kill_all(),
-        L => machine.programs.store.close(),
-        O => machine.hold_all(),
-        P => reply = report(motors.map(|motor| tenths(machine.position(motor))).collect()),
-        Q => machine.quit_all(),
-        R => machine.run_all(),
-        S => machine.step_all(),
-        U => reply.error = machine.programs.store.open_buffer(Open::Rotary).err(),
-        V => reply = report(motors.map(|motor| tenths(machine.velocity(motor))).collect()),
-        X => machine.cancel_queues(),
-        Z => machine.serial_becomes_active(),
+        D => board.disable_plcs(),
+        F => reply = report(motors.map(|motor| tenths(board.following_error(motor))).collect()),
+        K => board.kill_all(),
+        L => board.programs.store.close(),
+        O => board.hold_all(),
+        P => reply = report(motors.map(|motor| tenths(board.position(motor))).collect()),
+        Q => board.quit_all(),
+        R => board.run_all(),
+        S => board.step_all(),
+        U => reply.error = board.programs.store.open_buffer(Open::Rotary).err(),
+        V => reply = report(motors.map(|motor| tenths(board.velocity(motor))).collect()),
+        X => board.cancel_queues(),
+        Z => board.serial_becomes_active(),
         _ => return None,
     }
     Some(reply)

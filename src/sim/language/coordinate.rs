@@ -4,7 +4,7 @@ use super::axis::{AxisMode, parse_list, with_mode};
 use super::interpreter::Line;
 use super::motor::{is_activated, is_running};
 use super::number::decimal;
-use super::{CommandError, Machine, Outcome};
+use super::{Board, CommandError, Outcome};
 
 /// The largest value of the time base register, in units of I10.
 const LARGEST_TIME_BASE: f64 = ((1 << 23) - 1) as f64;
@@ -15,48 +15,48 @@ impl Line<'_, '_> {
         if self.scanner.take(b'=') {
             let position = self.scanner.constant()?;
             self.not_running(self.interpreter.cs)?;
-            return self.machine.rename_axis(self.interpreter.cs, char::from(axis), position);
+            return self.board.rename_axis(self.interpreter.cs, char::from(axis), position);
         }
         self.letter(|line| match axis {
             b'A' => {
-                line.machine.abort(line.interpreter.cs);
+                line.board.abort(line.interpreter.cs);
                 Ok(())
             }
             b'V' => line.report_velocity(),
             b'Z' => {
                 line.not_running(line.interpreter.cs)?;
-                line.machine.zero_axes(line.interpreter.cs)
+                line.board.zero_axes(line.interpreter.cs)
             }
             _ => Err(CommandError::SYNTAX),
         })
     }
 
     pub(super) fn quit(&mut self) -> Outcome {
-        self.machine.quit(self.interpreter.cs);
+        self.board.quit(self.interpreter.cs);
         Ok(())
     }
 
     pub(super) fn feed_hold(&mut self) -> Outcome {
-        self.machine.feed_hold(self.interpreter.cs);
+        self.board.feed_hold(self.interpreter.cs);
         Ok(())
     }
 
     pub(super) fn stop_after_move(&mut self) -> Outcome {
-        self.machine.stop_after_move(self.interpreter.cs);
+        self.board.stop_after_move(self.interpreter.cs);
         Ok(())
     }
 
     pub(super) fn program_hold(&mut self) -> Outcome {
-        self.machine.program_hold(self.interpreter.cs);
+        self.board.program_hold(self.interpreter.cs);
         Ok(())
     }
 
     pub(super) fn run_program(&mut self) -> Outcome {
-        self.machine.run(self.interpreter.cs)
+        self.board.run(self.interpreter.cs)
     }
 
     pub(super) fn step_program(&mut self) -> Outcome {
-        self.machine.step(self.interpreter.cs)
+        self.board.step(self.interpreter.cs)
     }
 
     /// `B{c}` points to a program; `B={c}` renames the B axis.
@@ -67,32 +67,32 @@ impl Line<'_, '_> {
         let number = self.scanner.unsigned()?;
         let cs = self.interpreter.cs;
         self.not_running(cs)?;
-        self.machine.begin(cs, number)
+        self.board.begin(cs, number)
     }
 
     /// `%` reports, `%{c}` commands the feedrate override; the time base register limits it (Software Reference p. 185).
     pub(super) fn feedrate_override(&mut self) -> Outcome {
         let cs = self.interpreter.cs;
         if !self.scanner.at_constant() {
-            let decimals = self.machine.variables.family().decimals;
-            let percent = self.machine.override_percent(cs);
+            let decimals = self.board.variables.family().decimals;
+            let percent = self.board.override_percent(cs);
             return self.answer(decimal(percent, decimals));
         }
         let percent = self.scanner.constant()?;
         if percent < 0.0 {
             return Err(CommandError::SYNTAX);
         }
-        let servo_time = self.machine.variables.i(10).max(1.0);
-        self.machine.set_override(cs, percent.min(LARGEST_TIME_BASE / servo_time * 100.0));
+        let servo_time = self.board.variables.i(10).max(1.0);
+        self.board.set_override(cs, percent.min(LARGEST_TIME_BASE / servo_time * 100.0));
         Ok(())
     }
 
     /// `?`, `??`, `???`: two 24-bit words, six hex digits each.
     pub(super) fn status(&mut self, which: u8) -> Outcome {
         let words = match which {
-            1 => self.machine.motor_status(self.interpreter.motor),
-            2 => self.machine.coordinate_status(self.interpreter.cs),
-            _ => self.machine.global_status(),
+            1 => self.board.motor_status(self.interpreter.motor),
+            2 => self.board.coordinate_status(self.interpreter.cs),
+            _ => self.board.global_status(),
         };
         self.answer(status_text(words))
     }
@@ -101,28 +101,28 @@ impl Line<'_, '_> {
     pub(super) fn axis_mode(&mut self, mode: AxisMode) -> Outcome {
         let list = parse_list(&mut self.scanner)?;
         let cs = self.interpreter.cs;
-        let status = with_mode(self.machine.coordinate_status(cs)[0], mode, list.as_deref())?;
-        let address = self.machine.variables.family().coordinate_status_address(cs);
-        self.machine.memory.write_x(address, status);
+        let status = with_mode(self.board.coordinate_status(cs)[0], mode, list.as_deref())?;
+        let address = self.board.variables.family().coordinate_status_address(cs);
+        self.board.memory.write_x(address, status);
         Ok(())
     }
 
     /// `UNDEFINE`: the axis definitions of the coordinate system; `UNDEFINE ALL`: of all.
     pub(super) fn undefine(&mut self) -> Outcome {
-        let all = 0..self.machine.variables.family().coordinate_systems;
+        let all = 0..self.board.variables.family().coordinate_systems;
         let own = self.interpreter.cs..self.interpreter.cs + 1;
         let range = if self.scanner.take_text(b"ALL") { all } else { own };
         for cs in range.clone() {
             self.not_running(cs)?;
         }
         for cs in range {
-            self.machine.axes.undefine(cs);
+            self.board.axes.undefine(cs);
         }
         Ok(())
     }
 
     fn not_running(&self, cs: usize) -> Outcome {
-        if is_running(self.machine, cs) { Err(CommandError::RUNNING) } else { Ok(()) }
+        if is_running(self.board, cs) { Err(CommandError::RUNNING) } else { Ok(()) }
     }
 }
 
@@ -136,9 +136,9 @@ pub(super) fn status_text([first, second]: [u32; 2]) -> String {
 ///
 /// # Errors
 /// ERR015, ERR014, ERR013, ERR012, ERR010, ERR011.
-pub(in crate::sim) fn check_start(machine: &Machine, cs: usize, pointed: bool) -> Outcome {
-    let motors: Vec<usize> = machine.axes.motors_in(cs).collect();
-    let status = |motor: usize| machine.motor_status(motor)[0];
+pub(in crate::sim) fn check_start(board: &Board, cs: usize, pointed: bool) -> Outcome {
+    let motors: Vec<usize> = board.axes.motors_in(cs).collect();
+    let status = |motor: usize| board.motor_status(motor)[0];
     let bits_set = |motor: &usize, mask: u32| status(*motor) & mask == mask;
     if !pointed {
         return Err(CommandError::NO_PROGRAM);
@@ -146,7 +146,7 @@ pub(in crate::sim) fn check_start(machine: &Machine, cs: usize, pointed: bool) -
     if motors.is_empty() {
         return Err(CommandError::NO_MOTOR);
     }
-    if motors.iter().any(|&motor| !is_activated(machine, motor)) {
+    if motors.iter().any(|&motor| !is_activated(board, motor)) {
         return Err(CommandError::NOT_ACTIVATED);
     }
     if motors.iter().any(|motor| bits_set(motor, 1 << 18)) {
@@ -168,23 +168,23 @@ mod tests {
 
     #[test]
     fn what_stops_a_program_from_starting_in_order() {
-        let mut machine = testing::machine();
+        let mut board = testing::board();
         let mut interpreter = Interpreter::new();
-        let mut send = |machine: &mut Machine, line: &str| {
-            assert_eq!(interpreter.execute(machine, line.as_bytes()).error, None, "{line}");
+        let mut send = |board: &mut Board, line: &str| {
+            assert_eq!(interpreter.execute(board, line.as_bytes()).error, None, "{line}");
         };
-        assert_eq!(check_start(&machine, 0, false), Err(CommandError::NO_PROGRAM));
-        assert_eq!(check_start(&machine, 0, true), Err(CommandError::NO_MOTOR));
-        send(&mut machine, "#2->X");
-        assert_eq!(check_start(&machine, 0, true), Err(CommandError::NOT_ACTIVATED));
+        assert_eq!(check_start(&board, 0, false), Err(CommandError::NO_PROGRAM));
+        assert_eq!(check_start(&board, 0, true), Err(CommandError::NO_MOTOR));
+        send(&mut board, "#2->X");
+        assert_eq!(check_start(&board, 0, true), Err(CommandError::NOT_ACTIVATED));
         // The first status word of motor 2 is X:$0079.
-        send(&mut machine, "I200=1 WX$79,$640000");
-        assert_eq!(check_start(&machine, 0, true), Err(CommandError::OPEN_LOOP));
-        send(&mut machine, "WX$79,$600000");
-        assert_eq!(check_start(&machine, 0, true), Err(CommandError::BOTH_LIMITS));
-        send(&mut machine, "WX$79,$400000");
-        assert_eq!(check_start(&machine, 0, true), Err(CommandError::MOVE_IN_PROGRESS));
-        send(&mut machine, "WX$79,$002000");
-        assert_eq!(check_start(&machine, 0, true), Ok(()));
+        send(&mut board, "I200=1 WX$79,$640000");
+        assert_eq!(check_start(&board, 0, true), Err(CommandError::OPEN_LOOP));
+        send(&mut board, "WX$79,$600000");
+        assert_eq!(check_start(&board, 0, true), Err(CommandError::BOTH_LIMITS));
+        send(&mut board, "WX$79,$400000");
+        assert_eq!(check_start(&board, 0, true), Err(CommandError::MOVE_IN_PROGRESS));
+        send(&mut board, "WX$79,$002000");
+        assert_eq!(check_start(&board, 0, true), Ok(()));
     }
 }

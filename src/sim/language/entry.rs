@@ -10,14 +10,14 @@ use crate::sim::program::store::{Open, TableKind};
 impl Line<'_, '_> {
     /// Takes a program statement when a buffer is open for it; says whether there was one.
     pub(super) fn program_statement(&mut self) -> Result<bool, CommandError> {
-        let kind = match self.machine.programs.store.open() {
+        let kind = match self.board.programs.store.open() {
             None => return Ok(false),
             Some(Open::Program(_)) => Kind::Motion,
             Some(Open::Rotary) => Kind::Rotary,
             Some(Open::Plc(_)) => Kind::Plc,
         };
-        let Some(item) = parse::item(&mut self.scanner, self.machine, kind)? else { return Ok(false) };
-        if kind == Kind::Rotary && self.machine.programs.store.rotary(self.interpreter.cs).is_none() {
+        let Some(item) = parse::item(&mut self.scanner, self.board, kind)? else { return Ok(false) };
+        if kind == Kind::Rotary && self.board.programs.store.rotary(self.interpreter.cs).is_none() {
             return Err(CommandError::NO_OPEN_BUFFER);
         }
         self.items.push(item);
@@ -30,17 +30,17 @@ impl Line<'_, '_> {
             return Ok(());
         }
         let items = std::mem::take(&mut self.items);
-        let (cs, free) = (self.interpreter.cs, self.machine.free_memory());
-        self.machine.programs.store.append(cs, items, free)?;
-        if self.machine.programs.store.rotary_is_open() {
-            self.machine.note_rotary(cs);
+        let (cs, free) = (self.interpreter.cs, self.board.free_memory());
+        self.board.programs.store.append(cs, items, free)?;
+        if self.board.programs.store.rotary_is_open() {
+            self.board.note_rotary(cs);
         }
         Ok(())
     }
 
     /// Gives `value` to the table that is not full, if there is one.
     pub(super) fn table_entry(&mut self, value: f64) -> bool {
-        let tables = &mut self.machine.programs.store.tables;
+        let tables = &mut self.board.programs.store.tables;
         let open = tables.iter_mut().rev().find(|table| table.takes_entries());
         if let Some(table) = open {
             table.entries.push(value);
@@ -51,7 +51,7 @@ impl Line<'_, '_> {
 
     /// The table of `kind` of the addressed motor.
     pub(super) fn table(&self, kind: TableKind) -> Option<&crate::sim::program::store::Table> {
-        let tables = &self.machine.programs.store.tables;
+        let tables = &self.board.programs.store.tables;
         tables.iter().find(|table| table.kind == kind && table.owner == self.interpreter.motor)
     }
 }

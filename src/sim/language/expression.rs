@@ -5,7 +5,7 @@
 
 use super::scanner::Scanner;
 use super::variables::{VariableKind, value};
-use super::{CommandError, Machine};
+use super::{Board, CommandError};
 
 /// What the quotient of a division by zero saturates at: 2^47.
 const SATURATED: f64 = (1u64 << 47) as f64;
@@ -48,8 +48,8 @@ const FUNCTIONS: &[(&str, Function)] = &[
 ///
 /// # Errors
 /// ERR003 for anything that is not an expression.
-pub fn evaluate(scanner: &mut Scanner, machine: &Machine, cs: usize) -> Result<f64, CommandError> {
-    Evaluator { machine, cs, strict: true }.sum(scanner)
+pub fn evaluate(scanner: &mut Scanner, board: &Board, cs: usize) -> Result<f64, CommandError> {
+    Evaluator { board, cs, strict: true }.sum(scanner)
 }
 
 /// Takes the expression at the scanner without its value: what a program line does when it is entered. A computed
@@ -57,33 +57,33 @@ pub fn evaluate(scanner: &mut Scanner, machine: &Machine, cs: usize) -> Result<f
 ///
 /// # Errors
 /// ERR003 for anything that is not an expression.
-pub fn check(scanner: &mut Scanner, machine: &Machine) -> Result<(), CommandError> {
-    Evaluator { machine, cs: 0, strict: false }.sum(scanner).map(|_| ())
+pub fn check(scanner: &mut Scanner, board: &Board) -> Result<(), CommandError> {
+    Evaluator { board, cs: 0, strict: false }.sum(scanner).map(|_| ())
 }
 
 /// Takes the condition at the scanner likewise.
 ///
 /// # Errors
 /// ERR003 for anything that is not a condition.
-pub fn check_condition(scanner: &mut Scanner, machine: &Machine) -> Result<(), CommandError> {
-    Evaluator { machine, cs: 0, strict: false }.condition(scanner).map(|_| ())
+pub fn check_condition(scanner: &mut Scanner, board: &Board) -> Result<(), CommandError> {
+    Evaluator { board, cs: 0, strict: false }.condition(scanner).map(|_| ())
 }
 
 /// Whether the condition of an `IF` or `WHILE` holds: comparisons joined by `AND` and, less tightly, `OR`.
 ///
 /// # Errors
 /// ERR003 for anything that is not a condition.
-pub fn condition(scanner: &mut Scanner, machine: &Machine, cs: usize) -> Result<bool, CommandError> {
-    Evaluator { machine, cs, strict: true }.condition(scanner)
+pub fn condition(scanner: &mut Scanner, board: &Board, cs: usize) -> Result<bool, CommandError> {
+    Evaluator { board, cs, strict: true }.condition(scanner)
 }
 
 /// A variable's number that was given as a constant.
 ///
 /// # Errors
 /// ERR003 when there is no such variable.
-pub fn check_number(number: f64, machine: &Machine) -> Result<usize, CommandError> {
+pub fn check_number(number: f64, board: &Board) -> Result<usize, CommandError> {
     let number = number.round_ties_even();
-    let count = machine.variables.family().variables as f64;
+    let count = board.variables.family().variables as f64;
     if (0.0..count).contains(&number) { Ok(number as usize) } else { Err(CommandError::SYNTAX) }
 }
 
@@ -91,8 +91,8 @@ pub fn check_number(number: f64, machine: &Machine) -> Result<usize, CommandErro
 ///
 /// # Errors
 /// ERR003 when there is none, or when it is outside 0 to `count` - 1.
-pub fn variable_number(scanner: &mut Scanner, machine: &Machine, cs: usize) -> Result<usize, CommandError> {
-    Evaluator { machine, cs, strict: true }.number(scanner)
+pub fn variable_number(scanner: &mut Scanner, board: &Board, cs: usize) -> Result<usize, CommandError> {
+    Evaluator { board, cs, strict: true }.number(scanner)
 }
 
 /// What a comparison's sign asks for, before `!` turns it round.
@@ -117,7 +117,7 @@ const COMPARATORS: &[(&str, (Comparison, bool))] = &[
 ];
 
 struct Evaluator<'a> {
-    machine: &'a Machine,
+    board: &'a Board,
     cs: usize,
     /// A computed variable number must be in range; otherwise it counts as 0.
     strict: bool,
@@ -161,11 +161,11 @@ impl Evaluator<'_> {
 
     fn number(&self, scanner: &mut Scanner) -> Result<usize, CommandError> {
         if !scanner.take(b'(') {
-            return check_number(scanner.integer()? as f64, self.machine);
+            return check_number(scanner.integer()? as f64, self.board);
         }
         let number = self.sum(scanner)?;
         scanner.expect(b')')?;
-        match check_number(number, self.machine) {
+        match check_number(number, self.board) {
             Err(_) if !self.strict => Ok(0),
             result => result,
         }
@@ -225,7 +225,7 @@ impl Evaluator<'_> {
         let kind = scanner.peek().and_then(VariableKind::from_letter).ok_or(CommandError::SYNTAX)?;
         scanner.next_character();
         let number = self.number(scanner)?;
-        Ok(value(self.machine, kind, self.cs, number))
+        Ok(value(self.board, kind, self.cs, number))
     }
 
     fn closed(&self, scanner: &mut Scanner) -> Result<f64, CommandError> {
@@ -236,7 +236,7 @@ impl Evaluator<'_> {
 
     fn apply(&self, function: Function, x: f64) -> f64 {
         // I15=0: degrees.
-        let unit = if self.machine.variables.i(15) == 0.0 { std::f64::consts::PI / 180.0 } else { 1.0 };
+        let unit = if self.board.variables.i(15) == 0.0 { std::f64::consts::PI / 180.0 } else { 1.0 };
         let result = match function {
             Function::Sin => (x * unit).sin(),
             Function::Cos => (x * unit).cos(),
@@ -244,7 +244,7 @@ impl Evaluator<'_> {
             Function::Asin => x.asin() / unit,
             Function::Acos => x.acos() / unit,
             Function::Atan => x.atan() / unit,
-            Function::Atan2 => x.atan2(value(self.machine, VariableKind::Q, self.cs, 0)) / unit,
+            Function::Atan2 => x.atan2(value(self.board, VariableKind::Q, self.cs, 0)) / unit,
             Function::Ln => x.ln(),
             Function::Exp => x.exp(),
             Function::Sqrt => x.sqrt(),
@@ -283,12 +283,12 @@ mod tests {
     use super::*;
 
     fn evaluated(text: &str) -> Result<f64, CommandError> {
-        let mut machine = testing::machine();
-        let Machine { memory, variables, .. } = &mut machine;
+        let mut board = testing::board();
+        let Board { memory, variables, .. } = &mut board;
         variables.set_p(memory, 1, 2.0);
         variables.set_q(memory, 0, 0, -1.0);
         let mut scanner = Scanner::new(text.as_bytes());
-        let result = evaluate(&mut scanner, &machine, 0);
+        let result = evaluate(&mut scanner, &board, 0);
         if scanner.peek().is_some() { Err(CommandError::SYNTAX) } else { result }
     }
 

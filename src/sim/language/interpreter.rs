@@ -8,7 +8,7 @@ use super::axis::is_axis;
 use super::scanner::Scanner;
 use super::variables::VariableKind;
 use super::words::Word;
-use super::{CommandError, Machine, Outcome, Reply};
+use super::{Board, CommandError, Outcome, Reply};
 use crate::sim::program::item::Item;
 
 /// The longest command line a board takes.
@@ -25,7 +25,7 @@ pub struct Interpreter {
 /// One command line under way.
 pub(super) struct Line<'a, 'b> {
     pub(super) interpreter: &'a mut Interpreter,
-    pub(super) machine: &'a mut Machine,
+    pub(super) board: &'a mut Board,
     pub(super) scanner: Scanner<'b>,
     pub(super) lines: Vec<String>,
     /// The items of the program line under entry.
@@ -65,7 +65,7 @@ impl Interpreter {
     /// Carries out one line, without its end-of-line character. An empty line is valid and answers nothing.
     ///
     /// A line with a character above 127 is ERR004, one longer than 255 characters ERR003; neither is begun.
-    pub fn execute(&mut self, machine: &mut Machine, line: &[u8]) -> Reply {
+    pub fn execute(&mut self, board: &mut Board, line: &[u8]) -> Reply {
         if !line.is_ascii() {
             return Reply { lines: Vec::new(), error: Some(CommandError::CHARACTER) };
         }
@@ -73,7 +73,7 @@ impl Interpreter {
             return Reply { lines: Vec::new(), error: Some(CommandError::SYNTAX) };
         }
         let scanner = Scanner::new(line);
-        let mut line = Line { interpreter: self, machine, scanner, lines: Vec::new(), items: Vec::new() };
+        let mut line = Line { interpreter: self, board, scanner, lines: Vec::new(), items: Vec::new() };
         let result = line.run();
         // What stands to the left of an error is stored.
         let error = line.store_items().and(result).err();
@@ -84,12 +84,12 @@ impl Interpreter {
     /// nothing, or concerns the port's own line (backspace, enter, ^I, ^N, ^Y).
     ///
     /// `Some` with lines is a report; most characters answer nothing.
-    pub fn control(&mut self, machine: &mut Machine, character: u8) -> Option<Reply> {
+    pub fn control(&mut self, board: &mut Board, character: u8) -> Option<Reply> {
         if character == super::control::TAKE {
-            let line = super::control::dpram_line(machine);
-            return Some(self.execute(machine, &line));
+            let line = super::control::dpram_line(board);
+            return Some(self.execute(board, &line));
         }
-        super::control::execute(machine, character)
+        super::control::execute(board, character)
     }
 }
 
@@ -114,7 +114,7 @@ impl Line<'_, '_> {
             return Err(CommandError::SYNTAX);
         }
         if !self.table_entry(value) {
-            super::variables::assign(self.machine, VariableKind::P, 0, 0, value);
+            super::variables::assign(self.board, VariableKind::P, 0, 0, value);
         }
         Ok(true)
     }
@@ -123,7 +123,7 @@ impl Line<'_, '_> {
         if self.program_statement()? {
             return Ok(());
         }
-        let words = self.machine.variables.family().words;
+        let words = self.board.variables.family().words;
         // `$` before a hex digit is a number, and no command begins with one.
         if self.scanner.at_constant() && self.scanner.peek() == Some(b'$') {
             return Err(CommandError::SYNTAX);
@@ -172,7 +172,7 @@ impl Line<'_, '_> {
             Word::Define => self.define(),
             Word::Delete => self.delete(),
             Word::Gather => self.gather(),
-            Word::EndGather => self.machine.end_gather(),
+            Word::EndGather => self.board.end_gather(),
             Word::Version | Word::Type | Word::Date | Word::Checksum | Word::Size => self.identity(word),
             Word::Save => self.save(),
             Word::Password => self.password(),
@@ -199,7 +199,7 @@ impl Line<'_, '_> {
     }
 
     fn address_motor(&mut self) -> Outcome {
-        let motors = self.machine.variables.family().motors;
+        let motors = self.board.variables.family().motors;
         let Some(motor) = self.address(motors)? else {
             return self.answer((self.interpreter.motor + 1).to_string());
         };
@@ -211,7 +211,7 @@ impl Line<'_, '_> {
     }
 
     fn address_coordinate_system(&mut self) -> Outcome {
-        let count = self.machine.variables.family().coordinate_systems;
+        let count = self.board.variables.family().coordinate_systems;
         let Some(cs) = self.address(count)? else {
             return self.answer((self.interpreter.cs + 1).to_string());
         };

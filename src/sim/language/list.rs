@@ -48,13 +48,13 @@ impl Line<'_, '_> {
     pub(super) fn list(&mut self) -> Outcome {
         let Some(what) = self.scanner.keyword(&[WHAT]) else { return self.list_open() };
         let cs = self.interpreter.cs;
-        let store = &self.machine.programs.store;
+        let store = &self.board.programs.store;
         match what {
             What::Program => {
                 let number = self.scanner.integer()?;
                 self.accessible(number >= PROTECTED)?;
                 let program =
-                    u32::try_from(number).ok().and_then(|number| self.machine.programs.store.program(number));
+                    u32::try_from(number).ok().and_then(|number| self.board.programs.store.program(number));
                 let lines: Lines = program.ok_or(CommandError::SYNTAX)?.lines().cloned().collect();
                 self.list_range(lines)
             }
@@ -64,7 +64,7 @@ impl Line<'_, '_> {
                     return Err(CommandError::SYNTAX);
                 }
                 self.accessible(true)?;
-                let plc = self.machine.programs.store.plc(number).ok_or(CommandError::SYNTAX)?;
+                let plc = self.board.programs.store.plc(number).ok_or(CommandError::SYNTAX)?;
                 let lines: Lines = plc.lines().cloned().collect();
                 if lines.is_empty() { Err(CommandError::SYNTAX) } else { self.list_range(lines) }
             }
@@ -73,7 +73,7 @@ impl Line<'_, '_> {
                 self.list_range(lines)
             }
             What::Calculated => {
-                let cursor = self.machine.programs.systems.get(cs).and_then(|system| system.cursor);
+                let cursor = self.board.programs.systems.get(cs).and_then(|system| system.cursor);
                 let cursor = cursor.ok_or(CommandError::SYNTAX)?;
                 self.list_from(cursor.program, cursor.line)
             }
@@ -88,7 +88,7 @@ impl Line<'_, '_> {
     }
 
     fn list_open(&mut self) -> Outcome {
-        let store = &self.machine.programs.store;
+        let store = &self.board.programs.store;
         let lines: Lines = match store.open().ok_or(CommandError::NO_OPEN_BUFFER)? {
             crate::sim::program::store::Open::Rotary => {
                 let rotary = store.rotary(self.interpreter.cs).ok_or(CommandError::NO_OPEN_BUFFER)?;
@@ -127,7 +127,7 @@ impl Line<'_, '_> {
         } else {
             None
         };
-        let store = &self.machine.programs.store;
+        let store = &self.board.programs.store;
         let line = |number: u64| match program {
             0 => store.rotary(self.interpreter.cs)?.line(number).cloned(),
             program => store.program(program)?.line(number).cloned(),
@@ -142,12 +142,12 @@ impl Line<'_, '_> {
     }
 
     fn line_text(&self, line: &item::Line) -> String {
-        text::line(line, self.machine.variables.long_listing())
+        text::line(line, self.board.variables.long_listing())
     }
 
     fn list_table(&mut self, kind: TableKind) -> Outcome {
         let definition = self.scanner.take_text(b"DEF");
-        let decimals = self.machine.variables.family().decimals;
+        let decimals = self.board.variables.family().decimals;
         let table = self.table(kind).ok_or(CommandError::SYNTAX)?;
         let texts = if definition {
             vec![format!("{},{}", table.size, decimal(table.span, decimals))]
@@ -162,10 +162,10 @@ impl Line<'_, '_> {
     fn list_gather(&mut self) -> Outcome {
         let start = if self.scanner.at_unsigned() { self.scanner.integer()? } else { 0 };
         let count = if self.scanner.take(b',') { self.scanner.integer()? } else { usize::MAX };
-        if !self.machine.gather_is_defined() {
+        if !self.board.gather_is_defined() {
             return Err(CommandError::SYNTAX);
         }
-        let words: Vec<u32> = self.machine.gathered().iter().skip(start).take(count).copied().collect();
+        let words: Vec<u32> = self.board.gathered().iter().skip(start).take(count).copied().collect();
         for chunk in words.chunks(GATHERED_A_LINE) {
             let texts: Vec<String> = chunk.iter().map(|word| format!("{word:06X}")).collect();
             self.lines.push(texts.join(" "));
@@ -176,9 +176,9 @@ impl Line<'_, '_> {
     /// The line under execution: program, line number, offset. The one to be calculated when none has been executed yet.
     pub(super) fn executed(&self) -> Option<(u32, u64, usize)> {
         let cs = self.interpreter.cs;
-        let system = self.machine.programs.systems.get(cs)?;
+        let system = self.board.programs.systems.get(cs)?;
         let cursor = system.cursor?;
-        let offset = self.machine.programs.offset(cs, cursor);
+        let offset = self.board.programs.offset(cs, cursor);
         let at_cursor = (cursor.program, cursor.line, offset);
         // Starved or at rest, execution stands where calculation does.
         let executing = system.executing.filter(|_| !system.trajectory.is_idle());
@@ -188,8 +188,8 @@ impl Line<'_, '_> {
     /// `P1:22`, and what called it as `>2.10`.
     pub(super) fn calculated_text(&self) -> Option<String> {
         let cs = self.interpreter.cs;
-        let system = self.machine.programs.systems.get(cs)?;
-        let programs = &self.machine.programs;
+        let system = self.board.programs.systems.get(cs)?;
+        let programs = &self.board.programs;
         let cursor = system.cursor?;
         let mut text = format!("P{}:{}", cursor.program, programs.offset(cs, cursor));
         for frame in system.frames.iter().rev() {

@@ -344,8 +344,8 @@ mod tests {
 
     #[test]
     fn fields_read_and_write_their_bits_only() {
-        let mut machine = testing::machine();
-        let memory = &mut machine.memory;
+        let mut board = testing::board();
+        let memory = &mut board.memory;
         memory.write_y(0x700, 0xABCDEF);
         for (text, value, read, word) in [
             ("Y:$700,8,8", 257.0, 1.0, 0xAB01EF),
@@ -364,8 +364,8 @@ mod tests {
 
     #[test]
     fn wide_forms_keep_their_value() {
-        let mut machine = testing::machine();
-        let memory = &mut machine.memory;
+        let mut board = testing::board();
+        let memory = &mut board.memory;
         for (text, value) in [
             ("D:$28", -6_000_000_000.0),
             ("L:$1000", 5.75),

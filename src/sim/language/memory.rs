@@ -52,9 +52,9 @@ impl Line<'_, '_> {
         if values.is_empty() {
             return Err(CommandError::SYNTAX);
         }
-        let memory = &mut self.machine.memory;
+        let memory = &mut self.board.memory;
         for (address, value) in
-            addresses(self.machine.variables.family().last_address, address, values.len())?.zip(values)
+            addresses(self.board.variables.family().last_address, address, values.len())?.zip(values)
         {
             let [y, x] = fixed48::encode(value).map(|word| word & int24::MASK);
             match space {
@@ -73,16 +73,16 @@ impl Line<'_, '_> {
     /// The address after the command word, with or without a colon before it.
     fn memory_address(&mut self) -> Result<u16, CommandError> {
         self.scanner.take(b':');
-        let last = self.machine.variables.family().last_address;
+        let last = self.board.variables.family().last_address;
         self.scanner.address(last)
     }
 
     fn addresses(&self, first: u16, count: usize) -> Result<impl Iterator<Item = u16> + use<>, CommandError> {
-        addresses(self.machine.variables.family().last_address, first, count)
+        addresses(self.board.variables.family().last_address, first, count)
     }
 
     fn register_text(&self, form: Form, address: u16) -> String {
-        let memory = &self.machine.memory;
+        let memory = &self.board.memory;
         let (y, x) = (memory.read_y(address) & int24::MASK, memory.read_x(address) & int24::MASK);
         match (form.space, form.hex) {
             (Space::Program, _) => String::new(),

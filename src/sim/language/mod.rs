@@ -49,7 +49,7 @@ pub use interpreter::Interpreter;
 pub use serial::SerialPort;
 pub use variables::Variables;
 
-use super::machine::{Jog, Machine, Memory};
+use super::board::{Board, Jog, Memory};
 
 /// The number of an error report: 3 is printed as `ERR003` (Software Reference, I6).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, thiserror::Error)]
@@ -107,10 +107,10 @@ type Outcome = Result<(), CommandError>;
 
 #[cfg(test)]
 pub(crate) mod testing {
-    use super::{Machine, family};
+    use super::{Board, family};
 
     /// A board at factory defaults.
-    pub(crate) fn machine() -> Machine {
-        Machine::alone(&family::PMAC).unwrap()
+    pub(crate) fn board() -> Board {
+        Board::alone(&family::PMAC).unwrap()
     }
 }

@@ -3,7 +3,7 @@
 use super::axis::AxisDefinition;
 use super::interpreter::Line;
 use super::number::tenths;
-use super::{CommandError, Jog, Machine, Outcome};
+use super::{Board, CommandError, Jog, Outcome};
 
 impl Line<'_, '_> {
     pub(super) fn jog(&mut self) -> Outcome {
@@ -25,7 +25,7 @@ impl Line<'_, '_> {
             _ => return Err(CommandError::SYNTAX),
         };
         let motor = self.movable_motor()?;
-        self.machine.jog(motor, jog, until_trigger)
+        self.board.jog(motor, jog, until_trigger)
     }
 
     /// `{c}` or `*`, then perhaps `^{c2}`: the move ends that far from the trigger.
@@ -44,17 +44,17 @@ impl Line<'_, '_> {
 
     pub(super) fn home(&mut self) -> Outcome {
         let motor = self.movable_motor()?;
-        self.machine.home(motor)
+        self.board.home(motor)
     }
 
     pub(super) fn home_zero(&mut self) -> Outcome {
         let motor = self.free_motor()?;
-        self.machine.home_zero(motor)
+        self.board.home_zero(motor)
     }
 
     pub(super) fn kill(&mut self) -> Outcome {
         let motor = self.free_motor()?;
-        self.machine.kill(motor)
+        self.board.kill(motor)
     }
 
     pub(super) fn open_loop(&mut self) -> Outcome {
@@ -63,31 +63,31 @@ impl Line<'_, '_> {
             return Err(CommandError::SYNTAX);
         }
         let motor = self.movable_motor()?;
-        self.machine.open_loop(motor, percent)
+        self.board.open_loop(motor, percent)
     }
 
     pub(super) fn reset_motor(&mut self) -> Outcome {
         let motor = self.free_motor()?;
-        self.machine.reset_motor(motor)
+        self.board.reset_motor(motor)
     }
 
     pub(super) fn absolute_position(&mut self) -> Outcome {
         let motor = self.free_motor()?;
-        self.machine.absolute_position(motor)
+        self.board.absolute_position(motor)
     }
 
     pub(super) fn report_position(&mut self) -> Outcome {
-        let position = self.machine.position(self.interpreter.motor);
+        let position = self.board.position(self.interpreter.motor);
         self.answer(tenths(position))
     }
 
     pub(super) fn report_velocity(&mut self) -> Outcome {
-        let velocity = self.machine.velocity(self.interpreter.motor);
+        let velocity = self.board.velocity(self.interpreter.motor);
         self.answer(tenths(velocity))
     }
 
     pub(super) fn report_following_error(&mut self) -> Outcome {
-        let error = self.machine.following_error(self.interpreter.motor);
+        let error = self.board.following_error(self.interpreter.motor);
         self.answer(tenths(error))
     }
 
@@ -95,10 +95,10 @@ impl Line<'_, '_> {
     /// another coordinate system lists as `0` and is not to be taken away from there.
     pub(super) fn axis_definition(&mut self, motor: usize) -> Outcome {
         let cs = self.interpreter.cs;
-        let decimals = self.machine.variables.family().decimals;
+        let decimals = self.board.variables.family().decimals;
         let given = self.scanner.at_constant()
             || self.scanner.peek().is_some_and(|c| matches!(c, b'+' | b'-') || super::axis::is_axis(c));
-        let axes = &self.machine.axes;
+        let axes = &self.board.axes;
         if !given {
             let own = axes.definition(motor).filter(|definition| definition.coordinate_system == cs);
             let text = own.map_or_else(|| "0".to_owned(), |definition| definition.text(decimals));
@@ -108,18 +108,18 @@ impl Line<'_, '_> {
         if axes.coordinate_system(motor).is_some_and(|other| other != cs) {
             return Err(CommandError::SYNTAX);
         }
-        if is_running(self.machine, cs) {
+        if is_running(self.board, cs) {
             return Err(CommandError::RUNNING);
         }
-        self.machine.axes.set(motor, definition);
+        self.board.axes.set(motor, definition);
         Ok(())
     }
 
     /// The addressed motor, unless a program runs in its coordinate system (ERR001).
     fn free_motor(&self) -> Result<usize, CommandError> {
         let motor = self.interpreter.motor;
-        match self.machine.axes.coordinate_system(motor) {
-            Some(cs) if is_running(self.machine, cs) => Err(CommandError::RUNNING),
+        match self.board.axes.coordinate_system(motor) {
+            Some(cs) if is_running(self.board, cs) => Err(CommandError::RUNNING),
             _ => Ok(motor),
         }
     }
@@ -127,16 +127,16 @@ impl Line<'_, '_> {
     /// As [`Line::free_motor`]; also it must be activated (else ERR003).
     fn movable_motor(&self) -> Result<usize, CommandError> {
         let motor = self.free_motor()?;
-        if is_activated(self.machine, motor) { Ok(motor) } else { Err(CommandError::SYNTAX) }
+        if is_activated(self.board, motor) { Ok(motor) } else { Err(CommandError::SYNTAX) }
     }
 }
 
 /// Whether Ix00 of the 0-based `motor` is set.
-pub(super) fn is_activated(machine: &Machine, motor: usize) -> bool {
-    machine.variables.i(machine.variables.family().motor_i(motor, 0)) != 0.0
+pub(super) fn is_activated(board: &Board, motor: usize) -> bool {
+    board.variables.i(board.variables.family().motor_i(motor, 0)) != 0.0
 }
 
 /// Bit 0 of the first `??` word: a program runs in the 0-based coordinate system `cs`.
-pub(super) fn is_running(machine: &Machine, cs: usize) -> bool {
-    machine.coordinate_status(cs)[0] & 1 != 0
+pub(super) fn is_running(board: &Board, cs: usize) -> bool {
+    board.coordinate_status(cs)[0] & 1 != 0
 }

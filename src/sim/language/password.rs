@@ -49,7 +49,7 @@ mod tests {
         assert_eq!(password.text(), None);
         assert!(!password.set_or_give(b"bush"), "case matters");
         assert!(password.set_or_give(b"Bush"));
-        assert!(password.set_or_give(b""), "an open board takes a new one");
+        assert!(password.set_or_give(b""), "an open world takes a new one");
         password.close();
         assert!(password.is_open());
     }

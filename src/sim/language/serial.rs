@@ -5,7 +5,7 @@
 
 use super::control::{TAKE, binary_report, control, dpram_line};
 use super::interpreter::LONGEST_LINE;
-use super::{CommandError, Interpreter, Machine, Reply, Variables};
+use super::{Board, CommandError, Interpreter, Reply, Variables};
 
 const ACK: u8 = 0x06;
 const BELL: u8 = 0x07;
@@ -103,43 +103,37 @@ impl SerialPort {
     ///
     /// A classic board has one addressing for all ports: give each port the same `interpreter`. Line feeds and NULs are
     /// ignored. Of a line too long only the start is kept, and it is answered with an error.
-    pub fn receive(
-        &mut self,
-        machine: &mut Machine,
-        interpreter: &mut Interpreter,
-        byte: u8,
-        out: &mut Vec<u8>,
-    ) {
+    pub fn receive(&mut self, board: &mut Board, interpreter: &mut Interpreter, byte: u8, out: &mut Vec<u8>) {
         match byte {
             CR => {
                 self.last_line = std::mem::take(&mut self.line);
-                self.enter(machine, interpreter, out);
+                self.enter(board, interpreter, out);
             }
-            REPEAT => self.enter(machine, interpreter, out),
+            REPEAT => self.enter(board, interpreter, out),
             BACKSPACE => {
                 self.line.pop();
             }
             CHECKSUM => out.push(sum(&self.line)),
             CANCEL => {
                 self.line.clear();
-                interpreter.control(machine, CANCEL);
-                if machine.variables.i_integer(63) != 0 {
+                interpreter.control(board, CANCEL);
+                if board.variables.i_integer(63) != 0 {
                     out.push(CANCEL);
                 }
             }
             LAST_LINE => {
                 let text = String::from_utf8_lossy(&self.last_line).into_owned();
-                report(machine, &Reply { lines: vec![text], error: None }, out);
+                report(board, &Reply { lines: vec![text], error: None }, out);
             }
             TAKE => {
-                let line = dpram_line(machine);
-                Self::carry_out(&line, machine, interpreter, out);
+                let line = dpram_line(board);
+                Self::carry_out(&line, board, interpreter, out);
             }
             0..b' ' => {
-                if let Some(bytes) = binary_report(machine, byte) {
+                if let Some(bytes) = binary_report(board, byte) {
                     out.extend_from_slice(&bytes);
-                } else if let Some(reply) = interpreter.control(machine, byte) {
-                    report(machine, &reply, out);
+                } else if let Some(reply) = interpreter.control(board, byte) {
+                    report(board, &reply, out);
                 }
             }
             _ if self.line.len() <= LONGEST_LINE => self.line.push(byte),
@@ -148,13 +142,13 @@ impl SerialPort {
     }
 
     /// Carries out the line last entered and sends its reply.
-    fn enter(&self, machine: &mut Machine, interpreter: &mut Interpreter, out: &mut Vec<u8>) {
-        Self::carry_out(&self.last_line, machine, interpreter, out);
+    fn enter(&self, board: &mut Board, interpreter: &mut Interpreter, out: &mut Vec<u8>) {
+        Self::carry_out(&self.last_line, board, interpreter, out);
     }
 
-    fn carry_out(line: &[u8], machine: &mut Machine, interpreter: &mut Interpreter, out: &mut Vec<u8>) {
-        let reply = interpreter.execute(machine, line);
-        let handshake = Handshake::of(&machine.variables);
+    fn carry_out(line: &[u8], board: &mut Board, interpreter: &mut Interpreter, out: &mut Vec<u8>) {
+        let reply = interpreter.execute(board, line);
+        let handshake = Handshake::of(&board.variables);
         handshake.data(&reply.lines, out);
         match reply.error {
             Some(error) => handshake.error(error, out),
@@ -165,8 +159,8 @@ impl SerialPort {
 
 /// Sends the answer to a control character: data as for a line, and an acknowledgement only where data was asked for
 /// and I3 asks for `<ACK>`.
-fn report(machine: &Machine, reply: &Reply, out: &mut Vec<u8>) {
-    let handshake = Handshake::of(&machine.variables);
+fn report(board: &Board, reply: &Reply, out: &mut Vec<u8>) {
+    let handshake = Handshake::of(&board.variables);
     handshake.data(&reply.lines, out);
     match reply.error {
         Some(error) => handshake.error(error, out),
@@ -180,27 +174,24 @@ mod tests {
     use super::super::testing;
     use super::*;
 
-    struct Board {
-        machine: Machine,
+    struct Rig {
+        board: Board,
         interpreter: Interpreter,
         port: SerialPort,
     }
 
-    impl Board {
+    impl Rig {
         fn new() -> Self {
-            let mut board = Self {
-                machine: testing::machine(),
-                interpreter: Interpreter::new(),
-                port: SerialPort::new(),
-            };
-            board.send(b"I3=2 I6=1\r");
-            board
+            let mut rig =
+                Self { board: testing::board(), interpreter: Interpreter::new(), port: SerialPort::new() };
+            rig.send(b"I3=2 I6=1\r");
+            rig
         }
 
         fn send(&mut self, bytes: &[u8]) -> Vec<u8> {
             let mut out = Vec::new();
             for &byte in bytes {
-                self.port.receive(&mut self.machine, &mut self.interpreter, byte, &mut out);
+                self.port.receive(&mut self.board, &mut self.interpreter, byte, &mut out);
             }
             out
         }
@@ -208,81 +199,81 @@ mod tests {
 
     #[test]
     fn backspace_removes_and_line_feeds_vanish() {
-        let mut board = Board::new();
-        assert_eq!(board.send(b"P1=22\x08\x087\r\nP\n1\r"), b"\x067\r\x06");
+        let mut rig = Rig::new();
+        assert_eq!(rig.send(b"P1=22\x08\x087\r\nP\n1\r"), b"\x067\r\x06");
     }
 
     #[test]
     fn data_comes_before_the_error_and_nothing_after_it() {
-        let mut board = Board::new();
-        assert_eq!(board.send(b"P1=3 P1 P2 UUU P3=5\r"), b"3\r0\r\x07ERR003\r");
-        assert_eq!(board.send(b"P3\r"), b"0\r\x06");
+        let mut rig = Rig::new();
+        assert_eq!(rig.send(b"P1=3 P1 P2 UUU P3=5\r"), b"3\r0\r\x07ERR003\r");
+        assert_eq!(rig.send(b"P3\r"), b"0\r\x06");
     }
 
     #[test]
     fn checksums_follow_lines_and_handshake() {
-        let mut board = Board::new();
-        board.send(b"I4=1\r");
+        let mut rig = Rig::new();
+        rig.send(b"I4=1\r");
         let command = b"P1..2".iter().fold(0u8, |sum, c| sum.wrapping_add(*c));
-        assert_eq!(board.send(b"P1..2\r"), [b'0', CR, b'0', b'0', CR, b'0', ACK, command]);
+        assert_eq!(rig.send(b"P1..2\r"), [b'0', CR, b'0', b'0', CR, b'0', ACK, command]);
     }
 
     #[test]
     fn cancel_empties_the_line_and_echoes_if_asked() {
-        let mut board = Board::new();
-        assert_eq!(board.send(b"UUU\x18\r"), b"\x06");
-        board.send(b"I63=1\r");
-        assert_eq!(board.send(b"\x18"), b"\x18");
+        let mut rig = Rig::new();
+        assert_eq!(rig.send(b"UUU\x18\r"), b"\x06");
+        rig.send(b"I63=1\r");
+        assert_eq!(rig.send(b"\x18"), b"\x18");
     }
 
     #[test]
     fn the_last_line_repeats_and_is_reported() {
-        let mut board = Board::new();
-        board.send(b"P1=P1+1\r");
-        assert_eq!(board.send(b"\t\t"), b"\x06\x06");
-        assert_eq!(board.send(b"\x19"), b"P1=P1+1\r\x06");
-        assert_eq!(board.send(b"P1\r"), b"3\r\x06");
+        let mut rig = Rig::new();
+        rig.send(b"P1=P1+1\r");
+        assert_eq!(rig.send(b"\t\t"), b"\x06\x06");
+        assert_eq!(rig.send(b"\x19"), b"P1=P1+1\r\x06");
+        assert_eq!(rig.send(b"P1\r"), b"3\r\x06");
     }
 
     #[test]
     fn characters_above_127_and_long_lines_are_refused_whole() {
-        let mut board = Board::new();
-        assert_eq!(board.send(b"P1=5 \xE4\r"), b"\x07ERR004\r");
-        assert_eq!(board.send(b"P1\r"), b"0\r\x06");
+        let mut rig = Rig::new();
+        assert_eq!(rig.send(b"P1=5 \xE4\r"), b"\x07ERR004\r");
+        assert_eq!(rig.send(b"P1\r"), b"0\r\x06");
         let mut line = b"P1=5".to_vec();
         line.resize(255, b' ');
         line.push(b'\r');
-        assert_eq!(board.send(&line), b"\x06");
+        assert_eq!(rig.send(&line), b"\x06");
         line.insert(0, b' ');
-        assert_eq!(board.send(&line), b"\x07ERR003\r");
+        assert_eq!(rig.send(&line), b"\x07ERR003\r");
         line.splice(0..0, [b' '; 1000]);
-        assert_eq!(board.send(&line), b"\x07ERR003\r");
+        assert_eq!(rig.send(&line), b"\x07ERR003\r");
     }
 
     #[test]
     fn control_reports_of_all_motors() {
-        let mut board = Board::new();
-        assert_eq!(board.send(b"\x10"), b"0 0 0 0 0 0 0 0\r\x06");
-        board.send(b"I3=1\r");
-        assert_eq!(board.send(b"\x16"), b"\n0 0 0 0 0 0 0 0\r");
-        let status = board.send(b"\x02");
+        let mut rig = Rig::new();
+        assert_eq!(rig.send(b"\x10"), b"0 0 0 0 0 0 0 0\r\x06");
+        rig.send(b"I3=1\r");
+        assert_eq!(rig.send(b"\x16"), b"\n0 0 0 0 0 0 0 0\r");
+        let status = rig.send(b"\x02");
         assert_eq!(status.len(), 1 + 8 * 12 + 7 + 1);
-        assert_eq!(board.send(b"\x15"), b"\x07\nERR003\r", "no rotary buffer to open");
-        assert_eq!(board.send(b"\x0c\x01\x0b\x0f"), b"");
+        assert_eq!(rig.send(b"\x15"), b"\x07\nERR003\r", "no rotary buffer to open");
+        assert_eq!(rig.send(b"\x0c\x01\x0b\x0f"), b"");
     }
 
     #[test]
     fn a_line_from_the_dpram_and_binary_reports() {
-        let mut board = Board::new();
+        let mut rig = Rig::new();
         for (index, pair) in b"I3 UUU\r\0".chunks(2).enumerate() {
             let word = u16::from_le_bytes([pair[0], pair[1]]);
-            board.machine.memory.dpram.write16(0x0C00 + 2 * index as u16, word);
+            rig.board.memory.dpram.write16(0x0C00 + 2 * index as u16, word);
         }
-        board.send(b"I47=$D300\r");
-        assert_eq!(board.send(b"P1\x17=5\r"), b"2\r\x07ERR003\r\x06", "the line under way goes on");
-        board.send(b"I20=5 I21=$400003 I23=$80002B WX$3,$123456 WL$2B,$112233445566\r");
-        assert_eq!(board.send(b"\x05"), b"\x12\x34\x56\x44\x55\x66\x11\x22\x33");
-        board.send(b"WY$3,$010203\r");
-        assert_eq!(board.send(b"\x07"), b"\x12\x34\x56\x01\x02\x03");
+        rig.send(b"I47=$D300\r");
+        assert_eq!(rig.send(b"P1\x17=5\r"), b"2\r\x07ERR003\r\x06", "the line under way goes on");
+        rig.send(b"I20=5 I21=$400003 I23=$80002B WX$3,$123456 WL$2B,$112233445566\r");
+        assert_eq!(rig.send(b"\x05"), b"\x12\x34\x56\x44\x55\x66\x11\x22\x33");
+        rig.send(b"WY$3,$010203\r");
+        assert_eq!(rig.send(b"\x07"), b"\x12\x34\x56\x01\x02\x03");
     }
 }

@@ -16,20 +16,20 @@ const BUFFERS: &[(&str, Buffer)] =
 
 impl Line<'_, '_> {
     pub(super) fn identity(&mut self, what: Word) -> Outcome {
-        let machine = &*self.machine;
+        let board = &*self.board;
         let text = match what {
-            Word::Type => machine.type_text().to_owned(),
-            Word::Date => machine.date_text().to_owned(),
-            Word::Checksum => format!("{:X}", machine.checksum()),
-            Word::Size => machine.size().to_string(),
-            _ => machine.firmware().to_owned(),
+            Word::Type => board.type_text().to_owned(),
+            Word::Date => board.date_text().to_owned(),
+            Word::Checksum => format!("{:X}", board.checksum()),
+            Word::Size => board.size().to_string(),
+            _ => board.firmware().to_owned(),
         };
         self.answer(text)
     }
 
     /// `$$$` and `$$$***`. What follows on the line is lost with the reset, as is the addressing.
     pub(super) fn reset_board(&mut self, factory: bool) -> Outcome {
-        self.machine.reset(factory);
+        self.board.reset(factory);
         self.interpreter.reset();
         self.scanner.rest();
         Ok(())
@@ -37,22 +37,22 @@ impl Line<'_, '_> {
 
     /// `SAVE`; not while a program runs.
     pub(super) fn save(&mut self) -> Outcome {
-        if (0..self.machine.variables.family().coordinate_systems).any(|cs| is_running(self.machine, cs)) {
+        if (0..self.board.variables.family().coordinate_systems).any(|cs| is_running(self.board, cs)) {
             return Err(CommandError::RUNNING);
         }
-        self.machine.save();
+        self.board.save();
         Ok(())
     }
 
     /// `PASSWORD={text}` sets or gives it, the rest of the line being the text; `PASSWORD` reports it.
     pub(super) fn password(&mut self) -> Outcome {
         if !self.scanner.take(b'=') {
-            let password = self.machine.variables.password.text().ok_or(CommandError::PASSWORD)?;
+            let password = self.board.variables.password.text().ok_or(CommandError::PASSWORD)?;
             let password = String::from_utf8_lossy(password).into_owned();
             return self.answer(password);
         }
         let text = self.scanner.rest().trim_ascii_end();
-        if self.machine.variables.password.set_or_give(text) { Ok(()) } else { Err(CommandError::PASSWORD) }
+        if self.board.variables.password.set_or_give(text) { Ok(()) } else { Err(CommandError::PASSWORD) }
     }
 
     /// `DEFINE GATHER [n]`, or another buffer.
@@ -60,9 +60,9 @@ impl Line<'_, '_> {
         match self.scanner.keyword(&[BUFFERS]) {
             Some(Buffer::Gather) if self.scanner.at_unsigned() => {
                 let longs = u32::try_from(self.scanner.integer()?).map_err(|_| CommandError::SYNTAX)?;
-                self.machine.define_gather(Some(longs))
+                self.board.define_gather(Some(longs))
             }
-            Some(Buffer::Gather) => self.machine.define_gather(None),
+            Some(Buffer::Gather) => self.board.define_gather(None),
             _ => self.define_buffer(),
         }
     }
@@ -70,7 +70,7 @@ impl Line<'_, '_> {
     /// `DELETE GATHER`, `DELETE ALL`, or another buffer.
     pub(super) fn delete(&mut self) -> Outcome {
         match self.scanner.keyword(&[BUFFERS]) {
-            Some(Buffer::Gather) => self.machine.delete_gather(),
+            Some(Buffer::Gather) => self.board.delete_gather(),
             Some(Buffer::All) => self.delete_all(),
             None => self.delete_buffer(),
         }
@@ -79,6 +79,6 @@ impl Line<'_, '_> {
     /// `GATHER`, at once or from a trigger on.
     pub(super) fn gather(&mut self) -> Outcome {
         let triggered = self.scanner.take_text(b"TRIGGER");
-        self.machine.gather(triggered)
+        self.board.gather(triggered)
     }
 }

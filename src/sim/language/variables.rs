@@ -9,7 +9,7 @@ use super::i_rows::{Kind, Scope};
 use super::m_definition::MDefinition;
 use super::number::{decimal, quantised};
 use super::password::Password;
-use super::{Machine, Memory};
+use super::{Board, Memory};
 use crate::format::float48;
 
 /// The four kinds of variable.
@@ -146,7 +146,7 @@ impl Variables {
     }
 
     /// Sets I-variable `number`. A value out of range is no error: it is rounded and reduced modulo the range (I3=5 sets
-    /// 1). The caller then tells the machine (`Machine::i_assigned`), which sees to the effects.
+    /// 1). The caller then tells the machine (`Board::i_assigned`), which sees to the effects.
     pub fn set_i(&mut self, number: usize, value: f64) {
         let (Some(rule), Some(slot)) = (self.rules.get(number), self.i.get_mut(number)) else { return };
         *slot = match rule.kind {
@@ -251,23 +251,23 @@ impl Variables {
 
 /// The value of a variable; `cs` matters to Q-variables.
 #[must_use]
-pub fn value(machine: &Machine, kind: VariableKind, cs: usize, number: usize) -> f64 {
-    let variables = &machine.variables;
+pub fn value(board: &Board, kind: VariableKind, cs: usize, number: usize) -> f64 {
+    let variables = &board.variables;
     match kind {
         VariableKind::I => variables.i(number),
-        VariableKind::P => variables.p(&machine.memory, number),
-        VariableKind::Q => variables.q(&machine.memory, cs, number),
-        VariableKind::M => variables.m(&machine.memory, number),
+        VariableKind::P => variables.p(&board.memory, number),
+        VariableKind::Q => variables.q(&board.memory, cs, number),
+        VariableKind::M => variables.m(&board.memory, number),
     }
 }
 
 /// Sets a variable; an I-variable's effects follow at once.
-pub fn assign(machine: &mut Machine, kind: VariableKind, cs: usize, number: usize, value: f64) {
-    let Machine { variables, memory, .. } = machine;
+pub fn assign(board: &mut Board, kind: VariableKind, cs: usize, number: usize, value: f64) {
+    let Board { variables, memory, .. } = board;
     match kind {
         VariableKind::I => {
             variables.set_i(number, value);
-            machine.i_assigned(number);
+            board.i_assigned(number);
         }
         VariableKind::P => variables.set_p(memory, number, value),
         VariableKind::Q => variables.set_q(memory, cs, number, value),
@@ -358,8 +358,8 @@ mod tests {
 
     #[test]
     fn q_sets_overlap_as_on_the_board() {
-        let mut machine = testing::machine();
-        let Machine { memory, variables, .. } = &mut machine;
+        let mut board = testing::board();
+        let Board { memory, variables, .. } = &mut board;
         // Q0 of each coordinate system, as &1 sees it.
         for (cs, as_seen_by_1) in [0, 512, 256, 768, 128, 640, 384, 896].into_iter().enumerate() {
             variables.set_q(memory, cs, 0, 10.0 + cs as f64);
@@ -392,8 +392,8 @@ mod tests {
 
     #[test]
     fn a_snapshot_brings_everything_back() {
-        let mut machine = testing::machine();
-        let Machine { memory, variables, .. } = &mut machine;
+        let mut board = testing::board();
+        let Board { memory, variables, .. } = &mut board;
         variables.set_i(122, 50.0);
         variables.set_p(memory, 1023, 7.0);
         variables.set_q(memory, 0, 1023, 8.0);

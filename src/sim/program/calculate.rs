@@ -10,9 +10,9 @@ use super::item::{Data, Item, Line, Mark, Mode, Operator, Time};
 use super::store::Program;
 use super::structure::Tracker;
 use super::system::{Cursor, Ending, Failure, System};
+use crate::sim::board::Board;
 use crate::sim::language::expression::check_number;
 use crate::sim::language::variables::{VariableKind, assign};
-use crate::sim::machine::Machine;
 
 /// The most commands of one interrupt.
 const MOST_ITEMS: usize = 1000;
@@ -32,16 +32,16 @@ pub(super) enum Flow {
 
 /// A calculation under way.
 pub(super) struct Calculator<'a> {
-    pub(super) machine: &'a mut Machine,
+    pub(super) board: &'a mut Board,
     pub(super) system: &'a mut System,
     pub(super) cs: usize,
 }
 
-impl Machine {
+impl Board {
     /// Calculates ahead for the 0-based `cs`.
     pub(super) fn calculate(&mut self, cs: usize) {
         let mut system = std::mem::take(&mut self.programs.systems[cs]);
-        Calculator { machine: self, system: &mut system, cs }.run();
+        Calculator { board: self, system: &mut system, cs }.run();
         self.programs.systems[cs] = system;
     }
 }
@@ -71,25 +71,25 @@ impl Calculator<'_> {
     }
 
     pub(super) fn segmented(&self) -> bool {
-        self.machine.variables.i(13) > 0.0
+        self.board.variables.i(13) > 0.0
     }
 
     /// Coordinate-system variable Ix`n`.
     pub(super) fn ix(&self, n: usize) -> f64 {
-        self.machine.variables.i(self.machine.variables.family().coordinate_i(self.cs, n))
+        self.board.variables.i(self.board.variables.family().coordinate_i(self.cs, n))
     }
 
     pub(super) fn value(&self, data: &Data) -> f64 {
-        data.value(self.machine, self.cs)
+        data.value(self.board, self.cs)
     }
 
     pub(super) fn program(&self, number: u32) -> Option<&Program> {
-        self.machine.programs.store.program(number)
+        self.board.programs.store.program(number)
     }
 
     pub(super) fn line(&self, cursor: Cursor) -> Option<Arc<Line>> {
         match cursor.program {
-            0 => self.machine.programs.store.rotary(self.cs)?.line(cursor.line).cloned(),
+            0 => self.board.programs.store.rotary(self.cs)?.line(cursor.line).cloned(),
             number => self.program(number)?.line(cursor.line).cloned(),
         }
     }
@@ -143,7 +143,7 @@ impl Calculator<'_> {
                 Flow::On
             }
         };
-        let one_line = self.machine.variables.i(53) == 1.0;
+        let one_line = self.board.variables.i(53) == 1.0;
         if !self.system.continuous && !self.system.in_block && (moved || one_line) {
             self.end(Ending::Here);
         }
@@ -200,7 +200,7 @@ impl Calculator<'_> {
             Item::Letter(b'R', value) => self.system.request.radius = Some(self.value(value)),
             Item::Letter(b'S', value) => {
                 let value = self.value(value);
-                assign(self.machine, VariableKind::Q, self.cs, SPINDLE, value);
+                assign(self.board, VariableKind::Q, self.cs, SPINDLE, value);
             }
             // An argument that nobody has read.
             Item::Letter(..) | Item::Label(_) | Item::Wait | Item::Address(..) | Item::EndIf => {}
@@ -213,16 +213,16 @@ impl Calculator<'_> {
             Item::Feedrate(value) => {
                 let value = self.value(value);
                 self.set_ix(89, value);
-                self.machine.coordinate_word(self.cs, 1 << 3, 0);
+                self.board.coordinate_word(self.cs, 1 << 3, 0);
             }
             Item::Time(time, value) => {
                 let value = self.value(value);
                 self.set_time(*time, value);
             }
             Item::Axes(mode, list) => {
-                let status = self.machine.coordinate_status(self.cs)[0];
+                let status = self.board.coordinate_status(self.cs)[0];
                 if let Ok(status) = crate::sim::language::axis::with_mode(status, *mode, list.as_deref()) {
-                    self.machine.coordinate_word(self.cs, 0xFF_FFFF, status);
+                    self.board.coordinate_word(self.cs, 0xFF_FFFF, status);
                 }
             }
             Item::Dwell(time) => {
@@ -285,12 +285,12 @@ impl Calculator<'_> {
             Item::CutterCompensation(side) => {
                 self.cutter_side(*side);
                 let bits = u32::from(*side != 0) << 2 | u32::from(*side == 1) << 3;
-                self.machine.program_word(self.cs, 0b11 << 2, bits);
+                self.board.program_word(self.cs, 0b11 << 2, bits);
             }
             Item::CutterRadius(radius) => self.cutter_radius(radius),
             Item::Select(number) => {
                 let number = self.value(number).round().max(0.0) as usize;
-                let count = self.machine.programs.transformations(self.cs);
+                let count = self.board.programs.transformations(self.cs);
                 self.system.transformations.select(number, count);
             }
             Item::Identity => {
@@ -302,11 +302,11 @@ impl Calculator<'_> {
                 let first = self.value(number).round().max(0.0) as usize;
                 self.transform(*transform, first);
             }
-            Item::Plc { enable, plcs } => self.machine.enable_plcs(*plcs, *enable),
+            Item::Plc { enable, plcs } => self.board.enable_plcs(*plcs, *enable),
             Item::Assign(kind, number, operator, value) => self.assign(*kind, number, *operator, value),
-            Item::Command(text) => self.machine.programs.ask(text, 0, 0),
-            Item::CommandCharacter(code) => self.machine.programs.ask_character(*code),
-            Item::Send(text) => self.machine.send_message(text),
+            Item::Command(text) => self.board.programs.ask(text, 0, 0),
+            Item::CommandCharacter(code) => self.board.programs.ask_character(*code),
+            Item::Send(text) => self.board.send_message(text),
             // There is no display.
             Item::Display(_) => {}
             Item::Call(value) => {
@@ -368,10 +368,10 @@ impl Calculator<'_> {
     }
 
     fn assign(&mut self, kind: VariableKind, number: &Data, operator: Operator, value: &Data) {
-        let Ok(number) = check_number(self.value(number), self.machine) else { return };
+        let Ok(number) = check_number(self.value(number), self.board) else { return };
         let value = self.value(value);
         if operator == Operator::Assign {
-            assign(self.machine, kind, self.cs, number, value);
+            assign(self.board, kind, self.cs, number, value);
         } else {
             self.system.later.push((number, operator, value));
         }

@@ -165,10 +165,10 @@ impl Calculator<'_> {
             cursor: self.system.cursor,
             later: std::mem::take(&mut self.system.later),
             times: [87, 88, 89].map(|n| self.ix(n)),
-            by_time: self.machine.coordinate_status(self.cs)[0] & 1 << 3,
+            by_time: self.board.coordinate_status(self.cs)[0] & 1 << 3,
         });
         self.system.cutter.programmed = Some(axes);
-        self.machine.program_word(self.cs, 0, HELD);
+        self.board.program_word(self.cs, 0, HELD);
     }
 
     /// Lets a move that is held back end beside its own end.
@@ -184,15 +184,15 @@ impl Calculator<'_> {
 
     /// Makes the move held back, up to its corner with `next`, with the times and the mode it was programmed with.
     fn release(&mut self, mut held: Held, next: Option<&Element>) {
-        self.machine.program_word(self.cs, HELD | OUTSIDE, 0);
+        self.board.program_word(self.cs, HELD | OUTSIDE, 0);
         let times = [87, 88, 89].map(|n| self.ix(n));
-        let by_time = self.machine.coordinate_status(self.cs)[0] & 1 << 3;
+        let by_time = self.board.coordinate_status(self.cs)[0] & 1 << 3;
         self.set_times(held.times, held.by_time);
         let mode = std::mem::replace(&mut self.system.mode, held.mode);
         let cursor = std::mem::replace(&mut self.system.cursor, held.cursor);
         let later = std::mem::replace(&mut self.system.later, std::mem::take(&mut held.later));
         if !self.cut(&held, next) {
-            self.machine.program_word(self.cs, 0, STOP_REQUEST);
+            self.board.program_word(self.cs, 0, STOP_REQUEST);
             self.system.failure = Some(Failure::RunTime);
         }
         (self.system.mode, self.system.cursor, self.system.later) = (mode, cursor, later);
@@ -203,14 +203,14 @@ impl Calculator<'_> {
         for (n, time) in [87, 88, 89].into_iter().zip(times) {
             self.set_ix(n, time);
         }
-        self.machine.coordinate_word(self.cs, 1 << 3, by_time);
+        self.board.coordinate_word(self.cs, 1 << 3, by_time);
     }
 
     /// Says whether the cutter fits.
     fn cut(&mut self, held: &Held, next: Option<&Element>) -> bool {
         let plane = self.plane();
         let offset = self.system.cutter.side * self.system.cutter.radius;
-        let sharp = self.machine.variables.i(89);
+        let sharp = self.board.variables.i(89);
         let element = &held.element;
         let corner = match next {
             None => Some(Corner::Meet(element.offset_end(offset))),
@@ -240,7 +240,7 @@ impl Calculator<'_> {
             }
         }
         if let Some(round) = round {
-            self.machine.program_word(self.cs, 0, OUTSIDE);
+            self.board.program_word(self.cs, 0, OUTSIDE);
             self.system.mode = if offset > 0.0 { Mode::Circle1 } else { Mode::Circle2 };
             let vector: Vector = std::array::from_fn(|k| held.end[X + k] - axes[X + k]);
             self.go(Some(Centre::From(vector)), plane.moved(&held.end, round));

@@ -1,18 +1,18 @@
 //! Cutter radius compensation on the whole board: where the axes go.
 
-use crate::sim::machine::Machine;
+use crate::sim::board::Board;
 use crate::sim::testing::Bench;
 
 fn send(bench: &mut Bench, text: &str) {
     for line in text.lines().map(str::trim).filter(|line| !line.is_empty()) {
-        let reply = bench.board.interpreter.execute(&mut bench.board.machine, line.as_bytes());
+        let reply = bench.world.interpreter.execute(&mut bench.world.board, line.as_bytes());
         assert_eq!(reply.error, None, "{line}");
     }
 }
 
-fn position(machine: &Machine) -> [f64; 2] {
+fn position(board: &Board) -> [f64; 2] {
     let mut axes = [0.0; 9];
-    machine.axis_positions(0, &mut axes);
+    board.axis_positions(0, &mut axes);
     [axes[6], axes[7]]
 }
 
@@ -29,12 +29,12 @@ fn run(program: &str) -> (Vec<[f64; 2]>, [f64; 2], u32) {
     send(&mut bench, program);
     send(&mut bench, "CLOSE B1 R");
     let mut way = Vec::new();
-    bench.until(200_000, |machine| {
-        way.push(position(machine));
-        machine.coordinate_status(0)[0] & 1 == 0
+    bench.until(200_000, |board| {
+        way.push(position(board));
+        board.coordinate_status(0)[0] & 1 == 0
     });
-    let machine = &bench.board.machine;
-    (way, position(machine), machine.coordinate_status(0)[1])
+    let board = &bench.world.board;
+    (way, position(board), board.coordinate_status(0)[1])
 }
 
 /// How far `point` is from the polygon of the square (0,0) to (10,10).
@@ -93,6 +93,6 @@ fn a_cutter_that_does_not_fit_is_a_run_time_error() {
         &mut bench,
         "&1 #1->1000X #2->1000Y\nOPEN PROG 1 CLEAR\nLINEAR TA1 TS0 F100 CCR1 CC1 X5\nX10\nCLOSE B1 R",
     );
-    bench.until(200_000, |machine| machine.coordinate_status(0)[0] & 1 == 0);
-    assert_eq!(position(&bench.board.machine)[1], 0.0);
+    bench.until(200_000, |board| board.coordinate_status(0)[0] & 1 == 0);
+    assert_eq!(position(&bench.world.board)[1], 0.0);
 }

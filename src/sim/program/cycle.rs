@@ -8,8 +8,8 @@ use super::item::Operator;
 use super::run::{BLENDING, DWELL, RADIUS_ERROR, RUN_TIME_ERROR, SEGMENTED, SEGMENTED_RAMP};
 use super::system::{Ending, Failure, Hold};
 use super::trajectory::{Later, Shape};
+use crate::sim::board::{Board, MOTORS};
 use crate::sim::language::variables::{VariableKind, assign, value};
-use crate::sim::machine::{MOTORS, Machine};
 use crate::sim::offsets;
 
 /// PSTATUS bit 16.
@@ -25,7 +25,7 @@ struct Begun {
     shape: Option<Shape>,
 }
 
-impl Machine {
+impl Board {
     /// One servo cycle of all programs; `time_base` has 1.0 for 100%.
     pub(in crate::sim) fn programs_cycle(&mut self, ms: f64, time_base: &[f64; MOTORS]) {
         let calculates = self.stats.servo_cycles.is_multiple_of(self.variables.i(8) as u64 + 1);
@@ -212,7 +212,7 @@ impl Machine {
     /// Ends calculation after what is there.
     pub(super) fn finish_calculation(&mut self, cs: usize) {
         let mut system = std::mem::take(&mut self.programs.systems[cs]);
-        Calculator { machine: self, system: &mut system, cs }.end(Ending::Here);
+        Calculator { board: self, system: &mut system, cs }.end(Ending::Here);
         self.programs.systems[cs] = system;
     }
 }

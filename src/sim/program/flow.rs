@@ -15,7 +15,7 @@ const READ_MASK: usize = 100;
 
 impl Calculator<'_> {
     pub(super) fn holds(&self, text: &str) -> bool {
-        condition(&mut Scanner::new(text.as_bytes()), self.machine, self.cs).unwrap_or(false)
+        condition(&mut Scanner::new(text.as_bytes()), self.board, self.cs).unwrap_or(false)
     }
 
     pub(super) fn begin_loop(&mut self, text: &str, line: &Line, cursor: Cursor) -> Flow {
@@ -121,11 +121,11 @@ impl Calculator<'_> {
                 break;
             }
             let (index, value) = (usize::from(letter - b'A'), self.value(data));
-            assign(self.machine, VariableKind::Q, self.cs, READ_MASK + 1 + index, value);
+            assign(self.board, VariableKind::Q, self.cs, READ_MASK + 1 + index, value);
             mask |= 1 << index;
             taken += 1;
         }
-        assign(self.machine, VariableKind::Q, self.cs, READ_MASK, mask.into());
+        assign(self.board, VariableKind::Q, self.cs, READ_MASK, mask.into());
         if let Some(frame) = self.system.frames.last_mut() {
             frame.back.item += taken;
         }

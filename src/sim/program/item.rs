@@ -4,11 +4,11 @@
 //! evaluated when the line is calculated. An item takes one long word of its buffer, an expression one more for each
 //! operand (User Manual, "Motion programs").
 
+use super::super::board::Board;
 use super::super::language::axis::AxisMode;
 use super::super::language::expression::evaluate;
 use super::super::language::scanner::Scanner;
 use super::super::language::variables::VariableKind;
-use super::super::machine::Machine;
 
 /// The axis letters in the order of their registers.
 pub const AXES: [u8; 9] = *b"ABCUVWXYZ";
@@ -25,12 +25,10 @@ pub enum Data {
 impl Data {
     /// Its value now. An expression that cannot be evaluated (a variable number out of range) is 0.
     #[must_use]
-    pub fn value(&self, machine: &Machine, cs: usize) -> f64 {
+    pub fn value(&self, board: &Board, cs: usize) -> f64 {
         match self {
             Self::Constant(value) => *value,
-            Self::Expression(text) => {
-                evaluate(&mut Scanner::new(text.as_bytes()), machine, cs).unwrap_or(0.0)
-            }
+            Self::Expression(text) => evaluate(&mut Scanner::new(text.as_bytes()), board, cs).unwrap_or(0.0),
         }
     }
 

@@ -5,14 +5,14 @@
 
 use super::Request;
 use crate::map::classic::{RESPONSE_MESSAGE, RESPONSE_TO_PROGRAM};
+use crate::sim::board::{Board, Port};
 use crate::sim::language::{Interpreter, Reply};
-use crate::sim::machine::{Machine, Port};
 
 /// The tag before what goes out unasked for, with I64=1.
 const TAG: u8 = 2;
 const BELL: u8 = 7;
 
-impl Machine {
+impl Board {
     /// `SEND"text"`.
     pub fn send_message(&mut self, text: &str) {
         match self.response_port() {

@@ -49,7 +49,7 @@ use system::{Cursor, System};
 
 pub use flow::split;
 
-use super::machine::MOTORS;
+use super::board::MOTORS;
 
 /// What a program asks the interpreter to do, in the background.
 #[derive(Debug, Clone, PartialEq, Eq)]

@@ -9,8 +9,8 @@ use super::spline::{Spline, cubic};
 use super::system::{Cursor, Failure};
 use super::trajectory::{Entry, Jog, Shape};
 use super::transform::Vector;
+use crate::sim::board::MOTORS;
 use crate::sim::language::variables::{VariableKind, value};
-use crate::sim::machine::MOTORS;
 
 /// Where X, Y, Z are among the axes.
 const X: usize = 6;
@@ -25,12 +25,12 @@ impl Calculator<'_> {
             self.end_spline();
         }
         self.system.mode = mode;
-        self.machine.program_word(self.cs, 0b1_0011, mode.status());
+        self.board.program_word(self.cs, 0b1_0011, mode.status());
     }
 
     pub(super) fn set_ix(&mut self, n: usize, value: f64) {
-        let number = self.machine.variables.family().coordinate_i(self.cs, n);
-        self.machine.variables.set_i(number, value);
+        let number = self.board.variables.family().coordinate_i(self.cs, n);
+        self.board.variables.set_i(number, value);
     }
 
     pub(super) fn set_time(&mut self, time: Time, value: f64) {
@@ -45,7 +45,7 @@ impl Calculator<'_> {
             Time::SCurve => self.set_ix(88, value),
             Time::Move => {
                 self.set_ix(89, value);
-                self.machine.coordinate_word(self.cs, 1 << 3, 1 << 3);
+                self.board.coordinate_word(self.cs, 1 << 3, 1 << 3);
             }
         }
     }
@@ -57,7 +57,7 @@ impl Calculator<'_> {
 
     fn entry(&mut self, shape: Shape, target: Motors, axes: [f64; 9]) -> Entry {
         let cursor = self.system.cursor.unwrap_or(Cursor::at(0, 0));
-        let offset = self.machine.programs.offset(self.cs, Cursor { item: 0, ..cursor });
+        let offset = self.board.programs.offset(self.cs, Cursor { item: 0, ..cursor });
         Entry {
             shape,
             start: 0.0,
@@ -75,7 +75,7 @@ impl Calculator<'_> {
 
     fn append(&mut self, shape: Shape, target: Motors, axes: [f64; 9]) {
         let entry = self.entry(shape, target, axes);
-        let delay = self.machine.variables.i(11);
+        let delay = self.board.variables.i(11);
         self.system.trajectory.append(entry, delay);
         self.system.axes = axes;
         self.system.moved = true;
@@ -88,7 +88,7 @@ impl Calculator<'_> {
         self.finish_spline();
         let (target, axes) = (self.system.trajectory.target(), self.system.axes);
         self.append(Shape::Dwell(time.clamp(0.0, LONGEST)), target, axes);
-        self.machine.program_word(self.cs, 1 << 12, 1 << 12);
+        self.board.program_word(self.cs, 1 << 12, 1 << 12);
     }
 
     /// A move of no distance, which blends.
@@ -107,7 +107,7 @@ impl Calculator<'_> {
 
     pub(super) fn home_zero(&mut self, motors: u8) {
         for motor in (0..MOTORS).filter(|motor| motors >> motor & 1 == 1) {
-            self.machine.home_here(motor);
+            self.board.home_here(motor);
         }
         self.system.rematch = true;
         self.match_positions();
@@ -115,7 +115,7 @@ impl Calculator<'_> {
 
     pub(super) fn position_set(&mut self, axes: [f64; 9]) {
         self.match_positions();
-        self.machine.set_axes(self.cs, &axes);
+        self.board.set_axes(self.cs, &axes);
         self.system.axes = axes;
     }
 
@@ -123,15 +123,15 @@ impl Calculator<'_> {
     pub(super) fn match_positions(&mut self) {
         if std::mem::take(&mut self.system.rematch) {
             let mut axes = self.system.axes;
-            self.machine.axis_positions(self.cs, &mut axes);
+            self.board.axis_positions(self.cs, &mut axes);
             self.system.axes = axes;
-            self.system.trajectory.reset(self.machine.commanded());
+            self.system.trajectory.reset(self.board.commanded());
         }
     }
 
     pub(super) fn transform(&mut self, transform: Transform, first: usize) {
-        let count = self.machine.variables.family().variables;
-        let q = |k: usize| value(self.machine, VariableKind::Q, self.cs, (first + k).min(count - 1));
+        let count = self.board.variables.family().variables;
+        let q = |k: usize| value(self.board, VariableKind::Q, self.cs, (first + k).min(count - 1));
         let three = [q(0), q(1), q(2)];
         let nine = std::array::from_fn(q);
         let Some(matrix) = self.system.transformations.selected_mut() else { return };
@@ -173,21 +173,21 @@ impl Calculator<'_> {
                 if self.system.spline.is_none() {
                     self.system.trajectory.close();
                 }
-                let point = self.machine.motor_targets(self.cs, &axes, &from);
+                let point = self.board.motor_targets(self.cs, &axes, &from);
                 let spline = self.system.spline.get_or_insert_with(|| Spline::new(from, time));
                 let (segment, end) = spline.next(point, time);
                 self.append(segment, end, axes);
             }
             Mode::Pvt => {
                 let from = self.system.trajectory.target();
-                let target = self.machine.motor_targets(self.cs, &axes, &from);
+                let target = self.board.motor_targets(self.cs, &axes, &from);
                 let time = self.ix(87).max(SHORTEST);
                 let per_ms = 1.0 / self.ix(90).max(f64::MIN_POSITIVE);
                 let velocities: [f64; 9] = std::array::from_fn(|axis| {
                     request.axes[axis].map_or(0.0, |_| request.velocities[axis] * per_ms)
                 });
-                let before = self.machine.motor_vector(self.cs, &self.system.velocities);
-                let after = self.machine.motor_vector(self.cs, &velocities);
+                let before = self.board.motor_vector(self.cs, &self.system.velocities);
+                let after = self.board.motor_vector(self.cs, &velocities);
                 if self.system.trajectory.entries().last().is_none_or(|last| last.mode != Mode::Pvt) {
                     self.system.trajectory.close();
                 }
@@ -208,7 +208,7 @@ impl Calculator<'_> {
         let Some(mut spline) = self.system.spline.take() else { return };
         let axes = self.system.axes;
         let from = self.system.trajectory.target();
-        let point = self.machine.motor_targets(self.cs, &axes, &from);
+        let point = self.board.motor_targets(self.cs, &axes, &from);
         for _ in 0..2 {
             let (segment, end) = spline.next(point, spline.time());
             self.append(segment, end, axes);
@@ -217,7 +217,7 @@ impl Calculator<'_> {
 
     /// Where the axes end: through the modes ABS and INC and the transformation.
     fn target(&self, given: &[Option<f64>; 9]) -> [f64; 9] {
-        let status = self.machine.coordinate_status(self.cs)[0];
+        let status = self.board.coordinate_status(self.cs)[0];
         let incremental = |axis: usize| status >> (6 + 2 * axis) & 1 == 1;
         let matrix = self.system.transformations.selected();
         let mut axes = self.programmed();
@@ -240,7 +240,7 @@ impl Calculator<'_> {
     /// The vector from the start to the centre of an arc.
     fn centre(&self, vectors: &[Option<f64>; 3]) -> Vector {
         let given = vectors.map(|value| value.unwrap_or(0.0));
-        let incremental = self.machine.coordinate_status(self.cs)[0] >> 5 & 1 == 1;
+        let incremental = self.board.coordinate_status(self.cs)[0] >> 5 & 1 == 1;
         let matrix = self.system.transformations.selected().copied().unwrap_or_default();
         if incremental {
             return matrix.turned(given);
@@ -252,7 +252,7 @@ impl Calculator<'_> {
 
     /// The way of the axes that the feedrate is for.
     fn distance(&self, axes: &[f64; 9]) -> f64 {
-        let status = self.machine.coordinate_status(self.cs)[0];
+        let status = self.board.coordinate_status(self.cs)[0];
         let squares = (0..9).filter(|axis| status >> (7 + 2 * axis) & 1 == 1);
         squares.map(|axis| (axes[axis] - self.system.axes[axis]).powi(2)).sum::<f64>().sqrt()
     }
@@ -260,7 +260,7 @@ impl Calculator<'_> {
     /// The time in ms for a way at the feedrate, or TM.
     fn move_time(&self, distance: f64) -> f64 {
         let speed = self.ix(89);
-        if self.machine.coordinate_status(self.cs)[0] >> 3 & 1 == 1 {
+        if self.board.coordinate_status(self.cs)[0] >> 3 & 1 == 1 {
             return speed.round();
         }
         if distance == 0.0 {
@@ -280,7 +280,7 @@ impl Calculator<'_> {
             return self.arc(centre, axes);
         }
         let from = self.system.trajectory.target();
-        let target = self.machine.motor_targets(self.cs, &axes, &from);
+        let target = self.board.motor_targets(self.cs, &axes, &from);
         let time = self.move_time(self.distance(&axes));
         self.blend(Path::Line(difference(&target, &from)), time, target, axes);
     }
@@ -295,7 +295,7 @@ impl Calculator<'_> {
         let way = [X, X + 1, X + 2].map(|k| end[k] - start[k]);
         let normal = self.system.normal.unwrap_or([0.0, 0.0, -1.0]);
         let clockwise = self.system.mode == Mode::Circle1;
-        let (allowed, smallest) = (self.ix(96), self.machine.variables.i(90));
+        let (allowed, smallest) = (self.ix(96), self.board.variables.i(90));
         let arc = circle::Arc::new(way, centre, normal, clockwise, allowed, smallest);
         if arc.is_err() {
             self.system.failure = Some(Failure::CircleRadius);
@@ -307,11 +307,11 @@ impl Calculator<'_> {
         let start = self.system.axes;
         let Some(arc) = self.geometry(&start, &axes, centre) else { return };
         let from = self.system.trajectory.target();
-        let target = self.machine.motor_targets(self.cs, &axes, &from);
+        let target = self.board.motor_targets(self.cs, &axes, &from);
         let vector = |v: Vector| {
             let mut axes = [0.0; 9];
             axes[X..].copy_from_slice(&v);
-            self.machine.motor_vector(self.cs, &axes)
+            self.board.motor_vector(self.cs, &axes)
         };
         let (e1, e2) = (vector(arc.e1), vector(arc.e2));
         // What the arc itself does not do goes straight.
@@ -333,7 +333,7 @@ impl Calculator<'_> {
         if !self.segmented() {
             // Ix16 and Ix17 are no limits while moves are segmented.
             let way = path.velocity(0.0, 1.0);
-            let limit = |motor: usize, n: usize| self.machine.ix(motor, n);
+            let limit = |motor: usize, n: usize| self.board.ix(motor, n);
             for (motor, way) in way.iter().enumerate().filter(|(_, way)| **way != 0.0) {
                 let fastest = limit(motor, 16);
                 if fastest > 0.0 {
@@ -362,11 +362,11 @@ impl Calculator<'_> {
     fn rapid(&mut self, triggers: &[Option<f64>; 9], axes: [f64; 9]) {
         self.system.trajectory.close();
         let from = self.system.trajectory.target();
-        let target = self.machine.motor_targets(self.cs, &axes, &from);
-        let speed_variable = if self.machine.variables.i(50) == 1.0 { 16 } else { 22 };
+        let target = self.board.motor_targets(self.cs, &axes, &from);
+        let speed_variable = if self.board.variables.i(50) == 1.0 { 16 } else { 22 };
         let mut slowest = 0.0f64;
         let way = difference(&target, &from);
-        let speed = |motor: usize| self.machine.ix(motor, speed_variable).abs();
+        let speed = |motor: usize| self.board.ix(motor, speed_variable).abs();
         for motor in (0..MOTORS).filter(|&motor| way[motor] != 0.0 && speed(motor) > 0.0) {
             slowest = slowest.max(way[motor].abs() / speed(motor));
         }
@@ -374,8 +374,8 @@ impl Calculator<'_> {
         for (axis, trigger) in triggers.iter().enumerate() {
             let mut after = [0.0; 9];
             after[axis] = trigger.unwrap_or(0.0);
-            let after = self.machine.motor_vector(self.cs, &after);
-            for motor in self.machine.motors_on(self.cs, axis) {
+            let after = self.board.motor_vector(self.cs, &after);
+            for motor in self.board.motors_on(self.cs, axis) {
                 if slowest > 0.0 && (way[motor] != 0.0 || trigger.is_some()) {
                     let speed = if way[motor] == 0.0 { speed(motor) } else { way[motor].abs() / slowest };
                     let after = trigger.map(|_| after[motor]);

@@ -5,12 +5,12 @@
 
 use super::item::{AXES, Data, Item, Mark, Mode, Operator};
 use super::words::{Keyword, WORDS};
+use crate::sim::board::Board;
 use crate::sim::language::CommandError;
 use crate::sim::language::axis::{AxisMode, parse_list};
 use crate::sim::language::expression::{check, check_condition, check_number};
 use crate::sim::language::scanner::Scanner;
 use crate::sim::language::variables::VariableKind;
-use crate::sim::machine::Machine;
 
 /// What kind of buffer is open; each refuses some statements.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -32,8 +32,8 @@ const LAST_LABEL: usize = 262_143;
 ///
 /// # Errors
 /// ERR003 for a statement that is wrong or not allowed in a buffer of this kind.
-pub fn item(scanner: &mut Scanner, machine: &Machine, kind: Kind) -> Parsed<Option<Item>> {
-    let mut reader = Reader { scanner: scanner.clone(), machine };
+pub fn item(scanner: &mut Scanner, board: &Board, kind: Kind) -> Parsed<Option<Item>> {
+    let mut reader = Reader { scanner: scanner.clone(), board };
     let item = reader.item()?;
     if let Some(item) = &item {
         if !allowed(item, kind) {
@@ -70,7 +70,7 @@ fn allowed(item: &Item, kind: Kind) -> bool {
 
 struct Reader<'a, 'b> {
     scanner: Scanner<'a>,
-    machine: &'b Machine,
+    board: &'b Board,
 }
 
 impl Reader<'_, '_> {
@@ -173,7 +173,7 @@ impl Reader<'_, '_> {
                 if !self.scanner.at_unsigned() {
                     return Ok(None);
                 }
-                let motors = numbers(&mut self.scanner, 1, self.machine.variables.family().motors)?;
+                let motors = numbers(&mut self.scanner, 1, self.board.variables.family().motors)?;
                 Item::Home { zero, motors: (motors >> 1) as u8 }
             }
             Keyword::Plc(enable) => {
@@ -191,7 +191,7 @@ impl Reader<'_, '_> {
         let number = match ahead.peek() {
             Some(b'(') => {
                 ahead.next_character();
-                let Ok(text) = expression(&mut ahead, self.machine) else { return Ok(None) };
+                let Ok(text) = expression(&mut ahead, self.board) else { return Ok(None) };
                 if !ahead.take(b')') {
                     return Ok(None);
                 }
@@ -216,9 +216,9 @@ impl Reader<'_, '_> {
             None => return Ok(None),
         };
         if let Data::Constant(number) = number {
-            check_number(number, self.machine)?;
+            check_number(number, self.board)?;
         }
-        let value = expression(&mut ahead, self.machine)?;
+        let value = expression(&mut ahead, self.board)?;
         self.scanner = ahead;
         Ok(Some(Item::Assign(kind, number, operator, value)))
     }
@@ -233,7 +233,7 @@ impl Reader<'_, '_> {
             return self.scanner.constant().map(Data::Constant);
         }
         self.scanner.expect(b'(')?;
-        let data = expression(&mut self.scanner, self.machine)?;
+        let data = expression(&mut self.scanner, self.board)?;
         self.scanner.expect(b')')?;
         Ok(data)
     }
@@ -241,7 +241,7 @@ impl Reader<'_, '_> {
     fn condition(&mut self) -> Parsed<Box<str>> {
         self.scanner.expect(b'(')?;
         let start = self.scanner.clone();
-        check_condition(&mut self.scanner, self.machine)?;
+        check_condition(&mut self.scanner, self.board)?;
         let text = squeezed(start.up_to(&self.scanner));
         self.scanner.expect(b')')?;
         Ok(text)
@@ -254,7 +254,7 @@ impl Reader<'_, '_> {
     }
 
     fn address(&mut self) -> Parsed<Item> {
-        let family = self.machine.variables.family();
+        let family = self.board.variables.family();
         let mut one = |mark: u8, count: usize| -> Parsed<Option<usize>> {
             if !self.scanner.take(mark) {
                 return Ok(None);
@@ -292,9 +292,9 @@ impl Reader<'_, '_> {
 }
 
 /// The expression at the scanner: a constant, or its text.
-fn expression(scanner: &mut Scanner, machine: &Machine) -> Parsed<Data> {
+fn expression(scanner: &mut Scanner, board: &Board) -> Parsed<Data> {
     let start = scanner.clone();
-    check(scanner, machine)?;
+    check(scanner, board)?;
     let text = start.up_to(scanner);
     let mut constant = Scanner::new(text);
     match constant.constant() {

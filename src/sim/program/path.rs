@@ -3,7 +3,7 @@
 //! An axis is a sum over motors, so an arc in XYZ is an arc of vectors in motor space: `r (cos e1 + sin e2)`, with a
 //! radius that may grow (a spiral) and a straight part on top for all else.
 
-use crate::sim::machine::MOTORS;
+use crate::sim::board::MOTORS;
 
 /// A number a motor.
 pub type Motors = [f64; MOTORS];

@@ -8,10 +8,10 @@ use std::sync::Arc;
 use super::item::{Item, Line};
 use super::store::{Open, PLCS};
 use super::structure::{Effect, Tracker};
+use crate::sim::board::Board;
 use crate::sim::language::expression::{check_number, condition};
 use crate::sim::language::scanner::Scanner;
 use crate::sim::language::variables::assign;
-use crate::sim::machine::Machine;
 
 /// The most lines of one scan.
 const MOST_LINES: usize = 10_000;
@@ -38,7 +38,7 @@ impl Default for Plcs {
     }
 }
 
-impl Machine {
+impl Board {
     /// `ENABLE PLC`, `DISABLE PLC`: bit n for PLC n. An enabled one begins at its top.
     pub fn enable_plcs(&mut self, plcs: u32, enable: bool) {
         let all = &mut self.programs.plcs;
@@ -75,14 +75,14 @@ impl Machine {
     }
 
     fn scan_plc(&mut self, number: usize) {
-        let runs = |machine: &Self| {
-            machine.programs.plcs.enabled >> number & 1 == 1
-                && machine.programs.store.open() != Some(Open::Plc(number))
+        let runs = |board: &Self| {
+            board.programs.plcs.enabled >> number & 1 == 1
+                && board.programs.store.open() != Some(Open::Plc(number))
         };
         let begin = self.programs.plcs.states[number];
-        let mut scan = Scan { machine: self, number, state: State { line: 0, ..begin }, at: begin.line };
+        let mut scan = Scan { board: self, number, state: State { line: 0, ..begin }, at: begin.line };
         for _ in 0..MOST_LINES {
-            if !runs(scan.machine) {
+            if !runs(scan.board) {
                 return;
             }
             let Some(line) = scan.line(scan.at) else { break };
@@ -104,7 +104,7 @@ enum Next {
 }
 
 struct Scan<'a> {
-    machine: &'a mut Machine,
+    board: &'a mut Board,
     number: usize,
     state: State,
     at: usize,
@@ -112,7 +112,7 @@ struct Scan<'a> {
 
 impl Scan<'_> {
     fn line(&self, number: usize) -> Option<Arc<Line>> {
-        self.machine.programs.store.plc(self.number)?.line(number as u64).cloned()
+        self.board.programs.store.plc(self.number)?.line(number as u64).cloned()
     }
 
     /// Carries out the line at `at` from `first` on and moves `at` on.
@@ -139,19 +139,19 @@ impl Scan<'_> {
                     return Next::Scan;
                 }
                 Item::Assign(kind, number, _, value) => {
-                    let number = number.value(self.machine, cs);
-                    let value = value.value(self.machine, cs);
-                    if let Ok(number) = check_number(number, self.machine) {
-                        assign(self.machine, *kind, cs, number, value);
+                    let number = number.value(self.board, cs);
+                    let value = value.value(self.board, cs);
+                    if let Ok(number) = check_number(number, self.board) {
+                        assign(self.board, *kind, cs, number, value);
                     }
                 }
-                Item::Plc { enable, plcs } => self.machine.enable_plcs(*plcs, *enable),
+                Item::Plc { enable, plcs } => self.board.enable_plcs(*plcs, *enable),
                 Item::Command(text) => {
                     let State { motor, cs, .. } = self.state;
-                    self.machine.programs.ask(text, motor, cs);
+                    self.board.programs.ask(text, motor, cs);
                 }
-                Item::CommandCharacter(code) => self.machine.programs.ask_character(*code),
-                Item::Send(text) => self.machine.send_message(text),
+                Item::CommandCharacter(code) => self.board.programs.ask_character(*code),
+                Item::Send(text) => self.board.send_message(text),
                 Item::Address(motor, cs) => {
                     self.state.motor = motor.unwrap_or(self.state.motor);
                     self.state.cs = cs.unwrap_or(self.state.cs);
@@ -169,7 +169,7 @@ impl Scan<'_> {
     }
 
     fn holds(&self, text: &str) -> bool {
-        condition(&mut Scanner::new(text.as_bytes()), self.machine, self.state.cs).unwrap_or(false)
+        condition(&mut Scanner::new(text.as_bytes()), self.board, self.state.cs).unwrap_or(false)
     }
 
     /// Past a short IF, into the `ELSE` of the next line if there is one.

@@ -1,15 +1,15 @@
 //! The internal rotary program buffers: one a coordinate system, lines in, executed lines out (User Manual p. 213).
 //!
-//! Lines come as text while `OPEN ROT` is in force, or in binary out of the DPRAM: [`room`](Machine::rotary_room) and
-//! [`append`](Machine::rotary_append) are what the transfer calls. An executed line gives its room back at once.
+//! Lines come as text while `OPEN ROT` is in force, or in binary out of the DPRAM: [`room`](Board::rotary_room) and
+//! [`append`](Board::rotary_append) are what the transfer calls. An executed line gives its room back at once.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
 
 use super::binary::{self, NoCommand};
 use super::item::{Item, Line};
+use crate::sim::board::Board;
 use crate::sim::language::CommandError;
-use crate::sim::machine::Machine;
 
 /// The long words that a command of the binary format takes in the internal buffer.
 const WORDS_OF_A_COMMAND: usize = 1;
@@ -115,7 +115,7 @@ pub enum AppendError {
     Command(#[from] NoCommand),
 }
 
-impl Machine {
+impl Board {
     /// Whether the rotary buffer of the 0-based `cs` can take a line of `commands` commands now; `false` too when there is
     /// none, and when it is not open (`OPEN ROT`).
     #[must_use]

@@ -5,8 +5,8 @@ use super::path::Motors;
 use super::store::Program;
 use super::system::{Cursor, Ending, Hold};
 use super::{Programs, split};
+use crate::sim::board::{Board, MOTORS};
 use crate::sim::language::{CommandError, check_start};
-use crate::sim::machine::{MOTORS, Machine};
 use crate::sim::{coordinate, offsets};
 
 type Result = std::result::Result<(), CommandError>;
@@ -42,7 +42,7 @@ impl Programs {
     }
 }
 
-impl Machine {
+impl Board {
     /// `B{number}`: the fraction is a label, 0 the rotary buffer.
     ///
     /// # Errors
@@ -66,10 +66,10 @@ impl Machine {
         self.start_program(cs, true)
     }
 
-    /// `S`: as [`Machine::run`], for one move.
+    /// `S`: as [`Board::run`], for one move.
     ///
     /// # Errors
-    /// As [`Machine::run`].
+    /// As [`Board::run`].
     pub fn step(&mut self, cs: usize) -> Result {
         self.start_program(cs, false)
     }

@@ -5,7 +5,7 @@
 
 use super::path::Motors;
 use super::trajectory::Shape;
-use crate::sim::machine::MOTORS;
+use crate::sim::board::MOTORS;
 
 /// A spline under way: its last three points, and the times of the last two segments.
 #[derive(Debug, Clone, PartialEq)]

@@ -6,8 +6,8 @@ use std::sync::Arc;
 use super::item::{Item, Line};
 use super::rotary::Rotary;
 use super::structure::Tracker;
+use crate::sim::board::MOTORS;
 use crate::sim::language::CommandError;
-use crate::sim::machine::MOTORS;
 
 /// PLC programs of a board.
 pub const PLCS: usize = 32;

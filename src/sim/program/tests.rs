@@ -1,7 +1,7 @@
 //! Programs on the whole board, in virtual time.
 
 use super::store::Open;
-use crate::sim::machine::{MOTORS, Machine};
+use crate::sim::board::{Board, MOTORS};
 use crate::sim::testing::Bench;
 
 /// A second and more of servo cycles: longer than any wait here.
@@ -25,7 +25,7 @@ fn bench() -> Bench {
 fn lines(bench: &mut Bench, text: &str) -> Vec<String> {
     let mut answers = Vec::new();
     for line in text.lines().map(str::trim).filter(|line| !line.is_empty()) {
-        let reply = bench.board.interpreter.execute(&mut bench.board.machine, line.as_bytes());
+        let reply = bench.world.interpreter.execute(&mut bench.world.board, line.as_bytes());
         assert_eq!(reply.error, None, "{line}");
         answers.extend(reply.lines);
     }
@@ -33,7 +33,7 @@ fn lines(bench: &mut Bench, text: &str) -> Vec<String> {
 }
 
 fn error(bench: &mut Bench, line: &str) -> u16 {
-    let reply = bench.board.interpreter.execute(&mut bench.board.machine, line.as_bytes());
+    let reply = bench.world.interpreter.execute(&mut bench.world.board, line.as_bytes());
     reply.error.map_or(0, |error| error.0)
 }
 
@@ -44,23 +44,23 @@ fn load(bench: &mut Bench, text: &str) {
     lines(bench, "CLOSE &1 B1");
 }
 
-fn running(machine: &Machine) -> bool {
-    machine.coordinate_status(0)[0] & 1 == 1
+fn running(board: &Board) -> bool {
+    board.coordinate_status(0)[0] & 1 == 1
 }
 
 /// Runs to the end; gives the milliseconds and the axis positions X, Y, Z, A then.
 #[track_caller]
 fn finish(bench: &mut Bench) -> (f64, [f64; 4]) {
-    let begin = bench.board.machine.stats.servo_cycles;
-    bench.until(LONG, |machine| !running(machine));
-    let machine = &bench.board.machine;
-    let ms = (machine.stats.servo_cycles - begin) as f64 * machine.cycle_ms();
-    (ms, positions(machine))
+    let begin = bench.world.board.stats.servo_cycles;
+    bench.until(LONG, |board| !running(board));
+    let board = &bench.world.board;
+    let ms = (board.stats.servo_cycles - begin) as f64 * board.cycle_ms();
+    (ms, positions(board))
 }
 
-fn positions(machine: &Machine) -> [f64; 4] {
+fn positions(board: &Board) -> [f64; 4] {
     let mut axes = [0.0; 9];
-    machine.axis_positions(0, &mut axes);
+    board.axis_positions(0, &mut axes);
     [axes[6], axes[7], axes[8], axes[0]]
 }
 
@@ -150,8 +150,8 @@ fn splines_and_pvt() {
     let mut bench = bench();
     load(&mut bench, "INC PVT200\nX10:100\nX10");
     lines(&mut bench, "R");
-    bench.until(LONG, |machine| machine.motors[0].commanded() >= 10_000.0);
-    let velocity = bench.board.machine.motors[0].desired_velocity();
+    bench.until(LONG, |board| board.motors[0].commanded() >= 10_000.0);
+    let velocity = bench.world.board.motors[0].desired_velocity();
     assert!((velocity - 100.0).abs() < 2.0, "{velocity}");
 }
 
@@ -169,19 +169,19 @@ fn circles_stay_on_their_radius_and_end_where_they_should() {
         bench.set(13, 5.0);
         load(&mut bench, &format!("TA50 TS0 F100\n{program}"));
         lines(&mut bench, "R");
-        let begin = bench.board.machine.stats.servo_cycles;
-        bench.until(LONG, |machine| {
-            let x = machine.motors[0].commanded() / 1000.0 - centre[0];
-            let y = machine.motors[1].commanded() / 1000.0 - centre[1];
+        let begin = bench.world.board.stats.servo_cycles;
+        bench.until(LONG, |board| {
+            let x = board.motors[0].commanded() / 1000.0 - centre[0];
+            let y = board.motors[1].commanded() / 1000.0 - centre[1];
             let off = (x * x + y * y).sqrt() - radius;
             assert!(off.abs() < 1e-6, "{program}: {off}");
-            !running(machine)
+            !running(board)
         });
-        let machine = &bench.board.machine;
-        let ms = (machine.stats.servo_cycles - begin) as f64 * machine.cycle_ms();
+        let board = &bench.world.board;
+        let ms = (board.stats.servo_cycles - begin) as f64 * board.cycle_ms();
         let expected = way * std::f64::consts::PI * radius * 10.0 + 50.0;
         assert!((ms - expected).abs() < 6.0, "{program}: {ms}, not {expected}");
-        let found = positions(machine);
+        let found = positions(board);
         assert!((found[0] - end[0]).abs() + (found[1] - end[1]).abs() < 1e-6, "{program}: {found:?}");
     }
     // Without segmentation they are straight; too small a radius is an error.
@@ -191,7 +191,7 @@ fn circles_stay_on_their_radius_and_end_where_they_should() {
     load(&mut bench, "CIRCLE1 X20 R9");
     lines(&mut bench, "R");
     finish(&mut bench);
-    assert_eq!(bench.board.machine.coordinate_status(0)[1] >> 21 & 1, 1);
+    assert_eq!(bench.world.board.coordinate_status(0)[1] >> 21 & 1, 1);
 }
 
 #[test]
@@ -216,17 +216,17 @@ fn rapid_home_and_position_set() {
     let (ms, end) = finish(&mut bench);
     assert!((ms - (1000.0 + 150.0 + 400.0)).abs() < 60.0, "{ms}");
     assert_eq!((end[0].round(), end[1].round()), (6.0, 5.0));
-    assert!((bench.board.machine.motors[0].commanded() - 33_000.0).abs() < 1e-6);
+    assert!((bench.world.board.motors[0].commanded() - 33_000.0).abs() < 1e-6);
     load(&mut bench, "HOME1,2\nX1 Y1");
     lines(&mut bench, "R");
     let (_, end) = finish(&mut bench);
     assert!((end[0] - 1.0).abs() + (end[1] - 1.0).abs() < 1e-6, "{end:?}");
-    assert_eq!(bench.board.machine.motor_status(0)[1] >> 10 & 1, 1, "home complete");
+    assert_eq!(bench.world.board.motor_status(0)[1] >> 10 & 1, 1, "home complete");
     // A trigger on the way ends the move so far from it.
     load(&mut bench, "RAPID X10^-2\nINC TM100 X1 LINEAR");
     lines(&mut bench, "R");
     finish(&mut bench);
-    let end = bench.board.machine.motors[0].commanded();
+    let end = bench.world.board.motors[0].commanded();
     assert!((end - (8000.0 - 2000.0)).abs() < 1001.0, "{end}");
 }
 
@@ -264,21 +264,21 @@ fn flow_calls_and_variables() {
     let values = lines(&mut bench, "P1..7");
     assert_eq!(values, ["5", "23", "101", "7", "42", "43", "43"]);
     assert_eq!(lines(&mut bench, "P10..12"), ["7", "8", "98304"]);
-    assert!((positions(&bench.board.machine)[0] - 5.0).abs() < 1e-9);
+    assert!((positions(&bench.world.board)[0] - 5.0).abs() < 1e-9);
     // Ready to run again from its begin; a block that does not end cannot run.
     assert_eq!(lines(&mut bench, "PC"), ["P1:0"]);
     load(&mut bench, "WHILE(P1=P1)\nP8=P8+1\nENDWHILE");
     lines(&mut bench, "R");
     bench.run(100);
-    assert!(running(&bench.board.machine));
+    assert!(running(&bench.world.board));
     lines(&mut bench, "A");
     load(&mut bench, "IF(P1=1)\nX5");
     assert_eq!(error(&mut bench, "R"), 16);
     load(&mut bench, "CALL77");
     lines(&mut bench, "R");
     finish(&mut bench);
-    assert_eq!(bench.board.machine.coordinate_status(0)[1] >> 22 & 1, 1);
-    assert_eq!(bench.board.machine.motor_status(0)[0] >> 14 & 1, 1);
+    assert_eq!(bench.world.board.coordinate_status(0)[1] >> 22 & 1, 1);
+    assert_eq!(bench.world.board.motor_status(0)[0] >> 14 & 1, 1);
 }
 
 #[test]
@@ -299,12 +299,12 @@ fn synchronous_assignments_wait_for_the_next_move() {
 #[test]
 fn step_stop_quit_abort_and_hold() {
     let mut bench = bench();
-    let x = |bench: &Bench| (positions(&bench.board.machine)[0] * 1e6).round() / 1e6;
+    let x = |bench: &Bench| (positions(&bench.world.board)[0] * 1e6).round() / 1e6;
     load(&mut bench, "ABS TA100 TS0 TM300\nX10\nP1=3 X20\nX30\nSTOP\nX40\nX50");
     // Three steps: modes alone are no step.
     for expected in [10.0, 20.0] {
         lines(&mut bench, "S");
-        assert_eq!(bench.board.machine.coordinate_status(0)[0] & 0b1_0011, 0b11);
+        assert_eq!(bench.world.board.coordinate_status(0)[0] & 0b1_0011, 0b11);
         finish(&mut bench);
         assert_eq!(x(&bench), expected);
     }
@@ -321,11 +321,11 @@ fn step_stop_quit_abort_and_hold() {
     assert_eq!((x(&bench), lines(&mut bench, "LIST PC").concat().as_str()), (40.0, "P1:10:X50"));
     // Jogged away, it does not go on.
     lines(&mut bench, "#1J:100");
-    bench.until(LONG, |machine| !machine.motors[0].moving());
+    bench.until(LONG, |board| !board.motors[0].moving());
     bench.run(2);
     assert_eq!(error(&mut bench, "R"), 17);
     lines(&mut bench, "#1J=");
-    bench.until(LONG, |machine| !machine.motors[0].moving());
+    bench.until(LONG, |board| !board.motors[0].moving());
     bench.run(2);
     lines(&mut bench, "R");
     finish(&mut bench);
@@ -339,9 +339,9 @@ fn step_stop_quit_abort_and_hold() {
     lines(&mut bench, "R");
     bench.run(300);
     lines(&mut bench, "A");
-    assert!(!running(&bench.board.machine));
-    assert_eq!(bench.board.machine.motor_status(0)[0] >> 12 & 1, 1);
-    bench.until(LONG, |machine| !machine.motors[0].moving());
+    assert!(!running(&bench.world.board));
+    assert_eq!(bench.world.board.motor_status(0)[0] >> 12 & 1, 1);
+    bench.until(LONG, |board| !board.motors[0].moving());
     assert!(x(&bench) > 20.0 && x(&bench) < 50.0);
 
     lines(&mut bench, "B1R");
@@ -350,7 +350,7 @@ fn step_stop_quit_abort_and_hold() {
     bench.run(3000);
     let held = x(&bench);
     bench.run(100);
-    assert_eq!((x(&bench), running(&bench.board.machine)), (held, true));
+    assert_eq!((x(&bench), running(&bench.world.board)), (held, true));
     lines(&mut bench, "R");
     finish(&mut bench);
     assert_eq!(x(&bench), 30.0);
@@ -362,19 +362,19 @@ fn a_program_hold_stops_on_the_path() {
     bench.set(13, 10.0);
     load(&mut bench, "ABS TA100 TS0 TM500\nX0 Y0\nX10 Y20\nX20 Y0");
     lines(&mut bench, "R");
-    bench.until(LONG, |machine| machine.motors[0].commanded() > 5000.0);
+    bench.until(LONG, |board| board.motors[0].commanded() > 5000.0);
     lines(&mut bench, "\\");
-    bench.until(200, |machine| !running(machine));
-    let [x, y, ..] = positions(&bench.board.machine);
+    bench.until(200, |board| !running(board));
+    let [x, y, ..] = positions(&bench.world.board);
     assert!((y - 2.0 * x).abs() < 1e-6 && x < 6.0, "{x} {y}");
-    assert_eq!(bench.board.machine.coordinate_status(0)[1] >> 23 & 1, 1);
+    assert_eq!(bench.world.board.coordinate_status(0)[1] >> 23 & 1, 1);
     bench.run(2);
     lines(&mut bench, "#1J:500");
-    bench.until(LONG, |machine| !machine.motors[0].moving());
+    bench.until(LONG, |board| !board.motors[0].moving());
     bench.run(2);
     assert_eq!(error(&mut bench, "R"), 17);
     lines(&mut bench, "#1J=");
-    bench.until(LONG, |machine| !machine.motors[0].moving());
+    bench.until(LONG, |board| !board.motors[0].moving());
     bench.run(2);
     lines(&mut bench, "R");
     let (_, end) = finish(&mut bench);
@@ -388,9 +388,9 @@ fn a_limit_on_the_way_ends_the_program() {
     load(&mut bench, "TA100 TS0 F50 X50 Y50");
     lines(&mut bench, "R");
     finish(&mut bench);
-    let machine = &bench.board.machine;
-    assert_eq!(machine.motor_status(0)[0] >> 21 & 1, 1);
-    assert_eq!(machine.motor_status(1)[0] >> 12 & 1, 1, "the others stop too");
+    let board = &bench.world.board;
+    assert_eq!(board.motor_status(0)[0] >> 21 & 1, 1);
+    assert_eq!(board.motor_status(1)[0] >> 12 & 1, 1, "the others stop too");
 }
 
 #[test]
@@ -401,40 +401,40 @@ fn a_rotary_buffer_starves_and_goes_on() {
         ["3"]
     );
     bench.run(1);
-    let request = |bench: &Bench| bench.board.machine.coordinate_status(0)[1] >> 16 & 1;
+    let request = |bench: &Bench| bench.world.board.coordinate_status(0)[1] >> 16 & 1;
     assert_eq!(request(&bench), 0);
     lines(&mut bench, "X10\nX10");
     assert_eq!((request(&bench), lines(&mut bench, "PR")[0].as_str()), (1, "5"));
-    assert_eq!(bench.board.machine.memory.read_y(0x08AE), 5);
+    assert_eq!(bench.world.board.memory.read_y(0x08AE), 5);
     lines(&mut bench, "CLOSE R");
     bench.run(10);
     assert_eq!(lines(&mut bench, "PR PE LIST PE"), ["2", "P0:4", "P0:4:X10"]);
     assert_eq!(request(&bench), 1);
     bench.run(8000);
     // Starved: it runs, it rests, everything is freed.
-    let machine = &bench.board.machine;
-    assert!(running(machine));
-    assert_eq!(machine.motor_status(0)[0] & (1 << 17 | 1 << 13), 1 << 13);
-    assert!((positions(machine)[0] - 40.0).abs() < 1e-9);
-    assert_eq!(machine.programs.store.rotary(0).map(|rotary| rotary.free()), Some(30));
+    let board = &bench.world.board;
+    assert!(running(board));
+    assert_eq!(board.motor_status(0)[0] & (1 << 17 | 1 << 13), 1 << 13);
+    assert!((positions(board)[0] - 40.0).abs() < 1e-9);
+    assert_eq!(board.programs.store.rotary(0).map(|rotary| rotary.free()), Some(30));
     assert_eq!(request(&bench), 0);
     lines(&mut bench, "OPEN ROT\nX5\nX5");
     bench.run(10);
-    assert!(bench.board.machine.motors[0].moving());
+    assert!(bench.world.board.motors[0].moving());
     bench.run(8000);
-    assert!((positions(&bench.board.machine)[0] - 50.0).abs() < 1e-9);
+    assert!((positions(&bench.world.board)[0] - 50.0).abs() < 1e-9);
     lines(&mut bench, "Q");
     bench.run(1);
-    assert!(!running(&bench.board.machine));
+    assert!(!running(&bench.world.board));
     // It takes words too: X-10, a whole line.
-    let machine = &mut bench.board.machine;
-    assert!(machine.rotary_room(0, 10) && !machine.rotary_room(1, 1) && !machine.rotary_room(0, 31));
-    machine.rotary_append(0, &[(0x000E23, 0xB00000)]).unwrap();
-    assert!(machine.rotary_append(0, &[(0x000800, 0x00FFFF)]).is_err());
+    let board = &mut bench.world.board;
+    assert!(board.rotary_room(0, 10) && !board.rotary_room(1, 1) && !board.rotary_room(0, 31));
+    board.rotary_append(0, &[(0x000E23, 0xB00000)]).unwrap();
+    assert!(board.rotary_append(0, &[(0x000800, 0x00FFFF)]).is_err());
     lines(&mut bench, "R");
     bench.run(8000);
-    assert!((positions(&bench.board.machine)[0] - 40.0).abs() < 1e-9);
-    assert_eq!(bench.board.machine.programs.store.open(), Some(Open::Rotary));
+    assert!((positions(&bench.world.board)[0] - 40.0).abs() < 1e-9);
+    assert_eq!(bench.world.board.programs.store.open(), Some(Open::Rotary));
 }
 
 #[test]
@@ -444,11 +444,11 @@ fn a_segmented_rotary_line_that_comes_in_time_is_blended() {
         bench.set(13, 10.0);
         lines(&mut bench, "&1DEFINE ROT 30\nB0 OPEN ROT\nINC TA100 TS0 TM300\nX10\nR");
         bench.run(wait);
-        let motor = &bench.board.machine.motors[0];
+        let motor = &bench.world.board.motors[0];
         let mut rested = motor.desired_velocity() == 0.0 && motor.commanded() == 10_000.0;
         lines(&mut bench, "X10");
-        bench.until(LONG, |machine| {
-            let motor = &machine.motors[0];
+        bench.until(LONG, |board| {
+            let motor = &board.motors[0];
             rested |= motor.desired_velocity() == 0.0 && (9_000.0..15_000.0).contains(&motor.commanded());
             motor.commanded() > 15_000.0
         });
@@ -467,7 +467,7 @@ fn programs_speak_and_ask_and_switch_plcs() {
     bench.run(20);
     assert_eq!(lines(&mut bench, "P50 P52"), ["0", "0"], "opening has disabled it");
     load(&mut bench, "ENABLE PLC 3\nSEND\"hello\"\nCMD\"I59 #2P\"\nDWELL20\nDISABLE PLC 3");
-    bench.board.machine.serial_becomes_active();
+    bench.world.board.serial_becomes_active();
     lines(&mut bench, "I3=2 R");
     bench.run(10);
     let values = lines(&mut bench, "P50 P52");
@@ -479,7 +479,7 @@ fn programs_speak_and_ask_and_switch_plcs() {
     let stopped = lines(&mut bench, "P50");
     bench.run(20);
     assert_eq!(lines(&mut bench, "P50"), stopped);
-    let said = String::from_utf8(bench.board.machine.serial_output.clone()).unwrap();
+    let said = String::from_utf8(bench.world.board.serial_output.clone()).unwrap();
     assert!(said.starts_with("hello\r8\r0\r") && said.contains("five\r"), "{said:?}");
 }
 
@@ -493,20 +493,20 @@ fn the_background_report_shows_a_segmented_program() {
     bench.write(0x0228, 0);
     bench.run(1);
     let block = 0x022C + 0x14;
-    let status = bench.board.machine.coordinate_status(0);
+    let status = bench.world.board.coordinate_status(0);
     assert_eq!(status[1] & 0b1110_0000, 0b1100_0000, "segmented, in its ramp: {status:X?}");
     assert_eq!(status[0] & 0b1_1111, 0b1_1001, "{status:X?}");
     let _ = block;
-    let time_left = f64::from(bench.board.machine.memory.read_x(0x20)) / 2.0;
-    let ms = 200.0 * bench.board.machine.cycle_ms();
+    let time_left = f64::from(bench.world.board.memory.read_x(0x20)) / 2.0;
+    let ms = 200.0 * bench.world.board.cycle_ms();
     assert!((time_left - (1000.0 - ms)).abs() < 10.0, "{time_left}");
-    let [ramp, offset] = bench.board.machine.programs.report[0];
+    let [ramp, offset] = bench.world.board.programs.report[0];
     assert!((f64::from(ramp) / 2.0 - (200.0 - ms)).abs() < 5.0, "{ramp}");
     assert_eq!(offset, 3);
     for (register, expected) in [(0x087C, 10.0), (0x087D, 20.0), (0x087E, 30.0), (0x081F, 10.0)] {
-        assert_eq!(bench.board.machine.memory.read_l(register), expected);
+        assert_eq!(bench.world.board.memory.read_l(register), expected);
     }
-    assert_eq!(bench.board.machine.memory.read_d(0x080B), 10_000 * 3072, "target of motor 1");
+    assert_eq!(bench.world.board.memory.read_d(0x080B), 10_000 * 3072, "target of motor 1");
 }
 
 #[test]

@@ -8,7 +8,7 @@ use std::collections::VecDeque;
 
 use super::item::{Mode, Operator};
 use super::path::{Blend, Motors};
-use crate::sim::machine::MOTORS;
+use crate::sim::board::MOTORS;
 
 /// An assignment that waits for the start of a move: M-variable number, operator, value.
 pub type Later = (usize, Operator, f64);

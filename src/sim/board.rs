@@ -1,25 +1,25 @@
 //! The board: its memory, variables and motors, the servo interrupt and the background loop.
 //!
 //! Servo interrupt, once a cycle: count, time bases, motors, gathering, servo report. Background, after each cycle:
-//! status words, background report, DPRAM ASCII (with the interpreter, see [`Board`]), the judge. The commands that
+//! status words, background report, DPRAM ASCII (with the interpreter, see [`super::world::World`]), the judge. The commands that
 //! the language calls are in `commands.rs`, the registers and status words in `registers.rs`.
 
 use super::coordinate::CoordinateSystem;
 use super::dpram::{Dpram, DpramError};
 use super::fault::Faults;
-use super::functions::{self, Functions};
+use super::functions::Functions;
 use super::gather::Gather;
 use super::judge::Judge;
 use super::language::variables::SavedVariables;
-use super::language::{AxisDefinitions, Family, Interpreter, Variables};
-use super::mailbox::{self, Mailbox};
+use super::language::{AxisDefinitions, Family, Variables};
+use super::mailbox::Mailbox;
 use super::motor::{Events, Loop, Motor};
 use super::program::Programs;
 use super::program::store::Store;
 use super::random::Random;
 use super::servo_report::ServoReport;
 use super::set_up::SetUp;
-use super::{ascii, background_report, offsets};
+use super::{background_report, offsets};
 
 pub use super::ascii::AsciiPort;
 pub use super::commands::Jog;
@@ -76,7 +76,7 @@ impl Saved {
 }
 
 /// The board without its command interpreter.
-pub struct Machine {
+pub struct Board {
     /// X, Y and DPRAM.
     pub memory: Memory,
     /// I-variables and definitions.
@@ -118,12 +118,12 @@ pub struct Machine {
     out_of_reach: Option<Vec<u16>>,
 }
 
-impl Machine {
+impl Board {
     /// A board at factory defaults, just powered up. `seed` adds encoder noise of half a count.
     #[must_use]
     pub fn new(memory: Memory, identity: Identity, fixed_i10: Option<f64>, seed: Option<u64>) -> Self {
         let variables = factory(&identity, fixed_i10);
-        let mut machine = Self {
+        let mut board = Self {
             saved: Saved::factory(&variables, &memory, false),
             programs: Programs::default(),
             serial_output: Vec::new(),
@@ -148,8 +148,8 @@ impl Machine {
             noise: seed.map(Random::new),
             out_of_reach: None,
         };
-        machine.power_on();
-        machine
+        board.power_on();
+        board
     }
 
     /// A board of `family` with firmware 1.16D and memory of its own, that no host can reach but by commands.
@@ -258,7 +258,7 @@ impl Machine {
     /// the old content back after it. Says whether it is out of reach.
     ///
     /// Without its page the DPRAM stands still: PMAC's own commands into it count, its functions rest.
-    fn is_out_of_reach(&mut self) -> bool {
+    pub(super) fn is_out_of_reach(&mut self) -> bool {
         let reachable = self.mailbox.as_ref().is_none_or(Mailbox::reaches_dpram);
         let dpram = &mut self.memory.dpram;
         let words = (0..offsets::LENGTH as u16).step_by(2);
@@ -426,37 +426,4 @@ fn factory(identity: &Identity, fixed_i10: Option<f64>) -> Variables {
         variables.set_i(10, i10);
     }
     variables
-}
-
-/// The board with its interpreter: the thing that runs.
-pub struct Board {
-    /// The board.
-    pub machine: Machine,
-    /// Its interpreter, as the DPRAM port and the start-up file use it.
-    pub interpreter: Interpreter,
-}
-
-impl Board {
-    /// One servo cycle and the background pass after it; nothing once the watchdog has tripped.
-    pub fn step(&mut self) {
-        if self.machine.watchdog {
-            return;
-        }
-        let machine = &mut self.machine;
-        machine.servo_cycle();
-        if !machine.faults.hides_memory() {
-            mailbox::pass(machine, &mut self.interpreter);
-        }
-        if machine.is_out_of_reach() {
-            if !machine.faults.hides_memory() {
-                machine.housekeeping();
-            }
-            return;
-        }
-        ascii::pass(machine, &mut self.interpreter);
-        functions::pass(machine);
-        if !machine.watchdog {
-            machine.housekeeping();
-        }
-    }
 }
