@@ -48,11 +48,11 @@
 //! * What is not read from the board is never shown as a value: the segment says what it is, [`decode`] gives `None`
 //!   (`tests/it/fields.rs`).
 //! * Servo data: PMAC's status word is read again after the data; unless both readings are equal and not busy, the copy is
-//!   discarded ([`function::servo`]). Fields of two updates never mix (`tests/it/mixing.rs`, its number in every field).
+//!   discarded ([`function::servo`]). Fields of two updates never mix (`tests/realtime/mixing.rs`, its number in every field).
 //! * No reader can slow or stop the daemon, and no writer, stopped or killed in mid-write, blocks a reader: every region is a
 //!   ring with a sequence number a slot ([`segment::ring`], model-checked in `tests/it/segment_loom.rs`).
 //! * No failure returns zeros, or old data as if they were new ([`client::View`] carries age and [`client::Staleness`];
-//!   `tests/it/whole.rs` kills, stops and restarts both sides).
+//!   `tests/realtime/processes.rs` kills, stops and restarts both sides).
 //! * The bus thread asks for no memory once everything has been used (`tests/allocation.rs`, an allocator that counts).
 //! * Three counts that are never mixed: *skipped* (the board held off an update because Host-Busy was set), *missed* (the
 //!   board made an update that was not read in time; known from its timer), *lost* (a reader was overrun in the ring).

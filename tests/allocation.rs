@@ -17,11 +17,10 @@ use std::time::{Duration, Instant};
 use nix::sys::signal::{Signal, kill};
 use pmac_dpram::segment::{Counter, RegionId};
 
-#[path = "it/site.rs"]
-#[allow(dead_code, reason = "the other tests use the rest of it")]
-mod site;
+#[path = "support/mod.rs"]
+mod support;
 
-use site::{PATIENCE, Site, is_live, joined, output_within, wait_until};
+use support::{PATIENCE, Site, is_live, joined, output_within, wait_until};
 
 /// Whether allocations are counted now.
 static ARMED: AtomicBool = AtomicBool::new(false);

@@ -1,45 +1,44 @@
 //! `pmacctl backup`, `diff` and `restore` with the whole of a board's variables.
 
-use crate::site::Site;
-use crate::tools::{ask, run};
+use crate::support::Site;
 
 #[test]
 fn a_whole_backup_names_what_has_changed_and_puts_it_back() {
     let site = Site::running(&[], &[]);
-    ask(&site, "I9=2 I122=32.5 P0=1.5 P1023=-3 M50->* M50=12");
-    ask(&site, "&1Q9=4 M51->Y:$FFC2,0");
+    site.ask("I9=2 I122=32.5 P0=1.5 P1023=-3 M50->* M50=12");
+    site.ask("&1Q9=4 M51->Y:$FFC2,0");
     let path = site.path("machine.pmc");
     let path = path.to_str().unwrap();
-    assert_eq!(run(&site, &["backup", "--output", path]).code, Some(0));
-    let same = run(&site, &["diff", path]);
+    assert_eq!(site.run(&["backup", "--output", path]).code, Some(0));
+    let same = site.run(&["diff", path]);
     assert_eq!((same.stdout.as_str(), same.stderr.as_str(), same.code), ("", "", Some(0)));
 
-    ask(&site, "I122=40 I125=$C004 P0=2 P1023=-3 P512=0.125 M50=13");
-    ask(&site, "&1Q9=5 M51->Y:$FFC2,1");
+    site.ask("I122=40 I125=$C004 P0=2 P1023=-3 P512=0.125 M50=13");
+    site.ask("&1Q9=5 M51->Y:$FFC2,1");
     let i125 = std::fs::read_to_string(path).unwrap();
     let i125 = i125.lines().find_map(|line| line.strip_prefix("I125=")).unwrap();
     let expected = format!(
         "-I122=32.5\n+I122=40\n-I125={i125}\n+I125=$C004\n-P0=1.5\n+P0=2\n-P512=0\n+P512=0.125\n\
          -&1Q9=4\n+&1Q9=5\n-M51->Y:$FFC2,0\n+M51->Y:$FFC2,1\n-M50=12\n+M50=13\n"
     );
-    let shown = run(&site, &["backup", "--what", "I", "-o", "-"]);
+    let shown = site.run(&["backup", "--what", "I", "-o", "-"]);
     assert!(shown.code == Some(0) && shown.stdout.contains("\nI122=40\n"), "{shown:?}");
     assert!(!std::path::Path::new("-").exists());
-    let differs = run(&site, &["diff", path]);
+    let differs = site.run(&["diff", path]);
     assert_eq!((differs.stdout.as_str(), differs.code), (expected.as_str(), Some(1)));
     // A second backup differs from the first in the same way, without a board.
     let changed = site.path("changed.pmc");
     let changed = changed.to_str().unwrap();
-    assert_eq!(run(&site, &["backup", "--output", changed]).code, Some(0));
-    let files = run(&site, &["diff", path, changed]);
+    assert_eq!(site.run(&["backup", "--output", changed]).code, Some(0));
+    let files = site.run(&["diff", path, changed]);
     assert_eq!((files.stdout.as_str(), files.code), (expected.as_str(), Some(1)));
 
-    let restored = run(&site, &["restore", path, "--yes"]);
+    let restored = site.run(&["restore", path, "--yes"]);
     assert_eq!((restored.stderr.as_str(), restored.code), ("", Some(0)));
     assert_eq!(restored.stdout.lines().count(), 7, "{restored:?}");
-    let same = run(&site, &["diff", path]);
+    let same = site.run(&["diff", path]);
     assert_eq!((same.stdout.as_str(), same.code), ("", Some(0)));
-    let nothing = run(&site, &["restore", path, "--yes"]);
+    let nothing = site.run(&["restore", path, "--yes"]);
     assert_eq!((nothing.stdout.as_str(), nothing.code), ("", Some(0)), "nothing is left to restore");
     site.assert_no_violations();
 }

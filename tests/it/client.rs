@@ -5,8 +5,8 @@ use std::time::{Duration, Instant};
 use pmac_dpram::client::{Board, ClientError, Staleness};
 use pmac_dpram::segment::{RegionId, SegmentError, Stamp, State, monotonic_ns};
 
-use crate::bench::Bench;
-use crate::rig::Rig;
+use crate::support::bench::Bench;
+use crate::support::rig::Rig;
 
 const TIMEOUT: Duration = Duration::from_secs(20);
 

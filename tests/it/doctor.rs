@@ -3,8 +3,8 @@
 use std::fs;
 use std::path::Path;
 
-use crate::rig::pmacctl;
-use crate::site::{PATIENCE, Site, wait_until};
+use crate::support::rig::pmacctl;
+use crate::support::{PATIENCE, Site, wait_until};
 
 fn file(root: &Path, path: &str, content: &str) {
     let path = root.join(path);

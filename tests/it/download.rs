@@ -4,19 +4,11 @@ use std::fmt::Write as _;
 
 use serde_json::json;
 
-use crate::site::Site;
-use crate::tools::{ask, run};
-
-/// A file of the site, as it is named on a command line.
-fn file(site: &Site, name: &str, text: &str) -> String {
-    let path = site.path(name);
-    std::fs::write(&path, text).unwrap();
-    path.to_str().unwrap().to_owned()
-}
+use crate::support::Site;
 
 /// What `pmacctl send` prints for `line`.
 fn sent(site: &Site, line: &str) -> String {
-    let ran = run(site, &["send", line]);
+    let ran = site.run(&["send", line]);
     assert_eq!((ran.stderr.as_str(), ran.code), ("", Some(0)), "{line}");
     ran.stdout
 }
@@ -34,10 +26,10 @@ fn what_is_downloaded_is_what_the_board_lists() {
         "; a machine\nI9=2\nI122=32.5 // speed\nI125=$C000\nP1=0.25\n&2\nQ20=-7\nM1->Y:$FFC2,0\nM50->*\nM50=12\n\n\
          OPEN PROG 20 CLEAR\n{indented}CLOSE\nOPEN PLC 3 CLEAR\n{plc}CLOSE\nP2=P1*4\n"
     );
-    let path = file(&site, "machine.pmc", &text);
+    let path = site.file("machine.pmc", &text);
     // Twice: what is in a buffer already is replaced.
     for _ in 0..2 {
-        let ran = run(&site, &["download", &path]);
+        let ran = site.run(&["download", &path]);
         assert_eq!((ran.stdout.as_str(), ran.stderr.as_str(), ran.code), ("", "", Some(0)));
         assert_eq!(sent(&site, "LIST PROG 20"), program);
         assert_eq!(sent(&site, "LIST PLC 3"), plc);
@@ -56,8 +48,8 @@ fn what_is_downloaded_is_what_the_board_lists() {
     }
     // The listing goes in again as it came out.
     let listed = sent(&site, "LIST PROG 20");
-    let again = file(&site, "again.pmc", &format!("OPEN PROG 21 CLEAR\n{listed}CLOSE\n"));
-    assert_eq!(run(&site, &["download", &again]).code, Some(0));
+    let again = site.file("again.pmc", &format!("OPEN PROG 21 CLEAR\n{listed}CLOSE\n"));
+    assert_eq!(site.run(&["download", &again]).code, Some(0));
     assert_eq!(sent(&site, "LIST PROG 21"), program);
     site.assert_no_violations();
 }
@@ -69,8 +61,8 @@ fn a_program_of_hundreds_of_lines_comes_back_whole() {
         writeln!(text, "X{} Y-{}.5", line * 7 % 1000, line).unwrap();
         text
     });
-    let path = file(&site, "long.pmc", &format!("OPEN PROG 500 CLEAR\n{program}CLOSE\n"));
-    let ran = run(&site, &["download", &path, "--json"]);
+    let path = site.file("long.pmc", &format!("OPEN PROG 500 CLEAR\n{program}CLOSE\n"));
+    let ran = site.run(&["download", &path, "--json"]);
     assert_eq!(ran.json(), json!({ "lines": 302, "taken": 302, "errors": [] }));
     assert_eq!(sent(&site, "LIST PROG 500"), program);
     site.assert_no_violations();
@@ -80,20 +72,20 @@ fn a_program_of_hundreds_of_lines_comes_back_whole() {
 fn a_wrong_line_ends_a_download_and_leaves_no_buffer_open() {
     let site = Site::running(&[], &[]);
     // A buffer that somebody left open is not what the file goes into.
-    ask(&site, "OPEN PROG 8 CLEAR");
-    let path = file(&site, "bad.pmc", "; line 1\nP5=7\nOPEN PROG 9 CLEAR\nX1\nX2\nUUU\nX3\nCLOSE\nP5=8\n");
-    let ran = run(&site, &["download", &path]);
+    site.ask("OPEN PROG 8 CLEAR");
+    let path = site.file("bad.pmc", "; line 1\nP5=7\nOPEN PROG 9 CLEAR\nX1\nX2\nUUU\nX3\nCLOSE\nP5=8\n");
+    let ran = site.run(&["download", &path]);
     let error = format!("{path}:6: ERR003: data error or unrecognized command: UUU\n");
     assert_eq!((ran.stdout.as_str(), ran.stderr.as_str(), ran.code), ("", error.as_str(), Some(1)));
     // With a buffer open, the first would be a line of the program and the second no question.
-    assert_eq!(ask(&site, "P6=4"), Vec::<String>::new());
+    assert_eq!(site.ask("P6=4"), Vec::<String>::new());
     assert_eq!(sent(&site, "I58"), "1\n");
-    assert_eq!((ask(&site, "P5"), ask(&site, "P6")), (vec!["7".to_owned()], vec!["4".to_owned()]));
+    assert_eq!((site.ask("P5"), site.ask("P6")), (vec!["7".to_owned()], vec!["4".to_owned()]));
     assert_eq!(sent(&site, "LIST PROG 9"), "X1\nX2\n");
-    let ran = run(&site, &["send", "LIST"]);
+    let ran = site.run(&["send", "LIST"]);
     assert!(ran.code == Some(1) && ran.stderr.contains("ERR"), "no buffer is open: {ran:?}");
     // Told to go on, it leaves out that line alone.
-    let ran = run(&site, &["download", &path, "--keep-going"]);
+    let ran = site.run(&["download", &path, "--keep-going"]);
     assert_eq!((ran.stderr.as_str(), ran.code), (error.as_str(), Some(1)));
     assert_eq!((sent(&site, "LIST PROG 9"), sent(&site, "P5")), ("X1\nX2\nX3\n".into(), "8\n".into()));
     site.assert_no_violations();
@@ -102,11 +94,11 @@ fn a_wrong_line_ends_a_download_and_leaves_no_buffer_open() {
 #[test]
 fn a_file_of_comments_alone_changes_nothing() {
     let site = Site::running(&[], &[]);
-    ask(&site, "P5=3");
-    let path = file(&site, "comments.pmc", "; P5=1\n\n   // P5=2\n\t\n;\n#ifdef NEVER\nP5=4\n#endif\n");
-    let ran = run(&site, &["download", &path]);
+    site.ask("P5=3");
+    let path = site.file("comments.pmc", "; P5=1\n\n   // P5=2\n\t\n;\n#ifdef NEVER\nP5=4\n#endif\n");
+    let ran = site.run(&["download", &path]);
     assert_eq!((ran.stdout.as_str(), ran.stderr.as_str(), ran.code), ("", "", Some(0)));
-    let ran = run(&site, &["download", &path, "--json"]);
+    let ran = site.run(&["download", &path, "--json"]);
     assert_eq!((ran.json(), ran.code), (json!({ "lines": 0, "taken": 0, "errors": [] }), Some(0)));
     assert_eq!(sent(&site, "P5"), "3\n");
     site.assert_no_violations();

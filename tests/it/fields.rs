@@ -10,8 +10,8 @@ use pmac_dpram::segment::{Counter, DIRECTORY, RegionId, Sample, layout};
 use proptest::prelude::*;
 use serde_json::Value;
 
-use crate::rig::Rig;
-use crate::site::{Site, counter, is_live, wait_until};
+use crate::support::rig::Rig;
+use crate::support::{Site, counter, is_live, wait_until};
 
 /// Motors 1 and 3 with actual position and velocity; of coordinate system 1 its targets' X and the lines left.
 fn partial(name: &str) -> Rig {
@@ -63,11 +63,13 @@ fn a_program_without_our_code_finds_it_in_the_regions_entry() {
     assert_eq!((word(0x300), word(layout::AT_ABI_MINOR)), (RegionId::Servo as u64, 1));
     assert_eq!(!word(0x300 + 0x58), 0b0011_0000_0000_0000_1111_0000);
     assert_eq!(!word(0x300 + 0x60), 0b101);
+}
 
-    if !Command::new("python3").arg("--version").output().is_ok_and(|output| output.status.success()) {
-        println!("skipped: there is no python3 here");
-        return;
-    }
+#[test]
+#[ignore = "needs python3"]
+fn with_python_a_reader_finds_what_is_read() {
+    let rig = partial("python");
+    let path = Path::new(DIRECTORY).join(&rig.name);
     let script = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/segment_reader.py");
     let ran = Command::new("python3").arg(script).arg(&path).output().unwrap();
     let document: Value = serde_json::from_slice(&ran.stdout).unwrap();
@@ -109,11 +111,8 @@ proptest! {
 }
 
 #[test]
-fn the_example_of_another_language_follows_from_now_on_and_shows_counts() {
-    if !Command::new("python3").arg("--version").output().is_ok_and(|output| output.status.success()) {
-        println!("skipped: there is no python3 here");
-        return;
-    }
+#[ignore = "needs python3"]
+fn with_python_the_example_of_another_language_follows_from_now_on_and_shows_counts() {
     let site = Site::running(&[], &[]);
     site.wait_for_live_servo();
     wait_until("a board that takes a jog", || site.pmacctl(&["send", "#1J=300 #2J^-55.5"]).0 == 0);

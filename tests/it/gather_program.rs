@@ -8,9 +8,8 @@ use nix::unistd::Pid;
 use pmac_dpram::client::{GatherChunk, GatherPhase};
 use pmac_dpram::segment::{RegionId, Sample, Subscriber};
 
-use crate::rig::Ran;
-use crate::site::{PATIENCE, Site, is_live, joined, status_within, wait_until};
-use crate::tools::{ask, run};
+use crate::support::rig::Ran;
+use crate::support::{PATIENCE, Site, is_live, joined, status_within, wait_until};
 
 /// The number after the last sample that was published, while a gather is followed.
 fn published(subscriber: &Subscriber, sample: &mut Sample) -> Option<u64> {
@@ -57,7 +56,7 @@ fn in_steps(site: &Site, arguments: &[&str]) -> Ran {
                 std::thread::sleep(Duration::from_micros(300));
             }
         });
-        let ran = run(site, arguments);
+        let ran = site.run(arguments);
         done.store(true, Ordering::Relaxed);
         ran
     })
@@ -85,7 +84,7 @@ fn in_virtual_time_nothing_is_lost() {
             }
         });
         wait_until("the board's scales and servo data", || {
-            run(&site, &["motors"]).stdout.contains("count") && is_live(&site.attach(), RegionId::Servo)
+            site.run(&["motors"]).stdout.contains("count") && is_live(&site.attach(), RegionId::Servo)
         });
         done.store(true, Ordering::Relaxed);
     });
@@ -133,9 +132,9 @@ fn in_virtual_time_nothing_is_lost() {
 fn in_real_time_the_counts_are_exact_and_the_board_is_left_as_it_was() {
     let site = Site::running(&[], &[]);
     site.wait_for_live_servo();
-    wait_until("the board's scales", || run(&site, &["motors"]).stdout.contains("count"));
+    wait_until("the board's scales", || site.run(&["motors"]).stdout.contains("count"));
     let gather =
-        |rest: &[&str]| run(&site, &[&["gather", "--source", "servo_timer", "-o", "-"], rest].concat());
+        |rest: &[&str]| site.run(&[&["gather", "--source", "servo_timer", "-o", "-"], rest].concat());
     let ran = gather(&["--seconds", "0.5", "--period", "2"]);
     assert_eq!(ran.code, Some(0), "{ran:?}");
     let rows = rows(&ran.stdout);
@@ -152,13 +151,13 @@ fn in_real_time_the_counts_are_exact_and_the_board_is_left_as_it_was() {
     for row in &rows {
         assert_eq!(row[2] - rows[0][2], 2.0 * (row[0] - rows[0][0]), "numbered as the board counts");
     }
-    assert_eq!(ask(&site, "I19"), ["1"], "as it was");
+    assert_eq!(site.ask("I19"), ["1"], "as it was");
     wait_until("the servo report to go on", || is_live(&site.attach(), RegionId::Servo));
 
     // A buffer that is gathered once ends by itself.
     let ran = gather(&["--once", "--buffer", "100"]);
     assert!(ran.code == Some(0) && ran.stderr.starts_with("samples=100 lost=0 "), "{ran:?}");
-    ask(&site, "DELETE GATHER");
+    site.ask("DELETE GATHER");
     assert!(!starts_the_report(&site), "ENDGATHER has not ended it in place of the gather");
 
     for (rest, said) in [
@@ -171,7 +170,7 @@ fn in_real_time_the_counts_are_exact_and_the_board_is_left_as_it_was() {
         let ran = gather(rest);
         assert!(ran.code != Some(0) && ran.stderr.contains(said), "{rest:?}: {ran:?}");
     }
-    let ran = run(&site, &["gather", "--source", "servo_timer", "-o", "data.txt"]);
+    let ran = site.run(&["gather", "--source", "servo_timer", "-o", "data.txt"]);
     assert!(ran.code == Some(2) && ran.stderr.contains(".csv or .npy"), "{ran:?}");
     site.assert_no_violations();
 }
@@ -180,8 +179,8 @@ fn in_real_time_the_counts_are_exact_and_the_board_is_left_as_it_was() {
 fn after_a_killed_gather_another_one_works_and_says_what_it_found() {
     let site = Site::running(&[], &[]);
     site.wait_for_live_servo();
-    wait_until("the board's scales", || run(&site, &["motors"]).stdout.contains("count"));
-    let mut killed = crate::rig::command()
+    wait_until("the board's scales", || site.run(&["motors"]).stdout.contains("count"));
+    let mut killed = crate::support::rig::command()
         .args(["--name", &site.name, "--socket"])
         .arg(site.socket())
         .args(["gather", "--source", "servo_timer", "--period", "3", "-o"])
@@ -193,7 +192,7 @@ fn after_a_killed_gather_another_one_works_and_says_what_it_found() {
     wait_until("gathering", || published(&subscriber, &mut sample).is_some_and(|number| number > 0));
     killed.kill().unwrap();
     killed.wait().unwrap();
-    let gather = || run(&site, &["gather", "--source", "servo_timer", "--seconds", "0.2", "-o", "-"]);
+    let gather = || site.run(&["gather", "--source", "servo_timer", "--seconds", "0.2", "-o", "-"]);
     let ran = gather();
     assert!(ran.code == Some(0) && ran.stderr.contains("was gathering already, every I19=3 "), "{ran:?}");
     assert!(rows(&ran.stdout).len() > 10);
@@ -211,31 +210,31 @@ fn starts_the_report(site: &Site) -> bool {
 fn what_fails_before_the_first_sample_leaves_the_board_as_it_was() {
     let site = Site::running(&[], &[]);
     site.wait_for_live_servo();
-    wait_until("the board's scales", || run(&site, &["motors"]).stdout.contains("count"));
+    wait_until("the board's scales", || site.run(&["motors"]).stdout.contains("count"));
     let gather = || {
         let words = ["gather", "--source", "servo_timer", "--period", "3", "--seconds", "0.2", "-o", "-"];
-        run(&site, &words)
+        site.run(&words)
     };
     // A gather that waits for its trigger: DEFINE GATHER is refused, and the status does not tell.
-    ask(&site, "I20=1 I21=$80002B DEFINE GATHER 100 GATHER TRIGGER");
+    site.ask("I20=1 I21=$80002B DEFINE GATHER 100 GATHER TRIGGER");
     let ran = gather();
     assert!(ran.code == Some(1) && ran.stderr.starts_with("DEFINE GATHER "), "{ran:?}");
-    assert_eq!((ask(&site, "I19"), ran.stderr.lines().count()), (vec!["1".to_owned()], 1));
+    assert_eq!((site.ask("I19"), ran.stderr.lines().count()), (vec!["1".to_owned()], 1));
     let refused = site.connection().send("DELETE GATHER", PATIENCE);
     assert!(refused.is_err(), "somebody else's gather waits on");
     // That ends it, and another one would end the report.
-    ask(&site, "ENDGATHER");
-    ask(&site, "DELETE GATHER");
+    site.ask("ENDGATHER");
+    site.ask("DELETE GATHER");
     assert!(!starts_the_report(&site));
 
     // A board that starts no servo report: the GATHER that was to start it is taken back as well.
-    ask(&site, "ENDGATHER");
-    ask(&site, "I59=0");
+    site.ask("ENDGATHER");
+    site.ask("I59=0");
     wait_until("the report to end", || !is_live(&site.attach(), RegionId::Servo));
     let ran = gather();
     assert!(ran.code == Some(1) && ran.stderr.contains("start no servo report"), "{ran:?}");
-    assert_eq!(ask(&site, "I19"), ["1"]);
-    ask(&site, "DELETE GATHER");
+    assert_eq!(site.ask("I19"), ["1"]);
+    site.ask("DELETE GATHER");
     assert!(starts_the_report(&site), "it was left off");
     site.assert_no_violations();
 }
@@ -244,22 +243,22 @@ fn what_fails_before_the_first_sample_leaves_the_board_as_it_was() {
 fn a_report_that_was_just_ended_is_started_again() {
     let site = Site::running(&[], &[]);
     site.wait_for_live_servo();
-    wait_until("the board's scales", || run(&site, &["motors"]).stdout.contains("count"));
+    wait_until("the board's scales", || site.run(&["motors"]).stdout.contains("count"));
     for _ in 0..5 {
-        ask(&site, "ENDGATHER");
-        let ran = run(&site, &["gather", "--source", "servo_timer", "--seconds", "0.1", "-o", "-"]);
+        site.ask("ENDGATHER");
+        let ran = site.run(&["gather", "--source", "servo_timer", "--seconds", "0.1", "-o", "-"]);
         assert!(ran.code == Some(0) && ran.stderr.starts_with("samples="), "{ran:?}");
         wait_until("the report, which goes on", || is_live(&site.attach(), RegionId::Servo));
     }
-    let ran = run(&site, &["gather", "--stop"]);
+    let ran = site.run(&["gather", "--stop"]);
     assert_eq!((ran.code, ran.stdout.as_str()), (Some(0), "the board gathers nothing; nothing was sent\n"));
-    ask(&site, "DELETE GATHER");
+    site.ask("DELETE GATHER");
     assert!(!starts_the_report(&site), "it runs on");
-    ask(&site, "I20=1 I21=$80002B DEFINE GATHER 100");
-    ask(&site, "GATHER");
-    let ran = run(&site, &["gather", "--stop", "--json"]);
+    site.ask("I20=1 I21=$80002B DEFINE GATHER 100");
+    site.ask("GATHER");
+    let ran = site.run(&["gather", "--stop", "--json"]);
     assert_eq!((ran.code, ran.json()["gathered"].as_bool()), (Some(0), Some(true)), "{ran:?}");
-    ask(&site, "DELETE GATHER");
+    site.ask("DELETE GATHER");
     assert!(!starts_the_report(&site), "it runs on");
     site.assert_no_violations();
 }
@@ -271,13 +270,13 @@ fn a_function_that_is_off_is_told_before_board_or_file_is_touched() {
     std::fs::write(&config, "functions = ['servo', 'ascii']\n").unwrap();
     site.start_simulator(&["--dpram-startup"]);
     site.start_daemon(&["--config", config.to_str().unwrap()]);
-    ask(&site, "I19=2 I20=1 I21=5 I45=0");
+    site.ask("I19=2 I20=1 I21=5 I45=0");
     let csv = site.path("data.csv");
     std::fs::write(&csv, "what was there").unwrap();
-    let ran = run(&site, &["gather", "--source", "servo_timer", "-o", csv.to_str().unwrap()]);
+    let ran = site.run(&["gather", "--source", "servo_timer", "-o", csv.to_str().unwrap()]);
     assert!(ran.code == Some(1) && ran.stderr.contains("`gather`, which is switched off"), "{ran:?}");
     assert_eq!(std::fs::read_to_string(&csv).unwrap(), "what was there");
-    assert_eq!(ask(&site, "I19 I20 I45"), ["2", "$1", "0"]);
+    assert_eq!(site.ask("I19 I20 I45"), ["2", "$1", "0"]);
     site.assert_no_violations();
 }
 
@@ -285,7 +284,7 @@ fn a_function_that_is_off_is_told_before_board_or_file_is_touched() {
 fn a_file_that_takes_no_more_holds_whole_samples() {
     let site = Site::running(&[], &[]);
     site.wait_for_live_servo();
-    wait_until("the board's scales", || run(&site, &["motors"]).stdout.contains("count"));
+    wait_until("the board's scales", || site.run(&["motors"]).stdout.contains("count"));
     for form in ["csv", "npy"] {
         let file = site.path(&format!("data.{form}"));
         // A file may not grow beyond 20 KiB, as if the disk were full then; the signal that tells is ignored.
@@ -323,7 +322,7 @@ fn a_file_that_takes_no_more_holds_whole_samples() {
             assert!(String::from_utf8_lossy(&bytes[..header]).contains(&format!("({kept},)")));
         }
         assert!(
-            run(&site, &["gather", "--stop"]).stdout.contains("nothing was sent"),
+            site.run(&["gather", "--stop"]).stdout.contains("nothing was sent"),
             "the board is left as it was"
         );
     }
@@ -334,11 +333,11 @@ fn a_file_that_takes_no_more_holds_whole_samples() {
 fn waiting_for_a_reader_ends_with_a_signal() {
     let site = Site::running(&[], &[]);
     site.wait_for_live_servo();
-    wait_until("the board's scales", || run(&site, &["motors"]).stdout.contains("count"));
+    wait_until("the board's scales", || site.run(&["motors"]).stdout.contains("count"));
     let fifo = site.path("data.csv");
     nix::unistd::mkfifo(&fifo, nix::sys::stat::Mode::from_bits_truncate(0o600)).unwrap();
     for signal in [Signal::SIGINT, Signal::SIGTERM] {
-        let mut waits = crate::rig::command()
+        let mut waits = crate::support::rig::command()
             .args(["--name", &site.name, "--socket"])
             .arg(site.socket())
             .args(["gather", "--source", "servo_timer", "-o"])
@@ -356,7 +355,7 @@ fn waiting_for_a_reader_ends_with_a_signal() {
         move || std::fs::read_to_string(fifo).unwrap()
     });
     let ran =
-        run(&site, &["gather", "--source", "servo_timer", "--seconds", "0.2", "-o", fifo.to_str().unwrap()]);
+        site.run(&["gather", "--source", "servo_timer", "--seconds", "0.2", "-o", fifo.to_str().unwrap()]);
     assert_eq!(ran.code, Some(0), "{ran:?}");
     assert!(rows(&joined(reader)).len() > 10);
     site.assert_no_violations();
@@ -366,14 +365,12 @@ fn waiting_for_a_reader_ends_with_a_signal() {
 fn a_sample_in_seven_seconds_is_waited_for() {
     let site = Site::running(&[], &[]);
     site.wait_for_live_servo();
-    wait_until("the board's scales", || run(&site, &["motors"]).stdout.contains("count"));
+    wait_until("the board's scales", || site.run(&["motors"]).stdout.contains("count"));
     // The first sample comes at once, the second one 15000 servo cycles of 442.7 us later.
-    let ran = run(
-        &site,
-        &["gather", "--source", "servo_timer", "--period", "15000", "--seconds", "13.3", "-o", "-"],
-    );
+    let ran =
+        site.run(&["gather", "--source", "servo_timer", "--period", "15000", "--seconds", "13.3", "-o", "-"]);
     assert!(ran.code == Some(0) && ran.stderr.starts_with("samples=2 lost=0 "), "{ran:?}");
-    assert_eq!(ask(&site, "I19"), ["1"]);
+    assert_eq!(site.ask("I19"), ["1"]);
     site.assert_no_violations();
 }
 
@@ -381,11 +378,11 @@ fn a_sample_in_seven_seconds_is_waited_for() {
 fn without_the_servo_report_gathering_goes_by_the_hosts_clock() {
     let site = Site::running(&[], &[]);
     site.wait_for_live_servo();
-    wait_until("the board's scales", || run(&site, &["motors"]).stdout.contains("count"));
-    ask(&site, "ENDGATHER");
-    ask(&site, "I48=0");
+    wait_until("the board's scales", || site.run(&["motors"]).stdout.contains("count"));
+    site.ask("ENDGATHER");
+    site.ask("I48=0");
     wait_until("the report to end", || !is_live(&site.attach(), RegionId::Servo));
-    let gather = || run(&site, &["gather", "--source", "servo_timer", "--seconds", "0.5", "-o", "-"]);
+    let gather = || site.run(&["gather", "--source", "servo_timer", "--seconds", "0.5", "-o", "-"]);
     let check = |ran: Ran| {
         assert_eq!(ran.code, Some(0), "{ran:?} {}", site.log());
         let rows = rows(&ran.stdout);
@@ -397,7 +394,7 @@ fn without_the_servo_report_gathering_goes_by_the_hosts_clock() {
     check(gather());
     assert!(!is_live(&site.attach(), RegionId::Servo), "the report is off as before");
     // I48=1, but no GATHER has begun the report: the first one does, and the second one gathers.
-    ask(&site, "I48=1");
+    site.ask("I48=1");
     check(gather());
     // ENDGATHER undid the latest GATHER only.
     wait_until("the report, which goes on", || is_live(&site.attach(), RegionId::Servo));

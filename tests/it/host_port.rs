@@ -5,7 +5,7 @@ use std::time::Duration;
 use pmac_dpram::protocol::HostPortInfo;
 use pmac_dpram::segment::Counter;
 
-use crate::site::{PATIENCE, Site, counter, wait_until};
+use crate::support::{PATIENCE, Site, counter, wait_until};
 
 fn board(family: &str) -> Site {
     let mut site = Site::new();

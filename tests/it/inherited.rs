@@ -7,7 +7,7 @@ use std::os::unix::fs::FileExt;
 use std::path::PathBuf;
 use std::process::{Child, Command, Stdio};
 
-use crate::site::{PATIENCE, joined, output_within, status_within, wait_until};
+use crate::support::{PATIENCE, joined, output_within, status_within, wait_until};
 
 /// Starts `pmacd` as systemd does with `OpenFile=…:mem`: `file` as descriptor 3, announced to the very process.
 fn handed_over(file: &File, board: &str, socket: &std::path::Path, name: &str) -> Child {

@@ -6,7 +6,7 @@ use pmac_dpram::client::CommandError;
 use pmac_dpram::protocol::{CallError, CommandPort};
 use pmac_dpram::segment::{Counter, RegionId};
 
-use crate::site::{PATIENCE, Site, counter, is_live, wait_until};
+use crate::support::{PATIENCE, Site, counter, is_live, wait_until};
 
 /// What a VME board's simulator needs besides its memory.
 fn mailbox_options(site: &Site, more: &[&str]) -> Vec<String> {

@@ -1,11 +1,12 @@
-//! Integration tests: formats, the map, the segment, the socket, the command line, the simulator, whole processes.
+//! Integration tests: formats, the map, the segment, the socket, the command line, the simulator, whole systems.
+//!
+//! None of them depends on how fast the machine is. What does lies in `tests/realtime`.
+
+#[path = "../support/mod.rs"]
+mod support;
 
 mod architecture;
 mod backup;
-mod bench;
-mod bystander;
-mod campaign;
-mod campaign_uses;
 mod cli;
 mod client;
 mod decode;
@@ -17,19 +18,13 @@ mod fuzz_corpus;
 mod gather;
 mod gather_program;
 mod host_port;
-mod hostile;
-mod hostile_users;
-mod hostile_witness;
 mod inherited;
 mod mailbox;
 mod map;
-mod misbehaviour;
-mod mixing;
 mod panel;
-mod pauses;
+mod processes;
 mod readme;
 mod replies;
-mod rig;
 mod rotary;
 mod rotary_stream;
 mod segment;
@@ -39,8 +34,6 @@ mod segment_loom;
 mod serial;
 mod service;
 mod simulator;
-mod site;
-mod soak;
 mod socket;
 mod socket_jobs;
 mod tools;

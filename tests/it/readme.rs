@@ -3,7 +3,7 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use crate::site::{Site, wait_until};
+use crate::support::{Site, wait_until};
 
 fn text(name: &str) -> String {
     fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join(name)).unwrap()
@@ -77,7 +77,7 @@ fn every_command_the_readme_shows_does_what_it_shows() {
 #[test]
 fn every_command_there_is_stands_in_the_readme() {
     let readme = text("README.md");
-    let help = crate::rig::pmacctl("--help").stdout;
+    let help = crate::support::rig::pmacctl("--help").stdout;
     let commands = help.split("Commands:\n").nth(1).unwrap().split("\n\n").next().unwrap();
     for command in commands.lines().map(|line| line.split_whitespace().next().unwrap()) {
         assert!(readme.contains(&format!("pmacctl {command}")), "{command}");

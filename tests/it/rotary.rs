@@ -2,7 +2,7 @@
 
 use serde_json::json;
 
-use crate::rig::{Ran, pmacctl_with};
+use crate::support::rig::{Ran, pmacctl_with};
 
 fn rotary(arguments: &[&str]) -> Ran {
     pmacctl_with([&["rotary"], arguments].concat())

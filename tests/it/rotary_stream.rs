@@ -8,7 +8,7 @@ use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
 use pmac_dpram::client::{RotaryFeed, RotaryLine, RotaryPlace};
 
-use crate::site::{PATIENCE, Site, wait_until};
+use crate::support::{PATIENCE, Site, wait_until};
 
 fn running() -> Site {
     let site = Site::running(&[], &[]);

@@ -439,12 +439,9 @@ fn counters_and_names_agree() {
 
 /// The page `segment/layout.rs` is enough to read a segment from another language.
 #[test]
-fn a_python_program_written_from_the_page_reads_the_same() {
+#[ignore = "needs python3"]
+fn with_python_a_program_written_from_the_page_reads_the_same() {
     let script = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/segment_reader.py");
-    if !Command::new("python3").arg("--version").output().is_ok_and(|output| output.status.success()) {
-        println!("skipped: there is no python3 here");
-        return;
-    }
     let directory = tempfile::tempdir().unwrap();
     let mut publisher = Publisher::create(&options(directory.path(), regions())).unwrap();
     publisher.set_state(State::Live);

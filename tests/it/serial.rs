@@ -5,7 +5,7 @@ use std::os::unix::net::UnixStream;
 use std::time::Duration;
 
 use crate::replies::{SETUPS, vectors};
-use crate::site::{Control, PATIENCE, Site};
+use crate::support::{Control, PATIENCE, Site};
 
 /// A terminal on the serial port, and the simulator's control socket to know when it has nothing more to say.
 struct Terminal {

@@ -1,115 +1,15 @@
-//! `pmac-sim` as a process: its sockets, its clock, its end, its refusals.
+//! `pmac-sim` as a process: its sockets, its steps, its end, its refusals.
 
 use std::fs::OpenOptions;
-use std::io::{BufRead, BufReader, Read, Write};
+use std::io::{Read, Write};
 use std::os::unix::fs::FileExt;
 use std::os::unix::net::UnixStream;
 use std::path::Path;
-use std::process::{Child, Command, Output, Stdio};
-use std::time::{Duration, Instant};
+use std::process::{Command, Output, Stdio};
 
 use pmac_dpram::device::mapping::Mapping;
-use serde_json::Value;
-use tempfile::TempDir;
 
-const PATIENCE: Duration = Duration::from_secs(20);
-
-/// A running simulator; killed when the test ends.
-struct Sim {
-    child: Child,
-    directory: TempDir,
-    control: BufReader<UnixStream>,
-    memory: Mapping,
-}
-
-fn connect(path: &Path) -> UnixStream {
-    let start = Instant::now();
-    loop {
-        match UnixStream::connect(path) {
-            Ok(stream) => {
-                stream.set_read_timeout(Some(PATIENCE)).unwrap();
-                return stream;
-            }
-            Err(error) if start.elapsed() > PATIENCE => panic!("{}: {error}", path.display()),
-            Err(_) => std::thread::sleep(Duration::from_millis(5)),
-        }
-    }
-}
-
-impl Sim {
-    fn start(options: &[&str]) -> Self {
-        let directory = tempfile::tempdir().unwrap();
-        let at = |name: &str| directory.path().join(name);
-        let child = Command::new(env!("CARGO_BIN_EXE_pmac-sim"))
-            .arg("--memory")
-            .arg(at("dpram"))
-            .args(
-                ["control", "serial", "interrupt"]
-                    .map(|name| format!("--{name}=unix:{}", at(name).display())),
-            )
-            .args(options)
-            .spawn()
-            .unwrap();
-        let control = BufReader::new(connect(&at("control")));
-        let file = OpenOptions::new().read(true).write(true).open(at("dpram")).unwrap();
-        let memory = Mapping::new(&file, 0, 0x4000).unwrap();
-        Self { child, directory, control, memory }
-    }
-
-    fn ask(&mut self, command: &str) -> String {
-        self.control.get_mut().write_all(format!("{command}\n").as_bytes()).unwrap();
-        let mut answer = String::new();
-        self.control.read_line(&mut answer).unwrap();
-        answer.trim_end().to_owned()
-    }
-
-    fn ok(&mut self, command: &str) {
-        assert_eq!(self.ask(command), "ok", "{command}");
-    }
-
-    fn status(&mut self, key: &str) -> u64 {
-        let status: Value = serde_json::from_str(&self.ask("status")).unwrap();
-        status[key].as_u64().unwrap()
-    }
-
-    fn socket(&self, name: &str) -> UnixStream {
-        connect(&self.directory.path().join(name))
-    }
-
-    fn read(&self, offset: usize) -> u16 {
-        self.memory.read16(offset).unwrap()
-    }
-
-    fn write(&self, offset: usize, value: u16) {
-        self.memory.write16(offset, value).unwrap();
-    }
-
-    fn write_text(&self, text: &str) {
-        let mut bytes = text.as_bytes().to_vec();
-        bytes.resize(bytes.len() / 2 * 2 + 2, 0);
-        for (index, pair) in bytes.chunks(2).enumerate() {
-            self.write(0x0630 + 2 * index, u16::from_le_bytes([pair[0], pair[1]]));
-        }
-    }
-
-    fn wait(&mut self) -> Option<i32> {
-        let start = Instant::now();
-        while start.elapsed() < PATIENCE {
-            if let Some(status) = self.child.try_wait().unwrap() {
-                return status.code();
-            }
-            std::thread::sleep(Duration::from_millis(5));
-        }
-        panic!("the simulator does not end");
-    }
-}
-
-impl Drop for Sim {
-    fn drop(&mut self) {
-        let _ = self.child.kill();
-        let _ = self.child.wait();
-    }
-}
+use crate::support::sim::{Sim, connect};
 
 #[test]
 fn virtual_time_stands_still_until_stepped() {
@@ -120,54 +20,11 @@ fn virtual_time_stands_still_until_stepped() {
     sim.write(0x0024, 1);
     sim.ok("step 7");
     assert_eq!((sim.status("skipped"), sim.read(0x0026)), (7, 100));
-    std::thread::sleep(Duration::from_millis(20));
     assert_eq!(sim.status("servo_cycles"), 107);
     assert_eq!(
         (sim.status("late"), sim.status("violations_total"), sim.status("background_updates")),
         (0, 0, 1)
     );
-}
-
-#[test]
-fn real_time_goes_on_by_itself_and_refuses_steps() {
-    let mut sim = Sim::start(&["--dpram-startup", "--servo-hz", "1000"]);
-    let start = Instant::now();
-    while sim.status("updates") < 20 {
-        assert!(start.elapsed() < PATIENCE, "the servo does not run");
-    }
-    assert!(sim.ask("step 1").starts_with("error: step needs"));
-    // Simulated time may slip behind, never run ahead.
-    assert!(u128::from(sim.status("servo_cycles")) <= start.elapsed().as_millis() + 2000);
-}
-
-#[test]
-fn a_racing_host_finds_no_two_updates_in_one_copy() {
-    const COPIES: usize = 20_000;
-    let mut sim = Sim::start(&["--dpram-startup", "--servo-hz", "5000"]);
-    sim.ok("tag on");
-    let start = Instant::now();
-    let (mut good, mut numbers) = (0, std::collections::BTreeSet::new());
-    while good < COPIES || numbers.len() < 10 {
-        assert!(start.elapsed() < PATIENCE, "{good} copies of {} updates", numbers.len());
-        let status = sim.read(0x0026);
-        sim.memory.order_reads();
-        let words: Vec<u16> =
-            (0x0028..0x0030).chain(0x0048..0x007C).step_by(2).map(|at| sim.read(at)).collect();
-        sim.memory.order_reads();
-        if status & 0x8000 != 0 || sim.read(0x0026) != status {
-            continue;
-        }
-        let longs: Vec<u32> =
-            words.chunks(2).map(|pair| u32::from(pair[0]) | u32::from(pair[1]) << 16).collect();
-        // The update under way when tags were switched on still has registers in it.
-        if numbers.is_empty() && longs.iter().any(|&long| long != longs[0]) {
-            continue;
-        }
-        assert!(longs.iter().all(|&long| long == longs[0]), "{longs:x?}");
-        numbers.insert(longs[0]);
-        good += 1;
-    }
-    assert_eq!(sim.status("violations_total"), 0);
 }
 
 #[test]
@@ -266,16 +123,7 @@ fn it_ends_on_sigterm_and_exit_and_leaves_only_the_memory() {
 fn a_killed_simulator_is_replaced_on_the_same_memory() {
     let mut sim = Sim::start(&["--virtual", "--dpram-startup"]);
     sim.write(0x0026, 0x8005);
-    sim.child.kill().unwrap();
-    sim.child.wait().unwrap();
-    let at = |name: &str| sim.directory.path().join(name);
-    sim.child = Command::new(env!("CARGO_BIN_EXE_pmac-sim"))
-        .args(["--virtual", "--dpram-startup", "--memory"])
-        .arg(at("dpram"))
-        .arg(format!("--control=unix:{}", at("control").display()))
-        .spawn()
-        .unwrap();
-    sim.control = BufReader::new(connect(&at("control")));
+    sim.replace(&["--virtual", "--dpram-startup"]);
     sim.ok("step 3");
     assert_eq!(sim.read(0x0026), 3);
 }
@@ -369,58 +217,6 @@ fn mailboxes_and_host_port_are_files_with_sockets_for_their_interrupts() {
     sim.ok("step 1");
     assert_eq!(count(&mut interrupt), 2);
     assert_eq!(sim.status("violations_total"), 0);
-}
-
-#[test]
-fn a_racing_host_reads_and_writes_variables_without_a_violation() {
-    const ROUNDS: u16 = 300;
-    let mut sim = Sim::start(&["--dpram-startup", "--servo-hz", "5000"]);
-    let start = Instant::now();
-    let until = |done: &dyn Fn() -> bool| {
-        while !done() {
-            assert!(start.elapsed() < PATIENCE, "no answer");
-            std::hint::spin_loop();
-        }
-    };
-    // Four times the servo counter from $D400 on; records at $D300.
-    sim.write(0x07EE, 0xD400);
-    for entry in 0..4 {
-        sim.write(0x1000 + 4 * entry, 0);
-        sim.write(0x1002 + 4 * entry, 2);
-    }
-    sim.write(0x07E8, 0);
-    sim.memory.order_writes();
-    sim.write(0x07EC, 4);
-    sim.write(0x07D6, 0xD300);
-    for round in 0..ROUNDS {
-        until(&|| sim.read(0x07E8) & 1 == 1);
-        sim.memory.order_reads();
-        let counters = [0, 4, 8, 12].map(|at| sim.read(0x1010 + at));
-        assert_eq!(counters, [sim.read(0x07EA); 4], "one pass");
-        sim.memory.order_reads();
-        sim.write(0x07E8, 0);
-
-        until(&|| sim.read(0x07D4) == 0);
-        for (word, value) in [0x2000, 0, round, 0, 0, 0].into_iter().enumerate() {
-            sim.write(0x0C00 + 2 * word, value);
-        }
-        sim.memory.order_writes();
-        sim.write(0x07D4, 1);
-        // The panel: motor 1 there and back.
-        until(&|| sim.read(0x0000) == 0);
-        sim.write(0x0004, if round % 2 == 0 { 1 << 9 } else { 1 << 8 });
-        sim.memory.order_writes();
-        sim.write(0x0000, 1);
-    }
-    until(&|| sim.read(0x07D4) == 0 && sim.read(0x0000) == 0);
-    sim.write_text("RY$2000");
-    sim.memory.order_writes();
-    sim.write(0x062C, 1);
-    until(&|| sim.read(0x06D0) == 0x000D);
-    let text: Vec<u8> = [0x06D4, 0x06D6].iter().flat_map(|&at| sim.read(at).to_le_bytes()).collect();
-    assert_eq!(text[..3], *b"299");
-    let status = sim.ask("status");
-    assert!(status.contains("\"violations\":[]"), "{status}");
 }
 
 const COMMANDS: &str = include_str!("../data/online_commands.tsv");

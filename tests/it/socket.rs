@@ -7,66 +7,14 @@ use std::time::{Duration, Instant};
 
 use pmac_dpram::client::command::{CommandError, Connection};
 use pmac_dpram::map::HostOffset;
-use pmac_dpram::protocol::{
-    BOARD, BOARD_DESCRIPTION, CallError, Inbox, MessageKind, SERVICE_DESCRIPTION, State,
-};
+use pmac_dpram::protocol::{BOARD, BOARD_DESCRIPTION, CallError, MessageKind, SERVICE_DESCRIPTION, State};
 use proptest::prelude::*;
 use serde_json::{Value, json};
 use varlink::OrgVarlinkServiceInterface;
 
-use crate::bench::{Bench, no_socket};
-
-pub const TIMEOUT: Duration = Duration::from_secs(20);
-
-/// A client that says exactly what it is told.
-pub struct Raw {
-    stream: UnixStream,
-    inbox: Inbox,
-}
-
-impl Raw {
-    pub fn new(bench: &Bench) -> Self {
-        let stream = UnixStream::connect(&bench.socket).unwrap();
-        stream.set_read_timeout(Some(TIMEOUT)).unwrap();
-        stream.set_write_timeout(Some(TIMEOUT)).unwrap();
-        Self { stream, inbox: Inbox::new(1 << 24) }
-    }
-
-    fn say(&mut self, bytes: &[u8]) {
-        self.stream.write_all(bytes).unwrap();
-    }
-
-    pub fn call(&mut self, method: &str, parameters: Value) {
-        self.say(&call(method, parameters));
-    }
-
-    /// The next reply, or `None` when the server has closed the connection.
-    pub fn hear(&mut self) -> Option<Value> {
-        loop {
-            if let Some(message) = self.inbox.next_message().unwrap() {
-                return Some(serde_json::from_slice(&message).unwrap());
-            }
-            let mut chunk = [0; 65536];
-            match self.stream.read(&mut chunk) {
-                Ok(0) => return None,
-                Ok(count) => self.inbox.push(&chunk[..count]),
-                Err(error) if error.kind() == std::io::ErrorKind::ConnectionReset => return None,
-                Err(error) => panic!("nothing heard: {error}"),
-            }
-        }
-    }
-}
-
-fn call(method: &str, parameters: Value) -> Vec<u8> {
-    let mut bytes =
-        json!({"method": format!("{BOARD}.{method}"), "parameters": parameters}).to_string().into_bytes();
-    bytes.push(0);
-    bytes
-}
-
-pub fn error_name(reply: &Value) -> &str {
-    reply["error"].as_str().unwrap_or_default().rsplit('.').next().unwrap_or_default()
-}
+use crate::support::PATIENCE;
+use crate::support::bench::{Bench, no_socket};
+use crate::support::raw::{Raw, call, error_name};
 
 fn connect(bench: &Bench) -> Connection {
     Connection::open(&bench.socket).unwrap()
@@ -112,7 +60,7 @@ fn understood(method: &str) -> bool {
     let bench = Bench::new();
     let mut client = Raw::new(&bench);
     client.call(method, json!({"no such parameter": 1}));
-    error_name(&client.hear().unwrap()) != "MethodNotFound"
+    error_name(&client.receive().unwrap()) != "MethodNotFound"
 }
 
 #[test]
@@ -144,7 +92,7 @@ fn an_independent_parser_reads_the_interfaces() {
     let bench = Bench::new();
     let mut raw = Raw::new(&bench);
     raw.call("GetInfo", json!({}));
-    let reply = raw.hear().unwrap();
+    let reply = raw.receive().unwrap();
     let answered: Vec<_> = reply["parameters"].as_object().unwrap().keys().cloned().collect();
     let mut fields: Vec<_> = board.methods["GetInfo"].output.elts.iter().map(|field| field.name).collect();
     fields.sort_unstable();
@@ -162,22 +110,22 @@ fn the_client_asks_and_hears() {
     bench.info.set_state(State::Stale);
     assert_eq!(board.info().unwrap().state, State::Stale);
 
-    assert_eq!(board.send("a,b,c", TIMEOUT).unwrap(), ["a", "b", "c"]);
-    assert!(board.send("J+", TIMEOUT).unwrap().is_empty());
+    assert_eq!(board.send("a,b,c", PATIENCE).unwrap(), ["a", "b", "c"]);
+    assert!(board.send("J+", PATIENCE).unwrap().is_empty());
     assert!(board.control(0x0B).unwrap().is_empty());
     assert_eq!(board.read(HostOffset::new(0x24), 3).unwrap(), (7, vec![0x12, 0x13, 0x14]));
     assert_eq!(*bench.seen.lock().unwrap(), ["a,b,c", "J+", "^K", "read 0x0024 3"]);
 
-    let error = refused(board.send("BAD", TIMEOUT));
+    let error = refused(board.send("BAD", PATIENCE));
     assert_eq!(error.to_string(), "ERR003: data error or unrecognized command");
     assert!(matches!(error, CallError::Board { code: 3, lines, .. } if lines == ["before"]));
-    assert_eq!(refused(board.send("LATE", TIMEOUT)), CallError::TimedOut { lines: Vec::new() });
-    assert!(matches!(refused(board.send("OFF", TIMEOUT)), CallError::Unavailable { .. }));
+    assert_eq!(refused(board.send("LATE", PATIENCE)), CallError::TimedOut { lines: Vec::new() });
+    assert!(matches!(refused(board.send("OFF", PATIENCE)), CallError::Unavailable { .. }));
     assert!(matches!(
         board.read(HostOffset::new(0x3FFE), 2),
         Err(CommandError::Refused(CallError::OutOfRange))
     ));
-    assert_eq!(board.send("LONG", TIMEOUT).unwrap().len(), 2000);
+    assert_eq!(board.send("LONG", PATIENCE).unwrap().len(), 2000);
 }
 
 #[test]
@@ -185,9 +133,9 @@ fn an_invalid_line_never_reaches_the_bus_thread() {
     let bench = Bench::new();
     let mut board = connect(&bench);
     for line in ["", "#1\r#2", "\u{b}", "a\0b", "ü", &"x".repeat(201)] {
-        assert!(matches!(refused(board.send(line, TIMEOUT)), CallError::InvalidLine { .. }), "{line:?}");
+        assert!(matches!(refused(board.send(line, PATIENCE)), CallError::InvalidLine { .. }), "{line:?}");
     }
-    assert_eq!(board.send(&"x".repeat(200), TIMEOUT).unwrap(), ["x".repeat(200)]);
+    assert_eq!(board.send(&"x".repeat(200), PATIENCE).unwrap(), ["x".repeat(200)]);
     assert_eq!(bench.seen.lock().unwrap().len(), 1);
 }
 
@@ -204,7 +152,7 @@ fn a_silent_bus_thread_ends_in_a_time_out() {
         refused(board.send("HALF", Duration::from_millis(50))),
         CallError::TimedOut { lines: vec!["half".to_owned()] }
     );
-    assert_eq!(board.send("still there", TIMEOUT).unwrap(), ["still there"]);
+    assert_eq!(board.send("still there", PATIENCE).unwrap(), ["still there"]);
 }
 
 #[test]
@@ -215,9 +163,9 @@ fn interleaved_clients_get_their_own_replies() {
         client.call("Send", json!({"line": format!("HOLD{number}")}));
         bench.wait_seen(&format!("HOLD{number}"));
     }
-    connect(&bench).send("RELEASE", TIMEOUT).unwrap();
+    connect(&bench).send("RELEASE", PATIENCE).unwrap();
     for (number, client) in clients.iter_mut().enumerate() {
-        let reply = client.hear().unwrap();
+        let reply = client.receive().unwrap();
         assert_eq!(reply, json!({"parameters": {"lines": ["first of two", format!("HOLD{number}")]}}));
     }
 }
@@ -249,8 +197,8 @@ fn the_interface_answers_to_its_other_name() {
     let bench = Bench::new();
     let mut client = Raw::new(&bench);
     let mut ask = |method: &str, parameters: Value| {
-        client.say(format!("{}\0", json!({"method": method, "parameters": parameters})).as_bytes());
-        client.hear().unwrap()
+        client.send(format!("{}\0", json!({"method": method, "parameters": parameters})).as_bytes());
+        client.receive().unwrap()
     };
     assert!(ask(&format!("{ALIAS}.GetInfo"), json!({}))["parameters"]["name"].is_string());
     for name in [ALIAS, BOARD] {
@@ -277,14 +225,14 @@ fn pipelined_calls_are_answered_in_order_and_oneway_calls_not_at_all() {
     all.extend_from_slice(&call("SendControl", json!({"character": "^A"})));
     all.extend_from_slice(&call("Read", json!({"host_offset": 2, "words": 1})));
     all.extend_from_slice(&call("Send", json!({"line": "3"})));
-    raw.say(&all);
+    raw.send(&all);
     raw.stream.shutdown(Shutdown::Write).unwrap();
-    assert_eq!(raw.hear().unwrap(), json!({"parameters": {"lines": ["1"]}}));
-    assert_eq!(error_name(&raw.hear().unwrap()), "MethodNotFound");
-    assert_eq!(raw.hear().unwrap(), json!({"parameters": {"lines": []}}));
-    assert_eq!(raw.hear().unwrap(), json!({"parameters": {"time_ns": 7, "words": [1]}}));
-    assert_eq!(raw.hear().unwrap(), json!({"parameters": {"lines": ["3"]}}));
-    assert_eq!(raw.hear(), None);
+    assert_eq!(raw.receive().unwrap(), json!({"parameters": {"lines": ["1"]}}));
+    assert_eq!(error_name(&raw.receive().unwrap()), "MethodNotFound");
+    assert_eq!(raw.receive().unwrap(), json!({"parameters": {"lines": []}}));
+    assert_eq!(raw.receive().unwrap(), json!({"parameters": {"time_ns": 7, "words": [1]}}));
+    assert_eq!(raw.receive().unwrap(), json!({"parameters": {"lines": ["3"]}}));
+    assert_eq!(raw.receive(), None);
     assert_eq!(*bench.seen.lock().unwrap(), ["1", "2", "^A", "read 0x0002 1", "3"]);
 }
 
@@ -299,7 +247,7 @@ fn a_flood_of_pipelined_calls_is_answered_whole() {
         }
     });
     for _ in 0..3000 {
-        assert_eq!(raw.hear().unwrap()["parameters"]["name"], "pmac0");
+        assert_eq!(raw.receive().unwrap()["parameters"]["name"], "pmac0");
     }
     feeder.join().unwrap();
 }
@@ -317,14 +265,14 @@ fn wrong_parameters_are_named_and_the_connection_lives() {
         ("SendControl", json!({"character": "^^^"}), "character"),
     ] {
         raw.call(method, parameters);
-        let reply = raw.hear().unwrap();
+        let reply = raw.receive().unwrap();
         assert_eq!(reply["error"], "org.varlink.service.InvalidParameter");
         assert_eq!(reply["parameters"]["parameter"], wrong);
     }
     raw.call("Messages", json!({}));
-    assert_eq!(raw.hear().unwrap()["error"], "org.varlink.service.ExpectedMore");
-    raw.say(b"{\"method\":\"x.y.Z\",\"parameters\":null}\0");
-    assert_eq!(raw.hear().unwrap()["error"], "org.varlink.service.InterfaceNotFound");
+    assert_eq!(raw.receive().unwrap()["error"], "org.varlink.service.ExpectedMore");
+    raw.send(b"{\"method\":\"x.y.Z\",\"parameters\":null}\0");
+    assert_eq!(raw.receive().unwrap()["error"], "org.varlink.service.InterfaceNotFound");
     assert!(bench.seen.lock().unwrap().is_empty());
 }
 
@@ -335,12 +283,12 @@ fn what_is_not_a_call_is_said_and_the_connection_closed() {
         ["", "hello", "[]", "{}", "{\"method\":1}", "{\"method\":\"a.B\",\"parameters\":[]}", "\u{1}\u{ff}"]
     {
         let mut raw = Raw::new(&bench);
-        raw.say(garbage.as_bytes());
-        raw.say(b"\0");
-        let reply = raw.hear().unwrap();
+        raw.send(garbage.as_bytes());
+        raw.send(b"\0");
+        let reply = raw.receive().unwrap();
         assert_eq!(reply["error"], "org.varlink.service.InvalidParameter", "{garbage:?}");
         assert!(reply["parameters"]["parameter"].as_str().unwrap().starts_with("message: "));
-        assert_eq!(raw.hear(), None);
+        assert_eq!(raw.receive(), None);
     }
 }
 
@@ -350,9 +298,9 @@ fn an_oversized_message_is_said_and_the_connection_closed() {
     let mut raw = Raw::new(&bench);
     // The server may close before all of it is out.
     let _ = raw.stream.write_all(&vec![b'x'; 1 << 20]);
-    let reply = raw.hear().unwrap();
+    let reply = raw.receive().unwrap();
     assert!(reply["parameters"]["parameter"].as_str().unwrap().contains("65536"), "{reply}");
-    assert_eq!(raw.hear(), None);
+    assert_eq!(raw.receive(), None);
     assert!(connect(&bench).info().is_ok());
 }
 
@@ -361,12 +309,12 @@ fn a_half_sent_message_is_given_up() {
     let bench = Bench::with(|options| options.patience = Duration::from_millis(200));
     let mut idle = Raw::new(&bench);
     let mut half = Raw::new(&bench);
-    half.say(b"{\"method\":");
+    half.send(b"{\"method\":");
     assert!(connect(&bench).info().is_ok());
-    assert_eq!(half.hear(), None);
+    assert_eq!(half.receive(), None);
     // Saying nothing at all is not half sending.
     idle.call("GetInfo", json!({}));
-    assert!(idle.hear().is_some());
+    assert!(idle.receive().is_some());
 }
 
 #[test]
@@ -377,7 +325,7 @@ fn a_client_that_fetches_nothing_is_dropped() {
     let ask =
         json!({"method": "org.varlink.service.GetInterfaceDescription", "parameters": {"interface": BOARD}});
     let ask = format!("{ask}\0").into_bytes();
-    let deadline = Instant::now() + TIMEOUT;
+    let deadline = Instant::now() + PATIENCE;
     // Until the server has had enough.
     while deaf.stream.write_all(&ask).is_ok() {
         assert!(Instant::now() < deadline, "the server takes in what nobody fetches");
@@ -410,8 +358,8 @@ fn a_client_that_leaves_in_mid_command_disturbs_nobody() {
         drop(leaving);
     }
     let mut board = connect(&bench);
-    assert!(board.send("RELEASE", TIMEOUT).unwrap().is_empty());
-    assert_eq!(board.send("mine", TIMEOUT).unwrap(), ["mine"]);
+    assert!(board.send("RELEASE", PATIENCE).unwrap().is_empty());
+    assert_eq!(board.send("mine", PATIENCE).unwrap(), ["mine"]);
     assert!(!bench.seen.lock().unwrap().iter().any(|line| line == "never begun"));
 }
 
@@ -421,7 +369,7 @@ fn a_oneway_call_is_carried_out_though_its_caller_has_gone() {
     let mut raw = Raw::new(&bench);
     let oneway =
         json!({"method": format!("{BOARD}.Send"), "parameters": {"line": "goodbye"}, "oneway": true});
-    raw.say(format!("{oneway}\0").as_bytes());
+    raw.send(format!("{oneway}\0").as_bytes());
     drop(raw);
     bench.wait_seen("goodbye");
 }
@@ -433,7 +381,7 @@ fn messages_reach_every_listener_and_no_reply() {
     let mut board = connect(&bench);
     for listener in &mut listeners {
         // Nothing says when the server has taken up the stream, so texts are sent until one arrives.
-        let deadline = Instant::now() + TIMEOUT;
+        let deadline = Instant::now() + PATIENCE;
         let message = loop {
             bench.unsolicited("tool change");
             if let Some(message) = listener.next_within(Duration::from_millis(50)).unwrap() {
@@ -448,14 +396,14 @@ fn messages_reach_every_listener_and_no_reply() {
         assert_eq!(message.lost, 0);
     }
     bench.unsolicited("one more");
-    assert_eq!(board.send("1", TIMEOUT).unwrap(), ["1"]);
+    assert_eq!(board.send("1", PATIENCE).unwrap(), ["1"]);
 }
 
 #[test]
 fn a_slow_listener_is_told_how_much_it_lost() {
     let bench = Bench::with(|options| options.patience = Duration::from_millis(200));
     let mut slow = Raw::new(&bench);
-    slow.say(format!("{}\0", json!({"method": format!("{BOARD}.Messages"), "more": true})).as_bytes());
+    slow.send(format!("{}\0", json!({"method": format!("{BOARD}.Messages"), "more": true})).as_bytes());
     let mut board = connect(&bench);
     let sent = 20_000;
     for number in 0..sent {
@@ -468,14 +416,14 @@ fn a_slow_listener_is_told_how_much_it_lost() {
     board.info().unwrap();
     let (mut heard, mut lost) = (0_u64, 0);
     let mut next = None;
-    let deadline = Instant::now() + TIMEOUT;
+    let deadline = Instant::now() + PATIENCE;
     loop {
         assert!(Instant::now() < deadline);
         if heard + lost >= sent && next.is_some() {
             break;
         }
         bench.unsolicited("last");
-        let Some(reply) = slow.hear() else { panic!("the listener was dropped") };
+        let Some(reply) = slow.receive() else { panic!("the listener was dropped") };
         assert_eq!(reply["continues"], true);
         let parameters = &reply["parameters"];
         lost += parameters["lost"].as_u64().unwrap();
@@ -495,10 +443,10 @@ fn too_many_clients_are_told_so() {
         client.info().unwrap();
     }
     let mut raw = Raw::new(&bench);
-    assert_eq!(error_name(&raw.hear().unwrap()), "Unavailable");
-    assert_eq!(raw.hear(), None);
+    assert_eq!(error_name(&raw.receive().unwrap()), "Unavailable");
+    assert_eq!(raw.receive(), None);
     drop(clients.pop());
-    let deadline = Instant::now() + TIMEOUT;
+    let deadline = Instant::now() + PATIENCE;
     while Connection::open(&bench.socket).unwrap().info().is_err() {
         assert!(Instant::now() < deadline);
     }
@@ -511,8 +459,8 @@ fn stopping_answers_those_who_wait_and_removes_the_socket() {
     raw.call("Send", json!({"line": "SILENT"}));
     bench.wait_seen("SILENT");
     bench.stop_server();
-    assert_eq!(error_name(&raw.hear().unwrap()), "Unavailable");
-    assert_eq!(raw.hear(), None);
+    assert_eq!(error_name(&raw.receive().unwrap()), "Unavailable");
+    assert_eq!(raw.receive(), None);
     assert!(!bench.socket.exists());
     let error = Connection::open(&bench.socket).unwrap_err().to_string();
     assert!(error.contains("pmac0.sock") && error.contains("is pmacd running"), "{error}");
@@ -535,7 +483,7 @@ fn a_late_reply_is_not_taken_for_the_next_one() {
     let mut board = Connection::open(&path).unwrap();
     let error = board.send("1", Duration::from_millis(20)).unwrap_err();
     assert!(matches!(error, CommandError::NoAnswer { .. }), "{error}");
-    assert_eq!(board.send("2", TIMEOUT).unwrap(), ["right"]);
+    assert_eq!(board.send("2", PATIENCE).unwrap(), ["right"]);
     daemon.join().unwrap();
 }
 
@@ -565,7 +513,7 @@ proptest! {
                 let _ = raw.stream.write_all(chunk);
             }
             let _ = raw.stream.shutdown(Shutdown::Write);
-            while raw.hear().is_some() {}
+            while raw.receive().is_some() {}
             assert_eq!(connect(bench).info().unwrap().motors, 8);
             assert!(bench.seen.lock().unwrap().is_empty());
         });

@@ -4,14 +4,15 @@ use std::time::{Duration, Instant};
 
 use serde_json::{Value, json};
 
-use crate::bench::Bench;
-use crate::socket::{Raw, TIMEOUT, error_name};
+use crate::support::PATIENCE;
+use crate::support::bench::Bench;
+use crate::support::raw::{Raw, error_name};
 
 /// The board in the bench answers I2 with 1 until it has been sent I2=3.
 fn panel_enabled(bench: &Bench) -> Raw {
     let mut client = Raw::new(bench);
     client.call("Send", json!({"line": "I2=3"}));
-    client.hear().unwrap();
+    client.receive().unwrap();
     client
 }
 
@@ -22,7 +23,7 @@ fn stops(bench: &Bench) -> usize {
 }
 
 fn wait_for_stop(bench: &Bench) {
-    let deadline = Instant::now() + TIMEOUT;
+    let deadline = Instant::now() + PATIENCE;
     while stops(bench) == 0 {
         assert!(Instant::now() < deadline, "the jog was not stopped: {:?}", bench.seen());
         std::thread::sleep(Duration::from_millis(5));
@@ -34,24 +35,24 @@ fn a_panel_request_asks_first_whether_the_panel_is_enabled() {
     let bench = Bench::new();
     let mut client = Raw::new(&bench);
     client.call("Panel", json!({"action": "jog+", "numbers": [1]}));
-    let reply = client.hear().unwrap();
+    let reply = client.receive().unwrap();
     assert_eq!(error_name(&reply), "Refused");
     let reason = reply["parameters"]["reason"].as_str().unwrap();
     assert!(reason.contains("I2 is 1") && reason.contains("send I2=3 first"), "{reason}");
     assert_eq!(bench.seen(), ["I2"], "nothing reached the panel");
     let mut client = panel_enabled(&bench);
     client.call("Panel", json!({"action": "jog+", "numbers": [1, 3]}));
-    assert_eq!(client.hear().unwrap().get("error"), None);
+    assert_eq!(client.receive().unwrap().get("error"), None);
     assert_eq!(
         bench.seen().last().unwrap(),
         "Panel(PanelRequest { mask: 5, words: [512, 0, 512, 0, 0, 0, 0, 0] })"
     );
     for (action, numbers) in [("jog+", json!([9])), ("jog+", json!([])), ("fly", json!([1]))] {
         client.call("Panel", json!({"action": action, "numbers": numbers}));
-        assert_eq!(error_name(&client.hear().unwrap()), "Refused");
+        assert_eq!(error_name(&client.receive().unwrap()), "Refused");
     }
     client.call("PanelHold", json!({"action": "home", "numbers": [1]}));
-    assert_eq!(error_name(&client.hear().unwrap()), "Refused", "only jogs can be held");
+    assert_eq!(error_name(&client.receive().unwrap()), "Refused", "only jogs can be held");
 }
 
 #[test]
@@ -59,10 +60,10 @@ fn a_held_jog_stops_when_its_holder_is_silent() {
     let bench = Bench::new();
     let mut client = panel_enabled(&bench);
     client.call("PanelHold", json!({"action": "jog-", "numbers": [1, 3]}));
-    assert_eq!(client.hear().unwrap().get("error"), None);
+    assert_eq!(client.receive().unwrap().get("error"), None);
     for _ in 0..8 {
         client.call("PanelRenew", json!({}));
-        if client.hear().unwrap().get("error").is_some() {
+        if client.receive().unwrap().get("error").is_some() {
             // On a machine that stands still for 200 ms the lease is rightly over.
             break;
         }
@@ -70,7 +71,7 @@ fn a_held_jog_stops_when_its_holder_is_silent() {
     }
     wait_for_stop(&bench);
     client.call("PanelRenew", json!({}));
-    assert_eq!(error_name(&client.hear().unwrap()), "Refused", "what has been stopped cannot be renewed");
+    assert_eq!(error_name(&client.receive().unwrap()), "Refused", "what has been stopped cannot be renewed");
 }
 
 #[test]
@@ -78,7 +79,7 @@ fn a_held_jog_stops_when_its_holder_is_gone() {
     let bench = Bench::new();
     let mut client = panel_enabled(&bench);
     client.call("PanelHold", json!({"action": "jog+", "numbers": [1, 3]}));
-    client.hear().unwrap();
+    client.receive().unwrap();
     drop(client);
     wait_for_stop(&bench);
     assert_eq!(stops(&bench), 1);
@@ -90,7 +91,7 @@ fn words_to_write_are_checked_before_they_reach_the_bus_thread() {
     let mut client = Raw::new(&bench);
     let mut write = |parameters: Value| {
         client.call("Write", parameters);
-        let reply = client.hear().unwrap();
+        let reply = client.receive().unwrap();
         error_name(&reply).to_owned()
     };
     // Whose the words are is for the bus thread to say, which knows where the buffers lie.

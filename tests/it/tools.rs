@@ -1,32 +1,13 @@
 //! The command line's tools for a running board: stop, set up, download, backup, compare, restore.
 
-use std::path::PathBuf;
 use std::process::Stdio;
 
 use nix::sys::signal::Signal;
 use serde_json::json;
 
-use crate::bench::Bench;
-use crate::rig::{Ran, command, pmacctl, pmacctl_with};
-use crate::site::{PATIENCE, Site};
-
-/// `pmacctl` on the board of `site`.
-pub fn run(site: &Site, args: &[&str]) -> Ran {
-    let socket = site.socket();
-    let socket = socket.to_str().unwrap();
-    pmacctl_with(["--name", &site.name, "--socket", socket].into_iter().chain(args.iter().copied()))
-}
-
-/// What the board answers to `line`.
-pub fn ask(site: &Site, line: &str) -> Vec<String> {
-    site.connection().send(line, PATIENCE).unwrap_or_else(|error| panic!("{line}: {error}"))
-}
-
-fn file(site: &Site, name: &str, text: &str) -> String {
-    let path: PathBuf = site.path(name);
-    std::fs::write(&path, text).unwrap();
-    path.to_str().unwrap().to_owned()
-}
+use crate::support::Site;
+use crate::support::bench::Bench;
+use crate::support::rig::{Ran, command, pmacctl};
 
 #[test]
 fn set_up_lines_and_absolute_words_need_no_daemon() {
@@ -76,22 +57,22 @@ fn nothing_is_sent_unless_somebody_says_so() {
 fn set_up_through_the_daemon_stops_at_the_first_error() {
     let site = Site::running(&[], &[]);
     // While the servo report runs, GATHER would begin something else.
-    ask(&site, "ENDGATHER");
-    let ran = run(&site, &["setup", "enable", "servo", "background", "--motors", "3", "--send", "--yes"]);
+    site.ask("ENDGATHER");
+    let ran = site.run(&["setup", "enable", "servo", "background", "--motors", "3", "--send", "--yes"]);
     assert_eq!(ran.code, Some(0), "{ran:?}");
     assert!(ran.stdout.contains("\nsent I48=1\n"), "{ran:?}");
-    assert_eq!(ask(&site, "I48 I49 I59"), ["1", "1", "3"]);
+    assert_eq!(site.ask("I48 I49 I59"), ["1", "1", "3"]);
     // A gather buffer cannot be defined while it is in use.
-    ask(&site, "I20=1 I21=$80002B DEFINE GATHER 100 GATHER");
+    site.ask("I20=1 I21=$80002B DEFINE GATHER 100 GATHER");
     let enable = ["setup", "enable", "gather", "--source", "D:$002B", "--send", "--yes"];
-    let ran = run(&site, &enable);
+    let ran = site.run(&enable);
     assert_eq!(ran.code, Some(1), "{ran:?}");
     let told: Vec<_> = ran.stderr.lines().collect();
     assert!(told[0].starts_with("stopped at DEFINE GATHER 1024; the board took I"), "{ran:?}");
     assert!(told[0].ends_with("; not sent: GATHER"), "{ran:?}");
     assert_eq!(told[1], "ERR003: data error or unrecognized command");
     assert!(!ran.stdout.contains("sent DEFINE"), "{ran:?}");
-    let ran = run(&site, &[&enable[..], &["--json"]].concat());
+    let ran = site.run(&[&enable[..], &["--json"]].concat());
     assert_eq!((ran.json()["error"]["code"].as_i64(), ran.code), (Some(3), Some(1)));
     site.assert_no_violations();
 }
@@ -116,19 +97,19 @@ fn abort_and_kill_go_at_once_and_the_status_says_whether_they_went() {
 #[test]
 fn abort_and_kill_act_on_the_motors() {
     let mut site = Site::running(&[], &[]);
-    ask(&site, "#1J+ #2J+");
-    assert_eq!(run(&site, &["kill"]).code, Some(0));
+    site.ask("#1J+ #2J+");
+    assert_eq!(site.run(&["kill"]).code, Some(0));
     let open_loop =
-        |motor: &str| u64::from_str_radix(&ask(&site, &format!("{motor}?"))[0], 16).unwrap() >> 42 & 1;
+        |motor: &str| u64::from_str_radix(&site.ask(&format!("{motor}?"))[0], 16).unwrap() >> 42 & 1;
     assert_eq!((open_loop("#1"), open_loop("#2")), (1, 1));
-    assert_eq!(run(&site, &["abort"]).code, Some(0));
+    assert_eq!(site.run(&["abort"]).code, Some(0));
     assert_eq!((open_loop("#1"), open_loop("#2")), (0, 0), "an abort closes open loops");
-    let ran = run(&site, &["abort", "9"]);
+    let ran = site.run(&["abort", "9"]);
     assert!(ran.stderr.starts_with("&9A: ERR003"), "{ran:?}");
     assert_eq!(ran.code, Some(1));
     site.assert_no_violations();
     site.kill_simulator();
-    let ran = run(&site, &["kill", "--json"]);
+    let ran = site.run(&["kill", "--json"]);
     assert_eq!(ran.code, Some(1), "a dead board does not take it");
     let message = ran.stderr.trim_end();
     assert_eq!(ran.json(), json!({ "sent": [], "error": { "code": null, "message": message } }));
@@ -137,24 +118,23 @@ fn abort_and_kill_act_on_the_motors() {
 #[test]
 fn a_file_is_downloaded_line_by_line() {
     let site = Site::running(&[], &[]);
-    file(&site, "names.pmc", "#define COUNT P5\n#define START 100 ; counts\n");
-    let main = file(
-        &site,
+    site.file("names.pmc", "#define COUNT P5\n#define START 100 ; counts\n");
+    let main = site.file(
         "main.pmc",
         "; a machine\n#include \"names.pmc\"\nCOUNT=START // begin\n\nP6=COUNT*2\nCOUNT P6\n#ifdef NEVER\nUUU\n#endif\n",
     );
-    let dry = run(&site, &["download", &main, "--dry-run"]);
+    let dry = site.run(&["download", &main, "--dry-run"]);
     assert_eq!((dry.stdout.as_str(), dry.code), ("CLOSE\nP5=100\nP6=P5*2\nP5 P6\n", Some(0)));
-    assert_eq!(ask(&site, "P5"), ["0"]);
-    let ran = run(&site, &["download", &main]);
+    assert_eq!(site.ask("P5"), ["0"]);
+    let ran = site.run(&["download", &main]);
     assert_eq!((ran.stdout.as_str(), ran.stderr.as_str(), ran.code), ("100\n200\n", "", Some(0)));
 
-    let bad = file(&site, "bad.pmc", "P7=1\nP7=2 UUU\nP7=P7+1\nUUU\n");
-    let ran = run(&site, &["download", &bad]);
+    let bad = site.file("bad.pmc", "P7=1\nP7=2 UUU\nP7=P7+1\nUUU\n");
+    let ran = site.run(&["download", &bad]);
     let error = format!("{bad}:2: ERR003: data error or unrecognized command: P7=2 UUU\n");
     assert_eq!((ran.stderr.as_str(), ran.code), (error.as_str(), Some(1)));
-    assert_eq!(ask(&site, "P7"), ["2"]);
-    let ran = run(&site, &["download", &bad, "--keep-going", "--json"]);
+    assert_eq!(site.ask("P7"), ["2"]);
+    let ran = site.run(&["download", &bad, "--keep-going", "--json"]);
     assert_eq!((ran.stderr.lines().count(), ran.code), (2, Some(1)));
     let document = ran.json();
     assert_eq!((&document["lines"], &document["taken"]), (&json!(4), &json!(2)));
@@ -163,15 +143,15 @@ fn a_file_is_downloaded_line_by_line() {
         json!({ "file": bad, "line": 4, "text": "UUU", "code": 3,
         "message": "ERR003: data error or unrecognized command" })
     );
-    assert_eq!(ask(&site, "P7"), ["3"]);
+    assert_eq!(site.ask("P7"), ["3"]);
 
-    let wrong = file(&site, "wrong.pmc", "P8=1\n#include \"none.pmc\"\n#else\n");
-    let ran = run(&site, &["download", &wrong]);
+    let wrong = site.file("wrong.pmc", "P8=1\n#include \"none.pmc\"\n#else\n");
+    let ran = site.run(&["download", &wrong]);
     assert!(ran.stderr.starts_with(&format!("{wrong}:2: ")), "{ran:?}");
     assert!(ran.stderr.contains(&format!("{wrong}:3: #else without #ifdef")), "{ran:?}");
     assert!(ran.stderr.ends_with("pmacctl: 2 mistakes; nothing was sent\n"), "{ran:?}");
-    assert_eq!((ran.code, ask(&site, "P8")), (Some(2), vec!["0".to_owned()]));
-    assert_eq!(run(&site, &["download", "/nonexistent"]).code, Some(2));
+    assert_eq!((ran.code, site.ask("P8")), (Some(2), vec!["0".to_owned()]));
+    assert_eq!(site.run(&["download", "/nonexistent"]).code, Some(2));
     site.assert_no_violations();
 }
 
@@ -233,25 +213,25 @@ fn a_restore_says_which_line_may_have_been_carried_out() {
 #[test]
 fn the_status_says_when_command_lines_are_off() {
     let mut site = Site::new();
-    let path = file(&site, "config", "functions = ['servo']\nmotors = 2\ni10 = 3713707\n");
+    let path = site.file("config", "functions = ['servo']\nmotors = 2\ni10 = 3713707\n");
     site.start_simulator(&["--dpram-startup"]);
     site.start_daemon(&["--config", &path]);
-    let ran = run(&site, &["status"]);
+    let ran = site.run(&["status"]);
     assert!(ran.stdout.contains("\ncommand lines   off by the daemon's configuration\n"), "{ran:?}");
-    assert_eq!(run(&site, &["status", "--json"]).json()["socket"]["functions"], json!(["servo"]));
+    assert_eq!(site.run(&["status", "--json"]).json()["socket"]["functions"], json!(["servo"]));
 }
 
 #[test]
 fn variables_are_backed_up_compared_and_restored() {
     let site = Site::running(&[], &[]);
-    ask(&site, "I9=2 I125=$C000 I122=2000.5 P7=-0.5 P1023=12345.678");
+    site.ask("I9=2 I125=$C000 I122=2000.5 P7=-0.5 P1023=12345.678");
     // Apart: a blank before & would not keep it from being an operator.
-    ask(&site, "&1Q3=7 M1->Y:$FFC2,0 M5=42");
-    ask(&site, "&3");
+    site.ask("&1Q3=7 M1->Y:$FFC2,0 M5=42");
+    site.ask("&3");
     let path = site.path("machine.pmc");
     let path = path.to_str().unwrap();
     let began = std::time::Instant::now();
-    let ran = run(&site, &["backup", "-o", path]);
+    let ran = site.run(&["backup", "-o", path]);
     eprintln!("a backup of all variables took {:?}", began.elapsed());
     assert_eq!((ran.stdout.as_str(), ran.stderr.as_str(), ran.code), ("", "", Some(0)));
     let saved = std::fs::read_to_string(path).unwrap();
@@ -275,32 +255,32 @@ fn variables_are_backed_up_compared_and_restored() {
         assert!(lines.contains(&line), "{line}");
     }
     assert!(!lines.contains(&"M1=0"), "what M1 points to is not the backup's business");
-    assert_eq!(ask(&site, "&"), ["3"], "the addressed coordinate system is left as it was");
-    let ran = run(&site, &["diff", path]);
+    assert_eq!(site.ask("&"), ["3"], "the addressed coordinate system is left as it was");
+    let ran = site.run(&["diff", path]);
     assert_eq!((ran.stdout.as_str(), ran.code), ("", Some(0)), "{ran:?}");
 
     // From here on with a part of it, as people keep one.
-    let path = &file(&site, "part.pmc", &known.join("\n"));
+    let path = &site.file("part.pmc", &known.join("\n"));
 
-    ask(&site, "I9=1 I122=1 P7=3");
-    ask(&site, "&1Q3=8 M1->* M5=1");
-    ask(&site, "&2");
-    let ran = run(&site, &["diff", path]);
+    site.ask("I9=1 I122=1 P7=3");
+    site.ask("&1Q3=8 M1->* M5=1");
+    site.ask("&2");
+    let ran = site.run(&["diff", path]);
     let differ = "-I9=2\n+I9=1\n-I122=2000.5\n+I122=1\n-P7=-0.5\n+P7=3\n-&1Q3=7\n+&1Q3=8\n-M1->Y:$FFC2,0\n+M1->*\n-M5=42\n+M5=1\n";
     assert_eq!((ran.stdout.as_str(), ran.code), (differ, Some(1)));
-    let ran = run(&site, &["diff", path, "--json"]);
+    let ran = site.run(&["diff", path, "--json"]);
     assert_eq!(ran.json()[1], json!({ "variable": "I122", "first": "2000.5", "second": "1" }));
 
     let plan = "I9=2  ; was 1\nI122=2000.5  ; was 1\nP7=-0.5  ; was 3\n&1Q3=7  ; was 8\nM1->Y:$FFC2,0  ; was *\nM5=42  ; was 1\n";
-    let ran = run(&site, &["restore", path, "--dry-run"]);
+    let ran = site.run(&["restore", path, "--dry-run"]);
     assert_eq!((ran.stdout.as_str(), ran.code), (plan, Some(0)));
-    let ran = run(&site, &["restore", path]);
+    let ran = site.run(&["restore", path]);
     assert!(ran.stderr.contains("--yes"), "{ran:?}");
-    assert_eq!((ran.code, ask(&site, "P7")), (Some(2), vec!["3".to_owned()]));
-    let ran = run(&site, &["restore", path, "--yes"]);
+    assert_eq!((ran.code, site.ask("P7")), (Some(2), vec!["3".to_owned()]));
+    let ran = site.run(&["restore", path, "--yes"]);
     assert_eq!((ran.stdout.as_str(), ran.stderr.as_str(), ran.code), (plan, "", Some(0)));
-    assert_eq!(run(&site, &["diff", path]).code, Some(0));
-    assert_eq!(ask(&site, "&"), ["2"]);
+    assert_eq!(site.run(&["diff", path]).code, Some(0));
+    assert_eq!(site.ask("&"), ["2"]);
     site.assert_no_violations();
 }
 
@@ -308,15 +288,15 @@ fn variables_are_backed_up_compared_and_restored() {
 fn a_restore_leaves_its_own_port_alone_and_tells_errors_by_line() {
     let site = Site::running(&[], &[]);
     // I5 has two bits: the board takes 7 and holds another value.
-    let path = file(&site, "part.pmc", "I3=0\nI6=3\nI58=0\nI5=7\nP1=5\n&9Q1=1\nP2=6\n");
-    let ran = run(&site, &["restore", &path, "--yes"]);
+    let path = site.file("part.pmc", "I3=0\nI6=3\nI58=0\nI5=7\nP1=5\n&9Q1=1\nP2=6\n");
+    let ran = site.run(&["restore", &path, "--yes"]);
     assert_eq!(ran.code, Some(1), "{ran:?}");
     assert!(
         ran.stderr.contains("ERR003"),
         "reading Q-variables of a coordinate system that is not there: {ran:?}"
     );
-    let path = file(&site, "part.pmc", "I3=0\nI6=3\nI58=0\nI5=7\nP1=5\nP2=6\n");
-    let ran = run(&site, &["restore", &path, "--yes", "--json"]);
+    let path = site.file("part.pmc", "I3=0\nI6=3\nI58=0\nI5=7\nP1=5\nP2=6\n");
+    let ran = site.run(&["restore", &path, "--yes", "--json"]);
     let told: Vec<_> = ran.stderr.lines().collect();
     assert_eq!(told.len(), 4, "{ran:?}");
     for (told, begin) in
@@ -328,25 +308,25 @@ fn a_restore_leaves_its_own_port_alone_and_tells_errors_by_line() {
     let document = ran.json();
     assert_eq!((document["skipped"].as_array().unwrap().len(), &document["taken"]), (3, &json!(3)));
     assert_eq!((document["errors"][0]["line"].as_u64(), ran.code), (Some(4), Some(1)));
-    assert_eq!(ask(&site, "I3 I6 I58 P1 P2"), ["2", "1", "1", "5", "6"]);
+    assert_eq!(site.ask("I3 I6 I58 P1 P2"), ["2", "1", "1", "5", "6"]);
 
-    let other = file(&site, "other.pmc", "P1=5.0\nP2=7\nP3=1\n");
+    let other = site.file("other.pmc", "P1=5.0\nP2=7\nP3=1\n");
     let ran = pmacctl(&format!("diff {path} {other}"));
     let differ = "-I3=0\n-I5=7\n-I6=3\n-I58=0\n-P2=6\n+P2=7\n+P3=1\n";
     assert_eq!((ran.stdout.as_str(), ran.code), (differ, Some(1)));
-    let wrong = file(&site, "wrong.pmc", "P1=5\nOPEN PROG 1\nP1=6\n");
+    let wrong = site.file("wrong.pmc", "P1=5\nOPEN PROG 1\nP1=6\n");
     for command in ["restore", "diff"] {
-        let ran = run(&site, &[command, &wrong]);
+        let ran = site.run(&[command, &wrong]);
         assert!(ran.stderr.starts_with(&format!("{wrong}:2: ")), "{ran:?}");
         assert!(ran.stderr.contains(&format!("{wrong}:3: P1 is set in line 1 already")), "{ran:?}");
         assert_eq!(ran.code, Some(2));
     }
-    assert_eq!(run(&site, &["backup", "--what", "X"]).code, Some(2));
-    let ran = run(&site, &["backup", "--what", "p,i", "--json"]);
+    assert_eq!(site.run(&["backup", "--what", "X"]).code, Some(2));
+    let ran = site.run(&["backup", "--what", "p,i", "--json"]);
     assert_eq!(ran.json()["variables"].as_array().unwrap().len(), 2048);
     assert_eq!(ran.json()["board_type"].as_str().unwrap().split(',').next(), Some("PMAC1"));
-    assert_eq!(run(&site, &["backup", "-o", "/nonexistent/x", "--what", "I"]).code, Some(2));
-    assert_eq!(run(&site, &["diff", "/nonexistent"]).code, Some(2));
+    assert_eq!(site.run(&["backup", "-o", "/nonexistent/x", "--what", "I"]).code, Some(2));
+    assert_eq!(site.run(&["diff", "/nonexistent"]).code, Some(2));
     assert_eq!(pmacctl("backup --socket /nonexistent/x.sock").code, Some(2));
     site.assert_no_violations();
 }

@@ -9,8 +9,8 @@ use std::time::Duration;
 
 use pmac_dpram::client::{SerialError, SerialLine};
 
-use crate::rig::{pmacctl, pty};
-use crate::site::{PATIENCE, Site};
+use crate::support::rig::{pmacctl, pty};
+use crate::support::{PATIENCE, Site};
 
 /// Enough for a line whose answer comes in the form it has just set, which is not understood yet.
 const SHORT: Duration = Duration::from_millis(400);

@@ -7,9 +7,9 @@ use std::process::{Child, Stdio};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
-use crate::bench::Bench;
-use crate::rig::{Ran, command, pty};
-use crate::site::{PATIENCE, Site, wait_until};
+use crate::support::bench::Bench;
+use crate::support::rig::{Ran, command, pty};
+use crate::support::{PATIENCE, Site, wait_until};
 
 fn terminal(site: &Site, options: &[&str]) -> std::process::Command {
     let mut command = command();

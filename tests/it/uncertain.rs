@@ -3,7 +3,7 @@
 use pmac_dpram::protocol::BoardSettings;
 use serde_json::json;
 
-use crate::site::{PATIENCE, Site, wait_until};
+use crate::support::{PATIENCE, Site, wait_until};
 
 /// A board whose daemon is configured with `text`, and takes commands.
 fn configured(simulator: &[&str], text: &str) -> Site {

@@ -3,8 +3,7 @@
 use pmac_dpram::client::{Board, VariableWatch};
 use pmac_dpram::setup::gather_source::GatherSource;
 
-use crate::site::{Site, wait_until};
-use crate::tools::{ask, run};
+use crate::support::{Site, wait_until};
 
 fn register(text: &str) -> GatherSource {
     text.parse().unwrap()
@@ -21,7 +20,7 @@ fn watch(board: &Board, registers: &[&str]) -> VariableWatch {
 
 /// The live table's registers as the list shows them, sorted.
 fn listed(site: &Site) -> Vec<String> {
-    let document = run(site, &["variable", "list", "--json"]).json();
+    let document = site.run(&["variable", "list", "--json"]).json();
     let name = |entry: &serde_json::Value| entry["register"].as_str().unwrap().to_owned();
     let mut names: Vec<String> = document["entries"].as_array().unwrap().iter().map(name).collect();
     names.sort();
@@ -33,7 +32,7 @@ fn clients_share_entries_and_free_them() {
     let site = Site::running(&[], &[]);
     site.wait_for_live_servo();
     for line in ["WY$700,$123456", "WX$701,$FFFFFE", "WY$0728,1", "WX$0728,0"] {
-        ask(&site, line);
+        site.ask(line);
     }
     let (mut one, mut two) = (board(&site), board(&site));
     let first = watch(&one, &["Y:$0700", "X:$0701", "X:$0000"]);
@@ -56,7 +55,7 @@ fn clients_share_entries_and_free_them() {
     wait_until("the first one's entries to be free", || listed(&site) == ["D:$0728", "X:$0701"]);
     drop(second);
     wait_until("all entries to be free", || listed(&site).is_empty());
-    assert_eq!(run(&site, &["variable", "list"]).stdout, "nobody watches a variable\n");
+    assert_eq!(site.run(&["variable", "list"]).stdout, "nobody watches a variable\n");
     site.assert_no_violations();
 }
 
@@ -64,15 +63,15 @@ fn clients_share_entries_and_free_them() {
 fn a_watch_prints_what_the_registers_hold() {
     let site = Site::running(&[], &[]);
     site.wait_for_live_servo();
-    ask(&site, "WY$700,$FFFFFB");
-    ask(&site, "WX$701,$800000");
+    site.ask("WY$700,$FFFFFB");
+    site.ask("WX$701,$800000");
     let watch = ["variable", "watch", "Y:$0700", "X:$0701,u", "--count", "2", "--rate", "100"];
-    let ran = run(&site, &watch);
+    let ran = site.run(&watch);
     assert_eq!((ran.code, ran.stdout.lines().count()), (Some(0), 2), "{ran:?}");
     for line in ran.stdout.lines() {
         assert!(line.starts_with("servo=") && line.ends_with(" Y:$0700=-5 X:$0701,u=8388608"), "{line}");
     }
-    let ran = run(&site, &["variable", "watch", "X:$0701", "--count", "1", "--json"]);
+    let ran = site.run(&["variable", "watch", "X:$0701", "--count", "1", "--json"]);
     assert_eq!(ran.json()["values"][0]["value"], -0x80_0000);
     assert!(ran.json()["servo_timer"].as_u64().unwrap() > 0);
 
@@ -86,23 +85,23 @@ fn a_watch_prints_what_the_registers_hold() {
         (&["variable", "set", "Y:$0700=0", "Y:$0700=16777216"], "does not fit in 24 bits"),
         (&["variable", "set", "L:$0728,0,24=1"], "as a whole"),
     ] {
-        let ran = run(&site, arguments);
+        let ran = site.run(arguments);
         assert!(ran.code != Some(0) && ran.stdout.is_empty(), "{arguments:?}: {ran:?}");
         assert!(ran.stderr.contains(said) && ran.stderr.lines().count() == 1, "{arguments:?}: {ran:?}");
     }
-    assert_eq!(ask(&site, "RHY$700"), ["FFFFFB"], "a refused call writes nothing");
+    assert_eq!(site.ask("RHY$700"), ["FFFFFB"], "a refused call writes nothing");
 
     // 128 are all there are.
     let board = board(&site);
     let many: Vec<GatherSource> = (0x700..0x780).map(|n| register(&format!("X:${n:X}"))).collect();
     let held = board.watch_variables(&many).unwrap();
-    let ran = run(&site, &["variable", "watch", "Y:$0700", "--count", "1"]);
+    let ran = site.run(&["variable", "watch", "Y:$0700", "--count", "1"]);
     assert!(ran.code != Some(0) && ran.stderr.contains("128 are in use, 1 more"), "{ran:?}");
     drop(held);
 
-    ask(&site, "I55=0");
+    site.ask("I55=0");
     for arguments in [&["variable", "watch", "Y:$0700"][..], &["variable", "set", "Y:$0700=1"]] {
-        let ran = run(&site, arguments);
+        let ran = site.run(arguments);
         assert!(ran.code != Some(0) && ran.stderr.contains("send I55=1 first"), "{ran:?}");
     }
     site.assert_no_violations();
@@ -112,29 +111,26 @@ fn a_watch_prints_what_the_registers_hold() {
 fn a_set_writes_the_bits_asked_for_and_many_in_their_order() {
     let site = Site::running(&[], &[]);
     site.wait_for_live_servo();
-    ask(&site, "WY$700,$ABCDEF");
+    site.ask("WY$700,$ABCDEF");
     let done = |arguments: &[&str]| {
-        let ran = run(&site, &[&["variable", "set"], arguments].concat());
+        let ran = site.run(&[&["variable", "set"], arguments].concat());
         assert_eq!((ran.code, ran.stderr.as_str()), (Some(0), ""), "{arguments:?}");
     };
     done(&["Y:$0700,8,4=5"]);
-    assert_eq!(ask(&site, "RHY$700"), ["ABC5EF"]);
+    assert_eq!(site.ask("RHY$700"), ["ABC5EF"]);
     done(&["Y:$0700,0=0", "X:$0700=-2", "D:$0728=-3"]);
-    assert_eq!(ask(&site, "RHY$700"), ["ABC5EE"]);
-    assert_eq!(ask(&site, "RHX$700"), ["FFFFFE"]);
-    assert_eq!(
-        (ask(&site, "RHX$728"), ask(&site, "RHY$728")),
-        (vec!["FFFFFF".into()], vec!["FFFFFD".into()])
-    );
+    assert_eq!(site.ask("RHY$700"), ["ABC5EE"]);
+    assert_eq!(site.ask("RHX$700"), ["FFFFFE"]);
+    assert_eq!((site.ask("RHX$728"), site.ask("RHY$728")), (vec!["FFFFFF".into()], vec!["FFFFFD".into()]));
     done(&["L:$0729=2.5"]);
-    let ran = run(&site, &["variable", "watch", "L:$0729", "--count", "1", "--json"]);
+    let ran = site.run(&["variable", "watch", "L:$0729", "--count", "1", "--json"]);
     assert_eq!(ran.json()["values"][0]["value"], 2.5);
 
     // 100 records take four cycles of 32; each register is written twice, and the last word counts.
     let values: Vec<String> = (0..100).map(|n| format!("Y:${:X}={}", 0x740 + n % 50, 1000 + n)).collect();
     done(&values.iter().map(String::as_str).collect::<Vec<_>>());
     for n in [0, 17, 49] {
-        assert_eq!(ask(&site, &format!("RY${:X}", 0x740 + n)), [(1050 + n).to_string()]);
+        assert_eq!(site.ask(&format!("RY${:X}", 0x740 + n)), [(1050 + n).to_string()]);
     }
     site.assert_no_violations();
 }

@@ -1,6 +1,6 @@
 //! Everything at once, for long: every function in use, twenty readers, eight command clients.
 //!
-//! An hour: `PMAC_SOAK_SECONDS=3600 cargo test --release --test it soak:: -- --nocapture`. Among the other tests it is short.
+//! An hour: `PMAC_SOAK_SECONDS=3600 cargo test --release --test realtime soak:: -- --nocapture`. Among the other tests it is short.
 //!
 //! What is asserted: no ring lost a sample to any reader, no reply went to somebody else, the simulator saw no broken
 //! handshake, memory and descriptors of both processes did not grow, and the daemon's log has nothing but what was asked of it.
@@ -16,7 +16,7 @@ use pmac_dpram::client::Board;
 use pmac_dpram::segment::{Counter, RegionId, Sample, Subscriber, WaitOutcome};
 use pmac_dpram::setup::gather_source::GatherSource;
 
-use crate::site::{Ended, PATIENCE, Site, Weight, counter, output_within, wait_until};
+use crate::support::{Ended, PATIENCE, Site, Weight, counter, output_within, wait_until};
 
 /// Readers that sleep as long as they like and then take everything that has come meanwhile.
 const SLEEPING_READERS: usize = 16;

@@ -23,7 +23,7 @@ use crate::bystander::{self, Bystander, JOGGED};
 use crate::campaign_uses::{Count, TIMEOUT, USES, Use, use_it};
 use crate::misbehaviour::{MISBEHAVIOURS, Misbehaviour, disturb, garbles};
 use crate::mixing::tagged_longs;
-use crate::site::{Ended, PATIENCE, Site, Weight, is_live, own_kib, wait_until};
+use crate::support::{Ended, PATIENCE, Site, Weight, is_live, own_kib, wait_until};
 
 /// Nothing takes longer: a gather is several calls, each bounded by what the daemon gives the board and a margin.
 const BOUND: Duration = Duration::from_secs(20);

@@ -9,7 +9,7 @@ use pmac_dpram::client::Connection;
 use pmac_dpram::segment::{Counter, RegionId, Sample, monotonic_ns};
 
 use crate::hostile::flooders;
-use crate::site::{PATIENCE, Site, Weight, wait_until};
+use crate::support::{PATIENCE, Site, Weight, wait_until};
 
 /// How long an honest client may have to wait for an answer. A line behind ten thousand others would take longer.
 const FAIR: Duration = Duration::from_secs(5);

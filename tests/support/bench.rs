@@ -15,7 +15,7 @@ use pmac_dpram::daemon::queue::{
 use pmac_dpram::daemon::serve::{Backend, ServeOptions, Server, serve};
 use pmac_dpram::protocol::{BoardInfo, BoardSettings, Enabled, State};
 
-use crate::site::wait_until;
+use super::wait_until;
 
 /// A served socket in a directory of its own, with its bus thread.
 pub struct Bench {

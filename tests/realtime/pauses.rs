@@ -7,8 +7,7 @@ use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
 use pmac_dpram::segment::{Counter, RegionId, Sample, monotonic_ns};
 
-use crate::site::{Site, counter, is_live, wait_until};
-use crate::tools::{ask, run};
+use crate::support::{Site, counter, is_live, wait_until};
 
 const PAUSE: Duration = Duration::from_millis(300);
 
@@ -29,13 +28,13 @@ fn a_gather_goes_on_while_the_servo_report_pauses() {
     // its period, too.
     let gather = ["gather", "--once", "--source", "X:$0000", "--period", "10", "--seconds", "4", "-o", csv];
     let ran = std::thread::scope(|scope| {
-        let gather = scope.spawn(|| run(&site, &gather));
+        let gather = scope.spawn(|| site.run(&gather));
         wait_until("samples", || is_live(&subscriber, RegionId::Gather));
         for _ in 0..2 {
-            ask(&site, "I48=0");
+            site.ask("I48=0");
             wait_until("stale data", || !is_live(&subscriber, RegionId::Servo));
             std::thread::sleep(PAUSE);
-            ask(&site, "I48=1");
+            site.ask("I48=1");
             wait_until("live data", || is_live(&subscriber, RegionId::Servo));
         }
         // A board that stands still, and a longer pause of its report around that.

@@ -11,7 +11,7 @@ use pmac_dpram::segment::RegionId;
 use pmac_dpram::setup::gather_source::GatherSource;
 
 use crate::misbehaviour::{Misbehaviour, garbles};
-use crate::site::{Site, wait_until};
+use crate::support::{Site, wait_until};
 
 /// What a sender gives the board.
 pub const TIMEOUT: Duration = Duration::from_millis(250);

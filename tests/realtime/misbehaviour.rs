@@ -1,6 +1,6 @@
 //! What a simulated board can be made to do wrong.
 
-use crate::site::Site;
+use crate::support::Site;
 
 /// What the board does wrong.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]

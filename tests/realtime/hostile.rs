@@ -19,10 +19,10 @@ use pmac_dpram::client::Connection;
 use pmac_dpram::protocol::BOARD;
 use serde_json::json;
 
-use crate::bench::Bench;
 use crate::hostile_witness::{print_head, processor_time, site, watch};
-use crate::site::{PATIENCE, Site, Weight, wait_until};
-use crate::socket::{Raw, error_name};
+use crate::support::bench::Bench;
+use crate::support::raw::{Raw, error_name};
+use crate::support::{PATIENCE, Site, Weight, wait_until};
 
 fn setting(name: &str, short: u64) -> u64 {
     std::env::var(name).ok().and_then(|text| text.parse().ok()).unwrap_or(short)
@@ -332,10 +332,7 @@ fn no_descriptor_at_all_is_waited_out() {
     };
     let mut honest = site.connection();
     honest.info().unwrap();
-    if !limit(Weight::of(pid).descriptors) {
-        println!("skipped: this needs prlimit(1)");
-        return;
-    }
+    assert!(limit(Weight::of(pid).descriptors), "prlimit(1)");
     let mut waiting = many(&site, 20);
     let used = processor_time(pid, "socket");
     std::thread::sleep(Duration::from_secs(1));
@@ -372,20 +369,20 @@ fn the_silent_give_way_when_places_are_needed() {
     });
     let mut spoken = Raw::new(&bench);
     spoken.call("GetInfo", json!({}));
-    assert!(spoken.hear().is_some());
+    assert!(spoken.receive().is_some());
     let mut silent: Vec<_> = (0..6).map(|_| Raw::new(&bench)).collect();
     // The last eighth is for others.
     let mut refused = Raw::new(&bench);
-    assert_eq!(error_name(&refused.hear().unwrap()), "Unavailable");
+    assert_eq!(error_name(&refused.receive().unwrap()), "Unavailable");
     std::thread::sleep(patience + Duration::from_millis(50));
     let mut newcomer = Raw::new(&bench);
     newcomer.call("GetInfo", json!({}));
-    assert_eq!(newcomer.hear().unwrap()["parameters"]["name"], "pmac0");
-    assert_eq!(silent.remove(0).hear(), None, "the oldest goes");
+    assert_eq!(newcomer.receive().unwrap()["parameters"]["name"], "pmac0");
+    assert_eq!(silent.remove(0).receive(), None, "the oldest goes");
     spoken.call("GetInfo", json!({}));
-    assert!(spoken.hear().is_some());
+    assert!(spoken.receive().is_some());
     for mut client in silent {
         client.call("GetInfo", json!({}));
-        assert!(client.hear().is_some(), "no more go than needed");
+        assert!(client.receive().is_some(), "no more go than needed");
     }
 }

@@ -1,0 +1,101 @@
+//! `pmacd` and `pmacctl` as processes: what they refuse, and what they leave behind.
+
+use std::process::Stdio;
+
+use pmac_dpram::segment::{RegionId, Subscriber};
+
+use crate::support::{Site, is_live, wait_until};
+
+#[test]
+fn a_second_daemon_on_the_same_name_is_refused() {
+    let mut site = Site::running(&[], &[]);
+    site.wait_for_live_servo();
+    let second = site.daemon_command(&[]).stderr(Stdio::piped()).output().unwrap();
+    assert_eq!(second.status.code(), Some(69));
+    let error = String::from_utf8(second.stderr).unwrap();
+    assert!(error.contains("in use") && error.contains(&site.daemon_pid().to_string()), "{error}");
+    // Nor may one of another name have the same board: a board has one host.
+    let other = std::process::Command::new(env!("CARGO_BIN_EXE_pmacd"))
+        .args(["--board", &format!("file:{}", site.path("dpram").display())])
+        .args(["--name", &format!("{}-other", site.name), "--socket"])
+        .arg(site.path("other"))
+        .output()
+        .unwrap();
+    assert_eq!(other.status.code(), Some(69));
+    let error = String::from_utf8(other.stderr).unwrap();
+    assert!(error.contains("dpram is the board of another running pmacd"), "{error}");
+    assert!(is_live(&site.attach(), RegionId::Servo), "the first one goes on");
+    assert_eq!(site.stop_daemon(), 0);
+    assert!(site.connection_refused());
+}
+
+#[test]
+fn a_killed_daemon_leaves_no_simulator_and_a_killed_demo_no_daemon() {
+    let left = |pid: u32| {
+        let prefix = format!("pmac-sim-{pid}-");
+        let name = |entry: std::fs::DirEntry| entry.file_name().to_string_lossy().into_owned();
+        std::fs::read_dir("/dev/shm").unwrap().flatten().map(name).find(|name| name.starts_with(&prefix))
+    };
+    let site = Site::new();
+    let mut daemon = std::process::Command::new(env!("CARGO_BIN_EXE_pmacd"))
+        .args(["--board", "sim", "--name", &site.name, "--socket"])
+        .arg(site.socket())
+        .stderr(Stdio::null())
+        .spawn()
+        .unwrap();
+    wait_until("live servo data", || {
+        Subscriber::attach(&site.segment()).is_ok_and(|subscriber| is_live(&subscriber, RegionId::Servo))
+    });
+    assert!(left(daemon.id()).is_some());
+    daemon.kill().unwrap();
+    daemon.wait().unwrap();
+    wait_until("the simulator to end and take its directory away", || left(daemon.id()).is_none());
+    let _ = std::fs::remove_file(format!("/dev/shm/{}", site.name));
+    let _ = std::fs::remove_file(format!("/dev/shm/{}.lock", site.name));
+
+    let mut demo = std::process::Command::new(env!("CARGO_BIN_EXE_pmacctl"))
+        .arg("demo")
+        .env("TMPDIR", site.path(""))
+        .stdout(Stdio::null())
+        .spawn()
+        .unwrap();
+    let segment = format!("pmac-demo-{}", demo.id()).parse().unwrap();
+    wait_until("the demo's servo data", || {
+        Subscriber::attach(&segment).is_ok_and(|subscriber| is_live(&subscriber, RegionId::Servo))
+    });
+    demo.kill().unwrap();
+    demo.wait().unwrap();
+    wait_until("the demo's daemon to end and take its segment away", || {
+        Subscriber::attach(&segment).is_err()
+    });
+}
+
+#[test]
+fn a_malformed_request_is_one_line_and_its_status() {
+    let site = Site::new();
+    let config = tempfile::NamedTempFile::new().unwrap();
+    std::fs::write(config.path(), "board = \"sim\"\nspeed = 1\n").unwrap();
+    let config = config.path().to_str().unwrap();
+    for (arguments, status) in [
+        (&["--board", "boat"] as &[&str], 64),
+        (&["--board", "sim", "--nonsense"], 64),
+        (&["--board", "sim", "--name", "a/b"], 64),
+        (&["--config", config], 78),
+        (&["--config", "/nonexistent"], 78),
+        (&["--board", "sim", "--user", "no-such-user-here"], 78),
+        (&["--board", "file:/nonexistent/dpram"], 69),
+        (&[], 64),
+    ] {
+        let output =
+            std::process::Command::new(env!("CARGO_BIN_EXE_pmacd")).args(arguments).output().unwrap();
+        let error = String::from_utf8(output.stderr).unwrap();
+        assert_eq!(output.status.code(), Some(status), "{arguments:?}: {error}");
+        let error = error.lines().filter(|line| !line.starts_with("[WARN ")).collect::<Vec<_>>().join("\n");
+        assert_eq!(error.lines().count(), 1, "{arguments:?}: {error}");
+    }
+    for arguments in [&["motors"] as &[&str], &["send", "P1"], &["read", "Q:$D000"], &["decode", "/dev/null"]]
+    {
+        let (status, stdout, error) = site.pmacctl(arguments);
+        assert_eq!((status, stdout.as_str(), error.lines().count()), (2, "", 1), "{arguments:?}: {error}");
+    }
+}

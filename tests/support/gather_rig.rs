@@ -1,0 +1,127 @@
+//! Gathering from a simulated board in a process of its own, as planned, read and decoded by the library.
+
+use std::time::Instant;
+
+use pmac_dpram::decode::{MotorScales, Scales};
+use pmac_dpram::device::{Bus, FileBoard};
+use pmac_dpram::function::gather::{GatherBuffer, GatherLook, GatherReader, GatherStart, report_cycles};
+use pmac_dpram::function::servo_timer::ServoTimer;
+use pmac_dpram::gather::{GatherMode, GatherPlan, GatherRequest, ServoReport, Source, column, plan};
+use pmac_dpram::map::classic::{
+    ASCII_COMMAND, ASCII_INPUT_CONTROL, ASCII_OUTPUT_CONTROL, RESPONSE_ACKNOWLEDGE,
+};
+use pmac_dpram::map::{Layout, PMAC};
+
+use super::PATIENCE;
+use super::sim::Sim;
+
+/// What is gathered: three longs and a word.
+pub const SOURCES: [&str; 4] =
+    ["servo_timer", "1.actual_position", "1.commanded_position", "1.actual_velocity"];
+
+/// A simulated board and the host's way to its memory.
+pub struct GatherRig {
+    sim: Sim,
+    pub bus: FileBoard,
+    layout: Layout,
+    in_steps: bool,
+}
+
+impl GatherRig {
+    pub fn start(firmware: &str, options: &[&str]) -> Self {
+        let sim = Sim::start(&[&["--dpram-startup", "--firmware", firmware], options].concat());
+        let bus = FileBoard::open(&sim.path("dpram"), 0x4000).unwrap();
+        let layout = Layout::new(&PMAC, Some(firmware.parse().unwrap()));
+        Self { sim, bus, layout, in_steps: options.contains(&"--virtual") }
+    }
+
+    /// Lets so many servo cycles pass, where time does not pass by itself.
+    pub fn pass(&mut self, cycles: u32) {
+        if self.in_steps {
+            self.sim.ok(&format!("step {cycles}"));
+        }
+    }
+
+    /// Sends a line that only acknowledges.
+    pub fn send(&mut self, line: &str) {
+        let mut bytes = line.as_bytes().to_vec();
+        bytes.resize(bytes.len() / 2 * 2 + 2, 0);
+        for (n, pair) in bytes.as_chunks::<2>().0.iter().enumerate() {
+            self.bus.write16(ASCII_COMMAND.plus_words(n), u16::from_le_bytes(*pair)).unwrap();
+        }
+        self.bus.order_writes();
+        self.bus.write16(ASCII_OUTPUT_CONTROL, 1).unwrap();
+        let start = Instant::now();
+        loop {
+            self.pass(1);
+            match self.bus.read16(ASCII_INPUT_CONTROL).unwrap() {
+                0 => assert!(start.elapsed() < PATIENCE, "no answer to {line}"),
+                RESPONSE_ACKNOWLEDGE => break,
+                other => panic!("{line}: 0x{other:04X}"),
+            }
+        }
+        self.bus.write16(ASCII_INPUT_CONTROL, 0).unwrap();
+    }
+
+    pub fn plan(&self, mode: GatherMode, buffer_longs: Option<u32>) -> GatherPlan {
+        let request = GatherRequest {
+            sources: SOURCES.iter().map(|name| Source::parse(name, &self.layout).unwrap()).collect(),
+            period: 1,
+            mode,
+            buffer_longs,
+            // The start-up lines have started it.
+            servo_report: ServoReport::Running,
+            gathering: false,
+        };
+        plan(&request, &self.layout, &scales()).unwrap()
+    }
+
+    pub fn begin(&mut self, plan: &GatherPlan, timer: &mut ServoTimer) -> GatherReader {
+        for line in &plan.prepare {
+            self.send(line);
+        }
+        let buffer = GatherBuffer::planned(plan, &self.layout);
+        let mut reader = GatherReader::new(buffer, GatherStart::Defined).unwrap();
+        let look = reader.step(&mut self.bus, |bus| report_cycles(bus, timer)).unwrap();
+        assert_eq!(look, GatherLook::Idle);
+        for line in &plan.start {
+            self.send(line);
+        }
+        reader
+    }
+
+    /// The board has seen no broken handshake.
+    pub fn finish(mut self) {
+        assert_eq!(self.sim.status("violations_total"), 0);
+    }
+}
+
+/// The scales of motor 1.
+pub fn scales() -> Scales {
+    let motor =
+        MotorScales { position_scale: Some(96.0), velocity_scale: Some(96.0), master_scale: Some(96.0) };
+    Scales { motors: vec![motor], i10: Some(PMAC.default_i10) }
+}
+
+/// Takes what there is; every sample's number and values. The look that ended it.
+pub fn take(
+    rig: &mut GatherRig,
+    reader: &mut GatherReader,
+    timer: &mut ServoTimer,
+    plan: &GatherPlan,
+    mut row: impl FnMut(u64, &[f64]),
+) -> GatherLook {
+    let mut values = Vec::new();
+    loop {
+        match reader.step(&mut rig.bus, |bus| report_cycles(bus, timer)).unwrap() {
+            GatherLook::Samples { first, .. } => {
+                for (number, sample) in (first..).zip(reader.longs().chunks(reader.sample_longs())) {
+                    values.clear();
+                    column::decode(&plan.columns, sample, &mut values);
+                    row(number, &values);
+                }
+            }
+            look => return look,
+        }
+    }
+}
