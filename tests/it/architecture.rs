@@ -33,14 +33,14 @@ const OTHER_OFFSETS: [&str; 6] = [
 ];
 
 /// A source file: its path from the package's root, and its code, line by line with the line's number.
-struct Source {
-    path: String,
+pub struct Source {
+    pub path: String,
     text: String,
-    code: Vec<(usize, String)>,
+    pub code: Vec<(usize, String)>,
 }
 
 impl Source {
-    fn new(path: &str, text: &str) -> Self {
+    pub fn new(path: &str, text: &str) -> Self {
         Self { path: path.to_owned(), text: text.to_owned(), code: code(text) }
     }
 
@@ -106,7 +106,7 @@ fn sources(below: &str) -> Vec<Source> {
 }
 
 /// The library's and the programs' source, without the files that only tests see.
-fn shipped() -> Vec<Source> {
+pub fn shipped() -> Vec<Source> {
     let mut sources = sources("src");
     sources.retain(|source| !source.path.ends_with("tests.rs") && !source.path.ends_with("/testing.rs"));
     sources
