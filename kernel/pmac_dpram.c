@@ -9,6 +9,9 @@
  * or an ACPI device with _HID "PMAC0001", or a devicetree node compatible with "delta-tau,pmac-dpram", either with the
  * window, the interrupt and the ports as its resources, and "delta-tau,controller" as the parameter below has it.
  *
+ * Node: /dev/uioN is root's alone until a udev rule says otherwise. The shipped one gives it to user pmacd, mode 0600: whoever opens
+ * it writes to the board past every role of the daemon's socket, so no group should have it.
+ *
  * Window: UIO maps whole pages, so a window that starts inside a page (a VME page at $x4000 never does, a 4 KiB piece of
  * one might on a machine with larger pages) is mapped from the page's start; maps/map0/offset says where it begins. An
  * address that the firmware marked reserved below 1 MiB counts as taken; "reserved=1" uses it all the same.

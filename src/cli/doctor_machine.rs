@@ -31,8 +31,13 @@ pub fn boards(report: &mut Report, system: &System) {
             "no UIO, PCI or VME device looks like one; is the board's driver loaded, and the board powered?";
         report.add(Level::Warn, "candidate", text);
     }
-    for candidate in found {
+    for mut candidate in found {
+        let rule = candidate.rule.take();
         report.0.push(candidate_check(candidate));
+        if let Some(rule) = rule {
+            // Alone in its line, to be copied.
+            report.add(Level::Ok, "udev rule", rule);
+        }
     }
     let text = format!(
         "an ISA board shows itself nowhere: with its DPRAM at the usual address it is {USUAL_ISA}, see pmacctl setup isa"
@@ -69,7 +74,8 @@ fn candidate_check(candidate: Candidate) -> Check {
         text += "; ";
         text += hint;
     }
-    let level = if candidate.usable { Level::Ok } else { Level::Warn };
+    let may = candidate.reserved || candidate.usable;
+    let level = if may && !candidate.exposed { Level::Ok } else { Level::Warn };
     Check { candidate: Some(candidate), ..Check::new(level, "candidate", text) }
 }
 

@@ -2,12 +2,11 @@
 //!
 //! An ISA board does not say that it is there; only its address, which the user knows, leads to it.
 
-use nix::unistd::{AccessFlags, access};
 use serde::Serialize;
 
 use super::file::DPRAM_BYTES;
+use super::node_owner::{Holder, RULE_FILE, may_open, remark, rule_for_slot, rule_for_vme, rule_for_window};
 use super::pci::{self, PciInfo};
-use super::refusal::allowed;
 use super::system::System;
 use super::uio::UioInfo;
 
@@ -44,8 +43,49 @@ pub struct Candidate {
     pub driver: Option<String>,
     /// Whether this user may open everything the specification needs.
     pub usable: bool,
+    /// Whether the service alone may, as it should be.
+    pub reserved: bool,
+    /// Whether others than its owner may write to it, past every role of the command socket.
+    pub exposed: bool,
     /// What is in the way, or would be better, each with what to do.
     pub hints: Vec<String>,
+    /// The udev rule that gives its node to the service alone, where the shipped rules do not.
+    pub rule: Option<String>,
+}
+
+impl Candidate {
+    /// A board behind these files, the cure being what gives them to the service alone.
+    fn new(
+        system: &System,
+        spec: String,
+        certainty: Certainty,
+        what: String,
+        files: &[(String, String)],
+    ) -> Self {
+        let mut hints = Vec::new();
+        let mut worst = Holder::Service;
+        for (file, cure) in files {
+            let holder = Holder::of(system, file);
+            hints.extend(remark(system, file, holder));
+            if !matches!(holder, Holder::Service | Holder::Nobody) {
+                hints.push(cure.clone());
+            }
+            worst = worst.max(holder);
+        }
+        hints.dedup();
+        let usable = files.iter().all(|(file, _)| may_open(system, file));
+        let (reserved, exposed) = (worst == Holder::Service, worst == Holder::Others);
+        Self { spec, certainty, what, driver: None, usable, reserved, exposed, hints, rule: None }
+    }
+
+    fn with_driver(self, driver: Option<String>) -> Self {
+        Self { driver, ..self }
+    }
+
+    /// The rule is of no use where it acts already.
+    fn with_rule(self, rule: String) -> Self {
+        Self { rule: (!self.reserved).then_some(rule), ..self }
+    }
 }
 
 /// Everything that may be a board, the likely first.
@@ -61,19 +101,8 @@ pub fn candidates(system: &System) -> Vec<Candidate> {
         let own = uio.iter().find(|info| device.uio.as_deref() == Some(&info.device));
         of_pci(system, device, own)
     }));
-    found.extend(system.names(VME_WINDOWS).iter().filter(|name| name.starts_with('m')).map(|name| {
-        let node = format!("{VME_WINDOWS}/{name}");
-        Candidate {
-            spec: format!("vme:{node}"),
-            certainty: Certainty::Maybe,
-            what: "a window of a VME bridge".to_owned(),
-            driver: None,
-            usable: may_use(system, &node),
-            hints: refused(system, &node, "have a udev rule give it to the daemon's group")
-                .into_iter()
-                .collect(),
-        }
-    }));
+    let windows = system.names(VME_WINDOWS);
+    found.extend(windows.iter().filter(|name| name.starts_with('m')).map(|name| of_vme(system, name)));
     found.sort_by_key(|candidate| candidate.certainty);
     found
 }
@@ -86,17 +115,27 @@ fn of_uio(system: &System, info: &UioInfo) -> Option<Candidate> {
         Certainty::Maybe => (SHORTEST..=LONGEST).contains(&size),
     };
     let map = info.maps.iter().find(|map| fits(map.size.saturating_sub(map.offset)))?;
-    let node = node_of(info);
-    Some(Candidate {
-        spec: uio_spec(info, map.number),
-        certainty,
-        what: format!("UIO device {}, {:#x} bytes at {:#x}", info.name, map.size, map.address),
-        driver: Some(info.name.clone()),
-        usable: may_use(system, &node),
-        hints: refused(system, &node, "join that group, or have a udev rule give it to the daemon's")
-            .into_iter()
-            .collect(),
-    })
+    let what = format!("UIO device {}, {:#x} bytes at {:#x}", info.name, map.size, map.address);
+    let spec = uio_spec(info, map.number);
+    // The shipped rules know boards of drivers whose names begin so.
+    let (cure, rule) = match certainty {
+        Certainty::Likely => (
+            "to give it to the service alone, install the package and run udevadm trigger -s uio".to_owned(),
+            None,
+        ),
+        Certainty::Maybe => (rule_hint(), Some(rule_for_window(map))),
+    };
+    let found = Candidate::new(system, spec, certainty, what, &[(node_of(info), cure)])
+        .with_driver(Some(info.name.clone()));
+    Some(rule.into_iter().fold(found, Candidate::with_rule))
+}
+
+/// A window of a VME bridge.
+fn of_vme(system: &System, name: &str) -> Candidate {
+    let node = format!("{VME_WINDOWS}/{name}");
+    let what = "a window of a VME bridge".to_owned();
+    Candidate::new(system, format!("vme:{node}"), Certainty::Maybe, what, &[(node, rule_hint())])
+        .with_rule(rule_for_vme(name))
 }
 
 /// A PCI device: by its id, or by a BAR that may be a DPRAM while no driver of another kind has it.
@@ -111,36 +150,50 @@ fn of_pci(system: &System, device: &PciInfo, uio: Option<&UioInfo>) -> Option<Ca
     let address = device.address;
     let directory = pci::directory(address);
     let resource = format!("{directory}/resource{}", bar.number);
-    let mut hints = Vec::new();
+    // The shipped drop-in does both: it gives the files in sysfs to the service, and tells it where they are.
+    let drop_in = format!(
+        "to give its files to the service alone, copy /usr/share/pmacd/dropins/pci.conf and write {address} {} in it",
+        bar.number
+    );
     // A UIO device that shows this very BAR needs no privilege beyond its node's.
     let map = uio.and_then(|info| Some((info, info.maps.iter().find(|map| map.address == bar.range.start)?)));
-    let (spec, nodes) = match (map, uio) {
-        (Some((info, map)), _) => (uio_spec(info, map.number), vec![node_of(info)]),
+    let node = |info| (node_of(info), rule_hint());
+    let (spec, files) = match (map, uio) {
+        (Some((info, map)), _) => (uio_spec(info, map.number), vec![node(info)]),
         (None, Some(info)) => {
             let spec = format!("pci:{address},bar={},irq=uio:{}", bar.number, node_of(info));
-            (spec, vec![resource, node_of(info)])
+            (spec, vec![(resource, drop_in), node(info)])
         }
-        (None, None) => (format!("pci:{address},bar={}", bar.number), vec![resource]),
+        (None, None) => (format!("pci:{address},bar={}", bar.number), vec![(resource, drop_in)]),
     };
-    let bind = format!("driverctl set-override {address} {}", pci::INTERRUPTS_ONLY);
-    match (foreign, uio) {
-        (Some(driver), _) => hints.push(format!("driver {driver} has it; give it another: {bind}")),
-        (None, None) => hints.push(format!("for its interrupt, and to need no right but a node's: {bind}")),
-        (None, Some(_)) => {}
-    }
-    for node in &nodes {
-        hints.extend(refused(system, node, "hand it to the daemon's group"));
-    }
     let (vendor, id) = device.id;
     let like = if known { "the id of a PMAC PCI, and of Altera's example designs" } else { "of that size" };
-    Some(Candidate {
-        spec,
-        certainty: if known { Certainty::Likely } else { Certainty::Maybe },
-        what: format!("PCI device {vendor:04x}:{id:04x} at {address}, {bar}, {like}"),
-        driver: device.driver.clone(),
-        usable: foreign.is_none() && nodes.iter().all(|node| may_use(system, node)),
-        hints,
-    })
+    let certainty = if known { Certainty::Likely } else { Certainty::Maybe };
+    let what = format!("PCI device {vendor:04x}:{id:04x} at {address}, {bar}, {like}");
+    let mut found = Candidate::new(system, spec, certainty, what, &files).with_driver(device.driver.clone());
+    let bind = format!("driverctl set-override {address} {}", pci::INTERRUPTS_ONLY);
+    match (foreign, uio) {
+        (Some(driver), _) => {
+            found.usable = false;
+            found.hints.insert(0, format!("driver {driver} has it; give it another: {bind}"));
+        }
+        (None, None) => {
+            let hint = format!(
+                "for its interrupt, and to need no right but a node's: {bind}; before that, {}",
+                rule_hint()
+            );
+            found.hints.insert(0, hint);
+        }
+        (None, Some(_)) => {}
+    }
+    Some(if foreign.is_none() { found.with_rule(rule_for_slot(address, device.id)) } else { found })
+}
+
+/// What to do with a rule.
+fn rule_hint() -> String {
+    format!(
+        "if it is your board, put the udev rule below into {RULE_FILE}, then udevadm control --reload and udevadm trigger -s uio"
+    )
 }
 
 fn node_of(info: &UioInfo) -> String {
@@ -150,18 +203,6 @@ fn node_of(info: &UioInfo) -> String {
 fn uio_spec(info: &UioInfo, map: u32) -> String {
     let map = if map == 0 { String::new() } else { format!(",map={map}") };
     format!("uio:{}{map}", node_of(info))
-}
-
-fn may_use(system: &System, node: &str) -> bool {
-    access(&system.path(node), AccessFlags::R_OK | AccessFlags::W_OK).is_ok()
-}
-
-/// What keeps this user from a node, if anything does.
-fn refused(system: &System, node: &str, cure: &str) -> Option<String> {
-    (!may_use(system, node)).then(|| match allowed(&system.path(node)) {
-        Some(allowed) => format!("you may not read and write {node} ({allowed}); {cure}"),
-        None => format!("{node} is not there; is udev running?"),
-    })
 }
 
 #[cfg(test)]
@@ -210,7 +251,15 @@ mod tests {
             ]
         );
         let found = &candidates(&fake.system)[0];
-        assert!(found.usable && found.hints.is_empty() && found.what.contains("pmac-dpram"), "{found:?}");
+        assert!(found.usable && !found.reserved && found.what.contains("pmac-dpram"), "{found:?}");
+        assert!(found.rule.is_none() && found.hints[0].contains("install the package"), "{found:?}");
+        let found = &candidates(&fake.system)[1];
+        assert!(
+            found.hints[0].contains("udev rule below into /etc/udev/rules.d/59-pmacd.rules"),
+            "{found:?}"
+        );
+        let rule = found.rule.as_deref().unwrap();
+        assert!(rule.contains("ATTR{maps/map0/addr}==\"0x00000000fe000000\""), "{rule}");
         std::fs::remove_file(fake.path("dev/uio1")).unwrap();
         let found = &candidates(&fake.system)[0];
         assert!(!found.usable && found.hints[0].contains("/dev/uio1 is not there"), "{found:?}");
@@ -233,6 +282,27 @@ mod tests {
         let found = &candidates(&fake.system)[0];
         assert!(found.what.contains("1172:0001"), "{found:?}");
         assert!(found.hints[0].contains("driverctl set-override 0000:00:04.0 uio_pci_generic"), "{found:?}");
+        assert!(found.hints[1].contains("pci.conf and write 0000:00:04.0 1 in it"), "{found:?}");
+        let rule = found.rule.as_deref().unwrap();
+        assert!(rule.contains("KERNELS==\"0000:00:04.0\", ATTRS{vendor}==\"0x1172\""), "{rule}");
+        let rule = candidates(&fake.system)[1].rule.clone().unwrap();
+        assert!(rule.contains("KERNELS==\"0000:00:02.0\", ATTRS{vendor}==\"0x10b5\""), "{rule}");
+    }
+
+    #[test]
+    fn files_that_others_may_write_are_told() {
+        use std::os::unix::fs::PermissionsExt;
+        let fake = FakeSystem::new();
+        fake.uio(0, "pmac-dpram", 0xD4000, 0x4000, 0, 16);
+        let mode = std::fs::Permissions::from_mode;
+        std::fs::set_permissions(fake.path("dev/uio0"), mode(0o660)).unwrap();
+        let found = &candidates(&fake.system)[0];
+        assert!(
+            found.exposed && found.hints[0].contains("others than its owner may write /dev/uio0 (mode 0660"),
+            "{found:?}"
+        );
+        std::fs::set_permissions(fake.path("dev/uio0"), mode(0o600)).unwrap();
+        assert!(!candidates(&fake.system)[0].exposed);
     }
 
     #[test]
@@ -241,7 +311,7 @@ mod tests {
         pci(&fake, "0000:00:04.0", KNOWN_ID, FITS, Some("altera"));
         let found = &candidates(&fake.system)[0];
         assert!(!found.usable && found.hints[0].contains("driver altera has it"), "{found:?}");
-        assert_eq!(found.driver.as_deref(), Some("altera"));
+        assert_eq!((found.driver.as_deref(), &found.rule), (Some("altera"), &None));
     }
 
     #[test]

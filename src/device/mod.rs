@@ -14,6 +14,7 @@ pub mod kernel;
 mod mapped;
 pub mod mapping;
 pub mod memory;
+pub mod node_owner;
 mod one_host;
 pub mod open;
 pub mod pci;

@@ -231,7 +231,7 @@ fn sysfs_refused(system: &System, path: &Path, range: &Range<u64>, error: io::Er
             path.display()
         )),
         _ => {
-            let permission = "run as root, or hand it to the daemon's group before the start (ExecStartPre=+, which also enables the device)";
+            let permission = "run as root, or have /usr/lib/pmacd/pci-prepare give it to user pmacd alone before the start (drop-in pci.conf, which also enables the device)";
             node_refused(system, path, error, "the device went away", permission)
         }
     }

@@ -1,6 +1,7 @@
 //! For tests: a machine made of ordinary files in a directory of its own.
 
 use std::fs;
+use std::os::unix::fs::PermissionsExt;
 use std::path::PathBuf;
 
 use super::system::System;
@@ -25,11 +26,13 @@ impl FakeSystem {
         self.directory.path().join(path)
     }
 
-    /// Makes a file, and the directories above it.
+    /// Makes a file of mode 0600, and the directories above it.
     pub fn file(&self, path: &str, content: &str) {
         let path = self.path(path);
         fs::create_dir_all(path.parent().unwrap()).unwrap();
-        fs::write(path, content).unwrap();
+        fs::write(&path, content).unwrap();
+        // As the kernel makes nodes, whatever this process's umask is.
+        fs::set_permissions(path, fs::Permissions::from_mode(0o600)).unwrap();
     }
 
     /// Makes a file of zeros.

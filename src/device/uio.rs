@@ -108,7 +108,7 @@ impl UioDevice {
                 options.read(true).write(true).custom_flags((OFlag::O_NONBLOCK | OFlag::O_CLOEXEC).bits());
                 options.open(system.path(node)).map_err(|error| {
                     let missing = "the driver is there but its node is not; is udev running?";
-                    let permission = "join that group, or have a udev rule give the node to the group of the daemon (mode 0660); no capability is needed";
+                    let permission = "have a udev rule give the node to user pmacd alone (mode 0600; pmacctl doctor --boards prints the rule), or run as root";
                     refuse(node_refused(system, node, error, missing, permission))
                 })?
             }

@@ -167,7 +167,7 @@ fn config_refused(system: &System, directory: &str, error: &io::Error) -> String
             )
         }
         (Some(libc::EACCES), _) => format!(
-            "this user may not write it ({}); hand it to the daemon's group before the start (ExecStartPre=+chgrp, chmod g+rw)",
+            "this user may not write it ({}); have /usr/lib/pmacd/pci-prepare give it to user pmacd alone before the start (drop-in pci.conf)",
             allowed(&path).unwrap_or_default()
         ),
         (Some(libc::EROFS), _) => {

@@ -25,7 +25,7 @@ pub fn map(system: &System, node: &Path, offset: u64, length: usize) -> Result<(
     let mut file = options.open(system.path(node)).map_err(|error| {
         let missing =
             "the kernel needs a driver of the VME bridge and vme_user, which distributions do not build";
-        let permission = "have a udev rule give the node to the group of the daemon (mode 0660)";
+        let permission = "have a udev rule give the node to user pmacd alone (mode 0600; pmacctl doctor --boards prints the rule)";
         refuse(node_refused(system, node, error, missing, permission))
     })?;
     let io = |doing: &str, source| refuse(Why::Io { doing: doing.to_owned(), source });

@@ -30,7 +30,7 @@ cp "$here/inside/lib.sh" "$here/inside/service.sh" "$tree/guest/"
 cp "$tree/usr/share/pmacd/dropins/device.conf" "$tree/etc/systemd/system/pmacd@pmac0.service.d/"
 ln -s ../guest.service "$tree/etc/systemd/system/multi-user.target.wants/guest.service"
 chroot "$tree" systemd-sysusers guest.conf 2>"$cache/sysusers.log"
-"$here/modules.sh" "$tree" uio
+"$here/modules.sh" "$tree" uio uio_pci_generic
 # What a test has no use for and an emulated processor takes seconds for.
 for unit in getty.target systemd-timesyncd.service systemd-networkd.service systemd-logind.service systemd-hwdb-update.service \
 	systemd-journal-flush.service systemd-update-utmp.service systemd-random-seed.service systemd-firstboot.service \

@@ -1,6 +1,7 @@
 //! `pmacctl doctor` on machines made of ordinary files, and its probe into a simulated board.
 
 use std::fs;
+use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
 
 use crate::support::rig::pmacctl;
@@ -9,7 +10,8 @@ use crate::support::{PATIENCE, Site, wait_until};
 fn file(root: &Path, path: &str, content: &str) {
     let path = root.join(path);
     fs::create_dir_all(path.parent().unwrap()).unwrap();
-    fs::write(path, content).unwrap();
+    fs::write(&path, content).unwrap();
+    fs::set_permissions(path, fs::Permissions::from_mode(0o600)).unwrap();
 }
 
 fn uio(root: &Path, device: &str, name: &str, size: &str) {
@@ -44,7 +46,36 @@ fn boards_are_found_with_what_to_write_and_what_is_in_the_way() {
     let report = look("--boards --json").json();
     let found = report.as_array().unwrap().iter().find_map(|check| check.get("candidate")).unwrap();
     assert_eq!((&found["spec"], &found["certainty"]), (&"uio:/dev/uio0".into(), &"likely".into()));
-    assert_eq!(found["usable"], true);
+    assert_eq!((&found["usable"], &found["exposed"]), (&true.into(), &false.into()));
+
+    let mode =
+        |bits| fs::set_permissions(root.path().join("dev/uio0"), fs::Permissions::from_mode(bits)).unwrap();
+    mode(0o660);
+    let ran = look("--boards");
+    assert!(ran.stdout.contains("warn  candidate     likely uio:/dev/uio0"), "{ran:?}");
+    assert!(ran.stdout.contains("others than its owner may write /dev/uio0 (mode 0660"), "{ran:?}");
+}
+
+#[test]
+fn a_board_in_a_slot_gets_a_rule_of_its_own_alone_in_its_line() {
+    let root = tempfile::tempdir().unwrap();
+    let device = "sys/bus/pci/devices/0000:03:00.0";
+    for (name, content) in [
+        ("vendor", "0x1172\n"),
+        ("device", "0x0001\n"),
+        ("resource", "0xfea00000 0xfea03fff 0x40200\n"),
+        ("resource0", ""),
+        ("uio/uio2/name", "uio_pci_generic\n"),
+    ] {
+        file(root.path(), &format!("{device}/{name}"), content);
+    }
+    uio(root.path(), "uio2", "uio_pci_generic", "0x100");
+    let ran = pmacctl(&format!("doctor --boards --root {}", root.path().display()));
+    let rule = "SUBSYSTEM==\"uio\", SUBSYSTEMS==\"pci\", KERNELS==\"0000:03:00.0\", ATTRS{vendor}==\"0x1172\", \
+                ATTRS{device}==\"0x0001\", OWNER=\"pmacd\", GROUP=\"root\", MODE=\"0600\", ENV{ID_PMAC}=\"1\"";
+    assert!(ran.stdout.lines().any(|line| line == format!("ok    udev rule     {rule}")), "{ran:?}");
+    assert!(ran.stdout.contains("put the udev rule below into /etc/udev/rules.d/59-pmacd.rules"), "{ran:?}");
+    assert!(ran.stdout.contains("pci.conf and write 0000:03:00.0 0 in it"), "{ran:?}");
 }
 
 #[test]

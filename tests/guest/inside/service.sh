@@ -8,13 +8,25 @@ active() { [ "$(property ActiveState)" = active ]; }
 active_again() { active && [ "$(process)" != "$1" ] && [ "$(process)" != 0 ]; }
 # Run as a user with the groups of a login.
 as() { user=$1; shift; setpriv --reuid "$user" --regid "$(id -gn "$user")" --init-groups -- "$@"; }
+# nobody_opens FILE...: no user but the service's and root, whatever its role, may open FILE, to write or to read.
+nobody_opens() {
+	for file; do
+		for user in observer presser engineer other; do
+			as $user sh -c 'exec 3>>"$0"' "$file" 2>/dev/null && fail "$user may write $file"
+			as $user sh -c 'exec 3<"$0"' "$file" 2>/dev/null && fail "$user may read $file"
+		done
+		as pmacd sh -c 'exec 3<>"$0"' "$file" && ok "$file is pmacd's alone" || fail "pmacd may not open $file"
+	done
+}
 trouble() { fail "$1"; systemctl status --no-pager --lines=30 "$unit"; ls -l /dev/uio* /dev/pmac*; }
 
+board=$(pci_device 0x1af4 0x1110)
+dd if="$board/config" of=/run/window bs=1 skip=$((0x18)) count=8 2>/dev/null
 place_dpram
 expect 'nothing runs without a board' inactive "$(property ActiveState)"
 modprobe pmac_dpram phys=0xd4000 irq=7 ioport=0x210 controller=pmac || fail 'modprobe pmac_dpram'
 wait_for 20 active && ok 'the device starts its service' || trouble 'the device does not start its service'
-expect 'its node' 'root:pmac 660' "$(stat -c '%U:%G %a' /dev/uio0)"
+expect 'its node' 'pmacd:root 600' "$(stat -c '%U:%G %a' /dev/uio0)"
 expect 'its link' uio0 "$(readlink /dev/pmac0)"
 wait_for 20 pmacctl motors && ok 'servo data' || { trouble 'no servo data'; pmacctl doctor; }
 
@@ -40,6 +52,10 @@ as presser pmacctl send P1 >/dev/null 2>&1 && fail 'an operator may send a line'
 as engineer pmacctl send P1 >/dev/null && ok 'an engineer may' || fail 'an engineer may not send a line'
 as other pmacctl motors >/dev/null 2>&1 && fail 'anybody sees live data' || ok "somebody else does not: $(as other pmacctl motors 2>&1 | head -n 1)"
 as other pmacctl send P1 >/dev/null 2>&1 && fail 'anybody may send' || ok 'nor send'
+
+# No role opens the board itself, and the service works as before.
+nobody_opens /dev/uio0
+as engineer pmacctl send P1 >/dev/null && ok 'while commands are answered' || fail 'no command is answered beside that'
 
 # A client that stays, whatever becomes of the daemon.
 as observer pmacctl watch --seconds 120 >/run/watched 2>&1 &
@@ -88,10 +104,10 @@ chmod 640 /dev/mem
 unit=pmacd@window.service
 mkdir -p "/etc/systemd/system/$unit.d"
 cp /usr/share/pmacd/dropins/dev-mem.conf "/etc/systemd/system/$unit.d/"
-# Besides, processors that wake up in time, by the node's group, because this systemd cannot hand it over.
+# Besides, processors that wake up in time, by the node's owner, because this systemd cannot hand it over.
 cp /usr/share/pmacd/dropins/wake-up.conf "/etc/systemd/system/$unit.d/"
 echo 'cpu_latency_us = 20' >>/etc/pmacd/window.toml
-chgrp pmac /dev/cpu_dma_latency && chmod 660 /dev/cpu_dma_latency
+chown pmacd:root /dev/cpu_dma_latency && chmod 600 /dev/cpu_dma_latency
 latency() { od -An -td4 -N4 /dev/cpu_dma_latency | tr -d ' '; }
 expect 'nobody asks for processors that wake up in time' 2000000000 "$(latency)"
 systemctl daemon-reload
@@ -103,5 +119,32 @@ expect 'the daemon does' 20 "$(latency)"
 systemctl stop "$unit"
 expect 'as long as it runs' 2000000000 "$(latency)"
 say "value interrupts $(interrupts)"
+
+# The same memory as a PCI board in a slot, its id no PMAC's own: the shipped rules leave the node to root, the one that doctor prints gives it to pmacd.
+rmmod pmac_dpram
+dd if=/run/window of="$board/config" bs=1 seek=$((0x18)) conv=notrunc 2>/dev/null
+slot=${board##*/}
+unit=pmacd@pmac0.service
+echo "board = \"pci:$slot,bar=2\"" >/etc/pmacd/pmac0.toml
+echo '[roles]
+engineer = ["pmac-engineer"]' >>/etc/pmacd/pmac0.toml
+sed "s/0000:03:00.0 0/$slot 2/; s/0000:03:00.0/$slot/" /usr/share/pmacd/dropins/pci.conf >"/etc/systemd/system/$unit.d/pci.conf"
+systemctl daemon-reload
+modprobe uio_pci_generic
+bind_generic "$board"
+wait_for 10 test -c /dev/uio0 || fail 'no UIO device'
+udevadm settle
+expect "another's node" 'root:root 600' "$(stat -c '%U:%G %a' /dev/uio0)"
+pmacctl doctor --boards | sed -n 's/^ok    udev rule     //p' | grep -F "$slot" >/etc/udev/rules.d/59-pmacd.rules
+expect_in 'the rule for the slot' "KERNELS==\"$slot\"" "$(cat /etc/udev/rules.d/59-pmacd.rules)"
+udevadm control --reload
+udevadm trigger --settle -s uio
+wait_for 20 active && ok 'starts the service' || trouble 'the slot does not start its service'
+wait_for 20 pmacctl motors && ok 'servo data' || { trouble 'no servo data by PCI'; pmacctl doctor; }
+expect 'the slot has' 'pmacd:root 600' "$(stat -c '%U:%G %a' /dev/uio0)"
+nobody_opens /dev/uio0 "$board/config" "$board/resource2"
+as engineer pmacctl send P1 >/dev/null && ok 'while commands are answered' || fail 'no command is answered by PCI'
+expect_in 'doctor' "/dev/uio0 is pmacd's alone" "$(pmacctl doctor --boards)"
+systemctl stop "$unit"
 expect 'units that failed' '' "$(systemctl --failed --no-legend --plain | grep pmac)"
 echo '@@ end'

@@ -1,0 +1,146 @@
+//! Who may open a board's files, and the udev rule that gives a board's node to the service alone.
+//!
+//! Whoever opens a node, or a file of the device in sysfs, writes to the board past every role of the command socket. So
+//! these belong to one user, the service's, with mode 0600; nobody is let in by a group.
+
+use std::os::unix::fs::MetadataExt;
+use std::path::Path;
+
+use nix::unistd::{AccessFlags, User, access};
+
+use super::pci::PciAddress;
+use super::refusal::allowed;
+use super::system::System;
+use super::uio::UioMap;
+
+/// The user of `pmacd@.service`.
+pub const SERVICE_USER: &str = "pmacd";
+/// Where a rule of the site belongs: before the shipped 60-pmacd.rules, which links what `ID_PMAC` marks and starts its service.
+pub const RULE_FILE: &str = "/etc/udev/rules.d/59-pmacd.rules";
+
+/// What each rule assigns.
+const OURS: &str = r#"OWNER="pmacd", GROUP="root", MODE="0600""#;
+/// Marks a UIO device as a board.
+const MARK: &str = r#"ENV{ID_PMAC}="1""#;
+
+/// The rule for the UIO device of the PCI device in this slot, as long as it is of this vendor and device number.
+#[must_use]
+pub fn rule_for_slot(slot: PciAddress, (vendor, device): (u16, u16)) -> String {
+    format!(
+        r#"SUBSYSTEM=="uio", SUBSYSTEMS=="pci", KERNELS=="{slot}", ATTRS{{vendor}}=="{vendor:#06x}", ATTRS{{device}}=="{device:#06x}", {OURS}, {MARK}"#
+    )
+}
+
+/// The rule for the UIO device whose map lies at this physical address. (Its driver chose its name, so that is no key.)
+#[must_use]
+pub fn rule_for_window(map: &UioMap) -> String {
+    let UioMap { number, address, .. } = map;
+    format!(r#"SUBSYSTEM=="uio", ATTR{{maps/map{number}/addr}}=="{address:#018x}", {OURS}, {MARK}"#)
+}
+
+/// The rule for a window of vme_user, whose node is `/dev/bus/vme/WINDOW`.
+#[must_use]
+pub fn rule_for_vme(window: &str) -> String {
+    format!(r#"KERNEL=="bus/vme/{window}", {OURS}"#)
+}
+
+/// Who may open a file for reading and writing; the worse, the later.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) enum Holder {
+    /// The service alone, as it should be.
+    Service,
+    /// This user, and no third one.
+    You,
+    /// Its owner, and not this user.
+    Another,
+    /// There is no such file.
+    Nobody,
+    /// Others than its owner.
+    Others,
+}
+
+impl Holder {
+    pub(super) fn of(system: &System, file: &str) -> Self {
+        let path = system.path(file);
+        let Ok(found) = path.metadata() else { return Self::Nobody };
+        let service = User::from_name(SERVICE_USER).ok().flatten().map(|user| user.uid.as_raw());
+        Self::by(found.uid(), found.mode(), service, opens(&path))
+    }
+
+    fn by(owner: u32, mode: u32, service: Option<u32>, you: bool) -> Self {
+        if mode & 0o022 != 0 {
+            Self::Others
+        } else if service == Some(owner) && mode & 0o777 == 0o600 {
+            Self::Service
+        } else if you {
+            Self::You
+        } else {
+            Self::Another
+        }
+    }
+}
+
+/// Whether this user may open `file` for reading and writing.
+pub(super) fn may_open(system: &System, file: &str) -> bool {
+    opens(&system.path(file))
+}
+
+fn opens(path: &Path) -> bool {
+    access(path, AccessFlags::R_OK | AccessFlags::W_OK).is_ok()
+}
+
+/// What there is to say about who may open `file`, if anything.
+pub(super) fn remark(system: &System, file: &str, holder: Holder) -> Option<String> {
+    let modes = || allowed(&system.path(file)).unwrap_or_default();
+    match holder {
+        Holder::Service => Some(format!("{file} is {SERVICE_USER}'s alone, as it should be")),
+        Holder::You => None,
+        Holder::Another => Some(format!("you may not read and write {file} ({})", modes())),
+        Holder::Others => Some(format!(
+            "others than its owner may write {file} ({}), past every role of the command socket",
+            modes()
+        )),
+        Holder::Nobody => Some(format!("{file} is not there; is udev running?")),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_slot_gets_its_owner_only_while_the_same_device_is_in_it() {
+        assert_eq!(
+            rule_for_slot("03:00.0".parse().unwrap(), (0x1172, 1)),
+            "SUBSYSTEM==\"uio\", SUBSYSTEMS==\"pci\", KERNELS==\"0000:03:00.0\", ATTRS{vendor}==\"0x1172\", \
+             ATTRS{device}==\"0x0001\", OWNER=\"pmacd\", GROUP=\"root\", MODE=\"0600\", ENV{ID_PMAC}=\"1\""
+        );
+    }
+
+    #[test]
+    fn a_window_is_told_by_its_address_as_sysfs_writes_it() {
+        let map = UioMap { number: 1, name: "\"*\"".to_owned(), address: 0xD4000, size: 0x4000, offset: 0 };
+        assert_eq!(
+            rule_for_window(&map),
+            "SUBSYSTEM==\"uio\", ATTR{maps/map1/addr}==\"0x00000000000d4000\", OWNER=\"pmacd\", GROUP=\"root\", \
+             MODE=\"0600\", ENV{ID_PMAC}=\"1\""
+        );
+        assert_eq!(
+            rule_for_vme("m0"),
+            "KERNEL==\"bus/vme/m0\", OWNER=\"pmacd\", GROUP=\"root\", MODE=\"0600\""
+        );
+    }
+
+    #[test]
+    fn a_file_is_the_services_only_if_nobody_else_may_open_it() {
+        let by = |owner, mode, you| Holder::by(owner, mode, Some(990), you);
+        assert_eq!(by(990, 0o100_600, false), Holder::Service);
+        assert_eq!(by(990, 0o100_600, true), Holder::Service, "root may always");
+        assert_eq!(by(990, 0o100_660, false), Holder::Others);
+        assert_eq!(by(0, 0o100_602, false), Holder::Others);
+        assert_eq!(by(990, 0o100_640, true), Holder::You);
+        assert_eq!(by(0, 0o100_600, true), Holder::You);
+        assert_eq!(by(0, 0o100_600, false), Holder::Another);
+        assert_eq!(Holder::by(0, 0o100_600, None, false), Holder::Another);
+    }
+}
