@@ -106,7 +106,7 @@ pub enum VmeBits {
 /// `setup enable`.
 #[derive(Debug, Clone, Args)]
 pub struct Enable {
-    /// ascii, panel, servo, background, variable, rotary, gather
+    /// ascii, panel, servo, background, variables, rotary, gather
     #[arg(required = true, value_name = "FUNCTION")]
     pub functions: Vec<Function>,
     /// servo, background: the highest motor and coordinate system to report

@@ -219,6 +219,15 @@ fn selection(function: &str, names: impl Iterator<Item = &'static str>, numbers:
 
 #[cfg(test)]
 mod tests {
+    #[test]
+    fn a_function_has_one_name_in_configuration_and_set_up() {
+        let mut configured = super::Function::ALL.map(super::Function::name);
+        let mut set_up = crate::setup::enable::Function::ALL.map(crate::setup::enable::Function::name);
+        configured.sort_unstable();
+        set_up.sort_unstable();
+        assert_eq!(configured, set_up);
+    }
+
     use super::*;
     use crate::map::classic::{BACKGROUND_BLOCK_WORDS, SERVO_MOTOR_WORDS};
 

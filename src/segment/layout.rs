@@ -375,7 +375,7 @@ impl RegionId {
             Self::Background => "background",
             Self::Board => "board",
             Self::Panel => "panel",
-            Self::Variable => "variable",
+            Self::Variable => "variables",
             Self::Gather => "gather",
         }
     }

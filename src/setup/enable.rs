@@ -27,7 +27,7 @@ pub enum Function {
     /// Motor and coordinate-system data in the background.
     Background,
     /// Reading and writing of chosen registers in the background.
-    Variable,
+    Variables,
     /// Program lines in binary form.
     Rotary,
     /// Data gathering.
@@ -36,8 +36,15 @@ pub enum Function {
 
 impl Function {
     /// Every function, in the order in which they are best enabled.
-    pub const ALL: [Self; 7] =
-        [Self::Ascii, Self::Panel, Self::Servo, Self::Background, Self::Variable, Self::Rotary, Self::Gather];
+    pub const ALL: [Self; 7] = [
+        Self::Ascii,
+        Self::Panel,
+        Self::Servo,
+        Self::Background,
+        Self::Variables,
+        Self::Rotary,
+        Self::Gather,
+    ];
 
     /// The name on the command line.
     #[must_use]
@@ -47,7 +54,7 @@ impl Function {
             Self::Panel => "panel",
             Self::Servo => "servo",
             Self::Background => "background",
-            Self::Variable => "variable",
+            Self::Variables => "variables",
             Self::Rotary => "rotary",
             Self::Gather => "gather",
         }
@@ -62,7 +69,9 @@ impl fmt::Display for Function {
 
 /// A name that no function has.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("there is no function {name:?}; there are ascii, panel, servo, background, variable, rotary, gather")]
+#[error(
+    "there is no function {name:?}; there are ascii, panel, servo, background, variables, rotary, gather"
+)]
 pub struct UnknownFunction {
     /// What was asked for.
     pub name: String,
@@ -192,7 +201,7 @@ pub fn plan(functions: &[Function], options: &Options) -> Result<EnablePlan, Out
             Function::Panel => Ok(panel()),
             Function::Servo => servo(options),
             Function::Background => background(options),
-            Function::Variable => Ok(variable()),
+            Function::Variables => Ok(variable()),
             Function::Rotary => rotary(options),
             Function::Gather => gather(options, together),
         })
@@ -306,7 +315,7 @@ fn background(options: &Options) -> Result<FunctionPlan, OutOfRange> {
 }
 
 fn variable() -> FunctionPlan {
-    FunctionPlan::new(Function::Variable)
+    FunctionPlan::new(Function::Variables)
         .set(clear(classic::VARIABLE_READ_COUNT), "no entries to read: power-on leaves anything in this count")
         .set(
             clear(classic::VARIABLE_WRITE_COUNT),

@@ -19,7 +19,7 @@ fn each_function_by_itself() {
         (Function::Panel, &["I2=3"]),
         (Function::Servo, &["I19=1", "I59=8", "I48=1", "GATHER"]),
         (Function::Background, &["I59=8", "I49=1"]),
-        (Function::Variable, &["WY$D1FB,0", "WY$D1F5,0", "I55=1"]),
+        (Function::Variables, &["WY$D1FB,0", "WY$D1F5,0", "I55=1"]),
         (
             Function::Rotary,
             &["I57=0", "WY$D1FD,0", "WX$D1FD,0", "&1 DEFINE ROT 100", "&1 B0", "I57=1", "OPEN ROT"],
