@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 
 use pmac_dpram::device::BusError;
 use pmac_dpram::format::TextOrder;
-use pmac_dpram::function::ascii::{AsciiEvent, AsciiPort, check_line};
+use pmac_dpram::function::ascii::{AsciiEvent, AsciiPort};
 use pmac_dpram::function::background::{BACKGROUND_WORDS, BackgroundLook, BackgroundReader};
 use pmac_dpram::function::gather::{
     CHUNK_LONGS, GatherBuffer, GatherLook, GatherReader, GatherStart, report_cycles,
@@ -21,6 +21,7 @@ use pmac_dpram::function::variable_read::{
 use pmac_dpram::function::variable_write::{STEP_RECORDS, VariableWriter, WordKind, WriteRecord};
 use pmac_dpram::gather::GatherMode;
 use pmac_dpram::map::{Family, GatherPlace, HostOffset, Layout, Plan, PlanSettings, Region, classic};
+use pmac_dpram::protocol::check_line;
 
 use super::bus::{RamBus, RamBytes};
 use super::tape::Tape;
@@ -145,7 +146,7 @@ impl Functions {
         match how {
             0 => {
                 let line = tape.piece();
-                if check_line(line).is_ok() {
+                if std::str::from_utf8(line).is_ok_and(|line| check_line(line).is_ok()) {
                     self.ascii.begin(bus, line)?;
                 }
             }
@@ -386,7 +387,7 @@ impl Functions {
             0 => port.start(bus, self.now).unwrap(),
             1 => {
                 let line = tape.piece();
-                if check_line(line).is_ok() {
+                if std::str::from_utf8(line).is_ok_and(|line| check_line(line).is_ok()) {
                     port.begin(bus, line).map(drop).unwrap();
                 }
             }

@@ -29,6 +29,9 @@ use crate::map::errors;
 
 /// How long the response buffer must have been silent before a port that gave up on a reply is used again.
 pub const SETTLE: Duration = Duration::from_millis(50);
+/// How many texts of programs begin the silence anew. A program that never stops sending must not block the port; and by then the
+/// board has put out so many responses that those of the old command, which stood before them in its queue, are out.
+const SETTLE_TEXTS: u8 = 10;
 /// How long after a command was given up an acknowledgement may still be its.
 const DOUBT: Duration = Duration::from_secs(10);
 /// How long the board may take to act on the `<CTRL-X>`; firmware before 1.15 does not know the register at all.
@@ -88,36 +91,6 @@ pub enum AsciiEvent {
     Stale(u16),
 }
 
-/// Why a line cannot be sent.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
-pub enum LineError {
-    /// Longer than the board takes.
-    #[error("the line has {0} characters, a PMAC takes at most 200 through the DPRAM")]
-    TooLong(usize),
-    /// A character that has no place in a command line.
-    #[error("character {value:#04x} at position {position} cannot be part of a command line")]
-    Character {
-        /// Where it stands, from 1.
-        position: usize,
-        /// The character.
-        value: u8,
-    },
-}
-
-/// Checks that `line` can be sent: at most 200 printable ASCII characters (a tab counts as one).
-///
-/// # Errors
-/// Which rule it breaks, and where.
-pub fn check_line(line: &[u8]) -> Result<(), LineError> {
-    if line.len() > ASCII_LINE_LIMIT {
-        return Err(LineError::TooLong(line.len()));
-    }
-    match line.iter().position(|&byte| !(b' '..=b'~').contains(&byte) && byte != b'\t') {
-        Some(index) => Err(LineError::Character { position: index + 1, value: line[index] }),
-        None => Ok(()),
-    }
-}
-
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum State {
     /// Nothing under way.
@@ -128,8 +101,16 @@ enum State {
     Replying,
     /// A control character that has a reply lies in its word, or was taken; a line came last at `quiet_since`.
     ControlReply { taken: bool, answered: bool, quiet_since: Instant },
-    /// Something may still come that belongs to a command given up; nothing did since `quiet_since`.
-    Settling { quiet_since: Instant, since: Instant },
+    /// Something may still come that belongs to a command given up. Nothing at all came since `quiet_since`; of programs' texts
+    /// `texts` came.
+    Settling { quiet_since: Instant, since: Instant, texts: u8 },
+}
+
+impl State {
+    /// A silence that begins now.
+    const fn settling(now: Instant) -> Self {
+        Self::Settling { quiet_since: now, since: now, texts: 0 }
+    }
 }
 
 /// The host's half of the port: one command line at a time.
@@ -166,7 +147,7 @@ impl AsciiPort {
 
     /// Begins with a silence: a host that died in the middle of a reply has left the rest of it to come.
     pub fn settle(&mut self, now: Instant) {
-        self.state = State::Settling { quiet_since: now, since: now };
+        self.state = State::settling(now);
     }
 
     /// Withdraws whatever a host, this one or a dead one, left in the port: the command flag, the control character
@@ -197,7 +178,7 @@ impl AsciiPort {
     /// Starts sending `line`. `Ok(false)`: the port is not idle, or the board still holds an earlier line; try later.
     ///
     /// # Errors
-    /// When the bus cannot be reached. The line must have passed [`check_line`]; one that is too long is not sent.
+    /// When the bus cannot be reached. The line must have passed [`crate::protocol::check_line`]; one that is too long is not sent.
     pub fn begin(&mut self, bus: &mut impl Bus, line: &[u8]) -> Result<bool, BusError> {
         if !self.is_idle() || line.len() > ASCII_LINE_LIMIT {
             return Ok(false);
@@ -358,7 +339,7 @@ impl AsciiPort {
         self.end_follows = false;
         self.doubt_until = now + DOUBT;
         self.gave_up = true;
-        self.state = State::Settling { quiet_since: now, since: now };
+        self.state = State::settling(now);
         Ok(taken)
     }
 
@@ -396,6 +377,14 @@ impl AsciiPort {
         let stale = self.is_stale(bus, control, &text, now)?;
         bus.write16(ASCII_INPUT_CONTROL, 0)?;
         bus.order_writes();
+        if let (RESPONSE_TO_PROGRAM | RESPONSE_MESSAGE, State::Settling { quiet_since, texts, .. }) =
+            (control, &mut self.state)
+            && *texts < SETTLE_TEXTS
+        {
+            // The text kept the board from putting out what is still to come of the command given up.
+            *texts += 1;
+            *quiet_since = now;
+        }
         Ok(Some(match control {
             RESPONSE_TO_PROGRAM => AsciiEvent::ProgramResponse(text),
             RESPONSE_MESSAGE => AsciiEvent::ProgramMessage(text),
@@ -432,7 +421,7 @@ impl AsciiPort {
     /// The response buffer is empty: a silence may be what the state waits for.
     fn nothing_came(&mut self, bus: &mut impl Bus, now: Instant) -> Result<Option<AsciiEvent>, BusError> {
         Ok(match self.state {
-            State::Settling { quiet_since, since } if now.duration_since(quiet_since) >= SETTLE => {
+            State::Settling { quiet_since, since, .. } if now.duration_since(quiet_since) >= SETTLE => {
                 let cancelling = bus.read16(ASCII_CONTROL_CHARACTER)? == CANCEL;
                 if cancelling && now.duration_since(since) >= CANCEL_LIMIT {
                     self.withdraw_control(bus)?;
@@ -447,7 +436,7 @@ impl AsciiPort {
                     >= if answered { CONTROL_REPLY_END } else { CONTROL_REPLY_BEGIN } =>
             {
                 // Should more come after all, it is not the next command's.
-                self.state = State::Settling { quiet_since: now, since: now };
+                self.state = State::settling(now);
                 Some(AsciiEvent::Done(Ok(())))
             }
             _ => None,

@@ -237,6 +237,46 @@ fn what_comes_after_giving_up_belongs_to_nobody() {
 }
 
 #[test]
+fn a_programs_text_does_not_stand_for_silence() {
+    let mut rig = Rig::new();
+    assert!(rig.begin("P1"));
+    rig.take();
+    rig.step();
+    assert!(rig.port.give_up(&mut rig.bus, rig.now).unwrap());
+    rig.bus.write16(ASCII_CONTROL_CHARACTER, 0).unwrap();
+    // The daemon stands still for a second. Meanwhile a program's text keeps the late reply from coming out.
+    rig.now += Duration::from_secs(1);
+    rig.respond(RESPONSE_MESSAGE, "from a program");
+    assert!(matches!(rig.step(), Some(AsciiEvent::ProgramMessage(_))));
+    assert_eq!(rig.step(), None);
+    assert!(!rig.begin("P2"), "the reply to P1 would be told as that to P2");
+    rig.respond(RESPONSE_LINE, "late");
+    assert_eq!(rig.step(), Some(AsciiEvent::Stale(RESPONSE_LINE)));
+    rig.now += SETTLE;
+    assert_eq!(rig.step(), None);
+    assert!(rig.begin("P2"));
+}
+
+#[test]
+fn a_program_that_never_stops_sending_does_not_block_the_port() {
+    let mut rig = Rig::new();
+    assert!(rig.begin("P1"));
+    rig.take();
+    rig.step();
+    rig.port.give_up(&mut rig.bus, rig.now).unwrap();
+    rig.bus.write16(ASCII_CONTROL_CHARACTER, 0).unwrap();
+    let began = rig.now;
+    while !rig.port.is_idle() {
+        rig.respond(RESPONSE_TO_PROGRAM, "again");
+        rig.now += SETTLE / 2;
+        assert!(matches!(rig.step(), Some(AsciiEvent::ProgramResponse(_))));
+        rig.step();
+        assert!(rig.now - began < Duration::from_secs(1));
+    }
+    assert!(rig.now - began > SETTLE);
+}
+
+#[test]
 fn firmware_without_the_control_register_does_not_block_the_port() {
     let mut rig = Rig::new();
     assert!(rig.begin("P1"));
@@ -328,14 +368,4 @@ fn a_board_that_is_gone_gives_no_reply() {
         rig.bus.write16(HostOffset::new(offset), u16::MAX).unwrap();
     }
     assert_eq!(rig.step(), Some(AsciiEvent::Stale(u16::MAX)));
-}
-
-#[test]
-fn only_lines_a_board_can_take_are_sent() {
-    assert_eq!(check_line(&[b'A'; 200]), Ok(()));
-    assert_eq!(check_line(&[b'A'; 201]), Err(LineError::TooLong(201)));
-    assert_eq!(check_line(b"P1\rP2"), Err(LineError::Character { position: 3, value: 13 }));
-    assert_eq!(check_line(b"P1\0"), Err(LineError::Character { position: 3, value: 0 }));
-    assert_eq!(check_line("Ä".as_bytes()), Err(LineError::Character { position: 1, value: 0xC3 }));
-    assert_eq!(check_line(b"I5 =\t2"), Ok(()));
 }

@@ -263,7 +263,7 @@ impl MailboxPort {
     /// later. 1 write a character and 1 for the `<CR>`, in groups; nothing waits in between.
     ///
     /// # Errors
-    /// When the registers cannot be reached. The line must have passed [`super::ascii::check_line`]; one that is too
+    /// When the registers cannot be reached. The line must have passed [`crate::protocol::check_line`]; one that is too
     /// long is not sent.
     pub fn begin(&mut self, bus: &mut impl ByteBus, line: &[u8]) -> Result<bool, ByteBusError> {
         if !self.is_idle() || self.reply_lies || line.len() > ASCII_LINE_LIMIT {

@@ -21,6 +21,8 @@ pub use open_buffer::OpenBuffer;
 pub use reading::{BackgroundSettings, Function, Functions, ServoSettings};
 pub use settings::{BoardSettings, GatherSettings, VariablesMode, VariablesSettings};
 
+use crate::map::classic;
+
 /// The name of our interface.
 pub const BOARD: &str = "io.github.pmac-dpram.Board";
 /// Another name [`BOARD`] answers to. Varlink's grammar has no underscore in interface names, so tools that read
@@ -38,7 +40,7 @@ pub const CALL_MAX: usize = 64 * 1024;
 /// The longest reply a client accepts, in bytes.
 pub const REPLY_MAX: usize = 8 * 1024 * 1024;
 /// The longest line [`BOARD`]'s `Send` takes, in characters (DPRAM manual p. 27: two parts of a line).
-pub const LINE_MAX: usize = 200;
+pub const LINE_MAX: usize = classic::ASCII_LINE_LIMIT;
 /// The most words [`BOARD`]'s `Read` takes.
 pub const READ_MAX: usize = 64;
 /// The longest time-out [`BOARD`]'s `Send` takes, in milliseconds.
@@ -77,6 +79,7 @@ mod tests {
         assert!(check_line("").is_err());
         assert!(check_line("#1J+\r").unwrap_err().contains("position 4"));
         assert!(check_line("\u{b}").unwrap_err().contains("SendControl"));
+        assert!(check_line("I5 =\t2").unwrap_err().contains("position 4"));
         assert!(check_line("a\0").is_err());
         assert!(check_line("\u{7f}").is_err());
         assert!(check_line("ü").is_err());

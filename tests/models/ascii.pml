@@ -11,8 +11,9 @@
  * pass: when it is over, PMAC has looked at the control character and put out what it had to say. The end of it is
  * therefore modelled as "PMAC has made two passes and there was no response".
  *
- * Not in the code yet: the silence at start (it is NO_START_SETTLE), a silence that counts messages too (it is
- * MESSAGES_TOO), "perhaps" for a line given up in the buffer (it is TOLD).
+ * The code lets ten messages begin the silence anew, so that a program that never stops sending does not block the port. It tells
+ * a line given up in the buffer as "perhaps" (TOLD), unless the board did not answer the command before either: there the port is
+ * off, as far as can be known.
  *
  * MESSAGES_TOO a program's message does not begin the silence anew. FAILS: the host, stopped for a while, takes a message,
  *             finds nothing behind it at once, and begins a command before PMAC has put out the rest of the old reply.
