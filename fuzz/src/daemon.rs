@@ -169,9 +169,7 @@ impl Desks<'_> {
         } else {
             Command::Control { ticket, character: tape.u8() % 31 + 1, deadline }
         };
-        if self.ascii.submit(&command, self.now).is_err() {
-            self.answered(ticket);
-        }
+        self.ascii.submit(&command, self.now);
     }
 
     fn ask_job(&mut self, how: u8, tape: &mut Tape<'_>) {

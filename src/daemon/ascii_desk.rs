@@ -1,15 +1,15 @@
 //! The desk in front of the board's ports for command lines: many callers, one line at a time.
 //!
 //! Lines wait in order; control characters do not wait, they overtake every line. The desk also asks the board who it
-//! is ([`super::identify`]) when nobody else is being served. Which port the lines go through is `desk_ways.rs`'s. Everything is bounded: the queues by their length, a
-//! command by its deadline, a pass by the number of responses it takes.
+//! is ([`super::identify`]) when nobody else is being served. Which port the lines go through is `desk_ways.rs`'s. Everything is bounded: the queues by what the socket hands over,
+//! a command by its deadline, a pass by the number of responses it takes.
 
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 
 use super::identify::Identifier;
 use super::queue::{
-    Command, Event, LINE_MAX, Outcome, REPLY_MAX, Sender, Text, Ticket, Unsolicited, UnsolicitedKind,
+    Command, Event, LINE_MAX, Outcome, REPLY_MAX, Sender, Text, Ticket, Unsolicited, UnsolicitedKind, at_once,
 };
 use super::response_port::{PortError, ResponsePort, Way};
 use crate::device::Bus;
@@ -17,10 +17,6 @@ use crate::function::ascii::{AsciiEvent, AsciiPort, ResponseText, control_has_re
 use crate::protocol::OpenBuffer;
 use crate::segment::{Counter, Publisher, monotonic_ns};
 
-/// Lines that may wait: one of each connection that there may be. The socket's queue is bounded too; this is the depth behind it.
-const LINES_MAX: usize = 256;
-/// Control characters that may wait for the board to take the one before.
-const CONTROLS_MAX: usize = 16;
 /// Lines of a reply that the socket's thread is told at once: a long listing must not fill its queue.
 const LINES_UNHEARD: u32 = 64;
 /// Responses taken in one pass, so that a chattering board cannot hold up the servo data.
@@ -71,7 +67,7 @@ pub(super) struct WaitingControl {
 pub(super) struct UnderWay {
     pub(super) begun: Begun,
     deadline: Instant,
-    /// The board has shown that it works on it.
+    /// The board has shown that it works on it, or may do so.
     pub(super) taken: bool,
     /// Its time is over, and the port waits for what may still come of it.
     given_up: bool,
@@ -124,8 +120,8 @@ impl AsciiDesk {
         Self {
             port,
             // One may come back from a port that did not take it.
-            lines: VecDeque::with_capacity(LINES_MAX + 1),
-            controls: VecDeque::with_capacity(CONTROLS_MAX + 1),
+            lines: VecDeque::with_capacity(at_once::LINES + 1),
+            controls: VecDeque::with_capacity(at_once::CONTROLS + 1),
             under_way: None,
             control_lies: None,
             control_lost: None,
@@ -222,14 +218,9 @@ impl AsciiDesk {
         self.next_look = now;
     }
 
-    /// Takes a line or control character in; gives it back when too many wait.
-    ///
-    /// # Errors
-    /// The ticket, to be answered with [`Outcome::Busy`].
-    pub fn submit(&mut self, command: &Command, now: Instant) -> Result<(), Ticket> {
+    /// Takes a line or control character in.
+    pub fn submit(&mut self, command: &Command, now: Instant) {
         match *command {
-            Command::Send { ticket, .. } if self.lines.len() == LINES_MAX => return Err(ticket),
-            Command::Control { ticket, .. } if self.controls.len() == CONTROLS_MAX => return Err(ticket),
             Command::Send { ticket, line, deadline, question } => {
                 self.lines.push_back(Waiting { ticket, line, deadline, question });
             }
@@ -244,7 +235,6 @@ impl AsciiDesk {
             self.ask_way_soon(now);
         }
         self.look_now(now);
-        Ok(())
     }
 
     /// Does what can be done now.
@@ -414,6 +404,8 @@ impl AsciiDesk {
         {
             if !std::mem::replace(&mut under_way.given_up, true) {
                 under_way.taken |= self.port.give_up(bus, now)?;
+                // A board clears the flag only when it has done the line. One that answered the line before may be at this one.
+                under_way.taken |= self.port.way() == Way::Dpram && self.state != PortState::Silent;
             }
             // Who hears that it was not taken may send it again, so that is said only after a silence.
             if under_way.taken || self.port.is_idle() {

@@ -47,13 +47,13 @@ impl Rig {
         let line = Text::new(line.as_bytes()).unwrap();
         let deadline = self.now + patience;
         let command = Command::Send { ticket: Ticket(ticket), line, deadline, question: false };
-        self.desk.submit(&command, self.now).unwrap();
+        self.desk.submit(&command, self.now);
     }
 
     fn control(&mut self, ticket: u64, character: u8) {
         let deadline = self.now + Duration::from_secs(5);
         let command = Command::Control { ticket: Ticket(ticket), character, deadline };
-        self.desk.submit(&command, self.now).unwrap();
+        self.desk.submit(&command, self.now);
     }
 
     fn pass(&mut self) {
@@ -96,9 +96,31 @@ fn a_line_whose_time_is_over_is_never_begun() {
 }
 
 #[test]
+fn a_line_that_lay_before_a_board_that_answered_so_far_may_have_been_carried_out() {
+    for (state, outcome) in [
+        (PortState::Answers, Outcome::TimedOut),
+        (PortState::Unknown, Outcome::TimedOut),
+        (PortState::Silent, Outcome::Unavailable),
+    ] {
+        let mut rig = Rig::new();
+        rig.desk.state = state;
+        rig.send(1, "SAVE", Duration::from_millis(1));
+        rig.pass();
+        assert!(rig.loaded());
+        rig.now += Duration::from_millis(1);
+        rig.pass();
+        assert!(!rig.loaded(), "withdrawn");
+        rig.now += SETTLE;
+        rig.pass();
+        assert_eq!(rig.ended(), [(1, outcome)], "{state:?}");
+    }
+}
+
+#[test]
 fn that_a_line_was_not_taken_is_said_after_a_silence_only() {
     for (answers, outcome) in [(false, Outcome::Unavailable), (true, Outcome::TimedOut)] {
         let mut rig = Rig::new();
+        rig.desk.state = PortState::Silent;
         rig.send(1, "#1J:100", Duration::from_millis(1));
         rig.send(2, "P2", Duration::from_secs(5));
         rig.pass();

@@ -414,18 +414,12 @@ impl BoardLoop {
                 }
                 Command::Send { line, .. } if Identifier::may_be_changed_by(line.as_bytes()) => {
                     self.desk.identifier.ask_again(now);
-                    self.submit(&command, now);
+                    self.desk.submit(&command, now);
                 }
-                Command::Send { .. } | Command::Control { .. } => self.submit(&command, now),
+                Command::Send { .. } | Command::Control { .. } => self.desk.submit(&command, now),
             }
         }
         self.commands.keep_awake();
-    }
-
-    fn submit(&mut self, command: &Command, now: Instant) {
-        if let Err(ticket) = self.desk.submit(command, now) {
-            self.reply(Event::Done(ticket, Outcome::Busy));
-        }
     }
 
     /// Answers the socket, or keeps the answer until there is room.

@@ -29,7 +29,7 @@ use super::options::Options;
 use super::policy::group_id;
 use super::presence::Condition;
 use super::privilege::{self, Account, Holdings};
-use super::queue::queue;
+use super::queue::{at_once, queue};
 use super::response_port::ResponsePort;
 use super::room::Room;
 use super::serve::{Backend, ServeOptions, serve};
@@ -54,8 +54,8 @@ use crate::usage::usage_with;
 const SERVO_SLOTS: u32 = 4096;
 const VARIABLE_SLOTS: u32 = 1024;
 const BOARD_SLOTS: u32 = 4;
-/// Commands and events that may lie between the threads.
-const QUEUE: usize = 256;
+/// Events that may wait for the socket's thread.
+const EVENTS: usize = 256;
 
 /// The whole program. Its exit statuses are those of [`exit`].
 #[must_use]
@@ -131,8 +131,8 @@ fn run(settings: &Settings, options: &Options, log: &mut LogWriter) -> Result<()
     // The board is open: what opens more of the machine is not kept.
     drop(inherited);
 
-    let (commands, command_queue) = queue(QUEUE).map_err(|error| Failure::system("queue", error))?;
-    let (events, event_queue) = queue(QUEUE).map_err(|error| Failure::system("queue", error))?;
+    let (commands, command_queue) = queue(at_once::ALL).map_err(|error| Failure::system("queue", error))?;
+    let (events, event_queue) = queue(EVENTS).map_err(|error| Failure::system("queue", error))?;
     let info =
         Arc::new(SharedInfo::new(board_info(settings, &publisher), settings.uncertain.settings().clone()));
     let serve_options = ServeOptions {

@@ -171,6 +171,7 @@ impl Service {
             }
         }
         for ticket in refused {
+            self.turns.over(ticket);
             self.answer(ticket, Err(CallError::Busy), now);
         }
     }

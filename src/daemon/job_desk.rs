@@ -96,11 +96,17 @@ impl JobDesk {
         deadline: Instant,
     ) -> Result<Option<Event>, BusError> {
         let outcome = match job {
-            Job::Panel(request) => return Ok(self.panel.submit(ticket, request, deadline)),
+            Job::Panel(request) => {
+                self.panel.submit(ticket, request, deadline);
+                return Ok(None);
+            }
             Job::RotarySend { buffer, first, lines } => {
                 return Ok(self.rotary.submit(ticket, buffer, first, lines, deadline));
             }
-            Job::WriteVariables(records) => return Ok(self.write.submit(ticket, records, deadline)),
+            Job::WriteVariables(records) => {
+                self.write.submit(ticket, records, deadline);
+                return Ok(None);
+            }
             Job::RotaryState(buffer) => return self.rotary.state(bus, ticket, buffer).map(Some),
             Job::Override { coordinate_system, value } => {
                 self.panel.set_override(bus, coordinate_system, value)?
@@ -150,7 +156,7 @@ impl JobDesk {
         Ok(Some(Event::Done(ticket, outcome)))
     }
 
-    /// At the end: has room for every stop that comes now.
+    /// At the end: of the panel requests that wait, keeps only the stops.
     pub fn keep_stops(&mut self) {
         self.panel.keep_stops();
     }

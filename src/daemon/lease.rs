@@ -6,14 +6,13 @@
 use std::collections::HashMap;
 use std::time::{Duration, Instant};
 
-use super::queue::Ticket;
+use super::queue::{Ticket, at_once};
 use crate::function::panel::PanelRequest;
 
 /// How long a client may be silent.
 pub(super) const LEASE: Duration = Duration::from_millis(200);
-/// Stops that the board has at a time. What ends meanwhile waits and becomes one more, so that the desk never is too full
-/// for one.
-const STOPS_AT_ONCE: usize = 4;
+/// Stops that the bus thread has at a time. What ends meanwhile waits and becomes one more.
+const STOPS_AT_ONCE: usize = at_once::STOPS;
 
 #[derive(Debug)]
 struct Lease {

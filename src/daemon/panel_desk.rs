@@ -3,14 +3,12 @@
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 
-use super::queue::{Event, Outcome, Text, Ticket};
+use super::queue::{Event, Outcome, Text, Ticket, at_once};
 use crate::device::{Bus, BusError};
 use crate::function::panel::{FeedOverride, Panel, PanelBusError, PanelRequest};
 
 /// How long the panel is left alone after a request was withdrawn; longer than two background passes of a busy board.
 const REST: Duration = Duration::from_millis(50);
-/// Requests that may wait.
-const WAITING_MAX: usize = 32;
 /// How often to look whether the board has taken a request.
 const LOOK: Duration = Duration::from_millis(1);
 
@@ -49,7 +47,7 @@ impl PanelDesk {
     pub fn new() -> Self {
         Self {
             panel: Panel::new(),
-            waiting: VecDeque::with_capacity(WAITING_MAX),
+            waiting: VecDeque::with_capacity(at_once::PANEL + at_once::STOPS),
             lying: None,
             cut_off: None,
             rests_until: None,
@@ -89,14 +87,10 @@ impl PanelDesk {
         Ok(())
     }
 
-    /// Takes a request in, or refuses it.
-    pub fn submit(&mut self, ticket: Ticket, request: PanelRequest, deadline: Instant) -> Option<Event> {
-        if self.waiting.len() == WAITING_MAX {
-            return Some(Event::Done(ticket, Outcome::Refused(Text::of(&"too many panel requests wait"))));
-        }
+    /// Takes a request in.
+    pub fn submit(&mut self, ticket: Ticket, request: PanelRequest, deadline: Instant) {
         self.waiting.push_back(Waiting { ticket, request, deadline });
         self.next_look = Instant::now();
-        None
     }
 
     /// Forgets every request that waits and is not a stop, and makes one of those that are: nobody will be told of each.
@@ -209,7 +203,7 @@ mod tests {
         let request = |number| PanelRequest::of(PanelAction::JogPlus, &[number]).unwrap();
         for number in 1..=3 {
             let deadline = begun + REST + LOOK * 10;
-            assert!(desk.submit(Ticket(number as u64), request(number), deadline).is_none());
+            desk.submit(Ticket(number as u64), request(number), deadline);
         }
         assert!(desk.pass(&mut bus, begun).unwrap().is_none());
         assert_eq!(bus.read16(PANEL_REQUEST_ENABLE).unwrap(), 0, "it rests after it was taken over");
@@ -243,14 +237,13 @@ mod tests {
         let deadline = now + REST;
         let jog = PanelRequest::of(PanelAction::JogPlus, &[1]).unwrap();
         let stop = |number| PanelRequest::of(PanelAction::JogStop, &[number]).unwrap();
-        for ticket in 0..WAITING_MAX as u64 - 1 {
-            assert!(desk.submit(Ticket(ticket), jog, deadline).is_none());
+        for ticket in 0..16 {
+            desk.submit(Ticket(ticket), jog, deadline);
         }
-        assert!(desk.submit(Ticket(98), stop(2), deadline).is_none());
-        assert!(desk.submit(Ticket(99), stop(8), deadline).is_some(), "it is full");
+        desk.submit(Ticket(98), stop(2), deadline);
         desk.keep_stops();
         for number in 1..=8 {
-            assert!(desk.submit(Ticket(100), stop(number), deadline).is_none());
+            desk.submit(Ticket(100), stop(number), deadline);
         }
         desk.keep_stops();
         assert!(desk.pass(&mut bus, now).unwrap().is_none());
@@ -270,7 +263,7 @@ mod tests {
         // What the mask is when the board is taken over, and whether the request was surely not carried out.
         for (ticket, (mask, untouched)) in (7..).zip([(1, true), (0, false), (0xFFFF, false)]) {
             let now = Instant::now() + 2 * REST;
-            assert!(desk.submit(Ticket(ticket), request, now + REST).is_none());
+            desk.submit(Ticket(ticket), request, now + REST);
             assert!(desk.pass(&mut bus, now).unwrap().is_none());
             assert_eq!(bus.read16(PANEL_REQUEST_ENABLE).unwrap(), 1, "it lies in the panel");
             bus.write16(PANEL_REQUEST_ENABLE, mask).unwrap();

@@ -14,16 +14,33 @@ use nix::sys::eventfd::{EfdFlags, EventFd};
 use super::job::Job;
 use crate::function::rotary::RotaryState;
 use crate::map::HostOffset;
+pub use crate::protocol::{LINE_MAX, READ_MAX};
 
-/// The longest command line the DPRAM takes, in two parts (DPRAM manual p. 27).
-pub const LINE_MAX: usize = 200;
 /// The longest text one fill of the Host-Input buffer holds (DPRAM manual p. 29).
 pub const REPLY_MAX: usize = 255;
-/// The most words one [`Command::ReadWords`] may ask for.
-pub const READ_MAX: usize = 64;
-
 /// The longest reason of a refusal.
 pub const REASON_MAX: usize = 240;
+
+/// The most commands of each kind that the bus thread has at a time, answered or not. The socket's thread hands over no more
+/// ([`super::turns`]), and the bus thread's queues have just this room.
+pub mod at_once {
+    /// Lines for the board.
+    pub const LINES: usize = 8;
+    /// Control characters.
+    pub const CONTROLS: usize = 8;
+    /// Control panel requests of clients.
+    pub const PANEL: usize = 16;
+    /// Stops of held jogs whose holder is gone.
+    pub const STOPS: usize = 4;
+    /// Writes of variables.
+    pub const WRITES: usize = 8;
+    /// Batches of rotary lines, for both buffers together.
+    pub const ROTARY: usize = 16;
+    /// What is done as soon as it is taken.
+    pub const SHORT: usize = 8;
+    /// All of them, and a change of the table of watched registers.
+    pub const ALL: usize = LINES + CONTROLS + PANEL + STOPS + WRITES + ROTARY + SHORT + 1;
+}
 
 /// A short text of at most `N` bytes, held inline.
 #[derive(Clone, Copy, PartialEq, Eq)]

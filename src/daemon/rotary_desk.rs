@@ -3,12 +3,10 @@
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 
-use super::queue::{Event, Outcome, Text, Ticket};
+use super::queue::{Event, Outcome, Text, Ticket, at_once};
 use crate::device::{Bus, BusError};
 use crate::function::rotary::{RotaryBuffer, RotaryError, RotarySetup, RotaryStream};
 
-/// Batches of lines that may wait, for both buffers together.
-const WAITING_MAX: usize = 32;
 /// Commands written in one pass: four words each, so that the servo data never wait long.
 const COMMANDS_A_PASS: usize = 16;
 /// How often to look for room in a full buffer: two reads. More often than a servo cycle, after which even a board that
@@ -42,7 +40,7 @@ impl RotaryDesk {
     pub fn new() -> Self {
         Self {
             streams: [None, None],
-            waiting: VecDeque::with_capacity(WAITING_MAX),
+            waiting: VecDeque::with_capacity(at_once::ROTARY),
             next_look: Instant::now(),
         }
     }
@@ -83,15 +81,8 @@ impl RotaryDesk {
         lines: Vec<Line>,
         deadline: Instant,
     ) -> Option<Event> {
-        let reason = if self.stream(buffer).is_none() {
-            Some("the rotary buffer has not been set up")
-        } else if self.waiting.len() == WAITING_MAX {
-            Some("too many lines wait already")
-        } else {
-            None
-        };
-        if let Some(reason) = reason {
-            return Some(Event::Done(ticket, refused(&reason)));
+        if self.stream(buffer).is_none() {
+            return Some(Event::Done(ticket, refused(&"the rotary buffer has not been set up")));
         }
         self.waiting.push_back(Batch { ticket, buffer, first, lines: lines.into(), deadline });
         self.next_look = Instant::now();

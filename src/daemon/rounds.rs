@@ -91,3 +91,57 @@ impl Rounds {
         self.service.end(now);
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::io::Write;
+    use std::sync::Arc;
+    use std::time::Duration;
+
+    use nix::unistd::{Gid, Uid};
+
+    use super::*;
+    use crate::daemon::info::SharedInfo;
+    use crate::daemon::queue::{Command, Event, Outcome, Ticket, at_once, queue};
+
+    #[test]
+    fn the_bus_thread_never_has_more_than_it_has_room_for() {
+        let directory = tempfile::tempdir().unwrap();
+        let options = ServeOptions::new(directory.path().join("socket"));
+        let (commands, taken) = queue(at_once::ALL).unwrap();
+        let (answers, events) = queue(8).unwrap();
+        let backend = Backend { commands, events, info: Arc::new(SharedInfo::default()) };
+        let mut server = Rounds::new(&options, options.listen().unwrap(), backend).unwrap();
+        let mut now = Instant::now();
+        let mut clients = Vec::new();
+        let mut held = Vec::new();
+        // Twice a flood of lines, and a bus thread that answers none of the first in time.
+        for _ in 0..2 {
+            for _ in 0..2 * at_once::LINES {
+                let (ours, theirs) = UnixStream::pair().unwrap();
+                let peer = Peer { uid: Uid::from_raw(1), gid: Gid::from_raw(1), pid: 1 };
+                server.enter(theirs, peer, Role::Engineer, now).unwrap();
+                let call = r#"{"method":"io.github.pmac-dpram.Board.Send","parameters":{"line":"P1","timeout_ms":1}}"#;
+                (&ours).write_all(call.as_bytes()).and_then(|()| (&ours).write_all(&[0])).unwrap();
+                clients.push(ours);
+            }
+            server.round(now).unwrap();
+            while let Some(command) = taken.try_receive() {
+                let Command::Send { ticket, .. } = command else { panic!("{command:?}") };
+                held.push(ticket);
+            }
+            assert_eq!(held.len(), at_once::LINES);
+            now += Duration::from_secs(10);
+            server.round(now).unwrap();
+            assert_eq!(
+                server.kept().calls,
+                0,
+                "all have been told that it is late, or that their turn did not come"
+            );
+        }
+        let first: Ticket = held[0];
+        assert_eq!(answers.try_send(Event::Done(first, Outcome::TimedOut)).ok(), Some(()));
+        server.round(now).unwrap();
+        assert_eq!(server.kept().turns, at_once::LINES - 1);
+    }
+}

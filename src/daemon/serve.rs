@@ -415,10 +415,12 @@ impl Service {
                 self.answer(ticket, reply, now);
             }
             Event::Words { ticket, time_ns, words, count } => {
+                self.turns.over(ticket);
                 let words = words.iter().copied().take(count).collect();
                 self.answer(ticket, Reply::with(&ReadReply { time_ns, words }), now);
             }
             Event::Rotary(ticket, state) => {
+                self.turns.over(ticket);
                 let reply = RotaryStateReply {
                     ahead_commands: state.ahead_commands,
                     ahead_lines: state.ahead_lines,
@@ -441,7 +443,6 @@ impl Service {
     }
 
     pub(super) fn answer(&mut self, ticket: Ticket, reply: Result<Reply, CallError>, now: Instant) {
-        self.turns.over(ticket);
         let Some(id) = self.owners.remove(&ticket) else { return };
         let Some(client) = self.clients.get_mut(&id) else { return };
         if let Waiting::Board(pending) = std::mem::replace(&mut client.waiting, Waiting::Nothing)

@@ -9,7 +9,7 @@ use std::collections::{HashMap, VecDeque};
 use nix::unistd::Uid;
 
 use super::job::Job;
-use super::queue::{Command, Ticket};
+use super::queue::{Command, Ticket, at_once};
 
 /// What does not wait behind the others' kind.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -46,11 +46,15 @@ impl Kind {
         }
     }
 
-    /// How many the bus thread gets at a time: enough that it need not wait for the next, and less than its own desks take.
+    /// How many the bus thread has at a time: enough that it need not wait for the next.
     fn at_once(self) -> usize {
         match self {
-            Self::Line | Self::Control | Self::Short | Self::Variables => 8,
-            Self::Panel | Self::Rotary => 16,
+            Self::Line => at_once::LINES,
+            Self::Control => at_once::CONTROLS,
+            Self::Panel => at_once::PANEL,
+            Self::Variables => at_once::WRITES,
+            Self::Rotary => at_once::ROTARY,
+            Self::Short => at_once::SHORT,
         }
     }
 }
@@ -114,7 +118,8 @@ impl Turns {
         Some(turn)
     }
 
-    /// The bus thread has answered, or is not believed to answer any more.
+    /// The bus thread has answered, or did not get it. Until then it counts, even if its caller was told that the answer is late:
+    /// so the bus thread never has more than it has room for.
     pub(super) fn over(&mut self, ticket: Ticket) {
         if let Some(kind) = self.handed.remove(&ticket) {
             self.lines[kind as usize].handed -= 1;

@@ -4,13 +4,11 @@
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 
-use super::queue::{Event, Outcome, Text, Ticket};
+use super::queue::{Event, Outcome, Text, Ticket, at_once};
 use crate::device::{Bus, BusError};
 use crate::function::variable_write::{GivenUp, VariableWriter, WriteRecord, WriteStep};
 use crate::map::Region;
 
-/// Batches that may wait.
-const WAITING_MAX: usize = 16;
 /// How often to look whether PMAC is done.
 const LOOK: Duration = Duration::from_millis(1);
 
@@ -36,7 +34,7 @@ impl WriteDesk {
     pub fn new(place: Region) -> Self {
         Self {
             writer: VariableWriter::new(place),
-            waiting: VecDeque::with_capacity(WAITING_MAX),
+            waiting: VecDeque::with_capacity(at_once::WRITES),
             under_way: None,
             interrupted: None,
             next_look: Instant::now(),
@@ -57,14 +55,10 @@ impl WriteDesk {
         Ok(())
     }
 
-    /// Takes records in, or refuses them.
-    pub fn submit(&mut self, ticket: Ticket, records: Vec<WriteRecord>, deadline: Instant) -> Option<Event> {
-        if self.waiting.len() == WAITING_MAX {
-            return Some(Event::Done(ticket, Outcome::Refused(Text::of(&"too many writes wait already"))));
-        }
+    /// Takes records in.
+    pub fn submit(&mut self, ticket: Ticket, records: Vec<WriteRecord>, deadline: Instant) {
         self.waiting.push_back(Batch { ticket, records, deadline });
         self.next_look = Instant::now();
-        None
     }
 
     /// When to pass next; `None` while nothing is to be done.

@@ -216,6 +216,9 @@ fn a_deaf_or_dumb_board_costs_a_command_its_time_and_no_more() {
     wait_until("the board to be identified", || site.log().contains("the board is PMAC"));
     answers(&mut connection);
     site.control("fault ascii_deaf on");
+    // It answered so far: it might have been at the line. After that it is known to take none.
+    let deaf = connection.send("VERSION", Duration::from_millis(500));
+    assert!(matches!(deaf, Err(CommandError::Refused(CallError::TimedOut { .. }))), "{deaf:?}");
     let deaf = connection.send("VERSION", Duration::from_millis(500));
     assert!(matches!(deaf, Err(CommandError::Refused(CallError::Unavailable { .. }))), "{deaf:?}");
     site.control("fault ascii_deaf off");
