@@ -47,14 +47,12 @@ fn one_call(text: &[u8], role: Role) {
 }
 
 fn handle(message: &[u8], role: Role) {
-    let Ok(mut call) = serde_json::from_slice::<Call>(message) else { return };
+    let Ok(call) = serde_json::from_slice::<Call>(message) else { return };
     let again: Call = serde_json::from_slice(encode(&call).strip_suffix(b"\0").unwrap()).unwrap();
     // A flag that is off is left out, and the last digit of a number with more than 15 may be another.
     let names =
         |call: &Call| call.parameters.iter().flatten().map(|(name, _)| name.clone()).collect::<Vec<_>>();
     assert_eq!((&again.method, names(&again)), (&call.method, names(&call)));
-    let alias = call.resolve_alias();
-    assert!(!alias || call.method.starts_with(BOARD));
     judge(&call, role);
 }
 

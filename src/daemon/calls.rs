@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use log::{error, info, warn};
 use serde_json::json;
 
-use super::connection::{Pending, Waiting};
+use super::connection::{Answer, Pending, Waiting};
 use super::dispatch::{Action, Ask, understand};
 use super::job::Job;
 use super::jobs::JobCall;
@@ -46,11 +46,8 @@ impl Service {
             Ok(Action::Renew) => {
                 let held = self.leases.renew(id, now);
                 let reason = "there is no held jog of this connection (any more)".to_owned();
-                action = if held {
-                    Ok(Action::Reply(Reply::default()))
-                } else {
-                    Err(CallError::Refused { reason })
-                };
+                action =
+                    if held { Ok(Action::Reply(Reply::done())) } else { Err(CallError::Refused { reason }) };
             }
             _ => {}
         }
@@ -91,7 +88,7 @@ impl Service {
         let ticket = self.new_ticket();
         let Some(client) = self.clients.get_mut(&id) else { return Ok(()) };
         let uid = client.peer.uid;
-        let (mut then, mut audit, mut stops, mut notes) = (None, None, 0, None);
+        let (mut then, mut audit, mut stops, mut answer) = (None, None, 0, Answer::Lines);
         let command = match ask {
             Ask::Send { line, .. } => {
                 audit = Some(format!("sends {line:?}"));
@@ -116,7 +113,7 @@ impl Service {
                         call.note_unasked(guard);
                     }
                     audit = call.audit.take();
-                    notes = call.notes.take();
+                    answer = call.notes.take().map_or(Answer::Done, Answer::Notes);
                     if let Some(stop) = call.lease {
                         // From now on: a client that is gone before the board has taken the jog is gone all the same.
                         self.leases.begin(id, stop, deadline);
@@ -139,7 +136,7 @@ impl Service {
             length: 0,
             then,
             stops,
-            notes,
+            answer,
         });
         Ok(())
     }

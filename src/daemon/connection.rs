@@ -37,8 +37,19 @@ pub(super) struct Pending {
     pub(super) then: Option<JobCall>,
     /// The motors whose jog is over for this client when the board has taken the job.
     pub(super) stops: u8,
-    /// Of a call that answers with remarks: these.
-    pub(super) notes: Option<Vec<String>>,
+    /// What it answers when all goes well.
+    pub(super) answer: Answer,
+}
+
+/// What a call answers when all goes well.
+#[derive(Debug, Clone)]
+pub(super) enum Answer {
+    /// The lines of the board's reply.
+    Lines,
+    /// Nothing but that it is done.
+    Done,
+    /// Remarks.
+    Notes(Vec<String>),
 }
 
 /// What a client waits for.
@@ -62,8 +73,6 @@ pub(super) struct Client {
     pub(super) peer: Peer,
     pub(super) role: Role,
     pub(super) waiting: Waiting,
-    /// Its last call named our interface by the other name, and so do the errors it gets.
-    pub(super) uses_alias: bool,
     /// It has had its turn, and may have more calls to begin.
     pub(super) has_more: bool,
     connected: Instant,
@@ -88,7 +97,6 @@ impl Client {
             peer,
             role,
             waiting: Waiting::Nothing,
-            uses_alias: false,
             has_more: false,
             connected: now,
             has_spoken: false,
@@ -174,8 +182,7 @@ impl Client {
     /// Puts `reply` behind what is already to be sent, and sends what goes.
     pub(super) fn reply(&mut self, reply: &Reply, now: Instant) {
         if self.hears() {
-            let bytes = if self.uses_alias { encode(&reply.clone().under_alias()) } else { encode(reply) };
-            self.outbox.extend_from_slice(&bytes);
+            self.outbox.extend_from_slice(&encode(reply));
             self.flush(now);
         }
     }

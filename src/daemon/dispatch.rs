@@ -10,8 +10,8 @@ use super::policy::Role;
 use super::queue::{DEFAULT_TIMEOUT, LINE_MAX, READ_MAX, Text};
 use crate::map::HostOffset;
 use crate::protocol::{
-    BOARD, BOARD_ALIAS, BOARD_DESCRIPTION, Call, CallError, Function, Parameters, Reply, SERVICE,
-    SERVICE_DESCRIPTION, TIMEOUT_MAX_MS, check_line, control,
+    BOARD, BOARD_DESCRIPTION, Call, CallError, Function, Parameters, Reply, SERVICE, SERVICE_DESCRIPTION,
+    TIMEOUT_MAX_MS, check_line, control,
 };
 
 /// The end of the largest DPRAM of any family is far below this, in bytes; offsets above it are refused unasked.
@@ -173,9 +173,8 @@ fn service(method: &str, mut parameters: Parameters, call: &Call) -> Result<Acti
             let interface = parameters.string("interface")?;
             parameters.finish()?;
             let description = match interface.as_str() {
-                SERVICE => SERVICE_DESCRIPTION.to_owned(),
-                BOARD => BOARD_DESCRIPTION.to_owned(),
-                BOARD_ALIAS => BOARD_DESCRIPTION.replace(BOARD, BOARD_ALIAS),
+                SERVICE => SERVICE_DESCRIPTION,
+                BOARD => BOARD_DESCRIPTION,
                 _ => return Err(CallError::InterfaceNotFound { interface }),
             };
             Reply::with(&json!({ "description": description })).map(Action::Reply)

@@ -18,7 +18,7 @@ use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
 use nix::sys::eventfd::{EfdFlags, EventFd};
 
 use super::admission::Admission;
-use super::connection::{Client, Pending, Waiting};
+use super::connection::{Answer, Client, Pending, Waiting};
 use super::info::SharedInfo;
 use super::lease::Leases;
 use super::listener::{ListenError, Listener};
@@ -358,10 +358,7 @@ impl Service {
                 }
             };
             match serde_json::from_slice::<Call>(&message) {
-                Ok(mut call) => {
-                    client.uses_alias = call.resolve_alias();
-                    self.begin(id, &call, now);
-                }
+                Ok(call) => self.begin(id, &call, now),
                 Err(error) => {
                     client.reply(&malformed(&error).to_reply(), now);
                     return client.close();
@@ -394,8 +391,11 @@ impl Service {
                 if let Some(call) = pending.then.take() {
                     return self.guarded(ticket, call, &lines, outcome, now);
                 }
-                let reply = match (&pending.notes, outcome) {
-                    (Some(notes), Outcome::Done) => Reply::with(&NotesReply { notes: notes.clone() }),
+                let reply = match (&pending.answer, outcome) {
+                    (Answer::Done, Outcome::Done) => Ok(Reply::done()),
+                    (Answer::Notes(notes), Outcome::Done) => {
+                        Reply::with(&NotesReply { notes: notes.clone() })
+                    }
                     _ => outcome_reply(outcome, lines, pending.length > COLLECT_MAX),
                 };
                 if let (Outcome::Refused(reason), Some(id)) = (outcome, self.owners.get(&ticket))

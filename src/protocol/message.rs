@@ -4,7 +4,6 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
 use super::board::CallError;
-use super::{BOARD, BOARD_ALIAS};
 
 /// What a client asks.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -37,17 +36,6 @@ impl Call {
         Self { method, parameters, oneway: None, more: None, upgrade: None }
     }
 
-    /// Whether the call names our interface by its other name; it names it by the first one afterwards.
-    pub fn resolve_alias(&mut self) -> bool {
-        match self.method.strip_prefix(BOARD_ALIAS) {
-            Some(method) if method.starts_with('.') => {
-                self.method = format!("{BOARD}{method}");
-                true
-            }
-            _ => false,
-        }
-    }
-
     /// Interface and method apart, or `None` when there is no dot.
     #[must_use]
     pub fn interface_and_method(&self) -> Option<(&str, &str)> {
@@ -70,13 +58,10 @@ pub struct Reply {
 }
 
 impl Reply {
-    /// The same reply to a caller who knows our interface by its other name.
+    /// The reply of a method that returns nothing.
     #[must_use]
-    pub fn under_alias(mut self) -> Self {
-        if let Some(name) = self.error.as_deref().and_then(|name| name.strip_prefix(BOARD)) {
-            self.error = Some(format!("{BOARD_ALIAS}{name}"));
-        }
-        self
+    pub fn done() -> Self {
+        Self { parameters: Some(Map::new()), ..Self::default() }
     }
 
     /// A reply that carries `value`, which must serialise as an object.

@@ -25,9 +25,6 @@ use crate::map::classic;
 
 /// The name of our interface.
 pub const BOARD: &str = "io.github.pmac-dpram.Board";
-/// Another name [`BOARD`] answers to. Varlink's grammar has no underscore in interface names, so tools that read
-/// interface definitions cannot use this one; callers that have it from the design may, and get their errors under it.
-pub const BOARD_ALIAS: &str = "io.github.pmac_dpram.Board";
 /// The name of the interface that every Varlink service has.
 pub const SERVICE: &str = "org.varlink.service";
 /// The definition of [`BOARD`].

@@ -192,25 +192,6 @@ fn too_many_commands_are_busy_and_nothing_waits() {
 }
 
 #[test]
-fn the_interface_answers_to_its_other_name() {
-    const ALIAS: &str = "io.github.pmac_dpram.Board";
-    let bench = Bench::new();
-    let mut client = Raw::new(&bench);
-    let mut ask = |method: &str, parameters: Value| {
-        client.send(format!("{}\0", json!({"method": method, "parameters": parameters})).as_bytes());
-        client.receive().unwrap()
-    };
-    assert!(ask(&format!("{ALIAS}.GetInfo"), json!({}))["parameters"]["name"].is_string());
-    for name in [ALIAS, BOARD] {
-        let reply = ask(&format!("{name}.Send"), json!({"line": "P1\u{7f}"}));
-        assert_eq!(reply["error"], format!("{name}.InvalidLine"));
-        let reply = ask("org.varlink.service.GetInterfaceDescription", json!({"interface": name}));
-        let description = reply["parameters"]["description"].as_str().unwrap();
-        assert!(description.contains(&format!("interface {name}")));
-    }
-}
-
-#[test]
 fn pipelined_calls_are_answered_in_order_and_oneway_calls_not_at_all() {
     let bench = Bench::new();
     let mut raw = Raw::new(&bench);

@@ -16,6 +16,29 @@ fn panel_enabled(bench: &Bench) -> Raw {
     client
 }
 
+#[test]
+fn a_method_that_returns_nothing_answers_with_no_parameters() {
+    let bench = Bench::new();
+    let mut client = panel_enabled(&bench);
+    let calls = [
+        ("Panel", json!({"action": "jog-stop", "numbers": [1]})),
+        ("PanelHold", json!({"action": "jog+", "numbers": [1]})),
+        ("PanelRenew", json!({})),
+        ("Write", json!({"host_offset": 0x3000, "words": [1]})),
+        ("GatherEnd", json!({})),
+        ("RotaryFinish", json!({"buffer": 1})),
+        (
+            "GatherBegin",
+            json!({"buffer": 0x800, "size_word": 0x7FC, "index_word": 0x7FE, "size_longs": 8, "sample_longs": 2, "period": 1}),
+        ),
+        ("RotarySend", json!({"buffer": 1, "lines": []})),
+    ];
+    for (method, parameters) in calls {
+        client.call(method, parameters);
+        assert_eq!(client.receive(), Some(json!({"parameters": {}})), "{method}");
+    }
+}
+
 fn stops(bench: &Bench) -> usize {
     // Jog minus and jog plus of motors 1 and 3 together.
     let stop = "Panel(PanelRequest { mask: 5, words: [768, 0, 768, 0, 0, 0, 0, 0] })";
