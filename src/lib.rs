@@ -22,7 +22,7 @@
 //!
 //! | layer | modules |
 //! |---|---|
-//! | 0 | [`mod@format`]: numbers and text as DPRAM holds them · [`usage`]: how programs refuse a command line · [`process`]: how they end with their parent |
+//! | 0 | [`mod@format`]: numbers and text as DPRAM holds them · [`clock`]: the time, real or a test's · [`usage`]: how programs refuse a command line · [`process`]: how they end with their parent |
 //! | 1 | [`map`]: what lies where · [`decode`]: words to named values · [`setup`]: calculators, what to send to a board · [`rotary`]: motion programs as binary commands · [`gather`]: what is gathered and what it says · [`protocol`]: the command socket's messages |
 //! | 2 | [`device`]: the bus, its kinds and decorators, the interrupt |
 //! | 3 | [`function`]: the host's half of each automatic function |
@@ -66,6 +66,7 @@
 
 pub mod cli;
 pub mod client;
+pub mod clock;
 pub mod daemon;
 pub mod decode;
 pub mod device;

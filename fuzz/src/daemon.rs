@@ -3,8 +3,9 @@
 
 use std::cell::RefCell;
 use std::collections::BTreeMap;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
+use pmac_dpram::clock::{Clock, ManualTime};
 use pmac_dpram::daemon::ascii_desk::AsciiDesk;
 use pmac_dpram::daemon::identify::Identifier;
 use pmac_dpram::daemon::job::{Job, MaskedWord};
@@ -26,6 +27,8 @@ use pmac_dpram::segment::{CreateOptions, Identity, Publisher, RegionId, RegionSp
 use super::bus::RamBus;
 use super::tape::Tape;
 
+/// When it begins, in nanoseconds.
+const BEGIN_NS: u64 = 1_000_000_000_000;
 /// Most steps of one input.
 const STEPS: usize = 300;
 /// Most accesses of one piece of work: copies of the servo data that were torn again and again.
@@ -72,7 +75,8 @@ struct Desks<'a> {
     jobs: JobDesk,
     servo: ServoMirror,
     background: BackgroundMirror,
-    now: Instant,
+    time: ManualTime,
+    clock: Clock,
     /// What was asked, and how often it was answered.
     asked: BTreeMap<u64, u32>,
     /// Somebody may write anywhere, and did.
@@ -88,7 +92,8 @@ pub fn body(data: &[u8]) {
         let way = tape.u8();
         let layout = Layout::new(Family::by_name("pmac").unwrap(), None);
         let plan = Plan::new(&layout, PlanSettings::default()).expect("the default plan fits");
-        let now = Instant::now();
+        let time = ManualTime::at(BEGIN_NS);
+        let (clock, now) = (time.clock(), time.clock().now());
         let order = if way & 4 == 0 { TextOrder::LowFirst } else { TextOrder::HighFirst };
         let mode = if way & 16 == 0 { VariableMode::SingleUser } else { VariableMode::MultiUser };
         let port = ResponsePort::new(order, None, now);
@@ -96,15 +101,15 @@ pub fn body(data: &[u8]) {
         let mut desks = Desks {
             shared,
             bus: RamBus::new([0, 0, 0xFFFF, 0x8000][usize::from(way & 3)]),
-            ascii: AsciiDesk::new(port, identifier),
-            jobs: JobDesk::new(plan, mode),
-            servo: ServoMirror::new(if way & 8 == 0 {
-                ServoReading::Optimistic
-            } else {
-                ServoReading::Handshake
-            }),
+            ascii: AsciiDesk::new(port, identifier, clock.clone()),
+            jobs: JobDesk::new(plan, mode, clock.clone()),
+            servo: ServoMirror::new(
+                if way & 8 == 0 { ServoReading::Optimistic } else { ServoReading::Handshake },
+                clock.clone(),
+            ),
             background: BackgroundMirror::new(50_000_000),
-            now,
+            time,
+            clock,
             asked: BTreeMap::new(),
             wrote_anywhere: false,
         };
@@ -123,7 +128,7 @@ impl Desks<'_> {
     fn step(&mut self, what: u8, how: u8, tape: &mut Tape<'_>) {
         match what {
             0..=4 => self.bus.change(how, tape),
-            5 => self.now += Duration::from_millis(u64::from(how) * 20),
+            5 => self.time.advance(Duration::from_millis(u64::from(how) * 20)),
             6 | 7 => self.ask_ascii(how, tape),
             8 | 9 => self.ask_job(how, tape),
             10 => self.hear(),
@@ -138,8 +143,8 @@ impl Desks<'_> {
     /// What the thread that owns the board does when something happened to it.
     fn turn(&mut self, how: u8, tape: &mut Tape<'_>) {
         match how {
-            0 => self.ascii.forget(&mut self.bus, self.now).unwrap(),
-            1 => self.ascii.doubt(self.now),
+            0 => self.ascii.forget(&mut self.bus, self.clock.now()).unwrap(),
+            1 => self.ascii.doubt(self.clock.now()),
             2 => self.ascii.see_buffer(true),
             3 => self.ascii.see_buffer(false),
             4 => self.ascii.set_interrupt(true),
@@ -149,7 +154,7 @@ impl Desks<'_> {
             8 => self.background.configure(usize::from(tape.u8())),
             9 => self.servo.forget(),
             10 => self.background.forget(),
-            _ => self.background.start_over(&mut self.bus).unwrap(),
+            _ => self.background.start_over(&mut self.bus, self.clock.ns()).unwrap(),
         }
     }
 
@@ -161,7 +166,7 @@ impl Desks<'_> {
 
     fn ask_ascii(&mut self, how: u8, tape: &mut Tape<'_>) {
         let ticket = self.ticket();
-        let deadline = self.now + Duration::from_millis(u64::from(how & 7) * 100);
+        let deadline = self.clock.now() + Duration::from_millis(u64::from(how & 7) * 100);
         let command = if how & 8 == 0 {
             let line: Vec<u8> = tape.piece().iter().take(200).map(|byte| byte % 95 + 32).collect();
             let line = Text::new(&line).unwrap();
@@ -169,12 +174,12 @@ impl Desks<'_> {
         } else {
             Command::Control { ticket, character: tape.u8() % 31 + 1, deadline }
         };
-        self.ascii.submit(&command, self.now);
+        self.ascii.submit(&command, self.clock.now());
     }
 
     fn ask_job(&mut self, how: u8, tape: &mut Tape<'_>) {
         let ticket = self.ticket();
-        let deadline = self.now + Duration::from_millis(u64::from(tape.u8()) * 10);
+        let deadline = self.clock.now() + Duration::from_millis(u64::from(tape.u8()) * 10);
         let job = self.job(how, tape);
         let (bus, publisher) = (&mut self.bus, &self.shared.publisher);
         let answer =
@@ -259,14 +264,18 @@ impl Desks<'_> {
     }
 
     fn pass(&mut self, how: u8) {
-        let now = self.now;
+        let now = self.clock.now();
         let Shared { publisher, sender, .. } = &mut *self.shared;
         let (bus, mut told) = (&mut self.bus, None);
         match how & 3 {
             0 => self.ascii.pass(bus, sender, publisher, now).expect("the port lies in the memory"),
             1 => told = self.jobs.pass(bus, publisher, now).expect("no function leaves the memory"),
             2 => drop(self.servo.pass(bus, publisher).expect("servo data lie in the memory")),
-            _ => drop(self.background.pass(bus, publisher).expect("background data lie in the memory")),
+            _ => drop(
+                self.background
+                    .pass(bus, publisher, self.clock.ns())
+                    .expect("background data lie in the memory"),
+            ),
         }
         if let Some(event) = told {
             self.take(event);
@@ -319,7 +328,7 @@ impl Desks<'_> {
             if self.asked.values().all(|times| *times == 1) {
                 return;
             }
-            self.now += Duration::from_millis(100);
+            self.time.advance(Duration::from_millis(100));
             self.hear();
             self.pass(0);
             self.pass(1);

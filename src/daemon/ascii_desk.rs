@@ -12,10 +12,11 @@ use super::queue::{
     Command, Event, LINE_MAX, Outcome, REPLY_MAX, Sender, Text, Ticket, Unsolicited, UnsolicitedKind, at_once,
 };
 use super::response_port::{PortError, ResponsePort, Way};
+use crate::clock::Clock;
 use crate::device::Bus;
 use crate::function::ascii::{AsciiEvent, AsciiPort, ResponseText, control_has_reply};
 use crate::protocol::OpenBuffer;
-use crate::segment::{Counter, Publisher, monotonic_ns};
+use crate::segment::{Counter, Publisher};
 
 /// Lines of a reply that the socket's thread is told at once: a long listing must not fill its queue.
 const LINES_UNHEARD: u32 = 64;
@@ -110,13 +111,14 @@ pub struct AsciiDesk {
     last_event: Instant,
     next_look: Instant,
     has_interrupt: bool,
+    clock: Clock,
 }
 
 impl AsciiDesk {
     /// A desk for `port`.
     #[must_use]
-    pub fn new(port: ResponsePort, identifier: Identifier) -> Self {
-        let now = Instant::now();
+    pub fn new(port: ResponsePort, identifier: Identifier, clock: Clock) -> Self {
+        let now = clock.now();
         Self {
             port,
             // One may come back from a port that did not take it.
@@ -135,6 +137,7 @@ impl AsciiDesk {
             last_event: now,
             next_look: now,
             has_interrupt: false,
+            clock,
         }
     }
 
@@ -203,7 +206,7 @@ impl AsciiDesk {
     /// Whether interrupts announce responses, so that they need not be looked for so often.
     pub fn set_interrupt(&mut self, has_interrupt: bool) {
         self.has_interrupt = has_interrupt;
-        self.next_look = Instant::now();
+        self.next_look = self.clock.now();
     }
 
     /// When to pass next.
@@ -497,7 +500,7 @@ impl AsciiDesk {
         publisher.counters().add(Counter::AsciiUnsolicited, 1);
         self.tell(
             events,
-            Event::Unsolicited(Unsolicited { time_ns: monotonic_ns(), kind, text: carried(text) }),
+            Event::Unsolicited(Unsolicited { time_ns: self.clock.ns(), kind, text: carried(text) }),
         );
     }
 

@@ -29,12 +29,13 @@ impl Rig {
             directory: directory.path().to_owned(),
             ..CreateOptions::new(SegmentName::new("desk").unwrap(), Vec::new())
         };
-        let now = Instant::now();
+        let clock = Clock::real();
+        let now = clock.now();
         let port = ResponsePort::new(TextOrder::LowFirst, None, now);
         let (events, told) = queue(16).unwrap();
         Self {
             bus: FileBoard::from_file(&file, 0x4000).unwrap(),
-            desk: AsciiDesk::new(port, Identifier::new(Identity::default(), false, now)),
+            desk: AsciiDesk::new(port, Identifier::new(Identity::default(), false, now), clock),
             events,
             told,
             publisher: Publisher::create(&options).unwrap(),

@@ -28,6 +28,7 @@ use super::response_port::PortError;
 use super::room::Room;
 use super::telling::Told;
 use super::uncertain::Uncertain;
+use crate::clock::Clock;
 use crate::device::{Bus, BusError, Counted};
 use crate::function::ascii::AsciiPort;
 use crate::function::background::BackgroundReader;
@@ -35,7 +36,7 @@ use crate::function::servo::ServoReader;
 use crate::map::HostOffset;
 use crate::mirror::{BackgroundMirror, ServoMirror};
 use crate::protocol::{Function, Functions, State as InfoState};
-use crate::segment::{Counter, Publisher, State, monotonic_ns};
+use crate::segment::{Counter, Publisher, State};
 
 /// How often the segment's heartbeat is written.
 const HEARTBEAT_NS: u64 = 50_000_000;
@@ -46,11 +47,16 @@ const FIRST_SIGN_NS: u64 = 1_000_000_000;
 /// Rounds in a row that the servo may take while other work is due.
 const STARVING_ROUNDS: u32 = 8;
 /// How long an unreachable bus is left alone.
-const BUS_ERROR_PAUSE: Duration = Duration::from_millis(10);
+const BUS_ERROR_PAUSE_NS: u64 = 10_000_000;
+/// How long the board may take, at the start, to bring the DPRAM into reach, and how often to look whether it has.
+const FIRST_REACH: Duration = Duration::from_millis(200);
+const REACH_POLL_NS: u64 = 1_000_000;
 /// How long the board may take, at the daemon's end, to stop what was held.
 const LAST_STOP: Duration = Duration::from_millis(500);
 /// Commands taken from the queue in one round.
 const COMMANDS_A_ROUND: usize = 4;
+/// Pieces of work that one [`BoardLoop::poll`] does at most.
+const STEPS_A_POLL: usize = 10_000;
 
 /// Everything the thread works with.
 pub struct BoardLoop {
@@ -88,8 +94,18 @@ pub struct BoardLoop {
     pub default_motors: usize,
     /// An answer the socket's queue had no room for; no command is taken and no job goes on until it is gone.
     pub answer: Option<Event>,
-    /// CLOCK_MONOTONIC at start.
+    /// The time.
+    pub clock: Clock,
+    /// When it began.
     pub began_ns: u64,
+    /// Between start and end.
+    pub phase: Phase,
+    /// When the segment's heartbeat is due.
+    pub heartbeat_due_ns: u64,
+    /// When the board is to be checked.
+    pub check_due_ns: u64,
+    /// The bus could not be reached, and is left alone until then.
+    pub paused_until_ns: u64,
     /// Rounds in a row that went to the servo.
     pub rounds_for_servo: u32,
     /// What is left free before servo updates.
@@ -98,6 +114,31 @@ pub struct BoardLoop {
     pub condition: Condition,
     /// What is to be said when it changes.
     pub told: Told,
+}
+
+/// Between start and end.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Phase {
+    /// The board has not been touched.
+    Begin,
+    /// Its page is written; the DPRAM has to come into reach until a time. Looked at again when due.
+    Reaching {
+        /// No longer than this.
+        until: Instant,
+        /// When to look again.
+        due_ns: u64,
+    },
+    /// At work.
+    Running,
+    /// What is held is being stopped.
+    Stopping {
+        /// No longer than this.
+        until: Instant,
+        /// When to go on.
+        due_ns: u64,
+    },
+    /// The board has been left.
+    Ended,
 }
 
 /// Work that can wait for the servo.
@@ -109,7 +150,7 @@ enum Work {
 }
 
 /// Which descriptors became readable.
-#[derive(Default)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 struct Readable {
     stop: bool,
     commands: bool,
@@ -123,47 +164,103 @@ impl BoardLoop {
     pub fn run(mut self) {
         // Without it the kernel adds up to 50 µs to every sleep.
         let _ = nix::sys::prctl::set_timerslack(1);
-        self.reach_dpram_first();
+        let mut readable = Readable::default();
+        loop {
+            self.step(&readable);
+            if self.phase == Phase::Ended {
+                return;
+            }
+            let due_ns = self.due_ns();
+            readable = self.wait(Duration::from_nanos(due_ns.saturating_sub(self.clock.ns())));
+        }
+    }
+
+    /// Does everything that is due now, and returns when something is due next, in nanoseconds of the loop's clock:
+    /// `u64::MAX` when it has ended. For whoever drives the loop instead of [`BoardLoop::run`]; to be called again then, or
+    /// when a command or an interrupt has come. Where what is due does not end, it returns after so much of it.
+    pub fn poll(&mut self) -> u64 {
+        self.publisher.set_now(self.clock.ns());
+        for _ in 0..STEPS_A_POLL {
+            let readable = self.wait(Duration::ZERO);
+            self.step(&readable);
+            let due_ns = self.due_ns();
+            if readable == Readable::default() && due_ns > self.clock.ns() {
+                return due_ns;
+            }
+        }
+        self.clock.ns()
+    }
+
+    /// Asks the loop to end: stops what is held, then leaves the board. [`BoardLoop::poll`] says when that is done.
+    pub fn stop(&mut self) {
+        if matches!(self.phase, Phase::Stopping { .. } | Phase::Ended) {
+            return;
+        }
+        let _ = self.stop.read();
+        self.info.set_state(InfoState::Dead);
+        let until = self.clock.now() + LAST_STOP;
+        self.collect_stops(until);
+        self.phase = Phase::Stopping { until, due_ns: 0 };
+    }
+
+    /// One piece of work, after what became readable.
+    fn step(&mut self, readable: &Readable) {
+        if readable.stop {
+            self.stop();
+        }
+        match self.phase {
+            Phase::Begin => {
+                self.page_again();
+                self.phase = Phase::Reaching { until: self.clock.now() + FIRST_REACH, due_ns: 0 };
+                self.reach_dpram();
+            }
+            Phase::Reaching { .. } => self.reach_dpram(),
+            Phase::Running => self.running(readable),
+            Phase::Stopping { until, .. } => self.finish_stops(until),
+            Phase::Ended => {}
+        }
+    }
+
+    /// Waits until the DPRAM is in reach, where its page has to be written, before it is touched for the first time.
+    fn reach_dpram(&mut self) {
+        let Phase::Reaching { until, due_ns } = &mut self.phase else { return };
+        let has_page = self.desk.port().mailbox.as_ref().is_some_and(|mailbox| mailbox.page().is_some());
+        let waits = has_page && self.clock.now() < *until;
+        if waits && !matches!(AsciiPort::is_out_of_reach(&mut self.bus), Ok(false)) {
+            *due_ns = self.clock.ns() + REACH_POLL_NS;
+            return;
+        }
+        self.phase = Phase::Running;
         self.take_over_board();
         // What the configuration says of the board is known without asking.
         self.take_identity();
         if let Err(error) = self.forget_commands() {
             self.bus_failed(&error);
         }
-        let mut heartbeat_due = 0;
-        let mut check_due = monotonic_ns();
-        loop {
+    }
+
+    fn running(&mut self, readable: &Readable) {
+        if !self.is_paused() {
+            self.attend(readable);
             self.info.count_round();
             if let Err(error) = self.one_round() {
                 self.bus_failed(&error);
             }
-            let now = monotonic_ns();
-            // Who waits for the board to be live shall not have to wait for the next beat.
-            if now >= heartbeat_due || self.shows_life() && self.told.state != Some(State::Live) {
-                heartbeat_due = now + HEARTBEAT_NS;
-                self.beat(now);
-            }
-            if now >= check_due {
-                check_due = now + BOARD_CHECK_NS;
-                self.check_board();
-            }
-            let readable = self.wait(now, heartbeat_due);
-            if readable.stop {
-                break;
-            }
-            self.attend(&readable);
         }
-        self.info.set_state(InfoState::Dead);
-        self.stop_held_jogs();
-        self.release_board();
-        if let Some(Err(error)) = self.host_port.as_mut().map(HostPortLink::leave) {
-            self.bus_failed(&error);
+        let now = self.clock.ns();
+        // Who waits for the board to be live shall not have to wait for the next beat.
+        if now >= self.heartbeat_due_ns || self.shows_life() && self.told.state != Some(State::Live) {
+            self.heartbeat_due_ns = now + HEARTBEAT_NS;
+            self.beat(now);
+        }
+        if now >= self.check_due_ns {
+            self.check_due_ns = now + BOARD_CHECK_NS;
+            self.check_board();
         }
     }
 
     /// What is left in the queue is not begun any more, except for the stop of a jog that somebody held.
-    fn stop_held_jogs(&mut self) {
-        let deadline = Instant::now() + LAST_STOP;
+    fn collect_stops(&mut self, deadline: Instant) {
         self.jobs.keep_stops();
         while let Some(command) = self.commands.try_receive() {
             if let Command::Job { ticket, job, .. } = command
@@ -174,9 +271,30 @@ impl BoardLoop {
                     self.jobs.submit(&mut self.bus, &self.publisher, ticket, Job::Panel(request), deadline);
             }
         }
-        if let Err(error) = self.jobs.finish_stops(&mut self.bus, deadline) {
+        self.jobs.keep_stops();
+    }
+
+    /// Hands over the stops that are left, as long as there is time, then leaves the board.
+    fn finish_stops(&mut self, until: Instant) {
+        match self.jobs.finish_stops(&mut self.bus) {
+            Ok(Some(due)) if self.clock.now() < until => {
+                let due_ns = self.clock.ns_of(due.min(until));
+                self.phase = Phase::Stopping { until, due_ns };
+                return;
+            }
+            Ok(_) => {}
+            Err(error) => self.bus_failed(&error),
+        }
+        self.release_board();
+        if let Some(Err(error)) = self.host_port.as_mut().map(HostPortLink::leave) {
             self.bus_failed(&error);
         }
+        self.phase = Phase::Ended;
+    }
+
+    /// Whether the bus is left alone for a moment, because it could not be reached.
+    fn is_paused(&self) -> bool {
+        self.clock.ns() < self.paused_until_ns
     }
 
     /// Puts the host's words in order, as at the start.
@@ -226,7 +344,7 @@ impl BoardLoop {
 
     /// The most urgent piece of work that is due: servo data, else what has waited longest.
     fn one_round(&mut self) -> Result<(), PortError> {
-        let now = monotonic_ns();
+        let now = self.clock.ns();
         let accesses = self.bus.accesses();
         let work = self.longest_waiting(now);
         let servo_due = now >= self.servo_due_ns();
@@ -249,7 +367,7 @@ impl BoardLoop {
             return Ok(());
         }
         self.rounds_for_servo = 0;
-        let instant = Instant::now();
+        let instant = self.clock.now();
         match work {
             None => {}
             Some(Work::Jobs) => {
@@ -275,13 +393,14 @@ impl BoardLoop {
                 self.take_identity();
             }
             Some(Work::Background) => {
-                let transition = self.background.pass(&mut self.bus, &mut self.publisher)?;
+                let transition = self.background.pass(&mut self.bus, &mut self.publisher, now)?;
                 self.count(Counter::BackgroundAccesses, accesses);
                 self.tell_background(transition);
             }
         }
         if work.is_some() {
-            self.room.took(self.bus.accesses() - accesses, instant.elapsed());
+            self.room
+                .took(self.bus.accesses() - accesses, self.clock.now().saturating_duration_since(instant));
         }
         Ok(())
     }
@@ -293,7 +412,7 @@ impl BoardLoop {
 
     /// Of the work that is due and can wait for the servo, that which has waited longest.
     fn longest_waiting(&self, now: u64) -> Option<Work> {
-        let instant = Instant::now();
+        let instant = self.clock.at(now);
         let overdue = |due: Instant| instant.checked_duration_since(due);
         let jobs = self.jobs_due().and_then(overdue);
         let ascii = self.ascii_due().and_then(overdue);
@@ -316,27 +435,39 @@ impl BoardLoop {
         self.publisher.counters().add(counter, self.bus.accesses() - before);
     }
 
-    /// Waits for the next due time or something to read. Never longer than to the next heartbeat.
-    fn wait(&self, now: u64, heartbeat_due: u64) -> Readable {
-        let desks_due = [self.jobs_due(), self.ascii_due()].into_iter().flatten().min();
-        let desk_due = desks_due.map_or(u64::MAX, |due| {
-            let left = due.saturating_duration_since(Instant::now()).as_nanos();
-            now + u64::try_from(left).unwrap_or(HEARTBEAT_NS)
-        });
-        let others = desk_due.min(self.background_due_ns());
-        // Work that would not fit before the servo data waits until after them.
-        let servo = self.servo_due_ns();
-        let due = if self.has_no_room(others) { servo } else { servo.min(others) };
-        let commands_wait = self.has_no_room(now) && self.rounds_for_servo < STARVING_ROUNDS;
-        let timeout = Duration::from_nanos(due.min(heartbeat_due).saturating_sub(monotonic_ns()));
+    /// When something is due next. Never later than the next heartbeat.
+    fn due_ns(&self) -> u64 {
+        match self.phase {
+            Phase::Begin => 0,
+            Phase::Reaching { due_ns, .. } | Phase::Stopping { due_ns, .. } => due_ns,
+            Phase::Ended => u64::MAX,
+            Phase::Running if self.is_paused() => self.paused_until_ns.min(self.heartbeat_due_ns),
+            Phase::Running => {
+                let desks_due = [self.jobs_due(), self.ascii_due()].into_iter().flatten().min();
+                let desk_due = desks_due.map_or(u64::MAX, |due| self.clock.ns_of(due));
+                let others = desk_due.min(self.background_due_ns());
+                // Work that would not fit before the servo data waits until after them, unless it starves.
+                let (servo, now) = (self.servo_due_ns(), self.clock.ns());
+                let starving = self.rounds_for_servo >= STARVING_ROUNDS && others <= now;
+                let waits = self.has_no_room(others.max(now)) && !starving;
+                let due = if waits { servo } else { servo.min(others) };
+                due.min(self.heartbeat_due_ns)
+            }
+        }
+    }
+
+    /// Waits so long, or until there is something to read.
+    fn wait(&self, timeout: Duration) -> Readable {
+        let works = self.phase == Phase::Running && !self.is_paused();
+        let commands_wait = self.has_no_room(self.clock.ns()) && self.rounds_for_servo < STARVING_ROUNDS;
         fn watched(fd: BorrowedFd<'_>) -> PollFd<'_> {
             PollFd::new(fd, PollFlags::POLLIN)
         }
-        let interrupt = self.interrupt.as_ref().and_then(InterruptLink::descriptor);
+        let interrupt = self.interrupt.as_ref().filter(|_| works).and_then(InterruptLink::descriptor);
         let stop = self.stop.as_fd();
-        let commands = (self.answer.is_none() && !commands_wait).then(|| self.commands.descriptor());
+        let commands = (works && self.answer.is_none() && !commands_wait).then(|| self.commands.descriptor());
         // A place without a descriptor of its own watches the first one again, which is harmless.
-        let mailbox = self.desk.port().mailbox.as_ref();
+        let mailbox = self.desk.port().mailbox.as_ref().filter(|_| works);
         let [taken, reply] = mailbox.map_or([None, None], MailboxLink::descriptors);
         let mut watched =
             [Some(stop), commands, interrupt, taken, reply].map(|fd| watched(fd.unwrap_or(stop)));
@@ -355,14 +486,14 @@ impl BoardLoop {
 
     /// Takes what became readable.
     fn attend(&mut self, readable: &Readable) {
-        let now = Instant::now();
+        let now = self.clock.now();
         if let Some(answer) = self.answer.take() {
             self.reply(answer);
         }
         if readable.interrupt
             && let Some(link) = &mut self.interrupt
         {
-            let taken = link.take();
+            let taken = link.take(now);
             self.publisher.counters().add(Counter::Interrupts, u64::from(taken.interrupts));
             if let Some(host_port) = self.host_port.as_mut().filter(|_| taken.interrupts > 0) {
                 host_port.interrupted(self.desk.port().responses());
@@ -389,7 +520,7 @@ impl BoardLoop {
         let starving = self.rounds_for_servo >= STARVING_ROUNDS;
         for taken in 0..COMMANDS_A_ROUND {
             // Many words may be asked for: on a slow bus reading them could cost the next servo update.
-            let no_room = (taken > 0 || !starving) && self.has_no_room(monotonic_ns());
+            let no_room = (taken > 0 || !starving) && self.has_no_room(self.clock.ns());
             if self.answer.is_some() || no_room {
                 break;
             }
@@ -429,7 +560,7 @@ impl BoardLoop {
 
     fn read_words(&mut self, first: HostOffset, count: usize) -> Result<(u64, [u16; READ_MAX]), BusError> {
         let mut words = [0; READ_MAX];
-        let time_ns = monotonic_ns();
+        let time_ns = self.clock.ns();
         self.bus.read_block(first, &mut words[..count.min(READ_MAX)])?;
         Ok((time_ns, words))
     }
@@ -479,6 +610,6 @@ impl BoardLoop {
         if !std::mem::replace(&mut self.told.bus_error, true) {
             error!("bus: {error}; further bus errors are only counted");
         }
-        std::thread::sleep(BUS_ERROR_PAUSE);
+        self.paused_until_ns = self.clock.ns() + BUS_ERROR_PAUSE_NS;
     }
 }

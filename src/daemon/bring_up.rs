@@ -8,54 +8,26 @@ use std::io::Write;
 use std::path::Path;
 use std::process::ExitCode;
 use std::sync::Arc;
-use std::time::Instant;
 
 use clap::Parser;
 use log::{Level, info, warn};
-use nix::sys::eventfd::{EfdFlags, EventFd};
 
-use super::ascii_desk::AsciiDesk;
-use super::board::{self, Board};
-use super::board_loop::BoardLoop;
 use super::exit::{self, Failure};
-use super::host_link::HostPortLink;
-use super::identify::{Identifier, servo_period_ps};
-use super::info::SharedInfo;
-use super::job_desk::JobDesk;
 use super::journal;
 use super::log_sink::{LogSink, LogWriter};
-use super::mailbox_link::MailboxLink;
+use super::machine::Machine;
 use super::options::Options;
-use super::policy::group_id;
-use super::presence::Condition;
+use super::parts::{Parts, segment_options};
 use super::privilege::{self, Account, Holdings};
-use super::queue::{at_once, queue};
-use super::response_port::ResponsePort;
-use super::room::Room;
-use super::serve::{Backend, ServeOptions, serve};
+use super::serve::{ServeOptions, serve};
 use super::settings::Settings;
-use super::telling::Told;
 use super::watch::{Manager, Signals, until_asked_to_end};
+use crate::clock::Clock;
 use crate::device::cpu_latency::NODE;
 use crate::device::scheduling::scheduling;
-use crate::device::{BoardSpec, Counted, CpuLatency, Inherited, System};
-use crate::function::background::BACKGROUND_WORDS;
-use crate::function::servo::SERVO_WORDS;
-use crate::map::classic;
-use crate::mirror::{BackgroundMirror, ServoMirror, background, gather, servo, variable};
-use crate::protocol::{BoardInfo, Function, HostPortInfo};
-use crate::segment::freshness::limit_ns;
-use crate::segment::identity;
-use crate::segment::{CreateOptions, Identity, Publisher, RegionId, RegionSpec, monotonic_ns};
+use crate::device::{BoardSpec, CpuLatency, Inherited, System};
+use crate::segment::Publisher;
 use crate::usage::usage_with;
-
-/// Slots of each region, for readers that sleep: servo, two seconds at the default rate; variables, a second at the rate of a PMAC's
-/// background; background, a second (see [`background_slots`]); the board, a few changes.
-const SERVO_SLOTS: u32 = 4096;
-const VARIABLE_SLOTS: u32 = 1024;
-const BOARD_SLOTS: u32 = 4;
-/// Events that may wait for the socket's thread.
-const EVENTS: usize = 256;
 
 /// The whole program. Its exit statuses are those of [`exit`].
 #[must_use]
@@ -122,19 +94,17 @@ fn run(settings: &Settings, options: &Options, log: &mut LogWriter) -> Result<()
         // A change of user undoes this, so it comes after.
         crate::process::end_with_parent(parent).map_err(|error| Failure::new(exit::SYSTEM, error))?;
     }
-    let publisher = Publisher::create(&segment_options(settings)?)?;
-    let Machine { board, mailbox, host_port } = match early {
+    let clock = Clock::real();
+    let publisher = Publisher::create(&segment_options(settings, &clock)?)?;
+    let machine = match early {
         Some(machine) => machine,
         None => Machine::open(settings, &inherited)?,
     };
-    let Board { simulator: _simulator, bus, open, interrupt } = board;
-    // The board is open: what opens more of the machine is not kept.
+    // Closes the inherited descriptors: /dev/mem would give access to all of physical memory.
     drop(inherited);
-
-    let (commands, command_queue) = queue(at_once::ALL).map_err(|error| Failure::system("queue", error))?;
-    let (events, event_queue) = queue(EVENTS).map_err(|error| Failure::system("queue", error))?;
-    let info =
-        Arc::new(SharedInfo::new(board_info(settings, &publisher), settings.uncertain.settings().clone()));
+    let parts = Parts::new(settings, machine, publisher, clock)?;
+    let Parts { board_loop, backend, stop, simulator: _simulator } = parts;
+    let info = Arc::clone(&backend.info);
     let serve_options = ServeOptions {
         mode: settings.socket_mode,
         group: settings.socket_group.clone(),
@@ -148,48 +118,11 @@ fn run(settings: &Settings, options: &Options, log: &mut LogWriter) -> Result<()
     }
     // Threads begin here: each would have kept the rights it was started with.
     log.start().map_err(|error| Failure::system("the log's thread", error))?;
-    let backend = Backend { commands, events: event_queue, info: Arc::clone(&info) };
     let server = serve(&serve_options, listener, backend)?;
 
-    let flags = EfdFlags::EFD_NONBLOCK | EfdFlags::EFD_CLOEXEC;
-    let stop =
-        Arc::new(EventFd::from_value_and_flags(0, flags).map_err(|error| Failure::system("eventfd", error))?);
-    let reading = settings.uncertain.settings();
-    let asks = settings.ask_board && reading.functions.has(Function::Ascii);
-    let identifier = Identifier::new(configured_identity(settings), asks, Instant::now());
-    let now = Instant::now();
-    let port = ResponsePort::new(settings.text_order, mailbox, now).after_another_host(now);
-    let board = BoardLoop {
-        bus: Counted::new(bus),
-        open,
-        servo: ServoMirror::selecting(settings.servo_reading, reading.servo.selection()),
-        background: BackgroundMirror::selecting(
-            settings.background_period_ns,
-            reading.background.selection(),
-        ),
-        desk: AsciiDesk::new(port, identifier),
-        jobs: JobDesk::new(settings.uncertain.plan(), settings.uncertain.variable_mode())
-            .using(reading.functions.clone()),
-        functions: reading.functions.clone(),
-        interrupt,
-        host_port,
-        uncertain: settings.uncertain.clone(),
-        publisher,
-        commands: command_queue,
-        events,
-        info: Arc::clone(&info),
-        stop: Arc::clone(&stop),
-        default_motors: settings.motors.map_or(classic::MOTORS, |motors| motors as usize),
-        answer: None,
-        began_ns: monotonic_ns(),
-        rounds_for_servo: 0,
-        room: Room::default(),
-        condition: Condition::default(),
-        told: Told::default(),
-    };
     let bus_thread = std::thread::Builder::new()
         .name("bus".to_owned())
-        .spawn(move || board.run())
+        .spawn(move || board_loop.run())
         .map_err(|error| Failure::system("the bus thread", error))?;
     info!(
         "pmacd {} serves board {} as {} on {}",
@@ -232,102 +165,6 @@ fn cpu_latency(latency_us: u32, inherited: &Inherited) -> Option<CpuLatency> {
     }
 }
 
-/// A second of background reports, and no fewer than 16.
-fn background_slots(period_ns: u64) -> u32 {
-    let reports = 1_000_000_000 / period_ns.max(1);
-    u32::try_from(reports).unwrap_or(u32::MAX).clamp(16, 1024).next_power_of_two()
-}
-
-/// The regions this version publishes.
-fn segment_options(settings: &Settings) -> Result<CreateOptions, Failure> {
-    let servo = RegionSpec {
-        id: RegionId::Servo,
-        slots: SERVO_SLOTS,
-        payload_bytes: 2 * SERVO_WORDS as u32,
-        first_host_offset: classic::SERVO_HOST_STATUS.bytes(),
-        period_hint_ns: 0,
-        stale_after_ns: servo::STALE_NS,
-    };
-    let background = RegionSpec {
-        id: RegionId::Background,
-        slots: background_slots(settings.background_period_ns),
-        payload_bytes: 2 * BACKGROUND_WORDS as u32,
-        first_host_offset: classic::BACKGROUND_DATA_READY.bytes(),
-        period_hint_ns: settings.background_period_ns,
-        stale_after_ns: limit_ns(background::STALE_NS, settings.background_period_ns),
-    };
-    let board = RegionSpec {
-        id: RegionId::Board,
-        slots: BOARD_SLOTS,
-        payload_bytes: identity::BYTES as u32,
-        first_host_offset: 0,
-        period_hint_ns: 0,
-        stale_after_ns: 0,
-    };
-    let variable = RegionSpec {
-        id: RegionId::Variable,
-        slots: VARIABLE_SLOTS,
-        payload_bytes: 2 * variable::PAYLOAD_WORDS as u32,
-        first_host_offset: 0,
-        period_hint_ns: 0,
-        stale_after_ns: variable::STALE_NS,
-    };
-    let gather = RegionSpec {
-        id: RegionId::Gather,
-        slots: gather::SLOTS,
-        payload_bytes: 2 * gather::PAYLOAD_WORDS as u32,
-        first_host_offset: 0,
-        period_hint_ns: 0,
-        stale_after_ns: 0,
-    };
-    let group = settings.segment_group.as_deref().map(group_id).transpose();
-    let reading = settings.uncertain.settings();
-    let selections = vec![
-        (RegionId::Servo, reading.servo.selection()),
-        (RegionId::Background, reading.background.selection()),
-    ];
-    Ok(CreateOptions {
-        selections,
-        mode: settings.segment_mode,
-        group: group.map_err(|error| Failure::new(exit::CONFIGURATION, error))?.map(nix::unistd::Gid::as_raw),
-        ..CreateOptions::new(settings.name.clone(), vec![servo, background, board, variable, gather])
-    })
-}
-
-fn configured_identity(settings: &Settings) -> Identity {
-    Identity {
-        family: Some(settings.family.number()),
-        motors: Some(classic::MOTORS as u32),
-        coordinate_systems: Some(classic::MOTORS as u32),
-        servo_period_ps: settings.i10.map(servo_period_ps),
-        i10: settings.i10,
-        i19: settings.i19,
-        i59: settings.motors,
-        firmware: settings.firmware.as_deref().map(Into::into),
-        ..Identity::default()
-    }
-}
-
-fn board_info(settings: &Settings, publisher: &Publisher) -> BoardInfo {
-    BoardInfo {
-        name: settings.name.as_str().to_owned(),
-        version: env!("CARGO_PKG_VERSION").to_owned(),
-        board: settings.board_text.clone(),
-        family: settings.family.name().to_owned(),
-        firmware: settings.firmware.clone(),
-        motors: settings.motors.unwrap_or(classic::MOTORS as u32),
-        generation: publisher.generation(),
-        pid: std::process::id(),
-        segment: format!("/{}", settings.name.as_str()),
-        host_port: settings.host_port.as_ref().map(|config| HostPortInfo {
-            controller: HostPortLink::name(&config.port).to_owned(),
-            line: config.port.line.into(),
-            ..HostPortInfo::default()
-        }),
-        ..BoardInfo::default()
-    }
-}
-
 /// Whether this board cannot be opened any more when privileges are given up.
 fn needs_rights(board: &BoardSpec) -> bool {
     matches!(board, BoardSpec::Window(_))
@@ -346,37 +183,4 @@ fn make_socket_directory(socket: &Path, account: &Account) -> Result<(), Failure
             std::os::unix::fs::chown(directory, Some(account.uid.as_raw()), Some(account.gid.as_raw()))
         })
         .map_err(|error| Failure::system(&directory.display().to_string(), error))
-}
-
-/// Everything of the machine that the daemon works with.
-struct Machine {
-    board: Board,
-    mailbox: Option<MailboxLink>,
-    host_port: Option<HostPortLink>,
-}
-
-impl Machine {
-    fn open(settings: &Settings, inherited: &Inherited) -> Result<Self, Failure> {
-        let system = &System::here();
-        let failed = |what: &str, error: &(dyn std::error::Error + 'static)| {
-            let Failure { status, reason } = Failure::board(error);
-            Failure { status, reason: format!("{what}{reason}") }
-        };
-        let mut board =
-            board::open(settings, system, inherited).map_err(|error| failed("", error.as_ref()))?;
-        let mailbox = settings.mailbox.clone();
-        // Where a board has a vector for it, a response in the DPRAM is announced there.
-        if let Some(source) = mailbox.as_ref().and_then(|mailbox| mailbox.dpram.clone()) {
-            let link = board::link(source, system, inherited);
-            board.interrupt = Some(link.map_err(|error| failed("mailboxes: ", error.as_ref()))?);
-        }
-        let mailbox = mailbox.map(|config| MailboxLink::open(config, system, inherited)).transpose();
-        let host_port = settings.host_port.clone();
-        let host_port = host_port.map(|config| HostPortLink::open(config, system, inherited)).transpose();
-        Ok(Self {
-            board,
-            mailbox: mailbox.map_err(|error| failed("mailboxes: ", error.as_ref()))?,
-            host_port: host_port.map_err(|error| failed("host port: ", &error))?,
-        })
-    }
 }

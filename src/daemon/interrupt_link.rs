@@ -19,7 +19,8 @@ pub struct InterruptLink {
     /// Where to connect again; `None` for the interrupt of the board's own device, which comes back with the board.
     source: Option<InterruptSource>,
     interrupt: Option<Interrupt>,
-    next_try: Instant,
+    /// When to try; at once where it never was.
+    next_try: Option<Instant>,
     complained: bool,
     /// Interrupts that came without an announcement of their own, so far.
     missed: u64,
@@ -27,22 +28,22 @@ pub struct InterruptLink {
 }
 
 /// Counts wakes, to see when they come faster than anybody has something to say.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 struct Rate {
-    since: Instant,
+    since: Option<Instant>,
     wakes: u32,
 }
 
 impl Rate {
     /// One more, at `now`. True if the last [`STORM`] took less than a second.
-    fn is_storm(&mut self, now: impl FnOnce() -> Instant) -> bool {
+    fn is_storm(&mut self, now: Instant) -> bool {
         self.wakes += 1;
+        let since = *self.since.get_or_insert(now);
         if self.wakes < STORM {
             return false;
         }
-        let now = now();
-        let took = now.duration_since(self.since);
-        *self = Self { since: now, wakes: 0 };
+        let took = now.duration_since(since);
+        *self = Self { since: Some(now), wakes: 0 };
         took < Duration::from_secs(1)
     }
 }
@@ -63,9 +64,7 @@ impl InterruptLink {
     /// The interrupt of the board's own device, if it has one that can be used.
     #[must_use]
     pub fn of_board(interrupt: Option<Interrupt>) -> Self {
-        let now = Instant::now();
-        let rate = Rate { since: now, wakes: 0 };
-        Self { source: None, interrupt, next_try: now, complained: false, missed: 0, rate }
+        Self { source: None, interrupt, next_try: None, complained: false, missed: 0, rate: Rate::default() }
     }
 
     /// The board was opened again: its device's own interrupt takes the place of the former one.
@@ -90,10 +89,10 @@ impl InterruptLink {
     /// Connects if not connected and it is time to try. True if the connection was just made.
     pub fn tend(&mut self, now: Instant) -> bool {
         let Some(source) = &self.source else { return false };
-        if self.interrupt.is_some() || now < self.next_try {
+        if self.interrupt.is_some() || self.next_try.is_some_and(|next| now < next) {
             return false;
         }
-        self.next_try = now + RECONNECT;
+        self.next_try = Some(now + RECONNECT);
         match Interrupt::connect(source) {
             Ok(interrupt) => {
                 info!("interrupt connected ({source})");
@@ -111,7 +110,7 @@ impl InterruptLink {
     }
 
     /// Takes the interrupts that wait.
-    pub fn take(&mut self) -> Taken {
+    pub fn take(&mut self, now: Instant) -> Taken {
         let Some(interrupt) = &mut self.interrupt else { return Taken::default() };
         let taken = interrupt.take();
         self.tell_missed(taken.missed);
@@ -131,7 +130,7 @@ impl InterruptLink {
             // Opening it again would end the same way.
             self.source = None;
         }
-        let storms = taken.interrupts > 0 && self.rate.is_storm(Instant::now);
+        let storms = taken.interrupts > 0 && self.rate.is_storm(now);
         if storms {
             warn!(
                 "interrupts come without end, as if nobody acknowledged them; given up, looking for responses instead"
@@ -163,9 +162,9 @@ mod tests {
     fn only_what_no_board_could_mean_is_a_storm() {
         let begin = Instant::now();
         for (wakes_a_second, storms) in [(5_000, false), (9_000, false), (11_000, true), (1_000_000, true)] {
-            let mut rate = Rate { since: begin, wakes: 0 };
+            let mut rate = Rate { since: Some(begin), wakes: 0 };
             let step = Duration::from_secs(1) / wakes_a_second;
-            let stormy = (1..=3 * STORM).any(|wake| rate.is_storm(|| begin + wake * step));
+            let stormy = (1..=3 * STORM).any(|wake| rate.is_storm(begin + wake * step));
             assert_eq!(stormy, storms, "{wakes_a_second}");
         }
     }

@@ -7,6 +7,7 @@ use super::panel_desk::PanelDesk;
 use super::queue::{Event, Outcome, Text, Ticket};
 use super::rotary_desk::RotaryDesk;
 use super::write_desk::WriteDesk;
+use crate::clock::Clock;
 use crate::device::{Bus, BusError};
 use crate::function::rotary::RotarySetup;
 use crate::function::variable_read::{VariableMode, VariableReadBusError, VariableReader};
@@ -18,6 +19,7 @@ use crate::segment::Publisher;
 
 /// The desks.
 pub struct JobDesk {
+    clock: Clock,
     plan: Plan,
     functions: Functions,
     panel: PanelDesk,
@@ -30,13 +32,15 @@ pub struct JobDesk {
 impl JobDesk {
     /// Desks whose buffers lie where `plan` says.
     #[must_use]
-    pub fn new(plan: Plan, mode: VariableMode) -> Self {
+    pub fn new(plan: Plan, mode: VariableMode, clock: Clock) -> Self {
+        let now = clock.now();
         Self {
-            panel: PanelDesk::new(),
-            rotary: RotaryDesk::new(),
-            variables: VariableMirror::new(plan.variable_read(), mode),
-            gather: GatherMirror::new(),
-            write: WriteDesk::new(plan.variable_write()),
+            panel: PanelDesk::new(now),
+            rotary: RotaryDesk::new(now),
+            variables: VariableMirror::new(plan.variable_read(), mode, clock.clone()),
+            gather: GatherMirror::new(clock.clone()),
+            write: WriteDesk::new(plan.variable_write(), now),
+            clock,
             functions: Functions::default(),
             plan,
         }
@@ -59,15 +63,15 @@ impl JobDesk {
     /// # Errors
     /// When the bus cannot be reached.
     pub fn take_over(&mut self, bus: &mut impl Bus, publisher: &Publisher) -> Result<(), BusError> {
+        let now = self.clock.now();
         self.rotary.forget();
         self.gather.forget(publisher);
         if self.functions.has(Function::Variables) {
-            let now = Instant::now();
             self.write.take_over(bus, now)?;
             VariableReader::release(bus)?;
             self.variables.begin_again(bus, publisher, now)?;
         }
-        if self.functions.has(Function::Panel) { self.panel.take_over(bus) } else { Ok(()) }
+        if self.functions.has(Function::Panel) { self.panel.take_over(bus, now) } else { Ok(()) }
     }
 
     /// Leaves nothing requested on the way out. Overrides stay: a machine's speed must not change because its
@@ -95,16 +99,17 @@ impl JobDesk {
         job: Job,
         deadline: Instant,
     ) -> Result<Option<Event>, BusError> {
+        let now = self.clock.now();
         let outcome = match job {
             Job::Panel(request) => {
-                self.panel.submit(ticket, request, deadline);
+                self.panel.submit(ticket, request, deadline, now);
                 return Ok(None);
             }
             Job::RotarySend { buffer, first, lines } => {
-                return Ok(self.rotary.submit(ticket, buffer, first, lines, deadline));
+                return Ok(self.rotary.submit(ticket, buffer, first, lines, deadline, now));
             }
             Job::WriteVariables(records) => {
-                self.write.submit(ticket, records, deadline);
+                self.write.submit(ticket, records, deadline, now);
                 return Ok(None);
             }
             Job::RotaryState(buffer) => return self.rotary.state(bus, ticket, buffer).map(Some),
@@ -117,24 +122,22 @@ impl JobDesk {
                     Err(reason) => Outcome::Refused(Text::of(&reason)),
                 }
             }
-            Job::WatchVariables(entries) => {
-                match self.variables.begin(bus, &entries, publisher, Instant::now()) {
-                    Ok(()) => Outcome::Done,
-                    Err(VariableReadBusError::Refused(reason)) => Outcome::Refused(Text::of(&reason)),
-                    Err(VariableReadBusError::Bus(error)) => return Err(error),
-                }
-            }
+            Job::WatchVariables(entries) => match self.variables.begin(bus, &entries, publisher, now) {
+                Ok(()) => Outcome::Done,
+                Err(VariableReadBusError::Refused(reason)) => Outcome::Refused(Text::of(&reason)),
+                Err(VariableReadBusError::Bus(error)) => return Err(error),
+            },
             Job::GatherBegin { buffer, clock } => {
                 match self.plan.check_gather(buffer.place.buffer, buffer.size_longs, buffer.sample_longs) {
                     Err(reason) => Outcome::Refused(Text::of(&reason)),
-                    Ok(()) => match self.gather.begin(bus, buffer, clock, publisher, Instant::now())? {
+                    Ok(()) => match self.gather.begin(bus, buffer, clock, publisher, now)? {
                         Ok(()) => Outcome::Done,
                         Err(reason) => Outcome::Refused(Text::of(&reason)),
                     },
                 }
             }
             Job::GatherEnd => {
-                self.gather.end(Instant::now());
+                self.gather.end(now);
                 Outcome::Done
             }
             Job::RotaryOpen { buffer, start, size_longs, coordinate_system, coordinate_system_base } => {
@@ -161,24 +164,17 @@ impl JobDesk {
         self.panel.keep_stops();
     }
 
-    /// At the end: of the panel requests that wait, only stops are still handed over, until `deadline`.
+    /// At the end: hands over the next of the panel requests that are left, if it is due. When to do so again; `None` when
+    /// none is left.
     ///
     /// # Errors
     /// When the bus cannot be reached.
-    pub fn finish_stops(&mut self, bus: &mut impl Bus, deadline: Instant) -> Result<(), BusError> {
-        self.panel.keep_stops();
-        while let Some(due) = self.panel.due() {
-            let now = Instant::now();
-            if now >= deadline {
-                break;
-            }
-            if due <= now {
-                self.panel.pass(bus, now)?;
-            } else {
-                std::thread::sleep(due - now);
-            }
+    pub fn finish_stops(&mut self, bus: &mut impl Bus) -> Result<Option<Instant>, BusError> {
+        let now = self.clock.now();
+        if self.panel.due().is_some_and(|due| due <= now) {
+            self.panel.pass(bus, now)?;
         }
-        Ok(())
+        Ok(self.panel.due())
     }
 
     /// When to pass next; `None` while nothing is to be done.

@@ -123,9 +123,9 @@ impl MailboxLink {
     }
 
     /// Takes the interrupts that wait and tells the port; gives their number.
-    pub fn take_interrupts(&mut self) -> u32 {
+    pub fn take_interrupts(&mut self, now: Instant) -> u32 {
         let [reply, taken] = [&mut self.reply, &mut self.taken]
-            .map(|link| link.as_mut().map_or(0, |link| link.take().interrupts));
+            .map(|link| link.as_mut().map_or(0, |link| link.take(now).interrupts));
         if taken > 0 {
             self.port.signal(MailboxSignal::GroupTaken);
         }

@@ -44,14 +44,14 @@ pub struct PanelDesk {
 impl PanelDesk {
     /// A desk that has not looked at the board yet.
     #[must_use]
-    pub fn new() -> Self {
+    pub fn new(now: Instant) -> Self {
         Self {
             panel: Panel::new(),
             waiting: VecDeque::with_capacity(at_once::PANEL + at_once::STOPS),
             lying: None,
             cut_off: None,
             rests_until: None,
-            next_look: Instant::now(),
+            next_look: now,
         }
     }
 
@@ -59,10 +59,10 @@ impl PanelDesk {
     ///
     /// # Errors
     /// When the bus cannot be reached.
-    pub fn take_over(&mut self, bus: &mut impl Bus) -> Result<(), BusError> {
+    pub fn take_over(&mut self, bus: &mut impl Bus, now: Instant) -> Result<(), BusError> {
         self.cut_off(bus)?;
         self.panel.take_over(bus)?;
-        self.rests_until = Some(Instant::now() + REST);
+        self.rests_until = Some(now + REST);
         Ok(())
     }
 
@@ -88,9 +88,9 @@ impl PanelDesk {
     }
 
     /// Takes a request in.
-    pub fn submit(&mut self, ticket: Ticket, request: PanelRequest, deadline: Instant) {
+    pub fn submit(&mut self, ticket: Ticket, request: PanelRequest, deadline: Instant, now: Instant) {
         self.waiting.push_back(Waiting { ticket, request, deadline });
-        self.next_look = Instant::now();
+        self.next_look = now;
     }
 
     /// Forgets every request that waits and is not a stop, and makes one of those that are: nobody will be told of each.
@@ -173,12 +173,6 @@ impl PanelDesk {
     }
 }
 
-impl Default for PanelDesk {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
 fn not_taken() -> Outcome {
     Outcome::Refused(Text::of(
         &"the board did not take the panel request in time; is I2=3? It has been withdrawn",
@@ -197,13 +191,13 @@ mod tests {
         let file = tempfile::tempfile().unwrap();
         file.set_len(0x4000).unwrap();
         let mut bus = FileBoard::from_file(&file, 0x4000).unwrap();
-        let mut desk = PanelDesk::new();
-        desk.take_over(&mut bus).unwrap();
         let begun = Instant::now();
+        let mut desk = PanelDesk::new(begun);
+        desk.take_over(&mut bus, begun).unwrap();
         let request = |number| PanelRequest::of(PanelAction::JogPlus, &[number]).unwrap();
         for number in 1..=3 {
             let deadline = begun + REST + LOOK * 10;
-            desk.submit(Ticket(number as u64), request(number), deadline);
+            desk.submit(Ticket(number as u64), request(number), deadline, begun);
         }
         assert!(desk.pass(&mut bus, begun).unwrap().is_none());
         assert_eq!(bus.read16(PANEL_REQUEST_ENABLE).unwrap(), 0, "it rests after it was taken over");
@@ -232,18 +226,18 @@ mod tests {
         let file = tempfile::tempfile().unwrap();
         file.set_len(0x4000).unwrap();
         let mut bus = FileBoard::from_file(&file, 0x4000).unwrap();
-        let mut desk = PanelDesk::new();
         let now = Instant::now();
+        let mut desk = PanelDesk::new(now);
         let deadline = now + REST;
         let jog = PanelRequest::of(PanelAction::JogPlus, &[1]).unwrap();
         let stop = |number| PanelRequest::of(PanelAction::JogStop, &[number]).unwrap();
         for ticket in 0..16 {
-            desk.submit(Ticket(ticket), jog, deadline);
+            desk.submit(Ticket(ticket), jog, deadline, now);
         }
-        desk.submit(Ticket(98), stop(2), deadline);
+        desk.submit(Ticket(98), stop(2), deadline, now);
         desk.keep_stops();
         for number in 1..=8 {
-            desk.submit(Ticket(100), stop(number), deadline);
+            desk.submit(Ticket(100), stop(number), deadline, now);
         }
         desk.keep_stops();
         assert!(desk.pass(&mut bus, now).unwrap().is_none());
@@ -258,18 +252,19 @@ mod tests {
         let file = tempfile::tempfile().unwrap();
         file.set_len(0x4000).unwrap();
         let mut bus = FileBoard::from_file(&file, 0x4000).unwrap();
-        let mut desk = PanelDesk::new();
+        let begun = Instant::now();
+        let mut desk = PanelDesk::new(begun);
         let request = PanelRequest::of(PanelAction::JogPlus, &[1]).unwrap();
         // What the mask is when the board is taken over, and whether the request was surely not carried out.
         for (ticket, (mask, untouched)) in (7..).zip([(1, true), (0, false), (0xFFFF, false)]) {
-            let now = Instant::now() + 2 * REST;
-            desk.submit(Ticket(ticket), request, now + REST);
+            let now = begun + (ticket as u32) * REST;
+            desk.submit(Ticket(ticket), request, now + REST, now);
             assert!(desk.pass(&mut bus, now).unwrap().is_none());
             assert_eq!(bus.read16(PANEL_REQUEST_ENABLE).unwrap(), 1, "it lies in the panel");
             bus.write16(PANEL_REQUEST_ENABLE, mask).unwrap();
             desk.leave(&mut bus).unwrap();
-            desk.take_over(&mut bus).unwrap();
-            desk.take_over(&mut bus).unwrap();
+            desk.take_over(&mut bus, now).unwrap();
+            desk.take_over(&mut bus, now).unwrap();
             let event = desk.pass(&mut bus, now).unwrap();
             let Some(Event::Done(told, outcome)) = event else { panic!("{event:?}") };
             assert_eq!((told, matches!(outcome, Outcome::TimedOut)), (Ticket(ticket), !untouched));

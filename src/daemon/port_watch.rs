@@ -13,7 +13,7 @@ use crate::segment::Counter;
 impl BoardLoop {
     pub(super) fn attend_mailbox(&mut self, readable: bool, now: Instant) {
         let Some(mailbox) = &mut self.desk.port_mut().mailbox else { return };
-        let interrupts = if readable { mailbox.take_interrupts() } else { 0 };
+        let interrupts = if readable { mailbox.take_interrupts(now) } else { 0 };
         mailbox.tend(now);
         let connected = mailbox.is_connected();
         if interrupts > 0 {

@@ -1,7 +1,5 @@
 //! What a reset of the board undoes, done again: the DPRAM's page, the mailboxes' permission to send, the host port's line.
 
-use std::time::{Duration, Instant};
-
 use log::{info, warn};
 
 use super::board_loop::BoardLoop;
@@ -12,23 +10,7 @@ use crate::function::ascii::AsciiPort;
 use crate::function::servo::ServoReader;
 use crate::protocol::Function;
 
-/// How long the board may take, at the start, to bring the DPRAM into reach.
-const FIRST_REACH: Duration = Duration::from_millis(200);
-
 impl BoardLoop {
-    /// Brings the DPRAM into reach before it is touched for the first time, where its page has to be written.
-    pub(super) fn reach_dpram_first(&mut self) {
-        self.page_again();
-        let deadline = Instant::now() + FIRST_REACH;
-        let has_page = self.desk.port().mailbox.as_ref().is_some_and(|mailbox| mailbox.page().is_some());
-        while has_page
-            && Instant::now() < deadline
-            && !matches!(AsciiPort::is_out_of_reach(&mut self.bus), Ok(false))
-        {
-            std::thread::sleep(Duration::from_millis(1));
-        }
-    }
-
     /// Writes the page while the DPRAM reads as all ones: a reset has had the board forget it. 1 read.
     pub(super) fn guard_page(&mut self) -> Result<(), PortError> {
         let Some(mailbox) = self.desk.port_mut().mailbox.as_mut().filter(|mailbox| mailbox.page().is_some())
@@ -61,7 +43,7 @@ impl BoardLoop {
             ServoReader::release(&mut self.bus)?;
         }
         if self.functions.has(Function::Background) && !self.background.is_live() {
-            self.background.start_over(&mut self.bus)?;
+            self.background.start_over(&mut self.bus, self.clock.ns())?;
         }
         if let Some(host_port) = &mut self.host_port
             && !host_port.is_open()?
@@ -89,13 +71,13 @@ impl BoardLoop {
         // What was under way with the board as it was before is over; a half-read report is of no use.
         self.background.forget();
         self.jobs.take_over(&mut self.bus, &self.publisher)?;
-        self.desk.identifier.ask_again(Instant::now());
+        self.desk.identifier.ask_again(self.clock.now());
         if is_news { self.forget_commands() } else { Ok(()) }
     }
 
     /// Ends the commands under way: they were the board's that is no more.
     pub(super) fn forget_commands(&mut self) -> Result<(), PortError> {
-        self.desk.forget(&mut self.bus, Instant::now())
+        self.desk.forget(&mut self.bus, self.clock.now())
     }
 
     /// The simulator that was started again has files of its own for these, too.

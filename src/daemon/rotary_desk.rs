@@ -37,12 +37,8 @@ pub struct RotaryDesk {
 impl RotaryDesk {
     /// A desk with no buffer set up.
     #[must_use]
-    pub fn new() -> Self {
-        Self {
-            streams: [None, None],
-            waiting: VecDeque::with_capacity(at_once::ROTARY),
-            next_look: Instant::now(),
-        }
+    pub fn new(now: Instant) -> Self {
+        Self { streams: [None, None], waiting: VecDeque::with_capacity(at_once::ROTARY), next_look: now }
     }
 
     /// Forgets the buffers, as after a reset of the board: they have to be set up again.
@@ -80,12 +76,13 @@ impl RotaryDesk {
         first: Option<u64>,
         lines: Vec<Line>,
         deadline: Instant,
+        now: Instant,
     ) -> Option<Event> {
         if self.stream(buffer).is_none() {
             return Some(Event::Done(ticket, refused(&"the rotary buffer has not been set up")));
         }
         self.waiting.push_back(Batch { ticket, buffer, first, lines: lines.into(), deadline });
-        self.next_look = Instant::now();
+        self.next_look = now;
         None
     }
 
@@ -189,12 +186,6 @@ impl RotaryDesk {
     }
 }
 
-impl Default for RotaryDesk {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
 #[expect(
     clippy::large_enum_variant,
     reason = "short-lived, and the event travels inline as it does in the queue"
@@ -223,7 +214,8 @@ mod tests {
         let file = tempfile::tempfile().unwrap();
         file.set_len(0x4000).unwrap();
         let mut bus = FileBoard::from_file(&file, 0x4000).unwrap();
-        let mut desk = RotaryDesk::new();
+        let now = Instant::now();
+        let mut desk = RotaryDesk::new(now);
         let buffer = RotaryBuffer::First;
         let setup = RotarySetup {
             buffer,
@@ -233,11 +225,10 @@ mod tests {
             coordinate_system_base: 1,
         };
         assert_eq!(desk.open(&mut bus, &setup).unwrap(), Outcome::Done);
-        let now = Instant::now();
         let deadline = now + Duration::from_secs(1);
         let lines = || vec![vec![(0x000E23, 0x500000)]; 3];
         for (ticket, deadline) in [(1, deadline), (2, deadline), (3, deadline + Duration::from_secs(1))] {
-            assert!(desk.submit(Ticket(ticket), buffer, None, lines(), deadline).is_none());
+            assert!(desk.submit(Ticket(ticket), buffer, None, lines(), deadline, now).is_none());
         }
         // There is room for all of them; the thread was stopped meanwhile.
         for ticket in [1, 2] {

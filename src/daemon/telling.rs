@@ -1,7 +1,5 @@
 //! What is said when it changes: that data come or are stale, and who the board is.
 
-use std::time::Instant;
-
 use log::{info, warn};
 
 use super::ascii_desk::PortState;
@@ -9,7 +7,7 @@ use super::board_loop::BoardLoop;
 use super::response_port::Way;
 use crate::mirror::Transition;
 use crate::protocol::Enabled;
-use crate::segment::{Identity, RegionId, RegionState, Stamp, State, monotonic_ns};
+use crate::segment::{Identity, RegionId, RegionState, Stamp, State};
 
 /// What was said last, so that only changes are said.
 #[derive(Default)]
@@ -30,14 +28,14 @@ impl BoardLoop {
         match transition {
             Some(Transition::Live) => {
                 info!("servo data come");
-                self.desk.identifier.ask_again(Instant::now());
+                self.desk.identifier.ask_again(self.clock.now());
             }
             Some(Transition::Stale) => {
                 warn!(
                     "servo data are stale: no update for {} ms (is I48=1, I19>0, I59>0, and GATHER given?)",
                     self.servo.stale_after_ns() / 1_000_000
                 );
-                self.desk.doubt(Instant::now());
+                self.desk.doubt(self.clock.now());
                 self.page_again();
                 self.check_answers();
             }
@@ -54,7 +52,7 @@ impl BoardLoop {
                     "background data are stale: no report for {} ms (is I49=1 and I59>0?)",
                     self.background.stale_after_ns() / 1_000_000
                 );
-                self.desk.doubt(Instant::now());
+                self.desk.doubt(self.clock.now());
                 self.page_again();
             }
             None => return,
@@ -84,7 +82,7 @@ impl BoardLoop {
             Ok(plan) => self.jobs.set_plan(plan),
             Err(reason) => warn!("{reason}; the plan for boards of unknown firmware stays in force"),
         }
-        let stamp = Stamp { time_ns: monotonic_ns(), servo_timer: 0, valid: true };
+        let stamp = Stamp { time_ns: self.clock.ns(), servo_timer: 0, valid: true };
         self.publisher.publish_bytes(RegionId::Board, stamp, &identity.encode());
         self.publisher.set_region_state(RegionId::Board, RegionState::Live);
         if let (Some(board_type), Some(firmware)) = (&identity.board_type, &identity.firmware) {

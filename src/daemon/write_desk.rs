@@ -31,13 +31,13 @@ pub struct WriteDesk {
 impl WriteDesk {
     /// A desk whose records lie in `place`.
     #[must_use]
-    pub fn new(place: Region) -> Self {
+    pub fn new(place: Region, now: Instant) -> Self {
         Self {
             writer: VariableWriter::new(place),
             waiting: VecDeque::with_capacity(at_once::WRITES),
             under_way: None,
             interrupted: None,
-            next_look: Instant::now(),
+            next_look: now,
         }
     }
 
@@ -56,9 +56,9 @@ impl WriteDesk {
     }
 
     /// Takes records in.
-    pub fn submit(&mut self, ticket: Ticket, records: Vec<WriteRecord>, deadline: Instant) {
+    pub fn submit(&mut self, ticket: Ticket, records: Vec<WriteRecord>, deadline: Instant, now: Instant) {
         self.waiting.push_back(Batch { ticket, records, deadline });
-        self.next_look = Instant::now();
+        self.next_look = now;
     }
 
     /// When to pass next; `None` while nothing is to be done.

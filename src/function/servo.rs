@@ -11,8 +11,8 @@
 //! Host-Busy left set by a host that died stops the updates for ever; [`ServoReader::release`] clears it.
 
 use std::ops::Range;
-use std::time::{Duration, Instant};
 
+use crate::clock::Clock;
 use crate::device::{Bus, BusError};
 use crate::map::Selection;
 use crate::map::classic::{
@@ -35,7 +35,7 @@ pub enum ServoReading {
 /// Words of the servo buffer, from the host status word at 0x0024 to the end of motor 8's block.
 pub const SERVO_WORDS: usize = word_index(SERVO_MOTOR) + classic::MOTORS * SERVO_MOTOR_WORDS;
 /// A copy that took longer is thrown away: the timer comes round after 32768 servo cycles, 14.5 s at the default rate.
-const LONGEST_COPY: Duration = Duration::from_secs(1);
+const LONGEST_COPY_NS: u64 = 1_000_000_000;
 /// The two global status longs.
 const GLOBAL_WORDS: usize = 4;
 /// How often PMAC-Busy is looked at after Host-Busy was set, before this update is given up.
@@ -69,6 +69,7 @@ pub struct ServoReader {
     /// What is read of the motors' blocks, in words from the first one's start.
     runs: Vec<Range<usize>>,
     last_timer: Option<u16>,
+    clock: Clock,
     image: [u16; SERVO_WORDS],
 }
 
@@ -89,10 +90,18 @@ impl ServoReader {
             // Room for any selection, so that it is not allocated later.
             runs: Vec::with_capacity(classic::MOTORS * SERVO_MOTOR_WORDS),
             last_timer: None,
+            clock: Clock::real(),
             image: [0; SERVO_WORDS],
         };
         reader.set_motors(classic::MOTORS);
         reader
+    }
+
+    /// The same reader, which measures by `clock` how long a copy takes.
+    #[must_use]
+    pub fn timed_by(mut self, clock: Clock) -> Self {
+        self.clock = clock;
+        self
     }
 
     /// How the buffer is read.
@@ -193,7 +202,7 @@ impl ServoReader {
     /// Copies the buffer; `before` is the status word read before. Accepts the copy only if it still stands.
     fn copy(&mut self, bus: &mut impl Bus, before: u16) -> Result<ServoLook, BusError> {
         bus.order_reads();
-        let began = Instant::now();
+        let began_ns = self.clock.ns();
         let global = word_index(SERVO_GLOBAL_STATUS_Y);
         bus.read_data(SERVO_GLOBAL_STATUS_Y, &mut self.image[global..global + GLOBAL_WORDS])?;
         let motors = &mut self.image[word_index(SERVO_MOTOR)..];
@@ -203,7 +212,7 @@ impl ServoReader {
         bus.order_reads();
         let after = bus.read16(SERVO_PMAC_STATUS)?;
         // A timer that comes round while this thread is held up looks as if nothing had happened.
-        if after != before || began.elapsed() > LONGEST_COPY {
+        if after != before || self.clock.ns().saturating_sub(began_ns) > LONGEST_COPY_NS {
             return Ok(ServoLook::Torn);
         }
         self.image[word_index(SERVO_PMAC_STATUS)] = after;

@@ -6,18 +6,32 @@
 
 use super::freshness::{Freshness, Transition};
 use crate::device::{Bus, BusError};
-use crate::function::background::{BackgroundLook, BackgroundReader};
+use crate::function::background::{BACKGROUND_WORDS, BackgroundLook, BackgroundReader};
 use crate::function::servo_timer::ServoTimer;
-use crate::map::Selection;
+use crate::map::{Selection, classic};
 use crate::segment::freshness::limit_ns;
-use crate::segment::{Counter, Publisher, RegionId, RegionState, Stamp, monotonic_ns};
+use crate::segment::{Counter, Publisher, RegionId, RegionSpec, RegionState, Stamp};
 
 /// The servo timer's bits in the background buffer.
 const TIMER_BITS: u32 = 16;
 /// How soon to look (again) for a report that was asked for, and no later than after a quarter of a period.
 const AGAIN_NS: u64 = 2_000_000;
 /// Reports are stale after this time without one, or after ten periods ([`limit_ns`]).
-pub const STALE_NS: u64 = 1_000_000_000;
+const STALE_NS: u64 = 1_000_000_000;
+
+/// The region in the segment, of a report every `period_ns`. It holds a second of reports, and no fewer than 16.
+#[must_use]
+pub fn region(period_ns: u64) -> RegionSpec {
+    let reports = u32::try_from(1_000_000_000 / period_ns.max(1)).unwrap_or(u32::MAX);
+    RegionSpec {
+        id: RegionId::Background,
+        slots: reports.clamp(16, 1024).next_power_of_two(),
+        payload_bytes: 2 * BACKGROUND_WORDS as u32,
+        first_host_offset: classic::BACKGROUND_DATA_READY.bytes(),
+        period_hint_ns: period_ns,
+        stale_after_ns: limit_ns(STALE_NS, period_ns),
+    }
+}
 
 /// Mirrors the background fixed data.
 pub struct BackgroundMirror {
@@ -100,8 +114,8 @@ impl BackgroundMirror {
     ///
     /// # Errors
     /// When the bus cannot be reached.
-    pub fn start_over(&mut self, bus: &mut impl Bus) -> Result<(), BusError> {
-        self.ask(bus, monotonic_ns())
+    pub fn start_over(&mut self, bus: &mut impl Bus, now: u64) -> Result<(), BusError> {
+        self.ask(bus, now)
     }
 
     fn ask(&mut self, bus: &mut impl Bus, now: u64) -> Result<(), BusError> {
@@ -116,19 +130,11 @@ impl BackgroundMirror {
         AGAIN_NS.min(self.period_ns / 4)
     }
 
-    /// Does what is due: asks for a report, looks for it, or reads a part of it, and publishes it when it is whole.
+    /// Does what is due at `now`: asks for a report, looks for it, or reads a part of it, and publishes it when it is whole.
     ///
     /// # Errors
     /// When the bus cannot be reached.
     pub fn pass(
-        &mut self,
-        bus: &mut impl Bus,
-        publisher: &mut Publisher,
-    ) -> Result<Option<Transition>, BusError> {
-        self.pass_at(bus, publisher, monotonic_ns())
-    }
-
-    fn pass_at(
         &mut self,
         bus: &mut impl Bus,
         publisher: &mut Publisher,

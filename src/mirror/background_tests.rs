@@ -64,7 +64,7 @@ impl Rig {
     }
 
     fn look(&mut self) -> Option<Transition> {
-        self.mirror.pass_at(&mut self.bus, &mut self.publisher, self.now).unwrap()
+        self.mirror.pass(&mut self.bus, &mut self.publisher, self.now).unwrap()
     }
 
     /// The number of the sample that was published last, the pass that made its report, and its time.

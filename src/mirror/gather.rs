@@ -17,13 +17,14 @@
 
 use std::time::{Duration, Instant};
 
+use crate::clock::Clock;
 use crate::device::{Bus, BusError};
 use crate::format::split32;
 use crate::function::gather::{
     CHUNK_LONGS, GatherBuffer, GatherError, GatherLook, GatherReader, GatherStart, report_cycles,
 };
 use crate::function::servo_timer::ServoTimer;
-use crate::segment::{Publisher, RegionId, RegionState, Stamp, monotonic_ns};
+use crate::segment::{Publisher, RegionId, RegionSpec, RegionState, Stamp};
 
 /// 16-bit words before the samples.
 pub const HEADER_WORDS: usize = 16;
@@ -35,6 +36,19 @@ pub const SLOTS: u32 = 4096;
 const LOOK: Duration = Duration::from_millis(2);
 /// The servo timer's bits in the servo report.
 const TIMER_BITS: u32 = 15;
+
+/// The region in the segment. A gather may pause, so its samples never grow stale.
+#[must_use]
+pub fn region() -> RegionSpec {
+    RegionSpec {
+        id: RegionId::Gather,
+        slots: SLOTS,
+        payload_bytes: 2 * PAYLOAD_WORDS as u32,
+        first_host_offset: 0,
+        period_hint_ns: 0,
+        stale_after_ns: 0,
+    }
+}
 
 /// By which clock the board's turns in its buffer are counted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -82,6 +96,7 @@ enum Phase {
 
 /// Follows one gather at a time.
 pub struct GatherMirror {
+    time: Clock,
     /// The gather that is followed.
     reader: Option<GatherReader>,
     clock: GatherClock,
@@ -91,23 +106,18 @@ pub struct GatherMirror {
     next_look: Instant,
 }
 
-impl Default for GatherMirror {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
 impl GatherMirror {
     /// A mirror that follows nothing.
     #[must_use]
-    pub fn new() -> Self {
+    pub fn new(time: Clock) -> Self {
         Self {
             reader: None,
             clock: GatherClock::Report,
             timer: ServoTimer::new(TIMER_BITS),
             number: 0,
             payload: [0; PAYLOAD_WORDS],
-            next_look: Instant::now(),
+            next_look: time.now(),
+            time,
         }
     }
 
@@ -132,7 +142,7 @@ impl GatherMirror {
             reader.doubt_clock();
         }
         let mut timer = ServoTimer::new(TIMER_BITS);
-        let reason = match look(bus, &mut reader, clock, &mut timer)? {
+        let reason = match look(bus, &mut reader, clock, &mut timer, &self.time)? {
             GatherLook::Idle => None,
             GatherLook::Samples { .. } | GatherLook::Ended => Some(NotFollowed::Runs),
             GatherLook::Disturbed => Some(NotFollowed::HeldUp),
@@ -179,8 +189,8 @@ impl GatherMirror {
         now: Instant,
     ) -> Result<(), BusError> {
         let Some(reader) = &mut self.reader else { return Ok(()) };
-        let time_ns = monotonic_ns();
-        let found = look(bus, reader, self.clock, &mut self.timer)?;
+        let time_ns = self.time.ns();
+        let found = look(bus, reader, self.clock, &mut self.timer, &self.time)?;
         let (phase, first, count) = match found {
             GatherLook::Samples { first, count } => (Phase::GoesOn, first, count),
             GatherLook::Idle | GatherLook::Disturbed | GatherLook::OutOfRange { .. } => {
@@ -218,9 +228,10 @@ fn look<B: Bus>(
     reader: &mut GatherReader,
     clock: GatherClock,
     timer: &mut ServoTimer,
+    time: &Clock,
 ) -> Result<GatherLook, BusError> {
     reader.step(bus, |bus| match clock {
         GatherClock::Report => report_cycles(bus, timer),
-        GatherClock::Host(period) => Ok(monotonic_ns() / period),
+        GatherClock::Host(period) => Ok(time.ns() / period),
     })
 }

@@ -6,22 +6,40 @@ use super::clock::UpdateClock;
 use super::continuity::{Continuity, TIMER_BITS, Verdict};
 use super::freshness::{Freshness, Transition};
 use super::gaps::UpdateCounter;
+use crate::clock::Clock;
 use crate::device::{Bus, BusError};
-use crate::function::servo::{ServoLook, ServoReader, ServoReading};
+use crate::function::servo::{SERVO_WORDS, ServoLook, ServoReader, ServoReading};
 use crate::function::servo_timer::ServoTimer;
-use crate::map::Selection;
+use crate::map::{Selection, classic};
 use crate::segment::freshness::limit_ns;
-use crate::segment::{Counter, Publisher, RegionId, RegionState, Stamp, monotonic_ns};
+use crate::segment::{Counter, Publisher, RegionId, RegionSpec, RegionState, Stamp};
 
 /// How often a torn copy is made again at once, before the next look.
 const COPIES: usize = 3;
 /// Stretches of Host-Busy remembered between two updates.
 const HOLDS: usize = 16;
 /// Servo data are stale after this time without an update, or after ten periods ([`limit_ns`]).
-pub const STALE_NS: u64 = 100_000_000;
+const STALE_NS: u64 = 100_000_000;
+
+/// Two seconds at the default rate of 2.26 kHz, for readers that sleep.
+const SLOTS: u32 = 4096;
+
+/// The region in the segment. Its period is told when it is known.
+#[must_use]
+pub fn region() -> RegionSpec {
+    RegionSpec {
+        id: RegionId::Servo,
+        slots: SLOTS,
+        payload_bytes: 2 * SERVO_WORDS as u32,
+        first_host_offset: classic::SERVO_HOST_STATUS.bytes(),
+        period_hint_ns: 0,
+        stale_after_ns: STALE_NS,
+    }
+}
 
 /// Mirrors the servo fixed data.
 pub struct ServoMirror {
+    time: Clock,
     reader: ServoReader,
     clock: UpdateClock,
     timer: ServoTimer,
@@ -40,15 +58,16 @@ pub struct ServoMirror {
 impl ServoMirror {
     /// A mirror that has seen nothing.
     #[must_use]
-    pub fn new(reading: ServoReading) -> Self {
-        Self::selecting(reading, Selection::ALL)
+    pub fn new(reading: ServoReading, time: Clock) -> Self {
+        Self::selecting(reading, Selection::ALL, time)
     }
 
     /// As [`ServoMirror::new`], but of the motors' blocks only what `selection` has is read.
     #[must_use]
-    pub fn selecting(reading: ServoReading, selection: Selection) -> Self {
+    pub fn selecting(reading: ServoReading, selection: Selection, time: Clock) -> Self {
         Self {
-            reader: ServoReader::selecting(reading, selection),
+            reader: ServoReader::selecting(reading, selection).timed_by(time.clone()),
+            time,
             clock: UpdateClock::default(),
             timer: ServoTimer::new(TIMER_BITS),
             continuity: Continuity::default(),
@@ -118,7 +137,7 @@ impl ServoMirror {
         publisher: &mut Publisher,
     ) -> Result<Option<Transition>, BusError> {
         for _ in 0..COPIES {
-            let before = monotonic_ns();
+            let before = self.time.ns();
             match self.reader.look(bus)? {
                 ServoLook::Update(timer) => return Ok(self.publish(publisher, timer, before)),
                 ServoLook::Torn => {
@@ -137,7 +156,7 @@ impl ServoMirror {
                 }
             }
         }
-        let now = monotonic_ns();
+        let now = self.time.ns();
         self.clock.looked_in_vain(now);
         // Only looks tell that the board is silent; a mirror that was itself stopped has no right to say so yet.
         if now.saturating_sub(self.last_look_ns) >= self.freshness.limit_ns() {
@@ -163,7 +182,7 @@ impl ServoMirror {
                 self.was_reset = true;
             }
             self.continuity.came(time_ns, None);
-            self.clock.looked_in_vain(monotonic_ns());
+            self.clock.looked_in_vain(self.time.ns());
             return None;
         }
         let passed = self.continuity.whole(passed, time_ns);
@@ -179,7 +198,7 @@ impl ServoMirror {
         counters.add(Counter::Updates, 1);
         counters.add(Counter::Skipped, skipped);
         counters.add(Counter::Missed, not_read - skipped);
-        self.last_look_ns = monotonic_ns();
+        self.last_look_ns = self.time.ns();
         let transition = self.freshness.came(time_ns);
         if transition.is_some() {
             publisher.set_region_state(RegionId::Servo, RegionState::Live);
@@ -199,7 +218,7 @@ impl ServoMirror {
             if self.holds.len() == HOLDS {
                 self.holds.pop_front();
             }
-            self.holds.push_back((since_ns, monotonic_ns()));
+            self.holds.push_back((since_ns, self.time.ns()));
         }
     }
 

@@ -16,6 +16,7 @@
 use std::time::{Duration, Instant};
 
 use super::freshness::Freshness;
+use crate::clock::Clock;
 use crate::device::{Bus, BusError};
 use crate::format::split32;
 use crate::function::servo_timer::ServoTimer;
@@ -23,7 +24,7 @@ use crate::function::variable_read::{
     VariableEntry, VariableKind, VariableLook, VariableMode, VariableReadBusError, VariableReader,
 };
 use crate::map::{Region, classic};
-use crate::segment::{Publisher, RegionId, RegionState, Stamp, monotonic_ns};
+use crate::segment::{Publisher, RegionId, RegionSpec, RegionState, Stamp};
 
 /// 16-bit words before the entries, and of an entry.
 pub const HEADER_WORDS: usize = 4;
@@ -38,10 +39,27 @@ const LOOK: Duration = Duration::from_millis(2);
 /// How often to look at most while there is work to go on with.
 const GO_ON: Duration = Duration::from_micros(50);
 /// Without new values for this long the region is stale, in ns.
-pub const STALE_NS: u64 = 1_000_000_000;
+const STALE_NS: u64 = 1_000_000_000;
+
+/// Samples in the ring: a second at the rate of a PMAC's background, for readers that sleep.
+const SLOTS: u32 = 1024;
+
+/// The region in the segment.
+#[must_use]
+pub fn region() -> RegionSpec {
+    RegionSpec {
+        id: RegionId::Variable,
+        slots: SLOTS,
+        payload_bytes: 2 * PAYLOAD_WORDS as u32,
+        first_host_offset: 0,
+        period_hint_ns: 0,
+        stale_after_ns: STALE_NS,
+    }
+}
 
 /// Mirrors the variable-read buffer.
 pub struct VariableMirror {
+    time: Clock,
     reader: VariableReader,
     mode: VariableMode,
     timer: ServoTimer,
@@ -54,14 +72,15 @@ pub struct VariableMirror {
 impl VariableMirror {
     /// A mirror that uses the words of `place` and has no table.
     #[must_use]
-    pub fn new(place: Region, mode: VariableMode) -> Self {
+    pub fn new(place: Region, mode: VariableMode, time: Clock) -> Self {
         Self {
             reader: VariableReader::new(place),
             mode,
             timer: ServoTimer::new(TIMER_BITS),
             table: 0,
             payload: [0; PAYLOAD_WORDS],
-            next_look: Instant::now(),
+            next_look: time.now(),
+            time,
             freshness: Freshness::new(STALE_NS),
         }
     }
@@ -122,7 +141,7 @@ impl VariableMirror {
         publisher: &mut Publisher,
         now: Instant,
     ) -> Result<(), BusError> {
-        let time_ns = monotonic_ns();
+        let time_ns = self.time.ns();
         let timer = match self.reader.look(bus, now)? {
             VariableLook::Report(timer) => Some(timer),
             VariableLook::Values(which) => {

@@ -42,6 +42,8 @@ mod sample;
 mod short_text;
 pub mod subscribe;
 
+/// CLOCK_MONOTONIC in ns: the clock of a segment, unless it has one of its own ([`ClockKind::Own`]).
+pub use crate::clock::monotonic_ns;
 pub use cursor::Cursor;
 pub use freshness::Staleness;
 pub use identity::Identity;
@@ -179,12 +181,6 @@ impl SegmentError {
         let path = path.to_owned();
         move |source| Self::Io { what, path, source }
     }
-}
-
-/// CLOCK_MONOTONIC in ns: the clock of a segment, unless it has one of its own ([`ClockKind::Own`]).
-#[must_use]
-pub fn monotonic_ns() -> u64 {
-    clock_ns(ClockId::CLOCK_MONOTONIC)
 }
 
 fn clock_ns(clock: ClockId) -> u64 {

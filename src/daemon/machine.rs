@@ -1,0 +1,48 @@
+//! Everything of the machine that the daemon works with: the board, its mailboxes, its interrupt controller.
+
+use super::board::{self, Board};
+use super::exit::Failure;
+use super::host_link::HostPortLink;
+use super::mailbox_link::MailboxLink;
+use super::settings::Settings;
+use crate::device::{Inherited, System};
+
+/// Everything of the machine that the daemon works with.
+pub struct Machine {
+    /// The board.
+    pub board: Board,
+    /// Its mailbox circuit, on a board that has one.
+    pub mailbox: Option<MailboxLink>,
+    /// Its interrupt controller, where it has to be served.
+    pub host_port: Option<HostPortLink>,
+}
+
+impl Machine {
+    /// Opens all that `settings` name.
+    ///
+    /// # Errors
+    /// What could not be opened, why, and what to do.
+    pub fn open(settings: &Settings, inherited: &Inherited) -> Result<Self, Failure> {
+        let system = &System::here();
+        let failed = |what: &str, error: &(dyn std::error::Error + 'static)| {
+            let Failure { status, reason } = Failure::board(error);
+            Failure { status, reason: format!("{what}{reason}") }
+        };
+        let mut board =
+            board::open(settings, system, inherited).map_err(|error| failed("", error.as_ref()))?;
+        let mailbox = settings.mailbox.clone();
+        // Where a board has a vector for it, a response in the DPRAM is announced there.
+        if let Some(source) = mailbox.as_ref().and_then(|mailbox| mailbox.dpram.clone()) {
+            let link = board::link(source, system, inherited);
+            board.interrupt = Some(link.map_err(|error| failed("mailboxes: ", error.as_ref()))?);
+        }
+        let mailbox = mailbox.map(|config| MailboxLink::open(config, system, inherited)).transpose();
+        let host_port = settings.host_port.clone();
+        let host_port = host_port.map(|config| HostPortLink::open(config, system, inherited)).transpose();
+        Ok(Self {
+            board,
+            mailbox: mailbox.map_err(|error| failed("mailboxes: ", error.as_ref()))?,
+            host_port: host_port.map_err(|error| failed("host port: ", &error))?,
+        })
+    }
+}

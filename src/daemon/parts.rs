@@ -1,0 +1,193 @@
+//! The daemon without its process: the bus thread's loop and what the socket's server needs, joined by their queues.
+//!
+//! `bring_up` adds rights, signals and threads. A test has both in one thread, with a clock of its own.
+
+use std::sync::Arc;
+
+use nix::sys::eventfd::{EfdFlags, EventFd};
+
+use super::ascii_desk::AsciiDesk;
+use super::board::Board;
+use super::board_loop::{BoardLoop, Phase};
+use super::exit::{self, Failure};
+use super::host_link::HostPortLink;
+use super::identify::{Identifier, servo_period_ps};
+use super::info::SharedInfo;
+use super::job_desk::JobDesk;
+use super::machine::Machine;
+use super::policy::group_id;
+use super::presence::Condition;
+use super::queue::{at_once, queue};
+use super::response_port::ResponsePort;
+use super::room::Room;
+use super::serve::Backend;
+use super::settings::Settings;
+use super::simulator::Simulator;
+use super::telling::Told;
+use crate::clock::Clock;
+use crate::device::Counted;
+use crate::map::classic;
+use crate::mirror::{self, BackgroundMirror, ServoMirror};
+use crate::protocol::{BoardInfo, Function, HostPortInfo};
+use crate::segment::identity;
+use crate::segment::{ClockKind, CreateOptions, Identity, Publisher, RegionId, RegionSpec};
+
+/// Events that may wait for the socket's thread.
+const EVENTS: usize = 256;
+
+/// The parts.
+pub struct Parts {
+    /// The bus thread's.
+    pub board_loop: BoardLoop,
+    /// The socket's server's.
+    pub backend: Backend,
+    /// Written to, it ends the loop.
+    pub stop: Arc<EventFd>,
+    /// A simulator of the daemon's own, which ends with this.
+    pub simulator: Option<Simulator>,
+}
+
+impl Parts {
+    /// Puts the parts together. Nothing touches the board before the loop is polled.
+    ///
+    /// # Errors
+    /// When the kernel gives no event descriptor.
+    pub fn new(
+        settings: &Settings,
+        machine: Machine,
+        publisher: Publisher,
+        clock: Clock,
+    ) -> Result<Self, Failure> {
+        let Machine { board, mailbox, host_port } = machine;
+        let Board { simulator, bus, open, interrupt } = board;
+        let (commands, command_queue) =
+            queue(at_once::ALL).map_err(|error| Failure::system("queue", error))?;
+        let (events, event_queue) = queue(EVENTS).map_err(|error| Failure::system("queue", error))?;
+        let info = Arc::new(SharedInfo::new(
+            board_info(settings, &publisher),
+            settings.uncertain.settings().clone(),
+        ));
+        let flags = EfdFlags::EFD_NONBLOCK | EfdFlags::EFD_CLOEXEC;
+        let stop =
+            EventFd::from_value_and_flags(0, flags).map_err(|error| Failure::system("eventfd", error))?;
+        let stop = Arc::new(stop);
+        let reading = settings.uncertain.settings();
+        let asks = settings.ask_board && reading.functions.has(Function::Ascii);
+        let now = clock.now();
+        let identifier = Identifier::new(configured_identity(settings), asks, now);
+        let port = ResponsePort::new(settings.text_order, mailbox, now).after_another_host(now);
+        let (plan, mode) = (settings.uncertain.plan(), settings.uncertain.variable_mode());
+        let board_loop = BoardLoop {
+            bus: Counted::new(bus),
+            open,
+            servo: ServoMirror::selecting(settings.servo_reading, reading.servo.selection(), clock.clone()),
+            background: BackgroundMirror::selecting(
+                settings.background_period_ns,
+                reading.background.selection(),
+            ),
+            desk: AsciiDesk::new(port, identifier, clock.clone()),
+            jobs: JobDesk::new(plan, mode, clock.clone()).using(reading.functions.clone()),
+            functions: reading.functions.clone(),
+            interrupt,
+            host_port,
+            uncertain: settings.uncertain.clone(),
+            publisher,
+            commands: command_queue,
+            events,
+            info: Arc::clone(&info),
+            stop: Arc::clone(&stop),
+            default_motors: settings.motors.map_or(classic::MOTORS, |motors| motors as usize),
+            answer: None,
+            began_ns: clock.ns(),
+            check_due_ns: clock.ns(),
+            clock,
+            phase: Phase::Begin,
+            heartbeat_due_ns: 0,
+            paused_until_ns: 0,
+            rounds_for_servo: 0,
+            room: Room::default(),
+            condition: Condition::default(),
+            told: Told::default(),
+        };
+        Ok(Self { board_loop, backend: Backend { commands, events: event_queue, info }, stop, simulator })
+    }
+}
+
+/// The segment of `settings`: its name, who may read it, and the regions this version publishes. Its times are `clock`'s.
+///
+/// # Errors
+/// A group that does not exist.
+pub fn segment_options(settings: &Settings, clock: &Clock) -> Result<CreateOptions, Failure> {
+    let regions = vec![
+        mirror::servo::region(),
+        mirror::background::region(settings.background_period_ns),
+        identity_region(),
+        mirror::variable::region(),
+        mirror::gather::region(),
+    ];
+    let group = settings.segment_group.as_deref().map(group_id).transpose();
+    let reading = settings.uncertain.settings();
+    let selections = vec![
+        (RegionId::Servo, reading.servo.selection()),
+        (RegionId::Background, reading.background.selection()),
+    ];
+    let group =
+        group.map_err(|error| Failure::new(exit::CONFIGURATION, error))?.map(nix::unistd::Gid::as_raw);
+    Ok(CreateOptions {
+        selections,
+        mode: settings.segment_mode,
+        group,
+        clock: if clock.is_manual() { ClockKind::Own } else { ClockKind::Monotonic },
+        ..CreateOptions::new(settings.name.clone(), regions)
+    })
+}
+
+/// Who the board is: it changes seldom.
+fn identity_region() -> RegionSpec {
+    RegionSpec {
+        id: RegionId::Board,
+        slots: 4,
+        payload_bytes: identity::BYTES as u32,
+        first_host_offset: 0,
+        period_hint_ns: 0,
+        stale_after_ns: 0,
+    }
+}
+
+fn configured_identity(settings: &Settings) -> Identity {
+    Identity {
+        family: Some(settings.family.number()),
+        motors: Some(classic::MOTORS as u32),
+        coordinate_systems: Some(classic::MOTORS as u32),
+        servo_period_ps: settings.i10.map(servo_period_ps),
+        i10: settings.i10,
+        i19: settings.i19,
+        i59: settings.motors,
+        firmware: settings.firmware.as_deref().map(Into::into),
+        ..Identity::default()
+    }
+}
+
+fn board_info(settings: &Settings, publisher: &Publisher) -> BoardInfo {
+    BoardInfo {
+        name: settings.name.as_str().to_owned(),
+        version: env!("CARGO_PKG_VERSION").to_owned(),
+        board: settings.board_text.clone(),
+        family: settings.family.name().to_owned(),
+        firmware: settings.firmware.clone(),
+        motors: settings.motors.unwrap_or(classic::MOTORS as u32),
+        generation: publisher.generation(),
+        pid: std::process::id(),
+        segment: format!("/{}", settings.name.as_str()),
+        host_port: settings.host_port.as_ref().map(|config| HostPortInfo {
+            controller: HostPortLink::name(&config.port).to_owned(),
+            line: config.port.line.into(),
+            ..HostPortInfo::default()
+        }),
+        ..BoardInfo::default()
+    }
+}
+
+#[cfg(test)]
+#[path = "parts_tests.rs"]
+mod tests;
