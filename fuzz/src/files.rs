@@ -5,7 +5,7 @@ use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 
 use pmac_dpram::cli::preprocess::preprocess;
-use pmac_dpram::cli::variables;
+use pmac_dpram::cli::settings_file as variables;
 use pmac_dpram::decode::{Image, Scales, value};
 use pmac_dpram::format::{Float48Layout, WordOrder};
 use pmac_dpram::map::{Family, HostOffset, Location, Space};

@@ -1,0 +1,9 @@
+//! Commands that do one thing on the board.
+
+pub mod lines;
+pub mod panel;
+pub mod registers;
+pub mod send;
+pub mod stop;
+pub mod terminal;
+pub mod write;

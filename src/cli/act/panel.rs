@@ -1,0 +1,387 @@
+//! `pmacctl panel`: jog, home, run, stop and feed rate override through the control panel of the DPRAM (I2=3).
+
+use std::io::{self, Read, Write};
+use std::os::fd::AsFd;
+use std::time::{Duration, Instant};
+
+use clap::{Args, Subcommand};
+use nix::errno::Errno;
+use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
+use serde::Serialize;
+
+use crate::cli::console::interrupt::Interrupt;
+use crate::cli::console::table::{Align, Table};
+use crate::cli::context::{Context, Failure, Verdict};
+use crate::client::HeldJog;
+use crate::function::panel::{FeedOverride, PANEL_WORDS, PanelAction, PanelWords};
+use crate::map::classic::PANEL;
+
+/// How long the daemon may take to ask its board about itself.
+const ASKING: Duration = Duration::from_secs(2);
+/// How often a held jog is looked after, in milliseconds.
+const LOOK: u16 = 20;
+
+/// `panel`.
+#[derive(Debug, Args)]
+pub struct Panel {
+    #[command(subcommand)]
+    pub command: PanelCommand,
+}
+
+#[derive(Debug, Subcommand)]
+pub enum PanelCommand {
+    /// Jog motors in positive direction until they are stopped
+    #[command(name = "jog+")]
+    JogPlus(Jog),
+    /// Jog motors in negative direction until they are stopped
+    #[command(name = "jog-")]
+    JogMinus(Jog),
+    /// Stop motors that jog
+    JogStop(Motors),
+    /// Send motors back to where they were before the last jog
+    PreJog(Motors),
+    /// Home motors
+    Home(Motors),
+    /// Run the programs of coordinate systems
+    Start(Systems),
+    /// One step of the programs of coordinate systems; one that runs is quit
+    Step(Systems),
+    /// Abort coordinate systems
+    Stop(Systems),
+    /// Feed hold of coordinate systems
+    Hold(Systems),
+    /// Override the feed rate of a coordinate system; acts while its Ix93 is $0806 + $C0*(x-1), the default
+    Feed(Feed),
+    /// What the panel's words hold: the request word last written for each number, whether it still waits for the board,
+    /// and the override. A request word stays as it is when it was taken, and when it was withdrawn: which, no word tells
+    Show,
+}
+
+#[derive(Debug, Args)]
+pub struct Jog {
+    #[command(flatten)]
+    pub motors: Motors,
+    /// Jog only while this command runs: until ^C, the end of its input, or --seconds; when it is killed, at most 200 ms
+    /// longer
+    #[arg(long)]
+    pub hold: bool,
+    /// Stop after so long
+    #[arg(long, value_name = "S", requires = "hold", value_parser = crate::cli::args::values::seconds)]
+    pub seconds: Option<Duration>,
+}
+
+#[derive(Debug, Args)]
+pub struct Motors {
+    /// Motors, 1 to 8
+    #[arg(required = true, value_name = "MOTOR", value_parser = number())]
+    pub numbers: Vec<u8>,
+}
+
+#[derive(Debug, Args)]
+pub struct Systems {
+    /// Coordinate systems, 1 to 8
+    #[arg(required = true, value_name = "C.S.", value_parser = number())]
+    pub numbers: Vec<u8>,
+}
+
+#[derive(Debug, Args)]
+pub struct Feed {
+    /// The coordinate system, 1 to 8
+    #[arg(value_name = "C.S.", value_parser = number())]
+    pub system: u8,
+    /// A percentage, as 50%; a raw value, 0 to 32767 in 1/32768 ms (14507 is 100 % at the default I10); or off
+    #[arg(value_name = "N%|RAW|off", value_parser = wanted)]
+    pub wanted: Wanted,
+}
+
+/// What the feed rate is to be.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Wanted {
+    Percent(f64),
+    Raw(FeedOverride),
+    Off,
+}
+
+fn number() -> clap::builder::RangedI64ValueParser<u8> {
+    clap::value_parser!(u8).range(1..=8)
+}
+
+fn wanted(text: &str) -> Result<Wanted, String> {
+    if text.eq_ignore_ascii_case("off") {
+        return Ok(Wanted::Off);
+    }
+    if let Some(percent) = text.strip_suffix('%') {
+        let percent: f64 = percent.trim().parse().map_err(|_| format!("{percent:?} is no number"))?;
+        return if percent.is_finite() && percent >= 0.0 {
+            Ok(Wanted::Percent(percent))
+        } else {
+            Err("a percentage is 0 or more".to_owned())
+        };
+    }
+    let raw: u32 = text.parse().map_err(|_| "write 50%, a raw value from 0 to 32767, or off".to_owned())?;
+    FeedOverride::from_raw(raw).map(Wanted::Raw).map_err(|error| error.to_string())
+}
+
+pub fn run(context: &mut Context, options: &Panel) -> Result<Verdict, Failure> {
+    let (action, numbers) = match &options.command {
+        PanelCommand::JogPlus(jog) if jog.hold => return hold(context, PanelAction::JogPlus, jog),
+        PanelCommand::JogMinus(jog) if jog.hold => return hold(context, PanelAction::JogMinus, jog),
+        PanelCommand::JogPlus(jog) => (PanelAction::JogPlus, &jog.motors.numbers),
+        PanelCommand::JogMinus(jog) => (PanelAction::JogMinus, &jog.motors.numbers),
+        PanelCommand::JogStop(motors) => (PanelAction::JogStop, &motors.numbers),
+        PanelCommand::PreJog(motors) => (PanelAction::PreJog, &motors.numbers),
+        PanelCommand::Home(motors) => (PanelAction::Home, &motors.numbers),
+        PanelCommand::Start(systems) => (PanelAction::Start, &systems.numbers),
+        PanelCommand::Step(systems) => (PanelAction::Step, &systems.numbers),
+        PanelCommand::Stop(systems) => (PanelAction::Stop, &systems.numbers),
+        PanelCommand::Hold(systems) => (PanelAction::Hold, &systems.numbers),
+        PanelCommand::Feed(feed) => return self::feed(context, feed),
+        PanelCommand::Show => return show(context),
+    };
+    context.connection()?.panel(action.name(), numbers)?;
+    Ok(Verdict::Yes)
+}
+
+fn hold(context: &mut Context, action: PanelAction, jog: &Jog) -> Result<Verdict, Failure> {
+    let interrupt = Interrupt::listen()?;
+    let connection = context.connection()?;
+    let end = jog.seconds.and_then(|seconds| Instant::now().checked_add(seconds));
+    let held = HeldJog::begin(connection, action.name(), &jog.motors.numbers)?;
+    let over = || interrupt.came() || end.is_some_and(|end| Instant::now() >= end) || !held.is_held();
+    while !over() && !input_ended() {}
+    held.stop()?;
+    Ok(Verdict::Yes)
+}
+
+/// Waits a moment for input, throws it away, and tells whether it has ended.
+fn input_ended() -> bool {
+    let stdin = io::stdin();
+    match poll(&mut [PollFd::new(stdin.as_fd(), PollFlags::POLLIN)], PollTimeout::from(LOOK)) {
+        Ok(0) | Err(Errno::EINTR) => false,
+        Ok(_) => match stdin.lock().read(&mut [0; 256]) {
+            Ok(count) => count == 0,
+            Err(error) => error.kind() != io::ErrorKind::Interrupted,
+        },
+        // Nobody can be heard: as good as gone.
+        Err(_) => true,
+    }
+}
+
+fn feed(context: &mut Context, feed: &Feed) -> Result<Verdict, Failure> {
+    let i10 = match feed.wanted {
+        Wanted::Percent(_) => wait_for_i10(context),
+        _ => i10(context),
+    };
+    let value = match feed.wanted {
+        Wanted::Off => None,
+        Wanted::Raw(value) => Some(value),
+        Wanted::Percent(percent) => {
+            let i10 = i10.ok_or_else(|| {
+                Failure::Request(
+                    "the board has not told I10, so a percentage means nothing; give a raw value".into(),
+                )
+            })?;
+            Some(from_percent(percent, i10)?)
+        }
+    };
+    let notes = context.connection()?.feed_override(feed.system, value.map(FeedOverride::raw))?;
+    let percent = value.zip(i10).and_then(|(value, i10)| value.percent(i10));
+    for note in &notes {
+        let _ = writeln!(io::stderr(), "&{}: {note}", feed.system);
+    }
+    if context.output.is_json() {
+        let raw = value.map(FeedOverride::raw);
+        context.output.json(&serde_json::json!({
+            "coordinate_system": feed.system, "raw": raw, "percent": percent, "notes": notes
+        }))?;
+    } else {
+        context.output.line(format_args!("&{}: {}", feed.system, echo(value, percent)))?;
+    }
+    Ok(Verdict::Yes)
+}
+
+/// The override for a percentage.
+///
+/// # Errors
+/// More than the panel's word has room for, as a raw value that is too large would be.
+fn from_percent(percent: f64, i10: u32) -> Result<FeedOverride, Failure> {
+    let value = FeedOverride::from_percent(percent, i10).map_err(Failure::request)?;
+    let most = FeedOverride::MAXIMUM;
+    match most.percent(i10) {
+        // Half a unit may be rounded away; more is not what was asked for.
+        Some(got) if value == most && percent > got * (1.0 + 0.5 / f64::from(most.raw())) => {
+            // Rounded downwards, so that what is told can be typed.
+            let told = (got * 100.0).floor() / 100.0;
+            Err(Failure::Request(format!(
+                "{percent} % is more than the panel has room for; the most there is at this board's I10 is {told:.2}%"
+            )))
+        }
+        _ => Ok(value),
+    }
+}
+
+/// What was set, in both units, so that a forgotten % is seen.
+fn echo(value: Option<FeedOverride>, percent: Option<f64>) -> String {
+    let Some(value) = value else {
+        return "off; the last value stays until something else sets it".to_owned();
+    };
+    let raw = format!("{} of {} raw", value.raw(), FeedOverride::MAXIMUM.raw());
+    match percent {
+        Some(percent) => format!("{raw} = {percent:.2} %"),
+        None => format!("{raw}; the board has not told I10, so the percentage is not known"),
+    }
+}
+
+/// The same for a daemon that has only just been started, and asks its board in a moment.
+fn wait_for_i10(context: &Context) -> Option<u32> {
+    let deadline = Instant::now() + ASKING;
+    loop {
+        match i10(context) {
+            None if Instant::now() < deadline => std::thread::sleep(Duration::from_millis(20)),
+            found => return found,
+        }
+    }
+}
+
+/// The servo period as the segment says it, if there is one and the board has told.
+fn i10(context: &Context) -> Option<u32> {
+    context.board().ok()?.identity().ok()?.i10
+}
+
+/// The whole panel, as it is shown.
+#[derive(Debug, Serialize)]
+struct Shown {
+    request_enable: u16,
+    override_enable: u16,
+    numbers: Vec<Number>,
+}
+
+/// Motor and coordinate system of one number.
+#[derive(Debug, Serialize)]
+struct Number {
+    number: usize,
+    /// The board has not taken the request yet.
+    pending: bool,
+    request: u16,
+    /// What the request word asks for, or last asked for. It stays when the board takes it, and when it is withdrawn.
+    actions: Vec<&'static str>,
+    override_enabled: bool,
+    override_raw: u16,
+    override_percent: Option<f64>,
+}
+
+fn show(context: &mut Context) -> Result<Verdict, Failure> {
+    let (_, words) = context.connection()?.read(PANEL.start, PANEL_WORDS)?;
+    let words: [u16; PANEL_WORDS] =
+        words.try_into().map_err(|_| Failure::Request("the daemon sent too few words".into()))?;
+    let shown = shown(&PanelWords::of(&words), i10(context));
+    if context.output.is_json() {
+        context.output.json(&shown)?;
+    } else {
+        context.output.text(table(&shown))?;
+    }
+    Ok(Verdict::Yes)
+}
+
+fn shown(words: &PanelWords, i10: Option<u32>) -> Shown {
+    let numbers = (1..).zip(words.requests.iter().zip(words.overrides)).map(|(number, (&request, raw))| {
+        let bit = 1 << (number - 1);
+        let value = FeedOverride::from_raw(raw.into()).ok();
+        Number {
+            number,
+            pending: words.request_enable & bit != 0,
+            request,
+            actions: actions(request),
+            override_enabled: words.override_enable & bit != 0,
+            override_raw: raw,
+            override_percent: value.zip(i10).and_then(|(value, i10)| value.percent(i10)),
+        }
+    });
+    Shown {
+        request_enable: words.request_enable,
+        override_enable: words.override_enable,
+        numbers: numbers.collect(),
+    }
+}
+
+/// The actions that a request word names. Both jog bits together are a stop.
+fn actions(request: u16) -> Vec<&'static str> {
+    let has = |action: PanelAction| request & action.bits() == action.bits();
+    let stop = has(PanelAction::JogStop);
+    let part_of_stop = |action| matches!(action, PanelAction::JogMinus | PanelAction::JogPlus);
+    let named = PanelAction::ALL.into_iter().filter(|&action| has(action) && !(stop && part_of_stop(action)));
+    named.map(PanelAction::name).collect()
+}
+
+fn table(shown: &Shown) -> Table {
+    let mut table = Table::new(&[
+        ("number", Align::Right),
+        ("request word", Align::Left),
+        ("waits", Align::Left),
+        ("override", Align::Left),
+        ("raw", Align::Right),
+        ("percent", Align::Right),
+    ]);
+    for number in &shown.numbers {
+        table.row([
+            number.number.to_string(),
+            if number.actions.is_empty() { "-".to_owned() } else { number.actions.join(" ") },
+            if number.pending { "yes" } else { "-" }.to_owned(),
+            if number.override_enabled { "on" } else { "off" }.to_owned(),
+            number.override_raw.to_string(),
+            number.override_percent.map_or_else(String::new, |percent| format!("{percent:.2}")),
+        ]);
+    }
+    table
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_feed_rate_is_typed_in_three_ways() {
+        assert_eq!(wanted("50%"), Ok(Wanted::Percent(50.0)));
+        assert_eq!(wanted("112.5 %"), Ok(Wanted::Percent(112.5)));
+        assert_eq!(wanted("14507"), Ok(Wanted::Raw(FeedOverride::from_raw(14_507).unwrap())));
+        assert_eq!(wanted("OFF"), Ok(Wanted::Off));
+        for wrong in ["", "%", "-1%", "nan%", "inf%", "32768", "-1", "0.5", "half"] {
+            assert!(wanted(wrong).is_err(), "{wrong}");
+        }
+    }
+
+    #[test]
+    fn the_panel_is_shown_as_it_lies_there() {
+        let mut words =
+            PanelWords { request_enable: 0b10, override_enable: 1, requests: [0; 8], overrides: [0; 8] };
+        words.requests[1] = 0x0300;
+        words.requests[2] = 0x0A00;
+        words.overrides[0] = 14_507;
+        let shown = shown(&words, Some(3_713_707));
+        assert_eq!(shown.numbers[1].actions, ["jog-stop"]);
+        assert_eq!(shown.numbers[2].actions.len(), 2);
+        assert!(shown.numbers[1].pending && !shown.numbers[0].pending && shown.numbers[0].override_enabled);
+        assert!((shown.numbers[0].override_percent.unwrap() - 100.0).abs() < 0.01);
+        let table = table(&shown).to_string();
+        let rows: Vec<Vec<&str>> = table.lines().map(|line| line.split_whitespace().collect()).collect();
+        assert_eq!(rows.len(), 9);
+        assert_eq!(rows[2][..3], ["2", "jog-stop", "yes"], "it waits");
+        assert_eq!(rows[4][..4], ["4", "-", "-", "off"], "nothing is claimed of what nobody asked for");
+    }
+
+    #[test]
+    fn a_percentage_there_is_no_room_for_is_refused_and_what_was_set_is_told() {
+        let i10 = 3_713_707;
+        for (percent, raw) in [(50.0, 7253), (225.87, 32_766), (0.0, 0)] {
+            assert_eq!(from_percent(percent, i10).unwrap().raw(), raw, "{percent}");
+        }
+        for percent in [225.88, 226.0, 500.0] {
+            let Err(Failure::Request(text)) = from_percent(percent, i10) else { panic!("{percent}") };
+            assert!(text.contains(&format!("{percent} % is more")) && text.contains("225.87%"), "{text}");
+        }
+        let value = FeedOverride::from_raw(50).unwrap();
+        assert_eq!(echo(Some(value), value.percent(i10)), "50 of 32767 raw = 0.34 %");
+        assert!(echo(Some(value), None).starts_with("50 of 32767 raw; "));
+        assert!(echo(None, None).starts_with("off"));
+    }
+}

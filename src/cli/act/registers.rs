@@ -1,0 +1,321 @@
+//! `pmacctl variable`: registers of the user's choice, copied or written by PMAC in its background (I55=1).
+
+use std::time::{Duration, Instant};
+
+use clap::{Args as ClapArgs, Subcommand};
+use serde_json::{Map, Value, json};
+
+use crate::cli::args::values::{rate, seconds};
+use crate::cli::console::table::{Align, Table};
+use crate::cli::context::{Context, Failure, Verdict};
+use crate::cli::layout::board_layout;
+use crate::client::{Variable as Entry, VariableTable, VariableWidth, View};
+use crate::format::{fixed48, float48, int24};
+use crate::gather::{Column, Source};
+use crate::map::{PmacAddress, Space};
+use crate::protocol::board::VariableRecord;
+use crate::setup::gather_source::GatherSource;
+use crate::setup::number;
+
+/// How long to sleep before the daemon is asked again whether it still holds the watch.
+const NO_NEWS: Duration = Duration::from_millis(500);
+/// How long PMAC may take until the first values of a new table.
+const FIRST: Duration = Duration::from_secs(5);
+/// The most registers one call writes.
+const MOST: usize = 1024;
+/// The largest integer an f64 holds with all integers below it.
+const EXACT: f64 = 9_007_199_254_740_992.0;
+
+#[derive(Debug, ClapArgs)]
+pub struct Variable {
+    #[command(subcommand)]
+    command: VariableCommand,
+}
+
+#[derive(Debug, Subcommand)]
+enum VariableCommand {
+    /// Have PMAC copy registers, and print their values as they come
+    Watch(Watch),
+    /// The registers PMAC copies now, for whoever watches them
+    List,
+    /// Have PMAC write registers, in their order, and wait until it has
+    Set(Set),
+}
+
+#[derive(Debug, ClapArgs)]
+struct Watch {
+    /// Y:$0003, X:$0028, D:$002B, L:$1005 (a 24-bit word is signed unless ,u follows), or a name as 1.actual_position
+    #[arg(required = true, value_name = "REGISTER")]
+    registers: Vec<String>,
+    /// Stop after so many prints
+    #[arg(long, value_name = "N")]
+    count: Option<u64>,
+    /// Stop after so long
+    #[arg(long, value_name = "S", value_parser = seconds)]
+    seconds: Option<Duration>,
+    /// Prints a second, at most
+    #[arg(long, value_name = "HZ", default_value = "5", value_parser = rate)]
+    rate: Duration,
+}
+
+#[derive(Debug, ClapArgs)]
+struct Set {
+    /// Y:$0700=5, Y:$0700,8,4=5 (four bits from bit 8 on, as in M-variable definitions), D:$0728=-1000, L:$1005=2.5
+    #[arg(required = true, value_name = "REGISTER[,OFFSET[,WIDTH]]=VALUE")]
+    values: Vec<String>,
+    /// How long PMAC may take, in seconds
+    #[arg(long, value_name = "S", default_value = "5", value_parser = seconds)]
+    timeout: Duration,
+}
+
+pub fn run(context: &mut Context, options: &Variable) -> Result<Verdict, Failure> {
+    match &options.command {
+        VariableCommand::Watch(options) => watch(context, options),
+        VariableCommand::List => list(context),
+        VariableCommand::Set(options) => set(context, options),
+    }
+}
+
+fn watch(context: &mut Context, options: &Watch) -> Result<Verdict, Failure> {
+    let mut board = context.board()?;
+    let (layout, scales, _) = board_layout(&mut board)?;
+    let sources: Vec<Source> = options
+        .registers
+        .iter()
+        .map(|text| Source::parse(text, &layout))
+        .collect::<Result<_, _>>()
+        .map_err(Failure::request)?;
+    let columns: Vec<Column> = sources.iter().map(|source| Column::new(source, &scales)).collect();
+    let registers: Vec<GatherSource> = sources.iter().map(|source| source.register).collect();
+    let mut held = board.watch_variables(&registers)?;
+    let began = Instant::now();
+    let end = options.seconds.and_then(|seconds| began.checked_add(seconds));
+    let left = || end.map_or(NO_NEWS, |end| end.saturating_duration_since(Instant::now()));
+    let (mut printed, mut after, mut complete) = (0, 0, false);
+    while options.count.is_none_or(|count| printed < count) && !left().is_zero() {
+        let round = Instant::now();
+        board.wait_variables(after, left().min(NO_NEWS))?;
+        held.check()?;
+        let found = board.variables()?;
+        let values = found.as_ref().filter(|view| view.is_fresh() && view.sequence > after);
+        let values = values.map(|view| {
+            (view, registers.iter().map(|&register| view.data.value_of(register)).collect::<Vec<_>>())
+        });
+        match values {
+            Some((view, values)) if values.iter().all(Option::is_some) => {
+                after = view.sequence;
+                complete = true;
+                let longs = values.iter().map(|value| value.map_or(&[][..], Entry::value));
+                print(context, view, &columns, longs)?;
+                context.output.flush()?;
+                printed += 1;
+            }
+            // The table is not the one yet that has them all, or the board has stopped.
+            _ if began.elapsed() > FIRST && !complete => {
+                return Err(Failure::Refused(
+                    "PMAC copies nothing: is the board alive, and I55=1?".to_owned(),
+                ));
+            }
+            _ => after = found.map_or(after, |view| view.sequence),
+        }
+        if options.count.is_none_or(|count| printed < count) {
+            std::thread::sleep(options.rate.saturating_sub(round.elapsed()).min(left()));
+        }
+    }
+    Ok(complete.into())
+}
+
+/// One set of values: a line, or a JSON document in a line.
+fn print<'a>(
+    context: &mut Context,
+    view: &View<VariableTable>,
+    columns: &[Column],
+    values: impl Iterator<Item = &'a [u32]>,
+) -> Result<(), Failure> {
+    let values = columns.iter().zip(values).map(|(column, longs)| {
+        // What is no number, JSON calls null.
+        let number = column.reading.read(longs).map_or(f64::NAN, |number| number * column.factor);
+        (column, number)
+    });
+    if context.output.is_json() {
+        let values: Vec<Value> = values
+            .map(|(column, number)| {
+                let (name, register) = (&column.name, &column.register);
+                json!({"name": name, "register": register, "value": plain(number), "unit": column.unit})
+            })
+            .collect();
+        context.output.json_line(&json!({
+            "servo_timer": view.servo_timer,
+            "time_ns": view.time_ns,
+            "values": values,
+        }))?;
+    } else {
+        let values: String =
+            values.map(|(column, number)| format!(" {}={}", column.name, plain(number))).collect();
+        context.output.line(format_args!("servo={}{values}", view.servo_timer))?;
+    }
+    Ok(())
+}
+
+/// A number as JSON has it, and as text has it too: without a point where it is whole.
+fn plain(number: f64) -> Value {
+    if number.fract() == 0.0 && number.abs() < EXACT { json!(number as i64) } else { json!(number) }
+}
+
+fn list(context: &mut Context) -> Result<Verdict, Failure> {
+    let mut board = context.board()?;
+    let found = board.variables()?;
+    let live = found.as_ref().filter(|view| view.is_fresh());
+    let entries = live.map_or(&[][..], |view| &view.data.variables[..]);
+    if context.output.is_json() {
+        let entries: Vec<Value> = entries.iter().map(document).collect();
+        let (timer, time_ns) = live.map(|view| (view.servo_timer, view.time_ns)).unzip();
+        context.output.json(&json!({ "servo_timer": timer, "time_ns": time_ns, "entries": entries }))?;
+    } else if entries.is_empty() {
+        context.output.line("nobody watches a variable")?;
+    } else {
+        let mut table =
+            Table::new(&[("register", Align::Left), ("updates", Align::Right), ("value", Align::Right)]);
+        for entry in entries {
+            let value = match (entry.updates, entry.width) {
+                (0, _) => "-".to_owned(),
+                (_, VariableWidth::Y | VariableWidth::X) => int24::signed(entry.longs[0]).to_string(),
+                _ => format!("{} (L: {})", fixed(entry), float(entry)),
+            };
+            table.row([name(entry), entry.updates.to_string(), value]);
+        }
+        context.output.text(table)?;
+    }
+    Ok(Verdict::Yes)
+}
+
+fn name(entry: &Entry) -> String {
+    let space = match entry.width {
+        VariableWidth::Y => Space::Y,
+        VariableWidth::X => Space::X,
+        VariableWidth::Long => Space::D,
+        VariableWidth::Special => return format!("function block {}", entry.address),
+    };
+    PmacAddress::new(space, entry.address.into()).to_string()
+}
+
+fn fixed(entry: &Entry) -> i64 {
+    fixed48::decode(entry.longs[0], entry.longs[1])
+}
+
+fn float(entry: &Entry) -> f64 {
+    float48::decode(entry.longs[0], entry.longs[1])
+}
+
+fn document(entry: &Entry) -> Value {
+    let mut document = Map::from_iter([
+        ("register".to_owned(), json!(name(entry))),
+        ("updates".to_owned(), json!(entry.updates)),
+    ]);
+    match entry.width {
+        _ if entry.updates == 0 => {}
+        VariableWidth::Y | VariableWidth::X => {
+            document.insert("value".to_owned(), json!(int24::signed(entry.longs[0])));
+        }
+        VariableWidth::Long | VariableWidth::Special => {
+            document.insert("fixed".to_owned(), json!(fixed(entry)));
+            document.insert("float".to_owned(), json!(float(entry)));
+        }
+    }
+    document.into()
+}
+
+fn set(context: &mut Context, options: &Set) -> Result<Verdict, Failure> {
+    // Everything is read before anything is sent, and goes in one call: all of it, or nothing.
+    if options.values.len() > MOST {
+        return Err(Failure::Request(format!(
+            "{} registers; {MOST} at most are written in one go",
+            options.values.len()
+        )));
+    }
+    let records: Vec<VariableRecord> =
+        options.values.iter().map(|text| record(text)).collect::<Result<_, _>>().map_err(Failure::Request)?;
+    context.connection()?.write_variables(&records, options.timeout)?;
+    Ok(Verdict::Yes)
+}
+
+/// `Y:$0700,8,4=5` and its kin.
+fn record(text: &str) -> Result<VariableRecord, String> {
+    let (target, value) =
+        text.split_once('=').ok_or_else(|| format!("{text:?}: no value; write Y:$0700,8,4=5"))?;
+    let mut parts = target.split(',');
+    let register = parts.next().unwrap_or_default();
+    let register: GatherSource = register
+        .parse()
+        .map_err(|_| format!("{register:?} is no register; write Y:$0700, X:$0701, D:$0728 or L:$1005"))?;
+    let mut bits = |what: &str| -> Result<Option<u8>, String> {
+        let parse = |part: &str| {
+            part.trim().parse().map_err(|_| format!("{text:?}: {part:?} is no {what}; write Y:$0700,8,4=5"))
+        };
+        parts.next().map(parse).transpose()
+    };
+    let offset = bits("offset")?;
+    let width = bits("width")?;
+    if let Some(rest) = parts.next() {
+        return Err(format!("{text:?}: {rest:?} is too much; write Y:$0700,8,4=5"));
+    }
+    // An offset alone names one bit, as it does for PMAC.
+    let width = width.or(offset.map(|_| 1));
+    let value = value_of(value.trim())
+        .ok_or_else(|| format!("{text:?}: {value:?} is not a number; write 5, -5, $FF or, for L:, 2.5"))?;
+    Ok(VariableRecord { register: register.to_string(), offset, width, value })
+}
+
+fn value_of(text: &str) -> Option<f64> {
+    let (negative, digits) = text.strip_prefix('-').map_or((false, text), |digits| (true, digits));
+    let value = if digits.starts_with(['$']) || digits.starts_with("0x") || digits.starts_with("0X") {
+        // Up to 48 bits in two halves would be ambiguous; a word has 24.
+        f64::from(number::parse(digits).ok()?)
+    } else if digits.starts_with(|c: char| c.is_ascii_digit() || c == '.') {
+        digits.parse().ok()?
+    } else {
+        return None;
+    };
+    Some(if negative { -value } else { value })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn records_as_m_variables_are_defined() {
+        let read = |text: &str| record(text).map(|r| (r.register, r.offset, r.width, r.value));
+        let made = |register: &str, offset, width, value| Ok((register.to_owned(), offset, width, value));
+        assert_eq!(read("Y:$0700,8,4=5"), made("Y:$0700", Some(8), Some(4), 5.0));
+        assert_eq!(read("y:$700,8=1"), made("Y:$0700", Some(8), Some(1), 1.0));
+        assert_eq!(read("X:$701=$ff"), made("X:$0701", None, None, 255.0));
+        assert_eq!(read("X:$701=-$1"), made("X:$0701", None, None, -1.0));
+        assert_eq!(read("D:$0728=-1000"), made("D:$0728", None, None, -1000.0));
+        assert_eq!(read("L:$1005=2.5e3"), made("L:$1005", None, None, 2500.0));
+        for text in [
+            "",
+            "Y:$0700",
+            "Y:$0700=",
+            "Y:$0700=x",
+            "Y:$0700=inf",
+            "Y:$0700=nan",
+            "Q:$0700=1",
+            "DP:$0700=1",
+            "Y:$0700,8,4,2=1",
+            "Y:$0700,-1=1",
+            "Y:$0700,8,x=1",
+            "Y:$10000=1",
+            "Y:$0700=--1",
+        ] {
+            assert!(read(text).is_err(), "{text}");
+        }
+    }
+
+    #[test]
+    fn whole_numbers_have_no_point() {
+        assert_eq!(plain(-5.0).to_string(), "-5");
+        assert_eq!(plain(0.5).to_string(), "0.5");
+        assert_eq!(plain(f64::NAN).to_string(), "null");
+    }
+}

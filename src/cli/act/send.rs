@@ -1,0 +1,75 @@
+//! `pmacctl send`: a command line or a control character, and the board's reply.
+
+use std::time::Duration;
+
+use clap::Args;
+use serde_json::json;
+
+use crate::cli::args::values::seconds;
+use crate::cli::context::{Context, Failure, Verdict};
+use crate::client::CommandError;
+use crate::protocol::{CallError, TIMEOUT_MAX_MS, check_line, control};
+
+#[derive(Debug, Args)]
+pub struct Send {
+    /// The line, or one control character as '^K'
+    #[arg(value_name = "LINE", allow_hyphen_values = true)]
+    pub line: String,
+    /// How long the board may take, in seconds
+    #[arg(long, value_name = "S", default_value = "5", value_parser = seconds)]
+    pub timeout: Duration,
+}
+
+pub fn run(context: &mut Context, options: &Send) -> Result<Verdict, Failure> {
+    let control = control::parse(&options.line).filter(|_| options.line.len() == 2);
+    if control.is_none() {
+        check_line(&options.line).map_err(|reason| Failure::Request(format!("invalid line: {reason}")))?;
+    }
+    if options.timeout.as_millis() > TIMEOUT_MAX_MS.into() {
+        let most = TIMEOUT_MAX_MS / 1000;
+        return Err(Failure::Request(format!(
+            "--timeout is longer than the {most} s that a command may take"
+        )));
+    }
+    let mut connection = context.connection()?;
+    let reply = match control {
+        Some(character) => connection.control(character),
+        None => connection.send(&options.line, options.timeout),
+    };
+    let json = context.output.is_json();
+    match reply {
+        Ok(lines) if json => context.output.json(&json!({ "lines": lines, "error": null }))?,
+        Ok(lines) => print(context, &lines)?,
+        Err(error) => {
+            // What the board answered before the error belongs to the reply, and comes first.
+            let (code, meaning, lines) = parts(&error);
+            if json {
+                let error = json!({ "code": code, "meaning": meaning });
+                context.output.json(&json!({ "lines": lines, "error": error }))?;
+            } else {
+                print(context, lines)?;
+            }
+            context.output.flush()?;
+            return Err(error.into());
+        }
+    }
+    Ok(Verdict::Yes)
+}
+
+/// The number of `ERRnnn` when it is the board's error, what is wrong, and what had come of the reply.
+fn parts(error: &CommandError) -> (Option<u16>, String, &[String]) {
+    match error {
+        CommandError::Refused(CallError::Board { code, meaning, lines }) => {
+            (Some(*code), meaning.clone(), lines)
+        }
+        CommandError::Refused(CallError::TimedOut { lines }) => (None, error.to_string(), lines),
+        _ => (None, error.to_string(), &[]),
+    }
+}
+
+fn print(context: &mut Context, lines: &[String]) -> Result<(), Failure> {
+    for line in lines {
+        context.output.line(line)?;
+    }
+    Ok(())
+}

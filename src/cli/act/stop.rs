@@ -1,0 +1,75 @@
+//! `pmacctl abort` and `pmacctl kill`: at once, by control character, ahead of every line that waits.
+
+use std::time::Duration;
+
+use clap::Args;
+use serde_json::json;
+
+use crate::cli::act::lines::LineError;
+use crate::cli::context::{Context, Failure, Verdict};
+
+/// ^A: every coordinate system stops, at the rates of Ix15, and open loops close.
+const ABORT: u8 = 1;
+/// ^K: every motor's loop opens, with zero output and its amplifier disabled.
+const KILL: u8 = 11;
+/// How long a line may take.
+const PATIENCE: Duration = Duration::from_secs(5);
+
+/// `abort`.
+#[derive(Debug, Args)]
+pub struct Abort {
+    /// Only these coordinate systems, by command lines, which wait their turn; the last one stays the addressed one
+    #[arg(value_name = "C.S.", value_parser = clap::value_parser!(u8).range(1..=16), conflicts_with = "all")]
+    pub systems: Vec<u8>,
+    /// Every coordinate system and motor, by ^A: what is done when no number is given
+    #[arg(long)]
+    pub all: bool,
+}
+
+pub fn abort(context: &mut Context, options: &Abort) -> Result<Verdict, Failure> {
+    if options.systems.is_empty() {
+        return control(context, ABORT);
+    }
+    let mut connection = context.connection()?;
+    let lines: Vec<String> = options.systems.iter().map(|system| format!("&{system}A")).collect();
+    let mut failed = None;
+    let mut sent = Vec::new();
+    // One that cannot be aborted is no reason to let the others run.
+    for line in &lines {
+        match connection.send(line, PATIENCE) {
+            Ok(_) => sent.push(line),
+            Err(error) => {
+                let error = LineError::from(error);
+                failed.get_or_insert((line, error));
+            }
+        }
+    }
+    if context.output.is_json() {
+        let error = failed.as_ref().map(|(_, error)| error.document());
+        context.output.json(&json!({ "sent": sent, "error": error }))?;
+        context.output.flush()?;
+    }
+    match failed {
+        None => Ok(Verdict::Yes),
+        Some((line, LineError::Board { text, .. })) => Err(Failure::Refused(format!("{line}: {text}"))),
+        Some((line, LineError::Uncertain { failure, .. })) => Err(failure.at(line)),
+        Some((_, error)) => Err(error.into()),
+    }
+}
+
+pub fn kill(context: &mut Context) -> Result<Verdict, Failure> {
+    control(context, KILL)
+}
+
+fn control(context: &mut Context, character: u8) -> Result<Verdict, Failure> {
+    let sent = context.connection()?.control(character).map_err(LineError::from);
+    if context.output.is_json() {
+        let name = crate::protocol::control::name(character);
+        let taken = sent.iter().map(|_| &name).collect::<Vec<_>>();
+        let error = sent.as_ref().err().map(LineError::document);
+        context.output.json(&json!({ "sent": taken, "error": error }))?;
+        context.output.flush()?;
+    }
+    sent?;
+    Ok(Verdict::Yes)
+}

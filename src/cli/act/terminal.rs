@@ -1,0 +1,334 @@
+//! `pmacctl terminal`: a conversation with the board, line by line, through the daemon.
+//!
+//! On a terminal there is line editing and a history, the prompt says which motor and coordinate system are addressed, and
+//! texts that the board's programs send by themselves appear above the line being edited. In a pipe, lines come from stdin,
+//! replies go to stdout, errors and texts to stderr.
+
+use std::io::{self, BufRead, IsTerminal, Write};
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+use clap::Args;
+use rustyline::config::Configurer;
+use rustyline::error::ReadlineError;
+use rustyline::{DefaultEditor, ExternalPrinter};
+use serde_json::json;
+
+use crate::cli::act::lines::{LineError, Way};
+use crate::cli::context::{Context, Failure, Verdict};
+use crate::client::Messages;
+use crate::protocol::{Message, MessageKind, TIMEOUT_MAX_MS, check_line, control};
+
+/// How long the prompt waits to learn what is addressed.
+const ADDRESS: Duration = Duration::from_millis(500);
+/// How often the thread that waits for texts looks whether it should end.
+const LOOK: Duration = Duration::from_millis(200);
+/// Lines the history keeps.
+const HISTORY: usize = 1000;
+const HELP: &str = "\
+A line goes to the board as it is. ^K (two characters) sends a control character, which overtakes lines that wait:
+^A aborts, ^K kills. .quit or the end of input leaves.";
+
+/// `terminal`.
+#[derive(Debug, Args)]
+pub struct Terminal {
+    /// How long the board may take for a line, in seconds; SAVE may take longer
+    #[arg(long, value_name = "S", default_value = "10", value_parser = crate::cli::args::values::seconds)]
+    pub timeout: Duration,
+    /// Keep no history on disk
+    #[arg(long)]
+    pub no_history: bool,
+}
+
+pub fn run(context: &mut Context, options: &Terminal) -> Result<Verdict, Failure> {
+    if options.timeout.as_millis() > TIMEOUT_MAX_MS.into() {
+        let most = TIMEOUT_MAX_MS / 1000;
+        return Err(Failure::Request(format!(
+            "--timeout is longer than the {most} s that a command may take"
+        )));
+    }
+    let session = Session { way: Way::daemon(context)?, timeout: options.timeout, all_taken: true };
+    let messages = context.connection()?.messages()?;
+    if io::stdin().is_terminal() && io::stdout().is_terminal() && !context.output.is_json() {
+        interactive(session, messages, options)
+    } else {
+        piped(context, session, messages)
+    }
+}
+
+/// What a typed line is.
+#[derive(Debug, PartialEq, Eq)]
+enum Input<'a> {
+    Nothing,
+    Quit,
+    Help,
+    Control(u8),
+    Line(&'a str),
+    Wrong(String),
+}
+
+impl<'a> Input<'a> {
+    fn of(text: &'a str) -> Self {
+        let text = text.trim();
+        match text {
+            "" => Self::Nothing,
+            ".quit" | ".exit" | ".q" => Self::Quit,
+            ".help" | ".h" => Self::Help,
+            _ if text.starts_with('.') && !text[1..].starts_with(|c: char| c.is_ascii_digit()) => {
+                Self::Wrong(format!("{text}: not known; .help tells what is"))
+            }
+            _ => match control::parse(text).filter(|_| text.len() == 2) {
+                Some(character) => Self::Control(character),
+                None => match check_line(text) {
+                    Ok(()) => Self::Line(text),
+                    Err(reason) => Self::Wrong(format!("invalid line: {reason}")),
+                },
+            },
+        }
+    }
+}
+
+struct Session {
+    way: Way,
+    timeout: Duration,
+    all_taken: bool,
+}
+
+/// The reply, and the error behind it.
+type Answer = (Vec<String>, Option<String>, Option<u16>);
+
+impl Session {
+    /// What the board says to a line or control character.
+    ///
+    /// # Errors
+    /// When it can no longer be asked anything.
+    fn ask(&mut self, input: &Input<'_>) -> Result<Answer, Failure> {
+        let result = match (input, &mut self.way) {
+            (Input::Control(character), Way::Daemon(connection)) => {
+                connection.control(*character).map_err(LineError::from)
+            }
+            (Input::Line(line), way) => way.send(line, self.timeout),
+            _ => Ok(Vec::new()),
+        };
+        self.all_taken &= result.is_ok();
+        match result {
+            Ok(lines) => Ok((lines, None, None)),
+            Err(mut error) => {
+                let lines = error.take_lines();
+                match error {
+                    LineError::Board { code, text, .. } => Ok((lines, Some(text), code)),
+                    error => match error.into() {
+                        // The next line may fare better.
+                        Failure::Refused(text) => Ok((lines, Some(text), None)),
+                        failure => Err(failure),
+                    },
+                }
+            }
+        }
+    }
+
+    /// The prompt: which motor and coordinate system are addressed, when the board says so soon.
+    fn prompt(&mut self) -> String {
+        match self.way.send("# &", ADDRESS).as_deref() {
+            Ok([motor, system]) => format!("#{motor} &{system}> "),
+            _ => "pmac> ".to_owned(),
+        }
+    }
+}
+
+fn interactive(mut session: Session, messages: Messages, options: &Terminal) -> Result<Verdict, Failure> {
+    let failed = |error: ReadlineError| Failure::Request(format!("the terminal: {error}"));
+    let mut editor = DefaultEditor::new().map_err(failed)?;
+    editor.set_max_history_size(HISTORY).map_err(failed)?;
+    editor.set_auto_add_history(true);
+    let history = if options.no_history { None } else { history_file() };
+    if let Some(file) = &history {
+        // There is none the first time.
+        let _ = editor.load_history(file);
+    }
+    let mut printer = editor.create_external_printer().map_err(failed)?;
+    let listening = Listening::begin(messages, move |text| {
+        let _ = printer.print(format!("{text}\n"));
+    });
+    println(".help tells what there is, .quit leaves.")?;
+    let mut prompt = session.prompt();
+    let outcome = loop {
+        let text = match editor.readline(&prompt) {
+            Ok(text) => text,
+            // ^C drops the line, as in a shell.
+            Err(ReadlineError::Interrupted) => continue,
+            Err(ReadlineError::Eof) => break Ok(()),
+            Err(error) => break Err(failed(error)),
+        };
+        match answer(&mut session, &text) {
+            Ok(true) => {}
+            Ok(false) => break Ok(()),
+            Err(failure) => break Err(failure),
+        }
+        // Only these can change what is addressed.
+        if text.contains(['#', '&', '$']) {
+            prompt = session.prompt();
+        }
+    };
+    drop(listening);
+    if let Some(file) = &history {
+        save_history(&mut editor, file);
+    }
+    outcome.map(|()| Verdict::Yes)
+}
+
+/// Carries out what was typed, or pasted, which may be several lines; whether to go on.
+fn answer(session: &mut Session, text: &str) -> Result<bool, Failure> {
+    for text in text.lines() {
+        let input = Input::of(text);
+        match &input {
+            Input::Nothing => {}
+            Input::Quit => return Ok(false),
+            Input::Help => println(HELP)?,
+            Input::Wrong(what) => println(what)?,
+            Input::Control(_) | Input::Line(_) => {
+                let (lines, error, _) = session.ask(&input)?;
+                for line in lines.iter().chain(&error) {
+                    println(line)?;
+                }
+            }
+        }
+    }
+    Ok(true)
+}
+
+/// Not by `println!`, which would panic when nobody reads.
+fn println(text: &str) -> io::Result<()> {
+    writeln!(io::stdout(), "{text}")
+}
+
+/// Where people keep what programs remember (the XDG base directories).
+fn history_file() -> Option<PathBuf> {
+    let absolute = |name: &str| std::env::var_os(name).map(PathBuf::from).filter(|path| path.is_absolute());
+    let state =
+        absolute("XDG_STATE_HOME").or_else(|| absolute("HOME").map(|home| home.join(".local/state")))?;
+    Some(state.join("pmacctl/history"))
+}
+
+fn save_history(editor: &mut DefaultEditor, file: &std::path::Path) {
+    let saved = file
+        .parent()
+        .map_or(Ok(()), std::fs::create_dir_all)
+        .map_err(ReadlineError::from)
+        .and_then(|()| editor.save_history(file));
+    if let Err(error) = saved {
+        let _ = writeln!(io::stderr(), "{}: the history is not kept: {error}", file.display());
+    }
+}
+
+fn piped(context: &mut Context, mut session: Session, messages: Messages) -> Result<Verdict, Failure> {
+    let listening = Listening::begin(messages, |text| {
+        // Nobody reads it: nothing to be done.
+        let _ = writeln!(io::stderr(), "{text}");
+    });
+    for line in io::stdin().lock().lines() {
+        let text = line.map_err(|error| Failure::Request(format!("stdin: {error}")))?;
+        let input = Input::of(&text);
+        let (lines, error, code) = match &input {
+            Input::Nothing => continue,
+            Input::Quit => break,
+            Input::Help => (vec![HELP.to_owned()], None, None),
+            Input::Wrong(what) => {
+                session.all_taken = false;
+                (Vec::new(), Some(what.clone()), None)
+            }
+            Input::Control(_) | Input::Line(_) => session.ask(&input)?,
+        };
+        if context.output.is_json() {
+            let error = error.map(|message| json!({ "code": code, "message": message }));
+            context.output.json_line(&json!({ "line": text.trim(), "lines": lines, "error": error }))?;
+            context.output.flush()?;
+            continue;
+        }
+        for line in lines {
+            context.output.line(line)?;
+        }
+        // Whoever reads both streams sees them in order.
+        context.output.flush()?;
+        if let Some(error) = error {
+            let _ = writeln!(io::stderr(), "{error}");
+        }
+    }
+    drop(listening);
+    Ok(session.all_taken.into())
+}
+
+/// The thread that waits for texts of the board's programs; it ends when this is dropped.
+struct Listening {
+    end: Arc<AtomicBool>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Listening {
+    fn begin(mut messages: Messages, mut tell: impl FnMut(String) + Send + 'static) -> Self {
+        let end = Arc::new(AtomicBool::new(false));
+        let ended = Arc::clone(&end);
+        let thread = std::thread::spawn(move || {
+            while !ended.load(Ordering::Relaxed) {
+                match messages.next_within(LOOK) {
+                    Ok(Some(message)) => tell(shown(&message)),
+                    Ok(None) if messages.ended() => {
+                        return tell("-- no more texts: pmacd has ended them".to_owned());
+                    }
+                    Ok(None) => {}
+                    Err(error) => return tell(format!("-- no more texts: {error}")),
+                }
+            }
+        });
+        Self { end, thread: Some(thread) }
+    }
+}
+
+impl Drop for Listening {
+    fn drop(&mut self) {
+        self.end.store(true, Ordering::Relaxed);
+        if let Some(thread) = self.thread.take() {
+            // A panic of its own has been told already.
+            let _ = thread.join();
+        }
+    }
+}
+
+/// A text that came by itself, marked as such.
+fn shown(message: &Message) -> String {
+    let kind = match message.kind {
+        MessageKind::Cmd => "CMD",
+        MessageKind::Send => "SEND",
+    };
+    let lost =
+        if message.lost > 0 { format!(" ({} before it were lost)", message.lost) } else { String::new() };
+    format!("-- {kind}: {}{lost}", message.text)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_typed_is_understood() {
+        assert_eq!(Input::of("  "), Input::Nothing);
+        assert_eq!(Input::of(" .quit "), Input::Quit);
+        assert_eq!(Input::of("^k"), Input::Control(11));
+        assert_eq!(Input::of(" #1J+ "), Input::Line("#1J+"));
+        assert_eq!(Input::of("J^100"), Input::Line("J^100"));
+        assert_eq!(Input::of(".5"), Input::Line(".5"));
+        assert!(matches!(Input::of(".wrong"), Input::Wrong(what) if what.contains(".help")));
+        assert!(matches!(Input::of("\u{fc}"), Input::Wrong(_)));
+        assert!(matches!(Input::of(&"x".repeat(201)), Input::Wrong(_)));
+    }
+
+    #[test]
+    fn texts_are_marked() {
+        let message = |kind, lost| Message { time_ns: 0, kind, text: "HI".to_owned(), lost };
+        assert_eq!(shown(&message(MessageKind::Send, 0)), "-- SEND: HI");
+        assert_eq!(shown(&message(MessageKind::Cmd, 2)), "-- CMD: HI (2 before it were lost)");
+    }
+}

@@ -1,0 +1,143 @@
+//! What can be typed after `pmacctl`.
+
+pub mod values;
+
+use std::path::PathBuf;
+
+use clap::{Args as ClapArgs, Parser, Subcommand};
+
+use crate::cli::act::panel::Panel;
+use crate::cli::act::registers::Variable;
+use crate::cli::act::send::Send;
+use crate::cli::act::stop::Abort;
+use crate::cli::act::terminal::Terminal;
+use crate::cli::act::write::Write;
+use crate::cli::doctor::Doctor;
+use crate::cli::files::backup::{Backup, Diff, Restore};
+use crate::cli::files::download::Download;
+use crate::cli::gather::Gather;
+use crate::cli::rotary::Rotary;
+use crate::cli::setup::absolute::Absolute;
+use crate::cli::setup::send::Setup;
+use crate::cli::show::decode::Decode;
+use crate::cli::show::demo::Demo;
+use crate::cli::show::map::Map;
+use crate::cli::show::read::Read;
+use crate::cli::show::watch::Watch;
+
+/// Looks at and talks to a PMAC through its daemon pmacd.
+#[derive(Debug, Parser)]
+#[command(name = "pmacctl", version, arg_required_else_help = true, disable_help_subcommand = true)]
+#[command(
+    after_help = "Exit status: 0 done; 1 the answer is no, or the board or the daemon refused; 2 the request could not be made."
+)]
+pub struct Args {
+    #[command(flatten)]
+    pub global: Global,
+    #[command(subcommand)]
+    pub command: Command,
+}
+
+/// What these stand below among a command's own options.
+const GLOBAL: &str = "Options of every command";
+
+#[derive(Debug, ClapArgs)]
+pub struct Global {
+    /// Which board: the segment /dev/shm/NAME and the socket /run/pmacd/NAME.sock
+    #[arg(long, global = true, help_heading = GLOBAL, value_name = "NAME", default_value = "pmac0")]
+    pub name: String,
+    /// The daemon's socket, when it lies elsewhere
+    #[arg(long, global = true, help_heading = GLOBAL, value_name = "PATH")]
+    pub socket: Option<PathBuf>,
+    /// Print JSON
+    #[arg(long, global = true, help_heading = GLOBAL)]
+    pub json: bool,
+    /// Print no results, only errors; the exit status tells
+    #[arg(long, short, global = true, help_heading = GLOBAL)]
+    pub quiet: bool,
+}
+
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// A simulated board, its daemon and a live view, all in a private place: nothing needed, nothing left behind
+    Demo(Demo),
+    /// How the daemon, its board and its data stand
+    Status,
+    /// Check everything between this user and live data, and say what to do; find boards in this machine
+    Doctor(Doctor),
+    /// The motors' positions, velocities and status, live
+    Motors,
+    /// The coordinate systems' targets and status, live
+    Coordinates,
+    /// The motors, again and again: repainted on a terminal, a line each time in a pipe
+    Watch(Watch),
+    /// What lies where in the DPRAM (needs no daemon)
+    Map(Map),
+    /// Read the DPRAM at addresses as the manual prints them
+    Read(Read),
+    /// Write open words of the DPRAM, whole or some bits; with --engineer any
+    Write(Write),
+    /// Jog, home, run, stop and override the feed rate through the control panel (I2=3); needs the role operate
+    Panel(Panel),
+    /// Send a command line (role engineer), or a control character as '^K' (role operate), and print the reply
+    Send(Send),
+    /// Decode a raw image of the DPRAM from a file
+    Decode(Decode),
+    /// Motion programs as binary rotary commands: compiled, turned back, or streamed to the board
+    Rotary(Rotary),
+    /// Registers of any kind, copied and written by PMAC in the background (I55=1)
+    Variable(Variable),
+    /// Sample registers at servo rate into a .csv or .npy file (I20 to I45, DEFINE GATHER, GATHER, ENDGATHER)
+    Gather(Gather),
+    /// Stop every motion at once, by ^A, or that of some coordinate systems; the exit status tells whether the board took it
+    Abort(Abort),
+    /// Kill every motor at once, by ^K: open loops, no output; the exit status tells whether the board took it
+    Kill,
+    /// A conversation with the board: line editing, history, and the texts its programs send; works in a pipe too
+    Terminal(Terminal),
+    /// Send a program or command file line by line, with its comments, #include and #define resolved
+    Download(Download),
+    /// The board's variables as lines that it would take again, one a line, sorted
+    Backup(Backup),
+    /// What differs between a file of variables and the board, or another file
+    Diff(Diff),
+    /// Send those lines of a file of variables that differ from what the board holds, after asking
+    Restore(Restore),
+    /// The lines that set a board up, explained, and sent when told to
+    Setup(Setup),
+    /// What an absolute-position setting makes PMAC read (needs no daemon)
+    Absolute(Absolute),
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::CommandFactory;
+
+    #[test]
+    fn the_tree_is_sound() {
+        Args::command().debug_assert();
+    }
+
+    #[test]
+    fn global_options_stand_before_or_after_the_command() {
+        for line in ["pmacctl --name rig --json motors", "pmacctl motors --json --name rig"] {
+            let args = Args::try_parse_from(line.split(' ')).unwrap();
+            assert_eq!((args.global.name.as_str(), args.global.json), ("rig", true));
+        }
+    }
+
+    #[test]
+    fn the_options_of_every_command_stand_apart_in_its_help() {
+        let mut command = Args::command();
+        command.build();
+        for name in ["gather", "watch", "backup"] {
+            let help = command.find_subcommand_mut(name).unwrap().render_help().to_string();
+            let (own, global) = help.split_once(&format!("{GLOBAL}:\n")).unwrap();
+            for option in ["--name", "--socket", "--json", "--quiet"] {
+                assert!(!own.contains(option) && global.contains(option), "{help}");
+            }
+            assert!(own.contains("--help") && !global.contains("--seconds"), "{help}");
+        }
+    }
+}

@@ -1,0 +1,97 @@
+//! Values that more than one command takes: durations, rates, families, layouts.
+
+use std::time::Duration;
+
+use clap::ValueEnum;
+
+use crate::format::{Float48Layout, WordOrder};
+use crate::map::{Family, GatherSizeWord, UnknownFamily};
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+pub enum GatherSize {
+    WithIndex,
+    AsPrinted,
+}
+
+impl From<GatherSize> for GatherSizeWord {
+    fn from(choice: GatherSize) -> Self {
+        match choice {
+            GatherSize::WithIndex => Self::WithIndex,
+            GatherSize::AsPrinted => Self::AsPrinted,
+        }
+    }
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+pub enum Float48 {
+    Register,
+    Printed,
+}
+
+impl From<Float48> for Float48Layout {
+    fn from(choice: Float48) -> Self {
+        match choice {
+            Float48::Register => Self::Register,
+            Float48::Printed => Self::Printed,
+        }
+    }
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+pub enum Order {
+    Little,
+    Swapped,
+}
+
+impl From<Order> for WordOrder {
+    fn from(choice: Order) -> Self {
+        match choice {
+            Order::Little => Self::Little,
+            Order::Swapped => Self::Swapped,
+        }
+    }
+}
+
+pub fn family(name: &str) -> Result<&'static Family, UnknownFamily> {
+    Family::by_name(name)
+}
+
+/// Some thirty years.
+const LONGEST_S: f64 = 1e9;
+
+pub fn seconds(text: &str) -> Result<Duration, String> {
+    let seconds: f64 = text.parse().map_err(|_| "not a number of seconds".to_owned())?;
+    if seconds > 0.0 && seconds <= LONGEST_S {
+        Ok(Duration::from_secs_f64(seconds))
+    } else {
+        Err(format!("has to be above 0 and at most {LONGEST_S} seconds"))
+    }
+}
+
+/// The time between two prints.
+pub fn rate(text: &str) -> Result<Duration, String> {
+    let hz: f64 = text.parse().map_err(|_| "not a number of prints a second".to_owned())?;
+    if (0.001..=1000.0).contains(&hz) {
+        Ok(Duration::from_secs_f64(1.0 / hz))
+    } else {
+        Err("not between 0.001 and 1000 a second".to_owned())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_out_of_reason_are_refused() {
+        for text in ["0", "-1", "nan", "inf", "1e10", "x", ""] {
+            assert!(seconds(text).is_err(), "{text}");
+            assert!(rate(text).is_err(), "{text}");
+        }
+        for text in ["0", "1e99"] {
+            assert_eq!(seconds(text), Err("has to be above 0 and at most 1000000000 seconds".to_owned()));
+        }
+        assert_eq!(seconds("0.5"), Ok(Duration::from_millis(500)));
+        assert_eq!(rate("4"), Ok(Duration::from_millis(250)));
+    }
+}

@@ -1,0 +1,59 @@
+//! Asking before something is sent.
+
+use std::io::{self, BufRead, IsTerminal, Write};
+
+use crate::cli::context::{Context, Failure};
+
+/// Whether to go on: `yes` says so, or a person at the terminal does.
+///
+/// # Errors
+/// [`Failure::Request`] when nobody can be asked.
+pub fn confirm(question: &str, yes: bool) -> Result<bool, Failure> {
+    if yes {
+        return Ok(true);
+    }
+    if !io::stdin().is_terminal() {
+        return Err(Failure::Request(format!(
+            "{question} Nobody can be asked here: --yes says so; nothing was sent"
+        )));
+    }
+    let mut stderr = io::stderr();
+    write!(stderr, "{question} [y/N] ").and_then(|()| stderr.flush())?;
+    let mut answer = String::new();
+    io::stdin().lock().read_line(&mut answer)?;
+    Ok(is_yes(&answer))
+}
+
+/// The question whether so many lines, shown already, are to be sent.
+pub fn sending(lines: usize, to: &str) -> String {
+    match lines {
+        1 => format!("Send this line to {to}?"),
+        _ => format!("Send these {lines} lines to {to}?"),
+    }
+}
+
+/// The board, as it is called on the command line.
+pub fn board_of(context: &Context) -> String {
+    format!("the board of {}", context.name.as_str())
+}
+
+fn is_yes(answer: &str) -> bool {
+    matches!(answer.trim().to_ascii_lowercase().as_str(), "y" | "yes")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn one_line_is_not_several() {
+        assert_eq!(sending(1, "the board of x"), "Send this line to the board of x?");
+        assert_eq!(sending(2, "the board of x"), "Send these 2 lines to the board of x?");
+    }
+
+    #[test]
+    fn only_yes_is_yes() {
+        assert!(is_yes("y\n") && is_yes(" YES \n"));
+        assert!(!is_yes("") && !is_yes("\n") && !is_yes("n\n") && !is_yes("yeah\n"));
+    }
+}

@@ -1,0 +1,406 @@
+//! Files that results go into: `-` is stdout, symbolic links are followed, devices and FIFOs are written as they are, and of
+//! a file that was cut off (a full disk) whole rows are left.
+
+use std::ffi::OsString;
+use std::fs::{self, File, Metadata, OpenOptions};
+use std::io::{self, Seek, SeekFrom, Write};
+use std::os::fd::AsFd;
+use std::os::unix::fs::{FileTypeExt, MetadataExt, OpenOptionsExt};
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use nix::errno::Errno;
+use nix::fcntl::{FcntlArg, OFlag, fcntl};
+use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
+
+use crate::cli::console::interrupt::Interrupt;
+use crate::cli::context::Failure;
+
+/// Links that are followed, as many as the kernel does.
+const LINKS: usize = 40;
+/// Rows are collected up to this many bytes.
+const COLLECTED: usize = 1 << 13;
+/// What a pipe that takes anything takes without blocking (PIPE_BUF).
+const PIECE: usize = 4096;
+/// How often to look for a signal while nobody reads.
+const LOOK_MS: u16 = 50;
+/// How long after a signal somebody may still read what is left.
+const LAST: Duration = Duration::from_secs(1);
+
+/// Whether results are to go to stdout.
+pub fn is_stdout(path: &Path) -> bool {
+    path == Path::new("-")
+}
+
+/// An error of writing to `path`; a reader that went away is none ([`crate::cli::run`]).
+fn failed(path: &Path, error: io::Error) -> Failure {
+    match error.kind() {
+        io::ErrorKind::BrokenPipe => Failure::Output(error),
+        _ => Failure::Request(format!("{}: {error}", path.display())),
+    }
+}
+
+/// What `path` leads to through symbolic links, and what there is, if there is anything.
+fn followed(path: &Path) -> io::Result<(PathBuf, Option<Metadata>)> {
+    let there = match fs::metadata(path) {
+        Ok(there) => Some(there),
+        Err(error) if error.kind() == io::ErrorKind::NotFound => None,
+        Err(error) => return Err(error),
+    };
+    let mut target = path.to_owned();
+    for _ in 0..LINKS {
+        match fs::symlink_metadata(&target) {
+            Ok(link) if link.is_symlink() => {
+                let to = fs::read_link(&target)?;
+                target = target.parent().unwrap_or(Path::new("")).join(to);
+            }
+            _ => return Ok((target, there)),
+        }
+    }
+    Err(Errno::ELOOP.into())
+}
+
+/// Whether `path` is what `there` tells of. Links to a process's open files may read as paths of something else.
+fn is_at(path: &Path, there: &Metadata) -> bool {
+    fs::symlink_metadata(path).is_ok_and(|at| (at.dev(), at.ino()) == (there.dev(), there.ino()))
+}
+
+/// Puts `bytes` into `path`. A regular file, or a new one, is replaced whole or not at all; anything else is written to.
+///
+/// # Errors
+/// [`Failure`], which names the file.
+pub fn put(path: &Path, bytes: &[u8]) -> Result<(), Failure> {
+    let put = || match followed(path)? {
+        (target, Some(there)) if !there.is_file() || !is_at(&target, &there) => {
+            OpenOptions::new().write(true).truncate(true).open(path)?.write_all(bytes)
+        }
+        (target, there) => replace(&target, there.as_ref(), bytes),
+    };
+    put().map_err(|error| failed(path, error))
+}
+
+/// Writes beside `path`, and puts that in its place.
+fn replace(path: &Path, there: Option<&Metadata>, bytes: &[u8]) -> io::Result<()> {
+    let mut beside = OsString::from(path);
+    beside.push(format!(".{}.partial", std::process::id()));
+    let beside = PathBuf::from(beside);
+    let mut file = OpenOptions::new().write(true).create_new(true).open(&beside)?;
+    let mut written = || {
+        if let Some(there) = there {
+            file.set_permissions(there.permissions())?;
+        }
+        file.write_all(bytes)?;
+        file.sync_all()?;
+        fs::rename(&beside, path)
+    };
+    written().inspect_err(|_| {
+        // What could not be put in place is of no use.
+        let _ = fs::remove_file(&beside);
+    })
+}
+
+/// Rows into a file or stdout, collected. The file is as it was until the first of them are written.
+pub struct Rows {
+    path: PathBuf,
+    file: File,
+    kind: Kind,
+    stop: Interrupt,
+    collected: Vec<u8>,
+    /// Where the rows end that are collected.
+    ends: Vec<usize>,
+    /// Rows in the file, and its length with them.
+    rows: u64,
+    length: u64,
+    /// Whether the file's beginning is being written anew.
+    rewinds: bool,
+    emptied: bool,
+}
+
+#[derive(Debug, Clone, PartialEq, Eq)]
+enum Kind {
+    /// A regular file.
+    There,
+    /// The same, which was not there before.
+    New(PathBuf),
+    /// What may have to be waited for, and has no length.
+    Stream,
+}
+
+impl Rows {
+    /// Opens `path`. For a FIFO's reader it waits until one of `stop` comes.
+    ///
+    /// # Errors
+    /// [`Failure`], which names the file.
+    pub fn open(path: &Path, stop: &Interrupt) -> Result<Self, Failure> {
+        let opened = if is_stdout(path) {
+            io::stdout().as_fd().try_clone_to_owned().map(|fd| (File::from(fd), Kind::Stream))
+        } else {
+            followed(path).and_then(|(target, there)| open(path, target, there.as_ref(), stop))
+        };
+        let (file, kind) = opened.map_err(|error| failed(path, error))?;
+        Ok(Self {
+            path: path.to_owned(),
+            file,
+            kind,
+            stop: stop.clone(),
+            collected: Vec::new(),
+            ends: Vec::new(),
+            rows: 0,
+            length: 0,
+            rewinds: false,
+            emptied: false,
+        })
+    }
+
+    /// Whether it is a regular file, whose beginning can be written again in the end.
+    pub fn is_regular(&self) -> bool {
+        self.kind != Kind::Stream
+    }
+
+    /// Whole rows that are in the file.
+    pub fn rows(&self) -> u64 {
+        self.rows
+    }
+
+    /// Says that a row is complete.
+    ///
+    /// # Errors
+    /// Why it cannot be written; then the rows that could be are in the file, whole, and nothing is collected.
+    pub fn end_row(&mut self) -> io::Result<()> {
+        self.ends.push(self.collected.len());
+        if self.collected.len() < COLLECTED { Ok(()) } else { self.send() }
+    }
+
+    /// An error of writing to it.
+    pub fn failed(&self, error: io::Error) -> Failure {
+        failed(if is_stdout(&self.path) { Path::new("stdout") } else { &self.path }, error)
+    }
+
+    /// Leaves things as they were, where nothing has been written.
+    pub fn discard(&mut self) {
+        self.collected.clear();
+        self.ends.clear();
+        if let Kind::New(path) = &self.kind
+            && !self.emptied
+        {
+            // It stays behind empty then.
+            let _ = fs::remove_file(path);
+        }
+    }
+
+    fn send(&mut self) -> io::Result<()> {
+        if !self.emptied && self.is_regular() {
+            self.file.set_len(0)?;
+        }
+        self.emptied = true;
+        let bytes = std::mem::take(&mut self.collected);
+        let ends = std::mem::take(&mut self.ends);
+        let mut sent = 0;
+        let mut outcome = Ok(());
+        while sent < bytes.len() && outcome.is_ok() {
+            match self.write_some(&bytes[sent..]) {
+                Ok(0) => outcome = Err(io::ErrorKind::WriteZero.into()),
+                Ok(written) => sent += written,
+                Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
+                Err(error) => outcome = Err(error),
+            }
+        }
+        if !self.rewinds {
+            let whole = ends.partition_point(|&end| end <= sent);
+            self.rows += whole as u64;
+            self.length += whole.checked_sub(1).map_or(0, |last| ends[last] as u64);
+            if outcome.is_err() && self.is_regular() {
+                // A row that is not whole reads as something else. If it cannot be taken off, the first error counts.
+                let _ = self.file.set_len(self.length).and_then(|()| self.file.seek(SeekFrom::End(0)));
+            }
+        }
+        outcome
+    }
+
+    /// As [`Write::write`]; where somebody has to read it, a signal ends the waiting.
+    fn write_some(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        if self.is_regular() {
+            return self.file.write(bytes);
+        }
+        let mut last = None;
+        loop {
+            let mut fds = [PollFd::new(self.file.as_fd(), PollFlags::POLLOUT)];
+            match poll(&mut fds, PollTimeout::from(LOOK_MS)) {
+                Ok(0) | Err(Errno::EINTR) => {}
+                Ok(_) => return self.file.write(&bytes[..bytes.len().min(PIECE)]),
+                Err(error) => return Err(error.into()),
+            }
+            if self.stop.came() && last.get_or_insert_with(Instant::now).elapsed() > LAST {
+                return Err(io::Error::other("interrupted while nobody read the rest"));
+            }
+        }
+    }
+}
+
+impl Write for Rows {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.collected.extend_from_slice(bytes);
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.send()
+    }
+}
+
+impl Seek for Rows {
+    fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
+        self.send()?;
+        self.rewinds = to != SeekFrom::End(0);
+        self.file.seek(to)
+    }
+}
+
+fn open(
+    path: &Path,
+    target: PathBuf,
+    there: Option<&Metadata>,
+    stop: &Interrupt,
+) -> io::Result<(File, Kind)> {
+    let mut options = OpenOptions::new();
+    options.write(true);
+    match there {
+        None => options.create(true).truncate(false).open(&target).map(|file| (file, Kind::New(target))),
+        Some(there) if there.is_file() => options.open(path).map(|file| (file, Kind::There)),
+        Some(there) => {
+            let file = open_fifo(options.custom_flags(OFlag::O_NONBLOCK.bits()), path, there, stop)?;
+            let flags = OFlag::from_bits_truncate(fcntl(&file, FcntlArg::F_GETFL)?);
+            fcntl(&file, FcntlArg::F_SETFL(flags - OFlag::O_NONBLOCK))?;
+            Ok((file, Kind::Stream))
+        }
+    }
+}
+
+/// Opens a FIFO once somebody reads it, and anything else at once.
+fn open_fifo(options: &OpenOptions, path: &Path, there: &Metadata, stop: &Interrupt) -> io::Result<File> {
+    let mut said = false;
+    loop {
+        match options.open(path) {
+            Err(error) if error.raw_os_error() == Some(libc::ENXIO) && there.file_type().is_fifo() => {}
+            opened => return opened,
+        }
+        if stop.came() {
+            return Err(io::Error::other("interrupted before anybody read this FIFO"));
+        }
+        if !std::mem::replace(&mut said, true) {
+            let _ = writeln!(io::stderr(), "{}: waiting for a reader of this FIFO", path.display());
+        }
+        std::thread::sleep(Duration::from_millis(LOOK_MS.into()));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nix::sys::stat::{Mode, SFlag, makedev, mknod};
+    use std::os::unix::fs::{PermissionsExt, symlink};
+
+    /// A device node of our own, or nothing where that is not permitted.
+    fn device(path: &Path, minor: u64) -> Option<Metadata> {
+        match mknod(path, SFlag::S_IFCHR, Mode::from_bits_truncate(0o666), makedev(1, minor)) {
+            Err(Errno::EPERM) => return None,
+            made => made.unwrap(),
+        }
+        // A file system without devices.
+        let opened = OpenOptions::new().write(true).open(path);
+        if opened.is_err_and(|error| error.kind() == io::ErrorKind::PermissionDenied) {
+            return None;
+        }
+        Some(fs::symlink_metadata(path).unwrap())
+    }
+
+    fn is_same(before: &Metadata, path: &Path) -> bool {
+        let after = fs::symlink_metadata(path).unwrap();
+        (before.ino(), before.rdev(), before.mode()) == (after.ino(), after.rdev(), after.mode())
+    }
+
+    #[test]
+    fn a_file_is_replaced_whole_or_not_at_all() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("x");
+        put(&path, b"one").unwrap();
+        fs::set_permissions(&path, fs::Permissions::from_mode(0o600)).unwrap();
+        put(&path, b"two").unwrap();
+        assert_eq!(fs::read(&path).unwrap(), b"two");
+        assert_eq!(fs::metadata(&path).unwrap().mode() & 0o777, 0o600, "who may read it");
+        assert_eq!(fs::read_dir(directory.path()).unwrap().count(), 1);
+        let error = put(Path::new("/nonexistent/x"), b"").unwrap_err();
+        assert!(matches!(&error, Failure::Request(text) if text.starts_with("/nonexistent/x: ")), "{error}");
+        let error = put(directory.path(), b"").unwrap_err();
+        assert!(error.to_string().ends_with("Is a directory (os error 21)"), "{error}");
+    }
+
+    #[test]
+    fn links_are_followed_to_files_that_are_there_or_not() {
+        let directory = tempfile::tempdir().unwrap();
+        let at = |name: &str| directory.path().join(name);
+        fs::create_dir(at("below")).unwrap();
+        fs::write(at("below/target"), b"one").unwrap();
+        symlink("below/target", at("link")).unwrap();
+        symlink("link", at("second")).unwrap();
+        symlink("below/none", at("dangling")).unwrap();
+        symlink("circle", at("circle")).unwrap();
+        for (name, target) in [("second", "below/target"), ("dangling", "below/none")] {
+            put(&at(name), b"two").unwrap();
+            assert_eq!(fs::read(at(target)).unwrap(), b"two");
+            assert!(fs::symlink_metadata(at(name)).unwrap().is_symlink(), "{name}");
+        }
+        assert_eq!(fs::read_dir(at("below")).unwrap().count(), 2);
+        let error = put(&at("circle"), b"").unwrap_err();
+        assert!(error.to_string().contains("symbolic links"), "{error}");
+    }
+
+    #[test]
+    fn devices_and_fifos_stay_what_they_are() {
+        let directory = tempfile::tempdir().unwrap();
+        let at = |name: &str| directory.path().join(name);
+        let fifo = at("fifo");
+        nix::unistd::mkfifo(&fifo, Mode::from_bits_truncate(0o600)).unwrap();
+        let node = fs::symlink_metadata(&fifo).unwrap();
+        let reader = std::thread::spawn({
+            let fifo = fifo.clone();
+            move || fs::read(fifo).unwrap()
+        });
+        put(&fifo, b"lines").unwrap();
+        assert_eq!(reader.join().unwrap(), b"lines");
+        assert!(is_same(&node, &fifo));
+
+        let Some(node) = device(&at("full"), 7) else { return };
+        symlink("full", at("link")).unwrap();
+        for name in ["full", "link"] {
+            let error = put(&at(name), b"lines").unwrap_err();
+            assert!(error.to_string().contains(&format!("{name}: No space left")), "{error}");
+        }
+        assert!(is_same(&node, &at("full")));
+        let node = device(&at("null"), 3).unwrap();
+        put(&at("null"), b"lines").unwrap();
+        assert!(is_same(&node, &at("null")));
+    }
+
+    #[test]
+    fn nothing_is_touched_before_the_first_rows_are_written() {
+        let directory = tempfile::tempdir().unwrap();
+        let stop = Interrupt::never();
+        let path = directory.path().join("x");
+        let mut rows = Rows::open(&path, &stop).unwrap();
+        rows.write_all(b"row\n").unwrap();
+        rows.discard();
+        assert!(!path.exists());
+        fs::write(&path, b"what was there before").unwrap();
+        let mut rows = Rows::open(&path, &stop).unwrap();
+        rows.write_all(b"row\n").unwrap();
+        rows.end_row().unwrap();
+        rows.discard();
+        assert_eq!(fs::read(&path).unwrap(), b"what was there before");
+        let mut rows = Rows::open(&path, &stop).unwrap();
+        rows.write_all(b"row\n").unwrap();
+        rows.end_row().unwrap();
+        rows.flush().unwrap();
+        assert_eq!((fs::read(&path).unwrap(), rows.rows()), (b"row\n".to_vec(), 1));
+    }
+}

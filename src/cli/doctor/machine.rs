@@ -1,0 +1,140 @@
+//! `pmacctl doctor --boards` and `--probe`: what this machine has that may be a board, and what lives in a window.
+
+use super::report::{Check, Level, Report};
+use crate::cli::context::Failure;
+use crate::device::candidates::{Candidate, Certainty, candidates};
+use crate::device::file::DPRAM_BYTES;
+use crate::device::kernel::{Lockdown, configured, release};
+use crate::device::probe::{Probe, Verdict, probe};
+use crate::device::{BoardSpec, Bus, FileBoard, System, memory};
+
+/// What decides which ways to a board there are.
+const OPTIONS: [&str; 5] = ["STRICT_DEVMEM", "IO_STRICT_DEVMEM", "UIO", "UIO_PCI_GENERIC", "VME_BUS"];
+/// Where the DPRAM of an ISA board usually is.
+const USUAL_ISA: &str = "mem:0xD4000";
+
+/// Looks for boards, opening nothing.
+pub fn boards(report: &mut Report, system: &System) {
+    kernel(report, system);
+    let memory = memory::may_open(system);
+    match &memory {
+        Ok(()) => report.add(
+            Level::Ok,
+            "memory",
+            "you may open /dev/mem, if the board is at a fixed address (ISA, VME)",
+        ),
+        Err(why) => report.add(Level::Warn, "memory", format!("you may not open it: {why}")),
+    }
+    let found = candidates(system);
+    if found.is_empty() {
+        let text =
+            "no UIO, PCI or VME device looks like one; is the board's driver loaded, and the board powered?";
+        report.add(Level::Warn, "candidate", text);
+    }
+    for mut candidate in found {
+        let rule = candidate.rule.take();
+        report.0.push(candidate_check(candidate));
+        if let Some(rule) = rule {
+            // Alone in its line, to be copied.
+            report.add(Level::Ok, "udev rule", rule);
+        }
+    }
+    let text = format!(
+        "an ISA board shows itself nowhere: with its DPRAM at the usual address it is {USUAL_ISA}, see pmacctl setup isa"
+    );
+    report.add(Level::Ok, "ISA", text);
+}
+
+fn kernel(report: &mut Report, system: &System) {
+    let release = release(system).unwrap_or_else(|| "unknown".to_owned());
+    let options =
+        OPTIONS.map(|option| format!("{option}={}", configured(system, option).as_deref().unwrap_or("?")));
+    let options = options.join(" ");
+    match Lockdown::of(system) {
+        Lockdown::On(mode) => {
+            let text = format!(
+                "{release}, locked down ({mode}): only UIO devices can be mapped, and uio_pci_generic gives no interrupts; {options}"
+            );
+            report.add(Level::Warn, "kernel", text);
+        }
+        Lockdown::Off => report.add(Level::Ok, "kernel", format!("{release}, not locked down; {options}")),
+        Lockdown::Unknown => {
+            report.add(Level::Ok, "kernel", format!("{release}, says nothing of lockdown; {options}"));
+        }
+    }
+}
+
+fn candidate_check(candidate: Candidate) -> Check {
+    let certainty = match candidate.certainty {
+        Certainty::Likely => "likely",
+        Certainty::Maybe => "maybe",
+    };
+    let mut text = format!("{certainty} {}: {}", candidate.spec, candidate.what);
+    for hint in &candidate.hints {
+        text += "; ";
+        text += hint;
+    }
+    let may = candidate.reserved || candidate.usable;
+    let level = if may && !candidate.exposed { Level::Ok } else { Level::Warn };
+    Check { candidate: Some(candidate), ..Check::new(level, "candidate", text) }
+}
+
+/// Opens the board's window, reads it and says what seems to be there. Writes nothing to the board.
+pub fn probe_board(
+    report: &mut Report,
+    spec: &BoardSpec,
+    text: &str,
+    system: &System,
+) -> Result<(), Failure> {
+    let mut bus: Box<dyn Bus> = match spec {
+        BoardSpec::Simulator => {
+            return Err(Failure::Request(
+                "sim: is no board to look at; start pmac-sim and name its file".to_owned(),
+            ));
+        }
+        BoardSpec::File { path, .. } => match FileBoard::open(path, DPRAM_BYTES) {
+            Ok(board) => Box::new(board),
+            Err(error) => return refused(report, error),
+        },
+        BoardSpec::Window(window) => match crate::device::open::open_window(window, system) {
+            Ok(board) => Box::new(board),
+            Err(error) => return refused(report, error),
+        },
+    };
+    let seen = probe(&mut bus).map_err(Failure::request)?;
+    report.0.push(probe_check(text, seen));
+    Ok(())
+}
+
+fn refused(report: &mut Report, error: impl std::fmt::Display) -> Result<(), Failure> {
+    report.add(Level::Fail, "probe", error.to_string());
+    Ok(())
+}
+
+fn probe_check(spec: &str, seen: Probe) -> Check {
+    let Probe { words, ones, zeros, changed, timer_moves, servo_hz, .. } = seen;
+    let counts = format!(
+        "of {words} words {ones} read 0xFFFF, {zeros} read 0, {changed} changed; the servo timer went on at {timer_moves} looks"
+    );
+    let (level, text) = match seen.verdict {
+        Verdict::Absent => (
+            Level::Fail,
+            "every word reads 0xFFFF: nothing answers (address, power, DPRAM enabled, VME page selected?)"
+                .to_owned(),
+        ),
+        Verdict::Reporting => (
+            Level::Ok,
+            format!("a PMAC that reports servo data, {:.0} servo cycles/s", servo_hz.unwrap_or(0.0)),
+        ),
+        Verdict::Changing => (
+            Level::Warn,
+            "something changes, but not as servo data do; a PMAC with I48=0, or another device".to_owned(),
+        ),
+        Verdict::Still => (
+            Level::Warn,
+            "memory in which nothing changes: a PMAC that reports nothing (I48=0), or another device"
+                .to_owned(),
+        ),
+    };
+    Check { probe: Some(seen), ..Check::new(level, "probe", format!("{spec}: {text}; {counts}")) }
+}

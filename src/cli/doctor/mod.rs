@@ -1,0 +1,337 @@
+//! `pmacctl doctor`: everything between this user and live data, checked one by one, with what to do.
+
+mod machine;
+mod report;
+
+use std::fs;
+use std::os::unix::fs::MetadataExt;
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use nix::sys::statvfs::statvfs;
+use nix::unistd::{AccessFlags, Gid, Group, access};
+use serde_json::json;
+
+use self::report::{Level, Report};
+use crate::cli::context::{Context, Failure, Verdict};
+use crate::client::{Board, CommandError, Connection};
+use crate::device::System;
+use crate::protocol::{BoardInfo, BoardSettings, CommandPort, CommandState, Function, HostPortInfo, State};
+use crate::segment::{Condition, DIRECTORY, Identity, RegionId, RegionState};
+
+#[derive(Debug, Args)]
+pub struct Doctor {
+    /// Look for boards in this machine, opening nothing, and say how each would be written after --board
+    #[arg(long)]
+    pub boards: bool,
+    /// Open this board, read its window without writing to it, and say what seems to live there
+    #[arg(long, value_name = "SPEC")]
+    pub probe: Option<String>,
+    /// Where /dev, /proc and /sys of the machine lie
+    #[arg(long, value_name = "DIRECTORY", hide = true)]
+    pub root: Option<PathBuf>,
+}
+
+/// Less room than this in /dev/shm is worth a warning: a segment takes a few MiB.
+const ROOM: u64 = 16 << 20;
+
+/// Whether the board takes command lines.
+fn commands(report: &mut Report, info: &BoardInfo) {
+    let (port, cure) = match info.command_port {
+        CommandPort::Dpram => ("the DPRAM", "is I58=1? It can be set by another port"),
+        CommandPort::Mailbox => ("the VME mailboxes", "is I3=2? It can be set by another port"),
+    };
+    let answers = info.enabled.iter().any(|name| name == "ascii");
+    let (level, text) = match info.command_state {
+        _ if answers => (Level::Ok, format!("the board takes command lines through {port}")),
+        CommandState::Silent => {
+            (Level::Warn, format!("the last command line through {port} was not answered; {cure}"))
+        }
+        CommandState::Unknown | CommandState::Answers => (
+            Level::Ok,
+            format!("not known yet: no command line was sent through {port}; pmacctl send TYPE would tell"),
+        ),
+    };
+    report.add(level, "commands", text);
+}
+
+pub fn run(context: &mut Context, options: &Doctor) -> Result<Verdict, Failure> {
+    let mut report = Report::default();
+    let system = options.root.as_ref().map_or_else(System::here, System::below);
+    if let Some(text) = &options.probe {
+        let spec = text.parse().map_err(Failure::request)?;
+        machine::probe_board(&mut report, &spec, text, &system)?;
+    }
+    if options.boards {
+        machine::boards(&mut report, &system);
+    }
+    if !options.boards && options.probe.is_none() {
+        everything(&mut report, context, &system);
+    }
+    tell(context, &report)
+}
+
+/// What stands between this user and live data.
+fn everything(report: &mut Report, context: &Context, system: &System) {
+    shared_memory(report);
+    let mut board = segment(report, context.name.as_str());
+    let (info, settings) = socket(report, &context.socket).unzip();
+    let settings = settings.flatten().unwrap_or_default();
+    if let Some(board) = &mut board {
+        data(report, board, &settings);
+    }
+    if let Some(info) = &info {
+        functions(report, info, &settings);
+        left_out(report, &settings);
+    }
+    if let (Some(board), Some(info)) = (&board, &info) {
+        same_daemon(report, board, info);
+    }
+    if board.is_none() && info.is_none() {
+        // No daemon: the next step is to tell one which board to open.
+        machine::boards(report, system);
+    }
+}
+
+fn tell(context: &mut Context, report: &Report) -> Result<Verdict, Failure> {
+    if context.output.is_json() {
+        context.output.json(&report.0)?;
+    } else {
+        for check in &report.0 {
+            let level = match check.level {
+                Level::Ok => "ok",
+                Level::Warn => "warn",
+                Level::Fail => "FAIL",
+            };
+            context.output.line(format_args!("{level:<4}  {:<13} {}", check.check, check.text))?;
+        }
+    }
+    Ok(report.0.iter().all(|check| check.level != Level::Fail).into())
+}
+
+fn shared_memory(report: &mut Report) {
+    const WHAT: &str = "shared memory";
+    match statvfs(DIRECTORY) {
+        Err(errno) => {
+            let text = format!("{DIRECTORY} cannot be looked at: {}; mount a tmpfs there", errno.desc());
+            report.add(Level::Fail, WHAT, text);
+        }
+        Ok(room) => {
+            let free = room.blocks_available() * room.fragment_size();
+            let mib = free >> 20;
+            if free < ROOM {
+                let text = format!("{DIRECTORY} has only {mib} MiB left; remove what is not needed there");
+                report.add(Level::Warn, WHAT, text);
+            } else {
+                report.add(Level::Ok, WHAT, format!("{DIRECTORY} has {mib} MiB left"));
+            }
+        }
+    }
+}
+
+fn segment(report: &mut Report, name: &str) -> Option<Board> {
+    let board = match Board::attach(name) {
+        Ok(board) => board,
+        Err(error) => {
+            report.add(Level::Fail, "segment", error.to_string());
+            return None;
+        }
+    };
+    let subscriber = board.subscriber();
+    let header = subscriber.header();
+    let path = subscriber.path().display();
+    report.add(Level::Ok, "segment", format!("{path} is there, layout 1.{}", header.abi_minor));
+    let pid = header.owner_pid;
+    let age_ms = subscriber.now_ns().saturating_sub(header.heartbeat_ns) / 1_000_000;
+    let limit_ms = header.heartbeat_limit_ns / 1_000_000;
+    match subscriber.condition() {
+        Condition::Dead | Condition::OwnerGone | Condition::Replaced => {
+            report.add(
+                Level::Fail,
+                "daemon",
+                format!("process {pid} that made the segment is gone; start pmacd"),
+            );
+        }
+        _ if age_ms > limit_ms => {
+            let text = format!(
+                "process {pid} gave its last sign of life {age_ms} ms ago (limit {limit_ms} ms); continue it, or restart it"
+            );
+            report.add(Level::Fail, "daemon", text);
+        }
+        _ => {
+            report.add(Level::Ok, "daemon", format!("process {pid} lives, last sign of life {age_ms} ms ago"))
+        }
+    }
+    Some(board)
+}
+
+/// What the daemon says of itself, and of its settings if it does.
+fn socket(report: &mut Report, path: &Path) -> Option<(BoardInfo, Option<BoardSettings>)> {
+    let asked = Connection::open(path)
+        .and_then(|mut connection| Ok((connection.info()?, connection.settings().ok())));
+    match asked {
+        Ok((info, settings)) => {
+            report.add(Level::Ok, "socket", format!("{} answers, pmacd {}", path.display(), info.version));
+            Some((info, settings))
+        }
+        Err(error @ CommandError::Connect { .. }) => {
+            report.add(Level::Fail, "socket", unreachable(path, &error));
+            None
+        }
+        Err(error) => {
+            report.add(Level::Fail, "socket", error.to_string());
+            None
+        }
+    }
+}
+
+/// Why the socket cannot be reached, with the group to join when it is a matter of permission.
+fn unreachable(path: &Path, error: &CommandError) -> String {
+    let found = match fs::metadata(path) {
+        Ok(found) if access(path, AccessFlags::W_OK).is_err() => found,
+        _ => return error.to_string(),
+    };
+    let group = Group::from_gid(Gid::from_raw(found.gid())).ok().flatten();
+    let group = group.map_or_else(|| found.gid().to_string(), |group| group.name);
+    format!("{} may be used by the group {group}, and you are not in it; have yourself added", path.display())
+}
+
+fn data(report: &mut Report, board: &mut Board, settings: &BoardSettings) {
+    let condition = board.subscriber().condition();
+    if condition.is_over() {
+        // The data are old because the daemon is gone, which has been said.
+        return;
+    }
+    let identity = board.identity().unwrap_or_default();
+    for (region, function) in
+        [(RegionId::Servo, Function::Servo), (RegionId::Background, Function::Background)]
+    {
+        let what = region.name();
+        if !settings.functions.has(function) {
+            continue;
+        }
+        let Ok(about) = board.subscriber().region(region) else {
+            report.add(Level::Warn, what, "the daemon does not mirror these data; see its settings");
+            continue;
+        };
+        let published = about.published;
+        match about.state {
+            RegionState::Live if condition == Condition::Live => {
+                report.add(Level::Ok, what, format!("live, {published} updates"));
+            }
+            RegionState::Off => {
+                report.add(Level::Warn, what, format!("off on the board; {}", missing(region, &identity)));
+            }
+            RegionState::Live | RegionState::Stale => {
+                // A board that is silent altogether may have every variable as it was.
+                let why = match condition {
+                    Condition::Live => missing(region, &identity),
+                    _ => "so are all others: does the board run?".to_owned(),
+                };
+                report.add(Level::Fail, what, format!("stale after {published} updates; {why}"));
+            }
+        }
+    }
+}
+
+/// What a report that does not come is missing, as far as the board has told what it is set to.
+fn missing(region: RegionId, identity: &Identity) -> String {
+    let needed: &[(&str, Option<u32>)] = match region {
+        RegionId::Servo => &[("I48", identity.i48), ("I19", identity.i19), ("I59", identity.i59)],
+        _ => &[("I49", identity.i49), ("I59", identity.i59)],
+    };
+    let off: Vec<_> = needed.iter().filter(|(_, value)| *value == Some(0)).map(|(name, _)| *name).collect();
+    if !off.is_empty() {
+        let lines: Vec<_> =
+            off.iter().map(|name| format!("{name}={}", if *name == "I59" { 8 } else { 1 })).collect();
+        return format!(
+            "the board told {}=0; switch it on: pmacctl send '{}'",
+            off.join("=0, "),
+            lines.join(" ")
+        );
+    }
+    let unknown: Vec<_> = needed.iter().filter(|(_, value)| value.is_none()).map(|(name, _)| *name).collect();
+    if !unknown.is_empty() {
+        let names: Vec<_> = needed.iter().map(|(name, _)| *name).collect();
+        let gather = if region == RegionId::Servo { ", and GATHER" } else { "" };
+        return format!(
+            "the board has not told {}; it takes {} above 0{gather}",
+            unknown.join(" and "),
+            names.join(" and ")
+        );
+    }
+    let told: Vec<_> =
+        needed.iter().filter_map(|(name, value)| Some(format!("{name}={}", (*value)?))).collect();
+    let told = told.join(", ");
+    match region {
+        RegionId::Servo => format!(
+            "the board told {told}, so what is missing is GATHER, which a reset and ENDGATHER take away: pmacctl send GATHER"
+        ),
+        _ => format!("the board told {told}, which is all it takes: does its background run?"),
+    }
+}
+
+/// What the configuration has the daemon not use, or not read.
+fn left_out(report: &mut Report, settings: &BoardSettings) {
+    let off = Function::ALL.into_iter().filter(|function| !settings.functions.has(*function));
+    let off: Vec<_> = off.map(Function::name).collect();
+    if !off.is_empty() {
+        let text = format!("{} switched off by the daemon's configuration", off.join(", "));
+        report.add(Level::Ok, "functions", text);
+    }
+    let defaults = BoardSettings::default();
+    let parts = [
+        ("servo", settings.servo != defaults.servo, json!(settings.servo)),
+        ("background", settings.background != defaults.background, json!(settings.background)),
+    ];
+    for (report_name, _, part) in parts.into_iter().filter(|(_, differs, _)| *differs) {
+        let text = format!("of the {report_name} report only a part is read, by the configuration: {part}");
+        report.add(Level::Ok, "reading", text);
+    }
+}
+
+fn functions(report: &mut Report, info: &BoardInfo, settings: &BoardSettings) {
+    let who = [info.board_type.as_deref(), Some(info.family.as_str()), info.firmware.as_deref()];
+    let who: Vec<_> = who.into_iter().flatten().collect();
+    match info.state {
+        State::Live => report.add(Level::Ok, "board", format!("{}, {}", info.board, who.join(", "))),
+        State::Init => report.add(Level::Warn, "board", format!("{} is being identified; wait", info.board)),
+        State::Stale | State::Dead => {
+            let text = format!("{} does not answer; look at its power, cable and address", info.board);
+            report.add(Level::Fail, "board", text);
+        }
+    }
+    if !settings.functions.has(Function::Ascii) {
+        return;
+    }
+    commands(report, info);
+    if info.enabled.iter().any(|name| name == "interrupt") {
+        report.add(Level::Ok, "interrupt", "replies are announced by an interrupt");
+    } else {
+        report.add(Level::Ok, "interrupt", "none; replies are polled for");
+    }
+    if let Some(host_port) = &info.host_port {
+        let HostPortInfo { controller, line, served, old, unannounced } = host_port;
+        let counts = format!("{controller} line {line}, {served} interrupts served, {old} of them old ones");
+        if *unannounced == 0 {
+            report.add(Level::Ok, "host port", counts);
+        } else {
+            let text = format!(
+                "{counts}; {unannounced} responses came without one: is I56=1, and the line's jumper set?"
+            );
+            report.add(Level::Warn, "host port", text);
+        }
+    }
+}
+
+/// Whether socket and segment are of the same daemon: a mixed-up `--socket` is hard to notice otherwise.
+fn same_daemon(report: &mut Report, board: &Board, info: &BoardInfo) {
+    let header = board.subscriber().header();
+    if u64::from(info.pid) != header.owner_pid {
+        let text = format!(
+            "the socket is that of process {} ({}), the segment that of process {}; check --name and --socket",
+            info.pid, info.segment, header.owner_pid
+        );
+        report.add(Level::Fail, "same daemon", text);
+    }
+}

@@ -1,0 +1,43 @@
+//! What doctor found: checks, each with its level and what to do.
+
+use serde::Serialize;
+
+use crate::device::candidates::Candidate;
+use crate::device::probe::Probe;
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Level {
+    Ok,
+    Warn,
+    Fail,
+}
+
+/// One thing looked at.
+#[derive(Debug, Serialize)]
+pub struct Check {
+    pub check: &'static str,
+    pub level: Level,
+    pub text: String,
+    /// What may be a board.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub candidate: Option<Candidate>,
+    /// What was seen in a window.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub probe: Option<Probe>,
+}
+
+impl Check {
+    pub fn new(level: Level, check: &'static str, text: impl Into<String>) -> Self {
+        Self { check, level, text: text.into(), candidate: None, probe: None }
+    }
+}
+
+#[derive(Debug, Default)]
+pub struct Report(pub Vec<Check>);
+
+impl Report {
+    pub fn add(&mut self, level: Level, check: &'static str, text: impl Into<String>) {
+        self.0.push(Check::new(level, check, text));
+    }
+}

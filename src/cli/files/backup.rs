@@ -1,0 +1,405 @@
+//! `pmacctl backup`, `diff` and `restore`: a board's variables as a file that people can read and version.
+
+use std::collections::BTreeMap;
+use std::fmt::Write as _;
+use std::io::{self, Read as _, Write as _};
+use std::path::{Path, PathBuf};
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
+
+use clap::{Args, ValueEnum};
+use serde_json::json;
+
+use super::mistakes::mistaken;
+use crate::cli::act::lines::{LineError, Way};
+use crate::cli::console::confirm::{board_of, confirm, sending};
+use crate::cli::console::sink;
+use crate::cli::console::time::rfc3339;
+use crate::cli::context::{Context, Failure, Verdict};
+use crate::cli::files::settings_file::{Entry, Item, parse, read};
+use crate::client::Connection;
+use crate::map::Generation;
+
+/// How long a line may take.
+const PATIENCE: Duration = Duration::from_secs(10);
+/// More than all variables of any board take.
+const LARGEST: u64 = 16 << 20;
+/// The handshake of the port that the daemon speaks through, and the port itself. Setting them could end the conversation
+/// half-way, and setting I58 sets the others.
+const PORT: [u16; 4] = [3, 4, 6, 58];
+
+/// `backup`.
+#[derive(Debug, Args)]
+pub struct Backup {
+    /// Write to this file, once everything has been read, instead of to stdout (-)
+    #[arg(long, short, value_name = "FILE")]
+    pub output: Option<PathBuf>,
+    /// Which variables. M means what they point to, and the values of those that point nowhere
+    #[arg(long, value_name = "KINDS", value_delimiter = ',', default_value = "I,P,Q,M", ignore_case = true)]
+    pub what: Vec<What>,
+}
+
+/// Kinds of variables.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, ValueEnum)]
+pub enum What {
+    #[value(name = "I")]
+    I,
+    #[value(name = "P")]
+    P,
+    #[value(name = "Q")]
+    Q,
+    #[value(name = "M")]
+    M,
+}
+
+/// `diff`.
+#[derive(Debug, Args)]
+pub struct Diff {
+    /// A file of lines like I100=1, as backup writes them; - is stdin
+    #[arg(value_name = "FILE")]
+    pub file: PathBuf,
+    /// Another one; without it, the board
+    #[arg(value_name = "FILE2")]
+    pub other: Option<PathBuf>,
+}
+
+/// `restore`.
+#[derive(Debug, Args)]
+pub struct Restore {
+    /// A file of lines like I100=1, as backup writes them
+    #[arg(value_name = "FILE")]
+    pub file: PathBuf,
+    /// Print the lines that would be sent, and send none
+    #[arg(long)]
+    pub dry_run: bool,
+    /// Send without asking
+    #[arg(long)]
+    pub yes: bool,
+}
+
+pub fn backup(context: &mut Context, options: &Backup) -> Result<Verdict, Failure> {
+    let mut connection = context.connection()?;
+    let info = connection.info()?;
+    // Asked here: the daemon knows them a moment after its start only.
+    let mut say = |line| Ok::<_, Failure>(connection.send(line, PATIENCE)?.join(" "));
+    let (board_type, firmware, date) = (say("TYPE")?, say("VERSION")?, say("DATE")?);
+    let mut board = Reader::open(connection)?;
+    let count = variables_of(&info.family);
+    let wanted = |kind| options.what.contains(&kind);
+    let mut items: Vec<Item> = Vec::new();
+    if wanted(What::I) {
+        items.extend((0..count).map(Item::I));
+    }
+    if wanted(What::P) {
+        items.extend((0..count).map(Item::P));
+    }
+    if wanted(What::Q) {
+        // The sets of the coordinate systems overlap: that of the first reaches every register.
+        items.extend((0..count).map(|number| Item::Q { system: 1, number }));
+    }
+    if wanted(What::M) {
+        items.extend((0..count).map(Item::Definition));
+    }
+    let mut held = board.read(items)?;
+    let own: Vec<Item> = held
+        .iter()
+        .filter_map(|(item, text)| match item {
+            Item::Definition(number) if text == "*" => Some(Item::M(*number)),
+            _ => None,
+        })
+        .collect();
+    held.extend(board.read(own)?);
+    drop(board);
+
+    let taken = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_nanos());
+    let taken =
+        rfc3339(i64::try_from(taken).unwrap_or(0) / 1_000_000_000 * 1_000_000_000).replace(".000000", "");
+    let text = if context.output.is_json() {
+        let variables: Vec<_> =
+            held.iter().map(|(item, text)| json!({ "variable": name(*item), "value": text })).collect();
+        let document = json!({ "name": info.name, "board_type": board_type, "family": info.family,
+            "firmware": firmware, "firmware_date": date, "taken": taken, "variables": variables });
+        let mut text = serde_json::to_string_pretty(&document).map_err(Failure::request)?;
+        text.push('\n');
+        text
+    } else {
+        let mut text = format!(
+            "; variables of {}\n; board {board_type} ({})\n; firmware {firmware}, {date}\n; taken {taken}\n",
+            info.name, info.family
+        );
+        listing(&held, &mut text);
+        text
+    };
+    match &options.output {
+        Some(path) if !sink::is_stdout(path) => sink::put(path, text.as_bytes())?,
+        _ => context.output.text(text)?,
+    }
+    Ok(Verdict::Yes)
+}
+
+/// What an item is called in a document: the left side of its line.
+fn name(item: Item) -> String {
+    let arrow = if matches!(item, Item::Definition(_)) { "->" } else { "" };
+    format!("{item}{arrow}")
+}
+
+/// One line for each variable, sorted.
+fn listing(held: &BTreeMap<Item, String>, text: &mut String) {
+    let mut system = None;
+    for (item, value) in held {
+        if let Item::Q { system: own, .. } = *item
+            && system != Some(own)
+        {
+            system = Some(own);
+            // Writing into a String cannot fail.
+            let _ = writeln!(text, "&{own}");
+        }
+        let _ = writeln!(text, "{}{}{value}", item.short(), item.sign());
+    }
+}
+
+/// How many variables of each kind a board has (User Manual p. 148; Turbo User Manual).
+fn variables_of(family: &str) -> u16 {
+    match family.parse() {
+        Ok(Generation::Turbo) => 8192,
+        _ => 1024,
+    }
+}
+
+/// The board, read and left with the coordinate system that was addressed.
+struct Reader {
+    way: Way,
+    system: Option<String>,
+}
+
+impl Reader {
+    fn open(connection: Connection) -> Result<Self, Failure> {
+        Ok(Self { way: Way::Daemon(connection), system: None })
+    }
+
+    fn read(&mut self, items: impl IntoIterator<Item = Item>) -> Result<BTreeMap<Item, String>, Failure> {
+        let items: Vec<Item> = items.into_iter().collect();
+        self.remember(items.iter().copied())?;
+        read(&mut self.way, items)
+    }
+
+    /// Q-variables are those of the addressed coordinate system, which everybody shares.
+    fn remember(&mut self, mut items: impl Iterator<Item = Item>) -> Result<(), Failure> {
+        if self.system.is_none() && items.any(|item| matches!(item, Item::Q { .. })) {
+            self.system = self.way.send("&", PATIENCE)?.into_iter().next();
+        }
+        Ok(())
+    }
+}
+
+impl Drop for Reader {
+    fn drop(&mut self) {
+        if let Some(system) = &self.system {
+            // Nothing depends on it but other people's habits.
+            let _ = self.way.send(&format!("&{system}"), PATIENCE);
+        }
+    }
+}
+
+pub fn diff(context: &mut Context, options: &Diff) -> Result<Verdict, Failure> {
+    let ours = entries(&options.file)?;
+    let mut differences: BTreeMap<Item, (Option<String>, Option<String>)> = BTreeMap::new();
+    let theirs: BTreeMap<Item, String> = match &options.other {
+        Some(path) => entries(path)?.into_iter().map(|entry| (entry.item, entry.text)).collect(),
+        None => Reader::open(context.connection()?)?.read(ours.iter().map(|entry| entry.item))?,
+    };
+    for (item, text) in &theirs {
+        if !ours.iter().any(|entry| entry.item == *item) {
+            differences.insert(*item, (None, Some(text.clone())));
+        }
+    }
+    for entry in ours {
+        let other = theirs.get(&entry.item);
+        if !other.is_some_and(|other| entry.item.same(&entry.text, other)) {
+            differences.insert(entry.item, (Some(entry.text), other.cloned()));
+        }
+    }
+    if context.output.is_json() {
+        let document: Vec<_> = differences
+            .iter()
+            .map(|(item, (one, other))| json!({ "variable": name(*item), "first": one, "second": other }))
+            .collect();
+        context.output.json(&document)?;
+    } else {
+        for (item, (one, other)) in &differences {
+            for (mark, text) in [('-', one), ('+', other)] {
+                if let Some(text) = text {
+                    context.output.line(format_args!("{mark}{}", item.line(text)))?;
+                }
+            }
+        }
+    }
+    Ok(differences.is_empty().into())
+}
+
+pub fn restore(context: &mut Context, options: &Restore) -> Result<Verdict, Failure> {
+    let entries = entries(&options.file)?;
+    let file = shown(&options.file);
+    let mut board = Reader::open(context.connection()?)?;
+    let held = board.read(entries.iter().map(|entry| entry.item))?;
+    let was = |item: Item| held.get(&item).map_or("", String::as_str);
+    let changes = entries.iter().filter(|entry| !entry.item.same(&entry.text, was(entry.item)));
+    let is_port = |entry: &&Entry| matches!(entry.item, Item::I(number) if PORT.contains(&number));
+    let (port, changes): (Vec<&Entry>, Vec<&Entry>) = changes.partition(is_port);
+    for entry in &port {
+        complain(format_args!(
+            "{file}:{}: {} is left at {}: this conversation depends on it",
+            entry.line,
+            entry.item,
+            was(entry.item)
+        ));
+    }
+    let mut report =
+        Report { file, changes: &changes, skipped: &port, held: &held, sent: 0, errors: Vec::new() };
+    if !context.output.is_json() {
+        for entry in &changes {
+            context.output.line(format_args!(
+                "{}  ; was {}",
+                entry.item.line(&entry.text),
+                was(entry.item)
+            ))?;
+        }
+        context.output.flush()?;
+    }
+    if options.dry_run || changes.is_empty() {
+        report.print(context)?;
+        return Ok(Verdict::Yes);
+    }
+    if !confirm(&sending(changes.len(), &board_of(context)), options.yes)? {
+        return Ok(Verdict::No);
+    }
+    board.remember(changes.iter().map(|entry| entry.item))?;
+    let ended = report.send(&mut board);
+    report.print(context)?;
+    ended?;
+    Ok(report.errors.is_empty().into())
+}
+
+/// What a restore does and did.
+struct Report<'a> {
+    file: String,
+    changes: &'a [&'a Entry],
+    skipped: &'a [&'a Entry],
+    held: &'a BTreeMap<Item, String>,
+    sent: usize,
+    errors: Vec<(&'a Entry, String)>,
+}
+
+impl Report<'_> {
+    /// Sends the changes, in the file's order, and looks whether they hold.
+    fn send(&mut self, board: &mut Reader) -> Result<(), Failure> {
+        let mut taken = Vec::new();
+        for &entry in self.changes {
+            match board.way.send(&entry.item.line(&entry.text), PATIENCE) {
+                Ok(_) => taken.push(entry),
+                Err(LineError::Board { text, .. }) => self.fail(entry, text),
+                Err(error) => {
+                    let stopped = match error {
+                        LineError::Uncertain { .. } => {
+                            "stopped at this line, which may or may not have been carried out"
+                        }
+                        _ => "stopped before this line",
+                    };
+                    complain(format_args!("{}:{}: {stopped}", self.file, entry.line));
+                    self.errors.push((entry, error.to_string()));
+                    return Err(error.into());
+                }
+            }
+            self.sent = taken.len();
+        }
+        let held = board.read(taken.iter().map(|entry| entry.item))?;
+        for entry in taken {
+            let now = held.get(&entry.item).map_or("", String::as_str);
+            // Registers that hardware writes as well change by themselves: not the line's fault, but worth knowing.
+            if !entry.item.same(&entry.text, now) {
+                self.fail(entry, format!("the board took it and holds {now}"));
+            }
+        }
+        Ok(())
+    }
+
+    fn print(&self, context: &mut Context) -> Result<(), Failure> {
+        if !context.output.is_json() {
+            return Ok(());
+        }
+        let change = |entry: &&Entry| {
+            let was = self.held.get(&entry.item);
+            json!({ "variable": name(entry.item), "from": was, "to": entry.text, "line": entry.line })
+        };
+        let errors: Vec<_> = self
+            .errors
+            .iter()
+            .map(|(entry, what)| json!({ "variable": name(entry.item), "line": entry.line, "message": what }))
+            .collect();
+        let changes: Vec<_> = self.changes.iter().map(change).collect();
+        let skipped: Vec<_> = self.skipped.iter().map(change).collect();
+        context
+            .output
+            .json(&json!({ "changes": changes, "skipped": skipped, "taken": self.sent, "errors": errors }))?;
+        context.output.flush()?;
+        Ok(())
+    }
+}
+
+impl<'a> Report<'a> {
+    fn fail(&mut self, entry: &'a Entry, what: String) {
+        complain(format_args!("{}:{}: {what}: {}", self.file, entry.line, entry.item.line(&entry.text)));
+        self.errors.push((entry, what));
+    }
+}
+
+fn complain(text: std::fmt::Arguments<'_>) {
+    // Nobody reads it: nothing to be done.
+    let _ = writeln!(io::stderr(), "{text}");
+}
+
+fn shown(path: &Path) -> String {
+    if path == Path::new("-") { "stdin".to_owned() } else { path.display().to_string() }
+}
+
+fn entries(path: &Path) -> Result<Vec<Entry>, Failure> {
+    let file = shown(path);
+    let mut text = String::new();
+    let outcome = if path == Path::new("-") {
+        io::stdin().lock().take(LARGEST).read_to_string(&mut text)
+    } else {
+        std::fs::File::open(path).and_then(|file| file.take(LARGEST).read_to_string(&mut text))
+    };
+    let length = outcome.map_err(|error| Failure::Request(format!("{file}: {error}")))?;
+    if length as u64 == LARGEST {
+        return Err(Failure::Request(format!("{file}: longer than {} MiB", LARGEST >> 20)));
+    }
+    parse(&file, &text).map_err(|mistakes| mistaken(&mistakes))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_listed_reads_back_the_same() {
+        let q = |system, number| Item::Q { system, number };
+        let held: BTreeMap<Item, String> = [
+            (Item::M(3), "7"),
+            (Item::Definition(3), "*"),
+            (q(2, 1), "5"),
+            (q(1, 1), "4"),
+            (Item::P(0), "-0.5"),
+            (Item::I(125), "$C000"),
+            (Item::I(2), "0"),
+        ]
+        .into_iter()
+        .map(|(item, text)| (item, text.to_owned()))
+        .collect();
+        let mut text = String::new();
+        listing(&held, &mut text);
+        assert_eq!(text, "I2=0\nI125=$C000\nP0=-0.5\n&1\nQ1=4\n&2\nQ1=5\nM3->*\nM3=7\n");
+        let again: BTreeMap<Item, String> =
+            parse("f", &text).unwrap().into_iter().map(|entry| (entry.item, entry.text)).collect();
+        assert_eq!(again, held);
+    }
+}

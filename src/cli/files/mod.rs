@@ -1,0 +1,7 @@
+//! Command files and settings: `download`, `backup`, `diff`, `restore`.
+
+pub mod backup;
+pub mod download;
+mod mistakes;
+pub mod preprocess;
+pub mod settings_file;

@@ -1,0 +1,329 @@
+//! Variables as lines that a board would take again: `I100=1`, `M1->Y:$FFC2,0`, one a line, sorted.
+//!
+//! Q-variables belong to a coordinate system: a line `&2` says to which the following ones do, `&1` being understood. The
+//! values are kept as the board lists them, addresses in hex where it does so (I9), and compared as numbers. A listing has
+//! fewer digits than a register; what reads back the same is taken as the same.
+
+use std::collections::BTreeMap;
+use std::fmt;
+use std::time::Duration;
+
+use crate::cli::act::lines::{LineError, Way};
+use crate::cli::context::Failure;
+use crate::cli::files::preprocess::{Mistake, Place};
+use crate::protocol::LINE_MAX;
+
+/// How long a request may take: a hundred answers, at a reply a background cycle, with room.
+const PATIENCE: Duration = Duration::from_secs(30);
+/// Answers a request asks for, at most. The desk serves nobody else meanwhile.
+const ANSWERS_MAX: usize = 100;
+
+/// Something that a line can set.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Item {
+    /// An I-variable.
+    I(u16),
+    /// A P-variable.
+    P(u16),
+    /// A Q-variable of a coordinate system.
+    Q {
+        /// The coordinate system.
+        system: u8,
+        /// The variable.
+        number: u16,
+    },
+    /// What an M-variable points to.
+    Definition(u16),
+    /// What it holds.
+    M(u16),
+}
+
+impl Item {
+    const fn number(self) -> u16 {
+        match self {
+            Self::I(n) | Self::P(n) | Self::Definition(n) | Self::M(n) | Self::Q { number: n, .. } => n,
+        }
+    }
+
+    const fn system(self) -> Option<u8> {
+        match self {
+            Self::Q { system, .. } => Some(system),
+            _ => None,
+        }
+    }
+
+    /// The same kind of thing with `number`.
+    const fn at(self, number: u16) -> Self {
+        match self {
+            Self::I(_) => Self::I(number),
+            Self::P(_) => Self::P(number),
+            Self::Q { system, .. } => Self::Q { system, number },
+            Self::Definition(_) => Self::Definition(number),
+            Self::M(_) => Self::M(number),
+        }
+    }
+
+    /// Its name without the coordinate system: `Q5`.
+    pub fn short(self) -> String {
+        match self {
+            Self::I(n) => format!("I{n}"),
+            Self::P(n) => format!("P{n}"),
+            Self::Q { number: n, .. } => format!("Q{n}"),
+            Self::Definition(n) | Self::M(n) => format!("M{n}"),
+        }
+    }
+
+    /// What stands between name and text.
+    pub const fn sign(self) -> &'static str {
+        if matches!(self, Self::Definition(_)) { "->" } else { "=" }
+    }
+
+    /// The whole line that sets it to `text`, wherever it is sent.
+    pub fn line(self, text: &str) -> String {
+        format!("{self}{}{text}", self.sign())
+    }
+
+    /// The question for this one and the `count - 1` after it.
+    fn question(self, count: usize) -> String {
+        let last = usize::from(self.number()) + count - 1;
+        let range = if count == 1 { String::new() } else { format!("..{last}") };
+        let arrow = if matches!(self, Self::Definition(_)) { "->" } else { "" };
+        format!("{self}{range}{arrow}")
+    }
+
+    /// Whether two texts set it to the same.
+    pub fn same(self, one: &str, other: &str) -> bool {
+        if one == other {
+            return true;
+        }
+        if matches!(self, Self::Definition(_)) {
+            let plain = |text: &str| text.replace(' ', "").to_ascii_uppercase();
+            return plain(one) == plain(other);
+        }
+        matches!((number(one), number(other)), (Some(one), Some(other)) if one == other)
+    }
+}
+
+impl fmt::Display for Item {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if let Self::Q { system, .. } = self {
+            write!(f, "&{system}")?;
+        }
+        f.write_str(&self.short())
+    }
+}
+
+/// A number as a board lists it: decimal without exponent, or `$` and hex digits.
+fn number(text: &str) -> Option<f64> {
+    let (negative, plain) = text.strip_prefix('-').map_or((false, text), |rest| (true, rest));
+    let value = match plain.strip_prefix('$') {
+        Some(digits) if !digits.is_empty() && digits.bytes().all(|byte| byte.is_ascii_hexdigit()) => {
+            i64::from_str_radix(digits, 16).ok()? as f64
+        }
+        Some(_) => return None,
+        None if !plain.is_empty() && plain.bytes().all(|byte| byte.is_ascii_digit() || byte == b'.') => {
+            plain.parse().ok()?
+        }
+        None => return None,
+    };
+    Some(if negative { -value } else { value })
+}
+
+/// One line of a file.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Entry {
+    /// What it sets.
+    pub item: Item,
+    /// What it is set to.
+    pub text: String,
+    /// The line's number.
+    pub line: usize,
+}
+
+/// The lines of a file.
+///
+/// # Errors
+/// Everything in it that is no such line, and what is set twice.
+pub fn parse(file: &str, text: &str) -> Result<Vec<Entry>, Vec<Mistake>> {
+    let mut entries: Vec<Entry> = Vec::new();
+    let mut mistakes = Vec::new();
+    let mut seen = BTreeMap::new();
+    let mut system = 1;
+    for (line, number) in text.lines().zip(1..) {
+        let code = line.split(';').next().unwrap_or_default().trim();
+        if code.is_empty() {
+            continue;
+        }
+        let mut mistake = |what: String| {
+            mistakes.push(Mistake { place: Place { file: file.to_owned(), line: number }, what });
+        };
+        match entry(code, system) {
+            Ok(Line::System(next)) => system = next,
+            Ok(Line::Entry(item, text)) => match seen.insert(item, number) {
+                Some(first) => mistake(format!("{item} is set in line {first} already")),
+                None => entries.push(Entry { item, text: text.to_owned(), line: number }),
+            },
+            Err(what) => mistake(what),
+        }
+    }
+    if mistakes.is_empty() { Ok(entries) } else { Err(mistakes) }
+}
+
+enum Line<'a> {
+    System(u8),
+    Entry(Item, &'a str),
+}
+
+fn entry(code: &str, system: u8) -> Result<Line<'_>, String> {
+    let wrong = || format!("{code:?} is not a line like I100=1, P1=2.5, Q1=3, M1->Y:$FFC2,0 or M1=0");
+    let (system, code) = match code.strip_prefix('&') {
+        Some(rest) => {
+            let end = rest.find(|c: char| !c.is_ascii_digit()).unwrap_or(rest.len());
+            let number =
+                rest[..end].parse().ok().filter(|number| (1..=16).contains(number)).ok_or_else(wrong)?;
+            if end == rest.len() {
+                return Ok(Line::System(number));
+            }
+            (number, rest[end..].trim_start())
+        }
+        None => (system, code),
+    };
+    let letter = code.chars().next().map(|letter| letter.to_ascii_uppercase());
+    let rest = code.get(1..).ok_or_else(wrong)?;
+    let end = rest.find(|c: char| !c.is_ascii_digit()).ok_or_else(wrong)?;
+    let n: u16 = rest[..end].parse().ok().filter(|&n| n < 8192).ok_or_else(wrong)?;
+    let tail = rest[end..].trim_start();
+    if let Some(text) = tail.strip_prefix("->").map(str::trim) {
+        let plain = text.bytes().all(|byte| byte.is_ascii_graphic() || byte == b' ');
+        return match letter {
+            Some('M') if !text.is_empty() && plain => Ok(Line::Entry(Item::Definition(n), text)),
+            _ => Err(wrong()),
+        };
+    }
+    let text = tail.strip_prefix('=').map(str::trim).ok_or_else(wrong)?;
+    number(text).ok_or_else(|| format!("{text:?} is no number"))?;
+    let item = match letter {
+        Some('I') => Item::I(n),
+        Some('P') => Item::P(n),
+        Some('Q') => Item::Q { system, number: n },
+        Some('M') => Item::M(n),
+        _ => return Err(wrong()),
+    };
+    Ok(Line::Entry(item, text))
+}
+
+/// What the board holds of `items`.
+///
+/// # Errors
+/// When the board refuses a question, or answers something else.
+pub fn read(way: &mut Way, items: impl IntoIterator<Item = Item>) -> Result<BTreeMap<Item, String>, Failure> {
+    let mut items: Vec<Item> = items.into_iter().collect();
+    items.sort_unstable();
+    items.dedup();
+    let mut held = BTreeMap::new();
+    for (question, asked) in questions(&items) {
+        let lines = way.send(&question, PATIENCE).map_err(|error| match error {
+            LineError::Board { text, .. } => Failure::Refused(format!("{question}: {text}")),
+            other => other.into(),
+        })?;
+        if lines.len() != asked.len() {
+            let (wanted, got) = (asked.len(), lines.len());
+            return Err(Failure::Refused(format!(
+                "{question}: the board answered {got} lines instead of {wanted}"
+            )));
+        }
+        for (&item, line) in asked.iter().zip(&lines) {
+            // The long form of a listing (odd I9) names the variable.
+            let name = format!("{}{}", item.short(), item.sign());
+            let text = line.strip_prefix(&name).unwrap_or(line).trim();
+            held.insert(item, text.to_owned());
+        }
+    }
+    Ok(held)
+}
+
+/// The questions that give all of `items`, which are sorted, in order: ranges where they follow each other, several in a line.
+fn questions(items: &[Item]) -> Vec<(String, &[Item])> {
+    let mut questions: Vec<(String, &[Item])> = Vec::new();
+    let mut line = String::new();
+    let (mut start, mut at) = (0, 0);
+    while at < items.len() {
+        let first = items[at];
+        let room = ANSWERS_MAX - (at - start);
+        let run = (0..room.min(items.len() - at))
+            .take_while(|&ahead| {
+                let number = usize::from(first.number()) + ahead;
+                u16::try_from(number).is_ok_and(|number| items[at + ahead] == first.at(number))
+            })
+            .count();
+        let question = first.question(run);
+        let separate = usize::from(!line.is_empty());
+        // Behind something else, the & of a coordinate system could be taken for the operator.
+        let apart = line.is_empty() || first.system() == items[start].system();
+        if run == 0 || !apart || line.len() + separate + question.len() > LINE_MAX {
+            questions.push((std::mem::take(&mut line), &items[start..at]));
+            start = at;
+            continue;
+        }
+        if separate > 0 {
+            line.push(' ');
+        }
+        line.push_str(&question);
+        at += run;
+    }
+    if !line.is_empty() {
+        questions.push((line, &items[start..]));
+    }
+    questions
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn files_are_read_and_what_is_wrong_is_told() {
+        let text = "; title\n\ni100 = 1 ; on\nP5=-2.5\nQ1=0\n&2\nQ1=$1F\n&3Q1=7\nM1->Y:$FFC2,0\nM1=1\n";
+        let entries = parse("f", text).unwrap();
+        let found: Vec<_> = entries.iter().map(|entry| entry.item.line(&entry.text)).collect();
+        let expected = ["I100=1", "P5=-2.5", "&1Q1=0", "&2Q1=$1F", "&3Q1=7", "M1->Y:$FFC2,0", "M1=1"];
+        assert_eq!(found, expected);
+        assert_eq!(entries[1].line, 4);
+
+        let wrong = "I100\nX1=1\nI=1\nI1=one\nP1->*\nI9999=1\n&99\nI1=1 I2=2\nM1->\nI5=1E3\nI7=1\nI7=2\n\u{fc}=1\n#1J+";
+        let mistakes = parse("f", wrong).unwrap_err();
+        assert_eq!(mistakes.len(), 13, "{mistakes:?}");
+        assert_eq!(mistakes[10].to_string(), "f:12: I7 is set in line 11 already");
+        assert_eq!(mistakes[3].to_string(), "f:4: \"one\" is no number");
+    }
+
+    #[test]
+    fn values_are_compared_as_numbers_and_definitions_as_text() {
+        let i = Item::I(125);
+        assert!(i.same("$C000", "49152") && i.same("1", "1.0") && i.same("-0.5", "-.5") && i.same("0", "-0"));
+        assert!(!i.same("1", "2") && !i.same("$1", "x") && !i.same("", "0") && !i.same("1E3", "1000"));
+        let m = Item::Definition(1);
+        assert!(m.same("y:$ffc2, 0", "Y:$FFC2,0") && !m.same("Y:$FFC2,0", "Y:$FFC2,1"));
+    }
+
+    #[test]
+    fn questions_are_few_and_every_answer_has_its_item() {
+        let items: Vec<Item> = (0..250).map(Item::I).chain([Item::P(3), Item::P(5), Item::P(6)]).collect();
+        let asked = questions(&items);
+        let lines: Vec<&str> = asked.iter().map(|(line, _)| line.as_str()).collect();
+        assert_eq!(lines, ["I0..99", "I100..199", "I200..249 P3 P5..6"]);
+        let items = [
+            Item::Q { system: 1, number: 9 },
+            Item::Q { system: 2, number: 10 },
+            Item::Definition(4),
+            Item::M(5),
+        ];
+        let lines: Vec<String> = questions(&items).into_iter().map(|(line, _)| line).collect();
+        assert_eq!(lines, ["&1Q9", "&2Q10", "M4-> M5"]);
+        assert_eq!(questions(&[]), []);
+        let scattered: Vec<Item> = (0..300).map(|n| Item::P(3 * n)).collect();
+        let asked = questions(&scattered);
+        assert!(asked.iter().all(|(line, items)| line.len() <= LINE_MAX && items.len() <= ANSWERS_MAX));
+        assert_eq!(asked.iter().flat_map(|(_, items)| items.iter().copied()).collect::<Vec<_>>(), scattered);
+    }
+}

@@ -1,0 +1,351 @@
+//! `pmacctl gather`: what the board samples at servo rate, into a file.
+
+mod board;
+mod file;
+
+use std::io::{self, IsTerminal, Write};
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use clap::Args as ClapArgs;
+use serde_json::json;
+
+use self::board::{GatherBoard, ask, end_gather, gathers};
+use self::file::Writer;
+use crate::cli::args::values::seconds;
+use crate::cli::console::interrupt::Interrupt;
+use crate::cli::console::sink::{Rows, is_stdout};
+use crate::cli::context::{Context, Failure, Verdict};
+use crate::cli::layout::board_layout;
+use crate::client::{Board, GatherFollower, GatherPhase};
+use crate::decode::Scales;
+use crate::gather::{GatherMode, GatherPlan, GatherRequest, SampleClock, ServoReport, Source, column, plan};
+use crate::map::{Layout, Plan};
+use crate::protocol::{BoardSettings, Function};
+use crate::segment::{RegionId, RegionState};
+
+/// How long to sleep when there are no samples.
+const LOOK: Duration = Duration::from_millis(5);
+/// How long without a sample, beyond two periods, until the board is said to gather nothing.
+const SILENCE: Duration = Duration::from_secs(5);
+/// How often the progress is shown.
+const PROGRESS: Duration = Duration::from_millis(200);
+
+#[derive(Debug, ClapArgs)]
+pub struct Gather {
+    /// What to sample: 1.actual_position, cs2.program_status, servo_timer, Y:$C003 (signed unless ,u follows), D:$002B
+    #[arg(long, short, value_name = "SOURCE", required_unless_present = "stop")]
+    source: Vec<String>,
+    /// Servo cycles from one sample to the next (I19; the servo report comes as often meanwhile)
+    #[arg(long, value_name = "CYCLES", default_value = "1")]
+    period: u32,
+    /// How long; without it until ^C, or until the buffer is full with --once
+    #[arg(long, value_name = "S", value_parser = seconds)]
+    seconds: Option<Duration>,
+    /// The board's buffer in longs, rounded up to whole samples; without it, what the daemon keeps for it
+    #[arg(long, value_name = "LONGS")]
+    buffer: Option<u32>,
+    /// Stop when the buffer is full (I45=2) instead of going round in it
+    #[arg(long)]
+    once: bool,
+    /// Where to: a file whose name ends in .csv or .npy, or - for CSV on stdout
+    #[arg(long, short, value_name = "FILE", required_unless_present = "stop")]
+    output: Option<PathBuf>,
+    /// End a gather that was left running (by ENDGATHER, which is sent only where the board says that it gathers)
+    #[arg(long, conflicts_with_all = ["source", "period", "seconds", "buffer", "once", "output"])]
+    stop: bool,
+}
+
+pub fn run(context: &mut Context, options: &Gather) -> Result<Verdict, Failure> {
+    match &options.output {
+        Some(output) => gather(context, options, output),
+        None => stop(context),
+    }
+}
+
+/// `gather --stop`. Where nothing gathers, ENDGATHER would end the servo report.
+fn stop(context: &mut Context) -> Result<Verdict, Failure> {
+    let mut connection = context.connection()?;
+    let gathering = gathers(&mut connection)?;
+    if gathering {
+        end_gather(&mut connection)?;
+    }
+    if context.output.is_json() {
+        context.output.json(&json!({ "gathered": gathering }))?;
+    } else if gathering {
+        let period = ask(&mut connection, "I19")?;
+        context
+            .output
+            .line(format_args!("ended; I19, the servo report's period as well, is left at {period}"))?;
+    } else {
+        context.output.line("the board gathers nothing; nothing was sent")?;
+    }
+    Ok(Verdict::Yes)
+}
+
+fn gather(context: &mut Context, options: &Gather, output: &Path) -> Result<Verdict, Failure> {
+    let extension = output.extension().and_then(|extension| extension.to_str());
+    let is_stdout = is_stdout(output);
+    if !is_stdout && !matches!(extension, Some("csv" | "npy")) {
+        let path = output.display();
+        return Err(Failure::Request(format!(
+            "{path}: a name ending in .csv or .npy says the form; - is CSV on stdout"
+        )));
+    }
+    let mut board = context.board()?;
+    let mut connection = context.connection()?;
+    let settings = connection.settings()?;
+    check_functions(&settings, &[Function::Gather, Function::Ascii])?;
+    let (layout, scales, firmware) = board_layout(&mut board)?;
+    let layout =
+        Layout::with_gather(layout.family(), firmware, settings.gather.position, settings.gather.size_word);
+    let sources: Vec<Source> = options
+        .source
+        .iter()
+        .map(|text| Source::parse(text, &layout))
+        .collect::<Result<_, _>>()
+        .map_err(Failure::request)?;
+    let sample_longs = sources.iter().map(|source| source.register.longs()).sum();
+    let kept = Plan::new(&layout, settings.plan).map_err(Failure::request)?;
+    let i48 = ask(&mut connection, "I48")?;
+    if i48 == "1" {
+        // A board that reports takes another number of GATHERs than one that does not.
+        check_functions(&settings, &[Function::Servo])?;
+    }
+    let runs =
+        board.subscriber().region(RegionId::Servo).map_err(Failure::request)?.state == RegionState::Live;
+    let old_period = ask(&mut connection, "I19")?;
+    let gathering = gathers(&mut connection)?;
+    let request = GatherRequest {
+        sources,
+        period: options.period,
+        mode: if options.once { GatherMode::Stop } else { GatherMode::Wrap },
+        buffer_longs: options.buffer.or_else(|| kept.gather_size(sample_longs)),
+        servo_report: match (i48.as_str(), runs) {
+            ("1", true) => ServoReport::Running,
+            ("1", false) => ServoReport::Waiting,
+            _ => ServoReport::Off,
+        },
+        gathering,
+    };
+    let plan = plan(&request, &layout, &scales).map_err(Failure::request)?;
+    kept.check_gather(layout.gather().buffer, plan.buffer_longs, plan.sample_longs)
+        .map_err(Failure::request)?;
+    let clock = SampleClock { period: plan.period, servo_period_ns: scales.servo_period_ns() };
+    let host_clock = match (request.servo_report, clock.servo_period_ns) {
+        (ServoReport::Off, Some(ns)) => Some(ns.round() as u64),
+        (ServoReport::Off, None) if !options.once => {
+            return Err(Failure::Refused(
+                "the servo report is off and I10 is not known, so turns of the buffer cannot be counted; \
+                 switch the report on (I48=1), or gather --once"
+                    .to_owned(),
+            ));
+        }
+        _ => None,
+    };
+    let stop = Interrupt::listen()?;
+    let rows = Rows::open(output, &stop)?;
+    let mut out = Writer::new(rows, extension == Some("npy"), &plan.columns, clock)?;
+
+    let silence = silence(&clock, &layout);
+    let mut side = GatherBoard::new(connection, &plan, old_period, request.servo_report);
+    let follower = match side.begin(&board, &layout, host_clock, silence, &stop) {
+        Ok(follower) => follower,
+        Err(failure) => {
+            out.discard();
+            return Err(side.give_up(failure));
+        }
+    };
+    let mut gather =
+        Run { follower, plan: &plan, clock, silence, out, gather: None, next: 0, samples: 0, ended: None };
+    let mut outcome = side.start();
+    if outcome.is_ok() {
+        outcome = gather.until(&board, options.seconds, &stop);
+    }
+    // Whatever happened: a board that goes on gathering would refuse the next gather.
+    let mut stopped = Ok(());
+    match outcome {
+        Ok(()) => stopped = side.finish(),
+        Err(failure) => outcome = Err(side.give_up(failure)),
+    }
+    if outcome.is_ok() && stopped.is_ok() && gather.ended.is_none() {
+        outcome = gather.rest(&board, options.seconds);
+    }
+    let (samples, next, ended) = (gather.samples, gather.next, gather.ended);
+    if samples == 0 && outcome.is_err() {
+        gather.out.discard();
+    } else {
+        let finished = gather.out.finish();
+        outcome = outcome.and(finished);
+    }
+    outcome?;
+    stopped?;
+    let lost = next - samples;
+    let span = clock.at(next);
+    let unit = if clock.servo_period_ns.is_some() { "seconds" } else { "servo_cycles" };
+    if context.output.is_json() && !is_stdout {
+        context
+            .output
+            .json(&json!({ "samples": samples, "lost": lost, unit: span, "columns": plan.columns }))?;
+    } else {
+        let summary = format!("samples={samples} lost={lost} {unit}={span:.3}");
+        if is_stdout {
+            writeln!(io::stderr(), "{summary}")?;
+        } else {
+            context.output.line(summary)?;
+        }
+    }
+    match ended {
+        Some(GatherPhase::Redefined) => Err(Failure::Refused(
+            "the buffer was defined anew, or the board was reset; what came before is kept".to_owned(),
+        )),
+        Some(GatherPhase::Interrupted) => Err(Failure::Refused(
+            "gathering paused, for how many samples cannot be known; what came before is kept".to_owned(),
+        )),
+        _ => Ok(Verdict::Yes),
+    }
+}
+
+/// Asked before anything is sent to the board: half of what a gather takes would be of no use.
+fn check_functions(settings: &BoardSettings, needed: &[Function]) -> Result<(), Failure> {
+    for function in needed {
+        if !settings.functions.has(*function) {
+            let name = function.name();
+            return Err(Failure::Refused(format!(
+                "gathering takes the function `{name}`, which is switched off: `functions` in the daemon's configuration leaves it out"
+            )));
+        }
+    }
+    Ok(())
+}
+
+/// How long the board may be silent: two periods, since one may just have begun, and [`SILENCE`] more. A board whose servo
+/// cycle is not known is taken to have the one of its factory settings.
+fn silence(clock: &SampleClock, layout: &Layout) -> Duration {
+    let factory = || Scales { motors: Vec::new(), i10: Some(layout.family().default_i10) }.servo_period_ns();
+    let cycle_ns = clock.servo_period_ns.or_else(factory).unwrap_or_default();
+    SILENCE.saturating_add(Duration::from_nanos((2.0 * f64::from(clock.period) * cycle_ns) as u64))
+}
+
+/// A gather under way.
+struct Run<'a> {
+    follower: GatherFollower,
+    plan: &'a GatherPlan,
+    clock: SampleClock,
+    /// How long nothing may come.
+    silence: Duration,
+    out: Writer,
+    /// The number the daemon gave it.
+    gather: Option<u32>,
+    /// The number of the sample after the last one there was; those before it were written or lost.
+    next: u64,
+    /// Samples written.
+    samples: u64,
+    ended: Option<GatherPhase>,
+}
+
+impl Run<'_> {
+    /// Samples that `seconds` have.
+    fn wanted(&self, seconds: Option<Duration>) -> Option<u64> {
+        let period_ns = self.clock.servo_period_ns? * f64::from(self.plan.period);
+        Some((seconds?.as_nanos() as f64 / period_ns).round() as u64)
+    }
+
+    fn until(&mut self, board: &Board, seconds: Option<Duration>, stop: &Interrupt) -> Result<(), Failure> {
+        let wanted = self.wanted(seconds);
+        // Without the servo period, the host's clock has to do.
+        let end =
+            if wanted.is_none() { seconds.and_then(|time| Instant::now().checked_add(time)) } else { None };
+        let (mut last_news, mut shown) = (Instant::now(), Instant::now());
+        let shows = io::stderr().is_terminal();
+        while self.ended.is_none()
+            && !stop.came()
+            && wanted.is_none_or(|wanted| self.next < wanted)
+            && end.is_none_or(|end| Instant::now() < end)
+        {
+            if self.take(board, wanted)? {
+                last_news = Instant::now();
+            } else if last_news.elapsed() > self.silence {
+                let seconds = self.silence.as_secs_f64();
+                return Err(Failure::Refused(format!(
+                    "the board gathers nothing: no sample for {seconds:.0} s"
+                )));
+            } else {
+                std::thread::sleep(LOOK);
+            }
+            if shows && shown.elapsed() > PROGRESS {
+                shown = Instant::now();
+                let (samples, lost) = (self.samples, self.next - self.samples);
+                let _ = write!(
+                    io::stderr(),
+                    "\rsamples={samples} lost={lost} {:.1} s ",
+                    self.clock.at(self.next)
+                );
+            }
+        }
+        if shows {
+            let _ = write!(io::stderr(), "\r\x1b[K");
+        }
+        Ok(())
+    }
+
+    /// What is left after the end.
+    fn rest(&mut self, board: &Board, seconds: Option<Duration>) -> Result<(), Failure> {
+        let wanted = self.wanted(seconds);
+        let began = Instant::now();
+        while self.ended.is_none() && wanted.is_none_or(|wanted| self.next < wanted) {
+            if !self.take(board, wanted)? {
+                if began.elapsed() > self.silence {
+                    return Err(Failure::Request(
+                        "the daemon does not say that the gather has ended".to_owned(),
+                    ));
+                }
+                std::thread::sleep(LOOK);
+            }
+        }
+        Ok(())
+    }
+
+    /// Takes what has come next, up to sample `wanted`; whether anything had.
+    fn take(&mut self, board: &Board, wanted: Option<u64>) -> Result<bool, Failure> {
+        let Some(chunk) = self.follower.next(board)? else { return Ok(false) };
+        if *self.gather.get_or_insert(chunk.gather) != chunk.gather {
+            return Err(Failure::Refused("somebody else has begun another gather".to_owned()));
+        }
+        let is_wanted = |number: u64| wanted.is_none_or(|wanted| number < wanted);
+        let mut values = Vec::with_capacity(self.plan.columns.len());
+        let mut number = chunk.first;
+        for sample in chunk.longs.chunks_exact(chunk.sample_longs) {
+            if is_wanted(number) {
+                values.clear();
+                column::decode(&self.plan.columns, sample, &mut values);
+                self.out.row(number, &values)?;
+                self.samples += 1;
+            }
+            number += 1;
+        }
+        self.next = wanted.map_or(number, |wanted| number.min(wanted)).max(self.next);
+        if chunk.phase != GatherPhase::GoesOn {
+            self.ended = Some(chunk.phase);
+        }
+        Ok(true)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::map::PMAC;
+
+    #[test]
+    fn a_board_may_be_silent_for_as_long_as_its_period_takes() {
+        let layout = Layout::new(&PMAC, None);
+        let seconds = |period, servo_period_ns| {
+            silence(&SampleClock { period, servo_period_ns }, &layout).as_secs_f64().round()
+        };
+        assert_eq!(seconds(1, Some(442_708.4)), 5.0);
+        assert_eq!(seconds(22_588, Some(442_708.4)), 25.0);
+        assert_eq!(seconds(22_588, None), 25.0, "as the factory has it");
+        assert_eq!(seconds(8_388_607, Some(442_708.4)), 5.0 + 7427.0, "the longest there is");
+    }
+}

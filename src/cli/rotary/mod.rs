@@ -1,0 +1,99 @@
+//! `pmacctl rotary encode` and `rotary decode`: motion programs to binary rotary commands and back. Neither needs a
+//! board or a daemon. For `rotary stream` see [`crate::cli::rotary::stream`].
+
+mod progress;
+mod source;
+mod stream;
+pub mod words;
+
+use clap::{Args, Subcommand};
+
+use self::source::{Format, compiled, read, shown, warn};
+use self::stream::Stream;
+use self::words::{pairs, words};
+use crate::cli::context::{Context, Failure, Verdict};
+use crate::rotary::decompile;
+
+#[derive(Debug, Args)]
+pub struct Rotary {
+    #[command(subcommand)]
+    pub command: RotaryCommand,
+}
+
+#[derive(Debug, Subcommand)]
+pub enum RotaryCommand {
+    /// Compile a motion program to the words of a binary rotary buffer; what cannot be sent is told with its place
+    Encode(Encode),
+    /// Turn the words of a binary rotary buffer back into text
+    Decode(Decode),
+    /// Compile a motion program and keep the board fed with it through a binary rotary buffer
+    Stream(Stream),
+}
+
+#[derive(Debug, Args)]
+pub struct Encode {
+    /// The program's text, constants only; - is stdin
+    #[arg(value_name = "FILE")]
+    pub file: String,
+    #[command(flatten)]
+    pub format: Format,
+}
+
+#[derive(Debug, Args)]
+pub struct Decode {
+    /// A file of words as encode prints them, plain or JSON (- is stdin), or at least two words themselves
+    #[arg(value_name = "FILE|WORD", required = true)]
+    pub input: Vec<String>,
+    #[command(flatten)]
+    pub format: Format,
+}
+
+pub fn run(context: &mut Context, options: &Rotary) -> Result<Verdict, Failure> {
+    match &options.command {
+        RotaryCommand::Encode(options) => encode(context, options),
+        RotaryCommand::Decode(options) => decode(context, options),
+        RotaryCommand::Stream(options) => stream::run(context, options),
+    }
+}
+
+fn encode(context: &mut Context, options: &Encode) -> Result<Verdict, Failure> {
+    let program = compiled(&options.file, &options.format.settings()?)?;
+    let commands = program.documents();
+    if context.output.is_json() {
+        context.output.json(&commands.collect::<Vec<_>>())?;
+    } else {
+        for command in commands {
+            let (place, words) = ((command.line, command.column), (command.word1, command.word2));
+            context
+                .output
+                .line(format_args!("{} {}  ; {}:{} {}", words.0, words.1, place.0, place.1, command.text))?;
+        }
+    }
+    Ok(Verdict::Yes)
+}
+
+fn decode(context: &mut Context, options: &Decode) -> Result<Verdict, Failure> {
+    let settings = options.format.settings()?;
+    let (name, words) = match &options.input[..] {
+        [file] => {
+            let name = shown(file);
+            let words = words(&read(file)?);
+            (name, words.map_err(|error| Failure::Request(format!("{name}: {error}")))?)
+        }
+        several => {
+            let words = pairs(several.iter().map(String::as_str)).map_err(Failure::Request)?;
+            ("words", words)
+        }
+    };
+    let decompiled =
+        decompile(&words, &settings).map_err(|error| Failure::Refused(format!("{name}: {error}")))?;
+    warn("text", &decompiled.notes);
+    if context.output.is_json() {
+        context.output.json(&decompiled.program.documents().collect::<Vec<_>>())?;
+    } else {
+        for line in &decompiled.program.lines {
+            context.output.line(line.text())?;
+        }
+    }
+    Ok(Verdict::Yes)
+}

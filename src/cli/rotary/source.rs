@@ -1,0 +1,131 @@
+//! A motion program's file, and the settings it is compiled with.
+
+use std::fmt::Display;
+use std::fs::File;
+use std::io::{self, Read, Write};
+use std::path::Path;
+
+use clap::Args;
+use serde::Deserialize;
+
+use crate::cli::context::Failure;
+use crate::rotary::{Program, Report, Settings, compile};
+
+/// Most of a file that is read: more than any program for a machine, and less than memory.
+const LARGEST: u64 = 256 << 20;
+
+#[derive(Debug, Args)]
+pub struct Format {
+    /// What the manual leaves open about the format, and the buffer's size: exponent_bias, zero_exponent,
+    /// bit_codes (diagram, table), mode_code_bit, abs_inc_axis_bit, abs_inc_vector_bit, frax_axis_bit,
+    /// coordinate_system_base, buffer_words. What is not given: as printed best; of stream, as the daemon has it
+    #[arg(long = "set", value_name = "NAME=VALUE", value_parser = setting)]
+    pub settings: Vec<(String, toml::Value)>,
+}
+
+impl Format {
+    pub fn settings(&self) -> Result<Settings, Failure> {
+        self.over(&Settings::default())
+    }
+
+    /// The settings of `base`, but for those given.
+    pub fn over(&self, base: &Settings) -> Result<Settings, Failure> {
+        let mut table = toml::Table::try_from(base).map_err(Failure::request)?;
+        table.extend(self.settings.iter().cloned());
+        let settings = Settings::deserialize(table)
+            .map_err(|error| Failure::Request(format!("--set: {}", error.to_string().trim())))?;
+        settings.check().map_err(|error| Failure::Request(format!("--set {error}")))?;
+        Ok(settings)
+    }
+}
+
+fn setting(text: &str) -> Result<(String, toml::Value), String> {
+    let (name, value) = text.split_once('=').ok_or("not NAME=VALUE")?;
+    let value = match value.parse() {
+        Ok(number) => toml::Value::Integer(number),
+        Err(_) => toml::Value::String(value.to_owned()),
+    };
+    Ok((name.to_owned(), value))
+}
+
+/// The program in `file`. Warnings go to stderr.
+///
+/// # Errors
+/// Everything that cannot be sent, a line each: `FILE:LINE:COLUMN: reason`.
+pub fn compiled(file: &str, settings: &Settings) -> Result<Program, Failure> {
+    let name = shown(file);
+    match compile(&read(file)?, settings) {
+        Ok(compiled) => {
+            warn(name, &compiled.warnings);
+            Ok(compiled.program)
+        }
+        Err(refused) => {
+            warn(name, &refused.warnings);
+            Err(Failure::Refused(listing(name, "", &refused.errors)))
+        }
+    }
+}
+
+/// What stands before a place in messages.
+pub fn shown(file: &str) -> &str {
+    if file == "-" { "stdin" } else { file }
+}
+
+pub fn read(file: &str) -> Result<Vec<u8>, Failure> {
+    let mut bytes = Vec::new();
+    let mut take = |source: &mut dyn Read| source.take(LARGEST + 1).read_to_end(&mut bytes);
+    let outcome = if file == "-" {
+        take(&mut io::stdin().lock())
+    } else {
+        File::open(Path::new(file)).and_then(|mut file| take(&mut file))
+    };
+    outcome.map_err(|error| Failure::Request(format!("{}: {error}", shown(file))))?;
+    if bytes.len() as u64 > LARGEST {
+        let limit = LARGEST >> 20;
+        return Err(Failure::Request(format!("{}: longer than {limit} MiB", shown(file))));
+    }
+    Ok(bytes)
+}
+
+/// `FILE:LINE:COLUMN: what` for each finding, one a line.
+pub fn listing<T: Display>(name: &str, kind: &str, report: &Report<T>) -> String {
+    let mut lines: Vec<String> = report
+        .listed
+        .iter()
+        .map(|placed| format!("{name}:{}:{}: {kind}{}", placed.line, placed.column, placed.what))
+        .collect();
+    if report.more > 0 {
+        lines.push(format!("{name}: {kind}and {} more", report.more));
+    }
+    lines.join("\n")
+}
+
+pub fn warn<T: Display>(name: &str, report: &Report<T>) {
+    if !report.is_empty() {
+        // Nobody reads it: nothing to be done.
+        let _ = writeln!(io::stderr(), "{}", listing(name, "warning: ", report));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn settings_are_set_by_name() {
+        let settings = |parts: &[&str]| {
+            Format { settings: parts.iter().map(|part| setting(part).unwrap()).collect() }.settings()
+        };
+        assert_eq!(settings(&[]).unwrap(), Settings::default());
+        let set = settings(&["exponent_bias=30", "bit_codes=table"]).unwrap();
+        assert_eq!((set.exponent_bias, set.bit_codes), (30, crate::rotary::settings::BitCodes::Table));
+        let of_the_daemon = Settings { exponent_bias: 29, frax_axis_bit: 6, ..Settings::default() };
+        let over =
+            Format { settings: vec![setting("exponent_bias=30").unwrap()] }.over(&of_the_daemon).unwrap();
+        assert_eq!((over.exponent_bias, over.frax_axis_bit), (30, 6));
+        for wrong in ["bias=1", "exponent_bias=64", "exponent_bias=-1", "bit_codes=other", "exponent_bias="] {
+            assert!(matches!(settings(&[wrong]), Err(Failure::Request(_))), "{wrong}");
+        }
+        assert!(setting("exponent_bias").is_err());
+    }
+}

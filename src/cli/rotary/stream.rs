@@ -1,0 +1,337 @@
+//! `pmacctl rotary stream`: a motion program into a binary rotary buffer, with the board kept fed until it has all of it.
+//!
+//! The order of the set-up matters. While `OPEN ROT` is in force every line such as `I57=1` is a program statement, so it
+//! comes last; the header of the buffer must not change under a transfer, so I57 is 0 meanwhile; and B0 would be an axis
+//! move after OPEN ROT. CLOSE at the end comes only when the board has taken everything: it takes nothing afterwards.
+
+use std::time::{Duration, Instant};
+
+use clap::Args;
+use serde_json::json;
+
+use super::progress::Progress;
+use super::source::{Format, compiled, shown};
+use crate::cli::console::interrupt::Interrupt;
+use crate::cli::context::{Context, Failure, Verdict};
+use crate::client::{CommandError, Connection, RotaryFeed, RotaryLine, RotaryPlace};
+use crate::map::{HostOffset, Location, PMAC};
+use crate::protocol::CallError;
+use crate::protocol::board::RotaryStateReply;
+use crate::rotary::Program;
+
+/// How long the board may take for a command line.
+const LINE_PATIENCE: Duration = Duration::from_secs(5);
+/// How long the board may take nothing before somebody should be told what it may wait for.
+const PUZZLED: Duration = Duration::from_secs(3);
+/// How often to look whether the board has taken the rest.
+const LOOK: Duration = Duration::from_millis(20);
+
+/// `rotary stream`.
+#[derive(Debug, Args)]
+pub struct Stream {
+    /// The program's text, constants only; - is stdin
+    #[arg(value_name = "FILE")]
+    pub file: String,
+    /// The coordinate system that executes it, 1 to 8
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u8).range(1..=8))]
+    pub cs: u8,
+    /// Which of the two buffers in the DPRAM
+    #[arg(long, value_name = "1|2", default_value_t = 1, value_parser = clap::value_parser!(u8).range(1..=2))]
+    pub buffer: u8,
+    /// The buffer's size in 32-bit words, two a command; without it, all the room the daemon keeps for it
+    #[arg(long, value_name = "LONGS")]
+    pub size: Option<u32>,
+    /// Where it begins, as DP:$DC00; without it, where the daemon keeps room for it
+    #[arg(long, value_name = "ADDR", value_parser = start)]
+    pub start: Option<HostOffset>,
+    /// Define the rotary buffer in the board's own memory first, with so many words (DEFINE ROT; from the highest
+    /// coordinate system down, and not while there is a gather buffer)
+    #[arg(long, value_name = "LONGS")]
+    pub define: Option<u32>,
+    /// Start the program (R) as soon as its first lines are there
+    #[arg(long)]
+    pub run: bool,
+    /// Give up when the board has taken nothing for so long, in seconds; a long dwell or a feed hold takes nothing
+    #[arg(long, value_name = "S", default_value = "60", value_parser = crate::cli::args::values::seconds)]
+    pub timeout: Duration,
+    #[command(flatten)]
+    pub format: Format,
+}
+
+fn start(text: &str) -> Result<HostOffset, String> {
+    Location::parse(text, &PMAC).map(|location| location.offset).map_err(|error| error.to_string())
+}
+
+pub fn run(context: &mut Context, options: &Stream) -> Result<Verdict, Failure> {
+    let mut board = context.connection()?;
+    let of_the_daemon = board.settings()?;
+    let mut settings = options.format.over(&of_the_daemon.rotary)?;
+    // A line that the buffer can never hold is found now and not in the middle of the program.
+    let kept = of_the_daemon.plan.rotary_longs[usize::from(options.buffer) - 1];
+    if kept == 0 && options.size.is_none() {
+        return Err(Failure::Request(format!(
+            "the daemon keeps no room for rotary buffer {}; say where with --start and --size, or set rotary_longs in its \
+             configuration",
+            options.buffer
+        )));
+    }
+    settings.buffer_words = options.size.unwrap_or_else(|| kept.min(settings.buffer_words));
+    settings.check().map_err(|error| Failure::Request(format!("--size: {error}")))?;
+    let program = compiled(&options.file, &settings)?;
+    if program.lines.is_empty() {
+        return Err(Failure::Request(format!("{}: there is nothing in it to send", shown(&options.file))));
+    }
+    let interrupt = Interrupt::listen()?;
+    let place = RotaryPlace {
+        buffer: options.buffer,
+        start: options.start,
+        size_longs: options.size,
+        coordinate_system: options.cs,
+        coordinate_system_base: settings.coordinate_system_base,
+    };
+    let mut streaming = Streaming {
+        options,
+        program: &program,
+        board,
+        progress: Progress::new(program.lines.len(), context.output.is_quiet()),
+        patience: Patience::new(options.timeout),
+        interrupt,
+    };
+    streaming.set_up(place)?;
+    let lines: Vec<RotaryLine> = program
+        .lines
+        .iter()
+        .map(|line| line.commands.iter().map(|command| (command.word1, command.word2)).collect())
+        .collect();
+    let mut feed = RotaryFeed::new(context.connection()?, options.buffer, &lines);
+    streaming.progress = Progress::new(program.lines.len(), context.output.is_quiet());
+    let fed = streaming.feed(&mut feed);
+    let ended = streaming.end(&mut feed, fed);
+    streaming.progress.clear();
+    let (state, stopped) = ended?;
+    let inside = feed.inside();
+    let commands: usize = lines.iter().take(inside).map(Vec::len).sum();
+    let (underruns, seconds) = (state.underruns, streaming.progress.elapsed().as_secs_f64());
+    if context.output.is_json() {
+        context.output.json(&json!({
+            "lines": inside,
+            "commands": commands,
+            "underruns": underruns,
+            "seconds": seconds,
+            "ahead_lines": state.ahead_lines,
+            "finished": stopped.is_none(),
+        }))?;
+    } else {
+        context.output.line(format_args!(
+            "lines={inside} commands={commands} underruns={underruns} seconds={seconds:.3}"
+        ))?;
+    }
+    context.output.flush()?;
+    if options.run && inside > 0 && !context.output.is_quiet() {
+        let cs = options.cs;
+        streaming.progress.say(&format!(
+            "&{cs} goes on running its rotary program, and waits for more lines at its end; pmacctl send '&{cs}Q' ends it, \
+             for a jog or the next stream"
+        ));
+    }
+    stopped.map_or(Ok(Verdict::Yes), Err)
+}
+
+/// A stream under way.
+struct Streaming<'a> {
+    options: &'a Stream,
+    program: &'a Program,
+    /// For command lines and questions, beside the feed's own connection.
+    board: Connection,
+    progress: Progress,
+    patience: Patience,
+    interrupt: Interrupt,
+}
+
+impl Streaming<'_> {
+    fn set_up(&mut self, place: RotaryPlace) -> Result<(), Failure> {
+        let cs = self.options.cs;
+        self.line("CLOSE", "")?;
+        if let Some(longs) = self.options.define {
+            self.line(
+                &format!("&{cs}DEFINE ROT {longs}"),
+                &format!(
+                    "; is one defined already (leave --define out, or take it away: pmacctl send '&{cs}DELETE ROT'), one for a \
+                     lower coordinate system, or a gather buffer (DELETE GATHER)?"
+                ),
+            )?;
+        }
+        self.line(
+            &format!("&{cs}B0"),
+            &format!(
+                "; has the coordinate system a rotary buffer (--define LONGS), and is no program running in it (one that \
+                 waits for more lines ends by: pmacctl send '&{cs}Q')?"
+            ),
+        )?;
+        self.line("I57=0", "")?;
+        self.board.rotary_open(place)?;
+        self.line("I57=1", "")?;
+        self.line("OPEN ROT", "; is another program buffer open?")
+    }
+
+    fn line(&mut self, line: &str, hint: &str) -> Result<(), Failure> {
+        match self.board.send(line, LINE_PATIENCE) {
+            Ok(_) => Ok(()),
+            Err(CommandError::Refused(error @ CallError::Board { .. })) => {
+                Err(Failure::Refused(format!("{line}: {error}{hint}")))
+            }
+            Err(error) => Err(error.into()),
+        }
+    }
+
+    /// Sends all lines, as far as it comes.
+    fn feed(&mut self, feed: &mut RotaryFeed<'_>) -> Result<(), Failure> {
+        let mut to_start = self.options.run;
+        while !feed.is_done() {
+            if self.interrupt.came() {
+                return Err(Failure::Refused("interrupted".to_owned()));
+            }
+            let stepped = feed.step()?;
+            if to_start && feed.inside() > 0 {
+                to_start = false;
+                self.line(&format!("&{}R", self.options.cs), "")?;
+            }
+            let state = match stepped {
+                Some(state) => state,
+                None if self.progress.due() => self.board.rotary_state(self.options.buffer)?,
+                None => {
+                    self.patience.reward();
+                    continue;
+                }
+            };
+            self.look_at(&state)?;
+        }
+        self.board.rotary_finish(self.options.buffer)?;
+        // The board's buffer is closed when nothing is left that it would have to take.
+        loop {
+            let state = self.board.rotary_state(self.options.buffer)?;
+            if state.ahead_commands == 0 {
+                return Ok(());
+            }
+            if self.interrupt.came() {
+                return Err(Failure::Refused("interrupted".to_owned()));
+            }
+            self.look_at(&state)?;
+            std::thread::sleep(LOOK);
+        }
+    }
+
+    /// Shows how far it is, and says when the board does not go on.
+    fn look_at(&mut self, state: &RotaryStateReply) -> Result<(), Failure> {
+        self.progress.show(usize::try_from(state.sent_lines).unwrap_or(usize::MAX), state.ahead_lines);
+        if let Some(code) = state.error {
+            return Err(Failure::Refused(format!("the board takes no more: it reports rotary error {code}")));
+        }
+        let cs = self.options.cs;
+        match self.patience.look(state) {
+            Look::Fine => {}
+            Look::Puzzled => self.progress.say(&format!(
+                "the board takes no more lines for now{}; does the program run (&{cs}R), without hold or dwell?",
+                if state.busy { ": its own buffer is full" } else { "" }
+            )),
+            Look::Over => {
+                let seconds = self.options.timeout.as_secs_f64();
+                return Err(Failure::Refused(format!("the board has taken nothing for {seconds} s")));
+            }
+        }
+        Ok(())
+    }
+
+    /// Leaves the buffers as they should be left. What stopped the stream is told with the line and what is left.
+    fn end(
+        &mut self,
+        feed: &mut RotaryFeed<'_>,
+        fed: Result<(), Failure>,
+    ) -> Result<(RotaryStateReply, Option<Failure>), Failure> {
+        let reason = match fed {
+            Ok(()) => None,
+            Err(Failure::Refused(reason) | Failure::Request(reason)) => Some(reason),
+            Err(other) => return Err(other),
+        };
+        let settled = feed.settle().and_then(|_| {
+            self.board.rotary_finish(self.options.buffer)?;
+            self.board.rotary_state(self.options.buffer)
+        });
+        let state = match (settled, &reason) {
+            (Ok(state), _) => state,
+            (Err(_), Some(reason)) => return Err(Failure::Refused(self.placed(feed.inside(), reason))),
+            (Err(error), None) => return Err(error.into()),
+        };
+        if state.ahead_commands == 0 {
+            self.line("CLOSE", "")?;
+        }
+        let stopped = reason.map(|reason| {
+            let ahead = usize::try_from(state.ahead_lines).unwrap_or(usize::MAX);
+            let (inside, total) = (feed.inside(), self.program.lines.len());
+            let left = match ahead {
+                0 => "the board has taken all of them".to_owned(),
+                _ => format!(
+                    "{ahead} of them are still in the DPRAM buffer, and the rotary buffers stay open for the board to \
+                     take them; pmacctl send CLOSE keeps it from that"
+                ),
+            };
+            let reason = format!("{reason}; {inside} of {total} lines were sent, {left}");
+            Failure::Refused(self.placed(inside.saturating_sub(ahead), &reason))
+        });
+        Ok((state, stopped))
+    }
+
+    /// `FILE:LINE: what` for the line with this index.
+    fn placed(&self, index: usize, what: &str) -> String {
+        let name = shown(&self.options.file);
+        match self.program.lines.get(index) {
+            Some(line) => format!("{name}:{}: {what}", line.line),
+            None => format!("{name}: {what}"),
+        }
+    }
+}
+
+/// How long the board has taken nothing.
+struct Patience {
+    limit: Duration,
+    since: Instant,
+    taken: u64,
+    said: bool,
+}
+
+#[derive(Debug, PartialEq, Eq)]
+enum Look {
+    Fine,
+    /// For the first time longer than is usual.
+    Puzzled,
+    Over,
+}
+
+impl Patience {
+    fn new(limit: Duration) -> Self {
+        Self { limit, since: Instant::now(), taken: 0, said: false }
+    }
+
+    /// The board goes on.
+    fn reward(&mut self) {
+        self.since = Instant::now();
+        self.said = false;
+    }
+
+    fn look(&mut self, state: &RotaryStateReply) -> Look {
+        let taken = state.sent_lines.saturating_sub(state.ahead_lines);
+        if taken != self.taken {
+            self.taken = taken;
+            self.reward();
+            return Look::Fine;
+        }
+        let waited = self.since.elapsed();
+        if waited >= self.limit {
+            Look::Over
+        } else if waited >= PUZZLED && !std::mem::replace(&mut self.said, true) {
+            Look::Puzzled
+        } else {
+            Look::Fine
+        }
+    }
+}

@@ -1,0 +1,157 @@
+//! `pmacctl setup` and `pmacctl absolute` as commands: what they answer is printed, and set-up lines are sent when told to.
+
+use std::io::{self, Write};
+use std::path::PathBuf;
+use std::time::Duration;
+
+use clap::Args;
+use serde_json::{Value, json};
+
+use super::lines::{self as setup, SetupCommand};
+use crate::cli::act::lines::{Kind, Way};
+use crate::cli::console::confirm::{board_of, confirm, sending as question};
+use crate::cli::context::{Context, Failure, Verdict};
+use crate::cli::setup::absolute::{self, Absolute};
+use crate::cli::setup::answer::Answer;
+
+/// How long the board may take for a plain line.
+const PATIENCE: Duration = Duration::from_secs(5);
+
+/// `setup`.
+#[derive(Debug, Args)]
+pub struct Setup {
+    #[command(subcommand)]
+    pub command: SetupCommand,
+    #[command(flatten)]
+    pub sending: Sending,
+}
+
+/// Whether and how the lines are sent.
+#[derive(Debug, Args)]
+pub struct Sending {
+    /// Send the lines to the board, after asking: through the daemon, or with --port over a serial line
+    #[arg(long, global = true)]
+    pub send: bool,
+    /// Send without asking
+    #[arg(long, global = true, requires = "send")]
+    pub yes: bool,
+    /// The serial line to send over, for a board whose DPRAM is not enabled yet
+    #[arg(long, global = true, requires = "send", value_name = "PATH")]
+    pub port: Option<PathBuf>,
+    /// The serial line's rate: 1200 to 115200
+    #[arg(long, global = true, requires = "port", value_name = "RATE", default_value_t = 9600)]
+    pub baud: u32,
+}
+
+pub fn run(context: &mut Context, options: &Setup) -> Result<Verdict, Failure> {
+    let answer = setup::answer(&options.command).map_err(Failure::Request)?;
+    let sending = &options.sending;
+    if !sending.send {
+        return print(context, &answer);
+    }
+    let commands = setup::commands(&options.command).map_err(Failure::Request)?;
+    // Whoever decides has to see what it is about. A document goes out at the end, with what became of it.
+    if !context.output.is_json() {
+        context.output.text(&answer.text)?;
+        context.output.flush()?;
+    }
+    let place = match &sending.port {
+        Some(port) => port.display().to_string(),
+        None => board_of(context),
+    };
+    if !confirm(&question(commands.len(), &place), sending.yes)? {
+        return Ok(Verdict::No);
+    }
+    let mut way = match &sending.port {
+        Some(port) => Way::serial(port, sending.baud)?,
+        None => Way::daemon(context)?,
+    };
+    let sent = send(&mut way, &commands);
+    report(context, answer.document, &commands, sent)
+}
+
+pub fn absolute(context: &mut Context, options: &Absolute) -> Result<Verdict, Failure> {
+    print(context, &absolute::answer(options).map_err(Failure::Request)?)
+}
+
+fn print(context: &mut Context, answer: &Answer) -> Result<Verdict, Failure> {
+    if context.output.is_json() {
+        context.output.json(&answer.document)?;
+    } else {
+        context.output.text(&answer.text)?;
+    }
+    Ok((answer.status == 0).into())
+}
+
+/// What became of the lines: how many the board took, and what ended it.
+struct Sent {
+    taken: usize,
+    error: Option<crate::cli::act::lines::LineError>,
+}
+
+fn send(way: &mut Way, commands: &[String]) -> Sent {
+    for (taken, line) in commands.iter().enumerate() {
+        let result = way.send(line, PATIENCE).and_then(|_| match Kind::of(line) {
+            Kind::Reset => way.wait_for_board(),
+            _ => Ok(()),
+        });
+        if let Err(error) = result {
+            return Sent { taken, error: Some(error) };
+        }
+    }
+    Sent { taken: commands.len(), error: None }
+}
+
+fn report(
+    context: &mut Context,
+    mut document: Value,
+    commands: &[String],
+    sent: Sent,
+) -> Result<Verdict, Failure> {
+    let (taken, rest) = commands.split_at(sent.taken);
+    if context.output.is_json() {
+        if let Value::Object(fields) = &mut document {
+            fields.insert("sent".to_owned(), json!(taken));
+            let error = sent.error.as_ref().map(|error| error.document());
+            fields.insert("error".to_owned(), json!(error));
+        }
+        context.output.json(&document)?;
+    } else {
+        for line in taken {
+            context.output.line(format_args!("sent {line}"))?;
+        }
+    }
+    context.output.flush()?;
+    let Some(error) = sent.error else { return Ok(Verdict::Yes) };
+    // Nobody reads it: nothing to be done.
+    let _ = writeln!(io::stderr(), "{}", stopped(taken, rest));
+    Err(error.into())
+}
+
+/// Where it stopped, before the reason.
+fn stopped(taken: &[String], rest: &[String]) -> String {
+    let (failed, unsent) = match rest {
+        [failed, unsent @ ..] => (failed.as_str(), unsent),
+        [] => ("", rest),
+    };
+    let listed = |lines: &[String]| if lines.is_empty() { "nothing".to_owned() } else { lines.join(", ") };
+    format!("stopped at {failed}; the board took {}; not sent: {}", listed(taken), listed(unsent))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_was_sent_and_what_was_not_is_said() {
+        let lines = |lines: &[&str]| lines.iter().map(|line| (*line).to_owned()).collect::<Vec<_>>();
+        assert_eq!(
+            stopped(&lines(&["I19=1"]), &lines(&["I59=2", "SAVE", "$$$"])),
+            "stopped at I59=2; the board took I19=1; not sent: SAVE, $$$"
+        );
+        assert_eq!(
+            stopped(&[], &lines(&["I19=1"])),
+            "stopped at I19=1; the board took nothing; not sent: nothing"
+        );
+    }
+}

@@ -1,0 +1,85 @@
+//! `pmacctl decode`: a raw image of the DPRAM from a file, decoded by the same code as the live data.
+
+use std::fs::File;
+use std::io::{self, Read};
+use std::path::PathBuf;
+
+use clap::Args;
+use serde_json::{Value, json};
+
+use crate::cli::args::values::{Float48, Order, family};
+use crate::cli::context::{Context, Failure, Verdict};
+use crate::cli::show::coordinates;
+use crate::cli::show::motors;
+use crate::decode::{BackgroundData, Image, Scales, ServoData};
+use crate::map::Family;
+
+#[derive(Debug, Args)]
+pub struct Decode {
+    /// The image, as long as the family's DPRAM (16 KiB); - is stdin
+    #[arg(value_name = "FILE")]
+    pub file: PathBuf,
+    /// The board's family
+    #[arg(long, value_name = "FAMILY", default_value = "pmac", value_parser = family)]
+    pub family: &'static Family,
+    /// How many motors and coordinate systems it reported; all the family has when not given
+    #[arg(long, value_name = "N")]
+    pub motors: Option<usize>,
+    /// Order of the bytes in each 16-bit word of the image
+    #[arg(long, value_name = "ORDER", default_value = "little")]
+    pub word_order: Order,
+    /// How L: values are laid out
+    #[arg(long, value_name = "LAYOUT", default_value = "register")]
+    pub float48: Float48,
+}
+
+pub fn run(context: &mut Context, options: &Decode) -> Result<Verdict, Failure> {
+    let bytes =
+        read(options).map_err(|error| Failure::Request(format!("{}: {error}", options.file.display())))?;
+    let fault =
+        |error: &dyn std::fmt::Display| Failure::Request(format!("{}: {error}", options.file.display()));
+    let image =
+        Image::from_bytes(&bytes, options.family, options.word_order.into()).map_err(|e| fault(&e))?;
+    let count = options.motors.unwrap_or(options.family.motors);
+    if count > options.family.motors {
+        let most = options.family.motors;
+        return Err(Failure::Request(format!("--motors {count}: a {} has {most}", options.family.title)));
+    }
+    let scales = Scales::default();
+    let servo = image.servo(count, &scales).map_err(|e| fault(&e))?;
+    let background = image.background(count, &scales, options.float48.into()).map_err(|e| fault(&e))?;
+    if context.output.is_json() {
+        context.output.json(&document(&servo, &background))?;
+    } else {
+        context.output.text(motors::table(&servo, Some(&background)))?;
+        context.output.line("")?;
+        context.output.text(coordinates::table(&background))?;
+    }
+    Ok(Verdict::Yes)
+}
+
+/// The file's bytes; one more than an image at most, which is enough to refuse it.
+fn read(options: &Decode) -> io::Result<Vec<u8>> {
+    let most = u64::from(options.family.length) + 1;
+    let mut bytes = Vec::new();
+    if options.file.as_os_str() == "-" {
+        io::stdin().lock().take(most).read_to_end(&mut bytes)?;
+    } else {
+        File::open(&options.file)?.take(most).read_to_end(&mut bytes)?;
+    }
+    Ok(bytes)
+}
+
+/// The documents of `motors` and `coordinates` in one. An image has no time, and is never live.
+fn document(servo: &ServoData, background: &BackgroundData) -> Value {
+    let stamp = |timer: u16| json!({ "time": null, "servo_timer": timer, "sequence": null, "fresh": false });
+    let mut document = json!({
+        "servo": stamp(servo.servo_timer),
+        "motors": servo.motors,
+        "background": stamp(background.servo_timer),
+    });
+    document["servo"]["pmac_busy"] = json!(servo.pmac_busy);
+    document["background"]["ready"] = json!(background.ready);
+    coordinates::add(&mut document, Some(background));
+    document
+}

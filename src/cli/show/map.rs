@@ -1,0 +1,64 @@
+//! `pmacctl map`: what lies where, from the register table alone.
+
+use clap::Args;
+
+use crate::cli::args::values::{GatherSize, family};
+use crate::cli::console::table::{Align, Table};
+use crate::cli::context::{Context, Failure, Verdict};
+use crate::map::{Family, Firmware};
+use crate::map::{GatherPosition, Layout, MapRecord};
+
+#[derive(Debug, Args)]
+pub struct Map {
+    /// The board's family
+    #[arg(long, value_name = "FAMILY", default_value = "pmac", value_parser = family)]
+    pub family: &'static Family,
+    /// The board's firmware, as VERSION answers; without it, the map as printed
+    #[arg(long, value_name = "VERSION")]
+    pub firmware: Option<Firmware>,
+    /// Where firmware that moves the gather buffer keeps its size word
+    #[arg(long, value_name = "WHERE", default_value = "with-index")]
+    pub gather_size: GatherSize,
+}
+
+pub fn run(context: &mut Context, options: &Map) -> Result<Verdict, Failure> {
+    let layout = Layout::with_gather(
+        options.family,
+        options.firmware,
+        GatherPosition::default(),
+        options.gather_size.into(),
+    );
+    let records = layout.records();
+    if context.output.is_json() {
+        context.output.json(&records)?;
+    } else {
+        context.output.text(table(&records))?;
+    }
+    Ok(Verdict::Yes)
+}
+
+fn table(records: &[MapRecord]) -> Table {
+    let mut table = Table::new(&[
+        ("offset", Align::Left),
+        ("address", Align::Left),
+        ("bytes", Align::Right),
+        ("space", Align::Left),
+        ("format", Align::Left),
+        ("number", Align::Right),
+        ("function", Align::Left),
+        ("register", Align::Left),
+    ]);
+    for record in records {
+        table.row([
+            format!("0x{:04X}", record.host_offset),
+            record.pmac_address.clone(),
+            record.length.to_string(),
+            record.space.to_owned(),
+            record.format.to_owned(),
+            record.number.map_or_else(String::new, |number| number.to_string()),
+            record.function.to_owned(),
+            record.register.to_owned(),
+        ]);
+    }
+    table
+}

@@ -1,0 +1,11 @@
+//! Commands that only look.
+
+pub mod coordinates;
+pub mod decode;
+pub mod demo;
+pub mod map;
+pub mod motors;
+pub mod read;
+pub mod screen;
+pub mod status;
+pub mod watch;

@@ -1,0 +1,112 @@
+//! `pmacctl read`: words of the DPRAM, through the daemon.
+
+use clap::Args;
+use serde::Serialize;
+
+use crate::cli::args::values::{Float48, family};
+use crate::cli::console::table::{Align, Table};
+use crate::cli::context::{Context, Failure, Verdict};
+use crate::decode::{Value, value};
+use crate::format::join32;
+use crate::map::{BitField, Family, Field};
+
+#[derive(Debug, Args)]
+pub struct Read {
+    /// Y:$D001, X:$D009, DP:$D200, D:$D014, L:$D09A, F:$D210, a host offset 0x0024, or bits as Y:$D001,8,4
+    #[arg(required = true, value_name = "ADDR")]
+    pub addresses: Vec<String>,
+    /// The board's family, instead of the one the daemon says
+    #[arg(long, value_name = "FAMILY", value_parser = family)]
+    pub family: Option<&'static Family>,
+    /// How L: values are laid out
+    #[arg(long, value_name = "LAYOUT", default_value = "register")]
+    pub float48: Float48,
+}
+
+/// One address read.
+#[derive(Debug, Serialize)]
+struct Found {
+    /// As it was typed.
+    address: String,
+    pmac_address: String,
+    host_offset: u32,
+    /// Which bits the value has, when not all.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    bits: Option<BitField>,
+    /// CLOCK_MONOTONIC of the first read.
+    time_ns: u64,
+    /// The 16-bit words, ascending.
+    words: Vec<u16>,
+    value: Option<Value>,
+}
+
+pub fn run(context: &mut Context, options: &Read) -> Result<Verdict, Failure> {
+    // A wrong address is found before anything is asked, as far as the family is known without asking.
+    if let Some(family) = options.family {
+        fields(options, family)?;
+    }
+    let mut connection = context.connection()?;
+    let family = match options.family {
+        Some(family) => family,
+        None => Family::by_name(&connection.info()?.family)
+            .map_err(|error| Failure::Request(format!("{error}; say --family")))?,
+    };
+    let mut found = Vec::new();
+    for (address, Field { location, bits }) in options.addresses.iter().zip(fields(options, family)?) {
+        let (time_ns, words) = connection.read(location.offset, location.space.words())?;
+        found.push(Found {
+            address: address.clone(),
+            pmac_address: location.pmac_address(family).to_string(),
+            bits,
+            host_offset: location.offset.bytes(),
+            time_ns,
+            value: match bits {
+                None => value(location.space, &words, options.float48.into()),
+                Some(bits) => part(bits, &words),
+            },
+            words,
+        });
+    }
+    if context.output.is_json() {
+        context.output.json(&found)?;
+    } else {
+        context.output.text(table(&found))?;
+    }
+    Ok(Verdict::Yes)
+}
+
+fn fields(options: &Read, family: &Family) -> Result<Vec<Field>, Failure> {
+    options.addresses.iter().map(|text| Field::parse(text, family).map_err(Failure::request)).collect()
+}
+
+/// The value of a bit field.
+fn part(bits: BitField, words: &[u16]) -> Option<Value> {
+    let word = match *words {
+        [word] => word.into(),
+        [low, high] => join32(low, high),
+        _ => return None,
+    };
+    let value = bits.of(word);
+    Some(u16::try_from(value).map_or(Value::Fixed(value.into()), Value::Word))
+}
+
+fn table(found: &[Found]) -> Table {
+    let mut table = Table::new(&[
+        ("address", Align::Left),
+        ("offset", Align::Left),
+        ("words", Align::Left),
+        ("value", Align::Right),
+    ]);
+    for found in found {
+        table.row([
+            match found.bits {
+                None => found.pmac_address.clone(),
+                Some(bits) => format!("{},{},{}", found.pmac_address, bits.offset, bits.width),
+            },
+            format!("0x{:04X}", found.host_offset),
+            found.words.iter().map(|word| format!("{word:04X}")).collect::<Vec<_>>().join(" "),
+            found.value.map_or_else(String::new, |value| value.to_string()),
+        ]);
+    }
+    table
+}

@@ -1,0 +1,100 @@
+//! Live data, repainted in place on a terminal, or as lines.
+
+use std::io;
+
+use rustix::termios::tcgetwinsize;
+
+use crate::cli::console::output::Output;
+use crate::cli::context::Failure;
+use crate::cli::show::motors::{document, labelled, text};
+use crate::client::Snapshot;
+
+/// Cursor to the top left, and clear the line it is on, or from it to the end of the screen.
+const HOME: &str = "\x1b[H";
+const CLEAR_LINE: &str = "\x1b[K";
+const CLEAR_BELOW: &str = "\x1b[J";
+
+/// A window's columns and rows.
+type Size = (usize, usize);
+
+/// Where live data are shown.
+pub struct Screen {
+    repaint: bool,
+}
+
+impl Screen {
+    pub fn new(repaint: bool) -> Self {
+        Self { repaint }
+    }
+
+    pub fn show(&mut self, output: &mut Output, title: &str, snapshot: &Snapshot) -> Result<(), Failure> {
+        if output.is_json() {
+            output.json_line(&document(snapshot))?;
+        } else if self.repaint {
+            let sequence = snapshot.servo.as_ref().map_or(0, |servo| servo.sequence);
+            let screen = format!("{title}  update {sequence}\n{}", text(snapshot));
+            output.text(HOME)?;
+            // Cleared before and not behind the text: behind the last column that would take the last letter away.
+            for line in fitting(&screen, size()) {
+                output.text(format_args!("{CLEAR_LINE}{line}\n"))?;
+            }
+            output.text(CLEAR_BELOW)?;
+        } else {
+            output.line(plain(snapshot))?;
+        }
+        Ok(())
+    }
+}
+
+/// The window's size now, asked for each time because it may change; `None` where the terminal does not say.
+fn size() -> Option<Size> {
+    let size = tcgetwinsize(io::stdout()).ok()?;
+    (size.ws_col > 0 && size.ws_row > 0).then(|| (size.ws_col.into(), size.ws_row.into()))
+}
+
+/// As much of the lines as the window has room for; its last row is left to the cursor.
+fn fitting(text: &str, size: Option<Size>) -> Vec<String> {
+    let lines = text.lines();
+    let Some((columns, rows)) = size else { return lines.map(str::to_owned).collect() };
+    let cut = |line: &str| line.chars().take(columns).collect::<String>();
+    let room = rows.saturating_sub(1).max(1);
+    let count = lines.clone().count();
+    if count <= room {
+        return lines.map(cut).collect();
+    }
+    let shown = room - 1;
+    let rest = format!("... {} more", count - shown);
+    lines.take(shown).chain(std::iter::once(rest.as_str())).map(cut).collect()
+}
+
+/// One line: the update's number, whether it is live, and each motor's actual position.
+fn plain(snapshot: &Snapshot) -> String {
+    let Some(servo) = &snapshot.servo else {
+        let reason = snapshot.stale.map_or("no_data", |stale| stale.name());
+        return format!("update=0 stale={reason}");
+    };
+    let state = servo.stale.map_or_else(|| "fresh".to_owned(), |stale| format!("stale={}", stale.name()));
+    let positions = servo
+        .data
+        .motors
+        .iter()
+        .map(|motor| format!(" #{}={}", motor.motor, labelled(motor.actual_position)));
+    format!("update={} {state}{}", servo.sequence, positions.collect::<String>())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_frame_fits_its_window() {
+        let text = "one\ntwo and more\nthree\n";
+        let fit = |size| fitting(text, size);
+        assert_eq!(fit(None), ["one", "two and more", "three"]);
+        assert_eq!(fit(Some((80, 4))), ["one", "two and more", "three"]);
+        assert_eq!(fit(Some((5, 4))), ["one", "two a", "three"]);
+        assert_eq!(fit(Some((80, 3))), ["one", "... 2 more"]);
+        assert_eq!(fit(Some((80, 2))), ["... 3 more"]);
+        assert_eq!(fit(Some((5, 1))), ["... 3"]);
+    }
+}

@@ -1,0 +1,168 @@
+//! `pmacctl status`: how the daemon, its board and its data stand.
+
+use serde_json::{Map, Value, json};
+
+use crate::cli::context::{Context, Failure, Verdict};
+use crate::client::identity::family_name;
+use crate::client::{Board, ClientError, Connection};
+use crate::segment::{Condition, Identity, RegionState, SegmentError};
+
+pub fn run(context: &mut Context) -> Result<Verdict, Failure> {
+    let mut board = match Board::attach(context.name.as_str()) {
+        Ok(board) => board,
+        Err(ClientError::Segment(error @ SegmentError::NotFound { .. })) => {
+            // "It does not run" is an answer.
+            if context.output.is_json() {
+                let name = context.name.as_str();
+                context.output.json(&json!({ "name": name, "condition": "absent" }))?;
+            } else {
+                context.output.line(format_args!("{}: {error}", context.name.as_str()))?;
+            }
+            return Ok(Verdict::No);
+        }
+        Err(error) => return Err(error.into()),
+    };
+    let identity = board.identity()?;
+    let document = document(context, &board, &identity);
+    if context.output.is_json() {
+        context.output.json(&document)?;
+    } else {
+        context.output.text(text(&document))?;
+    }
+    Ok((document["condition"] == "live").into())
+}
+
+fn condition_name(condition: Condition) -> &'static str {
+    match condition {
+        Condition::Init => "init",
+        Condition::Live => "live",
+        Condition::Stale => "stale",
+        Condition::Dead => "dead",
+        Condition::OwnerGone => "daemon_gone",
+        Condition::Replaced => "replaced",
+    }
+}
+
+fn is_gone(condition: Condition) -> bool {
+    matches!(condition, Condition::Dead | Condition::OwnerGone | Condition::Replaced)
+}
+
+fn document(context: &Context, board: &Board, identity: &Identity) -> Value {
+    let subscriber = board.subscriber();
+    let header = subscriber.header();
+    // Looked at once, so that all of the document agrees with it.
+    let condition = subscriber.condition();
+    let now_ns = subscriber.now_ns();
+    let age_ms = |since_ns: u64| now_ns.saturating_sub(since_ns) as f64 / 1e6;
+    // One that has gone is up no longer.
+    let end_ns = if is_gone(condition) { header.heartbeat_ns } else { now_ns };
+    let regions: Map<String, Value> = subscriber
+        .regions()
+        .map(|region| {
+            let state = match region.state {
+                RegionState::Off => "off",
+                RegionState::Live if condition == Condition::Live => "live",
+                // What the daemon wrote when it could still write.
+                RegionState::Live | RegionState::Stale => "stale",
+            };
+            let about = json!({
+                "state": state, "published": region.published, "period_ns": region.period_ns, "slots": region.slots,
+            });
+            (region.id.name().to_owned(), about)
+        })
+        .collect();
+    let counters: Map<String, Value> =
+        subscriber.counters().map(|(counter, value)| (counter.name().to_owned(), json!(value))).collect();
+    let service = Connection::open(&context.socket)
+        .and_then(|mut connection| Ok((connection.info()?, connection.settings().unwrap_or_default())));
+    let service = match service {
+        Ok((info, settings)) => json!({ "path": context.socket, "reachable": true, "version": info.version,
+            "board": info.board, "enabled": info.enabled, "functions": settings.functions,
+            "command_port": info.command_port, "host_port": info.host_port }),
+        Err(error) => json!({ "path": context.socket, "reachable": false, "reason": error.to_string() }),
+    };
+    json!({
+        "name": board.name().as_str(),
+        "segment": subscriber.path(),
+        "condition": condition_name(condition),
+        "generation": header.generation,
+        "owner_pid": header.owner_pid,
+        "owner_uid": header.owner_uid,
+        "heartbeat_age_ms": age_ms(header.heartbeat_ns),
+        "uptime_s": end_ns.saturating_sub(header.created_ns) as f64 / 1e9,
+        "board": {
+            "family": identity.family.and_then(family_name),
+            "type": identity.board_type,
+            "firmware": identity.firmware,
+            "motors": identity.motors,
+            "reported_motors": identity.i59,
+            "servo_period_ns": identity.servo_period_ps.map(|ps| ps as f64 / 1e3),
+            "servo_report_cycles": identity.i19,
+        },
+        "regions": regions,
+        "counters": counters,
+        "socket": service,
+    })
+}
+
+/// The document for people: a line a fact, what is not known left out.
+fn text(document: &Value) -> String {
+    let mut lines = Vec::new();
+    let mut say = |what: &str, value: String| lines.push(format!("{what:<15} {value}\n"));
+    let plain = |value: &Value| match value {
+        Value::String(text) => text.clone(),
+        other => other.to_string(),
+    };
+    say("name", plain(&document["name"]));
+    say("condition", plain(&document["condition"]));
+    let pid = plain(&document["owner_pid"]);
+    let age = document["heartbeat_age_ms"].as_f64().unwrap_or_default();
+    let uptime = document["uptime_s"].as_f64().unwrap_or_default();
+    let gone = ["dead", "daemon_gone", "replaced"].iter().any(|name| document["condition"] == *name);
+    let up = if gone { "gone after" } else { "up" };
+    say("daemon", format!("process {pid}, {up} {uptime:.0} s, last sign of life {age:.0} ms ago"));
+    let board = &document["board"];
+    let known = ["type", "family", "firmware"].map(|key| &board[key]);
+    let known: Vec<_> = known.into_iter().filter(|value| !value.is_null()).map(plain).collect();
+    say("board", if known.is_empty() { "not identified".to_owned() } else { known.join(", ") });
+    if let Some(motors) = board["reported_motors"].as_u64() {
+        say("reports", format!("{motors} motors"));
+    }
+    if let Some(period) = board["servo_period_ns"].as_f64() {
+        say("servo", format!("{:.3} us, {:.1} Hz", period / 1e3, 1e9 / period));
+    }
+    for (name, region) in document["regions"].as_object().into_iter().flatten() {
+        let live = region["state"] == "live";
+        let period = region["period_ns"].as_f64().filter(|period| live && *period > 0.0);
+        let rate = period.map_or_else(String::new, |period| format!(", {:.1} Hz", 1e9 / period));
+        let text = format!("{}, {} published{rate}", plain(&region["state"]), region["published"]);
+        say(&format!("{name} data"), text);
+    }
+    let counters = &document["counters"];
+    let counts = ["updates", "lost", "missed", "skipped", "retries", "bus_errors"];
+    say("counters", counts.map(|name| format!("{name}={}", counters[name])).join(" "));
+    let socket = &document["socket"];
+    if socket["reachable"] == true {
+        let enabled: Vec<_> = socket["enabled"].as_array().into_iter().flatten().map(plain).collect();
+        say("socket", plain(&socket["path"]));
+        say("enabled", enabled.join(" "));
+        let functions = socket["functions"].as_array();
+        let taken = functions.is_some_and(|functions| functions.iter().any(|name| name == "ascii"));
+        let port = match &socket["command_port"] {
+            _ if !taken => "off by the daemon's configuration",
+            Value::String(port) if port == "mailbox" => "through the VME mailboxes",
+            _ => "through the DPRAM",
+        };
+        say("command lines", port.to_owned());
+        let host_port = &socket["host_port"];
+        if !host_port.is_null() {
+            let count = |name: &str| plain(&host_port[name]);
+            let (name, line) = (plain(&host_port["controller"]), count("line"));
+            let counts = ["served", "old", "unannounced"].map(|name| format!("{name}={}", count(name)));
+            say("host port", format!("{name} line {line}: {}", counts.join(" ")));
+        }
+    } else {
+        say("socket", plain(&socket["reason"]));
+    }
+    lines.concat()
+}

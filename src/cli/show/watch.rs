@@ -1,0 +1,71 @@
+//! `pmacctl watch`: the motors, again and again, through every restart of the daemon.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+use clap::Args;
+use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
+
+use crate::cli::args::values::{rate, seconds};
+use crate::cli::console::keys::Keys;
+use crate::cli::context::{Context, Failure, Verdict};
+use crate::cli::show::screen::Screen;
+
+#[derive(Debug, Args)]
+pub struct Watch {
+    /// Stop after so many prints; without it and --seconds, on q or ^C
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
+    pub count: Option<u64>,
+    /// Stop after so long
+    #[arg(long, value_name = "S", value_parser = seconds)]
+    pub seconds: Option<Duration>,
+    /// Prints a second, at most
+    #[arg(long, value_name = "HZ", default_value = "5", value_parser = rate)]
+    pub rate: Duration,
+}
+
+/// How long a print without news is put off.
+const NO_NEWS: Duration = Duration::from_millis(500);
+
+pub fn run(context: &mut Context, options: &Watch) -> Result<Verdict, Failure> {
+    let mut board = context.board()?;
+    let interactive = context.output.is_terminal();
+    let mut screen = Screen::new(interactive);
+    let keys = Keys::listen(interactive && !context.output.is_json());
+    let interrupted = Arc::new(AtomicBool::new(false));
+    if keys.are_heard() {
+        // The terminal has to be put back, so no signal may end this at once.
+        for signal in [SIGTERM, SIGINT, SIGHUP] {
+            signal_hook::flag::register(signal, Arc::clone(&interrupted)).map_err(Failure::request)?;
+        }
+    }
+    let hint = if keys.are_heard() { " (q ends it)" } else { "" };
+    let title = format!("{}{hint}", board.name());
+    let end = options.seconds.and_then(|seconds| Instant::now().checked_add(seconds));
+    let mut printed = 0;
+    let mut fresh = false;
+    let mut after = 0;
+    while end.is_none_or(|end| Instant::now() < end) {
+        let began = Instant::now();
+        board.wait(after, left(end).min(NO_NEWS))?;
+        let snapshot = board.snapshot()?;
+        after = snapshot.servo.as_ref().map_or(0, |servo| servo.sequence);
+        fresh = snapshot.servo.as_ref().is_some_and(|servo| servo.is_fresh());
+        screen.show(&mut context.output, &title, &snapshot)?;
+        context.output.flush()?;
+        printed += 1;
+        if options.count.is_some_and(|count| printed >= count) {
+            break;
+        }
+        let rest = options.rate.saturating_sub(began.elapsed()).min(left(end));
+        if keys.quit_within(rest) || interrupted.load(Ordering::Relaxed) {
+            break;
+        }
+    }
+    Ok(fresh.into())
+}
+
+fn left(end: Option<Instant>) -> Duration {
+    end.map_or(Duration::MAX, |end| end.saturating_duration_since(Instant::now()))
+}
