@@ -5,7 +5,7 @@ use std::os::fd::AsFd as _;
 use std::time::{Duration, Instant};
 
 use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
-use nix::sys::termios::{LocalFlags, SetArg, Termios, tcgetattr, tcsetattr};
+use rustix::termios::{LocalModes, OptionalActions, Termios, tcgetattr, tcsetattr};
 
 /// ^D.
 const END_OF_INPUT: u8 = 4;
@@ -22,8 +22,8 @@ impl Keys {
         let restore = if interactive { tcgetattr(&stdin).ok() } else { None };
         if let Some(before) = &restore {
             let mut raw = before.clone();
-            raw.local_flags.remove(LocalFlags::ICANON | LocalFlags::ECHO);
-            let _ = tcsetattr(&stdin, SetArg::TCSANOW, &raw);
+            raw.local_modes.remove(LocalModes::ICANON | LocalModes::ECHO);
+            let _ = tcsetattr(&stdin, OptionalActions::Now, &raw);
         }
         Self { restore }
     }
@@ -64,7 +64,7 @@ impl Keys {
 impl Drop for Keys {
     fn drop(&mut self) {
         if let Some(before) = &self.restore {
-            let _ = tcsetattr(std::io::stdin(), SetArg::TCSANOW, before);
+            let _ = tcsetattr(std::io::stdin(), OptionalActions::Now, before);
         }
     }
 }
