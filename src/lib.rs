@@ -35,7 +35,7 @@
 //! * The table above is the truth about who uses whom. Besides: the simulator sees [`mod@format`], [`map`] and a mapping, and
 //!   nobody but its own program sees it; the client sees no device; what mirrors words ([`device`] to [`daemon`]) does not
 //!   decode them.
-//! * `unsafe` lives in `device/mapping.rs` and `segment/memory.rs`. Memory that another agent writes is mapped through
+//! * `unsafe` lives in `device/board/mapping.rs` and `segment/memory.rs`. Memory that another agent writes is mapped through
 //!   `memmap2::MmapRaw` only, so that no reference or slice into it can come to be.
 //! * Only [`map`] knows an address in the DPRAM. Only [`device`] knows a path in `/dev` or `/sys`, but for the directory
 //!   of shared-memory objects, [`segment::DIRECTORY`].
@@ -43,7 +43,7 @@
 //!
 //! Kept by the tests named:
 //! * Device words are read one 16-bit access each, ascending, each once: [`device::Bus`] has no other way, but for data, which
-//!   it may read two words at a time where the board is said to take that; [`device::counted`] counts, and the tests of
+//!   it may read two words at a time where the board is said to take that; [`device::decorators::counted`] counts, and the tests of
 //!   [`function`] hold the count.
 //! * What is not read from the board is never shown as a value: the segment says what it is, [`decode`] gives `None`
 //!   (`tests/it/fields.rs`).

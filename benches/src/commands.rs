@@ -5,7 +5,7 @@ use std::os::unix::net::UnixStream;
 use std::time::{Duration, Instant};
 
 use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
-use pmac_dpram::device::file::DPRAM_BYTES;
+use pmac_dpram::device::board::file::DPRAM_BYTES;
 use pmac_dpram::device::{FileBoard, Interrupt, InterruptSource};
 use pmac_dpram::format::TextOrder;
 use pmac_dpram::function::ascii::{AsciiEvent, AsciiPort};

@@ -8,7 +8,7 @@ use std::path::PathBuf;
 
 use pmac_dpram::daemon::options::Options;
 use pmac_dpram::daemon::settings::Settings;
-use pmac_dpram::device::{BoardSpec, ByteSpec, InterruptSource, pci::PciAddress};
+use pmac_dpram::device::{BoardSpec, ByteSpec, InterruptSource, board::pci::PciAddress};
 use pmac_dpram::segment::SegmentName;
 
 /// First byte: whether the rest is a file, or one of the specifications.

@@ -5,12 +5,12 @@ use std::cell::RefCell;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use pmac_dpram::device::candidates::candidates;
-use pmac_dpram::device::kernel::{Lockdown, claim, configured, may_do_raw_io, release};
-use pmac_dpram::device::open::open_window;
-use pmac_dpram::device::pci::{self, PciAddress, PciInfo};
-use pmac_dpram::device::probe::{Verdict, probe_by};
-use pmac_dpram::device::uio::{UioDevice, UioInfo};
+use pmac_dpram::device::board::open::open_window;
+use pmac_dpram::device::board::pci::{self, PciAddress, PciInfo};
+use pmac_dpram::device::board::uio::{UioDevice, UioInfo};
+use pmac_dpram::device::machine::candidates::candidates;
+use pmac_dpram::device::machine::kernel::{Lockdown, claim, configured, may_do_raw_io, release};
+use pmac_dpram::device::machine::probe::{Verdict, probe_by};
 use pmac_dpram::device::{BoardSpec, Bus, Inherited, OpenError, Place, System};
 use pmac_dpram::map::HostOffset;
 

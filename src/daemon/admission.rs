@@ -17,7 +17,7 @@ use nix::unistd::{Gid, Uid, geteuid};
 use super::connection::Client;
 use super::policy::{Peer, Policy, Role};
 use super::serve::{ServeOptions, Service};
-use crate::device::descriptors::descriptors_left;
+use crate::device::machine::descriptors::descriptors_left;
 use crate::protocol::CallError;
 
 /// How long accepting pauses when the system has no more descriptors or memory.

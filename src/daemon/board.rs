@@ -7,9 +7,9 @@ use log::{info, warn};
 use super::interrupt_link::InterruptLink;
 use super::settings::Settings;
 use super::simulator::Simulator;
-use crate::device::file::DPRAM_BYTES;
+use crate::device::board::file::DPRAM_BYTES;
 use crate::device::interrupt::InterruptError;
-use crate::device::uio_interrupt::NoInterrupt;
+use crate::device::interrupt::uio::NoInterrupt;
 use crate::device::{
     self, Access, BoardSpec, Bus, FileBoard, Inherited, Interrupt, InterruptSource, OpenedBoard, System,
     WindowSpec, WordSwapped,

@@ -8,7 +8,7 @@ use std::io;
 use super::listener::ListenError;
 use super::privilege::PrivilegeError;
 use super::serve::ServeError;
-use crate::device::refusal::{OpenError, Why};
+use crate::device::board::refusal::{OpenError, Why};
 use crate::segment::SegmentError;
 
 /// The command line was not understood. Nothing has been done.

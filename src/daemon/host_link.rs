@@ -11,7 +11,7 @@ use log::{info, warn};
 use super::ascii_desk::AsciiDesk;
 use super::ports::HostPortConfig;
 use super::response_port::{PortError, Way};
-use crate::device::refusal::OpenError;
+use crate::device::board::refusal::OpenError;
 use crate::device::{Bus, ByteBus, ByteBusError, Counted, Inherited, System, open_host_port};
 use crate::function::host_port::{Controller, HostPort};
 use crate::map::classic::ASCII_INPUT_CONTROL;

@@ -10,8 +10,8 @@ use std::time::Instant;
 use super::board::{self, link};
 use super::interrupt_link::InterruptLink;
 use super::ports::{Lane, MailboxConfig, Use};
-use crate::device::refusal::OpenError;
-use crate::device::{ByteBus, ByteBusError, Counted, Inherited, OtherLane, System, open_bytes};
+use crate::device::board::refusal::OpenError;
+use crate::device::{ByteBus, ByteBusError, Counted, EvenLane, Inherited, System, open_bytes};
 use crate::function::mailbox::{MailboxPort, MailboxSignal};
 use crate::map::mailbox;
 
@@ -34,7 +34,7 @@ fn open(
     let bus = open_bytes(&config.registers, mailbox::LENGTH, system, inherited)?;
     Ok(match config.lane {
         Lane::Odd => bus,
-        Lane::Even => Box::new(OtherLane(bus)),
+        Lane::Even => Box::new(EvenLane(bus)),
     })
 }
 

@@ -10,7 +10,7 @@ use super::ports::{HostPortConfig, HostPortTable, MailboxConfig, MailboxTable, U
 use super::settings_checks::{groups, limited, period_ns, segment_mode, socket_mode, something_to_do};
 use super::settings_place::{Refusal, position};
 use super::uncertain::Uncertain;
-use crate::device::spec::SpecError;
+use crate::device::board::spec::SpecError;
 use crate::device::{Access, BoardSpec};
 use crate::format::{TextOrder, WordOrder};
 use crate::function::servo::ServoReading;

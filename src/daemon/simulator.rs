@@ -10,7 +10,7 @@ use nix::sys::signal::Signal;
 
 use super::settings::FamilyName;
 use crate::device::InterruptSource;
-use crate::device::file::DPRAM_BYTES;
+use crate::device::board::file::DPRAM_BYTES;
 
 /// How long the simulator may take to lay out its memory and open its sockets.
 const START: Duration = Duration::from_secs(5);
@@ -55,7 +55,7 @@ impl Simulator {
         // The service manager talks to the daemon alone.
         for variable in ["NOTIFY_SOCKET", "WATCHDOG_USEC", "WATCHDOG_PID"]
             .iter()
-            .chain(&crate::device::inherited::VARIABLES)
+            .chain(&crate::device::machine::inherited::VARIABLES)
         {
             command.env_remove(variable);
         }

@@ -4,7 +4,7 @@ use std::fs;
 use std::os::unix::fs::PermissionsExt;
 use std::path::PathBuf;
 
-use super::system::System;
+use crate::device::machine::system::System;
 
 /// The files, gone when this is dropped.
 pub struct FakeSystem {

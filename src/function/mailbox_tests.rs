@@ -4,7 +4,7 @@ use proptest::prelude::*;
 
 use super::*;
 use crate::device::Counted;
-use crate::device::mapping::Mapping;
+use crate::device::board::mapping::Mapping;
 
 /// The mailboxes, and PMAC's half done by hand.
 struct Rig {

@@ -4,7 +4,7 @@ use std::time::Instant;
 
 use super::ascii::{AsciiEvent, AsciiPort};
 use super::mailbox::{MailboxPort, MailboxSettings, MailboxSignal, SETTLE};
-use crate::device::mapping::Mapping;
+use crate::device::board::mapping::Mapping;
 use crate::device::{Access, Bus, ByteBus, Counted, FileBoard};
 use crate::format::TextOrder;
 use crate::map::classic::{

@@ -11,7 +11,7 @@ use nix::fcntl::{Flock, FlockArg};
 use nix::sys::memfd::{MFdFlags, memfd_create};
 
 use super::offsets;
-use crate::device::mapping::Mapping;
+use crate::device::board::mapping::Mapping;
 use crate::format::{join32, split32};
 
 /// Why the shared file could not be used.

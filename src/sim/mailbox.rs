@@ -24,7 +24,7 @@ use super::board::Board;
 use super::dpram::{DpramError, open_shared};
 use super::fault::Delay;
 use super::language::{Interpreter, SerialPort};
-use crate::device::mapping::Mapping;
+use crate::device::board::mapping::Mapping;
 use crate::map;
 
 /// The file's length: what the board's mailbox circuit takes of the VME bus.

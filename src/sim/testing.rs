@@ -10,7 +10,7 @@ use super::dpram::Dpram;
 use super::language::family;
 use super::memory::Memory;
 use super::world::World;
-use crate::device::mapping::Mapping;
+use crate::device::board::mapping::Mapping;
 
 /// A board and the host's view of its memory.
 pub struct Bench {

@@ -8,12 +8,12 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// The only files that may hold `unsafe`, and map memory.
-const ISLANDS: [&str; 2] = ["src/device/mapping.rs", "src/segment/memory.rs"];
+const ISLANDS: [&str; 2] = ["src/device/board/mapping.rs", "src/segment/memory.rs"];
 /// A file one can read in one sitting.
 const MOST_LINES: usize = 600;
 /// Modules that see less than their layer allows: the simulator is the driver's opponent, the client maps no device.
 const SEES_ONLY: [(&str, &[&str]); 2] = [
-    ("sim", &["format", "map", "rotary::codes", "device::mapping", "usage", "process"]),
+    ("sim", &["format", "map", "rotary::codes", "device::board::mapping", "usage", "process"]),
     ("client", &["format", "map", "decode", "gather", "setup::gather_source", "protocol", "segment"]),
 ];
 /// Words are mirrored as the board held them: these do not decode.
@@ -29,7 +29,7 @@ const OTHER_OFFSETS: [&str; 6] = [
     "src/sim/set_up.rs",
     "src/segment/layout.rs",
     "src/segment/identity.rs",
-    "src/device/byte_spec.rs",
+    "src/device/board/byte_spec.rs",
 ];
 
 /// A source file: its path from the package's root, and its code, line by line with the line's number.
@@ -208,7 +208,7 @@ fn a_module_uses_only_what_lies_below_it() {
         assert!(layer_breach(&layers, module, line).is_some(), "{module}: {line}");
     }
     assert!(layer_breach(&layers, "mirror", "use crate::segment::Publisher;").is_none());
-    assert!(layer_breach(&layers, "sim", "use crate::device::mapping::Mapping;").is_none());
+    assert!(layer_breach(&layers, "sim", "use crate::device::board::mapping::Mapping;").is_none());
 }
 
 #[test]
@@ -251,7 +251,7 @@ fn memory_is_mapped_through_mmap_raw_only() {
         .flat_map(|source| source.breaches(|line| mapping_breach(&source.path, line)))
         .collect();
     assert_none("memmap2 is used on the islands, as MmapRaw", breaches);
-    assert!(mapping_breach("src/device/file.rs", "use memmap2::MmapRaw;").is_some());
+    assert!(mapping_breach("src/device/board/file.rs", "use memmap2::MmapRaw;").is_some());
     assert!(mapping_breach(ISLANDS[0], "use memmap2::{Mmap, MmapRaw};").is_some());
     assert!(mapping_breach(ISLANDS[0], "let map = MmapOptions::new().map_mut(file)?;").is_some());
 }

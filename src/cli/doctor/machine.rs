@@ -2,11 +2,12 @@
 
 use super::report::{Check, Level, Report};
 use crate::cli::context::Failure;
-use crate::device::candidates::{Candidate, Certainty, candidates};
-use crate::device::file::DPRAM_BYTES;
-use crate::device::kernel::{Lockdown, configured, release};
-use crate::device::probe::{Probe, Verdict, probe};
-use crate::device::{BoardSpec, Bus, FileBoard, System, memory};
+use crate::device::board::file::DPRAM_BYTES;
+use crate::device::board::memory;
+use crate::device::machine::candidates::{Candidate, Certainty, candidates};
+use crate::device::machine::kernel::{Lockdown, configured, release};
+use crate::device::machine::probe::{Probe, Verdict, probe};
+use crate::device::{BoardSpec, Bus, FileBoard, System};
 
 /// What decides which ways to a board there are.
 const OPTIONS: [&str; 5] = ["STRICT_DEVMEM", "IO_STRICT_DEVMEM", "UIO", "UIO_PCI_GENERIC", "VME_BUS"];
@@ -96,7 +97,7 @@ pub fn probe_board(
             Ok(board) => Box::new(board),
             Err(error) => return refused(report, error),
         },
-        BoardSpec::Window(window) => match crate::device::open::open_window(window, system) {
+        BoardSpec::Window(window) => match crate::device::board::open::open_window(window, system) {
             Ok(board) => Box::new(board),
             Err(error) => return refused(report, error),
         },

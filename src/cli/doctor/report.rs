@@ -2,8 +2,8 @@
 
 use serde::Serialize;
 
-use crate::device::candidates::Candidate;
-use crate::device::probe::Probe;
+use crate::device::machine::candidates::Candidate;
+use crate::device::machine::probe::Probe;
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]

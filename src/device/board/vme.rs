@@ -10,9 +10,9 @@ use std::path::Path;
 
 use nix::fcntl::OFlag;
 
-use super::mapping::Mapping;
-use super::refusal::{OpenError, Why, node_refused};
-use super::system::System;
+use crate::device::board::mapping::Mapping;
+use crate::device::board::refusal::{OpenError, Why, node_refused};
+use crate::device::machine::system::System;
 
 /// Maps `length` bytes of the window at `node` from `offset` on, and gives the file through which.
 ///

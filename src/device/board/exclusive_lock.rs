@@ -7,7 +7,7 @@ use nix::errno::Errno;
 use nix::fcntl::{FcntlArg, fcntl};
 
 /// Locks `file`, which must be open for writing; `false` when another open file has it.
-pub(super) fn lock(file: &File) -> io::Result<bool> {
+pub(in crate::device) fn lock(file: &File) -> io::Result<bool> {
     let whole = libc::flock {
         l_type: libc::F_WRLCK as libc::c_short,
         l_whence: libc::SEEK_SET as libc::c_short,

@@ -4,11 +4,11 @@
 
 use serde::Serialize;
 
-use super::file::DPRAM_BYTES;
 use super::node_owner::{Holder, RULE_FILE, may_open, remark, rule_for_slot, rule_for_vme, rule_for_window};
-use super::pci::{self, PciInfo};
 use super::system::System;
-use super::uio::UioInfo;
+use crate::device::board::file::DPRAM_BYTES;
+use crate::device::board::pci::{self, PciInfo};
+use crate::device::board::uio::UioInfo;
 
 /// PCI vendor and device of a PMAC PCI, as a driver of 2002 probes them. Altera's example designs have the same.
 const KNOWN_ID: (u16, u16) = (0x1172, 0x0001);

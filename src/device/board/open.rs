@@ -2,17 +2,17 @@
 
 use std::fs::File;
 
-use super::Bus;
-use super::inherited::Inherited;
-use super::interrupt::Interrupt;
-use super::mapping::Mapping;
-use super::refusal::{OpenError, Why};
-use super::spec::{Place, WindowSpec};
-use super::system::System;
-use super::uio::UioDevice;
-use super::uio_interrupt::NoInterrupt;
-use super::window::WindowBoard;
-use super::{memory, one_host, pci, vme};
+use super::{exclusive_lock, memory, pci, vme};
+use crate::device::Bus;
+use crate::device::board::mapping::Mapping;
+use crate::device::board::refusal::{OpenError, Why};
+use crate::device::board::spec::{Place, WindowSpec};
+use crate::device::board::uio::UioDevice;
+use crate::device::board::window::WindowBoard;
+use crate::device::interrupt::Interrupt;
+use crate::device::interrupt::uio::NoInterrupt;
+use crate::device::machine::inherited::Inherited;
+use crate::device::machine::system::System;
 
 /// A board that was opened.
 pub struct OpenedBoard {
@@ -38,7 +38,7 @@ pub fn open(spec: &WindowSpec, system: &System, inherited: &Inherited) -> Result
     let mapped = window(&spec.place, spec.offset, spec.length, system, inherited)?;
     let refuse = |why| OpenError::new(spec.place.to_string(), why);
     if let Some(node) = &mapped.node
-        && !one_host::lock(node)
+        && !exclusive_lock::lock(node)
             .map_err(|source| refuse(Why::Io { doing: "locking it".to_owned(), source }))?
     {
         let text = "it is the board of another running pmacd; a board has one host: stop that one first";
@@ -64,7 +64,7 @@ pub fn open_window(spec: &WindowSpec, system: &System) -> Result<WindowBoard, Op
 }
 
 /// What was mapped.
-pub(super) struct Mapped {
+pub(in crate::device) struct Mapped {
     pub mapping: Mapping,
     /// The file through which it was, unless it leads to more than the board (`/dev/mem`).
     node: Option<File>,
@@ -74,7 +74,7 @@ pub(super) struct Mapped {
 }
 
 /// Maps `length` bytes of `place` from `offset` on.
-pub(super) fn window(
+pub(in crate::device) fn window(
     place: &Place,
     offset: u64,
     length: usize,

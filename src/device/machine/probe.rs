@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 use serde::Serialize;
 
-use super::{Bus, BusError};
+use crate::device::{Bus, BusError};
 use crate::map::HostOffset;
 use crate::map::classic::{LENGTH, PMAC_BUSY, SERVO_PMAC_STATUS, SERVO_TIMER_MASK};
 

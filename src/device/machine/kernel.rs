@@ -3,12 +3,12 @@
 
 use std::ops::Range;
 
-use super::system::{System, number, plain};
+use crate::device::machine::system::{System, number, plain};
 
 /// Bit of CAP_SYS_RAWIO in the kernel's sets of capabilities.
 const CAP_SYS_RAWIO: u32 = 17;
 /// Where PCI devices are.
-pub(super) const PCI_DEVICES: &str = "/sys/bus/pci/devices";
+pub(in crate::device) const PCI_DEVICES: &str = "/sys/bus/pci/devices";
 
 /// Kernel lockdown (`lockdown=`, or Secure Boot).
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -110,13 +110,13 @@ fn overlap(a: &Range<u64>, b: &Range<u64>) -> bool {
 
 /// A resource of a PCI device: its addresses and flags.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub(super) struct Resource {
+pub(in crate::device) struct Resource {
     pub range: Range<u64>,
     pub flags: u64,
 }
 
 /// A line of sysfs's `resource`: first and last address, flags. `None` for one that is not used, or ends before it begins.
-pub(super) fn resource(line: &str) -> Option<Resource> {
+pub(in crate::device) fn resource(line: &str) -> Option<Resource> {
     let mut fields = line.split_whitespace().map(number);
     let (first, last, flags) = (fields.next()??, fields.next()??, fields.next()??);
     (flags != 0 && first <= last).then_some(Resource { range: first..last.checked_add(1)?, flags })

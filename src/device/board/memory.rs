@@ -13,11 +13,11 @@ use std::path::Path;
 use nix::fcntl::{FcntlArg, OFlag, fcntl};
 use nix::unistd::{AccessFlags, access};
 
-use super::inherited::Inherited;
-use super::kernel::{Claim, Lockdown, claim, may_do_raw_io};
-use super::mapping::Mapping;
-use super::refusal::{OpenError, Why, raw_node_refused};
-use super::system::System;
+use crate::device::board::mapping::Mapping;
+use crate::device::board::refusal::{OpenError, Why, raw_node_refused};
+use crate::device::machine::inherited::Inherited;
+use crate::device::machine::kernel::{Claim, Lockdown, claim, may_do_raw_io};
+use crate::device::machine::system::System;
 
 /// The node of physical memory.
 const NODE: &str = "/dev/mem";

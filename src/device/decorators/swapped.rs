@@ -4,7 +4,7 @@
 //! a setting of its own ([`crate::format::TextOrder`]): boards in production need one, the other, or both. Data are read by
 //! 16 bits, however wide the bus inside may read: how a bridge that swaps would swap 32 bits is not known.
 
-use super::{Bus, BusError};
+use crate::device::{Bus, BusError};
 use crate::map::HostOffset;
 
 /// Exchanges the bytes of every word on its way to and from the bus inside.

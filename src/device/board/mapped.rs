@@ -1,8 +1,8 @@
 //! Mapped memory as a bus: what every board that is mapped does alike, each word by one access, ascending, once; of data
 //! two words by one where the board takes 32 bits.
 
-use super::mapping::Mapping;
-use super::{Access, Bus, BusError};
+use crate::device::board::mapping::Mapping;
+use crate::device::{Access, Bus, BusError};
 use crate::map::HostOffset;
 
 impl Bus for Mapping {

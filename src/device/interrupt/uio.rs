@@ -8,9 +8,9 @@ use std::io::{self, Read, Write};
 use std::os::unix::fs::{FileExt, OpenOptionsExt};
 use std::path::PathBuf;
 
-use super::kernel::Lockdown;
-use super::refusal::allowed;
-use super::system::System;
+use crate::device::board::refusal::allowed;
+use crate::device::machine::kernel::Lockdown;
+use crate::device::machine::system::System;
 
 /// The command register's place in PCI configuration space, and its bit that masks INTx.
 const PCI_COMMAND: u64 = 4;
@@ -56,7 +56,7 @@ pub struct UioInterrupt {
 
 /// What a read gave.
 #[derive(Debug)]
-pub(super) enum Count {
+pub(in crate::device) enum Count {
     /// The total so far.
     Total(u32),
     /// No interrupt since the last read.
@@ -69,7 +69,7 @@ pub(super) enum Count {
 
 impl UioInterrupt {
     /// Arms the interrupt of the device whose node is `file` and which sysfs describes in `directory`.
-    pub(super) fn new(system: &System, directory: &str, file: File) -> Result<Self, NoInterrupt> {
+    pub(in crate::device) fn new(system: &System, directory: &str, file: File) -> Result<Self, NoInterrupt> {
         let device = directory.rsplit('/').next().unwrap_or(directory).to_owned();
         let total = system.number(format!("{directory}/event")).ok().map(|total| total as u32);
         let refuse = |reason| Err(NoInterrupt::Rearm { device: device.clone(), reason });
@@ -89,17 +89,17 @@ impl UioInterrupt {
     }
 
     /// Readable when an interrupt came.
-    pub(super) fn file(&self) -> &File {
+    pub(in crate::device) fn file(&self) -> &File {
         &self.file
     }
 
     /// The total when it was opened.
-    pub(super) fn total(&self) -> Option<u32> {
+    pub(in crate::device) fn total(&self) -> Option<u32> {
         self.total
     }
 
     /// Takes what has come, and lets the next come.
-    pub(super) fn read(&mut self) -> Count {
+    pub(in crate::device) fn read(&mut self) -> Count {
         match read_count(&self.file) {
             Ok(None) => Count::Nothing,
             Ok(Some(total)) => match self.arm() {

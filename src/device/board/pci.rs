@@ -13,10 +13,10 @@ use std::str::FromStr;
 
 use nix::fcntl::OFlag;
 
-use super::kernel::{Claim, Lockdown, PCI_DEVICES, claim, resource};
-use super::mapping::Mapping;
-use super::refusal::{OpenError, Why, node_refused};
-use super::system::System;
+use crate::device::board::mapping::Mapping;
+use crate::device::board::refusal::{OpenError, Why, node_refused};
+use crate::device::machine::kernel::{Claim, Lockdown, PCI_DEVICES, claim, resource};
+use crate::device::machine::system::System;
 
 /// Base address registers a device can have.
 const BARS: u8 = 6;
@@ -24,7 +24,7 @@ const BARS: u8 = 6;
 const MEMORY: u64 = 1 << 9;
 const PORTS: u64 = 1 << 8;
 /// The driver that only passes interrupts on, and so may stay bound.
-pub(super) const INTERRUPTS_ONLY: &str = "uio_pci_generic";
+pub(in crate::device) const INTERRUPTS_ONLY: &str = "uio_pci_generic";
 
 /// Where a device is on PCI: domain, bus, device and function.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -5,8 +5,8 @@ use std::ops::Range;
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 
-use super::kernel::{Lockdown, may_do_raw_io};
-use super::system::System;
+use crate::device::machine::kernel::{Lockdown, may_do_raw_io};
+use crate::device::machine::system::System;
 
 /// A board, or a part of it, that could not be opened.
 #[derive(Debug, thiserror::Error)]

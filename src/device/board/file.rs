@@ -4,8 +4,9 @@ use std::fs::{File, OpenOptions};
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 
-use super::mapping::Mapping;
-use super::{Access, Bus, BusError, one_host};
+use super::exclusive_lock;
+use crate::device::board::mapping::Mapping;
+use crate::device::{Access, Bus, BusError};
 use crate::map::HostOffset;
 
 /// The size of the classic DPRAM in bytes: 8K words of 16 bits (DPRAM manual p. 1).
@@ -80,7 +81,7 @@ impl FileBoard {
             });
         }
         // Of another kind than the lock by which a simulator keeps a second simulator away, so the two do not meet.
-        if !one_host::lock(&file).map_err(open_error)? {
+        if !exclusive_lock::lock(&file).map_err(open_error)? {
             return Err(FileBoardError::InUse { path: path.to_owned() });
         }
         let mapping = Mapping::new(&file, 0, length).map_err(open_error)?;

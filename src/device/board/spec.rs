@@ -4,10 +4,10 @@ use std::fmt;
 use std::path::PathBuf;
 use std::str::FromStr;
 
-use super::InterruptSource;
-use super::file::DPRAM_BYTES;
-use super::pci::PciAddress;
-use super::system::number;
+use crate::device::board::file::DPRAM_BYTES;
+use crate::device::board::pci::PciAddress;
+use crate::device::machine::system::number;
+use crate::device::{Access, InterruptSource};
 
 /// The longest window that is mapped: no DPRAM is longer.
 const LONGEST: u64 = 0x10_0000;
@@ -46,17 +46,6 @@ pub struct WindowSpec {
     pub access: Access,
 }
 
-/// How wide a read of a board's data may be. Control words are always read and written by 16 bits.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum Access {
-    /// 16 bits, as the DPRAM is: right on every bus.
-    #[default]
-    Bits16,
-    /// 32 bits where two words lie in one aligned location: half the bus transactions on PCI, where the target or a bridge
-    /// makes two device cycles of each. Not confirmed on a card.
-    Bits32,
-}
-
 /// What a board's window is a part of.
 #[derive(Debug, Clone, PartialEq, Eq)]
 #[non_exhaustive]
@@ -83,7 +72,11 @@ pub enum Place {
 
 impl Place {
     /// The place a specification of this kind names, taking the options it has; `None` when it is no kind of place.
-    pub(super) fn parse(kind: &str, subject: &str, given: &mut Given) -> Result<Option<Self>, String> {
+    pub(in crate::device) fn parse(
+        kind: &str,
+        subject: &str,
+        given: &mut Given,
+    ) -> Result<Option<Self>, String> {
         let place = match kind {
             "mem" => Self::Memory(address(needed(kind, "address", subject)?)?),
             "uio" => {
@@ -164,24 +157,24 @@ fn parse(spec: &str) -> Result<BoardSpec, String> {
     Ok(board)
 }
 
-pub(super) fn needed<'a>(kind: &str, what: &str, subject: &'a str) -> Result<&'a str, String> {
+pub(in crate::device) fn needed<'a>(kind: &str, what: &str, subject: &'a str) -> Result<&'a str, String> {
     if subject.is_empty() { Err(format!("the {what} after {kind}: is missing")) } else { Ok(subject) }
 }
 
 /// The options after the first comma.
 #[derive(Default)]
-pub(super) struct Given {
+pub(in crate::device) struct Given {
     interrupt: Option<InterruptSource>,
     map: Option<u32>,
     bar: Option<u8>,
-    pub(super) offset: Option<u64>,
+    pub(in crate::device) offset: Option<u64>,
     length: Option<usize>,
     access: Option<Access>,
 }
 
 impl Given {
     /// What stands before the first comma, and the options behind it.
-    pub(super) fn split(rest: &str) -> Result<(&str, Self), String> {
+    pub(in crate::device) fn split(rest: &str) -> Result<(&str, Self), String> {
         let mut parts = rest.split(',');
         let subject = parts.next().unwrap_or_default();
         let mut given = Self::default();
@@ -218,7 +211,7 @@ impl Given {
     }
 
     /// Refuses an option that this kind of board does not have.
-    pub(super) fn nothing_left(&self, kind: &str) -> Result<(), String> {
+    pub(in crate::device) fn nothing_left(&self, kind: &str) -> Result<(), String> {
         let left = [
             (self.interrupt.is_some(), "irq"),
             (self.map.is_some(), "map"),

@@ -7,14 +7,14 @@ use std::path::{Path, PathBuf};
 
 use nix::fcntl::{FcntlArg, OFlag, fcntl};
 
-use super::inherited::Inherited;
-use super::mapping::{Mapping, page_bytes};
-use super::refusal::{OpenError, Why, node_refused};
-use super::system::System;
-use super::uio_interrupt::{NoInterrupt, UioInterrupt};
+use crate::device::board::mapping::{Mapping, page_bytes};
+use crate::device::board::refusal::{OpenError, Why, node_refused};
+use crate::device::interrupt::uio::{NoInterrupt, UioInterrupt};
+use crate::device::machine::inherited::Inherited;
+use crate::device::machine::system::System;
 
 /// Where the kernel describes UIO devices.
-pub(super) const CLASS: &str = "/sys/class/uio";
+pub(in crate::device) const CLASS: &str = "/sys/class/uio";
 /// The name of the descriptor that may be handed over instead of opening the node.
 pub const HANDED_OVER: &str = "uio";
 
@@ -132,7 +132,7 @@ impl UioDevice {
     ///
     /// # Errors
     /// When there are no more descriptors.
-    pub(super) fn node(&self) -> Result<File, OpenError> {
+    pub(in crate::device) fn node(&self) -> Result<File, OpenError> {
         self.file.try_clone().map_err(|source| {
             let why = Why::Io { doing: "keeping it open".to_owned(), source };
             OpenError::new(format!("uio:{}", self.node.display()), why)

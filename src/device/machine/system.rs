@@ -91,7 +91,7 @@ impl System {
 }
 
 /// The first line of `text`, with `?` for what a terminal would not show but do: drivers choose their names as they like.
-pub(super) fn plain(text: &str) -> String {
+pub(in crate::device) fn plain(text: &str) -> String {
     let line = text.lines().next().unwrap_or_default();
     line.chars().map(|character| if character.is_control() { '?' } else { character }).collect()
 }

@@ -8,10 +8,10 @@ use std::path::Path;
 
 use nix::unistd::{AccessFlags, User, access};
 
-use super::pci::PciAddress;
-use super::refusal::allowed;
 use super::system::System;
-use super::uio::UioMap;
+use crate::device::board::pci::PciAddress;
+use crate::device::board::refusal::allowed;
+use crate::device::board::uio::UioMap;
 
 /// The user of `pmacd@.service`.
 pub const SERVICE_USER: &str = "pmacd";
@@ -46,7 +46,7 @@ pub fn rule_for_vme(window: &str) -> String {
 
 /// Who may open a file for reading and writing; the worse, the later.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub(super) enum Holder {
+pub(in crate::device) enum Holder {
     /// The service alone, as it should be.
     Service,
     /// This user, and no third one.
@@ -60,7 +60,7 @@ pub(super) enum Holder {
 }
 
 impl Holder {
-    pub(super) fn of(system: &System, file: &str) -> Self {
+    pub(in crate::device) fn of(system: &System, file: &str) -> Self {
         let path = system.path(file);
         let Ok(found) = path.metadata() else { return Self::Nobody };
         let service = User::from_name(SERVICE_USER).ok().flatten().map(|user| user.uid.as_raw());
@@ -81,7 +81,7 @@ impl Holder {
 }
 
 /// Whether this user may open `file` for reading and writing.
-pub(super) fn may_open(system: &System, file: &str) -> bool {
+pub(in crate::device) fn may_open(system: &System, file: &str) -> bool {
     opens(&system.path(file))
 }
 
@@ -90,7 +90,7 @@ fn opens(path: &Path) -> bool {
 }
 
 /// What there is to say about who may open `file`, if anything.
-pub(super) fn remark(system: &System, file: &str, holder: Holder) -> Option<String> {
+pub(in crate::device) fn remark(system: &System, file: &str, holder: Holder) -> Option<String> {
     let modes = || allowed(&system.path(file)).unwrap_or_default();
     match holder {
         Holder::Service => Some(format!("{file} is {SERVICE_USER}'s alone, as it should be")),

@@ -9,7 +9,7 @@
 use std::fs::{File, OpenOptions};
 use std::io::{self, Write};
 
-use super::{Inherited, System};
+use crate::device::{Inherited, System};
 
 /// Where the kernel takes the request.
 pub const NODE: &str = "/dev/cpu_dma_latency";

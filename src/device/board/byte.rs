@@ -5,10 +5,10 @@
 use std::fs::{File, OpenOptions};
 use std::os::unix::fs::FileExt;
 
-use super::mapping::Mapping;
+use crate::device::board::mapping::Mapping;
 
 /// Where Linux shows the I/O space of a PC as a file; a byte read from or written to it is one 8-bit access.
-pub(super) const PORT_NODE: &str = "/dev/port";
+pub(in crate::device) const PORT_NODE: &str = "/dev/port";
 
 /// A failure to reach a byte register.
 #[derive(Debug, thiserror::Error)]
@@ -81,9 +81,9 @@ impl<B: ByteBus + ?Sized> ByteBus for Box<B> {
 
 /// Registers on the other byte lane: a bridge that swaps the two bytes of a word shows an odd register at the even
 /// address below it.
-pub struct OtherLane<B>(pub B);
+pub struct EvenLane<B>(pub B);
 
-impl<B: ByteBus> ByteBus for OtherLane<B> {
+impl<B: ByteBus> ByteBus for EvenLane<B> {
     fn read8(&mut self, offset: u32) -> Result<u8, ByteBusError> {
         self.0.read8(offset ^ 1)
     }

@@ -14,7 +14,7 @@ use std::sync::atomic::{AtomicU64, Ordering, fence};
 
 use memmap2::{MmapOptions, MmapRaw};
 
-use super::Access;
+use crate::device::Access;
 
 /// A mapped window of a board's memory, `length` bytes long and 2-byte aligned.
 pub struct Mapping {
@@ -188,7 +188,7 @@ static GIVEN_OUT: AtomicU64 = AtomicU64::new(0);
 ///
 /// To be called only for a number that the service manager named as handed over to this very process, which is a
 /// promise that nothing else in it owns the descriptor.
-pub(super) fn inherited(number: RawFd) -> Option<OwnedFd> {
+pub(in crate::device) fn inherited(number: RawFd) -> Option<OwnedFd> {
     let bit =
         u32::try_from(number).ok().filter(|number| (3..64).contains(number)).map(|number| 1 << number)?;
     if GIVEN_OUT.fetch_or(bit, Ordering::Relaxed) & bit != 0 {

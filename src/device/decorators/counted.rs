@@ -1,7 +1,7 @@
 //! Decorator: counts every access, to words or to byte registers. On real hardware bus accesses are the cost, so the count is always kept.
 
-use super::byte::{ByteBus, ByteBusError};
-use super::{Bus, BusError};
+use crate::device::board::byte::{ByteBus, ByteBusError};
+use crate::device::{Bus, BusError};
 use crate::map::HostOffset;
 
 /// Counts the accesses by which words (or bytes) are read and written through it. A refused access counts nothing: the bus never saw it.

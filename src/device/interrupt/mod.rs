@@ -3,6 +3,8 @@
 //!
 //! The count tells how many interrupts there were, so one that was not seen is known to be missing.
 
+pub mod uio;
+
 use std::fmt;
 use std::io::{ErrorKind, Read};
 use std::os::fd::{AsFd, AsRawFd, BorrowedFd};
@@ -12,11 +14,11 @@ use std::str::FromStr;
 
 use nix::sys::socket::{AddressFamily, SockFlag, SockType, UnixAddr, connect, socket};
 
-use super::inherited::Inherited;
-use super::refusal::OpenError;
-use super::system::System;
-use super::uio::UioDevice;
-use super::uio_interrupt::{Count, NoInterrupt, UioInterrupt};
+use crate::device::board::refusal::OpenError;
+use crate::device::board::uio::UioDevice;
+use crate::device::interrupt::uio::{Count, NoInterrupt, UioInterrupt};
+use crate::device::machine::inherited::Inherited;
+use crate::device::machine::system::System;
 
 /// Announcements taken in one go: a source that never stops must not hold up the servo data.
 const TAKEN_MAX: usize = 64;

@@ -2,9 +2,9 @@
 
 use std::fs::File;
 
-use super::mapping::Mapping;
-use super::system::System;
-use super::{Bus, BusError};
+use crate::device::board::mapping::Mapping;
+use crate::device::machine::system::System;
+use crate::device::{Bus, BusError};
 use crate::map::HostOffset;
 
 /// Words of the window that are looked at before it is said that nothing answers.

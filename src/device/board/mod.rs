@@ -1,0 +1,16 @@
+//! The kinds of boards, one a file, and what `--board` says.
+
+pub mod byte;
+pub mod byte_spec;
+mod exclusive_lock;
+pub mod file;
+mod mapped;
+pub mod mapping;
+pub mod memory;
+pub mod open;
+pub mod pci;
+pub mod refusal;
+pub mod spec;
+pub mod uio;
+pub mod vme;
+pub mod window;

@@ -1,0 +1,4 @@
+//! Buses around a bus.
+
+pub mod counted;
+pub mod swapped;

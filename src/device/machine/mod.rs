@@ -1,0 +1,11 @@
+//! What the machine tells and gives: its kernel, its devices, inherited descriptors, scheduling.
+
+pub mod candidates;
+pub mod cpu_latency;
+pub mod descriptors;
+pub mod inherited;
+pub mod kernel;
+pub mod node_owner;
+pub mod probe;
+pub mod scheduling;
+pub mod system;
