@@ -30,6 +30,11 @@
 //! | 5 | [`daemon`] · [`client`] · [`sim`] |
 //! | 6 | [`cli`] and the programs |
 //!
+//! # Features
+//! All are on by default; each builds alone. `client`: the client library. `daemon`: `pmacd`. `sim`: `pmac-sim`.
+//! `cli`: `pmacctl`. `serial`: [`client`] on a serial line. A program that reads a board builds 15 crates:
+//! `pmac-dpram = { version = "0.1", default-features = false, features = ["client"] }`
+//!
 //! # Invariants
 //! Kept by `tests/it/architecture.rs`, which reads the source:
 //! * The table above is the truth about who uses whom. Besides: the simulator sees [`mod@format`], [`map`] and a mapping, and
@@ -64,21 +69,30 @@
 //! * Every wait is bounded. [`function`]s never wait: they do what can be done now and return.
 //! * Family, firmware, DPRAM size, byte and text order are data and settings, not cases in the code.
 
+#[cfg(feature = "cli")]
 pub mod cli;
+#[cfg(feature = "client")]
 pub mod client;
 pub mod clock;
+#[cfg(feature = "daemon")]
 pub mod daemon;
 pub mod decode;
+#[cfg(any(feature = "cli", feature = "daemon", feature = "sim"))]
 pub mod device;
 pub mod format;
+#[cfg(any(feature = "cli", feature = "daemon"))]
 pub mod function;
 pub mod gather;
 pub mod map;
+#[cfg(feature = "daemon")]
 pub mod mirror;
+#[cfg(any(feature = "daemon", feature = "sim"))]
 pub mod process;
 pub mod protocol;
 pub mod rotary;
 pub mod segment;
 pub mod setup;
+#[cfg(feature = "sim")]
 pub mod sim;
+#[cfg(any(feature = "cli", feature = "daemon", feature = "sim"))]
 pub mod usage;

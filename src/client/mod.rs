@@ -22,7 +22,9 @@ pub mod hold;
 pub mod identity;
 pub mod jobs;
 pub mod rotary_feed;
+#[cfg(feature = "serial")]
 pub mod serial;
+#[cfg(feature = "serial")]
 pub mod serial_reply;
 pub mod variables;
 pub mod view;
@@ -33,6 +35,7 @@ pub use gather::{GatherChunk, GatherFollower, GatherPhase};
 pub use hold::HeldJog;
 pub use jobs::RotaryPlace;
 pub use rotary_feed::{RotaryFeed, RotaryLine};
+#[cfg(feature = "serial")]
 pub use serial::{SerialError, SerialLine};
 pub use variables::{Variable, VariableTable, VariableWidth};
 pub use view::{Staleness, View};

@@ -11,6 +11,7 @@ mod circles;
 mod cli;
 mod client;
 mod decode;
+mod dependencies;
 mod doctor;
 mod download;
 mod fields;
