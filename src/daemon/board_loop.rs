@@ -19,9 +19,9 @@ use super::host_link::HostPortLink;
 use super::identify::Identifier;
 use super::info::SharedInfo;
 use super::interrupt_link::InterruptLink;
-use super::job::Job;
 use super::job_desk::JobDesk;
 use super::mailbox_link::MailboxLink;
+use super::phase::Phase;
 use super::presence::Condition;
 use super::queue::{Command, Event, Outcome, READ_MAX, Receive, Sender};
 use super::response_port::PortError;
@@ -30,9 +30,6 @@ use super::telling::Told;
 use super::uncertain::Uncertain;
 use crate::clock::Clock;
 use crate::device::{Bus, BusError, Counted};
-use crate::function::ascii::AsciiPort;
-use crate::function::background::BackgroundReader;
-use crate::function::servo::ServoReader;
 use crate::map::HostOffset;
 use crate::mirror::{BackgroundMirror, ServoMirror};
 use crate::protocol::{Function, Functions, State as InfoState};
@@ -48,11 +45,6 @@ const FIRST_SIGN_NS: u64 = 1_000_000_000;
 const STARVING_ROUNDS: u32 = 8;
 /// How long an unreachable bus is left alone.
 const BUS_ERROR_PAUSE_NS: u64 = 10_000_000;
-/// How long the board may take, at the start, to bring the DPRAM into reach, and how often to look whether it has.
-const FIRST_REACH: Duration = Duration::from_millis(200);
-const REACH_POLL_NS: u64 = 1_000_000;
-/// How long the board may take, at the daemon's end, to stop what was held.
-const LAST_STOP: Duration = Duration::from_millis(500);
 /// Commands taken from the queue in one round.
 const COMMANDS_A_ROUND: usize = 4;
 /// Pieces of work that one [`BoardLoop::poll`] does at most.
@@ -116,31 +108,6 @@ pub struct BoardLoop {
     pub told: Told,
 }
 
-/// Between start and end.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Phase {
-    /// The board has not been touched.
-    Begin,
-    /// Its page is written; the DPRAM has to come into reach until a time. Looked at again when due.
-    Reaching {
-        /// No longer than this.
-        until: Instant,
-        /// When to look again.
-        due_ns: u64,
-    },
-    /// At work.
-    Running,
-    /// What is held is being stopped.
-    Stopping {
-        /// No longer than this.
-        until: Instant,
-        /// When to go on.
-        due_ns: u64,
-    },
-    /// The board has been left.
-    Ended,
-}
-
 /// Work that can wait for the servo.
 #[derive(Debug, Clone, Copy)]
 enum Work {
@@ -191,18 +158,6 @@ impl BoardLoop {
         self.clock.ns()
     }
 
-    /// Asks the loop to end: stops what is held, then leaves the board. [`BoardLoop::poll`] says when that is done.
-    pub fn stop(&mut self) {
-        if matches!(self.phase, Phase::Stopping { .. } | Phase::Ended) {
-            return;
-        }
-        let _ = self.stop.read();
-        self.info.set_state(InfoState::Dead);
-        let until = self.clock.now() + LAST_STOP;
-        self.collect_stops(until);
-        self.phase = Phase::Stopping { until, due_ns: 0 };
-    }
-
     /// One piece of work, after what became readable.
     fn step(&mut self, readable: &Readable) {
         if readable.stop {
@@ -211,31 +166,13 @@ impl BoardLoop {
         match self.phase {
             Phase::Begin => {
                 self.page_again();
-                self.phase = Phase::Reaching { until: self.clock.now() + FIRST_REACH, due_ns: 0 };
+                self.phase = Phase::reaching(self.clock.now());
                 self.reach_dpram();
             }
             Phase::Reaching { .. } => self.reach_dpram(),
             Phase::Running => self.running(readable),
             Phase::Stopping { until, .. } => self.finish_stops(until),
             Phase::Ended => {}
-        }
-    }
-
-    /// Waits until the DPRAM is in reach, where its page has to be written, before it is touched for the first time.
-    fn reach_dpram(&mut self) {
-        let Phase::Reaching { until, due_ns } = &mut self.phase else { return };
-        let has_page = self.desk.port().mailbox.as_ref().is_some_and(|mailbox| mailbox.page().is_some());
-        let waits = has_page && self.clock.now() < *until;
-        if waits && !matches!(AsciiPort::is_out_of_reach(&mut self.bus), Ok(false)) {
-            *due_ns = self.clock.ns() + REACH_POLL_NS;
-            return;
-        }
-        self.phase = Phase::Running;
-        self.take_over_board();
-        // What the configuration says of the board is known without asking.
-        self.take_identity();
-        if let Err(error) = self.forget_commands() {
-            self.bus_failed(&error);
         }
     }
 
@@ -259,74 +196,9 @@ impl BoardLoop {
         }
     }
 
-    /// What is left in the queue is not begun any more, except for the stop of a jog that somebody held.
-    fn collect_stops(&mut self, deadline: Instant) {
-        self.jobs.keep_stops();
-        while let Some(command) = self.commands.try_receive() {
-            if let Command::Job { ticket, job, .. } = command
-                && let Job::Panel(request) = *job
-                && request.stops() == request.mask
-            {
-                let _ =
-                    self.jobs.submit(&mut self.bus, &self.publisher, ticket, Job::Panel(request), deadline);
-            }
-        }
-        self.jobs.keep_stops();
-    }
-
-    /// Hands over the stops that are left, as long as there is time, then leaves the board.
-    fn finish_stops(&mut self, until: Instant) {
-        match self.jobs.finish_stops(&mut self.bus) {
-            Ok(Some(due)) if self.clock.now() < until => {
-                let due_ns = self.clock.ns_of(due.min(until));
-                self.phase = Phase::Stopping { until, due_ns };
-                return;
-            }
-            Ok(_) => {}
-            Err(error) => self.bus_failed(&error),
-        }
-        self.release_board();
-        if let Some(Err(error)) = self.host_port.as_mut().map(HostPortLink::leave) {
-            self.bus_failed(&error);
-        }
-        self.phase = Phase::Ended;
-    }
-
     /// Whether the bus is left alone for a moment, because it could not be reached.
     fn is_paused(&self) -> bool {
         self.clock.ns() < self.paused_until_ns
-    }
-
-    /// Puts the host's words in order, as at the start.
-    pub(super) fn take_over_board(&mut self) {
-        self.release_board();
-        if let Some(Err(error)) = self.host_port.as_mut().map(HostPortLink::enable) {
-            self.bus_failed(&error);
-        }
-        if let Err(error) = self.jobs.take_over(&mut self.bus, &self.publisher) {
-            self.bus_failed(&error);
-        }
-    }
-
-    /// Clears every bit a host may have left set; Host-Busy left by a dead one would stop the servo data for ever.
-    fn release_board(&mut self) {
-        if let Err(error) = self.release_words() {
-            self.bus_failed(&error);
-        }
-    }
-
-    fn release_words(&mut self) -> Result<(), BusError> {
-        let bus = &mut self.bus;
-        if self.functions.has(Function::Servo) {
-            ServoReader::release(bus)?;
-        }
-        if self.functions.has(Function::Background) {
-            BackgroundReader::release(bus)?;
-        }
-        if self.functions.has(Function::Ascii) {
-            AsciiPort::release(bus)?;
-        }
-        self.jobs.leave(bus)
     }
 
     /// When the servo data are to be looked at, CLOCK_MONOTONIC; never where they are not used.

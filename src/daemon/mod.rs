@@ -30,6 +30,7 @@ mod notify;
 pub mod options;
 pub mod panel_desk;
 pub mod parts;
+mod phase;
 pub mod policy;
 mod port_watch;
 pub mod ports;

@@ -8,13 +8,14 @@ use nix::sys::eventfd::{EfdFlags, EventFd};
 
 use super::ascii_desk::AsciiDesk;
 use super::board::Board;
-use super::board_loop::{BoardLoop, Phase};
+use super::board_loop::BoardLoop;
 use super::exit::{self, Failure};
 use super::host_link::HostPortLink;
 use super::identify::{Identifier, servo_period_ps};
 use super::info::SharedInfo;
 use super::job_desk::JobDesk;
 use super::machine::Machine;
+use super::phase::Phase;
 use super::policy::group_id;
 use super::presence::Condition;
 use super::queue::{at_once, queue};
