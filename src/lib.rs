@@ -40,8 +40,8 @@
 //! * The table above is the truth about who uses whom. Besides: the simulator sees [`mod@format`], [`map`] and a mapping, and
 //!   nobody but its own program sees it; the client sees no device; what mirrors words ([`device`] to [`daemon`]) does not
 //!   decode them.
-//! * `unsafe` lives in `device/board/mapping.rs` and `segment/memory.rs`. Memory that another agent writes is mapped through
-//!   `memmap2::MmapRaw` only, so that no reference or slice into it can come to be.
+//! * `unsafe` lives in `device/board/mapping.rs`, `segment/memory.rs` and `segment/wide_copy.rs`. Memory that another agent writes
+//!   is mapped through `memmap2::MmapRaw` only, so that no reference or slice into it can come to be.
 //! * Only [`map`] knows an address in the DPRAM. Only [`device`] knows a path in `/dev` or `/sys`, but for the directory
 //!   of shared-memory objects, [`segment::DIRECTORY`].
 //! * Nothing panics by `unwrap`, `expect`, `panic!` or their kin outside tests. No file has more than 600 lines.

@@ -1,8 +1,13 @@
-//! The segment's memory: the mapping, its words, the futex. The only unsafe code of the segment.
+//! The segment's memory: the mapping, its words, the futex.
 //!
-//! What another process writes is never behind a reference to plain data: every access is a relaxed (or, on the writer's
-//! side, release) atomic access to one aligned 64-bit word. The same width on both sides, and only relaxed loads on the
-//! read-only mapping, which is what Rust promises to work there. The kernel alone looks at half a word (the futex).
+//! Another process writes this memory, so nothing here ever makes a reference to it as plain data. It is accessed in two ways:
+//! * **One word**: a relaxed or release atomic access to one aligned 64-bit word. Head, sequence and every header field are only ever
+//!   accessed so, by both sides. Readers use relaxed loads alone, which Rust promises to work on a read-only mapping.
+//! * **The words of a slot together** ([`Words::load_all`], [`WordsMut::store_all`]): on x86-64 whole cache lines go through
+//!   [`super::wide_copy`], in vector registers; the rest, and everything elsewhere, goes word by word as above. Why the two may
+//!   meet in the same memory is that file's subject.
+//!
+//! The kernel alone looks at half a word (the futex).
 #![allow(unsafe_code)]
 
 use std::fs::File;
@@ -13,6 +18,7 @@ use memmap2::{MmapOptions, MmapRaw};
 
 use super::layout::{LINE, WORD};
 use super::ring::{Words, WordsMut};
+use super::wide_copy::WideCopy;
 
 /// Words of a cache line.
 pub(super) const LINE_WORDS: usize = LINE / WORD;
@@ -21,7 +27,7 @@ pub(super) const LINE_WORDS: usize = LINE / WORD;
 pub(super) struct ReadMap {
     map: MmapRaw,
     words: usize,
-    kernel: Kernel,
+    copy: WideCopy,
 }
 
 /// The owner's writable mapping of a segment.
@@ -31,7 +37,7 @@ impl ReadMap {
     /// Maps the first `length` bytes of `file`, which must be that long and stay so.
     pub(super) fn new(file: &File, length: usize) -> io::Result<Self> {
         let map = MmapOptions::new().len(length).populate().map_raw_read_only(file)?;
-        Ok(Self { map, words: length / WORD, kernel: Kernel::detect() })
+        Ok(Self { map, words: length / WORD, copy: WideCopy::detect() })
     }
 
     #[inline(always)]
@@ -54,7 +60,7 @@ impl ReadMap {
         unsafe { self.map.as_mut_ptr().cast::<u64>().add(index) }
     }
 
-    /// Word by word, what is not of whole lines.
+    /// Copies word by word what is not of whole cache lines.
     #[cold]
     fn load_words(&self, index: usize, copy: &mut [u64]) {
         for (offset, word) in copy.iter_mut().enumerate() {
@@ -102,8 +108,9 @@ fn low_half(word: *mut u64) -> *mut u32 {
 impl Words for ReadMap {
     #[inline(always)]
     fn load(&self, index: usize) -> u64 {
-        // SAFETY: `word` is aligned and inside the mapping, which lives as long as `self`; every access to it by anyone is
-        // an atomic one of this width. A relaxed 8-byte load is allowed on read-only pages of 64-bit targets.
+        // SAFETY: `word` is aligned and inside the mapping, which lives as long as `self`. Nobody makes a plain access to it: this
+        // process uses atomics of this width and `wide_copy`, whose page says why a race with it does no harm. A relaxed
+        // 8-byte load is allowed on read-only pages of 64-bit targets.
         unsafe { AtomicU64::from_ptr(self.word(index)) }.load(Ordering::Relaxed)
     }
 
@@ -115,122 +122,11 @@ impl Words for ReadMap {
     #[inline(always)]
     fn load_all(&self, index: usize, copy: &mut [u64]) {
         let start = self.run(index, copy.len());
-        // SAFETY: `run` checked the stretch of the mapping; the copy is private, as long, and overlaps nothing.
-        if !unsafe { self.kernel.copy(start, copy.as_mut_ptr(), copy.len()) } {
+        // SAFETY: `run` checked the stretch of the mapping, which is the shared side; the copy is private, as long, and overlaps
+        // nothing. The ring believes the copy only after it has looked at the sequence.
+        if !unsafe { self.copy.copy(start, copy.as_mut_ptr(), copy.len()) } {
             self.load_words(index, copy);
         }
-    }
-}
-
-/// What the processor copies at once.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Kernel {
-    /// Word by word, by Rust's own atomics.
-    #[cfg_attr(all(target_arch = "x86_64", not(any(miri, test))), allow(dead_code))]
-    Words,
-    /// 16 bytes at a time, as every x86-64 processor can.
-    #[cfg(all(target_arch = "x86_64", not(miri)))]
-    Sse2,
-    /// 32 bytes at a time.
-    #[cfg(all(target_arch = "x86_64", not(miri)))]
-    Avx,
-}
-
-impl Kernel {
-    /// The best this processor has.
-    fn detect() -> Self {
-        #[cfg(all(target_arch = "x86_64", not(miri)))]
-        return if std::arch::is_x86_feature_detected!("avx") { Self::Avx } else { Self::Sse2 };
-        #[cfg(not(all(target_arch = "x86_64", not(miri))))]
-        Self::Words
-    }
-
-    /// Copies `words` words, if they are whole cache lines, and says whether they were. Compilers do not join atomic accesses, and
-    /// one word at a time takes three times as long.
-    ///
-    /// On the shared side this counts as relaxed accesses byte by byte, in some order; what was copied is believed only if the sequence
-    /// after it says so. Ordinary vector accesses keep their order among loads, and among stores, on x86-64, as word accesses do.
-    ///
-    /// # Safety
-    /// Both `from` and `to` have `words` words, and do not overlap. At most one of them is shared, the other private.
-    #[inline(always)]
-    #[cfg(all(target_arch = "x86_64", not(miri)))]
-    unsafe fn copy(self, from: *const u64, to: *mut u64, words: usize) -> bool {
-        if words == 0 || !words.is_multiple_of(LINE_WORDS) {
-            return false;
-        }
-        match self {
-            Self::Words => return false,
-            // SAFETY: the processor has AVX, as was detected, and the caller answers for the memory; nothing beyond
-            // `words` is touched. `vzeroupper` clears what is declared lost. No `nomem`: the fences around keep their order.
-            Self::Avx => unsafe {
-                std::arch::asm!(
-                    "test {left}, 64",
-                    "jz 2f",
-                    "vmovdqu ymm0, ymmword ptr [{from}]",
-                    "vmovdqu ymm1, ymmword ptr [{from} + 32]",
-                    "vmovdqu ymmword ptr [{to}], ymm0",
-                    "vmovdqu ymmword ptr [{to} + 32], ymm1",
-                    "add {from}, 64",
-                    "add {to}, 64",
-                    "sub {left}, 64",
-                    "jz 3f",
-                    "2:",
-                    "vmovdqu ymm0, ymmword ptr [{from}]",
-                    "vmovdqu ymm1, ymmword ptr [{from} + 32]",
-                    "vmovdqu ymm2, ymmword ptr [{from} + 64]",
-                    "vmovdqu ymm3, ymmword ptr [{from} + 96]",
-                    "vmovdqu ymmword ptr [{to}], ymm0",
-                    "vmovdqu ymmword ptr [{to} + 32], ymm1",
-                    "vmovdqu ymmword ptr [{to} + 64], ymm2",
-                    "vmovdqu ymmword ptr [{to} + 96], ymm3",
-                    "sub {from}, -128",
-                    "sub {to}, -128",
-                    "add {left}, -128",
-                    "jnz 2b",
-                    "3:",
-                    "vzeroupper",
-                    from = inout(reg) from => _,
-                    to = inout(reg) to => _,
-                    left = inout(reg) words * WORD => _,
-                    out("xmm0") _, out("xmm1") _, out("xmm2") _, out("xmm3") _,
-                    out("xmm4") _, out("xmm5") _, out("xmm6") _, out("xmm7") _,
-                    out("xmm8") _, out("xmm9") _, out("xmm10") _, out("xmm11") _,
-                    out("xmm12") _, out("xmm13") _, out("xmm14") _, out("xmm15") _,
-                    options(nostack),
-                );
-            },
-            // SAFETY: as above; SSE2 belongs to x86-64.
-            Self::Sse2 => unsafe {
-                std::arch::asm!(
-                    "2:",
-                    "movdqu xmm0, xmmword ptr [{from}]",
-                    "movdqu xmm1, xmmword ptr [{from} + 16]",
-                    "movdqu xmm2, xmmword ptr [{from} + 32]",
-                    "movdqu xmm3, xmmword ptr [{from} + 48]",
-                    "movdqu xmmword ptr [{to}], xmm0",
-                    "movdqu xmmword ptr [{to} + 16], xmm1",
-                    "movdqu xmmword ptr [{to} + 32], xmm2",
-                    "movdqu xmmword ptr [{to} + 48], xmm3",
-                    "add {from}, 64",
-                    "add {to}, 64",
-                    "sub {left}, 64",
-                    "jnz 2b",
-                    from = inout(reg) from => _,
-                    to = inout(reg) to => _,
-                    left = inout(reg) words * WORD => _,
-                    out("xmm0") _, out("xmm1") _, out("xmm2") _, out("xmm3") _,
-                    options(nostack),
-                );
-            },
-        }
-        true
-    }
-
-    #[inline(always)]
-    #[cfg(not(all(target_arch = "x86_64", not(miri))))]
-    unsafe fn copy(self, _from: *const u64, _to: *mut u64, _words: usize) -> bool {
-        false
     }
 }
 
@@ -239,7 +135,7 @@ impl WriteMap {
     /// its memory already set aside, and stay so.
     pub(super) fn new(file: &File, length: usize) -> io::Result<Self> {
         let map = MmapOptions::new().len(length).populate().map_raw(file)?;
-        Ok(Self(ReadMap { map, words: length / WORD, kernel: Kernel::detect() }))
+        Ok(Self(ReadMap { map, words: length / WORD, copy: WideCopy::detect() }))
     }
 
     /// See [`ReadMap::wake`].
@@ -249,8 +145,8 @@ impl WriteMap {
 
     #[inline]
     fn atomic(&self, index: usize) -> &AtomicU64 {
-        // SAFETY: `word` is aligned and inside the writable mapping, which lives as long as `self`; every access to it by
-        // anyone is an atomic one of this width.
+        // SAFETY: `word` is aligned and inside the writable mapping, which lives as long as `self`. Nobody makes a plain access to
+        // it: see `load`.
         unsafe { AtomicU64::from_ptr(self.0.word(index)) }
     }
 }
@@ -287,8 +183,9 @@ impl WordsMut for WriteMap {
     fn store_all(&self, index: usize, values: &[u64]) {
         let start = self.0.run(index, values.len());
         let whole = values.len() / LINE_WORDS * LINE_WORDS;
-        // SAFETY: `run` checked the stretch of the writable mapping; the values are private, as many, and overlap nothing.
-        let done = if unsafe { self.0.kernel.copy(values.as_ptr(), start, whole) } { whole } else { 0 };
+        // SAFETY: `run` checked the stretch of the writable mapping, which is the shared side; the values are private, as many,
+        // and overlap nothing. The ring marked the slot as being written before.
+        let done = if unsafe { self.0.copy.copy(values.as_ptr(), start, whole) } { whole } else { 0 };
         for (offset, value) in values.iter().enumerate().skip(done) {
             let to = start.wrapping_add(offset);
             // SAFETY: as in `atomic`; `run` checked the whole stretch.
@@ -381,30 +278,6 @@ mod tests {
         let file = tempfile::tempfile().unwrap();
         file.set_len(4096).unwrap();
         ReadMap::new(&file, 4096).unwrap().load_all(510, &mut [0; 3]);
-    }
-
-    #[test]
-    fn every_kernel_copies_what_it_is_given_and_no_more() {
-        let mut kernels = vec![Kernel::Words, Kernel::detect()];
-        #[cfg(all(target_arch = "x86_64", not(miri)))]
-        kernels.push(Kernel::Sse2);
-        let file = tempfile::tempfile().unwrap();
-        file.set_len(4096).unwrap();
-        for kernel in kernels {
-            let mut writer = WriteMap::new(&file, 4096).unwrap();
-            writer.0.kernel = kernel;
-            for (start, count) in (0..10).flat_map(|start| (0..60).map(move |count| (start, count))) {
-                writer.store_all(0, &[0; 128]);
-                let values: Vec<u64> = (1..=count).collect();
-                writer.store_all(start, &values);
-                let mut copy = vec![9; count as usize + 2];
-                writer.0.load_all(start, &mut copy[1..=count as usize]);
-                assert_eq!((copy[0], copy[count as usize + 1]), (9, 9));
-                assert_eq!(copy[1..=count as usize], values, "{kernel:?} {start}");
-                assert_eq!(writer.load(start + count as usize), 0, "{kernel:?} {start} {count}");
-                assert!((0..start).all(|index| writer.load(index) == 0));
-            }
-        }
     }
 
     #[test]

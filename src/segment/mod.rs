@@ -10,7 +10,8 @@
 //! | [`identity`] | the payload of the board region |
 //! | [`name`] | what a segment may be called, and the lock on its name |
 //! | [`ring`] | the slot-ring protocol, over any memory (shared, or a model checker's) |
-//! | `memory` | the only unsafe code: mapping, words, futex |
+//! | `memory` | mapping, words, futex |
+//! | `wide_copy` | the vector copy of a slot, and why it is right; with `memory` the only unsafe code |
 //! | [`freshness`] | the one rule for what may be shown as live |
 //! | [`publish`], [`subscribe`] | writer and reader |
 //! | `plan`, `header` | where to put things in a new segment; checking where a found one has put them |
@@ -41,6 +42,7 @@ pub mod ring;
 mod sample;
 mod short_text;
 pub mod subscribe;
+mod wide_copy;
 
 /// CLOCK_MONOTONIC in ns: the clock of a segment, unless it has one of its own ([`ClockKind::Own`]).
 pub use crate::clock::monotonic_ns;

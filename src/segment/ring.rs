@@ -1,7 +1,7 @@
 //! The slot ring: one writer, any number of readers, no waiting on either side.
 //!
-//! Generic over the memory, so that the very code that runs on shared memory also runs under a model checker
-//! (`tests/it/segment_loom.rs`). The order of the accesses is that of [`super::layout`], "Writing" and "Reading".
+//! Generic over the memory, so that the protocol also runs under a model checker (`tests/it/segment_loom.rs`). There the words of
+//! a slot are copied one by one; shared memory on x86-64 copies them wide (`segment/wide_copy.rs` says why that is as good). The order of the accesses is that of [`super::layout`], "Writing" and "Reading".
 //!
 //! Why a reader's copy is whole: if any word of it was written for a later sample in the same slot, the acquire fence
 //! after the copy pairs with the writer's release fence before that word, so the look at the sequence that follows sees the later
