@@ -144,7 +144,7 @@ fn use_everything(site: &Site) {
         let line = format!("I59={i59}");
         assert!(pmacctl(site, &["send", &line]).status().unwrap().success());
         let mut board = pmac_dpram::client::Board::attach(&site.name).unwrap();
-        wait_until("the changed identity", || board.identity().unwrap().i59 == Some(i59));
+        wait_until("the changed identity", || board.identity().unwrap().reported_motors() == Some(i59));
     };
     identity(4);
     identity(8);

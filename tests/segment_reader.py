@@ -19,8 +19,6 @@ import time
 
 MAGIC = int.from_bytes(b"PMACDPRM", "little")
 REGIONS = {1: "servo", 2: "background", 3: "board", 4: "panel", 5: "variable", 6: "gather"}
-# Where the first number's block begins (host byte offset), and words (16 bits) of a block.
-BLOCKS = {"servo": (0x48, 30), "background": (0x24C, 62)}
 # Where in a motor's servo block its actual position is (pmacctl map).
 ACTUAL_POSITION = 4
 # How long to wait for a sample, in seconds.
@@ -41,13 +39,15 @@ class Segment:
         self.words = memoryview(self.map).cast("Q")
         if self.at(0x000) != MAGIC or self.at(0x008) != 1 or self.at(0x030) != 0x0102030405060708:
             raise SystemExit(f"{path} is not a segment of version 1")
+        if self.at(0x060) not in (1, 2):
+            raise SystemExit(f"the times in {path} are of an unknown clock")
         self.check_hash()
         table, count, stride = self.at(0x0C0), self.at(0x0C8), self.at(0x0D0)
         self.regions = {}
         for entry in range(table, table + count * stride, stride):
             name = REGIONS.get(self.at(entry))
             if name:
-                self.regions[name] = Region(self, entry, BLOCKS.get(name))
+                self.regions[name] = Region(self, entry)
 
     def at(self, offset):
         return self.words[offset // 8]
@@ -66,9 +66,14 @@ class Segment:
 
     def is_fresh(self, region, sample):
         """Whether the sample may be shown as live; the page has the rules."""
-        now, age_limit = time.monotonic_ns(), self.at(region.entry + 0x50)
-        alive = self.at(0x040) == 1 and now - self.at(0x080) <= self.at(0x070)
-        live = self.at(region.entry + 0x40) == 1 and (age_limit == 0 or now - sample["time_ns"] <= age_limit)
+        now = time.monotonic_ns() if self.at(0x060) == 1 else self.at(0x0A0)
+
+        def is_old(time_ns, limit):
+            return limit != 0 and now - time_ns > limit
+
+        alive = self.at(0x040) == 1 and not is_old(self.at(0x080), self.at(0x070))
+        age_limit = self.at(region.entry + 0x50)
+        live = self.at(region.entry + 0x40) == 1 and not is_old(sample["time_ns"], age_limit)
         return alive and live and sample["valid"]
 
     def header(self):
@@ -83,10 +88,13 @@ class Segment:
 
 
 class Region:
-    def __init__(self, segment, entry, blocks):
-        self.segment, self.entry, self.blocks = segment, entry, blocks
+    def __init__(self, segment, entry):
+        self.segment, self.entry = segment, entry
         fields = [segment.at(entry + offset) for offset in range(0x08, 0x38, 8)]
         self.head, self.slots, self.count, self.stride, self.payload, self.host_offset = fields
+        # In 16-bit words: where the first number's block begins, and how long a block is.
+        self.block_start, self.block_words = segment.at(entry + 0x68) // 2, segment.at(entry + 0x70) // 2
+        self.block_count = segment.at(entry + 0x78)
 
     def published(self):
         return self.segment.at(self.head)
@@ -120,10 +128,9 @@ class Region:
 
     def is_read(self, index):
         """Whether the word is read from the board at all: one that is not is 0 and means nothing."""
-        if self.blocks is None:
+        if self.block_count == 0:
             return True
-        start, length = self.blocks
-        number, word = divmod(index - (start - self.host_offset) // 2, length)
+        number, word = divmod(index - self.block_start, self.block_words)
         unread_words, unread_numbers = self.segment.at(self.entry + 0x58), self.segment.at(self.entry + 0x60)
         return number < 0 or not (unread_words >> word & 1 or unread_numbers >> number & 1)
 
@@ -142,6 +149,7 @@ class Region:
             "slots": self.count,
             "payload_bytes": self.payload,
             "first_host_offset": self.host_offset,
+            "blocks": [2 * self.block_start, 2 * self.block_words, self.block_count],
             "state": self.segment.at(self.entry + 0x40),
             "stale_after_ns": self.segment.at(self.entry + 0x50),
             "latest": self.latest(),
@@ -171,7 +179,7 @@ def follow(region, wanted, numbered=False):
 
 
 def position_scales(board):
-    """Ix08 of each motor that has told it, from the board region's latest sample (src/segment/identity.rs)."""
+    """Ix08 of each motor that has told it, from the board region's latest sample (src/segment/payload/identity.rs)."""
     if not board:
         return {}
     payload = b"".join(word.to_bytes(2, sys.byteorder) for word in board["words"])
@@ -182,10 +190,11 @@ def position_scales(board):
 
 def actual_positions(region, sample, scales):
     """Where each motor is: in counts if its scale is known, else the 48-bit number as the board has it."""
-    start, length = region.blocks
-    first = (start - region.host_offset) // 2
     motors = {}
-    for motor, at in enumerate(range(first, len(sample["words"]) - length + 1, length), 1):
+    for motor in range(1, region.block_count + 1):
+        at = region.block_start + (motor - 1) * region.block_words
+        if at + region.block_words > len(sample["words"]):
+            break
         words = sample["words"][at + ACTUAL_POSITION : at + ACTUAL_POSITION + 4]
         if None in words:
             continue

@@ -113,7 +113,7 @@ impl Rig {
             let snapshot = board.as_mut().and_then(|board| board.snapshot().ok());
             let has_servo = |servo: bool| servo || setup.only_ascii;
             snapshot.is_some_and(|snapshot| {
-                has_servo(snapshot.servo.is_some()) && snapshot.identity.i59.is_some()
+                has_servo(snapshot.servo.is_some()) && snapshot.identity.motor_mask.is_some()
             })
         });
     }

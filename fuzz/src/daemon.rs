@@ -59,6 +59,7 @@ fn shared() -> Shared {
         slots: 4,
         payload_bytes,
         first_host_offset: 0,
+        blocks: pmac_dpram::segment::BlockPlace::NONE,
         period_hint_ns: 442_673,
         stale_after_ns: 100_000_000,
     });

@@ -8,8 +8,8 @@ use std::time::Duration;
 
 use pmac_dpram::client::{Board, GatherChunk, VariableTable};
 use pmac_dpram::segment::{
-    CreateOptions, Identity, Publisher, RegionId, RegionSpec, Sample, SegmentName, Stamp, State, Subscriber,
-    layout, monotonic_ns,
+    BlockPlace, CreateOptions, Identity, Publisher, RegionId, RegionSpec, Sample, SegmentName, Stamp, State,
+    Subscriber, layout, monotonic_ns,
 };
 
 use super::tape::Tape;
@@ -74,6 +74,11 @@ fn sound() -> Place {
         slots,
         payload_bytes,
         first_host_offset: 0x24,
+        blocks: match id {
+            RegionId::Servo => BlockPlace { start: 36, stride: 60, count: 8 },
+            RegionId::Background => BlockPlace { start: 36, stride: 124, count: 8 },
+            _ => BlockPlace::NONE,
+        },
         period_hint_ns: 442_673,
         stale_after_ns: 100_000_000,
     });
@@ -89,7 +94,7 @@ fn sound() -> Place {
         let gathered = [1, 0, 0, 0, 1, 0, 2, 0, number, 0, 0, 0, 0, 0, 0, 0, 1, 2, 3, 4];
         publisher.publish(RegionId::Gather, stamp, &gathered);
     }
-    let identity = Identity { family: Some(1), i59: Some(8), ..Identity::default() };
+    let identity = Identity { family: Some(1), motor_mask: Some(0xFF), ..Identity::default() };
     publisher.publish_bytes(RegionId::Board, stamp, &identity.encode());
     let bytes = std::fs::read(publisher.path()).unwrap();
     drop(publisher);
@@ -256,7 +261,7 @@ fn decode(region: RegionId, sample: &Sample) {
             }
         }
         RegionId::Variable => {
-            if let Ok(table) = VariableTable::decode(words) {
+            if let Some(table) = VariableTable::decode(words) {
                 assert!(table.variables.len() * 8 <= words.len());
                 assert!(table.variables.iter().all(|variable| (1..=2).contains(&variable.value().len())));
             }

@@ -7,13 +7,12 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use super::command::{CommandError, Connection};
-use super::identity;
-use super::view::{Staleness, View};
-use crate::decode::{BackgroundData, ServoData, TooShort, background_selected, servo_selected};
-use crate::format::Float48Layout;
-use crate::map::Selection;
+use super::decoder::Decoder;
+use super::view::{Moment, Reading, Staleness, View};
+use crate::decode::{BackgroundData, ServoData, TooShort};
 use crate::segment::{
-    Condition, DIRECTORY, Identity, RegionId, Sample, SegmentError, SegmentName, Subscriber, WaitOutcome,
+    Condition, DIRECTORY, Identity, RegionId, RegionInfo, Sample, SegmentError, SegmentName, Subscriber,
+    WaitOutcome,
 };
 
 /// How long a wait sleeps before it looks whether a new daemon has appeared.
@@ -71,6 +70,7 @@ pub struct Board {
     socket: PathBuf,
     subscriber: Subscriber,
     sample: Sample,
+    identified: Option<Identified>,
     connection: Option<Connection>,
 }
 
@@ -96,6 +96,7 @@ impl Board {
             directory: directory.to_owned(),
             subscriber,
             sample: Sample::new(),
+            identified: None,
             connection: None,
         })
     }
@@ -152,32 +153,46 @@ impl Board {
     /// # Errors
     /// [`ClientError::Segment`] when the segment is corrupt.
     pub fn identity(&mut self) -> Result<Identity, ClientError> {
-        Ok(self
-            .latest(RegionId::Board)?
-            .and_then(|()| Identity::decode(self.sample.bytes()))
-            .unwrap_or_default())
+        Ok(self.identified()?.identity.clone())
     }
 
-    /// Everything the segment has now.
+    /// Who the board is and how to decode its data: read from the segment once for each identity that it publishes.
+    fn identified(&mut self) -> Result<&Identified, ClientError> {
+        let generation = self.subscriber.generation();
+        let current =
+            |known: &Identified, sequence| (known.generation, known.sequence) == (generation, sequence);
+        let sequence = self.subscriber.published(RegionId::Board).unwrap_or(0);
+        let known = match self.identified.take().filter(|known| current(known, sequence)) {
+            Some(known) => known,
+            None => {
+                let sequence = self.latest(RegionId::Board)?;
+                let identity =
+                    sequence.and_then(|_| Identity::decode(self.sample.bytes())).unwrap_or_default();
+                let decoder = Decoder::new(&identity);
+                Identified { generation, sequence: sequence.unwrap_or(0), identity, decoder }
+            }
+        };
+        Ok(self.identified.insert(known))
+    }
+
+    /// Everything the segment has now. Makes as many system calls whatever there is.
     ///
     /// # Errors
     /// [`ClientError`] when the segment is corrupt or of a board that is not known here. Old data are no error.
     pub fn snapshot(&mut self) -> Result<Snapshot, ClientError> {
-        self.refresh()?;
-        let identity = self.identity()?;
-        let decoder = Decoder::new(&identity)?;
-        let servo = match self.latest(RegionId::Servo)? {
-            Some(()) => Some(self.view(RegionId::Servo, |words, selection| decoder.servo(words, selection))?),
-            None => None,
-        };
-        let background = match self.latest(RegionId::Background)? {
-            Some(()) => Some(
-                self.view(RegionId::Background, |words, selection| decoder.background(words, selection))?,
-            ),
-            None => None,
-        };
-        let stale = self.staleness(self.subscriber.now_ns());
-        Ok(Snapshot { identity, servo, background, stale })
+        let condition = self.refresh()?;
+        let identified = self.identified()?;
+        let (identity, decoder) = (identified.identity.clone(), identified.decoder()?.clone());
+        let servo = self.read(RegionId::Servo, |region, words| decoder.servo(region, words))?;
+        let background =
+            self.read(RegionId::Background, |region, words| decoder.background(region, words))?;
+        let moment = Moment::now(&self.subscriber, condition);
+        Ok(Snapshot {
+            identity,
+            servo: self.judged(&moment, RegionId::Servo, servo)?,
+            background: self.judged(&moment, RegionId::Background, background)?,
+            stale: moment.stale,
+        })
     }
 
     /// The number of the latest servo sample; 0 when there is none.
@@ -211,19 +226,24 @@ impl Board {
         }
     }
 
-    /// Servo samples from number `since` on, at most `most` of them, and exactly how many of that stretch are lost.
+    /// Servo samples from number `since` on, at most `most` of them, and exactly how many of that stretch are lost. Makes as many
+    /// system calls however many they are.
     ///
     /// # Errors
     /// [`ClientError`].
     pub fn history(&mut self, since: u64, most: usize) -> Result<History, ClientError> {
-        self.refresh()?;
-        let identity = self.identity()?;
-        let decoder = Decoder::new(&identity)?;
-        let mut cursor = self.subscriber.cursor(RegionId::Servo, since)?;
-        let mut samples = Vec::new();
-        while samples.len() < most && cursor.next(&self.subscriber, &mut self.sample)? {
-            samples.push(self.view(RegionId::Servo, |words, selection| decoder.servo(words, selection))?);
+        let condition = self.refresh()?;
+        let decoder = self.identified()?.decoder()?.clone();
+        let Self { subscriber, sample, .. } = self;
+        let region = subscriber.region(RegionId::Servo)?;
+        let mut cursor = subscriber.cursor(RegionId::Servo, since)?;
+        let mut readings = Vec::new();
+        while readings.len() < most && cursor.next(subscriber, sample)? {
+            readings.push(Reading::new(sample, decoder.servo(&region, sample.words())?));
         }
+        let moment = Moment::now(subscriber, condition);
+        let region = subscriber.region(RegionId::Servo)?;
+        let samples = readings.into_iter().map(|reading| moment.view(&region, reading)).collect();
         Ok(History { samples, lost: cursor.lost(), next: cursor.position() })
     }
 
@@ -247,70 +267,68 @@ impl Board {
         self.connection()?.send(line, timeout)
     }
 
-    /// Copies the latest sample of `region`; `None` when there is none, or the daemon does not mirror it at all.
-    pub(super) fn latest(&mut self, region: RegionId) -> Result<Option<()>, ClientError> {
+    /// What `decode` makes of the latest sample of `region`, with its age; `None` when there is none, or the daemon does not mirror it
+    /// at all.
+    pub(super) fn latest_view<T>(
+        &mut self,
+        region: RegionId,
+        decode: impl FnOnce(&RegionInfo, &[u16]) -> Result<T, ClientError>,
+    ) -> Result<Option<View<T>>, ClientError> {
+        let condition = self.refresh()?;
+        let reading = self.read(region, decode)?;
+        self.judged(&Moment::now(&self.subscriber, condition), region, reading)
+    }
+
+    /// Copies and decodes the latest sample of `region`.
+    fn read<T>(
+        &mut self,
+        region: RegionId,
+        decode: impl FnOnce(&RegionInfo, &[u16]) -> Result<T, ClientError>,
+    ) -> Result<Option<Reading<T>>, ClientError> {
+        if self.latest(region)?.is_none() {
+            return Ok(None);
+        }
+        let region = self.subscriber.region(region)?;
+        let data = decode(&region, self.sample.words())?;
+        Ok(Some(Reading::new(&self.sample, data)))
+    }
+
+    fn judged<T>(
+        &self,
+        moment: &Moment,
+        region: RegionId,
+        reading: Option<Reading<T>>,
+    ) -> Result<Option<View<T>>, ClientError> {
+        let Some(reading) = reading else { return Ok(None) };
+        Ok(Some(moment.view(&self.subscriber.region(region)?, reading)))
+    }
+
+    /// Copies the latest sample of `region` and returns its number; `None` when there is none, or the daemon does not mirror it at all.
+    fn latest(&mut self, region: RegionId) -> Result<Option<u64>, ClientError> {
         match self.subscriber.latest(region, &mut self.sample) {
-            Ok(found) => Ok(found.map(|_| ())),
+            Ok(found) => Ok(found),
             Err(SegmentError::NoSuchRegion(_)) => Ok(None),
             Err(error) => Err(error.into()),
         }
     }
+}
 
-    /// Why nothing in the segment is live at `now_ns`.
-    fn staleness(&self, now_ns: u64) -> Option<Staleness> {
-        Staleness::of_segment(self.subscriber.condition(), &self.subscriber.header(), now_ns)
-    }
+/// What one sample of the board region says.
+struct Identified {
+    /// The segment it is of, and the sample's number there; 0 when there is none yet.
+    generation: u64,
+    sequence: u64,
+    identity: Identity,
+    /// `None`: the board's family is not known here.
+    decoder: Option<Decoder>,
+}
 
-    pub(super) fn view<T>(
-        &self,
-        region: RegionId,
-        decode: impl FnOnce(&[u16], Selection) -> Result<T, TooShort>,
-    ) -> Result<View<T>, ClientError> {
-        let region = self.subscriber.region(region)?;
-        let data = decode(self.sample.words(), region.selection)?;
-        // After the data were copied: what was live a moment ago and is not now is not shown as live.
-        let now_ns = self.subscriber.now_ns();
-        let stamp = self.sample.stamp();
-        let stale = self.staleness(now_ns).or_else(|| Staleness::of_sample(&region, &stamp, now_ns));
-        let time_ns = stamp.time_ns;
-        let offset = self.subscriber.header().realtime_offset_ns;
-        Ok(View {
-            sequence: self.sample.sequence(),
-            time_ns,
-            realtime_ns: i64::try_from(time_ns).unwrap_or(i64::MAX).saturating_add(offset),
-            age_ns: now_ns.saturating_sub(time_ns),
-            servo_timer: stamp.servo_timer,
-            stale,
-            data,
-        })
+impl Identified {
+    fn decoder(&self) -> Result<&Decoder, ClientError> {
+        self.decoder.as_ref().ok_or_else(|| ClientError::Family(self.identity.family.unwrap_or_default()))
     }
 }
 
-/// What is needed to decode a board's words.
-struct Decoder {
-    count: usize,
-    scales: crate::decode::Scales,
-}
-
-impl Decoder {
-    fn new(identity: &Identity) -> Result<Self, ClientError> {
-        let family = identity::family(identity)
-            .ok_or_else(|| ClientError::Family(identity.family.unwrap_or_default()))?;
-        Ok(Self { count: identity::reported(identity, family), scales: identity::scales(identity) })
-    }
-
-    fn servo(&self, words: &[u16], selection: Selection) -> Result<ServoData, TooShort> {
-        self.as_many_as_there_are(|count| servo_selected(words, count, &self.scales, selection))
-    }
-
-    fn background(&self, words: &[u16], selection: Selection) -> Result<BackgroundData, TooShort> {
-        let layout = Float48Layout::default();
-        self.as_many_as_there_are(|count| background_selected(words, count, &self.scales, layout, selection))
-    }
-
-    /// Decodes fewer motors when a sample is from before the board was told to report more.
-    fn as_many_as_there_are<T>(&self, decode: impl Fn(usize) -> Result<T, TooShort>) -> Result<T, TooShort> {
-        let fewer = || (0..self.count).rev().find_map(|count| decode(count).ok());
-        decode(self.count).or_else(|error| fewer().ok_or(error))
-    }
-}
+#[cfg(test)]
+#[path = "board_tests.rs"]
+mod tests;

@@ -33,10 +33,10 @@ pub fn scales(identity: &Identity) -> Scales {
     Scales { motors: (0..identity.ix08.len()).map(motor).collect(), i10: identity.i10 }
 }
 
-/// How many motors, and coordinate systems, the board's reports have: I59 where it is known, else all of `family`.
+/// How many motors, and coordinate systems, the board's reports have: what the board told where that is known, else all of `family`.
 #[must_use]
 pub fn reported(identity: &Identity, family: &Family) -> usize {
-    let said = identity.i59.or(identity.motors).and_then(|count| usize::try_from(count).ok());
+    let said = identity.reported_motors().or(identity.motors).and_then(|count| usize::try_from(count).ok());
     said.unwrap_or(family.motors).min(family.motors)
 }
 
@@ -55,14 +55,18 @@ mod tests {
 
     #[test]
     fn what_is_said_counts_as_far_as_it_is_known_here() {
-        let mut identity =
-            Identity { family: Some(2), i59: Some(3), i10: Some(3_713_707), ..Identity::default() };
+        let mut identity = Identity {
+            family: Some(2),
+            motor_mask: Some(0b111),
+            i10: Some(3_713_707),
+            ..Identity::default()
+        };
         identity.ix08[2] = Some(96);
         assert_eq!(family(&identity).unwrap().name, "pmac2");
         assert_eq!(reported(&identity, family(&identity).unwrap()), 3);
         assert_eq!(scales(&identity).motor(3).position_scale, Some(96.0));
         assert_eq!(scales(&identity).motor(1).position_scale, None);
-        identity.i59 = Some(400);
+        identity.motor_mask = Some(u32::MAX);
         assert_eq!(reported(&identity, family(&identity).unwrap()), 8);
         identity.family = Some(99);
         assert!(family(&identity).is_none());

@@ -17,6 +17,7 @@
 
 pub mod board;
 pub mod command;
+mod decoder;
 pub mod gather;
 pub mod hold;
 pub mod identity;
@@ -37,5 +38,5 @@ pub use jobs::RotaryPlace;
 pub use rotary_feed::{RotaryFeed, RotaryLine};
 #[cfg(feature = "serial")]
 pub use serial::{SerialError, SerialLine};
-pub use variables::{Variable, VariableTable, VariableWidth};
+pub use variables::{Variable, VariableTable};
 pub use view::{Staleness, View};

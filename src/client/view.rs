@@ -1,5 +1,7 @@
 //! A sample with its age, and why it may not be taken for live.
 
+use crate::segment::{Condition, RegionInfo, Sample, Stamp, Subscriber};
+
 pub use crate::segment::Staleness;
 
 /// Data of one region, with what is needed to judge them.
@@ -26,5 +28,57 @@ impl<T> View<T> {
     #[must_use]
     pub fn is_fresh(&self) -> bool {
         self.stale.is_none()
+    }
+}
+
+/// What was read, not yet judged.
+pub(super) struct Reading<T> {
+    sequence: u64,
+    stamp: Stamp,
+    data: T,
+}
+
+impl<T> Reading<T> {
+    /// `data`, which `sample` was decoded to.
+    pub(super) fn new(sample: &Sample, data: T) -> Self {
+        Self { sequence: sample.sequence(), stamp: sample.stamp(), data }
+    }
+}
+
+/// The moment by which all that one call returns is judged. To be taken after the last of it was copied: what was live
+/// before and is not now is not shown as live. Judging makes no system call, so a call makes as many for one sample as for thousands.
+pub(super) struct Moment {
+    now_ns: u64,
+    realtime_offset_ns: i64,
+    /// Why nothing in the segment is live.
+    pub(super) stale: Option<Staleness>,
+}
+
+impl Moment {
+    /// Now, in a segment that stood at `condition` when the call began. Makes no system call either.
+    pub(super) fn now(subscriber: &Subscriber, condition: Condition) -> Self {
+        let now_ns = subscriber.now_ns();
+        let header = subscriber.header();
+        let condition = if condition.is_over() { condition } else { subscriber.header_condition(now_ns) };
+        Self {
+            now_ns,
+            realtime_offset_ns: header.realtime_offset_ns,
+            stale: Staleness::of_segment(condition, &header, now_ns),
+        }
+    }
+
+    /// A reading of `region`, judged.
+    pub(super) fn view<T>(&self, region: &RegionInfo, reading: Reading<T>) -> View<T> {
+        let Reading { sequence, stamp, data } = reading;
+        let time_ns = stamp.time_ns;
+        View {
+            sequence,
+            time_ns,
+            realtime_ns: i64::try_from(time_ns).unwrap_or(i64::MAX).saturating_add(self.realtime_offset_ns),
+            age_ns: self.now_ns.saturating_sub(time_ns),
+            servo_timer: stamp.servo_timer,
+            stale: self.stale.or_else(|| Staleness::of_sample(region, &stamp, self.now_ns)),
+            data,
+        }
     }
 }

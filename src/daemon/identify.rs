@@ -10,6 +10,7 @@ use std::time::{Duration, Instant};
 
 use super::queue::{LINE_MAX, Text};
 use crate::map::classic;
+use crate::segment::identity::first_motors;
 use crate::segment::{Identity, ShortText};
 
 /// How long the board may take for one question.
@@ -173,10 +174,10 @@ impl Identifier {
                         asking.i10 = value;
                         asking.servo_period_ps = value.filter(|&i10| i10 > 0).map(servo_period_ps);
                     }
-                    1 => asking.i19 = value,
-                    2 => asking.i48 = value,
-                    3 => asking.i49 = value,
-                    4 => asking.i59 = value,
+                    1 => asking.servo_report_cycles = value,
+                    2 => asking.servo_report = value,
+                    3 => asking.background_report = value,
+                    4 => asking.motor_mask = value.map(first_motors),
                     _ => {}
                 }
             }
@@ -266,7 +267,7 @@ mod tests {
         assert!(line.starts_with("I107I108I109I207") && line.len() <= LINE_MAX);
         let identity = identifier.news().unwrap();
         assert_eq!(identity.firmware.as_deref(), Some("1.16D"));
-        assert_eq!((identity.i19, identity.i59), (Some(1), Some(8)));
+        assert_eq!((identity.servo_report_cycles, identity.reported_motors()), (Some(1), Some(8)));
         assert_eq!(identity.servo_period_ps, Some(442_708_373));
         assert_eq!((identity.ix07[0], identity.ix08[0], identity.ix09[7]), (Some(90), Some(91), Some(113)));
         assert_eq!(identity.ix08[8], None);

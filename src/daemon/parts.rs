@@ -30,8 +30,8 @@ use crate::device::Counted;
 use crate::map::classic;
 use crate::mirror::{self, BackgroundMirror, ServoMirror};
 use crate::protocol::{BoardInfo, Function, HostPortInfo};
-use crate::segment::identity;
-use crate::segment::{ClockKind, CreateOptions, Identity, Publisher, RegionId, RegionSpec};
+use crate::segment::identity::{self, first_motors};
+use crate::segment::{BlockPlace, ClockKind, CreateOptions, Identity, Publisher, RegionId, RegionSpec};
 
 /// Events that may wait for the socket's thread.
 const EVENTS: usize = 256;
@@ -150,6 +150,7 @@ fn identity_region() -> RegionSpec {
         slots: 4,
         payload_bytes: identity::BYTES as u32,
         first_host_offset: 0,
+        blocks: BlockPlace::NONE,
         period_hint_ns: 0,
         stale_after_ns: 0,
     }
@@ -162,8 +163,8 @@ fn configured_identity(settings: &Settings) -> Identity {
         coordinate_systems: Some(classic::MOTORS as u32),
         servo_period_ps: settings.i10.map(servo_period_ps),
         i10: settings.i10,
-        i19: settings.i19,
-        i59: settings.motors,
+        servo_report_cycles: settings.i19,
+        motor_mask: settings.motors.map(first_motors),
         firmware: settings.firmware.as_deref().map(Into::into),
         ..Identity::default()
     }

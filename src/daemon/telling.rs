@@ -75,8 +75,12 @@ impl BoardLoop {
         if self.told.identity.as_ref() == Some(&identity) {
             return;
         }
-        let motors = identity.i59.map_or(self.default_motors, |i59| i59 as usize);
-        self.servo.configure(motors, identity.servo_period_ps.map(|ps| ps / 1000), identity.i19);
+        let motors = identity.reported_motors().map_or(self.default_motors, |motors| motors as usize);
+        self.servo.configure(
+            motors,
+            identity.servo_period_ps.map(|ps| ps / 1000),
+            identity.servo_report_cycles,
+        );
         self.background.configure(motors);
         match self.uncertain.plan_for(identity.firmware.as_deref()) {
             Ok(plan) => self.jobs.set_plan(plan),
@@ -94,7 +98,7 @@ impl BoardLoop {
 
     pub(super) fn inform(&mut self) {
         let Some(identity) = &self.told.identity else { return };
-        let motors = identity.i59.map_or(self.default_motors as u32, |i59| i59);
+        let motors = identity.reported_motors().unwrap_or(self.default_motors as u32);
         self.told.info_pending = !self.info.try_update(|info| {
             // A text that is there already is not made again.
             for (told, known) in [

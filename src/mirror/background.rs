@@ -8,9 +8,9 @@ use super::freshness::{Freshness, Transition};
 use crate::device::{Bus, BusError};
 use crate::function::background::{BACKGROUND_WORDS, BackgroundLook, BackgroundReader};
 use crate::function::servo_timer::ServoTimer;
-use crate::map::{Selection, classic};
+use crate::map::{PMAC, Selection, classic};
 use crate::segment::freshness::limit_ns;
-use crate::segment::{Counter, Publisher, RegionId, RegionSpec, RegionState, Stamp};
+use crate::segment::{BlockPlace, Counter, Publisher, RegionId, RegionSpec, RegionState, Stamp};
 
 /// The servo timer's bits in the background buffer.
 const TIMER_BITS: u32 = 16;
@@ -28,6 +28,7 @@ pub fn region(period_ns: u64) -> RegionSpec {
         slots: reports.clamp(16, 1024).next_power_of_two(),
         payload_bytes: 2 * BACKGROUND_WORDS as u32,
         first_host_offset: classic::BACKGROUND_DATA_READY.bytes(),
+        blocks: BlockPlace::new(PMAC.background.blocks, classic::BACKGROUND_DATA_READY),
         period_hint_ns: period_ns,
         stale_after_ns: limit_ns(STALE_NS, period_ns),
     }

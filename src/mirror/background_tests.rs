@@ -33,6 +33,7 @@ impl Rig {
             slots: 4,
             payload_bytes: 1200,
             first_host_offset: 0x228,
+            blocks: crate::segment::BlockPlace::NONE,
             period_hint_ns: PERIOD,
             stale_after_ns: SECOND,
         };

@@ -1,35 +1,21 @@
 //! The gather region: samples that the board gathers, as they were stored, in order (DPRAM manual p. 25-26).
 //!
-//! # Payload
-//! | offset | type | field |
-//! |---|---|---|
-//! | 0 | u32 | gather number: grows with every gather that is followed |
-//! | 4 | u32 | state: 0 it goes on, 1 it has ended and this is the last, 2 the buffer was defined anew, 3 it paused, for how many samples cannot be known |
-//! | 8 | u32 | longs of a sample |
-//! | 12 | u32 | samples that follow |
-//! | 16 | u64 | number of the first of them, or of the next one that there would be; the first sample of a gather is 0 |
-//! | 24 | u64 | samples lost since the beginning, because the board overwrote them before they were read |
-//! | 32 | u32 × … | the samples' longs, in the order of I21 to I44, a 48-bit register's Y half first |
-//!
-//! Integers are in the machine's byte order, wider ones low half first on the machines there are. A ring of [`SLOTS`] such
-//! payloads holds more than 8 s of eight longs at 2.26 kHz; a reader that comes later knows by the numbers what it
-//! missed. The region is live while a gather is followed.
+//! The payload is described in [`crate::segment::payload::gather`]. A ring of [`SLOTS`] payloads holds more than 8 s of eight longs
+//! at 2.26 kHz; a reader that comes later knows by the numbers what it missed. The region is live while a gather is followed.
 
 use std::time::{Duration, Instant};
 
 use crate::clock::Clock;
 use crate::device::{Bus, BusError};
-use crate::format::split32;
 use crate::function::gather::{
     CHUNK_LONGS, GatherBuffer, GatherError, GatherLook, GatherReader, GatherStart, report_cycles,
 };
 use crate::function::servo_timer::ServoTimer;
-use crate::segment::{Publisher, RegionId, RegionSpec, RegionState, Stamp};
+use crate::segment::payload::gather::{GatherChunk, GatherPhase, payload_words};
+use crate::segment::{BlockPlace, Publisher, RegionId, RegionSpec, RegionState, Stamp};
 
-/// 16-bit words before the samples.
-pub const HEADER_WORDS: usize = 16;
 /// The longest payload in 16-bit words.
-pub const PAYLOAD_WORDS: usize = HEADER_WORDS + 2 * CHUNK_LONGS;
+pub const PAYLOAD_WORDS: usize = payload_words(CHUNK_LONGS);
 /// Payloads in the ring.
 pub const SLOTS: u32 = 4096;
 /// How often to look for samples when there were none.
@@ -45,6 +31,7 @@ pub fn region() -> RegionSpec {
         slots: SLOTS,
         payload_bytes: 2 * PAYLOAD_WORDS as u32,
         first_host_offset: 0,
+        blocks: BlockPlace::NONE,
         period_hint_ns: 0,
         stale_after_ns: 0,
     }
@@ -83,15 +70,6 @@ pub enum NotFollowed {
     /// The board's words are not those of this buffer.
     #[error("this is not the buffer that the board has: {0:?}")]
     NotTheBuffer(GatherLook),
-}
-
-/// What the payload says of the gather.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Phase {
-    GoesOn = 0,
-    Ended = 1,
-    Redefined = 2,
-    Interrupted = 3,
 }
 
 /// Follows one gather at a time.
@@ -191,32 +169,29 @@ impl GatherMirror {
         let Some(reader) = &mut self.reader else { return Ok(()) };
         let time_ns = self.time.ns();
         let found = look(bus, reader, self.clock, &mut self.timer, &self.time)?;
-        let (phase, first, count) = match found {
-            GatherLook::Samples { first, count } => (Phase::GoesOn, first, count),
+        let (phase, first) = match found {
+            GatherLook::Samples { first, .. } => (GatherPhase::GoesOn, first),
             GatherLook::Idle | GatherLook::Disturbed | GatherLook::OutOfRange { .. } => {
                 self.next_look = now + LOOK;
                 return Ok(());
             }
-            GatherLook::Ended => (Phase::Ended, reader.written(), 0),
-            GatherLook::Redefined { .. } => (Phase::Redefined, reader.written(), 0),
-            GatherLook::Interrupted => (Phase::Interrupted, reader.written(), 0),
+            GatherLook::Ended => (GatherPhase::Ended, reader.written()),
+            GatherLook::Redefined { .. } => (GatherPhase::Redefined, reader.written()),
+            GatherLook::Interrupted => (GatherPhase::Interrupted, reader.written()),
         };
-        let sample_longs = reader.sample_longs() as u32;
-        for (at, value) in [(0, self.number), (2, phase as u32), (4, sample_longs), (6, count as u32)] {
-            self.payload[at..at + 2].copy_from_slice(&split32(value));
-        }
-        for (at, value) in [(8, first), (12, reader.lost())] {
-            self.payload[at..at + 2].copy_from_slice(&split32(value as u32));
-            self.payload[at + 2..at + 4].copy_from_slice(&split32((value >> 32) as u32));
-        }
-        let longs = if count == 0 { &[] } else { reader.longs() };
-        for (words, long) in self.payload[HEADER_WORDS..].as_chunks_mut::<2>().0.iter_mut().zip(longs) {
-            *words = split32(*long);
-        }
+        let chunk = GatherChunk {
+            gather: self.number,
+            phase,
+            first,
+            lost: reader.lost(),
+            sample_longs: reader.sample_longs(),
+            longs: if phase == GatherPhase::GoesOn { reader.longs() } else { &[] },
+        };
+        let words = chunk.encode(&mut self.payload);
         let stamp = Stamp { time_ns, servo_timer: 0, valid: true };
-        publisher.publish(RegionId::Gather, stamp, &self.payload[..HEADER_WORDS + 2 * longs.len()]);
+        publisher.publish(RegionId::Gather, stamp, &self.payload[..words]);
         self.next_look = now;
-        if phase != Phase::GoesOn {
+        if phase != GatherPhase::GoesOn {
             self.forget(publisher);
         }
         Ok(())

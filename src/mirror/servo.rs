@@ -10,9 +10,9 @@ use crate::clock::Clock;
 use crate::device::{Bus, BusError};
 use crate::function::servo::{SERVO_WORDS, ServoLook, ServoReader, ServoReading};
 use crate::function::servo_timer::ServoTimer;
-use crate::map::{Selection, classic};
+use crate::map::{PMAC, Selection, classic};
 use crate::segment::freshness::limit_ns;
-use crate::segment::{Counter, Publisher, RegionId, RegionSpec, RegionState, Stamp};
+use crate::segment::{BlockPlace, Counter, Publisher, RegionId, RegionSpec, RegionState, Stamp};
 
 /// How often a torn copy is made again at once, before the next look.
 const COPIES: usize = 3;
@@ -32,6 +32,7 @@ pub fn region() -> RegionSpec {
         slots: SLOTS,
         payload_bytes: 2 * SERVO_WORDS as u32,
         first_host_offset: classic::SERVO_HOST_STATUS.bytes(),
+        blocks: BlockPlace::new(PMAC.servo.motors, classic::SERVO_HOST_STATUS),
         period_hint_ns: 0,
         stale_after_ns: STALE_NS,
     }

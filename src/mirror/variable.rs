@@ -1,37 +1,23 @@
-//! The variable region: user-chosen registers that PMAC copies in the background, published with their own table.
+//! The variable region: registers of the user's choice that PMAC copies in the background, published with their own table.
 //!
-//! # Payload
-//! | offset | type | field |
-//! |---|---|---|
-//! | 0 | u32 | table number: grows with every change of the table |
-//! | 4 | u32 | entries that follow |
-//! | 8 + 16 k | u16 | entry k: PMAC address |
-//! | 10 + 16 k | u16 | its kind: 0 Y, 1 long (D or L), 2 X, 4 special |
-//! | 12 + 16 k | u32 | how many values of it were taken since the table was set up (modulo 2^32); 0: none yet |
-//! | 16 + 16 k | u16 × 4 | its words as the board held them, low word first |
-//!
-//! Integers are in the machine's byte order, 32-bit ones low half first on the machines there are. The sample's servo
-//! timer is that of PMAC's pass.
+//! The payload is described in [`crate::segment::payload::variable`].
 
 use std::time::{Duration, Instant};
 
 use super::freshness::Freshness;
 use crate::clock::Clock;
 use crate::device::{Bus, BusError};
-use crate::format::split32;
+use crate::format::join32;
 use crate::function::servo_timer::ServoTimer;
 use crate::function::variable_read::{
     VariableEntry, VariableKind, VariableLook, VariableMode, VariableReadBusError, VariableReader,
 };
-use crate::map::{Region, classic};
-use crate::segment::{Publisher, RegionId, RegionSpec, RegionState, Stamp};
+use crate::map::{self, Region, classic};
+use crate::segment::payload::variable::{self, Variable};
+use crate::segment::{BlockPlace, Publisher, RegionId, RegionSpec, RegionState, Stamp};
 
-/// 16-bit words before the entries, and of an entry.
-pub const HEADER_WORDS: usize = 4;
-/// 16-bit words of an entry.
-pub const ENTRY_WORDS: usize = 8;
 /// The longest payload in 16-bit words.
-pub const PAYLOAD_WORDS: usize = HEADER_WORDS + classic::VARIABLE_READ_ENTRIES * ENTRY_WORDS;
+pub const PAYLOAD_WORDS: usize = variable::payload_words(classic::VARIABLE_READ_ENTRIES);
 /// The servo timer's bits in the variable-read header.
 const TIMER_BITS: u32 = 16;
 /// How often to look for new values; PMAC's background cycle takes some milliseconds.
@@ -52,6 +38,7 @@ pub fn region() -> RegionSpec {
         slots: SLOTS,
         payload_bytes: 2 * PAYLOAD_WORDS as u32,
         first_host_offset: 0,
+        blocks: BlockPlace::NONE,
         period_hint_ns: 0,
         stale_after_ns: STALE_NS,
     }
@@ -169,17 +156,17 @@ impl VariableMirror {
 
     fn publish(&mut self, publisher: &mut Publisher, timer: u16, time_ns: u64) {
         let (servo_timer, _) = self.timer.advance(timer);
-        let count = self.reader.entries().len();
-        self.payload[..2].copy_from_slice(&split32(self.table));
-        self.payload[2..HEADER_WORDS].copy_from_slice(&split32(count as u32));
-        let slots = self.payload[HEADER_WORDS..].chunks_exact_mut(ENTRY_WORDS);
-        for ((slot, entry), value) in slots.zip(self.reader.entries()).zip(self.reader.values()) {
-            slot[0] = entry.address;
-            slot[1] = entry.kind.code();
-            slot[2..4].copy_from_slice(&split32(value.updates as u32));
-            slot[4..].copy_from_slice(&value.words);
-        }
-        let words = HEADER_WORDS + count * ENTRY_WORDS;
+        let entries = self.reader.entries().iter().zip(self.reader.values());
+        let variables = entries.filter_map(|(entry, value)| {
+            let [a, b, c, d] = value.words;
+            Some(Variable {
+                address: u32::from(entry.address),
+                kind: map::VariableKind::of_code(entry.kind.code())?,
+                updates: value.updates as u32,
+                longs: [join32(a, b), join32(c, d)],
+            })
+        });
+        let words = variable::encode(self.table, variables, &mut self.payload);
         publisher.publish(
             RegionId::Variable,
             Stamp { time_ns, servo_timer, valid: true },

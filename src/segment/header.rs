@@ -9,6 +9,7 @@ use std::io;
 use std::os::unix::fs::FileExt;
 
 use super::layout::*;
+use super::payload::blocks::BlockPlace;
 use super::ring::Ring;
 
 /// Longest header this version reads, in bytes: far more than 64 region entries need.
@@ -32,6 +33,7 @@ pub(super) struct Region {
     pub(super) entry: usize,
     pub(super) payload_bytes: usize,
     pub(super) first_host_offset: u32,
+    pub(super) blocks: BlockPlace,
     pub(super) ring: Ring,
     /// Cache lines of a slot's copy.
     pub(super) lines: usize,
@@ -123,7 +125,7 @@ fn region(
     length: u64,
     word: impl Fn(usize) -> u64,
 ) -> Result<Region, Refusal> {
-    let [head, slots, count, stride, payload, host_offset] = [
+    let [head, slots, slot_count, slot_stride, payload, host_offset] = [
         REGION_HEAD,
         REGION_SLOTS,
         REGION_SLOT_COUNT,
@@ -136,26 +138,42 @@ fn region(
     if payload > MAX_PAYLOAD {
         return refuse(&format!("has a payload of {payload} bytes"));
     }
-    if !count.is_power_of_two() || count < 2 {
-        return refuse(&format!("has {count} slots, not a power of two"));
+    if !slot_count.is_power_of_two() || slot_count < 2 {
+        return refuse(&format!("has {slot_count} slots, not a power of two"));
     }
-    if stride < slot_bytes(payload as usize) as u64 || !stride.is_multiple_of(LINE as u64) {
-        return refuse(&format!("has slots of {stride} bytes for a payload of {payload}"));
+    if slot_stride < slot_bytes(payload as usize) as u64 || !slot_stride.is_multiple_of(LINE as u64) {
+        return refuse(&format!("has slots of {slot_stride} bytes for a payload of {payload}"));
     }
     if !stretch_fits(head, 1, LINE as u64, LINE as u64, header_length, length)
-        || !stretch_fits(slots, count, stride, LINE as u64, header_length, length)
+        || !stretch_fits(slots, slot_count, slot_stride, LINE as u64, header_length, length)
     {
         return refuse("lies outside the segment");
     }
     let Ok(first_host_offset) = u32::try_from(host_offset) else {
         return refuse(&format!("mirrors host offset {host_offset}"));
     };
+    let place =
+        [REGION_BLOCK_START, REGION_BLOCK_STRIDE, REGION_BLOCK_COUNT].map(|field| word(entry + field));
+    let [Ok(start), Ok(stride), Ok(count)] = place.map(u32::try_from) else {
+        return refuse("has blocks outside its payload");
+    };
+    let blocks = BlockPlace { start, stride, count };
+    if !blocks.fits(payload) {
+        return refuse("has blocks outside its payload");
+    }
     Ok(Region {
         id,
         entry,
         payload_bytes: payload as usize,
         first_host_offset,
-        ring: ring_at(head as usize, slots as usize, count as usize, stride as usize, payload as usize),
+        blocks,
+        ring: ring_at(
+            head as usize,
+            slots as usize,
+            slot_count as usize,
+            slot_stride as usize,
+            payload as usize,
+        ),
         lines: slot_bytes(payload as usize).div_ceil(LINE),
     })
 }

@@ -14,7 +14,7 @@
 //! |---|---|---|---|
 //! | 0x000 | `magic` | no | [`MAGIC`], the bytes `PMACDPRM` on a little-endian machine. Stored last |
 //! | 0x008 | `abi_major` | no | 1. Refuse any other |
-//! | 0x010 | `abi_minor` | no | 1. Accept any; 0 had no `unread_words` and `unread_numbers` |
+//! | 0x010 | `abi_minor` | no | 2. Accept any: it grows with every addition |
 //! | 0x018 | `header_length` | no | bytes from the start to the end of the region table |
 //! | 0x020 | `layout_hash` | no | checksum of the geometry, see below |
 //! | 0x028 | `total_length` | no | size of the object in bytes; it is never resized |
@@ -70,11 +70,13 @@
 //! | 0x50 | `stale_after_ns` | yes | a latest sample older than this is stale whatever `state` says; 0: never |
 //! | 0x58 | `unread_words` | no | bit `i`: word `i` (16 bits) of every motor's or coordinate system's block is not read from the board |
 //! | 0x60 | `unread_numbers` | no | bit `k-1`: nothing of motor or coordinate system `k` is read from the board |
-//! | 0x68 | reserved | | 3 words |
+//! | 0x68 | `block_start` | no | bytes from the payload's start to the block of number 1 |
+//! | 0x70 | `block_stride` | no | bytes from one block to the next |
+//! | 0x78 | `block_count` | no | how many blocks a payload may have; 0: this region has none |
 //!
-//! The last two are about the servo and background regions, whose payload has a block a number, one behind the other: servo
-//! from host offset 0x48 on, 30 words a block; background from 0x24C on, 62 words. What is not read has its place in the payload,
-//! **holds 0 there, and must not be shown as a value.** (A payload ends with the last number that is read.)
+//! The last five are about the servo and background regions, whose payload has a block for each number (motor or coordinate system),
+//! one behind the other. What is not read has its place in the payload, **holds 0 there, and must not be shown as a value.**
+//! A payload ends with the last block that is read.
 //!
 //! # Head and slots
 //! The head word counts the samples published. Samples are numbered from 1, so the head is also the number of the latest, and
@@ -135,7 +137,7 @@ pub const MAGIC: u64 = u64::from_le_bytes(*b"PMACDPRM");
 /// Version of this page.
 pub const ABI_MAJOR: u64 = 1;
 /// Additions since.
-pub const ABI_MINOR: u64 = 1;
+pub const ABI_MINOR: u64 = 2;
 /// What `byte_order` holds, as the machine that wrote it reads it.
 pub const BYTE_ORDER: u64 = 0x0102_0304_0506_0708;
 /// Bytes of a word, the unit of every access.
@@ -233,6 +235,13 @@ pub const REGION_UNREAD_WORDS: usize = 0x58;
 /// Offset in a region entry of `unread_numbers`.
 pub const REGION_UNREAD_NUMBERS: usize = 0x60;
 
+/// Offset in a region entry of `block_start`.
+pub const REGION_BLOCK_START: usize = 0x68;
+/// Offset in a region entry of `block_stride`.
+pub const REGION_BLOCK_STRIDE: usize = 0x70;
+/// Offset in a region entry of `block_count`.
+pub const REGION_BLOCK_COUNT: usize = 0x78;
+
 /// Offset in a slot of `sequence`.
 pub const SLOT_SEQUENCE: usize = 0x00;
 /// Offset in a slot of `time_ns`.
@@ -261,7 +270,7 @@ const _: () = {
     assert!(SLOT_PAYLOAD == SLOT_TIME + STAMP_WORDS * WORD);
     assert!(AT_STATE.is_multiple_of(LINE) && AT_HEARTBEAT.is_multiple_of(LINE));
     assert!(AT_COUNTERS.is_multiple_of(LINE) && AT_REGIONS.is_multiple_of(LINE));
-    assert!(REGION_STRIDE.is_multiple_of(LINE));
+    assert!(REGION_STRIDE.is_multiple_of(LINE) && REGION_STRIDE == REGION_BLOCK_COUNT + WORD);
 };
 
 /// The clock of every time in a segment.
@@ -342,17 +351,17 @@ impl RegionState {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 #[repr(u64)]
 pub enum RegionId {
-    /// Servo fixed data, host offsets 0x0024 to 0x0227.
+    /// Servo fixed data: the board's words as they were.
     Servo = 1,
-    /// Background fixed data, host offsets 0x0228 to 0x062B.
+    /// Background fixed data: the board's words as they were.
     Background = 2,
     /// Who the board is: [`super::Identity`].
     Board = 3,
-    /// Control panel, host offsets 0x0000 to 0x0023.
+    /// Control panel: the board's words as they were.
     Panel = 4,
-    /// Background variable data; the payload is described in `src/mirror/variable.rs`.
+    /// Registers of the user's choice: [`super::payload::variable`].
     Variable = 5,
-    /// Gathered samples; the payload is described in `src/mirror/gather.rs`.
+    /// Gathered samples: [`super::payload::gather`].
     Gather = 6,
 }
 

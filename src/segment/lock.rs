@@ -5,7 +5,7 @@
 //! itself is what a client can see on its read-only descriptor: only a write lock counts, and only someone with write
 //! permission can hold one.
 
-use std::fs::{File, OpenOptions};
+use std::fs::{File, Metadata, OpenOptions};
 use std::io::{self, Read, Seek, Write};
 use std::os::unix::fs::{MetadataExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
@@ -38,8 +38,9 @@ pub(super) fn try_hold(file: &File) -> io::Result<bool> {
     }
 }
 
-/// Whether someone else holds the write lock on `file`. Changes nothing and needs no write permission.
+/// Whether someone else holds the write lock on `file`. Changes nothing and needs no write permission. One system call.
 pub(super) fn is_held(file: &File) -> io::Result<bool> {
+    kernel_asked();
     let mut probe = whole_file(libc::F_RDLCK);
     fcntl(file, FcntlArg::F_OFD_GETLK(&mut probe))?;
     Ok(i32::from(probe.l_type) != libc::F_UNLCK)
@@ -69,10 +70,29 @@ fn is_pmacd(uid: u32) -> bool {
     matches!(User::from_name("pmacd"), Ok(Some(user)) if user.uid.as_raw() == uid)
 }
 
+/// What tells a file from every other one, whatever it is called.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct FileId {
+    device: u64,
+    inode: u64,
+}
+
+impl FileId {
+    pub(super) fn of(there: &Metadata) -> Self {
+        Self { device: there.dev(), inode: there.ino() }
+    }
+}
+
+/// What is at `path`, or `None` when that cannot be known. One system call.
+pub(super) fn file_at(path: &Path) -> Option<FileId> {
+    kernel_asked();
+    path.symlink_metadata().ok().as_ref().map(FileId::of)
+}
+
 /// Whether `path` leads to `file` itself.
 pub(super) fn leads_to(path: &Path, file: &File) -> bool {
-    match (path.symlink_metadata(), file.metadata()) {
-        (Ok(there), Ok(here)) => there.ino() == here.ino() && there.dev() == here.dev(),
+    match (file_at(path), file.metadata()) {
+        (Some(there), Ok(here)) => there == FileId::of(&here),
         _ => false,
     }
 }
@@ -143,6 +163,18 @@ fn pid_in(file: &mut File) -> Option<u32> {
     file.rewind().ok()?;
     file.take(16).read_to_string(&mut text).ok()?;
     text.trim().parse().ok()
+}
+
+/// Counts a system call that a reader makes, for the tests that hold their number.
+fn kernel_asked() {
+    #[cfg(test)]
+    KERNEL_ASKED.with(|count| count.set(count.get() + 1));
+}
+
+#[cfg(test)]
+thread_local! {
+    /// System calls that readers of this thread have made.
+    pub(crate) static KERNEL_ASKED: std::cell::Cell<u64> = const { std::cell::Cell::new(0) };
 }
 
 #[cfg(test)]

@@ -7,7 +7,7 @@
 //! | file | what it holds |
 //! |---|---|
 //! | [`layout`] | **the ABI, field by field**: a reader in C or Python can be written from that page alone |
-//! | [`identity`] | the payload of the board region |
+//! | [`payload`] | what a sample of each region carries |
 //! | [`name`] | what a segment may be called, and the lock on its name |
 //! | [`ring`] | the slot-ring protocol, over any memory (shared, or a model checker's) |
 //! | `memory` | mapping, words, futex |
@@ -31,11 +31,11 @@ use nix::time::{ClockId, clock_gettime};
 mod cursor;
 pub mod freshness;
 mod header;
-pub mod identity;
 pub mod layout;
 mod lock;
 mod memory;
 pub mod name;
+pub mod payload;
 mod plan;
 pub mod publish;
 pub mod ring;
@@ -48,9 +48,12 @@ mod wide_copy;
 pub use crate::clock::monotonic_ns;
 pub use cursor::Cursor;
 pub use freshness::Staleness;
-pub use identity::Identity;
 pub use layout::{ClockKind, Counter, RegionId, RegionState, State};
+#[cfg(test)]
+pub(crate) use lock::KERNEL_ASKED;
 pub use name::SegmentName;
+pub use payload::blocks::BlockPlace;
+pub use payload::identity::{self, Identity};
 pub use plan::{CreateOptions, RegionSpec};
 pub use publish::{Counters, Publisher};
 pub use sample::{Sample, Stamp};

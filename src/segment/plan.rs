@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use super::header;
 use super::layout::*;
 use super::memory::WriteMap;
+use super::payload::blocks::BlockPlace;
 use super::ring::{Ring, Words, WordsMut};
 use super::{DIRECTORY, SegmentError, SegmentName, monotonic_ns};
 use crate::map::Selection;
@@ -23,6 +24,8 @@ pub struct RegionSpec {
     pub payload_bytes: u32,
     /// Host byte offset of the payload's first word in the DPRAM.
     pub first_host_offset: u32,
+    /// Where the blocks of its numbers lie in the payload.
+    pub blocks: BlockPlace,
     /// How often to expect a sample, in ns; 0 where there is no period.
     pub period_hint_ns: u64,
     /// How old the latest sample may grow before it counts as stale, in ns; 0: never stale.
@@ -108,6 +111,12 @@ impl Plan {
             if u64::from(spec.payload_bytes) > MAX_PAYLOAD {
                 return refuse(format!("a {name} payload of {} bytes is too long", spec.payload_bytes));
             }
+            if !spec.blocks.fits(u64::from(spec.payload_bytes)) {
+                return refuse(format!(
+                    "a {name} payload of {} bytes has no room for its blocks",
+                    spec.payload_bytes
+                ));
+            }
             let payload_bytes = spec.payload_bytes as usize;
             let stride = header::slot_bytes(payload_bytes).next_multiple_of(LINE);
             let head = end.next_multiple_of(REGION_ALIGNMENT);
@@ -152,6 +161,9 @@ impl Plan {
             put(entry + REGION_SLOT_STRIDE, (ring.stride * WORD) as u64);
             put(entry + REGION_PAYLOAD, u64::from(spec.payload_bytes));
             put(entry + REGION_HOST_OFFSET, u64::from(spec.first_host_offset));
+            put(entry + REGION_BLOCK_START, u64::from(spec.blocks.start));
+            put(entry + REGION_BLOCK_STRIDE, u64::from(spec.blocks.stride));
+            put(entry + REGION_BLOCK_COUNT, u64::from(spec.blocks.count));
             put(entry + REGION_STATE, RegionState::Off as u64);
             put(entry + REGION_PERIOD, spec.period_hint_ns);
             put(entry + REGION_STALE_AFTER, spec.stale_after_ns);

@@ -8,7 +8,7 @@ use super::memory::{self, Lines};
 pub struct Stamp {
     /// When the first device read that went into the sample was made, in ns of the segment's clock.
     pub time_ns: u64,
-    /// The board's servo timer (15 bit at host offset 0x0026), extended to 64 bit; counts servo cycles.
+    /// The board's servo timer (15 to 24 bits of its own), extended to 64 bit; counts servo cycles.
     pub servo_timer: u64,
     /// The sample is what the board held, read whole.
     pub valid: bool,

@@ -13,8 +13,9 @@ use super::cursor::Cursor;
 use super::freshness::{self, Staleness};
 use super::header::{self, Geometry, Refusal, Region};
 use super::layout::*;
-use super::lock;
+use super::lock::{self, FileId};
 use super::memory::ReadMap;
+use super::payload::blocks::BlockPlace;
 use super::ring::{Attempt, Latest, Words};
 use super::sample::{Sample, Stamp};
 use super::{DIRECTORY, SegmentError, SegmentName, monotonic_ns};
@@ -94,6 +95,8 @@ pub struct RegionInfo {
     pub stale_after_ns: u64,
     /// Number of samples published.
     pub published: u64,
+    /// Where the blocks of its numbers lie in the payload.
+    pub blocks: BlockPlace,
     /// What of each number's block, and which numbers, are read from the board at all.
     pub selection: Selection,
 }
@@ -133,6 +136,7 @@ pub struct HeaderInfo {
 pub struct Subscriber {
     map: ReadMap,
     file: File,
+    file_id: FileId,
     path: PathBuf,
     geometry: Geometry,
     /// The regions once more, by number: found without a search.
@@ -182,10 +186,11 @@ impl Subscriber {
         for region in geometry.regions.iter().rev() {
             inlets[region.id as usize] = Some(*region);
         }
-        Ok(Self { map, file, path, geometry, inlets, generation })
+        let file_id = FileId::of(&there);
+        Ok(Self { map, file, file_id, path, geometry, inlets, generation })
     }
 
-    /// How the segment stands: what its header says, whether its owner gives signs of life, exists at all, or was replaced. Three system calls.
+    /// How the segment stands: what its header says, whether its owner gives signs of life, exists at all, or was replaced. Two system calls.
     #[must_use]
     pub fn condition(&self) -> Condition {
         if self.is_replaced() {
@@ -447,10 +452,7 @@ impl Subscriber {
     }
 
     fn is_replaced(&self) -> bool {
-        match self.path.symlink_metadata() {
-            Ok(_) => !lock::leads_to(&self.path, &self.file),
-            Err(_) => false,
-        }
+        lock::file_at(&self.path).is_some_and(|found| found != self.file_id)
     }
 
     fn is_owner_gone(&self) -> bool {
@@ -477,6 +479,7 @@ impl Subscriber {
             slots: region.ring.count as u64,
             payload_bytes: region.payload_bytes,
             first_host_offset: region.first_host_offset,
+            blocks: region.blocks,
             state: RegionState::from_number(self.in_entry(region, REGION_STATE)),
             period_ns: self.in_entry(region, REGION_PERIOD),
             stale_after_ns: self.in_entry(region, REGION_STALE_AFTER),

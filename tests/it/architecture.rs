@@ -29,7 +29,7 @@ const OTHER_OFFSETS: [&str; 6] = [
     "src/sim/language/",
     "src/sim/set_up.rs",
     "src/segment/layout.rs",
-    "src/segment/identity.rs",
+    "src/segment/payload/identity.rs",
     "src/device/board/byte_spec.rs",
 ];
 

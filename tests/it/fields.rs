@@ -60,7 +60,7 @@ fn a_program_without_our_code_finds_it_in_the_regions_entry() {
     let path = Path::new(DIRECTORY).join(&rig.name);
     let bytes = std::fs::read(&path).unwrap();
     let word = |offset: usize| u64::from_ne_bytes(bytes[offset..offset + 8].try_into().unwrap());
-    assert_eq!((word(0x300), word(layout::AT_ABI_MINOR)), (RegionId::Servo as u64, 1));
+    assert_eq!((word(0x300), word(layout::AT_ABI_MINOR)), (RegionId::Servo as u64, layout::ABI_MINOR));
     assert_eq!(!word(0x300 + 0x58), 0b0011_0000_0000_0000_1111_0000);
     assert_eq!(!word(0x300 + 0x60), 0b101);
 }

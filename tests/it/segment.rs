@@ -7,8 +7,9 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use pmac_dpram::segment::{
-    ClockKind, Condition, Counter, CreateOptions, Identity, Publisher, Read, RegionId, RegionSpec,
-    RegionState, Sample, SegmentName, Stamp, State, Subscriber, WaitOutcome, identity, layout, monotonic_ns,
+    BlockPlace, ClockKind, Condition, Counter, CreateOptions, Identity, Publisher, Read, RegionId,
+    RegionSpec, RegionState, Sample, SegmentName, Stamp, State, Subscriber, WaitOutcome, identity, layout,
+    monotonic_ns,
 };
 
 /// Long enough for any machine; reached only when a test fails.
@@ -24,6 +25,7 @@ pub fn spec(id: RegionId, slots: u32, payload_bytes: u32) -> RegionSpec {
         slots,
         payload_bytes,
         first_host_offset: 0x24,
+        blocks: BlockPlace::NONE,
         period_hint_ns: 442_673,
         stale_after_ns: 100_000_000,
     }
@@ -31,9 +33,10 @@ pub fn spec(id: RegionId, slots: u32, payload_bytes: u32) -> RegionSpec {
 
 /// The regions of a classic board.
 pub fn regions() -> Vec<RegionSpec> {
+    let blocks = |spec, start, stride| RegionSpec { blocks: BlockPlace { start, stride, count: 8 }, ..spec };
     vec![
-        spec(RegionId::Servo, 4096, 516),
-        spec(RegionId::Background, 16, 1028),
+        blocks(spec(RegionId::Servo, 4096, 516), 36, 60),
+        blocks(spec(RegionId::Background, 16, 1028), 36, 124),
         spec(RegionId::Board, 4, identity::BYTES as u32),
         spec(RegionId::Panel, 4, 36),
     ]
@@ -85,7 +88,7 @@ fn the_layout_is_the_one_that_was_published() {
     }
     let golden = [
         (0x008, 1),
-        (0x010, 1),
+        (0x010, 2),
         (0x018, 0x500),
         (0x028, file.len() as u64),
         (0x030, 0x0102_0304_0506_0708),
@@ -104,7 +107,7 @@ fn the_layout_is_the_one_that_was_published() {
         (0x0E0, 20),
         (0x200 + 6 * 8, 33),
         (0x200 + 16 * 8, 44),
-        // servo: head, slots, count, stride, payload, host offset, reserved; state, period, stale after
+        // servo: head, slots, count, stride, payload, host offset, reserved; state, period, stale after; block start, stride, count
         (0x300, 1),
         (0x308, 0x500),
         (0x310, 0x580),
@@ -116,6 +119,9 @@ fn the_layout_is_the_one_that_was_published() {
         (0x340, 0),
         (0x348, 442_673),
         (0x350, 100_000_000),
+        (0x368, 36),
+        (0x370, 60),
+        (0x378, 8),
         // background
         (0x380, 2),
         (0x388, 0x0024_0580),
@@ -124,8 +130,12 @@ fn the_layout_is_the_one_that_was_published() {
         (0x3A0, 1088),
         (0x3A8, 1028),
         (0x3C0, 2),
+        (0x3E8, 36),
+        (0x3F0, 124),
+        (0x3F8, 8),
         // panel
         (0x480, 4),
+        (0x4F8, 0),
         (0x4A0, 128),
         (0x4A8, 36),
         (0x4C8, 11),
@@ -170,6 +180,7 @@ fn what_is_published_comes_out_as_it_was() {
     assert_eq!(reader.published(RegionId::Servo).unwrap(), 6);
     let servo = reader.region(RegionId::Servo).unwrap();
     assert_eq!((servo.slots, servo.payload_bytes, servo.first_host_offset), (4096, 516, 0x24));
+    assert_eq!(servo.blocks, BlockPlace { start: 36, stride: 60, count: 8 });
 }
 
 #[test]
@@ -181,6 +192,10 @@ fn regions_that_cannot_be_are_refused_before_anything_is_made() {
         vec![spec(RegionId::Servo, 1, 8)],
         vec![spec(RegionId::Servo, 4, 1 << 21)],
         vec![spec(RegionId::Servo, 1 << 31, 1 << 20)],
+        vec![RegionSpec {
+            blocks: BlockPlace { start: 36, stride: 60, count: 9 },
+            ..spec(RegionId::Servo, 4, 516)
+        }],
         twice,
     ] {
         let error = Publisher::create(&options(directory.path(), bad)).err().unwrap().to_string();
@@ -472,6 +487,8 @@ fn with_python_a_program_written_from_the_page_reads_the_same() {
         let theirs = &read["regions"][region.id.name()];
         assert_eq!(theirs["slots"], region.slots);
         assert_eq!(theirs["first_host_offset"], region.first_host_offset);
+        let blocks = [region.blocks.start, region.blocks.stride, region.blocks.count];
+        assert_eq!(theirs["blocks"], serde_json::json!(blocks));
         match reader.latest(region.id, &mut sample).unwrap() {
             None => assert!(theirs["latest"].is_null()),
             Some(sequence) => {

@@ -90,7 +90,7 @@ fn a_sound_segment_is_read() {
 fn each_flaw_is_named() {
     let (directory, sound) = sound();
     let length = sound.len() as u64 * 8;
-    let flaws: [(Changes<'_>, u64, &str); 20] = [
+    let flaws: [(Changes<'_>, u64, &str); 23] = [
         (&[], length - 4096, "header says"),
         (&[], length + 4096, "header says"),
         (&[], 0x2F8, "too short"),
@@ -110,6 +110,9 @@ fn each_flaw_is_named() {
         (&[(0x320, 64)], length, "slots of 64 bytes"),
         (&[(0x328, 1 << 40)], length, "a payload of"),
         (&[(0x308, u64::MAX - 63)], length, "outside the segment"),
+        (&[(0x378, 1 << 40)], length, "blocks outside its payload"),
+        (&[(0x370, 60), (0x378, 9)], length, "blocks outside its payload"),
+        (&[(0x370, 0), (0x378, 1)], length, "blocks outside its payload"),
         (&[(0x380, 1)], length, "two servo regions"),
     ];
     for (changes, length, expected) in flaws {

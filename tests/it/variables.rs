@@ -40,14 +40,15 @@ fn clients_share_entries_and_free_them() {
     wait_until("a table of both", || listed(&site) == ["D:$0728", "X:$0000", "X:$0701", "Y:$0700"]);
     wait_until("values", || {
         let Some(view) = two.variables().unwrap().filter(|view| view.is_fresh()) else { return false };
-        let value = |text: &str| view.data.value_of(register(text)).map(|entry| entry.value().to_vec());
+        let value =
+            |text: &str| view.data.value_of(register(text).address()).map(|entry| entry.value().to_vec());
         value("Y:$0700") == Some(vec![0x12_3456])
             && value("X:$0701") == Some(vec![0xFFFF_FFFE])
             && value("D:$0728") == Some(vec![1, 0])
     });
     // The servo counter is read in the pass whose end the sample's servo time tells.
     let view = one.variables().unwrap().unwrap();
-    let counter = view.data.value_of(register("X:$0000")).unwrap().value()[0];
+    let counter = view.data.value_of(register("X:$0000").address()).unwrap().value()[0];
     let behind = (view.servo_timer as u32).wrapping_sub(counter) & 0xFFFF;
     assert!(behind < 2000, "{behind} servo cycles between the value and its time");
 

@@ -7,8 +7,8 @@ use std::sync::atomic::{AtomicU32, Ordering};
 use pmac_dpram::format::{fixed48, float48, int24, split32};
 use pmac_dpram::map::Selection;
 use pmac_dpram::segment::{
-    CreateOptions, Identity, Publisher, RegionId, RegionSpec, RegionState, SegmentName, Stamp, State,
-    monotonic_ns,
+    BlockPlace, CreateOptions, Identity, Publisher, RegionId, RegionSpec, RegionState, SegmentName, Stamp,
+    State, monotonic_ns,
 };
 
 /// Nothing is stale in a test unless the test says so.
@@ -55,20 +55,21 @@ impl Rig {
 
     /// As [`Rig::at`], of a daemon that reads only a part of a region.
     pub fn selecting(directory: &Path, name: &str, selections: Vec<(RegionId, Selection)>) -> Self {
-        let region = |id, slots, payload_bytes: usize, first_host_offset: usize| RegionSpec {
+        let region = |id, slots, payload_bytes: usize, first_host_offset: usize, stride| RegionSpec {
             id,
             slots,
             payload_bytes: payload_bytes as u32,
             first_host_offset: first_host_offset as u32,
+            blocks: BlockPlace { start: 36, stride, count: if stride == 0 { 0 } else { 8 } },
             period_hint_ns: 442_713,
             stale_after_ns: LONG_NS,
         };
         let mut options = CreateOptions::new(
             SegmentName::new(name).unwrap(),
             vec![
-                region(RegionId::Servo, 64, 2 * SERVO_WORDS, SERVO_START),
-                region(RegionId::Background, 4, 2 * BACKGROUND_WORDS, BACKGROUND_START),
-                region(RegionId::Board, 4, pmac_dpram::segment::identity::BYTES, 0),
+                region(RegionId::Servo, 64, 2 * SERVO_WORDS, SERVO_START, 60),
+                region(RegionId::Background, 4, 2 * BACKGROUND_WORDS, BACKGROUND_START, 124),
+                region(RegionId::Board, 4, pmac_dpram::segment::identity::BYTES, 0, 0),
             ],
         );
         options.heartbeat_limit_ns = HEARTBEAT_NS;
@@ -79,7 +80,7 @@ impl Rig {
             family: Some(1),
             motors: Some(8),
             i10: Some(3_713_707),
-            i59: Some(3),
+            motor_mask: Some(0b111),
             firmware: Some("1.16D".into()),
             board_type: Some("PMAC1".into()),
             servo_period_ps: Some(442_708_000),

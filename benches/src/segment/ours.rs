@@ -24,6 +24,7 @@ pub fn publisher(directory: &Path, called: &str) -> Publisher {
         slots,
         payload_bytes,
         first_host_offset: 0x24,
+        blocks: pmac_dpram::segment::BlockPlace::NONE,
         period_hint_ns: 442_708,
         stale_after_ns: 0,
     };

@@ -9,10 +9,10 @@ use crate::cli::args::values::{rate, seconds};
 use crate::cli::console::table::{Align, Table};
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::cli::layout::board_layout;
-use crate::client::{Variable as Entry, VariableTable, VariableWidth, View};
+use crate::client::{Variable as Entry, VariableTable, View};
 use crate::format::{fixed48, float48, int24};
 use crate::gather::{Column, Source};
-use crate::map::{PmacAddress, Space};
+use crate::map::{PmacAddress, Space, VariableKind};
 use crate::protocol::board::VariableRecord;
 use crate::setup::gather_source::GatherSource;
 use crate::setup::number;
@@ -99,7 +99,10 @@ fn watch(context: &mut Context, options: &Watch) -> Result<Verdict, Failure> {
         let found = board.variables()?;
         let values = found.as_ref().filter(|view| view.is_fresh() && view.sequence > after);
         let values = values.map(|view| {
-            (view, registers.iter().map(|&register| view.data.value_of(register)).collect::<Vec<_>>())
+            (
+                view,
+                registers.iter().map(|&register| view.data.value_of(register.address())).collect::<Vec<_>>(),
+            )
         });
         match values {
             Some((view, values)) if values.iter().all(Option::is_some) => {
@@ -177,9 +180,9 @@ fn list(context: &mut Context) -> Result<Verdict, Failure> {
         let mut table =
             Table::new(&[("register", Align::Left), ("updates", Align::Right), ("value", Align::Right)]);
         for entry in entries {
-            let value = match (entry.updates, entry.width) {
+            let value = match (entry.updates, entry.kind) {
                 (0, _) => "-".to_owned(),
-                (_, VariableWidth::Y | VariableWidth::X) => int24::signed(entry.longs[0]).to_string(),
+                (_, VariableKind::Y | VariableKind::X) => int24::signed(entry.longs[0]).to_string(),
                 _ => format!("{} (L: {})", fixed(entry), float(entry)),
             };
             table.row([name(entry), entry.updates.to_string(), value]);
@@ -190,13 +193,13 @@ fn list(context: &mut Context) -> Result<Verdict, Failure> {
 }
 
 fn name(entry: &Entry) -> String {
-    let space = match entry.width {
-        VariableWidth::Y => Space::Y,
-        VariableWidth::X => Space::X,
-        VariableWidth::Long => Space::D,
-        VariableWidth::Special => return format!("function block {}", entry.address),
+    let space = match entry.kind {
+        VariableKind::Y => Space::Y,
+        VariableKind::X => Space::X,
+        VariableKind::Long => Space::D,
+        VariableKind::Special => return format!("function block {}", entry.address),
     };
-    PmacAddress::new(space, entry.address.into()).to_string()
+    PmacAddress::new(space, entry.address).to_string()
 }
 
 fn fixed(entry: &Entry) -> i64 {
@@ -212,12 +215,12 @@ fn document(entry: &Entry) -> Value {
         ("register".to_owned(), json!(name(entry))),
         ("updates".to_owned(), json!(entry.updates)),
     ]);
-    match entry.width {
+    match entry.kind {
         _ if entry.updates == 0 => {}
-        VariableWidth::Y | VariableWidth::X => {
+        VariableKind::Y | VariableKind::X => {
             document.insert("value".to_owned(), json!(int24::signed(entry.longs[0])));
         }
-        VariableWidth::Long | VariableWidth::Special => {
+        VariableKind::Long | VariableKind::Special => {
             document.insert("fixed".to_owned(), json!(fixed(entry)));
             document.insert("float".to_owned(), json!(float(entry)));
         }

@@ -237,8 +237,12 @@ fn data(report: &mut Report, board: &mut Board, settings: &BoardSettings) {
 /// What a report that does not come is missing, as far as the board has told what it is set to.
 fn missing(region: RegionId, identity: &Identity) -> String {
     let needed: &[(&str, Option<u32>)] = match region {
-        RegionId::Servo => &[("I48", identity.i48), ("I19", identity.i19), ("I59", identity.i59)],
-        _ => &[("I49", identity.i49), ("I59", identity.i59)],
+        RegionId::Servo => &[
+            ("I48", identity.servo_report),
+            ("I19", identity.servo_report_cycles),
+            ("I59", identity.reported_motors()),
+        ],
+        _ => &[("I49", identity.background_report), ("I59", identity.reported_motors())],
     };
     let off: Vec<_> = needed.iter().filter(|(_, value)| *value == Some(0)).map(|(name, _)| *name).collect();
     if !off.is_empty() {

@@ -12,10 +12,10 @@
 //! | 0x00C | u32 | number of coordinate systems | bit 2 |
 //! | 0x010 | u64 | servo period in picoseconds | bit 3 |
 //! | 0x018 | u32 | I10, servo interrupt time in 1/8,388,608 ms | bit 4 |
-//! | 0x01C | u32 | I19, servo report period in servo cycles | bit 5 |
-//! | 0x020 | u32 | I48, servo report enable | bit 6 |
-//! | 0x024 | u32 | I49, background report enable | bit 7 |
-//! | 0x028 | u32 | I59, motors reported | bit 8 |
+//! | 0x01C | u32 | servo cycles from one servo report to the next (PMAC: I19, Turbo: I47) | bit 5 |
+//! | 0x020 | u32 | servo report enable (I48): 0 off | bit 6 |
+//! | 0x024 | u32 | background report enable (I49): 0 off | bit 7 |
+//! | 0x028 | u32 | motors reported: bit n-1 is motor n (PMAC: the first I59, Turbo: the mask in the DPRAM) | bit 8 |
 //! | 0x02C | u32 | bit k-1: Ix07 of motor k is known | |
 //! | 0x030 | u32 | the same for Ix08 | |
 //! | 0x034 | u32 | the same for Ix09 | |
@@ -26,7 +26,7 @@
 //! | 0x110 | 32 × i32 | Ix08, position scale factor | its own bit |
 //! | 0x190 | 32 × i32 | Ix09, velocity scale factor | its own bit |
 
-use super::ShortText;
+use crate::segment::ShortText;
 
 /// Length of the payload in bytes.
 pub const BYTES: usize = 0x210;
@@ -39,10 +39,10 @@ const AT_MOTORS: usize = 0x008;
 const AT_COORDINATE_SYSTEMS: usize = 0x00C;
 const AT_SERVO_PERIOD: usize = 0x010;
 const AT_I10: usize = 0x018;
-const AT_I19: usize = 0x01C;
-const AT_I48: usize = 0x020;
-const AT_I49: usize = 0x024;
-const AT_I59: usize = 0x028;
+const AT_REPORT_CYCLES: usize = 0x01C;
+const AT_SERVO_REPORT: usize = 0x020;
+const AT_BACKGROUND_REPORT: usize = 0x024;
+const AT_MOTOR_MASK: usize = 0x028;
 const AT_SCALES_KNOWN: usize = 0x02C;
 const AT_FIRMWARE: usize = 0x040;
 const FIRMWARE_BYTES: usize = 16;
@@ -66,14 +66,14 @@ pub struct Identity {
     pub servo_period_ps: Option<u64>,
     /// I10, servo interrupt time in 1/8,388,608 ms.
     pub i10: Option<u32>,
-    /// I19, servo report period in servo cycles.
-    pub i19: Option<u32>,
-    /// I48, servo report enable.
-    pub i48: Option<u32>,
-    /// I49, background report enable.
-    pub i49: Option<u32>,
-    /// I59, motors reported.
-    pub i59: Option<u32>,
+    /// Servo cycles from one servo report to the next: I19 of PMAC, I47 of Turbo PMAC.
+    pub servo_report_cycles: Option<u32>,
+    /// I48: the servo report is on unless this is 0.
+    pub servo_report: Option<u32>,
+    /// I49: the background report is on unless this is 0.
+    pub background_report: Option<u32>,
+    /// The motors that are reported, bit n-1 for motor n; see [`first_motors`] and [`Identity::reported_motors`].
+    pub motor_mask: Option<u32>,
     /// Firmware version, as `1.16D`.
     pub firmware: Option<ShortText<FIRMWARE_BYTES>>,
     /// The board's answer to `TYPE`.
@@ -86,7 +86,22 @@ pub struct Identity {
     pub ix09: [Option<i32>; MOTORS],
 }
 
+/// The mask of the motors from 1 to `count`, as [`Identity::motor_mask`] has it.
+#[must_use]
+pub const fn first_motors(count: u32) -> u32 {
+    match 1_u32.checked_shl(count) {
+        Some(next) => next - 1,
+        None => u32::MAX,
+    }
+}
+
 impl Identity {
+    /// The number of the last motor that is reported; 0: none is. A report has a block for each motor up to this one.
+    #[must_use]
+    pub fn reported_motors(&self) -> Option<u32> {
+        self.motor_mask.map(|mask| u32::BITS - mask.leading_zeros())
+    }
+
     /// The identity as the board region's payload.
     #[must_use]
     pub fn encode(&self) -> [u8; BYTES] {
@@ -98,10 +113,10 @@ impl Identity {
             (1, AT_MOTORS, self.motors),
             (2, AT_COORDINATE_SYSTEMS, self.coordinate_systems),
             (4, AT_I10, self.i10),
-            (5, AT_I19, self.i19),
-            (6, AT_I48, self.i48),
-            (7, AT_I49, self.i49),
-            (8, AT_I59, self.i59),
+            (5, AT_REPORT_CYCLES, self.servo_report_cycles),
+            (6, AT_SERVO_REPORT, self.servo_report),
+            (7, AT_BACKGROUND_REPORT, self.background_report),
+            (8, AT_MOTOR_MASK, self.motor_mask),
         ] {
             if let Some(value) = value {
                 known |= 1 << bit;
@@ -169,10 +184,10 @@ impl Identity {
             coordinate_systems: number(2, AT_COORDINATE_SYSTEMS),
             servo_period_ps,
             i10: number(4, AT_I10),
-            i19: number(5, AT_I19),
-            i48: number(6, AT_I48),
-            i49: number(7, AT_I49),
-            i59: number(8, AT_I59),
+            servo_report_cycles: number(5, AT_REPORT_CYCLES),
+            servo_report: number(6, AT_SERVO_REPORT),
+            background_report: number(7, AT_BACKGROUND_REPORT),
+            motor_mask: number(8, AT_MOTOR_MASK),
             firmware: is_known(FIRMWARE_BIT).then(|| text(&bytes[AT_FIRMWARE..])),
             board_type: is_known(BOARD_TYPE_BIT).then(|| text(&bytes[AT_BOARD_TYPE..])),
             ix07: scales(0),
@@ -193,10 +208,10 @@ mod tests {
             coordinate_systems: Some(8),
             servo_period_ps: Some(442_673_000),
             i10: Some(3_713_707),
-            i19: Some(0),
-            i48: Some(1),
-            i49: Some(1),
-            i59: Some(8),
+            servo_report_cycles: Some(0),
+            servo_report: Some(1),
+            background_report: Some(1),
+            motor_mask: Some(0x8000_00FF),
             firmware: Some("1.16D".into()),
             board_type: Some("PMAC1, ISA, CLK X2".into()),
             ix07: std::array::from_fn(|motor| Some(-96 - motor as i32)),
@@ -207,7 +222,9 @@ mod tests {
 
     #[test]
     fn what_is_encoded_decodes_to_the_same() {
-        for identity in [full(), Identity::default(), Identity { i48: Some(0), ..Identity::default() }] {
+        for identity in
+            [full(), Identity::default(), Identity { servo_report: Some(0), ..Identity::default() }]
+        {
             assert_eq!(Identity::decode(&identity.encode()), Some(identity));
         }
     }
@@ -219,12 +236,20 @@ mod tests {
         assert_eq!(u32_at(0), 0x7FF);
         assert_eq!((u32_at(4), u32_at(8), u32_at(0xC)), (2, 8, 8));
         assert_eq!(u64::from_ne_bytes(bytes[0x10..0x18].try_into().unwrap()), 442_673_000);
-        assert_eq!([0x18, 0x1C, 0x20, 0x24, 0x28].map(u32_at), [3_713_707, 0, 1, 1, 8]);
+        assert_eq!([0x18, 0x1C, 0x20, 0x24, 0x28].map(u32_at), [3_713_707, 0, 1, 1, 0x8000_00FF]);
         assert_eq!([0x2C, 0x30, 0x34].map(u32_at), [0xFFFF_FFFF, 0xFF, 0x5555_5555]);
         assert_eq!(&bytes[0x40..0x46], b"1.16D\0");
         assert_eq!(&bytes[0x50..0x54], b"PMAC");
         assert_eq!(u32_at(0x90), -96i32 as u32);
         assert_eq!((u32_at(0x114), u32_at(0x198)), (97, 2));
+    }
+
+    #[test]
+    fn the_reported_motors_are_a_mask() {
+        assert_eq!([0, 1, 8, 31, 32, 400].map(first_motors), [0, 1, 0xFF, 0x7FFF_FFFF, u32::MAX, u32::MAX]);
+        let reported = |mask| Identity { motor_mask: Some(mask), ..Identity::default() }.reported_motors();
+        assert_eq!([0, 1, 0xFF, 0b1010, u32::MAX].map(reported), [0, 1, 8, 4, 32].map(Some));
+        assert_eq!(Identity::default().reported_motors(), None);
     }
 
     #[test]

@@ -1,0 +1,41 @@
+//! What is needed to decode a board's words.
+
+use super::board::ClientError;
+use super::identity;
+use crate::decode::{BackgroundData, Scales, ServoData, background_selected, servo_selected};
+use crate::format::Float48Layout;
+use crate::segment::{Identity, RegionInfo};
+
+/// How many blocks the board reports, and its scales.
+#[derive(Debug, Clone)]
+pub(super) struct Decoder {
+    numbers: usize,
+    scales: Scales,
+}
+
+impl Decoder {
+    /// The decoder for a board of this identity; `None` for a family that is not known here.
+    pub(super) fn new(identity: &Identity) -> Option<Self> {
+        let family = identity::family(identity)?;
+        Some(Self { numbers: identity::reported(identity, family), scales: identity::scales(identity) })
+    }
+
+    pub(super) fn servo(&self, region: &RegionInfo, words: &[u16]) -> Result<ServoData, ClientError> {
+        Ok(servo_selected(words, self.numbers_in(region, words), &self.scales, region.selection)?)
+    }
+
+    pub(super) fn background(
+        &self,
+        region: &RegionInfo,
+        words: &[u16],
+    ) -> Result<BackgroundData, ClientError> {
+        let numbers = self.numbers_in(region, words);
+        let layout = Float48Layout::default();
+        Ok(background_selected(words, numbers, &self.scales, layout, region.selection)?)
+    }
+
+    /// How many numbers a payload tells of: fewer than the board reports when it is from before the board was told to report more.
+    fn numbers_in(&self, region: &RegionInfo, words: &[u16]) -> usize {
+        self.numbers.min(region.blocks.held_in(2 * words.len()))
+    }
+}

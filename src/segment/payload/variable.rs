@@ -1,0 +1,178 @@
+//! The variable region: registers of the user's choice, as PMAC copies them in the background.
+//!
+//! # Payload
+//! | offset | type | field |
+//! |---|---|---|
+//! | 0 | u32 | table number: grows with every change of the table |
+//! | 4 | u32 | entries that follow |
+//! | 8 + 16 k | u16 | entry k: PMAC address, bits 15-0 |
+//! | 10 + 16 k | u16 | bits 7-0 its kind: 0 Y, 1 long (D or L), 2 X, 4 special · bits 10-8 PMAC address, bits 18-16 · bits 15-11 zero |
+//! | 12 + 16 k | u32 | how many values of it were taken since the table was set up (modulo 2^32); 0: none yet |
+//! | 16 + 16 k | u32 × 2 | its value as the board held it: one long of a word, two of the others, the Y half first |
+//!
+//! Integers are in the machine's byte order, 32-bit ones low half first. The sample's servo timer is that of PMAC's pass.
+
+use crate::format::{join32, split32};
+use crate::map::{PmacAddress, Space, VariableKind};
+
+/// 16-bit words before the entries.
+const HEADER_WORDS: usize = 4;
+/// 16-bit words of an entry.
+const ENTRY_WORDS: usize = 8;
+/// The bits of an address that stand in the entry's first word.
+const LOW_ADDRESS_BITS: u32 = 16;
+/// Where the rest of the address begins in the entry's second word.
+const HIGH_ADDRESS_SHIFT: u32 = 8;
+/// The rest of the address, three bits.
+const HIGH_ADDRESS_MASK: u16 = 0b111;
+
+/// 16-bit words of a payload with so many entries.
+#[must_use]
+pub const fn payload_words(entries: usize) -> usize {
+    HEADER_WORDS.saturating_add(entries.saturating_mul(ENTRY_WORDS))
+}
+
+/// One entry of the table.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Variable {
+    /// The register's PMAC address, up to 19 bits.
+    pub address: u32,
+    /// What lies there.
+    pub kind: VariableKind,
+    /// How many values were taken since the table was set up (modulo 2^32); 0: none yet.
+    pub updates: u32,
+    /// The value as the board held it: one long of a word, two of the others, the Y half first.
+    pub longs: [u32; 2],
+}
+
+impl Variable {
+    /// The longs that its kind has.
+    #[must_use]
+    pub fn value(&self) -> &[u32] {
+        self.longs.get(..self.kind.words() / 2).unwrap_or(&[])
+    }
+
+    fn encode(self) -> [u16; ENTRY_WORDS] {
+        let high = (self.address >> LOW_ADDRESS_BITS) as u16 & HIGH_ADDRESS_MASK;
+        let [updates_low, updates_high] = split32(self.updates);
+        let [[a, b], [c, d]] = self.longs.map(split32);
+        [
+            self.address as u16,
+            self.kind.code() | high << HIGH_ADDRESS_SHIFT,
+            updates_low,
+            updates_high,
+            a,
+            b,
+            c,
+            d,
+        ]
+    }
+
+    /// `None` for a kind that is not known here.
+    fn decode([address, kind, updates_low, updates_high, a, b, c, d]: [u16; ENTRY_WORDS]) -> Option<Self> {
+        let high = kind >> HIGH_ADDRESS_SHIFT & HIGH_ADDRESS_MASK;
+        Some(Self {
+            address: u32::from(address) | u32::from(high) << LOW_ADDRESS_BITS,
+            kind: VariableKind::of_code(kind & 0x00FF)?,
+            updates: join32(updates_low, updates_high),
+            longs: [join32(a, b), join32(c, d)],
+        })
+    }
+}
+
+/// What PMAC copies at present, and the values. All are of one background pass of the board.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct VariableTable {
+    /// Another number when the table is another.
+    pub number: u32,
+    /// The entries; those of a kind that is not known here are left out.
+    pub variables: Vec<Variable>,
+}
+
+/// Writes the payload of table `number` to `payload` and returns how many words it has. Entries for which there is no
+/// room are left out. Allocates nothing.
+pub fn encode(number: u32, variables: impl Iterator<Item = Variable>, payload: &mut [u16]) -> usize {
+    let Some((header, rest)) = payload.split_first_chunk_mut::<HEADER_WORDS>() else { return 0 };
+    let mut count = 0;
+    for (entry, variable) in rest.as_chunks_mut::<ENTRY_WORDS>().0.iter_mut().zip(variables) {
+        *entry = variable.encode();
+        count += 1;
+    }
+    let [[a, b], [c, d]] = [number, count].map(split32);
+    *header = [a, b, c, d];
+    payload_words(count as usize)
+}
+
+impl VariableTable {
+    /// Reads a payload; `None` when it ends before its last entry does.
+    #[must_use]
+    pub fn decode(words: &[u16]) -> Option<Self> {
+        let (&[low, high, count_low, count_high], _) = words.split_first_chunk::<HEADER_WORDS>()?;
+        let count = usize::try_from(join32(count_low, count_high)).ok()?;
+        let entries = words.get(HEADER_WORDS..payload_words(count))?.as_chunks::<ENTRY_WORDS>().0;
+        let variables = entries.iter().filter_map(|entry| Variable::decode(*entry)).collect();
+        Some(Self { number: join32(low, high), variables })
+    }
+
+    /// The value of `register`, when it is in the table and has one.
+    #[must_use]
+    pub fn value_of(&self, register: PmacAddress) -> Option<&Variable> {
+        let kind = match register.space {
+            Space::Y => VariableKind::Y,
+            Space::X => VariableKind::X,
+            _ => VariableKind::Long,
+        };
+        let is_it = |variable: &&Variable| variable.address == register.number && variable.kind == kind;
+        self.variables.iter().find(is_it).filter(|variable| variable.updates > 0)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_payload_is_read_as_its_page_says() {
+        let words = [
+            7, 1, 3, 0, // table 0x10007, 3 entries
+            0x28, 2, 5, 0, 0xFFFE, 0xFFFF, 0, 0, // X:$0028 = -2
+            0x2B, 1, 5, 0, 1, 0, 2, 0, // D:$002B
+            0x2C, 0, 0, 0, 0, 0, 0, 0, // Y:$002C, no value yet
+        ];
+        let table = VariableTable::decode(&words).unwrap();
+        assert_eq!((table.number, table.variables.len()), (0x10007, 3));
+        assert_eq!(table.value_of(PmacAddress::new(Space::X, 0x28)).unwrap().value(), [0xFFFF_FFFE]);
+        assert_eq!(table.value_of(PmacAddress::new(Space::L, 0x2B)).unwrap().value(), [1, 2]);
+        assert_eq!(table.value_of(PmacAddress::new(Space::Y, 0x2C)), None, "no value yet");
+        assert_eq!(table.value_of(PmacAddress::new(Space::Y, 0x28)), None, "the other half");
+        assert_eq!(VariableTable::decode(&words[..27]), None);
+        assert_eq!(VariableTable::decode(&words[..3]), None);
+        assert_eq!(VariableTable::decode(&[0, 0, 0xFFFF, 0xFFFF]), None);
+        assert_eq!(VariableTable::decode(&[0; 4]).unwrap().variables, []);
+    }
+
+    #[test]
+    fn an_address_of_19_bits_is_kept() {
+        let far = Variable {
+            address: 0x7_8123,
+            kind: VariableKind::Special,
+            updates: 1 << 31,
+            longs: [1, u32::MAX],
+        };
+        let mut payload = [0; payload_words(1)];
+        assert_eq!(encode(9, [far].into_iter(), &mut payload), 12);
+        assert_eq!(payload[4..6], [0x8123, 0x0704]);
+        assert_eq!(VariableTable::decode(&payload), Some(VariableTable { number: 9, variables: vec![far] }));
+        payload[5] = 3;
+        assert_eq!(VariableTable::decode(&payload).unwrap().variables, [], "a kind that is not known");
+    }
+
+    #[test]
+    fn what_has_no_room_is_left_out() {
+        let one = Variable { address: 1, kind: VariableKind::Y, updates: 0, longs: [0; 2] };
+        let mut payload = [0; payload_words(2) - 1];
+        assert_eq!(encode(1, [one, one].into_iter(), &mut payload), payload_words(1));
+        assert_eq!(VariableTable::decode(&payload).unwrap().variables, [one]);
+        assert_eq!(encode(1, [one].into_iter(), &mut [0; 3]), 0);
+    }
+}
