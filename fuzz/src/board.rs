@@ -6,21 +6,21 @@ use std::time::{Duration, Instant};
 use pmac_dpram::device::BusError;
 use pmac_dpram::format::TextOrder;
 use pmac_dpram::function::ascii::{AsciiEvent, AsciiPort};
-use pmac_dpram::function::background::{BACKGROUND_WORDS, BackgroundLook, BackgroundReader};
+use pmac_dpram::function::background::{BackgroundPoll, BackgroundReader};
 use pmac_dpram::function::gather::{
     CHUNK_LONGS, GatherBuffer, GatherLook, GatherReader, GatherStart, report_cycles,
 };
 use pmac_dpram::function::mailbox::{MailboxPort, MailboxSettings, MailboxSignal};
 use pmac_dpram::function::panel::{FeedOverride, Panel, PanelAction, PanelRequest};
 use pmac_dpram::function::rotary::{RotaryBuffer, RotaryError, RotarySetup, RotaryStream};
-use pmac_dpram::function::servo::{SERVO_WORDS, ServoLook, ServoReader, ServoReading};
+use pmac_dpram::function::servo::{ServoPoll, ServoReader, ServoReading};
 use pmac_dpram::function::servo_timer::ServoTimer;
 use pmac_dpram::function::variable_read::{
     STEP_WORDS, VariableEntry, VariableKind, VariableLook, VariableMode, VariableReader,
 };
 use pmac_dpram::function::variable_write::{STEP_RECORDS, VariableWriter, WordKind, WriteRecord};
 use pmac_dpram::gather::GatherMode;
-use pmac_dpram::map::{Family, GatherPlace, HostOffset, Layout, Plan, PlanSettings, Region, classic};
+use pmac_dpram::map::{Family, GatherPlace, HostOffset, Layout, PMAC, Plan, PlanSettings, Region, classic};
 use pmac_dpram::protocol::check_line;
 
 use super::bus::{RamBus, RamBytes};
@@ -55,8 +55,8 @@ pub fn body(data: &[u8]) {
     let order = if way & 4 == 0 { TextOrder::LowFirst } else { TextOrder::HighFirst };
     let reading = if way & 8 == 0 { ServoReading::Optimistic } else { ServoReading::Handshake };
     let mut functions = Functions {
-        servo: ServoReader::new(reading),
-        background: BackgroundReader::default(),
+        servo: ServoReader::new(&PMAC.servo, reading),
+        background: BackgroundReader::new(&PMAC.background),
         ascii: AsciiPort::new(order, now),
         panel: Panel::new(),
         reader: VariableReader::new(plan.variable_read()),
@@ -107,18 +107,18 @@ impl Functions {
             0 => self.servo.set_motors(usize::from(how)),
             1 => self.servo.set_motors(8),
             2 => self.servo.set_motors(1000),
-            3 => self.servo.forget(),
-            4 => ServoReader::release(bus)?,
+            3 => self.servo.reset(),
+            4 => ServoReader::release(&PMAC.servo, bus)?,
             _ => {
-                let look = self.servo.look(bus)?;
-                if let ServoLook::Update(timer) | ServoLook::First(timer) = look {
-                    assert!(timer <= classic::SERVO_TIMER_MASK);
+                let look = self.servo.poll(bus)?;
+                if let ServoPoll::Update(timer) | ServoPoll::First(timer) = look {
+                    assert!(timer < 1 << PMAC.servo.timer.bits());
                 }
                 let _ = self.servo.program_buffer_open();
             }
         }
-        assert!(self.servo.image().len() <= SERVO_WORDS && self.servo.motors() <= classic::MOTORS);
-        assert!(bus.take_accesses() <= SERVO_WORDS as u32 + 5);
+        assert!(self.servo.image().len() <= PMAC.servo.words() && self.servo.motors() <= classic::MOTORS);
+        assert!(bus.take_accesses() <= PMAC.servo.words() as u32 + 5);
         bus.assert_written("servo", |offset| offset == classic::SERVO_HOST_STATUS.bytes());
         Ok(())
     }
@@ -127,16 +127,16 @@ impl Functions {
         match how {
             0 => self.background.set_numbers(3),
             1 => self.background.set_numbers(1000),
-            2 => self.background.forget(),
-            3 => BackgroundReader::release(bus)?,
+            2 => self.background.reset(),
+            3 => BackgroundReader::release(&PMAC.background, bus)?,
             _ => {
-                if let BackgroundLook::Report(_) = self.background.look(bus)? {
+                if let BackgroundPoll::Report(_) = self.background.poll(bus)? {
                     assert!(!self.background.image().is_empty());
                 }
             }
         }
-        assert!(self.background.image().len() <= BACKGROUND_WORDS);
-        assert!(bus.take_accesses() <= BACKGROUND_WORDS as u32 + 8);
+        assert!(self.background.image().len() <= PMAC.background.words());
+        assert!(bus.take_accesses() <= PMAC.background.words() as u32 + 8);
         bus.assert_written("background", |offset| offset == classic::BACKGROUND_DATA_READY.bytes());
         Ok(())
     }
@@ -311,7 +311,7 @@ impl Functions {
                 return Ok(());
             }
             _ => {
-                let look = reader.step(bus, |bus: &mut RamBus| report_cycles(bus, timer))?;
+                let look = reader.step(bus, |bus: &mut RamBus| report_cycles(bus, &PMAC.servo, timer))?;
                 match look {
                     GatherLook::Samples { count, .. } => {
                         assert!(count > 0 && reader.longs().len() == count * reader.sample_longs());

@@ -20,7 +20,7 @@ use pmac_dpram::function::servo::ServoReading;
 use pmac_dpram::function::variable_read::{VariableEntry, VariableKind, VariableMode};
 use pmac_dpram::function::variable_write::{WordKind, WriteRecord};
 use pmac_dpram::gather::GatherMode;
-use pmac_dpram::map::{Family, GatherPlace, HostOffset, Layout, Plan, PlanSettings, classic};
+use pmac_dpram::map::{Family, GatherPlace, HostOffset, Layout, PMAC, Plan, PlanSettings, classic};
 use pmac_dpram::mirror::{BackgroundMirror, GatherClock, ServoMirror, gather, variable};
 use pmac_dpram::segment::{CreateOptions, Identity, Publisher, RegionId, RegionSpec, SegmentName};
 
@@ -105,10 +105,11 @@ pub fn body(data: &[u8]) {
             ascii: AsciiDesk::new(port, identifier, clock.clone()),
             jobs: JobDesk::new(plan, mode, clock.clone()),
             servo: ServoMirror::new(
+                &PMAC.servo,
                 if way & 8 == 0 { ServoReading::Optimistic } else { ServoReading::Handshake },
                 clock.clone(),
             ),
-            background: BackgroundMirror::new(50_000_000),
+            background: BackgroundMirror::new(&PMAC.background, 50_000_000),
             time,
             clock,
             asked: BTreeMap::new(),

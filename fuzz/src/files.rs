@@ -87,7 +87,7 @@ fn image(bytes: &[u8]) {
     let scales = Scales::default();
     if let Ok(servo) = image.servo(motors, &scales) {
         assert_eq!(servo.motors.len(), motors);
-        let _ = servo.global_flags().iter().map(|flags| flags.names().count()).sum::<usize>();
+        let _ = servo.global_flags().iter().flatten().map(|flags| flags.names().count()).sum::<usize>();
     }
     if let Ok(background) = image.background(motors, &scales, layout) {
         assert!(background.motors.len() <= motors.max(8));

@@ -2,13 +2,15 @@
 
 use super::board::ClientError;
 use super::identity;
-use crate::decode::{BackgroundData, Scales, ServoData, background_selected, servo_selected};
+use crate::decode::{BackgroundData, BackgroundDecoder, Scales, ServoData, ServoDecoder};
 use crate::format::Float48Layout;
 use crate::segment::{Identity, RegionInfo};
 
 /// How many blocks the board reports, and its scales.
 #[derive(Debug, Clone)]
 pub(super) struct Decoder {
+    servo: ServoDecoder,
+    background: BackgroundDecoder,
     numbers: usize,
     scales: Scales,
 }
@@ -17,11 +19,16 @@ impl Decoder {
     /// The decoder for a board of this identity; `None` for a family that is not known here.
     pub(super) fn new(identity: &Identity) -> Option<Self> {
         let family = identity::family(identity)?;
-        Some(Self { numbers: identity::reported(identity, family), scales: identity::scales(identity) })
+        Some(Self {
+            servo: ServoDecoder::new(family),
+            background: BackgroundDecoder::new(family),
+            numbers: identity::reported(identity, family),
+            scales: identity::scales(identity),
+        })
     }
 
     pub(super) fn servo(&self, region: &RegionInfo, words: &[u16]) -> Result<ServoData, ClientError> {
-        Ok(servo_selected(words, self.numbers_in(region, words), &self.scales, region.selection)?)
+        Ok(self.servo.decode(words, self.numbers_in(region, words), &self.scales, region.selection)?)
     }
 
     pub(super) fn background(
@@ -31,7 +38,7 @@ impl Decoder {
     ) -> Result<BackgroundData, ClientError> {
         let numbers = self.numbers_in(region, words);
         let layout = Float48Layout::default();
-        Ok(background_selected(words, numbers, &self.scales, layout, region.selection)?)
+        Ok(self.background.decode(words, numbers, &self.scales, layout, region.selection)?)
     }
 
     /// How many numbers a payload tells of: fewer than the board reports when it is from before the board was told to report more.

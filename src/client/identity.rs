@@ -4,21 +4,12 @@ use crate::decode::{MotorScales, Scales};
 use crate::map::{FAMILIES, Family};
 use crate::segment::Identity;
 
-/// The number under which the segment knows a family.
-const FAMILY_NUMBERS: [(u32, &str); 4] = [(1, "pmac"), (2, "pmac2"), (3, "turbo"), (4, "turbo2")];
-
-/// The name of the family that the segment calls `number`, whether its data can be decoded here or not.
-#[must_use]
-pub fn family_name(number: u32) -> Option<&'static str> {
-    FAMILY_NUMBERS.iter().find(|(known, _)| *known == number).map(|(_, name)| *name)
-}
-
 /// The board's family; the first one when the segment does not say, `None` when it is one that is not known here.
 #[must_use]
 pub fn family(identity: &Identity) -> Option<&'static Family> {
     match identity.family {
         None => FAMILIES.first().copied(),
-        Some(number) => Family::by_name(family_name(number)?).ok(),
+        Some(number) => Family::by_number(number),
     }
 }
 

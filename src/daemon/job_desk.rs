@@ -38,7 +38,7 @@ impl JobDesk {
             panel: PanelDesk::new(now),
             rotary: RotaryDesk::new(now),
             variables: VariableMirror::new(plan.variable_read(), mode, clock.clone()),
-            gather: GatherMirror::new(clock.clone()),
+            gather: GatherMirror::new(&plan.family().servo, clock.clone()),
             write: WriteDesk::new(plan.variable_write(), now),
             clock,
             functions: Functions::default(),

@@ -27,7 +27,6 @@ use super::simulator::Simulator;
 use super::telling::Told;
 use crate::clock::Clock;
 use crate::device::Counted;
-use crate::map::classic;
 use crate::mirror::{self, BackgroundMirror, ServoMirror};
 use crate::protocol::{BoardInfo, Function, HostPortInfo};
 use crate::segment::identity::{self, first_motors};
@@ -81,8 +80,14 @@ impl Parts {
         let board_loop = BoardLoop {
             bus: Counted::new(bus),
             open,
-            servo: ServoMirror::selecting(settings.servo_reading, reading.servo.selection(), clock.clone()),
+            servo: ServoMirror::selecting(
+                &settings.family.servo,
+                settings.servo_reading,
+                reading.servo.selection(),
+                clock.clone(),
+            ),
             background: BackgroundMirror::selecting(
+                &settings.family.background,
                 settings.background_period_ns,
                 reading.background.selection(),
             ),
@@ -97,7 +102,7 @@ impl Parts {
             events,
             info: Arc::clone(&info),
             stop: Arc::clone(&stop),
-            default_motors: settings.motors.map_or(classic::MOTORS, |motors| motors as usize),
+            default_motors: settings.motors.map_or(settings.family.motors, |motors| motors as usize),
             answer: None,
             began_ns: clock.ns(),
             check_due_ns: clock.ns(),
@@ -120,8 +125,8 @@ impl Parts {
 /// A group that does not exist.
 pub fn segment_options(settings: &Settings, clock: &Clock) -> Result<CreateOptions, Failure> {
     let regions = vec![
-        mirror::servo::region(),
-        mirror::background::region(settings.background_period_ns),
+        mirror::servo::region(&settings.family.servo),
+        mirror::background::region(&settings.family.background, settings.background_period_ns),
         identity_region(),
         mirror::variable::region(),
         mirror::gather::region(),
@@ -158,9 +163,9 @@ fn identity_region() -> RegionSpec {
 
 fn configured_identity(settings: &Settings) -> Identity {
     Identity {
-        family: Some(settings.family.number()),
-        motors: Some(classic::MOTORS as u32),
-        coordinate_systems: Some(classic::MOTORS as u32),
+        family: Some(settings.family.number),
+        motors: Some(settings.family.motors as u32),
+        coordinate_systems: Some(settings.family.coordinate_systems as u32),
         servo_period_ps: settings.i10.map(servo_period_ps),
         i10: settings.i10,
         servo_report_cycles: settings.i19,
@@ -175,9 +180,9 @@ fn board_info(settings: &Settings, publisher: &Publisher) -> BoardInfo {
         name: settings.name.as_str().to_owned(),
         version: env!("CARGO_PKG_VERSION").to_owned(),
         board: settings.board_text.clone(),
-        family: settings.family.name().to_owned(),
+        family: settings.family.name.to_owned(),
         firmware: settings.firmware.clone(),
-        motors: settings.motors.unwrap_or(classic::MOTORS as u32),
+        motors: settings.motors.unwrap_or(settings.family.motors as u32),
         generation: publisher.generation(),
         pid: std::process::id(),
         segment: format!("/{}", settings.name.as_str()),

@@ -135,10 +135,10 @@ impl BoardLoop {
     fn release_words(&mut self) -> Result<(), BusError> {
         let bus = &mut self.bus;
         if self.functions.has(Function::Servo) {
-            ServoReader::release(bus)?;
+            ServoReader::release(&self.uncertain.family().servo, bus)?;
         }
         if self.functions.has(Function::Background) {
-            BackgroundReader::release(bus)?;
+            BackgroundReader::release(&self.uncertain.family().background, bus)?;
         }
         if self.functions.has(Function::Ascii) {
             AsciiPort::release(bus)?;

@@ -2,11 +2,11 @@
 
 use serde::Deserialize;
 
-use super::settings::FamilyName;
 use super::settings_place::Refusal;
 use crate::device::{ByteSpec, InterruptSource};
 use crate::function::host_port::{Controller, HostPort, Initialisation};
 use crate::function::mailbox::{EnableReplies, ErrorReport, MailboxSettings};
+use crate::map::{Family, PMAC2};
 
 /// Pages there are: six bits.
 const PAGES: u8 = 0x40;
@@ -148,11 +148,11 @@ impl HostPortTable {
     ///
     /// # Errors
     /// The key that is wrong, and how to write it.
-    pub fn decide(self, family: FamilyName) -> Result<HostPortConfig, Refusal> {
+    pub fn decide(self, family: &Family) -> Result<HostPortConfig, Refusal> {
         let default = match self.controller {
             Some(Controller::Pic8259) => HostPort::PMAC,
             Some(Controller::Pmac2) => HostPort::PMAC2,
-            None if family == FamilyName::Pmac2 => HostPort::PMAC2,
+            None if family == &PMAC2 => HostPort::PMAC2,
             None => HostPort::PMAC,
         };
         let line = self.line.unwrap_or(default.line);
@@ -174,6 +174,7 @@ impl HostPortTable {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::map::PMAC;
 
     fn mailbox(text: &str) -> Result<MailboxConfig, String> {
         toml::from_str::<MailboxTable>(text)
@@ -182,7 +183,7 @@ mod tests {
             .map_err(|refusal| refusal.text)
     }
 
-    fn host_port(text: &str, family: FamilyName) -> Result<HostPortConfig, String> {
+    fn host_port(text: &str, family: &Family) -> Result<HostPortConfig, String> {
         toml::from_str::<HostPortTable>(text)
             .map_err(|error| error.message().to_owned())?
             .decide(family)
@@ -197,9 +198,9 @@ mod tests {
         assert_eq!(config.talk, MailboxSettings::default());
         let config = mailbox("registers = \"file:m\"\nuse = \"never\"\npage = 0x3F\n").unwrap();
         assert_eq!((config.vectors, config.page), (None, Some(0x3F)));
-        let config = host_port("registers = \"port:0x210\"\n", FamilyName::Pmac).unwrap();
+        let config = host_port("registers = \"port:0x210\"\n", &PMAC).unwrap();
         assert_eq!((config.port, config.registers), (HostPort::PMAC, "port:0x210".parse().unwrap()));
-        assert_eq!(host_port("registers = \"file:h\"\n", FamilyName::Pmac2).unwrap().port, HostPort::PMAC2);
+        assert_eq!(host_port("registers = \"file:h\"\n", &PMAC2).unwrap().port, HostPort::PMAC2);
     }
 
     #[test]
@@ -225,7 +226,7 @@ mod tests {
             ("registers = \"port:x\"\n", "host_port.registers"),
             ("controller = \"apic\"\nregisters = \"port:1\"\n", "apic"),
         ] {
-            let error = host_port(text, FamilyName::Pmac).unwrap_err();
+            let error = host_port(text, &PMAC).unwrap_err();
             assert!(error.contains(reason), "{text}: {error}");
         }
     }

@@ -40,7 +40,7 @@ impl BoardLoop {
     /// reports off for ever, and a reset that was too quick to be noticed has shut the interrupt's line.
     pub(super) fn let_board_speak(&mut self) -> Result<(), PortError> {
         if self.functions.has(Function::Servo) && !self.servo.is_live() {
-            ServoReader::release(&mut self.bus)?;
+            ServoReader::release(&self.uncertain.family().servo, &mut self.bus)?;
         }
         if self.functions.has(Function::Background) && !self.background.is_live() {
             self.background.start_over(&mut self.bus, self.clock.ns())?;

@@ -14,7 +14,7 @@ use crate::device::board::spec::SpecError;
 use crate::device::{Access, BoardSpec};
 use crate::format::{TextOrder, WordOrder};
 use crate::function::servo::ServoReading;
-use crate::map::{PlanSettings, classic};
+use crate::map::{Family, PMAC, PlanSettings};
 use crate::protocol::{
     BackgroundSettings, BoardSettings, Function, Functions, GatherSettings, ServoSettings, VariablesSettings,
 };
@@ -37,7 +37,7 @@ pub struct ConfigFile {
     /// Mode of the segment, as "0644".
     segment_mode: Option<String>,
     /// pmac or pmac2.
-    family: Option<FamilyName>,
+    family: Option<String>,
     /// Firmware, as "1.16D", where the board cannot be asked.
     firmware: Option<String>,
     /// Motors to read where the board cannot be asked (I59).
@@ -88,37 +88,6 @@ struct RolesTable {
     engineer: Vec<String>,
 }
 
-/// The board families this version knows.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum FamilyName {
-    /// PMAC(1).
-    #[default]
-    Pmac,
-    /// PMAC2.
-    Pmac2,
-}
-
-impl FamilyName {
-    /// As the command line and the segment's page spell it.
-    #[must_use]
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Pmac => "pmac",
-            Self::Pmac2 => "pmac2",
-        }
-    }
-
-    /// Its number in the segment's board region.
-    #[must_use]
-    pub fn number(self) -> u32 {
-        match self {
-            Self::Pmac => 1,
-            Self::Pmac2 => 2,
-        }
-    }
-}
-
 /// Everything decided.
 #[derive(Debug, Clone)]
 pub struct Settings {
@@ -139,7 +108,7 @@ pub struct Settings {
     /// Group of the segment, when it is not the daemon's own.
     pub segment_group: Option<String>,
     /// The board's family.
-    pub family: FamilyName,
+    pub family: &'static Family,
     /// Firmware, where the board cannot be asked.
     pub firmware: Option<String>,
     /// Motors to read, where the board cannot be asked.
@@ -203,7 +172,8 @@ impl Settings {
         let name = options.name.clone().or(file.name).unwrap_or_else(|| "pmac0".to_owned());
         let socket = options.socket.clone().or(file.socket);
         let roles = file.roles.unwrap_or_default();
-        let family = file.family.unwrap_or_default();
+        let family = file.family.as_deref().map_or(Ok(&PMAC), Family::by_name);
+        let family = family.map_err(|error| Refusal::of("family", error))?;
         something_to_do(&file.functions, &file.servo)?;
         let mailbox = file.mailbox.map(MailboxTable::decide).transpose()?;
         if !file.functions.has(Function::Ascii) {
@@ -251,9 +221,9 @@ impl Settings {
             segment_group: file.segment_group,
             segment_mode: segment_mode(file.segment_mode.as_deref())?,
             family,
-            uncertain: Uncertain::decide(uncertain, family.name(), file.firmware.as_deref())?,
+            uncertain: Uncertain::decide(uncertain, family, file.firmware.as_deref())?,
             firmware: file.firmware,
-            motors: limited("motors", file.motors, 1, classic::MOTORS as u32)?,
+            motors: limited("motors", file.motors, 1, family.motors as u32)?,
             i10: limited("i10", file.i10, 1, 8_388_607)?,
             i19: limited("i19", file.i19, 1, 8_388_607)?,
             servo_reading: file.servo_reading.unwrap_or_default(),
@@ -321,7 +291,10 @@ mod tests {
             ("", "no board given"),
             ("board = \"sim\"\nspeed = 3\n", "FILE:2:1: unknown field `speed`"),
             ("board = \n", "FILE:1:"),
-            ("board = \"sim\"\nfamily = \"turbo9\"\n", "FILE:2:10: unknown variant `turbo9`"),
+            (
+                "board = \"sim\"\nfamily = \"turbo9\"\n",
+                "FILE:2:10: no board family is called \"turbo9\"; known are pmac, pmac2",
+            ),
             ("board = \"sim\"\nmotors = 9\n", "FILE:2:10: motors = 9 is out of range: write 1 to 8"),
             ("board = \"sim\"\nsocket_mode = \"9\"\n", "FILE:2:15: socket_mode = \"9\" is no file mode"),
             ("board = \"sim\"\nsocket_mode = \"999\"\n", "FILE:2:15: socket_mode = \"999\" is no file mode"),

@@ -8,9 +8,9 @@ use std::time::{Duration, Instant};
 use log::{info, warn};
 use nix::sys::signal::Signal;
 
-use super::settings::FamilyName;
 use crate::device::InterruptSource;
 use crate::device::board::file::DPRAM_BYTES;
+use crate::map::Family;
 
 /// How long the simulator may take to lay out its memory and open its sockets.
 const START: Duration = Duration::from_secs(5);
@@ -36,7 +36,7 @@ impl Simulator {
     ///
     /// # Errors
     /// When there is no such program, or it is not ready in time.
-    pub fn start(family: FamilyName, firmware: Option<&str>) -> Result<Self, SimulatorError> {
+    pub fn start(family: &Family, firmware: Option<&str>) -> Result<Self, SimulatorError> {
         let program = program();
         let fail = |reason: String| SimulatorError { program: program.clone(), reason };
         let directory = private_directory().map_err(|error| fail(error.to_string()))?;
@@ -45,7 +45,7 @@ impl Simulator {
         command.arg("--interrupt").arg(socket(&directory, "interrupt"));
         command.arg("--serial").arg(socket(&directory, "serial"));
         command.arg("--control").arg(socket(&directory, "control"));
-        command.arg("--family").arg(family.name());
+        command.arg("--family").arg(family.name);
         if let Some(firmware) = firmware {
             command.arg("--firmware").arg(firmware);
         }

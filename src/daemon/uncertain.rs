@@ -14,12 +14,15 @@ pub struct Uncertain {
 }
 
 impl Uncertain {
-    /// Checks `settings` for a board of the family named `family`, whose firmware is not known unless configured.
+    /// Checks `settings` for a board of `family`, whose firmware is not known unless configured.
     ///
     /// # Errors
     /// The setting, its value and what it may be, or which buffers overlap.
-    pub fn decide(settings: BoardSettings, family: &str, firmware: Option<&str>) -> Result<Self, Refusal> {
-        let family = Family::by_name(family).map_err(|error| Refusal::of("family", error))?;
+    pub fn decide(
+        settings: BoardSettings,
+        family: &'static Family,
+        firmware: Option<&str>,
+    ) -> Result<Self, Refusal> {
         let firmware = firmware
             .map(str::parse)
             .transpose()
@@ -36,6 +39,12 @@ impl Uncertain {
     #[must_use]
     pub const fn settings(&self) -> &BoardSettings {
         &self.settings
+    }
+
+    /// The board's family.
+    #[must_use]
+    pub const fn family(&self) -> &'static Family {
+        self.family
     }
 
     /// Where the buffers lie, as far as is known before the board has told its firmware.
@@ -78,10 +87,10 @@ fn plan(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::map::{GatherPosition, HostOffset};
+    use crate::map::{GatherPosition, HostOffset, PMAC};
 
     fn decided(settings: BoardSettings) -> Result<Uncertain, String> {
-        Uncertain::decide(settings, "pmac", None).map_err(|refusal| refusal.text)
+        Uncertain::decide(settings, &PMAC, None).map_err(|refusal| refusal.text)
     }
 
     #[test]

@@ -1,5 +1,5 @@
-//! The background fixed data buffer, 0x0228-0x062B (DPRAM manual p. 17-21). PMAC writes all of it; the host clears
-//! Data-Ready.
+//! The background report: motors and coordinate systems as PMAC copies them between its PLC scans (DPRAM manual
+//! p. 17-21). What a block holds, and where, is the family's register table's.
 //!
 //! An axis target is a copy of one of three registers (Note 1 on p. 21); which one the program status word tells, so
 //! the word and the targets must come from one update. [`TargetSource`] says which it was.
@@ -7,19 +7,18 @@
 use serde::ser::{Serialize, SerializeMap, Serializer};
 
 use super::quantity::{Flags, Quantity, Scales};
-use super::{Block, TooShort, long, split};
+use super::{Block, TooShort, blocks, long};
 use crate::format::{Float48Layout, int24};
-use crate::map::classic::{self, background_block as at};
-use crate::map::status::{self, CLASSIC};
-use crate::map::{AXES, HostOffset, MotionMode, Selection, TargetSource};
+use crate::map::status::{self, StatusTable};
+use crate::map::{AXES, Family, HostOffset, MotionMode, Selection, TargetSource, block_fields};
 
 /// What the background buffer held.
 #[derive(Debug, Clone, PartialEq, serde::Serialize)]
 pub struct BackgroundData {
     /// Whether PMAC had marked the data as complete; without it the values are not of one instant.
     pub ready: bool,
-    /// The low 16 bits of the servo counter when the data became ready.
-    pub servo_timer: u16,
+    /// The low bits of the servo counter when the data became ready, 16 or 24 of them.
+    pub servo_timer: u32,
     /// The board's ports.
     pub ports: Ports,
     /// The motors that were read, ascending.
@@ -112,93 +111,147 @@ impl Serialize for AxisTargets {
     }
 }
 
-/// Decodes the background buffer of `count` motors and coordinate systems (at most 8) from its words, the first of
-/// which is that at 0x0228.
+/// Decodes the background reports of one family.
+#[derive(Debug, Clone)]
+pub struct BackgroundDecoder {
+    family: &'static Family,
+    at: Fields,
+}
+
+/// Where the fields of a block begin, in 16-bit words; `None` for one that the family lacks.
+#[derive(Debug, Clone)]
+struct Fields {
+    target_position: Option<usize>,
+    position_bias: Option<usize>,
+    average_velocity: Option<usize>,
+    motor_status: Option<usize>,
+    motor_definition: Option<usize>,
+    status: Option<usize>,
+    axis_targets: [Option<usize>; AXES.len()],
+    program_status: Option<usize>,
+    lines_remaining: Option<usize>,
+    time_left_in_move: Option<usize>,
+    time_left_in_acceleration: Option<usize>,
+    address_offset: Option<usize>,
+}
+
+impl Fields {
+    fn of(family: &Family) -> Self {
+        let field = |name: &str| {
+            block_fields(family, "background").find(|field| field.name == name).map(|field| field.words.start)
+        };
+        // A pair of words: the definition, then the status.
+        let pair = field("status_and_motor_definition");
+        let axis = |letter: &str| field(&format!("{}_target_position", letter.to_ascii_lowercase()));
+        Self {
+            target_position: field("target_position"),
+            position_bias: field("position_bias"),
+            average_velocity: field("average_velocity"),
+            motor_status: field("background_status"),
+            motor_definition: pair,
+            status: pair.map(|word| word + 2),
+            axis_targets: AXES.map(axis),
+            program_status: field("program_status"),
+            lines_remaining: field("program_lines_remaining"),
+            time_left_in_move: field("time_left_in_move"),
+            time_left_in_acceleration: field("time_left_in_acceleration"),
+            address_offset: field("program_address_offset"),
+        }
+    }
+}
+
+impl BackgroundDecoder {
+    /// The decoder for boards of `family`.
+    #[must_use]
+    pub fn new(family: &'static Family) -> Self {
+        Self { family, at: Fields::of(family) }
+    }
+
+    /// Decodes the report of `count` motors and coordinate systems, no more than the family has, from its words, the
+    /// first of which is the region's first. Of the blocks only what `selection` has was read.
+    ///
+    /// # Errors
+    /// [`TooShort`] when the words of a number asked for are missing.
+    pub fn decode(
+        &self,
+        words: &[u16],
+        count: usize,
+        scales: &Scales,
+        float48: Float48Layout,
+        selection: Selection,
+    ) -> Result<BackgroundData, TooShort> {
+        let report = &self.family.background;
+        let (head, blocks) = blocks(report.region, &report.blocks, words, count, selection)?;
+        let port = |index: usize| {
+            let offset: HostOffset = report.global.first.plus_words(2 * index);
+            int24::unsigned(long(head, report.index(offset)))
+        };
+        Ok(BackgroundData {
+            ready: report.ready.is_set(head[report.index(report.ready.word)]),
+            servo_timer: report.timer.read(head, report.region.start),
+            ports: Ports { control_panel: port(0), thumbwheel: port(1), machine_io: port(2) },
+            motors: blocks.clone().map(|(number, block)| self.motor(number, &block, scales)).collect(),
+            coordinate_systems: blocks.map(|(number, block)| self.system(number, &block, float48)).collect(),
+        })
+    }
+
+    fn motor(&self, number: usize, block: &Block, scales: &Scales) -> BackgroundMotor {
+        let (at, tables) = (&self.at, self.family.status);
+        let scales = scales.motor(number);
+        let position = |word: Option<usize>| block.fixed(word?).map(|raw| Quantity::position(raw, scales));
+        let velocity = at.average_velocity.and_then(|word| block.signed(word));
+        let word = at.motor_status.and_then(|word| block.unsigned(word));
+        BackgroundMotor {
+            motor: number,
+            target_position: position(at.target_position),
+            position_bias: position(at.position_bias),
+            average_velocity: velocity.map(|raw| Quantity::velocity(raw, scales)),
+            motor_status: word.map(Quantity::bits),
+            coordinate_system: word.and_then(|word| status::coordinate_system(word, tables)),
+            status: flags(word, tables.motor.get(1)),
+        }
+    }
+
+    fn system(&self, number: usize, block: &Block, float48: Float48Layout) -> CoordinateSystem {
+        let (at, tables) = (&self.at, self.family.status.coordinate_system);
+        let target = |word: Option<usize>| block.float(word?, float48);
+        let signed = |word: Option<usize>| block.signed(word?);
+        let unsigned = |word: Option<usize>| block.unsigned(word?);
+        let status_word = unsigned(at.status);
+        let program_status_word = unsigned(at.program_status);
+        CoordinateSystem {
+            coordinate_system: number,
+            motor_definition: unsigned(at.motor_definition),
+            status_word,
+            status: flags(status_word, tables.first()),
+            axis_targets: AxisTargets(at.axis_targets.map(target)),
+            source: program_status_word.map(TargetSource::of),
+            program_status_word,
+            program_status: flags(program_status_word, tables.get(1)),
+            motion_mode: program_status_word.and_then(MotionMode::of),
+            lines_remaining: signed(at.lines_remaining),
+            time_left_in_move: signed(at.time_left_in_move).map(Quantity::time),
+            time_left_in_acceleration: signed(at.time_left_in_acceleration).map(Quantity::time),
+            program_address_offset: unsigned(at.address_offset),
+        }
+    }
+}
+
+fn flags(word: Option<u32>, table: Option<&'static StatusTable>) -> Option<Flags> {
+    Some(Flags { word: word?, table: table? })
+}
+
+/// Decodes the background report of `count` motors and coordinate systems of a board of `family`, all of which was
+/// read. See [`BackgroundDecoder::decode`].
 ///
 /// # Errors
 /// [`TooShort`] when the words of a number asked for are missing.
 pub fn background(
+    family: &'static Family,
     words: &[u16],
     count: usize,
     scales: &Scales,
     float48: Float48Layout,
 ) -> Result<BackgroundData, TooShort> {
-    background_selected(words, count, scales, float48, Selection::ALL)
-}
-
-/// As [`background`], of words of which only those in `selection` were read.
-///
-/// # Errors
-/// [`TooShort`] when the words of a number asked for are missing.
-pub fn background_selected(
-    words: &[u16],
-    count: usize,
-    scales: &Scales,
-    float48: Float48Layout,
-    selection: Selection,
-) -> Result<BackgroundData, TooShort> {
-    const fn word(offset: HostOffset) -> usize {
-        offset.words_since(classic::BACKGROUND_DATA_READY)
-    }
-    const HEAD: usize = word(classic::BACKGROUND_BLOCK);
-
-    let count = selection.last_number(count.min(classic::MOTORS));
-    let (head, blocks) = split(classic::BACKGROUND, words, HEAD, count)?;
-    let blocks = (1..).zip(blocks).filter(|(number, _)| selection.has_number(*number));
-    let blocks = blocks.map(|(number, words)| (number, Words { words, selection }));
-    let port = |offset| int24::unsigned(long(head, word(offset)));
-    Ok(BackgroundData {
-        ready: head[0] & classic::DATA_READY != 0,
-        servo_timer: head[word(classic::BACKGROUND_SERVO_TIMER)],
-        ports: Ports {
-            control_panel: port(classic::BACKGROUND_PANEL_PORT),
-            thumbwheel: port(classic::BACKGROUND_THUMBWHEEL_PORT),
-            machine_io: port(classic::BACKGROUND_MACHINE_PORT),
-        },
-        motors: blocks.clone().map(|(number, block)| motor(number, &block, scales)).collect(),
-        coordinate_systems: blocks.map(|(number, block)| system(number, &block, float48)).collect(),
-    })
-}
-
-type Words<'a> = Block<'a, { classic::BACKGROUND_BLOCK_WORDS }>;
-
-fn motor(number: usize, block: &Words, scales: &Scales) -> BackgroundMotor {
-    let scales = scales.motor(number);
-    let position = |word| block.fixed(word).map(|raw| Quantity::position(raw, scales));
-    let velocity = block.signed(at::AVERAGE_VELOCITY);
-    let word = block.unsigned(at::MOTOR_STATUS);
-    BackgroundMotor {
-        motor: number,
-        target_position: position(at::TARGET_POSITION),
-        position_bias: position(at::POSITION_BIAS),
-        average_velocity: velocity.map(|raw| Quantity::velocity(raw, scales)),
-        motor_status: word.map(Quantity::bits),
-        coordinate_system: word.and_then(|word| status::coordinate_system(word, &CLASSIC)),
-        status: word.map(|word| Flags { word, table: &CLASSIC.motor[1] }),
-    }
-}
-
-fn system(number: usize, block: &Words, float48: Float48Layout) -> CoordinateSystem {
-    let target = |index: usize| block.float(at::AXIS_TARGETS + 4 * index, float48);
-    let time = |word| block.signed(word).map(Quantity::time);
-    let flags = |word: Option<u32>, index: usize| {
-        word.map(|word| Flags { word, table: &CLASSIC.coordinate_system[index] })
-    };
-    let status_word = block.unsigned(at::STATUS);
-    let program_status_word = block.unsigned(at::PROGRAM_STATUS);
-    CoordinateSystem {
-        coordinate_system: number,
-        motor_definition: block.unsigned(at::MOTOR_DEFINITION),
-        status_word,
-        status: flags(status_word, 0),
-        axis_targets: AxisTargets(std::array::from_fn(target)),
-        source: program_status_word.map(TargetSource::of),
-        program_status_word,
-        program_status: flags(program_status_word, 1),
-        motion_mode: program_status_word.and_then(MotionMode::of),
-        lines_remaining: block.signed(at::LINES_REMAINING),
-        time_left_in_move: time(at::TIME_LEFT_IN_MOVE),
-        time_left_in_acceleration: time(at::TIME_LEFT_IN_ACCELERATION),
-        program_address_offset: block.unsigned(at::ADDRESS_OFFSET),
-    }
+    BackgroundDecoder::new(family).decode(words, count, scales, float48, Selection::ALL)
 }

@@ -6,11 +6,12 @@ use super::quantity::Scales;
 use super::servo::{ServoData, servo};
 use super::value::{Value, value};
 use crate::format::{Float48Layout, WordOrder};
-use crate::map::{Family, HostOffset, Location, Region, classic};
+use crate::map::{Family, HostOffset, Location, Region};
 
 /// The words of a whole DPRAM.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Image {
+    family: &'static Family,
     words: Vec<u16>,
 }
 
@@ -31,12 +32,12 @@ impl Image {
     ///
     /// # Errors
     /// [`ImageError`] when their number is not the family's DPRAM size.
-    pub fn from_bytes(bytes: &[u8], family: &Family, order: WordOrder) -> Result<Self, ImageError> {
+    pub fn from_bytes(bytes: &[u8], family: &'static Family, order: WordOrder) -> Result<Self, ImageError> {
         if bytes.len() != family.length as usize {
             return Err(ImageError { family: family.title, expected: family.length, got: bytes.len() });
         }
         let words = bytes.as_chunks().0.iter().map(|pair| order.apply(u16::from_le_bytes(*pair)));
-        Ok(Self { words: words.collect() })
+        Ok(Self { family, words: words.collect() })
     }
 
     /// All words, from host offset 0.
@@ -68,7 +69,7 @@ impl Image {
     /// # Errors
     /// [`TooShort`] when the image ends before the buffer does.
     pub fn servo(&self, motors: usize, scales: &Scales) -> Result<ServoData, TooShort> {
-        servo(self.region(classic::SERVO), motors, scales)
+        servo(self.family, self.region(self.family.servo.region), motors, scales)
     }
 
     /// The background buffer. See [`background`].
@@ -81,6 +82,6 @@ impl Image {
         scales: &Scales,
         float48: Float48Layout,
     ) -> Result<BackgroundData, TooShort> {
-        background(self.region(classic::BACKGROUND), count, scales, float48)
+        background(self.family, self.region(self.family.background.region), count, scales, float48)
     }
 }

@@ -10,15 +10,15 @@ pub mod servo;
 pub mod value;
 
 pub use background::{
-    AxisTargets, BackgroundData, BackgroundMotor, CoordinateSystem, Ports, background, background_selected,
+    AxisTargets, BackgroundData, BackgroundDecoder, BackgroundMotor, CoordinateSystem, Ports, background,
 };
 pub use image::{Image, ImageError};
 pub use quantity::{Flags, MotorScales, Quantity, Scales};
-pub use servo::{ServoData, ServoMotor, servo, servo_selected};
+pub use servo::{ServoData, ServoDecoder, ServoMotor, servo};
 pub use value::{Value, value};
 
 use crate::format::{Float48Layout, fixed48, int24, join32};
-use crate::map::{Region, Selection};
+use crate::map::{Blocks, Region, Selection};
 
 /// A slice with fewer words than the region's asked-for part has.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
@@ -34,17 +34,22 @@ pub struct TooShort {
     pub got: usize,
 }
 
-/// Splits `words`, which start at the region's first word, into the registers of the board and `count` blocks.
-fn split<const BLOCK: usize>(
+/// Splits `words`, which start at the first word of `region`, into the registers of the board and those of `selection`
+/// among the first `count` blocks, each with its number.
+fn blocks<'a>(
     region: Region,
-    words: &[u16],
-    head: usize,
+    places: &Blocks,
+    words: &'a [u16],
     count: usize,
-) -> Result<(&[u16], &[[u16; BLOCK]]), TooShort> {
-    let needed = head + BLOCK * count;
+    selection: Selection,
+) -> Result<(&'a [u16], impl Iterator<Item = (usize, Block<'a>)> + Clone), TooShort> {
+    let count = selection.last_number(count.min(places.count));
+    let needed = places.words_from(region.start, count);
     let short = TooShort { region: region.name, numbers: count, needed, got: words.len() };
-    let (head, blocks) = words.get(..needed).ok_or(short)?.split_at(head);
-    Ok((head, blocks.as_chunks().0))
+    let (head, blocks) = words.get(..needed).ok_or(short)?.split_at(places.words_from(region.start, 0));
+    let blocks = (1..).zip(blocks.chunks_exact(places.words.max(1)));
+    let blocks = blocks.filter(move |(number, _)| selection.has_number(*number));
+    Ok((head, blocks.map(move |(number, words)| (number, Block { words, selection }))))
 }
 
 /// The 32-bit value of the location whose Y half is word `at`.
@@ -53,12 +58,12 @@ const fn long(words: &[u16], at: usize) -> u32 {
 }
 
 /// One number's words, and which of them were read: a register that was not has no value.
-struct Block<'a, const WORDS: usize> {
-    words: &'a [u16; WORDS],
+struct Block<'a> {
+    words: &'a [u16],
     selection: Selection,
 }
 
-impl<const WORDS: usize> Block<'_, WORDS> {
+impl Block<'_> {
     fn long(&self, at: usize) -> Option<u32> {
         self.selection.has_words(at, 2).then(|| long(self.words, at))
     }

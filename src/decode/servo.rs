@@ -1,34 +1,35 @@
-//! The servo fixed data buffer, 0x0024-0x0227 (DPRAM manual p. 14-17). PMAC writes all of it but Host-Busy.
+//! The servo report: the motors' positions, velocities and status words (DPRAM manual p. 14-17, Turbo User Manual p. 402).
 //!
-//! No following error is worked out from it: which of master and compensation position the desired position holds
-//! is not documented for these boards.
+//! Which fields a motor's block has, and where, is the family's register table's; a field of [`ServoMotor`] that the
+//! family lacks is `None`. On PMAC and PMAC2 no following error is worked out: which of master and compensation
+//! position the desired position holds is not documented for these boards.
 
 use serde::Serialize;
 
-use super::quantity::{Flags, Quantity, Scales};
-use super::{Block, TooShort, long, split};
+use super::quantity::{Flags, MotorScales, Quantity, Scales};
+use super::{Block, TooShort, blocks, long};
 use crate::format::int24;
-use crate::map::Selection;
-use crate::map::classic::{self, servo_motor as at};
-use crate::map::status::CLASSIC;
+use crate::map::{Family, Selection, StatusTable, block_fields};
 
-/// What the servo buffer held.
+/// What the servo report held.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ServoData {
-    /// The low 15 bits of the servo counter at PMAC's update.
-    pub servo_timer: u16,
+    /// The low bits of the servo counter at PMAC's update, 15 or 24 of them.
+    pub servo_timer: u32,
     /// Whether PMAC was updating the buffer; the motors' values are then not of one instant.
     pub pmac_busy: bool,
     /// Whether the host held PMAC off.
     pub host_busy: bool,
-    /// The board's status words in the order of `???`: the copy of X:$0003, then that of Y:$0003.
-    pub global_status: [u32; 2],
+    /// The board's status words in the order of `???`; `None` where the report has none.
+    pub global_status: Option<[u32; 2]>,
     /// The motors that were read, ascending.
     pub motors: Vec<ServoMotor>,
+    #[serde(skip)]
+    global: &'static [StatusTable],
 }
 
-/// What the servo buffer held of one motor; `None` is what was not read of it.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+/// What the servo report held of one motor; `None` is what was not read of it, or what the family does not report.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
 pub struct ServoMotor {
     /// The motor's number, from 1.
     pub motor: usize,
@@ -50,69 +51,158 @@ pub struct ServoMotor {
     pub time_left: Option<Quantity>,
     /// A PMAC address of doubtful meaning; see the register table.
     pub handwheel_pointer: Option<Quantity>,
+    /// Turbo: following error.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub following_error: Option<Quantity>,
+    /// Turbo: offset from `PSET` and axis definitions.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub position_bias: Option<Quantity>,
+    /// Turbo: actual velocity, averaged over 16*(I60+1) servo cycles.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub filtered_velocity: Option<Quantity>,
+    /// Turbo: the background status word, the second word of `?`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub background_status: Option<Quantity>,
     /// The flags of the servo status word.
     pub status: Option<Flags>,
 }
 
+/// A field that a motor's block may have: its name in the register table, how it is read, where its value goes.
+struct Field {
+    name: &'static str,
+    read: fn(&Block, usize, MotorScales) -> Option<Quantity>,
+    value: fn(&mut ServoMotor) -> &mut Option<Quantity>,
+}
+
+const FIELDS: [Field; 13] = [
+    Field { name: "commanded_position", read: position, value: |motor| &mut motor.commanded_position },
+    Field { name: "actual_position", read: position, value: |motor| &mut motor.actual_position },
+    Field { name: "master_position", read: master, value: |motor| &mut motor.master_position },
+    Field { name: "compensation_position", read: position, value: |motor| &mut motor.compensation_position },
+    Field { name: "previous_dac", read: dac, value: |motor| &mut motor.previous_dac },
+    Field { name: "servo_status", read: bits, value: |motor| &mut motor.servo_status },
+    Field { name: "actual_velocity", read: velocity, value: |motor| &mut motor.actual_velocity },
+    Field { name: "time_left", read: time, value: |motor| &mut motor.time_left },
+    Field { name: "handwheel_pointer", read: address, value: |motor| &mut motor.handwheel_pointer },
+    Field { name: "following_error", read: position, value: |motor| &mut motor.following_error },
+    Field { name: "position_bias", read: position, value: |motor| &mut motor.position_bias },
+    Field { name: "filtered_velocity", read: velocity, value: |motor| &mut motor.filtered_velocity },
+    Field { name: "background_status", read: bits, value: |motor| &mut motor.background_status },
+];
+
+fn position(block: &Block, at: usize, scales: MotorScales) -> Option<Quantity> {
+    block.fixed(at).map(|raw| Quantity::position(raw, scales))
+}
+
+fn master(block: &Block, at: usize, scales: MotorScales) -> Option<Quantity> {
+    block.fixed(at).map(|raw| Quantity::master(raw, scales))
+}
+
+fn velocity(block: &Block, at: usize, scales: MotorScales) -> Option<Quantity> {
+    block.signed(at).map(|raw| Quantity::velocity(raw, scales))
+}
+
+fn dac(block: &Block, at: usize, _: MotorScales) -> Option<Quantity> {
+    block.signed(at).map(Quantity::dac)
+}
+
+fn time(block: &Block, at: usize, _: MotorScales) -> Option<Quantity> {
+    block.signed(at).map(Quantity::time)
+}
+
+fn bits(block: &Block, at: usize, _: MotorScales) -> Option<Quantity> {
+    block.unsigned(at).map(Quantity::bits)
+}
+
+fn address(block: &Block, at: usize, _: MotorScales) -> Option<Quantity> {
+    block.unsigned(at).map(Quantity::address)
+}
+
 impl ServoData {
-    /// The flags of the board's status words, in the order of `???`.
+    /// The flags of the board's status words, in the order of `???`; `None` where the report has none.
     #[must_use]
-    pub fn global_flags(&self) -> [Flags; 2] {
-        [0, 1].map(|index| Flags { word: self.global_status[index], table: &CLASSIC.global[index] })
+    pub fn global_flags(&self) -> Option<[Flags; 2]> {
+        let [first, second] = self.global_status?;
+        let [first_table, second_table] = self.global.first_chunk()?;
+        Some([Flags { word: first, table: first_table }, Flags { word: second, table: second_table }])
     }
 }
 
-/// Decodes the servo buffer of `motors` motors (at most 8) from its words, the first of which is that at 0x0024.
-///
-/// # Errors
-/// [`TooShort`] when the words of a motor asked for are missing.
-pub fn servo(words: &[u16], motors: usize, scales: &Scales) -> Result<ServoData, TooShort> {
-    servo_selected(words, motors, scales, Selection::ALL)
+/// Decodes the servo reports of one family.
+#[derive(Debug, Clone)]
+pub struct ServoDecoder {
+    family: &'static Family,
+    /// Of [`FIELDS`] those that the family has, each with its first word in the block.
+    fields: Vec<(&'static Field, usize)>,
 }
 
-/// As [`servo`], of words of which only those in `selection` were read.
+impl std::fmt::Debug for Field {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(self.name)
+    }
+}
+
+impl ServoDecoder {
+    /// The decoder for boards of `family`.
+    #[must_use]
+    pub fn new(family: &'static Family) -> Self {
+        let known = |name: &str| FIELDS.iter().find(|field| field.name == name);
+        let fields = block_fields(family, "servo").filter_map(|at| Some((known(at.name)?, at.words.start)));
+        Self { family, fields: fields.collect() }
+    }
+
+    /// Decodes the report of `motors` motors, no more than the family has, from its words, the first of which is the
+    /// region's first. Of the blocks only what `selection` has was read.
+    ///
+    /// # Errors
+    /// [`TooShort`] when the words of a motor asked for are missing.
+    pub fn decode(
+        &self,
+        words: &[u16],
+        motors: usize,
+        scales: &Scales,
+        selection: Selection,
+    ) -> Result<ServoData, TooShort> {
+        let report = &self.family.servo;
+        let (head, motors) = blocks(report.region, &report.motors, words, motors, selection)?;
+        let flag = |flag: crate::map::Flag| flag.is_set(head[report.index(flag.word)]);
+        Ok(ServoData {
+            servo_timer: report.timer.read(head, report.region.start),
+            pmac_busy: report.busy.is_busy(flag(report.pmac_status)),
+            host_busy: flag(report.host_busy),
+            global_status: report
+                .global_status
+                .map(|words| words.map(|word| int24::unsigned(long(head, report.index(word))))),
+            motors: motors.map(|(number, block)| self.motor(number, &block, scales)).collect(),
+            global: self.family.status.global,
+        })
+    }
+
+    fn motor(&self, number: usize, block: &Block, scales: &Scales) -> ServoMotor {
+        let scales = scales.motor(number);
+        let mut motor = ServoMotor { motor: number, ..ServoMotor::default() };
+        for (field, word) in &self.fields {
+            *(field.value)(&mut motor) = (field.read)(block, *word, scales);
+        }
+        let table = self.family.status.motor.first();
+        motor.status = motor
+            .servo_status
+            .zip(table)
+            .and_then(|(status, table)| Some(Flags { word: u32::try_from(status.raw).ok()?, table }));
+        motor
+    }
+}
+
+/// Decodes the servo report of `motors` motors of a board of `family`, all of which was read. See
+/// [`ServoDecoder::decode`].
 ///
 /// # Errors
 /// [`TooShort`] when the words of a motor asked for are missing.
-pub fn servo_selected(
+pub fn servo(
+    family: &'static Family,
     words: &[u16],
     motors: usize,
     scales: &Scales,
-    selection: Selection,
 ) -> Result<ServoData, TooShort> {
-    const HEAD: usize = classic::SERVO_MOTOR.words_since(classic::SERVO_HOST_STATUS);
-    const PMAC_STATUS: usize = classic::SERVO_PMAC_STATUS.words_since(classic::SERVO_HOST_STATUS);
-    const STATUS_Y: usize = classic::SERVO_GLOBAL_STATUS_Y.words_since(classic::SERVO_HOST_STATUS);
-    const STATUS_X: usize = classic::SERVO_GLOBAL_STATUS_X.words_since(classic::SERVO_HOST_STATUS);
-
-    let (head, blocks) =
-        split(classic::SERVO, words, HEAD, selection.last_number(motors.min(classic::MOTORS)))?;
-    let motors = (1..).zip(blocks).filter(|(number, _)| selection.has_number(*number));
-    let pmac_status = head[PMAC_STATUS];
-    Ok(ServoData {
-        servo_timer: pmac_status & classic::SERVO_TIMER_MASK,
-        pmac_busy: pmac_status & classic::PMAC_BUSY != 0,
-        host_busy: head[0] & classic::HOST_BUSY != 0,
-        global_status: [STATUS_X, STATUS_Y].map(|word| int24::unsigned(long(head, word))),
-        motors: motors.map(|(number, words)| motor(number, &Block { words, selection }, scales)).collect(),
-    })
-}
-
-fn motor(number: usize, block: &Block<{ classic::SERVO_MOTOR_WORDS }>, scales: &Scales) -> ServoMotor {
-    let scales = scales.motor(number);
-    let position = |word| block.fixed(word).map(|raw| Quantity::position(raw, scales));
-    let status = block.unsigned(at::SERVO_STATUS);
-    ServoMotor {
-        motor: number,
-        commanded_position: position(at::COMMANDED_POSITION),
-        actual_position: position(at::ACTUAL_POSITION),
-        master_position: block.fixed(at::MASTER_POSITION).map(|raw| Quantity::master(raw, scales)),
-        compensation_position: position(at::COMPENSATION_POSITION),
-        previous_dac: block.signed(at::PREVIOUS_DAC).map(Quantity::dac),
-        servo_status: status.map(Quantity::bits),
-        actual_velocity: block.signed(at::ACTUAL_VELOCITY).map(|raw| Quantity::velocity(raw, scales)),
-        time_left: block.signed(at::TIME_LEFT).map(Quantity::time),
-        handwheel_pointer: block.unsigned(at::HANDWHEEL_POINTER).map(Quantity::address),
-        status: status.map(|word| Flags { word, table: &CLASSIC.motor[0] }),
-    }
+    ServoDecoder::new(family).decode(words, motors, scales, Selection::ALL)
 }

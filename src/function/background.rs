@@ -1,6 +1,7 @@
-//! Background fixed data: what PMAC reports between its PLC scans (DPRAM manual p. 17-21).
+//! The background report: what PMAC copies between its PLC scans (DPRAM manual p. 17-21). [`BackgroundBlock`] says
+//! where it lies.
 //!
-//! Data-Ready (Y:$D08A bit 0) belongs to both: PMAC sets it after an update, the host clears it to have another.
+//! Data-Ready belongs to both: PMAC sets it after an update, the host clears it to have another.
 //! While it is set PMAC leaves the buffer alone, so a reader that waits for it cannot be overtaken. While it is clear PMAC
 //! makes a report at its next background pass, some milliseconds later at most, and that one lies there until it is
 //! cleared again. So Data-Ready is cleared when a report is wanted, not when the last one has been read: what is
@@ -13,128 +14,125 @@
 use std::ops::Range;
 
 use crate::device::{Bus, BusError};
-use crate::map::Selection;
-use crate::map::classic::{
-    self, BACKGROUND_BLOCK, BACKGROUND_BLOCK_WORDS, BACKGROUND_DATA_READY, BACKGROUND_PANEL_PORT,
-    BACKGROUND_SERVO_TIMER, DATA_READY,
-};
+use crate::map::{BackgroundBlock, Selection};
 
-/// Words of the background buffer, from the data-ready word at 0x0228 to the end of block 8.
-pub const BACKGROUND_WORDS: usize = word_index(BACKGROUND_BLOCK) + classic::MOTORS * BACKGROUND_BLOCK_WORDS;
-/// The three port longs.
-const PORT_WORDS: usize = 6;
-
-const fn word_index(offset: crate::map::HostOffset) -> usize {
-    offset.word() - BACKGROUND_DATA_READY.word()
-}
-
-/// What a look at the background buffer gave.
+/// What a poll of the background report gave.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum BackgroundLook {
+pub enum BackgroundPoll {
     /// PMAC has nothing ready.
     Nothing,
-    /// A part of a report was read; look again for the rest.
+    /// A part of a report was read; poll again for the rest.
     Partial,
-    /// A whole report lies in [`BackgroundReader::image`]; the value is its servo timer.
-    Report(u16),
+    /// [`BackgroundReader::image`] holds a whole report; the value is its servo timer.
+    Report(u32),
 }
 
 /// Reads the background fixed data of motors and coordinate systems 1 to `numbers`, or what was selected of it.
 ///
-/// A report is long, and the servo data must not wait for it, so each look reads one block. That is safe: PMAC leaves
+/// A report is long, and the servo data must not wait for it, so each poll reads one block. That is safe: PMAC leaves
 /// the buffer alone until the host clears Data-Ready, which it does to ask for the next report.
 pub struct BackgroundReader {
+    block: &'static BackgroundBlock,
     selection: Selection,
     numbers: usize,
     /// What is read of a block, in words from its start.
     runs: Vec<Range<usize>>,
-    image: [u16; BACKGROUND_WORDS],
+    image: Box<[u16]>,
     /// The next block to read, while a report is being read.
     next_block: Option<usize>,
 }
 
-impl Default for BackgroundReader {
-    fn default() -> Self {
-        Self::selecting(Selection::ALL)
-    }
-}
-
 impl BackgroundReader {
-    /// A reader that has seen nothing yet, and reads of the blocks only what `selection` has.
+    /// A reader of all of `block` that has seen nothing yet.
     #[must_use]
-    pub fn selecting(selection: Selection) -> Self {
+    pub fn new(block: &'static BackgroundBlock) -> Self {
+        Self::selecting(block, Selection::ALL)
+    }
+
+    /// As [`BackgroundReader::new`], but of the blocks only what `selection` has.
+    #[must_use]
+    pub fn selecting(block: &'static BackgroundBlock, selection: Selection) -> Self {
         let mut runs = Vec::new();
         let (words, _) = selection.left_out();
-        Selection::without(words, 0).runs(BACKGROUND_BLOCK_WORDS, 1, &mut runs);
-        let image = [0; BACKGROUND_WORDS];
-        Self { selection, numbers: classic::MOTORS, runs, image, next_block: None }
+        Selection::without(words, 0).runs(block.blocks.words, 1, &mut runs);
+        let image = vec![0; block.words()].into_boxed_slice();
+        Self { block, selection, numbers: block.blocks.count, runs, image, next_block: None }
     }
 
-    /// Reads motors and coordinate systems 1 to `numbers` from now on (I59); at most 8.
+    /// Bits of the servo timer.
+    #[must_use]
+    pub fn timer_bits(&self) -> u32 {
+        self.block.timer.bits()
+    }
+
+    /// Reads motors and coordinate systems 1 to `numbers` from now on; no more than the board has.
     pub fn set_numbers(&mut self, numbers: usize) {
-        self.numbers = numbers.min(classic::MOTORS);
+        self.numbers = numbers.min(self.block.blocks.count);
         self.next_block = None;
     }
 
-    /// The buffer as last taken, from the word at 0x0228 on, up to the last block read. Words the host does not read
+    /// The buffer as last taken, from the region's first word on, up to the last block read. Words the host does not read
     /// (the spares, what was not selected) are 0.
     #[must_use]
     pub fn image(&self) -> &[u16] {
         let numbers = self.selection.last_number(self.numbers);
-        &self.image[..word_index(BACKGROUND_BLOCK) + numbers * BACKGROUND_BLOCK_WORDS]
+        &self.image[..self.block.blocks.words_from(self.block.region.start, numbers)]
     }
 
-    /// Gives up whatever lies in the buffer, so that the next report is a new one.
+    /// Gives up whatever is in the buffer, so that the next report is a new one.
     ///
     /// # Errors
     /// When the bus cannot be reached.
-    pub fn release(bus: &mut impl Bus) -> Result<(), BusError> {
-        bus.write16(BACKGROUND_DATA_READY, 0)?;
+    pub fn release(block: &BackgroundBlock, bus: &mut impl Bus) -> Result<(), BusError> {
+        bus.write16(block.ready.word, 0)?;
         bus.order_writes();
         Ok(())
     }
 
-    /// Asks for a report made from now on; what lies in the buffer is given up. 1 write.
+    /// Asks for a report made from now on; what is in the buffer is given up. 1 write.
     ///
     /// # Errors
     /// When the bus cannot be reached.
     pub fn ask(&mut self, bus: &mut impl Bus) -> Result<(), BusError> {
-        self.forget();
-        Self::release(bus)
+        self.reset();
+        Self::release(self.block, bus)
     }
 
     /// Forgets a report half read, as after the board was silent or reset.
-    pub fn forget(&mut self) {
+    pub fn reset(&mut self) {
         self.next_block = None;
     }
 
-    /// Looks once: reads the next part of the report if there is one. After its last part it lies there until another is
-    /// asked for. 1 access when there is nothing; a report of n numbers costs 62n + 11 in all: 1 to ask for it, 8 to
-    /// begin with, 62 a look, and in the last look 2 more, to see that it still stands.
+    /// Polls once: reads the next part of the report if there is one. After its last part it stays until another is asked
+    /// for. 1 access when there is nothing; a report of n blocks of 62 words costs 62n + 11 in all: 1 to ask for it, 8 to
+    /// begin with, 62 a poll, and in the last poll 2 more, to see that it still stands.
     ///
     /// # Errors
     /// When the bus cannot be reached.
-    pub fn look(&mut self, bus: &mut impl Bus) -> Result<BackgroundLook, BusError> {
-        let Some(next) = self.next_block else { return self.look_for_report(bus) };
+    pub fn poll(&mut self, bus: &mut impl Bus) -> Result<BackgroundPoll, BusError> {
+        let Some(next) = self.next_block else { return self.poll_for_report(bus) };
         if let Some(block) = self.selected_from(next) {
-            let start = block * BACKGROUND_BLOCK_WORDS;
-            let words = &mut self.image[word_index(BACKGROUND_BLOCK) + start..];
+            let blocks = &self.block.blocks;
+            let start = block * blocks.words;
+            let words = &mut self.image[self.block.index(blocks.first) + start..];
             for run in &self.runs {
-                bus.read_data(BACKGROUND_BLOCK.plus_words(start + run.start), &mut words[run.clone()])?;
+                bus.read_data(blocks.first.plus_words(start + run.start), &mut words[run.clone()])?;
             }
             self.next_block = Some(block + 1);
             if self.selected_from(block + 1).is_some() {
-                return Ok(BackgroundLook::Partial);
+                return Ok(BackgroundPoll::Partial);
             }
         }
         self.next_block = None;
         bus.order_reads();
         // A board that was reset meanwhile may have begun, or made, another report (`tests/models/background.pml`).
-        let again = [bus.read16(BACKGROUND_DATA_READY)?, bus.read16(BACKGROUND_SERVO_TIMER)?];
-        if again != [self.image[0], self.image[word_index(BACKGROUND_SERVO_TIMER)]] {
-            return Ok(BackgroundLook::Nothing);
+        let [ready, timer] = [self.block.ready.word, self.block.timer.low];
+        for word in [ready, timer] {
+            if bus.read16(word)? != self.image[self.block.index(word)] {
+                return Ok(BackgroundPoll::Nothing);
+            }
         }
-        Ok(BackgroundLook::Report(self.image[word_index(BACKGROUND_SERVO_TIMER)]))
+        Ok(BackgroundPoll::Report(self.block.timer.read(&self.image, self.block.region.start)))
     }
 
     /// The first block from `next` on that is to be read.
@@ -143,19 +141,20 @@ impl BackgroundReader {
     }
 
     /// Reads the global words if PMAC has a report ready.
-    fn look_for_report(&mut self, bus: &mut impl Bus) -> Result<BackgroundLook, BusError> {
-        let ready = bus.read16(BACKGROUND_DATA_READY)?;
-        // All ones is what an absent board reads as, not a report: bits 15-1 are reserved and 0.
-        if ready & DATA_READY == 0 || ready == u16::MAX {
-            return Ok(BackgroundLook::Nothing);
+    fn poll_for_report(&mut self, bus: &mut impl Bus) -> Result<BackgroundPoll, BusError> {
+        let block = self.block;
+        let ready = bus.read16(block.ready.word)?;
+        // All ones is what an absent board reads as, not a report: most bits are reserved and 0.
+        if !block.ready.is_set(ready) || ready == u16::MAX {
+            return Ok(BackgroundPoll::Nothing);
         }
         bus.order_reads();
-        let ports = word_index(BACKGROUND_PANEL_PORT);
-        self.image[0] = ready;
-        self.image[word_index(BACKGROUND_SERVO_TIMER)] = bus.read16(BACKGROUND_SERVO_TIMER)?;
-        bus.read_data(BACKGROUND_PANEL_PORT, &mut self.image[ports..ports + PORT_WORDS])?;
+        let global = block.index(block.global.first);
+        self.image[block.index(block.ready.word)] = ready;
+        self.image[block.index(block.timer.low)] = bus.read16(block.timer.low)?;
+        bus.read_data(block.global.first, &mut self.image[global..global + block.global.words])?;
         self.next_block = Some(0);
-        Ok(BackgroundLook::Partial)
+        Ok(BackgroundPoll::Partial)
     }
 }
 
@@ -163,31 +162,33 @@ impl BackgroundReader {
 mod tests {
     use super::*;
     use crate::device::{Counted, FileBoard};
+    use crate::map::PMAC;
+    use crate::map::pmac::{BACKGROUND_BLOCK, BACKGROUND_DATA_READY, BACKGROUND_SERVO_TIMER, DATA_READY};
 
     #[test]
     fn a_report_is_held_until_the_next_is_asked_for() {
         let file = tempfile::tempfile().unwrap();
         file.set_len(0x4000).unwrap();
         let mut bus = Counted::new(FileBoard::from_file(&file, 0x4000).unwrap());
-        let mut reader = BackgroundReader::default();
-        assert_eq!(reader.look(&mut bus).unwrap(), BackgroundLook::Nothing);
+        let mut reader = BackgroundReader::new(&PMAC.background);
+        assert_eq!(reader.poll(&mut bus).unwrap(), BackgroundPoll::Nothing);
         reader.set_numbers(3);
         bus.write16(BACKGROUND_BLOCK, 0xABCD).unwrap();
         bus.write16(BACKGROUND_SERVO_TIMER, 0x9000).unwrap();
         bus.write16(BACKGROUND_DATA_READY, DATA_READY).unwrap();
         let before = bus.accesses();
         for _ in 0..3 {
-            assert_eq!(reader.look(&mut bus).unwrap(), BackgroundLook::Partial);
+            assert_eq!(reader.poll(&mut bus).unwrap(), BackgroundPoll::Partial);
             assert_eq!(
                 bus.read16(BACKGROUND_DATA_READY).unwrap(),
                 DATA_READY,
                 "held until the last word is read"
             );
         }
-        assert_eq!(reader.look(&mut bus).unwrap(), BackgroundLook::Report(0x9000));
-        assert_eq!(bus.accesses() - before, 2 + PORT_WORDS as u64 + 3 * 62 + 2 + 3, "3 are the test's own");
-        assert_eq!(reader.image().len(), word_index(BACKGROUND_BLOCK) + 3 * 62);
-        assert_eq!(reader.image()[word_index(BACKGROUND_BLOCK)], 0xABCD);
+        assert_eq!(reader.poll(&mut bus).unwrap(), BackgroundPoll::Report(0x9000));
+        assert_eq!(bus.accesses() - before, 2 + 6 + 3 * 62 + 2 + 3, "3 are the test's own");
+        assert_eq!(reader.image().len(), PMAC.background.index(BACKGROUND_BLOCK) + 3 * 62);
+        assert_eq!(reader.image()[PMAC.background.index(BACKGROUND_BLOCK)], 0xABCD);
         assert_eq!(
             bus.read16(BACKGROUND_DATA_READY).unwrap(),
             DATA_READY,
@@ -195,7 +196,7 @@ mod tests {
         );
         reader.ask(&mut bus).unwrap();
         assert_eq!(bus.read16(BACKGROUND_DATA_READY).unwrap(), 0);
-        assert_eq!(reader.look(&mut bus).unwrap(), BackgroundLook::Nothing);
+        assert_eq!(reader.poll(&mut bus).unwrap(), BackgroundPoll::Nothing);
     }
 
     #[test]
@@ -203,15 +204,15 @@ mod tests {
         let file = tempfile::tempfile().unwrap();
         file.set_len(0x4000).unwrap();
         let mut bus = FileBoard::from_file(&file, 0x4000).unwrap();
-        let mut reader = BackgroundReader::default();
+        let mut reader = BackgroundReader::new(&PMAC.background);
         reader.set_numbers(1);
         for (ready, timer) in [(0, 0), (DATA_READY, 8), (u16::MAX, u16::MAX)] {
             bus.write16(BACKGROUND_SERVO_TIMER, 7).unwrap();
             bus.write16(BACKGROUND_DATA_READY, DATA_READY).unwrap();
-            assert_eq!(reader.look(&mut bus).unwrap(), BackgroundLook::Partial);
+            assert_eq!(reader.poll(&mut bus).unwrap(), BackgroundPoll::Partial);
             bus.write16(BACKGROUND_SERVO_TIMER, timer).unwrap();
             bus.write16(BACKGROUND_DATA_READY, ready).unwrap();
-            assert_eq!(reader.look(&mut bus).unwrap(), BackgroundLook::Nothing);
+            assert_eq!(reader.poll(&mut bus).unwrap(), BackgroundPoll::Nothing);
             assert_eq!(
                 bus.read16(BACKGROUND_DATA_READY).unwrap(),
                 ready,
@@ -226,6 +227,6 @@ mod tests {
         file.set_len(0x4000).unwrap();
         let mut bus = FileBoard::from_file(&file, 0x4000).unwrap();
         bus.write16(BACKGROUND_DATA_READY, u16::MAX).unwrap();
-        assert_eq!(BackgroundReader::default().look(&mut bus).unwrap(), BackgroundLook::Nothing);
+        assert_eq!(BackgroundReader::new(&PMAC.background).poll(&mut bus).unwrap(), BackgroundPoll::Nothing);
     }
 }

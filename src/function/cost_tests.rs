@@ -2,12 +2,12 @@
 
 use std::time::Instant;
 
-use super::background::{BackgroundLook, BackgroundReader};
+use super::background::{BackgroundPoll, BackgroundReader};
 use super::gather::{GatherBuffer, GatherLook, GatherReader, GatherStart, report_cycles};
 use super::panel::{FeedOverride, Panel, PanelAction, PanelRequest};
 use super::port_cost_tests::{dpram, mailboxes};
 use super::rotary::{RotaryBuffer, RotarySetup, RotaryStream};
-use super::servo::{ServoLook, ServoReader, ServoReading};
+use super::servo::{ServoPoll, ServoReader, ServoReading};
 use super::servo_timer::ServoTimer;
 use super::variable_read::{self, VariableEntry, VariableKind, VariableLook, VariableMode, VariableReader};
 use super::variable_write::{VariableWriter, WordKind, WriteRecord, WriteStep};
@@ -69,17 +69,17 @@ fn servo() {
         (ServoReading::Handshake, 9, "servo update, handshake"),
     ] {
         for n in 0..=8 {
-            let (mut rig, mut reader) = (Rig::new(), ServoReader::new(reading));
+            let (mut rig, mut reader) = (Rig::new(), ServoReader::new(&PMAC.servo, reading));
             reader.set_motors(n);
-            reader.look(&mut rig.host).unwrap();
+            reader.poll(&mut rig.host).unwrap();
             rig.put(SERVO_PMAC_STATUS, 1);
-            let (look, cost) = rig.cost(|bus| reader.look(bus).unwrap());
-            assert_eq!((look, cost), (ServoLook::Update(1), 30 * n + over), "{n}");
+            let (look, cost) = rig.cost(|bus| reader.poll(bus).unwrap());
+            assert_eq!((look, cost), (ServoPoll::Update(1), 30 * n + over), "{n}");
             if n == 8 {
                 assert_eq!(cost, documented(row));
             }
-            let idle = rig.cost(|bus| reader.look(bus).unwrap());
-            assert_eq!(idle, (ServoLook::Unchanged, documented("servo look")));
+            let idle = rig.cost(|bus| reader.poll(bus).unwrap());
+            assert_eq!(idle, (ServoPoll::Unchanged, documented("servo look")));
         }
     }
 }
@@ -87,13 +87,13 @@ fn servo() {
 #[test]
 fn background() {
     for n in 0..=8 {
-        let (mut rig, mut reader) = (Rig::new(), BackgroundReader::default());
+        let (mut rig, mut reader) = (Rig::new(), BackgroundReader::new(&PMAC.background));
         reader.set_numbers(n);
-        let idle = rig.cost(|bus| reader.look(bus).unwrap());
-        assert_eq!(idle, (BackgroundLook::Nothing, documented("background look")));
+        let idle = rig.cost(|bus| reader.poll(bus).unwrap());
+        assert_eq!(idle, (BackgroundPoll::Nothing, documented("background look")));
         rig.put(BACKGROUND_SERVO_TIMER, 7);
         let (look, cost) = background_report(&mut rig, &mut reader);
-        assert_eq!((look, cost), (Some(BackgroundLook::Report(7)), 62 * n + 11), "{n}");
+        assert_eq!((look, cost), (Some(BackgroundPoll::Report(7)), 62 * n + 11), "{n}");
         if n == 8 {
             assert_eq!(cost, documented("background report"));
         }
@@ -101,12 +101,12 @@ fn background() {
 }
 
 /// Asks for a report and reads it: what came of it, and what it cost.
-pub fn background_report(rig: &mut Rig, reader: &mut BackgroundReader) -> (Option<BackgroundLook>, usize) {
+pub fn background_report(rig: &mut Rig, reader: &mut BackgroundReader) -> (Option<BackgroundPoll>, usize) {
     let ((), asked) = rig.cost(|bus| reader.ask(bus).unwrap());
     rig.put(BACKGROUND_DATA_READY, DATA_READY);
     let (look, read) = rig.cost(|bus| {
-        let looks = std::iter::repeat_with(|| reader.look(bus).unwrap());
-        looks.take(20).find(|look| *look != BackgroundLook::Partial)
+        let looks = std::iter::repeat_with(|| reader.poll(bus).unwrap());
+        looks.take(20).find(|look| *look != BackgroundPoll::Partial)
     });
     (look, asked + read)
 }
@@ -255,7 +255,7 @@ fn gather() {
             rig.put(place.size, (128 * l) as u16);
             let mut reader = GatherReader::new(buffer, GatherStart::Defined).unwrap();
             let mut step = |rig: &mut Rig| {
-                rig.cost(|bus| reader.step(bus, |bus| report_cycles(bus, &mut timer)).unwrap())
+                rig.cost(|bus| reader.step(bus, |bus| report_cycles(bus, &PMAC.servo, &mut timer)).unwrap())
             };
             let look = documented(&format!("gather look{row} |"));
             assert_eq!(step(&mut rig), (GatherLook::Idle, look));
@@ -313,8 +313,8 @@ fn lines_and_releases() {
     assert_eq!(mailboxes(20, 20), documented("mailbox line"));
     let mut rig = Rig::new();
     let costs = [
-        rig.cost(|bus| ServoReader::release(bus).unwrap()).1,
-        rig.cost(|bus| BackgroundReader::release(bus).unwrap()).1,
+        rig.cost(|bus| ServoReader::release(&PMAC.servo, bus).unwrap()).1,
+        rig.cost(|bus| BackgroundReader::release(&PMAC.background, bus).unwrap()).1,
         rig.cost(|bus| VariableReader::release(bus).unwrap()).1,
         rig.cost(|bus| VariableWriter::release(bus).unwrap()).1,
         rig.cost(|bus| Panel::new().take_over(bus).unwrap()).1,

@@ -11,11 +11,11 @@
 //! buffer, the look is thrown away and the next one tells. After a copy the index is read again, and what the board may have overwritten
 //! meanwhile is dropped and counted as lost.
 
+use super::servo;
 use crate::device::{Bus, BusError};
 use crate::function::servo_timer::ServoTimer;
 use crate::gather::{GatherMode, GatherPlan, plan};
-use crate::map::classic::SERVO_PMAC_STATUS;
-use crate::map::{GatherPlace, Layout};
+use crate::map::{GatherPlace, Layout, ServoBlock};
 
 /// Longs copied in one step at most; no sample is longer than 48.
 pub const CHUNK_LONGS: usize = 64;
@@ -417,12 +417,16 @@ impl GatherReader {
     }
 }
 
-/// The servo cycles by the timer of the servo report, extended by `timer` (of 15 bits): a clock for
-/// [`GatherReader::step`] while that report runs and is not held off. Costs one read. Must be called at least once in
-/// 32767 servo cycles, 14 s.
+/// The servo cycles by the timer of the servo report, extended by `timer`: a clock for [`GatherReader::step`] while that
+/// report runs and is not held off. Costs one read where the timer has one word. Must be called at least once a turn of
+/// the timer, 14 s with 15 bits.
 ///
 /// # Errors
 /// When the bus cannot be reached.
-pub fn report_cycles(bus: &mut impl Bus, timer: &mut ServoTimer) -> Result<u64, BusError> {
-    Ok(timer.advance(bus.read16(SERVO_PMAC_STATUS)?).0)
+pub fn report_cycles(
+    bus: &mut impl Bus,
+    report: &ServoBlock,
+    timer: &mut ServoTimer,
+) -> Result<u64, BusError> {
+    Ok(timer.advance(servo::read_timer(bus, report)?).0)
 }

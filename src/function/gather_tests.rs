@@ -337,7 +337,7 @@ fn a_step_costs_what_it_says() {
     let mut reader = GatherReader::new(buffer, GatherStart::Defined).unwrap();
     let mut cost = |bus: &mut Counted<FileBoard>| {
         let before = (bus.reads(), bus.writes());
-        let look = reader.step(bus, |bus| report_cycles(bus, &mut timer)).unwrap();
+        let look = reader.step(bus, |bus| report_cycles(bus, &PMAC.servo, &mut timer)).unwrap();
         (look, bus.reads() - before.0, bus.writes() - before.1)
     };
     assert_eq!(cost(&mut bus), (GatherLook::Idle, 2 + 2, 0));

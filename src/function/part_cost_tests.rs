@@ -2,11 +2,11 @@
 
 use std::time::Instant;
 
-use super::background::{BACKGROUND_WORDS, BackgroundLook, BackgroundReader};
+use super::background::{BackgroundPoll, BackgroundReader};
 use super::cost_tests::{PLACE, Rig, X, background_report, documented, variables};
 use super::gather::{GatherBuffer, GatherLook, GatherReader, GatherStart};
 use super::port_cost_tests::dpram;
-use super::servo::{SERVO_WORDS, ServoLook, ServoReader, ServoReading};
+use super::servo::{ServoPoll, ServoReader, ServoReading};
 use super::variable_read::{VariableLook, VariableMode};
 use crate::device::Access;
 use crate::gather::GatherMode;
@@ -40,16 +40,16 @@ fn a_part_of_the_servo_report() {
         (optimistic, selected(&[], &ALL), 8, 0, ""),
     ] {
         let mut rig = Rig::new();
-        let mut reader = ServoReader::selecting(reading, selection);
+        let mut reader = ServoReader::selecting(&PMAC.servo, reading, selection);
         reader.set_motors(reported);
-        reader.look(&mut rig.host).unwrap();
-        for word in 0..SERVO_WORDS {
+        reader.poll(&mut rig.host).unwrap();
+        for word in 0..PMAC.servo.words() {
             rig.put(SERVO_HOST_STATUS.plus_words(word), 0x1111);
         }
         rig.put(SERVO_PMAC_STATUS, 1);
-        let (look, cost) = rig.cost(|bus| reader.look(bus).unwrap());
+        let (look, cost) = rig.cost(|bus| reader.poll(bus).unwrap());
         let over = if reading == optimistic { 6 } else { 9 };
-        assert_eq!((look, cost), (ServoLook::Update(1), words + over), "{selection:?}");
+        assert_eq!((look, cost), (ServoPoll::Update(1), words + over), "{selection:?}");
         assert!(row.is_empty() || cost == documented(row), "{row}");
         // What was read lies where it belongs, and all else is 0: 4 words are the board's, 1 is the timer.
         assert_eq!(reader.image().iter().filter(|word| **word == 0x1111).count(), words + 4);
@@ -72,14 +72,14 @@ fn a_part_of_the_background_report() {
         (selected(&[(0, 62)], &[]), 8, 0, ""),
     ] {
         let mut rig = Rig::new();
-        let mut reader = BackgroundReader::selecting(selection);
+        let mut reader = BackgroundReader::selecting(&PMAC.background, selection);
         reader.set_numbers(reported);
-        for word in 0..BACKGROUND_WORDS {
+        for word in 0..PMAC.background.words() {
             rig.put(BACKGROUND_DATA_READY.plus_words(word), 0x1111);
         }
         rig.put(BACKGROUND_SERVO_TIMER, 7);
         let (look, cost) = background_report(&mut rig, &mut reader);
-        assert_eq!((look, cost), (Some(BackgroundLook::Report(7)), words + 11), "{selection:?}");
+        assert_eq!((look, cost), (Some(BackgroundPoll::Report(7)), words + 11), "{selection:?}");
         assert!(row.is_empty() || cost == documented(row), "{row}");
         assert_eq!(reader.image().iter().filter(|word| **word == 0x1111).count(), words + 6);
     }
@@ -88,15 +88,15 @@ fn a_part_of_the_background_report() {
 /// What an update costs by 32 bits, of so many motors.
 fn servo_by_32_bits(reading: ServoReading, selection: Selection, motors: usize) -> usize {
     let mut rig = Rig::with_access(Access::Bits32);
-    let mut reader = ServoReader::selecting(reading, selection);
+    let mut reader = ServoReader::selecting(&PMAC.servo, reading, selection);
     reader.set_motors(motors);
-    reader.look(&mut rig.host).unwrap();
-    for word in 0..SERVO_WORDS {
+    reader.poll(&mut rig.host).unwrap();
+    for word in 0..PMAC.servo.words() {
         rig.put(SERVO_HOST_STATUS.plus_words(word), word as u16);
     }
     rig.put(SERVO_PMAC_STATUS, 1);
-    let (look, cost) = rig.cost(|bus| reader.look(bus).unwrap());
-    assert_eq!(look, ServoLook::Update(1));
+    let (look, cost) = rig.cost(|bus| reader.poll(bus).unwrap());
+    assert_eq!(look, ServoPoll::Update(1));
     let first = SERVO_MOTOR.words_since(SERVO_HOST_STATUS);
     for (index, word) in reader.image().iter().enumerate().skip(first) {
         assert_eq!(*word, if selection.has_words((index - first) % 30, 1) { index as u16 } else { 0 });
@@ -125,11 +125,12 @@ fn servo_data_by_32_bits() {
 #[test]
 fn the_background_report_by_32_bits() {
     for n in 0..=8 {
-        let (mut rig, mut reader) = (Rig::with_access(Access::Bits32), BackgroundReader::default());
+        let (mut rig, mut reader) =
+            (Rig::with_access(Access::Bits32), BackgroundReader::new(&PMAC.background));
         reader.set_numbers(n);
         rig.put(BACKGROUND_SERVO_TIMER, 7);
         let (look, cost) = background_report(&mut rig, &mut reader);
-        assert_eq!((look, cost), (Some(BackgroundLook::Report(7)), 31 * n + 8), "{n}");
+        assert_eq!((look, cost), (Some(BackgroundPoll::Report(7)), 31 * n + 8), "{n}");
         assert!(n != 8 || cost == documented("background by 32 bits"));
     }
 }

@@ -1,12 +1,18 @@
-//! Servo fixed data: motor data that PMAC copies into the DPRAM every I19 servo cycles (DPRAM manual p. 14-17).
+//! The servo report: motor data that PMAC copies into the DPRAM every so many servo cycles (DPRAM manual p. 14-17,
+//! Turbo User Manual p. 402-403). [`ServoBlock`] says where it lies.
 //!
-//! PMAC tests the host's Host-Busy bit (Y:$D009 bit 0), skips the update if it is set, else sets its own PMAC-Busy
-//! bit (X:$D009 bit 15), copies motors 1 to I59, stores the servo timer (bits 14-0) and clears PMAC-Busy. Because it
-//! tests Host-Busy before it sets its own flag, Host-Busy alone does not protect a slow read: an update may begin
-//! right after the host looked. So in both ways of reading the status word is read again after the data, and unless
-//! both readings are equal and not busy, the copy is discarded. What this cannot show: a bus that returned something else
-//! in the middle of a copy, for less than a servo period; and, in optimistic reading, a servo counter that is set back by
-//! one update at that moment, so that two updates in a row have the same number.
+//! | PMAC and PMAC2 | Turbo | host | PMAC |
+//! |---|---|---|---|
+//! | Y:$D009 bit 0 | 0x006A bit 15 | sets Host-Busy while it reads | skips its update while it is set |
+//! | X:$D009 bit 15 | 0x006E bit 15 | reads | busy: set while it writes; Turbo clears it meanwhile |
+//! | X:$D009 bits 14-0 | 0x006C, 0x006E bits 7-0 | reads | stores its servo timer after the data |
+//!
+//! PMAC tests Host-Busy before it sets its own flag, so Host-Busy alone does not protect a slow read: an update may
+//! begin right after the host looked. So in both ways of reading the status is read again after the data, and unless
+//! both readings are equal and not busy, the copy is discarded. Of a status in two words the flag is read first: PMAC
+//! stores the timer before it says that the data are whole. What this cannot show: a bus that returned something else
+//! in the middle of a copy, for less than a servo period; and, in optimistic reading, a servo counter that is set back
+//! by one update at that moment, so that two updates in a row have the same number.
 //!
 //! Host-Busy left set by a host that died stops the updates for ever; [`ServoReader::release`] clears it.
 
@@ -14,11 +20,7 @@ use std::ops::Range;
 
 use crate::clock::Clock;
 use crate::device::{Bus, BusError};
-use crate::map::Selection;
-use crate::map::classic::{
-    self, HOST_BUSY, PMAC_BUSY, PROGRAM_BUFFER_OPEN, SERVO_GLOBAL_STATUS_Y, SERVO_HOST_STATUS, SERVO_MOTOR,
-    SERVO_MOTOR_WORDS, SERVO_PMAC_STATUS, SERVO_TIMER_MASK,
-};
+use crate::map::{Selection, ServoBlock};
 
 /// How the buffer is read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Deserialize, serde::Serialize)]
@@ -32,68 +34,69 @@ pub enum ServoReading {
     Handshake,
 }
 
-/// Words of the servo buffer, from the host status word at 0x0024 to the end of motor 8's block.
-pub const SERVO_WORDS: usize = word_index(SERVO_MOTOR) + classic::MOTORS * SERVO_MOTOR_WORDS;
-/// A copy that took longer is thrown away: the timer comes round after 32768 servo cycles, 14.5 s at the default rate.
+/// A copy that took longer is thrown away: the shortest timer comes round after 32768 servo cycles, 14.5 s at the
+/// default rate.
 const LONGEST_COPY_NS: u64 = 1_000_000_000;
-/// The two global status longs.
-const GLOBAL_WORDS: usize = 4;
-/// How often PMAC-Busy is looked at after Host-Busy was set, before this update is given up.
-const BUSY_LOOKS: usize = 8;
+/// How often PMAC's flag is read after Host-Busy was set, before this update is given up.
+const BUSY_POLLS: usize = 8;
 
-/// The word's place in the image of the buffer.
-const fn word_index(offset: crate::map::HostOffset) -> usize {
-    offset.word() - SERVO_HOST_STATUS.word()
-}
-
-/// What a look at the servo buffer gave.
+/// What a poll of the servo report gave.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum ServoLook {
+pub enum ServoPoll {
     /// No update since the last one taken.
     Unchanged,
-    /// The first look: the value is the timer of what lies there from before, which is not taken.
-    First(u16),
+    /// The first poll: the value is the timer of the update from before, which is not taken.
+    First(u32),
     /// PMAC is writing the buffer.
     Busy,
     /// PMAC wrote while the host read; the copy was discarded.
     Torn,
-    /// A new update lies in [`ServoReader::image`]; the value is its servo timer.
-    Update(u16),
+    /// [`ServoReader::image`] holds a new update; the value is its servo timer.
+    Update(u32),
 }
 
-/// Reads the servo fixed data of motors 1 to `motors`, or what was selected of it.
+/// PMAC's flag and the servo timer, as they were read.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+struct Status {
+    flag: u16,
+    timer_low: u16,
+}
+
+/// Reads the servo report of motors 1 to `motors`, or what was selected of it.
 pub struct ServoReader {
+    block: &'static ServoBlock,
     reading: ServoReading,
     selection: Selection,
     motors: usize,
     /// What is read of the motors' blocks, in words from the first one's start.
     runs: Vec<Range<usize>>,
-    last_timer: Option<u16>,
+    last_timer: Option<u32>,
     clock: Clock,
-    image: [u16; SERVO_WORDS],
+    image: Box<[u16]>,
 }
 
 impl ServoReader {
-    /// A reader that has seen nothing yet.
+    /// A reader of all of `block` that has seen nothing yet.
     #[must_use]
-    pub fn new(reading: ServoReading) -> Self {
-        Self::selecting(reading, Selection::ALL)
+    pub fn new(block: &'static ServoBlock, reading: ServoReading) -> Self {
+        Self::selecting(block, reading, Selection::ALL)
     }
 
     /// As [`ServoReader::new`], but of the motors' blocks only what `selection` has.
     #[must_use]
-    pub fn selecting(reading: ServoReading, selection: Selection) -> Self {
+    pub fn selecting(block: &'static ServoBlock, reading: ServoReading, selection: Selection) -> Self {
         let mut reader = Self {
+            block,
             reading,
             selection,
             motors: 0,
             // Room for any selection, so that it is not allocated later.
-            runs: Vec::with_capacity(classic::MOTORS * SERVO_MOTOR_WORDS),
+            runs: Vec::with_capacity(block.motors.count * block.motors.words),
             last_timer: None,
             clock: Clock::real(),
-            image: [0; SERVO_WORDS],
+            image: vec![0; block.words()].into_boxed_slice(),
         };
-        reader.set_motors(classic::MOTORS);
+        reader.set_motors(block.motors.count);
         reader
     }
 
@@ -110,10 +113,16 @@ impl ServoReader {
         self.reading
     }
 
-    /// Reads motors 1 to `motors` from now on (I59); at most 8.
+    /// Bits of the servo timer.
+    #[must_use]
+    pub fn timer_bits(&self) -> u32 {
+        self.block.timer.bits()
+    }
+
+    /// Reads motors 1 to `motors` from now on, as many as the board reports; no more than it has.
     pub fn set_motors(&mut self, motors: usize) {
-        self.motors = motors.min(classic::MOTORS);
-        self.selection.runs(SERVO_MOTOR_WORDS, self.motors, &mut self.runs);
+        self.motors = motors.min(self.block.motors.count);
+        self.selection.runs(self.block.motors.words, self.motors, &mut self.runs);
     }
 
     /// The motors the board reports, as far as is known.
@@ -122,25 +131,26 @@ impl ServoReader {
         self.motors
     }
 
-    /// The buffer as last taken, from the word at 0x0024 on, up to the last motor read. Words the host does not read
-    /// (its own status, the global spares, what was not selected) are 0.
+    /// The buffer as last taken, from the region's first word on, up to the last motor read. Words the host does not
+    /// read (its own status, the global spares, what was not selected) are 0.
     #[must_use]
     pub fn image(&self) -> &[u16] {
         let motors = self.selection.last_number(self.motors);
-        &self.image[..word_index(SERVO_MOTOR) + motors * SERVO_MOTOR_WORDS]
+        &self.image[..self.block.motors.words_from(self.block.region.start, motors)]
     }
 
     /// Whether a program buffer was open on the board at the last update, as the copy of its global status says.
     #[must_use]
     pub fn program_buffer_open(&self) -> bool {
-        self.image
-            .get(word_index(SERVO_GLOBAL_STATUS_Y) + 1)
-            .is_some_and(|word| word & PROGRAM_BUFFER_OPEN != 0)
+        let flag = self.block.program_buffer_open;
+        flag.is_some_and(|flag| {
+            self.image.get(self.block.index(flag.word)).is_some_and(|word| flag.is_set(*word))
+        })
     }
 
-    /// Forgets the last update. What lies in the buffer at the next look counts as old: only a change after it is an
-    /// update, so data from before a reset or a restart is never taken for new.
-    pub fn forget(&mut self) {
+    /// Forgets the last update: what is in the buffer at the next poll counts as old. Only a change after it is an
+    /// update, so data from before a reset or a restart are never taken for new.
+    pub fn reset(&mut self) {
         self.last_timer = None;
     }
 
@@ -148,83 +158,127 @@ impl ServoReader {
     ///
     /// # Errors
     /// When the bus cannot be reached.
-    pub fn release(bus: &mut impl Bus) -> Result<(), BusError> {
-        bus.write16(SERVO_HOST_STATUS, 0)?;
+    pub fn release(block: &ServoBlock, bus: &mut impl Bus) -> Result<(), BusError> {
+        bus.write16(block.host_busy.word, 0)?;
         bus.order_writes();
         Ok(())
     }
 
-    /// Looks once, and takes the update if there is a new one.
+    /// Polls once, and takes the update if there is a new one.
     ///
     /// # Errors
     /// When the bus cannot be reached; Host-Busy may then be left set.
-    pub fn look(&mut self, bus: &mut impl Bus) -> Result<ServoLook, BusError> {
-        let status = bus.read16(SERVO_PMAC_STATUS)?;
-        if status & PMAC_BUSY != 0 {
-            return Ok(ServoLook::Busy);
-        }
-        let timer = status & SERVO_TIMER_MASK;
+    pub fn poll(&mut self, bus: &mut impl Bus) -> Result<ServoPoll, BusError> {
+        let Some(status) = self.status(bus)? else { return Ok(ServoPoll::Busy) };
+        let timer = self.timer(status);
         match self.last_timer {
             Some(last) if last != timer => {}
-            Some(_) => return Ok(ServoLook::Unchanged),
+            Some(_) => return Ok(ServoPoll::Unchanged),
             None => {
                 self.last_timer = Some(timer);
-                return Ok(ServoLook::First(timer));
+                return Ok(ServoPoll::First(timer));
             }
         }
-        let look = match self.reading {
+        let poll = match self.reading {
             ServoReading::Optimistic => self.copy(bus, status)?,
             ServoReading::Handshake => {
-                bus.write16(SERVO_HOST_STATUS, HOST_BUSY)?;
+                bus.write16(self.block.host_busy.word, self.block.host_busy.mask)?;
                 bus.order_writes();
-                let look = self.copy_held(bus);
-                Self::release(bus)?;
-                look?
+                let poll = self.copy_held(bus);
+                Self::release(self.block, bus)?;
+                poll?
             }
         };
-        if let ServoLook::Update(timer) = look {
+        if let ServoPoll::Update(timer) = poll {
             self.last_timer = Some(timer);
         }
-        Ok(look)
+        Ok(poll)
+    }
+
+    /// Reads PMAC's flag and the timer; `None` while PMAC writes. 1 read, or 2 where they are two words.
+    fn status(&self, bus: &mut impl Bus) -> Result<Option<Status>, BusError> {
+        let ServoBlock { pmac_status, busy, timer, .. } = self.block;
+        let flag = bus.read16(pmac_status.word)?;
+        // All ones is an absent board.
+        if busy.is_busy(pmac_status.is_set(flag)) || flag == u16::MAX {
+            return Ok(None);
+        }
+        let timer_low = if timer.low == pmac_status.word {
+            flag
+        } else {
+            bus.order_reads();
+            bus.read16(timer.low)?
+        };
+        Ok(Some(Status { flag, timer_low }))
+    }
+
+    fn timer(&self, status: Status) -> u32 {
+        // Where the timer has a high part, it is in the word of the flag.
+        self.block.timer.value(status.timer_low, status.flag)
     }
 
     /// Copies while Host-Busy is set, once PMAC is not busy.
-    fn copy_held(&mut self, bus: &mut impl Bus) -> Result<ServoLook, BusError> {
-        for _ in 0..BUSY_LOOKS {
-            let status = bus.read16(SERVO_PMAC_STATUS)?;
-            if status & PMAC_BUSY == 0 {
+    fn copy_held(&mut self, bus: &mut impl Bus) -> Result<ServoPoll, BusError> {
+        for _ in 0..BUSY_POLLS {
+            if let Some(status) = self.status(bus)? {
                 return self.copy(bus, status);
             }
         }
-        Ok(ServoLook::Busy)
+        Ok(ServoPoll::Busy)
     }
 
-    /// Copies the buffer; `before` is the status word read before. Accepts the copy only if it still stands.
-    fn copy(&mut self, bus: &mut impl Bus, before: u16) -> Result<ServoLook, BusError> {
+    /// Copies the buffer; `before` is the status read before. Accepts the copy only if it still stands.
+    fn copy(&mut self, bus: &mut impl Bus, before: Status) -> Result<ServoPoll, BusError> {
+        let block = self.block;
         bus.order_reads();
         let began_ns = self.clock.ns();
-        let global = word_index(SERVO_GLOBAL_STATUS_Y);
-        bus.read_data(SERVO_GLOBAL_STATUS_Y, &mut self.image[global..global + GLOBAL_WORDS])?;
-        let motors = &mut self.image[word_index(SERVO_MOTOR)..];
+        let global = block.index(block.global.first);
+        bus.read_data(block.global.first, &mut self.image[global..global + block.global.words])?;
+        let motors = &mut self.image[block.index(block.motors.first)..];
         for run in &self.runs {
-            bus.read_data(SERVO_MOTOR.plus_words(run.start), &mut motors[run.clone()])?;
+            bus.read_data(block.motors.first.plus_words(run.start), &mut motors[run.clone()])?;
         }
         bus.order_reads();
-        let after = bus.read16(SERVO_PMAC_STATUS)?;
+        let after = self.status(bus)?;
         // A timer that comes round while this thread is held up looks as if nothing had happened.
-        if after != before || self.clock.ns().saturating_sub(began_ns) > LONGEST_COPY_NS {
-            return Ok(ServoLook::Torn);
+        if after != Some(before) || self.clock.ns().saturating_sub(began_ns) > LONGEST_COPY_NS {
+            return Ok(ServoPoll::Torn);
         }
-        self.image[word_index(SERVO_PMAC_STATUS)] = after;
-        Ok(ServoLook::Update(after & SERVO_TIMER_MASK))
+        self.image[block.index(block.timer.low)] = before.timer_low;
+        self.image[block.index(block.pmac_status.word)] = before.flag;
+        Ok(ServoPoll::Update(self.timer(before)))
     }
+}
+
+/// Reads the servo timer of the last update. 1 read; where it has two words, 3 and rarely 5.
+///
+/// # Errors
+/// When the bus cannot be reached.
+pub fn read_timer(bus: &mut impl Bus, report: &ServoBlock) -> Result<u32, BusError> {
+    let ServoBlock { pmac_status, timer, .. } = report;
+    let mut high = bus.read16(pmac_status.word)?;
+    if timer.low == pmac_status.word {
+        return Ok(timer.value(high, 0));
+    }
+    let mut low = 0;
+    // The two words are of one update if the high one is the same before and after; it changes once in 65536 cycles.
+    for _ in 0..2 {
+        low = bus.read16(timer.low)?;
+        let again = bus.read16(pmac_status.word)?;
+        if timer.value(0, again) == timer.value(0, high) {
+            break;
+        }
+        high = again;
+    }
+    Ok(timer.value(low, high))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::device::{Counted, FileBoard};
-    use crate::map::HostOffset;
+    use crate::map::pmac::{PMAC_BUSY, SERVO_HOST_STATUS, SERVO_MOTOR, SERVO_PMAC_STATUS};
+    use crate::map::{HostOffset, PMAC};
 
     fn bus() -> Counted<FileBoard> {
         let file = tempfile::tempfile().unwrap();
@@ -239,28 +293,28 @@ mod tests {
 
     #[test]
     fn what_lay_there_before_is_not_an_update() {
-        let (mut bus, mut reader) = (bus(), ServoReader::new(ServoReading::Optimistic));
+        let (mut bus, mut reader) = (bus(), ServoReader::new(&PMAC.servo, ServoReading::Optimistic));
         update(&mut bus, 5);
-        assert_eq!(reader.look(&mut bus).unwrap(), ServoLook::First(5));
-        assert_eq!(reader.look(&mut bus).unwrap(), ServoLook::Unchanged);
+        assert_eq!(reader.poll(&mut bus).unwrap(), ServoPoll::First(5));
+        assert_eq!(reader.poll(&mut bus).unwrap(), ServoPoll::Unchanged);
         update(&mut bus, 6);
-        assert_eq!(reader.look(&mut bus).unwrap(), ServoLook::Update(6));
-        assert_eq!(reader.image()[word_index(SERVO_MOTOR)], 6);
-        reader.forget();
+        assert_eq!(reader.poll(&mut bus).unwrap(), ServoPoll::Update(6));
+        assert_eq!(reader.image()[PMAC.servo.index(SERVO_MOTOR)], 6);
+        reader.reset();
         update(&mut bus, 9);
-        assert_eq!(reader.look(&mut bus).unwrap(), ServoLook::First(9));
+        assert_eq!(reader.poll(&mut bus).unwrap(), ServoPoll::First(9));
     }
 
     #[test]
     fn an_update_costs_the_words_it_needs() {
         for (reading, overhead) in [(ServoReading::Optimistic, 2), (ServoReading::Handshake, 5)] {
             for motors in 0..=8 {
-                let (mut bus, mut reader) = (bus(), ServoReader::new(reading));
+                let (mut bus, mut reader) = (bus(), ServoReader::new(&PMAC.servo, reading));
                 reader.set_motors(motors);
-                reader.look(&mut bus).unwrap();
+                reader.poll(&mut bus).unwrap();
                 update(&mut bus, 1);
                 let before = bus.accesses();
-                assert_eq!(reader.look(&mut bus).unwrap(), ServoLook::Update(1));
+                assert_eq!(reader.poll(&mut bus).unwrap(), ServoPoll::Update(1));
                 assert_eq!(
                     bus.accesses() - before,
                     overhead + 4 + 30 * motors as u64,
@@ -319,27 +373,27 @@ mod tests {
                 let file = tempfile::tempfile().unwrap();
                 file.set_len(0x4000).unwrap();
                 let mut bus = FileBoard::from_file(&file, 0x4000).unwrap();
-                let mut reader = ServoReader::new(reading);
-                reader.look(&mut bus).unwrap();
+                let mut reader = ServoReader::new(&PMAC.servo, reading);
+                reader.poll(&mut bus).unwrap();
                 update(&mut bus, 1);
                 let mut bus = Interfering { bus, accesses: 0, at, write: (SERVO_PMAC_STATUS, PMAC_BUSY | 1) };
-                let look = reader.look(&mut bus).unwrap();
-                assert!(matches!(look, ServoLook::Torn | ServoLook::Busy), "{reading:?} {at} {look:?}");
+                let poll = reader.poll(&mut bus).unwrap();
+                assert!(matches!(poll, ServoPoll::Torn | ServoPoll::Busy), "{reading:?} {at} {poll:?}");
                 assert_eq!(bus.bus.read16(SERVO_HOST_STATUS).unwrap(), 0);
                 // It is taken at the next look, once PMAC is done.
                 bus.bus.write16(SERVO_PMAC_STATUS, 2).unwrap();
-                assert_eq!(reader.look(&mut bus).unwrap(), ServoLook::Update(2));
+                assert_eq!(reader.poll(&mut bus).unwrap(), ServoPoll::Update(2));
             }
         }
     }
 
     #[test]
     fn a_stuck_busy_bit_and_a_missing_board_give_no_data() {
-        let (mut bus, mut reader) = (bus(), ServoReader::new(ServoReading::Handshake));
+        let (mut bus, mut reader) = (bus(), ServoReader::new(&PMAC.servo, ServoReading::Handshake));
         bus.write16(SERVO_PMAC_STATUS, PMAC_BUSY | 3).unwrap();
-        assert_eq!(reader.look(&mut bus).unwrap(), ServoLook::Busy);
+        assert_eq!(reader.poll(&mut bus).unwrap(), ServoPoll::Busy);
         bus.write16(SERVO_PMAC_STATUS, 0xFFFF).unwrap();
-        assert_eq!(reader.look(&mut bus).unwrap(), ServoLook::Busy);
+        assert_eq!(reader.poll(&mut bus).unwrap(), ServoPoll::Busy);
         assert_eq!(bus.read16(SERVO_HOST_STATUS).unwrap(), 0);
     }
 }

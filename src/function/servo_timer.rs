@@ -1,30 +1,30 @@
 //! The servo timer: how many servo cycles the board has run, as far as the DPRAM tells.
 //!
-//! The servo buffer carries the low 15 bits of PMAC's 24-bit servo counter X:$0000, the background buffer the low 16
-//! (DPRAM manual p. 14, 17). Extended to 64 bits it orders everything the board reports.
+//! PMAC counts its servo cycles in 24 bits (X:$0000). On PMAC and PMAC2 the servo report has the low 15 of them, the
+//! background report the low 16 (DPRAM manual p. 14, 17); on Turbo both have all 24. Extended to 64 bits it orders everything the board reports.
 
 /// Extends a counter that wraps to one that does not.
 #[derive(Debug, Clone)]
 pub struct ServoTimer {
     bits: u32,
-    last: Option<u16>,
+    last: Option<u32>,
     extended: u64,
 }
 
 impl ServoTimer {
-    /// A timer of which `bits` (at most 16) are seen.
+    /// A timer of which `bits` (at most 24) are seen.
     #[must_use]
     pub fn new(bits: u32) -> Self {
-        Self { bits: bits.min(16), last: None, extended: 0 }
+        Self { bits: bits.min(24), last: None, extended: 0 }
     }
 
     /// Takes the timer's present reading. Returns the extended count and how many servo cycles passed since the last
     /// reading: `None` for the first one. A board that was silent for a whole turn of the counter, or was reset,
-    /// cannot be told from one that was silent for less; the caller who knows better calls [`ServoTimer::forget`].
-    pub fn advance(&mut self, reading: u16) -> (u64, Option<u32>) {
+    /// cannot be told from one that was silent for less; the caller who knows better calls [`ServoTimer::reset`].
+    pub fn advance(&mut self, reading: u32) -> (u64, Option<u32>) {
         let mask = (1u32 << self.bits) - 1;
-        let reading = (u32::from(reading) & mask) as u16;
-        let passed = self.last.map(|last| u32::from(reading).wrapping_sub(u32::from(last)) & mask);
+        let reading = reading & mask;
+        let passed = self.last.map(|last| reading.wrapping_sub(last) & mask);
         self.extended = match passed {
             Some(passed) => self.extended + u64::from(passed),
             // Keeps the low bits equal to the board's own, so that a reader can match them.
@@ -35,7 +35,7 @@ impl ServoTimer {
     }
 
     /// Forgets the last reading: the next one starts a new stretch, later than everything so far.
-    pub fn forget(&mut self) {
+    pub fn reset(&mut self) {
         self.last = None;
     }
 }
@@ -52,6 +52,9 @@ mod tests {
         assert_eq!(timer.advance(0x7FFF), (first + 1, Some(1)));
         assert_eq!(timer.advance(0x0001), (first + 3, Some(2)));
         assert_eq!(timer.advance(0x8002), (first + 4, Some(1)), "bit 15 is not part of it");
+        let mut timer = ServoTimer::new(24);
+        let (first, _) = timer.advance(0xFF_FFFF);
+        assert_eq!(timer.advance(0x00_0001), (first + 2, Some(2)));
     }
 
     #[test]
@@ -59,7 +62,7 @@ mod tests {
         let mut timer = ServoTimer::new(15);
         timer.advance(0x7000);
         let (before, _) = timer.advance(0x7FFF);
-        timer.forget();
+        timer.reset();
         let (after, passed) = timer.advance(3);
         assert!(after > before);
         assert_eq!((after & 0x7FFF, passed), (3, None));

@@ -245,6 +245,12 @@ impl Plan {
         [self.firmware, self.gather, self.variable_read, self.variable_write, rotary_1, rotary_2]
     }
 
+    /// The family of the board.
+    #[must_use]
+    pub const fn family(&self) -> &'static Family {
+        self.family
+    }
+
     /// The sizes and places it was made from.
     #[must_use]
     pub const fn settings(&self) -> PlanSettings {

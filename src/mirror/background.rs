@@ -6,14 +6,12 @@
 
 use super::freshness::{Freshness, Transition};
 use crate::device::{Bus, BusError};
-use crate::function::background::{BACKGROUND_WORDS, BackgroundLook, BackgroundReader};
+use crate::function::background::{BackgroundPoll, BackgroundReader};
 use crate::function::servo_timer::ServoTimer;
-use crate::map::{PMAC, Selection, classic};
+use crate::map::{BackgroundBlock, Selection};
 use crate::segment::freshness::limit_ns;
 use crate::segment::{BlockPlace, Counter, Publisher, RegionId, RegionSpec, RegionState, Stamp};
 
-/// The servo timer's bits in the background buffer.
-const TIMER_BITS: u32 = 16;
 /// How soon to look (again) for a report that was asked for, and no later than after a quarter of a period.
 const AGAIN_NS: u64 = 2_000_000;
 /// Reports are stale after this time without one, or after ten periods ([`limit_ns`]).
@@ -21,14 +19,14 @@ const STALE_NS: u64 = 1_000_000_000;
 
 /// The region in the segment, of a report every `period_ns`. It holds a second of reports, and no fewer than 16.
 #[must_use]
-pub fn region(period_ns: u64) -> RegionSpec {
+pub fn region(block: &BackgroundBlock, period_ns: u64) -> RegionSpec {
     let reports = u32::try_from(1_000_000_000 / period_ns.max(1)).unwrap_or(u32::MAX);
     RegionSpec {
         id: RegionId::Background,
         slots: reports.clamp(16, 1024).next_power_of_two(),
-        payload_bytes: 2 * BACKGROUND_WORDS as u32,
-        first_host_offset: classic::BACKGROUND_DATA_READY.bytes(),
-        blocks: BlockPlace::new(PMAC.background.blocks, classic::BACKGROUND_DATA_READY),
+        payload_bytes: 2 * block.words() as u32,
+        first_host_offset: block.region.start.bytes(),
+        blocks: BlockPlace::new(block.blocks, block.region.start),
         period_hint_ns: period_ns,
         stale_after_ns: limit_ns(STALE_NS, period_ns),
     }
@@ -59,16 +57,16 @@ struct Asked {
 impl BackgroundMirror {
     /// A mirror that takes a report every `period_ns`.
     #[must_use]
-    pub fn new(period_ns: u64) -> Self {
-        Self::selecting(period_ns, Selection::ALL)
+    pub fn new(block: &'static BackgroundBlock, period_ns: u64) -> Self {
+        Self::selecting(block, period_ns, Selection::ALL)
     }
 
     /// As [`BackgroundMirror::new`], but of the blocks only what `selection` has is read.
     #[must_use]
-    pub fn selecting(period_ns: u64, selection: Selection) -> Self {
+    pub fn selecting(block: &'static BackgroundBlock, period_ns: u64, selection: Selection) -> Self {
         Self {
-            reader: BackgroundReader::selecting(selection),
-            timer: ServoTimer::new(TIMER_BITS),
+            reader: BackgroundReader::selecting(block, selection),
+            timer: ServoTimer::new(block.timer.bits()),
             freshness: Freshness::new(limit_ns(STALE_NS, period_ns)),
             period_ns,
             due_ns: 0,
@@ -106,8 +104,8 @@ impl BackgroundMirror {
 
     /// Starts over, as with another board.
     pub fn forget(&mut self) {
-        self.reader.forget();
-        self.timer.forget();
+        self.reader.reset();
+        self.timer.reset();
         self.asked = None;
     }
 
@@ -150,8 +148,8 @@ impl BackgroundMirror {
             self.ask(bus, now)?;
             return Ok(None);
         };
-        match self.reader.look(bus)? {
-            BackgroundLook::Nothing => {
+        match self.reader.poll(bus)? {
+            BackgroundPoll::Nothing => {
                 // One that does not stand any more was followed by another, if at all, after its first words were read.
                 asked.not_before_ns = asked.began_ns.take().unwrap_or(now);
                 self.due_ns = now + self.again_ns();
@@ -162,12 +160,12 @@ impl BackgroundMirror {
                 }
                 Ok(transition)
             }
-            BackgroundLook::Partial => {
+            BackgroundPoll::Partial => {
                 asked.began_ns.get_or_insert(now);
                 self.due_ns = now;
                 Ok(None)
             }
-            BackgroundLook::Report(timer) => {
+            BackgroundPoll::Report(timer) => {
                 let Asked { at_ns, not_before_ns: time_ns, .. } = *asked;
                 self.asked = None;
                 if now.saturating_sub(time_ns) >= self.freshness.limit_ns() {

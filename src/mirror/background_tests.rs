@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::device::{Counted, FileBoard};
+use crate::map::PMAC;
 use crate::map::classic::{BACKGROUND_BLOCK, BACKGROUND_DATA_READY, BACKGROUND_SERVO_TIMER, DATA_READY};
 use crate::segment::{CreateOptions, RegionSpec, Sample, SegmentName, Subscriber};
 
@@ -40,7 +41,7 @@ impl Rig {
         let name = SegmentName::new("background").unwrap();
         let mut options = CreateOptions::new(name.clone(), vec![region]);
         directory.path().clone_into(&mut options.directory);
-        let mut mirror = BackgroundMirror::new(PERIOD);
+        let mut mirror = BackgroundMirror::new(&PMAC.background, PERIOD);
         mirror.configure(2);
         Self {
             bus: Counted::new(FileBoard::from_file(&file, 0x4000).unwrap()),

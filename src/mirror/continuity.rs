@@ -10,12 +10,9 @@
 //! reset is seen by other means. It clears the status word at once, and a mirror that looks every few milliseconds
 //! sees a timer of exactly 0 while nothing is reported, which a board that goes on shows once in 32768 times.
 
-/// The servo timer's bits in the servo buffer.
-pub const TIMER_BITS: u32 = 15;
 /// A timer that moved on by no more than this many updates belongs to the stretch of the last update, but never one that
-/// moved by more than [`NEXT_CYCLES`].
+/// moved by more than a quarter of a turn.
 const NEXT_UPDATES: u64 = 64;
-const NEXT_CYCLES: u64 = 1 << (TIMER_BITS - 2);
 /// Servo cycles that an update may seem early: the thread was held up between clock and look.
 const SLACK: u64 = 64;
 /// The length of a servo cycle is known from this many, and of late: the older half counts less after so many.
@@ -36,8 +33,10 @@ pub enum Verdict {
 }
 
 /// Knows when the last update came and how long a servo cycle lasts.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone)]
 pub struct Continuity {
+    /// Bits of the servo timer.
+    timer_bits: u32,
     /// A servo cycle as the board says (I10).
     told_ns: Option<u64>,
     /// Servo cycles that passed while updates came, and how long they took.
@@ -48,6 +47,12 @@ pub struct Continuity {
 }
 
 impl Continuity {
+    /// Knows nothing yet of a board whose servo timer has `timer_bits`.
+    #[must_use]
+    pub fn new(timer_bits: u32) -> Self {
+        Self { timer_bits, told_ns: None, cycles: 0, taken_ns: 0, last_ns: None }
+    }
+
     /// Takes the length of a servo cycle from elsewhere (I10). What is measured wins.
     pub fn expect_cycle(&mut self, cycle_ns: u64) {
         self.told_ns = Some(cycle_ns);
@@ -55,7 +60,7 @@ impl Continuity {
 
     /// Starts over, as with another board.
     pub fn forget(&mut self) {
-        *self = Self { told_ns: self.told_ns, ..Self::default() };
+        *self = Self { told_ns: self.told_ns, ..Self::new(self.timer_bits) };
     }
 
     /// Judges an update at `now_ns` whose timer is `timer` and moved on by `passed`, less whole turns. `cycles` are those from
@@ -63,7 +68,7 @@ impl Continuity {
     #[must_use]
     pub fn judge(
         &self,
-        timer: u16,
+        timer: u32,
         passed: u64,
         cycles: Option<u32>,
         now_ns: u64,
@@ -72,7 +77,7 @@ impl Continuity {
         if timer == 0 && !was_live {
             return Verdict::Reset;
         }
-        let next = (NEXT_UPDATES * u64::from(cycles.unwrap_or(1))).min(NEXT_CYCLES);
+        let next = (NEXT_UPDATES * u64::from(cycles.unwrap_or(1))).min(1 << (self.timer_bits - 2));
         let Some(elapsed) = self.elapsed(now_ns).filter(|_| passed > next) else { return Verdict::GoesOn };
         let fit = elapsed + elapsed / 4 + SLACK;
         if passed <= fit {
@@ -88,7 +93,7 @@ impl Continuity {
     /// only the time that went by tells.
     #[must_use]
     pub fn whole(&self, passed: u64, now_ns: u64) -> u64 {
-        let turn = 1u64 << TIMER_BITS;
+        let turn = 1u64 << self.timer_bits;
         let turns = (self.elapsed(now_ns).unwrap_or(0).saturating_sub(passed) + turn / 2) / turn;
         passed + turns * turn
     }
@@ -120,6 +125,8 @@ impl Continuity {
 mod tests {
     use super::*;
 
+    const TIMER_BITS: u32 = 15;
+
     /// 2258.8 Hz.
     const CYCLE_NS: u64 = 442_708;
     const SECOND: u64 = 2259;
@@ -127,13 +134,13 @@ mod tests {
 
     /// A board that has shown `last` and is silent for `silence` cycles; then its timer is `timer`.
     fn after(last: u64, silence: u64, timer: u64) -> Verdict {
-        let mut continuity = Continuity::default();
+        let mut continuity = Continuity::new(TIMER_BITS);
         continuity.expect_cycle(CYCLE_NS);
         let start = 1_000_000_000;
         continuity.came(start, None);
         let passed = (timer + TURN - last) % TURN;
         let is_live = silence * CYCLE_NS < 100_000_000;
-        continuity.judge(timer as u16, passed, Some(1), start + silence * CYCLE_NS, is_live)
+        continuity.judge(timer as u32, passed, Some(1), start + silence * CYCLE_NS, is_live)
     }
 
     #[test]
@@ -172,7 +179,7 @@ mod tests {
             assert_eq!(after(last, silence, timer), Verdict::Reset, "{last} {silence} {timer}");
         }
         // With a period so long that 64 of it are a turn.
-        let mut continuity = Continuity::default();
+        let mut continuity = Continuity::new(TIMER_BITS);
         continuity.expect_cycle(CYCLE_NS);
         continuity.came(0, None);
         let passed = TURN - 20_000 + 30;
@@ -190,13 +197,13 @@ mod tests {
 
     #[test]
     fn what_nobody_knows_tells_of_no_reset() {
-        let mut continuity = Continuity::default();
+        let mut continuity = Continuity::new(TIMER_BITS);
         // No update yet: what lay there is of unknown age.
         continuity.expect_cycle(CYCLE_NS);
         assert_eq!(continuity.judge(7, 20_000, Some(1), 1_000_000_000, false), Verdict::GoesOn);
         assert_eq!(continuity.judge(0, 20_000, Some(1), 1_000_000_000, false), Verdict::Reset, "cleared");
         // No length of a cycle.
-        let mut continuity = Continuity::default();
+        let mut continuity = Continuity::new(TIMER_BITS);
         continuity.came(0, None);
         assert_eq!(continuity.judge(7, 20_000, None, 442_708, true), Verdict::GoesOn);
     }
@@ -206,7 +213,7 @@ mod tests {
         // From I19 = 3 to 200, 230 and 2000: whether the period is still believed or already doubted.
         for period in [200, 230, 2000] {
             for (cycles, is_live) in [(Some(3), true), (None, true), (Some(3), false)] {
-                let mut continuity = Continuity::default();
+                let mut continuity = Continuity::new(TIMER_BITS);
                 let mut now = 0;
                 for _ in 0..200 {
                     now += 3 * CYCLE_NS;
@@ -214,7 +221,7 @@ mod tests {
                 }
                 for update in 1..5 {
                     now += period * CYCLE_NS;
-                    let timer = (9000 + update * period) as u16;
+                    let timer = (9000 + update * period) as u32;
                     assert_eq!(continuity.judge(timer, period, cycles, now, is_live), Verdict::GoesOn);
                     continuity.came(now, is_live.then_some(period));
                 }
@@ -224,7 +231,7 @@ mod tests {
 
     #[test]
     fn the_length_of_a_cycle_is_measured() {
-        let mut continuity = Continuity::default();
+        let mut continuity = Continuity::new(TIMER_BITS);
         // Told as twice as long as it is.
         continuity.expect_cycle(2 * CYCLE_NS);
         let mut now = 0;
@@ -248,7 +255,7 @@ mod tests {
 
     #[test]
     fn turns_are_counted_by_time() {
-        let mut continuity = Continuity::default();
+        let mut continuity = Continuity::new(TIMER_BITS);
         assert_eq!(continuity.whole(10, 1_000_000_000), 10);
         continuity.expect_cycle(1000);
         continuity.came(0, None);
@@ -260,7 +267,7 @@ mod tests {
     #[test]
     fn a_nonsensical_period_makes_no_nonsensical_sums() {
         for cycle_ns in [0, 1, CYCLE_NS, u64::MAX] {
-            let mut continuity = Continuity::default();
+            let mut continuity = Continuity::new(TIMER_BITS);
             continuity.expect_cycle(cycle_ns);
             continuity.came(0, None);
             let elapsed = continuity.elapsed(u64::MAX);

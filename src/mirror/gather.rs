@@ -11,6 +11,7 @@ use crate::function::gather::{
     CHUNK_LONGS, GatherBuffer, GatherError, GatherLook, GatherReader, GatherStart, report_cycles,
 };
 use crate::function::servo_timer::ServoTimer;
+use crate::map::ServoBlock;
 use crate::segment::payload::gather::{GatherChunk, GatherPhase, payload_words};
 use crate::segment::{BlockPlace, Publisher, RegionId, RegionSpec, RegionState, Stamp};
 
@@ -20,8 +21,6 @@ pub const PAYLOAD_WORDS: usize = payload_words(CHUNK_LONGS);
 pub const SLOTS: u32 = 4096;
 /// How often to look for samples when there were none.
 const LOOK: Duration = Duration::from_millis(2);
-/// The servo timer's bits in the servo report.
-const TIMER_BITS: u32 = 15;
 
 /// The region in the segment. A gather may pause, so its samples never grow stale.
 #[must_use]
@@ -78,6 +77,8 @@ pub struct GatherMirror {
     /// The gather that is followed.
     reader: Option<GatherReader>,
     clock: GatherClock,
+    /// The servo report, by whose timer cycles are counted.
+    report: &'static ServoBlock,
     timer: ServoTimer,
     number: u32,
     payload: [u16; PAYLOAD_WORDS],
@@ -85,13 +86,14 @@ pub struct GatherMirror {
 }
 
 impl GatherMirror {
-    /// A mirror that follows nothing.
+    /// A mirror that follows nothing, on a board with this servo report.
     #[must_use]
-    pub fn new(time: Clock) -> Self {
+    pub fn new(report: &'static ServoBlock, time: Clock) -> Self {
         Self {
             reader: None,
             clock: GatherClock::Report,
-            timer: ServoTimer::new(TIMER_BITS),
+            report,
+            timer: ServoTimer::new(report.timer.bits()),
             number: 0,
             payload: [0; PAYLOAD_WORDS],
             next_look: time.now(),
@@ -119,8 +121,8 @@ impl GatherMirror {
         if matches!(clock, GatherClock::Host(_)) {
             reader.doubt_clock();
         }
-        let mut timer = ServoTimer::new(TIMER_BITS);
-        let reason = match look(bus, &mut reader, clock, &mut timer, &self.time)? {
+        let mut timer = ServoTimer::new(self.report.timer.bits());
+        let reason = match look(bus, &mut reader, clock, self.report, &mut timer, &self.time)? {
             GatherLook::Idle => None,
             GatherLook::Samples { .. } | GatherLook::Ended => Some(NotFollowed::Runs),
             GatherLook::Disturbed => Some(NotFollowed::HeldUp),
@@ -168,7 +170,7 @@ impl GatherMirror {
     ) -> Result<(), BusError> {
         let Some(reader) = &mut self.reader else { return Ok(()) };
         let time_ns = self.time.ns();
-        let found = look(bus, reader, self.clock, &mut self.timer, &self.time)?;
+        let found = look(bus, reader, self.clock, self.report, &mut self.timer, &self.time)?;
         let (phase, first) = match found {
             GatherLook::Samples { first, .. } => (GatherPhase::GoesOn, first),
             GatherLook::Idle | GatherLook::Disturbed | GatherLook::OutOfRange { .. } => {
@@ -202,11 +204,12 @@ fn look<B: Bus>(
     bus: &mut B,
     reader: &mut GatherReader,
     clock: GatherClock,
+    report: &ServoBlock,
     timer: &mut ServoTimer,
     time: &Clock,
 ) -> Result<GatherLook, BusError> {
     reader.step(bus, |bus| match clock {
-        GatherClock::Report => report_cycles(bus, timer),
+        GatherClock::Report => report_cycles(bus, report, timer),
         GatherClock::Host(period) => Ok(time.ns() / period),
     })
 }

@@ -3,14 +3,14 @@
 use std::collections::VecDeque;
 
 use super::clock::UpdateClock;
-use super::continuity::{Continuity, TIMER_BITS, Verdict};
+use super::continuity::{Continuity, Verdict};
 use super::freshness::{Freshness, Transition};
 use super::gaps::UpdateCounter;
 use crate::clock::Clock;
 use crate::device::{Bus, BusError};
-use crate::function::servo::{SERVO_WORDS, ServoLook, ServoReader, ServoReading};
+use crate::function::servo::{ServoPoll, ServoReader, ServoReading};
 use crate::function::servo_timer::ServoTimer;
-use crate::map::{PMAC, Selection, classic};
+use crate::map::{Selection, ServoBlock};
 use crate::segment::freshness::limit_ns;
 use crate::segment::{BlockPlace, Counter, Publisher, RegionId, RegionSpec, RegionState, Stamp};
 
@@ -26,13 +26,13 @@ const SLOTS: u32 = 4096;
 
 /// The region in the segment. Its period is told when it is known.
 #[must_use]
-pub fn region() -> RegionSpec {
+pub fn region(block: &ServoBlock) -> RegionSpec {
     RegionSpec {
         id: RegionId::Servo,
         slots: SLOTS,
-        payload_bytes: 2 * SERVO_WORDS as u32,
-        first_host_offset: classic::SERVO_HOST_STATUS.bytes(),
-        blocks: BlockPlace::new(PMAC.servo.motors, classic::SERVO_HOST_STATUS),
+        payload_bytes: 2 * block.words() as u32,
+        first_host_offset: block.region.start.bytes(),
+        blocks: BlockPlace::new(block.motors, block.region.start),
         period_hint_ns: 0,
         stale_after_ns: STALE_NS,
     }
@@ -59,19 +59,24 @@ pub struct ServoMirror {
 impl ServoMirror {
     /// A mirror that has seen nothing.
     #[must_use]
-    pub fn new(reading: ServoReading, time: Clock) -> Self {
-        Self::selecting(reading, Selection::ALL, time)
+    pub fn new(block: &'static ServoBlock, reading: ServoReading, time: Clock) -> Self {
+        Self::selecting(block, reading, Selection::ALL, time)
     }
 
     /// As [`ServoMirror::new`], but of the motors' blocks only what `selection` has is read.
     #[must_use]
-    pub fn selecting(reading: ServoReading, selection: Selection, time: Clock) -> Self {
+    pub fn selecting(
+        block: &'static ServoBlock,
+        reading: ServoReading,
+        selection: Selection,
+        time: Clock,
+    ) -> Self {
         Self {
-            reader: ServoReader::selecting(reading, selection).timed_by(time.clone()),
+            reader: ServoReader::selecting(block, reading, selection).timed_by(time.clone()),
             time,
             clock: UpdateClock::default(),
-            timer: ServoTimer::new(TIMER_BITS),
-            continuity: Continuity::default(),
+            timer: ServoTimer::new(block.timer.bits()),
+            continuity: Continuity::new(block.timer.bits()),
             gaps: UpdateCounter::default(),
             freshness: Freshness::new(STALE_NS),
             last_look_ns: 0,
@@ -123,8 +128,8 @@ impl ServoMirror {
 
     /// Starts over, as with another board: what lies in the buffer now is old.
     pub fn forget(&mut self) {
-        self.reader.forget();
-        self.timer.forget();
+        self.reader.reset();
+        self.timer.reset();
         self.continuity.forget();
     }
 
@@ -139,18 +144,18 @@ impl ServoMirror {
     ) -> Result<Option<Transition>, BusError> {
         for _ in 0..COPIES {
             let before = self.time.ns();
-            match self.reader.look(bus)? {
-                ServoLook::Update(timer) => return Ok(self.publish(publisher, timer, before)),
-                ServoLook::Torn => {
+            match self.reader.poll(bus)? {
+                ServoPoll::Update(timer) => return Ok(self.publish(publisher, timer, before)),
+                ServoPoll::Torn => {
                     publisher.counters().add(Counter::Retries, 1);
                     self.note_hold(before);
                 }
-                ServoLook::First(timer) => {
+                ServoPoll::First(timer) => {
                     self.timer.advance(timer);
                     break;
                 }
-                look @ (ServoLook::Unchanged | ServoLook::Busy) => {
-                    if look == ServoLook::Busy {
+                poll @ (ServoPoll::Unchanged | ServoPoll::Busy) => {
+                    if poll == ServoPoll::Busy {
                         self.note_hold(before);
                     }
                     break;
@@ -171,7 +176,7 @@ impl ServoMirror {
         Ok(transition)
     }
 
-    fn publish(&mut self, publisher: &mut Publisher, timer: u16, time_ns: u64) -> Option<Transition> {
+    fn publish(&mut self, publisher: &mut Publisher, timer: u32, time_ns: u64) -> Option<Transition> {
         let (servo_timer, passed) = self.timer.advance(timer);
         let passed = passed.map_or(1, u64::from);
         let was_live = self.freshness.is_live();

@@ -85,7 +85,7 @@ impl VariableMirror {
     ) -> Result<(), VariableReadBusError> {
         self.reader.begin(bus, entries, self.mode, now)?;
         self.table = self.table.wrapping_add(1);
-        self.timer.forget();
+        self.timer.reset();
         self.freshness = Freshness::new(STALE_NS);
         self.next_look = now;
         publisher.set_region_state(RegionId::Variable, RegionState::Off);
@@ -155,7 +155,7 @@ impl VariableMirror {
     }
 
     fn publish(&mut self, publisher: &mut Publisher, timer: u16, time_ns: u64) {
-        let (servo_timer, _) = self.timer.advance(timer);
+        let (servo_timer, _) = self.timer.advance(timer.into());
         let entries = self.reader.entries().iter().zip(self.reader.values());
         let variables = entries.filter_map(|(entry, value)| {
             let [a, b, c, d] = value.words;

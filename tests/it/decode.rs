@@ -65,8 +65,8 @@ fn the_servo_buffer_decodes_field_by_field() {
     let (timer, pmac_busy, host_busy) = (data.servo_timer, data.pmac_busy, data.host_busy);
     assert_eq!((timer, pmac_busy, host_busy), (0x7FFE, true, true));
     // In the order of `???`: X:$0003 first.
-    assert_eq!(data.global_status, [0xA8_0001, 0x00_8000]);
-    let [first, second] = data.global_flags();
+    assert_eq!(data.global_status, Some([0xA8_0001, 0x00_8000]));
+    let [first, second] = data.global_flags().unwrap();
     assert!(first.has("data_gathering_on") && first.has("this_card_addressed"));
     assert_eq!(second.names().collect::<Vec<_>>(), ["vme_or_dpram_response_mode"]);
     assert_eq!(data.motors.len(), 8);
@@ -197,14 +197,14 @@ fn a_mirror_needs_only_the_words_of_the_motors_it_reports() {
     let words = &image.words()[0x0024 / 2..];
     for motors in 0..=8 {
         let needed = 18 + 30 * motors;
-        assert_eq!(servo(&words[..needed], motors, &scales()).unwrap().motors.len(), motors);
-        let error = servo(&words[..needed - 1], motors, &scales()).unwrap_err();
+        assert_eq!(servo(&PMAC, &words[..needed], motors, &scales()).unwrap().motors.len(), motors);
+        let error = servo(&PMAC, &words[..needed - 1], motors, &scales()).unwrap_err();
         assert_eq!((error.needed, error.got), (needed, needed - 1));
     }
     // The buffer has room for 8; more are not asked of it.
-    assert_eq!(servo(words, 9, &scales()).unwrap().motors.len(), 8);
+    assert_eq!(servo(&PMAC, words, 9, &scales()).unwrap().motors.len(), 8);
     assert_eq!(
-        background(&[0; 18], 1, &scales(), REGISTER).unwrap_err().to_string(),
+        background(&PMAC, &[0; 18], 1, &scales(), REGISTER).unwrap_err().to_string(),
         "the background region of 1 numbers takes 80 words; only 18 are there"
     );
 }
@@ -241,13 +241,13 @@ proptest! {
     /// Whatever a board holds decodes, and to finite numbers where raw integers are scaled.
     #[test]
     fn no_content_panics(words in prop::collection::vec(any::<u16>(), 0..600), count in 0usize..12) {
-        if let Ok(data) = servo(&words, count, &scales()) {
+        if let Ok(data) = servo(&PMAC, &words, count, &scales()) {
             let text = serde_json::to_string(&data).unwrap();
             prop_assert!(serde_json::from_str::<Json>(&text).is_ok());
             prop_assert!(data.motors.iter().all(|m| m.commanded_position.unwrap().raw.unsigned_abs() <= 1 << 47));
         }
         for layout in [Float48Layout::Register, Float48Layout::Printed] {
-            if let Ok(data) = background(&words, count, &scales(), layout) {
+            if let Ok(data) = background(&PMAC, &words, count, &scales(), layout) {
                 prop_assert!(serde_json::to_string(&data).is_ok());
             }
         }

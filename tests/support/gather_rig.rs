@@ -82,7 +82,7 @@ impl GatherRig {
         }
         let buffer = GatherBuffer::planned(plan, &self.layout);
         let mut reader = GatherReader::new(buffer, GatherStart::Defined).unwrap();
-        let look = reader.step(&mut self.bus, |bus| report_cycles(bus, timer)).unwrap();
+        let look = reader.step(&mut self.bus, |bus| report_cycles(bus, &PMAC.servo, timer)).unwrap();
         assert_eq!(look, GatherLook::Idle);
         for line in &plan.start {
             self.send(line);
@@ -113,7 +113,7 @@ pub fn take(
 ) -> GatherLook {
     let mut values = Vec::new();
     loop {
-        match reader.step(&mut rig.bus, |bus| report_cycles(bus, timer)).unwrap() {
+        match reader.step(&mut rig.bus, |bus| report_cycles(bus, &PMAC.servo, timer)).unwrap() {
             GatherLook::Samples { first, .. } => {
                 for (number, sample) in (first..).zip(reader.longs().chunks(reader.sample_longs())) {
                     values.clear();

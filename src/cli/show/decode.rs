@@ -72,7 +72,7 @@ fn read(options: &Decode) -> io::Result<Vec<u8>> {
 
 /// The documents of `motors` and `coordinates` in one. An image has no time, and is never live.
 fn document(servo: &ServoData, background: &BackgroundData) -> Value {
-    let stamp = |timer: u16| json!({ "time": null, "servo_timer": timer, "sequence": null, "fresh": false });
+    let stamp = |timer: u32| json!({ "time": null, "servo_timer": timer, "sequence": null, "fresh": false });
     let mut document = json!({
         "servo": stamp(servo.servo_timer),
         "motors": servo.motors,

@@ -3,8 +3,8 @@
 use serde_json::{Map, Value, json};
 
 use crate::cli::context::{Context, Failure, Verdict};
-use crate::client::identity::family_name;
 use crate::client::{Board, ClientError, Connection};
+use crate::map::Family;
 use crate::segment::{Condition, Identity, RegionState, SegmentError};
 
 pub fn run(context: &mut Context) -> Result<Verdict, Failure> {
@@ -91,7 +91,7 @@ fn document(context: &Context, board: &Board, identity: &Identity) -> Value {
         "heartbeat_age_ms": age_ms(header.heartbeat_ns),
         "uptime_s": end_ns.saturating_sub(header.created_ns) as f64 / 1e9,
         "board": {
-            "family": identity.family.and_then(family_name),
+            "family": identity.family.and_then(Family::by_number).map(|family| family.name),
             "type": identity.board_type,
             "firmware": identity.firmware,
             "motors": identity.motors,
