@@ -4,9 +4,9 @@ use std::cell::Cell;
 
 use pmac_dpram::sim::STARTUP;
 use pmac_dpram::sim::board::Statistics;
+use pmac_dpram::sim::board::family;
 use pmac_dpram::sim::control::{self, Answer};
 use pmac_dpram::sim::judge::Judge;
-use pmac_dpram::sim::language::family;
 use pmac_dpram::sim::world::World;
 
 use super::tape::Tape;
@@ -72,21 +72,21 @@ thread_local! {
 }
 
 /// As new.
-fn fresh(mut world: World) -> World {
-    let board = &mut world.board;
+fn fresh(world: World) -> World {
+    let mut board = world.board;
     for offset in (0..0x4000).step_by(2) {
         board.memory.dpram.write16(offset, 0);
     }
     board.reset(true);
     board.judge = Judge::default();
     board.stats = Statistics::default();
-    board.serial_output.clear();
-    World::new(world.board, None)
+    board.output.serial.clear();
+    World::new(board)
 }
 
 fn line(world: &mut World, line: &[u8]) {
     match line {
-        &[character @ 1..32] => drop(world.interpreter.control(&mut world.board, character)),
+        &[character @ 1..32] => drop(world.control_character(character)),
         _ => {
             let reply = world.execute(line);
             assert!(reply.lines.iter().map(String::len).sum::<usize>() <= 1 << 20);
@@ -100,6 +100,6 @@ fn run(world: &mut World, count: u32, left: &mut u32) {
     for _ in 0..count {
         world.step();
     }
-    assert!(world.board.serial_output.len() <= 1 << 20);
-    world.board.serial_output.clear();
+    assert!(world.board.output.serial.len() <= 1 << 20);
+    world.board.output.serial.clear();
 }

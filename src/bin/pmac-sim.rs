@@ -3,8 +3,8 @@
 use std::process::ExitCode;
 
 use clap::Parser;
-use pmac_dpram::sim::options::Options;
 use pmac_dpram::sim::process::Simulator;
+use pmac_dpram::sim::process::options::Options;
 use pmac_dpram::usage::usage;
 
 fn main() -> ExitCode {

@@ -19,9 +19,10 @@
 
 use serde::Serialize;
 
-use super::board::Board;
-use super::offsets;
-use super::world::World;
+use crate::sim::board::motor::Inputs;
+use crate::sim::board::{Board, offsets};
+use crate::sim::program::message::send_message;
+use crate::sim::world::World;
 
 /// The most cycles of one `step`.
 const MOST_STEPS: u64 = 100_000_000;
@@ -55,16 +56,17 @@ struct Status<'a> {
 
 /// The answer to `status`: a JSON object on one line.
 #[must_use]
-pub fn status(board: &Board) -> String {
+pub fn status(world: &World) -> String {
+    let board = &world.board;
     let status = Status {
         servo_cycles: board.stats.servo_cycles,
         servo_timer: board.memory.read_x(offsets::SERVO_COUNTER),
         servo_period_us: board.cycle_ms() * 1000.0,
-        updates: board.report.updates,
-        skipped: board.report.skipped,
+        updates: world.report.updates,
+        skipped: world.report.skipped,
         late: board.stats.late,
         background_updates: board.stats.background_updates,
-        commands: board.ascii.commands,
+        commands: world.ascii.commands,
         violations: board.judge.violations(),
         violations_total: board.judge.total(),
         resets: board.stats.resets,
@@ -106,7 +108,7 @@ fn answer(world: &mut World, line: &str, virtual_time: bool) -> Result<Answer, S
                 .map(Answer::Step)
                 .ok_or(format!("step takes 0 to {MOST_STEPS} cycles, not {count:?}"));
         }
-        ("status", []) => return Ok(Answer::Line(status(board))),
+        ("status", []) => return Ok(Answer::Line(status(world))),
         ("fault", [name, value]) => {
             let ms = board.cycle_ms();
             board.faults.set(name, value, ms)?;
@@ -114,8 +116,8 @@ fn answer(world: &mut World, line: &str, virtual_time: bool) -> Result<Answer, S
         ("reset", []) => {
             world.reset();
         }
-        ("send", _) => board.send_message(rest),
-        ("cmd", _) => board.command_message(rest),
+        ("send", _) => send_message(board, rest),
+        ("cmd", _) => world.command_message(rest),
         ("limit", [motor, end @ ("+" | "-" | "0")]) => {
             let inputs = inputs(board, motor)?;
             inputs.positive_limit = *end == "+";
@@ -137,8 +139,8 @@ fn answer(world: &mut World, line: &str, virtual_time: bool) -> Result<Answer, S
             let counter = board.memory.read_x(offsets::SERVO_COUNTER);
             board.memory.write_x(offsets::SERVO_COUNTER, counter.wrapping_add_signed(step));
         }
-        ("tag", [state]) => board.report.tag = on(state)?,
-        ("time", [state]) => board.report.time = on(state)?,
+        ("tag", [state]) => world.report.tag = on(state)?,
+        ("time", [state]) => world.report.time = on(state)?,
         ("exit", []) => return Ok(Answer::Exit),
         _ => {
             return Err(format!(
@@ -158,7 +160,7 @@ fn on(state: &str) -> Result<bool, String> {
     }
 }
 
-fn inputs<'a>(board: &'a mut Board, motor: &str) -> Result<&'a mut super::motor::Inputs, String> {
+fn inputs<'a>(board: &'a mut Board, motor: &str) -> Result<&'a mut Inputs, String> {
     let number: Option<usize> = motor.parse().ok();
     number
         .and_then(|number| number.checked_sub(1))

@@ -5,8 +5,8 @@
 
 use std::collections::BTreeMap;
 
-use super::dpram::Dpram;
-use super::offsets;
+use crate::sim::board::dpram::Dpram;
+use crate::sim::board::offsets;
 
 /// The most findings kept; more are only counted.
 const KEPT: usize = 100;
@@ -67,7 +67,7 @@ impl Judge {
     }
 
     /// One background pass: the words whose change hurts most, and a stretch of the others.
-    pub fn pass(&mut self, cycle: u64, dpram: &mut Dpram) {
+    pub fn poll(&mut self, cycle: u64, dpram: &mut Dpram) {
         self.pmacs_word(offsets::SERVO_PMAC_STATUS, cycle, dpram);
         self.pmacs_word(offsets::ASCII_IN_COUNT, cycle, dpram);
         for _ in 0..WORDS_PER_PASS {

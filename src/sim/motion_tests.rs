@@ -1,8 +1,8 @@
 //! Motors under commands, servo cycle by servo cycle.
 
-use super::board::Jog;
-use super::language::AxisDefinition;
-use super::testing::Bench;
+use crate::sim::board::axes::AxisDefinition;
+use crate::sim::board::jog::Jog;
+use crate::sim::testing::Bench;
 
 /// Bits of the two words of `?`.
 const NEGATIVE_END: u32 = 1 << 22;
@@ -245,7 +245,7 @@ fn the_time_base_slows_and_holds_motors_of_its_coordinate_system() {
     bench.run(100);
     assert_eq!(bench.world.board.motors[0].commanded(), held);
     assert_eq!(bench.world.board.memory.read_x(0x0808), 0);
-    assert!(bench.world.board.run(0).is_err(), "there is no program");
+    assert!(bench.world.programs.run(&mut bench.world.board, 0).is_err(), "there is no program");
     bench.run(3000);
     assert_eq!(bench.world.board.override_percent(0).round(), 50.0);
     assert!(bench.world.board.motors[0].commanded() > held);
@@ -275,7 +275,7 @@ fn an_abort_stops_and_closes_loops() {
     bench.world.board.jog(0, Jog::Plus, None).unwrap();
     bench.world.board.kill(1).unwrap();
     bench.run(1000);
-    bench.world.board.abort(0);
+    bench.world.programs.abort(&mut bench.world.board, 0);
     assert_eq!(bench.world.board.motor_status(0)[0] & ABORTING, ABORTING);
     assert_eq!(bench.world.board.motor_status(1)[0] & OPEN_LOOP, 0);
     bench.until(1000, |board| !board.motors[0].moving());

@@ -2,8 +2,9 @@
 
 use serde_json::Value;
 
-use super::offsets;
-use super::testing::Bench;
+use crate::sim::board::offsets;
+use crate::sim::functions::background_report;
+use crate::sim::testing::Bench;
 
 const TABLE: &str = include_str!("../../tests/data/registers.json");
 
@@ -32,8 +33,8 @@ fn every_register_of_both_reports_is_copied_to_its_place() {
         board.memory.write_y(offsets::background(offsets::PROGRAM_STATUS, cs), 0);
     }
     board.memory.dpram.write16(0x0228, 0);
-    board.report.cycle(&board.variables, &board.gather, &board.faults, &mut board.memory);
-    assert!(super::background_report::pass(&board.variables, &board.faults, &[], &mut board.memory));
+    bench.world.report.cycle(&board.variables, &board.gather, &board.faults, &mut board.memory);
+    assert!(background_report::poll(&board.variables, &board.faults, &[], &mut board.memory));
     let mut checked = 0;
     for record in records {
         let function = record["function"].as_str().unwrap();

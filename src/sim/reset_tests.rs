@@ -1,8 +1,12 @@
 //! Reset, save, gathering, and a board that loses its memory.
 
-use super::board::Jog;
-use super::testing::Bench;
 use crate::format::fixed48;
+use crate::sim::board::gather::Activity;
+use crate::sim::board::jog::Jog;
+use crate::sim::testing::Bench;
+
+/// Free long words of a board without buffers.
+const FREE: i64 = 41_301;
 
 #[test]
 fn a_reset_goes_back_to_what_was_saved_and_stops_the_servo_report() {
@@ -15,7 +19,7 @@ fn a_reset_goes_back_to_what_was_saved_and_stops_the_servo_report() {
     bench.write(0x062C, 1);
     bench.run(5);
     assert_ne!(bench.read(0x06D0), 0);
-    bench.world.board.reset(false);
+    bench.world.reset();
     let board = &bench.world.board;
     assert_eq!(board.variables.i(122), 32.0, "the shipped file saves its values");
     assert_eq!((board.stats.resets, board.position(0), board.memory.read_x(0)), (1, 0.0, 0));
@@ -29,9 +33,9 @@ fn a_reset_goes_back_to_what_was_saved_and_stops_the_servo_report() {
     bench.world.board.gather(false).unwrap();
     bench.run(1);
     assert_eq!(bench.read(0x0026), 51);
-    bench.world.board.reset(true);
+    bench.world.execute(b"$$$***");
     assert_eq!(bench.world.board.variables.i(58), 0.0);
-    bench.world.board.reset(false);
+    bench.world.reset();
     assert_eq!(bench.world.board.variables.i(58), 0.0, "factory values are the saved ones then");
     assert!(bench.violations().is_empty(), "{:?}", bench.violations());
 }
@@ -40,8 +44,8 @@ fn a_reset_goes_back_to_what_was_saved_and_stops_the_servo_report() {
 fn ix80_closes_loops_at_power_on() {
     let mut bench = Bench::started();
     bench.set(180, 1.0);
-    bench.world.board.save();
-    bench.world.board.reset(false);
+    bench.world.execute(b"SAVE");
+    bench.world.reset();
     assert_eq!(bench.world.board.motor_status(0)[0] & 1 << 18, 0);
     assert_eq!(bench.world.board.motor_status(1)[0] & 1 << 18, 1 << 18);
 }
@@ -51,13 +55,13 @@ fn gather_and_endgather_count() {
     let mut bench = Bench::started();
     let board = &mut bench.world.board;
     assert!(board.gather(false).is_err(), "the servo report runs; gathering has no buffer");
-    board.define_gather(Some(10)).unwrap();
+    board.define_gather(Some(10), FREE).unwrap();
     board.gather(false).unwrap();
-    assert!(board.gathering());
-    assert!(board.define_gather(None).is_err());
+    assert!(board.gather.runs(Activity::Gathering));
+    assert!(board.define_gather(None, FREE).is_err());
     assert!(board.delete_gather().is_err());
     board.end_gather().unwrap();
-    assert!(!board.gathering());
+    assert!(!board.gather.runs(Activity::Gathering));
     bench.run(1);
     assert_eq!(bench.read(0x0026), 1, "the servo report runs on");
     bench.world.board.end_gather().unwrap();
@@ -65,7 +69,7 @@ fn gather_and_endgather_count() {
     assert_eq!(bench.read(0x0026), 1);
     bench.set(48, 0.0);
     bench.world.board.gather(false).unwrap();
-    assert!(bench.world.board.gathering(), "with I48=0 the first GATHER gathers");
+    assert!(bench.world.board.gather.runs(Activity::Gathering), "with I48=0 the first GATHER gathers");
 }
 
 /// One short and one long source, in the DPRAM.
@@ -83,7 +87,7 @@ fn gathering(firmware: &str, mode: f64, size: u32) -> Bench {
     // Motor 1 off, so that no servo cycle writes its register.
     bench.set(100, 0.0);
     bench.world.board.memory.write_d(0x2B, -3072);
-    bench.world.board.define_gather(Some(size)).unwrap();
+    bench.world.board.define_gather(Some(size), FREE).unwrap();
     bench.world.board.gather(false).unwrap();
     bench
 }
@@ -101,7 +105,7 @@ fn gathered_samples_lie_in_the_dpram_in_order_of_their_sources() {
     bench.run(2);
     // 7 is rounded up to 9, then it is over.
     assert_eq!(bench.read(0x07FE), 9);
-    assert!(!bench.world.board.gathering());
+    assert!(!bench.world.board.gather.runs(Activity::Gathering));
     bench.run(10);
     assert_eq!((bench.read(0x07FE), bench.read32(0x0824)), (9, 0));
     assert!(bench.world.board.gather(false).is_err(), "needs DEFINE GATHER");
@@ -120,7 +124,7 @@ fn a_round_gather_buffer_starts_again_and_later_firmware_keeps_it_elsewhere() {
 #[test]
 fn gathering_into_pmacs_own_memory_takes_free_memory() {
     let mut bench = gathering("1.16D", 0.0, 301);
-    let free = bench.world.board.free_memory();
+    let free = bench.world.programs.free_memory(&bench.world.board);
     assert_eq!(free, 41_301 - 301);
     bench.run(5);
     assert_eq!(
@@ -134,9 +138,9 @@ fn gathering_into_pmacs_own_memory_takes_free_memory() {
 fn a_buffer_larger_than_the_dpram_is_refused() {
     let mut bench = Bench::bare("1.16B");
     bench.set(45, 2.0);
-    assert!(bench.world.board.define_gather(Some(3585)).is_err());
-    assert!(bench.world.board.define_gather(Some(0)).is_err());
-    bench.world.board.define_gather(None).unwrap();
+    assert!(bench.world.board.define_gather(Some(3585), FREE).is_err());
+    assert!(bench.world.board.define_gather(Some(0), FREE).is_err());
+    bench.world.board.define_gather(None, FREE).unwrap();
     assert_eq!(bench.read(0x07FC), 3584);
 }
 
@@ -167,7 +171,7 @@ fn a_board_that_is_gone_reads_all_ones_and_comes_back() {
 fn set_up_registers_survive_a_reset_once_saved_and_act_after_it() {
     let mut bench = Bench::bare("1.16D");
     let mut send = |line: &str| {
-        let reply = bench.world.interpreter.execute(&mut bench.world.board, line.as_bytes());
+        let reply = bench.world.execute(line.as_bytes());
         assert_eq!(reply.error, None, "{line}");
         reply.lines.concat()
     };
@@ -192,8 +196,8 @@ fn gathering_can_wait_for_a_machine_input() {
     let mut bench = gathering("1.16D", 2.0, 40);
     let board = &mut bench.world.board;
     board.end_gather().unwrap();
-    assert!(!board.gathering());
-    board.define_gather(Some(40)).unwrap();
+    assert!(!board.gather.runs(Activity::Gathering));
+    board.define_gather(Some(40), FREE).unwrap();
     board.memory.write_y(0xFFC2, 2);
     board.gather(true).unwrap();
     let state = |bench: &Bench| bench.world.board.global_status()[0] >> 17 & 0b101;

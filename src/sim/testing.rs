@@ -4,13 +4,19 @@ use std::fs::{File, OpenOptions};
 
 use tempfile::TempDir;
 
-use super::STARTUP;
-use super::board::{Board, Identity};
-use super::dpram::Dpram;
-use super::language::family;
-use super::memory::Memory;
-use super::world::World;
 use crate::device::board::mapping::Mapping;
+use crate::sim::STARTUP;
+use crate::sim::board::dpram::Dpram;
+use crate::sim::board::identity::Identity;
+use crate::sim::board::memory::Memory;
+use crate::sim::board::{Board, family};
+use crate::sim::world::World;
+
+/// A board at factory defaults that no host can map.
+pub fn board() -> Board {
+    let memory = Memory::new(Dpram::private().unwrap());
+    Board::new(memory, Identity::new(&family::PMAC, "1.16D"), None, None)
+}
 
 /// A board and the host's view of its memory.
 pub struct Bench {
@@ -29,7 +35,7 @@ impl Bench {
         let board = Board::new(memory, identity, None, None);
         let file: File = OpenOptions::new().read(true).write(true).open(&path).unwrap();
         let host = Mapping::new(&file, 0, 0x4000).unwrap();
-        Self { world: World::new(board, None), host, _directory: directory }
+        Self { world: World::new(board), host, _directory: directory }
     }
 
     /// With the shipped start-up file.

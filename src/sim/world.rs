@@ -2,12 +2,25 @@
 //!
 //! It has no thread, no clock and no socket. [`super::process`] runs one in real time behind sockets; a test steps one
 //! in its own process, and maps the same memory file as the host.
+//!
+//! Servo interrupt, once a step: count, time bases, programs, motors, gathering, servo report. Background pass after it:
+//! mailboxes, DPRAM ASCII, the functions that work by flags, registers and status words, programs' requests and PLCs,
+//! background report, the judge.
 
 use super::board::Board;
+use super::board::dpram::{Dpram, DpramError};
+use super::board::family::Family;
+use super::board::identity::Identity;
+use super::board::memory::Memory;
 use super::fault::Faults;
-use super::host_port::HostPort;
-use super::language::{Family, Interpreter, Reply, SerialPort};
-use super::{ascii, dpram::DpramError, functions, mailbox};
+use super::functions::ascii::AsciiPort;
+use super::functions::host_port::HostPort;
+use super::functions::mailbox::Mailbox;
+use super::functions::reach::Reach;
+use super::functions::servo_report::ServoReport;
+use super::functions::{Functions, background_report, requests};
+use super::language::{Interpreter, Reply, SerialPort};
+use super::program::Programs;
 
 /// A line of a start-up file that the board refused.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -38,24 +51,44 @@ pub struct Interrupts {
 pub struct World {
     /// The board.
     pub board: Board,
-    /// Its interpreter, as the DPRAM port and the start-up file use it.
+    /// Program buffers and what runs out of them.
+    pub programs: Programs,
+    /// The interpreter of on-line commands, as the DPRAM port and the start-up file use it.
     pub interpreter: Interpreter,
+    /// The servo report.
+    pub report: ServoReport,
+    /// The DPRAM ASCII port.
+    pub ascii: AsciiPort,
+    mailbox: Option<Mailbox>,
+    functions: Functions,
+    reach: Reach,
     serial: SerialPort,
-    pub(super) host_port: Option<HostPort>,
+    host_port: Option<HostPort>,
     pub(super) interrupts: Interrupts,
+    /// The resets of the board that everything else has followed.
+    resets: u64,
 }
 
 impl World {
-    /// `board` with its interpreter and, on an ISA board that has one, its host port.
+    /// `board`, just powered up, and its functions.
     #[must_use]
-    pub fn new(board: Board, host_port: Option<HostPort>) -> Self {
-        Self {
+    pub fn new(board: Board) -> Self {
+        let mut world = Self {
+            resets: board.stats.resets,
             board,
+            programs: Programs::default(),
             interpreter: Interpreter::new(),
+            report: ServoReport::default(),
+            ascii: AsciiPort::default(),
+            mailbox: None,
+            functions: Functions::default(),
+            reach: Reach::default(),
             serial: SerialPort::new(),
-            host_port,
+            host_port: None,
             interrupts: Interrupts::default(),
-        }
+        };
+        world.power_on();
+        world
     }
 
     /// A board of `family` with firmware 1.16D and memory of its own, which no host can map.
@@ -63,7 +96,25 @@ impl World {
     /// # Errors
     /// [`DpramError`] when the system gives no memory.
     pub fn alone(family: &'static Family) -> Result<Self, DpramError> {
-        Ok(Self::new(Board::alone(family)?, None))
+        let memory = Memory::new(Dpram::private()?);
+        Ok(Self::new(Board::new(memory, Identity::new(family, "1.16D"), None, None)))
+    }
+
+    /// Makes it a VME board with these mailboxes.
+    pub fn fit_mailbox(&mut self, mailbox: Mailbox) {
+        self.board.fit_vme();
+        self.mailbox = Some(mailbox);
+    }
+
+    /// The DPRAM page that the host has written to the mailbox port since the last reset.
+    #[must_use]
+    pub fn selected_page(&self) -> Option<u8> {
+        self.mailbox.as_ref()?.selected_page()
+    }
+
+    /// Gives it the interrupt registers of an ISA host port.
+    pub fn fit_host_port(&mut self, port: HostPort) {
+        self.host_port = Some(port);
     }
 
     /// Sends the lines of a start-up file to the board. `;` begins a comment. `name` stands in the error.
@@ -86,29 +137,68 @@ impl World {
 
     /// Carries out one on-line command line, as any of the board's ports does.
     pub fn execute(&mut self, line: &[u8]) -> Reply {
-        self.interpreter.execute(&mut self.board, line)
+        let reply = self.interpreter.execute(&mut self.board, &mut self.programs, line);
+        self.follow_reset();
+        reply
+    }
+
+    /// Carries out a control character; `None` when it is none that is a command.
+    pub fn control_character(&mut self, character: u8) -> Option<Reply> {
+        let reply = self.interpreter.control(&mut self.board, &mut self.programs, character);
+        self.follow_reset();
+        reply
+    }
+
+    /// `CMD"text"` as from a program, at once.
+    pub fn command_message(&mut self, text: &str) {
+        requests::command(&mut self.board, &mut self.programs, text);
+        self.follow_reset();
     }
 
     /// Gives `bytes` to the serial port and returns what the port answers. A board whose watchdog has tripped is deaf.
     pub fn serial(&mut self, bytes: &[u8]) -> Vec<u8> {
         let mut output = Vec::new();
         for &byte in bytes {
-            if !self.board.watchdog {
-                self.serial.receive(&mut self.board, &mut self.interpreter, byte, &mut output);
+            if self.board.watchdog {
+                break;
             }
+            let Self { board, programs, interpreter, .. } = self;
+            self.serial.receive(board, programs, interpreter, byte, &mut output);
+            self.follow_reset();
         }
         output
     }
 
     /// What the board has sent to the serial port without being asked (`SEND`, `CMD`) since the last call.
     pub fn take_serial_messages(&mut self) -> Vec<u8> {
-        std::mem::take(&mut self.board.serial_output)
+        std::mem::take(&mut self.board.output.serial)
     }
 
     /// As the reset switch.
     pub fn reset(&mut self) {
         self.board.reset(false);
+        self.programs.reset(false);
         self.interpreter.reset();
+        self.follow_reset();
+    }
+
+    /// Resets the functions when a command has reset the board.
+    fn follow_reset(&mut self) {
+        if self.resets != self.board.stats.resets {
+            self.resets = self.board.stats.resets;
+            self.power_on();
+        }
+    }
+
+    /// What follows the power-up or reset of board and programs.
+    fn power_on(&mut self) {
+        if let Some(mailbox) = &mut self.mailbox {
+            mailbox.reset();
+        }
+        self.functions = Functions::default();
+        self.report.reset();
+        self.programs.point_at_power_up(&mut self.board);
+        self.housekeeping();
     }
 
     /// One servo cycle, the background pass after it, and the interrupts that follow. Once the watchdog has tripped only
@@ -117,7 +207,7 @@ impl World {
         if !self.board.watchdog {
             self.cycle();
         }
-        let raised = std::mem::take(&mut self.board.ascii.interrupts);
+        let raised = std::mem::take(&mut self.ascii.interrupts);
         let raised = match &mut self.host_port {
             Some(port) => port.poll(raised, &mut self.board),
             None => raised,
@@ -126,29 +216,53 @@ impl World {
         let spurious = u64::from(faults.spurious_interrupts > 0);
         faults.spurious_interrupts = faults.spurious_interrupts.saturating_sub(1);
         self.interrupts.response += lose(raised, faults) + spurious;
-        if let Some(mailbox) = &mut self.board.mailbox {
+        if let Some(mailbox) = &mut self.mailbox {
             self.interrupts.mailbox_taken += lose(std::mem::take(&mut mailbox.taken), faults);
             self.interrupts.mailbox_response += lose(std::mem::take(&mut mailbox.responses), faults);
         }
     }
 
     fn cycle(&mut self) {
-        let board = &mut self.board;
-        board.servo_cycle();
-        if !board.faults.hides_memory() {
-            mailbox::poll(board, &mut self.interpreter);
+        self.servo_interrupt();
+        let hidden = self.board.faults.hides_memory();
+        if let Some(mailbox) = self.mailbox.as_mut().filter(|_| !hidden) {
+            mailbox.poll(&mut self.board, &mut self.programs, &mut self.interpreter);
+            self.follow_reset();
         }
-        if board.is_out_of_reach() {
-            if !board.faults.hides_memory() {
-                board.housekeeping();
+        let page_selected = self.mailbox.as_ref().is_none_or(Mailbox::reaches_dpram);
+        self.reach.poll(&mut self.board, page_selected, &mut self.report);
+        if !self.board.out_of_reach {
+            self.ascii.poll(&mut self.board, &mut self.programs, &mut self.interpreter);
+            self.follow_reset();
+            self.functions.poll(&mut self.board, &mut self.programs);
+        }
+        if !self.board.watchdog && !hidden {
+            self.housekeeping();
+        }
+    }
+
+    fn servo_interrupt(&mut self) {
+        self.programs.servo_interrupt(&mut self.board);
+        if !self.board.out_of_reach {
+            let Board { variables, gather, faults, memory, .. } = &mut self.board;
+            self.report.cycle(variables, gather, faults, memory);
+        }
+    }
+
+    /// The part of a background pass that no host asks for.
+    fn housekeeping(&mut self) {
+        let Self { board, programs, .. } = self;
+        programs.background_registers(board);
+        requests::poll(board, programs);
+        programs.background_plcs(board);
+        programs.write_global_status(board);
+        if !board.out_of_reach {
+            if background_report::poll(&board.variables, &board.faults, &programs.report, &mut board.memory) {
+                board.stats.background_updates += 1;
             }
-            return;
+            board.judge.poll(board.stats.servo_cycles, &mut board.memory.dpram);
         }
-        ascii::poll(board, &mut self.interpreter);
-        functions::poll(board);
-        if !board.watchdog {
-            board.housekeeping();
-        }
+        self.follow_reset();
     }
 
     /// The interrupts raised since the last call.

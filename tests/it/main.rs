@@ -7,7 +7,6 @@ mod support;
 
 mod architecture;
 mod backup;
-mod circles;
 mod cli;
 mod client;
 mod decode;

@@ -5,8 +5,8 @@
 
 use std::collections::BTreeSet;
 
-use pmac_dpram::sim::board::Board;
-use pmac_dpram::sim::language::{Interpreter, SerialPort, family};
+use pmac_dpram::sim::board::family;
+use pmac_dpram::sim::world::World;
 use proptest::prelude::*;
 
 /// How the board comes into the context of vectors: the numbers, and what is sent before.
@@ -102,26 +102,16 @@ pub fn vectors() -> Vec<Vector> {
 
 /// A board with a host on its serial port.
 struct Bench {
-    board: Board,
-    interpreter: Interpreter,
-    port: SerialPort,
+    world: World,
 }
 
 impl Bench {
     fn new() -> Self {
-        Self {
-            board: Board::alone(&family::PMAC).unwrap(),
-            interpreter: Interpreter::new(),
-            port: SerialPort::new(),
-        }
+        Self { world: World::alone(&family::PMAC).unwrap() }
     }
 
     fn send(&mut self, bytes: &[u8]) -> Vec<u8> {
-        let mut out = Vec::new();
-        for &byte in bytes {
-            self.port.receive(&mut self.board, &mut self.interpreter, byte, &mut out);
-        }
-        out
+        self.world.serial(bytes)
     }
 }
 
@@ -498,6 +488,6 @@ proptest! {
         let mut bench = Bench::new();
         bench.send(b"I3=2 I4=0 I6=1\r");
         let out = bench.send(format!("{}\r", pieces.concat()).as_bytes());
-        prop_assert!(!out.is_empty() || bench.board.variables.i(3) == 0.0);
+        prop_assert!(!out.is_empty() || bench.world.board.variables.i(3) == 0.0);
     }
 }

@@ -14,7 +14,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     std::fs::create_dir_all(directory)?;
     let pmacd = pmac_dpram::daemon::options::Options::command();
     clap_mangen::Man::new(pmacd).section("8").render(&mut File::create(directory.join("pmacd.8"))?)?;
-    let pmac_sim = pmac_dpram::sim::options::Options::command();
+    let pmac_sim = pmac_dpram::sim::process::options::Options::command();
     clap_mangen::Man::new(pmac_sim).render(&mut File::create(directory.join("pmac-sim.1"))?)?;
     clap_mangen::generate_to(pmac_dpram::cli::command(), directory)?;
     Ok(())

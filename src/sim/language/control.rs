@@ -7,15 +7,14 @@
 //! both words of the global status, each 24-bit word as three bytes, high byte first. (Their form, and the packing for ^W,
 //! come from no page at hand.)
 
-use super::coordinate::status_text;
-use super::interpreter::LONGEST_LINE;
-use super::number::tenths;
-use super::{Board, Reply};
-use crate::sim::offsets;
+use crate::sim::board::number::tenths;
+use crate::sim::board::{Board, offsets};
+use crate::sim::language::reply::{LONGEST_LINE, Reply, status_text};
+use crate::sim::program::Programs;
 use crate::sim::program::store::Open;
 
 /// The code of ^`letter` (upper case).
-pub(super) const fn control(letter: u8) -> u8 {
+pub const fn control(letter: u8) -> u8 {
     letter & 0x1F
 }
 
@@ -37,16 +36,16 @@ const X: u8 = control(b'X');
 const Z: u8 = control(b'Z');
 
 /// ^W.
-pub(super) const TAKE: u8 = control(b'W');
+pub const TAKE: u8 = control(b'W');
 
 /// Whether `character` makes the board take a line, which is answered like one.
 #[must_use]
-pub(in crate::sim) const fn takes_line(character: u8) -> bool {
+pub const fn takes_line(character: u8) -> bool {
     character == TAKE
 }
 
 /// The line that ^W takes; empty when I47 points outside the DPRAM.
-pub(super) fn dpram_line(board: &Board) -> Vec<u8> {
+pub fn dpram_line(board: &Board) -> Vec<u8> {
     let first = board.variables.i(47) as u16;
     let words = (first..=offsets::LAST)
         .filter(|address| *address >= offsets::BASE)
@@ -56,7 +55,7 @@ pub(super) fn dpram_line(board: &Board) -> Vec<u8> {
 }
 
 /// What ^E and ^G report, for ports that take any byte.
-pub(super) fn binary_report(board: &Board, character: u8) -> Option<Vec<u8>> {
+pub fn binary_report(board: &Board, character: u8) -> Option<Vec<u8>> {
     const E: u8 = control(b'E');
     const G: u8 = control(b'G');
     let words: Vec<u32> = match character {
@@ -68,28 +67,28 @@ pub(super) fn binary_report(board: &Board, character: u8) -> Option<Vec<u8>> {
 }
 
 /// Carries out `character`. `None`: it is no command of this kind.
-pub(super) fn execute(board: &mut Board, character: u8) -> Option<Reply> {
+pub fn execute(board: &mut Board, programs: &mut Programs, character: u8) -> Option<Reply> {
     let family = board.variables.family();
     let report = |texts: Vec<String>| Reply { lines: vec![texts.join(" ")], error: None };
     let motors = 0..family.motors;
     let mut reply = Reply::default();
     match character {
-        A => board.abort_all(),
+        A => programs.abort_all(board),
         B => reply = report(motors.map(|motor| status_text(board.motor_status(motor))).collect()),
         C => {
             let systems = 0..family.coordinate_systems;
             reply = report(systems.map(|cs| status_text(board.coordinate_status(cs))).collect());
         }
-        D => board.disable_plcs(),
+        D => programs.enable_plcs(u32::MAX, false),
         F => reply = report(motors.map(|motor| tenths(board.following_error(motor))).collect()),
-        K => board.kill_all(),
-        L => board.programs.store.close(),
+        K => programs.kill_all(board),
+        L => programs.store.close(),
         O => board.hold_all(),
         P => reply = report(motors.map(|motor| tenths(board.position(motor))).collect()),
-        Q => board.quit_all(),
-        R => board.run_all(),
-        S => board.step_all(),
-        U => reply.error = board.programs.store.open_buffer(Open::Rotary).err(),
+        Q => programs.quit_all(board),
+        R => programs.run_all(board),
+        S => programs.step_all(board),
+        U => reply.error = programs.store.open_buffer(Open::Rotary).err(),
         V => reply = report(motors.map(|motor| tenths(board.velocity(motor))).collect()),
         X => board.cancel_queues(),
         Z => board.serial_becomes_active(),

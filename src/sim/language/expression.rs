@@ -3,9 +3,10 @@
 //! `* / % &` bind tighter than `+ - | ^`; within a level the order is left to right. Nothing here is an error but bad
 //! syntax: division by zero saturates, and a function outside its domain gives 0.
 
-use super::scanner::Scanner;
-use super::variables::{VariableKind, value};
-use super::{Board, CommandError};
+use crate::sim::board::Board;
+use crate::sim::board::error::CommandError;
+use crate::sim::board::variables::VariableKind;
+use crate::sim::language::scanner::Scanner;
 
 /// What the quotient of a division by zero saturates at: 2^47.
 const SATURATED: f64 = (1u64 << 47) as f64;
@@ -225,7 +226,7 @@ impl Evaluator<'_> {
         let kind = scanner.peek().and_then(VariableKind::from_letter).ok_or(CommandError::SYNTAX)?;
         scanner.next_character();
         let number = self.number(scanner)?;
-        Ok(value(self.board, kind, self.cs, number))
+        Ok(self.board.value(kind, self.cs, number))
     }
 
     fn closed(&self, scanner: &mut Scanner) -> Result<f64, CommandError> {
@@ -244,7 +245,7 @@ impl Evaluator<'_> {
             Function::Asin => x.asin() / unit,
             Function::Acos => x.acos() / unit,
             Function::Atan => x.atan() / unit,
-            Function::Atan2 => x.atan2(value(self.board, VariableKind::Q, self.cs, 0)) / unit,
+            Function::Atan2 => x.atan2(self.board.value(VariableKind::Q, self.cs, 0)) / unit,
             Function::Ln => x.ln(),
             Function::Exp => x.exp(),
             Function::Sqrt => x.sqrt(),
@@ -279,8 +280,8 @@ fn bitwise(a: f64, b: f64, operation: impl Fn(i128, i128) -> i128) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use super::super::testing;
     use super::*;
+    use crate::sim::testing;
 
     fn evaluated(text: &str) -> Result<f64, CommandError> {
         let mut board = testing::board();

@@ -3,7 +3,7 @@
 //! Blanks and tabs separate but mean nothing; letter case means nothing. A keyword or number has no blank inside. At
 //! each place the longest keyword that fits is the one meant.
 
-use super::CommandError;
+use crate::sim::board::error::CommandError;
 
 /// Digits of a 24-bit hex constant.
 pub const HEX_24: usize = 6;

@@ -3,9 +3,13 @@
 //! I3 chooses the characters around data and the acknowledgement, I4 adds checksum bytes, I6 the error text (Software
 //! Reference p. 22-25). All three are looked at when the reply is sent, so `I3=2` is acknowledged in the new manner.
 
-use super::control::{TAKE, binary_report, control, dpram_line};
-use super::interpreter::LONGEST_LINE;
-use super::{Board, CommandError, Interpreter, Reply, Variables};
+use crate::sim::board::Board;
+use crate::sim::board::error::CommandError;
+use crate::sim::board::variables::Variables;
+use crate::sim::language::control::{TAKE, binary_report, control, dpram_line};
+use crate::sim::language::interpreter::Interpreter;
+use crate::sim::language::reply::{LONGEST_LINE, Reply};
+use crate::sim::program::Programs;
 
 const ACK: u8 = 0x06;
 const BELL: u8 = 0x07;
@@ -103,20 +107,27 @@ impl SerialPort {
     ///
     /// A classic board has one addressing for all ports: give each port the same `interpreter`. Line feeds and NULs are
     /// ignored. Of a line too long only the start is kept, and it is answered with an error.
-    pub fn receive(&mut self, board: &mut Board, interpreter: &mut Interpreter, byte: u8, out: &mut Vec<u8>) {
+    pub fn receive(
+        &mut self,
+        board: &mut Board,
+        programs: &mut Programs,
+        interpreter: &mut Interpreter,
+        byte: u8,
+        out: &mut Vec<u8>,
+    ) {
         match byte {
             CR => {
                 self.last_line = std::mem::take(&mut self.line);
-                self.enter(board, interpreter, out);
+                self.enter(board, programs, interpreter, out);
             }
-            REPEAT => self.enter(board, interpreter, out),
+            REPEAT => self.enter(board, programs, interpreter, out),
             BACKSPACE => {
                 self.line.pop();
             }
             CHECKSUM => out.push(sum(&self.line)),
             CANCEL => {
                 self.line.clear();
-                interpreter.control(board, CANCEL);
+                interpreter.control(board, programs, CANCEL);
                 if board.variables.i_integer(63) != 0 {
                     out.push(CANCEL);
                 }
@@ -127,12 +138,12 @@ impl SerialPort {
             }
             TAKE => {
                 let line = dpram_line(board);
-                Self::carry_out(&line, board, interpreter, out);
+                Self::carry_out(&line, board, programs, interpreter, out);
             }
             0..b' ' => {
                 if let Some(bytes) = binary_report(board, byte) {
                     out.extend_from_slice(&bytes);
-                } else if let Some(reply) = interpreter.control(board, byte) {
+                } else if let Some(reply) = interpreter.control(board, programs, byte) {
                     report(board, &reply, out);
                 }
             }
@@ -142,12 +153,24 @@ impl SerialPort {
     }
 
     /// Carries out the line last entered and sends its reply.
-    fn enter(&self, board: &mut Board, interpreter: &mut Interpreter, out: &mut Vec<u8>) {
-        Self::carry_out(&self.last_line, board, interpreter, out);
+    fn enter(
+        &self,
+        board: &mut Board,
+        programs: &mut Programs,
+        interpreter: &mut Interpreter,
+        out: &mut Vec<u8>,
+    ) {
+        Self::carry_out(&self.last_line, board, programs, interpreter, out);
     }
 
-    fn carry_out(line: &[u8], board: &mut Board, interpreter: &mut Interpreter, out: &mut Vec<u8>) {
-        let reply = interpreter.execute(board, line);
+    fn carry_out(
+        line: &[u8],
+        board: &mut Board,
+        programs: &mut Programs,
+        interpreter: &mut Interpreter,
+        out: &mut Vec<u8>,
+    ) {
+        let reply = interpreter.execute(board, programs, line);
         let handshake = Handshake::of(&board.variables);
         handshake.data(&reply.lines, out);
         match reply.error {
@@ -171,19 +194,24 @@ fn report(board: &Board, reply: &Reply, out: &mut Vec<u8>) {
 
 #[cfg(test)]
 mod tests {
-    use super::super::testing;
     use super::*;
+    use crate::sim::testing;
 
     struct Rig {
         board: Board,
+        programs: Programs,
         interpreter: Interpreter,
         port: SerialPort,
     }
 
     impl Rig {
         fn new() -> Self {
-            let mut rig =
-                Self { board: testing::board(), interpreter: Interpreter::new(), port: SerialPort::new() };
+            let mut rig = Self {
+                board: testing::board(),
+                programs: Programs::default(),
+                interpreter: Interpreter::new(),
+                port: SerialPort::new(),
+            };
             rig.send(b"I3=2 I6=1\r");
             rig
         }
@@ -191,7 +219,7 @@ mod tests {
         fn send(&mut self, bytes: &[u8]) -> Vec<u8> {
             let mut out = Vec::new();
             for &byte in bytes {
-                self.port.receive(&mut self.board, &mut self.interpreter, byte, &mut out);
+                self.port.receive(&mut self.board, &mut self.programs, &mut self.interpreter, byte, &mut out);
             }
             out
         }

@@ -1,8 +1,53 @@
 //! Keywords of on-line commands, long and short forms (Software Reference, command lists).
 //!
-//! A family has its list of tables: what all boards share is [`COMMON`]; a further family adds a table.
+//! A board takes the words of [`TABLES`]; those that only another family has are in them as [`Word::Foreign`].
 
-use super::buffers::BufferCommand;
+/// A command that works on buffers.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum BufferCommand {
+    /// `OPEN PROG`, `OPEN ROT`, `OPEN PLC`.
+    Open,
+    /// `CLOSE`.
+    Close,
+    /// `CLEAR`.
+    Clear,
+    /// `LEARN`.
+    Learn,
+    /// `LIST` of any kind.
+    List,
+    /// `PC`: the line to be calculated next.
+    Calculated,
+    /// `PE`: the line under execution.
+    Executed,
+    /// `PR`.
+    RotaryRemaining,
+    /// `ENABLE PLC`, or `DISABLE PLC` with `false`.
+    Plc(bool),
+    /// `PMATCH`.
+    Match,
+}
+
+/// Which registers a memory command names.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Space {
+    /// 24-bit X words.
+    X,
+    /// 24-bit Y words.
+    Y,
+    /// 48-bit registers: X word high, Y word low.
+    L,
+    /// Program memory, for writing only: it is the firmware's, and what is written there changes nothing here.
+    Program,
+}
+
+/// What a read command reads, and how it shows it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Form {
+    /// Registers.
+    pub space: Space,
+    /// In hex, zero padded, unsigned; otherwise in signed decimal.
+    pub hex: bool,
+}
 
 /// What a keyword asks for. Commands of one character are dispatched by that character.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -30,9 +75,9 @@ pub enum Word {
     /// `UNDEFINE`.
     Undefine,
     /// `RX` and its like: read memory.
-    Read(super::memory::Form),
+    Read(Form),
     /// `WX` and its like: write memory.
-    Write(super::memory::Space),
+    Write(Space),
     /// `DEFINE` a buffer.
     Define,
     /// `DELETE` a buffer.
@@ -63,13 +108,15 @@ pub enum Word {
     Foreign,
 }
 
-use super::memory::{Form, Space};
 use BufferCommand as B;
 use Word as W;
 
 const fn read(space: Space, hex: bool) -> Word {
     W::Read(Form { space, hex })
 }
+
+/// The tables of the classic families.
+pub const TABLES: &[&[(&str, Word)]] = &[COMMON];
 
 /// Keywords of every board.
 pub const COMMON: &[(&str, Word)] = &[

@@ -4,10 +4,10 @@
 //! apart here, the way the board reads them: exponent bias 31, CODE2 of a mode at bit 16 of word 1, `^=` 1 and `&=` 2,
 //! axes at the bits they have in the first `??` word.
 
-use super::item::{AXES, Data, Item, Mark, Mode, Operator, Time, Transform};
 use crate::rotary::codes::{self, CODES, Code, Shape};
-use crate::sim::language::axis::AxisMode;
-use crate::sim::language::variables::VariableKind;
+use crate::sim::board::axes::AxisMode;
+use crate::sim::board::variables::VariableKind;
+use crate::sim::program::item::{AXES, Data, Item, Mark, Mode, Operator, Time, Transform};
 
 /// Two words that are no command, or a mark with no axis before it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
@@ -19,7 +19,11 @@ pub struct NoCommand {
     pub word2: u32,
 }
 
-use super::rotary::START_OF_LINE as START;
+/// A program command: the two 24-bit words of its binary form.
+pub type Command = (u32, u32);
+
+/// In a command's first word: it is the first of its line (DPRAM manual, "Internal PMAC 48-bit command format").
+pub const START_OF_LINE: u32 = 1 << 11;
 const BIAS: i32 = 31;
 
 /// The items of one line.
@@ -30,7 +34,7 @@ pub fn line(commands: &[(u32, u32)]) -> Result<Vec<Item>, NoCommand> {
     let mut items: Vec<Item> = Vec::new();
     for &(word1, word2) in commands {
         let no_command = NoCommand { word1, word2 };
-        let word = word1 & 0xFF_FFFF & !START;
+        let word = word1 & 0xFF_FFFF & !START_OF_LINE;
         let code = CODES.iter().find(|code| matches(code, word)).ok_or(no_command)?;
         if let Shape::Mark { .. } = code.shape {
             let value = Data::Constant(short(word, word2));
@@ -189,9 +193,9 @@ fn signed(data: u32) -> i32 {
 
 #[cfg(test)]
 mod tests {
-    use super::super::text;
     use super::*;
     use crate::sim::program::item::Line;
+    use crate::sim::program::text;
 
     #[test]
     fn words_of_the_fact_sheet_become_text() {

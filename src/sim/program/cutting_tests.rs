@@ -5,7 +5,7 @@ use crate::sim::testing::Bench;
 
 fn send(bench: &mut Bench, text: &str) {
     for line in text.lines().map(str::trim).filter(|line| !line.is_empty()) {
-        let reply = bench.world.interpreter.execute(&mut bench.world.board, line.as_bytes());
+        let reply = bench.world.execute(line.as_bytes());
         assert_eq!(reply.error, None, "{line}");
     }
 }

@@ -4,11 +4,11 @@
 //! evaluated when the line is calculated. An item takes one long word of its buffer, an expression one more for each
 //! operand (User Manual, "Motion programs").
 
-use super::super::board::Board;
-use super::super::language::axis::AxisMode;
-use super::super::language::expression::evaluate;
-use super::super::language::scanner::Scanner;
-use super::super::language::variables::VariableKind;
+use crate::sim::board::Board;
+use crate::sim::board::axes::AxisMode;
+use crate::sim::board::variables::VariableKind;
+use crate::sim::language::expression::evaluate;
+use crate::sim::language::scanner::Scanner;
 
 /// The axis letters in the order of their registers.
 pub const AXES: [u8; 9] = *b"ABCUVWXYZ";

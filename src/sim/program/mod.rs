@@ -8,28 +8,28 @@
 //! |---|---|
 //! | [`item`], [`words`], [`parse`], [`text`], [`binary`] | program lines: internal form, text, DPRAM words |
 //! | [`store`], [`rotary`], [`structure`] | the buffers, their memory, their blocks |
-//! | [`system`], `calculate`, `flow`, `moves` | one coordinate system's program; its lines; their order; its moves |
-//! | [`path`], [`circle`], [`spline`], [`transform`], [`cutter`], [`cutting`], [`trajectory`] | geometry and time of moves |
-//! | `run`, `cycle` | run, stop, abort; servo and real-time interrupts |
-//! | [`plc`], `message` | PLC programs; CMD and SEND |
+//! | [`system`], [`place`], [`cutter_state`], `calculate` | one coordinate system's program; its lines, their order, its moves |
+//! | [`path`], [`circle`], [`spline`], [`transform`], [`cutter`], [`trajectory`] | geometry and time of moves |
+//! | `run`, `cycle`, `servo` | run, stop, abort; servo and real-time interrupts |
+//! | [`plc`], [`message`] | PLC programs; SEND |
 
 pub mod binary;
 mod calculate;
 pub mod circle;
 pub mod cutter;
-pub mod cutting;
+pub mod cutter_state;
 #[cfg(test)]
 mod cutting_tests;
 mod cycle;
-mod flow;
 pub mod item;
-mod message;
-mod moves;
+pub mod message;
 pub mod parse;
 pub mod path;
+pub mod place;
 pub mod plc;
 pub mod rotary;
 mod run;
+mod servo;
 pub mod spline;
 pub mod store;
 pub mod structure;
@@ -43,17 +43,16 @@ pub mod words;
 
 use std::collections::VecDeque;
 
+use place::Cursor;
 use plc::Plcs;
 use store::{Store, TableKind};
-use system::{Cursor, System};
+use system::System;
 
-pub use flow::split;
-
-use super::board::MOTORS;
+use crate::sim::board::MOTORS;
 
 /// What a program asks the interpreter to do, in the background.
 #[derive(Debug, Clone, PartialEq, Eq)]
-enum Request {
+pub enum Request {
     /// A command line, with the motor and coordinate system it is for.
     Line(Box<str>, usize, usize),
     /// A control character.
@@ -70,27 +69,45 @@ pub struct Programs {
     /// The PLC programs.
     pub plcs: Plcs,
     requests: VecDeque<Request>,
+    /// The buffers as `SAVE` has kept them.
+    saved: Store,
     /// For the background report, a coordinate system each: time left in acceleration (1/2 ms), execution address offset.
     pub report: [[u32; 2]; MOTORS],
 }
 
 impl Default for Programs {
     fn default() -> Self {
-        Self::new(Store::default())
+        Self::with(Store::default())
     }
 }
 
 impl Programs {
-    /// After a reset with these buffers.
-    #[must_use]
-    pub fn new(store: Store) -> Self {
+    /// As a reset leaves them when `saved` are the buffers that `SAVE` has kept.
+    fn with(saved: Store) -> Self {
         Self {
-            store,
+            store: saved.clone(),
             systems: (0..MOTORS).map(|_| System { rematch: true, ..System::default() }).collect(),
             plcs: Plcs::default(),
             requests: VecDeque::new(),
+            saved,
             report: [[0; 2]; MOTORS],
         }
+    }
+
+    /// As a reset: the saved buffers, or none with `factory_values`; nothing runs.
+    pub fn reset(&mut self, factory_values: bool) {
+        let saved = if factory_values { Store::default() } else { std::mem::take(&mut self.saved) };
+        *self = Self::with(saved);
+    }
+
+    /// Keeps the buffers for the next reset.
+    pub fn save(&mut self) {
+        self.saved = self.store.kept();
+    }
+
+    /// The oldest request that waits.
+    pub fn take_request(&mut self) -> Option<Request> {
+        self.requests.pop_front()
     }
 
     /// Has the interpreter carry out `text`, with a 0-based motor and coordinate system addressed.
@@ -114,7 +131,7 @@ impl Programs {
     }
 
     /// Where the command at `cursor` is in its buffer, in long words.
-    pub(super) fn offset(&self, cs: usize, cursor: Cursor) -> usize {
+    pub fn offset(&self, cs: usize, cursor: Cursor) -> usize {
         let (line, end) = match cursor.program {
             0 => (self.store.rotary(cs).and_then(|rotary| rotary.line(cursor.line)), 0),
             number => {

@@ -3,14 +3,15 @@
 //! What is no program statement is left to the on-line interpreter: an open buffer does not take away the commands
 //! that need none.
 
-use super::item::{AXES, Data, Item, Mark, Mode, Operator};
-use super::words::{Keyword, WORDS};
 use crate::sim::board::Board;
-use crate::sim::language::CommandError;
-use crate::sim::language::axis::{AxisMode, parse_list};
+use crate::sim::board::axes::AxisMode;
+use crate::sim::board::error::CommandError;
+use crate::sim::board::variables::VariableKind;
+use crate::sim::language::axis::parse_list;
 use crate::sim::language::expression::{check, check_condition, check_number};
 use crate::sim::language::scanner::Scanner;
-use crate::sim::language::variables::VariableKind;
+use crate::sim::program::item::{AXES, Data, Item, Mark, Mode, Operator};
+use crate::sim::program::words::{Keyword, WORDS};
 
 /// What kind of buffer is open; each refuses some statements.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -5,13 +5,14 @@
 
 use std::sync::Arc;
 
-use super::item::{Item, Line};
-use super::store::{Open, PLCS};
-use super::structure::{Effect, Tracker};
+use super::Programs;
+use super::message::send_message;
 use crate::sim::board::Board;
 use crate::sim::language::expression::{check_number, condition};
 use crate::sim::language::scanner::Scanner;
-use crate::sim::language::variables::assign;
+use crate::sim::program::item::{Item, Line};
+use crate::sim::program::store::{Open, PLCS};
+use crate::sim::program::structure::{Effect, Tracker};
 
 /// The most lines of one scan.
 const MOST_LINES: usize = 10_000;
@@ -38,10 +39,10 @@ impl Default for Plcs {
     }
 }
 
-impl Board {
+impl Programs {
     /// `ENABLE PLC`, `DISABLE PLC`: bit n for PLC n. An enabled one begins at its top.
     pub fn enable_plcs(&mut self, plcs: u32, enable: bool) {
-        let all = &mut self.programs.plcs;
+        let all = &mut self.plcs;
         if enable {
             for number in (0..PLCS).filter(|number| (plcs & !all.enabled) >> number & 1 == 1) {
                 all.states[number] = State::default();
@@ -55,34 +56,34 @@ impl Board {
     /// Which PLCs are enabled, bit n for PLC n. Whether they run is I5's affair.
     #[must_use]
     pub fn enabled_plcs(&self) -> u32 {
-        self.programs.plcs.enabled
+        self.plcs.enabled
     }
 
     /// PLC 0, with I5 odd.
-    pub(super) fn foreground_plc(&mut self) {
-        if self.variables.i(5) as u32 & 1 == 1 {
-            self.scan_plc(0);
+    pub(super) fn foreground_plc(&mut self, board: &mut Board) {
+        if board.variables.i(5) as u32 & 1 == 1 {
+            self.scan_plc(board, 0);
         }
     }
 
     /// PLC 1 to 31, with I5 of 2 or 3.
-    pub(in crate::sim) fn background_plcs(&mut self) {
-        if self.variables.i(5) as u32 & 2 == 2 {
+    pub fn background_plcs(&mut self, board: &mut Board) {
+        if board.variables.i(5) as u32 & 2 == 2 {
             for number in 1..PLCS {
-                self.scan_plc(number);
+                self.scan_plc(board, number);
             }
         }
     }
 
-    fn scan_plc(&mut self, number: usize) {
-        let runs = |board: &Self| {
-            board.programs.plcs.enabled >> number & 1 == 1
-                && board.programs.store.open() != Some(Open::Plc(number))
+    fn scan_plc(&mut self, board: &mut Board, number: usize) {
+        let runs = |programs: &Self| {
+            programs.plcs.enabled >> number & 1 == 1 && programs.store.open() != Some(Open::Plc(number))
         };
-        let begin = self.programs.plcs.states[number];
-        let mut scan = Scan { board: self, number, state: State { line: 0, ..begin }, at: begin.line };
+        let begin = self.plcs.states[number];
+        let mut scan =
+            Scan { programs: self, board, number, state: State { line: 0, ..begin }, at: begin.line };
         for _ in 0..MOST_LINES {
-            if !runs(scan.board) {
+            if !runs(scan.programs) {
                 return;
             }
             let Some(line) = scan.line(scan.at) else { break };
@@ -92,7 +93,7 @@ impl Board {
         }
         let state = scan.state;
         if runs(self) {
-            self.programs.plcs.states[number] = state;
+            self.plcs.states[number] = state;
         }
     }
 }
@@ -104,6 +105,7 @@ enum Next {
 }
 
 struct Scan<'a> {
+    programs: &'a mut Programs,
     board: &'a mut Board,
     number: usize,
     state: State,
@@ -112,7 +114,7 @@ struct Scan<'a> {
 
 impl Scan<'_> {
     fn line(&self, number: usize) -> Option<Arc<Line>> {
-        self.board.programs.store.plc(self.number)?.line(number as u64).cloned()
+        self.programs.store.plc(self.number)?.line(number as u64).cloned()
     }
 
     /// Carries out the line at `at` from `first` on and moves `at` on.
@@ -142,16 +144,16 @@ impl Scan<'_> {
                     let number = number.value(self.board, cs);
                     let value = value.value(self.board, cs);
                     if let Ok(number) = check_number(number, self.board) {
-                        assign(self.board, *kind, cs, number, value);
+                        self.board.assign(*kind, cs, number, value);
                     }
                 }
-                Item::Plc { enable, plcs } => self.board.enable_plcs(*plcs, *enable),
+                Item::Plc { enable, plcs } => self.programs.enable_plcs(*plcs, *enable),
                 Item::Command(text) => {
                     let State { motor, cs, .. } = self.state;
-                    self.board.programs.ask(text, motor, cs);
+                    self.programs.ask(text, motor, cs);
                 }
-                Item::CommandCharacter(code) => self.board.programs.ask_character(*code),
-                Item::Send(text) => self.board.send_message(text),
+                Item::CommandCharacter(code) => self.programs.ask_character(*code),
+                Item::Send(text) => send_message(self.board, text),
                 Item::Address(motor, cs) => {
                     self.state.motor = motor.unwrap_or(self.state.motor);
                     self.state.cs = cs.unwrap_or(self.state.cs);

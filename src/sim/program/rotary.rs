@@ -1,24 +1,19 @@
 //! The internal rotary program buffers: one a coordinate system, lines in, executed lines out (User Manual p. 213).
 //!
-//! Lines come as text while `OPEN ROT` is in force, or in binary out of the DPRAM: [`room`](Board::rotary_room) and
-//! [`append`](Board::rotary_append) are what the transfer calls. An executed line gives its room back at once.
+//! Lines come as text while `OPEN ROT` is in force, or in binary out of the DPRAM: [`room`](Programs::rotary_room) and
+//! [`append`](Programs::rotary_append) are what the transfer calls. An executed line gives its room back at once.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
 
-use super::binary::{self, NoCommand};
-use super::item::{Item, Line};
+use super::Programs;
 use crate::sim::board::Board;
-use crate::sim::language::CommandError;
+use crate::sim::board::error::CommandError;
+use crate::sim::program::binary::{self, Command, NoCommand};
+use crate::sim::program::item::{Item, Line};
 
 /// The long words that a command of the binary format takes in the internal buffer.
 const WORDS_OF_A_COMMAND: usize = 1;
-
-/// A program command: the two 24-bit words of its binary form.
-pub type Command = (u32, u32);
-
-/// In a command's first word: it is the first of its line (DPRAM manual, "Internal PMAC 48-bit command format").
-pub const START_OF_LINE: u32 = 1 << 11;
 
 /// A rotary buffer.
 #[derive(Debug, Clone, Default)]
@@ -115,39 +110,40 @@ pub enum AppendError {
     Command(#[from] NoCommand),
 }
 
-impl Board {
+impl Programs {
     /// Whether the rotary buffer of the 0-based `cs` can take a line of `commands` commands now; `false` too when there is
     /// none, and when it is not open (`OPEN ROT`).
     #[must_use]
     pub fn rotary_room(&self, cs: usize, commands: usize) -> bool {
-        self.programs.store.rotary_is_open()
-            && self
-                .programs
-                .store
-                .rotary(cs)
-                .is_some_and(|rotary| rotary.free() >= commands * WORDS_OF_A_COMMAND)
+        self.store.rotary_is_open()
+            && self.store.rotary(cs).is_some_and(|rotary| rotary.free() >= commands * WORDS_OF_A_COMMAND)
     }
 
     /// Puts one binary line into the rotary buffer of the 0-based `cs`: the 24-bit word pairs of its commands.
     ///
     /// # Errors
     /// [`AppendError`]; nothing is stored then.
-    pub fn rotary_append(&mut self, cs: usize, commands: &[Command]) -> Result<(), AppendError> {
+    pub fn rotary_append(
+        &mut self,
+        board: &mut Board,
+        cs: usize,
+        commands: &[Command],
+    ) -> Result<(), AppendError> {
         let items = binary::line(commands)?;
-        let rotary = self.programs.store.rotary_mut(cs).ok_or(AppendError::Undefined)?;
+        let rotary = self.store.rotary_mut(cs).ok_or(AppendError::Undefined)?;
         if items.is_empty() {
             return Ok(());
         }
         rotary.append(items).map_err(|_| AppendError::Full)?;
-        self.note_rotary(cs);
+        self.note_rotary(board, cs);
         Ok(())
     }
 
     /// Lines of the rotary buffer ahead of the calculated line: `PR`. `None` without a buffer.
     #[must_use]
     pub fn rotary_remaining(&self, cs: usize) -> Option<u64> {
-        let rotary = self.programs.store.rotary(cs)?;
-        let calculated = self.programs.systems.get(cs)?.rotary_line().max(rotary.first());
+        let rotary = self.store.rotary(cs)?;
+        let calculated = self.systems.get(cs)?.rotary_line().max(rotary.first());
         Some(rotary.next().saturating_sub(calculated))
     }
 }

@@ -1,13 +1,13 @@
 //! Run, step, hold, quit, abort: what commands do to the program of a coordinate system (Software Reference,
 //! "On-line commands"; error codes p. 25). Coordinate systems are 0-based.
 
-use super::path::Motors;
-use super::store::Program;
-use super::system::{Cursor, Ending, Hold};
-use super::{Programs, split};
-use crate::sim::board::{Board, MOTORS};
-use crate::sim::language::{CommandError, check_start};
-use crate::sim::{coordinate, offsets};
+use super::calculate::flow::split;
+use crate::sim::board::error::CommandError;
+use crate::sim::board::{Board, MOTORS, coordinate};
+use crate::sim::program::Programs;
+use crate::sim::program::place::Cursor;
+use crate::sim::program::store::Program;
+use crate::sim::program::system::{Ending, Hold};
 
 type Result = std::result::Result<(), CommandError>;
 
@@ -42,19 +42,27 @@ impl Programs {
     }
 }
 
-impl Board {
+impl Programs {
+    /// Ix91: the program to point to at power-up.
+    pub fn point_at_power_up(&mut self, board: &mut Board) {
+        for cs in 0..MOTORS {
+            let number = board.variables.i(100 * (cs + 1) + 91);
+            let _ = self.begin(board, cs, number);
+        }
+    }
+
     /// `B{number}`: the fraction is a label, 0 the rotary buffer.
     ///
     /// # Errors
     /// ERR001 while a program runs, ERR003 when there is no such program or label.
-    pub fn begin(&mut self, cs: usize, number: f64) -> Result {
-        if coordinate::running(cs.min(MOTORS - 1), &self.memory) {
+    pub fn begin(&mut self, board: &mut Board, cs: usize, number: f64) -> Result {
+        if coordinate::running(cs.min(MOTORS - 1), &board.memory) {
             return Err(CommandError::RUNNING);
         }
-        let cursor = self.programs.cursor(cs, number).ok_or(CommandError::SYNTAX)?;
-        self.forget_motion(cs);
-        self.programs.systems[cs].point(Some(cursor));
-        self.programs.systems[cs].executing = None;
+        let cursor = self.cursor(cs, number).ok_or(CommandError::SYNTAX)?;
+        self.reset_motion(board, cs);
+        self.systems[cs].point(Some(cursor));
+        self.systems[cs].executing = None;
         Ok(())
     }
 
@@ -62,45 +70,45 @@ impl Board {
     ///
     /// # Errors
     /// ERR015 to ERR010 as the motors and the pointer are, ERR017 away from where it stopped, ERR016 for open blocks.
-    pub fn run(&mut self, cs: usize) -> Result {
-        self.start_program(cs, true)
+    pub fn run(&mut self, board: &mut Board, cs: usize) -> Result {
+        self.start_program(board, cs, true)
     }
 
-    /// `S`: as [`Board::run`], for one move.
+    /// `S`: as [`Programs::run`], for one move.
     ///
     /// # Errors
-    /// As [`Board::run`].
-    pub fn step(&mut self, cs: usize) -> Result {
-        self.start_program(cs, false)
+    /// As [`Programs::run`].
+    pub fn step(&mut self, board: &mut Board, cs: usize) -> Result {
+        self.start_program(board, cs, false)
     }
 
-    fn start_program(&mut self, cs: usize, continuous: bool) -> Result {
-        self.release_hold(cs);
-        let Some(system) = self.programs.systems.get(cs) else { return Err(CommandError::SYNTAX) };
+    fn start_program(&mut self, board: &mut Board, cs: usize, continuous: bool) -> Result {
+        board.release_hold(cs);
+        let Some(system) = self.systems.get(cs) else { return Err(CommandError::SYNTAX) };
         if system.running {
             return Ok(());
         }
-        let pointed = system.cursor.is_some() && self.programs.store.open_program().is_none();
-        check_start(self, cs, pointed)?;
-        let commanded = self.commanded();
-        let system = &self.programs.systems[cs];
+        let pointed = system.cursor.is_some() && self.store.open_program().is_none();
+        check_start(board, cs, pointed)?;
+        let commanded = board.commanded();
+        let system = &self.systems[cs];
         if let Some(place) = system.stopped_at {
             let off = |motor: &usize| (place[*motor] - commanded[*motor]).abs() > SAME_PLACE;
-            if self.motors_of(cs).iter().any(off) {
+            if board.motors_of(cs).iter().any(off) {
                 return Err(CommandError::NOT_AT_STOP);
             }
         }
         let number = system.pointed()?.program;
-        if !self.programs.store.program(number).is_none_or(Program::is_structured) {
+        if !self.store.program(number).is_none_or(Program::is_structured) {
             return Err(CommandError::BAD_STRUCTURE);
         }
         let resumes = matches!(system.hold, Hold::Stopping(_));
-        let matching = self.variables.i(14) == 1.0 || system.rematch;
+        let matching = board.variables.i(14) == 1.0 || system.rematch;
         let mut axes = system.axes;
         if !resumes && matching {
-            self.axis_positions(cs, &mut axes);
+            board.axis_positions(cs, &mut axes);
         }
-        let system = &mut self.programs.systems[cs];
+        let system = &mut self.systems[cs];
         if resumes {
             system.hold = Hold::Resuming(system.hold.factor());
         } else {
@@ -115,34 +123,34 @@ impl Board {
         system.stopped_at = None;
         let mode = system.mode.status();
         let kind = if continuous { CONTINUOUS } else { SINGLE_STEP };
-        self.coordinate_word(cs, RUNNING | SINGLE_STEP | BLENDING | CONTINUOUS, RUNNING | kind);
+        board.coordinate_word(cs, RUNNING | SINGLE_STEP | BLENDING | CONTINUOUS, RUNNING | kind);
         let cleared =
             HOLD_STOP | RUN_TIME_ERROR | RADIUS_ERROR | BLOCK_STOP | DWELL | SEGMENTED_STOP | 0b1_0011;
-        self.program_word(cs, cleared, mode);
-        for motor in self.motors_of(cs) {
-            self.motors[motor].data_error = false;
+        board.program_word(cs, cleared, mode);
+        for motor in board.motors_of(cs) {
+            board.motors[motor].data_error = false;
         }
-        self.write_axes(cs, &axes, false);
+        board.write_axes(cs, &axes, false);
         Ok(())
     }
 
     /// `Q`: what is calculated still moves; the pointer is at the next line.
-    pub fn quit(&mut self, cs: usize) {
-        if self.programs.systems.get(cs).is_some_and(|system| system.running) {
-            self.finish_calculation(cs);
+    pub fn quit(&mut self, board: &mut Board, cs: usize) {
+        if self.systems.get(cs).is_some_and(|system| system.running) {
+            self.finish_calculation(board, cs);
         } else {
-            coordinate::stop_program(cs.min(MOTORS - 1), &mut self.memory);
+            coordinate::stop_program(cs.min(MOTORS - 1), &mut board.memory);
         }
     }
 
     /// `/`: the move under way is the last one; the pointer is at the one after it.
-    pub fn stop_after_move(&mut self, cs: usize) {
-        let Some(system) = self.programs.systems.get_mut(cs).filter(|system| system.running) else {
-            coordinate::stop_program(cs.min(MOTORS - 1), &mut self.memory);
+    pub fn stop_after_move(&mut self, board: &mut Board, cs: usize) {
+        let Some(system) = self.systems.get_mut(cs).filter(|system| system.running) else {
+            coordinate::stop_program(cs.min(MOTORS - 1), &mut board.memory);
             return;
         };
         let dropped = system.trajectory.drop_ahead();
-        let held = system.cutter.forget().map(|cursor| Cursor::at(cursor.program, cursor.line));
+        let held = system.cutter.reset().map(|cursor| Cursor::at(cursor.program, cursor.line));
         let first = dropped.first().map(|first| Cursor::at(first.origin.0, first.origin.1));
         if let Some(first) = first.or(held) {
             system.cursor = Some(first);
@@ -154,53 +162,53 @@ impl Board {
             }
         }
         system.end(Ending::Here);
-        self.program_word(cs, BLOCK_STOP, BLOCK_STOP);
+        board.program_word(cs, BLOCK_STOP, BLOCK_STOP);
     }
 
     /// `\`: segmented moves stop on their path, at the I52 rate; others at their end.
-    pub fn program_hold(&mut self, cs: usize) {
-        let segmented = |system: &super::System| {
+    pub fn program_hold(&mut self, board: &mut Board, cs: usize) {
+        let segmented = |system: &crate::sim::program::System| {
             system.running
                 && system.trajectory.executing().is_some_and(|entry| entry.segmented && !entry.breaks())
         };
-        match self.programs.systems.get_mut(cs) {
+        match self.systems.get_mut(cs) {
             Some(system) if segmented(system) => {
                 system.hold = Hold::Stopping(system.hold.factor());
-                self.program_word(cs, SEGMENTED_STOP, SEGMENTED_STOP);
+                board.program_word(cs, SEGMENTED_STOP, SEGMENTED_STOP);
             }
-            _ => self.stop_after_move(cs),
+            _ => self.stop_after_move(board, cs),
         }
     }
 
     /// Ends the program of `cs` at once: for aborts, limits and fatal errors, which see to the motors themselves.
-    pub(in crate::sim) fn end_program(&mut self, cs: usize) {
-        coordinate::stop_program(cs, &mut self.memory);
-        self.program_word(cs, SEGMENTED | SEGMENTED_RAMP | SEGMENTED_STOP | DWELL, 0);
-        let system = &mut self.programs.systems[cs];
+    pub fn end_program(&mut self, board: &mut Board, cs: usize) {
+        coordinate::stop_program(cs, &mut board.memory);
+        board.program_word(cs, SEGMENTED | SEGMENTED_RAMP | SEGMENTED_STOP | DWELL, 0);
+        let system = &mut self.systems[cs];
         system.running = false;
         system.rematch = true;
         system.ending = None;
         system.stopped_at = None;
-        self.forget_motion(cs);
+        self.reset_motion(board, cs);
     }
 
     /// Drops the calculated moves.
-    fn forget_motion(&mut self, cs: usize) {
-        let commanded = self.commanded();
-        let system = &mut self.programs.systems[cs];
+    fn reset_motion(&mut self, board: &mut Board, cs: usize) {
+        let commanded = board.commanded();
+        let system = &mut self.systems[cs];
         system.trajectory.reset(commanded);
         system.spline = None;
-        system.cutter.forget();
+        system.cutter.reset();
         system.request = Default::default();
         system.later.clear();
         system.hold = Hold::Off;
     }
 
     /// The program has come to rest: as its `ending` says, or held in mid-path by `\`.
-    pub(super) fn program_rests(&mut self, cs: usize, ending: Option<Ending>) {
-        coordinate::stop_program(cs, &mut self.memory);
-        let commanded = self.commanded();
-        let system = &mut self.programs.systems[cs];
+    pub(super) fn program_rests(&mut self, board: &mut Board, cs: usize, ending: Option<Ending>) {
+        coordinate::stop_program(cs, &mut board.memory);
+        let commanded = board.commanded();
+        let system = &mut self.systems[cs];
         system.running = false;
         system.ending = None;
         match ending {
@@ -215,48 +223,125 @@ impl Board {
             None => (0, HOLD_STOP),
             Some(_) => (SEGMENTED | SEGMENTED_RAMP | SEGMENTED_STOP | DWELL, 0),
         };
-        self.program_word(cs, clear, set);
-        for motor in self.motors_of(cs) {
-            let motor = &mut self.motors[motor];
+        board.program_word(cs, clear, set);
+        for motor in board.motors_of(cs) {
+            let motor = &mut board.motors[motor];
             motor.rest();
             motor.set_pre_jog(motor.commanded());
         }
     }
 
-    /// Opening a fixed program makes every coordinate system forget where it points to.
-    pub fn forget_pointers(&mut self) {
-        for system in &mut self.programs.systems {
+    /// Clears the pointer of every coordinate system: opening a fixed program does.
+    pub fn reset_pointers(&mut self) {
+        for system in &mut self.systems {
             system.point(None);
         }
     }
 
-    /// The commanded positions of all motors in counts.
-    pub(super) fn commanded(&self) -> Motors {
-        std::array::from_fn(|motor| self.motors.get(motor).map_or(0.0, |motor| motor.commanded()))
-    }
-
-    /// Changes the first `??` word: clears `clear`, then sets `set`.
-    pub(super) fn coordinate_word(&mut self, cs: usize, clear: u32, set: u32) {
-        let address = offsets::background(offsets::COORDINATE_STATUS, cs);
-        let word = self.memory.read_x(address);
-        self.memory.write_x(address, word & !clear | set);
-    }
-
-    /// Changes the second `??` word likewise.
-    pub(super) fn program_word(&mut self, cs: usize, clear: u32, set: u32) {
-        let address = offsets::background(offsets::PROGRAM_STATUS, cs);
-        let word = self.memory.read_y(address);
-        self.memory.write_y(address, word & !clear | set);
-    }
-
-    /// Writes the axis target registers; those of segmented moves too when they are in use.
-    pub(super) fn write_axes(&mut self, cs: usize, axes: &[f64; 9], segmented: bool) {
-        for (index, &axis) in axes.iter().enumerate() {
-            let register = |first| offsets::background(first, cs) + index as u16;
-            self.memory.write_l(register(offsets::AXIS_TARGET_C), axis);
-            if segmented {
-                self.memory.write_l(register(offsets::AXIS_TARGET_A), axis);
-            }
+    /// `A`: every motor of the coordinate system stops at Ix15; open loops close.
+    pub fn abort(&mut self, board: &mut Board, cs: usize) {
+        self.end_program(board, cs);
+        board.release_hold(cs);
+        for motor in board.motors_of(cs) {
+            board.abort_motor(motor);
         }
+    }
+
+    /// `<CTRL-K>`.
+    pub fn kill_all(&mut self, board: &mut Board) {
+        board.kill_motors();
+        for cs in 0..MOTORS {
+            self.end_program(board, cs);
+        }
+    }
+
+    /// `<CTRL-A>`: every active motor stops, those in no coordinate system too.
+    pub fn abort_all(&mut self, board: &mut Board) {
+        for cs in 0..MOTORS {
+            self.end_program(board, cs);
+            board.release_hold(cs);
+        }
+        for motor in 0..board.motors.len() {
+            board.abort_motor(motor);
+        }
+    }
+
+    /// `<CTRL-Q>`.
+    pub fn quit_all(&mut self, board: &mut Board) {
+        for cs in 0..MOTORS {
+            self.quit(board, cs);
+        }
+    }
+
+    /// `<CTRL-R>`. A control character reports no error: what cannot run stays as it is.
+    pub fn run_all(&mut self, board: &mut Board) {
+        for cs in 0..MOTORS {
+            let _ = self.run(board, cs);
+        }
+    }
+
+    /// `<CTRL-S>`.
+    pub fn step_all(&mut self, board: &mut Board) {
+        for cs in 0..MOTORS {
+            let _ = self.step(board, cs);
+        }
+    }
+}
+
+/// What stops a program from starting, in the order in which a board looks (Software Reference p. 25; the order itself
+/// is not printed). `pointed`: the coordinate system points to a program.
+///
+/// # Errors
+/// ERR015, ERR014, ERR013, ERR012, ERR010, ERR011.
+pub fn check_start(board: &Board, cs: usize, pointed: bool) -> Result {
+    let motors: Vec<usize> = board.axes.motors_in(cs).collect();
+    let status = |motor: usize| board.motor_status(motor)[0];
+    let bits_set = |motor: &usize, mask: u32| status(*motor) & mask == mask;
+    if !pointed {
+        return Err(CommandError::NO_PROGRAM);
+    }
+    if motors.is_empty() {
+        return Err(CommandError::NO_MOTOR);
+    }
+    if motors.iter().any(|&motor| !board.activated(motor)) {
+        return Err(CommandError::NOT_ACTIVATED);
+    }
+    if motors.iter().any(|motor| bits_set(motor, 1 << 18)) {
+        return Err(CommandError::OPEN_LOOP);
+    }
+    if motors.iter().any(|motor| bits_set(motor, 1 << 22 | 1 << 21)) {
+        return Err(CommandError::BOTH_LIMITS);
+    }
+    if motors.iter().any(|motor| !bits_set(motor, 1 << 13)) {
+        return Err(CommandError::MOVE_IN_PROGRESS);
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sim::board::family;
+    use crate::sim::world::World;
+
+    #[test]
+    fn what_stops_a_program_from_starting_in_order() {
+        let mut world = World::alone(&family::PMAC).unwrap();
+        let send = |world: &mut World, line: &str| {
+            assert_eq!(world.execute(line.as_bytes()).error, None, "{line}");
+        };
+        assert_eq!(check_start(&world.board, 0, false), Err(CommandError::NO_PROGRAM));
+        assert_eq!(check_start(&world.board, 0, true), Err(CommandError::NO_MOTOR));
+        send(&mut world, "#2->X");
+        assert_eq!(check_start(&world.board, 0, true), Err(CommandError::NOT_ACTIVATED));
+        // The first status word of motor 2 is X:$0079.
+        send(&mut world, "I200=1 WX$79,$640000");
+        assert_eq!(check_start(&world.board, 0, true), Err(CommandError::OPEN_LOOP));
+        send(&mut world, "WX$79,$600000");
+        assert_eq!(check_start(&world.board, 0, true), Err(CommandError::BOTH_LIMITS));
+        send(&mut world, "WX$79,$400000");
+        assert_eq!(check_start(&world.board, 0, true), Err(CommandError::MOVE_IN_PROGRESS));
+        send(&mut world, "WX$79,$002000");
+        assert_eq!(check_start(&world.board, 0, true), Ok(()));
     }
 }

@@ -3,9 +3,9 @@
 //! A spline does not go through its programmed points: way point n is (X(n-1) + 4 X(n) + X(n+1)) / 6, its velocity
 //! (X(n+1) - X(n-1)) / 2 TA. The points at both ends count twice more, so a run of n segments takes n + 2 times TA.
 
-use super::path::Motors;
-use super::trajectory::Shape;
 use crate::sim::board::MOTORS;
+use crate::sim::program::path::Motors;
+use crate::sim::program::trajectory::Shape;
 
 /// A spline under way: its last three points, and the times of the last two segments.
 #[derive(Debug, Clone, PartialEq)]

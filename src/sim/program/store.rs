@@ -3,11 +3,11 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use super::item::{Item, Line};
-use super::rotary::Rotary;
-use super::structure::Tracker;
 use crate::sim::board::MOTORS;
-use crate::sim::language::CommandError;
+use crate::sim::board::error::CommandError;
+use crate::sim::program::item::{Item, Line};
+use crate::sim::program::rotary::Rotary;
+use crate::sim::program::structure::Tracker;
 
 /// PLC programs of a board.
 pub const PLCS: usize = 32;

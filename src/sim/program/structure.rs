@@ -3,7 +3,7 @@
 //! An `IF` or `ELSE` with statements behind it on its line governs that line only and has no `ENDIF`; one at the end of
 //! its line opens a block. An `ELSE` may follow the line of such a short `IF`.
 
-use super::item::{Item, Line};
+use crate::sim::program::item::{Item, Line};
 
 /// ENDIF, ELSE or ENDWHILE without what it ends.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -1,31 +1,13 @@
 //! What a coordinate system knows of the program it runs.
 
-use super::cutting::Cutter;
-use super::item::Mode;
-use super::path::Motors;
-use super::spline::Spline;
-use super::trajectory::{Later, Trajectory};
-use super::transform::Transformations;
-use crate::sim::language::CommandError;
-
-/// A place in a program: program 0 is the rotary buffer.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Cursor {
-    /// The program's number.
-    pub program: u32,
-    /// The line's number, from 0.
-    pub line: u64,
-    /// The command in the line, from 0.
-    pub item: usize,
-}
-
-impl Cursor {
-    /// The begin of a line.
-    #[must_use]
-    pub const fn at(program: u32, line: u64) -> Self {
-        Self { program, line, item: 0 }
-    }
-}
+use crate::sim::board::error::CommandError;
+use crate::sim::program::cutter_state::Cutter;
+use crate::sim::program::item::Mode;
+use crate::sim::program::path::Motors;
+use crate::sim::program::place::Cursor;
+use crate::sim::program::spline::Spline;
+use crate::sim::program::trajectory::{Later, Trajectory};
+use crate::sim::program::transform::Transformations;
 
 /// A caller: where to go back to, and its loops.
 #[derive(Debug, Clone)]

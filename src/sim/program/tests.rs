@@ -1,8 +1,9 @@
 //! Programs on the whole board, in virtual time.
 
-use super::store::Open;
 use crate::sim::board::{Board, MOTORS};
+use crate::sim::program::store::Open;
 use crate::sim::testing::Bench;
+use crate::sim::world::World;
 
 /// A second and more of servo cycles: longer than any wait here.
 const LONG: usize = 200_000;
@@ -25,7 +26,7 @@ fn bench() -> Bench {
 fn lines(bench: &mut Bench, text: &str) -> Vec<String> {
     let mut answers = Vec::new();
     for line in text.lines().map(str::trim).filter(|line| !line.is_empty()) {
-        let reply = bench.world.interpreter.execute(&mut bench.world.board, line.as_bytes());
+        let reply = bench.world.execute(line.as_bytes());
         assert_eq!(reply.error, None, "{line}");
         answers.extend(reply.lines);
     }
@@ -33,7 +34,7 @@ fn lines(bench: &mut Bench, text: &str) -> Vec<String> {
 }
 
 fn error(bench: &mut Bench, line: &str) -> u16 {
-    let reply = bench.world.interpreter.execute(&mut bench.world.board, line.as_bytes());
+    let reply = bench.world.execute(line.as_bytes());
     reply.error.map_or(0, |error| error.0)
 }
 
@@ -416,7 +417,7 @@ fn a_rotary_buffer_starves_and_goes_on() {
     assert!(running(board));
     assert_eq!(board.motor_status(0)[0] & (1 << 17 | 1 << 13), 1 << 13);
     assert!((positions(board)[0] - 40.0).abs() < 1e-9);
-    assert_eq!(board.programs.store.rotary(0).map(|rotary| rotary.free()), Some(30));
+    assert_eq!(bench.world.programs.store.rotary(0).map(|rotary| rotary.free()), Some(30));
     assert_eq!(request(&bench), 0);
     lines(&mut bench, "OPEN ROT\nX5\nX5");
     bench.run(10);
@@ -427,14 +428,14 @@ fn a_rotary_buffer_starves_and_goes_on() {
     bench.run(1);
     assert!(!running(&bench.world.board));
     // It takes words too: X-10, a whole line.
-    let board = &mut bench.world.board;
-    assert!(board.rotary_room(0, 10) && !board.rotary_room(1, 1) && !board.rotary_room(0, 31));
-    board.rotary_append(0, &[(0x000E23, 0xB00000)]).unwrap();
-    assert!(board.rotary_append(0, &[(0x000800, 0x00FFFF)]).is_err());
+    let World { board, programs, .. } = &mut bench.world;
+    assert!(programs.rotary_room(0, 10) && !programs.rotary_room(1, 1) && !programs.rotary_room(0, 31));
+    programs.rotary_append(board, 0, &[(0x000E23, 0xB00000)]).unwrap();
+    assert!(programs.rotary_append(board, 0, &[(0x000800, 0x00FFFF)]).is_err());
     lines(&mut bench, "R");
     bench.run(8000);
     assert!((positions(&bench.world.board)[0] - 40.0).abs() < 1e-9);
-    assert_eq!(bench.world.board.programs.store.open(), Some(Open::Rotary));
+    assert_eq!(bench.world.programs.store.open(), Some(Open::Rotary));
 }
 
 #[test]
@@ -479,7 +480,7 @@ fn programs_speak_and_ask_and_switch_plcs() {
     let stopped = lines(&mut bench, "P50");
     bench.run(20);
     assert_eq!(lines(&mut bench, "P50"), stopped);
-    let said = String::from_utf8(bench.world.board.serial_output.clone()).unwrap();
+    let said = String::from_utf8(bench.world.board.output.serial.clone()).unwrap();
     assert!(said.starts_with("hello\r8\r0\r") && said.contains("five\r"), "{said:?}");
 }
 
@@ -500,7 +501,7 @@ fn the_background_report_shows_a_segmented_program() {
     let time_left = f64::from(bench.world.board.memory.read_x(0x20)) / 2.0;
     let ms = 200.0 * bench.world.board.cycle_ms();
     assert!((time_left - (1000.0 - ms)).abs() < 10.0, "{time_left}");
-    let [ramp, offset] = bench.world.board.programs.report[0];
+    let [ramp, offset] = bench.world.programs.report[0];
     assert!((f64::from(ramp) / 2.0 - (200.0 - ms)).abs() < 5.0, "{ramp}");
     assert_eq!(offset, 3);
     for (register, expected) in [(0x087C, 10.0), (0x087D, 20.0), (0x087E, 30.0), (0x081F, 10.0)] {

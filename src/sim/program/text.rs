@@ -2,10 +2,10 @@
 
 use std::fmt::Write as _;
 
-use super::item::{AXES, Data, Item, Line, Mark, Mode, Operator, Time, Transform};
-use crate::sim::language::axis::AxisMode;
-use crate::sim::language::number::decimal;
-use crate::sim::language::variables::VariableKind;
+use crate::sim::board::axes::AxisMode;
+use crate::sim::board::number::decimal;
+use crate::sim::board::variables::VariableKind;
+use crate::sim::program::item::{AXES, Data, Item, Line, Mark, Mode, Operator, Time, Transform};
 
 /// Digits after the point that a listing shows at most.
 const DECIMALS: usize = 9;

@@ -6,9 +6,9 @@
 
 use std::collections::VecDeque;
 
-use super::item::{Mode, Operator};
-use super::path::{Blend, Motors};
 use crate::sim::board::MOTORS;
+use crate::sim::program::item::{Mode, Operator};
+use crate::sim::program::path::{Blend, Motors};
 
 /// An assignment that waits for the start of a move: M-variable number, operator, value.
 pub type Later = (usize, Operator, f64);

@@ -1,7 +1,7 @@
 //! Keywords of program statements, long and short forms (Software Reference, "Program commands"; QRG p. 56).
 
-use super::item::{Mode, Time, Transform};
-use crate::sim::language::axis::AxisMode;
+use crate::sim::board::axes::AxisMode;
+use crate::sim::program::item::{Mode, Time, Transform};
 
 /// What a keyword of a program begins.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

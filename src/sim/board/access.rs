@@ -1,0 +1,43 @@
+//! Variables of all kinds by number, as programs and commands use them.
+
+use super::Board;
+use super::variables::{VariableKind, force_dpram_handshake};
+
+impl Board {
+    /// The value of a variable; a Q-variable is one of the 0-based coordinate system `cs`.
+    #[must_use]
+    pub fn value(&self, kind: VariableKind, cs: usize, number: usize) -> f64 {
+        match kind {
+            VariableKind::I => self.variables.i(number),
+            VariableKind::P => self.variables.p(&self.memory, number),
+            VariableKind::Q => self.variables.q(&self.memory, cs, number),
+            VariableKind::M => self.variables.m(&self.memory, number),
+        }
+    }
+
+    /// Assigns a variable, with what follows from it.
+    pub fn assign(&mut self, kind: VariableKind, cs: usize, number: usize, value: f64) {
+        let Self { variables, memory, .. } = self;
+        match kind {
+            VariableKind::I => {
+                variables.set_i(number, value);
+                self.i_assigned(number);
+            }
+            VariableKind::P => variables.set_p(memory, number, value),
+            VariableKind::Q => variables.set_q(memory, cs, number, value),
+            VariableKind::M => variables.set_m(memory, number, value),
+        }
+    }
+
+    /// What has to follow the assignment of I-variable `number`: I58=1 forces I3, I4 and I6, once. All other variables are
+    /// looked at where they are used.
+    pub fn i_assigned(&mut self, number: usize) {
+        if number == 58 && self.variables.i(58) == 1.0 {
+            force_dpram_handshake(&mut self.variables, &self.identity.firmware);
+        }
+        // Ix00 and the scales show in the motor's registers.
+        if let Some(motor) = (number / 100).checked_sub(1).filter(|&motor| motor < self.motors.len()) {
+            self.refresh(motor);
+        }
+    }
+}

@@ -1,0 +1,56 @@
+//! The set-up registers outside the I-variables that `SAVE` keeps and a reset brings back (Software Reference
+//! pp. 389-391; User Manual pp. 258-262).
+//!
+//! X:$0783-$078C set up the VME or ISA address of mailboxes and DPRAM. At a reset the board copies them to
+//! X:$E006-$E00F, where they act. The encoder conversion table Y:$0720-$073F is kept the same way; its entries are
+//! taken as they are and do nothing here, where motors have one encoder each.
+
+use std::ops::RangeInclusive;
+
+use crate::sim::board::memory::Memory;
+use crate::sim::board::offsets;
+
+const BUS: RangeInclusive<u16> = offsets::BUS_SET_UP..=offsets::BUS_SET_UP + 9;
+const CONVERSION: RangeInclusive<u16> = offsets::CONVERSION_TABLE..=offsets::CONVERSION_TABLE + 31;
+
+/// Factory values of X:$0783 and following.
+const VME: [u32; 10] = [0x39, 0x04, 0x00, 0x7F, 0xA0, 0x02, 0xA1, 0x10, 0x60, 0x10];
+/// Those of X:$0786 and X:$0787 on an ISA board: DPRAM at $D4000, enabled.
+const ISA: [u32; 2] = [0x0D, 0x45];
+
+/// What the registers hold, or held when they were saved.
+#[derive(Debug, Clone)]
+pub struct BusSetup {
+    bus: Vec<u32>,
+    conversion: Vec<u32>,
+}
+
+impl BusSetup {
+    /// The factory values of an ISA board, or of one on the VME bus.
+    pub fn factory(vme: bool) -> Self {
+        let mut bus = VME.to_vec();
+        if !vme {
+            bus[3..5].copy_from_slice(&ISA);
+        }
+        Self { bus, conversion: vec![0; CONVERSION.count()] }
+    }
+
+    /// The present values, as `SAVE` takes them.
+    pub fn of(memory: &Memory) -> Self {
+        Self {
+            bus: BUS.map(|address| memory.read_x(address)).collect(),
+            conversion: CONVERSION.map(|address| memory.read_y(address)).collect(),
+        }
+    }
+
+    /// Puts them back, and the bus set-up into force.
+    pub fn put(&self, memory: &mut Memory) {
+        for ((saved, active), &value) in BUS.zip(offsets::BUS_ACTIVE..).zip(&self.bus) {
+            memory.write_x(saved, value);
+            memory.write_x(active, value);
+        }
+        for (address, &value) in CONVERSION.zip(&self.conversion) {
+            memory.write_y(address, value);
+        }
+    }
+}

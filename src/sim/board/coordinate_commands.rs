@@ -1,0 +1,141 @@
+//! What commands do to coordinate systems, data gathering and ports (Software Reference, "On-line commands",
+//! pp. 171-300). Motors and coordinate systems are 0-based here.
+
+use super::Board;
+use super::coordinate;
+use super::error::CommandError;
+use super::family::MOTORS;
+use super::gather;
+use super::motor::Loop;
+use super::offsets;
+use super::output::Port;
+
+type Result = std::result::Result<(), CommandError>;
+
+impl Board {
+    /// `H`: the time base goes to zero at Ix95.
+    pub fn feed_hold(&mut self, cs: usize) {
+        if let Some(coordinate) = self.coordinates.get_mut(cs) {
+            coordinate.hold();
+        }
+    }
+
+    /// Ends a feed hold: the time base goes back at Ix94.
+    pub fn release_hold(&mut self, cs: usize) {
+        if let Some(coordinate) = self.coordinates.get_mut(cs) {
+            coordinate.resume();
+        }
+    }
+
+    /// The 0-based motors of the 0-based coordinate system `cs`.
+    pub fn motors_of(&self, cs: usize) -> Vec<usize> {
+        (0..self.motors.len()).filter(|&motor| self.axes.coordinate_system(motor) == Some(cs)).collect()
+    }
+
+    /// An active motor stops at Ix15; an open loop closes.
+    pub fn abort_motor(&mut self, motor: usize) {
+        if self.active(motor) {
+            let rate = self.ix(motor, 15);
+            self.motors[motor].abort(rate);
+            self.refresh(motor);
+        }
+    }
+
+    /// `%{percent}`. Negative is taken as zero, too much saturates.
+    pub fn set_override(&mut self, cs: usize, percent: f64) {
+        coordinate::set_override(cs.min(MOTORS - 1), percent, &self.variables, &mut self.memory);
+    }
+
+    /// `%`: the commanded override in percent.
+    #[must_use]
+    pub fn override_percent(&self, cs: usize) -> f64 {
+        coordinate::override_percent(cs.min(MOTORS - 1), &self.variables, &self.memory)
+    }
+
+    /// `GATHER`, or `GATHER TRIGGER`.
+    ///
+    /// # Errors
+    /// ERR003 when gathering would start without a buffer.
+    pub fn gather(&mut self, triggered: bool) -> Result {
+        self.gather.start(triggered, &self.variables)
+    }
+
+    /// What the gather sources hold now.
+    pub fn gather_sources(&self) -> [Option<u32>; 48] {
+        gather::sources(&self.variables, &self.memory)
+    }
+
+    /// `ENDGATHER`.
+    ///
+    /// # Errors
+    /// None; the form is that of the other commands.
+    pub fn end_gather(&mut self) -> Result {
+        self.gather.stop();
+        Ok(())
+    }
+
+    /// `DEFINE GATHER [longs]`.
+    ///
+    /// # Errors
+    /// ERR003 while gathering, or without room.
+    pub fn define_gather(&mut self, longs: Option<u32>, free: i64) -> Result {
+        self.gather.define(longs, &self.variables, &mut self.memory, free)
+    }
+
+    /// `DELETE GATHER`.
+    ///
+    /// # Errors
+    /// ERR003 while gathering.
+    pub fn delete_gather(&mut self) -> Result {
+        self.gather.delete(&self.variables, &mut self.memory)
+    }
+
+    /// The words gathered into PMAC's own memory.
+    #[must_use]
+    pub fn gathered(&self) -> &[u32] {
+        self.gather.stored()
+    }
+
+    /// Whether a gather buffer takes room in PMAC's own memory.
+    #[must_use]
+    pub fn gather_is_defined(&self) -> bool {
+        self.gather.memory_used(&self.variables) > 0
+    }
+
+    /// `CHECKSUM`: 24 bits that differ from one simulated firmware to another.
+    #[must_use]
+    pub fn checksum(&self) -> u32 {
+        let bytes = self.identity.firmware.bytes().chain(self.identity.type_text.bytes());
+        bytes.fold(0, |sum: u32, byte| sum.rotate_left(5).wrapping_add(byte.into())) & 0xFF_FFFF
+    }
+
+    /// `<CTRL-Z>`: the serial port takes the responses, DPRAM ASCII is switched off.
+    pub fn serial_becomes_active(&mut self) {
+        self.port = Port::Serial;
+        self.variables.set_i(58, 0.0);
+    }
+
+    /// `<CTRL-X>`: empties the queues; with I58=1 also clears both ASCII control words.
+    pub fn cancel_queues(&mut self) {
+        self.output.cancel();
+        if self.variables.i(58) == 1.0 {
+            self.memory.dpram.write16(offsets::ASCII_IN_CONTROL, 0);
+            self.memory.dpram.write16(offsets::ASCII_OUT_CONTROL, 0);
+        }
+    }
+
+    /// Kills all motors.
+    pub fn kill_motors(&mut self) {
+        for motor in 0..self.motors.len() {
+            self.motors[motor].open(Loop::Killed);
+            self.refresh(motor);
+        }
+    }
+
+    /// Feed hold in all coordinate systems: `<CTRL-O>`.
+    pub fn hold_all(&mut self) {
+        for cs in 0..MOTORS {
+            self.feed_hold(cs);
+        }
+    }
+}

@@ -1,0 +1,246 @@
+//! `DEFINE GATHER`, `GATHER`, `ENDGATHER`: who is running, and the storage of gathered data.
+//!
+//! With I48=1 the first `GATHER` starts the servo report and the second the gathering; `ENDGATHER` stops what the
+//! latest one started (DPRAM manual p. 14). `GATHER TRIGGER` waits until machine input 2, bit 1 of Y:$FFC2, goes from 0 to 1; which
+//! input it is comes from no page at hand. I20 says which of the sources I21-I44 are stored, I19 how often, I45 where:
+//! 2 DPRAM up to its end, 3 DPRAM round and round, 0 and 1 the same in PMAC's own memory. Some firmware keeps
+//! the buffer at $D240 and the two words before it, the others at $D200 (see [`crate::map::Layout`]).
+
+use std::ops::Range;
+
+use crate::format::int24;
+use crate::map::{self, GatherPlace, Layout};
+use crate::sim::board::error::CommandError;
+use crate::sim::board::memory::Memory;
+use crate::sim::board::offsets;
+use crate::sim::board::variables::Variables;
+
+/// The bit of the machine inputs that `GATHER TRIGGER` waits for.
+const TRIGGER_INPUT: u32 = 1;
+
+/// What a `GATHER` started.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Activity {
+    /// The servo report.
+    ServoReport,
+    /// Data gathering that waits for its trigger.
+    Armed,
+    /// Data gathering.
+    Gathering,
+}
+
+/// The state of both.
+#[derive(Debug, Clone)]
+pub struct Gather {
+    /// What runs, in the order it was started.
+    running: Vec<Activity>,
+    /// Size of the buffer in long words, when there is one.
+    size: Option<u32>,
+    index: u32,
+    wait: u32,
+    /// The trigger input as it was last.
+    input: bool,
+    /// Where the buffer and its words are in the DPRAM.
+    place: GatherPlace,
+    /// Gathered words, when they are kept in PMAC's own memory.
+    memory: Vec<u32>,
+}
+
+impl Gather {
+    /// Nothing defined. `firmware` decides where the buffer lies.
+    #[must_use]
+    pub fn new(firmware: &str) -> Self {
+        let place = Layout::new(&map::PMAC, firmware.parse().ok()).gather();
+        Self { running: Vec::new(), size: None, index: 0, wait: 0, input: false, place, memory: Vec::new() }
+    }
+
+    /// Whether `activity` has been started.
+    #[must_use]
+    pub fn runs(&self, activity: Activity) -> bool {
+        self.running.contains(&activity)
+    }
+
+    /// Long words the buffer takes from PMAC's own memory.
+    #[must_use]
+    pub fn memory_used(&self, variables: &Variables) -> u32 {
+        if in_dpram(variables) { 0 } else { self.size.unwrap_or(0) }
+    }
+
+    /// The bytes of the DPRAM that the buffer takes, if it lies there.
+    #[must_use]
+    pub fn span(&self, variables: &Variables) -> Option<Range<u32>> {
+        let first = self.place.buffer.bytes();
+        self.size.filter(|_| in_dpram(variables)).map(|size| first..first + 4 * size)
+    }
+
+    /// The words gathered so far into PMAC's own memory, in order.
+    #[must_use]
+    pub fn stored(&self) -> &[u32] {
+        &self.memory
+    }
+
+    fn gathers(&self) -> bool {
+        self.runs(Activity::Gathering) || self.runs(Activity::Armed)
+    }
+
+    /// `GATHER`, or `GATHER TRIGGER`.
+    ///
+    /// # Errors
+    /// ERR003 when gathering would start and there is no buffer, or it is full.
+    pub fn start(&mut self, triggered: bool, variables: &Variables) -> Result<(), CommandError> {
+        if variables.i(48) == 1.0 && !self.runs(Activity::ServoReport) {
+            self.running.push(Activity::ServoReport);
+            return Ok(());
+        }
+        if self.gathers() {
+            return Ok(());
+        }
+        match self.size {
+            Some(size) if self.index < size => {
+                self.wait = 0;
+                self.input = true;
+                self.running.push(if triggered { Activity::Armed } else { Activity::Gathering });
+                Ok(())
+            }
+            _ => Err(CommandError::SYNTAX),
+        }
+    }
+
+    /// `ENDGATHER`: stops what was started last. Nothing running is no error.
+    pub fn stop(&mut self) {
+        self.running.pop();
+    }
+
+    /// `DEFINE GATHER [longs]`.
+    ///
+    /// # Errors
+    /// ERR003 while gathering, or for a size of zero or more than there is room for.
+    pub fn define(
+        &mut self,
+        longs: Option<u32>,
+        variables: &Variables,
+        memory: &mut Memory,
+        free: i64,
+    ) -> Result<(), CommandError> {
+        if self.gathers() {
+            return Err(CommandError::SYNTAX);
+        }
+        let room = if in_dpram(variables) {
+            (offsets::LENGTH as u32 - self.place.buffer.bytes()) / 4
+        } else {
+            free.clamp(0, i64::from(u32::MAX)) as u32
+        };
+        let size = longs.unwrap_or(room);
+        if size == 0 || size > room {
+            return Err(CommandError::SYNTAX);
+        }
+        self.size = Some(size);
+        self.index = 0;
+        self.memory.clear();
+        self.note(variables, memory);
+        Ok(())
+    }
+
+    /// `DELETE GATHER`.
+    ///
+    /// # Errors
+    /// ERR003 while gathering.
+    pub fn delete(&mut self, variables: &Variables, memory: &mut Memory) -> Result<(), CommandError> {
+        if self.gathers() {
+            return Err(CommandError::SYNTAX);
+        }
+        self.size = None;
+        self.index = 0;
+        self.memory.clear();
+        self.note(variables, memory);
+        Ok(())
+    }
+
+    /// One servo cycle: stores a sample when one is due.
+    pub fn cycle(&mut self, variables: &Variables, memory: &mut Memory) {
+        if self.runs(Activity::Armed) {
+            let input = memory.read_y(offsets::MACHINE_INPUTS) >> TRIGGER_INPUT & 1 == 1;
+            if input && !std::mem::replace(&mut self.input, input) {
+                let armed = self.running.iter_mut().filter(|activity| **activity == Activity::Armed);
+                armed.for_each(|activity| *activity = Activity::Gathering);
+            }
+            self.input = input;
+        }
+        if !self.runs(Activity::Gathering) {
+            return;
+        }
+        if self.wait > 0 {
+            self.wait -= 1;
+            return;
+        }
+        let period = variables.i(19) as u32;
+        self.wait = period.saturating_sub(1);
+        self.store(variables, memory);
+        if period == 0 {
+            // I19=0: once per command.
+            self.running.retain(|&activity| activity != Activity::Gathering);
+        }
+    }
+
+    fn store(&mut self, variables: &Variables, memory: &mut Memory) {
+        let Some(size) = self.size else { return };
+        for word in sources(variables, memory).into_iter().flatten() {
+            self.put(word, variables, memory);
+        }
+        // The size is rounded up to whole samples: only here, after a sample, is the end looked for.
+        if self.index >= size {
+            if variables.i(45) as u32 % 2 == 1 {
+                self.index = 0;
+                self.memory.clear();
+            } else {
+                self.running.retain(|&activity| activity != Activity::Gathering);
+            }
+        }
+        self.note(variables, memory);
+    }
+
+    fn put(&mut self, word: u32, variables: &Variables, memory: &mut Memory) {
+        if in_dpram(variables) {
+            let offset = self.place.buffer.bytes() + 4 * self.index;
+            // The last sample of a buffer that fills the DPRAM has nowhere to go beyond its end.
+            if let Ok(offset) = u16::try_from(offset)
+                && usize::from(offset) + 4 <= offsets::LENGTH
+            {
+                memory.dpram.write32(offset, int24::extend(word));
+            }
+        } else {
+            self.memory.push(word);
+        }
+        self.index += 1;
+    }
+
+    /// Writes size and index where a host finds them, after the data they speak of.
+    fn note(&self, variables: &Variables, memory: &mut Memory) {
+        if in_dpram(variables) {
+            memory.dpram.order_writes();
+            memory.dpram.write16(self.place.size.bytes() as u16, self.size.unwrap_or(0) as u16);
+            memory.dpram.write16(self.place.index.bytes() as u16, self.index as u16);
+        }
+    }
+}
+
+/// What the sources that I20 selects hold now: two places a source, Y before X.
+pub fn sources(variables: &Variables, memory: &Memory) -> [Option<u32>; 48] {
+    let mask = variables.i(20) as u32;
+    let mut words = [None; 48];
+    for source in (0..24).filter(|bit| mask >> bit & 1 == 1) {
+        let code = variables.i(21 + source) as u32;
+        let address = code as u16;
+        let [low, high] = match code >> 22 & 3 {
+            0 => [Some(memory.read_y(address)), None],
+            1 => [Some(memory.read_x(address)), None],
+            _ => [Some(memory.read_y(address)), Some(memory.read_x(address))],
+        };
+        (words[2 * source], words[2 * source + 1]) = (low, high);
+    }
+    words
+}
+
+fn in_dpram(variables: &Variables) -> bool {
+    variables.i(45) >= 2.0
+}

@@ -1,0 +1,307 @@
+//! The board: its memory, variables and motors, and what the servo interrupt and the background loop do to them.
+//!
+//! It knows no function of the DPRAM, no program and no command language: they are built on it and change it. What
+//! they do in which order each cycle, [`crate::sim::world`] says.
+//!
+//! | file | idea |
+//! |---|---|
+//! | [`memory`], [`dpram`], [`offsets`] | X and Y memory, the part shared with the host; where what lies |
+//! | [`family`], [`i_rows`], [`identity`] | what differs between families; factory values; how the board answers when asked |
+//! | [`variables`], [`m_definition`], [`number`], [`password`], `access` | I-, P-, Q- and M-variables |
+//! | [`motor`], [`profile`], `compensation` | servo loop, drive and shaft; jog and home moves; leadscrew and backlash |
+//! | [`coordinate`], [`axes`], `axis_position` | time base; axis definitions; positions of axes |
+//! | [`jog`], `coordinate_commands`, `registers` | what commands do; registers and status words |
+//! | [`gather`], [`output`], [`bus_setup`] | data gathering; what the ports have to say; set-up that SAVE keeps |
+
+mod access;
+pub mod axes;
+mod axis_position;
+pub mod bus_setup;
+mod compensation;
+pub mod coordinate;
+mod coordinate_commands;
+pub mod dpram;
+pub mod error;
+pub mod family;
+pub mod gather;
+pub mod i_rows;
+pub mod identity;
+pub mod jog;
+pub mod m_definition;
+pub mod memory;
+pub mod motor;
+pub mod number;
+pub mod offsets;
+pub mod output;
+pub mod password;
+pub mod profile;
+mod random;
+mod registers;
+pub mod variables;
+
+use crate::sim::fault::Faults;
+use crate::sim::judge::Judge;
+
+use axes::AxisDefinitions;
+use bus_setup::BusSetup;
+use coordinate::CoordinateSystem;
+pub use family::MOTORS;
+use gather::Gather;
+use identity::Identity;
+use memory::Memory;
+use motor::{Events, Inputs, Motor};
+use output::{Output, Port};
+use random::Random;
+use variables::{SavedVariables, Variables};
+
+/// What was counted since the simulator started.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Statistics {
+    /// Servo cycles.
+    pub servo_cycles: u64,
+    /// Servo cycles that came too late in real time and were skipped.
+    pub late: u64,
+    /// Background reports.
+    pub background_updates: u64,
+    /// Board resets, the one at power-on not counted.
+    pub resets: u64,
+}
+
+/// What a reset brings back of the board itself.
+struct Saved {
+    variables: SavedVariables,
+    axes: AxisDefinitions,
+    bus_setup: BusSetup,
+    /// Whose factory values the bus set-up registers have.
+    vme: bool,
+}
+
+impl Saved {
+    fn factory(variables: &Variables, memory: &Memory, vme: bool) -> Self {
+        Self {
+            variables: variables.snapshot(memory),
+            axes: AxisDefinitions::default(),
+            bus_setup: BusSetup::factory(vme),
+            vme,
+        }
+    }
+}
+
+/// Memory, variables, motors and coordinate systems; what the servo interrupt and the background loop do to them.
+pub struct Board {
+    /// X, Y and DPRAM.
+    pub memory: Memory,
+    /// I-variables and definitions.
+    pub variables: Variables,
+    /// Axis definitions.
+    pub axes: AxisDefinitions,
+    /// The faults in force.
+    pub faults: Faults,
+    /// What hosts did wrong.
+    pub judge: Judge,
+    /// What was counted.
+    pub stats: Statistics,
+    /// What the board has to say at its ports.
+    pub output: Output,
+    /// Number that stands for coordinate system 1 in a binary rotary header: 0 or 1.
+    pub rotary_cs_base: u16,
+    /// The watchdog has tripped: the board does nothing until a reset.
+    pub watchdog: bool,
+    /// The host cannot reach the DPRAM, by a fault or for want of its page.
+    pub out_of_reach: bool,
+    /// What fixes the servo clock when a rate was asked for: I10 of it.
+    pub fixed_i10: Option<f64>,
+    /// What kind of board it is.
+    pub identity: Identity,
+    /// The motors.
+    pub motors: Vec<Motor>,
+    /// Data gathering and the servo report's start and stop.
+    pub gather: Gather,
+    coordinates: Vec<CoordinateSystem>,
+    port: Port,
+    saved: Saved,
+    noise: Option<Random>,
+}
+
+impl Board {
+    /// A board at factory defaults, just powered up. `seed` adds encoder noise of half a count.
+    #[must_use]
+    pub fn new(memory: Memory, identity: Identity, fixed_i10: Option<f64>, seed: Option<u64>) -> Self {
+        let variables = factory(&identity, fixed_i10);
+        let mut board = Self {
+            saved: Saved::factory(&variables, &memory, false),
+            memory,
+            variables,
+            axes: AxisDefinitions::default(),
+            faults: Faults::default(),
+            judge: Judge::default(),
+            stats: Statistics::default(),
+            output: Output::default(),
+            rotary_cs_base: 1,
+            watchdog: false,
+            out_of_reach: false,
+            fixed_i10,
+            motors: vec![Motor::new(); identity.motors.clamp(1, MOTORS)],
+            coordinates: vec![CoordinateSystem::default(); MOTORS],
+            gather: Gather::new(&identity.firmware),
+            port: Port::Serial,
+            identity,
+            noise: seed.map(Random::new),
+        };
+        board.power_on();
+        board
+    }
+
+    /// Makes it a VME board: its bus set-up registers have a VME board's factory values.
+    pub fn fit_vme(&mut self) {
+        self.saved.vme = true;
+        self.saved.bus_setup = BusSetup::factory(true);
+        self.saved.bus_setup.put(&mut self.memory);
+    }
+
+    /// As a reset: the saved (or factory) values, everything else as at power-up. The programs, the functions and the
+    /// interpreter are reset beside it; [`Statistics::resets`] tells them.
+    pub fn reset(&mut self, factory_values: bool) {
+        if factory_values {
+            self.memory.clear();
+            let variables = factory(&self.identity, self.fixed_i10);
+            self.saved = Saved::factory(&variables, &self.memory, self.saved.vme);
+        }
+        self.variables.restore(&self.saved.variables, &mut self.memory);
+        self.axes = self.saved.axes.clone();
+        self.stats.resets += 1;
+        self.power_on();
+    }
+
+    /// Keeps the present values for the next reset.
+    pub fn save(&mut self) {
+        self.saved = Saved {
+            variables: self.variables.snapshot(&self.memory),
+            axes: self.axes.clone(),
+            bus_setup: BusSetup::of(&self.memory),
+            vme: self.saved.vme,
+        };
+    }
+
+    fn power_on(&mut self) {
+        self.memory.clear_registers();
+        self.saved.bus_setup.put(&mut self.memory);
+        for word in [
+            offsets::PANEL_ENABLE,
+            offsets::SERVO_PMAC_STATUS,
+            offsets::BACKGROUND_READY,
+            offsets::BACKGROUND_TIMER,
+            offsets::ASCII_OUT_CONTROL,
+            offsets::ASCII_OUT_CHARACTER,
+            offsets::ASCII_IN_CONTROL,
+            offsets::ASCII_IN_COUNT,
+            offsets::VARIABLE_WRITE_COUNT,
+        ] {
+            self.memory.dpram.write16(word, 0);
+        }
+        for header in offsets::ROTARY {
+            self.memory.dpram.write16(header, 0);
+        }
+        self.watchdog = false;
+        self.output.cancel();
+        self.gather = Gather::new(&self.identity.firmware);
+        self.port = Port::Serial;
+        for (index, coordinate) in self.coordinates.iter_mut().enumerate() {
+            coordinate.reset(index, &self.variables, &mut self.memory);
+        }
+        for motor in 0..self.motors.len() {
+            self.motors[motor].reset();
+            self.power_on_motor(motor);
+            self.write_servo_registers(motor);
+        }
+    }
+
+    /// The begin of a servo interrupt: counts it and gives the time base of each coordinate system, 1.0 for 100%.
+    pub fn begin_servo_cycle(&mut self) -> [f64; MOTORS] {
+        self.stats.servo_cycles += 1;
+        let count = self.memory.read_x(offsets::SERVO_COUNTER).wrapping_add(1);
+        self.memory.write_x(offsets::SERVO_COUNTER, count);
+        let mut time_base = [1.0; MOTORS];
+        for (index, coordinate) in self.coordinates.iter_mut().enumerate() {
+            time_base[index] = coordinate.cycle(index, &self.variables, &mut self.memory);
+        }
+        time_base
+    }
+
+    /// The servo loop of the 0-based `motor`, at `time_base` of its coordinate system.
+    pub fn servo_loop(&mut self, motor: usize, time_base: f64) -> Events {
+        let ms = self.cycle_ms();
+        let noise = self.noise.as_mut().map_or(0.0, |noise| noise.unit() / 2.0);
+        self.motors[motor].cycle(100 * (motor + 1), &self.variables, ms, time_base, noise)
+    }
+
+    /// Stores a sample of gathered data when one is due.
+    pub fn gather_cycle(&mut self) {
+        self.gather.cycle(&self.variables, &mut self.memory);
+    }
+
+    /// The port that responses not asked for go to: the one the last command came through, while I58=1 lets the DPRAM be
+    /// one.
+    #[must_use]
+    pub fn response_port(&self) -> Port {
+        match self.port {
+            Port::Dpram if self.variables.i(58) != 1.0 => Port::Serial,
+            port => port,
+        }
+    }
+
+    /// A command came through the mailboxes.
+    pub fn mailbox_becomes_active(&mut self) {
+        self.port = Port::Mailbox;
+    }
+
+    /// A command came through the DPRAM.
+    pub fn dpram_becomes_active(&mut self) {
+        self.port = Port::Dpram;
+    }
+
+    /// Milliseconds from one servo interrupt to the next.
+    #[must_use]
+    pub fn cycle_ms(&self) -> f64 {
+        let i10 = self.fixed_i10.unwrap_or_else(|| self.variables.i(10));
+        // I10=0 would stop the clock; the board's own default is the least surprising stand-in.
+        (if i10 > 0.0 { i10 } else { 3_713_707.0 }) / 8_388_608.0
+    }
+
+    /// The world around 0-based `motor`: limit switches, trigger, a held shaft. `None` when there is no such motor.
+    pub fn inputs(&mut self, motor: usize) -> Option<&mut Inputs> {
+        self.motors.get_mut(motor).map(|motor| &mut motor.inputs)
+    }
+
+    fn power_on_motor(&mut self, motor: usize) {
+        if !self.active(motor) {
+            return;
+        }
+        let mode = self.ix(motor, 80) as u32;
+        if self.ix(motor, 10) != 0.0 && mode & 4 == 0 {
+            let offset = self.ix(motor, 26) / 16.0;
+            self.motors[motor].absolute(offset, true);
+        }
+        if mode & 1 == 1 {
+            self.motors[motor].close_loop();
+        }
+    }
+
+    /// Motor I-variable `Ixn` of the 0-based `motor`.
+    pub fn ix(&self, motor: usize, n: usize) -> f64 {
+        self.variables.i(100 * (motor + 1) + n)
+    }
+
+    /// Whether 0-based `motor` exists and is activated.
+    pub fn active(&self, motor: usize) -> bool {
+        motor < self.motors.len() && self.ix(motor, 0) == 1.0
+    }
+}
+
+fn factory(identity: &Identity, fixed_i10: Option<f64>) -> Variables {
+    let mut variables = Variables::new(identity.family);
+    if let Some(i10) = fixed_i10 {
+        variables.set_i(10, i10);
+    }
+    variables
+}

@@ -1,0 +1,88 @@
+//! What the servo interrupt watches in a motor: triggers, limits, following error.
+//!
+//! Software Reference pp. 72-81, 190-194, 241; User Manual pp. 127-135.
+
+use crate::sim::board::motor::{INDEX_PERIOD, Loop, Motor, Purpose, ramp};
+use crate::sim::board::profile::Profile;
+use crate::sim::board::variables::Variables;
+
+impl Motor {
+    /// Looks for the trigger of a homing search or a jog until trigger, on the way from shaft position `before` to the
+    /// present one. Says whether the motor is homed with it.
+    pub fn poll_trigger(&mut self, x: usize, variables: &Variables, before: f64) -> bool {
+        let searching = self.searching();
+        // A pulse that nobody waits for is gone.
+        let pulse = std::mem::take(&mut self.inputs.trigger);
+        let Some(purpose) = self.motion.as_ref().filter(|_| searching).map(|motion| motion.purpose) else {
+            return false;
+        };
+        let on_warning = variables.i(x + 3) as u32 >> 17 & 1 == 1;
+        let captured = if pulse || on_warning && self.warning {
+            self.shaft
+        } else if on_warning || self.inputs.no_index {
+            return false;
+        } else if let Some(pulse) = index_between(before, self.shaft) {
+            pulse
+        } else {
+            return false;
+        };
+        let ramp = ramp(x, variables);
+        let position = captured - self.reference;
+        self.trigger_move = false;
+        let (target, speed, homed) = match purpose {
+            Purpose::Trigger(after) => (position + after, variables.i(x + 22), false),
+            _ => {
+                self.captured = captured - self.encoder_zero;
+                self.re_reference(position + variables.i(x + 26) / 16.0);
+                self.home_complete = true;
+                (0.0, variables.i(x + 23), true)
+            }
+        };
+        let profile = Profile::to_target(self.commanded, self.desired_velocity, target, speed, &ramp);
+        self.plan(profile, Purpose::Jog);
+        homed
+    }
+
+    /// Stops the motor at Ix15 when it runs into a limit; says whether it did.
+    pub fn watch_limits(&mut self, x: usize, variables: &Variables) -> bool {
+        let hardware = variables.i(x + 25) as u32 >> 17 & 1 == 0;
+        let homing = self.motion.as_ref().is_some_and(|motion| motion.purpose == Purpose::Search);
+        let (upper, lower) = (variables.i(x + 13), variables.i(x + 14));
+        self.limits = [
+            hardware && self.inputs.positive_limit || !homing && upper != 0.0 && self.commanded > upper,
+            hardware && self.inputs.negative_limit || !homing && lower != 0.0 && self.commanded < lower,
+        ];
+        let into =
+            self.limits[0] && self.desired_velocity > 0.0 || self.limits[1] && self.desired_velocity < 0.0;
+        let into = into && !self.aborting() && self.servo == Loop::Closed;
+        if into {
+            self.abort(variables.i(x + 15));
+            self.on_limit = true;
+        }
+        into
+    }
+
+    /// Kills the motor when its following error is fatal; says whether it did.
+    pub fn watch_following_error(&mut self, x: usize, variables: &Variables) -> bool {
+        let error = (self.commanded - self.corrected()).abs() * 16.0;
+        let (fatal, warning) = (variables.i(x + 11), variables.i(x + 12));
+        self.warning = warning > 0.0 && error > warning && self.servo == Loop::Closed || self.fatal;
+        let killed = self.servo == Loop::Closed && fatal > 0.0 && error > fatal;
+        if killed {
+            self.open(Loop::Killed);
+            self.fatal = true;
+            self.warning = true;
+        }
+        killed
+    }
+}
+
+/// The index pulse passed on the way from `before` to `after`, if any.
+fn index_between(before: f64, after: f64) -> Option<f64> {
+    let pulse = if after > before {
+        (after / INDEX_PERIOD).floor() * INDEX_PERIOD
+    } else {
+        (after / INDEX_PERIOD).ceil() * INDEX_PERIOD
+    };
+    (after > before && pulse > before || after < before && pulse < before).then_some(pulse)
+}

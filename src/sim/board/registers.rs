@@ -1,0 +1,263 @@
+//! What the board keeps in its registers for everyone to read: positions, velocities, status words.
+//!
+//! Bits: Software Reference pp. 189-198.
+
+use crate::format::int24;
+use crate::sim::board::family::MOTORS;
+use crate::sim::board::gather::Activity;
+use crate::sim::board::motor::Loop;
+use crate::sim::board::output::Port;
+use crate::sim::board::{Board, coordinate, offsets};
+
+/// The bits of the global status, Y word, that program buffers set: open ones, and memory nearly full.
+const BUFFER_BITS: u32 = 0b111 << 17 | 1 << 11;
+
+impl Board {
+    /// Units of a position register per count.
+    fn scale(&self, motor: usize) -> f64 {
+        self.ix(motor, 8) * 32.0
+    }
+
+    /// The servo registers of an active motor, as each servo cycle leaves them.
+    pub fn write_servo_registers(&mut self, motor: usize) {
+        let scale = self.scale(motor);
+        let velocity_scale = self.ix(motor, 9) * 32.0;
+        let cycles = self.ix(motor, 60) + 1.0;
+        let at = |register| offsets::motor(register, motor);
+        let status = self.servo_status(motor);
+        let addresses = [self.ix(motor, 3) as u32, self.ix(motor, 5) as u32];
+        let state = &self.motors[motor];
+        let memory = &mut self.memory;
+        memory.write_d(at(offsets::COMMANDED), (state.commanded() * scale).round() as i64);
+        memory.write_d(at(offsets::ACTUAL), (state.actual() * scale).round() as i64);
+        memory.write_x(at(offsets::VELOCITY), word(state.moved() * velocity_scale * cycles));
+        memory.write_x(at(offsets::DAC), word(state.output() * 256.0));
+        memory.write_x(at(offsets::DESIRED_VELOCITY), word(state.desired_velocity() * scale / 3.0));
+        memory.write_x(at(offsets::TIME_LEFT), word(state.time_left().unwrap_or(0.0) * 2.0));
+        memory.write_x(at(offsets::FEEDBACK_ADDRESS), addresses[0]);
+        memory.write_x(at(offsets::MASTER_ADDRESS), addresses[1]);
+        memory.write_x(at(offsets::SERVO_STATUS), status);
+    }
+
+    /// The background registers of a motor.
+    pub fn write_background_registers(&mut self, motor: usize) {
+        let scale = self.scale(motor);
+        let status = self.background_status(motor);
+        let state = &self.motors[motor];
+        let target = (state.target() * scale).round() as i64;
+        let captured = word(state.captured);
+        let at = |register| offsets::background(register, motor);
+        let memory = &mut self.memory;
+        memory.write_d(at(offsets::TARGET), target);
+        memory.write_y(at(offsets::HOME_CAPTURE), captured);
+        memory.write_y(at(offsets::BACKGROUND_STATUS), status);
+    }
+
+    /// Goes on averaging the velocity: a sixteenth of the difference a background pass.
+    pub fn average_velocity(&mut self, motor: usize) {
+        let address = offsets::background(offsets::AVERAGE_VELOCITY, motor);
+        let now = int24::signed(self.memory.read_x(offsets::motor(offsets::VELOCITY, motor)));
+        let average = int24::signed(self.memory.read_y(address));
+        let difference = now - average;
+        // The last units one by one.
+        let step = if difference.abs() < 16 { difference.signum() } else { difference / 16 };
+        self.memory.write_y(address, (average + step) as u32);
+    }
+
+    /// Makes the registers of a motor show what a command has just done.
+    pub fn refresh(&mut self, motor: usize) {
+        self.write_servo_registers(motor);
+        self.write_background_registers(motor);
+    }
+
+    /// `??` words as far as they follow from the motors.
+    pub fn write_coordinate_registers(&mut self, cs: usize) {
+        let (mut motors, mut all_in_position, mut fatal, mut warning) = (0, true, false, false);
+        for motor in (0..self.motors.len()).filter(|&motor| self.axes.coordinate_system(motor) == Some(cs)) {
+            motors |= 1 << motor;
+            all_in_position &= self.in_position(motor);
+            fatal |= self.motors[motor].fatal;
+            warning |= self.motors[motor].warning;
+        }
+        self.memory.write_y(offsets::background(offsets::COORDINATE_STATUS, cs), motors);
+        let address = offsets::background(offsets::PROGRAM_STATUS, cs);
+        let others = self.memory.read_y(address) & !(0b111 << 17);
+        let own = bit(17, motors != 0 && all_in_position) | bit(18, warning) | bit(19, fatal);
+        self.memory.write_y(address, others | own);
+    }
+
+    /// `???`. `buffers` are the bits of the Y word that program buffers set, `BUFFER_BITS` of them.
+    pub fn write_global_status(&mut self, buffers: u32) {
+        let x = bit(19, self.gather.runs(Activity::Gathering)) | bit(17, self.gather.runs(Activity::Armed));
+        let host = self.response_port() != Port::Serial;
+        let own = 1 << 22 | BUFFER_BITS | 1 << 15;
+        let y = self.memory.read_y(offsets::GLOBAL_STATUS) & !own | buffers;
+        let others = self.memory.read_x(offsets::GLOBAL_STATUS) & !(1 << 19 | 1 << 17);
+        self.memory.write_x(offsets::GLOBAL_STATUS, others | x);
+        self.memory.write_y(offsets::GLOBAL_STATUS, y | bit(22, host) | bit(15, host));
+    }
+
+    fn servo_status(&self, motor: usize) -> u32 {
+        if !self.active(motor) {
+            return 0;
+        }
+        let state = &self.motors[motor];
+        let definite = state.time_left().is_some();
+        bit(23, true)
+            | bit(22, state.limits[1])
+            | bit(21, state.limits[0])
+            | bit(20, self.ix(motor, 6) as u32 & 1 == 1)
+            | bit(19, self.ix(motor, 1) as u32 & 1 == 1)
+            | bit(18, state.servo != Loop::Closed)
+            | bit(17, definite)
+            | bit(16, self.ix(motor, 34) == 1.0)
+            | bit(15, state.dwelling)
+            | bit(14, state.data_error)
+            | bit(13, state.desired_velocity() == 0.0)
+            | bit(12, state.aborting())
+            | bit(10, state.searching())
+    }
+
+    fn background_status(&self, motor: usize) -> u32 {
+        let state = &self.motors[motor];
+        let cs = self.axes.coordinate_system(motor);
+        bit(23, cs.is_some())
+            | (cs.unwrap_or(0) as u32) << 20
+            | bit(14, state.servo != Loop::Killed)
+            | bit(11, state.on_limit)
+            | bit(10, state.home_complete)
+            | bit(7, state.trigger_move)
+            | bit(4, state.backlash.negative)
+            | bit(2, state.fatal)
+            | bit(1, state.warning)
+            | bit(0, self.in_position(motor))
+    }
+
+    /// In position: for I7+1 background passes in a row closed, at rest and within Ix28.
+    fn in_position(&self, motor: usize) -> bool {
+        f64::from(self.motors[motor].in_position_scans) > self.variables.i(7)
+    }
+
+    /// Counts the background passes in a row in which the 0-based `motor` was in position.
+    pub fn scan_in_position(&mut self, motor: usize) {
+        let band = self.ix(motor, 28) / 16.0;
+        let active = self.active(motor);
+        let state = &mut self.motors[motor];
+        let now = active
+            && state.servo == Loop::Closed
+            && state.desired_velocity() == 0.0
+            && state.time_left().is_none()
+            && (state.commanded() - state.corrected()).abs() < band;
+        state.in_position_scans = if now { state.in_position_scans.saturating_add(1).min(1000) } else { 0 };
+    }
+
+    /// Position of the 0-based `motor` in counts, with bias and compensation: `P`.
+    #[must_use]
+    pub fn position(&self, motor: usize) -> f64 {
+        let sum = self.memory.read_d(offsets::motor(offsets::ACTUAL, motor))
+            + self.memory.read_d(offsets::background(offsets::BIAS, motor))
+            + self.memory.read_d(offsets::motor(offsets::COMPENSATION, motor));
+        divide(sum as f64, self.scale(motor))
+    }
+
+    /// Velocity of the 0-based `motor` in counts per servo cycle: `V`.
+    #[must_use]
+    pub fn velocity(&self, motor: usize) -> f64 {
+        let raw = int24::signed(self.memory.read_x(offsets::motor(offsets::VELOCITY, motor)));
+        divide(f64::from(raw), self.ix(motor, 9) * 32.0)
+    }
+
+    /// Following error of the 0-based `motor` in counts: `F`.
+    #[must_use]
+    pub fn following_error(&self, motor: usize) -> f64 {
+        let commanded = self.memory.read_d(offsets::motor(offsets::COMMANDED, motor));
+        let actual = self.memory.read_d(offsets::motor(offsets::ACTUAL, motor));
+        let compensation = self.memory.read_d(offsets::motor(offsets::COMPENSATION, motor));
+        divide((commanded - actual - compensation) as f64, self.scale(motor))
+    }
+
+    /// The two words of `?` for the 0-based `motor`.
+    #[must_use]
+    pub fn motor_status(&self, motor: usize) -> [u32; 2] {
+        [
+            self.memory.read_x(offsets::motor(offsets::SERVO_STATUS, motor)),
+            self.memory.read_y(offsets::background(offsets::BACKGROUND_STATUS, motor)),
+        ]
+    }
+
+    /// The two words of `??` for the 0-based coordinate system.
+    #[must_use]
+    pub fn coordinate_status(&self, cs: usize) -> [u32; 2] {
+        [
+            self.memory.read_x(offsets::background(offsets::COORDINATE_STATUS, cs)),
+            self.memory.read_y(offsets::background(offsets::PROGRAM_STATUS, cs)),
+        ]
+    }
+
+    /// The two words of `???`.
+    #[must_use]
+    pub fn global_status(&self) -> [u32; 2] {
+        [self.memory.read_x(offsets::GLOBAL_STATUS), self.memory.read_y(offsets::GLOBAL_STATUS)]
+    }
+
+    /// Whether Ix00 of the 0-based `motor` is set.
+    #[must_use]
+    pub fn activated(&self, motor: usize) -> bool {
+        self.variables.i(self.variables.family().motor_i(motor, 0)) != 0.0
+    }
+
+    /// Whether a motion program runs in the 0-based coordinate system `cs`: bit 0 of the first `??` word.
+    #[must_use]
+    pub fn runs_program(&self, cs: usize) -> bool {
+        self.coordinate_status(cs)[0] & 1 != 0
+    }
+
+    /// Whether a motion program runs in the coordinate system of the 0-based `motor`.
+    pub fn program_runs(&self, motor: usize) -> bool {
+        self.axes.coordinate_system(motor).is_some_and(|cs| coordinate::running(cs, &self.memory))
+    }
+
+    /// The commanded positions of all motors in counts.
+    pub fn commanded(&self) -> [f64; MOTORS] {
+        std::array::from_fn(|motor| self.motors.get(motor).map_or(0.0, |motor| motor.commanded()))
+    }
+
+    /// Changes the first `??` word: clears `clear`, then sets `set`.
+    pub fn coordinate_word(&mut self, cs: usize, clear: u32, set: u32) {
+        let address = offsets::background(offsets::COORDINATE_STATUS, cs);
+        let word = self.memory.read_x(address);
+        self.memory.write_x(address, word & !clear | set);
+    }
+
+    /// Changes the second `??` word likewise.
+    pub fn program_word(&mut self, cs: usize, clear: u32, set: u32) {
+        let address = offsets::background(offsets::PROGRAM_STATUS, cs);
+        let word = self.memory.read_y(address);
+        self.memory.write_y(address, word & !clear | set);
+    }
+
+    /// Writes the axis target registers; those of segmented moves too when they are in use.
+    pub fn write_axes(&mut self, cs: usize, axes: &[f64; 9], segmented: bool) {
+        for (index, &axis) in axes.iter().enumerate() {
+            let register = |first| offsets::background(first, cs) + index as u16;
+            self.memory.write_l(register(offsets::AXIS_TARGET_C), axis);
+            if segmented {
+                self.memory.write_l(register(offsets::AXIS_TARGET_A), axis);
+            }
+        }
+    }
+}
+
+/// A register's signed 24 bits; what does not fit saturates.
+fn word(value: f64) -> u32 {
+    const MOST: f64 = 8_388_607.0;
+    value.round().clamp(-MOST - 1.0, MOST) as i32 as u32
+}
+
+fn bit(number: u32, set: bool) -> u32 {
+    u32::from(set) << number
+}
+
+fn divide(value: f64, by: f64) -> f64 {
+    if by == 0.0 { 0.0 } else { value / by }
+}

@@ -1,0 +1,220 @@
+//! PMAC's half of the DPRAM ASCII port (DPRAM manual pp. 25-29).
+//!
+//! A line is taken when bit 0 of 0x062C is set: seen in one background pass, taken in the next, so that a host that
+//! goes on writing after its flag is found out. A first part of a long line has no NUL in its 160 bytes. A character
+//! at 0x062E acts at once. Responses queue up; one is written when 0x06D0 is zero: text and NUL, count, then the
+//! control word, and the interrupt if I56=1.
+//!
+//! Control words: 0x000D a line, 0x0006 the end, 0x8nnn an error (BCD), 0x010D a `CMD` response, 0x020D a `SEND`
+//! message. The end is sent when I3 is 2 or 3, the modes whose handshake is `<ACK>`.
+
+use crate::format::TextOrder;
+use crate::map::classic::{self, RESPONSE_ACKNOWLEDGE, RESPONSE_LINE};
+use crate::sim::board::error::CommandError;
+use crate::sim::board::output::Response;
+use crate::sim::board::{Board, offsets};
+use crate::sim::language::control::takes_line;
+use crate::sim::language::interpreter::Interpreter;
+use crate::sim::language::reply::Reply;
+use crate::sim::program::Programs;
+
+/// The most characters a line in two parts can have.
+const LONGEST: usize = classic::ASCII_LINE_LIMIT;
+/// The port's state.
+#[derive(Debug, Clone, Default)]
+pub struct AsciiPort {
+    /// The text as it was when its flag was first seen.
+    seen: Option<[u8; offsets::ASCII_OUT_LENGTH]>,
+    /// The first part of a long line.
+    first_part: Option<Vec<u8>>,
+    /// Passes left until a late `<ACK>` may go.
+    late: Option<u64>,
+    /// Words of a torn response that are not written yet.
+    rest: Vec<(u16, u16)>,
+    /// The response given last is to be given again.
+    repeat: Option<Response>,
+    /// Lines and control characters taken.
+    pub commands: u64,
+    /// Interrupts raised by responses, not yet given to the hosts.
+    pub interrupts: u64,
+    /// What [`crate::sim::board::output::Output::cancelled`] was when the state was made.
+    cancelled: u64,
+}
+
+impl AsciiPort {
+    /// One background pass: takes a control character, then a line, then writes a response.
+    pub fn poll(&mut self, board: &mut Board, programs: &mut Programs, interpreter: &mut Interpreter) {
+        self.follow_cancel(board);
+        if board.variables.i(58) == 1.0 && !board.faults.ascii_deaf {
+            self.take_character(board, programs, interpreter);
+            self.take_line(board, programs, interpreter);
+        }
+        self.respond(board);
+    }
+
+    /// Drops what is under way when the board's output was cancelled (`<CTRL-X>`, reset).
+    fn follow_cancel(&mut self, board: &Board) {
+        if self.cancelled != board.output.cancelled {
+            let Self { commands, interrupts, .. } = *self;
+            *self = Self { commands, interrupts, cancelled: board.output.cancelled, ..Self::default() };
+        }
+    }
+
+    fn take_character(&mut self, board: &mut Board, programs: &mut Programs, interpreter: &mut Interpreter) {
+        let word = board.memory.dpram.read16(offsets::ASCII_OUT_CHARACTER);
+        let character = word as u8;
+        if character == 0 {
+            return;
+        }
+        board.memory.dpram.write16(offsets::ASCII_OUT_CHARACTER, 0);
+        self.commands += 1;
+        board.dpram_becomes_active();
+        control(board, programs, interpreter, character);
+        self.follow_cancel(board);
+    }
+
+    fn take_line(&mut self, board: &mut Board, programs: &mut Programs, interpreter: &mut Interpreter) {
+        if board.memory.dpram.read16(offsets::ASCII_OUT_CONTROL) & 1 == 0 {
+            self.seen = None;
+            return;
+        }
+        board.memory.dpram.order_reads();
+        let text = read_text(board);
+        let Some(seen) = self.seen.replace(text) else { return };
+        self.seen = None;
+        if before_nul(&seen) != before_nul(&text) {
+            let cycle = board.stats.servo_cycles;
+            board.judge.record(cycle, "the command text changed after its flag was set");
+        }
+        match text.iter().position(|&byte| byte == 0) {
+            Some(end) => {
+                let mut line = self.first_part.take().unwrap_or_default();
+                line.extend_from_slice(&text[..end]);
+                self.commands += 1;
+                board.dpram_becomes_active();
+                if line.len() > LONGEST {
+                    board.output.respond_error(CommandError::SYNTAX);
+                } else {
+                    execute(board, programs, interpreter, &line);
+                    self.follow_cancel(board);
+                }
+            }
+            // The last byte of a first part only shows that there is more.
+            None if self.first_part.is_none() => {
+                self.first_part = Some(text[..offsets::ASCII_OUT_LENGTH - 1].to_vec());
+            }
+            None => {
+                self.first_part = None;
+                board.output.respond_error(CommandError::SYNTAX);
+            }
+        }
+        board.memory.dpram.order_writes();
+        board.memory.dpram.write16(offsets::ASCII_OUT_CONTROL, 0);
+    }
+
+    fn respond(&mut self, board: &mut Board) {
+        for (offset, word) in std::mem::take(&mut self.rest) {
+            board.memory.dpram.write16(offset, word);
+        }
+        let free = board.memory.dpram.read16(offsets::ASCII_IN_CONTROL) == 0;
+        if let Some(again) = self.repeat.take_if(|_| free) {
+            board.output.dpram.push_front(again);
+            self.put(board);
+            return;
+        }
+        let Some(next) = board.output.dpram.front() else { return };
+        if next.control == RESPONSE_ACKNOWLEDGE && board.faults.ascii_late_ack > 0 {
+            let left = self.late.get_or_insert(board.faults.ascii_late_ack);
+            if *left > 0 {
+                *left -= 1;
+                return;
+            }
+        }
+        if !free {
+            return;
+        }
+        self.late = None;
+        if board.faults.ascii_repeat {
+            self.repeat = board.output.dpram.front().cloned();
+        }
+        self.put(board);
+    }
+
+    /// Writes the oldest response.
+    fn put(&mut self, board: &mut Board) {
+        let Some(Response { control, text }) = board.output.dpram.pop_front() else { return };
+        let dpram = &mut board.memory.dpram;
+        // One NUL at least; the second half of the last word is a NUL too.
+        let words = (0..=text.len()).step_by(2).map(|place| {
+            let character = |at: usize| text.get(at).copied().unwrap_or(0);
+            let word = TextOrder::LowFirst.pack(character(place), character(place + 1));
+            (offsets::ASCII_IN_TEXT + place as u16, word)
+        });
+        let whole = if board.faults.ascii_torn { text.len() / 4 } else { usize::MAX };
+        for (index, (offset, word)) in words.enumerate() {
+            if index < whole {
+                dpram.write16(offset, word);
+            } else {
+                self.rest.push((offset, word));
+            }
+        }
+        dpram.write16(offsets::ASCII_IN_COUNT, board.faults.ascii_count.unwrap_or(text.len() as u16 + 1));
+        dpram.order_writes();
+        dpram.write16(offsets::ASCII_IN_CONTROL, control);
+        if board.variables.i(56) == 1.0 {
+            self.interrupts += 1;
+        }
+    }
+}
+
+/// Carries out a control character. One that reports data ends with the acknowledgement, as does the line that ^W takes;
+/// others answer nothing. (^E and ^G report bytes that no text of this port can hold.)
+fn control(board: &mut Board, programs: &mut Programs, interpreter: &mut Interpreter, character: u8) {
+    if let Some(reply) = interpreter.control(board, programs, character)
+        && (reply.error.is_some() || !reply.lines.is_empty() || takes_line(character))
+    {
+        answer(board, reply);
+    }
+}
+
+fn execute(board: &mut Board, programs: &mut Programs, interpreter: &mut Interpreter, line: &[u8]) {
+    // Some hosts send a control character as a line of its own.
+    if let [character @ 1..=31] = *line {
+        control(board, programs, interpreter, character);
+        return;
+    }
+    let resets = board.stats.resets;
+    let reply = interpreter.execute(board, programs, line);
+    // A reset empties the queues; its own acknowledgement is lost with them.
+    if board.stats.resets == resets {
+        answer(board, reply);
+    }
+}
+
+fn answer(board: &mut Board, reply: Reply) {
+    if board.faults.ascii_no_reply {
+        return;
+    }
+    for text in reply.lines {
+        board.output.respond(RESPONSE_LINE, text.as_bytes());
+    }
+    match reply.error {
+        Some(error) => board.output.respond_error(error),
+        None if board.variables.i(3) >= 2.0 => board.output.respond(RESPONSE_ACKNOWLEDGE, &[]),
+        None => {}
+    }
+}
+
+fn read_text(board: &Board) -> [u8; offsets::ASCII_OUT_LENGTH] {
+    let mut text = [0; offsets::ASCII_OUT_LENGTH];
+    for (index, pair) in text.chunks_exact_mut(2).enumerate() {
+        let word = board.memory.dpram.read16(offsets::ASCII_OUT_TEXT + 2 * index as u16);
+        pair.copy_from_slice(&TextOrder::LowFirst.unpack(word));
+    }
+    text
+}
+
+/// What counts of a text: what stands before its NUL.
+fn before_nul(text: &[u8]) -> &[u8] {
+    text.split(|&byte| byte == 0).next().unwrap_or(text)
+}

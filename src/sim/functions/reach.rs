@@ -1,0 +1,49 @@
+//! What happens to the DPRAM while the host cannot reach it: a fault hides it, or its page is not selected.
+//!
+//! A host then reads all ones or zeros. Without its page the DPRAM stands still: PMAC's own commands into it count, its
+//! functions rest.
+
+use super::servo_report::ServoReport;
+use crate::sim::board::{Board, offsets};
+
+/// What the memory held before it went out of reach.
+#[derive(Debug, Clone, Default)]
+pub struct Reach {
+    before: Option<Vec<u16>>,
+}
+
+impl Reach {
+    /// Puts all ones (or zeros) into the whole DPRAM while it is out of reach, and the old content back after it.
+    pub fn poll(&mut self, board: &mut Board, page_selected: bool, report: &mut ServoReport) {
+        let dpram = &mut board.memory.dpram;
+        let words = (0..offsets::LENGTH as u16).step_by(2);
+        board.out_of_reach = board.faults.hides_memory() || !page_selected;
+        if board.out_of_reach {
+            let reads = if board.faults.all_zeros { 0 } else { 0xFFFF };
+            let fresh = self.before.is_none();
+            let before =
+                self.before.get_or_insert_with(|| words.clone().map(|offset| dpram.read16(offset)).collect());
+            for (offset, before) in words.zip(before) {
+                let found = dpram.read16(offset);
+                if !fresh && found != reads && found == dpram.shadow(offset) {
+                    *before = found;
+                }
+                if found != reads {
+                    dpram.disturb(offset, reads);
+                }
+            }
+            return;
+        }
+        let Some(before) = self.before.take() else { return };
+        let status = offsets::SERVO_PMAC_STATUS;
+        let hidden = dpram.read16(status);
+        for (offset, value) in words.zip(&before).filter(|(offset, _)| *offset != status) {
+            dpram.disturb(offset, *value);
+        }
+        // The board did not stand still meanwhile: the status word of before is not to be seen again beside the old data.
+        report.cycle(&board.variables, &board.gather, &board.faults, &mut board.memory);
+        if board.memory.dpram.read16(status) == hidden {
+            board.memory.dpram.disturb(status, before[usize::from(status / 2)]);
+        }
+    }
+}

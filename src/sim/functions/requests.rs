@@ -1,0 +1,55 @@
+//! `CMD` of programs (Software Reference pp. 305-308): command lines that a program asks for.
+//!
+//! They are carried out in the background, one a pass; the data come back at the active response port unasked for, without
+//! a closing acknowledgement.
+
+use crate::map::classic::RESPONSE_TO_PROGRAM;
+use crate::sim::board::Board;
+use crate::sim::board::output::Port;
+use crate::sim::language::{Interpreter, Reply};
+use crate::sim::program::message::unasked_line;
+use crate::sim::program::{Programs, Request};
+
+const BELL: u8 = 7;
+
+/// Carries out the oldest request of a program.
+pub fn poll(board: &mut Board, programs: &mut Programs) {
+    let reply = match programs.take_request() {
+        Some(Request::Line(text, motor, cs)) => {
+            Interpreter::addressing(motor, cs).execute(board, programs, text.as_bytes())
+        }
+        Some(Request::Character(code)) => {
+            Interpreter::new().control(board, programs, code).unwrap_or_default()
+        }
+        None => return,
+    };
+    report(board, reply);
+}
+
+/// `CMD"text"` as from a program, at once.
+pub fn command(board: &mut Board, programs: &mut Programs, text: &str) {
+    let reply = Interpreter::new().execute(board, programs, text.as_bytes());
+    report(board, reply);
+}
+
+fn report(board: &mut Board, reply: Reply) {
+    match board.response_port() {
+        Port::Dpram => {
+            for line in reply.lines {
+                board.output.respond(RESPONSE_TO_PROGRAM, line.as_bytes());
+            }
+            if let Some(error) = reply.error {
+                board.output.respond_error(error);
+            }
+        }
+        port => {
+            let mut bytes: Vec<u8> =
+                reply.lines.iter().flat_map(|line| unasked_line(board, line, false)).collect();
+            // I6=0 and 1 report a program's errors too, I6=2 and 3 only a host's.
+            if reply.error.is_some() && board.variables.i(6) < 2.0 {
+                bytes.push(BELL);
+            }
+            board.output.send(port, &bytes);
+        }
+    }
+}

@@ -1,0 +1,262 @@
+//! PMAC's half of the binary rotary buffers in the DPRAM (DPRAM manual p. 30; the second one's header is not in it).
+//!
+//! With I57=1, in each background pass: the lines between PMAC's index and the host's are copied into the coordinate
+//! system's internal rotary buffer, as long as there is room, and PMAC's index follows line by line. A line begins with a
+//! command whose start-of-line bit is set and ends before the next such command; at the host's index the end marker has
+//! that bit. What the host's index has passed is seen in one pass and taken in the next, so that a host that changes it
+//! is found out. Indexes and size count 32-bit words; a command takes two of them, of which the low 24 bits count.
+//!
+//! Status word: bit 14 while the internal buffer does not take the next line; bit 15 with a code in bits 7-0 while
+//! the transfer cannot go on.
+//!
+//! What the manual leaves open: the codes are the numbers of the errors that a command line would get: 3 a header
+//! against the rules or a command that does not exist, 5 no internal buffer; the error stays as long as its reason and no
+//! index moves meanwhile. A header whose size is 0 is not in use. PMAC's index and the status are PMAC's while I57 is
+//! set and the size is not 0; the host sets the index up before. The number base of the coordinate system is a setting.
+
+use std::ops::Range;
+
+use crate::format::int24;
+use crate::map::classic::{ROTARY_BUSY, ROTARY_ERROR, rotary_header};
+use crate::sim::board::{Board, MOTORS, offsets};
+use crate::sim::fault::Delay;
+use crate::sim::program::Programs;
+use crate::sim::program::binary::{Command, START_OF_LINE};
+use crate::sim::program::rotary::AppendError;
+
+/// What has to stand at the host's index.
+const END_MARKER: Command = (0x00_0800, 0x00_FFFF);
+/// 32-bit words of a command.
+const COMMAND: u16 = 2;
+/// Smallest buffer in 32-bit words.
+const SMALLEST: u16 = 6;
+/// Error codes: numbers of command errors.
+const BAD_HEADER: u16 = 3;
+const NO_COMMAND: u16 = 3;
+const NO_BUFFER: u16 = 5;
+
+/// The header as it stands in the DPRAM.
+#[derive(Debug, Clone, Copy)]
+struct Header {
+    cs: u16,
+    host: u16,
+    pmac: u16,
+    size: u16,
+    start: u16,
+}
+
+/// What a buffer's transfer remembers.
+#[derive(Debug, Clone, Default)]
+pub struct RotaryTransfer {
+    /// I57 was set and the header in use at the last pass.
+    running: bool,
+    span: Option<Range<u32>>,
+    /// PMAC's index at the end of the last pass.
+    index: u16,
+    /// The commands between the indexes, as they were at the last pass.
+    seen: Vec<Command>,
+    delay: Delay,
+    /// Where PMAC's index goes after a pass in the middle of a line.
+    rest: Option<u16>,
+}
+
+impl RotaryTransfer {
+    /// The bytes that the buffer takes, while it is in use.
+    #[must_use]
+    pub fn span(&self) -> Option<Range<u32>> {
+        self.span.clone()
+    }
+
+    /// One background pass; `number` is 0 for the first buffer, 1 for the second.
+    pub fn poll(&mut self, number: usize, board: &mut Board, programs: &mut Programs) {
+        let header = read_header(number, board);
+        if board.variables.i(57) != 1.0 || header.size == 0 {
+            *self = Self::default();
+            return;
+        }
+        let cycle = board.stats.servo_cycles;
+        let [status, index] =
+            [rotary_header::STATUS, rotary_header::PMAC_INDEX].map(|word| offset(number, word));
+        let dpram = &mut board.memory.dpram;
+        if self.running {
+            board.judge.pmacs_word(status, cycle, dpram);
+            board.judge.pmacs_word(index, cycle, dpram);
+        } else {
+            // Up to now the host may have set it up.
+            dpram.adopt(index, header.pmac);
+        }
+        self.running = true;
+        let subject = ["the first rotary buffer", "the second rotary buffer"][number];
+        let found = match check(header, board.rotary_cs_base) {
+            Ok(cs) => {
+                board.judge.state(cycle, subject, None);
+                self.transfer(number, header, cs, board, programs)
+            }
+            Err(what) => {
+                board.judge.state(cycle, subject, Some(format!("{subject}: {what}")));
+                self.seen.clear();
+                self.span = None;
+                ROTARY_ERROR | BAD_HEADER
+            }
+        };
+        board.memory.dpram.write16(status, found);
+    }
+
+    /// Takes what can be taken; gives the status word.
+    fn transfer(
+        &mut self,
+        number: usize,
+        mut header: Header,
+        cs: usize,
+        board: &mut Board,
+        programs: &mut Programs,
+    ) -> u16 {
+        let first = u32::from(offsets::open_offset(header.start).unwrap_or(0));
+        self.span = Some(first..first + 4 * u32::from(header.size));
+        if let Some(target) = self.rest.take() {
+            header.pmac = target;
+            self.move_index(number, target, board);
+        }
+        if header.pmac != self.index {
+            self.seen.clear();
+        }
+        let commands = commands(header, board);
+        self.judge(header, &commands, board);
+        let available = self.seen.len().min(commands.len());
+        let fault = board.faults.rotary.clone();
+        let (mut taken, mut status) = (0, 0);
+        if available > 0 && !fault.stuck && self.delay.over(fault.late) {
+            while taken < available {
+                let length = line_length(&commands[taken..available]);
+                let line = &commands[taken..taken + length];
+                status = append(cs, line, board, programs);
+                if status != 0 {
+                    break;
+                }
+                taken += length;
+                board.memory.dpram.order_reads();
+                let target = (header.pmac + COMMAND * taken as u16) % header.size;
+                if fault.torn && length > 1 {
+                    self.rest = Some(target);
+                    let middle = (target + header.size - COMMAND) % header.size;
+                    self.move_index(number, middle, board);
+                    break;
+                }
+                self.move_index(number, target, board);
+            }
+        }
+        self.seen = commands[taken..].to_vec();
+        self.index = (header.pmac + COMMAND * taken as u16) % header.size;
+        status
+    }
+
+    fn move_index(&self, number: usize, to: u16, board: &mut Board) {
+        board.memory.dpram.write16(offset(number, rotary_header::PMAC_INDEX), to);
+    }
+
+    fn judge(&self, header: Header, commands: &[Command], board: &mut Board) {
+        let Header { host, pmac, size, .. } = header;
+        let cycle = board.stats.servo_cycles;
+        let known = self.seen.len();
+        if commands.len() < known {
+            board.judge.record(cycle, &format!("the rotary host index went back to {host}"));
+        }
+        if commands.iter().zip(&self.seen).any(|(now, seen)| now != seen) {
+            board.judge.record(cycle, "rotary commands changed after the host index had passed them");
+        }
+        let Some(fresh) = commands.get(known..).filter(|fresh| !fresh.is_empty()) else { return };
+        if fresh[0].0 & START_OF_LINE == 0 {
+            let at = (pmac + COMMAND * known as u16) % size;
+            board.judge.record(cycle, &format!("the rotary host index had split a line at {at}"));
+        }
+        // A host that is quick has begun to write the next line over the marker; that has the same bit.
+        let marker = command(header, host, board);
+        if marker.0 & START_OF_LINE == 0 || marker.0 == END_MARKER.0 && marker != END_MARKER {
+            board.judge.record(cycle, &format!("there is no end marker at the rotary host index {host}"));
+        }
+        if COMMAND * commands.len() as u16 > size - 4 {
+            let what = format!("the rotary host index {host} goes beyond full: PMAC's is {pmac} of {size}");
+            board.judge.record(cycle, &what);
+        }
+    }
+}
+
+/// Gives a line to the internal buffer; what the status word says of it.
+fn append(cs: usize, line: &[Command], board: &mut Board, programs: &mut Programs) -> u16 {
+    if programs.rotary_remaining(cs).is_none() {
+        return ROTARY_ERROR | NO_BUFFER;
+    }
+    if !programs.rotary_room(cs, line.len()) {
+        return ROTARY_BUSY;
+    }
+    match programs.rotary_append(board, cs, line) {
+        Ok(()) => 0,
+        Err(AppendError::Full) => ROTARY_BUSY,
+        Err(AppendError::Undefined) => ROTARY_ERROR | NO_BUFFER,
+        Err(AppendError::Command(_)) => ROTARY_ERROR | NO_COMMAND,
+    }
+}
+
+/// The 0-based coordinate system, when the header keeps the rules.
+fn check(header: Header, base: u16) -> Result<usize, String> {
+    let Header { cs, host, pmac, size, start } = header;
+    if size < SMALLEST || !size.is_multiple_of(COMMAND) {
+        return Err(format!("its size is {size}: even and at least {SMALLEST} it has to be"));
+    }
+    let room = (offsets::LENGTH / 4) as u32 - u32::from(start.wrapping_sub(offsets::BASE));
+    if offsets::open_offset(start).is_none() || u32::from(size) > room {
+        return Err(format!("{size} words at ${start:04X} do not lie in $D200-$DFFF"));
+    }
+    for (whose, index) in [("host", host), ("PMAC", pmac)] {
+        if index >= size || !index.is_multiple_of(COMMAND) {
+            return Err(format!("the {whose} index is {index}, the size {size}"));
+        }
+    }
+    cs.checked_sub(base)
+        .map(usize::from)
+        .filter(|&cs| cs < MOTORS)
+        .ok_or_else(|| format!("there is no coordinate system {cs} counted from {base}"))
+}
+
+fn offset(number: usize, word: usize) -> u16 {
+    offsets::ROTARY[number] + 2 * word as u16
+}
+
+fn read_header(number: usize, board: &Board) -> Header {
+    let read = |word| board.memory.dpram.read16(offset(number, word));
+    let header = Header {
+        cs: read(rotary_header::COORDINATE_SYSTEM),
+        host: read(rotary_header::HOST_INDEX),
+        pmac: read(rotary_header::PMAC_INDEX),
+        size: read(rotary_header::SIZE),
+        start: read(rotary_header::START),
+    };
+    board.memory.dpram.order_reads();
+    header
+}
+
+/// The command at an index.
+fn command(header: Header, index: u16, board: &Board) -> Command {
+    let at = offsets::open_offset(header.start).unwrap_or(0) + 4 * (index % header.size);
+    let word = |at| int24::unsigned(board.memory.dpram.read32(at));
+    (word(at), word(at + 4))
+}
+
+/// The commands between the indexes, in order.
+fn commands(header: Header, board: &Board) -> Vec<Command> {
+    let used = (header.host + header.size - header.pmac) % header.size;
+    (0..used)
+        .step_by(COMMAND.into())
+        .map(|step| command(header, (header.pmac + step) % header.size, board))
+        .collect()
+}
+
+/// Commands up to the next start of a line.
+fn line_length(commands: &[Command]) -> usize {
+    let next = commands.iter().skip(1).position(|command| command.0 & START_OF_LINE != 0);
+    next.map_or(commands.len(), |position| position + 1)
+}
+
+#[cfg(test)]
+#[path = "rotary_tests.rs"]
+mod tests;

@@ -1,0 +1,102 @@
+//! Commands on variables: reports, assignments, M-variable definitions, each for one number or a range.
+
+use std::ops::RangeInclusive;
+
+use crate::sim::board::error::CommandError;
+use crate::sim::board::number::decimal;
+use crate::sim::board::variables::VariableKind;
+use crate::sim::language::expression::{evaluate, variable_number};
+use crate::sim::language::interpreter::Line;
+use crate::sim::language::m_definition::definition;
+use crate::sim::language::reply::Outcome;
+
+impl Line<'_, '_> {
+    /// I, P, Q or M with a number; P and Q alone are commands of their own.
+    pub(super) fn variable(&mut self, letter: u8) -> Outcome {
+        let numbered = self.scanner.peek().is_some_and(|c| c.is_ascii_digit() || c == b'(');
+        if !numbered {
+            return match letter {
+                b'P' => self.report_position(),
+                b'Q' => self.quit(),
+                _ => Err(CommandError::SYNTAX),
+            };
+        }
+        let kind = VariableKind::from_letter(letter).ok_or(CommandError::SYNTAX)?;
+        let numbers = self.numbers()?;
+        if kind == VariableKind::M {
+            if self.scanner.take_tight(b"->") {
+                return self.m_definitions(numbers);
+            }
+            if self.at_synchronous_assignment() {
+                return Err(CommandError::NO_OPEN_BUFFER);
+            }
+        }
+        if self.scanner.take(b'=') { self.assign(kind, numbers) } else { self.report(kind, numbers) }
+    }
+
+    /// `5`, `(expression)` or `1..8`.
+    fn numbers(&mut self) -> Result<RangeInclusive<usize>, CommandError> {
+        let cs = self.interpreter.cs;
+        let first = variable_number(&mut self.scanner, self.board, cs)?;
+        let last = if self.scanner.take_text(b"..") {
+            variable_number(&mut self.scanner, self.board, cs)?
+        } else {
+            first
+        };
+        if first <= last { Ok(first..=last) } else { Err(CommandError::SYNTAX) }
+    }
+
+    fn assign(&mut self, kind: VariableKind, numbers: RangeInclusive<usize>) -> Outcome {
+        if kind == VariableKind::I && self.scanner.take(b'*') {
+            for number in numbers {
+                let default = self.board.variables.default_i(number);
+                self.board.assign(kind, 0, number, default);
+            }
+            return Ok(());
+        }
+        let cs = self.interpreter.cs;
+        let value = evaluate(&mut self.scanner, self.board, cs)?;
+        for number in numbers {
+            self.board.assign(kind, cs, number, value);
+        }
+        Ok(())
+    }
+
+    fn report(&mut self, kind: VariableKind, numbers: RangeInclusive<usize>) -> Outcome {
+        let variables = &self.board.variables;
+        for number in numbers {
+            let text = match kind {
+                VariableKind::I if variables.long_listing() => {
+                    format!("I{number}={}", variables.i_text(number))
+                }
+                VariableKind::I => variables.i_text(number),
+                _ => {
+                    let value = self.board.value(kind, self.interpreter.cs, number);
+                    decimal(value, variables.family().decimals)
+                }
+            };
+            self.lines.push(text);
+        }
+        Ok(())
+    }
+
+    fn m_definitions(&mut self, numbers: RangeInclusive<usize>) -> Outcome {
+        let last = self.board.variables.family().last_address;
+        let definition = definition(&mut self.scanner, last)?;
+        for number in numbers {
+            if let Some(definition) = &definition {
+                self.board.variables.define_m(number, definition.clone());
+                continue;
+            }
+            let text = self.board.variables.m_definition(number).text();
+            let long = self.board.variables.long_listing();
+            self.lines.push(if long { format!("M{number}->{text}") } else { text });
+        }
+        Ok(())
+    }
+
+    /// `M1==`, `M1&=`, `M1|=`, `M1^=`: statements that a program carries out at the start of its next move.
+    fn at_synchronous_assignment(&mut self) -> bool {
+        [b"==", b"&=", b"|=", b"^="].into_iter().any(|text| self.scanner.clone().take_text(text))
+    }
+}

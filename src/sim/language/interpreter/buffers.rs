@@ -1,0 +1,289 @@
+//! Commands on program and table buffers: open, close, clear, define, delete, PLC switches, `PC`, `PE`, `PR`, `LEARN`
+//! (Software Reference, on-line commands; Turbo Software Reference p. 381 for what opening a program forbids).
+
+use crate::sim::board::error::CommandError;
+use crate::sim::board::number::decimal;
+use crate::sim::language::interpreter::Line;
+use crate::sim::language::reply::Outcome;
+use crate::sim::language::words::BufferCommand;
+use crate::sim::program::item::{AXES, Data, Item};
+use crate::sim::program::parse::numbers;
+use crate::sim::program::store::{LAST_PROGRAM, Open, PLCS, PROTECTED, Table, TableKind};
+
+#[derive(Debug, Clone, Copy)]
+enum Opened {
+    Program,
+    Rotary,
+    Plc,
+}
+
+const OPENED: &[(&str, Opened)] = &[
+    ("PROG", Opened::Program),
+    ("PROGRAM", Opened::Program),
+    ("ROT", Opened::Rotary),
+    ("ROTARY", Opened::Rotary),
+    ("PLC", Opened::Plc),
+];
+
+#[derive(Debug, Clone, Copy)]
+enum Kind {
+    Rotary,
+    Table(TableKind),
+    /// Named by the manual, takes nothing here.
+    Nothing,
+}
+
+const KINDS: &[(&str, Kind)] = &[
+    ("ROT", Kind::Rotary),
+    ("ROTARY", Kind::Rotary),
+    ("UBUFFER", Kind::Table(TableKind::User)),
+    ("UBUF", Kind::Table(TableKind::User)),
+    ("TBUF", Kind::Table(TableKind::Transformation)),
+    ("COMP", Kind::Table(TableKind::Leadscrew)),
+    ("TCOMP", Kind::Table(TableKind::Torque)),
+    ("BLCOMP", Kind::Table(TableKind::Backlash)),
+    ("CCBUF", Kind::Table(TableKind::Cutter)),
+    ("TRACE", Kind::Nothing),
+    ("TEMPS", Kind::Nothing),
+];
+
+impl Line<'_, '_> {
+    pub(super) fn buffer_command(&mut self, command: BufferCommand) -> Outcome {
+        self.store_items()?;
+        let cs = self.interpreter.cs;
+        match command {
+            BufferCommand::Open => self.open(),
+            BufferCommand::Close => {
+                self.programs.store.close();
+                Ok(())
+            }
+            BufferCommand::Clear => self.clear(),
+            BufferCommand::Learn => self.learn(),
+            BufferCommand::List => self.list(),
+            BufferCommand::Calculated => {
+                let text = self.calculated_text().ok_or(CommandError::SYNTAX)?;
+                self.answer(text)
+            }
+            BufferCommand::Executed => {
+                let (program, _, offset) = self.executed().ok_or(CommandError::SYNTAX)?;
+                self.answer(format!("P{program}:{offset}"))
+            }
+            BufferCommand::RotaryRemaining => {
+                let lines = self.programs.rotary_remaining(cs).ok_or(CommandError::SYNTAX)?;
+                self.answer(lines.to_string())
+            }
+            BufferCommand::Plc(enable) => {
+                if !self.scanner.take_text(b"PLC") {
+                    return Err(CommandError::SYNTAX);
+                }
+                if self.scanner.take_text(b"C") {
+                    // Compiled PLCs come from a host's compiler; this board has none to switch.
+                    numbers(&mut self.scanner, 0, PLCS - 1)?;
+                    return Ok(());
+                }
+                let plcs = numbers(&mut self.scanner, 0, PLCS - 1)?;
+                self.programs.enable_plcs(plcs as u32, enable);
+                Ok(())
+            }
+            BufferCommand::Match => {
+                if let Some(system) = self.programs.systems.get_mut(cs).filter(|system| !system.running) {
+                    system.rematch = true;
+                }
+                Ok(())
+            }
+        }
+    }
+
+    fn open(&mut self) -> Outcome {
+        let which = self.scanner.keyword(&[OPENED]).ok_or(CommandError::SYNTAX)?;
+        let open = match which {
+            Opened::Rotary => Open::Rotary,
+            Opened::Program => {
+                self.scanner.take_text(b"RAM");
+                match self.scanner.integer()? {
+                    number @ 1..=LAST_PROGRAM => Open::Program(number as u32),
+                    _ => return Err(CommandError::SYNTAX),
+                }
+            }
+            Opened::Plc => match self.scanner.integer()? {
+                number if number < PLCS => Open::Plc(number),
+                _ => return Err(CommandError::SYNTAX),
+            },
+        };
+        if self.programs.store.open().is_some() {
+            return Err(CommandError::BUFFER_IN_USE);
+        }
+        match open {
+            Open::Program(number) => {
+                self.accessible(number as usize >= PROTECTED)?;
+                if self.programs.any_runs() {
+                    return Err(CommandError::RUNNING);
+                }
+                self.programs.reset_pointers();
+            }
+            Open::Plc(number) => {
+                self.accessible(true)?;
+                self.programs.enable_plcs(1 << number, false);
+            }
+            Open::Rotary => {}
+        }
+        self.programs.store.open_buffer(open)
+    }
+
+    /// ERR002 for what is behind the password.
+    pub(super) fn accessible(&self, protected: bool) -> Outcome {
+        if protected && !self.board.variables.password.is_open() {
+            return Err(CommandError::PASSWORD);
+        }
+        Ok(())
+    }
+
+    fn clear(&mut self) -> Outcome {
+        let cs = self.interpreter.cs;
+        let rotary = self.programs.store.rotary_is_open();
+        if rotary && self.programs.systems.get(cs).is_some_and(|system| system.running) {
+            return Err(CommandError::RUNNING);
+        }
+        self.programs.store.clear(cs)?;
+        if rotary {
+            // The pointer was to a line that is gone.
+            if self.programs.systems[cs].cursor.is_some_and(|cursor| cursor.program == 0) {
+                self.programs.begin(self.board, cs, 0.0)?;
+            }
+            self.programs.note_rotary(self.board, cs);
+        }
+        Ok(())
+    }
+
+    /// `LEARN`, with or without axes in parentheses: a line with the present commanded positions.
+    fn learn(&mut self) -> Outcome {
+        let list = crate::sim::language::axis::parse_list(&mut self.scanner)?;
+        if self.programs.store.open().is_none() {
+            return Err(CommandError::NO_OPEN_BUFFER);
+        }
+        let cs = self.interpreter.cs;
+        let mut axes = [0.0; AXES.len()];
+        self.board.axis_positions(cs, &mut axes);
+        for (index, letter) in AXES.iter().enumerate() {
+            let wanted = match &list {
+                Some(list) => list.contains(&char::from(*letter)),
+                None => !self.board.motors_on(cs, index).is_empty(),
+            };
+            if wanted {
+                let position = decimal(axes[index], self.board.variables.family().decimals);
+                let position = position.parse().unwrap_or(axes[index]);
+                self.items.push(Item::Axis(index, Data::Constant(position), None));
+            }
+        }
+        self.store_items()
+    }
+
+    /// `DEFINE` of anything but a gather buffer: sizes in long words, entries or counts.
+    pub(super) fn define_buffer(&mut self) -> Outcome {
+        let kind = self.scanner.keyword(&[KINDS]).ok_or(CommandError::SYNTAX)?;
+        let size = self.scanner.integer()?;
+        let (cs, motor) = (self.interpreter.cs, self.interpreter.motor);
+        let free = self.programs.free_memory(self.board);
+        if self.board.gather_is_defined() {
+            return Err(CommandError::SYNTAX);
+        }
+        let kind = match kind {
+            Kind::Nothing => return Err(CommandError::SYNTAX),
+            Kind::Rotary => return self.programs.store.define_rotary(cs, size, free),
+            Kind::Table(kind) => kind,
+        };
+        let (mut motors, mut desired) = ([motor; 2], false);
+        let (owner, span) = match kind {
+            TableKind::Leadscrew | TableKind::Torque | TableKind::Backlash => {
+                self.scanner.expect(b',')?;
+                if kind == TableKind::Leadscrew {
+                    (motors, desired) = self.compensated_motors()?;
+                }
+                (motor, self.scanner.unsigned()?)
+            }
+            TableKind::Cutter => (cs, 0.0),
+            TableKind::User | TableKind::Transformation => (0, 0.0),
+        };
+        if size == 0 {
+            return Err(CommandError::SYNTAX);
+        }
+        if size as i64 > free {
+            return Err(CommandError::NO_ROOM);
+        }
+        let tables = &mut self.programs.store.tables;
+        if tables.iter().any(|table| table.kind == kind && table.owner == owner) {
+            return Err(CommandError::SYNTAX);
+        }
+        tables.push(Table { kind, owner, size, span, motors, desired, entries: Vec::new() });
+        Ok(())
+    }
+
+    /// `[#source[D],][#target,]` of `DEFINE COMP`; both are the addressed motor unless named.
+    fn compensated_motors(&mut self) -> Result<([usize; 2], bool), CommandError> {
+        let (mut motors, mut desired) = ([self.interpreter.motor; 2], false);
+        for (index, motor) in motors.iter_mut().enumerate() {
+            if !self.scanner.take(b'#') {
+                break;
+            }
+            *motor = match self.scanner.integer()? {
+                number if (1..=self.board.variables.family().motors).contains(&number) => number - 1,
+                _ => return Err(CommandError::SYNTAX),
+            };
+            desired |= index == 0 && self.scanner.take(b'D');
+            self.scanner.expect(b',')?;
+        }
+        Ok((motors, desired))
+    }
+
+    /// `DELETE` of anything but a gather buffer.
+    pub(super) fn delete_buffer(&mut self) -> Outcome {
+        let (cs, motor) = (self.interpreter.cs, self.interpreter.motor);
+        let kind = self.scanner.keyword(&[KINDS]).ok_or(CommandError::SYNTAX)?;
+        match kind {
+            Kind::Nothing => Ok(()),
+            Kind::Rotary => {
+                if self.programs.systems.get(cs).is_some_and(|system| system.running) {
+                    return Err(CommandError::RUNNING);
+                }
+                self.programs.store.delete_rotary(cs)?;
+                let system = &mut self.programs.systems[cs];
+                if system.cursor.is_some_and(|cursor| cursor.program == 0) {
+                    system.point(None);
+                }
+                self.programs.note_rotary(self.board, cs);
+                Ok(())
+            }
+            Kind::Table(kind) => {
+                let owner = match kind {
+                    TableKind::Leadscrew | TableKind::Torque | TableKind::Backlash => motor,
+                    TableKind::Cutter => cs,
+                    TableKind::User | TableKind::Transformation => 0,
+                };
+                let tables = &mut self.programs.store.tables;
+                let before = tables.len();
+                tables.retain(|table| table.kind != kind || table.owner != owner);
+                if tables.len() == before { Err(CommandError::SYNTAX) } else { Ok(()) }
+            }
+        }
+    }
+
+    /// `DELETE ALL`: every buffer that is no program.
+    pub(super) fn delete_all(&mut self) -> Outcome {
+        if self.programs.any_runs() {
+            return Err(CommandError::RUNNING);
+        }
+        if self.programs.store.rotary_is_open() {
+            return Err(CommandError::BUFFER_IN_USE);
+        }
+        self.board.delete_gather()?;
+        self.programs.store.delete_all();
+        for cs in 0..self.board.variables.family().coordinate_systems {
+            let system = &mut self.programs.systems[cs];
+            if system.cursor.is_some_and(|cursor| cursor.program == 0) {
+                system.point(None);
+            }
+            self.programs.note_rotary(self.board, cs);
+        }
+        Ok(())
+    }
+}

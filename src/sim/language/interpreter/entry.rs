@@ -1,0 +1,58 @@
+//! Lines that go into an open buffer: statements are collected and stored as one program line when the line ends.
+//!
+//! Everything that is no statement is carried out at once, as without a buffer (Software Reference p. 273).
+
+use crate::sim::board::error::CommandError;
+use crate::sim::language::interpreter::Line;
+use crate::sim::language::reply::Outcome;
+use crate::sim::program::parse::{self, Kind};
+use crate::sim::program::store::{Open, TableKind};
+
+impl Line<'_, '_> {
+    /// Takes a program statement when a buffer is open for it; says whether there was one.
+    pub(super) fn program_statement(&mut self) -> Result<bool, CommandError> {
+        let kind = match self.programs.store.open() {
+            None => return Ok(false),
+            Some(Open::Program(_)) => Kind::Motion,
+            Some(Open::Rotary) => Kind::Rotary,
+            Some(Open::Plc(_)) => Kind::Plc,
+        };
+        let Some(item) = parse::item(&mut self.scanner, self.board, kind)? else { return Ok(false) };
+        if kind == Kind::Rotary && self.programs.store.rotary(self.interpreter.cs).is_none() {
+            return Err(CommandError::NO_OPEN_BUFFER);
+        }
+        self.items.push(item);
+        Ok(true)
+    }
+
+    /// Stores the statements collected so far as a program line.
+    pub(super) fn store_items(&mut self) -> Outcome {
+        if self.items.is_empty() {
+            return Ok(());
+        }
+        let items = std::mem::take(&mut self.items);
+        let (cs, free) = (self.interpreter.cs, self.programs.free_memory(self.board));
+        self.programs.store.append(cs, items, free)?;
+        if self.programs.store.rotary_is_open() {
+            self.programs.note_rotary(self.board, cs);
+        }
+        Ok(())
+    }
+
+    /// Gives `value` to the table that is not full, if there is one.
+    pub(super) fn table_entry(&mut self, value: f64) -> bool {
+        let tables = &mut self.programs.store.tables;
+        let open = tables.iter_mut().rev().find(|table| table.takes_entries());
+        if let Some(table) = open {
+            table.entries.push(value);
+            return true;
+        }
+        false
+    }
+
+    /// The table of `kind` of the addressed motor.
+    pub(super) fn table(&self, kind: TableKind) -> Option<&crate::sim::program::store::Table> {
+        let tables = &self.programs.store.tables;
+        tables.iter().find(|table| table.kind == kind && table.owner == self.interpreter.motor)
+    }
+}

@@ -1,0 +1,200 @@
+//! `LIST`: one program line a reply line, short keywords while I9 is even; with a start or a length, and for the lines
+//! under calculation and execution, with the line's offset before it.
+
+use std::sync::Arc;
+
+use crate::sim::board::error::CommandError;
+use crate::sim::board::number::decimal;
+use crate::sim::language::interpreter::Line;
+use crate::sim::language::reply::Outcome;
+use crate::sim::program::store::{PLCS, PROTECTED, TableKind};
+use crate::sim::program::{item, text};
+
+#[derive(Debug, Clone, Copy)]
+enum What {
+    Program,
+    Plc,
+    Rotary,
+    Calculated,
+    Executed,
+    Table(TableKind),
+    Gather,
+    Empty,
+}
+
+const WHAT: &[(&str, What)] = &[
+    ("PROG", What::Program),
+    ("PROGRAM", What::Program),
+    ("PLC", What::Plc),
+    ("ROT", What::Rotary),
+    ("ROTARY", What::Rotary),
+    ("PC", What::Calculated),
+    ("PE", What::Executed),
+    ("COMP", What::Table(TableKind::Leadscrew)),
+    ("TCOMP", What::Table(TableKind::Torque)),
+    ("BLCOMP", What::Table(TableKind::Backlash)),
+    ("GATHER", What::Gather),
+    ("GAT", What::Gather),
+    ("LINK", What::Empty),
+    ("LDS", What::Empty),
+];
+
+/// The most values of one `LIST GATHER` line.
+const GATHERED_A_LINE: usize = 8;
+
+type Lines = Vec<Arc<item::Line>>;
+
+impl Line<'_, '_> {
+    pub(super) fn list(&mut self) -> Outcome {
+        let Some(what) = self.scanner.keyword(&[WHAT]) else { return self.list_open() };
+        let cs = self.interpreter.cs;
+        let store = &self.programs.store;
+        match what {
+            What::Program => {
+                let number = self.scanner.integer()?;
+                self.accessible(number >= PROTECTED)?;
+                let program =
+                    u32::try_from(number).ok().and_then(|number| self.programs.store.program(number));
+                let lines: Lines = program.ok_or(CommandError::SYNTAX)?.lines().cloned().collect();
+                self.list_range(lines)
+            }
+            What::Plc => {
+                let number = self.scanner.integer()?;
+                if number >= PLCS {
+                    return Err(CommandError::SYNTAX);
+                }
+                self.accessible(true)?;
+                let plc = self.programs.store.plc(number).ok_or(CommandError::SYNTAX)?;
+                let lines: Lines = plc.lines().cloned().collect();
+                if lines.is_empty() { Err(CommandError::SYNTAX) } else { self.list_range(lines) }
+            }
+            What::Rotary => {
+                let lines: Lines = store.rotary(cs).ok_or(CommandError::SYNTAX)?.lines().cloned().collect();
+                self.list_range(lines)
+            }
+            What::Calculated => {
+                let cursor = self.programs.systems.get(cs).and_then(|system| system.cursor);
+                let cursor = cursor.ok_or(CommandError::SYNTAX)?;
+                self.list_from(cursor.program, cursor.line)
+            }
+            What::Executed => {
+                let (program, line, _) = self.executed().ok_or(CommandError::SYNTAX)?;
+                self.list_from(program, line)
+            }
+            What::Table(kind) => self.list_table(kind),
+            What::Gather => self.list_gather(),
+            What::Empty => Ok(()),
+        }
+    }
+
+    fn list_open(&mut self) -> Outcome {
+        let store = &self.programs.store;
+        let lines: Lines = match store.open().ok_or(CommandError::NO_OPEN_BUFFER)? {
+            crate::sim::program::store::Open::Rotary => {
+                let rotary = store.rotary(self.interpreter.cs).ok_or(CommandError::NO_OPEN_BUFFER)?;
+                rotary.lines().cloned().collect()
+            }
+            _ => store.open_program().map(|program| program.lines().cloned().collect()).unwrap_or_default(),
+        };
+        self.list_range(lines)
+    }
+
+    /// `[,[start][,length]]` in long words; then lines have their offset before them.
+    fn list_range(&mut self, lines: Lines) -> Outcome {
+        let (mut start, mut end, mut offsets) = (0, usize::MAX, false);
+        if self.scanner.take(b',') {
+            offsets = true;
+            if self.scanner.at_unsigned() {
+                start = self.scanner.integer()?;
+            }
+            if self.scanner.take(b',') {
+                end = start.saturating_add(self.scanner.integer()?);
+            }
+        }
+        for line in lines.iter().filter(|line| (start..end).contains(&line.offset)) {
+            let text = self.line_text(line);
+            self.lines.push(if offsets { format!("{}:{text}", line.offset) } else { text });
+        }
+        Ok(())
+    }
+
+    /// `LIST PC` and `LIST PE`: `P1:22:X10 Y20`, or with `,[n]` so many lines as `22:X10 Y20`.
+    fn list_from(&mut self, program: u32, first: u64) -> Outcome {
+        let count = if self.scanner.take(b',') {
+            let count = if self.scanner.at_unsigned() { self.scanner.integer()? } else { 1 };
+            // A further number is the count, and the one before it lines to leave out.
+            if self.scanner.take(b',') { Some(self.scanner.integer()?) } else { Some(count) }
+        } else {
+            None
+        };
+        let store = &self.programs.store;
+        let line = |number: u64| match program {
+            0 => store.rotary(self.interpreter.cs)?.line(number).cloned(),
+            program => store.program(program)?.line(number).cloned(),
+        };
+        let lines: Lines = (first..).map_while(line).take(count.unwrap_or(1)).collect();
+        for line in lines {
+            let text = self.line_text(&line);
+            let place = if count.is_none() { format!("P{program}:") } else { String::new() };
+            self.lines.push(format!("{place}{}:{text}", line.offset));
+        }
+        Ok(())
+    }
+
+    fn line_text(&self, line: &item::Line) -> String {
+        text::line(line, self.board.variables.long_listing())
+    }
+
+    fn list_table(&mut self, kind: TableKind) -> Outcome {
+        let definition = self.scanner.take_text(b"DEF");
+        let decimals = self.board.variables.family().decimals;
+        let table = self.table(kind).ok_or(CommandError::SYNTAX)?;
+        let texts = if definition {
+            vec![format!("{},{}", table.size, decimal(table.span, decimals))]
+        } else {
+            table.entries.iter().map(|entry| decimal(*entry, decimals)).collect()
+        };
+        self.lines.extend(texts);
+        Ok(())
+    }
+
+    /// `LIST GATHER [start][,count]`: what is gathered in PMAC's own memory, 24-bit words in hex.
+    fn list_gather(&mut self) -> Outcome {
+        let start = if self.scanner.at_unsigned() { self.scanner.integer()? } else { 0 };
+        let count = if self.scanner.take(b',') { self.scanner.integer()? } else { usize::MAX };
+        if !self.board.gather_is_defined() {
+            return Err(CommandError::SYNTAX);
+        }
+        let words: Vec<u32> = self.board.gathered().iter().skip(start).take(count).copied().collect();
+        for chunk in words.chunks(GATHERED_A_LINE) {
+            let texts: Vec<String> = chunk.iter().map(|word| format!("{word:06X}")).collect();
+            self.lines.push(texts.join(" "));
+        }
+        Ok(())
+    }
+
+    /// The line under execution: program, line number, offset. The one to be calculated when none has been executed yet.
+    pub(super) fn executed(&self) -> Option<(u32, u64, usize)> {
+        let cs = self.interpreter.cs;
+        let system = self.programs.systems.get(cs)?;
+        let cursor = system.cursor?;
+        let offset = self.programs.offset(cs, cursor);
+        let at_cursor = (cursor.program, cursor.line, offset);
+        // Starved or at rest, execution stands where calculation does.
+        let executing = system.executing.filter(|_| !system.trajectory.is_idle());
+        Some(executing.unwrap_or(at_cursor))
+    }
+
+    /// `P1:22`, and what called it as `>2.10`.
+    pub(super) fn calculated_text(&self) -> Option<String> {
+        let cs = self.interpreter.cs;
+        let system = self.programs.systems.get(cs)?;
+        let programs = &self.programs;
+        let cursor = system.cursor?;
+        let mut text = format!("P{}:{}", cursor.program, programs.offset(cs, cursor));
+        for frame in system.frames.iter().rev() {
+            text += &format!(">{}.{}", frame.back.program, programs.offset(cs, frame.back));
+        }
+        Some(text)
+    }
+}

@@ -1,0 +1,260 @@
+//! One command line, command by command, and the addressed motor and coordinate system.
+//!
+//! Commands of a line are carried out from left to right as they are read. The first one that fails ends the line: what
+//! stands to the left of it is done, what stands to the right is not looked at. `#n` and `&n` stay in force for later
+//! lines. A classic board has one such pair for all its ports, so its ports share one [`Interpreter`].
+
+mod assign;
+mod buffers;
+mod coordinate;
+mod entry;
+mod list;
+mod memory;
+mod motor;
+mod system;
+
+use crate::sim::board::Board;
+use crate::sim::board::axes::{AxisMode, is_axis};
+use crate::sim::board::error::CommandError;
+use crate::sim::board::variables::VariableKind;
+use crate::sim::language::reply::{LONGEST_LINE, Outcome, Reply};
+use crate::sim::language::scanner::Scanner;
+use crate::sim::language::words::{self, Word};
+use crate::sim::program::Programs;
+use crate::sim::program::item::Item;
+
+/// The state of a conversation: which motor, coordinate system and card commands are meant for.
+#[derive(Debug, Clone, Default)]
+pub struct Interpreter {
+    pub(super) motor: usize,
+    pub(super) cs: usize,
+    card: u8,
+}
+
+/// One command line under way.
+pub(super) struct Line<'a, 'b> {
+    pub(super) interpreter: &'a mut Interpreter,
+    pub(super) board: &'a mut Board,
+    pub(super) programs: &'a mut Programs,
+    pub(super) scanner: Scanner<'b>,
+    pub(super) lines: Vec<String>,
+    /// The items of the program line under entry.
+    pub(super) items: Vec<Item>,
+}
+
+impl Interpreter {
+    /// Motor 1, coordinate system 1, card 0.
+    #[must_use]
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// A conversation with the 0-based motor and coordinate system addressed.
+    #[must_use]
+    pub fn addressing(motor: usize, cs: usize) -> Self {
+        Self { motor, cs, card: 0 }
+    }
+
+    /// The addressed motor, 0-based.
+    #[must_use]
+    pub const fn motor(&self) -> usize {
+        self.motor
+    }
+
+    /// The addressed coordinate system, 0-based.
+    #[must_use]
+    pub const fn coordinate_system(&self) -> usize {
+        self.cs
+    }
+
+    /// Back to `#1 &1 @0`, as after power-up and reset.
+    pub fn reset(&mut self) {
+        *self = Self::default();
+    }
+
+    /// Carries out one line, without its end-of-line character. An empty line is valid and answers nothing.
+    ///
+    /// A line with a character above 127 is ERR004, one longer than 255 characters ERR003; neither is begun.
+    pub fn execute(&mut self, board: &mut Board, programs: &mut Programs, line: &[u8]) -> Reply {
+        if !line.is_ascii() {
+            return Reply { lines: Vec::new(), error: Some(CommandError::CHARACTER) };
+        }
+        if line.len() > LONGEST_LINE {
+            return Reply { lines: Vec::new(), error: Some(CommandError::SYNTAX) };
+        }
+        let scanner = Scanner::new(line);
+        let mut line =
+            Line { interpreter: self, board, programs, scanner, lines: Vec::new(), items: Vec::new() };
+        let result = line.run();
+        // What stands to the left of an error is stored.
+        let error = line.store_items().and(result).err();
+        Reply { lines: line.lines, error }
+    }
+
+    /// Carries out a control character that is a command of its own (1 is ^A). `None` when it is not one: then it does
+    /// nothing, or concerns the port's own line (backspace, enter, ^I, ^N, ^Y).
+    ///
+    /// `Some` with lines is a report; most characters answer nothing.
+    pub fn control(&mut self, board: &mut Board, programs: &mut Programs, character: u8) -> Option<Reply> {
+        if character == crate::sim::language::control::TAKE {
+            let line = crate::sim::language::control::dpram_line(board);
+            return Some(self.execute(board, programs, &line));
+        }
+        crate::sim::language::control::execute(board, programs, character)
+    }
+}
+
+impl Line<'_, '_> {
+    fn run(&mut self) -> Outcome {
+        if self.bare_constant()? {
+            return Ok(());
+        }
+        while self.scanner.peek().is_some() {
+            self.command()?;
+        }
+        Ok(())
+    }
+
+    /// A line that is a constant and nothing else assigns P0, or an entry of a table that is not full (User Manual p. 150).
+    fn bare_constant(&mut self) -> Result<bool, CommandError> {
+        if !self.scanner.at_constant() {
+            return Ok(false);
+        }
+        let value = self.scanner.constant()?;
+        if self.scanner.peek().is_some() {
+            return Err(CommandError::SYNTAX);
+        }
+        if !self.table_entry(value) {
+            self.board.assign(VariableKind::P, 0, 0, value);
+        }
+        Ok(true)
+    }
+
+    fn command(&mut self) -> Outcome {
+        if self.program_statement()? {
+            return Ok(());
+        }
+        // `$` before a hex digit is a number, and no command begins with one.
+        if self.scanner.at_constant() && self.scanner.peek() == Some(b'$') {
+            return Err(CommandError::SYNTAX);
+        }
+        if let Some(word) = self.scanner.keyword(words::TABLES) {
+            return self.word(word);
+        }
+        match self.scanner.next_character() {
+            Some(b'#') => self.address_motor(),
+            Some(b'&') => self.address_coordinate_system(),
+            Some(b'@') => self.address_card(),
+            Some(b'J') => self.jog(),
+            Some(b'K') => self.letter(Self::kill),
+            Some(b'O') => self.open_loop(),
+            Some(b'F') => self.letter(Self::report_following_error),
+            Some(b'H') => self.letter(Self::feed_hold),
+            Some(b'R') => self.letter(Self::run_program),
+            Some(b'S') => self.letter(Self::step_program),
+            Some(b'B') => self.point_to_program(),
+            Some(b'/') => self.stop_after_move(),
+            Some(b'\\') => self.program_hold(),
+            Some(b'%') => self.feedrate_override(),
+            Some(letter @ (b'I' | b'P' | b'Q' | b'M')) => self.variable(letter),
+            Some(axis) if is_axis(axis) => self.axis(axis),
+            // D, E, G, L, N, T: letters of program statements.
+            Some(letter) if letter.is_ascii_uppercase() => self.letter(|_| Err(CommandError::SYNTAX)),
+            _ => Err(CommandError::SYNTAX),
+        }
+    }
+
+    fn word(&mut self, word: Word) -> Outcome {
+        match word {
+            Word::Status(which) => self.status(which),
+            Word::ResetMotor => self.reset_motor(),
+            Word::AbsolutePosition => self.absolute_position(),
+            Word::Home => self.letter(Self::home),
+            Word::HomeZero => self.letter(Self::home_zero),
+            Word::Absolute => self.axis_mode(AxisMode::Absolute),
+            Word::Incremental => self.axis_mode(AxisMode::Incremental),
+            Word::FeedrateAxes => self.axis_mode(AxisMode::Feedrate),
+            Word::Undefine => self.undefine(),
+            Word::Read(form) => self.read_memory(form),
+            Word::Write(space) => self.write_memory(space),
+            Word::Reset => self.reset_board(false),
+            Word::FactoryReset => self.reset_board(true),
+            Word::Define => self.define(),
+            Word::Delete => self.delete(),
+            Word::Gather => self.gather(),
+            Word::EndGather => self.board.end_gather(),
+            Word::Version | Word::Type | Word::Date | Word::Checksum | Word::Size => self.identity(word),
+            Word::Save => self.save(),
+            Word::Password => self.password(),
+            Word::Program => Err(CommandError::NO_OPEN_BUFFER),
+            Word::Buffer(command) => self.buffer_command(command),
+            Word::Foreign => Err(CommandError::SYNTAX),
+        }
+    }
+
+    /// A command that becomes a program statement when a number or an expression follows (`F` reports the following
+    /// error, `F5` is a feedrate): such a statement needs an open buffer.
+    pub(super) fn letter(&mut self, command: impl FnOnce(&mut Self) -> Outcome) -> Outcome {
+        if self.at_argument() { Err(CommandError::NO_OPEN_BUFFER) } else { command(self) }
+    }
+
+    /// Whether a constant or an opening parenthesis follows.
+    pub(super) fn at_argument(&mut self) -> bool {
+        self.scanner.at_constant() || self.scanner.peek() == Some(b'(')
+    }
+
+    pub(super) fn answer(&mut self, text: impl Into<String>) -> Outcome {
+        self.lines.push(text.into());
+        Ok(())
+    }
+
+    fn address_motor(&mut self) -> Outcome {
+        let motors = self.board.variables.family().motors;
+        let Some(motor) = self.address(motors)? else {
+            return self.answer((self.interpreter.motor + 1).to_string());
+        };
+        if self.scanner.take_tight(b"->") {
+            return self.axis_definition(motor);
+        }
+        self.interpreter.motor = motor;
+        Ok(())
+    }
+
+    fn address_coordinate_system(&mut self) -> Outcome {
+        let count = self.board.variables.family().coordinate_systems;
+        let Some(cs) = self.address(count)? else {
+            return self.answer((self.interpreter.cs + 1).to_string());
+        };
+        // What follows is for another rotary buffer.
+        self.store_items()?;
+        self.interpreter.cs = cs;
+        Ok(())
+    }
+
+    /// The number after `#` or `&`, made 0-based; `None` when there is none.
+    fn address(&mut self, count: usize) -> Result<Option<usize>, CommandError> {
+        if !self.scanner.peek().is_some_and(|c| c.is_ascii_digit()) {
+            return Ok(None);
+        }
+        match self.scanner.integer()? {
+            number if (1..=count).contains(&number) => Ok(Some(number - 1)),
+            _ => Err(CommandError::SYNTAX),
+        }
+    }
+
+    /// `@n`: the card of a serial chain. There is one card only, so this is remembered and reported, and no more.
+    fn address_card(&mut self) -> Outcome {
+        match self.scanner.peek() {
+            Some(digit) if digit.is_ascii_hexdigit() => {
+                self.scanner.next_character();
+                self.interpreter.card = char::from(digit).to_digit(16).unwrap_or(0) as u8;
+                Ok(())
+            }
+            Some(b'@') => {
+                self.scanner.next_character();
+                Ok(())
+            }
+            _ => self.answer(format!("{:X}", self.interpreter.card)),
+        }
+    }
+}

@@ -1,0 +1,137 @@
+//! Commands of the addressed motor: jog, home, kill, open loop, reports (Software Reference, on-line commands).
+
+use crate::sim::board::error::CommandError;
+use crate::sim::board::jog::Jog;
+use crate::sim::board::number::tenths;
+use crate::sim::language::axis::definition;
+use crate::sim::language::interpreter::Line;
+use crate::sim::language::reply::Outcome;
+
+impl Line<'_, '_> {
+    pub(super) fn jog(&mut self) -> Outcome {
+        if self.at_argument() && !matches!(self.scanner.peek(), Some(b'+' | b'-')) {
+            // `J5` is a circle vector.
+            return Err(CommandError::NO_OPEN_BUFFER);
+        }
+        let mut until_trigger = None;
+        let jog = match self.scanner.next_character() {
+            Some(b'+') => Jog::Plus,
+            Some(b'-') => Jog::Minus,
+            Some(b'/') => Jog::Stop,
+            Some(b'!') => Jog::RoundCommanded,
+            Some(b'=') if self.scanner.take(b'=') => Jog::ToAsPreJog(self.scanner.constant()?),
+            Some(b'=') if !self.scanner.at_constant() && self.scanner.peek() != Some(b'*') => Jog::PreJog,
+            Some(b'=') => self.distance(Jog::ToVariable, Jog::To, &mut until_trigger)?,
+            Some(b':') => self.distance(Jog::ByCommandedVariable, Jog::ByCommanded, &mut until_trigger)?,
+            Some(b'^') => self.distance(Jog::ByActualVariable, Jog::ByActual, &mut until_trigger)?,
+            _ => return Err(CommandError::SYNTAX),
+        };
+        let motor = self.movable_motor()?;
+        self.board.jog(motor, jog, until_trigger)
+    }
+
+    /// `{c}` or `*`, then perhaps `^{c2}`: the move ends that far from the trigger.
+    fn distance(
+        &mut self,
+        variable: Jog,
+        constant: impl FnOnce(f64) -> Jog,
+        until_trigger: &mut Option<f64>,
+    ) -> Result<Jog, CommandError> {
+        let jog = if self.scanner.take(b'*') { variable } else { constant(self.scanner.constant()?) };
+        if self.scanner.take(b'^') {
+            *until_trigger = Some(self.scanner.constant()?);
+        }
+        Ok(jog)
+    }
+
+    pub(super) fn home(&mut self) -> Outcome {
+        let motor = self.movable_motor()?;
+        self.board.home(motor)
+    }
+
+    pub(super) fn home_zero(&mut self) -> Outcome {
+        let motor = self.free_motor()?;
+        self.board.home_zero(motor)
+    }
+
+    pub(super) fn kill(&mut self) -> Outcome {
+        let motor = self.free_motor()?;
+        self.board.kill(motor)
+    }
+
+    pub(super) fn open_loop(&mut self) -> Outcome {
+        let percent = self.scanner.constant()?;
+        if percent.abs() > 100.0 {
+            return Err(CommandError::SYNTAX);
+        }
+        let motor = self.movable_motor()?;
+        self.board.open_loop(motor, percent)
+    }
+
+    pub(super) fn reset_motor(&mut self) -> Outcome {
+        let motor = self.free_motor()?;
+        self.board.reset_motor(motor)
+    }
+
+    pub(super) fn absolute_position(&mut self) -> Outcome {
+        let motor = self.free_motor()?;
+        self.board.absolute_position(motor)
+    }
+
+    pub(super) fn report_position(&mut self) -> Outcome {
+        let position = self.board.position(self.interpreter.motor);
+        self.answer(tenths(position))
+    }
+
+    pub(super) fn report_velocity(&mut self) -> Outcome {
+        let velocity = self.board.velocity(self.interpreter.motor);
+        self.answer(tenths(velocity))
+    }
+
+    pub(super) fn report_following_error(&mut self) -> Outcome {
+        let error = self.board.following_error(self.interpreter.motor);
+        self.answer(tenths(error))
+    }
+
+    /// `#n->` lists, `#n->{definition}` defines in the addressed coordinate system (Software Reference p. 179). A motor of
+    /// another coordinate system lists as `0` and is not to be taken away from there.
+    pub(super) fn axis_definition(&mut self, motor: usize) -> Outcome {
+        let cs = self.interpreter.cs;
+        let decimals = self.board.variables.family().decimals;
+        let given = self.scanner.at_constant()
+            || self
+                .scanner
+                .peek()
+                .is_some_and(|c| matches!(c, b'+' | b'-') || crate::sim::board::axes::is_axis(c));
+        let axes = &self.board.axes;
+        if !given {
+            let own = axes.definition(motor).filter(|definition| definition.coordinate_system == cs);
+            let text = own.map_or_else(|| "0".to_owned(), |definition| definition.text(decimals));
+            return self.answer(text);
+        }
+        let definition = definition(&mut self.scanner, cs)?;
+        if axes.coordinate_system(motor).is_some_and(|other| other != cs) {
+            return Err(CommandError::SYNTAX);
+        }
+        if self.board.runs_program(cs) {
+            return Err(CommandError::RUNNING);
+        }
+        self.board.axes.set(motor, definition);
+        Ok(())
+    }
+
+    /// The addressed motor, unless a program runs in its coordinate system (ERR001).
+    fn free_motor(&self) -> Result<usize, CommandError> {
+        let motor = self.interpreter.motor;
+        match self.board.axes.coordinate_system(motor) {
+            Some(cs) if self.board.runs_program(cs) => Err(CommandError::RUNNING),
+            _ => Ok(motor),
+        }
+    }
+
+    /// As [`Line::free_motor`]; also it must be activated (else ERR003).
+    fn movable_motor(&self) -> Result<usize, CommandError> {
+        let motor = self.free_motor()?;
+        if self.board.activated(motor) { Ok(motor) } else { Err(CommandError::SYNTAX) }
+    }
+}

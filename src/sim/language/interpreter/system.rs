@@ -1,0 +1,86 @@
+//! Commands of the whole board: identity, reset, save, password, data gathering.
+
+use crate::sim::board::error::CommandError;
+use crate::sim::language::interpreter::Line;
+use crate::sim::language::reply::Outcome;
+use crate::sim::language::words::Word;
+
+#[derive(Debug, Clone, Copy)]
+enum Buffer {
+    Gather,
+    All,
+}
+
+const BUFFERS: &[(&str, Buffer)] =
+    &[("GATHER", Buffer::Gather), ("GAT", Buffer::Gather), ("ALL", Buffer::All)];
+
+impl Line<'_, '_> {
+    pub(super) fn identity(&mut self, what: Word) -> Outcome {
+        let identity = &self.board.identity;
+        let text = match what {
+            Word::Type => identity.type_text.to_owned(),
+            Word::Date => identity.date_text.to_owned(),
+            Word::Checksum => format!("{:X}", self.board.checksum()),
+            Word::Size => self.programs.size(self.board).to_string(),
+            _ => identity.firmware.clone(),
+        };
+        self.answer(text)
+    }
+
+    /// `$$$` and `$$$***`. What follows on the line is lost with the reset, as is the addressing.
+    pub(super) fn reset_board(&mut self, factory: bool) -> Outcome {
+        self.board.reset(factory);
+        self.programs.reset(factory);
+        self.interpreter.reset();
+        self.scanner.rest();
+        Ok(())
+    }
+
+    /// `SAVE`; not while a program runs.
+    pub(super) fn save(&mut self) -> Outcome {
+        if (0..self.board.variables.family().coordinate_systems).any(|cs| self.board.runs_program(cs)) {
+            return Err(CommandError::RUNNING);
+        }
+        self.board.save();
+        self.programs.save();
+        Ok(())
+    }
+
+    /// `PASSWORD={text}` sets or gives it, the rest of the line being the text; `PASSWORD` reports it.
+    pub(super) fn password(&mut self) -> Outcome {
+        if !self.scanner.take(b'=') {
+            let password = self.board.variables.password.text().ok_or(CommandError::PASSWORD)?;
+            let password = String::from_utf8_lossy(password).into_owned();
+            return self.answer(password);
+        }
+        let text = self.scanner.rest().trim_ascii_end();
+        if self.board.variables.password.set_or_give(text) { Ok(()) } else { Err(CommandError::PASSWORD) }
+    }
+
+    /// `DEFINE GATHER [n]`, or another buffer.
+    pub(super) fn define(&mut self) -> Outcome {
+        match self.scanner.keyword(&[BUFFERS]) {
+            Some(Buffer::Gather) if self.scanner.at_unsigned() => {
+                let longs = u32::try_from(self.scanner.integer()?).map_err(|_| CommandError::SYNTAX)?;
+                self.board.define_gather(Some(longs), self.programs.free_memory(self.board))
+            }
+            Some(Buffer::Gather) => self.board.define_gather(None, self.programs.free_memory(self.board)),
+            _ => self.define_buffer(),
+        }
+    }
+
+    /// `DELETE GATHER`, `DELETE ALL`, or another buffer.
+    pub(super) fn delete(&mut self) -> Outcome {
+        match self.scanner.keyword(&[BUFFERS]) {
+            Some(Buffer::Gather) => self.board.delete_gather(),
+            Some(Buffer::All) => self.delete_all(),
+            None => self.delete_buffer(),
+        }
+    }
+
+    /// `GATHER`, at once or from a trigger on.
+    pub(super) fn gather(&mut self) -> Outcome {
+        let triggered = self.scanner.take_text(b"TRIGGER");
+        self.board.gather(triggered)
+    }
+}

@@ -1,0 +1,283 @@
+//! The process: options, start, the loop around the board, its end.
+//!
+//! One thread runs the servo; sockets are looked at between cycles, about once a millisecond, and never waited for.
+
+mod clock;
+mod interrupt;
+pub mod options;
+mod serial;
+mod socket;
+
+use std::io;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
+use crate::process::end_with_parent;
+use crate::sim::STARTUP;
+use crate::sim::board::Board;
+use crate::sim::board::dpram::{Dpram, DpramError};
+use crate::sim::board::memory::Memory;
+use crate::sim::control::{self, Answer};
+use crate::sim::functions::host_port::HostPort;
+use crate::sim::functions::mailbox::Mailbox;
+use crate::sim::process::clock::Clock;
+use crate::sim::process::interrupt::InterruptLine;
+use crate::sim::process::options::{Options, UnixPath};
+use crate::sim::process::serial::Serial;
+use crate::sim::process::socket::{Client, Listener};
+use crate::sim::world::{Interrupts, RefusedLine, World};
+
+/// How often sockets are looked at.
+const SOCKETS_EVERY: Duration = Duration::from_millis(1);
+/// Longest command line on the control socket.
+const LONGEST_LINE: usize = 4096;
+/// Cycles of a `step` between two looks at the signal flag.
+const STEP_CHUNK: u64 = 1024;
+
+/// Why the simulator could not start, or ended.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum SimError {
+    /// The memory file cannot be used.
+    #[error(transparent)]
+    Dpram(#[from] DpramError),
+    /// A socket cannot be made.
+    #[error("cannot listen at {path}: {source}")]
+    Socket {
+        /// Where.
+        path: PathBuf,
+        /// What the system said.
+        source: io::Error,
+    },
+    /// The start-up file cannot be read.
+    #[error("cannot read the start-up file {path}: {source}")]
+    Startup {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        source: io::Error,
+    },
+    /// The board refused a line of the start-up file.
+    #[error(transparent)]
+    StartupLine(#[from] RefusedLine),
+    /// Signals or the clock.
+    #[error("cannot run: {0}")]
+    System(#[from] io::Error),
+}
+
+/// The board that `options` describe, powered up, its start-up lines carried out. Sockets and the clock are not its
+/// affair.
+///
+/// # Errors
+/// [`SimError`]; nothing is left behind but the memory file.
+pub fn power_up(options: &Options) -> Result<World, SimError> {
+    let startup = match &options.startup {
+        Some(path) => Some((
+            path.display().to_string(),
+            std::fs::read_to_string(path)
+                .map_err(|source| SimError::Startup { path: path.clone(), source })?,
+        )),
+        None => options.dpram_startup.then(|| ("the shipped start-up file".to_owned(), STARTUP.to_owned())),
+    };
+    let memory = Memory::new(Dpram::open(&options.memory)?);
+    let mut board = Board::new(memory, options.identity(), options.fixed_i10(), options.seed);
+    board.rotary_cs_base = options.rotary_cs_base;
+    let mut world = World::new(board);
+    if let Some(path) = &options.mailbox {
+        world.fit_mailbox(Mailbox::open(path, options.dpram_page)?);
+    }
+    if let Some(path) = &options.host_port {
+        world.fit_host_port(HostPort::open(path, options.controller())?);
+    }
+    if let Some((name, text)) = startup {
+        world.load(&name, &text)?;
+    }
+    Ok(world)
+}
+
+/// A line-wise client of the control socket.
+struct ControlClient {
+    client: Client,
+    line: Vec<u8>,
+}
+
+/// The running simulator.
+pub struct Simulator {
+    world: World,
+    interrupt: Option<InterruptLine>,
+    mailbox_taken: Option<InterruptLine>,
+    mailbox_response: Option<InterruptLine>,
+    serial: Option<Serial>,
+    control: Option<Listener>,
+    control_clients: Vec<ControlClient>,
+    virtual_time: bool,
+    stop: Arc<AtomicBool>,
+    // Last, so that the sockets are gone from the directory.
+    _leave: Option<LeaveNothing>,
+}
+
+/// Ends with the process that started it, and takes away what lies in the directory made for it.
+struct LeaveNothing {
+    memory: PathBuf,
+}
+
+impl LeaveNothing {
+    fn with(parent: u32, memory: &Path) -> Result<Self, SimError> {
+        end_with_parent(parent)?;
+        Ok(Self { memory: memory.to_owned() })
+    }
+}
+
+impl Drop for LeaveNothing {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_file(&self.memory);
+        if let Some(directory) = self.memory.parent() {
+            let _ = std::fs::remove_dir(directory);
+        }
+    }
+}
+
+impl Simulator {
+    /// Powers the board up as `options` say and runs the start-up lines.
+    ///
+    /// # Errors
+    /// [`SimError`]; nothing is left behind but the memory file.
+    pub fn new(options: &Options) -> Result<Self, SimError> {
+        let world = power_up(options)?;
+        let stop = Arc::new(AtomicBool::new(false));
+        for signal in [signal_hook::consts::SIGTERM, signal_hook::consts::SIGINT] {
+            signal_hook::flag::register(signal, Arc::clone(&stop))?;
+        }
+        let leave = options.with_parent.map(|pid| LeaveNothing::with(pid, &options.memory)).transpose()?;
+        Ok(Self {
+            world,
+            interrupt: listen(options.interrupt.as_ref())?.map(InterruptLine::new),
+            mailbox_taken: listen(options.mailbox_taken.as_ref())?.map(InterruptLine::new),
+            mailbox_response: listen(options.mailbox_response.as_ref())?.map(InterruptLine::new),
+            serial: listen(options.serial.as_ref())?.map(Serial::new),
+            control: listen(options.control.as_ref())?,
+            control_clients: Vec::new(),
+            virtual_time: options.virtual_time,
+            stop,
+            _leave: leave,
+        })
+    }
+
+    /// Runs until a signal or `exit`.
+    ///
+    /// # Errors
+    /// When the system has no clock to run by.
+    pub fn run(mut self) -> Result<(), SimError> {
+        let mut clock = Clock::start().map_err(io::Error::from)?;
+        let mut since_sockets = Duration::ZERO;
+        while !self.stop.load(Ordering::Relaxed) {
+            let period = if self.virtual_time {
+                SOCKETS_EVERY
+            } else {
+                Duration::from_secs_f64(self.world.board.cycle_ms() / 1000.0)
+            };
+            let late = clock.wait(period).map_err(io::Error::from)?;
+            if !self.virtual_time {
+                self.world.board.stats.late += late;
+                self.cycle();
+            }
+            since_sockets += period;
+            if since_sockets >= SOCKETS_EVERY {
+                since_sockets = Duration::ZERO;
+                self.serve();
+            }
+        }
+        Ok(())
+    }
+
+    /// One servo cycle; tells the hosts of its interrupts.
+    fn cycle(&mut self) {
+        self.world.step();
+        let Interrupts { response, mailbox_taken, mailbox_response } = self.world.take_interrupts();
+        raise(response, &mut self.interrupt);
+        raise(mailbox_taken, &mut self.mailbox_taken);
+        raise(mailbox_response, &mut self.mailbox_response);
+    }
+
+    fn serve(&mut self) {
+        let lines = [&mut self.interrupt, &mut self.mailbox_taken, &mut self.mailbox_response];
+        for line in lines.into_iter().flatten() {
+            line.serve();
+        }
+        if let Some(serial) = &mut self.serial {
+            serial.serve(&mut self.world);
+        }
+        self.transmit();
+        let Some(listener) = &self.control else { return };
+        let mut fresh = Vec::new();
+        listener.accept(&mut fresh);
+        let mut clients = std::mem::take(&mut self.control_clients);
+        clients.extend(fresh.into_iter().map(|client| ControlClient { client, line: Vec::new() }));
+        for client in &mut clients {
+            self.serve_control(client);
+        }
+        clients.retain(|client| !client.client.gone());
+        self.control_clients = clients;
+    }
+
+    /// Sends what the board has to say on its serial port.
+    fn transmit(&mut self) {
+        let output = self.world.take_serial_messages();
+        if let Some(serial) = &mut self.serial {
+            serial.transmit(&output);
+        }
+    }
+
+    fn serve_control(&mut self, from: &mut ControlClient) {
+        from.client.flush();
+        let mut buffer = [0; LONGEST_LINE];
+        let bytes = from.client.receive(&mut buffer);
+        for &byte in bytes {
+            if byte != b'\n' {
+                if from.line.len() < LONGEST_LINE {
+                    from.line.push(byte);
+                }
+                continue;
+            }
+            let line = std::mem::take(&mut from.line);
+            let mut answer = self.control_line(&String::from_utf8_lossy(&line));
+            answer.push('\n');
+            from.client.send(answer.as_bytes());
+        }
+    }
+
+    fn control_line(&mut self, line: &str) -> String {
+        match control::execute(&mut self.world, line, self.virtual_time) {
+            Answer::Line(line) => line,
+            Answer::Step(count) => {
+                for done in 0..count {
+                    if done % STEP_CHUNK == 0 && self.stop.load(Ordering::Relaxed) {
+                        return format!("error: stopped after {done} cycles");
+                    }
+                    self.cycle();
+                }
+                "ok".into()
+            }
+            Answer::Exit => {
+                self.stop.store(true, Ordering::Relaxed);
+                "ok".into()
+            }
+        }
+    }
+}
+
+fn raise(raised: u64, line: &mut Option<InterruptLine>) {
+    if let Some(line) = line.as_mut().filter(|_| raised > 0) {
+        line.raise(raised);
+    }
+}
+
+fn listen(at: Option<&UnixPath>) -> Result<Option<Listener>, SimError> {
+    at.map(UnixPath::path)
+        .map(|path: &Path| {
+            Listener::bind(path).map_err(|source| SimError::Socket { path: path.to_owned(), source })
+        })
+        .transpose()
+}

@@ -1,0 +1,147 @@
+//! The options of `pmac-sim`.
+
+use std::path::{Path, PathBuf};
+
+use clap::{Parser, ValueEnum};
+
+use crate::map::Firmware;
+use crate::sim::board::family;
+use crate::sim::board::identity::Identity;
+use crate::sim::functions::host_port::Controller;
+
+/// A simulated PMAC: the board's side of a DPRAM, in its own process.
+#[derive(Debug, Parser)]
+#[command(name = "pmac-sim", version, disable_help_subcommand = true)]
+pub struct Options {
+    /// The shared memory: a file of 16384 bytes, created if missing and never removed
+    #[arg(long, value_name = "PATH")]
+    pub memory: PathBuf,
+    /// Socket on which each interrupt is told as a 4-byte count, as UIO gives it
+    #[arg(long, value_name = "unix:PATH", value_parser = unix_path)]
+    pub interrupt: Option<UnixPath>,
+    /// The VME mailbox port: a file of 512 bytes, created if missing
+    #[arg(long, value_name = "PATH")]
+    pub mailbox: Option<PathBuf>,
+    /// Socket on which each mailbox group taken (vector v-1) is told as a 4-byte count
+    #[arg(long, value_name = "unix:PATH", value_parser = unix_path, requires = "mailbox")]
+    pub mailbox_taken: Option<UnixPath>,
+    /// Socket on which each mailbox response (vector v) is told as a 4-byte count
+    #[arg(long, value_name = "unix:PATH", value_parser = unix_path, requires = "mailbox")]
+    pub mailbox_response: Option<UnixPath>,
+    /// The DPRAM is out of reach after each reset until this page (A19-A14) is written to mailbox base+0x121
+    #[arg(long, value_name = "N", value_parser = page, requires = "mailbox")]
+    pub dpram_page: Option<u8>,
+    /// The interrupt registers of the ISA host port: a file of 16 bytes, created if missing
+    #[arg(long, value_name = "PATH")]
+    pub host_port: Option<PathBuf>,
+    /// The number of coordinate system 1 in a binary rotary header
+    #[arg(long, value_name = "0|1", default_value_t = 1, value_parser = clap::value_parser!(u16).range(0..=1))]
+    pub rotary_cs_base: u16,
+    /// Socket that is the serial port: raw bytes
+    #[arg(long, value_name = "unix:PATH", value_parser = unix_path)]
+    pub serial: Option<UnixPath>,
+    /// Socket for commands to the simulator itself: a line in, a line out
+    #[arg(long, value_name = "unix:PATH", value_parser = unix_path)]
+    pub control: Option<UnixPath>,
+    /// How many motors there are
+    #[arg(long, default_value_t = 8, value_parser = clap::value_parser!(u8).range(1..=8))]
+    pub motors: u8,
+    /// Servo interrupts a second; sets I10. Without it the rate follows I10
+    #[arg(long, value_name = "HZ", value_parser = servo_hz)]
+    pub servo_hz: Option<f64>,
+    /// What family of boards to be one of
+    #[arg(long, value_enum, default_value_t = BoardFamily::Pmac)]
+    pub family: BoardFamily,
+    /// What VERSION answers; it also decides where the gather buffer lies
+    #[arg(long, default_value = "1.16D")]
+    pub firmware: Firmware,
+    /// File of on-line command lines sent at start; comments begin with ;
+    #[arg(long, value_name = "FILE", conflicts_with = "dpram_startup")]
+    pub startup: Option<PathBuf>,
+    /// Send the shipped start-up lines, which enable all DPRAM functions for eight motors
+    #[arg(long)]
+    pub dpram_startup: bool,
+    /// Let time go on only by the control socket's `step`
+    #[arg(long = "virtual", requires = "control")]
+    pub virtual_time: bool,
+    /// Give the encoders half a count of noise from this seed
+    #[arg(long, value_name = "N")]
+    pub seed: Option<u64>,
+    /// End when the process that started this one ends, whose number it is, and remove the memory and its directory
+    #[arg(long, value_name = "PID", hide = true)]
+    pub with_parent: Option<u32>,
+}
+
+/// The families that can be simulated.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum BoardFamily {
+    /// PMAC(1)
+    Pmac,
+    /// PMAC2
+    Pmac2,
+}
+
+/// A path given as `unix:PATH`.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct UnixPath(PathBuf);
+
+impl UnixPath {
+    /// The path.
+    #[must_use]
+    pub fn path(&self) -> &Path {
+        &self.0
+    }
+}
+
+impl Options {
+    /// The board these options describe.
+    #[must_use]
+    pub fn identity(&self) -> Identity {
+        let family = match self.family {
+            BoardFamily::Pmac => &family::PMAC,
+            BoardFamily::Pmac2 => &family::PMAC2,
+        };
+        Identity { motors: self.motors.into(), ..Identity::new(family, &self.firmware.to_string()) }
+    }
+
+    /// The interrupt registers a board of this family has.
+    #[must_use]
+    pub fn controller(&self) -> Controller {
+        match self.family {
+            BoardFamily::Pmac => Controller::Intel8259,
+            BoardFamily::Pmac2 => Controller::Pmac2,
+        }
+    }
+
+    /// The I10 that the asked rate means.
+    #[must_use]
+    pub fn fixed_i10(&self) -> Option<f64> {
+        self.servo_hz.map(|hz| (8_388_608.0 * 1000.0 / hz).round())
+    }
+}
+
+fn unix_path(text: &str) -> Result<UnixPath, String> {
+    match text.strip_prefix("unix:") {
+        Some(path) if !path.is_empty() => Ok(UnixPath(path.into())),
+        _ => Err("it has to be unix:PATH".into()),
+    }
+}
+
+/// Six bits, decimal or with 0x.
+fn page(text: &str) -> Result<u8, String> {
+    let number = match text.strip_prefix("0x") {
+        Some(digits) => u8::from_str_radix(digits, 16),
+        None => text.parse(),
+    };
+    number.ok().filter(|page| *page < 0x40).ok_or_else(|| "it has to be from 0 to 0x3F".into())
+}
+
+/// I10 has 23 bits: a period of at most a second.
+fn servo_hz(text: &str) -> Result<f64, String> {
+    let hz: f64 = text.parse().map_err(|_| "it has to be a number".to_owned())?;
+    if (1001.0 / 1000.0..=100_000.0).contains(&hz) {
+        Ok(hz)
+    } else {
+        Err("it has to be from 1.001 to 100000".into())
+    }
+}

@@ -1,0 +1,40 @@
+//! The serial port: raw bytes both ways. What several clients send is one stream, as on a wire; each gets every reply.
+
+use crate::sim::process::socket::{Client, Listener};
+use crate::sim::world::World;
+
+/// The port and who is connected to it.
+pub struct Serial {
+    listener: Listener,
+    clients: Vec<Client>,
+}
+
+impl Serial {
+    /// A port nobody is connected to.
+    #[must_use]
+    pub fn new(listener: Listener) -> Self {
+        Self { listener, clients: Vec::new() }
+    }
+
+    /// Takes new clients, gives what they sent to the board, sends back what it answers.
+    pub fn serve(&mut self, world: &mut World) {
+        self.listener.accept(&mut self.clients);
+        let mut output = Vec::new();
+        let mut buffer = [0; 1024];
+        for client in &mut self.clients {
+            client.flush();
+            output.extend(world.serial(client.receive(&mut buffer)));
+        }
+        self.transmit(&output);
+        self.clients.retain(|client| !client.gone());
+    }
+
+    /// Sends `bytes` to everybody.
+    pub fn transmit(&mut self, bytes: &[u8]) {
+        if !bytes.is_empty() {
+            for client in &mut self.clients {
+                client.send(bytes);
+            }
+        }
+    }
+}

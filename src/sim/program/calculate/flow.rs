@@ -1,0 +1,152 @@
+//! The flow of calculation: conditions, loops, jumps, calls and their arguments (Software Reference, program commands).
+
+use crate::sim::board::variables::VariableKind;
+use crate::sim::language::expression::condition;
+use crate::sim::language::scanner::Scanner;
+use crate::sim::program::calculate::{Calculator, Flow};
+use crate::sim::program::item::{AXES, Data, Item, Line};
+use crate::sim::program::place::Cursor;
+use crate::sim::program::structure::{Effect, Tracker};
+use crate::sim::program::system::{Failure, Frame};
+
+/// Deepest nesting of calls.
+const MOST_FRAMES: usize = 15;
+/// `READ` says in this Q-variable which letters came; the letter A goes into the next one.
+const READ_MASK: usize = 100;
+
+impl Calculator<'_> {
+    pub(super) fn holds(&self, text: &str) -> bool {
+        condition(&mut Scanner::new(text.as_bytes()), self.board, self.cs).unwrap_or(false)
+    }
+
+    pub(super) fn begin_loop(&mut self, text: &str, line: &Line, cursor: Cursor) -> Flow {
+        let short = cursor.item + 1 < line.items.len();
+        match (self.holds(text), short) {
+            (true, true) => Flow::On,
+            (true, false) => {
+                if let Some(outer) = self.system.loops.iter().position(|&begin| begin == cursor) {
+                    self.system.loops.truncate(outer);
+                }
+                self.system.loops.push(cursor);
+                Flow::On
+            }
+            (false, true) => {
+                self.system.cursor = Some(Cursor::at(cursor.program, cursor.line + 1));
+                Flow::On
+            }
+            (false, false) => self.skip_block(cursor, Tracker::in_while(), false),
+        }
+    }
+
+    /// Past a short IF whose condition does not hold; into the `ELSE` on the next line.
+    pub(super) fn skip_line(&mut self, cursor: Cursor) -> Flow {
+        let mut next = Cursor::at(cursor.program, cursor.line + 1);
+        if self.line(next).is_some_and(|line| line.items.first() == Some(&Item::Else)) {
+            next.item = 1;
+        }
+        self.system.cursor = Some(next);
+        Flow::On
+    }
+
+    /// Past the end of the block that begins after `cursor`, or into its `ELSE`.
+    pub(super) fn skip_block(&mut self, cursor: Cursor, mut tracker: Tracker, stop_at_else: bool) -> Flow {
+        let depth = tracker.depth();
+        let mut at = Cursor::at(cursor.program, cursor.line + 1);
+        while let Some(line) = self.line(at) {
+            for item in 0..line.items.len() {
+                let outermost = tracker.depth() == depth;
+                let Ok(effect) = tracker.item(&line, item) else { return self.fail(Failure::RunTime) };
+                let found = match effect {
+                    Effect::Else => stop_at_else && outermost,
+                    Effect::Ends => outermost,
+                    Effect::None => false,
+                };
+                if found {
+                    self.system.cursor = Some(Cursor { item: item + 1, ..at });
+                    return Flow::On;
+                }
+            }
+            at.line += 1;
+        }
+        self.fail(Failure::RunTime)
+    }
+
+    pub(super) fn push_frame(&mut self, cursor: Cursor) -> bool {
+        let back = Cursor { item: cursor.item + 1, ..cursor };
+        let loops = std::mem::take(&mut self.system.loops);
+        self.system.frames.push(Frame { back, loops });
+        self.system.frames.len() <= MOST_FRAMES
+    }
+
+    pub(super) fn give_back(&mut self) {
+        if let Some(frame) = self.system.frames.pop() {
+            self.system.cursor = Some(frame.back);
+            self.system.loops = frame.loops;
+        }
+    }
+
+    /// A program and, behind the point, five digits of label. What is not there is passed over when it was called by a
+    /// letter, and a run-time error otherwise.
+    pub(super) fn call(&mut self, value: f64, cursor: Cursor, must_exist: bool) -> Flow {
+        let (program, label) = split(value);
+        match self.program(program).and_then(|program| program.label(label)) {
+            Some(line) if self.push_frame(cursor) => {
+                self.system.cursor = Some(Cursor::at(program, line));
+                Flow::On
+            }
+            None if !must_exist => Flow::On,
+            _ => self.fail(Failure::RunTime),
+        }
+    }
+
+    pub(super) fn jump(&mut self, program: u32, label: f64) -> Flow {
+        let before = self.system.cursor;
+        match self.program(program).and_then(|program| program.label(label.round().max(0.0) as u32)) {
+            Some(line) => {
+                let back = before.is_some_and(|cursor| cursor.program == program && line <= cursor.line);
+                self.system.cursor = Some(Cursor::at(program, line));
+                if back { Flow::Back } else { Flow::On }
+            }
+            None => self.fail(Failure::RunTime),
+        }
+    }
+
+    /// Puts the caller's letters into Q101 (A) to Q126 (Z), up to the first that is not asked for; Q100 says which came.
+    pub(super) fn read(&mut self, letters: &[u8]) {
+        let Some(back) = self.system.frames.last().map(|frame| frame.back) else { return };
+        let Some(line) = self.line(back) else { return };
+        let (mut mask, mut taken) = (0u32, 0);
+        for item in line.items.iter().skip(back.item) {
+            let Some((letter, data)) = lettered(item) else { break };
+            if !letters.contains(&letter) {
+                break;
+            }
+            let (index, value) = (usize::from(letter - b'A'), self.value(data));
+            self.board.assign(VariableKind::Q, self.cs, READ_MASK + 1 + index, value);
+            mask |= 1 << index;
+            taken += 1;
+        }
+        self.board.assign(VariableKind::Q, self.cs, READ_MASK, mask.into());
+        if let Some(frame) = self.system.frames.last_mut() {
+            frame.back.item += taken;
+        }
+    }
+}
+
+/// A letter with its number, as `READ` takes it.
+fn lettered(item: &Item) -> Option<(u8, &Data)> {
+    match item {
+        Item::Axis(axis, data, None) => Some((*AXES.get(*axis)?, data)),
+        Item::Vector(index, data) => Some((b'I' + *index as u8, data)),
+        Item::Letter(letter, data) | Item::Code(letter, data) => Some((*letter, data)),
+        Item::Feedrate(data) => Some((b'F', data)),
+        _ => None,
+    }
+}
+
+/// A program's number and the five digits behind its point.
+#[must_use]
+pub fn split(value: f64) -> (u32, u32) {
+    let hundred_thousandths = (value.max(0.0) * 100_000.0).round() as u64;
+    ((hundred_thousandths / 100_000) as u32, (hundred_thousandths % 100_000) as u32)
+}
