@@ -311,10 +311,11 @@ impl Desks<'_> {
             Event::Line(ticket, _) => {
                 assert_eq!(self.asked.get(&ticket.0), Some(&0), "a line after the end of its command");
             }
-            Event::Done(ticket, _) | Event::Words { ticket, .. } | Event::Rotary(ticket, _) => {
-                self.answered(ticket)
-            }
-            Event::Unsolicited(_) => {}
+            Event::Done(ticket, _)
+            | Event::Words { ticket, .. }
+            | Event::Rotary(ticket, _)
+            | Event::Watching(ticket, _) => self.answered(ticket),
+            Event::Info(_) | Event::Unsolicited(_) => {}
         }
     }
 

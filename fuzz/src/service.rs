@@ -7,21 +7,21 @@ use std::collections::VecDeque;
 use std::io::{ErrorKind, Read, Write};
 use std::net::Shutdown;
 use std::os::unix::net::{UnixListener, UnixStream};
-use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use nix::sys::socket::{setsockopt, sockopt::SndBuf};
-use pmac_dpram::daemon::info::SharedInfo;
+use pmac_dpram::daemon::info::Info;
 use pmac_dpram::daemon::job::Job;
 use pmac_dpram::daemon::listener::Listener;
 use pmac_dpram::daemon::policy::{Peer, Role};
 use pmac_dpram::daemon::queue::{
-    Command, Event, Outcome, READ_MAX, Receive, Sender, Text, Ticket, Unsolicited, UnsolicitedKind, queue,
+    Command, Event, Outcome, READ_MAX, Receive, Sender, Text, Ticket, Unsolicited, queue,
 };
 use pmac_dpram::daemon::rounds::{Kept, Rounds};
 use pmac_dpram::daemon::serve::{Backend, ServeOptions};
+use pmac_dpram::daemon::status::BoardStatus;
 use pmac_dpram::function::rotary::RotaryState;
-use pmac_dpram::protocol::{BOARD, BoardInfo, BoardSettings, Enabled, Reply};
+use pmac_dpram::protocol::{BOARD, BoardInfo, BoardSettings, Enabled, MessageKind, Reply};
 
 use super::tape::Tape;
 
@@ -152,17 +152,17 @@ impl Scene {
         let (events, from_board) = queue(8).unwrap();
         let settings =
             BoardSettings { functions: serde_json::from_str(FUNCTIONS).unwrap(), ..BoardSettings::default() };
-        let info = SharedInfo::new(BoardInfo::default(), settings);
+        let mut info = Info::new(BoardInfo::default(), settings);
         if way & 2 == 0 {
             // Jobs ask first.
-            info.set_enabled(Enabled::ASCII);
+            info.take(BoardStatus { enabled: Enabled::ASCII, ..BoardStatus::UNKNOWN });
         }
         let options = ServeOptions {
             max_clients: if way & 4 == 0 { 64 } else { 4 },
             max_clients_per_user: if way & 8 == 0 { 64 } else { 2 },
             ..ServeOptions::new("unused".into())
         };
-        let backend = Backend { commands: to_board, events: from_board, info: Arc::new(info) };
+        let backend = Backend { commands: to_board, events: from_board, info };
         let server = Rounds::new(&options, listener(), backend).unwrap();
         let board = Board {
             commands,
@@ -450,6 +450,11 @@ impl Board {
             {
                 self.send(Event::Rotary(ticket, ROTARY));
             }
+            Command::Job { ticket, job, .. }
+                if matches!(*job, Job::WatchVariables(_)) && outcome == Outcome::Done =>
+            {
+                self.send(Event::Watching(ticket, 1));
+            }
             Command::ReadWords { ticket, .. } | Command::Job { ticket, .. } => {
                 self.send(Event::Done(ticket, outcome))
             }
@@ -465,7 +470,7 @@ impl Board {
         let count = count.min(self.texts);
         self.texts -= count;
         for number in 0..count {
-            let kind = if number & 1 == 0 { UnsolicitedKind::Cmd } else { UnsolicitedKind::Send };
+            let kind = if number & 1 == 0 { MessageKind::Cmd } else { MessageKind::Send };
             let text = Text::new(&[b'a' + (number % 26) as u8; 255]).unwrap();
             self.send(Event::Unsolicited(Unsolicited { time_ns: 1, kind, text }));
         }

@@ -3,8 +3,8 @@
 
 use std::cell::RefCell;
 
-use pmac_dpram::daemon::dispatch::{Action, Ask, understand};
-use pmac_dpram::daemon::info::SharedInfo;
+use pmac_dpram::daemon::dispatch::{Action, Ask, parse_call};
+use pmac_dpram::daemon::info::Info;
 use pmac_dpram::daemon::job::Job;
 use pmac_dpram::daemon::policy::Role;
 use pmac_dpram::map::classic;
@@ -57,8 +57,8 @@ fn handle(message: &[u8], role: Role) {
 }
 
 fn judge(call: &Call, role: Role) {
-    thread_local!(static INFO: RefCell<SharedInfo> = RefCell::default());
-    let action = INFO.with_borrow(|info| understand(call, role, info));
+    thread_local!(static INFO: RefCell<Info> = RefCell::default());
+    let action = INFO.with_borrow(|info| parse_call(call, role, info));
     match action {
         Err(error) => {
             let reply = error.to_reply();
@@ -66,6 +66,7 @@ fn judge(call: &Call, role: Role) {
         }
         Ok(Action::Reply(reply)) => drop(through_the_wire(&reply)),
         Ok(Action::Stream | Action::Renew) => {}
+        Ok(Action::Watch(entries)) => assert!(!entries.is_empty()),
         Ok(Action::Ask(ask)) => within_bounds(&ask, role),
     }
 }
@@ -101,7 +102,7 @@ fn within_bounds(ask: &Ask, role: Role) {
 fn job(job: &Job, role: Role) {
     match job {
         Job::Panel(_) | Job::Override { .. } => assert!(role >= Role::Operate),
-        Job::WatchVariables(entries) => assert!(!entries.is_empty()),
+        Job::WatchVariables(_) => panic!("the socket's thread alone makes tables"),
         Job::RotaryState(_) => {}
         Job::Write { first, words, .. } => {
             assert_eq!(role, Role::Engineer);

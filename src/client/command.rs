@@ -8,15 +8,17 @@ use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
+use serde::Serialize;
 use serde::de::DeserializeOwned;
-use serde_json::{Map, Value, json};
+use serde_json::{Map, Value};
 
 use crate::map::HostOffset;
-use crate::protocol::board::{ReadReply, SendReply, VariableRecord};
+use crate::protocol::board::{Done, ReadReply, SendReply, VariableRecord, WatchReply};
 use crate::protocol::message::encode;
+use crate::protocol::parameters::to_map;
 use crate::protocol::transport::connect;
 use crate::protocol::{
-    BOARD, BoardInfo, BoardSettings, Call, CallError, Inbox, Message, REPLY_MAX, Reply, control,
+    BOARD, BoardInfo, BoardSettings, Call, CallError, Inbox, Message, REPLY_MAX, Reply, calls, control,
 };
 use crate::setup::gather_source::GatherSource;
 
@@ -97,7 +99,7 @@ impl Connection {
     /// # Errors
     /// [`CommandError`].
     pub fn info(&mut self) -> Result<BoardInfo, CommandError> {
-        self.call("GetInfo", Value::Null, DAEMON_TIMEOUT)
+        self.call("GetInfo", &calls::NoParameters {}, DAEMON_TIMEOUT)
     }
 
     /// What no document decides, as the daemon has it: where its buffers lie, and the readings of uncertain formats.
@@ -105,7 +107,7 @@ impl Connection {
     /// # Errors
     /// [`CommandError`].
     pub fn settings(&mut self) -> Result<BoardSettings, CommandError> {
-        self.call("GetSettings", Value::Null, DAEMON_TIMEOUT)
+        self.call("GetSettings", &calls::NoParameters {}, DAEMON_TIMEOUT)
     }
 
     /// Sends one command line (1 to 200 printable ASCII characters) and returns the lines of its reply, none when the
@@ -114,9 +116,9 @@ impl Connection {
     /// # Errors
     /// [`CommandError`]; [`CallError::Board`] in it when the board refused the line.
     pub fn send(&mut self, line: &str, timeout: Duration) -> Result<Vec<String>, CommandError> {
-        let timeout_ms = u64::try_from(timeout.as_millis()).unwrap_or(u64::MAX).max(1);
-        let parameters = json!({"line": line, "timeout_ms": timeout_ms});
-        self.call::<SendReply>("Send", parameters, timeout.saturating_add(MARGIN)).map(|reply| reply.lines)
+        let parameters = calls::Send { line: line.to_owned(), timeout_ms: Some(milliseconds(timeout)) };
+        let reply: SendReply = self.call("Send", &parameters, timeout.saturating_add(MARGIN))?;
+        Ok(reply.lines)
     }
 
     /// Sends the control character `character` (1 to 31) ahead of every line that waits, and returns what the board
@@ -125,8 +127,9 @@ impl Connection {
     /// # Errors
     /// [`CommandError`].
     pub fn control(&mut self, character: u8) -> Result<Vec<String>, CommandError> {
-        let parameters = json!({"character": control::name(character)});
-        self.call::<SendReply>("SendControl", parameters, DAEMON_TIMEOUT + MARGIN).map(|reply| reply.lines)
+        let parameters = calls::SendControl { character: control::name(character) };
+        let reply: SendReply = self.call("SendControl", &parameters, DAEMON_TIMEOUT + MARGIN)?;
+        Ok(reply.lines)
     }
 
     /// Reads `words` (1 to 64) consecutive words of the DPRAM: the CLOCK_MONOTONIC time of the first read in
@@ -135,8 +138,8 @@ impl Connection {
     /// # Errors
     /// [`CommandError`].
     pub fn read(&mut self, first: HostOffset, words: usize) -> Result<(u64, Vec<u16>), CommandError> {
-        let parameters = json!({"host_offset": first.bytes(), "words": words});
-        let reply: ReadReply = self.call("Read", parameters, DAEMON_TIMEOUT + MARGIN)?;
+        let parameters = calls::Read { host_offset: calls::Offset(first), words };
+        let reply: ReadReply = self.call("Read", &parameters, DAEMON_TIMEOUT + MARGIN)?;
         if reply.words.len() != words {
             let what = format!("{} words instead of {words}", reply.words.len());
             return Err(CallError::Protocol(what).into());
@@ -160,13 +163,14 @@ impl Connection {
         Ok(Messages { path, link, ended: false })
     }
 
-    /// Turns the connection into a watch on `registers`: PMAC copies them in the background until it is dropped.
+    /// Turns the connection into a watch on `registers`: PMAC copies them in the background until it is dropped. Returns when the
+    /// board has the table with them.
     ///
     /// # Errors
     /// [`CommandError`]; [`CallError::Refused`] in it when no entry is left, or I55 is not 1.
     pub fn watch_variables(mut self, registers: &[GatherSource]) -> Result<VariableWatch, CommandError> {
-        let registers: Vec<Value> = registers.iter().map(|register| register.to_string().into()).collect();
-        let parameters = Map::from_iter([("registers".to_owned(), registers.into())]);
+        let registers = registers.iter().map(ToString::to_string).collect();
+        let parameters = to_map(&calls::WatchVariables { registers });
         let mut call = Call::new(format!("{BOARD}.WatchVariables"), parameters);
         call.more = Some(true);
         let path = self.path.clone();
@@ -176,8 +180,8 @@ impl Connection {
         };
         let deadline = Instant::now() + DAEMON_TIMEOUT;
         let reply = link.write(&encode(&call), deadline).and_then(|()| link.next_reply(deadline));
-        understand::<Value>(reply.map_err(|error| fault(&path, error))?)?;
-        Ok(VariableWatch { path, link })
+        let WatchReply { table, .. } = parse_reply(reply.map_err(|error| fault(&path, error))?)?;
+        Ok(VariableWatch { path, link, table })
     }
 
     /// Has PMAC write registers in the background, in their order, and waits until it has.
@@ -189,15 +193,16 @@ impl Connection {
         records: &[VariableRecord],
         timeout: Duration,
     ) -> Result<(), CommandError> {
-        let timeout_ms = u64::try_from(timeout.as_millis()).unwrap_or(u64::MAX).max(1);
-        let parameters = json!({"records": records, "timeout_ms": timeout_ms});
-        self.call::<Value>("WriteVariables", parameters, timeout.saturating_add(MARGIN)).map(|_| ())
+        let parameters =
+            calls::WriteVariables { records: records.to_vec(), timeout_ms: Some(milliseconds(timeout)) };
+        let Done {} = self.call("WriteVariables", &parameters, timeout.saturating_add(MARGIN))?;
+        Ok(())
     }
 
     pub(super) fn call<T: DeserializeOwned>(
         &mut self,
         method: &str,
-        parameters: Value,
+        parameters: &impl Serialize,
         timeout: Duration,
     ) -> Result<T, CommandError> {
         self.ask(method, parameters, timeout)?;
@@ -209,14 +214,10 @@ impl Connection {
     pub(super) fn ask(
         &mut self,
         method: &str,
-        parameters: Value,
+        parameters: &impl Serialize,
         timeout: Duration,
     ) -> Result<(), CommandError> {
-        let parameters = match parameters {
-            Value::Object(map) => map,
-            _ => Map::new(),
-        };
-        let call = Call::new(format!("{BOARD}.{method}"), parameters);
+        let call = Call::new(format!("{BOARD}.{method}"), to_map(parameters));
         let mut link = match self.link.take() {
             Some(link) => link,
             None => self.dial()?,
@@ -235,11 +236,16 @@ impl Connection {
         let reply = link.next_reply(after(timeout)).map_err(|error| fault(&self.path, error))?;
         // Only a connection whose last reply has been read can be used again.
         self.link = Some(link);
-        understand(reply)
+        parse_reply(reply)
     }
 }
 
-fn understand<T: DeserializeOwned>(reply: Reply) -> Result<T, CommandError> {
+/// A time-out as the socket takes it.
+pub(super) fn milliseconds(timeout: Duration) -> u64 {
+    u64::try_from(timeout.as_millis()).unwrap_or(u64::MAX).max(1)
+}
+
+fn parse_reply<T: DeserializeOwned>(reply: Reply) -> Result<T, CommandError> {
     if let Some(error) = CallError::from_reply(&reply) {
         return Err(error.into());
     }
@@ -315,9 +321,16 @@ fn again(error: io::Error) -> io::Result<()> {
 pub struct VariableWatch {
     path: PathBuf,
     link: Link,
+    table: u32,
 }
 
 impl VariableWatch {
+    /// The number of the first table that has all the registers; see [`super::VariableTable::number`].
+    #[must_use]
+    pub const fn table(&self) -> u32 {
+        self.table
+    }
+
     /// Whether the daemon still holds the watch; waits at most a millisecond.
     ///
     /// # Errors
@@ -361,7 +374,7 @@ impl Messages {
             }
         };
         self.ended = reply.continues != Some(true);
-        understand(reply).map(Some)
+        parse_reply(reply).map(Some)
     }
 
     /// Whether no more texts will come: the daemon has ended the stream, or the connection broke.

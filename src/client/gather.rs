@@ -1,12 +1,12 @@
 //! Gathered samples, as the daemon publishes them while it follows a gather: the segment's gather region
 //! ([`crate::segment::payload::gather`]).
 
-use serde_json::{Value, json};
-
 use super::board::{Board, ClientError};
 use super::command::{CommandError, Connection, DAEMON_TIMEOUT, MARGIN};
 use crate::gather::{GatherMode, GatherPlan};
 use crate::map::Layout;
+use crate::protocol::board::Done;
+use crate::protocol::calls;
 pub use crate::segment::payload::gather::{GatherChunk, GatherPhase};
 use crate::segment::{Cursor, RegionId, Sample, SegmentError};
 
@@ -56,17 +56,18 @@ impl Connection {
         servo_period_ns: Option<u64>,
     ) -> Result<(), CommandError> {
         let place = layout.gather();
-        let parameters = json!({
-            "buffer": place.buffer.bytes(),
-            "size_word": place.size.bytes(),
-            "index_word": place.index.bytes(),
-            "size_longs": plan.buffer_longs,
-            "sample_longs": plan.sample_longs,
-            "period": plan.period,
-            "wrap": plan.mode == GatherMode::Wrap,
-            "servo_period_ns": servo_period_ns,
-        });
-        self.call::<Value>("GatherBegin", parameters, DAEMON_TIMEOUT + MARGIN).map(|_| ())
+        let parameters = calls::GatherBegin {
+            buffer: calls::Offset(place.buffer),
+            size_word: calls::Offset(place.size),
+            index_word: calls::Offset(place.index),
+            size_longs: plan.buffer_longs,
+            sample_longs: plan.sample_longs,
+            period: plan.period,
+            wrap: Some(plan.mode == GatherMode::Wrap),
+            servo_period_ns,
+        };
+        let Done {} = self.call("GatherBegin", &parameters, DAEMON_TIMEOUT + MARGIN)?;
+        Ok(())
     }
 
     /// Tells the daemon that the board gathers no more.
@@ -74,6 +75,7 @@ impl Connection {
     /// # Errors
     /// [`CommandError`].
     pub fn gather_end(&mut self) -> Result<(), CommandError> {
-        self.call::<Value>("GatherEnd", Value::Null, DAEMON_TIMEOUT + MARGIN).map(|_| ())
+        let Done {} = self.call("GatherEnd", &calls::NoParameters {}, DAEMON_TIMEOUT + MARGIN)?;
+        Ok(())
     }
 }

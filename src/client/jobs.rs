@@ -4,19 +4,15 @@
 
 use std::time::Duration;
 
-use serde::Deserialize;
-use serde_json::{Value, json};
+use serde::Serialize;
 
 use super::command::{CommandError, Connection, DAEMON_TIMEOUT, MARGIN};
 use crate::map::HostOffset;
-use crate::protocol::board::{NotesReply, RotaryStateReply};
+use crate::protocol::board::{Done, NotesReply, RotaryStateReply};
+use crate::protocol::calls;
 
 /// More than the daemon gives the board for a job, the question before it included.
 const JOB_TIMEOUT: Duration = Duration::from_secs(5);
-
-/// A reply that says nothing but that it is done.
-#[derive(Debug, Deserialize)]
-pub(super) struct Done {}
 
 /// Where a binary rotary buffer lies and what it feeds. Without start or size it takes the room that the daemon keeps
 /// for it.
@@ -34,9 +30,14 @@ pub struct RotaryPlace {
     pub coordinate_system_base: u8,
 }
 
+fn panel(action: &str, numbers: &[u8]) -> calls::Panel {
+    calls::Panel { action: action.to_owned(), numbers: numbers.iter().copied().map(usize::from).collect() }
+}
+
 impl Connection {
-    fn job(&mut self, method: &str, parameters: Value) -> Result<(), CommandError> {
-        self.call::<Done>(method, parameters, JOB_TIMEOUT + MARGIN).map(|_| ())
+    fn job(&mut self, method: &str, parameters: &impl Serialize) -> Result<(), CommandError> {
+        let Done {} = self.call(method, parameters, JOB_TIMEOUT + MARGIN)?;
+        Ok(())
     }
 
     /// Has the control panel do `action` (`jog-`, `jog+`, `jog-stop`, `pre-jog`, `home` for motors; `start`, `step`,
@@ -46,7 +47,7 @@ impl Connection {
     /// [`CommandError`]; [`crate::protocol::CallError::Refused`] in it when I2 is not 3, or the board did not take it in
     /// time: it has been withdrawn then.
     pub fn panel(&mut self, action: &str, numbers: &[u8]) -> Result<(), CommandError> {
-        self.job("Panel", json!({"action": action, "numbers": numbers}))
+        self.job("Panel", &panel(action, numbers))
     }
 
     /// Begins a jog (`jog-` or `jog+`) that goes on only while [`Connection::panel_renew`] follows at least every 200 ms.
@@ -55,7 +56,7 @@ impl Connection {
     /// # Errors
     /// As [`Connection::panel`].
     pub fn panel_hold(&mut self, action: &str, numbers: &[u8]) -> Result<(), CommandError> {
-        self.job("PanelHold", json!({"action": action, "numbers": numbers}))
+        self.job("PanelHold", &panel(action, numbers))
     }
 
     /// Says that the holder of this connection's jogs is still there.
@@ -63,7 +64,8 @@ impl Connection {
     /// # Errors
     /// [`CommandError`]; refused when there is nothing held any more.
     pub fn panel_renew(&mut self) -> Result<(), CommandError> {
-        self.call::<Done>("PanelRenew", Value::Null, DAEMON_TIMEOUT).map(|_| ())
+        let Done {} = self.call("PanelRenew", &calls::NoParameters {}, DAEMON_TIMEOUT)?;
+        Ok(())
     }
 
     /// Overrides the feed rate of `coordinate_system` (1 to 8) with `raw` (1/32768 ms, 0 to 32767; 14507 is 100 % at the
@@ -77,8 +79,10 @@ impl Connection {
         coordinate_system: u8,
         raw: Option<u16>,
     ) -> Result<Vec<String>, CommandError> {
-        let parameters = json!({"coordinate_system": coordinate_system, "raw": raw});
-        self.call::<NotesReply>("FeedOverride", parameters, JOB_TIMEOUT + MARGIN).map(|reply| reply.notes)
+        let parameters =
+            calls::FeedOverride { coordinate_system: coordinate_system.into(), raw: raw.map(u32::from) };
+        let reply: NotesReply = self.call("FeedOverride", &parameters, JOB_TIMEOUT + MARGIN)?;
+        Ok(reply.notes)
     }
 
     /// Writes consecutive 16-bit words (1 to 64) from `first` on: of each, its value and the mask of the bits to change.
@@ -93,9 +97,13 @@ impl Connection {
         anywhere: bool,
     ) -> Result<(), CommandError> {
         let (values, masks): (Vec<u16>, Vec<u16>) = words.iter().copied().unzip();
-        let parameters =
-            json!({"host_offset": first.bytes(), "words": values, "masks": masks, "anywhere": anywhere});
-        self.job("Write", parameters)
+        let parameters = calls::Write {
+            host_offset: calls::Offset(first),
+            words: values,
+            masks: Some(masks),
+            anywhere: Some(anywhere),
+        };
+        self.job("Write", &parameters)
     }
 
     /// Sets a binary rotary buffer up, empty. I57 has to be 0; `I57=1` and `OPEN ROT` after it let PMAC take lines.
@@ -105,14 +113,10 @@ impl Connection {
     /// (a daemon that uses no command lines leaves it to the caller), or when the place is not possible.
     pub fn rotary_open(&mut self, place: RotaryPlace) -> Result<(), CommandError> {
         let RotaryPlace { buffer, start, size_longs, coordinate_system, coordinate_system_base } = place;
-        let parameters = json!({
-            "buffer": buffer,
-            "start": start.map(HostOffset::bytes),
-            "size_longs": size_longs,
-            "coordinate_system": coordinate_system,
-            "coordinate_system_base": coordinate_system_base,
-        });
-        self.job("RotaryOpen", parameters)
+        let start = start.map(calls::Offset);
+        let parameters =
+            calls::RotaryOpen { buffer, start, size_longs, coordinate_system, coordinate_system_base };
+        self.job("RotaryOpen", &parameters)
     }
 
     /// No line will follow in rotary buffer `buffer` (1 or 2): its running empty is no underrun any more.
@@ -120,7 +124,7 @@ impl Connection {
     /// # Errors
     /// [`CommandError`]; refused when the buffer has not been set up.
     pub fn rotary_finish(&mut self, buffer: u8) -> Result<(), CommandError> {
-        self.job("RotaryFinish", json!({"buffer": buffer}))
+        self.job("RotaryFinish", &calls::Rotary { buffer })
     }
 
     /// How far rotary buffer `buffer` (1 or 2) is.
@@ -128,6 +132,6 @@ impl Connection {
     /// # Errors
     /// [`CommandError`]; refused when the buffer has not been set up.
     pub fn rotary_state(&mut self, buffer: u8) -> Result<RotaryStateReply, CommandError> {
-        self.call("RotaryState", json!({"buffer": buffer}), JOB_TIMEOUT + MARGIN)
+        self.call("RotaryState", &calls::Rotary { buffer }, JOB_TIMEOUT + MARGIN)
     }
 }

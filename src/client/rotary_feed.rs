@@ -7,12 +7,9 @@
 use std::collections::VecDeque;
 use std::time::Duration;
 
-use serde_json::{Map, Value, json};
-
-use super::command::{CommandError, Connection, MARGIN};
-use super::jobs::Done;
-use crate::protocol::CallError;
-use crate::protocol::board::RotaryStateReply;
+use super::command::{CommandError, Connection, MARGIN, milliseconds};
+use crate::protocol::board::{Done, RotaryStateReply};
+use crate::protocol::{CallError, calls};
 
 /// A line: the commands of it, two words of 24 bits each.
 pub type RotaryLine = Vec<(u32, u32)>;
@@ -106,14 +103,13 @@ impl<'a> RotaryFeed<'a> {
         });
         // A line longer than a batch goes alone, to be refused with the reason.
         let count = full.unwrap_or(rest.len()).max(1);
-        let batch: Vec<Value> = rest.iter().take(count).map(words).collect();
-        let parameters = json!({
-            "buffer": self.buffer,
-            "lines": batch,
-            "first": self.next,
-            "timeout_ms": BATCH_PATIENCE.as_millis() as u64,
-        });
-        self.connection.ask("RotarySend", parameters, BATCH_PATIENCE + MARGIN)?;
+        let parameters = calls::RotarySend {
+            buffer: self.buffer,
+            lines: rest.iter().take(count).map(words).collect(),
+            first: Some(self.next as u64),
+            timeout_ms: Some(milliseconds(BATCH_PATIENCE)),
+        };
+        self.connection.ask("RotarySend", &parameters, BATCH_PATIENCE + MARGIN)?;
         self.next += count;
         self.under_way.push_back(self.next);
         Ok(())
@@ -135,7 +131,6 @@ impl<'a> RotaryFeed<'a> {
     }
 }
 
-fn words(line: &RotaryLine) -> Value {
-    let words = line.iter().flat_map(|&(word1, word2)| [word1, word2]).map(Value::from).collect();
-    Value::Object(Map::from_iter([("words".to_owned(), Value::Array(words))]))
+fn words(line: &RotaryLine) -> calls::RotaryLine {
+    calls::RotaryLine { words: line.iter().flat_map(|&(word1, word2)| [word1, word2]).collect() }
 }

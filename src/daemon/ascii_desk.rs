@@ -8,14 +8,12 @@ use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 
 use super::identify::Identifier;
-use super::queue::{
-    Command, Event, LINE_MAX, Outcome, REPLY_MAX, Sender, Text, Ticket, Unsolicited, UnsolicitedKind, at_once,
-};
-use super::response_port::{PortError, ResponsePort, Way};
+use super::queue::{Command, Event, LINE_MAX, Outcome, Sender, Text, Ticket, Unsolicited, at_once};
+use super::response_port::{PortError, ResponsePort};
 use crate::clock::Clock;
 use crate::device::Bus;
 use crate::function::ascii::{AsciiEvent, AsciiPort, ResponseText, control_has_reply};
-use crate::protocol::OpenBuffer;
+use crate::protocol::{CommandPort, CommandState, MessageKind, OpenBuffer};
 use crate::segment::{Counter, Publisher};
 
 /// Lines of a reply that the socket's thread is told at once: a long listing must not fill its queue.
@@ -74,17 +72,6 @@ pub(super) struct UnderWay {
     given_up: bool,
 }
 
-/// Whether the port answers, as far as known.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum PortState {
-    /// Nothing has been asked yet.
-    Unknown,
-    /// The last command was answered.
-    Answers,
-    /// The last command was not.
-    Silent,
-}
-
 /// The desk.
 pub struct AsciiDesk {
     pub(super) port: ResponsePort,
@@ -103,7 +90,7 @@ pub struct AsciiDesk {
     outbox: Option<Event>,
     /// The identity, and when it is asked.
     pub identifier: Identifier,
-    pub(super) state: PortState,
+    pub(super) state: CommandState,
     /// Since when the DPRAM's port has left something lying.
     pub(super) stuck_since: Option<Instant>,
     /// When the board may be asked again which port it looks at.
@@ -131,7 +118,7 @@ impl AsciiDesk {
             lines_unheard: 0,
             outbox: None,
             identifier,
-            state: PortState::Unknown,
+            state: CommandState::Unknown,
             stuck_since: None,
             next_ask: now,
             last_event: now,
@@ -143,13 +130,13 @@ impl AsciiDesk {
 
     /// Whether the port answers.
     #[must_use]
-    pub fn state(&self) -> PortState {
+    pub fn state(&self) -> CommandState {
         self.state
     }
 
     /// Other data have stopped: that the port answered once says nothing any more. It is asked again if it may be.
     pub fn doubt(&mut self, now: Instant) {
-        self.state = PortState::Unknown;
+        self.state = CommandState::Unknown;
         self.identifier.ask_again(now);
     }
 
@@ -169,12 +156,12 @@ impl AsciiDesk {
         if let Some(under_way) = &mut self.under_way {
             under_way.deadline = now;
             match self.port.way() {
-                Way::Mailbox => under_way.taken = true,
+                CommandPort::Mailbox => under_way.taken = true,
                 // Now, before a cleared flag is taken for the board's having taken the first half of a line.
-                Way::Dpram if !std::mem::replace(&mut under_way.given_up, true) => {
+                CommandPort::Dpram if !std::mem::replace(&mut under_way.given_up, true) => {
                     under_way.taken |= self.port.give_up(bus, now)?;
                 }
-                Way::Dpram => {}
+                CommandPort::Dpram => {}
             }
         }
         self.look_now(now);
@@ -288,7 +275,9 @@ impl AsciiDesk {
         let question = if self.buffer.is_open() { Duration::MAX } else { self.identifier.due_in(now) };
         match (owed, self.has_interrupt) {
             // The mailboxes' interrupts tell everything; only time has to be watched.
-            (true, _) if self.port.way() == Way::Dpram && now.duration_since(self.last_event) < SOON => {
+            (true, _)
+                if self.port.way() == CommandPort::Dpram && now.duration_since(self.last_event) < SOON =>
+            {
                 LOOK_SOON
             }
             (true, _) => LOOK_LATER,
@@ -312,7 +301,7 @@ impl AsciiDesk {
         if let Some(lying) = self.control_lies {
             if !self.port.control_lies(bus)? {
                 self.control_lies = None;
-                self.state = PortState::Answers;
+                self.state = CommandState::Answers;
                 self.tell(events, Event::Done(lying.ticket, Outcome::Done));
             } else if now >= lying.deadline {
                 self.port.withdraw_control(bus, now)?;
@@ -346,7 +335,7 @@ impl AsciiDesk {
                 self.control_lies = Some(first);
                 let settles = self.port.mailbox.as_ref().is_some_and(|mailbox| mailbox.port.is_settling());
                 if let Some(under_way) = self.under_way.as_mut().filter(|it| settles && !it.given_up)
-                    && self.port.way() == Way::Mailbox
+                    && self.port.way() == CommandPort::Mailbox
                 {
                     // It went over a line that lay too long; whether the board had taken that nobody knows.
                     (under_way.taken, under_way.given_up, under_way.deadline) = (true, true, now);
@@ -408,7 +397,8 @@ impl AsciiDesk {
             if !std::mem::replace(&mut under_way.given_up, true) {
                 under_way.taken |= self.port.give_up(bus, now)?;
                 // A board clears the flag only when it has done the line. One that answered the line before may be at this one.
-                under_way.taken |= self.port.way() == Way::Dpram && self.state != PortState::Silent;
+                under_way.taken |=
+                    self.port.way() == CommandPort::Dpram && self.state != CommandState::Silent;
             }
             // Who hears that it was not taken may send it again, so that is said only after a silence.
             if under_way.taken || self.port.is_idle() {
@@ -418,7 +408,7 @@ impl AsciiDesk {
                     Some(ticket) => self.fail(events, publisher, ticket, taken),
                     None => {
                         self.identifier.failed(now);
-                        self.state = PortState::Silent;
+                        self.state = CommandState::Silent;
                     }
                 }
                 return Ok(());
@@ -445,7 +435,7 @@ impl AsciiDesk {
 
     fn fail(&mut self, events: &Sender<Event>, publisher: &Publisher, ticket: Ticket, taken: bool) {
         publisher.counters().add(Counter::AsciiTimeouts, 1);
-        self.state = PortState::Silent;
+        self.state = CommandState::Silent;
         let outcome = if taken { Outcome::TimedOut } else { Outcome::Unavailable };
         self.tell(events, Event::Done(ticket, outcome));
     }
@@ -458,14 +448,14 @@ impl AsciiDesk {
                 if let Some(under_way) = &mut self.under_way {
                     under_way.taken = true;
                     match under_way.begun.ticket() {
-                        Some(ticket) => self.tell(events, Event::Line(ticket, carried(&text))),
+                        Some(ticket) => self.tell(events, Event::Line(ticket, text)),
                         None => self.identifier.line(text.as_bytes()),
                     }
                 }
             }
             AsciiEvent::Done(result) => {
                 counters.add(Counter::AsciiErrors, u64::from(result.is_err()));
-                self.state = PortState::Answers;
+                self.state = CommandState::Answers;
                 match self.under_way.take().map(|under_way| under_way.begun.ticket()) {
                     Some(Some(ticket)) => {
                         let outcome = result.map_or_else(Outcome::Error, |()| Outcome::Done);
@@ -475,12 +465,8 @@ impl AsciiDesk {
                     None => {}
                 }
             }
-            AsciiEvent::ProgramResponse(text) => {
-                self.unsolicited(events, publisher, UnsolicitedKind::Cmd, &text)
-            }
-            AsciiEvent::ProgramMessage(text) => {
-                self.unsolicited(events, publisher, UnsolicitedKind::Send, &text)
-            }
+            AsciiEvent::ProgramResponse(text) => self.unsolicited(events, publisher, MessageKind::Cmd, &text),
+            AsciiEvent::ProgramMessage(text) => self.unsolicited(events, publisher, MessageKind::Send, &text),
             AsciiEvent::Stale(_) => {
                 counters.add(Counter::AsciiUnsolicited, 1);
                 if let Some(under_way) = self.under_way.as_mut().filter(|under_way| under_way.given_up) {
@@ -494,14 +480,11 @@ impl AsciiDesk {
         &mut self,
         events: &Sender<Event>,
         publisher: &Publisher,
-        kind: UnsolicitedKind,
+        kind: MessageKind,
         text: &ResponseText,
     ) {
         publisher.counters().add(Counter::AsciiUnsolicited, 1);
-        self.tell(
-            events,
-            Event::Unsolicited(Unsolicited { time_ns: self.clock.ns(), kind, text: carried(text) }),
-        );
+        self.tell(events, Event::Unsolicited(Unsolicited { time_ns: self.clock.ns(), kind, text: *text }));
     }
 
     /// Puts an event into the socket's queue, or keeps it until there is room. A line of a reply is told with the reply's end.
@@ -512,12 +495,6 @@ impl AsciiDesk {
         let wakes = self.lines_unheard.is_multiple_of(LINES_UNHEARD);
         self.outbox = if wakes { events.try_send(event) } else { events.try_put(event) }.err();
     }
-}
-
-/// A response as the queue carries it. It always fits: the response buffer holds no more than [`REPLY_MAX`].
-fn carried(text: &ResponseText) -> Text<REPLY_MAX> {
-    let bytes = text.as_bytes();
-    Text::new(&bytes[..bytes.len().min(REPLY_MAX)]).unwrap_or_default()
 }
 
 #[cfg(test)]

@@ -99,9 +99,9 @@ fn a_line_whose_time_is_over_is_never_begun() {
 #[test]
 fn a_line_that_lay_before_a_board_that_answered_so_far_may_have_been_carried_out() {
     for (state, outcome) in [
-        (PortState::Answers, Outcome::TimedOut),
-        (PortState::Unknown, Outcome::TimedOut),
-        (PortState::Silent, Outcome::Unavailable),
+        (CommandState::Answers, Outcome::TimedOut),
+        (CommandState::Unknown, Outcome::TimedOut),
+        (CommandState::Silent, Outcome::Unavailable),
     ] {
         let mut rig = Rig::new();
         rig.desk.state = state;
@@ -121,7 +121,7 @@ fn a_line_that_lay_before_a_board_that_answered_so_far_may_have_been_carried_out
 fn that_a_line_was_not_taken_is_said_after_a_silence_only() {
     for (answers, outcome) in [(false, Outcome::Unavailable), (true, Outcome::TimedOut)] {
         let mut rig = Rig::new();
-        rig.desk.state = PortState::Silent;
+        rig.desk.state = CommandState::Silent;
         rig.send(1, "#1J:100", Duration::from_millis(1));
         rig.send(2, "P2", Duration::from_secs(5));
         rig.pass();
@@ -151,11 +151,11 @@ fn a_line_that_waits_for_another_says_nothing_of_the_board() {
     rig.send(2, "P2", Duration::from_secs(1));
     rig.pass();
     rig.bus.write16(ASCII_OUTPUT_CONTROL, 0).unwrap();
-    rig.desk.state = PortState::Answers;
+    rig.desk.state = CommandState::Answers;
     rig.now += Duration::from_secs(1);
     rig.pass();
     assert_eq!(rig.ended(), [(2, Outcome::Busy)]);
-    assert_eq!(rig.desk.state(), PortState::Answers);
+    assert_eq!(rig.desk.state(), CommandState::Answers);
 }
 
 #[test]

@@ -13,11 +13,11 @@ use nix::poll::{PollFd, PollFlags, ppoll};
 use nix::sys::eventfd::EventFd;
 use nix::sys::time::TimeSpec;
 
-use super::ascii_desk::{AsciiDesk, PortState};
+use super::ascii_desk::AsciiDesk;
 use super::board::OpenBus;
 use super::host_link::HostPortLink;
 use super::identify::Identifier;
-use super::info::SharedInfo;
+use super::info::{InfoReport, Pulse};
 use super::interrupt_link::InterruptLink;
 use super::job_desk::JobDesk;
 use super::mailbox_link::MailboxLink;
@@ -32,7 +32,7 @@ use crate::clock::Clock;
 use crate::device::{Bus, BusError, Counted};
 use crate::map::HostOffset;
 use crate::mirror::{BackgroundMirror, ServoMirror};
-use crate::protocol::{Function, Functions, State as InfoState};
+use crate::protocol::{CommandState, Function, Functions};
 use crate::segment::{Counter, Publisher, State};
 
 /// How often the segment's heartbeat is written.
@@ -78,8 +78,10 @@ pub struct BoardLoop {
     pub commands: Receive<Command>,
     /// To the socket.
     pub events: Sender<Event>,
-    /// What `GetInfo` answers.
-    pub info: Arc<SharedInfo>,
+    /// What the socket's thread is told of the board.
+    pub info: InfoReport,
+    /// Its heartbeat.
+    pub pulse: Arc<Pulse>,
     /// Readable when the thread shall end.
     pub stop: Arc<EventFd>,
     /// Motors to read while the board has not said how many it reports.
@@ -179,14 +181,15 @@ impl BoardLoop {
     fn running(&mut self, readable: &Readable) {
         if !self.is_paused() {
             self.attend(readable);
-            self.info.count_round();
+            self.pulse.count_round();
             if let Err(error) = self.one_round() {
                 self.bus_failed(&error);
             }
         }
         let now = self.clock.ns();
         // Who waits for the board to be live shall not have to wait for the next beat.
-        if now >= self.heartbeat_due_ns || self.shows_life() && self.told.state != Some(State::Live) {
+        let beats = now >= self.heartbeat_due_ns;
+        if beats || self.shows_life() && self.told.state != Some(State::Live) {
             self.heartbeat_due_ns = now + HEARTBEAT_NS;
             self.beat(now);
         }
@@ -194,6 +197,9 @@ impl BoardLoop {
             self.check_due_ns = now + BOARD_CHECK_NS;
             self.check_board();
         }
+        let enabling = self.desk.identifier.enabling();
+        self.info.set(|status| status.enabling = enabling);
+        self.info.poll(&self.events, beats);
     }
 
     /// Whether the bus is left alone for a moment, because it could not be reached.
@@ -256,7 +262,8 @@ impl BoardLoop {
                 self.desk.pass(&mut self.bus, &self.events, &self.publisher, instant)?;
                 if let Some(host_port) = &mut self.host_port {
                     host_port.serve(&mut self.bus, &mut self.desk, instant)?;
-                    self.info.set_host_port(host_port.counts());
+                    let counts = host_port.counts();
+                    self.info.set(|status| status.host_port = counts);
                 }
                 self.count(Counter::AsciiAccesses, accesses);
                 let registers = self.desk.port().register_accesses() - registers;
@@ -452,15 +459,12 @@ impl BoardLoop {
         }
         if self.told.state.replace(state) != Some(state) {
             self.publisher.set_state(state);
-            self.info.set_state(if alive { InfoState::Live } else { InfoState::Stale });
+            self.info.set(|status| status.state = state);
             if alive {
                 info!("the board is alive");
             } else {
                 warn!("the board gives no sign of life: no servo data, no background data, no ASCII reply");
             }
-        }
-        if self.told.info_pending {
-            self.inform();
         }
         if let Err(error) = self.guard_page() {
             self.bus_failed(&error);
@@ -473,7 +477,7 @@ impl BoardLoop {
         let told = tells.into_iter().any(|function| self.functions.has(function));
         self.servo.is_live()
             || self.background.is_live()
-            || self.desk.state() == PortState::Answers
+            || self.desk.state() == CommandState::Answers
             || !told && !self.condition.silent && !self.condition.gone
     }
 

@@ -7,7 +7,6 @@ use std::ffi::OsString;
 use std::io::Write;
 use std::path::Path;
 use std::process::ExitCode;
-use std::sync::Arc;
 
 use clap::Parser;
 use log::{Level, info, warn};
@@ -104,7 +103,7 @@ fn run(settings: &Settings, options: &Options, log: &mut LogWriter) -> Result<()
     drop(inherited);
     let parts = Parts::new(settings, machine, publisher, clock)?;
     let Parts { board_loop, backend, stop, simulator: _simulator } = parts;
-    let info = Arc::clone(&backend.info);
+    let pulse = backend.info.pulse();
     let serve_options = ServeOptions {
         mode: settings.socket_mode,
         group: settings.socket_group.clone(),
@@ -133,9 +132,9 @@ fn run(settings: &Settings, options: &Options, log: &mut LogWriter) -> Result<()
     );
 
     info!("runs as {}, {}, scheduling {}", Holdings::read(), privilege::lock_memory(), scheduling());
-    manager.ready(&info);
+    manager.ready(&pulse);
 
-    let asked = until_asked_to_end(&mut signals, &mut manager, &info, || bus_thread.is_finished());
+    let asked = until_asked_to_end(&mut signals, &mut manager, &pulse, || bus_thread.is_finished());
     manager.stopping();
     // First the socket: at its end it has the bus thread stop what is held.
     server.stop();

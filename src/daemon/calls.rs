@@ -4,22 +4,24 @@
 use std::time::{Duration, Instant};
 
 use log::{error, info, warn};
-use serde_json::json;
 
-use super::connection::{Answer, Pending, Waiting};
-use super::dispatch::{Action, Ask, understand};
+use super::connection::{Answer, Pending, Then, Waiting};
+use super::dispatch::{Action, Ask, parse_call};
 use super::job::Job;
-use super::jobs::JobCall;
+use super::jobs::{self, JobCall};
 use super::policy::{Peer, Role};
-use super::queue::{Command, Outcome, Text, Ticket};
-use super::serve::{GRACE, Service};
+use super::queue::{Command, LINE_MAX, Outcome, Text, Ticket};
+use super::serve::{GRACE, Service, outcome_reply};
 use super::turns::Turn;
 use crate::function::panel::PanelRequest;
 use crate::function::variable_read::VariableEntry;
-use crate::protocol::{Call, CallError, Enabled, Function, Reply, control};
+use crate::protocol::board::WatchReply;
+use crate::protocol::{Call, CallError, Enabled, Function, Reply, answer, control};
 
 /// How long the board may take to say whether a job makes sense.
 const GUARD_TIMEOUT: Duration = Duration::from_millis(500);
+/// How long a watch may wait for its turn to ask.
+const WATCH_TIMEOUT: Duration = Duration::from_secs(1);
 /// Holds the stops that the board did not take, until they are requested again.
 const NOBODY: u64 = u64::MAX;
 /// How long until then.
@@ -30,6 +32,7 @@ const LAST_STOP: Duration = Duration::from_millis(500);
 const STOP_TIMEOUT: Duration = Duration::from_secs(5);
 
 impl Service {
+    /// Begins a call: answers it, or has the board asked.
     pub(super) fn begin(&mut self, id: u64, call: &Call, now: Instant) {
         let Some(client) = self.clients.get_mut(&id) else { return };
         let oneway = call.oneway == Some(true);
@@ -37,30 +40,12 @@ impl Service {
         if !oneway && !client.hears() {
             return;
         }
-        let mut action = understand(call, client.role, &self.backend.info);
-        match action {
-            Ok(Action::Ask(ask)) => match self.ask(id, ask, oneway, now) {
-                Ok(()) => return,
-                Err(error) => action = Err(error),
-            },
-            Ok(Action::Renew) => {
-                let held = self.leases.renew(id, now);
-                let reason = "there is no held jog of this connection (any more)".to_owned();
-                action =
-                    if held { Ok(Action::Reply(Reply::done())) } else { Err(CallError::Refused { reason }) };
-            }
-            _ => {}
-        }
-        let Some(client) = self.clients.get_mut(&id) else { return };
-        let reply = match action {
-            Ok(Action::Reply(reply)) => reply,
-            Ok(Action::Stream) => {
-                client.waiting = Waiting::Messages(0);
-                return;
-            }
-            Ok(Action::Ask(_) | Action::Renew) => return,
+        let action = parse_call(call, client.role, &self.backend.info);
+        let reply = match action.and_then(|action| self.act(id, action, oneway, now)) {
+            Ok(None) => return,
+            Ok(Some(reply)) => reply,
             Err(error) => {
-                if !matches!(error, CallError::Busy) {
+                if let (false, Some(client)) = (matches!(error, CallError::Busy), self.clients.get(&id)) {
                     let Peer { uid, pid, .. } = client.peer;
                     let what = format_args!("refused {:?} of uid {uid} pid {pid}: {error}", call.method);
                     self.refusals.tell(uid, what, now);
@@ -68,77 +53,126 @@ impl Service {
                 error.to_reply()
             }
         };
-        if !oneway {
+        if let (false, Some(client)) = (oneway, self.clients.get_mut(&id)) {
             client.reply(&reply, now);
         }
     }
 
-    fn ask(&mut self, id: u64, ask: Ask, oneway: bool, now: Instant) -> Result<(), CallError> {
-        let asks_first = self.backend.info.is_enabled(Enabled::ASCII);
-        let may_ask = self.backend.info.settings().functions.has(Function::Ascii);
-        let ask = match ask {
-            Ask::Job(JobCall { job: Job::WatchVariables(entries), guard, .. })
-                if guard.is_none() || !asks_first =>
-            {
-                return self.watch(id, entries, now);
+    /// Does what a call asks for; tells the reply if there is one at once.
+    fn act(
+        &mut self,
+        id: u64,
+        action: Action,
+        oneway: bool,
+        now: Instant,
+    ) -> Result<Option<Reply>, CallError> {
+        match action {
+            Action::Reply(reply) => return Ok(Some(reply)),
+            Action::Ask(ask) => self.ask(id, ask, oneway, now),
+            Action::Watch(entries) => {
+                let enabling = self.backend.info.enabling();
+                if jobs::VARIABLES_ENABLED.is_open(enabling, self.answers(), self.may_ask()) {
+                    let question = Text::of(&jobs::VARIABLES_ENABLED.variable);
+                    self.ask_first(id, question, Then::Watch(entries), now + WATCH_TIMEOUT, oneway);
+                } else {
+                    self.watch(id, entries, now)?;
+                }
             }
-            ask => ask,
-        };
-        let deadline = now + ask.timeout();
-        let ticket = self.new_ticket();
-        let Some(client) = self.clients.get_mut(&id) else { return Ok(()) };
-        let uid = client.peer.uid;
-        let (mut then, mut audit, mut stops, mut answer) = (None, None, 0, Answer::Lines);
-        let command = match ask {
+            Action::Stream => {
+                if let Some(client) = self.clients.get_mut(&id) {
+                    client.waiting = Waiting::Messages(0);
+                }
+            }
+            Action::Renew => {
+                let reason = "there is no held jog of this connection (any more)".to_owned();
+                let held = self.leases.renew(id, now);
+                return if held { Ok(Some(Reply::done())) } else { Err(CallError::Refused { reason }) };
+            }
+        }
+        Ok(None)
+    }
+
+    /// Whether the board answers command lines now.
+    fn answers(&self) -> bool {
+        self.backend.info.is_enabled(Enabled::ASCII)
+    }
+
+    /// Whether command lines are used at all.
+    fn may_ask(&self) -> bool {
+        self.backend.info.settings().functions.has(Function::Ascii)
+    }
+
+    fn ask(&mut self, id: u64, ask: Ask, oneway: bool, now: Instant) {
+        let (ticket, deadline) = (self.new_ticket(), now + ask.timeout());
+        let (command, audit) = match ask {
             Ask::Send { line, .. } => {
-                audit = Some(format!("sends {line:?}"));
-                Command::Send { ticket, line, deadline, question: false }
+                (Command::Send { ticket, line, deadline, question: false }, Some(format!("sends {line:?}")))
             }
             Ask::Control { character } => {
-                audit = Some(format!("sends {}", control::name(character)));
-                Command::Control { ticket, character, deadline }
+                let audit = format!("sends {}", control::name(character));
+                (Command::Control { ticket, character, deadline }, Some(audit))
             }
-            Ask::Read { first, count } => Command::ReadWords { ticket, first, count },
-            Ask::Job(mut call) => match call.guard.filter(|guard| asks_first || guard.is_required && may_ask)
-            {
-                // First ask the board whether the job makes sense; where it cannot be asked, the job has to show. Where
-                // command lines are switched off, what the job needs is with its caller.
-                Some(guard) => {
-                    let line = Text::new(call.question(guard).as_bytes()).unwrap_or_default();
-                    then = Some(call);
-                    Command::Send { ticket, line, deadline: now + GUARD_TIMEOUT, question: true }
-                }
-                None => {
-                    if let Some(guard) = call.guard.take() {
-                        call.note_unasked(guard);
-                    }
-                    audit = call.audit.take();
-                    answer = call.notes.take().map_or(Answer::Done, Answer::Notes);
-                    if let Some(stop) = call.lease {
-                        // From now on: a client that is gone before the board has taken the jog is gone all the same.
-                        self.leases.begin(id, stop, deadline);
-                    }
-                    if let (Job::Panel(request), None) = (&call.job, call.lease) {
-                        stops = request.stops();
-                    }
-                    Command::Job { ticket, job: Box::new(call.job), deadline }
-                }
-            },
+            Ask::Read { first, count } => (Command::ReadWords { ticket, first, count }, None),
+            Ask::Job(call) => return self.ask_job(id, call, oneway, now),
         };
-        self.turns.wait(uid, Turn { ticket, command, audit });
-        self.owners.insert(ticket, id);
-        let deadline = deadline + GRACE;
-        client.waiting = Waiting::Board(Pending {
-            ticket,
-            oneway,
-            deadline,
-            lines: Vec::new(),
-            length: 0,
-            then,
-            stops,
-            answer,
-        });
-        Ok(())
+        self.wait_for_board(
+            id,
+            Turn { ticket, command, audit },
+            Pending::new(ticket, oneway, deadline + GRACE),
+        );
+    }
+
+    /// Has the bus thread do a job, or asks the board first whether that makes sense. Where the board cannot be asked, the job has
+    /// to show; where command lines are switched off, what the job needs is with its caller.
+    fn ask_job(&mut self, id: u64, mut call: JobCall, oneway: bool, now: Instant) {
+        let deadline = now + call.timeout;
+        if let Some(guard) = call.guard {
+            let is_known = (guard.known)(self.backend.info.enabling()) == Some(true);
+            let has_question = call.time_base.is_some() && self.answers();
+            if has_question || guard.is_open(self.backend.info.enabling(), self.answers(), self.may_ask()) {
+                let question = Text::of(&call.question(guard));
+                return self.ask_first(id, question, Then::Job(call), deadline, oneway);
+            }
+            call.guard = None;
+            if !is_known {
+                call.note_unasked(guard);
+            }
+        }
+        self.do_job(id, call, oneway, deadline);
+    }
+
+    /// Has the bus thread do a job, whatever the board says.
+    fn do_job(&mut self, id: u64, call: JobCall, oneway: bool, deadline: Instant) {
+        let JobCall { job, notes, lease, audit, .. } = call;
+        let ticket = self.new_ticket();
+        if let Some(stop) = lease {
+            // From now on: a client that is gone before the board has taken the jog is gone all the same.
+            self.leases.begin(id, stop, deadline);
+        }
+        let stops = match (&job, lease) {
+            (Job::Panel(request), None) => request.stops(),
+            _ => 0,
+        };
+        let answer = notes.map_or(Answer::Done, Answer::Notes);
+        let command = Command::Job { ticket, job: Box::new(job), deadline };
+        let pending = Pending { stops, answer, ..Pending::new(ticket, oneway, deadline + GRACE) };
+        self.wait_for_board(id, Turn { ticket, command, audit }, pending);
+    }
+
+    /// Asks the board `question`; `then` begins if its answer is what its guard wants.
+    fn ask_first(&mut self, id: u64, question: Text<LINE_MAX>, then: Then, deadline: Instant, oneway: bool) {
+        let ticket = self.new_ticket();
+        // The time to answer runs from when it is handed over.
+        let command = Command::Send { ticket, line: question, deadline, question: true };
+        let pending = Pending { then: Some(then), ..Pending::new(ticket, oneway, deadline + GRACE) };
+        self.wait_for_board(id, Turn { ticket, command, audit: None }, pending);
+    }
+
+    fn wait_for_board(&mut self, id: u64, turn: Turn, pending: Pending) {
+        let Some(client) = self.clients.get_mut(&id) else { return };
+        self.owners.insert(turn.ticket, id);
+        self.turns.wait(client.peer.uid, turn);
+        client.waiting = Waiting::Board(pending);
     }
 
     /// Hands the bus thread what it has room for.
@@ -178,59 +212,85 @@ impl Service {
         Ticket(self.next_ticket)
     }
 
-    /// Begins a watch, of which only a change of the table concerns the bus thread.
+    /// Begins a watch, of which only a change of the table concerns the bus thread. The reply comes when the table is the board's.
     fn watch(&mut self, id: u64, entries: Vec<VariableEntry>, now: Instant) -> Result<(), CallError> {
-        let watched = json!({ "watched": entries.len() });
-        let Some(client) = self.clients.get(&id) else { return Ok(()) };
+        let Some(client) = self.clients.get_mut(&id) else { return Ok(()) };
         let observer = (client.role == Role::Observe).then_some(client.peer.uid);
-        self.subscriptions
+        let table = self
+            .subscriptions
             .watch(id, entries, observer)
             .map_err(|none_left| CallError::Refused { reason: none_left.to_string() })?;
-        if let Some(client) = self.clients.get_mut(&id) {
-            client.waiting = Waiting::Watch;
-            client.reply(&Reply { continues: Some(true), ..Reply::with(&watched)? }, now);
+        client.waiting = Waiting::Watch;
+        if let Some(table) = table {
+            self.tell_watched(&[id], table, now);
         }
         Ok(())
     }
 
-    /// The board has answered the question a job waited for.
+    /// Tells clients that the registers they watch are in the board's table number `table`.
+    pub(super) fn tell_watched(&mut self, clients: &[u64], table: u32, now: Instant) {
+        for id in clients {
+            let reply = Reply::with(&WatchReply { watched: self.subscriptions.count_of(*id), table });
+            if let (Some(client), Ok(reply)) = (self.clients.get_mut(id), reply) {
+                client.reply(&Reply { continues: Some(true), ..reply }, now);
+            }
+        }
+    }
+
+    /// Tells clients that the board did not take the table with their registers. They watch nothing.
+    pub(super) fn refuse_watches(&mut self, clients: &[u64], outcome: Outcome, now: Instant) {
+        for id in clients {
+            let Some(client) = self.clients.get_mut(id) else { continue };
+            client.waiting = Waiting::Nothing;
+            let error = match outcome_reply(outcome, Vec::new(), false) {
+                Err(error) => error,
+                Ok(_) => CallError::Busy,
+            };
+            client.reply(&error.to_reply(), now);
+            self.advance(*id, now);
+        }
+    }
+
+    /// The board has answered the question that something waited for.
     pub(super) fn guarded(
         &mut self,
         ticket: Ticket,
-        mut call: JobCall,
+        then: Then,
         lines: &[String],
         outcome: Outcome,
         now: Instant,
     ) {
         let Some(id) = self.owners.remove(&ticket) else { return };
         let Some(client) = self.clients.get_mut(&id) else { return };
-        let Waiting::Board(pending) = std::mem::replace(&mut client.waiting, Waiting::Nothing) else {
+        let Waiting::Board(Pending { oneway, .. }) = std::mem::replace(&mut client.waiting, Waiting::Nothing)
+        else {
             return;
         };
-        let mut answers = lines.iter().map(|line| line.rsplit('=').next().unwrap_or(line).trim());
-        let answer = answers.next();
-        match (call.guard, call.time_base) {
-            (Some(guard), _) if outcome != Outcome::Done && !guard.is_required => call.note_unasked(guard),
-            (_, Some(number)) => call.note_time_base(number, answers.next()),
-            _ => {}
-        }
-        let result = match (call.guard.take(), answer) {
-            (Some(guard), Some(value)) if outcome == Outcome::Done && value != guard.value => {
-                let reason = format!(
-                    "{} is {value}, and {} needs {}; send {}={} first",
-                    guard.variable, guard.purpose, guard.value, guard.variable, guard.value
-                );
-                Err(CallError::Refused { reason })
+        let mut answers = lines.iter().map(|line| answer::text(line));
+        let found = answers.next().filter(|_| outcome == Outcome::Done);
+        // A board that cannot be asked (any more) may still do it; if not, the job says so.
+        let result = match then {
+            Then::Watch(entries) => {
+                jobs::VARIABLES_ENABLED.check(found).and_then(|()| self.watch(id, entries, now))
             }
-            (Some(guard), answer) if guard.is_required && (outcome != Outcome::Done || answer.is_none()) => {
-                Err(guard.unanswered())
+            Then::Job(mut call) => {
+                let guard = call.guard.take();
+                match (guard, call.time_base) {
+                    (Some(guard), _) if outcome != Outcome::Done && !guard.is_required => {
+                        call.note_unasked(guard)
+                    }
+                    (_, Some(number)) => call.note_time_base(number, answers.next()),
+                    _ => {}
+                }
+                let checked = guard.map_or(Ok(()), |guard| guard.check(found));
+                checked.map(|()| {
+                    let deadline = now + call.timeout;
+                    self.do_job(id, call, oneway, deadline);
+                })
             }
-            // A board that cannot be asked (any more) may still do it; if not, the job says so.
-            _ => self.ask(id, Ask::Job(call), pending.oneway, now),
         };
-        let Some(client) = self.clients.get_mut(&id) else { return };
         if let Err(error) = result {
-            if !pending.oneway {
+            if let (false, Some(client)) = (oneway, self.clients.get_mut(&id)) {
                 client.reply(&error.to_reply(), now);
             }
             self.advance(id, now);
@@ -239,12 +299,12 @@ impl Service {
 
     /// Tells the bus thread which registers are watched, when that has changed. A full queue is tried again.
     pub(super) fn tell_subscriptions(&mut self, now: Instant) {
-        let Some(table) = self.subscriptions.news(now) else { return };
+        let Some(table) = self.subscriptions.update(now) else { return };
         let ticket = self.new_ticket();
         let command =
             Command::Job { ticket, job: Box::new(Job::WatchVariables(table)), deadline: now + STOP_TIMEOUT };
         if self.backend.commands.try_send(command).is_ok() {
-            self.subscriptions.told(ticket);
+            self.subscriptions.sent(ticket);
         }
     }
 

@@ -12,6 +12,7 @@ use nix::poll::PollFlags;
 use super::jobs::JobCall;
 use super::policy::{Peer, Role};
 use super::queue::Ticket;
+use crate::function::variable_read::VariableEntry;
 use crate::protocol::{CALL_MAX, Inbox, Reply, frame::TooLong, message::encode};
 
 /// No further call is begun while this much output waits, in bytes.
@@ -33,12 +34,29 @@ pub(super) struct Pending {
     pub(super) lines: Vec<String>,
     /// Its length in bytes.
     pub(super) length: usize,
-    /// The job that waits for this answer, and begins if it is what its guard wants.
-    pub(super) then: Option<JobCall>,
+    /// What waits for this answer, and begins if it is what its guard wants.
+    pub(super) then: Option<Then>,
     /// The motors whose jog is over for this client when the board has taken the job.
     pub(super) stops: u8,
     /// What it answers when all goes well.
     pub(super) answer: Answer,
+}
+
+impl Pending {
+    /// The call of `ticket`, whose lines are its answer.
+    pub(super) fn new(ticket: Ticket, oneway: bool, deadline: Instant) -> Self {
+        let (lines, answer) = (Vec::new(), Answer::Lines);
+        Self { ticket, oneway, deadline, lines, length: 0, then: None, stops: 0, answer }
+    }
+}
+
+/// What waits for the board's answer to a question.
+#[derive(Debug)]
+pub(super) enum Then {
+    /// A job.
+    Job(JobCall),
+    /// A watch on these registers.
+    Watch(Vec<VariableEntry>),
 }
 
 /// What a call answers when all goes well.

@@ -9,10 +9,11 @@ use std::time::{Duration, Instant};
 
 use log::{info, warn};
 
-use super::ascii_desk::{AsciiDesk, Begun, PortState};
-use super::response_port::{Answer, PortError, Way};
+use super::ascii_desk::{AsciiDesk, Begun};
+use super::response_port::{Answer, PortError};
 use crate::device::Bus;
 use crate::function::ascii::AsciiPort;
+use crate::protocol::{CommandPort, CommandState};
 
 /// How long something may lie in the DPRAM's port before the board is asked. It takes commands within milliseconds.
 const STUCK: Duration = Duration::from_millis(100);
@@ -23,7 +24,7 @@ const SOON: Duration = Duration::from_millis(200);
 impl AsciiDesk {
     /// A line may have changed which port the board looks at.
     pub(super) fn ask_way_soon(&mut self, now: Instant) {
-        if self.port.way() == Way::Mailbox {
+        if self.port.way() == CommandPort::Mailbox {
             self.next_ask = self.next_ask.min(now + SOON);
         }
     }
@@ -37,14 +38,14 @@ impl AsciiDesk {
             self.next_ask = now + AGAIN;
             self.follow(answer, bus, now)?;
         }
-        let stuck = self.port.way() == Way::Dpram && self.lies_untaken(now);
+        let stuck = self.port.way() == CommandPort::Dpram && self.lies_untaken(now);
         self.stuck_since = self.stuck_since.filter(|_| stuck).or(stuck.then_some(now));
         if self.buffer.is_open() || now < self.next_ask {
             return Ok(());
         }
         let wanted = match self.port.way() {
-            Way::Dpram => self.stuck_since.is_some_and(|since| now >= since + STUCK),
-            Way::Mailbox => self.nothing_under_way() && self.port.is_idle(),
+            CommandPort::Dpram => self.stuck_since.is_some_and(|since| now >= since + STUCK),
+            CommandPort::Mailbox => self.nothing_under_way() && self.port.is_idle(),
         };
         if wanted && self.port.ask(now)? {
             self.next_ask = now + AGAIN;
@@ -70,28 +71,28 @@ impl AsciiDesk {
     fn follow(&mut self, answer: Answer, bus: &mut impl Bus, now: Instant) -> Result<(), PortError> {
         let out_of_reach = answer != Answer::None && AsciiPort::is_out_of_reach(bus)?;
         match (self.port.way(), answer) {
-            (Way::Dpram, Answer::Off | Answer::On) if answer == Answer::Off || out_of_reach => {
+            (CommandPort::Dpram, Answer::Off | Answer::On) if answer == Answer::Off || out_of_reach => {
                 if self.take_back(bus)? {
                     let why = if out_of_reach { "the DPRAM is out of reach" } else { "I58=0" };
                     warn!("command lines go through the VME mailboxes now: {why}");
-                    self.change(Way::Mailbox, now);
+                    self.change(CommandPort::Mailbox, now);
                 } else {
                     // The board has it in hand after all: ask again when that is over.
                     self.next_ask = now;
                 }
             }
-            (Way::Mailbox, Answer::On) if !out_of_reach && self.nothing_under_way() => {
+            (CommandPort::Mailbox, Answer::On) if !out_of_reach && self.nothing_under_way() => {
                 info!("command lines go through the DPRAM again: I58=1");
-                self.change(Way::Dpram, now);
+                self.change(CommandPort::Dpram, now);
             }
             _ => {}
         }
         Ok(())
     }
 
-    fn change(&mut self, way: Way, now: Instant) {
+    fn change(&mut self, way: CommandPort, now: Instant) {
         self.port.change(way);
-        self.state = PortState::Unknown;
+        self.state = CommandState::Unknown;
         self.stuck_since = None;
         self.look_now(now);
     }

@@ -1,21 +1,24 @@
-//! What a call means: checked against the interface and the caller's role before anything reaches the bus thread.
+//! The methods of the command socket: who may call each, which function of the board it needs, and what a call of it means.
+//!
+//! Everything is checked here, before anything reaches the bus thread.
 
 use std::time::Duration;
 
 use serde_json::json;
 
-use super::info::SharedInfo;
+use super::info::Info;
 use super::jobs::{self, JobCall};
 use super::policy::Role;
 use super::queue::{DEFAULT_TIMEOUT, LINE_MAX, READ_MAX, Text};
+use crate::function::variable_read::VariableEntry;
 use crate::map::HostOffset;
 use crate::protocol::{
-    BOARD, BOARD_DESCRIPTION, Call, CallError, Function, Parameters, Reply, SERVICE, SERVICE_DESCRIPTION,
-    TIMEOUT_MAX_MS, check_line, control,
+    BOARD, BOARD_DESCRIPTION, Call, CallError, Function, Reply, SERVICE, SERVICE_DESCRIPTION, calls,
+    check_line, control, parameters,
 };
 
 /// The end of the largest DPRAM of any family is far below this, in bytes; offsets above it are refused unasked.
-const OFFSET_LIMIT: i64 = 1 << 20;
+const OFFSET_LIMIT: u32 = 1 << 20;
 
 /// What a call asks of the bus thread.
 #[derive(Debug)]
@@ -61,24 +64,111 @@ pub enum Action {
     Reply(Reply),
     /// Ask the bus thread.
     Ask(Ask),
+    /// Watch these registers for the caller, as long as it stays.
+    Watch(Vec<VariableEntry>),
     /// Pass on every unsolicited text from now on.
     Stream,
     /// Renew the caller's lease on a jog.
     Renew,
 }
 
+/// A method of the board's interface.
+struct Method {
+    name: &'static str,
+    role: Role,
+    /// The function of the board that it needs, if it needs one.
+    function: Option<Function>,
+    /// What a call means.
+    parse: fn(&Call, &Info) -> Result<Action, CallError>,
+}
+
+const fn method(
+    name: &'static str,
+    role: Role,
+    function: Option<Function>,
+    parse: fn(&Call, &Info) -> Result<Action, CallError>,
+) -> Method {
+    Method { name, role, function, parse }
+}
+
+/// Every method, in the order of the interface's definition.
+const METHODS: [Method; 19] = {
+    use Function::{Ascii, Gather, Panel, Rotary, Variables};
+    use Role::{Engineer, Observe, Operate};
+    [
+        method("GetInfo", Observe, None, |call, info| {
+            let calls::NoParameters {} = parameters(call)?;
+            Reply::with(info.board()).map(Action::Reply)
+        }),
+        method("GetSettings", Observe, None, |call, info| {
+            let calls::NoParameters {} = parameters(call)?;
+            Reply::with(info.settings()).map(Action::Reply)
+        }),
+        method("Send", Engineer, Some(Ascii), |call, _| send(parameters(call)?)),
+        method("SendControl", Operate, Some(Ascii), |call, _| send_control(&parameters(call)?)),
+        method("Read", Observe, None, |call, _| read(&parameters(call)?)),
+        method("Messages", Observe, Some(Ascii), |call, _| {
+            let calls::NoParameters {} = parameters(call)?;
+            streams(call, Action::Stream)
+        }),
+        method("Panel", Operate, Some(Panel), |call, _| job(jobs::panel(&parameters(call)?, false))),
+        method("PanelHold", Operate, Some(Panel), |call, _| job(jobs::panel(&parameters(call)?, true))),
+        method("PanelRenew", Observe, Some(Panel), |call, _| {
+            let calls::NoParameters {} = parameters(call)?;
+            Ok(Action::Renew)
+        }),
+        method("FeedOverride", Operate, Some(Panel), |call, _| job(jobs::feed_override(&parameters(call)?))),
+        method("Write", Engineer, None, |call, _| job(jobs::write(parameters(call)?))),
+        method("WatchVariables", Observe, Some(Variables), |call, _| {
+            streams(call, Action::Watch(jobs::watched(&parameters(call)?)?))
+        }),
+        method("WriteVariables", Engineer, Some(Variables), |call, _| {
+            job(jobs::write_variables(&parameters(call)?))
+        }),
+        method("GatherBegin", Engineer, Some(Gather), |call, _| job(jobs::gather_begin(&parameters(call)?))),
+        method("GatherEnd", Engineer, Some(Gather), |call, _| {
+            let calls::NoParameters {} = parameters(call)?;
+            job(Ok(jobs::gather_end()))
+        }),
+        method("RotaryOpen", Engineer, Some(Rotary), |call, _| job(jobs::rotary_open(&parameters(call)?))),
+        method("RotarySend", Engineer, Some(Rotary), |call, _| job(jobs::rotary_send(parameters(call)?))),
+        method("RotaryFinish", Engineer, Some(Rotary), |call, _| {
+            job(jobs::rotary_finish(&parameters(call)?))
+        }),
+        method("RotaryState", Observe, Some(Rotary), |call, _| job(jobs::rotary_state(&parameters(call)?))),
+    ]
+};
+
+fn job(call: Result<JobCall, CallError>) -> Result<Action, CallError> {
+    call.map(|call| Action::Ask(Ask::Job(call)))
+}
+
+/// `action`, of a method that answers more than once.
+fn streams(call: &Call, action: Action) -> Result<Action, CallError> {
+    if call.more == Some(true) { Ok(action) } else { Err(CallError::ExpectedMore) }
+}
+
 /// Finds out what `call` by a caller of `role` means.
 ///
 /// # Errors
 /// What to answer instead.
-pub fn understand(call: &Call, role: Role, info: &SharedInfo) -> Result<Action, CallError> {
-    let Some((interface, method)) = call.interface_and_method() else {
-        return Err(CallError::InvalidParameter { parameter: "method".to_owned() });
+pub fn parse_call(call: &Call, role: Role, info: &Info) -> Result<Action, CallError> {
+    let Some((interface, name)) = call.interface_and_method() else {
+        return Err(CallError::invalid("method", "an interface and a method, with a dot between"));
     };
     if call.upgrade == Some(true) {
-        return Err(CallError::InvalidParameter { parameter: "upgrade".to_owned() });
+        return Err(CallError::invalid("upgrade", "false: no method upgrades the connection"));
     }
-    if let (BOARD, Some(function)) = (interface, function_of(method))
+    if interface == SERVICE {
+        return service(name, call);
+    }
+    if interface != BOARD {
+        return Err(CallError::InterfaceNotFound { interface: interface.to_owned() });
+    }
+    let Some(method) = METHODS.iter().find(|method| method.name == name) else {
+        return Err(CallError::MethodNotFound { method: call.method.clone() });
+    };
+    if let Some(function) = method.function
         && !info.settings().functions.has(function)
     {
         let name = function.name();
@@ -87,79 +177,16 @@ pub fn understand(call: &Call, role: Role, info: &SharedInfo) -> Result<Action, 
         );
         return Err(CallError::Refused { reason });
     }
-    let mut parameters = Parameters::of(call);
-    match interface {
-        SERVICE => service(method, parameters, call),
-        BOARD => match method {
-            "GetInfo" => {
-                parameters.finish()?;
-                Reply::with(&info.read()).map(Action::Reply)
-            }
-            "GetSettings" => {
-                parameters.finish()?;
-                Reply::with(info.settings()).map(Action::Reply)
-            }
-            "Send" => {
-                require(role, Role::Engineer)?;
-                send(parameters)
-            }
-            "SendControl" => {
-                require(role, Role::Operate)?;
-                let text = parameters.string("character")?;
-                parameters.finish()?;
-                let character = control::parse(&text)
-                    .ok_or_else(|| CallError::InvalidParameter { parameter: "character".to_owned() })?;
-                Ok(Action::Ask(Ask::Control { character }))
-            }
-            "Read" => read(parameters),
-            "Messages" => {
-                parameters.finish()?;
-                if call.more == Some(true) { Ok(Action::Stream) } else { Err(CallError::ExpectedMore) }
-            }
-            "PanelRenew" => {
-                parameters.finish()?;
-                Ok(Action::Renew)
-            }
-            "WatchVariables" => {
-                let entries = jobs::watched(parameters)?;
-                if call.more == Some(true) {
-                    Ok(Action::Ask(Ask::Job(JobCall::watch(entries))))
-                } else {
-                    Err(CallError::ExpectedMore)
-                }
-            }
-            _ => match jobs::understand(method, parameters) {
-                Some(asked) => {
-                    require(role, jobs::role_for(method))?;
-                    Ok(Action::Ask(Ask::Job(asked?)))
-                }
-                None => Err(CallError::MethodNotFound { method: call.method.clone() }),
-            },
-        },
-        _ => Err(CallError::InterfaceNotFound { interface: interface.to_owned() }),
+    if role < method.role {
+        return Err(CallError::NotPermitted { role_needed: method.role.to_string() });
     }
+    (method.parse)(call, info)
 }
 
-/// The function of the board that a method needs, if it needs one.
-fn function_of(method: &str) -> Option<Function> {
-    Some(match method {
-        "Send" | "SendControl" | "Messages" => Function::Ascii,
-        "Panel" | "PanelHold" | "PanelRenew" | "FeedOverride" => Function::Panel,
-        "WatchVariables" | "WriteVariables" => Function::Variables,
-        "GatherBegin" | "GatherEnd" => Function::Gather,
-        "RotaryOpen" | "RotarySend" | "RotaryFinish" | "RotaryState" => Function::Rotary,
-        _ => return None,
-    })
-}
-
-pub(super) fn require(role: Role, needed: Role) -> Result<(), CallError> {
-    if role >= needed { Ok(()) } else { Err(CallError::NotPermitted { role_needed: needed.to_string() }) }
-}
-
-fn service(method: &str, mut parameters: Parameters, call: &Call) -> Result<Action, CallError> {
+fn service(method: &str, call: &Call) -> Result<Action, CallError> {
     match method {
         "GetInfo" => {
-            parameters.finish()?;
+            let calls::NoParameters {} = parameters(call)?;
             Reply::with(&json!({
                 "vendor": "pmac-dpram",
                 "product": "pmacd",
@@ -170,8 +197,7 @@ fn service(method: &str, mut parameters: Parameters, call: &Call) -> Result<Acti
             .map(Action::Reply)
         }
         "GetInterfaceDescription" => {
-            let interface = parameters.string("interface")?;
-            parameters.finish()?;
+            let calls::GetInterfaceDescription { interface } = parameters(call)?;
             let description = match interface.as_str() {
                 SERVICE => SERVICE_DESCRIPTION,
                 BOARD => BOARD_DESCRIPTION,
@@ -183,35 +209,26 @@ fn service(method: &str, mut parameters: Parameters, call: &Call) -> Result<Acti
     }
 }
 
-fn send(mut parameters: Parameters) -> Result<Action, CallError> {
-    let line = parameters.string("line")?;
-    let timeout = match parameters.optional_integer("timeout_ms")?.map(u64::try_from) {
-        None => DEFAULT_TIMEOUT,
-        Some(Ok(ms @ 1..=TIMEOUT_MAX_MS)) => Duration::from_millis(ms),
-        Some(_) => return Err(CallError::InvalidParameter { parameter: "timeout_ms".to_owned() }),
-    };
-    parameters.finish()?;
+fn send(calls::Send { line, timeout_ms }: calls::Send) -> Result<Action, CallError> {
     check_line(&line).map_err(|reason| CallError::InvalidLine { reason })?;
     let line = Text::new(line.as_bytes())
         .ok_or_else(|| CallError::InvalidLine { reason: "the line is too long".to_owned() })?;
+    let timeout = timeout_ms.map_or(DEFAULT_TIMEOUT, Duration::from_millis);
     Ok(Action::Ask(Ask::Send { line, timeout }))
 }
 
-fn read(mut parameters: Parameters) -> Result<Action, CallError> {
-    let offset = parameters.integer("host_offset")?;
-    let words = parameters.integer("words")?;
-    parameters.finish()?;
-    if !(0..OFFSET_LIMIT).contains(&offset) {
+fn send_control(calls::SendControl { character }: &calls::SendControl) -> Result<Action, CallError> {
+    let character = control::parse(character)
+        .ok_or_else(|| CallError::invalid("character", "^A to ^_, or the character itself"))?;
+    Ok(Action::Ask(Ask::Control { character }))
+}
+
+fn read(calls::Read { host_offset, words }: &calls::Read) -> Result<Action, CallError> {
+    let first = host_offset.0;
+    if first.bytes() >= OFFSET_LIMIT || !(1..=READ_MAX).contains(words) {
         return Err(CallError::OutOfRange);
     }
-    let first = u32::try_from(offset)
-        .ok()
-        .and_then(HostOffset::checked)
-        .ok_or_else(|| CallError::InvalidParameter { parameter: "host_offset".to_owned() })?;
-    match usize::try_from(words) {
-        Ok(count @ 1..=READ_MAX) => Ok(Action::Ask(Ask::Read { first, count })),
-        _ => Err(CallError::OutOfRange),
-    }
+    Ok(Action::Ask(Ask::Read { first, count: *words }))
 }
 
 #[cfg(test)]
@@ -219,13 +236,13 @@ mod tests {
     use super::*;
     use serde_json::Value;
 
-    fn understand(role: Role, method: &str, parameters: Value) -> Result<Action, CallError> {
+    fn called(role: Role, method: &str, parameters: Value) -> Result<Action, CallError> {
         let call: Call = serde_json::from_value(json!({"method": method, "parameters": parameters})).unwrap();
-        super::understand(&call, role, &SharedInfo::default())
+        parse_call(&call, role, &Info::default())
     }
 
     fn board(role: Role, method: &str, parameters: Value) -> Result<Action, CallError> {
-        understand(role, &format!("{BOARD}.{method}"), parameters)
+        called(role, &format!("{BOARD}.{method}"), parameters)
     }
 
     #[test]
@@ -253,7 +270,7 @@ mod tests {
                 functions: serde_json::from_value(functions).unwrap(),
                 ..Default::default()
             };
-            SharedInfo::new(crate::protocol::BoardInfo::default(), settings)
+            Info::new(crate::protocol::BoardInfo::default(), settings)
         };
         let methods = BOARD_DESCRIPTION.lines().filter_map(|line| line.strip_prefix("method "));
         let methods: Vec<_> = methods.filter_map(|line| line.split('(').next()).collect();
@@ -261,12 +278,11 @@ mod tests {
         for method in methods {
             let call = json!({"method": format!("{BOARD}.{method}"), "parameters": {}});
             let call: Call = serde_json::from_value(call).unwrap();
-            let refused = |functions: Value| match super::understand(&call, Role::Engineer, &with(functions))
-            {
+            let refused = |functions: Value| match parse_call(&call, Role::Engineer, &with(functions)) {
                 Err(CallError::Refused { reason }) => reason.contains("is switched off"),
                 _ => false,
             };
-            let needed = function_of(method);
+            let needed = METHODS.iter().find(|known| known.name == method).unwrap().function;
             assert_eq!(refused(json!([])), needed.is_some(), "{method}");
             assert_eq!(needed.is_none(), ["GetInfo", "GetSettings", "Read", "Write"].contains(&method));
             assert!(!needed.is_some_and(|function| refused(json!([function]))), "{method}");
@@ -276,11 +292,17 @@ mod tests {
     #[test]
     fn nothing_out_of_bounds_passes() {
         let engineer = |method, parameters| board(Role::Engineer, method, parameters).unwrap_err();
-        let invalid = |name: &str| CallError::InvalidParameter { parameter: name.to_owned() };
+        let is_invalid = |error, name: &str| {
+            assert!(
+                matches!(&error, CallError::InvalidParameter { parameter, .. } if parameter == name),
+                "{error:?}"
+            );
+        };
         let read = |offset: i64, words: i64| engineer("Read", json!({"host_offset": offset, "words": words}));
-        assert_eq!(read(1, 1), invalid("host_offset"));
-        assert_eq!(read(-2, 1), CallError::OutOfRange);
-        assert_eq!(read(i64::MAX, 1), CallError::OutOfRange);
+        for offset in [1, -2, i64::MAX] {
+            is_invalid(read(offset, 1), "host_offset");
+        }
+        assert_eq!(read(1 << 20, 1), CallError::OutOfRange);
         assert_eq!(read(0, 0), CallError::OutOfRange);
         assert_eq!(read(0, 65), CallError::OutOfRange);
         // Its end has no offset of 32 bits.
@@ -291,22 +313,22 @@ mod tests {
         assert!(board(Role::Engineer, "Write", json!({"host_offset": 0x3FFE, "words": [1]})).is_ok());
         for timeout in [0, -1, 600_001] {
             let error = engineer("Send", json!({"line": "?", "timeout_ms": timeout}));
-            assert_eq!(error, invalid("timeout_ms"));
+            is_invalid(error, "timeout_ms");
         }
         assert!(matches!(engineer("Send", json!({"line": "a\rb"})), CallError::InvalidLine { .. }));
-        assert_eq!(engineer("Send", json!({"line": "?", "extra": 1})), invalid("extra"));
-        assert_eq!(engineer("SendControl", json!({"character": "K"})), invalid("character"));
+        is_invalid(engineer("Send", json!({"line": "?", "extra": 1})), "extra");
+        is_invalid(engineer("SendControl", json!({"character": "K"})), "character");
         assert_eq!(engineer("Messages", json!({})), CallError::ExpectedMore);
     }
 
     #[test]
     fn unknown_names_are_said_back() {
-        let unknown = understand(Role::Engineer, "a.b.C", json!({})).unwrap_err();
+        let unknown = called(Role::Engineer, "a.b.C", json!({})).unwrap_err();
         assert_eq!(unknown, CallError::InterfaceNotFound { interface: "a.b".to_owned() });
         let unknown = board(Role::Engineer, "Nothing", json!({})).unwrap_err();
         assert_eq!(unknown, CallError::MethodNotFound { method: format!("{BOARD}.Nothing") });
-        assert!(understand(Role::Engineer, "NoDot", json!({})).is_err());
-        let unknown = understand(
+        assert!(called(Role::Engineer, "NoDot", json!({})).is_err());
+        let unknown = called(
             Role::Engineer,
             "org.varlink.service.GetInterfaceDescription",
             json!({"interface": "x.y"}),

@@ -10,26 +10,17 @@ use log::{info, warn};
 
 use super::ascii_desk::AsciiDesk;
 use super::ports::HostPortConfig;
-use super::response_port::{PortError, Way};
+use super::response_port::PortError;
+use super::status::HostPortCounts;
 use crate::device::board::refusal::OpenError;
 use crate::device::{Bus, ByteBus, ByteBusError, Counted, Inherited, System, open_host_port};
 use crate::function::host_port::{Controller, HostPort};
 use crate::map::classic::ASCII_INPUT_CONTROL;
+use crate::protocol::CommandPort;
 
 /// How long after a response its interrupt may still come. Then it was lost on its way to us, and has to be
 /// acknowledged all the same.
 const ANNOUNCED_BY: Duration = Duration::from_millis(50);
-
-/// What was counted.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct HostPortCounts {
-    /// Interrupts served.
-    pub served: u32,
-    /// Of these, how many were old ones: no response was there any more.
-    pub old: u32,
-    /// Responses whose interrupt never came.
-    pub unannounced: u32,
-}
 
 /// The controller.
 pub struct HostPortLink {
@@ -145,7 +136,7 @@ impl HostPortLink {
         if desk.is_held_up() {
             return Ok(());
         }
-        if responses == before && desk.port().way() == Way::Dpram {
+        if responses == before && desk.port().way() == CommandPort::Dpram {
             if bus.read16(ASCII_INPUT_CONTROL)? != 0 {
                 desk.look_now(now);
                 return Ok(());

@@ -8,10 +8,12 @@
 use std::fmt::Write;
 use std::time::{Duration, Instant};
 
-use super::queue::{LINE_MAX, Text};
+use super::status::Enabling;
+use crate::format::Text;
 use crate::map::classic;
+use crate::protocol::{LINE_MAX, answer};
+use crate::segment::Identity;
 use crate::segment::identity::first_motors;
-use crate::segment::{Identity, ShortText};
 
 /// How long the board may take for one question.
 const PATIENCE: Duration = Duration::from_millis(500);
@@ -51,6 +53,8 @@ pub struct Identifier {
     asking: Identity,
     /// Lines of the present reply so far.
     lines: usize,
+    /// What the last answers said is switched on.
+    enabling: Enabling,
     /// The answer to publish, once.
     news: Option<Identity>,
     wanted: bool,
@@ -71,6 +75,7 @@ impl Identifier {
             overdue: false,
             not_before: now,
             lines: 0,
+            enabling: Enabling::default(),
             wanted: ask,
         }
     }
@@ -82,6 +87,7 @@ impl Identifier {
             return;
         }
         self.again = true;
+        self.enabling = Enabling::default();
         let since = *self.changing_since.get_or_insert(now);
         self.overdue = now >= since + LONGEST;
         if !self.overdue {
@@ -143,7 +149,7 @@ impl Identifier {
         let fits = match question {
             Question::Type => line.write_str("TYPE"),
             Question::Version => line.write_str("VERSION"),
-            Question::Reports => line.write_str("I10 I19 I48 I49 I59"),
+            Question::Reports => line.write_str("I10 I19 I48 I49 I59 I2 I55"),
             Question::Scales => {
                 (1..=classic::MOTORS).try_for_each(|motor| write!(line, "I{motor}07I{motor}08I{motor}09"))
             }
@@ -164,10 +170,10 @@ impl Identifier {
         let line = line.trim_ascii();
         let text = std::str::from_utf8(line).unwrap_or_default();
         match question {
-            Question::Type => self.asking.board_type = Some(ShortText::from_bytes(line)),
-            Question::Version => self.asking.firmware = Some(ShortText::from_bytes(line)),
+            Question::Type => self.asking.board_type = Some(Text::from_bytes(line)),
+            Question::Version => self.asking.firmware = Some(Text::from_bytes(line)),
             Question::Reports => {
-                let value = number(text).and_then(|value| u32::try_from(value).ok());
+                let value = answer::integer(text).and_then(|value| u32::try_from(value).ok());
                 let asking = &mut self.asking;
                 match index {
                     0 => {
@@ -178,11 +184,13 @@ impl Identifier {
                     2 => asking.servo_report = value,
                     3 => asking.background_report = value,
                     4 => asking.motor_mask = value.map(first_motors),
+                    5 if !self.again => self.enabling.panel = value.map(|i2| i2 == 3),
+                    6 if !self.again => self.enabling.variables = value.map(|i55| i55 == 1),
                     _ => {}
                 }
             }
             Question::Scales => {
-                let value = number(text).and_then(|value| i32::try_from(value).ok());
+                let value = answer::integer(text).and_then(|value| i32::try_from(value).ok());
                 let scales = match index % 3 {
                     0 => &mut self.asking.ix07,
                     1 => &mut self.asking.ix08,
@@ -217,6 +225,12 @@ impl Identifier {
         self.not_before = now + AGAIN;
     }
 
+    /// What is switched on, as far as the board has said since the last line that may have changed it.
+    #[must_use]
+    pub fn enabling(&self) -> Enabling {
+        self.enabling
+    }
+
     /// What has become known since the last call.
     pub fn news(&mut self) -> Option<Identity> {
         self.news.take()
@@ -227,15 +241,6 @@ impl Identifier {
 #[must_use]
 pub fn servo_period_ps(i10: u32) -> u64 {
     u64::from(i10) * 1_000_000_000 / 8_388_608
-}
-
-/// The value in a reply to an I-variable query, in any of the forms I9 chooses: `96`, `$60`, `I108=96`, `I108=$60`.
-fn number(text: &str) -> Option<i64> {
-    let text = text.rsplit('=').next()?.trim();
-    match text.strip_prefix('$') {
-        Some(digits) => i64::from_str_radix(digits, 16).ok(),
-        None => text.parse::<f64>().ok().filter(|value| value.fract() == 0.0).map(|value| value as i64),
-    }
 }
 
 #[cfg(test)]
@@ -259,7 +264,8 @@ mod tests {
         assert_eq!(identifier.news(), Some(Identity::default()), "what is configured is known at once");
         assert_eq!(answer(&mut identifier, now, &["PMAC1, ISA, FLASH, PID, CLK X1"]), "TYPE");
         answer(&mut identifier, now, &["1.16D"]);
-        answer(&mut identifier, now, &["3713707", "I19=1", "1", "1", "$8"]);
+        answer(&mut identifier, now, &["3713707", "I19=1", "1", "1", "$8", "3", "0"]);
+        assert_eq!(identifier.enabling(), Enabling { panel: Some(true), variables: Some(false) });
         assert_eq!(identifier.news(), None);
         let scales: Vec<String> = (0..24).map(|index| (90 + index).to_string()).collect();
         let scales: Vec<&str> = scales.iter().map(String::as_str).collect();
@@ -299,10 +305,11 @@ mod tests {
         identifier.next_line(now).unwrap();
         identifier.sent();
         identifier.ask_again(now);
-        for line in ["3713707", "1", "1", "1", "8"] {
+        for line in ["3713707", "1", "1", "1", "8", "3", "1"] {
             identifier.line(line.as_bytes());
         }
         identifier.done();
+        assert_eq!(identifier.enabling(), Enabling::default(), "asked before the change");
         assert_eq!(answer(&mut identifier, now + SETTLE, &["PMAC1"]), "TYPE", "it begins again");
     }
 
@@ -337,16 +344,6 @@ mod tests {
         }
         for line in ["#1J=1000 #2J=-5", "P5=1", "M1=0", "#1J=", "I108", "?"] {
             assert!(!Identifier::may_be_changed_by(line.as_bytes()), "{line}");
-        }
-    }
-
-    #[test]
-    fn values_come_in_four_forms() {
-        for text in ["96", "$60", "I108=96", "I108=$60", " 96 "] {
-            assert_eq!(number(text), Some(96), "{text}");
-        }
-        for text in ["", "0.5", "ERR", "$", "$GG", "I108="] {
-            assert_eq!(number(text), None, "{text}");
         }
     }
 }

@@ -1,35 +1,64 @@
-//! What `GetInfo` answers: written as the daemon learns it, read by the socket's thread.
-//!
-//! The bus thread only stores atomics or tries the lock, so no reader ever holds it up.
+//! What is known of the board: the bus thread reports it by events, the socket's thread answers `GetInfo` from it, and the first
+//! thread shows it to the service manager.
 
-use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
-use std::sync::{Mutex, PoisonError};
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
 
-use super::ascii_desk::PortState;
-use super::host_link::HostPortCounts;
-use super::response_port::Way;
-use crate::protocol::{BoardInfo, BoardSettings, CommandPort, CommandState, Enabled, State};
+use super::queue::{Event, Sender};
+use super::status::{BoardStatus, Enabling, HostPortCounts, KnownIdentity};
+use crate::protocol::{BoardInfo, BoardSettings, Enabled};
 
-/// The daemon's present knowledge of its board.
+/// The bus thread's side: reports what has changed.
 #[derive(Debug, Default)]
-pub struct SharedInfo {
-    info: Mutex<BoardInfo>,
-    settings: BoardSettings,
-    state: AtomicU32,
-    enabled: AtomicU32,
-    rounds: AtomicU64,
-    command_port: AtomicU32,
-    command_state: AtomicU32,
-    served: AtomicU32,
-    old: AtomicU32,
-    unannounced: AtomicU32,
+pub struct InfoReport {
+    now: BoardStatus,
+    reported: BoardStatus,
 }
 
-impl SharedInfo {
-    /// Starts with `info`; its `state` and `enabled` are ignored, they have setters of their own. The `settings` stay.
+impl InfoReport {
+    /// Takes note of a change. [`Self::poll`] reports it.
+    pub fn set(&mut self, change: impl FnOnce(&mut BoardStatus)) {
+        change(&mut self.now);
+    }
+
+    /// Reports what has changed since the last report, in one event; counts alone only `with_counts`. A full queue is tried
+    /// again by the next call.
+    pub fn poll(&mut self, events: &Sender<Event>, with_counts: bool) {
+        let counts = if with_counts { self.now.host_port } else { self.reported.host_port };
+        let status = BoardStatus { host_port: counts, ..self.now };
+        if status != self.reported && events.try_send(Event::Info(status)).is_ok() {
+            self.reported = status;
+        }
+    }
+}
+
+/// The socket's side: the daemon's present knowledge of its board, and its settings.
+#[derive(Debug, Default)]
+pub struct Info {
+    board: BoardInfo,
+    settings: BoardSettings,
+    status: BoardStatus,
+    pulse: Arc<Pulse>,
+}
+
+impl Info {
+    /// Starts with `board`. The `settings` stay.
     #[must_use]
-    pub fn new(info: BoardInfo, settings: BoardSettings) -> Self {
-        Self { info: Mutex::new(info), settings, ..Self::default() }
+    pub fn new(board: BoardInfo, settings: BoardSettings) -> Self {
+        let pulse = Arc::new(Pulse { rounds: AtomicU64::new(0), board: Mutex::new(board.clone()) });
+        Self { board, settings, status: BoardStatus::default(), pulse }
+    }
+
+    /// What the first thread sees.
+    #[must_use]
+    pub fn pulse(&self) -> Arc<Pulse> {
+        Arc::clone(&self.pulse)
+    }
+
+    /// What `GetInfo` answers.
+    #[must_use]
+    pub fn board(&self) -> &BoardInfo {
+        &self.board
     }
 
     /// What `GetSettings` answers.
@@ -38,59 +67,47 @@ impl SharedInfo {
         &self.settings
     }
 
-    /// Says whether the segment's data can be trusted. Never waits.
-    pub fn set_state(&self, state: State) {
-        self.state.store(state as u32, Ordering::Relaxed);
-    }
-
-    /// Says which automatic functions are at work. Never waits.
-    pub fn set_enabled(&self, enabled: Enabled) {
-        self.enabled.store(enabled.bits(), Ordering::Relaxed);
-    }
-
-    /// Says which port command lines go through. Never waits.
-    pub fn set_command_port(&self, way: Way) {
-        let port = match way {
-            Way::Dpram => CommandPort::Dpram,
-            Way::Mailbox => CommandPort::Mailbox,
-        };
-        self.command_port.store(port as u32, Ordering::Relaxed);
-    }
-
-    /// Says what became of the last command line. Never waits.
-    pub fn set_command_state(&self, state: PortState) {
-        let state = match state {
-            PortState::Unknown => CommandState::Unknown,
-            PortState::Answers => CommandState::Answers,
-            PortState::Silent => CommandState::Silent,
-        };
-        self.command_state.store(state as u32, Ordering::Relaxed);
-    }
-
-    /// Says what the host port's interrupts have come to. Never waits.
-    pub fn set_host_port(&self, counts: HostPortCounts) {
-        self.served.store(counts.served, Ordering::Relaxed);
-        self.old.store(counts.old, Ordering::Relaxed);
-        self.unannounced.store(counts.unannounced, Ordering::Relaxed);
-    }
-
-    /// Changes the identity. May wait for a reader: not for the bus thread.
-    pub fn update(&self, change: impl FnOnce(&mut BoardInfo)) {
-        change(&mut self.info.lock().unwrap_or_else(PoisonError::into_inner));
-    }
-
-    /// Changes the identity unless a reader is at it just now; false asks for another try later. Never waits.
-    pub fn try_update(&self, change: impl FnOnce(&mut BoardInfo)) -> bool {
-        let held = self.info.try_lock();
-        held.map(|mut info| change(&mut info)).is_ok()
-    }
-
-    /// Whether an automatic function is at work. Never waits.
+    /// Whether an automatic function is at work.
     #[must_use]
     pub fn is_enabled(&self, function: Enabled) -> bool {
-        Enabled::from_bits_truncate(self.enabled.load(Ordering::Relaxed)).contains(function)
+        self.status.enabled.contains(function)
     }
 
+    /// What the board said of the I-variables that switch functions on.
+    #[must_use]
+    pub fn enabling(&self) -> Enabling {
+        self.status.enabling
+    }
+
+    /// Takes what the bus thread reports.
+    pub fn take(&mut self, status: BoardStatus) {
+        self.status = status;
+        let board = &mut self.board;
+        board.state = status.state;
+        board.enabled = status.enabled.names();
+        board.command_port = status.command_port;
+        board.command_state = status.command_state;
+        if let Some(host_port) = &mut board.host_port {
+            let HostPortCounts { served, old, unannounced } = status.host_port;
+            (host_port.served, host_port.old, host_port.unannounced) = (served, old, unannounced);
+        }
+        if let Some(KnownIdentity { firmware, board_type, motors, servo_period_ns }) = status.identity {
+            board.firmware = firmware.as_deref().map(str::to_owned);
+            board.board_type = board_type.as_deref().map(str::to_owned);
+            (board.motors, board.servo_period_ns) = (motors, servo_period_ns);
+        }
+        *self.pulse.board.lock().unwrap_or_else(PoisonError::into_inner) = board.clone();
+    }
+}
+
+/// What the first thread tells the service manager of: the bus thread's heartbeat, and the board.
+#[derive(Debug, Default)]
+pub struct Pulse {
+    rounds: AtomicU64,
+    board: Mutex<BoardInfo>,
+}
+
+impl Pulse {
     /// The bus thread has made another round. Never waits.
     pub fn count_round(&self) {
         self.rounds.fetch_add(1, Ordering::Relaxed);
@@ -102,64 +119,63 @@ impl SharedInfo {
         self.rounds.load(Ordering::Relaxed)
     }
 
-    /// All of it.
+    /// The board, as `GetInfo` answers. Not for the bus thread: it may wait for the socket's.
     #[must_use]
-    pub fn read(&self) -> BoardInfo {
-        let mut info = self.info.lock().unwrap_or_else(PoisonError::into_inner).clone();
-        info.state = match self.state.load(Ordering::Relaxed) {
-            0 => State::Init,
-            1 => State::Live,
-            2 => State::Stale,
-            _ => State::Dead,
-        };
-        info.command_port = match self.command_port.load(Ordering::Relaxed) {
-            0 => CommandPort::Dpram,
-            _ => CommandPort::Mailbox,
-        };
-        info.command_state = match self.command_state.load(Ordering::Relaxed) {
-            0 => CommandState::Unknown,
-            1 => CommandState::Answers,
-            _ => CommandState::Silent,
-        };
-        if let Some(host_port) = &mut info.host_port {
-            host_port.served = self.served.load(Ordering::Relaxed);
-            host_port.old = self.old.load(Ordering::Relaxed);
-            host_port.unannounced = self.unannounced.load(Ordering::Relaxed);
-        }
-        info.enabled = Enabled::from_bits_truncate(self.enabled.load(Ordering::Relaxed)).names();
-        info
+    pub fn board(&self) -> BoardInfo {
+        self.board.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::daemon::queue::queue;
+    use crate::protocol::{CommandState, State};
 
     #[test]
-    fn what_is_set_is_read() {
-        let shared = SharedInfo::new(
-            BoardInfo { name: "pmac0".to_owned(), ..BoardInfo::default() },
-            BoardSettings::default(),
+    fn what_changes_is_reported_once_and_read() {
+        let (events, told) = queue(1).unwrap();
+        let mut report = InfoReport::default();
+        let board = BoardInfo {
+            name: "pmac0".to_owned(),
+            firmware: Some("1.16D".to_owned()),
+            ..BoardInfo::default()
+        };
+        let mut info = Info::new(board, BoardSettings::default());
+        let mut take = |report: &mut InfoReport, with_counts| {
+            report.poll(&events, with_counts);
+            let event = told.try_receive();
+            if let Some(Event::Info(status)) = event {
+                info.take(status);
+            }
+            (event.is_some(), info.board().clone(), info.pulse().board())
+        };
+        assert!(!take(&mut report, true).0, "nothing has changed");
+        report.set(|status| {
+            status.state = State::Live;
+            status.enabled = Enabled::SERVO | Enabled::INTERRUPT;
+            status.command_state = CommandState::Silent;
+            status.host_port.served = 7;
+        });
+        let (reported, board, seen) = take(&mut report, false);
+        assert!(reported && board == seen);
+        assert_eq!((board.state, board.command_state), (State::Live, CommandState::Silent));
+        assert_eq!(
+            (board.enabled, board.firmware.as_deref()),
+            (vec!["servo".to_owned(), "interrupt".to_owned()], Some("1.16D"))
         );
-        for state in [State::Init, State::Live, State::Stale, State::Dead] {
-            shared.set_state(state);
-            assert_eq!(shared.read().state, state);
-        }
-        shared.set_enabled(Enabled::SERVO | Enabled::INTERRUPT);
-        assert_eq!(shared.read().command_state, CommandState::Unknown);
-        for (state, told) in
-            [(PortState::Answers, CommandState::Answers), (PortState::Silent, CommandState::Silent)]
-        {
-            shared.set_command_state(state);
-            assert_eq!(shared.read().command_state, told);
-        }
-        shared.update(|info| info.motors = 8);
-        assert!(shared.try_update(|info| info.pid = 7));
-        let info = shared.read();
-        assert_eq!((info.name.as_str(), info.motors, info.pid), ("pmac0", 8, 7));
-        assert_eq!(info.enabled, ["servo", "interrupt"]);
-        let reading = shared.info.lock().unwrap();
-        assert!(!shared.try_update(|info| info.pid = 8));
-        drop(reading);
+        assert!(!take(&mut report, false).0, "counts alone can wait");
+        assert!(take(&mut report, true).0);
+        report.set(|status| {
+            let identity =
+                KnownIdentity { firmware: None, board_type: None, motors: 4, servo_period_ns: Some(5) };
+            status.identity = Some(identity);
+        });
+        assert!(events.try_send(Event::Info(BoardStatus::default())).is_ok());
+        report.poll(&events, false);
+        told.try_receive();
+        let (reported, board, _) = take(&mut report, false);
+        assert!(reported, "a full queue is tried again");
+        assert_eq!((board.motors, board.servo_period_ns, board.firmware), (4, Some(5), None));
     }
 }

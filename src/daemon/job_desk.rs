@@ -123,7 +123,7 @@ impl JobDesk {
                 }
             }
             Job::WatchVariables(entries) => match self.variables.begin(bus, &entries, publisher, now) {
-                Ok(()) => Outcome::Done,
+                Ok(()) => return Ok(Some(Event::Watching(ticket, self.variables.table()))),
                 Err(VariableReadBusError::Refused(reason)) => Outcome::Refused(Text::of(&reason)),
                 Err(VariableReadBusError::Bus(error)) => return Err(error),
             },

@@ -49,6 +49,7 @@ mod settings_checks;
 pub mod settings_place;
 mod shares;
 pub mod simulator;
+pub mod status;
 mod subscriptions;
 mod telling;
 mod turns;

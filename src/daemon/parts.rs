@@ -12,7 +12,7 @@ use super::board_loop::BoardLoop;
 use super::exit::{self, Failure};
 use super::host_link::HostPortLink;
 use super::identify::{Identifier, servo_period_ps};
-use super::info::SharedInfo;
+use super::info::{Info, InfoReport};
 use super::job_desk::JobDesk;
 use super::machine::Machine;
 use super::phase::Phase;
@@ -63,10 +63,7 @@ impl Parts {
         let (commands, command_queue) =
             queue(at_once::ALL).map_err(|error| Failure::system("queue", error))?;
         let (events, event_queue) = queue(EVENTS).map_err(|error| Failure::system("queue", error))?;
-        let info = Arc::new(SharedInfo::new(
-            board_info(settings, &publisher),
-            settings.uncertain.settings().clone(),
-        ));
+        let info = Info::new(board_info(settings, &publisher), settings.uncertain.settings().clone());
         let flags = EfdFlags::EFD_NONBLOCK | EfdFlags::EFD_CLOEXEC;
         let stop =
             EventFd::from_value_and_flags(0, flags).map_err(|error| Failure::system("eventfd", error))?;
@@ -100,7 +97,8 @@ impl Parts {
             publisher,
             commands: command_queue,
             events,
-            info: Arc::clone(&info),
+            info: InfoReport::default(),
+            pulse: info.pulse(),
             stop: Arc::clone(&stop),
             default_motors: settings.motors.map_or(settings.family.motors, |motors| motors as usize),
             answer: None,

@@ -68,11 +68,23 @@ impl World {
         self.backend.commands.try_send(command).unwrap();
     }
 
-    fn ended(&self) -> Option<(u64, Outcome)> {
-        std::iter::from_fn(|| self.backend.events.try_receive()).find_map(|event| match event {
+    /// The first end of a command that was not asked for before.
+    fn ended(&mut self) -> Option<(u64, Outcome)> {
+        let Backend { events, info, .. } = &mut self.backend;
+        std::iter::from_fn(|| events.try_receive()).find_map(|event| match event {
             Event::Done(ticket, outcome) => Some((ticket.0, outcome)),
+            Event::Info(status) => {
+                info.take(status);
+                None
+            }
             _ => None,
         })
+    }
+
+    /// What `GetInfo` would answer.
+    fn state(&mut self) -> State {
+        assert_eq!(self.ended(), None);
+        self.backend.info.board().state
     }
 }
 
@@ -85,13 +97,13 @@ fn reports(memory: &mut FileBoard, ns: u64) {
 fn servo_data_are_live_within_two_reports_and_stale_after_ten_that_did_not_come() {
     let mut world = World::new();
     world.run(Duration::from_millis(20), reports);
-    assert_eq!(world.backend.info.read().state, State::Live);
+    assert_eq!(world.state(), State::Live);
     world.run(Duration::from_millis(90), |_, _| {});
-    assert_eq!(world.backend.info.read().state, State::Live, "its last report is not 100 ms old");
+    assert_eq!(world.state(), State::Live, "its last report is not 100 ms old");
     world.run(Duration::from_millis(70), |_, _| {});
-    assert_eq!(world.backend.info.read().state, State::Stale);
+    assert_eq!(world.state(), State::Stale);
     world.run(Duration::from_millis(10), reports);
-    assert_eq!(world.backend.info.read().state, State::Live);
+    assert_eq!(world.state(), State::Live);
 }
 
 #[test]
@@ -117,7 +129,7 @@ fn an_end_leaves_the_board_and_is_an_end() {
     world.memory.write16(SERVO_HOST_STATUS, 1).unwrap();
     world.board_loop.stop();
     assert_eq!(world.board_loop.poll(), u64::MAX);
-    assert_eq!(world.backend.info.read().state, State::Dead);
+    assert_eq!(world.state(), State::Dead);
     assert_eq!(world.word(SERVO_HOST_STATUS), 0);
     assert_eq!(world.board_loop.poll(), u64::MAX);
 }

@@ -57,7 +57,8 @@ impl BoardLoop {
             return;
         }
         let _ = self.stop.read();
-        self.info.set_state(State::Dead);
+        self.info.set(|status| status.state = State::Dead);
+        self.info.poll(&self.events, true);
         let until = self.clock.now() + LAST_STOP;
         self.collect_stops(until);
         self.phase = Phase::Stopping { until, due_ns: 0 };

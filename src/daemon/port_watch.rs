@@ -5,9 +5,8 @@ use std::time::Instant;
 
 use log::{info, warn};
 
-use super::ascii_desk::PortState;
 use super::board_loop::BoardLoop;
-use super::response_port::Way;
+use crate::protocol::{CommandPort, CommandState};
 use crate::segment::Counter;
 
 impl BoardLoop {
@@ -34,8 +33,8 @@ impl BoardLoop {
 
     pub(super) fn has_interrupt(&self) -> bool {
         match self.desk.port().way() {
-            Way::Dpram => self.told.interrupt,
-            Way::Mailbox => self.told.mailbox,
+            CommandPort::Dpram => self.told.interrupt,
+            CommandPort::Mailbox => self.told.mailbox,
         }
     }
 
@@ -46,16 +45,15 @@ impl BoardLoop {
             return;
         }
         if before.is_none_or(|(before, _)| before != way) {
-            self.info.set_command_port(way);
             self.desk.set_interrupt(self.has_interrupt());
         }
-        self.info.set_command_state(state);
+        self.info.set(|status| (status.command_port, status.command_state) = (way, state));
         match (way, state) {
-            (_, PortState::Unknown) => {}
-            (Way::Dpram, PortState::Answers) => info!("DPRAM ASCII answers"),
-            (Way::Dpram, PortState::Silent) => warn!("DPRAM ASCII does not answer (is I58=1?)"),
-            (Way::Mailbox, PortState::Answers) => info!("the VME mailboxes answer"),
-            (Way::Mailbox, PortState::Silent) => {
+            (_, CommandState::Unknown) => {}
+            (CommandPort::Dpram, CommandState::Answers) => info!("DPRAM ASCII answers"),
+            (CommandPort::Dpram, CommandState::Silent) => warn!("DPRAM ASCII does not answer (is I58=1?)"),
+            (CommandPort::Mailbox, CommandState::Answers) => info!("the VME mailboxes answer"),
+            (CommandPort::Mailbox, CommandState::Silent) => {
                 warn!("the VME mailboxes do not answer (is I3=2? are both interrupts there?)");
             }
         }

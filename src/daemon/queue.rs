@@ -3,7 +3,6 @@
 //! Both sides only ever try: a full queue is an answer ("busy"), never a wait, so no client can hold up the bus. The
 //! values own their bytes inline; passing one allocates nothing.
 
-use std::fmt;
 use std::os::fd::{AsFd, BorrowedFd};
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
@@ -12,12 +11,14 @@ use std::time::{Duration, Instant};
 use nix::sys::eventfd::{EfdFlags, EventFd};
 
 use super::job::Job;
+use super::status::BoardStatus;
+pub use crate::format::Text;
+use crate::function::ascii::ResponseText;
 use crate::function::rotary::RotaryState;
 use crate::map::HostOffset;
+use crate::protocol::MessageKind;
 pub use crate::protocol::{LINE_MAX, READ_MAX};
 
-/// The longest text one fill of the Host-Input buffer holds (DPRAM manual p. 29).
-pub const REPLY_MAX: usize = 255;
 /// The longest reason of a refusal.
 pub const REASON_MAX: usize = 240;
 
@@ -40,63 +41,6 @@ pub mod at_once {
     pub const SHORT: usize = 8;
     /// All of them, and a change of the table of watched registers.
     pub const ALL: usize = LINES + CONTROLS + PANEL + STOPS + WRITES + ROTARY + SHORT + 1;
-}
-
-/// A short text of at most `N` bytes, held inline.
-#[derive(Clone, Copy, PartialEq, Eq)]
-pub struct Text<const N: usize> {
-    bytes: [u8; N],
-    length: u8,
-}
-
-impl<const N: usize> Text<N> {
-    /// Copies `bytes`, or `None` when there are more than `N`.
-    #[must_use]
-    pub fn new(bytes: &[u8]) -> Option<Self> {
-        let mut text = Self { bytes: [0; N], length: u8::try_from(bytes.len()).ok()? };
-        text.bytes.get_mut(..bytes.len())?.copy_from_slice(bytes);
-        Some(text)
-    }
-
-    /// The bytes.
-    #[must_use]
-    pub fn as_bytes(&self) -> &[u8] {
-        &self.bytes[..usize::from(self.length)]
-    }
-}
-
-impl<const N: usize> Text<N> {
-    /// As much of `text` as fits.
-    #[must_use]
-    pub fn of(text: &dyn fmt::Display) -> Self {
-        let mut start = Self::default();
-        // A text that is cut off is an error of `write!` alone.
-        let _ = fmt::write(&mut start, format_args!("{text}"));
-        start
-    }
-}
-
-impl<const N: usize> fmt::Write for Text<N> {
-    fn write_str(&mut self, text: &str) -> fmt::Result {
-        let length = usize::from(self.length);
-        let room = N.min(usize::from(u8::MAX)).saturating_sub(length);
-        let bytes = &text.as_bytes()[..text.len().min(room)];
-        self.bytes[length..length + bytes.len()].copy_from_slice(bytes);
-        self.length += bytes.len() as u8;
-        if bytes.len() == text.len() { Ok(()) } else { Err(fmt::Error) }
-    }
-}
-
-impl<const N: usize> Default for Text<N> {
-    fn default() -> Self {
-        Self { bytes: [0; N], length: 0 }
-    }
-}
-
-impl<const N: usize> fmt::Debug for Text<N> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{:?}", String::from_utf8_lossy(self.as_bytes()))
-    }
 }
 
 /// Names one command from its acceptance to its last event. Chosen by the socket's thread, never reused.
@@ -171,7 +115,7 @@ pub enum Outcome {
 #[derive(Debug, Clone, Copy)]
 pub enum Event {
     /// One line of a reply.
-    Line(Ticket, Text<REPLY_MAX>),
+    Line(Ticket, ResponseText),
     /// The end of a command.
     Done(Ticket, Outcome),
     /// The words asked for, `count` of them valid, with the CLOCK_MONOTONIC time of the first read.
@@ -187,6 +131,10 @@ pub enum Event {
     },
     /// How far a rotary buffer is.
     Rotary(Ticket, RotaryState),
+    /// The table of watched registers that was asked for is the board's from now on, under this number.
+    Watching(Ticket, u32),
+    /// What is known of the board has changed.
+    Info(BoardStatus),
     /// A text a PMAC program sent by itself.
     Unsolicited(Unsolicited),
 }
@@ -197,18 +145,9 @@ pub struct Unsolicited {
     /// CLOCK_MONOTONIC when it was read, nanoseconds.
     pub time_ns: u64,
     /// Which statement caused it.
-    pub kind: UnsolicitedKind,
+    pub kind: MessageKind,
     /// The text.
-    pub text: Text<REPLY_MAX>,
-}
-
-/// Which statement of a PMAC program caused an unsolicited text.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum UnsolicitedKind {
-    /// The response to a `CMD"…"` (control word 0x010D).
-    Cmd,
-    /// A `SEND"…"` (control word 0x020D).
-    Send,
+    pub text: ResponseText,
 }
 
 /// The end of a queue that puts values in.
@@ -327,12 +266,5 @@ mod tests {
         receiver.clear();
         assert_eq!((receiver.try_receive(), receiver.try_receive()), (Some(1), Some(2)));
         assert_eq!((sender.try_send(4), woken()), (Ok(()), true));
-    }
-
-    #[test]
-    fn texts_keep_their_bounds() {
-        assert!(Text::<LINE_MAX>::new(&[b'x'; LINE_MAX]).is_some());
-        assert!(Text::<LINE_MAX>::new(&[b'x'; LINE_MAX + 1]).is_none());
-        assert_eq!(Text::<REPLY_MAX>::new(b"1.16D").unwrap().as_bytes(), b"1.16D");
     }
 }

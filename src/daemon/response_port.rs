@@ -11,6 +11,7 @@ use super::ports::Use;
 use crate::device::{Bus, BusError, ByteBusError};
 use crate::format::TextOrder;
 use crate::function::ascii::{AsciiEvent, AsciiPort};
+use crate::protocol::{CommandPort, answer};
 
 /// How long the board may take to say what I58 is.
 const PATIENCE: Duration = Duration::from_millis(500);
@@ -27,15 +28,6 @@ pub enum PortError {
     /// The mailboxes, or the host port.
     #[error(transparent)]
     Registers(#[from] ByteBusError),
-}
-
-/// Which way command lines go.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Way {
-    /// The DPRAM's ASCII buffers.
-    Dpram,
-    /// The VME mailboxes.
-    Mailbox,
 }
 
 /// What the board said of I58.
@@ -60,7 +52,7 @@ pub struct ResponsePort {
     pub dpram: AsciiPort,
     /// The mailbox circuit, on a board that has one.
     pub mailbox: Option<MailboxLink>,
-    way: Way,
+    way: CommandPort,
     question: Option<Question>,
     answer: Option<Answer>,
     /// Responses taken from the DPRAM.
@@ -75,7 +67,7 @@ impl ResponsePort {
         Self {
             dpram: AsciiPort::new(order, now),
             mailbox,
-            way: if always { Way::Mailbox } else { Way::Dpram },
+            way: if always { CommandPort::Mailbox } else { CommandPort::Dpram },
             question: None,
             answer: None,
             responses: 0,
@@ -91,7 +83,7 @@ impl ResponsePort {
 
     /// The way in use.
     #[must_use]
-    pub fn way(&self) -> Way {
+    pub fn way(&self) -> CommandPort {
         self.way
     }
 
@@ -114,7 +106,7 @@ impl ResponsePort {
     }
 
     /// Goes another way from now on. Nothing may be under way.
-    pub fn change(&mut self, way: Way) {
+    pub fn change(&mut self, way: CommandPort) {
         self.way = way;
     }
 
@@ -126,7 +118,7 @@ impl ResponsePort {
     #[must_use]
     pub fn is_idle(&self) -> bool {
         match (self.way, &self.mailbox) {
-            (Way::Mailbox, Some(mailbox)) => mailbox.port.is_idle() && self.question.is_none(),
+            (CommandPort::Mailbox, Some(mailbox)) => mailbox.port.is_idle() && self.question.is_none(),
             _ => self.dpram.is_idle(),
         }
     }
@@ -141,7 +133,7 @@ impl ResponsePort {
     #[must_use]
     pub fn was_taken(&self) -> bool {
         match (self.way, &self.mailbox) {
-            (Way::Mailbox, Some(mailbox)) => mailbox.port.was_taken(),
+            (CommandPort::Mailbox, Some(mailbox)) => mailbox.port.was_taken(),
             _ => self.dpram.was_taken(),
         }
     }
@@ -152,7 +144,7 @@ impl ResponsePort {
     /// [`PortError`].
     pub fn begin(&mut self, bus: &mut impl Bus, line: &[u8]) -> Result<bool, PortError> {
         match (self.way, &mut self.mailbox) {
-            (Way::Mailbox, Some(mailbox)) => Ok(self.question.is_none()
+            (CommandPort::Mailbox, Some(mailbox)) => Ok(self.question.is_none()
                 && mailbox.is_connected()
                 && mailbox.port.begin(&mut mailbox.registers, line)?),
             _ => Ok(self.dpram.begin(bus, line)?),
@@ -171,7 +163,7 @@ impl ResponsePort {
         now: Instant,
     ) -> Result<bool, PortError> {
         match (self.way, &mut self.mailbox) {
-            (Way::Mailbox, Some(mailbox)) => Ok(mailbox.is_connected()
+            (CommandPort::Mailbox, Some(mailbox)) => Ok(mailbox.is_connected()
                 && mailbox.port.control(&mut mailbox.registers, character, has_reply, now)?),
             _ => Ok(self.dpram.control(bus, character, has_reply, now)?),
         }
@@ -183,7 +175,7 @@ impl ResponsePort {
     /// [`PortError`].
     pub fn control_lies(&self, bus: &mut impl Bus) -> Result<bool, PortError> {
         match (self.way, &self.mailbox) {
-            (Way::Mailbox, Some(mailbox)) => Ok(mailbox.port.control_lies()),
+            (CommandPort::Mailbox, Some(mailbox)) => Ok(mailbox.port.control_lies()),
             _ => Ok(self.dpram.control_lies(bus)?),
         }
     }
@@ -195,7 +187,7 @@ impl ResponsePort {
     /// [`PortError`].
     pub fn withdraw_control(&mut self, bus: &mut impl Bus, now: Instant) -> Result<(), PortError> {
         match (self.way, &mut self.mailbox) {
-            (Way::Mailbox, Some(mailbox)) => {
+            (CommandPort::Mailbox, Some(mailbox)) => {
                 Ok(mailbox.port.withdraw_control(&mut mailbox.registers, now)?)
             }
             _ => Ok(self.dpram.withdraw_control(bus)?),
@@ -208,8 +200,8 @@ impl ResponsePort {
     /// [`PortError`].
     pub fn withdraw_line(&mut self, bus: &mut impl Bus) -> Result<(), PortError> {
         match self.way {
-            Way::Mailbox => Ok(()),
-            Way::Dpram => Ok(AsciiPort::withdraw_line(bus)?),
+            CommandPort::Mailbox => Ok(()),
+            CommandPort::Dpram => Ok(AsciiPort::withdraw_line(bus)?),
         }
     }
 
@@ -220,7 +212,7 @@ impl ResponsePort {
     /// [`PortError`].
     pub fn give_up(&mut self, bus: &mut impl Bus, now: Instant) -> Result<bool, PortError> {
         match (self.way, &mut self.mailbox) {
-            (Way::Mailbox, Some(mailbox)) => Ok(mailbox.port.give_up(&mut mailbox.registers, now)?),
+            (CommandPort::Mailbox, Some(mailbox)) => Ok(mailbox.port.give_up(&mut mailbox.registers, now)?),
             _ => Ok(self.dpram.give_up(bus, now)?),
         }
     }
@@ -242,7 +234,7 @@ impl ResponsePort {
         if let Some(event) = self.step_mailbox(now)? {
             return Ok(Some(event));
         }
-        if self.way == Way::Mailbox {
+        if self.way == CommandPort::Mailbox {
             return Ok(None);
         }
         let event = self.dpram.step(bus, now)?;
@@ -300,33 +292,11 @@ impl ResponsePort {
     }
 }
 
-/// The value in a reply to `I58`, in any of the forms I9 chooses.
+/// What a reply to `I58` says.
 fn value(text: &[u8]) -> Answer {
-    let text = std::str::from_utf8(text).unwrap_or_default();
-    let digits = text.rsplit('=').next().unwrap_or_default().trim().trim_start_matches('$');
-    match i64::from_str_radix(digits, 16) {
-        Ok(0) => Answer::Off,
-        Ok(_) => Answer::On,
-        Err(_) => Answer::None,
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn i58_is_read_in_every_form() {
-        for (text, answer) in [
-            ("0", Answer::Off),
-            ("1", Answer::On),
-            ("$0", Answer::Off),
-            ("I58=1", Answer::On),
-            ("I58=$0", Answer::Off),
-            ("", Answer::None),
-            ("hello", Answer::None),
-        ] {
-            assert_eq!(value(text.as_bytes()), answer, "{text}");
-        }
+    match std::str::from_utf8(text).ok().and_then(answer::integer) {
+        Some(0) => Answer::Off,
+        Some(_) => Answer::On,
+        None => Answer::None,
     }
 }

@@ -95,13 +95,12 @@ impl Rounds {
 #[cfg(test)]
 mod tests {
     use std::io::Write;
-    use std::sync::Arc;
     use std::time::Duration;
 
     use nix::unistd::{Gid, Uid};
 
     use super::*;
-    use crate::daemon::info::SharedInfo;
+    use crate::daemon::info::Info;
     use crate::daemon::queue::{Command, Event, Outcome, Ticket, at_once, queue};
 
     #[test]
@@ -110,7 +109,7 @@ mod tests {
         let options = ServeOptions::new(directory.path().join("socket"));
         let (commands, taken) = queue(at_once::ALL).unwrap();
         let (answers, events) = queue(8).unwrap();
-        let backend = Backend { commands, events, info: Arc::new(SharedInfo::default()) };
+        let backend = Backend { commands, events, info: Info::default() };
         let mut server = Rounds::new(&options, options.listen().unwrap(), backend).unwrap();
         let mut now = Instant::now();
         let mut clients = Vec::new();

@@ -19,11 +19,11 @@ use nix::sys::eventfd::{EfdFlags, EventFd};
 
 use super::admission::Admission;
 use super::connection::{Answer, Client, Pending, Waiting};
-use super::info::SharedInfo;
+use super::info::Info;
 use super::lease::Leases;
 use super::listener::{ListenError, Listener};
 use super::policy::{Peer, Policy, PolicyError, Roles};
-use super::queue::{Command, Event, Outcome, Receive, Sender, Ticket, Unsolicited, UnsolicitedKind};
+use super::queue::{Command, Event, Outcome, Receive, Sender, Ticket, Unsolicited};
 use super::refusals::Refusals;
 use super::shares::Shares;
 use super::subscriptions::Subscriptions;
@@ -31,7 +31,7 @@ use super::turns::Turns;
 use crate::map::errors::meaning;
 use crate::protocol::board::RotaryStateReply;
 use crate::protocol::board::{NotesReply, ReadReply, SendReply};
-use crate::protocol::{Call, CallError, Message, MessageKind, Reply};
+use crate::protocol::{Call, CallError, Message, Reply};
 
 /// How much longer than asked the bus thread may take before it is not believed to answer at all: more than a port takes to
 /// be silent again after it gave up on a line (1 s), less than a client waits for the daemon (2 s).
@@ -104,8 +104,8 @@ pub struct Backend {
     /// From the bus thread. It must deliver the events of a ticket in order and without gaps, [`Outcome`] last; what
     /// it cannot deliver at once it has to keep.
     pub events: Receive<Event>,
-    /// What `GetInfo` answers.
-    pub info: Arc<SharedInfo>,
+    /// What `GetInfo` answers; kept up to date by [`Event::Info`].
+    pub info: Info,
 }
 
 /// The running server. Stops when told to, or when dropped.
@@ -376,20 +376,20 @@ impl Service {
                 if let Some(pending) = self.pending(ticket) {
                     pending.length += text.as_bytes().len() + 1;
                     if pending.length <= COLLECT_MAX {
-                        // Byte by byte: a board's text is ASCII, and nothing of what is not may be lost.
-                        pending.lines.push(text.as_bytes().iter().copied().map(char::from).collect());
+                        pending.lines.push(text.to_latin1());
                     }
                 }
             }
             Event::Done(ticket, outcome) => {
                 self.turns.over(ticket);
-                self.subscriptions.heard(ticket, outcome, now);
+                let refused = self.subscriptions.failed(ticket, outcome, now);
+                self.refuse_watches(&refused, outcome, now);
                 self.after_stop(ticket, outcome, now);
                 let Some(pending) = self.pending(ticket) else { return };
                 let lines = std::mem::take(&mut pending.lines);
                 let stops = pending.stops;
-                if let Some(call) = pending.then.take() {
-                    return self.guarded(ticket, call, &lines, outcome, now);
+                if let Some(then) = pending.then.take() {
+                    return self.guarded(ticket, then, &lines, outcome, now);
                 }
                 let reply = match (&pending.answer, outcome) {
                     (Answer::Done, Outcome::Done) => Ok(Reply::done()),
@@ -431,6 +431,12 @@ impl Service {
                 };
                 self.answer(ticket, Reply::with(&reply), now);
             }
+            Event::Watching(ticket, table) => {
+                self.turns.over(ticket);
+                let clients = self.subscriptions.taken(ticket, table);
+                self.tell_watched(&clients, table, now);
+            }
+            Event::Info(status) => self.backend.info.take(status),
             Event::Unsolicited(text) => self.broadcast(&text, now),
         }
     }
@@ -463,11 +469,8 @@ impl Service {
             }
             let message = Message {
                 time_ns: text.time_ns,
-                kind: match text.kind {
-                    UnsolicitedKind::Cmd => MessageKind::Cmd,
-                    UnsolicitedKind::Send => MessageKind::Send,
-                },
-                text: text.text.as_bytes().iter().copied().map(char::from).collect(),
+                kind: text.kind,
+                text: text.text.to_latin1(),
                 lost: std::mem::take(lost),
             };
             if let Ok(reply) = Reply::with(&message) {
@@ -526,10 +529,15 @@ pub(super) struct Ready {
 }
 
 fn malformed(why: &dyn std::fmt::Display) -> CallError {
-    CallError::InvalidParameter { parameter: format!("message: {why}") }
+    CallError::invalid("message", why)
 }
 
-fn outcome_reply(outcome: Outcome, lines: Vec<String>, overlong: bool) -> Result<Reply, CallError> {
+/// What a call is answered whose command ended so.
+pub(super) fn outcome_reply(
+    outcome: Outcome,
+    lines: Vec<String>,
+    overlong: bool,
+) -> Result<Reply, CallError> {
     match outcome {
         Outcome::Done if overlong => Err(CallError::Unavailable {
             reason: format!("the board's reply is longer than {COLLECT_MAX} bytes"),

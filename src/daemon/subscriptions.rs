@@ -43,12 +43,24 @@ pub(super) enum NoneLeft {
     Observers { room: usize },
 }
 
+/// How far a watch is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Progress {
+    /// Its registers are not in the table that the bus thread has.
+    Wanted,
+    /// They are in the table that the bus thread has under way.
+    UnderWay,
+    /// They are in the board's table, and the client has been told.
+    Told,
+}
+
 /// What one client watches.
 #[derive(Debug)]
 struct Watch {
     entries: Vec<VariableEntry>,
     /// Whose it is, if he may only look.
     observer: Option<Uid>,
+    progress: Progress,
 }
 
 /// Every client's registers.
@@ -60,10 +72,12 @@ pub(super) struct Subscriptions {
     /// The table as it should be on the board; the bus thread starts with an empty one.
     table: Vec<VariableEntry>,
     /// The bus thread has another one.
-    is_news: bool,
-    /// What the bus thread was told last, until it has heard it: tables that change faster than that do not fill its queue.
-    telling: Option<Ticket>,
-    /// The last table was not taken: not to be told again before then.
+    is_dirty: bool,
+    /// The number of the table that the board took last.
+    number: Option<u32>,
+    /// The table that the bus thread has under way: tables that change faster than that do not fill its queue.
+    under_way: Option<Ticket>,
+    /// The last table was not taken: not to be sent again before then.
     again: Option<Instant>,
     /// That it was not has been logged.
     is_logged: bool,
@@ -76,14 +90,16 @@ impl Subscriptions {
             room,
             clients: BTreeMap::new(),
             table: Vec::new(),
-            is_news: false,
-            telling: None,
+            is_dirty: false,
+            number: None,
+            under_way: None,
             again: None,
             is_logged: false,
         }
     }
 
-    /// `client` watches `entries`, instead of what it watched before; `observer` is its user if he may only look.
+    /// `client` watches `entries`, instead of what it watched before; `observer` is its user if he may only look. The number of the
+    /// board's table if that has them all already; else [`Self::taken`] or [`Self::failed`] names the client.
     ///
     /// # Errors
     /// When there are not enough entries left; nothing is changed then.
@@ -92,28 +108,41 @@ impl Subscriptions {
         client: u64,
         entries: Vec<VariableEntry>,
         observer: Option<Uid>,
-    ) -> Result<(), NoneLeft> {
-        let before = self.clients.insert(client, Watch { entries, observer });
+    ) -> Result<Option<u32>, NoneLeft> {
+        let before = self.clients.insert(client, Watch { entries, observer, progress: Progress::Wanted });
         let table = self.merged();
         let room = self.room;
         let is_full = table.len() > room;
         let is_beyond_share = observer.is_some()
             && (self.count(|other| other == observer) > of_observer(room)
                 || self.count(|other| other.is_some()) > of_observers(room));
-        if !is_full && !is_beyond_share {
-            self.adopt(table);
-            return Ok(());
+        if is_full || is_beyond_share {
+            match before {
+                Some(before) => self.clients.insert(client, before),
+                None => self.clients.remove(&client),
+            };
+            let used = self.merged().len();
+            return Err(if is_full {
+                NoneLeft::Full { room, used, wanted: table.len().saturating_sub(used) }
+            } else {
+                NoneLeft::Observers { room }
+            });
         }
-        match before {
-            Some(before) => self.clients.insert(client, before),
-            None => self.clients.remove(&client),
+        self.adopt(table);
+        let (progress, number) = match (self.is_dirty, self.under_way, self.number) {
+            (true, ..) => (Progress::Wanted, None),
+            (false, None, Some(number)) => (Progress::Told, Some(number)),
+            (false, ..) => (Progress::UnderWay, None),
         };
-        let used = self.merged().len();
-        Err(if is_full {
-            NoneLeft::Full { room, used, wanted: table.len().saturating_sub(used) }
-        } else {
-            NoneLeft::Observers { room }
-        })
+        if let Some(watch) = self.clients.get_mut(&client) {
+            watch.progress = progress;
+        }
+        Ok(number)
+    }
+
+    /// How many registers `client` watches.
+    pub(super) fn count_of(&self, client: u64) -> usize {
+        self.clients.get(&client).map_or(0, |watch| watch.entries.len())
     }
 
     /// Different registers that the clients of `those` watch.
@@ -135,40 +164,67 @@ impl Subscriptions {
         self.table.len()
     }
 
-    /// The table to tell the bus thread, if it has changed since it was told.
-    pub(super) fn news(&self, now: Instant) -> Option<Vec<VariableEntry>> {
-        let may_tell = self.telling.is_none() && self.again.is_none_or(|again| again <= now);
-        (self.is_news && may_tell).then(|| self.table.clone())
+    /// The table for the bus thread, if it has changed since the last.
+    pub(super) fn update(&self, now: Instant) -> Option<Vec<VariableEntry>> {
+        let may_send = self.under_way.is_none() && self.again.is_none_or(|again| again <= now);
+        (self.is_dirty && may_send).then(|| self.table.clone())
     }
 
-    /// When a table that was not taken is to be told again.
+    /// When a table that was not taken is to be sent again.
     pub(super) fn next_try(&self) -> Option<Instant> {
         self.again
     }
 
-    /// The bus thread has been told, under `ticket`.
-    pub(super) fn told(&mut self, ticket: Ticket) {
-        self.is_news = false;
+    /// The bus thread has the table, under `ticket`.
+    pub(super) fn sent(&mut self, ticket: Ticket) {
+        self.is_dirty = false;
         self.again = None;
-        self.telling = Some(ticket);
+        self.under_way = Some(ticket);
+        for watch in self.clients.values_mut().filter(|watch| watch.progress == Progress::Wanted) {
+            watch.progress = Progress::UnderWay;
+        }
     }
 
-    /// The bus thread has answered what it was told under `ticket`.
-    pub(super) fn heard(&mut self, ticket: Ticket, outcome: Outcome, now: Instant) {
-        if self.telling != Some(ticket) {
-            return;
+    /// The board has the table that was sent under `ticket`, as number `table`. The clients that wait to hear it.
+    pub(super) fn taken(&mut self, ticket: Ticket, table: u32) -> Vec<u64> {
+        if self.under_way != Some(ticket) {
+            return Vec::new();
         }
-        self.telling = None;
-        let is_taken = outcome == Outcome::Done;
-        if !is_taken {
-            // Unless there is a newer one, which may be.
-            self.again = (!std::mem::replace(&mut self.is_news, true)).then_some(now + AGAIN);
-            if !self.is_logged {
-                let count = self.table.len();
-                error!("the table of {count} watched registers was not taken, trying again: {outcome:?}");
-            }
+        self.under_way = None;
+        self.number = Some(table);
+        self.is_logged = false;
+        let under_way = |(_, watch): &(&u64, &mut Watch)| watch.progress == Progress::UnderWay;
+        self.clients
+            .iter_mut()
+            .filter(under_way)
+            .map(|(client, watch)| {
+                watch.progress = Progress::Told;
+                *client
+            })
+            .collect()
+    }
+
+    /// The table that was sent under `ticket` was not taken, if it was one. The clients that waited for it; they watch nothing.
+    pub(super) fn failed(&mut self, ticket: Ticket, outcome: Outcome, now: Instant) -> Vec<u64> {
+        if self.under_way != Some(ticket) {
+            return Vec::new();
         }
-        self.is_logged = !is_taken;
+        self.under_way = None;
+        self.number = None;
+        if !std::mem::replace(&mut self.is_logged, true) {
+            let count = self.table.len();
+            error!("the table of {count} watched registers was not taken, trying again: {outcome:?}");
+        }
+        let waiting = self.clients.iter().filter(|(_, watch)| watch.progress == Progress::UnderWay);
+        let waiting: Vec<u64> = waiting.map(|(client, _)| *client).collect();
+        for client in &waiting {
+            self.clients.remove(client);
+        }
+        let was_dirty = std::mem::replace(&mut self.is_dirty, true);
+        self.table = self.merged();
+        // Unless there is a newer one, which may be.
+        self.again = (!was_dirty).then_some(now + AGAIN);
+        waiting
     }
 
     /// Every register somebody watches, once. Those that stay keep their order, so that a change moves little.
@@ -187,7 +243,7 @@ impl Subscriptions {
     fn adopt(&mut self, table: Vec<VariableEntry>) {
         if table != self.table {
             self.table = table;
-            self.is_news = true;
+            self.is_dirty = true;
             self.again = None;
         }
     }
@@ -206,26 +262,26 @@ mod tests {
     fn equal_requests_share_and_are_freed_with_the_last() {
         let now = Instant::now();
         let mut subscriptions = Subscriptions::new(128);
-        assert_eq!(subscriptions.news(now), None);
+        assert_eq!(subscriptions.update(now), None);
         subscriptions.watch(1, entries(0..100), None).unwrap();
         subscriptions.watch(2, entries(50..128), None).unwrap();
-        assert_eq!(subscriptions.news(now).unwrap().len(), 128);
-        subscriptions.told(Ticket(1));
-        subscriptions.heard(Ticket(1), Outcome::Done, now);
+        assert_eq!(subscriptions.update(now).unwrap().len(), 128);
+        subscriptions.sent(Ticket(1));
+        subscriptions.taken(Ticket(1), 1);
         let error = subscriptions.watch(3, entries(120..130), None).unwrap_err();
         assert_eq!(error, NoneLeft::Full { room: 128, used: 128, wanted: 2 });
         subscriptions.watch(3, entries(0..128), None).unwrap();
-        assert_eq!(subscriptions.news(now), None, "nothing new for the board");
+        assert_eq!(subscriptions.update(now), None, "nothing new for the board");
         subscriptions.forget(3);
         subscriptions.forget(1);
-        assert_eq!(subscriptions.news(now), Some(entries(50..128)));
-        subscriptions.told(Ticket(2));
+        assert_eq!(subscriptions.update(now), Some(entries(50..128)));
+        subscriptions.sent(Ticket(2));
         subscriptions.forget(2);
-        assert_eq!(subscriptions.news(now), None, "the bus thread is still at the table before");
-        subscriptions.heard(Ticket(1), Outcome::Done, now);
-        assert_eq!(subscriptions.news(now), None);
-        subscriptions.heard(Ticket(2), Outcome::Done, now);
-        assert_eq!(subscriptions.news(now), Some(Vec::new()));
+        assert_eq!(subscriptions.update(now), None, "the bus thread is still at the table before");
+        subscriptions.taken(Ticket(1), 1);
+        assert_eq!(subscriptions.update(now), None);
+        subscriptions.taken(Ticket(2), 2);
+        assert_eq!(subscriptions.update(now), Some(Vec::new()));
     }
 
     #[test]
@@ -243,7 +299,7 @@ mod tests {
         subscriptions.watch(5, entries(96..128), None).unwrap();
         let full = NoneLeft::Full { room: 128, used: 128, wanted: 1 };
         assert_eq!(subscriptions.watch(5, entries(96..129), None), Err(full));
-        assert_eq!(subscriptions.news(now).unwrap(), entries(0..128));
+        assert_eq!(subscriptions.update(now).unwrap(), entries(0..128));
     }
 
     #[test]
@@ -260,28 +316,47 @@ mod tests {
     }
 
     #[test]
-    fn a_table_that_is_not_taken_stays_news() {
+    fn a_table_that_is_not_taken_is_sent_again() {
         let now = Instant::now();
         let refused = Outcome::Unavailable;
         let mut subscriptions = Subscriptions::new(128);
         subscriptions.watch(1, entries(0..2), None).unwrap();
-        subscriptions.told(Ticket(1));
-        subscriptions.heard(Ticket(1), refused, now);
+        subscriptions.sent(Ticket(1));
+        assert_eq!(subscriptions.taken(Ticket(1), 7), [1]);
+        subscriptions.watch(2, entries(0..4), None).unwrap();
+        subscriptions.sent(Ticket(2));
+        assert_eq!(subscriptions.failed(Ticket(2), refused, now), [2], "who waits for it hears so");
         assert!(subscriptions.is_logged);
         assert_eq!(
-            (subscriptions.news(now), subscriptions.next_try()),
+            (subscriptions.update(now), subscriptions.next_try()),
             (None, Some(now + AGAIN)),
             "not at once"
         );
-        assert_eq!(subscriptions.news(now + AGAIN), Some(entries(0..2)));
-        subscriptions.told(Ticket(2));
+        assert_eq!(subscriptions.update(now + AGAIN), Some(entries(0..2)));
+        subscriptions.sent(Ticket(3));
         assert_eq!(subscriptions.next_try(), None);
         // A newer one is not held up by what became of the one before.
         subscriptions.watch(1, entries(0..3), None).unwrap();
-        subscriptions.heard(Ticket(2), refused, now);
-        assert_eq!(subscriptions.news(now), Some(entries(0..3)));
-        subscriptions.told(Ticket(3));
-        subscriptions.heard(Ticket(3), Outcome::Done, now);
-        assert!(!subscriptions.is_logged && subscriptions.news(now + AGAIN).is_none());
+        assert!(subscriptions.failed(Ticket(3), refused, now).is_empty());
+        assert_eq!(subscriptions.update(now), Some(entries(0..3)));
+        subscriptions.sent(Ticket(4));
+        assert_eq!(subscriptions.taken(Ticket(4), 8), [1]);
+        assert!(!subscriptions.is_logged && subscriptions.update(now + AGAIN).is_none());
+    }
+
+    #[test]
+    fn a_watch_is_told_when_its_registers_are_in_the_boards_table() {
+        let now = Instant::now();
+        let mut subscriptions = Subscriptions::new(128);
+        assert_eq!(subscriptions.watch(1, entries(0..2), None), Ok(None));
+        subscriptions.sent(Ticket(1));
+        assert_eq!(subscriptions.watch(2, entries(0..1), None), Ok(None), "in the table under way");
+        assert_eq!(subscriptions.watch(3, entries(2..3), None), Ok(None), "in the next one");
+        assert_eq!(subscriptions.taken(Ticket(1), 4), [1, 2]);
+        assert_eq!(subscriptions.update(now), Some(entries(0..3)));
+        subscriptions.sent(Ticket(2));
+        assert_eq!(subscriptions.taken(Ticket(2), 5), [3]);
+        assert_eq!(subscriptions.watch(4, entries(1..3), None), Ok(Some(5)), "at once");
+        assert!(subscriptions.taken(Ticket(77), 6).is_empty());
     }
 }

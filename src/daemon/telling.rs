@@ -2,25 +2,22 @@
 
 use log::{info, warn};
 
-use super::ascii_desk::PortState;
 use super::board_loop::BoardLoop;
-use super::response_port::Way;
+use super::status::KnownIdentity;
 use crate::mirror::Transition;
-use crate::protocol::Enabled;
+use crate::protocol::{CommandPort, CommandState, Enabled};
 use crate::segment::{Identity, RegionId, RegionState, Stamp, State};
 
 /// What was said last, so that only changes are said.
 #[derive(Default)]
 pub struct Told {
     pub(super) state: Option<State>,
-    pub(super) port: Option<(Way, PortState)>,
+    pub(super) port: Option<(CommandPort, CommandState)>,
     /// Both interrupts of the mailboxes are there.
     pub(super) mailbox: bool,
     pub(super) interrupt: bool,
     pub(super) bus_error: bool,
     identity: Option<Identity>,
-    /// The socket's thread was reading when the identity changed; to be told at the next beat.
-    pub(super) info_pending: bool,
 }
 
 impl BoardLoop {
@@ -60,13 +57,13 @@ impl BoardLoop {
         self.tell_enabled();
     }
 
-    pub(super) fn tell_enabled(&self) {
+    pub(super) fn tell_enabled(&mut self) {
         let mut enabled = Enabled::empty();
         enabled.set(Enabled::SERVO, self.servo.is_live());
         enabled.set(Enabled::BACKGROUND, self.background.is_live());
-        enabled.set(Enabled::ASCII, self.desk.state() == PortState::Answers);
+        enabled.set(Enabled::ASCII, self.desk.state() == CommandState::Answers);
         enabled.set(Enabled::INTERRUPT, self.has_interrupt());
-        self.info.set_enabled(enabled);
+        self.info.set(|status| status.enabled = enabled);
     }
 
     /// Publishes what has become known of the board, and works by it.
@@ -92,25 +89,13 @@ impl BoardLoop {
         if let (Some(board_type), Some(firmware)) = (&identity.board_type, &identity.firmware) {
             info!("the board is {board_type}, firmware {firmware}, reports {motors} motors");
         }
+        let known = KnownIdentity {
+            firmware: identity.firmware,
+            board_type: identity.board_type,
+            motors: u32::try_from(motors).unwrap_or(u32::MAX),
+            servo_period_ns: identity.servo_period_ps.map(|ps| ps / 1000),
+        };
+        self.info.set(|status| status.identity = Some(known));
         self.told.identity = Some(identity);
-        self.inform();
-    }
-
-    pub(super) fn inform(&mut self) {
-        let Some(identity) = &self.told.identity else { return };
-        let motors = identity.reported_motors().unwrap_or(self.default_motors as u32);
-        self.told.info_pending = !self.info.try_update(|info| {
-            // A text that is there already is not made again.
-            for (told, known) in [
-                (&mut info.firmware, identity.firmware.as_deref()),
-                (&mut info.board_type, identity.board_type.as_deref()),
-            ] {
-                if told.as_deref() != known {
-                    *told = known.map(str::to_owned);
-                }
-            }
-            info.motors = motors;
-            info.servo_period_ns = identity.servo_period_ps.map(|ps| ps / 1000);
-        });
     }
 }

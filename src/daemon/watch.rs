@@ -11,7 +11,7 @@ use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use signal_hook::iterator::backend::SignalDelivery;
 use signal_hook::iterator::exfiltrator::SignalOnly;
 
-use super::info::SharedInfo;
+use super::info::Pulse;
 use super::notify::{Notifier, Watchdog};
 use crate::protocol::{BoardInfo, State};
 
@@ -78,8 +78,8 @@ impl Manager {
     }
 
     /// The segment is published and the socket listens.
-    pub fn ready(&mut self, info: &SharedInfo) {
-        self.told = status(&info.read());
+    pub fn ready(&mut self, pulse: &Pulse) {
+        self.told = status(&pulse.board());
         self.send(&format!("READY=1\nSTATUS={}", self.told));
     }
 
@@ -90,11 +90,11 @@ impl Manager {
     }
 
     /// What there is to tell by now.
-    fn look(&mut self, info: &SharedInfo, now: Instant) {
+    fn look(&mut self, pulse: &Pulse, now: Instant) {
         if self.notifier.is_none() {
             return;
         }
-        let status = status(&info.read());
+        let status = status(&pulse.board());
         if status != self.told {
             self.send(&format!("STATUS={status}"));
             self.told = status;
@@ -102,7 +102,7 @@ impl Manager {
         if let Some(watchdog) = &mut self.watchdog
             && now >= watchdog.next()
         {
-            let moves = watchdog.is_due(now, info.rounds());
+            let moves = watchdog.is_due(now, pulse.rounds());
             if moves {
                 self.send("WATCHDOG=1");
             } else if !self.stuck {
@@ -122,12 +122,12 @@ impl Manager {
 pub fn until_asked_to_end(
     signals: &mut Signals,
     manager: &mut Manager,
-    info: &SharedInfo,
+    pulse: &Pulse,
     ended: impl Fn() -> bool,
 ) -> Option<i32> {
     loop {
         let now = Instant::now();
-        manager.look(info, now);
+        manager.look(pulse, now);
         if let Some(signal) = signals.wait(manager.next(now)) {
             info!("signal {signal}: stopping");
             return Some(signal);
@@ -163,6 +163,8 @@ fn status(info: &BoardInfo) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::daemon::info::Info;
+    use crate::daemon::status::{BoardStatus, KnownIdentity};
     use std::os::unix::net::UnixDatagram;
 
     #[test]
@@ -183,27 +185,33 @@ mod tests {
             stuck: false,
         };
         let info = BoardInfo { board: "sim".to_owned(), ..BoardInfo::default() };
-        let info = SharedInfo::new(info, crate::protocol::BoardSettings::default());
-        info.count_round();
-        manager.ready(&info);
+        let mut info = Info::new(info, crate::protocol::BoardSettings::default());
+        let pulse = info.pulse();
+        pulse.count_round();
+        manager.ready(&pulse);
         assert_eq!(said().as_deref(), Some("READY=1\nSTATUS=sim: no data yet"));
-        manager.look(&info, start);
+        manager.look(&pulse, start);
         assert_eq!(said().as_deref(), Some("WATCHDOG=1"));
-        info.set_state(State::Live);
-        info.update(|info| {
-            info.firmware = Some("1.16D\nREADY=0".to_owned());
-            info.servo_period_ns = Some(442_708);
+        info.take(BoardStatus {
+            state: State::Live,
+            identity: Some(KnownIdentity {
+                firmware: Some("1.16D\nREADY=0".into()),
+                board_type: None,
+                motors: 8,
+                servo_period_ns: Some(442_708),
+            }),
+            ..BoardStatus::default()
         });
         for _ in 0..2 {
-            manager.look(&info, start);
+            manager.look(&pulse, start);
         }
         assert_eq!(said().as_deref(), Some("STATUS=sim: live, firmware 1.16D READY=0, servo 2258.8 Hz"));
         for second in 1..10 {
-            manager.look(&info, start + Duration::from_secs(second));
+            manager.look(&pulse, start + Duration::from_secs(second));
         }
         assert_eq!(said(), None, "the bus thread made no round");
-        info.count_round();
-        manager.look(&info, start + Duration::from_secs(10));
+        pulse.count_round();
+        manager.look(&pulse, start + Duration::from_secs(10));
         assert_eq!(said().as_deref(), Some("WATCHDOG=1"));
     }
 }

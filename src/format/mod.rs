@@ -7,11 +7,13 @@ pub mod fixed48;
 pub mod float32;
 pub mod float48;
 pub mod int24;
+pub mod short_text;
 pub mod text;
 pub mod word_order;
 pub mod write48;
 
 pub use float48::Float48Layout;
+pub use short_text::Text;
 pub use text::TextOrder;
 pub use word_order::WordOrder;
 

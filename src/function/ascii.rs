@@ -19,7 +19,7 @@
 use std::time::{Duration, Instant};
 
 use crate::device::{Bus, BusError};
-use crate::format::TextOrder;
+use crate::format::{Text, TextOrder};
 use crate::map::classic::{
     ASCII_COMMAND, ASCII_COMMAND_BYTES, ASCII_CONTROL_CHARACTER, ASCII_INPUT_CONTROL, ASCII_INPUT_COUNT,
     ASCII_LINE_LIMIT, ASCII_OUTPUT_CONTROL, ASCII_RESPONSE, ASCII_RESPONSE_BYTES, COMMAND_LOADED,
@@ -45,36 +45,8 @@ pub const CONTROL_REPLY_BEGIN: Duration = Duration::from_millis(300);
 /// Characters of a line that go in its first part.
 const FIRST_PART: usize = ASCII_COMMAND_BYTES - 1;
 
-/// A response line, read from the board into private memory.
-#[derive(Clone, Copy, PartialEq, Eq)]
-pub struct ResponseText {
-    bytes: [u8; ASCII_RESPONSE_BYTES],
-    length: usize,
-}
-
-impl ResponseText {
-    const EMPTY: Self = Self { bytes: [0; ASCII_RESPONSE_BYTES], length: 0 };
-
-    /// A text of the first 255 characters of `characters`.
-    pub(super) fn of(characters: &[u8]) -> Self {
-        let mut text = Self::EMPTY;
-        text.length = characters.len().min(ASCII_RESPONSE_BYTES - 1);
-        text.bytes[..text.length].copy_from_slice(&characters[..text.length]);
-        text
-    }
-
-    /// The characters, at most 255, without the NUL.
-    #[must_use]
-    pub fn as_bytes(&self) -> &[u8] {
-        &self.bytes[..self.length]
-    }
-}
-
-impl std::fmt::Debug for ResponseText {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "{:?}", String::from_utf8_lossy(self.as_bytes()))
-    }
-}
+/// A response line, read from the board into private memory: at most 255 characters, without the NUL (DPRAM manual p. 29).
+pub type ResponseText = Text<{ ASCII_RESPONSE_BYTES - 1 }>;
 
 /// What a step found.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -415,7 +387,7 @@ impl AsciiPort {
             self.answers_early = true;
         }
         self.gave_up &= doubtful;
-        Ok(doubtful && control == RESPONSE_ACKNOWLEDGE && text.length == 0)
+        Ok(doubtful && control == RESPONSE_ACKNOWLEDGE && text.as_bytes().is_empty())
     }
 
     /// The response buffer is empty: a silence may be what the state waits for.
@@ -459,7 +431,7 @@ impl AsciiPort {
         }
         match control {
             RESPONSE_LINE => AsciiEvent::Line(text),
-            RESPONSE_ACKNOWLEDGE if text.length > 0 => {
+            RESPONSE_ACKNOWLEDGE if !text.as_bytes().is_empty() => {
                 // Some firmware marks the last line itself instead of sending an empty acknowledgement.
                 self.end_follows = true;
                 AsciiEvent::Line(text)
@@ -480,9 +452,8 @@ impl AsciiPort {
 
     /// Reads the text that goes with `control`; an error has none.
     fn read_response(&mut self, bus: &mut impl Bus, control: u16) -> Result<ResponseText, BusError> {
-        let mut text = ResponseText::EMPTY;
         if control & RESPONSE_ERROR != 0 {
-            return Ok(text);
+            return Ok(ResponseText::default());
         }
         // The count includes the NUL. One that cannot be is no reason to lose the line: the NUL ends it too.
         let count = usize::from(bus.read16(ASCII_INPUT_COUNT)?);
@@ -490,12 +461,13 @@ impl AsciiPort {
         let mut words = [0u16; ASCII_RESPONSE_BYTES / 2];
         let words = &mut words[..(count - 1).div_ceil(2)];
         bus.read_data(ASCII_RESPONSE, words)?;
-        for (pair, word) in text.bytes.chunks_exact_mut(2).zip(words.iter()) {
+        let mut bytes = [0; ASCII_RESPONSE_BYTES];
+        for (pair, word) in bytes.chunks_exact_mut(2).zip(words.iter()) {
             pair.copy_from_slice(&self.order.unpack(*word));
         }
-        let limit = (count - 1).min(ASCII_RESPONSE_BYTES - 1);
-        text.length = text.bytes[..limit].iter().position(|&byte| byte == 0).unwrap_or(limit);
-        Ok(text)
+        let text = &bytes[..count - 1];
+        let length = text.iter().position(|&byte| byte == 0).unwrap_or(text.len());
+        Ok(ResponseText::cut(&text[..length]))
     }
 }
 

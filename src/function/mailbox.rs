@@ -483,7 +483,7 @@ impl MailboxPort {
         let stale = |end: u8| Some(AsciiEvent::Stale(end.into()));
         let number_follows = self.settings.error_report == ErrorReport::NextLine;
         // A PMAC sends no longer line; of one that is, a character at the seam is lost.
-        let text = ResponseText::of(&self.text[..self.text_length]);
+        let text = ResponseText::cut(&self.text[..self.text_length]);
         match end {
             None if self.text_length < LINE_LIMIT => return None,
             Some(RETURN) if self.error && self.text_length == 0 && number_follows => return None,

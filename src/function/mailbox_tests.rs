@@ -76,7 +76,7 @@ impl Rig {
 }
 
 fn line(text: &str) -> Option<AsciiEvent> {
-    Some(AsciiEvent::Line(ResponseText::of(text.as_bytes())))
+    Some(AsciiEvent::Line(ResponseText::cut(text.as_bytes())))
 }
 
 #[test]
@@ -154,7 +154,7 @@ fn a_reply_counts_as_one_even_if_the_interrupt_before_it_is_seen_later() {
 fn what_comes_unasked_is_a_programs_message() {
     let mut rig = Rig::new(MailboxSettings::default());
     let message = rig.fill(b"DOOR OPEN\r");
-    assert_eq!(message, Some(AsciiEvent::ProgramMessage(ResponseText::of(b"DOOR OPEN"))));
+    assert_eq!(message, Some(AsciiEvent::ProgramMessage(ResponseText::cut(b"DOOR OPEN"))));
     // One that comes while a line is half sent is read before the rest goes over it.
     assert!(rig.begin("P1=1234567890123456"));
     rig.port.signal(MailboxSignal::GroupTaken);

@@ -112,6 +112,12 @@ impl VariableMirror {
         }
     }
 
+    /// The number of the present table, as the region's payload tells it.
+    #[must_use]
+    pub const fn table(&self) -> u32 {
+        self.table
+    }
+
     /// When to look next; `None` while there is no table.
     #[must_use]
     pub fn due(&self) -> Option<Instant> {

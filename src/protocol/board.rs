@@ -5,7 +5,7 @@ use serde_json::{Map, Value, json};
 
 use super::{BOARD, SERVICE, message::Reply};
 
-/// Whether the data in the segment can be trusted now.
+/// Whether the data in the segment can be trusted now. The segment holds the number.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 #[repr(u32)]
@@ -17,8 +17,21 @@ pub enum State {
     Live = 1,
     /// The board has stopped updating its data.
     Stale = 2,
-    /// The daemon is stopping.
+    /// The daemon is gone or stopping: attach again.
     Dead = 3,
+}
+
+impl State {
+    /// The state of that number; an unknown one cannot be trusted and counts as dead.
+    #[must_use]
+    pub const fn from_number(number: u64) -> Self {
+        match number {
+            0 => Self::Init,
+            1 => Self::Live,
+            2 => Self::Stale,
+            _ => Self::Dead,
+        }
+    }
 }
 
 bitflags::bitflags! {
@@ -148,6 +161,10 @@ pub struct Message {
     pub lost: u64,
 }
 
+/// The reply of a method that returns nothing.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Done {}
+
 /// The reply of `Send`.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct SendReply {
@@ -169,6 +186,15 @@ pub struct ReadReply {
 pub struct NotesReply {
     /// What the caller should know of the effect, one sentence each; none when all is as it should be.
     pub notes: Vec<String>,
+}
+
+/// The reply of `WatchVariables`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct WatchReply {
+    /// How many registers.
+    pub watched: usize,
+    /// The number of the first table that has them all, as the segment's variable region tells it.
+    pub table: u32,
 }
 
 /// A register to write: an element of `WriteVariables`.
@@ -258,10 +284,12 @@ pub enum CallError {
     #[error("the words lie outside the board's window, or there are more than 64")]
     OutOfRange,
     /// A parameter is missing, of the wrong type, or not known.
-    #[error("invalid parameter {parameter}")]
+    #[error("invalid parameter {parameter}{}", and_what(expected))]
     InvalidParameter {
         /// Its name.
         parameter: String,
+        /// What it takes.
+        expected: String,
     },
     /// There is no such interface.
     #[error("the service has no interface {interface}")]
@@ -283,6 +311,11 @@ pub enum CallError {
     Protocol(String),
 }
 
+/// What a parameter takes, where that is known.
+fn and_what(expected: &str) -> String {
+    if expected.is_empty() { String::new() } else { format!(": {expected}") }
+}
+
 /// How much of a reply had come when it was given up.
 fn so_far(lines: &[String]) -> String {
     match lines.len() {
@@ -293,6 +326,12 @@ fn so_far(lines: &[String]) -> String {
 }
 
 impl CallError {
+    /// A parameter is not what it should be.
+    #[must_use]
+    pub fn invalid(parameter: &str, expected: impl std::fmt::Display) -> Self {
+        Self::InvalidParameter { parameter: parameter.to_owned(), expected: expected.to_string() }
+    }
+
     /// The error as a reply.
     #[must_use]
     pub fn to_reply(&self) -> Reply {
@@ -309,8 +348,8 @@ impl CallError {
             Self::InvalidLine { reason } => (BOARD, "InvalidLine", json!({"reason": reason})),
             Self::Refused { reason } => (BOARD, "Refused", json!({"reason": reason})),
             Self::OutOfRange => (BOARD, "OutOfRange", Value::Null),
-            Self::InvalidParameter { parameter } => {
-                (SERVICE, "InvalidParameter", json!({"parameter": parameter}))
+            Self::InvalidParameter { parameter, expected } => {
+                (SERVICE, "InvalidParameter", json!({"parameter": parameter, "expected": expected}))
             }
             Self::InterfaceNotFound { interface } => {
                 (SERVICE, "InterfaceNotFound", json!({"interface": interface}))
@@ -355,7 +394,9 @@ impl CallError {
             (BOARD, "InvalidLine") => Self::InvalidLine { reason: text("reason") },
             (BOARD, "Refused") => Self::Refused { reason: text("reason") },
             (BOARD, "OutOfRange") => Self::OutOfRange,
-            (SERVICE, "InvalidParameter") => Self::InvalidParameter { parameter: text("parameter") },
+            (SERVICE, "InvalidParameter") => {
+                Self::InvalidParameter { parameter: text("parameter"), expected: text("expected") }
+            }
             (SERVICE, "InterfaceNotFound") => Self::InterfaceNotFound { interface: text("interface") },
             (SERVICE, "MethodNotFound") => Self::MethodNotFound { method: text("method") },
             (SERVICE, "ExpectedMore") => Self::ExpectedMore,
@@ -380,7 +421,7 @@ mod tests {
             CallError::NotPermitted { role_needed: text() },
             CallError::InvalidLine { reason: text() },
             CallError::OutOfRange,
-            CallError::InvalidParameter { parameter: text() },
+            CallError::InvalidParameter { parameter: text(), expected: text() },
             CallError::InterfaceNotFound { interface: text() },
             CallError::MethodNotFound { method: text() },
             CallError::ExpectedMore,

@@ -3,11 +3,14 @@
 //! A call is `{"method": …, "parameters": {…}}`; a reply is `{"parameters": {…}}` or `{"error": …, "parameters": {…}}`
 //! (varlink.org). Replies come in the order of their calls. The interface itself is the text in [`BOARD_DESCRIPTION`].
 
+pub mod answer;
 pub mod board;
+pub mod calls;
 pub mod control;
 pub mod frame;
 pub mod message;
 pub mod open_buffer;
+pub mod parameters;
 pub mod reading;
 pub mod settings;
 pub mod transport;
@@ -16,8 +19,9 @@ pub use board::{
     BoardInfo, CallError, CommandPort, CommandState, Enabled, HostPortInfo, Message, MessageKind, State,
 };
 pub use frame::Inbox;
-pub use message::{Call, Parameters, Reply};
+pub use message::{Call, Reply};
 pub use open_buffer::OpenBuffer;
+pub use parameters::parameters;
 pub use reading::{BackgroundSettings, Function, Functions, ServoSettings};
 pub use settings::{BoardSettings, GatherSettings, VariablesMode, VariablesSettings};
 

@@ -296,32 +296,7 @@ impl ClockKind {
     }
 }
 
-/// State of the whole segment.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[repr(u64)]
-pub enum State {
-    /// The daemon is starting; no data yet.
-    Init = 0,
-    /// The daemon runs and the board answers.
-    Live = 1,
-    /// The daemon runs and the board does not answer.
-    Stale = 2,
-    /// The segment's owner is gone or leaving: attach again.
-    Dead = 3,
-}
-
-impl State {
-    /// The state of that number; an unknown one cannot be trusted and counts as dead.
-    #[must_use]
-    pub fn from_number(number: u64) -> Self {
-        match number {
-            0 => Self::Init,
-            1 => Self::Live,
-            2 => Self::Stale,
-            _ => Self::Dead,
-        }
-    }
-}
+pub use crate::protocol::State;
 
 /// State of one region.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

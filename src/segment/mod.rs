@@ -40,7 +40,6 @@ mod plan;
 pub mod publish;
 pub mod ring;
 mod sample;
-mod short_text;
 pub mod subscribe;
 mod wide_copy;
 
@@ -57,7 +56,6 @@ pub use payload::identity::{self, Identity};
 pub use plan::{CreateOptions, RegionSpec};
 pub use publish::{Counters, Publisher};
 pub use sample::{Sample, Stamp};
-pub use short_text::ShortText;
 pub use subscribe::{Condition, HeaderInfo, Read, RegionInfo, Subscriber, WaitOutcome};
 
 /// Where segments live unless a test says otherwise: the directory of POSIX shared-memory objects.

@@ -196,8 +196,8 @@ fn the_doctor_finds_what_is_wrong() {
     assert_eq!((ran.code, level(&ran, "socket").as_str()), (Some(1), "fail"));
     assert_eq!(level(&ran, "segment"), "ok");
     rig.publisher.set_region_state(RegionId::Background, RegionState::Off);
-    bench.info.update(|info| info.pid = 1);
-    let ran = rig.run(&format!("doctor --json --socket {}", bench.socket.display()));
+    let other = Bench::of(|_| {}, |board| board.pid = 1);
+    let ran = rig.run(&format!("doctor --json --socket {}", other.socket.display()));
     assert_eq!(
         (level(&ran, "background"), level(&ran, "same daemon")),
         ("warn".to_owned(), "fail".to_owned())

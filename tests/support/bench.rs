@@ -8,19 +8,20 @@ use std::thread::JoinHandle;
 use std::time::Duration;
 
 use nix::poll::{PollFd, PollFlags, poll};
-use pmac_dpram::daemon::info::SharedInfo;
+use pmac_dpram::daemon::info::Info;
+use pmac_dpram::daemon::job::Job;
 use pmac_dpram::daemon::queue::{
-    Command, Event, Outcome, READ_MAX, Receive, Sender, Text, Ticket, Unsolicited, UnsolicitedKind, queue,
+    Command, Event, Outcome, READ_MAX, Receive, Sender, Text, Ticket, Unsolicited, queue,
 };
 use pmac_dpram::daemon::serve::{Backend, ServeOptions, Server, serve};
-use pmac_dpram::protocol::{BoardInfo, BoardSettings, Enabled, State};
+use pmac_dpram::daemon::status::BoardStatus;
+use pmac_dpram::protocol::{BoardInfo, BoardSettings, Enabled, MessageKind, State};
 
 use super::wait_until;
 
 /// A served socket in a directory of its own, with its bus thread.
 pub struct Bench {
     pub socket: PathBuf,
-    pub info: Arc<SharedInfo>,
     /// What reached the bus thread, in order: a line, `^K`, or `read 0x0024 2`.
     pub seen: Arc<Mutex<Vec<String>>>,
     /// To the socket, past the bus thread.
@@ -38,33 +39,35 @@ impl Bench {
 
     /// With settings changed by `change`.
     pub fn with(change: impl FnOnce(&mut ServeOptions)) -> Self {
+        Self::of(change, |_| {})
+    }
+
+    /// With settings and a board changed.
+    pub fn of(change: impl FnOnce(&mut ServeOptions), change_board: impl FnOnce(&mut BoardInfo)) -> Self {
         let directory = tempfile::tempdir().unwrap();
         let socket = directory.path().join("pmac0.sock");
         let mut options = ServeOptions::new(socket.clone());
         change(&mut options);
-        let info = Arc::new(SharedInfo::new(
-            BoardInfo {
-                name: "pmac0".to_owned(),
-                version: "0.1.0".to_owned(),
-                board: "file:/dev/shm/x".to_owned(),
-                family: "pmac".to_owned(),
-                firmware: Some("1.16D".to_owned()),
-                board_type: Some("PMAC1".to_owned()),
-                motors: 8,
-                servo_period_ns: Some(442_713),
-                generation: 3,
-                pid: std::process::id(),
-                segment: "/pmac0".to_owned(),
-                ..BoardInfo::default()
-            },
-            BoardSettings::default(),
-        ));
-        info.set_state(State::Live);
-        info.set_enabled(Enabled::SERVO | Enabled::ASCII);
+        let mut board = BoardInfo {
+            name: "pmac0".to_owned(),
+            version: "0.1.0".to_owned(),
+            board: "file:/dev/shm/x".to_owned(),
+            family: "pmac".to_owned(),
+            firmware: Some("1.16D".to_owned()),
+            board_type: Some("PMAC1".to_owned()),
+            motors: 8,
+            servo_period_ns: Some(442_713),
+            generation: 3,
+            pid: std::process::id(),
+            segment: "/pmac0".to_owned(),
+            ..BoardInfo::default()
+        };
+        change_board(&mut board);
+        let info = Info::new(board, BoardSettings::default());
         let (commands, bus_commands) = queue(8).unwrap();
         let (events, socket_events) = queue(4096).unwrap();
         let listener = options.listen().unwrap();
-        let backend = Backend { commands, events: socket_events, info: Arc::clone(&info) };
+        let backend = Backend { commands, events: socket_events, info };
         let server = serve(&options, listener, backend).unwrap();
         let seen = Arc::new(Mutex::new(Vec::new()));
         let stop = Arc::new(AtomicBool::new(false));
@@ -76,7 +79,21 @@ impl Bench {
             held: Vec::new(),
         };
         let bus = Some(std::thread::spawn(move || bus.run()));
-        Self { socket, info, seen, events, server: Some(server), bus, stop, _directory: directory }
+        let bench = Self { socket, seen, events, server: Some(server), bus, stop, _directory: directory };
+        bench.report(Self::LIVE);
+        bench
+    }
+
+    /// The status of a board that answers.
+    pub const LIVE: BoardStatus = BoardStatus {
+        state: State::Live,
+        enabled: Enabled::SERVO.union(Enabled::ASCII),
+        ..BoardStatus::UNKNOWN
+    };
+
+    /// Has the bus thread report `status`: whoever calls after that is answered by it.
+    pub fn report(&self, status: BoardStatus) {
+        assert!(self.events.try_send(Event::Info(status)).is_ok());
     }
 
     pub fn stop_server(&mut self) {
@@ -101,7 +118,7 @@ impl Bench {
 
     pub fn unsolicited(&self, text: &str) {
         let text = Text::new(text.as_bytes()).unwrap();
-        let event = Event::Unsolicited(Unsolicited { time_ns: 42, kind: UnsolicitedKind::Send, text });
+        let event = Event::Unsolicited(Unsolicited { time_ns: 42, kind: MessageKind::Send, text });
         let _ = self.events.try_send(event);
     }
 }
@@ -163,7 +180,10 @@ impl FakeBus {
         match command {
             Command::Job { ticket, job, .. } => {
                 self.seen.lock().unwrap().push(format!("{job:?}"));
-                self.done(ticket, Outcome::Done);
+                match *job {
+                    Job::WatchVariables(_) => self.say(Event::Watching(ticket, 1)),
+                    _ => self.done(ticket, Outcome::Done),
+                }
             }
             Command::Send { ticket, line, .. } => {
                 let line = String::from_utf8(line.as_bytes().to_vec()).unwrap();

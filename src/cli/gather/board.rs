@@ -13,7 +13,7 @@ use crate::client::{Board, CommandError, Connection, GatherFollower};
 use crate::gather::{GatherMode, GatherPlan, ServoReport};
 use crate::map::Layout;
 use crate::map::classic::GATHERING;
-use crate::protocol::CallError;
+use crate::protocol::{CallError, answer};
 use crate::segment::{RegionId, RegionState};
 
 /// How long the board may take to answer a line.
@@ -24,10 +24,7 @@ const LOOK: Duration = Duration::from_millis(5);
 /// What the board answers to a question with one answer, without the name before it.
 pub fn ask(connection: &mut Connection, variable: &str) -> Result<String, Failure> {
     let lines = connection.send(variable, LINE)?;
-    Ok(lines
-        .first()
-        .map(|line| line.rsplit('=').next().unwrap_or(line).trim().to_owned())
-        .unwrap_or_default())
+    Ok(lines.first().map(|line| answer::text(line).to_owned()).unwrap_or_default())
 }
 
 /// Whether the board gathers, as after a `pmacctl gather` that was killed.

@@ -26,7 +26,7 @@
 //! | 0x110 | 32 × i32 | Ix08, position scale factor | its own bit |
 //! | 0x190 | 32 × i32 | Ix09, velocity scale factor | its own bit |
 
-use crate::segment::ShortText;
+use crate::format::Text;
 
 /// Length of the payload in bytes.
 pub const BYTES: usize = 0x210;
@@ -45,9 +45,11 @@ const AT_BACKGROUND_REPORT: usize = 0x024;
 const AT_MOTOR_MASK: usize = 0x028;
 const AT_SCALES_KNOWN: usize = 0x02C;
 const AT_FIRMWARE: usize = 0x040;
-const FIRMWARE_BYTES: usize = 16;
+/// Room for the answer to `VERSION`, in bytes.
+pub const FIRMWARE_BYTES: usize = 16;
 const AT_BOARD_TYPE: usize = 0x050;
-const BOARD_TYPE_BYTES: usize = 64;
+/// Room for the answer to `TYPE`, in bytes.
+pub const BOARD_TYPE_BYTES: usize = 64;
 const AT_SCALES: usize = 0x090;
 const SERVO_PERIOD_BIT: u32 = 3;
 const FIRMWARE_BIT: u32 = 9;
@@ -75,9 +77,9 @@ pub struct Identity {
     /// The motors that are reported, bit n-1 for motor n; see [`first_motors`] and [`Identity::reported_motors`].
     pub motor_mask: Option<u32>,
     /// Firmware version, as `1.16D`.
-    pub firmware: Option<ShortText<FIRMWARE_BYTES>>,
+    pub firmware: Option<Text<FIRMWARE_BYTES>>,
     /// The board's answer to `TYPE`.
-    pub board_type: Option<ShortText<BOARD_TYPE_BYTES>>,
+    pub board_type: Option<Text<BOARD_TYPE_BYTES>>,
     /// Ix07, master scale factor, motor 1 first.
     pub ix07: [Option<i32>; MOTORS],
     /// Ix08, position scale factor: positions are in 1/(Ix08·32) counts.
@@ -162,9 +164,9 @@ impl Identity {
         let known = u32_at(AT_KNOWN);
         let is_known = |bit: u32| known >> bit & 1 != 0;
         let number = |bit: u32, at: usize| is_known(bit).then(|| u32_at(at));
-        fn text<const N: usize>(bytes: &[u8]) -> ShortText<N> {
+        fn text<const N: usize>(bytes: &[u8]) -> Text<N> {
             let end = bytes.iter().take(N).position(|byte| *byte == 0).unwrap_or(N);
-            ShortText::from_bytes(&bytes[..end])
+            Text::from_bytes(&bytes[..end])
         }
         let scales = |table: usize| {
             let table_known = u32_at(AT_SCALES_KNOWN + table * 4);

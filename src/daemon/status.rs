@@ -1,0 +1,76 @@
+//! What the bus thread knows of its board, as it passes it on: plain values held in place, which allocate nothing.
+
+use crate::format::Text;
+use crate::protocol::{CommandPort, CommandState, Enabled, State};
+use crate::segment::identity::{BOARD_TYPE_BYTES, FIRMWARE_BYTES};
+
+/// What was counted of the host port's interrupts.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct HostPortCounts {
+    /// Interrupts served.
+    pub served: u32,
+    /// Of these, how many were old ones: no response was there any more.
+    pub old: u32,
+    /// Responses whose interrupt never came.
+    pub unannounced: u32,
+}
+
+/// What the bus thread knows of its board. Held in place: passing it on allocates nothing.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct BoardStatus {
+    /// Whether the segment's data can be trusted.
+    pub state: State,
+    /// The automatic functions at work.
+    pub enabled: Enabled,
+    /// Which port command lines go through.
+    pub command_port: CommandPort,
+    /// What became of the last command line.
+    pub command_state: CommandState,
+    /// What the I-variables that switch functions on were when asked.
+    pub enabling: Enabling,
+    /// What the host port's interrupts have come to.
+    pub host_port: HostPortCounts,
+    /// What the board said, or the configuration says; `None` as long as the bus thread has not told.
+    pub identity: Option<KnownIdentity>,
+}
+
+impl BoardStatus {
+    /// Before anything was seen of the board.
+    pub const UNKNOWN: Self = Self {
+        state: State::Init,
+        enabled: Enabled::empty(),
+        command_port: CommandPort::Dpram,
+        command_state: CommandState::Unknown,
+        enabling: Enabling { panel: None, variables: None },
+        host_port: HostPortCounts { served: 0, old: 0, unannounced: 0 },
+        identity: None,
+    };
+}
+
+impl Default for BoardStatus {
+    fn default() -> Self {
+        Self::UNKNOWN
+    }
+}
+
+/// What has to be switched on before a request makes sense, as far as the board was asked since something may have changed it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Enabling {
+    /// The control panel: I2=3.
+    pub panel: Option<bool>,
+    /// Background variables: I55=1.
+    pub variables: Option<bool>,
+}
+
+/// Who the board is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct KnownIdentity {
+    /// The answer to `VERSION`.
+    pub firmware: Option<Text<FIRMWARE_BYTES>>,
+    /// The answer to `TYPE`.
+    pub board_type: Option<Text<BOARD_TYPE_BYTES>>,
+    /// How many motors the board reports.
+    pub motors: u32,
+    /// The servo cycle in nanoseconds.
+    pub servo_period_ns: Option<u64>,
+}

@@ -1,0 +1,142 @@
+//! A short text held in place: who copies it needs no memory from the heap.
+
+use std::fmt;
+use std::ops::Deref;
+
+/// A text of at most `N` bytes. Boards answer in ASCII, and what they answer else is kept byte by byte.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub struct Text<const N: usize> {
+    /// Zeros behind the text, so that equal texts are equal.
+    bytes: [u8; N],
+    length: usize,
+}
+
+impl<const N: usize> Text<N> {
+    /// Copies `bytes`, or `None` when there are more than `N`.
+    #[must_use]
+    pub fn new(bytes: &[u8]) -> Option<Self> {
+        (bytes.len() <= N).then(|| Self::cut(bytes))
+    }
+
+    /// The first `N` of `bytes`.
+    #[must_use]
+    pub fn cut(bytes: &[u8]) -> Self {
+        let mut text = Self::default();
+        text.length = bytes.len().min(N);
+        text.bytes[..text.length].copy_from_slice(&bytes[..text.length]);
+        text
+    }
+
+    /// As much of `bytes` as fits, without splitting a character; what is no UTF-8 becomes U+FFFD.
+    #[must_use]
+    pub fn from_bytes(bytes: &[u8]) -> Self {
+        let mut text = Self::default();
+        for chunk in bytes.utf8_chunks() {
+            let is_whole = text.append(chunk.valid());
+            if !is_whole || !chunk.invalid().is_empty() && !text.append("\u{FFFD}") {
+                break;
+            }
+        }
+        text
+    }
+
+    /// As much of `text` as fits.
+    #[must_use]
+    pub fn of(text: &dyn fmt::Display) -> Self {
+        let mut start = Self::default();
+        // A text that is cut off is an error of `write!` alone.
+        let _ = fmt::write(&mut start, format_args!("{text}"));
+        start
+    }
+
+    /// The bytes.
+    #[must_use]
+    pub fn as_bytes(&self) -> &[u8] {
+        &self.bytes[..self.length]
+    }
+
+    /// The text with each byte as the character of that number: nothing of what is no ASCII is lost.
+    #[must_use]
+    pub fn to_latin1(&self) -> String {
+        self.as_bytes().iter().copied().map(char::from).collect()
+    }
+
+    /// Appends what there is room for; false if that was not all.
+    fn append(&mut self, text: &str) -> bool {
+        let room = N - self.length;
+        let end = (0..=room.min(text.len())).rfind(|end| text.is_char_boundary(*end)).unwrap_or(0);
+        self.bytes[self.length..self.length + end].copy_from_slice(&text.as_bytes()[..end]);
+        self.length += end;
+        end == text.len()
+    }
+}
+
+impl<const N: usize> Default for Text<N> {
+    fn default() -> Self {
+        Self { bytes: [0; N], length: 0 }
+    }
+}
+
+impl<const N: usize> fmt::Write for Text<N> {
+    fn write_str(&mut self, text: &str) -> fmt::Result {
+        if self.append(text) { Ok(()) } else { Err(fmt::Error) }
+    }
+}
+
+impl<const N: usize> Deref for Text<N> {
+    type Target = str;
+
+    /// The text, empty where it is no UTF-8.
+    fn deref(&self) -> &str {
+        std::str::from_utf8(self.as_bytes()).unwrap_or_default()
+    }
+}
+
+impl<const N: usize> From<&str> for Text<N> {
+    fn from(text: &str) -> Self {
+        Self::from_bytes(text.as_bytes())
+    }
+}
+
+impl<const N: usize> fmt::Display for Text<N> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(self)
+    }
+}
+
+impl<const N: usize> fmt::Debug for Text<N> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        fmt::Debug::fmt(&String::from_utf8_lossy(self.as_bytes()), f)
+    }
+}
+
+impl<const N: usize> serde::Serialize for Text<N> {
+    fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.serialize_str(self)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_text_is_kept_as_far_as_it_fits() {
+        for (text, kept) in [("", ""), ("1.16D", "1.16D"), ("12345678", "12345678"), ("1234567é", "1234567")]
+        {
+            assert_eq!(&*Text::<8>::from(text), kept);
+            assert_eq!(&*Text::<8>::of(&text), kept);
+        }
+        assert_eq!(&*Text::<8>::from_bytes(b"a\xFFb"), "a\u{FFFD}b");
+        assert_eq!(&*Text::<3>::from_bytes(b"a\xFFb"), "a");
+        assert_eq!(Text::<8>::from("a"), Text::<8>::from_bytes(b"a"));
+        assert_eq!(format!("{0:>3} {0:?}", Text::<8>::from("x")), "  x \"x\"");
+    }
+
+    #[test]
+    fn bytes_are_kept_as_they_are() {
+        assert!(Text::<200>::new(&[b'x'; 200]).is_some() && Text::<200>::new(&[b'x'; 201]).is_none());
+        assert_eq!(Text::<255>::cut(&[0xE9; 300]).as_bytes(), [0xE9; 255]);
+        assert_eq!(Text::<4>::cut(b"a\xE9").to_latin1(), "aé");
+    }
+}
