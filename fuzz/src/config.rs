@@ -6,8 +6,8 @@ use std::os::fd::AsRawFd;
 use std::os::unix::fs::FileExt;
 use std::path::PathBuf;
 
+use pmac_dpram::daemon::config::settings::Settings;
 use pmac_dpram::daemon::options::Options;
-use pmac_dpram::daemon::settings::Settings;
 use pmac_dpram::device::{BoardSpec, ByteSpec, InterruptSource, board::pci::PciAddress};
 use pmac_dpram::segment::SegmentName;
 

@@ -10,16 +10,16 @@ use std::os::unix::net::{UnixListener, UnixStream};
 use std::time::{Duration, Instant};
 
 use nix::sys::socket::{setsockopt, sockopt::SndBuf};
-use pmac_dpram::daemon::info::Info;
-use pmac_dpram::daemon::job::Job;
-use pmac_dpram::daemon::listener::Listener;
-use pmac_dpram::daemon::policy::{Peer, Role};
-use pmac_dpram::daemon::queue::{
+use pmac_dpram::daemon::shared::info::Info;
+use pmac_dpram::daemon::shared::job::Job;
+use pmac_dpram::daemon::shared::queue::{
     Command, Event, Outcome, READ_MAX, Receive, Sender, Text, Ticket, Unsolicited, queue,
 };
-use pmac_dpram::daemon::rounds::{Kept, Rounds};
-use pmac_dpram::daemon::serve::{Backend, ServeOptions};
-use pmac_dpram::daemon::status::BoardStatus;
+use pmac_dpram::daemon::shared::status::BoardStatus;
+use pmac_dpram::daemon::socket::listener::Listener;
+use pmac_dpram::daemon::socket::policy::{Peer, Role};
+use pmac_dpram::daemon::socket::server::stepper::{ServerStats, ServerStepper};
+use pmac_dpram::daemon::socket::server::{Backend, ServeOptions};
 use pmac_dpram::function::rotary::RotaryState;
 use pmac_dpram::protocol::{BOARD, BoardInfo, BoardSettings, Enabled, MessageKind, Reply};
 
@@ -105,7 +105,7 @@ struct Board {
 }
 
 struct Scene {
-    server: Rounds,
+    server: ServerStepper,
     board: Board,
     clients: Vec<Client>,
     now: Instant,
@@ -163,7 +163,7 @@ impl Scene {
             ..ServeOptions::new("unused".into())
         };
         let backend = Backend { commands: to_board, events: from_board, info };
-        let server = Rounds::new(&options, listener(), backend).unwrap();
+        let server = ServerStepper::new(&options, listener(), backend).unwrap();
         let board = Board {
             commands,
             events,
@@ -319,7 +319,7 @@ impl Scene {
                 self.board.answer(0, 0);
             }
             self.round();
-            if self.server.kept() == Kept::default() && self.board.late.is_empty() {
+            if self.server.kept() == ServerStats::default() && self.board.late.is_empty() {
                 return;
             }
         }

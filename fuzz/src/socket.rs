@@ -3,10 +3,10 @@
 
 use std::cell::RefCell;
 
-use pmac_dpram::daemon::dispatch::{Action, Ask, parse_call};
-use pmac_dpram::daemon::info::Info;
-use pmac_dpram::daemon::job::Job;
-use pmac_dpram::daemon::policy::Role;
+use pmac_dpram::daemon::shared::info::Info;
+use pmac_dpram::daemon::shared::job::Job;
+use pmac_dpram::daemon::socket::methods::{Action, Ask, parse_call};
+use pmac_dpram::daemon::socket::policy::Role;
 use pmac_dpram::map::classic;
 use pmac_dpram::protocol::message::encode;
 use pmac_dpram::protocol::{BOARD, CALL_MAX, Call, CallError, Inbox, LINE_MAX, READ_MAX, Reply};

@@ -8,8 +8,8 @@ use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 
 use super::identify::Identifier;
-use super::queue::{Command, Event, LINE_MAX, Outcome, Sender, Text, Ticket, Unsolicited, at_once};
 use super::response_port::{PortError, ResponsePort};
+use super::shared::queue::{Command, Event, LINE_MAX, Outcome, Sender, Text, Ticket, Unsolicited, at_once};
 use crate::clock::Clock;
 use crate::device::Bus;
 use crate::function::ascii::{AsciiEvent, AsciiPort, ResponseText, control_has_reply};

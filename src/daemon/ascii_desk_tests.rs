@@ -1,7 +1,7 @@
 //! The desk in front of a hand-driven board: who waits for whom, and what is never begun.
 
 use super::*;
-use crate::daemon::queue::{Receive, queue};
+use crate::daemon::shared::queue::{Receive, queue};
 use crate::device::FileBoard;
 use crate::format::TextOrder;
 use crate::function::ascii::SETTLE;

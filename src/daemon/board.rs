@@ -4,9 +4,9 @@ use std::path::PathBuf;
 
 use log::{info, warn};
 
+use super::config::settings::Settings;
 use super::interrupt_link::InterruptLink;
-use super::settings::Settings;
-use super::simulator::Simulator;
+use super::service::simulator::Simulator;
 use crate::device::board::file::DPRAM_BYTES;
 use crate::device::interrupt::InterruptError;
 use crate::device::interrupt::uio::NoInterrupt;

@@ -5,9 +5,9 @@
 use std::error::Error;
 use std::io;
 
-use super::listener::ListenError;
-use super::privilege::PrivilegeError;
-use super::serve::ServeError;
+use super::service::privilege::PrivilegeError;
+use super::socket::listener::ListenError;
+use super::socket::server::ServeError;
 use crate::device::board::refusal::{OpenError, Why};
 use crate::segment::SegmentError;
 

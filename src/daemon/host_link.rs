@@ -9,9 +9,9 @@ use std::time::{Duration, Instant};
 use log::{info, warn};
 
 use super::ascii_desk::AsciiDesk;
-use super::ports::HostPortConfig;
+use super::config::ports::HostPortConfig;
 use super::response_port::PortError;
-use super::status::HostPortCounts;
+use super::shared::status::HostPortCounts;
 use crate::device::board::refusal::OpenError;
 use crate::device::{Bus, ByteBus, ByteBusError, Counted, Inherited, System, open_host_port};
 use crate::function::host_port::{Controller, HostPort};

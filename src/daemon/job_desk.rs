@@ -2,10 +2,10 @@
 
 use std::time::Instant;
 
-use super::job::{Job, MaskedWord};
 use super::panel_desk::PanelDesk;
-use super::queue::{Event, Outcome, Text, Ticket};
 use super::rotary_desk::RotaryDesk;
+use super::shared::job::{Job, MaskedWord};
+use super::shared::queue::{Event, Outcome, Text, Ticket};
 use super::write_desk::WriteDesk;
 use crate::clock::Clock;
 use crate::device::{Bus, BusError};

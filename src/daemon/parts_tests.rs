@@ -5,7 +5,7 @@ use std::time::Duration;
 use super::*;
 use crate::clock::ManualTime;
 use crate::daemon::options::Options;
-use crate::daemon::queue::{Command, Event, Outcome, Text, Ticket};
+use crate::daemon::shared::queue::{Command, Event, Outcome, Text, Ticket};
 use crate::device::{Bus, FileBoard, Inherited};
 use crate::map::HostOffset;
 use crate::map::classic::{ASCII_OUTPUT_CONTROL, SERVO_HOST_STATUS, SERVO_PMAC_STATUS};

@@ -4,8 +4,8 @@ use std::time::{Duration, Instant};
 
 use super::board_loop::BoardLoop;
 use super::host_link::HostPortLink;
-use super::job::Job;
-use super::queue::Command;
+use super::shared::job::Job;
+use super::shared::queue::Command;
 use crate::device::BusError;
 use crate::function::ascii::AsciiPort;
 use crate::function::background::BackgroundReader;

@@ -3,7 +3,7 @@
 use log::{info, warn};
 
 use super::board_loop::BoardLoop;
-use super::status::KnownIdentity;
+use super::shared::status::KnownIdentity;
 use crate::mirror::Transition;
 use crate::protocol::{CommandPort, CommandState, Enabled};
 use crate::segment::{Identity, RegionId, RegionState, Stamp, State};

@@ -3,12 +3,12 @@
 use std::fmt;
 use std::ops::Deref;
 
-/// A text of at most `N` bytes. Boards answer in ASCII, and what they answer else is kept byte by byte.
+/// A text of at most `N` bytes, 255 at most. Boards answer in ASCII, and what they answer else is kept byte by byte.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub struct Text<const N: usize> {
     /// Zeros behind the text, so that equal texts are equal.
     bytes: [u8; N],
-    length: usize,
+    length: u8,
 }
 
 impl<const N: usize> Text<N> {
@@ -22,8 +22,9 @@ impl<const N: usize> Text<N> {
     #[must_use]
     pub fn cut(bytes: &[u8]) -> Self {
         let mut text = Self::default();
-        text.length = bytes.len().min(N);
-        text.bytes[..text.length].copy_from_slice(&bytes[..text.length]);
+        let length = bytes.len().min(N);
+        text.bytes[..length].copy_from_slice(&bytes[..length]);
+        text.length = length as u8;
         text
     }
 
@@ -52,7 +53,7 @@ impl<const N: usize> Text<N> {
     /// The bytes.
     #[must_use]
     pub fn as_bytes(&self) -> &[u8] {
-        &self.bytes[..self.length]
+        &self.bytes[..usize::from(self.length)]
     }
 
     /// The text with each byte as the character of that number: nothing of what is no ASCII is lost.
@@ -63,16 +64,18 @@ impl<const N: usize> Text<N> {
 
     /// Appends what there is room for; false if that was not all.
     fn append(&mut self, text: &str) -> bool {
-        let room = N - self.length;
+        let length = usize::from(self.length);
+        let room = N - length;
         let end = (0..=room.min(text.len())).rfind(|end| text.is_char_boundary(*end)).unwrap_or(0);
-        self.bytes[self.length..self.length + end].copy_from_slice(&text.as_bytes()[..end]);
-        self.length += end;
+        self.bytes[length..length + end].copy_from_slice(&text.as_bytes()[..end]);
+        self.length += end as u8;
         end == text.len()
     }
 }
 
 impl<const N: usize> Default for Text<N> {
     fn default() -> Self {
+        const { assert!(N <= u8::MAX as usize, "the length is kept in a byte") };
         Self { bytes: [0; N], length: 0 }
     }
 }

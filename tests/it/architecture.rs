@@ -48,7 +48,7 @@ impl Source {
         Self { path: path.to_owned(), text: text.to_owned(), code: code(text) }
     }
 
-    /// The module directly under the crate: `daemon` for `src/daemon/queue.rs`, `bin` for a program.
+    /// The module directly under the crate: `daemon` for `src/daemon/shared/queue.rs`, `bin` for a program.
     fn module(&self) -> &str {
         let inner = self.path.trim_start_matches("src/");
         inner.split('/').next().unwrap_or(inner).trim_end_matches(".rs")

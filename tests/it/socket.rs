@@ -6,7 +6,7 @@ use std::os::unix::net::UnixStream;
 use std::time::{Duration, Instant};
 
 use pmac_dpram::client::command::{CommandError, Connection};
-use pmac_dpram::daemon::status::BoardStatus;
+use pmac_dpram::daemon::shared::status::BoardStatus;
 use pmac_dpram::map::HostOffset;
 use pmac_dpram::protocol::{BOARD, BOARD_DESCRIPTION, CallError, MessageKind, SERVICE_DESCRIPTION, State};
 use proptest::prelude::*;
@@ -175,13 +175,14 @@ fn interleaved_clients_get_their_own_replies() {
 fn too_many_commands_are_busy_and_nothing_waits() {
     let bench = Bench::new();
     // The bus thread takes commands at once, so the queue is filled past it, by a server whose queue nobody empties.
-    let (commands, _nobody) = pmac_dpram::daemon::queue::queue(1).unwrap();
-    let (_events, events) = pmac_dpram::daemon::queue::queue(1).unwrap();
+    let (commands, _nobody) = pmac_dpram::daemon::shared::queue::queue(1).unwrap();
+    let (_events, events) = pmac_dpram::daemon::shared::queue::queue(1).unwrap();
     let path = bench.socket.with_file_name("other.sock");
-    let options = pmac_dpram::daemon::serve::ServeOptions::new(path.clone());
-    let info = pmac_dpram::daemon::info::Info::default();
-    let backend = pmac_dpram::daemon::serve::Backend { commands, events, info };
-    let _server = pmac_dpram::daemon::serve::serve(&options, options.listen().unwrap(), backend).unwrap();
+    let options = pmac_dpram::daemon::socket::server::ServeOptions::new(path.clone());
+    let info = pmac_dpram::daemon::shared::info::Info::default();
+    let backend = pmac_dpram::daemon::socket::server::Backend { commands, events, info };
+    let _server =
+        pmac_dpram::daemon::socket::server::serve(&options, options.listen().unwrap(), backend).unwrap();
     let mut first = UnixStream::connect(&path).unwrap();
     first.write_all(&call("Send", json!({"line": "1"}))).unwrap();
     let mut second = Connection::open(&path).unwrap();

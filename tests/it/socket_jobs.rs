@@ -21,9 +21,9 @@ fn a_method_that_returns_nothing_answers_with_no_parameters() {
     let bench = Bench::new();
     let mut client = panel_enabled(&bench);
     let calls = [
-        ("Panel", json!({"action": "jog-stop", "numbers": [1]})),
         ("PanelHold", json!({"action": "jog+", "numbers": [1]})),
         ("PanelRenew", json!({})),
+        ("Panel", json!({"action": "jog-stop", "numbers": [1]})),
         ("Write", json!({"host_offset": 0x3000, "words": [1]})),
         ("GatherEnd", json!({})),
         ("RotaryFinish", json!({"buffer": 1})),

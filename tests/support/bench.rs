@@ -8,13 +8,13 @@ use std::thread::JoinHandle;
 use std::time::Duration;
 
 use nix::poll::{PollFd, PollFlags, poll};
-use pmac_dpram::daemon::info::Info;
-use pmac_dpram::daemon::job::Job;
-use pmac_dpram::daemon::queue::{
+use pmac_dpram::daemon::shared::info::Info;
+use pmac_dpram::daemon::shared::job::Job;
+use pmac_dpram::daemon::shared::queue::{
     Command, Event, Outcome, READ_MAX, Receive, Sender, Text, Ticket, Unsolicited, queue,
 };
-use pmac_dpram::daemon::serve::{Backend, ServeOptions, Server, serve};
-use pmac_dpram::daemon::status::BoardStatus;
+use pmac_dpram::daemon::shared::status::BoardStatus;
+use pmac_dpram::daemon::socket::server::{Backend, ServeOptions, Server, serve};
 use pmac_dpram::protocol::{BoardInfo, BoardSettings, Enabled, MessageKind, State};
 
 use super::wait_until;

@@ -11,8 +11,8 @@ use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use signal_hook::iterator::backend::SignalDelivery;
 use signal_hook::iterator::exfiltrator::SignalOnly;
 
-use super::info::Pulse;
 use super::notify::{Notifier, Watchdog};
+use crate::daemon::shared::info::Pulse;
 use crate::protocol::{BoardInfo, State};
 
 /// How often the state is looked at, for the service manager and for a thread that ended by itself.
@@ -163,8 +163,8 @@ fn status(info: &BoardInfo) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::daemon::info::Info;
-    use crate::daemon::status::{BoardStatus, KnownIdentity};
+    use crate::daemon::shared::info::Info;
+    use crate::daemon::shared::status::{BoardStatus, KnownIdentity};
     use std::os::unix::net::UnixDatagram;
 
     #[test]

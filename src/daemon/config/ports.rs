@@ -2,7 +2,7 @@
 
 use serde::Deserialize;
 
-use super::settings_place::Refusal;
+use super::span::Refusal;
 use crate::device::{ByteSpec, InterruptSource};
 use crate::function::host_port::{Controller, HostPort, Initialisation};
 use crate::function::mailbox::{EnableReplies, ErrorReport, MailboxSettings};

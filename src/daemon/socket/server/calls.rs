@@ -5,14 +5,14 @@ use std::time::{Duration, Instant};
 
 use log::{error, info, warn};
 
-use super::connection::{Answer, Pending, Then, Waiting};
-use super::dispatch::{Action, Ask, parse_call};
-use super::job::Job;
-use super::jobs::{self, JobCall};
-use super::policy::{Peer, Role};
-use super::queue::{Command, LINE_MAX, Outcome, Text, Ticket};
-use super::serve::{GRACE, Service, outcome_reply};
-use super::turns::Turn;
+use super::{GRACE, Service, outcome_reply};
+use crate::daemon::shared::job::Job;
+use crate::daemon::shared::queue::{Command, LINE_MAX, Outcome, Text, Ticket};
+use crate::daemon::socket::connection::{Answer, Pending, Then, Waiting};
+use crate::daemon::socket::fair_queue::Turn;
+use crate::daemon::socket::jobs::{self, JobCall};
+use crate::daemon::socket::methods::{Action, Ask, parse_call};
+use crate::daemon::socket::policy::{Peer, Role};
 use crate::function::panel::PanelRequest;
 use crate::function::variable_read::VariableEntry;
 use crate::protocol::board::WatchReply;
@@ -48,7 +48,7 @@ impl Service {
                 if let (false, Some(client)) = (matches!(error, CallError::Busy), self.clients.get(&id)) {
                     let Peer { uid, pid, .. } = client.peer;
                     let what = format_args!("refused {:?} of uid {uid} pid {pid}: {error}", call.method);
-                    self.refusals.tell(uid, what, now);
+                    self.audit.tell(uid, what, now);
                 }
                 error.to_reply()
             }
@@ -171,14 +171,14 @@ impl Service {
     fn wait_for_board(&mut self, id: u64, turn: Turn, pending: Pending) {
         let Some(client) = self.clients.get_mut(&id) else { return };
         self.owners.insert(turn.ticket, id);
-        self.turns.wait(client.peer.uid, turn);
+        self.queue.wait(client.peer.uid, turn);
         client.waiting = Waiting::Board(pending);
     }
 
     /// Hands the bus thread what it has room for.
     pub(super) fn hand_out(&mut self, now: Instant) {
         let mut refused = Vec::new();
-        while let Some(Turn { ticket, mut command, audit }) = self.turns.next() {
+        while let Some(Turn { ticket, mut command, audit }) = self.queue.next() {
             if let Command::Send { question: true, deadline, .. } = &mut command {
                 // How long it waited here says nothing about the board.
                 *deadline = now + GUARD_TIMEOUT;
@@ -202,7 +202,7 @@ impl Service {
             }
         }
         for ticket in refused {
-            self.turns.over(ticket);
+            self.queue.over(ticket);
             self.answer(ticket, Err(CallError::Busy), now);
         }
     }
@@ -217,7 +217,7 @@ impl Service {
         let Some(client) = self.clients.get_mut(&id) else { return Ok(()) };
         let observer = (client.role == Role::Observe).then_some(client.peer.uid);
         let table = self
-            .subscriptions
+            .watches
             .watch(id, entries, observer)
             .map_err(|none_left| CallError::Refused { reason: none_left.to_string() })?;
         client.waiting = Waiting::Watch;
@@ -230,7 +230,7 @@ impl Service {
     /// Tells clients that the registers they watch are in the board's table number `table`.
     pub(super) fn tell_watched(&mut self, clients: &[u64], table: u32, now: Instant) {
         for id in clients {
-            let reply = Reply::with(&WatchReply { watched: self.subscriptions.count_of(*id), table });
+            let reply = Reply::with(&WatchReply { watched: self.watches.count_of(*id), table });
             if let (Some(client), Ok(reply)) = (self.clients.get_mut(id), reply) {
                 client.reply(&Reply { continues: Some(true), ..reply }, now);
             }
@@ -299,12 +299,12 @@ impl Service {
 
     /// Tells the bus thread which registers are watched, when that has changed. A full queue is tried again.
     pub(super) fn tell_subscriptions(&mut self, now: Instant) {
-        let Some(table) = self.subscriptions.update(now) else { return };
+        let Some(table) = self.watches.update(now) else { return };
         let ticket = self.new_ticket();
         let command =
             Command::Job { ticket, job: Box::new(Job::WatchVariables(table)), deadline: now + STOP_TIMEOUT };
         if self.backend.commands.try_send(command).is_ok() {
-            self.subscriptions.sent(ticket);
+            self.watches.sent(ticket);
         }
     }
 

@@ -14,9 +14,9 @@ use std::time::{Duration, Instant};
 use log::warn;
 use nix::unistd::{Gid, Uid, geteuid};
 
-use super::connection::Client;
-use super::policy::{Peer, Policy, Role};
-use super::serve::{ServeOptions, Service};
+use super::{ServeOptions, Service};
+use crate::daemon::socket::connection::Client;
+use crate::daemon::socket::policy::{Peer, Policy, Role};
 use crate::device::machine::descriptors::descriptors_left;
 use crate::protocol::CallError;
 
@@ -178,7 +178,7 @@ impl Service {
         if let Some(Peer { uid, pid, .. }) = self.clients.remove(&id).map(|client| client.peer) {
             let what =
                 format_args!("dropped a connection of uid {uid} pid {pid}: silent, and its place is needed");
-            self.refusals.tell(uid, what, now);
+            self.audit.tell(uid, what, now);
         }
         true
     }
@@ -186,7 +186,7 @@ impl Service {
     fn turn_away(&mut self, mut client: Client, now: Instant) {
         let Peer { uid, pid, .. } = client.peer;
         let what = format_args!("refused a connection of uid {uid} pid {pid}: too many");
-        self.refusals.tell(uid, what, now);
+        self.audit.tell(uid, what, now);
         let reason = "too many connections; close some".to_owned();
         client.reply(&CallError::Unavailable { reason }.to_reply(), now);
     }

@@ -20,12 +20,12 @@ struct Share {
 
 /// Every user's share of the present round.
 #[derive(Debug, Default)]
-pub(super) struct Shares {
+pub(super) struct TimeQuotas {
     users: HashMap<Uid, Share>,
     resumed: HashMap<Uid, u64>,
 }
 
-impl Shares {
+impl TimeQuotas {
     /// A new round begins.
     pub(super) fn begin_round(&mut self) {
         self.resumed.clear();
@@ -58,7 +58,7 @@ mod tests {
     use super::*;
 
     /// Serves the connections as the server does, `time` each; returns who was.
-    fn round(shares: &mut Shares, mut connections: Vec<(Uid, u64)>, time: Duration) -> Vec<u64> {
+    fn round(shares: &mut TimeQuotas, mut connections: Vec<(Uid, u64)>, time: Duration) -> Vec<u64> {
         shares.begin_round();
         connections.sort_by_key(|(user, id)| shares.comes_later(*user, *id));
         let mut served = Vec::new();
@@ -75,7 +75,7 @@ mod tests {
     fn who_asks_much_waits_for_his_next_share_and_all_his_connections_have_their_turn() {
         let (many, few) = (Uid::from_raw(1), Uid::from_raw(2));
         let connections: Vec<_> = (0..10).map(|id| (many, id)).chain([(few, 10)]).collect();
-        let mut shares = Shares::default();
+        let mut shares = TimeQuotas::default();
         let mut rounds = (0..3).map(|_| round(&mut shares, connections.clone(), SHARE / 4));
         assert_eq!(rounds.next().unwrap(), [0, 1, 2, 3, 10]);
         assert_eq!(rounds.next().unwrap(), [4, 5, 6, 7, 10]);

@@ -129,7 +129,7 @@ impl Pulse {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::daemon::queue::queue;
+    use crate::daemon::shared::queue::queue;
     use crate::protocol::{CommandState, State};
 
     #[test]

@@ -11,13 +11,13 @@ use nix::poll::PollFlags;
 
 use super::jobs::JobCall;
 use super::policy::{Peer, Role};
-use super::queue::Ticket;
+use crate::daemon::shared::queue::Ticket;
 use crate::function::variable_read::VariableEntry;
 use crate::protocol::{CALL_MAX, Inbox, Reply, frame::TooLong, message::encode};
 
 /// No further call is begun while this much output waits, in bytes.
 const HIGH_WATER: usize = 64 * 1024;
-/// The longest call of one who may only look, in bytes: a watch of every register there is takes a quarter of it.
+/// The longest call of an observer, in bytes. A watch of all 128 registers needs about 2 KiB.
 const OBSERVER_CALL_MAX: usize = 8 * 1024;
 /// Unsolicited texts are counted as lost while this much output waits, in bytes.
 const STREAM_HIGH_WATER: usize = 256 * 1024;

@@ -6,7 +6,7 @@
 use std::collections::HashMap;
 use std::time::{Duration, Instant};
 
-use super::queue::{Ticket, at_once};
+use crate::daemon::shared::queue::{Ticket, at_once};
 use crate::function::panel::PanelRequest;
 
 /// How long a client may be silent.

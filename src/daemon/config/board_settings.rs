@@ -1,6 +1,6 @@
 //! The settings of a board that no document decides: checked once at the start, and again when its firmware is known.
 
-use super::settings_place::Refusal;
+use super::span::Refusal;
 use crate::function::variable_read::VariableMode;
 use crate::map::{BadFirmware, Family, Firmware, Layout, Plan};
 use crate::protocol::settings::{BoardSettings, VariablesMode};

@@ -1,6 +1,6 @@
-//! The command socket's server without a thread and a clock: who has it makes its rounds, one at a time, at times of his own.
+//! The command server driven step by step, with the clock of its caller: for fuzzing and for tests.
 //!
-//! It is the very server that [`super::serve`] runs in a thread. What depends on who does what first can so be tried in every
+//! It is the very server that [`super`] runs in a thread. What depends on who does what first can so be tried in every
 //! order, and again in the same one.
 
 use std::io;
@@ -10,20 +10,20 @@ use std::time::Instant;
 use nix::poll::PollTimeout;
 use nix::sys::eventfd::{EfdFlags, EventFd};
 
-use super::connection::{Client, Waiting};
-use super::listener::Listener;
-use super::policy::{Peer, Role};
-use super::serve::{Backend, ServeError, ServeOptions, Service};
+use super::{Backend, ServeError, ServeOptions, Service};
+use crate::daemon::socket::connection::{Client, Waiting};
+use crate::daemon::socket::listener::Listener;
+use crate::daemon::socket::policy::{Peer, Role};
 
 /// The server.
-pub struct Rounds {
+pub struct ServerStepper {
     service: Service,
     never: EventFd,
 }
 
 /// What the server keeps.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct Kept {
+pub struct ServerStats {
     /// Connections.
     pub clients: usize,
     /// Calls that wait for the board.
@@ -40,8 +40,8 @@ pub struct Kept {
     pub longest_output: usize,
 }
 
-impl Rounds {
-    /// As [`super::serve::serve`], but for the thread.
+impl ServerStepper {
+    /// As [`super::serve`], but for the thread.
     ///
     /// # Errors
     /// [`ServeError`] when a group is unknown or the system gives no descriptor.
@@ -72,16 +72,16 @@ impl Rounds {
 
     /// What the server keeps now.
     #[must_use]
-    pub fn kept(&self) -> Kept {
-        let Service { clients, owners, leases, turns, subscriptions, .. } = &self.service;
+    pub fn kept(&self) -> ServerStats {
+        let Service { clients, owners, leases, queue, watches, .. } = &self.service;
         let waits = clients.values().filter(|client| matches!(client.waiting, Waiting::Board(_)));
-        Kept {
+        ServerStats {
             clients: clients.len(),
             calls: waits.count(),
             tickets: owners.len(),
             leases: leases.count(),
-            turns: turns.count(),
-            watched: subscriptions.watched(),
+            turns: queue.count(),
+            watched: watches.watched(),
             longest_output: clients.values().map(Client::unsent).max().unwrap_or(0),
         }
     }
@@ -100,8 +100,8 @@ mod tests {
     use nix::unistd::{Gid, Uid};
 
     use super::*;
-    use crate::daemon::info::Info;
-    use crate::daemon::queue::{Command, Event, Outcome, Ticket, at_once, queue};
+    use crate::daemon::shared::info::Info;
+    use crate::daemon::shared::queue::{Command, Event, Outcome, Ticket, at_once, queue};
 
     #[test]
     fn the_bus_thread_never_has_more_than_it_has_room_for() {
@@ -110,7 +110,7 @@ mod tests {
         let (commands, taken) = queue(at_once::ALL).unwrap();
         let (answers, events) = queue(8).unwrap();
         let backend = Backend { commands, events, info: Info::default() };
-        let mut server = Rounds::new(&options, options.listen().unwrap(), backend).unwrap();
+        let mut server = ServerStepper::new(&options, options.listen().unwrap(), backend).unwrap();
         let mut now = Instant::now();
         let mut clients = Vec::new();
         let mut held = Vec::new();

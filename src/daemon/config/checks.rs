@@ -1,7 +1,7 @@
 //! What a setting may be, beyond what its type says, and what to write instead of what makes no sense.
 
-use super::policy::group_id;
-use super::settings_place::Refusal;
+use super::span::Refusal;
+use crate::daemon::socket::policy::group_id;
 use crate::protocol::{Function, Functions, ServoSettings};
 
 /// An octal file mode.

@@ -6,10 +6,10 @@ use std::time::Duration;
 
 use serde_json::json;
 
-use super::info::Info;
 use super::jobs::{self, JobCall};
 use super::policy::Role;
-use super::queue::{DEFAULT_TIMEOUT, LINE_MAX, READ_MAX, Text};
+use crate::daemon::shared::info::Info;
+use crate::daemon::shared::queue::{DEFAULT_TIMEOUT, LINE_MAX, READ_MAX, Text};
 use crate::function::variable_read::VariableEntry;
 use crate::map::HostOffset;
 use crate::protocol::{

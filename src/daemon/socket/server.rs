@@ -3,7 +3,12 @@
 //! It never waits for a client and never holds up the bus thread: whatever a client does, or does not do, costs at most
 //! its own bounded buffers. Each connection has one call under way at a time, so replies keep the order of the calls;
 //! a ticket brings every event of the bus thread back to the call it belongs to. Nobody is served first for asking
-//! most: a connection begins a few calls a round, its user is served for a share of the round (`shares`), and commands for the board take turns (`turns`).
+//! most: a connection begins a few calls a round, its user is served for a share of
+//! the round ([`super::time_quota`]), and commands for the board take turns ([`super::fair_queue`]).
+
+mod admission;
+mod calls;
+pub mod stepper;
 
 use std::collections::{BTreeMap, HashMap};
 use std::io;
@@ -17,17 +22,17 @@ use log::{error, info};
 use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
 use nix::sys::eventfd::{EfdFlags, EventFd};
 
-use super::admission::Admission;
+use self::admission::Admission;
+use super::audit::AuditLimit;
 use super::connection::{Answer, Client, Pending, Waiting};
-use super::info::Info;
-use super::lease::Leases;
+use super::fair_queue::FairQueue;
+use super::leases::Leases;
 use super::listener::{ListenError, Listener};
 use super::policy::{Peer, Policy, PolicyError, Roles};
-use super::queue::{Command, Event, Outcome, Receive, Sender, Ticket, Unsolicited};
-use super::refusals::Refusals;
-use super::shares::Shares;
-use super::subscriptions::Subscriptions;
-use super::turns::Turns;
+use super::time_quota::TimeQuotas;
+use super::watches::Watches;
+use crate::daemon::shared::info::Info;
+use crate::daemon::shared::queue::{Command, Event, Outcome, Receive, Sender, Ticket, Unsolicited};
 use crate::map::errors::meaning;
 use crate::protocol::board::RotaryStateReply;
 use crate::protocol::board::{NotesReply, ReadReply, SendReply};
@@ -54,7 +59,7 @@ pub struct ServeOptions {
     pub roles: Roles,
     /// The most connections at a time; fewer where the limit of open files is lower.
     pub max_clients: usize,
-    /// The most connections of one user. Root and the daemon's own user may have more, but as nobody else all there are:
+    /// The most connections of one user. Root and the daemon's user are exempt from this limit but, like everyone, not from the reserve:
     /// the last eighth is for users who hold fewer than four, and half of it for those who may operate.
     pub max_clients_per_user: usize,
     /// How long a client may leave a message half sent, or its output unfetched.
@@ -149,23 +154,23 @@ pub fn serve(options: &ServeOptions, listener: Listener, backend: Backend) -> Re
     Ok(Server { stop, thread: Some(thread) })
 }
 
-pub(super) struct Service {
-    pub(super) options: ServeOptions,
-    pub(super) policy: Policy,
-    pub(super) listener: Listener,
-    pub(super) admission: Admission,
-    pub(super) backend: Backend,
-    pub(super) clients: BTreeMap<u64, Client>,
+struct Service {
+    options: ServeOptions,
+    policy: Policy,
+    listener: Listener,
+    admission: Admission,
+    backend: Backend,
+    clients: BTreeMap<u64, Client>,
     /// Whose call each ticket is.
-    pub(super) owners: HashMap<Ticket, u64>,
-    pub(super) shares: Shares,
+    owners: HashMap<Ticket, u64>,
+    quotas: TimeQuotas,
     /// The calls that the bus thread has not answered, as it gets them.
-    pub(super) turns: Turns,
-    pub(super) refusals: Refusals,
-    pub(super) leases: Leases,
-    pub(super) subscriptions: Subscriptions,
-    pub(super) next_client: u64,
-    pub(super) next_ticket: u64,
+    queue: FairQueue,
+    audit: AuditLimit,
+    leases: Leases,
+    watches: Watches,
+    next_client: u64,
+    next_ticket: u64,
 }
 
 impl Service {
@@ -179,13 +184,13 @@ impl Service {
             admission: Admission::new(options),
             options: options.clone(),
             listener,
-            subscriptions: Subscriptions::new(backend.info.settings().plan.variable_read_entries as usize),
+            watches: Watches::new(backend.info.settings().plan.variable_read_entries as usize),
             backend,
             clients: BTreeMap::new(),
             owners: HashMap::new(),
-            shares: Shares::default(),
-            turns: Turns::default(),
-            refusals: Refusals::default(),
+            quotas: TimeQuotas::default(),
+            queue: FairQueue::default(),
+            audit: AuditLimit::default(),
             leases: Leases::default(),
             next_client: 0,
             next_ticket: 0,
@@ -226,12 +231,12 @@ impl Service {
         }
         self.expire(now);
         self.end_leases(now, false);
-        let (owners, subscriptions) = (&mut self.owners, &mut self.subscriptions);
+        let (owners, watches) = (&mut self.owners, &mut self.watches);
         let before = self.clients.len();
         self.clients.retain(|id, client| {
             let stays = !client.is_finished();
             if !stays {
-                subscriptions.forget(*id);
+                watches.forget(*id);
             }
             if let (false, Waiting::Board(pending)) = (stays, &client.waiting) {
                 owners.remove(&pending.ticket);
@@ -255,7 +260,7 @@ impl Service {
     /// How long nothing need be done unless something happens.
     fn timeout(&self) -> PollTimeout {
         match self.next_deadline() {
-            _ if self.turns.has_next() || self.clients.values().any(|client| client.has_more) => {
+            _ if self.queue.has_next() || self.clients.values().any(|client| client.has_more) => {
                 PollTimeout::ZERO
             }
             None => PollTimeout::NONE,
@@ -304,29 +309,25 @@ impl Service {
             };
             [pending, client.patience_ends(self.options.patience)]
         });
-        let others = [
-            self.admission.pause,
-            self.leases.next_end(),
-            self.refusals.next_end(),
-            self.subscriptions.next_try(),
-        ];
+        let others =
+            [self.admission.pause, self.leases.next_end(), self.audit.next_end(), self.watches.next_try()];
         clients.chain(others).flatten().min()
     }
 
-    /// Serves those who are ready, each user's for his share of time; who is left is ready again in the next round.
+    /// Serves ready clients within each user's time quota; the rest stay ready for the next round.
     fn serve_ready(&mut self, mut ready: Vec<(u64, PollFlags)>, now: Instant) {
-        self.shares.begin_round();
+        self.quotas.begin_round();
         let user = |clients: &BTreeMap<u64, Client>, id| clients.get(&id).map(|client| client.peer.uid);
         ready.sort_by_key(|(id, _)| {
-            user(&self.clients, *id).is_some_and(|user| self.shares.comes_later(user, *id))
+            user(&self.clients, *id).is_some_and(|user| self.quotas.comes_later(user, *id))
         });
         let mut began = Instant::now();
         for (id, flags) in ready {
             let Some(user) = user(&self.clients, id) else { continue };
-            if self.shares.has_time(user, id) {
+            if self.quotas.has_time(user, id) {
                 self.on_ready(id, flags, now);
                 let ended = Instant::now();
-                self.shares.used(user, ended - began);
+                self.quotas.used(user, ended - began);
                 began = ended;
             }
         }
@@ -381,8 +382,8 @@ impl Service {
                 }
             }
             Event::Done(ticket, outcome) => {
-                self.turns.over(ticket);
-                let refused = self.subscriptions.failed(ticket, outcome, now);
+                self.queue.over(ticket);
+                let refused = self.watches.failed(ticket, outcome, now);
                 self.refuse_watches(&refused, outcome, now);
                 self.after_stop(ticket, outcome, now);
                 let Some(pending) = self.pending(ticket) else { return };
@@ -415,12 +416,12 @@ impl Service {
                 self.answer(ticket, reply, now);
             }
             Event::Words { ticket, time_ns, words, count } => {
-                self.turns.over(ticket);
+                self.queue.over(ticket);
                 let words = words.iter().copied().take(count).collect();
                 self.answer(ticket, Reply::with(&ReadReply { time_ns, words }), now);
             }
             Event::Rotary(ticket, state) => {
-                self.turns.over(ticket);
+                self.queue.over(ticket);
                 let reply = RotaryStateReply {
                     ahead_commands: state.ahead_commands,
                     ahead_lines: state.ahead_lines,
@@ -432,8 +433,8 @@ impl Service {
                 self.answer(ticket, Reply::with(&reply), now);
             }
             Event::Watching(ticket, table) => {
-                self.turns.over(ticket);
-                let clients = self.subscriptions.taken(ticket, table);
+                self.queue.over(ticket);
+                let clients = self.watches.taken(ticket, table);
                 self.tell_watched(&clients, table, now);
             }
             Event::Info(status) => self.backend.info.take(status),
@@ -484,13 +485,13 @@ impl Service {
         if self.admission.pause.is_some_and(|until| until <= now) {
             self.admission.pause = None;
         }
-        self.refusals.sum_up(now);
+        self.audit.sum_up(now);
         let mut unanswered = Vec::new();
         for client in self.clients.values_mut() {
             if client.patience_ends(self.options.patience).is_some_and(|end| end <= now) {
                 let Peer { uid, pid, .. } = client.peer;
                 let what = format_args!("dropped a connection of uid {uid} pid {pid}: stopped half-way");
-                self.refusals.tell(uid, what, now);
+                self.audit.tell(uid, what, now);
                 client.hang_up();
                 client.close();
             }
@@ -501,7 +502,7 @@ impl Service {
             }
         }
         for (ticket, lines) in unanswered {
-            let never_begun = self.turns.take_back(ticket);
+            let never_begun = self.queue.take_back(ticket);
             let error = if never_begun { CallError::Busy } else { CallError::TimedOut { lines } };
             self.answer(ticket, Err(error), now);
         }
@@ -509,7 +510,7 @@ impl Service {
 
     /// Tells those who wait that nothing more will come; does not wait for them to hear it.
     fn farewell(&mut self, now: Instant) {
-        self.refusals.end();
+        self.audit.end();
         let reply = CallError::Unavailable { reason: "pmacd is stopping".to_owned() }.to_reply();
         for client in self.clients.values_mut() {
             match &client.waiting {

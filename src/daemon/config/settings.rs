@@ -4,12 +4,12 @@ use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
 
-use super::options::Options;
-use super::policy::Roles;
+use super::board_settings::Uncertain;
+use super::checks::{groups, limited, period_ns, segment_mode, socket_mode, something_to_do};
 use super::ports::{HostPortConfig, HostPortTable, MailboxConfig, MailboxTable, Use};
-use super::settings_checks::{groups, limited, period_ns, segment_mode, socket_mode, something_to_do};
-use super::settings_place::{Refusal, position};
-use super::uncertain::Uncertain;
+use super::span::{Refusal, position};
+use crate::daemon::options::Options;
+use crate::daemon::socket::policy::Roles;
 use crate::device::board::spec::SpecError;
 use crate::device::{Access, BoardSpec};
 use crate::format::{TextOrder, WordOrder};
@@ -68,7 +68,7 @@ pub struct ConfigFile {
     servo: ServoSettings,
     #[serde(default)]
     background: BackgroundSettings,
-    /// What no document decides: see [`super::uncertain`].
+    /// What no document decides: see [`super::board_settings`].
     #[serde(default)]
     plan: PlanSettings,
     #[serde(default)]

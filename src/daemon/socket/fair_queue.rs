@@ -8,8 +8,8 @@ use std::collections::{HashMap, VecDeque};
 
 use nix::unistd::Uid;
 
-use super::job::Job;
-use super::queue::{Command, Ticket, at_once};
+use crate::daemon::shared::job::Job;
+use crate::daemon::shared::queue::{Command, Ticket, at_once};
 
 /// What does not wait behind the others' kind.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -70,24 +70,24 @@ pub(super) struct Turn {
 
 /// The commands of one kind.
 #[derive(Debug, Default)]
-struct Line {
-    /// Those who wait, the next one first, each with what waits, oldest first. Nobody without anything.
+struct Lane {
+    /// Users with queued commands, in the order of their turns, each with its commands, oldest first; no empty queues.
     users: VecDeque<(Uid, VecDeque<Turn>)>,
     handed: usize,
 }
 
 /// Every command that the bus thread has not answered.
 #[derive(Debug, Default)]
-pub(super) struct Turns {
-    lines: [Line; Kind::ALL.len()],
+pub(super) struct FairQueue {
+    lanes: [Lane; Kind::ALL.len()],
     /// What the bus thread has.
     handed: HashMap<Ticket, Kind>,
 }
 
-impl Turns {
+impl FairQueue {
     /// `turn` of `user` waits from now on.
     pub(super) fn wait(&mut self, user: Uid, turn: Turn) {
-        let users = &mut self.lines[Kind::of(&turn.command) as usize].users;
+        let users = &mut self.lanes[Kind::of(&turn.command) as usize].users;
         match users.iter_mut().find(|(other, _)| *other == user) {
             Some((_, turns)) => turns.push_back(turn),
             None => users.push_back((user, VecDeque::from([turn]))),
@@ -100,20 +100,20 @@ impl Turns {
     }
 
     fn may_go(&self, kind: Kind) -> bool {
-        let line = &self.lines[kind as usize];
-        !line.users.is_empty() && line.handed < kind.at_once()
+        let lane = &self.lanes[kind as usize];
+        !lane.users.is_empty() && lane.handed < kind.at_once()
     }
 
     /// The next one to hand over; the bus thread has it until it is [`Self::over`].
     pub(super) fn next(&mut self) -> Option<Turn> {
         let kind = Kind::ALL.into_iter().find(|kind| self.may_go(*kind))?;
-        let line = &mut self.lines[kind as usize];
-        let (user, mut turns) = line.users.pop_front()?;
+        let lane = &mut self.lanes[kind as usize];
+        let (user, mut turns) = lane.users.pop_front()?;
         let turn = turns.pop_front()?;
         if !turns.is_empty() {
-            line.users.push_back((user, turns));
+            lane.users.push_back((user, turns));
         }
-        line.handed += 1;
+        lane.handed += 1;
         self.handed.insert(turn.ticket, kind);
         Some(turn)
     }
@@ -122,21 +122,21 @@ impl Turns {
     /// so the bus thread never has more than it has room for.
     pub(super) fn over(&mut self, ticket: Ticket) {
         if let Some(kind) = self.handed.remove(&ticket) {
-            self.lines[kind as usize].handed -= 1;
+            self.lanes[kind as usize].handed -= 1;
         }
     }
 
     /// Those that wait and those that the bus thread has.
     pub(super) fn count(&self) -> usize {
-        let waiting = self.lines.iter().flat_map(|line| &line.users).map(|(_, turns)| turns.len());
+        let waiting = self.lanes.iter().flat_map(|lane| &lane.users).map(|(_, turns)| turns.len());
         waiting.sum::<usize>() + self.handed.len()
     }
 
     /// Takes one back; false when it does not wait (any more).
     pub(super) fn take_back(&mut self, ticket: Ticket) -> bool {
         let mut found = false;
-        for line in &mut self.lines {
-            line.users.retain_mut(|(_, turns)| {
+        for lane in &mut self.lanes {
+            lane.users.retain_mut(|(_, turns)| {
                 let before = turns.len();
                 turns.retain(|turn| turn.ticket != ticket);
                 found |= turns.len() < before;
@@ -165,7 +165,7 @@ mod tests {
         Turn { ticket, command, audit: None }
     }
 
-    fn next(turns: &mut Turns) -> Option<u64> {
+    fn next(turns: &mut FairQueue) -> Option<u64> {
         assert_eq!(turns.has_next(), Kind::ALL.into_iter().any(|kind| turns.may_go(kind)));
         turns.next().map(|turn| turn.ticket.0)
     }
@@ -173,7 +173,7 @@ mod tests {
     #[test]
     fn users_take_turns_and_each_ones_commands_keep_their_order() {
         let (many, few) = (Uid::from_raw(1), Uid::from_raw(2));
-        let mut turns = Turns::default();
+        let mut turns = FairQueue::default();
         for ticket in 0..60 {
             turns.wait(many, read(ticket));
         }
@@ -196,7 +196,7 @@ mod tests {
     #[test]
     fn one_kind_does_not_wait_for_another() {
         let user = Uid::from_raw(1);
-        let mut turns = Turns::default();
+        let mut turns = FairQueue::default();
         for ticket in 0..20 {
             turns.wait(user, read(ticket));
         }
@@ -208,7 +208,7 @@ mod tests {
     #[test]
     fn what_is_taken_back_is_not_handed_over() {
         let user = Uid::from_raw(1);
-        let mut turns = Turns::default();
+        let mut turns = FairQueue::default();
         turns.wait(user, read(1));
         turns.wait(user, read(2));
         assert!(turns.take_back(Ticket(1)) && !turns.take_back(Ticket(1)));

@@ -2,8 +2,8 @@
 
 use std::time::Duration;
 
-use super::job::{Job, MaskedWord};
-use super::status::Enabling;
+use crate::daemon::shared::job::{Job, MaskedWord};
+use crate::daemon::shared::status::Enabling;
 use crate::function::gather::GatherBuffer;
 use crate::function::panel::{FeedOverride, PanelAction, PanelRequest};
 use crate::function::rotary::RotaryBuffer;

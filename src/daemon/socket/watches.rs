@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 use log::error;
 use nix::unistd::Uid;
 
-use super::queue::{Outcome, Ticket};
+use crate::daemon::shared::queue::{Outcome, Ticket};
 use crate::function::variable_read::VariableEntry;
 
 /// How long until a table that was not taken is tried again.
@@ -65,7 +65,7 @@ struct Watch {
 
 /// Every client's registers.
 #[derive(Debug)]
-pub(super) struct Subscriptions {
+pub(super) struct Watches {
     /// Entries that the plan keeps.
     room: usize,
     clients: BTreeMap<u64, Watch>,
@@ -83,7 +83,7 @@ pub(super) struct Subscriptions {
     is_logged: bool,
 }
 
-impl Subscriptions {
+impl Watches {
     /// Nobody's registers, in a table of `room` entries.
     pub(super) fn new(room: usize) -> Self {
         Self {
@@ -261,102 +261,98 @@ mod tests {
     #[test]
     fn equal_requests_share_and_are_freed_with_the_last() {
         let now = Instant::now();
-        let mut subscriptions = Subscriptions::new(128);
-        assert_eq!(subscriptions.update(now), None);
-        subscriptions.watch(1, entries(0..100), None).unwrap();
-        subscriptions.watch(2, entries(50..128), None).unwrap();
-        assert_eq!(subscriptions.update(now).unwrap().len(), 128);
-        subscriptions.sent(Ticket(1));
-        subscriptions.taken(Ticket(1), 1);
-        let error = subscriptions.watch(3, entries(120..130), None).unwrap_err();
+        let mut watches = Watches::new(128);
+        assert_eq!(watches.update(now), None);
+        watches.watch(1, entries(0..100), None).unwrap();
+        watches.watch(2, entries(50..128), None).unwrap();
+        assert_eq!(watches.update(now).unwrap().len(), 128);
+        watches.sent(Ticket(1));
+        watches.taken(Ticket(1), 1);
+        let error = watches.watch(3, entries(120..130), None).unwrap_err();
         assert_eq!(error, NoneLeft::Full { room: 128, used: 128, wanted: 2 });
-        subscriptions.watch(3, entries(0..128), None).unwrap();
-        assert_eq!(subscriptions.update(now), None, "nothing new for the board");
-        subscriptions.forget(3);
-        subscriptions.forget(1);
-        assert_eq!(subscriptions.update(now), Some(entries(50..128)));
-        subscriptions.sent(Ticket(2));
-        subscriptions.forget(2);
-        assert_eq!(subscriptions.update(now), None, "the bus thread is still at the table before");
-        subscriptions.taken(Ticket(1), 1);
-        assert_eq!(subscriptions.update(now), None);
-        subscriptions.taken(Ticket(2), 2);
-        assert_eq!(subscriptions.update(now), Some(Vec::new()));
+        watches.watch(3, entries(0..128), None).unwrap();
+        assert_eq!(watches.update(now), None, "nothing new for the board");
+        watches.forget(3);
+        watches.forget(1);
+        assert_eq!(watches.update(now), Some(entries(50..128)));
+        watches.sent(Ticket(2));
+        watches.forget(2);
+        assert_eq!(watches.update(now), None, "the bus thread is still at the table before");
+        watches.taken(Ticket(1), 1);
+        assert_eq!(watches.update(now), None);
+        watches.taken(Ticket(2), 2);
+        assert_eq!(watches.update(now), Some(Vec::new()));
     }
 
     #[test]
     fn observers_leave_entries_to_each_other_and_to_operators() {
         let (now, none_left) = (Instant::now(), NoneLeft::Observers { room: 128 });
         let observer = |number| Some(Uid::from_raw(number));
-        let mut subscriptions = Subscriptions::new(128);
-        subscriptions.watch(1, entries(0..64), observer(1)).unwrap();
-        assert_eq!(subscriptions.watch(2, entries(64..65), observer(1)), Err(none_left));
-        subscriptions.watch(2, entries(0..64), observer(2)).unwrap();
-        subscriptions.watch(3, entries(64..96), observer(3)).unwrap();
-        assert_eq!(subscriptions.watch(4, entries(96..97), observer(4)), Err(none_left));
-        assert_eq!(subscriptions.watch(3, entries(64..97), observer(3)), Err(none_left));
-        subscriptions.watch(4, entries(0..4), observer(4)).unwrap();
-        subscriptions.watch(5, entries(96..128), None).unwrap();
+        let mut watches = Watches::new(128);
+        watches.watch(1, entries(0..64), observer(1)).unwrap();
+        assert_eq!(watches.watch(2, entries(64..65), observer(1)), Err(none_left));
+        watches.watch(2, entries(0..64), observer(2)).unwrap();
+        watches.watch(3, entries(64..96), observer(3)).unwrap();
+        assert_eq!(watches.watch(4, entries(96..97), observer(4)), Err(none_left));
+        assert_eq!(watches.watch(3, entries(64..97), observer(3)), Err(none_left));
+        watches.watch(4, entries(0..4), observer(4)).unwrap();
+        watches.watch(5, entries(96..128), None).unwrap();
         let full = NoneLeft::Full { room: 128, used: 128, wanted: 1 };
-        assert_eq!(subscriptions.watch(5, entries(96..129), None), Err(full));
-        assert_eq!(subscriptions.update(now).unwrap(), entries(0..128));
+        assert_eq!(watches.watch(5, entries(96..129), None), Err(full));
+        assert_eq!(watches.update(now).unwrap(), entries(0..128));
     }
 
     #[test]
     fn no_more_than_the_plan_keeps_can_be_watched() {
-        let mut subscriptions = Subscriptions::new(64);
-        subscriptions.watch(1, entries(0..64), None).unwrap();
+        let mut watches = Watches::new(64);
+        watches.watch(1, entries(0..64), None).unwrap();
         let full = NoneLeft::Full { room: 64, used: 64, wanted: 1 };
-        assert_eq!(subscriptions.watch(1, entries(0..65), None), Err(full));
+        assert_eq!(watches.watch(1, entries(0..65), None), Err(full));
         assert!(full.to_string().contains("room for 64 registers"), "{full}");
         let observer = Some(Uid::from_raw(1));
-        let error = Subscriptions::new(64).watch(1, entries(0..33), observer).unwrap_err();
+        let error = Watches::new(64).watch(1, entries(0..33), observer).unwrap_err();
         assert!(error.to_string().contains("get 32 each and 48 together"), "{error}");
-        assert!(Subscriptions::new(0).watch(1, entries(0..1), None).is_err());
+        assert!(Watches::new(0).watch(1, entries(0..1), None).is_err());
     }
 
     #[test]
     fn a_table_that_is_not_taken_is_sent_again() {
         let now = Instant::now();
         let refused = Outcome::Unavailable;
-        let mut subscriptions = Subscriptions::new(128);
-        subscriptions.watch(1, entries(0..2), None).unwrap();
-        subscriptions.sent(Ticket(1));
-        assert_eq!(subscriptions.taken(Ticket(1), 7), [1]);
-        subscriptions.watch(2, entries(0..4), None).unwrap();
-        subscriptions.sent(Ticket(2));
-        assert_eq!(subscriptions.failed(Ticket(2), refused, now), [2], "who waits for it hears so");
-        assert!(subscriptions.is_logged);
-        assert_eq!(
-            (subscriptions.update(now), subscriptions.next_try()),
-            (None, Some(now + AGAIN)),
-            "not at once"
-        );
-        assert_eq!(subscriptions.update(now + AGAIN), Some(entries(0..2)));
-        subscriptions.sent(Ticket(3));
-        assert_eq!(subscriptions.next_try(), None);
+        let mut watches = Watches::new(128);
+        watches.watch(1, entries(0..2), None).unwrap();
+        watches.sent(Ticket(1));
+        assert_eq!(watches.taken(Ticket(1), 7), [1]);
+        watches.watch(2, entries(0..4), None).unwrap();
+        watches.sent(Ticket(2));
+        assert_eq!(watches.failed(Ticket(2), refused, now), [2], "who waits for it hears so");
+        assert!(watches.is_logged);
+        assert_eq!((watches.update(now), watches.next_try()), (None, Some(now + AGAIN)), "not at once");
+        assert_eq!(watches.update(now + AGAIN), Some(entries(0..2)));
+        watches.sent(Ticket(3));
+        assert_eq!(watches.next_try(), None);
         // A newer one is not held up by what became of the one before.
-        subscriptions.watch(1, entries(0..3), None).unwrap();
-        assert!(subscriptions.failed(Ticket(3), refused, now).is_empty());
-        assert_eq!(subscriptions.update(now), Some(entries(0..3)));
-        subscriptions.sent(Ticket(4));
-        assert_eq!(subscriptions.taken(Ticket(4), 8), [1]);
-        assert!(!subscriptions.is_logged && subscriptions.update(now + AGAIN).is_none());
+        watches.watch(1, entries(0..3), None).unwrap();
+        assert!(watches.failed(Ticket(3), refused, now).is_empty());
+        assert_eq!(watches.update(now), Some(entries(0..3)));
+        watches.sent(Ticket(4));
+        assert_eq!(watches.taken(Ticket(4), 8), [1]);
+        assert!(!watches.is_logged && watches.update(now + AGAIN).is_none());
     }
 
     #[test]
     fn a_watch_is_told_when_its_registers_are_in_the_boards_table() {
         let now = Instant::now();
-        let mut subscriptions = Subscriptions::new(128);
-        assert_eq!(subscriptions.watch(1, entries(0..2), None), Ok(None));
-        subscriptions.sent(Ticket(1));
-        assert_eq!(subscriptions.watch(2, entries(0..1), None), Ok(None), "in the table under way");
-        assert_eq!(subscriptions.watch(3, entries(2..3), None), Ok(None), "in the next one");
-        assert_eq!(subscriptions.taken(Ticket(1), 4), [1, 2]);
-        assert_eq!(subscriptions.update(now), Some(entries(0..3)));
-        subscriptions.sent(Ticket(2));
-        assert_eq!(subscriptions.taken(Ticket(2), 5), [3]);
-        assert_eq!(subscriptions.watch(4, entries(1..3), None), Ok(Some(5)), "at once");
-        assert!(subscriptions.taken(Ticket(77), 6).is_empty());
+        let mut watches = Watches::new(128);
+        assert_eq!(watches.watch(1, entries(0..2), None), Ok(None));
+        watches.sent(Ticket(1));
+        assert_eq!(watches.watch(2, entries(0..1), None), Ok(None), "in the table under way");
+        assert_eq!(watches.watch(3, entries(2..3), None), Ok(None), "in the next one");
+        assert_eq!(watches.taken(Ticket(1), 4), [1, 2]);
+        assert_eq!(watches.update(now), Some(entries(0..3)));
+        watches.sent(Ticket(2));
+        assert_eq!(watches.taken(Ticket(2), 5), [3]);
+        assert_eq!(watches.watch(4, entries(1..3), None), Ok(Some(5)), "at once");
+        assert!(watches.taken(Ticket(77), 6).is_empty());
     }
 }

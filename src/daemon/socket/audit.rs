@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 use log::info;
 use nix::unistd::Uid;
 
-/// Refusals of one user that are logged, and in which time.
+/// AuditLimit of one user that are logged, and in which time.
 const TOLD: u32 = 20;
 const PERIOD: Duration = Duration::from_secs(10);
 /// The most characters of one. What a client sent can be as long as a message.
@@ -24,11 +24,11 @@ struct Account {
 
 /// Every user's account.
 #[derive(Debug, Default)]
-pub(super) struct Refusals {
+pub(super) struct AuditLimit {
     users: HashMap<Uid, Account>,
 }
 
-impl Refusals {
+impl AuditLimit {
     /// Logs what was refused to `user`, or counts it.
     pub(super) fn tell(&mut self, user: Uid, what: fmt::Arguments<'_>, now: Instant) {
         if self.may_tell(user, now) {
@@ -106,7 +106,7 @@ mod tests {
     fn a_flood_is_counted_and_others_are_heard() {
         let (loud, quiet) = (Uid::from_raw(1), Uid::from_raw(2));
         let now = Instant::now();
-        let mut refusals = Refusals::default();
+        let mut refusals = AuditLimit::default();
         let told = (0..1000).filter(|_| refusals.may_tell(loud, now)).count();
         assert_eq!(told, TOLD as usize);
         assert!(refusals.may_tell(quiet, now));

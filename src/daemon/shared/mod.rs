@@ -1,0 +1,6 @@
+//! What passes between the bus thread and the socket's thread.
+
+pub mod info;
+pub mod job;
+pub mod queue;
+pub mod status;
