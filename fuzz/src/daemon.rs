@@ -7,8 +7,10 @@ use std::time::Duration;
 
 use pmac_dpram::clock::{Clock, ManualTime};
 use pmac_dpram::daemon::ascii_desk::AsciiDesk;
+use pmac_dpram::daemon::board_function::Context;
+use pmac_dpram::daemon::command_lines::CommandLines;
+use pmac_dpram::daemon::functions::FunctionTable;
 use pmac_dpram::daemon::identify::Identifier;
-use pmac_dpram::daemon::job_desk::JobDesk;
 use pmac_dpram::daemon::response_port::ResponsePort;
 use pmac_dpram::daemon::shared::job::{Job, MaskedWord};
 use pmac_dpram::daemon::shared::queue::{Command, Event, Receive, Sender, Text, Ticket, queue};
@@ -21,7 +23,8 @@ use pmac_dpram::function::variable_read::{VariableEntry, VariableKind, VariableM
 use pmac_dpram::function::variable_write::{WordKind, WriteRecord};
 use pmac_dpram::gather::GatherMode;
 use pmac_dpram::map::{Family, GatherPlace, HostOffset, Layout, PMAC, Plan, PlanSettings, classic};
-use pmac_dpram::mirror::{BackgroundMirror, GatherClock, ServoMirror, gather, variable};
+use pmac_dpram::mirror::{BackgroundMirror, GatherClock, ServoMirror, VariableMirror, gather, variable};
+use pmac_dpram::protocol::{Function, Functions};
 use pmac_dpram::segment::{CreateOptions, Identity, Publisher, RegionId, RegionSpec, SegmentName};
 
 use super::bus::RamBus;
@@ -72,10 +75,7 @@ fn shared() -> Shared {
 struct Desks<'a> {
     shared: &'a mut Shared,
     bus: RamBus,
-    ascii: AsciiDesk,
-    jobs: JobDesk,
-    servo: ServoMirror,
-    background: BackgroundMirror,
+    functions: FunctionTable,
     time: ManualTime,
     clock: Clock,
     /// What was asked, and how often it was answered.
@@ -102,14 +102,19 @@ pub fn body(data: &[u8]) {
         let mut desks = Desks {
             shared,
             bus: RamBus::new([0, 0, 0xFFFF, 0x8000][usize::from(way & 3)]),
-            ascii: AsciiDesk::new(port, identifier, clock.clone()),
-            jobs: JobDesk::new(plan, mode, clock.clone()),
-            servo: ServoMirror::new(
-                &PMAC.servo,
-                if way & 8 == 0 { ServoReading::Optimistic } else { ServoReading::Handshake },
+            functions: FunctionTable::new(
+                ServoMirror::new(
+                    &PMAC.servo,
+                    if way & 8 == 0 { ServoReading::Optimistic } else { ServoReading::Handshake },
+                    clock.clone(),
+                ),
+                BackgroundMirror::new(&PMAC.background, 50_000_000),
+                CommandLines { desk: AsciiDesk::new(port, identifier, clock.clone()), host_port: None },
+                VariableMirror::new(plan.variable_read(), mode, clock.clone()),
+                plan,
+                &Functions::default(),
                 clock.clone(),
             ),
-            background: BackgroundMirror::new(&PMAC.background, 50_000_000),
             time,
             clock,
             asked: BTreeMap::new(),
@@ -145,18 +150,25 @@ impl Desks<'_> {
     /// What the thread that owns the board does when something happened to it.
     fn turn(&mut self, how: u8, tape: &mut Tape<'_>) {
         match how {
-            0 => self.ascii.forget(&mut self.bus, self.clock.now()).unwrap(),
-            1 => self.ascii.doubt(self.clock.now()),
-            2 => self.ascii.see_buffer(true),
-            3 => self.ascii.see_buffer(false),
-            4 => self.ascii.set_interrupt(true),
-            5 => self.jobs.take_over(&mut self.bus, &self.shared.publisher).unwrap(),
-            6 => self.jobs.leave(&mut self.bus).unwrap(),
-            7 => self.servo.configure(usize::from(tape.u8()), Some(u64::from(tape.u32())), Some(tape.u32())),
-            8 => self.background.configure(usize::from(tape.u8())),
-            9 => self.servo.forget(),
-            10 => self.background.forget(),
-            _ => self.background.start_over(&mut self.bus, self.clock.ns()).unwrap(),
+            0 => self.functions.ascii.desk.forget(&mut self.bus, self.clock.now()).unwrap(),
+            1 => self.functions.ascii.desk.doubt(self.clock.now()),
+            2 => self.functions.ascii.desk.see_buffer(true),
+            3 => self.functions.ascii.desk.see_buffer(false),
+            4 => self.functions.ascii.desk.set_interrupt(true),
+            5 => self.in_context(|functions, context| functions.reset(context).unwrap()),
+            6 => {
+                self.functions.ascii.desk.forget(&mut self.bus, self.clock.now()).unwrap();
+                self.in_context(|functions, context| functions.take_over(context).unwrap());
+            }
+            7 => self.functions.servo.configure(
+                usize::from(tape.u8()),
+                Some(u64::from(tape.u32())),
+                Some(tape.u32()),
+            ),
+            8 => self.functions.background.configure(usize::from(tape.u8())),
+            9 => self.functions.servo.forget(),
+            10 => self.functions.background.forget(),
+            _ => self.functions.background.start_over(&mut self.bus, self.clock.ns()).unwrap(),
         }
     }
 
@@ -176,7 +188,7 @@ impl Desks<'_> {
         } else {
             Command::Control { ticket, character: tape.u8() % 31 + 1, deadline }
         };
-        self.ascii.submit(&command, self.clock.now());
+        self.functions.ascii.desk.submit(&command, self.clock.now());
     }
 
     fn ask_job(&mut self, how: u8, tape: &mut Tape<'_>) {
@@ -185,7 +197,7 @@ impl Desks<'_> {
         let job = self.job(how, tape);
         let (bus, publisher) = (&mut self.bus, &self.shared.publisher);
         let answer =
-            self.jobs.submit(bus, publisher, ticket, job, deadline).expect("no job leaves the memory");
+            self.functions.submit(bus, publisher, ticket, job, deadline).expect("no job leaves the memory");
         if let Some(event) = answer {
             self.take(event);
         }
@@ -266,23 +278,29 @@ impl Desks<'_> {
     }
 
     fn pass(&mut self, how: u8) {
-        let now = self.clock.now();
-        let Shared { publisher, sender, .. } = &mut *self.shared;
-        let (bus, mut told) = (&mut self.bus, None);
-        match how & 3 {
-            0 => self.ascii.pass(bus, sender, publisher, now).expect("the port lies in the memory"),
-            1 => told = self.jobs.pass(bus, publisher, now).expect("no function leaves the memory"),
-            2 => drop(self.servo.pass(bus, publisher).expect("servo data lie in the memory")),
-            _ => drop(
-                self.background
-                    .pass(bus, publisher, self.clock.ns())
-                    .expect("background data lie in the memory"),
-            ),
-        }
+        let now_ns = self.clock.ns();
+        let function = match how & 3 {
+            0 => Some(Function::Ascii),
+            1 => {
+                let next = self.functions.next::<RamBus>(false);
+                next.filter(|(due_ns, _)| *due_ns <= now_ns).map(|(_, function)| function)
+            }
+            2 => Some(Function::Servo),
+            _ => Some(Function::Background),
+        };
+        let Some(function) = function else { return };
+        let polled = self.in_context(|functions, context| functions.poll(function, context));
+        let told = polled.expect("everything lies in the memory").answer;
         if let Some(event) = told {
             self.take(event);
         }
         self.bounded(ONE_GO);
+    }
+
+    fn in_context<T>(&mut self, act: impl FnOnce(&mut FunctionTable, &mut Context<'_, RamBus>) -> T) -> T {
+        let Shared { publisher, sender, .. } = &mut *self.shared;
+        let mut context = Context { bus: &mut self.bus, publisher, events: sender, clock: &self.clock };
+        act(&mut self.functions, &mut context)
     }
 
     /// Whatever the board does, one piece of work costs so many accesses at most, and touches the host's words alone.

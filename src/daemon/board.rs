@@ -11,10 +11,13 @@ use crate::device::board::file::DPRAM_BYTES;
 use crate::device::interrupt::InterruptError;
 use crate::device::interrupt::uio::NoInterrupt;
 use crate::device::{
-    self, Access, BoardSpec, Bus, FileBoard, Inherited, Interrupt, InterruptSource, OpenedBoard, System,
-    WindowSpec, WordSwapped,
+    self, Access, BoardSpec, Bus, Counted, FileBoard, Inherited, Interrupt, InterruptSource, OpenedBoard,
+    System, WindowSpec, WordSwapped,
 };
 use crate::format::WordOrder;
+
+/// The board's words, counted.
+pub type BoardBus = Counted<Box<dyn Bus>>;
 
 /// Opens the board again, when its memory was replaced or its device came back.
 pub type OpenBus = Box<dyn FnMut() -> Result<OpenedBoard, OpenError> + Send>;

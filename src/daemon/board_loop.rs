@@ -13,13 +13,12 @@ use nix::poll::{PollFd, PollFlags, ppoll};
 use nix::sys::eventfd::EventFd;
 use nix::sys::time::TimeSpec;
 
-use super::ascii_desk::AsciiDesk;
-use super::board::OpenBus;
+use super::board::{BoardBus, OpenBus};
+use super::board_function::{Context, Polled};
 use super::config::board_settings::Uncertain;
-use super::host_link::HostPortLink;
+use super::functions::FunctionTable;
 use super::identify::Identifier;
 use super::interrupt_link::InterruptLink;
-use super::job_desk::JobDesk;
 use super::mailbox_link::MailboxLink;
 use super::phase::Phase;
 use super::presence::Condition;
@@ -29,10 +28,9 @@ use super::shared::info::{InfoReport, Pulse};
 use super::shared::queue::{Command, Event, Outcome, READ_MAX, Receive, Sender};
 use super::telling::Told;
 use crate::clock::Clock;
-use crate::device::{Bus, BusError, Counted};
+use crate::device::{Bus, BusError};
 use crate::map::HostOffset;
-use crate::mirror::{BackgroundMirror, ServoMirror};
-use crate::protocol::{CommandState, Function, Functions};
+use crate::protocol::Function;
 use crate::segment::{Counter, Publisher, State};
 
 /// How often the segment's heartbeat is written.
@@ -53,25 +51,15 @@ const STEPS_A_POLL: usize = 10_000;
 /// Everything the thread works with.
 pub struct BoardLoop {
     /// The board.
-    pub bus: Counted<Box<dyn Bus>>,
+    pub bus: BoardBus,
     /// Opens it again when its memory was replaced.
     pub open: OpenBus,
-    /// Servo fixed data.
-    pub servo: ServoMirror,
-    /// Background fixed data.
-    pub background: BackgroundMirror,
-    /// ASCII.
-    pub desk: AsciiDesk,
-    /// The other functions.
-    pub jobs: JobDesk,
-    /// The functions that are used; the others' words are left alone.
-    pub functions: Functions,
+    /// Its automatic functions.
+    pub functions: FunctionTable,
     /// Where their buffers lie, which the firmware has a say in.
     pub uncertain: Uncertain,
     /// The board's interrupt, if it has one.
     pub interrupt: Option<InterruptLink>,
-    /// The board's own interrupt controller, where it has to be served.
-    pub host_port: Option<HostPortLink>,
     /// The segment.
     pub publisher: Publisher,
     /// From the socket.
@@ -108,14 +96,6 @@ pub struct BoardLoop {
     pub condition: Condition,
     /// What is to be said when it changes.
     pub told: Told,
-}
-
-/// Work that can wait for the servo.
-#[derive(Debug, Clone, Copy)]
-enum Work {
-    Jobs,
-    Ascii,
-    Background,
 }
 
 /// Which descriptors became readable.
@@ -197,7 +177,7 @@ impl BoardLoop {
             self.check_due_ns = now + BOARD_CHECK_NS;
             self.check_board();
         }
-        let enabling = self.desk.identifier.enabling();
+        let enabling = self.functions.ascii.desk.identifier.enabling();
         self.info.set(|status| status.enabling = enabling);
         self.info.poll(&self.events, beats);
     }
@@ -207,106 +187,89 @@ impl BoardLoop {
         self.clock.ns() < self.paused_until_ns
     }
 
-    /// When the servo data are to be looked at, CLOCK_MONOTONIC; never where they are not used.
-    fn servo_due_ns(&self) -> u64 {
-        if self.functions.has(Function::Servo) { self.servo.due_ns() } else { u64::MAX }
-    }
-
-    fn background_due_ns(&self) -> u64 {
-        if self.functions.has(Function::Background) { self.background.due_ns() } else { u64::MAX }
-    }
-
-    fn ascii_due(&self) -> Option<Instant> {
-        self.functions.has(Function::Ascii).then(|| self.desk.due())
-    }
-
     /// The most urgent piece of work that is due: servo data, else what has waited longest.
     fn one_round(&mut self) -> Result<(), PortError> {
         let now = self.clock.ns();
-        let accesses = self.bus.accesses();
-        let work = self.longest_waiting(now);
-        let servo_due = now >= self.servo_due_ns();
-        let no_room = self.has_no_room(now);
+        let work = self.next_work().filter(|(due_ns, _)| *due_ns <= now);
+        let servo_due = now >= self.functions.servo_due_ns();
         // On a slow bus, or at a high servo rate, there may never be room. What stops a machine goes out all the same.
         let starving = self.rounds_for_servo >= STARVING_ROUNDS && work.is_some();
-        if (servo_due || no_room) && !starving {
+        if (servo_due || self.has_no_room(now)) && !starving {
             if servo_due {
                 self.rounds_for_servo += 1;
-                let transition = self.servo.pass(&mut self.bus, &mut self.publisher)?;
-                self.count(Counter::ServoAccesses, accesses);
-                self.tell_servo(transition);
-                self.desk.see_buffer(self.servo.program_buffer_open());
-                if self.servo.take_reset() {
-                    info!("the board was reset, or its memory cleared");
-                    self.after_reset(!self.condition.reset_known)?;
-                }
-                self.condition.reset_known &= !self.servo.is_live();
+                self.poll_function(Function::Servo)?;
             }
             return Ok(());
         }
         self.rounds_for_servo = 0;
-        let instant = self.clock.now();
-        match work {
-            None => {}
-            Some(Work::Jobs) => {
-                if let Some(event) = self.jobs.pass(&mut self.bus, &mut self.publisher, instant)? {
-                    self.reply(event);
+        let Some((_, function)) = work else { return Ok(()) };
+        if function == Function::Ascii && self.condition.out_of_reach {
+            // Nothing is begun in words that are still to be put in order.
+            self.guard_page()?;
+        }
+        let (accesses, began_ns) = (self.bus.accesses(), self.clock.ns());
+        self.poll_function(function)?;
+        let took = Duration::from_nanos(self.clock.ns().saturating_sub(began_ns));
+        self.room.took(self.bus.accesses() - accesses, took);
+        Ok(())
+    }
+
+    fn poll_function(&mut self, function: Function) -> Result<(), PortError> {
+        let accesses = self.bus.accesses();
+        let (functions, mut context) = self.functions_in_context();
+        let polled = functions.poll(function, &mut context)?;
+        if let Some(counter) = functions.counter::<BoardBus>(function) {
+            self.count(counter, accesses);
+        }
+        self.react(function, polled)
+    }
+
+    /// The functions, and what they work with.
+    pub(super) fn functions_in_context(&mut self) -> (&mut FunctionTable, Context<'_, BoardBus>) {
+        let Self { functions, bus, publisher, events, clock, .. } = self;
+        (functions, Context { bus, publisher, events, clock })
+    }
+
+    /// What follows from what a function found.
+    fn react(&mut self, function: Function, polled: Polled) -> Result<(), PortError> {
+        let Polled { answer, transition, was_reset } = polled;
+        if let Some(event) = answer {
+            self.reply(event);
+        }
+        match function {
+            Function::Servo => {
+                self.tell_servo(transition);
+                let open = self.functions.servo.program_buffer_open();
+                self.functions.ascii.desk.see_buffer(open);
+                if was_reset {
+                    info!("the board was reset, or its memory cleared");
+                    self.after_reset(!self.condition.reset_known)?;
                 }
+                self.condition.reset_known &= !self.functions.servo.is_live();
             }
-            Some(Work::Ascii) => {
-                if self.condition.out_of_reach {
-                    // Nothing is begun in words that are still to be put in order.
-                    self.guard_page()?;
-                }
-                let registers = self.desk.port().register_accesses();
-                self.desk.pass(&mut self.bus, &self.events, &self.publisher, instant)?;
-                if let Some(host_port) = &mut self.host_port {
-                    host_port.serve(&mut self.bus, &mut self.desk, instant)?;
+            Function::Background => self.tell_background(transition),
+            Function::Ascii => {
+                if let Some(host_port) = &self.functions.ascii.host_port {
                     let counts = host_port.counts();
                     self.info.set(|status| status.host_port = counts);
                 }
-                self.count(Counter::AsciiAccesses, accesses);
-                let registers = self.desk.port().register_accesses() - registers;
-                self.publisher.counters().add(Counter::AsciiAccesses, registers);
                 self.tell_port();
                 self.take_identity();
             }
-            Some(Work::Background) => {
-                let transition = self.background.pass(&mut self.bus, &mut self.publisher, now)?;
-                self.count(Counter::BackgroundAccesses, accesses);
-                self.tell_background(transition);
-            }
-        }
-        if work.is_some() {
-            self.room
-                .took(self.bus.accesses() - accesses, self.clock.now().saturating_duration_since(instant));
+            Function::Variables | Function::Gather | Function::Panel | Function::Rotary => {}
         }
         Ok(())
     }
 
     /// Whether what is begun at `ns` might delay the servo data.
     fn has_no_room(&self, ns: u64) -> bool {
-        self.servo.is_live() && ns.saturating_add(self.room.ns()) > self.servo_due_ns()
+        self.functions.servo.is_live() && ns.saturating_add(self.room.ns()) > self.functions.servo_due_ns()
     }
 
-    /// Of the work that is due and can wait for the servo, that which has waited longest.
-    fn longest_waiting(&self, now: u64) -> Option<Work> {
-        let instant = self.clock.at(now);
-        let overdue = |due: Instant| instant.checked_duration_since(due);
-        let jobs = self.jobs_due().and_then(overdue);
-        let ascii = self.ascii_due().and_then(overdue);
-        let background = now.checked_sub(self.background_due_ns()).map(Duration::from_nanos);
-        let works = [(jobs, Work::Jobs), (ascii, Work::Ascii), (background, Work::Background)];
-        works
-            .into_iter()
-            .filter_map(|(overdue, work)| Some((overdue?, work)))
-            .max_by_key(|(o, _)| *o)
-            .map(|(_, w)| w)
-    }
-
-    /// When a job is to go on: not before its last answer is gone, nor while what would be read is no board's.
-    fn jobs_due(&self) -> Option<Instant> {
-        self.jobs.due().filter(|_| self.answer.is_none() && !self.condition.silent)
+    /// Of the work that can wait for the servo, that which is due first, and when. While an answer finds no room, and while
+    /// what would be read is no board's, only what watches the board goes on.
+    fn next_work(&self) -> Option<(u64, Function)> {
+        self.functions.next::<BoardBus>(self.answer.is_some() || self.condition.silent)
     }
 
     /// Adds the accesses made since there were `before` of them.
@@ -322,11 +285,9 @@ impl BoardLoop {
             Phase::Ended => u64::MAX,
             Phase::Running if self.is_paused() => self.paused_until_ns.min(self.heartbeat_due_ns),
             Phase::Running => {
-                let desks_due = [self.jobs_due(), self.ascii_due()].into_iter().flatten().min();
-                let desk_due = desks_due.map_or(u64::MAX, |due| self.clock.ns_of(due));
-                let others = desk_due.min(self.background_due_ns());
+                let others = self.next_work().map_or(u64::MAX, |(due_ns, _)| due_ns);
                 // Work that would not fit before the servo data waits until after them, unless it starves.
-                let (servo, now) = (self.servo_due_ns(), self.clock.ns());
+                let (servo, now) = (self.functions.servo_due_ns(), self.clock.ns());
                 let starving = self.rounds_for_servo >= STARVING_ROUNDS && others <= now;
                 let waits = self.has_no_room(others.max(now)) && !starving;
                 let due = if waits { servo } else { servo.min(others) };
@@ -346,7 +307,7 @@ impl BoardLoop {
         let stop = self.stop.as_fd();
         let commands = (works && self.answer.is_none() && !commands_wait).then(|| self.commands.descriptor());
         // A place without a descriptor of its own watches the first one again, which is harmless.
-        let mailbox = self.desk.port().mailbox.as_ref().filter(|_| works);
+        let mailbox = self.functions.ascii.desk.port().mailbox.as_ref().filter(|_| works);
         let [taken, reply] = mailbox.map_or([None, None], MailboxLink::descriptors);
         let mut watched =
             [Some(stop), commands, interrupt, taken, reply].map(|fd| watched(fd.unwrap_or(stop)));
@@ -374,10 +335,11 @@ impl BoardLoop {
         {
             let taken = link.take(now);
             self.publisher.counters().add(Counter::Interrupts, u64::from(taken.interrupts));
-            if let Some(host_port) = self.host_port.as_mut().filter(|_| taken.interrupts > 0) {
-                host_port.interrupted(self.desk.port().responses());
+            if let Some(host_port) = self.functions.ascii.host_port.as_mut().filter(|_| taken.interrupts > 0)
+            {
+                host_port.interrupted(self.functions.ascii.desk.port().responses());
             }
-            self.desk.look_now(now);
+            self.functions.ascii.desk.look_now(now);
         }
         self.attend_mailbox(readable.mailbox, now);
         if let Some(link) = &mut self.interrupt {
@@ -413,7 +375,7 @@ impl BoardLoop {
                     self.reply(event);
                 }
                 Command::Job { ticket, job, deadline } => {
-                    match self.jobs.submit(&mut self.bus, &self.publisher, ticket, *job, deadline) {
+                    match self.functions.submit(&mut self.bus, &self.publisher, ticket, *job, deadline) {
                         Ok(None) => {}
                         Ok(Some(event)) => self.reply(event),
                         Err(error) => {
@@ -423,10 +385,12 @@ impl BoardLoop {
                     }
                 }
                 Command::Send { line, .. } if Identifier::may_be_changed_by(line.as_bytes()) => {
-                    self.desk.identifier.ask_again(now);
-                    self.desk.submit(&command, now);
+                    self.functions.ascii.desk.identifier.ask_again(now);
+                    self.functions.ascii.desk.submit(&command, now);
                 }
-                Command::Send { .. } | Command::Control { .. } => self.desk.submit(&command, now),
+                Command::Send { .. } | Command::Control { .. } => {
+                    self.functions.ascii.desk.submit(&command, now)
+                }
             }
         }
         self.commands.keep_awake();
@@ -461,9 +425,9 @@ impl BoardLoop {
             self.publisher.set_state(state);
             self.info.set(|status| status.state = state);
             if alive {
-                info!("the board is alive");
+                info!("board: live");
             } else {
-                warn!("the board gives no sign of life: no servo data, no background data, no ASCII reply");
+                warn!("board: stale, no servo data, no background data and no ASCII reply");
             }
         }
         if let Err(error) = self.guard_page() {
@@ -473,12 +437,8 @@ impl BoardLoop {
 
     /// Whether the board does something, as far as what is used of it can tell.
     fn shows_life(&self) -> bool {
-        let tells = [Function::Servo, Function::Background, Function::Ascii];
-        let told = tells.into_iter().any(|function| self.functions.has(function));
-        self.servo.is_live()
-            || self.background.is_live()
-            || self.desk.state() == CommandState::Answers
-            || !told && !self.condition.silent && !self.condition.gone
+        let live = self.functions.is_live::<BoardBus>();
+        live.unwrap_or(!self.condition.silent && !self.condition.gone)
     }
 
     pub(super) fn bus_failed(&mut self, error: &dyn std::fmt::Display) {

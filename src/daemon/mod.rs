@@ -5,17 +5,20 @@
 
 pub mod ascii_desk;
 pub mod board;
+pub mod board_function;
 pub mod board_loop;
 pub mod bring_up;
+pub mod command_lines;
 pub mod config;
 mod desk_ways;
 pub mod exit;
+pub mod functions;
 pub mod host_link;
 pub mod identify;
 pub mod interrupt_link;
-pub mod job_desk;
 pub mod machine;
 pub mod mailbox_link;
+mod mirrored;
 pub mod options;
 pub mod panel_desk;
 pub mod parts;
@@ -30,6 +33,7 @@ pub mod service;
 pub mod shared;
 pub mod socket;
 mod telling;
+mod variables;
 pub mod write_desk;
 
 pub use bring_up::{main, main_with};

@@ -3,7 +3,10 @@
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 
+use super::board_function::{BoardFunction, Context, Polled};
+use super::response_port::PortError;
 use super::shared::queue::{Event, Outcome, Text, Ticket, at_once};
+use crate::clock::Clock;
 use crate::device::{Bus, BusError};
 use crate::function::panel::{FeedOverride, Panel, PanelBusError, PanelRequest};
 
@@ -170,6 +173,22 @@ impl PanelDesk {
             self.waiting.push_front(next);
         }
         Ok(None)
+    }
+}
+
+impl<B: Bus> BoardFunction<B> for PanelDesk {
+    fn due_ns(&self, clock: &Clock) -> Option<u64> {
+        self.due().map(|due| clock.ns_of(due))
+    }
+    fn poll(&mut self, context: &mut Context<'_, B>) -> Result<Polled, PortError> {
+        Ok(Polled { answer: self.pass(context.bus, context.clock.now())?, ..Polled::default() })
+    }
+    fn take_over(&mut self, context: &mut Context<'_, B>) -> Result<(), PortError> {
+        Ok(PanelDesk::take_over(self, context.bus, context.clock.now())?)
+    }
+    /// Overrides stay: a machine's speed must not change because its daemon stops.
+    fn leave(&mut self, bus: &mut B) -> Result<(), BusError> {
+        PanelDesk::leave(self, bus)
     }
 }
 

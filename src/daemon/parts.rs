@@ -9,11 +9,12 @@ use nix::sys::eventfd::{EfdFlags, EventFd};
 use super::ascii_desk::AsciiDesk;
 use super::board::Board;
 use super::board_loop::BoardLoop;
+use super::command_lines::CommandLines;
 use super::config::settings::Settings;
 use super::exit::{self, Failure};
+use super::functions::FunctionTable;
 use super::host_link::HostPortLink;
 use super::identify::{Identifier, servo_period_ps};
-use super::job_desk::JobDesk;
 use super::machine::Machine;
 use super::phase::Phase;
 use super::presence::Condition;
@@ -27,7 +28,7 @@ use super::socket::server::Backend;
 use super::telling::Told;
 use crate::clock::Clock;
 use crate::device::Counted;
-use crate::mirror::{self, BackgroundMirror, ServoMirror};
+use crate::mirror::{self, BackgroundMirror, ServoMirror, VariableMirror};
 use crate::protocol::{BoardInfo, Function, HostPortInfo};
 use crate::segment::identity::{self, first_motors};
 use crate::segment::{BlockPlace, ClockKind, CreateOptions, Identity, Publisher, RegionId, RegionSpec};
@@ -74,25 +75,29 @@ impl Parts {
         let identifier = Identifier::new(configured_identity(settings), asks, now);
         let port = ResponsePort::new(settings.text_order, mailbox, now).after_another_host(now);
         let (plan, mode) = (settings.uncertain.plan(), settings.uncertain.variable_mode());
-        let board_loop = BoardLoop {
-            bus: Counted::new(bus),
-            open,
-            servo: ServoMirror::selecting(
+        let functions = FunctionTable::new(
+            ServoMirror::selecting(
                 &settings.family.servo,
                 settings.servo_reading,
                 reading.servo.selection(),
                 clock.clone(),
             ),
-            background: BackgroundMirror::selecting(
+            BackgroundMirror::selecting(
                 &settings.family.background,
                 settings.background_period_ns,
                 reading.background.selection(),
             ),
-            desk: AsciiDesk::new(port, identifier, clock.clone()),
-            jobs: JobDesk::new(plan, mode, clock.clone()).using(reading.functions.clone()),
-            functions: reading.functions.clone(),
+            CommandLines { desk: AsciiDesk::new(port, identifier, clock.clone()), host_port },
+            VariableMirror::new(plan.variable_read(), mode, clock.clone()),
+            plan,
+            &reading.functions,
+            clock.clone(),
+        );
+        let board_loop = BoardLoop {
+            bus: Counted::new(bus),
+            open,
+            functions,
             interrupt,
-            host_port,
             uncertain: settings.uncertain.clone(),
             publisher,
             commands: command_queue,

@@ -6,11 +6,8 @@ use super::board_loop::BoardLoop;
 use super::host_link::HostPortLink;
 use super::shared::job::Job;
 use super::shared::queue::Command;
-use crate::device::BusError;
 use crate::function::ascii::AsciiPort;
-use crate::function::background::BackgroundReader;
-use crate::function::servo::ServoReader;
-use crate::protocol::{Function, State};
+use crate::protocol::State;
 
 /// How long the board may take, at the start, to bring the DPRAM into reach, and how often to look whether it has.
 const FIRST_REACH: Duration = Duration::from_millis(200);
@@ -67,7 +64,8 @@ impl BoardLoop {
     /// Waits until the DPRAM is in reach, where its page has to be written, before it is touched for the first time.
     pub(super) fn reach_dpram(&mut self) {
         let Phase::Reaching { until, due_ns } = &mut self.phase else { return };
-        let has_page = self.desk.port().mailbox.as_ref().is_some_and(|mailbox| mailbox.page().is_some());
+        let has_page =
+            self.functions.ascii.desk.port().mailbox.as_ref().is_some_and(|mailbox| mailbox.page().is_some());
         let waits = has_page && self.clock.now() < *until;
         if waits && !matches!(AsciiPort::is_out_of_reach(&mut self.bus), Ok(false)) {
             *due_ns = self.clock.ns() + REACH_POLL_NS;
@@ -84,22 +82,27 @@ impl BoardLoop {
 
     /// What is left in the queue is not begun any more, except for the stop of a jog that somebody held.
     fn collect_stops(&mut self, deadline: Instant) {
-        self.jobs.keep_stops();
+        self.functions.keep_stops();
         while let Some(command) = self.commands.try_receive() {
             if let Command::Job { ticket, job, .. } = command
                 && let Job::Panel(request) = *job
                 && request.stops() == request.mask
             {
-                let _ =
-                    self.jobs.submit(&mut self.bus, &self.publisher, ticket, Job::Panel(request), deadline);
+                let _ = self.functions.submit(
+                    &mut self.bus,
+                    &self.publisher,
+                    ticket,
+                    Job::Panel(request),
+                    deadline,
+                );
             }
         }
-        self.jobs.keep_stops();
+        self.functions.keep_stops();
     }
 
     /// Hands over the stops that are left, as long as there is time, then leaves the board.
     pub(super) fn finish_stops(&mut self, until: Instant) {
-        match self.jobs.finish_stops(&mut self.bus) {
+        match self.functions.finish_stops(&mut self.bus) {
             Ok(Some(due)) if self.clock.now() < until => {
                 let due_ns = self.clock.ns_of(due.min(until));
                 self.phase = Phase::Stopping { until, due_ns };
@@ -108,8 +111,8 @@ impl BoardLoop {
             Ok(_) => {}
             Err(error) => self.bus_failed(&error),
         }
-        self.release_board();
-        if let Some(Err(error)) = self.host_port.as_mut().map(HostPortLink::leave) {
+        self.leave_board();
+        if let Some(Err(error)) = self.functions.ascii.host_port.as_mut().map(HostPortLink::leave) {
             self.bus_failed(&error);
         }
         self.phase = Phase::Ended;
@@ -117,33 +120,19 @@ impl BoardLoop {
 
     /// Puts the host's words in order, as at the start.
     pub(super) fn take_over_board(&mut self) {
-        self.release_board();
-        if let Some(Err(error)) = self.host_port.as_mut().map(HostPortLink::enable) {
+        let (functions, mut context) = self.functions_in_context();
+        if let Err(error) = functions.take_over(&mut context) {
             self.bus_failed(&error);
         }
-        if let Err(error) = self.jobs.take_over(&mut self.bus, &self.publisher) {
+        if let Some(Err(error)) = self.functions.ascii.host_port.as_mut().map(HostPortLink::enable) {
             self.bus_failed(&error);
         }
     }
 
     /// Clears every bit a host may have left set; Host-Busy left by a dead one would stop the servo data for ever.
-    fn release_board(&mut self) {
-        if let Err(error) = self.release_words() {
+    fn leave_board(&mut self) {
+        if let Err(error) = self.functions.leave(&mut self.bus) {
             self.bus_failed(&error);
         }
-    }
-
-    fn release_words(&mut self) -> Result<(), BusError> {
-        let bus = &mut self.bus;
-        if self.functions.has(Function::Servo) {
-            ServoReader::release(&self.uncertain.family().servo, bus)?;
-        }
-        if self.functions.has(Function::Background) {
-            BackgroundReader::release(&self.uncertain.family().background, bus)?;
-        }
-        if self.functions.has(Function::Ascii) {
-            AsciiPort::release(bus)?;
-        }
-        self.jobs.leave(bus)
     }
 }

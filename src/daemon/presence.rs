@@ -84,7 +84,5 @@ impl BoardLoop {
     pub(super) fn start_over(&mut self) {
         self.publisher.counters().add(Counter::Resets, 1);
         self.take_over_board();
-        self.servo.forget();
-        self.background.forget();
     }
 }

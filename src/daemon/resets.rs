@@ -7,13 +7,13 @@ use super::host_link::HostPortLink;
 use super::mailbox_link::MailboxLink;
 use super::response_port::PortError;
 use crate::function::ascii::AsciiPort;
-use crate::function::servo::ServoReader;
 use crate::protocol::Function;
 
 impl BoardLoop {
     /// Writes the page while the DPRAM reads as all ones: a reset has had the board forget it. 1 read.
     pub(super) fn guard_page(&mut self) -> Result<(), PortError> {
-        let Some(mailbox) = self.desk.port_mut().mailbox.as_mut().filter(|mailbox| mailbox.page().is_some())
+        let Some(mailbox) =
+            self.functions.ascii.desk.port_mut().mailbox.as_mut().filter(|mailbox| mailbox.page().is_some())
         else {
             return Ok(());
         };
@@ -39,13 +39,13 @@ impl BoardLoop {
     /// A memory test, a power failure or another host may have left the host's own words in a state that holds the
     /// reports off for ever, and a reset that was too quick to be noticed has shut the interrupt's line.
     pub(super) fn let_board_speak(&mut self) -> Result<(), PortError> {
-        if self.functions.has(Function::Servo) && !self.servo.is_live() {
-            ServoReader::release(&self.uncertain.family().servo, &mut self.bus)?;
+        if self.functions.uses(Function::Servo) && !self.functions.servo.is_live() {
+            self.functions.servo.release(&mut self.bus)?;
         }
-        if self.functions.has(Function::Background) && !self.background.is_live() {
-            self.background.start_over(&mut self.bus, self.clock.ns())?;
+        if self.functions.uses(Function::Background) && !self.functions.background.is_live() {
+            self.functions.background.start_over(&mut self.bus, self.clock.ns())?;
         }
-        if let Some(host_port) = &mut self.host_port
+        if let Some(host_port) = &mut self.functions.ascii.host_port
             && !host_port.is_open()?
         {
             host_port.enable()?;
@@ -55,7 +55,7 @@ impl BoardLoop {
 
     /// A board whose data stop may have been reset; the page it has already does no harm.
     pub(super) fn page_again(&mut self) {
-        let mailbox = self.desk.port_mut().mailbox.as_mut();
+        let mailbox = self.functions.ascii.desk.port_mut().mailbox.as_mut();
         if let Some(Err(error)) = mailbox.map(MailboxLink::select_page) {
             self.bus_failed(&error);
         }
@@ -65,28 +65,27 @@ impl BoardLoop {
     /// reset if it `is_news`.
     pub(super) fn after_reset(&mut self, is_news: bool) -> Result<(), PortError> {
         self.page_again();
-        if let Some(host_port) = &mut self.host_port {
+        if let Some(host_port) = &mut self.functions.ascii.host_port {
             host_port.enable()?;
         }
-        // What was under way with the board as it was before is over; a half-read report is of no use.
-        self.background.forget();
-        self.jobs.take_over(&mut self.bus, &self.publisher)?;
-        self.desk.identifier.ask_again(self.clock.now());
+        let (functions, mut context) = self.functions_in_context();
+        functions.reset(&mut context)?;
+        self.functions.ascii.desk.identifier.ask_again(self.clock.now());
         if is_news { self.forget_commands() } else { Ok(()) }
     }
 
     /// Ends the commands under way: they were the board's that is no more.
     pub(super) fn forget_commands(&mut self) -> Result<(), PortError> {
-        self.desk.forget(&mut self.bus, self.clock.now())
+        self.functions.ascii.desk.forget(&mut self.bus, self.clock.now())
     }
 
     /// The simulator that was started again has files of its own for these, too.
     pub(super) fn reopen_registers(&mut self) {
-        let mailbox = self.desk.port_mut().mailbox.as_mut().map(MailboxLink::reopen);
+        let mailbox = self.functions.ascii.desk.port_mut().mailbox.as_mut().map(MailboxLink::reopen);
         if let Some(Err(error)) = mailbox {
             warn!("mailboxes: {error}");
         }
-        if let Some(Err(error)) = self.host_port.as_mut().map(HostPortLink::reopen) {
+        if let Some(Err(error)) = self.functions.ascii.host_port.as_mut().map(HostPortLink::reopen) {
             warn!("host port: {error}");
         }
         self.page_again();

@@ -3,7 +3,10 @@
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 
+use super::board_function::{BoardFunction, Context, Polled};
+use super::response_port::PortError;
 use super::shared::queue::{Event, Outcome, Text, Ticket, at_once};
+use crate::clock::Clock;
 use crate::device::{Bus, BusError};
 use crate::function::rotary::{RotaryBuffer, RotaryError, RotarySetup, RotaryStream};
 
@@ -183,6 +186,19 @@ impl RotaryDesk {
             }
         }
         Ok(Fed::Ended(Event::Done(batch.ticket, Outcome::Done)))
+    }
+}
+
+impl<B: Bus> BoardFunction<B> for RotaryDesk {
+    fn due_ns(&self, clock: &Clock) -> Option<u64> {
+        self.due().map(|due| clock.ns_of(due))
+    }
+    fn poll(&mut self, context: &mut Context<'_, B>) -> Result<Polled, PortError> {
+        Ok(Polled { answer: self.pass(context.bus, context.clock.now())?, ..Polled::default() })
+    }
+    fn take_over(&mut self, _context: &mut Context<'_, B>) -> Result<(), PortError> {
+        self.forget();
+        Ok(())
     }
 }
 

@@ -24,15 +24,15 @@ impl BoardLoop {
     pub(super) fn tell_servo(&mut self, transition: Option<Transition>) {
         match transition {
             Some(Transition::Live) => {
-                info!("servo data come");
-                self.desk.identifier.ask_again(self.clock.now());
+                info!("servo data: live");
+                self.functions.ascii.desk.identifier.ask_again(self.clock.now());
             }
             Some(Transition::Stale) => {
                 warn!(
-                    "servo data are stale: no update for {} ms (is I48=1, I19>0, I59>0, and GATHER given?)",
-                    self.servo.stale_after_ns() / 1_000_000
+                    "servo data: stale, no update for {} ms (is I48=1, I19>0, I59>0, and GATHER given?)",
+                    self.functions.servo.stale_after_ns() / 1_000_000
                 );
-                self.desk.doubt(self.clock.now());
+                self.functions.ascii.desk.doubt(self.clock.now());
                 self.page_again();
                 self.check_answers();
             }
@@ -43,13 +43,13 @@ impl BoardLoop {
 
     pub(super) fn tell_background(&mut self, transition: Option<Transition>) {
         match transition {
-            Some(Transition::Live) => info!("background data come"),
+            Some(Transition::Live) => info!("background data: live"),
             Some(Transition::Stale) => {
                 warn!(
-                    "background data are stale: no report for {} ms (is I49=1 and I59>0?)",
-                    self.background.stale_after_ns() / 1_000_000
+                    "background data: stale, no report for {} ms (is I49=1 and I59>0?)",
+                    self.functions.background.stale_after_ns() / 1_000_000
                 );
-                self.desk.doubt(self.clock.now());
+                self.functions.ascii.desk.doubt(self.clock.now());
                 self.page_again();
             }
             None => return,
@@ -59,28 +59,28 @@ impl BoardLoop {
 
     pub(super) fn tell_enabled(&mut self) {
         let mut enabled = Enabled::empty();
-        enabled.set(Enabled::SERVO, self.servo.is_live());
-        enabled.set(Enabled::BACKGROUND, self.background.is_live());
-        enabled.set(Enabled::ASCII, self.desk.state() == CommandState::Answers);
+        enabled.set(Enabled::SERVO, self.functions.servo.is_live());
+        enabled.set(Enabled::BACKGROUND, self.functions.background.is_live());
+        enabled.set(Enabled::ASCII, self.functions.ascii.desk.state() == CommandState::Answers);
         enabled.set(Enabled::INTERRUPT, self.has_interrupt());
         self.info.set(|status| status.enabled = enabled);
     }
 
     /// Publishes what has become known of the board, and works by it.
     pub(super) fn take_identity(&mut self) {
-        let Some(identity) = self.desk.identifier.news() else { return };
+        let Some(identity) = self.functions.ascii.desk.identifier.news() else { return };
         if self.told.identity.as_ref() == Some(&identity) {
             return;
         }
         let motors = identity.reported_motors().map_or(self.default_motors, |motors| motors as usize);
-        self.servo.configure(
+        self.functions.servo.configure(
             motors,
             identity.servo_period_ps.map(|ps| ps / 1000),
             identity.servo_report_cycles,
         );
-        self.background.configure(motors);
+        self.functions.background.configure(motors);
         match self.uncertain.plan_for(identity.firmware.as_deref()) {
-            Ok(plan) => self.jobs.set_plan(plan),
+            Ok(plan) => self.functions.set_plan(plan),
             Err(reason) => warn!("{reason}; the plan for boards of unknown firmware stays in force"),
         }
         let stamp = Stamp { time_ns: self.clock.ns(), servo_timer: 0, valid: true };

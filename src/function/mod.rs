@@ -3,6 +3,15 @@
 //! Every function works in steps that never wait: a step looks at the bus, does what can be done now, and returns.
 //! How often to step, and when to give up, is the caller's business. A function writes only the bits the host owns.
 //!
+//! # A new function
+//! Besides its tests it touches five files:
+//! 1. its own here: what host and PMAC write in which order;
+//! 2. its own in `daemon/`, a `BoardFunction` (`daemon/board_function.rs`): when it is due, what it does then, how it
+//!    is taken over and left. If it fills a region of the segment, that is a mirror with a few lines in `daemon/mirrored.rs`;
+//! 3. `daemon/functions.rs`: its row in the table, and who gets its commands;
+//! 4. `protocol/reading.rs`: its name in the configuration;
+//! 5. `daemon/job.rs`: its commands, if it takes any.
+//!
 //! # What each function costs
 //! Bus accesses of 16 bits (the mailboxes' of 8, and 32 of data where the board takes them), counted by tests for several n. *Necessary* are the data and the words
 //! by which host and PMAC hand them over; what is counted beyond them makes sure that the data are whole, that nobody

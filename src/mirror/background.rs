@@ -34,6 +34,7 @@ pub fn region(block: &BackgroundBlock, period_ns: u64) -> RegionSpec {
 
 /// Mirrors the background fixed data.
 pub struct BackgroundMirror {
+    block: &'static BackgroundBlock,
     reader: BackgroundReader,
     timer: ServoTimer,
     freshness: Freshness,
@@ -65,6 +66,7 @@ impl BackgroundMirror {
     #[must_use]
     pub fn selecting(block: &'static BackgroundBlock, period_ns: u64, selection: Selection) -> Self {
         Self {
+            block,
             reader: BackgroundReader::selecting(block, selection),
             timer: ServoTimer::new(block.timer.bits()),
             freshness: Freshness::new(limit_ns(STALE_NS, period_ns)),
@@ -73,6 +75,14 @@ impl BackgroundMirror {
             last_look_ns: 0,
             asked: None,
         }
+    }
+
+    /// Clears the host's bit, whoever set it.
+    ///
+    /// # Errors
+    /// When the bus cannot be reached.
+    pub fn release(&self, bus: &mut impl Bus) -> Result<(), BusError> {
+        BackgroundReader::release(self.block, bus)
     }
 
     /// Takes the number of motors and coordinate systems the board reports (I59).

@@ -40,6 +40,7 @@ pub fn region(block: &ServoBlock) -> RegionSpec {
 
 /// Mirrors the servo fixed data.
 pub struct ServoMirror {
+    block: &'static ServoBlock,
     time: Clock,
     reader: ServoReader,
     clock: UpdateClock,
@@ -72,6 +73,7 @@ impl ServoMirror {
         time: Clock,
     ) -> Self {
         Self {
+            block,
             reader: ServoReader::selecting(block, reading, selection).timed_by(time.clone()),
             time,
             clock: UpdateClock::default(),
@@ -84,6 +86,14 @@ impl ServoMirror {
             holds: VecDeque::with_capacity(HOLDS),
             was_reset: false,
         }
+    }
+
+    /// Clears the host's bit, whoever set it.
+    ///
+    /// # Errors
+    /// When the bus cannot be reached.
+    pub fn release(&self, bus: &mut impl Bus) -> Result<(), BusError> {
+        ServoReader::release(self.block, bus)
     }
 
     /// Takes what the board said of its motors (I59), servo period (I10) and report period in servo cycles (I19).

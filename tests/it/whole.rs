@@ -198,7 +198,7 @@ fn a_board_that_stops_in_any_way_turns_stale_and_comes_back_by_itself() {
         site.control(&format!("fault {fault} off"));
         wait_until(&format!("live data after {fault}"), || is_live(&subscriber, RegionId::Servo));
     }
-    assert_eq!(site.log().matches("servo data are stale").count(), 3, "each is said once:\n{}", site.log());
+    assert_eq!(site.log().matches("servo data: stale").count(), 3, "each is said once:\n{}", site.log());
     site.control("fault background_stuck on");
     wait_until("stale background", || !is_live(&subscriber, RegionId::Background));
     site.control("fault background_stuck off");

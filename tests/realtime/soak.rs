@@ -318,7 +318,7 @@ const STALE_CYCLES: u64 = 225;
 fn assert_quiet(log: &str, late: u64) {
     // Said once where the tests themselves run as root.
     let lines: Vec<&str> = log.lines().filter(|line| !line.contains("running as root")).collect();
-    let is_stale = |line: &str| line.contains("servo data are stale");
+    let is_stale = |line: &str| line.contains("servo data: stale");
     let stale = lines.iter().filter(|line| is_stale(line)).count() as u64;
     println!("stale {stale} times, late {late} cycles");
     assert!(stale * STALE_CYCLES <= late, "stale {stale} times, but late by {late} cycles only");

@@ -54,8 +54,8 @@ mod tests {
     #[test]
     fn a_record_begins_with_its_level() {
         let mut line = Vec::new();
-        let record = Record::builder().level(Level::Warn).args(format_args!("servo data are stale")).build();
+        let record = Record::builder().level(Level::Warn).args(format_args!("servo data: stale")).build();
         write(&mut line, &record).unwrap();
-        assert_eq!(line, b"<4>servo data are stale\n");
+        assert_eq!(line, b"<4>servo data: stale\n");
     }
 }

@@ -1,90 +1,174 @@
-//! The desks of the functions other than ASCII, as one: who gets a job, and when each is due.
+//! The board's automatic functions as one table, and who gets a command that is for one of them.
+//!
+//! The loop knows the table, not its rows. Only the servo data are special: they come before all others, so the loop asks
+//! for them by name. What a new row takes is in [`crate::function`].
 
 use std::time::Instant;
 
+use super::board_function::{BoardFunction, Context, Polled};
+use super::command_lines::CommandLines;
 use super::panel_desk::PanelDesk;
+use super::response_port::PortError;
 use super::rotary_desk::RotaryDesk;
 use super::shared::job::{Job, MaskedWord};
 use super::shared::queue::{Event, Outcome, Text, Ticket};
+use super::variables::Variables;
 use super::write_desk::WriteDesk;
 use crate::clock::Clock;
 use crate::device::{Bus, BusError};
 use crate::function::rotary::RotarySetup;
-use crate::function::variable_read::{VariableMode, VariableReadBusError, VariableReader};
-use crate::function::variable_write::VariableWriter;
+use crate::function::variable_read::VariableReadBusError;
 use crate::map::{HostOffset, Plan};
-use crate::mirror::{GatherMirror, VariableMirror};
+use crate::mirror::{BackgroundMirror, GatherMirror, ServoMirror, VariableMirror};
 use crate::protocol::{Function, Functions};
-use crate::segment::Publisher;
+use crate::segment::{Counter, Publisher};
 
-/// The desks.
-pub struct JobDesk {
+/// The functions of a board, and which of them are used.
+pub struct FunctionTable {
     clock: Clock,
     plan: Plan,
-    functions: Functions,
+    used: [bool; Function::ALL.len()],
+    /// Before all others.
+    pub servo: ServoMirror,
+    /// Background fixed data.
+    pub background: BackgroundMirror,
+    /// Command lines.
+    pub ascii: CommandLines,
     panel: PanelDesk,
-    rotary: RotaryDesk,
-    variables: VariableMirror,
     gather: GatherMirror,
-    write: WriteDesk,
+    variables: Variables,
+    rotary: RotaryDesk,
 }
 
-impl JobDesk {
-    /// Desks whose buffers lie where `plan` says.
+impl FunctionTable {
+    /// The functions of a board whose buffers lie where `plan` says. The words of those not in `used` are left alone.
     #[must_use]
-    pub fn new(plan: Plan, mode: VariableMode, clock: Clock) -> Self {
+    pub fn new(
+        servo: ServoMirror,
+        background: BackgroundMirror,
+        ascii: CommandLines,
+        variables: VariableMirror,
+        plan: Plan,
+        used: &Functions,
+        clock: Clock,
+    ) -> Self {
         let now = clock.now();
         Self {
+            servo,
+            background,
+            ascii,
             panel: PanelDesk::new(now),
-            rotary: RotaryDesk::new(now),
-            variables: VariableMirror::new(plan.variable_read(), mode, clock.clone()),
             gather: GatherMirror::new(&plan.family().servo, clock.clone()),
-            write: WriteDesk::new(plan.variable_write(), now),
-            clock,
-            functions: Functions::default(),
+            variables: Variables { read: variables, write: WriteDesk::new(plan.variable_write(), now) },
+            rotary: RotaryDesk::new(now),
             plan,
+            used: Function::ALL.map(|function| used.has(function)),
+            clock,
         }
     }
 
-    /// The same desks, of which only those of `functions` touch the board by themselves.
+    /// Every function. Of those that are due at the same time the first is polled first.
+    fn rows<B: Bus>(&self) -> [(Function, &dyn BoardFunction<B>); 7] {
+        [
+            (Function::Servo, &self.servo),
+            (Function::Panel, &self.panel),
+            (Function::Gather, &self.gather),
+            (Function::Variables, &self.variables),
+            (Function::Rotary, &self.rotary),
+            (Function::Ascii, &self.ascii),
+            (Function::Background, &self.background),
+        ]
+    }
+
+    fn row<B: Bus>(&mut self, function: Function) -> &mut dyn BoardFunction<B> {
+        match function {
+            Function::Servo => &mut self.servo,
+            Function::Panel => &mut self.panel,
+            Function::Gather => &mut self.gather,
+            Function::Variables => &mut self.variables,
+            Function::Rotary => &mut self.rotary,
+            Function::Ascii => &mut self.ascii,
+            Function::Background => &mut self.background,
+        }
+    }
+
+    /// When the servo data are due; never where they are not used.
     #[must_use]
-    pub fn using(mut self, functions: Functions) -> Self {
-        self.functions = functions;
-        self
+    pub fn servo_due_ns(&self) -> u64 {
+        if self.uses(Function::Servo) { self.servo.due_ns() } else { u64::MAX }
+    }
+
+    /// Of the others that are used, the one that is due first, and when. Only those that watch the board if `only_watching`.
+    #[must_use]
+    pub fn next<B: Bus>(&self, only_watching: bool) -> Option<(u64, Function)> {
+        let others = self.rows::<B>().into_iter().filter(|(function, _)| *function != Function::Servo);
+        let used = others.filter(|(function, row)| self.uses(*function) && (row.watches() || !only_watching));
+        let due = used.filter_map(|(function, row)| Some((row.due_ns(&self.clock)?, function)));
+        due.min_by_key(|(due_ns, _)| *due_ns)
+    }
+
+    /// Does one bounded piece of a function's work, and counts its accesses of the board.
+    ///
+    /// # Errors
+    /// When the board cannot be reached.
+    pub fn poll<B: Bus>(
+        &mut self,
+        function: Function,
+        context: &mut Context<'_, B>,
+    ) -> Result<Polled, PortError> {
+        self.row(function).poll(context)
+    }
+
+    /// What a function's accesses are counted as.
+    #[must_use]
+    pub fn counter<B: Bus>(&mut self, function: Function) -> Option<Counter> {
+        self.row::<B>(function).counter()
+    }
+
+    /// Takes over every function that is used.
+    ///
+    /// # Errors
+    /// When the board cannot be reached.
+    pub fn take_over<B: Bus>(&mut self, context: &mut Context<'_, B>) -> Result<(), PortError> {
+        self.used_ones().try_for_each(|function| self.row(function).take_over(context))
+    }
+
+    /// The board was reset.
+    ///
+    /// # Errors
+    /// When the board cannot be reached.
+    pub fn reset<B: Bus>(&mut self, context: &mut Context<'_, B>) -> Result<(), PortError> {
+        self.used_ones().try_for_each(|function| self.row(function).reset(context))
+    }
+
+    /// Leaves every function that is used.
+    ///
+    /// # Errors
+    /// When the board cannot be reached.
+    pub fn leave<B: Bus>(&mut self, bus: &mut B) -> Result<(), BusError> {
+        self.used_ones().try_for_each(|function| self.row(function).leave(bus))
+    }
+
+    fn used_ones(&self) -> impl Iterator<Item = Function> + use<> {
+        Function::ALL.into_iter().zip(self.used).filter_map(|(function, used)| used.then_some(function))
+    }
+
+    /// Whether the board does something, as far as what is used of it tells; `None` where nothing does.
+    #[must_use]
+    pub fn is_live<B: Bus>(&self) -> Option<bool> {
+        let used = self.rows::<B>().into_iter().filter(|(function, _)| self.uses(*function));
+        used.filter_map(|(_, row)| row.is_live()).reduce(|one, other| one || other)
+    }
+
+    /// Whether a function is used.
+    #[must_use]
+    pub fn uses(&self, function: Function) -> bool {
+        Function::ALL.into_iter().zip(self.used).any(|(other, used)| other == function && used)
     }
 
     /// The board's firmware has become known, and with it where gathering lies; the other buffers stay where they are.
     pub fn set_plan(&mut self, plan: Plan) {
         self.plan = plan;
-    }
-
-    /// Puts the board's host words in order at the start, or after a reset.
-    ///
-    /// # Errors
-    /// When the bus cannot be reached.
-    pub fn take_over(&mut self, bus: &mut impl Bus, publisher: &Publisher) -> Result<(), BusError> {
-        let now = self.clock.now();
-        self.rotary.forget();
-        self.gather.forget(publisher);
-        if self.functions.has(Function::Variables) {
-            self.write.take_over(bus, now)?;
-            VariableReader::release(bus)?;
-            self.variables.begin_again(bus, publisher, now)?;
-        }
-        if self.functions.has(Function::Panel) { self.panel.take_over(bus, now) } else { Ok(()) }
-    }
-
-    /// Leaves nothing requested on the way out. Overrides stay: a machine's speed must not change because its
-    /// daemon stops.
-    ///
-    /// # Errors
-    /// When the bus cannot be reached.
-    pub fn leave(&mut self, bus: &mut impl Bus) -> Result<(), BusError> {
-        if self.functions.has(Function::Variables) {
-            VariableWriter::release(bus)?;
-            VariableReader::release(bus)?;
-        }
-        if self.functions.has(Function::Panel) { self.panel.leave(bus) } else { Ok(()) }
     }
 
     /// Takes a job in; tells its end if it has one at once.
@@ -109,7 +193,7 @@ impl JobDesk {
                 return Ok(self.rotary.submit(ticket, buffer, first, lines, deadline, now));
             }
             Job::WriteVariables(records) => {
-                self.write.submit(ticket, records, deadline, now);
+                self.variables.write.submit(ticket, records, deadline, now);
                 return Ok(None);
             }
             Job::RotaryState(buffer) => return self.rotary.state(bus, ticket, buffer).map(Some),
@@ -122,8 +206,8 @@ impl JobDesk {
                     Err(reason) => Outcome::Refused(Text::of(&reason)),
                 }
             }
-            Job::WatchVariables(entries) => match self.variables.begin(bus, &entries, publisher, now) {
-                Ok(()) => return Ok(Some(Event::Watching(ticket, self.variables.table()))),
+            Job::WatchVariables(entries) => match self.variables.read.begin(bus, &entries, publisher, now) {
+                Ok(()) => return Ok(Some(Event::Watching(ticket, self.variables.read.table()))),
                 Err(VariableReadBusError::Refused(reason)) => Outcome::Refused(Text::of(&reason)),
                 Err(VariableReadBusError::Bus(error)) => return Err(error),
             },
@@ -175,38 +259,6 @@ impl JobDesk {
             self.panel.pass(bus, now)?;
         }
         Ok(self.panel.due())
-    }
-
-    /// When to pass next; `None` while nothing is to be done.
-    #[must_use]
-    pub fn due(&self) -> Option<Instant> {
-        let dues =
-            [self.panel.due(), self.gather.due(), self.rotary.due(), self.write.due(), self.variables.due()];
-        dues.into_iter().flatten().min()
-    }
-
-    /// Does one bounded piece of what is due, what was due first first.
-    ///
-    /// # Errors
-    /// When the bus cannot be reached.
-    pub fn pass(
-        &mut self,
-        bus: &mut impl Bus,
-        publisher: &mut Publisher,
-        now: Instant,
-    ) -> Result<Option<Event>, BusError> {
-        let Some(first) = self.due().filter(|due| *due <= now) else { return Ok(None) };
-        if self.panel.due() == Some(first) {
-            self.panel.pass(bus, now)
-        } else if self.gather.due() == Some(first) {
-            self.gather.pass(bus, publisher, now).map(|()| None)
-        } else if self.write.due() == Some(first) {
-            self.write.pass(bus, now)
-        } else if self.rotary.due() == Some(first) {
-            self.rotary.pass(bus, now)
-        } else {
-            self.variables.pass(bus, publisher, now).map(|()| None)
-        }
     }
 }
 

@@ -1,0 +1,82 @@
+//! What every automatic function of the board is to the bus thread: when it is due, what it does then, how it is taken over
+//! and left.
+
+use super::response_port::PortError;
+use super::shared::queue::{Event, Sender};
+use crate::clock::Clock;
+use crate::device::{Bus, BusError};
+use crate::mirror::Transition;
+use crate::segment::{Counter, Publisher};
+
+/// What a function works with, and when.
+pub struct Context<'a, B> {
+    /// The board.
+    pub bus: &'a mut B,
+    /// The segment.
+    pub publisher: &'a mut Publisher,
+    /// To the socket.
+    pub events: &'a Sender<Event>,
+    /// The time.
+    pub clock: &'a Clock,
+}
+
+/// What came of a poll.
+#[derive(Debug, Default)]
+pub struct Polled {
+    /// The answer to a command.
+    pub answer: Option<Event>,
+    /// The function's data are live again, or stale.
+    pub transition: Option<Transition>,
+    /// The board was found reset.
+    pub was_reset: bool,
+}
+
+/// One automatic function, as the bus thread works it.
+pub trait BoardFunction<B: Bus> {
+    /// When to poll it next, in nanoseconds of `clock`; `None` while nothing is to be done.
+    fn due_ns(&self, clock: &Clock) -> Option<u64>;
+
+    /// Does one bounded piece of work.
+    ///
+    /// # Errors
+    /// When the board cannot be reached.
+    fn poll(&mut self, context: &mut Context<'_, B>) -> Result<Polled, PortError>;
+
+    /// Puts the host's words in order and forgets what was seen: at the start, and when the board is another one.
+    ///
+    /// # Errors
+    /// When the board cannot be reached.
+    fn take_over(&mut self, context: &mut Context<'_, B>) -> Result<(), PortError>;
+
+    /// The board was reset: what it forgot is set up again. As [`BoardFunction::take_over`] unless a function has less to do.
+    ///
+    /// # Errors
+    /// When the board cannot be reached.
+    fn reset(&mut self, context: &mut Context<'_, B>) -> Result<(), PortError> {
+        self.take_over(context)
+    }
+
+    /// Leaves the board at the end: no bit of the host's set, nothing requested.
+    ///
+    /// # Errors
+    /// When the board cannot be reached.
+    fn leave(&mut self, _bus: &mut B) -> Result<(), BusError> {
+        Ok(())
+    }
+
+    /// Whether the board works at it now; `None` where the function cannot tell.
+    fn is_live(&self) -> Option<bool> {
+        None
+    }
+
+    /// What its accesses are counted as.
+    fn counter(&self) -> Option<Counter> {
+        None
+    }
+
+    /// Whether it watches the board. What does not waits while an answer finds no room, and while nothing answers on the
+    /// bus.
+    fn watches(&self) -> bool {
+        false
+    }
+}

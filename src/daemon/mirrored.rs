@@ -1,0 +1,82 @@
+//! The functions that only fill a region of the segment: servo and background data, gathered samples.
+
+use super::board_function::{BoardFunction, Context, Polled};
+use super::response_port::PortError;
+use crate::clock::Clock;
+use crate::device::{Bus, BusError};
+use crate::mirror::{BackgroundMirror, GatherMirror, ServoMirror};
+use crate::segment::Counter;
+
+impl<B: Bus> BoardFunction<B> for ServoMirror {
+    fn due_ns(&self, _clock: &Clock) -> Option<u64> {
+        Some(ServoMirror::due_ns(self))
+    }
+    fn poll(&mut self, context: &mut Context<'_, B>) -> Result<Polled, PortError> {
+        let transition = self.pass(context.bus, context.publisher)?;
+        Ok(Polled { transition, was_reset: self.take_reset(), answer: None })
+    }
+    fn take_over(&mut self, context: &mut Context<'_, B>) -> Result<(), PortError> {
+        self.forget();
+        Ok(self.release(context.bus)?)
+    }
+    fn reset(&mut self, _context: &mut Context<'_, B>) -> Result<(), PortError> {
+        Ok(())
+    }
+    fn leave(&mut self, bus: &mut B) -> Result<(), BusError> {
+        self.release(bus)
+    }
+    fn is_live(&self) -> Option<bool> {
+        Some(ServoMirror::is_live(self))
+    }
+    fn counter(&self) -> Option<Counter> {
+        Some(Counter::ServoAccesses)
+    }
+    fn watches(&self) -> bool {
+        true
+    }
+}
+
+impl<B: Bus> BoardFunction<B> for BackgroundMirror {
+    fn due_ns(&self, _clock: &Clock) -> Option<u64> {
+        Some(BackgroundMirror::due_ns(self))
+    }
+    fn poll(&mut self, context: &mut Context<'_, B>) -> Result<Polled, PortError> {
+        let transition = self.pass(context.bus, context.publisher, context.clock.ns())?;
+        Ok(Polled { transition, ..Polled::default() })
+    }
+    fn take_over(&mut self, context: &mut Context<'_, B>) -> Result<(), PortError> {
+        self.forget();
+        Ok(self.release(context.bus)?)
+    }
+    fn reset(&mut self, _context: &mut Context<'_, B>) -> Result<(), PortError> {
+        // A half-read report is of no use.
+        self.forget();
+        Ok(())
+    }
+    fn leave(&mut self, bus: &mut B) -> Result<(), BusError> {
+        self.release(bus)
+    }
+    fn is_live(&self) -> Option<bool> {
+        Some(BackgroundMirror::is_live(self))
+    }
+    fn counter(&self) -> Option<Counter> {
+        Some(Counter::BackgroundAccesses)
+    }
+    fn watches(&self) -> bool {
+        true
+    }
+}
+
+impl<B: Bus> BoardFunction<B> for GatherMirror {
+    fn due_ns(&self, clock: &Clock) -> Option<u64> {
+        self.due().map(|due| clock.ns_of(due))
+    }
+    fn poll(&mut self, context: &mut Context<'_, B>) -> Result<Polled, PortError> {
+        self.pass(context.bus, context.publisher, context.clock.now())?;
+        Ok(Polled::default())
+    }
+    fn take_over(&mut self, context: &mut Context<'_, B>) -> Result<(), PortError> {
+        self.forget(context.publisher);
+        Ok(())
+    }
+}

@@ -1,0 +1,44 @@
+//! Background variables as a function of the board.
+
+use super::board_function::{BoardFunction, Context, Polled};
+use super::response_port::PortError;
+use super::write_desk::WriteDesk;
+use crate::clock::Clock;
+use crate::device::{Bus, BusError};
+use crate::function::variable_read::VariableReader;
+use crate::function::variable_write::VariableWriter;
+use crate::mirror::VariableMirror;
+
+/// Background variables: those that are read, and those that are written.
+pub struct Variables {
+    /// Those that are read.
+    pub read: VariableMirror,
+    /// Those that are written.
+    pub write: WriteDesk,
+}
+
+impl<B: Bus> BoardFunction<B> for Variables {
+    fn due_ns(&self, clock: &Clock) -> Option<u64> {
+        [self.write.due(), self.read.due()].into_iter().flatten().min().map(|due| clock.ns_of(due))
+    }
+    fn poll(&mut self, context: &mut Context<'_, B>) -> Result<Polled, PortError> {
+        let now = context.clock.now();
+        let read_first =
+            self.read.due().is_some_and(|read| self.write.due().is_none_or(|write| read < write));
+        if read_first {
+            self.read.pass(context.bus, context.publisher, now)?;
+            return Ok(Polled::default());
+        }
+        Ok(Polled { answer: self.write.pass(context.bus, now)?, ..Polled::default() })
+    }
+    fn take_over(&mut self, context: &mut Context<'_, B>) -> Result<(), PortError> {
+        let now = context.clock.now();
+        self.write.take_over(context.bus, now)?;
+        VariableReader::release(context.bus)?;
+        Ok(self.read.begin_again(context.bus, context.publisher, now)?)
+    }
+    fn leave(&mut self, bus: &mut B) -> Result<(), BusError> {
+        VariableWriter::release(bus)?;
+        VariableReader::release(bus)
+    }
+}
