@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Reads a segment, written from the layout page (src/segment/layout.rs) alone, with nothing but the standard library.
+"""Reads a segment, written from the layout page (docs/segment.md) alone, with nothing but the standard library.
 
     segment_reader.py PATH              header, regions and the latest sample of each, as one JSON document
     segment_reader.py PATH REGION N     follows the next N samples of the region and prints how many it got and lost; of
@@ -18,7 +18,7 @@ import sys
 import time
 
 MAGIC = int.from_bytes(b"PMACDPRM", "little")
-REGIONS = {1: "servo", 2: "background", 3: "board", 4: "panel", 5: "variable", 6: "gather"}
+REGIONS = {1: "servo", 2: "background", 3: "board", 4: "panel", 5: "variables", 6: "gather"}
 # Where in a motor's servo block its actual position is (pmacctl map).
 ACTUAL_POSITION = 4
 # How long to wait for a sample, in seconds.
@@ -179,7 +179,7 @@ def follow(region, wanted, numbered=False):
 
 
 def position_scales(board):
-    """Ix08 of each motor that has told it, from the board region's latest sample (src/segment/payload/identity.rs)."""
+    """Ix08 of each motor that has told it, from the board region's latest sample (docs/segment.md)."""
     if not board:
         return {}
     payload = b"".join(word.to_bytes(2, sys.byteorder) for word in board["words"])

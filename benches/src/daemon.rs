@@ -50,7 +50,7 @@ pub fn watch(subscriber: &Subscriber, time: Duration) -> Watched {
     while Instant::now() < end {
         let waited = subscriber.wait_newer(RegionId::Servo, cursor.position() - 1, Duration::from_secs(1));
         assert_eq!(waited.expect("servo data"), WaitOutcome::Newer, "the board is silent");
-        while cursor.next(subscriber, &mut sample).expect("a sample") {
+        while subscriber.next(&mut cursor, &mut sample).expect("a sample") {
             woken.push(delay_ns(&sample, monotonic_ns()));
             mirrored.push(delay_ns(&sample, sample.stamp().time_ns));
             samples += 1;

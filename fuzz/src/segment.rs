@@ -238,7 +238,7 @@ fn read_region(reader: &Subscriber, region: RegionId, sample: &mut Sample, seque
     let Ok(mut cursor) = reader.cursor(region, sequence) else { return };
     for taken in 0..8 {
         let before = (cursor.position(), cursor.lost());
-        let found = cursor.next(reader, sample);
+        let found = reader.next(&mut cursor, sample);
         within(sample);
         assert!(cursor.position() >= before.0);
         if matches!(found, Ok(true)) {

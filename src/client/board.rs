@@ -238,7 +238,7 @@ impl Board {
         let region = subscriber.region(RegionId::Servo)?;
         let mut cursor = subscriber.cursor(RegionId::Servo, since)?;
         let mut readings = Vec::new();
-        while readings.len() < most && cursor.next(subscriber, sample)? {
+        while readings.len() < most && subscriber.next(&mut cursor, sample)? {
             readings.push(Reading::new(sample, decoder.servo(&region, sample.words())?));
         }
         let moment = Moment::now(subscriber, condition);

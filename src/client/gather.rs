@@ -23,7 +23,7 @@ impl GatherFollower {
     /// # Errors
     /// [`ClientError::Segment`], also when the daemon was started anew.
     pub fn next(&mut self, board: &Board) -> Result<Option<GatherChunk>, ClientError> {
-        if !self.cursor.next(board.subscriber(), &mut self.sample)? {
+        if !board.subscriber().next(&mut self.cursor, &mut self.sample)? {
             return Ok(None);
         }
         let corrupt = SegmentError::Corrupt { region: RegionId::Gather, sequence: self.sample.sequence() };

@@ -1,18 +1,18 @@
-//! Reading every sample of a region in turn.
+//! The place of a reader that follows every sample of a region.
 
 use super::SegmentError;
 use super::layout::RegionId;
+use super::region_reader::{ATTEMPTS, RegionReader};
 use super::ring::Attempt;
 use super::sample::Sample;
-use super::subscribe::{ATTEMPTS, Subscriber};
 
-/// Follows every sample of a region and knows exactly how many it lost. Holds no borrow: hand it the subscriber it was made by.
+/// Follows every sample of a region and knows exactly how many it lost; see [`super::Subscriber::next`]. Holds no borrow.
 #[derive(Clone, Debug)]
 pub struct Cursor {
     region: RegionId,
     generation: u64,
     next: u64,
-    /// What the head was when it was last looked at.
+    /// What the head was when it was last read.
     head: u64,
     lost: u64,
 }
@@ -22,22 +22,21 @@ impl Cursor {
         Self { region, generation, next: next.max(1), head: 0, lost: 0 }
     }
 
-    /// Copies the next sample; `false`, and an empty sample, when it is not published yet. Overrun by the writer, goes on half a
-    /// ring behind it and counts what it lost.
-    ///
-    /// # Errors
-    /// [`SegmentError::OtherGeneration`] with another segment's subscriber; [`SegmentError::Overrun`] when the writer overtook every
-    /// attempt (calling again is right); [`SegmentError::Corrupt`].
+    /// Copies the next sample; see [`super::Subscriber::next`].
     #[inline(always)]
-    pub fn next(&mut self, subscriber: &Subscriber, sample: &mut Sample) -> Result<bool, SegmentError> {
-        if subscriber.generation() != self.generation {
+    pub(super) fn next(
+        &mut self,
+        reader: &RegionReader<'_>,
+        sample: &mut Sample,
+    ) -> Result<bool, SegmentError> {
+        if reader.generation != self.generation {
             return Err(SegmentError::OtherGeneration {
                 cursor: self.generation,
-                segment: subscriber.generation(),
+                segment: reader.generation,
             });
         }
         for _ in 0..ATTEMPTS {
-            match subscriber.follow(self.region, self.next, &mut self.head, sample)? {
+            match reader.follow(self.next, &mut self.head, sample)? {
                 Attempt::Whole => {
                     self.next = self.next.saturating_add(1);
                     return Ok(true);
@@ -45,13 +44,18 @@ impl Cursor {
                 Attempt::NotYet => return Ok(false),
                 Attempt::Lost => {
                     // What was overwritten is lost for certain, even while this process still sees an older head.
-                    let resume = subscriber.resume(self.region, self.head)?.max(self.next.saturating_add(1));
+                    let resume = reader.resume(self.head).max(self.next.saturating_add(1));
                     self.lost = self.lost.wrapping_add(resume - self.next);
                     self.next = resume;
                 }
             }
         }
-        Err(SegmentError::Overrun { region: self.region, attempts: ATTEMPTS })
+        Err(reader.overrun())
+    }
+
+    #[inline(always)]
+    pub(super) fn region(&self) -> RegionId {
+        self.region
     }
 
     /// The number of the sample it will read next.

@@ -3,9 +3,9 @@
 
 use std::fmt;
 
+use super::info::{Condition, HeaderInfo, RegionInfo};
 use super::layout::RegionState;
 use super::sample::Stamp;
-use super::subscribe::{Condition, HeaderInfo, RegionInfo};
 
 /// So many periods without an update make data old.
 const PERIODS: u64 = 10;

@@ -39,16 +39,16 @@ pub(super) struct Region {
     pub(super) lines: usize,
 }
 
-/// Why a header is refused.
+/// Why a header is not accepted.
 #[derive(Debug, PartialEq, Eq)]
-pub(super) enum Refusal {
+pub(super) enum HeaderError {
     Malformed(String),
     Version(u64),
 }
 
 impl Geometry {
     /// Checks `header`, the first bytes of an object of `length` bytes, as words.
-    pub(super) fn parse(header: &[u64], length: u64) -> Result<Self, Refusal> {
+    pub(super) fn parse(header: &[u64], length: u64) -> Result<Self, HeaderError> {
         let word = |offset: usize| header.get(offset / WORD).copied().unwrap_or(0);
         if header.len() * WORD < AT_REGIONS {
             return malformed(format!("it is {length} bytes long, too short for a header"));
@@ -60,7 +60,7 @@ impl Geometry {
             return malformed("it does not begin with the mark of a segment");
         }
         if word(AT_ABI_MAJOR) != ABI_MAJOR {
-            return Err(Refusal::Version(word(AT_ABI_MAJOR)));
+            return Err(HeaderError::Version(word(AT_ABI_MAJOR)));
         }
         if word(AT_BYTE_ORDER) != BYTE_ORDER || word(AT_WORD_BYTES) != WORD as u64 {
             return malformed("its words are of another size or byte order");
@@ -124,7 +124,7 @@ fn region(
     header_length: u64,
     length: u64,
     word: impl Fn(usize) -> u64,
-) -> Result<Region, Refusal> {
+) -> Result<Region, HeaderError> {
     let [head, slots, slot_count, slot_stride, payload, host_offset] = [
         REGION_HEAD,
         REGION_SLOTS,
@@ -213,8 +213,8 @@ fn stretch_fits(start: u64, count: u64, stride: u64, alignment: u64, low: u64, h
         && end.is_some_and(|end| end <= high)
 }
 
-fn malformed<T>(why: impl Display) -> Result<T, Refusal> {
-    Err(Refusal::Malformed(why.to_string()))
+fn malformed<T>(why: impl Display) -> Result<T, HeaderError> {
+    Err(HeaderError::Malformed(why.to_string()))
 }
 
 /// Reads the beginning of `file` as words, at most [`MAX_HEADER`] bytes, and its length in bytes.

@@ -16,12 +16,9 @@ use std::sync::atomic::{AtomicU64, Ordering, fence};
 
 use memmap2::{MmapOptions, MmapRaw};
 
-use super::layout::{LINE, WORD};
+use super::layout::{LINE_WORDS, WORD};
 use super::ring::{Words, WordsMut};
 use super::wide_copy::WideCopy;
-
-/// Words of a cache line.
-pub(super) const LINE_WORDS: usize = LINE / WORD;
 
 /// A read-only mapping of a segment.
 pub(super) struct ReadMap {
@@ -212,7 +209,7 @@ impl Lines {
         self.words_mut()
     }
 
-    /// As [`Lines::room`], if it is there already.
+    /// As [`Lines::room`], but `None` when it would have to allocate.
     #[inline(always)]
     pub(super) fn has_room(&mut self, lines: usize) -> Option<&mut [u64]> {
         (self.0.len() == lines).then(|| self.words_mut())

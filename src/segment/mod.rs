@@ -6,7 +6,7 @@
 //!
 //! | file | what it holds |
 //! |---|---|
-//! | [`layout`] | **the ABI, field by field**: a reader in C or Python can be written from that page alone |
+//! | [`layout`] | **the ABI, field by field** (`docs/segment.md`): a reader in C or Python can be written from that page alone |
 //! | [`payload`] | what a sample of each region carries |
 //! | [`name`] | what a segment may be called, and the lock on its name |
 //! | [`ring`] | the slot-ring protocol, over any memory (shared, or a model checker's) |
@@ -14,8 +14,10 @@
 //! | `wide_copy` | the vector copy of a slot, and why it is right; with `memory` the only unsafe code |
 //! | [`freshness`] | the one rule for what may be shown as live |
 //! | [`publish`], [`subscribe`] | writer and reader |
-//! | `plan`, `header` | where to put things in a new segment; checking where a found one has put them |
-//! | `lock`, `sample`, `cursor` | ownership; one sample in private memory; following all of them |
+//! | `placement`, `header` | where everything lies in a new segment; checking where a found one has it |
+//! | `info`, `counter` | what a segment says of itself, its regions, and what the daemon counts |
+//! | `region_reader`, `cursor`, `sample` | reading one region; following all of its samples; one sample in private memory |
+//! | `lock` | who owns a name |
 
 #[cfg(not(target_pointer_width = "64"))]
 compile_error!(
@@ -28,16 +30,19 @@ use std::path::{Path, PathBuf};
 
 use nix::time::{ClockId, clock_gettime};
 
+mod counter;
 mod cursor;
 pub mod freshness;
 mod header;
+mod info;
 pub mod layout;
 mod lock;
 mod memory;
 pub mod name;
 pub mod payload;
-mod plan;
+mod placement;
 pub mod publish;
+mod region_reader;
 pub mod ring;
 mod sample;
 pub mod subscribe;
@@ -45,18 +50,21 @@ mod wide_copy;
 
 /// CLOCK_MONOTONIC in ns: the clock of a segment, unless it has one of its own ([`ClockKind::Own`]).
 pub use crate::clock::monotonic_ns;
+pub use counter::Counter;
 pub use cursor::Cursor;
 pub use freshness::Staleness;
-pub use layout::{ClockKind, Counter, RegionId, RegionState, State};
+pub use info::{Condition, HeaderInfo, RegionInfo};
+pub use layout::{ClockKind, RegionId, RegionState, State};
 #[cfg(test)]
 pub(crate) use lock::KERNEL_ASKED;
 pub use name::SegmentName;
 pub use payload::blocks::BlockPlace;
 pub use payload::identity::{self, Identity};
-pub use plan::{CreateOptions, RegionSpec};
+pub use placement::{CreateOptions, RegionSpec};
 pub use publish::{Counters, Publisher};
+pub use region_reader::Read;
 pub use sample::{Sample, Stamp};
-pub use subscribe::{Condition, HeaderInfo, Read, RegionInfo, Subscriber, WaitOutcome};
+pub use subscribe::{Subscriber, WaitOutcome};
 
 /// Where segments live unless a test says otherwise: the directory of POSIX shared-memory objects.
 pub const DIRECTORY: &str = "/dev/shm";

@@ -7,18 +7,19 @@ use std::path::{Path, PathBuf};
 
 use nix::time::ClockId;
 
+use super::counter::Counter;
 use super::header::{self, Geometry};
 use super::layout::*;
 use super::lock::{self, NameLock};
 use super::memory::WriteMap;
-use super::plan::{CreateOptions, Plan};
+use super::placement::{CreateOptions, Placement};
 use super::ring::{Ring, Words, WordsMut};
 use super::sample::Stamp;
 use super::{SegmentError, clock_ns, monotonic_ns};
 
 /// One region as its writer sees it.
 #[derive(Clone, Copy)]
-struct Outlet {
+struct RegionWriter {
     ring: Ring,
     entry: usize,
     payload_bytes: usize,
@@ -33,7 +34,7 @@ pub struct Publisher {
     generation: u64,
     clock: ClockKind,
     /// By region number.
-    outlets: [Option<Outlet>; RegionId::ALL.len() + 1],
+    regions_by_id: [Option<RegionWriter>; RegionId::ALL.len() + 1],
     /// Where a slot is put together; as long as the longest, so that publishing never allocates.
     staging: Vec<u64>,
     // Last, so that the name is free only when the segment is gone.
@@ -48,7 +49,7 @@ impl Publisher {
     /// [`SegmentError::InUse`] when another process owns the name, [`SegmentError::ForeignOwner`] when another user's object is
     /// in the way, [`SegmentError::Full`] when there is no memory for it, [`SegmentError::Spec`] for regions that cannot be laid out.
     pub fn create(options: &CreateOptions) -> Result<Self, SegmentError> {
-        let plan = Plan::new(options)?;
+        let placement = Placement::new(options)?;
         let path = options.name.object(&options.directory);
         let lock = NameLock::take(options.name.lock(&options.directory))?;
         let previous = retire(&path)?;
@@ -60,7 +61,7 @@ impl Publisher {
                 .map_err(SegmentError::io("remove the unfinished", &temporary))?;
         }
         let file = lock::create(&temporary).map_err(SegmentError::io("create", &temporary))?;
-        let mut publisher = Self::build(options, &plan, file, lock, previous)
+        let mut publisher = Self::build(options, &placement, file, lock, previous)
             .and_then(|publisher| {
                 std::fs::rename(&temporary, &path).map_err(SegmentError::io("put in place", &path))?;
                 Ok(publisher)
@@ -74,7 +75,7 @@ impl Publisher {
 
     fn build(
         options: &CreateOptions,
-        plan: &Plan,
+        placement: &Placement,
         file: File,
         lock: NameLock,
         previous: u64,
@@ -85,35 +86,39 @@ impl Publisher {
             return Err(SegmentError::InUse { path, pid: None });
         }
         // Memory is set aside now, so that a full file system is an error here and not a SIGBUS later.
-        nix::fcntl::posix_fallocate(&file, 0, plan.total_length as libc::off_t).map_err(|errno| {
-            SegmentError::Full { path: path.clone(), bytes: plan.total_length as u64, source: errno.into() }
+        nix::fcntl::posix_fallocate(&file, 0, placement.total_length as libc::off_t).map_err(|errno| {
+            SegmentError::Full {
+                path: path.clone(),
+                bytes: placement.total_length as u64,
+                source: errno.into(),
+            }
         })?;
         let own = file.metadata().map_err(fail("look at"))?.gid();
         if let Some(group) = options.group.filter(|group| *group != own) {
             std::os::unix::fs::fchown(&file, None, Some(group)).map_err(fail("give to its group"))?;
         }
         file.set_permissions(Permissions::from_mode(options.mode)).map_err(fail("set the mode of"))?;
-        let map = WriteMap::new(&file, plan.total_length).map_err(fail("map"))?;
+        let map = WriteMap::new(&file, placement.total_length).map_err(fail("map"))?;
         let generation = clock_ns(ClockId::CLOCK_REALTIME).max(previous.wrapping_add(1));
-        plan.write(&map, options, generation);
+        placement.write(&map, options, generation);
 
-        let mut outlets = [None; RegionId::ALL.len() + 1];
-        for (spec, entry, ring) in &plan.regions {
-            outlets[spec.id as usize] = Some(Outlet {
+        let mut regions_by_id = [None; RegionId::ALL.len() + 1];
+        for (spec, entry, ring) in &placement.regions {
+            regions_by_id[spec.id as usize] = Some(RegionWriter {
                 ring: *ring,
                 entry: *entry,
                 payload_bytes: spec.payload_bytes as usize,
                 published: 0,
             });
         }
-        let longest = plan.regions.iter().map(|(_, _, ring)| ring.body).max().unwrap_or(0);
+        let longest = placement.regions.iter().map(|(_, _, ring)| ring.body).max().unwrap_or(0);
         let publisher = Self {
             map,
             file,
             path,
             generation,
             clock: options.clock,
-            outlets,
+            regions_by_id,
             staging: vec![0; longest],
             _lock: lock,
         };
@@ -166,8 +171,8 @@ impl Publisher {
     /// Wakes who sleeps until the region has a newer sample.
     #[inline]
     pub fn wake(&self, region: RegionId) {
-        let Some(outlet) = &self.outlets[region as usize] else { return };
-        let woken = self.map.wake(outlet.ring.head);
+        let Some(region_writer) = &self.regions_by_id[region as usize] else { return };
+        let woken = self.map.wake(region_writer.ring.head);
         if woken > 0 {
             self.counters().add(Counter::Wakes, woken);
         }
@@ -181,8 +186,8 @@ impl Publisher {
         length: usize,
         fill: impl FnOnce(&mut [u64]),
     ) -> u64 {
-        let Some(outlet) = &mut self.outlets[region as usize] else { return 0 };
-        if length > outlet.payload_bytes {
+        let Some(region_writer) = &mut self.regions_by_id[region as usize] else { return 0 };
+        if length > region_writer.payload_bytes {
             return 0;
         }
         let body = &mut self.staging[..STAMP_WORDS + length.div_ceil(WORD)];
@@ -192,15 +197,15 @@ impl Publisher {
             // Before the sample is there, so that nobody finds one from the future.
             self.map.store(AT_NOW / WORD, stamp.time_ns.max(self.map.load(AT_NOW / WORD)));
         }
-        outlet.published += 1;
-        outlet.ring.write(&self.map, outlet.published, body);
-        outlet.published
+        region_writer.published += 1;
+        region_writer.ring.write(&self.map, region_writer.published, body);
+        region_writer.published
     }
 
     /// Number of samples published in `region` so far, which is the number of the latest.
     #[must_use]
     pub fn published(&self, region: RegionId) -> u64 {
-        self.outlets[region as usize].map_or(0, |outlet| outlet.published)
+        self.regions_by_id[region as usize].map_or(0, |region_writer| region_writer.published)
     }
 
     /// Says whether the region is mirrored and its updates come in time.
@@ -215,8 +220,8 @@ impl Publisher {
     }
 
     fn set_in_entry(&self, region: RegionId, field: usize, value: u64) {
-        if let Some(outlet) = &self.outlets[region as usize] {
-            self.map.store((outlet.entry + field) / WORD, value);
+        if let Some(region_writer) = &self.regions_by_id[region as usize] {
+            self.map.store((region_writer.entry + field) / WORD, value);
         }
     }
 
@@ -273,8 +278,8 @@ impl Publisher {
 impl Drop for Publisher {
     fn drop(&mut self) {
         self.set_state(State::Dead);
-        for outlet in self.outlets.iter().flatten() {
-            self.map.wake(outlet.ring.head);
+        for region_writer in self.regions_by_id.iter().flatten() {
+            self.map.wake(region_writer.ring.head);
         }
         if lock::leads_to(&self.path, &self.file)
             && let Err(error) = std::fs::remove_file(&self.path)

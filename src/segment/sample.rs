@@ -16,7 +16,7 @@ pub struct Stamp {
 
 /// A sample copied out of the segment. Keep one and read into it again and again: it allocates only the first time.
 ///
-/// It is its slot as that was, and what is told of it is read there: a copy costs what its bytes cost.
+/// Holds a verbatim copy of the slot; the accessors read their fields from it when they are called.
 #[derive(Clone, Debug, Default)]
 pub struct Sample {
     retries: u32,
@@ -79,26 +79,26 @@ impl Sample {
         self.slot.words().get(STAMP_WORDS).map_or(0, |flags_length| (flags_length >> 32) as usize)
     }
 
-    /// As [`Sample::room`], if it is there already.
+    /// As [`Sample::room`], but `None` when it would have to allocate.
     #[inline(always)]
     pub(super) fn has_room(&mut self, lines: usize) -> Option<&mut [u64]> {
         self.slot.has_room(lines)
     }
 
-    /// Room for a slot of so many cache lines, to be filled by a ring. Until [`Sample::accept`], what is in here is nobody's sample.
+    /// Room for a slot of so many cache lines, for a ring to fill. Until [`Sample::accept`] it holds no sample.
     #[inline(always)]
     pub(super) fn room(&mut self, lines: usize) -> &mut [u64] {
         self.slot.room(lines)
     }
 
-    /// Makes what was filled in sample `sequence`; `false` if it says to be another, or its length cannot be.
+    /// Takes what was filled in as sample `sequence`; `false` when its number is another, or its length impossible.
     #[inline(always)]
     pub(super) fn accept(&mut self, sequence: u64, retries: u32, payload_bytes: usize) -> bool {
         self.retries = retries;
         self.sequence() == sequence && self.length() <= payload_bytes
     }
 
-    /// There is no sample in it.
+    /// Makes it an empty sample.
     pub(super) fn clear(&mut self) {
         self.retries = 0;
         // Number, stamp and length are all in it.

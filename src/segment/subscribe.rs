@@ -1,7 +1,7 @@
 //! The reader: attaches to a segment read-only, and reads the latest sample, the next, or all since a given one.
 //!
 //! A reader writes nothing, holds no lock and can neither slow nor stop the daemon. It never shows old data as new: what it returns carries
-//! its time stamp, and [`Subscriber::is_fresh`] and [`Subscriber::condition`] apply the rules of [`super::layout`].
+//! its time stamp, and [`Subscriber::is_fresh`] and [`Subscriber::condition`] apply the rules of [`super::freshness`].
 
 use std::fs::File;
 use std::io;
@@ -9,47 +9,22 @@ use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
+use super::counter::Counter;
 use super::cursor::Cursor;
 use super::freshness::{self, Staleness};
-use super::header::{self, Geometry, Refusal, Region};
+use super::header::{self, Geometry, HeaderError, Region};
+use super::info::{Condition, HeaderInfo, RegionInfo};
 use super::layout::*;
 use super::lock::{self, FileId};
 use super::memory::ReadMap;
-use super::payload::blocks::BlockPlace;
-use super::ring::{Attempt, Latest, Words};
+use super::region_reader::{Read, RegionReader};
+use super::ring::{Latest, Words};
 use super::sample::{Sample, Stamp};
 use super::{DIRECTORY, SegmentError, SegmentName, monotonic_ns};
 use crate::map::Selection;
 
-/// How often a read is started again when the writer comes round; with 4 slots or more, once is rare.
-pub(super) const ATTEMPTS: u32 = 16;
 /// How long a sleeping reader goes without looking whether the owner still lives.
 const SLICE_NS: u64 = 100_000_000;
-
-/// How a segment stands, everything considered.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Condition {
-    /// The daemon is starting; no data yet.
-    Init,
-    /// The daemon runs and the board answers.
-    Live,
-    /// The board does not answer, or the daemon is stopped or hangs: what is there is old.
-    Stale,
-    /// The daemon stopped in good order: attach again.
-    Dead,
-    /// The daemon was killed: attach again.
-    OwnerGone,
-    /// The name leads to a newer segment: attach again.
-    Replaced,
-}
-
-impl Condition {
-    /// Whether only attaching again can bring new data.
-    #[must_use]
-    pub fn is_over(self) -> bool {
-        matches!(self, Self::Dead | Self::OwnerGone | Self::Replaced)
-    }
-}
 
 /// How a wait ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -62,76 +37,6 @@ pub enum WaitOutcome {
     Dead,
 }
 
-/// What became of a read of one sample.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Read {
-    /// It was copied.
-    Sample,
-    /// It is not published yet.
-    NotYet,
-    /// It was overwritten.
-    Lost {
-        /// The oldest sample that may still be there.
-        first_available: u64,
-    },
-}
-
-/// What a segment says about one of its regions.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct RegionInfo {
-    /// What it mirrors.
-    pub id: RegionId,
-    /// Number of slots.
-    pub slots: u64,
-    /// Longest payload in bytes.
-    pub payload_bytes: usize,
-    /// Host byte offset of the payload's first word in the DPRAM.
-    pub first_host_offset: u32,
-    /// Whether it is mirrored and its updates come in time.
-    pub state: RegionState,
-    /// How often to expect a sample, in ns; 0 where there is no period.
-    pub period_ns: u64,
-    /// How old the latest sample may grow before it counts as stale, in ns; 0: never.
-    pub stale_after_ns: u64,
-    /// Number of samples published.
-    pub published: u64,
-    /// Where the blocks of its numbers lie in the payload.
-    pub blocks: BlockPlace,
-    /// What of each number's block, and which numbers, are read from the board at all.
-    pub selection: Selection,
-}
-
-/// What a segment says about itself and its owner.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct HeaderInfo {
-    /// Minor version of the layout.
-    pub abi_minor: u64,
-    /// Size in bytes.
-    pub total_length: usize,
-    /// The clock of every time in it.
-    pub clock: ClockKind,
-    /// What the owner says; see [`Subscriber::condition`] for whether it can be believed.
-    pub state: State,
-    /// What tells this segment from its predecessors and successors.
-    pub generation: u64,
-    /// The owner's process.
-    pub owner_pid: u64,
-    /// The owner's user.
-    pub owner_uid: u64,
-    /// When it was made, in ns of its clock.
-    pub created_ns: u64,
-    /// When the owner last gave a sign of life, in ns of the segment's clock.
-    pub heartbeat_ns: u64,
-    /// A heartbeat older than this means that the owner is stopped or hangs, in ns; 0: never.
-    pub heartbeat_limit_ns: u64,
-    /// Number of signs of life.
-    pub beats: u64,
-    /// CLOCK_REALTIME minus the segment's clock, in ns.
-    pub realtime_offset_ns: i64,
-    /// When that was measured, in ns of the segment's clock.
-    pub realtime_taken_ns: u64,
-}
-
 /// A reader's end of a segment.
 pub struct Subscriber {
     map: ReadMap,
@@ -140,7 +45,7 @@ pub struct Subscriber {
     path: PathBuf,
     geometry: Geometry,
     /// The regions once more, by number: found without a search.
-    inlets: [Option<Region>; RegionId::ALL.len() + 1],
+    regions_by_id: [Option<Region>; RegionId::ALL.len() + 1],
     generation: u64,
 }
 
@@ -177,17 +82,17 @@ impl Subscriber {
         let (words, length) = header::read(&file).map_err(SegmentError::io("read", &path))?;
         let geometry = match Geometry::parse(&words, length) {
             Ok(geometry) => geometry,
-            Err(Refusal::Malformed(why)) => return Err(SegmentError::Malformed { path, why }),
-            Err(Refusal::Version(found)) => return Err(SegmentError::Version { path, found }),
+            Err(HeaderError::Malformed(why)) => return Err(SegmentError::Malformed { path, why }),
+            Err(HeaderError::Version(found)) => return Err(SegmentError::Version { path, found }),
         };
         let map = ReadMap::new(&file, geometry.total_length).map_err(SegmentError::io("map", &path))?;
         let generation = map.load(AT_GENERATION / WORD);
-        let mut inlets = [None; RegionId::ALL.len() + 1];
+        let mut regions_by_id = [None; RegionId::ALL.len() + 1];
         for region in geometry.regions.iter().rev() {
-            inlets[region.id as usize] = Some(*region);
+            regions_by_id[region.id as usize] = Some(*region);
         }
         let file_id = FileId::of(&there);
-        Ok(Self { map, file, file_id, path, geometry, inlets, generation })
+        Ok(Self { map, file, file_id, path, geometry, regions_by_id, generation })
     }
 
     /// How the segment stands: what its header says, whether its owner gives signs of life, exists at all, or was replaced. Two system calls.
@@ -313,11 +218,11 @@ impl Subscriber {
     pub fn latest(&self, region: RegionId, sample: &mut Sample) -> Result<Option<u64>, SegmentError> {
         // What nearly always happens calls nothing, so that no register need be saved for it.
         let mut attempts = 0;
-        if let Some(inlet) = &self.inlets[region as usize]
-            && let Some(slot) = sample.has_room(inlet.lines)
+        if let Some(region) = &self.regions_by_id[region as usize]
+            && let Some(slot) = sample.has_room(region.lines)
         {
-            match inlet.ring.latest_at_once(&self.map, slot) {
-                Latest::Whole { sequence, .. } if sample.accept(sequence, 0, inlet.payload_bytes) => {
+            match region.ring.latest_at_once(&self.map, slot) {
+                Latest::Whole { sequence, .. } if sample.accept(sequence, 0, region.payload_bytes) => {
                     return Ok(Some(sequence));
                 }
                 Latest::Overrun => attempts = 1,
@@ -335,20 +240,7 @@ impl Subscriber {
         region: RegionId,
         sample: &mut Sample,
     ) -> Result<Option<u64>, SegmentError> {
-        let inlet = self.region_of(region)?;
-        match inlet.ring.latest(&self.map, sample.room(inlet.lines), ATTEMPTS - attempts) {
-            Latest::Whole { sequence, retries } => {
-                accept(inlet, sample, sequence, attempts + retries).map(|()| Some(sequence))
-            }
-            Latest::Empty => {
-                sample.clear();
-                Ok(None)
-            }
-            Latest::Overrun => {
-                sample.clear();
-                Err(SegmentError::Overrun { region, attempts: ATTEMPTS })
-            }
-        }
+        self.reader(region)?.latest(attempts, sample)
     }
 
     /// Copies sample `sequence` of a region, if it is there. The sample is empty if it is not.
@@ -357,19 +249,7 @@ impl Subscriber {
     /// [`SegmentError::NoSuchRegion`], [`SegmentError::Corrupt`].
     #[inline]
     pub fn read(&self, region: RegionId, sequence: u64, sample: &mut Sample) -> Result<Read, SegmentError> {
-        let inlet = self.region_of(region)?;
-        match inlet.ring.read(&self.map, sequence, sample.room(inlet.lines)) {
-            Attempt::Whole => accept(inlet, sample, sequence, 0).map(|()| Read::Sample),
-            Attempt::NotYet => {
-                sample.clear();
-                Ok(Read::NotYet)
-            }
-            Attempt::Lost => {
-                sample.clear();
-                let first_available = inlet.ring.oldest(inlet.ring.published(&self.map));
-                Ok(Read::Lost { first_available: first_available.max(sequence.saturating_add(1)) })
-            }
-        }
+        self.reader(region)?.read(sequence, sample)
     }
 
     /// Sleeps until the region has a sample newer than `sequence` (0: any), at most `timeout`. Notices within a moment
@@ -418,37 +298,20 @@ impl Subscriber {
         Ok(Cursor::new(region, self.generation, next))
     }
 
-    /// For a cursor: as [`Subscriber::read`] of the sample it wants, looking at the head only when `head`, what it last was, is reached.
-    /// When the sample is lost, `head` is looked at as well.
+    /// Copies the next sample that `cursor` wants; `false`, and an empty sample, when it is not published yet. Overrun by the
+    /// writer, the cursor goes on half a ring behind it and counts what it lost.
+    ///
+    /// # Errors
+    /// [`SegmentError::OtherGeneration`] with another segment's cursor; [`SegmentError::Overrun`] when the writer overtook every
+    /// attempt (calling again is right); [`SegmentError::Corrupt`].
     #[inline(always)]
-    pub(super) fn follow(
-        &self,
-        region: RegionId,
-        sequence: u64,
-        head: &mut u64,
-        sample: &mut Sample,
-    ) -> Result<Attempt, SegmentError> {
-        let inlet = self.region_of(region)?;
-        if sequence > *head {
-            *head = inlet.ring.published(&self.map);
-            if sequence > *head {
-                sample.clear();
-                return Ok(Attempt::NotYet);
-            }
-        }
-        let attempt = inlet.ring.read_published(&self.map, sequence, *head, sample.room(inlet.lines));
-        if attempt == Attempt::Whole {
-            accept(inlet, sample, sequence, 0)?;
-        } else {
-            sample.clear();
-            *head = inlet.ring.published(&self.map);
-        }
-        Ok(attempt)
+    pub fn next(&self, cursor: &mut Cursor, sample: &mut Sample) -> Result<bool, SegmentError> {
+        cursor.next(&self.reader(cursor.region())?, sample)
     }
 
-    /// Where an overrun reader of `region` goes on when the head is `head`.
-    pub(super) fn resume(&self, region: RegionId, head: u64) -> Result<u64, SegmentError> {
-        Ok(self.region_of(region)?.ring.resume(head))
+    #[inline(always)]
+    fn reader(&self, region: RegionId) -> Result<RegionReader<'_>, SegmentError> {
+        Ok(RegionReader { map: &self.map, region: self.region_of(region)?, generation: self.generation })
     }
 
     fn is_replaced(&self) -> bool {
@@ -463,7 +326,7 @@ impl Subscriber {
     #[inline(always)]
     fn region_of(&self, id: RegionId) -> Result<&Region, SegmentError> {
         // No `ok_or`: it would make and drop an error on every read.
-        match &self.inlets[id as usize] {
+        match &self.regions_by_id[id as usize] {
             Some(region) => Ok(region),
             None => Err(SegmentError::NoSuchRegion(id)),
         }
@@ -489,15 +352,5 @@ impl Subscriber {
                 self.in_entry(region, REGION_UNREAD_NUMBERS),
             ),
         }
-    }
-}
-
-#[inline(always)]
-fn accept(region: &Region, sample: &mut Sample, sequence: u64, retries: u32) -> Result<(), SegmentError> {
-    if sample.accept(sequence, retries, region.payload_bytes) {
-        Ok(())
-    } else {
-        sample.clear();
-        Err(SegmentError::Corrupt { region: region.id, sequence })
     }
 }

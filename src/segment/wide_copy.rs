@@ -30,9 +30,9 @@
 //! checker (`tests/it/segment_loom.rs`) does **not** run it: it runs the ring over copies word by word, in either order.
 #![allow(unsafe_code)]
 
+use super::layout::LINE_WORDS;
 #[cfg(all(target_arch = "x86_64", not(miri)))]
 use super::layout::WORD;
-use super::memory::LINE_WORDS;
 
 /// How much is copied at once.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -32,6 +32,7 @@ mod segment;
 mod segment_hostile;
 mod segment_life;
 mod segment_loom;
+mod segment_page;
 mod serial;
 mod service;
 mod simulator;

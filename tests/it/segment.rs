@@ -356,16 +356,16 @@ fn history_since_a_number_with_the_exact_count_lost() {
     let reader = attach(directory.path());
     let mut sample = Sample::new();
     let mut cursor = reader.cursor(RegionId::Servo, 0).unwrap();
-    assert!(!cursor.next(&reader, &mut sample).unwrap());
+    assert!(!reader.next(&mut cursor, &mut sample).unwrap());
     for _ in 0..16 {
         publish_numbered(&mut publisher);
     }
     for sequence in 1..=16 {
-        assert!(cursor.next(&reader, &mut sample).unwrap());
+        assert!(reader.next(&mut cursor, &mut sample).unwrap());
         assert_unmixed(&sample);
         assert_eq!(sample.sequence(), sequence);
     }
-    assert_eq!((cursor.lost(), cursor.next(&reader, &mut sample).unwrap()), (0, false));
+    assert_eq!((cursor.lost(), reader.next(&mut cursor, &mut sample).unwrap()), (0, false));
     assert_eq!(sample.sequence(), 0, "a sample that was not read is empty");
     for _ in 16..100 {
         publish_numbered(&mut publisher);
@@ -375,7 +375,7 @@ fn history_since_a_number_with_the_exact_count_lost() {
     assert_unmixed(&sample);
     assert_eq!(reader.read(RegionId::Servo, 101, &mut sample).unwrap(), Read::NotYet);
     let mut got = 16;
-    while cursor.next(&reader, &mut sample).unwrap() {
+    while reader.next(&mut cursor, &mut sample).unwrap() {
         assert_unmixed(&sample);
         got += 1;
     }
@@ -408,7 +408,7 @@ fn readers_in_the_way_of_a_writer_at_full_speed() {
             loop {
                 // Read before the attempt, so that a sample published after it is not left out.
                 let last = done.load(Ordering::Acquire);
-                match cursor.next(&follower, &mut sample) {
+                match follower.next(&mut cursor, &mut sample) {
                     Ok(true) => {
                         assert_unmixed(&sample);
                         assert_eq!(sample.sequence() + 1, cursor.position());
@@ -452,7 +452,7 @@ fn counters_and_names_agree() {
     }
 }
 
-/// The page `segment/layout.rs` is enough to read a segment from another language.
+/// The page `docs/segment.md` is enough to read a segment from another language.
 #[test]
 #[ignore = "needs python3"]
 fn with_python_a_program_written_from_the_page_reads_the_same() {

@@ -66,7 +66,7 @@ fn use_all(directory: &Path) -> Option<String> {
             let _ = reader.wait_newer(region, sequence, Duration::ZERO);
             if let Ok(mut cursor) = reader.cursor(region, sequence) {
                 for _ in 0..20 {
-                    let _ = cursor.next(&reader, &mut sample);
+                    let _ = reader.next(&mut cursor, &mut sample);
                 }
             }
         }

@@ -131,7 +131,7 @@ fn an_owner_killed_in_mid_publish_leaves_a_readable_segment() {
         }
         let mut cursor = reader.cursor(RegionId::Servo, 1).unwrap();
         let mut got = 0;
-        while cursor.next(&reader, &mut sample).unwrap() {
+        while reader.next(&mut cursor, &mut sample).unwrap() {
             assert_unmixed(&sample);
             got += 1;
         }
@@ -203,8 +203,8 @@ fn a_clean_stop_is_seen_and_the_next_start_is_another_generation() {
     assert!(again.generation() > reader.generation());
     assert_eq!(again.generation(), publisher.generation());
     let mut sample = Sample::new();
-    assert!(cursor.next(&reader, &mut sample).unwrap());
-    assert!(matches!(cursor.next(&again, &mut sample), Err(SegmentError::OtherGeneration { .. })));
+    assert!(reader.next(&mut cursor, &mut sample).unwrap());
+    assert!(matches!(again.next(&mut cursor, &mut sample), Err(SegmentError::OtherGeneration { .. })));
 }
 
 #[test]

@@ -55,7 +55,7 @@ fn in_virtual_time_no_update_is_missed_and_no_sample_lost() {
         board.ask("step 1");
         let outcome = subscriber.wait_newer(RegionId::Servo, before + updates, PATIENCE).unwrap();
         assert_eq!(outcome, WaitOutcome::Newer, "step {step}");
-        while cursor.next(&subscriber, &mut sample).unwrap() {
+        while subscriber.next(&mut cursor, &mut sample).unwrap() {
             updates += 1;
             if let Some(last) = last_timer {
                 assert_eq!(sample.stamp().servo_timer, last + 1, "step {step}");

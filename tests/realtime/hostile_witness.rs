@@ -119,7 +119,7 @@ pub fn watch(site: &Site, what: &str, attack: impl FnOnce()) -> Verdict {
             while !done.load(Ordering::Relaxed) {
                 std::thread::sleep(Duration::from_millis(10));
                 largest.fetch_max(Weight::of(pid).resident_kib, Ordering::Relaxed);
-                while cursor.next(&subscriber, &mut sample).unwrap() {
+                while subscriber.next(&mut cursor, &mut sample).unwrap() {
                     assert!(sample.stamp().valid && sample.stamp().servo_timer > timer, "servo time goes on");
                     (timer, last_ns) = (sample.stamp().servo_timer, sample.stamp().time_ns);
                     let words = &sample.words()[STAMP_WORD..];

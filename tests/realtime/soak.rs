@@ -119,7 +119,7 @@ impl Run<'_> {
                     assert_eq!(outcome, WaitOutcome::Newer);
                 }
             }
-            while cursor.next(&subscriber, &mut sample).unwrap() {
+            while subscriber.next(&mut cursor, &mut sample).unwrap() {
                 assert!(sample.stamp().servo_timer > timer, "servo time does not go back");
                 timer = sample.stamp().servo_timer;
                 samples += 1;
@@ -155,7 +155,7 @@ impl Run<'_> {
         let (mut sample, mut samples) = (Sample::new(), 0);
         while self.goes_on() {
             std::thread::sleep(Duration::from_millis(10));
-            while cursor.next(board.subscriber(), &mut sample).unwrap() {
+            while board.subscriber().next(&mut cursor, &mut sample).unwrap() {
                 samples += 1;
             }
             watch.check().unwrap();

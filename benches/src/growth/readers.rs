@@ -58,7 +58,7 @@ pub fn follow(rig: &Rig, count: usize) -> Running {
                             let last = cursor.position() - 1;
                             let waited = reader.wait_newer(RegionId::Servo, last, Duration::from_millis(200));
                             waited.expect("servo data");
-                            while cursor.next(&reader, &mut sample).expect("a sample") {
+                            while reader.next(&mut cursor, &mut sample).expect("a sample") {
                                 notes.did();
                             }
                             notes.lost(cursor.lost() - lost);

@@ -26,7 +26,7 @@ pub fn watch(rig: &Rig, count: usize) -> Running {
         while notes.goes_on() {
             let last = cursor.position() - 1;
             reader.wait_newer(RegionId::Variable, last, Duration::from_millis(200)).expect("variable data");
-            while cursor.next(&reader, &mut sample).expect("a sample") {
+            while reader.next(&mut cursor, &mut sample).expect("a sample") {
                 let time = sample.stamp().time_ns;
                 if let Some(before) = before.replace(time) {
                     notes.took(time - before);

@@ -88,7 +88,7 @@ fn drain(table: &mut Table, directory: &Path, subscriber: &Subscriber) {
         let mut cursor = subscriber.cursor(SERVO, first).expect("the region");
         let mut count = 0;
         ours.push(clock::time(|| {
-            while cursor.next(subscriber, &mut sample).expect("a sample") {
+            while subscriber.next(&mut cursor, &mut sample).expect("a sample") {
                 count += 1;
             }
         }));

@@ -42,7 +42,7 @@ fn sleeping_readers(table: &mut Table, directory: &Path, seconds: u64) {
                 shared.cell(0).fetch_add(1, std::sync::atomic::Ordering::AcqRel);
                 loop {
                     let over = shared.value(1) == 1;
-                    while cursor.next(&subscriber, &mut sample).expect("a sample") {
+                    while subscriber.next(&mut cursor, &mut sample).expect("a sample") {
                         read += 1;
                         mixed +=
                             u64::from(sample.words().iter().any(|word| *word != sample.sequence() as u16));

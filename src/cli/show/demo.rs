@@ -73,7 +73,7 @@ pub fn run(context: &mut Context, options: &Demo) -> Result<Verdict, Failure> {
             }
         }
         // Every sample is fetched, as a program that logs would; what the table shows is the latest.
-        while cursor.next(board.subscriber(), &mut sample).map_err(ClientError::from)? {}
+        while board.subscriber().next(&mut cursor, &mut sample).map_err(ClientError::from)? {}
         let snapshot = board.snapshot()?;
         screen.show(&mut context.output, &format!("{} (simulated{hint})", board.name()), &snapshot)?;
         context.output.flush()?;

@@ -1,18 +1,5 @@
-//! The gather region: samples that the board gathers, as they were stored, in order (DPRAM manual p. 25-26).
-//!
-//! # Payload
-//! | offset | type | field |
-//! |---|---|---|
-//! | 0 | u32 | gather number: grows with every gather that is followed |
-//! | 4 | u32 | phase: 0 more follows · 1 it has ended, this is the last · 2 the buffer was defined anew · 3 it paused, for how many samples cannot be known |
-//! | 8 | u32 | longs of a sample |
-//! | 12 | u32 | samples that follow |
-//! | 16 | u64 | number of the first of them, or of the next one that there would be; the first sample of a gather is 0 |
-//! | 24 | u64 | samples lost since the beginning, because the board overwrote them before they were read |
-//! | 32 | u32 × … | the samples' longs, in the order of the gather's sources, a 48-bit register's Y half first |
-//!
-//! Integers are in the machine's byte order, wider ones low half first. Numbers of samples make every loss exact: what is missing
-//! between two payloads was overwritten by the board before the daemon read it, or in the segment before this reader did.
+//! The gather region: samples that the board gathers, as they were stored, in order (DPRAM manual p. 25-26). `docs/segment.md` has
+//! the table of its payload.
 
 use crate::format::{join32, split32};
 

@@ -1,30 +1,7 @@
-//! Who the board is: the payload of the board region.
+//! Who the board is: the payload of the board region. `docs/segment.md` has its table.
 //!
 //! Asked once by ASCII where the board answers (`TYPE`, `VERSION`, I-variables), taken from the configuration where not. What is
 //! not known says so by its bit: a zero is a value.
-//!
-//! # Payload, [`BYTES`] bytes, integers in the machine's byte order
-//! | offset | type | field | known by |
-//! |---|---|---|---|
-//! | 0x000 | u32 | bits that say what is known | |
-//! | 0x004 | u32 | board family: 1 PMAC, 2 PMAC2, 3 Turbo PMAC, 4 Turbo PMAC2 | bit 0 |
-//! | 0x008 | u32 | number of motors | bit 1 |
-//! | 0x00C | u32 | number of coordinate systems | bit 2 |
-//! | 0x010 | u64 | servo period in picoseconds | bit 3 |
-//! | 0x018 | u32 | I10, servo interrupt time in 1/8,388,608 ms | bit 4 |
-//! | 0x01C | u32 | servo cycles from one servo report to the next (PMAC: I19, Turbo: I47) | bit 5 |
-//! | 0x020 | u32 | servo report enable (I48): 0 off | bit 6 |
-//! | 0x024 | u32 | background report enable (I49): 0 off | bit 7 |
-//! | 0x028 | u32 | motors reported: bit n-1 is motor n (PMAC: the first I59, Turbo: the mask in the DPRAM) | bit 8 |
-//! | 0x02C | u32 | bit k-1: Ix07 of motor k is known | |
-//! | 0x030 | u32 | the same for Ix08 | |
-//! | 0x034 | u32 | the same for Ix09 | |
-//! | 0x038 | | 8 bytes, zero | |
-//! | 0x040 | text, 16 bytes | firmware version, UTF-8, filled up with NUL | bit 9 |
-//! | 0x050 | text, 64 bytes | the board's answer to TYPE, filled up with NUL | bit 10 |
-//! | 0x090 | 32 × i32 | Ix07, master scale factor, motor 1 first | its own bit |
-//! | 0x110 | 32 × i32 | Ix08, position scale factor | its own bit |
-//! | 0x190 | 32 × i32 | Ix09, velocity scale factor | its own bit |
 
 use crate::format::Text;
 

@@ -1,16 +1,5 @@
-//! The variable region: registers of the user's choice, as PMAC copies them in the background.
-//!
-//! # Payload
-//! | offset | type | field |
-//! |---|---|---|
-//! | 0 | u32 | table number: grows with every change of the table |
-//! | 4 | u32 | entries that follow |
-//! | 8 + 16 k | u16 | entry k: PMAC address, bits 15-0 |
-//! | 10 + 16 k | u16 | bits 7-0 its kind: 0 Y, 1 long (D or L), 2 X, 4 special · bits 10-8 PMAC address, bits 18-16 · bits 15-11 zero |
-//! | 12 + 16 k | u32 | how many values of it were taken since the table was set up (modulo 2^32); 0: none yet |
-//! | 16 + 16 k | u32 × 2 | its value as the board held it: one long of a word, two of the others, the Y half first |
-//!
-//! Integers are in the machine's byte order, 32-bit ones low half first. The sample's servo timer is that of PMAC's pass.
+//! The variable region: registers of the user's choice, as PMAC copies them in the background. `docs/segment.md` has the table of its
+//! payload.
 
 use crate::format::{join32, split32};
 use crate::map::{PmacAddress, Space, VariableKind};

@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 
+use super::counter::Counter;
 use super::header;
 use super::layout::*;
 use super::memory::WriteMap;
@@ -81,28 +82,28 @@ impl ClockKind {
 }
 
 /// Where everything will lie.
-pub(super) struct Plan {
+pub(super) struct Placement {
     header_length: usize,
     pub(super) total_length: usize,
     /// Each with the offset of its entry and its ring.
     pub(super) regions: Vec<(RegionSpec, usize, Ring)>,
 }
 
-impl Plan {
+impl Placement {
     pub(super) fn new(options: &CreateOptions) -> Result<Self, SegmentError> {
         let refuse = |why: String| Err(SegmentError::Spec(why));
         if options.mode & !0o777 != 0 || options.mode & 0o022 != 0 {
             return refuse(format!("mode {:o} would let others than the owner write to it", options.mode));
         }
-        let mut plan = Self {
+        let mut placement = Self {
             header_length: AT_REGIONS + options.regions.len() * REGION_STRIDE,
             total_length: 0,
             regions: Vec::new(),
         };
-        let mut end = plan.header_length;
+        let mut end = placement.header_length;
         for (index, spec) in options.regions.iter().enumerate() {
             let name = spec.id.name();
-            if plan.regions.iter().any(|(other, ..)| other.id == spec.id) {
+            if placement.regions.iter().any(|(other, ..)| other.id == spec.id) {
                 return refuse(format!("there are two {name} regions"));
             }
             if !spec.slots.is_power_of_two() || spec.slots < 2 {
@@ -123,13 +124,13 @@ impl Plan {
             let slots = head + REGION_ALIGNMENT;
             end = slots + spec.slots as usize * stride;
             let ring = header::ring_at(head, slots, spec.slots as usize, stride, payload_bytes);
-            plan.regions.push((*spec, AT_REGIONS + index * REGION_STRIDE, ring));
+            placement.regions.push((*spec, AT_REGIONS + index * REGION_STRIDE, ring));
         }
-        plan.total_length = end.next_multiple_of(4096);
-        if plan.total_length as u64 > MAX_TOTAL {
-            return refuse(format!("{} bytes are more than a segment may have", plan.total_length));
+        placement.total_length = end.next_multiple_of(4096);
+        if placement.total_length as u64 > MAX_TOTAL {
+            return refuse(format!("{} bytes are more than a segment may have", placement.total_length));
         }
-        Ok(plan)
+        Ok(placement)
     }
 
     /// Writes all of the header but the magic. The memory is new, so every other word is zero.

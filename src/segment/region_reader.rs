@@ -1,0 +1,118 @@
+//! Reading the samples of one region: what a subscriber and its cursors share.
+
+use super::SegmentError;
+use super::header::Region;
+use super::memory::ReadMap;
+use super::ring::{Attempt, Latest};
+use super::sample::Sample;
+
+/// How often a read is started again when the writer comes round; with 4 slots or more, once is rare.
+pub(super) const ATTEMPTS: u32 = 16;
+
+/// What became of a read of one sample.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Read {
+    /// It was copied.
+    Sample,
+    /// It is not published yet.
+    NotYet,
+    /// It was overwritten.
+    Lost {
+        /// The oldest sample that may still be there.
+        first_available: u64,
+    },
+}
+
+/// One region of a mapped segment.
+pub(super) struct RegionReader<'a> {
+    pub(super) map: &'a ReadMap,
+    pub(super) region: &'a Region,
+    pub(super) generation: u64,
+}
+
+impl RegionReader<'_> {
+    /// Copies the latest sample, after so many attempts that failed.
+    pub(super) fn latest(&self, attempts: u32, sample: &mut Sample) -> Result<Option<u64>, SegmentError> {
+        let room = sample.room(self.region.lines);
+        match self.region.ring.latest(self.map, room, ATTEMPTS - attempts) {
+            Latest::Whole { sequence, retries } => {
+                self.accept(sample, sequence, attempts + retries).map(|()| Some(sequence))
+            }
+            Latest::Empty => {
+                sample.clear();
+                Ok(None)
+            }
+            Latest::Overrun => {
+                sample.clear();
+                Err(self.overrun())
+            }
+        }
+    }
+
+    /// Copies sample `sequence`, if it is there. The sample is empty if it is not.
+    #[inline]
+    pub(super) fn read(&self, sequence: u64, sample: &mut Sample) -> Result<Read, SegmentError> {
+        match self.region.ring.read(self.map, sequence, sample.room(self.region.lines)) {
+            Attempt::Whole => self.accept(sample, sequence, 0).map(|()| Read::Sample),
+            Attempt::NotYet => {
+                sample.clear();
+                Ok(Read::NotYet)
+            }
+            Attempt::Lost => {
+                sample.clear();
+                let first_available = self.region.ring.oldest(self.published());
+                Ok(Read::Lost { first_available: first_available.max(sequence.saturating_add(1)) })
+            }
+        }
+    }
+
+    /// As [`RegionReader::read`], but reads the head only when `head`, what it was last, is reached, or the sample is lost.
+    #[inline(always)]
+    pub(super) fn follow(
+        &self,
+        sequence: u64,
+        head: &mut u64,
+        sample: &mut Sample,
+    ) -> Result<Attempt, SegmentError> {
+        if sequence > *head {
+            *head = self.published();
+            if sequence > *head {
+                sample.clear();
+                return Ok(Attempt::NotYet);
+            }
+        }
+        let room = sample.room(self.region.lines);
+        let attempt = self.region.ring.read_published(self.map, sequence, *head, room);
+        if attempt == Attempt::Whole {
+            self.accept(sample, sequence, 0)?;
+        } else {
+            sample.clear();
+            *head = self.published();
+        }
+        Ok(attempt)
+    }
+
+    /// Where an overrun reader goes on when the head is `head`.
+    pub(super) fn resume(&self, head: u64) -> u64 {
+        self.region.ring.resume(head)
+    }
+
+    /// The writer overtook every attempt.
+    pub(super) fn overrun(&self) -> SegmentError {
+        SegmentError::Overrun { region: self.region.id, attempts: ATTEMPTS }
+    }
+
+    fn published(&self) -> u64 {
+        self.region.ring.published(self.map)
+    }
+
+    #[inline(always)]
+    fn accept(&self, sample: &mut Sample, sequence: u64, retries: u32) -> Result<(), SegmentError> {
+        if sample.accept(sequence, retries, self.region.payload_bytes) {
+            Ok(())
+        } else {
+            sample.clear();
+            Err(SegmentError::Corrupt { region: self.region.id, sequence })
+        }
+    }
+}
