@@ -323,4 +323,8 @@ fn a_pci_device_is_prepared_only_if_it_can_be_the_board() {
     assert!(code == 0 || (code == 71 && error.contains("user pmacd")), "{code} {error}");
     let mode = fs::metadata(device.join("config")).unwrap().mode() & 0o777;
     assert_eq!(mode, 0o600, "nobody else's, even where the user is missing");
+    // Such a driver has enabled it, and the kernel refuses (EBUSY) to be told so again.
+    fs::write(device.join("enable"), "2\n").unwrap();
+    run(&["0000:03:00.0", "0"]);
+    assert_eq!(fs::read_to_string(device.join("enable")).unwrap(), "2\n");
 }
