@@ -69,6 +69,16 @@
 //! * Every wait is bounded. [`function`]s never wait: they do what can be done now and return.
 //! * Family, firmware, DPRAM size, byte and text order are data and settings, not cases in the code.
 
+// The segment is an array of 64-bit words that readers load from a read-only mapping.
+#[cfg(not(target_pointer_width = "64"))]
+compile_error!(
+    "pmac-dpram needs a 64-bit target: a 32-bit processor cannot load the segment's 8-byte words from read-only memory atomically"
+);
+#[cfg(not(target_endian = "little"))]
+compile_error!(
+    "pmac-dpram needs a little-endian target: the board's words, and what reads them, are little-endian, and nobody has tried another"
+);
+
 #[cfg(feature = "cli")]
 pub mod cli;
 #[cfg(feature = "client")]

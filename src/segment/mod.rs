@@ -19,12 +19,6 @@
 //! | `region_reader`, `cursor`, `sample` | reading one region; following all of its samples; one sample in private memory |
 //! | `lock` | who owns a name |
 
-#[cfg(not(target_pointer_width = "64"))]
-compile_error!(
-    "the segment is an array of 64-bit words that a reader loads from a read-only mapping; a 32-bit target cannot \
-     load 8 bytes from read-only memory atomically, so layout version 1 exists for 64-bit targets only"
-);
-
 use std::io;
 use std::path::{Path, PathBuf};
 
