@@ -121,6 +121,12 @@ impl Owner {
 }
 
 impl Source {
+    /// The names that may be typed on a board with `layout`: of the board, of motor 1 (`1.`), of coordinate system 1 (`cs1.`).
+    #[must_use]
+    pub fn names(layout: &Layout) -> String {
+        [Owner::Board, Owner::Motor, Owner::System].map(|owner| owner.names(layout)).join(", ")
+    }
+
     /// The source that `text` names on a board with `layout`.
     ///
     /// # Errors

@@ -21,6 +21,7 @@ mod gather_program;
 mod host_port;
 mod inherited;
 mod mailbox;
+mod man;
 mod map;
 mod panel;
 mod processes;

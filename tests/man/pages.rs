@@ -1,21 +1,37 @@
-//! Writes the manual pages that the programs' own help makes into the directory named: `cargo run --example man -- DIR`.
+//! Writes what the package ships besides its programs into the directory named, all made from the definitions of their command
+//! lines: manual pages, and completions for bash, zsh and fish. `cargo run --example man -- DIR`
 //!
 //! An example, so that nothing of it is in the programs.
 
 use std::error::Error;
-use std::fs::File;
+use std::fs;
 use std::path::Path;
 
-use clap::CommandFactory;
+use clap_complete::{Shell, generate_to};
+
+mod command;
+mod roff;
+mod sections;
+mod site;
 
 fn main() -> Result<(), Box<dyn Error>> {
     let directory = std::env::args_os().nth(1).ok_or("write: man DIRECTORY")?;
     let directory = Path::new(&directory);
-    std::fs::create_dir_all(directory)?;
-    let pmacd = pmac_dpram::daemon::options::Options::command();
-    clap_mangen::Man::new(pmacd).section("8").render(&mut File::create(directory.join("pmacd.8"))?)?;
-    let pmac_sim = pmac_dpram::sim::process::options::Options::command();
-    clap_mangen::Man::new(pmac_sim).render(&mut File::create(directory.join("pmac-sim.1"))?)?;
-    clap_mangen::generate_to(pmac_dpram::cli::command(), directory)?;
+    fs::create_dir_all(directory)?;
+    for (file, text) in site::pages() {
+        fs::write(directory.join(file), text)?;
+    }
+    for shell in [Shell::Bash, Shell::Zsh, Shell::Fish] {
+        let completions = directory.join("completions").join(shell.to_string());
+        fs::create_dir_all(&completions)?;
+        for mut program in site::programs() {
+            let name = program.get_name().to_owned();
+            let file = generate_to(shell, &mut program, &name, &completions)?;
+            // bash looks for a file of the program's name.
+            if shell == Shell::Bash {
+                fs::rename(file, completions.join(&name))?;
+            }
+        }
+    }
     Ok(())
 }

@@ -1,0 +1,330 @@
+//! What no definition of a command line holds: the names that may be typed, examples, exit statuses, what else to read.
+//!
+//! Lists of names come from the code that takes them.
+
+use pmac_dpram::daemon::socket::policy::Role;
+use pmac_dpram::function::panel::PanelAction;
+use pmac_dpram::gather::Source;
+use pmac_dpram::map::{FAMILIES, Generation, Layout, PMAC};
+use pmac_dpram::protocol::reading::{BackgroundField, Function, ServoField};
+use pmac_dpram::rotary::Settings;
+use pmac_dpram::setup::enable;
+
+use super::roff::{Page, bold};
+
+/// A list of names that may be typed.
+pub struct Names {
+    /// Its heading.
+    pub title: &'static str,
+    /// What it is a list of.
+    pub about: &'static str,
+    /// The names.
+    pub names: Vec<String>,
+}
+
+fn list(
+    title: &'static str,
+    about: &'static str,
+    names: impl IntoIterator<Item = impl Into<String>>,
+) -> Names {
+    Names { title, about, names: names.into_iter().map(Into::into).collect() }
+}
+
+fn families() -> Names {
+    list(
+        "FAMILIES",
+        "What --family and `family` of pmacd.toml(5) take:",
+        FAMILIES.iter().map(|family| family.name),
+    )
+}
+
+fn generations() -> Names {
+    let about = "What --family takes here; the set-up registers of Turbo boards are known too:";
+    let names = ["pmac", "pmac2", "turbo", "turbo2"];
+    list("FAMILIES", about, names.into_iter().filter(|name| name.parse::<Generation>().is_ok()))
+}
+
+fn functions() -> Names {
+    list("FUNCTIONS", "What `functions` of pmacd.toml(5) lists:", Function::ALL.map(Function::name))
+}
+
+fn roles() -> Names {
+    let roles = [Role::Observe, Role::Operate, Role::Engineer];
+    list(
+        "ROLES",
+        "From the least to the most; operate moves the machine:",
+        roles.map(|role| role.to_string()),
+    )
+}
+
+fn words() -> Names {
+    let about = "Words of the DPRAM, as the manual prints addresses (Y and DP: low word, X and F: see pmacctl-map(1)), a host \
+                 offset, or some bits of a word (lowest bit, width):";
+    let names = ["Y:$D001", "X:$D009", "DP:$D200", "D:$D014", "L:$D09A", "F:$D210", "0x0024", "Y:$D001,8,4"];
+    list("REGISTER SPELLINGS", about, names)
+}
+
+fn registers() -> Names {
+    let about = "Registers of the board: 24 bits signed, 24 bits unsigned, 48 bits, 48-bit float; or by name, with the number of any \
+                 motor or coordinate system:";
+    let names = Source::names(&Layout::new(&PMAC, None));
+    let addresses = ["Y:$0003", "X:$0028", "Y:$0700,u", "D:$002B", "L:$1005"].map(str::to_owned);
+    let names = names.split(", ").map(str::to_owned);
+    list("REGISTER SPELLINGS", about, addresses.into_iter().chain(names))
+}
+
+fn rotary_settings() -> Names {
+    let defaults = serde_json::to_value(Settings::default()).unwrap_or_default();
+    let defaults = defaults.as_object().into_iter().flatten();
+    let about = "What --set takes, with the values that hold without it:";
+    list(
+        "SETTINGS",
+        about,
+        defaults.map(|(name, value)| format!("{name}={}", value.to_string().replace('"', ""))),
+    )
+}
+
+/// The lists on a page.
+pub fn names(page: &str) -> Vec<Names> {
+    match page {
+        "pmacd.toml" => vec![
+            functions(),
+            families(),
+            roles(),
+            list(
+                "SERVO FIELDS",
+                "What `fields` of [servo] lists:",
+                ServoField::all().into_iter().map(ServoField::name),
+            ),
+            list(
+                "BACKGROUND FIELDS",
+                "What `fields` of [background] lists:",
+                BackgroundField::all().into_iter().map(BackgroundField::name),
+            ),
+        ],
+        "pmacctl" => vec![families(), functions(), roles()],
+        "pmacctl-map" | "pmacctl-decode" => vec![families()],
+        "pmacctl-read" | "pmacctl-write" => vec![words(), families()],
+        "pmacctl-gather" | "pmacctl-variable" => vec![registers()],
+        "pmacctl-panel" => {
+            let about = "What an action is called here, in the log and on the socket:";
+            vec![list("ACTIONS", about, PanelAction::ALL.map(PanelAction::name))]
+        }
+        "pmacctl-rotary" => vec![rotary_settings()],
+        "pmacctl-setup" => vec![
+            list(
+                "FUNCTIONS",
+                "What setup enable takes, in the order in which it enables them:",
+                enable::Function::ALL.map(enable::Function::name),
+            ),
+            generations(),
+        ],
+        "pmacctl-absolute" => vec![generations()],
+        _ => Vec::new(),
+    }
+}
+
+/// What somebody would type, and why.
+pub type Example = (&'static str, &'static [&'static str]);
+
+/// The examples of a page.
+pub fn examples(page: &str) -> &'static [Example] {
+    match page {
+        "pmacd" => &[
+            (
+                "A simulated board, its socket in a place of one's own:",
+                &["pmacd --board sim --socket /tmp/pmac0.sock"],
+            ),
+            (
+                "An ISA board by /dev/mem, started as root, which becomes user pmacd once the board is open:",
+                &["pmacd --board mem:0xD4000 --user pmacd"],
+            ),
+            ("What is wrong with a configuration:", &["pmacd --config /etc/pmacd/pmac0.toml --check"]),
+        ],
+        "pmac-sim" => &[
+            (
+                "A board for pmacd --board file:/dev/shm/dpram,irq=unix:/tmp/pmac-irq:",
+                &["pmac-sim --memory /dev/shm/dpram --interrupt unix:/tmp/pmac-irq --dpram-startup"],
+            ),
+            (
+                "A PMAC2 with four motors that only moves when its control socket says `step N`:",
+                &[
+                    "pmac-sim --memory /dev/shm/dpram --family pmac2 --motors 4 --control unix:/tmp/control --virtual",
+                ],
+            ),
+        ],
+        "pmacctl" => &[
+            ("Try everything without a board:", &["pmacctl demo"]),
+            ("Look at a board that pmacd serves:", &["pmacctl status", "pmacctl watch"]),
+            ("The positions for a script:", &["pmacctl --json motors"]),
+            ("Stop everything:", &["pmacctl abort"]),
+        ],
+        "pmacctl-demo" => &[("Ten seconds of a simulated board:", &["pmacctl demo --seconds 10"])],
+        "pmacctl-status" => &[("Of the board called rig, as JSON:", &["pmacctl --name rig --json status"])],
+        "pmacctl-doctor" => &[
+            ("What keeps this user from live data:", &["pmacctl doctor"]),
+            ("Which boards there are, with the udev rule for a slot:", &["pmacctl doctor --boards"]),
+            ("What lives behind an address, without writing to it:", &["pmacctl doctor --probe mem:0xD4000"]),
+        ],
+        "pmacctl-motors" => &[("Once, for a script:", &["pmacctl motors --json"])],
+        "pmacctl-coordinates" => &[("Once:", &["pmacctl coordinates"])],
+        "pmacctl-watch" => &[("Ten lines, two a second:", &["pmacctl watch --count 10 --rate 2"])],
+        "pmacctl-map" => &[
+            ("The printed map:", &["pmacctl map"]),
+            ("As firmware 1.16D has it, for a program:", &["pmacctl map --firmware 1.16D --json"]),
+        ],
+        "pmacctl-read" => &[(
+            "Three registers, and four bits of one:",
+            &["pmacctl read 'Y:$D001' 0x0024 'D:$D014' 'Y:$D001,8,4'"],
+        )],
+        "pmacctl-write" => &[
+            ("An open word:", &["pmacctl write 'Y:$D800' -5"]),
+            ("Four bits of it, from bit 8 on:", &["pmacctl write 'Y:$D800,8,4' 3"]),
+        ],
+        "pmacctl-panel" => &[
+            (
+                "Jog motors 1 and 3 until they are stopped:",
+                &["pmacctl panel jog+ 1 3", "pmacctl panel jog-stop 1 3"],
+            ),
+            (
+                "Jog motor 1 only while the command runs, two seconds at most:",
+                &["pmacctl panel jog+ 1 --hold --seconds 2"],
+            ),
+            ("Half the feed rate in coordinate system 1:", &["pmacctl panel feed 1 50%"]),
+        ],
+        "pmacctl-send" => &[
+            ("A question:", &["pmacctl send '#1P'"]),
+            ("A command that moves:", &["pmacctl send '#1J=3000'"]),
+            ("A control character:", &["pmacctl send '^K'"]),
+        ],
+        "pmacctl-decode" => {
+            &[("An image that was copied from a board:", &["pmacctl decode image.bin --motors 4"])]
+        }
+        "pmacctl-rotary" => &[
+            ("What a program compiles to:", &["pmacctl rotary encode engrave.pmc"]),
+            (
+                "Define the board's buffer, stream a program and run it, then end it:",
+                &["pmacctl rotary stream engrave.pmc --define 1000 --run", "pmacctl send '&1Q'"],
+            ),
+        ],
+        "pmacctl-variable" => &[
+            (
+                "Two registers and a position, ten times a second:",
+                &["pmacctl variable watch 'X:$0000' 'Y:$0700,u' 1.actual_position --rate 10"],
+            ),
+            ("Write one, and four bits of another:", &["pmacctl variable set 'X:$0701=-2' 'Y:$0700,8,4=5'"]),
+        ],
+        "pmacctl-gather" => &[
+            (
+                "Half a second of motor 1, every servo cycle:",
+                &[
+                    "pmacctl gather --source 1.actual_position --source 1.commanded_position --seconds 0.5 -o data.csv",
+                ],
+            ),
+            ("End a gather that was left running:", &["pmacctl gather --stop"]),
+        ],
+        "pmacctl-abort" => &[
+            ("Every motion:", &["pmacctl abort"]),
+            ("Coordinate systems 1 and 2 only:", &["pmacctl abort 1 2"]),
+        ],
+        "pmacctl-kill" => &[("Every motor:", &["pmacctl kill"])],
+        "pmacctl-terminal" => &[("With time for SAVE:", &["pmacctl terminal --timeout 30"])],
+        "pmacctl-download" => &[
+            ("What would be sent:", &["pmacctl download --dry-run program.pmc"]),
+            ("Send it:", &["pmacctl download program.pmc"]),
+        ],
+        "pmacctl-backup" => &[("All I-variables:", &["pmacctl backup --what I -o saved.pmc"])],
+        "pmacctl-diff" => &[("What the board has otherwise than a file:", &["pmacctl diff saved.pmc"])],
+        "pmacctl-restore" => &[
+            ("What would be sent:", &["pmacctl restore --dry-run saved.pmc"]),
+            ("Send it without asking:", &["pmacctl restore --yes saved.pmc"]),
+        ],
+        "pmacctl-setup" => &[
+            (
+                "The lines that place the DPRAM of an ISA board, explained:",
+                &["pmacctl setup isa --address 0xD4000"],
+            ),
+            (
+                "Switch servo and background data on, and send the lines over a serial line:",
+                &["pmacctl setup enable servo background --send --port /dev/ttyS0"],
+            ),
+        ],
+        "pmacctl-absolute" => &[("What Ix10 of a PMAC reads:", &["pmacctl absolute --ix10 0x8D0010"])],
+        "pmacd.toml" => &[(
+            "A UIO board. Live data are for group pmac alone; two groups may do more than look:",
+            &[
+                "board = \"uio:/dev/uio0\"",
+                "segment_mode = \"0640\"",
+                "servo_reading = \"handshake\"",
+                "[servo]",
+                "motors = [1, 2, 3]",
+                "[roles]",
+                "operate = [\"pmac-operator\"]",
+                "engineer = [\"pmac-engineer\"]",
+            ],
+        )],
+        _ => &[],
+    }
+}
+
+/// The exit statuses of a page's program.
+pub fn statuses(page: &str) -> &'static [(&'static str, &'static str)] {
+    match page {
+        "pmacd" | "pmacd.toml" => &[
+            ("0", "It was asked to end."),
+            ("64", "The command line is wrong."),
+            ("69", "The board, its name or its socket is unavailable. The service is started again."),
+            ("70", "A defect of pmacd. The service is started again."),
+            ("71", "The system refused memory, a descriptor or a thread. The service is started again."),
+            ("77", "A right is missing, or another user holds the segment's name."),
+            ("78", "The configuration is wrong."),
+        ],
+        "pmac-sim" => &[
+            ("0", "It was asked to end."),
+            ("1", "It failed while it ran."),
+            ("2", "The request could not be made: an option, a file or a socket."),
+        ],
+        _ => &[
+            ("0", "Done."),
+            ("1", "The answer is no, or the board or the daemon refused."),
+            ("2", "The request could not be made: an option, a file, no daemon."),
+        ],
+    }
+}
+
+/// What else to read.
+fn also(page: &str) -> &'static [&'static str] {
+    match page {
+        "pmacd" => &["pmacctl(1)", "pmac-sim(1)", "pmacd.toml(5)", "systemd.unit(5)"],
+        "pmacd.toml" => &["pmacd(8)", "pmacctl(1)", "systemd.unit(5)"],
+        "pmac-sim" => &["pmacd(8)", "pmacctl-demo(1)"],
+        "pmacctl" => &["pmacd(8)", "pmacd.toml(5)", "pmac-sim(1)"],
+        _ => &["pmacctl(1)", "pmacd(8)"],
+    }
+}
+
+/// The sections behind what the command line's definition gives.
+pub fn complete(page: &mut Page, name: &str) {
+    for Names { title, about, names } in names(name) {
+        page.section(title);
+        page.text(about);
+        page.paragraph();
+        page.markup(&(names.iter().map(|name| bold(name)).collect::<Vec<_>>().join(", ") + "."));
+    }
+    page.section("EXAMPLES");
+    for (about, lines) in examples(name) {
+        page.text(about);
+        page.typed(lines);
+        page.paragraph();
+    }
+    page.section("EXIT STATUS");
+    for (status, about) in statuses(name) {
+        page.entry(&bold(status), about);
+    }
+    page.section("SEE ALSO");
+    let also = also(name).iter().map(|page| match page.split_once('(') {
+        Some((name, section)) => format!("{}({section}", bold(name)),
+        None => bold(page),
+    });
+    page.markup(&also.collect::<Vec<_>>().join(", "));
+}
