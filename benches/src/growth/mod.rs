@@ -19,7 +19,7 @@ use nix::sys::resource::{Resource, getrlimit};
 use pmac_dpram::segment::{Counter, Subscriber};
 
 use crate::clock::Figures;
-use crate::daemon::service::supervisor;
+use crate::daemon::watch;
 use crate::machine;
 use crate::rig::{Rig, Setup};
 use load::Load;
