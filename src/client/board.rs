@@ -183,9 +183,9 @@ impl Board {
         let condition = self.refresh()?;
         let identified = self.identified()?;
         let (identity, decoder) = (identified.identity.clone(), identified.decoder()?.clone());
-        let servo = self.read(RegionId::Servo, |region, words| decoder.servo(region, words))?;
+        let servo = self.read(RegionId::Servo, |region, words| Ok(decoder.servo(region, words)?))?;
         let background =
-            self.read(RegionId::Background, |region, words| decoder.background(region, words))?;
+            self.read(RegionId::Background, |region, words| Ok(decoder.background(region, words)?))?;
         let moment = Moment::now(&self.subscriber, condition);
         Ok(Snapshot {
             identity,

@@ -1,8 +1,7 @@
 //! What is needed to decode a board's words.
 
-use super::board::ClientError;
 use super::identity;
-use crate::decode::{BackgroundData, BackgroundDecoder, Scales, ServoData, ServoDecoder};
+use crate::decode::{BackgroundData, BackgroundDecoder, Scales, ServoData, ServoDecoder, TooShort};
 use crate::format::Float48Layout;
 use crate::segment::{Identity, RegionInfo};
 
@@ -27,18 +26,14 @@ impl Decoder {
         })
     }
 
-    pub(super) fn servo(&self, region: &RegionInfo, words: &[u16]) -> Result<ServoData, ClientError> {
-        Ok(self.servo.decode(words, self.numbers_in(region, words), &self.scales, region.selection)?)
+    pub(super) fn servo(&self, region: &RegionInfo, words: &[u16]) -> Result<ServoData, TooShort> {
+        self.servo.decode(words, self.numbers_in(region, words), &self.scales, region.selection)
     }
 
-    pub(super) fn background(
-        &self,
-        region: &RegionInfo,
-        words: &[u16],
-    ) -> Result<BackgroundData, ClientError> {
+    pub(super) fn background(&self, region: &RegionInfo, words: &[u16]) -> Result<BackgroundData, TooShort> {
         let numbers = self.numbers_in(region, words);
         let layout = Float48Layout::default();
-        Ok(self.background.decode(words, numbers, &self.scales, layout, region.selection)?)
+        self.background.decode(words, numbers, &self.scales, layout, region.selection)
     }
 
     /// How many numbers a payload tells of: fewer than the board reports when it is from before the board was told to report more.
