@@ -48,7 +48,7 @@
 //!
 //! Kept by the tests named:
 //! * Device words are read one 16-bit access each, ascending, each once: [`device::Bus`] has no other way, but for data, which
-//!   it may read two words at a time where the board is said to take that; [`device::decorators::counted`] counts, and the tests of
+//!   it may read two words at a time where the board is said to take that; [`device::Counted`] counts, and the tests of
 //!   [`function`] hold the count.
 //! * What is not read from the board is never shown as a value: the segment says what it is, [`decode`] gives `None`
 //!   (`tests/it/fields.rs`).

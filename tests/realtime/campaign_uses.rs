@@ -153,7 +153,7 @@ fn variables(site: &Site, connection: &mut Connection, run: u64, keeps: bool) ->
         if is_news {
             seen = board.subscriber().published(RegionId::Variable).map_err(|error| gone(error.into()))?;
             let table = board.variables().map_err(gone)?;
-            let copied = table.as_ref().and_then(|table| table.data.value_of(registers[2]));
+            let copied = table.as_ref().and_then(|table| table.data.value_of(registers[2].address()));
             if let Some(copied) = copied {
                 assert!(!keeps || copied.value() == [value], "{WATCHED} was set to {value}: {copied:?}");
                 return Ok(());

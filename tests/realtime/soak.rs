@@ -163,7 +163,7 @@ impl Run<'_> {
         assert_eq!(cursor.lost(), 0);
         let table = board.variables().unwrap().unwrap();
         for register in registers {
-            assert!(table.data.value_of(register).is_some(), "{register} has no value");
+            assert!(table.data.value_of(register.address()).is_some(), "{register} has no value");
         }
         self.variable_samples.fetch_add(samples, Ordering::Relaxed);
     }

@@ -23,7 +23,7 @@ pub use crate::protocol::{LINE_MAX, READ_MAX};
 pub const REASON_MAX: usize = 240;
 
 /// The most commands of each kind that the bus thread has at a time, answered or not. The socket's thread hands over no more
-/// ([`crate::daemon::socket::fair_queue`]), and the bus thread's queues have just this room.
+/// (`socket::fair_queue`), and the bus thread's queues have just this room.
 pub mod at_once {
     /// Lines for the board.
     pub const LINES: usize = 8;

@@ -4,7 +4,7 @@
 //! its own bounded buffers. Each connection has one call under way at a time, so replies keep the order of the calls;
 //! a ticket brings every event of the bus thread back to the call it belongs to. Nobody is served first for asking
 //! most: a connection begins a few calls a round, its user is served for a share of
-//! the round ([`super::time_quota`]), and commands for the board take turns ([`super::fair_queue`]).
+//! the round (`time_quota`), and commands for the board take turns (`fair_queue`).
 
 mod admission;
 mod calls;

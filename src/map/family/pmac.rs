@@ -1,7 +1,7 @@
 //! PMAC and PMAC2: the DPRAM at $D000-$DFFF, every address, bit and length.
 //!
 //! These constants are the one place where the addresses stand; the descriptors below and the register table
-//! ([`super::pmac_table`]) are built from them. Manual pages are those of the DPRAM manual of June 2004; where it misprints an address (the
+//! (`pmac_table`) are built from them. Manual pages are those of the DPRAM manual of June 2004; where it misprints an address (the
 //! variable-write header, the gather index, the ASCII start-up text) the value here follows the address rule.
 
 use crate::map::functions::{

@@ -5,19 +5,15 @@
 //! lines and at most one error. How a reply becomes bytes is the port's affair: [`SerialPort`] puts the handshake of I3,
 //! I4 and I6 around it; the DPRAM port puts the same into its control word.
 //!
-//! Board families differ in data ([`Family`]): variable tables, counts, keyword tables, where variables live.
+//! Board families differ in data: variable tables, counts, where variables live.
 //!
 //! | file | idea |
 //! |---|---|
-//! | [`family`], [`i_rows`] | what differs between board families; the I-variable tables |
 //! | [`scanner`], [`words`] | blanks, numbers, keywords |
-//! | [`number`] | numbers as PMAC prints them |
-//! | [`expression`] | arithmetic |
-//! | [`variables`], [`m_definition`], [`axis`], [`password`] | the state commands read and write |
+//! | [`expression`], [`axis`], [`m_definition`] | arithmetic, axis definitions, definitions of M-variables |
 //! | [`interpreter`] | one line, command by command; addressing |
-//! | `motor`, `coordinate`, `assign`, `memory`, `system`, `control` | the commands, by what they act on |
-//! | [`buffers`], `list`, `entry` | commands on program buffers; listings; lines that go into an open buffer |
-//! | [`serial`] | the raw byte stream of the serial port |
+//! | [`reply`], [`serial`] | what comes back, and as the raw bytes of the serial port |
+//! | [`control`] | control characters |
 
 pub mod axis;
 pub mod control;
