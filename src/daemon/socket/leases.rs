@@ -81,6 +81,11 @@ impl Leases {
         self.held.values().map(|lease| lease.until).min().filter(|_| self.may_stop())
     }
 
+    /// When the first lease of those clients runs out of whom `is_there` says yes.
+    pub(super) fn first_end(&self, is_there: impl Fn(u64) -> bool) -> Option<Instant> {
+        self.held.iter().filter(|(client, _)| is_there(**client)).map(|(_, lease)| lease.until).min()
+    }
+
     /// Takes out one that has run out, or whose client `is_gone`: the client, and what to request.
     pub(super) fn ended(
         &mut self,

@@ -140,16 +140,29 @@ impl Drop for LeaveNothing {
 }
 
 impl Simulator {
-    /// Powers the board up as `options` say and runs the start-up lines.
+    /// Powers the board up as `options` say and runs the start-up lines. A signal from then on ends [`Simulator::run`].
     ///
     /// # Errors
     /// [`SimError`]; nothing is left behind but the memory file.
     pub fn new(options: &Options) -> Result<Self, SimError> {
-        let world = power_up(options)?;
         let stop = Arc::new(AtomicBool::new(false));
         for signal in [signal_hook::consts::SIGTERM, signal_hook::consts::SIGINT] {
             signal_hook::flag::register(signal, Arc::clone(&stop))?;
         }
+        Self::with(options, stop)
+    }
+
+    /// As [`Simulator::new`], for whoever runs it by [`Simulator::step`] and [`Simulator::poll`], in a time of his own:
+    /// signals are not taken.
+    ///
+    /// # Errors
+    /// [`SimError`]; nothing is left behind but the memory file.
+    pub fn stepped(options: &Options) -> Result<Self, SimError> {
+        Self::with(options, Arc::default())
+    }
+
+    fn with(options: &Options, stop: Arc<AtomicBool>) -> Result<Self, SimError> {
+        let world = power_up(options)?;
         let leave = options.with_parent.map(|pid| LeaveNothing::with(pid, &options.memory)).transpose()?;
         Ok(Self {
             world,
@@ -173,27 +186,29 @@ impl Simulator {
         let mut clock = Clock::start().map_err(io::Error::from)?;
         let mut since_sockets = Duration::ZERO;
         while !self.stop.load(Ordering::Relaxed) {
-            let period = if self.virtual_time {
-                SOCKETS_EVERY
-            } else {
-                Duration::from_secs_f64(self.world.board.cycle_ms() / 1000.0)
-            };
+            let period = if self.virtual_time { SOCKETS_EVERY } else { self.period() };
             let late = clock.wait(period).map_err(io::Error::from)?;
             if !self.virtual_time {
                 self.world.board.stats.late += late;
-                self.cycle();
+                self.step();
             }
             since_sockets += period;
             if since_sockets >= SOCKETS_EVERY {
                 since_sockets = Duration::ZERO;
-                self.serve();
+                self.poll();
             }
         }
         Ok(())
     }
 
+    /// How long a servo cycle takes.
+    #[must_use]
+    pub fn period(&self) -> Duration {
+        Duration::from_secs_f64(self.world.board.cycle_ms() / 1000.0)
+    }
+
     /// One servo cycle; tells the hosts of its interrupts.
-    fn cycle(&mut self) {
+    pub fn step(&mut self) {
         self.world.step();
         let Interrupts { response, mailbox_taken, mailbox_response } = self.world.take_interrupts();
         raise(response, &mut self.interrupt);
@@ -201,7 +216,8 @@ impl Simulator {
         raise(mailbox_response, &mut self.mailbox_response);
     }
 
-    fn serve(&mut self) {
+    /// Serves what waits on the sockets. Does not wait.
+    pub fn poll(&mut self) {
         let lines = [&mut self.interrupt, &mut self.mailbox_taken, &mut self.mailbox_response];
         for line in lines.into_iter().flatten() {
             line.serve();
@@ -248,7 +264,8 @@ impl Simulator {
         }
     }
 
-    fn control_line(&mut self, line: &str) -> String {
+    /// The answer to a line of the control socket, see [`control`].
+    pub fn control_line(&mut self, line: &str) -> String {
         match control::execute(&mut self.world, line, self.virtual_time) {
             Answer::Line(line) => line,
             Answer::Step(count) => {
@@ -256,7 +273,7 @@ impl Simulator {
                     if done % STEP_CHUNK == 0 && self.stop.load(Ordering::Relaxed) {
                         return format!("error: stopped after {done} cycles");
                     }
-                    self.cycle();
+                    self.step();
                 }
                 "ok".into()
             }

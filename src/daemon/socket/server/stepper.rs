@@ -70,6 +70,19 @@ impl ServerStepper {
         Ok(())
     }
 
+    /// Whether a call waits for the board.
+    #[must_use]
+    pub fn waits_for_board(&self) -> bool {
+        self.service.clients.values().any(|client| matches!(client.waiting, Waiting::Board(_)))
+    }
+
+    /// When the first jog that a connection holds is stopped, unless it is renewed.
+    #[must_use]
+    pub fn first_lease_end(&self) -> Option<Instant> {
+        let Service { leases, clients, .. } = &self.service;
+        leases.first_end(|client| clients.contains_key(&client))
+    }
+
     /// What the server keeps now.
     #[must_use]
     pub fn kept(&self) -> ServerStats {
