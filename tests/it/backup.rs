@@ -1,10 +1,10 @@
 //! `pmacctl backup`, `diff` and `restore` with the whole of a board's variables.
 
-use crate::support::Site;
+use crate::support::VirtualSite;
 
 #[test]
 fn a_whole_backup_names_what_has_changed_and_puts_it_back() {
-    let site = Site::running(&[], &[]);
+    let site = VirtualSite::running(&[], &[]);
     site.ask("I9=2 I122=32.5 P0=1.5 P1023=-3 M50->* M50=12");
     site.ask("&1Q9=4 M51->Y:$FFC2,0");
     let path = site.path("machine.pmc");

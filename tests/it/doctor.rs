@@ -5,7 +5,7 @@ use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
 
 use crate::support::rig::pmacctl;
-use crate::support::{PATIENCE, Site, wait_until};
+use crate::support::{PATIENCE, VirtualSite};
 
 fn file(root: &Path, path: &str, content: &str) {
     let path = root.join(path);
@@ -91,7 +91,7 @@ fn without_a_daemon_the_doctor_looks_for_boards_by_itself() {
 
 #[test]
 fn a_probe_tells_a_board_from_memory_and_from_nothing() {
-    let mut site = Site::new();
+    let site = VirtualSite::new();
     site.start_simulator(&["--dpram-startup"]);
     let board = format!("file:{}", site.path("dpram").display());
     let probe = |spec: &str| {
@@ -116,34 +116,34 @@ fn a_probe_tells_a_board_from_memory_and_from_nothing() {
 
 #[test]
 fn a_report_that_was_ended_is_told_with_what_is_missing() {
-    let site = Site::running(&[], &[]);
+    let site = VirtualSite::running(&[], &[]);
     site.wait_for_live_servo();
     let line = |check: &str| {
         let stdout = site.pmacctl(&["doctor"]).1;
         stdout.lines().find(|line| line[6..].starts_with(check)).unwrap_or_default().to_owned()
     };
-    wait_until("a board that has been asked", || line("commands").contains("takes command lines"));
-    wait_until("all the board is set to", || site.pmacctl(&["motors"]).1.contains("count"));
+    site.wait_until("a board that has been asked", || line("commands").contains("takes command lines"));
+    site.wait_until("all the board is set to", || site.pmacctl(&["motors"]).1.contains("count"));
     let send = |text: &str| assert_eq!(site.pmacctl(&["send", text]).0, 0, "{text}");
     send("ENDGATHER");
-    wait_until("GATHER to be missed", || {
+    site.wait_until("GATHER to be missed", || {
         let servo = line("servo");
         servo.starts_with("FAIL")
             && servo.contains("I48=1, I19=1, I59=8, so what is missing is GATHER")
             && servo.contains("pmacctl send GATHER")
     });
     send("I48=0");
-    wait_until("I48 to be missed", || {
+    site.wait_until("I48 to be missed", || {
         line("servo").contains("told I48=0; switch it on: pmacctl send 'I48=1'")
     });
     send("I48=1");
     send("GATHER");
-    wait_until("servo data", || line("servo").starts_with("ok"));
+    site.wait_until("servo data", || line("servo").starts_with("ok"));
 }
 
 #[test]
 fn a_port_that_was_not_used_is_told_as_unknown() {
-    let mut site = Site::new();
+    let site = VirtualSite::new();
     let config = site.path("pmacd.toml");
     fs::write(&config, "ask_board = false\n").unwrap();
     site.start_simulator(&["--dpram-startup"]);
@@ -155,10 +155,10 @@ fn a_port_that_was_not_used_is_told_as_unknown() {
     };
     assert!(commands().starts_with("ok    commands      not known yet"), "{}", commands());
     assert_eq!(site.pmacctl(&["send", "I48=1"]).0, 0);
-    wait_until("an answer to be told of", || commands().contains("the board takes command lines"));
+    site.wait_until("an answer to be told of", || commands().contains("the board takes command lines"));
     // What the board was not asked is not known either.
     site.connection().send("ENDGATHER", PATIENCE).unwrap();
-    wait_until("what it takes to be told", || {
+    site.wait_until("what it takes to be told", || {
         let stdout = site.pmacctl(&["doctor"]).1;
         stdout.contains(
             "the board has not told I48 and I19 and I59; it takes I48 and I19 and I59 above 0, and GATHER",

@@ -4,10 +4,10 @@ use std::fmt::Write as _;
 
 use serde_json::json;
 
-use crate::support::Site;
+use crate::support::VirtualSite;
 
 /// What `pmacctl send` prints for `line`.
-fn sent(site: &Site, line: &str) -> String {
+fn sent(site: &VirtualSite, line: &str) -> String {
     let ran = site.run(&["send", line]);
     assert_eq!((ran.stderr.as_str(), ran.code), ("", Some(0)), "{line}");
     ran.stdout
@@ -15,7 +15,7 @@ fn sent(site: &Site, line: &str) -> String {
 
 #[test]
 fn what_is_downloaded_is_what_the_board_lists() {
-    let site = Site::running(&[], &[]);
+    let site = VirtualSite::running(&[], &[]);
     let program = "LIN ABS TM100 TA20 TS0\nF25.5\nX10 Y-3.25\nP3=P1*2+1\nWHILE(P3>0)\nX(P3) Y0\nP3=P3-1\nENDW\nDWE50\nCMD\"#1J/\"\nRET\n";
     let plc = "IF(M50=1)\nP4=P4+1\nSEND\"HELLO\"\nELSE\nP4=0\nENDI\n";
     let indented: String = program.lines().fold(String::new(), |mut text, line| {
@@ -56,7 +56,7 @@ fn what_is_downloaded_is_what_the_board_lists() {
 
 #[test]
 fn a_program_of_hundreds_of_lines_comes_back_whole() {
-    let site = Site::running(&[], &[]);
+    let site = VirtualSite::running(&[], &[]);
     let program: String = (0..300).fold(String::new(), |mut text, line| {
         writeln!(text, "X{} Y-{}.5", line * 7 % 1000, line).unwrap();
         text
@@ -70,7 +70,7 @@ fn a_program_of_hundreds_of_lines_comes_back_whole() {
 
 #[test]
 fn a_wrong_line_ends_a_download_and_leaves_no_buffer_open() {
-    let site = Site::running(&[], &[]);
+    let site = VirtualSite::running(&[], &[]);
     // A buffer that somebody left open is not what the file goes into.
     site.ask("OPEN PROG 8 CLEAR");
     let path = site.file("bad.pmc", "; line 1\nP5=7\nOPEN PROG 9 CLEAR\nX1\nX2\nUUU\nX3\nCLOSE\nP5=8\n");
@@ -93,7 +93,7 @@ fn a_wrong_line_ends_a_download_and_leaves_no_buffer_open() {
 
 #[test]
 fn a_file_of_comments_alone_changes_nothing() {
-    let site = Site::running(&[], &[]);
+    let site = VirtualSite::running(&[], &[]);
     site.ask("P5=3");
     let path = site.file("comments.pmc", "; P5=1\n\n   // P5=2\n\t\n;\n#ifdef NEVER\nP5=4\n#endif\n");
     let ran = site.run(&["download", &path]);

@@ -1,7 +1,6 @@
 //! `pmacctl gather` on a simulated board with its daemon.
 
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
@@ -9,7 +8,7 @@ use pmac_dpram::client::{GatherChunk, GatherPhase};
 use pmac_dpram::segment::{RegionId, Sample, Subscriber};
 
 use crate::support::rig::Ran;
-use crate::support::{PATIENCE, Site, is_live, joined, status_within, wait_until};
+use crate::support::{PATIENCE, VirtualSite, is_live, joined, status_within};
 
 /// The number after the last sample that was published, while a gather is followed.
 fn published(subscriber: &Subscriber, sample: &mut Sample) -> Option<u64> {
@@ -27,67 +26,20 @@ fn published(subscriber: &Subscriber, sample: &mut Sample) -> Option<u64> {
     Some(chunk.first + (chunk.longs.len() / chunk.sample_longs) as u64)
 }
 
-/// Runs the board in steps, each no sooner than the daemon has what the last one gathered, while `pmacctl` runs.
-fn in_steps(site: &Site, arguments: &[&str]) -> Ran {
-    let done = AtomicBool::new(false);
-    let period = arguments.iter().skip_while(|word| **word != "--period").nth(1);
-    let a_step = 20 / period.map_or(1, |period| period.parse::<u64>().unwrap());
-    std::thread::scope(|scope| {
-        scope.spawn(|| {
-            let mut control = site.control_connection();
-            let subscriber = site.attach();
-            let mut sample = Sample::new();
-            // Samples stepped for at least, since the first one was published.
-            let mut due = 0;
-            while !done.load(Ordering::Relaxed) {
-                let before = published(&subscriber, &mut sample);
-                control.ask("step 20");
-                let start = Instant::now();
-                // Before the gather and after its end there is nothing to wait for. Before its first sample the board needs
-                // steps to take the line that begins it.
-                let patience = Duration::from_millis(if before == Some(0) { 20 } else { 300 });
-                due = before.filter(|&count| count > 0).map_or(0, |count| due.max(count) + a_step);
-                while published(&subscriber, &mut sample)
-                    .is_some_and(|count| Some(count) == before || count + a_step < due)
-                    && start.elapsed() < patience
-                {
-                    std::thread::sleep(Duration::from_micros(200));
-                }
-                std::thread::sleep(Duration::from_micros(300));
-            }
-        });
-        let ran = site.run(arguments);
-        done.store(true, Ordering::Relaxed);
-        ran
-    })
-}
-
 fn rows(text: &str) -> Vec<Vec<f64>> {
     text.lines().skip(1).map(|line| line.split(',').map(|cell| cell.parse().unwrap()).collect()).collect()
 }
 
-/// How long to gather at every servo cycle in virtual time; a minute: `PMAC_GATHER_SECONDS=60`.
+/// How long to gather at every servo cycle; a minute: `PMAC_GATHER_SECONDS=60`.
 fn seconds() -> u64 {
     std::env::var("PMAC_GATHER_SECONDS").ok().and_then(|text| text.parse().ok()).unwrap_or(2)
 }
 
 #[test]
-fn in_virtual_time_nothing_is_lost() {
-    let site = Site::running(&["--virtual"], &[]);
-    let done = AtomicBool::new(false);
-    std::thread::scope(|scope| {
-        scope.spawn(|| {
-            let mut control = site.control_connection();
-            while !done.load(Ordering::Relaxed) {
-                control.ask("step 20");
-                std::thread::sleep(Duration::from_millis(1));
-            }
-        });
-        wait_until("the board's scales and servo data", || {
-            site.run(&["motors"]).stdout.contains("count") && is_live(&site.attach(), RegionId::Servo)
-        });
-        done.store(true, Ordering::Relaxed);
-    });
+fn nothing_is_lost() {
+    let site = VirtualSite::running(&[], &[]);
+    site.wait_for_live_servo();
+    site.wait_until("the board's scales", || site.run(&["motors"]).stdout.contains("count"));
     let csv = site.path("data.csv");
     let sources = ["servo_timer", "1.actual_position", "D:$0028", "1.commanded_position"];
     let sources: Vec<&str> = sources.iter().flat_map(|source| ["--source", source]).collect();
@@ -95,7 +47,7 @@ fn in_virtual_time_nothing_is_lost() {
     let (time, samples) = (seconds.to_string(), (seconds as f64 * 1e9 / 442_708.373).round() as usize);
     let arguments = [&["gather"][..], &sources, &["--seconds", &time, "-o", csv.to_str().unwrap()]].concat();
     let began = Instant::now();
-    let ran = in_steps(&site, &arguments);
+    let ran = site.hurried(|| site.run(&arguments));
     println!("{} in {:.1} s of real time", ran.stdout.trim_end(), began.elapsed().as_secs_f64());
     let said = format!("samples={samples} lost=0 seconds={seconds}.000\n");
     assert_eq!((ran.code, ran.stdout.as_str()), (Some(0), said.as_str()), "{ran:?}");
@@ -121,7 +73,7 @@ fn in_virtual_time_nothing_is_lost() {
         npy_name,
         "--json",
     ];
-    let ran = in_steps(&site, &arguments);
+    let ran = site.hurried(|| site.run(&arguments));
     assert_eq!((ran.json()["samples"].as_u64(), ran.json()["lost"].as_u64()), (Some(282), Some(0)));
     let bytes = std::fs::read(&npy).unwrap();
     assert!(bytes.starts_with(b"\x93NUMPY") && bytes.len() > 282 * 24);
@@ -129,10 +81,10 @@ fn in_virtual_time_nothing_is_lost() {
 }
 
 #[test]
-fn in_real_time_the_counts_are_exact_and_the_board_is_left_as_it_was() {
-    let site = Site::running(&[], &[]);
+fn the_counts_are_exact_and_the_board_is_left_as_it_was() {
+    let site = VirtualSite::running(&[], &[]);
     site.wait_for_live_servo();
-    wait_until("the board's scales", || site.run(&["motors"]).stdout.contains("count"));
+    site.wait_until("the board's scales", || site.run(&["motors"]).stdout.contains("count"));
     let gather =
         |rest: &[&str]| site.run(&[&["gather", "--source", "servo_timer", "-o", "-"], rest].concat());
     let ran = gather(&["--seconds", "0.5", "--period", "2"]);
@@ -152,7 +104,7 @@ fn in_real_time_the_counts_are_exact_and_the_board_is_left_as_it_was() {
         assert_eq!(row[2] - rows[0][2], 2.0 * (row[0] - rows[0][0]), "numbered as the board counts");
     }
     assert_eq!(site.ask("I19"), ["1"], "as it was");
-    wait_until("the servo report to go on", || is_live(&site.attach(), RegionId::Servo));
+    site.wait_until("the servo report to go on", || is_live(&site.attach(), RegionId::Servo));
 
     // A buffer that is gathered once ends by itself.
     let ran = gather(&["--once", "--buffer", "100"]);
@@ -177,19 +129,17 @@ fn in_real_time_the_counts_are_exact_and_the_board_is_left_as_it_was() {
 
 #[test]
 fn after_a_killed_gather_another_one_works_and_says_what_it_found() {
-    let site = Site::running(&[], &[]);
+    let site = VirtualSite::running(&[], &[]);
     site.wait_for_live_servo();
-    wait_until("the board's scales", || site.run(&["motors"]).stdout.contains("count"));
-    let mut killed = crate::support::rig::command()
-        .args(["--name", &site.name, "--socket"])
-        .arg(site.socket())
-        .args(["gather", "--source", "servo_timer", "--period", "3", "-o"])
+    site.wait_until("the board's scales", || site.run(&["motors"]).stdout.contains("count"));
+    let mut killed = site
+        .command(&["gather", "--source", "servo_timer", "--period", "3", "-o"])
         .arg(site.path("killed.csv"))
         .spawn()
         .unwrap();
     // The daemon follows before the board gathers, so samples are waited for.
     let (subscriber, mut sample) = (site.attach(), Sample::new());
-    wait_until("gathering", || published(&subscriber, &mut sample).is_some_and(|number| number > 0));
+    site.wait_until("gathering", || published(&subscriber, &mut sample).is_some_and(|number| number > 0));
     killed.kill().unwrap();
     killed.wait().unwrap();
     let gather = || site.run(&["gather", "--source", "servo_timer", "--seconds", "0.2", "-o", "-"]);
@@ -202,15 +152,15 @@ fn after_a_killed_gather_another_one_works_and_says_what_it_found() {
 }
 
 /// Whether a `GATHER` starts the servo report. Where the report runs, it would gather, for which there must be no buffer.
-fn starts_the_report(site: &Site) -> bool {
+fn starts_the_report(site: &VirtualSite) -> bool {
     site.connection().send("GATHER", PATIENCE).is_ok()
 }
 
 #[test]
 fn what_fails_before_the_first_sample_leaves_the_board_as_it_was() {
-    let site = Site::running(&[], &[]);
+    let site = VirtualSite::running(&[], &[]);
     site.wait_for_live_servo();
-    wait_until("the board's scales", || site.run(&["motors"]).stdout.contains("count"));
+    site.wait_until("the board's scales", || site.run(&["motors"]).stdout.contains("count"));
     let gather = || {
         let words = ["gather", "--source", "servo_timer", "--period", "3", "--seconds", "0.2", "-o", "-"];
         site.run(&words)
@@ -230,7 +180,7 @@ fn what_fails_before_the_first_sample_leaves_the_board_as_it_was() {
     // A board that starts no servo report: the GATHER that was to start it is taken back as well.
     site.ask("ENDGATHER");
     site.ask("I59=0");
-    wait_until("the report to end", || !is_live(&site.attach(), RegionId::Servo));
+    site.wait_until("the report to end", || !is_live(&site.attach(), RegionId::Servo));
     let ran = gather();
     assert!(ran.code == Some(1) && ran.stderr.contains("start no servo report"), "{ran:?}");
     assert_eq!(site.ask("I19"), ["1"]);
@@ -241,14 +191,14 @@ fn what_fails_before_the_first_sample_leaves_the_board_as_it_was() {
 
 #[test]
 fn a_report_that_was_just_ended_is_started_again() {
-    let site = Site::running(&[], &[]);
+    let site = VirtualSite::running(&[], &[]);
     site.wait_for_live_servo();
-    wait_until("the board's scales", || site.run(&["motors"]).stdout.contains("count"));
+    site.wait_until("the board's scales", || site.run(&["motors"]).stdout.contains("count"));
     for _ in 0..5 {
         site.ask("ENDGATHER");
         let ran = site.run(&["gather", "--source", "servo_timer", "--seconds", "0.1", "-o", "-"]);
         assert!(ran.code == Some(0) && ran.stderr.starts_with("samples="), "{ran:?}");
-        wait_until("the report, which goes on", || is_live(&site.attach(), RegionId::Servo));
+        site.wait_until("the report, which goes on", || is_live(&site.attach(), RegionId::Servo));
     }
     let ran = site.run(&["gather", "--stop"]);
     assert_eq!((ran.code, ran.stdout.as_str()), (Some(0), "the board gathers nothing; nothing was sent\n"));
@@ -265,11 +215,7 @@ fn a_report_that_was_just_ended_is_started_again() {
 
 #[test]
 fn a_function_that_is_off_is_told_before_board_or_file_is_touched() {
-    let mut site = Site::new();
-    let config = site.path("config");
-    std::fs::write(&config, "functions = ['servo', 'ascii']\n").unwrap();
-    site.start_simulator(&["--dpram-startup"]);
-    site.start_daemon(&["--config", config.to_str().unwrap()]);
+    let site = VirtualSite::configured(&[], "functions = ['servo', 'ascii']\n");
     site.ask("I19=2 I20=1 I21=5 I45=0");
     let csv = site.path("data.csv");
     std::fs::write(&csv, "what was there").unwrap();
@@ -282,9 +228,9 @@ fn a_function_that_is_off_is_told_before_board_or_file_is_touched() {
 
 #[test]
 fn a_file_that_takes_no_more_holds_whole_samples() {
-    let site = Site::running(&[], &[]);
+    let site = VirtualSite::running(&[], &[]);
     site.wait_for_live_servo();
-    wait_until("the board's scales", || site.run(&["motors"]).stdout.contains("count"));
+    site.wait_until("the board's scales", || site.run(&["motors"]).stdout.contains("count"));
     for form in ["csv", "npy"] {
         let file = site.path(&format!("data.{form}"));
         // A file may not grow beyond 20 KiB, as if the disk were full then; the signal that tells is ignored.
@@ -331,16 +277,14 @@ fn a_file_that_takes_no_more_holds_whole_samples() {
 
 #[test]
 fn waiting_for_a_reader_ends_with_a_signal() {
-    let site = Site::running(&[], &[]);
+    let site = VirtualSite::running(&[], &[]);
     site.wait_for_live_servo();
-    wait_until("the board's scales", || site.run(&["motors"]).stdout.contains("count"));
+    site.wait_until("the board's scales", || site.run(&["motors"]).stdout.contains("count"));
     let fifo = site.path("data.csv");
     nix::unistd::mkfifo(&fifo, nix::sys::stat::Mode::from_bits_truncate(0o600)).unwrap();
     for signal in [Signal::SIGINT, Signal::SIGTERM] {
-        let mut waits = crate::support::rig::command()
-            .args(["--name", &site.name, "--socket"])
-            .arg(site.socket())
-            .args(["gather", "--source", "servo_timer", "-o"])
+        let mut waits = site
+            .command(&["gather", "--source", "servo_timer", "-o"])
             .arg(&fifo)
             .stderr(std::process::Stdio::piped())
             .spawn()
@@ -363,12 +307,12 @@ fn waiting_for_a_reader_ends_with_a_signal() {
 
 #[test]
 fn a_sample_in_seven_seconds_is_waited_for() {
-    let site = Site::running(&[], &[]);
+    let site = VirtualSite::running(&[], &[]);
     site.wait_for_live_servo();
-    wait_until("the board's scales", || site.run(&["motors"]).stdout.contains("count"));
+    site.wait_until("the board's scales", || site.run(&["motors"]).stdout.contains("count"));
     // The first sample comes at once, the second one 15000 servo cycles of 442.7 us later.
-    let ran =
-        site.run(&["gather", "--source", "servo_timer", "--period", "15000", "--seconds", "13.3", "-o", "-"]);
+    let gather = ["gather", "--source", "servo_timer", "--period", "15000", "--seconds", "13.3", "-o", "-"];
+    let ran = site.hurried(|| site.run(&gather));
     assert!(ran.code == Some(0) && ran.stderr.starts_with("samples=2 lost=0 "), "{ran:?}");
     assert_eq!(site.ask("I19"), ["1"]);
     site.assert_no_violations();
@@ -376,12 +320,12 @@ fn a_sample_in_seven_seconds_is_waited_for() {
 
 #[test]
 fn without_the_servo_report_gathering_goes_by_the_hosts_clock() {
-    let site = Site::running(&[], &[]);
+    let site = VirtualSite::running(&[], &[]);
     site.wait_for_live_servo();
-    wait_until("the board's scales", || site.run(&["motors"]).stdout.contains("count"));
+    site.wait_until("the board's scales", || site.run(&["motors"]).stdout.contains("count"));
     site.ask("ENDGATHER");
     site.ask("I48=0");
-    wait_until("the report to end", || !is_live(&site.attach(), RegionId::Servo));
+    site.wait_until("the report to end", || !is_live(&site.attach(), RegionId::Servo));
     let gather = || site.run(&["gather", "--source", "servo_timer", "--seconds", "0.5", "-o", "-"]);
     let check = |ran: Ran| {
         assert_eq!(ran.code, Some(0), "{ran:?} {}", site.log());
@@ -397,8 +341,8 @@ fn without_the_servo_report_gathering_goes_by_the_hosts_clock() {
     site.ask("I48=1");
     check(gather());
     // ENDGATHER undid the latest GATHER only.
-    wait_until("the report, which goes on", || is_live(&site.attach(), RegionId::Servo));
+    site.wait_until("the report, which goes on", || is_live(&site.attach(), RegionId::Servo));
     check(gather());
-    wait_until("the report, which goes on", || is_live(&site.attach(), RegionId::Servo));
+    site.wait_until("the report, which goes on", || is_live(&site.attach(), RegionId::Servo));
     site.assert_no_violations();
 }

@@ -5,10 +5,10 @@ use std::time::Duration;
 use pmac_dpram::protocol::HostPortInfo;
 use pmac_dpram::segment::Counter;
 
-use crate::support::{PATIENCE, Site, counter, wait_until};
+use crate::support::{PATIENCE, VirtualSite, counter};
 
-fn board(family: &str) -> Site {
-    let mut site = Site::new();
+fn board(family: &str) -> VirtualSite {
+    let site = VirtualSite::new();
     let registers = site.path("host-port").display().to_string();
     let config = site.path("config").display().to_string();
     std::fs::write(
@@ -18,16 +18,16 @@ fn board(family: &str) -> Site {
     .unwrap();
     site.start_simulator(&["--dpram-startup", "--family", family, "--host-port", &registers]);
     site.start_daemon(&["--config", &config]);
-    wait_until("the board to be identified", || site.log().contains("the board is PMAC"));
+    site.wait_for_identity();
     site
 }
 
-fn counts(site: &Site) -> HostPortInfo {
+fn counts(site: &VirtualSite) -> HostPortInfo {
     site.connection().info().unwrap().host_port.expect("a host port")
 }
 
 /// The mask register as the controller has it.
-fn mask(site: &Site, family: &str) -> u8 {
+fn mask(site: &VirtualSite, family: &str) -> u8 {
     std::fs::read(site.path("host-port")).unwrap()[if family == "pmac" { 9 } else { 10 }]
 }
 
@@ -36,7 +36,7 @@ const FAMILIES: [(&str, u8, u8); 2] = [("pmac", 0x7F, 0xFF), ("pmac2", 0x20, 0x0
 #[test]
 fn every_response_is_announced_because_every_interrupt_is_acknowledged() {
     for (family, open, shut) in FAMILIES {
-        let mut site = board(family);
+        let site = board(family);
         assert_eq!(mask(&site, family), open, "{family}: our line, and no other");
         let subscriber = site.attach();
         let mut messages = site.connection().messages().unwrap();
@@ -48,7 +48,7 @@ fn every_response_is_announced_because_every_interrupt_is_acknowledged() {
             site.control(&format!("send DOOR {round}"));
             let message = messages.next_within(PATIENCE).unwrap().expect("a message in time");
             assert_eq!(message.text, format!("DOOR {round}"));
-            wait_until("its interrupt", || counter(&subscriber, Counter::Interrupts) > before);
+            site.wait_until("its interrupt", || counter(&subscriber, Counter::Interrupts) > before);
             assert_eq!(connection.send("P1", PATIENCE).unwrap(), ["5"]);
         }
         let HostPortInfo { served, old, .. } = counts(&site);
@@ -58,7 +58,7 @@ fn every_response_is_announced_because_every_interrupt_is_acknowledged() {
         let (status, stdout, _) = site.pmacctl(&["doctor"]);
         assert!(status == 0 && stdout.contains("interrupts served"), "{stdout}");
         site.assert_no_violations();
-        assert_eq!(site.stop_daemon(), 0);
+        site.stop_daemon();
         assert_eq!(mask(&site, family), shut, "{family}: as it was found");
     }
 }
@@ -81,9 +81,9 @@ fn without_the_acknowledgement_there_is_no_other_interrupt() {
         assert_eq!(counter(&subscriber, Counter::Interrupts), before, "{family}");
         site.control("fault host_port_stuck off");
         // The acknowledgement that was due is given when it has been waited for in vain.
-        wait_until("interrupts again", || {
+        site.wait_until("interrupts again", || {
             assert_eq!(connection.send("VERSION", PATIENCE).unwrap(), ["1.16D"]);
-            std::thread::sleep(Duration::from_millis(20));
+            site.run_for(Duration::from_millis(20));
             counter(&subscriber, Counter::Interrupts) > before
         });
         assert!(counts(&site).unannounced > 0);
@@ -95,14 +95,14 @@ fn without_the_acknowledgement_there_is_no_other_interrupt() {
 fn an_interrupt_without_a_response_is_an_old_one() {
     for (family, _, _) in FAMILIES {
         let site = board(family);
-        wait_until("the port to be idle", || {
+        site.wait_until("the port to be idle", || {
             let before = counts(&site);
-            std::thread::sleep(Duration::from_millis(200));
+            site.run_for(Duration::from_millis(200));
             counts(&site) == before
         });
         let before = counts(&site);
         site.control("fault spurious_interrupt 3");
-        wait_until("old ones to be counted", || counts(&site).old > before.old);
+        site.wait_until("old ones to be counted", || counts(&site).old > before.old);
         assert_eq!(site.connection().send("VERSION", PATIENCE).unwrap(), ["1.16D"]);
         site.assert_no_violations();
     }
@@ -111,11 +111,11 @@ fn an_interrupt_without_a_response_is_an_old_one() {
 #[test]
 fn the_line_is_opened_again_after_the_simulator_was_started_again() {
     let (family, open, _) = FAMILIES[0];
-    let mut site = board(family);
+    let site = board(family);
     let registers = site.path("host-port").display().to_string();
     site.kill_simulator();
     site.start_simulator(&["--dpram-startup", "--family", family, "--host-port", &registers]);
-    wait_until("the line to be open", || mask(&site, family) == open);
+    site.wait_until("the line to be open", || mask(&site, family) == open);
     assert_eq!(site.connection().send("VERSION", PATIENCE).unwrap(), ["1.16D"]);
     site.assert_no_violations();
 }

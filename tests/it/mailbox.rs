@@ -6,10 +6,10 @@ use pmac_dpram::client::CommandError;
 use pmac_dpram::protocol::{CallError, CommandPort};
 use pmac_dpram::segment::{Counter, RegionId};
 
-use crate::support::{PATIENCE, Site, counter, is_live, wait_until};
+use crate::support::{PATIENCE, VirtualSite, counter, is_live};
 
 /// What a VME board's simulator needs besides its memory.
-fn mailbox_options(site: &Site, more: &[&str]) -> Vec<String> {
+fn mailbox_options(site: &VirtualSite, more: &[&str]) -> Vec<String> {
     let path = |name: &str| site.path(name).display().to_string();
     let mut options: Vec<String> =
         ["--mailbox", &path("mailbox"), "--mailbox-taken"].map(str::to_owned).into();
@@ -20,8 +20,8 @@ fn mailbox_options(site: &Site, more: &[&str]) -> Vec<String> {
 }
 
 /// A VME board whose start-up lines are `startup`, with a daemon whose mailbox table ends with `keys`.
-fn vme(startup: &str, simulator: &[&str], keys: &str) -> Site {
-    let mut site = Site::new();
+fn vme(startup: &str, simulator: &[&str], keys: &str) -> VirtualSite {
+    let site = VirtualSite::new();
     let path = |name: &str| site.path(name).display().to_string();
     std::fs::write(site.path("startup"), startup).unwrap();
     let startup = ["--startup", &path("startup")];
@@ -44,12 +44,12 @@ fn shipped(more: &str) -> String {
     format!("{}\n{more}\n", include_str!("../../src/sim/dpram-startup.pmc"))
 }
 
-fn port(site: &Site) -> CommandPort {
+fn port(site: &VirtualSite) -> CommandPort {
     site.connection().info().unwrap().command_port
 }
 
-fn identified(site: &Site) {
-    wait_until("the board to be identified", || site.log().contains("the board is PMAC"));
+fn identified(site: &VirtualSite) {
+    site.wait_for_identity();
 }
 
 #[test]
@@ -186,9 +186,9 @@ fn the_mailboxes_take_over_while_i58_is_off_and_give_back() {
         // The first line finds out, and is carried out once all the same.
         assert_eq!(connection.send("P1=P1+1", PATIENCE).unwrap(), [] as [&str; 0]);
         assert_eq!(connection.send("P1 I58", PATIENCE).unwrap(), ["1", "0"], "round {round}");
-        wait_until("the mailboxes to be told of", || port(&site) == CommandPort::Mailbox);
+        site.wait_until("the mailboxes to be told of", || port(&site) == CommandPort::Mailbox);
         assert_eq!(connection.send("I58=1", PATIENCE).unwrap(), [] as [&str; 0]);
-        wait_until("the DPRAM to be told of", || port(&site) == CommandPort::Dpram);
+        site.wait_until("the DPRAM to be told of", || port(&site) == CommandPort::Dpram);
         assert_eq!(connection.send("I58", PATIENCE).unwrap(), ["1"]);
     }
     let log = site.log();
@@ -214,7 +214,7 @@ fn what_stops_the_machine_takes_the_other_way_too() {
         let first = at(&mut connection);
         first == at(&mut connection)
     };
-    wait_until("the motor to stand", still);
+    site.wait_until("the motor to stand", still);
     site.assert_no_violations();
 }
 
@@ -229,9 +229,9 @@ fn what_stops_the_machine_does_not_wait_behind_a_line_that_is_not_taken() {
         let mut other = site.connection();
         let line = scope.spawn(move || other.send("P1=1", 10 * PATIENCE));
         let kill = scope.spawn(|| {
-            wait_until("^K to be taken", || {
+            site.wait_until("^K to be taken", || {
                 // The line is to be under way by then, and again when something else was.
-                std::thread::sleep(Duration::from_secs(2));
+                site.run_for(Duration::from_secs(2));
                 site.connection().control(11).is_ok()
             })
         });
@@ -242,7 +242,7 @@ fn what_stops_the_machine_does_not_wait_behind_a_line_that_is_not_taken() {
         kill.join().unwrap();
     });
     let position = || site.connection().send("#1P", PATIENCE).unwrap();
-    wait_until("the motor to stand", || position() == position());
+    site.wait_until("the motor to stand", || position() == position());
     assert_eq!(connection.send("P1", PATIENCE).unwrap(), ["0"], "the board never took the line");
 }
 
@@ -257,7 +257,7 @@ fn a_board_that_starts_with_i58_off_is_identified_through_the_mailboxes() {
 
 #[test]
 fn the_page_is_written_at_the_start_and_after_every_reset() {
-    let resets = |site: &Site| site.log().matches("the board was reset").count();
+    let resets = |site: &VirtualSite| site.log().matches("the board was reset").count();
     // Noticed by the servo data, or, where the board reports none, by words that read as all ones.
     for (startup, keys) in [
         (shipped("SAVE"), "use = \"never\"\npage = 0x3F\n"),
@@ -271,15 +271,15 @@ fn the_page_is_written_at_the_start_and_after_every_reset() {
         for _ in 0..2 {
             let (before, noticed) = (counter(&subscriber, Counter::BackgroundUpdates), resets(&site));
             site.control("reset");
-            wait_until("the reset to be noticed", || resets(&site) > noticed);
-            wait_until("background data", || {
+            site.wait_until("the reset to be noticed", || resets(&site) > noticed);
+            site.wait_until("background data", || {
                 counter(&subscriber, Counter::BackgroundUpdates) > before
                     && is_live(&subscriber, RegionId::Background)
             });
             let mut connection = site.connection();
             assert_eq!(connection.send("I58", PATIENCE).unwrap(), ["1"], "{keys}");
             connection.send("I48=1 GATHER", PATIENCE).unwrap();
-            wait_until("servo data", || is_live(&subscriber, RegionId::Servo));
+            site.wait_until("servo data", || is_live(&subscriber, RegionId::Servo));
             connection.send("ENDGATHER", PATIENCE).unwrap();
         }
         site.assert_no_violations();

@@ -24,6 +24,7 @@ mod mailbox;
 mod man;
 mod map;
 mod panel;
+mod pauses;
 mod processes;
 mod readme;
 mod replies;

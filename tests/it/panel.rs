@@ -1,7 +1,7 @@
-//! The control panel and the open words from the command line to the simulated motors, as real processes.
+//! The control panel and the open words from the command line to the simulated motors.
 
 use std::os::unix::fs::FileExt;
-use std::process::{Child, Command, Stdio};
+use std::process::{Child, Stdio};
 use std::time::Duration;
 
 use nix::sys::signal::{Signal, kill};
@@ -9,16 +9,16 @@ use nix::unistd::Pid;
 use pmac_dpram::client::{Connection, HeldJog};
 use serde_json::Value;
 
-use crate::support::{PATIENCE, Site, wait_until};
+use crate::support::{PATIENCE, VirtualSite, status_within, wait_until};
 
-fn running() -> Site {
-    let site = Site::running(&[], &[]);
+fn running() -> VirtualSite {
+    let site = VirtualSite::running(&[], &[]);
     site.wait_for_live_servo();
-    wait_until("a board that takes commands", || site.pmacctl(&["send", "I2=3"]).0 == 0);
+    site.wait_until("a board that takes commands", || site.pmacctl(&["send", "I2=3"]).0 == 0);
     site
 }
 
-fn done(site: &Site, arguments: &[&str]) -> String {
+fn done(site: &VirtualSite, arguments: &[&str]) -> String {
     let (status, stdout, stderr) = site.pmacctl(arguments);
     assert_eq!((status, stderr.as_str()), (0, ""), "{arguments:?}: {stdout}");
     stdout
@@ -33,16 +33,8 @@ fn until(connection: &mut Connection, line: &str, what: &str, holds: impl Fn(f64
 }
 
 /// `pmacctl` that goes on running, its input open.
-fn start(site: &Site, arguments: &[&str]) -> Child {
-    Command::new(env!("CARGO_BIN_EXE_pmacctl"))
-        .args(["--name", &site.name])
-        .arg("--socket")
-        .arg(site.socket())
-        .args(arguments)
-        .stdin(Stdio::piped())
-        .stderr(Stdio::piped())
-        .spawn()
-        .unwrap()
+fn start(site: &VirtualSite, arguments: &[&str]) -> Child {
+    site.command(arguments).stdin(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap()
 }
 
 fn signal(child: &Child, signal: Signal) {
@@ -50,12 +42,7 @@ fn signal(child: &Child, signal: Signal) {
 }
 
 fn status(mut child: Child) -> Option<i32> {
-    let mut status = None;
-    wait_until("pmacctl to end", || {
-        status = child.try_wait().unwrap();
-        status.is_some()
-    });
-    status.unwrap().code()
+    status_within(&mut child, PATIENCE).code()
 }
 
 #[test]
@@ -139,7 +126,7 @@ fn a_program_is_stepped_run_held_and_aborted() {
     done(&site, &["panel", "stop", "2"]);
     until(&mut board, "#2V", "it is aborted", |speed| speed.abs() < 0.01);
     let aborted = ask(&mut board, "#2P");
-    std::thread::sleep(Duration::from_millis(300));
+    site.run_for(Duration::from_millis(300));
     assert!((ask(&mut board, "#2P") - aborted).abs() < 1.0);
     site.assert_no_violations();
 }
@@ -190,7 +177,7 @@ fn a_withdrawn_request_is_not_shown_as_taken() {
 fn without_i2_3_it_is_refused_and_nothing_written() {
     let site = running();
     site.connection().send("I2=1", PATIENCE).unwrap();
-    let panel = |site: &Site| {
+    let panel = |site: &VirtualSite| {
         let memory = std::fs::File::open(site.path("dpram")).unwrap();
         let mut words = [0; 0x24];
         memory.read_exact_at(&mut words, 0).unwrap();
@@ -222,6 +209,27 @@ fn without_i2_3_it_is_refused_and_nothing_written() {
 }
 
 #[test]
+fn a_jog_is_held_until_its_holder_is_silent_for_the_time_of_a_lease() {
+    let site = running();
+    let mut board = site.connection();
+    let mut holder = site.connection();
+    holder.panel_hold("jog+", &[1]).unwrap();
+    for _ in 0..5 {
+        site.run_for(Duration::from_millis(150));
+        holder.panel_renew().unwrap();
+    }
+    assert!(ask(&mut board, "#1V") > 1.0, "longer than one lease");
+    holder.panel_renew().unwrap();
+    site.run_for(Duration::from_millis(180));
+    assert!(!site.log().contains("holder is gone or silent"));
+    site.run_for(Duration::from_millis(30));
+    assert!(site.log().contains("holder is gone or silent"));
+    until(&mut board, "#1V", "it stands", |speed| speed.abs() < 0.1);
+    assert!(holder.panel_renew().is_err(), "what has been stopped cannot be renewed");
+    site.assert_no_violations();
+}
+
+#[test]
 fn a_hold_in_a_program_ends_when_it_is_dropped() {
     let site = running();
     let mut board = site.connection();
@@ -245,7 +253,7 @@ fn a_stop_that_the_board_does_not_take_is_asked_for_again() {
     site.control("fault panel_stuck on");
     signal(&child, Signal::SIGKILL);
     assert_eq!(status(child), None);
-    wait_until("the first stop to fail", || site.log().contains("did not take the stop of a held jog"));
+    site.wait_until("the first stop to fail", || site.log().contains("did not take the stop of a held jog"));
     assert!(ask(&mut board, "#1V") > 1.0);
     site.control("fault panel_stuck off");
     until(&mut board, "#1V", "it stands", |speed| speed.abs() < 0.1);
@@ -310,7 +318,7 @@ fn words_and_bits_are_written_where_they_are_open() {
 }
 
 /// What `panel feed` says beside doing it.
-fn feed_note(site: &Site) -> String {
+fn feed_note(site: &VirtualSite) -> String {
     let (status, _, stderr) = site.pmacctl(&["panel", "feed", "1", "7000"]);
     assert_eq!(status, 0, "{stderr}");
     stderr
@@ -346,12 +354,12 @@ fn a_buffer_that_somebody_else_opened_is_noticed_and_no_question_gets_into_it() 
     assert_eq!(serial.read(&mut [0; 16]).unwrap(), 1, "<ACK>");
     serial.write_all(b"X1\r").unwrap();
     // The servo report tells; the next one is a servo cycle away.
-    wait_until("a question that is not asked", || feed_note(&site).contains("could not be asked"));
+    site.wait_until("a question that is not asked", || feed_note(&site).contains("could not be asked"));
     for _ in 0..5 {
         assert!(feed_note(&site).contains("could not be asked"));
     }
     serial.write_all(b"CLOSE\r").unwrap();
-    wait_until("questions again", || feed_note(&site).is_empty());
+    site.wait_until("questions again", || feed_note(&site).is_empty());
     let listed = site.connection().send("LIST PROG 5", PATIENCE).unwrap();
     assert!(listed.iter().any(|line| line.contains("X1")) && !listed.concat().contains('I'), "{listed:?}");
     site.assert_no_violations();

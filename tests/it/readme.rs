@@ -18,7 +18,7 @@ use std::os::unix::fs::{PermissionsExt, symlink};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
-use crate::support::{PATIENCE, Site, output_within, wait_until};
+use crate::support::{PATIENCE, VirtualSite, output_within, wait_until};
 
 fn root() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR"))
@@ -83,13 +83,13 @@ fn dialogue(block: &Block) -> Vec<(String, String)> {
 
 /// A reader's place: a directory with the programs where a build puts them, and a board of his own.
 struct Reader {
-    site: Site,
+    site: VirtualSite,
 }
 
 impl Reader {
     /// With a board that has told its scales.
     fn new() -> Self {
-        let site = Site::running(&[], &[]);
+        let site = VirtualSite::running(&[], &[]);
         let real = Path::new(env!("CARGO_BIN_EXE_pmacctl"));
         let programs = site.path("target");
         fs::create_dir_all(&programs).unwrap();
@@ -108,7 +108,7 @@ impl Reader {
             fs::set_permissions(site.path(program), fs::Permissions::from_mode(0o755)).unwrap();
         }
         site.wait_for_live_servo();
-        wait_until("a board that has told its scales", || site.pmacctl(&["motors"]).1.contains("count"));
+        site.wait_until("a board that has told its scales", || site.pmacctl(&["motors"]).1.contains("count"));
         Self { site }
     }
 
@@ -203,14 +203,7 @@ impl Reader {
     /// Types the commands of a console block and compares, after `form`, what they print.
     fn talk(&self, block: &Block, form: fn(&str) -> String) {
         for (command, expected) in dialogue(block) {
-            let mut answer = self.run(&["sh", "-euc"], &command);
-            // A machine that stands still for a tenth of a second makes live data stale, and the answer says so.
-            for _ in 0..3 {
-                if answer.1.contains("stale") {
-                    answer = self.run(&["sh", "-euc"], &command);
-                }
-            }
-            let (done, printed) = answer;
+            let (done, printed) = self.run(&["sh", "-euc"], &command);
             assert!(done, "{}: {command}: {printed}", block.place);
             assert_eq!(form(&printed), form(&expected), "{}: {command} printed\n{printed}", block.place);
         }

@@ -1,24 +1,24 @@
 //! `pmacctl rotary stream` against the simulated board, as real processes.
 
 use std::path::PathBuf;
-use std::process::{Command, Output, Stdio};
+use std::process::{Output, Stdio};
 use std::time::Duration;
 
 use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
 use pmac_dpram::client::{RotaryFeed, RotaryLine, RotaryPlace};
 
-use crate::support::{PATIENCE, Site, wait_until};
+use crate::support::{PATIENCE, VirtualSite};
 
-fn running() -> Site {
-    let site = Site::running(&[], &[]);
+fn running() -> VirtualSite {
+    let site = VirtualSite::running(&[], &[]);
     site.wait_for_live_servo();
-    wait_until("a board that takes commands", || site.pmacctl(&["send", "&1 #1->X #2->Y"]).0 == 0);
+    site.wait_until("a board that takes commands", || site.pmacctl(&["send", "&1 #1->X #2->Y"]).0 == 0);
     site
 }
 
 /// A program of so many lines of two commands, in a file of the site.
-fn program(site: &Site, lines: usize) -> PathBuf {
+fn program(site: &VirtualSite, lines: usize) -> PathBuf {
     let path = site.path("program.pmc");
     let mut text = "; two commands a line, and this one takes none\n".to_owned();
     for line in 0..lines {
@@ -28,7 +28,7 @@ fn program(site: &Site, lines: usize) -> PathBuf {
     path
 }
 
-fn stream(site: &Site, arguments: &[&str]) -> (i32, String, String) {
+fn stream(site: &VirtualSite, arguments: &[&str]) -> (i32, String, String) {
     site.pmacctl(&[&["rotary", "stream"], arguments].concat())
 }
 
@@ -52,7 +52,7 @@ fn a_program_goes_in_whole_through_either_buffer() {
     site.assert_no_violations();
     // The other buffer, small, elsewhere, for the other coordinate system: after a reset, which forgets the first one.
     site.control("reset");
-    wait_until("a board that takes commands", || site.pmacctl(&["send", "I58"]).0 == 0);
+    site.wait_until("a board that takes commands", || site.pmacctl(&["send", "I58"]).0 == 0);
     let short = program(&site, 500);
     let short = short.to_str().unwrap();
     let options = ["--cs", "2", "--buffer", "2", "--size", "20", "--start", "DP:$D800", "--define", "2100"];
@@ -137,10 +137,10 @@ fn a_stream_that_was_run_says_how_to_end_the_program_and_the_next_one_what_is_in
     assert!(status == 1 && stderr.contains("ERR001") && stderr.contains("pmacctl send '&1Q'"), "{stderr}");
     // What is said helps, as soon as the motion is over.
     site.connection().send("&1Q", PATIENCE).unwrap();
-    wait_until("a board that takes a jog", || site.pmacctl(&["send", "#1J=0"]).0 == 0);
+    site.wait_until("a board that takes a jog", || site.pmacctl(&["send", "#1J=0"]).0 == 0);
     let (status, _, stderr) = stream(&site, &[file, "--define", "100"]);
     assert!(status == 1 && stderr.contains("pmacctl send '&1DELETE ROT'"), "{stderr}");
-    wait_until("a board that lets it go", || site.pmacctl(&["send", "&1DELETE ROT"]).0 == 0);
+    site.wait_until("a board that lets it go", || site.pmacctl(&["send", "&1DELETE ROT"]).0 == 0);
     let (status, _, stderr) = stream(&site, &[file, "--define", "100", "--run", "--quiet"]);
     assert_eq!((status, stderr.as_str()), (0, ""));
     site.assert_no_violations();
@@ -168,20 +168,16 @@ fn a_board_that_takes_no_more_is_waited_for_and_then_told() {
 }
 
 /// Runs the stream, sends it `signal` when it is under way, and gives what it said.
-fn interrupted(site: &Site, arguments: &[&str], signal: Signal) -> Output {
-    let child = Command::new(env!("CARGO_BIN_EXE_pmacctl"))
-        .args(["--name", &site.name])
-        .arg("--socket")
-        .arg(site.socket())
-        .args(["rotary", "stream"])
+fn interrupted(site: &VirtualSite, arguments: &[&str], signal: Signal) -> Output {
+    let child = site
+        .command(&["rotary", "stream"])
         .args(arguments)
-        .stdin(Stdio::null())
         .stdout(Stdio::piped())
         .stderr(Stdio::piped())
         .spawn()
         .unwrap();
     let mut connection = site.connection();
-    wait_until("a full buffer", || connection.rotary_state(1).is_ok_and(|state| state.busy));
+    site.wait_until("a full buffer", || connection.rotary_state(1).is_ok_and(|state| state.busy));
     kill(Pid::from_raw(child.id().cast_signed()), signal).unwrap();
     child.wait_with_output().unwrap()
 }
@@ -201,7 +197,7 @@ fn an_interrupted_stream_leaves_whole_lines_and_says_what_is_left() {
     assert!(said.contains(&format!("{} of them are still in the DPRAM buffer", state.ahead_lines)), "{said}");
     assert_eq!(summary(&stdout)[0] as u64, state.sent_lines);
     // Nothing follows.
-    std::thread::sleep(Duration::from_millis(500));
+    site.run_for(Duration::from_millis(500));
     assert_eq!(site.connection().rotary_state(1).unwrap().sent_lines, state.sent_lines);
     site.connection().send("CLOSE", PATIENCE).unwrap();
     site.assert_no_violations();
@@ -213,10 +209,10 @@ fn a_killed_stream_stops_within_its_batches_and_the_next_one_starts_over() {
     let file = program(&site, 2000);
     let file = file.to_str().unwrap();
     interrupted(&site, &[file, "--define", "200"], Signal::SIGKILL);
-    std::thread::sleep(Duration::from_secs(1));
+    site.run_for(Duration::from_secs(1));
     let state = site.connection().rotary_state(1).unwrap();
     assert!(state.sent_lines < 1000, "{state:?}");
-    std::thread::sleep(Duration::from_millis(300));
+    site.run_for(Duration::from_millis(300));
     assert_eq!(site.connection().rotary_state(1).unwrap(), state);
     site.connection().send("CLOSE", PATIENCE).unwrap();
     let short = program(&site, 20);
@@ -235,9 +231,9 @@ fn no_question_goes_into_an_open_buffer() {
     connection.send("&1DEFINE ROT 100", PATIENCE).unwrap();
     connection.send("I2=1", PATIENCE).unwrap();
     // The daemon would ask the board again after this line, and ask I2 before a panel request.
-    wait_until("the questions after I2=1", || {
+    site.wait_until("the questions after I2=1", || {
         let before = site.status()["commands"].as_u64();
-        std::thread::sleep(Duration::from_millis(500));
+        site.run_for(Duration::from_millis(500));
         site.status()["commands"].as_u64() == before
     });
     connection.send("I19=1", PATIENCE).unwrap();
@@ -245,10 +241,10 @@ fn no_question_goes_into_an_open_buffer() {
     let commands = site.status()["commands"].as_u64().unwrap();
     let error = connection.panel("jog+", &[1]).unwrap_err().to_string();
     assert!(error.contains("did not take the panel request in time"), "{error}");
-    std::thread::sleep(Duration::from_millis(500));
+    site.run_for(Duration::from_millis(500));
     assert_eq!(site.status()["commands"].as_u64().unwrap(), commands, "not one line was sent");
     connection.send("CLOSE", PATIENCE).unwrap();
-    wait_until("the questions", || site.status()["commands"].as_u64().unwrap() > commands + 3);
+    site.wait_until("the questions", || site.status()["commands"].as_u64().unwrap() > commands + 3);
     site.assert_no_violations();
 }
 
@@ -278,7 +274,7 @@ fn a_batch_that_is_not_the_next_one_is_refused_whole() {
     while !feed.is_done() {
         feed.step().unwrap();
     }
-    wait_until("all of it", || connection.rotary_state(1).unwrap().ahead_lines == 0);
+    site.wait_until("all of it", || connection.rotary_state(1).unwrap().ahead_lines == 0);
     assert_eq!(connection.rotary_state(1).unwrap().sent_lines, 60);
     connection.send("CLOSE", PATIENCE).unwrap();
     site.assert_no_violations();
@@ -338,7 +334,7 @@ fn the_motors_go_where_the_text_says() {
     assert_eq!(status, 0, "{stderr}");
     assert!(stdout.starts_with("lines=103 commands=208 underruns="), "{stdout}");
     let mut position = |motor: &str| board.send(motor, PATIENCE).unwrap()[0].parse::<f64>().unwrap();
-    wait_until("the last move", || {
+    site.wait_until("the last move", || {
         (position("#1P") + 125.0).abs() < 1.0 && (position("#2P") - 40.5).abs() < 1.0
     });
     site.assert_no_violations();
@@ -350,12 +346,8 @@ fn a_buffer_that_runs_empty_is_counted() {
     let path = site.path("run.pmc");
     let text: String = (0..3000).map(|step| format!("X{}\n", step % 2)).collect();
     std::fs::write(&path, format!("LINEAR ABS TM10 TA5 TS0\n{text}")).unwrap();
-    let mut child = Command::new(env!("CARGO_BIN_EXE_pmacctl"))
-        .args(["--name", &site.name])
-        .arg("--socket")
-        .arg(site.socket())
-        .args(["rotary", "stream", path.to_str().unwrap(), "--define", "60", "--size", "40", "--run"])
-        .stdin(Stdio::null())
+    let mut child = site
+        .command(&["rotary", "stream", path.to_str().unwrap(), "--define", "60", "--size", "40", "--run"])
         .stdout(Stdio::null())
         .stderr(Stdio::null())
         .spawn()
@@ -364,12 +356,12 @@ fn a_buffer_that_runs_empty_is_counted() {
     let taken = |connection: &mut pmac_dpram::client::Connection| {
         connection.rotary_state(1).map_or(0, |state| state.sent_lines - state.ahead_lines)
     };
-    wait_until("a program that runs", || taken(&mut connection) > 100);
+    site.wait_until("a program that runs", || taken(&mut connection) > 100);
     let before = connection.rotary_state(1).unwrap().underruns;
     // Nobody sends any more, and nobody says that there is nothing left to send.
     child.kill().unwrap();
     child.wait().unwrap();
-    wait_until("an empty buffer", || connection.rotary_state(1).unwrap().ahead_lines == 0);
+    site.wait_until("an empty buffer", || connection.rotary_state(1).unwrap().ahead_lines == 0);
     assert_eq!(connection.rotary_state(1).unwrap().underruns, before + 1);
     assert_eq!(connection.rotary_state(1).unwrap().underruns, before + 1, "counted once");
     for line in ["&1A", "CLOSE"] {
@@ -403,7 +395,7 @@ fn the_boards_error_is_passed_on() {
     while !feed.is_done() {
         feed.step().unwrap();
     }
-    wait_until("the board's error", || connection.rotary_state(2).unwrap().error.is_some());
+    site.wait_until("the board's error", || connection.rotary_state(2).unwrap().error.is_some());
     assert_eq!(connection.rotary_state(2).unwrap().ahead_lines, 2, "it stopped at the second line");
     connection.send("CLOSE", PATIENCE).unwrap();
 }

@@ -5,19 +5,19 @@ use std::os::unix::net::UnixStream;
 use std::time::Duration;
 
 use crate::replies::{SETUPS, vectors};
-use crate::support::{Control, PATIENCE, Site};
+use crate::support::{PATIENCE, VirtualSite, World};
 
-/// A terminal on the serial port, and the simulator's control socket to know when it has nothing more to say.
-struct Terminal {
-    control: Control,
+/// A terminal on the serial port.
+struct Terminal<'a> {
+    site: &'a VirtualSite,
     stream: UnixStream,
 }
 
-impl Terminal {
-    fn open(site: &Site) -> Self {
+impl<'a> Terminal<'a> {
+    fn open(site: &'a VirtualSite) -> Self {
         let stream = UnixStream::connect(site.path("serial")).unwrap();
         stream.set_read_timeout(Some(PATIENCE)).unwrap();
-        Self { control: site.control_connection(), stream }
+        Self { site, stream }
     }
 
     /// Sends `bytes`; returns what comes back, at least `least` bytes, and all there is.
@@ -32,9 +32,9 @@ impl Terminal {
                 Err(error) => panic!("{:?} gave only {:?}: {error}", bytes, String::from_utf8_lossy(&answer)),
             }
         }
-        // Two rounds of the simulator's loop: whatever it still has to say has been said then.
+        // Polled twice, the simulator has read what was sent and answered it.
         for _ in 0..2 {
-            self.control.ask("status");
+            self.site.with_world(World::poll);
         }
         self.stream.set_read_timeout(Some(Duration::from_millis(1))).unwrap();
         while let Ok(count @ 1..) = self.stream.read(&mut chunk) {
@@ -50,9 +50,10 @@ fn the_printed_vectors_hold_over_the_port_byte_for_byte() {
     let mut wrong = Vec::new();
     for vector in vectors() {
         let Some((_, setup)) = SETUPS.iter().find(|(ids, _)| ids.contains(&vector.id)) else { continue };
-        let mut site = Site::new();
+        let site = VirtualSite::new();
         // Time stands still: what a setup writes into registers is not overtaken by the servo.
-        site.start_simulator(&["--virtual"]);
+        site.hold();
+        site.start_simulator(&[]);
         let mut terminal = Terminal::open(&site);
         let prepared = terminal.talk(setup.as_bytes(), 0);
         assert!(!prepared.contains(&7), "the preparation of vector {} fails", vector.id);
@@ -67,7 +68,7 @@ fn the_printed_vectors_hold_over_the_port_byte_for_byte() {
 
 #[test]
 fn the_active_response_port_moves_with_the_commands_and_by_control_z() {
-    let mut site = Site::new();
+    let site = VirtualSite::new();
     site.start_simulator(&[]);
     let mut terminal = Terminal::open(&site);
     assert_eq!(terminal.talk(b"I3=2 I6=1\r", 1), b"\x06");

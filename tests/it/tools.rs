@@ -5,7 +5,7 @@ use std::process::Stdio;
 use nix::sys::signal::Signal;
 use serde_json::json;
 
-use crate::support::Site;
+use crate::support::VirtualSite;
 use crate::support::bench::Bench;
 use crate::support::rig::{Ran, command, pmacctl};
 
@@ -55,15 +55,15 @@ fn nothing_is_sent_unless_somebody_says_so() {
 
 #[test]
 fn set_up_through_the_daemon_stops_at_the_first_error() {
-    let site = Site::running(&[], &[]);
+    let site = VirtualSite::running(&[], &[]);
     // While the servo report runs, GATHER would begin something else.
     site.ask("ENDGATHER");
     let ran = site.run(&["setup", "enable", "servo", "background", "--motors", "3", "--send", "--yes"]);
     assert_eq!(ran.code, Some(0), "{ran:?}");
     assert!(ran.stdout.contains("\nsent I48=1\n"), "{ran:?}");
     assert_eq!(site.ask("I48 I49 I59"), ["1", "1", "3"]);
-    // A gather buffer cannot be defined while it is in use.
-    site.ask("I20=1 I21=$80002B DEFINE GATHER 100 GATHER");
+    // A gather buffer cannot be defined while it is in use. With I45=1 it does not come to an end.
+    site.ask("I45=1 I20=1 I21=$80002B DEFINE GATHER 100 GATHER");
     let enable = ["setup", "enable", "gather", "--source", "D:$002B", "--send", "--yes"];
     let ran = site.run(&enable);
     assert_eq!(ran.code, Some(1), "{ran:?}");
@@ -96,7 +96,7 @@ fn abort_and_kill_go_at_once_and_the_status_says_whether_they_went() {
 
 #[test]
 fn abort_and_kill_act_on_the_motors() {
-    let mut site = Site::running(&[], &[]);
+    let site = VirtualSite::running(&[], &[]);
     site.ask("#1J+ #2J+");
     assert_eq!(site.run(&["kill"]).code, Some(0));
     let open_loop =
@@ -117,7 +117,7 @@ fn abort_and_kill_act_on_the_motors() {
 
 #[test]
 fn a_file_is_downloaded_line_by_line() {
-    let site = Site::running(&[], &[]);
+    let site = VirtualSite::running(&[], &[]);
     site.file("names.pmc", "#define COUNT P5\n#define START 100 ; counts\n");
     let main = site.file(
         "main.pmc",
@@ -212,7 +212,7 @@ fn a_restore_says_which_line_may_have_been_carried_out() {
 
 #[test]
 fn the_status_says_when_command_lines_are_off() {
-    let mut site = Site::new();
+    let site = VirtualSite::new();
     let path = site.file("config", "functions = ['servo']\nmotors = 2\ni10 = 3713707\n");
     site.start_simulator(&["--dpram-startup"]);
     site.start_daemon(&["--config", &path]);
@@ -223,7 +223,7 @@ fn the_status_says_when_command_lines_are_off() {
 
 #[test]
 fn variables_are_backed_up_compared_and_restored() {
-    let site = Site::running(&[], &[]);
+    let site = VirtualSite::running(&[], &[]);
     site.ask("I9=2 I125=$C000 I122=2000.5 P7=-0.5 P1023=12345.678");
     // Apart: a blank before & would not keep it from being an operator.
     site.ask("&1Q3=7 M1->Y:$FFC2,0 M5=42");
@@ -286,7 +286,7 @@ fn variables_are_backed_up_compared_and_restored() {
 
 #[test]
 fn a_restore_leaves_its_own_port_alone_and_tells_errors_by_line() {
-    let site = Site::running(&[], &[]);
+    let site = VirtualSite::running(&[], &[]);
     // I5 has two bits: the board takes 7 and holds another value.
     let path = site.file("part.pmc", "I3=0\nI6=3\nI58=0\nI5=7\nP1=5\n&9Q1=1\nP2=6\n");
     let ran = site.run(&["restore", &path, "--yes"]);

@@ -10,7 +10,7 @@ use std::time::Duration;
 use pmac_dpram::client::{SerialError, SerialLine};
 
 use crate::support::rig::{pmacctl, pty};
-use crate::support::{PATIENCE, Site};
+use crate::support::{PATIENCE, VirtualSite};
 
 /// Enough for a line whose answer comes in the form it has just set, which is not understood yet.
 const SHORT: Duration = Duration::from_millis(400);
@@ -22,7 +22,7 @@ struct Wire {
 }
 
 impl Wire {
-    fn to(site: &Site) -> Self {
+    fn to(site: &VirtualSite) -> Self {
         let pty = pty(None);
         let path = nix::unistd::ttyname(&pty.slave).unwrap();
         let board = UnixStream::connect(site.path("serial")).unwrap();
@@ -46,7 +46,7 @@ fn carry(mut from: impl Read + Send + 'static, mut to: impl Write + Send + 'stat
 
 #[test]
 fn every_form_of_handshake_is_understood() {
-    let mut site = Site::new();
+    let site = VirtualSite::new();
     site.start_simulator(&[]);
     let wire = Wire::to(&site);
     for i3 in 0..4 {
@@ -72,7 +72,7 @@ fn every_form_of_handshake_is_understood() {
 #[test]
 fn a_board_is_set_up_over_the_serial_line() {
     for form in ["I3=0", "I3=1", "I3=2", "I3=3"] {
-        let mut site = Site::new();
+        let site = VirtualSite::new();
         site.start_simulator(&[]);
         let wire = Wire::to(&site);
         SerialLine::open(&wire.path, 9600).unwrap().send(form, SHORT).ok();

@@ -9,22 +9,22 @@ use std::time::{Duration, Instant};
 
 use crate::support::bench::Bench;
 use crate::support::rig::{Ran, command, pty};
-use crate::support::{PATIENCE, Site, wait_until};
+use crate::support::{PATIENCE, VirtualSite};
 
-fn terminal(site: &Site, options: &[&str]) -> std::process::Command {
+fn terminal(site: &VirtualSite, options: &[&str]) -> std::process::Command {
     let mut command = command();
     command.args(["--name", &site.name, "--socket"]).arg(site.socket()).arg("terminal").args(options);
     command
 }
 
-fn piped(site: &Site, options: &[&str]) -> Child {
+fn piped(site: &VirtualSite, options: &[&str]) -> Child {
     let mut command = terminal(site, options);
     command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap()
 }
 
 #[test]
 fn in_a_pipe_replies_errors_and_texts_are_kept_apart() {
-    let site = Site::running(&[], &[]);
+    let site = VirtualSite::running(&[], &[]);
     let mut child = piped(&site, &[]);
     let mut stdin = child.stdin.take().unwrap();
     let mut stdout = BufReader::new(child.stdout.take().unwrap()).lines().map(Result::unwrap);
@@ -127,7 +127,7 @@ impl Person {
 
 #[test]
 fn on_a_terminal_there_is_a_prompt_editing_and_history() {
-    let site = Site::running(&[], &[]);
+    let site = VirtualSite::running(&[], &[]);
     let size = nix::pty::Winsize { ws_row: 24, ws_col: 80, ws_xpixel: 0, ws_ypixel: 0 };
     let pty = pty(Some(&size));
     let state = tempfile::tempdir().unwrap();
@@ -164,9 +164,9 @@ fn on_a_terminal_there_is_a_prompt_editing_and_history() {
     assert!(history.contains("P9=P9+1\nP9\n"), "{history}");
 
     let child = start(state.path());
-    wait_until("another prompt", || person.screen().matches(".quit leaves").count() == 2);
+    site.wait_until("another prompt", || person.screen().matches(".quit leaves").count() == 2);
     person.types("\x1b[A\x1b[A\r");
-    wait_until("the answer", || person.screen().matches("\n19\r\n").count() == 2);
+    site.wait_until("the answer", || person.screen().matches("\n19\r\n").count() == 2);
     // End of input.
     person.types("\x04");
     assert_eq!(child.ended(), Some(0), "{}", person.screen());
@@ -175,7 +175,7 @@ fn on_a_terminal_there_is_a_prompt_editing_and_history() {
 
 #[test]
 fn on_a_terminal_a_stream_shows_how_far_it_is() {
-    let site = Site::running(&[], &[]);
+    let site = VirtualSite::running(&[], &[]);
     site.wait_for_live_servo();
     let mut connection = site.connection();
     connection.send("&1 #1->X", PATIENCE).unwrap();
@@ -191,8 +191,11 @@ fn on_a_terminal_a_stream_shows_how_far_it_is() {
     let child = Running(command.stdin(slave()).stdout(slave()).stderr(slave()).spawn().unwrap());
     let person = Person::at(pty.master);
     person.sees(" of 1351 lines, ");
-    assert_eq!(child.ended(), Some(0), "{}", person.screen());
-    wait_until("the whole summary", || person.screen().ends_with("for a jog or the next stream\r\n"));
+    let ended = site.hurried(|| child.ended());
+    // What was said last may not be on the screen yet.
+    site.wait_until("the end of the screen", || person.screen().ends_with("\r\n"));
+    assert_eq!(ended, Some(0), "{}", person.screen());
+    site.wait_until("the whole summary", || person.screen().ends_with("for a jog or the next stream\r\n"));
     let screen = person.screen();
     // Each state of the bar replaces the one before, and the summary the last one.
     let mut states: Vec<&str> = screen.split("\x1b[K").collect();

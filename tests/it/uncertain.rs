@@ -3,21 +3,17 @@
 use pmac_dpram::protocol::BoardSettings;
 use serde_json::json;
 
-use crate::support::{PATIENCE, Site, wait_until};
+use crate::support::{PATIENCE, VirtualSite};
 
 /// A board whose daemon is configured with `text`, and takes commands.
-fn configured(simulator: &[&str], text: &str) -> Site {
-    let mut site = Site::new();
-    let path = site.path("pmacd.toml");
-    std::fs::write(&path, text).unwrap();
-    site.start_simulator(&[&["--dpram-startup"], simulator].concat());
-    site.start_daemon(&["--config", path.to_str().unwrap()]);
+fn configured(simulator: &[&str], text: &str) -> VirtualSite {
+    let site = VirtualSite::configured(simulator, text);
     site.wait_for_live_servo();
-    wait_until("a board that takes commands", || site.pmacctl(&["send", "&1 #1->X #2->Y"]).0 == 0);
+    site.wait_until("a board that takes commands", || site.pmacctl(&["send", "&1 #1->X #2->Y"]).0 == 0);
     site
 }
 
-fn word(site: &Site, offset: &str) -> u64 {
+fn word(site: &VirtualSite, offset: &str) -> u64 {
     let (status, stdout, stderr) = site.pmacctl(&["read", offset, "--json"]);
     assert_eq!(status, 0, "{stderr}");
     let document: serde_json::Value = serde_json::from_str(&stdout).unwrap();
@@ -61,7 +57,7 @@ fn the_daemon_and_the_command_line_work_by_them() {
     let (status, stdout, stderr) = site.pmacctl(&["rotary", "stream", file, "--define", "200", "--run"]);
     assert_eq!(status, 0, "{stderr}");
     assert!(stdout.starts_with("lines=2 commands=4 "), "{stdout}");
-    wait_until("the motors where the text says", || {
+    site.wait_until("the motors where the text says", || {
         let lines = site.connection().send("#1P #2P", PATIENCE).unwrap();
         lines == ["20", "-5"]
     });
@@ -75,7 +71,7 @@ fn the_daemon_and_the_command_line_work_by_them() {
     assert_eq!((status, stdout.lines().count()), (0, 2), "{stderr}");
     std::thread::scope(|scope| {
         scope.spawn(|| site.pmacctl(&["variable", "watch", "X:$0000", "--seconds", "2"]));
-        wait_until("the variable buffer in multi-user mode", || word(&site, "0x07E8") & 0x100 != 0);
+        site.wait_until("the variable buffer in multi-user mode", || word(&site, "0x07E8") & 0x100 != 0);
     });
 
     // 600 longs hold 300 samples of a long register, whole.

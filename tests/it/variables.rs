@@ -3,13 +3,13 @@
 use pmac_dpram::client::{Board, VariableWatch};
 use pmac_dpram::setup::gather_source::GatherSource;
 
-use crate::support::{Site, wait_until};
+use crate::support::VirtualSite;
 
 fn register(text: &str) -> GatherSource {
     text.parse().unwrap()
 }
 
-fn board(site: &Site) -> Board {
+fn board(site: &VirtualSite) -> Board {
     Board::attach(&site.name).unwrap().with_socket(&site.socket())
 }
 
@@ -19,7 +19,7 @@ fn watch(board: &Board, registers: &[&str]) -> VariableWatch {
 }
 
 /// The live table's registers as the list shows them, sorted.
-fn listed(site: &Site) -> Vec<String> {
+fn listed(site: &VirtualSite) -> Vec<String> {
     let document = site.run(&["variable", "list", "--json"]).json();
     let name = |entry: &serde_json::Value| entry["register"].as_str().unwrap().to_owned();
     let mut names: Vec<String> = document["entries"].as_array().unwrap().iter().map(name).collect();
@@ -29,7 +29,7 @@ fn listed(site: &Site) -> Vec<String> {
 
 #[test]
 fn clients_share_entries_and_free_them() {
-    let site = Site::running(&[], &[]);
+    let site = VirtualSite::running(&[], &[]);
     site.wait_for_live_servo();
     for line in ["WY$700,$123456", "WX$701,$FFFFFE", "WY$0728,1", "WX$0728,0"] {
         site.ask(line);
@@ -37,8 +37,8 @@ fn clients_share_entries_and_free_them() {
     let (mut one, mut two) = (board(&site), board(&site));
     let first = watch(&one, &["Y:$0700", "X:$0701", "X:$0000"]);
     let second = watch(&two, &["X:$0701", "D:$0728"]);
-    wait_until("a table of both", || listed(&site) == ["D:$0728", "X:$0000", "X:$0701", "Y:$0700"]);
-    wait_until("values", || {
+    site.wait_until("a table of both", || listed(&site) == ["D:$0728", "X:$0000", "X:$0701", "Y:$0700"]);
+    site.wait_until("values", || {
         let Some(view) = two.variables().unwrap().filter(|view| view.is_fresh()) else { return false };
         let value =
             |text: &str| view.data.value_of(register(text).address()).map(|entry| entry.value().to_vec());
@@ -53,16 +53,16 @@ fn clients_share_entries_and_free_them() {
     assert!(behind < 2000, "{behind} servo cycles between the value and its time");
 
     drop(first);
-    wait_until("the first one's entries to be free", || listed(&site) == ["D:$0728", "X:$0701"]);
+    site.wait_until("the first one's entries to be free", || listed(&site) == ["D:$0728", "X:$0701"]);
     drop(second);
-    wait_until("all entries to be free", || listed(&site).is_empty());
+    site.wait_until("all entries to be free", || listed(&site).is_empty());
     assert_eq!(site.run(&["variable", "list"]).stdout, "nobody watches a variable\n");
     site.assert_no_violations();
 }
 
 #[test]
 fn a_watch_prints_what_the_registers_hold() {
-    let site = Site::running(&[], &[]);
+    let site = VirtualSite::running(&[], &[]);
     site.wait_for_live_servo();
     site.ask("WY$700,$FFFFFB");
     site.ask("WX$701,$800000");
@@ -110,7 +110,7 @@ fn a_watch_prints_what_the_registers_hold() {
 
 #[test]
 fn a_set_writes_the_bits_asked_for_and_many_in_their_order() {
-    let site = Site::running(&[], &[]);
+    let site = VirtualSite::running(&[], &[]);
     site.wait_for_live_servo();
     site.ask("WY$700,$ABCDEF");
     let done = |arguments: &[&str]| {

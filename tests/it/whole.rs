@@ -1,17 +1,17 @@
-//! The main job, whole: board → daemon → segment → client, as separate processes.
+//! The main job, whole: board → daemon → segment → client, with clients of every kind.
 
 use std::time::Duration;
 
 use pmac_dpram::client::CommandError;
 use pmac_dpram::map::HostOffset;
 use pmac_dpram::protocol::CallError;
-use pmac_dpram::segment::{Counter, RegionId, Sample, Subscriber, WaitOutcome};
+use pmac_dpram::segment::{Counter, RegionId, Sample, Subscriber};
 
-use crate::support::{PATIENCE, Site, counter, is_live, wait_until};
+use crate::support::{PATIENCE, VirtualSite, counter, is_live};
 
 #[test]
 fn a_client_sees_the_motors_move() {
-    let mut site = Site::running(&[], &[]);
+    let site = VirtualSite::running(&[], &[]);
     site.wait_for_live_servo();
     let (status, _, error) = site.pmacctl(&["send", "#1J=3000 #2J=-1500.5"]);
     assert_eq!((status, error.as_str()), (0, ""));
@@ -23,74 +23,64 @@ fn a_client_sees_the_motors_move() {
         assert_eq!(document["motors"].as_array().unwrap().len(), 8);
         [0, 1].map(|motor| document["motors"][motor]["actual_position"]["value"].as_f64().unwrap_or(f64::NAN))
     };
-    wait_until("both motors in their places", || {
+    site.wait_until("both motors in their places", || {
         let [first, second] = positions();
         (first - 3000.0).abs() < 0.6 && (second + 1500.5).abs() < 0.6
     });
     let (status, json, _) = site.pmacctl(&["coordinates", "--json"]);
     assert_eq!(status, 0, "{json}");
     site.assert_no_violations();
-    assert_eq!(site.stop_daemon(), 0);
+    site.stop_daemon();
     assert!(Subscriber::attach(&site.segment()).is_err(), "a clean stop takes the segment away");
 }
 
-/// Updates of the run in virtual time; a minute at the default rate: `PMAC_STEPS=135528`.
+/// Updates of the run below; a minute at the default rate: `PMAC_STEPS=135528`.
 fn steps() -> u64 {
     std::env::var("PMAC_STEPS").ok().and_then(|text| text.parse().ok()).unwrap_or(3000)
 }
 
-#[test]
-fn in_virtual_time_no_update_is_missed_and_no_sample_lost() {
-    let site = Site::running(&["--virtual"], &[]);
+/// Steps the board, and has every update read: none is missed, none is lost.
+fn every_update_is_read(site: &VirtualSite, steps: u64) {
+    site.wait_for_live_servo();
     let subscriber = site.attach();
-    let mut board = site.control_connection();
-    // The daemon does not take what lay there before it came for an update.
-    wait_until("the first look", || counter(&subscriber, Counter::BusAccesses) > 0);
-    let before = subscriber.published(RegionId::Servo).unwrap();
-    let mut cursor = subscriber.cursor(RegionId::Servo, before + 1).unwrap();
+    site.hold();
+    // The daemon knows by then when the board makes its updates.
+    site.run_for(Duration::from_secs(1));
+    let missed = counter(&subscriber, Counter::Missed);
+    let mut cursor =
+        subscriber.cursor(RegionId::Servo, subscriber.published(RegionId::Servo).unwrap() + 1).unwrap();
     let mut sample = Sample::new();
-    let mut last_timer = None;
-    let mut updates = 0u64;
-    for step in 0..steps() {
-        board.ask("step 1");
-        let outcome = subscriber.wait_newer(RegionId::Servo, before + updates, PATIENCE).unwrap();
-        assert_eq!(outcome, WaitOutcome::Newer, "step {step}");
+    let (mut last_timer, mut updates) = (None, 0);
+    for step in 0..=steps {
+        site.step(1);
         while subscriber.next(&mut cursor, &mut sample).unwrap() {
-            updates += 1;
-            if let Some(last) = last_timer {
-                assert_eq!(sample.stamp().servo_timer, last + 1, "step {step}");
-            }
-            last_timer = Some(sample.stamp().servo_timer);
+            let timer = sample.stamp().servo_timer;
+            assert!(last_timer.is_none_or(|last| timer == last + 1), "step {step}");
+            (last_timer, updates) = (Some(timer), updates + 1);
         }
+        // The last one may be read in the next step.
+        assert!(updates >= step, "step {step}");
     }
-    assert_eq!((updates, cursor.lost()), (steps(), 0));
-    assert_eq!(counter(&subscriber, Counter::Missed), 0);
+    assert_eq!(cursor.lost(), 0);
+    assert_eq!(counter(&subscriber, Counter::Missed), missed);
     assert_eq!(counter(&subscriber, Counter::Skipped), 0);
-    site.assert_no_violations();
-}
-
-#[test]
-fn the_documented_handshake_delivers_the_same() {
-    let config = tempfile::NamedTempFile::new().unwrap();
-    std::fs::write(config.path(), "servo_reading = \"handshake\"\n").unwrap();
-    let site = Site::running(&["--virtual"], &["--config", config.path().to_str().unwrap()]);
-    let subscriber = site.attach();
-    let mut board = site.control_connection();
-    wait_until("the first look", || counter(&subscriber, Counter::BusAccesses) > 0);
-    let before = subscriber.published(RegionId::Servo).unwrap();
-    for update in 0..500u64 {
-        board.ask("step 1");
-        let outcome = subscriber.wait_newer(RegionId::Servo, before + update, PATIENCE).unwrap();
-        assert_eq!(outcome, WaitOutcome::Newer);
-    }
-    assert_eq!(counter(&subscriber, Counter::Missed) + counter(&subscriber, Counter::Skipped), 0);
     assert_eq!(site.status()["skipped"], 0);
     site.assert_no_violations();
 }
 
 #[test]
+fn no_update_is_missed_and_no_sample_lost() {
+    every_update_is_read(&VirtualSite::running(&[], &[]), steps());
+}
+
+#[test]
+fn the_documented_handshake_delivers_the_same() {
+    every_update_is_read(&VirtualSite::configured(&[], "servo_reading = \"handshake\"\n"), 500);
+}
+
+#[test]
 fn commands_replies_and_errors_pass_through() {
-    let site = Site::running(&[], &[]);
+    let site = VirtualSite::running(&[], &[]);
     let mut connection = site.connection();
     let long = format!("P1=1{}", "+1".repeat(98));
     assert_eq!(long.len(), 200);
@@ -130,7 +120,7 @@ fn commands_replies_and_errors_pass_through() {
 
 #[test]
 fn texts_of_programs_reach_who_listens_and_never_a_reply() {
-    let site = Site::running(&[], &[]);
+    let site = VirtualSite::running(&[], &[]);
     let mut messages = site.connection().messages().unwrap();
     let mut connection = site.connection();
     assert_eq!(connection.send("P1=5", PATIENCE).unwrap(), [] as [&str; 0]);
@@ -152,7 +142,7 @@ fn texts_of_programs_reach_who_listens_and_never_a_reply() {
 
 #[test]
 fn replies_come_without_interrupts_and_in_spite_of_false_ones() {
-    let site = Site::running(&[], &[]);
+    let site = VirtualSite::running(&[], &[]);
     let mut connection = site.connection();
     site.control("fault lost_interrupt on");
     for _ in 0..3 {
@@ -164,15 +154,15 @@ fn replies_come_without_interrupts_and_in_spite_of_false_ones() {
         assert_eq!(connection.send("VERSION", PATIENCE).unwrap(), ["1.16D"]);
     }
     let subscriber = site.attach();
-    wait_until("interrupts", || counter(&subscriber, Counter::Interrupts) > 0);
+    site.wait_until("interrupts", || counter(&subscriber, Counter::Interrupts) > 0);
     site.assert_no_violations();
 }
 
 #[test]
 fn a_late_acknowledgement_never_answers_the_next_command() {
-    let site = Site::running(&[], &[]);
+    let site = VirtualSite::running(&[], &[]);
     let mut connection = site.connection();
-    wait_until("the board to be identified", || site.log().contains("the board is PMAC"));
+    site.wait_for_identity();
     site.control("fault ascii_late_ack 600ms");
     for _ in 0..3 {
         let timed_out = connection.send("I10", Duration::from_millis(200));
@@ -186,34 +176,34 @@ fn a_late_acknowledgement_never_answers_the_next_command() {
 
 #[test]
 fn a_board_that_stops_in_any_way_turns_stale_and_comes_back_by_itself() {
-    let site = Site::running(&[], &[]);
+    let site = VirtualSite::running(&[], &[]);
     site.wait_for_live_servo();
     let subscriber = site.attach();
     for fault in ["servo_busy_stuck", "servo_silent", "all_ones"] {
         site.control(&format!("fault {fault} on"));
-        wait_until(&format!("stale data after {fault}"), || !is_live(&subscriber, RegionId::Servo));
+        site.wait_until(&format!("stale data after {fault}"), || !is_live(&subscriber, RegionId::Servo));
         let (status, json, _) = site.pmacctl(&["motors", "--json"]);
         let document: serde_json::Value = serde_json::from_str(&json).unwrap();
         assert_eq!((status, &document["servo"]["fresh"]), (1, &serde_json::json!(false)), "{fault}");
         site.control(&format!("fault {fault} off"));
-        wait_until(&format!("live data after {fault}"), || is_live(&subscriber, RegionId::Servo));
+        site.wait_until(&format!("live data after {fault}"), || is_live(&subscriber, RegionId::Servo));
     }
     assert_eq!(site.log().matches("servo data: stale").count(), 3, "each is said once:\n{}", site.log());
     site.control("fault background_stuck on");
-    wait_until("stale background", || !is_live(&subscriber, RegionId::Background));
+    site.wait_until("stale background", || !is_live(&subscriber, RegionId::Background));
     site.control("fault background_stuck off");
-    wait_until("live background", || is_live(&subscriber, RegionId::Background));
+    site.wait_until("live background", || is_live(&subscriber, RegionId::Background));
 }
 
 #[test]
 fn a_deaf_or_dumb_board_costs_a_command_its_time_and_no_more() {
-    let site = Site::running(&[], &[]);
+    let site = VirtualSite::running(&[], &[]);
     site.wait_for_live_servo();
     let mut connection = site.connection();
     let answers = |connection: &mut pmac_dpram::client::Connection| {
         assert_eq!(connection.send("VERSION", PATIENCE).unwrap(), ["1.16D"]);
     };
-    wait_until("the board to be identified", || site.log().contains("the board is PMAC"));
+    site.wait_for_identity();
     answers(&mut connection);
     site.control("fault ascii_deaf on");
     // It answered so far: it might have been at the line. After that it is known to take none.
@@ -233,14 +223,16 @@ fn a_deaf_or_dumb_board_costs_a_command_its_time_and_no_more() {
 
 #[test]
 fn a_reset_in_between_is_survived() {
-    let site = Site::running(&[], &[]);
+    let site = VirtualSite::running(&[], &[]);
     site.wait_for_live_servo();
     let subscriber = site.attach();
     site.control("reset");
-    wait_until("stale data: the reset ended the servo report", || !is_live(&subscriber, RegionId::Servo));
+    site.wait_until("stale data: the reset ended the servo report", || {
+        !is_live(&subscriber, RegionId::Servo)
+    });
     let mut connection = site.connection();
     // The saved I58=1 is back; the report needs its GATHER.
     connection.send("GATHER", PATIENCE).unwrap();
-    wait_until("live data", || is_live(&subscriber, RegionId::Servo));
+    site.wait_until("live data", || is_live(&subscriber, RegionId::Servo));
     site.assert_no_violations();
 }

@@ -12,13 +12,17 @@ pub mod raw;
 pub mod rig;
 pub mod sim;
 mod site;
+mod virtual_site;
 mod wait;
 mod weight;
+mod world;
 
 pub use place::{Control, Place};
 pub use site::Site;
+pub use virtual_site::VirtualSite;
 pub use wait::{Ended, PATIENCE, joined, output_within, status_within, wait_until};
 pub use weight::{Weight, own_kib};
+pub use world::World;
 
 use pmac_dpram::segment::{Counter, RegionId, RegionState, Subscriber};
 

@@ -3,7 +3,6 @@
 use std::ops::Deref;
 use std::os::unix::net::UnixStream;
 use std::process::{Child, Command, Stdio};
-use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
@@ -11,17 +10,12 @@ use pmac_dpram::segment::Subscriber;
 
 use super::{Control, PATIENCE, Place, status_within, wait_until};
 
-/// Two processes that want to run every 442 us need the machine's two cores: one site at a time.
-static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
-
 /// A board and a daemon that run by themselves, at the machine's pace.
 pub struct Site {
     place: Place,
     simulator: Option<Child>,
     daemon: Option<Child>,
     daemons_started: u32,
-    // Last, so that it is let go after everything else.
-    _alone: MutexGuard<'static, ()>,
 }
 
 impl Deref for Site {
@@ -35,13 +29,7 @@ impl Deref for Site {
 impl Site {
     /// A place without a process yet.
     pub fn new() -> Self {
-        Self {
-            place: Place::new(),
-            simulator: None,
-            daemon: None,
-            daemons_started: 0,
-            _alone: ONE_AT_A_TIME.lock().unwrap_or_else(PoisonError::into_inner),
-        }
+        Self { place: Place::new(), simulator: None, daemon: None, daemons_started: 0 }
     }
 
     /// A board with all DPRAM functions enabled and a daemon on it, with live servo data.

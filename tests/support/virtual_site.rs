@@ -1,0 +1,313 @@
+//! A simulated board and its daemon in the process of the test, in virtual time. Real clients use them: their segment and
+//! their socket are real ones.
+//!
+//! One thread owns board, daemon and time. While a call waits for the board, or the test waits in
+//! [`VirtualSite::wait_until`] or [`VirtualSite::run_for`], time passes as fast as the machine can make it pass; otherwise not
+//! faster than real time. A slow machine makes time pass slowly, for board and daemon alike: neither can be late. Nor can a
+//! client: who holds a jog and has yet to renew it is waited for.
+
+use std::cell::RefCell;
+use std::fmt::Write as _;
+use std::ops::Deref;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel, sync_channel};
+use std::sync::{Arc, Mutex, Once};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+use pmac_dpram::segment::{RegionId, Subscriber};
+
+use super::world::World;
+use super::{PATIENCE, Place, is_live};
+
+/// How long nothing is polled while no time passes.
+const PAUSE: Duration = Duration::from_micros(300);
+
+/// What is done between two steps.
+type Request = Box<dyn FnOnce(&mut World) + Send>;
+
+/// What the test and the world's thread share.
+#[derive(Default)]
+struct Pace {
+    /// How many wait for time to pass.
+    hurried: AtomicUsize,
+    /// Time stands still.
+    held: AtomicBool,
+    /// What the daemon has logged.
+    log: Mutex<String>,
+}
+
+/// A board and a daemon in virtual time.
+pub struct VirtualSite {
+    place: Place,
+    pace: Arc<Pace>,
+    requests: Option<Sender<Request>>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Deref for VirtualSite {
+    type Target = Place;
+
+    fn deref(&self) -> &Place {
+        &self.place
+    }
+}
+
+impl VirtualSite {
+    /// A world with nothing in it.
+    pub fn new() -> Self {
+        let pace = Arc::new(Pace::default());
+        let (requests, taken) = channel();
+        let theirs = Arc::clone(&pace);
+        let thread = std::thread::Builder::new().name("world".to_owned());
+        let thread = thread.spawn(move || run(&theirs, &taken)).unwrap();
+        Self { place: Place::new(), pace, requests: Some(requests), thread: Some(thread) }
+    }
+
+    /// A board with all DPRAM functions enabled and a daemon on it.
+    pub fn running(simulator: &[&str], daemon: &[&str]) -> Self {
+        let site = Self::new();
+        site.start_simulator(&[&["--dpram-startup"], simulator].concat());
+        site.start_daemon(daemon);
+        site
+    }
+
+    /// As [`VirtualSite::running`], of a daemon with this configuration.
+    pub fn configured(simulator: &[&str], config: &str) -> Self {
+        let site = Self::new();
+        let config = site.file("pmacd.toml", config);
+        site.start_simulator(&[&["--dpram-startup"], simulator].concat());
+        site.start_daemon(&["--config", &config]);
+        site
+    }
+
+    /// Has `action` done between two steps.
+    pub fn with_world<R: Send + 'static>(&self, action: impl FnOnce(&mut World) -> R + Send + 'static) -> R {
+        let (done, result) = sync_channel(1);
+        let request = move |world: &mut World| drop(done.send(action(world)));
+        let sent = self.requests.as_ref().unwrap().send(Box::new(request));
+        sent.ok().and_then(|()| result.recv().ok()).expect("the world has not come to an end")
+    }
+
+    /// Starts the simulator; the sockets and the memory are those of the place.
+    pub fn start_simulator(&self, options: &[&str]) {
+        let socket = |name: &str| format!("unix:{}", self.path(name).display());
+        let mut all = vec!["--memory".to_owned(), self.path("dpram").display().to_string()];
+        for name in ["interrupt", "serial", "control"] {
+            all.extend([format!("--{name}"), socket(name)]);
+        }
+        all.extend(options.iter().map(|&option| option.to_owned()));
+        self.with_world(move |world| world.start_simulator(&all));
+    }
+
+    /// Starts a daemon on the board.
+    pub fn start_daemon(&self, options: &[&str]) {
+        let board =
+            format!("file:{},irq=unix:{}", self.path("dpram").display(), self.path("interrupt").display());
+        self.start_daemon_on(&board, options);
+    }
+
+    /// Starts a daemon on the board that `board` names.
+    pub fn start_daemon_on(&self, board: &str, options: &[&str]) {
+        let mut all = vec!["--board".to_owned(), board.to_owned(), "--name".to_owned(), self.name.clone()];
+        all.extend(["--socket".to_owned(), self.socket().display().to_string()]);
+        all.extend(options.iter().map(|&option| option.to_owned()));
+        self.pace.log.lock().unwrap().clear();
+        self.with_world(move |world| world.start_daemon(&all)).unwrap();
+    }
+
+    /// What the daemon has logged since it was started.
+    pub fn log(&self) -> String {
+        self.pace.log.lock().unwrap().clone()
+    }
+
+    /// Ends the daemon in good order.
+    pub fn stop_daemon(&self) {
+        self.with_world(World::stop_daemon);
+    }
+
+    /// The board loses its power.
+    pub fn kill_simulator(&self) {
+        self.with_world(|world| world.simulator = None);
+    }
+
+    /// The board does nothing from here on, until it is told that it does.
+    pub fn board_stands_still(&self, still: bool) {
+        self.with_world(move |world| world.board_stands_still = still);
+    }
+
+    /// The daemon does nothing from here on, until it is told that it does.
+    pub fn daemon_stands_still(&self, still: bool) {
+        self.with_world(move |world| world.daemon_stands_still = still);
+    }
+
+    /// Has the simulator carry out a line of its control socket.
+    #[track_caller]
+    pub fn control(&self, line: &str) -> String {
+        let text = line.to_owned();
+        let answer = self.with_world(move |world| world.simulator.as_mut().unwrap().control_line(&text));
+        assert!(!answer.starts_with("error"), "{line}: {answer}");
+        answer
+    }
+
+    /// The simulator's own counts.
+    pub fn status(&self) -> serde_json::Value {
+        serde_json::from_str(&self.control("status")).unwrap()
+    }
+
+    /// The simulator has seen the host break no handshake.
+    #[track_caller]
+    pub fn assert_no_violations(&self) {
+        assert_eq!(self.status()["violations"], serde_json::json!([]));
+    }
+
+    /// Lets `time` pass.
+    pub fn run_for(&self, time: Duration) {
+        self.with_world(move |world| world.run_for(time));
+    }
+
+    /// Lets so many servo cycles pass.
+    pub fn step(&self, cycles: u64) {
+        self.with_world(move |world| (0..cycles).for_each(|_| world.step()));
+    }
+
+    /// Time stands still from here on, but for [`VirtualSite::run_for`] and [`VirtualSite::step`], until [`VirtualSite::go_on`].
+    /// The daemon answers what it can answer without the board.
+    pub fn hold(&self) {
+        self.pace.held.store(true, Ordering::SeqCst);
+        // The step that was under way is over.
+        self.with_world(|_| ());
+    }
+
+    /// Time passes again.
+    pub fn go_on(&self) {
+        self.pace.held.store(false, Ordering::SeqCst);
+    }
+
+    /// Has time pass as fast as it can while `action` lasts.
+    pub fn hurried<R>(&self, action: impl FnOnce() -> R) -> R {
+        struct Hurry<'a>(&'a Pace);
+        impl Drop for Hurry<'_> {
+            fn drop(&mut self) {
+                self.0.hurried.fetch_sub(1, Ordering::Relaxed);
+            }
+        }
+        self.pace.hurried.fetch_add(1, Ordering::Relaxed);
+        let _hurry = Hurry(&self.pace);
+        action()
+    }
+
+    /// Lets time pass until `condition` holds.
+    #[track_caller]
+    pub fn wait_until(&self, what: &str, mut condition: impl FnMut() -> bool) {
+        let deadline = Instant::now() + PATIENCE;
+        self.hurried(|| {
+            while !condition() {
+                assert!(Instant::now() < deadline, "waited in vain for {what}");
+                std::thread::sleep(PAUSE);
+            }
+        });
+    }
+
+    #[track_caller]
+    pub fn wait_for_live_servo(&self) {
+        let name = self.segment();
+        self.wait_until("live servo data", || {
+            Subscriber::attach(&name).is_ok_and(|subscriber| is_live(&subscriber, RegionId::Servo))
+        });
+    }
+
+    /// Waits until the daemon knows the board.
+    #[track_caller]
+    pub fn wait_for_identity(&self) {
+        self.wait_until("the board to be identified", || self.log().contains("the board is PMAC"));
+    }
+}
+
+impl Drop for VirtualSite {
+    fn drop(&mut self) {
+        drop(self.requests.take());
+        let ended = self.thread.take().map(JoinHandle::join);
+        if std::thread::panicking() {
+            eprintln!("what the daemon had logged:\n{}", self.log());
+        } else if let Some(Err(panic)) = ended {
+            std::panic::resume_unwind(panic);
+        }
+    }
+}
+
+/// Makes time pass until nobody is left who could ask for anything.
+fn run(pace: &Arc<Pace>, requests: &Receiver<Request>) {
+    keep_log_of_this_thread(pace);
+    let mut world = World::new();
+    // No step before then, unless somebody waits for it.
+    let mut due = Instant::now();
+    // Since when the holder of a jog is waited for.
+    let mut waits_for_holder = None;
+    loop {
+        let hurried = pace.hurried.load(Ordering::Relaxed) > 0 || world.is_waited_for();
+        let held = pace.held.load(Ordering::SeqCst);
+        let holder_is_due =
+            world.is_lease_over() && waits_for_holder.get_or_insert_with(Instant::now).elapsed() < PATIENCE;
+        if !world.is_lease_over() {
+            waits_for_holder = None;
+        }
+        let now = Instant::now();
+        let passes = !held && !holder_is_due && (hurried || now >= due);
+        if passes {
+            // What could not be made up for in time is not made up for at all.
+            due = due.max(now.checked_sub(Duration::from_millis(5)).unwrap_or(now)) + world.period();
+            world.step();
+        } else {
+            world.poll();
+        }
+        let request = if passes {
+            requests.try_recv().map_err(|error| match error {
+                std::sync::mpsc::TryRecvError::Empty => RecvTimeoutError::Timeout,
+                std::sync::mpsc::TryRecvError::Disconnected => RecvTimeoutError::Disconnected,
+            })
+        } else {
+            requests.recv_timeout(PAUSE)
+        };
+        match request {
+            Ok(request) => request(&mut world),
+            Err(RecvTimeoutError::Timeout) => {}
+            Err(RecvTimeoutError::Disconnected) => return,
+        }
+    }
+}
+
+thread_local! {
+    /// Where this thread's log goes.
+    static LOG: RefCell<Option<Arc<Pace>>> = const { RefCell::new(None) };
+}
+
+/// Logs of each thread by itself: the daemons of several tests log in one process.
+struct ThreadLog;
+
+impl log::Log for ThreadLog {
+    fn enabled(&self, metadata: &log::Metadata) -> bool {
+        metadata.level() <= log::Level::Info
+    }
+
+    fn log(&self, record: &log::Record) {
+        LOG.with_borrow(|pace| {
+            if let Some(pace) = pace {
+                let mut log = pace.log.lock().unwrap();
+                let _ = writeln!(log, "[{:<5}] {}", record.level(), record.args());
+            }
+        });
+    }
+
+    fn flush(&self) {}
+}
+
+fn keep_log_of_this_thread(pace: &Arc<Pace>) {
+    static INIT: Once = Once::new();
+    INIT.call_once(|| {
+        if log::set_logger(&ThreadLog).is_ok() {
+            log::set_max_level(log::LevelFilter::Info);
+        }
+    });
+    LOG.set(Some(Arc::clone(pace)));
+}

@@ -1,0 +1,171 @@
+//! A simulated board and a daemon in one thread, in time that passes when they are told so.
+
+use std::time::{Duration, Instant};
+
+use clap::Parser;
+use pmac_dpram::clock::ManualTime;
+use pmac_dpram::daemon::board_loop::BoardLoop;
+use pmac_dpram::daemon::config::settings::Settings;
+use pmac_dpram::daemon::machine::Machine;
+use pmac_dpram::daemon::options::Options;
+use pmac_dpram::daemon::parts::{Parts, segment_options};
+use pmac_dpram::daemon::socket::server::ServeOptions;
+use pmac_dpram::daemon::socket::server::stepper::ServerStepper;
+use pmac_dpram::device::Inherited;
+use pmac_dpram::segment::Publisher;
+use pmac_dpram::sim;
+use pmac_dpram::sim::process::Simulator;
+
+/// When a world begins, in nanoseconds. A daemon that starts finds no time before it began.
+const BEGIN_NS: u64 = 1_000_000_000_000;
+/// How long a step is while there is no board, whose servo cycle it would be.
+const STEP: Duration = Duration::from_micros(500);
+/// How often the simulator's sockets are polled, in its time, as `pmac-sim` does.
+const SOCKETS_EVERY_NS: u64 = 1_000_000;
+/// How long a daemon may take to end, in its time.
+const LAST: Duration = Duration::from_secs(10);
+
+/// The daemon's parts: the bus thread's and the command socket's.
+pub struct Daemon {
+    pub board_loop: BoardLoop,
+    pub server: ServerStepper,
+}
+
+/// The board, the daemon, and their time.
+pub struct World {
+    time: ManualTime,
+    pub simulator: Option<Simulator>,
+    pub daemon: Option<Daemon>,
+    /// The board does nothing, as if its process were stopped.
+    pub board_stands_still: bool,
+    /// The daemon does nothing, as if its process were stopped.
+    pub daemon_stands_still: bool,
+    sockets_due_ns: u64,
+}
+
+impl World {
+    pub fn new() -> Self {
+        Self {
+            time: ManualTime::at(BEGIN_NS),
+            simulator: None,
+            daemon: None,
+            board_stands_still: false,
+            daemon_stands_still: false,
+            sockets_due_ns: 0,
+        }
+    }
+
+    pub fn now(&self) -> Instant {
+        self.time.clock().now()
+    }
+
+    pub fn now_ns(&self) -> u64 {
+        self.time.ns()
+    }
+
+    /// How long the next step is.
+    pub fn period(&self) -> Duration {
+        self.simulator.as_ref().map_or(STEP, Simulator::period)
+    }
+
+    /// Starts the simulator with the options of `pmac-sim`.
+    pub fn start_simulator(&mut self, options: &[String]) {
+        let options = std::iter::once("pmac-sim".to_owned()).chain(options.iter().cloned());
+        let options = sim::process::options::Options::try_parse_from(options).unwrap();
+        self.simulator = Some(Simulator::stepped(&options).unwrap());
+    }
+
+    /// Starts a daemon with the options of `pmacd`. What it refuses is the error.
+    pub fn start_daemon(&mut self, options: &[String]) -> Result<(), String> {
+        let options = std::iter::once("pmacd".to_owned()).chain(options.iter().cloned());
+        let options = Options::try_parse_from(options).map_err(|error| error.to_string())?;
+        let settings = Settings::decide(&options).map_err(|error| error.to_string())?;
+        let failed = |failure: pmac_dpram::daemon::exit::Failure| failure.to_string();
+        let segment = segment_options(&settings, &self.time.clock()).map_err(failed)?;
+        let publisher = Publisher::create(&segment).map_err(|error| error.to_string())?;
+        let machine = Machine::open(&settings, &Inherited::default()).map_err(failed)?;
+        let parts = Parts::new(&settings, machine, publisher, self.time.clock()).map_err(failed)?;
+        let serve_options = ServeOptions {
+            mode: settings.socket_mode,
+            group: settings.socket_group.clone(),
+            roles: settings.roles.clone(),
+            ..ServeOptions::new(settings.socket.clone())
+        };
+        let listener = serve_options.listen().map_err(|error| error.to_string())?;
+        let server =
+            ServerStepper::new(&serve_options, listener, parts.backend).map_err(|error| error.to_string())?;
+        self.daemon = Some(Daemon { board_loop: parts.board_loop, server });
+        self.poll();
+        Ok(())
+    }
+
+    /// One servo cycle of the board, with all that the daemon does meanwhile.
+    pub fn step(&mut self) {
+        let end = self.time.ns() + u64::try_from(self.period().as_nanos()).unwrap();
+        if !self.board_stands_still
+            && let Some(simulator) = &mut self.simulator
+        {
+            simulator.step();
+            if end >= self.sockets_due_ns {
+                self.sockets_due_ns = end + SOCKETS_EVERY_NS;
+                simulator.poll();
+            }
+        }
+        if let Some(daemon) = self.daemon.as_mut().filter(|_| !self.daemon_stands_still) {
+            loop {
+                let due = daemon.board_loop.poll();
+                if due <= self.time.ns() || due >= end {
+                    break;
+                }
+                self.time.move_to(due);
+            }
+            self.time.move_to(end);
+            daemon.server.round(self.time.clock().now()).unwrap();
+        }
+        self.time.move_to(end);
+    }
+
+    /// Does what is to be done now, without any time passing.
+    pub fn poll(&mut self) {
+        if !self.board_stands_still
+            && let Some(simulator) = &mut self.simulator
+        {
+            simulator.poll();
+        }
+        if let Some(daemon) = self.daemon.as_mut().filter(|_| !self.daemon_stands_still) {
+            daemon.board_loop.poll();
+            daemon.server.round(self.time.clock().now()).unwrap();
+        }
+    }
+
+    /// Lets `time` pass.
+    pub fn run_for(&mut self, time: Duration) {
+        let end = self.now() + time;
+        while self.now() < end {
+            self.step();
+        }
+    }
+
+    /// Whether a client waits for the board to do something.
+    pub fn is_waited_for(&self) -> bool {
+        self.daemon.as_ref().is_some_and(|daemon| daemon.server.waits_for_board())
+    }
+
+    /// Whether a jog that somebody holds is stopped in the next step, unless its holder renews it before.
+    pub fn is_lease_over(&self) -> bool {
+        let end = self.daemon.as_ref().and_then(|daemon| daemon.server.first_lease_end());
+        end.is_some_and(|end| end <= self.now() + 2 * self.period())
+    }
+
+    /// Ends the daemon in good order.
+    pub fn stop_daemon(&mut self) {
+        let Some(Daemon { mut board_loop, server }) = self.daemon.take() else { return };
+        server.end(self.now());
+        board_loop.stop();
+        let latest = self.now() + LAST;
+        while board_loop.poll() != u64::MAX {
+            assert!(self.now() < latest, "the daemon does not end");
+            self.step();
+        }
+    }
+}
