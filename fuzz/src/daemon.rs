@@ -6,12 +6,12 @@ use std::collections::BTreeMap;
 use std::time::Duration;
 
 use pmac_dpram::clock::{Clock, ManualTime};
-use pmac_dpram::daemon::ascii_desk::AsciiDesk;
-use pmac_dpram::daemon::board_function::Context;
-use pmac_dpram::daemon::command_lines::CommandLines;
-use pmac_dpram::daemon::functions::FunctionTable;
-use pmac_dpram::daemon::identify::Identifier;
-use pmac_dpram::daemon::response_port::ResponsePort;
+use pmac_dpram::daemon::bus::board_function::Context;
+use pmac_dpram::daemon::bus::function_table::FunctionTable;
+use pmac_dpram::daemon::bus::identify::Identifier;
+use pmac_dpram::daemon::bus::ports::command_port::ResponsePort;
+use pmac_dpram::daemon::bus::work::ascii::AsciiDesk;
+use pmac_dpram::daemon::bus::work::command_lines::CommandLines;
 use pmac_dpram::daemon::shared::job::{Job, MaskedWord};
 use pmac_dpram::daemon::shared::queue::{Command, Event, Receive, Sender, Text, Ticket, queue};
 use pmac_dpram::format::TextOrder;

@@ -4,7 +4,7 @@
 use std::time::{Duration, Instant};
 
 use pmac_dpram::client::serial_reply::{self, Handshake};
-use pmac_dpram::daemon::identify::Identifier;
+use pmac_dpram::daemon::bus::identify::Identifier;
 use pmac_dpram::format::{Float48Layout, TextOrder, fixed48, float32, float48, int24, write48};
 use pmac_dpram::gather::Source;
 use pmac_dpram::map::{Family, Firmware, Layout, errors, status};

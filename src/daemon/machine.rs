@@ -1,10 +1,10 @@
 //! Everything of the machine that the daemon works with: the board, its mailboxes, its interrupt controller.
 
-use super::board::{self, Board};
 use super::config::settings::Settings;
 use super::exit::Failure;
-use super::host_link::HostPortLink;
-use super::mailbox_link::MailboxLink;
+use crate::daemon::bus::board::{self, Board};
+use crate::daemon::bus::ports::host_port::HostPortLink;
+use crate::daemon::bus::ports::mailbox::MailboxLink;
 use crate::device::{Inherited, System};
 
 /// Everything of the machine that the daemon works with.

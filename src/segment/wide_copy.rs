@@ -30,6 +30,7 @@
 //! checker (`tests/it/segment_loom.rs`) does **not** run it: it runs the ring over copies word by word, in either order.
 #![allow(unsafe_code)]
 
+#[cfg(any(all(target_arch = "x86_64", not(miri)), test))]
 use super::layout::LINE_WORDS;
 #[cfg(all(target_arch = "x86_64", not(miri)))]
 use super::layout::WORD;

@@ -4,7 +4,7 @@ use std::time::{Duration, Instant};
 
 use clap::Parser;
 use pmac_dpram::clock::ManualTime;
-use pmac_dpram::daemon::board_loop::BoardLoop;
+use pmac_dpram::daemon::bus::board_loop::BoardLoop;
 use pmac_dpram::daemon::config::settings::Settings;
 use pmac_dpram::daemon::machine::Machine;
 use pmac_dpram::daemon::options::Options;

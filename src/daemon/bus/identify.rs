@@ -8,7 +8,7 @@
 use std::fmt::Write;
 use std::time::{Duration, Instant};
 
-use super::shared::status::Enabling;
+use crate::daemon::shared::status::Enabling;
 use crate::format::Text;
 use crate::map::classic;
 use crate::protocol::{LINE_MAX, answer};

@@ -5,12 +5,12 @@ use std::time::Instant;
 
 use log::{info, warn};
 
-use super::board_loop::BoardLoop;
+use crate::daemon::bus::board_loop::BoardLoop;
 use crate::protocol::{CommandPort, CommandState};
 use crate::segment::Counter;
 
 impl BoardLoop {
-    pub(super) fn attend_mailbox(&mut self, readable: bool, now: Instant) {
+    pub(in crate::daemon) fn attend_mailbox(&mut self, readable: bool, now: Instant) {
         let Some(mailbox) = &mut self.functions.ascii.desk.port_mut().mailbox else { return };
         let interrupts = if readable { mailbox.take_interrupts(now) } else { 0 };
         mailbox.tend(now);
@@ -26,19 +26,19 @@ impl BoardLoop {
     }
 
     /// Whether the interrupts of the way in use are there has changed.
-    pub(super) fn tell_interrupt(&mut self) {
+    pub(in crate::daemon) fn tell_interrupt(&mut self) {
         self.functions.ascii.desk.set_interrupt(self.has_interrupt());
         self.tell_enabled();
     }
 
-    pub(super) fn has_interrupt(&self) -> bool {
+    pub(in crate::daemon) fn has_interrupt(&self) -> bool {
         match self.functions.ascii.desk.port().way() {
             CommandPort::Dpram => self.told.interrupt,
             CommandPort::Mailbox => self.told.mailbox,
         }
     }
 
-    pub(super) fn tell_port(&mut self) {
+    pub(in crate::daemon) fn tell_port(&mut self) {
         let (way, state) = (self.functions.ascii.desk.port().way(), self.functions.ascii.desk.state());
         let before = self.told.port.replace((way, state));
         if before == Some((way, state)) {

@@ -1,10 +1,10 @@
 //! Command lines as a function of the board.
 
-use super::ascii_desk::AsciiDesk;
-use super::board_function::{BoardFunction, Context, Polled};
-use super::host_link::HostPortLink;
-use super::response_port::PortError;
 use crate::clock::Clock;
+use crate::daemon::bus::board_function::{BoardFunction, Context, Polled};
+use crate::daemon::bus::ports::command_port::PortError;
+use crate::daemon::bus::ports::host_port::HostPortLink;
+use crate::daemon::bus::work::ascii::AsciiDesk;
 use crate::device::{Bus, BusError};
 use crate::function::ascii::AsciiPort;
 use crate::protocol::CommandState;

@@ -7,9 +7,9 @@
 use std::os::fd::BorrowedFd;
 use std::time::Instant;
 
-use super::board::{self, link};
-use super::config::ports::{Lane, MailboxConfig, Use};
-use super::interrupt_link::InterruptLink;
+use crate::daemon::bus::board::{self, link};
+use crate::daemon::bus::ports::interrupt::InterruptLink;
+use crate::daemon::config::ports::{Lane, MailboxConfig, Use};
 use crate::device::board::refusal::OpenError;
 use crate::device::{ByteBus, ByteBusError, Counted, EvenLane, Inherited, System, open_bytes};
 use crate::function::mailbox::{MailboxPort, MailboxSignal};

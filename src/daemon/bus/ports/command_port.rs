@@ -6,8 +6,8 @@
 
 use std::time::{Duration, Instant};
 
-use super::config::ports::Use;
-use super::mailbox_link::MailboxLink;
+use crate::daemon::bus::ports::mailbox::MailboxLink;
+use crate::daemon::config::ports::Use;
 use crate::device::{Bus, BusError, ByteBusError};
 use crate::format::TextOrder;
 use crate::function::ascii::{AsciiEvent, AsciiPort};

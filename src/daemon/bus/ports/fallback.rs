@@ -9,8 +9,8 @@ use std::time::{Duration, Instant};
 
 use log::{info, warn};
 
-use super::ascii_desk::{AsciiDesk, Begun};
-use super::response_port::{Answer, PortError};
+use crate::daemon::bus::ports::command_port::{Answer, PortError};
+use crate::daemon::bus::work::ascii::{AsciiDesk, Begun};
 use crate::device::Bus;
 use crate::function::ascii::AsciiPort;
 use crate::protocol::{CommandPort, CommandState};
@@ -23,14 +23,18 @@ const SOON: Duration = Duration::from_millis(200);
 
 impl AsciiDesk {
     /// A line may have changed which port the board looks at.
-    pub(super) fn ask_way_soon(&mut self, now: Instant) {
+    pub(in crate::daemon) fn ask_way_soon(&mut self, now: Instant) {
         if self.port.way() == CommandPort::Mailbox {
             self.next_ask = self.next_ask.min(now + SOON);
         }
     }
 
     /// Acts on what the board has said of its ports, and asks it when there is reason.
-    pub(super) fn consider_ways(&mut self, bus: &mut impl Bus, now: Instant) -> Result<(), PortError> {
+    pub(in crate::daemon) fn consider_ways(
+        &mut self,
+        bus: &mut impl Bus,
+        now: Instant,
+    ) -> Result<(), PortError> {
         if !self.port.may_change() {
             return Ok(());
         }

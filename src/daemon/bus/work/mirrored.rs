@@ -1,8 +1,8 @@
 //! The functions that only fill a region of the segment: servo and background data, gathered samples.
 
-use super::board_function::{BoardFunction, Context, Polled};
-use super::response_port::PortError;
 use crate::clock::Clock;
+use crate::daemon::bus::board_function::{BoardFunction, Context, Polled};
+use crate::daemon::bus::ports::command_port::PortError;
 use crate::device::{Bus, BusError};
 use crate::mirror::{BackgroundMirror, GatherMirror, ServoMirror};
 use crate::segment::Counter;

@@ -2,8 +2,8 @@
 
 use log::{info, warn};
 
-use super::board::usable;
-use super::board_loop::BoardLoop;
+use crate::daemon::bus::board::usable;
+use crate::daemon::bus::board_loop::BoardLoop;
 use crate::device::Bus;
 use crate::segment::Counter;
 
@@ -11,18 +11,18 @@ use crate::segment::Counter;
 #[derive(Default)]
 pub struct Condition {
     /// Its memory is not to be had.
-    pub(super) gone: bool,
+    pub(in crate::daemon) gone: bool,
     /// Nothing answers on the bus.
-    pub(super) silent: bool,
+    pub(in crate::daemon) silent: bool,
     /// The DPRAM is out of reach for want of its page.
-    pub(super) out_of_reach: bool,
+    pub(in crate::daemon) out_of_reach: bool,
     /// A reset was found by its lost page, and servo data have not come since to tell of the same one.
-    pub(super) reset_known: bool,
+    pub(in crate::daemon) reset_known: bool,
 }
 
 impl BoardLoop {
     /// Looks whether the board is there, and opens it again when it was replaced or came back.
-    pub(super) fn check_board(&mut self) {
+    pub(in crate::daemon) fn check_board(&mut self) {
         if self.bus.still_there() {
             self.condition.gone = false;
             self.check_answers();
@@ -53,7 +53,7 @@ impl BoardLoop {
     }
 
     /// Where no board is, every word reads as ones. The functions take none of it for data, and jobs wait meanwhile.
-    pub(super) fn check_answers(&mut self) {
+    pub(in crate::daemon) fn check_answers(&mut self) {
         let silent = !self.bus.answers();
         if std::mem::replace(&mut self.condition.silent, silent) == silent {
             return;
@@ -81,7 +81,7 @@ impl BoardLoop {
     }
 
     /// Nothing seen so far says anything about what comes.
-    pub(super) fn start_over(&mut self) {
+    pub(in crate::daemon) fn start_over(&mut self) {
         self.publisher.counters().add(Counter::Resets, 1);
         self.take_over_board();
     }

@@ -4,9 +4,9 @@ use std::path::PathBuf;
 
 use log::{info, warn};
 
-use super::config::settings::Settings;
-use super::interrupt_link::InterruptLink;
-use super::service::simulator::Simulator;
+use crate::daemon::bus::ports::interrupt::InterruptLink;
+use crate::daemon::config::settings::Settings;
+use crate::daemon::service::simulator::Simulator;
 use crate::device::board::file::DPRAM_BYTES;
 use crate::device::interrupt::InterruptError;
 use crate::device::interrupt::uio::NoInterrupt;
@@ -104,7 +104,7 @@ fn in_order(bus: Box<dyn Bus>, order: WordOrder) -> Box<dyn Bus> {
 
 /// A link to an interrupt of its own. A simulator's socket may come later; a UIO device has to be there now, while there
 /// is the privilege to open it.
-pub(super) fn link(
+pub(in crate::daemon) fn link(
     source: InterruptSource,
     system: &System,
     inherited: &Inherited,

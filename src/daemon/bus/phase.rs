@@ -2,10 +2,10 @@
 
 use std::time::{Duration, Instant};
 
-use super::board_loop::BoardLoop;
-use super::host_link::HostPortLink;
-use super::shared::job::Job;
-use super::shared::queue::Command;
+use crate::daemon::bus::board_loop::BoardLoop;
+use crate::daemon::bus::ports::host_port::HostPortLink;
+use crate::daemon::shared::job::Job;
+use crate::daemon::shared::queue::Command;
 use crate::function::ascii::AsciiPort;
 use crate::protocol::State;
 
@@ -42,7 +42,7 @@ pub enum Phase {
 
 impl Phase {
     /// The board's page has been written `now`.
-    pub(super) fn reaching(now: Instant) -> Self {
+    pub(in crate::daemon) fn reaching(now: Instant) -> Self {
         Self::Reaching { until: now + FIRST_REACH, due_ns: 0 }
     }
 }
@@ -62,7 +62,7 @@ impl BoardLoop {
     }
 
     /// Waits until the DPRAM is in reach, where its page has to be written, before it is touched for the first time.
-    pub(super) fn reach_dpram(&mut self) {
+    pub(in crate::daemon) fn reach_dpram(&mut self) {
         let Phase::Reaching { until, due_ns } = &mut self.phase else { return };
         let has_page =
             self.functions.ascii.desk.port().mailbox.as_ref().is_some_and(|mailbox| mailbox.page().is_some());
@@ -101,7 +101,7 @@ impl BoardLoop {
     }
 
     /// Hands over the stops that are left, as long as there is time, then leaves the board.
-    pub(super) fn finish_stops(&mut self, until: Instant) {
+    pub(in crate::daemon) fn finish_stops(&mut self, until: Instant) {
         match self.functions.finish_stops(&mut self.bus) {
             Ok(Some(due)) if self.clock.now() < until => {
                 let due_ns = self.clock.ns_of(due.min(until));
@@ -119,7 +119,7 @@ impl BoardLoop {
     }
 
     /// Puts the host's words in order, as at the start.
-    pub(super) fn take_over_board(&mut self) {
+    pub(in crate::daemon) fn take_over_board(&mut self) {
         let (functions, mut context) = self.functions_in_context();
         if let Err(error) = functions.take_over(&mut context) {
             self.bus_failed(&error);

@@ -8,10 +8,10 @@ use std::time::{Duration, Instant};
 
 use log::{info, warn};
 
-use super::ascii_desk::AsciiDesk;
-use super::config::ports::HostPortConfig;
-use super::response_port::PortError;
-use super::shared::status::HostPortCounts;
+use crate::daemon::bus::ports::command_port::PortError;
+use crate::daemon::bus::work::ascii::AsciiDesk;
+use crate::daemon::config::ports::HostPortConfig;
+use crate::daemon::shared::status::HostPortCounts;
 use crate::device::board::refusal::OpenError;
 use crate::device::{Bus, ByteBus, ByteBusError, Counted, Inherited, System, open_host_port};
 use crate::function::host_port::{Controller, HostPort};

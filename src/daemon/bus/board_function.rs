@@ -1,9 +1,9 @@
 //! What every automatic function of the board is to the bus thread: when it is due, what it does then, how it is taken over
 //! and left.
 
-use super::response_port::PortError;
-use super::shared::queue::{Event, Sender};
 use crate::clock::Clock;
+use crate::daemon::bus::ports::command_port::PortError;
+use crate::daemon::shared::queue::{Event, Sender};
 use crate::device::{Bus, BusError};
 use crate::mirror::Transition;
 use crate::segment::{Counter, Publisher};

@@ -5,16 +5,16 @@
 
 use std::time::Instant;
 
-use super::board_function::{BoardFunction, Context, Polled};
-use super::command_lines::CommandLines;
-use super::panel_desk::PanelDesk;
-use super::response_port::PortError;
-use super::rotary_desk::RotaryDesk;
-use super::shared::job::{Job, MaskedWord};
-use super::shared::queue::{Event, Outcome, Text, Ticket};
-use super::variables::Variables;
-use super::write_desk::WriteDesk;
 use crate::clock::Clock;
+use crate::daemon::bus::board_function::{BoardFunction, Context, Polled};
+use crate::daemon::bus::ports::command_port::PortError;
+use crate::daemon::bus::work::command_lines::CommandLines;
+use crate::daemon::bus::work::panel::PanelDesk;
+use crate::daemon::bus::work::rotary::RotaryDesk;
+use crate::daemon::bus::work::variables::Variables;
+use crate::daemon::bus::work::write::WriteDesk;
+use crate::daemon::shared::job::{Job, MaskedWord};
+use crate::daemon::shared::queue::{Event, Outcome, Text, Ticket};
 use crate::device::{Bus, BusError};
 use crate::function::rotary::RotarySetup;
 use crate::function::variable_read::VariableReadBusError;

@@ -3,10 +3,10 @@
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 
-use super::board_function::{BoardFunction, Context, Polled};
-use super::response_port::PortError;
-use super::shared::queue::{Event, Outcome, Text, Ticket, at_once};
 use crate::clock::Clock;
+use crate::daemon::bus::board_function::{BoardFunction, Context, Polled};
+use crate::daemon::bus::ports::command_port::PortError;
+use crate::daemon::shared::queue::{Event, Outcome, Text, Ticket, at_once};
 use crate::device::{Bus, BusError};
 use crate::function::rotary::{RotaryBuffer, RotaryError, RotarySetup, RotaryStream};
 

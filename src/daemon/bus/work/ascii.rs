@@ -1,16 +1,18 @@
 //! The desk in front of the board's ports for command lines: many callers, one line at a time.
 //!
 //! Lines wait in order; control characters do not wait, they overtake every line. The desk also asks the board who it
-//! is ([`super::identify`]) when nobody else is being served. Which port the lines go through is `desk_ways.rs`'s. Everything is bounded: the queues by what the socket hands over,
+//! is ([`crate::daemon::bus::identify`]) when nobody else is being served. Which port the lines go through is `desk_ways.rs`'s. Everything is bounded: the queues by what the socket hands over,
 //! a command by its deadline, a pass by the number of responses it takes.
 
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 
-use super::identify::Identifier;
-use super::response_port::{PortError, ResponsePort};
-use super::shared::queue::{Command, Event, LINE_MAX, Outcome, Sender, Text, Ticket, Unsolicited, at_once};
 use crate::clock::Clock;
+use crate::daemon::bus::identify::Identifier;
+use crate::daemon::bus::ports::command_port::{PortError, ResponsePort};
+use crate::daemon::shared::queue::{
+    Command, Event, LINE_MAX, Outcome, Sender, Text, Ticket, Unsolicited, at_once,
+};
 use crate::device::Bus;
 use crate::function::ascii::{AsciiEvent, AsciiPort, ResponseText, control_has_reply};
 use crate::protocol::{CommandPort, CommandState, MessageKind, OpenBuffer};
@@ -31,7 +33,7 @@ const LOOK_IDLE_WITH_INTERRUPT: Duration = Duration::from_secs(1);
 
 /// A command under way, and so who it is for.
 #[derive(Clone, Copy)]
-pub(super) enum Begun {
+pub(in crate::daemon) enum Begun {
     Line(Waiting),
     Control(WaitingControl),
     Question,
@@ -48,7 +50,7 @@ impl Begun {
 }
 
 #[derive(Clone, Copy)]
-pub(super) struct Waiting {
+pub(in crate::daemon) struct Waiting {
     ticket: Ticket,
     line: Text<LINE_MAX>,
     deadline: Instant,
@@ -56,45 +58,45 @@ pub(super) struct Waiting {
 }
 
 #[derive(Clone, Copy)]
-pub(super) struct WaitingControl {
+pub(in crate::daemon) struct WaitingControl {
     ticket: Ticket,
     character: u8,
     deadline: Instant,
 }
 
 #[derive(Clone, Copy)]
-pub(super) struct UnderWay {
-    pub(super) begun: Begun,
+pub(in crate::daemon) struct UnderWay {
+    pub(in crate::daemon) begun: Begun,
     deadline: Instant,
     /// The board has shown that it works on it, or may do so.
-    pub(super) taken: bool,
+    pub(in crate::daemon) taken: bool,
     /// Its time is over, and the port waits for what may still come of it.
     given_up: bool,
 }
 
 /// The desk.
 pub struct AsciiDesk {
-    pub(super) port: ResponsePort,
-    pub(super) lines: VecDeque<Waiting>,
-    pub(super) controls: VecDeque<WaitingControl>,
-    pub(super) under_way: Option<UnderWay>,
+    pub(in crate::daemon) port: ResponsePort,
+    pub(in crate::daemon) lines: VecDeque<Waiting>,
+    pub(in crate::daemon) controls: VecDeque<WaitingControl>,
+    pub(in crate::daemon) under_way: Option<UnderWay>,
     /// The control character that lies in its word, until the board takes it.
-    pub(super) control_lies: Option<WaitingControl>,
+    pub(in crate::daemon) control_lies: Option<WaitingControl>,
     /// One that lay there when the board was forgotten, and whether that may have taken it; its caller is to be told.
     control_lost: Option<(Ticket, bool)>,
     /// Whether the board takes lines as program lines.
-    pub(super) buffer: OpenBuffer,
+    pub(in crate::daemon) buffer: OpenBuffer,
     /// Lines of a reply told since something else was.
     lines_unheard: u32,
     /// An event the socket's queue had no room for. Until it is gone nothing more is taken from the board.
     outbox: Option<Event>,
     /// The identity, and when it is asked.
     pub identifier: Identifier,
-    pub(super) state: CommandState,
+    pub(in crate::daemon) state: CommandState,
     /// Since when the DPRAM's port has left something lying.
-    pub(super) stuck_since: Option<Instant>,
+    pub(in crate::daemon) stuck_since: Option<Instant>,
     /// When the board may be asked again which port it looks at.
-    pub(super) next_ask: Instant,
+    pub(in crate::daemon) next_ask: Instant,
     last_event: Instant,
     next_look: Instant,
     has_interrupt: bool,
@@ -498,5 +500,5 @@ impl AsciiDesk {
 }
 
 #[cfg(test)]
-#[path = "ascii_desk_tests.rs"]
+#[path = "ascii_tests.rs"]
 mod tests;

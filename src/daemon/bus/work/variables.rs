@@ -1,9 +1,9 @@
 //! Background variables as a function of the board.
 
-use super::board_function::{BoardFunction, Context, Polled};
-use super::response_port::PortError;
-use super::write_desk::WriteDesk;
 use crate::clock::Clock;
+use crate::daemon::bus::board_function::{BoardFunction, Context, Polled};
+use crate::daemon::bus::ports::command_port::PortError;
+use crate::daemon::bus::work::write::WriteDesk;
 use crate::device::{Bus, BusError};
 use crate::function::variable_read::VariableReader;
 use crate::function::variable_write::VariableWriter;

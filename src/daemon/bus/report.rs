@@ -2,8 +2,8 @@
 
 use log::{info, warn};
 
-use super::board_loop::BoardLoop;
-use super::shared::status::KnownIdentity;
+use crate::daemon::bus::board_loop::BoardLoop;
+use crate::daemon::shared::status::KnownIdentity;
 use crate::mirror::Transition;
 use crate::protocol::{CommandPort, CommandState, Enabled};
 use crate::segment::{Identity, RegionId, RegionState, Stamp, State};
@@ -11,17 +11,17 @@ use crate::segment::{Identity, RegionId, RegionState, Stamp, State};
 /// What was said last, so that only changes are said.
 #[derive(Default)]
 pub struct Told {
-    pub(super) state: Option<State>,
-    pub(super) port: Option<(CommandPort, CommandState)>,
+    pub(in crate::daemon) state: Option<State>,
+    pub(in crate::daemon) port: Option<(CommandPort, CommandState)>,
     /// Both interrupts of the mailboxes are there.
-    pub(super) mailbox: bool,
-    pub(super) interrupt: bool,
-    pub(super) bus_error: bool,
+    pub(in crate::daemon) mailbox: bool,
+    pub(in crate::daemon) interrupt: bool,
+    pub(in crate::daemon) bus_error: bool,
     identity: Option<Identity>,
 }
 
 impl BoardLoop {
-    pub(super) fn tell_servo(&mut self, transition: Option<Transition>) {
+    pub(in crate::daemon) fn tell_servo(&mut self, transition: Option<Transition>) {
         match transition {
             Some(Transition::Live) => {
                 info!("servo data: live");
@@ -41,7 +41,7 @@ impl BoardLoop {
         self.tell_enabled();
     }
 
-    pub(super) fn tell_background(&mut self, transition: Option<Transition>) {
+    pub(in crate::daemon) fn tell_background(&mut self, transition: Option<Transition>) {
         match transition {
             Some(Transition::Live) => info!("background data: live"),
             Some(Transition::Stale) => {
@@ -57,7 +57,7 @@ impl BoardLoop {
         self.tell_enabled();
     }
 
-    pub(super) fn tell_enabled(&mut self) {
+    pub(in crate::daemon) fn tell_enabled(&mut self) {
         let mut enabled = Enabled::empty();
         enabled.set(Enabled::SERVO, self.functions.servo.is_live());
         enabled.set(Enabled::BACKGROUND, self.functions.background.is_live());
@@ -67,7 +67,7 @@ impl BoardLoop {
     }
 
     /// Publishes what has become known of the board, and works by it.
-    pub(super) fn take_identity(&mut self) {
+    pub(in crate::daemon) fn take_identity(&mut self) {
         let Some(identity) = self.functions.ascii.desk.identifier.news() else { return };
         if self.told.identity.as_ref() == Some(&identity) {
             return;

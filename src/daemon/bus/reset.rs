@@ -2,16 +2,16 @@
 
 use log::{info, warn};
 
-use super::board_loop::BoardLoop;
-use super::host_link::HostPortLink;
-use super::mailbox_link::MailboxLink;
-use super::response_port::PortError;
+use crate::daemon::bus::board_loop::BoardLoop;
+use crate::daemon::bus::ports::command_port::PortError;
+use crate::daemon::bus::ports::host_port::HostPortLink;
+use crate::daemon::bus::ports::mailbox::MailboxLink;
 use crate::function::ascii::AsciiPort;
 use crate::protocol::Function;
 
 impl BoardLoop {
     /// Writes the page while the DPRAM reads as all ones: a reset has had the board forget it. 1 read.
-    pub(super) fn guard_page(&mut self) -> Result<(), PortError> {
+    pub(in crate::daemon) fn guard_page(&mut self) -> Result<(), PortError> {
         let Some(mailbox) =
             self.functions.ascii.desk.port_mut().mailbox.as_mut().filter(|mailbox| mailbox.page().is_some())
         else {
@@ -38,7 +38,7 @@ impl BoardLoop {
 
     /// A memory test, a power failure or another host may have left the host's own words in a state that holds the
     /// reports off for ever, and a reset that was too quick to be noticed has shut the interrupt's line.
-    pub(super) fn let_board_speak(&mut self) -> Result<(), PortError> {
+    pub(in crate::daemon) fn let_board_speak(&mut self) -> Result<(), PortError> {
         if self.functions.uses(Function::Servo) && !self.functions.servo.is_live() {
             self.functions.servo.release(&mut self.bus)?;
         }
@@ -54,7 +54,7 @@ impl BoardLoop {
     }
 
     /// A board whose data stop may have been reset; the page it has already does no harm.
-    pub(super) fn page_again(&mut self) {
+    pub(in crate::daemon) fn page_again(&mut self) {
         let mailbox = self.functions.ascii.desk.port_mut().mailbox.as_mut();
         if let Some(Err(error)) = mailbox.map(MailboxLink::select_page) {
             self.bus_failed(&error);
@@ -63,7 +63,7 @@ impl BoardLoop {
 
     /// The board was reset: what it forgets is told to it again. What goes through the mailboxes now was begun before the
     /// reset if it `is_news`.
-    pub(super) fn after_reset(&mut self, is_news: bool) -> Result<(), PortError> {
+    pub(in crate::daemon) fn after_reset(&mut self, is_news: bool) -> Result<(), PortError> {
         self.page_again();
         if let Some(host_port) = &mut self.functions.ascii.host_port {
             host_port.enable()?;
@@ -75,12 +75,12 @@ impl BoardLoop {
     }
 
     /// Ends the commands under way: they were the board's that is no more.
-    pub(super) fn forget_commands(&mut self) -> Result<(), PortError> {
+    pub(in crate::daemon) fn forget_commands(&mut self) -> Result<(), PortError> {
         self.functions.ascii.desk.forget(&mut self.bus, self.clock.now())
     }
 
     /// The simulator that was started again has files of its own for these, too.
-    pub(super) fn reopen_registers(&mut self) {
+    pub(in crate::daemon) fn reopen_registers(&mut self) {
         let mailbox = self.functions.ascii.desk.port_mut().mailbox.as_mut().map(MailboxLink::reopen);
         if let Some(Err(error)) = mailbox {
             warn!("mailboxes: {error}");

@@ -13,21 +13,21 @@ use nix::poll::{PollFd, PollFlags, ppoll};
 use nix::sys::eventfd::EventFd;
 use nix::sys::time::TimeSpec;
 
-use super::board::{BoardBus, OpenBus};
-use super::board_function::{Context, Polled};
-use super::config::board_settings::Uncertain;
-use super::functions::FunctionTable;
-use super::identify::Identifier;
-use super::interrupt_link::InterruptLink;
-use super::mailbox_link::MailboxLink;
-use super::phase::Phase;
-use super::presence::Condition;
-use super::response_port::PortError;
-use super::room::Room;
-use super::shared::info::{InfoReport, Pulse};
-use super::shared::queue::{Command, Event, Outcome, READ_MAX, Receive, Sender};
-use super::telling::Told;
 use crate::clock::Clock;
+use crate::daemon::bus::board::{BoardBus, OpenBus};
+use crate::daemon::bus::board_function::{Context, Polled};
+use crate::daemon::bus::function_table::FunctionTable;
+use crate::daemon::bus::guard_time::Room;
+use crate::daemon::bus::identify::Identifier;
+use crate::daemon::bus::phase::Phase;
+use crate::daemon::bus::ports::command_port::PortError;
+use crate::daemon::bus::ports::interrupt::InterruptLink;
+use crate::daemon::bus::ports::mailbox::MailboxLink;
+use crate::daemon::bus::presence::Condition;
+use crate::daemon::bus::report::Told;
+use crate::daemon::config::board_settings::Uncertain;
+use crate::daemon::shared::info::{InfoReport, Pulse};
+use crate::daemon::shared::queue::{Command, Event, Outcome, READ_MAX, Receive, Sender};
 use crate::device::{Bus, BusError};
 use crate::map::HostOffset;
 use crate::protocol::Function;
@@ -225,7 +225,7 @@ impl BoardLoop {
     }
 
     /// The functions, and what they work with.
-    pub(super) fn functions_in_context(&mut self) -> (&mut FunctionTable, Context<'_, BoardBus>) {
+    pub(in crate::daemon) fn functions_in_context(&mut self) -> (&mut FunctionTable, Context<'_, BoardBus>) {
         let Self { functions, bus, publisher, events, clock, .. } = self;
         (functions, Context { bus, publisher, events, clock })
     }
@@ -441,7 +441,7 @@ impl BoardLoop {
         live.unwrap_or(!self.condition.silent && !self.condition.gone)
     }
 
-    pub(super) fn bus_failed(&mut self, error: &dyn std::fmt::Display) {
+    pub(in crate::daemon) fn bus_failed(&mut self, error: &dyn std::fmt::Display) {
         self.publisher.counters().add(Counter::BusErrors, 1);
         if !std::mem::replace(&mut self.told.bus_error, true) {
             error!("bus: {error}; further bus errors are only counted");

@@ -1,0 +1,9 @@
+//! What the bus thread does for clients, one function a file.
+
+pub mod ascii;
+pub mod command_lines;
+pub(in crate::daemon) mod mirrored;
+pub mod panel;
+pub mod rotary;
+pub(in crate::daemon) mod variables;
+pub mod write;
