@@ -15,7 +15,7 @@
 //! * To send commands from another language: [`protocol::BOARD_DESCRIPTION`], the socket's interface.
 //! * To look up a register: [`map::classic`]; a number format: [`mod@format`]; a status bit: [`map::status`].
 //! * To see how a handshake goes: the host's half in [`function`], PMAC's half in [`sim`].
-//! * To follow the daemon from its start to its end: [`daemon::bring_up`], then [`daemon::board_loop`].
+//! * To follow the daemon from its start to its end: [`daemon::bring_up`], then [`daemon::bus::board_loop`].
 //!
 //! # Layers
 //! Lowest first. A module uses only layers below its own, and within its layer only what stands before it:
@@ -65,7 +65,7 @@
 //!   [`sim::judge`] records every breach, and the tests of whole systems assert that there was none.
 //!
 //! Kept by shape:
-//! * One thread owns the bus ([`daemon::board_loop`]), so no lock guards it. After start it waits for no client.
+//! * One thread owns the bus ([`daemon::bus::board_loop`]), so no lock guards it. After start it waits for no client.
 //! * Every wait is bounded. [`function`]s never wait: they do what can be done now and return.
 //! * Family, firmware, DPRAM size, byte and text order are data and settings, not cases in the code.
 

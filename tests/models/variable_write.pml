@@ -3,7 +3,7 @@
  * enable mask (0x0000). PMAC does it, and writes 0 to say so.
  *
  * Pmac mirrors src/sim/variable_write.rs (src/sim/panel.rs), word by word; Host src/function/variable_write.rs and
- * src/daemon/write_desk.rs (src/function/panel.rs and src/daemon/panel_desk.rs). Every access to the DPRAM is one step;
+ * src/daemon/bus/work/write.rs (src/function/panel.rs and src/daemon/bus/work/panel.rs). Every access to the DPRAM is one step;
  * so is the deed itself. Jobs are numbered, and both words of a job carry its number.
  *
  * What holds: a job told to be done was done exactly once and as asked; a job given up was done once or not at all.
