@@ -5,10 +5,10 @@ use std::os::unix::net::UnixStream;
 use std::time::{Duration, Instant};
 
 use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
-use pmac_dpram::device::board::file::DPRAM_BYTES;
 use pmac_dpram::device::{FileBoard, Interrupt, InterruptSource};
 use pmac_dpram::format::TextOrder;
 use pmac_dpram::function::ascii::{AsciiEvent, AsciiPort};
+use pmac_dpram::map::PMAC;
 use pmac_dpram::segment::Counter;
 
 use crate::clock::{Figures, Series};
@@ -103,7 +103,7 @@ fn round_trips(table: &mut Table, row: &'static str, setup: &Setup) {
 
 /// The handshake alone, in this process: sleeps until the board's interrupt, as the daemon does.
 fn direct(rig: &Rig, questions: usize) -> Figures {
-    let mut bus = FileBoard::open(&rig.memory(), DPRAM_BYTES).expect("the board's memory");
+    let mut bus = FileBoard::open(&rig.memory(), PMAC.length as usize).expect("the board's memory");
     let mut interrupt = Interrupt::connect(&InterruptSource::Unix(rig.interrupt())).expect("its interrupt");
     AsciiPort::release(&mut bus).expect("the bus");
     std::thread::sleep(Duration::from_millis(100));

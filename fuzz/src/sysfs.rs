@@ -12,7 +12,7 @@ use pmac_dpram::device::machine::candidates::candidates;
 use pmac_dpram::device::machine::kernel::{Lockdown, claim, configured, may_do_raw_io, release};
 use pmac_dpram::device::machine::probe::{Verdict, probe_by};
 use pmac_dpram::device::{BoardSpec, Bus, Inherited, OpenError, Place, System};
-use pmac_dpram::map::HostOffset;
+use pmac_dpram::map::{HostOffset, PMAC};
 
 use super::bus::RamBus;
 use super::tape::Tape;
@@ -170,10 +170,10 @@ fn look(system: &System, tape: &mut Tape<'_>) {
         found.hints.iter().for_each(|hint| one_line(hint));
         let spec: BoardSpec = found.spec.parse().expect("it can be asked for");
         if let BoardSpec::Window(spec) = spec
-            && let Some(mut bus) = told(open_window(&spec, system))
+            && let Some(mut bus) = told(open_window(&spec, PMAC.length as usize, system))
             && matches!(spec.place, Place::Pci { .. })
         {
-            let last = HostOffset::new(u32::try_from(spec.length).unwrap() - 2);
+            let last = HostOffset::new(PMAC.length - 2);
             assert!(bus.read16(HostOffset::new(0)).is_ok() && bus.read16(last).is_ok());
         }
     }
@@ -220,7 +220,7 @@ fn look(system: &System, tape: &mut Tape<'_>) {
 fn probed(tape: &mut Tape<'_>) {
     let mut bus = RamBus::new([0, u16::MAX, 0x8000, 1][usize::from(tape.u8() & 3)]);
     let mut looks = 0;
-    let seen = probe_by(&mut bus, |bus| {
+    let seen = probe_by(&mut bus, &PMAC, |bus| {
         looks += 1;
         for _ in 0..if tape.is_over() { 0 } else { tape.u8() & 3 } {
             let how = tape.u8();

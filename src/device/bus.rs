@@ -71,19 +71,27 @@ pub trait Bus: Send {
 
     /// Orders the writes before this call before the writes after it.
     fn order_writes(&mut self);
+}
 
+/// Whether a board is there at all. Asked about once a second; none of it counts as access to the board's words.
+pub trait Presence {
     /// Whether the memory behind the window is still the board's: a simulated board may have been replaced.
     fn still_there(&self) -> bool {
         true
     }
 
-    /// Whether something answers on the bus at all: where no board is, every word reads as ones.
+    /// Whether something answers on the bus: where no board is, every word reads as ones.
     fn answers(&mut self) -> bool {
         true
     }
 }
 
-impl<B: Bus + ?Sized> Bus for Box<B> {
+/// A board that was opened: its words, and whether it is still there.
+pub trait Board: Bus + Presence {}
+
+impl<B: Bus + Presence> Board for B {}
+
+impl Bus for Box<dyn Board> {
     fn length(&self) -> usize {
         (**self).length()
     }
@@ -105,6 +113,9 @@ impl<B: Bus + ?Sized> Bus for Box<B> {
     fn order_writes(&mut self) {
         (**self).order_writes();
     }
+}
+
+impl Presence for Box<dyn Board> {
     fn still_there(&self) -> bool {
         (**self).still_there()
     }

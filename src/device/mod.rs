@@ -15,7 +15,7 @@ pub use board::open::{OpenedBoard, open};
 pub use board::refusal::OpenError;
 pub use board::spec::{BoardSpec, Place, WindowSpec};
 pub use board::window::WindowBoard;
-pub use bus::{Access, Bus, BusError};
+pub use bus::{Access, Board, Bus, BusError, Presence};
 pub use decorators::counted::Counted;
 pub use decorators::swapped::WordSwapped;
 pub use interrupt::{Interrupt, InterruptSource};

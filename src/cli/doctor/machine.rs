@@ -2,12 +2,12 @@
 
 use super::report::{Check, Level, Report};
 use crate::cli::context::Failure;
-use crate::device::board::file::DPRAM_BYTES;
 use crate::device::board::memory;
 use crate::device::machine::candidates::{Candidate, Certainty, candidates};
 use crate::device::machine::kernel::{Lockdown, configured, release};
 use crate::device::machine::probe::{Probe, Verdict, probe};
-use crate::device::{BoardSpec, Bus, FileBoard, System};
+use crate::device::{Board, BoardSpec, FileBoard, System};
+use crate::map::Family;
 
 /// What decides which ways to a board there are.
 const OPTIONS: [&str; 5] = ["STRICT_DEVMEM", "IO_STRICT_DEVMEM", "UIO", "UIO_PCI_GENERIC", "VME_BUS"];
@@ -80,29 +80,31 @@ fn candidate_check(candidate: Candidate) -> Check {
     Check { candidate: Some(candidate), ..Check::new(level, "candidate", text) }
 }
 
-/// Opens the board's window, reads it and says what seems to be there. Writes nothing to the board.
+/// Opens the window of a board of `family`, reads it and says what seems to be there. Writes nothing to the board.
 pub fn probe_board(
     report: &mut Report,
     spec: &BoardSpec,
     text: &str,
+    family: &Family,
     system: &System,
 ) -> Result<(), Failure> {
-    let mut bus: Box<dyn Bus> = match spec {
+    let dpram = family.length as usize;
+    let mut bus: Box<dyn Board> = match spec {
         BoardSpec::Simulator => {
             return Err(Failure::Request(
                 "sim: is no board to look at; start pmac-sim and name its file".to_owned(),
             ));
         }
-        BoardSpec::File { path, .. } => match FileBoard::open(path, DPRAM_BYTES) {
+        BoardSpec::File { path, .. } => match FileBoard::open(path, dpram) {
             Ok(board) => Box::new(board),
             Err(error) => return refused(report, error),
         },
-        BoardSpec::Window(window) => match crate::device::board::open::open_window(window, system) {
+        BoardSpec::Window(window) => match crate::device::board::open::open_window(window, dpram, system) {
             Ok(board) => Box::new(board),
             Err(error) => return refused(report, error),
         },
     };
-    let seen = probe(&mut bus).map_err(Failure::request)?;
+    let seen = probe(&mut bus, family).map_err(Failure::request)?;
     report.0.push(probe_check(text, seen));
     Ok(())
 }

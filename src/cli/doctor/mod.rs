@@ -13,9 +13,11 @@ use nix::unistd::{AccessFlags, Gid, Group, access};
 use serde_json::json;
 
 use self::report::{Level, Report};
+use crate::cli::args::values;
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::client::{Board, CommandError, Connection};
 use crate::device::System;
+use crate::map::Family;
 use crate::protocol::{BoardInfo, BoardSettings, CommandPort, CommandState, Function, HostPortInfo, State};
 use crate::segment::{Condition, DIRECTORY, Identity, RegionId, RegionState};
 
@@ -27,6 +29,9 @@ pub struct Doctor {
     /// Open this board, read its window without writing to it, and say what seems to live there
     #[arg(long, value_name = "SPEC")]
     pub probe: Option<String>,
+    /// The family of that board: pmac, pmac2
+    #[arg(long, value_name = "FAMILY", value_parser = values::family, default_value = "pmac", requires = "probe")]
+    pub family: &'static Family,
     /// Where /dev, /proc and /sys of the machine lie
     #[arg(long, value_name = "DIRECTORY", hide = true)]
     pub root: Option<PathBuf>,
@@ -60,7 +65,7 @@ pub fn run(context: &mut Context, options: &Doctor) -> Result<Verdict, Failure> 
     let system = options.root.as_ref().map_or_else(System::here, System::below);
     if let Some(text) = &options.probe {
         let spec = text.parse().map_err(Failure::request)?;
-        machine::probe_board(&mut report, &spec, text, &system)?;
+        machine::probe_board(&mut report, &spec, text, options.family, &system)?;
     }
     if options.boards {
         machine::boards(&mut report, &system);

@@ -7,17 +7,16 @@ use log::{info, warn};
 use crate::daemon::bus::ports::interrupt::InterruptLink;
 use crate::daemon::config::settings::Settings;
 use crate::daemon::service::simulator::Simulator;
-use crate::device::board::file::DPRAM_BYTES;
 use crate::device::interrupt::InterruptError;
 use crate::device::interrupt::uio::NoInterrupt;
 use crate::device::{
-    self, Access, BoardSpec, Bus, Counted, FileBoard, Inherited, Interrupt, InterruptSource, OpenedBoard,
-    System, WindowSpec, WordSwapped,
+    self, Access, BoardSpec, Counted, FileBoard, Inherited, Interrupt, InterruptSource, OpenedBoard, System,
+    WindowSpec, WordSwapped,
 };
 use crate::format::WordOrder;
 
 /// The board's words, counted.
-pub type BoardBus = Counted<Box<dyn Bus>>;
+pub type BoardBus = Counted<Box<dyn device::Board>>;
 
 /// Opens the board again, when its memory was replaced or its device came back.
 pub type OpenBus = Box<dyn FnMut() -> Result<OpenedBoard, OpenError> + Send>;
@@ -30,7 +29,7 @@ pub struct Board {
     /// A simulator of our own, which ends with this.
     pub simulator: Option<Simulator>,
     /// The board's words.
-    pub bus: Box<dyn Bus>,
+    pub bus: Box<dyn device::Board>,
     /// Opens it again.
     pub open: OpenBus,
     /// Its interrupt, if it may have one.
@@ -43,25 +42,26 @@ pub struct Board {
 /// What could not be opened, why, and what to do. A UIO interrupt that was asked for and is not there is one of these;
 /// one that cannot be armed is not: replies are looked for instead.
 pub fn open(settings: &Settings, system: &System, inherited: &Inherited) -> Result<Board, OpenError> {
-    let order = settings.word_order;
+    let (order, dpram) = (settings.word_order, settings.family.length as usize);
     match &settings.board {
         BoardSpec::Simulator => {
             let simulator = Simulator::start(settings.family, settings.firmware.as_deref())?;
             let source = Some(simulator.interrupt());
-            let open = open_file(simulator.memory(), order, Access::Bits16);
+            let open = open_file(simulator.memory(), dpram, order, Access::Bits16);
             Ok(Board { simulator: Some(simulator), ..of_file(open, source, system, inherited)? })
         }
         BoardSpec::File { path, interrupt, access } => {
-            of_file(open_file(path.clone(), order, *access), interrupt.clone(), system, inherited)
+            of_file(open_file(path.clone(), dpram, order, *access), interrupt.clone(), system, inherited)
         }
         BoardSpec::Window(spec) => {
-            let first = open_window(spec, order, system, inherited)?;
+            let first = open_window(spec, dpram, order, system, inherited)?;
             let interrupt = match &spec.interrupt {
                 Some(source) => Some(link(source.clone(), system, inherited)?),
                 None => first.interrupt.map(|own| InterruptLink::of_board(usable(own))),
             };
             let (spec, system) = (spec.clone(), system.clone());
-            let open: OpenBus = Box::new(move || open_window(&spec, order, &system, &Inherited::default()));
+            let open: OpenBus =
+                Box::new(move || open_window(&spec, dpram, order, &system, &Inherited::default()));
             Ok(Board { simulator: None, bus: first.bus, open, interrupt })
         }
     }
@@ -78,24 +78,25 @@ fn of_file(
     Ok(Board { simulator: None, bus, open, interrupt })
 }
 
-fn open_file(path: PathBuf, order: WordOrder, access: Access) -> OpenBus {
+fn open_file(path: PathBuf, dpram: usize, order: WordOrder, access: Access) -> OpenBus {
     Box::new(move || {
-        let board = FileBoard::open(&path, DPRAM_BYTES)?.with_access(access);
+        let board = FileBoard::open(&path, dpram)?.with_access(access);
         Ok(OpenedBoard { bus: in_order(Box::new(board), order), interrupt: None })
     })
 }
 
 fn open_window(
     spec: &WindowSpec,
+    dpram: usize,
     order: WordOrder,
     system: &System,
     inherited: &Inherited,
 ) -> Result<OpenedBoard, OpenError> {
-    let opened = device::open(spec, system, inherited)?;
+    let opened = device::open(spec, dpram, system, inherited)?;
     Ok(OpenedBoard { bus: in_order(opened.bus, order), ..opened })
 }
 
-fn in_order(bus: Box<dyn Bus>, order: WordOrder) -> Box<dyn Bus> {
+fn in_order(bus: Box<dyn device::Board>, order: WordOrder) -> Box<dyn device::Board> {
     match order {
         WordOrder::Little => bus,
         WordOrder::Swapped => Box::new(WordSwapped(bus)),
@@ -140,6 +141,7 @@ pub fn usable(interrupt: Result<Interrupt, NoInterrupt>) -> Option<Interrupt> {
 mod tests {
     use super::*;
     use crate::daemon::options::Options;
+    use crate::device::Bus;
 
     fn settings(board: &str) -> Settings {
         let options = Options { board: Some(board.to_owned()), ..Options::default() };

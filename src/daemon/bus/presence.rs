@@ -4,7 +4,7 @@ use log::{info, warn};
 
 use crate::daemon::bus::board::usable;
 use crate::daemon::bus::board_loop::BoardLoop;
-use crate::device::Bus;
+use crate::device::Presence;
 use crate::segment::Counter;
 
 /// What was last seen of the board, and decides what is done with it.

@@ -199,6 +199,10 @@ impl Settings {
         let board: BoardSpec = board_text
             .parse()
             .map_err(|error: SpecError| refused("board", options.board.is_some(), error))?;
+        if let BoardSpec::Window(window) = &board {
+            let bytes = window.bytes(family.length as usize);
+            bytes.map_err(|reason| refused("board", options.board.is_some(), reason))?;
+        }
         if file.word_order == Some(WordOrder::Swapped) && board.access() == Access::Bits32 {
             let text = "access=32 and word_order = \"swapped\" do not go together: how a bridge that swaps bytes would swap 32 bits is not known; leave access=32 out";
             return Err(Refusal::of("word_order", text));
@@ -291,6 +295,10 @@ mod tests {
             ("", "no board given"),
             ("board = \"sim\"\nspeed = 3\n", "FILE:2:1: unknown field `speed`"),
             ("board = \n", "FILE:1:"),
+            (
+                "board = \"mem:0xD4000,length=0x2000\"\n",
+                "FILE:1:9: length=0x2000 is too short: the DPRAM of this family has 0x4000 bytes",
+            ),
             (
                 "board = \"sim\"\nfamily = \"turbo9\"\n",
                 "FILE:2:10: no board family is called \"turbo9\"; known are pmac, pmac2",

@@ -9,7 +9,6 @@ use log::{info, warn};
 use nix::sys::signal::Signal;
 
 use crate::device::InterruptSource;
-use crate::device::board::file::DPRAM_BYTES;
 use crate::map::Family;
 
 /// How long the simulator may take to lay out its memory and open its sockets.
@@ -63,7 +62,7 @@ impl Simulator {
         command.process_group(0);
         let child = command.spawn().map_err(|error| fail(error.to_string()))?;
         let mut simulator = Self { child, directory };
-        simulator.wait_until_ready().map_err(fail)?;
+        simulator.wait_until_ready(family.length.into()).map_err(fail)?;
         info!("simulator {} runs in {}", simulator.child.id(), simulator.directory.display());
         Ok(simulator)
     }
@@ -86,11 +85,11 @@ impl Simulator {
         self.directory.join("serial")
     }
 
-    fn wait_until_ready(&mut self) -> Result<(), String> {
+    fn wait_until_ready(&mut self, dpram: u64) -> Result<(), String> {
         let deadline = Instant::now() + START;
         loop {
             let memory = std::fs::metadata(self.memory()).map_or(0, |metadata| metadata.len());
-            if memory == DPRAM_BYTES as u64 && self.directory.join("interrupt").exists() {
+            if memory == dpram && self.directory.join("interrupt").exists() {
                 return Ok(());
             }
             match self.child.try_wait() {

@@ -5,12 +5,9 @@ use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 
 use super::exclusive_lock;
+use crate::device::board::mapped::Mapped;
 use crate::device::board::mapping::Mapping;
-use crate::device::{Access, Bus, BusError};
-use crate::map::HostOffset;
-
-/// The size of the classic DPRAM in bytes: 8K words of 16 bits (DPRAM manual p. 1).
-pub const DPRAM_BYTES: usize = 0x4000;
+use crate::device::{Access, Presence};
 
 /// Why a file cannot serve as a board.
 #[derive(Debug, thiserror::Error)]
@@ -112,35 +109,13 @@ fn identity(metadata: &std::fs::Metadata) -> (u64, u64) {
     (metadata.dev(), metadata.ino())
 }
 
-impl Bus for FileBoard {
-    fn length(&self) -> usize {
-        self.mapping.length()
+impl Mapped for FileBoard {
+    fn mapping(&self) -> &Mapping {
+        &self.mapping
     }
+}
 
-    fn read16(&mut self, offset: HostOffset) -> Result<u16, BusError> {
-        Bus::read16(&mut self.mapping, offset)
-    }
-
-    fn write16(&mut self, offset: HostOffset, value: u16) -> Result<(), BusError> {
-        Bus::write16(&mut self.mapping, offset, value)
-    }
-
-    fn read_block(&mut self, first: HostOffset, words: &mut [u16]) -> Result<(), BusError> {
-        self.mapping.read_block(first, words)
-    }
-
-    fn read_data(&mut self, first: HostOffset, words: &mut [u16]) -> Result<usize, BusError> {
-        self.mapping.read_data(first, words)
-    }
-
-    fn order_reads(&mut self) {
-        self.mapping.order_reads();
-    }
-
-    fn order_writes(&mut self) {
-        self.mapping.order_writes();
-    }
-
+impl Presence for FileBoard {
     fn still_there(&self) -> bool {
         std::fs::metadata(&self.path).is_ok_and(|metadata| identity(&metadata) == self.identity)
     }
@@ -149,6 +124,10 @@ impl Bus for FileBoard {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::device::Bus;
+    use crate::map::HostOffset;
+
+    const BYTES: usize = 0x4000;
 
     fn memory(length: u64) -> tempfile::NamedTempFile {
         let file = tempfile::NamedTempFile::new().unwrap();
@@ -159,7 +138,7 @@ mod tests {
     #[test]
     fn a_block_reads_what_single_writes_left() {
         let file = memory(0x4000);
-        let mut board = FileBoard::open(file.path(), DPRAM_BYTES).unwrap();
+        let mut board = FileBoard::open(file.path(), BYTES).unwrap();
         for index in 0..8u16 {
             board.write16(HostOffset::new(0x3FF0).plus_words(index.into()), 0x1000 + index).unwrap();
         }
@@ -174,13 +153,13 @@ mod tests {
     #[test]
     fn only_a_file_of_the_right_length_is_a_board() {
         let short = memory(0x3FFE);
-        assert!(matches!(FileBoard::open(short.path(), DPRAM_BYTES), Err(FileBoardError::Length { .. })));
+        assert!(matches!(FileBoard::open(short.path(), BYTES), Err(FileBoardError::Length { .. })));
         assert!(matches!(
-            FileBoard::open(Path::new("/dev/null"), DPRAM_BYTES),
+            FileBoard::open(Path::new("/dev/null"), BYTES),
             Err(FileBoardError::NotAFile { .. })
         ));
         assert!(matches!(
-            FileBoard::open(Path::new("/nonexistent/dpram"), DPRAM_BYTES),
+            FileBoard::open(Path::new("/nonexistent/dpram"), BYTES),
             Err(FileBoardError::Open { .. })
         ));
     }
@@ -188,20 +167,20 @@ mod tests {
     #[test]
     fn a_board_has_one_host() {
         let file = memory(0x4000);
-        let first = FileBoard::open(file.path(), DPRAM_BYTES).unwrap();
-        assert!(matches!(FileBoard::open(file.path(), DPRAM_BYTES), Err(FileBoardError::InUse { .. })));
+        let first = FileBoard::open(file.path(), BYTES).unwrap();
+        assert!(matches!(FileBoard::open(file.path(), BYTES), Err(FileBoardError::InUse { .. })));
         drop(first);
-        assert!(FileBoard::open(file.path(), DPRAM_BYTES).is_ok());
+        assert!(FileBoard::open(file.path(), BYTES).is_ok());
     }
 
     #[test]
     fn a_replaced_file_is_noticed() {
         let directory = tempfile::tempdir().unwrap();
         let path = directory.path().join("dpram");
-        std::fs::write(&path, vec![0; DPRAM_BYTES]).unwrap();
-        let board = FileBoard::open(&path, DPRAM_BYTES).unwrap();
+        std::fs::write(&path, vec![0; BYTES]).unwrap();
+        let board = FileBoard::open(&path, BYTES).unwrap();
         assert!(board.still_there());
-        std::fs::write(directory.path().join("new"), vec![0; DPRAM_BYTES]).unwrap();
+        std::fs::write(directory.path().join("new"), vec![0; BYTES]).unwrap();
         std::fs::rename(directory.path().join("new"), &path).unwrap();
         assert!(!board.still_there());
         std::fs::remove_file(&path).unwrap();

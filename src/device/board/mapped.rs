@@ -1,53 +1,69 @@
-//! Mapped memory as a bus: what every board that is mapped does alike, each word by one access, ascending, once; of data
-//! two words by one where the board takes 32 bits.
+//! Mapped memory as a bus: what every board that is mapped does alike. Each word is one access, ascending, once; of data
+//! two words are one access where the board takes 32 bits.
 
 use crate::device::board::mapping::Mapping;
 use crate::device::{Access, Bus, BusError};
 use crate::map::HostOffset;
 
-impl Bus for Mapping {
+/// A board whose words are those of a mapping.
+pub trait Mapped: Send {
+    /// The mapping.
+    fn mapping(&self) -> &Mapping;
+}
+
+impl Mapped for Mapping {
+    fn mapping(&self) -> &Mapping {
+        self
+    }
+}
+
+impl<M: Mapped> Bus for M {
     fn length(&self) -> usize {
-        Mapping::length(self)
+        self.mapping().length()
     }
 
     fn read16(&mut self, offset: HostOffset) -> Result<u16, BusError> {
-        Mapping::read16(self, offset.bytes() as usize).ok_or_else(|| out_of_range(self, offset, 1))
+        self.mapping().read16(offset.bytes() as usize).ok_or_else(|| out_of_range(self.mapping(), offset, 1))
     }
 
     fn write16(&mut self, offset: HostOffset, value: u16) -> Result<(), BusError> {
-        Mapping::write16(self, offset.bytes() as usize, value).ok_or_else(|| out_of_range(self, offset, 1))
+        self.mapping()
+            .write16(offset.bytes() as usize, value)
+            .ok_or_else(|| out_of_range(self.mapping(), offset, 1))
     }
 
     fn read_block(&mut self, first: HostOffset, words: &mut [u16]) -> Result<(), BusError> {
+        let mapping = self.mapping();
         let (start, count) = (first.bytes() as usize, words.len());
-        if start + 2 * count > Mapping::length(self) {
-            return Err(out_of_range(self, first, count));
+        if start + 2 * count > mapping.length() {
+            return Err(out_of_range(mapping, first, count));
         }
         for (index, word) in words.iter_mut().enumerate() {
-            let read = Mapping::read16(self, start + 2 * index);
-            *word = read.ok_or_else(|| out_of_range(self, first, count))?;
+            let read = mapping.read16(start + 2 * index);
+            *word = read.ok_or_else(|| out_of_range(mapping, first, count))?;
         }
         Ok(())
     }
 
     fn read_data(&mut self, first: HostOffset, words: &mut [u16]) -> Result<usize, BusError> {
-        if self.access() == Access::Bits16 {
+        if self.mapping().access() == Access::Bits16 {
             self.read_block(first, words)?;
             return Ok(words.len());
         }
+        let mapping = self.mapping();
         let (start, count) = (first.bytes() as usize, words.len());
-        if start + 2 * count > Mapping::length(self) {
-            return Err(out_of_range(self, first, count));
+        if start + 2 * count > mapping.length() {
+            return Err(out_of_range(mapping, first, count));
         }
         let (mut at, mut accesses) = (0, 0);
         while let Some(rest) = words.get_mut(at..).filter(|rest| !rest.is_empty()) {
             let offset = start + 2 * at;
-            let pair = if rest.len() >= 2 { self.read32(offset) } else { None };
+            let pair = if rest.len() >= 2 { mapping.read32(offset) } else { None };
             if let (Some(read), [low, high, ..]) = (pair, &mut *rest) {
                 [*low, *high] = read;
                 at += 2;
             } else {
-                rest[0] = Mapping::read16(self, offset).ok_or_else(|| out_of_range(self, first, count))?;
+                rest[0] = mapping.read16(offset).ok_or_else(|| out_of_range(mapping, first, count))?;
                 at += 1;
             }
             accesses += 1;
@@ -56,11 +72,11 @@ impl Bus for Mapping {
     }
 
     fn order_reads(&mut self) {
-        Mapping::order_reads(self);
+        self.mapping().order_reads();
     }
 
     fn order_writes(&mut self) {
-        Mapping::order_writes(self);
+        self.mapping().order_writes();
     }
 }
 

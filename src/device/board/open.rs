@@ -3,7 +3,7 @@
 use std::fs::File;
 
 use super::{exclusive_lock, memory, pci, vme};
-use crate::device::Bus;
+use crate::device::Board;
 use crate::device::board::mapping::Mapping;
 use crate::device::board::refusal::{OpenError, Why};
 use crate::device::board::spec::{Place, WindowSpec};
@@ -16,26 +16,25 @@ use crate::device::machine::system::System;
 
 /// A board that was opened.
 pub struct OpenedBoard {
-    /// Its words.
-    pub bus: Box<dyn Bus>,
+    /// Its words, and whether it is still there.
+    pub bus: Box<dyn Board>,
     /// The interrupt of the very device that was opened; `None` when it is none that has one, or the specification
     /// names another.
     pub interrupt: Option<Result<Interrupt, NoInterrupt>>,
 }
 
-impl OpenedBoard {
-    /// A board whose interrupt, if any, comes from elsewhere.
-    pub fn without_interrupt(bus: impl Bus + 'static) -> Self {
-        Self { bus: Box::new(bus), interrupt: None }
-    }
-}
-
-/// Opens the board `spec` says, for this host alone. Descriptors handed over are used before nodes are opened.
+/// Opens the board `spec` says, with a DPRAM of `dpram` bytes, for this host alone. Descriptors handed over are used
+/// before nodes are opened.
 ///
 /// # Errors
 /// [`OpenError`]: what was refused, why, and what to do.
-pub fn open(spec: &WindowSpec, system: &System, inherited: &Inherited) -> Result<OpenedBoard, OpenError> {
-    let mapped = window(&spec.place, spec.offset, spec.length, system, inherited)?;
+pub fn open(
+    spec: &WindowSpec,
+    dpram: usize,
+    system: &System,
+    inherited: &Inherited,
+) -> Result<OpenedBoard, OpenError> {
+    let mapped = window_of(spec, dpram, system, inherited)?;
     let refuse = |why| OpenError::new(spec.place.to_string(), why);
     if let Some(node) = &mapped.node
         && !exclusive_lock::lock(node)
@@ -58,9 +57,20 @@ pub fn open(spec: &WindowSpec, system: &System, inherited: &Inherited) -> Result
 ///
 /// # Errors
 /// As [`open`].
-pub fn open_window(spec: &WindowSpec, system: &System) -> Result<WindowBoard, OpenError> {
-    let mapped = window(&spec.place, spec.offset, spec.length, system, &Inherited::default())?;
+pub fn open_window(spec: &WindowSpec, dpram: usize, system: &System) -> Result<WindowBoard, OpenError> {
+    let mapped = window_of(spec, dpram, system, &Inherited::default())?;
     Ok(WindowBoard::new(mapped.mapping))
+}
+
+fn window_of(
+    spec: &WindowSpec,
+    dpram: usize,
+    system: &System,
+    inherited: &Inherited,
+) -> Result<Mapped, OpenError> {
+    let bytes = spec.bytes(dpram);
+    let bytes = bytes.map_err(|reason| OpenError::new(spec.place.to_string(), Why::Unsuitable(reason)))?;
+    window(&spec.place, spec.offset, bytes, system, inherited)
 }
 
 /// What was mapped.
@@ -111,7 +121,7 @@ mod tests {
 
     fn open_text(fake: &FakeSystem, text: &str) -> Result<OpenedBoard, OpenError> {
         let Ok(crate::device::BoardSpec::Window(spec)) = text.parse() else { panic!("{text}") };
-        open(&spec, &fake.system, &Inherited::default())
+        open(&spec, 0x4000, &fake.system, &Inherited::default())
     }
 
     #[test]
@@ -147,7 +157,7 @@ mod tests {
         let error = open_text(&fake, "uio:/dev/uio0").err().unwrap().to_string();
         assert!(error.contains("another running pmacd"), "{error}");
         let Ok(crate::device::BoardSpec::Window(spec)) = "uio:/dev/uio0".parse() else { panic!() };
-        assert!(open_window(&spec, &fake.system).is_ok());
+        assert!(open_window(&spec, 0x4000, &fake.system).is_ok());
         drop(first);
         assert!(open_text(&fake, "uio:/dev/uio0").is_ok());
     }

@@ -4,7 +4,6 @@ use std::fmt;
 use std::path::PathBuf;
 use std::str::FromStr;
 
-use crate::device::board::file::DPRAM_BYTES;
 use crate::device::board::pci::PciAddress;
 use crate::device::machine::system::number;
 use crate::device::{Access, InterruptSource};
@@ -38,12 +37,27 @@ pub struct WindowSpec {
     pub place: Place,
     /// Where in it the DPRAM begins, in bytes.
     pub offset: u64,
-    /// How many bytes of it are mapped.
-    pub length: usize,
+    /// How many bytes of it are mapped; without this as many as the board's DPRAM has.
+    pub length: Option<usize>,
     /// Where its interrupt comes from; of a UIO board without this, from the same device.
     pub interrupt: Option<InterruptSource>,
     /// How wide a read of its data may be.
     pub access: Access,
+}
+
+impl WindowSpec {
+    /// How many bytes to map for a DPRAM of `dpram` bytes.
+    ///
+    /// # Errors
+    /// When the specification says fewer.
+    pub fn bytes(&self, dpram: usize) -> Result<usize, String> {
+        match self.length {
+            Some(length) if length < dpram => Err(format!(
+                "length={length:#x} is too short: the DPRAM of this family has {dpram:#x} bytes; leave length= out"
+            )),
+            length => Ok(length.unwrap_or(dpram)),
+        }
+    }
 }
 
 /// What a board's window is a part of.
@@ -199,9 +213,10 @@ impl Given {
     /// The window in `place`, taking the options every window has.
     fn window(&mut self, place: Place) -> Result<WindowSpec, String> {
         let offset = self.offset.take().unwrap_or(0);
-        let length = self.length.take().unwrap_or(DPRAM_BYTES);
+        let length = self.length.take();
+        let longest = length.map_or(LONGEST, |length| length as u64);
         let start = if let Place::Memory(address) = place { address } else { 0 };
-        if start.checked_add(offset).and_then(|first| first.checked_add(length as u64)).is_none() {
+        if start.checked_add(offset).and_then(|first| first.checked_add(longest)).is_none() {
             return Err("the window leaves the machine's addresses".to_owned());
         }
         // A VME board is a slave of 16 bits.
@@ -254,13 +269,8 @@ fn small(option: &str, value: &str, most: u8) -> Result<u8, String> {
 
 fn length(option: &str, value: &str) -> Result<usize, String> {
     let length = even(option, value)?;
-    usize::try_from(length).ok().filter(|_| (DPRAM_BYTES as u64..=LONGEST).contains(&length)).ok_or_else(
-        || {
-            format!(
-                "{option}: a DPRAM has at least {DPRAM_BYTES:#x} bytes, and {LONGEST:#x} are mapped at most"
-            )
-        },
-    )
+    let fits = usize::try_from(length).ok().filter(|_| (1..=LONGEST).contains(&length));
+    fits.ok_or_else(|| format!("{option}: {LONGEST:#x} bytes are mapped at most"))
 }
 
 fn access(option: &str, value: &str) -> Result<Access, String> {
@@ -276,7 +286,7 @@ mod tests {
     use super::*;
 
     fn window(place: Place) -> WindowSpec {
-        WindowSpec { place, offset: 0, length: 0x4000, interrupt: None, access: Access::Bits16 }
+        WindowSpec { place, offset: 0, length: None, interrupt: None, access: Access::Bits16 }
     }
 
     #[test]
@@ -313,7 +323,7 @@ mod tests {
             (
                 "mem:0xD4000,irq=uio:/dev/uio0,length=0x8000",
                 BoardSpec::Window(WindowSpec {
-                    length: 0x8000,
+                    length: Some(0x8000),
                     interrupt: irq(),
                     ..window(Place::Memory(0xD4000))
                 }),
@@ -348,6 +358,14 @@ mod tests {
     }
 
     #[test]
+    fn a_window_is_as_long_as_the_dpram_or_longer() {
+        let spec = |length| WindowSpec { length, ..window(Place::Memory(0xD4000)) };
+        assert_eq!((spec(None).bytes(0x4000), spec(None).bytes(0x10000)), (Ok(0x4000), Ok(0x10000)));
+        assert_eq!(spec(Some(0x8000)).bytes(0x4000), Ok(0x8000));
+        assert!(spec(Some(0x8000)).bytes(0x10000).unwrap_err().contains("has 0x10000 bytes"));
+    }
+
+    #[test]
     fn anything_else_is_refused_with_its_reason() {
         for (spec, reason) in [
             ("", "no board kind ``"),
@@ -364,7 +382,7 @@ mod tests {
             ("mem:D4000", "write it as 0xD4000"),
             ("mem:0xD4001", "write it as 0xD4000"),
             ("mem:0xD4000,map=1", "mem: has no option map="),
-            ("mem:0xD4000,length=0x2000", "at least 0x4000"),
+            ("mem:0xD4000,length=0", "at most"),
             ("mem:0xD4000,length=0x10000000", "at most"),
             ("mem:0xFFFFFFFFFFFFF000", "leaves the machine's addresses"),
             ("mem:0xD4000,offset=1", "an even number"),

@@ -2,10 +2,10 @@
 
 use std::fs::File;
 
+use crate::device::Presence;
+use crate::device::board::mapped::Mapped;
 use crate::device::board::mapping::Mapping;
 use crate::device::machine::system::System;
-use crate::device::{Bus, BusError};
-use crate::map::HostOffset;
 
 /// Words of the window that are looked at before it is said that nothing answers.
 const SAMPLES: usize = 64;
@@ -40,35 +40,13 @@ impl WindowBoard {
     }
 }
 
-impl Bus for WindowBoard {
-    fn length(&self) -> usize {
-        self.mapping.length()
+impl Mapped for WindowBoard {
+    fn mapping(&self) -> &Mapping {
+        &self.mapping
     }
+}
 
-    fn read16(&mut self, offset: HostOffset) -> Result<u16, BusError> {
-        Bus::read16(&mut self.mapping, offset)
-    }
-
-    fn write16(&mut self, offset: HostOffset, value: u16) -> Result<(), BusError> {
-        Bus::write16(&mut self.mapping, offset, value)
-    }
-
-    fn read_block(&mut self, first: HostOffset, words: &mut [u16]) -> Result<(), BusError> {
-        self.mapping.read_block(first, words)
-    }
-
-    fn read_data(&mut self, first: HostOffset, words: &mut [u16]) -> Result<usize, BusError> {
-        self.mapping.read_data(first, words)
-    }
-
-    fn order_reads(&mut self) {
-        self.mapping.order_reads();
-    }
-
-    fn order_writes(&mut self) {
-        self.mapping.order_writes();
-    }
-
+impl Presence for WindowBoard {
     fn still_there(&self) -> bool {
         let there = |witness: &Witness| {
             witness.identity.is_some() && witness.system.identity(&witness.path) == witness.identity
@@ -89,7 +67,9 @@ impl Bus for WindowBoard {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::device::Bus;
     use crate::device::testing::FakeSystem;
+    use crate::map::HostOffset;
 
     fn board(file: &std::fs::File) -> WindowBoard {
         WindowBoard::new(Mapping::new(file, 0x20, 0x4000).unwrap())

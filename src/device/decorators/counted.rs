@@ -1,7 +1,7 @@
 //! Decorator: counts every access, to words or to byte registers. On real hardware bus accesses are the cost, so the count is always kept.
 
 use crate::device::board::byte::{ByteBus, ByteBusError};
-use crate::device::{Bus, BusError};
+use crate::device::{Bus, BusError, Presence};
 use crate::map::HostOffset;
 
 /// Counts the accesses by which words (or bytes) are read and written through it. A refused access counts nothing: the bus never saw it.
@@ -77,7 +77,9 @@ impl<B: Bus> Bus for Counted<B> {
     fn order_writes(&mut self) {
         self.bus.order_writes();
     }
+}
 
+impl<B: Presence> Presence for Counted<B> {
     fn still_there(&self) -> bool {
         self.bus.still_there()
     }

@@ -4,7 +4,7 @@
 //! a setting of its own ([`crate::format::TextOrder`]): boards in production need one, the other, or both. Data are read by
 //! 16 bits, however wide the bus inside may read: how a bridge that swaps would swap 32 bits is not known.
 
-use crate::device::{Bus, BusError};
+use crate::device::{Bus, BusError, Presence};
 use crate::map::HostOffset;
 
 /// Exchanges the bytes of every word on its way to and from the bus inside.
@@ -38,7 +38,9 @@ impl<B: Bus> Bus for WordSwapped<B> {
     fn order_writes(&mut self) {
         self.0.order_writes();
     }
+}
 
+impl<B: Presence> Presence for WordSwapped<B> {
     fn still_there(&self) -> bool {
         self.0.still_there()
     }

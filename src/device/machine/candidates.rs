@@ -6,15 +6,14 @@ use serde::Serialize;
 
 use super::node_owner::{Holder, RULE_FILE, may_open, remark, rule_for_slot, rule_for_vme, rule_for_window};
 use super::system::System;
-use crate::device::board::file::DPRAM_BYTES;
 use crate::device::board::pci::{self, PciInfo};
 use crate::device::board::uio::UioInfo;
+use crate::map::FAMILIES;
 
 /// PCI vendor and device of a PMAC PCI, as a driver of 2002 probes them. Altera's example designs have the same.
 const KNOWN_ID: (u16, u16) = (0x1172, 0x0001);
-/// A DPRAM on PCI is a memory BAR no shorter and no longer than this.
-const SHORTEST: u64 = DPRAM_BYTES as u64;
-const LONGEST: u64 = 4 * SHORTEST;
+/// A window that may be a DPRAM has no more bytes than this.
+const LONGEST: u64 = 0x1_0000;
 /// UIO drivers of PMAC boards have names that begin so.
 const NAME: &str = "pmac";
 /// Where the kernel's vme_user puts the windows of a bridge.
@@ -107,14 +106,16 @@ pub fn candidates(system: &System) -> Vec<Candidate> {
     found
 }
 
+/// Whether a window of `size` bytes may be the DPRAM of a board that is so certain.
+fn fits(size: u64, certainty: Certainty) -> bool {
+    let holds = FAMILIES.iter().any(|family| size >= u64::from(family.length));
+    holds && (certainty == Certainty::Likely || size <= LONGEST)
+}
+
 /// A UIO device that is not on PCI: by its name, or by a map that may be a DPRAM.
 fn of_uio(system: &System, info: &UioInfo) -> Option<Candidate> {
     let certainty = if info.name.starts_with(NAME) { Certainty::Likely } else { Certainty::Maybe };
-    let fits = |size: u64| match certainty {
-        Certainty::Likely => size >= SHORTEST,
-        Certainty::Maybe => (SHORTEST..=LONGEST).contains(&size),
-    };
-    let map = info.maps.iter().find(|map| fits(map.size.saturating_sub(map.offset)))?;
+    let map = info.maps.iter().find(|map| fits(map.size.saturating_sub(map.offset), certainty))?;
     let what = format!("UIO device {}, {:#x} bytes at {:#x}", info.name, map.size, map.address);
     let spec = uio_spec(info, map.number);
     // The shipped rules know boards of drivers whose names begin so.
@@ -145,8 +146,8 @@ fn of_pci(system: &System, device: &PciInfo, uio: Option<&UioInfo>) -> Option<Ca
     if foreign.is_some() && !known {
         return None;
     }
-    let fits = |size: u64| if known { size >= SHORTEST } else { (SHORTEST..=LONGEST).contains(&size) };
-    let bar = device.bars.iter().find(|bar| bar.is_memory && fits(bar.size()))?;
+    let certainty = if known { Certainty::Likely } else { Certainty::Maybe };
+    let bar = device.bars.iter().find(|bar| bar.is_memory && fits(bar.size(), certainty))?;
     let address = device.address;
     let directory = pci::directory(address);
     let resource = format!("{directory}/resource{}", bar.number);
@@ -168,7 +169,6 @@ fn of_pci(system: &System, device: &PciInfo, uio: Option<&UioInfo>) -> Option<Ca
     };
     let (vendor, id) = device.id;
     let like = if known { "the id of a PMAC PCI, and of Altera's example designs" } else { "of that size" };
-    let certainty = if known { Certainty::Likely } else { Certainty::Maybe };
     let what = format!("PCI device {vendor:04x}:{id:04x} at {address}, {bar}, {like}");
     let mut found = Candidate::new(system, spec, certainty, what, &files).with_driver(device.driver.clone());
     let bind = format!("driverctl set-override {address} {}", pci::INTERRUPTS_ONLY);

@@ -1,15 +1,14 @@
 //! Looks at a window some times without writing to it, and says what seems to live there.
 //!
-//! A board that reports servo data counts the timer in the status word of the servo buffer (DPRAM manual p. 15): that is
-//! proof. Without reports a PMAC's DPRAM is memory like any other, and cannot be told from it without a write.
+//! A board that reports servo data counts the timer of the servo report (DPRAM manual p. 15): that is proof. Without
+//! reports a PMAC's DPRAM is memory like any other, and cannot be told from it without a write.
 
 use std::time::{Duration, Instant};
 
 use serde::Serialize;
 
 use crate::device::{Bus, BusError};
-use crate::map::HostOffset;
-use crate::map::classic::{LENGTH, PMAC_BUSY, SERVO_PMAC_STATUS, SERVO_TIMER_MASK};
+use crate::map::{Family, HostOffset, ServoBlock};
 
 /// Looks at the timer, and the time from one to the next. Short, and no multiple of a usual servo period.
 const LOOKS: usize = 40;
@@ -52,35 +51,38 @@ pub struct Probe {
     pub servo_hz: Option<f64>,
 }
 
-/// Reads the window of `bus` twice, and its servo timer some times in between. Takes a quarter of a second, writes nothing.
+/// Reads the window of `bus`, a board of `family`, twice, and its servo timer some times in between. Takes a quarter of a second, writes nothing.
 ///
 /// # Errors
 /// When the window is shorter than a DPRAM.
-pub fn probe(bus: &mut impl Bus) -> Result<Probe, BusError> {
-    probe_by(bus, |_| std::thread::sleep(PAUSE))
+pub fn probe(bus: &mut impl Bus, family: &Family) -> Result<Probe, BusError> {
+    probe_by(bus, family, |_| std::thread::sleep(PAUSE))
 }
 
 /// As [`probe`], but for the pause before each look, which is the caller's.
 ///
 /// # Errors
 /// When the window is shorter than a DPRAM.
-pub fn probe_by<B: Bus>(bus: &mut B, mut pause: impl FnMut(&mut B)) -> Result<Probe, BusError> {
-    let first = image(bus)?;
+pub fn probe_by<B: Bus>(
+    bus: &mut B,
+    family: &Family,
+    mut pause: impl FnMut(&mut B),
+) -> Result<Probe, BusError> {
+    let first = image(bus, family)?;
     let begin = Instant::now();
-    let mut status = bus.read16(SERVO_PMAC_STATUS)?;
+    let servo = &family.servo;
+    let mut last_seen = timer(bus, servo)?;
     let (mut moves, mut cycles) = (0, 0u64);
     for _ in 0..LOOKS {
         pause(bus);
-        let now = bus.read16(SERVO_PMAC_STATUS)?;
-        if now & PMAC_BUSY == 0 {
-            let passed = now.wrapping_sub(status) & SERVO_TIMER_MASK;
-            moves += usize::from(passed != 0);
-            cycles += u64::from(passed);
-            status = now & SERVO_TIMER_MASK;
-        }
+        let Some(now) = timer(bus, servo)? else { continue };
+        let passed = now.wrapping_sub(last_seen.unwrap_or(now)) & ((1 << servo.timer.bits()) - 1);
+        moves += usize::from(passed != 0);
+        cycles += u64::from(passed);
+        last_seen = Some(now);
     }
     let seconds = begin.elapsed().as_secs_f64();
-    let last = image(bus)?;
+    let last = image(bus, family)?;
     let count = |value: u16| last.iter().filter(|word| **word == value).count();
     let changed = first.iter().zip(&last).filter(|(before, after)| before != after).count();
     let hz = cycles as f64 / seconds;
@@ -104,8 +106,20 @@ pub fn probe_by<B: Bus>(bus: &mut B, mut pause: impl FnMut(&mut B)) -> Result<Pr
     })
 }
 
-fn image(bus: &mut impl Bus) -> Result<Vec<u16>, BusError> {
-    let mut words = vec![0; LENGTH as usize / 2];
+/// The servo timer, or `None` while PMAC writes its report.
+fn timer(bus: &mut impl Bus, servo: &ServoBlock) -> Result<Option<u32>, BusError> {
+    let status = bus.read16(servo.pmac_status.word)?;
+    if servo.busy.is_busy(servo.pmac_status.is_set(status)) {
+        return Ok(None);
+    }
+    let timer = servo.timer;
+    let low = if timer.low == servo.pmac_status.word { status } else { bus.read16(timer.low)? };
+    let high = timer.high.map_or(Ok(0), |(word, _)| bus.read16(word))?;
+    Ok(Some(timer.value(low, high)))
+}
+
+fn image(bus: &mut impl Bus, family: &Family) -> Result<Vec<u16>, BusError> {
+    let mut words = vec![0; family.length as usize / 2];
     bus.read_block(HostOffset::new(0), &mut words)?;
     Ok(words)
 }
@@ -114,21 +128,25 @@ fn image(bus: &mut impl Bus) -> Result<Vec<u16>, BusError> {
 mod tests {
     use super::*;
     use crate::device::FileBoard;
+    use crate::map::PMAC;
+
+    const TIMER: HostOffset = PMAC.servo.timer.low;
+    const TIMER_MASK: u16 = (1 << PMAC.servo.timer.low_bits) - 1;
 
     fn bus() -> FileBoard {
         let file = tempfile::tempfile().unwrap();
-        file.set_len(LENGTH.into()).unwrap();
-        FileBoard::from_file(&file, LENGTH as usize).unwrap()
+        file.set_len(PMAC.length.into()).unwrap();
+        FileBoard::from_file(&file, PMAC.length as usize).unwrap()
     }
 
     #[test]
     fn a_timer_that_counts_is_a_board_that_reports() {
         let (mut bus, mut timer) = (bus(), 0x7FF0);
-        bus.write16(SERVO_PMAC_STATUS, timer).unwrap();
-        let seen = probe_by(&mut bus, |bus| {
+        bus.write16(TIMER, timer).unwrap();
+        let seen = probe_by(&mut bus, &PMAC, |bus| {
             std::thread::sleep(Duration::from_millis(1));
-            timer = (timer + 2) & SERVO_TIMER_MASK;
-            bus.write16(SERVO_PMAC_STATUS, timer).unwrap();
+            timer = (timer + 2) & TIMER_MASK;
+            bus.write16(TIMER, timer).unwrap();
         });
         let seen = seen.unwrap();
         assert_eq!((seen.verdict, seen.timer_moves), (Verdict::Reporting, LOOKS), "{seen:?}");
@@ -138,18 +156,18 @@ mod tests {
     #[test]
     fn ones_still_memory_and_memory_that_changes_otherwise_are_told_apart() {
         let (mut bus, looks) = (bus(), |_: &mut FileBoard| {});
-        let seen = probe_by(&mut bus, looks).unwrap();
+        let seen = probe_by(&mut bus, &PMAC, looks).unwrap();
         assert_eq!((seen.verdict, seen.zeros, seen.servo_hz), (Verdict::Still, 0x2000, None));
         let mut value = 0u16;
         let noise = |bus: &mut FileBoard| {
             value = value.wrapping_mul(25_173).wrapping_add(13_849);
-            bus.write16(SERVO_PMAC_STATUS, value).unwrap();
+            bus.write16(TIMER, value).unwrap();
         };
-        assert_eq!(probe_by(&mut bus, noise).unwrap().verdict, Verdict::Changing);
+        assert_eq!(probe_by(&mut bus, &PMAC, noise).unwrap().verdict, Verdict::Changing);
         for word in 0..0x2000 {
             bus.write16(HostOffset::new(2 * word), u16::MAX).unwrap();
         }
-        let seen = probe_by(&mut bus, looks).unwrap();
+        let seen = probe_by(&mut bus, &PMAC, looks).unwrap();
         assert_eq!((seen.verdict, seen.ones, seen.timer_moves), (Verdict::Absent, 0x2000, 0));
     }
 
@@ -172,6 +190,6 @@ mod tests {
             fn order_reads(&mut self) {}
             fn order_writes(&mut self) {}
         }
-        assert!(probe_by(&mut ReadOnly(bus()), |_| {}).is_ok());
+        assert!(probe_by(&mut ReadOnly(bus()), &PMAC, |_| {}).is_ok());
     }
 }
