@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
 use pmac_dpram::device::{FileBoard, Interrupt, InterruptSource};
 use pmac_dpram::format::TextOrder;
-use pmac_dpram::function::ascii::{AsciiEvent, AsciiPort};
+use pmac_dpram::function::ascii::{AsciiEvent, DpramPort};
 use pmac_dpram::map::PMAC;
 use pmac_dpram::segment::Counter;
 
@@ -105,9 +105,9 @@ fn round_trips(table: &mut Table, row: &'static str, setup: &Setup) {
 fn direct(rig: &Rig, questions: usize) -> Figures {
     let mut bus = FileBoard::open(&rig.memory(), PMAC.length as usize).expect("the board's memory");
     let mut interrupt = Interrupt::connect(&InterruptSource::Unix(rig.interrupt())).expect("its interrupt");
-    AsciiPort::release(&mut bus).expect("the bus");
+    let mut port = DpramPort::new(&PMAC.ascii, TextOrder::default(), Instant::now());
+    port.release(&mut bus).expect("the bus");
     std::thread::sleep(Duration::from_millis(100));
-    let mut port = AsciiPort::new(TextOrder::default(), Instant::now());
     let mut ask = || {
         let start = Instant::now();
         let mut answered = false;

@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 
 use pmac_dpram::device::BusError;
 use pmac_dpram::format::TextOrder;
-use pmac_dpram::function::ascii::{AsciiEvent, AsciiPort};
+use pmac_dpram::function::ascii::{AsciiEvent, DpramPort};
 use pmac_dpram::function::background::{BackgroundPoll, BackgroundReader};
 use pmac_dpram::function::gather::{
     CHUNK_LONGS, GatherBuffer, GatherLook, GatherReader, GatherStart, report_cycles,
@@ -32,7 +32,7 @@ const STEPS: usize = 400;
 struct Functions {
     servo: ServoReader,
     background: BackgroundReader,
-    ascii: AsciiPort,
+    ascii: DpramPort,
     panel: Panel,
     reader: VariableReader,
     writer: VariableWriter,
@@ -57,13 +57,13 @@ pub fn body(data: &[u8]) {
     let mut functions = Functions {
         servo: ServoReader::new(&PMAC.servo, reading),
         background: BackgroundReader::new(&PMAC.background),
-        ascii: AsciiPort::new(order, now),
+        ascii: DpramPort::new(&PMAC.ascii, order, now),
         panel: Panel::new(),
         reader: VariableReader::new(plan.variable_read()),
         writer: VariableWriter::new(plan.variable_write()),
         gather: None,
         rotary: [None, None],
-        mailbox: MailboxPort::new(MailboxSettings::default()),
+        mailbox: MailboxPort::new(MailboxSettings::default(), PMAC.ascii.line_limit),
         registers: RamBytes { bytes: [0; 0x200], accesses: 0 },
         plan,
         now,
@@ -164,7 +164,7 @@ impl Functions {
             }
             5 => self.ascii.withdraw_control(bus)?,
             6 => self.ascii.settle(now),
-            7 => AsciiPort::release(bus)?,
+            7 => self.ascii.release(bus)?,
             _ => {
                 if let Some(
                     AsciiEvent::Line(text)

@@ -97,7 +97,7 @@ pub fn body(data: &[u8]) {
         let (clock, now) = (time.clock(), time.clock().now());
         let order = if way & 4 == 0 { TextOrder::LowFirst } else { TextOrder::HighFirst };
         let mode = if way & 16 == 0 { VariableMode::SingleUser } else { VariableMode::MultiUser };
-        let port = ResponsePort::new(order, None, now);
+        let port = ResponsePort::new(&PMAC.ascii, order, None, now);
         let identifier = Identifier::new(Identity::default(), way & 32 != 0, now);
         let mut desks = Desks {
             shared,

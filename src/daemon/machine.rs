@@ -36,7 +36,9 @@ impl Machine {
             let link = board::link(source, system, inherited);
             board.interrupt = Some(link.map_err(|error| failed("mailboxes: ", error.as_ref()))?);
         }
-        let mailbox = mailbox.map(|config| MailboxLink::open(config, system, inherited)).transpose();
+        let line_limit = settings.family.ascii.line_limit;
+        let mailbox =
+            mailbox.map(|config| MailboxLink::open(config, line_limit, system, inherited)).transpose();
         let host_port = settings.host_port.clone();
         let host_port = host_port.map(|config| HostPortLink::open(config, system, inherited)).transpose();
         Ok(Self {

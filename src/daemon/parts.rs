@@ -73,7 +73,8 @@ impl Parts {
         let asks = settings.ask_board && reading.functions.has(Function::Ascii);
         let now = clock.now();
         let identifier = Identifier::new(configured_identity(settings), asks, now);
-        let port = ResponsePort::new(settings.text_order, mailbox, now).after_another_host(now);
+        let port = ResponsePort::new(&settings.family.ascii, settings.text_order, mailbox, now)
+            .after_another_host(now);
         let (plan, mode) = (settings.uncertain.plan(), settings.uncertain.variable_mode());
         let functions = FunctionTable::new(
             ServoMirror::selecting(

@@ -1,31 +1,28 @@
-//! ASCII communication through the DPRAM, the host's half (DPRAM manual p. 27-29, firmware 1.15 and later).
+//! ASCII communication through the DPRAM, the host's half (DPRAM manual p. 27-29, firmware 1.15 and later; Turbo User
+//! Manual p. 406). Where the words lie, and how long a line may be, says an [`AsciiPort`].
 //!
 //! | word | host | PMAC |
 //! |---|---|---|
-//! | 0x062C bit 0 | sets it when a line lies in the command buffer | clears it when it took the line |
-//! | 0x062E | writes a control character | clears it when it took the character |
-//! | 0x0630.. | writes the line and a NUL | reads it |
-//! | 0x06D0 | writes 0 when it read the response | writes what kind of response lies there, last |
-//! | 0x06D2, 0x06D4.. | reads | writes count and text, only while 0x06D0 is 0 |
+//! | `command_loaded` | sets it when a line lies in the command buffer | clears it when it took the line |
+//! | `control_character` | writes a control character | clears it when it took the character |
+//! | `command` | writes the line and a NUL | reads it |
+//! | `response_control` | writes 0 when it read the response | writes, last, what kind of response lies there |
+//! | `response_count`, `response` | reads | writes count and text, only while `response_control` is 0 |
 //!
-//! A line of more than 159 characters goes in two parts: the first fills the buffer and has no NUL (byte 0x06CF, the
-//! last of the buffer, is not taken as a character but must not be NUL), the second has one.
+//! A line that does not fit the command buffer goes in two parts: the first fills the buffer and has no NUL (the last
+//! byte of the buffer is not taken as a character but must not be NUL), the second has one.
 //!
-//! Boards put texts of their own programs into the same response buffer; these are told apart by the control word and
-//! never taken for a reply. A reply that comes after its command was given up cannot be told apart from the next one's,
-//! so the port does what the manual has `<CTRL-X>` for: it has the board empty its queues, lets everything arrive that
+//! PMAC programs put texts of their own into the same response buffer. The control word tells them apart, so they are
+//! never taken for a reply. A reply that comes after its command was given up cannot be told from the next command's.
+//! So the port does what the manual has `<CTRL-X>` for: it has the board empty its queues, lets everything arrive that
 //! is still on its way ([`SETTLE`]), and only then takes the next line.
 
 use std::time::{Duration, Instant};
 
 use crate::device::{Bus, BusError};
 use crate::format::{Text, TextOrder};
-use crate::map::classic::{
-    ASCII_COMMAND, ASCII_COMMAND_BYTES, ASCII_CONTROL_CHARACTER, ASCII_INPUT_CONTROL, ASCII_INPUT_COUNT,
-    ASCII_LINE_LIMIT, ASCII_OUTPUT_CONTROL, ASCII_RESPONSE, ASCII_RESPONSE_BYTES, COMMAND_LOADED,
-    RESPONSE_ACKNOWLEDGE, RESPONSE_ERROR, RESPONSE_LINE, RESPONSE_MESSAGE, RESPONSE_TO_PROGRAM,
-};
-use crate::map::errors;
+use crate::map::functions::{RESPONSE_BYTES, response};
+use crate::map::{AsciiPort, errors};
 
 /// How long the response buffer must have been silent before a port that gave up on a reply is used again.
 pub const SETTLE: Duration = Duration::from_millis(50);
@@ -42,11 +39,8 @@ const CANCEL: u16 = 0x18;
 pub const CONTROL_REPLY_END: Duration = Duration::from_millis(50);
 /// How long a board may take for the first line of a control character's reply.
 pub const CONTROL_REPLY_BEGIN: Duration = Duration::from_millis(300);
-/// Characters of a line that go in its first part.
-const FIRST_PART: usize = ASCII_COMMAND_BYTES - 1;
-
 /// A response line, read from the board into private memory: at most 255 characters, without the NUL (DPRAM manual p. 29).
-pub type ResponseText = Text<{ ASCII_RESPONSE_BYTES - 1 }>;
+pub type ResponseText = Text<{ RESPONSE_BYTES - 1 }>;
 
 /// What a step found.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -86,10 +80,12 @@ impl State {
 }
 
 /// The host's half of the port: one command line at a time.
-pub struct AsciiPort {
+pub struct DpramPort {
+    words: &'static AsciiPort,
     order: TextOrder,
     state: State,
-    line: [u8; ASCII_LINE_LIMIT],
+    /// The line under way, in its first `length` bytes.
+    line: Box<[u8]>,
     length: usize,
     /// The end of the reply came together with its last line; it is told at the next step.
     end_follows: bool,
@@ -101,14 +97,15 @@ pub struct AsciiPort {
     gave_up: bool,
 }
 
-impl AsciiPort {
-    /// A port whose texts are packed in `order`.
+impl DpramPort {
+    /// A port in `words`, whose texts are packed in `order`.
     #[must_use]
-    pub fn new(order: TextOrder, now: Instant) -> Self {
+    pub fn new(words: &'static AsciiPort, order: TextOrder, now: Instant) -> Self {
         Self {
+            words,
             order,
             state: State::Idle,
-            line: [0; ASCII_LINE_LIMIT],
+            line: vec![0; words.line_limit].into(),
             length: 0,
             end_follows: false,
             answers_early: false,
@@ -127,15 +124,15 @@ impl AsciiPort {
     ///
     /// # Errors
     /// When the bus cannot be reached.
-    pub fn release(bus: &mut impl Bus) -> Result<(), BusError> {
-        bus.write16(ASCII_OUTPUT_CONTROL, 0)?;
-        bus.write16(ASCII_CONTROL_CHARACTER, 0)?;
-        bus.write16(ASCII_INPUT_CONTROL, 0)?;
+    pub fn release(&self, bus: &mut impl Bus) -> Result<(), BusError> {
+        bus.write16(self.words.command_loaded.word, 0)?;
+        bus.write16(self.words.control_character, 0)?;
+        bus.write16(self.words.response_control, 0)?;
         bus.order_writes();
         Ok(())
     }
 
-    /// Whether [`AsciiPort::begin`] may be called.
+    /// Whether [`DpramPort::begin`] may be called.
     #[must_use]
     pub fn is_idle(&self) -> bool {
         self.state == State::Idle
@@ -152,11 +149,11 @@ impl AsciiPort {
     /// # Errors
     /// When the bus cannot be reached. The line must have passed [`crate::protocol::check_line`]; one that is too long is not sent.
     pub fn begin(&mut self, bus: &mut impl Bus, line: &[u8]) -> Result<bool, BusError> {
-        if !self.is_idle() || line.len() > ASCII_LINE_LIMIT {
+        if !self.is_idle() || line.len() > self.words.line_limit {
             return Ok(false);
         }
         // A response that lies there now belongs to nobody who waits; steps take it first.
-        if bus.read16(ASCII_INPUT_CONTROL)? != 0 || bus.read16(ASCII_OUTPUT_CONTROL)? & COMMAND_LOADED != 0 {
+        if self.has_response(bus)? || self.is_loaded(bus)? {
             return Ok(false);
         }
         self.line[..line.len()].copy_from_slice(line);
@@ -166,21 +163,31 @@ impl AsciiPort {
         Ok(true)
     }
 
+    /// Characters of a line that go in its first part.
+    const fn first_part(&self) -> usize {
+        self.words.command_bytes - 1
+    }
+
+    /// Whether a line lies in the buffer, not taken by the board yet.
+    fn is_loaded(&self, bus: &mut impl Bus) -> Result<bool, BusError> {
+        Ok(self.words.command_loaded.is_set(bus.read16(self.words.command_loaded.word)?))
+    }
+
     /// Writes the part of the line that starts at `from`, then raises the flag.
     fn load(&mut self, bus: &mut impl Bus, from: usize) -> Result<(), BusError> {
         let rest = &self.line[from..self.length];
-        let first_of_two = rest.len() > FIRST_PART;
-        let part = &rest[..rest.len().min(FIRST_PART)];
+        let first_of_two = rest.len() > self.first_part();
+        let part = &rest[..rest.len().min(self.first_part())];
         // The byte behind the part: NUL ends the line; in a first part it must be anything else, a blank is harmless.
         let end = if first_of_two { b' ' } else { 0 };
         let byte =
             |index: usize| part.get(index).copied().unwrap_or(if index == part.len() { end } else { 0 });
         for word in 0..=part.len() / 2 {
-            let offset = ASCII_COMMAND.plus_words(word);
+            let offset = self.words.command.plus_words(word);
             bus.write16(offset, self.order.pack(byte(2 * word), byte(2 * word + 1)))?;
         }
         bus.order_writes();
-        bus.write16(ASCII_OUTPUT_CONTROL, COMMAND_LOADED)?;
+        bus.write16(self.words.command_loaded.word, self.words.command_loaded.mask)?;
         self.state = State::Loaded { sent: from + part.len() };
         Ok(())
     }
@@ -198,10 +205,10 @@ impl AsciiPort {
         has_reply: bool,
         now: Instant,
     ) -> Result<bool, BusError> {
-        if has_reply && !self.is_idle() || bus.read16(ASCII_CONTROL_CHARACTER)? != 0 {
+        if has_reply && !self.is_idle() || bus.read16(self.words.control_character)? != 0 {
             return Ok(false);
         }
-        bus.write16(ASCII_CONTROL_CHARACTER, u16::from(character))?;
+        bus.write16(self.words.control_character, u16::from(character))?;
         bus.order_writes();
         if has_reply {
             self.end_follows = false;
@@ -215,8 +222,16 @@ impl AsciiPort {
     ///
     /// # Errors
     /// When the bus cannot be reached.
-    pub fn is_out_of_reach(bus: &mut impl Bus) -> Result<bool, BusError> {
-        Ok(bus.read16(ASCII_CONTROL_CHARACTER)? == u16::MAX)
+    pub fn is_out_of_reach(&self, bus: &mut impl Bus) -> Result<bool, BusError> {
+        Ok(bus.read16(self.words.control_character)? == u16::MAX)
+    }
+
+    /// Whether a response lies in its buffer. 1 read.
+    ///
+    /// # Errors
+    /// When the bus cannot be reached.
+    pub fn has_response(&self, bus: &mut impl Bus) -> Result<bool, BusError> {
+        Ok(bus.read16(self.words.response_control)? != 0)
     }
 
     /// Takes back the command under way if the board has taken nothing of it, so that it can go another way; the port
@@ -226,8 +241,8 @@ impl AsciiPort {
     /// When the bus cannot be reached.
     pub fn take_back(&mut self, bus: &mut impl Bus) -> Result<bool, BusError> {
         let word = match self.state {
-            State::Loaded { sent } if sent <= FIRST_PART => ASCII_OUTPUT_CONTROL,
-            State::ControlReply { taken: false, .. } => ASCII_CONTROL_CHARACTER,
+            State::Loaded { sent } if sent <= self.first_part() => self.words.command_loaded.word,
+            State::ControlReply { taken: false, .. } => self.words.control_character,
             _ => return Ok(false),
         };
         let lying = bus.read16(word)?;
@@ -244,8 +259,8 @@ impl AsciiPort {
     ///
     /// # Errors
     /// When the bus cannot be reached.
-    pub fn withdraw_line(bus: &mut impl Bus) -> Result<(), BusError> {
-        bus.write16(ASCII_OUTPUT_CONTROL, 0)?;
+    pub fn withdraw_line(&self, bus: &mut impl Bus) -> Result<(), BusError> {
+        bus.write16(self.words.command_loaded.word, 0)?;
         bus.order_writes();
         Ok(())
     }
@@ -255,15 +270,15 @@ impl AsciiPort {
     /// # Errors
     /// When the bus cannot be reached.
     pub fn control_lies(&self, bus: &mut impl Bus) -> Result<bool, BusError> {
-        Ok(bus.read16(ASCII_CONTROL_CHARACTER)? != 0)
+        Ok(bus.read16(self.words.control_character)? != 0)
     }
 
     /// Takes back a control character the board has not taken.
     ///
     /// # Errors
     /// When the bus cannot be reached.
-    pub fn withdraw_control(&mut self, bus: &mut impl Bus) -> Result<(), BusError> {
-        bus.write16(ASCII_CONTROL_CHARACTER, 0)?;
+    pub fn withdraw_control(&self, bus: &mut impl Bus) -> Result<(), BusError> {
+        bus.write16(self.words.control_character, 0)?;
         bus.order_writes();
         Ok(())
     }
@@ -286,24 +301,26 @@ impl AsciiPort {
             State::Idle | State::Settling { .. } => return Ok(taken),
             State::Loaded { sent } => {
                 // Of ones, which is no board's memory, nothing can be told.
-                let flag = bus.read16(ASCII_OUTPUT_CONTROL)?;
-                let lies = flag & COMMAND_LOADED != 0 && flag != u16::MAX;
+                let flag = bus.read16(self.words.command_loaded.word)?;
+                let lies = self.words.command_loaded.is_set(flag) && flag != u16::MAX;
                 taken = !lies && sent == self.length;
-                bus.write16(ASCII_OUTPUT_CONTROL, 0)?;
+                bus.write16(self.words.command_loaded.word, 0)?;
                 // The board took the line since the last look, or holds its first part, before which it would put the
                 // next line.
-                if (!lies || sent > FIRST_PART) && bus.read16(ASCII_CONTROL_CHARACTER)? == 0 {
-                    bus.write16(ASCII_CONTROL_CHARACTER, CANCEL)?;
+                if (!lies || sent > self.first_part()) && bus.read16(self.words.control_character)? == 0 {
+                    bus.write16(self.words.control_character, CANCEL)?;
                 }
             }
             State::ControlReply { taken: false, .. } => {
-                let lying = bus.read16(ASCII_CONTROL_CHARACTER)?;
+                let lying = bus.read16(self.words.control_character)?;
                 taken = lying == 0 || lying == u16::MAX;
-                bus.write16(ASCII_CONTROL_CHARACTER, 0)?;
+                bus.write16(self.words.control_character, 0)?;
             }
             // A control character of somebody else's that the board has not taken is worth more than an empty queue.
-            State::Replying | State::ControlReply { .. } if bus.read16(ASCII_CONTROL_CHARACTER)? == 0 => {
-                bus.write16(ASCII_CONTROL_CHARACTER, CANCEL)?;
+            State::Replying | State::ControlReply { .. }
+                if bus.read16(self.words.control_character)? == 0 =>
+            {
+                bus.write16(self.words.control_character, CANCEL)?;
             }
             State::Replying | State::ControlReply { .. } => {}
         }
@@ -326,7 +343,7 @@ impl AsciiPort {
             return Ok(Some(AsciiEvent::Done(Ok(()))));
         }
         if let State::Loaded { sent } = self.state
-            && bus.read16(ASCII_OUTPUT_CONTROL)? & COMMAND_LOADED == 0
+            && !self.is_loaded(bus)?
         {
             if sent < self.length {
                 self.load(bus, sent)?;
@@ -335,11 +352,11 @@ impl AsciiPort {
             }
         }
         if let State::ControlReply { taken: false, .. } = self.state
-            && bus.read16(ASCII_CONTROL_CHARACTER)? == 0
+            && bus.read16(self.words.control_character)? == 0
         {
             self.state = State::ControlReply { taken: true, answered: false, quiet_since: now };
         }
-        let control = bus.read16(ASCII_INPUT_CONTROL)?;
+        let control = bus.read16(self.words.response_control)?;
         if control == 0 {
             return self.nothing_came(bus, now);
         }
@@ -347,9 +364,9 @@ impl AsciiPort {
         let text = self.read_response(bus, control)?;
         bus.order_reads();
         let stale = self.is_stale(bus, control, &text, now)?;
-        bus.write16(ASCII_INPUT_CONTROL, 0)?;
+        bus.write16(self.words.response_control, 0)?;
         bus.order_writes();
-        if let (RESPONSE_TO_PROGRAM | RESPONSE_MESSAGE, State::Settling { quiet_since, texts, .. }) =
+        if let (response::TO_PROGRAM | response::MESSAGE, State::Settling { quiet_since, texts, .. }) =
             (control, &mut self.state)
             && *texts < SETTLE_TEXTS
         {
@@ -358,8 +375,8 @@ impl AsciiPort {
             *quiet_since = now;
         }
         Ok(Some(match control {
-            RESPONSE_TO_PROGRAM => AsciiEvent::ProgramResponse(text),
-            RESPONSE_MESSAGE => AsciiEvent::ProgramMessage(text),
+            response::TO_PROGRAM => AsciiEvent::ProgramResponse(text),
+            response::MESSAGE => AsciiEvent::ProgramMessage(text),
             _ if stale => AsciiEvent::Stale(control),
             _ => self.classify(control, text, now),
         }))
@@ -378,23 +395,23 @@ impl AsciiPort {
         text: &ResponseText,
         now: Instant,
     ) -> Result<bool, BusError> {
-        let loaded = matches!(self.state, State::Loaded { sent } if sent <= FIRST_PART);
-        if !loaded || self.answers_early || bus.read16(ASCII_OUTPUT_CONTROL)? & COMMAND_LOADED == 0 {
+        let loaded = matches!(self.state, State::Loaded { sent } if sent <= self.first_part());
+        if !loaded || self.answers_early || !self.is_loaded(bus)? {
             return Ok(false);
         }
         let doubtful = now < self.doubt_until;
-        if control == RESPONSE_LINE && !self.gave_up {
+        if control == response::LINE && !self.gave_up {
             self.answers_early = true;
         }
         self.gave_up &= doubtful;
-        Ok(doubtful && control == RESPONSE_ACKNOWLEDGE && text.as_bytes().is_empty())
+        Ok(doubtful && control == response::ACKNOWLEDGE && text.as_bytes().is_empty())
     }
 
     /// The response buffer is empty: a silence may be what the state waits for.
     fn nothing_came(&mut self, bus: &mut impl Bus, now: Instant) -> Result<Option<AsciiEvent>, BusError> {
         Ok(match self.state {
             State::Settling { quiet_since, since, .. } if now.duration_since(quiet_since) >= SETTLE => {
-                let cancelling = bus.read16(ASCII_CONTROL_CHARACTER)? == CANCEL;
+                let cancelling = bus.read16(self.words.control_character)? == CANCEL;
                 if cancelling && now.duration_since(since) >= CANCEL_LIMIT {
                     self.withdraw_control(bus)?;
                     self.state = State::Idle;
@@ -430,13 +447,13 @@ impl AsciiPort {
             return AsciiEvent::Stale(control);
         }
         match control {
-            RESPONSE_LINE => AsciiEvent::Line(text),
-            RESPONSE_ACKNOWLEDGE if !text.as_bytes().is_empty() => {
+            response::LINE => AsciiEvent::Line(text),
+            response::ACKNOWLEDGE if !text.as_bytes().is_empty() => {
                 // Some firmware marks the last line itself instead of sending an empty acknowledgement.
                 self.end_follows = true;
                 AsciiEvent::Line(text)
             }
-            RESPONSE_ACKNOWLEDGE => {
+            response::ACKNOWLEDGE => {
                 self.state = State::Idle;
                 AsciiEvent::Done(Ok(()))
             }
@@ -452,16 +469,16 @@ impl AsciiPort {
 
     /// Reads the text that goes with `control`; an error has none.
     fn read_response(&mut self, bus: &mut impl Bus, control: u16) -> Result<ResponseText, BusError> {
-        if control & RESPONSE_ERROR != 0 {
+        if control & response::ERROR != 0 {
             return Ok(ResponseText::default());
         }
         // The count includes the NUL. One that cannot be is no reason to lose the line: the NUL ends it too.
-        let count = usize::from(bus.read16(ASCII_INPUT_COUNT)?);
-        let count = if (1..=ASCII_RESPONSE_BYTES).contains(&count) { count } else { ASCII_RESPONSE_BYTES };
-        let mut words = [0u16; ASCII_RESPONSE_BYTES / 2];
+        let count = usize::from(bus.read16(self.words.response_count)?);
+        let count = if (1..=RESPONSE_BYTES).contains(&count) { count } else { RESPONSE_BYTES };
+        let mut words = [0u16; RESPONSE_BYTES / 2];
         let words = &mut words[..(count - 1).div_ceil(2)];
-        bus.read_data(ASCII_RESPONSE, words)?;
-        let mut bytes = [0; ASCII_RESPONSE_BYTES];
+        bus.read_data(self.words.response, words)?;
+        let mut bytes = [0; RESPONSE_BYTES];
         for (pair, word) in bytes.chunks_exact_mut(2).zip(words.iter()) {
             pair.copy_from_slice(&self.order.unpack(*word));
         }

@@ -309,7 +309,7 @@ fn rotary() {
 
 #[test]
 fn lines_and_releases() {
-    assert_eq!(dpram(20, 20, Access::Bits16), documented("ASCII line of n"));
+    assert_eq!(dpram(&PMAC, 20, 20, Access::Bits16), documented("ASCII line of n"));
     assert_eq!(mailboxes(20, 20), documented("mailbox line"));
     let mut rig = Rig::new();
     let costs = [

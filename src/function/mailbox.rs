@@ -21,7 +21,6 @@ use std::time::{Duration, Instant};
 
 use super::ascii::{AsciiEvent, ResponseText};
 use crate::device::{ByteBus, ByteBusError};
-use crate::map::classic::ASCII_LINE_LIMIT;
 
 /// How long the port must have been silent before it is used again after it gave up on a reply.
 pub const SETTLE: Duration = Duration::from_millis(50);
@@ -164,7 +163,7 @@ pub struct MailboxPort {
     settings: MailboxSettings,
     state: State,
     /// The line with its `<CR>`.
-    line: [u8; ASCII_LINE_LIMIT + 1],
+    line: Box<[u8]>,
     length: usize,
     /// What lies alone in mailbox 0.
     lone: Option<Lone>,
@@ -183,13 +182,17 @@ pub struct MailboxPort {
 }
 
 impl MailboxPort {
-    /// A port that has not been started.
+    /// A port that has not been started, for lines of at most `line_limit` characters.
     #[must_use]
-    pub fn new(settings: MailboxSettings) -> Self {
+    pub fn new(settings: MailboxSettings, line_limit: usize) -> Self {
+        Self::with_line(settings, vec![0; line_limit + 1].into())
+    }
+
+    fn with_line(settings: MailboxSettings, line: Box<[u8]>) -> Self {
         Self {
             settings,
             state: State::Idle,
-            line: [0; ASCII_LINE_LIMIT + 1],
+            line,
             length: 0,
             lone: None,
             owes_cancel: false,
@@ -208,7 +211,7 @@ impl MailboxPort {
     /// # Errors
     /// When the registers cannot be reached.
     pub fn start(&mut self, bus: &mut impl ByteBus, now: Instant) -> Result<(), ByteBusError> {
-        *self = Self::new(self.settings);
+        *self = Self::with_line(self.settings, std::mem::take(&mut self.line));
         self.state = State::Settling { quiet_since: now, since: now };
         self.enable(bus)
     }
@@ -266,7 +269,7 @@ impl MailboxPort {
     /// When the registers cannot be reached. The line must have passed [`crate::protocol::check_line`]; one that is too
     /// long is not sent.
     pub fn begin(&mut self, bus: &mut impl ByteBus, line: &[u8]) -> Result<bool, ByteBusError> {
-        if !self.is_idle() || self.reply_lies || line.len() > ASCII_LINE_LIMIT {
+        if !self.is_idle() || self.reply_lies || line.len() >= self.line.len() {
             return Ok(false);
         }
         self.line[..line.len()].copy_from_slice(line);

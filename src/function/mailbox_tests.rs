@@ -6,6 +6,9 @@ use super::*;
 use crate::device::Counted;
 use crate::device::board::mapping::Mapping;
 
+/// Characters of the longest line.
+const LONGEST: usize = 200;
+
 /// The mailboxes, and PMAC's half done by hand.
 struct Rig {
     bus: Counted<Mapping>,
@@ -19,8 +22,12 @@ impl Rig {
         let file = tempfile::tempfile().unwrap();
         file.set_len(0x200).unwrap();
         let bus = Counted::new(Mapping::new(&file, 0, 0x200).unwrap());
-        let mut rig =
-            Self { bus, port: MailboxPort::new(settings), now: Instant::now(), received: Vec::new() };
+        let mut rig = Self {
+            bus,
+            port: MailboxPort::new(settings, LONGEST),
+            now: Instant::now(),
+            received: Vec::new(),
+        };
         rig.port.start(&mut rig.bus, rig.now).unwrap();
         assert!(!rig.port.is_idle());
         rig.now += SETTLE;
@@ -104,7 +111,7 @@ fn the_manuals_trace() {
 
 #[test]
 fn long_lines_go_in_groups_of_fifteen() {
-    for length in 0..=ASCII_LINE_LIMIT {
+    for length in 0..=LONGEST {
         let text: String = (0..length).map(|index| char::from(b'A' + (index % 26) as u8)).collect();
         let mut rig = Rig::new(MailboxSettings::default());
         assert!(rig.begin(&text));
@@ -113,7 +120,7 @@ fn long_lines_go_in_groups_of_fifteen() {
         assert_eq!(rig.fill(b"\x06"), Some(AsciiEvent::Done(Ok(()))));
     }
     let mut rig = Rig::new(MailboxSettings::default());
-    assert!(!rig.begin(&"A".repeat(ASCII_LINE_LIMIT + 1)));
+    assert!(!rig.begin(&"A".repeat(LONGEST + 1)));
 }
 
 #[test]

@@ -104,5 +104,7 @@ pub mod rotary;
 mod rotary_tests;
 pub mod servo;
 pub mod servo_timer;
+#[cfg(test)]
+mod testing;
 pub mod variable_read;
 pub mod variable_write;

@@ -167,5 +167,5 @@ fn the_other_data_by_32_bits() {
     let (look, cost) = report(&mut rig);
     assert_eq!((look, cost), (Some(VariableLook::Report(0)), documented("variable read by 32 bits")));
     assert!(PLACE.start.bytes().is_multiple_of(4));
-    assert_eq!(dpram(20, 20, Access::Bits32), documented("ASCII line by 32 bits"));
+    assert_eq!(dpram(&PMAC, 20, 20, Access::Bits32), documented("ASCII line by 32 bits"));
 }

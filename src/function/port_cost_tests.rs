@@ -2,35 +2,32 @@
 
 use std::time::Instant;
 
-use super::ascii::{AsciiEvent, AsciiPort};
+use super::ascii::{AsciiEvent, DpramPort};
 use super::mailbox::{MailboxPort, MailboxSettings, MailboxSignal, SETTLE};
+use super::testing::two_sides;
 use crate::device::board::mapping::Mapping;
-use crate::device::{Access, Bus, ByteBus, Counted, FileBoard};
+use crate::device::{Access, Bus, ByteBus, Counted};
 use crate::format::TextOrder;
-use crate::map::classic::{
-    ASCII_INPUT_CONTROL, ASCII_INPUT_COUNT, ASCII_OUTPUT_CONTROL, ASCII_RESPONSE, RESPONSE_ACKNOWLEDGE,
-    RESPONSE_LINE,
-};
+use crate::map::functions::response;
+use crate::map::{FAMILIES, Family};
 
 /// A line of `n` characters with a reply line of `m`, through the DPRAM; nothing is looked at in vain.
-pub fn dpram(n: usize, m: usize, access: Access) -> usize {
-    let file = tempfile::tempfile().unwrap();
-    file.set_len(0x4000).unwrap();
-    let mut bus = Counted::new(FileBoard::from_file(&file, 0x4000).unwrap().with_access(access));
-    let mut board = FileBoard::from_file(&file, 0x4000).unwrap();
+pub fn dpram(family: &'static Family, n: usize, m: usize, access: Access) -> usize {
+    let ([host, mut board], words) = (two_sides(family), &family.ascii);
+    let mut bus = Counted::new(host.with_access(access));
     let now = Instant::now();
-    let mut port = AsciiPort::new(TextOrder::LowFirst, now);
+    let mut port = DpramPort::new(words, TextOrder::LowFirst, now);
     assert!(port.begin(&mut bus, "P".repeat(n).as_bytes()).unwrap());
-    board.write16(ASCII_OUTPUT_CONTROL, 0).unwrap();
+    board.write16(words.command_loaded.word, 0).unwrap();
     for word in 0..m.div_ceil(2) {
-        board.write16(ASCII_RESPONSE.plus_words(word), 0x3131).unwrap();
+        board.write16(words.response.plus_words(word), 0x3131).unwrap();
     }
-    board.write16(ASCII_INPUT_COUNT, m as u16 + 1).unwrap();
-    board.write16(ASCII_INPUT_CONTROL, RESPONSE_LINE).unwrap();
+    board.write16(words.response_count, m as u16 + 1).unwrap();
+    board.write16(words.response_control, response::LINE).unwrap();
     let event = port.step(&mut bus, now).unwrap();
     assert!(matches!(event, Some(AsciiEvent::Line(text)) if text.as_bytes().len() == m), "{event:?}");
-    board.write16(ASCII_INPUT_COUNT, 1).unwrap();
-    board.write16(ASCII_INPUT_CONTROL, RESPONSE_ACKNOWLEDGE).unwrap();
+    board.write16(words.response_count, 1).unwrap();
+    board.write16(words.response_control, response::ACKNOWLEDGE).unwrap();
     assert_eq!(port.step(&mut bus, now).unwrap(), Some(AsciiEvent::Done(Ok(()))));
     bus.accesses() as usize
 }
@@ -42,7 +39,7 @@ pub fn mailboxes(n: usize, m: usize) -> usize {
     let mut bus = Counted::new(Mapping::new(&file, 0, 0x200).unwrap());
     let mut board = Mapping::new(&file, 0, 0x200).unwrap();
     let now = Instant::now();
-    let mut port = MailboxPort::new(MailboxSettings::default());
+    let mut port = MailboxPort::new(MailboxSettings::default(), 200);
     port.start(&mut bus, now).unwrap();
     assert_eq!(port.step(&mut bus, now + SETTLE).unwrap(), None);
     let before = bus.accesses();
@@ -68,11 +65,16 @@ pub fn mailboxes(n: usize, m: usize) -> usize {
 
 #[test]
 fn a_line_costs_what_the_table_says() {
+    for family in FAMILIES {
+        let dpram = |n, m, access| dpram(family, n, m, access);
+        for (n, m) in [(2, 2), (20, 20), (80, 80), (159, 255), (1, 0), (15, 15), (29, 16), (33, 47)] {
+            assert_eq!(dpram(n, m, Access::Bits32), n / 2 + m.div_ceil(2).div_ceil(2) + 11, "{n} {m}");
+            assert_eq!(dpram(n, m, Access::Bits16), n / 2 + m.div_ceil(2) + 11, "{n} {m}");
+        }
+        assert_eq!([(2, 2), (20, 20), (80, 80)].map(|(n, m)| dpram(n, m, Access::Bits16)), [13, 31, 91]);
+    }
     for (n, m) in [(2, 2), (20, 20), (80, 80), (159, 255), (1, 0), (15, 15), (29, 16), (33, 47)] {
-        assert_eq!(dpram(n, m, Access::Bits32), n / 2 + m.div_ceil(2).div_ceil(2) + 11, "{n} {m}");
-        assert_eq!(dpram(n, m, Access::Bits16), n / 2 + m.div_ceil(2) + 11, "{n} {m}");
         assert_eq!(mailboxes(n, m), n + m + 5 + 2 * (m + 1).div_ceil(16), "{n} {m}");
     }
-    assert_eq!([(2, 2), (20, 20), (80, 80)].map(|(n, m)| dpram(n, m, Access::Bits16)), [13, 31, 91]);
     assert_eq!([(2, 2), (20, 20), (80, 80)].map(|(n, m)| mailboxes(n, m)), [11, 49, 177]);
 }

@@ -6,7 +6,6 @@ use crate::daemon::bus::board_loop::BoardLoop;
 use crate::daemon::bus::ports::host_port::HostPortLink;
 use crate::daemon::shared::job::Job;
 use crate::daemon::shared::queue::Command;
-use crate::function::ascii::AsciiPort;
 use crate::protocol::State;
 
 /// How long the board may take, at the start, to bring the DPRAM into reach, and how often to look whether it has.
@@ -67,7 +66,9 @@ impl BoardLoop {
         let has_page =
             self.functions.ascii.desk.port().mailbox.as_ref().is_some_and(|mailbox| mailbox.page().is_some());
         let waits = has_page && self.clock.now() < *until;
-        if waits && !matches!(AsciiPort::is_out_of_reach(&mut self.bus), Ok(false)) {
+        if waits
+            && !matches!(self.functions.ascii.desk.port().dpram.is_out_of_reach(&mut self.bus), Ok(false))
+        {
             *due_ns = self.clock.ns() + REACH_POLL_NS;
             return;
         }

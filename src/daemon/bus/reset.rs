@@ -3,21 +3,19 @@
 use log::{info, warn};
 
 use crate::daemon::bus::board_loop::BoardLoop;
-use crate::daemon::bus::ports::command_port::PortError;
+use crate::daemon::bus::ports::command_port::{PortError, ResponsePort};
 use crate::daemon::bus::ports::host_port::HostPortLink;
 use crate::daemon::bus::ports::mailbox::MailboxLink;
-use crate::function::ascii::AsciiPort;
 use crate::protocol::Function;
 
 impl BoardLoop {
     /// Writes the page while the DPRAM reads as all ones: a reset has had the board forget it. 1 read.
     pub(in crate::daemon) fn guard_page(&mut self) -> Result<(), PortError> {
-        let Some(mailbox) =
-            self.functions.ascii.desk.port_mut().mailbox.as_mut().filter(|mailbox| mailbox.page().is_some())
-        else {
+        let ResponsePort { dpram, mailbox, .. } = self.functions.ascii.desk.port_mut();
+        let Some(mailbox) = mailbox.as_mut().filter(|mailbox| mailbox.page().is_some()) else {
             return Ok(());
         };
-        let out_of_reach = AsciiPort::is_out_of_reach(&mut self.bus)?;
+        let out_of_reach = dpram.is_out_of_reach(&mut self.bus)?;
         if out_of_reach {
             mailbox.select_page()?;
         }

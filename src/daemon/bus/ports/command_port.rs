@@ -10,7 +10,8 @@ use crate::daemon::bus::ports::mailbox::MailboxLink;
 use crate::daemon::config::ports::Use;
 use crate::device::{Bus, BusError, ByteBusError};
 use crate::format::TextOrder;
-use crate::function::ascii::{AsciiEvent, AsciiPort};
+use crate::function::ascii::{AsciiEvent, DpramPort};
+use crate::map::AsciiPort;
 use crate::protocol::{CommandPort, answer};
 
 /// How long the board may take to say what I58 is.
@@ -49,7 +50,7 @@ struct Question {
 /// The ports, and the way in use.
 pub struct ResponsePort {
     /// The DPRAM's.
-    pub dpram: AsciiPort,
+    pub dpram: DpramPort,
     /// The mailbox circuit, on a board that has one.
     pub mailbox: Option<MailboxLink>,
     way: CommandPort,
@@ -60,12 +61,17 @@ pub struct ResponsePort {
 }
 
 impl ResponsePort {
-    /// The ports of a board whose texts are packed in `order`.
+    /// The ports of a board that has the DPRAM's in `words`, its texts packed in `order`.
     #[must_use]
-    pub fn new(order: TextOrder, mailbox: Option<MailboxLink>, now: Instant) -> Self {
+    pub fn new(
+        words: &'static AsciiPort,
+        order: TextOrder,
+        mailbox: Option<MailboxLink>,
+        now: Instant,
+    ) -> Self {
         let always = mailbox.as_ref().is_some_and(|mailbox| mailbox.when() == Use::Always);
         Self {
-            dpram: AsciiPort::new(order, now),
+            dpram: DpramPort::new(words, order, now),
             mailbox,
             way: if always { CommandPort::Mailbox } else { CommandPort::Dpram },
             question: None,
@@ -74,7 +80,7 @@ impl ResponsePort {
         }
     }
 
-    /// See [`AsciiPort::settle`].
+    /// See [`DpramPort::settle`].
     #[must_use]
     pub fn after_another_host(mut self, now: Instant) -> Self {
         self.dpram.settle(now);
@@ -201,7 +207,7 @@ impl ResponsePort {
     pub fn withdraw_line(&mut self, bus: &mut impl Bus) -> Result<(), PortError> {
         match self.way {
             CommandPort::Mailbox => Ok(()),
-            CommandPort::Dpram => Ok(AsciiPort::withdraw_line(bus)?),
+            CommandPort::Dpram => Ok(self.dpram.withdraw_line(bus)?),
         }
     }
 

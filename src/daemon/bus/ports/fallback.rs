@@ -12,7 +12,6 @@ use log::{info, warn};
 use crate::daemon::bus::ports::command_port::{Answer, PortError};
 use crate::daemon::bus::work::ascii::{AsciiDesk, Begun};
 use crate::device::Bus;
-use crate::function::ascii::AsciiPort;
 use crate::protocol::{CommandPort, CommandState};
 
 /// How long something may lie in the DPRAM's port before the board is asked. It takes commands within milliseconds.
@@ -73,7 +72,7 @@ impl AsciiDesk {
     }
 
     fn follow(&mut self, answer: Answer, bus: &mut impl Bus, now: Instant) -> Result<(), PortError> {
-        let out_of_reach = answer != Answer::None && AsciiPort::is_out_of_reach(bus)?;
+        let out_of_reach = answer != Answer::None && self.port.dpram.is_out_of_reach(bus)?;
         match (self.port.way(), answer) {
             (CommandPort::Dpram, Answer::Off | Answer::On) if answer == Answer::Off || out_of_reach => {
                 if self.take_back(bus)? {

@@ -1,7 +1,7 @@
 //! The interrupt controller behind the board's host port, served in the one order that loses nothing.
 //!
-//! The response is read and 0 written to 0x06D0 by the desk; then the interrupt is acknowledged here, then 0x06D0 looked
-//! at once more. An interrupt with 0x06D0 = 0, of a response that was found by looking, is an old one: it is counted and
+//! The response is read and 0 written to `response_control` by the desk; then the interrupt is acknowledged here, then `response_control` looked
+//! at once more. An interrupt with `response_control` = 0, of a response that was found by looking, is an old one: it is counted and
 //! acknowledged, or the controller would give no other.
 
 use std::time::{Duration, Instant};
@@ -15,7 +15,6 @@ use crate::daemon::shared::status::HostPortCounts;
 use crate::device::board::refusal::OpenError;
 use crate::device::{Bus, ByteBus, ByteBusError, Counted, Inherited, System, open_host_port};
 use crate::function::host_port::{Controller, HostPort};
-use crate::map::classic::ASCII_INPUT_CONTROL;
 use crate::protocol::CommandPort;
 
 /// How long after a response its interrupt may still come. Then it was lost on its way to us, and has to be
@@ -137,7 +136,7 @@ impl HostPortLink {
             return Ok(());
         }
         if responses == before && desk.port().way() == CommandPort::Dpram {
-            if bus.read16(ASCII_INPUT_CONTROL)? != 0 {
+            if desk.port().dpram.has_response(bus)? {
                 desk.look_now(now);
                 return Ok(());
             }
@@ -146,7 +145,7 @@ impl HostPortLink {
         self.pending = None;
         self.counts.served += 1;
         self.acknowledge(responses)?;
-        if bus.read16(ASCII_INPUT_CONTROL)? != 0 {
+        if desk.port().dpram.has_response(bus)? {
             desk.look_now(now);
         }
         Ok(())

@@ -39,12 +39,14 @@ fn open(
 }
 
 impl MailboxLink {
-    /// Opens the registers and, where they can be opened only now, the interrupts.
+    /// Opens the registers and, where they can be opened only now, the interrupts. The board takes lines of at most
+    /// `line_limit` characters.
     ///
     /// # Errors
     /// What could not be opened, why, and what to do.
     pub fn open(
         config: MailboxConfig,
+        line_limit: usize,
         system: &System,
         inherited: &Inherited,
     ) -> Result<Self, board::OpenError> {
@@ -56,7 +58,7 @@ impl MailboxLink {
         };
         Ok(Self {
             registers: Counted::new(open(&config, system, inherited)?),
-            port: MailboxPort::new(config.talk),
+            port: MailboxPort::new(config.talk, line_limit),
             config,
             taken,
             reply,

@@ -14,7 +14,7 @@ use crate::daemon::shared::queue::{
     Command, Event, LINE_MAX, Outcome, Sender, Text, Ticket, Unsolicited, at_once,
 };
 use crate::device::Bus;
-use crate::function::ascii::{AsciiEvent, AsciiPort, ResponseText, control_has_reply};
+use crate::function::ascii::{AsciiEvent, ResponseText, control_has_reply};
 use crate::protocol::{CommandPort, CommandState, MessageKind, OpenBuffer};
 use crate::segment::{Counter, Publisher};
 
@@ -151,7 +151,7 @@ impl AsciiDesk {
     pub fn forget(&mut self, bus: &mut impl Bus, now: Instant) -> Result<(), PortError> {
         self.buffer = OpenBuffer::default();
         if let Some(lying) = self.control_lies.take() {
-            let taken = AsciiPort::is_out_of_reach(bus)? || !self.port.control_lies(bus)?;
+            let taken = self.port.dpram.is_out_of_reach(bus)? || !self.port.control_lies(bus)?;
             self.control_lost = Some((lying.ticket, taken));
             self.port.withdraw_control(bus, now)?;
         }

@@ -5,9 +5,8 @@ use crate::daemon::shared::queue::{Receive, queue};
 use crate::device::FileBoard;
 use crate::format::TextOrder;
 use crate::function::ascii::SETTLE;
-use crate::map::classic::{
-    ASCII_CONTROL_CHARACTER, ASCII_INPUT_CONTROL, ASCII_OUTPUT_CONTROL, COMMAND_LOADED, RESPONSE_ACKNOWLEDGE,
-};
+use crate::map::PMAC;
+use crate::map::functions::response;
 use crate::segment::{CreateOptions, Identity, SegmentName};
 
 struct Rig {
@@ -31,7 +30,7 @@ impl Rig {
         };
         let clock = Clock::real();
         let now = clock.now();
-        let port = ResponsePort::new(TextOrder::LowFirst, None, now);
+        let port = ResponsePort::new(&PMAC.ascii, TextOrder::LowFirst, None, now);
         let (events, told) = queue(16).unwrap();
         Self {
             bus: FileBoard::from_file(&file, 0x4000).unwrap(),
@@ -71,7 +70,7 @@ impl Rig {
     }
 
     fn loaded(&mut self) -> bool {
-        self.bus.read16(ASCII_OUTPUT_CONTROL).unwrap() & COMMAND_LOADED != 0
+        self.bus.read16(PMAC.ascii.command_loaded.word).unwrap() & PMAC.ascii.command_loaded.mask != 0
     }
 }
 
@@ -81,12 +80,12 @@ fn a_line_whose_time_is_over_is_never_begun() {
     rig.send(1, "P1", Duration::from_secs(60));
     rig.pass();
     assert!(rig.loaded());
-    rig.bus.write16(ASCII_OUTPUT_CONTROL, 0).unwrap();
+    rig.bus.write16(PMAC.ascii.command_loaded.word, 0).unwrap();
     for ticket in [2, 3, 4] {
         rig.send(ticket, "#1J+", Duration::from_millis(100));
     }
     // The daemon stands still for a second; meanwhile the board answers.
-    rig.bus.write16(ASCII_INPUT_CONTROL, RESPONSE_ACKNOWLEDGE).unwrap();
+    rig.bus.write16(PMAC.ascii.response_control, response::ACKNOWLEDGE).unwrap();
     rig.now += Duration::from_secs(1);
     for _ in 0..6 {
         rig.pass();
@@ -132,7 +131,7 @@ fn that_a_line_was_not_taken_is_said_after_a_silence_only() {
         assert_eq!(rig.ended(), [], "a board may clear the flag only when it has done the line");
         if answers {
             rig.now += SETTLE / 2;
-            rig.bus.write16(ASCII_INPUT_CONTROL, RESPONSE_ACKNOWLEDGE).unwrap();
+            rig.bus.write16(PMAC.ascii.response_control, response::ACKNOWLEDGE).unwrap();
             rig.pass();
             assert_eq!(rig.ended(), [(1, outcome)], "who sends it again would jog twice");
         }
@@ -150,7 +149,7 @@ fn a_line_that_waits_for_another_says_nothing_of_the_board() {
     rig.send(1, "LIST", Duration::from_secs(60));
     rig.send(2, "P2", Duration::from_secs(1));
     rig.pass();
-    rig.bus.write16(ASCII_OUTPUT_CONTROL, 0).unwrap();
+    rig.bus.write16(PMAC.ascii.command_loaded.word, 0).unwrap();
     rig.desk.state = CommandState::Answers;
     rig.now += Duration::from_secs(1);
     rig.pass();
@@ -164,7 +163,7 @@ fn a_new_board_does_nothing_of_what_the_old_one_was_told() {
     const ONES: u16 = u16::MAX;
     // What the words of the flag and of the control character hold when the reset is noticed, and what may be said then.
     for (flag, character, outcome) in [
-        (COMMAND_LOADED, u16::from(ABORT), Outcome::Unavailable),
+        (PMAC.ascii.command_loaded.mask, u16::from(ABORT), Outcome::Unavailable),
         (0, 0, Outcome::TimedOut),
         (ONES, ONES, Outcome::TimedOut),
     ] {
@@ -174,12 +173,12 @@ fn a_new_board_does_nothing_of_what_the_old_one_was_told() {
         rig.pass();
         rig.pass();
         assert!(rig.loaded());
-        rig.bus.write16(ASCII_OUTPUT_CONTROL, flag).unwrap();
-        rig.bus.write16(ASCII_CONTROL_CHARACTER, character).unwrap();
+        rig.bus.write16(PMAC.ascii.command_loaded.word, flag).unwrap();
+        rig.bus.write16(PMAC.ascii.control_character, character).unwrap();
         rig.desk.forget(&mut rig.bus, rig.now).unwrap();
         assert!(!rig.loaded());
-        assert_ne!(rig.bus.read16(ASCII_CONTROL_CHARACTER).unwrap(), u16::from(ABORT));
-        rig.bus.write16(ASCII_CONTROL_CHARACTER, 0).unwrap();
+        assert_ne!(rig.bus.read16(PMAC.ascii.control_character).unwrap(), u16::from(ABORT));
+        rig.bus.write16(PMAC.ascii.control_character, 0).unwrap();
         for _ in 0..3 {
             rig.pass();
             rig.now += SETTLE;
@@ -196,9 +195,9 @@ fn the_second_half_of_a_line_is_no_line_for_a_new_board() {
     rig.send(1, &format!("{}#1J+", " ".repeat(180)), Duration::from_secs(600));
     rig.pass();
     assert!(rig.loaded());
-    rig.bus.write16(ASCII_OUTPUT_CONTROL, 0).unwrap();
+    rig.bus.write16(PMAC.ascii.command_loaded.word, 0).unwrap();
     rig.desk.forget(&mut rig.bus, rig.now).unwrap();
-    rig.bus.write16(ASCII_CONTROL_CHARACTER, 0).unwrap();
+    rig.bus.write16(PMAC.ascii.control_character, 0).unwrap();
     for _ in 0..3 {
         rig.pass();
         assert!(!rig.loaded());
@@ -218,14 +217,14 @@ fn what_stops_the_machine_does_not_wait_behind_a_report() {
     rig.control(2, POSITIONS);
     rig.control(3, KILL_ALL);
     rig.pass();
-    assert_eq!(rig.bus.read16(ASCII_CONTROL_CHARACTER).unwrap(), u16::from(KILL_ALL));
-    rig.bus.write16(ASCII_CONTROL_CHARACTER, 0).unwrap();
+    assert_eq!(rig.bus.read16(PMAC.ascii.control_character).unwrap(), u16::from(KILL_ALL));
+    rig.bus.write16(PMAC.ascii.control_character, 0).unwrap();
     rig.pass();
     assert_eq!(rig.ended(), [(3, Outcome::Done)]);
     // The report comes when the line is done.
-    rig.bus.write16(ASCII_OUTPUT_CONTROL, 0).unwrap();
-    rig.bus.write16(ASCII_INPUT_CONTROL, RESPONSE_ACKNOWLEDGE).unwrap();
+    rig.bus.write16(PMAC.ascii.command_loaded.word, 0).unwrap();
+    rig.bus.write16(PMAC.ascii.response_control, response::ACKNOWLEDGE).unwrap();
     rig.pass();
     rig.pass();
-    assert_eq!(rig.bus.read16(ASCII_CONTROL_CHARACTER).unwrap(), u16::from(POSITIONS));
+    assert_eq!(rig.bus.read16(PMAC.ascii.control_character).unwrap(), u16::from(POSITIONS));
 }

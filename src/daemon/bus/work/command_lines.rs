@@ -6,7 +6,6 @@ use crate::daemon::bus::ports::command_port::PortError;
 use crate::daemon::bus::ports::host_port::HostPortLink;
 use crate::daemon::bus::work::ascii::AsciiDesk;
 use crate::device::{Bus, BusError};
-use crate::function::ascii::AsciiPort;
 use crate::protocol::CommandState;
 use crate::segment::Counter;
 
@@ -34,13 +33,13 @@ impl<B: Bus> BoardFunction<B> for CommandLines {
         Ok(Polled::default())
     }
     fn take_over(&mut self, context: &mut Context<'_, B>) -> Result<(), PortError> {
-        Ok(AsciiPort::release(context.bus)?)
+        Ok(self.desk.port().dpram.release(context.bus)?)
     }
     fn reset(&mut self, _context: &mut Context<'_, B>) -> Result<(), PortError> {
         Ok(())
     }
     fn leave(&mut self, bus: &mut B) -> Result<(), BusError> {
-        AsciiPort::release(bus)
+        self.desk.port().dpram.release(bus)
     }
     fn is_live(&self) -> Option<bool> {
         Some(self.desk.state() == CommandState::Answers)
