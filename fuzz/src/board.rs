@@ -16,14 +16,16 @@ use pmac_dpram::function::rotary::{RotaryBuffer, RotaryError, RotarySetup, Rotar
 use pmac_dpram::function::servo::{ServoPoll, ServoReader, ServoReading};
 use pmac_dpram::function::servo_timer::ServoTimer;
 use pmac_dpram::function::variable_read::{
-    STEP_WORDS, VariableEntry, VariableKind, VariableLook, VariableMode, VariableReader,
+    STEP_WORDS, VariableEntry, VariableLook, VariableMode, VariableReader,
 };
-use pmac_dpram::function::variable_write::{STEP_RECORDS, VariableWriter, WordKind, WriteRecord};
+use pmac_dpram::function::variable_write::{STEP_RECORDS, VariableWriter, WriteRecord};
 use pmac_dpram::gather::GatherMode;
-use pmac_dpram::map::{Family, GatherPlace, HostOffset, Layout, PMAC, Plan, PlanSettings, Region, classic};
+use pmac_dpram::map::{
+    Family, GatherPlace, HostOffset, Layout, PMAC, Plan, PlanSettings, Region, Space, VariableKind, classic,
+};
 use pmac_dpram::protocol::check_line;
 
-use super::bus::{RamBus, RamBytes};
+use super::bus::{RamBus, RamBytes, register};
 use super::tape::Tape;
 
 /// Most steps of one input.
@@ -59,8 +61,8 @@ pub fn body(data: &[u8]) {
         background: BackgroundReader::new(&PMAC.background),
         ascii: DpramPort::new(&PMAC.ascii, order, now),
         panel: Panel::new(),
-        reader: VariableReader::new(plan.variable_read()),
-        writer: VariableWriter::new(plan.variable_write()),
+        reader: VariableReader::new(&PMAC.variable_read, PMAC.start, plan.variable_read()),
+        writer: VariableWriter::new(&PMAC.variable_write, PMAC.start, plan.variable_write()),
         gather: None,
         rotary: [None, None],
         mailbox: MailboxPort::new(MailboxSettings::default(), PMAC.ascii.line_limit),
@@ -212,12 +214,12 @@ impl Functions {
 
     fn variable_read(&mut self, bus: &mut RamBus, how: u8, tape: &mut Tape<'_>) -> Result<(), BusError> {
         match how {
-            0 => VariableReader::release(bus)?,
+            0 => self.reader.release(bus)?,
             1..=3 => {
                 let kinds = [VariableKind::Y, VariableKind::Long, VariableKind::X];
                 let entry = |tape: &mut Tape<'_>| {
                     let kind = kinds[usize::from(tape.u8()) % kinds.len()];
-                    VariableEntry { address: tape.u16(), kind }
+                    VariableEntry { address: tape.u16().into(), kind }
                 };
                 let count = usize::from(tape.u8()) % if how == 3 { 200 } else { 4 };
                 let entries: Vec<VariableEntry> = (0..count).map(|_| entry(tape)).collect();
@@ -248,7 +250,7 @@ impl Functions {
 
     fn variable_write(&mut self, bus: &mut RamBus, how: u8, tape: &mut Tape<'_>) -> Result<(), BusError> {
         match how {
-            0 => VariableWriter::release(bus)?,
+            0 => self.writer.release(bus)?,
             1 => {
                 let given_up = self.writer.give_up(bus, self.now)?;
                 assert!(given_up.uncertain <= self.writer.records_per_cycle());
@@ -259,10 +261,14 @@ impl Functions {
                 let record = |tape: &mut Tape<'_>| {
                     let (address, value) = (tape.u16(), tape.u64());
                     match tape.u8() & 3 {
-                        0 => WriteRecord::fixed48(address, value as i64),
-                        1 => WriteRecord::float48(address, f64::from_bits(value)),
-                        2 => WriteRecord::long(address, value as u32, (value >> 32) as u32),
-                        _ => WriteRecord::word(WordKind::Y, address, tape.u8(), tape.u8(), value as i64),
+                        0 => WriteRecord::fixed48(register(Space::D, address), value as i64),
+                        1 => WriteRecord::float48(register(Space::L, address), f64::from_bits(value)),
+                        2 => {
+                            WriteRecord::long(register(Space::L, address), value as u32, (value >> 32) as u32)
+                        }
+                        _ => {
+                            WriteRecord::word(register(Space::Y, address), tape.u8(), tape.u8(), value as i64)
+                        }
                     }
                 };
                 let records: Vec<WriteRecord> = (0..count).filter_map(|_| record(tape).ok()).collect();

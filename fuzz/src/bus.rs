@@ -1,7 +1,7 @@
 //! A board's memory that somebody else writes: before a function looks, and between two of its accesses.
 
 use pmac_dpram::device::{Bus, BusError, ByteBus, ByteBusError};
-use pmac_dpram::map::{HostOffset, classic};
+use pmac_dpram::map::{HostOffset, PmacAddress, PmacRegister, Space, classic};
 
 use super::tape::Tape;
 
@@ -13,6 +13,11 @@ const HOT: [u32; 30] = [
     0x06D2, 0x06D4, 0x07D4, 0x07D6, 0x07DC, 0x07DE, 0x07E0, 0x07E2, 0x07E4, 0x07E8, 0x07EA, 0x07EC, 0x07EE,
     0x07F0, 0x07F6, 0x07FC, 0x07FE,
 ];
+
+/// The register at `address`, in a space that registers have.
+pub fn register(space: Space, address: u16) -> PmacRegister {
+    PmacRegister::new(PmacAddress::new(space, address.into())).expect("a register's space")
+}
 
 /// The memory, who touched it, and what will change in it.
 pub struct RamBus {

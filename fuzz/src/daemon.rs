@@ -19,15 +19,17 @@ use pmac_dpram::function::gather::GatherBuffer;
 use pmac_dpram::function::panel::{FeedOverride, PanelAction, PanelRequest};
 use pmac_dpram::function::rotary::RotaryBuffer;
 use pmac_dpram::function::servo::ServoReading;
-use pmac_dpram::function::variable_read::{VariableEntry, VariableKind, VariableMode};
-use pmac_dpram::function::variable_write::{WordKind, WriteRecord};
+use pmac_dpram::function::variable_read::{VariableEntry, VariableMode};
+use pmac_dpram::function::variable_write::WriteRecord;
 use pmac_dpram::gather::GatherMode;
-use pmac_dpram::map::{Family, GatherPlace, HostOffset, Layout, PMAC, Plan, PlanSettings, classic};
+use pmac_dpram::map::{
+    Family, GatherPlace, HostOffset, Layout, PMAC, Plan, PlanSettings, Space, VariableKind, classic,
+};
 use pmac_dpram::mirror::{BackgroundMirror, GatherClock, ServoMirror, VariableMirror, gather, variable};
 use pmac_dpram::protocol::{Function, Functions};
 use pmac_dpram::segment::{CreateOptions, Identity, Publisher, RegionId, RegionSpec, SegmentName};
 
-use super::bus::RamBus;
+use super::bus::{RamBus, register};
 use super::tape::Tape;
 
 /// When it begins, in nanoseconds.
@@ -110,7 +112,7 @@ pub fn body(data: &[u8]) {
                 ),
                 BackgroundMirror::new(&PMAC.background, 50_000_000),
                 CommandLines { desk: AsciiDesk::new(port, identifier, clock.clone()), host_port: None },
-                VariableMirror::new(plan.variable_read(), mode, clock.clone()),
+                VariableMirror::new(&plan, mode, clock.clone()),
                 plan,
                 &Functions::default(),
                 clock.clone(),
@@ -230,13 +232,13 @@ impl Desks<'_> {
             4 | 5 => {
                 let kinds = [VariableKind::Y, VariableKind::Long, VariableKind::X];
                 let count = usize::from(tape.u8()) % 140;
-                let entry = |at: usize| VariableEntry { address: at as u16, kind: kinds[at % 3] };
+                let entry = |at: usize| VariableEntry { address: at as u32, kind: kinds[at % 3] };
                 Job::WatchVariables((0..count).map(entry).collect())
             }
             6 | 7 => {
                 let count = usize::from(tape.u8()) + 1;
                 let record =
-                    WriteRecord::word(WordKind::Y, tape.u16() | 1, 24, 0, i64::from(tape.u16())).unwrap();
+                    WriteRecord::word(register(Space::Y, tape.u16() | 1), 24, 0, tape.u16().into()).unwrap();
                 Job::WriteVariables(vec![record; count])
             }
             8 => {

@@ -7,12 +7,13 @@ use pmac_dpram::client::serial_reply::{self, Handshake};
 use pmac_dpram::daemon::bus::identify::Identifier;
 use pmac_dpram::format::{Float48Layout, TextOrder, fixed48, float32, float48, int24, write48};
 use pmac_dpram::gather::Source;
+use pmac_dpram::map::PmacRegister;
+use pmac_dpram::map::number;
 use pmac_dpram::map::{Family, Firmware, Layout, errors, status};
 use pmac_dpram::protocol::{LINE_MAX, OpenBuffer, check_line, control};
 use pmac_dpram::rotary::Constant;
 use pmac_dpram::segment::Identity;
-use pmac_dpram::setup::gather_source::GatherSource;
-use pmac_dpram::setup::{absolute::AbsoluteFormat, number, position::Word};
+use pmac_dpram::setup::{absolute::AbsoluteFormat, position::Word};
 
 use super::tape::Tape;
 
@@ -168,8 +169,8 @@ fn texts(text: &str) {
         assert_eq!(firmware.to_string().parse(), Ok(firmware));
         let _ = Layout::new(Family::by_name("pmac").unwrap(), Some(firmware));
     }
-    if let Ok(source) = text.parse::<GatherSource>() {
-        assert_eq!(source.to_string().parse::<GatherSource>().ok(), Some(source));
+    if let Ok(source) = text.parse::<PmacRegister>() {
+        assert_eq!(source.to_string().parse::<PmacRegister>().ok(), Some(source));
     }
     let layout = Layout::new(Family::by_name("pmac2").unwrap(), None);
     if let Ok(source) = Source::parse(text, &layout) {

@@ -13,6 +13,7 @@ use serde::de::DeserializeOwned;
 use serde_json::{Map, Value};
 
 use crate::map::HostOffset;
+use crate::map::PmacRegister;
 use crate::protocol::board::{Done, ReadReply, SendReply, VariableRecord, WatchReply};
 use crate::protocol::message::encode;
 use crate::protocol::parameters::to_map;
@@ -20,7 +21,6 @@ use crate::protocol::transport::connect;
 use crate::protocol::{
     BOARD, BoardInfo, BoardSettings, Call, CallError, Inbox, Message, REPLY_MAX, Reply, calls, control,
 };
-use crate::setup::gather_source::GatherSource;
 
 /// How long the daemon itself may take: to accept, and to answer what needs no board.
 pub(super) const DAEMON_TIMEOUT: Duration = Duration::from_secs(5);
@@ -168,7 +168,7 @@ impl Connection {
     ///
     /// # Errors
     /// [`CommandError`]; [`CallError::Refused`] in it when no entry is left, or I55 is not 1.
-    pub fn watch_variables(mut self, registers: &[GatherSource]) -> Result<VariableWatch, CommandError> {
+    pub fn watch_variables(mut self, registers: &[PmacRegister]) -> Result<VariableWatch, CommandError> {
         let registers = registers.iter().map(ToString::to_string).collect();
         let parameters = to_map(&calls::WatchVariables { registers });
         let mut call = Call::new(format!("{BOARD}.WatchVariables"), parameters);

@@ -9,9 +9,9 @@ use std::time::Duration;
 use super::board::{Board, ClientError};
 use super::view::View;
 use super::{CommandError, Connection, VariableWatch};
+use crate::map::PmacRegister;
 pub use crate::segment::payload::variable::{Variable, VariableTable};
 use crate::segment::{RegionId, SegmentError, WaitOutcome};
-use crate::setup::gather_source::GatherSource;
 
 impl Board {
     /// The registers that PMAC copies for whoever watches some, and their values; `None` before the first.
@@ -40,7 +40,7 @@ impl Board {
     ///
     /// # Errors
     /// [`CommandError`]; refused when none of PMAC's 128 entries is left, or I55 is not 1.
-    pub fn watch_variables(&self, registers: &[GatherSource]) -> Result<VariableWatch, CommandError> {
+    pub fn watch_variables(&self, registers: &[PmacRegister]) -> Result<VariableWatch, CommandError> {
         Connection::open(self.socket())?.watch_variables(registers)
     }
 }

@@ -89,7 +89,7 @@ impl Parts {
                 reading.background.selection(),
             ),
             CommandLines { desk: AsciiDesk::new(port, identifier, clock.clone()), host_port },
-            VariableMirror::new(plan.variable_read(), mode, clock.clone()),
+            VariableMirror::new(&plan, mode, clock.clone()),
             plan,
             &reading.functions,
             clock.clone(),

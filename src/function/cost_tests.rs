@@ -9,15 +9,15 @@ use super::port_cost_tests::{dpram, mailboxes};
 use super::rotary::{RotaryBuffer, RotarySetup, RotaryStream};
 use super::servo::{ServoPoll, ServoReader, ServoReading};
 use super::servo_timer::ServoTimer;
-use super::variable_read::{self, VariableEntry, VariableKind, VariableLook, VariableMode, VariableReader};
-use super::variable_write::{VariableWriter, WordKind, WriteRecord, WriteStep};
+use super::variable_read::{self, VariableEntry, VariableLook, VariableMode, VariableReader};
+use super::variable_write::{VariableWriter, WriteRecord, WriteStep};
 use crate::device::{Access, Bus, Counted, FileBoard};
 use crate::gather::GatherMode;
 use crate::map::classic::{
     BACKGROUND_DATA_READY, BACKGROUND_SERVO_TIMER, DATA_READY, PANEL_REQUEST_ENABLE, ROTARY_1, ROTARY_BUSY,
     SERVO_PMAC_STATUS, VARIABLE_READ_CONTROL, VARIABLE_READ_ENTRY_READY, VARIABLE_WRITE_COUNT, rotary_header,
 };
-use crate::map::{HostOffset, Layout, PMAC, Region};
+use crate::map::{HostOffset, Layout, PMAC, Region, VariableKind};
 use crate::rotary::START_OF_LINE;
 
 pub const PLACE: Region =
@@ -113,7 +113,7 @@ pub fn background_report(rig: &mut Rig, reader: &mut BackgroundReader) -> (Optio
 
 /// A reader whose table of `entries` is set up, and what that cost.
 pub fn variables(rig: &mut Rig, entries: &[VariableEntry], mode: VariableMode) -> (VariableReader, usize) {
-    let (now, mut reader) = (Instant::now(), VariableReader::new(PLACE));
+    let (now, mut reader) = (Instant::now(), VariableReader::new(&PMAC.variable_read, PMAC.start, PLACE));
     let ((), cost) = rig.cost(|bus| {
         reader.begin(bus, entries, mode, now).unwrap();
         for _ in 0..20 {
@@ -190,8 +190,9 @@ fn variable_write() {
     for (place, r, c) in
         [(PLACE, 1, 1), (PLACE, 7, 1), (PLACE, 32, 1), (PLACE, 33, 2), (PLACE, 100, 4), (small, 7, 2)]
     {
-        let (mut rig, mut writer, now) = (Rig::new(), VariableWriter::new(place), Instant::now());
-        let records = vec![WriteRecord::word(WordKind::X, 0x0700, 24, 0, 1).unwrap(); r];
+        let (mut rig, mut writer, now) =
+            (Rig::new(), VariableWriter::new(&PMAC.variable_write, PMAC.start, place), Instant::now());
+        let records = vec![WriteRecord::word("X:$700".parse().unwrap(), 24, 0, 1).unwrap(); r];
         let (begun, mut sum) = rig.cost(|bus| writer.begin(bus, records).unwrap());
         assert!(begun.is_ok());
         let mut cycles = 0;
@@ -312,11 +313,13 @@ fn lines_and_releases() {
     assert_eq!(dpram(&PMAC, 20, 20, Access::Bits16), documented("ASCII line of n"));
     assert_eq!(mailboxes(20, 20), documented("mailbox line"));
     let mut rig = Rig::new();
+    let variables = VariableReader::new(&PMAC.variable_read, PMAC.start, PLACE);
+    let writer = VariableWriter::new(&PMAC.variable_write, PMAC.start, PLACE);
     let costs = [
         rig.cost(|bus| ServoReader::release(&PMAC.servo, bus).unwrap()).1,
         rig.cost(|bus| BackgroundReader::release(&PMAC.background, bus).unwrap()).1,
-        rig.cost(|bus| VariableReader::release(bus).unwrap()).1,
-        rig.cost(|bus| VariableWriter::release(bus).unwrap()).1,
+        rig.cost(|bus| variables.release(bus).unwrap()).1,
+        rig.cost(|bus| writer.release(bus).unwrap()).1,
         rig.cost(|bus| Panel::new().take_over(bus).unwrap()).1,
     ];
     assert_eq!(costs, [1, 1, 2, 1, 3]);

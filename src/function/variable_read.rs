@@ -28,64 +28,28 @@
 use std::time::{Duration, Instant};
 
 use crate::device::{Bus, BusError};
-use crate::map::classic::{
-    self, DATA_READY, VARIABLE_READ_CONTROL, VARIABLE_READ_COUNT, VARIABLE_READ_ENTRIES,
-    VARIABLE_READ_ENTRY_READY, VARIABLE_READ_ENTRY_WORDS, VARIABLE_READ_MULTI_USER,
-    VARIABLE_READ_SERVO_TIMER, VARIABLE_READ_START,
-};
+use crate::map::functions::{VARIABLE_READ_ENTRIES, VARIABLE_READ_ENTRY_READY, VARIABLE_READ_ENTRY_WORDS};
 use crate::map::plan::VARIABLE_READ_DATA_WORDS;
-use crate::map::{HostOffset, Region};
+use crate::map::{HostOffset, PmacRegister, Region, StartRule, VariableKind, VariableRead};
 
 /// How long after the count became 0 the table is left alone.
 pub const SETTLE: Duration = Duration::from_millis(50);
 /// Words of the table or its data that one step reads or writes at most, so that servo data need not wait.
 pub const STEP_WORDS: usize = 32;
-/// The bits of an entry's X word that say what kind of register it is.
-const KIND_BITS: u16 = 0x0007;
-
-/// What kind of register an entry names.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum VariableKind {
-    /// A Y word: 24 bits, sign-extended to a long.
-    Y,
-    /// An X word: 24 bits, sign-extended to a long.
-    X,
-    /// X and Y, fixed or floating point: two longs, Y half first.
-    Long,
-    /// A function block of a compiled PLC, firmware 1.16: two longs. The address is the block's number.
-    Special,
-}
-
-impl VariableKind {
-    /// The value of an entry's X word.
-    #[must_use]
-    pub const fn code(self) -> u16 {
-        match self {
-            Self::Y => 0,
-            Self::Long => 1,
-            Self::X => 2,
-            Self::Special => 4,
-        }
-    }
-
-    /// 16-bit words of its value in the DPRAM.
-    #[must_use]
-    pub const fn words(self) -> usize {
-        match self {
-            Self::Y | Self::X => 2,
-            Self::Long | Self::Special => 4,
-        }
-    }
-}
 
 /// One register to read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct VariableEntry {
     /// Its PMAC address.
-    pub address: u16,
+    pub address: u32,
     /// What kind of register it is.
     pub kind: VariableKind,
+}
+
+impl From<PmacRegister> for VariableEntry {
+    fn from(register: PmacRegister) -> Self {
+        Self { address: register.address().number, kind: register.kind() }
+    }
 }
 
 /// Who says when PMAC may update a value.
@@ -96,15 +60,6 @@ pub enum VariableMode {
     SingleUser,
     /// A ready bit an entry.
     MultiUser,
-}
-
-impl VariableMode {
-    const fn control(self) -> u16 {
-        match self {
-            Self::SingleUser => 0,
-            Self::MultiUser => VARIABLE_READ_MULTI_USER,
-        }
-    }
 }
 
 /// Why a table was refused. Nothing has been written then.
@@ -180,6 +135,8 @@ enum State {
 
 /// The host's half of the function: one table at a time.
 pub struct VariableReader {
+    read: &'static VariableRead,
+    start: StartRule,
     state: State,
     mode: VariableMode,
     place: Region,
@@ -200,8 +157,10 @@ pub struct VariableReader {
 impl VariableReader {
     /// A reader that uses the words of `place` (a plan's), and has no table yet.
     #[must_use]
-    pub fn new(place: Region) -> Self {
+    pub fn new(read: &'static VariableRead, start: StartRule, place: Region) -> Self {
         Self {
+            read,
+            start,
             state: State::Off,
             mode: VariableMode::SingleUser,
             place,
@@ -220,10 +179,10 @@ impl VariableReader {
     ///
     /// # Errors
     /// When the bus cannot be reached.
-    pub fn release(bus: &mut impl Bus) -> Result<(), BusError> {
-        bus.write16(VARIABLE_READ_COUNT, 0)?;
+    pub fn release(&self, bus: &mut impl Bus) -> Result<(), BusError> {
+        bus.write16(self.read.count, 0)?;
         bus.order_writes();
-        bus.write16(VARIABLE_READ_CONTROL, 0)?;
+        bus.write16(self.read.ready.word, 0)?;
         bus.order_writes();
         Ok(())
     }
@@ -241,7 +200,7 @@ impl VariableReader {
         now: Instant,
     ) -> Result<(), VariableReadBusError> {
         self.check(entries)?;
-        bus.write16(VARIABLE_READ_COUNT, 0)?;
+        bus.write16(self.read.count, 0)?;
         bus.order_writes();
         let mut offset = entries.len() * VARIABLE_READ_ENTRY_WORDS;
         for (index, &entry) in entries.iter().enumerate() {
@@ -312,7 +271,7 @@ impl VariableReader {
             State::Off => Ok(VariableLook::Off),
             State::Silent { until } => {
                 if now >= until {
-                    bus.write16(VARIABLE_READ_START, self.start_address())?;
+                    bus.write16(self.read.start, self.start.start_word(self.place.start))?;
                     self.state = State::Writing { next: 0 };
                 }
                 Ok(VariableLook::SettingUp)
@@ -323,39 +282,50 @@ impl VariableReader {
         }
     }
 
-    /// The PMAC address of the table.
-    fn start_address(&self) -> u16 {
-        (classic::BASE + self.place.start.bytes() / 4) as u16
+    /// The control word that asks for the next report.
+    const fn control(&self) -> u16 {
+        match self.mode {
+            VariableMode::SingleUser => 0,
+            VariableMode::MultiUser => self.read.multi_user.mask,
+        }
+    }
+
+    /// An entry as the table holds it: the Y word, and what the host writes of the X word.
+    const fn words(&self, index: usize) -> [u16; 2] {
+        let VariableEntry { address, kind } = self.entries[index];
+        self.read.entry.words(kind, address)
     }
 
     fn write_table(&mut self, bus: &mut impl Bus, next: usize) -> Result<VariableLook, BusError> {
         let end = self.count.min(next + STEP_WORDS / VARIABLE_READ_ENTRY_WORDS);
         for index in next..end {
-            bus.write16(self.address_word(index), self.entries[index].address)?;
-            bus.write16(self.kind_word(index), self.entries[index].kind.code())?;
+            let [address, kind] = self.words(index);
+            bus.write16(self.address_word(index), address)?;
+            bus.write16(self.kind_word(index), kind)?;
         }
         if end < self.count {
             self.state = State::Writing { next: end };
             return Ok(VariableLook::SettingUp);
         }
-        bus.write16(VARIABLE_READ_CONTROL, self.mode.control())?;
+        bus.write16(self.read.ready.word, self.control())?;
         bus.order_writes();
-        bus.write16(VARIABLE_READ_COUNT, self.count as u16)?;
+        bus.write16(self.read.count, self.count as u16)?;
         bus.order_writes();
         self.state = State::Running { next: 0 };
         Ok(VariableLook::SettingUp)
     }
 
     fn look_at_control(&mut self, bus: &mut impl Bus, next: usize) -> Result<VariableLook, BusError> {
-        let control = bus.read16(VARIABLE_READ_CONTROL)?;
+        let control = bus.read16(self.read.ready.word)?;
         // All ones is an absent board.
         if control == u16::MAX {
             return Ok(VariableLook::Nothing);
         }
         let multi_user = self.mode == VariableMode::MultiUser;
         // In multi-user mode PMAC has no business in this word.
-        let ours = VARIABLE_READ_MULTI_USER | if multi_user { DATA_READY } else { 0 };
-        if control & ours != self.mode.control() {
+        let VariableRead { ready, multi_user: many, .. } = self.read;
+        let ours = many.mask | if multi_user { ready.mask } else { 0 };
+        if control & ours != self.control() {
             self.repairs += 1;
             self.write_control(bus)?;
             return Ok(VariableLook::Nothing);
@@ -363,7 +333,7 @@ impl VariableReader {
         if multi_user {
             return self.look_at_entries(bus, next);
         }
-        if control & DATA_READY == 0 {
+        if !ready.is_set(control) {
             return Ok(VariableLook::Nothing);
         }
         if self.dropped == 0 {
@@ -372,13 +342,13 @@ impl VariableReader {
             return Ok(VariableLook::Nothing);
         }
         bus.order_reads();
-        self.report_timer = bus.read16(VARIABLE_READ_SERVO_TIMER)?;
+        self.report_timer = bus.read16(self.read.timer)?;
         self.state = State::Reading { next: 0 };
         Ok(VariableLook::Partial)
     }
 
     fn write_control(&self, bus: &mut impl Bus) -> Result<(), BusError> {
-        bus.write16(VARIABLE_READ_CONTROL, self.mode.control())?;
+        bus.write16(self.read.ready.word, self.control())?;
         bus.order_writes();
         Ok(())
     }
@@ -397,14 +367,14 @@ impl VariableReader {
             return Ok(VariableLook::Partial);
         }
         bus.order_reads();
-        let control = bus.read16(VARIABLE_READ_CONTROL)?;
+        let control = bus.read16(self.read.ready.word)?;
         // Only now: a pass that ends in between has written it before the ready bit (`tests/models/variable_read.pml`).
         bus.order_reads();
-        let timer = bus.read16(VARIABLE_READ_SERVO_TIMER)?;
+        let timer = bus.read16(self.read.timer)?;
         self.state = State::Running { next: 0 };
         // PMAC touches neither until the host clears the ready bit. A board that was reset meanwhile did, and may have made
         // another report already, which is left for the next looks.
-        let is_ready = control & (VARIABLE_READ_MULTI_USER | DATA_READY) == DATA_READY;
+        let is_ready = self.read.ready.is_set(control) && !self.read.multi_user.is_set(control);
         if timer != self.report_timer || !is_ready || control == u16::MAX {
             return Ok(VariableLook::Nothing);
         }
@@ -439,7 +409,7 @@ impl VariableReader {
         if new == 0 {
             return Ok(VariableLook::Nothing);
         }
-        let timer = bus.read16(VARIABLE_READ_SERVO_TIMER)?;
+        let timer = bus.read16(self.read.timer)?;
         for (index, value) in self.values[..self.count].iter_mut().enumerate() {
             if new & 1 << index != 0 {
                 value.timer = timer;
@@ -450,9 +420,9 @@ impl VariableReader {
 
     /// Takes the value PMAC announced with the X word `word`, unless it is to be dropped, and asks for the next.
     fn take_entry(&mut self, bus: &mut impl Bus, index: usize, word: u16) -> Result<bool, BusError> {
-        let entry = self.entries[index];
+        let [_, kind] = self.words(index);
         let bit = 1u128 << index;
-        let as_set = word & KIND_BITS == entry.kind.code();
+        let as_set = word & self.read.entry.mask() == kind;
         let wanted = as_set && self.dropped & bit != 0;
         if wanted {
             bus.order_reads();
@@ -465,7 +435,7 @@ impl VariableReader {
         } else {
             self.repairs += 1;
         }
-        bus.write16(self.kind_word(index), entry.kind.code())?;
+        bus.write16(self.kind_word(index), kind)?;
         bus.order_writes();
         Ok(wanted)
     }

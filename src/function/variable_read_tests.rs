@@ -4,9 +4,14 @@ use proptest::prelude::*;
 
 use super::*;
 use crate::device::{Counted, FileBoard};
+use crate::map::PMAC;
 
 const PLACE: Region =
     Region::new("variable_read", HostOffset::new(0x2A00), HostOffset::new(0x2A00 + 2 * 768));
+
+fn reader(place: Region) -> VariableReader {
+    VariableReader::new(&PMAC.variable_read, PMAC.start, place)
+}
 
 /// The board, and PMAC's half done by hand.
 struct Rig {
@@ -22,7 +27,7 @@ impl Rig {
         file.set_len(0x4000).unwrap();
         Self {
             bus: Counted::new(FileBoard::from_file(&file, 0x4000).unwrap()),
-            reader: VariableReader::new(PLACE),
+            reader: reader(PLACE),
             now: Instant::now(),
             timer: 0,
         }
@@ -83,7 +88,7 @@ impl Rig {
     }
 }
 
-const fn entry(address: u16, kind: VariableKind) -> VariableEntry {
+const fn entry(address: u32, kind: VariableKind) -> VariableEntry {
     VariableEntry { address, kind }
 }
 
@@ -266,7 +271,7 @@ fn what_cannot_be_read_is_refused_before_anything_is_written() {
     let many = [THREE[0]; 129];
     let error = rig.reader.begin(&mut rig.bus, &many, VariableMode::SingleUser, rig.now).unwrap_err();
     assert!(error.to_string().contains("128 registers at most, not 129"));
-    let mut small = VariableReader::new(Region::new("r", HostOffset::new(0x800), HostOffset::new(0x80C)));
+    let mut small = reader(Region::new("r", HostOffset::new(0x800), HostOffset::new(0x80C)));
     assert!(small.check(&THREE[..1]).is_ok());
     let error = small.begin(&mut rig.bus, &THREE, VariableMode::SingleUser, rig.now).unwrap_err();
     assert!(error.to_string().contains("take 18 words, the plan keeps 6"), "{error}");
@@ -287,7 +292,7 @@ fn no_entries_and_an_absent_board_give_nothing() {
     rig.begin(&[], VariableMode::MultiUser);
     assert_eq!(rig.look(), VariableLook::Off);
     assert_eq!(rig.word(0x07EC), 0);
-    VariableReader::release(&mut rig.bus).unwrap();
+    rig.reader.release(&mut rig.bus).unwrap();
     assert_eq!(rig.word(0x07E8), 0);
 }
 
@@ -299,7 +304,7 @@ proptest! {
     ) {
         let all = [VariableKind::Y, VariableKind::X, VariableKind::Long, VariableKind::Special];
         let entries: Vec<_> =
-            kinds.iter().enumerate().map(|(index, &kind)| entry(index as u16 * 16, all[kind])).collect();
+            kinds.iter().enumerate().map(|(index, &kind)| entry(index as u32 * 16, all[kind])).collect();
         let mut rig = Rig::new();
         rig.set_up(&entries, if multi_user { VariableMode::MultiUser } else { VariableMode::SingleUser });
         for _ in 0..100 {
@@ -307,7 +312,7 @@ proptest! {
             rig.look();
         }
         for (entry, value) in entries.iter().zip(rig.reader.values()) {
-            let expected: Vec<_> = (0..entry.kind.words()).map(|word| entry.address + 0x0100 + word as u16).collect();
+            let expected: Vec<_> = (0..entry.kind.words()).map(|word| entry.address as u16 + 0x0100 + word as u16).collect();
             prop_assert_eq!(&value.words[..expected.len()], &expected[..]);
             prop_assert!(value.updates > 0);
         }

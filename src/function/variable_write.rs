@@ -18,11 +18,9 @@
 use std::time::{Duration, Instant};
 
 use crate::device::{Bus, BusError};
-use crate::format::{fixed48, float48, int24, join32, split32, write48};
-use crate::map::classic::{
-    self, VARIABLE_WRITE_COUNT, VARIABLE_WRITE_RECORD_WORDS, VARIABLE_WRITE_RECORDS, VARIABLE_WRITE_START,
-};
-use crate::map::{HostOffset, Region};
+use crate::format::{fixed48, float48, int24, split32, write48};
+use crate::map::functions::{VARIABLE_WRITE_RECORD_WORDS, VARIABLE_WRITE_RECORDS};
+use crate::map::{HostOffset, PmacRegister, RecordBits, Region, StartRule, VariableKind, VariableWrite};
 
 /// How long after the count was taken back the records are left alone: PMAC may be working on them, and clears the
 /// count when it is done.
@@ -34,33 +32,6 @@ const WORD_BITS: u8 = 24;
 /// Widths PMAC writes, in bits.
 const WIDTHS: [u8; 7] = [1, 4, 8, 12, 16, 20, WORD_BITS];
 
-/// Which word a record writes.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub enum WordKind {
-    /// A Y word.
-    Y,
-    /// An X word.
-    X,
-    /// The Y word of a function block of a compiled PLC, firmware 1.16; the address is the block's number.
-    SpecialY,
-    /// The X word of a function block of a compiled PLC, firmware 1.16; the address is the block's number.
-    SpecialX,
-}
-
-impl WordKind {
-    const fn code(self) -> u16 {
-        match self {
-            Self::Y => 0,
-            Self::X => 2,
-            Self::SpecialY => 4,
-            Self::SpecialX => 6,
-        }
-    }
-}
-
-/// The kind of a 48-bit register.
-const LONG: u16 = 1;
-
 /// Why a record was refused.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 #[non_exhaustive]
@@ -68,6 +39,9 @@ pub enum RecordError {
     /// The servo clock.
     #[error("address 0 is PMAC's servo clock; writing it would trip the watchdog")]
     AddressZero,
+    /// A register of two words where one is wanted, or the other way round.
+    #[error("{0} is not as many words as the value")]
+    Words(PmacRegister),
     /// A width PMAC does not write.
     #[error("PMAC writes 1, 4, 8, 12, 16, 20 or 24 bits, not {0}")]
     Width(u8),
@@ -102,22 +76,23 @@ pub enum RecordError {
 /// One register, or some bits of one, and what to write there.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct WriteRecord {
-    words: [u16; VARIABLE_WRITE_RECORD_WORDS],
+    register: PmacRegister,
+    /// As in the record: 0 is the whole word.
+    width: u16,
+    offset: u16,
+    data: [u32; 2],
 }
 
 impl WriteRecord {
-    /// Writes `value` to the `width` bits (1, 4, 8, 12, 16, 20, 24) from bit `offset` on of a word. The value may be
-    /// meant signed or unsigned: with 4 bits, -8 to 15.
+    /// Writes `value` to the `width` bits (1, 4, 8, 12, 16, 20, 24) from bit `offset` on of a `Y:` or `X:` word. The value
+    /// may be meant signed or unsigned: with 4 bits, -8 to 15.
     ///
     /// # Errors
     /// What PMAC could not do, or not do without harm.
-    pub fn word(
-        kind: WordKind,
-        address: u16,
-        width: u8,
-        offset: u8,
-        value: i64,
-    ) -> Result<Self, RecordError> {
+    pub fn word(register: PmacRegister, width: u8, offset: u8, value: i64) -> Result<Self, RecordError> {
+        if register.kind() == VariableKind::Long {
+            return Err(RecordError::Words(register));
+        }
         if !WIDTHS.contains(&width) {
             return Err(RecordError::Width(width));
         }
@@ -129,67 +104,67 @@ impl WriteRecord {
             return Err(RecordError::Value { value, width, least, most });
         }
         let bits = value as u32 & (int24::MASK >> (WORD_BITS - width));
-        // The whole word is width 0.
-        let width_code = if width == WORD_BITS { 0 } else { u16::from(width) };
-        Self::new(address, kind.code() | width_code << 3 | u16::from(offset) << 8, [bits, 0])
+        let width = if width == WORD_BITS { 0 } else { width.into() };
+        Self::new(register, width, offset.into(), [bits, 0])
     }
 
-    /// Writes a 48-bit register as two words; of each, bits 31-24 do not matter.
+    /// Writes a `D:` or `L:` register as two words; of each, bits 31-24 do not matter.
     ///
     /// # Errors
-    /// Address 0.
-    pub fn long(address: u16, y: u32, x: u32) -> Result<Self, RecordError> {
-        Self::new(address, LONG, write48::pack([y, x]))
+    /// Address 0, or a register of one word.
+    pub fn long(register: PmacRegister, y: u32, x: u32) -> Result<Self, RecordError> {
+        if register.kind() != VariableKind::Long {
+            return Err(RecordError::Words(register));
+        }
+        Self::new(register, 0, 0, write48::pack([y, x]))
     }
 
-    /// Writes a 48-bit fixed-point register (`D:`).
+    /// Writes a fixed-point register (`D:`).
     ///
     /// # Errors
-    /// Address 0, or a value of more than 48 bits with its sign.
-    pub fn fixed48(address: u16, value: i64) -> Result<Self, RecordError> {
+    /// As [`WriteRecord::long`], or a value of more than 48 bits with its sign.
+    pub fn fixed48(register: PmacRegister, value: i64) -> Result<Self, RecordError> {
         let [y, x] = fixed48::encode(value);
         if fixed48::decode(y, x) != value {
             return Err(RecordError::Fixed48(value));
         }
-        Self::long(address, y, x)
+        Self::long(register, y, x)
     }
 
-    /// Writes a 48-bit floating-point register (`L:`); the value is rounded to its 36 bits of mantissa.
+    /// Writes a floating-point register (`L:`); the value is rounded to its 36 bits of mantissa.
     ///
     /// # Errors
-    /// Address 0, or a value that is infinite or no number.
-    pub fn float48(address: u16, value: f64) -> Result<Self, RecordError> {
+    /// As [`WriteRecord::long`], or a value that is infinite or no number.
+    pub fn float48(register: PmacRegister, value: f64) -> Result<Self, RecordError> {
         if !value.is_finite() {
             return Err(RecordError::Float48(value));
         }
         let [y, x] = float48::encode(value);
-        Self::long(address, y, x)
+        Self::long(register, y, x)
     }
 
-    fn new(address: u16, type_word: u16, data: [u32; 2]) -> Result<Self, RecordError> {
-        if address == 0 {
+    const fn new(
+        register: PmacRegister,
+        width: u16,
+        offset: u16,
+        data: [u32; 2],
+    ) -> Result<Self, RecordError> {
+        if register.address().number == 0 {
             return Err(RecordError::AddressZero);
         }
-        let [[low_1, high_1], [low_2, high_2]] = data.map(split32);
-        Ok(Self { words: [address, type_word, low_1, high_1, low_2, high_2] })
+        Ok(Self { register, width, offset, data })
     }
 
-    /// The record as it lies in the DPRAM, first word first.
+    /// The record as it lies in the DPRAM of a board whose type word has its parts at `bits`, first word first.
     #[must_use]
-    pub const fn words(&self) -> &[u16; VARIABLE_WRITE_RECORD_WORDS] {
-        &self.words
-    }
-
-    /// The register's address, or the function block's number.
-    #[must_use]
-    pub const fn address(&self) -> u16 {
-        self.words[0]
-    }
-
-    /// The two data longs.
-    #[must_use]
-    pub const fn data(&self) -> [u32; 2] {
-        [join32(self.words[2], self.words[3]), join32(self.words[4], self.words[5])]
+    pub fn words(&self, bits: RecordBits) -> [u16; VARIABLE_WRITE_RECORD_WORDS] {
+        let address = self.register.address().number;
+        let type_word = self.register.kind().code() << bits.kind
+            | self.width << bits.width
+            | self.offset << bits.offset
+            | (address >> 16) as u16;
+        let [[low_1, high_1], [low_2, high_2]] = self.data.map(split32);
+        [address as u16, type_word, low_1, high_1, low_2, high_2]
     }
 }
 
@@ -232,6 +207,8 @@ enum State {
 
 /// The host's half of the function: one job at a time.
 pub struct VariableWriter {
+    write: &'static VariableWrite,
+    start: StartRule,
     place: Region,
     state: State,
     records: Vec<WriteRecord>,
@@ -242,8 +219,8 @@ pub struct VariableWriter {
 impl VariableWriter {
     /// A writer that keeps its records in `place` (a plan's). With less room than one record it can write nothing.
     #[must_use]
-    pub fn new(place: Region) -> Self {
-        Self { place, state: State::Idle, records: Vec::new(), done: 0 }
+    pub fn new(write: &'static VariableWrite, start: StartRule, place: Region) -> Self {
+        Self { write, start, place, state: State::Idle, records: Vec::new(), done: 0 }
     }
 
     /// Takes back records a host, this one or a dead one, left for PMAC. To be called at the start and on every way
@@ -251,8 +228,8 @@ impl VariableWriter {
     ///
     /// # Errors
     /// When the bus cannot be reached.
-    pub fn release(bus: &mut impl Bus) -> Result<(), BusError> {
-        bus.write16(VARIABLE_WRITE_COUNT, 0)?;
+    pub fn release(&self, bus: &mut impl Bus) -> Result<(), BusError> {
+        bus.write16(self.write.count, 0)?;
         bus.order_writes();
         Ok(())
     }
@@ -280,7 +257,7 @@ impl VariableWriter {
         bus: &mut impl Bus,
         records: Vec<WriteRecord>,
     ) -> Result<Result<(), Vec<WriteRecord>>, BusError> {
-        if !self.is_idle() || self.records_per_cycle() == 0 || bus.read16(VARIABLE_WRITE_COUNT)? != 0 {
+        if !self.is_idle() || self.records_per_cycle() == 0 || bus.read16(self.write.count)? != 0 {
             return Ok(Err(records));
         }
         self.records = records;
@@ -305,7 +282,7 @@ impl VariableWriter {
                 Ok(WriteStep::Waiting)
             }
             State::Handed => {
-                if bus.read16(VARIABLE_WRITE_COUNT)? != 0 {
+                if bus.read16(self.write.count)? != 0 {
                     return Ok(WriteStep::Waiting);
                 }
                 bus.order_reads();
@@ -339,7 +316,7 @@ impl VariableWriter {
                 0
             }
             State::Handed => {
-                Self::release(bus)?;
+                self.release(bus)?;
                 self.state = State::Settling { since: now };
                 self.cycle()
             }
@@ -366,17 +343,19 @@ impl VariableWriter {
         let end = cycle.min(next + STEP_RECORDS);
         for index in next..end {
             let first: HostOffset = self.place.start.plus_words(index * VARIABLE_WRITE_RECORD_WORDS);
-            for (word, value) in self.records[self.done + index].words.iter().enumerate() {
-                bus.write16(first.plus_words(word), *value)?;
+            for (word, value) in
+                self.records[self.done + index].words(self.write.record).into_iter().enumerate()
+            {
+                bus.write16(first.plus_words(word), value)?;
             }
         }
         if end < cycle {
             self.state = State::Loading { next: end };
             return Ok(());
         }
-        bus.write16(VARIABLE_WRITE_START, (classic::BASE + self.place.start.bytes() / 4) as u16)?;
+        bus.write16(self.write.start, self.start.start_word(self.place.start))?;
         bus.order_writes();
-        bus.write16(VARIABLE_WRITE_COUNT, cycle as u16)?;
+        bus.write16(self.write.count, cycle as u16)?;
         bus.order_writes();
         self.state = State::Handed;
         Ok(())

@@ -4,6 +4,7 @@ use proptest::prelude::*;
 
 use super::*;
 use crate::device::{Counted, FileBoard};
+use crate::map::PMAC;
 
 const PLACE: Region = Region::new("variable_write", HostOffset::new(0x2880), HostOffset::new(0x2A00));
 
@@ -18,7 +19,11 @@ impl Rig {
         let file = tempfile::tempfile().unwrap();
         file.set_len(0x4000).unwrap();
         let bus = Counted::new(FileBoard::from_file(&file, 0x4000).unwrap());
-        Self { bus, writer: VariableWriter::new(place), now: Instant::now() }
+        Self {
+            bus,
+            writer: VariableWriter::new(&PMAC.variable_write, PMAC.start, place),
+            now: Instant::now(),
+        }
     }
 
     fn begin(&mut self, records: Vec<WriteRecord>) -> bool {
@@ -46,47 +51,60 @@ impl Rig {
     }
 }
 
+fn register(text: &str) -> PmacRegister {
+    text.parse().unwrap()
+}
+
+/// A record as PMAC's DPRAM holds it.
+fn words(record: WriteRecord) -> [u16; 6] {
+    record.words(PMAC.variable_write.record)
+}
+
 fn word(value: i64) -> WriteRecord {
-    WriteRecord::word(WordKind::X, 0x0700, 24, 0, value).unwrap()
+    WriteRecord::word(register("X:$700"), 24, 0, value).unwrap()
 }
 
 #[test]
 fn records_are_packed_as_the_manuals_table_says() {
-    let record = WriteRecord::word(WordKind::Y, 0x0700, 8, 4, 5).unwrap();
-    assert_eq!(*record.words(), [0x0700, 0x0440, 5, 0, 0, 0]);
-    let record = WriteRecord::word(WordKind::X, 0xC003, 24, 0, -1).unwrap();
-    assert_eq!(*record.words(), [0xC003, 0x0002, 0xFFFF, 0x00FF, 0, 0]);
-    let record = WriteRecord::word(WordKind::X, 0xC003, 1, 23, 1).unwrap();
-    assert_eq!(*record.words(), [0xC003, 0x170A, 1, 0, 0, 0]);
-    let record = WriteRecord::word(WordKind::SpecialX, 7, 20, 4, -2).unwrap();
-    assert_eq!(*record.words(), [7, 0x04A6, 0xFFFE, 0x000F, 0, 0]);
-    let record = WriteRecord::word(WordKind::SpecialY, 7, 4, 0, 15).unwrap();
-    assert_eq!(*record.words(), [7, 0x0024, 15, 0, 0, 0]);
+    let record = WriteRecord::word(register("Y:$0700"), 8, 4, 5).unwrap();
+    assert_eq!(words(record), [0x0700, 0x0440, 5, 0, 0, 0]);
+    let record = WriteRecord::word(register("X:$C003"), 24, 0, -1).unwrap();
+    assert_eq!(words(record), [0xC003, 0x0002, 0xFFFF, 0x00FF, 0, 0]);
+    let record = WriteRecord::word(register("X:$C003"), 1, 23, 1).unwrap();
+    assert_eq!(words(record), [0xC003, 0x170A, 1, 0, 0, 0]);
+    // 19 bits of address go on in the type word where the family's bits leave room for them.
+    let bits = RecordBits { kind: 4, width: 6, offset: 11, address: 19 };
+    let record = WriteRecord::word(register("X:$7A205"), 8, 4, 5).unwrap();
+    assert_eq!(record.words(bits), [0xA205, 4 << 11 | 8 << 6 | 2 << 4 | 7, 5, 0, 0, 0]);
 }
 
 #[test]
 fn long_values_are_split_at_32_bits_not_at_24() {
     // 0.1 is X $666666, Y $6667FC.
-    let record = WriteRecord::float48(0x1005, 0.1).unwrap();
-    assert_eq!(*record.words(), [0x1005, 0x0001, 0x67FC, 0x6666, 0x6666, 0]);
-    assert_eq!(record.data(), [0x6666_67FC, 0x0000_6666]);
-    let record = WriteRecord::fixed48(0x0028, -1).unwrap();
-    assert_eq!(*record.words(), [0x0028, 0x0001, 0xFFFF, 0xFFFF, 0xFFFF, 0]);
-    assert_eq!(WriteRecord::fixed48(0x28, 1 << 47), Err(RecordError::Fixed48(1 << 47)));
-    assert!(WriteRecord::fixed48(0x28, -(1 << 47)).is_ok());
+    let record = WriteRecord::float48(register("L:$1005"), 0.1).unwrap();
+    assert_eq!(words(record), [0x1005, 0x0001, 0x67FC, 0x6666, 0x6666, 0]);
+    let record = WriteRecord::fixed48(register("D:$28"), -1).unwrap();
+    assert_eq!(words(record), [0x0028, 0x0001, 0xFFFF, 0xFFFF, 0xFFFF, 0]);
+    assert_eq!(WriteRecord::fixed48(register("D:$28"), 1 << 47), Err(RecordError::Fixed48(1 << 47)));
+    assert!(WriteRecord::fixed48(register("D:$28"), -(1 << 47)).is_ok());
     for value in [f64::NAN, f64::INFINITY, 1e300 * 1e300] {
-        assert!(WriteRecord::float48(0x1005, value).is_err(), "{value}");
+        assert!(WriteRecord::float48(register("L:$1005"), value).is_err(), "{value}");
     }
-    assert!(WriteRecord::float48(0x1005, 0.0).is_ok());
-    assert!(WriteRecord::float48(0x1005, -123.456).is_ok());
+    assert!(WriteRecord::float48(register("L:$1005"), 0.0).is_ok());
+    assert!(WriteRecord::float48(register("L:$1005"), -123.456).is_ok());
 }
 
 #[test]
 fn what_would_do_harm_or_nothing_is_refused() {
-    let word = |address, width, offset, value| WriteRecord::word(WordKind::Y, address, width, offset, value);
+    let word = |address, width, offset, value| {
+        WriteRecord::word(register(&format!("Y:{address}")), width, offset, value)
+    };
+    let (one, two) = (register("X:1"), register("D:1"));
+    assert_eq!(WriteRecord::word(two, 24, 0, 1), Err(RecordError::Words(two)));
+    assert_eq!(WriteRecord::fixed48(one, 1), Err(RecordError::Words(one)));
     assert_eq!(word(0, 24, 0, 1), Err(RecordError::AddressZero));
-    assert_eq!(WriteRecord::float48(0, 1.0), Err(RecordError::AddressZero));
-    assert_eq!(WriteRecord::long(0, 1, 1), Err(RecordError::AddressZero));
+    assert_eq!(WriteRecord::float48(register("L:0"), 1.0), Err(RecordError::AddressZero));
+    assert_eq!(WriteRecord::long(register("D:0"), 1, 1), Err(RecordError::AddressZero));
     for width in [0, 2, 3, 5, 23, 25, 32, 255] {
         assert_eq!(word(1, width, 0, 0), Err(RecordError::Width(width)));
     }
@@ -110,7 +128,7 @@ fn a_job_is_handed_over_count_last_and_done_when_pmac_says_so() {
     let before = rig.bus.accesses();
     assert_eq!(rig.step(), WriteStep::Waiting);
     assert_eq!(rig.bus.accesses() - before, 1);
-    assert_eq!(rig.take(), [*word(1).words(), *word(2).words()]);
+    assert_eq!(rig.take(), [words(word(1)), words(word(2))]);
     assert_eq!((rig.step(), rig.step()), (WriteStep::Done, WriteStep::Idle));
 }
 
@@ -139,7 +157,7 @@ fn more_than_a_cycle_holds_goes_in_order() {
                 }
             }
             assert!(rig.writer.is_idle());
-            let expected: Vec<_> = (1..=total).map(|value| *word(value).words()).collect();
+            let expected: Vec<_> = (1..=total).map(|value| words(word(value))).collect();
             assert_eq!(taken, expected);
         }
     }
@@ -186,13 +204,13 @@ fn a_job_given_up_tells_what_is_certain_and_rests() {
 fn records_of_another_host_and_an_absent_board_are_waited_for() {
     let mut rig = Rig::new(PLACE);
     for count in [3, u16::MAX] {
-        rig.bus.write16(VARIABLE_WRITE_COUNT, count).unwrap();
+        rig.bus.write16(PMAC.variable_write.count, count).unwrap();
         assert!(!rig.begin(vec![word(1)]));
     }
-    VariableWriter::release(&mut rig.bus).unwrap();
+    rig.writer.release(&mut rig.bus).unwrap();
     assert!(rig.begin(vec![word(1)]));
     rig.step();
-    rig.bus.write16(VARIABLE_WRITE_COUNT, u16::MAX).unwrap();
+    rig.bus.write16(PMAC.variable_write.count, u16::MAX).unwrap();
     assert_eq!(rig.step(), WriteStep::Waiting);
 }
 
@@ -205,21 +223,23 @@ proptest! {
         raw in any::<u32>(),
     ) {
         let mask = (1u32 << width) - 1;
-        let record = WriteRecord::word(WordKind::X, address, width, offset, i64::from(raw & mask));
+        let register = register(&format!("X:{address}"));
+        let record = WriteRecord::word(register, width, offset, i64::from(raw & mask));
         if width + offset > 24 {
             prop_assert_eq!(record, Err(RecordError::Offset { width, offset }));
         } else {
             let record = record.unwrap();
-            let type_word = record.words()[1];
+            let [_, type_word, data @ ..] = words(record);
             let stored_width = type_word >> 3 & 0x1F;
             prop_assert_eq!(type_word & 7, 2);
             prop_assert_eq!(if stored_width == 0 { 24 } else { stored_width }, u16::from(width));
             prop_assert_eq!(type_word >> 8 & 0x1F, u16::from(offset));
             prop_assert_eq!(type_word >> 13, 0);
-            prop_assert_eq!(record.data(), [raw & mask, 0]);
+            let [low, high] = split32(raw & mask);
+            prop_assert_eq!(data, [low, high, 0, 0]);
             // The signed reading of the same bits is the same record.
             let signed = i64::from((raw << (32 - width)) as i32 >> (32 - width));
-            prop_assert_eq!(WriteRecord::word(WordKind::X, address, width, offset, signed).unwrap(), record);
+            prop_assert_eq!(WriteRecord::word(register, width, offset, signed).unwrap(), record);
         }
     }
 }

@@ -165,7 +165,9 @@ pub fn plan(request: &GatherRequest, layout: &Layout, scales: &Scales) -> Result
     }
     prepare.push(format!("I19={period}"));
     prepare.push(format!("I20=${:06X}", (1_u32 << count) - 1));
-    prepare.extend((21..).zip(sources).map(|(i, source)| format!("I{i}=${:06X}", source.register.code())));
+    prepare.extend(
+        (21..).zip(sources).map(|(i, source)| format!("I{i}=${:06X}", source.register.gather_code())),
+    );
     prepare.push(format!("I45={}", if request.mode == GatherMode::Wrap { 3 } else { 2 }));
     prepare.push(format!("DEFINE GATHER {buffer_longs}"));
     let gathers = if request.servo_report == ServoReport::Waiting { 2 } else { 1 };

@@ -7,8 +7,7 @@
 
 use super::column::Reading;
 use crate::map::table::{Format, NumberKind};
-use crate::map::{Entry, Layout, SourceAt};
-use crate::setup::gather_source::{BadSource, GatherSource};
+use crate::map::{BadRegister, Entry, Family, Layout, PmacRegister, SourceAt};
 
 /// One source of a gather.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -16,7 +15,7 @@ pub struct Source {
     /// What it was asked for as; the column's name.
     pub name: String,
     /// The register, with its code for I21 to I44.
-    pub register: GatherSource,
+    pub register: PmacRegister,
     /// How its longs are to be read.
     pub reading: Reading,
     /// The unit of the integer or number in the register, empty where none is known.
@@ -31,7 +30,7 @@ pub struct Source {
 pub enum SourceError {
     /// An address, but not one that can be gathered.
     #[error(transparent)]
-    Address(#[from] BadSource),
+    Address(#[from] BadRegister),
     /// A difference of two registers.
     #[error(
         "{text:?}: no register holds the following error; gather commanded_position and actual_position, which \
@@ -134,7 +133,7 @@ impl Source {
     pub fn parse(text: &str, layout: &Layout) -> Result<Self, SourceError> {
         let text = text.trim();
         if text.contains([':', '$']) {
-            return Self::address(text);
+            return Self::address(text, layout.family());
         }
         let lower = text.to_ascii_lowercase();
         let (owner, number, name) = owner(&lower, layout)?;
@@ -150,18 +149,19 @@ impl Source {
         Ok(Self { name: lower, register, reading, units: entry.register.units, motor })
     }
 
-    fn address(text: &str) -> Result<Self, SourceError> {
+    fn address(text: &str, family: &Family) -> Result<Self, SourceError> {
+        let bad = || BadRegister { text: text.to_owned(), last: family.last_address() };
         let (address, unsigned) = match text.split_once(',') {
             Some((address, sign)) if sign.trim().eq_ignore_ascii_case("u") => (address, true),
             Some((address, sign)) if sign.trim().eq_ignore_ascii_case("s") => (address, false),
-            Some(_) => return Err(BadSource { text: text.to_owned() }.into()),
+            Some(_) => return Err(bad().into()),
             None => (text, false),
         };
-        let register: GatherSource = address.parse()?;
+        let register = PmacRegister::parse(address, family)?;
         let reading = match (register.longs(), register.address().space) {
             (1, _) if unsigned => Reading::Unsigned,
             (1, _) => Reading::Signed,
-            (_, _) if unsigned => return Err(BadSource { text: text.to_owned() }.into()),
+            (_, _) if unsigned => return Err(bad().into()),
             (_, crate::map::Space::L) => Reading::Float,
             _ => Reading::Fixed,
         };
@@ -189,7 +189,7 @@ fn gatherable(
     layout: &Layout,
     owner: Owner,
     number: Option<usize>,
-) -> impl Iterator<Item = (Entry, GatherSource, Reading)> {
+) -> impl Iterator<Item = (Entry, PmacRegister, Reading)> {
     let layout = *layout;
     layout.entries().filter_map(move |entry| {
         let SourceAt::One(address) = entry.source(layout.family()) else { return None };
@@ -203,7 +203,7 @@ fn gatherable(
             Format::Bits24 | Format::Unsigned16 | Format::Unsigned24 => Reading::Unsigned,
             _ => return None,
         };
-        Some((entry, GatherSource::new(address)?, reading))
+        Some((entry, PmacRegister::new(address)?, reading))
     })
 }
 
@@ -233,7 +233,7 @@ mod tests {
         ] {
             let source = parse(text).unwrap();
             assert_eq!(
-                (source.register.to_string().as_str(), source.register.code()),
+                (source.register.to_string().as_str(), source.register.gather_code()),
                 (register, code),
                 "{text}"
             );

@@ -2,7 +2,8 @@
 //!
 //! Only this module knows an address. [`Family`] is all that distinguishes a board family: limits, the numbers of its
 //! I-variables, its register table, and a descriptor of each automatic function ([`functions`]). [`Layout`] is the
-//! register table as a board with a given firmware has it, [`Location`] an address as a person types it.
+//! register table as a board with a given firmware has it, [`Location`] an address as a person types it, [`PmacRegister`] a register of
+//! PMAC's own memory.
 
 pub mod address;
 pub mod errors;
@@ -12,8 +13,10 @@ pub mod firmware;
 pub mod functions;
 pub mod layout;
 pub mod mailbox;
+pub mod number;
 pub mod plan;
 pub mod region;
+pub mod register;
 pub mod selection;
 pub mod status;
 pub mod table;
@@ -36,6 +39,7 @@ pub use functions::{
 pub use layout::{Entry, GatherPosition, GatherSizeWord, Layout, MapRecord, Place, records};
 pub use plan::{NotOpen, Owner, Plan, PlanError, PlanSettings};
 pub use region::Region;
+pub use register::{BadRegister, PmacRegister};
 pub use selection::{BlockField, Selection, block_fields};
 pub use status::{MotionMode, StatusTable, StatusTables, TargetSource};
 pub use table::{Bits, Block, Format, NumberKind, Register, Source, SourceAt, Width, Writer};

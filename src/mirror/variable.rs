@@ -10,14 +10,15 @@ use crate::device::{Bus, BusError};
 use crate::format::join32;
 use crate::function::servo_timer::ServoTimer;
 use crate::function::variable_read::{
-    VariableEntry, VariableKind, VariableLook, VariableMode, VariableReadBusError, VariableReader,
+    VariableEntry, VariableLook, VariableMode, VariableReadBusError, VariableReader,
 };
-use crate::map::{self, Region, classic};
+use crate::map::functions::VARIABLE_READ_ENTRIES;
+use crate::map::{Plan, VariableKind};
 use crate::segment::payload::variable::{self, Variable};
 use crate::segment::{BlockPlace, Publisher, RegionId, RegionSpec, RegionState, Stamp};
 
 /// The longest payload in 16-bit words.
-pub const PAYLOAD_WORDS: usize = variable::payload_words(classic::VARIABLE_READ_ENTRIES);
+pub const PAYLOAD_WORDS: usize = variable::payload_words(VARIABLE_READ_ENTRIES);
 /// The servo timer's bits in the variable-read header.
 const TIMER_BITS: u32 = 16;
 /// How often to look for new values; PMAC's background cycle takes some milliseconds.
@@ -57,11 +58,12 @@ pub struct VariableMirror {
 }
 
 impl VariableMirror {
-    /// A mirror that uses the words of `place` and has no table.
+    /// A mirror that uses the words the plan keeps for it and has no table.
     #[must_use]
-    pub fn new(place: Region, mode: VariableMode, time: Clock) -> Self {
+    pub fn new(plan: &Plan, mode: VariableMode, time: Clock) -> Self {
+        let family = plan.family();
         Self {
-            reader: VariableReader::new(place),
+            reader: VariableReader::new(&family.variable_read, family.start, plan.variable_read()),
             mode,
             timer: ServoTimer::new(TIMER_BITS),
             table: 0,
@@ -70,6 +72,14 @@ impl VariableMirror {
             time,
             freshness: Freshness::new(STALE_NS),
         }
+    }
+
+    /// Stops the function, whoever started it. To be called at the start and on every way out. 2 writes.
+    ///
+    /// # Errors
+    /// When the bus cannot be reached.
+    pub fn release(&self, bus: &mut impl Bus) -> Result<(), BusError> {
+        self.reader.release(bus)
     }
 
     /// Replaces the table; an empty one stops the function.
@@ -102,7 +112,7 @@ impl VariableMirror {
         publisher: &Publisher,
         now: Instant,
     ) -> Result<(), BusError> {
-        let mut table = [VariableEntry { address: 0, kind: VariableKind::Y }; classic::VARIABLE_READ_ENTRIES];
+        let mut table = [VariableEntry { address: 0, kind: VariableKind::Y }; VARIABLE_READ_ENTRIES];
         let count = self.reader.entries().len();
         table[..count].copy_from_slice(self.reader.entries());
         match self.begin(bus, &table[..count], publisher, now) {
@@ -163,14 +173,9 @@ impl VariableMirror {
     fn publish(&mut self, publisher: &mut Publisher, timer: u16, time_ns: u64) {
         let (servo_timer, _) = self.timer.advance(timer.into());
         let entries = self.reader.entries().iter().zip(self.reader.values());
-        let variables = entries.filter_map(|(entry, value)| {
+        let variables = entries.map(|(&VariableEntry { address, kind }, value)| {
             let [a, b, c, d] = value.words;
-            Some(Variable {
-                address: u32::from(entry.address),
-                kind: map::VariableKind::of_code(entry.kind.code())?,
-                updates: value.updates as u32,
-                longs: [join32(a, b), join32(c, d)],
-            })
+            Variable { address, kind, updates: value.updates as u32, longs: [join32(a, b), join32(c, d)] }
         });
         let words = variable::encode(self.table, variables, &mut self.payload);
         publisher.publish(

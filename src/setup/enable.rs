@@ -9,8 +9,7 @@ use std::str::FromStr;
 
 use serde::Serialize;
 
-use super::gather_source::GatherSource;
-use crate::map::{HostOffset, PMAC, PmacAddress, classic};
+use crate::map::{HostOffset, PMAC, PmacAddress, PmacRegister, classic};
 
 /// An automatic function of the DPRAM.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
@@ -106,7 +105,7 @@ pub struct Options {
     /// Whether gathering goes on from the start of a full buffer (I45=3) or ends (I45=2).
     pub gather_wrap: bool,
     /// What to gather; nothing leaves I20 to I44 as they are.
-    pub gather_sources: Vec<GatherSource>,
+    pub gather_sources: Vec<PmacRegister>,
     /// Whether the I-variables are to survive a reset.
     pub save: bool,
 }
@@ -378,8 +377,11 @@ fn gather(options: &Options, with_servo: bool) -> Result<FunctionPlan, OutOfRang
             "which sources are gathered: bit k is I(21+k)",
         );
         for (n, source) in options.gather_sources.iter().enumerate() {
-            plan = plan
-                .set(format!("I{}=${:06X}", 21 + n, source.code()), format!("source {}: {source}", n + 1));
+            in_range("address of a gather source", source.address().number, 0, PMAC.last_address())?;
+            plan = plan.set(
+                format!("I{}=${:06X}", 21 + n, source.gather_code()),
+                format!("source {}: {source}", n + 1),
+            );
         }
         let used = size.div_ceil(sample) * sample;
         in_range("gather buffer size, in whole samples,", used, sample, room)?;

@@ -121,6 +121,9 @@ fn impossible_options_are_refused_with_their_range() {
         ..defaults()
     };
     assert!(refused(Function::Gather, wide).contains("3585 is not possible"));
+    let far = Options { gather_sources: vec!["Y:$10000".parse().unwrap()], ..defaults() };
+    let error = plan(&[Function::Gather], &far).unwrap_err().to_string();
+    assert_eq!(error, "address of a gather source 65536 is not possible; it is 0 to 65535");
     let many = Options { gather_sources: vec!["Y:$1".parse().unwrap(); 25], ..defaults() };
     assert!(refused(Function::Gather, many).contains("0 to 24"));
     assert!(refused(Function::Rotary, Options { coordinate_system: 9, ..defaults() }).contains("1 to 8"));

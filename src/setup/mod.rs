@@ -11,9 +11,7 @@ mod absolute_tests;
 pub mod enable;
 #[cfg(test)]
 mod enable_tests;
-pub mod gather_source;
 pub mod isa;
-pub mod number;
 pub mod position;
 pub mod vme;
 #[cfg(test)]

@@ -4,8 +4,8 @@ use std::fmt;
 use std::str::FromStr;
 
 use super::absolute::{AbsoluteFormat, Kind, MemoryAddress};
-use super::number;
 use crate::map::Space;
+use crate::map::number;
 
 /// The content of a 24-bit register, as typed: `Y:$078D00=$123456`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

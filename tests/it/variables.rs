@@ -1,11 +1,11 @@
 //! Background variables, end to end: a simulated board, its daemon, and several clients at a time.
 
 use pmac_dpram::client::{Board, VariableWatch};
-use pmac_dpram::setup::gather_source::GatherSource;
+use pmac_dpram::map::PmacRegister;
 
 use crate::support::VirtualSite;
 
-fn register(text: &str) -> GatherSource {
+fn register(text: &str) -> PmacRegister {
     text.parse().unwrap()
 }
 
@@ -14,7 +14,7 @@ fn board(site: &VirtualSite) -> Board {
 }
 
 fn watch(board: &Board, registers: &[&str]) -> VariableWatch {
-    let registers: Vec<GatherSource> = registers.iter().map(|text| register(text)).collect();
+    let registers: Vec<PmacRegister> = registers.iter().map(|text| register(text)).collect();
     board.watch_variables(&registers).unwrap()
 }
 
@@ -40,15 +40,14 @@ fn clients_share_entries_and_free_them() {
     site.wait_until("a table of both", || listed(&site) == ["D:$0728", "X:$0000", "X:$0701", "Y:$0700"]);
     site.wait_until("values", || {
         let Some(view) = two.variables().unwrap().filter(|view| view.is_fresh()) else { return false };
-        let value =
-            |text: &str| view.data.value_of(register(text).address()).map(|entry| entry.value().to_vec());
+        let value = |text: &str| view.data.value_of(register(text)).map(|entry| entry.value().to_vec());
         value("Y:$0700") == Some(vec![0x12_3456])
             && value("X:$0701") == Some(vec![0xFFFF_FFFE])
             && value("D:$0728") == Some(vec![1, 0])
     });
     // The servo counter is read in the pass whose end the sample's servo time tells.
     let view = one.variables().unwrap().unwrap();
-    let counter = view.data.value_of(register("X:$0000").address()).unwrap().value()[0];
+    let counter = view.data.value_of(register("X:$0000")).unwrap().value()[0];
     let behind = (view.servo_timer as u32).wrapping_sub(counter) & 0xFFFF;
     assert!(behind < 2000, "{behind} servo cycles between the value and its time");
 
@@ -94,7 +93,7 @@ fn a_watch_prints_what_the_registers_hold() {
 
     // 128 are all there are.
     let board = board(&site);
-    let many: Vec<GatherSource> = (0x700..0x780).map(|n| register(&format!("X:${n:X}"))).collect();
+    let many: Vec<PmacRegister> = (0x700..0x780).map(|n| register(&format!("X:${n:X}"))).collect();
     let held = board.watch_variables(&many).unwrap();
     let ran = site.run(&["variable", "watch", "Y:$0700", "--count", "1"]);
     assert!(ran.code != Some(0) && ran.stderr.contains("128 are in use, 1 more"), "{ran:?}");

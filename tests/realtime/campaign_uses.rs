@@ -5,10 +5,10 @@ use std::time::{Duration, Instant};
 
 use pmac_dpram::client::{Board, CommandError, Connection, RotaryFeed, RotaryLine, RotaryPlace};
 use pmac_dpram::map::HostOffset;
+use pmac_dpram::map::PmacRegister;
 use pmac_dpram::protocol::CallError;
 use pmac_dpram::protocol::board::VariableRecord;
 use pmac_dpram::segment::RegionId;
-use pmac_dpram::setup::gather_source::GatherSource;
 
 use crate::misbehaviour::{Misbehaviour, garbles};
 use crate::support::{Site, wait_until};
@@ -144,7 +144,7 @@ fn variables(site: &Site, connection: &mut Connection, run: u64, keeps: bool) ->
     let gone = |error| CommandError::from(CallError::Protocol(format!("{error}")));
     // What was copied for somebody before is no answer.
     let mut seen = board.subscriber().published(RegionId::Variable).map_err(|error| gone(error.into()))?;
-    let registers = ["X:$0000", "D:$0028", WATCHED].map(|text| text.parse::<GatherSource>().unwrap());
+    let registers = ["X:$0000", "D:$0028", WATCHED].map(|text| text.parse::<PmacRegister>().unwrap());
     let mut watch = board.watch_variables(&registers)?;
     let end = Instant::now() + BACKGROUND;
     loop {
@@ -153,7 +153,7 @@ fn variables(site: &Site, connection: &mut Connection, run: u64, keeps: bool) ->
         if is_news {
             seen = board.subscriber().published(RegionId::Variable).map_err(|error| gone(error.into()))?;
             let table = board.variables().map_err(gone)?;
-            let copied = table.as_ref().and_then(|table| table.data.value_of(registers[2].address()));
+            let copied = table.as_ref().and_then(|table| table.data.value_of(registers[2]));
             if let Some(copied) = copied {
                 assert!(!keeps || copied.value() == [value], "{WATCHED} was set to {value}: {copied:?}");
                 return Ok(());

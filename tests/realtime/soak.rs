@@ -13,8 +13,8 @@ use std::thread::ScopedJoinHandle;
 use std::time::{Duration, Instant};
 
 use pmac_dpram::client::Board;
+use pmac_dpram::map::PmacRegister;
 use pmac_dpram::segment::{Counter, RegionId, Sample, Subscriber, WaitOutcome};
-use pmac_dpram::setup::gather_source::GatherSource;
 
 use crate::support::{Ended, PATIENCE, Site, Weight, counter, output_within, wait_until};
 
@@ -147,7 +147,7 @@ impl Run<'_> {
 
     /// Watches registers and takes every table that is published; the watched counter goes up in each.
     fn watch_variables(&self, registers: &[&str]) {
-        let registers: Vec<GatherSource> = registers.iter().map(|text| text.parse().unwrap()).collect();
+        let registers: Vec<PmacRegister> = registers.iter().map(|text| text.parse().unwrap()).collect();
         let mut board = Board::attach(&self.site.name).unwrap().with_socket(&self.site.socket());
         let mut watch = board.watch_variables(&registers).unwrap();
         let first = board.subscriber().published(RegionId::Variable).unwrap() + 1;
@@ -163,7 +163,7 @@ impl Run<'_> {
         assert_eq!(cursor.lost(), 0);
         let table = board.variables().unwrap().unwrap();
         for register in registers {
-            assert!(table.data.value_of(register.address()).is_some(), "{register} has no value");
+            assert!(table.data.value_of(register).is_some(), "{register} has no value");
         }
         self.variable_samples.fetch_add(samples, Ordering::Relaxed);
     }

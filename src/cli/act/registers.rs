@@ -12,10 +12,10 @@ use crate::cli::layout::board_layout;
 use crate::client::{Variable as Entry, VariableTable, View};
 use crate::format::{fixed48, float48, int24};
 use crate::gather::{Column, Source};
+use crate::map::PmacRegister;
+use crate::map::number;
 use crate::map::{PmacAddress, Space, VariableKind};
 use crate::protocol::board::VariableRecord;
-use crate::setup::gather_source::GatherSource;
-use crate::setup::number;
 
 /// How long to sleep before the daemon is asked again whether it still holds the watch.
 const NO_NEWS: Duration = Duration::from_millis(500);
@@ -86,7 +86,7 @@ fn watch(context: &mut Context, options: &Watch) -> Result<Verdict, Failure> {
         .collect::<Result<_, _>>()
         .map_err(Failure::request)?;
     let columns: Vec<Column> = sources.iter().map(|source| Column::new(source, &scales)).collect();
-    let registers: Vec<GatherSource> = sources.iter().map(|source| source.register).collect();
+    let registers: Vec<PmacRegister> = sources.iter().map(|source| source.register).collect();
     let mut held = board.watch_variables(&registers)?;
     let began = Instant::now();
     let end = options.seconds.and_then(|seconds| began.checked_add(seconds));
@@ -99,10 +99,7 @@ fn watch(context: &mut Context, options: &Watch) -> Result<Verdict, Failure> {
         let found = board.variables()?;
         let values = found.as_ref().filter(|view| view.is_fresh() && view.sequence > after);
         let values = values.map(|view| {
-            (
-                view,
-                registers.iter().map(|&register| view.data.value_of(register.address())).collect::<Vec<_>>(),
-            )
+            (view, registers.iter().map(|&register| view.data.value_of(register)).collect::<Vec<_>>())
         });
         match values {
             Some((view, values)) if values.iter().all(Option::is_some) => {
@@ -248,7 +245,7 @@ fn record(text: &str) -> Result<VariableRecord, String> {
         text.split_once('=').ok_or_else(|| format!("{text:?}: no value; write Y:$0700,8,4=5"))?;
     let mut parts = target.split(',');
     let register = parts.next().unwrap_or_default();
-    let register: GatherSource = register
+    let register: PmacRegister = register
         .parse()
         .map_err(|_| format!("{register:?} is no register; write Y:$0700, X:$0701, D:$0728 or L:$1005"))?;
     let mut bits = |what: &str| -> Result<Option<u8>, String> {
@@ -308,7 +305,7 @@ mod tests {
             "Y:$0700,8,4,2=1",
             "Y:$0700,-1=1",
             "Y:$0700,8,x=1",
-            "Y:$10000=1",
+            "Y:$80000=1",
             "Y:$0700=--1",
         ] {
             assert!(read(text).is_err(), "{text}");

@@ -7,8 +7,8 @@ use serde::Serialize;
 
 use crate::cli::setup::answer::Answer;
 use crate::map::Generation;
+use crate::map::number::parse;
 use crate::setup::absolute::AbsoluteFormat;
-use crate::setup::number::parse;
 use crate::setup::position::Word;
 
 /// `absolute`.

@@ -6,11 +6,11 @@ use clap::{Args, Subcommand, ValueEnum};
 
 use crate::cli::setup::answer::Answer;
 use crate::map::Generation;
+use crate::map::PmacRegister;
+use crate::map::number::parse;
 use crate::setup::SetupPlan;
 use crate::setup::enable::{self, EnablePlan, Function, Options};
-use crate::setup::gather_source::GatherSource;
 use crate::setup::isa::{self, IsaAddressing, TurboWindow};
-use crate::setup::number::parse;
 use crate::setup::vme::{AddressBits, VmeSetup};
 
 /// What to set up.
@@ -132,7 +132,7 @@ pub struct Enable {
     pub stop_when_full: bool,
     /// gather: a register to gather, Y:$C000, X:$C001, D:$002B or L:$1005; up to 24 of them
     #[arg(long = "source", value_name = "REGISTER")]
-    pub sources: Vec<GatherSource>,
+    pub sources: Vec<PmacRegister>,
     /// Let the variables survive a reset
     #[arg(long)]
     pub save: bool,

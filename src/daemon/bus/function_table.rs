@@ -59,7 +59,7 @@ impl FunctionTable {
             ascii,
             panel: PanelDesk::new(now),
             gather: GatherMirror::new(&plan.family().servo, clock.clone()),
-            variables: Variables { read: variables, write: WriteDesk::new(plan.variable_write(), now) },
+            variables: Variables { read: variables, write: WriteDesk::new(&plan, now) },
             rotary: RotaryDesk::new(now),
             plan,
             used: Function::ALL.map(|function| used.has(function)),

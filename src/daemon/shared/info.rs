@@ -6,6 +6,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use super::queue::{Event, Sender};
 use super::status::{BoardStatus, Enabling, HostPortCounts, KnownIdentity};
+use crate::map::{Family, PMAC};
 use crate::protocol::{BoardInfo, BoardSettings, Enabled};
 
 /// The bus thread's side: reports what has changed.
@@ -59,6 +60,12 @@ impl Info {
     #[must_use]
     pub fn board(&self) -> &BoardInfo {
         &self.board
+    }
+
+    /// The board's family.
+    #[must_use]
+    pub fn family(&self) -> &'static Family {
+        Family::by_name(&self.board.family).unwrap_or(&PMAC)
     }
 
     /// What `GetSettings` answers.

@@ -7,14 +7,14 @@ use crate::daemon::shared::status::Enabling;
 use crate::function::gather::GatherBuffer;
 use crate::function::panel::{FeedOverride, PanelAction, PanelRequest};
 use crate::function::rotary::RotaryBuffer;
-use crate::function::variable_read::{VariableEntry, VariableKind, VariableReadError};
-use crate::function::variable_write::{WordKind, WriteRecord};
+use crate::function::variable_read::{VariableEntry, VariableReadError};
+use crate::function::variable_write::WriteRecord;
 use crate::gather::GatherMode;
-use crate::map::{GatherPlace, PmacAddress, Space, classic};
+use crate::map::functions::VARIABLE_READ_ENTRIES;
+use crate::map::{Family, GatherPlace, PmacRegister, Space, classic};
 use crate::mirror::GatherClock;
 use crate::protocol::board::VariableRecord;
 use crate::protocol::{CallError, answer, calls};
-use crate::setup::gather_source::GatherSource;
 
 /// How long the board may take to act on a panel request.
 const PANEL_TIMEOUT: Duration = Duration::from_secs(1);
@@ -230,9 +230,12 @@ pub(super) fn write(call: calls::Write) -> Result<JobCall, CallError> {
 }
 
 /// The registers a watch names.
-pub(super) fn watched(call: &calls::WatchVariables) -> Result<Vec<VariableEntry>, CallError> {
+pub(super) fn watched(
+    call: &calls::WatchVariables,
+    family: &Family,
+) -> Result<Vec<VariableEntry>, CallError> {
     let calls::WatchVariables { registers } = call;
-    if registers.len() > classic::VARIABLE_READ_ENTRIES {
+    if registers.len() > VARIABLE_READ_ENTRIES {
         return Err(refused(VariableReadError::TooMany(registers.len())));
     }
     if registers.is_empty() {
@@ -240,32 +243,19 @@ pub(super) fn watched(call: &calls::WatchVariables) -> Result<Vec<VariableEntry>
     }
     registers
         .iter()
-        .map(|text| {
-            let source: GatherSource = text.parse().map_err(|_| {
-                refused(format!("{text:?} is no register; write Y:$0003, X:$0028, D:$002B or L:$1005"))
-            })?;
-            let PmacAddress { space, number } = source.address();
-            let kind = match space {
-                Space::Y => VariableKind::Y,
-                Space::X => VariableKind::X,
-                _ => VariableKind::Long,
-            };
-            let address = u16::try_from(number)
-                .map_err(|_| CallError::invalid("registers", "addresses of at most four digits"))?;
-            Ok(VariableEntry { address, kind })
-        })
+        .map(|text| PmacRegister::parse(text, family).map(VariableEntry::from).map_err(refused))
         .collect()
 }
 
 /// Registers for PMAC to write.
-pub(super) fn write_variables(call: &calls::WriteVariables) -> Result<JobCall, CallError> {
+pub(super) fn write_variables(call: &calls::WriteVariables, family: &Family) -> Result<JobCall, CallError> {
     let calls::WriteVariables { records, timeout_ms } = call;
     if records.is_empty() || records.len() > RECORDS_MAX {
         return Err(CallError::invalid("records", format_args!("1 to {RECORDS_MAX} records")));
     }
     let mut audit = String::from("variable write");
     let records: Vec<WriteRecord> =
-        records.iter().map(|record| write_record(record, &mut audit)).collect::<Result<_, _>>()?;
+        records.iter().map(|record| write_record(record, family, &mut audit)).collect::<Result<_, _>>()?;
     Ok(JobCall {
         guard: Some(VARIABLES_ENABLED),
         audit: Some(audit),
@@ -276,15 +266,14 @@ pub(super) fn write_variables(call: &calls::WriteVariables) -> Result<JobCall, C
     })
 }
 
-fn write_record(record: &VariableRecord, audit: &mut String) -> Result<WriteRecord, CallError> {
+fn write_record(
+    record: &VariableRecord,
+    family: &Family,
+    audit: &mut String,
+) -> Result<WriteRecord, CallError> {
     use std::fmt::Write as _;
     let text = &record.register;
-    let source: GatherSource = text.parse().map_err(|_| {
-        refused(format!("{text:?} is no register; write Y:$0700, X:$0701, D:$0728 or L:$1005"))
-    })?;
-    let PmacAddress { space, number } = source.address();
-    let address = u16::try_from(number)
-        .map_err(|_| CallError::invalid("records", "addresses of at most four digits"))?;
+    let register = PmacRegister::parse(text, family).map_err(refused)?;
     let whole = || {
         let value = record.value;
         if value.fract() == 0.0 && value.abs() < 2f64.powi(53) {
@@ -294,15 +283,15 @@ fn write_record(record: &VariableRecord, audit: &mut String) -> Result<WriteReco
         }
     };
     let in_part = record.width.is_some() || record.offset.is_some();
-    let record_or_reason = match space {
+    let record_or_reason = match register.address().space {
         Space::D | Space::L if in_part => {
             return Err(refused(format!("{text} is written as a whole; leave width and offset out")));
         }
-        Space::D => WriteRecord::fixed48(address, whole()?),
-        Space::L => WriteRecord::float48(address, record.value),
+        Space::D => WriteRecord::fixed48(register, whole()?),
+        Space::L => WriteRecord::float48(register, record.value),
         _ => {
-            let kind = if space == Space::Y { WordKind::Y } else { WordKind::X };
-            WriteRecord::word(kind, address, record.width.unwrap_or(24), record.offset.unwrap_or(0), whole()?)
+            let (width, offset) = (record.width.unwrap_or(24), record.offset.unwrap_or(0));
+            WriteRecord::word(register, width, offset, whole()?)
         }
     };
     let _ = write!(audit, " {text}={}", record.value);

@@ -119,11 +119,11 @@ const METHODS: [Method; 19] = {
         }),
         method("FeedOverride", Operate, Some(Panel), |call, _| job(jobs::feed_override(&parameters(call)?))),
         method("Write", Engineer, None, |call, _| job(jobs::write(parameters(call)?))),
-        method("WatchVariables", Observe, Some(Variables), |call, _| {
-            streams(call, Action::Watch(jobs::watched(&parameters(call)?)?))
+        method("WatchVariables", Observe, Some(Variables), |call, info| {
+            streams(call, Action::Watch(jobs::watched(&parameters(call)?, info.family())?))
         }),
-        method("WriteVariables", Engineer, Some(Variables), |call, _| {
-            job(jobs::write_variables(&parameters(call)?))
+        method("WriteVariables", Engineer, Some(Variables), |call, info| {
+            job(jobs::write_variables(&parameters(call)?, info.family()))
         }),
         method("GatherBegin", Engineer, Some(Gather), |call, _| job(jobs::gather_begin(&parameters(call)?))),
         method("GatherEnd", Engineer, Some(Gather), |call, _| {

@@ -252,9 +252,9 @@ impl Watches {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::function::variable_read::VariableKind;
+    use crate::map::VariableKind;
 
-    fn entries(addresses: std::ops::Range<u16>) -> Vec<VariableEntry> {
+    fn entries(addresses: std::ops::Range<u32>) -> Vec<VariableEntry> {
         addresses.map(|address| VariableEntry { address, kind: VariableKind::X }).collect()
     }
 

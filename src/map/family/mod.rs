@@ -191,6 +191,12 @@ impl Family {
         Some(PmacAddress::new(space, first + stride))
     }
 
+    /// The highest PMAC address.
+    #[must_use]
+    pub const fn last_address(&self) -> u32 {
+        (1 << self.address_bits) - 1
+    }
+
     /// The PMAC address of the location to which the word at `offset` belongs.
     #[must_use]
     pub const fn pmac_number(&self, offset: HostOffset) -> u32 {

@@ -2,7 +2,7 @@
 //! payload.
 
 use crate::format::{join32, split32};
-use crate::map::{PmacAddress, Space, VariableKind};
+use crate::map::{PmacRegister, VariableKind};
 
 /// 16-bit words before the entries.
 const HEADER_WORDS: usize = 4;
@@ -105,13 +105,9 @@ impl VariableTable {
 
     /// The value of `register`, when it is in the table and has one.
     #[must_use]
-    pub fn value_of(&self, register: PmacAddress) -> Option<&Variable> {
-        let kind = match register.space {
-            Space::Y => VariableKind::Y,
-            Space::X => VariableKind::X,
-            _ => VariableKind::Long,
-        };
-        let is_it = |variable: &&Variable| variable.address == register.number && variable.kind == kind;
+    pub fn value_of(&self, register: PmacRegister) -> Option<&Variable> {
+        let wanted = (register.address().number, register.kind());
+        let is_it = |variable: &&Variable| (variable.address, variable.kind) == wanted;
         self.variables.iter().find(is_it).filter(|variable| variable.updates > 0)
     }
 }
@@ -119,6 +115,10 @@ impl VariableTable {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    fn register(text: &str) -> PmacRegister {
+        text.parse().unwrap()
+    }
 
     #[test]
     fn a_payload_is_read_as_its_page_says() {
@@ -130,10 +130,10 @@ mod tests {
         ];
         let table = VariableTable::decode(&words).unwrap();
         assert_eq!((table.number, table.variables.len()), (0x10007, 3));
-        assert_eq!(table.value_of(PmacAddress::new(Space::X, 0x28)).unwrap().value(), [0xFFFF_FFFE]);
-        assert_eq!(table.value_of(PmacAddress::new(Space::L, 0x2B)).unwrap().value(), [1, 2]);
-        assert_eq!(table.value_of(PmacAddress::new(Space::Y, 0x2C)), None, "no value yet");
-        assert_eq!(table.value_of(PmacAddress::new(Space::Y, 0x28)), None, "the other half");
+        assert_eq!(table.value_of(register("X:$28")).unwrap().value(), [0xFFFF_FFFE]);
+        assert_eq!(table.value_of(register("L:$2B")).unwrap().value(), [1, 2]);
+        assert_eq!(table.value_of(register("Y:$2C")), None, "no value yet");
+        assert_eq!(table.value_of(register("Y:$28")), None, "the other half");
         assert_eq!(VariableTable::decode(&words[..27]), None);
         assert_eq!(VariableTable::decode(&words[..3]), None);
         assert_eq!(VariableTable::decode(&[0, 0, 0xFFFF, 0xFFFF]), None);

@@ -5,8 +5,6 @@ use crate::daemon::bus::board_function::{BoardFunction, Context, Polled};
 use crate::daemon::bus::ports::command_port::PortError;
 use crate::daemon::bus::work::write::WriteDesk;
 use crate::device::{Bus, BusError};
-use crate::function::variable_read::VariableReader;
-use crate::function::variable_write::VariableWriter;
 use crate::mirror::VariableMirror;
 
 /// Background variables: those that are read, and those that are written.
@@ -34,11 +32,11 @@ impl<B: Bus> BoardFunction<B> for Variables {
     fn take_over(&mut self, context: &mut Context<'_, B>) -> Result<(), PortError> {
         let now = context.clock.now();
         self.write.take_over(context.bus, now)?;
-        VariableReader::release(context.bus)?;
+        self.read.release(context.bus)?;
         Ok(self.read.begin_again(context.bus, context.publisher, now)?)
     }
     fn leave(&mut self, bus: &mut B) -> Result<(), BusError> {
-        VariableWriter::release(bus)?;
-        VariableReader::release(bus)
+        self.write.release(bus)?;
+        self.read.release(bus)
     }
 }

@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use crate::daemon::shared::queue::{Event, Outcome, Text, Ticket, at_once};
 use crate::device::{Bus, BusError};
 use crate::function::variable_write::{GivenUp, VariableWriter, WriteRecord, WriteStep};
-use crate::map::Region;
+use crate::map::Plan;
 
 /// How often to look whether PMAC is done.
 const LOOK: Duration = Duration::from_millis(1);
@@ -29,11 +29,12 @@ pub struct WriteDesk {
 }
 
 impl WriteDesk {
-    /// A desk whose records lie in `place`.
+    /// A desk whose records lie where the plan keeps room for them.
     #[must_use]
-    pub fn new(place: Region, now: Instant) -> Self {
+    pub fn new(plan: &Plan, now: Instant) -> Self {
+        let family = plan.family();
         Self {
-            writer: VariableWriter::new(place),
+            writer: VariableWriter::new(&family.variable_write, family.start, plan.variable_write()),
             waiting: VecDeque::with_capacity(at_once::WRITES),
             under_way: None,
             interrupted: None,
@@ -41,12 +42,20 @@ impl WriteDesk {
         }
     }
 
+    /// Takes back what was handed over. To be called on every way out.
+    ///
+    /// # Errors
+    /// When the bus cannot be reached.
+    pub fn release(&self, bus: &mut impl Bus) -> Result<(), BusError> {
+        self.writer.release(bus)
+    }
+
     /// Takes back what this host or a dead one handed over: at the start, or when the board is another one.
     ///
     /// # Errors
     /// When the bus cannot be reached.
     pub fn take_over(&mut self, bus: &mut impl Bus, now: Instant) -> Result<(), BusError> {
-        VariableWriter::release(bus)?;
+        self.writer.release(bus)?;
         let given_up = self.writer.start_over(now);
         if let Some((ticket, _)) = self.under_way.take() {
             self.interrupted = Some((ticket, given_up));
