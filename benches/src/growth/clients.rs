@@ -2,7 +2,7 @@
 
 use std::time::{Duration, Instant};
 
-use super::load::Running;
+use super::running::Running;
 use crate::rig::Rig;
 
 const LINE: &str = "I122";

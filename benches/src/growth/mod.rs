@@ -9,6 +9,7 @@ mod load;
 mod picture;
 mod plot;
 mod readers;
+mod running;
 mod start;
 mod variables;
 

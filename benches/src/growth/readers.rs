@@ -4,7 +4,7 @@ use std::time::{Duration, Instant};
 
 use pmac_dpram::segment::{RegionId, Sample, Subscriber};
 
-use super::load::Running;
+use super::running::Running;
 use crate::rig::Rig;
 
 /// The readers' processes at most; a thousand processes would measure the kernel's scheduler.

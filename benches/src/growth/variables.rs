@@ -5,7 +5,7 @@ use std::time::Duration;
 use pmac_dpram::segment::{RegionId, Sample};
 use pmac_dpram::map::PmacRegister;
 
-use super::load::Running;
+use super::running::Running;
 use crate::rig::Rig;
 
 /// The first of the registers: the board's open memory, so that no two are the same.
