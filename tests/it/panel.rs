@@ -4,12 +4,12 @@ use std::os::unix::fs::FileExt;
 use std::process::{Child, Stdio};
 use std::time::Duration;
 
-use nix::sys::signal::{Signal, kill};
-use nix::unistd::Pid;
-use pmac_dpram::client::{Connection, HeldJog};
+use nix::sys::signal::Signal;
+use pmac_dpram::client::HeldJog;
 use serde_json::Value;
 
-use crate::support::{PATIENCE, VirtualSite, status_within, wait_until};
+use crate::support::jogs::{ask, signal, status, until};
+use crate::support::{PATIENCE, VirtualSite};
 
 fn running() -> VirtualSite {
     let site = VirtualSite::running(&[], &[]);
@@ -24,25 +24,9 @@ fn done(site: &VirtualSite, arguments: &[&str]) -> String {
     stdout
 }
 
-fn ask(connection: &mut Connection, line: &str) -> f64 {
-    connection.send(line, PATIENCE).unwrap()[0].parse().unwrap()
-}
-
-fn until(connection: &mut Connection, line: &str, what: &str, holds: impl Fn(f64) -> bool) {
-    wait_until(&format!("{line}: {what}"), || holds(ask(connection, line)));
-}
-
 /// `pmacctl` that goes on running, its input open.
 fn start(site: &VirtualSite, arguments: &[&str]) -> Child {
     site.command(arguments).stdin(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap()
-}
-
-fn signal(child: &Child, signal: Signal) {
-    kill(Pid::from_raw(child.id().cast_signed()), signal).unwrap();
-}
-
-fn status(mut child: Child) -> Option<i32> {
-    status_within(&mut child, PATIENCE).code()
 }
 
 #[test]

@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
-use pmac_dpram::client::{RotaryFeed, RotaryLine, RotaryPlace};
+use pmac_dpram::client::{Connection, RotaryFeed, RotaryLine, RotaryPlace};
 
 use crate::support::{PATIENCE, VirtualSite};
 
@@ -248,10 +248,8 @@ fn no_question_goes_into_an_open_buffer() {
     site.assert_no_violations();
 }
 
-#[test]
-fn a_batch_that_is_not_the_next_one_is_refused_whole() {
-    let site = running();
-    let mut connection = site.connection();
+/// Sets up a buffer of 40 longs for coordinate system 1 while I57 is 0, so that nobody takes anything yet.
+fn small_buffer(connection: &mut Connection) -> RotaryPlace {
     for line in ["CLOSE", "&1DEFINE ROT 400", "&1B0", "I57=0"] {
         connection.send(line, PATIENCE).unwrap();
     }
@@ -263,6 +261,14 @@ fn a_batch_that_is_not_the_next_one_is_refused_whole() {
         coordinate_system_base: 1,
     };
     connection.rotary_open(place).unwrap();
+    place
+}
+
+#[test]
+fn a_batch_that_is_not_the_next_one_is_refused_whole() {
+    let site = running();
+    let mut connection = site.connection();
+    small_buffer(&mut connection);
     let lines: Vec<RotaryLine> = vec![vec![(0x000E23, 0x500000), (0x000661, 0x980000)]; 60];
     let mut feed = RotaryFeed::new(site.connection(), 1, &lines);
     // I57 is 0: nobody takes anything, and 9 lines fill the buffer.
@@ -284,17 +290,7 @@ fn a_batch_that_is_not_the_next_one_is_refused_whole() {
 fn nobody_sets_a_buffer_up_under_anothers_transfer() {
     let site = running();
     let mut connection = site.connection();
-    for line in ["CLOSE", "&1DEFINE ROT 400", "&1B0", "I57=0"] {
-        connection.send(line, PATIENCE).unwrap();
-    }
-    let place = RotaryPlace {
-        buffer: 1,
-        start: None,
-        size_longs: Some(40),
-        coordinate_system: 1,
-        coordinate_system_base: 1,
-    };
-    connection.rotary_open(place).unwrap();
+    let place = small_buffer(&mut connection);
     for line in ["I57=1", "OPEN ROT"] {
         connection.send(line, PATIENCE).unwrap();
     }

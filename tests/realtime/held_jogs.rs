@@ -5,10 +5,10 @@ use std::process::{Child, Stdio};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use nix::sys::signal::{Signal, kill};
-use nix::unistd::Pid;
+use nix::sys::signal::Signal;
 use pmac_dpram::client::Connection;
 
+use crate::support::jogs::{ask, signal, status, until};
 use crate::support::{PATIENCE, Site, wait_until};
 
 /// Motor 1's actual velocity in the servo report.
@@ -27,25 +27,9 @@ fn done(site: &Site, arguments: &[&str]) -> String {
     stdout
 }
 
-fn ask(connection: &mut Connection, line: &str) -> f64 {
-    connection.send(line, PATIENCE).unwrap()[0].parse().unwrap()
-}
-
-fn until(connection: &mut Connection, line: &str, what: &str, holds: impl Fn(f64) -> bool) {
-    wait_until(&format!("{line}: {what}"), || holds(ask(connection, line)));
-}
-
 /// `pmacctl` that goes on running, its input open.
 fn start(site: &Site, arguments: &[&str]) -> Child {
     site.command(arguments).stdin(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap()
-}
-
-fn signal(child: &Child, signal: Signal) {
-    kill(Pid::from_raw(child.id().cast_signed()), signal).unwrap();
-}
-
-fn status(mut child: Child) -> Option<i32> {
-    crate::support::status_within(&mut child, PATIENCE).code()
 }
 
 /// Motor 1 of a board with no daemon: whether it moves, straight from the report.

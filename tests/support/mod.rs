@@ -7,6 +7,7 @@
 
 pub mod bench;
 pub mod gather_rig;
+pub mod jogs;
 mod place;
 pub mod raw;
 pub mod rig;
