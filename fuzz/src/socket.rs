@@ -61,8 +61,8 @@ fn judge(call: &Call, role: Role) {
     let action = INFO.with_borrow(|info| parse_call(call, role, info));
     match action {
         Err(error) => {
-            let reply = error.to_reply();
-            assert_eq!(CallError::from_reply(&through_the_wire(&reply)), Some(error));
+            let reply = Reply::of_error(&error);
+            assert_eq!(through_the_wire(&reply).error(), Some(error));
         }
         Ok(Action::Reply(reply)) => drop(through_the_wire(&reply)),
         Ok(Action::Stream | Action::Renew) => {}

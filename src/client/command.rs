@@ -246,7 +246,7 @@ pub(super) fn milliseconds(timeout: Duration) -> u64 {
 }
 
 fn parse_reply<T: DeserializeOwned>(reply: Reply) -> Result<T, CommandError> {
-    if let Some(error) = CallError::from_reply(&reply) {
+    if let Some(error) = reply.error() {
         return Err(error.into());
     }
     let parameters = Value::Object(reply.parameters.unwrap_or_default());
@@ -340,7 +340,7 @@ impl VariableWatch {
             Err(error) if error.kind() == io::ErrorKind::TimedOut => Ok(()),
             Err(error) => Err(fault(&self.path, error)),
             // The only reply has come already; another one can only be the end.
-            Ok(reply) => match CallError::from_reply(&reply) {
+            Ok(reply) => match reply.error() {
                 Some(error) => Err(error.into()),
                 None => Err(CallError::Protocol("a second reply to a watch".to_owned()).into()),
             },

@@ -7,6 +7,7 @@ pub mod answer;
 pub mod board;
 pub mod calls;
 pub mod control;
+pub mod error;
 pub mod frame;
 pub mod message;
 pub mod open_buffer;
@@ -15,9 +16,8 @@ pub mod reading;
 pub mod settings;
 pub mod transport;
 
-pub use board::{
-    BoardInfo, CallError, CommandPort, CommandState, Enabled, HostPortInfo, Message, MessageKind, State,
-};
+pub use board::{BoardInfo, CommandPort, CommandState, Enabled, HostPortInfo, Message, MessageKind, State};
+pub use error::CallError;
 pub use frame::Inbox;
 pub use message::{Call, Reply};
 pub use open_buffer::OpenBuffer;

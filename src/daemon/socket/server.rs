@@ -354,14 +354,14 @@ impl Service {
                 Ok(None) => return,
                 Ok(Some(message)) => message,
                 Err(too_long) => {
-                    client.reply(&malformed(&too_long).to_reply(), now);
+                    client.reply(&Reply::of_error(&malformed(&too_long)), now);
                     return client.close();
                 }
             };
             match serde_json::from_slice::<Call>(&message) {
                 Ok(call) => self.begin(id, &call, now),
                 Err(error) => {
-                    client.reply(&malformed(&error).to_reply(), now);
+                    client.reply(&Reply::of_error(&malformed(&error)), now);
                     return client.close();
                 }
             }
@@ -455,7 +455,7 @@ impl Service {
         if let Waiting::Board(pending) = std::mem::replace(&mut client.waiting, Waiting::Nothing)
             && !pending.oneway
         {
-            client.reply(&reply.unwrap_or_else(|error| error.to_reply()), now);
+            client.reply(&reply.unwrap_or_else(|error| Reply::of_error(&error)), now);
         }
         self.advance(id, now);
     }
@@ -511,7 +511,8 @@ impl Service {
     /// Tells those who wait that nothing more will come; does not wait for them to hear it.
     fn farewell(&mut self, now: Instant) {
         self.audit.end();
-        let reply = CallError::Unavailable { reason: "pmacd is stopping".to_owned() }.to_reply();
+        let reason = "pmacd is stopping".to_owned();
+        let reply = Reply::of_error(&CallError::Unavailable { reason });
         for client in self.clients.values_mut() {
             match &client.waiting {
                 Waiting::Board(Pending { oneway: true, .. }) | Waiting::Nothing => {}

@@ -18,7 +18,7 @@ use super::{ServeOptions, Service};
 use crate::daemon::socket::connection::Client;
 use crate::daemon::socket::policy::{Peer, Policy, Role};
 use crate::device::machine::descriptors::descriptors_left;
-use crate::protocol::CallError;
+use crate::protocol::{CallError, Reply};
 
 /// How long accepting pauses when the system has no more descriptors or memory.
 const ACCEPT_PAUSE: Duration = Duration::from_millis(200);
@@ -188,7 +188,7 @@ impl Service {
         let what = format_args!("refused a connection of uid {uid} pid {pid}: too many");
         self.audit.tell(uid, what, now);
         let reason = "too many connections; close some".to_owned();
-        client.reply(&CallError::Unavailable { reason }.to_reply(), now);
+        client.reply(&Reply::of_error(&CallError::Unavailable { reason }), now);
     }
 }
 

@@ -50,7 +50,7 @@ impl Service {
                     let what = format_args!("refused {:?} of uid {uid} pid {pid}: {error}", call.method);
                     self.audit.tell(uid, what, now);
                 }
-                error.to_reply()
+                Reply::of_error(&error)
             }
         };
         if let (false, Some(client)) = (oneway, self.clients.get_mut(&id)) {
@@ -246,7 +246,7 @@ impl Service {
                 Err(error) => error,
                 Ok(_) => CallError::Busy,
             };
-            client.reply(&error.to_reply(), now);
+            client.reply(&Reply::of_error(&error), now);
             self.advance(*id, now);
         }
     }
@@ -291,7 +291,7 @@ impl Service {
         };
         if let Err(error) = result {
             if let (false, Some(client)) = (oneway, self.clients.get_mut(&id)) {
-                client.reply(&error.to_reply(), now);
+                client.reply(&Reply::of_error(&error), now);
             }
             self.advance(id, now);
         }

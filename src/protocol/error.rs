@@ -1,0 +1,104 @@
+//! What a call is refused with.
+
+/// An error that the service answers.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum CallError {
+    /// The board refused the line.
+    #[error("ERR{code:03}: {meaning}")]
+    Board {
+        /// The number of `ERRnnn`.
+        code: u16,
+        /// What the number means.
+        meaning: String,
+        /// What the board had answered before.
+        lines: Vec<String>,
+    },
+    /// The board did not answer in time.
+    #[error(
+        "the board did not answer in time{}; the line may or may not have been carried out",
+        so_far(lines)
+    )]
+    TimedOut {
+        /// What had come of its reply.
+        lines: Vec<String>,
+    },
+    /// The board does not take commands now.
+    #[error("the board does not take commands now: {reason}")]
+    Unavailable {
+        /// Why, and what to do.
+        reason: String,
+    },
+    /// Too many commands wait already.
+    #[error("too many commands wait already; nothing was sent, try again")]
+    Busy,
+    /// The caller lacks a role.
+    #[error("not permitted: this needs the role {role_needed}; ask the administrator for its group")]
+    NotPermitted {
+        /// The role: observe, operate or engineer.
+        role_needed: String,
+    },
+    /// The line cannot be sent to a board.
+    #[error("invalid line: {reason}")]
+    InvalidLine {
+        /// What is wrong and where.
+        reason: String,
+    },
+    /// It cannot be done; nothing has been written.
+    #[error("{reason}")]
+    Refused {
+        /// Why, and what to do.
+        reason: String,
+    },
+    /// The words lie outside the board's window.
+    #[error("the words lie outside the board's window, or there are more than 64")]
+    OutOfRange,
+    /// A parameter is missing, of the wrong type, or not known.
+    #[error("invalid parameter {parameter}{}", and_what(expected))]
+    InvalidParameter {
+        /// Its name.
+        parameter: String,
+        /// What it takes.
+        expected: String,
+    },
+    /// There is no such interface.
+    #[error("the service has no interface {interface}")]
+    InterfaceNotFound {
+        /// Its name.
+        interface: String,
+    },
+    /// There is no such method.
+    #[error("the service has no method {method}")]
+    MethodNotFound {
+        /// Its name with that of the interface.
+        method: String,
+    },
+    /// The method streams and was not called so.
+    #[error("the method streams its replies: call it with \"more\"")]
+    ExpectedMore,
+    /// The other side does not follow the protocol.
+    #[error("the service answered something that is not understood: {0}")]
+    Protocol(String),
+}
+
+/// What a parameter takes, where that is known.
+fn and_what(expected: &str) -> String {
+    if expected.is_empty() { String::new() } else { format!(": {expected}") }
+}
+
+/// How much of a reply had come when it was given up.
+fn so_far(lines: &[String]) -> String {
+    match lines.len() {
+        0 => String::new(),
+        1 => ": 1 line of its reply had come, its end had not".to_owned(),
+        count => format!(": {count} lines of its reply had come, its end had not"),
+    }
+}
+
+impl CallError {
+    /// A parameter is not what it should be.
+    #[must_use]
+    pub fn invalid(parameter: &str, expected: impl std::fmt::Display) -> Self {
+        Self::InvalidParameter { parameter: parameter.to_owned(), expected: expected.to_string() }
+    }
+}
