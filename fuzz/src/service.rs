@@ -17,9 +17,10 @@ use pmac_dpram::daemon::shared::queue::{
 };
 use pmac_dpram::daemon::shared::status::BoardStatus;
 use pmac_dpram::daemon::socket::listener::Listener;
+use pmac_dpram::daemon::socket::options::ServeOptions;
 use pmac_dpram::daemon::socket::policy::{Peer, Role};
+use pmac_dpram::daemon::socket::server::Backend;
 use pmac_dpram::daemon::socket::server::stepper::{ServerStats, ServerStepper};
-use pmac_dpram::daemon::socket::server::{Backend, ServeOptions};
 use pmac_dpram::function::rotary::RotaryState;
 use pmac_dpram::protocol::{BOARD, BoardInfo, BoardSettings, Enabled, MessageKind, Reply};
 

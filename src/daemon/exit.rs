@@ -7,7 +7,7 @@ use std::io;
 
 use super::service::privilege::PrivilegeError;
 use super::socket::listener::ListenError;
-use super::socket::server::ServeError;
+use super::socket::options::ServeError;
 use crate::device::board::refusal::{OpenError, Why};
 use crate::segment::SegmentError;
 

@@ -178,7 +178,7 @@ fn too_many_commands_are_busy_and_nothing_waits() {
     let (commands, _nobody) = pmac_dpram::daemon::shared::queue::queue(1).unwrap();
     let (_events, events) = pmac_dpram::daemon::shared::queue::queue(1).unwrap();
     let path = bench.socket.with_file_name("other.sock");
-    let options = pmac_dpram::daemon::socket::server::ServeOptions::new(path.clone());
+    let options = pmac_dpram::daemon::socket::options::ServeOptions::new(path.clone());
     let info = pmac_dpram::daemon::shared::info::Info::default();
     let backend = pmac_dpram::daemon::socket::server::Backend { commands, events, info };
     let _server =

@@ -14,7 +14,8 @@ use pmac_dpram::daemon::shared::queue::{
     Command, Event, Outcome, READ_MAX, Receive, Sender, Text, Ticket, Unsolicited, queue,
 };
 use pmac_dpram::daemon::shared::status::BoardStatus;
-use pmac_dpram::daemon::socket::server::{Backend, ServeOptions, Server, serve};
+use pmac_dpram::daemon::socket::options::ServeOptions;
+use pmac_dpram::daemon::socket::server::{Backend, Server, serve};
 use pmac_dpram::protocol::{BoardInfo, BoardSettings, Enabled, MessageKind, State};
 
 use super::wait_until;

@@ -9,7 +9,7 @@ use pmac_dpram::daemon::config::settings::Settings;
 use pmac_dpram::daemon::machine::Machine;
 use pmac_dpram::daemon::options::Options;
 use pmac_dpram::daemon::parts::{Parts, segment_options};
-use pmac_dpram::daemon::socket::server::ServeOptions;
+use pmac_dpram::daemon::socket::options::ServeOptions;
 use pmac_dpram::daemon::socket::server::stepper::ServerStepper;
 use pmac_dpram::device::Inherited;
 use pmac_dpram::segment::Publisher;

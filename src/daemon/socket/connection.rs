@@ -9,11 +9,9 @@ use std::time::{Duration, Instant};
 
 use nix::poll::PollFlags;
 
-use super::jobs::JobCall;
 use super::policy::{Peer, Role};
-use crate::daemon::shared::queue::Ticket;
-use crate::function::variable_read::VariableEntry;
-use crate::protocol::{CALL_MAX, Inbox, Reply, frame::TooLong, message::encode};
+use crate::daemon::shared::queue::Unsolicited;
+use crate::protocol::{CALL_MAX, Inbox, Message, Reply, frame::TooLong, message::encode};
 
 /// No further call is begun while this much output waits, in bytes.
 const HIGH_WATER: usize = 64 * 1024;
@@ -22,62 +20,13 @@ const OBSERVER_CALL_MAX: usize = 8 * 1024;
 /// Unsolicited texts are counted as lost while this much output waits, in bytes.
 const STREAM_HIGH_WATER: usize = 256 * 1024;
 
-/// A call that the board has not answered yet.
-#[derive(Debug)]
-pub(super) struct Pending {
-    pub(super) ticket: Ticket,
-    /// Nobody wants the reply.
-    pub(super) oneway: bool,
-    /// When to stop believing that the bus thread will answer.
-    pub(super) deadline: Instant,
-    /// The reply so far.
-    pub(super) lines: Vec<String>,
-    /// Its length in bytes.
-    pub(super) length: usize,
-    /// What waits for this answer, and begins if it is what its guard wants.
-    pub(super) then: Option<Then>,
-    /// The motors whose jog is over for this client when the board has taken the job.
-    pub(super) stops: u8,
-    /// What it answers when all goes well.
-    pub(super) answer: Answer,
-}
-
-impl Pending {
-    /// The call of `ticket`, whose lines are its answer.
-    pub(super) fn new(ticket: Ticket, oneway: bool, deadline: Instant) -> Self {
-        let (lines, answer) = (Vec::new(), Answer::Lines);
-        Self { ticket, oneway, deadline, lines, length: 0, then: None, stops: 0, answer }
-    }
-}
-
-/// What waits for the board's answer to a question.
-#[derive(Debug)]
-pub(super) enum Then {
-    /// A job.
-    Job(JobCall),
-    /// A watch on these registers.
-    Watch(Vec<VariableEntry>),
-}
-
-/// What a call answers when all goes well.
-#[derive(Debug, Clone)]
-pub(super) enum Answer {
-    /// The lines of the board's reply.
-    Lines,
-    /// Nothing but that it is done.
-    Done,
-    /// Remarks.
-    Notes(Vec<String>),
-}
-
 /// What a client waits for.
-#[derive(Debug)]
-#[expect(clippy::large_enum_variant, reason = "one a connection, and most connections wait for the board")]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Waiting {
     /// Nothing: its next call can begin.
     Nothing,
-    /// The board.
-    Board(Pending),
+    /// The board, whose answer `CallTable` awaits.
+    Board,
     /// Unsolicited texts, of which so many were dropped since the last one it got.
     Messages(u64),
     /// Nothing more: it watches variables as long as it stays.
@@ -88,11 +37,11 @@ pub(super) enum Waiting {
 #[derive(Debug)]
 pub(super) struct Client {
     stream: UnixStream,
-    pub(super) peer: Peer,
-    pub(super) role: Role,
-    pub(super) waiting: Waiting,
+    peer: Peer,
+    role: Role,
+    waiting: Waiting,
     /// It has had its turn, and may have more calls to begin.
-    pub(super) has_more: bool,
+    has_more: bool,
     connected: Instant,
     /// It has asked something.
     has_spoken: bool,
@@ -126,6 +75,41 @@ impl Client {
             hung_up: false,
             closing: false,
         }
+    }
+
+    /// The other end.
+    pub(super) fn peer(&self) -> Peer {
+        self.peer
+    }
+
+    /// What it may do.
+    pub(super) fn role(&self) -> Role {
+        self.role
+    }
+
+    /// From now on it waits for this.
+    pub(super) fn wait_for(&mut self, what: Waiting) {
+        self.waiting = what;
+    }
+
+    /// Whether it waits for anything.
+    pub(super) fn waits(&self) -> bool {
+        self.waiting != Waiting::Nothing
+    }
+
+    /// Whether it waits for the board.
+    pub(super) fn waits_for_board(&self) -> bool {
+        self.waiting == Waiting::Board
+    }
+
+    /// Whether it has had its turn, and may have more calls to begin.
+    pub(super) fn has_more(&self) -> bool {
+        self.has_more
+    }
+
+    /// Its turn is over.
+    pub(super) fn yields(&mut self) {
+        self.has_more = true;
     }
 
     /// What to poll for; `None` when the poll has nothing more to tell.
@@ -162,7 +146,7 @@ impl Client {
     }
 
     fn note_half_sent(&mut self, now: Instant) {
-        let half_sent = matches!(self.waiting, Waiting::Nothing) && self.inbox.is_half_sent();
+        let half_sent = !self.waits() && self.inbox.is_half_sent();
         self.half_sent_since = half_sent.then(|| self.half_sent_since.unwrap_or(now));
     }
 
@@ -183,7 +167,8 @@ impl Client {
     /// # Errors
     /// [`TooLong`] when the stream cannot be followed further.
     pub(super) fn next_call(&mut self, now: Instant) -> Result<Option<Vec<u8>>, TooLong> {
-        if self.closing || !matches!(self.waiting, Waiting::Nothing) || self.outbox.len() > HIGH_WATER {
+        self.has_more = false;
+        if self.closing || self.waits() || self.outbox.len() > HIGH_WATER {
             return Ok(None);
         }
         if self.hung_up {
@@ -205,9 +190,22 @@ impl Client {
         }
     }
 
-    /// Whether one more unsolicited text may be put behind what is already to be sent.
-    pub(super) fn keeps_up(&self) -> bool {
-        self.outbox.len() <= STREAM_HIGH_WATER
+    /// Passes an unsolicited text on, if it streams them; counts it as lost while too much waits to be fetched.
+    pub(super) fn pass_on(&mut self, text: &Unsolicited, now: Instant) {
+        let Waiting::Messages(lost) = &mut self.waiting else { return };
+        if self.outbox.len() > STREAM_HIGH_WATER {
+            *lost += 1;
+            return;
+        }
+        let message = Message {
+            time_ns: text.time_ns,
+            kind: text.kind,
+            text: text.text.to_latin1(),
+            lost: std::mem::take(lost),
+        };
+        if let Ok(reply) = Reply::with(&message) {
+            self.reply(&Reply { continues: Some(true), ..reply }, now);
+        }
     }
 
     /// Bytes that wait to be fetched.
@@ -250,7 +248,7 @@ impl Client {
         match self.waiting {
             _ if self.closing => unheard,
             // Its command is under way; the reply is the end of it.
-            Waiting::Board(_) => false,
+            Waiting::Board => false,
             Waiting::Messages(_) => self.hung_up,
             Waiting::Watch => self.hung_up || self.input_ended,
             Waiting::Nothing if self.has_more => false,

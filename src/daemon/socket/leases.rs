@@ -6,11 +6,17 @@
 use std::collections::HashMap;
 use std::time::{Duration, Instant};
 
-use crate::daemon::shared::queue::{Ticket, at_once};
+use log::{error, warn};
+
+use crate::daemon::shared::queue::{Outcome, Ticket, at_once};
 use crate::function::panel::PanelRequest;
 
 /// How long a client may be silent.
 pub(super) const LEASE: Duration = Duration::from_millis(200);
+/// Holds the stops that the board did not take, until they are requested again.
+const NOBODY: u64 = u64::MAX;
+/// How long until then.
+const STOP_AGAIN: Duration = Duration::from_secs(1);
 /// Stops that the bus thread has at a time. What ends meanwhile waits and becomes one more.
 const STOPS_AT_ONCE: usize = at_once::STOPS;
 
@@ -56,14 +62,64 @@ impl Leases {
         }
     }
 
-    /// `ticket` requests the stop of what was held.
-    pub(super) fn stopping(&mut self, ticket: Ticket, stop: PanelRequest) {
-        self.stopping.insert(ticket, stop);
+    /// The request with `ticket` is over: if it had to stop a jog and was not taken, it comes again.
+    pub(super) fn request_over(&mut self, ticket: Ticket, outcome: Outcome, now: Instant) {
+        let Some(stop) = self.stopping.remove(&ticket).filter(|_| outcome != Outcome::Done) else { return };
+        error!(
+            target: "audit",
+            "the board did not take the stop of a held jog (mask {:#04x}); asking again", stop.mask
+        );
+        self.begin(NOBODY, stop, now + STOP_AGAIN);
     }
 
-    /// The request with `ticket` is over; what it was to stop, if it was such a one.
-    pub(super) fn stop_over(&mut self, ticket: Ticket) -> Option<PanelRequest> {
-        self.stopping.remove(&ticket)
+    /// Requests the stop of every jog whose holder is silent or not there (`is_there`), all in one request. False when
+    /// `send` had no room for it; what is held stays held then.
+    pub(super) fn end_lapsed(
+        &mut self,
+        now: Instant,
+        is_there: impl Fn(u64) -> bool,
+        send: impl FnOnce(PanelRequest) -> Option<Ticket>,
+    ) -> bool {
+        if !self.may_stop() {
+            return true;
+        }
+        let has_lapsed =
+            |client: u64, lease: &Lease| lease.until <= now || client != NOBODY && !is_there(client);
+        self.end(now, has_lapsed, send)
+    }
+
+    /// As [`Self::end_lapsed`], of every jog that is held.
+    pub(super) fn end_all(
+        &mut self,
+        now: Instant,
+        send: impl FnOnce(PanelRequest) -> Option<Ticket>,
+    ) -> bool {
+        self.end(now, |_, _| true, send)
+    }
+
+    fn end(
+        &mut self,
+        now: Instant,
+        ends: impl Fn(u64, &Lease) -> bool,
+        send: impl FnOnce(PanelRequest) -> Option<Ticket>,
+    ) -> bool {
+        let ended: Vec<(u64, Lease)> = self.held.extract_if(|client, lease| ends(*client, lease)).collect();
+        if ended.is_empty() {
+            return true;
+        }
+        let stops = ended.iter().map(|(_, lease)| &lease.stop);
+        let stop = stops.fold(PanelRequest::default(), |sum, stop| sum.together_with(stop));
+        let ticket = send(stop);
+        for (client, Lease { stop, .. }) in ended {
+            if ticket.is_none() {
+                // The stop must not be forgotten.
+                self.begin(client, stop, now);
+                continue;
+            }
+            let mask = stop.mask;
+            warn!(target: "audit", "a held jog is stopped (mask {mask:#04x}): its holder is gone or silent");
+        }
+        ticket.is_some_and(|ticket| self.stopping.insert(ticket, stop).is_none())
     }
 
     /// Jogs that are held, and stops that the board has not taken.
@@ -72,7 +128,7 @@ impl Leases {
     }
 
     /// Whether another stop may be requested now.
-    pub(super) fn may_stop(&self) -> bool {
+    fn may_stop(&self) -> bool {
         self.stopping.len() < STOPS_AT_ONCE
     }
 
@@ -85,26 +141,22 @@ impl Leases {
     pub(super) fn first_end(&self, is_there: impl Fn(u64) -> bool) -> Option<Instant> {
         self.held.iter().filter(|(client, _)| is_there(**client)).map(|(_, lease)| lease.until).min()
     }
-
-    /// Takes out one that has run out, or whose client `is_gone`: the client, and what to request.
-    pub(super) fn ended(
-        &mut self,
-        now: Instant,
-        is_gone: impl Fn(u64) -> bool,
-    ) -> Option<(u64, PanelRequest)> {
-        let client = self
-            .held
-            .iter()
-            .find(|(client, lease)| lease.until <= now || is_gone(**client))
-            .map(|(c, _)| *c)?;
-        self.held.remove(&client).map(|lease| (client, lease.stop))
-    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::function::panel::PanelAction;
+
+    /// The stop that is requested, if one is.
+    fn ended(leases: &mut Leases, now: Instant, is_there: impl Fn(u64) -> bool) -> Option<PanelRequest> {
+        let mut requested = None;
+        leases.end_lapsed(now, is_there, |stop| {
+            requested = Some(stop);
+            Some(Ticket(u64::MAX))
+        });
+        requested
+    }
 
     #[test]
     fn silence_and_absence_end_a_lease_and_renewal_does_not() {
@@ -116,10 +168,12 @@ mod tests {
         }
         assert!(leases.renew(7, now + LEASE / 2) && !leases.renew(9, now));
         assert_eq!(leases.next_end(), Some(now + LEASE));
-        assert_eq!(leases.ended(now + LEASE, |_| false), Some((8, stop(2))));
-        assert_eq!(leases.ended(now + LEASE, |_| false), None);
+        assert_eq!(ended(&mut leases, now + LEASE, |_| true), Some(stop(2)));
+        assert_eq!(ended(&mut leases, now + LEASE, |_| true), None);
         let both = PanelRequest::of(PanelAction::JogStop, &[1, 3]).unwrap();
-        assert_eq!(leases.ended(now + LEASE, |client| client == 7), Some((7, both)));
+        let is_there = |client| client != 7;
+        assert!(!leases.end_lapsed(now + LEASE, is_there, |_| None), "no room for the request");
+        assert_eq!(ended(&mut leases, now + LEASE, is_there), Some(both));
         assert_eq!(leases.next_end(), None);
         leases.begin(7, both, now + LEASE);
         leases.stopped(7, 0b001);
@@ -133,13 +187,19 @@ mod tests {
         let now = Instant::now();
         let stop = PanelRequest::of(PanelAction::JogStop, &[1]).unwrap();
         let mut leases = Leases::default();
-        leases.begin(7, stop, now);
         for ticket in 0..STOPS_AT_ONCE as u64 {
+            leases.begin(7, stop, now);
             assert!(leases.may_stop() && leases.next_end() == Some(now));
-            leases.stopping(Ticket(ticket), stop);
+            assert!(leases.end_lapsed(now, |_| true, |_| Some(Ticket(ticket))));
         }
+        leases.begin(7, stop, now);
         assert!(!leases.may_stop() && leases.next_end().is_none(), "nothing to wake up for");
-        assert_eq!(leases.stop_over(Ticket(0)), Some(stop));
+        assert_eq!(ended(&mut leases, now, |_| true), None);
+        leases.request_over(Ticket(0), Outcome::Done, now);
         assert!(leases.may_stop() && leases.next_end() == Some(now));
+        assert_eq!(ended(&mut leases, now, |_| true), Some(stop));
+        leases.request_over(Ticket(1), Outcome::TimedOut, now);
+        assert_eq!(leases.next_end(), Some(now + STOP_AGAIN), "it comes again");
+        assert!(leases.end_all(now, |_| Some(Ticket(99))) && leases.next_end().is_none());
     }
 }

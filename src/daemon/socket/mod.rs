@@ -1,12 +1,16 @@
 //! The command socket: who may connect, what a call means, whose turn it is, and what must not outlive its caller. One thread.
 
+mod admission;
 mod audit;
+mod call_table;
+mod clients;
 mod connection;
 mod fair_queue;
 pub mod jobs;
 mod leases;
 pub mod listener;
 pub mod methods;
+pub mod options;
 pub mod policy;
 pub mod server;
 mod time_quota;

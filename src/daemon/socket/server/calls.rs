@@ -3,89 +3,76 @@
 
 use std::time::{Duration, Instant};
 
-use log::{error, info, warn};
+use log::info;
 
-use super::{GRACE, Service, outcome_reply};
+use super::Service;
 use crate::daemon::shared::job::Job;
-use crate::daemon::shared::queue::{Command, LINE_MAX, Outcome, Text, Ticket};
-use crate::daemon::socket::connection::{Answer, Pending, Then, Waiting};
-use crate::daemon::socket::fair_queue::Turn;
+use crate::daemon::shared::queue::{Command, Outcome, Text, Ticket};
+use crate::daemon::socket::call_table::{COLLECT_MAX, Caller, Ended, Then};
+use crate::daemon::socket::connection::Waiting;
 use crate::daemon::socket::jobs::{self, JobCall};
 use crate::daemon::socket::methods::{Action, Ask, parse_call};
 use crate::daemon::socket::policy::{Peer, Role};
-use crate::function::panel::PanelRequest;
 use crate::function::variable_read::VariableEntry;
-use crate::protocol::board::WatchReply;
+use crate::map::errors::meaning;
+use crate::protocol::board::{NotesReply, SendReply, WatchReply};
 use crate::protocol::{Call, CallError, Enabled, Function, Reply, answer, control};
 
-/// How long the board may take to say whether a job makes sense.
-const GUARD_TIMEOUT: Duration = Duration::from_millis(500);
 /// How long a watch may wait for its turn to ask.
 const WATCH_TIMEOUT: Duration = Duration::from_secs(1);
-/// Holds the stops that the board did not take, until they are requested again.
-const NOBODY: u64 = u64::MAX;
-/// How long until then.
-const STOP_AGAIN: Duration = Duration::from_secs(1);
 /// How long, at the end, the bus thread may take to have room for the last stop.
 const LAST_STOP: Duration = Duration::from_millis(500);
-/// How long the board may take to stop a jog whose holder is gone.
-const STOP_TIMEOUT: Duration = Duration::from_secs(5);
+/// How long the board may take to stop a jog whose holder is gone, or to take a table of registers.
+const OWN_JOB_TIMEOUT: Duration = Duration::from_secs(5);
 
 impl Service {
     /// Begins a call: answers it, or has the board asked.
     pub(super) fn begin(&mut self, id: u64, call: &Call, now: Instant) {
-        let Some(client) = self.clients.get_mut(&id) else { return };
-        let oneway = call.oneway == Some(true);
+        let Some(client) = self.clients.get(id) else { return };
+        let caller = Caller { client: id, peer: client.peer(), oneway: call.oneway == Some(true) };
         // What was asked by somebody who has gone without waiting for the answer is not begun any more.
-        if !oneway && !client.hears() {
+        if !caller.oneway && !client.hears() {
             return;
         }
-        let action = parse_call(call, client.role, &self.backend.info);
-        let reply = match action.and_then(|action| self.act(id, action, oneway, now)) {
+        let action = parse_call(call, client.role(), &self.info);
+        let reply = match action.and_then(|action| self.act(caller, action, now)) {
             Ok(None) => return,
             Ok(Some(reply)) => reply,
             Err(error) => {
-                if let (false, Some(client)) = (matches!(error, CallError::Busy), self.clients.get(&id)) {
-                    let Peer { uid, pid, .. } = client.peer;
+                if !matches!(error, CallError::Busy) {
+                    let Peer { uid, pid, .. } = caller.peer;
                     let what = format_args!("refused {:?} of uid {uid} pid {pid}: {error}", call.method);
                     self.audit.tell(uid, what, now);
                 }
                 Reply::of_error(&error)
             }
         };
-        if let (false, Some(client)) = (oneway, self.clients.get_mut(&id)) {
-            client.reply(&reply, now);
+        if !caller.oneway {
+            self.clients.reply(id, &reply, now);
         }
     }
 
-    /// Does what a call asks for; tells the reply if there is one at once.
-    fn act(
-        &mut self,
-        id: u64,
-        action: Action,
-        oneway: bool,
-        now: Instant,
-    ) -> Result<Option<Reply>, CallError> {
+    /// Does what a call asks for; the reply if there is one at once.
+    fn act(&mut self, caller: Caller, action: Action, now: Instant) -> Result<Option<Reply>, CallError> {
         match action {
             Action::Reply(reply) => return Ok(Some(reply)),
-            Action::Ask(ask) => self.ask(id, ask, oneway, now),
+            Action::Ask(ask) => self.ask(caller, ask, now),
             Action::Watch(entries) => {
-                let enabling = self.backend.info.enabling();
-                if jobs::VARIABLES_ENABLED.is_open(enabling, self.answers(), self.may_ask()) {
-                    let question = Text::of(&jobs::VARIABLES_ENABLED.variable);
-                    self.ask_first(id, question, Then::Watch(entries), now + WATCH_TIMEOUT, oneway);
+                let guard = jobs::VARIABLES_ENABLED;
+                if guard.is_open(self.info.enabling(), self.answers(), self.may_ask()) {
+                    self.question(caller, guard.variable, Then::Watch(entries), now + WATCH_TIMEOUT);
                 } else {
-                    self.watch(id, entries, now)?;
+                    self.watch(caller.client, entries, now)?;
                 }
             }
             Action::Stream => {
-                if let Some(client) = self.clients.get_mut(&id) {
-                    client.waiting = Waiting::Messages(0);
+                if let Some(client) = self.clients.get_mut(caller.client) {
+                    client.wait_for(Waiting::Messages(0));
                 }
             }
             Action::Renew => {
                 let reason = "there is no held jog of this connection (any more)".to_owned();
-                let held = self.leases.renew(id, now);
+                let held = self.leases.renew(caller.client, now);
                 return if held { Ok(Some(Reply::done())) } else { Err(CallError::Refused { reason }) };
             }
         }
@@ -94,133 +81,213 @@ impl Service {
 
     /// Whether the board answers command lines now.
     fn answers(&self) -> bool {
-        self.backend.info.is_enabled(Enabled::ASCII)
+        self.info.is_enabled(Enabled::ASCII)
     }
 
     /// Whether command lines are used at all.
     fn may_ask(&self) -> bool {
-        self.backend.info.settings().functions.has(Function::Ascii)
+        self.info.settings().functions.has(Function::Ascii)
     }
 
-    fn ask(&mut self, id: u64, ask: Ask, oneway: bool, now: Instant) {
-        let (ticket, deadline) = (self.new_ticket(), now + ask.timeout());
-        let (command, audit) = match ask {
+    fn ask(&mut self, caller: Caller, ask: Ask, now: Instant) {
+        let deadline = now + ask.timeout();
+        match ask {
             Ask::Send { line, .. } => {
-                (Command::Send { ticket, line, deadline, question: false }, Some(format!("sends {line:?}")))
+                let audit = Some(format!("sends {line:?}"));
+                self.wait_for_board(caller, deadline, Then::ReplyLines, audit, |ticket| Command::Send {
+                    ticket,
+                    line,
+                    deadline,
+                    question: false,
+                });
             }
             Ask::Control { character } => {
-                let audit = format!("sends {}", control::name(character));
-                (Command::Control { ticket, character, deadline }, Some(audit))
+                let audit = Some(format!("sends {}", control::name(character)));
+                self.wait_for_board(caller, deadline, Then::ReplyLines, audit, |ticket| Command::Control {
+                    ticket,
+                    character,
+                    deadline,
+                });
             }
-            Ask::Read { first, count } => (Command::ReadWords { ticket, first, count }, None),
-            Ask::Job(call) => return self.ask_job(id, call, oneway, now),
-        };
-        self.wait_for_board(
-            id,
-            Turn { ticket, command, audit },
-            Pending::new(ticket, oneway, deadline + GRACE),
-        );
+            Ask::Read { first, count } => {
+                self.wait_for_board(caller, deadline, Then::ReplyLines, None, |ticket| Command::ReadWords {
+                    ticket,
+                    first,
+                    count,
+                });
+            }
+            Ask::Job(call) => self.ask_job(caller, call, now),
+        }
     }
 
     /// Has the bus thread do a job, or asks the board first whether that makes sense. Where the board cannot be asked, the job has
     /// to show; where command lines are switched off, what the job needs is with its caller.
-    fn ask_job(&mut self, id: u64, mut call: JobCall, oneway: bool, now: Instant) {
+    fn ask_job(&mut self, caller: Caller, mut call: JobCall, now: Instant) {
         let deadline = now + call.timeout;
         if let Some(guard) = call.guard {
-            let is_known = (guard.known)(self.backend.info.enabling()) == Some(true);
+            let enabling = self.info.enabling();
             let has_question = call.time_base.is_some() && self.answers();
-            if has_question || guard.is_open(self.backend.info.enabling(), self.answers(), self.may_ask()) {
-                let question = Text::of(&call.question(guard));
-                return self.ask_first(id, question, Then::Job(call), deadline, oneway);
+            if has_question || guard.is_open(enabling, self.answers(), self.may_ask()) {
+                let question = call.question(guard);
+                return self.question(caller, &question, Then::Job(call), deadline);
             }
             call.guard = None;
-            if !is_known {
+            if (guard.known)(enabling) != Some(true) {
                 call.note_unasked(guard);
             }
         }
-        self.do_job(id, call, oneway, deadline);
+        self.do_job(caller, call, deadline);
     }
 
     /// Has the bus thread do a job, whatever the board says.
-    fn do_job(&mut self, id: u64, call: JobCall, oneway: bool, deadline: Instant) {
+    fn do_job(&mut self, caller: Caller, call: JobCall, deadline: Instant) {
         let JobCall { job, notes, lease, audit, .. } = call;
-        let ticket = self.new_ticket();
         if let Some(stop) = lease {
             // From now on: a client that is gone before the board has taken the jog is gone all the same.
-            self.leases.begin(id, stop, deadline);
+            self.leases.begin(caller.client, stop, deadline);
         }
         let stops = match (&job, lease) {
             (Job::Panel(request), None) => request.stops(),
             _ => 0,
         };
-        let answer = notes.map_or(Answer::Done, Answer::Notes);
-        let command = Command::Job { ticket, job: Box::new(job), deadline };
-        let pending = Pending { stops, answer, ..Pending::new(ticket, oneway, deadline + GRACE) };
-        self.wait_for_board(id, Turn { ticket, command, audit }, pending);
+        let then = notes.map_or(Then::ReplyDone { stops }, Then::ReplyNotes);
+        let job = Box::new(job);
+        self.wait_for_board(caller, deadline, then, audit, |ticket| Command::Job { ticket, job, deadline });
     }
 
     /// Asks the board `question`; `then` begins if its answer is what its guard wants.
-    fn ask_first(&mut self, id: u64, question: Text<LINE_MAX>, then: Then, deadline: Instant, oneway: bool) {
-        let ticket = self.new_ticket();
-        // The time to answer runs from when it is handed over.
-        let command = Command::Send { ticket, line: question, deadline, question: true };
-        let pending = Pending { then: Some(then), ..Pending::new(ticket, oneway, deadline + GRACE) };
-        self.wait_for_board(id, Turn { ticket, command, audit: None }, pending);
+    fn question(&mut self, caller: Caller, question: &str, then: Then, deadline: Instant) {
+        let line = Text::of(&question);
+        self.wait_for_board(caller, deadline, then, None, |ticket| Command::Send {
+            ticket,
+            line,
+            deadline,
+            question: true,
+        });
     }
 
-    fn wait_for_board(&mut self, id: u64, turn: Turn, pending: Pending) {
-        let Some(client) = self.clients.get_mut(&id) else { return };
-        self.owners.insert(turn.ticket, id);
-        self.queue.wait(client.peer.uid, turn);
-        client.waiting = Waiting::Board(pending);
+    fn wait_for_board(
+        &mut self,
+        caller: Caller,
+        deadline: Instant,
+        then: Then,
+        audit: Option<String>,
+        command: impl FnOnce(Ticket) -> Command,
+    ) {
+        if let Some(client) = self.clients.get_mut(caller.client) {
+            client.wait_for(Waiting::Board);
+            self.calls.ask(caller, deadline, then, audit, command);
+        }
     }
 
     /// Hands the bus thread what it has room for.
     pub(super) fn hand_out(&mut self, now: Instant) {
-        let mut refused = Vec::new();
-        while let Some(Turn { ticket, mut command, audit }) = self.queue.next() {
-            if let Command::Send { question: true, deadline, .. } = &mut command {
-                // How long it waited here says nothing about the board.
-                *deadline = now + GUARD_TIMEOUT;
-            }
-            let client = self.owners.get(&ticket).and_then(|id| self.clients.get(id));
-            let wanted = client.filter(|client| match &client.waiting {
-                // As in `begin`: what nobody waits for any more is not begun, and not what has waited too long.
-                Waiting::Board(pending) => {
-                    (pending.oneway || client.hears()) && now + GRACE < pending.deadline
-                }
-                _ => false,
-            });
-            let Some(Peer { uid, pid, .. }) = wanted.map(|client| client.peer) else {
-                refused.push(ticket);
-                continue;
-            };
-            if self.backend.commands.try_send(command).is_err() {
-                refused.push(ticket);
-            } else if let Some(what) = audit {
-                info!(target: "audit", "uid {uid} pid {pid} {what}");
-            }
-        }
-        for ticket in refused {
-            self.queue.over(ticket);
-            self.answer(ticket, Err(CallError::Busy), now);
+        for caller in self.calls.hand_out(now, |client| self.clients.hears(client)) {
+            self.answer(caller, Err(CallError::Busy), now);
         }
     }
 
-    fn new_ticket(&mut self) -> Ticket {
-        self.next_ticket += 1;
-        Ticket(self.next_ticket)
+    /// The bus thread has done what `ended` asked of it, or not.
+    pub(super) fn on_end(&mut self, ended: Ended, outcome: Outcome, now: Instant) {
+        let Ended { caller, lines, is_overlong, then } = ended;
+        let then = match then {
+            Then::Job(call) => {
+                return self.on_answer(caller, lines, outcome, now, |service, found| {
+                    service.begin_job(caller, call, found, outcome, now)
+                });
+            }
+            Then::Watch(entries) => {
+                return self.on_answer(caller, lines, outcome, now, |service, found| {
+                    jobs::VARIABLES_ENABLED.check(found.first().copied())?;
+                    service.watch(caller.client, entries, now)
+                });
+            }
+            then => then,
+        };
+        if let Outcome::Refused(reason) = outcome {
+            // What was asked has been logged; that it was not done must be too.
+            let Peer { uid, pid, .. } = caller.peer;
+            info!(target: "audit", "refused that of uid {uid} pid {pid}: {reason:?}");
+        }
+        // A held jog has begun: its holder's time runs from here.
+        self.leases.renew(caller.client, now);
+        let reply = match (then, outcome) {
+            (Then::ReplyDone { stops }, Outcome::Done) => {
+                self.leases.stopped(caller.client, stops);
+                Ok(Reply::done())
+            }
+            (Then::ReplyNotes(notes), Outcome::Done) => Reply::with(&NotesReply { notes }),
+            _ => outcome_reply(outcome, lines, is_overlong),
+        };
+        self.answer(caller, reply, now);
+    }
+
+    /// The board has answered a question: what waited for it begins, or its caller hears why not.
+    fn on_answer(
+        &mut self,
+        caller: Caller,
+        lines: Vec<String>,
+        outcome: Outcome,
+        now: Instant,
+        begin: impl FnOnce(&mut Self, &[&str]) -> Result<(), CallError>,
+    ) {
+        let Some(client) = self.clients.get_mut(caller.client) else { return };
+        client.wait_for(Waiting::Nothing);
+        // A board that cannot be asked (any more) may still do it; if not, the job says so.
+        let lines = if outcome == Outcome::Done { lines } else { Vec::new() };
+        let found: Vec<&str> = lines.iter().map(|line| answer::text(line)).collect();
+        if let Err(error) = begin(self, &found) {
+            self.answer(caller, Err(error), now);
+        }
+    }
+
+    /// Begins a job whose questions the board has answered with `found`.
+    fn begin_job(
+        &mut self,
+        caller: Caller,
+        mut call: JobCall,
+        found: &[&str],
+        outcome: Outcome,
+        now: Instant,
+    ) -> Result<(), CallError> {
+        let guard = call.guard.take();
+        match (guard, call.time_base) {
+            (Some(guard), _) if outcome != Outcome::Done && !guard.is_required => call.note_unasked(guard),
+            (_, Some(number)) => call.note_time_base(number, found.get(1).copied()),
+            _ => {}
+        }
+        guard.map_or(Ok(()), |guard| guard.check(found.first().copied()))?;
+        let deadline = now + call.timeout;
+        self.do_job(caller, call, deadline);
+        Ok(())
+    }
+
+    /// The bus thread has answered `ticket` with this.
+    pub(super) fn reply_to(&mut self, ticket: Ticket, reply: Result<Reply, CallError>, now: Instant) {
+        if let Some(ended) = self.calls.end(ticket) {
+            self.answer(ended.caller, reply, now);
+        }
+    }
+
+    /// Answers a call that waited, and begins its caller's next ones.
+    pub(super) fn answer(&mut self, caller: Caller, reply: Result<Reply, CallError>, now: Instant) {
+        let Some(client) = self.clients.get_mut(caller.client) else { return };
+        client.wait_for(Waiting::Nothing);
+        if !caller.oneway {
+            client.reply(&reply.unwrap_or_else(|error| Reply::of_error(&error)), now);
+        }
+        self.advance(caller.client, now);
     }
 
     /// Begins a watch, of which only a change of the table concerns the bus thread. The reply comes when the table is the board's.
     fn watch(&mut self, id: u64, entries: Vec<VariableEntry>, now: Instant) -> Result<(), CallError> {
-        let Some(client) = self.clients.get_mut(&id) else { return Ok(()) };
-        let observer = (client.role == Role::Observe).then_some(client.peer.uid);
+        let Some(client) = self.clients.get_mut(id) else { return Ok(()) };
+        let observer = (client.role() == Role::Observe).then_some(client.peer().uid);
         let table = self
             .watches
             .watch(id, entries, observer)
             .map_err(|none_left| CallError::Refused { reason: none_left.to_string() })?;
-        client.waiting = Waiting::Watch;
+        client.wait_for(Waiting::Watch);
         if let Some(table) = table {
             self.tell_watched(&[id], table, now);
         }
@@ -231,8 +298,8 @@ impl Service {
     pub(super) fn tell_watched(&mut self, clients: &[u64], table: u32, now: Instant) {
         for id in clients {
             let reply = Reply::with(&WatchReply { watched: self.watches.count_of(*id), table });
-            if let (Some(client), Ok(reply)) = (self.clients.get_mut(id), reply) {
-                client.reply(&Reply { continues: Some(true), ..reply }, now);
+            if let Ok(reply) = reply {
+                self.clients.reply(*id, &Reply { continues: Some(true), ..reply }, now);
             }
         }
     }
@@ -240,8 +307,8 @@ impl Service {
     /// Tells clients that the board did not take the table with their registers. They watch nothing.
     pub(super) fn refuse_watches(&mut self, clients: &[u64], outcome: Outcome, now: Instant) {
         for id in clients {
-            let Some(client) = self.clients.get_mut(id) else { continue };
-            client.waiting = Waiting::Nothing;
+            let Some(client) = self.clients.get_mut(*id) else { continue };
+            client.wait_for(Waiting::Nothing);
             let error = match outcome_reply(outcome, Vec::new(), false) {
                 Err(error) => error,
                 Ok(_) => CallError::Busy,
@@ -251,116 +318,57 @@ impl Service {
         }
     }
 
-    /// The board has answered the question that something waited for.
-    pub(super) fn guarded(
-        &mut self,
-        ticket: Ticket,
-        then: Then,
-        lines: &[String],
-        outcome: Outcome,
-        now: Instant,
-    ) {
-        let Some(id) = self.owners.remove(&ticket) else { return };
-        let Some(client) = self.clients.get_mut(&id) else { return };
-        let Waiting::Board(Pending { oneway, .. }) = std::mem::replace(&mut client.waiting, Waiting::Nothing)
-        else {
-            return;
-        };
-        let mut answers = lines.iter().map(|line| answer::text(line));
-        let found = answers.next().filter(|_| outcome == Outcome::Done);
-        // A board that cannot be asked (any more) may still do it; if not, the job says so.
-        let result = match then {
-            Then::Watch(entries) => {
-                jobs::VARIABLES_ENABLED.check(found).and_then(|()| self.watch(id, entries, now))
-            }
-            Then::Job(mut call) => {
-                let guard = call.guard.take();
-                match (guard, call.time_base) {
-                    (Some(guard), _) if outcome != Outcome::Done && !guard.is_required => {
-                        call.note_unasked(guard)
-                    }
-                    (_, Some(number)) => call.note_time_base(number, answers.next()),
-                    _ => {}
-                }
-                let checked = guard.map_or(Ok(()), |guard| guard.check(found));
-                checked.map(|()| {
-                    let deadline = now + call.timeout;
-                    self.do_job(id, call, oneway, deadline);
-                })
-            }
-        };
-        if let Err(error) = result {
-            if let (false, Some(client)) = (oneway, self.clients.get_mut(&id)) {
-                client.reply(&Reply::of_error(&error), now);
-            }
-            self.advance(id, now);
-        }
-    }
-
-    /// Tells the bus thread which registers are watched, when that has changed. A full queue is tried again.
-    pub(super) fn tell_subscriptions(&mut self, now: Instant) {
+    /// Sends the bus thread the table of watched registers, when it has changed. A full queue is tried again.
+    pub(super) fn send_watch_table(&mut self, now: Instant) {
         let Some(table) = self.watches.update(now) else { return };
-        let ticket = self.new_ticket();
-        let command =
-            Command::Job { ticket, job: Box::new(Job::WatchVariables(table)), deadline: now + STOP_TIMEOUT };
-        if self.backend.commands.try_send(command).is_ok() {
+        if let Some(ticket) = self.calls.send_now(Job::WatchVariables(table), now + OWN_JOB_TIMEOUT) {
             self.watches.sent(ticket);
         }
     }
 
-    /// The request with `ticket` is over: one that had to stop a jog and was not taken comes again.
-    pub(super) fn after_stop(&mut self, ticket: Ticket, outcome: Outcome, now: Instant) {
-        let Some(stop) = self.leases.stop_over(ticket) else { return };
-        if outcome != Outcome::Done {
-            error!(
-                target: "audit",
-                "the board did not take the stop of a held jog (mask {:#04x}); asking again", stop.mask
-            );
-            self.leases.begin(NOBODY, stop, now + STOP_AGAIN);
-        }
+    /// Requests the stop of every jog whose holder is gone or silent.
+    pub(super) fn end_lapsed_leases(&mut self, now: Instant) {
+        let calls = &mut self.calls;
+        let is_there = |client| self.clients.hears(client);
+        self.leases.end_lapsed(now, is_there, |stop| calls.send_now(Job::Panel(stop), now + OWN_JOB_TIMEOUT));
     }
 
-    /// Requests the stop of every jog whose holder is gone or silent, or of all that are held: all in one request. False when
-    /// there was no room for it.
-    pub(super) fn end_leases(&mut self, now: Instant, all: bool) -> bool {
-        if !all && !self.leases.may_stop() {
-            return true;
-        }
-        let clients = &self.clients;
-        let is_gone = |id: u64| all || id != NOBODY && clients.get(&id).is_none_or(|client| !client.hears());
-        let mut ended = Vec::new();
-        while let Some(end) = self.leases.ended(now, is_gone) {
-            ended.push(end);
-        }
-        if ended.is_empty() {
-            return true;
-        }
-        let stops = ended.iter().map(|(_, stop)| stop);
-        let stop = stops.fold(PanelRequest::default(), |sum, stop| sum.together_with(stop));
-        let ticket = self.new_ticket();
-        let command = Command::Job { ticket, job: Box::new(Job::Panel(stop)), deadline: now + STOP_TIMEOUT };
-        let is_sent = self.backend.commands.try_send(command).is_ok();
-        for (id, stop) in ended {
-            if is_sent {
-                let mask = stop.mask;
-                warn!(target: "audit", "a held jog is stopped (mask {mask:#04x}): its holder is gone or silent");
-            } else {
-                // The queue is full; the stop must not be forgotten.
-                self.leases.begin(id, stop, now);
-            }
-        }
-        if is_sent {
-            self.leases.stopping(ticket, stop);
-        }
-        is_sent
+    /// Requests the stop of every jog that is held; false when there was no room for the request.
+    pub(super) fn request_end_of_leases(&mut self, now: Instant) -> bool {
+        let calls = &mut self.calls;
+        self.leases.end_all(now, |stop| calls.send_now(Job::Panel(stop), now + OWN_JOB_TIMEOUT))
     }
 
     /// At the end nobody will be there to hold a jog. A full queue empties soon, if the bus thread can tell what it has done.
-    pub(super) fn end_all_leases(&mut self) {
+    pub(super) fn end_leases(&mut self) {
         let deadline = Instant::now() + LAST_STOP;
-        while !self.end_leases(Instant::now(), true) && Instant::now() < deadline {
-            while self.backend.events.try_receive().is_some() {}
+        while !self.request_end_of_leases(Instant::now()) && Instant::now() < deadline {
+            while self.events.try_receive().is_some() {}
             std::thread::sleep(Duration::from_millis(1));
+        }
+    }
+}
+
+/// What a call is answered whose command ended so.
+fn outcome_reply(outcome: Outcome, lines: Vec<String>, is_overlong: bool) -> Result<Reply, CallError> {
+    match outcome {
+        Outcome::Done if is_overlong => Err(CallError::Unavailable {
+            reason: format!("the board's reply is longer than {COLLECT_MAX} bytes"),
+        }),
+        Outcome::Done => Reply::with(&SendReply { lines }),
+        Outcome::Error(code) => {
+            let meaning = meaning(code).unwrap_or("an error number without a documented meaning").to_owned();
+            Err(CallError::Board { code, meaning, lines })
+        }
+        Outcome::TimedOut => Err(CallError::TimedOut { lines }),
+        Outcome::Unavailable => Err(CallError::Unavailable {
+            reason: "the port for command lines is off (DPRAM ASCII: I58=0) or the board does not answer"
+                .to_owned(),
+        }),
+        Outcome::Busy => Err(CallError::Busy),
+        Outcome::OutOfRange => Err(CallError::OutOfRange),
+        Outcome::Refused(reason) => {
+            Err(CallError::Refused { reason: String::from_utf8_lossy(reason.as_bytes()).into_owned() })
         }
     }
 }

@@ -10,9 +10,10 @@ use std::time::Instant;
 use nix::poll::PollTimeout;
 use nix::sys::eventfd::{EfdFlags, EventFd};
 
-use super::{Backend, ServeError, ServeOptions, Service};
-use crate::daemon::socket::connection::{Client, Waiting};
+use super::{Backend, Service};
+use crate::daemon::socket::connection::Client;
 use crate::daemon::socket::listener::Listener;
+use crate::daemon::socket::options::{ServeError, ServeOptions};
 use crate::daemon::socket::policy::{Peer, Role};
 
 /// The server.
@@ -56,7 +57,8 @@ impl ServerStepper {
     /// When it cannot be made non-blocking.
     pub fn enter(&mut self, stream: UnixStream, peer: Peer, role: Role, now: Instant) -> io::Result<()> {
         stream.set_nonblocking(true)?;
-        self.service.enter(stream, peer, role, now);
+        let Service { admission, clients, audit, .. } = &mut self.service;
+        admission.admit(Client::new(stream, peer, role, now), clients, audit, now);
         Ok(())
     }
 
@@ -73,29 +75,28 @@ impl ServerStepper {
     /// Whether a call waits for the board.
     #[must_use]
     pub fn waits_for_board(&self) -> bool {
-        self.service.clients.values().any(|client| matches!(client.waiting, Waiting::Board(_)))
+        self.service.clients.iter().any(|(_, client)| client.waits_for_board())
     }
 
     /// When the first jog that a connection holds is stopped, unless it is renewed.
     #[must_use]
     pub fn first_lease_end(&self) -> Option<Instant> {
         let Service { leases, clients, .. } = &self.service;
-        leases.first_end(|client| clients.contains_key(&client))
+        leases.first_end(|client| clients.get(client).is_some())
     }
 
     /// What the server keeps now.
     #[must_use]
     pub fn kept(&self) -> ServerStats {
-        let Service { clients, owners, leases, queue, watches, .. } = &self.service;
-        let waits = clients.values().filter(|client| matches!(client.waiting, Waiting::Board(_)));
+        let Service { clients, calls, leases, watches, .. } = &self.service;
         ServerStats {
-            clients: clients.len(),
-            calls: waits.count(),
-            tickets: owners.len(),
+            clients: clients.count(),
+            calls: clients.iter().filter(|(_, client)| client.waits_for_board()).count(),
+            tickets: calls.count(),
             leases: leases.count(),
-            turns: queue.count(),
+            turns: calls.commands(),
             watched: watches.watched(),
-            longest_output: clients.values().map(Client::unsent).max().unwrap_or(0),
+            longest_output: clients.iter().map(|(_, client)| client.unsent()).max().unwrap_or(0),
         }
     }
 

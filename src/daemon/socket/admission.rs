@@ -8,15 +8,19 @@
 
 use std::collections::HashMap;
 use std::io;
-use std::os::unix::net::UnixStream;
+use std::os::fd::AsFd;
 use std::time::{Duration, Instant};
 
 use log::warn;
+use nix::poll::{PollFd, PollFlags};
 use nix::unistd::{Gid, Uid, geteuid};
 
-use super::{ServeOptions, Service};
-use crate::daemon::socket::connection::Client;
-use crate::daemon::socket::policy::{Peer, Policy, Role};
+use super::audit::AuditLimit;
+use super::clients::Clients;
+use super::connection::Client;
+use super::listener::Listener;
+use super::options::ServeOptions;
+use super::policy::{Peer, Policy, PolicyError, Role};
 use crate::device::machine::descriptors::descriptors_left;
 use crate::protocol::{CallError, Reply};
 
@@ -80,19 +84,24 @@ fn is_trusted(uid: Uid) -> bool {
     uid.is_root() || uid == geteuid()
 }
 
-/// What is known of places and of those who want one.
-#[derive(Debug)]
+/// The listener, the places, and what is known of those who want one.
 pub(super) struct Admission {
+    listener: Listener,
+    policy: Policy,
     places: Places,
     roles: HashMap<(Uid, Gid), (Role, Instant)>,
     /// Until when nobody is accepted.
-    pub(super) pause: Option<Instant>,
+    pause: Option<Instant>,
     said: Option<Instant>,
 }
 
 impl Admission {
     /// As many places as `options` and the limit of descriptors allow now.
-    pub(super) fn new(options: &ServeOptions) -> Self {
+    ///
+    /// # Errors
+    /// [`PolicyError`] when a group is unknown.
+    pub(super) fn new(options: &ServeOptions, listener: Listener) -> Result<Self, PolicyError> {
+        let policy = Policy::new(&options.roles)?;
         let places = Places::new(options, descriptors_left().saturating_sub(KEPT));
         if places.all < options.max_clients {
             warn!(
@@ -100,10 +109,73 @@ impl Admission {
                 places.all, options.max_clients
             );
         }
-        Self { places, roles: HashMap::new(), pause: None, said: None }
+        Ok(Self { listener, policy, places, roles: HashMap::new(), pause: None, said: None })
     }
 
-    fn role_of(&mut self, peer: &Peer, policy: &Policy, now: Instant) -> Role {
+    /// What to poll for.
+    pub(super) fn interest(&self) -> PollFd<'_> {
+        let flags = if self.pause.is_none() { PollFlags::POLLIN } else { PollFlags::empty() };
+        PollFd::new(self.listener.as_fd(), flags)
+    }
+
+    /// When the pause is over, if there is one.
+    pub(super) fn next_deadline(&self) -> Option<Instant> {
+        self.pause
+    }
+
+    /// Ends a pause whose time is over.
+    pub(super) fn expire(&mut self, now: Instant) {
+        self.pause = self.pause.filter(|until| *until > now);
+    }
+
+    /// There is a descriptor again.
+    pub(super) fn resume(&mut self) {
+        self.pause = None;
+    }
+
+    /// Accepts the connections that wait, some at a time: whoever connects faster than this still leaves time for
+    /// everybody else.
+    pub(super) fn accept(&mut self, clients: &mut Clients, audit: &mut AuditLimit, now: Instant) {
+        for _ in 0..ACCEPT_MAX {
+            match self.listener.accept() {
+                Ok(stream) => {
+                    let Ok(peer) = Peer::of(&stream) else { continue };
+                    let role = self.role_of(&peer, now);
+                    self.admit(Client::new(stream, peer, role, now), clients, audit, now);
+                }
+                Err(error) => match error.kind() {
+                    io::ErrorKind::WouldBlock => return,
+                    io::ErrorKind::Interrupted | io::ErrorKind::ConnectionAborted => {}
+                    _ => return self.failed(&error, now),
+                },
+            }
+        }
+    }
+
+    /// Gives the connection a place, if there is one.
+    pub(super) fn admit(
+        &self,
+        mut client: Client,
+        clients: &mut Clients,
+        audit: &mut AuditLimit,
+        now: Instant,
+    ) {
+        let Peer { uid, pid, .. } = client.peer();
+        if let Err(full) = self.places.room(clients.count(), clients.held_by(uid), uid, client.role()) {
+            let Some(silent) = clients.drop_silent(uid, full == Full::All, now) else {
+                audit.tell(uid, format_args!("refused a connection of uid {uid} pid {pid}: too many"), now);
+                let reason = "too many connections; close some".to_owned();
+                return client.reply(&Reply::of_error(&CallError::Unavailable { reason }), now);
+            };
+            let Peer { uid, pid, .. } = silent;
+            let what =
+                format_args!("dropped a connection of uid {uid} pid {pid}: silent, and its place is needed");
+            audit.tell(uid, what, now);
+        }
+        clients.add(client);
+    }
+
+    fn role_of(&mut self, peer: &Peer, now: Instant) -> Role {
         if let Some((role, until)) = self.roles.get(&(peer.uid, peer.gid))
             && now < *until
         {
@@ -112,7 +184,7 @@ impl Admission {
         if self.roles.len() >= ROLES_MAX {
             self.roles.clear();
         }
-        let role = policy.role_of(peer);
+        let role = self.policy.role_of(peer);
         self.roles.insert((peer.uid, peer.gid), (role, now + ROLE_LASTS));
         role
     }
@@ -123,72 +195,6 @@ impl Admission {
             warn!("accepting a connection: {error}; trying again until it can be");
             self.said = Some(now);
         }
-    }
-}
-
-impl Service {
-    pub(super) fn accept(&mut self, now: Instant) {
-        // Whoever connects faster than this still leaves time for everybody else.
-        for _ in 0..ACCEPT_MAX {
-            match self.listener.accept() {
-                Ok(stream) => self.admit(stream, now),
-                Err(error) => match error.kind() {
-                    io::ErrorKind::WouldBlock => return,
-                    io::ErrorKind::Interrupted | io::ErrorKind::ConnectionAborted => {}
-                    _ => return self.admission.failed(&error, now),
-                },
-            }
-        }
-    }
-
-    fn admit(&mut self, stream: UnixStream, now: Instant) {
-        let Ok(peer) = Peer::of(&stream) else { return };
-        let role = self.admission.role_of(&peer, &self.policy, now);
-        self.enter(stream, peer, role, now);
-    }
-
-    /// Gives the connection a place, if there is one.
-    pub(super) fn enter(&mut self, stream: UnixStream, peer: Peer, role: Role, now: Instant) {
-        let client = Client::new(stream, peer, role, now);
-        let room = self.admission.places.room(self.clients.len(), self.held_by(peer.uid), peer.uid, role);
-        if let Err(full) = room
-            && !self.make_room(full, &peer, now)
-        {
-            return self.turn_away(client, now);
-        }
-        self.clients.insert(self.next_client, client);
-        self.next_client += 1;
-    }
-
-    fn held_by(&self, uid: Uid) -> usize {
-        self.clients.values().filter(|client| client.peer.uid == uid).count()
-    }
-
-    /// Takes the place of the one that has been silent longest, from its first moment on: of the same user, or of one
-    /// who holds more, where that helps.
-    fn make_room(&mut self, full: Full, newcomer: &Peer, now: Instant) -> bool {
-        let held = self.held_by(newcomer.uid);
-        let patience = self.options.patience;
-        let silent = self.clients.iter().find(|(_, client)| {
-            let uid = client.peer.uid;
-            client.is_silent(now, patience)
-                && (uid == newcomer.uid || full == Full::All && self.held_by(uid) > held)
-        });
-        let Some((&id, _)) = silent else { return false };
-        if let Some(Peer { uid, pid, .. }) = self.clients.remove(&id).map(|client| client.peer) {
-            let what =
-                format_args!("dropped a connection of uid {uid} pid {pid}: silent, and its place is needed");
-            self.audit.tell(uid, what, now);
-        }
-        true
-    }
-
-    fn turn_away(&mut self, mut client: Client, now: Instant) {
-        let Peer { uid, pid, .. } = client.peer;
-        let what = format_args!("refused a connection of uid {uid} pid {pid}: too many");
-        self.audit.tell(uid, what, now);
-        let reason = "too many connections; close some".to_owned();
-        client.reply(&Reply::of_error(&CallError::Unavailable { reason }), now);
     }
 }
 

@@ -1,0 +1,205 @@
+//! The calls that wait for the board: whose each is, when its command has its turn, and what has come of its reply.
+
+use std::collections::HashMap;
+use std::time::{Duration, Instant};
+
+use log::info;
+
+use super::fair_queue::{FairQueue, Turn};
+use super::jobs::JobCall;
+use super::policy::Peer;
+use crate::daemon::shared::job::Job;
+use crate::daemon::shared::queue::{Command, Sender, Ticket};
+use crate::function::ascii::ResponseText;
+use crate::function::variable_read::VariableEntry;
+use crate::protocol::CallError;
+
+/// How much longer than asked the bus thread may take before it is not believed to answer at all: more than a port takes to
+/// be silent again after it gave up on a line (1 s), less than a client waits for the daemon (2 s).
+const GRACE: Duration = Duration::from_millis(1500);
+/// How long the board may take to answer a question of the daemon's own.
+const QUESTION_TIMEOUT: Duration = Duration::from_millis(500);
+/// The longest reply of the board that is collected, in bytes.
+pub(super) const COLLECT_MAX: usize = 1024 * 1024;
+
+/// Who called.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Caller {
+    /// The connection.
+    pub client: u64,
+    /// The other end of it.
+    pub peer: Peer,
+    /// Nobody wants the reply.
+    pub oneway: bool,
+}
+
+/// What follows when the board has done what was asked of it.
+#[derive(Debug)]
+pub(super) enum Then {
+    /// The caller gets the lines of the board's reply.
+    ReplyLines,
+    /// The caller hears that it is done. He holds no jog of the motors `stops` any more.
+    ReplyDone {
+        /// Motors, one bit each.
+        stops: u8,
+    },
+    /// The caller gets remarks.
+    ReplyNotes(Vec<String>),
+    /// A job begins, if the board's answer is what its guard wants.
+    Job(JobCall),
+    /// A watch on these registers begins, if the board copies any.
+    Watch(Vec<VariableEntry>),
+}
+
+/// A call that the board has not answered yet.
+#[derive(Debug)]
+struct Pending {
+    caller: Caller,
+    /// When to stop believing that the bus thread will answer.
+    deadline: Instant,
+    /// The board's reply so far, and its length in bytes.
+    lines: Vec<String>,
+    length: usize,
+    then: Then,
+}
+
+/// A call that the bus thread has answered.
+#[derive(Debug)]
+pub(super) struct Ended {
+    /// Whose it was.
+    pub caller: Caller,
+    /// The lines of the board's reply.
+    pub lines: Vec<String>,
+    /// The reply was longer than [`COLLECT_MAX`], and is not whole.
+    pub is_overlong: bool,
+    /// What follows.
+    pub then: Then,
+}
+
+/// Every call that waits for the board.
+pub(super) struct CallTable {
+    commands: Sender<Command>,
+    /// The commands that the bus thread has not answered, as it gets them.
+    queue: FairQueue,
+    pending: HashMap<Ticket, Pending>,
+    next_ticket: u64,
+}
+
+impl CallTable {
+    /// Nobody's calls; `commands` lead to the bus thread.
+    pub(super) fn new(commands: Sender<Command>) -> Self {
+        Self { commands, queue: FairQueue::default(), pending: HashMap::new(), next_ticket: 0 }
+    }
+
+    fn new_ticket(&mut self) -> Ticket {
+        self.next_ticket += 1;
+        Ticket(self.next_ticket)
+    }
+
+    /// The command that `command` makes of its ticket waits for its turn, until `deadline`. The log gets `audit` when it
+    /// is handed over.
+    pub(super) fn ask(
+        &mut self,
+        caller: Caller,
+        deadline: Instant,
+        then: Then,
+        audit: Option<String>,
+        command: impl FnOnce(Ticket) -> Command,
+    ) {
+        let ticket = self.new_ticket();
+        self.queue.wait(caller.peer.uid, Turn { ticket, command: command(ticket), audit });
+        let pending = Pending { caller, deadline: deadline + GRACE, lines: Vec::new(), length: 0, then };
+        self.pending.insert(ticket, pending);
+    }
+
+    /// Has the bus thread do `job` for the daemon itself, past those who wait. `None` when its queue is full.
+    pub(super) fn send_now(&mut self, job: Job, deadline: Instant) -> Option<Ticket> {
+        let ticket = self.new_ticket();
+        let command = Command::Job { ticket, job: Box::new(job), deadline };
+        self.commands.try_send(command).is_ok().then_some(ticket)
+    }
+
+    /// Hands the bus thread what it has room for. The callers whose commands were not handed over: those whose time is
+    /// nearly up, or who are gone (not `hears`) and wanted a reply.
+    pub(super) fn hand_out(&mut self, now: Instant, hears: impl Fn(u64) -> bool) -> Vec<Caller> {
+        let mut refused = Vec::new();
+        while let Some(Turn { ticket, mut command, audit }) = self.queue.next() {
+            if let Command::Send { question: true, deadline, .. } = &mut command {
+                // How long it waited here says nothing about the board.
+                *deadline = now + QUESTION_TIMEOUT;
+            }
+            let pending = self.pending.get(&ticket).filter(|pending| {
+                let Caller { client, oneway, .. } = pending.caller;
+                (oneway || hears(client)) && now + GRACE < pending.deadline
+            });
+            let peer = pending.map(|pending| pending.caller.peer);
+            match peer {
+                Some(Peer { uid, pid, .. }) if self.commands.try_send(command).is_ok() => {
+                    if let Some(what) = audit {
+                        info!(target: "audit", "uid {uid} pid {pid} {what}");
+                    }
+                }
+                _ => refused.extend(self.end(ticket).map(|ended| ended.caller)),
+            }
+        }
+        refused
+    }
+
+    /// One more line of the board's reply has come.
+    pub(super) fn add_line(&mut self, ticket: Ticket, text: &ResponseText) {
+        let Some(pending) = self.pending.get_mut(&ticket) else { return };
+        pending.length += text.as_bytes().len() + 1;
+        if pending.length <= COLLECT_MAX {
+            pending.lines.push(text.to_latin1());
+        }
+    }
+
+    /// The bus thread has answered: the call, unless its caller has been answered already.
+    pub(super) fn end(&mut self, ticket: Ticket) -> Option<Ended> {
+        self.queue.over(ticket);
+        let Pending { caller, lines, length, then, .. } = self.pending.remove(&ticket)?;
+        Some(Ended { caller, lines, is_overlong: length > COLLECT_MAX, then })
+    }
+
+    /// Takes out the calls whose time is over, each with its error.
+    pub(super) fn expire(&mut self, now: Instant) -> Vec<(Caller, CallError)> {
+        let queue = &mut self.queue;
+        let late = self.pending.extract_if(|_, pending| pending.deadline <= now);
+        late.map(|(ticket, Pending { caller, lines, .. })| {
+            let never_begun = queue.take_back(ticket);
+            (caller, if never_begun { CallError::Busy } else { CallError::TimedOut { lines } })
+        })
+        .collect()
+    }
+
+    /// `client` is gone: nobody waits for its call.
+    pub(super) fn forget(&mut self, client: u64) {
+        self.pending.retain(|_, pending| pending.caller.client != client);
+    }
+
+    /// Whether `client` waits for the board and wants no reply.
+    pub(super) fn is_oneway(&self, client: u64) -> bool {
+        let mut callers = self.pending.values().map(|pending| pending.caller);
+        callers.any(|caller| caller.client == client && caller.oneway)
+    }
+
+    /// When the first call is given up.
+    pub(super) fn next_deadline(&self) -> Option<Instant> {
+        self.pending.values().map(|pending| pending.deadline).min()
+    }
+
+    /// Whether [`Self::hand_out`] has something to hand over.
+    pub(super) fn has_next(&self) -> bool {
+        self.queue.has_next()
+    }
+
+    /// Calls that wait for the board.
+    pub(super) fn count(&self) -> usize {
+        self.pending.len()
+    }
+
+    /// Commands that wait for their turn or are with the bus thread.
+    pub(super) fn commands(&self) -> usize {
+        self.queue.count()
+    }
+}

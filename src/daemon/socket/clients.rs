@@ -1,0 +1,157 @@
+//! Every connection, and whose turn it is to be served.
+
+use std::collections::BTreeMap;
+use std::time::{Duration, Instant};
+
+use nix::poll::PollFlags;
+use nix::unistd::Uid;
+
+use super::connection::Client;
+use super::policy::Peer;
+use super::time_quota::TimeQuotas;
+use crate::daemon::shared::queue::Unsolicited;
+use crate::protocol::Reply;
+
+/// Every connection, by a number that is never used again.
+#[derive(Debug)]
+pub(super) struct Clients {
+    clients: BTreeMap<u64, Client>,
+    next: u64,
+    quotas: TimeQuotas,
+    /// How long a client may leave a message half sent, or its output unfetched.
+    patience: Duration,
+}
+
+impl Clients {
+    /// Nobody, with `patience` for those who come.
+    pub(super) fn new(patience: Duration) -> Self {
+        Self { clients: BTreeMap::new(), next: 0, quotas: TimeQuotas::default(), patience }
+    }
+
+    /// Takes one more in.
+    pub(super) fn add(&mut self, client: Client) {
+        self.clients.insert(self.next, client);
+        self.next += 1;
+    }
+
+    /// Client `id`, if it is still there.
+    pub(super) fn get(&self, id: u64) -> Option<&Client> {
+        self.clients.get(&id)
+    }
+
+    /// Client `id`, if it is still there.
+    pub(super) fn get_mut(&mut self, id: u64) -> Option<&mut Client> {
+        self.clients.get_mut(&id)
+    }
+
+    /// All of them.
+    pub(super) fn iter(&self) -> impl Iterator<Item = (u64, &Client)> {
+        self.clients.iter().map(|(&id, client)| (id, client))
+    }
+
+    /// How many there are.
+    pub(super) fn count(&self) -> usize {
+        self.clients.len()
+    }
+
+    /// How many there are of one user.
+    pub(super) fn held_by(&self, uid: Uid) -> usize {
+        self.clients.values().filter(|client| client.peer().uid == uid).count()
+    }
+
+    /// Whether a reply would reach client `id`.
+    pub(super) fn hears(&self, id: u64) -> bool {
+        self.get(id).is_some_and(Client::hears)
+    }
+
+    /// Sends client `id` a reply, if it is still there.
+    pub(super) fn reply(&mut self, id: u64, reply: &Reply, now: Instant) {
+        if let Some(client) = self.clients.get_mut(&id) {
+            client.reply(reply, now);
+        }
+    }
+
+    /// Puts those who are `ready` into the order in which they are served: whoever was served last, when his user's time
+    /// was over, comes later.
+    pub(super) fn begin_round(&mut self, ready: &mut [(u64, PollFlags)]) {
+        self.quotas.begin_round();
+        ready.sort_by_key(|(id, _)| {
+            self.get(*id).is_some_and(|client| self.quotas.comes_later(client.peer().uid, *id))
+        });
+    }
+
+    /// Whether the user of client `id` has time left in this round; if not, the next one begins with that client.
+    pub(super) fn has_time(&mut self, id: u64) -> bool {
+        self.clients.get(&id).is_some_and(|client| self.quotas.has_time(client.peer().uid, id))
+    }
+
+    /// Client `id` was served for so long.
+    pub(super) fn used(&mut self, id: u64, time: Duration) {
+        if let Some(client) = self.clients.get(&id) {
+            self.quotas.used(client.peer().uid, time);
+        }
+    }
+
+    /// Whether somebody did not come to the end of his calls.
+    pub(super) fn has_more(&self) -> bool {
+        self.clients.values().any(Client::has_more)
+    }
+
+    /// Passes an unsolicited text on to those who stream them.
+    pub(super) fn pass_on(&mut self, text: &Unsolicited, now: Instant) {
+        for client in self.clients.values_mut() {
+            client.pass_on(text, now);
+        }
+    }
+
+    /// Sends `reply` to everybody who waits for something and is not `deaf`.
+    pub(super) fn farewell(&mut self, reply: &Reply, deaf: impl Fn(u64) -> bool, now: Instant) {
+        for (&id, client) in &mut self.clients {
+            if client.waits() && !deaf(id) {
+                client.reply(reply, now);
+            }
+        }
+    }
+
+    /// Removes the connection that has been silent longest, from its first moment on: of user `newcomer`, or, if that
+    /// helps (`of_others`), of one who holds more.
+    pub(super) fn drop_silent(&mut self, newcomer: Uid, of_others: bool, now: Instant) -> Option<Peer> {
+        let held = self.held_by(newcomer);
+        let silent = self.clients.iter().find(|(_, client)| {
+            let uid = client.peer().uid;
+            client.is_silent(now, self.patience) && (uid == newcomer || of_others && self.held_by(uid) > held)
+        });
+        let id = *silent?.0;
+        self.clients.remove(&id).map(|client| client.peer())
+    }
+
+    /// Gives those up who have stopped half-way for too long. Who they are.
+    pub(super) fn drop_stalled(&mut self, now: Instant) -> Vec<Peer> {
+        let patience = self.patience;
+        let stalled = self.clients.values_mut().filter_map(|client| {
+            client.patience_ends(patience).filter(|end| *end <= now)?;
+            client.hang_up();
+            client.close();
+            Some(client.peer())
+        });
+        stalled.collect()
+    }
+
+    /// Removes those for whom nothing is left to be done. Their numbers.
+    pub(super) fn remove_finished(&mut self) -> Vec<u64> {
+        let mut finished = Vec::new();
+        self.clients.retain(|&id, client| {
+            let stays = !client.is_finished();
+            if !stays {
+                finished.push(id);
+            }
+            stays
+        });
+        finished
+    }
+
+    /// When the first of them is given up if nothing happens.
+    pub(super) fn next_deadline(&self) -> Option<Instant> {
+        self.clients.values().filter_map(|client| client.patience_ends(self.patience)).min()
+    }
+}
