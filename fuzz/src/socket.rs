@@ -9,7 +9,7 @@ use pmac_dpram::daemon::socket::methods::{Action, Ask, parse_call};
 use pmac_dpram::daemon::socket::policy::Role;
 use pmac_dpram::map::classic;
 use pmac_dpram::protocol::message::encode;
-use pmac_dpram::protocol::{BOARD, CALL_MAX, Call, CallError, Inbox, LINE_MAX, READ_MAX, Reply};
+use pmac_dpram::protocol::{BOARD, CALL_MAX, Call, Inbox, LINE_MAX, READ_MAX, Reply};
 
 /// First byte: the caller's role and whether method and parameters are wrapped up; second: where the stream is cut.
 pub fn body(data: &[u8]) {
