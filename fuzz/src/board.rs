@@ -8,7 +8,7 @@ use pmac_dpram::format::TextOrder;
 use pmac_dpram::function::ascii::{AsciiEvent, DpramPort};
 use pmac_dpram::function::background::{BackgroundPoll, BackgroundReader};
 use pmac_dpram::function::gather::{
-    CHUNK_LONGS, GatherBuffer, GatherLook, GatherReader, GatherStart, report_cycles,
+    CHUNK_LONGS, GatherBuffer, GatherPoll, GatherReader, GatherStart, report_cycles,
 };
 use pmac_dpram::function::mailbox::{MailboxPort, MailboxSettings, MailboxSignal};
 use pmac_dpram::function::panel::{FeedOverride, Panel, PanelAction, PanelRequest};
@@ -16,9 +16,9 @@ use pmac_dpram::function::rotary::{RotaryBuffer, RotaryError, RotarySetup, Rotar
 use pmac_dpram::function::servo::{ServoPoll, ServoReader, ServoReading};
 use pmac_dpram::function::servo_timer::ServoTimer;
 use pmac_dpram::function::variable_read::{
-    STEP_WORDS, VariableEntry, VariableLook, VariableMode, VariableReader,
+    POLL_WORDS, VariableEntry, VariableMode, VariablePoll, VariableReader,
 };
-use pmac_dpram::function::variable_write::{STEP_RECORDS, VariableWriter, WriteRecord};
+use pmac_dpram::function::variable_write::{POLL_RECORDS, VariableWriter, WriteRecord};
 use pmac_dpram::gather::GatherMode;
 use pmac_dpram::map::{
     Family, GatherPlace, HostOffset, Layout, PMAC, Plan, PlanSettings, Region, Space, VariableKind, classic,
@@ -106,9 +106,9 @@ impl Functions {
 
     fn servo(&mut self, bus: &mut RamBus, how: u8) -> Result<(), BusError> {
         match how {
-            0 => self.servo.set_motors(usize::from(how)),
-            1 => self.servo.set_motors(8),
-            2 => self.servo.set_motors(1000),
+            0 => self.servo.set_motors(0),
+            1 => self.servo.set_motors(0xFF),
+            2 => self.servo.set_motors(u32::MAX),
             3 => self.servo.reset(),
             4 => ServoReader::release(&PMAC.servo, bus)?,
             _ => {
@@ -119,7 +119,7 @@ impl Functions {
                 let _ = self.servo.program_buffer_open();
             }
         }
-        assert!(self.servo.image().len() <= PMAC.servo.words() && self.servo.motors() <= classic::MOTORS);
+        assert!(self.servo.image().len() <= PMAC.servo.words());
         assert!(bus.take_accesses() <= PMAC.servo.words() as u32 + 5);
         bus.assert_written("servo", |offset| offset == classic::SERVO_HOST_STATUS.bytes());
         Ok(())
@@ -228,9 +228,9 @@ impl Functions {
                 assert_eq!(self.reader.begin(bus, &entries, mode, self.now).is_ok(), fits);
             }
             _ => {
-                let look = self.reader.look(bus, self.now)?;
+                let look = self.reader.poll(bus, self.now)?;
                 let count = self.reader.entries().len() as u32;
-                if let VariableLook::Values(new) = look {
+                if let VariablePoll::Values(new) = look {
                     assert!(new != 0 && 128 - new.leading_zeros() <= count);
                 }
             }
@@ -238,7 +238,7 @@ impl Functions {
         assert_eq!(self.reader.values().len(), self.reader.entries().len());
         assert!(self.reader.entries().len() <= classic::VARIABLE_READ_ENTRIES);
         let accesses = bus.take_accesses();
-        assert!(accesses <= 2 * STEP_WORDS as u32 + 128 + 4, "{accesses}");
+        assert!(accesses <= 2 * POLL_WORDS as u32 + 128 + 4, "{accesses}");
         let place = self.plan.variable_read();
         let controls =
             [classic::VARIABLE_READ_CONTROL, classic::VARIABLE_READ_COUNT, classic::VARIABLE_READ_START];
@@ -255,7 +255,7 @@ impl Functions {
                 let given_up = self.writer.give_up(bus, self.now)?;
                 assert!(given_up.uncertain <= self.writer.records_per_cycle());
             }
-            2 => drop(self.writer.start_over(self.now)),
+            2 => drop(self.writer.acquire(self.now)),
             3..=6 => {
                 let count = usize::from(tape.u8()) % if how == 3 { 200 } else { 3 };
                 let record = |tape: &mut Tape<'_>| {
@@ -277,9 +277,9 @@ impl Functions {
                     assert!(idle);
                 }
             }
-            _ => drop(self.writer.step(bus, self.now)?),
+            _ => drop(self.writer.poll(bus, self.now)?),
         }
-        assert!(bus.take_accesses() <= 6 * STEP_RECORDS as u32 + 3);
+        assert!(bus.take_accesses() <= 6 * POLL_RECORDS as u32 + 3);
         let place = self.plan.variable_write();
         let controls = [classic::VARIABLE_WRITE_COUNT, classic::VARIABLE_WRITE_START];
         bus.assert_written("variable_write", |offset| {
@@ -317,9 +317,9 @@ impl Functions {
                 return Ok(());
             }
             _ => {
-                let look = reader.step(bus, |bus: &mut RamBus| report_cycles(bus, &PMAC.servo, timer))?;
+                let look = reader.poll(bus, |bus: &mut RamBus| report_cycles(bus, &PMAC.servo, timer))?;
                 match look {
-                    GatherLook::Samples { count, .. } => {
+                    GatherPoll::Samples { count, .. } => {
                         assert!(count > 0 && reader.longs().len() == count * reader.sample_longs());
                     }
                     _ => assert!(reader.longs().is_empty()),

@@ -27,6 +27,7 @@ use pmac_dpram::map::{
 };
 use pmac_dpram::mirror::{BackgroundMirror, GatherClock, ServoMirror, VariableMirror, gather, variable};
 use pmac_dpram::protocol::{Function, Functions};
+use pmac_dpram::segment::identity::first_motors;
 use pmac_dpram::segment::{CreateOptions, Identity, Publisher, RegionId, RegionSpec, SegmentName};
 
 use super::bus::{RamBus, register};
@@ -163,14 +164,14 @@ impl Desks<'_> {
                 self.in_context(|functions, context| functions.take_over(context).unwrap());
             }
             7 => self.functions.servo.configure(
-                usize::from(tape.u8()),
+                first_motors(tape.u8().into()),
                 Some(u64::from(tape.u32())),
                 Some(tape.u32()),
             ),
             8 => self.functions.background.configure(usize::from(tape.u8())),
-            9 => self.functions.servo.forget(),
-            10 => self.functions.background.forget(),
-            _ => self.functions.background.start_over(&mut self.bus, self.clock.ns()).unwrap(),
+            9 => self.functions.servo.reset(),
+            10 => self.functions.background.reset(),
+            _ => self.functions.background.acquire(&mut self.bus, self.clock.ns()).unwrap(),
         }
     }
 

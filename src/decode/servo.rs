@@ -8,7 +8,7 @@ use serde::Serialize;
 
 use super::quantity::{Flags, MotorScales, Quantity, Scales};
 use super::{Block, TooShort, blocks, long};
-use crate::format::int24;
+use crate::format::{int24, join32};
 use crate::map::{Family, Selection, StatusTable, block_fields};
 
 /// What the servo report held.
@@ -152,7 +152,8 @@ impl ServoDecoder {
     }
 
     /// Decodes the report of `motors` motors, no more than the family has, from its words, the first of which is the
-    /// region's first. Of the blocks only what `selection` has was read.
+    /// region's first. Of the blocks only what `selection` has was read, and of the motors those in the report's mask,
+    /// where it has one.
     ///
     /// # Errors
     /// [`TooShort`] when the words of a motor asked for are missing.
@@ -164,6 +165,10 @@ impl ServoDecoder {
         selection: Selection,
     ) -> Result<ServoData, TooShort> {
         let report = &self.family.servo;
+        let selection = match report.mask.and_then(|mask| words.get(report.index(mask)..)?.first_chunk()) {
+            Some(&[low, high]) => selection.among(join32(low, high)),
+            None => selection,
+        };
         let (head, motors) = blocks(report.region, &report.motors, words, motors, selection)?;
         let flag = |flag: crate::map::Flag| flag.is_set(head[report.index(flag.word)]);
         Ok(ServoData {

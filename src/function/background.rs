@@ -5,7 +5,7 @@
 //! While it is set PMAC leaves the buffer alone, so a reader that waits for it cannot be overtaken. While it is clear PMAC
 //! makes a report at its next background pass, some milliseconds later at most, and that one lies there until it is
 //! cleared again. So Data-Ready is cleared when a report is wanted, not when the last one has been read: what is
-//! read then is as new as the looks for it are close together.
+//! read then is as new as the polls for it are close together.
 //!
 //! Which register an axis target position comes from is PMAC's choice (the manual's Note 1), told by the program
 //! status of the same report: bit 7 set and bit 5 clear, the segmented move's target; else bit 9 set, the

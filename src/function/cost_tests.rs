@@ -3,14 +3,14 @@
 use std::time::Instant;
 
 use super::background::{BackgroundPoll, BackgroundReader};
-use super::gather::{GatherBuffer, GatherLook, GatherReader, GatherStart, report_cycles};
+use super::gather::{GatherBuffer, GatherPoll, GatherReader, GatherStart, report_cycles};
 use super::panel::{FeedOverride, Panel, PanelAction, PanelRequest};
 use super::port_cost_tests::{dpram, mailboxes};
 use super::rotary::{RotaryBuffer, RotarySetup, RotaryStream};
 use super::servo::{ServoPoll, ServoReader, ServoReading};
 use super::servo_timer::ServoTimer;
-use super::variable_read::{self, VariableEntry, VariableLook, VariableMode, VariableReader};
-use super::variable_write::{VariableWriter, WriteRecord, WriteStep};
+use super::variable_read::{self, VariableEntry, VariableMode, VariablePoll, VariableReader};
+use super::variable_write::{VariableWriter, WritePoll, WriteRecord};
 use crate::device::{Access, Bus, Counted, FileBoard};
 use crate::gather::GatherMode;
 use crate::map::classic::{
@@ -70,7 +70,7 @@ fn servo() {
     ] {
         for n in 0..=8 {
             let (mut rig, mut reader) = (Rig::new(), ServoReader::new(&PMAC.servo, reading));
-            reader.set_motors(n);
+            reader.set_motors((1 << n) - 1);
             reader.poll(&mut rig.host).unwrap();
             rig.put(SERVO_PMAC_STATUS, 1);
             let (look, cost) = rig.cost(|bus| reader.poll(bus).unwrap());
@@ -118,7 +118,7 @@ pub fn variables(rig: &mut Rig, entries: &[VariableEntry], mode: VariableMode) -
         reader.begin(bus, entries, mode, now).unwrap();
         for _ in 0..20 {
             if !reader.is_running() {
-                reader.look(bus, now + variable_read::SETTLE).unwrap();
+                reader.poll(bus, now + variable_read::SETTLE).unwrap();
             }
         }
     });
@@ -139,17 +139,17 @@ fn variable_read() {
         let all = entries.len() == 128;
         assert!(!all || cost == documented("variable read set-up"));
         rig.put(VARIABLE_READ_CONTROL, DATA_READY);
-        let first = rig.cost(|bus| reader.look(bus, now).unwrap());
-        assert_eq!(first, (VariableLook::Nothing, documented("variable read first report")));
-        let idle = rig.cost(|bus| reader.look(bus, now).unwrap());
-        assert_eq!(idle, (VariableLook::Nothing, documented("variable read look")));
+        let first = rig.cost(|bus| reader.poll(bus, now).unwrap());
+        assert_eq!(first, (VariablePoll::Nothing, documented("variable read first report")));
+        let idle = rig.cost(|bus| reader.poll(bus, now).unwrap());
+        assert_eq!(idle, (VariablePoll::Nothing, documented("variable read look")));
         rig.put(VARIABLE_READ_CONTROL, DATA_READY);
         let (look, cost) = rig.cost(|bus| {
-            let looks = std::iter::repeat_with(|| reader.look(bus, now).unwrap());
-            looks.take(50).find(|look| *look != VariableLook::Partial)
+            let looks = std::iter::repeat_with(|| reader.poll(bus, now).unwrap());
+            looks.take(50).find(|look| *look != VariablePoll::Partial)
         });
         let words: usize = entries.iter().map(|entry| entry.kind.words()).sum();
-        assert_eq!((look, cost), (Some(VariableLook::Report(0)), words + 5));
+        assert_eq!((look, cost), (Some(VariablePoll::Report(0)), words + 5));
         assert!(!all || cost == documented("variable read report"));
     }
 }
@@ -169,17 +169,17 @@ fn variable_read_in_multi_user_mode() {
             }
         };
         let look =
-            |rig: &mut Rig, reader: &mut VariableReader| rig.cost(|bus| reader.look(bus, now).unwrap());
+            |rig: &mut Rig, reader: &mut VariableReader| rig.cost(|bus| reader.poll(bus, now).unwrap());
         announce(&mut rig, e);
         // The first values are dropped; what is dropped is freed, without its words.
-        assert_eq!(look(&mut rig, &mut reader), (VariableLook::Nothing, e + 1 + e));
+        assert_eq!(look(&mut rig, &mut reader), (VariablePoll::Nothing, e + 1 + e));
         let (idle, cost) = look(&mut rig, &mut reader);
-        assert_eq!((idle, cost), (VariableLook::Nothing, e + 1));
+        assert_eq!((idle, cost), (VariablePoll::Nothing, e + 1));
         assert!(e != 5 || cost == documented("variable read multi-user look"));
         announce(&mut rig, new);
         let words: usize = entries[..new].iter().map(|entry| entry.kind.words()).sum();
         let (values, cost) = look(&mut rig, &mut reader);
-        assert_eq!((values, cost), (VariableLook::Values((1 << new) - 1), e + words + new + 2));
+        assert_eq!((values, cost), (VariablePoll::Values((1 << new) - 1), e + words + new + 2));
         assert!(e != 5 || cost == documented("variable read multi-user, a look"));
     }
 }
@@ -197,14 +197,14 @@ fn variable_write() {
         assert!(begun.is_ok());
         let mut cycles = 0;
         for _ in 0..200 {
-            let (step, cost) = rig.cost(|bus| writer.step(bus, now).unwrap());
+            let (step, cost) = rig.cost(|bus| writer.poll(bus, now).unwrap());
             sum += cost;
-            if step == WriteStep::Done {
+            if step == WritePoll::Done {
                 break;
             }
             if rig.pmac.read16(VARIABLE_WRITE_COUNT).unwrap() != 0 {
-                let idle = rig.cost(|bus| writer.step(bus, now).unwrap());
-                assert_eq!(idle, (WriteStep::Waiting, documented("variable write look")));
+                let idle = rig.cost(|bus| writer.poll(bus, now).unwrap());
+                assert_eq!(idle, (WritePoll::Waiting, documented("variable write look")));
                 rig.put(VARIABLE_WRITE_COUNT, 0);
                 cycles += 1;
             }
@@ -256,15 +256,15 @@ fn gather() {
             rig.put(place.size, (128 * l) as u16);
             let mut reader = GatherReader::new(buffer, GatherStart::Defined).unwrap();
             let mut step = |rig: &mut Rig| {
-                rig.cost(|bus| reader.step(bus, |bus| report_cycles(bus, &PMAC.servo, &mut timer)).unwrap())
+                rig.cost(|bus| reader.poll(bus, |bus| report_cycles(bus, &PMAC.servo, &mut timer)).unwrap())
             };
             let look = documented(&format!("gather look{row} |"));
-            assert_eq!(step(&mut rig), (GatherLook::Idle, look));
+            assert_eq!(step(&mut rig), (GatherPoll::Idle, look));
             assert_eq!(look, 2 + 2 * clock);
             rig.put(SERVO_PMAC_STATUS, s as u16);
             rig.put(place.index, (s * l) as u16);
             let (samples, cost) = step(&mut rig);
-            assert_eq!(samples, GatherLook::Samples { first: 0, count: s as usize });
+            assert_eq!(samples, GatherPoll::Samples { first: 0, count: s as usize });
             assert_eq!(cost, 2 * (s * l) as usize + 3 + 3 * clock);
             if (s, l) == (8, 8) {
                 let row = if clock == 0 { "gather, s samples" } else { "gather round and round" };

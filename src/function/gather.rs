@@ -6,9 +6,9 @@
 //! with I45=3 the board overwrites what was not read in time, and the index alone cannot tell a whole turn from none:
 //! the reader is told the servo cycles as well, and knows from both how many samples there have been, exactly.
 //!
-//! How many samples came between two looks is the number that fits the index and lies between what the least and the
-//! most time between the looks allow. When the host was held up between two accesses of a look for a quarter of the
-//! buffer, the look is thrown away and the next one tells. After a copy the index is read again, and what the board may have overwritten
+//! How many samples came between two polls is the number that fits the index and lies between what the least and the
+//! most time between the polls allow. When the host was held up between two accesses of a poll for a quarter of the
+//! buffer, the poll is thrown away and the next one tells. After a copy the index is read again, and what the board may have overwritten
 //! meanwhile is dropped and counted as lost.
 
 use super::servo;
@@ -17,7 +17,7 @@ use crate::function::servo_timer::ServoTimer;
 use crate::gather::{GatherMode, GatherPlan, plan};
 use crate::map::{GatherPlace, Layout, ServoBlock};
 
-/// Longs copied in one step at most; no sample is longer than 48.
+/// Longs copied in one poll at most; no sample is longer than 48.
 pub const CHUNK_LONGS: usize = 64;
 /// The longest sample: 24 sources of two longs.
 const MOST_SAMPLE_LONGS: u32 = 48;
@@ -93,16 +93,16 @@ pub enum GatherError {
 /// Where a reader begins.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum GatherStart {
-    /// At the first sample after `DEFINE GATHER`. The first step must come before a whole buffer has been gathered;
+    /// At the first sample after `DEFINE GATHER`. The first poll must come before a whole buffer has been gathered;
     /// between the definition and `GATHER` is best.
     Defined,
-    /// At the sample that the board stores next when the first step looks: gathering runs already.
+    /// At the sample that the board stores next of the first poll: gathering runs already.
     Running,
 }
 
-/// What a step found. Numbers of samples count from 0 at the [`GatherStart`].
+/// What a poll gave. Numbers of samples count from 0 at the [`GatherStart`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum GatherLook {
+pub enum GatherPoll {
     /// No complete sample that was not taken yet.
     Idle,
     /// Samples, whole and in order, lie in [`GatherReader::longs`]. The first one's number is higher than the last one's
@@ -130,7 +130,7 @@ pub enum GatherLook {
         /// What the index word held.
         index: u16,
     },
-    /// Gathering paused, for how many samples cannot be known because nobody looked for a whole turn of the buffer.
+    /// Gathering paused, for how many samples cannot be known because nobody polled in a whole turn of the buffer.
     /// Nothing is read until [`GatherReader::restart`]. A pause that took as long as whole turns cannot be told from
     /// those turns; who sends `ENDGATHER` himself says so with [`GatherReader::stopped`].
     Interrupted,
@@ -154,11 +154,11 @@ pub struct GatherReader {
     lost: u64,
     /// The servo cycles just before and just after the last index was read.
     last: Option<(u64, u64)>,
-    /// Gathering has ended at the next look.
+    /// Gathering has ended at the next poll.
     stopping: bool,
     stopped: bool,
     /// What ended the reading.
-    broken: Option<GatherLook>,
+    broken: Option<GatherPoll>,
     words: [u16; 2 * CHUNK_LONGS],
     longs: [u32; CHUNK_LONGS],
     length: usize,
@@ -173,7 +173,7 @@ enum Misfit {
 }
 
 impl GatherReader {
-    /// A reader that has not looked yet.
+    /// A reader that has not polled yet.
     ///
     /// # Errors
     /// [`GatherError`] for a buffer that no board can have or that could not be read.
@@ -227,13 +227,13 @@ impl GatherReader {
         self.slack = SLACK_SAMPLES.max(self.capacity / 8);
     }
 
-    /// The board has answered `ENDGATHER`: after the next look at the index no further samples come, and time that
+    /// The board has answered `ENDGATHER`: after the next poll no further samples come, and time that
     /// passes says nothing any more. What is left is still read.
     pub fn stopped(&mut self) {
         self.stopping = true;
     }
 
-    /// The longs of the samples that the last step took, in order; empty unless it was [`GatherLook::Samples`].
+    /// The longs of the samples that the last poll took, in order; empty unless it was [`GatherPoll::Samples`].
     #[must_use]
     pub fn longs(&self) -> &[u32] {
         &self.longs[..self.length]
@@ -245,7 +245,7 @@ impl GatherReader {
         self.buffer.sample_longs as usize
     }
 
-    /// Samples the board has stored, as of the last look.
+    /// Samples the board has stored, as of the last poll.
     #[must_use]
     pub const fn written(&self) -> u64 {
         self.written
@@ -257,13 +257,13 @@ impl GatherReader {
         self.lost
     }
 
-    /// Samples in the buffer that are not taken yet, as of the last look.
+    /// Samples in the buffer that are not taken yet, as of the last poll.
     #[must_use]
     pub const fn waiting(&self) -> u64 {
         self.written - self.read
     }
 
-    /// Looks once and takes up to [`CHUNK_LONGS`] longs of samples.
+    /// Polls once and takes up to [`CHUNK_LONGS`] longs of samples.
     ///
     /// `cycles` gives the servo cycles that the board has run, from any beginning: the servo report's timer
     /// ([`report_cycles`]), or the host's clock divided by the servo period. It must not run ahead of or behind the
@@ -274,14 +274,14 @@ impl GatherReader {
     ///
     /// # Errors
     /// When the bus cannot be reached.
-    pub fn step<B: Bus>(
+    pub fn poll<B: Bus>(
         &mut self,
         bus: &mut B,
         mut cycles: impl FnMut(&mut B) -> Result<u64, BusError>,
-    ) -> Result<GatherLook, BusError> {
+    ) -> Result<GatherPoll, BusError> {
         self.length = 0;
-        if let Some(look) = self.broken {
-            return Ok(look);
+        if let Some(poll) = self.broken {
+            return Ok(poll);
         }
         let timed = self.buffer.mode == GatherMode::Wrap;
         let before = if timed { cycles(bus)? } else { 0 };
@@ -289,22 +289,22 @@ impl GatherReader {
         let index = bus.read16(self.buffer.place.index)?;
         let after = if timed { cycles(bus)? } else { 0 };
         if u64::from(size).div_ceil(self.buffer.sample_longs.into()) != self.capacity {
-            return Ok(self.break_off(GatherLook::Redefined { size, index }));
+            return Ok(self.break_off(GatherPoll::Redefined { size, index }));
         }
-        if let Some(look) = self.learn(size, index, (before, after)) {
-            return Ok(look);
+        if let Some(poll) = self.learn(size, index, (before, after)) {
+            return Ok(poll);
         }
         self.skip_overwritten();
         if self.read == self.written {
             let full = !timed && self.base + self.written == self.capacity;
-            return Ok(if full || self.stopped { GatherLook::Ended } else { GatherLook::Idle });
+            return Ok(if full || self.stopped { GatherPoll::Ended } else { GatherPoll::Idle });
         }
         let taken = self.copy(bus)?;
         let index = bus.read16(self.buffer.place.index)?;
         let later = if timed { cycles(bus)? } else { 0 };
         let first = self.read;
-        if let Some(look) = self.learn(size, index, (after, later)) {
-            return Ok(look);
+        if let Some(poll) = self.learn(size, index, (after, later)) {
+            return Ok(poll);
         }
         self.skip_overwritten();
         let dropped = ((self.read - first) as usize).min(taken);
@@ -313,29 +313,29 @@ impl GatherReader {
         let count = taken - dropped;
         self.length = count * sample_longs;
         if count == 0 {
-            return Ok(GatherLook::Idle);
+            return Ok(GatherPoll::Idle);
         }
         let first = self.read;
         self.read += count as u64;
-        Ok(GatherLook::Samples { first, count })
+        Ok(GatherPoll::Samples { first, count })
     }
 
-    fn break_off(&mut self, look: GatherLook) -> GatherLook {
-        self.broken = Some(look);
-        look
+    fn break_off(&mut self, poll: GatherPoll) -> GatherPoll {
+        self.broken = Some(poll);
+        poll
     }
 
-    /// Takes an index that was read within `bracket`, in servo cycles. Gives what the step found if that is the end of
+    /// Takes an index that was read within `bracket`, in servo cycles. Gives what ends the poll if that is the end of
     /// it.
-    fn learn(&mut self, size: u16, index: u16, bracket: (u64, u64)) -> Option<GatherLook> {
+    fn learn(&mut self, size: u16, index: u16, bracket: (u64, u64)) -> Option<GatherPoll> {
         // A board may move its index long by long; only whole samples count.
         let slot = u64::from(index) / u64::from(self.buffer.sample_longs);
         if u64::from(index) > self.capacity * u64::from(self.buffer.sample_longs) {
-            return Some(GatherLook::OutOfRange { index });
+            return Some(GatherPoll::OutOfRange { index });
         }
-        // A wider bracket would leave several numbers of samples open, now or at the next look.
+        // A wider bracket would leave several numbers of samples open, now or at the next poll.
         if bracket.1.saturating_sub(bracket.0) / u64::from(self.buffer.period) > self.capacity / 4 {
-            return Some(GatherLook::Disturbed);
+            return Some(GatherPoll::Disturbed);
         }
         match (self.last, self.start) {
             (None, GatherStart::Running) => self.base = slot,
@@ -346,14 +346,14 @@ impl GatherReader {
                 let expected =
                     if self.buffer.mode == GatherMode::Wrap { here } else { self.base + self.written };
                 if slot < expected || (self.stopped && slot != expected) {
-                    return Some(self.break_off(GatherLook::Redefined { size, index }));
+                    return Some(self.break_off(GatherPoll::Redefined { size, index }));
                 }
                 self.written += slot - expected;
             }
             (Some(last), _) => match self.samples_since(slot, last, bracket) {
                 Ok(samples) => self.written += samples,
-                Err(Misfit::TooMany) => return Some(self.break_off(GatherLook::Redefined { size, index })),
-                Err(Misfit::TooFew) => return Some(self.break_off(GatherLook::Interrupted)),
+                Err(Misfit::TooMany) => return Some(self.break_off(GatherPoll::Redefined { size, index })),
+                Err(Misfit::TooFew) => return Some(self.break_off(GatherPoll::Interrupted)),
             },
         }
         self.last = Some(bracket);
@@ -417,7 +417,7 @@ impl GatherReader {
     }
 }
 
-/// The servo cycles by the timer of the servo report, extended by `timer`: a clock for [`GatherReader::step`] while that
+/// The servo cycles by the timer of the servo report, extended by `timer`: a clock for [`GatherReader::poll`] while that
 /// report runs and is not held off. Costs one read where the timer has one word. Must be called at least once a turn of
 /// the timer, 14 s with 15 bits.
 ///

@@ -133,16 +133,16 @@ fn cycles(board: &mut Board) -> Result<u64, BusError> {
 /// Steps until nothing is left to take; checks every sample and returns the numbers taken.
 fn drain(reader: &mut GatherReader, board: &mut Board) -> Vec<u64> {
     let mut numbers = Vec::new();
-    while let GatherLook::Samples { first, count } = step(reader, board) {
+    while let GatherPoll::Samples { first, count } = poll(reader, board) {
         numbers.extend(first..first + count as u64);
     }
     numbers
 }
 
-fn step(reader: &mut GatherReader, board: &mut Board) -> GatherLook {
-    let look = reader.step(board, cycles).unwrap();
+fn poll(reader: &mut GatherReader, board: &mut Board) -> GatherPoll {
+    let look = reader.poll(board, cycles).unwrap();
     let samples = reader.longs().chunks(reader.sample_longs());
-    if let GatherLook::Samples { first, count } = look {
+    if let GatherPoll::Samples { first, count } = look {
         assert_eq!(samples.len(), count);
         assert!(reader.longs().len() <= CHUNK_LONGS);
         for (number, sample) in (first..).zip(samples) {
@@ -163,7 +163,7 @@ fn pair(buffer: GatherBuffer) -> (GatherReader, Board) {
 #[test]
 fn samples_come_in_order_across_the_end() {
     let (mut reader, mut board) = pair(buffer(90, 3, GatherMode::Wrap));
-    assert_eq!(step(&mut reader, &mut board), GatherLook::Idle);
+    assert_eq!(poll(&mut reader, &mut board), GatherPoll::Idle);
     let mut numbers = Vec::new();
     for _ in 0..20 {
         board.pass(17);
@@ -177,7 +177,7 @@ fn samples_come_in_order_across_the_end() {
 fn every_lap_is_counted_and_its_samples_are_lost() {
     for period in [1, 5] {
         let (mut reader, mut board) = pair(GatherBuffer { period, ..buffer(40, 2, GatherMode::Wrap) });
-        step(&mut reader, &mut board);
+        poll(&mut reader, &mut board);
         board.pass(7 * period);
         assert_eq!(drain(&mut reader, &mut board).len(), 7);
         // Twenty samples fill the buffer; three laps later the index stands where it stood.
@@ -192,7 +192,7 @@ fn every_lap_is_counted_and_its_samples_are_lost() {
 #[test]
 fn a_stopped_gather_is_read_to_its_end() {
     let (mut reader, mut board) = pair(buffer(40, 2, GatherMode::Wrap));
-    step(&mut reader, &mut board);
+    poll(&mut reader, &mut board);
     board.pass(20);
     board.gathering = false;
     reader.stopped();
@@ -200,7 +200,7 @@ fn a_stopped_gather_is_read_to_its_end() {
     assert_eq!(drain(&mut reader, &mut board).len(), 20);
     // Time goes on, and means nothing.
     board.pass(1000);
-    assert_eq!(step(&mut reader, &mut board), GatherLook::Ended);
+    assert_eq!(poll(&mut reader, &mut board), GatherPoll::Ended);
     assert_eq!((reader.written(), reader.lost()), (20, 0));
 }
 
@@ -208,20 +208,20 @@ fn a_stopped_gather_is_read_to_its_end() {
 fn the_end_of_the_buffer_ends_a_gather_that_does_not_go_round() {
     // 10 longs of 3 are 12 really.
     let (mut reader, mut board) = pair(buffer(10, 3, GatherMode::Stop));
-    step(&mut reader, &mut board);
+    poll(&mut reader, &mut board);
     board.pass(3);
     assert_eq!(drain(&mut reader, &mut board), [0, 1, 2]);
-    assert_eq!(step(&mut reader, &mut board), GatherLook::Idle);
+    assert_eq!(poll(&mut reader, &mut board), GatherPoll::Idle);
     board.pass(100);
     assert_eq!(drain(&mut reader, &mut board), [3]);
-    assert_eq!(step(&mut reader, &mut board), GatherLook::Ended);
+    assert_eq!(poll(&mut reader, &mut board), GatherPoll::Ended);
     // DEFINE GATHER again.
     board.note(0);
-    let redefined = GatherLook::Redefined { size: 10, index: 0 };
-    assert_eq!(step(&mut reader, &mut board), redefined);
+    let redefined = GatherPoll::Redefined { size: 10, index: 0 };
+    assert_eq!(poll(&mut reader, &mut board), redefined);
     (board.stored, board.gathering) = (0, true);
     board.pass(4);
-    assert_eq!(step(&mut reader, &mut board), redefined, "until it is told");
+    assert_eq!(poll(&mut reader, &mut board), redefined, "until it is told");
     reader.restart(GatherStart::Defined);
     assert_eq!(drain(&mut reader, &mut board), [0, 1, 2, 3]);
 }
@@ -230,12 +230,12 @@ fn the_end_of_the_buffer_ends_a_gather_that_does_not_go_round() {
 fn another_definition_is_not_followed() {
     for (size, index) in [(0, 0), (38, 0), (44, 0), (0xFFFF, 0xFFFF), (40, 0), (39, 0)] {
         let (mut reader, mut board) = pair(buffer(40, 2, GatherMode::Wrap));
-        step(&mut reader, &mut board);
+        poll(&mut reader, &mut board);
         board.pass(11);
         drain(&mut reader, &mut board);
         board.words[board.buffer.place.size.word()] = size;
         board.words[board.buffer.place.index.word()] = index;
-        assert_eq!(step(&mut reader, &mut board), GatherLook::Redefined { size, index }, "{size}");
+        assert_eq!(poll(&mut reader, &mut board), GatherPoll::Redefined { size, index }, "{size}");
     }
 }
 
@@ -243,10 +243,10 @@ fn another_definition_is_not_followed() {
 fn an_index_outside_the_buffer_is_reported_and_not_followed() {
     for mode in [GatherMode::Stop, GatherMode::Wrap] {
         let (mut reader, mut board) = pair(buffer(40, 2, mode));
-        step(&mut reader, &mut board);
+        poll(&mut reader, &mut board);
         board.pass(5);
         board.words[board.buffer.place.index.word()] = 41;
-        assert_eq!(step(&mut reader, &mut board), GatherLook::OutOfRange { index: 41 });
+        assert_eq!(poll(&mut reader, &mut board), GatherPoll::OutOfRange { index: 41 });
         board.pass(1);
         assert_eq!(drain(&mut reader, &mut board), [0, 1, 2, 3, 4, 5], "the board's own words stand again");
     }
@@ -255,7 +255,7 @@ fn an_index_outside_the_buffer_is_reported_and_not_followed() {
 #[test]
 fn a_pause_is_harmless_while_somebody_looks_and_known_when_nobody_does() {
     let (mut reader, mut board) = pair(buffer(40, 2, GatherMode::Wrap));
-    step(&mut reader, &mut board);
+    poll(&mut reader, &mut board);
     for gathering in [true, false, true, false, true] {
         board.gathering = gathering;
         for _ in 0..10 {
@@ -267,21 +267,21 @@ fn a_pause_is_harmless_while_somebody_looks_and_known_when_nobody_does() {
     board.pass(30);
     board.gathering = false;
     board.pass(1008);
-    assert_eq!(step(&mut reader, &mut board), GatherLook::Interrupted);
-    assert_eq!(step(&mut reader, &mut board), GatherLook::Interrupted);
+    assert_eq!(poll(&mut reader, &mut board), GatherPoll::Interrupted);
+    assert_eq!(poll(&mut reader, &mut board), GatherPoll::Interrupted);
 }
 
 #[test]
 fn a_host_held_up_between_its_accesses_takes_nothing_and_loses_count_of_nothing() {
     let (mut reader, mut board) = pair(buffer(40, 2, GatherMode::Wrap));
-    step(&mut reader, &mut board);
+    poll(&mut reader, &mut board);
     for at in 0..60 {
         // At each access of a step in turn: ten laps and a bit.
         board.pass(3);
         let mut pace = vec![0; 1000];
         pace[at] = 207;
         (board.pace, board.accesses) = (pace, 0);
-        step(&mut reader, &mut board);
+        poll(&mut reader, &mut board);
         board.pace = vec![0];
         drain(&mut reader, &mut board);
         assert_eq!(reader.written(), board.stored, "{at}");
@@ -295,19 +295,19 @@ fn a_gather_that_runs_already_is_joined() {
         let mut board = Board::new(buffer);
         board.pass(13);
         let mut reader = GatherReader::new(buffer, GatherStart::Running).unwrap();
-        assert_eq!(step(&mut reader, &mut board), GatherLook::Idle);
+        assert_eq!(poll(&mut reader, &mut board), GatherPoll::Idle);
         board.pass(4);
         let mut first = Vec::new();
-        while let GatherLook::Samples { first: number, count } = reader.step(&mut board, cycles).unwrap() {
+        while let GatherPoll::Samples { first: number, count } = reader.poll(&mut board, cycles).unwrap() {
             first.extend(reader.longs().iter().step_by(2).map(|long| long >> 6));
             assert_eq!(number + count as u64, 4);
         }
         assert_eq!(first, [13, 14, 15, 16]);
         board.pass(3);
         if mode == GatherMode::Stop {
-            let look = reader.step(&mut board, cycles).unwrap();
-            assert_eq!(look, GatherLook::Samples { first: 4, count: 3 });
-            assert_eq!(reader.step(&mut board, cycles).unwrap(), GatherLook::Ended);
+            let look = reader.poll(&mut board, cycles).unwrap();
+            assert_eq!(look, GatherPoll::Samples { first: 4, count: 3 });
+            assert_eq!(reader.poll(&mut board, cycles).unwrap(), GatherPoll::Ended);
         }
     }
 }
@@ -337,19 +337,19 @@ fn a_step_costs_what_it_says() {
     let mut reader = GatherReader::new(buffer, GatherStart::Defined).unwrap();
     let mut cost = |bus: &mut Counted<FileBoard>| {
         let before = (bus.reads(), bus.writes());
-        let look = reader.step(bus, |bus| report_cycles(bus, &PMAC.servo, &mut timer)).unwrap();
+        let look = reader.poll(bus, |bus| report_cycles(bus, &PMAC.servo, &mut timer)).unwrap();
         (look, bus.reads() - before.0, bus.writes() - before.1)
     };
-    assert_eq!(cost(&mut bus), (GatherLook::Idle, 2 + 2, 0));
+    assert_eq!(cost(&mut bus), (GatherPoll::Idle, 2 + 2, 0));
     bus.write16(SERVO_PMAC_STATUS, 5).unwrap();
     bus.write16(buffer.place.index, 15).unwrap();
-    assert_eq!(cost(&mut bus), (GatherLook::Samples { first: 0, count: 5 }, 3 + 3 + 2 * 15, 0));
+    assert_eq!(cost(&mut bus), (GatherPoll::Samples { first: 0, count: 5 }, 3 + 3 + 2 * 15, 0));
     // Without a clock.
     let mut reader =
         GatherReader::new(GatherBuffer { mode: GatherMode::Stop, ..buffer }, GatherStart::Defined).unwrap();
     let before = bus.reads();
-    let look = reader.step(&mut bus, |_| panic!("no clock is needed")).unwrap();
-    assert_eq!((look, bus.reads() - before), (GatherLook::Samples { first: 0, count: 5 }, 3 + 2 * 15));
+    let look = reader.poll(&mut bus, |_| panic!("no clock is needed")).unwrap();
+    assert_eq!((look, bus.reads() - before), (GatherPoll::Samples { first: 0, count: 5 }, 3 + 2 * 15));
 }
 
 proptest! {
@@ -375,13 +375,13 @@ proptest! {
             period, ..self::buffer(longs - odd % sample_longs, sample_longs, GatherMode::Wrap)
         };
         let (mut reader, mut board) = pair(buffer);
-        step(&mut reader, &mut board);
+        poll(&mut reader, &mut board);
         board.halfway = halfway;
         board.pace = pace;
         let mut taken = 0;
         let mut next = 0;
         let mut note = |look| {
-            if let GatherLook::Samples { first, count } = look {
+            if let GatherPoll::Samples { first, count } = look {
                 assert!(first >= next);
                 next = first + count as u64;
                 taken += count as u64;
@@ -391,9 +391,9 @@ proptest! {
         for pause in between {
             board.pass(pause);
             for _ in 0..4 {
-                let look = note(step(&mut reader, &mut board));
+                let look = note(poll(&mut reader, &mut board));
                 prop_assert!(
-                    matches!(look, GatherLook::Samples { .. } | GatherLook::Idle | GatherLook::Disturbed),
+                    matches!(look, GatherPoll::Samples { .. } | GatherPoll::Idle | GatherPoll::Disturbed),
                     "{:?}", look
                 );
             }
@@ -404,9 +404,9 @@ proptest! {
         reader.stopped();
         let mut tries = 0;
         loop {
-            match note(step(&mut reader, &mut board)) {
-                GatherLook::Ended => break,
-                GatherLook::Samples { .. } | GatherLook::Idle if tries < 1000 => tries += 1,
+            match note(poll(&mut reader, &mut board)) {
+                GatherPoll::Ended => break,
+                GatherPoll::Samples { .. } | GatherPoll::Idle if tries < 1000 => tries += 1,
                 look => prop_assert!(false, "{:?}", look),
             }
         }
@@ -415,14 +415,14 @@ proptest! {
     }
 }
 
-/// One look that is not disturbed, before gathering ends.
+/// One poll that is not disturbed, before gathering ends.
 fn step_until_known(
     reader: &mut GatherReader,
     board: &mut Board,
-    note: &mut impl FnMut(GatherLook) -> GatherLook,
+    note: &mut impl FnMut(GatherPoll) -> GatherPoll,
 ) {
     for _ in 0..3 {
-        if note(step(reader, board)) != GatherLook::Disturbed {
+        if note(poll(reader, board)) != GatherPoll::Disturbed {
             return;
         }
     }

@@ -4,10 +4,10 @@ use std::time::Instant;
 
 use super::background::{BackgroundPoll, BackgroundReader};
 use super::cost_tests::{PLACE, Rig, X, background_report, documented, variables};
-use super::gather::{GatherBuffer, GatherLook, GatherReader, GatherStart};
+use super::gather::{GatherBuffer, GatherPoll, GatherReader, GatherStart};
 use super::port_cost_tests::dpram;
 use super::servo::{ServoPoll, ServoReader, ServoReading};
-use super::variable_read::{VariableLook, VariableMode};
+use super::variable_read::{VariableMode, VariablePoll};
 use crate::device::Access;
 use crate::gather::GatherMode;
 use crate::map::classic::{
@@ -41,7 +41,7 @@ fn a_part_of_the_servo_report() {
     ] {
         let mut rig = Rig::new();
         let mut reader = ServoReader::selecting(&PMAC.servo, reading, selection);
-        reader.set_motors(reported);
+        reader.set_motors((1 << reported) - 1);
         reader.poll(&mut rig.host).unwrap();
         for word in 0..PMAC.servo.words() {
             rig.put(SERVO_HOST_STATUS.plus_words(word), 0x1111);
@@ -89,7 +89,7 @@ fn a_part_of_the_background_report() {
 fn servo_by_32_bits(reading: ServoReading, selection: Selection, motors: usize) -> usize {
     let mut rig = Rig::with_access(Access::Bits32);
     let mut reader = ServoReader::selecting(&PMAC.servo, reading, selection);
-    reader.set_motors(motors);
+    reader.set_motors((1 << motors) - 1);
     reader.poll(&mut rig.host).unwrap();
     for word in 0..PMAC.servo.words() {
         rig.put(SERVO_HOST_STATUS.plus_words(word), word as u16);
@@ -145,10 +145,10 @@ fn the_other_data_by_32_bits() {
             GatherBuffer { place, room_longs: 128 * 48, size_longs, sample_longs: l, mode, period: 1 };
         rig.put(place.size, size_longs as u16);
         let mut reader = GatherReader::new(buffer, GatherStart::Defined).unwrap();
-        assert_eq!(reader.step(&mut rig.host, |_| Ok(0)).unwrap(), GatherLook::Idle);
+        assert_eq!(reader.poll(&mut rig.host, |_| Ok(0)).unwrap(), GatherPoll::Idle);
         rig.put(place.index, (s * l) as u16);
-        let (look, cost) = rig.cost(|bus| reader.step(bus, |_| Ok(0)).unwrap());
-        assert_eq!(look, GatherLook::Samples { first: 0, count: s as usize });
+        let (look, cost) = rig.cost(|bus| reader.poll(bus, |_| Ok(0)).unwrap());
+        assert_eq!(look, GatherPoll::Samples { first: 0, count: s as usize });
         assert_eq!(cost, (s * l) as usize + 3);
         assert!((s, l) != (8, 8) || cost == documented("gather by 32 bits"));
     }
@@ -159,13 +159,13 @@ fn the_other_data_by_32_bits() {
     let mut report = |rig: &mut Rig| {
         rig.put(VARIABLE_READ_CONTROL, DATA_READY);
         rig.cost(|bus| {
-            let looks = std::iter::repeat_with(|| reader.look(bus, now).unwrap());
-            looks.take(50).find(|look| *look != VariableLook::Partial)
+            let looks = std::iter::repeat_with(|| reader.poll(bus, now).unwrap());
+            looks.take(50).find(|look| *look != VariablePoll::Partial)
         })
     };
     report(&mut rig);
     let (look, cost) = report(&mut rig);
-    assert_eq!((look, cost), (Some(VariableLook::Report(0)), documented("variable read by 32 bits")));
+    assert_eq!((look, cost), (Some(VariablePoll::Report(0)), documented("variable read by 32 bits")));
     assert!(PLACE.start.bytes().is_multiple_of(4));
     assert_eq!(dpram(&PMAC, 20, 20, Access::Bits32), documented("ASCII line by 32 bits"));
 }

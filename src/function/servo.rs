@@ -8,7 +8,7 @@
 //! | X:$D009 bits 14-0 | 0x006C, 0x006E bits 7-0 | reads | stores its servo timer after the data |
 //!
 //! PMAC tests Host-Busy before it sets its own flag, so Host-Busy alone does not protect a slow read: an update may
-//! begin right after the host looked. So in both ways of reading the status is read again after the data, and unless
+//! begin right after the host polled. So in both ways of reading the status is read again after the data, and unless
 //! both readings are equal and not busy, the copy is discarded. Of a status in two words the flag is read first: PMAC
 //! stores the timer before it says that the data are whole. What this cannot show: a bus that returned something else
 //! in the middle of a copy, for less than a servo period; and, in optimistic reading, a servo counter that is set back
@@ -20,6 +20,7 @@ use std::ops::Range;
 
 use crate::clock::Clock;
 use crate::device::{Bus, BusError};
+use crate::format::split32;
 use crate::map::{Selection, ServoBlock};
 
 /// How the buffer is read.
@@ -62,12 +63,13 @@ struct Status {
     timer_low: u16,
 }
 
-/// Reads the servo report of motors 1 to `motors`, or what was selected of it.
+/// Reads the servo report of the motors that the board reports, or what was selected of it.
 pub struct ServoReader {
     block: &'static ServoBlock,
     reading: ServoReading,
     selection: Selection,
-    motors: usize,
+    /// The motors the board reports, bit n-1 for motor n.
+    motors: u32,
     /// What is read of the motors' blocks, in words from the first one's start.
     runs: Vec<Range<usize>>,
     last_timer: Option<u32>,
@@ -89,14 +91,14 @@ impl ServoReader {
             block,
             reading,
             selection,
-            motors: 0,
+            motors: u32::MAX,
             // Room for any selection, so that it is not allocated later.
             runs: Vec::with_capacity(block.motors.count * block.motors.words),
             last_timer: None,
             clock: Clock::real(),
             image: vec![0; block.words()].into_boxed_slice(),
         };
-        reader.set_motors(block.motors.count);
+        reader.set_motors(u32::MAX);
         reader
     }
 
@@ -119,23 +121,25 @@ impl ServoReader {
         self.block.timer.bits()
     }
 
-    /// Reads motors 1 to `motors` from now on, as many as the board reports; no more than it has.
-    pub fn set_motors(&mut self, motors: usize) {
-        self.motors = motors.min(self.block.motors.count);
-        self.selection.runs(self.block.motors.words, self.motors, &mut self.runs);
+    /// Reads from now on the motors that the board reports, bit n-1 for motor n. PMAC leaves the blocks of the others as
+    /// they are, so those are not read.
+    pub fn set_motors(&mut self, motors: u32) {
+        self.motors = motors;
+        let ServoBlock { motors: blocks, .. } = self.block;
+        self.reported().runs(blocks.words, blocks.count, &mut self.runs);
+        self.image[self.block.index(blocks.first)..].fill(0);
     }
 
-    /// The motors the board reports, as far as is known.
-    #[must_use]
-    pub fn motors(&self) -> usize {
-        self.motors
+    fn reported(&self) -> Selection {
+        self.selection.among(self.motors)
     }
 
-    /// The buffer as last taken, from the region's first word on, up to the last motor read. Words the host does not
-    /// read (its own status, the global spares, what was not selected) are 0.
+    /// The buffer as last taken, from the region's first word on, up to the last motor read. The mask, where the report
+    /// has one, tells which motors were read. Words the host does not read (its own status, the global spares, what was
+    /// not selected) are 0.
     #[must_use]
     pub fn image(&self) -> &[u16] {
-        let motors = self.selection.last_number(self.motors);
+        let motors = self.reported().last_number(self.block.motors.count);
         &self.image[..self.block.motors.words_from(self.block.region.start, motors)]
     }
 
@@ -246,6 +250,10 @@ impl ServoReader {
         }
         self.image[block.index(block.timer.low)] = before.timer_low;
         self.image[block.index(block.pmac_status.word)] = before.flag;
+        if let Some(mask) = block.mask {
+            let at = block.index(mask);
+            self.image[at..at + 2].copy_from_slice(&split32(self.motors));
+        }
         Ok(ServoPoll::Update(self.timer(before)))
     }
 }
@@ -310,7 +318,7 @@ mod tests {
         for (reading, overhead) in [(ServoReading::Optimistic, 2), (ServoReading::Handshake, 5)] {
             for motors in 0..=8 {
                 let (mut bus, mut reader) = (bus(), ServoReader::new(&PMAC.servo, reading));
-                reader.set_motors(motors);
+                reader.set_motors((1 << motors) - 1);
                 reader.poll(&mut bus).unwrap();
                 update(&mut bus, 1);
                 let before = bus.accesses();
@@ -380,7 +388,7 @@ mod tests {
                 let poll = reader.poll(&mut bus).unwrap();
                 assert!(matches!(poll, ServoPoll::Torn | ServoPoll::Busy), "{reading:?} {at} {poll:?}");
                 assert_eq!(bus.bus.read16(SERVO_HOST_STATUS).unwrap(), 0);
-                // It is taken at the next look, once PMAC is done.
+                // It is taken at the next poll, once PMAC is done.
                 bus.bus.write16(SERVO_PMAC_STATUS, 2).unwrap();
                 assert_eq!(reader.poll(&mut bus).unwrap(), ServoPoll::Update(2));
             }

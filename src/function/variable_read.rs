@@ -18,7 +18,7 @@
 //! while a second one must come from a pass that began after it. A late pass may also write back a word it had read
 //! before, so the mode and the kinds are compared with what was set, and set again.
 //!
-//! A report of single-user mode is read in many looks, in which the board may be reset or lose its power. So the servo
+//! A report of single-user mode is read in many polls, in which the board may be reset or lose its power. So the servo
 //! timer is read before and after its words, and the control word once more after them: unless both are as they were,
 //! the report is not taken, and nothing is written.
 //!
@@ -34,8 +34,8 @@ use crate::map::{HostOffset, PmacRegister, Region, StartRule, VariableKind, Vari
 
 /// How long after the count became 0 the table is left alone.
 pub const SETTLE: Duration = Duration::from_millis(50);
-/// Words of the table or its data that one step reads or writes at most, so that servo data need not wait.
-pub const STEP_WORDS: usize = 32;
+/// Words of the table or its data that one poll reads or writes at most, so that servo data need not wait.
+pub const POLL_WORDS: usize = 32;
 
 /// One register to read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -83,16 +83,16 @@ pub enum VariableReadError {
     },
 }
 
-/// What a look at the function gave.
+/// What a poll of the function gave.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum VariableLook {
+pub enum VariablePoll {
     /// No table is set up.
     Off,
-    /// A table is being set up; look again.
+    /// A table is being set up; poll again.
     SettingUp,
     /// Nothing new.
     Nothing,
-    /// A part was read; look again for the rest.
+    /// A part was read; poll again for the rest.
     Partial,
     /// Single-user mode: every value is new. The servo timer at the end of PMAC's pass.
     Report(u16),
@@ -187,8 +187,8 @@ impl VariableReader {
         Ok(())
     }
 
-    /// Replaces the table by `entries`; none stops the function. From here on there are no values until looks bring
-    /// them. 1 write; the looks that follow write 2 words an entry and 3 more.
+    /// Replaces the table by `entries`; none stops the function. From here on there are no values until polls bring
+    /// them. 1 write; the polls that follow write 2 words an entry and 3 more.
     ///
     /// # Errors
     /// A table that cannot be, or a bus out of reach.
@@ -260,24 +260,24 @@ impl VariableReader {
         self.repairs
     }
 
-    /// Does what can be done now: a part of the set-up, or of a report. Costs at most [`STEP_WORDS`] words of the
+    /// Does what can be done now: a part of the set-up, or of a report. Costs at most [`POLL_WORDS`] words of the
     /// table or its data and 3 more: 1 read when there is nothing in single-user mode, for a report its words and 5; in multi-user mode
     /// 1 read, 1 an entry looked at, for each value its words and 1 write, and 1 read more when there was a value.
     ///
     /// # Errors
     /// When the bus cannot be reached.
-    pub fn look(&mut self, bus: &mut impl Bus, now: Instant) -> Result<VariableLook, BusError> {
+    pub fn poll(&mut self, bus: &mut impl Bus, now: Instant) -> Result<VariablePoll, BusError> {
         match self.state {
-            State::Off => Ok(VariableLook::Off),
+            State::Off => Ok(VariablePoll::Off),
             State::Silent { until } => {
                 if now >= until {
                     bus.write16(self.read.start, self.start.start_word(self.place.start))?;
                     self.state = State::Writing { next: 0 };
                 }
-                Ok(VariableLook::SettingUp)
+                Ok(VariablePoll::SettingUp)
             }
             State::Writing { next } => self.write_table(bus, next),
-            State::Running { next } => self.look_at_control(bus, next),
+            State::Running { next } => self.poll_control(bus, next),
             State::Reading { next } => self.read_report(bus, next),
         }
     }
@@ -296,8 +296,8 @@ impl VariableReader {
         self.read.entry.words(kind, address)
     }
 
-    fn write_table(&mut self, bus: &mut impl Bus, next: usize) -> Result<VariableLook, BusError> {
-        let end = self.count.min(next + STEP_WORDS / VARIABLE_READ_ENTRY_WORDS);
+    fn write_table(&mut self, bus: &mut impl Bus, next: usize) -> Result<VariablePoll, BusError> {
+        let end = self.count.min(next + POLL_WORDS / VARIABLE_READ_ENTRY_WORDS);
         for index in next..end {
             let [address, kind] = self.words(index);
             bus.write16(self.address_word(index), address)?;
@@ -305,21 +305,21 @@ impl VariableReader {
         }
         if end < self.count {
             self.state = State::Writing { next: end };
-            return Ok(VariableLook::SettingUp);
+            return Ok(VariablePoll::SettingUp);
         }
         bus.write16(self.read.ready.word, self.control())?;
         bus.order_writes();
         bus.write16(self.read.count, self.count as u16)?;
         bus.order_writes();
         self.state = State::Running { next: 0 };
-        Ok(VariableLook::SettingUp)
+        Ok(VariablePoll::SettingUp)
     }
 
-    fn look_at_control(&mut self, bus: &mut impl Bus, next: usize) -> Result<VariableLook, BusError> {
+    fn poll_control(&mut self, bus: &mut impl Bus, next: usize) -> Result<VariablePoll, BusError> {
         let control = bus.read16(self.read.ready.word)?;
         // All ones is an absent board.
         if control == u16::MAX {
-            return Ok(VariableLook::Nothing);
+            return Ok(VariablePoll::Nothing);
         }
         let multi_user = self.mode == VariableMode::MultiUser;
         // In multi-user mode PMAC has no business in this word.
@@ -328,23 +328,23 @@ impl VariableReader {
         if control & ours != self.control() {
             self.repairs += 1;
             self.write_control(bus)?;
-            return Ok(VariableLook::Nothing);
+            return Ok(VariablePoll::Nothing);
         }
         if multi_user {
-            return self.look_at_entries(bus, next);
+            return self.poll_entries(bus, next);
         }
         if !ready.is_set(control) {
-            return Ok(VariableLook::Nothing);
+            return Ok(VariablePoll::Nothing);
         }
         if self.dropped == 0 {
             self.dropped = 1;
             self.write_control(bus)?;
-            return Ok(VariableLook::Nothing);
+            return Ok(VariablePoll::Nothing);
         }
         bus.order_reads();
         self.report_timer = bus.read16(self.read.timer)?;
         self.state = State::Reading { next: 0 };
-        Ok(VariableLook::Partial)
+        Ok(VariablePoll::Partial)
     }
 
     fn write_control(&self, bus: &mut impl Bus) -> Result<(), BusError> {
@@ -354,17 +354,17 @@ impl VariableReader {
     }
 
     /// Single-user mode: the next entries of a report, and after the last one the request for the next report.
-    fn read_report(&mut self, bus: &mut impl Bus, next: usize) -> Result<VariableLook, BusError> {
+    fn read_report(&mut self, bus: &mut impl Bus, next: usize) -> Result<VariablePoll, BusError> {
         let mut index = next;
         let mut words = 0;
-        while index < self.count && words + self.entries[index].kind.words() <= STEP_WORDS {
+        while index < self.count && words + self.entries[index].kind.words() <= POLL_WORDS {
             words += self.entries[index].kind.words();
             self.pending[index] = self.read_value(bus, index)?;
             index += 1;
         }
         if index < self.count {
             self.state = State::Reading { next: index };
-            return Ok(VariableLook::Partial);
+            return Ok(VariablePoll::Partial);
         }
         bus.order_reads();
         let control = bus.read16(self.read.ready.word)?;
@@ -373,22 +373,22 @@ impl VariableReader {
         let timer = bus.read16(self.read.timer)?;
         self.state = State::Running { next: 0 };
         // PMAC touches neither until the host clears the ready bit. A board that was reset meanwhile did, and may have made
-        // another report already, which is left for the next looks.
+        // another report already, which is left for the next polls.
         let is_ready = self.read.ready.is_set(control) && !self.read.multi_user.is_set(control);
         if timer != self.report_timer || !is_ready || control == u16::MAX {
-            return Ok(VariableLook::Nothing);
+            return Ok(VariablePoll::Nothing);
         }
         self.write_control(bus)?;
         for (value, words) in self.values[..self.count].iter_mut().zip(&self.pending) {
             *value = VariableValue { words: *words, timer, updates: value.updates + 1 };
         }
-        Ok(VariableLook::Report(timer))
+        Ok(VariablePoll::Report(timer))
     }
 
     /// Multi-user mode: goes on around the table from entry `next`, at most once around.
-    fn look_at_entries(&mut self, bus: &mut impl Bus, next: usize) -> Result<VariableLook, BusError> {
+    fn poll_entries(&mut self, bus: &mut impl Bus, next: usize) -> Result<VariablePoll, BusError> {
         let mut new = 0u128;
-        let mut budget = STEP_WORDS;
+        let mut budget = POLL_WORDS;
         let mut index = next;
         for _ in 0..self.count {
             let needed = 2 + self.entries[index].kind.words();
@@ -407,7 +407,7 @@ impl VariableReader {
         }
         self.state = State::Running { next: index };
         if new == 0 {
-            return Ok(VariableLook::Nothing);
+            return Ok(VariablePoll::Nothing);
         }
         let timer = bus.read16(self.read.timer)?;
         for (index, value) in self.values[..self.count].iter_mut().enumerate() {
@@ -415,7 +415,7 @@ impl VariableReader {
                 value.timer = timer;
             }
         }
-        Ok(VariableLook::Values(new))
+        Ok(VariablePoll::Values(new))
     }
 
     /// Takes the value PMAC announced with the X word `word`, unless it is to be dropped, and asks for the next.

@@ -37,15 +37,15 @@ impl Rig {
         self.reader.begin(&mut self.bus, entries, mode, self.now).unwrap();
     }
 
-    fn look(&mut self) -> VariableLook {
-        self.reader.look(&mut self.bus, self.now).unwrap()
+    fn poll(&mut self) -> VariablePoll {
+        self.reader.poll(&mut self.bus, self.now).unwrap()
     }
 
     fn set_up(&mut self, entries: &[VariableEntry], mode: VariableMode) {
         self.begin(entries, mode);
         self.now += SETTLE;
         while !self.reader.is_running() {
-            assert_eq!(self.look(), VariableLook::SettingUp);
+            assert_eq!(self.poll(), VariablePoll::SettingUp);
         }
     }
 
@@ -101,11 +101,11 @@ fn the_table_is_written_as_the_manual_says_and_the_count_last() {
     rig.put(0x07EC, 9);
     rig.begin(&THREE, VariableMode::SingleUser);
     assert_eq!(rig.word(0x07EC), 0, "PMAC is stopped first");
-    assert_eq!(rig.look(), VariableLook::SettingUp);
+    assert_eq!(rig.poll(), VariablePoll::SettingUp);
     assert_eq!(rig.word(0x07EE), 0, "a pass may still be under way");
     rig.now += SETTLE;
     let before = rig.bus.accesses();
-    assert_eq!((rig.look(), rig.look()), (VariableLook::SettingUp, VariableLook::SettingUp));
+    assert_eq!((rig.poll(), rig.poll()), (VariablePoll::SettingUp, VariablePoll::SettingUp));
     assert_eq!(rig.bus.accesses() - before, 1 + 2 * 3 + 2);
     let header: Vec<_> = (0..4).map(|index| rig.word(0x07E8 + 2 * index)).collect();
     assert_eq!(header, [0, 0, 3, 0xDA80]);
@@ -117,22 +117,22 @@ fn the_table_is_written_as_the_manual_says_and_the_count_last() {
 fn a_report_is_taken_whole_and_the_next_asked_for() {
     let mut rig = Rig::new();
     rig.set_up(&THREE, VariableMode::SingleUser);
-    assert_eq!(rig.look(), VariableLook::Nothing);
+    assert_eq!(rig.poll(), VariablePoll::Nothing);
     rig.pass(0x4000);
-    assert_eq!(rig.look(), VariableLook::Nothing, "the first one may be an old pass's");
+    assert_eq!(rig.poll(), VariablePoll::Nothing, "the first one may be an old pass's");
     assert_eq!(rig.word(0x07E8), 0);
     rig.pass(0x1000);
     let before = rig.bus.accesses();
-    assert_eq!(rig.look(), VariableLook::Partial);
+    assert_eq!(rig.poll(), VariablePoll::Partial);
     rig.pass(0x2000);
-    assert_eq!(rig.look(), VariableLook::Report(20), "PMAC kept away while it was read");
+    assert_eq!(rig.poll(), VariablePoll::Report(20), "PMAC kept away while it was read");
     let words: Vec<_> = rig.reader.values().iter().map(|value| value.words).collect();
     assert_eq!(words, [[0x1028, 0x1029, 0, 0], [0x2005, 0x2006, 0x2007, 0x2008], [0x1700, 0x1701, 0, 0]]);
     assert!(rig.reader.values().iter().all(|value| (value.timer, value.updates) == (20, 1)));
     // 2 of the accesses are the test's own pass, which found the ready bit set.
     assert_eq!(rig.bus.accesses() - before - 3, 2 + 8 + 2 + 1);
     assert_eq!(rig.word(0x07E8), 0);
-    assert_eq!(rig.look(), VariableLook::Nothing);
+    assert_eq!(rig.poll(), VariablePoll::Nothing);
 }
 
 #[test]
@@ -140,16 +140,16 @@ fn a_report_across_a_reset_is_not_taken() {
     let entries = [entry(0x0300, VariableKind::Long); 40];
     // The words of header, table and values.
     let words = || (0x07E8..0x07F0).step_by(2).chain((0x2A00..0x2A00 + 40 * 12).step_by(2));
-    let whole = 40_usize.div_ceil(STEP_WORDS / 4);
+    let whole = 40_usize.div_ceil(POLL_WORDS / 4);
     for looks in 1..=whole {
         for what in ["cleared", "without power", "another report"] {
             let mut rig = Rig::new();
             rig.set_up(&entries, VariableMode::SingleUser);
             rig.pass(1);
-            assert_eq!(rig.look(), VariableLook::Nothing, "dropped");
+            assert_eq!(rig.poll(), VariablePoll::Nothing, "dropped");
             rig.pass(2);
             for _ in 0..looks {
-                assert_eq!(rig.look(), VariableLook::Partial);
+                assert_eq!(rig.poll(), VariablePoll::Partial);
             }
             match what {
                 "cleared" => words().for_each(|offset| rig.put(offset, 0)),
@@ -160,14 +160,14 @@ fn a_report_across_a_reset_is_not_taken() {
                 }
             }
             let writes = rig.bus.writes();
-            let end = (looks..=whole).map(|_| rig.look()).find(|look| *look != VariableLook::Partial);
-            assert_eq!(end, Some(VariableLook::Nothing), "{what} after {looks}");
+            let end = (looks..=whole).map(|_| rig.poll()).find(|look| *look != VariablePoll::Partial);
+            assert_eq!(end, Some(VariablePoll::Nothing), "{what} after {looks}");
             assert!(rig.reader.values().iter().all(|value| *value == VariableValue::default()), "{what}");
             assert_eq!(rig.bus.writes(), writes, "{what}: nothing is written over what is not known");
-            // A whole report that was made meanwhile is taken by the next looks.
+            // A whole report that was made meanwhile is taken by the next polls.
             if what == "another report" {
-                let next = (0..=whole).map(|_| rig.look()).find(|look| *look != VariableLook::Partial);
-                assert_eq!(next, Some(VariableLook::Report(30)));
+                let next = (0..=whole).map(|_| rig.poll()).find(|look| *look != VariablePoll::Partial);
+                assert_eq!(next, Some(VariablePoll::Report(30)));
                 assert!(rig.reader.values().iter().all(|value| value.words[0] == 0x0303));
             }
         }
@@ -183,10 +183,10 @@ fn a_long_table_is_set_up_and_read_in_bounded_steps() {
     let (mut steps, mut reports) = (0, 0);
     while reports == 0 {
         let before = rig.bus.accesses();
-        if let VariableLook::Report(_) = rig.look() {
+        if let VariablePoll::Report(_) = rig.poll() {
             reports += 1;
         }
-        assert!(rig.bus.accesses() - before <= STEP_WORDS as u64 + 3);
+        assert!(rig.bus.accesses() - before <= POLL_WORDS as u64 + 3);
         if rig.reader.state == (State::Running { next: 0 }) {
             rig.pass(7);
         }
@@ -202,23 +202,23 @@ fn in_multi_user_mode_entries_are_taken_and_freed_one_by_one() {
     rig.set_up(&THREE, VariableMode::MultiUser);
     assert_eq!(rig.word(0x07E8), 0x0100);
     rig.pass(0x4000);
-    assert_eq!(rig.look(), VariableLook::Nothing, "first values are dropped");
+    assert_eq!(rig.poll(), VariablePoll::Nothing, "first values are dropped");
     rig.pass(0x1000);
     let before = rig.bus.accesses();
-    assert_eq!(rig.look(), VariableLook::Values(0b111));
+    assert_eq!(rig.poll(), VariablePoll::Values(0b111));
     assert_eq!(rig.bus.accesses() - before, 1 + 3 + 8 + 3 + 1);
     assert_eq!(rig.reader.values()[2].words, [0x1700, 0x1701, 0, 0]);
     // PMAC has brought one entry so far.
     rig.put(0x2A00 + 12 + 4, 0xAAAA);
     rig.put(0x2A06, 0x8001);
     let before = rig.bus.accesses();
-    assert_eq!(rig.look(), VariableLook::Values(0b010));
+    assert_eq!(rig.poll(), VariablePoll::Values(0b010));
     assert_eq!(rig.bus.accesses() - before, 1 + 3 + 4 + 1 + 1);
     assert_eq!(rig.reader.values()[1].words[0], 0xAAAA);
     assert_eq!(rig.reader.values().iter().map(|value| value.updates).collect::<Vec<_>>(), [1, 2, 1]);
     assert_eq!(rig.word(0x2A06), 1, "free for the next");
     assert_eq!(rig.word(0x07E8), 0x0100);
-    assert_eq!(rig.look(), VariableLook::Nothing);
+    assert_eq!(rig.poll(), VariablePoll::Nothing);
 }
 
 #[test]
@@ -229,8 +229,8 @@ fn no_entry_of_a_long_table_starves() {
     for _ in 0..200 {
         rig.pass(1);
         let before = rig.bus.accesses();
-        rig.look();
-        assert!(rig.bus.accesses() - before <= STEP_WORDS as u64 + 3);
+        rig.poll();
+        assert!(rig.bus.accesses() - before <= POLL_WORDS as u64 + 3);
     }
     let updates = rig.reader.values().iter().map(|value| value.updates);
     assert!(updates.clone().min().unwrap() + 1 >= updates.max().unwrap());
@@ -243,24 +243,24 @@ fn a_pass_that_outlasts_the_silence_brings_no_value() {
     let mut rig = Rig::new();
     rig.set_up(&THREE, VariableMode::SingleUser);
     rig.put(0x07E8, 1);
-    assert_eq!(rig.look(), VariableLook::Nothing);
+    assert_eq!(rig.poll(), VariablePoll::Nothing);
     assert_eq!(rig.reader.values()[0].updates, 0);
 
     // It wrote back the control word of single-user mode.
     let mut rig = Rig::new();
     rig.set_up(&THREE, VariableMode::MultiUser);
     rig.put(0x07E8, 1);
-    assert_eq!(rig.look(), VariableLook::Nothing);
+    assert_eq!(rig.poll(), VariablePoll::Nothing);
     assert_eq!((rig.word(0x07E8), rig.reader.repairs()), (0x0100, 1));
 
     // It wrote back an entry's kind, with its ready bit.
     rig.put(0x2A02, 0x8001);
-    assert_eq!(rig.look(), VariableLook::Nothing);
+    assert_eq!(rig.poll(), VariablePoll::Nothing);
     assert_eq!((rig.word(0x2A02), rig.reader.repairs()), (2, 2));
     rig.pass(0);
-    assert_eq!(rig.look(), VariableLook::Nothing, "and this was the entry's first value by its own kind");
+    assert_eq!(rig.poll(), VariablePoll::Nothing, "and this was the entry's first value by its own kind");
     rig.pass(0);
-    assert_eq!(rig.look(), VariableLook::Values(0b111));
+    assert_eq!(rig.poll(), VariablePoll::Values(0b111));
 }
 
 #[test]
@@ -287,10 +287,10 @@ fn no_entries_and_an_absent_board_give_nothing() {
         rig.put(offset, u16::MAX);
     }
     let writes = rig.bus.writes();
-    assert_eq!(rig.look(), VariableLook::Nothing);
+    assert_eq!(rig.poll(), VariablePoll::Nothing);
     assert_eq!(rig.bus.writes(), writes);
     rig.begin(&[], VariableMode::MultiUser);
-    assert_eq!(rig.look(), VariableLook::Off);
+    assert_eq!(rig.poll(), VariablePoll::Off);
     assert_eq!(rig.word(0x07EC), 0);
     rig.reader.release(&mut rig.bus).unwrap();
     assert_eq!(rig.word(0x07E8), 0);
@@ -309,7 +309,7 @@ proptest! {
         rig.set_up(&entries, if multi_user { VariableMode::MultiUser } else { VariableMode::SingleUser });
         for _ in 0..100 {
             rig.pass(0x0100);
-            rig.look();
+            rig.poll();
         }
         for (entry, value) in entries.iter().zip(rig.reader.values()) {
             let expected: Vec<_> = (0..entry.kind.words()).map(|word| entry.address as u16 + 0x0100 + word as u16).collect();

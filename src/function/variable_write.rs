@@ -25,8 +25,8 @@ use crate::map::{HostOffset, PmacRegister, RecordBits, Region, StartRule, Variab
 /// How long after the count was taken back the records are left alone: PMAC may be working on them, and clears the
 /// count when it is done.
 pub const SETTLE: Duration = Duration::from_millis(50);
-/// Records that one step writes at most, so that servo data need not wait.
-pub const STEP_RECORDS: usize = 5;
+/// Records that one poll writes at most, so that servo data need not wait.
+pub const POLL_RECORDS: usize = 5;
 /// Bits in a PMAC word.
 const WORD_BITS: u8 = 24;
 /// Widths PMAC writes, in bits.
@@ -168,9 +168,9 @@ impl WriteRecord {
     }
 }
 
-/// What a step found.
+/// What a poll gave.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum WriteStep {
+pub enum WritePoll {
     /// Nothing is under way; [`VariableWriter::begin`] may be called.
     Idle,
     /// Records are being handed over, PMAC has not done them yet, or the records rest after a job was given up.
@@ -248,7 +248,7 @@ impl VariableWriter {
 
     /// Starts writing `records`, in their order. `Err` gives them back: the writer is not idle, has no room, or PMAC
     /// still works for another host, or there is no board; try later. No record is no job: it is done at once.
-    /// 1 read; each cycle costs 6 writes a record and 2 more, and the reads of the steps that wait.
+    /// 1 read; each cycle costs 6 writes a record and 2 more, and the reads of the polls that wait.
     ///
     /// # Errors
     /// When the bus cannot be reached.
@@ -266,40 +266,40 @@ impl VariableWriter {
         Ok(Ok(()))
     }
 
-    /// Does what can be done now. At most [`STEP_RECORDS`] records and 2 words are written, or 1 is read.
+    /// Does what can be done now. At most [`POLL_RECORDS`] records and 2 words are written, or 1 is read.
     ///
     /// # Errors
     /// When the bus cannot be reached.
-    pub fn step(&mut self, bus: &mut impl Bus, now: Instant) -> Result<WriteStep, BusError> {
+    pub fn poll(&mut self, bus: &mut impl Bus, now: Instant) -> Result<WritePoll, BusError> {
         match self.state {
-            State::Idle => Ok(WriteStep::Idle),
+            State::Idle => Ok(WritePoll::Idle),
             State::Loading { .. } if self.cycle() == 0 => {
                 self.state = State::Idle;
-                Ok(WriteStep::Done)
+                Ok(WritePoll::Done)
             }
             State::Loading { next } => {
                 self.load(bus, next)?;
-                Ok(WriteStep::Waiting)
+                Ok(WritePoll::Waiting)
             }
             State::Handed => {
                 if bus.read16(self.write.count)? != 0 {
-                    return Ok(WriteStep::Waiting);
+                    return Ok(WritePoll::Waiting);
                 }
                 bus.order_reads();
                 let cycle = self.cycle();
                 self.done += cycle;
                 if self.cycle() == 0 {
                     self.state = State::Idle;
-                    return Ok(WriteStep::Done);
+                    return Ok(WritePoll::Done);
                 }
                 self.state = State::Loading { next: 0 };
-                Ok(WriteStep::Progress(cycle))
+                Ok(WritePoll::Progress(cycle))
             }
             State::Settling { since } if now >= since + SETTLE => {
                 self.state = State::Idle;
-                Ok(WriteStep::Idle)
+                Ok(WritePoll::Idle)
             }
-            State::Settling { .. } => Ok(WriteStep::Waiting),
+            State::Settling { .. } => Ok(WritePoll::Waiting),
         }
     }
 
@@ -326,7 +326,7 @@ impl VariableWriter {
 
     /// After [`VariableWriter::release`]: gives up the job under way, and lets the records rest in any case, since PMAC may
     /// be at work on those of the host before.
-    pub fn start_over(&mut self, now: Instant) -> GivenUp {
+    pub fn acquire(&mut self, now: Instant) -> GivenUp {
         let uncertain = if self.state == State::Handed { self.cycle() } else { 0 };
         self.state = State::Settling { since: now };
         GivenUp { done: self.done, uncertain }
@@ -340,7 +340,7 @@ impl VariableWriter {
     /// Writes the next records, and after the cycle's last one hands them over.
     fn load(&mut self, bus: &mut impl Bus, next: usize) -> Result<(), BusError> {
         let cycle = self.cycle();
-        let end = cycle.min(next + STEP_RECORDS);
+        let end = cycle.min(next + POLL_RECORDS);
         for index in next..end {
             let first: HostOffset = self.place.start.plus_words(index * VARIABLE_WRITE_RECORD_WORDS);
             for (word, value) in

@@ -30,8 +30,8 @@ impl Rig {
         self.writer.begin(&mut self.bus, records).unwrap().is_ok()
     }
 
-    fn step(&mut self) -> WriteStep {
-        self.writer.step(&mut self.bus, self.now).unwrap()
+    fn poll(&mut self) -> WritePoll {
+        self.writer.poll(&mut self.bus, self.now).unwrap()
     }
 
     fn count(&mut self) -> u16 {
@@ -119,17 +119,17 @@ fn what_would_do_harm_or_nothing_is_refused() {
 #[test]
 fn a_job_is_handed_over_count_last_and_done_when_pmac_says_so() {
     let mut rig = Rig::new(PLACE);
-    assert_eq!(rig.step(), WriteStep::Idle);
+    assert_eq!(rig.poll(), WritePoll::Idle);
     let before = rig.bus.accesses();
     assert!(rig.begin(vec![word(1), word(2)]));
-    assert_eq!(rig.step(), WriteStep::Waiting);
+    assert_eq!(rig.poll(), WritePoll::Waiting);
     assert_eq!(rig.bus.accesses() - before, 1 + 2 * 6 + 2);
     assert!(!rig.begin(vec![word(3)]), "one job at a time");
     let before = rig.bus.accesses();
-    assert_eq!(rig.step(), WriteStep::Waiting);
+    assert_eq!(rig.poll(), WritePoll::Waiting);
     assert_eq!(rig.bus.accesses() - before, 1);
     assert_eq!(rig.take(), [words(word(1)), words(word(2))]);
-    assert_eq!((rig.step(), rig.step()), (WriteStep::Done, WriteStep::Idle));
+    assert_eq!((rig.poll(), rig.poll()), (WritePoll::Done, WritePoll::Idle));
 }
 
 #[test]
@@ -144,11 +144,11 @@ fn more_than_a_cycle_holds_goes_in_order() {
             let mut announced = 0;
             for _ in 0..200 {
                 let before = rig.bus.accesses();
-                let step = rig.step();
-                assert!(rig.bus.accesses() - before <= 6 * STEP_RECORDS as u64 + 2);
+                let step = rig.poll();
+                assert!(rig.bus.accesses() - before <= 6 * POLL_RECORDS as u64 + 2);
                 match step {
-                    WriteStep::Done => break,
-                    WriteStep::Progress(records) => announced += records,
+                    WritePoll::Done => break,
+                    WritePoll::Progress(records) => announced += records,
                     _ => {}
                 }
                 if rig.count() != 0 {
@@ -167,7 +167,7 @@ fn more_than_a_cycle_holds_goes_in_order() {
 fn no_records_are_done_at_once_and_no_room_takes_none() {
     let mut rig = Rig::new(PLACE);
     assert!(rig.begin(Vec::new()));
-    assert_eq!(rig.step(), WriteStep::Done);
+    assert_eq!(rig.poll(), WritePoll::Done);
     assert_eq!(rig.count(), 0);
     let mut rig = Rig::new(Region::new("w", PLACE.start, PLACE.start));
     assert!(!rig.begin(vec![word(1)]));
@@ -183,20 +183,20 @@ fn a_job_given_up_tells_what_is_certain_and_rests() {
 
     assert!(rig.begin((1..=40).map(word).collect()));
     while rig.count() == 0 {
-        rig.step();
+        rig.poll();
     }
     rig.take();
-    assert_eq!(rig.step(), WriteStep::Progress(32));
+    assert_eq!(rig.poll(), WritePoll::Progress(32));
     while rig.count() == 0 {
-        rig.step();
+        rig.poll();
     }
     let given_up = rig.writer.give_up(&mut rig.bus, rig.now).unwrap();
     assert_eq!(given_up, GivenUp { done: 32, uncertain: 8 });
     assert_eq!(rig.count(), 0);
-    assert_eq!(rig.step(), WriteStep::Waiting);
+    assert_eq!(rig.poll(), WritePoll::Waiting);
     assert!(!rig.begin(vec![word(1)]), "PMAC may still be at them, and clear the count when it is done");
     rig.now += SETTLE;
-    assert_eq!(rig.step(), WriteStep::Idle);
+    assert_eq!(rig.poll(), WritePoll::Idle);
     assert!(rig.begin(vec![word(1)]));
 }
 
@@ -209,9 +209,9 @@ fn records_of_another_host_and_an_absent_board_are_waited_for() {
     }
     rig.writer.release(&mut rig.bus).unwrap();
     assert!(rig.begin(vec![word(1)]));
-    rig.step();
+    rig.poll();
     rig.bus.write16(PMAC.variable_write.count, u16::MAX).unwrap();
-    assert_eq!(rig.step(), WriteStep::Waiting);
+    assert_eq!(rig.poll(), WritePoll::Waiting);
 }
 
 proptest! {

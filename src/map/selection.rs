@@ -44,6 +44,12 @@ impl Selection {
         Self { words: !words, numbers: !numbers }
     }
 
+    /// What this selection and the numbers of a mask, bit k-1 for number k, have in common.
+    #[must_use]
+    pub const fn among(self, numbers: u32) -> Self {
+        Self { words: self.words, numbers: self.numbers & numbers as u64 }
+    }
+
     /// What [`Selection::without`] takes: the words and the numbers left out.
     #[must_use]
     pub const fn left_out(self) -> (u64, u64) {
@@ -152,6 +158,7 @@ mod tests {
         assert!(selection.has_number(3) && selection.has_number(64));
         assert!(!selection.has_number(0) && !selection.has_number(65) && !selection.has_number(usize::MAX));
         assert!(!selection.has_words(usize::MAX - 1, 1));
+        assert_eq!(selection.among(0b1110), Selection::new([4..8, 60..64], [3]));
     }
 
     #[test]

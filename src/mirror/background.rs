@@ -1,6 +1,6 @@
 //! The background region: asks for reports at a steady rate and publishes each.
 //!
-//! A sample's time is when its report was last seen not to be there: when it was asked for, or the last look in vain. The
+//! A sample's time is when its report was last seen not to be there: when it was asked for, or the last empty poll. The
 //! data are no older, whatever held up the daemon since; a report older than what is called stale is not published
 //! but asked for anew.
 
@@ -12,7 +12,7 @@ use crate::map::{BackgroundBlock, Selection};
 use crate::segment::freshness::limit_ns;
 use crate::segment::{BlockPlace, Counter, Publisher, RegionId, RegionSpec, RegionState, Stamp};
 
-/// How soon to look (again) for a report that was asked for, and no later than after a quarter of a period.
+/// How soon to poll (again) for a report that was asked for, and no later than after a quarter of a period.
 const AGAIN_NS: u64 = 2_000_000;
 /// Reports are stale after this time without one, or after ten periods ([`limit_ns`]).
 const STALE_NS: u64 = 1_000_000_000;
@@ -40,7 +40,7 @@ pub struct BackgroundMirror {
     freshness: Freshness,
     period_ns: u64,
     due_ns: u64,
-    last_look_ns: u64,
+    last_poll_ns: u64,
     /// A report is asked for.
     asked: Option<Asked>,
 }
@@ -72,7 +72,7 @@ impl BackgroundMirror {
             freshness: Freshness::new(limit_ns(STALE_NS, period_ns)),
             period_ns,
             due_ns: 0,
-            last_look_ns: 0,
+            last_poll_ns: 0,
             asked: None,
         }
     }
@@ -94,7 +94,7 @@ impl BackgroundMirror {
         }
     }
 
-    /// When to look next, CLOCK_MONOTONIC.
+    /// When to poll next, CLOCK_MONOTONIC.
     #[must_use]
     pub fn due_ns(&self) -> u64 {
         self.due_ns
@@ -113,7 +113,7 @@ impl BackgroundMirror {
     }
 
     /// Starts over, as with another board.
-    pub fn forget(&mut self) {
+    pub fn reset(&mut self) {
         self.reader.reset();
         self.timer.reset();
         self.asked = None;
@@ -123,7 +123,7 @@ impl BackgroundMirror {
     ///
     /// # Errors
     /// When the bus cannot be reached.
-    pub fn start_over(&mut self, bus: &mut impl Bus, now: u64) -> Result<(), BusError> {
+    pub fn acquire(&mut self, bus: &mut impl Bus, now: u64) -> Result<(), BusError> {
         self.ask(bus, now)
     }
 
@@ -139,21 +139,21 @@ impl BackgroundMirror {
         AGAIN_NS.min(self.period_ns / 4)
     }
 
-    /// Does what is due at `now`: asks for a report, looks for it, or reads a part of it, and publishes it when it is whole.
+    /// Does what is due at `now`: asks for a report, polls for it, or reads a part of it, and publishes it when it is whole.
     ///
     /// # Errors
     /// When the bus cannot be reached.
-    pub fn pass(
+    pub fn poll(
         &mut self,
         bus: &mut impl Bus,
         publisher: &mut Publisher,
         now: u64,
     ) -> Result<Option<Transition>, BusError> {
-        // Only looks tell that the board is silent; a mirror that was itself stopped has no right to say so yet.
-        if now.saturating_sub(self.last_look_ns) >= self.freshness.limit_ns() {
-            self.freshness.excuse(now);
+        // Only polls tell that the board is silent; a mirror that was itself stopped has no right to say so yet.
+        if now.saturating_sub(self.last_poll_ns) >= self.freshness.limit_ns() {
+            self.freshness.reset_deadline(now);
         }
-        self.last_look_ns = now;
+        self.last_poll_ns = now;
         let Some(asked) = &mut self.asked else {
             self.ask(bus, now)?;
             return Ok(None);
@@ -163,9 +163,9 @@ impl BackgroundMirror {
                 // One that does not stand any more was followed by another, if at all, after its first words were read.
                 asked.not_before_ns = asked.began_ns.take().unwrap_or(now);
                 self.due_ns = now + self.again_ns();
-                let transition = self.freshness.none_came(now);
+                let transition = self.freshness.timeout(now);
                 if transition.is_some() {
-                    self.forget();
+                    self.reset();
                     publisher.set_region_state(RegionId::Background, RegionState::Stale);
                 }
                 Ok(transition)
@@ -190,7 +190,7 @@ impl BackgroundMirror {
                 );
                 publisher.counters().add(Counter::BackgroundUpdates, 1);
                 self.due_ns = (at_ns + self.period_ns).max(now);
-                let transition = self.freshness.came(now);
+                let transition = self.freshness.on_update(now);
                 if transition.is_some() {
                     publisher.set_region_state(RegionId::Background, RegionState::Live);
                 }

@@ -65,8 +65,8 @@ impl Rig {
         }
     }
 
-    fn look(&mut self) -> Option<Transition> {
-        self.mirror.pass(&mut self.bus, &mut self.publisher, self.now).unwrap()
+    fn poll(&mut self) -> Option<Transition> {
+        self.mirror.poll(&mut self.bus, &mut self.publisher, self.now).unwrap()
     }
 
     /// The number of the sample that was published last, the pass that made its report, and its time.
@@ -83,7 +83,7 @@ impl Rig {
             self.now += MS;
             self.pmac();
             while self.mirror.due_ns() <= self.now && self.latest() == before {
-                self.look();
+                self.poll();
             }
             if self.latest() != before {
                 return self.latest().unwrap();
@@ -100,7 +100,7 @@ fn a_report_is_made_when_it_is_due_and_not_a_period_before() {
     for sequence in 1..20 {
         let (found, pass, time_ns) = rig.run_to_next();
         assert_eq!(found, sequence);
-        // A pass a millisecond: it was made after it was asked for, 2 ms before the look that found it.
+        // A pass a millisecond: it was made after it was asked for, 2 ms before the poll that found it.
         assert!(rig.passes - pass <= 2, "made {} ms before it was read", rig.passes - pass);
         assert!(rig.now - time_ns <= 3 * MS);
         // What its time says, it is no older than.
@@ -113,15 +113,15 @@ fn a_report_is_made_when_it_is_due_and_not_a_period_before() {
 #[test]
 fn asking_and_reading_cost_what_they_did() {
     let mut rig = Rig::new();
-    rig.look();
+    rig.poll();
     rig.pmac();
     rig.run_to_next();
     rig.now = rig.mirror.due_ns();
     let before = rig.bus.accesses();
-    rig.look();
+    rig.poll();
     rig.pmac();
     while rig.latest().unwrap().0 == 1 {
-        rig.look();
+        rig.poll();
     }
     // 4 are the board's own.
     assert_eq!(rig.bus.accesses() - before - 4, 2 * 62 + 11);
@@ -129,25 +129,25 @@ fn asking_and_reading_cost_what_they_did() {
 
 #[test]
 fn a_report_that_lay_there_while_the_daemon_stood_still_is_as_old_as_it_says() {
-    // After so many looks: asked for; half read; wherever it is.
+    // After so many polls: asked for; half read; wherever it is.
     for looks in 1..=3 {
         for (stop, is_told) in [(SECOND / 2, true), (60 * SECOND, false)] {
             let mut rig = Rig::new();
             let (_, _, first) = rig.run_to_next();
             rig.now = rig.mirror.due_ns();
             let asked = rig.now;
-            rig.look();
+            rig.poll();
             rig.pmac();
             let made = rig.passes;
             for _ in 1..looks {
-                rig.look();
+                rig.poll();
             }
             assert_eq!(rig.latest().unwrap().2, first);
             rig.now += stop;
             for _ in 0..100 {
                 rig.pmac();
             }
-            assert_eq!((1..8).find_map(|_| rig.look()), None, "still live: nobody looked meanwhile");
+            assert_eq!((1..8).find_map(|_| rig.poll()), None, "still live: nobody looked meanwhile");
             let (_, pass, time_ns) = rig.latest().unwrap();
             if is_told {
                 assert_eq!((pass, time_ns), (made, asked), "told, but as of then");
@@ -165,32 +165,32 @@ fn the_report_after_one_that_did_not_stand_has_a_time_of_its_own() {
     let mut rig = Rig::new();
     rig.run_to_next();
     rig.now = rig.mirror.due_ns();
-    rig.look();
+    rig.poll();
     rig.pmac();
     rig.now += 2 * MS;
     let began = rig.now;
-    rig.look();
+    rig.poll();
     // Reset in the middle, with another report right after it.
     rig.bus.write16(BACKGROUND_DATA_READY, 0).unwrap();
     rig.pmac();
     let made = rig.passes;
     rig.now += MS;
-    rig.look();
-    rig.look();
+    rig.poll();
+    rig.poll();
     assert_eq!(rig.latest().unwrap().0, 1, "the first one is not told");
     let (_, pass, time_ns) = rig.run_to_next();
     assert_eq!((pass, time_ns), (made, began), "it was not there when the first one's first words were read");
     // One that does not come for a while is not told as of then.
     rig.now = rig.mirror.due_ns();
-    rig.look();
+    rig.poll();
     rig.pmac();
-    rig.look();
+    rig.poll();
     rig.bus.write16(BACKGROUND_DATA_READY, 0).unwrap();
-    rig.look();
-    rig.look();
+    rig.poll();
+    rig.poll();
     for _ in 0..300 {
         rig.now = rig.mirror.due_ns();
-        rig.look();
+        rig.poll();
     }
     let (_, _, time_ns) = rig.run_to_next();
     assert!(rig.now - time_ns <= 3 * MS, "{} ms", (rig.now - time_ns) / MS);
@@ -204,7 +204,7 @@ fn silence_is_told_once_by_looks() {
     for _ in 0..2000 {
         rig.now += MS;
         if rig.mirror.due_ns() <= rig.now {
-            told.extend(rig.look());
+            told.extend(rig.poll());
         }
     }
     assert_eq!(told, [Transition::Stale]);

@@ -1,8 +1,8 @@
 //! When the next servo update is due: a phase-locked estimate from the updates seen so far.
 //!
-//! Looking costs a bus access, and on real hardware bus accesses are the cost. A look that comes a little early costs
+//! Polling costs a bus access, and on real hardware bus accesses are the cost. A poll that comes a little early costs
 //! one access; one that comes late delays the data, and one that comes a whole period late loses an update. So the
-//! clock aims just before the predicted update, looks again shortly after as long as nothing has come, and learns
+//! clock aims just before the predicted update, polls again shortly after as long as nothing has come, and learns
 //! phase and period from when it came.
 
 /// Nanoseconds.
@@ -14,11 +14,11 @@ const MILLISECOND: Ns = 1_000_000;
 /// How far a phase error moves the next prediction, and how far the spacing of two updates moves the period.
 const PHASE_GAIN: f64 = 0.25;
 const PERIOD_GAIN: f64 = 0.02;
-/// Every update found at the first look moves the aim earlier by this part of a period, and no more than so many ns:
-/// without it nobody would notice that the looks come later and later.
+/// Every update found at the first poll moves the aim earlier by this part of a period, and no more than so many ns:
+/// without it nobody would notice that the polls come later and later.
 const NUDGE: f64 = 1.0 / 64.0;
 const NUDGE_NS: f64 = 20_000.0;
-/// So many updates in a row that came much too early mean that the period is wrong. Only one so long that looks are more
+/// So many updates in a row that came much too early mean that the period is wrong. Only one so long that polls are more
 /// frequent is judged so: shorter ones are learnt fast enough, and a simulated board that catches up after it was not run
 /// makes updates in quick succession without any change of its period.
 const HURRIED: u8 = 3;
@@ -27,19 +27,19 @@ const LOCK_PERIODS: f64 = 20.0;
 const SILENCE: Ns = 50 * MILLISECOND;
 /// After so long the board is no longer expected to go on any moment.
 const LONG_SILENCE: Ns = 1_000 * MILLISECOND;
-/// The prediction is good to this part of a period: looks in vain that near to it were early, others were made for other reasons.
+/// The prediction is good to this part of a period: empty polls that near to it were early, others were made for other reasons.
 const AIM: f64 = 1.0 / 8.0;
-/// From the first look in vain to the next while an update is due: a sixteenth of a period, but no less and no more than this.
+/// From the first empty poll to the next while an update is due: a sixteenth of a period, but no less and no more than this.
 const LOOK_AGAIN: std::ops::RangeInclusive<Ns> = 10 * MICROSECOND..=30 * MICROSECOND;
-/// An update that came after so many looks in vain while it was due, and later than this part of a period, moves the phase as if it
+/// An update that came after so many empty polls while it was due, and later than this part of a period, moves the phase as if it
 /// were just so late, as far as it is not one of so many in a row: the board, or a machine that simulates it, was held up. Earlier the
-/// phase moves but by nudges, so that what is late now and then would hold it late for good. (One look in vain is nothing
+/// phase moves but by nudges, so that what is late now and then would hold it late for good. (One empty poll is nothing
 /// unusual: the aim is to come just in time.)
-const LATE_LOOKS: u8 = 2;
+const LATE_POLLS: u8 = 2;
 const LATE: f64 = 1.0 / 16.0;
 const LATE_IN_A_ROW: u8 = 3;
-/// How often to look at least, whatever the prediction says: so a period that became much shorter is noticed. One
-/// access a millisecond costs nothing; where updates come more seldom, one look halfway is enough, but not less than
+/// How often to poll at least, whatever the prediction says: so a period that became much shorter is noticed. One
+/// access a millisecond costs nothing; where updates come more seldom, one poll halfway is enough, but not less than
 /// this, because a period that was told may be wrong.
 const IDLE_LOOK: Ns = MILLISECOND;
 const SELDOM_LOOK: Ns = 10 * MILLISECOND;
@@ -58,8 +58,8 @@ pub struct UpdateClock {
     /// So many updates in a row came much too late.
     late: u8,
     /// Looks in vain since the next update was due.
-    late_looks: u8,
-    /// The last look that found nothing since the last update.
+    late_polls: u8,
+    /// The last poll that found nothing since the last update.
     last_early_ns: Option<Ns>,
     due_ns: Ns,
 }
@@ -74,7 +74,7 @@ impl UpdateClock {
         }
     }
 
-    /// When to look next, CLOCK_MONOTONIC.
+    /// When to poll next, CLOCK_MONOTONIC.
     #[must_use]
     pub fn due_ns(&self) -> Ns {
         self.due_ns
@@ -92,11 +92,11 @@ impl UpdateClock {
         self.predicted_ns.map(|predicted| (predicted - self.period_ns).max(0.0) as Ns)
     }
 
-    /// A look at `now` found nothing new.
-    pub fn looked_in_vain(&mut self, now: Ns) {
+    /// A poll at `now` found nothing new.
+    pub fn poll_empty(&mut self, now: Ns) {
         self.last_early_ns = Some(now);
         if self.predicted_ns.is_some_and(|predicted| now as f64 >= predicted) {
-            self.late_looks = self.late_looks.saturating_add(1);
+            self.late_polls = self.late_polls.saturating_add(1);
         }
         let silent = self.last_update_ns.map_or(Ns::MAX, |last| now.saturating_sub(last));
         if silent > SILENCE.max((LOCK_PERIODS * self.period_ns) as Ns) {
@@ -110,7 +110,7 @@ impl UpdateClock {
         self.due_ns = now + again.clamp(*LOOK_AGAIN.start(), self.longest_wait());
     }
 
-    /// From a look in vain to the next: soon while the update may come any moment, and the later the longer it has failed to
+    /// From an empty poll to the next: soon while the update may come any moment, and the later the longer it has failed to
     /// come, but at the times when the ones after it would come. A board that leaves updates out is not asked for each as
     /// if it were late; and a simulated one that shares the processor gets it.
     fn wait_for(&self, predicted: f64, now: Ns) -> Ns {
@@ -124,8 +124,8 @@ impl UpdateClock {
         soon.max(patience as Ns).min((self.period_ns - since_due) as Ns)
     }
 
-    /// A look at `now` found an update, the `updates`-th after the last one seen (1: none was missed).
-    pub fn found(&mut self, now: Ns, updates: u64) {
+    /// A poll at `now` found an update, the `updates`-th after the last one seen (1: none was missed).
+    pub fn on_update(&mut self, now: Ns, updates: u64) {
         let updates = updates.max(1) as f64;
         let at = now as f64;
         let elapsed = self.last_update_ns.map(|last| at - last as f64);
@@ -139,17 +139,17 @@ impl UpdateClock {
         }
         match (self.predicted_ns, elapsed) {
             (Some(predicted), Some(elapsed)) if updates < LOCK_PERIODS => {
-                // The prediction was for the update nearest to this look, also if one came before it unseen.
+                // The prediction was for the update nearest to this poll, also if one came before it unseen.
                 let behind = ((at - predicted) / self.period_ns).floor().max(0.0);
                 let predicted = predicted + behind * self.period_ns;
                 let early = self.last_early_ns.map(|early| early as f64);
                 let error = match early.filter(|early| *early > predicted - AIM * self.period_ns) {
-                    // It came between two looks; take the middle.
+                    // It came between two polls; take the middle.
                     Some(early) => (at + early) / 2.0 - predicted,
                     None => -(NUDGE * self.period_ns).min(NUDGE_NS),
                 };
                 let much = LATE * self.period_ns;
-                let is_late = error > much && self.late_looks >= LATE_LOOKS;
+                let is_late = error > much && self.late_polls >= LATE_POLLS;
                 self.late = if is_late { self.late.saturating_add(1) } else { 0 };
                 let most = if (1..LATE_IN_A_ROW).contains(&self.late) { much } else { self.period_ns };
                 let error = error.clamp(-self.period_ns, most);
@@ -176,14 +176,14 @@ impl UpdateClock {
         }
         self.last_update_ns = Some(now);
         self.last_early_ns = None;
-        self.late_looks = 0;
+        self.late_polls = 0;
         self.due_ns = match self.predicted_ns {
             Some(predicted) => (predicted as Ns).clamp(now, now + self.longest_wait()),
             None => now + IDLE_LOOK,
         };
     }
 
-    /// From one look to the next at most.
+    /// From one poll to the next at most.
     fn longest_wait(&self) -> Ns {
         let half = if self.predicted_ns.is_some() { self.period_ns / 2.0 } else { 0.0 };
         (half as Ns).clamp(IDLE_LOOK, SELDOM_LOOK)

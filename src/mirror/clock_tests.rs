@@ -2,7 +2,7 @@
 
 use super::*;
 
-/// What became of a run: looks an update, the worst delay after the first tenth, how many updates nobody saw, and all delays.
+/// What became of a run: polls an update, the worst delay after the first tenth, how many updates nobody saw, and all delays.
 struct Seen {
     looks: f64,
     worst: Ns,
@@ -13,7 +13,7 @@ struct Seen {
 /// An update: when it was made, and its number by the board's timer.
 type Update = (f64, u64);
 
-/// Runs the clock against those updates, looking as late as `lateness` says of each look that is due.
+/// Runs the clock against those updates, looking as late as `lateness` says of each poll that is due.
 fn watch(clock: &mut UpdateClock, updates: &[Update], mut lateness: impl FnMut(Ns) -> Ns) -> Seen {
     let (mut looks, mut worst, mut missed, mut seen) = (0u64, 0, 0, 0usize);
     let mut now = 1_000_000u64;
@@ -24,7 +24,7 @@ fn watch(clock: &mut UpdateClock, updates: &[Update], mut lateness: impl FnMut(N
         looks += 1;
         let count = seen + updates[seen..].partition_point(|(time, _)| *time <= now as f64);
         if count == seen {
-            clock.looked_in_vain(now);
+            clock.poll_empty(now);
             continue;
         }
         let (time, number) = updates[count - 1];
@@ -33,7 +33,7 @@ fn watch(clock: &mut UpdateClock, updates: &[Update], mut lateness: impl FnMut(N
             worst = worst.max(now - time as u64);
             missed += (count - seen - 1) as u64;
         }
-        clock.found(now, number - seen.checked_sub(1).map_or(0, |last| updates[last].1));
+        clock.on_update(now, number - seen.checked_sub(1).map_or(0, |last| updates[last].1));
         seen = count;
     }
     Seen { looks: looks as f64 / updates.len() as f64, worst, missed, delays }
@@ -48,7 +48,7 @@ fn updates(count: u64, period: impl Fn(u64) -> f64) -> Vec<Update> {
     times.collect()
 }
 
-/// Numbers below a limit that look drawn at random.
+/// Numbers below a limit that poll drawn at random.
 fn random() -> impl FnMut(u64) -> u64 {
     let mut state = 12345u64;
     move |limit| {
@@ -57,7 +57,7 @@ fn random() -> impl FnMut(u64) -> u64 {
     }
 }
 
-/// Runs the clock against updates at a steady period, with looks up to `lateness` late.
+/// Runs the clock against updates at a steady period, with polls up to `lateness` late.
 fn run(clock: &mut UpdateClock, period: f64, lateness: Ns, count: u64) -> (f64, Ns, u64) {
     let mut random = random();
     let Seen { looks, worst, missed, .. } =
@@ -121,16 +121,16 @@ fn a_wrong_or_changed_period_is_learnt() {
 fn a_silent_board_is_looked_at_seldom() {
     let mut clock = UpdateClock::default();
     clock.expect_period(442_708);
-    clock.found(1_000_000, 1);
+    clock.on_update(1_000_000, 1);
     let (mut now, mut looks) = (1_000_000, 0);
     while now < 3_001_000_000 {
         now = clock.due_ns().max(now + 1);
-        clock.looked_in_vain(now);
+        clock.poll_empty(now);
         looks += u64::from(now > 1_001_000_000);
     }
     assert!((1_900..2_300).contains(&looks), "{looks} looks in two seconds, after the first");
     let mut unknown = UpdateClock::default();
-    unknown.looked_in_vain(5);
+    unknown.poll_empty(5);
     assert_eq!(unknown.due_ns(), 5 + IDLE_LOOK);
 }
 
@@ -139,10 +139,10 @@ fn after_standing_still_it_looks_ahead_and_not_behind() {
     let mut clock = UpdateClock::default();
     clock.expect_period(442_708);
     for k in 0..100u64 {
-        clock.found(1_000_000 + k * 442_708, 1);
+        clock.on_update(1_000_000 + k * 442_708, 1);
     }
     let now = 1_000_000 + 1_100 * 442_708;
-    clock.found(now, 1000);
+    clock.on_update(now, 1000);
     assert!(clock.due_ns() >= now && clock.due_ns() <= now + 442_708 + 1, "{}", clock.due_ns() - now);
 }
 
@@ -191,7 +191,7 @@ fn a_board_that_catches_up_has_not_changed_its_period() {
     run(&mut clock, 442_708.4, 5_000, 1_000);
     let start = clock.due_ns() + 50_000_000;
     for number in 0..30 {
-        clock.found(start + number * 20_000, 1);
+        clock.on_update(start + number * 20_000, 1);
     }
     let period = clock.period_ns().unwrap();
     assert!((200_000..1_500_000).contains(&period), "{period} ns");
@@ -203,7 +203,7 @@ fn a_machine_that_stands_still_at_times_costs_only_what_it_slept_through() {
     let mut random = random();
     let (mut slept, mut stops) = (0, 0);
     let seen = watch(&mut UpdateClock::default(), &updates, |due| {
-        // Once in a thousand looks something else has the processor for up to 20 ms.
+        // Once in a thousand polls something else has the processor for up to 20 ms.
         if due > 3_000_000_000 && random(1000) == 0 {
             let stop = random(20_000_000);
             slept += stop;
@@ -250,7 +250,7 @@ fn an_update_that_fails_to_come_is_looked_for_less_and_less() {
         loop {
             let now = clock.due_ns();
             let Some(looks) = looks.get_mut(((now - start) / period) as usize) else { break };
-            clock.looked_in_vain(now);
+            clock.poll_empty(now);
             assert!(clock.due_ns() - now <= period / 2 + 1, "what comes in time again is not missed");
             *looks += 1;
         }

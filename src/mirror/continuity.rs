@@ -7,13 +7,13 @@
 //!
 //! The longer the silence, the more of the timer's values fit: after about a turn of its 15 bits all do, and it tells
 //! nothing. A silence is then taken for a pause: a false alarm would end a contour that is being streamed, and a
-//! reset is seen by other means. It clears the status word at once, and a mirror that looks every few milliseconds
+//! reset is seen by other means. It clears the status word at once, and a mirror that polls every few milliseconds
 //! sees a timer of exactly 0 while nothing is reported, which a board that goes on shows once in 32768 times.
 
 /// A timer that moved on by no more than this many updates belongs to the stretch of the last update, but never one that
 /// moved by more than a quarter of a turn.
 const NEXT_UPDATES: u64 = 64;
-/// Servo cycles that an update may seem early: the thread was held up between clock and look.
+/// Servo cycles that an update may seem early: the thread was held up between clock and poll.
 const SLACK: u64 = 64;
 /// The length of a servo cycle is known from this many, and of late: the older half counts less after so many.
 const MEASURED: u64 = 256;
@@ -25,11 +25,11 @@ const MOST_CYCLES: u64 = 1 << 48;
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Verdict {
     /// The board went on since the last update, or nothing says otherwise.
-    GoesOn,
+    Continuous,
     /// The board was reset, or cleared its memory.
     Reset,
     /// The timer is neither where it would be now nor near its start: somebody set it, or its clock became faster.
-    Elsewhere,
+    Discontinuous,
 }
 
 /// Knows when the last update came and how long a servo cycle lasts.
@@ -59,7 +59,7 @@ impl Continuity {
     }
 
     /// Starts over, as with another board.
-    pub fn forget(&mut self) {
+    pub fn reset(&mut self) {
         *self = Self { told_ns: self.told_ns, ..Self::new(self.timer_bits) };
     }
 
@@ -78,14 +78,16 @@ impl Continuity {
             return Verdict::Reset;
         }
         let next = (NEXT_UPDATES * u64::from(cycles.unwrap_or(1))).min(1 << (self.timer_bits - 2));
-        let Some(elapsed) = self.elapsed(now_ns).filter(|_| passed > next) else { return Verdict::GoesOn };
+        let Some(elapsed) = self.elapsed(now_ns).filter(|_| passed > next) else {
+            return Verdict::Continuous;
+        };
         let fit = elapsed + elapsed / 4 + SLACK;
         if passed <= fit {
-            Verdict::GoesOn
+            Verdict::Continuous
         } else if u64::from(timer) <= fit {
             Verdict::Reset
         } else {
-            Verdict::Elsewhere
+            Verdict::Discontinuous
         }
     }
 
@@ -99,7 +101,7 @@ impl Continuity {
     }
 
     /// An update came at `now_ns`, after `passed` servo cycles if they are known.
-    pub fn came(&mut self, now_ns: u64, passed: Option<u64>) {
+    pub fn on_update(&mut self, now_ns: u64, passed: Option<u64>) {
         if let (Some(last), Some(passed)) = (self.last_ns, passed) {
             self.cycles += passed;
             self.taken_ns = self.taken_ns.saturating_add(now_ns.saturating_sub(last));
@@ -137,7 +139,7 @@ mod tests {
         let mut continuity = Continuity::new(TIMER_BITS);
         continuity.expect_cycle(CYCLE_NS);
         let start = 1_000_000_000;
-        continuity.came(start, None);
+        continuity.on_update(start, None);
         let passed = (timer + TURN - last) % TURN;
         let is_live = silence * CYCLE_NS < 100_000_000;
         continuity.judge(timer as u32, passed, Some(1), start + silence * CYCLE_NS, is_live)
@@ -153,7 +155,11 @@ mod tests {
                 for passed in [silence, silence + silence / 16 + 20, silence * 2 / 3, silence / 2, 70, 3, 1] {
                     let timer = (last + passed) % TURN;
                     if timer != 0 {
-                        assert_eq!(after(last, silence, timer), Verdict::GoesOn, "{last} {silence} {passed}");
+                        assert_eq!(
+                            after(last, silence, timer),
+                            Verdict::Continuous,
+                            "{last} {silence} {passed}"
+                        );
                     }
                 }
             }
@@ -162,7 +168,7 @@ mod tests {
 
     #[test]
     fn a_reset_is_found() {
-        // The status word is cleared at once: a look finds it 0, whenever that is, wherever the timer was.
+        // The status word is cleared at once: a poll finds it 0, whenever that is, wherever the timer was.
         for silence in [230, SECOND, 8 * SECOND, 20 * SECOND, 3600 * SECOND] {
             for last in [1, 5000, 16_000, TURN - silence % TURN, TURN - 1] {
                 assert_eq!(after(last, silence, 0), Verdict::Reset, "{last} {silence}");
@@ -181,18 +187,18 @@ mod tests {
         // With a period so long that 64 of it are a turn.
         let mut continuity = Continuity::new(TIMER_BITS);
         continuity.expect_cycle(CYCLE_NS);
-        continuity.came(0, None);
+        continuity.on_update(0, None);
         let passed = TURN - 20_000 + 30;
         assert_eq!(continuity.judge(30, passed, Some(600), 600 * CYCLE_NS, true), Verdict::Reset);
-        assert_eq!(continuity.judge(20_600, 600, Some(600), 600 * CYCLE_NS, true), Verdict::GoesOn);
+        assert_eq!(continuity.judge(20_600, 600, Some(600), 600 * CYCLE_NS, true), Verdict::Continuous);
     }
 
     #[test]
     fn a_timer_that_is_elsewhere_is_no_reset() {
-        assert_eq!(after(5000, 1, 25_000), Verdict::Elsewhere);
-        assert_eq!(after(5000, SECOND, 25_000), Verdict::Elsewhere);
+        assert_eq!(after(5000, 1, 25_000), Verdict::Discontinuous);
+        assert_eq!(after(5000, SECOND, 25_000), Verdict::Discontinuous);
         // The servo clock was made four times as fast meanwhile.
-        assert_eq!(after(5000, SECOND, 5000 + 4 * SECOND), Verdict::Elsewhere);
+        assert_eq!(after(5000, SECOND, 5000 + 4 * SECOND), Verdict::Discontinuous);
     }
 
     #[test]
@@ -200,12 +206,12 @@ mod tests {
         let mut continuity = Continuity::new(TIMER_BITS);
         // No update yet: what lay there is of unknown age.
         continuity.expect_cycle(CYCLE_NS);
-        assert_eq!(continuity.judge(7, 20_000, Some(1), 1_000_000_000, false), Verdict::GoesOn);
+        assert_eq!(continuity.judge(7, 20_000, Some(1), 1_000_000_000, false), Verdict::Continuous);
         assert_eq!(continuity.judge(0, 20_000, Some(1), 1_000_000_000, false), Verdict::Reset, "cleared");
         // No length of a cycle.
         let mut continuity = Continuity::new(TIMER_BITS);
-        continuity.came(0, None);
-        assert_eq!(continuity.judge(7, 20_000, None, 442_708, true), Verdict::GoesOn);
+        continuity.on_update(0, None);
+        assert_eq!(continuity.judge(7, 20_000, None, 442_708, true), Verdict::Continuous);
     }
 
     #[test]
@@ -217,13 +223,13 @@ mod tests {
                 let mut now = 0;
                 for _ in 0..200 {
                     now += 3 * CYCLE_NS;
-                    continuity.came(now, Some(3));
+                    continuity.on_update(now, Some(3));
                 }
                 for update in 1..5 {
                     now += period * CYCLE_NS;
                     let timer = (9000 + update * period) as u32;
-                    assert_eq!(continuity.judge(timer, period, cycles, now, is_live), Verdict::GoesOn);
-                    continuity.came(now, is_live.then_some(period));
+                    assert_eq!(continuity.judge(timer, period, cycles, now, is_live), Verdict::Continuous);
+                    continuity.on_update(now, is_live.then_some(period));
                 }
             }
         }
@@ -237,19 +243,19 @@ mod tests {
         let mut now = 0;
         for update in 0..5000 {
             now += CYCLE_NS;
-            continuity.came(now, (update > 0).then_some(1));
+            continuity.on_update(now, (update > 0).then_some(1));
         }
         assert_eq!(continuity.elapsed(now + 1000 * CYCLE_NS), Some(1000));
         // It became slower, and is followed.
         for _ in 0..30_000 {
             now += 2 * CYCLE_NS;
-            continuity.came(now, Some(1));
+            continuity.on_update(now, Some(1));
         }
         let elapsed = continuity.elapsed(now + 1000 * CYCLE_NS).unwrap();
         assert!((500..510).contains(&elapsed), "{elapsed}");
-        continuity.forget();
+        continuity.reset();
         assert_eq!(continuity.elapsed(now), None);
-        continuity.came(now, Some(1));
+        continuity.on_update(now, Some(1));
         assert_eq!(continuity.elapsed(now + 1000 * CYCLE_NS), Some(500), "as told");
     }
 
@@ -258,7 +264,7 @@ mod tests {
         let mut continuity = Continuity::new(TIMER_BITS);
         assert_eq!(continuity.whole(10, 1_000_000_000), 10);
         continuity.expect_cycle(1000);
-        continuity.came(0, None);
+        continuity.on_update(0, None);
         assert_eq!(continuity.whole(10, 12_000), 10);
         assert_eq!(continuity.whole(10, 32_800_000), 32_778);
         assert_eq!(continuity.whole(32_000, (65_536 + 31_000) * 1000), 65_536 + 32_000);
@@ -269,11 +275,11 @@ mod tests {
         for cycle_ns in [0, 1, CYCLE_NS, u64::MAX] {
             let mut continuity = Continuity::new(TIMER_BITS);
             continuity.expect_cycle(cycle_ns);
-            continuity.came(0, None);
+            continuity.on_update(0, None);
             let elapsed = continuity.elapsed(u64::MAX);
             assert!(elapsed.is_some_and(|elapsed| elapsed <= MOST_CYCLES), "{cycle_ns}: {elapsed:?}");
             let _ = continuity.judge(5, 20_000, Some(u32::MAX), u64::MAX, true);
-            continuity.came(u64::MAX, Some(continuity.whole(5, u64::MAX)));
+            continuity.on_update(u64::MAX, Some(continuity.whole(5, u64::MAX)));
             let _ = continuity.judge(5, 20_000, Some(u32::MAX), u64::MAX, false);
         }
     }

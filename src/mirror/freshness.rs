@@ -44,18 +44,18 @@ impl Freshness {
     }
 
     /// Data came at `now_ns`.
-    pub fn came(&mut self, now_ns: u64) -> Option<Transition> {
+    pub fn on_update(&mut self, now_ns: u64) -> Option<Transition> {
         self.last_ns = now_ns;
         (!std::mem::replace(&mut self.live, true)).then_some(Transition::Live)
     }
 
-    /// Nobody looked until `now_ns`, so a silence counts only from here on.
-    pub fn excuse(&mut self, now_ns: u64) {
+    /// Nobody polled until `now_ns`, so a silence counts only from here on.
+    pub fn reset_deadline(&mut self, now_ns: u64) {
         self.last_ns = self.last_ns.max(now_ns);
     }
 
     /// None came; it is `now_ns`.
-    pub fn none_came(&mut self, now_ns: u64) -> Option<Transition> {
+    pub fn timeout(&mut self, now_ns: u64) -> Option<Transition> {
         let over = self.live && is_old(self.last_ns, now_ns, self.limit_ns);
         if over {
             self.live = false;
@@ -71,15 +71,15 @@ mod tests {
     #[test]
     fn each_change_is_told_once() {
         let mut freshness = Freshness::new(100);
-        assert_eq!(freshness.none_came(1000), None, "it never was live");
-        assert_eq!(freshness.came(1000), Some(Transition::Live));
-        assert_eq!(freshness.came(1050), None);
-        assert_eq!(freshness.none_came(1150), None);
-        assert_eq!(freshness.none_came(1151), Some(Transition::Stale));
-        assert_eq!(freshness.none_came(2000), None);
-        assert_eq!(freshness.came(2001), Some(Transition::Live));
-        freshness.excuse(5000);
-        assert_eq!(freshness.none_came(5100), None);
-        assert_eq!(freshness.none_came(5101), Some(Transition::Stale));
+        assert_eq!(freshness.timeout(1000), None, "it never was live");
+        assert_eq!(freshness.on_update(1000), Some(Transition::Live));
+        assert_eq!(freshness.on_update(1050), None);
+        assert_eq!(freshness.timeout(1150), None);
+        assert_eq!(freshness.timeout(1151), Some(Transition::Stale));
+        assert_eq!(freshness.timeout(2000), None);
+        assert_eq!(freshness.on_update(2001), Some(Transition::Live));
+        freshness.reset_deadline(5000);
+        assert_eq!(freshness.timeout(5100), None);
+        assert_eq!(freshness.timeout(5101), Some(Transition::Stale));
     }
 }

@@ -36,7 +36,7 @@ impl UpdateCounter {
             self.cycles = 0;
         }
         if self.cycles > 0 {
-            return passed / u64::from(self.cycles) + self.owed();
+            return passed / u64::from(self.cycles) + self.catch_up();
         }
         self.smallest = if self.seen == 0 { passed } else { self.smallest.min(passed) };
         self.seen += 1;
@@ -45,11 +45,11 @@ impl UpdateCounter {
             return 1;
         }
         self.cycles = u32::try_from(self.smallest).unwrap_or(u32::MAX);
-        1 + self.owed()
+        1 + self.catch_up()
     }
 
     /// The updates not read while the period was unknown, once.
-    fn owed(&mut self) -> u64 {
+    fn catch_up(&mut self) -> u64 {
         let made = self.passed / u64::from(self.cycles.max(1));
         let owed = made.saturating_sub(self.seen);
         (self.seen, self.passed) = (0, 0);

@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 use crate::clock::Clock;
 use crate::device::{Bus, BusError};
 use crate::function::gather::{
-    CHUNK_LONGS, GatherBuffer, GatherError, GatherLook, GatherReader, GatherStart, report_cycles,
+    CHUNK_LONGS, GatherBuffer, GatherError, GatherPoll, GatherReader, GatherStart, report_cycles,
 };
 use crate::function::servo_timer::ServoTimer;
 use crate::map::ServoBlock;
@@ -19,8 +19,8 @@ use crate::segment::{BlockPlace, Publisher, RegionId, RegionSpec, RegionState, S
 pub const PAYLOAD_WORDS: usize = payload_words(CHUNK_LONGS);
 /// Payloads in the ring.
 pub const SLOTS: u32 = 4096;
-/// How often to look for samples when there were none.
-const LOOK: Duration = Duration::from_millis(2);
+/// How often to poll for samples when there were none.
+const POLL_PERIOD: Duration = Duration::from_millis(2);
 
 /// The region in the segment. A gather may pause, so its samples never grow stale.
 #[must_use]
@@ -68,7 +68,7 @@ pub enum NotFollowed {
     HeldUp,
     /// The board's words are not those of this buffer.
     #[error("this is not the buffer that the board has: {0:?}")]
-    NotTheBuffer(GatherLook),
+    NotTheBuffer(GatherPoll),
 }
 
 /// Follows one gather at a time.
@@ -82,7 +82,7 @@ pub struct GatherMirror {
     timer: ServoTimer,
     number: u32,
     payload: [u16; PAYLOAD_WORDS],
-    next_look: Instant,
+    next_poll: Instant,
 }
 
 impl GatherMirror {
@@ -96,7 +96,7 @@ impl GatherMirror {
             timer: ServoTimer::new(report.timer.bits()),
             number: 0,
             payload: [0; PAYLOAD_WORDS],
-            next_look: time.now(),
+            next_poll: time.now(),
             time,
         }
     }
@@ -122,10 +122,10 @@ impl GatherMirror {
             reader.doubt_clock();
         }
         let mut timer = ServoTimer::new(self.report.timer.bits());
-        let reason = match look(bus, &mut reader, clock, self.report, &mut timer, &self.time)? {
-            GatherLook::Idle => None,
-            GatherLook::Samples { .. } | GatherLook::Ended => Some(NotFollowed::Runs),
-            GatherLook::Disturbed => Some(NotFollowed::HeldUp),
+        let reason = match poll(bus, &mut reader, clock, self.report, &mut timer, &self.time)? {
+            GatherPoll::Idle => None,
+            GatherPoll::Samples { .. } | GatherPoll::Ended => Some(NotFollowed::Runs),
+            GatherPoll::Disturbed => Some(NotFollowed::HeldUp),
             other => Some(NotFollowed::NotTheBuffer(other)),
         };
         if let Some(reason) = reason {
@@ -133,7 +133,7 @@ impl GatherMirror {
         }
         (self.reader, self.timer, self.clock) = (Some(reader), timer, clock);
         self.number = self.number.wrapping_add(1);
-        self.next_look = now;
+        self.next_poll = now;
         publisher.set_region_state(RegionId::Gather, RegionState::Live);
         Ok(Ok(()))
     }
@@ -142,27 +142,27 @@ impl GatherMirror {
     pub fn end(&mut self, now: Instant) {
         if let Some(reader) = &mut self.reader {
             reader.stopped();
-            self.next_look = now;
+            self.next_poll = now;
         }
     }
 
     /// Follows nothing any more, as after a reset of the board.
-    pub fn forget(&mut self, publisher: &Publisher) {
+    pub fn reset(&mut self, publisher: &Publisher) {
         self.reader = None;
         publisher.set_region_state(RegionId::Gather, RegionState::Off);
     }
 
-    /// When to look next; `None` while nothing is followed.
+    /// When to poll next; `None` while nothing is followed.
     #[must_use]
     pub fn due(&self) -> Option<Instant> {
-        self.reader.is_some().then_some(self.next_look)
+        self.reader.is_some().then_some(self.next_poll)
     }
 
-    /// Looks once; publishes what is new.
+    /// Polls once; publishes what is new.
     ///
     /// # Errors
     /// When the bus cannot be reached.
-    pub fn pass(
+    pub fn poll(
         &mut self,
         bus: &mut impl Bus,
         publisher: &mut Publisher,
@@ -170,16 +170,16 @@ impl GatherMirror {
     ) -> Result<(), BusError> {
         let Some(reader) = &mut self.reader else { return Ok(()) };
         let time_ns = self.time.ns();
-        let found = look(bus, reader, self.clock, self.report, &mut self.timer, &self.time)?;
+        let found = poll(bus, reader, self.clock, self.report, &mut self.timer, &self.time)?;
         let (phase, first) = match found {
-            GatherLook::Samples { first, .. } => (GatherPhase::GoesOn, first),
-            GatherLook::Idle | GatherLook::Disturbed | GatherLook::OutOfRange { .. } => {
-                self.next_look = now + LOOK;
+            GatherPoll::Samples { first, .. } => (GatherPhase::GoesOn, first),
+            GatherPoll::Idle | GatherPoll::Disturbed | GatherPoll::OutOfRange { .. } => {
+                self.next_poll = now + POLL_PERIOD;
                 return Ok(());
             }
-            GatherLook::Ended => (GatherPhase::Ended, reader.written()),
-            GatherLook::Redefined { .. } => (GatherPhase::Redefined, reader.written()),
-            GatherLook::Interrupted => (GatherPhase::Interrupted, reader.written()),
+            GatherPoll::Ended => (GatherPhase::Ended, reader.written()),
+            GatherPoll::Redefined { .. } => (GatherPhase::Redefined, reader.written()),
+            GatherPoll::Interrupted => (GatherPhase::Interrupted, reader.written()),
         };
         let chunk = GatherChunk {
             gather: self.number,
@@ -192,23 +192,23 @@ impl GatherMirror {
         let words = chunk.encode(&mut self.payload);
         let stamp = Stamp { time_ns, servo_timer: 0, valid: true };
         publisher.publish(RegionId::Gather, stamp, &self.payload[..words]);
-        self.next_look = now;
+        self.next_poll = now;
         if phase != GatherPhase::GoesOn {
-            self.forget(publisher);
+            self.reset(publisher);
         }
         Ok(())
     }
 }
 
-fn look<B: Bus>(
+fn poll<B: Bus>(
     bus: &mut B,
     reader: &mut GatherReader,
     clock: GatherClock,
     report: &ServoBlock,
     timer: &mut ServoTimer,
     time: &Clock,
-) -> Result<GatherLook, BusError> {
-    reader.step(bus, |bus| match clock {
+) -> Result<GatherPoll, BusError> {
+    reader.poll(bus, |bus| match clock {
         GatherClock::Report => report_cycles(bus, report, timer),
         GatherClock::Host(period) => Ok(time.ns() / period),
     })

@@ -1,6 +1,6 @@
 //! What to read when, and its way into the segment (layer 4).
 //!
-//! Each region has its own file: it knows when its next look is due, does one bounded look at a time, and tells when
+//! Each region has its own file: it knows when its next poll is due, does one bounded poll at a time, and tells when
 //! its data begin to come and when they stop. Words are mirrored as the board held them; nothing here decodes them.
 
 pub mod background;

@@ -14,7 +14,7 @@ use crate::map::{Selection, ServoBlock};
 use crate::segment::freshness::limit_ns;
 use crate::segment::{BlockPlace, Counter, Publisher, RegionId, RegionSpec, RegionState, Stamp};
 
-/// How often a torn copy is made again at once, before the next look.
+/// How often a torn copy is made again at once, before the next poll.
 const COPIES: usize = 3;
 /// Stretches of Host-Busy remembered between two updates.
 const HOLDS: usize = 16;
@@ -48,9 +48,9 @@ pub struct ServoMirror {
     continuity: Continuity,
     gaps: UpdateCounter,
     freshness: Freshness,
-    last_look_ns: u64,
+    last_poll_ns: u64,
     /// The period the segment was last told.
-    told_period_ns: u64,
+    published_period_ns: u64,
     /// Since the last update taken: when Host-Busy was set, from and to.
     holds: VecDeque<(u64, u64)>,
     /// The board was found reset; told once.
@@ -81,8 +81,8 @@ impl ServoMirror {
             continuity: Continuity::new(block.timer.bits()),
             gaps: UpdateCounter::default(),
             freshness: Freshness::new(STALE_NS),
-            last_look_ns: 0,
-            told_period_ns: 0,
+            last_poll_ns: 0,
+            published_period_ns: 0,
             holds: VecDeque::with_capacity(HOLDS),
             was_reset: false,
         }
@@ -96,8 +96,9 @@ impl ServoMirror {
         ServoReader::release(self.block, bus)
     }
 
-    /// Takes what the board said of its motors (I59), servo period (I10) and report period in servo cycles (I19).
-    pub fn configure(&mut self, motors: usize, servo_period_ns: Option<u64>, cycles: Option<u32>) {
+    /// Takes what the board said: the motors it reports, bit n-1 for motor n, its servo period, and the report's period
+    /// in servo cycles.
+    pub fn configure(&mut self, motors: u32, servo_period_ns: Option<u64>, cycles: Option<u32>) {
         self.reader.set_motors(motors);
         if let Some(cycles) = cycles
             && self.gaps.cycles() != Some(cycles)
@@ -112,7 +113,7 @@ impl ServoMirror {
         }
     }
 
-    /// When to look next, CLOCK_MONOTONIC.
+    /// When to poll next, CLOCK_MONOTONIC.
     #[must_use]
     pub fn due_ns(&self) -> u64 {
         self.clock.due_ns()
@@ -137,17 +138,17 @@ impl ServoMirror {
     }
 
     /// Starts over, as with another board: what lies in the buffer now is old.
-    pub fn forget(&mut self) {
+    pub fn reset(&mut self) {
         self.reader.reset();
         self.timer.reset();
-        self.continuity.forget();
+        self.continuity.reset();
     }
 
-    /// Looks once, and publishes the update if there is one.
+    /// Polls once, and publishes the update if there is one.
     ///
     /// # Errors
     /// When the bus cannot be reached.
-    pub fn pass(
+    pub fn poll(
         &mut self,
         bus: &mut impl Bus,
         publisher: &mut Publisher,
@@ -158,7 +159,7 @@ impl ServoMirror {
                 ServoPoll::Update(timer) => return Ok(self.publish(publisher, timer, before)),
                 ServoPoll::Torn => {
                     publisher.counters().add(Counter::Retries, 1);
-                    self.note_hold(before);
+                    self.record_host_busy(before);
                 }
                 ServoPoll::First(timer) => {
                     self.timer.advance(timer);
@@ -166,20 +167,20 @@ impl ServoMirror {
                 }
                 poll @ (ServoPoll::Unchanged | ServoPoll::Busy) => {
                     if poll == ServoPoll::Busy {
-                        self.note_hold(before);
+                        self.record_host_busy(before);
                     }
                     break;
                 }
             }
         }
         let now = self.time.ns();
-        self.clock.looked_in_vain(now);
-        // Only looks tell that the board is silent; a mirror that was itself stopped has no right to say so yet.
-        if now.saturating_sub(self.last_look_ns) >= self.freshness.limit_ns() {
-            self.freshness.excuse(now);
+        self.clock.poll_empty(now);
+        // Only polls tell that the board is silent; a mirror that was itself stopped has no right to say so yet.
+        if now.saturating_sub(self.last_poll_ns) >= self.freshness.limit_ns() {
+            self.freshness.reset_deadline(now);
         }
-        self.last_look_ns = now;
-        let transition = self.freshness.none_came(now);
+        self.last_poll_ns = now;
+        let transition = self.freshness.timeout(now);
         if transition.is_some() {
             publisher.set_region_state(RegionId::Servo, RegionState::Stale);
         }
@@ -191,31 +192,31 @@ impl ServoMirror {
         let passed = passed.map_or(1, u64::from);
         let was_live = self.freshness.is_live();
         let verdict = self.continuity.judge(timer, passed, self.gaps.cycles(), time_ns, was_live);
-        if verdict != Verdict::GoesOn {
+        if verdict != Verdict::Continuous {
             // What was read may be zeros. From here on a new stretch begins, with the next update.
             if verdict == Verdict::Reset {
                 publisher.counters().add(Counter::Resets, 1);
                 self.was_reset = true;
             }
-            self.continuity.came(time_ns, None);
-            self.clock.looked_in_vain(self.time.ns());
+            self.continuity.on_update(time_ns, None);
+            self.clock.poll_empty(self.time.ns());
             return None;
         }
         let passed = self.continuity.whole(passed, time_ns);
         // What the board did while it reported nothing is no update that could have been missed.
         let updates = if was_live { self.gaps.updates(passed) } else { 1 };
-        self.continuity.came(time_ns, was_live.then_some(passed));
+        self.continuity.on_update(time_ns, was_live.then_some(passed));
         publisher.publish(RegionId::Servo, Stamp { time_ns, servo_timer, valid: true }, self.reader.image());
-        self.clock.found(time_ns, updates);
+        self.clock.on_update(time_ns, updates);
         let not_read = updates - 1;
         let skipped = self.skipped(not_read);
-        self.note_hold(time_ns);
+        self.record_host_busy(time_ns);
         let counters = publisher.counters();
         counters.add(Counter::Updates, 1);
         counters.add(Counter::Skipped, skipped);
         counters.add(Counter::Missed, not_read - skipped);
-        self.last_look_ns = self.time.ns();
-        let transition = self.freshness.came(time_ns);
+        self.last_poll_ns = self.time.ns();
+        let transition = self.freshness.on_update(time_ns);
         if transition.is_some() {
             publisher.set_region_state(RegionId::Servo, RegionState::Live);
         }
@@ -229,7 +230,7 @@ impl ServoMirror {
     }
 
     /// In the handshake the board skips an update that is due while Host-Busy is set.
-    fn note_hold(&mut self, since_ns: u64) {
+    fn record_host_busy(&mut self, since_ns: u64) {
         if self.reader.reading() == ServoReading::Handshake {
             if self.holds.len() == HOLDS {
                 self.holds.pop_front();
@@ -255,8 +256,8 @@ impl ServoMirror {
     fn follow_period(&mut self, publisher: &Publisher) {
         let Some(period) = self.clock.period_ns() else { return };
         // A few per cent either way change nothing for anybody.
-        if period.abs_diff(self.told_period_ns) > self.told_period_ns / 16 {
-            self.told_period_ns = period;
+        if period.abs_diff(self.published_period_ns) > self.published_period_ns / 16 {
+            self.published_period_ns = period;
             self.freshness.set_limit(limit_ns(STALE_NS, period));
             publisher.set_period(RegionId::Servo, period, self.freshness.limit_ns());
         }
@@ -269,6 +270,10 @@ fn due_between(update_ns: u64, period_ns: u64, count: u64, from: u64, to: u64) -
     let last = (update_ns.saturating_sub(from) / period_ns).min(count);
     (last + 1).saturating_sub(first)
 }
+
+#[cfg(test)]
+#[path = "servo_tests.rs"]
+mod report_tests;
 
 #[cfg(test)]
 mod tests {

@@ -10,7 +10,7 @@ use crate::device::{Bus, BusError};
 use crate::format::join32;
 use crate::function::servo_timer::ServoTimer;
 use crate::function::variable_read::{
-    VariableEntry, VariableLook, VariableMode, VariableReadBusError, VariableReader,
+    VariableEntry, VariableMode, VariablePoll, VariableReadBusError, VariableReader,
 };
 use crate::map::functions::VARIABLE_READ_ENTRIES;
 use crate::map::{Plan, VariableKind};
@@ -21,10 +21,10 @@ use crate::segment::{BlockPlace, Publisher, RegionId, RegionSpec, RegionState, S
 pub const PAYLOAD_WORDS: usize = variable::payload_words(VARIABLE_READ_ENTRIES);
 /// The servo timer's bits in the variable-read header.
 const TIMER_BITS: u32 = 16;
-/// How often to look for new values; PMAC's background cycle takes some milliseconds.
-const LOOK: Duration = Duration::from_millis(2);
-/// How often to look at most while there is work to go on with.
-const GO_ON: Duration = Duration::from_micros(50);
+/// How often to poll for new values; PMAC's background cycle takes some milliseconds.
+const POLL_PERIOD: Duration = Duration::from_millis(2);
+/// How often to poll at most while there is work to go on with.
+const BUSY_POLL_PERIOD: Duration = Duration::from_micros(50);
 /// Without new values for this long the region is stale, in ns.
 const STALE_NS: u64 = 1_000_000_000;
 
@@ -53,7 +53,7 @@ pub struct VariableMirror {
     timer: ServoTimer,
     table: u32,
     payload: [u16; PAYLOAD_WORDS],
-    next_look: Instant,
+    next_poll: Instant,
     freshness: Freshness,
 }
 
@@ -68,7 +68,7 @@ impl VariableMirror {
             timer: ServoTimer::new(TIMER_BITS),
             table: 0,
             payload: [0; PAYLOAD_WORDS],
-            next_look: time.now(),
+            next_poll: time.now(),
             time,
             freshness: Freshness::new(STALE_NS),
         }
@@ -97,7 +97,7 @@ impl VariableMirror {
         self.table = self.table.wrapping_add(1);
         self.timer.reset();
         self.freshness = Freshness::new(STALE_NS);
-        self.next_look = now;
+        self.next_poll = now;
         publisher.set_region_state(RegionId::Variable, RegionState::Off);
         Ok(())
     }
@@ -106,7 +106,7 @@ impl VariableMirror {
     ///
     /// # Errors
     /// When the bus cannot be reached.
-    pub fn begin_again(
+    pub fn acquire(
         &mut self,
         bus: &mut impl Bus,
         publisher: &Publisher,
@@ -128,36 +128,36 @@ impl VariableMirror {
         self.table
     }
 
-    /// When to look next; `None` while there is no table.
+    /// When to poll next; `None` while there is no table.
     #[must_use]
     pub fn due(&self) -> Option<Instant> {
-        (!self.reader.entries().is_empty()).then_some(self.next_look)
+        (!self.reader.entries().is_empty()).then_some(self.next_poll)
     }
 
-    /// Looks once; publishes what is new.
+    /// Polls once; publishes what is new.
     ///
     /// # Errors
     /// When the bus cannot be reached.
-    pub fn pass(
+    pub fn poll(
         &mut self,
         bus: &mut impl Bus,
         publisher: &mut Publisher,
         now: Instant,
     ) -> Result<(), BusError> {
         let time_ns = self.time.ns();
-        let timer = match self.reader.look(bus, now)? {
-            VariableLook::Report(timer) => Some(timer),
-            VariableLook::Values(which) => {
+        let timer = match self.reader.poll(bus, now)? {
+            VariablePoll::Report(timer) => Some(timer),
+            VariablePoll::Values(which) => {
                 let entry = self.reader.values().get(which.trailing_zeros() as usize);
                 entry.map(|value| value.timer)
             }
-            VariableLook::Partial | VariableLook::SettingUp => {
-                self.next_look = now + GO_ON;
+            VariablePoll::Partial | VariablePoll::SettingUp => {
+                self.next_poll = now + BUSY_POLL_PERIOD;
                 None
             }
-            VariableLook::Off | VariableLook::Nothing => {
-                self.next_look = now + LOOK;
-                if self.freshness.none_came(time_ns).is_some() {
+            VariablePoll::Off | VariablePoll::Nothing => {
+                self.next_poll = now + POLL_PERIOD;
+                if self.freshness.timeout(time_ns).is_some() {
                     publisher.set_region_state(RegionId::Variable, RegionState::Stale);
                 }
                 None
@@ -165,7 +165,7 @@ impl VariableMirror {
         };
         if let Some(timer) = timer {
             self.publish(publisher, timer, time_ns);
-            self.next_look = now + LOOK;
+            self.next_poll = now + POLL_PERIOD;
         }
         Ok(())
     }
@@ -183,7 +183,7 @@ impl VariableMirror {
             Stamp { time_ns, servo_timer, valid: true },
             &self.payload[..words],
         );
-        if self.freshness.came(time_ns).is_some() {
+        if self.freshness.on_update(time_ns).is_some() {
             publisher.set_region_state(RegionId::Variable, RegionState::Live);
         }
     }

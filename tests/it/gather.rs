@@ -2,7 +2,7 @@
 
 use std::io::Cursor;
 
-use pmac_dpram::function::gather::GatherLook;
+use pmac_dpram::function::gather::GatherPoll;
 use pmac_dpram::function::servo_timer::ServoTimer;
 use pmac_dpram::gather::{CsvWriter, GatherMode, NpyWriter, SampleClock};
 
@@ -34,7 +34,7 @@ fn a_minute_of_every_servo_cycle_loses_nothing() {
                 csv.row(number, values).unwrap();
                 npy.row(number, values).unwrap();
             });
-            assert_eq!(look, GatherLook::Idle);
+            assert_eq!(look, GatherPoll::Idle);
         }
         assert_eq!((reader.lost(), reader.written()), (0, next));
         // 32 counts a millisecond, less the time to get there.
@@ -43,9 +43,9 @@ fn a_minute_of_every_servo_cycle_loses_nothing() {
         rig.send(&plan.stop);
         reader.stopped();
         let look = take(&mut rig, &mut reader, &mut timer, &plan, |_, _| {});
-        assert_eq!(look, GatherLook::Ended);
+        assert_eq!(look, GatherPoll::Ended);
         rig.pass(5000);
-        assert_eq!(take(&mut rig, &mut reader, &mut timer, &plan, |_, _| {}), GatherLook::Ended);
+        assert_eq!(take(&mut rig, &mut reader, &mut timer, &plan, |_, _| {}), GatherPoll::Ended);
 
         let csv = String::from_utf8(csv.finish().unwrap()).unwrap();
         let head = "sample,time_s,servo_timer [servo cycles],1.actual_position [count],\
@@ -73,7 +73,7 @@ fn laps_of_the_board_are_counted_exactly() {
             assert_eq!(values[0], begin + number as f64, "numbered as the board counts");
             taken += 1;
         });
-        assert_eq!(look, GatherLook::Idle);
+        assert_eq!(look, GatherPoll::Idle);
         assert_eq!(taken + reader.lost(), reader.written());
     }
     assert!(reader.lost() > 13_000);
@@ -90,9 +90,9 @@ fn a_buffer_that_stops_at_its_end_is_read_whole() {
     rig.pass(1000);
     let mut numbers = Vec::new();
     let look = take(&mut rig, &mut reader, &mut timer, &plan, |number, _| numbers.push(number));
-    assert_eq!((look, numbers.len(), reader.lost()), (GatherLook::Ended, 167, 0));
+    assert_eq!((look, numbers.len(), reader.lost()), (GatherPoll::Ended, 167, 0));
     rig.send("DEFINE GATHER 1002");
     let look = take(&mut rig, &mut reader, &mut timer, &plan, |_, _| {});
-    assert!(matches!(look, GatherLook::Redefined { size: 1002, index: 0 }));
+    assert!(matches!(look, GatherPoll::Redefined { size: 1002, index: 0 }));
     rig.finish();
 }

@@ -2,7 +2,7 @@
 
 use std::time::{Duration, Instant};
 
-use pmac_dpram::function::gather::GatherLook;
+use pmac_dpram::function::gather::GatherPoll;
 use pmac_dpram::function::servo_timer::ServoTimer;
 use pmac_dpram::gather::GatherMode;
 
@@ -29,7 +29,7 @@ fn in_real_time_what_was_missed_is_exact() {
                 std::thread::sleep(Duration::from_millis(130));
             }
         });
-        assert!(matches!(look, GatherLook::Idle | GatherLook::Disturbed), "{look:?}");
+        assert!(matches!(look, GatherPoll::Idle | GatherPoll::Disturbed), "{look:?}");
     }
     // What a disturbed look left behind is neither taken nor lost yet.
     assert_eq!(taken + reader.lost() + reader.waiting(), reader.written());

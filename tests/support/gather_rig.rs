@@ -4,7 +4,7 @@ use std::time::Instant;
 
 use pmac_dpram::decode::{MotorScales, Scales};
 use pmac_dpram::device::{Bus, FileBoard};
-use pmac_dpram::function::gather::{GatherBuffer, GatherLook, GatherReader, GatherStart, report_cycles};
+use pmac_dpram::function::gather::{GatherBuffer, GatherPoll, GatherReader, GatherStart, report_cycles};
 use pmac_dpram::function::servo_timer::ServoTimer;
 use pmac_dpram::gather::{GatherMode, GatherPlan, GatherRequest, ServoReport, Source, column, plan};
 use pmac_dpram::map::classic::{
@@ -82,8 +82,8 @@ impl GatherRig {
         }
         let buffer = GatherBuffer::planned(plan, &self.layout);
         let mut reader = GatherReader::new(buffer, GatherStart::Defined).unwrap();
-        let look = reader.step(&mut self.bus, |bus| report_cycles(bus, &PMAC.servo, timer)).unwrap();
-        assert_eq!(look, GatherLook::Idle);
+        let look = reader.poll(&mut self.bus, |bus| report_cycles(bus, &PMAC.servo, timer)).unwrap();
+        assert_eq!(look, GatherPoll::Idle);
         for line in &plan.start {
             self.send(line);
         }
@@ -110,11 +110,11 @@ pub fn take(
     timer: &mut ServoTimer,
     plan: &GatherPlan,
     mut row: impl FnMut(u64, &[f64]),
-) -> GatherLook {
+) -> GatherPoll {
     let mut values = Vec::new();
     loop {
-        match reader.step(&mut rig.bus, |bus| report_cycles(bus, &PMAC.servo, timer)).unwrap() {
-            GatherLook::Samples { first, .. } => {
+        match reader.poll(&mut rig.bus, |bus| report_cycles(bus, &PMAC.servo, timer)).unwrap() {
+            GatherPoll::Samples { first, .. } => {
                 for (number, sample) in (first..).zip(reader.longs().chunks(reader.sample_longs())) {
                     values.clear();
                     column::decode(&plan.columns, sample, &mut values);

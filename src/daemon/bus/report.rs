@@ -6,6 +6,7 @@ use crate::daemon::bus::board_loop::BoardLoop;
 use crate::daemon::shared::status::KnownIdentity;
 use crate::mirror::Transition;
 use crate::protocol::{CommandPort, CommandState, Enabled};
+use crate::segment::identity::first_motors;
 use crate::segment::{Identity, RegionId, RegionState, Stamp, State};
 
 /// What was said last, so that only changes are said.
@@ -74,7 +75,7 @@ impl BoardLoop {
         }
         let motors = identity.reported_motors().map_or(self.default_motors, |motors| motors as usize);
         self.functions.servo.configure(
-            motors,
+            identity.motor_mask.unwrap_or(first_motors(motors as u32)),
             identity.servo_period_ps.map(|ps| ps / 1000),
             identity.servo_report_cycles,
         );

@@ -41,7 +41,7 @@ impl BoardLoop {
             self.functions.servo.release(&mut self.bus)?;
         }
         if self.functions.uses(Function::Background) && !self.functions.background.is_live() {
-            self.functions.background.start_over(&mut self.bus, self.clock.ns())?;
+            self.functions.background.acquire(&mut self.bus, self.clock.ns())?;
         }
         if let Some(host_port) = &mut self.functions.ascii.host_port
             && !host_port.is_open()?

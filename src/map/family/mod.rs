@@ -3,6 +3,8 @@
 
 pub mod pmac;
 pub(super) mod pmac_table;
+#[cfg(test)]
+pub mod testing;
 
 use std::str::FromStr;
 

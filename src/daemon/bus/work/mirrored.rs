@@ -12,11 +12,11 @@ impl<B: Bus> BoardFunction<B> for ServoMirror {
         Some(ServoMirror::due_ns(self))
     }
     fn poll(&mut self, context: &mut Context<'_, B>) -> Result<Polled, PortError> {
-        let transition = self.pass(context.bus, context.publisher)?;
+        let transition = self.poll(context.bus, context.publisher)?;
         Ok(Polled { transition, was_reset: self.take_reset(), answer: None })
     }
     fn take_over(&mut self, context: &mut Context<'_, B>) -> Result<(), PortError> {
-        self.forget();
+        self.reset();
         Ok(self.release(context.bus)?)
     }
     fn reset(&mut self, _context: &mut Context<'_, B>) -> Result<(), PortError> {
@@ -41,16 +41,16 @@ impl<B: Bus> BoardFunction<B> for BackgroundMirror {
         Some(BackgroundMirror::due_ns(self))
     }
     fn poll(&mut self, context: &mut Context<'_, B>) -> Result<Polled, PortError> {
-        let transition = self.pass(context.bus, context.publisher, context.clock.ns())?;
+        let transition = self.poll(context.bus, context.publisher, context.clock.ns())?;
         Ok(Polled { transition, ..Polled::default() })
     }
     fn take_over(&mut self, context: &mut Context<'_, B>) -> Result<(), PortError> {
-        self.forget();
+        self.reset();
         Ok(self.release(context.bus)?)
     }
     fn reset(&mut self, _context: &mut Context<'_, B>) -> Result<(), PortError> {
         // A half-read report is of no use.
-        self.forget();
+        self.reset();
         Ok(())
     }
     fn leave(&mut self, bus: &mut B) -> Result<(), BusError> {
@@ -72,11 +72,11 @@ impl<B: Bus> BoardFunction<B> for GatherMirror {
         self.due().map(|due| clock.ns_of(due))
     }
     fn poll(&mut self, context: &mut Context<'_, B>) -> Result<Polled, PortError> {
-        self.pass(context.bus, context.publisher, context.clock.now())?;
+        self.poll(context.bus, context.publisher, context.clock.now())?;
         Ok(Polled::default())
     }
     fn take_over(&mut self, context: &mut Context<'_, B>) -> Result<(), PortError> {
-        self.forget(context.publisher);
+        self.reset(context.publisher);
         Ok(())
     }
 }

@@ -24,16 +24,16 @@ impl<B: Bus> BoardFunction<B> for Variables {
         let read_first =
             self.read.due().is_some_and(|read| self.write.due().is_none_or(|write| read < write));
         if read_first {
-            self.read.pass(context.bus, context.publisher, now)?;
+            self.read.poll(context.bus, context.publisher, now)?;
             return Ok(Polled::default());
         }
-        Ok(Polled { answer: self.write.pass(context.bus, now)?, ..Polled::default() })
+        Ok(Polled { answer: self.write.poll(context.bus, now)?, ..Polled::default() })
     }
     fn take_over(&mut self, context: &mut Context<'_, B>) -> Result<(), PortError> {
         let now = context.clock.now();
         self.write.take_over(context.bus, now)?;
         self.read.release(context.bus)?;
-        Ok(self.read.begin_again(context.bus, context.publisher, now)?)
+        Ok(self.read.acquire(context.bus, context.publisher, now)?)
     }
     fn leave(&mut self, bus: &mut B) -> Result<(), BusError> {
         self.write.release(bus)?;

@@ -6,11 +6,11 @@ use std::time::{Duration, Instant};
 
 use crate::daemon::shared::queue::{Event, Outcome, Text, Ticket, at_once};
 use crate::device::{Bus, BusError};
-use crate::function::variable_write::{GivenUp, VariableWriter, WriteRecord, WriteStep};
+use crate::function::variable_write::{GivenUp, VariableWriter, WritePoll, WriteRecord};
 use crate::map::Plan;
 
-/// How often to look whether PMAC is done.
-const LOOK: Duration = Duration::from_millis(1);
+/// How often to poll whether PMAC is done.
+const POLL_PERIOD: Duration = Duration::from_millis(1);
 
 struct Batch {
     ticket: Ticket,
@@ -25,7 +25,7 @@ pub struct WriteDesk {
     under_way: Option<(Ticket, Instant)>,
     /// What was under way when the board was taken over, and what became of it.
     interrupted: Option<(Ticket, GivenUp)>,
-    next_look: Instant,
+    next_poll: Instant,
 }
 
 impl WriteDesk {
@@ -38,7 +38,7 @@ impl WriteDesk {
             waiting: VecDeque::with_capacity(at_once::WRITES),
             under_way: None,
             interrupted: None,
-            next_look: now,
+            next_poll: now,
         }
     }
 
@@ -56,47 +56,47 @@ impl WriteDesk {
     /// When the bus cannot be reached.
     pub fn take_over(&mut self, bus: &mut impl Bus, now: Instant) -> Result<(), BusError> {
         self.writer.release(bus)?;
-        let given_up = self.writer.start_over(now);
+        let given_up = self.writer.acquire(now);
         if let Some((ticket, _)) = self.under_way.take() {
             self.interrupted = Some((ticket, given_up));
         }
-        self.next_look = now;
+        self.next_poll = now;
         Ok(())
     }
 
     /// Takes records in.
     pub fn submit(&mut self, ticket: Ticket, records: Vec<WriteRecord>, deadline: Instant, now: Instant) {
         self.waiting.push_back(Batch { ticket, records, deadline });
-        self.next_look = now;
+        self.next_poll = now;
     }
 
-    /// When to pass next; `None` while nothing is to be done.
+    /// When to poll next; `None` while nothing is to be done.
     #[must_use]
     pub fn due(&self) -> Option<Instant> {
         (self.under_way.is_some()
             || self.interrupted.is_some()
             || !self.waiting.is_empty()
             || !self.writer.is_idle())
-        .then_some(self.next_look)
+        .then_some(self.next_poll)
     }
 
     /// Does what can be done now; tells what has ended.
     ///
     /// # Errors
     /// When the bus cannot be reached.
-    pub fn pass(&mut self, bus: &mut impl Bus, now: Instant) -> Result<Option<Event>, BusError> {
+    pub fn poll(&mut self, bus: &mut impl Bus, now: Instant) -> Result<Option<Event>, BusError> {
         if let Some((ticket, given_up)) = self.interrupted.take() {
             return Ok(Some(Event::Done(
                 ticket,
                 not_all_written("the board was reset, or replaced", given_up),
             )));
         }
-        let step = self.writer.step(bus, now)?;
-        self.next_look = if matches!(step, WriteStep::Progress(_)) { now } else { now + LOOK };
+        let poll = self.writer.poll(bus, now)?;
+        self.next_poll = if matches!(poll, WritePoll::Progress(_)) { now } else { now + POLL_PERIOD };
         if let Some((ticket, deadline)) = self.under_way {
-            if step == WriteStep::Done {
+            if poll == WritePoll::Done {
                 self.under_way = None;
-                self.next_look = now;
+                self.next_poll = now;
                 return Ok(Some(Event::Done(ticket, Outcome::Done)));
             }
             if now >= deadline {
@@ -116,7 +116,7 @@ impl WriteDesk {
         match self.writer.begin(bus, records)? {
             Ok(()) => {
                 self.under_way = Some((ticket, deadline));
-                self.next_look = now;
+                self.next_poll = now;
             }
             Err(records) => self.waiting.push_front(Batch { ticket, records, deadline }),
         }

@@ -1,0 +1,214 @@
+//! A Turbo PMAC2's motor report, from its DPRAM to named values: the proof that the family is data. What PMAC does is
+//! played by hand, from the sentences of the Turbo User Manual that FACTS-TURBO collects in section 4.
+
+use super::*;
+use crate::clock::ManualTime;
+use crate::decode::{Scales, ServoData, ServoDecoder};
+use crate::device::{Counted, FileBoard};
+use crate::format::{fixed48, split32};
+use crate::map::family::testing::TURBO;
+use crate::map::{HostOffset, Space};
+use crate::segment::{CreateOptions, Sample, SegmentName, Subscriber};
+use std::time::Duration;
+
+/// Motors 1, 3 and 32: "bit n-1 = motor n". The mask has holes.
+const MASK: u32 = 1 | 1 << 2 | 1 << 31;
+const MOTORS: [usize; 3] = [1, 3, 32];
+/// Section 13: I10 = 3713991 is 0.4427 ms.
+const CYCLE_NS: u64 = 442_742;
+/// What nobody wrote.
+const GARBAGE: u16 = 0x5A5A;
+
+struct Rig {
+    bus: Counted<FileBoard>,
+    mirror: ServoMirror,
+    publisher: Publisher,
+    subscriber: Subscriber,
+    time: ManualTime,
+    _directory: tempfile::TempDir,
+}
+
+impl Rig {
+    fn new(reading: ServoReading) -> Self {
+        let file = tempfile::tempfile().unwrap();
+        let length = TURBO.length as usize;
+        file.set_len(length as u64).unwrap();
+        let directory = tempfile::tempdir_in("/dev/shm").unwrap();
+        let name = SegmentName::new("turbo").unwrap();
+        let mut options = CreateOptions::new(name.clone(), vec![region(&TURBO.servo)]);
+        directory.path().clone_into(&mut options.directory);
+        let time = ManualTime::at(1_000_000_000_000);
+        let mut mirror = ServoMirror::new(&TURBO.servo, reading, time.clock());
+        mirror.configure(MASK, Some(CYCLE_NS), Some(1));
+        let mut rig = Self {
+            bus: Counted::new(FileBoard::from_file(&file, length).unwrap()),
+            mirror,
+            publisher: Publisher::create(&options).unwrap(),
+            subscriber: Subscriber::attach_in(directory.path(), &name).unwrap(),
+            time,
+            _directory: directory,
+        };
+        // Section 4: the report is 0x0068 to 0x0673; "blocks of unmasked motors keep old data".
+        for offset in (0x0068..0x0674).step_by(2) {
+            rig.put(offset, GARBAGE);
+        }
+        rig.put(0x006A, 0);
+        rig
+    }
+
+    fn put(&mut self, offset: u32, word: u16) {
+        self.bus.write16(HostOffset::new(offset), word).unwrap();
+    }
+
+    fn put_longs(&mut self, offset: u32, longs: &[u32]) {
+        for (at, word) in (offset..).step_by(2).zip(longs.iter().copied().flat_map(split32)) {
+            self.put(at, word);
+        }
+    }
+
+    /// "ready := 0, copy masked motors, store 24-bit timer, ready := 1".
+    fn update(&mut self, timer: u32) {
+        self.put(0x006E, 0);
+        self.write_motors(timer);
+        self.put(0x006C, timer as u16);
+        self.put(0x006E, 1 << 15 | (timer >> 16) as u16);
+    }
+
+    fn write_motors(&mut self, timer: u32) {
+        for motor in MOTORS {
+            let (motor, number) = (0x0074 + 0x30 * (motor as u32 - 1), motor as i64);
+            self.put_longs(motor, &fixed48::encode(-number));
+            self.put_longs(motor + 8, &[0xFFFF_0000 | number as u32]);
+            // Section 12: bit 23 of the first word of ?, "motor activated".
+            self.put_longs(motor + 12, &[0x80_0000, 0x00_0400]);
+            self.put_longs(motor + 20, &fixed48::encode(1 << 40));
+            self.put_longs(motor + 28, &[timer & 0x7F_FFFF, 0x1111_1111, 0x1111_1111]);
+            self.put_longs(motor + 40, &fixed48::encode(number << 24 | i64::from(timer)));
+        }
+    }
+
+    /// One poll, a servo cycle after the last one, and the accesses it took.
+    fn poll(&mut self) -> (Option<Transition>, u64) {
+        self.time.advance(Duration::from_nanos(CYCLE_NS));
+        let before = self.bus.accesses();
+        let transition = self.mirror.poll(&mut self.bus, &mut self.publisher).unwrap();
+        (transition, self.bus.accesses() - before)
+    }
+
+    /// What a client makes of the latest sample.
+    fn latest(&self) -> Option<(Stamp, ServoData)> {
+        let mut sample = Sample::new();
+        self.subscriber.latest(RegionId::Servo, &mut sample).unwrap()?;
+        let region = self.subscriber.region(RegionId::Servo).unwrap();
+        let motors = region.blocks.held_in(2 * sample.words().len());
+        let decoder = ServoDecoder::new(&TURBO);
+        let data = decoder.decode(sample.words(), motors, &Scales::default(), region.selection).unwrap();
+        Some((sample.stamp(), data))
+    }
+
+    fn counter(&self, counter: Counter) -> u64 {
+        self.subscriber.counter(counter)
+    }
+}
+
+#[test]
+fn a_turbo_pmacs_motors_come_through_the_path_of_every_family() {
+    // "0x006C timer low; 0x006E timer high": one word more than on PMAC, before the copy and after it.
+    let blocks = 24 * MOTORS.len() as u64;
+    for (reading, cost) in [(ServoReading::Optimistic, blocks + 4), (ServoReading::Handshake, blocks + 8)] {
+        let mut rig = Rig::new(reading);
+        rig.update(0xFF_FFFE);
+        assert_eq!(rig.poll(), (None, 2), "what lay there before is not an update");
+        assert_eq!(rig.poll(), (None, 2));
+        rig.update(0xFF_FFFF);
+        assert_eq!(rig.poll(), (Some(Transition::Live), cost), "only motors of the mask are read");
+        let (first, data) = rig.latest().unwrap();
+        assert_eq!((data.servo_timer, data.pmac_busy, data.host_busy), (0xFF_FFFF, false, false));
+        assert_eq!(data.motors.iter().map(|motor| motor.motor).collect::<Vec<_>>(), MOTORS);
+        for motor in &data.motors {
+            let number = motor.motor as i64;
+            let raw = |quantity: Option<crate::decode::Quantity>| quantity.map(|quantity| quantity.raw);
+            assert_eq!(raw(motor.following_error), Some(-number));
+            assert_eq!(raw(motor.previous_dac), Some((0xFF_0000 | number) - (1 << 24)));
+            assert_eq!(raw(motor.servo_status), Some(0x80_0000));
+            assert_eq!(raw(motor.background_status), Some(0x00_0400));
+            assert_eq!(raw(motor.position_bias), Some(1 << 40));
+            assert_eq!(raw(motor.filtered_velocity), Some(0x7F_FFFF));
+            assert_eq!(raw(motor.actual_position), Some(number << 24 | 0xFF_FFFF));
+            assert!(motor.commanded_position.is_none(), "section 2: Turbo has none");
+            assert!(motor.status.unwrap().has("motor_activated"));
+        }
+
+        // The timer comes round after 2^24 cycles, and counts on.
+        rig.update(0x00_0001);
+        rig.poll();
+        let (second, data) = rig.latest().unwrap();
+        assert_eq!((data.servo_timer, second.servo_timer - first.servo_timer), (1, 2));
+        let counts =
+            [Counter::Updates, Counter::Missed, Counter::Skipped].map(|counter| rig.counter(counter));
+        assert_eq!(counts, [2, 1, 0], "the update at 0 was not read");
+        assert_eq!(rig.bus.read16(HostOffset::new(0x006A)).unwrap(), 0, "host busy is clear");
+    }
+}
+
+#[test]
+fn nothing_is_taken_while_a_turbo_pmac_writes() {
+    for reading in [ServoReading::Optimistic, ServoReading::Handshake] {
+        let mut rig = Rig::new(reading);
+        rig.update(5);
+        rig.poll();
+        // "bit 15 ... 1 = data ready": clear means that PMAC is at work.
+        rig.put(0x006E, 0);
+        rig.put(0x006C, 6);
+        rig.write_motors(6);
+        assert_eq!(rig.poll(), (None, 1), "the flag alone says so");
+        rig.put(0x006E, 1 << 15);
+        rig.poll();
+        assert_eq!(rig.latest().unwrap().1.servo_timer, 6);
+        // A board that is not there reads as all ones.
+        rig.put(0x006E, u16::MAX);
+        assert_eq!(rig.poll(), (None, 1));
+    }
+}
+
+#[test]
+fn other_motors_than_before_leave_nothing_of_those_before() {
+    let mut rig = Rig::new(ServoReading::Optimistic);
+    rig.update(1);
+    rig.poll();
+    rig.update(2);
+    rig.poll();
+    rig.mirror.configure(0b100, Some(CYCLE_NS), Some(1));
+    rig.update(3);
+    assert_eq!(rig.poll().1, 24 + 4);
+    let (_, data) = rig.latest().unwrap();
+    assert_eq!(data.motors.iter().map(|motor| motor.motor).collect::<Vec<_>>(), [3]);
+    let mut sample = Sample::new();
+    rig.subscriber.latest(RegionId::Servo, &mut sample).unwrap();
+    // 6 words of head, then three blocks; the first two were not read.
+    assert_eq!(sample.words().len(), 6 + 3 * 24);
+    assert!(sample.words()[6..6 + 2 * 24].iter().all(|word| *word == 0));
+}
+
+#[test]
+fn the_segment_says_where_the_motors_lie() {
+    let region = region(&TURBO.servo);
+    assert_eq!(region.first_host_offset, 0x0068);
+    assert_eq!(region.blocks, BlockPlace { start: 12, stride: 0x30, count: 32 });
+    assert_eq!(region.payload_bytes, 0x0674 - 0x0068);
+}
+
+#[test]
+fn addresses_of_a_turbo_pmac_go_both_ways() {
+    // Section 1: "last long 0xFFFC", $063FFF; section 4: motor n at $06001D + $0C*(n-1).
+    let last = TURBO.host_offset(Space::X, 0x06_3FFF);
+    assert_eq!(last, Some(HostOffset::new(0xFFFE)));
+    assert_eq!(TURBO.host_offset(Space::Y, 0x06_4000), None);
+    for motor in 1..=TURBO.motors {
+        let block = TURBO.servo.motors.at(motor).unwrap();
+        assert_eq!(TURBO.pmac_number(block), 0x06_001D + 0x0C * (motor as u32 - 1));
+    }
+    // Section 7.1: a table at $060540 has the start word $F0.
+    let table = TURBO.host_offset(Space::Y, 0x06_0540).unwrap();
+    assert_eq!(TURBO.start.start_word(table), 0xF0);
+}
