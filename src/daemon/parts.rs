@@ -80,13 +80,13 @@ impl Parts {
             ServoMirror::selecting(
                 &settings.family.servo,
                 settings.servo_reading,
-                reading.servo.selection(),
+                reading.servo.selection(settings.family),
                 clock.clone(),
             ),
             BackgroundMirror::selecting(
                 &settings.family.background,
                 settings.background_period_ns,
-                reading.background.selection(),
+                reading.background.selection(settings.family),
             ),
             CommandLines { desk: AsciiDesk::new(port, identifier, clock.clone()), host_port },
             VariableMirror::new(&plan, mode, clock.clone()),
@@ -138,8 +138,8 @@ pub fn segment_options(settings: &Settings, clock: &Clock) -> Result<CreateOptio
     let group = settings.segment_group.as_deref().map(group_id).transpose();
     let reading = settings.uncertain.settings();
     let selections = vec![
-        (RegionId::Servo, reading.servo.selection()),
-        (RegionId::Background, reading.background.selection()),
+        (RegionId::Servo, reading.servo.selection(settings.family)),
+        (RegionId::Background, reading.background.selection(settings.family)),
     ];
     let group =
         group.map_err(|error| Failure::new(exit::CONFIGURATION, error))?.map(nix::unistd::Gid::as_raw);

@@ -9,20 +9,22 @@ pub mod calls;
 pub mod control;
 pub mod error;
 pub mod frame;
+pub mod function;
 pub mod message;
+pub mod mirror_selection;
 pub mod open_buffer;
 pub mod parameters;
-pub mod reading;
 pub mod settings;
 pub mod transport;
 
 pub use board::{BoardInfo, CommandPort, CommandState, Enabled, HostPortInfo, Message, MessageKind, State};
 pub use error::CallError;
 pub use frame::Inbox;
+pub use function::{Function, Functions};
 pub use message::{Call, Reply};
+pub use mirror_selection::{BackgroundSettings, ServoSettings};
 pub use open_buffer::OpenBuffer;
 pub use parameters::parameters;
-pub use reading::{BackgroundSettings, Function, Functions, ServoSettings};
 pub use settings::{BoardSettings, GatherSettings, VariablesMode, VariablesSettings};
 
 use crate::map::classic;

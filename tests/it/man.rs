@@ -3,9 +3,8 @@
 use std::collections::HashMap;
 
 use pmac_dpram::function::panel::PanelAction;
-use pmac_dpram::map::FAMILIES;
-use pmac_dpram::protocol::Function;
-use pmac_dpram::protocol::reading::{BackgroundField, ServoField};
+use pmac_dpram::map::{FAMILIES, PMAC};
+use pmac_dpram::protocol::{BackgroundSettings, Function, ServoSettings};
 
 #[path = "../man/command.rs"]
 mod command;
@@ -79,10 +78,8 @@ fn the_lists_of_names_are_the_codes_own() {
         assert_eq!(listed(page, "FAMILIES"), families, "{page}");
     }
     assert_eq!(listed("pmacctl-panel.1", "ACTIONS"), PanelAction::ALL.map(PanelAction::name));
-    let servo: Vec<_> = ServoField::all().into_iter().map(ServoField::name).collect();
-    assert_eq!(listed("pmacd.toml.5", "SERVO FIELDS"), servo);
-    let background: Vec<_> = BackgroundField::all().into_iter().map(BackgroundField::name).collect();
-    assert_eq!(listed("pmacd.toml.5", "BACKGROUND FIELDS"), background);
+    assert_eq!(listed("pmacd.toml.5", "SERVO FIELDS"), ServoSettings::all(&PMAC).fields);
+    assert_eq!(listed("pmacd.toml.5", "BACKGROUND FIELDS"), BackgroundSettings::all(&PMAC).fields);
     let layout = pmac_dpram::map::Layout::new(&pmac_dpram::map::PMAC, None);
     for register in listed("pmacctl-gather.1", "REGISTER SPELLINGS") {
         pmac_dpram::gather::Source::parse(&register, &layout).unwrap();

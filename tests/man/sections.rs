@@ -6,7 +6,7 @@ use pmac_dpram::daemon::socket::policy::Role;
 use pmac_dpram::function::panel::PanelAction;
 use pmac_dpram::gather::Source;
 use pmac_dpram::map::{FAMILIES, Generation, Layout, PMAC};
-use pmac_dpram::protocol::reading::{BackgroundField, Function, ServoField};
+use pmac_dpram::protocol::{BackgroundSettings, Function, ServoSettings};
 use pmac_dpram::rotary::Settings;
 use pmac_dpram::setup::enable;
 
@@ -91,19 +91,15 @@ pub fn names(page: &str) -> Vec<Names> {
             functions(),
             families(),
             roles(),
-            list(
-                "SERVO FIELDS",
-                "What `fields` of [servo] lists:",
-                ServoField::all().into_iter().map(ServoField::name),
-            ),
+            list("SERVO FIELDS", "What `fields` of [servo] lists:", ServoSettings::all(&PMAC).fields),
             list(
                 "BACKGROUND FIELDS",
                 "What `fields` of [background] lists:",
-                BackgroundField::all().into_iter().map(BackgroundField::name),
+                BackgroundSettings::all(&PMAC).fields,
             ),
         ],
         "pmacctl" => vec![families(), functions(), roles()],
-        "pmacctl-map" | "pmacctl-decode" => vec![families()],
+        "pmacctl-map" | "pmacctl-decode" | "pmacctl-doctor" => vec![families()],
         "pmacctl-read" | "pmacctl-write" => vec![words(), families()],
         "pmacctl-gather" | "pmacctl-variable" => vec![registers()],
         "pmacctl-panel" => {

@@ -18,7 +18,10 @@ use crate::cli::context::{Context, Failure, Verdict};
 use crate::client::{Board, CommandError, Connection};
 use crate::device::System;
 use crate::map::Family;
-use crate::protocol::{BoardInfo, BoardSettings, CommandPort, CommandState, Function, HostPortInfo, State};
+use crate::protocol::{
+    BackgroundSettings, BoardInfo, BoardSettings, CommandPort, CommandState, Function, HostPortInfo,
+    ServoSettings, State,
+};
 use crate::segment::{Condition, DIRECTORY, Identity, RegionId, RegionState};
 
 #[derive(Debug, Args)]
@@ -81,13 +84,16 @@ fn everything(report: &mut Report, context: &Context, system: &System) {
     shared_memory(report);
     let mut board = segment(report, context.name.as_str());
     let (info, settings) = socket(report, &context.socket).unzip();
-    let settings = settings.flatten().unwrap_or_default();
+    let settings = settings.flatten();
+    let known = settings.clone().unwrap_or_default();
     if let Some(board) = &mut board {
-        data(report, board, &settings);
+        data(report, board, &known);
     }
     if let Some(info) = &info {
-        functions(report, info, &settings);
-        left_out(report, &settings);
+        functions(report, info, &known);
+        if let (Some(settings), Ok(family)) = (&settings, Family::by_name(&info.family)) {
+            left_out(report, family, settings);
+        }
     }
     if let (Some(board), Some(info)) = (&board, &info) {
         same_daemon(report, board, info);
@@ -281,17 +287,17 @@ fn missing(region: RegionId, identity: &Identity) -> String {
 }
 
 /// What the configuration has the daemon not use, or not read.
-fn left_out(report: &mut Report, settings: &BoardSettings) {
+fn left_out(report: &mut Report, family: &Family, settings: &BoardSettings) {
     let off = Function::ALL.into_iter().filter(|function| !settings.functions.has(*function));
     let off: Vec<_> = off.map(Function::name).collect();
     if !off.is_empty() {
         let text = format!("{} switched off by the daemon's configuration", off.join(", "));
         report.add(Level::Ok, "functions", text);
     }
-    let defaults = BoardSettings::default();
+    let BoardSettings { servo, background, .. } = settings;
     let parts = [
-        ("servo", settings.servo != defaults.servo, json!(settings.servo)),
-        ("background", settings.background != defaults.background, json!(settings.background)),
+        ("servo", *servo != ServoSettings::all(family), json!(servo)),
+        ("background", *background != BackgroundSettings::all(family), json!(background)),
     ];
     for (report_name, _, part) in parts.into_iter().filter(|(_, differs, _)| *differs) {
         let text = format!("of the {report_name} report only a part is read, by the configuration: {part}");

@@ -2,6 +2,7 @@
 
 pub mod board_settings;
 mod checks;
+pub mod mirrored;
 pub mod ports;
 pub mod settings;
 pub mod span;

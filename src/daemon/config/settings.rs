@@ -6,6 +6,7 @@ use serde::Deserialize;
 
 use super::board_settings::Uncertain;
 use super::checks::{groups, limited, period_ns, segment_mode, socket_mode, something_to_do};
+use super::mirrored::{BackgroundTable, ServoTable};
 use super::ports::{HostPortConfig, HostPortTable, MailboxConfig, MailboxTable, Use};
 use super::span::{Refusal, position};
 use crate::daemon::options::Options;
@@ -15,9 +16,7 @@ use crate::device::{Access, BoardSpec};
 use crate::format::{TextOrder, WordOrder};
 use crate::function::servo::ServoReading;
 use crate::map::{Family, PMAC, PlanSettings};
-use crate::protocol::{
-    BackgroundSettings, BoardSettings, Function, Functions, GatherSettings, ServoSettings, VariablesSettings,
-};
+use crate::protocol::{BoardSettings, Function, Functions, GatherSettings, VariablesSettings};
 use crate::rotary;
 use crate::segment::SegmentName;
 
@@ -65,9 +64,9 @@ pub struct ConfigFile {
     #[serde(default)]
     functions: Functions,
     #[serde(default)]
-    servo: ServoSettings,
+    servo: ServoTable,
     #[serde(default)]
-    background: BackgroundSettings,
+    background: BackgroundTable,
     /// What no document decides: see [`super::board_settings`].
     #[serde(default)]
     plan: PlanSettings,
@@ -174,7 +173,8 @@ impl Settings {
         let roles = file.roles.unwrap_or_default();
         let family = file.family.as_deref().map_or(Ok(&PMAC), Family::by_name);
         let family = family.map_err(|error| Refusal::of("family", error))?;
-        something_to_do(&file.functions, &file.servo)?;
+        let (servo, background) = (file.servo.decide(family)?, file.background.decide(family)?);
+        something_to_do(&file.functions, &servo)?;
         let mailbox = file.mailbox.map(MailboxTable::decide).transpose()?;
         if !file.functions.has(Function::Ascii) {
             if mailbox.as_ref().is_some_and(|mailbox| mailbox.when != Use::Never) {
@@ -189,8 +189,8 @@ impl Settings {
         let host_port = file.host_port.map(|table| table.decide(family)).transpose()?;
         let uncertain = BoardSettings {
             functions: file.functions,
-            servo: file.servo,
-            background: file.background,
+            servo,
+            background,
             plan: file.plan,
             gather: file.gather,
             variables: file.variables,
@@ -330,9 +330,9 @@ mod tests {
             ("board = \"sim\"\n[plan]\nrotary_longs = [5, 0]\n", "FILE:2:1: [plan] rotary"),
             (
                 "board = \"sim\"\n[servo]\nfields = [\n'actual_position',\n'speed']\n",
-                "FILE:3:10: there is no servo field `speed`",
+                "FILE:5:1: there is no servo field `speed`",
             ),
-            ("board = \"sim\"\n[background]\nmotors = [1, 9]\n", "FILE:3:10: there is no motor 9"),
+            ("board = \"sim\"\n[background]\nmotors = [1, 9]\n", "FILE:3:14: there is no motor 9"),
             ("board = \"sim\"\nfunctions = [\"seervo\"]\n", ": unknown variant `seervo`"),
             (
                 "board = \"sim\"\nfunctions = []\n",
