@@ -12,7 +12,7 @@ use pmac_dpram::function::gather::{
 };
 use pmac_dpram::function::mailbox::{MailboxPort, MailboxSettings, MailboxSignal};
 use pmac_dpram::function::panel::{FeedOverride, Panel, PanelAction, PanelRequest};
-use pmac_dpram::function::rotary::{RotaryBuffer, RotaryError, RotarySetup, RotaryStream};
+use pmac_dpram::function::rotary::{RotaryError, RotarySetup, RotaryStream};
 use pmac_dpram::function::servo::{ServoPoll, ServoReader, ServoReading};
 use pmac_dpram::function::servo_timer::ServoTimer;
 use pmac_dpram::function::variable_read::{
@@ -22,6 +22,7 @@ use pmac_dpram::function::variable_write::{POLL_RECORDS, VariableWriter, WriteRe
 use pmac_dpram::gather::GatherMode;
 use pmac_dpram::map::{
     Family, GatherPlace, HostOffset, Layout, PMAC, Plan, PlanSettings, Region, Space, VariableKind, classic,
+    pmac,
 };
 use pmac_dpram::protocol::check_line;
 
@@ -39,7 +40,7 @@ struct Functions {
     reader: VariableReader,
     writer: VariableWriter,
     gather: Option<(GatherReader, ServoTimer)>,
-    rotary: [Option<(RotaryStream, RotarySetup)>; 2],
+    rotary: [(RotaryStream, Option<RotarySetup>); 2],
     mailbox: MailboxPort,
     registers: RamBytes,
     plan: Plan,
@@ -60,11 +61,11 @@ pub fn body(data: &[u8]) {
         servo: ServoReader::new(&PMAC.servo, reading),
         background: BackgroundReader::new(&PMAC.background),
         ascii: DpramPort::new(&PMAC.ascii, order, now),
-        panel: Panel::new(),
+        panel: Panel::new(&pmac::PANEL_BLOCK),
         reader: VariableReader::new(&PMAC.variable_read, PMAC.start, plan.variable_read()),
         writer: VariableWriter::new(&PMAC.variable_write, PMAC.start, plan.variable_write()),
         gather: None,
-        rotary: [None, None],
+        rotary: std::array::from_fn(|which| (RotaryStream::of_family(&PMAC).remove(which), None)),
         mailbox: MailboxPort::new(MailboxSettings::default(), PMAC.ascii.line_limit),
         registers: RamBytes { bytes: [0; 0x200], accesses: 0 },
         plan,
@@ -190,20 +191,19 @@ impl Functions {
         let number = usize::from(tape.u8() & 15);
         match how {
             0 => drop(self.panel.take_over(bus)?),
-            1 => Panel::withdraw(bus)?,
-            2 => drop(Panel::taken(bus)?),
+            1 => self.panel.withdraw(bus)?,
+            2 => drop(self.panel.taken(bus)?),
             3 | 4 => {
                 if let Ok(raw) = FeedOverride::from_raw(tape.u32() >> (tape.u8() & 31)) {
                     let _ = self.panel.set_override(bus, number, raw);
                 }
             }
             5 => drop(self.panel.release_override(bus, number)),
-            6 => drop(Panel::show(bus)?),
             _ => {
                 let action = PanelAction::ALL[usize::from(how) % PanelAction::ALL.len()];
-                if let Ok(request) = PanelRequest::of(action, &[number]) {
+                if let Ok(request) = PanelRequest::of(&pmac::PANEL_BLOCK, action, &[number]) {
                     assert!((1..=8).contains(&number));
-                    let _ = Panel::begin(bus, &request)?;
+                    let _ = self.panel.begin(bus, &request)?;
                 }
             }
         }
@@ -336,17 +336,16 @@ impl Functions {
 
     fn rotary(&mut self, bus: &mut RamBus, how: u8, tape: &mut Tape<'_>) -> Result<(), BusError> {
         let which = usize::from(how & 1);
-        let buffer = [RotaryBuffer::First, RotaryBuffer::Second][which];
-        if how < 4 || self.rotary[which].is_none() {
+        let (stream, set_up) = &mut self.rotary[which];
+        if how < 4 || set_up.is_none() {
             let setup = RotarySetup {
-                buffer,
                 start: HostOffset::checked(u32::from(tape.u16()) << 1).unwrap_or(classic::OPEN.start),
                 size_longs: u32::from(tape.u16()),
                 coordinate_system: tape.u8() & 15,
                 coordinate_system_base: tape.u8() & 3,
             };
-            match RotaryStream::set_up(bus, &setup) {
-                Ok(stream) => self.rotary[which] = Some((stream, setup)),
+            match stream.set_up(bus, &setup) {
+                Ok(()) => *set_up = Some(setup),
                 Err(RotaryError::Bus(error)) => return Err(error),
                 Err(_) => {
                     bus.assert_written("a rotary buffer refused", |_| false);
@@ -354,7 +353,7 @@ impl Functions {
                 }
             }
         }
-        let Some((stream, setup)) = &mut self.rotary[which] else { return Ok(()) };
+        let Some(setup) = set_up else { return Ok(()) };
         bus.take_accesses();
         let result = match how {
             0..=3 => Ok(()),
@@ -381,7 +380,8 @@ impl Functions {
         }
         assert!(bus.take_accesses() <= 3 + 9 + 4 * 9);
         let ring = setup.start.bytes()..setup.start.bytes() + 4 * setup.size_longs;
-        let header = buffer.header().bytes()..buffer.header().bytes() + 12;
+        let header = PMAC.rotary.headers[which].bytes();
+        let header = header..header + 12;
         bus.assert_written("rotary", |offset| ring.contains(&offset) || header.contains(&offset));
         Ok(())
     }

@@ -17,13 +17,12 @@ use pmac_dpram::daemon::shared::queue::{Command, Event, Receive, Sender, Text, T
 use pmac_dpram::format::TextOrder;
 use pmac_dpram::function::gather::GatherBuffer;
 use pmac_dpram::function::panel::{FeedOverride, PanelAction, PanelRequest};
-use pmac_dpram::function::rotary::RotaryBuffer;
 use pmac_dpram::function::servo::ServoReading;
 use pmac_dpram::function::variable_read::{VariableEntry, VariableMode};
 use pmac_dpram::function::variable_write::WriteRecord;
 use pmac_dpram::gather::GatherMode;
 use pmac_dpram::map::{
-    Family, GatherPlace, HostOffset, Layout, PMAC, Plan, PlanSettings, Space, VariableKind, classic,
+    Family, GatherPlace, HostOffset, Layout, PMAC, Plan, PlanSettings, Space, VariableKind, classic, pmac,
 };
 use pmac_dpram::mirror::{BackgroundMirror, GatherClock, ServoMirror, VariableMirror, gather, variable};
 use pmac_dpram::protocol::{Function, Functions};
@@ -209,11 +208,13 @@ impl Desks<'_> {
 
     /// A job as the command socket lets one through.
     fn job(&mut self, how: u8, tape: &mut Tape<'_>) -> Job {
-        let buffer = if how & 1 == 0 { RotaryBuffer::First } else { RotaryBuffer::Second };
+        let buffer = usize::from(how & 1);
         match how {
             0 | 1 => {
                 let action = PanelAction::ALL[usize::from(tape.u8()) % PanelAction::ALL.len()];
-                Job::Panel(PanelRequest::of(action, &[usize::from(tape.u8() & 7) + 1]).unwrap())
+                Job::Panel(
+                    PanelRequest::of(&pmac::PANEL_BLOCK, action, &[usize::from(tape.u8() & 7) + 1]).unwrap(),
+                )
             }
             2 => {
                 let raw = FeedOverride::from_raw(u32::from(tape.u16() & 0x7FFF)).ok();

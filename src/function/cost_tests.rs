@@ -6,7 +6,7 @@ use super::background::{BackgroundPoll, BackgroundReader};
 use super::gather::{GatherBuffer, GatherPoll, GatherReader, GatherStart, report_cycles};
 use super::panel::{FeedOverride, Panel, PanelAction, PanelRequest};
 use super::port_cost_tests::{dpram, mailboxes};
-use super::rotary::{RotaryBuffer, RotarySetup, RotaryStream};
+use super::rotary::{RotarySetup, RotaryStream};
 use super::servo::{ServoPoll, ServoReader, ServoReading};
 use super::servo_timer::ServoTimer;
 use super::variable_read::{self, VariableEntry, VariableMode, VariablePoll, VariableReader};
@@ -14,9 +14,10 @@ use super::variable_write::{VariableWriter, WritePoll, WriteRecord};
 use crate::device::{Access, Bus, Counted, FileBoard};
 use crate::gather::GatherMode;
 use crate::map::classic::{
-    BACKGROUND_DATA_READY, BACKGROUND_SERVO_TIMER, DATA_READY, PANEL_REQUEST_ENABLE, ROTARY_1, ROTARY_BUSY,
-    SERVO_PMAC_STATUS, VARIABLE_READ_CONTROL, VARIABLE_READ_ENTRY_READY, VARIABLE_WRITE_COUNT, rotary_header,
+    BACKGROUND_DATA_READY, BACKGROUND_SERVO_TIMER, DATA_READY, SERVO_PMAC_STATUS, VARIABLE_READ_CONTROL,
+    VARIABLE_READ_ENTRY_READY, VARIABLE_WRITE_COUNT,
 };
+use crate::map::functions::rotary_header;
 use crate::map::{HostOffset, Layout, PMAC, Region, VariableKind};
 use crate::rotary::START_OF_LINE;
 
@@ -217,19 +218,20 @@ fn variable_write() {
 
 #[test]
 fn panel_and_overrides() {
+    let words = PMAC.panel.as_ref().unwrap();
     for n in 1..=8 {
-        let mut rig = Rig::new();
+        let (mut rig, mut panel) = (Rig::new(), Panel::new(words));
         let numbers: Vec<usize> = (1..=n).collect();
-        let request = PanelRequest::of(PanelAction::JogPlus, &numbers).unwrap();
-        let (begun, begin) = rig.cost(|bus| Panel::begin(bus, &request).unwrap());
+        let request = PanelRequest::of(words, PanelAction::JogPlus, &numbers).unwrap();
+        let (begun, begin) = rig.cost(|bus| panel.begin(bus, &request).unwrap());
         assert!(begun);
-        assert_eq!(rig.cost(|bus| Panel::taken(bus).unwrap()), (false, documented("panel look")));
-        rig.put(PANEL_REQUEST_ENABLE, 0);
-        let (taken, seen) = rig.cost(|bus| Panel::taken(bus).unwrap());
+        assert_eq!(rig.cost(|bus| panel.taken(bus).unwrap()), (false, documented("panel look")));
+        rig.put(words.request_enable, 0);
+        let (taken, seen) = rig.cost(|bus| panel.taken(bus).unwrap());
         assert_eq!((taken, begin + seen), (true, n + 3));
         assert!(n != 8 || begin + seen == documented("panel request"));
 
-        let (mut panel, value) = (Panel::new(), FeedOverride::MAXIMUM);
+        let value = FeedOverride::MAXIMUM;
         let set = documented("feed override set");
         assert_eq!(rig.cost(|bus| panel.set_override(bus, n, value).unwrap()), (true, set + 1));
         assert_eq!(rig.cost(|bus| panel.set_override(bus, n, value).unwrap()), (true, set));
@@ -280,30 +282,29 @@ fn rotary() {
         let mut rig = Rig::new();
         let size_longs = 2 * c + 4;
         let setup = RotarySetup {
-            buffer: RotaryBuffer::First,
             start: HostOffset::new(0x0900),
             size_longs,
             coordinate_system: 1,
             coordinate_system_base: 1,
         };
-        let (stream, cost) = rig.cost(|bus| RotaryStream::set_up(bus, &setup).unwrap());
+        let mut stream = RotaryStream::of_family(&PMAC).remove(0);
+        let ((), cost) = rig.cost(|bus| stream.set_up(bus, &setup).unwrap());
         assert_eq!(cost, documented("rotary set-up"));
         let line: Vec<_> =
             (0..c).map(|command| (if command == 0 { START_OF_LINE } else { 0 } | 0x40, 0x80_0000)).collect();
-        let mut stream = stream;
         let (sent, cost) = rig.cost(|bus| stream.offer(bus, &line).unwrap());
         assert_eq!((sent, cost), (true, 4 * c as usize + 7));
         assert!(c != 3 || cost == documented("rotary line"));
         let look = documented("rotary look");
         assert_eq!(rig.cost(|bus| stream.offer(bus, &line).unwrap()), (false, look + 1));
-        rig.put(ROTARY_1.plus_words(rotary_header::STATUS), ROTARY_BUSY);
+        rig.put(PMAC.rotary.headers[0].plus_words(rotary_header::STATUS), rotary_header::BUSY);
         let (state, cost) = rig.cost(|bus| stream.state(bus).unwrap());
         assert_eq!((state.busy, cost), (true, documented("rotary state")));
         assert_eq!(rig.cost(|bus| stream.offer(bus, &line).unwrap()), (false, look));
-        rig.put(ROTARY_1.plus_words(rotary_header::PMAC_INDEX), (2 * c) as u16);
+        rig.put(PMAC.rotary.headers[0].plus_words(rotary_header::PMAC_INDEX), (2 * c) as u16);
         assert_eq!(rig.cost(|bus| stream.offer(bus, &line).unwrap()), (true, 4 * c as usize + 7));
-        rig.put(ROTARY_1.plus_words(rotary_header::STATUS), ROTARY_BUSY | 1);
-        let (_, again) = rig.cost(|bus| RotaryStream::set_up(bus, &setup).unwrap());
+        rig.put(PMAC.rotary.headers[0].plus_words(rotary_header::STATUS), rotary_header::BUSY | 1);
+        let ((), again) = rig.cost(|bus| stream.set_up(bus, &setup).unwrap());
         assert_eq!(again, documented("rotary set-up") + 1);
     }
 }
@@ -320,7 +321,7 @@ fn lines_and_releases() {
         rig.cost(|bus| BackgroundReader::release(&PMAC.background, bus).unwrap()).1,
         rig.cost(|bus| variables.release(bus).unwrap()).1,
         rig.cost(|bus| writer.release(bus).unwrap()).1,
-        rig.cost(|bus| Panel::new().take_over(bus).unwrap()).1,
+        rig.cost(|bus| Panel::new(PMAC.panel.as_ref().unwrap()).take_over(bus).unwrap()).1,
     ];
     assert_eq!(costs, [1, 1, 2, 1, 3]);
     assert_eq!(costs.iter().sum::<usize>(), documented("released at start"));

@@ -1,14 +1,16 @@
-//! The control panel: jog, home, run, stop and feed rate override without a command line (DPRAM manual p. 12-13).
+//! The control panel: jog, home, run, stop and feed rate override without a command line (DPRAM manual p. 12-13). Where
+//! its words lie, and for how many numbers, says a [`PanelBlock`].
 //!
 //! | word | host | PMAC |
 //! |---|---|---|
-//! | 0x0004, 0x0008, ... | writes what motor or coordinate system 1, 2, ... shall do | reads |
-//! | 0x0000 bits 7-0 | sets, last, for whom the requests are | clears the whole word when it acts |
-//! | 0x0006, 0x000A, ... | writes the override of coordinate system 1, 2, ... | reads |
-//! | 0x0002 bits 7-0 | sets, last, and clears whose override is taken from here | reads, never clears |
+//! | `request` | writes what motor or coordinate system 1, 2, ... shall do | reads |
+//! | `request_enable` | sets, last, for whom the requests are | clears the whole word when it acts |
+//! | `feed_override` | writes the override of coordinate system 1, 2, ... | reads |
+//! | `override_enable` | sets, last, and clears whose override is taken from here | reads, never clears |
 //!
-//! PMAC looks only while I2 is 3; no word tells whether it does, so a request that is never taken is all that shows.
-//! Because PMAC clears all of 0x0000, the next request waits until it is 0: a bit set in between would be lost.
+//! PMAC looks only while the panel is enabled (I2=3); no word tells whether it is, so a request that is never taken is
+//! all that shows. PMAC clears all of `request_enable`, so the next request waits until it is 0: a bit set in between
+//! would be lost.
 //!
 //! Motor n and coordinate system n share a request word. The manual says what two jog bits together mean (stop), and
 //! about no other pair of requests to the same motor or the same coordinate system; such pairs are refused here.
@@ -16,19 +18,13 @@
 use std::str::FromStr;
 
 use crate::device::{Bus, BusError};
-use crate::map::HostOffset;
-use crate::map::classic::{
-    self, MOTORS, PANEL_FEED_HOLD, PANEL_HOME, PANEL_JOG_MINUS, PANEL_JOG_PLUS, PANEL_OVERRIDE,
-    PANEL_OVERRIDE_ENABLE, PANEL_PRE_JOG, PANEL_REQUEST, PANEL_REQUEST_ENABLE, PANEL_START, PANEL_STEP,
-    PANEL_STOP, PANEL_STRIDE,
-};
+use crate::map::functions::panel_request as bit;
+use crate::map::{HostOffset, PanelBlock};
 
 /// The bits a motor acts on.
-const MOTOR_BITS: u16 = PANEL_JOG_MINUS | PANEL_JOG_PLUS | PANEL_PRE_JOG | PANEL_HOME;
-/// Words of the panel, 0x0000-0x0023.
-pub const PANEL_WORDS: usize = classic::PANEL.words();
-/// The enable bits there are, one a number.
-const NUMBERS: u16 = 0x00FF;
+const MOTOR_BITS: u16 = bit::JOG_MINUS | bit::JOG_PLUS | bit::PRE_JOG | bit::HOME;
+/// The most motors and coordinate systems a request has room for, in every family.
+const MOST_NUMBERS: usize = 32;
 
 /// Something a panel can ask for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
@@ -72,15 +68,15 @@ impl PanelAction {
     #[must_use]
     pub const fn bits(self) -> u16 {
         match self {
-            Self::JogMinus => PANEL_JOG_MINUS,
-            Self::JogPlus => PANEL_JOG_PLUS,
-            Self::JogStop => PANEL_JOG_MINUS | PANEL_JOG_PLUS,
-            Self::PreJog => PANEL_PRE_JOG,
-            Self::Home => PANEL_HOME,
-            Self::Start => PANEL_START,
-            Self::Step => PANEL_STEP,
-            Self::Stop => PANEL_STOP,
-            Self::Hold => PANEL_FEED_HOLD,
+            Self::JogMinus => bit::JOG_MINUS,
+            Self::JogPlus => bit::JOG_PLUS,
+            Self::JogStop => bit::JOG_MINUS | bit::JOG_PLUS,
+            Self::PreJog => bit::PRE_JOG,
+            Self::Home => bit::HOME,
+            Self::Start => bit::START,
+            Self::Step => bit::STEP,
+            Self::Stop => bit::STOP,
+            Self::Hold => bit::FEED_HOLD,
         }
     }
 
@@ -135,8 +131,13 @@ pub enum PanelError {
     )]
     Action(String),
     /// No such motor or coordinate system.
-    #[error("the panel has numbers 1 to 8, not {0}")]
-    Number(usize),
+    #[error("the panel has numbers 1 to {numbers}, not {number}")]
+    Number {
+        /// What was asked for.
+        number: usize,
+        /// How many there are.
+        numbers: usize,
+    },
     /// Two actions that exclude each other.
     #[error("{action} for number {number} contradicts what was asked of it before in the same request")]
     Contradiction {
@@ -157,30 +158,30 @@ pub enum PanelError {
 }
 
 /// What is asked of which motors and coordinate systems, all at once.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Clone, Copy, PartialEq, Eq, Default)]
 pub struct PanelRequest {
     /// Whose words count: bit 0 is number 1.
-    pub mask: u8,
-    /// The request words of numbers 1 to 8.
-    pub words: [u16; MOTORS],
+    mask: u32,
+    /// The request words, of number 1 first.
+    words: [u16; MOST_NUMBERS],
 }
 
 impl PanelRequest {
-    /// Asks `action` of each of `numbers` (1-8).
+    /// Asks `action` of each of `numbers`, counted from 1.
     ///
     /// # Errors
-    /// A number there is not.
-    pub fn of(action: PanelAction, numbers: &[usize]) -> Result<Self, PanelError> {
-        numbers.iter().try_fold(Self::default(), |request, &number| request.and(action, number))
+    /// A number that `panel` has not.
+    pub fn of(panel: &PanelBlock, action: PanelAction, numbers: &[usize]) -> Result<Self, PanelError> {
+        numbers.iter().try_fold(Self::default(), |request, &number| request.and(panel, action, number))
     }
 
-    /// Also asks `action` of `number` (1-8). Jog minus and jog plus add up to stop.
+    /// Also asks `action` of `number`. Jog minus and jog plus add up to stop.
     ///
     /// # Errors
-    /// A number there is not; two actions for one motor, or for one coordinate system, that exclude each other.
-    pub fn and(mut self, action: PanelAction, number: usize) -> Result<Self, PanelError> {
-        check_number(number)?;
-        let jogs = PANEL_JOG_MINUS | PANEL_JOG_PLUS;
+    /// A number that `panel` has not; two actions for one motor, or for one coordinate system, that exclude each other.
+    pub fn and(mut self, panel: &PanelBlock, action: PanelAction, number: usize) -> Result<Self, PanelError> {
+        check_number(panel, number)?;
+        let jogs = bit::JOG_MINUS | bit::JOG_PLUS;
         let same_kind = if action.is_for_motors() { MOTOR_BITS } else { !MOTOR_BITS };
         let word = &mut self.words[number - 1];
         let others = *word & same_kind & !action.bits();
@@ -192,10 +193,8 @@ impl PanelRequest {
         self.mask |= 1 << (number - 1);
         Ok(self)
     }
-}
 
-impl PanelRequest {
-    /// Two requests as one. Nothing is checked: meant for stops, of which two do not exclude each other.
+    /// Two requests as one. Does not check for conflicts: only for stops, which never conflict.
     #[must_use]
     pub fn together_with(mut self, other: &Self) -> Self {
         self.mask |= other.mask;
@@ -205,16 +204,47 @@ impl PanelRequest {
         self
     }
 
+    /// The request without the numbers in `mask`; `None` when none is left.
+    #[must_use]
+    pub fn without(mut self, mask: u32) -> Option<Self> {
+        self.mask &= !mask;
+        (self.mask != 0).then_some(self)
+    }
+
+    /// Whose words count: bit 0 is number 1.
+    #[must_use]
+    pub const fn mask(&self) -> u32 {
+        self.mask
+    }
+
+    /// The numbers it is for, and the request word of each.
+    fn asked(&self) -> impl Iterator<Item = (usize, u16)> {
+        (1..).zip(self.words).filter(|(number, _)| self.mask >> (number - 1) & 1 != 0)
+    }
+
     /// The motors it stops jogging, and of which it wants nothing else: bit 0 is number 1.
     #[must_use]
-    pub fn stops(&self) -> u8 {
-        let is_stop = |index: &usize| self.words[*index] == PanelAction::JogStop.bits();
-        (0..MOTORS).filter(is_stop).fold(0, |mask, index| mask | 1 << index) & self.mask
+    pub fn stops(&self) -> u32 {
+        let stops = self.asked().filter(|(_, word)| *word == PanelAction::JogStop.bits());
+        stops.fold(0, |mask, (number, _)| mask | 1 << (number - 1))
+    }
+
+    /// Whether it only stops motors that jog.
+    #[must_use]
+    pub fn is_stop(&self) -> bool {
+        self.stops() == self.mask
     }
 }
 
-fn check_number(number: usize) -> Result<(), PanelError> {
-    if (1..=MOTORS).contains(&number) { Ok(()) } else { Err(PanelError::Number(number)) }
+impl std::fmt::Debug for PanelRequest {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_map().entries(self.asked().map(|(number, word)| (number, format!("{word:#06x}")))).finish()
+    }
+}
+
+fn check_number(panel: &PanelBlock, number: usize) -> Result<(), PanelError> {
+    let numbers = panel.numbers;
+    if (1..=numbers).contains(&number) { Ok(()) } else { Err(PanelError::Number { number, numbers }) }
 }
 
 /// A feed rate override as the DPRAM holds it: the time, in 1/32768 ms, that a servo cycle counts for.
@@ -270,44 +300,52 @@ impl FeedOverride {
 const UNITS_OF_I10: f64 = 256.0;
 
 /// The panel as it lies in the DPRAM.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq)]
 pub struct PanelWords {
-    /// 0x0000: whose request PMAC has not taken yet.
+    /// Whose request PMAC has not taken yet.
     pub request_enable: u16,
-    /// 0x0002: whose override comes from here.
+    /// Whose override comes from here.
     pub override_enable: u16,
-    /// The request words of numbers 1 to 8, as last written.
-    pub requests: [u16; MOTORS],
-    /// The overrides of coordinate systems 1 to 8, valid or not.
-    pub overrides: [u16; MOTORS],
+    /// The request words, of number 1 first, as last written.
+    pub requests: Vec<u16>,
+    /// The overrides, of coordinate system 1 first, valid or not.
+    pub overrides: Vec<u16>,
 }
 
 impl PanelWords {
-    /// The panel in its words, the first being the one at 0x0000.
+    /// The panel out of `words`, which begin at its region's start. Words that are not there count as 0.
     #[must_use]
-    pub fn of(words: &[u16; PANEL_WORDS]) -> Self {
-        let word = |first: HostOffset, index| words[at(first, index).word() - PANEL_REQUEST_ENABLE.word()];
+    pub fn of(panel: &PanelBlock, words: &[u16]) -> Self {
+        let word =
+            |at: HostOffset| words.get(at.words_since(panel.region.start)).copied().unwrap_or_default();
+        let all = |first| (0..panel.numbers).map(|index| word(place(panel, first, index))).collect();
         Self {
-            request_enable: word(PANEL_REQUEST_ENABLE, 0),
-            override_enable: word(PANEL_OVERRIDE_ENABLE, 0),
-            requests: std::array::from_fn(|index| word(PANEL_REQUEST, index)),
-            overrides: std::array::from_fn(|index| word(PANEL_OVERRIDE, index)),
+            request_enable: word(panel.request_enable),
+            override_enable: word(panel.override_enable),
+            requests: all(panel.request),
+            overrides: all(panel.feed_override),
         }
     }
 }
 
+/// Where the word of number `index + 1` lies, that of number 1 being at `first`.
+const fn place(panel: &PanelBlock, first: HostOffset, index: usize) -> HostOffset {
+    first.plus_words(index * panel.stride)
+}
+
 /// The host's half of the panel.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub struct Panel {
-    /// The host's enable bits in 0x0002, once they were read.
+    words: &'static PanelBlock,
+    /// The host's enable bits of the overrides, once they were read.
     override_enable: Option<u16>,
 }
 
 impl Panel {
-    /// A panel that has not looked at the board yet.
+    /// A panel in `words` that has not looked at the board yet.
     #[must_use]
-    pub fn new() -> Self {
-        Self::default()
+    pub const fn new(words: &'static PanelBlock) -> Self {
+        Self { words, override_enable: None }
     }
 
     /// Takes over from whatever host was there before: a request PMAC has not taken is withdrawn, since nobody waits
@@ -317,12 +355,12 @@ impl Panel {
     ///
     /// # Errors
     /// When the bus cannot be reached.
-    pub fn take_over(&mut self, bus: &mut impl Bus) -> Result<u8, BusError> {
-        let left = bus.read16(PANEL_REQUEST_ENABLE)?;
-        Self::withdraw(bus)?;
+    pub fn take_over(&mut self, bus: &mut impl Bus) -> Result<u32, BusError> {
+        let left = bus.read16(self.words.request_enable)?;
+        self.withdraw(bus)?;
         self.override_enable = None;
         self.enabled_overrides(bus)?;
-        Ok((left & NUMBERS) as u8)
+        Ok((left & self.used_bits()).into())
     }
 
     /// Puts `request` to PMAC. `Ok(false)`: PMAC has not taken the last one, or there is no board; try later.
@@ -330,17 +368,15 @@ impl Panel {
     ///
     /// # Errors
     /// When the bus cannot be reached.
-    pub fn begin(bus: &mut impl Bus, request: &PanelRequest) -> Result<bool, BusError> {
-        if !Self::taken(bus)? {
+    pub fn begin(&self, bus: &mut impl Bus, request: &PanelRequest) -> Result<bool, BusError> {
+        if !self.taken(bus)? {
             return Ok(false);
         }
-        for (index, word) in request.words.iter().enumerate() {
-            if request.mask & 1 << index != 0 {
-                bus.write16(at(PANEL_REQUEST, index), *word)?;
-            }
+        for (number, word) in request.asked() {
+            bus.write16(place(self.words, self.words.request, number - 1), word)?;
         }
         bus.order_writes();
-        bus.write16(PANEL_REQUEST_ENABLE, u16::from(request.mask))?;
+        bus.write16(self.words.request_enable, request.mask as u16)?;
         bus.order_writes();
         Ok(true)
     }
@@ -349,8 +385,8 @@ impl Panel {
     ///
     /// # Errors
     /// When the bus cannot be reached.
-    pub fn taken(bus: &mut impl Bus) -> Result<bool, BusError> {
-        Ok(Self::mask(bus)? == 0)
+    pub fn taken(&self, bus: &mut impl Bus) -> Result<bool, BusError> {
+        Ok(self.mask(bus)? == 0)
     }
 
     /// For whom the request in the panel is, bit 0 being number 1: 0 when PMAC has taken the last one, all ones where there is
@@ -358,8 +394,8 @@ impl Panel {
     ///
     /// # Errors
     /// When the bus cannot be reached.
-    pub fn mask(bus: &mut impl Bus) -> Result<u16, BusError> {
-        bus.read16(PANEL_REQUEST_ENABLE)
+    pub fn mask(&self, bus: &mut impl Bus) -> Result<u32, BusError> {
+        Ok(bus.read16(self.words.request_enable)?.into())
     }
 
     /// Takes back a request PMAC has not taken. PMAC may take it in this very moment; whether it did cannot be known.
@@ -367,15 +403,15 @@ impl Panel {
     ///
     /// # Errors
     /// When the bus cannot be reached.
-    pub fn withdraw(bus: &mut impl Bus) -> Result<(), BusError> {
-        bus.write16(PANEL_REQUEST_ENABLE, 0)?;
+    pub fn withdraw(&self, bus: &mut impl Bus) -> Result<(), BusError> {
+        bus.write16(self.words.request_enable, 0)?;
         bus.order_writes();
         Ok(())
     }
 
     /// Sets the override of coordinate system `number` and has PMAC take it from here until it is released, across
     /// restarts of the host too. It acts only while the coordinate system's Ix93 points to the register PMAC copies
-    /// it to ($0806 + $C0*(n-1)). `Ok(false)`: there is no board. 2 writes; 1 read the first time.
+    /// it to ([`crate::map::Family::override_register`]). `Ok(false)`: there is no board. 2 writes; 1 read the first time.
     ///
     /// # Errors
     /// A number there is not, or the bus cannot be reached.
@@ -385,9 +421,9 @@ impl Panel {
         number: usize,
         value: FeedOverride,
     ) -> Result<bool, PanelBusError> {
-        check_number(number)?;
+        check_number(self.words, number)?;
         let Some(enabled) = self.enabled_overrides(bus)? else { return Ok(false) };
-        bus.write16(at(PANEL_OVERRIDE, number - 1), value.raw())?;
+        bus.write16(place(self.words, self.words.feed_override, number - 1), value.raw())?;
         bus.order_writes();
         self.enable_overrides(bus, enabled | 1 << (number - 1))?;
         Ok(true)
@@ -399,33 +435,28 @@ impl Panel {
     /// # Errors
     /// A number there is not, or the bus cannot be reached.
     pub fn release_override(&mut self, bus: &mut impl Bus, number: usize) -> Result<bool, PanelBusError> {
-        check_number(number)?;
+        check_number(self.words, number)?;
         let Some(enabled) = self.enabled_overrides(bus)? else { return Ok(false) };
         self.enable_overrides(bus, enabled & !(1 << (number - 1)))?;
         Ok(true)
     }
 
-    /// The whole panel as it lies there. 18 reads.
-    ///
-    /// # Errors
-    /// When the bus cannot be reached.
-    pub fn show(bus: &mut impl Bus) -> Result<PanelWords, BusError> {
-        let mut words = [0; PANEL_WORDS];
-        bus.read_block(PANEL_REQUEST_ENABLE, &mut words)?;
-        Ok(PanelWords::of(&words))
+    /// The bits of an enable word that stand for a number.
+    const fn used_bits(&self) -> u16 {
+        ((1_u32 << self.words.numbers) - 1) as u16
     }
 
     fn enabled_overrides(&mut self, bus: &mut impl Bus) -> Result<Option<u16>, BusError> {
         if self.override_enable.is_none() {
-            let word = bus.read16(PANEL_OVERRIDE_ENABLE)?;
-            // Bits 15-8 are not used; all of them set is an absent board.
-            self.override_enable = (word != u16::MAX).then_some(word & NUMBERS);
+            let word = bus.read16(self.words.override_enable)?;
+            // An enable word of ones is no board.
+            self.override_enable = (word != u16::MAX).then_some(word & self.used_bits());
         }
         Ok(self.override_enable)
     }
 
     fn enable_overrides(&mut self, bus: &mut impl Bus, enabled: u16) -> Result<(), BusError> {
-        bus.write16(PANEL_OVERRIDE_ENABLE, enabled)?;
+        bus.write16(self.words.override_enable, enabled)?;
         bus.order_writes();
         self.override_enable = Some(enabled);
         Ok(())
@@ -442,10 +473,6 @@ pub enum PanelBusError {
     /// The bus.
     #[error(transparent)]
     Bus(#[from] BusError),
-}
-
-const fn at(first: HostOffset, index: usize) -> HostOffset {
-    first.plus_words(index * (PANEL_STRIDE as usize / 2))
 }
 
 #[cfg(test)]

@@ -2,61 +2,101 @@
 
 use proptest::prelude::*;
 
+use super::super::testing::memory;
 use super::*;
 use crate::device::{Counted, FileBoard};
+use crate::map::{FAMILIES, Family, PMAC, pmac};
 
-fn bus() -> Counted<FileBoard> {
-    let file = tempfile::tempfile().unwrap();
-    file.set_len(0x4000).unwrap();
-    Counted::new(FileBoard::from_file(&file, 0x4000).unwrap())
+/// The families that have a panel: its words, its host's half, and memory.
+fn panels() -> impl Iterator<Item = (&'static PanelBlock, Panel, Counted<FileBoard>)> {
+    let panel = |family: &&'static Family| {
+        let words = family.panel.as_ref()?;
+        Some((words, Panel::new(words), Counted::new(memory(family))))
+    };
+    FAMILIES.iter().filter_map(panel)
 }
 
 #[test]
 fn a_request_reaches_the_words_of_its_numbers_and_no_other() {
-    let mut bus = bus();
-    for index in 0..8 {
-        bus.write16(at(PANEL_REQUEST, index), 0x1111).unwrap();
-    }
-    let request = PanelRequest::of(PanelAction::JogPlus, &[1, 3]).unwrap();
-    assert_eq!(request.mask, 0b101);
-    let before = bus.accesses();
-    assert!(Panel::begin(&mut bus, &request).unwrap());
-    assert_eq!(bus.accesses() - before, 1 + 2 + 1);
-    let words = [0x0004, 0x0008, 0x000C, 0x0020].map(|at| bus.read16(HostOffset::new(at)).unwrap());
-    assert_eq!(words, [0x0200, 0x1111, 0x0200, 0x1111]);
-    assert_eq!(bus.read16(HostOffset::new(0)).unwrap(), 0b101);
+    for (words, panel, mut bus) in panels() {
+        let at = |number| place(words, words.request, number - 1);
+        for number in 1..=words.numbers {
+            bus.write16(at(number), 0x1111).unwrap();
+        }
+        let request = PanelRequest::of(words, PanelAction::JogPlus, &[1, 3]).unwrap();
+        assert_eq!(request.mask, 0b101);
+        let before = bus.accesses();
+        assert!(panel.begin(&mut bus, &request).unwrap());
+        assert_eq!(bus.accesses() - before, 1 + 2 + 1);
+        let found = [1, 2, 3, words.numbers].map(|number| bus.read16(at(number)).unwrap());
+        assert_eq!(found, [0x0200, 0x1111, 0x0200, 0x1111]);
+        assert_eq!(bus.read16(words.request_enable).unwrap(), 0b101);
 
-    assert!(!Panel::taken(&mut bus).unwrap());
-    let stop = PanelRequest::of(PanelAction::JogStop, &[2]).unwrap();
-    assert!(
-        !Panel::begin(&mut bus, &stop).unwrap(),
-        "PMAC would clear this request's bit with the first one's"
-    );
-    assert_eq!(bus.read16(HostOffset::new(0x0008)).unwrap(), 0x1111, "nothing was written");
-    bus.write16(HostOffset::new(0), 0).unwrap();
-    assert!(Panel::taken(&mut bus).unwrap());
-    assert!(Panel::begin(&mut bus, &stop).unwrap());
-    assert_eq!(bus.read16(HostOffset::new(0x0008)).unwrap(), 0x0300);
+        assert!(!panel.taken(&mut bus).unwrap());
+        let stop = PanelRequest::of(words, PanelAction::JogStop, &[2]).unwrap();
+        assert!(
+            !panel.begin(&mut bus, &stop).unwrap(),
+            "PMAC would clear this request's bit with the first one's"
+        );
+        assert_eq!(bus.read16(at(2)).unwrap(), 0x1111, "nothing was written");
+        bus.write16(words.request_enable, 0).unwrap();
+        assert!(panel.taken(&mut bus).unwrap());
+        assert!(panel.begin(&mut bus, &stop).unwrap());
+        assert_eq!(bus.read16(at(2)).unwrap(), 0x0300);
+    }
+}
+
+#[test]
+fn pmacs_panel_lies_where_the_manual_says() {
+    let words = PMAC.panel.as_ref().unwrap();
+    let (panel, mut bus) = (Panel::new(words), memory(&PMAC));
+    assert!(panel.begin(&mut bus, &PanelRequest::of(words, PanelAction::Home, &[1, 8]).unwrap()).unwrap());
+    let found = [0x0000, 0x0004, 0x0008, 0x0020].map(|at| bus.read16(HostOffset::new(at)).unwrap());
+    assert_eq!(found, [0x81, 0x4000, 0, 0x4000]);
+}
+
+/// A panel with a number for each of the enable words' bits.
+#[test]
+fn a_request_has_room_for_every_number() {
+    let panel = PanelBlock { numbers: 16, ..pmac::PANEL_BLOCK };
+    let all: Vec<usize> = (1..=16).collect();
+    let stop = PanelRequest::of(&panel, PanelAction::JogStop, &all).unwrap();
+    assert_eq!((stop.mask(), stop.stops(), stop.is_stop()), (0xFFFF, 0xFFFF, true));
+    assert_eq!(stop.without(0x7FFF).unwrap().stops(), 0x8000);
+    assert_eq!(stop.without(0xFFFF), None);
+    let of_16 = PanelRequest::of(&panel, PanelAction::JogStop, &[16]).unwrap();
+    assert_eq!(format!("{of_16:?}"), "{16: \"0x0300\"}");
 }
 
 #[test]
 fn both_jogs_are_a_stop_and_other_pairs_a_contradiction() {
-    let both = PanelRequest::of(PanelAction::JogMinus, &[4]).unwrap().and(PanelAction::JogPlus, 4).unwrap();
-    assert_eq!(both, PanelRequest::of(PanelAction::JogStop, &[4]).unwrap());
+    let panel = &pmac::PANEL_BLOCK;
+    let both = PanelRequest::of(panel, PanelAction::JogMinus, &[4])
+        .unwrap()
+        .and(panel, PanelAction::JogPlus, 4)
+        .unwrap();
+    assert_eq!(both, PanelRequest::of(panel, PanelAction::JogStop, &[4]).unwrap());
     // Motor 2 and coordinate system 2 share a word but not their requests.
-    let shared = PanelRequest::of(PanelAction::Home, &[2]).unwrap().and(PanelAction::Start, 2).unwrap();
-    assert_eq!(shared.words[1], PANEL_HOME | PANEL_START);
+    let shared =
+        PanelRequest::of(panel, PanelAction::Home, &[2]).unwrap().and(panel, PanelAction::Start, 2).unwrap();
+    assert_eq!(shared.words[1], bit::HOME | bit::START);
     for (first, second) in [
         (PanelAction::Start, PanelAction::Stop),
         (PanelAction::JogPlus, PanelAction::Home),
         (PanelAction::PreJog, PanelAction::JogStop),
     ] {
-        let refused = PanelRequest::of(first, &[1]).unwrap().and(second, 1);
+        let refused = PanelRequest::of(panel, first, &[1]).unwrap().and(panel, second, 1);
         assert_eq!(refused, Err(PanelError::Contradiction { number: 1, action: second }));
-        assert!(PanelRequest::of(first, &[1]).unwrap().and(second, 2).is_ok());
+        assert!(PanelRequest::of(panel, first, &[1]).unwrap().and(panel, second, 2).is_ok());
     }
-    assert_eq!(PanelRequest::of(PanelAction::Stop, &[0]), Err(PanelError::Number(0)));
-    assert_eq!(PanelRequest::of(PanelAction::Stop, &[9]), Err(PanelError::Number(9)));
+    assert_eq!(
+        PanelRequest::of(panel, PanelAction::Stop, &[0]),
+        Err(PanelError::Number { number: 0, numbers: 8 })
+    );
+    assert_eq!(
+        PanelRequest::of(panel, PanelAction::Stop, &[9]),
+        Err(PanelError::Number { number: 9, numbers: 8 })
+    );
 }
 
 #[test]
@@ -70,39 +110,46 @@ fn names_are_read_as_they_are_printed() {
 
 #[test]
 fn what_a_dead_host_left_is_withdrawn_but_no_override_is_ended() {
-    let mut bus = bus();
-    bus.write16(PANEL_REQUEST_ENABLE, 0x0005).unwrap();
-    bus.write16(PANEL_OVERRIDE_ENABLE, 0x0002).unwrap();
-    bus.write16(HostOffset::new(0x000A), 7000).unwrap();
-    let (mut panel, before) = (Panel::new(), bus.accesses());
-    assert_eq!(panel.take_over(&mut bus).unwrap(), 0x05);
-    assert_eq!(bus.accesses() - before, 3);
-    assert_eq!(bus.read16(PANEL_REQUEST_ENABLE).unwrap(), 0);
-    assert_eq!(bus.read16(PANEL_OVERRIDE_ENABLE).unwrap(), 0x0002);
+    for (words, mut panel, mut bus) in panels() {
+        let shown = |bus: &mut Counted<FileBoard>| {
+            let mut panel = vec![0; words.region.words()];
+            bus.read_block(words.region.start, &mut panel).unwrap();
+            PanelWords::of(words, &panel)
+        };
+        bus.write16(words.request_enable, 0x0005).unwrap();
+        bus.write16(words.override_enable, 0x0002).unwrap();
+        bus.write16(place(words, words.feed_override, 1), 7000).unwrap();
+        let before = bus.accesses();
+        assert_eq!(panel.take_over(&mut bus).unwrap(), 0x05);
+        assert_eq!(bus.accesses() - before, 3);
+        assert_eq!(bus.read16(words.request_enable).unwrap(), 0);
+        assert_eq!(bus.read16(words.override_enable).unwrap(), 0x0002);
 
-    let before = bus.accesses();
-    assert!(panel.set_override(&mut bus, 1, FeedOverride::from_raw(14507).unwrap()).unwrap());
-    assert_eq!(bus.accesses() - before, 2);
-    let shown = Panel::show(&mut bus).unwrap();
-    assert_eq!(shown.override_enable, 0x0003, "coordinate system 2 keeps the one it had");
-    assert_eq!(shown.overrides[..2], [14507, 7000]);
-    assert_eq!(bus.accesses() - before, 2 + 18);
-    assert!(panel.release_override(&mut bus, 2).unwrap());
-    assert_eq!(Panel::show(&mut bus).unwrap().override_enable, 0x0001);
-    assert!(panel.set_override(&mut bus, 9, FeedOverride::MAXIMUM).is_err());
+        let before = bus.accesses();
+        assert!(panel.set_override(&mut bus, 1, FeedOverride::from_raw(14507).unwrap()).unwrap());
+        assert_eq!(bus.accesses() - before, 2);
+        let found = shown(&mut bus);
+        assert_eq!(found.override_enable, 0x0003, "coordinate system 2 keeps the one it had");
+        assert_eq!(found.overrides[..2], [14507, 7000]);
+        assert_eq!((found.requests.len(), found.overrides.len()), (words.numbers, words.numbers));
+        assert!(panel.release_override(&mut bus, 2).unwrap());
+        assert_eq!(shown(&mut bus).override_enable, 0x0001);
+        assert!(panel.set_override(&mut bus, words.numbers + 1, FeedOverride::MAXIMUM).is_err());
+    }
 }
 
 #[test]
 fn an_absent_board_takes_and_adopts_nothing() {
-    let mut bus = bus();
-    bus.write16(PANEL_REQUEST_ENABLE, u16::MAX).unwrap();
-    bus.write16(PANEL_OVERRIDE_ENABLE, u16::MAX).unwrap();
-    let writes = bus.writes();
-    let stop = PanelRequest::of(PanelAction::Stop, &[1]).unwrap();
-    assert!(!Panel::begin(&mut bus, &stop).unwrap());
-    assert!(!Panel::new().set_override(&mut bus, 1, FeedOverride::MAXIMUM).unwrap());
-    assert!(!Panel::new().release_override(&mut bus, 1).unwrap());
-    assert_eq!(bus.writes(), writes);
+    for (words, mut panel, mut bus) in panels() {
+        bus.write16(words.request_enable, u16::MAX).unwrap();
+        bus.write16(words.override_enable, u16::MAX).unwrap();
+        let writes = bus.writes();
+        let stop = PanelRequest::of(words, PanelAction::Stop, &[1]).unwrap();
+        assert!(!panel.begin(&mut bus, &stop).unwrap());
+        assert!(!panel.set_override(&mut bus, 1, FeedOverride::MAXIMUM).unwrap());
+        assert!(!panel.release_override(&mut bus, 1).unwrap());
+        assert_eq!(bus.writes(), writes);
+    }
 }
 
 #[test]

@@ -1,60 +1,34 @@
 //! The binary rotary program buffers: motion program lines that PMAC copies, without reading text, into its own rotary
-//! program buffer (DPRAM manual p. 30-31; the second buffer's header, at 0x07DC, is not in the manual).
+//! program buffer (DPRAM manual p. 30-31; the second buffer's header, at 0x07DC, is not in the manual). Where the headers
+//! lie says [`crate::map::RotaryHeaders`]; what stands in one, [`rotary_header`].
 //!
-//! A buffer is a ring of 32-bit longs in the open part of the DPRAM, two a command, low 24 bits used. The host writes
-//! at its index (header Y+1), PMAC reads at its own (X+1) up to the host's; equal means empty. At the host's index
-//! stands an end marker, which the next command overwrites. The buffer counts as full when PMAC's index is four longs
-//! ahead of the host's, so a line and the marker behind it never reach what PMAC still has to read. A line must be
-//! complete in the buffer before the host's index moves.
+//! A buffer is a ring of 32-bit longs in the user area of the DPRAM, two a command, low 24 bits used. The host writes
+//! at its index, PMAC reads at its own up to the host's; equal means empty. At the host's index stands an end marker,
+//! which the next command overwrites. The buffer counts as full when PMAC's index is four longs ahead of the host's, so
+//! a line and the marker behind it never reach what PMAC still has to read. A line must be complete in the buffer
+//! before the host's index moves.
 //!
-//! The host owns the ring, its index, and, while I57=0, the header; PMAC owns the status word and its index. PMAC's
-//! internal buffer holds further lines: an empty ring does not mean yet that the motors wait.
+//! The host owns the ring, its index, and, while the transfer is disabled (I57=0), the header; PMAC owns the status word
+//! and its index. PMAC's internal buffer holds further lines: an empty ring does not mean yet that the motors wait.
 
 use crate::device::{Bus, BusError};
-use crate::map::classic::{OPEN, ROTARY_1, ROTARY_2, ROTARY_BUSY, ROTARY_ERROR, rotary_header};
-use crate::map::{HostOffset, PMAC};
+use crate::map::functions::rotary_header;
+use crate::map::{Family, HostOffset};
 use crate::rotary::{END_MARKER, START_OF_LINE};
 
 /// Longs before PMAC's index that are never filled (manual p. 30, rule 3); the end marker takes two of them.
 const KEPT_FREE: u32 = 4;
 /// The smallest buffer in longs: one command a line.
 pub const LEAST_LONGS: u32 = 2 + KEPT_FREE;
-/// The largest buffer in longs: all of the DPRAM's open part.
-pub const MOST_LONGS: u32 = (OPEN.end.bytes() - OPEN.start.bytes()) / 4;
-const MOST_COMMANDS: usize = MOST_LONGS as usize / 2;
-
-/// Which of PMAC's two binary rotary buffers.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Deserialize, serde::Serialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum RotaryBuffer {
-    /// The one the manual describes, header at $D1FC.
-    #[default]
-    First,
-    /// The other one, header at $D1F7.
-    Second,
-}
-
-impl RotaryBuffer {
-    /// Where its header begins.
-    #[must_use]
-    pub const fn header(self) -> HostOffset {
-        match self {
-            Self::First => ROTARY_1,
-            Self::Second => ROTARY_2,
-        }
-    }
-}
 
 /// Where a buffer lies and what it feeds.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct RotarySetup {
-    /// Which header.
-    pub buffer: RotaryBuffer,
-    /// The ring's first location (its Y half), from 0x0800 on.
+    /// The ring's first location (its Y half), in the user area.
     pub start: HostOffset,
-    /// The ring's length in longs: even, at least [`LEAST_LONGS`], and inside the DPRAM.
+    /// The ring's length in longs: even, at least [`LEAST_LONGS`], and inside the user area.
     pub size_longs: u32,
-    /// The coordinate system, 1 to 8, that has the rotary program buffer.
+    /// The coordinate system, from 1, that has the rotary program buffer.
     pub coordinate_system: u8,
     /// The number the header holds for coordinate system 1: 1 or 0. No text says which; see
     /// [`crate::rotary::Settings::coordinate_system_base`].
@@ -70,28 +44,43 @@ pub enum RotaryError {
     Bus(#[from] BusError),
     /// The size is not one a rotary buffer can have.
     #[error(
-        "a rotary buffer of {size} longs is not possible; take an even number from {LEAST_LONGS} to {MOST_LONGS}"
+        "a rotary buffer of {size} longs is not possible; take an even number from {LEAST_LONGS} to {most}"
     )]
     Size {
         /// What was asked for.
         size: u32,
+        /// The longs of the user area.
+        most: u32,
     },
-    /// The buffer would not lie in the open part of the DPRAM.
-    #[error("a rotary buffer of {size} longs at {start} does not lie in the open part, 0x0800 to 0x3FFF")]
+    /// The buffer would not lie in the user area of the DPRAM.
+    #[error(
+        "a rotary buffer of {size} longs at {start} does not lie in the user area, from {first} up to {end}"
+    )]
     Place {
         /// Its start.
         start: HostOffset,
         /// Its length in longs.
         size: u32,
+        /// The user area's first word.
+        first: HostOffset,
+        /// The first word behind the user area.
+        end: HostOffset,
     },
     /// No such coordinate system, or no such base.
-    #[error("coordinate system {number} counted from {base} is not possible; 1 to 8, counted from 0 or 1")]
+    #[error(
+        "coordinate system {number} counted from {base} is not possible; 1 to {systems}, counted from 0 or 1"
+    )]
     CoordinateSystem {
         /// The coordinate system.
         number: u8,
+        /// How many there are.
+        systems: usize,
         /// What the first one is called.
         base: u8,
     },
+    /// No buffer was set up, or the board has forgotten it since.
+    #[error("the rotary buffer has not been set up")]
+    NotSetUp,
     /// The line has no command.
     #[error("a line without commands cannot be sent; leave it out")]
     Empty,
@@ -159,8 +148,10 @@ pub struct RotaryState {
 /// Feeds one binary rotary buffer, line by line.
 #[derive(Debug)]
 pub struct RotaryStream {
+    family: &'static Family,
     header: HostOffset,
     start: HostOffset,
+    /// The ring's length in longs; 0 as long as the buffer has not been set up.
     size: u32,
     /// The host's index, as the board has it.
     host: u32,
@@ -169,7 +160,7 @@ pub struct RotaryStream {
     sent_longs: u64,
     sent_lines: u64,
     /// A bit for each place of a command in the ring: whether a line ends there.
-    line_ends: [u64; MOST_COMMANDS.div_ceil(64)],
+    line_ends: Box<[u64]>,
     /// Lines that PMAC has not taken wholly.
     ahead_lines: u64,
     underruns: u64,
@@ -181,48 +172,60 @@ pub struct RotaryStream {
 }
 
 impl RotaryStream {
-    /// Sets the buffer up, empty. I57 must be 0 until this has returned; then `I57=1` starts the transfer.
-    ///
-    /// Costs 1 read and 9 writes; one write more to clear a status word that is not 0 (power-on leaves anything in it).
-    ///
-    /// # Errors
-    /// [`RotaryError::Size`], [`RotaryError::Place`], [`RotaryError::CoordinateSystem`] before anything is written;
-    /// [`RotaryError::Bus`].
-    pub fn set_up(bus: &mut impl Bus, setup: &RotarySetup) -> Result<Self, RotaryError> {
-        let RotarySetup { buffer, start, size_longs: size, coordinate_system, coordinate_system_base: base } =
-            *setup;
-        if !(LEAST_LONGS..=MOST_LONGS).contains(&size) || !size.is_multiple_of(2) {
-            return Err(RotaryError::Size { size });
-        }
-        let fits = start >= OPEN.start
-            && start.bytes().is_multiple_of(4)
-            && start.bytes() / 4 + size <= OPEN.end.bytes() / 4;
-        if !fits {
-            return Err(RotaryError::Place { start, size });
-        }
-        if !(1..=8).contains(&coordinate_system) || base > 1 {
-            return Err(RotaryError::CoordinateSystem { number: coordinate_system, base });
-        }
-        let header = buffer.header();
-        let stream = Self {
+    /// A stream for each of the family's buffers, in the order of their headers. None is set up yet. What it needs of
+    /// the host's memory it has from now on.
+    #[must_use]
+    pub fn of_family(family: &'static Family) -> Vec<Self> {
+        let places = family.user_area.words() / 4;
+        let stream = |&header: &HostOffset| Self {
+            family,
             header,
-            start,
-            size,
+            start: family.user_area.start,
+            size: 0,
             host: 0,
             ahead: 0,
             sent_longs: 0,
             sent_lines: 0,
-            line_ends: [0; MOST_COMMANDS.div_ceil(64)],
+            line_ends: vec![0; places.div_ceil(64)].into(),
             ahead_lines: 0,
             underruns: 0,
             filled: false,
             dry: false,
             finished: false,
         };
-        stream.put(bus, 0, END_MARKER)?;
+        family.rotary.headers.iter().map(stream).collect()
+    }
+
+    /// Sets the buffer up, empty. The transfer must be disabled (I57=0) until this has returned.
+    ///
+    /// Costs 1 read and 9 writes; one write more to clear a status word that is not 0 (power-on leaves anything in it).
+    ///
+    /// # Errors
+    /// [`RotaryError::Size`], [`RotaryError::Place`], [`RotaryError::CoordinateSystem`] before anything is written;
+    /// [`RotaryError::Bus`].
+    pub fn set_up(&mut self, bus: &mut impl Bus, setup: &RotarySetup) -> Result<(), RotaryError> {
+        let RotarySetup { start, size_longs: size, coordinate_system, coordinate_system_base: base } = *setup;
+        let (area, systems) = (self.family.user_area, self.family.coordinate_systems);
+        let most = area.words() as u32 / 2;
+        if !(LEAST_LONGS..=most).contains(&size) || !size.is_multiple_of(2) {
+            return Err(RotaryError::Size { size, most });
+        }
+        let fits = start >= area.start
+            && start.bytes().is_multiple_of(4)
+            && start.bytes() / 4 + size <= area.end.bytes() / 4;
+        if !fits {
+            return Err(RotaryError::Place { start, size, first: area.start, end: area.end });
+        }
+        if !(1..=systems).contains(&coordinate_system.into()) || base > 1 {
+            return Err(RotaryError::CoordinateSystem { number: coordinate_system, systems, base });
+        }
+        // Should the board go away meanwhile, the buffer is not set up.
+        self.reset();
+        let header = self.header;
+        put(bus, start, END_MARKER)?;
         let word = u16::from(coordinate_system) + u16::from(base) - 1;
         bus.write16(header.plus_words(rotary_header::COORDINATE_SYSTEM), word)?;
-        bus.write16(header.plus_words(rotary_header::START), PMAC.pmac_number(start) as u16)?;
+        bus.write16(header.plus_words(rotary_header::START), self.family.start.start_word(start))?;
         bus.write16(header.plus_words(rotary_header::SIZE), size as u16)?;
         let status = header.plus_words(rotary_header::STATUS);
         if bus.read16(status)? != 0 {
@@ -232,7 +235,33 @@ impl RotaryStream {
         bus.write16(header.plus_words(rotary_header::PMAC_INDEX), 0)?;
         bus.write16(header.plus_words(rotary_header::HOST_INDEX), 0)?;
         bus.order_writes();
-        Ok(stream)
+        (self.start, self.size) = (start, size);
+        Ok(())
+    }
+
+    /// The board has forgotten the buffer, as by a reset: it has to be set up again.
+    pub fn reset(&mut self) {
+        self.line_ends.fill(0);
+        *self = Self {
+            size: 0,
+            host: 0,
+            ahead: 0,
+            sent_longs: 0,
+            sent_lines: 0,
+            line_ends: std::mem::take(&mut self.line_ends),
+            ahead_lines: 0,
+            underruns: 0,
+            filled: false,
+            dry: false,
+            finished: false,
+            ..*self
+        };
+    }
+
+    /// Whether the buffer has been set up, and the board has not forgotten it since.
+    #[must_use]
+    pub const fn is_set_up(&self) -> bool {
+        self.size != 0
     }
 
     /// The ring's length in longs.
@@ -268,11 +297,12 @@ impl RotaryStream {
     /// internal buffer has been full.
     ///
     /// # Errors
-    /// [`RotaryError::Empty`], [`RotaryError::TooLong`], [`RotaryError::NotALine`] without an access;
+    /// [`RotaryError::NotSetUp`], [`RotaryError::Empty`], [`RotaryError::TooLong`], [`RotaryError::NotALine`] without an
+    /// access;
     /// [`RotaryError::Header`]; [`RotaryError::Bus`].
     pub fn offer(&mut self, bus: &mut impl Bus, line: &[(u32, u32)]) -> Result<bool, RotaryError> {
         let longs = self.check(line)?;
-        self.look(bus)?;
+        self.read_indexes(bus)?;
         if self.ahead + longs > self.size - KEPT_FREE {
             if !self.filled {
                 self.status(bus)?;
@@ -281,12 +311,12 @@ impl RotaryStream {
         }
         let Some((first, others)) = line.split_first() else { return Err(RotaryError::Empty) };
         let next = (self.host + longs) % self.size;
-        self.put(bus, next, END_MARKER)?;
+        put(bus, self.place(next), END_MARKER)?;
         for (number, command) in (1..).zip(others) {
-            self.put(bus, (self.host + 2 * number) % self.size, *command)?;
+            put(bus, self.place((self.host + 2 * number) % self.size), *command)?;
         }
         bus.order_writes();
-        self.put(bus, self.host, *first)?;
+        put(bus, self.place(self.host), *first)?;
         bus.order_writes();
         bus.write16(self.header.plus_words(rotary_header::HOST_INDEX), next as u16)?;
         bus.order_writes();
@@ -306,24 +336,25 @@ impl RotaryStream {
     /// How far PMAC is. Costs 3 reads.
     ///
     /// # Errors
-    /// [`RotaryError::Header`]; [`RotaryError::Bus`].
+    /// [`RotaryError::NotSetUp`]; [`RotaryError::Header`]; [`RotaryError::Bus`].
     pub fn state(&mut self, bus: &mut impl Bus) -> Result<RotaryState, RotaryError> {
-        self.look(bus)?;
+        self.check_set_up()?;
+        self.read_indexes(bus)?;
         let status = self.status(bus)?;
         Ok(RotaryState {
             ahead_longs: self.ahead,
             ahead_commands: self.ahead / 2,
             ahead_lines: self.ahead_lines,
             sent_lines: self.sent_lines,
-            busy: status & ROTARY_BUSY != 0,
-            error: (status & ROTARY_ERROR != 0).then_some(status as u8),
+            busy: status & rotary_header::BUSY != 0,
+            error: (status & rotary_header::ERROR != 0).then_some(status as u8),
             underruns: self.underruns,
         })
     }
 
     fn status(&mut self, bus: &mut impl Bus) -> Result<u16, BusError> {
         let status = bus.read16(self.header.plus_words(rotary_header::STATUS))?;
-        if status & ROTARY_BUSY != 0 && !self.filled {
+        if status & rotary_header::BUSY != 0 && !self.filled {
             self.filled = true;
             self.underruns = 0;
         }
@@ -331,7 +362,7 @@ impl RotaryStream {
     }
 
     /// Reads both indexes and learns what PMAC has taken.
-    fn look(&mut self, bus: &mut impl Bus) -> Result<(), RotaryError> {
+    fn read_indexes(&mut self, bus: &mut impl Bus) -> Result<(), RotaryError> {
         let mut words = [0; 2];
         bus.read_block(self.header.plus_words(rotary_header::HOST_INDEX), &mut words)?;
         let [host, pmac] = words;
@@ -370,6 +401,7 @@ impl RotaryStream {
 
     /// The line's length in longs, if it is one that can be sent.
     fn check(&self, line: &[(u32, u32)]) -> Result<u32, RotaryError> {
+        self.check_set_up()?;
         if line.is_empty() {
             return Err(RotaryError::Empty);
         }
@@ -386,12 +418,20 @@ impl RotaryStream {
         Ok(2 * line.len() as u32)
     }
 
-    /// Writes a command's two longs at `index`, zero-extended. The size is even, so they never part at the ring's end.
-    fn put(&self, bus: &mut impl Bus, index: u32, (word1, word2): (u32, u32)) -> Result<(), BusError> {
-        let at = self.start.plus_words(2 * index as usize);
-        bus.write16(at, word1 as u16)?;
-        bus.write16(at.plus_words(1), (word1 >> 16) as u16)?;
-        bus.write16(at.plus_words(2), word2 as u16)?;
-        bus.write16(at.plus_words(3), (word2 >> 16) as u16)
+    const fn check_set_up(&self) -> Result<(), RotaryError> {
+        if self.is_set_up() { Ok(()) } else { Err(RotaryError::NotSetUp) }
     }
+
+    /// Where the long at `index` of the ring lies.
+    const fn place(&self, index: u32) -> HostOffset {
+        self.start.plus_words(2 * index as usize)
+    }
+}
+
+/// Writes a command's two longs, zero-extended. A ring's size is even, so they never part at its end.
+fn put(bus: &mut impl Bus, at: HostOffset, (word1, word2): (u32, u32)) -> Result<(), BusError> {
+    bus.write16(at, word1 as u16)?;
+    bus.write16(at.plus_words(1), (word1 >> 16) as u16)?;
+    bus.write16(at.plus_words(2), word2 as u16)?;
+    bus.write16(at.plus_words(3), (word2 >> 16) as u16)
 }

@@ -416,7 +416,7 @@ pub struct PanelBlock {
     pub feed_override: HostOffset,
     /// 16-bit words from one number's words to the next one's.
     pub stride: usize,
-    /// How many numbers there are, at most 32.
+    /// How many numbers there are, at most 16: the enable words have a bit each.
     pub numbers: usize,
     /// Where PMAC keeps the time base of coordinate system 1 that the panel's override sets; the next one's lies the
     /// family's coordinate system stride on.

@@ -13,8 +13,8 @@ use crate::cli::console::interrupt::Interrupt;
 use crate::cli::console::table::{Align, Table};
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::client::HeldJog;
-use crate::function::panel::{FeedOverride, PANEL_WORDS, PanelAction, PanelWords};
-use crate::map::classic::PANEL;
+use crate::function::panel::{FeedOverride, PanelAction, PanelWords};
+use crate::map::pmac::PANEL_BLOCK;
 
 /// How long the daemon may take to ask its board about itself.
 const ASKING: Duration = Duration::from_secs(2);
@@ -271,10 +271,12 @@ struct Number {
 }
 
 fn show(context: &mut Context) -> Result<Verdict, Failure> {
-    let (_, words) = context.connection()?.read(PANEL.start, PANEL_WORDS)?;
-    let words: [u16; PANEL_WORDS] =
-        words.try_into().map_err(|_| Failure::Request("the daemon sent too few words".into()))?;
-    let shown = shown(&PanelWords::of(&words), i10(context));
+    let region = PANEL_BLOCK.region;
+    let (_, words) = context.connection()?.read(region.start, region.words())?;
+    if words.len() != region.words() {
+        return Err(Failure::Request("the daemon sent too few words".into()));
+    }
+    let shown = shown(&PanelWords::of(&PANEL_BLOCK, &words), i10(context));
     if context.output.is_json() {
         context.output.json(&shown)?;
     } else {
@@ -284,7 +286,7 @@ fn show(context: &mut Context) -> Result<Verdict, Failure> {
 }
 
 fn shown(words: &PanelWords, i10: Option<u32>) -> Shown {
-    let numbers = (1..).zip(words.requests.iter().zip(words.overrides)).map(|(number, (&request, raw))| {
+    let numbers = (1..).zip(words.requests.iter().zip(&words.overrides)).map(|(number, (&request, &raw))| {
         let bit = 1 << (number - 1);
         let value = FeedOverride::from_raw(raw.into()).ok();
         Number {
@@ -352,8 +354,12 @@ mod tests {
 
     #[test]
     fn the_panel_is_shown_as_it_lies_there() {
-        let mut words =
-            PanelWords { request_enable: 0b10, override_enable: 1, requests: [0; 8], overrides: [0; 8] };
+        let mut words = PanelWords {
+            request_enable: 0b10,
+            override_enable: 1,
+            requests: vec![0; 8],
+            overrides: vec![0; 8],
+        };
         words.requests[1] = 0x0300;
         words.requests[2] = 0x0A00;
         words.overrides[0] = 14_507;

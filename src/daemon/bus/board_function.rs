@@ -31,6 +31,34 @@ pub struct Polled {
     pub was_reset: bool,
 }
 
+/// A function that the board's family may lack: never due then, and nothing to take over or leave.
+impl<B: Bus, F: BoardFunction<B>> BoardFunction<B> for Option<F> {
+    fn due_ns(&self, clock: &Clock) -> Option<u64> {
+        self.as_ref()?.due_ns(clock)
+    }
+    fn poll(&mut self, context: &mut Context<'_, B>) -> Result<Polled, PortError> {
+        self.as_mut().map_or(Ok(Polled::default()), |function| function.poll(context))
+    }
+    fn take_over(&mut self, context: &mut Context<'_, B>) -> Result<(), PortError> {
+        self.as_mut().map_or(Ok(()), |function| function.take_over(context))
+    }
+    fn reset(&mut self, context: &mut Context<'_, B>) -> Result<(), PortError> {
+        self.as_mut().map_or(Ok(()), |function| function.reset(context))
+    }
+    fn leave(&mut self, bus: &mut B) -> Result<(), BusError> {
+        self.as_mut().map_or(Ok(()), |function| function.leave(bus))
+    }
+    fn is_live(&self) -> Option<bool> {
+        self.as_ref()?.is_live()
+    }
+    fn counter(&self) -> Option<Counter> {
+        self.as_ref()?.counter()
+    }
+    fn watches(&self) -> bool {
+        self.as_ref().is_some_and(|function| function.watches())
+    }
+}
+
 /// One automatic function, as the bus thread works it.
 pub trait BoardFunction<B: Bus> {
     /// When to poll it next, in nanoseconds of `clock`; `None` while nothing is to be done.

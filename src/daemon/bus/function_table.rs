@@ -9,8 +9,8 @@ use crate::clock::Clock;
 use crate::daemon::bus::board_function::{BoardFunction, Context, Polled};
 use crate::daemon::bus::ports::command_port::PortError;
 use crate::daemon::bus::work::command_lines::CommandLines;
-use crate::daemon::bus::work::panel::PanelDesk;
-use crate::daemon::bus::work::rotary::RotaryDesk;
+use crate::daemon::bus::work::panel::PanelQueue;
+use crate::daemon::bus::work::rotary::RotaryQueue;
 use crate::daemon::bus::work::variables::Variables;
 use crate::daemon::bus::work::write::WriteDesk;
 use crate::daemon::shared::job::{Job, MaskedWord};
@@ -34,10 +34,10 @@ pub struct FunctionTable {
     pub background: BackgroundMirror,
     /// Command lines.
     pub ascii: CommandLines,
-    panel: PanelDesk,
+    panel: Option<PanelQueue>,
     gather: GatherMirror,
     variables: Variables,
-    rotary: RotaryDesk,
+    rotary: RotaryQueue,
 }
 
 impl FunctionTable {
@@ -57,10 +57,10 @@ impl FunctionTable {
             servo,
             background,
             ascii,
-            panel: PanelDesk::new(now),
+            panel: plan.family().panel.as_ref().map(|words| PanelQueue::new(words, now)),
             gather: GatherMirror::new(&plan.family().servo, clock.clone()),
             variables: Variables { read: variables, write: WriteDesk::new(&plan, now) },
-            rotary: RotaryDesk::new(now),
+            rotary: RotaryQueue::new(plan.family(), now),
             plan,
             used: Function::ALL.map(|function| used.has(function)),
             clock,
@@ -186,7 +186,8 @@ impl FunctionTable {
         let now = self.clock.now();
         let outcome = match job {
             Job::Panel(request) => {
-                self.panel.submit(ticket, request, deadline, now);
+                let Some(panel) = &mut self.panel else { return Ok(Some(Event::Done(ticket, no_panel()))) };
+                panel.submit(ticket, request, deadline, now);
                 return Ok(None);
             }
             Job::RotarySend { buffer, first, lines } => {
@@ -197,9 +198,10 @@ impl FunctionTable {
                 return Ok(None);
             }
             Job::RotaryState(buffer) => return self.rotary.state(bus, ticket, buffer).map(Some),
-            Job::Override { coordinate_system, value } => {
-                self.panel.set_override(bus, coordinate_system, value)?
-            }
+            Job::Override { coordinate_system, value } => match &mut self.panel {
+                Some(panel) => panel.set_override(bus, coordinate_system, value)?,
+                None => no_panel(),
+            },
             Job::Write { first, words, anywhere } => {
                 match if anywhere { Ok(()) } else { self.plan.check_open(first, words.len()) } {
                     Ok(()) => write(bus, first, &words)?,
@@ -225,16 +227,18 @@ impl FunctionTable {
                 Outcome::Done
             }
             Job::RotaryOpen { buffer, start, size_longs, coordinate_system, coordinate_system_base } => {
-                let kept = self.plan.rotary()[buffer as usize];
+                let Some(kept) = self.plan.rotary().get(buffer).copied() else {
+                    let reason = format_args!("the board has no rotary buffer {}", buffer + 1);
+                    return Ok(Some(Event::Done(ticket, Outcome::Refused(Text::of(&reason)))));
+                };
                 let setup = RotarySetup {
-                    buffer,
                     start: start.unwrap_or(kept.start),
                     size_longs: size_longs.unwrap_or(kept.words() as u32 / 2),
                     coordinate_system,
                     coordinate_system_base,
                 };
-                match self.plan.check_rotary(buffer as usize, setup.start, setup.size_longs) {
-                    Ok(()) => self.rotary.open(bus, &setup)?,
+                match self.plan.check_rotary(buffer, setup.start, setup.size_longs) {
+                    Ok(()) => self.rotary.open(bus, buffer, &setup)?,
                     Err(reason) => Outcome::Refused(Text::of(&reason)),
                 }
             }
@@ -245,7 +249,7 @@ impl FunctionTable {
 
     /// At the end: of the panel requests that wait, keeps only the stops.
     pub fn keep_stops(&mut self) {
-        self.panel.keep_stops();
+        self.panel.iter_mut().for_each(PanelQueue::keep_stops);
     }
 
     /// At the end: hands over the next of the panel requests that are left, if it is due. When to do so again; `None` when
@@ -254,12 +258,16 @@ impl FunctionTable {
     /// # Errors
     /// When the bus cannot be reached.
     pub fn finish_stops(&mut self, bus: &mut impl Bus) -> Result<Option<Instant>, BusError> {
-        let now = self.clock.now();
-        if self.panel.due().is_some_and(|due| due <= now) {
-            self.panel.pass(bus, now)?;
+        let (Some(panel), now) = (&mut self.panel, self.clock.now()) else { return Ok(None) };
+        if panel.due().is_some_and(|due| due <= now) {
+            panel.poll(bus, now)?;
         }
-        Ok(self.panel.due())
+        Ok(panel.due())
     }
+}
+
+fn no_panel() -> Outcome {
+    Outcome::Refused(Text::of(&"boards of this family have no control panel in their DPRAM"))
 }
 
 /// Writes words, ascending, of each only the bits of its mask.

@@ -87,7 +87,7 @@ impl BoardLoop {
         while let Some(command) = self.commands.try_receive() {
             if let Command::Job { ticket, job, .. } = command
                 && let Job::Panel(request) = *job
-                && request.stops() == request.mask
+                && request.is_stop()
             {
                 let _ = self.functions.submit(
                     &mut self.bus,

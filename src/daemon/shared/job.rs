@@ -2,7 +2,6 @@
 
 use crate::function::gather::GatherBuffer;
 use crate::function::panel::{FeedOverride, PanelRequest};
-use crate::function::rotary::RotaryBuffer;
 use crate::function::variable_read::VariableEntry;
 use crate::function::variable_write::WriteRecord;
 use crate::map::HostOffset;
@@ -15,7 +14,7 @@ pub enum Job {
     Panel(PanelRequest),
     /// Set a coordinate system's feed rate override, or stop overriding it.
     Override {
-        /// The coordinate system, 1 to 8.
+        /// The coordinate system, from 1.
         coordinate_system: usize,
         /// The override, or `None` to leave the board's own.
         value: Option<FeedOverride>,
@@ -44,30 +43,30 @@ pub enum Job {
     GatherEnd,
     /// Set a rotary buffer up, empty.
     RotaryOpen {
-        /// Which buffer.
-        buffer: RotaryBuffer,
+        /// Which buffer, by its place in [`crate::map::RotaryHeaders`].
+        buffer: usize,
         /// Its first word; where the plan has it when not given.
         start: Option<HostOffset>,
         /// Its size in longs; what the plan keeps for it when not given.
         size_longs: Option<u32>,
-        /// The coordinate system, 1 to 8.
+        /// The coordinate system, from 1.
         coordinate_system: u8,
         /// What the header calls coordinate system 1.
         coordinate_system_base: u8,
     },
     /// Put lines into a rotary buffer, as there is room; done when the last one is in.
     RotarySend {
-        /// Which buffer.
-        buffer: RotaryBuffer,
+        /// Which buffer, by its place in [`crate::map::RotaryHeaders`].
+        buffer: usize,
         /// The number the first of them has to have, counted from 0 since the buffer was set up.
         first: Option<u64>,
         /// The commands of each line, two words a command.
         lines: Vec<Vec<(u32, u32)>>,
     },
     /// No line will follow: running empty is no underrun any more.
-    RotaryFinish(RotaryBuffer),
+    RotaryFinish(usize),
     /// How far a rotary buffer is. Answered by [`super::queue::Event::Rotary`].
-    RotaryState(RotaryBuffer),
+    RotaryState(usize),
 }
 
 /// A word to write, and which of its bits.

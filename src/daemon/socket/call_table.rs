@@ -41,7 +41,7 @@ pub(super) enum Then {
     /// The caller hears that it is done. He holds no jog of the motors `stops` any more.
     ReplyDone {
         /// Motors, one bit each.
-        stops: u8,
+        stops: u32,
     },
     /// The caller gets remarks.
     ReplyNotes(Vec<String>),

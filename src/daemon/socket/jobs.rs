@@ -6,12 +6,11 @@ use crate::daemon::shared::job::{Job, MaskedWord};
 use crate::daemon::shared::status::Enabling;
 use crate::function::gather::GatherBuffer;
 use crate::function::panel::{FeedOverride, PanelAction, PanelRequest};
-use crate::function::rotary::RotaryBuffer;
 use crate::function::variable_read::{VariableEntry, VariableReadError};
 use crate::function::variable_write::WriteRecord;
 use crate::gather::GatherMode;
 use crate::map::functions::VARIABLE_READ_ENTRIES;
-use crate::map::{Family, GatherPlace, PmacRegister, Space, classic};
+use crate::map::{Family, GatherPlace, PmacRegister, Space, classic, pmac};
 use crate::mirror::GatherClock;
 use crate::protocol::board::VariableRecord;
 use crate::protocol::{CallError, answer, calls};
@@ -172,12 +171,12 @@ pub(super) fn panel(call: &calls::Panel, hold: bool) -> Result<JobCall, CallErro
     if numbers.is_empty() {
         return Err(refused("no motor or coordinate system is named; give numbers from 1 to 8"));
     }
-    let request = PanelRequest::of(action, numbers).map_err(refused)?;
+    let request = PanelRequest::of(&pmac::PANEL_BLOCK, action, numbers).map_err(refused)?;
     let lease = if hold {
         if !matches!(action, PanelAction::JogMinus | PanelAction::JogPlus) {
             return Err(refused("only jog- and jog+ can be held"));
         }
-        Some(PanelRequest::of(PanelAction::JogStop, numbers).map_err(refused)?)
+        Some(PanelRequest::of(&pmac::PANEL_BLOCK, PanelAction::JogStop, numbers).map_err(refused)?)
     } else {
         None
     };
@@ -342,10 +341,10 @@ pub(super) fn gather_end() -> JobCall {
     JobCall::new(Job::GatherEnd, SHORT)
 }
 
-fn rotary_buffer(number: u8) -> Result<RotaryBuffer, CallError> {
+/// The index of the rotary buffer with this number.
+fn rotary_buffer(number: u8) -> Result<usize, CallError> {
     match number {
-        1 => Ok(RotaryBuffer::First),
-        2 => Ok(RotaryBuffer::Second),
+        1 | 2 => Ok(usize::from(number) - 1),
         _ => Err(CallError::invalid("buffer", "1 or 2")),
     }
 }

@@ -53,11 +53,11 @@ impl Leases {
     }
 
     /// The board has taken the stop of the motors in `mask`, asked for by `client` itself.
-    pub(super) fn stopped(&mut self, client: u64, mask: u8) {
+    pub(super) fn stopped(&mut self, client: u64, mask: u32) {
         if let Some(lease) = self.held.get_mut(&client) {
-            lease.stop.mask &= !mask;
-            if lease.stop.mask == 0 {
-                self.held.remove(&client);
+            match lease.stop.without(mask) {
+                Some(stop) => lease.stop = stop,
+                None => drop(self.held.remove(&client)),
             }
         }
     }
@@ -67,7 +67,7 @@ impl Leases {
         let Some(stop) = self.stopping.remove(&ticket).filter(|_| outcome != Outcome::Done) else { return };
         error!(
             target: "audit",
-            "the board did not take the stop of a held jog (mask {:#04x}); asking again", stop.mask
+            "the board did not take the stop of a held jog (mask {:#04x}); asking again", stop.mask()
         );
         self.begin(NOBODY, stop, now + STOP_AGAIN);
     }
@@ -116,7 +116,7 @@ impl Leases {
                 self.begin(client, stop, now);
                 continue;
             }
-            let mask = stop.mask;
+            let mask = stop.mask();
             warn!(target: "audit", "a held jog is stopped (mask {mask:#04x}): its holder is gone or silent");
         }
         ticket.is_some_and(|ticket| self.stopping.insert(ticket, stop).is_none())
@@ -147,6 +147,7 @@ impl Leases {
 mod tests {
     use super::*;
     use crate::function::panel::PanelAction;
+    use crate::map::pmac;
 
     /// The stop that is requested, if one is.
     fn ended(leases: &mut Leases, now: Instant, is_there: impl Fn(u64) -> bool) -> Option<PanelRequest> {
@@ -161,7 +162,7 @@ mod tests {
     #[test]
     fn silence_and_absence_end_a_lease_and_renewal_does_not() {
         let now = Instant::now();
-        let stop = |motor| PanelRequest::of(PanelAction::JogStop, &[motor]).unwrap();
+        let stop = |motor| PanelRequest::of(&pmac::PANEL_BLOCK, PanelAction::JogStop, &[motor]).unwrap();
         let mut leases = Leases::default();
         for (client, motor) in [(7, 1), (7, 3), (8, 2)] {
             leases.begin(client, stop(motor), now + LEASE);
@@ -170,7 +171,7 @@ mod tests {
         assert_eq!(leases.next_end(), Some(now + LEASE));
         assert_eq!(ended(&mut leases, now + LEASE, |_| true), Some(stop(2)));
         assert_eq!(ended(&mut leases, now + LEASE, |_| true), None);
-        let both = PanelRequest::of(PanelAction::JogStop, &[1, 3]).unwrap();
+        let both = PanelRequest::of(&pmac::PANEL_BLOCK, PanelAction::JogStop, &[1, 3]).unwrap();
         let is_there = |client| client != 7;
         assert!(!leases.end_lapsed(now + LEASE, is_there, |_| None), "no room for the request");
         assert_eq!(ended(&mut leases, now + LEASE, is_there), Some(both));
@@ -185,7 +186,7 @@ mod tests {
     #[test]
     fn what_ends_while_many_stops_are_under_way_waits_for_one_to_be_over() {
         let now = Instant::now();
-        let stop = PanelRequest::of(PanelAction::JogStop, &[1]).unwrap();
+        let stop = PanelRequest::of(&pmac::PANEL_BLOCK, PanelAction::JogStop, &[1]).unwrap();
         let mut leases = Leases::default();
         for ticket in 0..STOPS_AT_ONCE as u64 {
             leases.begin(7, stop, now);

@@ -1,4 +1,4 @@
-//! The desk in front of the control panel: one request at a time, each until the board has taken it.
+//! Requests to the control panel: one at a time, each until the board has taken it.
 
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
@@ -9,11 +9,12 @@ use crate::daemon::bus::ports::command_port::PortError;
 use crate::daemon::shared::queue::{Event, Outcome, Text, Ticket, at_once};
 use crate::device::{Bus, BusError};
 use crate::function::panel::{FeedOverride, Panel, PanelBusError, PanelRequest};
+use crate::map::PanelBlock;
 
 /// How long the panel is left alone after a request was withdrawn; longer than two background passes of a busy board.
 const REST: Duration = Duration::from_millis(50);
-/// How often to look whether the board has taken a request.
-const LOOK: Duration = Duration::from_millis(1);
+/// How often to ask whether the board has taken a request.
+const POLL: Duration = Duration::from_millis(1);
 
 #[derive(Debug)]
 struct Waiting {
@@ -23,38 +24,38 @@ struct Waiting {
 }
 
 #[derive(Debug, Clone, Copy)]
-struct Lying {
+struct Pending {
     ticket: Ticket,
-    mask: u8,
+    mask: u32,
     deadline: Instant,
 }
 
-/// The desk.
+/// The requests that wait, and the one that lies in the panel.
 #[derive(Debug)]
-pub struct PanelDesk {
+pub struct PanelQueue {
     panel: Panel,
     waiting: VecDeque<Waiting>,
     /// The request that lies in the panel.
-    lying: Option<Lying>,
+    pending: Option<Pending>,
     /// What is to be told of a request that was cut off: whose it was, and what became of it.
     cut_off: Option<(Ticket, Outcome)>,
     /// After a request was withdrawn, until when the panel rests: PMAC may have been at work on it, and clears the mask when
     /// it is done, which must not look as if it had taken the next one.
     rests_until: Option<Instant>,
-    next_look: Instant,
+    next_poll: Instant,
 }
 
-impl PanelDesk {
-    /// A desk that has not looked at the board yet.
+impl PanelQueue {
+    /// No requests yet, for the panel in `words`.
     #[must_use]
-    pub fn new(now: Instant) -> Self {
+    pub fn new(words: &'static PanelBlock, now: Instant) -> Self {
         Self {
-            panel: Panel::new(),
+            panel: Panel::new(words),
             waiting: VecDeque::with_capacity(at_once::PANEL + at_once::STOPS),
-            lying: None,
+            pending: None,
             cut_off: None,
             rests_until: None,
-            next_look: now,
+            next_poll: now,
         }
     }
 
@@ -75,15 +76,15 @@ impl PanelDesk {
     /// When the bus cannot be reached.
     pub fn leave(&mut self, bus: &mut impl Bus) -> Result<(), BusError> {
         self.cut_off(bus)?;
-        Panel::withdraw(bus)
+        self.panel.withdraw(bus)
     }
 
     /// Nobody waits any more for the board to take what lies in the panel. Whether it has may be seen for the last time.
     fn cut_off(&mut self, bus: &mut impl Bus) -> Result<(), BusError> {
-        let Some(Lying { ticket, mask, .. }) = self.lying.take() else { return Ok(()) };
+        let Some(Pending { ticket, mask, .. }) = self.pending.take() else { return Ok(()) };
         // Unless it lies there as it was written, the board took it before the reset, or a memory test cleared it.
         self.cut_off = Some((ticket, Outcome::TimedOut));
-        if Panel::mask(bus)? == u16::from(mask) {
+        if self.panel.mask(bus)? == mask {
             let reason = "the board was reset, or replaced, before it took the panel request, which has been withdrawn";
             self.cut_off = Some((ticket, Outcome::Refused(Text::of(&reason))));
         }
@@ -93,12 +94,12 @@ impl PanelDesk {
     /// Takes a request in.
     pub fn submit(&mut self, ticket: Ticket, request: PanelRequest, deadline: Instant, now: Instant) {
         self.waiting.push_back(Waiting { ticket, request, deadline });
-        self.next_look = now;
+        self.next_poll = now;
     }
 
     /// Forgets every request that waits and is not a stop, and makes one of those that are: nobody will be told of each.
     pub fn keep_stops(&mut self) {
-        self.waiting.retain(|waiting| waiting.request.stops() == waiting.request.mask);
+        self.waiting.retain(|waiting| waiting.request.is_stop());
         if let Some(mut stop) = self.waiting.pop_front() {
             for Waiting { request, deadline, .. } in self.waiting.drain(..) {
                 stop.request = stop.request.together_with(&request);
@@ -129,31 +130,31 @@ impl PanelDesk {
         }
     }
 
-    /// When to pass next; `None` while nothing is to be done.
+    /// When to poll next; `None` while nothing is to be done.
     #[must_use]
     pub fn due(&self) -> Option<Instant> {
-        let has_work = self.lying.is_some() || self.cut_off.is_some() || !self.waiting.is_empty();
-        has_work.then_some(self.next_look)
+        let has_work = self.pending.is_some() || self.cut_off.is_some() || !self.waiting.is_empty();
+        has_work.then_some(self.next_poll)
     }
 
     /// Does what can be done now; tells what has ended.
     ///
     /// # Errors
     /// When the bus cannot be reached.
-    pub fn pass(&mut self, bus: &mut impl Bus, now: Instant) -> Result<Option<Event>, BusError> {
-        self.next_look = now + LOOK;
-        if let Some(Lying { ticket, deadline, .. }) = self.lying {
-            if Panel::taken(bus)? {
-                self.lying = None;
-                self.next_look = now;
+    pub fn poll(&mut self, bus: &mut impl Bus, now: Instant) -> Result<Option<Event>, BusError> {
+        self.next_poll = now + POLL;
+        if let Some(Pending { ticket, deadline, .. }) = self.pending {
+            if self.panel.taken(bus)? {
+                self.pending = None;
+                self.next_poll = now;
                 return Ok(Some(Event::Done(ticket, Outcome::Done)));
             }
             if now < deadline {
                 return Ok(None);
             }
             // It must not be carried out by surprise, when the panel is enabled one day.
-            Panel::withdraw(bus)?;
-            self.lying = None;
+            self.panel.withdraw(bus)?;
+            self.pending = None;
             self.rests_until = Some(now + REST);
             return Ok(Some(Event::Done(ticket, not_taken())));
         }
@@ -165,9 +166,9 @@ impl PanelDesk {
             return Ok(Some(Event::Done(next.ticket, not_taken())));
         }
         let rests = self.rests_until.take_if(|until| now < *until);
-        if rests.is_none() && Panel::begin(bus, &next.request)? {
-            self.lying =
-                Some(Lying { ticket: next.ticket, mask: next.request.mask, deadline: next.deadline });
+        if rests.is_none() && self.panel.begin(bus, &next.request)? {
+            self.pending =
+                Some(Pending { ticket: next.ticket, mask: next.request.mask(), deadline: next.deadline });
         } else {
             self.rests_until = rests;
             self.waiting.push_front(next);
@@ -176,19 +177,19 @@ impl PanelDesk {
     }
 }
 
-impl<B: Bus> BoardFunction<B> for PanelDesk {
+impl<B: Bus> BoardFunction<B> for PanelQueue {
     fn due_ns(&self, clock: &Clock) -> Option<u64> {
         self.due().map(|due| clock.ns_of(due))
     }
     fn poll(&mut self, context: &mut Context<'_, B>) -> Result<Polled, PortError> {
-        Ok(Polled { answer: self.pass(context.bus, context.clock.now())?, ..Polled::default() })
+        Ok(Polled { answer: PanelQueue::poll(self, context.bus, context.clock.now())?, ..Polled::default() })
     }
     fn take_over(&mut self, context: &mut Context<'_, B>) -> Result<(), PortError> {
-        Ok(PanelDesk::take_over(self, context.bus, context.clock.now())?)
+        Ok(PanelQueue::take_over(self, context.bus, context.clock.now())?)
     }
     /// Overrides stay: a machine's speed must not change because its daemon stops.
     fn leave(&mut self, bus: &mut B) -> Result<(), BusError> {
-        PanelDesk::leave(self, bus)
+        PanelQueue::leave(self, bus)
     }
 }
 
@@ -203,94 +204,96 @@ mod tests {
     use super::*;
     use crate::device::FileBoard;
     use crate::function::panel::PanelAction;
-    use crate::map::classic::PANEL_REQUEST_ENABLE;
+    use crate::map::{PMAC, pmac};
+
+    const PANEL: &PanelBlock = &pmac::PANEL_BLOCK;
+
+    fn memory() -> FileBoard {
+        let file = tempfile::tempfile().unwrap();
+        file.set_len(PMAC.length.into()).unwrap();
+        FileBoard::from_file(&file, PMAC.length as usize).unwrap()
+    }
 
     #[test]
     fn one_after_the_other_and_none_by_surprise() {
-        let file = tempfile::tempfile().unwrap();
-        file.set_len(0x4000).unwrap();
-        let mut bus = FileBoard::from_file(&file, 0x4000).unwrap();
+        let mut bus = memory();
         let begun = Instant::now();
-        let mut desk = PanelDesk::new(begun);
-        desk.take_over(&mut bus, begun).unwrap();
-        let request = |number| PanelRequest::of(PanelAction::JogPlus, &[number]).unwrap();
+        let mut queue = PanelQueue::new(PANEL, begun);
+        queue.take_over(&mut bus, begun).unwrap();
+        let request = |number| PanelRequest::of(PANEL, PanelAction::JogPlus, &[number]).unwrap();
         for number in 1..=3 {
-            let deadline = begun + REST + LOOK * 10;
-            desk.submit(Ticket(number as u64), request(number), deadline, begun);
+            let deadline = begun + REST + POLL * 10;
+            queue.submit(Ticket(number as u64), request(number), deadline, begun);
         }
-        assert!(desk.pass(&mut bus, begun).unwrap().is_none());
-        assert_eq!(bus.read16(PANEL_REQUEST_ENABLE).unwrap(), 0, "it rests after it was taken over");
+        assert!(queue.poll(&mut bus, begun).unwrap().is_none());
+        assert_eq!(bus.read16(PANEL.request_enable).unwrap(), 0, "it rests after it was taken over");
         let now = begun + REST;
-        assert!(desk.pass(&mut bus, now).unwrap().is_none());
-        assert_eq!(bus.read16(PANEL_REQUEST_ENABLE).unwrap(), 1);
-        assert!(desk.pass(&mut bus, now).unwrap().is_none(), "the board has not taken it");
-        bus.write16(PANEL_REQUEST_ENABLE, 0).unwrap();
-        assert!(matches!(desk.pass(&mut bus, now).unwrap(), Some(Event::Done(Ticket(1), Outcome::Done))));
-        assert!(desk.pass(&mut bus, now).unwrap().is_none());
-        assert_eq!(bus.read16(PANEL_REQUEST_ENABLE).unwrap(), 2);
-        let late = now + LOOK * 10;
+        assert!(queue.poll(&mut bus, now).unwrap().is_none());
+        assert_eq!(bus.read16(PANEL.request_enable).unwrap(), 1);
+        assert!(queue.poll(&mut bus, now).unwrap().is_none(), "the board has not taken it");
+        bus.write16(PANEL.request_enable, 0).unwrap();
+        assert!(matches!(queue.poll(&mut bus, now).unwrap(), Some(Event::Done(Ticket(1), Outcome::Done))));
+        assert!(queue.poll(&mut bus, now).unwrap().is_none());
+        assert_eq!(bus.read16(PANEL.request_enable).unwrap(), 2);
+        let late = now + POLL * 10;
         for ticket in [2, 3] {
-            let event = desk.pass(&mut bus, late).unwrap();
+            let event = queue.poll(&mut bus, late).unwrap();
             assert!(
                 matches!(event, Some(Event::Done(Ticket(t), Outcome::Refused(_))) if t == ticket),
                 "{event:?}"
             );
-            assert_eq!(bus.read16(PANEL_REQUEST_ENABLE).unwrap(), 0, "withdrawn, or never written");
+            assert_eq!(bus.read16(PANEL.request_enable).unwrap(), 0, "withdrawn, or never written");
         }
-        assert!(desk.due().is_none());
+        assert!(queue.due().is_none());
     }
 
     #[test]
     fn at_the_end_every_stop_has_its_place() {
-        let file = tempfile::tempfile().unwrap();
-        file.set_len(0x4000).unwrap();
-        let mut bus = FileBoard::from_file(&file, 0x4000).unwrap();
+        let mut bus = memory();
         let now = Instant::now();
-        let mut desk = PanelDesk::new(now);
+        let mut queue = PanelQueue::new(PANEL, now);
         let deadline = now + REST;
-        let jog = PanelRequest::of(PanelAction::JogPlus, &[1]).unwrap();
-        let stop = |number| PanelRequest::of(PanelAction::JogStop, &[number]).unwrap();
+        let jog = PanelRequest::of(PANEL, PanelAction::JogPlus, &[1]).unwrap();
+        let stop = |number| PanelRequest::of(PANEL, PanelAction::JogStop, &[number]).unwrap();
         for ticket in 0..16 {
-            desk.submit(Ticket(ticket), jog, deadline, now);
+            queue.submit(Ticket(ticket), jog, deadline, now);
         }
-        desk.submit(Ticket(98), stop(2), deadline, now);
-        desk.keep_stops();
+        queue.submit(Ticket(98), stop(2), deadline, now);
+        queue.keep_stops();
         for number in 1..=8 {
-            desk.submit(Ticket(100), stop(number), deadline, now);
+            queue.submit(Ticket(100), stop(number), deadline, now);
         }
-        desk.keep_stops();
-        assert!(desk.pass(&mut bus, now).unwrap().is_none());
-        assert_eq!(bus.read16(PANEL_REQUEST_ENABLE).unwrap(), 0xFF, "one request for all");
-        bus.write16(PANEL_REQUEST_ENABLE, 0).unwrap();
-        assert!(desk.pass(&mut bus, now).unwrap().is_some());
-        assert_eq!(desk.due(), None, "no jog is left");
+        queue.keep_stops();
+        assert!(queue.poll(&mut bus, now).unwrap().is_none());
+        assert_eq!(bus.read16(PANEL.request_enable).unwrap(), 0xFF, "one request for all");
+        bus.write16(PANEL.request_enable, 0).unwrap();
+        assert!(queue.poll(&mut bus, now).unwrap().is_some());
+        assert_eq!(queue.due(), None, "no jog is left");
     }
 
     #[test]
     fn a_request_under_way_is_answered_however_often_the_board_is_taken_over() {
-        let file = tempfile::tempfile().unwrap();
-        file.set_len(0x4000).unwrap();
-        let mut bus = FileBoard::from_file(&file, 0x4000).unwrap();
+        let mut bus = memory();
         let begun = Instant::now();
-        let mut desk = PanelDesk::new(begun);
-        let request = PanelRequest::of(PanelAction::JogPlus, &[1]).unwrap();
+        let mut queue = PanelQueue::new(PANEL, begun);
+        let request = PanelRequest::of(PANEL, PanelAction::JogPlus, &[1]).unwrap();
         // What the mask is when the board is taken over, and whether the request was surely not carried out.
         for (ticket, (mask, untouched)) in (7..).zip([(1, true), (0, false), (0xFFFF, false)]) {
             let now = begun + (ticket as u32) * REST;
-            desk.submit(Ticket(ticket), request, now + REST, now);
-            assert!(desk.pass(&mut bus, now).unwrap().is_none());
-            assert_eq!(bus.read16(PANEL_REQUEST_ENABLE).unwrap(), 1, "it lies in the panel");
-            bus.write16(PANEL_REQUEST_ENABLE, mask).unwrap();
-            desk.leave(&mut bus).unwrap();
-            desk.take_over(&mut bus, now).unwrap();
-            desk.take_over(&mut bus, now).unwrap();
-            let event = desk.pass(&mut bus, now).unwrap();
+            queue.submit(Ticket(ticket), request, now + REST, now);
+            assert!(queue.poll(&mut bus, now).unwrap().is_none());
+            assert_eq!(bus.read16(PANEL.request_enable).unwrap(), 1, "it lies in the panel");
+            bus.write16(PANEL.request_enable, mask).unwrap();
+            queue.leave(&mut bus).unwrap();
+            queue.take_over(&mut bus, now).unwrap();
+            queue.take_over(&mut bus, now).unwrap();
+            let event = queue.poll(&mut bus, now).unwrap();
             let Some(Event::Done(told, outcome)) = event else { panic!("{event:?}") };
             assert_eq!((told, matches!(outcome, Outcome::TimedOut)), (Ticket(ticket), !untouched));
             if untouched {
                 assert!(format!("{outcome:?}").contains("the board was reset"), "{outcome:?}");
             }
-            assert_eq!((desk.due(), bus.read16(PANEL_REQUEST_ENABLE).unwrap()), (None, 0));
+            assert_eq!((queue.due(), bus.read16(PANEL.request_enable).unwrap()), (None, 0));
         }
     }
 }

@@ -1,4 +1,4 @@
-//! The desk in front of the binary rotary buffers: keeps the board fed as it makes room.
+//! Lines for the binary rotary buffers: keeps the board fed as it makes room.
 
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
@@ -8,13 +8,14 @@ use crate::daemon::bus::board_function::{BoardFunction, Context, Polled};
 use crate::daemon::bus::ports::command_port::PortError;
 use crate::daemon::shared::queue::{Event, Outcome, Text, Ticket, at_once};
 use crate::device::{Bus, BusError};
-use crate::function::rotary::{RotaryBuffer, RotaryError, RotarySetup, RotaryStream};
+use crate::function::rotary::{RotaryError, RotarySetup, RotaryStream};
+use crate::map::Family;
 
-/// Commands written in one pass: four words each, so that the servo data never wait long.
-const COMMANDS_A_PASS: usize = 16;
+/// Commands written in one poll: four words each, so that the servo data never wait long.
+const COMMANDS_A_POLL: usize = 16;
 /// How often to look for room in a full buffer: two reads. More often than a servo cycle, after which even a board that
 /// takes all there is at once has not taken what came since the last one.
-const LOOK: Duration = Duration::from_micros(250);
+const POLL: Duration = Duration::from_micros(250);
 
 /// The commands of a line, two words each.
 type Line = Vec<(u32, u32)>;
@@ -22,50 +23,55 @@ type Line = Vec<(u32, u32)>;
 #[derive(Debug)]
 struct Batch {
     ticket: Ticket,
-    buffer: RotaryBuffer,
+    buffer: usize,
     /// The number the next line has to have, if its sender counts.
     first: Option<u64>,
     lines: VecDeque<Line>,
     deadline: Instant,
 }
 
-/// The desk.
+/// The lines that wait, and the buffers they go to.
 #[derive(Debug)]
-pub struct RotaryDesk {
-    streams: [Option<RotaryStream>; 2],
+pub struct RotaryQueue {
+    streams: Vec<RotaryStream>,
     waiting: VecDeque<Batch>,
-    next_look: Instant,
+    next_poll: Instant,
 }
 
-impl RotaryDesk {
-    /// A desk with no buffer set up.
+impl RotaryQueue {
+    /// No lines, and no buffer of the family's set up.
     #[must_use]
-    pub fn new(now: Instant) -> Self {
-        Self { streams: [None, None], waiting: VecDeque::with_capacity(at_once::ROTARY), next_look: now }
+    pub fn new(family: &'static Family, now: Instant) -> Self {
+        Self {
+            streams: RotaryStream::of_family(family),
+            waiting: VecDeque::with_capacity(at_once::ROTARY),
+            next_poll: now,
+        }
     }
 
-    /// Forgets the buffers, as after a reset of the board: they have to be set up again.
-    pub fn forget(&mut self) {
-        self.streams = [None, None];
-    }
-
-    fn stream(&mut self, buffer: RotaryBuffer) -> &mut Option<RotaryStream> {
-        &mut self.streams[buffer as usize]
+    /// The buffer's stream, if it has been set up.
+    fn stream(&mut self, buffer: usize) -> Option<&mut RotaryStream> {
+        self.streams.get_mut(buffer).filter(|stream| stream.is_set_up())
     }
 
     /// Sets a buffer up.
     ///
     /// # Errors
     /// When the bus cannot be reached.
-    pub fn open(&mut self, bus: &mut impl Bus, setup: &RotarySetup) -> Result<Outcome, BusError> {
-        if self.waiting.iter().any(|batch| batch.buffer == setup.buffer) {
+    pub fn open(
+        &mut self,
+        bus: &mut impl Bus,
+        buffer: usize,
+        setup: &RotarySetup,
+    ) -> Result<Outcome, BusError> {
+        if self.waiting.iter().any(|batch| batch.buffer == buffer) {
             return Ok(refused(&"lines for this buffer are still waiting; let them go first"));
         }
-        match RotaryStream::set_up(bus, setup) {
-            Ok(stream) => {
-                *self.stream(setup.buffer) = Some(stream);
-                Ok(Outcome::Done)
-            }
+        let Some(stream) = self.streams.get_mut(buffer) else {
+            return Ok(refused(&RotaryError::NotSetUp));
+        };
+        match stream.set_up(bus, setup) {
+            Ok(()) => Ok(Outcome::Done),
             Err(RotaryError::Bus(error)) => Err(error),
             Err(reason) => Ok(refused(&reason)),
         }
@@ -75,28 +81,28 @@ impl RotaryDesk {
     pub fn submit(
         &mut self,
         ticket: Ticket,
-        buffer: RotaryBuffer,
+        buffer: usize,
         first: Option<u64>,
         lines: Vec<Line>,
         deadline: Instant,
         now: Instant,
     ) -> Option<Event> {
         if self.stream(buffer).is_none() {
-            return Some(Event::Done(ticket, refused(&"the rotary buffer has not been set up")));
+            return Some(Event::Done(ticket, refused(&RotaryError::NotSetUp)));
         }
         self.waiting.push_back(Batch { ticket, buffer, first, lines: lines.into(), deadline });
-        self.next_look = now;
+        self.next_poll = now;
         None
     }
 
     /// No line will follow.
-    pub fn finish(&mut self, buffer: RotaryBuffer) -> Outcome {
+    pub fn finish(&mut self, buffer: usize) -> Outcome {
         match self.stream(buffer) {
             Some(stream) => {
                 stream.finish();
                 Outcome::Done
             }
-            None => refused(&"the rotary buffer has not been set up"),
+            None => refused(&RotaryError::NotSetUp),
         }
     }
 
@@ -104,14 +110,9 @@ impl RotaryDesk {
     ///
     /// # Errors
     /// When the bus cannot be reached.
-    pub fn state(
-        &mut self,
-        bus: &mut impl Bus,
-        ticket: Ticket,
-        buffer: RotaryBuffer,
-    ) -> Result<Event, BusError> {
+    pub fn state(&mut self, bus: &mut impl Bus, ticket: Ticket, buffer: usize) -> Result<Event, BusError> {
         let Some(stream) = self.stream(buffer) else {
-            return Ok(Event::Done(ticket, refused(&"the rotary buffer has not been set up")));
+            return Ok(Event::Done(ticket, refused(&RotaryError::NotSetUp)));
         };
         match stream.state(bus) {
             Ok(state) => Ok(Event::Rotary(ticket, state)),
@@ -120,32 +121,32 @@ impl RotaryDesk {
         }
     }
 
-    /// When to pass next; `None` while nothing waits.
+    /// When to poll next; `None` while nothing waits.
     #[must_use]
     pub fn due(&self) -> Option<Instant> {
-        (!self.waiting.is_empty()).then_some(self.next_look)
+        (!self.waiting.is_empty()).then_some(self.next_poll)
     }
 
     /// Puts in what there is room for; tells what has ended.
     ///
     /// # Errors
     /// When the bus cannot be reached.
-    pub fn pass(&mut self, bus: &mut impl Bus, now: Instant) -> Result<Option<Event>, BusError> {
+    pub fn poll(&mut self, bus: &mut impl Bus, now: Instant) -> Result<Option<Event>, BusError> {
         // First of all: whoever waits for one that is late has been told by now, and nothing more of it may go in.
         if let Some(index) = self.waiting.iter().position(|batch| now >= batch.deadline)
             && let Some(late) = self.waiting.remove(index)
         {
             return Ok(Some(Event::Done(late.ticket, Outcome::TimedOut)));
         }
-        // Both buffers get their turn: a full one does not hold up the other.
-        for buffer in [RotaryBuffer::First, RotaryBuffer::Second] {
+        // Every buffer gets its turn: a full one does not hold up the others.
+        for buffer in 0..self.streams.len() {
             let Some(index) = self.waiting.iter().position(|batch| batch.buffer == buffer) else { continue };
             match self.feed(bus, index)? {
-                Fed::Some => self.next_look = now,
-                Fed::Full => self.next_look = now + LOOK,
+                Fed::Some => self.next_poll = now,
+                Fed::Full => self.next_poll = now + POLL,
                 Fed::Ended(event) => {
                     self.waiting.remove(index);
-                    self.next_look = now;
+                    self.next_poll = now;
                     return Ok(Some(event));
                 }
             }
@@ -155,7 +156,8 @@ impl RotaryDesk {
 
     fn feed(&mut self, bus: &mut impl Bus, index: usize) -> Result<Fed, BusError> {
         let Some(batch) = self.waiting.get_mut(index) else { return Ok(Fed::Full) };
-        let Some(stream) = &mut self.streams[batch.buffer as usize] else {
+        let stream = self.streams.get_mut(batch.buffer).filter(|stream| stream.is_set_up());
+        let Some(stream) = stream else {
             return Ok(Fed::Ended(Event::Done(
                 batch.ticket,
                 refused(&"the rotary buffer was lost in a reset"),
@@ -171,7 +173,7 @@ impl RotaryDesk {
         }
         let mut commands = 0;
         while let Some(line) = batch.lines.front() {
-            if commands > 0 && commands + line.len() > COMMANDS_A_PASS {
+            if commands > 0 && commands + line.len() > COMMANDS_A_POLL {
                 return Ok(Fed::Some);
             }
             match stream.offer(bus, line) {
@@ -189,15 +191,15 @@ impl RotaryDesk {
     }
 }
 
-impl<B: Bus> BoardFunction<B> for RotaryDesk {
+impl<B: Bus> BoardFunction<B> for RotaryQueue {
     fn due_ns(&self, clock: &Clock) -> Option<u64> {
         self.due().map(|due| clock.ns_of(due))
     }
     fn poll(&mut self, context: &mut Context<'_, B>) -> Result<Polled, PortError> {
-        Ok(Polled { answer: self.pass(context.bus, context.clock.now())?, ..Polled::default() })
+        Ok(Polled { answer: RotaryQueue::poll(self, context.bus, context.clock.now())?, ..Polled::default() })
     }
     fn take_over(&mut self, _context: &mut Context<'_, B>) -> Result<(), PortError> {
-        self.forget();
+        self.streams.iter_mut().for_each(RotaryStream::reset);
         Ok(())
     }
 }
@@ -223,41 +225,40 @@ fn refused(reason: &dyn std::fmt::Display) -> Outcome {
 mod tests {
     use super::*;
     use crate::device::FileBoard;
-    use crate::map::HostOffset;
+    use crate::map::{HostOffset, PMAC};
 
     #[test]
     fn a_batch_that_is_late_does_not_go_in_any_more() {
         let file = tempfile::tempfile().unwrap();
-        file.set_len(0x4000).unwrap();
-        let mut bus = FileBoard::from_file(&file, 0x4000).unwrap();
+        file.set_len(PMAC.length.into()).unwrap();
+        let mut bus = FileBoard::from_file(&file, PMAC.length as usize).unwrap();
         let now = Instant::now();
-        let mut desk = RotaryDesk::new(now);
-        let buffer = RotaryBuffer::First;
+        let mut queue = RotaryQueue::new(&PMAC, now);
+        let buffer = 0;
         let setup = RotarySetup {
-            buffer,
             start: HostOffset::new(0x3000),
             size_longs: 40,
             coordinate_system: 1,
             coordinate_system_base: 1,
         };
-        assert_eq!(desk.open(&mut bus, &setup).unwrap(), Outcome::Done);
+        assert_eq!(queue.open(&mut bus, buffer, &setup).unwrap(), Outcome::Done);
         let deadline = now + Duration::from_secs(1);
         let lines = || vec![vec![(0x000E23, 0x500000)]; 3];
         for (ticket, deadline) in [(1, deadline), (2, deadline), (3, deadline + Duration::from_secs(1))] {
-            assert!(desk.submit(Ticket(ticket), buffer, None, lines(), deadline, now).is_none());
+            assert!(queue.submit(Ticket(ticket), buffer, None, lines(), deadline, now).is_none());
         }
         // There is room for all of them; the thread was stopped meanwhile.
         for ticket in [1, 2] {
-            let event = desk.pass(&mut bus, deadline).unwrap();
+            let event = queue.poll(&mut bus, deadline).unwrap();
             assert!(
                 matches!(event, Some(Event::Done(Ticket(t), Outcome::TimedOut)) if t == ticket),
                 "{event:?}"
             );
         }
-        let event = desk.pass(&mut bus, deadline).unwrap();
+        let event = queue.poll(&mut bus, deadline).unwrap();
         assert!(matches!(event, Some(Event::Done(Ticket(3), Outcome::Done))), "{event:?}");
-        let state = desk.state(&mut bus, Ticket(4), buffer).unwrap();
+        let state = queue.state(&mut bus, Ticket(4), buffer).unwrap();
         assert!(matches!(state, Event::Rotary(_, state) if state.sent_lines == 3), "{state:?}");
-        assert_eq!(desk.due(), None);
+        assert_eq!(queue.due(), None);
     }
 }
