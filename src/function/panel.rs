@@ -23,8 +23,8 @@ use crate::map::{HostOffset, PanelBlock};
 
 /// The bits a motor acts on.
 const MOTOR_BITS: u16 = bit::JOG_MINUS | bit::JOG_PLUS | bit::PRE_JOG | bit::HOME;
-/// The most motors and coordinate systems a request has room for, in every family.
-const MOST_NUMBERS: usize = 32;
+/// The most numbers a panel can have: an enable word has a bit for each.
+const MOST_NUMBERS: usize = 16;
 
 /// Something a panel can ask for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
@@ -194,6 +194,13 @@ impl PanelRequest {
         Ok(self)
     }
 
+    /// Stops the motors in `mask` that jog; bit 0 is motor 1.
+    #[must_use]
+    pub fn jog_stop(mask: u32) -> Self {
+        let word = |index| if mask >> index & 1 == 0 { 0 } else { PanelAction::JogStop.bits() };
+        Self { mask, words: std::array::from_fn(word) }
+    }
+
     /// Two requests as one. Does not check for conflicts: only for stops, which never conflict.
     #[must_use]
     pub fn together_with(mut self, other: &Self) -> Self {
@@ -202,13 +209,6 @@ impl PanelRequest {
             *word |= added;
         }
         self
-    }
-
-    /// The request without the numbers in `mask`; `None` when none is left.
-    #[must_use]
-    pub fn without(mut self, mask: u32) -> Option<Self> {
-        self.mask &= !mask;
-        (self.mask != 0).then_some(self)
     }
 
     /// Whose words count: bit 0 is number 1.

@@ -62,10 +62,8 @@ fn a_request_has_room_for_every_number() {
     let all: Vec<usize> = (1..=16).collect();
     let stop = PanelRequest::of(&panel, PanelAction::JogStop, &all).unwrap();
     assert_eq!((stop.mask(), stop.stops(), stop.is_stop()), (0xFFFF, 0xFFFF, true));
-    assert_eq!(stop.without(0x7FFF).unwrap().stops(), 0x8000);
-    assert_eq!(stop.without(0xFFFF), None);
-    let of_16 = PanelRequest::of(&panel, PanelAction::JogStop, &[16]).unwrap();
-    assert_eq!(format!("{of_16:?}"), "{16: \"0x0300\"}");
+    assert_eq!(PanelRequest::jog_stop(0xFFFF), stop);
+    assert_eq!(format!("{:?}", PanelRequest::jog_stop(0x8000)), "{16: \"0x0300\"}");
 }
 
 #[test]

@@ -81,8 +81,8 @@ pub struct JobCall {
     pub(super) time_base: Option<usize>,
     /// Remarks for the caller, if the reply has room for some.
     pub(super) notes: Option<Vec<String>>,
-    /// The motors to stop when the caller is gone or silent.
-    pub(super) lease: Option<PanelRequest>,
+    /// The motors to stop when the caller is gone or silent: bit 0 is motor 1.
+    pub(super) lease: Option<u32>,
     /// What the audit log says of it, if it can move a machine or change a register.
     pub(super) audit: Option<String>,
 }
@@ -172,18 +172,13 @@ pub(super) fn panel(call: &calls::Panel, hold: bool) -> Result<JobCall, CallErro
         return Err(refused("no motor or coordinate system is named; give numbers from 1 to 8"));
     }
     let request = PanelRequest::of(&pmac::PANEL_BLOCK, action, numbers).map_err(refused)?;
-    let lease = if hold {
-        if !matches!(action, PanelAction::JogMinus | PanelAction::JogPlus) {
-            return Err(refused("only jog- and jog+ can be held"));
-        }
-        Some(PanelRequest::of(&pmac::PANEL_BLOCK, PanelAction::JogStop, numbers).map_err(refused)?)
-    } else {
-        None
-    };
+    if hold && !matches!(action, PanelAction::JogMinus | PanelAction::JogPlus) {
+        return Err(refused("only jog- and jog+ can be held"));
+    }
     let held = if hold { ", held" } else { "" };
     Ok(JobCall {
         guard: Some(PANEL_ENABLED),
-        lease,
+        lease: hold.then_some(request.mask()),
         audit: Some(format!("panel {action} {numbers:?}{held}")),
         ..JobCall::new(Job::Panel(request), PANEL_TIMEOUT)
     })

@@ -9,7 +9,6 @@ use std::time::{Duration, Instant};
 use log::{error, warn};
 
 use crate::daemon::shared::queue::{Outcome, Ticket, at_once};
-use crate::function::panel::PanelRequest;
 
 /// How long a client may be silent.
 pub(super) const LEASE: Duration = Duration::from_millis(200);
@@ -22,7 +21,8 @@ const STOPS_AT_ONCE: usize = at_once::STOPS;
 
 #[derive(Debug)]
 struct Lease {
-    stop: PanelRequest,
+    /// The motors that jog: bit 0 is motor 1.
+    motors: u32,
     until: Instant,
 }
 
@@ -30,16 +30,16 @@ struct Lease {
 #[derive(Debug, Default)]
 pub(super) struct Leases {
     held: HashMap<u64, Lease>,
-    stopping: HashMap<Ticket, PanelRequest>,
+    stopping: HashMap<Ticket, u32>,
 }
 
 impl Leases {
-    /// `client` holds a jog that `stop` ends. One it held before is added to it.
+    /// `client` holds a jog of the motors in the mask `motors`. One it held before is added to it.
     /// It runs until `begun` at first, when the board must have taken the jog, and after that from renewal to renewal.
-    pub(super) fn begin(&mut self, client: u64, stop: PanelRequest, begun: Instant) {
-        let lease = self.held.entry(client).or_insert(Lease { stop: PanelRequest::default(), until: begun });
+    pub(super) fn begin(&mut self, client: u64, motors: u32, begun: Instant) {
+        let lease = self.held.entry(client).or_insert(Lease { motors: 0, until: begun });
         lease.until = lease.until.max(begun);
-        lease.stop = lease.stop.together_with(&stop);
+        lease.motors |= motors;
     }
 
     /// `client` is still there; false when it holds nothing.
@@ -55,30 +55,30 @@ impl Leases {
     /// The board has taken the stop of the motors in `mask`, asked for by `client` itself.
     pub(super) fn stopped(&mut self, client: u64, mask: u32) {
         if let Some(lease) = self.held.get_mut(&client) {
-            match lease.stop.without(mask) {
-                Some(stop) => lease.stop = stop,
-                None => drop(self.held.remove(&client)),
+            lease.motors &= !mask;
+            if lease.motors == 0 {
+                self.held.remove(&client);
             }
         }
     }
 
     /// The request with `ticket` is over: if it had to stop a jog and was not taken, it comes again.
     pub(super) fn request_over(&mut self, ticket: Ticket, outcome: Outcome, now: Instant) {
-        let Some(stop) = self.stopping.remove(&ticket).filter(|_| outcome != Outcome::Done) else { return };
+        let Some(motors) = self.stopping.remove(&ticket).filter(|_| outcome != Outcome::Done) else { return };
         error!(
             target: "audit",
-            "the board did not take the stop of a held jog (mask {:#04x}); asking again", stop.mask()
+            "the board did not take the stop of a held jog (mask {:#04x}); asking again", motors
         );
-        self.begin(NOBODY, stop, now + STOP_AGAIN);
+        self.begin(NOBODY, motors, now + STOP_AGAIN);
     }
 
-    /// Requests the stop of every jog whose holder is silent or not there (`is_there`), all in one request. False when
+    /// Has `send` request the stop of every jog whose holder is silent or not there (`is_there`), all in one request. False when
     /// `send` had no room for it; what is held stays held then.
     pub(super) fn end_lapsed(
         &mut self,
         now: Instant,
         is_there: impl Fn(u64) -> bool,
-        send: impl FnOnce(PanelRequest) -> Option<Ticket>,
+        send: impl FnOnce(u32) -> Option<Ticket>,
     ) -> bool {
         if !self.may_stop() {
             return true;
@@ -89,11 +89,7 @@ impl Leases {
     }
 
     /// As [`Self::end_lapsed`], of every jog that is held.
-    pub(super) fn end_all(
-        &mut self,
-        now: Instant,
-        send: impl FnOnce(PanelRequest) -> Option<Ticket>,
-    ) -> bool {
+    pub(super) fn end_all(&mut self, now: Instant, send: impl FnOnce(u32) -> Option<Ticket>) -> bool {
         self.end(now, |_, _| true, send)
     }
 
@@ -101,25 +97,23 @@ impl Leases {
         &mut self,
         now: Instant,
         ends: impl Fn(u64, &Lease) -> bool,
-        send: impl FnOnce(PanelRequest) -> Option<Ticket>,
+        send: impl FnOnce(u32) -> Option<Ticket>,
     ) -> bool {
         let ended: Vec<(u64, Lease)> = self.held.extract_if(|client, lease| ends(*client, lease)).collect();
         if ended.is_empty() {
             return true;
         }
-        let stops = ended.iter().map(|(_, lease)| &lease.stop);
-        let stop = stops.fold(PanelRequest::default(), |sum, stop| sum.together_with(stop));
-        let ticket = send(stop);
-        for (client, Lease { stop, .. }) in ended {
+        let all = ended.iter().fold(0, |all, (_, lease)| all | lease.motors);
+        let ticket = send(all);
+        for (client, Lease { motors, .. }) in ended {
             if ticket.is_none() {
                 // The stop must not be forgotten.
-                self.begin(client, stop, now);
+                self.begin(client, motors, now);
                 continue;
             }
-            let mask = stop.mask();
-            warn!(target: "audit", "a held jog is stopped (mask {mask:#04x}): its holder is gone or silent");
+            warn!(target: "audit", "a held jog is stopped (mask {motors:#04x}): its holder is gone or silent");
         }
-        ticket.is_some_and(|ticket| self.stopping.insert(ticket, stop).is_none())
+        ticket.is_some_and(|ticket| self.stopping.insert(ticket, all).is_none())
     }
 
     /// Jogs that are held, and stops that the board has not taken.
@@ -146,11 +140,9 @@ impl Leases {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::function::panel::PanelAction;
-    use crate::map::pmac;
 
     /// The stop that is requested, if one is.
-    fn ended(leases: &mut Leases, now: Instant, is_there: impl Fn(u64) -> bool) -> Option<PanelRequest> {
+    fn ended(leases: &mut Leases, now: Instant, is_there: impl Fn(u64) -> bool) -> Option<u32> {
         let mut requested = None;
         leases.end_lapsed(now, is_there, |stop| {
             requested = Some(stop);
@@ -162,7 +154,7 @@ mod tests {
     #[test]
     fn silence_and_absence_end_a_lease_and_renewal_does_not() {
         let now = Instant::now();
-        let stop = |motor| PanelRequest::of(&pmac::PANEL_BLOCK, PanelAction::JogStop, &[motor]).unwrap();
+        let stop = |motor| 1_u32 << (motor - 1);
         let mut leases = Leases::default();
         for (client, motor) in [(7, 1), (7, 3), (8, 2)] {
             leases.begin(client, stop(motor), now + LEASE);
@@ -171,7 +163,7 @@ mod tests {
         assert_eq!(leases.next_end(), Some(now + LEASE));
         assert_eq!(ended(&mut leases, now + LEASE, |_| true), Some(stop(2)));
         assert_eq!(ended(&mut leases, now + LEASE, |_| true), None);
-        let both = PanelRequest::of(&pmac::PANEL_BLOCK, PanelAction::JogStop, &[1, 3]).unwrap();
+        let both = 0b101;
         let is_there = |client| client != 7;
         assert!(!leases.end_lapsed(now + LEASE, is_there, |_| None), "no room for the request");
         assert_eq!(ended(&mut leases, now + LEASE, is_there), Some(both));
@@ -186,7 +178,7 @@ mod tests {
     #[test]
     fn what_ends_while_many_stops_are_under_way_waits_for_one_to_be_over() {
         let now = Instant::now();
-        let stop = PanelRequest::of(&pmac::PANEL_BLOCK, PanelAction::JogStop, &[1]).unwrap();
+        let stop = 0b1;
         let mut leases = Leases::default();
         for ticket in 0..STOPS_AT_ONCE as u64 {
             leases.begin(7, stop, now);

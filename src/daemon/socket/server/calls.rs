@@ -13,6 +13,7 @@ use crate::daemon::socket::connection::Waiting;
 use crate::daemon::socket::jobs::{self, JobCall};
 use crate::daemon::socket::methods::{Action, Ask, parse_call};
 use crate::daemon::socket::policy::{Peer, Role};
+use crate::function::panel::PanelRequest;
 use crate::function::variable_read::VariableEntry;
 use crate::map::errors::meaning;
 use crate::protocol::board::{NotesReply, SendReply, WatchReply};
@@ -142,9 +143,9 @@ impl Service {
     /// Has the bus thread do a job, whatever the board says.
     fn do_job(&mut self, caller: Caller, call: JobCall, deadline: Instant) {
         let JobCall { job, notes, lease, audit, .. } = call;
-        if let Some(stop) = lease {
+        if let Some(motors) = lease {
             // From now on: a client that is gone before the board has taken the jog is gone all the same.
-            self.leases.begin(caller.client, stop, deadline);
+            self.leases.begin(caller.client, motors, deadline);
         }
         let stops = match (&job, lease) {
             (Job::Panel(request), None) => request.stops(),
@@ -330,13 +331,13 @@ impl Service {
     pub(super) fn end_lapsed_leases(&mut self, now: Instant) {
         let calls = &mut self.calls;
         let is_there = |client| self.clients.hears(client);
-        self.leases.end_lapsed(now, is_there, |stop| calls.send_now(Job::Panel(stop), now + OWN_JOB_TIMEOUT));
+        self.leases.end_lapsed(now, is_there, |motors| calls.send_now(stop(motors), now + OWN_JOB_TIMEOUT));
     }
 
     /// Requests the stop of every jog that is held; false when there was no room for the request.
     pub(super) fn request_end_of_leases(&mut self, now: Instant) -> bool {
         let calls = &mut self.calls;
-        self.leases.end_all(now, |stop| calls.send_now(Job::Panel(stop), now + OWN_JOB_TIMEOUT))
+        self.leases.end_all(now, |motors| calls.send_now(stop(motors), now + OWN_JOB_TIMEOUT))
     }
 
     /// At the end nobody will be there to hold a jog. A full queue empties soon, if the bus thread can tell what it has done.
@@ -371,4 +372,9 @@ fn outcome_reply(outcome: Outcome, lines: Vec<String>, is_overlong: bool) -> Res
             Err(CallError::Refused { reason: String::from_utf8_lossy(reason.as_bytes()).into_owned() })
         }
     }
+}
+
+/// The request that stops these motors.
+fn stop(motors: u32) -> Job {
+    Job::Panel(PanelRequest::jog_stop(motors))
 }
