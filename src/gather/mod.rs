@@ -9,10 +9,12 @@ pub mod column;
 pub mod csv;
 pub mod npy;
 pub mod plan;
+pub mod reading;
 pub mod source;
 
-pub use column::{Column, Reading, SampleClock};
+pub use column::{Column, SampleClock};
 pub use csv::CsvWriter;
 pub use npy::NpyWriter;
 pub use plan::{GatherMode, GatherPlan, GatherRequest, PlanError, ServoReport, plan};
+pub use reading::Reading;
 pub use source::{Source, SourceError};

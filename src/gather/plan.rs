@@ -6,9 +6,7 @@ use super::{Column, Source};
 use crate::decode::Scales;
 use crate::map::Layout;
 
-/// Sources that one gather takes: I21 to I44.
-pub const MOST_SOURCES: usize = 24;
-/// The largest I19.
+/// The longest period in servo cycles.
 const MOST_PERIOD: u32 = 8_388_607;
 
 /// What happens at the buffer's end.
@@ -37,7 +35,7 @@ pub enum ServoReport {
 /// What is to be gathered, and how the board stands.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct GatherRequest {
-    /// The sources, 1 to 24 different ones.
+    /// The sources, all different: 1 to 24 on PMAC and PMAC2.
     pub sources: Vec<Source>,
     /// Servo cycles from one sample to the next (I19), 1 or more. The servo report comes as often.
     pub period: u32,
@@ -80,10 +78,16 @@ pub struct GatherPlan {
 #[non_exhaustive]
 pub enum PlanError {
     /// Too few or too many sources.
-    #[error("{count} sources cannot be gathered at once; 1 to {MOST_SOURCES} can (I21 to I44)")]
+    #[error("{count} sources cannot be gathered at once; 1 to {most} can (I{first} to I{last})")]
     Sources {
         /// How many were asked for.
         count: usize,
+        /// The most there can be.
+        most: usize,
+        /// The first source's I-variable.
+        first: usize,
+        /// The last source's.
+        last: usize,
     },
     /// The same source twice.
     #[error("{name} is asked for twice; once is enough")]
@@ -91,13 +95,15 @@ pub enum PlanError {
         /// Its name.
         name: String,
     },
-    /// I19 cannot be that.
+    /// The period cannot be that.
     #[error(
-        "a period of {period} servo cycles is not possible; 1 to {MOST_PERIOD} are (I19; 0 stops gathering)"
+        "a period of {period} servo cycles is not possible; 1 to {MOST_PERIOD} are (I{variable}; 0 stops gathering)"
     )]
     Period {
         /// What was asked for.
         period: u32,
+        /// The I-variable of the period.
+        variable: u16,
     },
     /// The buffer does not fit.
     #[error(
@@ -135,8 +141,11 @@ pub fn room_longs(layout: &Layout) -> u32 {
 pub fn plan(request: &GatherRequest, layout: &Layout, scales: &Scales) -> Result<GatherPlan, PlanError> {
     let sources = &request.sources;
     let count = sources.len();
-    if !(1..=MOST_SOURCES).contains(&count) {
-        return Err(PlanError::Sources { count });
+    let i = &layout.family().i;
+    let most = i.most_gather_sources();
+    if !(1..=most).contains(&count) {
+        let first = usize::from(i.gather_sources);
+        return Err(PlanError::Sources { count, most, first, last: first + most - 1 });
     }
     for (n, source) in sources.iter().enumerate() {
         if sources[..n].iter().any(|other| other.name == source.name) {
@@ -145,7 +154,7 @@ pub fn plan(request: &GatherRequest, layout: &Layout, scales: &Scales) -> Result
     }
     let period = request.period;
     if !(1..=MOST_PERIOD).contains(&period) {
-        return Err(PlanError::Period { period });
+        return Err(PlanError::Period { period, variable: i.gather_period });
     }
     let sample_longs: u32 = sources.iter().map(|source| source.register.longs()).sum();
     let room = room_longs(layout);
@@ -163,12 +172,10 @@ pub fn plan(request: &GatherRequest, layout: &Layout, scales: &Scales) -> Result
     if request.gathering {
         prepare.push("ENDGATHER".to_owned());
     }
-    prepare.push(format!("I19={period}"));
-    prepare.push(format!("I20=${:06X}", (1_u32 << count) - 1));
-    prepare.extend(
-        (21..).zip(sources).map(|(i, source)| format!("I{i}=${:06X}", source.register.gather_code())),
-    );
-    prepare.push(format!("I45={}", if request.mode == GatherMode::Wrap { 3 } else { 2 }));
+    prepare.push(format!("I{}={period}", i.gather_period));
+    let codes: Vec<u32> = sources.iter().map(|source| source.register.gather_code()).collect();
+    prepare.extend(i.gather_settings(&codes).map(|(number, value)| format!("I{number}=${value:06X}")));
+    prepare.push(format!("I{}={}", i.gather_mode, if request.mode == GatherMode::Wrap { 3 } else { 2 }));
     prepare.push(format!("DEFINE GATHER {buffer_longs}"));
     let gathers = if request.servo_report == ServoReport::Waiting { 2 } else { 1 };
     Ok(GatherPlan {
@@ -255,16 +262,22 @@ mod tests {
 
     #[test]
     fn impossible_requests_are_refused() {
-        assert_eq!(planned(&request(&[]), None), Err(PlanError::Sources { count: 0 }));
+        assert_eq!(
+            planned(&request(&[]), None),
+            Err(PlanError::Sources { count: 0, most: 24, first: 21, last: 44 })
+        );
         let names: Vec<_> = (0..25).map(|n| format!("X:${n}")).collect();
         let names: Vec<_> = names.iter().map(String::as_str).collect();
-        assert_eq!(planned(&request(&names), None), Err(PlanError::Sources { count: 25 }));
+        assert_eq!(
+            planned(&request(&names), None),
+            Err(PlanError::Sources { count: 25, most: 24, first: 21, last: 44 })
+        );
         assert_eq!(planned(&request(&names[..24]), None).unwrap().prepare[1], "I20=$FFFFFF");
         let twice = planned(&request(&["X:$33", "X:$0033"]), None);
         assert_eq!(twice, Err(PlanError::Twice { name: "X:$0033".to_owned() }));
         for period in [0, 8_388_608] {
             let request = GatherRequest { period, ..request(&["X:$33"]) };
-            assert_eq!(planned(&request, None), Err(PlanError::Period { period }));
+            assert_eq!(planned(&request, None), Err(PlanError::Period { period, variable: 19 }));
         }
     }
 }

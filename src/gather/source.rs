@@ -5,7 +5,7 @@
 //! `servo_timer` the board's servo counter. Any other register goes by its address: `Y:$C003`, `X:$0033`, `D:$002B`,
 //! `L:$1005`; a 24-bit word is signed unless `,u` follows.
 
-use super::column::Reading;
+use super::reading::Reading;
 use crate::map::table::{Format, NumberKind};
 use crate::map::{BadRegister, Entry, Family, Layout, PmacRegister, SourceAt};
 

@@ -487,11 +487,30 @@ pub struct IVariables {
     pub time_base: u16,
 }
 
+/// Bits of a mask of gather sources, a word of PMAC's.
+const GATHER_MASK_BITS: usize = 24;
+
 impl IVariables {
     /// Variable `which` (0-99) of `motor` (from 1): Ix08 of motor 3 is 308.
     #[must_use]
     pub const fn motor(motor: usize, which: usize) -> usize {
         100 * motor + which
+    }
+
+    /// Sources that one gather takes at most: a bit of a mask each.
+    #[must_use]
+    pub const fn most_gather_sources(&self) -> usize {
+        GATHER_MASK_BITS * self.gather_masks.len()
+    }
+
+    /// What selects the gather sources of these codes: I-variables with their values, the masks first.
+    pub fn gather_settings(&self, codes: &[u32]) -> impl Iterator<Item = (u16, u32)> {
+        let selected = |mask: usize| {
+            let count = codes.len().saturating_sub(GATHER_MASK_BITS * mask).min(GATHER_MASK_BITS);
+            (1_u32 << count) - 1
+        };
+        let masks = self.gather_masks.iter().enumerate().map(move |(mask, number)| (*number, selected(mask)));
+        masks.chain((self.gather_sources..).zip(codes.iter().copied()))
     }
 
     /// Ix93 of coordinate system `number`, from 1.

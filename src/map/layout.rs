@@ -195,7 +195,7 @@ impl Entry {
     /// The registers it is a copy of.
     #[must_use]
     pub fn source(&self, family: &Family) -> SourceAt {
-        self.register.source.at(family, self.number.unwrap_or(1))
+        family.source(self.register.source, self.number.unwrap_or(1))
     }
 
     /// The name of the space in which the register's PMAC address stands.

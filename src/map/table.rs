@@ -4,7 +4,7 @@
 
 use std::fmt;
 
-use super::{Family, HostOffset, PmacAddress};
+use super::{HostOffset, PmacAddress};
 
 /// What a number in a record counts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -159,25 +159,6 @@ pub enum SourceAt {
     One(PmacAddress),
     /// One of the registers A, B, C; see [`Source::Choice`].
     Choice([PmacAddress; 3]),
-}
-
-impl Source {
-    /// The registers copied for `number`, which counts from 1.
-    #[must_use]
-    pub fn at(self, family: &Family, number: usize) -> SourceAt {
-        let step = |address: PmacAddress, stride: u32| {
-            PmacAddress::new(address.space, address.number + stride * number.saturating_sub(1) as u32)
-        };
-        match self {
-            Self::None => SourceAt::None,
-            Self::Fixed(address) => SourceAt::One(address),
-            Self::Motor(address) => SourceAt::One(step(address, family.motor_source_stride)),
-            Self::System(address) => SourceAt::One(step(address, family.system_source_stride)),
-            Self::Choice(addresses) => {
-                SourceAt::Choice(addresses.map(|address| step(address, family.system_source_stride)))
-            }
-        }
-    }
 }
 
 impl fmt::Display for SourceAt {

@@ -4,12 +4,13 @@
 //! prints Ixx81). Both have the same 8-bit format code, in bits 16-23 of Ix10 or of Ixx95: bit 23 set means a signed
 //! position. What is read minus Ix26 is the motor's position after a reset (unless Ix80 bit 2 is set), or after `$*`.
 
+pub mod position;
+
 use std::fmt;
 
 use serde::{Serialize, Serializer};
 
-use crate::map::Generation;
-use crate::map::Space;
+use crate::map::{Generation, Space};
 
 /// The bits of one PMAC word.
 const WORD_BITS: u32 = 24;

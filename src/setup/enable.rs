@@ -1,15 +1,16 @@
 //! What switches the automatic functions on: the I-variables and commands each of them needs, in order, and why.
 //!
 //! Source: DPRAM manual, the "Enabling" section of each function (pp. 12-30); its control-panel page means I2 where it
-//! prints I3, and I3, I4 and I6 are better left alone after I58 has set them. PMAC(1) and PMAC2 only: on Turbo boards
-//! other variables have these numbers.
+//! prints I3, and I3, I4 and I6 are better left alone after I58 has set them. The numbers are the family's; the order of
+//! the lines is that of PMAC and PMAC2.
 
 use std::fmt;
 use std::str::FromStr;
 
 use serde::Serialize;
 
-use crate::map::{HostOffset, PMAC, PmacAddress, PmacRegister, classic};
+use crate::map::functions::rotary_header;
+use crate::map::{Family, Flag, HostOffset, IVariables, PmacRegister};
 
 /// An automatic function of the DPRAM.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
@@ -126,6 +127,23 @@ impl Default for Options {
     }
 }
 
+/// Why a function cannot be enabled so.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum EnableError {
+    /// An option is not possible.
+    #[error(transparent)]
+    OutOfRange(#[from] OutOfRange),
+    /// The family has no such function, or no I-variable for it.
+    #[error("a {family} has no I-variable that enables {function}")]
+    Missing {
+        /// The function.
+        function: Function,
+        /// The family's name.
+        family: &'static str,
+    },
+}
+
 /// An option that no board can be set to.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{what} {value} is not possible; it is {first} to {last}")]
@@ -184,11 +202,11 @@ pub struct EnablePlan {
     pub plans: Vec<FunctionPlan>,
 }
 
-/// Plans how to enable `functions` (their order and repetitions do not matter).
+/// Plans how to enable `functions` (their order and repetitions do not matter) on a board of `family`.
 ///
 /// # Errors
-/// [`OutOfRange`] when an option that one of them uses is not possible.
-pub fn plan(functions: &[Function], options: &Options) -> Result<EnablePlan, OutOfRange> {
+/// [`EnableError`] when an option that one of them uses is not possible, or the family lacks one of them.
+pub fn plan(functions: &[Function], options: &Options, family: &Family) -> Result<EnablePlan, EnableError> {
     let mut functions = functions.to_vec();
     functions.sort_unstable();
     functions.dedup();
@@ -196,13 +214,13 @@ pub fn plan(functions: &[Function], options: &Options) -> Result<EnablePlan, Out
     let plans = functions
         .iter()
         .map(|function| match function {
-            Function::Ascii => Ok(ascii(options)),
-            Function::Panel => Ok(panel()),
-            Function::Servo => servo(options),
-            Function::Background => background(options),
-            Function::Variables => Ok(variable()),
-            Function::Rotary => rotary(options),
-            Function::Gather => gather(options, together),
+            Function::Ascii => Ok(ascii(options, family)),
+            Function::Panel => panel(family),
+            Function::Servo => Ok(servo(options, family)?),
+            Function::Background => Ok(background(options, family)?),
+            Function::Variables => Ok(variable(family)),
+            Function::Rotary => rotary(options, family),
+            Function::Gather => Ok(gather(options, family, together)?),
         })
         .collect::<Result<Vec<_>, _>>()?;
     Ok(EnablePlan { commands: commands(&plans, options.save), plans })
@@ -251,92 +269,161 @@ fn in_range(what: &'static str, value: u32, first: u32, last: u32) -> Result<u32
 }
 
 /// The on-line command that makes PMAC itself write 0 into a DPRAM word.
-fn clear(offset: HostOffset) -> String {
-    let PmacAddress { space, number } = PmacAddress::new(PMAC.half(offset), PMAC.pmac_number(offset));
-    format!("W{space}{},0", PMAC.print_number(number))
+fn clear(family: &Family, offset: HostOffset) -> String {
+    format!("W{}{},0", family.half(offset), family.print_number(family.pmac_number(offset)))
 }
 
-fn ascii(options: &Options) -> FunctionPlan {
+/// A word as a note names it, `0x062C (Y:$D18B)`.
+fn named(family: &Family, offset: HostOffset) -> String {
+    format!("{offset} ({}:{})", family.half(offset), family.print_number(family.pmac_number(offset)))
+}
+
+fn ascii(options: &Options, family: &Family) -> FunctionPlan {
+    let enable = family.i.ascii_enable;
     let plan = FunctionPlan::new(Function::Ascii)
         .set("I3=2", "replies end with <ACK>, so that the host knows their last line")
         .set(
-            "I58=1",
+            format!("I{enable}=1"),
             "command lines through the DPRAM; forces I3 (1 becomes 0, 3 becomes 2; always 2 before firmware 1.15), \
              I4=0 (no checksums) and I6=1 (errors as <BELL>ERRnnn) on every port",
         );
     let plan = if options.interrupt {
         plan.set(
-            "I56=1",
+            format!("I{}=1", family.i.interrupt),
             "an interrupt for every response in the DPRAM (IR7 through jumper E55, or VME vector v+1)",
         )
     } else {
         plan
     };
-    plan.note("before I58=1 the host clears both control words, 0x062C (Y:$D18B) and 0x06D0 (Y:$D1B4)")
+    let [command, response] =
+        [family.ascii.command_loaded.word, family.ascii.response_control].map(|word| named(family, word));
+    plan.note(format!("before I{enable}=1 the host clears both control words, {command} and {response}"))
         .note("I3, I4 and I6 are best left alone from then on")
-        .note("<CTRL-Z> through the serial port sets I58=0 and makes that port the active one")
+        .note(format!("<CTRL-Z> through the serial port sets I{enable}=0 and makes that port the active one"))
 }
 
-fn panel() -> FunctionPlan {
-    FunctionPlan::new(Function::Panel)
-        .set("I2=3", "requests come from the DPRAM; the switches at the JPAN connector are not read any more")
-        .note("a feed rate from the DPRAM acts only while the system's Ix93 is $0806 + $C0*(x-1), its default")
-        .note("PMAC clears the request mask; the mask of feed rates (0x0002) stays set until the host clears it")
+fn missing(function: Function, family: &Family) -> EnableError {
+    EnableError::Missing { function, family: family.title }
 }
 
-fn reported(options: &Options) -> Result<String, OutOfRange> {
-    Ok(format!("I59={}", in_range("motor", options.motors, 1, PMAC.motors as u32)?))
+fn panel(family: &Family) -> Result<FunctionPlan, EnableError> {
+    let (Some(enable), Some(block)) = (family.i.panel, &family.panel) else {
+        return Err(missing(Function::Panel, family));
+    };
+    let (time_base, stride) = (family.print_number(block.time_base.number), family.system_source_stride);
+    Ok(FunctionPlan::new(Function::Panel)
+        .set(
+            format!("I{enable}=3"),
+            "requests come from the DPRAM; the switches at the JPAN connector are not read any more",
+        )
+        .note(format!(
+            "a feed rate from the DPRAM acts only while the system's Ix93 is {time_base} + ${stride:X}*(x-1), its default"
+        ))
+        .note(format!(
+            "PMAC clears the request mask; the mask of feed rates ({}) stays set until the host clears it",
+            block.override_enable
+        )))
 }
 
-fn period(options: &Options) -> Result<String, OutOfRange> {
-    Ok(format!("I19={}", in_range("period", options.period, 1, 8_388_607)?))
+/// Sets how many motors and coordinate systems are reported, where an I-variable does.
+fn reported(plan: FunctionPlan, options: &Options, family: &Family) -> Result<FunctionPlan, OutOfRange> {
+    let motors = in_range("motor", options.motors, 1, family.motors as u32)?;
+    Ok(match family.i.reported {
+        Some(number) => plan.set(
+            format!("I{number}={motors}"),
+            "the highest motor and coordinate system in the servo and background reports",
+        ),
+        None => plan,
+    })
 }
 
-const I19_WHY: &str = "servo cycles between two servo reports, and between two gathered samples";
-const I59_WHY: &str = "the highest motor and coordinate system in the servo and background reports";
+/// Sets the servo cycles from one report or sample to the next.
+fn period(
+    plan: FunctionPlan,
+    options: &Options,
+    family: &Family,
+    variable: u16,
+) -> Result<FunctionPlan, OutOfRange> {
+    let cycles = in_range("period", options.period, 1, 8_388_607)?;
+    let IVariables { servo_period, gather_period, .. } = family.i;
+    let why = match (servo_period == gather_period, variable == servo_period) {
+        (true, _) => "servo cycles between two servo reports, and between two gathered samples",
+        (false, true) => "servo cycles between two servo reports",
+        (false, false) => "servo cycles between two gathered samples",
+    };
+    Ok(plan.set(format!("I{variable}={cycles}"), why))
+}
 
-fn servo(options: &Options) -> Result<FunctionPlan, OutOfRange> {
-    Ok(FunctionPlan::new(Function::Servo)
-        .set(period(options)?, I19_WHY)
-        .set(reported(options)?, I59_WHY)
-        .set("I48=1", "the next GATHER starts the servo report, not data gathering")
+fn servo(options: &Options, family: &Family) -> Result<FunctionPlan, OutOfRange> {
+    let i = &family.i;
+    let plan = period(FunctionPlan::new(Function::Servo), options, family, i.servo_period)?;
+    Ok(reported(plan, options, family)?
+        .set(format!("I{}=1", i.servo_enable), "the next GATHER starts the servo report, not data gathering")
         .line(Phase::Start, "GATHER", "starts the report")
         .note("a GATHER while the report runs starts data gathering; ENDGATHER ends what was started last")
-        .note("a reset ends the report: GATHER again, and I19 again on battery-backed boards")
-        .note("a Host-Busy bit (0x0024 bit 0) left set holds the report off; the host clears it first"))
+        .note(format!(
+            "a reset ends the report: GATHER again, and I{} again on battery-backed boards",
+            i.servo_period
+        ))
+        .note(format!(
+            "a Host-Busy bit ({}) left set holds the report off; the host clears it first",
+            flag(family.servo.host_busy)
+        )))
 }
 
-fn background(options: &Options) -> Result<FunctionPlan, OutOfRange> {
-    Ok(FunctionPlan::new(Function::Background)
-        .set(reported(options)?, I59_WHY)
-        .set("I49=1", "a background report whenever the host has cleared Data-Ready (0x0228 bit 0)")
+/// A flag as a note names it, `0x0024 bit 0`.
+fn flag(flag: Flag) -> String {
+    format!("{} bit {}", flag.word, flag.mask.trailing_zeros())
+}
+
+fn background(options: &Options, family: &Family) -> Result<FunctionPlan, OutOfRange> {
+    Ok(reported(FunctionPlan::new(Function::Background), options, family)?
+        .set(
+            format!("I{}=1", family.i.background_enable),
+            format!(
+                "a background report whenever the host has cleared Data-Ready ({})",
+                flag(family.background.ready)
+            ),
+        )
         .note("GATHER and ENDGATHER do not touch this report"))
 }
 
-fn variable() -> FunctionPlan {
+fn variable(family: &Family) -> FunctionPlan {
+    let enable = family.i.variables_enable;
     FunctionPlan::new(Function::Variables)
-        .set(clear(classic::VARIABLE_READ_COUNT), "no entries to read: power-on leaves anything in this count")
         .set(
-            clear(classic::VARIABLE_WRITE_COUNT),
+            clear(family, family.variable_read.count),
+            "no entries to read: power-on leaves anything in this count",
+        )
+        .set(
+            clear(family, family.variable_write.count),
             "no records to write: PMAC would carry left-over ones out at once, and one with address 0 trips its \
              watchdog",
         )
-        .set("I55=1", "both the variable read and the variable write buffer")
-        .note("where I55 is 1 already and tables are in use, this ends them; nothing needs to be sent then")
-        .note("tables lie from $D200 on; keep them clear of gather and rotary buffers")
+        .set(format!("I{enable}=1"), "both the variable read and the variable write buffer")
+        .note(format!(
+            "where I{enable} is 1 already and tables are in use, this ends them; nothing needs to be sent then"
+        ))
+        .note(format!(
+            "tables lie from {} on; keep them clear of gather and rotary buffers",
+            family.print_number(family.pmac_number(family.user_area.start))
+        ))
 }
 
-fn rotary(options: &Options) -> Result<FunctionPlan, OutOfRange> {
-    let system = in_range("coordinate system", options.coordinate_system, 1, PMAC.coordinate_systems as u32)?;
+fn rotary(options: &Options, family: &Family) -> Result<FunctionPlan, EnableError> {
+    let (Some(enable), Some(header)) = (family.i.rotary_enable, family.rotary.headers.first()) else {
+        return Err(missing(Function::Rotary, family));
+    };
+    let systems = family.coordinate_systems as u32;
+    let system = in_range("coordinate system", options.coordinate_system, 1, systems)?;
     // Upper bound: all of PMAC's 48-bit program memory cannot be more.
     let words = in_range("rotary buffer size", options.rotary_words, 2, 0xFFFF)?;
-    // The second location of the header: host index in Y, PMAC index in X.
-    let host_index = classic::ROTARY_1.plus_words(2);
+    let index = |word: usize| clear(family, header.plus_words(word));
     Ok(FunctionPlan::new(Function::Rotary)
-        .set("I57=0", "no transfer while the header is not set up")
-        .set(clear(host_index), "the DPRAM buffer is empty: its host index ...")
+        .set(format!("I{enable}=0"), "no transfer while the header is not set up")
+        .set(index(rotary_header::HOST_INDEX), "the DPRAM buffer is empty: its host index ...")
         .set(
-            clear(host_index.plus_words(1)),
+            index(rotary_header::PMAC_INDEX),
             "... and PMAC's index are equal, whatever power-on left in them",
         )
         .line(
@@ -347,47 +434,60 @@ fn rotary(options: &Options) -> Result<FunctionPlan, OutOfRange> {
         .line(Phase::Define, format!("&{system} B0"), "points the coordinate system at it; before OPEN ROT")
         .line(
             Phase::Open,
-            "I57=1",
+            format!("I{enable}=1"),
             "transfers from the DPRAM; the host has filled in coordinate system, size and start before",
         )
         .line(
             Phase::Open,
             "OPEN ROT",
-            "lets program lines in until CLOSE, text ones through any port as well: I57=1 would be one by now",
+            format!(
+                "lets program lines in until CLOSE, text ones through any port as well: I{enable}=1 would be one by now"
+            ),
         )
         .note("with several coordinate systems define from the highest to the lowest")
         .note("no rotary buffer can be defined while a gather buffer exists: DELETE GATHER first")
         .note(format!("&{system} R starts the program; I16 and I17 say when the buffer asks for more")))
 }
 
-fn gather(options: &Options, with_servo: bool) -> Result<FunctionPlan, OutOfRange> {
-    let room = (PMAC.length - classic::GATHER_BUFFER.bytes()) / 4;
+fn gather(options: &Options, family: &Family, with_servo: bool) -> Result<FunctionPlan, OutOfRange> {
+    let i = &family.i;
+    let room = family.length.saturating_sub(family.gather.buffer.bytes()) / 4;
     let size = in_range("gather buffer size", options.gather_longs, 1, room)?;
-    let count = in_range("number of gather sources", options.gather_sources.len() as u32, 0, 24)?;
-    let mut plan = FunctionPlan::new(Function::Gather).set(period(options)?, I19_WHY);
+    let count = in_range(
+        "number of gather sources",
+        options.gather_sources.len() as u32,
+        0,
+        i.most_gather_sources() as u32,
+    )?;
+    let mut plan = period(FunctionPlan::new(Function::Gather), options, family, i.gather_period)?;
+    let mode = i.gather_mode;
     plan = if options.gather_wrap {
-        plan.set("I45=3", "into the DPRAM, from the start again when the buffer is full")
+        plan.set(format!("I{mode}=3"), "into the DPRAM, from the start again when the buffer is full")
     } else {
-        plan.set("I45=2", "into the DPRAM, until the buffer is full; then DEFINE GATHER is needed again")
+        plan.set(
+            format!("I{mode}=2"),
+            "into the DPRAM, until the buffer is full; then DEFINE GATHER is needed again",
+        )
     };
     let sample: u32 = options.gather_sources.iter().map(|source| source.longs()).sum();
     if count > 0 {
-        plan = plan.set(
-            format!("I20=${:06X}", (1_u32 << count) - 1),
-            "which sources are gathered: bit k is I(21+k)",
-        );
-        for (n, source) in options.gather_sources.iter().enumerate() {
-            in_range("address of a gather source", source.address().number, 0, PMAC.last_address())?;
-            plan = plan.set(
-                format!("I{}=${:06X}", 21 + n, source.gather_code()),
-                format!("source {}: {source}", n + 1),
-            );
+        for source in &options.gather_sources {
+            in_range("address of a gather source", source.address().number, 0, family.last_address())?;
+        }
+        let codes: Vec<u32> = options.gather_sources.iter().map(|source| source.gather_code()).collect();
+        for (number, value) in i.gather_settings(&codes) {
+            let index = number.checked_sub(i.gather_sources).map(usize::from);
+            let why = match index.and_then(|index| Some((index, options.gather_sources.get(index)?))) {
+                Some((index, source)) => format!("source {}: {source}", index + 1),
+                None => format!("which sources are gathered: bit k is I({}+k)", i.gather_sources),
+            };
+            plan = plan.set(format!("I{number}=${value:06X}"), why);
         }
         let used = size.div_ceil(sample) * sample;
         in_range("gather buffer size, in whole samples,", used, sample, room)?;
         plan = plan.note(format!("a sample is {sample} longs; the buffer really takes {used} longs"));
     } else {
-        plan = plan.note("I20 to I44 say what is gathered and are left as they are");
+        plan = plan.note("the sources and their masks say what is gathered and are left as they are");
     }
     plan = plan
         .line(
@@ -404,11 +504,27 @@ fn gather(options: &Options, with_servo: bool) -> Result<FunctionPlan, OutOfRang
                 "starts gathering"
             },
         )
-        .note("the buffer begins at $D200, with firmware 1.16C, 1.16D, 1.16G and 1.17C at $D240");
+        .note(gather_start(family));
     if !with_servo {
-        plan = plan.note(
-            "with I48=1 and the servo report not running, the first GATHER starts that report; send GATHER once more",
-        );
+        plan = plan.note(format!(
+            "with I{}=1 and the servo report not running, the first GATHER starts that report; send GATHER once more",
+            i.servo_enable
+        ));
     }
     Ok(plan.note("each ENDGATHER ends what was started last"))
+}
+
+/// Where the gather buffer begins, with every firmware.
+fn gather_start(family: &Family) -> String {
+    let buffer = family.gather.buffer;
+    let at = |offset: HostOffset| family.print_number(family.pmac_number(offset));
+    match family.gather_moved_in {
+        [] => format!("the buffer begins at {}", at(buffer)),
+        [others @ .., last] => format!(
+            "the buffer begins at {}, with firmware {} and {last} at {}",
+            at(buffer),
+            others.join(", "),
+            at(buffer.plus_words(family.gather_shift as usize / 2))
+        ),
+    }
 }

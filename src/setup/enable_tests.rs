@@ -1,6 +1,12 @@
 //! Tests of [`super::enable`].
 
-use super::enable::{EnablePlan, Function, Options, plan};
+use super::enable::{self, EnableError, EnablePlan, Function, Options};
+use crate::map::PMAC;
+use crate::map::family::testing::TURBO;
+
+fn plan(functions: &[Function], options: &Options) -> Result<EnablePlan, EnableError> {
+    enable::plan(functions, options, &PMAC)
+}
 
 fn commands(functions: &[Function], options: &Options) -> Vec<String> {
     plan(functions, options).unwrap().commands
@@ -129,6 +135,23 @@ fn impossible_options_are_refused_with_their_range() {
     assert!(refused(Function::Rotary, Options { coordinate_system: 9, ..defaults() }).contains("1 to 8"));
     // What a function does not use does not matter to it.
     assert!(plan(&[Function::Panel], &Options { motors: 9, period: 0, ..defaults() }).is_ok());
+}
+
+#[test]
+fn the_numbers_are_the_familys() {
+    let options =
+        Options { motors: 32, gather_sources: vec!["Y:$7A205".parse().unwrap(); 25], ..Options::default() };
+    let lines = |function| enable::plan(&[function], &options, &TURBO).unwrap().commands;
+    // FACTS-TURBO section 3: I47 to I49, I55, I58; I5000 to I5051. No I-variable tells how many motors are reported.
+    assert_eq!(lines(Function::Servo), ["I47=1", "I48=1", "GATHER"]);
+    assert_eq!(lines(Function::Variables), ["WY$060412,0", "WY$060413,0", "I55=1"]);
+    let gather = lines(Function::Gather);
+    assert_eq!(gather[..5], ["I5049=1", "I5000=3", "I5050=$FFFFFF", "I5051=$000001", "I5001=$07A205"]);
+    assert_eq!(gather[28..30], ["I5025=$07A205", "DEFINE GATHER 1024"]);
+    for function in [Function::Panel, Function::Rotary] {
+        let error = enable::plan(&[function], &options, &TURBO).unwrap_err();
+        assert_eq!(error, EnableError::Missing { function, family: "Turbo PMAC2" });
+    }
 }
 
 #[test]

@@ -12,10 +12,11 @@ pub mod enable;
 #[cfg(test)]
 mod enable_tests;
 pub mod isa;
-pub mod position;
 pub mod vme;
 #[cfg(test)]
 mod vme_tests;
+
+pub use absolute::position;
 
 use std::fmt;
 

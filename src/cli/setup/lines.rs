@@ -5,9 +5,8 @@ use std::fmt::Write;
 use clap::{Args, Subcommand, ValueEnum};
 
 use crate::cli::setup::answer::Answer;
-use crate::map::Generation;
-use crate::map::PmacRegister;
 use crate::map::number::parse;
+use crate::map::{Generation, PMAC, PmacRegister};
 use crate::setup::SetupPlan;
 use crate::setup::enable::{self, EnablePlan, Function, Options};
 use crate::setup::isa::{self, IsaAddressing, TurboWindow};
@@ -222,7 +221,7 @@ impl Enable {
             gather_sources: self.sources.clone(),
             save: self.save,
         };
-        enable::plan(&self.functions, &options).map_err(|error| error.to_string())
+        enable::plan(&self.functions, &options, &PMAC).map_err(|error| error.to_string())
     }
 }
 

@@ -13,7 +13,7 @@ use super::functions::{
     VariableWrite,
 };
 use super::status::{self, StatusTables};
-use super::{Block, GatherPlace, HostOffset, PmacAddress, Region, Space};
+use super::{Block, GatherPlace, HostOffset, PmacAddress, Region, Source, SourceAt, Space};
 
 /// Which kind of set-up registers and I-variables a board has.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
@@ -191,6 +191,23 @@ impl Family {
         let PmacAddress { space, number: first } = self.panel.as_ref()?.time_base;
         let stride = self.system_source_stride * number.saturating_sub(1) as u32;
         Some(PmacAddress::new(space, first + stride))
+    }
+
+    /// The registers that `source` is a copy of for `number`, which counts from 1.
+    #[must_use]
+    pub fn source(&self, source: Source, number: usize) -> SourceAt {
+        let step = |address: PmacAddress, stride: u32| {
+            PmacAddress::new(address.space, address.number + stride * number.saturating_sub(1) as u32)
+        };
+        match source {
+            Source::None => SourceAt::None,
+            Source::Fixed(address) => SourceAt::One(address),
+            Source::Motor(address) => SourceAt::One(step(address, self.motor_source_stride)),
+            Source::System(address) => SourceAt::One(step(address, self.system_source_stride)),
+            Source::Choice(addresses) => {
+                SourceAt::Choice(addresses.map(|address| step(address, self.system_source_stride)))
+            }
+        }
     }
 
     /// The highest PMAC address.

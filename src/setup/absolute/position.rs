@@ -1,11 +1,10 @@
-//! The absolute position that the words of a format's registers hold (see [`super::absolute`]).
+//! The absolute position that the words of a format's registers hold (see [`super`]).
 
 use std::fmt;
 use std::str::FromStr;
 
-use super::absolute::{AbsoluteFormat, Kind, MemoryAddress};
-use crate::map::Space;
-use crate::map::number;
+use super::{AbsoluteFormat, Kind, MemoryAddress};
+use crate::map::{Space, number};
 
 /// The content of a 24-bit register, as typed: `Y:$078D00=$123456`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

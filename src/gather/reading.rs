@@ -1,0 +1,42 @@
+//! What number the longs of a register are.
+
+use serde::Serialize;
+
+use crate::format::{fixed48, float48, int24};
+
+/// How a register's longs are to be read. The register alone does not tell: a word may have a sign or none.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Reading {
+    /// One long: a signed 24-bit word.
+    Signed,
+    /// One long: an unsigned 24-bit word.
+    Unsigned,
+    /// Two longs: 48-bit fixed point.
+    Fixed,
+    /// Two longs: 48-bit floating point.
+    Float,
+}
+
+impl Reading {
+    /// How many longs it takes.
+    #[must_use]
+    pub const fn longs(self) -> usize {
+        match self {
+            Self::Signed | Self::Unsigned => 1,
+            Self::Fixed | Self::Float => 2,
+        }
+    }
+
+    /// The number in `longs`, exactly; `None` when there are too few. A float beyond f64's range is infinite.
+    #[must_use]
+    pub fn read(self, longs: &[u32]) -> Option<f64> {
+        match (self, longs) {
+            (Self::Signed, [word, ..]) => Some(int24::signed(*word).into()),
+            (Self::Unsigned, [word, ..]) => Some(int24::unsigned(*word).into()),
+            (Self::Fixed, [y, x, ..]) => Some(fixed48::decode(*y, *x) as f64),
+            (Self::Float, [y, x, ..]) => Some(float48::decode(*y, *x)),
+            _ => None,
+        }
+    }
+}
