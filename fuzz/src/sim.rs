@@ -2,9 +2,10 @@
 
 use std::cell::Cell;
 
+use pmac_dpram::map::HostOffset;
 use pmac_dpram::sim::STARTUP;
 use pmac_dpram::sim::board::Statistics;
-use pmac_dpram::sim::board::family;
+use pmac_dpram::sim::board::firmware;
 use pmac_dpram::sim::control::{self, Answer};
 use pmac_dpram::sim::judge::Judge;
 use pmac_dpram::sim::world::World;
@@ -17,9 +18,9 @@ const CYCLES: u32 = 64;
 /// A board, switched on with its functions (first byte odd), and pieces with a letter before each: what is done with them.
 pub fn body(data: &[u8]) {
     let Some((&way, rest)) = data.split_first() else { return };
-    let kind = if way & 2 == 0 { &family::PMAC } else { &family::PMAC2 };
+    let kind = if way & 2 == 0 { &firmware::PMAC } else { &firmware::PMAC2 };
     let mut world = match BOARD.take() {
-        Some((which, world)) if which == kind.name => fresh(world),
+        Some((which, world)) if which == kind.family.name => fresh(world),
         _ => World::alone(kind).unwrap(),
     };
     if way & 1 != 0 {
@@ -50,10 +51,10 @@ pub fn body(data: &[u8]) {
             }
             4 => {
                 // The host's words: most of what it writes is ASCII, rotary and variable buffers.
-                let offset = tape.u16() & 0x3FFE;
+                let offset = u32::from(tape.u16());
                 for (word, at) in tape.piece().chunks(2).zip(0..) {
                     let value = u16::from_le_bytes([word[0], word.get(1).copied().unwrap_or(0)]);
-                    world.board.memory.dpram.write16((offset + 2 * at) & 0x3FFE, value);
+                    world.board.memory.dpram.write16(HostOffset::new((offset + 2 * at) & 0x3FFE), value);
                 }
             }
             _ => run(&mut world, u32::from(what / 6) % 16 + 1, &mut cycles),
@@ -62,7 +63,7 @@ pub fn body(data: &[u8]) {
     run(&mut world, 4, &mut cycles);
     // What a control socket does outlasts a reset: faults, limit switches, a held shaft.
     if !lasts {
-        BOARD.set(Some((kind.name, world)));
+        BOARD.set(Some((kind.family.name, world)));
     }
 }
 
@@ -74,11 +75,11 @@ thread_local! {
 /// As new.
 fn fresh(world: World) -> World {
     let mut board = world.board;
-    for offset in (0..0x4000).step_by(2) {
+    for offset in board.memory.dpram.words() {
         board.memory.dpram.write16(offset, 0);
     }
     board.reset(true);
-    board.judge = Judge::default();
+    board.judge = Judge::new(board.family());
     board.stats = Statistics::default();
     board.output.serial.clear();
     World::new(board)

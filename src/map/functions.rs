@@ -117,6 +117,15 @@ impl BusyRule {
             Self::ClearWhileWriting => !flag,
         }
     }
+
+    /// PMAC's flag while it writes (`busy`), or when it does not.
+    #[must_use]
+    pub const fn flag(self, busy: bool) -> bool {
+        match self {
+            Self::SetWhileWriting => busy,
+            Self::ClearWhileWriting => !busy,
+        }
+    }
 }
 
 /// The servo report: motor data that PMAC copies every so many servo cycles.
@@ -247,6 +256,15 @@ impl StartRule {
     pub const fn start_word(self, offset: HostOffset) -> u16 {
         self.word.wrapping_add((offset.words_since(self.from) / 2) as u16)
     }
+
+    /// Where the table with this start word lies; `None` when that is before [`StartRule::from`].
+    #[must_use]
+    pub const fn offset(self, word: u16) -> Option<HostOffset> {
+        match word.checked_sub(self.word) {
+            Some(longs) => Some(self.from.plus_words(2 * longs as usize)),
+            None => None,
+        }
+    }
 }
 
 /// Which kind of register an entry of the variable tables names.
@@ -318,6 +336,13 @@ impl EntryBits {
     #[must_use]
     pub const fn words(self, kind: VariableKind, address: u32) -> [u16; 2] {
         [address as u16, kind.code() << self.kind | (address >> 16) as u16]
+    }
+
+    /// The kind's code and the address out of the Y and the X word.
+    #[must_use]
+    pub const fn parts(self, [y, x]: [u16; 2]) -> (u16, u32) {
+        let above = x as u32 & ((1 << (self.address - 16)) - 1);
+        (x >> self.kind & 0b111, y as u32 | above << 16)
     }
 }
 

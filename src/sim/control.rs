@@ -19,8 +19,9 @@
 
 use serde::Serialize;
 
+use crate::map::HostOffset;
+use crate::sim::board::Board;
 use crate::sim::board::motor::Inputs;
-use crate::sim::board::{Board, offsets};
 use crate::sim::program::message::send_message;
 use crate::sim::world::World;
 
@@ -60,7 +61,7 @@ pub fn status(world: &World) -> String {
     let board = &world.board;
     let status = Status {
         servo_cycles: board.stats.servo_cycles,
-        servo_timer: board.memory.read_x(offsets::SERVO_COUNTER),
+        servo_timer: board.servo_counter(),
         servo_period_us: board.cycle_ms() * 1000.0,
         updates: world.report.updates,
         skipped: world.report.skipped,
@@ -131,13 +132,13 @@ fn answer(world: &mut World, line: &str, virtual_time: bool) -> Result<Answer, S
             let (Ok(offset), Ok(value)) = (number(offset), number(value)) else {
                 return Err(format!("poke takes two hexadecimal words, not {rest:?}"));
             };
-            board.memory.dpram.write16(offset & !1, value);
+            board.memory.dpram.write16(HostOffset::new((offset & !1).into()), value);
         }
         ("timer", [step]) => {
             let step: i32 =
                 step.parse().map_err(|_| format!("timer takes a number of cycles, not {step:?}"))?;
-            let counter = board.memory.read_x(offsets::SERVO_COUNTER);
-            board.memory.write_x(offsets::SERVO_COUNTER, counter.wrapping_add_signed(step));
+            let count = board.servo_counter().wrapping_add_signed(step);
+            board.memory.write(board.memory.registers().servo_counter, count);
         }
         ("tag", [state]) => world.report.tag = on(state)?,
         ("time", [state]) => world.report.time = on(state)?,

@@ -5,34 +5,45 @@
 
 use std::collections::BTreeMap;
 
+use crate::map::functions::RESPONSE_BYTES;
+use crate::map::{Family, HostOffset};
 use crate::sim::board::dpram::Dpram;
-use crate::sim::board::offsets;
 
 /// The most findings kept; more are only counted.
 const KEPT: usize = 100;
 /// Words of PMAC's half looked at in one background pass.
-const WORDS_PER_PASS: u16 = 64;
-
-/// Byte ranges that only PMAC writes: servo report, background report, response. First and one past the last.
-const PMACS: [(u16, u16); 3] = [
-    (offsets::SERVO_PMAC_STATUS, offsets::BACKGROUND_READY),
-    (offsets::BACKGROUND_TIMER, offsets::ASCII_OUT_CONTROL),
-    (offsets::ASCII_IN_COUNT, offsets::VARIABLE_WRITE_COUNT),
-];
+const WORDS_PER_PASS: usize = 64;
 
 /// What the judge has found.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone)]
 pub struct Judge {
+    family: &'static Family,
+    /// What only PMAC writes, besides its words in the reports' headers: the reports' data and the response. First word
+    /// and the first one behind.
+    pmacs: [(HostOffset, HostOffset); 3],
     violations: Vec<String>,
     total: u64,
-    /// Where the walk through PMAC's half goes on: range and offset.
+    /// Where the walk through PMAC's half goes on: range and word in it.
     range: usize,
-    next: u16,
+    next: usize,
     /// States that are wrong at present, by what they concern.
-    present: BTreeMap<&'static str, String>,
+    present: BTreeMap<String, String>,
 }
 
 impl Judge {
+    /// A judge of hosts of boards of `family`.
+    #[must_use]
+    pub fn new(family: &'static Family) -> Self {
+        let Family { servo, background, ascii, .. } = family;
+        let pmacs = [
+            (servo.global.first, servo.region.end),
+            (background.global.first, background.region.end),
+            (ascii.response, ascii.response.plus_words(RESPONSE_BYTES / 2)),
+        ];
+        let (violations, present) = (Vec::new(), BTreeMap::new());
+        Self { family, pmacs, violations, total: 0, range: 0, next: 0, present }
+    }
+
     /// The findings, oldest first, at most 100.
     #[must_use]
     pub fn violations(&self) -> &[String] {
@@ -55,60 +66,62 @@ impl Judge {
 
     /// Records the wrong state `what` of `subject` when it begins, and forgets it with `None`: a state that lasts is one
     /// finding.
-    pub fn state(&mut self, cycle: u64, subject: &'static str, what: Option<String>) {
+    pub fn state(&mut self, cycle: u64, subject: &str, what: Option<String>) {
         let Some(what) = what else {
             self.present.remove(subject);
             return;
         };
         if self.present.get(subject) != Some(&what) {
             self.record(cycle, &what);
-            self.present.insert(subject, what);
+            self.present.insert(subject.to_owned(), what);
         }
     }
 
     /// One background pass: the words whose change hurts most, and a stretch of the others.
     pub fn poll(&mut self, cycle: u64, dpram: &mut Dpram) {
-        self.pmacs_word(offsets::SERVO_PMAC_STATUS, cycle, dpram);
-        self.pmacs_word(offsets::ASCII_IN_COUNT, cycle, dpram);
+        let Family { servo, background, ascii, .. } = self.family;
+        for word in [servo.pmac_status.word, background.timer.low, ascii.response_count] {
+            self.pmacs_word(word, cycle, dpram);
+        }
         for _ in 0..WORDS_PER_PASS {
-            let (first, end) = PMACS[self.range];
-            let offset = self.next.max(first);
+            let (first, end) = self.pmacs[self.range];
+            let offset = first.plus_words(self.next);
             self.pmacs_word(offset, cycle, dpram);
-            if offset + 2 < end {
-                self.next = offset + 2;
-            } else {
-                self.range = (self.range + 1) % PMACS.len();
+            self.next += 1;
+            if offset.plus_words(1) >= end {
+                self.range = (self.range + 1) % self.pmacs.len();
                 self.next = 0;
             }
         }
-        self.may_only_clear(offsets::ASCII_IN_CONTROL, "the host writes only 0 there", cycle, dpram);
-        self.may_only_clear(offsets::BACKGROUND_READY, "the host only clears Data-Ready", cycle, dpram);
-        let flag = dpram.read16(offsets::ASCII_OUT_CONTROL);
-        if flag > 1 && flag != dpram.shadow(offsets::ASCII_OUT_CONTROL) {
-            let word = offsets::ASCII_OUT_CONTROL;
-            self.record(cycle, &format!("0x{word:04X} = 0x{flag:04X}: bits 1-15 are reserved"));
-            dpram.adopt(offsets::ASCII_OUT_CONTROL, flag);
+        self.may_only_clear(ascii.response_control, "the host writes only 0 there", cycle, dpram);
+        self.may_only_clear(background.ready.word, "the host only clears Data-Ready", cycle, dpram);
+        let word = ascii.command_loaded.word;
+        let flag = dpram.read16(word);
+        if flag & !ascii.command_loaded.mask != 0 && flag != dpram.shadow(word) {
+            let reserved = !ascii.command_loaded.mask;
+            self.record(cycle, &format!("{word} = 0x{flag:04X}: the bits of 0x{reserved:04X} are reserved"));
+            dpram.adopt(word, flag);
         }
     }
 
     /// Compares a word that only PMAC writes with what PMAC wrote last.
-    pub fn pmacs_word(&mut self, offset: u16, cycle: u64, dpram: &mut Dpram) {
+    pub fn pmacs_word(&mut self, offset: HostOffset, cycle: u64, dpram: &mut Dpram) {
         let (found, own) = (dpram.read16(offset), dpram.shadow(offset));
         if found != own {
             self.record(
                 cycle,
-                &format!("the host wrote 0x{found:04X} to 0x{offset:04X}, which is PMAC's (was 0x{own:04X})"),
+                &format!("the host wrote 0x{found:04X} to {offset}, which is PMAC's (was 0x{own:04X})"),
             );
             dpram.adopt(offset, found);
         }
     }
 
     /// As [`Judge::pmacs_word`], for a word that the host may set to 0 and nothing else.
-    pub fn may_only_clear(&mut self, offset: u16, rule: &str, cycle: u64, dpram: &mut Dpram) {
+    pub fn may_only_clear(&mut self, offset: HostOffset, rule: &str, cycle: u64, dpram: &mut Dpram) {
         let found = dpram.read16(offset);
         if found != dpram.shadow(offset) {
             if found != 0 {
-                self.record(cycle, &format!("the host wrote 0x{found:04X} to 0x{offset:04X}: {rule}"));
+                self.record(cycle, &format!("the host wrote 0x{found:04X} to {offset}: {rule}"));
             }
             dpram.adopt(offset, found);
         }

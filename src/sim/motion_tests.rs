@@ -2,7 +2,7 @@
 
 use crate::sim::board::axes::AxisDefinition;
 use crate::sim::board::jog::Jog;
-use crate::sim::testing::Bench;
+use crate::sim::testing::{Bench, d, l};
 
 /// Bits of the two words of `?`.
 const NEGATIVE_END: u32 = 1 << 22;
@@ -43,12 +43,12 @@ fn a_definite_jog_ends_exactly_with_the_registers_of_the_manual() {
     bench.run(100);
     let board = &bench.world.board;
     assert_eq!(board.motor_status(2)[0] & AT_REST, 0);
-    assert_eq!(board.memory.read_d(0x080B + 2 * 0xC0), -1234 * 3072 - 1536, "target");
+    assert_eq!(board.memory.read_d(d(0x080B + 2 * 0xC0)), -1234 * 3072 - 1536, "target");
     assert!(board.memory.read_x(0x20 + 2 * 0x3C) > 0, "time left");
     settle(&mut bench, 2);
     bench.run(1000);
     let board = &bench.world.board;
-    assert_eq!(board.memory.read_d(0x28 + 2 * 0x3C), -1234 * 3072 - 1536, "commanded");
+    assert_eq!(board.memory.read_d(d(0x28 + 2 * 0x3C)), -1234 * 3072 - 1536, "commanded");
     assert_eq!(board.position(2), -1234.5);
     assert_eq!((board.velocity(2), board.following_error(2)), (0.0, 0.0));
     assert_eq!(board.memory.read_x(0x20 + 2 * 0x3C), 0);
@@ -87,7 +87,7 @@ fn jogs_count_from_where_they_say() {
     go(&mut bench, Jog::ToAsPreJog(500.0), 500.0);
     go(&mut bench, Jog::ByCommanded(-100.25), 399.75);
     go(&mut bench, Jog::PreJog, 500.0);
-    bench.world.board.memory.write_l(0x082B, 40.0);
+    bench.world.board.memory.write_l(l(0x082B), 40.0);
     go(&mut bench, Jog::ByCommandedVariable, 540.0);
     go(&mut bench, Jog::ToVariable, 40.0);
     bench.run(1000);
@@ -296,7 +296,7 @@ fn axes_are_renamed_by_the_bias() {
     bench.run(1000);
     bench.world.board.rename_axis(0, 'X', 7.0).unwrap();
     assert_eq!(bench.world.board.position(0), 730.0);
-    assert_eq!(bench.world.board.memory.read_l(0x081F), 7.0);
+    assert_eq!(bench.world.board.memory.read_l(l(0x081F)), 7.0);
     bench.world.board.zero_axes(0).unwrap();
     assert_eq!(bench.world.board.position(0), 30.0);
     assert_eq!(bench.world.board.rename_axis(0, 'Y', 7.0).unwrap_err().0, 3);

@@ -2,19 +2,19 @@
 
 use serde_json::Value;
 
-use crate::sim::board::offsets;
-use crate::sim::functions::background_report;
+use crate::map::HostOffset;
+use crate::sim::functions::background_report::BackgroundReport;
 use crate::sim::testing::Bench;
 
 const TABLE: &str = include_str!("../../tests/data/registers.json");
 
 /// `$002B` is a whole register, `X:$003A` and `Y:$0817` are halves.
-fn source(text: &str) -> (Option<char>, u16) {
+fn source(text: &str) -> (Option<char>, u32) {
     let (half, address) = match text.split_once(':') {
         Some((half, address)) => (half.chars().next(), address),
         None => (None, text),
     };
-    (half, u16::from_str_radix(address.trim_start_matches('$'), 16).unwrap())
+    (half, u32::from_str_radix(address.trim_start_matches('$'), 16).unwrap())
 }
 
 #[test]
@@ -25,16 +25,16 @@ fn every_register_of_both_reports_is_copied_to_its_place() {
     let board = &mut bench.world.board;
     // A value of its own for every word that a report can copy; no servo cycle runs, so nothing changes them.
     for address in (0..0x1000).chain(0xFFC0..0xFFC3) {
-        board.memory.write_x(address, 0x80_0001 + 2 * u32::from(address));
-        board.memory.write_y(address, 0x40_0000 + u32::from(address));
+        board.memory.write_x(address, 0x80_0001 + 2 * address);
+        board.memory.write_y(address, 0x40_0000 + address);
     }
     // PSTATUS chooses source C.
     for cs in 0..8 {
-        board.memory.write_y(offsets::background(offsets::PROGRAM_STATUS, cs), 0);
+        board.memory.write(board.memory.registers().program_status.of(cs), 0);
     }
-    board.memory.dpram.write16(0x0228, 0);
-    bench.world.report.cycle(&board.variables, &board.gather, &board.faults, &mut board.memory);
-    assert!(background_report::poll(&board.variables, &board.faults, &[], &mut board.memory));
+    board.memory.dpram.write16(HostOffset::new(0x0228), 0);
+    bench.world.report.cycle(board);
+    assert!(BackgroundReport::new(board.family()).poll(board, &[]));
     let mut checked = 0;
     for record in records {
         let function = record["function"].as_str().unwrap();
@@ -45,7 +45,7 @@ fn every_register_of_both_reports_is_copied_to_its_place() {
         let from = record["source"].get("source").or(record["source"].get("source_C"));
         let Some(from) = from.and_then(Value::as_str) else { continue };
         let (half, address) = source(from);
-        let offset = record["host_offset"].as_u64().unwrap() as u16;
+        let offset = record["host_offset"].as_u64().unwrap() as u32;
         let words = match half {
             Some('X') => vec![bench.world.board.memory.read_x(address)],
             Some(_) => vec![bench.world.board.memory.read_y(address)],
@@ -56,7 +56,7 @@ fn every_register_of_both_reports_is_copied_to_its_place() {
         assert_eq!(record["length"].as_u64().unwrap(), 4 * words.len() as u64, "{name}");
         for (index, word) in words.into_iter().enumerate() {
             let expected = ((word << 8) as i32 >> 8) as u32;
-            assert_eq!(bench.read32(offset + 4 * index as u16), expected, "{name}");
+            assert_eq!(bench.read32(offset + 4 * index as u32), expected, "{name}");
         }
         checked += 1;
     }

@@ -3,7 +3,7 @@
 use crate::format::fixed48;
 use crate::sim::board::gather::Activity;
 use crate::sim::board::jog::Jog;
-use crate::sim::testing::Bench;
+use crate::sim::testing::{Bench, d};
 
 /// Free long words of a board without buffers.
 const FREE: i64 = 41_301;
@@ -86,7 +86,7 @@ fn gathering(firmware: &str, mode: f64, size: u32) -> Bench {
     }
     // Motor 1 off, so that no servo cycle writes its register.
     bench.set(100, 0.0);
-    bench.world.board.memory.write_d(0x2B, -3072);
+    bench.world.board.memory.write_d(d(0x2B), -3072);
     bench.world.board.define_gather(Some(size), FREE).unwrap();
     bench.world.board.gather(false).unwrap();
     bench

@@ -5,17 +5,32 @@ use std::fs::{File, OpenOptions};
 use tempfile::TempDir;
 
 use crate::device::board::mapping::Mapping;
+use crate::map::{self, PmacAddress, Space};
 use crate::sim::STARTUP;
 use crate::sim::board::dpram::Dpram;
 use crate::sim::board::identity::Identity;
 use crate::sim::board::memory::Memory;
-use crate::sim::board::{Board, family};
+use crate::sim::board::{Board, firmware};
 use crate::sim::world::World;
+
+/// The fixed-point register at `number`.
+pub const fn d(number: u32) -> PmacAddress {
+    PmacAddress::new(Space::D, number)
+}
+
+/// The floating-point register at `number`.
+pub const fn l(number: u32) -> PmacAddress {
+    PmacAddress::new(Space::L, number)
+}
+
+/// The memory of a PMAC that no host can map.
+pub fn memory() -> Memory {
+    Memory::new(Dpram::private(map::PMAC.length).unwrap(), &firmware::PMAC)
+}
 
 /// A board at factory defaults that no host can map.
 pub fn board() -> Board {
-    let memory = Memory::new(Dpram::private().unwrap());
-    Board::new(memory, Identity::new(&family::PMAC, "1.16D"), None, None)
+    Board::new(memory(), Identity::new(&firmware::PMAC, "1.16D"), None, None)
 }
 
 /// A board and the host's view of its memory.
@@ -27,11 +42,11 @@ pub struct Bench {
 
 impl Bench {
     /// At factory defaults.
-    pub fn bare(firmware: &str) -> Self {
+    pub fn bare(version: &str) -> Self {
         let directory = tempfile::tempdir().unwrap();
         let path = directory.path().join("dpram");
-        let memory = Memory::new(Dpram::open(&path).unwrap());
-        let identity = Identity::new(&family::PMAC, firmware);
+        let memory = Memory::new(Dpram::open(&path, map::PMAC.length).unwrap(), &firmware::PMAC);
+        let identity = Identity::new(&firmware::PMAC, version);
         let board = Board::new(memory, identity, None, None);
         let file: File = OpenOptions::new().read(true).write(true).open(&path).unwrap();
         let host = Mapping::new(&file, 0, 0x4000).unwrap();
@@ -67,16 +82,16 @@ impl Bench {
         self.world.board.i_assigned(variable);
     }
 
-    pub fn read(&self, offset: u16) -> u16 {
-        self.host.read16(offset.into()).unwrap()
+    pub fn read(&self, offset: u32) -> u16 {
+        self.host.read16(offset as usize).unwrap()
     }
 
-    pub fn read32(&self, offset: u16) -> u32 {
+    pub fn read32(&self, offset: u32) -> u32 {
         u32::from(self.read(offset)) | u32::from(self.read(offset + 2)) << 16
     }
 
-    pub fn write(&self, offset: u16, value: u16) {
-        self.host.write16(offset.into(), value).unwrap();
+    pub fn write(&self, offset: u32, value: u16) {
+        self.host.write16(offset as usize, value).unwrap();
     }
 
     /// Puts a text and its NUL into the host's buffer.
@@ -85,7 +100,7 @@ impl Bench {
         bytes.push(0);
         bytes.resize(160.min(bytes.len() + bytes.len() % 2), 0);
         for (index, pair) in bytes.chunks(2).enumerate() {
-            self.write(0x0630 + 2 * index as u16, u16::from_le_bytes([pair[0], *pair.get(1).unwrap_or(&0)]));
+            self.write(0x0630 + 2 * index as u32, u16::from_le_bytes([pair[0], *pair.get(1).unwrap_or(&0)]));
         }
     }
 
@@ -96,7 +111,7 @@ impl Bench {
             if control != 0 {
                 let count = usize::from(self.read(0x06D2));
                 let bytes: Vec<u8> =
-                    (0..count).map(|at| self.read(0x06D4 + (at as u16 & !1)).to_le_bytes()[at % 2]).collect();
+                    (0..count).map(|at| self.read(0x06D4 + (at as u32 & !1)).to_le_bytes()[at % 2]).collect();
                 let (nul, text) = bytes.split_last().unwrap();
                 assert_eq!(*nul, 0);
                 self.write(0x06D0, 0);

@@ -9,16 +9,17 @@
 
 use super::board::Board;
 use super::board::dpram::{Dpram, DpramError};
-use super::board::family::Family;
+use super::board::firmware::FirmwareTables;
 use super::board::identity::Identity;
 use super::board::memory::Memory;
 use super::fault::Faults;
 use super::functions::ascii::AsciiPort;
+use super::functions::background_report::BackgroundReport;
 use super::functions::host_port::HostPort;
 use super::functions::mailbox::Mailbox;
 use super::functions::reach::Reach;
 use super::functions::servo_report::ServoReport;
-use super::functions::{Functions, background_report, requests};
+use super::functions::{Functions, requests};
 use super::language::{Interpreter, Reply, SerialPort};
 use super::program::Programs;
 
@@ -57,6 +58,7 @@ pub struct World {
     pub interpreter: Interpreter,
     /// The servo report.
     pub report: ServoReport,
+    background: BackgroundReport,
     /// The DPRAM ASCII port.
     pub ascii: AsciiPort,
     mailbox: Option<Mailbox>,
@@ -75,29 +77,30 @@ impl World {
     pub fn new(board: Board) -> Self {
         let mut world = Self {
             resets: board.stats.resets,
-            board,
-            programs: Programs::default(),
+            programs: Programs::new(board.coordinate_systems()),
             interpreter: Interpreter::new(),
-            report: ServoReport::default(),
+            report: ServoReport::new(board.identity.tables),
+            background: BackgroundReport::new(board.family()),
             ascii: AsciiPort::default(),
             mailbox: None,
-            functions: Functions::default(),
+            functions: Functions::new(board.family()),
             reach: Reach::default(),
             serial: SerialPort::new(),
             host_port: None,
             interrupts: Interrupts::default(),
+            board,
         };
         world.power_on();
         world
     }
 
-    /// A board of `family` with firmware 1.16D and memory of its own, which no host can map.
+    /// A board of the family of `tables` with firmware 1.16D and memory of its own, which no host can map.
     ///
     /// # Errors
     /// [`DpramError`] when the system gives no memory.
-    pub fn alone(family: &'static Family) -> Result<Self, DpramError> {
-        let memory = Memory::new(Dpram::private()?);
-        Ok(Self::new(Board::new(memory, Identity::new(family, "1.16D"), None, None)))
+    pub fn alone(tables: &'static FirmwareTables) -> Result<Self, DpramError> {
+        let memory = Memory::new(Dpram::private(tables.family.length)?, tables);
+        Ok(Self::new(Board::new(memory, Identity::new(tables, "1.16D"), None, None)))
     }
 
     /// Makes it a VME board with these mailboxes.
@@ -195,7 +198,7 @@ impl World {
         if let Some(mailbox) = &mut self.mailbox {
             mailbox.reset();
         }
-        self.functions = Functions::default();
+        self.functions = Functions::new(self.board.family());
         self.report.reset();
         self.programs.point_at_power_up(&mut self.board);
         self.housekeeping();
@@ -244,20 +247,19 @@ impl World {
     fn servo_interrupt(&mut self) {
         self.programs.servo_interrupt(&mut self.board);
         if !self.board.out_of_reach {
-            let Board { variables, gather, faults, memory, .. } = &mut self.board;
-            self.report.cycle(variables, gather, faults, memory);
+            self.report.cycle(&mut self.board);
         }
     }
 
     /// The part of a background pass that no host asks for.
     fn housekeeping(&mut self) {
-        let Self { board, programs, .. } = self;
+        let Self { board, programs, background, .. } = self;
         programs.background_registers(board);
         requests::poll(board, programs);
         programs.background_plcs(board);
         programs.write_global_status(board);
         if !board.out_of_reach {
-            if background_report::poll(&board.variables, &board.faults, &programs.report, &mut board.memory) {
+            if background.poll(board, &programs.report) {
                 board.stats.background_updates += 1;
             }
             board.judge.poll(board.stats.servo_cycles, &mut board.memory.dpram);

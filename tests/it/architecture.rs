@@ -26,11 +26,10 @@ const KNOWS_NO_ADDRESS: [&str; 9] =
     ["decode", "device", "function", "mirror", "segment", "daemon", "client", "sim", "cli"];
 
 /// Offsets that are none in the DPRAM: PMAC's own registers, the segment's layout, I/O ports.
-const OTHER_OFFSETS: [&str; 7] = [
+const OTHER_OFFSETS: [&str; 6] = [
     "src/sim/board/bus_setup.rs",
-    "src/sim/board/family.rs",
     "src/sim/board/i_rows.rs",
-    "src/sim/board/offsets.rs",
+    "src/sim/board/register_table.rs",
     "src/segment/layout.rs",
     "src/segment/payload/identity.rs",
     "src/device/board/byte_spec.rs",
@@ -281,8 +280,8 @@ fn only_the_map_knows_addresses() {
     let function = "src/function/servo.rs";
     assert!(address_breach(function, "bus.read16(HostOffset::new(0x0026))?;").is_some());
     assert!(address_breach(function, "let first = 0x228;").is_some());
-    assert!(address_breach("src/sim/board/offsets.rs", "let buffer = 0xD200;").is_some());
-    assert!(address_breach("src/sim/board/offsets.rs", "let counter = 0x0000;").is_none());
+    assert!(address_breach("src/sim/board/register_table.rs", "let buffer = 0xD200;").is_some());
+    assert!(address_breach("src/sim/board/register_table.rs", "let counter = 0x0000;").is_none());
     assert!(address_breach(function, "let mask = 0x00FF_FFFF;").is_none());
     assert!(address_breach(function, "let numbers = 0x00FF;").is_none());
     assert!(address_breach(function, "let cancel = 0x18;").is_none());

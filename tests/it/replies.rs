@@ -5,7 +5,7 @@
 
 use std::collections::BTreeSet;
 
-use pmac_dpram::sim::board::family;
+use pmac_dpram::sim::board::firmware;
 use pmac_dpram::sim::world::World;
 use proptest::prelude::*;
 
@@ -107,7 +107,7 @@ struct Bench {
 
 impl Bench {
     fn new() -> Self {
-        Self { world: World::alone(&family::PMAC).unwrap() }
+        Self { world: World::alone(&firmware::PMAC).unwrap() }
     }
 
     fn send(&mut self, bytes: &[u8]) -> Vec<u8> {

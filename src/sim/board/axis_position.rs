@@ -4,8 +4,8 @@
 //! joins that to the position that counts from home, which limits refer to (Software Reference pp. 179, 273).
 
 use crate::sim::board::error::CommandError;
-use crate::sim::board::family::MOTORS;
-use crate::sim::board::{Board, coordinate, offsets};
+use crate::sim::board::motor::{Motors, STILL};
+use crate::sim::board::{Board, coordinate};
 
 /// The order of the axis registers.
 const AXES: [char; 9] = ['A', 'B', 'C', 'U', 'V', 'W', 'X', 'Y', 'Z'];
@@ -42,7 +42,7 @@ impl Board {
     }
 
     fn at_rest(&self, cs: usize) -> Result<(), CommandError> {
-        if coordinate::running(cs.min(MOTORS - 1), &self.memory) {
+        if coordinate::running(cs, &self.memory) {
             return Err(CommandError::RUNNING);
         }
         if self.motors_of(cs).into_iter().any(|motor| self.motors[motor].moving()) {
@@ -75,8 +75,7 @@ impl Board {
             self.write_bias(motor, bias);
         }
         for (index, &axis) in axes.iter().enumerate() {
-            let register = offsets::background(offsets::AXIS_TARGET_C, cs) + index as u16;
-            self.memory.write_l(register, axis);
+            self.memory.write_l(self.memory.registers().axis_targets.behind(cs, index), axis);
         }
     }
 
@@ -94,12 +93,7 @@ impl Board {
 
     /// Where the motors of the coordinate system are, in counts from home, when its axes are at `axes`; those of others
     /// stay at `otherwise`.
-    pub fn motor_targets(
-        &self,
-        cs: usize,
-        axes: &[f64; AXES.len()],
-        otherwise: &[f64; MOTORS],
-    ) -> [f64; MOTORS] {
+    pub fn motor_targets(&self, cs: usize, axes: &[f64; AXES.len()], otherwise: &Motors) -> Motors {
         let vector = self.motor_vector(cs, axes);
         let mut targets = *otherwise;
         for motor in self.motors_of(cs) {
@@ -110,8 +104,8 @@ impl Board {
     }
 
     /// How far the motors of the coordinate system go when its axes go by `axes`, in counts.
-    pub fn motor_vector(&self, cs: usize, axes: &[f64; AXES.len()]) -> [f64; MOTORS] {
-        let mut counts = [0.0; MOTORS];
+    pub fn motor_vector(&self, cs: usize, axes: &[f64; AXES.len()]) -> Motors {
+        let mut counts = STILL;
         for motor in self.motors_of(cs) {
             let Some(definition) = self.axes.definition(motor) else { continue };
             for (scale, letter) in &definition.terms {
@@ -135,7 +129,7 @@ impl Board {
     /// The position bias of a motor in counts.
     fn bias(&self, motor: usize) -> f64 {
         let scale = self.ix(motor, 8) * 32.0;
-        let bias = self.memory.read_d(offsets::background(offsets::BIAS, motor)) as f64;
+        let bias = self.memory.read_d(self.memory.registers().bias.of(motor)) as f64;
         if scale == 0.0 { 0.0 } else { bias / scale }
     }
 
@@ -147,7 +141,7 @@ impl Board {
 
     fn write_bias(&mut self, motor: usize, counts: f64) {
         let scale = self.ix(motor, 8) * 32.0;
-        self.memory.write_d(offsets::background(offsets::BIAS, motor), (counts * scale).round() as i64);
+        self.memory.write_d(self.memory.registers().bias.of(motor), (counts * scale).round() as i64);
     }
 }
 

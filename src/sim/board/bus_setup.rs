@@ -5,13 +5,10 @@
 //! X:$E006-$E00F, where they act. The encoder conversion table Y:$0720-$073F is kept the same way; its entries are
 //! taken as they are and do nothing here, where motors have one encoder each.
 
-use std::ops::RangeInclusive;
-
 use crate::sim::board::memory::Memory;
-use crate::sim::board::offsets;
 
-const BUS: RangeInclusive<u16> = offsets::BUS_SET_UP..=offsets::BUS_SET_UP + 9;
-const CONVERSION: RangeInclusive<u16> = offsets::CONVERSION_TABLE..=offsets::CONVERSION_TABLE + 31;
+/// Entries of the encoder conversion table.
+const CONVERSIONS: usize = 32;
 
 /// Factory values of X:$0783 and following.
 const VME: [u32; 10] = [0x39, 0x04, 0x00, 0x7F, 0xA0, 0x02, 0xA1, 0x10, 0x60, 0x10];
@@ -32,24 +29,29 @@ impl BusSetup {
         if !vme {
             bus[3..5].copy_from_slice(&ISA);
         }
-        Self { bus, conversion: vec![0; CONVERSION.count()] }
+        Self { bus, conversion: vec![0; CONVERSIONS] }
     }
 
     /// The present values, as `SAVE` takes them.
     pub fn of(memory: &Memory) -> Self {
+        let at = memory.registers();
         Self {
-            bus: BUS.map(|address| memory.read_x(address)).collect(),
-            conversion: CONVERSION.map(|address| memory.read_y(address)).collect(),
+            bus: (at.bus_setup.number..).take(VME.len()).map(|address| memory.read_x(address)).collect(),
+            conversion: (at.conversion_table.number..)
+                .take(CONVERSIONS)
+                .map(|address| memory.read_y(address))
+                .collect(),
         }
     }
 
     /// Puts them back, and the bus set-up into force.
     pub fn put(&self, memory: &mut Memory) {
-        for ((saved, active), &value) in BUS.zip(offsets::BUS_ACTIVE..).zip(&self.bus) {
+        let at = memory.registers();
+        for ((saved, active), &value) in (at.bus_setup.number..).zip(at.bus_active.number..).zip(&self.bus) {
             memory.write_x(saved, value);
             memory.write_x(active, value);
         }
-        for (address, &value) in CONVERSION.zip(&self.conversion) {
+        for (address, &value) in (at.conversion_table.number..).zip(&self.conversion) {
             memory.write_y(address, value);
         }
     }

@@ -7,8 +7,8 @@
 //! away likewise on the way up, Ix85 1/16 counts a background pass; none is while Ix85 is 0. A `BLCOMP` table is added to
 //! Ix86. (That the backlash belongs to the negative direction follows from the status bit; the units are the manual's.)
 
+use crate::sim::board::Board;
 use crate::sim::board::motor::backlash::Backlash;
-use crate::sim::board::{Board, offsets};
 
 /// Table entries, Ix85, Ix86 and I99 a count.
 const UNITS: f64 = 16.0;
@@ -22,7 +22,7 @@ impl Board {
         if sum != self.motors[motor].compensation {
             self.motors[motor].compensation = sum;
             let units = (sum * self.ix(motor, 8) * 32.0).round() as i64;
-            self.memory.write_d(offsets::motor(offsets::COMPENSATION, motor), units);
+            self.memory.write_d(self.memory.registers().compensation.of(motor), units);
         }
     }
 
@@ -47,6 +47,7 @@ impl Board {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::sim::board::register_table::Each;
     use crate::sim::testing::Bench;
 
     fn send(bench: &mut Bench, text: &str) -> Vec<String> {
@@ -66,8 +67,8 @@ mod tests {
         bench.until(200_000, |board| board.motor_status(0)[1] & 1 == 1);
         bench.run(500);
         let memory = &bench.world.board.memory;
-        let units = |register| memory.read_d(register) as f64 / 3072.0 * UNITS;
-        (units(offsets::COMPENSATION), units(offsets::ACTUAL))
+        let units = |register: Each| memory.read_d(register.of(0)) as f64 / 3072.0 * UNITS;
+        (units(memory.registers().compensation), units(memory.registers().actual))
     }
 
     #[test]
@@ -102,8 +103,9 @@ mod tests {
         send(&mut bench, "I111=0 I211=0 I51=1 #1J/#2J/\nDELETE ALL #2 DEFINE COMP 2,#1D,#2,1000\n160\n0");
         at(&mut bench, 500.0);
         let board = &mut bench.world.board;
-        assert_eq!(board.memory.read_d(offsets::motor(offsets::COMPENSATION, 1)), 10 * 3072);
-        assert_eq!(board.memory.read_d(offsets::COMPENSATION), 0);
+        let compensation = board.memory.registers().compensation;
+        assert_eq!(board.memory.read_d(compensation.of(1)), 10 * 3072);
+        assert_eq!(board.memory.read_d(compensation.of(0)), 0);
         for line in ["#3 DEFINE COMP 2,#9,100", "#3 DEFINE COMP 2,#1#2,100", "#3 DEFINE COMP 2,"] {
             assert!(bench.world.execute(line.as_bytes()).error.is_some());
         }

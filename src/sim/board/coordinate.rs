@@ -5,7 +5,6 @@
 
 use crate::format::int24;
 use crate::sim::board::memory::Memory;
-use crate::sim::board::offsets;
 use crate::sim::board::variables::Variables;
 
 /// Largest 24-bit positive value, where an override saturates.
@@ -20,6 +19,8 @@ const RUNNING: u32 = 1;
 pub struct CoordinateSystem {
     /// Present time base in units of I10.
     present: f64,
+    /// The same in units of the full one.
+    factor: f64,
     held: bool,
     resuming: bool,
 }
@@ -28,32 +29,36 @@ impl CoordinateSystem {
     /// At 100%, with nothing running.
     pub fn reset(&mut self, index: usize, variables: &Variables, memory: &mut Memory) {
         let full = variables.i(10);
-        *self = Self { present: full, held: false, resuming: false };
-        memory.write_x(offsets::background(offsets::TIME_BASE_COMMANDED, index), full as u32);
-        memory.write_x(offsets::background(offsets::TIME_BASE_PRESENT, index), full as u32);
-        memory.write_x(offsets::background(offsets::COORDINATE_STATUS, index), STATUS_AT_RESET);
-        memory.write_y(offsets::background(offsets::PROGRAM_STATUS, index), 0);
+        *self = Self { present: full, factor: 1.0, held: false, resuming: false };
+        let at = memory.registers();
+        memory.write(at.time_base_commanded.of(index), full as u32);
+        memory.write(at.time_base_present.of(index), full as u32);
+        memory.write(at.coordinate_status.of(index), STATUS_AT_RESET);
+        memory.write(at.program_status.of(index), 0);
     }
 
-    /// One servo cycle; gives the time base as a factor, 1.0 at 100%.
-    pub fn cycle(&mut self, index: usize, variables: &Variables, memory: &mut Memory) -> f64 {
-        let x = 100 * (index + 1);
-        let commanded = if self.held {
-            0.0
-        } else {
-            f64::from(int24::signed(memory.read_x(variables.i(x + 93) as u16))).max(0.0)
-        };
-        let rate = variables.i(if self.held || self.resuming { x + 95 } else { x + 94 });
+    /// One servo cycle.
+    pub fn cycle(&mut self, index: usize, variables: &Variables, memory: &mut Memory) {
+        let ix = |n| variables.i(memory.tables().coordinate_i(index, n));
+        let commanded =
+            if self.held { 0.0 } else { f64::from(int24::signed(memory.read_x(ix(93) as u32))).max(0.0) };
+        let rate = ix(if self.held || self.resuming { 95 } else { 94 });
         let step = (commanded - self.present).clamp(-rate, rate);
         self.present += step;
         if self.present == commanded {
             self.resuming = false;
         }
         if step != 0.0 {
-            memory.write_x(offsets::background(offsets::TIME_BASE_PRESENT, index), self.present as u32);
+            memory.write(memory.registers().time_base_present.of(index), self.present as u32);
         }
         let full = variables.i(10);
-        if full > 0.0 { self.present / full } else { 0.0 }
+        self.factor = if full > 0.0 { self.present / full } else { 0.0 };
+    }
+
+    /// The time base as a factor, 1.0 at 100%.
+    #[must_use]
+    pub fn factor(&self) -> f64 {
+        self.factor
     }
 
     /// `H`: the time base goes to zero.
@@ -71,24 +76,24 @@ impl CoordinateSystem {
 /// `%{percent}`.
 pub fn set_override(index: usize, percent: f64, variables: &Variables, memory: &mut Memory) {
     let value = (percent * variables.i(10) / 100.0).round().clamp(0.0, FULL);
-    memory.write_x(offsets::background(offsets::TIME_BASE_COMMANDED, index), value as u32);
+    memory.write(memory.registers().time_base_commanded.of(index), value as u32);
 }
 
 /// `%`.
 pub fn override_percent(index: usize, variables: &Variables, memory: &Memory) -> f64 {
-    let value = memory.read_x(offsets::background(offsets::TIME_BASE_COMMANDED, index));
+    let value = memory.read(memory.registers().time_base_commanded.of(index));
     let full = variables.i(10);
     if full > 0.0 { 100.0 * f64::from(int24::signed(value)) / full } else { 0.0 }
 }
 
 /// Whether a motion program runs in the coordinate system.
 pub fn running(index: usize, memory: &Memory) -> bool {
-    memory.read_x(offsets::background(offsets::COORDINATE_STATUS, index)) & RUNNING != 0
+    memory.read(memory.registers().coordinate_status.of(index)) & RUNNING != 0
 }
 
 /// Ends a program: `??` word 1 without "running", single step and continuous motion.
 pub fn stop_program(index: usize, memory: &mut Memory) {
-    let address = offsets::background(offsets::COORDINATE_STATUS, index);
-    let status = memory.read_x(address);
-    memory.write_x(address, status & !0b1_0111);
+    let address = memory.registers().coordinate_status.of(index);
+    let status = memory.read(address);
+    memory.write(address, status & !0b1_0111);
 }

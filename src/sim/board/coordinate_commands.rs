@@ -4,10 +4,8 @@
 use super::Board;
 use super::coordinate;
 use super::error::CommandError;
-use super::family::MOTORS;
-use super::gather;
+use super::gather::{self, GatherSources};
 use super::motor::Loop;
-use super::offsets;
 use super::output::Port;
 
 type Result = std::result::Result<(), CommandError>;
@@ -43,13 +41,13 @@ impl Board {
 
     /// `%{percent}`. Negative is taken as zero, too much saturates.
     pub fn set_override(&mut self, cs: usize, percent: f64) {
-        coordinate::set_override(cs.min(MOTORS - 1), percent, &self.variables, &mut self.memory);
+        coordinate::set_override(cs, percent, &self.variables, &mut self.memory);
     }
 
     /// `%`: the commanded override in percent.
     #[must_use]
     pub fn override_percent(&self, cs: usize) -> f64 {
-        coordinate::override_percent(cs.min(MOTORS - 1), &self.variables, &self.memory)
+        coordinate::override_percent(cs, &self.variables, &self.memory)
     }
 
     /// `GATHER`, or `GATHER TRIGGER`.
@@ -61,8 +59,8 @@ impl Board {
     }
 
     /// What the gather sources hold now.
-    pub fn gather_sources(&self) -> [Option<u32>; 48] {
-        gather::sources(&self.variables, &self.memory)
+    pub fn gather_sources(&self) -> GatherSources {
+        gather::sources(&self.family().i, &self.variables, &self.memory)
     }
 
     /// `ENDGATHER`.
@@ -105,22 +103,23 @@ impl Board {
     /// `CHECKSUM`: 24 bits that differ from one simulated firmware to another.
     #[must_use]
     pub fn checksum(&self) -> u32 {
-        let bytes = self.identity.firmware.bytes().chain(self.identity.type_text.bytes());
+        let bytes = self.identity.firmware.bytes().chain(self.identity.tables.type_text.bytes());
         bytes.fold(0, |sum: u32, byte| sum.rotate_left(5).wrapping_add(byte.into())) & 0xFF_FFFF
     }
 
     /// `<CTRL-Z>`: the serial port takes the responses, DPRAM ASCII is switched off.
     pub fn serial_becomes_active(&mut self) {
         self.port = Port::Serial;
-        self.variables.set_i(58, 0.0);
+        self.variables.set_i(self.family().i.ascii_enable.into(), 0.0);
     }
 
     /// `<CTRL-X>`: empties the queues; with I58=1 also clears both ASCII control words.
     pub fn cancel_queues(&mut self) {
         self.output.cancel();
-        if self.variables.i(58) == 1.0 {
-            self.memory.dpram.write16(offsets::ASCII_IN_CONTROL, 0);
-            self.memory.dpram.write16(offsets::ASCII_OUT_CONTROL, 0);
+        if self.takes_ascii() {
+            let ascii = &self.memory.tables().family.ascii;
+            self.memory.dpram.write16(ascii.response_control, 0);
+            self.memory.dpram.write16(ascii.command_loaded.word, 0);
         }
     }
 
@@ -134,7 +133,7 @@ impl Board {
 
     /// Feed hold in all coordinate systems: `<CTRL-O>`.
     pub fn hold_all(&mut self) {
-        for cs in 0..MOTORS {
+        for cs in 0..self.coordinates.len() {
             self.feed_hold(cs);
         }
     }

@@ -12,7 +12,8 @@ use nix::sys::memfd::{MFdFlags, memfd_create};
 
 use crate::device::board::mapping::Mapping;
 use crate::format::{join32, split32};
-use crate::sim::board::offsets;
+use crate::map::HostOffset;
+use crate::map::functions::{Flag, Timer};
 
 /// Why the shared file could not be used.
 #[derive(Debug, thiserror::Error)]
@@ -44,7 +45,7 @@ pub enum DpramError {
     },
 }
 
-/// The shared memory, 0x4000 bytes.
+/// The shared memory.
 pub struct Dpram {
     mapping: Mapping,
     /// Word by word what PMAC wrote last.
@@ -54,85 +55,117 @@ pub struct Dpram {
 }
 
 impl Dpram {
-    /// Opens the file at `path`, or creates it 0x4000 bytes long and zeroed.
+    /// Opens the file at `path`, or creates it `length` bytes long and zeroed.
     ///
     /// The file is never removed: a host may have it mapped, and a simulator started anew must meet the same memory.
     ///
     /// # Errors
     /// [`DpramError`] when the file has another length, belongs to another running simulator or cannot be mapped.
-    pub fn open(path: &Path) -> Result<Self, DpramError> {
-        let file = open_shared(path, offsets::LENGTH)?;
-        Self::map(&file, path).map(|dpram| Self { _lock: Some(file), ..dpram })
+    pub fn open(path: &Path, length: u32) -> Result<Self, DpramError> {
+        let file = open_shared(path, length as usize)?;
+        Self::map(&file, path, length as usize).map(|dpram| Self { _lock: Some(file), ..dpram })
     }
 
-    /// Memory that nobody else can map: a board on its own.
+    /// Memory of `length` bytes that nobody else can map: a board on its own.
     ///
     /// # Errors
     /// [`DpramError::File`] when the system gives no memory.
-    pub fn private() -> Result<Self, DpramError> {
+    pub fn private(length: u32) -> Result<Self, DpramError> {
         let fail = |source| DpramError::File { path: "private memory".into(), source };
         let file = memfd_create(c"pmac-dpram", MFdFlags::MFD_CLOEXEC).map_err(|errno| fail(errno.into()))?;
         let file = File::from(file);
-        file.set_len(offsets::LENGTH as u64).map_err(fail)?;
-        Self::map(&file, Path::new("private memory"))
+        file.set_len(length.into()).map_err(fail)?;
+        Self::map(&file, Path::new("private memory"), length as usize)
     }
 
-    fn map(file: &File, path: &Path) -> Result<Self, DpramError> {
-        let mapping = Mapping::new(file, 0, offsets::LENGTH)
+    fn map(file: &File, path: &Path, length: usize) -> Result<Self, DpramError> {
+        let mapping = Mapping::new(file, 0, length)
             .map_err(|source| DpramError::File { path: path.to_owned(), source })?;
-        let mut dpram = Self { mapping, shadow: vec![0; offsets::LENGTH / 2].into(), _lock: None };
-        for offset in (0..offsets::LENGTH as u16).step_by(2) {
-            dpram.shadow[usize::from(offset) / 2] = dpram.read16(offset);
+        let mut dpram = Self { mapping, shadow: vec![0; length / 2].into(), _lock: None };
+        for offset in dpram.words() {
+            dpram.shadow[offset.word()] = dpram.read16(offset);
         }
         Ok(dpram)
     }
 
-    /// Reads the word at the even byte `offset`; outside the memory a bus reads all ones.
-    #[inline]
-    #[must_use]
-    pub fn read16(&self, offset: u16) -> u16 {
-        self.mapping.read16(usize::from(offset)).unwrap_or(0xFFFF)
+    /// Every word, in order.
+    pub fn words(&self) -> impl Iterator<Item = HostOffset> + Clone + use<> {
+        (0..self.shadow.len()).map(|word| HostOffset::new(0).plus_words(word))
     }
 
-    /// Writes the word at the even byte `offset`. A write outside the memory is lost, as on a bus.
+    /// Reads the word at `offset`; outside the memory a bus reads all ones.
     #[inline]
-    pub fn write16(&mut self, offset: u16, value: u16) {
-        if self.mapping.write16(usize::from(offset), value).is_some() {
-            self.shadow[usize::from(offset) / 2] = value;
+    #[must_use]
+    pub fn read16(&self, offset: HostOffset) -> u16 {
+        self.mapping.read16(offset.bytes() as usize).unwrap_or(0xFFFF)
+    }
+
+    /// Writes the word at `offset`. A write outside the memory is lost, as on a bus.
+    #[inline]
+    pub fn write16(&mut self, offset: HostOffset, value: u16) {
+        if self.mapping.write16(offset.bytes() as usize, value).is_some() {
+            self.shadow[offset.word()] = value;
         }
     }
 
     /// Reads a `DP:` location, low word first.
     #[must_use]
-    pub fn read32(&self, offset: u16) -> u32 {
+    pub fn read32(&self, offset: HostOffset) -> u32 {
         let low = self.read16(offset);
-        join32(low, self.read16(offset.wrapping_add(2)))
+        join32(low, self.read16(offset.plus_words(1)))
     }
 
     /// Writes a `DP:` location, low word first.
     #[inline]
-    pub fn write32(&mut self, offset: u16, value: u32) {
+    pub fn write32(&mut self, offset: HostOffset, value: u32) {
         let [low, high] = split32(value);
         self.write16(offset, low);
-        self.write16(offset.wrapping_add(2), high);
+        self.write16(offset.plus_words(1), high);
     }
 
     /// What PMAC wrote last at `offset`, whatever a host did since.
     #[must_use]
-    pub fn shadow(&self, offset: u16) -> u16 {
-        self.shadow.get(usize::from(offset) / 2).copied().unwrap_or(0xFFFF)
+    pub fn shadow(&self, offset: HostOffset) -> u16 {
+        self.shadow.get(offset.word()).copied().unwrap_or(0xFFFF)
     }
 
     /// Takes `value` as PMAC's own at `offset` without a store.
-    pub fn adopt(&mut self, offset: u16, value: u16) {
-        if let Some(word) = self.shadow.get_mut(usize::from(offset) / 2) {
+    pub fn adopt(&mut self, offset: HostOffset, value: u16) {
+        if let Some(word) = self.shadow.get_mut(offset.word()) {
             *word = value;
         }
     }
 
     /// Stores `value` without taking it as PMAC's own: what a fault puts on the bus.
-    pub fn disturb(&self, offset: u16, value: u16) {
-        let _ = self.mapping.write16(usize::from(offset), value);
+    pub fn disturb(&self, offset: HostOffset, value: u16) {
+        let _ = self.mapping.write16(offset.bytes() as usize, value);
+    }
+
+    /// Whether `flag` is set.
+    #[must_use]
+    pub fn is_set(&self, flag: Flag) -> bool {
+        flag.is_set(self.read16(flag.word))
+    }
+
+    /// Sets or clears `flag` and leaves the other bits as PMAC wrote them last.
+    #[inline]
+    pub fn set(&mut self, flag: Flag, set: bool) {
+        let others = self.shadow(flag.word) & !flag.mask;
+        self.write16(flag.word, if set { others | flag.mask } else { others });
+    }
+
+    /// Stores as much of `count` as `timer` has bits, and leaves the other bits of its words as PMAC wrote them last.
+    #[inline]
+    pub fn store_timer(&mut self, timer: Timer, count: u32) {
+        let mut store = |word, bits: u32, part: u32| {
+            let mask = ((1_u32 << bits) - 1) as u16;
+            let others = self.shadow(word) & !mask;
+            self.write16(word, others | part as u16 & mask);
+        };
+        store(timer.low, timer.low_bits, count);
+        if let Some((word, bits)) = timer.high {
+            store(word, bits, count >> timer.low_bits);
+        }
     }
 
     /// Orders the data written before this call before a flag written after it.
@@ -179,14 +212,14 @@ mod tests {
     fn a_missing_file_is_created_and_a_second_board_refused() {
         let directory = tempfile::tempdir().unwrap();
         let path = directory.path().join("dpram");
-        let mut first = Dpram::open(&path).unwrap();
+        let mut first = Dpram::open(&path, 0x4000).unwrap();
         assert_eq!(std::fs::metadata(&path).unwrap().len(), 0x4000);
-        assert!(matches!(Dpram::open(&path), Err(DpramError::InUse { .. })));
-        first.write32(0x0800, 0x1234_5678);
-        assert_eq!(first.read16(0x0800), 0x5678);
-        assert_eq!(first.read16(0x0802), 0x1234);
+        assert!(matches!(Dpram::open(&path, 0x4000), Err(DpramError::InUse { .. })));
+        first.write32(HostOffset::new(0x0800), 0x1234_5678);
+        assert_eq!(first.read16(HostOffset::new(0x0800)), 0x5678);
+        assert_eq!(first.read16(HostOffset::new(0x0802)), 0x1234);
         drop(first);
-        assert_eq!(Dpram::open(&path).unwrap().read32(0x0800), 0x1234_5678);
+        assert_eq!(Dpram::open(&path, 0x4000).unwrap().read32(HostOffset::new(0x0800)), 0x1234_5678);
     }
 
     #[test]
@@ -194,8 +227,23 @@ mod tests {
         let directory = tempfile::tempdir().unwrap();
         let path = directory.path().join("dpram");
         std::fs::write(&path, [7; 100]).unwrap();
-        let error = Dpram::open(&path).err().unwrap().to_string();
+        let error = Dpram::open(&path, 0x4000).err().unwrap().to_string();
         assert!(error.contains("100 bytes"), "{error}");
         assert_eq!(std::fs::read(&path).unwrap(), [7; 100]);
+    }
+
+    #[test]
+    fn timers_and_flags_share_words_with_each_other() {
+        let mut dpram = Dpram::private(0x1_0000).unwrap();
+        let (low, high) = (HostOffset::new(0xC06C), HostOffset::new(0xC06E));
+        let timer = Timer { low, low_bits: 16, high: Some((high, 8)) };
+        let ready = Flag { word: high, mask: 1 << 15 };
+        dpram.set(ready, true);
+        dpram.store_timer(timer, 0x12_3456);
+        assert_eq!([dpram.read16(low), dpram.read16(high)], [0x3456, 0x8012]);
+        dpram.set(ready, false);
+        dpram.store_timer(Timer { low, low_bits: 15, high: None }, 0xFFFF);
+        assert_eq!([dpram.read16(low), dpram.read16(high)], [0x7FFF, 0x0012]);
+        assert!(!dpram.is_set(ready));
     }
 }

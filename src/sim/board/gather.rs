@@ -9,12 +9,18 @@
 use std::ops::Range;
 
 use crate::format::int24;
-use crate::map::{self, GatherPlace, Layout};
+use crate::map::{Family, GatherPlace, HostOffset, IVariables, Layout};
 use crate::sim::board::error::CommandError;
 use crate::sim::board::memory::Memory;
-use crate::sim::board::offsets;
 use crate::sim::board::variables::Variables;
 
+/// What the sources hold: two places a source, Y before X. There is room for the sources of any family.
+pub type GatherSources = [Option<u32>; 2 * MOST_SOURCES];
+
+/// The most sources that any family can gather.
+const MOST_SOURCES: usize = 48;
+/// Sources whose bits one mask has.
+const SOURCES_A_MASK: usize = 24;
 /// The bit of the machine inputs that `GATHER TRIGGER` waits for.
 const TRIGGER_INPUT: u32 = 1;
 
@@ -42,6 +48,7 @@ pub struct Gather {
     input: bool,
     /// Where the buffer and its words are in the DPRAM.
     place: GatherPlace,
+    family: &'static Family,
     /// Gathered words, when they are kept in PMAC's own memory.
     memory: Vec<u32>,
 }
@@ -49,9 +56,18 @@ pub struct Gather {
 impl Gather {
     /// Nothing defined. `firmware` decides where the buffer lies.
     #[must_use]
-    pub fn new(firmware: &str) -> Self {
-        let place = Layout::new(&map::PMAC, firmware.parse().ok()).gather();
-        Self { running: Vec::new(), size: None, index: 0, wait: 0, input: false, place, memory: Vec::new() }
+    pub fn new(family: &'static Family, firmware: &str) -> Self {
+        let place = Layout::new(family, firmware.parse().ok()).gather();
+        Self {
+            running: Vec::new(),
+            size: None,
+            index: 0,
+            wait: 0,
+            input: false,
+            place,
+            family,
+            memory: Vec::new(),
+        }
     }
 
     /// Whether `activity` has been started.
@@ -63,14 +79,14 @@ impl Gather {
     /// Long words the buffer takes from PMAC's own memory.
     #[must_use]
     pub fn memory_used(&self, variables: &Variables) -> u32 {
-        if in_dpram(variables) { 0 } else { self.size.unwrap_or(0) }
+        if self.in_dpram(variables) { 0 } else { self.size.unwrap_or(0) }
     }
 
     /// The bytes of the DPRAM that the buffer takes, if it lies there.
     #[must_use]
     pub fn span(&self, variables: &Variables) -> Option<Range<u32>> {
         let first = self.place.buffer.bytes();
-        self.size.filter(|_| in_dpram(variables)).map(|size| first..first + 4 * size)
+        self.size.filter(|_| self.in_dpram(variables)).map(|size| first..first + 4 * size)
     }
 
     /// The words gathered so far into PMAC's own memory, in order.
@@ -88,7 +104,7 @@ impl Gather {
     /// # Errors
     /// ERR003 when gathering would start and there is no buffer, or it is full.
     pub fn start(&mut self, triggered: bool, variables: &Variables) -> Result<(), CommandError> {
-        if variables.i(48) == 1.0 && !self.runs(Activity::ServoReport) {
+        if variables.i(self.family.i.servo_enable.into()) == 1.0 && !self.runs(Activity::ServoReport) {
             self.running.push(Activity::ServoReport);
             return Ok(());
         }
@@ -125,8 +141,8 @@ impl Gather {
         if self.gathers() {
             return Err(CommandError::SYNTAX);
         }
-        let room = if in_dpram(variables) {
-            (offsets::LENGTH as u32 - self.place.buffer.bytes()) / 4
+        let room = if self.in_dpram(variables) {
+            (self.family.length - self.place.buffer.bytes()) / 4
         } else {
             free.clamp(0, i64::from(u32::MAX)) as u32
         };
@@ -159,7 +175,7 @@ impl Gather {
     /// One servo cycle: stores a sample when one is due.
     pub fn cycle(&mut self, variables: &Variables, memory: &mut Memory) {
         if self.runs(Activity::Armed) {
-            let input = memory.read_y(offsets::MACHINE_INPUTS) >> TRIGGER_INPUT & 1 == 1;
+            let input = memory.read(memory.registers().machine_inputs) >> TRIGGER_INPUT & 1 == 1;
             if input && !std::mem::replace(&mut self.input, input) {
                 let armed = self.running.iter_mut().filter(|activity| **activity == Activity::Armed);
                 armed.for_each(|activity| *activity = Activity::Gathering);
@@ -173,7 +189,7 @@ impl Gather {
             self.wait -= 1;
             return;
         }
-        let period = variables.i(19) as u32;
+        let period = variables.i(self.family.i.gather_period.into()) as u32;
         self.wait = period.saturating_sub(1);
         self.store(variables, memory);
         if period == 0 {
@@ -184,12 +200,12 @@ impl Gather {
 
     fn store(&mut self, variables: &Variables, memory: &mut Memory) {
         let Some(size) = self.size else { return };
-        for word in sources(variables, memory).into_iter().flatten() {
+        for word in sources(&self.family.i, variables, memory).into_iter().flatten() {
             self.put(word, variables, memory);
         }
         // The size is rounded up to whole samples: only here, after a sample, is the end looked for.
         if self.index >= size {
-            if variables.i(45) as u32 % 2 == 1 {
+            if variables.i(self.family.i.gather_mode.into()) as u32 % 2 == 1 {
                 self.index = 0;
                 self.memory.clear();
             } else {
@@ -200,13 +216,11 @@ impl Gather {
     }
 
     fn put(&mut self, word: u32, variables: &Variables, memory: &mut Memory) {
-        if in_dpram(variables) {
+        if self.in_dpram(variables) {
             let offset = self.place.buffer.bytes() + 4 * self.index;
             // The last sample of a buffer that fills the DPRAM has nowhere to go beyond its end.
-            if let Ok(offset) = u16::try_from(offset)
-                && usize::from(offset) + 4 <= offsets::LENGTH
-            {
-                memory.dpram.write32(offset, int24::extend(word));
+            if offset + 4 <= self.family.length {
+                memory.dpram.write32(HostOffset::new(offset), int24::extend(word));
             }
         } else {
             self.memory.push(word);
@@ -216,31 +230,34 @@ impl Gather {
 
     /// Writes size and index where a host finds them, after the data they speak of.
     fn note(&self, variables: &Variables, memory: &mut Memory) {
-        if in_dpram(variables) {
+        if self.in_dpram(variables) {
             memory.dpram.order_writes();
-            memory.dpram.write16(self.place.size.bytes() as u16, self.size.unwrap_or(0) as u16);
-            memory.dpram.write16(self.place.index.bytes() as u16, self.index as u16);
+            memory.dpram.write16(self.place.size, self.size.unwrap_or(0) as u16);
+            memory.dpram.write16(self.place.index, self.index as u16);
         }
     }
+
+    fn in_dpram(&self, variables: &Variables) -> bool {
+        variables.i(self.family.i.gather_mode.into()) >= 2.0
+    }
 }
 
-/// What the sources that I20 selects hold now: two places a source, Y before X.
-pub fn sources(variables: &Variables, memory: &Memory) -> [Option<u32>; 48] {
-    let mask = variables.i(20) as u32;
-    let mut words = [None; 48];
-    for source in (0..24).filter(|bit| mask >> bit & 1 == 1) {
-        let code = variables.i(21 + source) as u32;
-        let address = code as u16;
-        let [low, high] = match code >> 22 & 3 {
-            0 => [Some(memory.read_y(address)), None],
-            1 => [Some(memory.read_x(address)), None],
-            _ => [Some(memory.read_y(address)), Some(memory.read_x(address))],
+/// What the sources that the masks select hold now.
+pub fn sources(i: &IVariables, variables: &Variables, memory: &Memory) -> GatherSources {
+    let mut words = [None; 2 * MOST_SOURCES];
+    for (number, places) in words.chunks_exact_mut(2).enumerate() {
+        let Some(&mask) = i.gather_masks.get(number / SOURCES_A_MASK) else { break };
+        if variables.i(mask.into()) as u32 >> (number % SOURCES_A_MASK) & 1 == 0 {
+            continue;
+        }
+        let code = variables.i(usize::from(i.gather_sources) + number) as u32;
+        // The memory takes no more bits of it than an address has.
+        let halves = match code >> 22 & 3 {
+            0 => [Some(memory.read_y(code)), None],
+            1 => [Some(memory.read_x(code)), None],
+            _ => [Some(memory.read_y(code)), Some(memory.read_x(code))],
         };
-        (words[2 * source], words[2 * source + 1]) = (low, high);
+        places.copy_from_slice(&halves);
     }
     words
-}
-
-fn in_dpram(variables: &Variables) -> bool {
-    variables.i(45) >= 2.0
 }

@@ -1,8 +1,10 @@
-//! The I-variable tables of the classic family (Software Reference, "I-variable specification").
+//! The I-variable tables of PMAC and PMAC2 (Software Reference, "I-variable specification").
 //!
 //! One row a variable: number, name, range, factory default, and whether it is listed in hex when I9 is 2 or 3. Motor
-//! rows count from Ix00, coordinate-system rows likewise (on the classic family they share the hundreds: Ix87 belongs
-//! to coordinate system x). A number without a row keeps any value, as a 48-bit float.
+//! rows count from Ix00, coordinate-system rows likewise (here they share the hundreds: Ix87 belongs to
+//! coordinate system x). A number without a row keeps any value, as a 48-bit float.
+
+use crate::map;
 
 /// Whose variable a row describes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -103,6 +105,10 @@ const fn motor(number: usize, name: &'static str, kind: Kind, default: f64) -> R
 
 const fn coordinate(number: usize, name: &'static str, kind: Kind, default: f64) -> Row {
     row(Scope::Coordinate, number, name, kind, default)
+}
+
+const fn servo_time(default: u32) -> Row {
+    global(10, "servo interrupt time", POSITIVE, default as f64)
 }
 
 const SWITCH: Kind = Kind::Whole(0, 1);
@@ -245,11 +251,11 @@ pub const COORDINATE: &[Row] = &[
 ];
 
 /// What PMAC(1) has on top: the servo clock comes from jumpers.
-pub const PMAC: &[Row] = &[global(10, "servo interrupt time", POSITIVE, 3_713_707.0)];
+pub static PMAC: &[Row] = &[servo_time(map::PMAC.default_i10)];
 
 /// What PMAC2 has on top: a programmable servo clock.
-pub const PMAC2: &[Row] = &[
-    global(10, "servo interrupt time", POSITIVE, 3_713_991.0),
+pub static PMAC2: &[Row] = &[
+    servo_time(map::PMAC2.default_i10),
     global(992, "maximum phase and PWM frequency", POSITIVE15, 6527.0),
     global(997, "phase clock divider", NIBBLE, 0.0),
     global(998, "servo clock divider", NIBBLE, 3.0),

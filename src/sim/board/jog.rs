@@ -3,9 +3,10 @@
 //! Motors are 0-based here. A command on a motor that is not there or not activated (Ix00=0)
 //! ends in ERR003, one on a motor whose coordinate system runs a program in ERR001.
 
+use crate::map::IVariables;
+use crate::sim::board::Board;
 use crate::sim::board::error::CommandError;
 use crate::sim::board::motor::{Loop, ramp};
-use crate::sim::board::{Board, offsets};
 
 type Result = std::result::Result<(), CommandError>;
 
@@ -51,10 +52,10 @@ impl Board {
     }
 
     fn start_jog(&mut self, motor: usize, jog: Jog, until_trigger: Option<f64>) -> Result {
-        let x = 100 * (motor + 1);
+        let x = IVariables::motor(motor + 1, 0);
         let ramp = ramp(x, &self.variables);
         let speed = self.ix(motor, 22);
-        let register = self.memory.read_l(offsets::background(offsets::JOG_VARIABLE, motor));
+        let register = self.memory.read_l(self.memory.registers().jog_variable.of(motor));
         let state = &mut self.motors[motor];
         let definite = !matches!(jog, Jog::Plus | Jog::Minus | Jog::Stop | Jog::RoundCommanded);
         if until_trigger.is_some() && !definite {
@@ -101,7 +102,7 @@ impl Board {
     /// ERR001, ERR003.
     pub fn home(&mut self, motor: usize) -> Result {
         self.may_move(motor)?;
-        let ramp = ramp(100 * (motor + 1), &self.variables);
+        let ramp = ramp(IVariables::motor(motor + 1, 0), &self.variables);
         let speed = self.ix(motor, 23);
         self.motors[motor].home(speed, &ramp);
         self.refresh(motor);
@@ -162,7 +163,7 @@ impl Board {
     pub fn absolute_position(&mut self, motor: usize) -> Result {
         self.may_move(motor)?;
         let (offset, sensor) = (self.ix(motor, 26) / 16.0, self.ix(motor, 10) != 0.0);
-        self.memory.write_d(offsets::background(offsets::BIAS, motor), 0);
+        self.memory.write_d(self.memory.registers().bias.of(motor), 0);
         self.motors[motor].absolute(offset, sensor);
         self.refresh(motor);
         Ok(())
@@ -170,13 +171,13 @@ impl Board {
 
     /// A program's `RAPID`: to `target` at `speed` counts/ms, or to `after` counts from a trigger.
     pub fn rapid(&mut self, motor: usize, target: f64, speed: f64, after: Option<f64>) {
-        let ramp = ramp(100 * (motor + 1), &self.variables);
+        let ramp = ramp(IVariables::motor(motor + 1, 0), &self.variables);
         self.motors[motor].jog_to(target, speed, &ramp, after);
     }
 
     /// A program's `HOME`.
     pub fn search_home(&mut self, motor: usize) {
-        let ramp = ramp(100 * (motor + 1), &self.variables);
+        let ramp = ramp(IVariables::motor(motor + 1, 0), &self.variables);
         let speed = self.ix(motor, 23);
         self.motors[motor].home(speed, &ramp);
     }

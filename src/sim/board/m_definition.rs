@@ -40,7 +40,7 @@ pub enum MDefinition {
         /// The word.
         half: Half,
         /// Its address.
-        address: u16,
+        address: u32,
         /// Lowest bit, 0-23.
         offset: u8,
         /// Number of bits; with `offset` at most 24.
@@ -49,13 +49,13 @@ pub enum MDefinition {
         format: Format,
     },
     /// `D:` 48-bit fixed point.
-    Fixed(u16),
+    Fixed(u32),
     /// `L:` 48-bit floating point.
-    Long(u16),
+    Long(u32),
     /// `F:` IEEE single in DPRAM.
-    Single(u16),
+    Single(u32),
     /// `DP:` 32-bit integer in DPRAM.
-    Dual(u16),
+    Dual(u32),
     /// `TWB:`, `TWD:`, `TWR:`, `TWS:` with their arguments.
     Thumbwheel {
         /// `B`, `D`, `R` or `S`.
@@ -161,14 +161,14 @@ impl MDefinition {
     }
 }
 
-fn word(memory: &Memory, half: Half, address: u16) -> u32 {
+fn word(memory: &Memory, half: Half, address: u32) -> u32 {
     match half {
         Half::X => memory.read_x(address),
         Half::Y => memory.read_y(address),
     }
 }
 
-fn write_pair(memory: &mut Memory, address: u16, [y, x]: [u32; 2]) {
+fn write_pair(memory: &mut Memory, address: u32, [y, x]: [u32; 2]) {
     memory.write_y(address, y & int24::MASK);
     memory.write_x(address, x & int24::MASK);
 }

@@ -1,99 +1,144 @@
-//! PMAC's own address space: 64K X and 64K Y words of 24 bits. $D000-$DFFF is the DPRAM, 16 bits a word.
+//! PMAC's own address space: X and Y words of 24 bits, as many as the family's addresses have bits for. The DPRAM lies
+//! at the family's base, 16 bits a word.
 //!
 //! Registers live at their real addresses (Software Reference p. 399), so that `RX`, M-variables, data gathering and
 //! the DPRAM reports all see the same thing.
 
 use crate::format::{fixed48, float48, int24};
+use crate::map::{HostOffset, PmacAddress, Space};
 use crate::sim::board::dpram::Dpram;
-use crate::sim::board::offsets;
-
-const WORDS: usize = 0x1_0000;
-const REGISTERS: usize = 0x1000;
+use crate::sim::board::firmware::FirmwareTables;
+use crate::sim::board::register_table::RegisterTable;
 
 /// X and Y memory with the DPRAM in its place.
 pub struct Memory {
     x: Box<[u32]>,
     y: Box<[u32]>,
+    /// The bits of an address; the board does not see those above.
+    mask: u32,
+    /// The first address of the DPRAM, and how many there are.
+    base: u32,
+    locations: u32,
+    tables: &'static FirmwareTables,
     /// The shared part.
     pub dpram: Dpram,
 }
 
 impl Memory {
-    /// Memory that is zero but for what `dpram` holds.
+    /// The memory of a board with the firmware of `tables`, zero but for what `dpram` holds.
     #[must_use]
-    pub fn new(dpram: Dpram) -> Self {
-        Self { x: vec![0; WORDS].into(), y: vec![0; WORDS].into(), dpram }
+    pub fn new(dpram: Dpram, tables: &'static FirmwareTables) -> Self {
+        let mask = tables.family.last_address();
+        let words = mask as usize + 1;
+        let (base, locations) = (tables.family.base, tables.family.length / 4);
+        Self { x: vec![0; words].into(), y: vec![0; words].into(), mask, base, locations, tables, dpram }
+    }
+
+    /// What the board's firmware knows of its family.
+    #[must_use]
+    pub fn tables(&self) -> &'static FirmwareTables {
+        self.tables
+    }
+
+    /// Where the board's registers lie.
+    #[must_use]
+    pub fn registers(&self) -> &'static RegisterTable {
+        &self.tables.registers
     }
 
     /// The 24-bit word at `X:address`. A DPRAM location gives its 16 bits; the upper eight are not stored.
     #[inline]
     #[must_use]
-    pub fn read_x(&self, address: u16) -> u32 {
-        match host_offset(address) {
-            Some(offset) => u32::from(self.dpram.read16(offset + 2)),
-            None => self.x[usize::from(address)],
+    pub fn read_x(&self, address: u32) -> u32 {
+        let address = address & self.mask;
+        match self.host_offset(address) {
+            Some(offset) => u32::from(self.dpram.read16(offset.plus_words(1))),
+            None => self.x[address as usize],
         }
     }
 
     /// The 24-bit word at `Y:address`. A DPRAM location gives its 16 bits; the upper eight are not stored.
     #[inline]
     #[must_use]
-    pub fn read_y(&self, address: u16) -> u32 {
-        match host_offset(address) {
+    pub fn read_y(&self, address: u32) -> u32 {
+        let address = address & self.mask;
+        match self.host_offset(address) {
             Some(offset) => u32::from(self.dpram.read16(offset)),
-            None => self.y[usize::from(address)],
+            None => self.y[address as usize],
         }
     }
 
     /// Writes the low 24 bits of `value` to `X:address` (16 bits in the DPRAM).
     #[inline]
-    pub fn write_x(&mut self, address: u16, value: u32) {
-        match host_offset(address) {
-            Some(offset) => self.dpram.write16(offset + 2, value as u16),
-            None => self.x[usize::from(address)] = value & int24::MASK,
+    pub fn write_x(&mut self, address: u32, value: u32) {
+        let address = address & self.mask;
+        match self.host_offset(address) {
+            Some(offset) => self.dpram.write16(offset.plus_words(1), value as u16),
+            None => self.x[address as usize] = value & int24::MASK,
         }
     }
 
     /// Writes the low 24 bits of `value` to `Y:address` (16 bits in the DPRAM).
     #[inline]
-    pub fn write_y(&mut self, address: u16, value: u32) {
-        match host_offset(address) {
+    pub fn write_y(&mut self, address: u32, value: u32) {
+        let address = address & self.mask;
+        match self.host_offset(address) {
             Some(offset) => self.dpram.write16(offset, value as u16),
-            None => self.y[usize::from(address)] = value & int24::MASK,
+            None => self.y[address as usize] = value & int24::MASK,
         }
     }
 
-    /// The 48-bit fixed-point register `D:address`.
-    #[must_use]
-    pub fn read_d(&self, address: u16) -> i64 {
-        fixed48::decode(self.read_y(address), self.read_x(address))
-    }
-
-    /// Writes the low 48 bits of `value` to `D:address`.
+    /// The 24-bit word of a register: its X half if the address says so, else its Y half.
     #[inline]
-    pub fn write_d(&mut self, address: u16, value: i64) {
-        let [y, x] = fixed48::encode(value);
-        self.write_y(address, y);
-        self.write_x(address, x);
-    }
-
-    /// The 48-bit floating-point register `L:address`.
     #[must_use]
-    pub fn read_l(&self, address: u16) -> f64 {
-        float48::decode(self.read_y(address), self.read_x(address))
+    pub fn read(&self, register: PmacAddress) -> u32 {
+        match register.space {
+            Space::X => self.read_x(register.number),
+            _ => self.read_y(register.number),
+        }
     }
 
-    /// Writes `value` to the floating-point register `L:address`.
-    pub fn write_l(&mut self, address: u16, value: f64) {
+    /// Writes the low 24 bits of `value` to a register, likewise.
+    #[inline]
+    pub fn write(&mut self, register: PmacAddress, value: u32) {
+        match register.space {
+            Space::X => self.write_x(register.number, value),
+            _ => self.write_y(register.number, value),
+        }
+    }
+
+    /// A 48-bit fixed-point register.
+    #[must_use]
+    pub fn read_d(&self, register: PmacAddress) -> i64 {
+        fixed48::decode(self.read_y(register.number), self.read_x(register.number))
+    }
+
+    /// Writes the low 48 bits of `value` to a fixed-point register.
+    #[inline]
+    pub fn write_d(&mut self, register: PmacAddress, value: i64) {
+        let [y, x] = fixed48::encode(value);
+        self.write_y(register.number, y);
+        self.write_x(register.number, x);
+    }
+
+    /// A 48-bit floating-point register.
+    #[must_use]
+    pub fn read_l(&self, register: PmacAddress) -> f64 {
+        float48::decode(self.read_y(register.number), self.read_x(register.number))
+    }
+
+    /// Writes `value` to a floating-point register.
+    pub fn write_l(&mut self, register: PmacAddress, value: f64) {
         let [y, x] = float48::encode(value);
-        self.write_y(address, y);
-        self.write_x(address, x);
+        self.write_y(register.number, y);
+        self.write_x(register.number, x);
     }
 
-    /// Clears the registers of motors and coordinate systems, $0000-$0FFF; variables and buffers lie above.
+    /// Clears the registers of motors and coordinate systems; variables and buffers lie above.
     pub fn clear_registers(&mut self) {
-        self.x[..REGISTERS].fill(0);
-        self.y[..REGISTERS].fill(0);
+        let end = self.tables.registers.end as usize;
+        self.x[..end].fill(0);
+        self.y[..end].fill(0);
     }
 
     /// Clears everything but the DPRAM.
@@ -101,28 +146,34 @@ impl Memory {
         self.x.fill(0);
         self.y.fill(0);
     }
-}
 
-/// The host offset of the Y half when `address` lies in the DPRAM.
-#[inline]
-fn host_offset(address: u16) -> Option<u16> {
-    (offsets::BASE..=offsets::LAST).contains(&address).then(|| 4 * (address - offsets::BASE))
+    /// The Y half of `address`, when that lies in the DPRAM.
+    #[inline]
+    #[must_use]
+    pub fn host_offset(&self, address: u32) -> Option<HostOffset> {
+        let location = address.wrapping_sub(self.base);
+        (location < self.locations).then(|| HostOffset::new(4 * location))
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::sim::testing;
+
+    const fn at(number: u32) -> HostOffset {
+        HostOffset::new(number)
+    }
 
     #[test]
     fn dpram_locations_are_redirected_and_keep_sixteen_bits() {
-        let directory = tempfile::tempdir().unwrap();
-        let mut memory = Memory::new(Dpram::open(&directory.path().join("dpram")).unwrap());
+        let mut memory = testing::memory();
         memory.write_x(0xD200, 0xABCDEF);
         memory.write_y(0xDFFF, 0x123456);
         memory.write_x(0xCFFF, 0xABCDEF);
         memory.write_y(0xE000, 0xFF12_3456);
-        assert_eq!(memory.dpram.read16(0x0802), 0xCDEF);
-        assert_eq!(memory.dpram.read16(0x3FFC), 0x3456);
+        assert_eq!(memory.dpram.read16(at(0x0802)), 0xCDEF);
+        assert_eq!(memory.dpram.read16(at(0x3FFC)), 0x3456);
         assert_eq!(memory.read_x(0xD200), 0xCDEF);
         assert_eq!(memory.read_x(0xCFFF), 0xABCDEF);
         assert_eq!(memory.read_y(0xE000), 0x123456);
@@ -130,12 +181,21 @@ mod tests {
 
     #[test]
     fn long_registers_keep_their_value() {
-        let directory = tempfile::tempdir().unwrap();
-        let mut memory = Memory::new(Dpram::open(&directory.path().join("dpram")).unwrap());
-        memory.write_d(0x28, -3072);
-        memory.write_l(0x081F, -3.25);
-        assert_eq!(memory.read_d(0x28), -3072);
+        let mut memory = testing::memory();
+        let (position, axis) = (testing::d(0x28), testing::l(0x081F));
+        memory.write_d(position, -3072);
+        memory.write_l(axis, -3.25);
+        assert_eq!(memory.read_d(position), -3072);
         assert_eq!(memory.read_x(0x28), 0xFFFFFF);
-        assert_eq!(memory.read_l(0x081F), -3.25);
+        assert_eq!(memory.read_l(axis), -3.25);
+    }
+
+    #[test]
+    fn the_board_sees_only_the_bits_that_its_addresses_have() {
+        let mut memory = testing::memory();
+        memory.write_x(0x1_0700, 5);
+        assert_eq!(memory.read_x(0x0700), 5);
+        memory.write_y(0x7_D200, 6);
+        assert_eq!(memory.dpram.read16(at(0x0800)), 6);
     }
 }

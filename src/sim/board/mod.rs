@@ -5,8 +5,8 @@
 //!
 //! | file | idea |
 //! |---|---|
-//! | [`memory`], [`dpram`], [`offsets`] | X and Y memory, the part shared with the host; where what lies |
-//! | [`family`], [`i_rows`], [`identity`] | what differs between families; factory values; how the board answers when asked |
+//! | [`memory`], [`dpram`], [`register_table`] | X and Y memory, the part shared with the host; where registers lie |
+//! | [`firmware`], [`i_rows`], [`identity`] | what differs between families; factory values; how the board answers when asked |
 //! | [`variables`], [`m_definition`], [`number`], [`password`], `access` | I-, P-, Q- and M-variables |
 //! | [`motor`], [`profile`], `compensation` | servo loop, drive and shaft; jog and home moves; leadscrew and backlash |
 //! | [`coordinate`], [`axes`], `axis_position` | time base; axis definitions; positions of axes |
@@ -22,7 +22,7 @@ pub mod coordinate;
 mod coordinate_commands;
 pub mod dpram;
 pub mod error;
-pub mod family;
+pub mod firmware;
 pub mod gather;
 pub mod i_rows;
 pub mod identity;
@@ -31,21 +31,22 @@ pub mod m_definition;
 pub mod memory;
 pub mod motor;
 pub mod number;
-pub mod offsets;
 pub mod output;
 pub mod password;
 pub mod profile;
 mod random;
+pub mod register_table;
 mod registers;
 pub mod variables;
 
+use crate::map::functions::rotary_header;
+use crate::map::{Family, IVariables};
 use crate::sim::fault::Faults;
 use crate::sim::judge::Judge;
 
 use axes::AxisDefinitions;
 use bus_setup::BusSetup;
 use coordinate::CoordinateSystem;
-pub use family::MOTORS;
 use gather::Gather;
 use identity::Identity;
 use memory::Memory;
@@ -127,6 +128,7 @@ impl Board {
     /// A board at factory defaults, just powered up. `seed` adds encoder noise of half a count.
     #[must_use]
     pub fn new(memory: Memory, identity: Identity, fixed_i10: Option<f64>, seed: Option<u64>) -> Self {
+        let family = identity.tables.family;
         let variables = factory(&identity, fixed_i10);
         let mut board = Self {
             saved: Saved::factory(&variables, &memory, false),
@@ -134,16 +136,16 @@ impl Board {
             variables,
             axes: AxisDefinitions::default(),
             faults: Faults::default(),
-            judge: Judge::default(),
+            judge: Judge::new(family),
             stats: Statistics::default(),
             output: Output::default(),
             rotary_cs_base: 1,
             watchdog: false,
             out_of_reach: false,
             fixed_i10,
-            motors: vec![Motor::new(); identity.motors.clamp(1, MOTORS)],
-            coordinates: vec![CoordinateSystem::default(); MOTORS],
-            gather: Gather::new(&identity.firmware),
+            motors: vec![Motor::new(); identity.motors.clamp(1, family.motors)],
+            coordinates: vec![CoordinateSystem::default(); family.coordinate_systems],
+            gather: Gather::new(family, &identity.firmware),
             port: Port::Serial,
             identity,
             noise: seed.map(Random::new),
@@ -186,25 +188,26 @@ impl Board {
     fn power_on(&mut self) {
         self.memory.clear_registers();
         self.saved.bus_setup.put(&mut self.memory);
+        let Family { servo, background, ascii, panel, variable_write, rotary, .. } = self.family();
         for word in [
-            offsets::PANEL_ENABLE,
-            offsets::SERVO_PMAC_STATUS,
-            offsets::BACKGROUND_READY,
-            offsets::BACKGROUND_TIMER,
-            offsets::ASCII_OUT_CONTROL,
-            offsets::ASCII_OUT_CHARACTER,
-            offsets::ASCII_IN_CONTROL,
-            offsets::ASCII_IN_COUNT,
-            offsets::VARIABLE_WRITE_COUNT,
-        ] {
+            servo.pmac_status.word,
+            background.ready.word,
+            background.timer.low,
+            ascii.command_loaded.word,
+            ascii.control_character,
+            ascii.response_control,
+            ascii.response_count,
+            variable_write.count,
+        ]
+        .into_iter()
+        .chain(panel.iter().map(|panel| panel.request_enable))
+        .chain(rotary.headers.iter().map(|header| header.plus_words(rotary_header::STATUS)))
+        {
             self.memory.dpram.write16(word, 0);
-        }
-        for header in offsets::ROTARY {
-            self.memory.dpram.write16(header, 0);
         }
         self.watchdog = false;
         self.output.cancel();
-        self.gather = Gather::new(&self.identity.firmware);
+        self.gather = Gather::new(self.family(), &self.identity.firmware);
         self.port = Port::Serial;
         for (index, coordinate) in self.coordinates.iter_mut().enumerate() {
             coordinate.reset(index, &self.variables, &mut self.memory);
@@ -216,23 +219,46 @@ impl Board {
         }
     }
 
-    /// The begin of a servo interrupt: counts it and gives the time base of each coordinate system, 1.0 for 100%.
-    pub fn begin_servo_cycle(&mut self) -> [f64; MOTORS] {
+    /// The begin of a servo interrupt: counts it and moves the time base of each coordinate system on.
+    pub fn begin_servo_cycle(&mut self) {
         self.stats.servo_cycles += 1;
-        let count = self.memory.read_x(offsets::SERVO_COUNTER).wrapping_add(1);
-        self.memory.write_x(offsets::SERVO_COUNTER, count);
-        let mut time_base = [1.0; MOTORS];
+        let counter = self.memory.registers().servo_counter;
+        let count = self.memory.read(counter).wrapping_add(1);
+        self.memory.write(counter, count);
         for (index, coordinate) in self.coordinates.iter_mut().enumerate() {
-            time_base[index] = coordinate.cycle(index, &self.variables, &mut self.memory);
+            coordinate.cycle(index, &self.variables, &mut self.memory);
         }
-        time_base
+    }
+
+    /// The time base of the 0-based coordinate system `cs` in this servo cycle, 1.0 for 100%.
+    #[must_use]
+    pub fn time_base(&self, cs: usize) -> f64 {
+        self.coordinates.get(cs).map_or(1.0, CoordinateSystem::factor)
+    }
+
+    /// How many coordinate systems the board has.
+    #[must_use]
+    pub fn coordinate_systems(&self) -> usize {
+        self.coordinates.len()
+    }
+
+    /// The board's family.
+    #[must_use]
+    pub fn family(&self) -> &'static Family {
+        self.identity.tables.family
+    }
+
+    /// The servo counter, 24 bits.
+    #[must_use]
+    pub fn servo_counter(&self) -> u32 {
+        self.memory.read(self.memory.registers().servo_counter)
     }
 
     /// The servo loop of the 0-based `motor`, at `time_base` of its coordinate system.
     pub fn servo_loop(&mut self, motor: usize, time_base: f64) -> Events {
         let ms = self.cycle_ms();
         let noise = self.noise.as_mut().map_or(0.0, |noise| noise.unit() / 2.0);
-        self.motors[motor].cycle(100 * (motor + 1), &self.variables, ms, time_base, noise)
+        self.motors[motor].cycle(IVariables::motor(motor + 1, 0), &self.variables, ms, time_base, noise)
     }
 
     /// Stores a sample of gathered data when one is due.
@@ -245,9 +271,21 @@ impl Board {
     #[must_use]
     pub fn response_port(&self) -> Port {
         match self.port {
-            Port::Dpram if self.variables.i(58) != 1.0 => Port::Serial,
+            Port::Dpram if !self.takes_ascii() => Port::Serial,
             port => port,
         }
+    }
+
+    /// Whether I58 (in this family's numbers) enables DPRAM ASCII.
+    #[must_use]
+    pub fn takes_ascii(&self) -> bool {
+        self.enabled(self.family().i.ascii_enable)
+    }
+
+    /// Whether the I-variable that enables a function of the DPRAM is 1.
+    #[must_use]
+    pub fn enabled(&self, number: u16) -> bool {
+        self.variables.i(number.into()) == 1.0
     }
 
     /// A command came through the mailboxes.
@@ -265,7 +303,7 @@ impl Board {
     pub fn cycle_ms(&self) -> f64 {
         let i10 = self.fixed_i10.unwrap_or_else(|| self.variables.i(10));
         // I10=0 would stop the clock; the board's own default is the least surprising stand-in.
-        (if i10 > 0.0 { i10 } else { 3_713_707.0 }) / 8_388_608.0
+        (if i10 > 0.0 { i10 } else { self.family().default_i10.into() }) / 8_388_608.0
     }
 
     /// The world around 0-based `motor`: limit switches, trigger, a held shaft. `None` when there is no such motor.
@@ -289,7 +327,7 @@ impl Board {
 
     /// Motor I-variable `Ixn` of the 0-based `motor`.
     pub fn ix(&self, motor: usize, n: usize) -> f64 {
-        self.variables.i(100 * (motor + 1) + n)
+        self.variables.i(IVariables::motor(motor + 1, n))
     }
 
     /// Whether 0-based `motor` exists and is activated.
@@ -299,7 +337,7 @@ impl Board {
 }
 
 fn factory(identity: &Identity, fixed_i10: Option<f64>) -> Variables {
-    let mut variables = Variables::new(identity.family);
+    let mut variables = Variables::new(identity.tables);
     if let Some(i10) = fixed_i10 {
         variables.set_i(10, i10);
     }

@@ -2,7 +2,7 @@
 //!
 //! A variable is a 48-bit float with a 36-bit mantissa, so it is printed with the fewest digits that read back as the
 //! same register: what was typed as 98.7 comes back as 98.7. At most 11 digits are significant, and a family prints a
-//! limited number after the point: 9 on the classic family (`-0.333333333`, `6.666666667`), 10 on Turbo
+//! limited number after the point: 9 on PMAC (`-0.333333333`, `6.666666667`), 10 on Turbo
 //! (`0.9998474121`). The rule is read off the values seen in manuals and listings; no text states it.
 
 use crate::format::float48;

@@ -3,14 +3,14 @@
 use std::collections::VecDeque;
 
 use super::error::CommandError;
-use crate::map::classic::{self, RESPONSE_ERROR};
+use crate::map::functions::{RESPONSE_BYTES, response};
 
 /// Responses kept for a host that does not fetch them; then the oldest program's messages would be lost, so new ones are.
 const MOST_RESPONSES: usize = 4096;
 /// Bytes kept at the serial port, which a process that serves no serial port never fetches.
 const MOST_BYTES: usize = 65_536;
 /// The most characters that one response of the DPRAM can have, without its NUL.
-const MOST_CHARACTERS: usize = classic::ASCII_RESPONSE_BYTES - 1;
+const MOST_CHARACTERS: usize = RESPONSE_BYTES - 1;
 
 /// The port that responses not asked for go to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -58,7 +58,7 @@ impl Output {
     pub fn respond_error(&mut self, error: CommandError) {
         let code = error.0;
         let digits = (code / 100 % 10) << 8 | (code / 10 % 10) << 4 | (code % 10);
-        self.respond(RESPONSE_ERROR | digits, &[]);
+        self.respond(response::ERROR | digits, &[]);
     }
 
     /// Queues bytes for the mailboxes or the serial port.

@@ -3,11 +3,10 @@
 //! Bits: Software Reference pp. 189-198.
 
 use crate::format::int24;
-use crate::sim::board::family::MOTORS;
 use crate::sim::board::gather::Activity;
-use crate::sim::board::motor::Loop;
+use crate::sim::board::motor::{Loop, Motors};
 use crate::sim::board::output::Port;
-use crate::sim::board::{Board, coordinate, offsets};
+use crate::sim::board::{Board, coordinate};
 
 /// The bits of the global status, Y word, that program buffers set: open ones, and memory nearly full.
 const BUFFER_BITS: u32 = 0b111 << 17 | 1 << 11;
@@ -23,20 +22,20 @@ impl Board {
         let scale = self.scale(motor);
         let velocity_scale = self.ix(motor, 9) * 32.0;
         let cycles = self.ix(motor, 60) + 1.0;
-        let at = |register| offsets::motor(register, motor);
         let status = self.servo_status(motor);
         let addresses = [self.ix(motor, 3) as u32, self.ix(motor, 5) as u32];
         let state = &self.motors[motor];
         let memory = &mut self.memory;
-        memory.write_d(at(offsets::COMMANDED), (state.commanded() * scale).round() as i64);
-        memory.write_d(at(offsets::ACTUAL), (state.actual() * scale).round() as i64);
-        memory.write_x(at(offsets::VELOCITY), word(state.moved() * velocity_scale * cycles));
-        memory.write_x(at(offsets::DAC), word(state.output() * 256.0));
-        memory.write_x(at(offsets::DESIRED_VELOCITY), word(state.desired_velocity() * scale / 3.0));
-        memory.write_x(at(offsets::TIME_LEFT), word(state.time_left().unwrap_or(0.0) * 2.0));
-        memory.write_x(at(offsets::FEEDBACK_ADDRESS), addresses[0]);
-        memory.write_x(at(offsets::MASTER_ADDRESS), addresses[1]);
-        memory.write_x(at(offsets::SERVO_STATUS), status);
+        let at = memory.registers();
+        memory.write_d(at.commanded.of(motor), (state.commanded() * scale).round() as i64);
+        memory.write_d(at.actual.of(motor), (state.actual() * scale).round() as i64);
+        memory.write(at.velocity.of(motor), word(state.moved() * velocity_scale * cycles));
+        memory.write(at.dac.of(motor), word(state.output() * 256.0));
+        memory.write(at.desired_velocity.of(motor), word(state.desired_velocity() * scale / 3.0));
+        memory.write(at.time_left.of(motor), word(state.time_left().unwrap_or(0.0) * 2.0));
+        memory.write(at.feedback_address.of(motor), addresses[0]);
+        memory.write(at.master_address.of(motor), addresses[1]);
+        memory.write(at.servo_status.of(motor), status);
     }
 
     /// The background registers of a motor.
@@ -46,22 +45,22 @@ impl Board {
         let state = &self.motors[motor];
         let target = (state.target() * scale).round() as i64;
         let captured = word(state.captured);
-        let at = |register| offsets::background(register, motor);
         let memory = &mut self.memory;
-        memory.write_d(at(offsets::TARGET), target);
-        memory.write_y(at(offsets::HOME_CAPTURE), captured);
-        memory.write_y(at(offsets::BACKGROUND_STATUS), status);
+        let at = memory.registers();
+        memory.write_d(at.target.of(motor), target);
+        memory.write(at.home_capture.of(motor), captured);
+        memory.write(at.background_status.of(motor), status);
     }
 
     /// Goes on averaging the velocity: a sixteenth of the difference a background pass.
     pub fn average_velocity(&mut self, motor: usize) {
-        let address = offsets::background(offsets::AVERAGE_VELOCITY, motor);
-        let now = int24::signed(self.memory.read_x(offsets::motor(offsets::VELOCITY, motor)));
-        let average = int24::signed(self.memory.read_y(address));
+        let at = self.memory.registers();
+        let now = int24::signed(self.memory.read(at.velocity.of(motor)));
+        let average = int24::signed(self.memory.read(at.average_velocity.of(motor)));
         let difference = now - average;
         // The last units one by one.
         let step = if difference.abs() < 16 { difference.signum() } else { difference / 16 };
-        self.memory.write_y(address, (average + step) as u32);
+        self.memory.write(at.average_velocity.of(motor), (average + step) as u32);
     }
 
     /// Makes the registers of a motor show what a command has just done.
@@ -79,11 +78,11 @@ impl Board {
             fatal |= self.motors[motor].fatal;
             warning |= self.motors[motor].warning;
         }
-        self.memory.write_y(offsets::background(offsets::COORDINATE_STATUS, cs), motors);
-        let address = offsets::background(offsets::PROGRAM_STATUS, cs);
-        let others = self.memory.read_y(address) & !(0b111 << 17);
+        let at = self.memory.registers();
+        self.memory.write(at.coordinate_motors.of(cs), motors);
+        let others = self.memory.read(at.program_status.of(cs)) & !(0b111 << 17);
         let own = bit(17, motors != 0 && all_in_position) | bit(18, warning) | bit(19, fatal);
-        self.memory.write_y(address, others | own);
+        self.memory.write(at.program_status.of(cs), others | own);
     }
 
     /// `???`. `buffers` are the bits of the Y word that program buffers set, `BUFFER_BITS` of them.
@@ -91,10 +90,11 @@ impl Board {
         let x = bit(19, self.gather.runs(Activity::Gathering)) | bit(17, self.gather.runs(Activity::Armed));
         let host = self.response_port() != Port::Serial;
         let own = 1 << 22 | BUFFER_BITS | 1 << 15;
-        let y = self.memory.read_y(offsets::GLOBAL_STATUS) & !own | buffers;
-        let others = self.memory.read_x(offsets::GLOBAL_STATUS) & !(1 << 19 | 1 << 17);
-        self.memory.write_x(offsets::GLOBAL_STATUS, others | x);
-        self.memory.write_y(offsets::GLOBAL_STATUS, y | bit(22, host) | bit(15, host));
+        let at = self.memory.registers();
+        let y = self.memory.read(at.global_buffers) & !own | buffers;
+        let others = self.memory.read(at.global_status) & !(1 << 19 | 1 << 17);
+        self.memory.write(at.global_status, others | x);
+        self.memory.write(at.global_buffers, y | bit(22, host) | bit(15, host));
     }
 
     fn servo_status(&self, motor: usize) -> u32 {
@@ -154,56 +154,55 @@ impl Board {
     /// Position of the 0-based `motor` in counts, with bias and compensation: `P`.
     #[must_use]
     pub fn position(&self, motor: usize) -> f64 {
-        let sum = self.memory.read_d(offsets::motor(offsets::ACTUAL, motor))
-            + self.memory.read_d(offsets::background(offsets::BIAS, motor))
-            + self.memory.read_d(offsets::motor(offsets::COMPENSATION, motor));
+        let at = self.memory.registers();
+        let sum = self.memory.read_d(at.actual.of(motor))
+            + self.memory.read_d(at.bias.of(motor))
+            + self.memory.read_d(at.compensation.of(motor));
         divide(sum as f64, self.scale(motor))
     }
 
     /// Velocity of the 0-based `motor` in counts per servo cycle: `V`.
     #[must_use]
     pub fn velocity(&self, motor: usize) -> f64 {
-        let raw = int24::signed(self.memory.read_x(offsets::motor(offsets::VELOCITY, motor)));
+        let raw = int24::signed(self.memory.read(self.memory.registers().velocity.of(motor)));
         divide(f64::from(raw), self.ix(motor, 9) * 32.0)
     }
 
     /// Following error of the 0-based `motor` in counts: `F`.
     #[must_use]
     pub fn following_error(&self, motor: usize) -> f64 {
-        let commanded = self.memory.read_d(offsets::motor(offsets::COMMANDED, motor));
-        let actual = self.memory.read_d(offsets::motor(offsets::ACTUAL, motor));
-        let compensation = self.memory.read_d(offsets::motor(offsets::COMPENSATION, motor));
+        let at = self.memory.registers();
+        let commanded = self.memory.read_d(at.commanded.of(motor));
+        let actual = self.memory.read_d(at.actual.of(motor));
+        let compensation = self.memory.read_d(at.compensation.of(motor));
         divide((commanded - actual - compensation) as f64, self.scale(motor))
     }
 
     /// The two words of `?` for the 0-based `motor`.
     #[must_use]
     pub fn motor_status(&self, motor: usize) -> [u32; 2] {
-        [
-            self.memory.read_x(offsets::motor(offsets::SERVO_STATUS, motor)),
-            self.memory.read_y(offsets::background(offsets::BACKGROUND_STATUS, motor)),
-        ]
+        let at = self.memory.registers();
+        [at.servo_status, at.background_status].map(|register| self.memory.read(register.of(motor)))
     }
 
     /// The two words of `??` for the 0-based coordinate system.
     #[must_use]
     pub fn coordinate_status(&self, cs: usize) -> [u32; 2] {
-        [
-            self.memory.read_x(offsets::background(offsets::COORDINATE_STATUS, cs)),
-            self.memory.read_y(offsets::background(offsets::PROGRAM_STATUS, cs)),
-        ]
+        let at = self.memory.registers();
+        [at.coordinate_status, at.program_status].map(|register| self.memory.read(register.of(cs)))
     }
 
     /// The two words of `???`.
     #[must_use]
     pub fn global_status(&self) -> [u32; 2] {
-        [self.memory.read_x(offsets::GLOBAL_STATUS), self.memory.read_y(offsets::GLOBAL_STATUS)]
+        let at = self.memory.registers();
+        [at.global_status, at.global_buffers].map(|register| self.memory.read(register))
     }
 
     /// Whether Ix00 of the 0-based `motor` is set.
     #[must_use]
     pub fn activated(&self, motor: usize) -> bool {
-        self.variables.i(self.variables.family().motor_i(motor, 0)) != 0.0
+        self.ix(motor, 0) != 0.0
     }
 
     /// Whether a motion program runs in the 0-based coordinate system `cs`: bit 0 of the first `??` word.
@@ -218,31 +217,31 @@ impl Board {
     }
 
     /// The commanded positions of all motors in counts.
-    pub fn commanded(&self) -> [f64; MOTORS] {
+    pub fn commanded(&self) -> Motors {
         std::array::from_fn(|motor| self.motors.get(motor).map_or(0.0, |motor| motor.commanded()))
     }
 
     /// Changes the first `??` word: clears `clear`, then sets `set`.
     pub fn coordinate_word(&mut self, cs: usize, clear: u32, set: u32) {
-        let address = offsets::background(offsets::COORDINATE_STATUS, cs);
-        let word = self.memory.read_x(address);
-        self.memory.write_x(address, word & !clear | set);
+        let address = self.memory.registers().coordinate_status.of(cs);
+        let word = self.memory.read(address);
+        self.memory.write(address, word & !clear | set);
     }
 
     /// Changes the second `??` word likewise.
     pub fn program_word(&mut self, cs: usize, clear: u32, set: u32) {
-        let address = offsets::background(offsets::PROGRAM_STATUS, cs);
-        let word = self.memory.read_y(address);
-        self.memory.write_y(address, word & !clear | set);
+        let address = self.memory.registers().program_status.of(cs);
+        let word = self.memory.read(address);
+        self.memory.write(address, word & !clear | set);
     }
 
     /// Writes the axis target registers; those of segmented moves too when they are in use.
     pub fn write_axes(&mut self, cs: usize, axes: &[f64; 9], segmented: bool) {
+        let at = self.memory.registers();
         for (index, &axis) in axes.iter().enumerate() {
-            let register = |first| offsets::background(first, cs) + index as u16;
-            self.memory.write_l(register(offsets::AXIS_TARGET_C), axis);
+            self.memory.write_l(at.axis_targets.behind(cs, index), axis);
             if segmented {
-                self.memory.write_l(register(offsets::AXIS_TARGET_A), axis);
+                self.memory.write_l(at.segmented_axis_targets.behind(cs, index), axis);
             }
         }
     }

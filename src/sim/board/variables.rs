@@ -4,8 +4,8 @@
 //! memory commands, M-variables and the DPRAM's variable copying see them. M-variables are definitions that point
 //! into memory. (A board also keeps the M definitions in memory; here they are not visible there.)
 
-use crate::format::float48;
-use crate::sim::board::family::{DpramHandshake, Family};
+use crate::map::{IVariables, PmacAddress, Space};
+use crate::sim::board::firmware::{DpramHandshake, FirmwareTables};
 use crate::sim::board::i_rows::{Kind, Scope};
 use crate::sim::board::m_definition::MDefinition;
 use crate::sim::board::memory::Memory;
@@ -49,7 +49,7 @@ struct Rule {
 /// The variables of a board.
 #[derive(Debug, Clone)]
 pub struct Variables {
-    family: &'static Family,
+    tables: &'static FirmwareTables,
     rules: Vec<Rule>,
     i: Vec<f64>,
     m: Vec<(MDefinition, f64)>,
@@ -65,23 +65,23 @@ pub struct SavedVariables {
 }
 
 impl Variables {
-    /// Factory defaults of `family`.
+    /// Factory defaults of the firmware of `tables`.
     #[must_use]
-    pub fn new(family: &'static Family) -> Self {
+    pub fn new(tables: &'static FirmwareTables) -> Self {
         let unlisted = Rule { kind: Kind::Float, default: 0.0, hex: false };
-        let mut rules = vec![unlisted; family.variables];
-        for row in family.i_rows.iter().copied().flatten() {
+        let mut rules = vec![unlisted; tables.variables];
+        for row in tables.i_rows.iter().copied().flatten() {
             let count = match row.scope {
                 Scope::Global => 1,
-                Scope::Motor => family.motors,
-                Scope::Coordinate => family.coordinate_systems,
+                Scope::Motor => tables.family.motors,
+                Scope::Coordinate => tables.family.coordinate_systems,
             };
             for index in 0..count {
                 for n in row.number..=row.last {
                     let number = match row.scope {
                         Scope::Global => n,
-                        Scope::Motor => family.motor_i(index, n),
-                        Scope::Coordinate => family.coordinate_i(index, n),
+                        Scope::Motor => IVariables::motor(index + 1, n),
+                        Scope::Coordinate => tables.coordinate_i(index, n),
                     };
                     if let Some(rule) = rules.get_mut(number) {
                         *rule = Rule { kind: row.kind, default: row.default.of(index), hex: row.hex };
@@ -90,20 +90,20 @@ impl Variables {
             }
         }
         let i = rules.iter().map(|rule| rule.default).collect();
-        let m = vec![(MDefinition::None, 0.0); family.variables];
-        Self { family, rules, i, m, password: Password::default() }
+        let m = vec![(MDefinition::None, 0.0); tables.variables];
+        Self { tables, rules, i, m, password: Password::default() }
     }
 
-    /// The family whose tables these are.
+    /// The tables these are of.
     #[must_use]
-    pub const fn family(&self) -> &'static Family {
-        self.family
+    pub const fn tables(&self) -> &'static FirmwareTables {
+        self.tables
     }
 
     /// All I-variables at their defaults, no M definition, no password: what `$$$***` does. P- and Q-variables are memory
     /// and are cleared with it.
     pub fn reset_to_factory(&mut self) {
-        *self = Self::new(self.family);
+        *self = Self::new(self.tables);
     }
 
     /// What `SAVE` writes to flash.
@@ -127,10 +127,10 @@ impl Variables {
     }
 
     /// The addresses of all P- and Q-variables.
-    fn register_addresses(&self) -> impl Iterator<Item = u16> + use<> {
-        let span = self.family.variables as u32;
-        let q = self.family.q_addresses.first().copied().unwrap_or(0);
-        (self.family.p_address..).take(span as usize).chain((q..).take(span as usize)).map(|a| a as u16)
+    fn register_addresses(&self) -> impl Iterator<Item = u32> + use<> {
+        let span = self.tables.variables;
+        let q = self.tables.q_addresses.first().copied().unwrap_or(0);
+        (self.tables.p_address..).take(span).chain((q..).take(span))
     }
 
     /// I-variable `number`; 0 where there is none.
@@ -174,7 +174,7 @@ impl Variables {
         if self.hex_listing() && self.rules.get(number).is_some_and(|rule| rule.hex) {
             return format!("${:X}", value as i64 & 0xFF_FFFF);
         }
-        decimal(value, self.family.decimals)
+        decimal(value, self.tables.decimals)
     }
 
     /// Bit 0 of I9: listings in the long form `I5=2`.
@@ -190,34 +190,35 @@ impl Variables {
     /// P-variable `number`.
     #[must_use]
     pub fn p(&self, memory: &Memory, number: usize) -> f64 {
-        read_float(memory, self.p_address(number))
+        memory.read_l(self.p_address(number))
     }
 
     /// Sets P-variable `number`.
     pub fn set_p(&self, memory: &mut Memory, number: usize, value: f64) {
-        write_float(memory, self.p_address(number), value);
+        memory.write_l(self.p_address(number), value);
     }
 
     /// Q-variable `number` of the 0-based coordinate system `cs`.
     #[must_use]
     pub fn q(&self, memory: &Memory, cs: usize, number: usize) -> f64 {
-        read_float(memory, self.q_address(cs, number))
+        memory.read_l(self.q_address(cs, number))
     }
 
     /// Sets Q-variable `number` of the 0-based coordinate system `cs`, and so one of every other coordinate system: the sets
     /// overlap.
     pub fn set_q(&self, memory: &mut Memory, cs: usize, number: usize, value: f64) {
-        write_float(memory, self.q_address(cs, number), value);
+        memory.write_l(self.q_address(cs, number), value);
     }
 
-    fn p_address(&self, number: usize) -> u16 {
-        (self.family.p_address as usize + number % self.family.variables) as u16
+    fn p_address(&self, number: usize) -> PmacAddress {
+        PmacAddress::new(Space::L, self.tables.p_address + (number % self.tables.variables) as u32)
     }
 
-    fn q_address(&self, cs: usize, number: usize) -> u16 {
-        let first = self.family.q_addresses.first().copied().unwrap_or(0) as usize;
-        let own = self.family.q_addresses.get(cs).copied().unwrap_or(0) as usize;
-        (first + (own.saturating_sub(first) + number) % self.family.variables) as u16
+    fn q_address(&self, cs: usize, number: usize) -> PmacAddress {
+        let first = self.tables.q_addresses.first().copied().unwrap_or(0);
+        let own = self.tables.q_addresses.get(cs).copied().unwrap_or(0);
+        let index = (own.saturating_sub(first) as usize + number) % self.tables.variables;
+        PmacAddress::new(Space::L, first + index as u32)
     }
 
     /// The definition of M-variable `number`.
@@ -254,7 +255,7 @@ impl Variables {
 ///
 /// `firmware` is the version as `VERSION` reports it.
 pub fn force_dpram_handshake(variables: &mut Variables, firmware: &str) {
-    if variables.family.dpram_handshake == DpramHandshake::Untouched {
+    if variables.tables.dpram_handshake == DpramHandshake::Untouched {
         return;
     }
     let version: f64 =
@@ -265,26 +266,16 @@ pub fn force_dpram_handshake(variables: &mut Variables, firmware: &str) {
     variables.set_i(6, 1.0);
 }
 
-fn read_float(memory: &Memory, address: u16) -> f64 {
-    float48::decode(memory.read_y(address), memory.read_x(address))
-}
-
-fn write_float(memory: &mut Memory, address: u16, value: f64) {
-    let [y, x] = float48::encode(value);
-    memory.write_y(address, y & 0xFF_FFFF);
-    memory.write_x(address, x & 0xFF_FFFF);
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::sim::board::Board;
-    use crate::sim::board::family;
+    use crate::sim::board::firmware;
     use crate::sim::testing;
 
     #[test]
     fn values_out_of_range_wrap() {
-        let mut variables = Variables::new(&family::PMAC);
+        let mut variables = Variables::new(&firmware::PMAC);
         for (number, value, kept) in [
             (3, 5.0, 1.0),
             (3, -1.0, 3.0),
@@ -302,7 +293,7 @@ mod tests {
 
     #[test]
     fn factory_defaults_by_motor_and_coordinate_system() {
-        let variables = Variables::new(&family::PMAC);
+        let variables = Variables::new(&firmware::PMAC);
         for (number, value) in [
             (100, 1.0),
             (200, 0.0),
@@ -317,14 +308,14 @@ mod tests {
         ] {
             assert_eq!(variables.i(number), value, "I{number}");
         }
-        assert_eq!(Variables::new(&family::PMAC2).i(10), 3_713_991.0);
+        assert_eq!(Variables::new(&firmware::PMAC2).i(10), 3_713_991.0);
     }
 
     #[test]
     fn every_default_is_inside_its_range() {
-        for family in [&family::PMAC, &family::PMAC2] {
-            let mut variables = Variables::new(family);
-            for number in 0..family.variables {
+        for &tables in firmware::SIMULATED {
+            let mut variables = Variables::new(tables);
+            for number in 0..tables.variables {
                 let default = variables.default_i(number);
                 variables.set_i(number, default);
                 assert!((variables.i(number) - default).abs() <= default.abs() * 1e-10, "I{number}");
@@ -354,7 +345,7 @@ mod tests {
             ("1.16D", 0.0, 0.0),
             ("1.14C", 1.0, 2.0),
         ] {
-            let mut variables = Variables::new(&family::PMAC);
+            let mut variables = Variables::new(&firmware::PMAC);
             variables.set_i(3, before);
             variables.set_i(4, 1.0);
             force_dpram_handshake(&mut variables, firmware);

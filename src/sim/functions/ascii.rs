@@ -1,36 +1,35 @@
 //! PMAC's half of the DPRAM ASCII port (DPRAM manual pp. 25-29).
 //!
-//! A line is taken when bit 0 of 0x062C is set: seen in one background pass, taken in the next, so that a host that
-//! goes on writing after its flag is found out. A first part of a long line has no NUL in its 160 bytes. A character
-//! at 0x062E acts at once. Responses queue up; one is written when 0x06D0 is zero: text and NUL, count, then the
+//! A line is taken when its flag is set: seen in one background pass, taken in the next, so that a host that goes on
+//! writing after its flag is found out. The first part of a long line has no NUL in the buffer. A control character acts
+//! at once. Responses queue up; one is written when the response's control word is zero: text and NUL, count, then the
 //! control word, and the interrupt if I56=1.
 //!
 //! Control words: 0x000D a line, 0x0006 the end, 0x8nnn an error (BCD), 0x010D a `CMD` response, 0x020D a `SEND`
 //! message. The end is sent when I3 is 2 or 3, the modes whose handshake is `<ACK>`.
 
 use crate::format::TextOrder;
-use crate::map::classic::{self, RESPONSE_ACKNOWLEDGE, RESPONSE_LINE};
+use crate::map::HostOffset;
+use crate::map::functions::response;
+use crate::sim::board::Board;
 use crate::sim::board::error::CommandError;
 use crate::sim::board::output::Response;
-use crate::sim::board::{Board, offsets};
 use crate::sim::language::control::takes_line;
 use crate::sim::language::interpreter::Interpreter;
 use crate::sim::language::reply::Reply;
 use crate::sim::program::Programs;
 
-/// The most characters a line in two parts can have.
-const LONGEST: usize = classic::ASCII_LINE_LIMIT;
 /// The port's state.
 #[derive(Debug, Clone, Default)]
 pub struct AsciiPort {
     /// The text as it was when its flag was first seen.
-    seen: Option<[u8; offsets::ASCII_OUT_LENGTH]>,
+    seen: Option<Vec<u8>>,
     /// The first part of a long line.
     first_part: Option<Vec<u8>>,
     /// Passes left until a late `<ACK>` may go.
     late: Option<u64>,
     /// Words of a torn response that are not written yet.
-    rest: Vec<(u16, u16)>,
+    rest: Vec<(HostOffset, u16)>,
     /// The response given last is to be given again.
     repeat: Option<Response>,
     /// Lines and control characters taken.
@@ -45,7 +44,7 @@ impl AsciiPort {
     /// One background pass: takes a control character, then a line, then writes a response.
     pub fn poll(&mut self, board: &mut Board, programs: &mut Programs, interpreter: &mut Interpreter) {
         self.follow_cancel(board);
-        if board.variables.i(58) == 1.0 && !board.faults.ascii_deaf {
+        if board.takes_ascii() && !board.faults.ascii_deaf {
             self.take_character(board, programs, interpreter);
             self.take_line(board, programs, interpreter);
         }
@@ -61,12 +60,12 @@ impl AsciiPort {
     }
 
     fn take_character(&mut self, board: &mut Board, programs: &mut Programs, interpreter: &mut Interpreter) {
-        let word = board.memory.dpram.read16(offsets::ASCII_OUT_CHARACTER);
-        let character = word as u8;
+        let place = board.family().ascii.control_character;
+        let character = board.memory.dpram.read16(place) as u8;
         if character == 0 {
             return;
         }
-        board.memory.dpram.write16(offsets::ASCII_OUT_CHARACTER, 0);
+        board.memory.dpram.write16(place, 0);
         self.commands += 1;
         board.dpram_becomes_active();
         control(board, programs, interpreter, character);
@@ -74,14 +73,17 @@ impl AsciiPort {
     }
 
     fn take_line(&mut self, board: &mut Board, programs: &mut Programs, interpreter: &mut Interpreter) {
-        if board.memory.dpram.read16(offsets::ASCII_OUT_CONTROL) & 1 == 0 {
+        let port = &board.family().ascii;
+        if !board.memory.dpram.is_set(port.command_loaded) {
             self.seen = None;
             return;
         }
         board.memory.dpram.order_reads();
         let text = read_text(board);
-        let Some(seen) = self.seen.replace(text) else { return };
-        self.seen = None;
+        let Some(seen) = self.seen.take() else {
+            self.seen = Some(text);
+            return;
+        };
         if before_nul(&seen) != before_nul(&text) {
             let cycle = board.stats.servo_cycles;
             board.judge.record(cycle, "the command text changed after its flag was set");
@@ -92,7 +94,7 @@ impl AsciiPort {
                 line.extend_from_slice(&text[..end]);
                 self.commands += 1;
                 board.dpram_becomes_active();
-                if line.len() > LONGEST {
+                if line.len() > port.line_limit {
                     board.output.respond_error(CommandError::SYNTAX);
                 } else {
                     execute(board, programs, interpreter, &line);
@@ -101,7 +103,7 @@ impl AsciiPort {
             }
             // The last byte of a first part only shows that there is more.
             None if self.first_part.is_none() => {
-                self.first_part = Some(text[..offsets::ASCII_OUT_LENGTH - 1].to_vec());
+                self.first_part = Some(text[..text.len() - 1].to_vec());
             }
             None => {
                 self.first_part = None;
@@ -109,21 +111,21 @@ impl AsciiPort {
             }
         }
         board.memory.dpram.order_writes();
-        board.memory.dpram.write16(offsets::ASCII_OUT_CONTROL, 0);
+        board.memory.dpram.write16(port.command_loaded.word, 0);
     }
 
     fn respond(&mut self, board: &mut Board) {
         for (offset, word) in std::mem::take(&mut self.rest) {
             board.memory.dpram.write16(offset, word);
         }
-        let free = board.memory.dpram.read16(offsets::ASCII_IN_CONTROL) == 0;
+        let free = board.memory.dpram.read16(board.family().ascii.response_control) == 0;
         if let Some(again) = self.repeat.take_if(|_| free) {
             board.output.dpram.push_front(again);
             self.put(board);
             return;
         }
         let Some(next) = board.output.dpram.front() else { return };
-        if next.control == RESPONSE_ACKNOWLEDGE && board.faults.ascii_late_ack > 0 {
+        if next.control == response::ACKNOWLEDGE && board.faults.ascii_late_ack > 0 {
             let left = self.late.get_or_insert(board.faults.ascii_late_ack);
             if *left > 0 {
                 *left -= 1;
@@ -143,12 +145,13 @@ impl AsciiPort {
     /// Writes the oldest response.
     fn put(&mut self, board: &mut Board) {
         let Some(Response { control, text }) = board.output.dpram.pop_front() else { return };
+        let family = board.family();
         let dpram = &mut board.memory.dpram;
         // One NUL at least; the second half of the last word is a NUL too.
         let words = (0..=text.len()).step_by(2).map(|place| {
             let character = |at: usize| text.get(at).copied().unwrap_or(0);
             let word = TextOrder::LowFirst.pack(character(place), character(place + 1));
-            (offsets::ASCII_IN_TEXT + place as u16, word)
+            (family.ascii.response.plus_words(place / 2), word)
         });
         let whole = if board.faults.ascii_torn { text.len() / 4 } else { usize::MAX };
         for (index, (offset, word)) in words.enumerate() {
@@ -158,10 +161,10 @@ impl AsciiPort {
                 self.rest.push((offset, word));
             }
         }
-        dpram.write16(offsets::ASCII_IN_COUNT, board.faults.ascii_count.unwrap_or(text.len() as u16 + 1));
+        dpram.write16(family.ascii.response_count, board.faults.ascii_count.unwrap_or(text.len() as u16 + 1));
         dpram.order_writes();
-        dpram.write16(offsets::ASCII_IN_CONTROL, control);
-        if board.variables.i(56) == 1.0 {
+        dpram.write16(family.ascii.response_control, control);
+        if board.enabled(family.i.interrupt) {
             self.interrupts += 1;
         }
     }
@@ -196,22 +199,20 @@ fn answer(board: &mut Board, reply: Reply) {
         return;
     }
     for text in reply.lines {
-        board.output.respond(RESPONSE_LINE, text.as_bytes());
+        board.output.respond(response::LINE, text.as_bytes());
     }
     match reply.error {
         Some(error) => board.output.respond_error(error),
-        None if board.variables.i(3) >= 2.0 => board.output.respond(RESPONSE_ACKNOWLEDGE, &[]),
+        None if board.variables.i(3) >= 2.0 => board.output.respond(response::ACKNOWLEDGE, &[]),
         None => {}
     }
 }
 
-fn read_text(board: &Board) -> [u8; offsets::ASCII_OUT_LENGTH] {
-    let mut text = [0; offsets::ASCII_OUT_LENGTH];
-    for (index, pair) in text.chunks_exact_mut(2).enumerate() {
-        let word = board.memory.dpram.read16(offsets::ASCII_OUT_TEXT + 2 * index as u16);
-        pair.copy_from_slice(&TextOrder::LowFirst.unpack(word));
-    }
-    text
+fn read_text(board: &Board) -> Vec<u8> {
+    let port = &board.family().ascii;
+    let words =
+        (0..port.command_bytes / 2).map(|word| board.memory.dpram.read16(port.command.plus_words(word)));
+    words.flat_map(|word| TextOrder::LowFirst.unpack(word)).collect()
 }
 
 /// What counts of a text: what stands before its NUL.

@@ -193,7 +193,7 @@ fn control_w_takes_the_line_that_i47_points_to() {
     let mut bench = Bench::started();
     bench.set(47, f64::from(0xD300));
     for (index, pair) in b"P7=42 P7..8\0".chunks(2).enumerate() {
-        bench.write(0x0C00 + 2 * index as u16, u16::from_le_bytes([pair[0], pair[1]]));
+        bench.write(0x0C00 + 2 * index as u32, u16::from_le_bytes([pair[0], pair[1]]));
     }
     bench.write(0x062E, 0x17);
     assert_eq!([bench.response(), bench.response(), bench.response()], [line("42"), line("0"), ack()]);

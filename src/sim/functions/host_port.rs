@@ -21,8 +21,9 @@ use std::path::Path;
 
 use nix::fcntl::Flock;
 
+use crate::sim::board::Board;
 use crate::sim::board::dpram::{DpramError, open_shared};
-use crate::sim::board::{Board, offsets};
+use crate::sim::board::firmware::Controller;
 
 /// The file's length.
 pub const LENGTH: usize = 16;
@@ -45,15 +46,6 @@ const END_OF_IR7: u8 = 0x67;
 const EQU1: u8 = 1 << 5;
 /// PMAC2: the watchdog.
 const WATCHDOG: u8 = 1 << 7;
-
-/// Whose registers they are.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Controller {
-    /// PMAC(1): an 8259.
-    Intel8259,
-    /// PMAC2.
-    Pmac2,
-}
 
 /// The port.
 #[derive(Debug)]
@@ -169,9 +161,10 @@ impl HostPort {
 
 /// Whether the interrupt line of the DPRAM's responses is asserted: I56=1, and the host has not taken the last one.
 fn response_waits(board: &Board) -> bool {
-    board.variables.i(56) == 1.0
+    let family = board.family();
+    board.enabled(family.i.interrupt)
         && !board.out_of_reach
-        && board.memory.dpram.read16(offsets::ASCII_IN_CONTROL) != 0
+        && board.memory.dpram.read16(family.ascii.response_control) != 0
 }
 
 #[cfg(test)]

@@ -6,7 +6,7 @@ use tempfile::TempDir;
 
 use super::*;
 use crate::sim::board::output::Port;
-use crate::sim::testing::Bench;
+use crate::sim::testing::{Bench, l};
 use crate::sim::world::Interrupts;
 
 struct Rig {
@@ -135,7 +135,7 @@ fn the_same_character_and_the_same_line_can_be_sent_again() {
         rig.send("P1=P1+1");
         rig.write(1, 0);
         assert_eq!(rig.response()[0], ACK);
-        assert_eq!(rig.bench.world.board.memory.read_l(0x1001), f64::from(round));
+        assert_eq!(rig.bench.world.board.memory.read_l(l(0x1001)), f64::from(round));
     }
 }
 

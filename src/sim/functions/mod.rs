@@ -8,6 +8,7 @@ pub mod ascii;
 mod ascii_tests;
 pub mod background_report;
 mod buffer_owners;
+mod copies;
 pub mod host_port;
 pub mod mailbox;
 pub mod panel;
@@ -15,6 +16,7 @@ pub mod reach;
 pub mod requests;
 pub mod rotary;
 pub mod servo_report;
+mod user_area;
 pub mod variable_read;
 pub mod variable_write;
 
@@ -24,21 +26,35 @@ use rotary::RotaryTransfer;
 use variable_read::VariableRead;
 use variable_write::VariableWrite;
 
+use crate::map::Family;
 use crate::sim::board::Board;
 use crate::sim::program::Programs;
 
 /// The functions that work by flags in the background pass, and who uses which stretch of the DPRAM's user area.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone)]
 pub struct Functions {
     panel: Panel,
     variable_read: VariableRead,
     variable_write: VariableWrite,
-    /// The first and the second binary rotary buffer.
-    rotary: [RotaryTransfer; 2],
+    /// The binary rotary buffers.
+    rotary: Vec<RotaryTransfer>,
     buffer_owners: BufferOwners,
 }
 
 impl Functions {
+    /// The functions of `family`.
+    #[must_use]
+    pub fn new(family: &Family) -> Self {
+        let headers = family.rotary.headers.iter().zip(1..);
+        Self {
+            panel: Panel::default(),
+            variable_read: VariableRead::default(),
+            variable_write: VariableWrite::default(),
+            rotary: headers.map(|(&header, number)| RotaryTransfer::new(number, header)).collect(),
+            buffer_owners: BufferOwners::default(),
+        }
+    }
+
     /// One background pass.
     pub fn poll(&mut self, board: &mut Board, programs: &mut Programs) {
         self.panel.poll(board, programs);
@@ -47,15 +63,14 @@ impl Functions {
             return;
         }
         self.variable_read.poll(board);
-        for (number, rotary) in self.rotary.iter_mut().enumerate() {
-            rotary.poll(number, board, programs);
+        for rotary in &mut self.rotary {
+            rotary.poll(board, programs);
         }
-        let spans = [
+        let tables = [
             ("the variable read table", self.variable_read.span()),
             ("the variable write records", self.variable_write.span()),
-            ("the first rotary buffer", self.rotary[0].span()),
-            ("the second rotary buffer", self.rotary[1].span()),
         ];
-        self.buffer_owners.poll(&spans, board);
+        let buffers = self.rotary.iter().map(|rotary| (rotary.name(), rotary.span()));
+        self.buffer_owners.poll(tables.into_iter().chain(buffers), board);
     }
 }

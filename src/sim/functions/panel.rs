@@ -1,8 +1,8 @@
 //! PMAC's half of the control panel (DPRAM manual pp. 12-13).
 //!
-//! With I2=3: request bits set at 0x0000 are seen in one background pass and acted on in the next, so that a host that
-//! goes on writing after its flag is found out; then all bits of 0x0000 are cleared. The request words themselves are
-//! left as they are. Overrides whose enable bit at 0x0002 is set are copied in every pass, times 256, into the
+//! With I2=3: request bits set in the request mask are seen in one background pass and acted on in the next, so that a
+//! host that goes on writing after its flag is found out; then the whole mask is cleared. The request words themselves
+//! are left as they are. Overrides whose bit in the override mask is set are copied in every pass, times 256, into the
 //! coordinate system's command override register, where `%` writes too; Ix93 decides whether it counts.
 //!
 //! What the manual leaves open: a jog goes on until another request or command ends it (a request is the moment's
@@ -12,17 +12,15 @@
 //! and steps one that does not; a request that the board cannot carry out is dropped in silence, there is no port to
 //! report it to.
 
-use crate::map::classic::{
-    PANEL_FEED_HOLD, PANEL_HOME, PANEL_JOG_MINUS, PANEL_JOG_PLUS, PANEL_PRE_JOG, PANEL_START, PANEL_STEP,
-    PANEL_STOP,
+use crate::map::functions::panel_request::{
+    FEED_HOLD, HOME, JOG_MINUS, JOG_PLUS, PRE_JOG, START, STEP, STOP,
 };
+use crate::map::{HostOffset, PanelBlock};
 use crate::sim::board::jog::Jog;
-use crate::sim::board::{Board, MOTORS, coordinate, offsets};
+use crate::sim::board::{Board, coordinate};
 use crate::sim::fault::Delay;
 use crate::sim::program::Programs;
 
-/// Bits of the masks that belong to a motor or coordinate system.
-const NUMBERS: u16 = 0x00FF;
 /// Bits of a request word that request nothing.
 const RESERVED: u16 = 0x00FF;
 /// Largest override, 1/32768 ms.
@@ -31,11 +29,24 @@ const MOST_OVERRIDE: u16 = 0x7FFF;
 /// A request: 0-based number and request word.
 type Request = (usize, u16);
 
+/// What the host asks for: the mask, and the request word of every number.
+#[derive(Debug, Clone, PartialEq, Eq)]
+struct Asked {
+    mask: u32,
+    words: Vec<u16>,
+}
+
+impl Asked {
+    fn has(&self, n: usize) -> bool {
+        self.mask >> n & 1 == 1
+    }
+}
+
 /// What the panel remembers.
 #[derive(Debug, Clone, Default)]
 pub struct Panel {
-    /// Mask and request words as they were at the last pass.
-    seen: Option<(u16, [u16; MOTORS])>,
+    /// As it was at the last pass.
+    seen: Option<Asked>,
     delay: Delay,
     /// Requests still to be acted on although the mask is clear.
     rest: Vec<Request>,
@@ -44,53 +55,65 @@ pub struct Panel {
 impl Panel {
     /// One background pass.
     pub fn poll(&mut self, board: &mut Board, programs: &mut Programs) {
-        if board.variables.i(2) != 3.0 {
+        let family = board.family();
+        let enabled = family.i.panel.is_some_and(|number| board.variables.i(number.into()) == 3.0);
+        let Some(panel) = family.panel.as_ref().filter(|_| enabled) else {
             *self = Self::default();
             return;
-        }
-        copy_overrides(board);
+        };
+        copy_overrides(panel, board);
         act(&std::mem::take(&mut self.rest), board, programs);
         let dpram = &board.memory.dpram;
-        let mask = dpram.read16(offsets::PANEL_ENABLE);
+        let mask = u32::from(dpram.read16(panel.request_enable));
         if mask == 0 {
             self.seen = None;
             return;
         }
         dpram.order_reads();
-        let words =
-            std::array::from_fn(|n| dpram.read16(offsets::PANEL_REQUEST + offsets::PANEL_LENGTH * n as u16));
-        let Some(seen) = self.seen.replace((mask, words)) else { return };
-        judge(seen, (mask, words), board);
+        let words = (0..panel.numbers).map(|n| dpram.read16(word(panel.request, panel, n))).collect();
+        let asked = Asked { mask, words };
+        let Some(seen) = self.seen.replace(asked.clone()) else { return };
+        judge(panel, &seen, &asked, board);
         let fault = board.faults.panel.clone();
         if fault.stuck || !self.delay.over(fault.late) {
             return;
         }
         let mut requests: Vec<Request> =
-            (0..MOTORS).filter(|n| mask >> n & 1 == 1).map(|n| (n, words[n])).collect();
+            (0..panel.numbers).filter(|&n| asked.has(n)).map(|n| (n, asked.words[n])).collect();
         if fault.torn {
             self.rest = requests.split_off(requests.len() / 2);
         }
         act(&requests, board, programs);
         self.seen = None;
-        board.memory.dpram.write16(offsets::PANEL_ENABLE, 0);
+        board.memory.dpram.write16(panel.request_enable, 0);
     }
 }
 
-fn judge(seen: (u16, [u16; MOTORS]), now: (u16, [u16; MOTORS]), board: &mut Board) {
+/// The word of the 0-based number `n` in the row of words that begins at `first`.
+fn word(first: HostOffset, panel: &PanelBlock, n: usize) -> HostOffset {
+    first.plus_words(panel.stride * n)
+}
+
+/// Whether a mask has bits that belong to no number.
+fn has_strays(mask: u32, panel: &PanelBlock) -> bool {
+    u64::from(mask) >> panel.numbers != 0
+}
+
+fn judge(panel: &PanelBlock, seen: &Asked, now: &Asked, board: &mut Board) {
     let cycle = board.stats.servo_cycles;
-    if seen.0 != now.0 {
+    if seen.mask != now.mask {
         let what = format!(
             "the panel's enable mask went from 0x{:04X} to 0x{:04X} before PMAC had taken the requests",
-            seen.0, now.0
+            seen.mask, now.mask
         );
         board.judge.record(cycle, &what);
     }
-    for n in (0..MOTORS).filter(|n| seen.0 >> n & 1 == 1 && seen.1[*n] != now.1[*n]) {
+    for n in (0..panel.numbers).filter(|&n| seen.has(n) && seen.words[n] != now.words[n]) {
         let what = format!("the panel's request word {} changed after its enable bit was set", n + 1);
         board.judge.record(cycle, &what);
     }
     let reserved =
-        now.0 & !NUMBERS != 0 || (0..MOTORS).any(|n| now.0 >> n & 1 == 1 && now.1[n] & RESERVED != 0);
+        has_strays(now.mask, panel) || (0..panel.numbers).any(|n| now.has(n) && now.words[n] & RESERVED != 0);
     let what = reserved.then(|| "a panel request has reserved bits set".to_owned());
     board.judge.state(cycle, "panel", what);
 }
@@ -98,46 +121,44 @@ fn judge(seen: (u16, [u16; MOTORS]), now: (u16, [u16; MOTORS]), board: &mut Boar
 fn act(requests: &[Request], board: &mut Board, programs: &mut Programs) {
     for &(n, word) in requests {
         // What cannot be carried out is dropped.
-        let _ = match word & (PANEL_JOG_PLUS | PANEL_JOG_MINUS) {
-            0 if word & PANEL_PRE_JOG != 0 => board.jog(n, Jog::PreJog, None),
-            0 if word & PANEL_HOME != 0 => board.home(n),
+        let _ = match word & (JOG_PLUS | JOG_MINUS) {
+            0 if word & PRE_JOG != 0 => board.jog(n, Jog::PreJog, None),
+            0 if word & HOME != 0 => board.home(n),
             0 => Ok(()),
-            PANEL_JOG_PLUS => board.jog(n, Jog::Plus, None),
-            PANEL_JOG_MINUS => board.jog(n, Jog::Minus, None),
+            JOG_PLUS => board.jog(n, Jog::Plus, None),
+            JOG_MINUS => board.jog(n, Jog::Minus, None),
             _ => board.jog(n, Jog::Stop, None),
         };
-        if word & (PANEL_STOP | PANEL_FEED_HOLD) != 0 {
+        if word & (STOP | FEED_HOLD) != 0 {
             continue;
         }
-        if word & PANEL_STEP != 0 && coordinate::running(n, &board.memory) {
+        if word & STEP != 0 && coordinate::running(n, &board.memory) {
             programs.quit(board, n);
-        } else if word & PANEL_STEP != 0 {
+        } else if word & STEP != 0 {
             let _ = programs.step(board, n);
-        } else if word & PANEL_START != 0 {
+        } else if word & START != 0 {
             let _ = programs.run(board, n);
         }
     }
     for &(n, word) in requests {
-        if word & PANEL_STOP != 0 {
+        if word & STOP != 0 {
             programs.abort(board, n);
-        } else if word & PANEL_FEED_HOLD != 0 {
+        } else if word & FEED_HOLD != 0 {
             board.feed_hold(n);
         }
     }
 }
 
-fn copy_overrides(board: &mut Board) {
-    let dpram = &board.memory.dpram;
-    let mask = dpram.read16(offsets::PANEL_OVERRIDE_ENABLE);
-    let mut wrong = (mask & !NUMBERS != 0).then(|| format!("the panel's override mask is 0x{mask:04X}"));
-    for cs in (0..MOTORS).filter(|cs| mask >> cs & 1 == 1) {
-        let offset = offsets::PANEL_OVERRIDE + offsets::PANEL_LENGTH * cs as u16;
-        let value = board.memory.dpram.read16(offset);
+fn copy_overrides(panel: &PanelBlock, board: &mut Board) {
+    let mask = u32::from(board.memory.dpram.read16(panel.override_enable));
+    let mut wrong = has_strays(mask, panel).then(|| format!("the panel's override mask is 0x{mask:04X}"));
+    for cs in (0..panel.numbers).filter(|cs| mask >> cs & 1 == 1) {
+        let value = board.memory.dpram.read16(word(panel.feed_override, panel, cs));
         if value > MOST_OVERRIDE {
             wrong = Some(format!("the panel's override {} is {value}, more than {MOST_OVERRIDE}", cs + 1));
         }
-        let register = offsets::background(offsets::TIME_BASE_COMMANDED, cs);
-        board.memory.write_x(register, u32::from(value & MOST_OVERRIDE) << 8);
+        let register = board.memory.registers().time_base_commanded.of(cs);
+        board.memory.write(register, u32::from(value & MOST_OVERRIDE) << 8);
     }
     board.judge.state(board.stats.servo_cycles, "panel override", wrong);
 }
@@ -153,7 +174,7 @@ mod tests {
     }
 
     /// Sets request words and the mask; runs until PMAC has cleared it.
-    fn request(bench: &mut Bench, requests: &[(u16, u16)]) {
+    fn request(bench: &mut Bench, requests: &[(u32, u16)]) {
         let mask = requests.iter().fold(0, |mask, &(n, word)| {
             bench.write(4 * n, word);
             mask | 1 << (n - 1)

@@ -4,7 +4,7 @@
 //! functions rest.
 
 use super::servo_report::ServoReport;
-use crate::sim::board::{Board, offsets};
+use crate::sim::board::Board;
 
 /// What the memory held before it went out of reach.
 #[derive(Debug, Clone, Default)]
@@ -16,7 +16,7 @@ impl Reach {
     /// Puts all ones (or zeros) into the whole DPRAM while it is out of reach, and the old content back after it.
     pub fn poll(&mut self, board: &mut Board, page_selected: bool, report: &mut ServoReport) {
         let dpram = &mut board.memory.dpram;
-        let words = (0..offsets::LENGTH as u16).step_by(2);
+        let words = dpram.words();
         board.out_of_reach = board.faults.hides_memory() || !page_selected;
         if board.out_of_reach {
             let reads = if board.faults.all_zeros { 0 } else { 0xFFFF };
@@ -35,15 +35,15 @@ impl Reach {
             return;
         }
         let Some(before) = self.before.take() else { return };
-        let status = offsets::SERVO_PMAC_STATUS;
+        let status = board.identity.tables.family.servo.pmac_status.word;
         let hidden = dpram.read16(status);
         for (offset, value) in words.zip(&before).filter(|(offset, _)| *offset != status) {
             dpram.disturb(offset, *value);
         }
         // The board did not stand still meanwhile: the status word of before is not to be seen again beside the old data.
-        report.cycle(&board.variables, &board.gather, &board.faults, &mut board.memory);
+        report.cycle(board);
         if board.memory.dpram.read16(status) == hidden {
-            board.memory.dpram.disturb(status, before[usize::from(status / 2)]);
+            board.memory.dpram.disturb(status, before[status.word()]);
         }
     }
 }

@@ -3,7 +3,7 @@
 //! They are carried out in the background, one a pass; the data come back at the active response port unasked for, without
 //! a closing acknowledgement.
 
-use crate::map::classic::RESPONSE_TO_PROGRAM;
+use crate::map::functions::response;
 use crate::sim::board::Board;
 use crate::sim::board::output::Port;
 use crate::sim::language::{Interpreter, Reply};
@@ -36,7 +36,7 @@ fn report(board: &mut Board, reply: Reply) {
     match board.response_port() {
         Port::Dpram => {
             for line in reply.lines {
-                board.output.respond(RESPONSE_TO_PROGRAM, line.as_bytes());
+                board.output.respond(response::TO_PROGRAM, line.as_bytes());
             }
             if let Some(error) = reply.error {
                 board.output.respond_error(error);

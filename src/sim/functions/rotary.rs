@@ -1,4 +1,4 @@
-//! PMAC's half of the binary rotary buffers in the DPRAM (DPRAM manual p. 30; the second one's header is not in it).
+//! PMAC's half of the binary rotary buffers in the DPRAM (DPRAM manual p. 30, which has the first buffer's header only).
 //!
 //! With I57=1, in each background pass: the lines between PMAC's index and the host's are copied into the coordinate
 //! system's internal rotary buffer, as long as there is room, and PMAC's index follows line by line. A line begins with a
@@ -17,9 +17,11 @@
 use std::ops::Range;
 
 use crate::format::int24;
-use crate::map::classic::{ROTARY_BUSY, ROTARY_ERROR, rotary_header};
-use crate::sim::board::{Board, MOTORS, offsets};
+use crate::map::functions::rotary_header;
+use crate::map::{Family, HostOffset};
+use crate::sim::board::Board;
 use crate::sim::fault::Delay;
+use crate::sim::functions::user_area;
 use crate::sim::program::Programs;
 use crate::sim::program::binary::{Command, START_OF_LINE};
 use crate::sim::program::rotary::AppendError;
@@ -35,7 +37,7 @@ const BAD_HEADER: u16 = 3;
 const NO_COMMAND: u16 = 3;
 const NO_BUFFER: u16 = 5;
 
-/// The header as it stands in the DPRAM.
+/// The header as it stands in the DPRAM, and the buffer that its start word names.
 #[derive(Debug, Clone, Copy)]
 struct Header {
     cs: u16,
@@ -43,11 +45,22 @@ struct Header {
     pmac: u16,
     size: u16,
     start: u16,
+    buffer: Option<HostOffset>,
+}
+
+/// The transfer out of one buffer.
+#[derive(Debug, Clone)]
+pub struct RotaryTransfer {
+    /// What the judge calls the buffer.
+    name: String,
+    /// Where its header begins.
+    header: HostOffset,
+    state: State,
 }
 
 /// What a buffer's transfer remembers.
 #[derive(Debug, Clone, Default)]
-pub struct RotaryTransfer {
+struct State {
     /// I57 was set and the header in use at the last pass.
     running: bool,
     span: Option<Range<u32>>,
@@ -61,71 +74,77 @@ pub struct RotaryTransfer {
 }
 
 impl RotaryTransfer {
+    /// The transfer out of buffer `number`, from 1, whose header is at `header`.
+    #[must_use]
+    pub fn new(number: usize, header: HostOffset) -> Self {
+        Self { name: format!("rotary buffer {number}"), header, state: State::default() }
+    }
+
+    /// What the judge calls the buffer.
+    #[must_use]
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
     /// The bytes that the buffer takes, while it is in use.
     #[must_use]
     pub fn span(&self) -> Option<Range<u32>> {
-        self.span.clone()
+        self.state.span.clone()
     }
 
-    /// One background pass; `number` is 0 for the first buffer, 1 for the second.
-    pub fn poll(&mut self, number: usize, board: &mut Board, programs: &mut Programs) {
-        let header = read_header(number, board);
-        if board.variables.i(57) != 1.0 || header.size == 0 {
-            *self = Self::default();
+    /// One background pass.
+    pub fn poll(&mut self, board: &mut Board, programs: &mut Programs) {
+        let family = board.family();
+        let header = self.read_header(board);
+        let enabled = family.i.rotary_enable.is_none_or(|number| board.enabled(number));
+        if !enabled || header.size == 0 {
+            self.state = State::default();
             return;
         }
         let cycle = board.stats.servo_cycles;
         let [status, index] =
-            [rotary_header::STATUS, rotary_header::PMAC_INDEX].map(|word| offset(number, word));
+            [rotary_header::STATUS, rotary_header::PMAC_INDEX].map(|word| self.header.plus_words(word));
         let dpram = &mut board.memory.dpram;
-        if self.running {
+        if self.state.running {
             board.judge.pmacs_word(status, cycle, dpram);
             board.judge.pmacs_word(index, cycle, dpram);
         } else {
             // Up to now the host may have set it up.
             dpram.adopt(index, header.pmac);
         }
-        self.running = true;
-        let subject = ["the first rotary buffer", "the second rotary buffer"][number];
-        let found = match check(header, board.rotary_cs_base) {
+        self.state.running = true;
+        let found = match check(family, header, board.rotary_cs_base) {
             Ok(cs) => {
-                board.judge.state(cycle, subject, None);
-                self.transfer(number, header, cs, board, programs)
+                board.judge.state(cycle, &self.name, None);
+                self.transfer(header, cs, board, programs)
             }
             Err(what) => {
-                board.judge.state(cycle, subject, Some(format!("{subject}: {what}")));
-                self.seen.clear();
-                self.span = None;
-                ROTARY_ERROR | BAD_HEADER
+                board.judge.state(cycle, &self.name, Some(format!("{}: {what}", self.name)));
+                self.state.seen.clear();
+                self.state.span = None;
+                rotary_header::ERROR | BAD_HEADER
             }
         };
         board.memory.dpram.write16(status, found);
     }
 
     /// Takes what can be taken; gives the status word.
-    fn transfer(
-        &mut self,
-        number: usize,
-        mut header: Header,
-        cs: usize,
-        board: &mut Board,
-        programs: &mut Programs,
-    ) -> u16 {
-        let first = u32::from(offsets::open_offset(header.start).unwrap_or(0));
-        self.span = Some(first..first + 4 * u32::from(header.size));
-        if let Some(target) = self.rest.take() {
+    fn transfer(&mut self, mut header: Header, cs: usize, board: &mut Board, programs: &mut Programs) -> u16 {
+        let first = header.buffer.map_or(0, HostOffset::bytes);
+        self.state.span = Some(first..first + 4 * u32::from(header.size));
+        if let Some(target) = self.state.rest.take() {
             header.pmac = target;
-            self.move_index(number, target, board);
+            self.move_index(target, board);
         }
-        if header.pmac != self.index {
-            self.seen.clear();
+        if header.pmac != self.state.index {
+            self.state.seen.clear();
         }
         let commands = commands(header, board);
         self.judge(header, &commands, board);
-        let available = self.seen.len().min(commands.len());
+        let available = self.state.seen.len().min(commands.len());
         let fault = board.faults.rotary.clone();
         let (mut taken, mut status) = (0, 0);
-        if available > 0 && !fault.stuck && self.delay.over(fault.late) {
+        if available > 0 && !fault.stuck && self.state.delay.over(fault.late) {
             while taken < available {
                 let length = line_length(&commands[taken..available]);
                 let line = &commands[taken..taken + length];
@@ -137,31 +156,46 @@ impl RotaryTransfer {
                 board.memory.dpram.order_reads();
                 let target = (header.pmac + COMMAND * taken as u16) % header.size;
                 if fault.torn && length > 1 {
-                    self.rest = Some(target);
+                    self.state.rest = Some(target);
                     let middle = (target + header.size - COMMAND) % header.size;
-                    self.move_index(number, middle, board);
+                    self.move_index(middle, board);
                     break;
                 }
-                self.move_index(number, target, board);
+                self.move_index(target, board);
             }
         }
-        self.seen = commands[taken..].to_vec();
-        self.index = (header.pmac + COMMAND * taken as u16) % header.size;
+        self.state.seen = commands[taken..].to_vec();
+        self.state.index = (header.pmac + COMMAND * taken as u16) % header.size;
         status
     }
 
-    fn move_index(&self, number: usize, to: u16, board: &mut Board) {
-        board.memory.dpram.write16(offset(number, rotary_header::PMAC_INDEX), to);
+    fn move_index(&self, to: u16, board: &mut Board) {
+        board.memory.dpram.write16(self.header.plus_words(rotary_header::PMAC_INDEX), to);
+    }
+
+    fn read_header(&self, board: &Board) -> Header {
+        let read = |word| board.memory.dpram.read16(self.header.plus_words(word));
+        let start = read(rotary_header::START);
+        let header = Header {
+            cs: read(rotary_header::COORDINATE_SYSTEM),
+            host: read(rotary_header::HOST_INDEX),
+            pmac: read(rotary_header::PMAC_INDEX),
+            size: read(rotary_header::SIZE),
+            start,
+            buffer: user_area::place(board.family(), start),
+        };
+        board.memory.dpram.order_reads();
+        header
     }
 
     fn judge(&self, header: Header, commands: &[Command], board: &mut Board) {
         let Header { host, pmac, size, .. } = header;
         let cycle = board.stats.servo_cycles;
-        let known = self.seen.len();
+        let known = self.state.seen.len();
         if commands.len() < known {
             board.judge.record(cycle, &format!("the rotary host index went back to {host}"));
         }
-        if commands.iter().zip(&self.seen).any(|(now, seen)| now != seen) {
+        if commands.iter().zip(&self.state.seen).any(|(now, seen)| now != seen) {
             board.judge.record(cycle, "rotary commands changed after the host index had passed them");
         }
         let Some(fresh) = commands.get(known..).filter(|fresh| !fresh.is_empty()) else { return };
@@ -184,28 +218,27 @@ impl RotaryTransfer {
 /// Gives a line to the internal buffer; what the status word says of it.
 fn append(cs: usize, line: &[Command], board: &mut Board, programs: &mut Programs) -> u16 {
     if programs.rotary_remaining(cs).is_none() {
-        return ROTARY_ERROR | NO_BUFFER;
+        return rotary_header::ERROR | NO_BUFFER;
     }
     if !programs.rotary_room(cs, line.len()) {
-        return ROTARY_BUSY;
+        return rotary_header::BUSY;
     }
     match programs.rotary_append(board, cs, line) {
         Ok(()) => 0,
-        Err(AppendError::Full) => ROTARY_BUSY,
-        Err(AppendError::Undefined) => ROTARY_ERROR | NO_BUFFER,
-        Err(AppendError::Command(_)) => ROTARY_ERROR | NO_COMMAND,
+        Err(AppendError::Full) => rotary_header::BUSY,
+        Err(AppendError::Undefined) => rotary_header::ERROR | NO_BUFFER,
+        Err(AppendError::Command(_)) => rotary_header::ERROR | NO_COMMAND,
     }
 }
 
 /// The 0-based coordinate system, when the header keeps the rules.
-fn check(header: Header, base: u16) -> Result<usize, String> {
-    let Header { cs, host, pmac, size, start } = header;
+fn check(family: &Family, header: Header, base: u16) -> Result<usize, String> {
+    let Header { cs, host, pmac, size, start, buffer } = header;
     if size < SMALLEST || !size.is_multiple_of(COMMAND) {
         return Err(format!("its size is {size}: even and at least {SMALLEST} it has to be"));
     }
-    let room = (offsets::LENGTH / 4) as u32 - u32::from(start.wrapping_sub(offsets::BASE));
-    if offsets::open_offset(start).is_none() || u32::from(size) > room {
-        return Err(format!("{size} words at ${start:04X} do not lie in $D200-$DFFF"));
+    if !buffer.is_some_and(|first| user_area::has_room(family, first, 2 * usize::from(size))) {
+        return Err(format!("{size} words at ${start:04X} do not lie in {}", user_area::bounds(family)));
     }
     for (whose, index) in [("host", host), ("PMAC", pmac)] {
         if index >= size || !index.is_multiple_of(COMMAND) {
@@ -214,32 +247,16 @@ fn check(header: Header, base: u16) -> Result<usize, String> {
     }
     cs.checked_sub(base)
         .map(usize::from)
-        .filter(|&cs| cs < MOTORS)
+        .filter(|&cs| cs < family.coordinate_systems)
         .ok_or_else(|| format!("there is no coordinate system {cs} counted from {base}"))
-}
-
-fn offset(number: usize, word: usize) -> u16 {
-    offsets::ROTARY[number] + 2 * word as u16
-}
-
-fn read_header(number: usize, board: &Board) -> Header {
-    let read = |word| board.memory.dpram.read16(offset(number, word));
-    let header = Header {
-        cs: read(rotary_header::COORDINATE_SYSTEM),
-        host: read(rotary_header::HOST_INDEX),
-        pmac: read(rotary_header::PMAC_INDEX),
-        size: read(rotary_header::SIZE),
-        start: read(rotary_header::START),
-    };
-    board.memory.dpram.order_reads();
-    header
 }
 
 /// The command at an index.
 fn command(header: Header, index: u16, board: &Board) -> Command {
-    let at = offsets::open_offset(header.start).unwrap_or(0) + 4 * (index % header.size);
+    let first = header.buffer.unwrap_or(HostOffset::new(0));
+    let at = first.plus_words(2 * usize::from(index % header.size));
     let word = |at| int24::unsigned(board.memory.dpram.read32(at));
-    (word(at), word(at + 4))
+    (word(at), word(at.plus_words(2)))
 }
 
 /// The commands between the indexes, in order.

@@ -4,8 +4,8 @@ use crate::sim::program::binary::{self, Command};
 use crate::sim::program::store::Open;
 use crate::sim::testing::Bench;
 
-const FIRST: u16 = 0x07F0;
-const SECOND: u16 = 0x07DC;
+const FIRST: u32 = 0x07F0;
+const SECOND: u32 = 0x07DC;
 const BUSY: u16 = 1 << 14;
 const ERROR: u16 = 1 << 15;
 
@@ -16,24 +16,24 @@ const FOUR: &[Command] =
     &[(0x00_0E23, 0x50_0000), (0x00_0664, 0x50_0000), (0x00_01A2, 0x50_0000), (0x00_0361, 0x60_0000)];
 
 struct Host {
-    header: u16,
-    data: u16,
+    header: u32,
+    data: u32,
     size: u16,
     index: u16,
 }
 
 impl Host {
     /// A buffer of `size` words at PMAC address `start` for coordinate system `cs`; I57 comes last.
-    fn new(bench: &mut Bench, header: u16, start: u16, size: u16, cs: u16) -> Self {
+    fn new(bench: &mut Bench, header: u32, start: u16, size: u16, cs: u16) -> Self {
         for (word, value) in [(0, 0), (1, cs), (2, 0), (3, 0), (4, size), (5, start)] {
             bench.write(header + 2 * word, value);
         }
         bench.set(57, 1.0);
-        Self { header, data: 4 * (start - 0xD000), size, index: 0 }
+        Self { header, data: 4 * u32::from(start - 0xD000), size, index: 0 }
     }
 
     fn put(&self, bench: &Bench, index: u16, command: Command) {
-        let at = self.data + 4 * (index % self.size);
+        let at = self.data + 4 * u32::from(index % self.size);
         for (offset, word) in [(0, command.0), (4, command.1)] {
             bench.write(at + offset, word as u16);
             bench.write(at + offset + 2, (word >> 16) as u16);
@@ -206,7 +206,7 @@ fn headers_against_the_rules_are_errors_and_recorded_once() {
         let mut header = good;
         header[word] = value;
         for (at, value) in header.into_iter().enumerate() {
-            bench.write(FIRST + 2 + 2 * at as u16, value);
+            bench.write(FIRST + 2 + 2 * at as u32, value);
         }
         bench.set(57, 1.0);
         bench.run(5);

@@ -1,7 +1,7 @@
 //! PMAC's half of the servo fixed data buffer (DPRAM manual p. 14).
 //!
-//! Every I19 servo cycles, when Host-Busy is clear: set bit 15 of 0x0026, copy the registers of motors 1 to I59, store
-//! the timer, clear bit 15. Host-Busy is tested before bit 15 is set, as the manual says, so a host that sets it in
+//! Every I19 servo cycles, when Host-Busy is clear: set PMAC-Busy, copy the registers of motors 1 to I59, store the
+//! timer, clear PMAC-Busy. Host-Busy is tested before PMAC-Busy is set, as the manual says, so a host that sets it in
 //! between meets a running update.
 //!
 //! With tags on, every 24-bit half of every copied register carries the number of the update (modulo 2^24) instead of
@@ -13,44 +13,19 @@
 use nix::time::{ClockId, clock_gettime};
 
 use crate::format::int24;
-use crate::map::classic::{HOST_BUSY, PMAC_BUSY, SERVO_TIMER_MASK};
-use crate::sim::board::gather::{Activity, Gather};
+use crate::map::HostOffset;
+use crate::sim::board::Board;
+use crate::sim::board::firmware::FirmwareTables;
+use crate::sim::board::gather::Activity;
 use crate::sim::board::memory::Memory;
-use crate::sim::board::offsets;
-use crate::sim::board::variables::Variables;
-use crate::sim::fault::Faults;
-
-/// One long word of the report: where it comes from and where it goes.
-#[derive(Debug, Clone, Copy)]
-struct Copy {
-    x: bool,
-    source: u16,
-    offset: u16,
-}
-
-/// The registers of one motor: source, whether it is a long (`D:`) one, and offset in the motor's block.
-const REGISTERS: [(u16, bool, u16); 9] = [
-    (offsets::COMMANDED, true, 0x00),
-    (offsets::ACTUAL, true, 0x08),
-    (offsets::MASTER, true, 0x10),
-    (offsets::COMPENSATION, true, COMPENSATION_PLACE),
-    (offsets::DAC, false, 0x20),
-    (offsets::SERVO_STATUS, false, 0x24),
-    (offsets::VELOCITY, false, 0x28),
-    (offsets::TIME_LEFT, false, 0x2C),
-    (offsets::FEEDBACK_ADDRESS, false, 0x30),
-];
-
-/// The compensation position's offset in the motor's block.
-const COMPENSATION_PLACE: u16 = 0x18;
-
-/// Long words copied for one motor.
-const PER_MOTOR: usize = 13;
+use crate::sim::functions::copies::Copies;
 
 /// The report's state.
 #[derive(Debug, Clone)]
 pub struct ServoReport {
-    copies: Vec<Copy>,
+    copies: Copies,
+    /// Where the compensation position of motor 1 goes.
+    stamp: Option<HostOffset>,
     wait: u32,
     /// Fields carry the update's number.
     pub tag: bool,
@@ -62,37 +37,38 @@ pub struct ServoReport {
     pub skipped: u64,
 }
 
-impl Default for ServoReport {
-    fn default() -> Self {
-        let mut copies = Vec::with_capacity(8 * PER_MOTOR);
-        for motor in 0..8 {
-            let block = offsets::SERVO_MOTOR + offsets::SERVO_MOTOR_LENGTH * motor as u16;
-            for (register, long, place) in REGISTERS {
-                let source = offsets::motor(register, motor);
-                if long {
-                    copies.push(Copy { x: false, source, offset: block + place });
-                    copies.push(Copy { x: true, source, offset: block + place + 4 });
-                } else {
-                    copies.push(Copy { x: true, source, offset: block + place });
-                }
-            }
-        }
-        Self { copies, wait: 0, tag: false, time: false, updates: 0, skipped: 0 }
-    }
-}
-
 impl ServoReport {
+    /// No update made.
+    #[must_use]
+    pub fn new(tables: &FirmwareTables) -> Self {
+        let copies = Copies::new(tables.family, "servo");
+        let compensation = tables.registers.compensation.of(0);
+        let stamp =
+            copies.numbers.first().and_then(|motor| motor.iter().find(|copy| copy.is_of(compensation)));
+        Self {
+            stamp: stamp.map(|copy| copy.offset()),
+            copies,
+            wait: 0,
+            tag: false,
+            time: false,
+            updates: 0,
+            skipped: 0,
+        }
+    }
+
     /// After a reset the next update is due at once. The counts go on.
     pub fn reset(&mut self) {
         self.wait = 0;
     }
 
     /// One servo cycle.
-    pub fn cycle(&mut self, variables: &Variables, gather: &Gather, faults: &Faults, memory: &mut Memory) {
-        let period = variables.i(19) as u32;
-        let motors = (variables.i(59) as usize).min(8);
-        let enabled = variables.i(48) == 1.0 && period > 0 && motors > 0;
-        if !enabled || !gather.runs(Activity::ServoReport) || faults.servo_silent {
+    pub fn cycle(&mut self, board: &mut Board) {
+        let family = board.family();
+        let servo = &family.servo;
+        let period = board.variables.i(family.i.servo_period.into()) as u32;
+        let motors = motors(board);
+        let enabled = board.enabled(family.i.servo_enable) && period > 0 && motors != 0;
+        if !enabled || !board.gather.runs(Activity::ServoReport) || board.faults.servo_silent {
             self.wait = 0;
             return;
         }
@@ -103,51 +79,59 @@ impl ServoReport {
             }
         }
         self.wait = period;
-        if memory.dpram.read16(offsets::SERVO_HOST_STATUS) & HOST_BUSY != 0 {
+        let memory = &mut board.memory;
+        if memory.dpram.is_set(servo.host_busy) {
             self.skipped += 1;
             return;
         }
-        let busy = memory.dpram.shadow(offsets::SERVO_PMAC_STATUS) | PMAC_BUSY;
-        memory.dpram.write16(offsets::SERVO_PMAC_STATUS, busy);
-        if faults.servo_busy_stuck {
+        memory.dpram.set(servo.pmac_status, servo.busy.flag(true));
+        if board.faults.servo_busy_stuck {
             return;
         }
         memory.dpram.order_writes();
         self.updates += 1;
         self.copy(motors, memory);
         if self.time {
-            Self::stamp(memory);
+            self.stamp(memory);
         }
         memory.dpram.order_writes();
-        let timer = memory.read_x(offsets::SERVO_COUNTER) as u16 & SERVO_TIMER_MASK;
-        memory.dpram.write16(offsets::SERVO_PMAC_STATUS, timer | PMAC_BUSY);
-        memory.dpram.write16(offsets::SERVO_PMAC_STATUS, timer);
+        let count = memory.read(memory.registers().servo_counter);
+        memory.dpram.store_timer(servo.timer, count);
+        memory.dpram.set(servo.pmac_status, servo.busy.flag(false));
     }
 
-    fn stamp(memory: &mut Memory) {
+    fn stamp(&self, memory: &mut Memory) {
+        let Some(place) = self.stamp else { return };
         let now = clock_gettime(ClockId::CLOCK_MONOTONIC)
             .map_or(0, |now| now.tv_sec().cast_unsigned() * 1_000_000_000 + now.tv_nsec().cast_unsigned());
-        for (half, place) in [(now, 0), (now >> 24, 4)] {
-            let offset = offsets::SERVO_MOTOR + COMPENSATION_PLACE + place;
-            memory.dpram.write32(offset, int24::extend(half as u32 & int24::MASK));
+        for (half, words) in [(now, 0), (now >> 24, 2)] {
+            memory.dpram.write32(place.plus_words(words), int24::extend(half as u32 & int24::MASK));
         }
     }
 
-    fn copy(&self, motors: usize, memory: &mut Memory) {
+    /// Copies the words of the board, and those of the motors whose bits are set in `motors`.
+    fn copy(&self, motors: u32, memory: &mut Memory) {
         let tag = self.tag.then_some(self.updates as u32 & int24::MASK);
-        let y = tag.unwrap_or_else(|| memory.read_y(offsets::GLOBAL_STATUS));
-        memory.dpram.write32(offsets::SERVO_GLOBAL_Y, int24::extend(y));
-        let x = tag.unwrap_or_else(|| memory.read_x(offsets::GLOBAL_STATUS));
-        memory.dpram.write32(offsets::SERVO_GLOBAL_X, int24::extend(x));
-        for copy in &self.copies[..motors * PER_MOTOR] {
-            let word = match tag {
-                Some(tag) => tag,
-                None if copy.x => memory.read_x(copy.source),
-                None => memory.read_y(copy.source),
-            };
-            memory.dpram.write32(copy.offset, int24::extend(word));
+        let chosen = self.copies.numbers.iter().enumerate().filter(|(motor, _)| motors >> motor & 1 == 1);
+        for copy in self.copies.board.iter().chain(chosen.flat_map(|(_, copies)| copies)) {
+            let word = tag.unwrap_or_else(|| copy.read(0, memory));
+            copy.write(word, memory);
         }
     }
+}
+
+/// The motors that the report has, bit 0 for motor 1.
+fn motors(board: &Board) -> u32 {
+    let family = board.family();
+    let all = first(family.servo.motors.count);
+    let mask = family.servo.mask.map_or(all, |mask| board.memory.dpram.read32(mask));
+    let reported = family.i.reported.map_or(all, |number| first(board.variables.i(number.into()) as usize));
+    all & mask & reported
+}
+
+/// The bits of so many motors, from motor 1 on.
+fn first(count: usize) -> u32 {
+    u32::MAX.checked_shr(32_u32.saturating_sub(count as u32)).unwrap_or(0)
 }
 
 #[cfg(test)]

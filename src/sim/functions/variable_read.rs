@@ -6,48 +6,47 @@
 //! is an address and a type: 0 Y, 1 long, 2 X, 4 PLCC function block. The data follow the last entry: each 24-bit word
 //! sign-extended to a long, Y half first.
 //!
-//! What the manual leaves open: a count above 128 or a table that does not fit into $D200-$DFFF is not acted on; a
-//! function block is taken to be one long register, the block's number behind the base address in Y:$9FFF; the other
-//! types are copied as Y.
+//! What the manual leaves open: a count above 128 or a table that does not fit into the user area is not acted on; a
+//! function block is taken to be one long register, the block's number behind the base address that PMAC keeps in a
+//! register; the other types are copied as Y.
 
 use std::ops::Range;
 
 use crate::format::int24;
-use crate::map::classic::{
-    DATA_READY, VARIABLE_READ_ENTRIES, VARIABLE_READ_ENTRY_READY, VARIABLE_READ_MULTI_USER,
+use crate::map::HostOffset;
+use crate::map::functions::{
+    Timer, VARIABLE_READ_ENTRIES, VARIABLE_READ_ENTRY_READY, VARIABLE_READ_ENTRY_WORDS, VariableKind,
 };
+use crate::sim::board::Board;
 use crate::sim::board::memory::Memory;
-use crate::sim::board::{Board, offsets};
 use crate::sim::fault::Delay;
-
-/// Type bits of an entry's second word.
-const TYPE: u16 = 0b111;
-const Y: u16 = 0;
-const LONG: u16 = 1;
-const X: u16 = 2;
-const SPECIAL: u16 = 4;
+use crate::sim::functions::user_area;
 
 /// One entry of the table.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct Entry {
-    address: u16,
-    kind: u16,
-    /// Byte offset of its type word.
-    flag: u16,
-    /// Byte offset of its data.
-    data: u16,
+    address: u32,
+    /// The type, and its code.
+    kind: Option<VariableKind>,
+    code: u16,
+    /// Its type word.
+    flag: HostOffset,
+    /// Its data.
+    data: HostOffset,
 }
 
 impl Entry {
-    fn longs(self) -> u16 {
-        if matches!(self.kind, LONG | SPECIAL) { 2 } else { 1 }
+    /// 16-bit words of its data. An undefined type is copied as Y.
+    fn words(self) -> usize {
+        self.kind.map_or(2, VariableKind::words)
     }
 }
 
 /// What the function remembers.
 #[derive(Debug, Clone, Default)]
 pub struct VariableRead {
-    start: u16,
+    /// Where the table lies.
+    first: Option<HostOffset>,
     table: Vec<Entry>,
     /// Which entries' data PMAC has written since the table is as it is.
     written: Vec<bool>,
@@ -63,20 +62,22 @@ impl VariableRead {
     #[must_use]
     pub fn span(&self) -> Option<Range<u32>> {
         let last = self.table.last()?;
-        Some(u32::from(offsets::open_offset(self.start)?)..u32::from(last.data) + 4 * u32::from(last.longs()))
+        Some(self.first?.bytes()..last.data.plus_words(last.words()).bytes())
     }
 
     /// One background pass.
     pub fn poll(&mut self, board: &mut Board) {
         let cycle = board.stats.servo_cycles;
-        if board.variables.i(55) != 1.0 {
+        let family = board.family();
+        let function = &family.variable_read;
+        if !board.enabled(family.i.variables_enable) {
             *self = Self::default();
             return;
         }
-        let control = board.memory.dpram.read16(offsets::VARIABLE_READ_CONTROL);
-        let multi_user = control & VARIABLE_READ_MULTI_USER != 0;
-        let table = match table(&board.memory) {
-            Ok(table) => table,
+        let control = board.memory.dpram.read16(function.ready.word);
+        let multi_user = function.multi_user.is_set(control);
+        let (first, table) = match table(board) {
+            Ok(found) => found,
             Err(what) => {
                 board.judge.state(cycle, "variable read", Some(what));
                 *self = Self::default();
@@ -88,9 +89,8 @@ impl VariableRead {
             board.judge.state(cycle, "variable read", None);
             return;
         }
-        let start = board.memory.dpram.read16(offsets::VARIABLE_READ_START);
-        if table != self.table || start != self.start {
-            *self = Self { start, written: vec![false; table.len()], table, ..Self::default() };
+        if table != self.table || first != self.first {
+            *self = Self { first, written: vec![false; table.len()], table, ..Self::default() };
         }
         self.judge(control, board);
         let fault = board.faults.variable_read.clone();
@@ -105,7 +105,7 @@ impl VariableRead {
                 if multi_user {
                     board.memory.dpram.read16(self.table[index].flag) & VARIABLE_READ_ENTRY_READY == 0
                 } else {
-                    control & DATA_READY == 0
+                    !function.ready.is_set(control)
                 }
             })
             .collect();
@@ -137,42 +137,45 @@ impl VariableRead {
             self.store_timer(board);
         } else {
             self.store_timer(board);
-            let control = board.memory.dpram.read16(offsets::VARIABLE_READ_CONTROL);
+            let ready = board.family().variable_read.ready;
+            let control = board.memory.dpram.read16(ready.word);
             board.memory.dpram.order_writes();
-            board.memory.dpram.write16(offsets::VARIABLE_READ_CONTROL, control | DATA_READY);
+            board.memory.dpram.write16(ready.word, control | ready.mask);
         }
     }
 
     fn store_timer(&mut self, board: &mut Board) {
-        let timer = board.memory.read_x(offsets::SERVO_COUNTER) as u16;
-        board.memory.dpram.write16(offsets::VARIABLE_READ_TIMER, timer);
+        let timer = Timer { low: board.family().variable_read.timer, low_bits: 16, high: None };
+        let count = board.servo_counter();
+        board.memory.dpram.store_timer(timer, count);
         self.announced = true;
     }
 
     fn judge(&self, control: u16, board: &mut Board) {
         let cycle = board.stats.servo_cycles;
+        let function = &board.family().variable_read;
         let dpram = &mut board.memory.dpram;
-        let multi_user = control & VARIABLE_READ_MULTI_USER != 0;
-        let undefined = self.table.iter().find(|entry| !matches!(entry.kind, Y | LONG | X | SPECIAL));
+        let multi_user = function.multi_user.is_set(control);
+        let ready = function.ready.is_set(control);
+        let undefined = self.table.iter().find(|entry| entry.kind.is_none());
         let wrong = if let Some(entry) = undefined {
-            Some(format!("a variable read entry has type {}: 0, 1, 2 and 4 are defined", entry.kind))
-        } else if multi_user && control & DATA_READY != 0 {
+            Some(format!("a variable read entry has type {}: 0, 1, 2 and 4 are defined", entry.code))
+        } else if multi_user && ready {
             Some("the variable read control word has bits 0 and 8 set".into())
-        } else if control & !(VARIABLE_READ_MULTI_USER | DATA_READY) != 0 {
+        } else if control & !(function.multi_user.mask | function.ready.mask) != 0 {
             Some(format!("the variable read control word is 0x{control:04X}"))
         } else {
             None
         };
-        let own = dpram.shadow(offsets::VARIABLE_READ_CONTROL);
-        let set = control & !own & DATA_READY != 0;
-        dpram.adopt(offsets::VARIABLE_READ_CONTROL, control);
+        let set = ready && !function.ready.is_set(dpram.shadow(function.ready.word));
+        dpram.adopt(function.ready.word, control);
         if self.announced {
-            board.judge.pmacs_word(offsets::VARIABLE_READ_TIMER, cycle, dpram);
+            board.judge.pmacs_word(function.timer, cycle, dpram);
         }
         let written = self.table.iter().zip(&self.written).filter(|(_, written)| **written);
         for (entry, _) in written {
-            for word in 0..2 * entry.longs() {
-                board.judge.pmacs_word(entry.data + 2 * word, cycle, dpram);
+            for word in 0..entry.words() {
+                board.judge.pmacs_word(entry.data.plus_words(word), cycle, dpram);
             }
         }
         if set && self.announced && !multi_user {
@@ -182,46 +185,50 @@ impl VariableRead {
     }
 }
 
-/// The table as the header describes it; empty when the count is 0.
-fn table(memory: &Memory) -> Result<Vec<Entry>, String> {
-    let dpram = &memory.dpram;
-    let count = dpram.read16(offsets::VARIABLE_READ_COUNT);
+/// Where the table lies, and the table as the header describes it; empty when the count is 0.
+fn table(board: &Board) -> Result<(Option<HostOffset>, Vec<Entry>), String> {
+    let family = board.family();
+    let function = &family.variable_read;
+    let dpram = &board.memory.dpram;
+    let count = usize::from(dpram.read16(function.count));
     if count == 0 {
-        return Ok(Vec::new());
+        return Ok((None, Vec::new()));
     }
-    if usize::from(count) > VARIABLE_READ_ENTRIES {
+    if count > VARIABLE_READ_ENTRIES {
         return Err(format!("{count} variables to read: 1 to {VARIABLE_READ_ENTRIES} are allowed"));
     }
     dpram.order_reads();
-    let start = dpram.read16(offsets::VARIABLE_READ_START);
-    let Some(first) = offsets::open_offset(start) else {
-        return Err(format!("the variable read table starts at ${start:04X}, not in $D200-$DFFD"));
+    let start = dpram.read16(function.start);
+    let Some(first) = user_area::place(family, start) else {
+        let area = user_area::bounds(family);
+        return Err(format!("the variable read table starts at ${start:04X}, not in {area}"));
     };
-    let too_long = || format!("the variable read table at ${start:04X} goes beyond $DFFF");
-    let end = offsets::LENGTH as u16;
-    let mut data = first + 4 * count;
-    if data > end {
+    let too_long = || format!("the variable read table at ${start:04X} goes beyond the DPRAM's end");
+    let mut words = VARIABLE_READ_ENTRY_WORDS * count;
+    if !user_area::has_room(family, first, words) {
         return Err(too_long());
     }
-    let mut table = Vec::with_capacity(count.into());
-    for flag in (first..first + 4 * count).step_by(4).map(|at| at + 2) {
-        let kind = dpram.read16(flag) & TYPE;
-        let entry = Entry { address: dpram.read16(flag - 2), kind, flag, data };
-        data += 4 * entry.longs();
+    let mut table = Vec::with_capacity(count);
+    for index in 0..count {
+        let [at, flag] = [0, 1].map(|word| first.plus_words(VARIABLE_READ_ENTRY_WORDS * index + word));
+        let (code, address) = function.entry.parts([at, flag].map(|word| dpram.read16(word)));
+        let kind = VariableKind::of_code(code);
+        let entry = Entry { address, kind, code, flag, data: first.plus_words(words) };
+        words += entry.words();
         table.push(entry);
     }
-    if data > end { Err(too_long()) } else { Ok(table) }
+    if user_area::has_room(family, first, words) { Ok((Some(first), table)) } else { Err(too_long()) }
 }
 
 fn store(entry: Entry, memory: &mut Memory) {
     let address = match entry.kind {
-        SPECIAL => (memory.read_y(offsets::FUNCTION_BLOCKS) as u16).wrapping_add(entry.address),
+        Some(VariableKind::Special) => memory.read(memory.registers().function_blocks) + entry.address,
         _ => entry.address,
     };
     let [y, x] = [memory.read_y(address), memory.read_x(address)].map(int24::extend);
-    memory.dpram.write32(entry.data, if entry.kind == X { x } else { y });
-    if entry.longs() == 2 {
-        memory.dpram.write32(entry.data + 4, x);
+    memory.dpram.write32(entry.data, if entry.kind == Some(VariableKind::X) { x } else { y });
+    if entry.words() == 4 {
+        memory.dpram.write32(entry.data.plus_words(2), x);
     }
 }
 

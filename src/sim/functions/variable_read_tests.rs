@@ -1,21 +1,21 @@
 //! The background variable read against the rules of the manual, pp. 21-24.
 
-use crate::sim::testing::Bench;
+use crate::sim::testing::{Bench, d};
 
-const CONTROL: u16 = 0x07E8;
-const TIMER: u16 = 0x07EA;
-const COUNT: u16 = 0x07EC;
-const START: u16 = 0x07EE;
+const CONTROL: u32 = 0x07E8;
+const TIMER: u32 = 0x07EA;
+const COUNT: u32 = 0x07EC;
+const START: u32 = 0x07EE;
 /// $D400.
-const TABLE: u16 = 0x1000;
+const TABLE: u32 = 0x1000;
 
 /// Entries at $D400; control, count last.
 fn set_up(bench: &Bench, control: u16, entries: &[(u16, u16)]) {
     bench.write(COUNT, 0);
     bench.write(START, 0xD400);
     for (index, &(address, kind)) in entries.iter().enumerate() {
-        bench.write(TABLE + 4 * index as u16, address);
-        bench.write(TABLE + 4 * index as u16 + 2, kind);
+        bench.write(TABLE + 4 * index as u32, address);
+        bench.write(TABLE + 4 * index as u32 + 2, kind);
     }
     bench.write(CONTROL, control);
     bench.write(COUNT, entries.len() as u16);
@@ -36,7 +36,7 @@ fn bench() -> Bench {
 fn registers_of_every_type_lie_right_behind_the_table() {
     let mut bench = bench();
     bench.world.board.memory.write_y(0x9FFF, 0x3000);
-    bench.world.board.memory.write_d(0x3002, -5);
+    bench.world.board.memory.write_d(d(0x3002), -5);
     set_up(&bench, 0, &[(0x2000, 0), (0x2001, 1), (0x2000, 2), (2, 4), (0x2001, 0)]);
     bench.run(1);
     let data: Vec<u32> = (0..7).map(|long| bench.read32(TABLE + 20 + 4 * long)).collect();
@@ -65,7 +65,7 @@ fn multi_user_entries_go_one_by_one_and_the_timer_every_pass() {
     let mut bench = bench();
     set_up(&bench, 256, &[(0, 2), (0x2001, 1), (0, 2)]);
     bench.run(4);
-    let flags = |bench: &Bench| [0u16, 1, 2].map(|entry| bench.read(TABLE + 4 * entry + 2));
+    let flags = |bench: &Bench| [0, 1, 2].map(|entry| bench.read(TABLE + 4 * entry + 2));
     assert_eq!(flags(&bench), [0x8002, 0x8001, 0x8002]);
     let data = |bench: &Bench| [0, 4, 8, 12].map(|at| bench.read32(TABLE + 12 + at));
     assert_eq!(data(&bench), [1, 0xFFFF_FFFE, 0xFF80_0000, 1]);

@@ -1,24 +1,26 @@
 //! PMAC's half of the background variable write (DPRAM manual pp. 24-25).
 //!
-//! With I55=1 and 1 to 32 at 0x07D4: that many records of six 16-bit words, from the PMAC address at 0x07D6 on, are
-//! written into PMAC, then the count is set to 0. The count is seen in one background pass and acted on in the next, so
+//! With I55=1 and a count of 1 to 32: that many records of six 16-bit words, from the place that the start word names on,
+//! are written into PMAC, then the count is set to 0. The count is seen in one background pass and acted on in the next, so
 //! that a host that goes on writing after it is found out. A record is address, type, data 1 low and high, data 2 low
-//! and high; its type word holds type (bits 0-2), width (3-7, 0 is 24), offset (8-12) and special type (13-15). An X or
+//! and high; its type word holds type, width (0 is 24), offset and, in bits left over, a special type ([`RecordBits`]). An X or
 //! Y word takes the low bits of data 1 at the offset, its other bits stay; a long register takes 48 bits, 32 from data 1
 //! and 16 from data 2, whatever width and offset say.
 //!
 //! A register at address 0 is the servo clock: the watchdog trips and the board is dead until a reset.
 //!
-//! What the manual leaves open: a count above 32 or records that do not fit into $D200-$DFFF are not acted on; a width
+//! What the manual leaves open: a count above 32 or records that do not fit into the user area are not acted on; a width
 //! that is not in the table is taken as it is, bits beyond bit 23 are lost; a record of an undefined type or special type
 //! is skipped; types 4 and 6 write the Y and X word of a function block as the variable read takes it.
 
 use std::ops::Range;
 
 use crate::format::{join32, write48};
-use crate::map::classic::{VARIABLE_WRITE_RECORD_WORDS as WORDS, VARIABLE_WRITE_RECORDS};
-use crate::sim::board::{Board, offsets};
+use crate::map::functions::{RecordBits, VARIABLE_WRITE_RECORD_WORDS as WORDS, VARIABLE_WRITE_RECORDS};
+use crate::map::{Family, HostOffset};
+use crate::sim::board::Board;
 use crate::sim::fault::Delay;
+use crate::sim::functions::user_area;
 
 /// The widths of the manual's table; 0 is 24.
 const WIDTHS: [u16; 7] = [0, 1, 4, 8, 12, 16, 20];
@@ -30,38 +32,53 @@ const LONG: u16 = 1;
 const X: u16 = 2;
 const SPECIAL_Y: u16 = 4;
 const SPECIAL_X: u16 = 6;
+/// The bits of a kind, a width and an offset, moved to bit 0.
+const KIND_BITS: u16 = 0b111;
+const FIELD_BITS: u16 = 0b1_1111;
 
 /// One record, as the host wrote it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct Record {
-    address: u16,
+    address: u32,
     kind: u16,
+    /// As it stands in the type word: 0 is 24.
+    width: u16,
+    offset: u16,
+    /// The bits of the type word without a meaning, moved to bit 0.
+    special: u16,
     data: [u32; 2],
 }
 
 impl Record {
-    fn width(self) -> u16 {
-        match self.kind >> 3 & 0x1F {
-            0 => REGISTER,
-            width => width,
+    fn new(bits: &RecordBits, words: [u16; WORDS]) -> Self {
+        let [address, word, data @ ..] = words;
+        let above = ((1_u32 << (bits.address - 16)) - 1) as u16;
+        let known = KIND_BITS << bits.kind | FIELD_BITS << bits.width | FIELD_BITS << bits.offset | above;
+        Self {
+            address: u32::from(address) | u32::from(word & above) << 16,
+            kind: word >> bits.kind & KIND_BITS,
+            width: word >> bits.width & FIELD_BITS,
+            offset: word >> bits.offset & FIELD_BITS,
+            special: (word & !known).checked_shr((!known).trailing_zeros()).unwrap_or(0),
+            data: [join32(data[0], data[1]), join32(data[2], data[3])],
         }
     }
 
-    fn offset(self) -> u16 {
-        self.kind >> 8 & 0x1F
+    fn width(self) -> u16 {
+        if self.width == 0 { REGISTER } else { self.width }
     }
 
     /// What is wrong with it, if anything.
     fn wrong(self) -> Option<String> {
-        let (kind, special, address) = (self.kind & 0b111, self.kind >> 13, self.address);
+        let Self { address, kind, special, offset, .. } = self;
         if !matches!(kind, Y | LONG | X | SPECIAL_Y | SPECIAL_X) {
             Some(format!("a record for ${address:04X} has type {kind}: 0, 1, 2, 4 and 6 are defined"))
         } else if special != 0 {
             Some(format!("a record for ${address:04X} has special type {special}, which is reserved"))
         } else if kind == LONG {
             None
-        } else if !WIDTHS.contains(&(self.kind >> 3 & 0x1F)) || self.offset() + self.width() > REGISTER {
-            let (width, offset) = (self.width(), self.offset());
+        } else if !WIDTHS.contains(&self.width) || offset + self.width() > REGISTER {
+            let width = self.width();
             Some(format!("a record for ${address:04X} has width {width} at offset {offset}"))
         } else {
             None
@@ -69,8 +86,8 @@ impl Record {
     }
 }
 
-/// Count, start and records.
-type Request = (u16, u16, Vec<Record>);
+/// What the host asks for: where the records lie, and the records.
+type Request = (HostOffset, Vec<Record>);
 
 /// What the function remembers.
 #[derive(Debug, Clone, Default)]
@@ -86,20 +103,20 @@ impl VariableWrite {
     /// The bytes that the records take, while there are some.
     #[must_use]
     pub fn span(&self) -> Option<Range<u32>> {
-        let (count, start, _) = self.seen.as_ref()?;
-        let first = u32::from(offsets::open_offset(*start)?);
-        Some(first..first + 2 * WORDS as u32 * u32::from(*count))
+        let (first, records) = self.seen.as_ref()?;
+        Some(first.bytes()..first.plus_words(WORDS * records.len()).bytes())
     }
 
     /// One background pass.
     pub fn poll(&mut self, board: &mut Board) {
         let cycle = board.stats.servo_cycles;
-        if board.variables.i(55) != 1.0 {
+        let family = board.family();
+        if !board.enabled(family.i.variables_enable) {
             *self = Self::default();
             return;
         }
         write_all(&std::mem::take(&mut self.rest), board);
-        let request = match request(board) {
+        let request = match request(family, board) {
             Ok(Some(request)) => request,
             Ok(None) => {
                 self.seen = None;
@@ -120,7 +137,7 @@ impl VariableWrite {
         if fault.stuck || !self.delay.over(fault.late) {
             return;
         }
-        let (_, _, mut records) = request;
+        let (_, mut records) = request;
         if fault.torn {
             self.rest = records.split_off(records.len() / 2);
         }
@@ -130,37 +147,35 @@ impl VariableWrite {
         }
         self.seen = None;
         board.memory.dpram.order_writes();
-        board.memory.dpram.write16(offsets::VARIABLE_WRITE_COUNT, 0);
+        board.memory.dpram.write16(family.variable_write.count, 0);
     }
 }
 
 /// What the host asks for; `None` when the count is 0.
-fn request(board: &Board) -> Result<Option<Request>, String> {
+fn request(family: &Family, board: &Board) -> Result<Option<Request>, String> {
+    let function = &family.variable_write;
     let dpram = &board.memory.dpram;
-    let count = dpram.read16(offsets::VARIABLE_WRITE_COUNT);
+    let count = usize::from(dpram.read16(function.count));
     if count == 0 {
         return Ok(None);
     }
-    if usize::from(count) > VARIABLE_WRITE_RECORDS {
+    if count > VARIABLE_WRITE_RECORDS {
         return Err(format!("{count} variables to write: 1 to {VARIABLE_WRITE_RECORDS} are allowed"));
     }
     dpram.order_reads();
-    let start = dpram.read16(offsets::VARIABLE_WRITE_START);
-    let Some(first) = offsets::open_offset(start) else {
-        return Err(format!("the variable write records start at ${start:04X}, not in $D200-$DFFD"));
+    let start = dpram.read16(function.start);
+    let Some(first) = user_area::place(family, start) else {
+        let area = user_area::bounds(family);
+        return Err(format!("the variable write records start at ${start:04X}, not in {area}"));
     };
-    let length = 2 * WORDS as u16;
-    if first + length * count > offsets::LENGTH as u16 {
-        return Err(format!("{count} variable write records at ${start:04X} go beyond $DFFF"));
+    if !user_area::has_room(family, first, WORDS * count) {
+        return Err(format!("{count} variable write records at ${start:04X} go beyond the DPRAM's end"));
     }
-    let records = (0..count)
-        .map(|index| {
-            let word = |number: u16| dpram.read16(first + length * index + 2 * number);
-            let data = [join32(word(2), word(3)), join32(word(4), word(5))];
-            Record { address: word(0), kind: word(1), data }
-        })
-        .collect();
-    Ok(Some((count, start, records)))
+    let records = (0..count).map(|index| {
+        let words = std::array::from_fn(|word| dpram.read16(first.plus_words(WORDS * index + word)));
+        Record::new(&function.record, words)
+    });
+    Ok(Some((first, records.collect())))
 }
 
 /// Writes record by record; a write to the servo clock is the last one.
@@ -178,17 +193,18 @@ fn write_all(records: &[Record], board: &mut Board) {
 }
 
 fn write(record: Record, board: &mut Board) {
-    let Record { address, kind, data } = record;
-    if kind >> 13 != 0 {
+    let Record { address, kind, offset, special, data, .. } = record;
+    if special != 0 {
         return;
     }
     let memory = &mut board.memory;
-    let block = (memory.read_y(offsets::FUNCTION_BLOCKS) as u16).wrapping_add(address);
+    let registers = memory.registers();
+    let block = memory.read(registers.function_blocks) + address;
     let field = |old: u32| {
-        let mask = (((1u64 << record.width()) - 1) << record.offset()) as u32;
-        old & !mask | (u64::from(data[0]) << record.offset()) as u32 & mask
+        let mask = (((1u64 << record.width()) - 1) << offset) as u32;
+        old & !mask | (u64::from(data[0]) << offset) as u32 & mask
     };
-    match kind & 0b111 {
+    match kind {
         Y => memory.write_y(address, field(memory.read_y(address))),
         X => memory.write_x(address, field(memory.read_x(address))),
         SPECIAL_Y => memory.write_y(block, field(memory.read_y(block))),
@@ -200,7 +216,7 @@ fn write(record: Record, board: &mut Board) {
         }
         _ => return,
     }
-    if address == offsets::SERVO_COUNTER && matches!(kind & 0b111, Y | X | LONG) {
+    if address == registers.servo_counter.number && matches!(kind, Y | X | LONG) {
         let cycle = board.stats.servo_cycles;
         board.judge.record(cycle, "a variable write went to address 0, the servo clock: the watchdog trips");
         board.watchdog = true;

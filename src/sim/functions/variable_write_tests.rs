@@ -1,12 +1,12 @@
 //! The background variable write against the rules of the manual, pp. 24-25.
 
 use crate::format::{float48, write48};
-use crate::sim::testing::Bench;
+use crate::sim::testing::{Bench, d, l};
 
-const COUNT: u16 = 0x07D4;
-const START: u16 = 0x07D6;
+const COUNT: u32 = 0x07D4;
+const START: u32 = 0x07D6;
 /// $D300.
-const RECORDS: u16 = 0x0C00;
+const RECORDS: u32 = 0x0C00;
 
 fn bench() -> Bench {
     let mut bench = Bench::bare("1.16D");
@@ -20,7 +20,7 @@ fn ask(bench: &Bench, records: &[(u16, u16, u32, u32)]) {
     for (index, &(address, kind, data1, data2)) in records.iter().enumerate() {
         let words = [address, kind, data1 as u16, (data1 >> 16) as u16, data2 as u16, (data2 >> 16) as u16];
         for (word, value) in words.into_iter().enumerate() {
-            bench.write(RECORDS + 12 * index as u16 + 2 * word as u16, value);
+            bench.write(RECORDS + 12 * index as u32 + 2 * word as u32, value);
         }
     }
     bench.write(COUNT, records.len() as u16);
@@ -74,9 +74,9 @@ fn whole_words_and_longs_packed_32_and_16() {
     );
     let memory = &bench.world.board.memory;
     assert_eq!((memory.read_y(0x2000), memory.read_x(0x2000)), (0x80_0001, 0x12_3456));
-    assert_eq!(memory.read_l(0x2001), -3.25);
+    assert_eq!(memory.read_l(l(0x2001)), -3.25);
     assert_eq!((memory.read_y(0x2002), memory.read_x(0x2002)), (0x12_3456, 0x78_9ABC));
-    assert_eq!(memory.read_d(0x2003), -1);
+    assert_eq!(memory.read_d(d(0x2003)), -1);
     assert!(bench.violations().is_empty(), "{:?}", bench.violations());
 }
 
@@ -97,7 +97,7 @@ fn thirty_two_records_at_once_and_function_blocks() {
     records.extend([(0, 4, 11, 0), (5, 6, 22, 0)]);
     write(&mut bench, &records);
     let memory = &bench.world.board.memory;
-    assert!((0..30).all(|n| memory.read_y(0x2000 + n) == u32::from(n)));
+    assert!((0..30).all(|n| memory.read_y(0x2000 + n) == n));
     assert_eq!((memory.read_y(0x3000), memory.read_x(0x3005)), (11, 22), "block 0 is not the servo clock");
     assert!(bench.violations().is_empty(), "{:?}", bench.violations());
 }
@@ -120,7 +120,7 @@ fn nothing_is_written_without_i55_or_beyond_the_rules() {
     bench.write(COUNT, 0);
     bench.run(1);
     for word in 0..6 {
-        bench.write(0x3FF4 + 2 * word, [0x2000, 0, 5, 0, 0, 0][usize::from(word)]);
+        bench.write(0x3FF4 + 2 * word, [0x2000, 0, 5, 0, 0, 0][word as usize]);
     }
     bench.write(START, 0xDFFD);
     bench.write(COUNT, 1);

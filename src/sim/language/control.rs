@@ -7,8 +7,8 @@
 //! both words of the global status, each 24-bit word as three bytes, high byte first. (Their form, and the packing for ^W,
 //! come from no page at hand.)
 
+use crate::sim::board::Board;
 use crate::sim::board::number::tenths;
-use crate::sim::board::{Board, offsets};
 use crate::sim::language::reply::{LONGEST_LINE, Reply, status_text};
 use crate::sim::program::Programs;
 use crate::sim::program::store::Open;
@@ -46,9 +46,9 @@ pub const fn takes_line(character: u8) -> bool {
 
 /// The line that ^W takes; empty when I47 points outside the DPRAM.
 pub fn dpram_line(board: &Board) -> Vec<u8> {
-    let first = board.variables.i(47) as u16;
-    let words = (first..=offsets::LAST)
-        .filter(|address| *address >= offsets::BASE)
+    let first = board.variables.i(47) as u32;
+    let words = (first..)
+        .take_while(|&address| board.memory.host_offset(address).is_some())
         .flat_map(|address| [board.memory.read_y(address), board.memory.read_x(address)]);
     let characters = words.flat_map(|word| (word as u16).to_le_bytes());
     characters.take_while(|c| !matches!(c, 0 | b'\r')).take(LONGEST_LINE + 1).collect()
@@ -68,7 +68,7 @@ pub fn binary_report(board: &Board, character: u8) -> Option<Vec<u8>> {
 
 /// Carries out `character`. `None`: it is no command of this kind.
 pub fn execute(board: &mut Board, programs: &mut Programs, character: u8) -> Option<Reply> {
-    let family = board.variables.family();
+    let family = board.family();
     let report = |texts: Vec<String>| Reply { lines: vec![texts.join(" ")], error: None };
     let motors = 0..family.motors;
     let mut reply = Reply::default();

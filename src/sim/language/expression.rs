@@ -84,7 +84,7 @@ pub fn condition(scanner: &mut Scanner, board: &Board, cs: usize) -> Result<bool
 /// ERR003 when there is no such variable.
 pub fn check_number(number: f64, board: &Board) -> Result<usize, CommandError> {
     let number = number.round_ties_even();
-    let count = board.variables.family().variables as f64;
+    let count = board.variables.tables().variables as f64;
     if (0.0..count).contains(&number) { Ok(number as usize) } else { Err(CommandError::SYNTAX) }
 }
 

@@ -65,7 +65,7 @@ pub fn definition(scanner: &mut Scanner, last: u32) -> Result<Option<MDefinition
     }))
 }
 
-fn field(scanner: &mut Scanner, half: Half, address: u16) -> Result<MDefinition, CommandError> {
+fn field(scanner: &mut Scanner, half: Half, address: u32) -> Result<MDefinition, CommandError> {
     let mut offset = if scanner.take(b',') { small(scanner)? } else { 0 };
     let mut width = 1;
     let mut format = Format::Unsigned;

@@ -194,12 +194,12 @@ impl<'a> Scanner<'a> {
     }
 
     /// An address up to `last`, decimal or hex.
-    pub fn address(&mut self, last: u32) -> Result<u16, CommandError> {
+    pub fn address(&mut self, last: u32) -> Result<u32, CommandError> {
         let value = self.unsigned()?;
         if value > f64::from(last) || value.fract() != 0.0 {
             return Err(CommandError::SYNTAX);
         }
-        u16::try_from(value as u32).map_err(|_| CommandError::SYNTAX)
+        Ok(value as u32)
     }
 
     fn skip_digits(&mut self) {

@@ -105,7 +105,7 @@ impl SerialPort {
 
     /// Takes one byte from the host and appends what the board sends back to `out`.
     ///
-    /// A classic board has one addressing for all ports: give each port the same `interpreter`. Line feeds and NULs are
+    /// PMAC and PMAC2 have one addressing for all ports: give each port the same `interpreter`. Line feeds and NULs are
     /// ignored. Of a line too long only the start is kept, and it is answered with an error.
     pub fn receive(
         &mut self,
@@ -195,6 +195,7 @@ fn report(board: &Board, reply: &Reply, out: &mut Vec<u8>) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::map::HostOffset;
     use crate::sim::testing;
 
     struct Rig {
@@ -208,7 +209,7 @@ mod tests {
         fn new() -> Self {
             let mut rig = Self {
                 board: testing::board(),
-                programs: Programs::default(),
+                programs: Programs::new(8),
                 interpreter: Interpreter::new(),
                 port: SerialPort::new(),
             };
@@ -295,7 +296,7 @@ mod tests {
         let mut rig = Rig::new();
         for (index, pair) in b"I3 UUU\r\0".chunks(2).enumerate() {
             let word = u16::from_le_bytes([pair[0], pair[1]]);
-            rig.board.memory.dpram.write16(0x0C00 + 2 * index as u16, word);
+            rig.board.memory.dpram.write16(HostOffset::new(0x0C00).plus_words(index), word);
         }
         rig.send(b"I47=$D300\r");
         assert_eq!(rig.send(b"P1\x17=5\r"), b"2\r\x07ERR003\r\x06", "the line under way goes on");

@@ -115,7 +115,7 @@ const fn read(space: Space, hex: bool) -> Word {
     W::Read(Form { space, hex })
 }
 
-/// The tables of the classic families.
+/// The tables of PMAC and PMAC2.
 pub const TABLES: &[&[(&str, Word)]] = &[COMMON];
 
 /// Keywords of every board.

@@ -81,15 +81,16 @@ pub fn power_up(options: &Options) -> Result<World, SimError> {
         )),
         None => options.dpram_startup.then(|| ("the shipped start-up file".to_owned(), STARTUP.to_owned())),
     };
-    let memory = Memory::new(Dpram::open(&options.memory)?);
-    let mut board = Board::new(memory, options.identity(), options.fixed_i10(), options.seed);
+    let identity = options.identity();
+    let memory = Memory::new(Dpram::open(&options.memory, identity.tables.family.length)?, identity.tables);
+    let mut board = Board::new(memory, identity, options.fixed_i10(), options.seed);
     board.rotary_cs_base = options.rotary_cs_base;
     let mut world = World::new(board);
     if let Some(path) = &options.mailbox {
         world.fit_mailbox(Mailbox::open(path, options.dpram_page)?);
     }
     if let Some(path) = &options.host_port {
-        world.fit_host_port(HostPort::open(path, options.controller())?);
+        world.fit_host_port(HostPort::open(path, options.family.controller)?);
     }
     if let Some((name, text)) = startup {
         world.load(&name, &text)?;

@@ -2,12 +2,12 @@
 
 use std::path::{Path, PathBuf};
 
-use clap::{Parser, ValueEnum};
+use clap::Parser;
+use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 
 use crate::map::Firmware;
-use crate::sim::board::family;
+use crate::sim::board::firmware::{FirmwareTables, SIMULATED};
 use crate::sim::board::identity::Identity;
-use crate::sim::functions::host_port::Controller;
 
 /// A simulated PMAC: the board's side of a DPRAM, in its own process.
 #[derive(Debug, Parser)]
@@ -43,15 +43,15 @@ pub struct Options {
     /// Socket for commands to the simulator itself: a line in, a line out
     #[arg(long, value_name = "unix:PATH", value_parser = unix_path)]
     pub control: Option<UnixPath>,
-    /// How many motors there are
-    #[arg(long, default_value_t = 8, value_parser = clap::value_parser!(u8).range(1..=8))]
+    /// How many motors there are, at most those of the family
+    #[arg(long, default_value_t = 8, value_parser = clap::value_parser!(u8).range(1..=most_motors()))]
     pub motors: u8,
     /// Servo interrupts a second; sets I10. Without it the rate follows I10
     #[arg(long, value_name = "HZ", value_parser = servo_hz)]
     pub servo_hz: Option<f64>,
     /// What family of boards to be one of
-    #[arg(long, value_enum, default_value_t = BoardFamily::Pmac)]
-    pub family: BoardFamily,
+    #[arg(long, default_value = "pmac", value_parser = family())]
+    pub family: &'static FirmwareTables,
     /// What VERSION answers; it also decides where the gather buffer lies
     #[arg(long, default_value = "1.16D")]
     pub firmware: Firmware,
@@ -72,15 +72,6 @@ pub struct Options {
     pub with_parent: Option<u32>,
 }
 
-/// The families that can be simulated.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub enum BoardFamily {
-    /// PMAC(1)
-    Pmac,
-    /// PMAC2
-    Pmac2,
-}
-
 /// A path given as `unix:PATH`.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct UnixPath(PathBuf);
@@ -97,20 +88,7 @@ impl Options {
     /// The board these options describe.
     #[must_use]
     pub fn identity(&self) -> Identity {
-        let family = match self.family {
-            BoardFamily::Pmac => &family::PMAC,
-            BoardFamily::Pmac2 => &family::PMAC2,
-        };
-        Identity { motors: self.motors.into(), ..Identity::new(family, &self.firmware.to_string()) }
-    }
-
-    /// The interrupt registers a board of this family has.
-    #[must_use]
-    pub fn controller(&self) -> Controller {
-        match self.family {
-            BoardFamily::Pmac => Controller::Intel8259,
-            BoardFamily::Pmac2 => Controller::Pmac2,
-        }
+        Identity { motors: self.motors.into(), ..Identity::new(self.family, &self.firmware.to_string()) }
     }
 
     /// The I10 that the asked rate means.
@@ -118,6 +96,19 @@ impl Options {
     pub fn fixed_i10(&self) -> Option<f64> {
         self.servo_hz.map(|hz| (8_388_608.0 * 1000.0 / hz).round())
     }
+}
+
+/// The families that can be simulated, by their names.
+fn family() -> impl TypedValueParser<Value = &'static FirmwareTables> {
+    let name = |tables: &&FirmwareTables| PossibleValue::new(tables.family.name).help(tables.family.title);
+    PossibleValuesParser::new(SIMULATED.iter().map(name)).map(|name| {
+        SIMULATED.iter().copied().find(|tables| tables.family.name == name).unwrap_or(SIMULATED[0])
+    })
+}
+
+/// The most motors that a simulated board has.
+fn most_motors() -> i64 {
+    SIMULATED.iter().map(|tables| tables.family.motors as i64).max().unwrap_or(1)
 }
 
 fn unix_path(text: &str) -> Result<UnixPath, String> {

@@ -25,6 +25,8 @@ pub type Command = (u32, u32);
 /// In a command's first word: it is the first of its line (DPRAM manual, "Internal PMAC 48-bit command format").
 pub const START_OF_LINE: u32 = 1 << 11;
 const BIAS: i32 = 31;
+/// The motors of HOME and HOMEZ, bit 0 for motor 1.
+const HOME_MOTORS: u32 = 0xFF;
 
 /// The items of one line.
 ///
@@ -154,7 +156,7 @@ fn item(code: &Code, word: u32, data: u32) -> Option<Item> {
                 _ => Item::Axes(mode, Some(list.into())),
             }
         }
-        Shape::Motors { .. } => match data as u8 {
+        Shape::Motors { .. } => match data & HOME_MOTORS {
             0 => return None,
             motors => Item::Home { zero: code.name == "HOMEZ", motors },
         },

@@ -3,8 +3,8 @@
 //! Each servo cycle the trajectory goes on by the time base, and the motors of the coordinate system are told where to
 //! be. Every I8+1 cycles the next lines are calculated, and rotary lines that are done with are freed.
 
+use crate::sim::board::Board;
 use crate::sim::board::variables::VariableKind;
-use crate::sim::board::{Board, MOTORS, offsets};
 use crate::sim::program::Programs;
 use crate::sim::program::calculate::Calculator;
 use crate::sim::program::item::Operator;
@@ -26,15 +26,15 @@ struct Begun {
 }
 
 impl Programs {
-    /// One servo cycle of all programs; `time_base` has 1.0 for 100%.
-    pub fn cycle(&mut self, board: &mut Board, ms: f64, time_base: &[f64; MOTORS]) {
+    /// One servo cycle of all programs.
+    pub fn cycle(&mut self, board: &mut Board, ms: f64) {
         let calculates = board.stats.servo_cycles.is_multiple_of(board.variables.i(8) as u64 + 1);
-        for (cs, &factor) in time_base.iter().enumerate() {
+        for cs in 0..self.systems.len() {
             if self.systems[cs].running {
                 if calculates {
                     self.real_time_interrupt(board, cs);
                 }
-                self.program_cycle(board, cs, ms, factor);
+                self.program_cycle(board, cs, ms);
             }
         }
         if calculates {
@@ -70,7 +70,7 @@ impl Programs {
     /// Shows the lines ahead in their register, and the buffer request.
     pub fn note_rotary(&mut self, board: &mut Board, cs: usize) {
         let lines = self.rotary_remaining(cs).unwrap_or(0);
-        board.memory.write_y(offsets::background(offsets::LINES_REMAINING, cs), lines as u32);
+        board.memory.write(board.memory.registers().lines_remaining.of(cs), lines as u32);
         let lines = lines as f64;
         if lines >= board.variables.i(17) {
             board.program_word(cs, 0, BUFFER_REQUEST);
@@ -79,7 +79,7 @@ impl Programs {
         }
     }
 
-    fn program_cycle(&mut self, board: &mut Board, cs: usize, ms: f64, time_base: f64) {
+    fn program_cycle(&mut self, board: &mut Board, cs: usize, ms: f64) {
         let slew = board.variables.i(52) / board.variables.i(10).max(1.0);
         let mut begun: Vec<Begun> = Vec::new();
         let system = &mut self.systems[cs];
@@ -88,7 +88,7 @@ impl Programs {
             Hold::Resuming(factor) if factor + slew < 1.0 => Hold::Resuming(factor + slew),
             _ => Hold::Off,
         };
-        let factor = time_base * system.hold.factor();
+        let factor = board.time_base(cs) * system.hold.factor();
         let sample = system.trajectory.advance(ms, ms * factor, |entry| {
             begun.push(Begun {
                 later: std::mem::take(&mut entry.later),
@@ -159,7 +159,7 @@ impl Programs {
                 }
             }
             Some(Shape::Home(motors)) => {
-                for motor in (0..MOTORS).filter(|motor| motors >> motor & 1 == 1) {
+                for motor in (0..board.motors.len()).filter(|motor| motors >> motor & 1 == 1) {
                     if board.active(motor) {
                         board.search_home(motor);
                     }
@@ -173,10 +173,10 @@ impl Programs {
     fn front_of_program(&mut self, board: &mut Board, cs: usize) {
         let system = &self.systems[cs];
         let Some(entry) = system.trajectory.front().filter(|entry| entry.started) else { return };
-        let motors: u8 = match &entry.shape {
+        let motors: u32 = match &entry.shape {
             Shape::Home(motors) => *motors,
             Shape::Rapid(jogs) => {
-                (0..MOTORS).filter(|&motor| jogs[motor].is_some()).map(|motor| 1 << motor).sum()
+                jogs.iter().enumerate().map(|(motor, jog)| u32::from(jog.is_some()) << motor).sum()
             }
             _ => return,
         };

@@ -167,7 +167,7 @@ pub enum Item {
         /// `HOMEZ`.
         zero: bool,
         /// The motors.
-        motors: u8,
+        motors: u32,
     },
     /// `ENABLE PLC`, `DISABLE PLC`; bit n for PLC n.
     Plc {

@@ -1,6 +1,6 @@
 //! `SEND` of programs (Software Reference pp. 305-308): a message to the active response port.
 
-use crate::map::classic::RESPONSE_MESSAGE;
+use crate::map::functions::response;
 use crate::sim::board::Board;
 use crate::sim::board::output::Port;
 
@@ -10,7 +10,7 @@ const TAG: u8 = 2;
 /// `SEND"text"`, from a program or from whoever plays one.
 pub fn send_message(board: &mut Board, text: &str) {
     match board.response_port() {
-        Port::Dpram => board.output.respond(RESPONSE_MESSAGE, text.as_bytes()),
+        Port::Dpram => board.output.respond(response::MESSAGE, text.as_bytes()),
         port => {
             let line = unasked_line(board, text, board.variables.i(62) == 1.0);
             board.output.send(port, &line);

@@ -48,8 +48,6 @@ use plc::Plcs;
 use store::{Store, TableKind};
 use system::System;
 
-use crate::sim::board::MOTORS;
-
 /// What a program asks the interpreter to do, in the background.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Request {
@@ -72,32 +70,32 @@ pub struct Programs {
     /// The buffers as `SAVE` has kept them.
     saved: Store,
     /// For the background report, a coordinate system each: time left in acceleration (1/2 ms), execution address offset.
-    pub report: [[u32; 2]; MOTORS],
-}
-
-impl Default for Programs {
-    fn default() -> Self {
-        Self::with(Store::default())
-    }
+    pub report: Vec<[u32; 2]>,
 }
 
 impl Programs {
+    /// No programs, for a board with so many coordinate systems.
+    #[must_use]
+    pub fn new(coordinate_systems: usize) -> Self {
+        Self::with(Store::default(), coordinate_systems)
+    }
+
     /// As a reset leaves them when `saved` are the buffers that `SAVE` has kept.
-    fn with(saved: Store) -> Self {
+    fn with(saved: Store, coordinate_systems: usize) -> Self {
         Self {
             store: saved.clone(),
-            systems: (0..MOTORS).map(|_| System { rematch: true, ..System::default() }).collect(),
+            systems: vec![System { rematch: true, ..System::default() }; coordinate_systems],
             plcs: Plcs::default(),
             requests: VecDeque::new(),
             saved,
-            report: [[0; 2]; MOTORS],
+            report: vec![[0; 2]; coordinate_systems],
         }
     }
 
     /// As a reset: the saved buffers, or none with `factory_values`; nothing runs.
     pub fn reset(&mut self, factory_values: bool) {
         let saved = if factory_values { Store::default() } else { std::mem::take(&mut self.saved) };
-        *self = Self::with(saved);
+        *self = Self::with(saved, self.systems.len());
     }
 
     /// Keeps the buffers for the next reset.

@@ -174,8 +174,8 @@ impl Reader<'_, '_> {
                 if !self.scanner.at_unsigned() {
                     return Ok(None);
                 }
-                let motors = numbers(&mut self.scanner, 1, self.board.variables.family().motors)?;
-                Item::Home { zero, motors: (motors >> 1) as u8 }
+                let motors = numbers(&mut self.scanner, 1, self.board.family().motors)?;
+                Item::Home { zero, motors: (motors >> 1) as u32 }
             }
             Keyword::Plc(enable) => {
                 if !self.scanner.take_text(b"PLC") {
@@ -255,7 +255,7 @@ impl Reader<'_, '_> {
     }
 
     fn address(&mut self) -> Parsed<Item> {
-        let family = self.board.variables.family();
+        let family = self.board.family();
         let mut one = |mark: u8, count: usize| -> Parsed<Option<usize>> {
             if !self.scanner.take(mark) {
                 return Ok(None);

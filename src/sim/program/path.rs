@@ -3,16 +3,13 @@
 //! An axis is a sum over motors, so an arc in XYZ is an arc of vectors in motor space: `r (cos e1 + sin e2)`, with a
 //! radius that may grow (a spiral) and a straight part on top for all else.
 
-use crate::sim::board::MOTORS;
-
-/// A number a motor.
-pub type Motors = [f64; MOTORS];
+use crate::sim::board::motor::{Motors, STILL};
 
 /// The way of a move, from 0 to 1.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Path {
     /// Straight, so far.
-    Line(Motors),
+    Line(Box<Motors>),
     /// An arc.
     Arc(Box<Arc>),
 }
@@ -37,7 +34,7 @@ impl Path {
     pub fn add(&self, u: f64, rate: f64, position: &mut Motors, velocity: &mut Motors) {
         match self {
             Self::Line(way) => {
-                for motor in 0..MOTORS {
+                for motor in 0..position.len() {
                     position[motor] += way[motor] * u;
                     velocity[motor] += way[motor] * rate;
                 }
@@ -46,7 +43,7 @@ impl Path {
                 let grown = arc.radius[1] - arc.radius[0];
                 let radius = arc.radius[0] + grown * u;
                 let (sin, cos) = (arc.sweep * u).sin_cos();
-                for motor in 0..MOTORS {
+                for motor in 0..position.len() {
                     let (e1, e2) = (arc.e1[motor], arc.e2[motor]);
                     let outward = cos * e1 + sin * e2;
                     let along = cos * e2 - sin * e1;
@@ -61,7 +58,7 @@ impl Path {
     /// The velocity at the start (`u` 0) or end (1) for `rate`.
     #[must_use]
     pub fn velocity(&self, u: f64, rate: f64) -> Motors {
-        let (mut position, mut velocity) = ([0.0; MOTORS], [0.0; MOTORS]);
+        let (mut position, mut velocity) = (STILL, STILL);
         self.add(u, rate, &mut position, &mut velocity);
         velocity
     }
@@ -148,10 +145,10 @@ mod tests {
 
     #[test]
     fn a_blend_covers_its_way_in_its_time_and_both_half_ramps() {
-        let mut way = [0.0; MOTORS];
+        let mut way = STILL;
         way[1] = 500.0;
         let blend = Blend {
-            path: Path::Line(way),
+            path: Path::Line(Box::new(way)),
             time: 100.0,
             up: Ramp { time: 40.0, s_time: 10.0 },
             down: Ramp { time: 20.0, s_time: 0.0 },
@@ -159,7 +156,7 @@ mod tests {
         assert_eq!(blend.length(), 130.0);
         assert_eq!(blend.coasts_until(), 110.0);
         let at = |t: f64| {
-            let (mut position, mut velocity) = ([0.0; MOTORS], [0.0; MOTORS]);
+            let (mut position, mut velocity) = (STILL, STILL);
             blend.add(t, &mut position, &mut velocity);
             (position[1], velocity[1])
         };

@@ -3,7 +3,7 @@
 
 use super::calculate::flow::split;
 use crate::sim::board::error::CommandError;
-use crate::sim::board::{Board, MOTORS, coordinate};
+use crate::sim::board::{Board, coordinate};
 use crate::sim::program::Programs;
 use crate::sim::program::place::Cursor;
 use crate::sim::program::store::Program;
@@ -45,8 +45,8 @@ impl Programs {
 impl Programs {
     /// Ix91: the program to point to at power-up.
     pub fn point_at_power_up(&mut self, board: &mut Board) {
-        for cs in 0..MOTORS {
-            let number = board.variables.i(100 * (cs + 1) + 91);
+        for cs in 0..self.systems.len() {
+            let number = board.variables.i(board.variables.tables().coordinate_i(cs, 91));
             let _ = self.begin(board, cs, number);
         }
     }
@@ -56,7 +56,7 @@ impl Programs {
     /// # Errors
     /// ERR001 while a program runs, ERR003 when there is no such program or label.
     pub fn begin(&mut self, board: &mut Board, cs: usize, number: f64) -> Result {
-        if coordinate::running(cs.min(MOTORS - 1), &board.memory) {
+        if coordinate::running(cs, &board.memory) {
             return Err(CommandError::RUNNING);
         }
         let cursor = self.cursor(cs, number).ok_or(CommandError::SYNTAX)?;
@@ -139,14 +139,14 @@ impl Programs {
         if self.systems.get(cs).is_some_and(|system| system.running) {
             self.finish_calculation(board, cs);
         } else {
-            coordinate::stop_program(cs.min(MOTORS - 1), &mut board.memory);
+            coordinate::stop_program(cs, &mut board.memory);
         }
     }
 
     /// `/`: the move under way is the last one; the pointer is at the one after it.
     pub fn stop_after_move(&mut self, board: &mut Board, cs: usize) {
         let Some(system) = self.systems.get_mut(cs).filter(|system| system.running) else {
-            coordinate::stop_program(cs.min(MOTORS - 1), &mut board.memory);
+            coordinate::stop_program(cs, &mut board.memory);
             return;
         };
         let dropped = system.trajectory.drop_ahead();
@@ -250,14 +250,14 @@ impl Programs {
     /// `<CTRL-K>`.
     pub fn kill_all(&mut self, board: &mut Board) {
         board.kill_motors();
-        for cs in 0..MOTORS {
+        for cs in 0..self.systems.len() {
             self.end_program(board, cs);
         }
     }
 
     /// `<CTRL-A>`: every active motor stops, those in no coordinate system too.
     pub fn abort_all(&mut self, board: &mut Board) {
-        for cs in 0..MOTORS {
+        for cs in 0..self.systems.len() {
             self.end_program(board, cs);
             board.release_hold(cs);
         }
@@ -268,21 +268,21 @@ impl Programs {
 
     /// `<CTRL-Q>`.
     pub fn quit_all(&mut self, board: &mut Board) {
-        for cs in 0..MOTORS {
+        for cs in 0..self.systems.len() {
             self.quit(board, cs);
         }
     }
 
     /// `<CTRL-R>`. A control character reports no error: what cannot run stays as it is.
     pub fn run_all(&mut self, board: &mut Board) {
-        for cs in 0..MOTORS {
+        for cs in 0..self.systems.len() {
             let _ = self.run(board, cs);
         }
     }
 
     /// `<CTRL-S>`.
     pub fn step_all(&mut self, board: &mut Board) {
-        for cs in 0..MOTORS {
+        for cs in 0..self.systems.len() {
             let _ = self.step(board, cs);
         }
     }
@@ -321,12 +321,12 @@ pub fn check_start(board: &Board, cs: usize, pointed: bool) -> Result {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sim::board::family;
+    use crate::sim::board::firmware;
     use crate::sim::world::World;
 
     #[test]
     fn what_stops_a_program_from_starting_in_order() {
-        let mut world = World::alone(&family::PMAC).unwrap();
+        let mut world = World::alone(&firmware::PMAC).unwrap();
         let send = |world: &mut World, line: &str| {
             assert_eq!(world.execute(line.as_bytes()).error, None, "{line}");
         };

@@ -2,30 +2,30 @@
 
 use super::Programs;
 use super::store::{Open, TableKind};
+use crate::sim::board::Board;
 use crate::sim::board::motor::{Events, Loop};
-use crate::sim::board::{Board, MOTORS};
 
 /// Long words free on a board without buffers.
 const FREE_LONG_WORDS: i64 = 41_301;
 
 /// The time base of the coordinate system that the 0-based `motor` belongs to.
-fn time_base_of(board: &Board, motor: usize, time_base: &[f64; MOTORS]) -> f64 {
-    board.axes.coordinate_system(motor).map_or(1.0, |cs| time_base[cs])
+fn time_base_of(board: &Board, motor: usize) -> f64 {
+    board.axes.coordinate_system(motor).map_or(1.0, |cs| board.time_base(cs))
 }
 
 impl Programs {
     /// One servo interrupt: time bases, programs, motors, data gathering. The servo report comes after it.
     pub fn servo_interrupt(&mut self, board: &mut Board) {
-        let time_base = board.begin_servo_cycle();
+        board.begin_servo_cycle();
         let ms = board.cycle_ms();
-        self.cycle(board, ms, &time_base);
+        self.cycle(board, ms);
         for motor in 0..board.motors.len() {
             if !board.active(motor) {
                 continue;
             }
             let leadscrew = self.leadscrew(board, motor);
             board.compensate(motor, leadscrew);
-            let events = board.servo_loop(motor, time_base_of(board, motor, &time_base));
+            let events = board.servo_loop(motor, time_base_of(board, motor));
             if events != Events::default() {
                 self.on_events(board, motor, events);
             }
@@ -56,7 +56,7 @@ impl Programs {
             board.take_up_backlash(motor, table.map_or(0.0, |table| table.at(commanded)));
             board.write_background_registers(motor);
         }
-        for cs in 0..MOTORS {
+        for cs in 0..self.systems.len() {
             board.write_coordinate_registers(cs);
         }
     }

@@ -3,8 +3,7 @@
 //! A spline does not go through its programmed points: way point n is (X(n-1) + 4 X(n) + X(n+1)) / 6, its velocity
 //! (X(n+1) - X(n-1)) / 2 TA. The points at both ends count twice more, so a run of n segments takes n + 2 times TA.
 
-use crate::sim::board::MOTORS;
-use crate::sim::program::path::Motors;
+use crate::sim::board::motor::{Motors, STILL};
 use crate::sim::program::trajectory::Shape;
 
 /// A spline under way: its last three points, and the times of the last two segments.
@@ -21,7 +20,7 @@ impl Spline {
     /// At rest at `from`.
     #[must_use]
     pub fn new(from: Motors, time: f64) -> Self {
-        Self { points: [from; 3], times: [time; 2], at: from, velocity: [0.0; MOTORS] }
+        Self { points: [from; 3], times: [time; 2], at: from, velocity: STILL }
     }
 
     /// The time of the last segment.
@@ -38,8 +37,8 @@ impl Spline {
         // With equal times these are 1/6, 1/6 and 1/(2 TA).
         let from_before = after * after / ((before + after) * (2.0 * before + after));
         let from_after = before * before / ((before + after) * (before + 2.0 * after));
-        let (mut end, mut velocity) = ([0.0; MOTORS], [0.0; MOTORS]);
-        for motor in 0..MOTORS {
+        let (mut end, mut velocity) = (STILL, STILL);
+        for motor in 0..end.len() {
             let [a, b, c] = self.points.map(|point| point[motor]);
             end[motor] = b + from_before * (a - b) + from_after * (c - b);
             velocity[motor] = (c - a) / (before + after);
@@ -53,23 +52,22 @@ impl Spline {
 /// From one position and velocity to another in `time` ms.
 #[must_use]
 pub fn cubic(time: f64, from: &Motors, to: &Motors, from_velocity: &Motors, to_velocity: &Motors) -> Shape {
-    let mut coefficients = Box::new([[0.0; 3]; MOTORS]);
-    for motor in 0..MOTORS {
+    let coefficients = std::array::from_fn(|motor| {
         let way = to[motor] - from[motor];
         let (v0, v1) = (from_velocity[motor], to_velocity[motor]);
-        coefficients[motor] =
-            [v0, (3.0 * way / time - 2.0 * v0 - v1) / time, (v0 + v1 - 2.0 * way / time) / (time * time)];
-    }
-    Shape::Cubic(time, coefficients)
+        [v0, (3.0 * way / time - 2.0 * v0 - v1) / time, (v0 + v1 - 2.0 * way / time) / (time * time)]
+    });
+    Shape::Cubic(time, Box::new(coefficients))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::sim::board::motor::MOST_MOTORS;
 
     #[test]
     fn a_uniform_spline_is_the_manuals() {
-        let point = |x: f64| [x; MOTORS];
+        let point = |x: f64| [x; MOST_MOTORS];
         let mut spline = Spline::new(point(0.0), 100.0);
         let mut at = |x: f64| {
             let (_, end) = spline.next(point(x), 100.0);
@@ -84,8 +82,10 @@ mod tests {
 
     #[test]
     fn a_cubic_meets_both_ends() {
-        let (from, to) = ([1.0; MOTORS], [5.0; MOTORS]);
-        let Shape::Cubic(t, coefficients) = cubic(50.0, &from, &to, &[0.2; MOTORS], &[-0.1; MOTORS]) else {
+        let (from, to) = ([1.0; MOST_MOTORS], [5.0; MOST_MOTORS]);
+        let Shape::Cubic(t, coefficients) =
+            cubic(50.0, &from, &to, &[0.2; MOST_MOTORS], &[-0.1; MOST_MOTORS])
+        else {
             panic!()
         };
         let [a, b, c] = coefficients[3];

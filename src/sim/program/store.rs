@@ -3,7 +3,6 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use crate::sim::board::MOTORS;
 use crate::sim::board::error::CommandError;
 use crate::sim::program::item::{Item, Line};
 use crate::sim::program::rotary::Rotary;
@@ -134,7 +133,8 @@ impl Table {
 pub struct Store {
     programs: BTreeMap<u32, Program>,
     plcs: Vec<Program>,
-    rotary: [Option<Rotary>; MOTORS],
+    /// By 0-based coordinate system, as far as one has been defined.
+    rotary: Vec<Option<Rotary>>,
     /// The tables, in the order of their definition.
     pub tables: Vec<Table>,
     open: Option<Open>,
@@ -146,7 +146,7 @@ impl Default for Store {
         Self {
             programs: BTreeMap::new(),
             plcs: vec![Program::default(); PLCS],
-            rotary: Default::default(),
+            rotary: Vec::new(),
             tables: Vec::new(),
             open: None,
             blocks: Tracker::default(),
@@ -158,7 +158,7 @@ impl Store {
     /// What is left after a reset: fixed programs and tables, no rotary buffer.
     #[must_use]
     pub fn kept(&self) -> Self {
-        Self { rotary: Default::default(), open: None, ..self.clone() }
+        Self { rotary: Vec::new(), open: None, ..self.clone() }
     }
 
     /// Which buffer is open.
@@ -302,9 +302,8 @@ impl Store {
         if words as i64 > free {
             return Err(CommandError::NO_ROOM);
         }
-        if let Some(slot) = self.rotary.get_mut(cs) {
-            *slot = Some(Rotary::new(words));
-        }
+        self.rotary.resize(self.rotary.len().max(cs + 1), None);
+        self.rotary[cs] = Some(Rotary::new(words));
         Ok(())
     }
 
@@ -321,7 +320,7 @@ impl Store {
 
     /// `DELETE ALL`: rotary buffers and tables.
     pub fn delete_all(&mut self) {
-        self.rotary = Default::default();
+        self.rotary.clear();
         self.tables.clear();
     }
 

@@ -1,9 +1,9 @@
 //! What a coordinate system knows of the program it runs.
 
 use crate::sim::board::error::CommandError;
+use crate::sim::board::motor::Motors;
 use crate::sim::program::cutter_state::Cutter;
 use crate::sim::program::item::Mode;
-use crate::sim::program::path::Motors;
 use crate::sim::program::place::Cursor;
 use crate::sim::program::spline::Spline;
 use crate::sim::program::trajectory::{Later, Trajectory};

@@ -1,8 +1,8 @@
 //! Programs on the whole board, in virtual time.
 
-use crate::sim::board::{Board, MOTORS};
+use crate::sim::board::Board;
 use crate::sim::program::store::Open;
-use crate::sim::testing::Bench;
+use crate::sim::testing::{Bench, d, l};
 use crate::sim::world::World;
 
 /// A second and more of servo cycles: longer than any wait here.
@@ -11,7 +11,7 @@ const LONG: usize = 200_000;
 /// Axes X, Y, Z, A of &1 on motors 1 to 4, 1000 counts a unit; limits that do not limit.
 fn bench() -> Bench {
     let mut bench = Bench::started();
-    for motor in 1..=MOTORS {
+    for motor in 1..=8 {
         bench.set(100 * motor + 11, 0.0);
         bench.set(100 * motor + 16, 1e6);
         bench.set(100 * motor + 17, 1e6);
@@ -505,9 +505,9 @@ fn the_background_report_shows_a_segmented_program() {
     assert!((f64::from(ramp) / 2.0 - (200.0 - ms)).abs() < 5.0, "{ramp}");
     assert_eq!(offset, 3);
     for (register, expected) in [(0x087C, 10.0), (0x087D, 20.0), (0x087E, 30.0), (0x081F, 10.0)] {
-        assert_eq!(bench.world.board.memory.read_l(register), expected);
+        assert_eq!(bench.world.board.memory.read_l(l(register)), expected);
     }
-    assert_eq!(bench.world.board.memory.read_d(0x080B), 10_000 * 3072, "target of motor 1");
+    assert_eq!(bench.world.board.memory.read_d(d(0x080B)), 10_000 * 3072, "target of motor 1");
 }
 
 #[test]

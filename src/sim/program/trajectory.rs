@@ -6,9 +6,9 @@
 
 use std::collections::VecDeque;
 
-use crate::sim::board::MOTORS;
+use crate::sim::board::motor::{MOST_MOTORS, Motors, STILL};
 use crate::sim::program::item::{Mode, Operator};
-use crate::sim::program::path::{Blend, Motors};
+use crate::sim::program::path::Blend;
 
 /// An assignment that waits for the start of a move: M-variable number, operator, value.
 pub type Later = (usize, Operator, f64);
@@ -30,13 +30,13 @@ pub enum Shape {
     /// LINEAR, CIRCLE, DELAY.
     Blend(Blend),
     /// SPLINE, PVT: position `c1 t + c2 t^2 + c3 t^3` for so many ms.
-    Cubic(f64, Box<[[f64; 3]; MOTORS]>),
+    Cubic(f64, Box<[[f64; 3]; MOST_MOTORS]>),
     /// DWELL: so many ms of real time.
     Dwell(f64),
     /// RAPID: motors move by themselves.
-    Rapid(Box<[Option<Jog>; MOTORS]>),
+    Rapid(Box<[Option<Jog>; MOST_MOTORS]>),
     /// HOME, bit n for 0-based motor n.
-    Home(u8),
+    Home(u32),
 }
 
 /// A calculated move.
@@ -238,11 +238,11 @@ impl Trajectory {
                 Shape::Dwell(left) => {
                     *left -= real;
                     if *left > 0.0 {
-                        return moved.then_some(Sample { position: self.base, velocity: [0.0; MOTORS] });
+                        return moved.then_some(Sample { position: self.base, velocity: STILL });
                     }
                 }
                 Shape::Rapid(_) | Shape::Home(_) => {
-                    return moved.then_some(Sample { position: self.base, velocity: [0.0; MOTORS] });
+                    return moved.then_some(Sample { position: self.base, velocity: STILL });
                 }
                 _ if clock < end => break,
                 _ => moved = true,
@@ -250,10 +250,10 @@ impl Trajectory {
             self.base = front.target;
             self.entries.pop_front();
             if self.entries.is_empty() {
-                return moved.then_some(Sample { position: self.base, velocity: [0.0; MOTORS] });
+                return moved.then_some(Sample { position: self.base, velocity: STILL });
             }
         }
-        let mut sample = Sample { position: self.base, velocity: [0.0; MOTORS] };
+        let mut sample = Sample { position: self.base, velocity: STILL };
         for entry in &mut self.entries {
             let t = self.clock - entry.start;
             if t < 0.0 {

@@ -14,6 +14,13 @@ use crate::sim::board::motor::backlash::Backlash;
 use crate::sim::board::profile::{Profile, Ramp};
 use crate::sim::board::variables::Variables;
 
+/// The most motors that a board of any family has.
+pub const MOST_MOTORS: usize = 32;
+/// A number a motor. It has room for the motors of any family, so that a servo cycle asks for no memory.
+pub type Motors = [f64; MOST_MOTORS];
+/// Zero for every motor.
+pub const STILL: Motors = [0.0; MOST_MOTORS];
+
 /// Counts/ms at the output's full scale of 32767.
 pub const FULL_SPEED: f64 = 400.0;
 /// Following error divided by velocity, in ms, at Ix30=2000.

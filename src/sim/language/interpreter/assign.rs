@@ -72,7 +72,7 @@ impl Line<'_, '_> {
                 VariableKind::I => variables.i_text(number),
                 _ => {
                     let value = self.board.value(kind, self.interpreter.cs, number);
-                    decimal(value, variables.family().decimals)
+                    decimal(value, variables.tables().decimals)
                 }
             };
             self.lines.push(text);
@@ -81,7 +81,7 @@ impl Line<'_, '_> {
     }
 
     fn m_definitions(&mut self, numbers: RangeInclusive<usize>) -> Outcome {
-        let last = self.board.variables.family().last_address;
+        let last = self.board.family().last_address();
         let definition = definition(&mut self.scanner, last)?;
         for number in numbers {
             if let Some(definition) = &definition {

@@ -170,7 +170,7 @@ impl Line<'_, '_> {
                 None => !self.board.motors_on(cs, index).is_empty(),
             };
             if wanted {
-                let position = decimal(axes[index], self.board.variables.family().decimals);
+                let position = decimal(axes[index], self.board.variables.tables().decimals);
                 let position = position.parse().unwrap_or(axes[index]);
                 self.items.push(Item::Axis(index, Data::Constant(position), None));
             }
@@ -226,7 +226,7 @@ impl Line<'_, '_> {
                 break;
             }
             *motor = match self.scanner.integer()? {
-                number if (1..=self.board.variables.family().motors).contains(&number) => number - 1,
+                number if (1..=self.board.family().motors).contains(&number) => number - 1,
                 _ => return Err(CommandError::SYNTAX),
             };
             desired |= index == 0 && self.scanner.take(b'D');
@@ -277,7 +277,7 @@ impl Line<'_, '_> {
         }
         self.board.delete_gather()?;
         self.programs.store.delete_all();
-        for cs in 0..self.board.variables.family().coordinate_systems {
+        for cs in 0..self.board.family().coordinate_systems {
             let system = &mut self.programs.systems[cs];
             if system.cursor.is_some_and(|cursor| cursor.program == 0) {
                 system.point(None);

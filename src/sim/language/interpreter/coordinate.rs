@@ -75,7 +75,7 @@ impl Line<'_, '_> {
     pub(super) fn feedrate_override(&mut self) -> Outcome {
         let cs = self.interpreter.cs;
         if !self.scanner.at_constant() {
-            let decimals = self.board.variables.family().decimals;
+            let decimals = self.board.variables.tables().decimals;
             let percent = self.board.override_percent(cs);
             return self.answer(decimal(percent, decimals));
         }
@@ -103,14 +103,14 @@ impl Line<'_, '_> {
         let list = parse_list(&mut self.scanner)?;
         let cs = self.interpreter.cs;
         let status = with_mode(self.board.coordinate_status(cs)[0], mode, list.as_deref())?;
-        let address = self.board.variables.family().coordinate_status_address(cs);
-        self.board.memory.write_x(address, status);
+        let register = self.board.memory.registers().coordinate_status.of(cs);
+        self.board.memory.write(register, status);
         Ok(())
     }
 
     /// `UNDEFINE`: the axis definitions of the coordinate system; `UNDEFINE ALL`: of all.
     pub(super) fn undefine(&mut self) -> Outcome {
-        let all = 0..self.board.variables.family().coordinate_systems;
+        let all = 0..self.board.family().coordinate_systems;
         let own = self.interpreter.cs..self.interpreter.cs + 1;
         let range = if self.scanner.take_text(b"ALL") { all } else { own };
         for cs in range.clone() {

@@ -147,7 +147,7 @@ impl Line<'_, '_> {
 
     fn list_table(&mut self, kind: TableKind) -> Outcome {
         let definition = self.scanner.take_text(b"DEF");
-        let decimals = self.board.variables.family().decimals;
+        let decimals = self.board.variables.tables().decimals;
         let table = self.table(kind).ok_or(CommandError::SYNTAX)?;
         let texts = if definition {
             vec![format!("{},{}", table.size, decimal(table.span, decimals))]

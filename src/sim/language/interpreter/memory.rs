@@ -32,10 +32,9 @@ impl Line<'_, '_> {
         if values.is_empty() {
             return Err(CommandError::SYNTAX);
         }
+        let addresses = self.addresses(address, values.len())?;
         let memory = &mut self.board.memory;
-        for (address, value) in
-            addresses(self.board.variables.family().last_address, address, values.len())?.zip(values)
-        {
+        for (address, value) in addresses.zip(values) {
             let [y, x] = fixed48::encode(value).map(|word| word & int24::MASK);
             match space {
                 Space::X => memory.write_x(address, y),
@@ -51,17 +50,20 @@ impl Line<'_, '_> {
     }
 
     /// The address after the command word, with or without a colon before it.
-    fn memory_address(&mut self) -> Result<u16, CommandError> {
+    fn memory_address(&mut self) -> Result<u32, CommandError> {
         self.scanner.take(b':');
-        let last = self.board.variables.family().last_address;
+        let last = self.board.family().last_address();
         self.scanner.address(last)
     }
 
-    fn addresses(&self, first: u16, count: usize) -> Result<impl Iterator<Item = u16> + use<>, CommandError> {
-        addresses(self.board.variables.family().last_address, first, count)
+    /// `count` addresses from `first` on.
+    fn addresses(&self, first: u32, count: usize) -> Result<impl Iterator<Item = u32> + use<>, CommandError> {
+        let last = self.board.family().last_address();
+        let end = first as usize + count;
+        if end > last as usize + 1 { Err(CommandError::SYNTAX) } else { Ok((first..=last).take(count)) }
     }
 
-    fn register_text(&self, form: Form, address: u16) -> String {
+    fn register_text(&self, form: Form, address: u32) -> String {
         let memory = &self.board.memory;
         let (y, x) = (memory.read_y(address) & int24::MASK, memory.read_x(address) & int24::MASK);
         match (form.space, form.hex) {
@@ -74,10 +76,4 @@ impl Line<'_, '_> {
             (Space::L, false) => fixed48::decode(y, x).to_string(),
         }
     }
-}
-
-/// `count` addresses from `first` on, all at most `last`.
-fn addresses(last: u32, first: u16, count: usize) -> Result<impl Iterator<Item = u16> + use<>, CommandError> {
-    let end = u32::from(first) as usize + count;
-    if end > last as usize + 1 { Err(CommandError::SYNTAX) } else { Ok((first..=u16::MAX).take(count)) }
 }

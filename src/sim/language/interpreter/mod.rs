@@ -2,7 +2,7 @@
 //!
 //! Commands of a line are carried out from left to right as they are read. The first one that fails ends the line: what
 //! stands to the left of it is done, what stands to the right is not looked at. `#n` and `&n` stay in force for later
-//! lines. A classic board has one such pair for all its ports, so its ports share one [`Interpreter`].
+//! lines. PMAC and PMAC2 have one such pair for all ports, so the ports share one [`Interpreter`].
 
 mod assign;
 mod buffers;
@@ -209,7 +209,7 @@ impl Line<'_, '_> {
     }
 
     fn address_motor(&mut self) -> Outcome {
-        let motors = self.board.variables.family().motors;
+        let motors = self.board.family().motors;
         let Some(motor) = self.address(motors)? else {
             return self.answer((self.interpreter.motor + 1).to_string());
         };
@@ -221,7 +221,7 @@ impl Line<'_, '_> {
     }
 
     fn address_coordinate_system(&mut self) -> Outcome {
-        let count = self.board.variables.family().coordinate_systems;
+        let count = self.board.family().coordinate_systems;
         let Some(cs) = self.address(count)? else {
             return self.answer((self.interpreter.cs + 1).to_string());
         };

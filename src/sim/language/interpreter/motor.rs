@@ -97,7 +97,7 @@ impl Line<'_, '_> {
     /// another coordinate system lists as `0` and is not to be taken away from there.
     pub(super) fn axis_definition(&mut self, motor: usize) -> Outcome {
         let cs = self.interpreter.cs;
-        let decimals = self.board.variables.family().decimals;
+        let decimals = self.board.variables.tables().decimals;
         let given = self.scanner.at_constant()
             || self
                 .scanner

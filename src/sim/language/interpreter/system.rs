@@ -18,7 +18,7 @@ impl Line<'_, '_> {
     pub(super) fn identity(&mut self, what: Word) -> Outcome {
         let identity = &self.board.identity;
         let text = match what {
-            Word::Type => identity.type_text.to_owned(),
+            Word::Type => identity.tables.type_text.to_owned(),
             Word::Date => identity.date_text.to_owned(),
             Word::Checksum => format!("{:X}", self.board.checksum()),
             Word::Size => self.programs.size(self.board).to_string(),
@@ -38,7 +38,7 @@ impl Line<'_, '_> {
 
     /// `SAVE`; not while a program runs.
     pub(super) fn save(&mut self) -> Outcome {
-        if (0..self.board.variables.family().coordinate_systems).any(|cs| self.board.runs_program(cs)) {
+        if (0..self.board.family().coordinate_systems).any(|cs| self.board.runs_program(cs)) {
             return Err(CommandError::RUNNING);
         }
         self.board.save();

@@ -84,7 +84,7 @@ impl Calculator<'_> {
 
     /// Coordinate-system variable Ix`n`.
     pub(super) fn ix(&self, n: usize) -> f64 {
-        self.board.variables.i(self.board.variables.family().coordinate_i(self.cs, n))
+        self.board.variables.i(self.board.variables.tables().coordinate_i(self.cs, n))
     }
 
     pub(super) fn value(&self, data: &Data) -> f64 {

@@ -1,12 +1,12 @@
 //! From the words of a line to a move: targets, times, limits (Software Reference pp. 75, 121-122, 318; User Manual
 //! pp. 166-183, 274).
 
-use crate::sim::board::MOTORS;
+use crate::sim::board::motor::{MOST_MOTORS, Motors, STILL};
 use crate::sim::board::variables::VariableKind;
 use crate::sim::program::calculate::Calculator;
 use crate::sim::program::circle::{self, Centre};
 use crate::sim::program::item::{Mode, Time, Transform};
-use crate::sim::program::path::{Arc, Blend, Motors, Path, Ramp};
+use crate::sim::program::path::{Arc, Blend, Path, Ramp};
 use crate::sim::program::place::Cursor;
 use crate::sim::program::spline::{Spline, cubic};
 use crate::sim::program::system::Failure;
@@ -30,7 +30,7 @@ impl Calculator<'_> {
     }
 
     pub(super) fn set_ix(&mut self, n: usize, value: f64) {
-        let number = self.board.variables.family().coordinate_i(self.cs, n);
+        let number = self.board.variables.tables().coordinate_i(self.cs, n);
         self.board.variables.set_i(number, value);
     }
 
@@ -96,18 +96,18 @@ impl Calculator<'_> {
     pub(super) fn delay(&mut self, time: f64) {
         self.finish_spline();
         let (target, axes) = (self.system.trajectory.target(), self.system.axes);
-        self.blend(Path::Line([0.0; MOTORS]), time.clamp(0.0, LONGEST), target, axes);
+        self.blend(Path::Line(Box::new(STILL)), time.clamp(0.0, LONGEST), target, axes);
     }
 
-    pub(super) fn home(&mut self, motors: u8) {
+    pub(super) fn home(&mut self, motors: u32) {
         self.finish_spline();
         let (target, axes) = (self.system.trajectory.target(), self.system.axes);
         self.append(Shape::Home(motors), target, axes);
         self.system.rematch = true;
     }
 
-    pub(super) fn home_zero(&mut self, motors: u8) {
-        for motor in (0..MOTORS).filter(|motor| motors >> motor & 1 == 1) {
+    pub(super) fn home_zero(&mut self, motors: u32) {
+        for motor in (0..self.board.motors.len()).filter(|motor| motors >> motor & 1 == 1) {
             self.board.home_here(motor);
         }
         self.system.rematch = true;
@@ -131,7 +131,7 @@ impl Calculator<'_> {
     }
 
     pub(super) fn transform(&mut self, transform: Transform, first: usize) {
-        let count = self.board.variables.family().variables;
+        let count = self.board.variables.tables().variables;
         let q = |k: usize| self.board.value(VariableKind::Q, self.cs, (first + k).min(count - 1));
         let three = [q(0), q(1), q(2)];
         let nine = std::array::from_fn(q);
@@ -283,7 +283,7 @@ impl Calculator<'_> {
         let from = self.system.trajectory.target();
         let target = self.board.motor_targets(self.cs, &axes, &from);
         let time = self.move_time(self.distance(&axes));
-        self.blend(Path::Line(difference(&target, &from)), time, target, axes);
+        self.blend(Path::Line(Box::new(difference(&target, &from))), time, target, axes);
     }
 
     /// The arc between two places; without one, the program fails.
@@ -341,10 +341,10 @@ impl Calculator<'_> {
                     time = time.max(way.abs() / fastest);
                 }
             }
-            let before = self.system.trajectory.open_velocity().unwrap_or([0.0; MOTORS]);
+            let before = self.system.trajectory.open_velocity().unwrap_or(STILL);
             let stretched = |change: &dyn Fn(usize) -> f64| {
                 let mut factor = 1.0f64;
-                for motor in 0..MOTORS {
+                for motor in 0..way.len() {
                     let (change, most) = (change(motor).abs(), limit(motor, 17));
                     if change > 0.0 && most > 0.0 {
                         factor = factor.max(change / (ramp.time - ramp.s_time) / most);
@@ -368,10 +368,10 @@ impl Calculator<'_> {
         let mut slowest = 0.0f64;
         let way = difference(&target, &from);
         let speed = |motor: usize| self.board.ix(motor, speed_variable).abs();
-        for motor in (0..MOTORS).filter(|&motor| way[motor] != 0.0 && speed(motor) > 0.0) {
+        for motor in (0..way.len()).filter(|&motor| way[motor] != 0.0 && speed(motor) > 0.0) {
             slowest = slowest.max(way[motor].abs() / speed(motor));
         }
-        let mut jogs = Box::new([None; MOTORS]);
+        let mut jogs = Box::new([None; MOST_MOTORS]);
         for (axis, trigger) in triggers.iter().enumerate() {
             let mut after = [0.0; 9];
             after[axis] = trigger.unwrap_or(0.0);

@@ -1,0 +1,167 @@
+//! Where PMAC keeps its own registers, as a table a family. What lies in the DPRAM stands in [`crate::map::Family`].
+//!
+//! The registers of motors repeat every `motor_source_stride` addresses of the family, the background registers of
+//! motors and coordinate systems every `system_source_stride` (DPRAM manual pp. 14-21, Software Reference p. 399,
+//! suggested M-variables).
+
+use crate::map::{Family, PmacAddress, Space};
+
+/// A register that each motor or coordinate system has.
+#[derive(Debug, Clone, Copy)]
+pub struct Each {
+    /// That of number 1.
+    first: PmacAddress,
+    /// Addresses from one number's to the next one's.
+    stride: u32,
+}
+
+impl Each {
+    /// The register of the 0-based motor or coordinate system `index`.
+    #[must_use]
+    pub const fn of(self, index: usize) -> PmacAddress {
+        PmacAddress::new(self.first.space, self.first.number + self.stride * index as u32)
+    }
+
+    /// The register `words` behind that of `index`.
+    #[must_use]
+    pub const fn behind(self, index: usize, words: usize) -> PmacAddress {
+        let PmacAddress { space, number } = self.of(index);
+        PmacAddress::new(space, number + words as u32)
+    }
+}
+
+/// The registers of a family.
+#[derive(Debug)]
+pub struct RegisterTable {
+    /// The servo counter.
+    pub servo_counter: PmacAddress,
+    /// First word of `???`.
+    pub global_status: PmacAddress,
+    /// Second word of `???`.
+    pub global_buffers: PmacAddress,
+    /// The machine inputs, bit n-1 for input n.
+    pub machine_inputs: PmacAddress,
+    /// Where the function blocks of compiled PLCs begin.
+    pub function_blocks: PmacAddress,
+    /// The encoder conversion table, 32 words.
+    pub conversion_table: PmacAddress,
+    /// The bus set-up registers, ten words.
+    pub bus_setup: PmacAddress,
+    /// Their copies in force.
+    pub bus_active: PmacAddress,
+    /// The first address behind the registers that a reset clears; variables and buffers lie above.
+    pub end: u32,
+
+    /// Time left in the move, 1/2 ms.
+    pub time_left: Each,
+    /// Desired velocity, 3/(Ix08*32) counts/ms.
+    pub desired_velocity: Each,
+    /// Commanded position.
+    pub commanded: Each,
+    /// The Ix03 address, the servo report's "handwheel pointer".
+    pub feedback_address: Each,
+    /// The Ix05 address.
+    pub master_address: Each,
+    /// Actual position.
+    pub actual: Each,
+    /// Actual velocity, 1/(Ix09*32) counts per servo cycle.
+    pub velocity: Each,
+    /// Previous DAC, 1/256 DAC bit.
+    pub dac: Each,
+    /// First word of `?`.
+    pub servo_status: Each,
+    /// Compensation.
+    pub compensation: Each,
+
+    /// Commanded time base (`%`), units of I10.
+    pub time_base_commanded: Each,
+    /// Present time base, units of I10 (suggested M198).
+    pub time_base_present: Each,
+    /// Target position.
+    pub target: Each,
+    /// Position bias.
+    pub bias: Each,
+    /// Second word of `?`.
+    pub background_status: Each,
+    /// Encoder count captured by the last homing (suggested M173).
+    pub home_capture: Each,
+    /// Second word of `??`, PSTATUS.
+    pub program_status: Each,
+    /// First word of `??`.
+    pub coordinate_status: Each,
+    /// The motors of the coordinate system.
+    pub coordinate_motors: Each,
+    /// Axis target positions A B C U V W X Y Z, neither segmented nor compensated.
+    pub axis_targets: Each,
+    /// Axis target positions of segmented moves.
+    pub segmented_axis_targets: Each,
+    /// Averaged velocity.
+    pub average_velocity: Each,
+    /// Variable jog position or distance, counts (suggested M172).
+    pub jog_variable: Each,
+    /// Program lines remaining.
+    pub lines_remaining: Each,
+}
+
+/// The registers of PMAC and PMAC2.
+#[must_use]
+pub const fn pmac(family: &Family) -> RegisterTable {
+    let (motor, system) = (family.motor_source_stride, family.system_source_stride);
+    RegisterTable {
+        servo_counter: x(0x0000),
+        global_status: x(0x0003),
+        global_buffers: y(0x0003),
+        machine_inputs: y(0xFFC2),
+        function_blocks: y(0x9FFF),
+        conversion_table: y(0x0720),
+        bus_setup: x(0x0783),
+        bus_active: x(0xE006),
+        end: 0x1000,
+
+        time_left: each(motor, x(0x0020)),
+        desired_velocity: each(motor, x(0x0026)),
+        commanded: each(motor, d(0x0028)),
+        feedback_address: each(motor, x(0x0029)),
+        master_address: each(motor, x(0x002A)),
+        actual: each(motor, d(0x002B)),
+        velocity: each(motor, x(0x0033)),
+        dac: each(motor, x(0x003A)),
+        servo_status: each(motor, x(0x003D)),
+        compensation: each(motor, d(0x0046)),
+
+        time_base_commanded: each(system, x(0x0806)),
+        time_base_present: each(system, x(0x0808)),
+        target: each(system, d(0x080B)),
+        bias: each(system, d(0x0813)),
+        background_status: each(system, y(0x0814)),
+        home_capture: each(system, y(0x0815)),
+        program_status: each(system, y(0x0817)),
+        coordinate_status: each(system, x(0x0818)),
+        coordinate_motors: each(system, y(0x0818)),
+        axis_targets: each(system, l(0x0819)),
+        segmented_axis_targets: each(system, l(0x0876)),
+        average_velocity: each(system, y(0x082A)),
+        jog_variable: each(system, l(0x082B)),
+        lines_remaining: each(system, y(0x08AE)),
+    }
+}
+
+const fn each(stride: u32, first: PmacAddress) -> Each {
+    Each { first, stride }
+}
+
+const fn x(number: u32) -> PmacAddress {
+    PmacAddress::new(Space::X, number)
+}
+
+const fn y(number: u32) -> PmacAddress {
+    PmacAddress::new(Space::Y, number)
+}
+
+const fn d(number: u32) -> PmacAddress {
+    PmacAddress::new(Space::D, number)
+}
+
+const fn l(number: u32) -> PmacAddress {
+    PmacAddress::new(Space::L, number)
+}

@@ -1,0 +1,101 @@
+//! What a report copies and where to, by the family's register table.
+
+use crate::format::int24;
+use crate::map::{Family, HostOffset, PmacAddress, SourceAt, Space, Width};
+use crate::sim::board::memory::Memory;
+
+/// A 24-bit word that is copied into a long of the DPRAM.
+#[derive(Debug, Clone, Copy)]
+pub struct Copy {
+    /// Where it comes from, with axis positions out of source A, B or C; the same three times for everything else.
+    sources: [PmacAddress; 3],
+    /// Where it goes.
+    offset: HostOffset,
+}
+
+impl Copy {
+    /// Whether this is a copy of the first word of `register`.
+    #[must_use]
+    pub fn is_of(&self, register: PmacAddress) -> bool {
+        self.sources[0] == halves(register)[0]
+    }
+
+    /// Where it goes.
+    #[must_use]
+    pub fn offset(&self) -> HostOffset {
+        self.offset
+    }
+
+    /// The word at present; `choice` 0 to 2 is the source A to C of axis positions.
+    #[inline]
+    #[must_use]
+    pub fn read(&self, choice: usize, memory: &Memory) -> u32 {
+        memory.read(self.sources[choice])
+    }
+
+    /// Writes `word` where it goes, sign-extended to a long.
+    #[inline]
+    pub fn write(&self, word: u32, memory: &mut Memory) {
+        memory.dpram.write32(self.offset, int24::extend(word));
+    }
+}
+
+/// What a report copies.
+#[derive(Debug, Clone, Default)]
+pub struct Copies {
+    /// Words of the board.
+    pub board: Vec<Copy>,
+    /// Those of each motor or coordinate system.
+    pub numbers: Vec<Vec<Copy>>,
+}
+
+impl Copies {
+    /// The longs of `function` that the family's register table says to be copies.
+    #[must_use]
+    pub fn new(family: &Family, function: &str) -> Self {
+        let mut copies = Self::default();
+        for block in family.blocks {
+            let rows = block.registers.iter().filter(|row| row.function == function);
+            for row in rows.filter(|row| row.width != Width::Word) {
+                for number in 1..=block.count.max(1) {
+                    let step = (number - 1) * block.stride as usize / 2;
+                    let sources = match family.source(row.source, number) {
+                        SourceAt::None => continue,
+                        SourceAt::One(source) => [source; 3],
+                        SourceAt::Choice(sources) => sources,
+                    };
+                    copies.push(block.count, number, sources, row.offset.plus_words(step));
+                }
+            }
+        }
+        copies
+    }
+
+    fn push(&mut self, count: usize, number: usize, sources: [PmacAddress; 3], offset: HostOffset) {
+        self.numbers.resize(self.numbers.len().max(count), Vec::new());
+        let list = if count == 0 { &mut self.board } else { &mut self.numbers[number - 1] };
+        let pair = matches!(sources[0].space, Space::D | Space::L);
+        for half in 0..if pair { 2 } else { 1 } {
+            let sources = sources.map(|source| halves(source)[half]);
+            list.push(Copy { sources, offset: offset.plus_words(2 * half) });
+        }
+    }
+}
+
+/// The words of a register: the Y and the X half of a long one, twice the one word of another.
+fn halves(register: PmacAddress) -> [PmacAddress; 2] {
+    match register.space {
+        Space::X | Space::Y => [register; 2],
+        _ => [Space::Y, Space::X].map(|space| PmacAddress::new(space, register.number)),
+    }
+}
+
+/// Where the row `name` of `function` lies for the 0-based motor or coordinate system `index`; `None` for a row that
+/// the family does not have.
+#[must_use]
+pub fn row(family: &Family, function: &str, name: &str, index: usize) -> Option<HostOffset> {
+    family.blocks.iter().find_map(|block| {
+        let row = block.registers.iter().find(|row| row.function == function && row.name == name)?;
+        Some(row.offset.plus_words(index * block.stride as usize / 2))
+    })
+}
