@@ -100,7 +100,7 @@ pub fn body(data: &[u8]) {
         let order = if way & 4 == 0 { TextOrder::LowFirst } else { TextOrder::HighFirst };
         let mode = if way & 16 == 0 { VariableMode::SingleUser } else { VariableMode::MultiUser };
         let port = ResponsePort::new(&PMAC.ascii, order, None, now);
-        let identifier = Identifier::new(Identity::default(), way & 32 != 0, now);
+        let identifier = Identifier::new(&PMAC, Identity::default(), way & 32 != 0, now);
         let mut desks = Desks {
             shared,
             bus: RamBus::new([0, 0, 0xFFFF, 0x8000][usize::from(way & 3)]),

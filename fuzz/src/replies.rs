@@ -9,7 +9,7 @@ use pmac_dpram::format::{Float48Layout, TextOrder, fixed48, float32, float48, in
 use pmac_dpram::gather::Source;
 use pmac_dpram::map::PmacRegister;
 use pmac_dpram::map::number;
-use pmac_dpram::map::{Family, Firmware, Layout, errors, status};
+use pmac_dpram::map::{Family, Firmware, Layout, PMAC, errors, status};
 use pmac_dpram::protocol::{LINE_MAX, OpenBuffer, check_line, control};
 use pmac_dpram::rotary::Constant;
 use pmac_dpram::segment::Identity;
@@ -50,7 +50,7 @@ fn serial(bytes: &[u8]) {
 /// The daemon's own questions, and what comes back.
 fn identify(bytes: &[u8]) {
     let mut now = Instant::now();
-    let mut identifier = Identifier::new(Identity::default(), true, now);
+    let mut identifier = Identifier::new(&PMAC, Identity::default(), true, now);
     let mut questions = 0;
     for reply in bytes.split(|&byte| byte == 0x06).take(64) {
         now += Duration::from_millis(300);
@@ -69,7 +69,7 @@ fn identify(bytes: &[u8]) {
                 identifier.done();
             }
         }
-        if let Some(news) = identifier.news() {
+        if let Some(news) = identifier.take_update() {
             // What the daemon publishes is what a client reads, but for what does not fit.
             let read = Identity::decode(&news.encode()).expect("what was encoded is an identity");
             assert_eq!((read.i10, read.servo_report_cycles), (news.i10, news.servo_report_cycles));

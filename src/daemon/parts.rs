@@ -72,7 +72,7 @@ impl Parts {
         let reading = settings.uncertain.settings();
         let asks = settings.ask_board && reading.functions.has(Function::Ascii);
         let now = clock.now();
-        let identifier = Identifier::new(configured_identity(settings), asks, now);
+        let identifier = Identifier::new(settings.family, configured_identity(settings), asks, now);
         let port = ResponsePort::new(&settings.family.ascii, settings.text_order, mailbox, now)
             .after_another_host(now);
         let (plan, mode) = (settings.uncertain.plan(), settings.uncertain.variable_mode());

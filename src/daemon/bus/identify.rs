@@ -1,16 +1,16 @@
 //! Who the board is: asked by ASCII, in the moments when nobody else has a line to send.
 //!
-//! `TYPE` and `VERSION` name the board; I10, I19, I48, I49 and I59 say what it reports and how often; Ix07, Ix08 and
-//! Ix09 give the scale of every motor's raw numbers. What the board does not answer stays unknown, or is taken from
+//! `TYPE` and `VERSION` name the board; I-variables say what it reports and how often (the family knows their numbers); Ix07,
+//! Ix08 and Ix09 give the scale of every motor's raw numbers. What the board does not answer stays unknown, or is taken from
 //! the configuration. Asking moves the board's active response port to the DPRAM, so it is done only when there is
 //! reason: at start, when the board comes (back) to life, and after a line that may have changed an answer.
 
-use std::fmt::Write;
+use std::ops::RangeInclusive;
 use std::time::{Duration, Instant};
 
 use crate::daemon::shared::status::Enabling;
 use crate::format::Text;
-use crate::map::classic;
+use crate::map::Family;
 use crate::protocol::{LINE_MAX, answer};
 use crate::segment::Identity;
 use crate::segment::identity::first_motors;
@@ -24,20 +24,78 @@ const SETTLE: Duration = Duration::from_millis(200);
 /// How long lines that go on changing something can put the questions off.
 const LONGEST: Duration = Duration::from_secs(2);
 
+/// The I-variable of the servo period in every family.
+const I10: u16 = 10;
+
 /// What is asked, in order. Each question is one line; each value of its reply is one reply line.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq)]
 enum Question {
     Type,
     Version,
-    Reports,
-    /// Ix07, Ix08, Ix09 of one motor after the other.
-    Scales,
+    /// The I-variables that say what is reported and switched on.
+    Reports(Vec<(u16, Meaning)>),
+    /// Ix07, Ix08, Ix09 of these motors, one after the other.
+    Scales(RangeInclusive<usize>),
 }
 
-const QUESTIONS: [Question; 4] = [Question::Type, Question::Version, Question::Reports, Question::Scales];
+/// What the value of an I-variable says.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Meaning {
+    ServoPeriod,
+    ReportCycles,
+    ServoReport,
+    BackgroundReport,
+    /// The highest motor that is reported.
+    Reported,
+    /// 3: the control panel is the DPRAM's.
+    Panel,
+    /// 1: the variable tables are used.
+    Variables,
+}
+
+/// The questions for a board of `family`. No line is longer than the board takes: the motors' scales are asked in as many
+/// lines as that needs.
+fn questions(family: &Family) -> Vec<Question> {
+    let i = &family.i;
+    let reports = [
+        (Some(I10), Meaning::ServoPeriod),
+        (Some(i.servo_period), Meaning::ReportCycles),
+        (Some(i.servo_enable), Meaning::ServoReport),
+        (Some(i.background_enable), Meaning::BackgroundReport),
+        (i.reported, Meaning::Reported),
+        (i.panel, Meaning::Panel),
+        (Some(i.variables_enable), Meaning::Variables),
+    ];
+    let reports = reports.into_iter().filter_map(|(number, meaning)| Some((number?, meaning)));
+    let mut questions = vec![Question::Type, Question::Version, Question::Reports(reports.collect())];
+    let limit = family.ascii.line_limit.min(LINE_MAX);
+    let mut first = 1;
+    for motor in 1..=family.motors {
+        if Question::Scales(first..=motor).line().len() > limit {
+            questions.push(Question::Scales(first..=motor - 1));
+            first = motor;
+        }
+    }
+    questions.push(Question::Scales(first..=family.motors));
+    questions
+}
+
+impl Question {
+    fn line(&self) -> String {
+        match self {
+            Self::Type => "TYPE".to_owned(),
+            Self::Version => "VERSION".to_owned(),
+            Self::Reports(variables) => {
+                variables.iter().map(|(number, _)| format!("I{number}")).collect::<Vec<_>>().join(" ")
+            }
+            Self::Scales(motors) => motors.clone().map(|n| format!("I{n}07I{n}08I{n}09")).collect(),
+        }
+    }
+}
 
 /// Asks, collects, and keeps the last complete answer.
 pub struct Identifier {
+    questions: Vec<(Text<LINE_MAX>, Question)>,
     configured: Identity,
     /// The question to ask next, or under way; all asked when it is past the end.
     next: usize,
@@ -56,19 +114,23 @@ pub struct Identifier {
     /// What the last answers said is switched on.
     enabling: Enabling,
     /// The answer to publish, once.
-    news: Option<Identity>,
+    update: Option<Identity>,
     wanted: bool,
 }
 
 impl Identifier {
-    /// Starts with what the configuration says; asks the board at the first opportunity if `ask`.
+    /// Starts with what the configuration says; asks the board, of `family`, at the first opportunity if `ask`.
     #[must_use]
-    pub fn new(configured: Identity, ask: bool, now: Instant) -> Self {
+    pub fn new(family: &Family, configured: Identity, ask: bool, now: Instant) -> Self {
+        let asked = questions(family).into_iter().filter(|_| ask);
+        let questions: Vec<_> =
+            asked.map(|question| (Text::from_bytes(question.line().as_bytes()), question)).collect();
         Self {
+            questions,
             asking: configured.clone(),
-            news: Some(configured.clone()),
+            update: Some(configured.clone()),
             configured,
-            next: if ask { 0 } else { QUESTIONS.len() },
+            next: 0,
             under_way: false,
             again: false,
             changing_since: None,
@@ -93,12 +155,12 @@ impl Identifier {
         if !self.overdue {
             self.not_before = now + SETTLE;
         }
-        self.begin_again();
+        self.restart();
     }
 
     /// Goes back to the first question, unless the board still owes the reply to another.
-    fn begin_again(&mut self) {
-        let may_stop_here = !self.overdue || self.next >= QUESTIONS.len();
+    fn restart(&mut self) {
+        let may_stop_here = !self.overdue || self.next >= self.questions.len();
         if self.again && !self.under_way && may_stop_here {
             self.again = false;
             self.next = 0;
@@ -108,13 +170,13 @@ impl Identifier {
     /// Whether a question has waited so long that other lines wait for it now.
     #[must_use]
     pub fn is_overdue(&self, now: Instant) -> bool {
-        self.next < QUESTIONS.len() && now >= self.not_before + LONGEST
+        self.next < self.questions.len() && now >= self.not_before + LONGEST
     }
 
     /// The line was not sent after all: it is asked again.
     pub fn not_sent(&mut self) {
         self.under_way = false;
-        self.begin_again();
+        self.restart();
     }
 
     /// Looks at a line somebody sends: does it change what the board would answer?
@@ -128,7 +190,7 @@ impl Identifier {
     /// How long nothing needs to be asked.
     #[must_use]
     pub fn due_in(&self, now: Instant) -> Duration {
-        if self.next < QUESTIONS.len() {
+        if self.next < self.questions.len() {
             self.not_before.saturating_duration_since(now)
         } else {
             Duration::MAX
@@ -137,7 +199,7 @@ impl Identifier {
 
     /// The line to send now, if any, and how long to wait for its reply. Tell with [`Identifier::sent`] if it was.
     pub fn next_line(&mut self, now: Instant) -> Option<(Text<LINE_MAX>, Duration)> {
-        let question = *QUESTIONS.get(self.next)?;
+        let (line, _) = self.questions.get(self.next)?;
         if now < self.not_before {
             return None;
         }
@@ -145,16 +207,7 @@ impl Identifier {
         if self.next == 0 {
             self.asking = self.configured.clone();
         }
-        let mut line = Text::default();
-        let fits = match question {
-            Question::Type => line.write_str("TYPE"),
-            Question::Version => line.write_str("VERSION"),
-            Question::Reports => line.write_str("I10 I19 I48 I49 I59 I2 I55"),
-            Question::Scales => {
-                (1..=classic::MOTORS).try_for_each(|motor| write!(line, "I{motor}07I{motor}08I{motor}09"))
-            }
-        };
-        fits.ok().map(|()| (line, PATIENCE))
+        Some((*line, PATIENCE))
     }
 
     /// The line was sent.
@@ -166,38 +219,39 @@ impl Identifier {
     pub fn line(&mut self, line: &[u8]) {
         let index = self.lines;
         self.lines += 1;
-        let Some(question) = QUESTIONS.get(self.next) else { return };
+        let Some((_, question)) = self.questions.get(self.next) else { return };
         let line = line.trim_ascii();
-        let text = std::str::from_utf8(line).unwrap_or_default();
+        let value = answer::integer(std::str::from_utf8(line).unwrap_or_default());
+        let asking = &mut self.asking;
         match question {
-            Question::Type => self.asking.board_type = Some(Text::from_bytes(line)),
-            Question::Version => self.asking.firmware = Some(Text::from_bytes(line)),
-            Question::Reports => {
-                let value = answer::integer(text).and_then(|value| u32::try_from(value).ok());
-                let asking = &mut self.asking;
-                match index {
-                    0 => {
+            Question::Type => asking.board_type = Some(Text::from_bytes(line)),
+            Question::Version => asking.firmware = Some(Text::from_bytes(line)),
+            Question::Reports(variables) => {
+                let value = value.and_then(|value| u32::try_from(value).ok());
+                let Some((_, meaning)) = variables.get(index) else { return };
+                match meaning {
+                    Meaning::ServoPeriod => {
                         asking.i10 = value;
                         asking.servo_period_ps = value.filter(|&i10| i10 > 0).map(servo_period_ps);
                     }
-                    1 => asking.servo_report_cycles = value,
-                    2 => asking.servo_report = value,
-                    3 => asking.background_report = value,
-                    4 => asking.motor_mask = value.map(first_motors),
-                    5 if !self.again => self.enabling.panel = value.map(|i2| i2 == 3),
-                    6 if !self.again => self.enabling.variables = value.map(|i55| i55 == 1),
-                    _ => {}
+                    Meaning::ReportCycles => asking.servo_report_cycles = value,
+                    Meaning::ServoReport => asking.servo_report = value,
+                    Meaning::BackgroundReport => asking.background_report = value,
+                    Meaning::Reported => asking.motor_mask = value.map(first_motors),
+                    // Asked before the last change: it says nothing.
+                    Meaning::Panel | Meaning::Variables if self.again => {}
+                    Meaning::Panel => self.enabling.panel = value.map(|value| value == 3),
+                    Meaning::Variables => self.enabling.variables = value.map(|value| value == 1),
                 }
             }
-            Question::Scales => {
-                let value = answer::integer(text).and_then(|value| i32::try_from(value).ok());
+            Question::Scales(motors) => {
                 let scales = match index % 3 {
-                    0 => &mut self.asking.ix07,
-                    1 => &mut self.asking.ix08,
-                    _ => &mut self.asking.ix09,
+                    0 => &mut asking.ix07,
+                    1 => &mut asking.ix08,
+                    _ => &mut asking.ix09,
                 };
-                if let Some(scale) = scales.get_mut(index / 3) {
-                    *scale = value;
+                if let Some(scale) = scales.get_mut(motors.start() - 1 + index / 3) {
+                    *scale = value.and_then(|value| i32::try_from(value).ok());
                 }
             }
         }
@@ -207,12 +261,12 @@ impl Identifier {
     pub fn done(&mut self) {
         self.under_way = false;
         self.next += 1;
-        if self.next == QUESTIONS.len() {
-            self.news = Some(self.asking.clone());
+        if self.next == self.questions.len() {
+            self.update = Some(self.asking.clone());
             self.changing_since = None;
             self.overdue = false;
         }
-        self.begin_again();
+        self.restart();
     }
 
     /// The board did not answer.
@@ -232,8 +286,8 @@ impl Identifier {
     }
 
     /// What has become known since the last call.
-    pub fn news(&mut self) -> Option<Identity> {
-        self.news.take()
+    pub fn take_update(&mut self) -> Option<Identity> {
+        self.update.take()
     }
 }
 
@@ -246,6 +300,8 @@ pub fn servo_period_ps(i10: u32) -> u64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::map::PMAC;
+    use crate::map::family::testing::{TESTED, TURBO};
 
     fn answer(identifier: &mut Identifier, now: Instant, lines: &[&str]) -> String {
         let (line, _) = identifier.next_line(now).unwrap();
@@ -260,18 +316,22 @@ mod tests {
     #[test]
     fn it_asks_everything_once_and_tells_it_once() {
         let now = Instant::now();
-        let mut identifier = Identifier::new(Identity::default(), true, now);
-        assert_eq!(identifier.news(), Some(Identity::default()), "what is configured is known at once");
+        let mut identifier = Identifier::new(&PMAC, Identity::default(), true, now);
+        assert_eq!(
+            identifier.take_update(),
+            Some(Identity::default()),
+            "what is configured is known at once"
+        );
         assert_eq!(answer(&mut identifier, now, &["PMAC1, ISA, FLASH, PID, CLK X1"]), "TYPE");
         answer(&mut identifier, now, &["1.16D"]);
         answer(&mut identifier, now, &["3713707", "I19=1", "1", "1", "$8", "3", "0"]);
         assert_eq!(identifier.enabling(), Enabling { panel: Some(true), variables: Some(false) });
-        assert_eq!(identifier.news(), None);
+        assert_eq!(identifier.take_update(), None);
         let scales: Vec<String> = (0..24).map(|index| (90 + index).to_string()).collect();
         let scales: Vec<&str> = scales.iter().map(String::as_str).collect();
         let line = answer(&mut identifier, now, &scales);
         assert!(line.starts_with("I107I108I109I207") && line.len() <= LINE_MAX);
-        let identity = identifier.news().unwrap();
+        let identity = identifier.take_update().unwrap();
         assert_eq!(identity.firmware.as_deref(), Some("1.16D"));
         assert_eq!((identity.servo_report_cycles, identity.reported_motors()), (Some(1), Some(8)));
         assert_eq!(identity.servo_period_ps, Some(442_708_373));
@@ -282,16 +342,56 @@ mod tests {
     }
 
     #[test]
+    fn every_motors_scales_are_asked_in_lines_that_the_board_takes() {
+        for family in TESTED {
+            let now = Instant::now();
+            let mut identifier = Identifier::new(family, Identity::default(), true, now);
+            let mut asked = Vec::new();
+            while let Some((line, _)) = identifier.next_line(now) {
+                assert!(line.len() <= family.ascii.line_limit.min(LINE_MAX), "{line:?}");
+                let numbers: Vec<_> =
+                    line.split('I').skip(1).map(|number| number.trim().to_owned()).collect();
+                identifier.sent();
+                for number in &numbers {
+                    identifier.line(number.as_bytes());
+                }
+                if numbers.first().is_some_and(|number| number.ends_with("07")) {
+                    asked.extend(numbers);
+                }
+                identifier.done();
+            }
+            let all = (1..=family.motors)
+                .flat_map(|motor| [7, 8, 9].map(|which| (100 * motor + which).to_string()));
+            assert_eq!(asked, all.collect::<Vec<_>>(), "{}", family.name);
+            identifier.take_update();
+            for motor in 1..=family.motors {
+                let scale = |table: &[Option<i32>]| table[motor - 1];
+                let asking = &identifier.asking;
+                let scales = [&asking.ix07, &asking.ix08, &asking.ix09].map(|table| scale(table));
+                assert_eq!(scales, [7, 8, 9].map(|which| Some(100 * motor as i32 + which)));
+            }
+        }
+    }
+
+    #[test]
+    fn a_family_is_asked_for_the_variables_it_has() {
+        let line = |family| questions(family)[2].line();
+        assert_eq!(line(&PMAC), "I10 I19 I48 I49 I59 I2 I55");
+        // FACTS-TURBO section 3: no I-variable says how many motors are reported, or where the panel is.
+        assert_eq!(line(&TURBO), "I10 I47 I48 I49 I55");
+    }
+
+    #[test]
     fn a_silent_board_is_asked_again_later_and_a_changed_one_soon() {
         let now = Instant::now();
-        let mut identifier = Identifier::new(Identity::default(), true, now);
+        let mut identifier = Identifier::new(&PMAC, Identity::default(), true, now);
         identifier.next_line(now).unwrap();
         identifier.failed(now);
         assert!(identifier.next_line(now).is_none());
         assert!(identifier.next_line(now + AGAIN).is_some());
         identifier.ask_again(now);
         assert!(identifier.next_line(now + SETTLE).is_some());
-        let mut quiet = Identifier::new(Identity::default(), false, now);
+        let mut quiet = Identifier::new(&PMAC, Identity::default(), false, now);
         quiet.ask_again(now);
         assert!(quiet.next_line(now + AGAIN).is_none(), "told not to ask");
     }
@@ -299,7 +399,7 @@ mod tests {
     #[test]
     fn a_change_in_mid_question_neither_mixes_the_answers_nor_is_forgotten() {
         let now = Instant::now();
-        let mut identifier = Identifier::new(Identity::default(), true, now);
+        let mut identifier = Identifier::new(&PMAC, Identity::default(), true, now);
         answer(&mut identifier, now, &["PMAC1"]);
         answer(&mut identifier, now, &["1.16D"]);
         identifier.next_line(now).unwrap();
@@ -316,8 +416,8 @@ mod tests {
     #[test]
     fn a_stream_of_changes_puts_the_answer_off_but_not_for_ever() {
         let start = Instant::now();
-        let mut identifier = Identifier::new(Identity::default(), true, start);
-        identifier.news();
+        let mut identifier = Identifier::new(&PMAC, Identity::default(), true, start);
+        identifier.take_update();
         let mut answered_at = None;
         for step in 0..100 {
             let now = start + Duration::from_millis(50 * step);
@@ -327,7 +427,7 @@ mod tests {
                 identifier.line(b"1");
                 identifier.done();
             }
-            if identifier.news().is_some() {
+            if identifier.take_update().is_some() {
                 answered_at.get_or_insert(now - start);
             }
         }

@@ -69,7 +69,7 @@ impl BoardLoop {
 
     /// Publishes what has become known of the board, and works by it.
     pub(in crate::daemon) fn take_identity(&mut self) {
-        let Some(identity) = self.functions.ascii.desk.identifier.news() else { return };
+        let Some(identity) = self.functions.ascii.desk.identifier.take_update() else { return };
         if self.told.identity.as_ref() == Some(&identity) {
             return;
         }

@@ -34,7 +34,7 @@ impl Rig {
         let (events, told) = queue(16).unwrap();
         Self {
             bus: FileBoard::from_file(&file, 0x4000).unwrap(),
-            desk: AsciiDesk::new(port, Identifier::new(Identity::default(), false, now), clock),
+            desk: AsciiDesk::new(port, Identifier::new(&PMAC, Identity::default(), false, now), clock),
             events,
             told,
             publisher: Publisher::create(&options).unwrap(),
