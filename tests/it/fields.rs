@@ -5,8 +5,8 @@ use std::process::Command;
 use std::time::Duration;
 
 use pmac_dpram::client::Board;
-use pmac_dpram::map::Selection;
-use pmac_dpram::protocol::BoardSettings;
+use pmac_dpram::map::{PMAC, Selection};
+use pmac_dpram::protocol::{BackgroundSettings, BoardSettings, ServoSettings};
 use pmac_dpram::segment::{Counter, DIRECTORY, RegionId, Sample, layout};
 use proptest::prelude::*;
 use serde_json::Value;
@@ -345,5 +345,6 @@ fn the_example_shows_what_is_read_by_default() {
     }
     let settings: BoardSettings =
         toml::from_str(&written).unwrap_or_else(|error| panic!("{error}\n{written}"));
-    assert_eq!(settings, BoardSettings::default());
+    let (servo, background) = (ServoSettings::all(&PMAC), BackgroundSettings::all(&PMAC));
+    assert_eq!(settings, BoardSettings { servo, background, ..BoardSettings::default() });
 }

@@ -10,7 +10,7 @@ use crate::function::variable_read::{VariableEntry, VariableReadError};
 use crate::function::variable_write::WriteRecord;
 use crate::gather::GatherMode;
 use crate::map::functions::VARIABLE_READ_ENTRIES;
-use crate::map::{Family, GatherPlace, PmacRegister, Space, classic, pmac};
+use crate::map::{Family, GatherPlace, PmacAddress, PmacRegister, Space};
 use crate::mirror::GatherClock;
 use crate::protocol::board::VariableRecord;
 use crate::protocol::{CallError, answer, calls};
@@ -32,42 +32,70 @@ const COMMANDS_MAX: usize = 4096;
 /// What must be so on the board before a job makes sense: an I-variable and the value it needs.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Guard {
-    /// The query, as `I2`.
-    pub(super) variable: &'static str,
+    /// The number of the I-variable.
+    variable: u16,
     /// The value.
-    pub(super) value: &'static str,
+    value: &'static str,
     /// What it is for.
-    pub(super) purpose: &'static str,
+    purpose: &'static str,
     /// Without the answer the job is not done: it could do harm, and does not show by itself that it did.
-    pub(super) is_required: bool,
+    is_required: bool,
     /// Whether the variable has the value, where the board was asked since it may have changed.
-    pub(super) known: fn(Enabling) -> Option<bool>,
+    known: fn(Enabling) -> Option<bool>,
 }
 
-const PANEL_ENABLED: Guard = Guard {
-    variable: "I2",
-    value: "3",
-    purpose: "the DPRAM control panel",
-    is_required: false,
-    known: |enabling| enabling.panel,
-};
+/// Of the control panel, where an I-variable switches it on.
+fn panel_enabled(family: &Family) -> Option<Guard> {
+    family.i.panel.map(|variable| Guard {
+        variable,
+        value: "3",
+        purpose: "the DPRAM control panel",
+        is_required: false,
+        known: |enabling| enabling.panel,
+    })
+}
+
 /// Of every use of background variables.
-pub(super) const VARIABLES_ENABLED: Guard = Guard {
-    variable: "I55",
-    value: "1",
-    purpose: "background variable data",
-    is_required: false,
-    known: |enabling| enabling.variables,
-};
-// The header must not change under a transfer (DPRAM manual p. 30), and OPEN ROT, which is in force then, is just what
-// keeps the board from being asked.
-const ROTARY_AT_REST: Guard = Guard {
-    variable: "I57",
-    value: "0",
-    purpose: "setting a rotary buffer up",
-    is_required: true,
-    known: |_| None,
-};
+pub(super) fn variables_enabled(family: &Family) -> Guard {
+    Guard {
+        variable: family.i.variables_enable,
+        value: "1",
+        purpose: "background variable data",
+        is_required: false,
+        known: |enabling| enabling.variables,
+    }
+}
+
+/// Of the set-up of a rotary buffer. The header must not change under a transfer (DPRAM manual p. 30), and OPEN ROT, which
+/// is in force then, is just what keeps the board from being asked.
+fn rotary_at_rest(family: &Family) -> Option<Guard> {
+    family.i.rotary_enable.map(|variable| Guard {
+        variable,
+        value: "0",
+        purpose: "setting a rotary buffer up",
+        is_required: true,
+        known: |_| None,
+    })
+}
+
+/// Where a coordinate system takes its time base from, which decides whether an override has an effect.
+#[derive(Debug, Clone, Copy)]
+struct TimeBase {
+    coordinate_system: usize,
+    /// The number of its Ix93.
+    variable: usize,
+    /// Where the panel's override goes: what Ix93 has to be.
+    register: PmacAddress,
+}
+
+impl TimeBase {
+    fn of(coordinate_system: usize, family: &Family) -> Option<Self> {
+        let register = family.override_register(coordinate_system)?;
+        let exists = (1..=family.coordinate_systems).contains(&coordinate_system);
+        let variable = family.i.time_base(coordinate_system);
+        exists.then_some(Self { coordinate_system, variable, register })
+    }
+}
 
 /// A job as it was called for.
 #[derive(Debug)]
@@ -77,8 +105,8 @@ pub struct JobCall {
     /// How long it may take.
     pub timeout: Duration,
     pub(super) guard: Option<Guard>,
-    /// The coordinate system whose Ix93 has a say in the effect; asked together with the guard.
-    pub(super) time_base: Option<usize>,
+    /// What has a say in the effect; asked together with the guard.
+    time_base: Option<TimeBase>,
     /// Remarks for the caller, if the reply has room for some.
     pub(super) notes: Option<Vec<String>>,
     /// The motors to stop when the caller is gone or silent: bit 0 is motor 1.
@@ -88,9 +116,19 @@ pub struct JobCall {
 }
 
 impl Guard {
+    /// The question to ask the board.
+    pub(super) fn question(self) -> String {
+        format!("I{}", self.variable)
+    }
+
+    /// Whether the board is known to have the value.
+    pub(super) fn is_known(self, enabling: Enabling) -> bool {
+        (self.known)(enabling) == Some(true)
+    }
+
     /// Whether the board has to be asked, which it can be (`may_ask`) or even answers (`answers`).
     pub(super) fn is_open(self, enabling: Enabling, answers: bool, may_ask: bool) -> bool {
-        (self.known)(enabling) != Some(true) && (answers || self.is_required && may_ask)
+        !self.is_known(enabling) && (answers || self.is_required && may_ask)
     }
 
     /// Whether what waits for the guard may begin, the board having answered `found`.
@@ -98,40 +136,56 @@ impl Guard {
         let Self { variable, value, purpose, is_required, .. } = self;
         match found {
             Some(found) if found != value => Err(refused(format!(
-                "{variable} is {found}, and {purpose} needs {value}; send {variable}={value} first"
+                "I{variable} is {found}, and {purpose} needs {value}; send I{variable}={value} first"
             ))),
-            None if is_required => Err(self.unanswered()),
+            None if is_required => Err(refused(format!(
+                "I{variable} could not be asked (a program buffer is open, where the question would be a program line, or the \
+                 board does not answer), and {purpose} needs {value}; send CLOSE and I{variable}={value} first"
+            ))),
             _ => Ok(()),
         }
-    }
-
-    /// Why a job is not done whose guard has not been answered.
-    fn unanswered(self) -> CallError {
-        let Self { variable, value, purpose, .. } = self;
-        refused(format!(
-            "{variable} could not be asked (a program buffer is open, where the question would be a program line, or the board \
-             does not answer), and {purpose} needs {value}; send CLOSE and {variable}={value} first"
-        ))
     }
 }
 
 impl JobCall {
+    /// Whether the board is asked something besides what `guard` needs.
+    pub(super) fn has_question(&self) -> bool {
+        self.time_base.is_some()
+    }
+
     /// The question to ask the board first.
     pub(super) fn question(&self, guard: Guard) -> String {
         match self.time_base {
-            Some(number) => format!("{} I{number}93", guard.variable),
-            None => guard.variable.to_owned(),
+            Some(TimeBase { variable, .. }) => format!("{} I{variable}", guard.question()),
+            None => guard.question(),
         }
     }
 
-    /// Takes note of where coordinate system `number` takes its time base from, if not from the override.
-    pub(super) fn note_time_base(&mut self, number: usize, answer: Option<&str>) {
-        let register = classic::override_register(number);
-        let Some(answer) = answer else { return };
+    /// Takes what the board has answered to [`Self::question`], nothing if it could not be asked.
+    ///
+    /// # Errors
+    /// Why the job is not done then.
+    pub(super) fn take_answer(&mut self, found: Option<&[&str]>) -> Result<(), CallError> {
+        let guard = self.guard.take();
+        match (guard, found) {
+            (Some(guard), None) if !guard.is_required => self.note_unasked(guard),
+            (_, found) => self.note_time_base(found.and_then(|found| found.get(1).copied())),
+        }
+        guard.map_or(Ok(()), |guard| guard.check(found.and_then(|found| found.first().copied())))
+    }
+
+    /// Takes note of where the coordinate system takes its time base from, if not from the override.
+    fn note_time_base(&mut self, answer: Option<&str>) {
+        let (Some(TimeBase { coordinate_system, variable, register }), Some(answer)) =
+            (self.time_base, answer)
+        else {
+            return;
+        };
+        let register = register.number;
         if answer::integer(answer) != Some(register.into()) {
             self.note(format!(
-                "the override has no effect: I{number}93 is {answer}, and &{number} takes its time base from there; \
-                 I{number}93=${register:X} is where the panel's override goes"
+                "the override has no effect: I{variable} is {answer}, and &{coordinate_system} takes its time base from there; \
+                 I{variable}=${register:X} is where the panel's override goes"
             ));
         }
     }
@@ -139,13 +193,13 @@ impl JobCall {
     /// Takes note of what could not be asked.
     pub(super) fn note_unasked(&mut self, guard: Guard) {
         let (question, value) = (self.question(guard), guard.value);
-        let base = self.time_base.map_or_else(String::new, |number| {
-            format!(" and I{number}93=${:X}", classic::override_register(number))
+        let base = self.time_base.map_or_else(String::new, |TimeBase { variable, register, .. }| {
+            format!(" and I{variable}=${:X}", register.number)
         });
         self.note(format!(
             "{question} could not be asked (a program buffer is open, where the question would be a program line, or the \
              board does not answer): this has an effect only while {}={value}{base}",
-            guard.variable
+            guard.question()
         ));
     }
 
@@ -165,19 +219,25 @@ fn refused(reason: impl std::fmt::Display) -> CallError {
 }
 
 /// A control panel request; `hold` makes it one that a lease ends.
-pub(super) fn panel(call: &calls::Panel, hold: bool) -> Result<JobCall, CallError> {
+pub(super) fn panel(call: calls::Panel, hold: bool, family: &Family) -> Result<JobCall, CallError> {
     let calls::Panel { action, numbers } = call;
     let action: PanelAction = action.parse().map_err(refused)?;
     if numbers.is_empty() {
-        return Err(refused("no motor or coordinate system is named; give numbers from 1 to 8"));
+        let count = if action.is_for_motors() { family.motors } else { family.coordinate_systems };
+        return Err(refused(format!(
+            "no motor or coordinate system is named; give numbers from 1 to {count}"
+        )));
     }
-    let request = PanelRequest::of(&pmac::PANEL_BLOCK, action, numbers).map_err(refused)?;
+    let Some(words) = &family.panel else {
+        return Err(refused(format!("a {} has no control panel in its DPRAM", family.title)));
+    };
+    let request = PanelRequest::of(words, action, &numbers).map_err(refused)?;
     if hold && !matches!(action, PanelAction::JogMinus | PanelAction::JogPlus) {
         return Err(refused("only jog- and jog+ can be held"));
     }
     let held = if hold { ", held" } else { "" };
     Ok(JobCall {
-        guard: Some(PANEL_ENABLED),
+        guard: panel_enabled(family),
         lease: hold.then_some(request.mask()),
         audit: Some(format!("panel {action} {numbers:?}{held}")),
         ..JobCall::new(Job::Panel(request), PANEL_TIMEOUT)
@@ -185,16 +245,16 @@ pub(super) fn panel(call: &calls::Panel, hold: bool) -> Result<JobCall, CallErro
 }
 
 /// Of a coordinate system, the feed rate override, or its end.
-pub(super) fn feed_override(call: &calls::FeedOverride) -> Result<JobCall, CallError> {
-    let calls::FeedOverride { coordinate_system, raw } = *call;
+pub(super) fn feed_override(call: calls::FeedOverride, family: &Family) -> Result<JobCall, CallError> {
+    let calls::FeedOverride { coordinate_system, raw } = call;
     let value = raw.map(|raw| FeedOverride::from_raw(raw).map_err(refused)).transpose()?;
     let audit = match raw {
         Some(raw) => format!("feed rate override of &{coordinate_system} to {raw}"),
         None => format!("feed rate override of &{coordinate_system} released"),
     };
     Ok(JobCall {
-        guard: value.map(|_| PANEL_ENABLED),
-        time_base: value.map(|_| coordinate_system).filter(|number| (1..=classic::MOTORS).contains(number)),
+        guard: value.and_then(|_| panel_enabled(family)),
+        time_base: value.and_then(|_| TimeBase::of(coordinate_system, family)),
         notes: Some(Vec::new()),
         audit: Some(audit),
         ..JobCall::new(Job::Override { coordinate_system, value }, SHORT)
@@ -202,7 +262,7 @@ pub(super) fn feed_override(call: &calls::FeedOverride) -> Result<JobCall, CallE
 }
 
 /// Words of the DPRAM to write.
-pub(super) fn write(call: calls::Write) -> Result<JobCall, CallError> {
+pub(super) fn write(call: calls::Write, family: &Family) -> Result<JobCall, CallError> {
     let calls::Write { host_offset: calls::Offset(first), words: values, masks, anywhere } = call;
     let masks = masks.unwrap_or_else(|| vec![u16::MAX; values.len()]);
     if values.is_empty() || values.len() > WRITE_MAX {
@@ -212,7 +272,7 @@ pub(super) fn write(call: calls::Write) -> Result<JobCall, CallError> {
         return Err(CallError::invalid("masks", "as many values as words has"));
     }
     // Not by the offset of the end, which there may be none of in 32 bits.
-    if first.bytes() > classic::LENGTH - 2 * values.len() as u32 {
+    if first.bytes() > family.length - 2 * values.len() as u32 {
         return Err(CallError::OutOfRange);
     }
     let words: Vec<MaskedWord> =
@@ -224,10 +284,7 @@ pub(super) fn write(call: calls::Write) -> Result<JobCall, CallError> {
 }
 
 /// The registers a watch names.
-pub(super) fn watched(
-    call: &calls::WatchVariables,
-    family: &Family,
-) -> Result<Vec<VariableEntry>, CallError> {
+pub(super) fn watched(call: calls::WatchVariables, family: &Family) -> Result<Vec<VariableEntry>, CallError> {
     let calls::WatchVariables { registers } = call;
     if registers.len() > VARIABLE_READ_ENTRIES {
         return Err(refused(VariableReadError::TooMany(registers.len())));
@@ -242,7 +299,7 @@ pub(super) fn watched(
 }
 
 /// Registers for PMAC to write.
-pub(super) fn write_variables(call: &calls::WriteVariables, family: &Family) -> Result<JobCall, CallError> {
+pub(super) fn write_variables(call: calls::WriteVariables, family: &Family) -> Result<JobCall, CallError> {
     let calls::WriteVariables { records, timeout_ms } = call;
     if records.is_empty() || records.len() > RECORDS_MAX {
         return Err(CallError::invalid("records", format_args!("1 to {RECORDS_MAX} records")));
@@ -251,7 +308,7 @@ pub(super) fn write_variables(call: &calls::WriteVariables, family: &Family) -> 
     let records: Vec<WriteRecord> =
         records.iter().map(|record| write_record(record, family, &mut audit)).collect::<Result<_, _>>()?;
     Ok(JobCall {
-        guard: Some(VARIABLES_ENABLED),
+        guard: Some(variables_enabled(family)),
         audit: Some(audit),
         ..JobCall::new(
             Job::WriteVariables(records),
@@ -293,11 +350,11 @@ fn write_record(
 }
 
 /// A gather buffer to follow.
-pub(super) fn gather_begin(call: &calls::GatherBegin) -> Result<JobCall, CallError> {
-    let calls::GatherBegin { size_longs, sample_longs, period, wrap, servo_period_ns, .. } = *call;
+pub(super) fn gather_begin(call: calls::GatherBegin, family: &Family) -> Result<JobCall, CallError> {
+    let calls::GatherBegin { size_longs, sample_longs, period, wrap, servo_period_ns, .. } = call;
     let inside = |offset: calls::Offset, name: &str| {
         let calls::Offset(offset) = offset;
-        let end = classic::LENGTH;
+        let end = family.length;
         if offset.bytes() < end {
             Ok(offset)
         } else {
@@ -316,7 +373,7 @@ pub(super) fn gather_begin(call: &calls::GatherBegin) -> Result<JobCall, CallErr
     };
     let buffer = GatherBuffer {
         place,
-        room_longs: (classic::LENGTH - place.buffer.bytes()) / 4,
+        room_longs: (family.length - place.buffer.bytes()) / 4,
         size_longs,
         sample_longs,
         mode: if wrap.unwrap_or(true) { GatherMode::Wrap } else { GatherMode::Stop },
@@ -332,49 +389,51 @@ pub(super) fn gather_begin(call: &calls::GatherBegin) -> Result<JobCall, CallErr
 }
 
 /// The end of gathering.
-pub(super) fn gather_end() -> JobCall {
-    JobCall::new(Job::GatherEnd, SHORT)
+pub(super) fn gather_end(
+    calls::NoParameters {}: calls::NoParameters,
+    _: &Family,
+) -> Result<JobCall, CallError> {
+    Ok(JobCall::new(Job::GatherEnd, SHORT))
 }
 
-/// The index of the rotary buffer with this number.
-fn rotary_buffer(number: u8) -> Result<usize, CallError> {
-    match number {
-        1 | 2 => Ok(usize::from(number) - 1),
-        _ => Err(CallError::invalid("buffer", "1 or 2")),
-    }
+/// The index of the rotary buffer with this number, from 1.
+fn rotary_buffer(number: u8, family: &Family) -> Result<usize, CallError> {
+    let count = family.rotary.headers.len();
+    let index = usize::from(number).checked_sub(1).filter(|index| *index < count);
+    index.ok_or_else(|| CallError::invalid("buffer", format_args!("1 to {count}")))
 }
 
 /// No line will follow.
-pub(super) fn rotary_finish(call: &calls::Rotary) -> Result<JobCall, CallError> {
-    rotary_buffer(call.buffer).map(|buffer| JobCall::new(Job::RotaryFinish(buffer), SHORT))
+pub(super) fn rotary_finish(call: calls::Rotary, family: &Family) -> Result<JobCall, CallError> {
+    rotary_buffer(call.buffer, family).map(|buffer| JobCall::new(Job::RotaryFinish(buffer), SHORT))
 }
 
 /// How far a rotary buffer is.
-pub(super) fn rotary_state(call: &calls::Rotary) -> Result<JobCall, CallError> {
-    rotary_buffer(call.buffer).map(|buffer| JobCall::new(Job::RotaryState(buffer), SHORT))
+pub(super) fn rotary_state(call: calls::Rotary, family: &Family) -> Result<JobCall, CallError> {
+    rotary_buffer(call.buffer, family).map(|buffer| JobCall::new(Job::RotaryState(buffer), SHORT))
 }
 
 /// A rotary buffer to set up.
-pub(super) fn rotary_open(call: &calls::RotaryOpen) -> Result<JobCall, CallError> {
-    let calls::RotaryOpen { buffer, start, size_longs, coordinate_system, coordinate_system_base } = *call;
+pub(super) fn rotary_open(call: calls::RotaryOpen, family: &Family) -> Result<JobCall, CallError> {
+    let calls::RotaryOpen { buffer, start, size_longs, coordinate_system, coordinate_system_base } = call;
     let job = Job::RotaryOpen {
-        buffer: rotary_buffer(buffer)?,
+        buffer: rotary_buffer(buffer, family)?,
         start: start.map(|calls::Offset(start)| start),
         size_longs,
         coordinate_system,
         coordinate_system_base,
     };
     Ok(JobCall {
-        guard: Some(ROTARY_AT_REST),
+        guard: rotary_at_rest(family),
         audit: Some(format!("rotary buffer {buffer} for &{coordinate_system}")),
         ..JobCall::new(job, SHORT)
     })
 }
 
 /// Lines for a rotary buffer.
-pub(super) fn rotary_send(call: calls::RotarySend) -> Result<JobCall, CallError> {
+pub(super) fn rotary_send(call: calls::RotarySend, family: &Family) -> Result<JobCall, CallError> {
     let calls::RotarySend { buffer, lines, first, timeout_ms } = call;
-    let buffer = rotary_buffer(buffer)?;
+    let buffer = rotary_buffer(buffer, family)?;
     let words = lines.iter().map(|line| line.words.len());
     if words.clone().sum::<usize>() > 2 * COMMANDS_MAX || words.clone().any(|count| !count.is_multiple_of(2))
     {

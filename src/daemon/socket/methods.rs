@@ -4,6 +4,7 @@
 
 use std::time::Duration;
 
+use serde::de::DeserializeOwned;
 use serde_json::json;
 
 use super::jobs::{self, JobCall};
@@ -11,13 +12,13 @@ use super::policy::Role;
 use crate::daemon::shared::info::Info;
 use crate::daemon::shared::queue::{DEFAULT_TIMEOUT, LINE_MAX, READ_MAX, Text};
 use crate::function::variable_read::VariableEntry;
-use crate::map::HostOffset;
+use crate::map::{Family, HostOffset};
 use crate::protocol::{
     BOARD, BOARD_DESCRIPTION, Call, CallError, Function, Reply, SERVICE, SERVICE_DESCRIPTION, calls,
     check_line, control, parameters,
 };
 
-/// The end of the largest DPRAM of any family is far below this, in bytes; offsets above it are refused unasked.
+/// No window is longer, in bytes: offsets above it are refused unasked.
 const OFFSET_LIMIT: u32 = 1 << 20;
 
 /// What a call asks of the bus thread.
@@ -111,36 +112,40 @@ const METHODS: [Method; 19] = {
             let calls::NoParameters {} = parameters(call)?;
             streams(call, Action::Stream)
         }),
-        method("Panel", Operate, Some(Panel), |call, _| job(jobs::panel(&parameters(call)?, false))),
-        method("PanelHold", Operate, Some(Panel), |call, _| job(jobs::panel(&parameters(call)?, true))),
+        method("Panel", Operate, Some(Panel), |call, info| {
+            job(call, info, |call, family| jobs::panel(call, false, family))
+        }),
+        method("PanelHold", Operate, Some(Panel), |call, info| {
+            job(call, info, |call, family| jobs::panel(call, true, family))
+        }),
         method("PanelRenew", Observe, Some(Panel), |call, _| {
             let calls::NoParameters {} = parameters(call)?;
             Ok(Action::Renew)
         }),
-        method("FeedOverride", Operate, Some(Panel), |call, _| job(jobs::feed_override(&parameters(call)?))),
-        method("Write", Engineer, None, |call, _| job(jobs::write(parameters(call)?))),
+        method("FeedOverride", Operate, Some(Panel), |call, info| job(call, info, jobs::feed_override)),
+        method("Write", Engineer, None, |call, info| job(call, info, jobs::write)),
         method("WatchVariables", Observe, Some(Variables), |call, info| {
-            streams(call, Action::Watch(jobs::watched(&parameters(call)?, info.family())?))
+            streams(call, Action::Watch(jobs::watched(parameters(call)?, info.family())?))
         }),
         method("WriteVariables", Engineer, Some(Variables), |call, info| {
-            job(jobs::write_variables(&parameters(call)?, info.family()))
+            job(call, info, jobs::write_variables)
         }),
-        method("GatherBegin", Engineer, Some(Gather), |call, _| job(jobs::gather_begin(&parameters(call)?))),
-        method("GatherEnd", Engineer, Some(Gather), |call, _| {
-            let calls::NoParameters {} = parameters(call)?;
-            job(Ok(jobs::gather_end()))
-        }),
-        method("RotaryOpen", Engineer, Some(Rotary), |call, _| job(jobs::rotary_open(&parameters(call)?))),
-        method("RotarySend", Engineer, Some(Rotary), |call, _| job(jobs::rotary_send(parameters(call)?))),
-        method("RotaryFinish", Engineer, Some(Rotary), |call, _| {
-            job(jobs::rotary_finish(&parameters(call)?))
-        }),
-        method("RotaryState", Observe, Some(Rotary), |call, _| job(jobs::rotary_state(&parameters(call)?))),
+        method("GatherBegin", Engineer, Some(Gather), |call, info| job(call, info, jobs::gather_begin)),
+        method("GatherEnd", Engineer, Some(Gather), |call, info| job(call, info, jobs::gather_end)),
+        method("RotaryOpen", Engineer, Some(Rotary), |call, info| job(call, info, jobs::rotary_open)),
+        method("RotarySend", Engineer, Some(Rotary), |call, info| job(call, info, jobs::rotary_send)),
+        method("RotaryFinish", Engineer, Some(Rotary), |call, info| job(call, info, jobs::rotary_finish)),
+        method("RotaryState", Observe, Some(Rotary), |call, info| job(call, info, jobs::rotary_state)),
     ]
 };
 
-fn job(call: Result<JobCall, CallError>) -> Result<Action, CallError> {
-    call.map(|call| Action::Ask(Ask::Job(call)))
+/// The job that `parse` makes of the call's parameters, for a board of its family.
+fn job<P: DeserializeOwned>(
+    call: &Call,
+    info: &Info,
+    parse: impl FnOnce(P, &Family) -> Result<JobCall, CallError>,
+) -> Result<Action, CallError> {
+    parse(parameters(call)?, info.family()).map(|call| Action::Ask(Ask::Job(call)))
 }
 
 /// `action`, of a method that answers more than once.

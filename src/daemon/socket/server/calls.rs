@@ -59,9 +59,9 @@ impl Service {
             Action::Reply(reply) => return Ok(Some(reply)),
             Action::Ask(ask) => self.ask(caller, ask, now),
             Action::Watch(entries) => {
-                let guard = jobs::VARIABLES_ENABLED;
+                let guard = jobs::variables_enabled(self.info.family());
                 if guard.is_open(self.info.enabling(), self.answers(), self.may_ask()) {
-                    self.question(caller, guard.variable, Then::Watch(entries), now + WATCH_TIMEOUT);
+                    self.question(caller, &guard.question(), Then::Watch(entries), now + WATCH_TIMEOUT);
                 } else {
                     self.watch(caller.client, entries, now)?;
                 }
@@ -127,13 +127,13 @@ impl Service {
         let deadline = now + call.timeout;
         if let Some(guard) = call.guard {
             let enabling = self.info.enabling();
-            let has_question = call.time_base.is_some() && self.answers();
+            let has_question = call.has_question() && self.answers();
             if has_question || guard.is_open(enabling, self.answers(), self.may_ask()) {
                 let question = call.question(guard);
                 return self.question(caller, &question, Then::Job(call), deadline);
             }
             call.guard = None;
-            if (guard.known)(enabling) != Some(true) {
+            if !guard.is_known(enabling) {
                 call.note_unasked(guard);
             }
         }
@@ -192,14 +192,18 @@ impl Service {
     pub(super) fn on_end(&mut self, ended: Ended, outcome: Outcome, now: Instant) {
         let Ended { caller, lines, is_overlong, then } = ended;
         let then = match then {
-            Then::Job(call) => {
-                return self.on_answer(caller, lines, outcome, now, |service, found| {
-                    service.begin_job(caller, call, found, outcome, now)
+            Then::Job(mut call) => {
+                return self.on_answer(caller, &lines, outcome, now, |service, found| {
+                    call.take_answer(found)?;
+                    let deadline = now + call.timeout;
+                    service.do_job(caller, call, deadline);
+                    Ok(())
                 });
             }
             Then::Watch(entries) => {
-                return self.on_answer(caller, lines, outcome, now, |service, found| {
-                    jobs::VARIABLES_ENABLED.check(found.first().copied())?;
+                return self.on_answer(caller, &lines, outcome, now, |service, found| {
+                    let guard = jobs::variables_enabled(service.info.family());
+                    guard.check(found.and_then(|found| found.first().copied()))?;
                     service.watch(caller.client, entries, now)
                 });
             }
@@ -227,40 +231,18 @@ impl Service {
     fn on_answer(
         &mut self,
         caller: Caller,
-        lines: Vec<String>,
+        lines: &[String],
         outcome: Outcome,
         now: Instant,
-        begin: impl FnOnce(&mut Self, &[&str]) -> Result<(), CallError>,
+        begin: impl FnOnce(&mut Self, Option<&[&str]>) -> Result<(), CallError>,
     ) {
         let Some(client) = self.clients.get_mut(caller.client) else { return };
         client.wait_for(Waiting::Nothing);
         // A board that cannot be asked (any more) may still do it; if not, the job says so.
-        let lines = if outcome == Outcome::Done { lines } else { Vec::new() };
         let found: Vec<&str> = lines.iter().map(|line| answer::text(line)).collect();
-        if let Err(error) = begin(self, &found) {
+        if let Err(error) = begin(self, (outcome == Outcome::Done).then_some(&found)) {
             self.answer(caller, Err(error), now);
         }
-    }
-
-    /// Begins a job whose questions the board has answered with `found`.
-    fn begin_job(
-        &mut self,
-        caller: Caller,
-        mut call: JobCall,
-        found: &[&str],
-        outcome: Outcome,
-        now: Instant,
-    ) -> Result<(), CallError> {
-        let guard = call.guard.take();
-        match (guard, call.time_base) {
-            (Some(guard), _) if outcome != Outcome::Done && !guard.is_required => call.note_unasked(guard),
-            (_, Some(number)) => call.note_time_base(number, found.get(1).copied()),
-            _ => {}
-        }
-        guard.map_or(Ok(()), |guard| guard.check(found.first().copied()))?;
-        let deadline = now + call.timeout;
-        self.do_job(caller, call, deadline);
-        Ok(())
     }
 
     /// The bus thread has answered `ticket` with this.
