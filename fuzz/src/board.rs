@@ -21,8 +21,8 @@ use pmac_dpram::function::variable_read::{
 use pmac_dpram::function::variable_write::{POLL_RECORDS, VariableWriter, WriteRecord};
 use pmac_dpram::gather::GatherMode;
 use pmac_dpram::map::{
-    Family, GatherPlace, HostOffset, Layout, PMAC, Plan, PlanSettings, Region, Space, VariableKind, classic,
-    pmac,
+    BufferLayout, BufferSettings, Family, GatherPlace, HostOffset, Layout, PMAC, Region, Space, VariableKind,
+    classic, pmac,
 };
 use pmac_dpram::protocol::check_line;
 
@@ -43,7 +43,7 @@ struct Functions {
     rotary: [(RotaryStream, Option<RotarySetup>); 2],
     mailbox: MailboxPort,
     registers: RamBytes,
-    plan: Plan,
+    plan: BufferLayout,
     now: Instant,
 }
 
@@ -53,7 +53,7 @@ pub fn body(data: &[u8]) {
     let way = tape.u8();
     let mut bus = RamBus::new([0, 0, 0xFFFF, 0x8000][usize::from(way & 3)]);
     let layout = Layout::new(Family::by_name("pmac").unwrap(), None);
-    let plan = Plan::new(&layout, PlanSettings::default()).expect("the default plan fits");
+    let plan = BufferLayout::new(&layout, BufferSettings::default()).expect("the default plan fits");
     let now = Instant::now();
     let order = if way & 4 == 0 { TextOrder::LowFirst } else { TextOrder::HighFirst };
     let reading = if way & 8 == 0 { ServoReading::Optimistic } else { ServoReading::Handshake };
@@ -339,7 +339,7 @@ impl Functions {
         let (stream, set_up) = &mut self.rotary[which];
         if how < 4 || set_up.is_none() {
             let setup = RotarySetup {
-                start: HostOffset::checked(u32::from(tape.u16()) << 1).unwrap_or(classic::OPEN.start),
+                start: HostOffset::checked(u32::from(tape.u16()) << 1).unwrap_or(classic::USER_AREA.start),
                 size_longs: u32::from(tape.u16()),
                 coordinate_system: tape.u8() & 15,
                 coordinate_system_base: tape.u8() & 3,

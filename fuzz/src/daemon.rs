@@ -22,7 +22,8 @@ use pmac_dpram::function::variable_read::{VariableEntry, VariableMode};
 use pmac_dpram::function::variable_write::WriteRecord;
 use pmac_dpram::gather::GatherMode;
 use pmac_dpram::map::{
-    Family, GatherPlace, HostOffset, Layout, PMAC, Plan, PlanSettings, Space, VariableKind, classic, pmac,
+    BufferLayout, BufferSettings, Family, GatherPlace, HostOffset, Layout, PMAC, Space, VariableKind,
+    classic, pmac,
 };
 use pmac_dpram::mirror::{BackgroundMirror, GatherClock, ServoMirror, VariableMirror, gather, variable};
 use pmac_dpram::protocol::{Function, Functions};
@@ -94,7 +95,7 @@ pub fn body(data: &[u8]) {
         let mut tape = Tape::new(data);
         let way = tape.u8();
         let layout = Layout::new(Family::by_name("pmac").unwrap(), None);
-        let plan = Plan::new(&layout, PlanSettings::default()).expect("the default plan fits");
+        let plan = BufferLayout::new(&layout, BufferSettings::default()).expect("the default plan fits");
         let time = ManualTime::at(BEGIN_NS);
         let (clock, now) = (time.clock(), time.clock().now());
         let order = if way & 4 == 0 { TextOrder::LowFirst } else { TextOrder::HighFirst };
@@ -311,7 +312,7 @@ impl Desks<'_> {
     fn bounded(&mut self, most: u32) {
         let accesses = self.bus.take_accesses();
         assert!(accesses <= most, "{accesses} accesses in one go");
-        let owned = [classic::PANEL, classic::ASCII_OUTPUT, classic::POINTERS, classic::OPEN];
+        let owned = [classic::PANEL, classic::ASCII_OUTPUT, classic::POINTERS, classic::USER_AREA];
         let controls =
             [classic::SERVO_HOST_STATUS, classic::BACKGROUND_DATA_READY, classic::ASCII_INPUT_CONTROL];
         let anywhere = self.wrote_anywhere;

@@ -8,7 +8,7 @@ use pmac_dpram::cli::preprocess::preprocess;
 use pmac_dpram::cli::settings_file as variables;
 use pmac_dpram::decode::{Image, Scales, value};
 use pmac_dpram::format::{Float48Layout, WordOrder};
-use pmac_dpram::map::{Family, HostOffset, Location, Space};
+use pmac_dpram::map::{Family, HostOffset, Space, TypedAddress};
 use pmac_dpram::protocol::{LINE_MAX, check_line};
 
 use super::tape::Tape;
@@ -95,7 +95,7 @@ fn image(bytes: &[u8]) {
     if let Some(offset) = HostOffset::checked(offset) {
         for space in Space::ALL {
             if let Some(words) = image.words().get(offset.word()..) {
-                let location = Location { space, offset };
+                let location = TypedAddress { space, offset };
                 // Not a number is not equal to itself.
                 let (one, other) = (value::value(space, words, layout), image.value(location, layout));
                 assert_eq!(format!("{one:?}"), format!("{other:?}"));

@@ -86,7 +86,7 @@ impl Connection {
     }
 
     /// Writes consecutive 16-bit words (1 to 64) from `first` on: of each, its value and the mask of the bits to change.
-    /// A word with mask 0 is not touched. Unless `anywhere`, all have to be open for other use.
+    /// A word with mask 0 is not touched. Unless `anywhere`, all have to lie in the user area.
     ///
     /// # Errors
     /// [`CommandError`]; refused when a word belongs to a function. Nothing has been written then.

@@ -6,7 +6,7 @@ use super::quantity::Scales;
 use super::servo::{ServoData, servo};
 use super::value::{Value, value};
 use crate::format::{Float48Layout, WordOrder};
-use crate::map::{Family, HostOffset, Location, Region};
+use crate::map::{Family, HostOffset, Region, TypedAddress};
 
 /// The words of a whole DPRAM.
 #[derive(Debug, Clone, PartialEq)]
@@ -60,7 +60,7 @@ impl Image {
 
     /// The value at `location`, or `None` outside the image.
     #[must_use]
-    pub fn value(&self, location: Location, float48: Float48Layout) -> Option<Value> {
+    pub fn value(&self, location: TypedAddress, float48: Float48Layout) -> Option<Value> {
         value(location.space, self.words.get(location.offset.word()..)?, float48)
     }
 

@@ -28,8 +28,8 @@
 use std::time::{Duration, Instant};
 
 use crate::device::{Bus, BusError};
+use crate::map::buffer_layout::VARIABLE_READ_DATA_WORDS;
 use crate::map::functions::{VARIABLE_READ_ENTRIES, VARIABLE_READ_ENTRY_READY, VARIABLE_READ_ENTRY_WORDS};
-use crate::map::plan::VARIABLE_READ_DATA_WORDS;
 use crate::map::{HostOffset, PmacRegister, Region, StartRule, VariableKind, VariableRead};
 
 /// How long after the count became 0 the table is left alone.

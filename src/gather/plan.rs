@@ -43,7 +43,7 @@ pub struct GatherRequest {
     pub mode: GatherMode,
     /// The buffer's length in longs, rounded up to whole samples; `None` takes all the room there is. Buffers for
     /// variables and binary rotary programs lie in the same room: where there are any, give what
-    /// [`crate::map::plan`] leaves, less a sample for the rounding.
+    /// [`crate::map::buffer_layout`] leaves, less a sample for the rounding.
     pub buffer_longs: Option<u32>,
     /// How the servo report stands.
     pub servo_report: ServoReport,

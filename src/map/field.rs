@@ -1,12 +1,12 @@
 //! Bit fields as people type them: `Y:$D800,8,4` is four bits from bit 8 on; without the comma, all of the place.
 
-use super::{AddressError, Family, Location, Space};
+use super::{AddressError, Family, Space, TypedAddress};
 
 /// Some bits of a place in the DPRAM.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Field {
     /// The place.
-    pub location: Location,
+    pub location: TypedAddress,
     /// Its lowest bit and how many, when not all of it is meant.
     pub bits: Option<BitField>,
 }
@@ -73,9 +73,9 @@ impl Field {
     pub fn parse(text: &str, family: &Family) -> Result<Self, FieldError> {
         let text = text.trim();
         let Some((address, field)) = text.split_once(',') else {
-            return Ok(Self { location: Location::parse(text, family)?, bits: None });
+            return Ok(Self { location: TypedAddress::parse(text, family)?, bits: None });
         };
-        let location = Location::parse(address, family)?;
+        let location = TypedAddress::parse(address, family)?;
         let said = || text.to_owned();
         let available = match location.space {
             Space::Y | Space::X => 16,
@@ -107,7 +107,7 @@ mod tests {
     fn fields_are_read_and_bounded() {
         let field = Field::parse("Y:$D800,8,4", &PMAC).unwrap();
         assert_eq!(field.bits, Some(BitField { offset: 8, width: 4 }));
-        assert_eq!(field.location, Location::parse("Y:$D800", &PMAC).unwrap());
+        assert_eq!(field.location, TypedAddress::parse("Y:$D800", &PMAC).unwrap());
         assert_eq!(Field::parse("F:$D800", &PMAC).unwrap().bits, None);
         assert_eq!(Field::parse("DP:$D800, 0, 32", &PMAC).unwrap().bits.unwrap().mask(), u32::MAX);
         let bits = BitField { offset: 8, width: 4 };

@@ -257,7 +257,7 @@ mod tests {
         assert_eq!(layout.find("servo", "motor_actual_position", None), None);
         assert_eq!(layout.find("servo", "motor_actual_position", Some(9)), None);
         let free = layout.lies_at(HostOffset::new(0x0802)).unwrap();
-        assert_eq!((free.region.name, free.entry), ("open", None));
+        assert_eq!((free.region.name, free.entry), ("user", None));
         assert_eq!(layout.lies_at(HostOffset::new(0x4000)), None);
     }
 

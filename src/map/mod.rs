@@ -2,10 +2,11 @@
 //!
 //! Only this module knows an address. [`Family`] is all that distinguishes a board family: limits, the numbers of its
 //! I-variables, its register table, and a descriptor of each automatic function ([`functions`]). [`Layout`] is the
-//! register table as a board with a given firmware has it, [`Location`] an address as a person types it, [`PmacRegister`] a register of
+//! register table as a board with a given firmware has it, [`TypedAddress`] an address as a person types it, [`PmacRegister`] a register of
 //! PMAC's own memory.
 
 pub mod address;
+pub mod buffer_layout;
 pub mod errors;
 pub mod family;
 pub mod field;
@@ -14,7 +15,6 @@ pub mod functions;
 pub mod layout;
 pub mod mailbox;
 pub mod number;
-pub mod plan;
 pub mod region;
 pub mod register;
 pub mod selection;
@@ -26,6 +26,7 @@ pub mod typed;
 pub const AXES: [&str; 9] = ["A", "B", "C", "U", "V", "W", "X", "Y", "Z"];
 
 pub use address::{HostOffset, PmacAddress, Space};
+pub use buffer_layout::{BufferLayout, BufferLayoutError, BufferSettings, NotUserArea, Owner};
 pub use family::pmac;
 pub use family::pmac as classic;
 pub use family::pmac_table::PANEL_REQUEST_BITS;
@@ -37,10 +38,9 @@ pub use functions::{
     RecordBits, RotaryHeaders, Run, ServoBlock, StartRule, Timer, VariableKind, VariableRead, VariableWrite,
 };
 pub use layout::{Entry, GatherPosition, GatherSizeWord, Layout, MapRecord, Place, records};
-pub use plan::{NotOpen, Owner, Plan, PlanError, PlanSettings};
 pub use region::Region;
 pub use register::{BadRegister, PmacRegister};
 pub use selection::{BlockField, Selection, block_fields};
 pub use status::{MotionMode, StatusTable, StatusTables, TargetSource};
 pub use table::{Bits, Block, Format, NumberKind, Register, Source, SourceAt, Width, Writer};
-pub use typed::{AddressError, Location};
+pub use typed::{AddressError, TypedAddress};

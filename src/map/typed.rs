@@ -4,7 +4,7 @@ use super::{Family, HostOffset, PmacAddress, Space};
 
 /// A place in the DPRAM and how to read it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub struct Location {
+pub struct TypedAddress {
     /// Which half, or which way of reading more. A host offset gives `Y` or `X`, the half it falls on.
     pub space: Space,
     /// The first word.
@@ -53,7 +53,7 @@ pub enum AddressError {
     },
 }
 
-impl Location {
+impl TypedAddress {
     /// Reads a typed address. Capitals do not matter; the colon may be left out; a PMAC number without `$` is
     /// decimal, as it is for PMAC.
     ///
@@ -82,7 +82,7 @@ impl Location {
     }
 }
 
-fn host(text: &str, digits: &str, family: &Family) -> Result<Location, AddressError> {
+fn host(text: &str, digits: &str, family: &Family) -> Result<TypedAddress, AddressError> {
     let bytes = parse_digits(text, digits, 16)?;
     let offset = HostOffset::checked(bytes).ok_or_else(|| AddressError::Odd { text: text.to_owned() })?;
     if bytes >= family.length {
@@ -93,7 +93,7 @@ fn host(text: &str, digits: &str, family: &Family) -> Result<Location, AddressEr
             last: format!("0x{:04X}", family.length - 2),
         });
     }
-    Ok(Location { space: family.half(offset), offset })
+    Ok(TypedAddress { space: family.half(offset), offset })
 }
 
 fn split_space(text: &str) -> Option<(Space, &str)> {
@@ -136,12 +136,12 @@ mod tests {
     use proptest::prelude::*;
 
     fn parsed(text: &str) -> (Space, u32) {
-        let location = Location::parse(text, &PMAC).unwrap_or_else(|error| panic!("{error}"));
+        let location = TypedAddress::parse(text, &PMAC).unwrap_or_else(|error| panic!("{error}"));
         (location.space, location.offset.bytes())
     }
 
     fn refused(text: &str) -> String {
-        Location::parse(text, &PMAC).unwrap_err().to_string()
+        TypedAddress::parse(text, &PMAC).unwrap_err().to_string()
     }
 
     #[test]
@@ -182,14 +182,14 @@ mod tests {
     proptest! {
         #[test]
         fn no_text_panics(text in "\\PC{0,12}") {
-            let _ = Location::parse(&text, &PMAC);
+            let _ = TypedAddress::parse(&text, &PMAC);
         }
 
         #[test]
         fn a_printed_address_reads_back(space in 0usize..6, word in 0u32..0x0FFE) {
             let space = Space::ALL[space];
             let address = PmacAddress::new(space, PMAC.base + word);
-            let location = Location::parse(&address.to_string(), &PMAC).unwrap();
+            let location = TypedAddress::parse(&address.to_string(), &PMAC).unwrap();
             prop_assert_eq!(location.pmac_address(&PMAC), address);
         }
     }

@@ -13,7 +13,7 @@ use crate::function::variable_read::{
     VariableEntry, VariableMode, VariablePoll, VariableReadBusError, VariableReader,
 };
 use crate::map::functions::VARIABLE_READ_ENTRIES;
-use crate::map::{Plan, VariableKind};
+use crate::map::{BufferLayout, VariableKind};
 use crate::segment::payload::variable::{self, Variable};
 use crate::segment::{BlockPlace, Publisher, RegionId, RegionSpec, RegionState, Stamp};
 
@@ -60,7 +60,7 @@ pub struct VariableMirror {
 impl VariableMirror {
     /// A mirror that uses the words the plan keeps for it and has no table.
     #[must_use]
-    pub fn new(plan: &Plan, mode: VariableMode, time: Clock) -> Self {
+    pub fn new(plan: &BufferLayout, mode: VariableMode, time: Clock) -> Self {
         let family = plan.family();
         Self {
             reader: VariableReader::new(&family.variable_read, family.start, plan.variable_read()),

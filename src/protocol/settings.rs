@@ -7,7 +7,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::{BackgroundSettings, Functions, ServoSettings};
-use crate::map::{GatherPosition, GatherSizeWord, PlanSettings};
+use crate::map::{BufferSettings, GatherPosition, GatherSizeWord};
 use crate::rotary;
 
 /// All of them.
@@ -20,8 +20,8 @@ pub struct BoardSettings {
     pub servo: ServoSettings,
     /// What is read of the background report.
     pub background: BackgroundSettings,
-    /// Sizes and places of the buffers in the open area.
-    pub plan: PlanSettings,
+    /// Sizes and places of the buffers in the user area.
+    pub plan: BufferSettings,
     /// Where gathering lies.
     pub gather: GatherSettings,
     /// How background variables are read.

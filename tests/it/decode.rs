@@ -2,7 +2,7 @@
 
 use pmac_dpram::decode::{Image, MotorScales, Scales, Value, background, servo};
 use pmac_dpram::format::{Float48Layout, WordOrder};
-use pmac_dpram::map::{Location, MotionMode, PMAC, TargetSource};
+use pmac_dpram::map::{MotionMode, PMAC, TargetSource, TypedAddress};
 use proptest::prelude::*;
 use serde_json::{Value as Json, json};
 
@@ -225,13 +225,13 @@ fn a_dump_is_read_in_both_word_orders_and_refused_at_another_size() {
 #[test]
 fn typed_addresses_read_the_image() {
     let image = servo_dump().image();
-    let at = |text: &str| image.value(Location::parse(text, &PMAC).unwrap(), REGISTER);
+    let at = |text: &str| image.value(TypedAddress::parse(text, &PMAC).unwrap(), REGISTER);
     assert_eq!(at("X:$D009"), Some(Value::Word(0xFFFE)));
     assert_eq!(at("0x0026"), Some(Value::Word(0xFFFE)));
     assert_eq!(at("D:$D014"), Some(Value::Fixed(-3072)));
     assert_eq!(at("DP:$D01A"), Some(Value::Long(-512)));
     assert_eq!(
-        background_dump().image().value(Location::parse("L:$D0E0", &PMAC).unwrap(), REGISTER),
+        background_dump().image().value(TypedAddress::parse("L:$D0E0", &PMAC).unwrap(), REGISTER),
         Some(Value::Float(-3.25))
     );
     assert_eq!(at("L:$DFFE"), Some(Value::Float(0.0)));

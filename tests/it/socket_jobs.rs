@@ -1,4 +1,4 @@
-//! The command socket's jobs: panel requests with their guard and their leases, words of the open area.
+//! The command socket's jobs: panel requests with their guard and their leases, words of the user area.
 
 use std::time::{Duration, Instant};
 

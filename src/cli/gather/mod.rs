@@ -20,7 +20,7 @@ use crate::cli::layout::board_layout;
 use crate::client::{Board, GatherFollower, GatherPhase};
 use crate::decode::Scales;
 use crate::gather::{GatherMode, GatherPlan, GatherRequest, SampleClock, ServoReport, Source, column, plan};
-use crate::map::{Layout, Plan};
+use crate::map::{BufferLayout, Layout};
 use crate::protocol::{BoardSettings, Function};
 use crate::segment::{RegionId, RegionState};
 
@@ -106,7 +106,7 @@ fn gather(context: &mut Context, options: &Gather, output: &Path) -> Result<Verd
         .collect::<Result<_, _>>()
         .map_err(Failure::request)?;
     let sample_longs = sources.iter().map(|source| source.register.longs()).sum();
-    let kept = Plan::new(&layout, settings.plan).map_err(Failure::request)?;
+    let kept = BufferLayout::new(&layout, settings.plan).map_err(Failure::request)?;
     let i48 = ask(&mut connection, "I48")?;
     if i48 == "1" {
         // A board that reports takes another number of GATHERs than one that does not.

@@ -14,7 +14,7 @@ use super::source::{Format, compiled, shown};
 use crate::cli::console::interrupt::Interrupt;
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::client::{CommandError, Connection, RotaryFeed, RotaryLine, RotaryPlace};
-use crate::map::{HostOffset, Location, PMAC};
+use crate::map::{HostOffset, PMAC, TypedAddress};
 use crate::protocol::CallError;
 use crate::protocol::board::RotaryStateReply;
 use crate::rotary::Program;
@@ -59,7 +59,7 @@ pub struct Stream {
 }
 
 fn start(text: &str) -> Result<HostOffset, String> {
-    Location::parse(text, &PMAC).map(|location| location.offset).map_err(|error| error.to_string())
+    TypedAddress::parse(text, &PMAC).map(|location| location.offset).map_err(|error| error.to_string())
 }
 
 pub fn run(context: &mut Context, options: &Stream) -> Result<Verdict, Failure> {

@@ -18,7 +18,7 @@ use crate::daemon::shared::queue::{Event, Outcome, Text, Ticket};
 use crate::device::{Bus, BusError};
 use crate::function::rotary::RotarySetup;
 use crate::function::variable_read::VariableReadBusError;
-use crate::map::{HostOffset, Plan};
+use crate::map::{BufferLayout, HostOffset};
 use crate::mirror::{BackgroundMirror, GatherMirror, ServoMirror, VariableMirror};
 use crate::protocol::{Function, Functions};
 use crate::segment::{Counter, Publisher};
@@ -26,7 +26,7 @@ use crate::segment::{Counter, Publisher};
 /// The functions of a board, and which of them are used.
 pub struct FunctionTable {
     clock: Clock,
-    plan: Plan,
+    plan: BufferLayout,
     used: [bool; Function::ALL.len()],
     /// Before all others.
     pub servo: ServoMirror,
@@ -48,7 +48,7 @@ impl FunctionTable {
         background: BackgroundMirror,
         ascii: CommandLines,
         variables: VariableMirror,
-        plan: Plan,
+        plan: BufferLayout,
         used: &Functions,
         clock: Clock,
     ) -> Self {
@@ -167,7 +167,7 @@ impl FunctionTable {
     }
 
     /// The board's firmware has become known, and with it where gathering lies; the other buffers stay where they are.
-    pub fn set_plan(&mut self, plan: Plan) {
+    pub fn set_plan(&mut self, plan: BufferLayout) {
         self.plan = plan;
     }
 
@@ -203,7 +203,7 @@ impl FunctionTable {
                 None => no_panel(),
             },
             Job::Write { first, words, anywhere } => {
-                match if anywhere { Ok(()) } else { self.plan.check_open(first, words.len()) } {
+                match if anywhere { Ok(()) } else { self.plan.check_user_area(first, words.len()) } {
                     Ok(()) => write(bus, first, &words)?,
                     Err(reason) => Outcome::Refused(Text::of(&reason)),
                 }

@@ -2,7 +2,7 @@
 
 use super::span::Refusal;
 use crate::function::variable_read::VariableMode;
-use crate::map::{BadFirmware, Family, Firmware, Layout, Plan};
+use crate::map::{BadFirmware, BufferLayout, Family, Firmware, Layout};
 use crate::protocol::settings::{BoardSettings, VariablesMode};
 
 /// The settings, checked for a family.
@@ -10,7 +10,7 @@ use crate::protocol::settings::{BoardSettings, VariablesMode};
 pub struct Uncertain {
     settings: BoardSettings,
     family: &'static Family,
-    plan: Plan,
+    plan: BufferLayout,
 }
 
 impl Uncertain {
@@ -49,7 +49,7 @@ impl Uncertain {
 
     /// Where the buffers lie, as far as is known before the board has told its firmware.
     #[must_use]
-    pub const fn plan(&self) -> Plan {
+    pub const fn plan(&self) -> BufferLayout {
         self.plan
     }
 
@@ -57,7 +57,7 @@ impl Uncertain {
     ///
     /// # Errors
     /// Which buffers overlap now that gathering lies elsewhere.
-    pub fn plan_for(&self, firmware: Option<&str>) -> Result<Plan, String> {
+    pub fn plan_for(&self, firmware: Option<&str>) -> Result<BufferLayout, String> {
         match firmware.and_then(|text| text.parse().ok()) {
             None => Ok(self.plan),
             known => plan(&self.settings, self.family, known),
@@ -78,10 +78,10 @@ fn plan(
     settings: &BoardSettings,
     family: &'static Family,
     firmware: Option<Firmware>,
-) -> Result<Plan, String> {
+) -> Result<BufferLayout, String> {
     let gather = settings.gather;
     let layout = Layout::with_gather(family, firmware, gather.position, gather.size_word);
-    Plan::new(&layout, settings.plan).map_err(|error| format!("[plan] {error}"))
+    BufferLayout::new(&layout, settings.plan).map_err(|error| format!("[plan] {error}"))
 }
 
 #[cfg(test)]
@@ -96,7 +96,7 @@ mod tests {
     #[test]
     fn the_gather_buffer_is_kept_where_the_firmware_has_it() {
         let uncertain = decided(BoardSettings::default()).unwrap();
-        let start = |plan: Plan| plan.gather().start;
+        let start = |plan: BufferLayout| plan.gather().start;
         assert_eq!(start(uncertain.plan()), HostOffset::new(0x0800));
         assert_eq!(start(uncertain.plan_for(Some("1.16D")).unwrap()), HostOffset::new(0x0900));
         for other in [Some("1.13"), Some("hello"), None] {

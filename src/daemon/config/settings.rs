@@ -15,7 +15,7 @@ use crate::device::board::spec::SpecError;
 use crate::device::{Access, BoardSpec};
 use crate::format::{TextOrder, WordOrder};
 use crate::function::servo::ServoReading;
-use crate::map::{Family, PMAC, PlanSettings};
+use crate::map::{BufferSettings, Family, PMAC};
 use crate::protocol::{BoardSettings, Function, Functions, GatherSettings, VariablesSettings};
 use crate::rotary;
 use crate::segment::SegmentName;
@@ -69,7 +69,7 @@ pub struct ConfigFile {
     background: BackgroundTable,
     /// What no document decides: see [`super::board_settings`].
     #[serde(default)]
-    plan: PlanSettings,
+    plan: BufferSettings,
     #[serde(default)]
     gather: GatherSettings,
     #[serde(default)]

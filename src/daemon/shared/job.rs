@@ -1,4 +1,4 @@
-//! What the socket can have the other functions do: panel requests, words of the open area, rotary programs.
+//! What the socket can have the other functions do: panel requests, words of the user area, rotary programs.
 
 use crate::function::gather::GatherBuffer;
 use crate::function::panel::{FeedOverride, PanelRequest};

@@ -128,7 +128,7 @@ const fn pmac_family(name: &'static str, title: &'static str, number: u32, defau
         default_i10,
         i: pmac::I_VARIABLES,
         regions: pmac::REGIONS,
-        user_area: pmac::OPEN,
+        user_area: pmac::USER_AREA,
         blocks: pmac_table::BLOCKS,
         status: &status::PMAC,
         gathering: pmac::GATHERING,

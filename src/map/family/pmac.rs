@@ -286,12 +286,12 @@ pub const ASCII_OUTPUT: Region = Region::new("ascii_output", ASCII_OUTPUT_CONTRO
 /// The ASCII response half, 0x06D0-0x07D3.
 pub const ASCII_INPUT: Region = Region::new("ascii_input", ASCII_INPUT_CONTROL, VARIABLE_WRITE_COUNT);
 /// The headers of the buffers of variable size, 0x07D4-0x07FF.
-pub const POINTERS: Region = Region::new("pointers", VARIABLE_WRITE_COUNT, OPEN_START);
+pub const POINTERS: Region = Region::new("pointers", VARIABLE_WRITE_COUNT, USER_START);
 /// Room for the buffers of variable size, and free for other use, 0x0800-0x3FFF.
-pub const OPEN: Region = Region::new("open", OPEN_START, at(LENGTH));
-const OPEN_START: HostOffset = at(0x0800);
+pub const USER_AREA: Region = Region::new("user", USER_START, at(LENGTH));
+const USER_START: HostOffset = at(0x0800);
 /// The whole DPRAM.
-pub const REGIONS: &[Region] = &[PANEL, SERVO, BACKGROUND, ASCII_OUTPUT, ASCII_INPUT, POINTERS, OPEN];
+pub const REGIONS: &[Region] = &[PANEL, SERVO, BACKGROUND, ASCII_OUTPUT, ASCII_INPUT, POINTERS, USER_AREA];
 
 // ---- descriptors ----
 

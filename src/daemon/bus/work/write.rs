@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use crate::daemon::shared::queue::{Event, Outcome, Text, Ticket, at_once};
 use crate::device::{Bus, BusError};
 use crate::function::variable_write::{GivenUp, VariableWriter, WritePoll, WriteRecord};
-use crate::map::Plan;
+use crate::map::BufferLayout;
 
 /// How often to poll whether PMAC is done.
 const POLL_PERIOD: Duration = Duration::from_millis(1);
@@ -31,7 +31,7 @@ pub struct WriteDesk {
 impl WriteDesk {
     /// A desk whose records lie where the plan keeps room for them.
     #[must_use]
-    pub fn new(plan: &Plan, now: Instant) -> Self {
+    pub fn new(plan: &BufferLayout, now: Instant) -> Self {
         let family = plan.family();
         Self {
             writer: VariableWriter::new(&family.variable_write, family.start, plan.variable_write()),

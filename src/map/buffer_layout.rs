@@ -1,4 +1,4 @@
-//! The plan of the open area, $D200-$DFFF: which buffer of variable size lies where, and what is left for other use.
+//! The layout of the user area ($D200-$DFFF on PMAC): which buffer of variable size lies where, and what is left for other use.
 //!
 //! The host alone places the tables of the background variable functions and the binary rotary buffers, and must keep
 //! them apart (DPRAM manual p. 25). The gather buffer begins where the firmware has it, at the bottom, and its length
@@ -7,9 +7,8 @@
 
 use std::fmt;
 
-use super::classic::{
-    self, VARIABLE_READ_ENTRIES, VARIABLE_READ_ENTRY_WORDS, VARIABLE_WRITE_RECORD_WORDS,
-    VARIABLE_WRITE_RECORDS,
+use super::functions::{
+    VARIABLE_READ_ENTRIES, VARIABLE_READ_ENTRY_WORDS, VARIABLE_WRITE_RECORD_WORDS, VARIABLE_WRITE_RECORDS,
 };
 use super::{Family, HostOffset, Layout, Region};
 
@@ -18,10 +17,10 @@ pub const VARIABLE_READ_DATA_WORDS: usize = 4;
 /// Longs a gather sample has at most: 24 sources of two longs.
 const SAMPLE_LONGS: u32 = 48;
 
-/// Sizes of the buffers in the open area, and places for those that shall not lie where the plan puts them.
+/// Sizes of the buffers in the user area, and places for those that shall not lie where the plan puts them.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Deserialize, serde::Serialize)]
 #[serde(default, deny_unknown_fields)]
-pub struct PlanSettings {
+pub struct BufferSettings {
     /// Longs (32 bits) kept for gathering, from the gather buffer's start on.
     pub gather_longs: u32,
     /// Entries the variable-read table has room for, 0-128.
@@ -38,7 +37,7 @@ pub struct PlanSettings {
     pub rotary_start: [u32; 2],
 }
 
-impl Default for PlanSettings {
+impl Default for BufferSettings {
     /// Gathering below $D800, the tables and rotary buffers from $DA20 on, 544 longs from $D800 for the user.
     fn default() -> Self {
         Self {
@@ -56,7 +55,7 @@ impl Default for PlanSettings {
 /// Why the buffers cannot lie as asked.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
-pub enum PlanError {
+pub enum BufferLayoutError {
     /// Two buffers share words.
     #[error("{first} and {second} overlap; make one of them smaller, or give it another place")]
     Overlap {
@@ -65,13 +64,13 @@ pub enum PlanError {
         /// The other.
         second: Extent,
     },
-    /// A buffer that leaves the open area.
-    #[error("{buffer} does not fit into the area {open}; make it or its neighbours smaller")]
+    /// A buffer that leaves the user area.
+    #[error("{buffer} does not fit into the area {area}; make it or its neighbours smaller")]
     Outside {
         /// The buffer's name.
         buffer: &'static str,
         /// The area.
-        open: Extent,
+        area: Extent,
     },
     /// A size its function does not allow.
     #[error("{buffer}: {size} is not possible; {allowed}")]
@@ -121,12 +120,12 @@ impl Extent {
 pub enum Owner {
     /// A function with a fixed place: panel, servo, background, ASCII, or the buffers' headers.
     Fixed(&'static Region),
-    /// A buffer in the open area: `gather`, `variable_read`, `variable_write`, `rotary_1` or `rotary_2`.
+    /// A buffer in the user area: `gather`, `variable_read`, `variable_write`, `rotary_1` or `rotary_2`.
     Buffer(Region),
     /// Below a gather buffer that the firmware moved: its index lies here, and nothing tells what else.
     Firmware(Region),
-    /// Nobody: open for other use.
-    Open,
+    /// Nobody: the user's.
+    User,
 }
 
 impl fmt::Display for Owner {
@@ -135,17 +134,17 @@ impl fmt::Display for Owner {
             Self::Fixed(region) => write!(f, "the {} area", region.name),
             Self::Buffer(region) => write!(f, "the {} buffer", region.name),
             Self::Firmware(_) => f.write_str("the firmware, which keeps the gather index there"),
-            Self::Open => f.write_str("nobody"),
+            Self::User => f.write_str("nobody"),
         }
     }
 }
 
-/// Words that are not open for other use.
+/// Words that are not the user's.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
-pub enum NotOpen {
+pub enum NotUserArea {
     /// They belong to a function.
-    #[error("{offset} ({address}) belongs to {owner}; {open}")]
+    #[error("{offset} ({address}) belongs to {owner}; {user}")]
     Owned {
         /// The first word that does.
         offset: HostOffset,
@@ -153,8 +152,8 @@ pub enum NotOpen {
         address: String,
         /// Whose it is.
         owner: String,
-        /// What is open instead.
-        open: String,
+        /// What is the user's instead.
+        user: String,
     },
     /// They lie outside the DPRAM.
     #[error("{offset} lies outside the DPRAM")]
@@ -164,12 +163,11 @@ pub enum NotOpen {
     },
 }
 
-/// Where the buffers of the open area lie.
+/// Where the buffers of the user area lie.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Plan {
+pub struct BufferLayout {
     family: &'static Family,
-    settings: PlanSettings,
-    open: Region,
+    settings: BufferSettings,
     firmware: Region,
     gather: Region,
     variable_read: Region,
@@ -177,15 +175,15 @@ pub struct Plan {
     rotary: [Region; 2],
 }
 
-impl Plan {
+impl BufferLayout {
     /// Places the buffers of `settings` on a board with `layout`.
     ///
     /// # Errors
-    /// A size that cannot be, a buffer that leaves the open area, two that overlap.
-    pub fn new(layout: &Layout, settings: PlanSettings) -> Result<Self, PlanError> {
+    /// A size that cannot be, a buffer that leaves the user area, two that overlap.
+    pub fn new(layout: &Layout, settings: BufferSettings) -> Result<Self, BufferLayoutError> {
         check_sizes(&settings)?;
         let family = layout.family();
-        let open = Region::new("open", classic::OPEN.start, HostOffset::new(family.length));
+        let area = family.user_area;
         let gather_start = layout.gather().buffer;
         let rows: [(&str, u32, u32); 4] = [
             ("rotary_1", settings.rotary_longs[0], settings.rotary_start[0]),
@@ -193,10 +191,10 @@ impl Plan {
             ("variable_read", read_longs(settings.variable_read_entries), settings.variable_read_start),
             ("variable_write", write_longs(settings.variable_write_records), settings.variable_write_start),
         ];
-        let mut top = open.end.bytes();
-        let mut placed = [open; 4];
+        let mut top = area.end.bytes();
+        let mut placed = [area; 4];
         for (region, (name, longs, start)) in placed.iter_mut().zip(rows) {
-            let outside = || outside(name, family, open);
+            let outside = || outside(name, family, area);
             let start = match start {
                 0 => {
                     top = top.checked_sub(4 * longs).ok_or_else(outside)?;
@@ -206,33 +204,32 @@ impl Plan {
                     4 * number.checked_sub(family.base).filter(|&n| n < family.length).ok_or_else(outside)?
                 }
             };
-            *region = region_at(name, start, longs, open).ok_or_else(outside)?;
+            *region = region_at(name, start, longs, area).ok_or_else(outside)?;
         }
         let [rotary_1, rotary_2, variable_read, variable_write] = placed;
-        let gather = region_at("gather", gather_start.bytes(), settings.gather_longs, open)
-            .ok_or_else(|| outside("gather", family, open))?;
-        let plan = Self {
+        let gather = region_at("gather", gather_start.bytes(), settings.gather_longs, area)
+            .ok_or_else(|| outside("gather", family, area))?;
+        let layout = Self {
             family,
             settings,
-            open,
-            firmware: Region::new("firmware", open.start, gather_start),
+            firmware: Region::new("firmware", area.start, gather_start),
             gather,
             variable_read,
             variable_write,
             rotary: [rotary_1, rotary_2],
         };
-        plan.check_overlap()?;
-        Ok(plan)
+        layout.check_overlap()?;
+        Ok(layout)
     }
 
-    fn check_overlap(&self) -> Result<(), PlanError> {
+    fn check_overlap(&self) -> Result<(), BufferLayoutError> {
         let buffers = self.buffers();
         for (index, &first) in buffers.iter().enumerate() {
             for &second in &buffers[..index] {
                 let both = first.words() > 0 && second.words() > 0;
                 if both && first.start < second.end && second.start < first.end {
                     let [first, second] = [second, first].map(|region| Extent::of(self.family, region));
-                    return Err(PlanError::Overlap { first, second });
+                    return Err(BufferLayoutError::Overlap { first, second });
                 }
             }
         }
@@ -253,7 +250,7 @@ impl Plan {
 
     /// The sizes and places it was made from.
     #[must_use]
-    pub const fn settings(&self) -> PlanSettings {
+    pub const fn settings(&self) -> BufferSettings {
         self.settings
     }
 
@@ -277,17 +274,22 @@ impl Plan {
     /// Whether a gather buffer at `start`, of `longs` rounded up to whole samples, leaves the other buffers alone.
     ///
     /// # Errors
-    /// [`PlanError`] with the buffer in the way.
-    pub fn check_gather(&self, start: HostOffset, longs: u32, sample_longs: u32) -> Result<(), PlanError> {
+    /// [`BufferLayoutError`] with the buffer in the way.
+    pub fn check_gather(
+        &self,
+        start: HostOffset,
+        longs: u32,
+        sample_longs: u32,
+    ) -> Result<(), BufferLayoutError> {
         let longs = longs.div_ceil(sample_longs.max(1)).saturating_mul(sample_longs.max(1));
-        let gather = region_at("gather", start.bytes(), longs, self.open)
-            .ok_or_else(|| outside("gather", self.family, self.open))?;
+        let gather = region_at("gather", start.bytes(), longs, self.family.user_area)
+            .ok_or_else(|| outside("gather", self.family, self.family.user_area))?;
         for other in self.buffers().into_iter().filter(|other| other.name != "gather") {
             let apart =
                 gather.end.bytes() <= other.start.bytes() || other.end.bytes() <= gather.start.bytes();
             if !apart && other.words() > 0 {
                 let (first, second) = (Extent::of(self.family, gather), Extent::of(self.family, other));
-                return Err(PlanError::Overlap { first, second });
+                return Err(BufferLayoutError::Overlap { first, second });
             }
         }
         Ok(())
@@ -315,35 +317,35 @@ impl Plan {
     /// nothing else is planned. What lies outside the DPRAM is not judged here.
     ///
     /// # Errors
-    /// [`NotOpen::Owned`], which names the first word that belongs to something else.
-    pub fn check_rotary(&self, index: usize, start: HostOffset, longs: u32) -> Result<(), NotOpen> {
+    /// [`NotUserArea::Owned`], which names the first word that belongs to something else.
+    pub fn check_rotary(&self, index: usize, start: HostOffset, longs: u32) -> Result<(), NotUserArea> {
         let own = self.rotary.get(index);
         let words = usize::try_from(longs.min(self.family.length / 4)).unwrap_or_default() * 2;
         let offsets = (0..words).map(|word| start.plus_words(word));
         let mut owners = offsets.filter_map(|offset| Some((offset, self.classify(offset)?)));
         let other = owners
-            .find(|(offset, owner)| *owner != Owner::Open && own.is_none_or(|own| !own.contains(*offset)));
+            .find(|(offset, owner)| *owner != Owner::User && own.is_none_or(|own| !own.contains(*offset)));
         match other {
             None => Ok(()),
             Some((offset, owner)) => Err(self.owned(offset, owner)),
         }
     }
 
-    /// The stretches open for other use, ascending.
+    /// What is left to the user, ascending.
     #[must_use]
-    pub fn open_regions(&self) -> Vec<Region> {
+    pub fn user_regions(&self) -> Vec<Region> {
         let mut buffers = self.buffers();
         buffers.sort_by_key(|region| region.start);
         let mut regions = Vec::new();
-        let mut next = self.open.start;
+        let mut next = self.family.user_area.start;
         for buffer in buffers.into_iter().filter(|buffer| buffer.words() > 0) {
             if next < buffer.start {
-                regions.push(Region::new("open", next, buffer.start));
+                regions.push(Region::new("user", next, buffer.start));
             }
             next = buffer.end;
         }
-        if next < self.open.end {
-            regions.push(Region::new("open", next, self.open.end));
+        if next < self.family.user_area.end {
+            regions.push(Region::new("user", next, self.family.user_area.end));
         }
         regions
     }
@@ -351,58 +353,58 @@ impl Plan {
     /// Who the word at `offset` belongs to, or `None` when it lies outside the DPRAM.
     #[must_use]
     pub fn classify(&self, offset: HostOffset) -> Option<Owner> {
-        if !self.open.contains(offset) {
+        if !self.family.user_area.contains(offset) {
             return self.family.region(offset).map(Owner::Fixed);
         }
         if self.firmware.contains(offset) {
             return Some(Owner::Firmware(self.firmware));
         }
         let buffer = self.buffers().into_iter().find(|region| region.contains(offset));
-        Some(buffer.map_or(Owner::Open, Owner::Buffer))
+        Some(buffer.map_or(Owner::User, Owner::Buffer))
     }
 
-    /// Checks that all `words` words from `first` on are open for other use.
+    /// Checks that all `words` words from `first` on are the user's.
     ///
     /// # Errors
-    /// [`NotOpen`], which names the first word that is not, its owner and what is open.
-    pub fn check_open(&self, first: HostOffset, words: usize) -> Result<(), NotOpen> {
+    /// [`NotUserArea`], which names the first word that is not, its owner and what is the user's.
+    pub fn check_user_area(&self, first: HostOffset, words: usize) -> Result<(), NotUserArea> {
         let end = u64::from(first.bytes()) + 2 * words as u64;
         if end > u64::from(self.family.length) {
-            return Err(NotOpen::Outside { offset: first.max(self.open.end) });
+            return Err(NotUserArea::Outside { offset: first.max(self.family.user_area.end) });
         }
         for offset in (0..words).map(|word| first.plus_words(word)) {
             match self.classify(offset) {
-                Some(Owner::Open) => {}
+                Some(Owner::User) => {}
                 Some(owner) => return Err(self.owned(offset, owner)),
-                None => return Err(NotOpen::Outside { offset }),
+                None => return Err(NotUserArea::Outside { offset }),
             }
         }
         Ok(())
     }
 
-    fn owned(&self, offset: HostOffset, owner: Owner) -> NotOpen {
-        let (address, owner, open) = (self.print_half(offset), owner.to_string(), self.describe_open());
-        NotOpen::Owned { offset, address, owner, open }
+    fn owned(&self, offset: HostOffset, owner: Owner) -> NotUserArea {
+        let (address, owner, user) = (self.print_half(offset), owner.to_string(), self.describe_user_area());
+        NotUserArea::Owned { offset, address, owner, user }
     }
 
     fn print_half(&self, offset: HostOffset) -> String {
         format!("{}:{}", self.family.half(offset), self.family.print_number(self.family.pmac_number(offset)))
     }
 
-    fn describe_open(&self) -> String {
+    fn describe_user_area(&self) -> String {
         let print = |number| self.family.print_number(number);
-        let extents = self.open_regions().into_iter().map(|region| Extent::of(self.family, region));
+        let extents = self.user_regions().into_iter().map(|region| Extent::of(self.family, region));
         let texts: Vec<_> =
             extents.map(|extent| format!("{}-{}", print(extent.first), print(extent.last))).collect();
         match texts.as_slice() {
-            [] => "with the present plan nothing is open for other use".to_owned(),
-            texts => format!("open for other use is {}", texts.join(", ")),
+            [] => "with the present plan nothing is left to the user".to_owned(),
+            texts => format!("the user area is {}", texts.join(", ")),
         }
     }
 }
 
-fn check_sizes(settings: &PlanSettings) -> Result<(), PlanError> {
-    let size = |buffer, size, allowed| Err(PlanError::Size { buffer, size, allowed });
+fn check_sizes(settings: &BufferSettings) -> Result<(), BufferLayoutError> {
+    let size = |buffer, size, allowed| Err(BufferLayoutError::Size { buffer, size, allowed });
     if settings.variable_read_entries as usize > VARIABLE_READ_ENTRIES {
         return size("variable_read", settings.variable_read_entries, "a table has 0 to 128 entries");
     }
@@ -426,19 +428,19 @@ const fn write_longs(records: u32) -> u32 {
     records * VARIABLE_WRITE_RECORD_WORDS as u32 / 2
 }
 
-/// The region of `longs` longs from byte `start` on, if it lies in the open area.
-fn region_at(name: &'static str, start: u32, longs: u32, open: Region) -> Option<Region> {
+/// The region of `longs` longs from byte `start` on, if it lies in the user area.
+fn region_at(name: &'static str, start: u32, longs: u32, area: Region) -> Option<Region> {
     let end = longs.checked_mul(4)?.checked_add(start)?;
-    if start < open.start.bytes() || end > open.end.bytes() {
+    if start < area.start.bytes() || end > area.end.bytes() {
         return None;
     }
     Some(Region::new(name, HostOffset::checked(start)?, HostOffset::checked(end)?))
 }
 
-fn outside(buffer: &'static str, family: &Family, open: Region) -> PlanError {
-    PlanError::Outside { buffer, open: Extent::of(family, open) }
+fn outside(buffer: &'static str, family: &Family, area: Region) -> BufferLayoutError {
+    BufferLayoutError::Outside { buffer, area: Extent::of(family, area) }
 }
 
 #[cfg(test)]
-#[path = "plan_tests.rs"]
+#[path = "buffer_layout_tests.rs"]
 mod tests;

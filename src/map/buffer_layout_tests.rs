@@ -16,53 +16,56 @@ fn at(number: u32) -> HostOffset {
 #[test]
 fn gathering_begins_where_the_firmware_has_it_and_the_rest_stays() {
     for (firmware, start, end) in [(None, 0xD200, 0xD7C0), (Some("1.16D"), 0xD240, 0xD800)] {
-        let plan = Plan::new(&layout(firmware), PlanSettings::default()).unwrap();
+        let plan = BufferLayout::new(&layout(firmware), BufferSettings::default()).unwrap();
         assert_eq!((plan.gather().start, plan.gather().end), (at(start), at(end)));
         assert_eq!(plan.rotary().map(|region| region.start), [at(0xDE00), at(0xDC00)]);
         assert_eq!((plan.variable_read().start, plan.variable_read().words()), (at(0xDA80), 768));
         assert_eq!((plan.variable_write().start, plan.variable_write().words()), (at(0xDA20), 192));
-        let open = plan.open_regions();
+        let open = plan.user_regions();
         assert_eq!(open.len(), 1);
         assert_eq!((open[0].start, open[0].end), (at(end), at(0xDA20)));
-        assert!(plan.check_open(at(0xD800), 2).is_ok());
+        assert!(plan.check_user_area(at(0xD800), 2).is_ok());
     }
 }
 
 #[test]
 fn gather_sizes_are_whole_samples() {
-    let settings = PlanSettings { gather_longs: 4000 / 2, ..PlanSettings::default() };
-    let plan = Plan::new(&layout(None), settings).unwrap();
+    let settings = BufferSettings { gather_longs: 4000 / 2, ..BufferSettings::default() };
+    let plan = BufferLayout::new(&layout(None), settings).unwrap();
     assert_eq!(plan.gather_size(3), Some(1998));
     assert_eq!(plan.gather_size(0), None);
     assert_eq!(plan.gather_size(49), None);
-    let none = PlanSettings { gather_longs: 5, ..settings };
-    assert_eq!(Plan::new(&layout(None), none).unwrap().gather_size(6), None);
+    let none = BufferSettings { gather_longs: 5, ..settings };
+    assert_eq!(BufferLayout::new(&layout(None), none).unwrap().gather_size(6), None);
 }
 
 #[test]
 fn buffers_that_overlap_are_named_with_their_addresses() {
-    let refused = |settings| Plan::new(&layout(None), settings).unwrap_err().to_string();
-    let wide = PlanSettings { gather_longs: 0x900, ..PlanSettings::default() };
+    let refused = |settings| BufferLayout::new(&layout(None), settings).unwrap_err().to_string();
+    let wide = BufferSettings { gather_longs: 0x900, ..BufferSettings::default() };
     assert_eq!(
         refused(wide),
         "gather ($D200-$DAFF) and variable_read ($DA80-$DBFF) overlap; make one of them smaller, or give it \
          another place"
     );
-    let placed = PlanSettings { variable_read_start: 0xD700, ..PlanSettings::default() };
+    let placed = BufferSettings { variable_read_start: 0xD700, ..BufferSettings::default() };
     assert!(refused(placed).starts_with("gather ($D200-$D7BF) and variable_read ($D700-$D87F) overlap"));
-    let placed = PlanSettings { rotary_start: [0, 0xDFF0], ..PlanSettings::default() };
-    assert!(refused(placed).starts_with("rotary_2 does not fit into the area open ($D200-$DFFF);"));
+    let placed = BufferSettings { rotary_start: [0, 0xDFF0], ..BufferSettings::default() };
+    assert!(refused(placed).starts_with("rotary_2 does not fit into the area user ($D200-$DFFF);"));
     for start in [0xD1FF, 0xE000, u32::MAX, 1] {
-        let placed = PlanSettings { variable_write_start: start, ..PlanSettings::default() };
+        let placed = BufferSettings { variable_write_start: start, ..BufferSettings::default() };
         assert!(refused(placed).starts_with("variable_write does not fit"), "{start:#X}");
     }
-    let huge = PlanSettings { gather_longs: u32::MAX, ..PlanSettings::default() };
+    let huge = BufferSettings { gather_longs: u32::MAX, ..BufferSettings::default() };
     assert!(refused(huge).starts_with("gather does not fit"));
     // What firmware keeps below a gather buffer it moved is not free either.
-    let below =
-        PlanSettings { variable_write_start: 0xD200, variable_write_records: 1, ..PlanSettings::default() };
+    let below = BufferSettings {
+        variable_write_start: 0xD200,
+        variable_write_records: 1,
+        ..BufferSettings::default()
+    };
     assert!(
-        Plan::new(&layout(Some("1.16D")), below)
+        BufferLayout::new(&layout(Some("1.16D")), below)
             .unwrap_err()
             .to_string()
             .starts_with("firmware ($D200-$D23F)")
@@ -72,53 +75,53 @@ fn buffers_that_overlap_are_named_with_their_addresses() {
 #[test]
 fn sizes_no_function_takes_are_refused() {
     for (settings, buffer) in [
-        (PlanSettings { variable_read_entries: 129, ..PlanSettings::default() }, "variable_read"),
-        (PlanSettings { variable_write_records: 33, ..PlanSettings::default() }, "variable_write"),
-        (PlanSettings { rotary_longs: [4, 0], ..PlanSettings::default() }, "rotary_1"),
-        (PlanSettings { rotary_longs: [0, 7], ..PlanSettings::default() }, "rotary_2"),
+        (BufferSettings { variable_read_entries: 129, ..BufferSettings::default() }, "variable_read"),
+        (BufferSettings { variable_write_records: 33, ..BufferSettings::default() }, "variable_write"),
+        (BufferSettings { rotary_longs: [4, 0], ..BufferSettings::default() }, "rotary_1"),
+        (BufferSettings { rotary_longs: [0, 7], ..BufferSettings::default() }, "rotary_2"),
     ] {
-        let error = Plan::new(&layout(None), settings).unwrap_err();
-        assert!(matches!(error, PlanError::Size { buffer: named, .. } if named == buffer), "{error}");
+        let error = BufferLayout::new(&layout(None), settings).unwrap_err();
+        assert!(matches!(error, BufferLayoutError::Size { buffer: named, .. } if named == buffer), "{error}");
     }
 }
 
 #[test]
 fn every_word_has_the_owner_the_map_gives_it() {
-    let plan = Plan::new(&layout(Some("1.16D")), PlanSettings::default()).unwrap();
+    let plan = BufferLayout::new(&layout(Some("1.16D")), BufferSettings::default()).unwrap();
     let owner = |number| plan.classify(at(number)).unwrap().to_string();
     assert_eq!(owner(0xD000), "the panel area");
     assert_eq!(owner(0xD1F5), "the pointers area");
     assert!(owner(0xD23F).starts_with("the firmware"));
     assert_eq!(owner(0xD240), "the gather buffer");
-    assert_eq!(plan.classify(at(0xD800)), Some(Owner::Open));
+    assert_eq!(plan.classify(at(0xD800)), Some(Owner::User));
     assert_eq!(owner(0xDFFF), "the rotary_1 buffer");
     assert_eq!(plan.classify(HostOffset::new(0x4000)), None);
 }
 
 #[test]
 fn what_is_not_open_is_refused_with_what_is() {
-    let plan = Plan::new(&layout(None), PlanSettings::default()).unwrap();
+    let plan = BufferLayout::new(&layout(None), BufferSettings::default()).unwrap();
     assert_eq!(
-        plan.check_open(HostOffset::new(0x0026), 1).unwrap_err().to_string(),
-        "0x0026 (X:$D009) belongs to the servo area; open for other use is $D7C0-$DA1F"
+        plan.check_user_area(HostOffset::new(0x0026), 1).unwrap_err().to_string(),
+        "0x0026 (X:$D009) belongs to the servo area; the user area is $D7C0-$DA1F"
     );
-    assert!(plan.check_open(at(0xDA1F), 2).is_ok());
-    assert!(plan.check_open(at(0xDA1F), 4).unwrap_err().to_string().contains("variable_write"));
-    assert!(matches!(plan.check_open(at(0xDFFF), 4), Err(NotOpen::Outside { .. })));
-    assert!(matches!(plan.check_open(at(0xD800), usize::MAX / 4), Err(NotOpen::Outside { .. })));
+    assert!(plan.check_user_area(at(0xDA1F), 2).is_ok());
+    assert!(plan.check_user_area(at(0xDA1F), 4).unwrap_err().to_string().contains("variable_write"));
+    assert!(matches!(plan.check_user_area(at(0xDFFF), 4), Err(NotUserArea::Outside { .. })));
+    assert!(matches!(plan.check_user_area(at(0xD800), usize::MAX / 4), Err(NotUserArea::Outside { .. })));
 }
 
 #[test]
 fn without_buffers_all_of_the_area_is_open() {
-    let settings = PlanSettings {
+    let settings = BufferSettings {
         gather_longs: 0,
         variable_read_entries: 0,
         variable_write_records: 0,
         rotary_longs: [0; 2],
-        ..PlanSettings::default()
+        ..BufferSettings::default()
     };
-    let plan = Plan::new(&layout(None), settings).unwrap();
-    assert_eq!(plan.open_regions(), [Region::new("open", at(0xD200), HostOffset::new(0x4000))]);
+    let plan = BufferLayout::new(&layout(None), settings).unwrap();
+    assert_eq!(plan.user_regions(), [Region::new("user", at(0xD200), HostOffset::new(0x4000))]);
 }
 
 proptest! {
@@ -131,22 +134,22 @@ proptest! {
         start in 0xD200u32..0xE000,
         moved in any::<bool>(),
     ) {
-        let settings = PlanSettings {
+        let settings = BufferSettings {
             gather_longs,
             variable_read_entries,
             variable_write_records,
             rotary_longs: [2 * rotary, 0],
             variable_read_start: start,
-            ..PlanSettings::default()
+            ..BufferSettings::default()
         };
         let layout = layout(moved.then_some("1.16D"));
-        if let Ok(plan) = Plan::new(&layout, settings) {
-            let open = plan.open_regions();
+        if let Ok(plan) = BufferLayout::new(&layout, settings) {
+            let open = plan.user_regions();
             for bytes in (0x0800..0x4000).step_by(2) {
                 let offset = HostOffset::new(bytes);
                 let owners = plan.buffers().iter().chain(&open).filter(|region| region.contains(offset)).count();
                 prop_assert_eq!(owners, 1);
-                let is_open = plan.classify(offset) == Some(Owner::Open);
+                let is_open = plan.classify(offset) == Some(Owner::User);
                 prop_assert_eq!(is_open, open.iter().any(|region| region.contains(offset)));
             }
         }
@@ -156,14 +159,14 @@ proptest! {
 #[test]
 fn a_gather_buffer_may_grow_up_to_the_next_buffer() {
     let layout = Layout::new(&PMAC, None);
-    let plan = Plan::new(&layout, PlanSettings::default()).unwrap();
+    let plan = BufferLayout::new(&layout, BufferSettings::default()).unwrap();
     let start = layout.gather().buffer;
     let room = (plan.variable_write().start.bytes() - start.bytes()) / 4;
     assert_eq!(plan.check_gather(start, room, 1), Ok(()));
-    assert!(matches!(plan.check_gather(start, room + 1, 1), Err(PlanError::Overlap { .. })));
+    assert!(matches!(plan.check_gather(start, room + 1, 1), Err(BufferLayoutError::Overlap { .. })));
     // Rounded up to whole samples, as the board does.
     let sample = (2..48).find(|sample| !room.is_multiple_of(*sample)).unwrap();
     assert!(plan.check_gather(start, room, sample).is_err());
-    assert!(matches!(plan.check_gather(start, u32::MAX, 7), Err(PlanError::Outside { .. })));
-    assert!(matches!(plan.check_gather(HostOffset::new(0), 10, 1), Err(PlanError::Outside { .. })));
+    assert!(matches!(plan.check_gather(start, u32::MAX, 7), Err(BufferLayoutError::Outside { .. })));
+    assert!(matches!(plan.check_gather(HostOffset::new(0), 10, 1), Err(BufferLayoutError::Outside { .. })));
 }
