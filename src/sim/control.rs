@@ -1,26 +1,9 @@
 //! The control socket's commands: what tests and demonstrations do to the simulated world. One line in, one line out.
-//!
-//! | command | effect |
-//! |---|---|
-//! | `step N` | with `--virtual`: N servo cycles, each with its background pass |
-//! | `status` | one line of JSON with the counts |
-//! | `fault NAME on\|off\|N` | see [`super::fault::Faults`] |
-//! | `reset` | as the reset switch |
-//! | `send TEXT`, `cmd TEXT` | as a program's `SEND"TEXT"`, `CMD"TEXT"` |
-//! | `limit MOTOR +\|-\|0` | opens the limit switch at one end, or closes both |
-//! | `trigger MOTOR` | a trigger pulse for homing or a jog until trigger |
-//! | `index MOTOR on\|off` | connects the encoder's index channel, the usual trigger of a homing search |
-//! | `stall MOTOR on\|off` | holds the shaft |
-//! | `poke OFFSET VALUE` | puts a word into the DPRAM as if PMAC had: a wild index, a count that is wrong |
-//! | `timer STEP` | the servo counter jumps by so many cycles, back if negative |
-//! | `tag on\|off` | the servo report carries its update's number in every field |
-//! | `time on\|off` | it carries its update's time, CLOCK_MONOTONIC in ns, as motor 1's compensation position |
-//! | `exit` | ends the simulator |
+//! [`COMMANDS`] lists them.
 
 use serde::Serialize;
 
 use crate::map::HostOffset;
-use crate::sim::board::Board;
 use crate::sim::board::motor::Inputs;
 use crate::sim::program::message::send_message;
 use crate::sim::world::World;
@@ -95,62 +78,186 @@ pub fn execute(world: &mut World, line: &str, virtual_time: bool) -> Answer {
     answer(world, line.trim(), virtual_time).unwrap_or_else(|error| Answer::Line(format!("error: {error}")))
 }
 
+/// A command line, taken apart.
+struct Call<'a> {
+    world: &'a mut World,
+    arguments: &'a [&'a str],
+    /// What stands behind the command's word.
+    rest: &'a str,
+    virtual_time: bool,
+}
+
+/// A command of the control socket.
+pub struct Command {
+    /// How it is typed.
+    pub form: &'static str,
+    /// What it does.
+    pub effect: &'static str,
+    /// `None`: the arguments are not what the form says.
+    carry_out: fn(Call) -> Option<Result<Answer, String>>,
+}
+
+impl Command {
+    fn word(&self) -> &'static str {
+        self.form.split(' ').next().unwrap_or(self.form)
+    }
+}
+
+/// `ok`, or what went wrong.
+fn done(result: Result<(), String>) -> Option<Result<Answer, String>> {
+    Some(result.map(|()| Answer::Line("ok".into())))
+}
+
+/// Every command.
+pub static COMMANDS: &[Command] = &[
+    Command {
+        form: "step N",
+        effect: "runs N servo cycles, each with its background pass; only with --virtual",
+        carry_out: step,
+    },
+    Command {
+        form: "status",
+        effect: "answers the counts as one line of JSON",
+        carry_out: |call| call.arguments.is_empty().then(|| Ok(Answer::Line(status(call.world)))),
+    },
+    Command {
+        form: "fault NAME on|off|N",
+        effect: "sets a fault or takes it back",
+        carry_out: |call| {
+            let &[name, value] = call.arguments else { return None };
+            let ms = call.world.board.cycle_ms();
+            done(call.world.board.faults.set(name, value, ms))
+        },
+    },
+    Command {
+        form: "reset",
+        effect: "acts as the reset switch",
+        carry_out: |call| {
+            call.arguments.is_empty().then(|| call.world.reset())?;
+            done(Ok(()))
+        },
+    },
+    Command {
+        form: "send TEXT",
+        effect: "acts as SEND\"TEXT\" of a program",
+        carry_out: |call| {
+            send_message(&mut call.world.board, call.rest);
+            done(Ok(()))
+        },
+    },
+    Command {
+        form: "cmd TEXT",
+        effect: "acts as CMD\"TEXT\" of a program",
+        carry_out: |call| {
+            call.world.command_message(call.rest);
+            done(Ok(()))
+        },
+    },
+    Command {
+        form: "limit MOTOR +|-|0",
+        effect: "opens the limit switch at one end, or closes both",
+        carry_out: |call| {
+            let &[motor, end @ ("+" | "-" | "0")] = call.arguments else { return None };
+            done(inputs(call.world, motor).map(|inputs| {
+                inputs.positive_limit = end == "+";
+                inputs.negative_limit = end == "-";
+            }))
+        },
+    },
+    Command {
+        form: "trigger MOTOR",
+        effect: "gives a trigger pulse for homing or a jog until trigger",
+        carry_out: |call| {
+            let &[motor] = call.arguments else { return None };
+            done(inputs(call.world, motor).map(|inputs| inputs.trigger = true))
+        },
+    },
+    Command {
+        form: "index MOTOR on|off",
+        effect: "connects the encoder's index channel, the usual trigger of a homing search",
+        carry_out: |call| {
+            let &[motor, state] = call.arguments else { return None };
+            done(on(state).and_then(|on| inputs(call.world, motor).map(|inputs| inputs.no_index = !on)))
+        },
+    },
+    Command {
+        form: "stall MOTOR on|off",
+        effect: "holds the shaft",
+        carry_out: |call| {
+            let &[motor, state] = call.arguments else { return None };
+            done(on(state).and_then(|on| inputs(call.world, motor).map(|inputs| inputs.stalled = on)))
+        },
+    },
+    Command {
+        form: "poke OFFSET VALUE",
+        effect: "puts a word into the DPRAM as if PMAC had: a wild index, a count that is wrong",
+        carry_out: poke,
+    },
+    Command {
+        form: "timer STEP",
+        effect: "moves the servo counter by so many cycles, back if negative",
+        carry_out: |call| {
+            let &[step] = call.arguments else { return None };
+            let Ok(step) = step.parse() else {
+                return Some(Err(format!("timer takes a number of cycles, not {step:?}")));
+            };
+            let board = &mut call.world.board;
+            let count = board.servo_counter().wrapping_add_signed(step);
+            board.memory.write(board.memory.registers().servo_counter, count);
+            done(Ok(()))
+        },
+    },
+    Command {
+        form: "tag on|off",
+        effect: "puts the update's number into every field of the servo report",
+        carry_out: |call| {
+            let &[state] = call.arguments else { return None };
+            done(on(state).map(|on| call.world.report.tag = on))
+        },
+    },
+    Command {
+        form: "time on|off",
+        effect: "puts the update's time, CLOCK_MONOTONIC in ns, into motor 1's compensation position",
+        carry_out: |call| {
+            let &[state] = call.arguments else { return None };
+            done(on(state).map(|on| call.world.report.time = on))
+        },
+    },
+    Command {
+        form: "exit",
+        effect: "ends the simulator",
+        carry_out: |call| call.arguments.is_empty().then_some(Ok(Answer::Exit)),
+    },
+];
+
 fn answer(world: &mut World, line: &str, virtual_time: bool) -> Result<Answer, String> {
     let (word, rest) = line.split_once(' ').unwrap_or((line, ""));
     let arguments: Vec<&str> = rest.split_whitespace().collect();
-    let board = &mut world.board;
-    match (word, arguments.as_slice()) {
-        ("step", _) if !virtual_time => {
-            return Err("step needs a simulator started with --virtual".into());
-        }
-        ("step", [count]) => {
-            let steps = count.parse().ok().filter(|steps| (0..=MOST_STEPS).contains(steps));
-            return steps
-                .map(Answer::Step)
-                .ok_or(format!("step takes 0 to {MOST_STEPS} cycles, not {count:?}"));
-        }
-        ("status", []) => return Ok(Answer::Line(status(world))),
-        ("fault", [name, value]) => {
-            let ms = board.cycle_ms();
-            board.faults.set(name, value, ms)?;
-        }
-        ("reset", []) => {
-            world.reset();
-        }
-        ("send", _) => send_message(board, rest),
-        ("cmd", _) => world.command_message(rest),
-        ("limit", [motor, end @ ("+" | "-" | "0")]) => {
-            let inputs = inputs(board, motor)?;
-            inputs.positive_limit = *end == "+";
-            inputs.negative_limit = *end == "-";
-        }
-        ("trigger", [motor]) => inputs(board, motor)?.trigger = true,
-        ("index", [motor, state]) => inputs(board, motor)?.no_index = !on(state)?,
-        ("stall", [motor, state]) => inputs(board, motor)?.stalled = on(state)?,
-        ("poke", [offset, value]) => {
-            let number = |text: &str| u16::from_str_radix(text.trim_start_matches("0x"), 16);
-            let (Ok(offset), Ok(value)) = (number(offset), number(value)) else {
-                return Err(format!("poke takes two hexadecimal words, not {rest:?}"));
-            };
-            board.memory.dpram.write16(HostOffset::new((offset & !1).into()), value);
-        }
-        ("timer", [step]) => {
-            let step: i32 =
-                step.parse().map_err(|_| format!("timer takes a number of cycles, not {step:?}"))?;
-            let count = board.servo_counter().wrapping_add_signed(step);
-            board.memory.write(board.memory.registers().servo_counter, count);
-        }
-        ("tag", [state]) => world.report.tag = on(state)?,
-        ("time", [state]) => world.report.time = on(state)?,
-        ("exit", []) => return Ok(Answer::Exit),
-        _ => {
-            return Err(format!(
-                "cannot do {line:?}; commands: step N, status, fault NAME on|off|N, reset, send TEXT, cmd TEXT, \
-                 limit MOTOR +|-|0, trigger MOTOR, index MOTOR on|off, stall MOTOR on|off, poke OFFSET VALUE, timer STEP, tag on|off, time on|off, exit"
-            ));
-        }
+    let call = Call { world, arguments: &arguments, rest, virtual_time };
+    let command = COMMANDS.iter().find(|command| command.word() == word);
+    command.and_then(|command| (command.carry_out)(call)).unwrap_or_else(|| {
+        let forms: Vec<_> = COMMANDS.iter().map(|command| command.form).collect();
+        Err(format!("cannot do {line:?}; commands: {}", forms.join(", ")))
+    })
+}
+
+fn step(call: Call) -> Option<Result<Answer, String>> {
+    if !call.virtual_time {
+        return Some(Err("step needs a simulator started with --virtual".into()));
     }
-    Ok(Answer::Line("ok".into()))
+    let &[count] = call.arguments else { return None };
+    let steps = count.parse().ok().filter(|steps| (0..=MOST_STEPS).contains(steps));
+    Some(steps.map(Answer::Step).ok_or(format!("step takes 0 to {MOST_STEPS} cycles, not {count:?}")))
+}
+
+fn poke(call: Call) -> Option<Result<Answer, String>> {
+    let &[offset, value] = call.arguments else { return None };
+    let number = |text: &str| u16::from_str_radix(text.trim_start_matches("0x"), 16);
+    let (Ok(offset), Ok(value)) = (number(offset), number(value)) else {
+        return Some(Err(format!("poke takes two hexadecimal words, not {:?}", call.rest)));
+    };
+    call.world.board.memory.dpram.write16(HostOffset::new((offset & !1).into()), value);
+    done(Ok(()))
 }
 
 fn on(state: &str) -> Result<bool, String> {
@@ -161,10 +268,39 @@ fn on(state: &str) -> Result<bool, String> {
     }
 }
 
-fn inputs<'a>(board: &'a mut Board, motor: &str) -> Result<&'a mut Inputs, String> {
+fn inputs<'a>(world: &'a mut World, motor: &str) -> Result<&'a mut Inputs, String> {
     let number: Option<usize> = motor.parse().ok();
     number
         .and_then(|number| number.checked_sub(1))
-        .and_then(|index| board.inputs(index))
+        .and_then(|index| world.board.inputs(index))
         .ok_or_else(|| format!("no motor {motor:?}"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sim::testing::Bench;
+
+    #[test]
+    fn each_command_of_the_list_is_taken_as_its_form_says() {
+        for command in COMMANDS {
+            let mut bench = Bench::started();
+            let line = command
+                .form
+                .replace("NAME on|off|N", "servo_silent on")
+                .replace("MOTOR", "1")
+                .replace("+|-|0", "+")
+                .replace("on|off", "on")
+                .replace("OFFSET VALUE", "0x0A00 5")
+                .replace("STEP", "-3")
+                .replace(" N", " 2");
+            let Answer::Line(answer) = execute(&mut bench.world, &line, true) else { continue };
+            assert!(!answer.starts_with("error"), "{line}: {answer}");
+            // Only texts may be empty.
+            if command.form.contains(' ') && !command.form.ends_with("TEXT") {
+                let Answer::Line(answer) = execute(&mut bench.world, command.word(), true) else { panic!() };
+                assert!(answer.contains(command.form), "{answer}");
+            }
+        }
+    }
 }

@@ -79,67 +79,181 @@ impl Faults {
     /// # Errors
     /// What is wrong with `name` or `value`, in words.
     pub fn set(&mut self, name: &str, value: &str, ms_per_cycle: f64) -> Result<(), String> {
-        let switch = || match value {
-            "on" => Ok(true),
-            "off" | "0" => Ok(false),
-            _ => Err(format!("fault {name} takes on or off, not {value:?}")),
+        let Some(fault) = faults().find(|fault| fault.name == name) else {
+            let names: Vec<_> = faults().map(|fault| fault.name).collect();
+            return Err(format!("no fault {name:?}; there are {}", names.join(", ")));
         };
-        let count = || match value {
-            "on" => Ok(u64::MAX),
-            "off" => Ok(0),
-            _ => value.parse().map_err(|_| format!("fault {name} takes on, off or a number, not {value:?}")),
+        let count = |on: u64| match value {
+            "on" => Some(on),
+            "off" => Some(0),
+            _ => value.parse().ok(),
         };
-        match name {
-            "servo_busy_stuck" => self.servo_busy_stuck = switch()?,
-            "servo_silent" => self.servo_silent = switch()?,
-            "background_stuck" => self.background_stuck = switch()?,
-            "ascii_deaf" => self.ascii_deaf = switch()?,
-            "ascii_no_reply" => self.ascii_no_reply = switch()?,
-            "ascii_late_ack" => {
-                self.ascii_late_ack = match value.strip_suffix("ms").map(str::parse::<f64>) {
-                    Some(Ok(ms)) if ms >= 0.0 => (ms / ms_per_cycle).ceil() as u64,
-                    Some(_) => {
-                        return Err(format!("fault {name} takes a number of cycles or Nms, not {value:?}"));
-                    }
-                    None => count()?,
-                }
+        let taken = match fault.place {
+            Place::Switch(place) => match value {
+                "on" => Some(true),
+                "off" | "0" => Some(false),
+                _ => None,
             }
-            "ascii_torn" => self.ascii_torn = switch()?,
-            "ascii_repeat" => self.ascii_repeat = switch()?,
-            "ascii_count" => self.ascii_count = if value == "off" { None } else { Some(count()? as u16) },
-            "lost_interrupt" => self.lost_interrupts = count()?,
-            "spurious_interrupt" => self.spurious_interrupts = if value == "on" { 1 } else { count()? },
-            "all_ones" => self.all_ones = switch()?,
-            "all_zeros" => self.all_zeros = switch()?,
-            "host_port_stuck" => self.host_port_stuck = switch()?,
-            _ => match name.rsplit_once('_').map(|(function, kind)| (self.function(function), kind)) {
-                Some((Some(fault), "stuck")) => fault.stuck = switch()?,
-                Some((Some(fault), "torn")) => fault.torn = switch()?,
-                Some((Some(fault), "late")) => fault.late = count()?,
-                _ => {
-                    return Err(format!(
-                        "no fault {name:?}; there are servo_busy_stuck, servo_silent, background_stuck, ascii_deaf, \
-                         ascii_no_reply, ascii_late_ack, ascii_torn, ascii_repeat, ascii_count, lost_interrupt, \
-                         spurious_interrupt, all_ones, all_zeros, host_port_stuck, and _stuck, _late, _torn of panel, variable_read, variable_write, rotary, \
-                         mailbox"
-                    ));
+            .map(|on| *place(self) = on),
+            Place::Count { place, on } => count(on).map(|count| *place(self) = count),
+            Place::Cycles(place) => match value.strip_suffix("ms") {
+                Some(ms) => {
+                    let ms = ms.parse().ok().filter(|ms: &f64| *ms >= 0.0);
+                    ms.map(|ms| (ms / ms_per_cycle).ceil() as u64)
                 }
-            },
-        }
-        Ok(())
+                None => count(u64::MAX),
+            }
+            .map(|cycles| *place(self) = cycles),
+            Place::Instead(place) => match value {
+                "off" => Some(None),
+                _ => value.parse().ok().map(Some),
+            }
+            .map(|number| *place(self) = number),
+        };
+        taken.ok_or_else(|| format!("fault {name} takes {}, not {value:?}", fault.values()))
     }
+}
 
-    fn function(&mut self, name: &str) -> Option<&mut FunctionFault> {
-        match name {
-            "panel" => Some(&mut self.panel),
-            "variable_read" => Some(&mut self.variable_read),
-            "variable_write" => Some(&mut self.variable_write),
-            "rotary" => Some(&mut self.rotary),
-            "mailbox" => Some(&mut self.mailbox),
-            _ => None,
+/// Where a fault stands in [`Faults`], and so which values it takes.
+#[derive(Clone, Copy)]
+enum Place {
+    Switch(fn(&mut Faults) -> &mut bool),
+    /// So many times; `on` is so many.
+    Count {
+        place: fn(&mut Faults) -> &mut u64,
+        on: u64,
+    },
+    /// So many cycles, or milliseconds.
+    Cycles(fn(&mut Faults) -> &mut u64),
+    /// A number in place of the true one.
+    Instead(fn(&mut Faults) -> &mut Option<u16>),
+}
+
+/// A fault that can be set by its name.
+pub struct Fault {
+    /// The name.
+    pub name: &'static str,
+    /// What goes wrong.
+    pub effect: &'static str,
+    place: Place,
+}
+
+impl Fault {
+    /// The values it takes, in words.
+    #[must_use]
+    pub const fn values(&self) -> &'static str {
+        match self.place {
+            Place::Switch(_) => "on or off",
+            Place::Count { .. } => "on, off or a number",
+            Place::Cycles(_) => "on, off, a number of cycles or Nms",
+            Place::Instead(_) => "off or a number",
         }
     }
 }
+
+/// Every fault.
+pub fn faults() -> impl Iterator<Item = &'static Fault> {
+    FAULTS.iter().copied().flatten()
+}
+
+const fn switch(name: &'static str, effect: &'static str, place: fn(&mut Faults) -> &mut bool) -> Fault {
+    Fault { name, effect, place: Place::Switch(place) }
+}
+
+const fn count(
+    name: &'static str,
+    effect: &'static str,
+    on: u64,
+    place: fn(&mut Faults) -> &mut u64,
+) -> Fault {
+    Fault { name, effect, place: Place::Count { place, on } }
+}
+
+/// The three faults of a function that works by a flag in the background pass.
+macro_rules! function {
+    ($function:ident, $title:literal, $torn:literal) => {
+        &[
+            switch(concat!(stringify!($function), "_stuck"), concat!($title, " does nothing"), |faults| {
+                &mut faults.$function.stuck
+            }),
+            count(
+                concat!(stringify!($function), "_late"),
+                concat!($title, " acts so many background passes late"),
+                u64::MAX,
+                |faults| &mut faults.$function.late,
+            ),
+            switch(concat!(stringify!($function), "_torn"), $torn, |faults| &mut faults.$function.torn),
+        ]
+    };
+}
+
+static FAULTS: &[&[Fault]] = &[
+    &[
+        switch(
+            "servo_busy_stuck",
+            "PMAC-Busy of the servo report stays set, and nothing more is written",
+            |f| &mut f.servo_busy_stuck,
+        ),
+        switch("servo_silent", "the servo report stands still", |f| &mut f.servo_silent),
+        switch("background_stuck", "the background report stands still", |f| &mut f.background_stuck),
+        switch("ascii_deaf", "lines and control characters in the DPRAM are not taken", |f| {
+            &mut f.ascii_deaf
+        }),
+        switch("ascii_no_reply", "lines are taken and executed, but no response comes", |f| {
+            &mut f.ascii_no_reply
+        }),
+        Fault {
+            name: "ascii_late_ack",
+            effect: "the closing <ACK> comes so late",
+            place: Place::Cycles(|f| &mut f.ascii_late_ack),
+        },
+        switch("ascii_torn", "a response's control word comes before the second half of its text", |f| {
+            &mut f.ascii_torn
+        }),
+        switch("ascii_repeat", "every response comes twice", |f| &mut f.ascii_repeat),
+        Fault {
+            name: "ascii_count",
+            effect: "the character count of a response says this number",
+            place: Place::Instead(|f| &mut f.ascii_count),
+        },
+        count("lost_interrupt", "so many interrupts are not raised", u64::MAX, |f| &mut f.lost_interrupts),
+        count("spurious_interrupt", "so many interrupts come with nothing behind them", 1, |f| {
+            &mut f.spurious_interrupts
+        }),
+        switch("all_ones", "every word of the DPRAM reads all ones", |f| &mut f.all_ones),
+        switch("all_zeros", "every word of the DPRAM reads zero", |f| &mut f.all_zeros),
+        switch(
+            "host_port_stuck",
+            "the interrupt controller takes no end of interrupt and no clearing",
+            |f| &mut f.host_port_stuck,
+        ),
+    ],
+    function!(
+        panel,
+        "the control panel",
+        "the panel's mask is cleared before the second half of the requests is acted on"
+    ),
+    function!(
+        variable_read,
+        "the background variable read",
+        "variables are ready before the second half of the data is there"
+    ),
+    function!(
+        variable_write,
+        "the background variable write",
+        "the count is cleared before the second half of the records is written"
+    ),
+    function!(
+        rotary,
+        "the binary rotary transfer",
+        "PMAC's rotary index stops in the middle of a line for a pass"
+    ),
+    function!(
+        mailbox,
+        "the mailbox port",
+        "the response's interrupt comes before the second half of its characters"
+    ),
+];
 
 #[cfg(test)]
 mod tests {
@@ -178,6 +292,33 @@ mod tests {
             ("x", "on"),
         ] {
             assert!(faults.set(name, value, 0.5).is_err(), "{name} {value}");
+        }
+    }
+
+    #[test]
+    fn each_fault_of_the_list_is_set_and_taken_back() {
+        for fault in faults() {
+            let mut set = Faults::default();
+            set.set(fault.name, "on", 1.0).or_else(|_| set.set(fault.name, "3", 1.0)).unwrap();
+            assert_ne!(set, Faults::default(), "{}", fault.name);
+            set.set(fault.name, "off", 1.0).unwrap();
+            assert_eq!(set, Faults::default(), "{}", fault.name);
+        }
+    }
+
+    #[test]
+    fn the_list_has_every_fault_there_is() {
+        // A field that no fault of the list sets stays as it was.
+        let mut all = Faults::default();
+        for fault in faults() {
+            let _ = all.set(fault.name, "on", 1.0).or_else(|_| all.set(fault.name, "3", 1.0));
+        }
+        let fields = |faults: &Faults| {
+            let text = format!("{faults:?}").replace("FunctionFault {", "");
+            text.split(", ").map(str::to_owned).collect::<Vec<_>>()
+        };
+        for (set, unset) in fields(&all).iter().zip(fields(&Faults::default())) {
+            assert_ne!(*set, unset);
         }
     }
 }

@@ -5,6 +5,8 @@ use std::collections::HashMap;
 use pmac_dpram::function::panel::PanelAction;
 use pmac_dpram::map::{FAMILIES, PMAC};
 use pmac_dpram::protocol::{BackgroundSettings, Function, ServoSettings};
+use pmac_dpram::sim::control::COMMANDS;
+use pmac_dpram::sim::fault::faults;
 
 #[path = "../man/command.rs"]
 mod command;
@@ -167,4 +169,22 @@ fn the_configurations_page_has_every_key_of_the_example() {
         .join("\n");
     let written: toml::Table = text.parse().unwrap();
     assert!(written.contains_key("roles") && written["servo"]["motors"].is_array());
+}
+
+#[test]
+fn the_simulators_page_explains_every_fault_and_control_line() {
+    let pages = pages();
+    let explained = |title: &str, name: &str, what: &str| {
+        let text = section(&pages["pmac-sim.1"], title);
+        let line = text.split(".TP\n").find_map(|entry| entry.strip_prefix(&format!("{name}\n")));
+        let line = line.unwrap_or_else(|| panic!("no {name}: {text}"));
+        // The page begins it with a capital letter.
+        assert!(line.replace("\\(aq", "'").contains(&what[1..]), "{name}: {line}");
+    };
+    for command in COMMANDS {
+        explained("CONTROL SOCKET", command.form, command.effect);
+    }
+    for fault in faults() {
+        explained("FAULTS", fault.name, fault.effect);
+    }
 }

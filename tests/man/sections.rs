@@ -9,6 +9,8 @@ use pmac_dpram::map::{FAMILIES, Generation, Layout, PMAC};
 use pmac_dpram::protocol::{BackgroundSettings, Function, ServoSettings};
 use pmac_dpram::rotary::Settings;
 use pmac_dpram::setup::enable;
+use pmac_dpram::sim::control::COMMANDS;
+use pmac_dpram::sim::fault::faults;
 
 use super::roff::{Page, bold};
 
@@ -82,6 +84,46 @@ fn rotary_settings() -> Names {
         about,
         defaults.map(|(name, value)| format!("{name}={}", value.to_string().replace('"', ""))),
     )
+}
+
+/// What may be typed, with what each of it does.
+pub struct Entries {
+    /// Its heading.
+    pub title: &'static str,
+    /// What it is a list of.
+    pub about: &'static str,
+    /// How each is typed, and what it does.
+    pub entries: Vec<(&'static str, String)>,
+}
+
+/// The explained lists on a page.
+pub fn entries(page: &str) -> Vec<Entries> {
+    match page {
+        "pmac-sim" => vec![
+            Entries {
+                title: "CONTROL SOCKET",
+                about: "What the socket of --control takes, a line in and a line out. Numbers of motors begin at 1.",
+                entries: COMMANDS
+                    .iter()
+                    .map(|command| (command.form, format!("{}.", capital(command.effect))))
+                    .collect(),
+            },
+            Entries {
+                title: "FAULTS",
+                about: "What `fault` on the control socket takes. A fault lasts until it is taken back.",
+                entries: faults()
+                    .map(|fault| (fault.name, format!("{}: {}.", capital(fault.values()), fault.effect)))
+                    .collect(),
+            },
+        ],
+        _ => Vec::new(),
+    }
+}
+
+/// The text with a capital first letter.
+fn capital(text: &str) -> String {
+    let (first, rest) = text.split_at(1);
+    first.to_uppercase() + rest
 }
 
 /// The lists on a page.
@@ -306,6 +348,13 @@ pub fn complete(page: &mut Page, name: &str) {
         page.text(about);
         page.paragraph();
         page.markup(&(names.iter().map(|name| bold(name)).collect::<Vec<_>>().join(", ") + "."));
+    }
+    for Entries { title, about, entries } in entries(name) {
+        page.section(title);
+        page.text(about);
+        for (typed, about) in entries {
+            page.entry(&bold(typed), &about);
+        }
     }
     page.section("EXAMPLES");
     for (about, lines) in examples(name) {
