@@ -49,7 +49,7 @@ pub use cursor::Cursor;
 pub use freshness::Staleness;
 pub use info::{Condition, HeaderInfo, RegionInfo};
 pub use layout::{ClockKind, RegionId, RegionState, State};
-#[cfg(test)]
+#[cfg(all(test, feature = "client"))]
 pub(crate) use lock::KERNEL_ASKED;
 pub use name::SegmentName;
 pub use payload::blocks::BlockPlace;
