@@ -1,12 +1,17 @@
 //! The command socket's place in the file system: made with its mode and group complete, taken over from a dead daemon,
 //! never from a living one, removed at the end.
 
+use std::fs::DirBuilder;
 use std::io;
-use std::os::fd::AsFd;
-use std::os::unix::fs::{FileTypeExt, MetadataExt, PermissionsExt, chown};
+use std::os::fd::{AsFd, AsRawFd, OwnedFd};
+use std::os::unix::fs::{DirBuilderExt, FileTypeExt, MetadataExt};
 use std::os::unix::net::{UnixListener, UnixStream};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
+
+use nix::fcntl::{AT_FDCWD, AtFlags, OFlag, renameat};
+use nix::sys::stat::{FchmodatFlags, Mode, fchmodat, fstat, fstatat};
+use nix::unistd::{Gid, UnlinkatFlags, fchownat, unlinkat};
 
 use super::policy::{PolicyError, group_id};
 use crate::protocol::transport::connect;
@@ -67,6 +72,73 @@ impl Drop for OwnFile {
     }
 }
 
+/// A directory beside the socket's place, of this user alone, in which the socket is made: nobody finds it with the wrong
+/// mode or group, and a dead daemon's file goes in the step that moves it into place.
+///
+/// Its descriptor leads into it, not its name. Whoever may write to the directory around it could put a link under any
+/// name there, and would have root change the mode of a file of his choice.
+struct Workshop {
+    name: PathBuf,
+    directory: OwnedFd,
+}
+
+/// What the socket is called in there.
+const SOCKET: &str = "s";
+/// How many names are tried: one that a dead process of this number left is passed over.
+const NAMES: u32 = 16;
+
+impl Workshop {
+    fn beside(path: &Path) -> io::Result<Self> {
+        let name = |attempt: u32| {
+            let mut name = path.as_os_str().to_owned();
+            name.push(format!(".{}.{attempt}", std::process::id()));
+            PathBuf::from(name)
+        };
+        let mut made = Err(io::ErrorKind::AlreadyExists.into());
+        for name in (0..NAMES).map(name) {
+            made = DirBuilder::new().mode(0o700).create(&name).map(|()| name);
+            if !made.as_ref().is_err_and(|error| error.kind() == io::ErrorKind::AlreadyExists) {
+                break;
+            }
+        }
+        let name = made?;
+        let flags = OFlag::O_PATH | OFlag::O_DIRECTORY | OFlag::O_NOFOLLOW | OFlag::O_CLOEXEC;
+        let directory = nix::fcntl::open(&name, flags, Mode::empty())?;
+        let workshop = Self { name, directory };
+        let found = fstat(&workshop.directory)?;
+        if found.st_uid != nix::unistd::geteuid().as_raw() || found.st_mode & 0o077 != 0 {
+            return Err(io::Error::other("somebody put another directory in its place"));
+        }
+        Ok(workshop)
+    }
+
+    fn bind(&self) -> io::Result<UnixListener> {
+        UnixListener::bind(format!("/proc/self/fd/{}/{SOCKET}", self.directory.as_raw_fd()))
+    }
+
+    /// Sets mode and group; tells device and inode.
+    fn finish(&self, mode: u32, group: Option<Gid>) -> io::Result<(u64, u64)> {
+        let made = fstatat(&self.directory, SOCKET, AtFlags::AT_SYMLINK_NOFOLLOW)?;
+        // A service may be forbidden the call that it does not need.
+        if let Some(group) = group.filter(|group| group.as_raw() != made.st_gid) {
+            fchownat(&self.directory, SOCKET, None, Some(group), AtFlags::AT_SYMLINK_NOFOLLOW)?;
+        }
+        fchmodat(&self.directory, SOCKET, Mode::from_bits_truncate(mode), FchmodatFlags::FollowSymlink)?;
+        Ok((made.st_dev, made.st_ino))
+    }
+
+    fn move_to(&self, path: &Path) -> io::Result<()> {
+        Ok(renameat(&self.directory, SOCKET, AT_FDCWD, path)?)
+    }
+}
+
+impl Drop for Workshop {
+    fn drop(&mut self) {
+        let _ = unlinkat(&self.directory, SOCKET, UnlinkatFlags::NoRemoveDir);
+        let _ = std::fs::remove_dir(&self.name);
+    }
+}
+
 impl Listener {
     /// Listens at `path` with the given mode and, when named, group. A socket that a dead daemon left is replaced.
     ///
@@ -93,27 +165,11 @@ impl Listener {
         let group = group.map(group_id).transpose();
         let group = group.map_err(|source| ListenError::Group { path: path.to_owned(), source })?;
 
-        // Made under another name and moved into place, so that nobody finds it with the wrong mode or group, and a
-        // dead daemon's file goes in the same step.
-        let mut temporary = path.as_os_str().to_owned();
-        temporary.push(format!(".{}", std::process::id()));
-        let temporary = PathBuf::from(temporary);
-        let _ = std::fs::remove_file(&temporary);
-        let socket = UnixListener::bind(&temporary).map_err(fault("creating the socket"))?;
-        let own = OwnFile {
-            identity: identity(&temporary).map_err(fault("creating the socket"))?,
-            path: temporary.clone(),
-        };
-        let made = temporary.symlink_metadata().map_err(fault("setting its group"))?;
-        // A service may be forbidden the call that it does not need.
-        if let Some(group) = group.filter(|group| group.as_raw() != made.gid()) {
-            chown(&temporary, None, Some(group.as_raw())).map_err(fault("setting its group"))?;
-        }
-        let permissions = std::fs::Permissions::from_mode(mode);
-        std::fs::set_permissions(&temporary, permissions).map_err(fault("setting its mode"))?;
-        std::fs::rename(&temporary, path).map_err(fault("moving the socket into place"))?;
-        let file = OwnFile { path: path.to_owned(), identity: own.identity };
-        drop(own);
+        let workshop = Workshop::beside(path).map_err(fault("making a directory to create the socket in"))?;
+        let socket = workshop.bind().map_err(fault("creating the socket"))?;
+        let identity = workshop.finish(mode, group).map_err(fault("setting its mode and group"))?;
+        workshop.move_to(path).map_err(fault("moving the socket into place"))?;
+        let file = OwnFile { path: path.to_owned(), identity };
         socket.set_nonblocking(true).map_err(fault("preparing the socket"))?;
         Ok(Self { socket, file: Some(file) })
     }
@@ -149,6 +205,8 @@ impl AsFd for Listener {
 
 #[cfg(test)]
 mod tests {
+    use std::os::unix::fs::PermissionsExt;
+
     use super::*;
 
     fn mode(path: &Path) -> u32 {
@@ -192,6 +250,28 @@ mod tests {
         let link = directory.path().join("link");
         std::os::unix::fs::symlink(&path, &link).unwrap();
         assert!(matches!(Listener::bind(&link, 0o600, None), Err(ListenError::Foreign(_))));
+    }
+
+    /// As root did before, for whoever owned the directory.
+    #[test]
+    fn the_mode_of_nothing_else_is_set_whatever_is_put_in_the_way() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("pmac0.sock");
+        let workshop = Workshop::beside(&path).unwrap();
+        let trap = directory.path().join("trap");
+        std::fs::create_dir(&trap).unwrap();
+        std::fs::write(trap.join(SOCKET), "somebody else's").unwrap();
+        std::fs::set_permissions(trap.join(SOCKET), std::fs::Permissions::from_mode(0o600)).unwrap();
+        std::fs::rename(&workshop.name, directory.path().join("away")).unwrap();
+        std::os::unix::fs::symlink(&trap, &workshop.name).unwrap();
+        let _socket = workshop.bind().unwrap();
+        workshop.finish(0o666, None).unwrap();
+        workshop.move_to(&path).unwrap();
+        assert_eq!((mode(&trap.join(SOCKET)), mode(&path)), (0o600, 0o666));
+        // A directory that others may enter is none to work in.
+        let opened = directory.path().join(format!("x.{}.0", std::process::id()));
+        std::fs::create_dir(&opened).unwrap();
+        assert_ne!(Workshop::beside(&directory.path().join("x")).unwrap().name, opened);
     }
 
     #[test]
