@@ -53,7 +53,7 @@ fn boards_are_found_with_what_to_write_and_what_is_in_the_way() {
     mode(0o660);
     let ran = look("--boards");
     assert!(ran.stdout.contains("warn  candidate     likely uio:/dev/uio0"), "{ran:?}");
-    assert!(ran.stdout.contains("others than its owner may write /dev/uio0 (mode 0660"), "{ran:?}");
+    assert!(ran.stdout.contains("others than root and pmacd may open /dev/uio0 (mode 0660"), "{ran:?}");
 }
 
 #[test]

@@ -44,7 +44,7 @@ pub struct Candidate {
     pub usable: bool,
     /// Whether the service alone may, as it should be.
     pub reserved: bool,
-    /// Whether others than its owner may write to it, past every role of the command socket.
+    /// Whether others than root, the service and this user may open it, past every role of the command socket.
     pub exposed: bool,
     /// What is in the way, or would be better, each with what to do.
     pub hints: Vec<String>,
@@ -124,7 +124,7 @@ fn of_uio(system: &System, info: &UioInfo) -> Option<Candidate> {
             "to give it to the service alone, install the package and run udevadm trigger -s uio".to_owned(),
             None,
         ),
-        Certainty::Maybe => (rule_hint(), Some(rule_for_window(map))),
+        Certainty::Maybe => (rule_hint("uio"), Some(rule_for_window(map))),
     };
     let found = Candidate::new(system, spec, certainty, what, &[(node_of(info), cure)])
         .with_driver(Some(info.name.clone()));
@@ -135,7 +135,7 @@ fn of_uio(system: &System, info: &UioInfo) -> Option<Candidate> {
 fn of_vme(system: &System, name: &str) -> Candidate {
     let node = format!("{VME_WINDOWS}/{name}");
     let what = "a window of a VME bridge".to_owned();
-    Candidate::new(system, format!("vme:{node}"), Certainty::Maybe, what, &[(node, rule_hint())])
+    Candidate::new(system, format!("vme:{node}"), Certainty::Maybe, what, &[(node, rule_hint("vme_user"))])
         .with_rule(rule_for_vme(name))
 }
 
@@ -158,7 +158,7 @@ fn of_pci(system: &System, device: &PciInfo, uio: Option<&UioInfo>) -> Option<Ca
     );
     // A UIO device that shows this very BAR needs no privilege beyond its node's.
     let map = uio.and_then(|info| Some((info, info.maps.iter().find(|map| map.address == bar.range.start)?)));
-    let node = |info| (node_of(info), rule_hint());
+    let node = |info| (node_of(info), rule_hint("uio"));
     let (spec, files) = match (map, uio) {
         (Some((info, map)), _) => (uio_spec(info, map.number), vec![node(info)]),
         (None, Some(info)) => {
@@ -180,7 +180,7 @@ fn of_pci(system: &System, device: &PciInfo, uio: Option<&UioInfo>) -> Option<Ca
         (None, None) => {
             let hint = format!(
                 "for its interrupt, and to need no right but a node's: {bind}; before that, {}",
-                rule_hint()
+                rule_hint("uio")
             );
             found.hints.insert(0, hint);
         }
@@ -189,10 +189,10 @@ fn of_pci(system: &System, device: &PciInfo, uio: Option<&UioInfo>) -> Option<Ca
     Some(if foreign.is_none() { found.with_rule(rule_for_slot(address, device.id)) } else { found })
 }
 
-/// What to do with a rule.
-fn rule_hint() -> String {
+/// What to do with a rule for a device of this class.
+fn rule_hint(class: &str) -> String {
     format!(
-        "if it is your board, put the udev rule below into {RULE_FILE}, then udevadm control --reload and udevadm trigger -s uio"
+        "if it is your board, put the udev rule below into {RULE_FILE}, then udevadm control --reload and udevadm trigger -s {class}"
     )
 }
 
@@ -298,7 +298,8 @@ mod tests {
         std::fs::set_permissions(fake.path("dev/uio0"), mode(0o660)).unwrap();
         let found = &candidates(&fake.system)[0];
         assert!(
-            found.exposed && found.hints[0].contains("others than its owner may write /dev/uio0 (mode 0660"),
+            found.exposed
+                && found.hints[0].contains("others than root and pmacd may open /dev/uio0 (mode 0660"),
             "{found:?}"
         );
         std::fs::set_permissions(fake.path("dev/uio0"), mode(0o600)).unwrap();

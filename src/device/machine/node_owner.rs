@@ -6,7 +6,7 @@
 use std::os::unix::fs::MetadataExt;
 use std::path::Path;
 
-use nix::unistd::{AccessFlags, User, access};
+use nix::unistd::{AccessFlags, User, access, geteuid};
 
 use super::system::System;
 use crate::device::board::pci::PciAddress;
@@ -55,7 +55,7 @@ pub(in crate::device) enum Holder {
     Another,
     /// There is no such file.
     Nobody,
-    /// Others than its owner.
+    /// Somebody beside root, the service and this user.
     Others,
 }
 
@@ -64,15 +64,16 @@ impl Holder {
         let path = system.path(file);
         let Ok(found) = path.metadata() else { return Self::Nobody };
         let service = User::from_name(SERVICE_USER).ok().flatten().map(|user| user.uid.as_raw());
-        Self::by(found.uid(), found.mode(), service, opens(&path))
+        Self::by(found.uid(), found.mode(), service, geteuid().as_raw(), opens(&path))
     }
 
-    fn by(owner: u32, mode: u32, service: Option<u32>, you: bool) -> Self {
-        if mode & 0o022 != 0 {
+    fn by(owner: u32, mode: u32, service: Option<u32>, you: u32, you_may: bool) -> Self {
+        // Who reads the board reads every line that is sent to it, passwords too.
+        if mode & 0o066 != 0 || ![Some(0), Some(you), service].contains(&Some(owner)) {
             Self::Others
-        } else if service == Some(owner) && mode & 0o777 == 0o600 {
+        } else if service == Some(owner) {
             Self::Service
-        } else if you {
+        } else if you_may {
             Self::You
         } else {
             Self::Another
@@ -97,7 +98,7 @@ pub(in crate::device) fn remark(system: &System, file: &str, holder: Holder) -> 
         Holder::You => None,
         Holder::Another => Some(format!("you may not read and write {file} ({})", modes())),
         Holder::Others => Some(format!(
-            "others than its owner may write {file} ({}), past every role of the command socket",
+            "others than root and {SERVICE_USER} may open {file} ({}), past every role of the command socket",
             modes()
         )),
         Holder::Nobody => Some(format!("{file} is not there; is udev running?")),
@@ -133,14 +134,18 @@ mod tests {
 
     #[test]
     fn a_file_is_the_services_only_if_nobody_else_may_open_it() {
-        let by = |owner, mode, you| Holder::by(owner, mode, Some(990), you);
+        let by = |owner, mode, you_may| Holder::by(owner, mode, Some(990), 1000, you_may);
         assert_eq!(by(990, 0o100_600, false), Holder::Service);
-        assert_eq!(by(990, 0o100_600, true), Holder::Service, "root may always");
         assert_eq!(by(990, 0o100_660, false), Holder::Others);
+        assert_eq!(by(990, 0o100_640, true), Holder::Others, "a group may read");
+        assert_eq!(by(990, 0o100_604, true), Holder::Others);
         assert_eq!(by(0, 0o100_602, false), Holder::Others);
-        assert_eq!(by(990, 0o100_640, true), Holder::You);
+        assert_eq!(by(1000, 0o100_600, true), Holder::You);
         assert_eq!(by(0, 0o100_600, true), Holder::You);
         assert_eq!(by(0, 0o100_600, false), Holder::Another);
-        assert_eq!(Holder::by(0, 0o100_600, None, false), Holder::Another);
+        assert_eq!(by(1001, 0o100_600, false), Holder::Others, "a stranger's");
+        assert_eq!(Holder::by(1001, 0o100_600, Some(990), 0, true), Holder::Others, "root sees that, too");
+        assert_eq!(Holder::by(990, 0o100_600, Some(990), 0, true), Holder::Service, "root may always");
+        assert_eq!(Holder::by(0, 0o100_600, None, 1000, false), Holder::Another);
     }
 }
