@@ -3,6 +3,9 @@
 //! Attached to the daemon's segment read-only. When the daemon is restarted the board attaches to the new segment by
 //! itself; while there is none, the last data stay readable and say that they are old.
 
+pub mod gather;
+pub mod variables;
+
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
@@ -330,5 +333,4 @@ impl Identified {
 }
 
 #[cfg(test)]
-#[path = "board_tests.rs"]
 mod tests;

@@ -3,11 +3,16 @@
 //! Every call is bounded: by the time-out the caller gives the board, plus a second for the daemon to say so. A call
 //! that ran into a time-out leaves its late reply behind, so the next call uses a new connection.
 
+mod gather;
+pub mod jobs;
+
 use std::io::{self, Read, Write};
+use std::os::fd::{AsFd, BorrowedFd};
 use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
+use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use serde_json::{Map, Value};
@@ -180,7 +185,7 @@ impl Connection {
         };
         let deadline = Instant::now() + DAEMON_TIMEOUT;
         let reply = link.write(&encode(&call), deadline).and_then(|()| link.next_reply(deadline));
-        let WatchReply { table, .. } = parse_reply(reply.map_err(|error| fault(&path, error))?)?;
+        let WatchReply { table, .. } = read_reply(reply.map_err(|error| fault(&path, error))?)?;
         Ok(VariableWatch { path, link, table })
     }
 
@@ -236,7 +241,7 @@ impl Connection {
         let reply = link.next_reply(after(timeout)).map_err(|error| fault(&self.path, error))?;
         // Only a connection whose last reply has been read can be used again.
         self.link = Some(link);
-        parse_reply(reply)
+        read_reply(reply)
     }
 }
 
@@ -245,7 +250,7 @@ pub(super) fn milliseconds(timeout: Duration) -> u64 {
     u64::try_from(timeout.as_millis()).unwrap_or(u64::MAX).max(1)
 }
 
-fn parse_reply<T: DeserializeOwned>(reply: Reply) -> Result<T, CommandError> {
+fn read_reply<T: DeserializeOwned>(reply: Reply) -> Result<T, CommandError> {
     if let Some(error) = reply.error() {
         return Err(error.into());
     }
@@ -331,13 +336,17 @@ impl VariableWatch {
         self.table
     }
 
-    /// Whether the daemon still holds the watch; waits at most a millisecond.
+    /// Whether the daemon still holds the watch. Does not wait: whoever wants to polls the descriptor, which is readable
+    /// when the watch is over.
     ///
     /// # Errors
     /// [`CommandError`] when the daemon has ended it, or is gone.
     pub fn check(&mut self) -> Result<(), CommandError> {
-        match self.link.next_reply(after(Duration::from_millis(1))) {
-            Err(error) if error.kind() == io::ErrorKind::TimedOut => Ok(()),
+        let mut descriptors = [PollFd::new(self.as_fd(), PollFlags::POLLIN)];
+        if !poll(&mut descriptors, PollTimeout::ZERO).is_ok_and(|ready| ready > 0) {
+            return Ok(());
+        }
+        match self.link.next_reply(after(DAEMON_TIMEOUT)) {
             Err(error) => Err(fault(&self.path, error)),
             // The only reply has come already; another one can only be the end.
             Ok(reply) => match reply.error() {
@@ -345,6 +354,12 @@ impl VariableWatch {
                 None => Err(CallError::Protocol("a second reply to a watch".to_owned()).into()),
             },
         }
+    }
+}
+
+impl AsFd for VariableWatch {
+    fn as_fd(&self) -> BorrowedFd<'_> {
+        self.link.stream.as_fd()
     }
 }
 
@@ -374,12 +389,34 @@ impl Messages {
             }
         };
         self.ended = reply.continues != Some(true);
-        parse_reply(reply).map(Some)
+        read_reply(reply).map(Some)
     }
 
     /// Whether no more texts will come: the daemon has ended the stream, or the connection broke.
     #[must_use]
     pub fn ended(&self) -> bool {
         self.ended
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_watch_is_looked_after_without_waiting() {
+        let (ours, mut theirs) = UnixStream::pair().unwrap();
+        theirs.write_all(b"{\"parameters\":{\"watched\":1,\"table\":7},\"continues\":true}\0").unwrap();
+        let registers = ["X:$0028".parse().unwrap()];
+        let mut watch = Connection::over(ours, Path::new("unused")).watch_variables(&registers).unwrap();
+        assert_eq!(watch.table(), 7);
+        // Were one look a wait for the socket, these would take ten seconds.
+        for _ in 0..10_000 {
+            watch.check().unwrap();
+        }
+        theirs.write_all(b"{\"error\":\"io.github.pmac-dpram.Board.Busy\"}\0").unwrap();
+        assert!(matches!(watch.check(), Err(CommandError::Refused(CallError::Busy))));
+        drop(theirs);
+        assert!(matches!(watch.check(), Err(CommandError::Broken { .. })), "the daemon is gone");
     }
 }

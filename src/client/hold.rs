@@ -22,7 +22,7 @@ pub struct HeldJog {
 }
 
 impl HeldJog {
-    /// Begins `action` (`jog-` or `jog+`) of the motors `numbers` (1 to 8), and renews it from now on.
+    /// Begins `action` (`jog-` or `jog+`) of the motors `numbers`, and renews it from now on.
     ///
     /// # Errors
     /// As [`Connection::panel`]. Whatever the board has taken then is stopped by the daemon.

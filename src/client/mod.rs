@@ -18,25 +18,22 @@
 pub mod board;
 pub mod command;
 mod decoder;
-pub mod gather;
 pub mod hold;
 pub mod identity;
-pub mod jobs;
 pub mod rotary_feed;
 #[cfg(feature = "serial")]
 pub mod serial;
 #[cfg(feature = "serial")]
 pub mod serial_reply;
-pub mod variables;
 pub mod view;
 
+pub use board::gather::{GatherChunk, GatherFollower, GatherPhase};
+pub use board::variables::{Variable, VariableTable};
 pub use board::{Board, ClientError, History, Snapshot, socket_path};
+pub use command::jobs::RotaryPlace;
 pub use command::{CommandError, Connection, Messages, VariableWatch};
-pub use gather::{GatherChunk, GatherFollower, GatherPhase};
 pub use hold::HeldJog;
-pub use jobs::RotaryPlace;
 pub use rotary_feed::{RotaryFeed, RotaryLine};
 #[cfg(feature = "serial")]
 pub use serial::{SerialError, SerialLine};
-pub use variables::{Variable, VariableTable};
 pub use view::{Staleness, View};

@@ -36,7 +36,7 @@ pub struct RotaryFeed<'a> {
 }
 
 impl<'a> RotaryFeed<'a> {
-    /// Begins with the first of `lines` in buffer `buffer` (1 or 2).
+    /// Begins with the first of `lines` in buffer `buffer` (from 1).
     #[must_use]
     pub fn new(connection: Connection, buffer: u8, lines: &'a [RotaryLine]) -> Self {
         Self { connection, buffer, lines, next: 0, inside: 0, under_way: VecDeque::with_capacity(UNDER_WAY) }

@@ -16,11 +16,12 @@ use crate::map::PmacRegister;
 use crate::map::number;
 use crate::map::{PmacAddress, Space, VariableKind};
 use crate::protocol::board::VariableRecord;
+use crate::segment::RegionId;
 
-/// How long to sleep before the daemon is asked again whether it still holds the watch.
+/// How long to sleep before looking again whether the daemon still holds the watch.
 const NO_NEWS: Duration = Duration::from_millis(500);
-/// How long PMAC may take until the first values of a new table.
-const FIRST: Duration = Duration::from_secs(5);
+/// How many times the limit after which the values count as stale PMAC may take for the first ones.
+const FIRST: u32 = 5;
 /// The most registers one call writes.
 const MOST: usize = 1024;
 /// The largest integer an f64 holds with all integers below it.
@@ -88,7 +89,10 @@ fn watch(context: &mut Context, options: &Watch) -> Result<Verdict, Failure> {
     let columns: Vec<Column> = sources.iter().map(|source| Column::new(source, &scales)).collect();
     let registers: Vec<PmacRegister> = sources.iter().map(|source| source.register).collect();
     let mut held = board.watch_variables(&registers)?;
+    // The board has the table now; what it copies comes within the region's limit.
     let began = Instant::now();
+    let region = board.subscriber().region(RegionId::Variable).map_err(Failure::request)?;
+    let first_limit = FIRST * Duration::from_nanos(region.stale_after_ns);
     let end = options.seconds.and_then(|seconds| began.checked_add(seconds));
     let left = || end.map_or(NO_NEWS, |end| end.saturating_duration_since(Instant::now()));
     let (mut printed, mut after, mut complete) = (0, 0, false);
@@ -97,7 +101,10 @@ fn watch(context: &mut Context, options: &Watch) -> Result<Verdict, Failure> {
         board.wait_variables(after, left().min(NO_NEWS))?;
         held.check()?;
         let found = board.variables()?;
-        let values = found.as_ref().filter(|view| view.is_fresh() && view.sequence > after);
+        let is_new = |view: &&View<VariableTable>| {
+            view.is_fresh() && view.sequence > after && view.data.has_come_to(held.table())
+        };
+        let values = found.as_ref().filter(is_new);
         let values = values.map(|view| {
             (view, registers.iter().map(|&register| view.data.value_of(register)).collect::<Vec<_>>())
         });
@@ -110,8 +117,7 @@ fn watch(context: &mut Context, options: &Watch) -> Result<Verdict, Failure> {
                 context.output.flush()?;
                 printed += 1;
             }
-            // The table is not the one yet that has them all, or the board has stopped.
-            _ if began.elapsed() > FIRST && !complete => {
+            _ if began.elapsed() > first_limit && !complete => {
                 return Err(Failure::Refused(
                     "PMAC copies nothing: is the board alive, and I55=1?".to_owned(),
                 ));

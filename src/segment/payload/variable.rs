@@ -103,6 +103,12 @@ impl VariableTable {
         Some(Self { number: join32(low, high), variables })
     }
 
+    /// Whether this is table `number` or a later one. Numbers begin again after 2^32 tables.
+    #[must_use]
+    pub const fn has_come_to(&self, number: u32) -> bool {
+        self.number.wrapping_sub(number).cast_signed() >= 0
+    }
+
     /// The value of `register`, when it is in the table and has one.
     #[must_use]
     pub fn value_of(&self, register: PmacRegister) -> Option<&Variable> {
@@ -138,6 +144,13 @@ mod tests {
         assert_eq!(VariableTable::decode(&words[..3]), None);
         assert_eq!(VariableTable::decode(&[0, 0, 0xFFFF, 0xFFFF]), None);
         assert_eq!(VariableTable::decode(&[0; 4]).unwrap().variables, []);
+    }
+
+    #[test]
+    fn a_table_is_known_by_its_number_even_when_numbers_begin_again() {
+        let table = |number| VariableTable { number, variables: Vec::new() };
+        assert!(table(7).has_come_to(7) && table(8).has_come_to(7) && !table(6).has_come_to(7));
+        assert!(table(1).has_come_to(u32::MAX) && !table(u32::MAX).has_come_to(1));
     }
 
     #[test]

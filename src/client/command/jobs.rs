@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use serde::Serialize;
 
-use super::command::{CommandError, Connection, DAEMON_TIMEOUT, MARGIN};
+use super::{CommandError, Connection, DAEMON_TIMEOUT, MARGIN};
 use crate::map::HostOffset;
 use crate::protocol::board::{Done, NotesReply, RotaryStateReply};
 use crate::protocol::calls;
@@ -18,13 +18,13 @@ const JOB_TIMEOUT: Duration = Duration::from_secs(5);
 /// for it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct RotaryPlace {
-    /// Which buffer, 1 or 2.
+    /// Which buffer, from 1.
     pub buffer: u8,
     /// Its first word.
     pub start: Option<HostOffset>,
     /// Its size in 32-bit words.
     pub size_longs: Option<u32>,
-    /// The coordinate system it feeds, 1 to 8.
+    /// The coordinate system it feeds, from 1.
     pub coordinate_system: u8,
     /// The number that the board has for coordinate system 1: 1 or 0.
     pub coordinate_system_base: u8,
@@ -41,7 +41,7 @@ impl Connection {
     }
 
     /// Has the control panel do `action` (`jog-`, `jog+`, `jog-stop`, `pre-jog`, `home` for motors; `start`, `step`,
-    /// `stop`, `hold` for coordinate systems) for `numbers`, 1 to 8, all at once. Returns when the board has taken it.
+    /// `stop`, `hold` for coordinate systems) for `numbers`, from 1, all at once. Returns when the board has taken it.
     ///
     /// # Errors
     /// [`CommandError`]; [`crate::protocol::CallError::Refused`] in it when I2 is not 3, or the board did not take it in
@@ -51,7 +51,7 @@ impl Connection {
     }
 
     /// Begins a jog (`jog-` or `jog+`) that goes on only while [`Connection::panel_renew`] follows at least every 200 ms.
-    /// [`super::HeldJog`] does that.
+    /// [`crate::client::HeldJog`] does that.
     ///
     /// # Errors
     /// As [`Connection::panel`].
@@ -68,7 +68,7 @@ impl Connection {
         Ok(())
     }
 
-    /// Overrides the feed rate of `coordinate_system` (1 to 8) with `raw` (1/32768 ms, 0 to 32767; 14507 is 100 % at the
+    /// Overrides the feed rate of `coordinate_system` (from 1) with `raw` (1/32768 ms, 0 to 32767; 14507 is 100 % at the
     /// default I10), until it is released by `None`. Returns what speaks against an effect: an Ix93 that points elsewhere, or
     /// that the board could not be asked.
     ///
@@ -119,7 +119,7 @@ impl Connection {
         self.job("RotaryOpen", &parameters)
     }
 
-    /// No line will follow in rotary buffer `buffer` (1 or 2): its running empty is no underrun any more.
+    /// No line will follow in rotary buffer `buffer` (from 1): its running empty is no underrun any more.
     ///
     /// # Errors
     /// [`CommandError`]; refused when the buffer has not been set up.
@@ -127,7 +127,7 @@ impl Connection {
         self.job("RotaryFinish", &calls::Rotary { buffer })
     }
 
-    /// How far rotary buffer `buffer` (1 or 2) is.
+    /// How far rotary buffer `buffer` (from 1) is.
     ///
     /// # Errors
     /// [`CommandError`]; refused when the buffer has not been set up.

@@ -6,9 +6,9 @@
 
 use std::time::Duration;
 
-use super::board::{Board, ClientError};
-use super::view::View;
-use super::{CommandError, Connection, VariableWatch};
+use super::{Board, ClientError};
+use crate::client::command::{CommandError, Connection, VariableWatch};
+use crate::client::view::View;
 use crate::map::PmacRegister;
 pub use crate::segment::payload::variable::{Variable, VariableTable};
 use crate::segment::{RegionId, SegmentError, WaitOutcome};
