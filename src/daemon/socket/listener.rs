@@ -3,7 +3,7 @@
 
 use std::fs::DirBuilder;
 use std::io;
-use std::os::fd::{AsFd, AsRawFd, OwnedFd};
+use std::os::fd::{AsFd, OwnedFd};
 use std::os::unix::fs::{DirBuilderExt, FileTypeExt, MetadataExt};
 use std::os::unix::net::{UnixListener, UnixStream};
 use std::path::{Path, PathBuf};
@@ -14,6 +14,7 @@ use nix::sys::stat::{FchmodatFlags, Mode, fchmodat, fstat, fstatat};
 use nix::unistd::{Gid, UnlinkatFlags, fchownat, unlinkat};
 
 use super::policy::{PolicyError, group_id};
+use crate::device::machine::descriptors::path_in;
 use crate::protocol::transport::connect;
 
 /// The socket cannot be put in its place.
@@ -113,7 +114,7 @@ impl Workshop {
     }
 
     fn bind(&self) -> io::Result<UnixListener> {
-        UnixListener::bind(format!("/proc/self/fd/{}/{SOCKET}", self.directory.as_raw_fd()))
+        UnixListener::bind(path_in(self.directory.as_fd(), SOCKET))
     }
 
     /// Sets mode and group; tells device and inode.

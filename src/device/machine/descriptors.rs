@@ -1,4 +1,7 @@
-//! How many more descriptors the kernel gives this process.
+//! Descriptors of this process: how many more the kernel gives it, and a way through one.
+
+use std::os::fd::{AsRawFd, BorrowedFd};
+use std::path::{Path, PathBuf};
 
 use nix::sys::resource::{Resource, getrlimit};
 
@@ -12,6 +15,12 @@ pub fn descriptors_left() -> usize {
         .map_or(usize::MAX, |(soft, _)| usize::try_from(soft).unwrap_or(usize::MAX));
     let open = std::fs::read_dir("/proc/self/fd").map_or(USUAL, Iterator::count);
     limit.saturating_sub(open)
+}
+
+/// A path to `name` in a directory that is open, wherever that directory's own name leads by now.
+#[must_use]
+pub fn path_in(directory: BorrowedFd<'_>, name: &str) -> PathBuf {
+    Path::new("/proc/self/fd").join(directory.as_raw_fd().to_string()).join(name)
 }
 
 #[cfg(test)]
