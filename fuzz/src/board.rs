@@ -22,7 +22,7 @@ use pmac_dpram::function::variable_write::{POLL_RECORDS, VariableWriter, WriteRe
 use pmac_dpram::gather::GatherMode;
 use pmac_dpram::map::{
     BufferLayout, BufferSettings, Family, GatherPlace, HostOffset, Layout, PMAC, Region, Space, VariableKind,
-    classic, pmac,
+    pmac,
 };
 use pmac_dpram::protocol::check_line;
 
@@ -122,7 +122,7 @@ impl Functions {
         }
         assert!(self.servo.image().len() <= PMAC.servo.words());
         assert!(bus.take_accesses() <= PMAC.servo.words() as u32 + 5);
-        bus.assert_written("servo", |offset| offset == classic::SERVO_HOST_STATUS.bytes());
+        bus.assert_written("servo", |offset| offset == pmac::SERVO_HOST_STATUS.bytes());
         Ok(())
     }
 
@@ -140,7 +140,7 @@ impl Functions {
         }
         assert!(self.background.image().len() <= PMAC.background.words());
         assert!(bus.take_accesses() <= PMAC.background.words() as u32 + 8);
-        bus.assert_written("background", |offset| offset == classic::BACKGROUND_DATA_READY.bytes());
+        bus.assert_written("background", |offset| offset == pmac::BACKGROUND_DATA_READY.bytes());
         Ok(())
     }
 
@@ -182,7 +182,7 @@ impl Functions {
         assert!(!(self.ascii.is_idle() && self.ascii.was_taken()));
         assert!(bus.take_accesses() <= 256);
         bus.assert_written("ascii", |offset| {
-            within(&classic::ASCII_OUTPUT, offset) || offset == classic::ASCII_INPUT_CONTROL.bytes()
+            within(&pmac::ASCII_OUTPUT, offset) || offset == pmac::ASCII_INPUT_CONTROL.bytes()
         });
         Ok(())
     }
@@ -208,7 +208,7 @@ impl Functions {
             }
         }
         assert!(bus.take_accesses() <= 40);
-        bus.assert_written("panel", |offset| within(&classic::PANEL, offset));
+        bus.assert_written("panel", |offset| within(&pmac::PANEL, offset));
         Ok(())
     }
 
@@ -236,12 +236,11 @@ impl Functions {
             }
         }
         assert_eq!(self.reader.values().len(), self.reader.entries().len());
-        assert!(self.reader.entries().len() <= classic::VARIABLE_READ_ENTRIES);
+        assert!(self.reader.entries().len() <= pmac::VARIABLE_READ_ENTRIES);
         let accesses = bus.take_accesses();
         assert!(accesses <= 2 * POLL_WORDS as u32 + 128 + 4, "{accesses}");
         let place = self.plan.variable_read();
-        let controls =
-            [classic::VARIABLE_READ_CONTROL, classic::VARIABLE_READ_COUNT, classic::VARIABLE_READ_START];
+        let controls = [pmac::VARIABLE_READ_CONTROL, pmac::VARIABLE_READ_COUNT, pmac::VARIABLE_READ_START];
         bus.assert_written("variable_read", |offset| {
             within(&place, offset) || controls.iter().any(|control| control.bytes() == offset)
         });
@@ -281,7 +280,7 @@ impl Functions {
         }
         assert!(bus.take_accesses() <= 6 * POLL_RECORDS as u32 + 3);
         let place = self.plan.variable_write();
-        let controls = [classic::VARIABLE_WRITE_COUNT, classic::VARIABLE_WRITE_START];
+        let controls = [pmac::VARIABLE_WRITE_COUNT, pmac::VARIABLE_WRITE_START];
         bus.assert_written("variable_write", |offset| {
             within(&place, offset) || controls.iter().any(|control| control.bytes() == offset)
         });
@@ -293,11 +292,11 @@ impl Functions {
             let mode = if how == 0 { GatherMode::Stop } else { GatherMode::Wrap };
             let buffer = GatherBuffer {
                 place: GatherPlace {
-                    buffer: classic::GATHER_BUFFER,
-                    size: classic::GATHER_SIZE,
-                    index: classic::GATHER_INDEX,
+                    buffer: pmac::GATHER_BUFFER,
+                    size: pmac::GATHER_SIZE,
+                    index: pmac::GATHER_INDEX,
                 },
-                room_longs: (classic::LENGTH - classic::GATHER_BUFFER.bytes()) / 4,
+                room_longs: (pmac::LENGTH - pmac::GATHER_BUFFER.bytes()) / 4,
                 size_longs: u32::from(tape.u16()),
                 sample_longs: u32::from(tape.u8()) % 50,
                 mode,
@@ -339,7 +338,7 @@ impl Functions {
         let (stream, set_up) = &mut self.rotary[which];
         if how < 4 || set_up.is_none() {
             let setup = RotarySetup {
-                start: HostOffset::checked(u32::from(tape.u16()) << 1).unwrap_or(classic::USER_AREA.start),
+                start: HostOffset::checked(u32::from(tape.u16()) << 1).unwrap_or(pmac::USER_AREA.start),
                 size_longs: u32::from(tape.u16()),
                 coordinate_system: tape.u8() & 15,
                 coordinate_system_base: tape.u8() & 3,

@@ -1,11 +1,11 @@
 //! A board's memory that somebody else writes: before a function looks, and between two of its accesses.
 
 use pmac_dpram::device::{Bus, BusError, ByteBus, ByteBusError};
-use pmac_dpram::map::{HostOffset, PmacAddress, PmacRegister, Space, classic};
+use pmac_dpram::map::{HostOffset, PmacAddress, PmacRegister, Space, pmac};
 
 use super::tape::Tape;
 
-const WORDS: usize = classic::LENGTH as usize / 2;
+const WORDS: usize = pmac::LENGTH as usize / 2;
 
 /// Words that steer the functions: status, counts, indices, controls.
 const HOT: [u32; 30] = [
@@ -72,16 +72,16 @@ impl RamBus {
             5 => {
                 // A reply, with its count right: control word, and text.
                 let text = tape.piece();
-                let at = classic::ASCII_RESPONSE.word();
+                let at = pmac::ASCII_RESPONSE.word();
                 for (pair, n) in text.chunks(2).zip(0..128) {
                     self.words[at + n] = u16::from_le_bytes([pair[0], pair.get(1).copied().unwrap_or(0)]);
                 }
-                self.words[classic::ASCII_INPUT_COUNT.word()] = text.len() as u16 + 1;
-                self.words[classic::ASCII_INPUT_CONTROL.word()] = [
-                    classic::RESPONSE_LINE,
-                    classic::RESPONSE_ACKNOWLEDGE,
-                    classic::RESPONSE_TO_PROGRAM,
-                    classic::RESPONSE_MESSAGE,
+                self.words[pmac::ASCII_INPUT_COUNT.word()] = text.len() as u16 + 1;
+                self.words[pmac::ASCII_INPUT_CONTROL.word()] = [
+                    pmac::RESPONSE_LINE,
+                    pmac::RESPONSE_ACKNOWLEDGE,
+                    pmac::RESPONSE_TO_PROGRAM,
+                    pmac::RESPONSE_MESSAGE,
                 ][usize::from(tape.u8() & 3)];
             }
             _ => {
@@ -117,7 +117,7 @@ fn hot(index: u8) -> usize {
 
 impl Bus for RamBus {
     fn length(&self) -> usize {
-        classic::LENGTH as usize
+        pmac::LENGTH as usize
     }
 
     fn read16(&mut self, offset: HostOffset) -> Result<u16, BusError> {

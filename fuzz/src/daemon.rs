@@ -22,8 +22,7 @@ use pmac_dpram::function::variable_read::{VariableEntry, VariableMode};
 use pmac_dpram::function::variable_write::WriteRecord;
 use pmac_dpram::gather::GatherMode;
 use pmac_dpram::map::{
-    BufferLayout, BufferSettings, Family, GatherPlace, HostOffset, Layout, PMAC, Space, VariableKind,
-    classic, pmac,
+    BufferLayout, BufferSettings, Family, GatherPlace, HostOffset, Layout, PMAC, Space, VariableKind, pmac,
 };
 use pmac_dpram::mirror::{BackgroundMirror, GatherClock, ServoMirror, VariableMirror, gather, variable};
 use pmac_dpram::protocol::{Function, Functions};
@@ -228,7 +227,7 @@ impl Desks<'_> {
                 let anywhere = tape.u8() & 1 != 0;
                 self.wrote_anywhere |= anywhere;
                 let count = usize::from(tape.u8() & 7) + 1;
-                let first = u32::from(tape.u16() & 0x3FFE).min(classic::LENGTH - 2 * count as u32);
+                let first = u32::from(tape.u16() & 0x3FFE).min(pmac::LENGTH - 2 * count as u32);
                 let words = (0..count).map(|_| MaskedWord { value: tape.u16(), mask: tape.u16() });
                 Job::Write { first: HostOffset::checked(first).unwrap(), words: words.collect(), anywhere }
             }
@@ -248,11 +247,11 @@ impl Desks<'_> {
                 let size_longs = u32::from(tape.u16());
                 let buffer = GatherBuffer {
                     place: GatherPlace {
-                        buffer: classic::GATHER_BUFFER,
-                        size: classic::GATHER_SIZE,
-                        index: classic::GATHER_INDEX,
+                        buffer: pmac::GATHER_BUFFER,
+                        size: pmac::GATHER_SIZE,
+                        index: pmac::GATHER_INDEX,
                     },
-                    room_longs: (classic::LENGTH - classic::GATHER_BUFFER.bytes()) / 4,
+                    room_longs: (pmac::LENGTH - pmac::GATHER_BUFFER.bytes()) / 4,
                     size_longs,
                     sample_longs: u32::from(tape.u8()),
                     mode: if tape.u8() & 1 == 0 { GatherMode::Wrap } else { GatherMode::Stop },
@@ -312,9 +311,8 @@ impl Desks<'_> {
     fn bounded(&mut self, most: u32) {
         let accesses = self.bus.take_accesses();
         assert!(accesses <= most, "{accesses} accesses in one go");
-        let owned = [classic::PANEL, classic::ASCII_OUTPUT, classic::POINTERS, classic::USER_AREA];
-        let controls =
-            [classic::SERVO_HOST_STATUS, classic::BACKGROUND_DATA_READY, classic::ASCII_INPUT_CONTROL];
+        let owned = [pmac::PANEL, pmac::ASCII_OUTPUT, pmac::POINTERS, pmac::USER_AREA];
+        let controls = [pmac::SERVO_HOST_STATUS, pmac::BACKGROUND_DATA_READY, pmac::ASCII_INPUT_CONTROL];
         let anywhere = self.wrote_anywhere;
         self.bus.assert_written("the daemon", |offset| {
             anywhere

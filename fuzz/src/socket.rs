@@ -7,7 +7,7 @@ use pmac_dpram::daemon::shared::info::Info;
 use pmac_dpram::daemon::shared::job::Job;
 use pmac_dpram::daemon::socket::methods::{Action, Ask, parse_call};
 use pmac_dpram::daemon::socket::policy::Role;
-use pmac_dpram::map::classic;
+use pmac_dpram::map::pmac;
 use pmac_dpram::protocol::message::encode;
 use pmac_dpram::protocol::{BOARD, CALL_MAX, Call, Inbox, LINE_MAX, READ_MAX, Reply};
 
@@ -107,7 +107,7 @@ fn job(job: &Job, role: Role) {
         Job::Write { first, words, .. } => {
             assert_eq!(role, Role::Engineer);
             assert!((1..=64).contains(&words.len()));
-            assert!(u64::from(first.bytes()) + 2 * words.len() as u64 <= u64::from(classic::LENGTH));
+            assert!(u64::from(first.bytes()) + 2 * words.len() as u64 <= u64::from(pmac::LENGTH));
         }
         Job::WriteVariables(records) => {
             assert!((1..=1024).contains(&records.len()) && role == Role::Engineer)

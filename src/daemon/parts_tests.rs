@@ -8,7 +8,7 @@ use crate::daemon::options::Options;
 use crate::daemon::shared::queue::{Command, Event, Outcome, Text, Ticket};
 use crate::device::{Bus, FileBoard, Inherited};
 use crate::map::HostOffset;
-use crate::map::classic::{ASCII_OUTPUT_CONTROL, SERVO_HOST_STATUS, SERVO_PMAC_STATUS};
+use crate::map::pmac::{ASCII_OUTPUT_CONTROL, SERVO_HOST_STATUS, SERVO_PMAC_STATUS};
 use crate::protocol::State;
 
 const SECOND: u64 = 1_000_000_000;

@@ -126,7 +126,7 @@ impl Serialize for Flags {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::map::status::CLASSIC;
+    use crate::map::status;
 
     #[test]
     fn a_position_is_scaled_only_where_the_scale_is_known() {
@@ -162,7 +162,7 @@ mod tests {
 
     #[test]
     fn flags_serialise_as_their_names() {
-        let flags = Flags { word: 0x81_2000, table: &CLASSIC.motor[0] };
+        let flags = Flags { word: 0x81_2000, table: &status::PMAC.motor[0] };
         let text = serde_json::to_string(&flags).unwrap();
         assert_eq!(text, r#"["motor_activated","integration_mode","desired_velocity_zero"]"#);
         assert!(flags.has("motor_activated") && !flags.has("open_loop"));

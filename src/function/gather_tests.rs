@@ -6,7 +6,7 @@ use super::gather::*;
 use super::servo_timer::ServoTimer;
 use crate::device::{Bus, BusError, Counted, FileBoard};
 use crate::gather::GatherMode;
-use crate::map::classic::SERVO_PMAC_STATUS;
+use crate::map::pmac::SERVO_PMAC_STATUS;
 use crate::map::{HostOffset, Layout, PMAC};
 
 /// A board that gathers: each long holds its sample's number and its own place in it.

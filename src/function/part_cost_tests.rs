@@ -10,7 +10,7 @@ use super::servo::{ServoPoll, ServoReader, ServoReading};
 use super::variable_read::{VariableMode, VariablePoll};
 use crate::device::Access;
 use crate::gather::GatherMode;
-use crate::map::classic::{
+use crate::map::pmac::{
     BACKGROUND_DATA_READY, BACKGROUND_SERVO_TIMER, DATA_READY, SERVO_HOST_STATUS, SERVO_MOTOR,
     SERVO_PMAC_STATUS, VARIABLE_READ_CONTROL,
 };

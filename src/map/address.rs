@@ -1,7 +1,7 @@
 //! PMAC addresses and host offsets, and the rule that joins them.
 //!
-//! Host offset = 4 * (PMAC address - base) + (X ? 2 : 0), in bytes (DPRAM manual p. 7); the base is $D000 on classic
-//! boards and $060000 on Turbo. The two kinds of number are separate types, so one cannot be passed for the other.
+//! Host offset = 4 * (PMAC address - base) + (X ? 2 : 0), in bytes (DPRAM manual p. 7); the base is $D000 on PMAC and
+//! PMAC2 and $060000 on Turbo. The two kinds of number are separate types, so one cannot be passed for the other.
 
 use std::fmt;
 
@@ -127,7 +127,7 @@ impl PmacAddress {
 
 impl fmt::Display for PmacAddress {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        // Turbo addresses are printed with six digits, classic ones with four.
+        // Turbo addresses are printed with six digits, others with four.
         let digits = if self.number > 0xFFFF { 6 } else { 4 };
         write!(f, "{}:${:0digits$X}", self.space, self.number)
     }

@@ -3,7 +3,7 @@
 //! Other ports send `ERR003` as text; the DPRAM port sets bit 15 of the response control word and puts the number in
 //! bits 11-0 as three BCD digits, so ERR017 is 0x8017 (DPRAM manual p. 29, Software Reference p. 25).
 
-use super::classic::RESPONSE_ERROR;
+use super::pmac::RESPONSE_ERROR;
 
 /// Every documented error number with its meaning, ascending. 18 and above are Turbo's.
 pub const ERRORS: &[(u16, &str)] = &[

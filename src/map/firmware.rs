@@ -1,4 +1,4 @@
-//! A firmware version, as `VERSION` answers: `1.16D` on classic boards, `1.947` on Turbo.
+//! A firmware version, as `VERSION` answers: `1.16D` on PMAC and PMAC2, `1.947` on Turbo.
 
 use std::fmt;
 use std::str::FromStr;
@@ -38,7 +38,7 @@ fn parse(text: &str) -> Option<Firmware> {
         let plain = (1..=most).contains(&digits.len()) && digits.bytes().all(|digit| digit.is_ascii_digit());
         if plain { digits.parse().ok() } else { None }
     };
-    // Two decimals on classic boards, three on Turbo; one would be ambiguous.
+    // Two decimals on PMAC and PMAC2, three on Turbo; one would be ambiguous.
     if minor.len() < 2 {
         return None;
     }

@@ -28,7 +28,6 @@ pub const AXES: [&str; 9] = ["A", "B", "C", "U", "V", "W", "X", "Y", "Z"];
 pub use address::{HostOffset, PmacAddress, Space};
 pub use buffer_layout::{BufferLayout, BufferLayoutError, BufferSettings, NotUserArea, Owner};
 pub use family::pmac;
-pub use family::pmac as classic;
 pub use family::pmac_table::PANEL_REQUEST_BITS;
 pub use family::{FAMILIES, Family, Generation, PMAC, PMAC2, UnknownFamily, UnknownGeneration};
 pub use field::{BitField, Field, FieldError};

@@ -130,7 +130,7 @@ pub fn block_fields(family: &Family, function: &str) -> impl Iterator<Item = Blo
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::map::{FAMILIES, PMAC, classic};
+    use crate::map::{FAMILIES, PMAC, pmac};
 
     fn runs(selection: Selection, block_words: usize, count: usize) -> Vec<Range<usize>> {
         let mut runs = vec![7..9, 9..10];
@@ -165,7 +165,7 @@ mod tests {
     fn the_fields_fill_their_block_without_a_gap() {
         for family in FAMILIES {
             for (function, words) in
-                [("servo", classic::SERVO_MOTOR_WORDS), ("background", classic::BACKGROUND_BLOCK_WORDS)]
+                [("servo", pmac::SERVO_MOTOR_WORDS), ("background", pmac::BACKGROUND_BLOCK_WORDS)]
             {
                 let mut next = 0;
                 for field in block_fields(family, function) {

@@ -3,7 +3,7 @@
 use super::*;
 use crate::device::{Counted, FileBoard};
 use crate::map::PMAC;
-use crate::map::classic::{BACKGROUND_BLOCK, BACKGROUND_DATA_READY, BACKGROUND_SERVO_TIMER, DATA_READY};
+use crate::map::pmac::{BACKGROUND_BLOCK, BACKGROUND_DATA_READY, BACKGROUND_SERVO_TIMER, DATA_READY};
 use crate::segment::{CreateOptions, RegionSpec, Sample, SegmentName, Subscriber};
 
 const MS: u64 = 1_000_000;

@@ -27,7 +27,7 @@ pub use open_buffer::OpenBuffer;
 pub use parameters::parameters;
 pub use settings::{BoardSettings, GatherSettings, VariablesMode, VariablesSettings};
 
-use crate::map::classic;
+use crate::map::pmac;
 
 /// The name of our interface.
 pub const BOARD: &str = "io.github.pmac-dpram.Board";
@@ -43,7 +43,7 @@ pub const CALL_MAX: usize = 64 * 1024;
 /// The longest reply a client accepts, in bytes.
 pub const REPLY_MAX: usize = 8 * 1024 * 1024;
 /// The longest line [`BOARD`]'s `Send` takes, in characters (DPRAM manual p. 27: two parts of a line).
-pub const LINE_MAX: usize = classic::ASCII_LINE_LIMIT;
+pub const LINE_MAX: usize = pmac::ASCII_LINE_LIMIT;
 /// The most words [`BOARD`]'s `Read` takes.
 pub const READ_MAX: usize = 64;
 /// The longest time-out [`BOARD`]'s `Send` takes, in milliseconds.

@@ -58,7 +58,7 @@ fn parallel_data_to_the_ends_of_their_ranges() {
 }
 
 #[test]
-fn classic_boards_have_all_in_one_word() {
+fn pmac_boards_have_all_in_one_word() {
     assert_eq!(document(AbsoluteFormat::pmac(0x16_FFD1)), parallel("Y", false, 22, &[("Y:$FFD1", 0, 22)]));
     assert_eq!(
         document(AbsoluteFormat::pmac(0xA0_FFD0)),
@@ -121,11 +121,11 @@ fn what_no_reference_explains_is_refused_with_the_reason() {
     );
     assert!(turbo(0x101, 0x00_0000).contains("multiplexer address $101"));
     assert!(turbo(0x40, 0x73_0000).contains("MACRO node $40"));
-    let classic = |ix10| AbsoluteFormat::pmac(ix10).unwrap_err().to_string();
-    assert!(classic(0).contains("no absolute position is read"));
-    assert!(classic(0x30_FFFF).contains("$10000"));
-    assert!(classic(0x74_0010).contains("MACRO node $10"));
-    assert!(classic(0x100_0000).contains("more than 24 bits"));
+    let pmac = |ix10| AbsoluteFormat::pmac(ix10).unwrap_err().to_string();
+    assert!(pmac(0).contains("no absolute position is read"));
+    assert!(pmac(0x30_FFFF).contains("$10000"));
+    assert!(pmac(0x74_0010).contains("MACRO node $10"));
+    assert!(pmac(0x100_0000).contains("more than 24 bits"));
     assert_eq!(AbsoluteFormat::pmac(0xF4_0100).unwrap().node, Some(0));
     assert_eq!(AbsoluteFormat::pmac(0xF4_C000).unwrap().node, None);
 }

@@ -7,7 +7,10 @@ mod circles;
 
 use std::collections::BTreeMap;
 use std::fs;
+use std::ops::Range;
 use std::path::{Path, PathBuf};
+
+use pmac_dpram::map::FAMILIES;
 
 /// The only files that may hold `unsafe`, and map memory.
 const ISLANDS: [&str; 3] =
@@ -21,12 +24,13 @@ const SEES_ONLY: [(&str, &[&str]); 2] = [
 ];
 /// Words are mirrored as the board held them: these do not decode.
 const DECODES_NOTHING: [&str; 5] = ["device", "function", "mirror", "segment", "daemon"];
-/// Modules in which a number that looks like an address is one, and belongs into `map`.
+/// Modules in which a number that looks like an address is one, and belongs in `map`.
 const KNOWS_NO_ADDRESS: [&str; 9] =
     ["decode", "device", "function", "mirror", "segment", "daemon", "client", "sim", "cli"];
 
 /// Offsets that are none in the DPRAM: PMAC's own registers, the segment's layout, I/O ports.
-const OTHER_OFFSETS: [&str; 6] = [
+const OTHER_OFFSETS: [&str; 7] = [
+    "src/sim/board/firmware.rs",
     "src/sim/board/bus_setup.rs",
     "src/sim/board/i_rows.rs",
     "src/sim/board/register_table.rs",
@@ -259,32 +263,71 @@ fn memory_is_mapped_through_mmap_raw_only() {
     assert!(mapping_breach(ISLANDS[0], "let map = MmapOptions::new().map_mut(file)?;").is_some());
 }
 
-/// A DPRAM address in code: a host offset of the register map (even, 0x000-0x7FE), or a PMAC address ($D000-$DFFF).
-fn address_breach(path: &str, line: &str) -> Option<String> {
+/// Where a family's DPRAM lies in PMAC's address space, and where its fixed words end, as a host offset.
+struct Addresses {
+    pmac: Range<u32>,
+    fixed_end: u32,
+}
+
+/// The DPRAM of every family there is, and of Turbo PMAC, which is to come: $060000-$06FFFF, where the host's and other
+/// DPRAM lie, with fixed words up to $06044F (Turbo User Manual p. 402-411).
+fn addresses() -> Vec<Addresses> {
+    let known = FAMILIES.iter().map(|family| Addresses {
+        pmac: family.base..family.base + family.length / 4,
+        fixed_end: family.user_area.start.bytes(),
+    });
+    known.chain([Addresses { pmac: 0x06_0000..0x07_0000, fixed_end: 0x1140 }]).collect()
+}
+
+/// A DPRAM address in code, of any family: a host offset (even, of three digits or more), or a PMAC address.
+fn address_breach(families: &[Addresses], path: &str, line: &str) -> Option<String> {
     let offsets_of_its_own = OTHER_OFFSETS.iter().any(|other| path.starts_with(other));
     let address = |rest: &str| {
         let end = rest.find(|c: char| !c.is_ascii_hexdigit() && c != '_').unwrap_or(rest.len());
-        let value = u32::from_str_radix(&rest[..end], 16).unwrap_or(u32::MAX);
-        (end == 4 && value & 0xF000 == 0xD000)
-            || (!offsets_of_its_own && end >= 3 && value < 0x800 && value.is_multiple_of(2))
+        let digits = rest[..end].replace('_', "");
+        let Ok(value) = u32::from_str_radix(&digits, 16) else { return false };
+        let is_offset = |family: &Addresses| value < family.fixed_end && value.is_multiple_of(2);
+        // A longer number is a mask; one of six digits with zeros in front is a word of PMAC's.
+        let is_pmac_address = |family: &Addresses| family.pmac.contains(&value) && digits.len() <= 6;
+        families.iter().any(is_pmac_address)
+            || !offsets_of_its_own && (3..=5).contains(&digits.len()) && families.iter().any(is_offset)
     };
     line.split("0x").skip(1).any(address).then(|| line.trim().to_owned())
 }
 
 #[test]
 fn only_the_map_knows_addresses() {
+    let families = addresses();
     let shipped = shipped();
     let guarded = shipped.iter().filter(|source| KNOWS_NO_ADDRESS.contains(&source.module()));
-    let breaches = guarded.flat_map(|source| source.breaches(|line| address_breach(&source.path, line)));
-    assert_none("DPRAM addresses belong into src/map", breaches.collect());
-    let function = "src/function/servo.rs";
-    assert!(address_breach(function, "bus.read16(HostOffset::new(0x0026))?;").is_some());
-    assert!(address_breach(function, "let first = 0x228;").is_some());
-    assert!(address_breach("src/sim/board/register_table.rs", "let buffer = 0xD200;").is_some());
-    assert!(address_breach("src/sim/board/register_table.rs", "let counter = 0x0000;").is_none());
-    assert!(address_breach(function, "let mask = 0x00FF_FFFF;").is_none());
-    assert!(address_breach(function, "let numbers = 0x00FF;").is_none());
-    assert!(address_breach(function, "let cancel = 0x18;").is_none());
+    let breaches =
+        guarded.flat_map(|source| source.breaches(|line| address_breach(&families, &source.path, line)));
+    assert_none("DPRAM addresses belong in src/map", breaches.collect());
+    for path in OTHER_OFFSETS {
+        assert!(root().join(path).exists(), "{path}");
+    }
+    let (function, offsets) = ("src/function/servo.rs", "src/sim/board/bus_setup.rs");
+    for (path, line) in [
+        (function, "bus.read16(HostOffset::new(0x0026))?;"),
+        (function, "let first = 0x228;"),
+        (offsets, "let buffer = 0xD200;"),
+        (function, "let ready = HostOffset::new(0x0E9C);"),
+        (function, "let motors = 0x06_001D;"),
+        (offsets, "let table = 0x60450;"),
+        (function, "let second = 0x06C000;"),
+    ] {
+        assert!(address_breach(&families, path, line).is_some(), "{line}");
+    }
+    for (path, line) in [
+        (offsets, "let counter = 0x0000;"),
+        (function, "let mask = 0x00FF_FFFF;"),
+        (function, "let mask = 0x0006_0000;"),
+        (function, "let marker = 0x00_0800;"),
+        (function, "let numbers = 0x00FF;"),
+        (function, "let cancel = 0x18;"),
+    ] {
+        assert!(address_breach(&families, path, line).is_none(), "{line}");
+    }
 }
 
 #[test]

@@ -31,7 +31,7 @@ pub fn spec(id: RegionId, slots: u32, payload_bytes: u32) -> RegionSpec {
     }
 }
 
-/// The regions of a classic board.
+/// The regions of a PMAC.
 pub fn regions() -> Vec<RegionSpec> {
     let blocks = |spec, start, stride| RegionSpec { blocks: BlockPlace { start, stride, count: 8 }, ..spec };
     vec![

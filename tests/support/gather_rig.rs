@@ -7,9 +7,7 @@ use pmac_dpram::device::{Bus, FileBoard};
 use pmac_dpram::function::gather::{GatherBuffer, GatherPoll, GatherReader, GatherStart, report_cycles};
 use pmac_dpram::function::servo_timer::ServoTimer;
 use pmac_dpram::gather::{GatherMode, GatherPlan, GatherRequest, ServoReport, Source, column, plan};
-use pmac_dpram::map::classic::{
-    ASCII_COMMAND, ASCII_INPUT_CONTROL, ASCII_OUTPUT_CONTROL, RESPONSE_ACKNOWLEDGE,
-};
+use pmac_dpram::map::pmac::{ASCII_COMMAND, ASCII_INPUT_CONTROL, ASCII_OUTPUT_CONTROL, RESPONSE_ACKNOWLEDGE};
 use pmac_dpram::map::{Layout, PMAC};
 
 use super::PATIENCE;

@@ -2,8 +2,8 @@
 
 use std::time::Duration;
 
-use pmac_dpram::segment::{RegionId, Sample};
 use pmac_dpram::map::PmacRegister;
+use pmac_dpram::segment::{RegionId, Sample};
 
 use super::running::Running;
 use crate::rig::Rig;

@@ -12,7 +12,7 @@ use crate::cli::context::Failure;
 use crate::client::{Board, CommandError, Connection, GatherFollower};
 use crate::gather::{GatherMode, GatherPlan, ServoReport};
 use crate::map::Layout;
-use crate::map::classic::GATHERING;
+use crate::map::pmac::GATHERING;
 use crate::protocol::{CallError, answer};
 use crate::segment::{RegionId, RegionState};
 

@@ -1,6 +1,6 @@
 //! `pci:`: a board's memory through sysfs (`resourceN`), without a driver.
 //!
-//! Which BAR of a classic PMAC is its DPRAM differs by generation (BAR0 and BAR2 are both known from working programs), so
+//! Which BAR of a PMAC or PMAC2 is its DPRAM differs by generation (BAR0 and BAR2 are both known from working programs), so
 //! without a number the first memory BAR long enough is taken.
 
 use std::fmt;

@@ -7,7 +7,6 @@ mod pmac;
 mod turbo;
 
 pub use pmac::PMAC;
-pub use pmac::PMAC as CLASSIC;
 pub use turbo::TURBO;
 
 /// The meaning of the 24 bits of a status word. Every bit is a flag, part of a field, or reserved.
@@ -88,7 +87,7 @@ pub fn coordinate_system(word: u32, tables: &'static StatusTables) -> Option<u32
     }
 }
 
-/// How a coordinate system moves, from bits 4, 1 and 0 of its program status. Same on classic boards and Turbo.
+/// How a coordinate system moves, from bits 4, 1 and 0 of its program status. Same on PMAC and on Turbo PMAC.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum MotionMode {
@@ -186,7 +185,7 @@ mod tests {
 
     #[test]
     fn every_bit_of_every_word_has_exactly_one_meaning() {
-        for tables in [&CLASSIC, &TURBO] {
+        for tables in [&PMAC, &TURBO] {
             for table in [tables.motor, tables.coordinate_system, tables.global].into_iter().flatten() {
                 let mut seen = 0u32;
                 let singles = table.flags.iter().map(|(bit, _)| 1 << bit);
@@ -207,7 +206,7 @@ mod tests {
                 assert!(names.iter().all(|name| plain(name)), "{}", table.name);
             }
         }
-        assert_eq!([CLASSIC.motor.len(), CLASSIC.coordinate_system.len(), CLASSIC.global.len()], [2, 2, 2]);
+        assert_eq!([PMAC.motor.len(), PMAC.coordinate_system.len(), PMAC.global.len()], [2, 2, 2]);
         assert_eq!([TURBO.motor.len(), TURBO.coordinate_system.len(), TURBO.global.len()], [2, 3, 2]);
     }
 
@@ -215,21 +214,21 @@ mod tests {
     fn the_software_references_motor_example_decodes() {
         let [first, second] = parse_reply("812000804401").unwrap();
         assert_eq!(
-            named(first, &CLASSIC.motor[0]),
+            named(first, &PMAC.motor[0]),
             ["motor_activated", "integration_mode", "desired_velocity_zero"]
         );
         assert_eq!(
-            named(second, &CLASSIC.motor[1]),
+            named(second, &PMAC.motor[1]),
             ["assigned_to_coordinate_system", "amplifier_enabled", "home_complete", "in_position"]
         );
-        assert_eq!(coordinate_system(second, &CLASSIC), Some(1));
+        assert_eq!(coordinate_system(second, &PMAC), Some(1));
     }
 
     #[test]
     fn the_software_references_coordinate_system_example_decodes() {
         let [first, second] = parse_reply("A8002A020010").unwrap();
         assert_eq!(
-            named(first, &CLASSIC.coordinate_system[0]),
+            named(first, &PMAC.coordinate_system[0]),
             [
                 "z_feedrate",
                 "y_feedrate",
@@ -239,7 +238,7 @@ mod tests {
                 "single_step_mode"
             ]
         );
-        assert_eq!(named(second, &CLASSIC.coordinate_system[1]), ["in_position", "pvt_or_spline_mode"]);
+        assert_eq!(named(second, &PMAC.coordinate_system[1]), ["in_position", "pvt_or_spline_mode"]);
         // The example's combination is one of the two that no list of modes has.
         assert_eq!(MotionMode::of(second), None);
     }
@@ -280,14 +279,14 @@ mod tests {
     #[test]
     fn coordinate_systems_count_from_one() {
         for number in 1..=8u32 {
-            assert_eq!(coordinate_system(0x80_0000 | (number - 1) << 20, &CLASSIC), Some(number));
+            assert_eq!(coordinate_system(0x80_0000 | (number - 1) << 20, &PMAC), Some(number));
         }
-        assert_eq!(coordinate_system(0x70_0000, &CLASSIC), None);
+        assert_eq!(coordinate_system(0x70_0000, &PMAC), None);
     }
 
     #[test]
     fn a_sign_extension_names_no_flag() {
-        assert_eq!(named(0xFF80_0000, &CLASSIC.motor[0]), ["motor_activated"]);
+        assert_eq!(named(0xFF80_0000, &PMAC.motor[0]), ["motor_activated"]);
     }
 
     #[test]

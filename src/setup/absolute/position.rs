@@ -166,9 +166,9 @@ mod tests {
         assert_eq!(turbo(0x07_8000, 0x54_0000, &["X:$078000=$FABCDE"]), Ok(0xA_BCDE));
         assert_eq!(turbo(0x07_8005, 0xB1_0000, &["Y:$078005=$FFFE77"]), Ok(-2));
         assert_eq!(turbo(0x07_8005, 0x31_0000, &["Y:$078005=-1"]), Ok(0xFFFF));
-        let classic = AbsoluteFormat::pmac(0xB0_FFD0).unwrap();
+        let pmac = AbsoluteFormat::pmac(0xB0_FFD0).unwrap();
         let full = words(&["Y:$FFD0=$000000", "Y:65489=$800000"]);
-        assert_eq!(classic.position(&full), Ok(-(1 << 47)));
+        assert_eq!(pmac.position(&full), Ok(-(1 << 47)));
     }
 
     #[test]
