@@ -33,6 +33,8 @@ mod register_tests;
 mod reset_tests;
 #[cfg(test)]
 mod testing;
+#[cfg(test)]
+mod turbo_tests;
 pub mod world;
 
 /// The start-up file that enables all DPRAM functions for eight motors.

@@ -7,10 +7,11 @@ use tempfile::TempDir;
 use crate::device::board::mapping::Mapping;
 use crate::map::{self, PmacAddress, Space};
 use crate::sim::STARTUP;
+use crate::sim::board::Board;
 use crate::sim::board::dpram::Dpram;
+use crate::sim::board::firmware::{self, FirmwareTables};
 use crate::sim::board::identity::Identity;
 use crate::sim::board::memory::Memory;
-use crate::sim::board::{Board, firmware};
 use crate::sim::world::World;
 
 /// The fixed-point register at `number`.
@@ -41,15 +42,20 @@ pub struct Bench {
 }
 
 impl Bench {
-    /// At factory defaults.
+    /// A PMAC at factory defaults.
     pub fn bare(version: &str) -> Self {
+        Self::of(&firmware::PMAC, version)
+    }
+
+    /// A board with the firmware of `tables`, at factory defaults.
+    pub fn of(tables: &'static FirmwareTables, version: &str) -> Self {
         let directory = tempfile::tempdir().unwrap();
         let path = directory.path().join("dpram");
-        let memory = Memory::new(Dpram::open(&path, map::PMAC.length).unwrap(), &firmware::PMAC);
-        let identity = Identity::new(&firmware::PMAC, version);
+        let memory = Memory::new(Dpram::open(&path, tables.family.length).unwrap(), tables);
+        let identity = Identity::new(tables, version);
         let board = Board::new(memory, identity, None, None);
         let file: File = OpenOptions::new().read(true).write(true).open(&path).unwrap();
-        let host = Mapping::new(&file, 0, 0x4000).unwrap();
+        let host = Mapping::new(&file, 0, tables.family.length as usize).unwrap();
         Self { world: World::new(board), host, _directory: directory }
     }
 

@@ -16,6 +16,12 @@ pub struct Each {
 }
 
 impl Each {
+    /// The register whose number 1 is at `first`, and each further one `stride` addresses on.
+    #[must_use]
+    pub const fn new(stride: u32, first: PmacAddress) -> Self {
+        Self { first, stride }
+    }
+
     /// The register of the 0-based motor or coordinate system `index`.
     #[must_use]
     pub const fn of(self, index: usize) -> PmacAddress {
@@ -118,36 +124,32 @@ pub const fn pmac(family: &Family) -> RegisterTable {
         bus_active: x(0xE006),
         end: 0x1000,
 
-        time_left: each(motor, x(0x0020)),
-        desired_velocity: each(motor, x(0x0026)),
-        commanded: each(motor, d(0x0028)),
-        feedback_address: each(motor, x(0x0029)),
-        master_address: each(motor, x(0x002A)),
-        actual: each(motor, d(0x002B)),
-        velocity: each(motor, x(0x0033)),
-        dac: each(motor, x(0x003A)),
-        servo_status: each(motor, x(0x003D)),
-        compensation: each(motor, d(0x0046)),
+        time_left: Each::new(motor, x(0x0020)),
+        desired_velocity: Each::new(motor, x(0x0026)),
+        commanded: Each::new(motor, d(0x0028)),
+        feedback_address: Each::new(motor, x(0x0029)),
+        master_address: Each::new(motor, x(0x002A)),
+        actual: Each::new(motor, d(0x002B)),
+        velocity: Each::new(motor, x(0x0033)),
+        dac: Each::new(motor, x(0x003A)),
+        servo_status: Each::new(motor, x(0x003D)),
+        compensation: Each::new(motor, d(0x0046)),
 
-        time_base_commanded: each(system, x(0x0806)),
-        time_base_present: each(system, x(0x0808)),
-        target: each(system, d(0x080B)),
-        bias: each(system, d(0x0813)),
-        background_status: each(system, y(0x0814)),
-        home_capture: each(system, y(0x0815)),
-        program_status: each(system, y(0x0817)),
-        coordinate_status: each(system, x(0x0818)),
-        coordinate_motors: each(system, y(0x0818)),
-        axis_targets: each(system, l(0x0819)),
-        segmented_axis_targets: each(system, l(0x0876)),
-        average_velocity: each(system, y(0x082A)),
-        jog_variable: each(system, l(0x082B)),
-        lines_remaining: each(system, y(0x08AE)),
+        time_base_commanded: Each::new(system, x(0x0806)),
+        time_base_present: Each::new(system, x(0x0808)),
+        target: Each::new(system, d(0x080B)),
+        bias: Each::new(system, d(0x0813)),
+        background_status: Each::new(system, y(0x0814)),
+        home_capture: Each::new(system, y(0x0815)),
+        program_status: Each::new(system, y(0x0817)),
+        coordinate_status: Each::new(system, x(0x0818)),
+        coordinate_motors: Each::new(system, y(0x0818)),
+        axis_targets: Each::new(system, l(0x0819)),
+        segmented_axis_targets: Each::new(system, l(0x0876)),
+        average_velocity: Each::new(system, y(0x082A)),
+        jog_variable: Each::new(system, l(0x082B)),
+        lines_remaining: Each::new(system, y(0x08AE)),
     }
-}
-
-const fn each(stride: u32, first: PmacAddress) -> Each {
-    Each { first, stride }
 }
 
 const fn x(number: u32) -> PmacAddress {

@@ -52,6 +52,8 @@ impl BackgroundReport {
         {
             return false;
         }
+        // The host has cleared the flag, and the timer may share its word.
+        memory.dpram.adopt(background.ready.word, status);
         for copy in &self.copies.board {
             copy.write(copy.read(0, memory), memory);
         }
@@ -78,7 +80,7 @@ impl BackgroundReport {
         let timer = memory.read(memory.registers().servo_counter);
         memory.dpram.store_timer(background.timer, timer);
         memory.dpram.order_writes();
-        memory.dpram.write16(background.ready.word, status | background.ready.mask);
+        memory.dpram.set(background.ready, true);
         true
     }
 }

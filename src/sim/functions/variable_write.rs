@@ -32,9 +32,8 @@ const LONG: u16 = 1;
 const X: u16 = 2;
 const SPECIAL_Y: u16 = 4;
 const SPECIAL_X: u16 = 6;
-/// The bits of a kind, a width and an offset, moved to bit 0.
-const KIND_BITS: u16 = 0b111;
-const FIELD_BITS: u16 = 0b1_1111;
+/// Bits of an offset in the type word. A kind ends where the width begins, a width where the offset does.
+const OFFSET_BITS: u32 = 5;
 
 /// One record, as the host wrote it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -53,12 +52,15 @@ impl Record {
     fn new(bits: &RecordBits, words: [u16; WORDS]) -> Self {
         let [address, word, data @ ..] = words;
         let above = ((1_u32 << (bits.address - 16)) - 1) as u16;
-        let known = KIND_BITS << bits.kind | FIELD_BITS << bits.width | FIELD_BITS << bits.offset | above;
+        let kind = (1 << (bits.width - bits.kind)) - 1;
+        let width = (1 << (bits.offset - bits.width)) - 1;
+        let offset = (1 << OFFSET_BITS) - 1;
+        let known = kind << bits.kind | width << bits.width | offset << bits.offset | above;
         Self {
             address: u32::from(address) | u32::from(word & above) << 16,
-            kind: word >> bits.kind & KIND_BITS,
-            width: word >> bits.width & FIELD_BITS,
-            offset: word >> bits.offset & FIELD_BITS,
+            kind: word >> bits.kind & kind,
+            width: word >> bits.width & width,
+            offset: word >> bits.offset & offset,
             special: (word & !known).checked_shr((!known).trailing_zeros()).unwrap_or(0),
             data: [join32(data[0], data[1]), join32(data[2], data[3])],
         }
