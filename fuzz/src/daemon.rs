@@ -9,8 +9,8 @@ use pmac_dpram::clock::{Clock, ManualTime};
 use pmac_dpram::daemon::bus::board_function::Context;
 use pmac_dpram::daemon::bus::function_table::FunctionTable;
 use pmac_dpram::daemon::bus::identify::Identifier;
-use pmac_dpram::daemon::bus::ports::command_port::ResponsePort;
-use pmac_dpram::daemon::bus::work::ascii::AsciiDesk;
+use pmac_dpram::daemon::bus::ports::command_port::CommandPorts;
+use pmac_dpram::daemon::bus::work::ascii::AsciiQueue;
 use pmac_dpram::daemon::bus::work::command_lines::CommandLines;
 use pmac_dpram::daemon::shared::job::{Job, MaskedWord};
 use pmac_dpram::daemon::shared::queue::{Command, Event, Receive, Sender, Text, Ticket, queue};
@@ -99,7 +99,7 @@ pub fn body(data: &[u8]) {
         let (clock, now) = (time.clock(), time.clock().now());
         let order = if way & 4 == 0 { TextOrder::LowFirst } else { TextOrder::HighFirst };
         let mode = if way & 16 == 0 { VariableMode::SingleUser } else { VariableMode::MultiUser };
-        let port = ResponsePort::new(&PMAC.ascii, order, None, now);
+        let port = CommandPorts::new(&PMAC, order, None, now);
         let identifier = Identifier::new(&PMAC, Identity::default(), way & 32 != 0, now);
         let mut desks = Desks {
             shared,
@@ -111,7 +111,7 @@ pub fn body(data: &[u8]) {
                     clock.clone(),
                 ),
                 BackgroundMirror::new(&PMAC.background, 50_000_000),
-                CommandLines { desk: AsciiDesk::new(port, identifier, clock.clone()), host_port: None },
+                CommandLines::new(AsciiQueue::new(port, identifier, clock.clone()), None, None),
                 VariableMirror::new(&plan, mode, clock.clone()),
                 plan,
                 &Functions::default(),

@@ -3,8 +3,8 @@
 use super::config::settings::Settings;
 use super::exit::Failure;
 use crate::daemon::bus::board::{self, Board};
-use crate::daemon::bus::ports::host_port::HostPortLink;
-use crate::daemon::bus::ports::mailbox::MailboxLink;
+use crate::daemon::bus::ports::host_port::HostPortDriver;
+use crate::daemon::bus::ports::mailbox::MailboxDriver;
 use crate::device::{Inherited, System};
 
 /// Everything of the machine that the daemon works with.
@@ -12,9 +12,9 @@ pub struct Machine {
     /// The board.
     pub board: Board,
     /// Its mailbox circuit, on a board that has one.
-    pub mailbox: Option<MailboxLink>,
+    pub mailbox: Option<MailboxDriver>,
     /// Its interrupt controller, where it has to be served.
-    pub host_port: Option<HostPortLink>,
+    pub host_port: Option<HostPortDriver>,
 }
 
 impl Machine {
@@ -38,9 +38,9 @@ impl Machine {
         }
         let line_limit = settings.family.ascii.line_limit;
         let mailbox =
-            mailbox.map(|config| MailboxLink::open(config, line_limit, system, inherited)).transpose();
+            mailbox.map(|config| MailboxDriver::open(config, line_limit, system, inherited)).transpose();
         let host_port = settings.host_port.clone();
-        let host_port = host_port.map(|config| HostPortLink::open(config, system, inherited)).transpose();
+        let host_port = host_port.map(|config| HostPortDriver::open(config, system, inherited)).transpose();
         Ok(Self {
             board,
             mailbox: mailbox.map_err(|error| failed("mailboxes: ", error.as_ref()))?,

@@ -10,22 +10,20 @@ use super::config::settings::Settings;
 use super::exit::{self, Failure};
 use super::machine::Machine;
 use super::service::simulator::Simulator;
-use super::shared::info::{Info, InfoReport};
+use super::shared::info::Info;
 use super::shared::queue::{at_once, queue};
 use super::socket::policy::group_id;
 use super::socket::server::Backend;
 use crate::clock::Clock;
 use crate::daemon::bus::board::Board;
-use crate::daemon::bus::board_loop::BoardLoop;
+use crate::daemon::bus::board_loop::{BoardLoop, Configured, Connections};
+use crate::daemon::bus::command_intake::CommandIntake;
 use crate::daemon::bus::function_table::FunctionTable;
-use crate::daemon::bus::guard_time::Room;
 use crate::daemon::bus::identify::{Identifier, servo_period_ps};
-use crate::daemon::bus::phase::Phase;
-use crate::daemon::bus::ports::command_port::ResponsePort;
-use crate::daemon::bus::ports::host_port::HostPortLink;
-use crate::daemon::bus::presence::Condition;
-use crate::daemon::bus::report::Told;
-use crate::daemon::bus::work::ascii::AsciiDesk;
+use crate::daemon::bus::ports::command_port::CommandPorts;
+use crate::daemon::bus::ports::host_port::HostPortDriver;
+use crate::daemon::bus::presence::BoardPresence;
+use crate::daemon::bus::work::ascii::AsciiQueue;
 use crate::daemon::bus::work::command_lines::CommandLines;
 use crate::device::Counted;
 use crate::mirror::{self, BackgroundMirror, ServoMirror, VariableMirror};
@@ -73,8 +71,8 @@ impl Parts {
         let asks = settings.ask_board && reading.functions.has(Function::Ascii);
         let now = clock.now();
         let identifier = Identifier::new(settings.family, configured_identity(settings), asks, now);
-        let port = ResponsePort::new(&settings.family.ascii, settings.text_order, mailbox, now)
-            .after_another_host(now);
+        let ports =
+            CommandPorts::new(settings.family, settings.text_order, mailbox, now).after_another_host(now);
         let (plan, mode) = (settings.uncertain.plan(), settings.uncertain.variable_mode());
         let functions = FunctionTable::new(
             ServoMirror::selecting(
@@ -88,37 +86,30 @@ impl Parts {
                 settings.background_period_ns,
                 reading.background.selection(settings.family),
             ),
-            CommandLines { desk: AsciiDesk::new(port, identifier, clock.clone()), host_port },
+            CommandLines::new(AsciiQueue::new(ports, identifier, clock.clone()), interrupt, host_port),
             VariableMirror::new(&plan, mode, clock.clone()),
             plan,
             &reading.functions,
             clock.clone(),
         );
-        let board_loop = BoardLoop {
-            bus: Counted::new(bus),
-            open,
-            functions,
-            interrupt,
-            uncertain: settings.uncertain.clone(),
-            publisher,
-            commands: command_queue,
-            events,
-            info: InfoReport::default(),
+        let configured = Configured {
+            settings: settings.uncertain.clone(),
+            motors: settings.motors.map_or(settings.family.motors, |motors| motors as usize),
+        };
+        let connections = Connections {
+            intake: CommandIntake::new(command_queue, events),
             pulse: info.pulse(),
             stop: Arc::clone(&stop),
-            default_motors: settings.motors.map_or(settings.family.motors, |motors| motors as usize),
-            answer: None,
-            began_ns: clock.ns(),
-            check_due_ns: clock.ns(),
-            clock,
-            phase: Phase::Begin,
-            heartbeat_due_ns: 0,
-            paused_until_ns: 0,
-            rounds_for_servo: 0,
-            room: Room::default(),
-            condition: Condition::default(),
-            told: Told::default(),
         };
+        let board_loop = BoardLoop::new(
+            Counted::new(bus),
+            BoardPresence::new(open),
+            functions,
+            configured,
+            publisher,
+            connections,
+            clock,
+        );
         Ok(Self { board_loop, backend: Backend { commands, events: event_queue, info }, stop, simulator })
     }
 }
@@ -191,7 +182,7 @@ fn board_info(settings: &Settings, publisher: &Publisher) -> BoardInfo {
         pid: std::process::id(),
         segment: format!("/{}", settings.name.as_str()),
         host_port: settings.host_port.as_ref().map(|config| HostPortInfo {
-            controller: HostPortLink::name(&config.port).to_owned(),
+            controller: HostPortDriver::name(&config.port).to_owned(),
             line: config.port.line.into(),
             ..HostPortInfo::default()
         }),

@@ -269,7 +269,7 @@ impl DpramPort {
     ///
     /// # Errors
     /// When the bus cannot be reached.
-    pub fn control_lies(&self, bus: &mut impl Bus) -> Result<bool, BusError> {
+    pub fn control_pending(&self, bus: &mut impl Bus) -> Result<bool, BusError> {
         Ok(bus.read16(self.words.control_character)? != 0)
     }
 

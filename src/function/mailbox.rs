@@ -25,7 +25,7 @@ use crate::device::{ByteBus, ByteBusError};
 /// How long the port must have been silent before it is used again after it gave up on a reply.
 pub const SETTLE: Duration = Duration::from_millis(50);
 /// How long a group of a line may lie before a control character that cannot wait goes over it: an interrupt may be lost.
-pub const LIES_TOO_LONG: Duration = Duration::from_millis(50);
+pub const PENDING_TOO_LONG: Duration = Duration::from_millis(50);
 /// How long the board may take to take the `<CTRL-X>`. Until it has, more of the reply given up may come.
 pub const CANCEL_LIMIT: Duration = Duration::from_secs(1);
 /// How long after its last line a control character's reply counts as complete if no `<ACK>` ends it.
@@ -246,7 +246,7 @@ impl MailboxPort {
 
     /// Whether somebody's control character lies in mailbox 0, not taken by the board yet, as far as steps have seen.
     #[must_use]
-    pub fn control_lies(&self) -> bool {
+    pub fn control_pending(&self) -> bool {
         self.lone == Some(Lone::Control)
     }
 
@@ -285,7 +285,7 @@ impl MailboxPort {
     /// mailboxes, or the character's reply would mix with another; try later. With `has_reply` its lines come as
     /// [`AsciiEvent::Line`] and end with `<ACK>` or a silence. 1 write.
     ///
-    /// One without a reply may be what stops a machine: a group that has lain for [`LIES_TOO_LONG`] is written over and its
+    /// One without a reply may be what stops a machine: a group that has lain for [`PENDING_TOO_LONG`] is written over and its
     /// command given up ([`MailboxPort::is_settling`]); whether the board has taken it nobody knows. A `<CTRL-X>` follows.
     ///
     /// # Errors
@@ -304,7 +304,7 @@ impl MailboxPort {
             (_, Some(_)) => Some(now),
             (_, None) => None,
         };
-        let in_the_way = lies_since.is_some_and(|since| has_reply || now < since + LIES_TOO_LONG);
+        let in_the_way = lies_since.is_some_and(|since| has_reply || now < since + PENDING_TOO_LONG);
         if in_the_way || self.reply_lies || has_reply && !self.is_idle() {
             return Ok(false);
         }
@@ -346,7 +346,7 @@ impl MailboxPort {
     /// # Errors
     /// When the registers cannot be reached.
     pub fn withdraw_control(&mut self, bus: &mut impl ByteBus, now: Instant) -> Result<(), ByteBusError> {
-        if self.control_lies() { self.cancel(bus, now) } else { Ok(()) }
+        if self.control_pending() { self.cancel(bus, now) } else { Ok(()) }
     }
 
     fn cancel(&mut self, bus: &mut impl ByteBus, now: Instant) -> Result<(), ByteBusError> {

@@ -204,29 +204,29 @@ fn what_stops_a_machine_does_not_wait_for_an_interrupt_that_was_lost() {
         !rig.port.control(&mut rig.bus, 0x01, false, rig.now).unwrap(),
         "the group has only just been written"
     );
-    rig.now += LIES_TOO_LONG;
+    rig.now += PENDING_TOO_LONG;
     assert!(!rig.port.control(&mut rig.bus, 0x10, true, rig.now).unwrap(), "that one can wait");
     assert!(rig.port.control(&mut rig.bus, 0x01, false, rig.now).unwrap());
     assert_eq!(rig.bus.read8(mailbox(0)).unwrap(), 0x01);
-    assert!(rig.port.is_settling() && rig.port.control_lies() && !rig.begin("P2"));
+    assert!(rig.port.is_settling() && rig.port.control_pending() && !rig.begin("P2"));
     // Nothing goes over it, not even when its line is given up or much time has passed.
     rig.port.give_up(&mut rig.bus, rig.now).unwrap();
     rig.now += 2 * CANCEL_LIMIT;
     assert_eq!(rig.step(), None);
     assert!(!rig.port.control(&mut rig.bus, 0x0B, false, rig.now).unwrap());
-    assert!(rig.port.control_lies() && !rig.port.is_idle(), "not taken is not done");
+    assert!(rig.port.control_pending() && !rig.port.is_idle(), "not taken is not done");
     rig.port.signal(MailboxSignal::GroupTaken);
     assert_eq!(rig.step(), None);
-    assert!(!rig.port.control_lies());
+    assert!(!rig.port.control_pending());
     assert_eq!(rig.bus.read8(mailbox(0)).unwrap(), 0xEE, "the rest of the line is not sent");
     // The board may hold the first half of the line: it is to forget it.
     rig.now += SETTLE;
     assert_eq!(rig.step(), None);
     assert_eq!(rig.bus.read8(mailbox(0)).unwrap(), CANCEL);
     // Its interrupt is lost too.
-    rig.now += LIES_TOO_LONG / 2;
+    rig.now += PENDING_TOO_LONG / 2;
     assert!(!rig.port.control(&mut rig.bus, 0x0B, false, rig.now).unwrap());
-    rig.now += LIES_TOO_LONG;
+    rig.now += PENDING_TOO_LONG;
     assert!(rig.port.control(&mut rig.bus, 0x0B, false, rig.now).unwrap());
     for character in [0x0B, CANCEL] {
         assert_eq!(rig.bus.read8(mailbox(0)).unwrap(), character);
@@ -252,12 +252,12 @@ fn a_control_character_with_a_reply_does_not_close_the_port_when_its_interrupt_i
     // One that lies for too long does not hold up what stops a machine either.
     assert!(rig.port.control(&mut rig.bus, 0x10, true, rig.now).unwrap());
     assert!(!rig.port.control(&mut rig.bus, 0x01, false, rig.now).unwrap());
-    rig.now += LIES_TOO_LONG;
+    rig.now += PENDING_TOO_LONG;
     assert!(rig.port.control(&mut rig.bus, 0x01, false, rig.now).unwrap() && rig.port.is_settling());
     // A <CTRL-X> over one that is taken back after all.
     rig.port.withdraw_control(&mut rig.bus, rig.now).unwrap();
     assert_eq!(rig.bus.read8(mailbox(0)).unwrap(), CANCEL);
-    assert!(!rig.port.control_lies());
+    assert!(!rig.port.control_pending());
     rig.now += CANCEL_LIMIT;
     assert_eq!(rig.step(), None);
     assert!(rig.port.is_idle());

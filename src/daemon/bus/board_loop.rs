@@ -1,37 +1,41 @@
 //! The one thread that owns the board: one poll over timer, interrupt and command queue.
 //!
 //! Nobody else touches the bus, so no lock guards it. Servo data come first: every other piece of work is bounded and
-//! short, and before each the servo's due time is looked at. After start the thread neither allocates per pass nor
-//! logs per pass nor waits for a client; it says when something changes, once.
+//! short, and before each the servo's due time is looked at ([`GuardTime`]). After start the thread neither allocates nor
+//! logs in each round, and waits for no client. It says when something changes, once ([`Reporter`]).
+//!
+//! The loop alone reacts, here and in `life`: its parts find out, and give what they found as a value.
 
-use std::os::fd::{AsFd, BorrowedFd};
+mod life;
+
+use std::os::fd::AsFd;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use log::{error, info, warn};
-use nix::poll::{PollFd, PollFlags, ppoll};
+use log::{info, warn};
 use nix::sys::eventfd::EventFd;
-use nix::sys::time::TimeSpec;
 
 use crate::clock::Clock;
-use crate::daemon::bus::board::{BoardBus, OpenBus};
+use crate::daemon::bus::board::BoardBus;
 use crate::daemon::bus::board_function::{Context, Polled};
+use crate::daemon::bus::command_intake::CommandIntake;
 use crate::daemon::bus::function_table::FunctionTable;
-use crate::daemon::bus::guard_time::Room;
+use crate::daemon::bus::guard_time::{GuardTime, Turn};
 use crate::daemon::bus::identify::Identifier;
 use crate::daemon::bus::phase::Phase;
 use crate::daemon::bus::ports::command_port::PortError;
-use crate::daemon::bus::ports::interrupt::InterruptLink;
-use crate::daemon::bus::ports::mailbox::MailboxLink;
-use crate::daemon::bus::presence::Condition;
-use crate::daemon::bus::report::Told;
+use crate::daemon::bus::presence::BoardPresence;
+use crate::daemon::bus::readable::Readable;
+use crate::daemon::bus::report::Reporter;
 use crate::daemon::config::board_settings::Uncertain;
-use crate::daemon::shared::info::{InfoReport, Pulse};
-use crate::daemon::shared::queue::{Command, Event, Outcome, READ_MAX, Receive, Sender};
+use crate::daemon::shared::info::Pulse;
+use crate::daemon::shared::queue::{Command, Event, Outcome, READ_MAX};
 use crate::device::{Bus, BusError};
 use crate::map::HostOffset;
-use crate::protocol::Function;
-use crate::segment::{Counter, Publisher, State};
+use crate::mirror::Transition;
+use crate::protocol::{CommandState, Enabled, Function};
+use crate::segment::identity::first_motors;
+use crate::segment::{Counter, Publisher, RegionId, RegionState, Stamp, State};
 
 /// How often the segment's heartbeat is written.
 const HEARTBEAT_NS: u64 = 50_000_000;
@@ -39,8 +43,6 @@ const HEARTBEAT_NS: u64 = 50_000_000;
 const BOARD_CHECK_NS: u64 = 1_000_000_000;
 /// How long a board may take to give its first sign of life before it is called stale.
 const FIRST_SIGN_NS: u64 = 1_000_000_000;
-/// Rounds in a row that the servo may take while other work is due.
-const STARVING_ROUNDS: u32 = 8;
 /// How long an unreachable bus is left alone.
 const BUS_ERROR_PAUSE_NS: u64 = 10_000_000;
 /// Commands taken from the queue in one round.
@@ -48,67 +50,73 @@ const COMMANDS_A_ROUND: usize = 4;
 /// Pieces of work that one [`BoardLoop::poll`] does at most.
 const STEPS_A_POLL: usize = 10_000;
 
-/// Everything the thread works with.
-pub struct BoardLoop {
-    /// The board.
-    pub bus: BoardBus,
-    /// Opens it again when its memory was replaced.
-    pub open: OpenBus,
-    /// Its automatic functions.
-    pub functions: FunctionTable,
-    /// Where their buffers lie, which the firmware has a say in.
-    pub uncertain: Uncertain,
-    /// The board's interrupt, if it has one.
-    pub interrupt: Option<InterruptLink>,
-    /// The segment.
-    pub publisher: Publisher,
-    /// From the socket.
-    pub commands: Receive<Command>,
-    /// To the socket.
-    pub events: Sender<Event>,
-    /// What the socket's thread is told of the board.
-    pub info: InfoReport,
-    /// Its heartbeat.
-    pub pulse: Arc<Pulse>,
-    /// Readable when the thread shall end.
-    pub stop: Arc<EventFd>,
+/// What the configuration says of the board.
+pub struct Configured {
+    /// Where its buffers lie, which the firmware has a say in.
+    pub settings: Uncertain,
     /// Motors to read while the board has not said how many it reports.
-    pub default_motors: usize,
-    /// An answer the socket's queue had no room for; no command is taken and no job goes on until it is gone.
-    pub answer: Option<Event>,
-    /// The time.
-    pub clock: Clock,
-    /// When it began.
-    pub began_ns: u64,
-    /// Between start and end.
-    pub phase: Phase,
-    /// When the segment's heartbeat is due.
-    pub heartbeat_due_ns: u64,
-    /// When the board is to be checked.
-    pub check_due_ns: u64,
-    /// The bus could not be reached, and is left alone until then.
-    pub paused_until_ns: u64,
-    /// Rounds in a row that went to the servo.
-    pub rounds_for_servo: u32,
-    /// What is left free before servo updates.
-    pub room: Room,
-    /// Whether the board is there, as far as was seen.
-    pub condition: Condition,
-    /// What is to be said when it changes.
-    pub told: Told,
+    pub motors: usize,
 }
 
-/// Which descriptors became readable.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-struct Readable {
-    stop: bool,
-    commands: bool,
-    interrupt: bool,
-    /// One of the mailboxes' interrupts.
-    mailbox: bool,
+/// What joins the loop with the other threads.
+pub struct Connections {
+    /// Commands from the socket, answers to it.
+    pub intake: CommandIntake,
+    /// The loop's heartbeat, for the service manager.
+    pub pulse: Arc<Pulse>,
+    /// Readable when the loop shall end.
+    pub stop: Arc<EventFd>,
+}
+
+/// The bus thread.
+pub struct BoardLoop {
+    bus: BoardBus,
+    presence: BoardPresence,
+    functions: FunctionTable,
+    configured: Configured,
+    publisher: Publisher,
+    connections: Connections,
+    reporter: Reporter,
+    guard: GuardTime,
+    clock: Clock,
+    phase: Phase,
+    began_ns: u64,
+    heartbeat_due_ns: u64,
+    check_due_ns: u64,
+    /// The bus could not be reached, and is left alone until then.
+    paused_until_ns: u64,
 }
 
 impl BoardLoop {
+    /// A loop over the `functions` of the board on `bus`. Nothing touches the board before the first poll.
+    #[must_use]
+    pub fn new(
+        bus: BoardBus,
+        presence: BoardPresence,
+        functions: FunctionTable,
+        configured: Configured,
+        publisher: Publisher,
+        connections: Connections,
+        clock: Clock,
+    ) -> Self {
+        Self {
+            bus,
+            presence,
+            functions,
+            configured,
+            publisher,
+            connections,
+            reporter: Reporter::default(),
+            guard: GuardTime::default(),
+            phase: Phase::Begin,
+            began_ns: clock.ns(),
+            heartbeat_due_ns: 0,
+            check_due_ns: clock.ns(),
+            paused_until_ns: 0,
+            clock,
+        }
+    }
+
     /// Runs until told to stop, then leaves the board as it should be left: no bit of the host's set.
     pub fn run(mut self) {
         // Without it the kernel adds up to 50 µs to every sleep.
@@ -147,7 +155,7 @@ impl BoardLoop {
         }
         match self.phase {
             Phase::Begin => {
-                self.page_again();
+                self.write_page();
                 self.phase = Phase::reaching(self.clock.now());
                 self.reach_dpram();
             }
@@ -161,25 +169,40 @@ impl BoardLoop {
     fn running(&mut self, readable: &Readable) {
         if !self.is_paused() {
             self.attend(readable);
-            self.pulse.count_round();
-            if let Err(error) = self.one_round() {
-                self.bus_failed(&error);
-            }
+            self.connections.pulse.count_round();
+            let result = self.one_round();
+            self.note_failure(result);
         }
         let now = self.clock.ns();
         // Who waits for the board to be live shall not have to wait for the next beat.
         let beats = now >= self.heartbeat_due_ns;
-        if beats || self.shows_life() && self.told.state != Some(State::Live) {
+        if beats || self.shows_life() && self.reporter.state() != Some(State::Live) {
             self.heartbeat_due_ns = now + HEARTBEAT_NS;
             self.beat(now);
         }
         if now >= self.check_due_ns {
             self.check_due_ns = now + BOARD_CHECK_NS;
-            self.check_board();
+            let result = self.check_board();
+            self.note_failure(result);
         }
-        let enabling = self.functions.ascii.desk.identifier.enabling();
-        self.info.set(|status| status.enabling = enabling);
-        self.info.poll(&self.events, beats);
+        self.tell_clients(beats);
+    }
+
+    /// Tells the clients what has changed; counts alone only `with_counts`.
+    fn tell_clients(&mut self, with_counts: bool) {
+        let FunctionTable { servo, background, ascii, .. } = &self.functions;
+        let queue = ascii.queue();
+        let mut enabled = Enabled::empty();
+        enabled.set(Enabled::SERVO, servo.is_live());
+        enabled.set(Enabled::BACKGROUND, background.is_live());
+        enabled.set(Enabled::ASCII, queue.state() == CommandState::Answers);
+        enabled.set(Enabled::INTERRUPT, queue.has_interrupt());
+        self.reporter.note(|status| {
+            status.enabled = enabled;
+            status.enabling = queue.identifier.enabling();
+            status.host_port = ascii.host_port_counts().unwrap_or(status.host_port);
+        });
+        self.reporter.send(self.connections.intake.events(), with_counts);
     }
 
     /// Whether the bus is left alone for a moment, because it could not be reached.
@@ -192,26 +215,23 @@ impl BoardLoop {
         let now = self.clock.ns();
         let work = self.next_work().filter(|(due_ns, _)| *due_ns <= now);
         let servo_due = now >= self.functions.servo_due_ns();
-        // On a slow bus, or at a high servo rate, there may never be room. What stops a machine goes out all the same.
-        let starving = self.rounds_for_servo >= STARVING_ROUNDS && work.is_some();
-        if (servo_due || self.has_no_room(now)) && !starving {
-            if servo_due {
-                self.rounds_for_servo += 1;
-                self.poll_function(Function::Servo)?;
+        let near = self.is_servo_near(now);
+        let intake = &self.connections.intake;
+        match (self.guard.turn(servo_due, near, work.is_some(), || intake.has_waiting()), work) {
+            (Turn::Servo, _) => self.poll_function(Function::Servo),
+            (Turn::Others, Some((_, function))) => {
+                if function == Function::Ascii && self.presence.is_out_of_reach() {
+                    // Nothing is begun in words that are still to be put in order.
+                    self.check_page()?;
+                }
+                let (accesses, began_ns) = (self.bus.accesses(), self.clock.ns());
+                self.poll_function(function)?;
+                let took = Duration::from_nanos(self.clock.ns().saturating_sub(began_ns));
+                self.guard.took(self.bus.accesses() - accesses, took);
+                Ok(())
             }
-            return Ok(());
+            (Turn::Others | Turn::Nobody, _) => Ok(()),
         }
-        self.rounds_for_servo = 0;
-        let Some((_, function)) = work else { return Ok(()) };
-        if function == Function::Ascii && self.condition.out_of_reach {
-            // Nothing is begun in words that are still to be put in order.
-            self.guard_page()?;
-        }
-        let (accesses, began_ns) = (self.bus.accesses(), self.clock.ns());
-        self.poll_function(function)?;
-        let took = Duration::from_nanos(self.clock.ns().saturating_sub(began_ns));
-        self.room.took(self.bus.accesses() - accesses, took);
-        Ok(())
     }
 
     fn poll_function(&mut self, function: Function) -> Result<(), PortError> {
@@ -219,41 +239,54 @@ impl BoardLoop {
         let (functions, mut context) = self.functions_in_context();
         let polled = functions.poll(function, &mut context)?;
         if let Some(counter) = functions.counter::<BoardBus>(function) {
-            self.count(counter, accesses);
+            self.publisher.counters().add(counter, self.bus.accesses() - accesses);
         }
         self.react(function, polled)
     }
 
     /// The functions, and what they work with.
-    pub(in crate::daemon) fn functions_in_context(&mut self) -> (&mut FunctionTable, Context<'_, BoardBus>) {
-        let Self { functions, bus, publisher, events, clock, .. } = self;
-        (functions, Context { bus, publisher, events, clock })
+    fn functions_in_context(&mut self) -> (&mut FunctionTable, Context<'_, BoardBus>) {
+        let Self { functions, bus, publisher, connections, clock, .. } = self;
+        (functions, Context { bus, publisher, events: connections.intake.events(), clock })
     }
 
     /// What follows from what a function found.
     fn react(&mut self, function: Function, polled: Polled) -> Result<(), PortError> {
         let Polled { answer, transition, was_reset } = polled;
         if let Some(event) = answer {
-            self.reply(event);
+            self.connections.intake.answer(event);
         }
         match function {
             Function::Servo => {
-                self.tell_servo(transition);
+                if let Some(transition) = transition {
+                    Reporter::servo(transition, self.functions.servo.stale_after_ns());
+                    if transition == Transition::Stale {
+                        self.doubt_board();
+                        let change = self.presence.check_answers(&mut self.bus);
+                        change.map_or(Ok(()), |change| self.follow(change))?;
+                    } else {
+                        self.functions.ascii.queue_mut().identifier.ask_again(self.clock.now());
+                    }
+                }
                 let open = self.functions.servo.program_buffer_open();
-                self.functions.ascii.desk.see_buffer(open);
+                self.functions.ascii.queue_mut().see_buffer(open);
                 if was_reset {
                     info!("the board was reset, or its memory cleared");
-                    self.after_reset(!self.condition.reset_known)?;
+                    self.after_reset(!self.presence.is_reset_known())?;
                 }
-                self.condition.reset_known &= !self.functions.servo.is_live();
+                self.presence.servo_polled(self.functions.servo.is_live());
             }
-            Function::Background => self.tell_background(transition),
-            Function::Ascii => {
-                if let Some(host_port) = &self.functions.ascii.host_port {
-                    let counts = host_port.counts();
-                    self.info.set(|status| status.host_port = counts);
+            Function::Background => {
+                if let Some(transition) = transition {
+                    Reporter::background(transition, self.functions.background.stale_after_ns());
+                    if transition == Transition::Stale {
+                        self.doubt_board();
+                    }
                 }
-                self.tell_port();
+            }
+            Function::Ascii => {
+                let queue = self.functions.ascii.queue();
+                self.reporter.port(queue.ports().in_use(), queue.state());
                 self.take_identity();
             }
             Function::Variables | Function::Gather | Function::Panel | Function::Rotary => {}
@@ -261,20 +294,44 @@ impl BoardLoop {
         Ok(())
     }
 
-    /// Whether what is begun at `ns` might delay the servo data.
-    fn has_no_room(&self, ns: u64) -> bool {
-        self.functions.servo.is_live() && ns.saturating_add(self.room.ns()) > self.functions.servo_due_ns()
+    /// Data have stopped: the board may have been reset, or be gone.
+    fn doubt_board(&mut self) {
+        self.functions.ascii.queue_mut().doubt(self.clock.now());
+        self.write_page();
+    }
+
+    /// Publishes what has become known of the board, and works by it.
+    fn take_identity(&mut self) {
+        let Some(identity) = self.functions.ascii.queue_mut().identifier.take_update() else { return };
+        if !self.reporter.is_new(&identity) {
+            return;
+        }
+        let motors = identity.reported_motors().map_or(self.configured.motors, |motors| motors as usize);
+        self.functions.servo.configure(
+            identity.motor_mask.unwrap_or(first_motors(motors as u32)),
+            identity.servo_period_ps.map(|ps| ps / 1000),
+            identity.servo_report_cycles,
+        );
+        self.functions.background.configure(motors);
+        match self.configured.settings.plan_for(identity.firmware.as_deref()) {
+            Ok(plan) => self.functions.set_plan(plan),
+            Err(reason) => warn!("{reason}; the plan for boards of unknown firmware stays in force"),
+        }
+        let stamp = Stamp { time_ns: self.clock.ns(), servo_timer: 0, valid: true };
+        self.publisher.publish_bytes(RegionId::Board, stamp, &identity.encode());
+        self.publisher.set_region_state(RegionId::Board, RegionState::Live);
+        self.reporter.identity(identity, motors);
+    }
+
+    /// Whether work begun at `ns` might delay the servo data.
+    fn is_servo_near(&self, ns: u64) -> bool {
+        self.functions.servo.is_live() && self.guard.is_near(ns, self.functions.servo_due_ns())
     }
 
     /// Of the work that can wait for the servo, that which is due first, and when. While an answer finds no room, and while
     /// what would be read is no board's, only what watches the board goes on.
     fn next_work(&self) -> Option<(u64, Function)> {
-        self.functions.next::<BoardBus>(self.answer.is_some() || self.condition.silent)
-    }
-
-    /// Adds the accesses made since there were `before` of them.
-    fn count(&self, counter: Counter, before: u64) {
-        self.publisher.counters().add(counter, self.bus.accesses() - before);
+        self.functions.next::<BoardBus>(self.connections.intake.is_held_up() || self.presence.is_silent())
     }
 
     /// When something is due next. Never later than the next heartbeat.
@@ -288,8 +345,8 @@ impl BoardLoop {
                 let others = self.next_work().map_or(u64::MAX, |(due_ns, _)| due_ns);
                 // Work that would not fit before the servo data waits until after them, unless it starves.
                 let (servo, now) = (self.functions.servo_due_ns(), self.clock.ns());
-                let starving = self.rounds_for_servo >= STARVING_ROUNDS && others <= now;
-                let waits = self.has_no_room(others.max(now)) && !starving;
+                let starving = self.guard.is_starving() && others <= now;
+                let waits = self.is_servo_near(others.max(now)) && !starving;
                 let due = if waits { servo } else { servo.min(others) };
                 due.min(self.heartbeat_due_ns)
             }
@@ -299,57 +356,19 @@ impl BoardLoop {
     /// Waits so long, or until there is something to read.
     fn wait(&self, timeout: Duration) -> Readable {
         let works = self.phase == Phase::Running && !self.is_paused();
-        let commands_wait = self.has_no_room(self.clock.ns()) && self.rounds_for_servo < STARVING_ROUNDS;
-        fn watched(fd: BorrowedFd<'_>) -> PollFd<'_> {
-            PollFd::new(fd, PollFlags::POLLIN)
-        }
-        let interrupt = self.interrupt.as_ref().filter(|_| works).and_then(InterruptLink::descriptor);
-        let stop = self.stop.as_fd();
-        let commands = (works && self.answer.is_none() && !commands_wait).then(|| self.commands.descriptor());
-        // A place without a descriptor of its own watches the first one again, which is harmless.
-        let mailbox = self.functions.ascii.desk.port().mailbox.as_ref().filter(|_| works);
-        let [taken, reply] = mailbox.map_or([None, None], MailboxLink::descriptors);
-        let mut watched =
-            [Some(stop), commands, interrupt, taken, reply].map(|fd| watched(fd.unwrap_or(stop)));
-        if ppoll(&mut watched, Some(TimeSpec::from_duration(timeout)), None).is_err() {
-            // A signal, or no memory: the next round looks again.
-            return Readable::default();
-        }
-        let [stop, second, third, fourth, fifth] = watched.map(|fd| fd.any().unwrap_or(false));
-        Readable {
-            stop,
-            commands: second && commands.is_some(),
-            interrupt: third && interrupt.is_some(),
-            mailbox: fourth && taken.is_some() || fifth && reply.is_some(),
-        }
+        let stand_back = self.is_servo_near(self.clock.ns()) && !self.guard.is_starving();
+        let Connections { intake, stop, .. } = &self.connections;
+        let commands = if works && !stand_back { intake.descriptor() } else { None };
+        let interrupts = if works { self.functions.ascii.descriptors() } else { [None; 3] };
+        Readable::wait(stop.as_fd(), commands, interrupts, timeout)
     }
 
     /// Takes what became readable.
     fn attend(&mut self, readable: &Readable) {
         let now = self.clock.now();
-        if let Some(answer) = self.answer.take() {
-            self.reply(answer);
-        }
-        if readable.interrupt
-            && let Some(link) = &mut self.interrupt
-        {
-            let taken = link.take(now);
-            self.publisher.counters().add(Counter::Interrupts, u64::from(taken.interrupts));
-            if let Some(host_port) = self.functions.ascii.host_port.as_mut().filter(|_| taken.interrupts > 0)
-            {
-                host_port.interrupted(self.functions.ascii.desk.port().responses());
-            }
-            self.functions.ascii.desk.look_now(now);
-        }
-        self.attend_mailbox(readable.mailbox, now);
-        if let Some(link) = &mut self.interrupt {
-            link.tend(now);
-            let connected = link.is_connected();
-            if connected != self.told.interrupt {
-                self.told.interrupt = connected;
-                self.tell_interrupt();
-            }
-        }
+        self.connections.intake.retry();
+        let interrupts = self.functions.ascii.take_interrupts(readable, now);
+        self.publisher.counters().add(Counter::Interrupts, u64::from(interrupts));
         if readable.commands {
             self.take_commands(now);
         }
@@ -357,48 +376,52 @@ impl BoardLoop {
 
     fn take_commands(&mut self, now: Instant) {
         // The socket wakes once a command: leave the wake set while some may be left.
-        self.commands.clear();
-        let starving = self.rounds_for_servo >= STARVING_ROUNDS;
+        self.connections.intake.clear();
+        let starving = self.guard.is_starving();
         for taken in 0..COMMANDS_A_ROUND {
             // Many words may be asked for: on a slow bus reading them could cost the next servo update.
-            let no_room = (taken > 0 || !starving) && self.has_no_room(self.clock.ns());
-            if self.answer.is_some() || no_room {
+            let stand_back = (taken > 0 || !starving) && self.is_servo_near(self.clock.ns());
+            if self.connections.intake.is_held_up() || stand_back {
                 break;
             }
-            let Some(command) = self.commands.try_receive() else { return };
-            match command {
-                Command::ReadWords { ticket, first, count } => {
-                    let event = match self.read_words(first, count) {
-                        Ok((time_ns, words)) => Event::Words { ticket, time_ns, words, count },
-                        Err(BusError::OutOfRange { .. }) => Event::Done(ticket, Outcome::OutOfRange),
-                    };
-                    self.reply(event);
-                }
-                Command::Job { ticket, job, deadline } => {
-                    match self.functions.submit(&mut self.bus, &self.publisher, ticket, *job, deadline) {
-                        Ok(None) => {}
-                        Ok(Some(event)) => self.reply(event),
-                        Err(error) => {
-                            self.bus_failed(&error);
-                            self.reply(Event::Done(ticket, Outcome::Unavailable));
-                        }
-                    }
-                }
-                Command::Send { line, .. } if Identifier::may_be_changed_by(line.as_bytes()) => {
-                    self.functions.ascii.desk.identifier.ask_again(now);
-                    self.functions.ascii.desk.submit(&command, now);
-                }
-                Command::Send { .. } | Command::Control { .. } => {
-                    self.functions.ascii.desk.submit(&command, now)
-                }
+            let Some(command) = self.connections.intake.take() else { return };
+            if let Some(event) = self.carry_out(command, now) {
+                self.connections.intake.answer(event);
             }
         }
-        self.commands.keep_awake();
+        self.connections.intake.keep_awake();
     }
 
-    /// Answers the socket, or keeps the answer until there is room.
-    fn reply(&mut self, event: Event) {
-        self.answer = self.events.try_send(event).err();
+    /// Does a command, or has it wait where it belongs; gives the answer if there is one already.
+    fn carry_out(&mut self, command: Command, now: Instant) -> Option<Event> {
+        match command {
+            Command::ReadWords { ticket, first, count } => {
+                self.guard.others_had_turn();
+                Some(match self.read_words(first, count) {
+                    Ok((time_ns, words)) => Event::Words { ticket, time_ns, words, count },
+                    Err(BusError::OutOfRange { .. }) => Event::Done(ticket, Outcome::OutOfRange),
+                })
+            }
+            Command::Job { ticket, job, deadline } => {
+                match self.functions.submit(&mut self.bus, &self.publisher, ticket, *job, deadline) {
+                    Ok(answer) => answer,
+                    Err(error) => {
+                        self.bus_failed(&error);
+                        Some(Event::Done(ticket, Outcome::Unavailable))
+                    }
+                }
+            }
+            Command::Send { .. } | Command::Control { .. } => {
+                let queue = self.functions.ascii.queue_mut();
+                if let Command::Send { line, .. } = &command
+                    && Identifier::may_be_changed_by(line.as_bytes())
+                {
+                    queue.identifier.ask_again(now);
+                }
+                queue.submit(&command, now);
+                None
+            }
+        }
     }
 
     fn read_words(&mut self, first: HostOffset, count: usize) -> Result<(u64, [u16; READ_MAX]), BusError> {
@@ -411,41 +434,31 @@ impl BoardLoop {
     /// The heartbeat: what must be seen even when no data come.
     fn beat(&mut self, now: u64) {
         self.publisher.counters().set(Counter::BusAccesses, self.bus.accesses());
-        let alive = self.shows_life();
-        let state = match (alive, self.told.state) {
-            (true, _) => State::Live,
-            (false, None) if now < self.began_ns + FIRST_SIGN_NS => State::Init,
-            (false, _) => State::Stale,
-        };
         self.publisher.beat(now);
-        if state == State::Init {
-            return;
-        }
-        if self.told.state.replace(state) != Some(state) {
+        let may_begin = now < self.began_ns + FIRST_SIGN_NS;
+        if let Some(state) = self.reporter.board(self.shows_life(), may_begin) {
             self.publisher.set_state(state);
-            self.info.set(|status| status.state = state);
-            if alive {
-                info!("board: live");
-            } else {
-                warn!("board: stale, no servo data, no background data and no ASCII reply");
-            }
         }
-        if let Err(error) = self.guard_page() {
-            self.bus_failed(&error);
+        if self.reporter.state().is_some() {
+            let result = self.check_page();
+            self.note_failure(result);
         }
     }
 
     /// Whether the board does something, as far as what is used of it can tell.
     fn shows_life(&self) -> bool {
-        let live = self.functions.is_live::<BoardBus>();
-        live.unwrap_or(!self.condition.silent && !self.condition.gone)
+        self.functions.is_live::<BoardBus>().unwrap_or(self.presence.is_there())
     }
 
-    pub(in crate::daemon) fn bus_failed(&mut self, error: &dyn std::fmt::Display) {
-        self.publisher.counters().add(Counter::BusErrors, 1);
-        if !std::mem::replace(&mut self.told.bus_error, true) {
-            error!("bus: {error}; further bus errors are only counted");
+    fn note_failure(&mut self, result: Result<(), PortError>) {
+        if let Err(error) = result {
+            self.bus_failed(&error);
         }
+    }
+
+    fn bus_failed(&mut self, error: &dyn std::fmt::Display) {
+        self.publisher.counters().add(Counter::BusErrors, 1);
+        self.reporter.bus_error(error);
         self.paused_until_ns = self.clock.ns() + BUS_ERROR_PAUSE_NS;
     }
 }

@@ -2,24 +2,25 @@
 //!
 //! | place | what is in it |
 //! |---|---|
-//! | [`board_loop`], `phase` | the loop, its start and its end |
-//! | [`board`], `presence`, `reset` | the board opened, gone and back, reset |
+//! | [`board_loop`], [`phase`], [`readable`] | the loop, its start and its end, what it waits for |
+//! | [`board`], [`presence`] | the board opened, gone and back |
 //! | [`function_table`], [`board_function`] | who is served next |
 //! | [`guard_time`] | what is not begun shortly before a servo update |
-//! | [`identify`], `report`, `port_watch` | what the board is, and what of it the clients and the log are told |
-//! | [`ports`] | the ways by which lines and interrupts come and go |
+//! | [`command_intake`] | commands from the socket, answers to it |
+//! | [`identify`], [`report`] | what the board is, and what of it the clients and the log are told |
+//! | [`ports`] | the ports by which lines and interrupts come and go |
 //! | [`work`] | one file for each function that clients use |
 
 pub mod board;
 pub mod board_function;
 pub mod board_loop;
+pub mod command_intake;
 pub mod function_table;
 pub mod guard_time;
 pub mod identify;
-pub(in crate::daemon) mod phase;
-pub(in crate::daemon) mod port_watch;
+pub mod phase;
 pub mod ports;
-pub(in crate::daemon) mod presence;
-pub(in crate::daemon) mod report;
-pub(in crate::daemon) mod reset;
+pub mod presence;
+pub mod readable;
+pub mod report;
 pub mod work;

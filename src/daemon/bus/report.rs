@@ -1,92 +1,114 @@
-//! What is said when it changes: that data come or are stale, and who the board is.
+//! What the log, the segment and the clients are told of the board when it changes.
 
-use log::{info, warn};
+use log::{error, info, warn};
 
-use crate::daemon::bus::board_loop::BoardLoop;
-use crate::daemon::shared::status::KnownIdentity;
+use crate::daemon::shared::info::InfoReport;
+use crate::daemon::shared::queue::{Event, Sender};
+use crate::daemon::shared::status::{BoardStatus, KnownIdentity};
 use crate::mirror::Transition;
-use crate::protocol::{CommandPort, CommandState, Enabled};
-use crate::segment::identity::first_motors;
-use crate::segment::{Identity, RegionId, RegionState, Stamp, State};
+use crate::protocol::{CommandPort, CommandState};
+use crate::segment::{Identity, State};
 
-/// What was said last, so that only changes are said.
+/// What was told last, so that only changes are told.
 #[derive(Default)]
-pub struct Told {
-    pub(in crate::daemon) state: Option<State>,
-    pub(in crate::daemon) port: Option<(CommandPort, CommandState)>,
-    /// Both interrupts of the mailboxes are there.
-    pub(in crate::daemon) mailbox: bool,
-    pub(in crate::daemon) interrupt: bool,
-    pub(in crate::daemon) bus_error: bool,
+pub struct Reporter {
+    info: InfoReport,
+    state: Option<State>,
+    port: Option<(CommandPort, CommandState)>,
     identity: Option<Identity>,
+    bus_error: bool,
 }
 
-impl BoardLoop {
-    pub(in crate::daemon) fn tell_servo(&mut self, transition: Option<Transition>) {
-        match transition {
-            Some(Transition::Live) => {
-                info!("servo data: live");
-                self.functions.ascii.desk.identifier.ask_again(self.clock.now());
-            }
-            Some(Transition::Stale) => {
-                warn!(
-                    "servo data: stale, no update for {} ms (is I48=1, I19>0, I59>0, and GATHER given?)",
-                    self.functions.servo.stale_after_ns() / 1_000_000
-                );
-                self.functions.ascii.desk.doubt(self.clock.now());
-                self.page_again();
-                self.check_answers();
-            }
-            None => return,
+impl Reporter {
+    /// Notes a change of the status that clients see. [`Self::send`] tells them.
+    pub fn note(&mut self, change: impl FnOnce(&mut BoardStatus)) {
+        self.info.set(change);
+    }
+
+    /// Tells the clients what has changed; counts alone only `with_counts`.
+    pub fn send(&mut self, events: &Sender<Event>, with_counts: bool) {
+        self.info.poll(events, with_counts);
+    }
+
+    /// The state that was told; `None` before the first.
+    #[must_use]
+    pub const fn state(&self) -> Option<State> {
+        self.state
+    }
+
+    /// The board does something, or nothing that could be seen. `may_begin`: it has had no time yet to show anything. Gives
+    /// the state when it has changed.
+    pub fn board(&mut self, shows_life: bool, may_begin: bool) -> Option<State> {
+        let state = match (shows_life, self.state) {
+            (true, _) => State::Live,
+            (false, None) if may_begin => return None,
+            (false, _) => State::Stale,
+        };
+        if self.state.replace(state) == Some(state) {
+            return None;
         }
-        self.tell_enabled();
-    }
-
-    pub(in crate::daemon) fn tell_background(&mut self, transition: Option<Transition>) {
-        match transition {
-            Some(Transition::Live) => info!("background data: live"),
-            Some(Transition::Stale) => {
-                warn!(
-                    "background data: stale, no report for {} ms (is I49=1 and I59>0?)",
-                    self.functions.background.stale_after_ns() / 1_000_000
-                );
-                self.functions.ascii.desk.doubt(self.clock.now());
-                self.page_again();
-            }
-            None => return,
+        self.info.set(|status| status.state = state);
+        if shows_life {
+            info!("board: live");
+        } else {
+            warn!("board: stale, no servo data, no background data and no ASCII reply");
         }
-        self.tell_enabled();
+        Some(state)
     }
 
-    pub(in crate::daemon) fn tell_enabled(&mut self) {
-        let mut enabled = Enabled::empty();
-        enabled.set(Enabled::SERVO, self.functions.servo.is_live());
-        enabled.set(Enabled::BACKGROUND, self.functions.background.is_live());
-        enabled.set(Enabled::ASCII, self.functions.ascii.desk.state() == CommandState::Answers);
-        enabled.set(Enabled::INTERRUPT, self.has_interrupt());
-        self.info.set(|status| status.enabled = enabled);
+    /// The loop ends, and with it what the clients see.
+    pub fn end(&mut self, events: &Sender<Event>) {
+        self.info.set(|status| status.state = State::Dead);
+        self.info.poll(events, true);
     }
 
-    /// Publishes what has become known of the board, and works by it.
-    pub(in crate::daemon) fn take_identity(&mut self) {
-        let Some(identity) = self.functions.ascii.desk.identifier.take_update() else { return };
-        if self.told.identity.as_ref() == Some(&identity) {
+    /// Servo data have become live, or stale after so many nanoseconds.
+    pub fn servo(transition: Transition, stale_after_ns: u64) {
+        match transition {
+            Transition::Live => info!("servo data: live"),
+            Transition::Stale => warn!(
+                "servo data: stale, no update for {} ms (is I48=1, I19>0, I59>0, and GATHER given?)",
+                stale_after_ns / 1_000_000
+            ),
+        }
+    }
+
+    /// Background data have become live, or stale after so many nanoseconds.
+    pub fn background(transition: Transition, stale_after_ns: u64) {
+        match transition {
+            Transition::Live => info!("background data: live"),
+            Transition::Stale => warn!(
+                "background data: stale, no report for {} ms (is I49=1 and I59>0?)",
+                stale_after_ns / 1_000_000
+            ),
+        }
+    }
+
+    /// The port that command lines go through, and what became of the last one.
+    pub fn port(&mut self, port: CommandPort, state: CommandState) {
+        if self.port.replace((port, state)) == Some((port, state)) {
             return;
         }
-        let motors = identity.reported_motors().map_or(self.default_motors, |motors| motors as usize);
-        self.functions.servo.configure(
-            identity.motor_mask.unwrap_or(first_motors(motors as u32)),
-            identity.servo_period_ps.map(|ps| ps / 1000),
-            identity.servo_report_cycles,
-        );
-        self.functions.background.configure(motors);
-        match self.uncertain.plan_for(identity.firmware.as_deref()) {
-            Ok(plan) => self.functions.set_plan(plan),
-            Err(reason) => warn!("{reason}; the plan for boards of unknown firmware stays in force"),
+        self.info.set(|status| (status.command_port, status.command_state) = (port, state));
+        match (port, state) {
+            (_, CommandState::Unknown) => {}
+            (CommandPort::Dpram, CommandState::Answers) => info!("DPRAM ASCII: live"),
+            (CommandPort::Dpram, CommandState::Silent) => warn!("DPRAM ASCII: no answer (is I58=1?)"),
+            (CommandPort::Mailbox, CommandState::Answers) => info!("VME mailboxes: live"),
+            (CommandPort::Mailbox, CommandState::Silent) => {
+                warn!("VME mailboxes: no answer (is I3=2? are both interrupts there?)");
+            }
         }
-        let stamp = Stamp { time_ns: self.clock.ns(), servo_timer: 0, valid: true };
-        self.publisher.publish_bytes(RegionId::Board, stamp, &identity.encode());
-        self.publisher.set_region_state(RegionId::Board, RegionState::Live);
+    }
+
+    /// Whether the board says something else of itself than before.
+    #[must_use]
+    pub fn is_new(&self, identity: &Identity) -> bool {
+        self.identity.as_ref() != Some(identity)
+    }
+
+    /// Who the board is, and how many motors are read from it.
+    pub fn identity(&mut self, identity: Identity, motors: usize) {
         if let (Some(board_type), Some(firmware)) = (&identity.board_type, &identity.firmware) {
             info!("the board is {board_type}, firmware {firmware}, reports {motors} motors");
         }
@@ -97,6 +119,13 @@ impl BoardLoop {
             servo_period_ns: identity.servo_period_ps.map(|ps| ps / 1000),
         };
         self.info.set(|status| status.identity = Some(known));
-        self.told.identity = Some(identity);
+        self.identity = Some(identity);
+    }
+
+    /// The bus could not be reached.
+    pub fn bus_error(&mut self, error: &dyn std::fmt::Display) {
+        if !std::mem::replace(&mut self.bus_error, true) {
+            error!("bus: {error}; further bus errors are only counted");
+        }
     }
 }

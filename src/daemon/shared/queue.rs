@@ -8,6 +8,7 @@ use std::sync::Arc;
 use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
 use std::time::{Duration, Instant};
 
+use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
 use nix::sys::eventfd::{EfdFlags, EventFd};
 
 use super::job::Job;
@@ -204,6 +205,13 @@ impl<T> Receive<T> {
         self.wake.as_fd()
     }
 
+    /// Whether [`Receive::descriptor`] is readable.
+    #[must_use]
+    pub fn is_awake(&self) -> bool {
+        let mut watched = [PollFd::new(self.descriptor(), PollFlags::POLLIN)];
+        poll(&mut watched, PollTimeout::ZERO).is_ok_and(|readable| readable > 0)
+    }
+
     /// Makes [`Receive::descriptor`] unreadable again. Call before draining with [`Receive::try_receive`].
     pub fn clear(&self) {
         let _ = self.wake.read();
@@ -235,8 +243,6 @@ pub const DEFAULT_TIMEOUT: Duration = Duration::from_secs(5);
 
 #[cfg(test)]
 mod tests {
-    use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
-
     use super::*;
 
     #[test]
@@ -256,10 +262,7 @@ mod tests {
     #[test]
     fn what_is_only_put_in_wakes_nobody_unless_there_is_no_room() {
         let (sender, receiver) = queue::<u8>(2).unwrap();
-        let woken = || {
-            let mut fds = [PollFd::new(receiver.descriptor(), PollFlags::POLLIN)];
-            poll(&mut fds, PollTimeout::ZERO).unwrap() == 1
-        };
+        let woken = || receiver.is_awake();
         assert_eq!((sender.try_put(1), woken()), (Ok(()), false));
         assert_eq!((sender.try_put(2), woken()), (Ok(()), false));
         assert_eq!((sender.try_put(3), woken()), (Err(3), true));

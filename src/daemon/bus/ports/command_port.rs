@@ -1,24 +1,21 @@
-//! The port command lines go through: the DPRAM's ASCII buffers or the VME mailboxes, the same to who sends them.
+//! The ports for command lines: the DPRAM's ASCII buffers and the VME mailboxes. Who sends a line need not know which.
 //!
-//! Where the mailboxes are the fallback, the board is asked for I58 through them: it is what tells whether the board
-//! looks at the DPRAM's buffers at all. A line goes the other way only when it lay untouched in the DPRAM before and
+//! Where the mailboxes are the fallback, the board is asked for I58 through them: it tells whether the board looks at
+//! the DPRAM's buffers at all. A line goes through the other port only when it stayed unread in the DPRAM before and
 //! after that question, so that no line is carried out twice.
 
 use std::time::{Duration, Instant};
 
-use crate::daemon::bus::ports::mailbox::MailboxLink;
+use crate::daemon::bus::ports::mailbox::MailboxDriver;
 use crate::daemon::config::ports::Use;
 use crate::device::{Bus, BusError, ByteBusError};
 use crate::format::TextOrder;
 use crate::function::ascii::{AsciiEvent, DpramPort};
-use crate::map::AsciiPort;
+use crate::map::Family;
 use crate::protocol::{CommandPort, answer};
 
 /// How long the board may take to say what I58 is.
 const PATIENCE: Duration = Duration::from_millis(500);
-/// The question.
-const QUESTION: &[u8] = b"I58";
-
 /// A port cannot be reached.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
@@ -31,7 +28,7 @@ pub enum PortError {
     Registers(#[from] ByteBusError),
 }
 
-/// What the board said of I58.
+/// What the board said of the variable that enables the DPRAM's port (I58).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Answer {
     /// 0: it does not look at the DPRAM's buffers.
@@ -47,33 +44,36 @@ struct Question {
     answer: Answer,
 }
 
-/// The ports, and the way in use.
-pub struct ResponsePort {
+/// The ports, and which of them lines go through.
+pub struct CommandPorts {
     /// The DPRAM's.
     pub dpram: DpramPort,
     /// The mailbox circuit, on a board that has one.
-    pub mailbox: Option<MailboxLink>,
-    way: CommandPort,
+    pub mailbox: Option<MailboxDriver>,
+    in_use: CommandPort,
+    /// The name of the variable that enables the DPRAM's port.
+    enable: String,
     question: Option<Question>,
     answer: Option<Answer>,
     /// Responses taken from the DPRAM.
     responses: u64,
 }
 
-impl ResponsePort {
-    /// The ports of a board that has the DPRAM's in `words`, its texts packed in `order`.
+impl CommandPorts {
+    /// The ports of a board of `family`, its texts packed in `order`.
     #[must_use]
     pub fn new(
-        words: &'static AsciiPort,
+        family: &'static Family,
         order: TextOrder,
-        mailbox: Option<MailboxLink>,
+        mailbox: Option<MailboxDriver>,
         now: Instant,
     ) -> Self {
         let always = mailbox.as_ref().is_some_and(|mailbox| mailbox.when() == Use::Always);
         Self {
-            dpram: DpramPort::new(words, order, now),
+            dpram: DpramPort::new(&family.ascii, order, now),
             mailbox,
-            way: if always { CommandPort::Mailbox } else { CommandPort::Dpram },
+            in_use: if always { CommandPort::Mailbox } else { CommandPort::Dpram },
+            enable: format!("I{}", family.i.ascii_enable),
             question: None,
             answer: None,
             responses: 0,
@@ -87,10 +87,10 @@ impl ResponsePort {
         self
     }
 
-    /// The way in use.
+    /// The port that lines go through.
     #[must_use]
-    pub fn way(&self) -> CommandPort {
-        self.way
+    pub fn in_use(&self) -> CommandPort {
+        self.in_use
     }
 
     /// Responses taken from the DPRAM so far.
@@ -105,25 +105,25 @@ impl ResponsePort {
         self.mailbox.as_ref().map_or(0, |mailbox| mailbox.registers.accesses())
     }
 
-    /// Whether the way may change, and interrupts are there to go the other.
+    /// Whether lines may go through the mailboxes instead, and their interrupts are there.
     #[must_use]
     pub fn may_change(&self) -> bool {
         self.mailbox.as_ref().is_some_and(|mailbox| mailbox.when() == Use::Fallback && mailbox.is_connected())
     }
 
-    /// Goes another way from now on. Nothing may be under way.
-    pub fn change(&mut self, way: CommandPort) {
-        self.way = way;
+    /// Has lines go through another port from now on. Nothing may be under way.
+    pub fn change(&mut self, port: CommandPort) {
+        self.in_use = port;
     }
 
-    fn used_mailbox(&mut self) -> Option<&mut MailboxLink> {
+    fn used_mailbox(&mut self) -> Option<&mut MailboxDriver> {
         self.mailbox.as_mut().filter(|mailbox| mailbox.when() != Use::Never)
     }
 
     /// Whether a line may be begun.
     #[must_use]
     pub fn is_idle(&self) -> bool {
-        match (self.way, &self.mailbox) {
+        match (self.in_use, &self.mailbox) {
             (CommandPort::Mailbox, Some(mailbox)) => mailbox.port.is_idle() && self.question.is_none(),
             _ => self.dpram.is_idle(),
         }
@@ -138,7 +138,7 @@ impl ResponsePort {
     /// Whether the board has taken the whole command under way, as far as known.
     #[must_use]
     pub fn was_taken(&self) -> bool {
-        match (self.way, &self.mailbox) {
+        match (self.in_use, &self.mailbox) {
             (CommandPort::Mailbox, Some(mailbox)) => mailbox.port.was_taken(),
             _ => self.dpram.was_taken(),
         }
@@ -149,7 +149,7 @@ impl ResponsePort {
     /// # Errors
     /// [`PortError`].
     pub fn begin(&mut self, bus: &mut impl Bus, line: &[u8]) -> Result<bool, PortError> {
-        match (self.way, &mut self.mailbox) {
+        match (self.in_use, &mut self.mailbox) {
             (CommandPort::Mailbox, Some(mailbox)) => Ok(self.question.is_none()
                 && mailbox.is_connected()
                 && mailbox.port.begin(&mut mailbox.registers, line)?),
@@ -168,7 +168,7 @@ impl ResponsePort {
         has_reply: bool,
         now: Instant,
     ) -> Result<bool, PortError> {
-        match (self.way, &mut self.mailbox) {
+        match (self.in_use, &mut self.mailbox) {
             (CommandPort::Mailbox, Some(mailbox)) => Ok(mailbox.is_connected()
                 && mailbox.port.control(&mut mailbox.registers, character, has_reply, now)?),
             _ => Ok(self.dpram.control(bus, character, has_reply, now)?),
@@ -179,10 +179,10 @@ impl ResponsePort {
     ///
     /// # Errors
     /// [`PortError`].
-    pub fn control_lies(&self, bus: &mut impl Bus) -> Result<bool, PortError> {
-        match (self.way, &self.mailbox) {
-            (CommandPort::Mailbox, Some(mailbox)) => Ok(mailbox.port.control_lies()),
-            _ => Ok(self.dpram.control_lies(bus)?),
+    pub fn control_pending(&self, bus: &mut impl Bus) -> Result<bool, PortError> {
+        match (self.in_use, &self.mailbox) {
+            (CommandPort::Mailbox, Some(mailbox)) => Ok(mailbox.port.control_pending()),
+            _ => Ok(self.dpram.control_pending(bus)?),
         }
     }
 
@@ -192,7 +192,7 @@ impl ResponsePort {
     /// # Errors
     /// [`PortError`].
     pub fn withdraw_control(&mut self, bus: &mut impl Bus, now: Instant) -> Result<(), PortError> {
-        match (self.way, &mut self.mailbox) {
+        match (self.in_use, &mut self.mailbox) {
             (CommandPort::Mailbox, Some(mailbox)) => {
                 Ok(mailbox.port.withdraw_control(&mut mailbox.registers, now)?)
             }
@@ -205,7 +205,7 @@ impl ResponsePort {
     /// # Errors
     /// [`PortError`].
     pub fn withdraw_line(&mut self, bus: &mut impl Bus) -> Result<(), PortError> {
-        match self.way {
+        match self.in_use {
             CommandPort::Mailbox => Ok(()),
             CommandPort::Dpram => Ok(self.dpram.withdraw_line(bus)?),
         }
@@ -217,7 +217,7 @@ impl ResponsePort {
     /// # Errors
     /// [`PortError`].
     pub fn give_up(&mut self, bus: &mut impl Bus, now: Instant) -> Result<bool, PortError> {
-        match (self.way, &mut self.mailbox) {
+        match (self.in_use, &mut self.mailbox) {
             (CommandPort::Mailbox, Some(mailbox)) => Ok(mailbox.port.give_up(&mut mailbox.registers, now)?),
             _ => Ok(self.dpram.give_up(bus, now)?),
         }
@@ -240,7 +240,7 @@ impl ResponsePort {
         if let Some(event) = self.step_mailbox(now)? {
             return Ok(Some(event));
         }
-        if self.way == CommandPort::Mailbox {
+        if self.in_use == CommandPort::Mailbox {
             return Ok(None);
         }
         let event = self.dpram.step(bus, now)?;
@@ -277,7 +277,27 @@ impl ResponsePort {
         Ok(None)
     }
 
-    /// Asks the board for I58 through the mailboxes; false: not now. [`ResponsePort::take_answer`] has what it says.
+    /// The name of the variable that enables the DPRAM's port: I58.
+    #[must_use]
+    pub fn enable(&self) -> &str {
+        &self.enable
+    }
+
+    /// Whether the DPRAM has a page to be written after every reset.
+    #[must_use]
+    pub fn has_page(&self) -> bool {
+        self.mailbox.as_ref().is_some_and(|mailbox| mailbox.page().is_some())
+    }
+
+    /// Writes the DPRAM's page, where it has one. The page it has already does no harm.
+    ///
+    /// # Errors
+    /// [`PortError`].
+    pub fn select_page(&mut self) -> Result<(), PortError> {
+        Ok(self.mailbox.as_mut().map_or(Ok(()), MailboxDriver::select_page)?)
+    }
+
+    /// Asks the board for I58 through the mailboxes; false: not now. [`CommandPorts::take_answer`] has what it says.
     ///
     /// # Errors
     /// [`PortError`].
@@ -285,7 +305,7 @@ impl ResponsePort {
         let Some(mailbox) = self.mailbox.as_mut().filter(|mailbox| mailbox.is_connected()) else {
             return Ok(false);
         };
-        if self.question.is_some() || !mailbox.port.begin(&mut mailbox.registers, QUESTION)? {
+        if self.question.is_some() || !mailbox.port.begin(&mut mailbox.registers, self.enable.as_bytes())? {
             return Ok(false);
         }
         self.question = Some(Question { until: now + PATIENCE, answer: Answer::None });
@@ -298,7 +318,7 @@ impl ResponsePort {
     }
 }
 
-/// What a reply to `I58` says.
+/// What a reply to the question says.
 fn value(text: &[u8]) -> Answer {
     match std::str::from_utf8(text).ok().and_then(answer::integer) {
         Some(0) => Answer::Off,

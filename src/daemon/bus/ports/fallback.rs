@@ -1,125 +1,123 @@
-//! Which way the desk's lines go: the DPRAM, or the mailboxes when the board does not look at the DPRAM.
+//! Which port command lines should go through: the DPRAM's, or the mailboxes when the board does not look at the DPRAM's.
 //!
-//! What the DPRAM's port leaves lying makes the desk ask for I58 through the mailboxes. Is it 0, or the DPRAM out of
-//! reach, lines go through the mailboxes from then on, what lay untouched first; I58 is asked for again now and then,
-//! and when it is not 0 lines go through the DPRAM again. While a program buffer is open nothing is asked: the question
-//! would be a program line.
+//! If a command stays unread in the DPRAM for 100 ms, the board is asked for I58 through the mailboxes. If I58 = 0 or the
+//! DPRAM is out of reach, lines go through the mailboxes from then on, beginning with the unread one. I58 is then asked for
+//! every 2 s; when it is not 0, lines go through the DPRAM again. While a program buffer is open nothing is asked: the
+//! question would be a program line.
 
 use std::time::{Duration, Instant};
 
-use log::{info, warn};
-
-use crate::daemon::bus::ports::command_port::{Answer, PortError};
-use crate::daemon::bus::work::ascii::{AsciiDesk, Begun};
+use crate::daemon::bus::ports::command_port::{Answer, CommandPorts, PortError};
 use crate::device::Bus;
-use crate::protocol::{CommandPort, CommandState};
+use crate::protocol::CommandPort;
 
-/// How long something may lie in the DPRAM's port before the board is asked. It takes commands within milliseconds.
+/// How long a command may stay unread in the DPRAM before the board is asked. It takes commands within milliseconds.
 const STUCK: Duration = Duration::from_millis(100);
 /// How often the board is asked again, and how soon after a line that may have changed the answer.
 const AGAIN: Duration = Duration::from_secs(2);
 const SOON: Duration = Duration::from_millis(200);
 
-impl AsciiDesk {
+/// What waits at the ports.
+#[derive(Debug, Clone, Copy)]
+pub struct Waiting {
+    /// A command that the board has not touched, as far as known.
+    pub untouched: bool,
+    /// A command that the board may be at work on.
+    pub under_way: bool,
+    /// A program buffer is open.
+    pub buffer_open: bool,
+}
+
+/// Where lines should go from now on, and why.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Change {
+    /// Through the mailboxes: the DPRAM is out of reach.
+    OutOfReach,
+    /// Through the mailboxes: the DPRAM's port is disabled.
+    Disabled,
+    /// Through the DPRAM: its port is enabled.
+    Enabled,
+}
+
+impl Change {
+    /// The port that lines should go through.
+    #[must_use]
+    pub const fn port(self) -> CommandPort {
+        match self {
+            Self::OutOfReach | Self::Disabled => CommandPort::Mailbox,
+            Self::Enabled => CommandPort::Dpram,
+        }
+    }
+}
+
+/// When to ask the board.
+#[derive(Debug)]
+pub struct Fallback {
+    /// Since when a command has stayed unread in the DPRAM.
+    stuck_since: Option<Instant>,
+    next_question: Instant,
+}
+
+impl Fallback {
+    /// Nothing is stuck.
+    #[must_use]
+    pub const fn new(now: Instant) -> Self {
+        Self { stuck_since: None, next_question: now }
+    }
+
     /// A line may have changed which port the board looks at.
-    pub(in crate::daemon) fn ask_way_soon(&mut self, now: Instant) {
-        if self.port.way() == CommandPort::Mailbox {
-            self.next_ask = self.next_ask.min(now + SOON);
+    pub fn ask_soon(&mut self, ports: &CommandPorts, now: Instant) {
+        if ports.in_use() == CommandPort::Mailbox {
+            self.next_question = self.next_question.min(now + SOON);
         }
     }
 
-    /// Acts on what the board has said of its ports, and asks it when there is reason.
-    pub(in crate::daemon) fn consider_ways(
+    /// The board had the command in hand after all: ask again when that is over.
+    pub fn ask_again(&mut self, now: Instant) {
+        self.next_question = now;
+    }
+
+    /// What the board's answer, if one has come, asks for.
+    ///
+    /// # Errors
+    /// When a port cannot be reached.
+    pub fn wanted(
         &mut self,
+        ports: &mut CommandPorts,
+        under_way: bool,
         bus: &mut impl Bus,
         now: Instant,
-    ) -> Result<(), PortError> {
-        if !self.port.may_change() {
-            return Ok(());
-        }
-        if let Some(answer) = self.port.take_answer() {
-            self.next_ask = now + AGAIN;
-            self.follow(answer, bus, now)?;
-        }
-        let stuck = self.port.way() == CommandPort::Dpram && self.lies_untaken(now);
+    ) -> Result<Option<Change>, PortError> {
+        let Some(answer) = ports.take_answer() else { return Ok(None) };
+        self.next_question = now + AGAIN;
+        let out_of_reach = answer != Answer::None && ports.dpram.is_out_of_reach(bus)?;
+        Ok(match (ports.in_use(), answer) {
+            (CommandPort::Dpram, Answer::Off | Answer::On) if out_of_reach => Some(Change::OutOfReach),
+            (CommandPort::Dpram, Answer::Off) => Some(Change::Disabled),
+            (CommandPort::Mailbox, Answer::On) if !out_of_reach && !under_way => Some(Change::Enabled),
+            _ => None,
+        })
+    }
+
+    /// Asks the board when there is reason.
+    ///
+    /// # Errors
+    /// When a port cannot be reached.
+    pub fn ask(&mut self, ports: &mut CommandPorts, waiting: Waiting, now: Instant) -> Result<(), PortError> {
+        let in_dpram = ports.in_use() == CommandPort::Dpram;
+        let stuck = in_dpram && waiting.untouched;
         self.stuck_since = self.stuck_since.filter(|_| stuck).or(stuck.then_some(now));
-        if self.buffer.is_open() || now < self.next_ask {
+        if waiting.buffer_open || now < self.next_question {
             return Ok(());
         }
-        let wanted = match self.port.way() {
-            CommandPort::Dpram => self.stuck_since.is_some_and(|since| now >= since + STUCK),
-            CommandPort::Mailbox => self.nothing_under_way() && self.port.is_idle(),
+        let has_reason = if in_dpram {
+            self.stuck_since.is_some_and(|since| now >= since + STUCK)
+        } else {
+            !waiting.under_way && ports.is_idle()
         };
-        if wanted && self.port.ask(now)? {
-            self.next_ask = now + AGAIN;
+        if has_reason && ports.ask(now)? {
+            self.next_question = now + AGAIN;
         }
         Ok(())
-    }
-
-    fn nothing_under_way(&self) -> bool {
-        self.under_way.is_none() && self.control_lies.is_none()
-    }
-
-    /// Whether a command waits that the board has not touched, as far as known.
-    fn lies_untaken(&self, now: Instant) -> bool {
-        match self.under_way {
-            Some(under_way) => !under_way.taken && !self.port.was_taken(),
-            None => {
-                let asks = !self.buffer.is_open() && self.identifier.due_in(now).is_zero();
-                self.control_lies.is_some() || !self.lines.is_empty() || !self.controls.is_empty() || asks
-            }
-        }
-    }
-
-    fn follow(&mut self, answer: Answer, bus: &mut impl Bus, now: Instant) -> Result<(), PortError> {
-        let out_of_reach = answer != Answer::None && self.port.dpram.is_out_of_reach(bus)?;
-        match (self.port.way(), answer) {
-            (CommandPort::Dpram, Answer::Off | Answer::On) if answer == Answer::Off || out_of_reach => {
-                if self.take_back(bus)? {
-                    let why = if out_of_reach { "the DPRAM is out of reach" } else { "I58=0" };
-                    warn!("command lines go through the VME mailboxes now: {why}");
-                    self.change(CommandPort::Mailbox, now);
-                } else {
-                    // The board has it in hand after all: ask again when that is over.
-                    self.next_ask = now;
-                }
-            }
-            (CommandPort::Mailbox, Answer::On) if !out_of_reach && self.nothing_under_way() => {
-                info!("command lines go through the DPRAM again: I58=1");
-                self.change(CommandPort::Dpram, now);
-            }
-            _ => {}
-        }
-        Ok(())
-    }
-
-    fn change(&mut self, way: CommandPort, now: Instant) {
-        self.port.change(way);
-        self.state = CommandState::Unknown;
-        self.stuck_since = None;
-        self.look_now(now);
-    }
-
-    /// Takes back what lies in the DPRAM's port, to be sent another way; false when the board has touched it.
-    fn take_back(&mut self, bus: &mut impl Bus) -> Result<bool, PortError> {
-        if let Some(lying) = self.control_lies {
-            if !self.port.dpram.control_lies(bus)? {
-                return Ok(false);
-            }
-            self.port.dpram.withdraw_control(bus)?;
-            self.control_lies = None;
-            self.controls.push_front(lying);
-        }
-        let Some(under_way) = self.under_way else { return Ok(true) };
-        if under_way.taken || !self.port.dpram.take_back(bus)? {
-            return Ok(false);
-        }
-        self.under_way = None;
-        match under_way.begun {
-            Begun::Line(line) => self.lines.push_front(line),
-            Begun::Control(control) => self.controls.push_front(control),
-            Begun::Question => self.identifier.not_sent(),
-        }
-        Ok(true)
     }
 }

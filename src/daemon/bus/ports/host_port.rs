@@ -1,6 +1,6 @@
 //! The interrupt controller behind the board's host port, served in the one order that loses nothing.
 //!
-//! The response is read and 0 written to `response_control` by the desk; then the interrupt is acknowledged here, then `response_control` looked
+//! The response is read and 0 written to `response_control` first; then the interrupt is acknowledged here, then `response_control` looked
 //! at once more. An interrupt with `response_control` = 0, of a response that was found by looking, is an old one: it is counted and
 //! acknowledged, or the controller would give no other.
 
@@ -8,8 +8,7 @@ use std::time::{Duration, Instant};
 
 use log::{info, warn};
 
-use crate::daemon::bus::ports::command_port::PortError;
-use crate::daemon::bus::work::ascii::AsciiDesk;
+use crate::daemon::bus::ports::command_port::{CommandPorts, PortError};
 use crate::daemon::config::ports::HostPortConfig;
 use crate::daemon::shared::status::HostPortCounts;
 use crate::device::board::refusal::OpenError;
@@ -22,7 +21,7 @@ use crate::protocol::CommandPort;
 const ANNOUNCED_BY: Duration = Duration::from_millis(50);
 
 /// The controller.
-pub struct HostPortLink {
+pub struct HostPortDriver {
     config: HostPortConfig,
     registers: Counted<Box<dyn ByteBus>>,
     /// Whether the line was open before we opened it; `None` while we have not.
@@ -36,7 +35,7 @@ pub struct HostPortLink {
     counts: HostPortCounts,
 }
 
-impl HostPortLink {
+impl HostPortDriver {
     /// Opens the registers.
     ///
     /// # Errors
@@ -123,32 +122,37 @@ impl HostPortLink {
         self.pending.get_or_insert(responses);
     }
 
-    /// After the desk has taken what it could: acknowledges what is to be acknowledged. At most 2 reads of the DPRAM and 1
-    /// write of a register; nothing without an interrupt.
+    /// After responses have been taken: acknowledges what is to be acknowledged. True when another response lies there. While
+    /// one is `held_up`, because nobody has room for it, the line would only be raised again, so nothing is done. At most 2
+    /// reads of the DPRAM and 1 write of a register; nothing without an interrupt.
     ///
     /// # Errors
     /// [`PortError`].
-    pub fn serve(&mut self, bus: &mut impl Bus, desk: &mut AsciiDesk, now: Instant) -> Result<(), PortError> {
-        let responses = desk.port().responses();
-        let Some(before) = self.pending else { return Ok(self.serve_unannounced(responses, now)?) };
-        // A response nobody has room for stays where it is; before it is taken the line would only be raised again.
-        if desk.is_held_up() {
-            return Ok(());
+    pub fn serve(
+        &mut self,
+        bus: &mut impl Bus,
+        ports: &CommandPorts,
+        held_up: bool,
+        now: Instant,
+    ) -> Result<bool, PortError> {
+        let responses = ports.responses();
+        let Some(before) = self.pending else {
+            self.serve_unannounced(responses, now)?;
+            return Ok(false);
+        };
+        if held_up {
+            return Ok(false);
         }
-        if responses == before && desk.port().way() == CommandPort::Dpram {
-            if desk.port().dpram.has_response(bus)? {
-                desk.look_now(now);
-                return Ok(());
+        if responses == before && ports.in_use() == CommandPort::Dpram {
+            if ports.dpram.has_response(bus)? {
+                return Ok(true);
             }
             self.counts.old += 1;
         }
         self.pending = None;
         self.counts.served += 1;
         self.acknowledge(responses)?;
-        if desk.port().dpram.has_response(bus)? {
-            desk.look_now(now);
-        }
-        Ok(())
+        Ok(ports.dpram.has_response(bus)?)
     }
 
     fn acknowledge(&mut self, responses: u64) -> Result<(), ByteBusError> {

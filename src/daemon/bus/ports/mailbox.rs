@@ -16,7 +16,7 @@ use crate::function::mailbox::{MailboxPort, MailboxSignal};
 use crate::map::mailbox;
 
 /// The circuit.
-pub struct MailboxLink {
+pub struct MailboxDriver {
     config: MailboxConfig,
     /// Its registers.
     pub registers: Counted<Box<dyn ByteBus>>,
@@ -38,7 +38,7 @@ fn open(
     })
 }
 
-impl MailboxLink {
+impl MailboxDriver {
     /// Opens the registers and, where they can be opened only now, the interrupts. The board takes lines of at most
     /// `line_limit` characters.
     ///

@@ -1,7 +1,7 @@
 //! The ways by which lines and interrupts come and go.
 
 pub mod command_port;
-pub(in crate::daemon) mod fallback;
+pub mod fallback;
 pub mod host_port;
 pub mod interrupt;
 pub mod mailbox;

@@ -1,15 +1,18 @@
-//! The desk in front of the board's ports for command lines: many callers, one line at a time.
+//! Command lines for the board: many callers, one line at a time.
 //!
-//! Lines wait in order; control characters do not wait, they overtake every line. The desk also asks the board who it
-//! is ([`crate::daemon::bus::identify`]) when nobody else is being served. Which port the lines go through is `desk_ways.rs`'s. Everything is bounded: the queues by what the socket hands over,
-//! a command by its deadline, a pass by the number of responses it takes.
+//! Lines wait in order; control characters do not wait, they overtake every line. When nobody else is being served the
+//! board is asked who it is ([`crate::daemon::bus::identify`]). Everything is bounded: the queues by what the socket hands
+//! over, a command by its deadline, a poll by the number of responses it takes.
 
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 
+use log::{info, warn};
+
 use crate::clock::Clock;
 use crate::daemon::bus::identify::Identifier;
-use crate::daemon::bus::ports::command_port::{PortError, ResponsePort};
+use crate::daemon::bus::ports::command_port::{CommandPorts, PortError};
+use crate::daemon::bus::ports::fallback::{Change, Fallback, Waiting};
 use crate::daemon::shared::queue::{
     Command, Event, LINE_MAX, Outcome, Sender, Text, Ticket, Unsolicited, at_once,
 };
@@ -20,37 +23,38 @@ use crate::segment::{Counter, Publisher};
 
 /// Lines of a reply that the socket's thread is told at once: a long listing must not fill its queue.
 const LINES_UNHEARD: u32 = 64;
-/// Responses taken in one pass, so that a chattering board cannot hold up the servo data.
-const STEPS_A_PASS: usize = 2;
-/// How often to look while the board owes something: first soon, then less often.
-const LOOK_SOON: Duration = Duration::from_micros(100);
-const LOOK_LATER: Duration = Duration::from_millis(1);
-/// How long it is looked for soon after the last thing that happened.
+/// Responses taken in one poll, so that a chattering board cannot hold up the servo data.
+const STEPS_A_POLL: usize = 2;
+/// How often to poll while the board owes something: first soon, then less often.
+const POLL_SOON: Duration = Duration::from_micros(100);
+const POLL_LATER: Duration = Duration::from_millis(1);
+/// How long it is polled for often after the last thing that happened.
 const SOON: Duration = Duration::from_millis(20);
-/// How often to look for unsolicited texts when nothing is owed: without an interrupt, and with one that may be lost.
-const LOOK_IDLE: Duration = Duration::from_millis(20);
-const LOOK_IDLE_WITH_INTERRUPT: Duration = Duration::from_secs(1);
+/// How often to poll for unsolicited texts when nothing is owed: without an interrupt, and with one that may be lost.
+const POLL_IDLE: Duration = Duration::from_millis(20);
+const POLL_IDLE_WITH_INTERRUPT: Duration = Duration::from_secs(1);
 
 /// A command under way, and so who it is for.
 #[derive(Clone, Copy)]
-pub(in crate::daemon) enum Begun {
-    Line(Waiting),
+enum InFlight {
+    Line(WaitingLine),
     Control(WaitingControl),
-    Question,
+    /// A question of the identifier's.
+    Identify,
 }
 
-impl Begun {
+impl InFlight {
     fn ticket(&self) -> Option<Ticket> {
         match self {
             Self::Line(line) => Some(line.ticket),
             Self::Control(control) => Some(control.ticket),
-            Self::Question => None,
+            Self::Identify => None,
         }
     }
 }
 
 #[derive(Clone, Copy)]
-pub(in crate::daemon) struct Waiting {
+struct WaitingLine {
     ticket: Ticket,
     line: Text<LINE_MAX>,
     deadline: Instant,
@@ -58,73 +62,69 @@ pub(in crate::daemon) struct Waiting {
 }
 
 #[derive(Clone, Copy)]
-pub(in crate::daemon) struct WaitingControl {
+struct WaitingControl {
     ticket: Ticket,
     character: u8,
     deadline: Instant,
 }
 
 #[derive(Clone, Copy)]
-pub(in crate::daemon) struct UnderWay {
-    pub(in crate::daemon) begun: Begun,
+struct UnderWay {
+    command: InFlight,
     deadline: Instant,
     /// The board has shown that it works on it, or may do so.
-    pub(in crate::daemon) taken: bool,
+    taken: bool,
     /// Its time is over, and the port waits for what may still come of it.
     given_up: bool,
 }
 
-/// The desk.
-pub struct AsciiDesk {
-    pub(in crate::daemon) port: ResponsePort,
-    pub(in crate::daemon) lines: VecDeque<Waiting>,
-    pub(in crate::daemon) controls: VecDeque<WaitingControl>,
-    pub(in crate::daemon) under_way: Option<UnderWay>,
-    /// The control character that lies in its word, until the board takes it.
-    pub(in crate::daemon) control_lies: Option<WaitingControl>,
-    /// One that lay there when the board was forgotten, and whether that may have taken it; its caller is to be told.
+/// The lines that wait, and the command under way.
+pub struct AsciiQueue {
+    ports: CommandPorts,
+    fallback: Fallback,
+    lines: VecDeque<WaitingLine>,
+    controls: VecDeque<WaitingControl>,
+    under_way: Option<UnderWay>,
+    /// The control character that waits in its word until the board takes it.
+    control_pending: Option<WaitingControl>,
+    /// One that waited there when the board was reset, and whether that may have taken it; its caller is to be told.
     control_lost: Option<(Ticket, bool)>,
     /// Whether the board takes lines as program lines.
-    pub(in crate::daemon) buffer: OpenBuffer,
+    buffer: OpenBuffer,
     /// Lines of a reply told since something else was.
     lines_unheard: u32,
     /// An event the socket's queue had no room for. Until it is gone nothing more is taken from the board.
     outbox: Option<Event>,
     /// The identity, and when it is asked.
     pub identifier: Identifier,
-    pub(in crate::daemon) state: CommandState,
-    /// Since when the DPRAM's port has left something lying.
-    pub(in crate::daemon) stuck_since: Option<Instant>,
-    /// When the board may be asked again which port it looks at.
-    pub(in crate::daemon) next_ask: Instant,
+    state: CommandState,
     last_event: Instant,
-    next_look: Instant,
+    next_poll: Instant,
     has_interrupt: bool,
     clock: Clock,
 }
 
-impl AsciiDesk {
-    /// A desk for `port`.
+impl AsciiQueue {
+    /// Nothing waits for `ports`.
     #[must_use]
-    pub fn new(port: ResponsePort, identifier: Identifier, clock: Clock) -> Self {
+    pub fn new(ports: CommandPorts, identifier: Identifier, clock: Clock) -> Self {
         let now = clock.now();
         Self {
-            port,
+            ports,
+            fallback: Fallback::new(now),
             // One may come back from a port that did not take it.
             lines: VecDeque::with_capacity(at_once::LINES + 1),
             controls: VecDeque::with_capacity(at_once::CONTROLS + 1),
             under_way: None,
-            control_lies: None,
+            control_pending: None,
             control_lost: None,
             buffer: OpenBuffer::default(),
             lines_unheard: 0,
             outbox: None,
             identifier,
             state: CommandState::Unknown,
-            stuck_since: None,
-            next_ask: now,
             last_event: now,
-            next_look: now,
+            next_poll: now,
             has_interrupt: false,
             clock,
         }
@@ -148,26 +148,26 @@ impl AsciiDesk {
     ///
     /// # Errors
     /// When a port cannot be reached.
-    pub fn forget(&mut self, bus: &mut impl Bus, now: Instant) -> Result<(), PortError> {
+    pub fn reset(&mut self, bus: &mut impl Bus, now: Instant) -> Result<(), PortError> {
         self.buffer = OpenBuffer::default();
-        if let Some(lying) = self.control_lies.take() {
-            let taken = self.port.dpram.is_out_of_reach(bus)? || !self.port.control_lies(bus)?;
-            self.control_lost = Some((lying.ticket, taken));
-            self.port.withdraw_control(bus, now)?;
+        if let Some(pending) = self.control_pending.take() {
+            let taken = self.ports.dpram.is_out_of_reach(bus)? || !self.ports.control_pending(bus)?;
+            self.control_lost = Some((pending.ticket, taken));
+            self.ports.withdraw_control(bus, now)?;
         }
         if let Some(under_way) = &mut self.under_way {
             under_way.deadline = now;
-            match self.port.way() {
+            match self.ports.in_use() {
                 CommandPort::Mailbox => under_way.taken = true,
                 // Now, before a cleared flag is taken for the board's having taken the first half of a line.
                 CommandPort::Dpram if !std::mem::replace(&mut under_way.given_up, true) => {
-                    under_way.taken |= self.port.give_up(bus, now)?;
+                    under_way.taken |= self.ports.give_up(bus, now)?;
                 }
                 CommandPort::Dpram => {}
             }
         }
-        self.look_now(now);
-        self.port.start(now)
+        self.poll_now(now);
+        self.ports.start(now)
     }
 
     /// Whether an answer waits for room in the socket's queue, so that nothing more is taken from the board.
@@ -178,13 +178,13 @@ impl AsciiDesk {
 
     /// The ports for command lines.
     #[must_use]
-    pub fn port(&self) -> &ResponsePort {
-        &self.port
+    pub fn ports(&self) -> &CommandPorts {
+        &self.ports
     }
 
     /// The ports for command lines.
-    pub fn port_mut(&mut self) -> &mut ResponsePort {
-        &mut self.port
+    pub fn ports_mut(&mut self) -> &mut CommandPorts {
+        &mut self.ports
     }
 
     /// What a report of the board says of its program buffers, which others may open too.
@@ -194,27 +194,34 @@ impl AsciiDesk {
 
     /// Whether interrupts announce responses, so that they need not be looked for so often.
     pub fn set_interrupt(&mut self, has_interrupt: bool) {
-        self.has_interrupt = has_interrupt;
-        self.next_look = self.clock.now();
+        if std::mem::replace(&mut self.has_interrupt, has_interrupt) != has_interrupt {
+            self.next_poll = self.clock.now();
+        }
     }
 
-    /// When to pass next.
+    /// Whether interrupts announce responses.
+    #[must_use]
+    pub const fn has_interrupt(&self) -> bool {
+        self.has_interrupt
+    }
+
+    /// When to poll next.
     #[must_use]
     pub fn due(&self) -> Instant {
-        self.next_look
+        self.next_poll
     }
 
-    /// An interrupt came, or a command: look at once.
-    pub fn look_now(&mut self, now: Instant) {
+    /// An interrupt came, or a command: poll at once.
+    pub fn poll_now(&mut self, now: Instant) {
         self.last_event = now;
-        self.next_look = now;
+        self.next_poll = now;
     }
 
     /// Takes a line or control character in.
     pub fn submit(&mut self, command: &Command, now: Instant) {
         match *command {
             Command::Send { ticket, line, deadline, question } => {
-                self.lines.push_back(Waiting { ticket, line, deadline, question });
+                self.lines.push_back(WaitingLine { ticket, line, deadline, question });
             }
             Command::Control { ticket, character, deadline } => {
                 self.controls.push_back(WaitingControl { ticket, character, deadline });
@@ -224,16 +231,16 @@ impl AsciiDesk {
         if let Command::Send { line, .. } = command
             && Identifier::may_be_changed_by(line.as_bytes())
         {
-            self.ask_way_soon(now);
+            self.fallback.ask_soon(&self.ports, now);
         }
-        self.look_now(now);
+        self.poll_now(now);
     }
 
     /// Does what can be done now.
     ///
     /// # Errors
     /// When a port cannot be reached.
-    pub fn pass(
+    pub fn poll(
         &mut self,
         bus: &mut impl Bus,
         events: &Sender<Event>,
@@ -246,45 +253,46 @@ impl AsciiDesk {
         if self.outbox.is_none() {
             self.serve_controls(bus, events, publisher, now)?;
         }
-        for _ in 0..STEPS_A_PASS {
+        for _ in 0..STEPS_A_POLL {
             if self.outbox.is_some() {
                 break;
             }
-            let Some(event) = self.port.step(bus, now)? else { break };
+            let Some(event) = self.ports.step(bus, now)? else { break };
             self.last_event = now;
             self.handle(events, publisher, event);
         }
-        self.consider_ways(bus, now)?;
+        self.consider_fallback(bus, now)?;
         if self.outbox.is_none() {
             self.expire(bus, events, publisher, now)?;
         }
-        if self.outbox.is_none() && self.under_way.is_none() && self.port.is_idle() {
+        if self.outbox.is_none() && self.under_way.is_none() && self.ports.is_idle() {
             self.begin_next(bus, events, publisher, now)?;
         }
-        self.next_look = now + self.patience(now);
+        self.next_poll = now + self.patience(now);
         Ok(())
     }
 
     fn patience(&self, now: Instant) -> Duration {
-        let owed = self.under_way.is_some()
-            || self.port.is_waiting()
-            || self.control_lies.is_some()
+        let in_flight = self.under_way.is_some()
+            || self.ports.is_waiting()
+            || self.control_pending.is_some()
             || self.control_lost.is_some()
             || self.outbox.is_some()
             || !self.lines.is_empty()
             || !self.controls.is_empty();
         // What cannot be asked now is not waited for.
         let question = if self.buffer.is_open() { Duration::MAX } else { self.identifier.due_in(now) };
-        match (owed, self.has_interrupt) {
+        match (in_flight, self.has_interrupt) {
             // The mailboxes' interrupts tell everything; only time has to be watched.
             (true, _)
-                if self.port.way() == CommandPort::Dpram && now.duration_since(self.last_event) < SOON =>
+                if self.ports.in_use() == CommandPort::Dpram
+                    && now.duration_since(self.last_event) < SOON =>
             {
-                LOOK_SOON
+                POLL_SOON
             }
-            (true, _) => LOOK_LATER,
-            (false, false) => LOOK_IDLE.min(question),
-            (false, true) => LOOK_IDLE_WITH_INTERRUPT.min(question),
+            (true, _) => POLL_LATER,
+            (false, false) => POLL_IDLE.min(question),
+            (false, true) => POLL_IDLE_WITH_INTERRUPT.min(question),
         }
     }
 
@@ -300,20 +308,20 @@ impl AsciiDesk {
             self.fail(events, publisher, ticket, taken);
             return Ok(());
         }
-        if let Some(lying) = self.control_lies {
-            if !self.port.control_lies(bus)? {
-                self.control_lies = None;
+        if let Some(pending) = self.control_pending {
+            if !self.ports.control_pending(bus)? {
+                self.control_pending = None;
                 self.state = CommandState::Answers;
-                self.tell(events, Event::Done(lying.ticket, Outcome::Done));
-            } else if now >= lying.deadline {
-                self.port.withdraw_control(bus, now)?;
-                self.control_lies = None;
-                self.fail(events, publisher, lying.ticket, false);
+                self.tell(events, Event::Done(pending.ticket, Outcome::Done));
+            } else if now >= pending.deadline {
+                self.ports.withdraw_control(bus, now)?;
+                self.control_pending = None;
+                self.fail(events, publisher, pending.ticket, false);
             }
             return Ok(());
         }
         // One with a reply has to wait until the port is idle. What stops a machine does not wait behind it.
-        let ready = |control: &WaitingControl| self.port.is_idle() || !control_has_reply(control.character);
+        let ready = |control: &WaitingControl| self.ports.is_idle() || !control_has_reply(control.character);
         if let Some(&oldest) = self.controls.front()
             && now >= oldest.deadline
         {
@@ -324,20 +332,20 @@ impl AsciiDesk {
         let Some(index) = self.controls.iter().position(ready) else { return Ok(()) };
         let Some(&first) = self.controls.get(index) else { return Ok(()) };
         let has_reply = control_has_reply(first.character);
-        if self.port.control(bus, first.character, has_reply, now)? {
+        if self.ports.control(bus, first.character, has_reply, now)? {
             self.controls.remove(index);
             self.buffer.follow_control(first.character);
             self.last_event = now;
             publisher.counters().add(Counter::AsciiCommands, 1);
             if has_reply {
-                let begun = Begun::Control(first);
+                let command = InFlight::Control(first);
                 self.under_way =
-                    Some(UnderWay { begun, deadline: first.deadline, taken: false, given_up: false });
+                    Some(UnderWay { command, deadline: first.deadline, taken: false, given_up: false });
             } else {
-                self.control_lies = Some(first);
-                let settles = self.port.mailbox.as_ref().is_some_and(|mailbox| mailbox.port.is_settling());
+                self.control_pending = Some(first);
+                let settles = self.ports.mailbox.as_ref().is_some_and(|mailbox| mailbox.port.is_settling());
                 if let Some(under_way) = self.under_way.as_mut().filter(|it| settles && !it.given_up)
-                    && self.port.way() == CommandPort::Mailbox
+                    && self.ports.in_use() == CommandPort::Mailbox
                 {
                     // It went over a line that lay too long; whether the board had taken that nobody knows.
                     (under_way.taken, under_way.given_up, under_way.deadline) = (true, true, now);
@@ -364,23 +372,94 @@ impl AsciiDesk {
                 return Ok(());
             }
             // Its caller has been told by now that it was not done. So must it be; [`Self::expire`] takes it away.
-            if now < next.deadline && self.port.begin(bus, next.line.as_bytes())? {
+            if now < next.deadline && self.ports.begin(bus, next.line.as_bytes())? {
                 self.lines.pop_front();
                 self.buffer.follow(next.line.as_bytes());
-                self.start(Begun::Line(next), next.deadline, publisher, now);
+                self.start(InFlight::Line(next), next.deadline, publisher, now);
             }
         } else if !self.buffer.is_open()
             && let Some((line, patience)) = self.identifier.next_line(now)
-            && self.port.begin(bus, line.as_bytes())?
+            && self.ports.begin(bus, line.as_bytes())?
         {
             self.identifier.sent();
-            self.start(Begun::Question, now + patience, publisher, now);
+            self.start(InFlight::Identify, now + patience, publisher, now);
         }
         Ok(())
     }
 
-    fn start(&mut self, begun: Begun, deadline: Instant, publisher: &Publisher, now: Instant) {
-        self.under_way = Some(UnderWay { begun, deadline, taken: false, given_up: false });
+    /// Has lines go through another port when the board does not look at this one.
+    fn consider_fallback(&mut self, bus: &mut impl Bus, now: Instant) -> Result<(), PortError> {
+        if !self.ports.may_change() {
+            return Ok(());
+        }
+        let under_way = self.is_under_way();
+        if let Some(change) = self.fallback.wanted(&mut self.ports, under_way, bus, now)? {
+            if change == Change::Enabled || self.take_back(bus)? {
+                self.change_port(change, now);
+            } else {
+                self.fallback.ask_again(now);
+            }
+        }
+        let waiting = Waiting {
+            untouched: self.has_untouched(now),
+            under_way: self.is_under_way(),
+            buffer_open: self.buffer.is_open(),
+        };
+        self.fallback.ask(&mut self.ports, waiting, now)
+    }
+
+    fn is_under_way(&self) -> bool {
+        self.under_way.is_some() || self.control_pending.is_some()
+    }
+
+    fn change_port(&mut self, change: Change, now: Instant) {
+        let enable = self.ports.enable();
+        match change {
+            Change::OutOfReach => warn!("command lines: VME mailboxes, the DPRAM is out of reach"),
+            Change::Disabled => warn!("command lines: VME mailboxes, {enable}=0"),
+            Change::Enabled => info!("command lines: DPRAM, {enable}=1"),
+        }
+        self.ports.change(change.port());
+        self.state = CommandState::Unknown;
+        self.poll_now(now);
+    }
+
+    /// Whether a command waits that the board has not touched, as far as known.
+    fn has_untouched(&self, now: Instant) -> bool {
+        match self.under_way {
+            Some(under_way) => !under_way.taken && !self.ports.was_taken(),
+            None => {
+                let asks = !self.buffer.is_open() && self.identifier.due_in(now).is_zero();
+                self.control_pending.is_some() || !self.lines.is_empty() || !self.controls.is_empty() || asks
+            }
+        }
+    }
+
+    /// Takes back what waits in the DPRAM's port, to be sent through another; false when the board has touched it.
+    fn take_back(&mut self, bus: &mut impl Bus) -> Result<bool, PortError> {
+        if let Some(control) = self.control_pending {
+            if !self.ports.dpram.control_pending(bus)? {
+                return Ok(false);
+            }
+            self.ports.dpram.withdraw_control(bus)?;
+            self.control_pending = None;
+            self.controls.push_front(control);
+        }
+        let Some(under_way) = self.under_way else { return Ok(true) };
+        if under_way.taken || !self.ports.dpram.take_back(bus)? {
+            return Ok(false);
+        }
+        self.under_way = None;
+        match under_way.command {
+            InFlight::Line(line) => self.lines.push_front(line),
+            InFlight::Control(control) => self.controls.push_front(control),
+            InFlight::Identify => self.identifier.not_sent(),
+        }
+        Ok(true)
+    }
+
+    fn start(&mut self, command: InFlight, deadline: Instant, publisher: &Publisher, now: Instant) {
+        self.under_way = Some(UnderWay { command, deadline, taken: false, given_up: false });
         self.last_event = now;
         publisher.counters().add(Counter::AsciiCommands, 1);
     }
@@ -397,16 +476,16 @@ impl AsciiDesk {
             && now >= under_way.deadline
         {
             if !std::mem::replace(&mut under_way.given_up, true) {
-                under_way.taken |= self.port.give_up(bus, now)?;
+                under_way.taken |= self.ports.give_up(bus, now)?;
                 // A board clears the flag only when it has done the line. One that answered the line before may be at this one.
                 under_way.taken |=
-                    self.port.way() == CommandPort::Dpram && self.state != CommandState::Silent;
+                    self.ports.in_use() == CommandPort::Dpram && self.state != CommandState::Silent;
             }
             // Who hears that it was not taken may send it again, so that is said only after a silence.
-            if under_way.taken || self.port.is_idle() {
-                let UnderWay { begun, taken, .. } = *under_way;
+            if under_way.taken || self.ports.is_idle() {
+                let UnderWay { command, taken, .. } = *under_way;
                 self.under_way = None;
-                match begun.ticket() {
+                match command.ticket() {
                     Some(ticket) => self.fail(events, publisher, ticket, taken),
                     None => {
                         self.identifier.failed(now);
@@ -425,10 +504,10 @@ impl AsciiDesk {
                 self.tell(events, Event::Done(first.ticket, Outcome::Busy));
                 return Ok(());
             }
-            if self.port.is_idle() {
-                // Nothing of ours is under way, yet the line could not be begun: an earlier one still lies in the
+            if self.ports.is_idle() {
+                // Nothing of ours is under way, yet the line could not be command: an earlier one still lies in the
                 // buffer with nobody to take it. It must not be carried out by surprise later.
-                self.port.withdraw_line(bus)?;
+                self.ports.withdraw_line(bus)?;
             }
             self.fail(events, publisher, first.ticket, false);
         }
@@ -449,7 +528,7 @@ impl AsciiDesk {
                 counters.add(Counter::AsciiReplies, 1);
                 if let Some(under_way) = &mut self.under_way {
                     under_way.taken = true;
-                    match under_way.begun.ticket() {
+                    match under_way.command.ticket() {
                         Some(ticket) => self.tell(events, Event::Line(ticket, text)),
                         None => self.identifier.line(text.as_bytes()),
                     }
@@ -458,7 +537,7 @@ impl AsciiDesk {
             AsciiEvent::Done(result) => {
                 counters.add(Counter::AsciiErrors, u64::from(result.is_err()));
                 self.state = CommandState::Answers;
-                match self.under_way.take().map(|under_way| under_way.begun.ticket()) {
+                match self.under_way.take().map(|under_way| under_way.command.ticket()) {
                     Some(Some(ticket)) => {
                         let outcome = result.map_or_else(Outcome::Error, |()| Outcome::Done);
                         self.tell(events, Event::Done(ticket, outcome));

@@ -1,4 +1,4 @@
-//! The desk in front of a hand-driven board: who waits for whom, and what is never begun.
+//! Command lines for a hand-driven board: who waits for whom, and what is never begun.
 
 use super::*;
 use crate::daemon::shared::queue::{Receive, queue};
@@ -11,7 +11,7 @@ use crate::segment::{CreateOptions, Identity, SegmentName};
 
 struct Rig {
     bus: FileBoard,
-    desk: AsciiDesk,
+    queue: AsciiQueue,
     events: Sender<Event>,
     told: Receive<Event>,
     publisher: Publisher,
@@ -26,15 +26,15 @@ impl Rig {
         let directory = tempfile::tempdir().unwrap();
         let options = CreateOptions {
             directory: directory.path().to_owned(),
-            ..CreateOptions::new(SegmentName::new("desk").unwrap(), Vec::new())
+            ..CreateOptions::new(SegmentName::new("queue").unwrap(), Vec::new())
         };
         let clock = Clock::real();
         let now = clock.now();
-        let port = ResponsePort::new(&PMAC.ascii, TextOrder::LowFirst, None, now);
+        let port = CommandPorts::new(&PMAC, TextOrder::LowFirst, None, now);
         let (events, told) = queue(16).unwrap();
         Self {
             bus: FileBoard::from_file(&file, 0x4000).unwrap(),
-            desk: AsciiDesk::new(port, Identifier::new(&PMAC, Identity::default(), false, now), clock),
+            queue: AsciiQueue::new(port, Identifier::new(&PMAC, Identity::default(), false, now), clock),
             events,
             told,
             publisher: Publisher::create(&options).unwrap(),
@@ -47,17 +47,17 @@ impl Rig {
         let line = Text::new(line.as_bytes()).unwrap();
         let deadline = self.now + patience;
         let command = Command::Send { ticket: Ticket(ticket), line, deadline, question: false };
-        self.desk.submit(&command, self.now);
+        self.queue.submit(&command, self.now);
     }
 
     fn control(&mut self, ticket: u64, character: u8) {
         let deadline = self.now + Duration::from_secs(5);
         let command = Command::Control { ticket: Ticket(ticket), character, deadline };
-        self.desk.submit(&command, self.now);
+        self.queue.submit(&command, self.now);
     }
 
-    fn pass(&mut self) {
-        self.desk.pass(&mut self.bus, &self.events, &self.publisher, self.now).unwrap();
+    fn poll(&mut self) {
+        self.queue.poll(&mut self.bus, &self.events, &self.publisher, self.now).unwrap();
     }
 
     fn ended(&self) -> Vec<(u64, Outcome)> {
@@ -78,7 +78,7 @@ impl Rig {
 fn a_line_whose_time_is_over_is_never_begun() {
     let mut rig = Rig::new();
     rig.send(1, "P1", Duration::from_secs(60));
-    rig.pass();
+    rig.poll();
     assert!(rig.loaded());
     rig.bus.write16(PMAC.ascii.command_loaded.word, 0).unwrap();
     for ticket in [2, 3, 4] {
@@ -88,7 +88,7 @@ fn a_line_whose_time_is_over_is_never_begun() {
     rig.bus.write16(PMAC.ascii.response_control, response::ACKNOWLEDGE).unwrap();
     rig.now += Duration::from_secs(1);
     for _ in 0..6 {
-        rig.pass();
+        rig.poll();
         assert!(!rig.loaded(), "its caller has been told that it was not done");
     }
     let unavailable = |ticket| (ticket, Outcome::Unavailable);
@@ -103,15 +103,15 @@ fn a_line_that_lay_before_a_board_that_answered_so_far_may_have_been_carried_out
         (CommandState::Silent, Outcome::Unavailable),
     ] {
         let mut rig = Rig::new();
-        rig.desk.state = state;
+        rig.queue.state = state;
         rig.send(1, "SAVE", Duration::from_millis(1));
-        rig.pass();
+        rig.poll();
         assert!(rig.loaded());
         rig.now += Duration::from_millis(1);
-        rig.pass();
+        rig.poll();
         assert!(!rig.loaded(), "withdrawn");
         rig.now += SETTLE;
-        rig.pass();
+        rig.poll();
         assert_eq!(rig.ended(), [(1, outcome)], "{state:?}");
     }
 }
@@ -120,25 +120,25 @@ fn a_line_that_lay_before_a_board_that_answered_so_far_may_have_been_carried_out
 fn that_a_line_was_not_taken_is_said_after_a_silence_only() {
     for (answers, outcome) in [(false, Outcome::Unavailable), (true, Outcome::TimedOut)] {
         let mut rig = Rig::new();
-        rig.desk.state = CommandState::Silent;
+        rig.queue.state = CommandState::Silent;
         rig.send(1, "#1J:100", Duration::from_millis(1));
         rig.send(2, "P2", Duration::from_secs(5));
-        rig.pass();
+        rig.poll();
         assert!(rig.loaded());
         rig.now += Duration::from_millis(1);
-        rig.pass();
+        rig.poll();
         assert!(!rig.loaded(), "withdrawn");
         assert_eq!(rig.ended(), [], "a board may clear the flag only when it has done the line");
         if answers {
             rig.now += SETTLE / 2;
             rig.bus.write16(PMAC.ascii.response_control, response::ACKNOWLEDGE).unwrap();
-            rig.pass();
+            rig.poll();
             assert_eq!(rig.ended(), [(1, outcome)], "who sends it again would jog twice");
         }
         rig.now += SETTLE;
-        rig.pass();
+        rig.poll();
         assert!(answers || rig.ended() == [(1, outcome)]);
-        rig.pass();
+        rig.poll();
         assert!(rig.loaded(), "the next line goes out");
     }
 }
@@ -148,13 +148,13 @@ fn a_line_that_waits_for_another_says_nothing_of_the_board() {
     let mut rig = Rig::new();
     rig.send(1, "LIST", Duration::from_secs(60));
     rig.send(2, "P2", Duration::from_secs(1));
-    rig.pass();
+    rig.poll();
     rig.bus.write16(PMAC.ascii.command_loaded.word, 0).unwrap();
-    rig.desk.state = CommandState::Answers;
+    rig.queue.state = CommandState::Answers;
     rig.now += Duration::from_secs(1);
-    rig.pass();
+    rig.poll();
     assert_eq!(rig.ended(), [(2, Outcome::Busy)]);
-    assert_eq!(rig.desk.state(), CommandState::Answers);
+    assert_eq!(rig.queue.state(), CommandState::Answers);
 }
 
 #[test]
@@ -170,17 +170,17 @@ fn a_new_board_does_nothing_of_what_the_old_one_was_told() {
         let mut rig = Rig::new();
         rig.send(1, "P1", Duration::from_secs(600));
         rig.control(2, ABORT);
-        rig.pass();
-        rig.pass();
+        rig.poll();
+        rig.poll();
         assert!(rig.loaded());
         rig.bus.write16(PMAC.ascii.command_loaded.word, flag).unwrap();
         rig.bus.write16(PMAC.ascii.control_character, character).unwrap();
-        rig.desk.forget(&mut rig.bus, rig.now).unwrap();
+        rig.queue.reset(&mut rig.bus, rig.now).unwrap();
         assert!(!rig.loaded());
         assert_ne!(rig.bus.read16(PMAC.ascii.control_character).unwrap(), u16::from(ABORT));
         rig.bus.write16(PMAC.ascii.control_character, 0).unwrap();
         for _ in 0..3 {
-            rig.pass();
+            rig.poll();
             rig.now += SETTLE;
         }
         let mut ended = rig.ended();
@@ -193,13 +193,13 @@ fn a_new_board_does_nothing_of_what_the_old_one_was_told() {
 fn the_second_half_of_a_line_is_no_line_for_a_new_board() {
     let mut rig = Rig::new();
     rig.send(1, &format!("{}#1J+", " ".repeat(180)), Duration::from_secs(600));
-    rig.pass();
+    rig.poll();
     assert!(rig.loaded());
     rig.bus.write16(PMAC.ascii.command_loaded.word, 0).unwrap();
-    rig.desk.forget(&mut rig.bus, rig.now).unwrap();
+    rig.queue.reset(&mut rig.bus, rig.now).unwrap();
     rig.bus.write16(PMAC.ascii.control_character, 0).unwrap();
     for _ in 0..3 {
-        rig.pass();
+        rig.poll();
         assert!(!rig.loaded());
         rig.now += SETTLE;
     }
@@ -212,19 +212,19 @@ fn what_stops_the_machine_does_not_wait_behind_a_report() {
     const KILL_ALL: u8 = 0x0B;
     let mut rig = Rig::new();
     rig.send(1, "P1", Duration::from_secs(60));
-    rig.pass();
+    rig.poll();
     assert!(rig.loaded(), "the board does not answer yet");
     rig.control(2, POSITIONS);
     rig.control(3, KILL_ALL);
-    rig.pass();
+    rig.poll();
     assert_eq!(rig.bus.read16(PMAC.ascii.control_character).unwrap(), u16::from(KILL_ALL));
     rig.bus.write16(PMAC.ascii.control_character, 0).unwrap();
-    rig.pass();
+    rig.poll();
     assert_eq!(rig.ended(), [(3, Outcome::Done)]);
     // The report comes when the line is done.
     rig.bus.write16(PMAC.ascii.command_loaded.word, 0).unwrap();
     rig.bus.write16(PMAC.ascii.response_control, response::ACKNOWLEDGE).unwrap();
-    rig.pass();
-    rig.pass();
+    rig.poll();
+    rig.poll();
     assert_eq!(rig.bus.read16(PMAC.ascii.control_character).unwrap(), u16::from(POSITIONS));
 }

@@ -1,48 +1,177 @@
-//! Command lines as a function of the board.
+//! Command lines as a function of the board, with the interrupts that announce responses.
+
+use std::os::fd::BorrowedFd;
+use std::time::Instant;
+
+use log::warn;
 
 use crate::clock::Clock;
 use crate::daemon::bus::board_function::{BoardFunction, Context, Polled};
 use crate::daemon::bus::ports::command_port::PortError;
-use crate::daemon::bus::ports::host_port::HostPortLink;
-use crate::daemon::bus::work::ascii::AsciiDesk;
-use crate::device::{Bus, BusError};
-use crate::protocol::CommandState;
+use crate::daemon::bus::ports::host_port::HostPortDriver;
+use crate::daemon::bus::ports::interrupt::InterruptLink;
+use crate::daemon::bus::ports::mailbox::MailboxDriver;
+use crate::daemon::bus::readable::{Interrupts, Readable};
+use crate::daemon::bus::work::ascii::AsciiQueue;
+use crate::daemon::shared::status::HostPortCounts;
+use crate::device::{Bus, BusError, Interrupt};
+use crate::protocol::{CommandPort, CommandState};
 use crate::segment::Counter;
 
-/// Command lines: their desk, and the interrupt controller that announces replies, where it has to be served.
+/// Command lines: who waits for whom, and how a response is announced.
 pub struct CommandLines {
+    queue: AsciiQueue,
+    /// Announces responses in the DPRAM, if the board has one.
+    interrupt: Option<InterruptLink>,
+    /// The interrupt controller, where it has to be served.
+    host_port: Option<HostPortDriver>,
+}
+
+impl CommandLines {
+    /// The lines of `queue`, whose responses in the DPRAM are announced by `interrupt` and `host_port`, where they are.
+    #[must_use]
+    pub const fn new(
+        queue: AsciiQueue,
+        interrupt: Option<InterruptLink>,
+        host_port: Option<HostPortDriver>,
+    ) -> Self {
+        Self { queue, interrupt, host_port }
+    }
+
     /// Who waits for whom.
-    pub desk: AsciiDesk,
-    /// The controller.
-    pub host_port: Option<HostPortLink>,
+    #[must_use]
+    pub const fn queue(&self) -> &AsciiQueue {
+        &self.queue
+    }
+
+    /// Who waits for whom.
+    pub const fn queue_mut(&mut self) -> &mut AsciiQueue {
+        &mut self.queue
+    }
+
+    /// What was counted of the host port's interrupts; `None` where it is not served.
+    #[must_use]
+    pub fn host_port_counts(&self) -> Option<HostPortCounts> {
+        self.host_port.as_ref().map(HostPortDriver::counts)
+    }
+
+    /// What becomes readable when an interrupt comes.
+    #[must_use]
+    pub fn descriptors(&self) -> Interrupts<BorrowedFd<'_>> {
+        let interrupt = self.interrupt.as_ref().and_then(InterruptLink::descriptor);
+        let mailbox = self.queue.ports().mailbox.as_ref();
+        let [taken, reply] = mailbox.map_or([None, None], MailboxDriver::descriptors);
+        [interrupt, taken, reply]
+    }
+
+    /// Takes the interrupts that came, and connects those that are not connected. Returns how many came.
+    pub fn take_interrupts(&mut self, readable: &Readable, now: Instant) -> u32 {
+        let mut count = 0;
+        if let Some(link) = &mut self.interrupt {
+            if readable.interrupt {
+                count = link.take(now).interrupts;
+                if let Some(host_port) = self.host_port.as_mut().filter(|_| count > 0) {
+                    host_port.interrupted(self.queue.ports().responses());
+                }
+                self.queue.poll_now(now);
+            }
+            link.tend(now);
+        }
+        if let Some(mailbox) = &mut self.queue.ports_mut().mailbox {
+            let interrupts = if readable.mailbox { mailbox.take_interrupts(now) } else { 0 };
+            mailbox.tend(now);
+            if interrupts > 0 {
+                count = count.saturating_add(interrupts);
+                self.queue.poll_now(now);
+            }
+        }
+        self.see_interrupt();
+        count
+    }
+
+    /// Has the queue know whether the interrupts of the port in use are there.
+    fn see_interrupt(&mut self) {
+        let ports = self.queue.ports();
+        let is_there = match ports.in_use() {
+            CommandPort::Dpram => self.interrupt.as_ref().is_some_and(InterruptLink::is_connected),
+            CommandPort::Mailbox => ports.mailbox.as_ref().is_some_and(MailboxDriver::is_connected),
+        };
+        self.queue.set_interrupt(is_there);
+    }
+
+    /// Opens the line of the host port's interrupt: at the start, and after a reset.
+    ///
+    /// # Errors
+    /// When the registers cannot be reached.
+    pub fn open_line(&mut self) -> Result<(), PortError> {
+        Ok(self.host_port.as_mut().map_or(Ok(()), HostPortDriver::enable)?)
+    }
+
+    /// As [`Self::open_line`] if the line is shut: a reset that was too quick to be noticed has shut it.
+    ///
+    /// # Errors
+    /// When the registers cannot be reached.
+    pub fn keep_line_open(&mut self) -> Result<(), PortError> {
+        let Some(host_port) = &mut self.host_port else { return Ok(()) };
+        if !host_port.is_open()? {
+            host_port.enable()?;
+        }
+        Ok(())
+    }
+
+    /// Leaves the line of the host port's interrupt as it was found.
+    ///
+    /// # Errors
+    /// When the registers cannot be reached.
+    pub fn leave_line(&mut self) -> Result<(), PortError> {
+        Ok(self.host_port.as_mut().map_or(Ok(()), HostPortDriver::leave)?)
+    }
+
+    /// The board's memory was replaced, and perhaps the interrupt of its device: opens the registers again, too. A simulator
+    /// that was started again has files of its own for them.
+    pub fn reopen(&mut self, interrupt: Option<Option<Interrupt>>) {
+        if let (Some(link), Some(interrupt)) = (&mut self.interrupt, interrupt) {
+            link.replace(interrupt);
+        }
+        if let Some(Err(error)) = self.queue.ports_mut().mailbox.as_mut().map(MailboxDriver::reopen) {
+            warn!("mailboxes: {error}");
+        }
+        if let Some(Err(error)) = self.host_port.as_mut().map(HostPortDriver::reopen) {
+            warn!("host port: {error}");
+        }
+    }
 }
 
 impl<B: Bus> BoardFunction<B> for CommandLines {
     fn due_ns(&self, clock: &Clock) -> Option<u64> {
-        Some(clock.ns_of(self.desk.due()))
+        Some(clock.ns_of(self.queue.due()))
     }
     fn poll(&mut self, context: &mut Context<'_, B>) -> Result<Polled, PortError> {
         let now = context.clock.now();
-        let registers = self.desk.port().register_accesses();
-        self.desk.pass(context.bus, context.events, context.publisher, now)?;
+        let registers = self.queue.ports().register_accesses();
+        self.queue.poll(context.bus, context.events, context.publisher, now)?;
         if let Some(host_port) = &mut self.host_port {
-            host_port.serve(context.bus, &mut self.desk, now)?;
+            let held_up = self.queue.is_held_up();
+            if host_port.serve(context.bus, self.queue.ports(), held_up, now)? {
+                self.queue.poll_now(now);
+            }
         }
-        let registers = self.desk.port().register_accesses() - registers;
+        self.see_interrupt();
+        let registers = self.queue.ports().register_accesses() - registers;
         context.publisher.counters().add(Counter::AsciiAccesses, registers);
         Ok(Polled::default())
     }
     fn take_over(&mut self, context: &mut Context<'_, B>) -> Result<(), PortError> {
-        Ok(self.desk.port().dpram.release(context.bus)?)
+        Ok(self.queue.ports().dpram.release(context.bus)?)
     }
     fn reset(&mut self, _context: &mut Context<'_, B>) -> Result<(), PortError> {
         Ok(())
     }
     fn leave(&mut self, bus: &mut B) -> Result<(), BusError> {
-        self.desk.port().dpram.release(bus)
+        self.queue.ports().dpram.release(bus)
     }
     fn is_live(&self) -> Option<bool> {
-        Some(self.desk.state() == CommandState::Answers)
+        Some(self.queue.state() == CommandState::Answers)
     }
     fn counter(&self) -> Option<Counter> {
         Some(Counter::AsciiAccesses)

@@ -1,0 +1,172 @@
+//! The loop's start and end, and what it does about a board that goes, comes back or is reset.
+
+use std::time::Instant;
+
+use super::BoardLoop;
+use crate::daemon::bus::phase::Phase;
+use crate::daemon::bus::ports::command_port::PortError;
+use crate::daemon::bus::presence::Change;
+use crate::daemon::shared::job::Job;
+use crate::daemon::shared::queue::Command;
+use crate::protocol::Function;
+use crate::segment::Counter;
+
+/// How often to look, at the start, whether the DPRAM is in reach.
+const REACH_POLL_NS: u64 = 1_000_000;
+
+impl BoardLoop {
+    /// Asks the loop to end: stops what is held, then leaves the board. [`BoardLoop::poll`] says when that is done.
+    pub fn stop(&mut self) {
+        if matches!(self.phase, Phase::Stopping { .. } | Phase::Ended) {
+            return;
+        }
+        let _ = self.connections.stop.read();
+        self.reporter.end(self.connections.intake.events());
+        self.phase = Phase::stopping(self.clock.now());
+        self.collect_stops();
+    }
+
+    /// Looks whether the board is there, and opens it again when it was replaced or came back.
+    pub(super) fn check_board(&mut self) -> Result<(), PortError> {
+        let change = self.presence.check(&mut self.bus);
+        let is_replaced = matches!(change, Some(Change::Replaced(_)));
+        if let Some(change) = change {
+            self.follow(change)?;
+        }
+        if self.presence.is_there() && !is_replaced { self.let_board_speak() } else { Ok(()) }
+    }
+
+    /// Writes the DPRAM's page if it was lost.
+    pub(super) fn check_page(&mut self) -> Result<(), PortError> {
+        let ports = self.functions.ascii.queue_mut().ports_mut();
+        let change = self.presence.check_page(&mut self.bus, ports)?;
+        change.map_or(Ok(()), |change| self.follow(change))
+    }
+
+    /// What follows from what has become of the board.
+    pub(super) fn follow(&mut self, change: Change) -> Result<(), PortError> {
+        match change {
+            Change::Replaced(interrupt) => {
+                self.functions.ascii.reopen(interrupt);
+                self.write_page();
+                self.begin_again()
+            }
+            Change::Answers => self.begin_again(),
+            Change::PageLost => self.after_reset(true),
+            Change::PageBack => {
+                self.acquire_again();
+                Ok(())
+            }
+        }
+    }
+
+    /// The board is another one, or was without power.
+    fn begin_again(&mut self) -> Result<(), PortError> {
+        // Before the words are put in order: what lies in them tells what the board has taken.
+        let result = self.reset_commands();
+        self.note_failure(result);
+        self.acquire_again();
+        self.after_reset(true)
+    }
+
+    /// Nothing seen so far says anything about what comes.
+    fn acquire_again(&mut self) {
+        self.publisher.counters().add(Counter::Resets, 1);
+        self.acquire_board();
+    }
+
+    /// A memory test, a power failure or another host may have left the host's own words in a state that holds the
+    /// reports off for ever, and a reset that was too quick to be noticed has shut the interrupt's line.
+    fn let_board_speak(&mut self) -> Result<(), PortError> {
+        if self.functions.uses(Function::Servo) && !self.functions.servo.is_live() {
+            self.functions.servo.release(&mut self.bus)?;
+        }
+        if self.functions.uses(Function::Background) && !self.functions.background.is_live() {
+            self.functions.background.acquire(&mut self.bus, self.clock.ns())?;
+        }
+        self.functions.ascii.keep_line_open()
+    }
+
+    /// Writes the DPRAM's page, where it has one. The page it has already does no harm.
+    pub(super) fn write_page(&mut self) {
+        let result = self.functions.ascii.queue_mut().ports_mut().select_page();
+        self.note_failure(result);
+    }
+
+    /// The board was reset: what it forgets is told to it again. What goes through the mailboxes now was begun before the
+    /// reset if it `is_new`.
+    pub(super) fn after_reset(&mut self, is_new: bool) -> Result<(), PortError> {
+        self.write_page();
+        self.functions.ascii.open_line()?;
+        let (functions, mut context) = self.functions_in_context();
+        functions.reset(&mut context)?;
+        self.functions.ascii.queue_mut().identifier.ask_again(self.clock.now());
+        if is_new { self.reset_commands() } else { Ok(()) }
+    }
+
+    /// Ends the commands under way: they were the board's that is no more.
+    fn reset_commands(&mut self) -> Result<(), PortError> {
+        self.functions.ascii.queue_mut().reset(&mut self.bus, self.clock.now())
+    }
+
+    /// Waits until the DPRAM is in reach, where its page has to be written, before it is touched for the first time.
+    pub(super) fn reach_dpram(&mut self) {
+        let Phase::Reaching { until, due_ns } = &mut self.phase else { return };
+        let ports = self.functions.ascii.queue().ports();
+        let waits = ports.has_page() && self.clock.now() < *until;
+        if waits && !matches!(ports.dpram.is_out_of_reach(&mut self.bus), Ok(false)) {
+            *due_ns = self.clock.ns() + REACH_POLL_NS;
+            return;
+        }
+        self.phase = Phase::Running;
+        self.acquire_board();
+        // What the configuration says of the board is known without asking.
+        self.take_identity();
+        let result = self.reset_commands();
+        self.note_failure(result);
+    }
+
+    /// Puts the host's words in order, as at the start.
+    fn acquire_board(&mut self) {
+        let (functions, mut context) = self.functions_in_context();
+        let result = functions.take_over(&mut context);
+        self.note_failure(result);
+        let result = self.functions.ascii.open_line();
+        self.note_failure(result);
+    }
+
+    /// What is left in the queue is not begun any more, except for the stop of a jog that somebody held.
+    fn collect_stops(&mut self) {
+        let Phase::Stopping { until, .. } = self.phase else { return };
+        self.functions.keep_stops();
+        while let Some(command) = self.connections.intake.drain() {
+            if let Command::Job { ticket, job, .. } = command
+                && let Job::Panel(request) = *job
+                && request.is_stop()
+            {
+                let job = Job::Panel(request);
+                let _ = self.functions.submit(&mut self.bus, &self.publisher, ticket, job, until);
+            }
+        }
+        self.functions.keep_stops();
+    }
+
+    /// Hands over the stops that are left, as long as there is time, then leaves the board: clears every bit a host may have
+    /// left set. Host-Busy left by a dead one would stop the servo data for ever.
+    pub(super) fn finish_stops(&mut self, until: Instant) {
+        match self.functions.finish_stops(&mut self.bus) {
+            Ok(Some(due)) if self.clock.now() < until => {
+                self.phase = Phase::Stopping { until, due_ns: self.clock.ns_of(due.min(until)) };
+                return;
+            }
+            Ok(_) => {}
+            Err(error) => self.bus_failed(&error),
+        }
+        if let Err(error) = self.functions.leave(&mut self.bus) {
+            self.bus_failed(&error);
+        }
+        let result = self.functions.ascii.leave_line();
+        self.note_failure(result);
+        self.phase = Phase::Ended;
+    }
+}
