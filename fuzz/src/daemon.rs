@@ -152,14 +152,14 @@ impl Desks<'_> {
     /// What the thread that owns the board does when something happened to it.
     fn turn(&mut self, how: u8, tape: &mut Tape<'_>) {
         match how {
-            0 => self.functions.ascii.desk.forget(&mut self.bus, self.clock.now()).unwrap(),
-            1 => self.functions.ascii.desk.doubt(self.clock.now()),
-            2 => self.functions.ascii.desk.see_buffer(true),
-            3 => self.functions.ascii.desk.see_buffer(false),
-            4 => self.functions.ascii.desk.set_interrupt(true),
+            0 => self.functions.ascii.queue_mut().reset(&mut self.bus, self.clock.now()).unwrap(),
+            1 => self.functions.ascii.queue_mut().doubt(self.clock.now()),
+            2 => self.functions.ascii.queue_mut().see_buffer(true),
+            3 => self.functions.ascii.queue_mut().see_buffer(false),
+            4 => self.functions.ascii.queue_mut().set_interrupt(true),
             5 => self.in_context(|functions, context| functions.reset(context).unwrap()),
             6 => {
-                self.functions.ascii.desk.forget(&mut self.bus, self.clock.now()).unwrap();
+                self.functions.ascii.queue_mut().reset(&mut self.bus, self.clock.now()).unwrap();
                 self.in_context(|functions, context| functions.take_over(context).unwrap());
             }
             7 => self.functions.servo.configure(
@@ -190,7 +190,7 @@ impl Desks<'_> {
         } else {
             Command::Control { ticket, character: tape.u8() % 31 + 1, deadline }
         };
-        self.functions.ascii.desk.submit(&command, self.clock.now());
+        self.functions.ascii.queue_mut().submit(&command, self.clock.now());
     }
 
     fn ask_job(&mut self, how: u8, tape: &mut Tape<'_>) {

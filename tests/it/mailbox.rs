@@ -192,8 +192,8 @@ fn the_mailboxes_take_over_while_i58_is_off_and_give_back() {
         assert_eq!(connection.send("I58", PATIENCE).unwrap(), ["1"]);
     }
     let log = site.log();
-    assert_eq!(log.matches("through the VME mailboxes now: I58=0").count(), 3, "{log}");
-    assert_eq!(log.matches("through the DPRAM again").count(), 3, "{log}");
+    assert_eq!(log.matches("command lines: VME mailboxes, I58=0").count(), 3, "{log}");
+    assert_eq!(log.matches("command lines: DPRAM, I58=1").count(), 3, "{log}");
     site.assert_no_violations();
 }
 
