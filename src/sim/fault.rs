@@ -1,4 +1,4 @@
-//! How the board is told to misbehave, so that a driver can be tried against it.
+//! How the board is told to misbehave, so that a driver can be tried against it. [`faults`] lists what can go wrong.
 
 /// What can go wrong with one of the functions that work by a flag in the background pass.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
@@ -45,7 +45,7 @@ pub struct Faults {
     pub servo_silent: bool,
     /// The background report stands still.
     pub background_stuck: bool,
-    /// Lines and control characters in the DPRAM are not looked at.
+    /// Lines and control characters in the DPRAM are not taken.
     pub ascii_deaf: bool,
     /// Lines are taken and executed, but no response comes.
     pub ascii_no_reply: bool,

@@ -1,7 +1,7 @@
-//! The judge: records what a host does against the handshakes.
+//! The judge: records every breach of the handshakes by a host.
 //!
-//! A word that only PMAC writes is compared with what PMAC wrote last; the host's command text is compared between the
-//! pass that saw its flag and the pass that takes it. A finding is recorded once, with the number of the servo cycle.
+//! It compares each word that only PMAC writes with what PMAC wrote last, and the host's command text between the pass
+//! that saw its flag and the pass that takes it. It records a finding once, with the number of the servo cycle.
 
 use std::collections::BTreeMap;
 
@@ -11,7 +11,7 @@ use crate::sim::board::dpram::Dpram;
 
 /// The most findings kept; more are only counted.
 const KEPT: usize = 100;
-/// Words of PMAC's half looked at in one background pass.
+/// Words of PMAC's half compared in one background pass.
 const WORDS_PER_PASS: usize = 64;
 
 /// What the judge has found.

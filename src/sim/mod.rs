@@ -14,7 +14,7 @@
 //! | [`program`] | program buffers, motion programs, PLCs |
 //! | [`language`], upper half | the interpreter of on-line commands; the serial port's characters |
 //! | [`functions`] | the automatic functions of the DPRAM, the mailboxes, the ISA host port |
-//! | [`world`], [`control`] | all of it together, one servo cycle a step; what tests and demonstrations do to it |
+//! | [`world`], [`control`] | all of it together, one servo cycle a step; the control socket's commands |
 //! | [`process`] | options, sockets, real time |
 
 pub mod board;

@@ -30,7 +30,7 @@ impl Board {
     }
 
     /// What has to follow the assignment of I-variable `number`: I58=1 forces I3, I4 and I6, once. All other variables are
-    /// looked at where they are used.
+    /// read where they are used.
     pub fn i_assigned(&mut self, number: usize) {
         if number == usize::from(self.family().i.ascii_enable) && self.takes_ascii() {
             force_dpram_handshake(&mut self.variables, &self.identity.firmware);

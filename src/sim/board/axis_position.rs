@@ -1,7 +1,8 @@
 //! Axis positions at rest: from the motors' positions through the axis definitions, and back by the position bias.
 //!
-//! A motor's position is the sum of its terms, counts per unit times axis, and its offset. The position bias D:$0813
-//! joins that to the position that counts from home, which limits refer to (Software Reference pp. 179, 273).
+//! A motor's position is the sum of its terms (counts per unit times axis) and its offset. The position bias is the
+//! difference between that and the position that counts from home, to which limits refer (Software Reference pp. 179,
+//! 273).
 
 use crate::sim::board::error::CommandError;
 use crate::sim::board::motor::{Motors, STILL};

@@ -1,11 +1,14 @@
 //! Leadscrew and backlash compensation: what the board adds to a motor's measured position (User Manual, "Leadscrew
 //! compensation" and "Backlash compensation"; I51, I99, Ix85, Ix86).
 //!
-//! The sum lies in D:$0046 in units of the actual position; the loop closes on both together, and `P` reports both.
-//! `DEFINE COMP` tables hold 1/16 counts and work while I51=1; several may correct one motor. Backlash of Ix86 1/16 counts is added
-//! when the commanded position has gone back by more than I99 1/16 counts from the highest it was at, and taken
-//! away likewise on the way up, Ix85 1/16 counts a background pass; none is while Ix85 is 0. A `BLCOMP` table is added to
-//! Ix86. (That the backlash belongs to the negative direction follows from the status bit; the units are the manual's.)
+//! A register holds the sum in units of the actual position. The loop closes on both together, and `P` reports both.
+//!
+//! `DEFINE COMP` tables hold 1/16 counts and work while I51=1. Several tables may correct one motor.
+//!
+//! The board adds the backlash, Ix86 1/16 counts, when the commanded position has gone back by more than I99 1/16
+//! counts from its highest, and takes it away on the way up. It changes by Ix85 1/16 counts a background pass; with
+//! Ix85=0 there is none. A `BLCOMP` table is added to Ix86. (The status bit shows that the backlash belongs to the
+//! negative direction. The units are the manual's.)
 
 use crate::sim::board::Board;
 use crate::sim::board::motor::backlash::Backlash;

@@ -1,10 +1,12 @@
-//! `DEFINE GATHER`, `GATHER`, `ENDGATHER`: who is running, and the storage of gathered data.
+//! `DEFINE GATHER`, `GATHER`, `ENDGATHER`: what runs, and the storage of gathered data.
 //!
 //! With I48=1 the first `GATHER` starts the servo report and the second the gathering; `ENDGATHER` stops what the
-//! latest one started (DPRAM manual p. 14). `GATHER TRIGGER` waits until machine input 2, bit 1 of Y:$FFC2, goes from 0 to 1; which
-//! input it is comes from no page at hand. I20 says which of the sources I21-I44 are stored, I19 how often, I45 where:
-//! 2 DPRAM up to its end, 3 DPRAM round and round, 0 and 1 the same in PMAC's own memory. Some firmware keeps
-//! the buffer at $D240 and the two words before it, the others at $D200 (see [`crate::map::Layout`]).
+//! latest one started (DPRAM manual p. 14). `GATHER TRIGGER` waits until machine input 2 goes from 0 to 1. (No page at
+//! hand says which input it is.)
+//!
+//! I20 selects the sources I21-I44 that are stored. I19 is the period. I45 says where: 2 in the DPRAM up to the buffer's
+//! end, 3 in the DPRAM round and round, 0 and 1 the same in PMAC's own memory. The firmware decides where the buffer and
+//! the two words before it are ([`crate::map::Layout`]). The numbers are PMAC's; the code takes the family's.
 
 use std::ops::Range;
 

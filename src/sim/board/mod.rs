@@ -1,7 +1,7 @@
 //! The board: its memory, variables and motors, and what the servo interrupt and the background loop do to them.
 //!
-//! It knows no function of the DPRAM, no program and no command language: they are built on it and change it. What
-//! they do in which order each cycle, [`crate::sim::world`] says.
+//! It knows no function of the DPRAM, no program and no command language: they are built on it and change it.
+//! [`crate::sim::world`] has the order in which they run each cycle.
 //!
 //! | file | idea |
 //! |---|---|
@@ -11,7 +11,7 @@
 //! | [`motor`], [`profile`], `compensation` | servo loop, drive and shaft; jog and home moves; leadscrew and backlash |
 //! | [`coordinate`], [`axes`], `axis_position` | time base; axis definitions; positions of axes |
 //! | [`jog`], `coordinate_commands`, `registers` | what commands do; registers and status words |
-//! | [`gather`], [`output`], [`bus_setup`] | data gathering; what the ports have to say; set-up that SAVE keeps |
+//! | [`gather`], [`output`], [`bus_setup`] | data gathering; what waits at the ports; set-up that SAVE keeps |
 
 mod access;
 pub mod axes;
@@ -162,7 +162,7 @@ impl Board {
     }
 
     /// As a reset: the saved (or factory) values, everything else as at power-up. The programs, the functions and the
-    /// interpreter are reset beside it; [`Statistics::resets`] tells them.
+    /// interpreter are reset beside it; [`Statistics::resets`] shows them that they have to be.
     pub fn reset(&mut self, factory_values: bool) {
         if factory_values {
             self.memory.clear();

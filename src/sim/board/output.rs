@@ -1,4 +1,4 @@
-//! What the board has to say at its ports, until the port's function puts it where the host finds it.
+//! What waits to be sent at each port, until the port's function puts it where the host finds it.
 
 use std::collections::VecDeque;
 

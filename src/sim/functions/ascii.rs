@@ -1,12 +1,12 @@
 //! PMAC's half of the DPRAM ASCII port (DPRAM manual pp. 25-29).
 //!
-//! A line is taken when its flag is set: seen in one background pass, taken in the next, so that a host that goes on
-//! writing after its flag is found out. The first part of a long line has no NUL in the buffer. A control character acts
-//! at once. Responses queue up; one is written when the response's control word is zero: text and NUL, count, then the
-//! control word, and the interrupt if I56=1.
+//! PMAC sees a line's flag in one background pass and takes the line in the next, so that it finds out a host that goes
+//! on writing after its flag. The first part of a long line has no NUL in the buffer. A control character acts at once.
+//! Responses queue up. PMAC writes one when the response's control word is 0: text and NUL, count, then the control word,
+//! and the interrupt if I56=1.
 //!
 //! Control words: 0x000D a line, 0x0006 the end, 0x8nnn an error (BCD), 0x010D a `CMD` response, 0x020D a `SEND`
-//! message. The end is sent when I3 is 2 or 3, the modes whose handshake is `<ACK>`.
+//! message. PMAC sends the end when I3 is 2 or 3, the modes whose handshake is `<ACK>`.
 
 use crate::format::TextOrder;
 use crate::map::HostOffset;
@@ -30,7 +30,7 @@ pub struct AsciiPort {
     late: Option<u64>,
     /// Words of a torn response that are not written yet.
     rest: Vec<(HostOffset, u16)>,
-    /// The response given last is to be given again.
+    /// The last response, which a fault has PMAC give again.
     repeat: Option<Response>,
     /// Lines and control characters taken.
     pub commands: u64,

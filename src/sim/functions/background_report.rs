@@ -1,7 +1,8 @@
-//! PMAC's half of the background fixed data buffer (DPRAM manual pp. 17-21).
+//! PMAC's half of the background report (DPRAM manual pp. 17-21).
 //!
 //! Each background pass, with I49=1 and I59>0 and Data-Ready clear: copy the registers of motors and coordinate
-//! systems 1 to I59, store the 16-bit servo timer, set Data-Ready.
+//! systems 1 to I59, store the servo timer, set Data-Ready. Where the family has them, a count in the DPRAM stands in for
+//! I59, and a Host-Busy flag holds the report off.
 
 use crate::format::int24;
 use crate::map::{Family, HostOffset};

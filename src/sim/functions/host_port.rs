@@ -1,19 +1,20 @@
 //! The interrupt registers of the ISA host port, in a file of 16 bytes: one byte for each of its I/O addresses.
 //!
-//! PMAC(1) has an 8259 at base+8 and +9 (User Manual pp. 249-257): input IR7 is held as long as a response waits in the
-//! DPRAM (I56=1 and 0x06D0 not 0), a set mask bit at +9 keeps it back, and after an interrupt there is no other before the
-//! end of interrupt, 0x67, has been written to +8. PMAC2 has latches instead (PMAC2 User Manual pp. 91-92): +8 latched
-//! signals, cleared by writing ones, +9 signals, +10 mask, here 1 enables, +11 1 for level, 0 for edge; bit 5 is the
-//! DPRAM's response, bit 7 the watchdog.
+//! PMAC(1) has an 8259 at base+8 and +9 (User Manual pp. 249-257). Input IR7 is asserted while a response waits in the
+//! DPRAM and I56=1. A set mask bit at +9 keeps it back. After an interrupt there is no other until the host writes the
+//! end of interrupt, 0x67, to +8.
 //!
-//! A file cannot tell that a byte was written that has not changed, and +8 reads what it was not written with. So a host
-//! writes what is for +8 to byte 12, an address the port leaves free, and PMAC sets it back to 0 when it has taken it. A
-//! write to +8 itself is noticed when it changes what reads there: every command of the 8259 does, but not the clearing
-//! of exactly the signals that PMAC2 has latched. All other registers are bytes as they are. Power-up: everything masked.
+//! PMAC2 has latches instead (PMAC2 User Manual pp. 91-92): +8 latched signals, which ones written there clear; +9 the
+//! signals; +10 the mask, where 1 enables; +11 1 for level, 0 for edge. Bit 5 is the DPRAM's response, bit 7 the watchdog.
 //!
-//! Not simulated: text through the port (+0 to +7), the 8259's initialisation words (one of them ends the service under
-//! way and nothing else), its priorities, polling and acknowledge cycle (+10): only IR7 is ever asserted. Which written
-//! value clears PMAC2's latches no manual says.
+//! A file does not show a write of the value that is already there, and +8 reads something else than was written to it.
+//! So a host writes what is for +8 to byte 12, an address that the port leaves free, and PMAC sets it back to 0. PMAC
+//! also notices a write to +8 itself when it changes what +8 reads: every command of the 8259 does, but not the clearing
+//! of exactly the signals that PMAC2 has latched. All other registers are plain bytes. At power-up everything is masked.
+//!
+//! Not simulated: text through the port (+0 to +7); the 8259's initialisation words (one of them ends the service under
+//! way and does nothing else), its priorities, polling and acknowledge cycle (+10): only IR7 is ever asserted. No manual
+//! says which written value clears PMAC2's latches.
 
 use std::fs::File;
 use std::os::unix::fs::FileExt;

@@ -1,18 +1,23 @@
 //! The VME mailbox port (User Manual pp. 263-267) as a file of 0x200 bytes that a host maps too.
 //!
-//! Sixteen byte registers at the odd addresses base+1 to base+0x1F, mailboxes 0 to 15. The host writes characters 2 to n
-//! of a group, 15 at most, into mailboxes 2 to 15 and the first one, last of all, into mailbox 0: that is the trigger. PMAC
-//! takes the group and interrupts with vector v-1. A line ends with `<CR>`; a control character goes alone into
-//! mailbox 0. A write of 0 to mailbox 1 lets PMAC fill mailboxes 0 to 15 once with what it has to say, up to 16 characters,
-//! and interrupt with vector v; a `<CR>` ends a group, `<ACK>` has a group of its own, mailboxes not filled keep
-//! what was in them (mailboxes 0 and 1 aside, see below). What PMAC says is what the serial port would say under I3, I4 and I6. base+0x121 takes the DPRAM's page,
-//! A19-A14 of its address, and forgets it at a reset; with a page given to [`Mailbox::open`], the DPRAM is out of reach until then.
+//! Mailboxes 0 to 15 are byte registers at the odd addresses base+1 to base+0x1F.
 //!
-//! A file cannot tell that a byte was written that has not changed. So PMAC leaves 0 in mailbox 0 when it has taken a
-//! group, 0xFF in mailbox 1 when it has taken the permission, 0xFF in the page register at a reset: a host's byte is
-//! another one. Only a group that begins with the first character of the response before it goes unnoticed. A host
-//! that writes 16 bits at base+2n, the character in the high byte, is always noticed: PMAC keeps 0xFF in the
-//! even bytes, as an empty byte lane reads.
+//! To PMAC: the host writes a group of at most 15 characters, the second and following ones into mailboxes 2 to 15, and
+//! last the first one into mailbox 0, the trigger. PMAC takes the group and interrupts with vector v-1. A line ends with
+//! `<CR>`; a control character goes alone into mailbox 0.
+//!
+//! From PMAC: when the host writes 0 to mailbox 1, PMAC fills mailboxes 0 to 15 once, with up to 16 characters, and
+//! interrupts with vector v. It says what the serial port would say under I3, I4 and I6. A `<CR>` ends a group, `<ACK>`
+//! has its own group. Mailboxes that it does not fill keep what was in them, but for 0 and 1 (see below).
+//!
+//! base+0x121 takes the DPRAM's page, A19-A14 of its address, and forgets it at a reset. With a page given to
+//! [`Mailbox::open`], the DPRAM is out of reach until the host writes that page.
+//!
+//! A file does not show a write of the value that is already there. So PMAC leaves bytes there that no host writes: 0 in
+//! mailbox 0 after it has taken a group, 0xFF in mailbox 1 after it has taken the permission, 0xFF in the page register
+//! after a reset. Only one write goes unnoticed: a group that begins with the first character of the response before it.
+//! PMAC always notices a host that writes 16 bits at base+2n, the character in the high byte, because PMAC keeps 0xFF
+//! in the even bytes, as an empty byte lane reads.
 
 use std::fs::File;
 use std::path::Path;

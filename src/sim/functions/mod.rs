@@ -1,7 +1,8 @@
 //! PMAC's half of the DPRAM's functions, and of the ports beside it.
 //!
-//! A function has its own state and changes the board, and the programs where it starts some. It never waits: each
-//! [`poll`](Functions::poll) does what one background pass of the board does.
+//! A function has its own state. It changes the board, and the programs where it starts some. It never waits: each
+//! [`poll`](Functions::poll) does what one background pass of the board does. Where its words lie, the board's
+//! [`Family`] says.
 
 pub mod ascii;
 #[cfg(test)]

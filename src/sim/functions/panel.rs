@@ -1,16 +1,17 @@
 //! PMAC's half of the control panel (DPRAM manual pp. 12-13).
 //!
-//! With I2=3: request bits set in the request mask are seen in one background pass and acted on in the next, so that a
-//! host that goes on writing after its flag is found out; then the whole mask is cleared. The request words themselves
-//! are left as they are. Overrides whose bit in the override mask is set are copied in every pass, times 256, into the
-//! coordinate system's command override register, where `%` writes too; Ix93 decides whether it counts.
+//! With I2=3, PMAC sees request bits in the request mask in one background pass and acts in the next, so that it finds
+//! out a host that goes on writing after its flag. Then it clears the whole mask and leaves the request words as they
+//! are. In every pass it copies the overrides whose bit in the override mask is set, times 256, into the coordinate
+//! system's command override register. `%` writes there too, and Ix93 decides whether it counts.
 //!
-//! What the manual leaves open: a jog goes on until another request or command ends it (a request is the moment's
-//! command `J+`, not a held button); a number whose word is 0 gets nothing to do; of several requests for one motor
-//! stop wins over jog, jog over pre-jog, pre-jog over home, of several for a coordinate system abort over hold, hold
-//! over step, step over start, and holds and aborts are acted on after everything else; Step quits a program that runs
-//! and steps one that does not; a request that the board cannot carry out is dropped in silence, there is no port to
-//! report it to.
+//! The manual leaves open, and the simulator decides:
+//! * A jog goes on until another request or command ends it: a request is a `J+` command, not a held button.
+//! * A number whose word is 0 gets nothing to do.
+//! * Of several requests for a motor, stop wins over jog, jog over pre-jog, pre-jog over home. For a coordinate system,
+//!   abort wins over hold, hold over step, step over start. Holds and aborts come after everything else.
+//! * Step quits a program that runs, and steps one that does not.
+//! * A request that the board cannot carry out is dropped in silence: there is no port to report it to.
 
 use crate::map::functions::panel_request::{
     FEED_HOLD, HOME, JOG_MINUS, JOG_PLUS, PRE_JOG, START, STEP, STOP,

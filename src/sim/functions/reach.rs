@@ -1,7 +1,7 @@
-//! What happens to the DPRAM while the host cannot reach it: a fault hides it, or its page is not selected.
+//! What happens to the DPRAM while the host cannot reach it, because a fault hides it or its page is not selected.
 //!
-//! A host then reads all ones or zeros. Without its page the DPRAM stands still: PMAC's own commands into it count, its
-//! functions rest.
+//! The host then reads all ones or zeros. Without its page the DPRAM stands still: its functions rest, but what PMAC's
+//! own commands write there counts.
 
 use super::servo_report::ServoReport;
 use crate::sim::board::Board;

@@ -1,7 +1,7 @@
 //! `CMD` of programs (Software Reference pp. 305-308): command lines that a program asks for.
 //!
-//! They are carried out in the background, one a pass; the data come back at the active response port unasked for, without
-//! a closing acknowledgement.
+//! The board carries them out in the background, one a pass, and sends the data to the active response port, without a
+//! closing acknowledgement.
 
 use crate::map::functions::response;
 use crate::sim::board::Board;

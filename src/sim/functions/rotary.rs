@@ -1,18 +1,20 @@
 //! PMAC's half of the binary rotary buffers in the DPRAM (DPRAM manual p. 30, which has the first buffer's header only).
 //!
-//! With I57=1, in each background pass: the lines between PMAC's index and the host's are copied into the coordinate
-//! system's internal rotary buffer, as long as there is room, and PMAC's index follows line by line. A line begins with a
-//! command whose start-of-line bit is set and ends before the next such command; at the host's index the end marker has
-//! that bit. What the host's index has passed is seen in one pass and taken in the next, so that a host that changes it
-//! is found out. Indexes and size count 32-bit words; a command takes two of them, of which the low 24 bits count.
+//! With I57=1, each background pass copies the lines between PMAC's index and the host's into the coordinate system's
+//! internal rotary buffer while there is room. PMAC's index follows line by line. A line begins with a command whose
+//! start-of-line bit is set and ends before the next such command. The end marker at the host's index has that bit too.
+//! PMAC sees what the host's index has passed in one pass and takes it in the next, so that it finds out a host that
+//! changes it. Indexes and size count 32-bit words. A command takes two of them, and their low 24 bits count.
 //!
-//! Status word: bit 14 while the internal buffer does not take the next line; bit 15 with a code in bits 7-0 while
-//! the transfer cannot go on.
+//! Status word: bit 14 while the internal buffer does not take the next line; bit 15, with a code in bits 7-0, while the
+//! transfer cannot go on.
 //!
-//! What the manual leaves open: the codes are the numbers of the errors that a command line would get: 3 a header
-//! against the rules or a command that does not exist, 5 no internal buffer; the error stays as long as its reason and no
-//! index moves meanwhile. A header whose size is 0 is not in use. PMAC's index and the status are PMAC's while I57 is
-//! set and the size is not 0; the host sets the index up before. The number base of the coordinate system is a setting.
+//! The manual leaves open, and the simulator decides:
+//! * The codes are the numbers of the errors that a command line would get: 3 for a header against the rules or a command
+//!   that does not exist, 5 without an internal buffer. The error stays as long as its reason, and no index moves.
+//! * A header whose size is 0 is not in use. PMAC owns its index and the status while I57 is set and the size is not 0;
+//!   the host sets the index up before.
+//! * The number of coordinate system 1 in the header is a setting.
 
 use std::ops::Range;
 

@@ -1,14 +1,15 @@
-//! PMAC's half of the servo fixed data buffer (DPRAM manual p. 14).
+//! PMAC's half of the servo report (DPRAM manual p. 14).
 //!
 //! Every I19 servo cycles, when Host-Busy is clear: set PMAC-Busy, copy the registers of motors 1 to I59, store the
-//! timer, clear PMAC-Busy. Host-Busy is tested before PMAC-Busy is set, as the manual says, so a host that sets it in
-//! between meets a running update.
+//! timer, clear PMAC-Busy. PMAC tests Host-Busy before it sets PMAC-Busy, as the manual says, so a host that sets it in
+//! between meets an update under way. A family with a mask of motors copies those, and its [`crate::map::BusyRule`] may
+//! turn PMAC's flag round.
 //!
-//! With tags on, every 24-bit half of every copied register carries the number of the update (modulo 2^24) instead of
-//! the register's content: a reader that finds two numbers in one copy has read across two updates.
+//! With tags on, every 24-bit half of every copied register carries the number of the update (modulo 2^24): a reader that
+//! finds two numbers in one copy has read across two updates.
 //!
-//! With times on, motor 1's compensation position is CLOCK_MONOTONIC in ns at the update (modulo 2^48): what a reader's own clock is
-//! later when it has the data is how long they took.
+//! With times on, motor 1's compensation position carries CLOCK_MONOTONIC in ns at the update (modulo 2^48), so that a
+//! reader can tell how long the data took.
 
 use nix::time::{ClockId, clock_gettime};
 

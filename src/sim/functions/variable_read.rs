@@ -1,14 +1,16 @@
 //! PMAC's half of the background variable read (DPRAM manual pp. 21-24).
 //!
-//! With I55=1 and 1 to 128 entries, in each background pass. Single-user (bit 8 of the control word clear): when bit 0
-//! is clear, all registers are copied, then the timer, then bit 0 is set. Multi-user: every entry whose bit 15 is clear is
-//! copied and its bit 15 set; the timer is stored in every pass and the control word is PMAC's to read only. An entry
-//! is an address and a type: 0 Y, 1 long, 2 X, 4 PLCC function block. The data follow the last entry: each 24-bit word
-//! sign-extended to a long, Y half first.
+//! Works with I55=1 and 1 to 128 entries, once a background pass. An entry is an address and a kind
+//! ([`VariableKind`]). The data follow the last entry: each 24-bit word sign-extended to a long, Y half first.
 //!
-//! What the manual leaves open: a count above 128 or a table that does not fit into the user area is not acted on; a
-//! function block is taken to be one long register, the block's number behind the base address that PMAC keeps in a
-//! register; the other types are copied as Y.
+//! Single-user: when the ready bit is clear, PMAC copies all registers, then the timer, then sets the bit. Multi-user:
+//! PMAC copies every entry whose own ready bit is clear and sets that; it stores the timer in every pass and only reads
+//! the control word.
+//!
+//! The manual leaves open, and the simulator decides:
+//! * PMAC does not act on a count above 128, or on a table that does not fit into the user area.
+//! * A function block is one long register. The block's number counts from the base address that PMAC keeps.
+//! * Other kinds are copied as Y.
 
 use std::ops::Range;
 

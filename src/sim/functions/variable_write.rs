@@ -1,17 +1,20 @@
 //! PMAC's half of the background variable write (DPRAM manual pp. 24-25).
 //!
-//! With I55=1 and a count of 1 to 32: that many records of six 16-bit words, from the place that the start word names on,
-//! are written into PMAC, then the count is set to 0. The count is seen in one background pass and acted on in the next, so
-//! that a host that goes on writing after it is found out. A record is address, type, data 1 low and high, data 2 low
-//! and high; its type word holds type, width (0 is 24), offset and, in bits left over, a special type ([`RecordBits`]). An X or
-//! Y word takes the low bits of data 1 at the offset, its other bits stay; a long register takes 48 bits, 32 from data 1
-//! and 16 from data 2, whatever width and offset say.
+//! With I55=1 and a count of 1 to 32, PMAC writes that many records into its registers and sets the count to 0. It sees
+//! the count in one background pass and acts in the next, so that it finds out a host that goes on writing after it.
 //!
-//! A register at address 0 is the servo clock: the watchdog trips and the board is dead until a reset.
+//! A record is six 16-bit words: address, type, data 1 low and high, data 2 low and high. The type word holds kind,
+//! width (0 is 24) and offset ([`RecordBits`]); the bits left over are a special type. An X or Y word takes the low bits
+//! of data 1 at the offset and keeps its other bits. A long register takes 48 bits, 32 from data 1 and 16 from data 2,
+//! whatever width and offset say.
 //!
-//! What the manual leaves open: a count above 32 or records that do not fit into the user area are not acted on; a width
-//! that is not in the table is taken as it is, bits beyond bit 23 are lost; a record of an undefined type or special type
-//! is skipped; types 4 and 6 write the Y and X word of a function block as the variable read takes it.
+//! The register at address 0 is the servo clock: a write there trips the watchdog, and the board is dead until a reset.
+//!
+//! The manual leaves open, and the simulator decides:
+//! * PMAC does not act on a count above 32, or on records that do not fit into the user area.
+//! * It takes a width that is not in the manual's table as it is, and loses bits beyond bit 23.
+//! * It skips a record of an undefined kind or special type.
+//! * Kinds 4 and 6 write the Y and X word of a function block, as the variable read takes it.
 
 use std::ops::Range;
 

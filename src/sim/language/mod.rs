@@ -2,10 +2,10 @@
 //!
 //! On the board this is the interpreter of on-line commands (Software Reference, "On-line commands"), reached through
 //! the serial port, the host bus and the DPRAM. A line goes through [`Interpreter::execute`] and yields a [`Reply`]: data
-//! lines and at most one error. How a reply becomes bytes is the port's affair: [`SerialPort`] puts the handshake of I3,
+//! lines and at most one error. The port makes bytes of a reply: [`SerialPort`] puts the handshake of I3,
 //! I4 and I6 around it; the DPRAM port puts the same into its control word.
 //!
-//! Board families differ in data: variable tables, counts, where variables live.
+//! Board families differ in data: [`crate::sim::board::firmware::FirmwareTables`] and the family it belongs to.
 //!
 //! | file | idea |
 //! |---|---|

@@ -1,7 +1,7 @@
 //! The servo clock in real time.
 //!
-//! Interrupts come at absolute times. One that comes a whole period or more too late is skipped, and so are the ones
-//! that were due meanwhile: simulated time then slips behind, and no burst of cycles makes up for it.
+//! Interrupts are due at absolute times. The clock skips one that comes a whole period or more too late, and those that
+//! were due meanwhile: simulated time then slips behind, and no burst of cycles makes up for it.
 
 use std::time::Duration;
 

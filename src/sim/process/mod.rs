@@ -1,6 +1,6 @@
 //! The process: options, start, the loop around the board, its end.
 //!
-//! One thread runs the servo; sockets are looked at between cycles, about once a millisecond, and never waited for.
+//! One thread runs the servo. Between cycles, about once a millisecond, it polls the sockets and never waits for them.
 
 mod clock;
 mod interrupt;
@@ -29,7 +29,7 @@ use crate::sim::process::serial::Serial;
 use crate::sim::process::socket::{Client, Listener};
 use crate::sim::world::{Interrupts, RefusedLine, World};
 
-/// How often sockets are looked at.
+/// How often sockets are polled.
 const SOCKETS_EVERY: Duration = Duration::from_millis(1);
 /// Longest command line on the control socket.
 const LONGEST_LINE: usize = 4096;
@@ -67,8 +67,7 @@ pub enum SimError {
     System(#[from] io::Error),
 }
 
-/// The board that `options` describe, powered up, its start-up lines carried out. Sockets and the clock are not its
-/// affair.
+/// The board that `options` describe, powered up, its start-up lines carried out. It opens no socket and starts no clock.
 ///
 /// # Errors
 /// [`SimError`]; nothing is left behind but the memory file.
@@ -119,7 +118,7 @@ pub struct Simulator {
     _leave: Option<LeaveNothing>,
 }
 
-/// Ends with the process that started it, and takes away what lies in the directory made for it.
+/// Exits with the parent process, and removes the memory and the directory made for it.
 struct LeaveNothing {
     memory: PathBuf,
 }
@@ -153,8 +152,8 @@ impl Simulator {
         Self::with(options, stop)
     }
 
-    /// As [`Simulator::new`], for whoever runs it by [`Simulator::step`] and [`Simulator::poll`], in a time of his own:
-    /// signals are not taken.
+    /// As [`Simulator::new`], for a caller with its own clock, who calls [`Simulator::step`] and [`Simulator::poll`]. It
+    /// takes no signals.
     ///
     /// # Errors
     /// [`SimError`]; nothing is left behind but the memory file.
@@ -208,7 +207,7 @@ impl Simulator {
         Duration::from_secs_f64(self.world.board.cycle_ms() / 1000.0)
     }
 
-    /// One servo cycle; tells the hosts of its interrupts.
+    /// One servo cycle; sends its interrupts to the hosts.
     pub fn step(&mut self) {
         self.world.step();
         let Interrupts { response, mailbox_taken, mailbox_response } = self.world.take_interrupts();

@@ -13,22 +13,22 @@ use crate::sim::board::identity::Identity;
 #[derive(Debug, Parser)]
 #[command(name = "pmac-sim", version, disable_help_subcommand = true)]
 pub struct Options {
-    /// The shared memory: a file of 16384 bytes, created if missing and never removed
+    /// The shared memory: a file as long as the family's DPRAM, created if missing and never removed
     #[arg(long, value_name = "PATH")]
     pub memory: PathBuf,
-    /// Socket on which each interrupt is told as a 4-byte count, as UIO gives it
+    /// Socket that sends a 4-byte count at each interrupt, as UIO does
     #[arg(long, value_name = "unix:PATH", value_parser = unix_path)]
     pub interrupt: Option<UnixPath>,
     /// The VME mailbox port: a file of 512 bytes, created if missing
     #[arg(long, value_name = "PATH")]
     pub mailbox: Option<PathBuf>,
-    /// Socket on which each mailbox group taken (vector v-1) is told as a 4-byte count
+    /// Socket that sends a 4-byte count each time PMAC has taken a mailbox group (vector v-1)
     #[arg(long, value_name = "unix:PATH", value_parser = unix_path, requires = "mailbox")]
     pub mailbox_taken: Option<UnixPath>,
-    /// Socket on which each mailbox response (vector v) is told as a 4-byte count
+    /// Socket that sends a 4-byte count at each mailbox response (vector v)
     #[arg(long, value_name = "unix:PATH", value_parser = unix_path, requires = "mailbox")]
     pub mailbox_response: Option<UnixPath>,
-    /// The DPRAM is out of reach after each reset until this page (A19-A14) is written to mailbox base+0x121
+    /// Hide the DPRAM after each reset until this page (A19-A14) is written to mailbox base+0x121
     #[arg(long, value_name = "N", value_parser = page, requires = "mailbox")]
     pub dpram_page: Option<u8>,
     /// The interrupt registers of the ISA host port: a file of 16 bytes, created if missing
@@ -49,10 +49,10 @@ pub struct Options {
     /// Servo interrupts a second; sets I10. Without it the rate follows I10
     #[arg(long, value_name = "HZ", value_parser = servo_hz)]
     pub servo_hz: Option<f64>,
-    /// What family of boards to be one of
+    /// Board family
     #[arg(long, default_value = "pmac", value_parser = family())]
     pub family: &'static FirmwareTables,
-    /// What VERSION answers; it also decides where the gather buffer lies
+    /// Firmware that VERSION answers; it also decides where the gather buffer is
     #[arg(long, default_value = "1.16D")]
     pub firmware: Firmware,
     /// File of on-line command lines sent at start; comments begin with ;
@@ -61,13 +61,13 @@ pub struct Options {
     /// Send the shipped start-up lines, which enable all DPRAM functions for eight motors
     #[arg(long)]
     pub dpram_startup: bool,
-    /// Let time go on only by the control socket's `step`
+    /// Run servo cycles only when the control socket says `step`
     #[arg(long = "virtual", requires = "control")]
     pub virtual_time: bool,
     /// Give the encoders half a count of noise from this seed
     #[arg(long, value_name = "N")]
     pub seed: Option<u64>,
-    /// End when the process that started this one ends, whose number it is, and remove the memory and its directory
+    /// Exit when the parent process (PID) exits, and remove the memory and its directory
     #[arg(long, value_name = "PID", hide = true)]
     pub with_parent: Option<u32>,
 }

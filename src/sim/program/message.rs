@@ -7,7 +7,7 @@ use crate::sim::board::output::Port;
 /// The tag before what goes out unasked for, with I64=1.
 const TAG: u8 = 2;
 
-/// `SEND"text"`, from a program or from whoever plays one.
+/// `SEND"text"`, from a program or the control socket.
 pub fn send_message(board: &mut Board, text: &str) {
     match board.response_port() {
         Port::Dpram => board.output.respond(response::MESSAGE, text.as_bytes()),

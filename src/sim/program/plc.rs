@@ -53,7 +53,7 @@ impl Programs {
         }
     }
 
-    /// Which PLCs are enabled, bit n for PLC n. Whether they run is I5's affair.
+    /// Which PLCs are enabled, bit n for PLC n. I5 says whether they run.
     #[must_use]
     pub fn enabled_plcs(&self) -> u32 {
         self.plcs.enabled

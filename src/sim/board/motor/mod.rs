@@ -71,7 +71,7 @@ pub struct Events {
     pub fatal: bool,
 }
 
-/// Flags of the world around the motor, set by whoever plays with the simulator.
+/// The world around the motor, as the control socket sets it.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Inputs {
     /// The limit switch at the positive end is open.
