@@ -4,24 +4,27 @@ use proptest::prelude::*;
 
 use super::*;
 use crate::device::{Counted, FileBoard};
-use crate::map::PMAC;
+use crate::map::family::testing::TESTED;
+use crate::map::{Family, PMAC};
 
 const PLACE: Region = Region::new("variable_write", HostOffset::new(0x2880), HostOffset::new(0x2A00));
 
 struct Rig {
+    family: &'static Family,
     bus: Counted<FileBoard>,
     writer: VariableWriter,
     now: Instant,
 }
 
 impl Rig {
-    fn new(place: Region) -> Self {
+    fn new(family: &'static Family, place: Region) -> Self {
         let file = tempfile::tempfile().unwrap();
-        file.set_len(0x4000).unwrap();
-        let bus = Counted::new(FileBoard::from_file(&file, 0x4000).unwrap());
+        file.set_len(family.length.into()).unwrap();
+        let bus = Counted::new(FileBoard::from_file(&file, family.length as usize).unwrap());
         Self {
+            family,
             bus,
-            writer: VariableWriter::new(&PMAC.variable_write, PMAC.start, place),
+            writer: VariableWriter::new(&family.variable_write, family.start, place),
             now: Instant::now(),
         }
     }
@@ -35,18 +38,20 @@ impl Rig {
     }
 
     fn count(&mut self) -> u16 {
-        self.bus.read16(HostOffset::new(0x07D4)).unwrap()
+        self.bus.read16(self.family.variable_write.count).unwrap()
     }
 
     /// PMAC takes what it was handed, by what the board's words say; returns the records.
     fn take(&mut self) -> Vec<[u16; 6]> {
         let count = usize::from(self.count());
-        let start = 4 * (u32::from(self.bus.read16(HostOffset::new(0x07D6)).unwrap()) - 0xD000);
+        let StartRule { from, word } = self.family.start;
+        let start = self.bus.read16(self.family.variable_write.start).unwrap();
+        let start = from.bytes() + 4 * u32::from(start.wrapping_sub(word));
         let mut records = vec![[0; 6]; count];
         for (index, record) in records.iter_mut().enumerate() {
             self.bus.read_block(HostOffset::new(start + 12 * index as u32), record).unwrap();
         }
-        self.bus.write16(HostOffset::new(0x07D4), 0).unwrap();
+        self.bus.write16(self.family.variable_write.count, 0).unwrap();
         records
     }
 }
@@ -118,100 +123,115 @@ fn what_would_do_harm_or_nothing_is_refused() {
 
 #[test]
 fn a_job_is_handed_over_count_last_and_done_when_pmac_says_so() {
-    let mut rig = Rig::new(PLACE);
-    assert_eq!(rig.poll(), WritePoll::Idle);
-    let before = rig.bus.accesses();
-    assert!(rig.begin(vec![word(1), word(2)]));
-    assert_eq!(rig.poll(), WritePoll::Waiting);
-    assert_eq!(rig.bus.accesses() - before, 1 + 2 * 6 + 2);
-    assert!(!rig.begin(vec![word(3)]), "one job at a time");
-    let before = rig.bus.accesses();
-    assert_eq!(rig.poll(), WritePoll::Waiting);
-    assert_eq!(rig.bus.accesses() - before, 1);
-    assert_eq!(rig.take(), [words(word(1)), words(word(2))]);
-    assert_eq!((rig.poll(), rig.poll()), (WritePoll::Done, WritePoll::Idle));
+    for family in TESTED {
+        let mut rig = Rig::new(family, PLACE);
+        assert_eq!(rig.poll(), WritePoll::Idle);
+        let before = rig.bus.accesses();
+        assert!(rig.begin(vec![word(1), word(2)]));
+        assert_eq!(rig.poll(), WritePoll::Waiting);
+        assert_eq!(rig.bus.accesses() - before, 1 + 2 * 6 + 2);
+        assert!(!rig.begin(vec![word(3)]), "one job at a time");
+        let before = rig.bus.accesses();
+        assert_eq!(rig.poll(), WritePoll::Waiting);
+        assert_eq!(rig.bus.accesses() - before, 1);
+        assert_eq!(
+            rig.take(),
+            [word(1).words(family.variable_write.record), word(2).words(family.variable_write.record)]
+        );
+        assert_eq!((rig.poll(), rig.poll()), (WritePoll::Done, WritePoll::Idle));
+    }
 }
 
 #[test]
 fn more_than_a_cycle_holds_goes_in_order() {
-    for (place, cycle) in [(PLACE, 32), (Region::new("w", PLACE.start, HostOffset::new(0x2880 + 5 * 12)), 5)]
-    {
-        for total in [1, 5, 31, 32, 33, 64, 65, 100] {
-            let mut rig = Rig::new(place);
-            assert_eq!(rig.writer.records_per_cycle(), cycle);
-            assert!(rig.begin((1..=total).map(word).collect()));
-            let mut taken = Vec::new();
-            let mut announced = 0;
-            for _ in 0..200 {
-                let before = rig.bus.accesses();
-                let step = rig.poll();
-                assert!(rig.bus.accesses() - before <= 6 * POLL_RECORDS as u64 + 2);
-                match step {
-                    WritePoll::Done => break,
-                    WritePoll::Progress(records) => announced += records,
-                    _ => {}
+    for family in TESTED {
+        for (place, cycle) in
+            [(PLACE, 32), (Region::new("w", PLACE.start, HostOffset::new(0x2880 + 5 * 12)), 5)]
+        {
+            for total in [1, 5, 31, 32, 33, 64, 65, 100] {
+                let mut rig = Rig::new(family, place);
+                assert_eq!(rig.writer.records_per_cycle(), cycle);
+                assert!(rig.begin((1..=total).map(word).collect()));
+                let mut taken = Vec::new();
+                let mut announced = 0;
+                for _ in 0..200 {
+                    let before = rig.bus.accesses();
+                    let step = rig.poll();
+                    assert!(rig.bus.accesses() - before <= 6 * POLL_RECORDS as u64 + 2);
+                    match step {
+                        WritePoll::Done => break,
+                        WritePoll::Progress(records) => announced += records,
+                        _ => {}
+                    }
+                    if rig.count() != 0 {
+                        taken.extend(rig.take());
+                        assert!(taken.len() - announced <= cycle);
+                    }
                 }
-                if rig.count() != 0 {
-                    taken.extend(rig.take());
-                    assert!(taken.len() - announced <= cycle);
-                }
+                assert!(rig.writer.is_idle());
+                let expected: Vec<_> =
+                    (1..=total).map(|value| word(value).words(family.variable_write.record)).collect();
+                assert_eq!(taken, expected);
             }
-            assert!(rig.writer.is_idle());
-            let expected: Vec<_> = (1..=total).map(|value| words(word(value))).collect();
-            assert_eq!(taken, expected);
         }
     }
 }
 
 #[test]
 fn no_records_are_done_at_once_and_no_room_takes_none() {
-    let mut rig = Rig::new(PLACE);
-    assert!(rig.begin(Vec::new()));
-    assert_eq!(rig.poll(), WritePoll::Done);
-    assert_eq!(rig.count(), 0);
-    let mut rig = Rig::new(Region::new("w", PLACE.start, PLACE.start));
-    assert!(!rig.begin(vec![word(1)]));
+    for family in TESTED {
+        let mut rig = Rig::new(family, PLACE);
+        assert!(rig.begin(Vec::new()));
+        assert_eq!(rig.poll(), WritePoll::Done);
+        assert_eq!(rig.count(), 0);
+        let mut rig = Rig::new(family, Region::new("w", PLACE.start, PLACE.start));
+        assert!(!rig.begin(vec![word(1)]));
+    }
 }
 
 #[test]
 fn a_job_given_up_tells_what_is_certain_and_rests() {
-    let mut rig = Rig::new(PLACE);
-    assert!(rig.begin((1..=40).map(word).collect()));
-    let nothing_yet = rig.writer.give_up(&mut rig.bus, rig.now).unwrap();
-    assert_eq!(nothing_yet, GivenUp { done: 0, uncertain: 0 });
-    assert!(rig.writer.is_idle());
+    for family in TESTED {
+        let mut rig = Rig::new(family, PLACE);
+        assert!(rig.begin((1..=40).map(word).collect()));
+        let nothing_yet = rig.writer.give_up(&mut rig.bus, rig.now).unwrap();
+        assert_eq!(nothing_yet, GivenUp { done: 0, uncertain: 0 });
+        assert!(rig.writer.is_idle());
 
-    assert!(rig.begin((1..=40).map(word).collect()));
-    while rig.count() == 0 {
-        rig.poll();
+        assert!(rig.begin((1..=40).map(word).collect()));
+        while rig.count() == 0 {
+            rig.poll();
+        }
+        rig.take();
+        assert_eq!(rig.poll(), WritePoll::Progress(32));
+        while rig.count() == 0 {
+            rig.poll();
+        }
+        let given_up = rig.writer.give_up(&mut rig.bus, rig.now).unwrap();
+        assert_eq!(given_up, GivenUp { done: 32, uncertain: 8 });
+        assert_eq!(rig.count(), 0);
+        assert_eq!(rig.poll(), WritePoll::Waiting);
+        assert!(!rig.begin(vec![word(1)]), "PMAC may still be at them, and clear the count when it is done");
+        rig.now += SETTLE;
+        assert_eq!(rig.poll(), WritePoll::Idle);
+        assert!(rig.begin(vec![word(1)]));
     }
-    rig.take();
-    assert_eq!(rig.poll(), WritePoll::Progress(32));
-    while rig.count() == 0 {
-        rig.poll();
-    }
-    let given_up = rig.writer.give_up(&mut rig.bus, rig.now).unwrap();
-    assert_eq!(given_up, GivenUp { done: 32, uncertain: 8 });
-    assert_eq!(rig.count(), 0);
-    assert_eq!(rig.poll(), WritePoll::Waiting);
-    assert!(!rig.begin(vec![word(1)]), "PMAC may still be at them, and clear the count when it is done");
-    rig.now += SETTLE;
-    assert_eq!(rig.poll(), WritePoll::Idle);
-    assert!(rig.begin(vec![word(1)]));
 }
 
 #[test]
 fn records_of_another_host_and_an_absent_board_are_waited_for() {
-    let mut rig = Rig::new(PLACE);
-    for count in [3, u16::MAX] {
-        rig.bus.write16(PMAC.variable_write.count, count).unwrap();
-        assert!(!rig.begin(vec![word(1)]));
+    for family in TESTED {
+        let mut rig = Rig::new(family, PLACE);
+        for count in [3, u16::MAX] {
+            rig.bus.write16(family.variable_write.count, count).unwrap();
+            assert!(!rig.begin(vec![word(1)]));
+        }
+        rig.writer.release(&mut rig.bus).unwrap();
+        assert!(rig.begin(vec![word(1)]));
+        rig.poll();
+        rig.bus.write16(family.variable_write.count, u16::MAX).unwrap();
+        assert_eq!(rig.poll(), WritePoll::Waiting);
     }
-    rig.writer.release(&mut rig.bus).unwrap();
-    assert!(rig.begin(vec![word(1)]));
-    rig.poll();
-    rig.bus.write16(PMAC.variable_write.count, u16::MAX).unwrap();
-    assert_eq!(rig.poll(), WritePoll::Waiting);
 }
 
 proptest! {
