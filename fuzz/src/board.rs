@@ -8,7 +8,7 @@ use pmac_dpram::format::TextOrder;
 use pmac_dpram::function::ascii::{AsciiEvent, DpramPort};
 use pmac_dpram::function::background::{BackgroundPoll, BackgroundReader};
 use pmac_dpram::function::gather::{
-    CHUNK_LONGS, GatherBuffer, GatherPoll, GatherReader, GatherStart, report_cycles,
+    GatherBuffer, GatherPoll, GatherReader, GatherStart, chunk_longs, report_cycles,
 };
 use pmac_dpram::function::mailbox::{MailboxPort, MailboxSettings, MailboxSignal};
 use pmac_dpram::function::panel::{FeedOverride, Panel, PanelAction, PanelRequest};
@@ -299,6 +299,7 @@ impl Functions {
                 room_longs: (pmac::LENGTH - pmac::GATHER_BUFFER.bytes()) / 4,
                 size_longs: u32::from(tape.u16()),
                 sample_longs: u32::from(tape.u8()) % 50,
+                longest_sample: 48,
                 mode,
                 period: u32::from(tape.u8()),
             };
@@ -325,10 +326,10 @@ impl Functions {
                 }
             }
         }
-        assert!(reader.longs().len() <= CHUNK_LONGS);
+        assert!(reader.longs().len() <= chunk_longs(48));
         assert!(reader.written() >= before.0 && reader.lost() >= before.1);
         assert!(reader.lost() + reader.waiting() <= reader.written());
-        assert!(bus.take_accesses() <= 2 * CHUNK_LONGS as u32 + 6);
+        assert!(bus.take_accesses() <= 2 * chunk_longs(48) as u32 + 6);
         bus.assert_written("gather", |_| false);
         Ok(())
     }

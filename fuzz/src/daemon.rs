@@ -57,7 +57,7 @@ fn shared() -> Shared {
         (RegionId::Background, 1028),
         (RegionId::Board, 528),
         (RegionId::Variable, 2 * variable::PAYLOAD_WORDS as u32),
-        (RegionId::Gather, 2 * gather::PAYLOAD_WORDS as u32),
+        (RegionId::Gather, 2 * gather::longest_payload(&PMAC) as u32),
     ];
     let regions = regions.map(|(id, payload_bytes)| RegionSpec {
         id,
@@ -254,6 +254,7 @@ impl Desks<'_> {
                     room_longs: (pmac::LENGTH - pmac::GATHER_BUFFER.bytes()) / 4,
                     size_longs,
                     sample_longs: u32::from(tape.u8()),
+                    longest_sample: 48,
                     mode: if tape.u8() & 1 == 0 { GatherMode::Wrap } else { GatherMode::Stop },
                     period: u32::from(tape.u8()),
                 };

@@ -124,7 +124,7 @@ pub fn segment_options(settings: &Settings, clock: &Clock) -> Result<CreateOptio
         mirror::background::region(&settings.family.background, settings.background_period_ns),
         identity_region(),
         mirror::variable::region(),
-        mirror::gather::region(),
+        mirror::gather::region(settings.family),
     ];
     let group = settings.segment_group.as_deref().map(group_id).transpose();
     let reading = settings.uncertain.settings();

@@ -252,6 +252,7 @@ fn gather() {
                 room_longs: 128 * 48,
                 size_longs: 128 * l,
                 sample_longs: l,
+                longest_sample: 48,
                 mode,
                 period: 1,
             };

@@ -17,14 +17,20 @@ use crate::function::servo_timer::ServoTimer;
 use crate::gather::{GatherMode, GatherPlan, plan};
 use crate::map::{GatherPlace, Layout, ServoBlock};
 
-/// Longs copied in one poll at most; no sample is longer than 48.
-pub const CHUNK_LONGS: usize = 64;
-/// The longest sample: 24 sources of two longs.
-const MOST_SAMPLE_LONGS: u32 = 48;
+/// Longs copied in one poll at most, unless a single sample has more.
+const CHUNK_LONGS: u32 = 64;
+/// Longs of the longest sample of any family: 48 sources of two longs.
+const MOST_LONGS: usize = 96;
 /// By how many samples the count may be off that the servo cycles give: the clock itself comes once a sample or so.
 const SLACK_SAMPLES: u64 = 2;
 /// The shortest buffer that can be gone round in, in samples: the cycles must leave less than a turn open.
 pub const LEAST_WRAP_SAMPLES: u32 = 16;
+
+/// Longs that one poll copies at most on a board whose longest sample has `longest_sample` of them.
+#[must_use]
+pub const fn chunk_longs(longest_sample: u32) -> usize {
+    if longest_sample > CHUNK_LONGS { longest_sample as usize } else { CHUNK_LONGS as usize }
+}
 
 /// The buffer as it was defined.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -35,8 +41,10 @@ pub struct GatherBuffer {
     pub room_longs: u32,
     /// The size given to `DEFINE GATHER`, in longs.
     pub size_longs: u32,
-    /// Longs of one sample, 1 to 48.
+    /// Longs of one sample.
     pub sample_longs: u32,
+    /// Longs of the longest sample of the board's family.
+    pub longest_sample: u32,
     /// What happens at its end.
     pub mode: GatherMode,
     /// Servo cycles from one sample to the next (I19).
@@ -52,6 +60,7 @@ impl GatherBuffer {
             room_longs: plan::room_longs(layout),
             size_longs: plan.buffer_longs,
             sample_longs: plan.sample_longs,
+            longest_sample: layout.family().i.longest_gather_sample(),
             mode: plan.mode,
             period: plan.period,
         }
@@ -63,10 +72,12 @@ impl GatherBuffer {
 #[non_exhaustive]
 pub enum GatherError {
     /// No such sample length.
-    #[error("samples of {longs} longs are not possible; 1 to 48 are")]
+    #[error("samples of {longs} longs are not possible; 1 to {most} are")]
     Sample {
         /// Longs of one sample.
         longs: u32,
+        /// The most there can be.
+        most: u32,
     },
     /// No such period.
     #[error("samples cannot come every 0 servo cycles; set I19 to 1 or more")]
@@ -159,8 +170,8 @@ pub struct GatherReader {
     stopped: bool,
     /// What ended the reading.
     broken: Option<GatherPoll>,
-    words: [u16; 2 * CHUNK_LONGS],
-    longs: [u32; CHUNK_LONGS],
+    words: [u16; 2 * MOST_LONGS],
+    longs: [u32; MOST_LONGS],
     length: usize,
 }
 
@@ -179,8 +190,9 @@ impl GatherReader {
     /// [`GatherError`] for a buffer that no board can have or that could not be read.
     pub fn new(buffer: GatherBuffer, start: GatherStart) -> Result<Self, GatherError> {
         let GatherBuffer { size_longs, sample_longs, room_longs: room, .. } = buffer;
-        if !(1..=MOST_SAMPLE_LONGS).contains(&sample_longs) {
-            return Err(GatherError::Sample { longs: sample_longs });
+        let most = buffer.longest_sample.min(MOST_LONGS as u32);
+        if !(1..=most).contains(&sample_longs) {
+            return Err(GatherError::Sample { longs: sample_longs, most });
         }
         if buffer.period == 0 {
             return Err(GatherError::Period);
@@ -206,8 +218,8 @@ impl GatherReader {
             stopping: false,
             stopped: false,
             broken: None,
-            words: [0; 2 * CHUNK_LONGS],
-            longs: [0; CHUNK_LONGS],
+            words: [0; 2 * MOST_LONGS],
+            longs: [0; MOST_LONGS],
             length: 0,
         })
     }
@@ -263,7 +275,7 @@ impl GatherReader {
         self.written - self.read
     }
 
-    /// Polls once and takes up to [`CHUNK_LONGS`] longs of samples.
+    /// Polls once and takes up to [`chunk_longs`] longs of samples.
     ///
     /// `cycles` gives the servo cycles that the board has run, from any beginning: the servo report's timer
     /// ([`report_cycles`]), or the host's clock divided by the servo period. It must not run ahead of or behind the
@@ -399,7 +411,8 @@ impl GatherReader {
     /// Copies the next samples, as many as there are and fit, and tells how many.
     fn copy(&mut self, bus: &mut impl Bus) -> Result<usize, BusError> {
         let sample_longs = self.sample_longs();
-        let taken = self.waiting().min((CHUNK_LONGS / sample_longs) as u64) as usize;
+        let chunk = chunk_longs(self.buffer.longest_sample).min(MOST_LONGS);
+        let taken = self.waiting().min((chunk / sample_longs) as u64) as usize;
         let slot = ((self.base + self.read) % self.capacity) as usize;
         // Up to the buffer's end, then from its start.
         let until_end = taken.min(self.capacity as usize - slot);

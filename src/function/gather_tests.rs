@@ -6,6 +6,7 @@ use super::gather::*;
 use super::servo_timer::ServoTimer;
 use crate::device::{Bus, BusError, Counted, FileBoard};
 use crate::gather::GatherMode;
+use crate::map::family::testing::TURBO;
 use crate::map::pmac::SERVO_PMAC_STATUS;
 use crate::map::{HostOffset, Layout, PMAC};
 
@@ -26,13 +27,13 @@ struct Board {
 
 fn buffer(size_longs: u32, sample_longs: u32, mode: GatherMode) -> GatherBuffer {
     let place = Layout::new(&PMAC, Some("1.16D".parse().unwrap())).gather();
-    GatherBuffer { place, room_longs: 3520, size_longs, sample_longs, mode, period: 1 }
+    GatherBuffer { place, room_longs: 3520, size_longs, sample_longs, longest_sample: 48, mode, period: 1 }
 }
 
 impl Board {
     fn new(buffer: GatherBuffer) -> Self {
         let mut board = Self {
-            words: vec![0xDEAD; 0x2000],
+            words: vec![0xDEAD; buffer.place.buffer.word() + 2 * buffer.room_longs as usize],
             buffer,
             cycle: 1000,
             gathering: true,
@@ -99,7 +100,7 @@ impl Board {
 }
 
 fn expected(sample: u64, long: u32) -> u32 {
-    (sample as u32) << 6 | long
+    (sample as u32) << 7 | long
 }
 
 impl Bus for Board {
@@ -144,7 +145,7 @@ fn poll(reader: &mut GatherReader, board: &mut Board) -> GatherPoll {
     let samples = reader.longs().chunks(reader.sample_longs());
     if let GatherPoll::Samples { first, count } = look {
         assert_eq!(samples.len(), count);
-        assert!(reader.longs().len() <= CHUNK_LONGS);
+        assert!(reader.longs().len() <= chunk_longs(board.buffer.longest_sample));
         for (number, sample) in (first..).zip(samples) {
             for (long, value) in (0..).zip(sample) {
                 assert_eq!(*value, expected(number, long), "sample {number} long {long}");
@@ -299,7 +300,7 @@ fn a_gather_that_runs_already_is_joined() {
         board.pass(4);
         let mut first = Vec::new();
         while let GatherPoll::Samples { first: number, count } = reader.poll(&mut board, cycles).unwrap() {
-            first.extend(reader.longs().iter().step_by(2).map(|long| long >> 6));
+            first.extend(reader.longs().iter().step_by(2).map(|long| long >> 7));
             assert_eq!(number + count as u64, 4);
         }
         assert_eq!(first, [13, 14, 15, 16]);
@@ -313,11 +314,28 @@ fn a_gather_that_runs_already_is_joined() {
 }
 
 #[test]
+fn the_longest_sample_of_a_turbo_pmac_is_read_whole() {
+    // FACTS-TURBO section 3: 48 sources, I5001 to I5048, of which each may have two longs.
+    let longest_sample = TURBO.i.longest_gather_sample();
+    assert_eq!((longest_sample, PMAC.i.longest_gather_sample()), (96, 48));
+    let (mut reader, mut board) = pair(GatherBuffer {
+        place: TURBO.gather,
+        room_longs: (TURBO.length - TURBO.gather.buffer.bytes()) / 4,
+        longest_sample,
+        ..buffer(longest_sample * 16, longest_sample, GatherMode::Wrap)
+    });
+    poll(&mut reader, &mut board);
+    board.pass(20);
+    assert_eq!(drain(&mut reader, &mut board), (5..20).collect::<Vec<_>>());
+    assert_eq!(reader.lost(), 5);
+}
+
+#[test]
 fn impossible_buffers_are_refused() {
     let refused = |buffer| GatherReader::new(buffer, GatherStart::Defined).unwrap_err();
     let wrap = |size, sample| buffer(size, sample, GatherMode::Wrap);
-    assert_eq!(refused(wrap(40, 0)), GatherError::Sample { longs: 0 });
-    assert_eq!(refused(wrap(3520, 49)), GatherError::Sample { longs: 49 });
+    assert_eq!(refused(wrap(40, 0)), GatherError::Sample { longs: 0, most: 48 });
+    assert_eq!(refused(wrap(3520, 49)), GatherError::Sample { longs: 49, most: 48 });
     assert_eq!(refused(GatherBuffer { period: 0, ..wrap(40, 2) }), GatherError::Period);
     assert_eq!(refused(wrap(0, 2)), GatherError::Size { longs: 0, room: 3520 });
     assert_eq!(refused(wrap(3520, 3)), GatherError::Size { longs: 3522, room: 3520 });

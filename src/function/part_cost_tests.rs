@@ -141,8 +141,15 @@ fn the_other_data_by_32_bits() {
     for (s, l) in [(1, 1), (64, 1), (5, 3), (8, 8), (1, 48)] {
         let mut rig = Rig::with_access(Access::Bits32);
         let (mode, size_longs) = (GatherMode::Stop, 128 * l);
-        let buffer =
-            GatherBuffer { place, room_longs: 128 * 48, size_longs, sample_longs: l, mode, period: 1 };
+        let buffer = GatherBuffer {
+            place,
+            room_longs: 128 * 48,
+            size_longs,
+            sample_longs: l,
+            longest_sample: 48,
+            mode,
+            period: 1,
+        };
         rig.put(place.size, size_longs as u16);
         let mut reader = GatherReader::new(buffer, GatherStart::Defined).unwrap();
         assert_eq!(reader.poll(&mut rig.host, |_| Ok(0)).unwrap(), GatherPoll::Idle);

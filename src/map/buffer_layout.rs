@@ -14,8 +14,6 @@ use super::{Family, HostOffset, Layout, Region};
 
 /// 16-bit words of the data of one variable-read entry at most: a long register's.
 pub const VARIABLE_READ_DATA_WORDS: usize = 4;
-/// Longs a gather sample has at most: 24 sources of two longs.
-const SAMPLE_LONGS: u32 = 48;
 
 /// Sizes of the buffers in the user area, and places for those that shall not lie where the plan puts them.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Deserialize, serde::Serialize)]
@@ -260,11 +258,11 @@ impl BufferLayout {
         self.gather
     }
 
-    /// The size for `DEFINE GATHER`, in longs, when a sample has `sample_longs` (1-48): the most whole samples that
+    /// The size for `DEFINE GATHER`, in longs, when a sample has `sample_longs`: the most whole samples that
     /// fit. PMAC rounds other sizes up, past what is kept. `None` when not one sample fits.
     #[must_use]
     pub fn gather_size(&self, sample_longs: u32) -> Option<u32> {
-        if !(1..=SAMPLE_LONGS).contains(&sample_longs) {
+        if !(1..=self.family.i.longest_gather_sample()).contains(&sample_longs) {
             return None;
         }
         let samples = self.settings.gather_longs / sample_longs;

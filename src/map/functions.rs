@@ -528,6 +528,12 @@ impl IVariables {
         GATHER_MASK_BITS * self.gather_masks.len()
     }
 
+    /// Longs of the longest sample: every source may have two.
+    #[must_use]
+    pub const fn longest_gather_sample(&self) -> u32 {
+        2 * self.most_gather_sources() as u32
+    }
+
     /// What selects the gather sources of these codes: I-variables with their values, the masks first.
     pub fn gather_settings(&self, codes: &[u32]) -> impl Iterator<Item = (u16, u32)> {
         let selected = |mask: usize| {

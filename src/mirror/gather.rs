@@ -8,15 +8,19 @@ use std::time::{Duration, Instant};
 use crate::clock::Clock;
 use crate::device::{Bus, BusError};
 use crate::function::gather::{
-    CHUNK_LONGS, GatherBuffer, GatherError, GatherPoll, GatherReader, GatherStart, report_cycles,
+    GatherBuffer, GatherError, GatherPoll, GatherReader, GatherStart, chunk_longs, report_cycles,
 };
 use crate::function::servo_timer::ServoTimer;
-use crate::map::ServoBlock;
+use crate::map::{Family, ServoBlock};
 use crate::segment::payload::gather::{GatherChunk, GatherPhase, payload_words};
 use crate::segment::{BlockPlace, Publisher, RegionId, RegionSpec, RegionState, Stamp};
 
-/// The longest payload in 16-bit words.
-pub const PAYLOAD_WORDS: usize = payload_words(CHUNK_LONGS);
+/// The longest payload of a board of `family`, in 16-bit words.
+#[must_use]
+pub const fn longest_payload(family: &Family) -> usize {
+    payload_words(chunk_longs(family.i.longest_gather_sample()))
+}
+
 /// Payloads in the ring.
 pub const SLOTS: u32 = 4096;
 /// How often to poll for samples when there were none.
@@ -24,11 +28,11 @@ const POLL_PERIOD: Duration = Duration::from_millis(2);
 
 /// The region in the segment. A gather may pause, so its samples never grow stale.
 #[must_use]
-pub fn region() -> RegionSpec {
+pub fn region(family: &Family) -> RegionSpec {
     RegionSpec {
         id: RegionId::Gather,
         slots: SLOTS,
-        payload_bytes: 2 * PAYLOAD_WORDS as u32,
+        payload_bytes: 2 * longest_payload(family) as u32,
         first_host_offset: 0,
         blocks: BlockPlace::NONE,
         period_hint_ns: 0,
@@ -81,21 +85,22 @@ pub struct GatherMirror {
     report: &'static ServoBlock,
     timer: ServoTimer,
     number: u32,
-    payload: [u16; PAYLOAD_WORDS],
+    payload: Box<[u16]>,
     next_poll: Instant,
 }
 
 impl GatherMirror {
-    /// A mirror that follows nothing, on a board with this servo report.
+    /// A mirror that follows nothing, on a board of `family`.
     #[must_use]
-    pub fn new(report: &'static ServoBlock, time: Clock) -> Self {
+    pub fn new(family: &'static Family, time: Clock) -> Self {
+        let report = &family.servo;
         Self {
             reader: None,
             clock: GatherClock::Report,
             report,
             timer: ServoTimer::new(report.timer.bits()),
             number: 0,
-            payload: [0; PAYLOAD_WORDS],
+            payload: vec![0; longest_payload(family)].into_boxed_slice(),
             next_poll: time.now(),
             time,
         }

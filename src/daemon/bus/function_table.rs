@@ -58,7 +58,7 @@ impl FunctionTable {
             background,
             ascii,
             panel: plan.family().panel.as_ref().map(|words| PanelQueue::new(words, now)),
-            gather: GatherMirror::new(&plan.family().servo, clock.clone()),
+            gather: GatherMirror::new(plan.family(), clock.clone()),
             variables: Variables { read: variables, write: WriteDesk::new(&plan, now) },
             rotary: RotaryQueue::new(plan.family(), now),
             plan,

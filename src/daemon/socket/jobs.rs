@@ -376,6 +376,7 @@ pub(super) fn gather_begin(call: calls::GatherBegin, family: &Family) -> Result<
         room_longs: (family.length - place.buffer.bytes()) / 4,
         size_longs,
         sample_longs,
+        longest_sample: family.i.longest_gather_sample(),
         mode: if wrap.unwrap_or(true) { GatherMode::Wrap } else { GatherMode::Stop },
         period,
     };
