@@ -3,7 +3,6 @@
 use std::cell::Cell;
 
 use pmac_dpram::map::HostOffset;
-use pmac_dpram::sim::STARTUP;
 use pmac_dpram::sim::board::Statistics;
 use pmac_dpram::sim::board::firmware;
 use pmac_dpram::sim::control::{self, Answer};
@@ -24,7 +23,7 @@ pub fn body(data: &[u8]) {
         _ => World::alone(kind).unwrap(),
     };
     if way & 1 != 0 {
-        world.load("startup", STARTUP).unwrap();
+        world.load("startup", kind.startup).unwrap();
     }
     let mut cycles = CYCLES;
     let mut lasts = false;

@@ -36,6 +36,3 @@ mod testing;
 #[cfg(test)]
 mod turbo_tests;
 pub mod world;
-
-/// The start-up file that enables all DPRAM functions for eight motors.
-pub const STARTUP: &str = include_str!("dpram-startup.pmc");

@@ -6,7 +6,6 @@ use tempfile::TempDir;
 
 use crate::device::board::mapping::Mapping;
 use crate::map::{self, PmacAddress, Space};
-use crate::sim::STARTUP;
 use crate::sim::board::Board;
 use crate::sim::board::dpram::Dpram;
 use crate::sim::board::firmware::{self, FirmwareTables};
@@ -62,7 +61,7 @@ impl Bench {
     /// With the shipped start-up file.
     pub fn started() -> Self {
         let mut bench = Self::bare("1.16D");
-        bench.world.load("shipped", STARTUP).unwrap();
+        bench.world.load("shipped", firmware::PMAC.startup).unwrap();
         bench
     }
 

@@ -56,6 +56,7 @@ static TABLES: FirmwareTables = FirmwareTables {
     dpram_handshake: DpramHandshake::Untouched,
     controller: Controller::Pmac2,
     type_text: "TURBO2, X4",
+    startup: "",
 };
 
 fn bench() -> Bench {

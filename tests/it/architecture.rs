@@ -205,7 +205,7 @@ fn a_module_uses_only_what_lies_below_it() {
     for (module, line) in [
         ("segment", "use crate::mirror::ServoMirror;"),
         ("function", "    crate::daemon::main()"),
-        ("daemon", "use crate::sim::STARTUP;"),
+        ("daemon", "use crate::sim::world::World;"),
         ("sim", "use crate::function::servo;"),
         ("sim", "use crate::device::FileBoard;"),
         ("client", "use crate::device::Bus;"),

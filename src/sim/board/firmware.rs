@@ -50,6 +50,8 @@ pub struct FirmwareTables {
     pub controller: Controller,
     /// The answer to `TYPE` (form: Software Reference p. 286).
     pub type_text: &'static str,
+    /// The start-up file that enables all functions of the DPRAM.
+    pub startup: &'static str,
 }
 
 impl FirmwareTables {
@@ -78,6 +80,7 @@ const fn pmac(
         dpram_handshake: DpramHandshake::Forced,
         controller,
         type_text,
+        startup: include_str!("../dpram-startup.pmc"),
     }
 }
 

@@ -15,7 +15,6 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use crate::process::end_with_parent;
-use crate::sim::STARTUP;
 use crate::sim::board::Board;
 use crate::sim::board::dpram::{Dpram, DpramError};
 use crate::sim::board::memory::Memory;
@@ -78,7 +77,9 @@ pub fn power_up(options: &Options) -> Result<World, SimError> {
             std::fs::read_to_string(path)
                 .map_err(|source| SimError::Startup { path: path.clone(), source })?,
         )),
-        None => options.dpram_startup.then(|| ("the shipped start-up file".to_owned(), STARTUP.to_owned())),
+        None => options
+            .dpram_startup
+            .then(|| ("the shipped start-up file".to_owned(), options.family.startup.to_owned())),
     };
     let identity = options.identity();
     let memory = Memory::new(Dpram::open(&options.memory, identity.tables.family.length)?, identity.tables);

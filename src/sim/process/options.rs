@@ -58,7 +58,7 @@ pub struct Options {
     /// File of on-line command lines sent at start; comments begin with ;
     #[arg(long, value_name = "FILE", conflicts_with = "dpram_startup")]
     pub startup: Option<PathBuf>,
-    /// Send the shipped start-up lines, which enable all DPRAM functions for eight motors
+    /// Send the family's start-up lines, which enable all DPRAM functions
     #[arg(long)]
     pub dpram_startup: bool,
     /// Run servo cycles only when the control socket says `step`
