@@ -5,6 +5,7 @@ use std::path::PathBuf;
 
 use crate::cli::console::output::Output;
 use crate::client::{Board, ClientError, CommandError, Connection};
+use crate::map::Family;
 use crate::protocol::CallError;
 use crate::segment::SegmentName;
 
@@ -89,5 +90,16 @@ impl Context {
 
     pub fn connection(&self) -> Result<Connection, Failure> {
         Ok(Connection::open(&self.socket)?)
+    }
+
+    /// The family of the board behind `connection`, unless one is `given`.
+    pub fn family(
+        given: Option<&'static Family>,
+        connection: &mut Connection,
+    ) -> Result<&'static Family, Failure> {
+        match given {
+            Some(family) => Ok(family),
+            None => Ok(Family::by_name(&connection.info()?.family).map_err(Failure::request)?),
+        }
     }
 }

@@ -27,8 +27,6 @@ pub use open_buffer::OpenBuffer;
 pub use parameters::parameters;
 pub use settings::{BoardSettings, GatherSettings, VariablesMode, VariablesSettings};
 
-use crate::map::pmac;
-
 /// The name of our interface.
 pub const BOARD: &str = "io.github.pmac-dpram.Board";
 /// The name of the interface that every Varlink service has.
@@ -42,8 +40,8 @@ pub const SERVICE_DESCRIPTION: &str = include_str!("org.varlink.service.varlink"
 pub const CALL_MAX: usize = 64 * 1024;
 /// The longest reply a client accepts, in bytes.
 pub const REPLY_MAX: usize = 8 * 1024 * 1024;
-/// The longest line [`BOARD`]'s `Send` takes, in characters (DPRAM manual p. 27: two parts of a line).
-pub const LINE_MAX: usize = pmac::ASCII_LINE_LIMIT;
+/// The longest line [`BOARD`]'s `Send` takes, in characters: as many as a board of any family takes (DPRAM manual p. 27).
+pub const LINE_MAX: usize = 200;
 /// The most words [`BOARD`]'s `Read` takes.
 pub const READ_MAX: usize = 64;
 /// The longest time-out [`BOARD`]'s `Send` takes, in milliseconds.
@@ -73,6 +71,12 @@ pub fn check_line(line: &str) -> Result<(), String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_line_is_as_long_as_the_boards_that_take_the_longest_have_it() {
+        let limits = crate::map::FAMILIES.iter().map(|family| family.ascii.line_limit);
+        assert_eq!(limits.max(), Some(LINE_MAX));
+    }
 
     #[test]
     fn lines_are_printable_and_bounded() {

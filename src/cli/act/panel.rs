@@ -9,12 +9,13 @@ use nix::errno::Errno;
 use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
 use serde::Serialize;
 
+use crate::cli::args::values::number;
 use crate::cli::console::interrupt::Interrupt;
 use crate::cli::console::table::{Align, Table};
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::client::HeldJog;
 use crate::function::panel::{FeedOverride, PanelAction, PanelWords};
-use crate::map::pmac::PANEL_BLOCK;
+use crate::map::Family;
 
 /// How long the daemon may take to ask its board about itself.
 const ASKING: Duration = Duration::from_secs(2);
@@ -50,7 +51,7 @@ pub enum PanelCommand {
     Stop(Systems),
     /// Feed hold of coordinate systems
     Hold(Systems),
-    /// Override the feed rate of a coordinate system; acts while its Ix93 is $0806 + $C0*(x-1), the default
+    /// Override the feed rate of a coordinate system; acts while its Ix93 points at the panel's override, the default
     Feed(Feed),
     /// What the panel's words hold: the request word last written for each number, whether it still waits for the board,
     /// and the override. A request word stays as it is when it was taken, and when it was withdrawn: which, no word tells
@@ -72,21 +73,21 @@ pub struct Jog {
 
 #[derive(Debug, Args)]
 pub struct Motors {
-    /// Motors, 1 to 8
+    /// Motors, by number
     #[arg(required = true, value_name = "MOTOR", value_parser = number())]
     pub numbers: Vec<u8>,
 }
 
 #[derive(Debug, Args)]
 pub struct Systems {
-    /// Coordinate systems, 1 to 8
+    /// Coordinate systems, by number
     #[arg(required = true, value_name = "C.S.", value_parser = number())]
     pub numbers: Vec<u8>,
 }
 
 #[derive(Debug, Args)]
 pub struct Feed {
-    /// The coordinate system, 1 to 8
+    /// The coordinate system
     #[arg(value_name = "C.S.", value_parser = number())]
     pub system: u8,
     /// A percentage, as 50%; a raw value, 0 to 32767 in 1/32768 ms (14507 is 100 % at the default I10); or off
@@ -100,10 +101,6 @@ pub enum Wanted {
     Percent(f64),
     Raw(FeedOverride),
     Off,
-}
-
-fn number() -> clap::builder::RangedI64ValueParser<u8> {
-    clap::value_parser!(u8).range(1..=8)
 }
 
 fn wanted(text: &str) -> Result<Wanted, String> {
@@ -138,13 +135,28 @@ pub fn run(context: &mut Context, options: &Panel) -> Result<Verdict, Failure> {
         PanelCommand::Feed(feed) => return self::feed(context, feed),
         PanelCommand::Show => return show(context),
     };
-    context.connection()?.panel(action.name(), numbers)?;
+    let mut connection = context.connection()?;
+    check_numbers(Context::family(None, &mut connection)?, action.is_for_motors(), numbers)?;
+    connection.panel(action.name(), numbers)?;
     Ok(Verdict::Yes)
+}
+
+/// Refuses motors, or coordinate systems, that a board of `family` has not, before anything is asked of it.
+fn check_numbers(family: &Family, for_motors: bool, numbers: &[u8]) -> Result<(), Failure> {
+    let (what, count) = match for_motors {
+        true => ("motor", family.motors),
+        false => ("coordinate system", family.coordinate_systems),
+    };
+    match numbers.iter().find(|number| usize::from(**number) > count) {
+        Some(number) => Err(Failure::Request(format!("there is no {what} {number}; write 1 to {count}"))),
+        None => Ok(()),
+    }
 }
 
 fn hold(context: &mut Context, action: PanelAction, jog: &Jog) -> Result<Verdict, Failure> {
     let interrupt = Interrupt::listen()?;
-    let connection = context.connection()?;
+    let mut connection = context.connection()?;
+    check_numbers(Context::family(None, &mut connection)?, true, &jog.motors.numbers)?;
     let end = jog.seconds.and_then(|seconds| Instant::now().checked_add(seconds));
     let held = HeldJog::begin(connection, action.name(), &jog.motors.numbers)?;
     let over = || interrupt.came() || end.is_some_and(|end| Instant::now() >= end) || !held.is_held();
@@ -184,7 +196,9 @@ fn feed(context: &mut Context, feed: &Feed) -> Result<Verdict, Failure> {
             Some(from_percent(percent, i10)?)
         }
     };
-    let notes = context.connection()?.feed_override(feed.system, value.map(FeedOverride::raw))?;
+    let mut connection = context.connection()?;
+    check_numbers(Context::family(None, &mut connection)?, false, &[feed.system])?;
+    let notes = connection.feed_override(feed.system, value.map(FeedOverride::raw))?;
     let percent = value.zip(i10).and_then(|(value, i10)| value.percent(i10));
     for note in &notes {
         let _ = writeln!(io::stderr(), "&{}: {note}", feed.system);
@@ -271,12 +285,17 @@ struct Number {
 }
 
 fn show(context: &mut Context) -> Result<Verdict, Failure> {
-    let region = PANEL_BLOCK.region;
-    let (_, words) = context.connection()?.read(region.start, region.words())?;
+    let mut connection = context.connection()?;
+    let family = Context::family(None, &mut connection)?;
+    let Some(panel) = &family.panel else {
+        return Err(Failure::Request(format!("a {} has no control panel in its DPRAM", family.title)));
+    };
+    let region = panel.region;
+    let (_, words) = connection.read(region.start, region.words())?;
     if words.len() != region.words() {
         return Err(Failure::Request("the daemon sent too few words".into()));
     }
-    let shown = shown(&PanelWords::of(&PANEL_BLOCK, &words), i10(context));
+    let shown = shown(&PanelWords::of(panel, &words), i10(context));
     if context.output.is_json() {
         context.output.json(&shown)?;
     } else {

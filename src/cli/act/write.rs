@@ -5,7 +5,7 @@ use serde::Serialize;
 
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::format::{float32, split32};
-use crate::map::{BitField, Family, Field, HostOffset, Space, UnknownFamily};
+use crate::map::{BitField, Family, Field, HostOffset, Space};
 use crate::protocol::READ_MAX;
 
 /// Words that one write may span.
@@ -43,11 +43,7 @@ pub fn run(context: &mut Context, options: &Write) -> Result<Verdict, Failure> {
         places(options, family)?;
     }
     let mut connection = context.connection()?;
-    let family = match options.family {
-        Some(family) => family,
-        None => Family::by_name(&connection.info()?.family)
-            .map_err(|error: UnknownFamily| Failure::Request(format!("{error}; say --family")))?,
-    };
+    let family = Context::family(options.family, &mut connection)?;
     let places = places(options, family)?;
     let Some(first) = places.first().map(|place| place.offset) else { return Ok(Verdict::Yes) };
     connection.write(first, &span(first, &places), options.engineer)?;

@@ -3,6 +3,7 @@
 use std::time::Duration;
 
 use clap::ValueEnum;
+use clap::builder::RangedI64ValueParser;
 
 use crate::format::{Float48Layout, WordOrder};
 use crate::map::{Family, GatherSizeWord, UnknownFamily};
@@ -50,6 +51,12 @@ impl From<Order> for WordOrder {
             Order::Swapped => Self::Swapped,
         }
     }
+}
+
+/// A motor, coordinate system or buffer. No family has more than 32 of a kind; whether the board has this one is seen when
+/// its family is known.
+pub fn number() -> RangedI64ValueParser<u8> {
+    clap::value_parser!(u8).range(1..=32)
 }
 
 pub fn family(name: &str) -> Result<&'static Family, UnknownFamily> {

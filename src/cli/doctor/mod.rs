@@ -15,7 +15,7 @@ use serde_json::json;
 use self::report::{Level, Report};
 use crate::cli::args::values;
 use crate::cli::context::{Context, Failure, Verdict};
-use crate::client::{Board, CommandError, Connection};
+use crate::client::{Board, CommandError, Connection, identity};
 use crate::device::System;
 use crate::map::Family;
 use crate::protocol::{
@@ -45,14 +45,16 @@ const ROOM: u64 = 16 << 20;
 
 /// Whether the board takes command lines.
 fn commands(report: &mut Report, info: &BoardInfo) {
-    let (port, cure) = match info.command_port {
-        CommandPort::Dpram => ("the DPRAM", "is I58=1? It can be set by another port"),
-        CommandPort::Mailbox => ("the VME mailboxes", "is I3=2? It can be set by another port"),
+    let (port, enabled) = match (info.command_port, Family::by_name(&info.family)) {
+        (CommandPort::Dpram, Ok(family)) => ("the DPRAM", format!("I{}=1", family.i.ascii_enable)),
+        (CommandPort::Dpram, Err(_)) => ("the DPRAM", "ASCII communication switched on".to_owned()),
+        (CommandPort::Mailbox, _) => ("the VME mailboxes", "I3=2".to_owned()),
     };
     let answers = info.enabled.iter().any(|name| name == "ascii");
     let (level, text) = match info.command_state {
         _ if answers => (Level::Ok, format!("the board takes command lines through {port}")),
         CommandState::Silent => {
+            let cure = format!("is {enabled}? It can be set by another port");
             (Level::Warn, format!("the last command line through {port} was not answered; {cure}"))
         }
         CommandState::Unknown | CommandState::Answers => (
@@ -247,27 +249,33 @@ fn data(report: &mut Report, board: &mut Board, settings: &BoardSettings) {
 
 /// What a report that does not come is missing, as far as the board has told what it is set to.
 fn missing(region: RegionId, identity: &Identity) -> String {
-    let needed: &[(&str, Option<u32>)] = match region {
-        RegionId::Servo => &[
-            ("I48", identity.servo_report),
-            ("I19", identity.servo_report_cycles),
-            ("I59", identity.reported_motors()),
-        ],
-        _ => &[("I49", identity.background_report), ("I59", identity.reported_motors())],
+    let Some(family) = identity::family(identity) else {
+        return "the board's family is not known to this program".to_owned();
     };
-    let off: Vec<_> = needed.iter().filter(|(_, value)| *value == Some(0)).map(|(name, _)| *name).collect();
+    let i = &family.i;
+    let reported = i.reported.map(|variable| (variable, identity.reported_motors(), family.motors));
+    let mut needed = match region {
+        RegionId::Servo => vec![
+            (i.servo_enable, identity.servo_report, 1),
+            (i.servo_period, identity.servo_report_cycles, 1),
+        ],
+        _ => vec![(i.background_enable, identity.background_report, 1)],
+    };
+    needed.extend(reported);
+    let off: Vec<_> = needed.iter().filter(|(_, value, _)| *value == Some(0)).collect();
     if !off.is_empty() {
-        let lines: Vec<_> =
-            off.iter().map(|name| format!("{name}={}", if *name == "I59" { 8 } else { 1 })).collect();
+        let names: Vec<_> = off.iter().map(|(variable, ..)| format!("I{variable}=0")).collect();
+        let lines: Vec<_> = off.iter().map(|(variable, _, on)| format!("I{variable}={on}")).collect();
         return format!(
-            "the board told {}=0; switch it on: pmacctl send '{}'",
-            off.join("=0, "),
+            "the board told {}; switch it on: pmacctl send '{}'",
+            names.join(", "),
             lines.join(" ")
         );
     }
-    let unknown: Vec<_> = needed.iter().filter(|(_, value)| value.is_none()).map(|(name, _)| *name).collect();
+    let name = |(variable, ..): &(u16, Option<u32>, usize)| format!("I{variable}");
+    let unknown: Vec<_> = needed.iter().filter(|(_, value, _)| value.is_none()).map(name).collect();
     if !unknown.is_empty() {
-        let names: Vec<_> = needed.iter().map(|(name, _)| *name).collect();
+        let names: Vec<_> = needed.iter().map(name).collect();
         let gather = if region == RegionId::Servo { ", and GATHER" } else { "" };
         return format!(
             "the board has not told {}; it takes {} above 0{gather}",
@@ -276,7 +284,7 @@ fn missing(region: RegionId, identity: &Identity) -> String {
         );
     }
     let told: Vec<_> =
-        needed.iter().filter_map(|(name, value)| Some(format!("{name}={}", (*value)?))).collect();
+        needed.iter().filter_map(|(variable, value, _)| Some(format!("I{variable}={}", (*value)?))).collect();
     let told = told.join(", ");
     match region {
         RegionId::Servo => format!(

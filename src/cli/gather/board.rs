@@ -1,7 +1,8 @@
 //! The board's side of `pmacctl gather`: the lines that begin a gather, and the board left as it was, however it went.
 //!
 //! `ENDGATHER` undoes the latest `GATHER`, which may be that of the servo report (DPRAM manual p. 14): it is sent only where
-//! a `GATHER` of this program is to be undone. I19 is the servo report's period as well, and is put back in every case.
+//! a `GATHER` of this program is to be undone. The period of gathering (I19) is the servo report's as well, and is put back
+//! in every case.
 
 use std::io::{self, Write};
 use std::time::{Duration, Instant};
@@ -11,8 +12,7 @@ use crate::cli::console::interrupt::Interrupt;
 use crate::cli::context::Failure;
 use crate::client::{Board, CommandError, Connection, GatherFollower};
 use crate::gather::{GatherMode, GatherPlan, ServoReport};
-use crate::map::Layout;
-use crate::map::pmac::GATHERING;
+use crate::map::{Family, Layout};
 use crate::protocol::{CallError, answer};
 use crate::segment::{RegionId, RegionState};
 
@@ -21,20 +21,20 @@ const LINE: Duration = Duration::from_secs(5);
 /// How often to look whether the servo report runs.
 const LOOK: Duration = Duration::from_millis(5);
 
-/// What the board answers to a question with one answer, without the name before it.
-pub fn ask(connection: &mut Connection, variable: &str) -> Result<String, Failure> {
-    let lines = connection.send(variable, LINE)?;
+/// The value of I-variable `variable`, as the board answers it.
+pub fn ask(connection: &mut Connection, variable: u16) -> Result<String, Failure> {
+    let lines = connection.send(&format!("I{variable}"), LINE)?;
     Ok(lines.first().map(|line| answer::text(line).to_owned()).unwrap_or_default())
 }
 
 /// Whether the board gathers, as after a `pmacctl gather` that was killed.
-pub fn gathers(connection: &mut Connection) -> Result<bool, Failure> {
+pub fn gathers(connection: &mut Connection, family: &Family) -> Result<bool, Failure> {
     let status = connection.send("???", LINE)?;
     Ok(status
         .first()
         .and_then(|line| line.get(..6))
         .and_then(|word| u32::from_str_radix(word, 16).ok())
-        .is_some_and(|word| word & GATHERING != 0))
+        .is_some_and(|word| word & family.gathering != 0))
 }
 
 /// Ends gathering, where the board gathers.
@@ -54,8 +54,9 @@ enum Begun {
 /// The board from the first line that changes something on.
 pub struct GatherBoard<'a> {
     connection: Connection,
+    family: &'static Family,
     plan: &'a GatherPlan,
-    /// I19 as it was found.
+    /// The period of gathering as it was found.
     old_period: String,
     /// How the servo report stood, as far as was known.
     report: ServoReport,
@@ -67,11 +68,12 @@ pub struct GatherBoard<'a> {
 impl<'a> GatherBoard<'a> {
     pub fn new(
         connection: Connection,
+        family: &'static Family,
         plan: &'a GatherPlan,
         old_period: String,
         report: ServoReport,
     ) -> Self {
-        Self { connection, plan, old_period, report, begun: Begun::Nothing, followed: false }
+        Self { connection, family, plan, old_period, report, begun: Begun::Nothing, followed: false }
     }
 
     /// Everything up to the `GATHER` that starts gathering. `silence` is how long the servo report may take to come.
@@ -99,7 +101,7 @@ impl<'a> GatherBoard<'a> {
         let starts = self.plan.start.iter().skip(1).chain(self.plan.start.first().filter(|_| ended));
         for line in starts {
             self.gather(line, Begun::Report)?;
-            wait_for_report(board, silence, stop)?;
+            wait_for_report(board, self.family, silence, stop)?;
         }
         let told = self.connection.gather_begin(self.plan, layout, host_clock);
         // What did not answer may have taken it.
@@ -132,13 +134,13 @@ impl<'a> GatherBoard<'a> {
     pub fn finish(&mut self) -> Result<(), Failure> {
         let stopped = self.end();
         let told = if self.followed { self.connection.gather_end() } else { Ok(()) };
-        let old = &self.old_period;
+        let (old, variable) = (&self.old_period, self.family.i.gather_period);
         let put_back = if *old == self.plan.period.to_string() {
             Ok(())
         } else {
-            self.connection.send(&format!("I19={old}"), LINE).map(drop).map_err(|error| {
+            self.connection.send(&format!("I{variable}={old}"), LINE).map(drop).map_err(|error| {
                 let period = self.plan.period;
-                Failure::Refused(format!("I19={old}: {error}; I19 may still be {period}"))
+                Failure::Refused(format!("I{variable}={old}: {error}; I{variable} may still be {period}"))
             })
         };
         stopped?;
@@ -152,7 +154,8 @@ impl<'a> GatherBoard<'a> {
             Begun::Report => false,
             // A full buffer has ended its gather: what ENDGATHER would end then is the servo report.
             Begun::Gathering => {
-                self.plan.mode == GatherMode::Stop && matches!(gathers(&mut self.connection), Ok(false))
+                self.plan.mode == GatherMode::Stop
+                    && matches!(gathers(&mut self.connection, self.family), Ok(false))
             }
         };
         if ended { Ok(()) } else { Ok(self.connection.send(&self.plan.stop, LINE).map(drop)?) }
@@ -168,11 +171,11 @@ impl<'a> GatherBoard<'a> {
     }
 
     fn say_what_was_ended(&self) {
-        let period = &self.old_period;
+        let (period, variable) = (&self.old_period, self.family.i.gather_period);
         let _ = writeln!(
             io::stderr(),
-            "the board was gathering already, every I19={period} servo cycles: that has been ended (by whom it was begun is \
-             not known; I19 stays {period} afterwards)"
+            "the board was gathering already, every I{variable}={period} servo cycles: that has been ended (by whom it was \
+             begun is not known; I{variable} stays {period} afterwards)"
         );
     }
 }
@@ -196,18 +199,25 @@ fn interrupted() -> Failure {
     Failure::Refused("interrupted before the first sample".to_owned())
 }
 
-/// Waits for the servo report, which with I48=1 the first `GATHER` starts.
-fn wait_for_report(board: &Board, silence: Duration, stop: &Interrupt) -> Result<(), Failure> {
+/// Waits for the servo report, which the first `GATHER` starts where the board is told to report.
+fn wait_for_report(
+    board: &Board,
+    family: &Family,
+    silence: Duration,
+    stop: &Interrupt,
+) -> Result<(), Failure> {
     let began = Instant::now();
     while board.subscriber().region(RegionId::Servo).map_err(Failure::request)?.state != RegionState::Live {
         if stop.came() {
             return Err(interrupted());
         }
         if began.elapsed() > silence {
-            return Err(Failure::Refused(
-                "I48=1 and GATHER start no servo report (is I59 above 0?), so turns of the buffer cannot be counted"
-                    .to_owned(),
-            ));
+            let i = &family.i;
+            let cure = i.reported.map_or_else(String::new, |reported| format!(" (is I{reported} above 0?)"));
+            return Err(Failure::Refused(format!(
+                "I{}=1 and GATHER start no servo report{cure}, so turns of the buffer cannot be counted",
+                i.servo_enable
+            )));
         }
         std::thread::sleep(LOOK);
     }

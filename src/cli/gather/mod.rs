@@ -66,17 +66,19 @@ pub fn run(context: &mut Context, options: &Gather) -> Result<Verdict, Failure> 
 /// `gather --stop`. Where nothing gathers, ENDGATHER would end the servo report.
 fn stop(context: &mut Context) -> Result<Verdict, Failure> {
     let mut connection = context.connection()?;
-    let gathering = gathers(&mut connection)?;
+    let family = Context::family(None, &mut connection)?;
+    let gathering = gathers(&mut connection, family)?;
     if gathering {
         end_gather(&mut connection)?;
     }
     if context.output.is_json() {
         context.output.json(&json!({ "gathered": gathering }))?;
     } else if gathering {
-        let period = ask(&mut connection, "I19")?;
-        context
-            .output
-            .line(format_args!("ended; I19, the servo report's period as well, is left at {period}"))?;
+        let variable = family.i.gather_period;
+        let period = ask(&mut connection, variable)?;
+        context.output.line(format_args!(
+            "ended; I{variable}, the servo report's period as well, is left at {period}"
+        ))?;
     } else {
         context.output.line("the board gathers nothing; nothing was sent")?;
     }
@@ -107,21 +109,22 @@ fn gather(context: &mut Context, options: &Gather, output: &Path) -> Result<Verd
         .map_err(Failure::request)?;
     let sample_longs = sources.iter().map(|source| source.register.longs()).sum();
     let kept = BufferLayout::new(&layout, settings.plan).map_err(Failure::request)?;
-    let i48 = ask(&mut connection, "I48")?;
-    if i48 == "1" {
+    let family = layout.family();
+    let servo_enable = ask(&mut connection, family.i.servo_enable)?;
+    if servo_enable == "1" {
         // A board that reports takes another number of GATHERs than one that does not.
         check_functions(&settings, &[Function::Servo])?;
     }
     let runs =
         board.subscriber().region(RegionId::Servo).map_err(Failure::request)?.state == RegionState::Live;
-    let old_period = ask(&mut connection, "I19")?;
-    let gathering = gathers(&mut connection)?;
+    let old_period = ask(&mut connection, family.i.gather_period)?;
+    let gathering = gathers(&mut connection, family)?;
     let request = GatherRequest {
         sources,
         period: options.period,
         mode: if options.once { GatherMode::Stop } else { GatherMode::Wrap },
         buffer_longs: options.buffer.or_else(|| kept.gather_size(sample_longs)),
-        servo_report: match (i48.as_str(), runs) {
+        servo_report: match (servo_enable.as_str(), runs) {
             ("1", true) => ServoReport::Running,
             ("1", false) => ServoReport::Waiting,
             _ => ServoReport::Off,
@@ -135,11 +138,11 @@ fn gather(context: &mut Context, options: &Gather, output: &Path) -> Result<Verd
     let host_clock = match (request.servo_report, clock.servo_period_ns) {
         (ServoReport::Off, Some(ns)) => Some(ns.round() as u64),
         (ServoReport::Off, None) if !options.once => {
-            return Err(Failure::Refused(
+            return Err(Failure::Refused(format!(
                 "the servo report is off and I10 is not known, so turns of the buffer cannot be counted; \
-                 switch the report on (I48=1), or gather --once"
-                    .to_owned(),
-            ));
+                 switch the report on (I{}=1), or gather --once",
+                family.i.servo_enable
+            )));
         }
         _ => None,
     };
@@ -148,7 +151,7 @@ fn gather(context: &mut Context, options: &Gather, output: &Path) -> Result<Verd
     let mut out = Writer::new(rows, extension == Some("npy"), &plan.columns, clock)?;
 
     let silence = silence(&clock, &layout);
-    let mut side = GatherBoard::new(connection, &plan, old_period, request.servo_report);
+    let mut side = GatherBoard::new(connection, family, &plan, old_period, request.servo_report);
     let follower = match side.begin(&board, &layout, host_clock, silence, &stop) {
         Ok(follower) => follower,
         Err(failure) => {

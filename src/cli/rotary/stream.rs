@@ -11,10 +11,11 @@ use serde_json::json;
 
 use super::progress::Progress;
 use super::source::{Format, compiled, shown};
+use crate::cli::args::values::number;
 use crate::cli::console::interrupt::Interrupt;
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::client::{CommandError, Connection, RotaryFeed, RotaryLine, RotaryPlace};
-use crate::map::{HostOffset, PMAC, TypedAddress};
+use crate::map::{Family, TypedAddress};
 use crate::protocol::CallError;
 use crate::protocol::board::RotaryStateReply;
 use crate::rotary::Program;
@@ -32,18 +33,18 @@ pub struct Stream {
     /// The program's text, constants only; - is stdin
     #[arg(value_name = "FILE")]
     pub file: String,
-    /// The coordinate system that executes it, 1 to 8
-    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u8).range(1..=8))]
+    /// The coordinate system that executes it
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = number())]
     pub cs: u8,
-    /// Which of the two buffers in the DPRAM
-    #[arg(long, value_name = "1|2", default_value_t = 1, value_parser = clap::value_parser!(u8).range(1..=2))]
+    /// Which of the buffers in the DPRAM; a PMAC has two
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = number())]
     pub buffer: u8,
     /// The buffer's size in 32-bit words, two a command; without it, all the room the daemon keeps for it
     #[arg(long, value_name = "LONGS")]
     pub size: Option<u32>,
     /// Where it begins, as DP:$DC00; without it, where the daemon keeps room for it
-    #[arg(long, value_name = "ADDR", value_parser = start)]
-    pub start: Option<HostOffset>,
+    #[arg(long, value_name = "ADDR")]
+    pub start: Option<String>,
     /// Define the rotary buffer in the board's own memory first, with so many words (DEFINE ROT; from the highest
     /// coordinate system down, and not while there is a gather buffer)
     #[arg(long, value_name = "LONGS")]
@@ -58,16 +59,23 @@ pub struct Stream {
     pub format: Format,
 }
 
-fn start(text: &str) -> Result<HostOffset, String> {
-    TypedAddress::parse(text, &PMAC).map(|location| location.offset).map_err(|error| error.to_string())
-}
-
 pub fn run(context: &mut Context, options: &Stream) -> Result<Verdict, Failure> {
     let mut board = context.connection()?;
+    let family = Context::family(None, &mut board)?;
+    let start = options.start.as_deref().map(|text| TypedAddress::parse(text, family));
+    let start = start.transpose().map_err(|error| Failure::Request(format!("--start: {error}")))?;
+    if usize::from(options.cs) > family.coordinate_systems {
+        let text = format!("--cs {}: the board has 1 to {}", options.cs, family.coordinate_systems);
+        return Err(Failure::Request(text));
+    }
     let of_the_daemon = board.settings()?;
     let mut settings = options.format.over(&of_the_daemon.rotary)?;
     // A line that the buffer can never hold is found now and not in the middle of the program.
-    let kept = of_the_daemon.plan.rotary_longs[usize::from(options.buffer) - 1];
+    let all_kept = of_the_daemon.plan.rotary_longs;
+    let Some(&kept) = all_kept.get(usize::from(options.buffer) - 1) else {
+        let text = format!("--buffer {}: the board has 1 to {}", options.buffer, all_kept.len());
+        return Err(Failure::Request(text));
+    };
     if kept == 0 && options.size.is_none() {
         return Err(Failure::Request(format!(
             "the daemon keeps no room for rotary buffer {}; say where with --start and --size, or set rotary_longs in its \
@@ -84,13 +92,14 @@ pub fn run(context: &mut Context, options: &Stream) -> Result<Verdict, Failure> 
     let interrupt = Interrupt::listen()?;
     let place = RotaryPlace {
         buffer: options.buffer,
-        start: options.start,
+        start: start.map(|address| address.offset),
         size_longs: options.size,
         coordinate_system: options.cs,
         coordinate_system_base: settings.coordinate_system_base,
     };
     let mut streaming = Streaming {
         options,
+        family,
         program: &program,
         board,
         progress: Progress::new(program.lines.len(), context.output.is_quiet()),
@@ -140,6 +149,7 @@ pub fn run(context: &mut Context, options: &Stream) -> Result<Verdict, Failure> 
 /// A stream under way.
 struct Streaming<'a> {
     options: &'a Stream,
+    family: &'static Family,
     program: &'a Program,
     /// For command lines and questions, beside the feed's own connection.
     board: Connection,
@@ -168,10 +178,18 @@ impl Streaming<'_> {
                  waits for more lines ends by: pmacctl send '&{cs}Q')?"
             ),
         )?;
-        self.line("I57=0", "")?;
+        self.enable(0)?;
         self.board.rotary_open(place)?;
-        self.line("I57=1", "")?;
+        self.enable(1)?;
         self.line("OPEN ROT", "; is another program buffer open?")
+    }
+
+    /// Switches the transfer into the board's buffer off or on, where it has a switch.
+    fn enable(&mut self, value: u8) -> Result<(), Failure> {
+        match self.family.i.rotary_enable {
+            Some(variable) => self.line(&format!("I{variable}={value}"), ""),
+            None => Ok(()),
+        }
     }
 
     fn line(&mut self, line: &str, hint: &str) -> Result<(), Failure> {

@@ -108,12 +108,12 @@ fn targets(system: &CoordinateSystem) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::map::status;
+    use crate::map::PMAC;
 
     #[test]
     fn every_short_word_stands_for_a_flag_there_is() {
         for (name, _) in SHORT {
-            let mut flags = status::PMAC.coordinate_system.iter().flat_map(|table| table.flags);
+            let mut flags = PMAC.status.coordinate_system.iter().flat_map(|table| table.flags);
             assert!(flags.any(|(_, flag)| *flag == name), "{name}");
         }
     }

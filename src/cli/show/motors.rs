@@ -186,7 +186,7 @@ fn flags(motor: &ServoMotor) -> Vec<&'static str> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::map::status;
+    use crate::map::PMAC;
 
     #[test]
     fn nothing_has_no_sign_and_raw_numbers_say_so() {
@@ -205,14 +205,14 @@ mod tests {
     #[test]
     fn every_short_word_stands_for_a_flag_there_is() {
         for (shorts, table) in
-            [(SHORT_SERVO, &status::PMAC.motor[0]), (SHORT_BACKGROUND, &status::PMAC.motor[1])]
+            [(SHORT_SERVO, &PMAC.status.motor[0]), (SHORT_BACKGROUND, &PMAC.status.motor[1])]
         {
             for (name, _) in shorts.0 {
                 assert!(table.flags.iter().any(|(_, flag)| flag == name), "{name}");
             }
         }
         for name in ["motor_activated", "desired_velocity_zero", "open_loop"] {
-            assert!(status::PMAC.motor[0].flags.iter().any(|(_, flag)| *flag == name), "{name}");
+            assert!(PMAC.status.motor[0].flags.iter().any(|(_, flag)| *flag == name), "{name}");
         }
     }
 }

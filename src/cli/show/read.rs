@@ -46,11 +46,7 @@ pub fn run(context: &mut Context, options: &Read) -> Result<Verdict, Failure> {
         fields(options, family)?;
     }
     let mut connection = context.connection()?;
-    let family = match options.family {
-        Some(family) => family,
-        None => Family::by_name(&connection.info()?.family)
-            .map_err(|error| Failure::Request(format!("{error}; say --family")))?,
-    };
+    let family = Context::family(options.family, &mut connection)?;
     let mut found = Vec::new();
     for (address, Field { location, bits }) in options.addresses.iter().zip(fields(options, family)?) {
         let (time_ns, words) = connection.read(location.offset, location.space.words())?;
