@@ -112,11 +112,11 @@ fn direct(rig: &Rig, questions: usize) -> Figures {
         let start = Instant::now();
         let mut answered = false;
         while !port.begin(&mut bus, LINE.as_bytes()).expect("the bus") {
-            port.step(&mut bus, Instant::now()).expect("the bus");
+            port.poll(&mut bus, Instant::now()).expect("the bus");
             assert!(start.elapsed() < Duration::from_secs(5), "the port is never idle");
         }
         loop {
-            match port.step(&mut bus, Instant::now()).expect("the bus") {
+            match port.poll(&mut bus, Instant::now()).expect("the bus") {
                 Some(AsciiEvent::Done(done)) => {
                     assert!(done.is_ok() && answered);
                     return start.elapsed().as_nanos() as f64;

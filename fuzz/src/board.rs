@@ -173,7 +173,7 @@ impl Functions {
                     AsciiEvent::Line(text)
                     | AsciiEvent::ProgramResponse(text)
                     | AsciiEvent::ProgramMessage(text),
-                ) = self.ascii.step(bus, now)?
+                ) = self.ascii.poll(bus, now)?
                 {
                     assert!(text.as_bytes().len() <= 255 && !text.as_bytes().contains(&0));
                 }
@@ -190,7 +190,7 @@ impl Functions {
     fn panel(&mut self, bus: &mut RamBus, how: u8, tape: &mut Tape<'_>) -> Result<(), BusError> {
         let number = usize::from(tape.u8() & 15);
         match how {
-            0 => drop(self.panel.take_over(bus)?),
+            0 => drop(self.panel.acquire(bus)?),
             1 => self.panel.withdraw(bus)?,
             2 => drop(self.panel.taken(bus)?),
             3 | 4 => {
@@ -416,7 +416,7 @@ impl Functions {
             }
             _ => {
                 if let Some(AsciiEvent::Line(text) | AsciiEvent::ProgramMessage(text)) =
-                    port.step(bus, self.now).unwrap()
+                    port.poll(bus, self.now).unwrap()
                 {
                     assert!(text.as_bytes().len() <= 255);
                 }

@@ -1,4 +1,4 @@
-//! The daemon's desks and mirrors against memory that changes in any way: what clients asked for is answered once and only
+//! The daemon's queues and mirrors against memory that changes in any way: what clients asked for is answered once and only
 //! once whatever the board does, in bounded time, and nothing is written where the board writes.
 
 use std::cell::RefCell;
@@ -74,7 +74,7 @@ fn shared() -> Shared {
     Shared { publisher: Publisher::create(&options).unwrap(), _directory: directory, sender, receiver }
 }
 
-struct Desks<'a> {
+struct Bench<'a> {
     shared: &'a mut Shared,
     bus: RamBus,
     functions: FunctionTable,
@@ -101,7 +101,7 @@ pub fn body(data: &[u8]) {
         let mode = if way & 16 == 0 { VariableMode::SingleUser } else { VariableMode::MultiUser };
         let port = CommandPorts::new(&PMAC, order, None, now);
         let identifier = Identifier::new(&PMAC, Identity::default(), way & 32 != 0, now);
-        let mut desks = Desks {
+        let mut bench = Bench {
             shared,
             bus: RamBus::new([0, 0, 0xFFFF, 0x8000][usize::from(way & 3)]),
             functions: FunctionTable::new(
@@ -127,13 +127,13 @@ pub fn body(data: &[u8]) {
                 break;
             }
             let what = tape.u8();
-            desks.step(what & 15, what >> 4, &mut tape);
+            bench.step(what & 15, what >> 4, &mut tape);
         }
-        desks.settle();
+        bench.settle();
     });
 }
 
-impl Desks<'_> {
+impl Bench<'_> {
     fn step(&mut self, what: u8, how: u8, tape: &mut Tape<'_>) {
         match what {
             0..=4 => self.bus.change(how, tape),
@@ -160,7 +160,7 @@ impl Desks<'_> {
             5 => self.in_context(|functions, context| functions.reset(context).unwrap()),
             6 => {
                 self.functions.ascii.queue_mut().reset(&mut self.bus, self.clock.now()).unwrap();
-                self.in_context(|functions, context| functions.take_over(context).unwrap());
+                self.in_context(|functions, context| functions.acquire(context).unwrap());
             }
             7 => self.functions.servo.configure(
                 first_motors(tape.u8().into()),

@@ -42,7 +42,7 @@ pub const CONTROL_REPLY_BEGIN: Duration = Duration::from_millis(300);
 /// A response line, read from the board into private memory: at most 255 characters, without the NUL (DPRAM manual p. 29).
 pub type ResponseText = Text<{ RESPONSE_BYTES - 1 }>;
 
-/// What a step found.
+/// What a poll found.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum AsciiEvent {
     /// A line of the reply to the command under way.
@@ -87,7 +87,7 @@ pub struct DpramPort {
     /// The line under way, in its first `length` bytes.
     line: Box<[u8]>,
     length: usize,
-    /// The end of the reply came together with its last line; it is told at the next step.
+    /// The end of the reply came together with its last line; it is told at the next poll.
     end_follows: bool,
     /// The board was seen to answer before it cleared the command flag.
     answers_early: bool,
@@ -138,7 +138,7 @@ impl DpramPort {
         self.state == State::Idle
     }
 
-    /// Whether something is expected from the board, so that steps should come often.
+    /// Whether something is expected from the board, so that polls should come often.
     #[must_use]
     pub fn is_waiting(&self) -> bool {
         !self.is_idle()
@@ -152,7 +152,7 @@ impl DpramPort {
         if !self.is_idle() || line.len() > self.words.line_limit {
             return Ok(false);
         }
-        // A response that lies there now belongs to nobody who waits; steps take it first.
+        // A response that lies there now belongs to nobody who waits; polls take it first.
         if self.has_response(bus)? || self.is_loaded(bus)? {
             return Ok(false);
         }
@@ -283,7 +283,7 @@ impl DpramPort {
         Ok(())
     }
 
-    /// Whether the board has taken the whole command under way, as far as steps have seen.
+    /// Whether the board has taken the whole command under way, as far as polls have seen.
     #[must_use]
     pub fn was_taken(&self) -> bool {
         matches!(self.state, State::Replying | State::ControlReply { taken: true, .. })
@@ -336,7 +336,7 @@ impl DpramPort {
     ///
     /// # Errors
     /// When the bus cannot be reached.
-    pub fn step(&mut self, bus: &mut impl Bus, now: Instant) -> Result<Option<AsciiEvent>, BusError> {
+    pub fn poll(&mut self, bus: &mut impl Bus, now: Instant) -> Result<Option<AsciiEvent>, BusError> {
         if self.end_follows {
             self.end_follows = false;
             self.state = State::Idle;

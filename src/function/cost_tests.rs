@@ -322,7 +322,7 @@ fn lines_and_releases() {
         rig.cost(|bus| BackgroundReader::release(&PMAC.background, bus).unwrap()).1,
         rig.cost(|bus| variables.release(bus).unwrap()).1,
         rig.cost(|bus| writer.release(bus).unwrap()).1,
-        rig.cost(|bus| Panel::new(PMAC.panel.as_ref().unwrap()).take_over(bus).unwrap()).1,
+        rig.cost(|bus| Panel::new(PMAC.panel.as_ref().unwrap()).acquire(bus).unwrap()).1,
     ];
     assert_eq!(costs, [1, 1, 2, 1, 3]);
     assert_eq!(costs.iter().sum::<usize>(), documented("released at start"));

@@ -206,7 +206,7 @@ impl MailboxPort {
     }
 
     /// Makes the port ready, after a reset of the board or of the host: whatever reply was under way is let pass, and
-    /// dropped. Steps until [`MailboxPort::is_idle`]. 1 write, 1 read.
+    /// dropped. Poll until [`MailboxPort::is_idle`]. 1 write, 1 read.
     ///
     /// # Errors
     /// When the registers cannot be reached.
@@ -228,7 +228,7 @@ impl MailboxPort {
         !self.is_idle()
     }
 
-    /// Whether the board has taken the whole command under way, as far as steps have seen.
+    /// Whether the board has taken the whole command under way, as far as polls have seen.
     #[must_use]
     pub fn was_taken(&self) -> bool {
         match self.state {
@@ -244,7 +244,7 @@ impl MailboxPort {
         matches!(self.state, State::Settling { .. })
     }
 
-    /// Whether somebody's control character lies in mailbox 0, not taken by the board yet, as far as steps have seen.
+    /// Whether somebody's control character lies in mailbox 0, not taken by the board yet, as far as polls have seen.
     #[must_use]
     pub fn control_pending(&self) -> bool {
         self.lone == Some(Lone::Control)
@@ -364,7 +364,7 @@ impl MailboxPort {
     ///
     /// # Errors
     /// When the registers cannot be reached.
-    pub fn step(&mut self, bus: &mut impl ByteBus, now: Instant) -> Result<Option<AsciiEvent>, ByteBusError> {
+    pub fn poll(&mut self, bus: &mut impl ByteBus, now: Instant) -> Result<Option<AsciiEvent>, ByteBusError> {
         let taken = std::mem::take(&mut self.group_taken);
         if taken {
             self.lone = None;

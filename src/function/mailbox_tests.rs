@@ -31,7 +31,7 @@ impl Rig {
         rig.port.start(&mut rig.bus, rig.now).unwrap();
         assert!(!rig.port.is_idle());
         rig.now += SETTLE;
-        assert_eq!(rig.step(), None);
+        assert_eq!(rig.poll(), None);
         assert!(rig.port.is_idle());
         rig
     }
@@ -43,8 +43,8 @@ impl Rig {
         self.port.begin(&mut self.bus, line.as_bytes()).unwrap()
     }
 
-    fn step(&mut self) -> Option<AsciiEvent> {
-        self.port.step(&mut self.bus, self.now).unwrap()
+    fn poll(&mut self) -> Option<AsciiEvent> {
+        self.port.poll(&mut self.bus, self.now).unwrap()
     }
 
     /// PMAC takes the group in the mailboxes, whose length it knows.
@@ -55,7 +55,7 @@ impl Rig {
             self.received.push(self.bus.read8(mailbox(number)).unwrap());
         }
         self.port.signal(MailboxSignal::GroupTaken);
-        self.step()
+        self.poll()
     }
 
     fn take_all(&mut self, line: &str) {
@@ -74,7 +74,7 @@ impl Rig {
             self.bus.write8(mailbox(number), character).unwrap();
         }
         self.port.signal(MailboxSignal::ReplyLies);
-        let event = self.step();
+        let event = self.poll();
         if self.port.settings.enable_replies == EnableReplies::Always {
             assert_eq!(self.bus.read8(mailbox(1)).unwrap(), 0);
         }
@@ -106,7 +106,7 @@ fn the_manuals_trace() {
     assert_eq!(rig.bus.read8(0x0B).unwrap(), b'6', "an old character stands behind");
     assert_eq!(rig.fill(b"\x06"), Some(AsciiEvent::Done(Ok(()))));
     assert!(rig.port.is_idle());
-    assert_eq!(rig.step(), None);
+    assert_eq!(rig.poll(), None);
 }
 
 #[test]
@@ -153,7 +153,7 @@ fn a_reply_counts_as_one_even_if_the_interrupt_before_it_is_seen_later() {
     assert_eq!(rig.fill(b"\x06"), Some(AsciiEvent::Done(Ok(()))));
     rig.port.signal(MailboxSignal::GroupTaken);
     assert!(rig.begin("P1=1234567890123456"));
-    assert_eq!(rig.step(), None);
+    assert_eq!(rig.poll(), None);
     assert_eq!(rig.bus.read8(mailbox(0)).unwrap(), b'P', "the late one is not this group's");
 }
 
@@ -168,7 +168,7 @@ fn what_comes_unasked_is_a_programs_message() {
     let message = rig.fill(b"DOOR\r");
     assert!(matches!(message, Some(AsciiEvent::ProgramMessage(_))), "{message:?}");
     assert_eq!(rig.bus.read8(mailbox(0)).unwrap(), b'D');
-    assert_eq!(rig.step(), None);
+    assert_eq!(rig.poll(), None);
     assert_eq!(rig.bus.read8(mailbox(0)).unwrap(), b'3', "the second group");
     assert_eq!(rig.fill(b"\x06"), Some(AsciiEvent::Done(Ok(()))));
     assert_eq!(rig.fill(b"\x06"), Some(AsciiEvent::Stale(6)), "one too many");
@@ -183,7 +183,7 @@ fn a_control_character_goes_alone() {
     assert!(!rig.begin("P1"), "it still lies there");
     assert!(!rig.port.control(&mut rig.bus, 0x0B, false, rig.now).unwrap());
     rig.port.signal(MailboxSignal::GroupTaken);
-    assert_eq!(rig.step(), None);
+    assert_eq!(rig.poll(), None);
     assert!(rig.begin("P1"));
     assert!(!rig.port.control(&mut rig.bus, 0x01, false, rig.now).unwrap(), "a group lies in the mailboxes");
     rig.take_all("P1");
@@ -199,7 +199,7 @@ fn a_control_character_goes_alone() {
 fn what_stops_a_machine_does_not_wait_for_an_interrupt_that_was_lost() {
     let mut rig = Rig::new(MailboxSettings::default());
     assert!(rig.begin("P1=1234567890123456"));
-    assert_eq!(rig.step(), None);
+    assert_eq!(rig.poll(), None);
     assert!(
         !rig.port.control(&mut rig.bus, 0x01, false, rig.now).unwrap(),
         "the group has only just been written"
@@ -212,16 +212,16 @@ fn what_stops_a_machine_does_not_wait_for_an_interrupt_that_was_lost() {
     // Nothing goes over it, not even when its line is given up or much time has passed.
     rig.port.give_up(&mut rig.bus, rig.now).unwrap();
     rig.now += 2 * CANCEL_LIMIT;
-    assert_eq!(rig.step(), None);
+    assert_eq!(rig.poll(), None);
     assert!(!rig.port.control(&mut rig.bus, 0x0B, false, rig.now).unwrap());
     assert!(rig.port.control_pending() && !rig.port.is_idle(), "not taken is not done");
     rig.port.signal(MailboxSignal::GroupTaken);
-    assert_eq!(rig.step(), None);
+    assert_eq!(rig.poll(), None);
     assert!(!rig.port.control_pending());
     assert_eq!(rig.bus.read8(mailbox(0)).unwrap(), 0xEE, "the rest of the line is not sent");
     // The board may hold the first half of the line: it is to forget it.
     rig.now += SETTLE;
-    assert_eq!(rig.step(), None);
+    assert_eq!(rig.poll(), None);
     assert_eq!(rig.bus.read8(mailbox(0)).unwrap(), CANCEL);
     // Its interrupt is lost too.
     rig.now += PENDING_TOO_LONG / 2;
@@ -231,9 +231,9 @@ fn what_stops_a_machine_does_not_wait_for_an_interrupt_that_was_lost() {
     for character in [0x0B, CANCEL] {
         assert_eq!(rig.bus.read8(mailbox(0)).unwrap(), character);
         rig.port.signal(MailboxSignal::GroupTaken);
-        assert_eq!(rig.step(), None);
+        assert_eq!(rig.poll(), None);
         rig.now += SETTLE;
-        assert_eq!(rig.step(), None);
+        assert_eq!(rig.poll(), None);
     }
     assert!(rig.port.is_idle());
     assert!(rig.begin("P2"));
@@ -259,7 +259,7 @@ fn a_control_character_with_a_reply_does_not_close_the_port_when_its_interrupt_i
     assert_eq!(rig.bus.read8(mailbox(0)).unwrap(), CANCEL);
     assert!(!rig.port.control_pending());
     rig.now += CANCEL_LIMIT;
-    assert_eq!(rig.step(), None);
+    assert_eq!(rig.poll(), None);
     assert!(rig.port.is_idle());
 }
 
@@ -269,17 +269,17 @@ fn a_control_characters_reply_ends_with_ack_or_a_silence() {
         let mut rig = Rig::new(MailboxSettings::default());
         assert!(rig.port.control(&mut rig.bus, 0x10, true, rig.now).unwrap());
         rig.now += 10 * CONTROL_REPLY_END;
-        assert_eq!(rig.step(), None, "the board has not taken it");
+        assert_eq!(rig.poll(), None, "the board has not taken it");
         rig.port.signal(MailboxSignal::GroupTaken);
         rig.port.signal(MailboxSignal::ReplyLies);
         rig.port.enabled = true;
         assert_eq!(rig.fill(b"0 0 0 0\r"), line("0 0 0 0"));
-        assert_eq!(rig.step(), None);
+        assert_eq!(rig.poll(), None);
         if ends_with_ack {
             assert_eq!(rig.fill(b"\x06"), Some(AsciiEvent::Done(Ok(()))));
         } else {
             rig.now += CONTROL_REPLY_END;
-            assert_eq!(rig.step(), Some(AsciiEvent::Done(Ok(()))));
+            assert_eq!(rig.poll(), Some(AsciiEvent::Done(Ok(()))));
         }
         assert!(rig.port.is_idle());
     }
@@ -297,15 +297,15 @@ fn what_comes_after_giving_up_belongs_to_nobody() {
     assert_eq!(rig.fill(b"late and longer t"[..16].try_into().unwrap()), None);
     assert_eq!(rig.fill(b"han\r"), Some(AsciiEvent::Stale(13)));
     rig.now += SETTLE / 2;
-    assert_eq!(rig.step(), None);
+    assert_eq!(rig.poll(), None);
     assert!(!rig.begin("P2"), "the silence starts anew");
     rig.now += SETTLE;
-    assert_eq!(rig.step(), None);
+    assert_eq!(rig.poll(), None);
     assert!(!rig.begin("P2"), "PMAC has not taken the <CTRL-X>: there may be more");
     rig.port.signal(MailboxSignal::GroupTaken);
-    assert_eq!(rig.step(), None);
+    assert_eq!(rig.poll(), None);
     rig.now += SETTLE;
-    assert_eq!(rig.step(), None);
+    assert_eq!(rig.poll(), None);
     assert!(rig.begin("P2"));
     rig.take_all("P2");
     assert_eq!(rig.fill(b"2\r"), line("2"));
@@ -317,10 +317,10 @@ fn a_cancel_that_is_never_taken_does_not_close_the_port_for_ever() {
     assert!(rig.begin("P1"));
     rig.port.give_up(&mut rig.bus, rig.now).unwrap();
     rig.now += CANCEL_LIMIT - SETTLE;
-    assert_eq!(rig.step(), None);
+    assert_eq!(rig.poll(), None);
     assert!(!rig.port.is_idle());
     rig.now += SETTLE;
-    assert_eq!(rig.step(), None);
+    assert_eq!(rig.poll(), None);
     assert!(rig.begin("P2"));
 }
 

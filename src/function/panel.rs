@@ -355,7 +355,7 @@ impl Panel {
     ///
     /// # Errors
     /// When the bus cannot be reached.
-    pub fn take_over(&mut self, bus: &mut impl Bus) -> Result<u32, BusError> {
+    pub fn acquire(&mut self, bus: &mut impl Bus) -> Result<u32, BusError> {
         let left = bus.read16(self.words.request_enable)?;
         self.withdraw(bus)?;
         self.override_enable = None;

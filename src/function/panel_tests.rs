@@ -5,7 +5,8 @@ use proptest::prelude::*;
 use super::super::testing::memory;
 use super::*;
 use crate::device::{Counted, FileBoard};
-use crate::map::{FAMILIES, Family, PMAC, pmac};
+use crate::map::family::testing::TESTED;
+use crate::map::{Family, PMAC, pmac};
 
 /// The families that have a panel: its words, its host's half, and memory.
 fn panels() -> impl Iterator<Item = (&'static PanelBlock, Panel, Counted<FileBoard>)> {
@@ -13,7 +14,7 @@ fn panels() -> impl Iterator<Item = (&'static PanelBlock, Panel, Counted<FileBoa
         let words = family.panel.as_ref()?;
         Some((words, Panel::new(words), Counted::new(memory(family))))
     };
-    FAMILIES.iter().filter_map(panel)
+    TESTED.iter().filter_map(panel)
 }
 
 #[test]
@@ -118,7 +119,7 @@ fn what_a_dead_host_left_is_withdrawn_but_no_override_is_ended() {
         bus.write16(words.override_enable, 0x0002).unwrap();
         bus.write16(place(words, words.feed_override, 1), 7000).unwrap();
         let before = bus.accesses();
-        assert_eq!(panel.take_over(&mut bus).unwrap(), 0x05);
+        assert_eq!(panel.acquire(&mut bus).unwrap(), 0x05);
         assert_eq!(bus.accesses() - before, 3);
         assert_eq!(bus.read16(words.request_enable).unwrap(), 0);
         assert_eq!(bus.read16(words.override_enable).unwrap(), 0x0002);

@@ -8,8 +8,9 @@ use super::testing::two_sides;
 use crate::device::board::mapping::Mapping;
 use crate::device::{Access, Bus, ByteBus, Counted};
 use crate::format::TextOrder;
+use crate::map::Family;
+use crate::map::family::testing::TESTED;
 use crate::map::functions::response;
-use crate::map::{FAMILIES, Family};
 
 /// A line of `n` characters with a reply line of `m`, through the DPRAM; nothing is looked at in vain.
 pub fn dpram(family: &'static Family, n: usize, m: usize, access: Access) -> usize {
@@ -24,11 +25,11 @@ pub fn dpram(family: &'static Family, n: usize, m: usize, access: Access) -> usi
     }
     board.write16(words.response_count, m as u16 + 1).unwrap();
     board.write16(words.response_control, response::LINE).unwrap();
-    let event = port.step(&mut bus, now).unwrap();
+    let event = port.poll(&mut bus, now).unwrap();
     assert!(matches!(event, Some(AsciiEvent::Line(text)) if text.as_bytes().len() == m), "{event:?}");
     board.write16(words.response_count, 1).unwrap();
     board.write16(words.response_control, response::ACKNOWLEDGE).unwrap();
-    assert_eq!(port.step(&mut bus, now).unwrap(), Some(AsciiEvent::Done(Ok(()))));
+    assert_eq!(port.poll(&mut bus, now).unwrap(), Some(AsciiEvent::Done(Ok(()))));
     bus.accesses() as usize
 }
 
@@ -41,12 +42,12 @@ pub fn mailboxes(n: usize, m: usize) -> usize {
     let now = Instant::now();
     let mut port = MailboxPort::new(MailboxSettings::default(), 200);
     port.start(&mut bus, now).unwrap();
-    assert_eq!(port.step(&mut bus, now + SETTLE).unwrap(), None);
+    assert_eq!(port.poll(&mut bus, now + SETTLE).unwrap(), None);
     let before = bus.accesses();
     assert!(port.begin(&mut bus, "P".repeat(n).as_bytes()).unwrap());
     for _ in 0..(n + 1).div_ceil(15) {
         port.signal(MailboxSignal::GroupTaken);
-        assert_eq!(port.step(&mut bus, now).unwrap(), None);
+        assert_eq!(port.poll(&mut bus, now).unwrap(), None);
     }
     assert!(port.was_taken());
     let reply: Vec<u8> = "1".repeat(m).bytes().chain([b'\r']).collect();
@@ -56,7 +57,7 @@ pub fn mailboxes(n: usize, m: usize) -> usize {
             ByteBus::write8(&mut board, 2 * number as u32 + 1, character).unwrap();
         }
         port.signal(MailboxSignal::ReplyLies);
-        events.extend(port.step(&mut bus, now).unwrap());
+        events.extend(port.poll(&mut bus, now).unwrap());
     }
     assert!(matches!(events[0], AsciiEvent::Line(text) if text.as_bytes().len() == m), "{events:?}");
     assert_eq!(events[1..], [AsciiEvent::Done(Ok(()))]);
@@ -65,7 +66,7 @@ pub fn mailboxes(n: usize, m: usize) -> usize {
 
 #[test]
 fn a_line_costs_what_the_table_says() {
-    for family in FAMILIES {
+    for family in TESTED {
         let dpram = |n, m, access| dpram(family, n, m, access);
         for (n, m) in [(2, 2), (20, 20), (80, 80), (159, 255), (1, 0), (15, 15), (29, 16), (33, 47)] {
             assert_eq!(dpram(n, m, Access::Bits32), n / 2 + m.div_ceil(2).div_ceil(2) + 11, "{n} {m}");

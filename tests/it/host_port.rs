@@ -86,7 +86,8 @@ fn without_the_acknowledgement_there_is_no_other_interrupt() {
             site.run_for(Duration::from_millis(20));
             counter(&subscriber, Counter::Interrupts) > before
         });
-        assert!(counts(&site).unannounced > 0);
+        // Counts are told with the heartbeat.
+        site.wait_until("the count to be told", || counts(&site).unannounced > 0);
         site.assert_no_violations();
     }
 }

@@ -1,4 +1,4 @@
-//! What every automatic function of the board is to the bus thread: when it is due, what it does then, how it is taken over
+//! What every automatic function of the board is to the bus thread: when it is due, what it does then, how it is acquired
 //! and left.
 
 use crate::clock::Clock;
@@ -39,8 +39,8 @@ impl<B: Bus, F: BoardFunction<B>> BoardFunction<B> for Option<F> {
     fn poll(&mut self, context: &mut Context<'_, B>) -> Result<Polled, PortError> {
         self.as_mut().map_or(Ok(Polled::default()), |function| function.poll(context))
     }
-    fn take_over(&mut self, context: &mut Context<'_, B>) -> Result<(), PortError> {
-        self.as_mut().map_or(Ok(()), |function| function.take_over(context))
+    fn acquire(&mut self, context: &mut Context<'_, B>) -> Result<(), PortError> {
+        self.as_mut().map_or(Ok(()), |function| function.acquire(context))
     }
     fn reset(&mut self, context: &mut Context<'_, B>) -> Result<(), PortError> {
         self.as_mut().map_or(Ok(()), |function| function.reset(context))
@@ -74,14 +74,14 @@ pub trait BoardFunction<B: Bus> {
     ///
     /// # Errors
     /// When the board cannot be reached.
-    fn take_over(&mut self, context: &mut Context<'_, B>) -> Result<(), PortError>;
+    fn acquire(&mut self, context: &mut Context<'_, B>) -> Result<(), PortError>;
 
-    /// The board was reset: what it forgot is set up again. As [`BoardFunction::take_over`] unless a function has less to do.
+    /// The board was reset: what it forgot is set up again. As [`BoardFunction::acquire`] unless a function has less to do.
     ///
     /// # Errors
     /// When the board cannot be reached.
     fn reset(&mut self, context: &mut Context<'_, B>) -> Result<(), PortError> {
-        self.take_over(context)
+        self.acquire(context)
     }
 
     /// Leaves the board at the end: no bit of the host's set, nothing requested.

@@ -103,10 +103,10 @@ impl BoardLoop {
             bus,
             presence,
             functions,
+            reporter: Reporter::new(configured.settings.family()),
             configured,
             publisher,
             connections,
-            reporter: Reporter::default(),
             guard: GuardTime::default(),
             phase: Phase::Begin,
             began_ns: clock.ns(),
@@ -259,7 +259,7 @@ impl BoardLoop {
         match function {
             Function::Servo => {
                 if let Some(transition) = transition {
-                    Reporter::servo(transition, self.functions.servo.stale_after_ns());
+                    self.reporter.servo(transition, self.functions.servo.stale_after_ns());
                     if transition == Transition::Stale {
                         self.doubt_board();
                         let change = self.presence.check_answers(&mut self.bus);
@@ -278,7 +278,7 @@ impl BoardLoop {
             }
             Function::Background => {
                 if let Some(transition) = transition {
-                    Reporter::background(transition, self.functions.background.stale_after_ns());
+                    self.reporter.background(transition, self.functions.background.stale_after_ns());
                     if transition == Transition::Stale {
                         self.doubt_board();
                     }

@@ -12,7 +12,7 @@ use crate::daemon::bus::work::command_lines::CommandLines;
 use crate::daemon::bus::work::panel::PanelQueue;
 use crate::daemon::bus::work::rotary::RotaryQueue;
 use crate::daemon::bus::work::variables::Variables;
-use crate::daemon::bus::work::write::WriteDesk;
+use crate::daemon::bus::work::write::WriteQueue;
 use crate::daemon::shared::job::{Job, MaskedWord};
 use crate::daemon::shared::queue::{Event, Outcome, Text, Ticket};
 use crate::device::{Bus, BusError};
@@ -57,9 +57,9 @@ impl FunctionTable {
             servo,
             background,
             ascii,
-            panel: plan.family().panel.as_ref().map(|words| PanelQueue::new(words, now)),
+            panel: PanelQueue::new(plan.family(), now),
             gather: GatherMirror::new(plan.family(), clock.clone()),
-            variables: Variables { read: variables, write: WriteDesk::new(&plan, now) },
+            variables: Variables { read: variables, write: WriteQueue::new(&plan, now) },
             rotary: RotaryQueue::new(plan.family(), now),
             plan,
             used: Function::ALL.map(|function| used.has(function)),
@@ -129,8 +129,8 @@ impl FunctionTable {
     ///
     /// # Errors
     /// When the board cannot be reached.
-    pub fn take_over<B: Bus>(&mut self, context: &mut Context<'_, B>) -> Result<(), PortError> {
-        self.used_ones().try_for_each(|function| self.row(function).take_over(context))
+    pub fn acquire<B: Bus>(&mut self, context: &mut Context<'_, B>) -> Result<(), PortError> {
+        self.used_ones().try_for_each(|function| self.row(function).acquire(context))
     }
 
     /// The board was reset.

@@ -5,13 +5,15 @@ use log::{error, info, warn};
 use crate::daemon::shared::info::InfoReport;
 use crate::daemon::shared::queue::{Event, Sender};
 use crate::daemon::shared::status::{BoardStatus, KnownIdentity};
+use crate::map::Family;
 use crate::mirror::Transition;
 use crate::protocol::{CommandPort, CommandState};
 use crate::segment::{Identity, State};
 
 /// What was told last, so that only changes are told.
-#[derive(Default)]
 pub struct Reporter {
+    /// What to look at when servo data are stale, when background data are, and when no command line is answered.
+    hints: [String; 3],
     info: InfoReport,
     state: Option<State>,
     port: Option<(CommandPort, CommandState)>,
@@ -20,6 +22,25 @@ pub struct Reporter {
 }
 
 impl Reporter {
+    /// Nothing was told yet of a board of `family`.
+    #[must_use]
+    pub fn new(family: &Family) -> Self {
+        let i = &family.i;
+        let reported = i.reported.map_or_else(String::new, |number| format!(", I{number}>0"));
+        Self {
+            hints: [
+                format!("is I{}=1, I{}>0{reported}, and GATHER given?", i.servo_enable, i.servo_period),
+                format!("is I{}=1{reported}?", i.background_enable),
+                format!("is I{}=1?", i.ascii_enable),
+            ],
+            info: InfoReport::default(),
+            state: None,
+            port: None,
+            identity: None,
+            bus_error: false,
+        }
+    }
+
     /// Notes a change of the status that clients see. [`Self::send`] tells them.
     pub fn note(&mut self, change: impl FnOnce(&mut BoardStatus)) {
         self.info.set(change);
@@ -63,23 +84,25 @@ impl Reporter {
     }
 
     /// Servo data have become live, or stale after so many nanoseconds.
-    pub fn servo(transition: Transition, stale_after_ns: u64) {
+    pub fn servo(&self, transition: Transition, stale_after_ns: u64) {
         match transition {
             Transition::Live => info!("servo data: live"),
             Transition::Stale => warn!(
-                "servo data: stale, no update for {} ms (is I48=1, I19>0, I59>0, and GATHER given?)",
-                stale_after_ns / 1_000_000
+                "servo data: stale, no update for {} ms ({})",
+                stale_after_ns / 1_000_000,
+                self.hints[0]
             ),
         }
     }
 
     /// Background data have become live, or stale after so many nanoseconds.
-    pub fn background(transition: Transition, stale_after_ns: u64) {
+    pub fn background(&self, transition: Transition, stale_after_ns: u64) {
         match transition {
             Transition::Live => info!("background data: live"),
             Transition::Stale => warn!(
-                "background data: stale, no report for {} ms (is I49=1 and I59>0?)",
-                stale_after_ns / 1_000_000
+                "background data: stale, no report for {} ms ({})",
+                stale_after_ns / 1_000_000,
+                self.hints[1]
             ),
         }
     }
@@ -93,7 +116,9 @@ impl Reporter {
         match (port, state) {
             (_, CommandState::Unknown) => {}
             (CommandPort::Dpram, CommandState::Answers) => info!("DPRAM ASCII: live"),
-            (CommandPort::Dpram, CommandState::Silent) => warn!("DPRAM ASCII: no answer (is I58=1?)"),
+            (CommandPort::Dpram, CommandState::Silent) => {
+                warn!("DPRAM ASCII: no answer ({})", self.hints[2]);
+            }
             (CommandPort::Mailbox, CommandState::Answers) => info!("VME mailboxes: live"),
             (CommandPort::Mailbox, CommandState::Silent) => {
                 warn!("VME mailboxes: no answer (is I3=2? are both interrupts there?)");
@@ -127,5 +152,32 @@ impl Reporter {
         if !std::mem::replace(&mut self.bus_error, true) {
             error!("bus: {error}; further bus errors are only counted");
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::map::PMAC;
+    use crate::map::family::testing::TURBO;
+
+    #[test]
+    fn what_to_look_at_goes_by_the_family() {
+        let [servo, background, ascii] = Reporter::new(&PMAC).hints;
+        assert_eq!(servo, "is I48=1, I19>0, I59>0, and GATHER given?");
+        assert_eq!((background.as_str(), ascii.as_str()), ("is I49=1, I59>0?", "is I58=1?"));
+        let [servo, background, _] = Reporter::new(&TURBO).hints;
+        assert_eq!(servo, "is I48=1, I47>0, and GATHER given?");
+        assert_eq!(background, "is I49=1?");
+    }
+
+    #[test]
+    fn a_state_is_told_when_it_changes() {
+        let mut reporter = Reporter::new(&PMAC);
+        assert_eq!(reporter.board(false, true), None, "it has had no time yet");
+        assert_eq!(reporter.board(false, false), Some(State::Stale));
+        assert_eq!(reporter.board(false, true), None, "that is known");
+        assert_eq!(reporter.board(true, false), Some(State::Live));
+        assert_eq!(reporter.state(), Some(State::Live));
     }
 }

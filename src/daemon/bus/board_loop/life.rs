@@ -129,7 +129,7 @@ impl BoardLoop {
     /// Puts the host's words in order, as at the start.
     fn acquire_board(&mut self) {
         let (functions, mut context) = self.functions_in_context();
-        let result = functions.take_over(&mut context);
+        let result = functions.acquire(&mut context);
         self.note_failure(result);
         let result = self.functions.ascii.open_line();
         self.note_failure(result);

@@ -236,23 +236,23 @@ impl CommandPorts {
     ///
     /// # Errors
     /// [`PortError`].
-    pub fn step(&mut self, bus: &mut impl Bus, now: Instant) -> Result<Option<AsciiEvent>, PortError> {
-        if let Some(event) = self.step_mailbox(now)? {
+    pub fn poll(&mut self, bus: &mut impl Bus, now: Instant) -> Result<Option<AsciiEvent>, PortError> {
+        if let Some(event) = self.poll_mailbox(now)? {
             return Ok(Some(event));
         }
         if self.in_use == CommandPort::Mailbox {
             return Ok(None);
         }
-        let event = self.dpram.step(bus, now)?;
+        let event = self.dpram.poll(bus, now)?;
         self.responses += u64::from(event.is_some());
         Ok(event)
     }
 
-    fn step_mailbox(&mut self, now: Instant) -> Result<Option<AsciiEvent>, PortError> {
+    fn poll_mailbox(&mut self, now: Instant) -> Result<Option<AsciiEvent>, PortError> {
         let Some(mailbox) = self.mailbox.as_mut().filter(|mailbox| mailbox.when() != Use::Never) else {
             return Ok(None);
         };
-        let event = mailbox.port.step(&mut mailbox.registers, now)?;
+        let event = mailbox.port.poll(&mut mailbox.registers, now)?;
         let Some(question) = &mut self.question else { return Ok(event) };
         let ended = match event {
             Some(AsciiEvent::Line(text)) => {

@@ -257,7 +257,7 @@ impl AsciiQueue {
             if self.outbox.is_some() {
                 break;
             }
-            let Some(event) = self.ports.step(bus, now)? else { break };
+            let Some(event) = self.ports.poll(bus, now)? else { break };
             self.last_event = now;
             self.handle(events, publisher, event);
         }

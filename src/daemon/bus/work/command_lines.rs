@@ -161,7 +161,7 @@ impl<B: Bus> BoardFunction<B> for CommandLines {
         context.publisher.counters().add(Counter::AsciiAccesses, registers);
         Ok(Polled::default())
     }
-    fn take_over(&mut self, context: &mut Context<'_, B>) -> Result<(), PortError> {
+    fn acquire(&mut self, context: &mut Context<'_, B>) -> Result<(), PortError> {
         Ok(self.queue.ports().dpram.release(context.bus)?)
     }
     fn reset(&mut self, _context: &mut Context<'_, B>) -> Result<(), PortError> {

@@ -15,7 +15,7 @@ impl<B: Bus> BoardFunction<B> for ServoMirror {
         let transition = self.poll(context.bus, context.publisher)?;
         Ok(Polled { transition, was_reset: self.take_reset(), answer: None })
     }
-    fn take_over(&mut self, context: &mut Context<'_, B>) -> Result<(), PortError> {
+    fn acquire(&mut self, context: &mut Context<'_, B>) -> Result<(), PortError> {
         self.reset();
         Ok(self.release(context.bus)?)
     }
@@ -44,7 +44,7 @@ impl<B: Bus> BoardFunction<B> for BackgroundMirror {
         let transition = self.poll(context.bus, context.publisher, context.clock.ns())?;
         Ok(Polled { transition, ..Polled::default() })
     }
-    fn take_over(&mut self, context: &mut Context<'_, B>) -> Result<(), PortError> {
+    fn acquire(&mut self, context: &mut Context<'_, B>) -> Result<(), PortError> {
         self.reset();
         Ok(self.release(context.bus)?)
     }
@@ -75,7 +75,7 @@ impl<B: Bus> BoardFunction<B> for GatherMirror {
         self.poll(context.bus, context.publisher, context.clock.now())?;
         Ok(Polled::default())
     }
-    fn take_over(&mut self, context: &mut Context<'_, B>) -> Result<(), PortError> {
+    fn acquire(&mut self, context: &mut Context<'_, B>) -> Result<(), PortError> {
         self.reset(context.publisher);
         Ok(())
     }

@@ -9,7 +9,7 @@ use crate::daemon::bus::ports::command_port::PortError;
 use crate::daemon::shared::queue::{Event, Outcome, Text, Ticket, at_once};
 use crate::device::{Bus, BusError};
 use crate::function::panel::{FeedOverride, Panel, PanelBusError, PanelRequest};
-use crate::map::PanelBlock;
+use crate::map::Family;
 
 /// How long the panel is left alone after a request was withdrawn; longer than two background passes of a busy board.
 const REST: Duration = Duration::from_millis(50);
@@ -34,6 +34,8 @@ struct Pending {
 #[derive(Debug)]
 pub struct PanelQueue {
     panel: Panel,
+    /// The I-variable that enables the panel.
+    enable: Option<u16>,
     waiting: VecDeque<Waiting>,
     /// The request that lies in the panel.
     pending: Option<Pending>,
@@ -46,26 +48,34 @@ pub struct PanelQueue {
 }
 
 impl PanelQueue {
-    /// No requests yet, for the panel in `words`.
+    /// No requests yet, for the panel of `family`; `None` if it has none.
     #[must_use]
-    pub fn new(words: &'static PanelBlock, now: Instant) -> Self {
-        Self {
-            panel: Panel::new(words),
+    pub fn new(family: &'static Family, now: Instant) -> Option<Self> {
+        Some(Self {
+            panel: Panel::new(family.panel.as_ref()?),
+            enable: family.i.panel,
             waiting: VecDeque::with_capacity(at_once::PANEL + at_once::STOPS),
             pending: None,
             cut_off: None,
             rests_until: None,
             next_poll: now,
-        }
+        })
+    }
+
+    fn not_taken(&self) -> Outcome {
+        let enable = self.enable.map_or_else(|| ".".to_owned(), |number| format!("; is I{number}=3?"));
+        Outcome::Refused(Text::of(&format_args!(
+            "the board did not take the panel request in time{enable} It has been withdrawn"
+        )))
     }
 
     /// Withdraws what a dead host left requested, and takes over the overrides that are in force.
     ///
     /// # Errors
     /// When the bus cannot be reached.
-    pub fn take_over(&mut self, bus: &mut impl Bus, now: Instant) -> Result<(), BusError> {
+    pub fn acquire(&mut self, bus: &mut impl Bus, now: Instant) -> Result<(), BusError> {
         self.cut_off(bus)?;
-        self.panel.take_over(bus)?;
+        self.panel.acquire(bus)?;
         self.rests_until = Some(now + REST);
         Ok(())
     }
@@ -156,14 +166,14 @@ impl PanelQueue {
             self.panel.withdraw(bus)?;
             self.pending = None;
             self.rests_until = Some(now + REST);
-            return Ok(Some(Event::Done(ticket, not_taken())));
+            return Ok(Some(Event::Done(ticket, self.not_taken())));
         }
         if let Some((ticket, outcome)) = self.cut_off.take() {
             return Ok(Some(Event::Done(ticket, outcome)));
         }
         let Some(next) = self.waiting.pop_front() else { return Ok(None) };
         if now >= next.deadline {
-            return Ok(Some(Event::Done(next.ticket, not_taken())));
+            return Ok(Some(Event::Done(next.ticket, self.not_taken())));
         }
         let rests = self.rests_until.take_if(|until| now < *until);
         if rests.is_none() && self.panel.begin(bus, &next.request)? {
@@ -184,19 +194,13 @@ impl<B: Bus> BoardFunction<B> for PanelQueue {
     fn poll(&mut self, context: &mut Context<'_, B>) -> Result<Polled, PortError> {
         Ok(Polled { answer: PanelQueue::poll(self, context.bus, context.clock.now())?, ..Polled::default() })
     }
-    fn take_over(&mut self, context: &mut Context<'_, B>) -> Result<(), PortError> {
-        Ok(PanelQueue::take_over(self, context.bus, context.clock.now())?)
+    fn acquire(&mut self, context: &mut Context<'_, B>) -> Result<(), PortError> {
+        Ok(PanelQueue::acquire(self, context.bus, context.clock.now())?)
     }
     /// Overrides stay: a machine's speed must not change because its daemon stops.
     fn leave(&mut self, bus: &mut B) -> Result<(), BusError> {
         PanelQueue::leave(self, bus)
     }
-}
-
-fn not_taken() -> Outcome {
-    Outcome::Refused(Text::of(
-        &"the board did not take the panel request in time; is I2=3? It has been withdrawn",
-    ))
 }
 
 #[cfg(test)]
@@ -206,7 +210,7 @@ mod tests {
     use crate::function::panel::PanelAction;
     use crate::map::{PMAC, pmac};
 
-    const PANEL: &PanelBlock = &pmac::PANEL_BLOCK;
+    const PANEL: &crate::map::PanelBlock = &pmac::PANEL_BLOCK;
 
     fn memory() -> FileBoard {
         let file = tempfile::tempfile().unwrap();
@@ -218,8 +222,8 @@ mod tests {
     fn one_after_the_other_and_none_by_surprise() {
         let mut bus = memory();
         let begun = Instant::now();
-        let mut queue = PanelQueue::new(PANEL, begun);
-        queue.take_over(&mut bus, begun).unwrap();
+        let mut queue = PanelQueue::new(&PMAC, begun).unwrap();
+        queue.acquire(&mut bus, begun).unwrap();
         let request = |number| PanelRequest::of(PANEL, PanelAction::JogPlus, &[number]).unwrap();
         for number in 1..=3 {
             let deadline = begun + REST + POLL * 10;
@@ -251,7 +255,7 @@ mod tests {
     fn at_the_end_every_stop_has_its_place() {
         let mut bus = memory();
         let now = Instant::now();
-        let mut queue = PanelQueue::new(PANEL, now);
+        let mut queue = PanelQueue::new(&PMAC, now).unwrap();
         let deadline = now + REST;
         let jog = PanelRequest::of(PANEL, PanelAction::JogPlus, &[1]).unwrap();
         let stop = |number| PanelRequest::of(PANEL, PanelAction::JogStop, &[number]).unwrap();
@@ -275,7 +279,7 @@ mod tests {
     fn a_request_under_way_is_answered_however_often_the_board_is_taken_over() {
         let mut bus = memory();
         let begun = Instant::now();
-        let mut queue = PanelQueue::new(PANEL, begun);
+        let mut queue = PanelQueue::new(&PMAC, begun).unwrap();
         let request = PanelRequest::of(PANEL, PanelAction::JogPlus, &[1]).unwrap();
         // What the mask is when the board is taken over, and whether the request was surely not carried out.
         for (ticket, (mask, untouched)) in (7..).zip([(1, true), (0, false), (0xFFFF, false)]) {
@@ -285,8 +289,8 @@ mod tests {
             assert_eq!(bus.read16(PANEL.request_enable).unwrap(), 1, "it lies in the panel");
             bus.write16(PANEL.request_enable, mask).unwrap();
             queue.leave(&mut bus).unwrap();
-            queue.take_over(&mut bus, now).unwrap();
-            queue.take_over(&mut bus, now).unwrap();
+            queue.acquire(&mut bus, now).unwrap();
+            queue.acquire(&mut bus, now).unwrap();
             let event = queue.poll(&mut bus, now).unwrap();
             let Some(Event::Done(told, outcome)) = event else { panic!("{event:?}") };
             assert_eq!((told, matches!(outcome, Outcome::TimedOut)), (Ticket(ticket), !untouched));

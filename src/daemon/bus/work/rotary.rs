@@ -198,7 +198,7 @@ impl<B: Bus> BoardFunction<B> for RotaryQueue {
     fn poll(&mut self, context: &mut Context<'_, B>) -> Result<Polled, PortError> {
         Ok(Polled { answer: RotaryQueue::poll(self, context.bus, context.clock.now())?, ..Polled::default() })
     }
-    fn take_over(&mut self, _context: &mut Context<'_, B>) -> Result<(), PortError> {
+    fn acquire(&mut self, _context: &mut Context<'_, B>) -> Result<(), PortError> {
         self.streams.iter_mut().for_each(RotaryStream::reset);
         Ok(())
     }

@@ -3,7 +3,7 @@
 use crate::clock::Clock;
 use crate::daemon::bus::board_function::{BoardFunction, Context, Polled};
 use crate::daemon::bus::ports::command_port::PortError;
-use crate::daemon::bus::work::write::WriteDesk;
+use crate::daemon::bus::work::write::WriteQueue;
 use crate::device::{Bus, BusError};
 use crate::mirror::VariableMirror;
 
@@ -12,7 +12,7 @@ pub struct Variables {
     /// Those that are read.
     pub read: VariableMirror,
     /// Those that are written.
-    pub write: WriteDesk,
+    pub write: WriteQueue,
 }
 
 impl<B: Bus> BoardFunction<B> for Variables {
@@ -29,9 +29,9 @@ impl<B: Bus> BoardFunction<B> for Variables {
         }
         Ok(Polled { answer: self.write.poll(context.bus, now)?, ..Polled::default() })
     }
-    fn take_over(&mut self, context: &mut Context<'_, B>) -> Result<(), PortError> {
+    fn acquire(&mut self, context: &mut Context<'_, B>) -> Result<(), PortError> {
         let now = context.clock.now();
-        self.write.take_over(context.bus, now)?;
+        self.write.acquire(context.bus, now)?;
         self.read.release(context.bus)?;
         Ok(self.read.acquire(context.bus, context.publisher, now)?)
     }

@@ -1,4 +1,4 @@
-//! The desk in front of the background variable write buffer: one batch of records at a time, each until PMAC has
+//! Background variable writes that wait: one batch of records at a time, each until PMAC has
 //! written all of it.
 
 use std::collections::VecDeque;
@@ -18,8 +18,8 @@ struct Batch {
     deadline: Instant,
 }
 
-/// The desk.
-pub struct WriteDesk {
+/// The records that wait, and those that PMAC has.
+pub struct WriteQueue {
     writer: VariableWriter,
     waiting: VecDeque<Batch>,
     under_way: Option<(Ticket, Instant)>,
@@ -28,8 +28,8 @@ pub struct WriteDesk {
     next_poll: Instant,
 }
 
-impl WriteDesk {
-    /// A desk whose records lie where the plan keeps room for them.
+impl WriteQueue {
+    /// No records yet; they lie where the plan keeps room for them.
     #[must_use]
     pub fn new(plan: &BufferLayout, now: Instant) -> Self {
         let family = plan.family();
@@ -54,7 +54,7 @@ impl WriteDesk {
     ///
     /// # Errors
     /// When the bus cannot be reached.
-    pub fn take_over(&mut self, bus: &mut impl Bus, now: Instant) -> Result<(), BusError> {
+    pub fn acquire(&mut self, bus: &mut impl Bus, now: Instant) -> Result<(), BusError> {
         self.writer.release(bus)?;
         let given_up = self.writer.acquire(now);
         if let Some((ticket, _)) = self.under_way.take() {
