@@ -5,12 +5,13 @@ use crate::decode::{BackgroundData, BackgroundDecoder, Scales, ServoData, ServoD
 use crate::format::Float48Layout;
 use crate::segment::{Identity, RegionInfo};
 
-/// How many blocks the board reports, and its scales.
+/// How many motors, and blocks of background data, the board reports, and its scales.
 #[derive(Debug, Clone)]
 pub(super) struct Decoder {
     servo: ServoDecoder,
     background: BackgroundDecoder,
-    numbers: usize,
+    motors: usize,
+    blocks: usize,
     scales: Scales,
 }
 
@@ -18,26 +19,28 @@ impl Decoder {
     /// The decoder for a board of this identity; `None` for a family that is not known here.
     pub(super) fn new(identity: &Identity) -> Option<Self> {
         let family = identity::family(identity)?;
+        let motors = identity::reported(identity, family);
         Some(Self {
             servo: ServoDecoder::new(family),
             background: BackgroundDecoder::new(family),
-            numbers: identity::reported(identity, family),
+            motors,
+            blocks: family.background.reported(motors),
             scales: identity::scales(identity),
         })
     }
 
     pub(super) fn servo(&self, region: &RegionInfo, words: &[u16]) -> Result<ServoData, TooShort> {
-        self.servo.decode(words, self.numbers_in(region, words), &self.scales, region.selection)
+        self.servo.decode(words, held(self.motors, region, words), &self.scales, region.selection)
     }
 
     pub(super) fn background(&self, region: &RegionInfo, words: &[u16]) -> Result<BackgroundData, TooShort> {
-        let numbers = self.numbers_in(region, words);
+        let numbers = held(self.blocks, region, words);
         let layout = Float48Layout::default();
         self.background.decode(words, numbers, &self.scales, layout, region.selection)
     }
+}
 
-    /// How many numbers a payload tells of: fewer than the board reports when it is from before the board was told to report more.
-    fn numbers_in(&self, region: &RegionInfo, words: &[u16]) -> usize {
-        self.numbers.min(region.blocks.held_in(2 * words.len()))
-    }
+/// How many of the reported `numbers` a payload tells of: fewer when it is from before the board was told to report more.
+fn held(numbers: usize, region: &RegionInfo, words: &[u16]) -> usize {
+    numbers.min(region.blocks.held_in(2 * words.len()))
 }

@@ -10,7 +10,7 @@ use super::quantity::{Flags, Quantity, Scales};
 use super::{Block, TooShort, blocks, long};
 use crate::format::{Float48Layout, int24};
 use crate::map::status::{self, StatusTable};
-use crate::map::{AXES, Family, HostOffset, MotionMode, Selection, TargetSource, block_fields};
+use crate::map::{AXES, Family, MotionMode, NumberKind, Selection, TargetSource, block_fields};
 
 /// What the background buffer held.
 #[derive(Debug, Clone, PartialEq, serde::Serialize)]
@@ -149,7 +149,7 @@ impl Fields {
             average_velocity: field("average_velocity"),
             motor_status: field("background_status"),
             motor_definition: pair,
-            status: pair.map(|word| word + 2),
+            status: pair.map(|word| word + 2).or_else(|| field("status_word_1")),
             axis_targets: AXES.map(axis),
             program_status: field("program_status"),
             lines_remaining: field("program_lines_remaining"),
@@ -182,16 +182,18 @@ impl BackgroundDecoder {
     ) -> Result<BackgroundData, TooShort> {
         let report = &self.family.background;
         let (head, blocks) = blocks(report.region, &report.blocks, words, count, selection)?;
-        let port = |index: usize| {
-            let offset: HostOffset = report.global.first.plus_words(2 * index);
-            int24::unsigned(long(head, report.index(offset)))
-        };
+        let [control_panel, thumbwheel, machine_io] =
+            report.ports.map(|offset| int24::unsigned(long(head, report.index(offset))));
+        let has_motors = report.numbers != NumberKind::CoordinateSystem;
+        let has_systems = report.numbers != NumberKind::Motor;
+        let motors = blocks.clone().filter(|_| has_motors);
+        let systems = blocks.filter(|_| has_systems);
         Ok(BackgroundData {
             ready: report.ready.is_set(head[report.index(report.ready.word)]),
             servo_timer: report.timer.read(head, report.region.start),
-            ports: Ports { control_panel: port(0), thumbwheel: port(1), machine_io: port(2) },
-            motors: blocks.clone().map(|(number, block)| self.motor(number, &block, scales)).collect(),
-            coordinate_systems: blocks.map(|(number, block)| self.system(number, &block, float48)).collect(),
+            ports: Ports { control_panel, thumbwheel, machine_io },
+            motors: motors.map(|(number, block)| self.motor(number, &block, scales)).collect(),
+            coordinate_systems: systems.map(|(number, block)| self.system(number, &block, float48)).collect(),
         })
     }
 

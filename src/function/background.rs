@@ -65,7 +65,7 @@ impl BackgroundReader {
         self.block.timer.bits()
     }
 
-    /// Reads motors and coordinate systems 1 to `numbers` from now on; no more than the board has.
+    /// Reads blocks 1 to `numbers` from now on; no more than the report has.
     pub fn set_numbers(&mut self, numbers: usize) {
         self.numbers = numbers.min(self.block.blocks.count);
         self.next_block = None;
@@ -79,22 +79,29 @@ impl BackgroundReader {
         &self.image[..self.block.blocks.words_from(self.block.region.start, numbers)]
     }
 
-    /// Gives up whatever is in the buffer, so that the next report is a new one.
+    /// Gives up whatever is in the buffer, so that the next report is a new one, and holds PMAC off no more.
     ///
     /// # Errors
     /// When the bus cannot be reached.
     pub fn release(block: &BackgroundBlock, bus: &mut impl Bus) -> Result<(), BusError> {
+        if let Some(host_busy) = block.host_busy {
+            bus.write16(host_busy.word, 0)?;
+        }
         bus.write16(block.ready.word, 0)?;
         bus.order_writes();
         Ok(())
     }
 
-    /// Asks for a report made from now on; what is in the buffer is given up. 1 write.
+    /// Asks for a report made from now on; what is in the buffer is given up. 1 write, and one each for a host-busy word and
+    /// a count, where the report has them.
     ///
     /// # Errors
     /// When the bus cannot be reached.
     pub fn ask(&mut self, bus: &mut impl Bus) -> Result<(), BusError> {
         self.reset();
+        if let Some(count) = self.block.count {
+            bus.write16(count, self.selection.last_number(self.numbers) as u16)?;
+        }
         Self::release(self.block, bus)
     }
 

@@ -183,6 +183,8 @@ pub struct BackgroundBlock {
     pub timer: Timer,
     /// Words of the board that are read with every report.
     pub global: Run,
+    /// The longs with the board's ports: JPAN, JTHW and JOPTO.
+    pub ports: [HostOffset; 3],
     /// What the blocks' numbers count.
     pub numbers: NumberKind,
     /// The blocks.
@@ -190,6 +192,15 @@ pub struct BackgroundBlock {
 }
 
 impl BackgroundBlock {
+    /// How many blocks a report of a board has whose reports go up to motor `motors`.
+    #[must_use]
+    pub const fn reported(&self, motors: usize) -> usize {
+        match self.numbers {
+            NumberKind::Motor | NumberKind::MotorOrCoordinateSystem if motors < self.blocks.count => motors,
+            _ => self.blocks.count,
+        }
+    }
+
     /// 16-bit words from the region's start to the end of the last block.
     #[must_use]
     pub const fn words(&self) -> usize {

@@ -85,9 +85,9 @@ impl BackgroundMirror {
         BackgroundReader::release(self.block, bus)
     }
 
-    /// Takes the number of motors and coordinate systems the board reports (I59).
-    pub fn configure(&mut self, numbers: usize) {
-        self.reader.set_numbers(numbers);
+    /// Takes the highest motor that the board reports; where the report has coordinate systems alone, all of them are read.
+    pub fn configure(&mut self, motors: usize) {
+        self.reader.set_numbers(self.block.reported(motors));
         // What was half read is read again; it was made when it was.
         if let Some(asked) = &mut self.asked {
             asked.began_ns = None;

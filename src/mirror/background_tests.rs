@@ -1,9 +1,12 @@
 //! How old what is published is, on a board played by hand, in time of the test's own.
 
 use super::*;
+use crate::decode::{Scales, background};
 use crate::device::{Counted, FileBoard};
-use crate::map::PMAC;
+use crate::format::Float48Layout;
+use crate::map::family::testing::TURBO;
 use crate::map::pmac::{BACKGROUND_BLOCK, BACKGROUND_DATA_READY, BACKGROUND_SERVO_TIMER, DATA_READY};
+use crate::map::{HostOffset, PMAC};
 use crate::segment::{CreateOptions, RegionSpec, Sample, SegmentName, Subscriber};
 
 const MS: u64 = 1_000_000;
@@ -210,4 +213,62 @@ fn silence_is_told_once_by_looks() {
     assert_eq!(told, [Transition::Stale]);
     rig.run_to_next();
     assert!(rig.mirror.is_live());
+}
+
+#[test]
+fn a_turbo_pmacs_coordinate_systems_come_through_the_path_of_every_family() {
+    let file = tempfile::tempfile().unwrap();
+    file.set_len(TURBO.length.into()).unwrap();
+    let mut bus = Counted::new(FileBoard::from_file(&file, TURBO.length as usize).unwrap());
+    let directory = tempfile::tempdir_in("/dev/shm").unwrap();
+    let name = SegmentName::new("turbo").unwrap();
+    let mut options = CreateOptions::new(name.clone(), vec![region(&TURBO.background, PERIOD)]);
+    directory.path().clone_into(&mut options.directory);
+    let mut publisher = Publisher::create(&options).unwrap();
+    let subscriber = Subscriber::attach_in(directory.path(), &name).unwrap();
+    let mut mirror = BackgroundMirror::new(&TURBO.background, PERIOD);
+    // Whatever motors are reported: these are coordinate systems.
+    mirror.configure(3);
+    let at = HostOffset::new;
+    for word in [0x0676, 0x067A] {
+        bus.write16(at(word), u16::MAX).unwrap();
+    }
+    mirror.poll(&mut bus, &mut publisher, START).unwrap();
+    // FACTS-TURBO section 5: "0x0674 bits 0-7 highest C.S. reported (host writes), 0x0676 bit 15 host busy".
+    let header = [0x0674, 0x0676, 0x067A].map(|word| bus.read16(at(word)).unwrap());
+    assert_eq!(header, [16, 0, 0], "all of them, PMAC is not held off, and a report is asked for");
+
+    // "copy global + C.S. 1..count, timer, ready := 1"
+    for (offset, long) in [(0x067C, 0x11_u32), (0x0680, 0x22), (0x0684, 0x33)] {
+        bus.write16(at(offset), long as u16).unwrap();
+    }
+    for number in 1..=16_u32 {
+        let block = 0x069C + 0x80 * (number - 1);
+        // "5: ?? word 1", "25: PR value".
+        bus.write16(at(block + 4 * 5), number as u16).unwrap();
+        bus.write16(at(block + 4 * 25), 100 + number as u16).unwrap();
+    }
+    bus.write16(at(0x0678), 0x5678).unwrap();
+    bus.write16(at(0x067A), 0x8012).unwrap();
+    let before = bus.accesses();
+    for poll in 1..=17 {
+        mirror.poll(&mut bus, &mut publisher, START + poll * MS).unwrap();
+    }
+    assert_eq!(bus.accesses() - before, 2 + 10 + 16 * 64 + 2);
+
+    let mut sample = Sample::new();
+    subscriber.latest(RegionId::Background, &mut sample).unwrap().unwrap();
+    let place = subscriber.region(RegionId::Background).unwrap().blocks;
+    let numbers = place.held_in(2 * sample.words().len());
+    let data =
+        background(&TURBO, sample.words(), numbers, &Scales::default(), Float48Layout::default()).unwrap();
+    assert_eq!((data.ready, data.servo_timer), (true, 0x12_5678));
+    assert_eq!([data.ports.control_panel, data.ports.thumbwheel, data.ports.machine_io], [0x11, 0x33, 0x22]);
+    assert!(data.motors.is_empty(), "the motors' data are in the servo report");
+    assert_eq!(data.coordinate_systems.len(), 16);
+    for (number, system) in (1..).zip(&data.coordinate_systems) {
+        assert_eq!((system.coordinate_system, system.status_word), (number, Some(number as u32)));
+        assert_eq!(system.lines_remaining, Some(100 + number as i32));
+        assert!(system.axis_targets.axis("Z").is_some() && system.motor_definition.is_none());
+    }
 }

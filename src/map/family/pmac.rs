@@ -317,6 +317,7 @@ pub const BACKGROUND_REPORT: BackgroundBlock = BackgroundBlock {
     count: None,
     timer: Timer { low: BACKGROUND_SERVO_TIMER, low_bits: 16, high: None },
     global: Run { first: BACKGROUND_PANEL_PORT, words: 6 },
+    ports: [BACKGROUND_PANEL_PORT, BACKGROUND_THUMBWHEEL_PORT, BACKGROUND_MACHINE_PORT],
     numbers: NumberKind::MotorOrCoordinateSystem,
     blocks: Blocks { count: MOTORS, first: BACKGROUND_BLOCK, words: BACKGROUND_BLOCK_WORDS },
 };

@@ -73,6 +73,47 @@ const MOTOR_BLOCK: &[Register] = &[
         .from(motor(Space::D, 0x8B)),
 ];
 
+/// Section 5, "C.S. n at 0x069C + 0x80*(n-1)": the first word of coordinate system 1.
+const SYSTEM: u32 = 0x069C;
+
+const fn system(name: &'static str, word: u32, format: Format) -> Register {
+    Register::long("background", name, at(SYSTEM + 4 * word))
+        .is("", format, "")
+        .of(NumberKind::CoordinateSystem)
+        .by(Writer::Pmac)
+}
+
+const fn axis(name: &'static str, word: u32) -> Register {
+    Register::pair("background", name, at(SYSTEM + 4 * word))
+        .is("axis target position", Format::Float48, "user units")
+        .of(NumberKind::CoordinateSystem)
+        .by(Writer::Pmac)
+}
+
+/// Section 5, the table of a coordinate system's block, in locations.
+const SYSTEM_BLOCK: &[Register] = &[
+    axis("cs_feedrate_or_time", 0),
+    system("cs_feedpot", 2, Format::Signed24),
+    system("cs_feedpot_pointer", 3, Format::Bits24),
+    system("cs_status_word_3", 4, Format::Bits24),
+    system("cs_status_word_1", 5, Format::Bits24),
+    axis("cs_a_target_position", 6),
+    axis("cs_b_target_position", 8),
+    axis("cs_c_target_position", 10),
+    axis("cs_u_target_position", 12),
+    axis("cs_v_target_position", 14),
+    axis("cs_w_target_position", 16),
+    axis("cs_x_target_position", 18),
+    axis("cs_y_target_position", 20),
+    axis("cs_z_target_position", 22),
+    system("cs_program_status", 24, Format::Bits24),
+    system("cs_program_lines_remaining", 25, Format::Signed24),
+    system("cs_time_left_in_move", 26, Format::Signed24),
+    system("cs_time_left_in_acceleration", 27, Format::Signed24),
+    system("cs_program_address_offset", 28, Format::Unsigned24),
+    Register::longs("background", "cs_spare", at(SYSTEM + 4 * 29), 12).is("spare", Format::Unknown, ""),
+];
+
 /// Section 8: "host 0x1050 + 12*(n-1), n = 1..16".
 const ROTARY: [HostOffset; 16] = {
     let mut headers = [at(0x1050); 16];
@@ -130,7 +171,7 @@ pub static TURBO: Family = Family {
         USER,
     ],
     user_area: USER,
-    blocks: &[Block::each(32, 0x30, Some(402), MOTOR_BLOCK)],
+    blocks: &[Block::each(32, 0x30, Some(402), MOTOR_BLOCK), Block::each(16, 0x80, Some(405), SYSTEM_BLOCK)],
     status: &status::TURBO,
     // Section 9: "??? w1 bit 19 on".
     gathering: 1 << 19,
@@ -157,6 +198,8 @@ pub static TURBO: Family = Family {
         count: Some(at(0x0674)),
         timer: Timer { low: at(0x0678), low_bits: 16, high: Some((at(0x067A), 8)) },
         global: Run { first: at(0x067C), words: 10 },
+        // Section 5: panel $06019F, machine I/O $0601A0, thumbwheel $0601A1.
+        ports: [at(0x067C), at(0x0684), at(0x0680)],
         numbers: NumberKind::CoordinateSystem,
         // Section 5: "C.S. n at 0x069C + 0x80*(n-1)".
         blocks: Blocks { count: 16, first: at(0x069C), words: 64 },
