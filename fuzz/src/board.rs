@@ -407,7 +407,7 @@ impl Functions {
                         *register = *byte;
                     }
                 }
-                port.signal(MailboxSignal::ReplyLies);
+                port.signal(MailboxSignal::ReplyReady);
             }
             7 => port.signal(MailboxSignal::GroupTaken),
             8 => {

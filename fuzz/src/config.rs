@@ -57,6 +57,6 @@ fn sound(settings: &Settings) {
     assert!(settings.motors.is_none_or(|motors| (1..=8).contains(&motors)));
     assert!([settings.i10, settings.i19].iter().flatten().all(|value| (1..1 << 23).contains(value)));
     assert!((1_000_000..=10_000_000_000).contains(&settings.background_period_ns));
-    assert_eq!(settings.uncertain.settings().rotary.check(), Ok(()));
-    assert!(settings.uncertain.plan_for(settings.firmware.as_deref()).is_ok());
+    assert_eq!(settings.board_settings.settings().rotary.check(), Ok(()));
+    assert!(settings.board_settings.plan_for(settings.firmware.as_deref()).is_ok());
 }

@@ -62,18 +62,18 @@ impl Parts {
         let (commands, command_queue) =
             queue(at_once::ALL).map_err(|error| Failure::system("queue", error))?;
         let (events, event_queue) = queue(EVENTS).map_err(|error| Failure::system("queue", error))?;
-        let info = Info::new(board_info(settings, &publisher), settings.uncertain.settings().clone());
+        let info = Info::new(board_info(settings, &publisher), settings.board_settings.settings().clone());
         let flags = EfdFlags::EFD_NONBLOCK | EfdFlags::EFD_CLOEXEC;
         let stop =
             EventFd::from_value_and_flags(0, flags).map_err(|error| Failure::system("eventfd", error))?;
         let stop = Arc::new(stop);
-        let reading = settings.uncertain.settings();
+        let reading = settings.board_settings.settings();
         let asks = settings.ask_board && reading.functions.has(Function::Ascii);
         let now = clock.now();
         let identifier = Identifier::new(settings.family, configured_identity(settings), asks, now);
         let ports =
             CommandPorts::new(settings.family, settings.text_order, mailbox, now).after_another_host(now);
-        let (plan, mode) = (settings.uncertain.plan(), settings.uncertain.variable_mode());
+        let (plan, mode) = (settings.board_settings.plan(), settings.board_settings.variable_mode());
         let functions = FunctionTable::new(
             ServoMirror::selecting(
                 &settings.family.servo,
@@ -93,7 +93,7 @@ impl Parts {
             clock.clone(),
         );
         let configured = Configured {
-            settings: settings.uncertain.clone(),
+            settings: settings.board_settings.clone(),
             motors: settings.motors.map_or(settings.family.motors, |motors| motors as usize),
         };
         let connections = Connections {
@@ -127,7 +127,7 @@ pub fn segment_options(settings: &Settings, clock: &Clock) -> Result<CreateOptio
         mirror::gather::region(settings.family),
     ];
     let group = settings.segment_group.as_deref().map(group_id).transpose();
-    let reading = settings.uncertain.settings();
+    let reading = settings.board_settings.settings();
     let selections = vec![
         (RegionId::Servo, reading.servo.selection(settings.family)),
         (RegionId::Background, reading.background.selection(settings.family)),

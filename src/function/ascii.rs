@@ -61,11 +61,11 @@ pub enum AsciiEvent {
 enum State {
     /// Nothing under way.
     Idle,
-    /// A part of the line lies in the buffer with its flag set; `sent` characters have been handed over with it.
+    /// A part of the line is in the buffer, its flag set; `sent` characters have been handed over with it.
     Loaded { sent: usize },
     /// PMAC has the whole line.
     Replying,
-    /// A control character that has a reply lies in its word, or was taken; a line came last at `quiet_since`.
+    /// A control character that has a reply waits in its word, or was taken; a line came last at `quiet_since`.
     ControlReply { taken: bool, answered: bool, quiet_since: Instant },
     /// Something may still come that belongs to a command given up. Nothing at all came since `quiet_since`; of programs' texts
     /// `texts` came.
@@ -152,7 +152,7 @@ impl DpramPort {
         if !self.is_idle() || line.len() > self.words.line_limit {
             return Ok(false);
         }
-        // A response that lies there now belongs to nobody who waits; polls take it first.
+        // A response that is there now is nobody's. A poll takes it first.
         if self.has_response(bus)? || self.is_loaded(bus)? {
             return Ok(false);
         }
@@ -168,7 +168,7 @@ impl DpramPort {
         self.words.command_bytes - 1
     }
 
-    /// Whether a line lies in the buffer, not taken by the board yet.
+    /// Whether a line in the buffer waits for the board to take it.
     fn is_loaded(&self, bus: &mut impl Bus) -> Result<bool, BusError> {
         Ok(self.words.command_loaded.is_set(bus.read16(self.words.command_loaded.word)?))
     }
@@ -226,7 +226,7 @@ impl DpramPort {
         Ok(bus.read16(self.words.control_character)? == u16::MAX)
     }
 
-    /// Whether a response lies in its buffer. 1 read.
+    /// Whether a response is in its buffer. 1 read.
     ///
     /// # Errors
     /// When the bus cannot be reached.
@@ -265,7 +265,7 @@ impl DpramPort {
         Ok(())
     }
 
-    /// Whether a control character lies in its word, not taken by the board yet.
+    /// Whether a control character in its word waits for the board to take it.
     ///
     /// # Errors
     /// When the bus cannot be reached.
@@ -302,12 +302,12 @@ impl DpramPort {
             State::Loaded { sent } => {
                 // Of ones, which is no board's memory, nothing can be told.
                 let flag = bus.read16(self.words.command_loaded.word)?;
-                let lies = self.words.command_loaded.is_set(flag) && flag != u16::MAX;
-                taken = !lies && sent == self.length;
+                let waits = self.words.command_loaded.is_set(flag) && flag != u16::MAX;
+                taken = !waits && sent == self.length;
                 bus.write16(self.words.command_loaded.word, 0)?;
                 // The board took the line since the last look, or holds its first part, before which it would put the
                 // next line.
-                if (!lies || sent > self.first_part()) && bus.read16(self.words.control_character)? == 0 {
+                if (!waits || sent > self.first_part()) && bus.read16(self.words.control_character)? == 0 {
                     bus.write16(self.words.control_character, CANCEL)?;
                 }
             }
@@ -382,7 +382,7 @@ impl DpramPort {
         }))
     }
 
-    /// Whether a response that came while the line still lies in the buffer belongs to an earlier command.
+    /// Whether a response that came while the line was still in the buffer belongs to an earlier command.
     ///
     /// The manual has the board clear the flag when it "has processed" the line; whether its answer can come before
     /// that is not said. A board that was seen to answer so early is believed. Otherwise an acknowledgement without

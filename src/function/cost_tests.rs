@@ -9,16 +9,18 @@ use super::port_cost_tests::{dpram, mailboxes};
 use super::rotary::{RotarySetup, RotaryStream};
 use super::servo::{ServoPoll, ServoReader, ServoReading};
 use super::servo_timer::ServoTimer;
+use super::testing::two_sides;
 use super::variable_read::{self, VariableEntry, VariableMode, VariablePoll, VariableReader};
 use super::variable_write::{VariableWriter, WritePoll, WriteRecord};
 use crate::device::{Access, Bus, Counted, FileBoard};
 use crate::gather::GatherMode;
+use crate::map::family::testing::TESTED;
 use crate::map::functions::rotary_header;
 use crate::map::pmac::{
     BACKGROUND_DATA_READY, BACKGROUND_SERVO_TIMER, DATA_READY, SERVO_PMAC_STATUS, VARIABLE_READ_CONTROL,
     VARIABLE_READ_ENTRY_READY, VARIABLE_WRITE_COUNT,
 };
-use crate::map::{HostOffset, Layout, PMAC, Region, VariableKind};
+use crate::map::{Family, HostOffset, Layout, PMAC, Region, VariableKind};
 use crate::rotary::START_OF_LINE;
 
 pub const PLACE: Region =
@@ -36,10 +38,12 @@ impl Rig {
     }
 
     pub fn with_access(access: Access) -> Self {
-        let file = tempfile::tempfile().unwrap();
-        file.set_len(0x4000).unwrap();
-        let board = || FileBoard::from_file(&file, 0x4000).unwrap();
-        Self { host: Counted::new(board().with_access(access)), pmac: board() }
+        Self::of(&PMAC, access)
+    }
+
+    pub fn of(family: &Family, access: Access) -> Self {
+        let [host, pmac] = two_sides(family);
+        Self { host: Counted::new(host.with_access(access)), pmac }
     }
 
     pub fn put(&mut self, offset: HostOffset, word: u16) {
@@ -80,7 +84,7 @@ fn servo() {
                 assert_eq!(cost, documented(row));
             }
             let idle = rig.cost(|bus| reader.poll(bus).unwrap());
-            assert_eq!(idle, (ServoPoll::Unchanged, documented("servo look")));
+            assert_eq!(idle, (ServoPoll::Unchanged, documented("servo idle poll")));
         }
     }
 }
@@ -91,7 +95,7 @@ fn background() {
         let (mut rig, mut reader) = (Rig::new(), BackgroundReader::new(&PMAC.background));
         reader.set_numbers(n);
         let idle = rig.cost(|bus| reader.poll(bus).unwrap());
-        assert_eq!(idle, (BackgroundPoll::Nothing, documented("background look")));
+        assert_eq!(idle, (BackgroundPoll::Nothing, documented("background idle poll")));
         rig.put(BACKGROUND_SERVO_TIMER, 7);
         let (look, cost) = background_report(&mut rig, &mut reader);
         assert_eq!((look, cost), (Some(BackgroundPoll::Report(7)), 62 * n + 11), "{n}");
@@ -143,7 +147,7 @@ fn variable_read() {
         let first = rig.cost(|bus| reader.poll(bus, now).unwrap());
         assert_eq!(first, (VariablePoll::Nothing, documented("variable read first report")));
         let idle = rig.cost(|bus| reader.poll(bus, now).unwrap());
-        assert_eq!(idle, (VariablePoll::Nothing, documented("variable read look")));
+        assert_eq!(idle, (VariablePoll::Nothing, documented("variable read idle poll")));
         rig.put(VARIABLE_READ_CONTROL, DATA_READY);
         let (look, cost) = rig.cost(|bus| {
             let looks = std::iter::repeat_with(|| reader.poll(bus, now).unwrap());
@@ -176,12 +180,12 @@ fn variable_read_in_multi_user_mode() {
         assert_eq!(look(&mut rig, &mut reader), (VariablePoll::Nothing, e + 1 + e));
         let (idle, cost) = look(&mut rig, &mut reader);
         assert_eq!((idle, cost), (VariablePoll::Nothing, e + 1));
-        assert!(e != 5 || cost == documented("variable read multi-user look"));
+        assert!(e != 5 || cost == documented("variable read multi-user idle poll"));
         announce(&mut rig, new);
         let words: usize = entries[..new].iter().map(|entry| entry.kind.words()).sum();
         let (values, cost) = look(&mut rig, &mut reader);
         assert_eq!((values, cost), (VariablePoll::Values((1 << new) - 1), e + words + new + 2));
-        assert!(e != 5 || cost == documented("variable read multi-user, a look"));
+        assert!(e != 5 || cost == documented("variable read multi-user, a idle poll"));
     }
 }
 
@@ -205,7 +209,7 @@ fn variable_write() {
             }
             if rig.pmac.read16(VARIABLE_WRITE_COUNT).unwrap() != 0 {
                 let idle = rig.cost(|bus| writer.poll(bus, now).unwrap());
-                assert_eq!(idle, (WritePoll::Waiting, documented("variable write look")));
+                assert_eq!(idle, (WritePoll::Waiting, documented("variable write idle poll")));
                 rig.put(VARIABLE_WRITE_COUNT, 0);
                 cycles += 1;
             }
@@ -218,14 +222,14 @@ fn variable_write() {
 
 #[test]
 fn panel_and_overrides() {
-    let words = PMAC.panel.as_ref().unwrap();
-    for n in 1..=8 {
-        let (mut rig, mut panel) = (Rig::new(), Panel::new(words));
+    let panels = TESTED.iter().filter_map(|family| Some((family, family.panel.as_ref()?)));
+    for ((family, words), n) in panels.flat_map(|panel| (1..=8).map(move |n| (panel, n))) {
+        let (mut rig, mut panel) = (Rig::of(family, Access::Bits16), Panel::new(words));
         let numbers: Vec<usize> = (1..=n).collect();
         let request = PanelRequest::of(words, PanelAction::JogPlus, &numbers).unwrap();
         let (begun, begin) = rig.cost(|bus| panel.begin(bus, &request).unwrap());
         assert!(begun);
-        assert_eq!(rig.cost(|bus| panel.taken(bus).unwrap()), (false, documented("panel look")));
+        assert_eq!(rig.cost(|bus| panel.taken(bus).unwrap()), (false, documented("panel idle poll")));
         rig.put(words.request_enable, 0);
         let (taken, seen) = rig.cost(|bus| panel.taken(bus).unwrap());
         assert_eq!((taken, begin + seen), (true, n + 3));
@@ -261,7 +265,7 @@ fn gather() {
             let mut step = |rig: &mut Rig| {
                 rig.cost(|bus| reader.poll(bus, |bus| report_cycles(bus, &PMAC.servo, &mut timer)).unwrap())
             };
-            let look = documented(&format!("gather look{row} |"));
+            let look = documented(&format!("gather idle poll{row} |"));
             assert_eq!(step(&mut rig), (GatherPoll::Idle, look));
             assert_eq!(look, 2 + 2 * clock);
             rig.put(SERVO_PMAC_STATUS, s as u16);
@@ -279,16 +283,17 @@ fn gather() {
 
 #[test]
 fn rotary() {
-    for c in [1, 2, 3, 10, 48] {
-        let mut rig = Rig::new();
+    for (family, c) in TESTED.iter().flat_map(|family| [1, 2, 3, 10, 48].map(|c| (family, c))) {
+        let mut rig = Rig::of(family, Access::Bits16);
+        let header = family.rotary.headers[0];
         let size_longs = 2 * c + 4;
         let setup = RotarySetup {
-            start: HostOffset::new(0x0900),
+            start: family.user_area.start,
             size_longs,
             coordinate_system: 1,
             coordinate_system_base: 1,
         };
-        let mut stream = RotaryStream::of_family(&PMAC).remove(0);
+        let mut stream = RotaryStream::of_family(family).remove(0);
         let ((), cost) = rig.cost(|bus| stream.set_up(bus, &setup).unwrap());
         assert_eq!(cost, documented("rotary set-up"));
         let line: Vec<_> =
@@ -296,15 +301,15 @@ fn rotary() {
         let (sent, cost) = rig.cost(|bus| stream.offer(bus, &line).unwrap());
         assert_eq!((sent, cost), (true, 4 * c as usize + 7));
         assert!(c != 3 || cost == documented("rotary line"));
-        let look = documented("rotary look");
+        let look = documented("rotary idle poll");
         assert_eq!(rig.cost(|bus| stream.offer(bus, &line).unwrap()), (false, look + 1));
-        rig.put(PMAC.rotary.headers[0].plus_words(rotary_header::STATUS), rotary_header::BUSY);
+        rig.put(header.plus_words(rotary_header::STATUS), rotary_header::BUSY);
         let (state, cost) = rig.cost(|bus| stream.state(bus).unwrap());
         assert_eq!((state.busy, cost), (true, documented("rotary state")));
         assert_eq!(rig.cost(|bus| stream.offer(bus, &line).unwrap()), (false, look));
-        rig.put(PMAC.rotary.headers[0].plus_words(rotary_header::PMAC_INDEX), (2 * c) as u16);
+        rig.put(header.plus_words(rotary_header::PMAC_INDEX), (2 * c) as u16);
         assert_eq!(rig.cost(|bus| stream.offer(bus, &line).unwrap()), (true, 4 * c as usize + 7));
-        rig.put(PMAC.rotary.headers[0].plus_words(rotary_header::STATUS), rotary_header::BUSY | 1);
+        rig.put(header.plus_words(rotary_header::STATUS), rotary_header::BUSY | 1);
         let ((), again) = rig.cost(|bus| stream.set_up(bus, &setup).unwrap());
         assert_eq!(again, documented("rotary set-up") + 1);
     }

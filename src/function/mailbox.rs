@@ -24,7 +24,7 @@ use crate::device::{ByteBus, ByteBusError};
 
 /// How long the port must have been silent before it is used again after it gave up on a reply.
 pub const SETTLE: Duration = Duration::from_millis(50);
-/// How long a group of a line may lie before a control character that cannot wait goes over it: an interrupt may be lost.
+/// How long a group of a line may stay untaken before a control character that cannot wait goes over it: an interrupt may be lost.
 pub const PENDING_TOO_LONG: Duration = Duration::from_millis(50);
 /// How long the board may take to take the `<CTRL-X>`. Until it has, more of the reply given up may come.
 pub const CANCEL_LIMIT: Duration = Duration::from_secs(1);
@@ -37,7 +37,7 @@ const SEND_GROUP: usize = 15;
 const RECEIVE_GROUP: usize = 16;
 /// Characters of a reply line at most.
 const LINE_LIMIT: usize = 255;
-/// Where the page select register lies.
+/// The offset of the page select register.
 const PAGE_SELECT: u32 = crate::map::mailbox::PAGE_SELECT as u32;
 
 const ACKNOWLEDGE: u8 = 0x06;
@@ -73,9 +73,9 @@ pub fn select_page(bus: &mut impl ByteBus, dpram: u32) -> Result<(), ByteBusErro
 pub enum MailboxSignal {
     /// Vector v-1: PMAC has taken the group the host sent.
     GroupTaken,
-    /// Vector v: a group of a reply lies in the mailboxes.
-    ReplyLies,
-    /// Vector v+1: a response lies in the DPRAM ASCII buffer; not the mailboxes' business.
+    /// Vector v: a group of a reply is in the mailboxes.
+    ReplyReady,
+    /// Vector v+1: a response is in the DPRAM ASCII buffer; not the mailboxes' business.
     DpramResponse,
 }
 
@@ -85,7 +85,7 @@ impl MailboxSignal {
     pub const fn of_vector(vector: u8, v: u8) -> Option<Self> {
         match vector.wrapping_sub(v) {
             u8::MAX => Some(Self::GroupTaken),
-            0 => Some(Self::ReplyLies),
+            0 => Some(Self::ReplyReady),
             1 => Some(Self::DpramResponse),
             _ => None,
         }
@@ -130,8 +130,8 @@ pub struct MailboxSettings {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum State {
     Idle,
-    /// A group of the line lies in the mailboxes; `sent` characters went with it and those before it. A step saw it lie first
-    /// at `since`.
+    /// A group of the line waits in the mailboxes; `sent` characters went with it and those before it. A poll saw it there
+    /// first at `since`.
     Sending {
         sent: usize,
         since: Option<Instant>,
@@ -149,7 +149,7 @@ enum State {
     },
 }
 
-/// A character that lies alone in mailbox 0.
+/// A character alone in mailbox 0.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Lone {
     /// Somebody's control character.
@@ -165,14 +165,14 @@ pub struct MailboxPort {
     /// The line with its `<CR>`.
     line: Box<[u8]>,
     length: usize,
-    /// What lies alone in mailbox 0.
+    /// What waits alone in mailbox 0.
     lone: Option<Lone>,
     /// A `<CTRL-X>` is still to be sent: a control character was in its way.
     owes_cancel: bool,
     /// Vector v-1 came and was not acted on yet.
     group_taken: bool,
     /// Vector v came and the group was not read yet.
-    reply_lies: bool,
+    reply_ready: bool,
     /// Mailbox 1 was written since the last group came.
     enabled: bool,
     text: [u8; LINE_LIMIT + RECEIVE_GROUP],
@@ -197,7 +197,7 @@ impl MailboxPort {
             lone: None,
             owes_cancel: false,
             group_taken: false,
-            reply_lies: false,
+            reply_ready: false,
             enabled: false,
             text: [0; LINE_LIMIT + RECEIVE_GROUP],
             text_length: 0,
@@ -244,7 +244,7 @@ impl MailboxPort {
         matches!(self.state, State::Settling { .. })
     }
 
-    /// Whether somebody's control character lies in mailbox 0, not taken by the board yet, as far as polls have seen.
+    /// Whether somebody's control character waits in mailbox 0 for the board to take it, as far as polls have seen.
     #[must_use]
     pub fn control_pending(&self) -> bool {
         self.lone == Some(Lone::Control)
@@ -254,8 +254,8 @@ impl MailboxPort {
     pub fn signal(&mut self, signal: MailboxSignal) {
         match signal {
             MailboxSignal::GroupTaken => self.group_taken = true,
-            MailboxSignal::ReplyLies => {
-                self.reply_lies = true;
+            MailboxSignal::ReplyReady => {
+                self.reply_ready = true;
                 self.enabled = false;
             }
             MailboxSignal::DpramResponse => {}
@@ -269,7 +269,7 @@ impl MailboxPort {
     /// When the registers cannot be reached. The line must have passed [`crate::protocol::check_line`]; one that is too
     /// long is not sent.
     pub fn begin(&mut self, bus: &mut impl ByteBus, line: &[u8]) -> Result<bool, ByteBusError> {
-        if !self.is_idle() || self.reply_lies || line.len() >= self.line.len() {
+        if !self.is_idle() || self.reply_ready || line.len() >= self.line.len() {
             return Ok(false);
         }
         self.line[..line.len()].copy_from_slice(line);
@@ -281,7 +281,7 @@ impl MailboxPort {
         Ok(true)
     }
 
-    /// Sends a control character. `Ok(false)`: a group of a line, or an earlier control character, still lies in the
+    /// Sends a control character. `Ok(false)`: a group of a line, or an earlier control character, still waits in the
     /// mailboxes, or the character's reply would mix with another; try later. With `has_reply` its lines come as
     /// [`AsciiEvent::Line`] and end with `<ACK>` or a silence. 1 write.
     ///
@@ -305,7 +305,7 @@ impl MailboxPort {
             (_, None) => None,
         };
         let in_the_way = lies_since.is_some_and(|since| has_reply || now < since + PENDING_TOO_LONG);
-        if in_the_way || self.reply_lies || has_reply && !self.is_idle() {
+        if in_the_way || self.reply_ready || has_reply && !self.is_idle() {
             return Ok(false);
         }
         self.send_alone(bus, Lone::Control, character)?;
@@ -353,7 +353,7 @@ impl MailboxPort {
         self.owes_cancel = false;
         self.send_alone(bus, Lone::Cancel, CANCEL)?;
         // A board that lost an interrupt would wait for this for ever; what it overwrites is dropped anyway.
-        self.reply_lies = false;
+        self.reply_ready = false;
         self.enable(bus)?;
         self.state = State::Settling { quiet_since: now, since: now };
         Ok(())
@@ -374,10 +374,10 @@ impl MailboxPort {
         }
         let sent_all = matches!(self.state, State::Sending { sent, .. } if sent == self.length);
         // PMAC could not have filled the mailboxes before it took what lay in them, whichever interrupt is seen first.
-        if sent_all && (taken || self.reply_lies) {
+        if sent_all && (taken || self.reply_ready) {
             self.state = State::Replying;
         }
-        if std::mem::take(&mut self.reply_lies) {
+        if std::mem::take(&mut self.reply_ready) {
             // The rest of the line waits until the group has been read: it would be written over it.
             self.group_taken = taken && matches!(self.state, State::Sending { .. });
             return self.take_group(bus, now);

@@ -73,7 +73,7 @@ impl Rig {
         for (number, &character) in group.iter().enumerate() {
             self.bus.write8(mailbox(number), character).unwrap();
         }
-        self.port.signal(MailboxSignal::ReplyLies);
+        self.port.signal(MailboxSignal::ReplyReady);
         let event = self.poll();
         if self.port.settings.enable_replies == EnableReplies::Always {
             assert_eq!(self.bus.read8(mailbox(1)).unwrap(), 0);
@@ -271,7 +271,7 @@ fn a_control_characters_reply_ends_with_ack_or_a_silence() {
         rig.now += 10 * CONTROL_REPLY_END;
         assert_eq!(rig.poll(), None, "the board has not taken it");
         rig.port.signal(MailboxSignal::GroupTaken);
-        rig.port.signal(MailboxSignal::ReplyLies);
+        rig.port.signal(MailboxSignal::ReplyReady);
         rig.port.enabled = true;
         assert_eq!(rig.fill(b"0 0 0 0\r"), line("0 0 0 0"));
         assert_eq!(rig.poll(), None);
@@ -358,7 +358,7 @@ fn an_endless_line_cannot_leave_its_buffer() {
 fn vectors_and_pages() {
     let of = |vector| MailboxSignal::of_vector(vector, 0xA1);
     assert_eq!(of(0xA0), Some(MailboxSignal::GroupTaken));
-    assert_eq!(of(0xA1), Some(MailboxSignal::ReplyLies));
+    assert_eq!(of(0xA1), Some(MailboxSignal::ReplyReady));
     assert_eq!(of(0xA2), Some(MailboxSignal::DpramResponse));
     assert_eq!((of(0xA3), of(0x9F)), (None, None));
     let mut rig = Rig::new(MailboxSettings::default());

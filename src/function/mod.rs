@@ -1,21 +1,22 @@
 //! The host's half of each automatic function, one per file (layer 3).
 //!
-//! Every function works in steps that never wait: a step looks at the bus, does what can be done now, and returns.
-//! How often to step, and when to give up, is the caller's business. A function writes only the bits the host owns.
+//! A function never waits. Each poll looks at the bus, does what can be done now, and returns. How often to poll, and when
+//! to give up, is the caller's business. A function writes only the bits the host owns. It knows no address: it is given
+//! its descriptor of [`crate::map::functions`], so that it works on the board of any family.
 //!
 //! # A new function
 //! Besides its tests it touches five files:
 //! 1. its own here: what host and PMAC write in which order;
-//! 2. its own in `daemon/`, a `BoardFunction` (`daemon/board_function.rs`): when it is due, what it does then, how it
-//!    is taken over and left. If it fills a region of the segment, that is a mirror with a few lines in `daemon/mirrored.rs`;
-//! 3. `daemon/functions.rs`: its row in the table, and who gets its commands;
-//! 4. `protocol/reading.rs`: its name in the configuration;
-//! 5. `daemon/job.rs`: its commands, if it takes any.
+//! 2. its own in `daemon/bus/work/`, a `BoardFunction`: when it is due, what it does then, how it is acquired and left. If
+//!    it fills a region of the segment, that is a mirror with a few lines in `daemon/bus/work/mirrored.rs`;
+//! 3. `daemon/bus/function_table.rs`: its row in the table, and who gets its commands;
+//! 4. `protocol/function.rs`: its name in the configuration;
+//! 5. `daemon/shared/job.rs`: its commands, if it takes any.
 //!
 //! # What each function costs
 //! Bus accesses of 16 bits (the mailboxes' of 8, and 32 of data where the board takes them), counted by tests for several n. *Necessary* are the data and the words
 //! by which host and PMAC hand them over; what is counted beyond them makes sure that the data are whole, that nobody
-//! else meddled, or that a write has arrived. A look is a step that finds nothing to do.
+//! else meddled, or that a write has arrived. An idle poll finds nothing to do.
 //!
 //! | what | necessary | counted | for example |
 //! |---|---|---|---|
@@ -27,34 +28,34 @@
 //! | servo by 32 bits, n motors | 15n + 4 | 15n + 4 | n = 8: 124 |
 //! | servo by 32 bits, handshake | 15n + 6 | 15n + 7 | n = 8: 127 |
 //! | servo by 32 bits without spare words | 13n + 4 | 13n + 4 | n = 8: 108 |
-//! | servo look, either way | 1 | 1 | 1 |
+//! | servo idle poll, either way | 1 | 1 | 1 |
 //! | background report, n numbers | 62n + 9 | 62n + 11 | n = 8: 507 |
 //! | background of w words a number | wn + 9 | wn + 11 | two status words, w = 4, n = 8: 43 |
 //! | background by 32 bits | 31n + 6 | 31n + 8 | n = 8: 256 |
-//! | background look | 1 | 1 | 1 |
+//! | background idle poll | 1 | 1 | 1 |
 //! | variable read set-up, e entries | 2e + 4 | 2e + 4 | e = 128: 260 |
 //! | variable read first report, dropped | 0 | 2 | 2 |
 //! | variable read report, w words of values | w + 3 | w + 5 | 128 of X: 261 |
 //! | variable read by 32 bits, a report | w/2 + 3 | w/2 + 5 | 128 of X: 133 |
-//! | variable read look | 1 | 1 | 1 |
-//! | variable read multi-user, a look at e entries of which k are new, w words | e + w + k + 1 | e + w + k + 2 | e = k = 5, L: 32 |
-//! | variable read multi-user look at e entries, none new | e | e + 1 | e = 5: 6 |
+//! | variable read idle poll | 1 | 1 | 1 |
+//! | variable read multi-user, a idle poll at e entries of which k are new, w words | e + w + k + 1 | e + w + k + 2 | e = k = 5, L: 32 |
+//! | variable read multi-user idle poll at e entries, none new | e | e + 1 | e = 5: 6 |
 //! | variable write, r records in c cycles | 6r + 3c | 6r + 3c + 1 | r = 32, c = 1: 196 |
-//! | variable write look | 1 | 1 | 1 |
+//! | variable write idle poll | 1 | 1 | 1 |
 //! | panel request, n numbers, until seen taken | n + 2 | n + 3 | n = 8: 11 |
-//! | panel look | 1 | 1 | 1 |
+//! | panel idle poll | 1 | 1 | 1 |
 //! | feed override set; the first one 1 more | 2 | 2 | 2 |
 //! | feed override ended | 1 | 1 | 1 |
 //! | open words, n whole | n | n | n = 8: 8 |
 //! | open words, n of which some bits | 2n | 2n | n = 8: 16 |
 //! | gather, s samples of l longs, s l up to 64 | 2sl + 2 | 2sl + 3 | s = 8, l = 8: 131 |
 //! | gather by 32 bits | sl + 2 | sl + 3 | s = 8, l = 8: 67 |
-//! | gather look | 1 | 2 | 2 |
+//! | gather idle poll | 1 | 2 | 2 |
 //! | gather round and round (I45=3), s samples | 2sl + 5 | 2sl + 6 | s = 8, l = 8: 134 |
-//! | gather look, round and round | 3 | 4 | 4 |
+//! | gather idle poll, round and round | 3 | 4 | 4 |
 //! | rotary set-up; 1 more if the status is not 0 | 9 | 10 | 10 |
 //! | rotary line of c commands | 4c + 6 | 4c + 7 | c = 3: 19 |
-//! | rotary look, no room; until PMAC was once full 1 more | 1 | 2 | 2 |
+//! | rotary idle poll, no room; until PMAC was once full 1 more | 1 | 2 | 2 |
 //! | rotary state | 2 | 3 | 3 |
 //! | ASCII line of n, reply of m characters | n/2 + m/2 + 10 | n/2 + m/2 + 11 | n = m = 20: 31 |
 //! | ASCII line by 32 bits | n/2 + m/4 + 10 | n/2 + m/4 + 11 | n = m = 20: 26 |
@@ -65,9 +66,9 @@
 //! access; the words by which host and PMAC hand them over never are. A function that the configuration switches off
 //! makes no access at all.
 //!
-//! Halves of n are rounded down, of m up, and so are quarters. A look of the variable reader meets as many entries of a table as
+//! Halves of n are rounded down, of m up, and so are quarters. A poll of the variable reader meets as many entries of a table as
 //! [`variable_read::STEP_WORDS`] words allow and goes on with the next ones; in single-user mode a report costs the
-//! same in however many looks it is read. Open words are written by the daemon itself.
+//! same in however many polls it is read. Open words are written by the daemon itself.
 //!
 //! # What a command line costs
 //! Bus accesses of a line of n characters that is answered by one line of m characters, counted by a test. The DPRAM's are
@@ -83,7 +84,7 @@
 //! | `P1` and 2 digits | 13 | 11 |
 //! | 20 and 20 characters | 31 | 49 |
 //! | 80 and 80 characters | 91 | 177 |
-//! | each look in vain | 2 until it is taken, then 1 | 0 |
+//! | each idle poll in vain | 2 until it is taken, then 1 | 0 |
 
 pub mod ascii;
 pub mod background;

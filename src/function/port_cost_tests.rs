@@ -56,7 +56,7 @@ pub fn mailboxes(n: usize, m: usize) -> usize {
         for (number, &character) in group.iter().enumerate() {
             ByteBus::write8(&mut board, 2 * number as u32 + 1, character).unwrap();
         }
-        port.signal(MailboxSignal::ReplyLies);
+        port.signal(MailboxSignal::ReplyReady);
         events.extend(port.poll(&mut bus, now).unwrap());
     }
     assert!(matches!(events[0], AsciiEvent::Line(text) if text.as_bytes().len() == m), "{events:?}");

@@ -27,7 +27,7 @@ use crate::daemon::bus::ports::command_port::PortError;
 use crate::daemon::bus::presence::BoardPresence;
 use crate::daemon::bus::readable::Readable;
 use crate::daemon::bus::report::Reporter;
-use crate::daemon::config::board_settings::Uncertain;
+use crate::daemon::config::board_settings::CheckedSettings;
 use crate::daemon::shared::info::Pulse;
 use crate::daemon::shared::queue::{Command, Event, Outcome, READ_MAX};
 use crate::device::{Bus, BusError};
@@ -53,7 +53,7 @@ const STEPS_A_POLL: usize = 10_000;
 /// What the configuration says of the board.
 pub struct Configured {
     /// Where its buffers lie, which the firmware has a say in.
-    pub settings: Uncertain,
+    pub settings: CheckedSettings,
     /// Motors to read while the board has not said how many it reports.
     pub motors: usize,
 }

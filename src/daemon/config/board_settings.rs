@@ -7,13 +7,13 @@ use crate::protocol::settings::{BoardSettings, VariablesMode};
 
 /// The settings, checked for a family.
 #[derive(Debug, Clone)]
-pub struct Uncertain {
+pub struct CheckedSettings {
     settings: BoardSettings,
     family: &'static Family,
     plan: BufferLayout,
 }
 
-impl Uncertain {
+impl CheckedSettings {
     /// Checks `settings` for a board of `family`, whose firmware is not known unless configured.
     ///
     /// # Errors
@@ -89,23 +89,23 @@ mod tests {
     use super::*;
     use crate::map::{GatherPosition, HostOffset, PMAC};
 
-    fn decided(settings: BoardSettings) -> Result<Uncertain, String> {
-        Uncertain::decide(settings, &PMAC, None).map_err(|refusal| refusal.text)
+    fn decided(settings: BoardSettings) -> Result<CheckedSettings, String> {
+        CheckedSettings::decide(settings, &PMAC, None).map_err(|refusal| refusal.text)
     }
 
     #[test]
     fn the_gather_buffer_is_kept_where_the_firmware_has_it() {
-        let uncertain = decided(BoardSettings::default()).unwrap();
+        let checked = decided(BoardSettings::default()).unwrap();
         let start = |plan: BufferLayout| plan.gather().start;
-        assert_eq!(start(uncertain.plan()), HostOffset::new(0x0800));
-        assert_eq!(start(uncertain.plan_for(Some("1.16D")).unwrap()), HostOffset::new(0x0900));
+        assert_eq!(start(checked.plan()), HostOffset::new(0x0800));
+        assert_eq!(start(checked.plan_for(Some("1.16D")).unwrap()), HostOffset::new(0x0900));
         for other in [Some("1.13"), Some("hello"), None] {
-            assert_eq!(start(uncertain.plan_for(other).unwrap()), HostOffset::new(0x0800), "{other:?}");
+            assert_eq!(start(checked.plan_for(other).unwrap()), HostOffset::new(0x0800), "{other:?}");
         }
         let mut settings = BoardSettings::default();
         settings.gather.position = GatherPosition::Printed;
-        let uncertain = decided(settings).unwrap();
-        assert_eq!(start(uncertain.plan_for(Some("1.16D")).unwrap()), HostOffset::new(0x0800));
+        let checked = decided(settings).unwrap();
+        assert_eq!(start(checked.plan_for(Some("1.16D")).unwrap()), HostOffset::new(0x0800));
     }
 
     #[test]
@@ -120,7 +120,7 @@ mod tests {
         // Room up to the tables as printed, and 64 longs too much where the firmware has moved the buffer.
         let mut settings = BoardSettings::default();
         settings.plan.gather_longs = 0x820;
-        let uncertain = decided(settings).unwrap();
-        assert!(uncertain.plan_for(Some("1.16D")).unwrap_err().contains("overlap"));
+        let checked = decided(settings).unwrap();
+        assert!(checked.plan_for(Some("1.16D")).unwrap_err().contains("overlap"));
     }
 }

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
 
-use super::board_settings::Uncertain;
+use super::board_settings::CheckedSettings;
 use super::checks::{groups, limited, period_ns, segment_mode, socket_mode, something_to_do};
 use super::mirrored::{BackgroundTable, ServoTable};
 use super::ports::{HostPortConfig, HostPortTable, MailboxConfig, MailboxTable, Use};
@@ -135,7 +135,7 @@ pub struct Settings {
     /// The interrupt controller behind the host port.
     pub host_port: Option<HostPortConfig>,
     /// What no document decides.
-    pub uncertain: Uncertain,
+    pub board_settings: CheckedSettings,
 }
 
 /// Why the settings were refused. One line: what, where, what to do.
@@ -187,7 +187,7 @@ impl Settings {
             }
         }
         let host_port = file.host_port.map(|table| table.decide(family)).transpose()?;
-        let uncertain = BoardSettings {
+        let board_settings = BoardSettings {
             functions: file.functions,
             servo,
             background,
@@ -225,7 +225,7 @@ impl Settings {
             segment_group: file.segment_group,
             segment_mode: segment_mode(file.segment_mode.as_deref())?,
             family,
-            uncertain: Uncertain::decide(uncertain, family, file.firmware.as_deref())?,
+            board_settings: CheckedSettings::decide(board_settings, family, file.firmware.as_deref())?,
             firmware: file.firmware,
             motors: limited("motors", file.motors, 1, family.motors as u32)?,
             i10: limited("i10", file.i10, 1, 8_388_607)?,

@@ -62,7 +62,7 @@ impl BoardLoop {
 
     /// The board is another one, or was without power.
     fn begin_again(&mut self) -> Result<(), PortError> {
-        // Before the words are put in order: what lies in them tells what the board has taken.
+        // Before the words are put in order: they tell what the board has taken.
         let result = self.reset_commands();
         self.note_failure(result);
         self.acquire_again();

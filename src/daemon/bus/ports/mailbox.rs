@@ -132,7 +132,7 @@ impl MailboxDriver {
             self.port.signal(MailboxSignal::GroupTaken);
         }
         if reply > 0 {
-            self.port.signal(MailboxSignal::ReplyLies);
+            self.port.signal(MailboxSignal::ReplyReady);
         }
         taken.saturating_add(reply)
     }
