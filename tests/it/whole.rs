@@ -34,6 +34,35 @@ fn a_client_sees_the_motors_move() {
     assert!(Subscriber::attach(&site.segment()).is_err(), "a clean stop takes the segment away");
 }
 
+/// The board asks nothing while a program buffer is open: until then a position by the old scale would be wrong by a factor.
+#[test]
+fn a_position_whose_scale_was_changed_is_not_shown_by_the_old_one() {
+    let site = VirtualSite::running(&[], &[]);
+    site.wait_for_live_servo();
+    let position = || {
+        let document: serde_json::Value =
+            serde_json::from_str(&site.pmacctl(&["motors", "--json"]).1).unwrap();
+        document["motors"][0]["actual_position"]["value"].as_f64()
+    };
+    let mut connection = site.connection();
+    connection.send("#1J=3000", PATIENCE).unwrap();
+    site.wait_until("motor 1 in its place", || {
+        position().is_some_and(|counts| (counts - 3000.0).abs() < 0.6)
+    });
+    for line in ["I108=48", "OPEN PROG 50 CLEAR"] {
+        connection.send(line, PATIENCE).unwrap();
+    }
+    for _ in 0..10 {
+        assert_eq!(position(), None, "I108 is in doubt");
+        site.run_for(Duration::from_millis(300));
+    }
+    connection.send("CLOSE", PATIENCE).unwrap();
+    site.wait_until("the new scale", || position().is_some());
+    let told = connection.send("#1P", PATIENCE).unwrap()[0].parse::<f64>().unwrap();
+    assert!((position().unwrap() - told).abs() < 0.6, "{told}");
+    site.assert_no_violations();
+}
+
 /// Updates of the run below; a minute at the default rate: `PMAC_STEPS=135528`.
 fn steps() -> u64 {
     std::env::var("PMAC_STEPS").ok().and_then(|text| text.parse().ok()).unwrap_or(3000)

@@ -21,7 +21,6 @@ use crate::daemon::bus::board_function::{Context, Polled};
 use crate::daemon::bus::command_intake::CommandIntake;
 use crate::daemon::bus::function_table::FunctionTable;
 use crate::daemon::bus::guard_time::{GuardTime, Turn};
-use crate::daemon::bus::identify::Identifier;
 use crate::daemon::bus::phase::Phase;
 use crate::daemon::bus::ports::command_port::PortError;
 use crate::daemon::bus::presence::BoardPresence;
@@ -413,10 +412,8 @@ impl BoardLoop {
             }
             Command::Send { .. } | Command::Control { .. } => {
                 let queue = self.functions.ascii.queue_mut();
-                if let Command::Send { line, .. } = &command
-                    && Identifier::may_be_changed_by(line.as_bytes())
-                {
-                    queue.identifier.ask_again(now);
+                if let Command::Send { line, .. } = &command {
+                    queue.identifier.line_sent(line.as_bytes(), now);
                 }
                 queue.submit(&command, now);
                 None

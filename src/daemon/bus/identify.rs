@@ -8,6 +8,7 @@
 use std::ops::RangeInclusive;
 use std::time::{Duration, Instant};
 
+use crate::daemon::bus::scale_doubts::ScaleDoubts;
 use crate::daemon::shared::status::Enabling;
 use crate::format::Text;
 use crate::map::Family;
@@ -109,6 +110,10 @@ pub struct Identifier {
     overdue: bool,
     not_before: Instant,
     asking: Identity,
+    /// What was told last.
+    known: Identity,
+    /// Scales that lines may have changed since the first question was asked.
+    doubts: ScaleDoubts,
     /// Lines of the present reply so far.
     lines: usize,
     /// What the last answers said is switched on.
@@ -128,6 +133,8 @@ impl Identifier {
         Self {
             questions,
             asking: configured.clone(),
+            known: configured.clone(),
+            doubts: ScaleDoubts::default(),
             update: Some(configured.clone()),
             configured,
             next: 0,
@@ -179,7 +186,27 @@ impl Identifier {
         self.restart();
     }
 
-    /// Looks at a line somebody sends: does it change what the board would answer?
+    /// Takes note of a line that somebody sends. If the board may answer differently after it, it is asked again soon. A
+    /// scale that the line may change is not known from now on: a position in counts by the old one would be wrong.
+    pub fn line_sent(&mut self, line: &[u8], now: Instant) {
+        if !self.wanted || !Self::may_be_changed_by(line) {
+            return;
+        }
+        self.doubts.add(ScaleDoubts::of_line(line));
+        self.tell(self.known.clone());
+        self.ask_again(now);
+    }
+
+    /// Tells an answer, as far as it is not in doubt.
+    fn tell(&mut self, answer: Identity) {
+        let answer = self.doubts.leave_out(answer);
+        if answer != self.known {
+            self.known = answer.clone();
+            self.update = Some(answer);
+        }
+    }
+
+    /// Whether the board may answer differently after this line.
     #[must_use]
     pub fn may_be_changed_by(line: &[u8]) -> bool {
         // An I-variable, or a reset or $-address. A jog (J=), P, Q and M come too often to ask four questions after each.
@@ -206,6 +233,7 @@ impl Identifier {
         self.lines = 0;
         if self.next == 0 {
             self.asking = self.configured.clone();
+            self.doubts = ScaleDoubts::default();
         }
         Some((*line, PATIENCE))
     }
@@ -262,7 +290,7 @@ impl Identifier {
         self.under_way = false;
         self.next += 1;
         if self.next == self.questions.len() {
-            self.update = Some(self.asking.clone());
+            self.tell(self.asking.clone());
             self.changing_since = None;
             self.overdue = false;
         }
@@ -411,6 +439,33 @@ mod tests {
         identifier.done();
         assert_eq!(identifier.enabling(), Enabling::default(), "asked before the change");
         assert_eq!(answer(&mut identifier, now + SETTLE, &["PMAC1"]), "TYPE", "it begins again");
+    }
+
+    #[test]
+    fn a_scale_in_doubt_is_unknown_until_the_board_has_told_it_again() {
+        let now = Instant::now();
+        let mut identifier = Identifier::new(&PMAC, Identity::default(), true, now);
+        let scales: Vec<String> = (0..24).map(|index| (90 + index).to_string()).collect();
+        let scales: Vec<&str> = scales.iter().map(String::as_str).collect();
+        let all = |identifier: &mut Identifier, now| {
+            for lines in [&["PMAC1"][..], &["1.16D"], &["3713707", "1", "1", "1", "8", "3", "1"], &scales] {
+                answer(identifier, now, lines);
+            }
+        };
+        all(&mut identifier, now);
+        identifier.take_update();
+        identifier.line_sent(b"I122=3", now);
+        assert_eq!(identifier.take_update(), None, "no scale");
+        identifier.line_sent(b"I208=48", now);
+        let told = identifier.take_update().unwrap();
+        assert_eq!((told.ix08[0], told.ix08[1], told.ix07[1]), (Some(91), None, Some(93)));
+        assert_eq!(told.firmware.as_deref(), Some("1.16D"));
+        // A further change while the board is asked.
+        answer(&mut identifier, now + SETTLE, &["PMAC1"]);
+        identifier.line_sent(b"I308=48", now + SETTLE);
+        assert_eq!(identifier.take_update().unwrap().ix08[1..3], [None, None]);
+        all(&mut identifier, now + 2 * SETTLE);
+        assert_eq!(identifier.take_update().unwrap().ix08[1..3], [Some(94), Some(97)]);
     }
 
     #[test]

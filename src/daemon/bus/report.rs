@@ -18,6 +18,7 @@ pub struct Reporter {
     state: Option<State>,
     port: Option<(CommandPort, CommandState)>,
     identity: Option<Identity>,
+    known: Option<KnownIdentity>,
     bus_error: bool,
 }
 
@@ -37,6 +38,7 @@ impl Reporter {
             state: None,
             port: None,
             identity: None,
+            known: None,
             bus_error: false,
         }
     }
@@ -134,17 +136,21 @@ impl Reporter {
 
     /// Who the board is, and how many motors are read from it.
     pub fn identity(&mut self, identity: Identity, motors: usize) {
-        if let (Some(board_type), Some(firmware)) = (&identity.board_type, &identity.firmware) {
-            info!("the board is {board_type}, firmware {firmware}, reports {motors} motors");
-        }
         let known = KnownIdentity {
             firmware: identity.firmware,
             board_type: identity.board_type,
             motors: u32::try_from(motors).unwrap_or(u32::MAX),
             servo_period_ns: identity.servo_period_ps.map(|ps| ps / 1000),
         };
-        self.info.set(|status| status.identity = Some(known));
         self.identity = Some(identity);
+        if self.known.replace(known) == Some(known) {
+            // A scale, say.
+            return;
+        }
+        self.info.set(|status| status.identity = Some(known));
+        if let (Some(board_type), Some(firmware)) = (&known.board_type, &known.firmware) {
+            info!("the board is {board_type}, firmware {firmware}, reports {motors} motors");
+        }
     }
 
     /// The bus could not be reached.
