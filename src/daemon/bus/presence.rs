@@ -137,3 +137,90 @@ impl BoardPresence {
         })
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+    use std::sync::atomic::{AtomicBool, Ordering};
+
+    use super::*;
+    use crate::device::{Bus, BusError, Counted, OpenedBoard};
+    use crate::map::HostOffset;
+
+    /// A slot, and what is in it.
+    #[derive(Clone, Default)]
+    struct Slot {
+        is_there: Arc<AtomicBool>,
+        answers: Arc<AtomicBool>,
+    }
+
+    impl Slot {
+        fn set(&self, is_there: bool, answers: bool) {
+            self.is_there.store(is_there, Ordering::Relaxed);
+            self.answers.store(answers, Ordering::Relaxed);
+        }
+    }
+
+    impl Presence for Slot {
+        fn still_there(&self) -> bool {
+            self.is_there.load(Ordering::Relaxed)
+        }
+        fn answers(&mut self) -> bool {
+            self.answers.load(Ordering::Relaxed)
+        }
+    }
+
+    impl Bus for Slot {
+        fn length(&self) -> usize {
+            2
+        }
+        fn read16(&mut self, _offset: HostOffset) -> Result<u16, BusError> {
+            Ok(0)
+        }
+        fn write16(&mut self, _offset: HostOffset, _value: u16) -> Result<(), BusError> {
+            Ok(())
+        }
+        fn read_block(&mut self, _first: HostOffset, words: &mut [u16]) -> Result<(), BusError> {
+            words.fill(0);
+            Ok(())
+        }
+        fn order_reads(&mut self) {}
+        fn order_writes(&mut self) {}
+    }
+
+    #[test]
+    fn every_change_is_found_once() {
+        let slot = Slot::default();
+        slot.set(true, true);
+        let mut bus: BoardBus = Counted::new(Box::new(slot.clone()));
+        let next = Slot::default();
+        let opened = next.clone();
+        let mut presence = BoardPresence::new(Box::new(move || {
+            let there = opened.still_there();
+            there
+                .then(|| OpenedBoard { bus: Box::new(opened.clone()), interrupt: None })
+                .ok_or("no board".into())
+        }));
+        assert!(presence.check(&mut bus).is_none() && presence.is_there());
+        slot.set(true, false);
+        assert!(presence.check(&mut bus).is_none() && presence.is_silent() && !presence.is_there());
+        slot.set(true, true);
+        assert!(matches!(presence.check(&mut bus), Some(Change::Answers)));
+        assert!(presence.check(&mut bus).is_none() && presence.is_there());
+        slot.set(false, false);
+        assert!(presence.check(&mut bus).is_none() && !presence.is_there(), "it cannot be opened yet");
+        next.set(true, true);
+        assert!(matches!(presence.check(&mut bus), Some(Change::Replaced(None))));
+        assert!(presence.check(&mut bus).is_none() && presence.is_there(), "the bus is that of the new one");
+    }
+
+    #[test]
+    fn a_reset_is_known_until_servo_data_come() {
+        let mut presence = BoardPresence::new(Box::new(|| Err("no board".into())));
+        presence.reset_known = true;
+        presence.servo_polled(false);
+        assert!(presence.is_reset_known());
+        presence.servo_polled(true);
+        assert!(!presence.is_reset_known());
+    }
+}
