@@ -6,14 +6,14 @@ use crate::sim::board::memory::Memory;
 
 /// A 24-bit word that is copied into a long of the DPRAM.
 #[derive(Debug, Clone, Copy)]
-pub struct Copy {
+pub struct CopiedWord {
     /// Where it comes from, with axis positions out of source A, B or C; the same three times for everything else.
     sources: [PmacAddress; 3],
     /// Where it goes.
     offset: HostOffset,
 }
 
-impl Copy {
+impl CopiedWord {
     /// Whether this is a copy of the first word of `register`.
     #[must_use]
     pub fn is_of(&self, register: PmacAddress) -> bool {
@@ -44,9 +44,9 @@ impl Copy {
 #[derive(Debug, Clone, Default)]
 pub struct Copies {
     /// Words of the board.
-    pub board: Vec<Copy>,
+    pub board: Vec<CopiedWord>,
     /// Those of each motor or coordinate system.
-    pub numbers: Vec<Vec<Copy>>,
+    pub numbers: Vec<Vec<CopiedWord>>,
 }
 
 impl Copies {
@@ -77,7 +77,7 @@ impl Copies {
         let pair = matches!(sources[0].space, Space::D | Space::L);
         for half in 0..if pair { 2 } else { 1 } {
             let sources = sources.map(|source| halves(source)[half]);
-            list.push(Copy { sources, offset: offset.plus_words(2 * half) });
+            list.push(CopiedWord { sources, offset: offset.plus_words(2 * half) });
         }
     }
 }
