@@ -278,7 +278,8 @@ impl StartRule {
     }
 }
 
-/// Which kind of register an entry of the variable tables names.
+/// What an entry of the variable tables says of its register. It is not a [`Space`](super::Space): the tables do not tell
+/// `D:` from `L:`, and know function blocks, which are no registers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum VariableKind {

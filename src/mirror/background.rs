@@ -1,6 +1,6 @@
 //! The background region: asks for reports at a steady rate and publishes each.
 //!
-//! A sample's time is when its report was last seen not to be there: when it was asked for, or the last empty poll. The
+//! A sample's time is the last moment when its report was not there yet: when it was asked for, or the last empty poll. The
 //! data are no older, whatever held up the daemon since; a report older than what is called stale is not published
 //! but asked for anew.
 
@@ -149,7 +149,7 @@ impl BackgroundMirror {
         publisher: &mut Publisher,
         now: u64,
     ) -> Result<Option<Transition>, BusError> {
-        // Only polls tell that the board is silent; a mirror that was itself stopped has no right to say so yet.
+        // Silence counts only while somebody polls: after a stop of this thread the deadline starts again.
         if now.saturating_sub(self.last_poll_ns) >= self.freshness.limit_ns() {
             self.freshness.reset_deadline(now);
         }

@@ -14,35 +14,35 @@ const MILLISECOND: Ns = 1_000_000;
 /// How far a phase error moves the next prediction, and how far the spacing of two updates moves the period.
 const PHASE_GAIN: f64 = 0.25;
 const PERIOD_GAIN: f64 = 0.02;
-/// Every update found at the first poll moves the aim earlier by this part of a period, and no more than so many ns:
-/// without it nobody would notice that the polls come later and later.
+/// Every update found at the first poll moves the aim earlier by this part of a period, by at most so many ns. Without
+/// it the polls could come later and later, and nothing would show it.
 const NUDGE: f64 = 1.0 / 64.0;
 const NUDGE_NS: f64 = 20_000.0;
-/// So many updates in a row that came much too early mean that the period is wrong. Only one so long that polls are more
-/// frequent is judged so: shorter ones are learnt fast enough, and a simulated board that catches up after it was not run
-/// makes updates in quick succession without any change of its period.
+/// This many updates in a row that came much too early mean that the period is wrong. Only a period longer than twice
+/// [`RARE_POLL`] is judged so: shorter ones are learnt fast enough, and a simulated board that catches up makes updates in
+/// quick succession although its period has not changed.
 const HURRIED: u8 = 3;
 /// Without an update for this many periods (and at least [`SILENCE`]) there is no phase to hold.
 const LOCK_PERIODS: f64 = 20.0;
 const SILENCE: Ns = 50 * MILLISECOND;
 /// After so long the board is no longer expected to go on any moment.
 const LONG_SILENCE: Ns = 1_000 * MILLISECOND;
-/// The prediction is good to this part of a period: empty polls that near to it were early, others were made for other reasons.
+/// How good the prediction is, as a part of a period: an empty poll that near to it was early.
 const AIM: f64 = 1.0 / 8.0;
-/// From the first empty poll to the next while an update is due: a sixteenth of a period, but no less and no more than this.
-const LOOK_AGAIN: std::ops::RangeInclusive<Ns> = 10 * MICROSECOND..=30 * MICROSECOND;
-/// An update that came after so many empty polls while it was due, and later than this part of a period, moves the phase as if it
-/// were just so late, as far as it is not one of so many in a row: the board, or a machine that simulates it, was held up. Earlier the
-/// phase moves but by nudges, so that what is late now and then would hold it late for good. (One empty poll is nothing
-/// unusual: the aim is to come just in time.)
+/// The time between polls while an update is due: a sixteenth of a period, within these limits.
+const POLL_AGAIN: std::ops::RangeInclusive<Ns> = 10 * MICROSECOND..=30 * MICROSECOND;
+/// An update found after at least `LATE_POLLS` empty polls and more than `LATE` of a period late is an outlier: the board,
+/// or a machine that simulates it, was held up. Its phase error counts as `LATE`, unless `LATE_IN_A_ROW` outliers follow each
+/// other. Otherwise a late update now and then would keep the phase late for good, because only nudges move it earlier.
+/// One empty poll is normal: the clock aims to come just in time.
 const LATE_POLLS: u8 = 2;
 const LATE: f64 = 1.0 / 16.0;
 const LATE_IN_A_ROW: u8 = 3;
-/// How often to poll at least, whatever the prediction says: so a period that became much shorter is noticed. One
-/// access a millisecond costs nothing; where updates come more seldom, one poll halfway is enough, but not less than
-/// this, because a period that was told may be wrong.
-const IDLE_LOOK: Ns = MILLISECOND;
-const SELDOM_LOOK: Ns = 10 * MILLISECOND;
+/// The longest time between polls, whatever the prediction says, so that a period that became much shorter is noticed.
+/// One access a millisecond costs nothing. Where updates are rarer, one poll halfway is enough, but no rarer than
+/// [`RARE_POLL`]: a configured period may be wrong.
+const IDLE_POLL: Ns = MILLISECOND;
+const RARE_POLL: Ns = 10 * MILLISECOND;
 
 /// Predicts updates that come at a nearly constant period.
 #[derive(Debug, Clone, Default)]
@@ -57,7 +57,7 @@ pub struct UpdateClock {
     hurried: u8,
     /// So many updates in a row came much too late.
     late: u8,
-    /// Looks in vain since the next update was due.
+    /// Empty polls since the next update was due.
     late_polls: u8,
     /// The last poll that found nothing since the last update.
     last_early_ns: Option<Ns>,
@@ -105,16 +105,16 @@ impl UpdateClock {
         let again = match self.predicted_ns {
             Some(predicted) => self.wait_for(predicted, now),
             None if self.period_ns > 0.0 && silent <= LONG_SILENCE => (self.period_ns / 4.0) as Ns,
-            None => IDLE_LOOK,
+            None => IDLE_POLL,
         };
-        self.due_ns = now + again.clamp(*LOOK_AGAIN.start(), self.longest_wait());
+        self.due_ns = now + again.clamp(*POLL_AGAIN.start(), self.longest_wait());
     }
 
     /// From an empty poll to the next: soon while the update may come any moment, and the later the longer it has failed to
     /// come, but at the times when the ones after it would come. A board that leaves updates out is not asked for each as
     /// if it were late; and a simulated one that shares the processor gets it.
     fn wait_for(&self, predicted: f64, now: Ns) -> Ns {
-        let soon = ((self.period_ns / 16.0) as Ns).clamp(*LOOK_AGAIN.start(), *LOOK_AGAIN.end());
+        let soon = ((self.period_ns / 16.0) as Ns).clamp(*POLL_AGAIN.start(), *POLL_AGAIN.end());
         let late = now as f64 - predicted;
         if late < 0.0 {
             return soon.max(-late as Ns);
@@ -129,7 +129,7 @@ impl UpdateClock {
         let updates = updates.max(1) as f64;
         let at = now as f64;
         let elapsed = self.last_update_ns.map(|last| at - last as f64);
-        let is_long = self.period_ns > 2.0 * SELDOM_LOOK as f64;
+        let is_long = self.period_ns > 2.0 * RARE_POLL as f64;
         let is_hurried = is_long && elapsed.is_some_and(|elapsed| elapsed < updates * self.period_ns / 2.0);
         self.hurried = if is_hurried { self.hurried + 1 } else { 0 };
         if self.hurried == HURRIED {
@@ -153,7 +153,7 @@ impl UpdateClock {
                 self.late = if is_late { self.late.saturating_add(1) } else { 0 };
                 let most = if (1..LATE_IN_A_ROW).contains(&self.late) { much } else { self.period_ns };
                 let error = error.clamp(-self.period_ns, most);
-                // Looks come late by a bounded time, so the spacing of updates is right in the long run, whatever
+                // Polls come late by a bounded time, so the spacing of updates is right in the long run, whatever
                 // the phase; a period learnt from the phase error could settle on a wrong one.
                 self.period_ns += PERIOD_GAIN * (elapsed - updates * self.period_ns);
                 self.predicted_ns = Some(predicted + PHASE_GAIN * error + self.period_ns);
@@ -179,14 +179,14 @@ impl UpdateClock {
         self.late_polls = 0;
         self.due_ns = match self.predicted_ns {
             Some(predicted) => (predicted as Ns).clamp(now, now + self.longest_wait()),
-            None => now + IDLE_LOOK,
+            None => now + IDLE_POLL,
         };
     }
 
     /// From one poll to the next at most.
     fn longest_wait(&self) -> Ns {
         let half = if self.predicted_ns.is_some() { self.period_ns / 2.0 } else { 0.0 };
-        (half as Ns).clamp(IDLE_LOOK, SELDOM_LOOK)
+        (half as Ns).clamp(IDLE_POLL, RARE_POLL)
     }
 }
 

@@ -131,7 +131,7 @@ fn a_silent_board_is_looked_at_seldom() {
     assert!((1_900..2_300).contains(&looks), "{looks} looks in two seconds, after the first");
     let mut unknown = UpdateClock::default();
     unknown.poll_empty(5);
-    assert_eq!(unknown.due_ns(), 5 + IDLE_LOOK);
+    assert_eq!(unknown.due_ns(), 5 + IDLE_POLL);
 }
 
 #[test]

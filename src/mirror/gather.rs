@@ -177,7 +177,7 @@ impl GatherMirror {
         let time_ns = self.time.ns();
         let found = poll(bus, reader, self.clock, self.report, &mut self.timer, &self.time)?;
         let (phase, first) = match found {
-            GatherPoll::Samples { first, .. } => (GatherPhase::GoesOn, first),
+            GatherPoll::Samples { first, .. } => (GatherPhase::Running, first),
             GatherPoll::Idle | GatherPoll::Disturbed | GatherPoll::OutOfRange { .. } => {
                 self.next_poll = now + POLL_PERIOD;
                 return Ok(());
@@ -192,13 +192,13 @@ impl GatherMirror {
             first,
             lost: reader.lost(),
             sample_longs: reader.sample_longs(),
-            longs: if phase == GatherPhase::GoesOn { reader.longs() } else { &[] },
+            longs: if phase == GatherPhase::Running { reader.longs() } else { &[] },
         };
         let words = chunk.encode(&mut self.payload);
         let stamp = Stamp { time_ns, servo_timer: 0, valid: true };
         publisher.publish(RegionId::Gather, stamp, &self.payload[..words]);
         self.next_poll = now;
-        if phase != GatherPhase::GoesOn {
+        if phase != GatherPhase::Running {
             self.reset(publisher);
         }
         Ok(())

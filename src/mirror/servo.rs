@@ -175,7 +175,7 @@ impl ServoMirror {
         }
         let now = self.time.ns();
         self.clock.poll_empty(now);
-        // Only polls tell that the board is silent; a mirror that was itself stopped has no right to say so yet.
+        // Silence counts only while somebody polls: after a stop of this thread the deadline starts again.
         if now.saturating_sub(self.last_poll_ns) >= self.freshness.limit_ns() {
             self.freshness.reset_deadline(now);
         }

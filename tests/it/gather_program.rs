@@ -19,7 +19,7 @@ fn published(subscriber: &Subscriber, sample: &mut Sample) -> Option<u64> {
         return Some(0);
     }
     let chunk = GatherChunk::decode(sample.words()).unwrap();
-    if chunk.phase != GatherPhase::GoesOn {
+    if chunk.phase != GatherPhase::Running {
         // The end of the one before.
         return Some(0);
     }

@@ -328,7 +328,7 @@ impl Run<'_> {
             number += 1;
         }
         self.next = wanted.map_or(number, |wanted| number.min(wanted)).max(self.next);
-        if chunk.phase != GatherPhase::GoesOn {
+        if chunk.phase != GatherPhase::Running {
             self.ended = Some(chunk.phase);
         }
         Ok(true)

@@ -12,12 +12,12 @@ pub const fn payload_words(longs: usize) -> usize {
     HEADER_WORDS + 2 * longs
 }
 
-/// How a gather goes on.
+/// What becomes of a gather.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u32)]
 pub enum GatherPhase {
     /// More follows.
-    GoesOn = 0,
+    Running = 0,
     /// It has ended; nothing follows.
     Ended = 1,
     /// Somebody defined the buffer anew, or the board was reset.
@@ -84,7 +84,7 @@ impl GatherChunk {
             return None;
         }
         let phase = match long(2) {
-            0 => GatherPhase::GoesOn,
+            0 => GatherPhase::Running,
             1 => GatherPhase::Ended,
             2 => GatherPhase::Redefined,
             _ => GatherPhase::Interrupted,
@@ -102,7 +102,7 @@ mod tests {
         let mut words = vec![3, 0, 0, 0, 2, 0, 2, 0, 7, 0, 1, 0, 9, 0, 0, 0];
         words.extend([1, 0, 2, 0, 0xFFFF, 0xFFFF, 4, 1]);
         let chunk = GatherChunk::decode(&words).unwrap();
-        assert_eq!((chunk.gather, chunk.phase, chunk.sample_longs), (3, GatherPhase::GoesOn, 2));
+        assert_eq!((chunk.gather, chunk.phase, chunk.sample_longs), (3, GatherPhase::Running, 2));
         assert_eq!((chunk.first, chunk.lost), (1 << 32 | 7, 9));
         assert_eq!(chunk.longs, [1, 2, u32::MAX, 1 << 16 | 4]);
         assert_eq!(GatherChunk::decode(&words[..22]), None);
@@ -116,7 +116,7 @@ mod tests {
     #[test]
     fn every_phase_comes_back() {
         for phase in
-            [GatherPhase::GoesOn, GatherPhase::Ended, GatherPhase::Redefined, GatherPhase::Interrupted]
+            [GatherPhase::Running, GatherPhase::Ended, GatherPhase::Redefined, GatherPhase::Interrupted]
         {
             let end = GatherChunk { gather: 1, phase, first: 7, lost: 0, sample_longs: 1, longs: [0; 0] };
             let mut payload = [0; payload_words(0)];
