@@ -7,9 +7,12 @@ use pmac_dpram::daemon::shared::info::Info;
 use pmac_dpram::daemon::shared::job::Job;
 use pmac_dpram::daemon::socket::methods::{Action, Ask, parse_call};
 use pmac_dpram::daemon::socket::policy::Role;
+use pmac_dpram::map::PMAC;
 use pmac_dpram::map::pmac;
 use pmac_dpram::protocol::message::encode;
-use pmac_dpram::protocol::{BOARD, CALL_MAX, Call, Inbox, LINE_MAX, READ_MAX, Reply};
+use pmac_dpram::protocol::{
+    BOARD, BoardInfo, BoardSettings, CALL_MAX, Call, Inbox, LINE_MAX, READ_MAX, Reply,
+};
 
 /// First byte: the caller's role and whether method and parameters are wrapped up; second: where the stream is cut.
 pub fn body(data: &[u8]) {
@@ -57,7 +60,8 @@ fn handle(message: &[u8], role: Role) {
 }
 
 fn judge(call: &Call, role: Role) {
-    thread_local!(static INFO: RefCell<Info> = RefCell::default());
+    thread_local!(static INFO: RefCell<Info> =
+        RefCell::new(Info::new(&PMAC, BoardInfo::default(), BoardSettings::default())));
     let action = INFO.with_borrow(|info| parse_call(call, role, info));
     match action {
         Err(error) => {

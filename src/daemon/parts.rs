@@ -62,7 +62,11 @@ impl Parts {
         let (commands, command_queue) =
             queue(at_once::ALL).map_err(|error| Failure::system("queue", error))?;
         let (events, event_queue) = queue(EVENTS).map_err(|error| Failure::system("queue", error))?;
-        let info = Info::new(board_info(settings, &publisher), settings.board_settings.settings().clone());
+        let info = Info::new(
+            settings.family,
+            board_info(settings, &publisher),
+            settings.board_settings.settings().clone(),
+        );
         let flags = EfdFlags::EFD_NONBLOCK | EfdFlags::EFD_CLOEXEC;
         let stop =
             EventFd::from_value_and_flags(0, flags).map_err(|error| Failure::system("eventfd", error))?;

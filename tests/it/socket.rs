@@ -6,9 +6,12 @@ use std::os::unix::net::UnixStream;
 use std::time::{Duration, Instant};
 
 use pmac_dpram::client::command::{CommandError, Connection};
+use pmac_dpram::daemon::shared::info::Info;
 use pmac_dpram::daemon::shared::status::BoardStatus;
-use pmac_dpram::map::HostOffset;
-use pmac_dpram::protocol::{BOARD, BOARD_DESCRIPTION, CallError, MessageKind, SERVICE_DESCRIPTION, State};
+use pmac_dpram::map::{HostOffset, PMAC};
+use pmac_dpram::protocol::{
+    BOARD, BOARD_DESCRIPTION, BoardInfo, BoardSettings, CallError, MessageKind, SERVICE_DESCRIPTION, State,
+};
 use proptest::prelude::*;
 use serde_json::{Value, json};
 use varlink::OrgVarlinkServiceInterface;
@@ -179,7 +182,7 @@ fn too_many_commands_are_busy_and_nothing_waits() {
     let (_events, events) = pmac_dpram::daemon::shared::queue::queue(1).unwrap();
     let path = bench.socket.with_file_name("other.sock");
     let options = pmac_dpram::daemon::socket::options::ServeOptions::new(path.clone());
-    let info = pmac_dpram::daemon::shared::info::Info::default();
+    let info = Info::new(&PMAC, BoardInfo::default(), BoardSettings::default());
     let backend = pmac_dpram::daemon::socket::server::Backend { commands, events, info };
     let _server =
         pmac_dpram::daemon::socket::server::serve(&options, options.listen().unwrap(), backend).unwrap();

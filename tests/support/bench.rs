@@ -16,6 +16,7 @@ use pmac_dpram::daemon::shared::queue::{
 use pmac_dpram::daemon::shared::status::BoardStatus;
 use pmac_dpram::daemon::socket::options::ServeOptions;
 use pmac_dpram::daemon::socket::server::{Backend, Server, serve};
+use pmac_dpram::map::PMAC;
 use pmac_dpram::protocol::{BoardInfo, BoardSettings, Enabled, MessageKind, State};
 
 use super::wait_until;
@@ -64,7 +65,7 @@ impl Bench {
             ..BoardInfo::default()
         };
         change_board(&mut board);
-        let info = Info::new(board, BoardSettings::default());
+        let info = Info::new(&PMAC, board, BoardSettings::default());
         let (commands, bus_commands) = queue(8).unwrap();
         let (events, socket_events) = queue(4096).unwrap();
         let listener = options.listen().unwrap();

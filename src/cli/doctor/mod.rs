@@ -32,7 +32,7 @@ pub struct Doctor {
     /// Open this board, read its window without writing to it, and say what seems to live there
     #[arg(long, value_name = "SPEC")]
     pub probe: Option<String>,
-    /// The family of that board: pmac, pmac2
+    /// The family of that board
     #[arg(long, value_name = "FAMILY", value_parser = values::family, default_value = "pmac", requires = "probe")]
     pub family: &'static Family,
     /// Where /dev, /proc and /sys of the machine lie

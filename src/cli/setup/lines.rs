@@ -4,9 +4,10 @@ use std::fmt::Write;
 
 use clap::{Args, Subcommand, ValueEnum};
 
+use crate::cli::args::values;
 use crate::cli::setup::answer::Answer;
 use crate::map::number::parse;
-use crate::map::{Generation, PMAC, PmacRegister};
+use crate::map::{Family, Generation, PmacRegister};
 use crate::setup::SetupPlan;
 use crate::setup::enable::{self, EnablePlan, Function, Options};
 use crate::setup::isa::{self, IsaAddressing, TurboWindow};
@@ -135,6 +136,9 @@ pub struct Enable {
     /// Let the variables survive a reset
     #[arg(long)]
     pub save: bool,
+    /// The board's family
+    #[arg(long, value_name = "FAMILY", value_parser = values::family, default_value = "pmac")]
+    pub family: &'static Family,
 }
 
 /// Answers `setup …`. Nothing is sent.
@@ -221,7 +225,7 @@ impl Enable {
             gather_sources: self.sources.clone(),
             save: self.save,
         };
-        enable::plan(&self.functions, &options, &PMAC).map_err(|error| error.to_string())
+        enable::plan(&self.functions, &options, self.family).map_err(|error| error.to_string())
     }
 }
 

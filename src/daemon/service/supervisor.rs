@@ -185,7 +185,7 @@ mod tests {
             stuck: false,
         };
         let info = BoardInfo { board: "sim".to_owned(), ..BoardInfo::default() };
-        let mut info = Info::new(info, crate::protocol::BoardSettings::default());
+        let mut info = Info::new(&crate::map::PMAC, info, crate::protocol::BoardSettings::default());
         let pulse = info.pulse();
         pulse.count_round();
         manager.ready(&pulse);

@@ -1,12 +1,12 @@
-//! What is known of the board: the bus thread reports it by events, the socket's thread answers `GetInfo` from it, and the first
-//! thread shows it to the service manager.
+//! What is known of the board. The bus thread reports it by events, the socket's thread answers `GetInfo` from it, and the
+//! first thread shows it to the service manager.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use super::queue::{Event, Sender};
 use super::status::{BoardStatus, Enabling, HostPortCounts, KnownIdentity};
-use crate::map::{Family, PMAC};
+use crate::map::Family;
 use crate::protocol::{BoardInfo, BoardSettings, Enabled};
 
 /// The bus thread's side: reports what has changed.
@@ -34,8 +34,9 @@ impl InfoReport {
 }
 
 /// The socket's side: the daemon's present knowledge of its board, and its settings.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub struct Info {
+    family: &'static Family,
     board: BoardInfo,
     settings: BoardSettings,
     status: BoardStatus,
@@ -43,11 +44,11 @@ pub struct Info {
 }
 
 impl Info {
-    /// Starts with `board`. The `settings` stay.
+    /// Starts with `board`, which is of `family`. The `settings` stay.
     #[must_use]
-    pub fn new(board: BoardInfo, settings: BoardSettings) -> Self {
+    pub fn new(family: &'static Family, board: BoardInfo, settings: BoardSettings) -> Self {
         let pulse = Arc::new(Pulse { rounds: AtomicU64::new(0), board: Mutex::new(board.clone()) });
-        Self { board, settings, status: BoardStatus::default(), pulse }
+        Self { family, board, settings, status: BoardStatus::default(), pulse }
     }
 
     /// What the first thread sees.
@@ -65,7 +66,7 @@ impl Info {
     /// The board's family.
     #[must_use]
     pub fn family(&self) -> &'static Family {
-        Family::by_name(&self.board.family).unwrap_or(&PMAC)
+        self.family
     }
 
     /// What `GetSettings` answers.
@@ -137,6 +138,7 @@ impl Pulse {
 mod tests {
     use super::*;
     use crate::daemon::shared::queue::queue;
+    use crate::map::PMAC;
     use crate::protocol::{CommandState, State};
 
     #[test]
@@ -148,7 +150,7 @@ mod tests {
             firmware: Some("1.16D".to_owned()),
             ..BoardInfo::default()
         };
-        let mut info = Info::new(board, BoardSettings::default());
+        let mut info = Info::new(&PMAC, board, BoardSettings::default());
         let mut take = |report: &mut InfoReport, with_counts| {
             report.poll(&events, with_counts);
             let event = told.try_receive();

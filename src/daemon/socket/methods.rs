@@ -239,11 +239,13 @@ fn read(calls::Read { host_offset, words }: &calls::Read) -> Result<Action, Call
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::map::PMAC;
+    use crate::protocol::{BoardInfo, BoardSettings};
     use serde_json::Value;
 
     fn called(role: Role, method: &str, parameters: Value) -> Result<Action, CallError> {
         let call: Call = serde_json::from_value(json!({"method": method, "parameters": parameters})).unwrap();
-        parse_call(&call, role, &Info::default())
+        parse_call(&call, role, &Info::new(&PMAC, BoardInfo::default(), BoardSettings::default()))
     }
 
     fn board(role: Role, method: &str, parameters: Value) -> Result<Action, CallError> {
@@ -271,11 +273,9 @@ mod tests {
     #[test]
     fn a_method_of_a_function_that_is_switched_off_says_so() {
         let with = |functions: Value| {
-            let settings = crate::protocol::BoardSettings {
-                functions: serde_json::from_value(functions).unwrap(),
-                ..Default::default()
-            };
-            Info::new(crate::protocol::BoardInfo::default(), settings)
+            let settings =
+                BoardSettings { functions: serde_json::from_value(functions).unwrap(), ..Default::default() };
+            Info::new(&PMAC, BoardInfo::default(), settings)
         };
         let methods = BOARD_DESCRIPTION.lines().filter_map(|line| line.strip_prefix("method "));
         let methods: Vec<_> = methods.filter_map(|line| line.split('(').next()).collect();

@@ -116,6 +116,8 @@ mod tests {
     use super::*;
     use crate::daemon::shared::info::Info;
     use crate::daemon::shared::queue::{Command, Event, Outcome, Ticket, at_once, queue};
+    use crate::map::PMAC;
+    use crate::protocol::{BoardInfo, BoardSettings};
 
     /// More rounds than any user's share of processor time makes of one flood: the share is measured in real time, so that
     /// a busy machine serves fewer clients a round.
@@ -134,7 +136,8 @@ mod tests {
         let options = ServeOptions::new(directory.path().join("socket"));
         let (commands, taken) = queue(at_once::ALL).unwrap();
         let (answers, events) = queue(8).unwrap();
-        let backend = Backend { commands, events, info: Info::default() };
+        let info = Info::new(&PMAC, BoardInfo::default(), BoardSettings::default());
+        let backend = Backend { commands, events, info };
         let mut server = ServerStepper::new(&options, options.listen().unwrap(), backend).unwrap();
         let mut now = Instant::now();
         let mut clients = Vec::new();
