@@ -13,7 +13,7 @@ use crate::segment::SegmentError;
 
 /// The command line was not understood. Nothing has been done.
 pub const USAGE: u8 = 64;
-/// The board, its name or its socket is not to be had: it is not there, or another daemon has it. May mend itself.
+/// The board, its name or its socket is unavailable: it is not there, or another daemon has it. May mend itself.
 pub const UNAVAILABLE: u8 = 69;
 /// A defect of the daemon's own.
 pub const SOFTWARE: u8 = 70;

@@ -8,7 +8,7 @@ use clap::Parser;
 #[derive(Debug, Clone, Default, Parser)]
 #[command(name = "pmacd", version, max_term_width = 100)]
 #[command(
-    after_help = "Exit status: 0 asked to end; 64 the command line; 69 the board, its name or its socket is not to be had; \
+    after_help = "Exit status: 0 asked to end; 64 the command line; 69 board, name or socket unavailable; \
     70 a defect; 71 the system refused memory, a descriptor or a thread; 77 a right is missing; 78 the configuration."
 )]
 pub struct Options {
@@ -19,7 +19,7 @@ pub struct Options {
     /// The name of the shared-memory segment and of the socket [default: pmac0]
     #[arg(long, value_name = "NAME")]
     pub name: Option<String>,
-    /// The configuration file, TOML; what the command line says wins over it
+    /// The configuration file, TOML; the command line overrides it
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
     /// The command socket [default: /run/pmacd/NAME.sock]
@@ -28,10 +28,10 @@ pub struct Options {
     /// Become this user, with its groups, once the board is open (started as root)
     #[arg(long, value_name = "NAME")]
     pub user: Option<String>,
-    /// Reads the configuration, says what is wrong with it, and exits
+    /// Check the configuration, say what is wrong with it, and exit
     #[arg(long)]
     pub check: bool,
-    /// End when the process that started this one ends, whose number it is
+    /// Exit when the parent process (PID) exits
     #[arg(long, value_name = "PID", hide = true)]
     pub with_parent: Option<u32>,
 }

@@ -15,7 +15,7 @@ use crate::protocol::LINE_MAX;
 
 /// How long a request may take: a hundred answers, at a reply a background cycle, with room.
 const PATIENCE: Duration = Duration::from_secs(30);
-/// Answers a request asks for, at most. The desk serves nobody else meanwhile.
+/// The most answers one line asks for: the board answers nobody else meanwhile.
 const ANSWERS_MAX: usize = 100;
 
 /// Something that a line can set.

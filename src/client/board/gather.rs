@@ -16,7 +16,7 @@ impl GatherFollower {
     /// The next samples, or `None` when there are none yet.
     ///
     /// # Errors
-    /// [`ClientError::Segment`], also when the daemon was started anew.
+    /// [`ClientError::Segment`], also when the daemon was restarted.
     pub fn next(&mut self, board: &Board) -> Result<Option<GatherChunk>, ClientError> {
         if !board.subscriber().next(&mut self.cursor, &mut self.sample)? {
             return Ok(None);

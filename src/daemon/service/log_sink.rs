@@ -34,7 +34,7 @@ pub struct LogSink {
 }
 
 impl LogSink {
-    /// The end that takes lines, and the one that will write them to `target`. `prefix` begins the lines of its own.
+    /// The end that takes lines, and the end that writes them to `target`. `prefix` begins the sink's own lines.
     pub fn new(target: impl Write + Send + 'static, prefix: &'static str) -> (Self, LogWriter) {
         let (entries, queue) = sync_channel(PIECES);
         let sink = Self { entries, dropped: Arc::default() };

@@ -1,7 +1,7 @@
 //! Giving up every right that only the opening of the board needed, for good.
 //!
 //! Rights are a thread's own, so this happens while there is one thread: a user and its groups instead of root's, no
-//! capability in any set, none to be had by running another program. What was achieved is read back from the kernel.
+//! capability in any set, and no way to get one by running another program. The result is read back from the kernel.
 
 use std::ffi::CString;
 use std::fmt;
@@ -20,7 +20,7 @@ const SETS: [CapSet; 4] = [CapSet::Ambient, CapSet::Effective, CapSet::Permitted
 /// A limit of locked memory below this is the reason why none can be locked: the kernel counts all address space.
 const ENOUGH_BYTES: u64 = 1 << 30;
 
-/// A right could not be given up, or the user to become is not to be had.
+/// A right could not be given up, or the user to become cannot be looked up.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum PrivilegeError {

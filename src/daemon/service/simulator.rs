@@ -31,7 +31,7 @@ pub struct Simulator {
 }
 
 impl Simulator {
-    /// Starts `pmac-sim` from the directory this program lies in (or the search path) with the shipped start-up file.
+    /// Starts `pmac-sim` from this program's directory (or the search path) with the shipped start-up file.
     ///
     /// # Errors
     /// When there is no such program, or it is not ready in time.
@@ -129,7 +129,7 @@ fn program() -> PathBuf {
     beside.filter(|path| path.exists()).unwrap_or_else(|| "pmac-sim".into())
 }
 
-/// A directory only this user can enter, in memory if possible: the simulator's DPRAM lies there.
+/// A directory for the simulator's files that only this user can enter, in memory if possible.
 fn private_directory() -> std::io::Result<PathBuf> {
     let parent = Path::new(crate::segment::DIRECTORY);
     let parent = if parent.is_dir() { parent.to_owned() } else { std::env::temp_dir() };

@@ -102,7 +102,7 @@ pub enum Outcome {
     Error(u16),
     /// The deadline passed before the board had answered.
     TimedOut,
-    /// DPRAM ASCII is not to be had now (I58 = 0, or the board is gone).
+    /// DPRAM ASCII is off (I58=0), or the board is gone.
     Unavailable,
     /// Its turn did not come: too much was before it. Nothing of it was sent.
     Busy,

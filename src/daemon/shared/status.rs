@@ -53,7 +53,7 @@ impl Default for BoardStatus {
     }
 }
 
-/// What has to be switched on before a request makes sense, as far as the board was asked since something may have changed it.
+/// Whether functions are switched on, where the board was asked since something may have changed it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Enabling {
     /// The control panel: I2=3.

@@ -1,10 +1,9 @@
-//! Who gets one of the places for connections, which are few.
+//! Who may connect: the places for connections are limited.
 //!
-//! No single user can take them all, not even root or the daemon's own user: the last eighth is for users who hold
-//! hardly any, and half of that for those who may operate. Other users have a limit of their own besides. Where a
-//! newcomer would be refused, a connection that never asked anything for as long as a client may keep the daemon
-//! waiting gives its place up. There are never more places than descriptors, so that running out of these is the
-//! system's fault, and passes; nothing that runs in the daemon is refused one because of clients.
+//! No user can take them all, not even root or the daemon's own user. The last eighth is for users who hold fewer than
+//! four, and half of it for those who may operate. Every other user has a limit as well. When all places are taken, a
+//! connection that has asked nothing since it came gives its place up. There are fewer places than descriptors, so clients
+//! can never take those that the daemon itself needs.
 
 use std::collections::HashMap;
 use std::io;
@@ -26,16 +25,15 @@ use crate::protocol::{CallError, Reply};
 
 /// How long accepting pauses when the system has no more descriptors or memory.
 const ACCEPT_PAUSE: Duration = Duration::from_millis(200);
-/// How often that is said while it lasts.
+/// How often that is logged while it lasts.
 const SAY_AGAIN: Duration = Duration::from_secs(60);
 /// The most connections accepted in one go.
 const ACCEPT_MAX: usize = 64;
-/// Who holds fewer than this gets a place of the reserve.
+/// A user who holds fewer than this gets a place of the reserve.
 const FEW: usize = 4;
 /// Descriptors that are kept for the daemon itself: interrupts that come back, the name service, the log.
 const KEPT: usize = 16;
-/// How long a user's role is remembered. Whoever connects again and again does not make the daemon ask the name service
-/// each time, which may be slow.
+/// How long a user's role is remembered: the name service, which may be slow, is not asked at every connection.
 const ROLE_LASTS: Duration = Duration::from_secs(5);
 /// Users whose role is remembered.
 const ROLES_MAX: usize = 256;
@@ -50,9 +48,9 @@ struct Places {
 /// Why there is none.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Full {
-    /// The user has his share.
+    /// The user has as many as one may have.
     User,
-    /// All that this user may have are taken.
+    /// All places that this user may use are taken.
     All,
 }
 
@@ -62,7 +60,7 @@ impl Places {
         Self { all, of_user: options.max_clients_per_user.min(all) }
     }
 
-    /// Whether one more connection may stay, with `taken` there already, `held` of the same user.
+    /// Whether there is room for one more connection, with `taken` places taken, `held` of them by the same user.
     fn room(&self, taken: usize, held: usize, uid: Uid, role: Role) -> Result<(), Full> {
         let reserve = self.all / 8;
         let kept_from = match (held < FEW, role) {
@@ -128,13 +126,12 @@ impl Admission {
         self.pause = self.pause.filter(|until| *until > now);
     }
 
-    /// There is a descriptor again.
+    /// A connection has ended, so there is a descriptor again.
     pub(super) fn resume(&mut self) {
         self.pause = None;
     }
 
-    /// Accepts the connections that wait, some at a time: whoever connects faster than this still leaves time for
-    /// everybody else.
+    /// Accepts connections that wait, some at a time, which leaves time for the clients that are there.
     pub(super) fn accept(&mut self, clients: &mut Clients, audit: &mut AuditLimit, now: Instant) {
         for _ in 0..ACCEPT_MAX {
             match self.listener.accept() {

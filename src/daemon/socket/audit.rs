@@ -1,4 +1,4 @@
-//! What is said of those who are refused: each user's refusals up to a number at a time, the others as a count.
+//! Limits how many refusals are logged: each user's first ones, then a count.
 //!
 //! Whoever may connect could otherwise fill the log, or have the journal drop the lines of others.
 
@@ -9,10 +9,10 @@ use std::time::{Duration, Instant};
 use log::info;
 use nix::unistd::Uid;
 
-/// AuditLimit of one user that are logged, and in which time.
+/// How many refusals of one user are logged, and in which time.
 const TOLD: u32 = 20;
 const PERIOD: Duration = Duration::from_secs(10);
-/// The most characters of one. What a client sent can be as long as a message.
+/// The most characters of a line. What a client sent can be as long as a message.
 const LENGTH: usize = 240;
 
 #[derive(Debug)]
@@ -46,12 +46,12 @@ impl AuditLimit {
         false
     }
 
-    /// Closes the accounts whose time is over, and says what they hold back.
+    /// Closes the accounts whose time is over, and logs how many refusals each held back.
     pub(super) fn sum_up(&mut self, now: Instant) {
         self.close(|account| account.until <= now);
     }
 
-    /// Closes all accounts, as nothing more will be told.
+    /// Closes all accounts: nothing more will be logged.
     pub(super) fn end(&mut self) {
         self.close(|_| true);
     }

@@ -1,6 +1,6 @@
-//! One client of the command socket: its buffers, what it waits for, and when it has gone.
+//! One client of the command socket: its buffers, what it waits for, and whether it is still there.
 //!
-//! Nothing here waits. Every buffer is bounded, and a client that stops half-way is found by the clock.
+//! Nothing here blocks. Every buffer is bounded, and a client that stops half-way is dropped after a time.
 
 use std::io::{self, Read, Write};
 use std::os::fd::{AsFd, BorrowedFd};
@@ -27,7 +27,7 @@ pub(super) enum Waiting {
     Nothing,
     /// The board, whose answer `CallTable` awaits.
     Board,
-    /// Unsolicited texts, of which so many were dropped since the last one it got.
+    /// Unsolicited texts. So many were dropped since the last one it got.
     Messages(u64),
     /// Nothing more: it watches variables as long as it stays.
     Watch,
@@ -53,7 +53,7 @@ pub(super) struct Client {
     input_ended: bool,
     /// It will read no more either.
     hung_up: bool,
-    /// It is to go as soon as its output is out.
+    /// It ends as soon as its output is sent.
     closing: bool,
 }
 
@@ -117,11 +117,11 @@ impl Client {
         let mut flags = PollFlags::empty();
         flags.set(PollFlags::POLLIN, !self.input_ended && !self.closing && !self.inbox.is_full());
         flags.set(PollFlags::POLLOUT, !self.outbox.is_empty());
-        // A hang-up is reported whether asked for or not, again and again.
+        // The poll would report a hang-up again and again.
         (!self.hung_up).then_some(flags)
     }
 
-    /// Takes in what has arrived, as far as there is room.
+    /// Reads what has arrived, as far as there is room.
     pub(super) fn receive(&mut self, now: Instant) {
         let mut chunk = [0; 8192];
         while !self.input_ended && !self.closing && !self.inbox.is_full() {
@@ -130,7 +130,7 @@ impl Client {
                 Ok(count) => {
                     self.inbox.push(&chunk[..count]);
                     if count < chunk.len() && !self.hung_up {
-                        // That was all; the poll tells of more.
+                        // That was all. The poll reports more.
                         break;
                     }
                 }
@@ -150,7 +150,7 @@ impl Client {
         self.half_sent_since = half_sent.then(|| self.half_sent_since.unwrap_or(now));
     }
 
-    /// Notes that nobody is there to hear a reply.
+    /// The other end is gone: replies go nowhere.
     pub(super) fn hang_up(&mut self) {
         self.hung_up = true;
         self.outbox.clear();
@@ -162,7 +162,7 @@ impl Client {
         !self.hung_up
     }
 
-    /// The next call, when one is there and may begin now.
+    /// The next call, if there is one and it may begin now.
     ///
     /// # Errors
     /// [`TooLong`] when the stream cannot be followed further.
@@ -182,7 +182,7 @@ impl Client {
         call
     }
 
-    /// Puts `reply` behind what is already to be sent, and sends what goes.
+    /// Queues `reply` and sends as much as the socket takes.
     pub(super) fn reply(&mut self, reply: &Reply, now: Instant) {
         if self.hears() {
             self.outbox.extend_from_slice(&encode(reply));
@@ -208,12 +208,12 @@ impl Client {
         }
     }
 
-    /// Bytes that wait to be fetched.
+    /// Bytes that wait to be sent.
     pub(super) fn unsent(&self) -> usize {
         self.outbox.len()
     }
 
-    /// Sends what goes.
+    /// Sends as much as the socket takes.
     pub(super) fn flush(&mut self, now: Instant) {
         let mut sent = 0;
         while sent < self.outbox.len() {
@@ -226,7 +226,7 @@ impl Client {
         }
         self.outbox.drain(..sent);
         if self.outbox.is_empty() && self.outbox.capacity() > HIGH_WATER {
-            // What one long reply took is not kept for the next one.
+            // The memory of one long reply is not kept.
             self.outbox = Vec::new();
         }
         self.stalled_since = match self.stalled_since {
@@ -236,18 +236,18 @@ impl Client {
         };
     }
 
-    /// Lets it go as soon as its output is out.
+    /// Ends the connection as soon as its output is sent.
     pub(super) fn close(&mut self) {
         self.closing = true;
         self.half_sent_since = None;
     }
 
-    /// Whether nothing is left to be done for it.
+    /// Whether the connection can be removed.
     pub(super) fn is_finished(&self) -> bool {
         let unheard = self.hung_up || self.outbox.is_empty();
         match self.waiting {
             _ if self.closing => unheard,
-            // Its command is under way; the reply is the end of it.
+            // The bus thread still answers its command.
             Waiting::Board => false,
             Waiting::Messages(_) => self.hung_up,
             Waiting::Watch => self.hung_up || self.input_ended,
@@ -261,7 +261,7 @@ impl Client {
         !self.has_spoken && now.duration_since(self.connected) >= patience
     }
 
-    /// When it is to be dropped if nothing happens: a message half sent, or output not fetched, for `patience`.
+    /// When to drop it if nothing happens: a message has been half sent, or output not fetched, for `patience`.
     pub(super) fn patience_ends(&self, patience: Duration) -> Option<Instant> {
         let stalled = self.stalled_since.filter(|_| !matches!(self.waiting, Waiting::Messages(_)));
         let since = [self.half_sent_since, stalled].into_iter().flatten().min()?;

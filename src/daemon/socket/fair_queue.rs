@@ -1,8 +1,8 @@
 //! Whose command is next: the users take turns, and so do each user's connections.
 //!
-//! The bus thread gets few commands at a time, so that what waits, waits here, where it can be put in a fair order: a
-//! user who asks from sixty connections at once delays another one's command by the few that have been handed over
-//! and one of his own, not by sixty. Each connection has one command here at most, which bounds all of it.
+//! The bus thread gets few commands at a time. The others wait here, in a fair order: a user with sixty connections delays
+//! another user's command by the few that the bus thread has and by one more, not by sixty. A connection has at most one
+//! command here, which bounds the queue.
 
 use std::collections::{HashMap, VecDeque};
 
@@ -11,7 +11,7 @@ use nix::unistd::Uid;
 use crate::daemon::shared::job::Job;
 use crate::daemon::shared::queue::{Command, Ticket, at_once};
 
-/// What does not wait behind the others' kind.
+/// Kinds of commands. One kind does not wait for another.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Kind {
     /// Lines for the board, which it takes one after the other.
@@ -24,7 +24,7 @@ enum Kind {
     Variables,
     /// Lines for a rotary buffer, which may wait long for room.
     Rotary,
-    /// What is done at once.
+    /// Commands that the bus thread carries out at once.
     Short,
 }
 
@@ -46,7 +46,7 @@ impl Kind {
         }
     }
 
-    /// How many the bus thread has at a time: enough that it need not wait for the next.
+    /// How many the bus thread has at a time: enough to keep it busy.
     fn at_once(self) -> usize {
         match self {
             Self::Line => at_once::LINES,
@@ -80,12 +80,12 @@ struct Lane {
 #[derive(Debug, Default)]
 pub(super) struct FairQueue {
     lanes: [Lane; Kind::ALL.len()],
-    /// What the bus thread has.
+    /// The commands that the bus thread has.
     handed: HashMap<Ticket, Kind>,
 }
 
 impl FairQueue {
-    /// `turn` of `user` waits from now on.
+    /// Puts `turn` of `user` into the queue.
     pub(super) fn wait(&mut self, user: Uid, turn: Turn) {
         let users = &mut self.lanes[Kind::of(&turn.command) as usize].users;
         match users.iter_mut().find(|(other, _)| *other == user) {
@@ -104,7 +104,7 @@ impl FairQueue {
         !lane.users.is_empty() && lane.handed < kind.at_once()
     }
 
-    /// The next one to hand over; the bus thread has it until it is [`Self::over`].
+    /// The next command to hand over. It counts as the bus thread's until [`Self::over`].
     pub(super) fn next(&mut self) -> Option<Turn> {
         let kind = Kind::ALL.into_iter().find(|kind| self.may_go(*kind))?;
         let lane = &mut self.lanes[kind as usize];
@@ -118,21 +118,21 @@ impl FairQueue {
         Some(turn)
     }
 
-    /// The bus thread has answered, or did not get it. Until then it counts, even if its caller was told that the answer is late:
-    /// so the bus thread never has more than it has room for.
+    /// The bus thread has answered the command, or did not get it. Until then the command counts, even if its caller was told
+    /// that the answer is late: so the bus thread never has more than it has room for.
     pub(super) fn over(&mut self, ticket: Ticket) {
         if let Some(kind) = self.handed.remove(&ticket) {
             self.lanes[kind as usize].handed -= 1;
         }
     }
 
-    /// Those that wait and those that the bus thread has.
+    /// Commands that wait, and those that the bus thread has.
     pub(super) fn count(&self) -> usize {
         let waiting = self.lanes.iter().flat_map(|lane| &lane.users).map(|(_, turns)| turns.len());
         waiting.sum::<usize>() + self.handed.len()
     }
 
-    /// Takes one back; false when it does not wait (any more).
+    /// Takes a command back; false when it does not wait (any more).
     pub(super) fn take_back(&mut self, ticket: Ticket) -> bool {
         let mut found = false;
         for lane in &mut self.lanes {

@@ -131,7 +131,7 @@ impl Leases {
         self.held.values().map(|lease| lease.until).min().filter(|_| self.may_stop())
     }
 
-    /// When the first lease of those clients runs out of whom `is_there` says yes.
+    /// When the first lease of the clients that are there (`is_there`) runs out.
     pub(super) fn first_end(&self, is_there: impl Fn(u64) -> bool) -> Option<Instant> {
         self.held.iter().filter(|(client, _)| is_there(**client)).map(|(_, lease)| lease.until).min()
     }

@@ -24,10 +24,10 @@ pub enum ListenError {
     /// A living daemon answers there.
     #[error("{0}: another daemon serves this socket; stop it, or choose another --name or --socket")]
     Served(PathBuf),
-    /// Something else lies there, and it is not ours to delete.
+    /// The path is not a socket, so it is not deleted.
     #[error("{0}: exists and is not a socket; move it away or choose another --socket")]
     Foreign(PathBuf),
-    /// The group in the settings is not to be had.
+    /// The group in the settings cannot be looked up.
     #[error("{path}: {source}")]
     Group {
         /// The socket.

@@ -41,7 +41,7 @@ pub struct Roles {
     pub engineer: Vec<String>,
 }
 
-/// A group in the settings is not to be had.
+/// A group in the settings cannot be looked up.
 #[derive(Debug, thiserror::Error)]
 pub enum PolicyError {
     /// The system does not know it.

@@ -1,4 +1,4 @@
-//! How long each user is served a round: reading and answering what one user's many connections ask does not make the others wait.
+//! How long each user is served in a round, so that one user's many connections do not make the others wait.
 //!
 //! A round serves every user's connections in turn, each user's for a share of time at most; where it left off, the
 //! next round goes on.
@@ -8,13 +8,13 @@ use std::time::Duration;
 
 use nix::unistd::Uid;
 
-/// A user's time in a round. One call more may be over it.
+/// A user's time in a round. The last call may run over it.
 const SHARE: Duration = Duration::from_millis(4);
 
 #[derive(Debug, Default)]
 struct Share {
     used: Duration,
-    /// The first connection that was not served for want of time.
+    /// The first connection that was not served because the time was over.
     resume: Option<u64>,
 }
 
@@ -32,7 +32,7 @@ impl TimeQuotas {
         self.resumed.extend(self.users.drain().filter_map(|(user, share)| Some((user, share.resume?))));
     }
 
-    /// Whether `connection` was served already when the time of `user` was over last round, and so comes later in this one.
+    /// Whether `connection` was served in the last round before the time of `user` was over. It comes later in this one.
     pub(super) fn comes_later(&self, user: Uid, connection: u64) -> bool {
         self.resumed.get(&user).is_some_and(|resume| connection < *resume)
     }

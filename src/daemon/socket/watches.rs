@@ -1,6 +1,6 @@
-//! Who watches which registers: equal requests of many clients share one entry of PMAC's table, of 128 or what the plan keeps.
+//! Which client watches which registers. Clients that watch the same register share one entry of PMAC's table.
 //!
-//! Users who may only look leave a quarter of it to the others, and no one of them gets more than half.
+//! Observers together get three quarters of the table, and none of them more than half.
 
 use std::collections::{BTreeMap, HashSet};
 use std::time::{Duration, Instant};
@@ -48,7 +48,7 @@ pub(super) enum NoneLeft {
 enum Progress {
     /// Its registers are not in the table that the bus thread has.
     Wanted,
-    /// They are in the table that the bus thread has under way.
+    /// They are in the table that the bus thread is writing.
     UnderWay,
     /// They are in the board's table, and the client has been told.
     Told,
@@ -58,7 +58,7 @@ enum Progress {
 #[derive(Debug)]
 struct Watch {
     entries: Vec<VariableEntry>,
-    /// Whose it is, if he may only look.
+    /// Its user, if he may only observe.
     observer: Option<Uid>,
     progress: Progress,
 }
@@ -71,15 +71,15 @@ pub(super) struct Watches {
     clients: BTreeMap<u64, Watch>,
     /// The table as it should be on the board; the bus thread starts with an empty one.
     table: Vec<VariableEntry>,
-    /// The bus thread has another one.
+    /// The bus thread has an older table.
     is_dirty: bool,
     /// The number of the table that the board took last.
     number: Option<u32>,
-    /// The table that the bus thread has under way: tables that change faster than that do not fill its queue.
+    /// The table that the bus thread is writing. The next one waits for it, so that fast changes do not fill the queue.
     under_way: Option<Ticket>,
-    /// The last table was not taken: not to be sent again before then.
+    /// The board did not take the last table: when to send it again.
     again: Option<Instant>,
-    /// That it was not has been logged.
+    /// The failure has been logged.
     is_logged: bool,
 }
 
@@ -98,8 +98,9 @@ impl Watches {
         }
     }
 
-    /// `client` watches `entries`, instead of what it watched before; `observer` is its user if he may only look. The number of the
-    /// board's table if that has them all already; else [`Self::taken`] or [`Self::failed`] names the client.
+    /// `client` watches `entries` instead of what it watched before; `observer` is its user if he may only observe. Returns
+    /// the number of the board's table if that has them all already. Otherwise [`Self::taken`] or [`Self::failed`] names
+    /// the client later.
     ///
     /// # Errors
     /// When there are not enough entries left; nothing is changed then.
@@ -185,7 +186,7 @@ impl Watches {
         }
     }
 
-    /// The board has the table that was sent under `ticket`, as number `table`. The clients that wait to hear it.
+    /// The board has the table that was sent under `ticket`, as number `table`. Returns the clients to tell.
     pub(super) fn taken(&mut self, ticket: Ticket, table: u32) -> Vec<u64> {
         if self.under_way != Some(ticket) {
             return Vec::new();
@@ -204,7 +205,7 @@ impl Watches {
             .collect()
     }
 
-    /// The table that was sent under `ticket` was not taken, if it was one. The clients that waited for it; they watch nothing.
+    /// If `ticket` was that of a table, the board did not take it. Returns the clients that waited for it; they watch nothing.
     pub(super) fn failed(&mut self, ticket: Ticket, outcome: Outcome, now: Instant) -> Vec<u64> {
         if self.under_way != Some(ticket) {
             return Vec::new();
@@ -222,12 +223,12 @@ impl Watches {
         }
         let was_dirty = std::mem::replace(&mut self.is_dirty, true);
         self.table = self.merged();
-        // Unless there is a newer one, which may be.
+        // A newer table may be sent at once.
         self.again = (!was_dirty).then_some(now + AGAIN);
         waiting
     }
 
-    /// Every register somebody watches, once. Those that stay keep their order, so that a change moves little.
+    /// Every watched register once. Those that stay keep their place, so that a change rewrites few entries.
     fn merged(&self) -> Vec<VariableEntry> {
         let mut missing: HashSet<VariableEntry> = self.entries().copied().collect();
         let mut table = self.table.clone();
