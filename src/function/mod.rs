@@ -67,7 +67,7 @@
 //! makes no access at all.
 //!
 //! Halves of n are rounded down, of m up, and so are quarters. A poll of the variable reader meets as many entries of a table as
-//! [`variable_read::STEP_WORDS`] words allow and goes on with the next ones; in single-user mode a report costs the
+//! [`variable_read::POLL_WORDS`] words allow and goes on with the next ones; in single-user mode a report costs the
 //! same in however many polls it is read. Open words are written by the daemon itself.
 //!
 //! # What a command line costs

@@ -41,7 +41,7 @@ const CALLS_A_TURN: usize = 8;
 pub struct Backend {
     /// To the bus thread.
     pub commands: Sender<Command>,
-    /// From the bus thread. It must deliver the events of a ticket in order and without gaps, [`Outcome`] last; what
+    /// From the bus thread. It must deliver the events of a ticket in order and without gaps, [`Event::Done`] last; what
     /// it cannot deliver at once it has to keep.
     pub events: Receive<Event>,
     /// What `GetInfo` answers; kept up to date by [`Event::Info`].
