@@ -52,7 +52,8 @@ impl HeldJog {
     /// Stops the motors, and returns when the board has taken the stop.
     ///
     /// # Errors
-    /// Why the hold had ended before, or the stop was not taken. The daemon goes on requesting the stop by itself.
+    /// Why the daemon had ended the hold before (the motors were killed or aborted, or a loop has opened), or that the stop was
+    /// not taken. The daemon goes on requesting the stop by itself.
     pub fn stop(mut self) -> Result<Connection, CommandError> {
         self.end()
     }
@@ -63,12 +64,12 @@ impl HeldJog {
         let Some((mut connection, before)) = ended else {
             return Err(crate::protocol::CallError::Protocol("the hold is over".to_owned()).into());
         };
-        // Asked for whatever happened before: one stop too many does no harm.
-        let stopped = connection.panel("jog-stop", &self.numbers);
-        match before {
-            Some(error) => Err(error),
-            None => stopped.map(|()| connection),
+        // Where the daemon has ended the hold it has also seen to the stop: another one could close the loop of a killed motor.
+        if let Some(error) = before {
+            return Err(error);
         }
+        connection.panel("jog-stop", &self.numbers)?;
+        Ok(connection)
     }
 }
 

@@ -152,6 +152,14 @@ impl ServoReader {
         })
     }
 
+    /// The motors whose loop was open at the last update, bit n-1 for motor n; only of those whose status is read.
+    #[must_use]
+    pub fn open_loops(&self) -> u32 {
+        let ServoBlock { open_loop, motors, .. } = self.block;
+        let status = self.image.iter().skip(self.block.index(open_loop.word)).step_by(motors.words);
+        status.enumerate().fold(0, |mask, (motor, word)| mask | u32::from(open_loop.is_set(*word)) << motor)
+    }
+
     /// Forgets the last update: what is in the buffer at the next poll counts as old. Only a change after it is an
     /// update, so data from before a reset or a restart are never taken for new.
     pub fn reset(&mut self) {

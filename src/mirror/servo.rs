@@ -55,6 +55,8 @@ pub struct ServoMirror {
     holds: VecDeque<(u64, u64)>,
     /// The board was found reset; told once.
     was_reset: bool,
+    /// Updates published so far.
+    updates: u64,
 }
 
 impl ServoMirror {
@@ -85,6 +87,7 @@ impl ServoMirror {
             published_period_ns: 0,
             holds: VecDeque::with_capacity(HOLDS),
             was_reset: false,
+            updates: 0,
         }
     }
 
@@ -129,6 +132,18 @@ impl ServoMirror {
     #[must_use]
     pub fn program_buffer_open(&self) -> bool {
         self.is_live() && self.reader.program_buffer_open()
+    }
+
+    /// The motors whose loop is open, bit n-1 for motor n, as far as the servo data tell: none while no data come.
+    #[must_use]
+    pub fn open_loops(&self) -> u32 {
+        if self.is_live() { self.reader.open_loops() } else { 0 }
+    }
+
+    /// Updates published so far.
+    #[must_use]
+    pub fn updates(&self) -> u64 {
+        self.updates
     }
 
     /// Updates are stale after this time.
@@ -208,6 +223,7 @@ impl ServoMirror {
         self.continuity.on_update(time_ns, was_live.then_some(passed));
         publisher.publish(RegionId::Servo, Stamp { time_ns, servo_timer, valid: true }, self.reader.image());
         self.clock.on_update(time_ns, updates);
+        self.updates += 1;
         let not_read = updates - 1;
         let skipped = self.skipped(not_read);
         self.record_host_busy(time_ns);

@@ -3,6 +3,11 @@
 //! A control character's number is its letter's code less 64, which is also how the board's control-character register
 //! takes it (DPRAM manual p. 28).
 
+/// `^A`: aborts every coordinate system. It also closes the loops of killed motors.
+pub const ABORT: u8 = 0x01;
+/// `^K`: kills every motor.
+pub const KILL: u8 = 0x0B;
+
 /// The control character (1 to 31) that `text` names: `^A` … `^_`, letters in either case, or the character itself.
 #[must_use]
 pub fn parse(text: &str) -> Option<u8> {

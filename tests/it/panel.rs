@@ -5,7 +5,7 @@ use std::process::{Child, Stdio};
 use std::time::Duration;
 
 use nix::sys::signal::Signal;
-use pmac_dpram::client::HeldJog;
+use pmac_dpram::client::{Connection, HeldJog};
 use serde_json::Value;
 
 use crate::support::jogs::{ask, signal, status, until};
@@ -213,6 +213,102 @@ fn a_jog_is_held_until_its_holder_is_silent_for_the_time_of_a_lease() {
     site.assert_no_violations();
 }
 
+/// Whether motor 1's loop is open, as `#1?` says.
+fn is_open(board: &mut Connection) -> bool {
+    let status = board.send("#1?", PATIENCE).unwrap().concat();
+    u32::from_str_radix(&status[..6], 16).unwrap() >> 18 & 1 == 1
+}
+
+#[test]
+fn the_end_of_a_held_jog_leaves_a_killed_motor_killed() {
+    let site = running();
+    let mut board = site.connection();
+    // However it was killed, and whoever notices first.
+    for line in ["^K", "#1K", ""] {
+        let mut holder = site.connection();
+        holder.panel_hold("jog+", &[1]).unwrap();
+        until(&mut board, "#1V", "it goes", |speed| speed > 1.0);
+        holder.panel_renew().unwrap();
+        match line {
+            "^K" => drop(board.control(0x0B).unwrap()),
+            "#1K" => drop(board.send(line, PATIENCE).unwrap()),
+            // Nobody is left to be told.
+            _ => {
+                drop(holder);
+                board.control(0x0B).unwrap();
+                site.run_for(Duration::from_secs(1));
+                assert!(is_open(&mut board));
+                continue;
+            }
+        }
+        site.run_for(Duration::from_millis(20));
+        let why = holder.panel_renew().unwrap_err().to_string();
+        let told = if line == "^K" { "somebody sent ^K" } else { "the loop of motor 1 is open" };
+        assert!(why.contains(told), "{line}: {why}");
+        let why = holder.panel("jog-stop", &[1]).unwrap_err().to_string();
+        assert!(why.contains(told), "{line}: {why}");
+        drop(holder);
+        site.run_for(Duration::from_secs(1));
+        assert!(is_open(&mut board), "{line}: a stop has closed the loop");
+        // The next jog closes it, and is stopped though the report has just called the loop open.
+        let mut holder = site.connection();
+        holder.panel_hold("jog+", &[1]).unwrap();
+        drop(holder);
+        site.run_for(Duration::from_millis(300));
+        assert!(!is_open(&mut board), "{line}");
+        until(&mut board, "#1V", "it stands", |speed| speed.abs() < 0.1);
+    }
+    assert!(site.log().contains("get no stop: their loops are open"), "{}", site.log());
+    site.assert_no_violations();
+}
+
+#[test]
+fn an_abort_ends_a_held_jog_and_says_so() {
+    let site = running();
+    let mut board = site.connection();
+    let child = start(&site, &["panel", "jog+", "1", "--hold"]);
+    until(&mut board, "#1V", "it is held", |speed| speed > 1.0);
+    board.control(0x01).unwrap();
+    until(&mut board, "#1V", "it stands", |speed| speed.abs() < 0.1);
+    let output = site.hurried(|| child.wait_with_output().unwrap());
+    let error = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(1), "{error}");
+    assert!(error.contains("somebody sent ^A"), "{error}");
+    let log = site.log();
+    assert!(!log.contains("holder is gone or silent") && log.contains("it gets no stop"), "{log}");
+}
+
+#[test]
+fn without_servo_data_a_held_jog_gets_its_stop_whatever_was_seen_before() {
+    let site = running();
+    let mut board = site.connection();
+    board.send("#1K", PATIENCE).unwrap();
+    site.run_for(Duration::from_millis(50));
+    board.send("I48=0", PATIENCE).unwrap();
+    site.wait_until("no servo data", || site.log().contains("servo data: stale"));
+    let mut holder = site.connection();
+    holder.panel_hold("jog+", &[1]).unwrap();
+    drop(holder);
+    site.run_for(Duration::from_millis(500));
+    assert!(!is_open(&mut board));
+    until(&mut board, "#1V", "it stands", |speed| speed.abs() < 0.1);
+}
+
+#[test]
+fn only_a_renewal_renews() {
+    let site = running();
+    let mut board = site.connection();
+    let mut holder = site.connection();
+    holder.panel_hold("jog+", &[1]).unwrap();
+    for _ in 0..5 {
+        site.run_for(Duration::from_millis(50));
+        holder.feed_override(1, None).unwrap();
+    }
+    assert!(site.log().contains("holder is gone or silent"));
+    assert!(holder.panel_renew().unwrap_err().to_string().contains("not renewed in time"));
+    until(&mut board, "#1V", "it stands", |speed| speed.abs() < 0.1);
+}
+
 #[test]
 fn a_hold_in_a_program_ends_when_it_is_dropped() {
     let site = running();
@@ -338,6 +434,7 @@ fn a_buffer_that_somebody_else_opened_is_noticed_and_no_question_gets_into_it() 
     assert_eq!(serial.read(&mut [0; 16]).unwrap(), 1, "<ACK>");
     serial.write_all(b"X1\r").unwrap();
     // The servo report tells; the next one is a servo cycle away.
+    site.run_for(Duration::from_millis(10));
     site.wait_until("a question that is not asked", || feed_note(&site).contains("could not be asked"));
     for _ in 0..5 {
         assert!(feed_note(&site).contains("could not be asked"));

@@ -199,6 +199,7 @@ impl BoardLoop {
         self.reporter.note(|status| {
             status.enabled = enabled;
             status.enabling = queue.identifier.enabling();
+            status.open_loops = self.functions.open_loops();
             status.host_port = ascii.host_port_counts().unwrap_or(status.host_port);
         });
         self.reporter.send(self.connections.intake.events(), with_counts);

@@ -116,7 +116,11 @@ impl FunctionTable {
         function: Function,
         context: &mut Context<'_, B>,
     ) -> Result<Polled, PortError> {
-        self.row(function).poll(context)
+        let polled = self.row(function).poll(context)?;
+        if let (Function::Servo, Some(panel)) = (function, &mut self.panel) {
+            panel.see_report(self.servo.open_loops(), self.servo.updates());
+        }
+        Ok(polled)
     }
 
     /// What a function's accesses are counted as.
@@ -160,6 +164,12 @@ impl FunctionTable {
         used.filter_map(|(_, row)| row.is_live()).reduce(|one, other| one || other)
     }
 
+    /// The motors whose loop is open, bit 0 being motor 1, as far as that is known for sure.
+    #[must_use]
+    pub fn open_loops(&self) -> u32 {
+        self.panel.as_ref().map_or(0, |panel| panel.open_loops())
+    }
+
     /// Whether a function is used.
     #[must_use]
     pub fn uses(&self, function: Function) -> bool {
@@ -188,6 +198,11 @@ impl FunctionTable {
             Job::Panel(request) => {
                 let Some(panel) = &mut self.panel else { return Ok(Some(Event::Done(ticket, no_panel()))) };
                 panel.submit(ticket, request, deadline, now);
+                return Ok(None);
+            }
+            Job::EndHold(motors) => {
+                let Some(panel) = &mut self.panel else { return Ok(Some(Event::Done(ticket, no_panel()))) };
+                panel.end_hold(ticket, motors, deadline, now);
                 return Ok(None);
             }
             Job::RotarySend { buffer, first, lines } => {

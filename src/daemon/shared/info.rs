@@ -87,8 +87,9 @@ impl Info {
         self.status.enabling
     }
 
-    /// Takes what the bus thread reports.
-    pub fn take(&mut self, status: BoardStatus) {
+    /// Takes what the bus thread reports. Gives the motors whose loop has opened, bit 0 being motor 1.
+    pub fn take(&mut self, status: BoardStatus) -> u32 {
+        let opened = status.open_loops & !self.status.open_loops;
         self.status = status;
         let board = &mut self.board;
         board.state = status.state;
@@ -105,6 +106,7 @@ impl Info {
             (board.motors, board.servo_period_ns) = (motors, servo_period_ns);
         }
         *self.pulse.board.lock().unwrap_or_else(PoisonError::into_inner) = board.clone();
+        opened
     }
 }
 

@@ -12,6 +12,9 @@ use crate::mirror::GatherClock;
 pub enum Job {
     /// Hand a control panel request to the board; done when the board has taken it.
     Panel(PanelRequest),
+    /// Stop the motors in this mask, bit 0 being motor 1, whose held jog is over. Not those whose loop is open: a stop closes
+    /// it, and a killed motor must stay killed.
+    EndHold(u32),
     /// Set a coordinate system's feed rate override, or stop overriding it.
     Override {
         /// The coordinate system, from 1.
@@ -67,6 +70,18 @@ pub enum Job {
     RotaryFinish(usize),
     /// How far a rotary buffer is. Answered by [`super::queue::Event::Rotary`].
     RotaryState(usize),
+}
+
+impl Job {
+    /// Whether it only stops motors that jog.
+    #[must_use]
+    pub fn is_stop(&self) -> bool {
+        match self {
+            Self::Panel(request) => request.is_stop(),
+            Self::EndHold(_) => true,
+            _ => false,
+        }
+    }
 }
 
 /// A word to write, and which of its bits.

@@ -28,6 +28,8 @@ pub struct BoardStatus {
     pub command_state: CommandState,
     /// What the I-variables that switch functions on were when asked.
     pub enabling: Enabling,
+    /// The motors whose loop is open, bit 0 being motor 1, as far as that is known for sure.
+    pub open_loops: u32,
     /// What the host port's interrupts have come to.
     pub host_port: HostPortCounts,
     /// What the board said, or the configuration says; `None` as long as the bus thread has not told.
@@ -42,6 +44,7 @@ impl BoardStatus {
         command_port: CommandPort::Dpram,
         command_state: CommandState::Unknown,
         enabling: Enabling { panel: None, variables: None },
+        open_loops: 0,
         host_port: HostPortCounts { served: 0, old: 0, unannounced: 0 },
         identity: None,
     };

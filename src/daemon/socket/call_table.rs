@@ -43,6 +43,10 @@ pub(super) enum Then {
         /// Motors, one bit each.
         stops: u32,
     },
+    /// The caller hears that the jog he holds has begun.
+    ReplyHeld,
+    /// The caller gets the lines of the board's reply. Every motor stands: no jog is held any more.
+    AllStopped,
     /// The caller gets remarks.
     ReplyNotes(Vec<String>),
     /// A job begins, if the board's answer is what its guard wants.
@@ -170,6 +174,14 @@ impl CallTable {
             (caller, if never_begun { CallError::Busy } else { CallError::TimedOut { lines } })
         })
         .collect()
+    }
+
+    /// Takes back the held jog that `client` has asked for, if it was not handed over; whose it was.
+    pub(super) fn take_back_hold(&mut self, client: u64) -> Option<Caller> {
+        let mut holds = self.pending.iter().filter(|(_, pending)| matches!(pending.then, Then::ReplyHeld));
+        let (&ticket, _) = holds.find(|(_, pending)| pending.caller.client == client)?;
+        let is_waiting = self.queue.take_back(ticket);
+        is_waiting.then(|| self.pending.remove(&ticket).map(|pending| pending.caller)).flatten()
     }
 
     /// `client` is gone: nobody waits for its call.

@@ -38,7 +38,7 @@ impl Kind {
             Command::Control { .. } => Self::Control,
             Command::ReadWords { .. } => Self::Short,
             Command::Job { job, .. } => match **job {
-                Job::Panel(_) => Self::Panel,
+                Job::Panel(_) | Job::EndHold(_) => Self::Panel,
                 Job::WriteVariables(_) => Self::Variables,
                 Job::RotarySend { .. } => Self::Rotary,
                 _ => Self::Short,

@@ -1,14 +1,17 @@
 //! Leases on jogs: a motor jogs only while the client that holds it says so.
 //!
 //! `PanelHold` starts a jog; the same connection has to renew it within [`LEASE`], again and again. When it does not,
-//! or is gone, the stop is requested.
+//! or is gone, the stop is requested. A kill or an abort of all motors ends every lease without a stop: the motors stand, and
+//! a stop would close the loop of a killed one again.
 
 use std::collections::HashMap;
+use std::fmt;
 use std::time::{Duration, Instant};
 
-use log::{error, warn};
+use log::{error, info, warn};
 
 use crate::daemon::shared::queue::{Outcome, Ticket, at_once};
+use crate::protocol::control;
 
 /// How long a client may be silent.
 pub(super) const LEASE: Duration = Duration::from_millis(200);
@@ -19,37 +22,110 @@ const STOP_AGAIN: Duration = Duration::from_secs(1);
 /// Stops that the bus thread has at a time. What ends meanwhile waits and becomes one more.
 const STOPS_AT_ONCE: usize = at_once::STOPS;
 
+/// Why a held jog is over.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum LeaseEnd {
+    /// Its holder was silent for too long, or is gone.
+    Silent,
+    /// This control character, which stops every motor.
+    Control(u8),
+    /// The loops of these motors have opened; bit 0 is motor 1.
+    OpenLoop(u32),
+}
+
+impl fmt::Display for LeaseEnd {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Silent => write!(f, "the held jog was not renewed in time; pmacd stops it"),
+            Self::Control(character) => {
+                let what = if *character == control::KILL { "kills" } else { "stops" };
+                write!(
+                    f,
+                    "the held jog is over: somebody sent {}, which {what} every motor",
+                    control::name(*character)
+                )
+            }
+            Self::OpenLoop(motors) => {
+                let numbers: Vec<String> =
+                    (1..=32).filter(|n| motors >> (n - 1) & 1 != 0).map(|n| n.to_string()).collect();
+                let numbers = numbers.join(", ");
+                write!(f, "the held jog is over: the loop of motor {numbers} is open (killed, or a fault)")
+            }
+        }
+    }
+}
+
 #[derive(Debug)]
 struct Lease {
     /// The motors that jog: bit 0 is motor 1.
     motors: u32,
     until: Instant,
+    /// Why it cannot be renewed any more, though its stop has not been requested.
+    over: Option<LeaseEnd>,
 }
 
 /// Every lease there is, by client, and the stops that the board has not taken yet.
 #[derive(Debug, Default)]
 pub(super) struct Leases {
     held: HashMap<u64, Lease>,
+    /// The leases that have ended, each with its motors, of clients that have not begun another one.
+    ended: HashMap<u64, (LeaseEnd, u32)>,
     stopping: HashMap<Ticket, u32>,
+}
+
+/// How a stop that a client asks for is done.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum StopFor {
+    /// It ends a jog that the client holds, or held.
+    Holder,
+    /// As any other request.
+    Anybody,
 }
 
 impl Leases {
     /// `client` holds a jog of the motors in the mask `motors`. One it held before is added to it.
     /// It runs until `begun` at first, when the board must have taken the jog, and after that from renewal to renewal.
     pub(super) fn begin(&mut self, client: u64, motors: u32, begun: Instant) {
-        let lease = self.held.entry(client).or_insert(Lease { motors: 0, until: begun });
+        self.ended.remove(&client);
+        let lease = self.held.entry(client).or_insert(Lease { motors: 0, until: begun, over: None });
         lease.until = lease.until.max(begun);
         lease.motors |= motors;
+        lease.over = None;
     }
 
-    /// `client` is still there; false when it holds nothing.
-    pub(super) fn renew(&mut self, client: u64, now: Instant) -> bool {
-        let lease = self.held.get_mut(&client);
-        let held = lease.is_some();
-        if let Some(lease) = lease {
-            lease.until = now + LEASE;
+    /// `client` is still there.
+    ///
+    /// # Errors
+    /// Why its lease is over; `None` when it had none.
+    pub(super) fn renew(&mut self, client: u64, now: Instant) -> Result<(), Option<LeaseEnd>> {
+        match self.held.get_mut(&client) {
+            Some(Lease { over: Some(end), .. }) => Err(Some(*end)),
+            Some(lease) => {
+                lease.until = now + LEASE;
+                Ok(())
+            }
+            None => Err(self.ended.get(&client).map(|(end, _)| *end)),
         }
-        held
+    }
+
+    /// `client` asks for the stop of the motors in `mask`.
+    ///
+    /// # Errors
+    /// Why the motors stand already: they get no stop, which could close the loop of a killed one. Said once.
+    pub(super) fn stop_for(&mut self, client: u64, mask: u32) -> Result<StopFor, LeaseEnd> {
+        let found = match self.held.get(&client) {
+            Some(Lease { motors, over, .. }) => Some((*over, *motors)),
+            None => self.ended.remove(&client).map(|(end, motors)| (Some(end), motors)),
+        };
+        match found {
+            Some((Some(end @ (LeaseEnd::Control(_) | LeaseEnd::OpenLoop(_))), motors))
+                if mask & !motors == 0 =>
+            {
+                Err(end)
+            }
+            Some((_, motors)) if mask & !motors == 0 => Ok(StopFor::Holder),
+            _ => Ok(StopFor::Anybody),
+        }
     }
 
     /// The board has taken the stop of the motors in `mask`, asked for by `client` itself.
@@ -62,6 +138,43 @@ impl Leases {
         }
     }
 
+    /// `character`, which stops every motor, is on its way to the board. No lease is renewed any more, and no stop is requested
+    /// unless the board has not taken it in the time of a lease.
+    pub(super) fn control_begins(&mut self, character: u8, now: Instant) {
+        let held = self.held.iter_mut().filter(|(client, lease)| **client != NOBODY && lease.over.is_none());
+        for (_, lease) in held {
+            (lease.over, lease.until) = (Some(LeaseEnd::Control(character)), now + LEASE);
+        }
+    }
+
+    /// The board has taken a character that stops every motor: the leases that [`Self::control_begins`] marked are over.
+    /// The clients that had one.
+    pub(super) fn control_taken(&mut self) -> Vec<u64> {
+        let stand = |lease: &Lease| matches!(lease.over, Some(LeaseEnd::Control(_)));
+        let over: Vec<(u64, Lease)> = self.held.extract_if(|_, lease| stand(lease)).collect();
+        let mut clients = Vec::new();
+        for (client, Lease { motors, over, .. }) in over {
+            let end = over.unwrap_or(LeaseEnd::Silent);
+            info!(target: "audit", "{end} (mask {motors:#04x}); it gets no stop");
+            self.ended.insert(client, (end, motors));
+            clients.push(client);
+        }
+        clients
+    }
+
+    /// The loops of the motors in `opened` have opened. Leases on them end at `now`.
+    pub(super) fn loops_opened(&mut self, opened: u32, now: Instant) {
+        let leases = self.held.iter_mut().filter(|(client, _)| **client != NOBODY);
+        for (_, lease) in leases.filter(|(_, lease)| lease.motors & opened != 0 && lease.over.is_none()) {
+            (lease.over, lease.until) = (Some(LeaseEnd::OpenLoop(lease.motors & opened)), now);
+        }
+    }
+
+    /// `client` is gone, and will not ask why its lease ended.
+    pub(super) fn forget(&mut self, client: u64) {
+        self.ended.remove(&client);
+    }
+
     /// The request with `ticket` is over: if it had to stop a jog and was not taken, it comes again.
     pub(super) fn request_over(&mut self, ticket: Ticket, outcome: Outcome, now: Instant) {
         let Some(motors) = self.stopping.remove(&ticket).filter(|_| outcome != Outcome::Done) else { return };
@@ -72,25 +185,28 @@ impl Leases {
         self.begin(NOBODY, motors, now + STOP_AGAIN);
     }
 
-    /// Has `send` request the stop of every jog whose holder is silent or not there (`is_there`), all in one request. False when
-    /// `send` had no room for it; what is held stays held then.
+    /// Has `send` request the stop of every jog whose holder is silent or not there (`is_there`), all in one request, and gives
+    /// the clients whose jogs these were. `None` when `send` had no room for it; what is held stays held then.
     pub(super) fn end_lapsed(
         &mut self,
         now: Instant,
         is_there: impl Fn(u64) -> bool,
         send: impl FnOnce(u32) -> Option<Ticket>,
-    ) -> bool {
+    ) -> Option<Vec<u64>> {
         if !self.may_stop() {
-            return true;
+            return Some(Vec::new());
         }
-        let has_lapsed =
-            |client: u64, lease: &Lease| lease.until <= now || client != NOBODY && !is_there(client);
+        // What a control character stops gets its time to stop, whether its holder waits for that or not.
+        let may_be_gone = |lease: &Lease| !matches!(lease.over, Some(LeaseEnd::Control(_)));
+        let has_lapsed = |client: u64, lease: &Lease| {
+            lease.until <= now || client != NOBODY && may_be_gone(lease) && !is_there(client)
+        };
         self.end(now, has_lapsed, send)
     }
 
     /// As [`Self::end_lapsed`], of every jog that is held.
     pub(super) fn end_all(&mut self, now: Instant, send: impl FnOnce(u32) -> Option<Ticket>) -> bool {
-        self.end(now, |_, _| true, send)
+        self.end(now, |_, _| true, send).is_some()
     }
 
     fn end(
@@ -98,22 +214,35 @@ impl Leases {
         now: Instant,
         ends: impl Fn(u64, &Lease) -> bool,
         send: impl FnOnce(u32) -> Option<Ticket>,
-    ) -> bool {
-        let ended: Vec<(u64, Lease)> = self.held.extract_if(|client, lease| ends(*client, lease)).collect();
-        if ended.is_empty() {
-            return true;
+    ) -> Option<Vec<u64>> {
+        let over: Vec<(u64, Lease)> = self.held.extract_if(|client, lease| ends(*client, lease)).collect();
+        if over.is_empty() {
+            return Some(Vec::new());
         }
-        let all = ended.iter().fold(0, |all, (_, lease)| all | lease.motors);
-        let ticket = send(all);
-        for (client, Lease { motors, .. }) in ended {
-            if ticket.is_none() {
-                // The stop must not be forgotten.
-                self.begin(client, motors, now);
-                continue;
+        let all = over.iter().fold(0, |all, (_, lease)| all | lease.motors);
+        let Some(ticket) = send(all) else {
+            // The stop must not be forgotten.
+            for (client, lease) in over {
+                self.held.insert(client, Lease { until: now, ..lease });
             }
-            warn!(target: "audit", "a held jog is stopped (mask {motors:#04x}): its holder is gone or silent");
+            return None;
+        };
+        self.stopping.insert(ticket, all);
+        let mut clients = Vec::new();
+        for (client, Lease { motors, over, .. }) in over {
+            let end = over.unwrap_or(LeaseEnd::Silent);
+            match end {
+                LeaseEnd::Silent => {
+                    warn!(target: "audit", "a held jog is stopped (mask {motors:#04x}): its holder is gone or silent");
+                }
+                _ => warn!(target: "audit", "{end}; its motors (mask {motors:#04x}) are stopped"),
+            }
+            if client != NOBODY {
+                self.ended.insert(client, (end, motors));
+                clients.push(client);
+            }
         }
-        ticket.is_some_and(|ticket| self.stopping.insert(ticket, all).is_none())
+        Some(clients)
     }
 
     /// Jogs that are held, and stops that the board has not taken.
@@ -133,7 +262,8 @@ impl Leases {
 
     /// When the first lease of the clients that are there (`is_there`) runs out.
     pub(super) fn first_end(&self, is_there: impl Fn(u64) -> bool) -> Option<Instant> {
-        self.held.iter().filter(|(client, _)| is_there(**client)).map(|(_, lease)| lease.until).min()
+        let held = self.held.iter().filter(|(client, lease)| lease.over.is_none() && is_there(**client));
+        held.map(|(_, lease)| lease.until).min()
     }
 }
 
@@ -159,20 +289,20 @@ mod tests {
         for (client, motor) in [(7, 1), (7, 3), (8, 2)] {
             leases.begin(client, stop(motor), now + LEASE);
         }
-        assert!(leases.renew(7, now + LEASE / 2) && !leases.renew(9, now));
+        assert_eq!((leases.renew(7, now + LEASE / 2), leases.renew(9, now)), (Ok(()), Err(None)));
         assert_eq!(leases.next_end(), Some(now + LEASE));
         assert_eq!(ended(&mut leases, now + LEASE, |_| true), Some(stop(2)));
         assert_eq!(ended(&mut leases, now + LEASE, |_| true), None);
         let both = 0b101;
         let is_there = |client| client != 7;
-        assert!(!leases.end_lapsed(now + LEASE, is_there, |_| None), "no room for the request");
+        assert!(leases.end_lapsed(now + LEASE, is_there, |_| None).is_none(), "no room for the request");
         assert_eq!(ended(&mut leases, now + LEASE, is_there), Some(both));
         assert_eq!(leases.next_end(), None);
         leases.begin(7, both, now + LEASE);
         leases.stopped(7, 0b001);
-        assert!(leases.renew(7, now), "motor 3 is still held");
+        assert_eq!(leases.renew(7, now), Ok(()), "motor 3 is still held");
         leases.stopped(7, 0b100);
-        assert!(!leases.renew(7, now));
+        assert_eq!(leases.renew(7, now), Err(None));
     }
 
     #[test]
@@ -183,7 +313,7 @@ mod tests {
         for ticket in 0..STOPS_AT_ONCE as u64 {
             leases.begin(7, stop, now);
             assert!(leases.may_stop() && leases.next_end() == Some(now));
-            assert!(leases.end_lapsed(now, |_| true, |_| Some(Ticket(ticket))));
+            assert!(leases.end_lapsed(now, |_| true, |_| Some(Ticket(ticket))).is_some());
         }
         leases.begin(7, stop, now);
         assert!(!leases.may_stop() && leases.next_end().is_none(), "nothing to wake up for");
@@ -194,5 +324,49 @@ mod tests {
         leases.request_over(Ticket(1), Outcome::TimedOut, now);
         assert_eq!(leases.next_end(), Some(now + STOP_AGAIN), "it comes again");
         assert!(leases.end_all(now, |_| Some(Ticket(99))) && leases.next_end().is_none());
+    }
+
+    #[test]
+    fn a_kill_ends_leases_without_a_stop_unless_the_board_does_not_take_it() {
+        let now = Instant::now();
+        let end = LeaseEnd::Control(control::KILL);
+        for taken in [true, false] {
+            let mut leases = Leases::default();
+            leases.begin(7, 0b1, now + LEASE);
+            leases.control_begins(control::KILL, now);
+            assert_eq!(leases.renew(7, now), Err(Some(end)));
+            assert_eq!(leases.control_taken().len(), 1);
+            assert_eq!(leases.count(), 0);
+            leases.begin(8, 0b10, now);
+            leases.control_begins(control::KILL, now);
+            if taken {
+                assert_eq!(leases.control_taken(), [8]);
+                assert_eq!(ended(&mut leases, now + LEASE, |_| false), None);
+            } else {
+                assert_eq!(ended(&mut leases, now + LEASE / 2, |_| true), None);
+                assert_eq!(ended(&mut leases, now + LEASE, |_| true), Some(0b10));
+            }
+            assert_eq!(leases.renew(8, now), Err(Some(end)));
+            assert_eq!(leases.stop_for(8, 0b10), Err(end), "its stop would close the loop");
+            assert_eq!(leases.stop_for(8, 0b10), Ok(StopFor::Anybody), "it has been told");
+        }
+    }
+
+    #[test]
+    fn an_opened_loop_ends_the_lease_on_its_motor() {
+        let now = Instant::now();
+        let mut leases = Leases::default();
+        leases.begin(7, 0b11, now + LEASE);
+        leases.begin(8, 0b100, now + LEASE);
+        assert_eq!(leases.stop_for(8, 0b100), Ok(StopFor::Holder));
+        assert_eq!(leases.stop_for(8, 0b101), Ok(StopFor::Anybody), "it holds only one of them");
+        leases.loops_opened(0b10, now);
+        assert_eq!(leases.renew(8, now), Ok(()));
+        assert_eq!(ended(&mut leases, now, |_| true), Some(0b11), "the other motor may be moving");
+        let end = LeaseEnd::OpenLoop(0b10);
+        assert_eq!(leases.renew(7, now), Err(Some(end)));
+        assert!(end.to_string().contains("the loop of motor 2 is open"), "{end}");
+        leases.forget(7);
+        assert_eq!(leases.renew(7, now), Err(None));
     }
 }

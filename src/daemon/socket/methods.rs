@@ -116,6 +116,9 @@ const METHODS: [Method; 19] = {
             job(call, info, |call, family| jobs::panel(call, false, family))
         }),
         method("PanelHold", Operate, Some(Panel), |call, info| {
+            if call.oneway == Some(true) {
+                return Err(CallError::invalid("oneway", "false: who holds a jog must hear of it"));
+            }
             job(call, info, |call, family| jobs::panel(call, true, family))
         }),
         method("PanelRenew", Observe, Some(Panel), |call, _| {

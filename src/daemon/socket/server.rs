@@ -154,6 +154,7 @@ impl Service {
         for client in &gone {
             self.watches.forget(*client);
             self.calls.forget(*client);
+            self.leases.forget(*client);
         }
         if !gone.is_empty() {
             self.admission.resume();
@@ -296,7 +297,10 @@ impl Service {
                 let clients = self.watches.taken(ticket, table);
                 self.tell_watched(&clients, table, now);
             }
-            Event::Info(status) => self.info.take(status),
+            Event::Info(status) => {
+                let opened = self.info.take(status);
+                self.leases.loops_opened(opened, now);
+            }
             Event::Unsolicited(text) => self.clients.pass_on(&text, now),
         }
     }

@@ -285,6 +285,19 @@ mod tests {
     }
 
     #[test]
+    fn the_open_loop_is_the_flag_of_the_servo_status() {
+        use crate::map::Flag;
+        for family in FAMILIES.iter().copied().chain([&testing::TURBO]) {
+            let registers = family.blocks.iter().flat_map(|block| block.registers);
+            let mut status = registers.filter(|register| register.name == "motor_servo_status");
+            let status = status.next().unwrap().offset;
+            let bit = family.status.motor[0].flags.iter().find(|(_, name)| *name == "open_loop").unwrap().0;
+            let expected = Flag { word: status.plus_words(1), mask: 1 << (bit - 16) };
+            assert_eq!(family.servo.open_loop, expected, "{}", family.name);
+        }
+    }
+
+    #[test]
     fn an_unknown_family_is_answered_with_the_known_ones() {
         assert_eq!(Family::by_name("PMAC2").unwrap(), &PMAC2);
         let error = Family::by_name("pmac9").unwrap_err().to_string();

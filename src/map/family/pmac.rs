@@ -102,6 +102,8 @@ pub mod servo_motor {
     pub const PREVIOUS_DAC: usize = 16;
     /// Servo status, the first word of `?`, 24 bits.
     pub const SERVO_STATUS: usize = 18;
+    /// In the high word of the servo status (bit 18 there): the loop is open.
+    pub const OPEN_LOOP: u16 = 1 << 2;
     /// Actual velocity, signed 24, 1/(Ix09*32) count per servo cycle.
     pub const ACTUAL_VELOCITY: usize = 20;
     /// Time left in the move segment at 100 %, signed 24, half milliseconds.
@@ -306,6 +308,10 @@ pub const SERVO_BLOCK: ServoBlock = ServoBlock {
     global: Run { first: SERVO_GLOBAL_STATUS_Y, words: 4 },
     global_status: Some([SERVO_GLOBAL_STATUS_X, SERVO_GLOBAL_STATUS_Y]),
     program_buffer_open: Some(Flag { word: SERVO_GLOBAL_STATUS_Y.plus_words(1), mask: PROGRAM_BUFFER_OPEN }),
+    open_loop: Flag {
+        word: SERVO_MOTOR.plus_words(servo_motor::SERVO_STATUS + 1),
+        mask: servo_motor::OPEN_LOOP,
+    },
     motors: Blocks { count: MOTORS, first: SERVO_MOTOR, words: SERVO_MOTOR_WORDS },
 };
 

@@ -6,7 +6,6 @@ use super::BoardLoop;
 use crate::daemon::bus::phase::Phase;
 use crate::daemon::bus::ports::command_port::PortError;
 use crate::daemon::bus::presence::Change;
-use crate::daemon::shared::job::Job;
 use crate::daemon::shared::queue::Command;
 use crate::protocol::Function;
 use crate::segment::Counter;
@@ -141,11 +140,9 @@ impl BoardLoop {
         self.functions.keep_stops();
         while let Some(command) = self.connections.intake.drain() {
             if let Command::Job { ticket, job, .. } = command
-                && let Job::Panel(request) = *job
-                && request.is_stop()
+                && job.is_stop()
             {
-                let job = Job::Panel(request);
-                let _ = self.functions.submit(&mut self.bus, &self.publisher, ticket, job, until);
+                let _ = self.functions.submit(&mut self.bus, &self.publisher, ticket, *job, until);
             }
         }
         self.functions.keep_stops();

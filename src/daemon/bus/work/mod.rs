@@ -3,6 +3,7 @@
 pub mod ascii;
 pub mod command_lines;
 pub(in crate::daemon) mod mirrored;
+pub mod open_loops;
 pub mod panel;
 pub mod rotary;
 pub(in crate::daemon) mod variables;

@@ -3,9 +3,12 @@
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 
+use log::warn;
+
 use crate::clock::Clock;
 use crate::daemon::bus::board_function::{BoardFunction, Context, Polled};
 use crate::daemon::bus::ports::command_port::PortError;
+use crate::daemon::bus::work::open_loops::OpenLoops;
 use crate::daemon::shared::queue::{Event, Outcome, Text, Ticket, at_once};
 use crate::device::{Bus, BusError};
 use crate::function::panel::{FeedOverride, Panel, PanelBusError, PanelRequest};
@@ -21,6 +24,8 @@ struct Waiting {
     ticket: Ticket,
     request: PanelRequest,
     deadline: Instant,
+    /// It stops a jog that nobody holds any more, and leaves out motors whose loop is open.
+    ends_hold: bool,
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -45,6 +50,7 @@ pub struct PanelQueue {
     /// it is done, which must not look as if it had taken the next one.
     rests_until: Option<Instant>,
     next_poll: Instant,
+    open_loops: OpenLoops,
 }
 
 impl PanelQueue {
@@ -59,6 +65,7 @@ impl PanelQueue {
             cut_off: None,
             rests_until: None,
             next_poll: now,
+            open_loops: OpenLoops::default(),
         })
     }
 
@@ -103,20 +110,43 @@ impl PanelQueue {
 
     /// Takes a request in.
     pub fn submit(&mut self, ticket: Ticket, request: PanelRequest, deadline: Instant, now: Instant) {
-        self.waiting.push_back(Waiting { ticket, request, deadline });
+        self.waiting.push_back(Waiting { ticket, request, deadline, ends_hold: false });
         self.next_poll = now;
     }
 
-    /// Forgets every request that waits and is not a stop, and makes one of those that are: nobody will be told of each.
+    /// Takes in the stop of motors whose held jog is over; bit 0 is motor 1.
+    pub fn end_hold(&mut self, ticket: Ticket, motors: u32, deadline: Instant, now: Instant) {
+        let request = PanelRequest::jog_stop(motors);
+        self.waiting.push_back(Waiting { ticket, request, deadline, ends_hold: true });
+        self.next_poll = now;
+    }
+
+    /// Takes note of the motors whose loop was open when the servo report was updated for the `updates`th time.
+    pub fn see_report(&mut self, open: u32, updates: u64) {
+        self.open_loops.see(open, updates);
+    }
+
+    /// The motors whose loop is open, bit 0 being motor 1, as far as that is known for sure.
+    #[must_use]
+    pub const fn open_loops(&self) -> u32 {
+        self.open_loops.known()
+    }
+
+    /// Forgets every request that waits and is not a stop, and makes one of those that are, or two where jogs that were held are
+    /// among them: nobody will be told of each.
     pub fn keep_stops(&mut self) {
         self.waiting.retain(|waiting| waiting.request.is_stop());
-        if let Some(mut stop) = self.waiting.pop_front() {
-            for Waiting { request, deadline, .. } in self.waiting.drain(..) {
-                stop.request = stop.request.together_with(&request);
-                stop.deadline = stop.deadline.max(deadline);
+        let mut kept: [Option<Waiting>; 2] = [None, None];
+        for next in self.waiting.drain(..) {
+            match &mut kept[usize::from(next.ends_hold)] {
+                Some(stop) => {
+                    stop.request = stop.request.together_with(&next.request);
+                    stop.deadline = stop.deadline.max(next.deadline);
+                }
+                empty => *empty = Some(next),
             }
-            self.waiting.push_back(stop);
         }
+        self.waiting.extend(kept.into_iter().flatten());
     }
 
     /// Sets or releases an override; done at once.
@@ -153,7 +183,8 @@ impl PanelQueue {
     /// When the bus cannot be reached.
     pub fn poll(&mut self, bus: &mut impl Bus, now: Instant) -> Result<Option<Event>, BusError> {
         self.next_poll = now + POLL;
-        if let Some(Pending { ticket, deadline, .. }) = self.pending {
+        if let Some(Pending { ticket, deadline, mask }) = self.pending {
+            self.open_loops.doubt(mask);
             if self.panel.taken(bus)? {
                 self.pending = None;
                 self.next_poll = now;
@@ -171,11 +202,17 @@ impl PanelQueue {
         if let Some((ticket, outcome)) = self.cut_off.take() {
             return Ok(Some(Event::Done(ticket, outcome)));
         }
-        let Some(next) = self.waiting.pop_front() else { return Ok(None) };
+        let Some(mut next) = self.waiting.pop_front() else { return Ok(None) };
         if now >= next.deadline {
             return Ok(Some(Event::Done(next.ticket, self.not_taken())));
         }
         let rests = self.rests_until.take_if(|until| now < *until);
+        if next.ends_hold && rests.is_none() {
+            next.request = self.without_open_loops(next.request);
+            if next.request.mask() == 0 {
+                return Ok(Some(Event::Done(next.ticket, Outcome::Done)));
+            }
+        }
         if rests.is_none() && self.panel.begin(bus, &next.request)? {
             self.pending =
                 Some(Pending { ticket: next.ticket, mask: next.request.mask(), deadline: next.deadline });
@@ -184,6 +221,20 @@ impl PanelQueue {
             self.waiting.push_front(next);
         }
         Ok(None)
+    }
+
+    /// Of the stop of a held jog, what is left without the motors whose loop is open.
+    fn without_open_loops(&self, stop: PanelRequest) -> PanelRequest {
+        let open = stop.mask() & self.open_loops.known();
+        if open == 0 {
+            return stop;
+        }
+        warn!(
+            target: "audit",
+            "a held jog is over, and its motors (mask {open:#04x}) get no stop: their loops are open (killed, or a fault), \
+             and a stop would close them"
+        );
+        PanelRequest::jog_stop(stop.mask() & !open)
     }
 }
 
@@ -273,6 +324,44 @@ mod tests {
         bus.write16(PANEL.request_enable, 0).unwrap();
         assert!(queue.poll(&mut bus, now).unwrap().is_some());
         assert_eq!(queue.due(), None, "no jog is left");
+    }
+
+    #[test]
+    fn the_stop_of_a_held_jog_leaves_a_killed_motor_alone() {
+        let mut bus = memory();
+        let now = Instant::now();
+        let mut queue = PanelQueue::new(&PMAC, now).unwrap();
+        let deadline = now + REST;
+        let mask = |bus: &mut FileBoard| bus.read16(PANEL.request_enable).unwrap();
+        queue.see_report(0b010, 10);
+        queue.end_hold(Ticket(1), 0b111, deadline, now);
+        assert!(queue.poll(&mut bus, now).unwrap().is_none());
+        assert_eq!(mask(&mut bus), 0b101);
+        bus.write16(PANEL.request_enable, 0).unwrap();
+        assert!(matches!(queue.poll(&mut bus, now).unwrap(), Some(Event::Done(Ticket(1), Outcome::Done))));
+        queue.end_hold(Ticket(2), 0b010, deadline, now);
+        assert!(matches!(queue.poll(&mut bus, now).unwrap(), Some(Event::Done(Ticket(2), Outcome::Done))));
+        assert_eq!((mask(&mut bus), queue.due()), (0, None), "nothing was to be done");
+        // A jog has just closed the loop, which the report does not know yet.
+        let jog = PanelRequest::of(PANEL, PanelAction::JogPlus, &[2]).unwrap();
+        queue.submit(Ticket(3), jog, deadline, now);
+        queue.end_hold(Ticket(4), 0b010, deadline, now);
+        assert!(queue.poll(&mut bus, now).unwrap().is_none());
+        bus.write16(PANEL.request_enable, 0).unwrap();
+        assert!(queue.poll(&mut bus, now).unwrap().is_some());
+        queue.see_report(0b010, 11);
+        assert!(queue.poll(&mut bus, now).unwrap().is_none());
+        assert_eq!(mask(&mut bus), 0b010, "it may be moving");
+        bus.write16(PANEL.request_enable, 0).unwrap();
+        assert!(queue.poll(&mut bus, now).unwrap().is_some());
+        // What somebody asks for by himself is done, also at the end.
+        queue.see_report(0b011, 20);
+        let stop = PanelRequest::of(PANEL, PanelAction::JogStop, &[1]).unwrap();
+        queue.end_hold(Ticket(5), 0b010, deadline, now);
+        queue.submit(Ticket(6), stop, deadline, now);
+        queue.keep_stops();
+        assert!(queue.poll(&mut bus, now).unwrap().is_none());
+        assert_eq!(mask(&mut bus), 0b001);
     }
 
     #[test]

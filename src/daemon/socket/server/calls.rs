@@ -11,9 +11,9 @@ use crate::daemon::shared::queue::{Command, Outcome, Text, Ticket};
 use crate::daemon::socket::call_table::{COLLECT_MAX, Caller, Ended, Then};
 use crate::daemon::socket::connection::Waiting;
 use crate::daemon::socket::jobs::{self, JobCall};
+use crate::daemon::socket::leases::{LeaseEnd, StopFor};
 use crate::daemon::socket::methods::{Action, Ask, parse_call};
 use crate::daemon::socket::policy::{Peer, Role};
-use crate::function::panel::PanelRequest;
 use crate::function::variable_read::VariableEntry;
 use crate::map::errors::meaning;
 use crate::protocol::board::{NotesReply, SendReply, WatchReply};
@@ -57,7 +57,7 @@ impl Service {
     fn act(&mut self, caller: Caller, action: Action, now: Instant) -> Result<Option<Reply>, CallError> {
         match action {
             Action::Reply(reply) => return Ok(Some(reply)),
-            Action::Ask(ask) => self.ask(caller, ask, now),
+            Action::Ask(ask) => self.ask(caller, ask, now)?,
             Action::Watch(entries) => {
                 let guard = jobs::variables_enabled(self.info.family());
                 if guard.is_open(self.info.enabling(), self.answers(), self.may_ask()) {
@@ -72,9 +72,8 @@ impl Service {
                 }
             }
             Action::Renew => {
-                let reason = "there is no held jog of this connection (any more)".to_owned();
-                let held = self.leases.renew(caller.client, now);
-                return if held { Ok(Some(Reply::done())) } else { Err(CallError::Refused { reason }) };
+                let renewed = self.leases.renew(caller.client, now);
+                return renewed.map(|()| Some(Reply::done())).map_err(lease_over);
             }
         }
         Ok(None)
@@ -90,7 +89,7 @@ impl Service {
         self.info.settings().functions.has(Function::Ascii)
     }
 
-    fn ask(&mut self, caller: Caller, ask: Ask, now: Instant) {
+    fn ask(&mut self, caller: Caller, ask: Ask, now: Instant) -> Result<(), CallError> {
         let deadline = now + ask.timeout();
         match ask {
             Ask::Send { line, .. } => {
@@ -103,8 +102,13 @@ impl Service {
                 });
             }
             Ask::Control { character } => {
+                let stops_all = matches!(character, control::ABORT | control::KILL);
+                if stops_all {
+                    self.leases.control_begins(character, now);
+                }
+                let then = if stops_all { Then::AllStopped } else { Then::ReplyLines };
                 let audit = Some(format!("sends {}", control::name(character)));
-                self.wait_for_board(caller, deadline, Then::ReplyLines, audit, |ticket| Command::Control {
+                self.wait_for_board(caller, deadline, then, audit, |ticket| Command::Control {
                     ticket,
                     character,
                     deadline,
@@ -117,32 +121,34 @@ impl Service {
                     count,
                 });
             }
-            Ask::Job(call) => self.ask_job(caller, call, now),
+            Ask::Job(call) => self.ask_job(caller, call, now)?,
         }
+        Ok(())
     }
 
     /// Has the bus thread do a job, or asks the board first whether that makes sense. Where the board cannot be asked, the job has
     /// to show; where command lines are switched off, what the job needs is with its caller.
-    fn ask_job(&mut self, caller: Caller, mut call: JobCall, now: Instant) {
+    fn ask_job(&mut self, caller: Caller, mut call: JobCall, now: Instant) -> Result<(), CallError> {
         let deadline = now + call.timeout;
         if let Some(guard) = call.guard {
             let enabling = self.info.enabling();
             let has_question = call.has_question() && self.answers();
             if has_question || guard.is_open(enabling, self.answers(), self.may_ask()) {
                 let question = call.question(guard);
-                return self.question(caller, &question, Then::Job(call), deadline);
+                self.question(caller, &question, Then::Job(call), deadline);
+                return Ok(());
             }
             call.guard = None;
             if !guard.is_known(enabling) {
                 call.note_unasked(guard);
             }
         }
-        self.do_job(caller, call, deadline);
+        self.do_job(caller, call, deadline)
     }
 
     /// Has the bus thread do a job, whatever the board says.
-    fn do_job(&mut self, caller: Caller, call: JobCall, deadline: Instant) {
-        let JobCall { job, notes, lease, audit, .. } = call;
+    fn do_job(&mut self, caller: Caller, call: JobCall, deadline: Instant) -> Result<(), CallError> {
+        let JobCall { mut job, notes, lease, audit, .. } = call;
         if let Some(motors) = lease {
             // From now on: a client that is gone before the board has taken the jog is gone all the same.
             self.leases.begin(caller.client, motors, deadline);
@@ -151,9 +157,20 @@ impl Service {
             (Job::Panel(request), None) => request.stops(),
             _ => 0,
         };
-        let then = notes.map_or(Then::ReplyDone { stops }, Then::ReplyNotes);
+        if job.is_stop() {
+            let stop_for = self.leases.stop_for(caller.client, stops);
+            if stop_for.map_err(|end| lease_over(Some(end)))? == StopFor::Holder {
+                job = Job::EndHold(stops);
+            }
+        }
+        let then = match (lease, notes) {
+            (Some(_), _) => Then::ReplyHeld,
+            (None, Some(notes)) => Then::ReplyNotes(notes),
+            (None, None) => Then::ReplyDone { stops },
+        };
         let job = Box::new(job);
         self.wait_for_board(caller, deadline, then, audit, |ticket| Command::Job { ticket, job, deadline });
+        Ok(())
     }
 
     /// Asks the board `question`; `then` begins if its answer is what its guard wants.
@@ -196,8 +213,7 @@ impl Service {
                 return self.on_answer(caller, &lines, outcome, now, |service, found| {
                     call.take_answer(found)?;
                     let deadline = now + call.timeout;
-                    service.do_job(caller, call, deadline);
-                    Ok(())
+                    service.do_job(caller, call, deadline)
                 });
             }
             Then::Watch(entries) => {
@@ -214,9 +230,17 @@ impl Service {
             let Peer { uid, pid, .. } = caller.peer;
             info!(target: "audit", "refused that of uid {uid} pid {pid}: {reason:?}");
         }
-        // A held jog has begun: its holder's time runs from here.
-        self.leases.renew(caller.client, now);
         let reply = match (then, outcome) {
+            (Then::ReplyHeld, outcome) => {
+                // The jog has begun: its holder's time runs from here.
+                let held = self.leases.renew(caller.client, now).map(|()| Reply::done()).map_err(lease_over);
+                if outcome == Outcome::Done { held } else { outcome_reply(outcome, lines, is_overlong) }
+            }
+            (Then::AllStopped, Outcome::Done) => {
+                let clients = self.leases.control_taken();
+                self.withdraw_holds(&clients, now);
+                Reply::with(&SendReply { lines })
+            }
             (Then::ReplyDone { stops }, Outcome::Done) => {
                 self.leases.stopped(caller.client, stops);
                 Ok(Reply::done())
@@ -313,13 +337,29 @@ impl Service {
     pub(super) fn end_lapsed_leases(&mut self, now: Instant) {
         let calls = &mut self.calls;
         let is_there = |client| self.clients.hears(client);
-        self.leases.end_lapsed(now, is_there, |motors| calls.send_now(stop(motors), now + OWN_JOB_TIMEOUT));
+        let send = |motors| calls.send_now(Job::EndHold(motors), now + OWN_JOB_TIMEOUT);
+        if let Some(clients) = self.leases.end_lapsed(now, is_there, send) {
+            self.withdraw_holds(&clients, now);
+        }
+    }
+
+    /// Takes the jogs out of the queue that these clients asked for and no longer hold: after its stop a jog would have no end.
+    fn withdraw_holds(&mut self, clients: &[u64], now: Instant) {
+        for client in clients {
+            if let Some(caller) = self.calls.take_back_hold(*client) {
+                let end = self.leases.renew(*client, now).err().flatten();
+                self.answer(caller, Err(not_sent(end)), now);
+            }
+            if self.clients.get(*client).is_none() {
+                self.leases.forget(*client);
+            }
+        }
     }
 
     /// Requests the stop of every jog that is held; false when there was no room for the request.
     pub(super) fn request_end_of_leases(&mut self, now: Instant) -> bool {
         let calls = &mut self.calls;
-        self.leases.end_all(now, |motors| calls.send_now(stop(motors), now + OWN_JOB_TIMEOUT))
+        self.leases.end_all(now, |motors| calls.send_now(Job::EndHold(motors), now + OWN_JOB_TIMEOUT))
     }
 
     /// At the end nobody will be there to hold a jog. A full queue empties soon, if the bus thread can tell what it has done.
@@ -356,7 +396,16 @@ fn outcome_reply(outcome: Outcome, lines: Vec<String>, is_overlong: bool) -> Res
     }
 }
 
-/// The request that stops these motors.
-fn stop(motors: u32) -> Job {
-    Job::Panel(PanelRequest::jog_stop(motors))
+/// What a client is told whose held jog is over.
+fn lease_over(end: Option<LeaseEnd>) -> CallError {
+    let reason = end.map_or_else(
+        || "there is no held jog of this connection (any more)".to_owned(),
+        |end| end.to_string(),
+    );
+    CallError::Refused { reason }
+}
+
+/// What a client is told whose held jog was over before it was sent to the board.
+fn not_sent(end: Option<LeaseEnd>) -> CallError {
+    CallError::Refused { reason: format!("{}; the jog was not sent", lease_over(end)) }
 }

@@ -108,14 +108,16 @@ impl ServerStepper {
 
 #[cfg(test)]
 mod tests {
-    use std::io::Write;
+    use std::io::{Read, Write};
     use std::time::Duration;
 
     use nix::unistd::{Gid, Uid};
 
     use super::*;
     use crate::daemon::shared::info::Info;
+    use crate::daemon::shared::job::Job;
     use crate::daemon::shared::queue::{Command, Event, Outcome, Ticket, at_once, queue};
+    use crate::daemon::shared::status::BoardStatus;
     use crate::map::PMAC;
     use crate::protocol::{BoardInfo, BoardSettings};
 
@@ -128,6 +130,61 @@ mod tests {
         for _ in 0..ROUNDS {
             server.round(now).unwrap();
         }
+    }
+
+    /// A client that has made one call.
+    fn client(server: &mut ServerStepper, call: &str, now: Instant) -> UnixStream {
+        let (ours, theirs) = UnixStream::pair().unwrap();
+        let peer = Peer { uid: Uid::from_raw(1), gid: Gid::from_raw(1), pid: 1 };
+        server.enter(theirs, peer, Role::Engineer, now).unwrap();
+        (&ours).write_all(call.as_bytes()).and_then(|()| (&ours).write_all(&[0])).unwrap();
+        ours
+    }
+
+    #[test]
+    fn a_jog_that_waits_is_not_sent_when_its_hold_is_over() {
+        let directory = tempfile::tempdir().unwrap();
+        let options = ServeOptions::new(directory.path().join("socket"));
+        let (commands, taken) = queue(at_once::ALL).unwrap();
+        let (answers, events) = queue(at_once::ALL).unwrap();
+        let info = Info::new(&PMAC, BoardInfo::default(), BoardSettings::default());
+        let backend = Backend { commands, events, info };
+        let mut server = ServerStepper::new(&options, options.listen().unwrap(), backend).unwrap();
+        let now = Instant::now();
+        let jog = |method: &str, motor: u8, oneway: bool| {
+            format!(
+                r#"{{"method":"io.github.pmac-dpram.Board.{method}","parameters":{{"action":"jog+","numbers":[{motor}]}},"oneway":{oneway}}}"#
+            )
+        };
+        let mut others = Vec::new();
+        for _ in 0..at_once::PANEL {
+            others.push(client(&mut server, &jog("Panel", 2, false), now));
+        }
+        settle(&mut server, now);
+        let mut tickets = Vec::new();
+        while let Some(Command::Job { ticket, .. }) = taken.try_receive() {
+            tickets.push(ticket);
+        }
+        assert_eq!(tickets.len(), at_once::PANEL, "there is room for no other");
+        let mut holder = client(&mut server, &jog("PanelHold", 1, false), now);
+        // One that nobody would have to renew.
+        others.push(client(&mut server, &jog("PanelHold", 1, true), now));
+        settle(&mut server, now);
+        assert_eq!(server.kept().leases, 1);
+        let open = BoardStatus { open_loops: 1, ..BoardStatus::UNKNOWN };
+        assert!(answers.try_send(Event::Info(open)).is_ok());
+        settle(&mut server, now);
+        let mut reply = [0; 512];
+        let length = holder.read(&mut reply).unwrap();
+        let reply = String::from_utf8_lossy(&reply[..length]);
+        assert!(reply.contains("motor 1 is open") && reply.contains("the jog was not sent"), "{reply}");
+        for ticket in tickets {
+            assert!(answers.try_send(Event::Done(ticket, Outcome::Done)).is_ok());
+        }
+        settle(&mut server, now);
+        let Some(Command::Job { job, .. }) = taken.try_receive() else { panic!("there is no stop") };
+        assert_eq!(*job, Job::EndHold(1));
+        assert!(taken.try_receive().is_none(), "no jog follows its stop");
     }
 
     #[test]
@@ -145,12 +202,8 @@ mod tests {
         // Twice a flood of lines, and a bus thread that answers none of the first in time.
         for _ in 0..2 {
             for _ in 0..2 * at_once::LINES {
-                let (ours, theirs) = UnixStream::pair().unwrap();
-                let peer = Peer { uid: Uid::from_raw(1), gid: Gid::from_raw(1), pid: 1 };
-                server.enter(theirs, peer, Role::Engineer, now).unwrap();
                 let call = r#"{"method":"io.github.pmac-dpram.Board.Send","parameters":{"line":"P1","timeout_ms":1}}"#;
-                (&ours).write_all(call.as_bytes()).and_then(|()| (&ours).write_all(&[0])).unwrap();
-                clients.push(ours);
+                clients.push(client(&mut server, call, now));
             }
             settle(&mut server, now);
             while let Some(command) = taken.try_receive() {
