@@ -28,8 +28,10 @@ pub const REASON_MAX: usize = 240;
 pub mod at_once {
     /// Lines for the board.
     pub const LINES: usize = 8;
-    /// Control characters.
+    /// Control characters without an answer, as those that stop a machine.
     pub const CONTROLS: usize = 8;
+    /// Control characters with an answer, which wait for the line under way.
+    pub const QUERIES: usize = 8;
     /// Control panel requests of clients.
     pub const PANEL: usize = 16;
     /// Stops of held jogs whose holder is gone.
@@ -41,7 +43,7 @@ pub mod at_once {
     /// What is done as soon as it is taken.
     pub const SHORT: usize = 8;
     /// All of them, and a change of the table of watched registers.
-    pub const ALL: usize = LINES + CONTROLS + PANEL + STOPS + WRITES + ROTARY + SHORT + 1;
+    pub const ALL: usize = LINES + CONTROLS + QUERIES + PANEL + STOPS + WRITES + ROTARY + SHORT + 1;
 }
 
 /// Names one command from its acceptance to its last event. Chosen by the socket's thread, never reused.

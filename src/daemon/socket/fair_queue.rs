@@ -10,14 +10,17 @@ use nix::unistd::Uid;
 
 use crate::daemon::shared::job::Job;
 use crate::daemon::shared::queue::{Command, Ticket, at_once};
+use crate::function::ascii::control_has_reply;
 
 /// Kinds of commands. One kind does not wait for another.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Kind {
     /// Lines for the board, which it takes one after the other.
     Line,
-    /// Control characters, which overtake the lines.
+    /// Control characters without an answer, as those that stop a machine: they overtake everything.
     Control,
+    /// Control characters with an answer, which wait for the line under way.
+    Query,
     /// Control panel requests.
     Panel,
     /// Writes of variables.
@@ -29,12 +32,13 @@ enum Kind {
 }
 
 impl Kind {
-    const ALL: [Self; 6] =
-        [Self::Control, Self::Panel, Self::Line, Self::Short, Self::Variables, Self::Rotary];
+    const ALL: [Self; 7] =
+        [Self::Control, Self::Panel, Self::Query, Self::Line, Self::Short, Self::Variables, Self::Rotary];
 
     fn of(command: &Command) -> Self {
         match command {
             Command::Send { .. } => Self::Line,
+            Command::Control { character, .. } if control_has_reply(*character) => Self::Query,
             Command::Control { .. } => Self::Control,
             Command::ReadWords { .. } => Self::Short,
             Command::Job { job, .. } => match **job {
@@ -51,6 +55,7 @@ impl Kind {
         match self {
             Self::Line => at_once::LINES,
             Self::Control => at_once::CONTROLS,
+            Self::Query => at_once::QUERIES,
             Self::Panel => at_once::PANEL,
             Self::Variables => at_once::WRITES,
             Self::Rotary => at_once::ROTARY,
@@ -153,9 +158,9 @@ mod tests {
     use crate::map::HostOffset;
     use std::time::Instant;
 
-    fn control(ticket: u64) -> Turn {
+    fn control(ticket: u64, letter: u8) -> Turn {
         let ticket = Ticket(ticket);
-        let command = Command::Control { ticket, character: 1, deadline: Instant::now() };
+        let command = Command::Control { ticket, character: letter - 64, deadline: Instant::now() };
         Turn { ticket, command, audit: None }
     }
 
@@ -201,8 +206,21 @@ mod tests {
             turns.wait(user, read(ticket));
         }
         while next(&mut turns).is_some() {}
-        turns.wait(user, control(99));
+        turns.wait(user, control(99, b'K'));
         assert_eq!(next(&mut turns), Some(99));
+    }
+
+    #[test]
+    fn what_stops_a_machine_does_not_wait_behind_a_character_with_an_answer() {
+        let user = Uid::from_raw(1);
+        let mut turns = FairQueue::default();
+        for ticket in 0..20 {
+            turns.wait(user, control(ticket, b'F'));
+        }
+        while next(&mut turns).is_some() {}
+        turns.wait(user, control(98, b'A'));
+        turns.wait(user, control(99, b'K'));
+        assert_eq!((next(&mut turns), next(&mut turns)), (Some(98), Some(99)));
     }
 
     #[test]

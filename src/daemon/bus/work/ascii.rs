@@ -91,6 +91,8 @@ pub struct AsciiQueue {
     control_lost: Option<(Ticket, bool)>,
     /// Whether the board takes lines as program lines.
     buffer: OpenBuffer,
+    /// After a control character with a reply a line has its turn, if one waits.
+    line_is_next: bool,
     /// Lines of a reply told since something else was.
     lines_unheard: u32,
     /// An event the socket's queue had no room for. Until it is gone nothing more is taken from the board.
@@ -114,11 +116,12 @@ impl AsciiQueue {
             fallback: Fallback::new(now),
             // One may come back from a port that did not take it.
             lines: VecDeque::with_capacity(at_once::LINES + 1),
-            controls: VecDeque::with_capacity(at_once::CONTROLS + 1),
+            controls: VecDeque::with_capacity(at_once::CONTROLS + at_once::QUERIES + 1),
             under_way: None,
             control_pending: None,
             control_lost: None,
             buffer: OpenBuffer::default(),
+            line_is_next: false,
             lines_unheard: 0,
             outbox: None,
             identifier,
@@ -321,15 +324,21 @@ impl AsciiQueue {
             return Ok(());
         }
         // One with a reply has to wait until the port is idle. What stops a machine does not wait behind it.
-        let ready = |control: &WaitingControl| self.ports.is_idle() || !control_has_reply(control.character);
-        if let Some(&oldest) = self.controls.front()
-            && now >= oldest.deadline
-        {
-            self.controls.pop_front();
-            self.fail(events, publisher, oldest.ticket, false);
+        let is_idle = self.ports.is_idle();
+        let ready = |control: &WaitingControl| {
+            now < control.deadline && (is_idle || !control_has_reply(control.character))
+        };
+        let Some(index) = self.controls.iter().position(ready) else {
+            if let Some(late) = self.controls.front().copied().filter(|oldest| now >= oldest.deadline) {
+                self.controls.pop_front();
+                // That it waited for a line says nothing of the board.
+                match self.under_way {
+                    Some(_) => self.tell(events, Event::Done(late.ticket, Outcome::Busy)),
+                    None => self.fail(events, publisher, late.ticket, false),
+                }
+            }
             return Ok(());
-        }
-        let Some(index) = self.controls.iter().position(ready) else { return Ok(()) };
+        };
         let Some(&first) = self.controls.get(index) else { return Ok(()) };
         let has_reply = control_has_reply(first.character);
         if self.ports.control(bus, first.character, has_reply, now)? {
@@ -338,6 +347,7 @@ impl AsciiQueue {
             self.last_event = now;
             publisher.counters().add(Counter::AsciiCommands, 1);
             if has_reply {
+                self.line_is_next = true;
                 let command = InFlight::Control(first);
                 self.under_way =
                     Some(UnderWay { command, deadline: first.deadline, taken: false, given_up: false });
@@ -363,6 +373,11 @@ impl AsciiQueue {
         publisher: &Publisher,
         now: Instant,
     ) -> Result<(), PortError> {
+        let waits = |control: &WaitingControl| control_has_reply(control.character);
+        if !self.line_is_next && self.control_pending.is_none() && self.controls.iter().any(waits) {
+            // Lines that always wait must not hold it up. It goes with the next poll.
+            return Ok(());
+        }
         if let Some(&next) = self.lines.front()
             && (self.buffer.is_open() || !self.identifier.is_overdue(now))
         {
@@ -460,6 +475,7 @@ impl AsciiQueue {
 
     fn start(&mut self, command: InFlight, deadline: Instant, publisher: &Publisher, now: Instant) {
         self.under_way = Some(UnderWay { command, deadline, taken: false, given_up: false });
+        self.line_is_next = false;
         self.last_event = now;
         publisher.counters().add(Counter::AsciiCommands, 1);
     }

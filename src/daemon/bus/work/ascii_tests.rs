@@ -228,3 +228,48 @@ fn what_stops_the_machine_does_not_wait_behind_a_report() {
     rig.poll();
     assert_eq!(rig.bus.read16(PMAC.ascii.control_character).unwrap(), u16::from(POSITIONS));
 }
+
+#[test]
+fn characters_go_in_time_while_lines_always_wait() {
+    let (abort, query) = (b'A' - 64, b'F' - 64);
+    let mut rig = Rig::new();
+    for ticket in 1..=3 {
+        rig.send(ticket, "P1", Duration::from_secs(60));
+    }
+    rig.poll();
+    assert!(rig.loaded());
+    for ticket in 11..=18 {
+        rig.control(ticket, query);
+    }
+    rig.control(20, abort);
+    rig.poll();
+    let word = PMAC.ascii.control_character;
+    assert_eq!(rig.bus.read16(word).unwrap(), u16::from(abort), "it waits for nobody");
+    rig.bus.write16(word, 0).unwrap();
+    // The line under way, then a character, then a line again: neither kind holds up the other.
+    for expected in [1, 11, 2, 12, 3, 13, 14] {
+        let is_line = expected < 10;
+        for _ in 0..2 {
+            rig.poll();
+        }
+        assert_eq!(rig.loaded(), is_line, "{expected}");
+        rig.bus.write16(PMAC.ascii.command_loaded.word, 0).unwrap();
+        rig.bus.write16(word, 0).unwrap();
+        rig.bus.write16(PMAC.ascii.response_control, response::ACKNOWLEDGE).unwrap();
+        rig.poll();
+        rig.now += Duration::from_millis(1);
+        let ended: Vec<_> = rig.ended().into_iter().filter(|(ticket, _)| *ticket != 20).collect();
+        assert_eq!(ended, [(expected, Outcome::Done)]);
+    }
+}
+
+#[test]
+fn a_character_that_only_waited_for_a_line_says_nothing_of_the_board() {
+    let mut rig = Rig::new();
+    rig.send(1, "P1", Duration::from_secs(60));
+    rig.poll();
+    rig.control(2, b'F' - 64);
+    rig.now += Duration::from_secs(5);
+    rig.poll();
+    assert_eq!(rig.ended(), [(2, Outcome::Busy)]);
+}
