@@ -1,7 +1,7 @@
-//! The time that everything on the bus side goes by: the machine's, or one that a test sets (layer 0).
+//! The clock of everything on the bus side: the machine's, or one that a test moves (layer 0).
 //!
-//! Whoever needs the time has a [`Clock`] or is given the time; nobody asks the machine for it. A whole daemon can so be
-//! stepped through hours in milliseconds, and what it does at which time is the same in each run.
+//! Code that needs the time gets a [`Clock`] or a time; none asks the machine. A test can so step a whole daemon
+//! through hours in milliseconds, and each run does the same things at the same times.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -9,9 +9,9 @@ use std::time::{Duration, Instant};
 
 use nix::time::{ClockId, clock_gettime};
 
-/// Tells the time. Two readings are apart by what CLOCK_MONOTONIC moved, or by what [`ManualTime`] was moved.
+/// A clock. Between two readings pass as many nanoseconds as CLOCK_MONOTONIC advanced, or as [`ManualTime`] was moved.
 ///
-/// Nanoseconds and [`Instant`]s of one clock, and of its clones, say the same: both count from its zero.
+/// A clock and its clones have one zero; nanoseconds and [`Instant`]s both count from it.
 #[derive(Debug, Clone)]
 pub struct Clock {
     zero: Instant,
@@ -27,14 +27,14 @@ impl Clock {
         Self { zero: now.checked_sub(Duration::from_nanos(ns)).unwrap_or(now), manual: None }
     }
 
-    /// The time in nanoseconds: what stamps and heartbeats hold.
+    /// The time in nanoseconds, as stamps and heartbeats hold it.
     #[must_use]
     #[inline]
     pub fn ns(&self) -> u64 {
         self.manual.as_ref().map_or_else(monotonic_ns, |manual| manual.load(Ordering::Acquire))
     }
 
-    /// The time, for deadlines and for how long something took.
+    /// The time for deadlines and durations.
     #[must_use]
     #[inline]
     pub fn now(&self) -> Instant {
@@ -55,14 +55,14 @@ impl Clock {
         u64::try_from(instant.saturating_duration_since(self.zero).as_nanos()).unwrap_or(u64::MAX)
     }
 
-    /// Whether the time stands still until a test moves it.
+    /// Whether time moves only when a test moves it.
     #[must_use]
     pub fn is_manual(&self) -> bool {
         self.manual.is_some()
     }
 }
 
-/// Time that moves only when it is told to. Its clocks follow it, in whatever thread they are.
+/// Time that only a test moves. Its clocks follow it in every thread.
 #[derive(Debug, Clone)]
 pub struct ManualTime {
     ns: Arc<AtomicU64>,
@@ -70,7 +70,7 @@ pub struct ManualTime {
 }
 
 impl ManualTime {
-    /// It is `ns` and stays so.
+    /// Time that stands at `ns`.
     #[must_use]
     pub fn at(ns: u64) -> Self {
         Self { ns: Arc::new(AtomicU64::new(ns)), zero: Instant::now() }
@@ -88,12 +88,12 @@ impl ManualTime {
         self.ns.load(Ordering::Acquire)
     }
 
-    /// Moves on.
+    /// Moves the time forward.
     pub fn advance(&self, by: Duration) {
         self.move_to(self.ns().saturating_add(u64::try_from(by.as_nanos()).unwrap_or(u64::MAX)));
     }
 
-    /// Moves on to `ns`; a time that is past changes nothing.
+    /// Moves the time forward to `ns`; an earlier time changes nothing.
     pub fn move_to(&self, ns: u64) {
         self.ns.fetch_max(ns, Ordering::AcqRel);
     }
@@ -102,7 +102,7 @@ impl ManualTime {
 /// CLOCK_MONOTONIC in nanoseconds.
 #[must_use]
 pub fn monotonic_ns() -> u64 {
-    // It cannot fail on Linux, nor stand before its origin.
+    // Linux always has this clock, and it is never negative.
     let now = clock_gettime(ClockId::CLOCK_MONOTONIC).map_or(Duration::ZERO, Duration::from);
     u64::try_from(now.as_nanos()).unwrap_or(u64::MAX)
 }
@@ -117,7 +117,7 @@ mod tests {
         let (before, instant_before) = (monotonic_ns(), Instant::now());
         let (ns, now) = (clock.ns(), clock.now());
         assert!((before..=monotonic_ns()).contains(&ns));
-        // The zero is as exact as two readings can be taken together.
+        // The two clocks are not read at the same instant.
         assert!(
             now + Duration::from_secs(1) > instant_before && now < Instant::now() + Duration::from_secs(1)
         );

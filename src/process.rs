@@ -1,4 +1,4 @@
-//! What the programs of this package have in common as processes (layer 0).
+//! Process control that all programs of this package share (layer 0).
 
 use std::io;
 
@@ -6,10 +6,10 @@ use nix::sys::prctl::set_pdeathsig;
 use nix::sys::signal::Signal;
 use nix::unistd::{Pid, getppid};
 
-/// Has the kernel send SIGTERM to this process when process `parent`, which started it, ends, however it ends.
+/// Has the kernel send SIGTERM to this process when its parent, process `parent`, ends for whatever reason.
 ///
 /// # Errors
-/// What the kernel says; also when `parent` has ended already.
+/// The kernel's error, or an error when `parent` has ended already.
 pub fn end_with_parent(parent: u32) -> io::Result<()> {
     set_pdeathsig(Some(Signal::SIGTERM))?;
     if getppid() == Pid::from_raw(parent.cast_signed()) {

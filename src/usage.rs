@@ -1,23 +1,23 @@
-//! How the programs answer a command line that cannot be taken (layer 0).
+//! How the programs answer a command line that they cannot parse (layer 0).
 
 use std::io::{self, Write};
 use std::process::ExitCode;
 
 use clap::error::ErrorKind;
 
-/// Prints what clap has to say: help and version on stdout with status 0, a mistake in one line on stderr
-/// with `program`'s name before it and status 2.
+/// Prints clap's message: help and version to stdout with status 0, an error to stderr as one line after `program`'s
+/// name, with status 2.
 #[must_use]
 pub fn usage(program: &str, error: &clap::Error) -> ExitCode {
     usage_with(program, error, 2)
 }
 
-/// As [`usage`], with another status for a mistake.
+/// As [`usage`], with another exit status for an error.
 #[must_use]
 pub fn usage_with(program: &str, error: &clap::Error, status: u8) -> ExitCode {
     match error.kind() {
         ErrorKind::DisplayHelp | ErrorKind::DisplayVersion => {
-            // Nobody reads it: nothing to be done.
+            // A closed output is no error here: nobody reads the help.
             let _ = error.print();
             ExitCode::SUCCESS
         }
@@ -33,7 +33,7 @@ pub fn usage_with(program: &str, error: &clap::Error, status: u8) -> ExitCode {
     }
 }
 
-/// Clap's message without its advice and usage paragraphs.
+/// Clap's message without its hints and its usage.
 fn one_line(text: &str) -> String {
     let what = text.split("\n\n").next().unwrap_or_default();
     let what = what.split_whitespace().collect::<Vec<_>>().join(" ");

@@ -1,4 +1,5 @@
-//! `D:` registers, 48-bit fixed point: value = signed X half * 2^24 + unsigned Y half (DPRAM manual p. 11, in the text).
+//! `D:` registers, 48-bit fixed point: value = signed X half * 2^24 + unsigned Y half (DPRAM manual p. 11, running
+//! text).
 
 use super::int24;
 
@@ -27,7 +28,7 @@ mod tests {
         }
         assert_eq!(decode(0xFFFF_FFFF, 0x007F_FFFF), (1 << 47) - 1);
         assert_eq!(decode(0, 0xFF80_0000), -(1 << 47));
-        // Bits above 47 are dropped, as on the board.
+        // The board drops bits above 47, too.
         assert_eq!(encode(1 << 48), [0, 0]);
         assert_eq!(encode(1 << 47), encode(-(1 << 47)));
     }

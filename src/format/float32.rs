@@ -30,7 +30,7 @@ mod tests {
     proptest! {
         #[test]
         fn every_bit_pattern_survives(y in any::<u16>(), x in any::<u16>()) {
-            // Signalling NaNs may come back quiet; every number comes back as it was.
+            // A signalling NaN may turn into a quiet one; every number survives unchanged.
             prop_assume!(!decode(y, x).is_nan());
             prop_assert_eq!(encode(decode(y, x)), [y, x]);
         }

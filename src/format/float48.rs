@@ -3,29 +3,29 @@
 //! The exponent is in Y bits 11-0 (bias 2047), the low 12 mantissa bits in Y bits 23-12, the high 24 in the X word;
 //! the mantissa is two's complement with weight -2^0 for its sign bit. value = (X*4096 + Y>>12) * 2^(exponent-2082).
 //! The DPRAM manual's own paragraph (p. 11) prints another layout, which contradicts the register table of the User
-//! Manual and every value seen; it is kept as [`Float48Layout::Printed`] for whoever needs to compare.
+//! Manual and every value seen on boards. It is available for comparison as [`Float48Layout::Printed`].
 
 use super::int24;
 
 const BIAS: i32 = 2047;
 const MANTISSA_BITS: i32 = 35;
 
-/// Which reading of a 48-bit floating-point register is used.
+/// How to read the bits of a 48-bit floating-point register.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Deserialize, serde::Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Float48Layout {
-    /// Exponent in Y bits 11-0; what boards do.
+    /// Exponent in Y bits 11-0, as boards store it.
     #[default]
     Register,
     /// The DPRAM manual's paragraph on p. 11: mantissa = Y bits 23-0 below X bits 11-0, exponent = X bits 23-12. It
-    /// tells neither sign nor bias; they are taken as in [`Float48Layout::Register`].
+    /// gives neither sign nor bias; both are taken from [`Float48Layout::Register`].
     Printed,
 }
 
 impl Float48Layout {
     /// Decodes a floating-point register from its two DPRAM long words, Y half (low address) first.
     ///
-    /// Un-normalised mantissas decode to the value they stand for.
+    /// Decodes mantissas that are not normalised, too.
     #[must_use]
     pub fn decode(self, y: u32, x: u32) -> f64 {
         match self {
@@ -53,8 +53,8 @@ pub fn decode(y: u32, x: u32) -> f64 {
 
 /// Encodes `value` in the register layout as two sign-extended DPRAM long words, Y half first.
 ///
-/// The mantissa is rounded to nearest, ties to even. Every finite `f64` is within the format's range; an infinity
-/// becomes the format's largest or smallest value, NaN becomes zero.
+/// Rounds the mantissa to nearest, ties to even. The format holds every finite `f64`; an infinity becomes its largest
+/// or smallest value, NaN becomes zero.
 #[must_use]
 pub fn encode(value: f64) -> [u32; 2] {
     if value == 0.0 || value.is_nan() {
@@ -70,7 +70,7 @@ pub fn encode(value: f64) -> [u32; 2] {
     let (mantissa, exponent) = match mantissa {
         // Rounding carried into the sign bit.
         HALF_CARRIED => (HALF, exponent + 1),
-        // -0.5 is normalised as -1 with the exponent below.
+        // Normalised, -0.5 is -1 with the next lower exponent.
         MINUS_HALF => (-(1 << MANTISSA_BITS), exponent - 1),
         mantissa => (mantissa, exponent),
     };
@@ -96,12 +96,12 @@ fn binary_exponent(value: f64) -> i32 {
 
 /// `value * 2^exponent`; exact as long as the result is a normal number.
 fn scale(value: f64, exponent: i32) -> f64 {
-    // Two steps: a single factor could leave the range of f64 though the result does not.
+    // In two steps: the whole factor may exceed the range of f64 though the result does not.
     let half = exponent / 2;
     value * power_of_two(half) * power_of_two(exponent - half)
 }
 
-/// 2^`exponent`. Clamped to the normal numbers: a mantissa times a value beyond them twice is 0 or infinite anyway.
+/// 2^`exponent`, clamped to the normal numbers. Beyond them, multiplying by it twice gives 0 or infinity in any case.
 const fn power_of_two(exponent: i32) -> f64 {
     let clamped = if exponent < -1022 {
         -1022
@@ -137,7 +137,7 @@ mod tests {
 
     #[test]
     fn the_neighbours_of_minus_one_keep_their_sign() {
-        // Values that round to -1 from below and above; two's complement has its seam here.
+        // Values that round to -1 from below and above, where the mantissa's sign bit changes its role.
         for steps in -64..=64i32 {
             for unit in [33, 34, 35, 36, 37, 40, 52] {
                 let value = -1.0 + f64::from(steps) * power_of_two(-unit);
@@ -162,9 +162,9 @@ mod tests {
             let [y, x] = encode(tiny);
             assert_eq!(decode(y, x), tiny);
         }
-        // The largest f64 rounds up to 2^1024, which the format has and f64 has not.
+        // The largest f64 rounds up to 2^1024, which this format can hold and f64 cannot.
         assert_eq!(encode(f64::MAX), [0x0000_0C00, 0x0040_0000]);
-        // The smallest numbers of the format lie below those of f64.
+        // The format's smallest numbers are too small for f64.
         assert_eq!(decode(0, 0x0040_0000), 0.0);
         assert_eq!(decode(0xFFF, 0x0040_0000), f64::INFINITY);
     }
@@ -230,7 +230,7 @@ mod tests {
             let mantissa = i64::from(int24::signed(x)) << 12 | i64::from(int24::unsigned(y) >> 12);
             prop_assert!(normalised(mantissa));
             let error = (decode(y, x) - value).abs();
-            // Half a unit in the last of 36 bits. Subnormal bounds are below f64's own resolution: exact there.
+            // Half a unit in the last of 36 bits. Subnormal bounds are below the resolution of f64: exact there.
             prop_assert!(error <= value.abs() * power_of_two(-35), "{value:e}: {error:e}");
         }
 

@@ -3,7 +3,7 @@
 /// The bits of a 24-bit PMAC word.
 pub const MASK: u32 = 0x00FF_FFFF;
 
-/// Reads the low 24 bits as a signed PMAC word. The top byte, a copy of bit 23 when the board wrote it, is ignored.
+/// Reads the low 24 bits as a signed PMAC word. Ignores the top byte, in which the board repeats bit 23.
 #[must_use]
 pub const fn signed(dword: u32) -> i32 {
     ((dword << 8) as i32) >> 8
@@ -15,7 +15,7 @@ pub const fn unsigned(dword: u32) -> u32 {
     dword & MASK
 }
 
-/// The sign-extended 32-bit form in which the DPRAM holds the 24-bit `word`.
+/// The 24-bit `word`, sign-extended to 32 bits as the DPRAM holds it.
 #[must_use]
 pub const fn extend(word: u32) -> u32 {
     signed(word) as u32

@@ -1,18 +1,18 @@
-//! A short text held in place: who copies it needs no memory from the heap.
+//! A short text of fixed capacity, copied without the heap.
 
 use std::fmt;
 use std::ops::Deref;
 
-/// A text of at most `N` bytes, 255 at most. Boards answer in ASCII, and what they answer else is kept byte by byte.
+/// A text of at most `N` bytes (`N` up to 255). Boards answer in ASCII; other bytes are kept unchanged.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub struct Text<const N: usize> {
-    /// Zeros behind the text, so that equal texts are equal.
+    /// Zeros behind the text, so that equal texts compare equal.
     bytes: [u8; N],
     length: u8,
 }
 
 impl<const N: usize> Text<N> {
-    /// Copies `bytes`, or `None` when there are more than `N`.
+    /// Copies `bytes`; `None` when there are more than `N`.
     #[must_use]
     pub fn new(bytes: &[u8]) -> Option<Self> {
         (bytes.len() <= N).then(|| Self::cut(bytes))
@@ -28,7 +28,7 @@ impl<const N: usize> Text<N> {
         text
     }
 
-    /// As much of `bytes` as fits, without splitting a character; what is no UTF-8 becomes U+FFFD.
+    /// As much of `bytes` as fits, without splitting a character. Invalid UTF-8 becomes U+FFFD.
     #[must_use]
     pub fn from_bytes(bytes: &[u8]) -> Self {
         let mut text = Self::default();
@@ -45,7 +45,7 @@ impl<const N: usize> Text<N> {
     #[must_use]
     pub fn of(text: &dyn fmt::Display) -> Self {
         let mut start = Self::default();
-        // A text that is cut off is an error of `write!` alone.
+        // `write!` reports a truncated text as an error; truncation is what we want.
         let _ = fmt::write(&mut start, format_args!("{text}"));
         start
     }
@@ -56,13 +56,13 @@ impl<const N: usize> Text<N> {
         &self.bytes[..usize::from(self.length)]
     }
 
-    /// The text with each byte as the character of that number: nothing of what is no ASCII is lost.
+    /// The text with each byte as the character of that code, so that bytes beyond ASCII survive.
     #[must_use]
     pub fn to_latin1(&self) -> String {
         self.as_bytes().iter().copied().map(char::from).collect()
     }
 
-    /// Appends what there is room for; false if that was not all.
+    /// Appends as much as fits; returns whether that was all.
     fn append(&mut self, text: &str) -> bool {
         let length = usize::from(self.length);
         let room = N - length;
@@ -89,7 +89,7 @@ impl<const N: usize> fmt::Write for Text<N> {
 impl<const N: usize> Deref for Text<N> {
     type Target = str;
 
-    /// The text, empty where it is no UTF-8.
+    /// The text; empty when it is not UTF-8.
     fn deref(&self) -> &str {
         std::str::from_utf8(self.as_bytes()).unwrap_or_default()
     }

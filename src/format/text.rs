@@ -2,7 +2,7 @@
 
 /// Which half of a 16-bit word holds the first character of a pair.
 ///
-/// A setting of its own, apart from the word order of the bus: VME boards in production need one, the other, or both.
+/// Independent of the bus's word order: VME boards in production need one, the other, or both.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Deserialize, serde::Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum TextOrder {

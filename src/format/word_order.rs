@@ -2,8 +2,8 @@
 
 /// Whether the bus between the board and this machine swaps the bytes of each 16-bit word.
 ///
-/// A setting of the bus, apart from [`super::TextOrder`]: a VME bridge may swap words, a driver's text may need a
-/// swap, or both, and boards in production show every combination.
+/// A setting of the bus, independent of [`super::TextOrder`]: a VME bridge may swap words, the text may need a swap, or
+/// both. Boards in production show every combination.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Deserialize, serde::Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum WordOrder {
@@ -15,7 +15,7 @@ pub enum WordOrder {
 }
 
 impl WordOrder {
-    /// Turns a word of the bus into the board's word, or back: the operation is its own inverse.
+    /// Converts a bus word to a board word, or back: the operation is its own inverse.
     #[inline]
     #[must_use]
     pub const fn apply(self, word: u16) -> u16 {

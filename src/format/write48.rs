@@ -1,4 +1,4 @@
-//! 48-bit registers as a variable-write record carries them.
+//! 48-bit registers in the records of the variable write buffer.
 //!
 //! Everywhere else the DPRAM holds a 48-bit register as two sign-extended 24-bit halves; a record of the background
 //! variable write buffer holds its low 32 bits in the first data long and its high 16 bits in the second (DPRAM
@@ -38,7 +38,7 @@ mod tests {
         fn packing_loses_nothing(y in any::<u32>(), x in any::<u32>()) {
             let register = [int24::extend(y), int24::extend(x)];
             prop_assert_eq!(unpack(pack(register)), register);
-            // What lies above the 48 bits does not matter.
+            // Bits above 47 do not matter.
             prop_assert_eq!(pack([y, x]), pack(register));
         }
     }

@@ -1,20 +1,20 @@
-//! What the daemon counts, in the order of the segment's counter table.
+//! The daemon's counters, in the order of the segment's counter table.
 
-/// The counters, in the order of the counter table. Each is a count since the segment was made.
+/// The counters, in table order. Each counts from the creation of the segment.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(usize)]
 pub enum Counter {
     /// Servo updates published.
     Updates = 0,
-    /// Samples read from the board that did not reach the segment. Stays 0: publishing cannot fail.
+    /// Samples read from the board but not published. Always 0: publishing cannot fail.
     Lost = 1,
-    /// Copies thrown away because the board wrote meanwhile, and made again.
+    /// Copies discarded and repeated because the board wrote during the copy.
     Retries = 2,
-    /// Servo updates the board made that were not read in time.
+    /// Servo updates of the board that were not read in time.
     Missed = 3,
-    /// Servo updates the board held off because Host-Busy was set.
+    /// Servo updates that the board held off because Host-Busy was set.
     Skipped = 4,
-    /// Bus cycles made on the board.
+    /// Bus cycles on the board.
     BusAccesses = 5,
     /// Bus cycles that failed.
     BusErrors = 6,
@@ -22,27 +22,27 @@ pub enum Counter {
     BackgroundUpdates = 7,
     /// Control-panel samples published.
     PanelUpdates = 8,
-    /// Command lines and control characters sent by the ASCII interface.
+    /// Command lines and control characters sent to the ASCII interface.
     AsciiCommands = 9,
     /// Reply lines received.
     AsciiReplies = 10,
     /// Error replies received.
     AsciiErrors = 11,
-    /// Waits for the ASCII interface that ran out.
+    /// Timeouts of the ASCII interface.
     AsciiTimeouts = 12,
-    /// Lines that no command asked for.
+    /// Reply lines that belong to no command.
     AsciiUnsolicited = 13,
     /// Interrupts taken.
     Interrupts = 14,
-    /// Times the board was found reset.
+    /// Board resets detected.
     Resets = 15,
     /// Sleeping readers woken.
     Wakes = 16,
-    /// Of the bus cycles: those for servo data, polls and retries included.
+    /// Bus cycles for servo data, polls and retries included.
     ServoAccesses = 17,
-    /// Of the bus cycles: those for background data.
+    /// Bus cycles for background data.
     BackgroundAccesses = 18,
-    /// Of the bus cycles: those for ASCII.
+    /// Bus cycles for ASCII.
     AsciiAccesses = 19,
 }
 
@@ -71,7 +71,7 @@ impl Counter {
         Self::AsciiAccesses,
     ];
 
-    /// The counter's name, as JSON output spells it.
+    /// The counter's name in JSON output.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {

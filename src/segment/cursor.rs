@@ -1,4 +1,4 @@
-//! The place of a reader that follows every sample of a region.
+//! A reader's position in a region of which it wants every sample.
 
 use super::SegmentError;
 use super::layout::RegionId;
@@ -6,13 +6,14 @@ use super::region_reader::{ATTEMPTS, RegionReader};
 use super::ring::Attempt;
 use super::sample::Sample;
 
-/// Follows every sample of a region and knows exactly how many it lost; see [`super::Subscriber::next`]. Holds no borrow.
+/// Follows every sample of a region and counts exactly how many it lost; see [`super::Subscriber::next`]. Holds no
+/// borrow.
 #[derive(Clone, Debug)]
 pub struct Cursor {
     region: RegionId,
     generation: u64,
     next: u64,
-    /// What the head was when it was last read.
+    /// The head when it was last read.
     head: u64,
     lost: u64,
 }
@@ -43,7 +44,7 @@ impl Cursor {
                 }
                 Attempt::NotYet => return Ok(false),
                 Attempt::Lost => {
-                    // What was overwritten is lost for certain, even while this process still sees an older head.
+                    // The overwritten samples are lost, even while this process still sees an older head.
                     let resume = reader.resume(self.head).max(self.next.saturating_add(1));
                     self.lost = self.lost.wrapping_add(resume - self.next);
                     self.next = resume;
@@ -58,7 +59,7 @@ impl Cursor {
         self.region
     }
 
-    /// The number of the sample it will read next.
+    /// The number of the sample that it reads next.
     #[must_use]
     pub fn position(&self) -> u64 {
         self.next

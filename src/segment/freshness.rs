@@ -1,5 +1,5 @@
-//! The rule for what may be shown as live. It stands here and nowhere else; `mirror`, [`super::Subscriber`] and
-//! [`crate::client`] use it. The layout page says the same in words, under "Old or fresh".
+//! The one rule for which data are live. `mirror`, [`super::Subscriber`] and [`crate::client`] all use it. The layout
+//! page states it in words, under "Old or fresh".
 
 use std::fmt;
 
@@ -7,50 +7,50 @@ use super::info::{Condition, HeaderInfo, RegionInfo};
 use super::layout::RegionState;
 use super::sample::Stamp;
 
-/// So many periods without an update make data old.
+/// Data are old after this many periods without an update.
 const PERIODS: u64 = 10;
 
-/// The age limit of a region that expects an update every `period_ns`: ten periods, and at least `least_ns`.
-/// All in nanoseconds.
+/// The age limit of a region that expects an update every `period_ns`: ten periods, at least `least_ns`. All in
+/// nanoseconds.
 #[must_use]
 pub const fn limit_ns(least_ns: u64, period_ns: u64) -> u64 {
     let periods = period_ns.saturating_mul(PERIODS);
     if least_ns > periods { least_ns } else { periods }
 }
 
-/// Whether something of `time_ns` is too old at `now_ns`. A limit of 0 means never.
+/// Whether data of `time_ns` are too old at `now_ns`. A limit of 0 means never.
 #[must_use]
 pub const fn is_old(time_ns: u64, now_ns: u64, limit_ns: u64) -> bool {
     limit_ns != 0 && now_ns.saturating_sub(time_ns) > limit_ns
 }
 
-/// Why data are not live. The text says what to do where something can be done.
+/// Why data are not live. The text says what to do, where the user can do something.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Staleness {
-    /// The daemon stopped or was killed, and no other has taken its place.
+    /// The daemon stopped or was killed, and no other runs in its place.
     DaemonGone,
-    /// The daemon gives no sign of life.
+    /// The daemon's heartbeat has stopped.
     DaemonStopped {
-        /// Since when, in nanoseconds.
+        /// Time since the last heartbeat, in nanoseconds.
         silent_ns: u64,
     },
     /// The daemon is still identifying its board.
     Starting,
     /// The daemon runs and the board does not answer.
     BoardSilent,
-    /// The daemon does not mirror these data now: the function is off on the board.
+    /// The daemon does not mirror these data: the board's function is off.
     Off,
     /// The board has stopped updating these data.
     NoUpdates {
-        /// The age of the latest, in nanoseconds.
+        /// The age of the latest sample, in nanoseconds.
         age_ns: u64,
     },
-    /// The sample itself is marked as not whole.
+    /// The sample is marked as incomplete.
     NotWhole,
 }
 
 impl Staleness {
-    /// Why nothing in the segment is live at `now_ns`; `None` when each region decides for itself.
+    /// Why nothing in the segment is live at `now_ns`; `None` when it depends on the region.
     #[must_use]
     pub fn of_segment(condition: Condition, header: &HeaderInfo, now_ns: u64) -> Option<Self> {
         let silent = is_old(header.heartbeat_ns, now_ns, header.heartbeat_limit_ns);
@@ -65,7 +65,7 @@ impl Staleness {
         }
     }
 
-    /// Why a sample is not live at `now_ns`, while the segment as a whole is.
+    /// Why a sample is not live at `now_ns`, although the segment as a whole is.
     #[must_use]
     pub fn of_sample(region: &RegionInfo, stamp: &Stamp, now_ns: u64) -> Option<Self> {
         let age_ns = now_ns.saturating_sub(stamp.time_ns);

@@ -1,7 +1,7 @@
-//! A header, checked before anything in it is believed.
+//! Checks a header before anything uses it.
 //!
-//! Works on a private copy read with `pread`, so that a file cut short is an error and never a fault, and so that nothing can
-//! change between check and use.
+//! Works on a private copy read with `pread`. So a truncated file is an error and never a fault, and nothing can change
+//! between check and use.
 
 use std::fmt::Display;
 use std::fs::File;
@@ -12,10 +12,10 @@ use super::layout::*;
 use super::payload::blocks::BlockPlace;
 use super::ring::Ring;
 
-/// Longest header this version reads, in bytes: far more than 64 region entries need.
+/// Longest header that this version reads, in bytes: far more than 64 region entries need.
 pub(super) const MAX_HEADER: usize = 64 * 1024;
 
-/// Where everything lies, every bound checked against the object's size.
+/// Where everything is, with every bound checked against the object's size.
 #[derive(Debug)]
 pub(super) struct Geometry {
     pub(super) total_length: usize,
@@ -25,7 +25,7 @@ pub(super) struct Geometry {
     pub(super) regions: Vec<Region>,
 }
 
-/// One region this version knows.
+/// One region that this version knows.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Region {
     pub(super) id: RegionId,
@@ -35,11 +35,11 @@ pub(super) struct Region {
     pub(super) first_host_offset: u32,
     pub(super) blocks: BlockPlace,
     pub(super) ring: Ring,
-    /// Cache lines of a slot's copy.
+    /// Cache lines that a reader copies of a slot.
     pub(super) lines: usize,
 }
 
-/// Why a header is not accepted.
+/// Why a header is rejected.
 #[derive(Debug, PartialEq, Eq)]
 pub(super) enum HeaderError {
     Malformed(String),
@@ -94,7 +94,7 @@ impl Geometry {
         if !stretch_fits(counters, counter_count, 8, 8, AT_COUNTERS as u64, header_length) {
             return malformed(format!("{counter_count} counters at {counters} do not fit its header"));
         }
-        // From here on every offset is below MAX_HEADER, so that nothing can be cut or overflow.
+        // From here on every offset is below MAX_HEADER: no cast truncates and no sum overflows.
         let (table, stride) = (table as usize, stride as usize);
         let entries = (0..count as usize).map(|index| table + index * stride);
         if word(AT_LAYOUT_HASH) != hash_of(entries.clone(), word) {
@@ -178,12 +178,12 @@ fn region(
     })
 }
 
-/// Bytes of a slot before it is rounded to cache lines.
+/// Bytes of a slot before rounding up to cache lines.
 pub(super) fn slot_bytes(payload_bytes: usize) -> usize {
     SLOT_PAYLOAD + payload_bytes.next_multiple_of(WORD)
 }
 
-/// The ring of these offsets and lengths in bytes.
+/// The ring with these offsets and lengths in bytes.
 pub(super) fn ring_at(head: usize, slots: usize, count: usize, stride: usize, payload_bytes: usize) -> Ring {
     let body = (slot_bytes(payload_bytes) - SLOT_TIME) / WORD;
     Ring { head: head / WORD, slots: slots / WORD, count, stride: stride / WORD, body }
@@ -204,7 +204,7 @@ pub(super) fn hash_of(entries: impl Iterator<Item = usize>, word: impl Fn(usize)
     layout_hash(fixed.into_iter().chain(of_entries).map(word))
 }
 
-/// Whether `count` pieces of `stride` bytes from `start` on lie between `low` and `high`, aligned.
+/// Whether `count` pieces of `stride` bytes from `start` on are aligned and between `low` and `high`.
 fn stretch_fits(start: u64, count: u64, stride: u64, alignment: u64, low: u64, high: u64) -> bool {
     let end = count.checked_mul(stride).and_then(|bytes| start.checked_add(bytes));
     start.is_multiple_of(alignment)
@@ -217,7 +217,7 @@ fn malformed<T>(why: impl Display) -> Result<T, HeaderError> {
     Err(HeaderError::Malformed(why.to_string()))
 }
 
-/// Reads the beginning of `file` as words, at most [`MAX_HEADER`] bytes, and its length in bytes.
+/// Reads the start of `file` as words, at most [`MAX_HEADER`] bytes, and the file's length in bytes.
 pub(super) fn read(file: &File) -> io::Result<(Vec<u64>, u64)> {
     let length = file.metadata()?.len();
     let mut bytes = vec![0; (length.min(MAX_HEADER as u64) as usize) / WORD * WORD];

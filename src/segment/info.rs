@@ -1,35 +1,35 @@
-//! What a segment says of itself, its owner and its regions.
+//! What a segment's header says about itself, its owner and its regions.
 
 use super::layout::{ClockKind, RegionId, RegionState, State};
 use super::payload::blocks::BlockPlace;
 use crate::map::Selection;
 
-/// How a segment stands, everything considered.
+/// The overall condition of a segment.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Condition {
     /// The daemon is starting; no data yet.
     Init,
     /// The daemon runs and the board answers.
     Live,
-    /// The board does not answer, or the daemon is stopped or hangs: what is there is old.
+    /// The board does not answer, or the daemon is stopped or hangs: all data are old.
     Stale,
     /// The daemon stopped in good order: attach again.
     Dead,
     /// The daemon was killed: attach again.
     OwnerGone,
-    /// The name leads to a newer segment: attach again.
+    /// The name belongs to a newer segment: attach again.
     Replaced,
 }
 
 impl Condition {
-    /// Whether only attaching again can bring new data.
+    /// Whether the reader must attach again to get new data.
     #[must_use]
     pub fn is_over(self) -> bool {
         matches!(self, Self::Dead | Self::OwnerGone | Self::Replaced)
     }
 }
 
-/// What a segment says about one of its regions.
+/// One region of a segment.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct RegionInfo {
     /// What it mirrors.
@@ -40,21 +40,21 @@ pub struct RegionInfo {
     pub payload_bytes: usize,
     /// Host byte offset of the payload's first word in the DPRAM.
     pub first_host_offset: u32,
-    /// Whether it is mirrored and its updates come in time.
+    /// Whether it is mirrored and its updates arrive in time.
     pub state: RegionState,
-    /// How often to expect a sample, in ns; 0 where there is no period.
+    /// Expected time between samples, in ns; 0 where there is no period.
     pub period_ns: u64,
-    /// How old the latest sample may grow before it counts as stale, in ns; 0: never.
+    /// The age at which the latest sample becomes stale, in ns; 0: never.
     pub stale_after_ns: u64,
     /// Number of samples published.
     pub published: u64,
-    /// Where the blocks of its numbers lie in the payload.
+    /// Where the payload holds the block of each motor or coordinate system.
     pub blocks: BlockPlace,
-    /// What of each number's block, and which numbers, are read from the board at all.
+    /// Which of these blocks, and which of their words, the daemon reads from the board.
     pub selection: Selection,
 }
 
-/// What a segment says about itself and its owner.
+/// A segment's header.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct HeaderInfo {
     /// Minor version of the layout.
@@ -63,21 +63,21 @@ pub struct HeaderInfo {
     pub total_length: usize,
     /// The clock of every time in it.
     pub clock: ClockKind,
-    /// What the owner says; see [`super::Subscriber::condition`] for whether it can be believed.
+    /// The state that the owner wrote; [`super::Subscriber::condition`] says whether to believe it.
     pub state: State,
-    /// What tells this segment from its predecessors and successors.
+    /// Distinguishes this segment from earlier and later ones of its name.
     pub generation: u64,
     /// The owner's process.
     pub owner_pid: u64,
-    /// The owner's user.
+    /// The owner's user id.
     pub owner_uid: u64,
-    /// When it was made, in ns of its clock.
+    /// When the segment was created, in ns of its clock.
     pub created_ns: u64,
-    /// When the owner last gave a sign of life, in ns of the segment's clock.
+    /// The owner's last heartbeat, in ns of the segment's clock.
     pub heartbeat_ns: u64,
-    /// A heartbeat older than this means that the owner is stopped or hangs, in ns; 0: never.
+    /// The age of the heartbeat at which the owner counts as stopped or hanging, in ns; 0: never.
     pub heartbeat_limit_ns: u64,
-    /// Number of signs of life.
+    /// Number of heartbeats.
     pub beats: u64,
     /// CLOCK_REALTIME minus the segment's clock, in ns.
     pub realtime_offset_ns: i64,

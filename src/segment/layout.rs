@@ -1,19 +1,20 @@
-//! Layout version 1 of the segment: the numbers of its page, which follows. The page is the truth; a test holds these to it.
+//! Layout version 1 of the segment: the numbers of the page below. The page is the truth; a test compares these with
+//! it.
 #![doc = include_str!("../../docs/segment.md")]
 
 use super::counter::Counter;
 
 /// First word of a complete segment.
 pub const MAGIC: u64 = u64::from_le_bytes(*b"PMACDPRM");
-/// Version of this page.
+/// Major version of this page.
 pub const ABI_MAJOR: u64 = 1;
-/// Additions since.
+/// Minor version: additions since.
 pub const ABI_MINOR: u64 = 2;
-/// What `byte_order` holds, as the machine that wrote it reads it.
+/// The value of `byte_order`.
 pub const BYTE_ORDER: u64 = 0x0102_0304_0506_0708;
 /// Bytes of a word, the unit of every access.
 pub const WORD: usize = 8;
-/// What everything that is written by one and read by another is aligned to, in bytes.
+/// Alignment of everything that one side writes and the other reads, in bytes.
 pub const LINE: usize = 64;
 
 /// Words of a cache line.
@@ -73,7 +74,7 @@ pub const AT_COUNTER_COUNT: usize = 0x0E0;
 pub const AT_RESERVED: usize = 0x100;
 /// Where version 1 puts the counters.
 pub const AT_COUNTERS: usize = 0x200;
-/// Words there are room for in the counter table.
+/// Words reserved for the counter table.
 pub const COUNTER_ROOM: usize = 32;
 /// Where version 1 puts the region table, and so the shortest header.
 pub const AT_REGIONS: usize = 0x300;
@@ -128,10 +129,10 @@ pub const SLOT_FLAGS_LENGTH: usize = 0x18;
 pub const SLOT_PAYLOAD: usize = 0x20;
 /// Words of a slot between its sequence and its payload.
 pub const STAMP_WORDS: usize = 3;
-/// Bit of `flags`: the sample is what the board held, read whole.
+/// Bit of `flags`: the sample is a complete copy of what the board held.
 pub const FLAG_VALID: u64 = 1;
 
-/// Longest payload a region may have, in bytes; more than four times the largest DPRAM.
+/// Longest payload of a region, in bytes; more than four times the largest DPRAM.
 pub const MAX_PAYLOAD: u64 = 1 << 20;
 /// Largest segment, in bytes.
 pub const MAX_TOTAL: u64 = 1 << 30;
@@ -154,12 +155,12 @@ pub enum ClockKind {
     /// CLOCK_MONOTONIC of the machine.
     #[default]
     Monotonic = 1,
-    /// The segment's own: now is what its writer stored last, from 0 on. For simulations and replays.
+    /// The segment's own: its writer stores the time, from 0 on. For simulations and replays.
     Own = 2,
 }
 
 impl ClockKind {
-    /// The clock of that number; `None` for one that this version cannot read.
+    /// The clock of that number; `None` for one unknown to this version.
     #[must_use]
     pub fn from_number(number: u64) -> Option<Self> {
         match number {
@@ -180,7 +181,7 @@ pub enum RegionState {
     Off = 0,
     /// Updates arrive in time.
     Live = 1,
-    /// No update arrived in its time.
+    /// An update is overdue.
     Stale = 2,
 }
 
@@ -200,13 +201,13 @@ impl RegionState {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 #[repr(u64)]
 pub enum RegionId {
-    /// Servo fixed data: the board's words as they were.
+    /// Servo fixed data: the board's words unchanged.
     Servo = 1,
-    /// Background fixed data: the board's words as they were.
+    /// Background fixed data: the board's words unchanged.
     Background = 2,
-    /// Who the board is: [`super::Identity`].
+    /// The board's identity: [`super::Identity`].
     Board = 3,
-    /// Control panel: the board's words as they were.
+    /// Control panel: the board's words unchanged.
     Panel = 4,
     /// Registers of the user's choice: [`super::payload::variable`].
     Variable = 5,
@@ -219,13 +220,13 @@ impl RegionId {
     pub const ALL: [Self; 6] =
         [Self::Servo, Self::Background, Self::Board, Self::Panel, Self::Variable, Self::Gather];
 
-    /// The region of that number, if this version knows it.
+    /// The region of that number; `None` for one unknown to this version.
     #[must_use]
     pub fn from_number(number: u64) -> Option<Self> {
         Self::ALL.into_iter().find(|region| *region as u64 == number)
     }
 
-    /// The region's name, lower case.
+    /// The region's name in lower case.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {

@@ -1,9 +1,9 @@
-//! Who owns a name, and who may take over what is left of it.
+//! Who owns a name, and who may replace what a dead owner left.
 //!
-//! Two locks, both open-file-description locks, which the kernel lets go when the owner dies however it dies. The one on
-//! `<name>.lock` (mode 0600, so that no client can take it) keeps a second daemon away. The one on the segment
-//! itself is what a client can see on its read-only descriptor: only a write lock counts, and only someone with write
-//! permission can hold one.
+//! There are two open-file-description locks; the kernel releases them when the owner dies, however it dies. The lock
+//! on `<name>.lock` (mode 0600, so that no client can take it) keeps a second daemon away. The lock on the segment
+//! itself tells clients, through their read-only descriptor, that the owner lives: only a write lock counts, and only a
+//! process with write permission can hold one.
 
 use std::fs::{File, Metadata, OpenOptions};
 use std::io::{self, Read, Seek, Write};
@@ -16,20 +16,20 @@ use nix::unistd::{User, geteuid};
 
 use super::SegmentError;
 
-/// Never follow a link, never hang on a named pipe, never leak into a child program.
+/// Follow no link, do not block on a named pipe, pass nothing to child programs.
 const OPEN_FLAGS: i32 = libc::O_CLOEXEC | libc::O_NOFOLLOW | libc::O_NONBLOCK;
 
-/// Opens what is there, never creates.
+/// Opens an existing file, never creates one.
 pub(super) fn open(path: &Path, write: bool) -> io::Result<File> {
     OpenOptions::new().read(true).write(write).custom_flags(OPEN_FLAGS).open(path)
 }
 
-/// Creates what must not be there yet, for the owner alone.
+/// Creates a new file for the owner alone; fails if it exists.
 pub(super) fn create(path: &Path) -> io::Result<File> {
     OpenOptions::new().read(true).write(true).create_new(true).mode(0o600).custom_flags(OPEN_FLAGS).open(path)
 }
 
-/// Takes the write lock on the whole of `file` if nobody has it.
+/// Takes the write lock on the whole of `file`; false if another holds it.
 pub(super) fn try_hold(file: &File) -> io::Result<bool> {
     match fcntl(file, FcntlArg::F_OFD_SETLK(&whole_file(libc::F_WRLCK))) {
         Ok(_) => Ok(true),
@@ -38,7 +38,7 @@ pub(super) fn try_hold(file: &File) -> io::Result<bool> {
     }
 }
 
-/// Whether someone else holds the write lock on `file`. Changes nothing and needs no write permission. One system call.
+/// Whether another holds the write lock on `file`. Changes nothing, needs no write permission, costs one system call.
 pub(super) fn is_held(file: &File) -> io::Result<bool> {
     kernel_asked();
     let mut probe = whole_file(libc::F_RDLCK);
@@ -56,12 +56,12 @@ fn whole_file(kind: libc::c_int) -> libc::flock {
     }
 }
 
-/// Whether `uid` is root, the user `pmacd`, or this process's own user: the owners whose segments are believed.
+/// Whether readers trust a segment of `uid`: root, the user `pmacd`, or this process's own user.
 pub(super) fn is_trusted(uid: u32) -> bool {
     uid == 0 || uid == geteuid().as_raw() || is_pmacd(uid)
 }
 
-/// Whether this process may clear away what a dead owner `uid` left: its own, and as root also what `pmacd` left.
+/// Whether this process may remove what a dead owner `uid` left: its own, and as root also the files of `pmacd`.
 pub(super) fn may_replace(uid: u32) -> bool {
     uid == geteuid().as_raw() || (geteuid().is_root() && is_pmacd(uid))
 }
@@ -70,7 +70,7 @@ fn is_pmacd(uid: u32) -> bool {
     matches!(User::from_name("pmacd"), Ok(Some(user)) if user.uid.as_raw() == uid)
 }
 
-/// What tells a file from every other one, whatever it is called.
+/// Identifies a file, whatever its name.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct FileId {
     device: u64,
@@ -83,13 +83,13 @@ impl FileId {
     }
 }
 
-/// What is at `path`, or `None` when that cannot be known. One system call.
+/// The file at `path`; `None` when the kernel does not say. One system call.
 pub(super) fn file_at(path: &Path) -> Option<FileId> {
     kernel_asked();
     path.symlink_metadata().ok().as_ref().map(FileId::of)
 }
 
-/// Whether `path` leads to `file` itself.
+/// Whether `path` names `file` itself.
 pub(super) fn leads_to(path: &Path, file: &File) -> bool {
     match (file_at(path), file.metadata()) {
         (Some(there), Ok(here)) => there == FileId::of(&here),
@@ -97,7 +97,7 @@ pub(super) fn leads_to(path: &Path, file: &File) -> bool {
     }
 }
 
-/// Refuses what is at `path` unless it is a regular file that this process may replace. `Ok(false)`: nothing is there.
+/// Rejects what is at `path` unless it is a regular file that this process may replace. `Ok(false)`: nothing is there.
 pub(super) fn check_replaceable(path: &Path) -> Result<bool, SegmentError> {
     let there = match path.symlink_metadata() {
         Ok(there) => there,
@@ -114,16 +114,16 @@ pub(super) fn check_replaceable(path: &Path) -> Result<bool, SegmentError> {
     Ok(true)
 }
 
-/// The lock on a segment's name, held for the owner's life.
+/// The lock on a segment's name, held as long as the owner lives.
 pub(super) struct NameLock {
     file: File,
     path: PathBuf,
 }
 
 impl NameLock {
-    /// Takes the lock at `path`, or says who has it. Never waits.
+    /// Takes the lock at `path`, or says who holds it. Never waits.
     pub(super) fn take(path: PathBuf) -> Result<Self, SegmentError> {
-        // A holder that leaves removes the file. A lock on a removed file guards nothing, so look again.
+        // The last holder removes the file when it ends. A lock on a removed file guards nothing, so try again.
         for _ in 0..100 {
             let file = if check_replaceable(&path)? { open(&path, true) } else { create(&path) };
             let mut file = match file {
@@ -139,7 +139,7 @@ impl NameLock {
                 return Err(SegmentError::InUse { pid: pid_in(&mut file), path });
             }
             if leads_to(&path, &file) {
-                // Only for the message of whoever is refused; not being able to write it is no reason to stop.
+                // The pid serves only the error message of a second daemon; failing to write it is no reason to stop.
                 let _ = file.set_len(0).and_then(|()| writeln!(file, "{}", std::process::id()));
                 return Ok(Self { file, path });
             }
@@ -165,7 +165,7 @@ fn pid_in(file: &mut File) -> Option<u32> {
     text.trim().parse().ok()
 }
 
-/// Counts a system call that a reader makes, for the tests that hold their number.
+/// Counts a reader's system call, for the tests that limit their number.
 fn kernel_asked() {
     #[cfg(test)]
     KERNEL_ASKED.with(|count| count.set(count.get() + 1));
@@ -173,7 +173,7 @@ fn kernel_asked() {
 
 #[cfg(test)]
 thread_local! {
-    /// System calls that readers of this thread have made.
+    /// System calls made by readers in this thread.
     pub(crate) static KERNEL_ASKED: std::cell::Cell<u64> = const { std::cell::Cell::new(0) };
 }
 

@@ -1,13 +1,14 @@
 //! The segment's memory: the mapping, its words, the futex.
 //!
-//! Another process writes this memory, so nothing here ever makes a reference to it as plain data. It is accessed in two ways:
-//! * **One word**: a relaxed or release atomic access to one aligned 64-bit word. Head, sequence and every header field are only ever
-//!   accessed so, by both sides. Readers use relaxed loads alone, which Rust promises to work on a read-only mapping.
-//! * **The words of a slot together** ([`Words::load_all`], [`WordsMut::store_all`]): on x86-64 whole cache lines go through
-//!   [`super::wide_copy`], in vector registers; the rest, and everything elsewhere, goes word by word as above. Why the two may
-//!   meet in the same memory is that file's subject.
+//! Another process writes this memory, so no reference to it as plain data ever exists. There are two kinds of access:
+//! * **One word**: a relaxed or release atomic access to one aligned 64-bit word. Both sides access head, sequence and
+//!   every header field only like this. Readers use relaxed loads alone, which Rust guarantees to work on a read-only
+//!   mapping.
+//! * **The words of a slot together** ([`Words::load_all`], [`WordsMut::store_all`]): on x86-64 whole cache lines go
+//!   through [`super::wide_copy`], in vector registers; everything else goes word by word as above. That file explains
+//!   why both kinds may access the same memory.
 //!
-//! The kernel alone looks at half a word (the futex).
+//! Only the kernel reads half a word (the futex).
 #![allow(unsafe_code)]
 
 use std::fs::File;
@@ -42,11 +43,11 @@ impl ReadMap {
         self.run(index, 1)
     }
 
-    /// The address of `count` words from `index` on. Readers check the geometry before they map, so that a position outside is a
-    /// defect of this library, not of a segment.
+    /// The address of `count` words from `index` on. Readers check the geometry before they map, so a position outside
+    /// is a bug of this library, not a fault of the segment.
     #[inline(always)]
     fn run(&self, index: usize, count: usize) -> *mut u64 {
-        // Values of their own for the message: what it borrows would be stored for it on every access.
+        // Copies for the message: borrowed values would be written to the stack on every access.
         assert!(
             index <= self.words && count <= self.words - index,
             "word {} lies outside a segment of {} words",
@@ -57,7 +58,7 @@ impl ReadMap {
         unsafe { self.map.as_mut_ptr().cast::<u64>().add(index) }
     }
 
-    /// Copies word by word what is not of whole cache lines.
+    /// Copies word by word what is not a whole cache line.
     #[cold]
     fn load_words(&self, index: usize, copy: &mut [u64]) {
         for (offset, word) in copy.iter_mut().enumerate() {
@@ -65,14 +66,14 @@ impl ReadMap {
         }
     }
 
-    /// Sleeps until the low half of the word at `index` differs from `seen` or someone is woken on it, or until
-    /// CLOCK_MONOTONIC reaches `deadline_ns`. May also return for no reason: look again.
+    /// Sleeps until the low half of the word at `index` differs from `seen`, a writer wakes it, or CLOCK_MONOTONIC
+    /// reaches `deadline_ns`. May also return without a reason: check again.
     pub(super) fn wait(&self, index: usize, seen: u64, deadline_ns: u64) {
         let deadline = libc::timespec {
             tv_sec: (deadline_ns / 1_000_000_000) as libc::time_t,
             tv_nsec: (deadline_ns % 1_000_000_000) as libc::c_long,
         };
-        let word = low_half(self.word(index));
+        let word = self.word(index).cast::<u32>();
         // SAFETY: the futex word lies inside the mapping, which outlives the call; the kernel only reads it. The
         // time-out is absolute (FUTEX_WAIT_BITSET without FUTEX_CLOCK_REALTIME) and outlives the call.
         unsafe {
@@ -88,26 +89,21 @@ impl ReadMap {
         }
     }
 
-    /// Wakes everyone who waits on the word at `index`, and says how many that were.
+    /// Wakes everyone who waits on the word at `index`, and returns how many.
     pub(super) fn wake(&self, index: usize) -> u64 {
-        let word = low_half(self.word(index));
+        let word = self.word(index).cast::<u32>();
         // SAFETY: the futex word lies inside the mapping; waking reads and writes no memory.
         let woken = unsafe { libc::syscall(libc::SYS_futex, word, libc::FUTEX_WAKE, i32::MAX) };
         u64::try_from(woken).unwrap_or(0)
     }
 }
 
-fn low_half(word: *mut u64) -> *mut u32 {
-    let half = word.cast::<u32>();
-    if cfg!(target_endian = "big") { half.wrapping_add(1) } else { half }
-}
-
 impl Words for ReadMap {
     #[inline(always)]
     fn load(&self, index: usize) -> u64 {
-        // SAFETY: `word` is aligned and inside the mapping, which lives as long as `self`. Nobody makes a plain access to it: this
-        // process uses atomics of this width and `wide_copy`, whose page says why a race with it does no harm. A relaxed
-        // 8-byte load is allowed on read-only pages of 64-bit targets.
+        // SAFETY: `word` is aligned and inside the mapping, which lives as long as `self`. Nobody makes a plain access
+        // to it: this process uses atomics of this width and `wide_copy`, which explains why a race with it does no
+        // harm. Rust allows a relaxed 8-byte load on read-only pages of 64-bit targets.
         unsafe { AtomicU64::from_ptr(self.word(index)) }.load(Ordering::Relaxed)
     }
 
@@ -119,8 +115,8 @@ impl Words for ReadMap {
     #[inline(always)]
     fn load_all(&self, index: usize, copy: &mut [u64]) {
         let start = self.run(index, copy.len());
-        // SAFETY: `run` checked the stretch of the mapping, which is the shared side; the copy is private, as long, and overlaps
-        // nothing. The ring believes the copy only after it has looked at the sequence.
+        // SAFETY: `run` checked this part of the mapping, which is the shared side; the copy is private, equally long,
+        // and overlaps nothing. The ring trusts the copy only after it has checked the sequence.
         if !unsafe { self.copy.copy(start, copy.as_mut_ptr(), copy.len()) } {
             self.load_words(index, copy);
         }
@@ -128,8 +124,8 @@ impl Words for ReadMap {
 }
 
 impl WriteMap {
-    /// Maps the first `length` bytes of `file` for writing, all pages present at once. The file must be that long, with
-    /// its memory already set aside, and stay so.
+    /// Maps the first `length` bytes of `file` for writing, with all pages present at once. The file must be that long
+    /// and stay so, with its memory allocated.
     pub(super) fn new(file: &File, length: usize) -> io::Result<Self> {
         let map = MmapOptions::new().len(length).populate().map_raw(file)?;
         Ok(Self(ReadMap { map, words: length / WORD, copy: WideCopy::detect() }))
@@ -142,8 +138,8 @@ impl WriteMap {
 
     #[inline]
     fn atomic(&self, index: usize) -> &AtomicU64 {
-        // SAFETY: `word` is aligned and inside the writable mapping, which lives as long as `self`. Nobody makes a plain access to
-        // it: see `load`.
+        // SAFETY: `word` is aligned and inside the writable mapping, which lives as long as `self`. Nobody makes a
+        // plain access to it: see `load`.
         unsafe { AtomicU64::from_ptr(self.0.word(index)) }
     }
 }
@@ -180,18 +176,18 @@ impl WordsMut for WriteMap {
     fn store_all(&self, index: usize, values: &[u64]) {
         let start = self.0.run(index, values.len());
         let whole = values.len() / LINE_WORDS * LINE_WORDS;
-        // SAFETY: `run` checked the stretch of the writable mapping, which is the shared side; the values are private, as many,
-        // and overlap nothing. The ring marked the slot as being written before.
+        // SAFETY: `run` checked this part of the writable mapping, which is the shared side; the values are private,
+        // equally many, and overlap nothing. The ring marked the slot as being written before.
         let done = if unsafe { self.0.copy.copy(values.as_ptr(), start, whole) } { whole } else { 0 };
         for (offset, value) in values.iter().enumerate().skip(done) {
             let to = start.wrapping_add(offset);
-            // SAFETY: as in `atomic`; `run` checked the whole stretch.
+            // SAFETY: as in `atomic`; `run` checked the whole range.
             unsafe { AtomicU64::from_ptr(to) }.store(*value, Ordering::Relaxed);
         }
     }
 }
 
-/// Private memory of whole cache lines, which begins on one.
+/// Private memory in whole cache lines, aligned to one.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Lines(Vec<Line>);
 
@@ -200,7 +196,7 @@ pub(super) struct Lines(Vec<Line>);
 struct Line([u64; LINE_WORDS]);
 
 impl Lines {
-    /// Room for so many lines, as words. Allocates only when it has to grow.
+    /// Room for `lines` cache lines, as words. Allocates only when it has to grow.
     #[inline(always)]
     pub(super) fn room(&mut self, lines: usize) -> &mut [u64] {
         if self.0.len() != lines {
@@ -217,7 +213,7 @@ impl Lines {
 
     #[inline(always)]
     fn words_mut(&mut self) -> &mut [u64] {
-        // SAFETY: a line is its words and nothing else; private memory, borrowed as long as the result.
+        // SAFETY: a line consists of its words alone; private memory, borrowed as long as the result.
         unsafe { std::slice::from_raw_parts_mut(self.0.as_mut_ptr().cast(), self.0.len() * LINE_WORDS) }
     }
 
@@ -226,7 +222,7 @@ impl Lines {
         self.0.resize(lines, Line::default());
     }
 
-    /// Makes the words of the first line 0.
+    /// Zeroes the first line.
     pub(super) fn clear_first(&mut self) {
         self.0.iter_mut().take(1).for_each(|line| *line = Line::default());
     }

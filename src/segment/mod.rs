@@ -1,22 +1,23 @@
-//! The shared-memory segment (layer 4): how a daemon publishes what it mirrors and how anyone reads it.
+//! The shared-memory segment (layer 4): how a daemon publishes what it mirrors and how clients read it.
 //!
-//! One writer, any number of readers that map the segment read-only and need no conversation with the daemon. Each
-//! region is a ring of slots with a sequence number per slot, so that a writer stopped or killed in mid-write never
-//! blocks a reader, reads are bounded, and a reader that keeps up misses nothing and otherwise knows exactly how much.
+//! One writer, any number of readers, which map the segment read-only and exchange no messages with the daemon. Each
+//! region is a ring of slots with a sequence number per slot. So a writer stopped or killed in mid-write never blocks a
+//! reader, reads are bounded, and a reader that keeps up misses nothing; a slower one knows exactly how many samples it
+//! lost.
 //!
 //! | file | what it holds |
 //! |---|---|
-//! | [`layout`] | **the ABI, field by field** (`docs/segment.md`): a reader in C or Python can be written from that page alone |
+//! | [`layout`] | **the ABI, field by field** (`docs/segment.md`): enough to write a reader in C or Python |
 //! | [`payload`] | what a sample of each region carries |
 //! | [`name`] | what a segment may be called, and the lock on its name |
 //! | [`ring`] | the slot-ring protocol, over any memory (shared, or a model checker's) |
 //! | `memory` | mapping, words, futex |
-//! | `wide_copy` | the vector copy of a slot, and why it is right; with `memory` the only unsafe code |
-//! | [`freshness`] | the one rule for what may be shown as live |
+//! | `wide_copy` | the vector copy of a slot, and the argument for it; with `memory` the only unsafe code |
+//! | [`freshness`] | the one rule for which data are live |
 //! | [`publish`], [`subscribe`] | writer and reader |
-//! | `placement`, `header` | where everything lies in a new segment; checking where a found one has it |
-//! | `info`, `counter` | what a segment says of itself, its regions, and what the daemon counts |
-//! | `region_reader`, `cursor`, `sample` | reading one region; following all of its samples; one sample in private memory |
+//! | `placement`, `header` | places everything in a new segment; checks the header of an existing one |
+//! | `info`, `counter` | what the header says about the segment and its regions; the daemon's counters |
+//! | `region_reader`, `cursor`, `sample` | reading a region; following its samples; one sample's copy |
 //! | `lock` | who owns a name |
 
 use std::io;
@@ -42,7 +43,7 @@ mod sample;
 pub mod subscribe;
 mod wide_copy;
 
-/// CLOCK_MONOTONIC in ns: the clock of a segment, unless it has one of its own ([`ClockKind::Own`]).
+/// CLOCK_MONOTONIC in ns: a segment's clock, unless it has its own ([`ClockKind::Own`]).
 pub use crate::clock::monotonic_ns;
 pub use counter::Counter;
 pub use cursor::Cursor;
@@ -60,34 +61,34 @@ pub use region_reader::Read;
 pub use sample::{Sample, Stamp};
 pub use subscribe::{Subscriber, WaitOutcome};
 
-/// Where segments live unless a test says otherwise: the directory of POSIX shared-memory objects.
+/// The directory of segments, unless a test chooses another: that of POSIX shared-memory objects.
 pub const DIRECTORY: &str = "/dev/shm";
 
-/// What can go wrong with a segment. Every message says what, where and what to do.
+/// Errors of a segment. Every message says what is wrong, where, and what to do.
 #[derive(Debug, thiserror::Error)]
 pub enum SegmentError {
-    /// The name cannot be that of a segment.
+    /// The name is not allowed for a segment.
     #[error(
         "{name:?} cannot be a segment's name: {why}; use up to 64 letters, digits, '.', '_' or '-', as in pmac0"
     )]
     Name {
-        /// What was given.
+        /// The name given.
         name: String,
-        /// Which rule it breaks.
+        /// The rule that it breaks.
         why: &'static str,
     },
-    /// The regions asked for cannot be laid out.
+    /// The requested regions cannot be laid out.
     #[error("the segment cannot be laid out: {0}")]
     Spec(String),
     /// Another live process owns the name.
     #[error("{} is in use by {}; stop that process or choose another --name", path.display(), holder(*pid))]
     InUse {
-        /// What is locked.
+        /// The lock file.
         path: PathBuf,
-        /// The process that holds it, if it could be known.
+        /// The process that holds it, if known.
         pid: Option<u32>,
     },
-    /// The name is taken by something another user owns.
+    /// Another user owns an object of this name.
     #[error("{} belongs to user {uid}, who is not trusted here; have it removed, or choose another --name", path.display())]
     ForeignOwner {
         /// The object in the way.
@@ -95,7 +96,7 @@ pub enum SegmentError {
         /// Its owner.
         uid: u32,
     },
-    /// Others than its owner could write to the object.
+    /// Users other than its owner may write to the object.
     #[error("{} can be written by others than its owner (mode {mode:03o}); it must not be: chmod go-w", path.display())]
     WritableByOthers {
         /// The object.
@@ -106,15 +107,15 @@ pub enum SegmentError {
     /// There is no segment of that name.
     #[error("there is no segment {}; is pmacd running under this --name?", path.display())]
     NotFound {
-        /// Where it was looked for.
+        /// The path searched.
         path: PathBuf,
     },
-    /// The memory for the segment could not be had.
+    /// There is not enough memory for the segment.
     #[error("there is no room for the {bytes} bytes of {}: {source}; free some memory in that file system", path.display())]
     Full {
-        /// What was to be created.
+        /// The object to be created.
         path: PathBuf,
-        /// How much it needs.
+        /// Its size in bytes.
         bytes: u64,
         /// What the kernel said.
         source: io::Error,
@@ -122,14 +123,14 @@ pub enum SegmentError {
     /// A file operation failed.
     #[error("cannot {what} {}: {source}", path.display())]
     Io {
-        /// What was tried.
+        /// The operation that failed.
         what: &'static str,
-        /// On what.
+        /// The file.
         path: PathBuf,
         /// What the kernel said.
         source: io::Error,
     },
-    /// The object is not a segment, or one cut short, or one whose header contradicts itself.
+    /// The object is no segment, or is truncated, or its header contradicts itself.
     #[error("{} is not a usable segment: {why}; restart pmacd", path.display())]
     Malformed {
         /// The object.
@@ -148,26 +149,26 @@ pub enum SegmentError {
     /// The segment does not hold that region.
     #[error("the segment holds no {} region; the daemon does not mirror it", .0.name())]
     NoSuchRegion(RegionId),
-    /// The writer overtook every attempt to read: this process is starved of processor time.
+    /// The writer overtook every attempt to read: this process gets too little processor time.
     #[error(
         "the {} region was overwritten during each of {attempts} attempts to read it; this process gets too little processor time",
         region.name()
     )]
     Overrun {
-        /// Which region.
+        /// The region.
         region: RegionId,
-        /// How often it was tried.
+        /// Number of attempts.
         attempts: u32,
     },
     /// A slot holds what no publisher writes.
     #[error("sample {sequence} of the {} region is corrupt; restart pmacd", region.name())]
     Corrupt {
-        /// Which region.
+        /// The region.
         region: RegionId,
-        /// Which sample.
+        /// The sample's number.
         sequence: u64,
     },
-    /// A cursor was used with another segment than the one it was made for.
+    /// A cursor was used with a segment that it was not made for.
     #[error("the cursor belongs to generation {cursor} of the segment, not to {segment}; make a new one")]
     OtherGeneration {
         /// The generation the cursor was made for.
@@ -189,7 +190,7 @@ impl SegmentError {
 }
 
 fn clock_ns(clock: ClockId) -> u64 {
-    // Neither clock that is asked for here can fail on Linux, nor stand before its origin.
+    // Linux always has both clocks, and neither is negative.
     let now = clock_gettime(clock).map_or(std::time::Duration::ZERO, std::time::Duration::from);
     u64::try_from(now.as_nanos()).unwrap_or(u64::MAX)
 }

@@ -1,7 +1,7 @@
-//! What a segment may be called.
+//! The names of segments.
 //!
-//! A name is a plain file name, so that it can stand in `/dev/shm`, in `/run/pmacd` and in a unit's instance name alike; the
-//! leading slash of POSIX shared-memory names may be given and is left out.
+//! A name is a plain file name, so that it works in `/dev/shm`, in `/run/pmacd` and as a unit's instance name alike.
+//! The leading slash of POSIX shared-memory names is optional and dropped.
 
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -17,8 +17,8 @@ impl SegmentName {
     /// Checks `name`, with or without the leading slash.
     ///
     /// # Errors
-    /// [`SegmentError::Name`] if it is empty, longer than 64 characters, begins with anything but a letter or digit, holds
-    /// anything but letters, digits, `.`, `_` and `-`, or ends like the lock file of another.
+    /// [`SegmentError::Name`] if it is empty, longer than 64 characters, begins with anything but a letter or digit,
+    /// contains anything but letters, digits, `.`, `_` and `-`, or ends like a lock file.
     pub fn new(name: &str) -> Result<Self, SegmentError> {
         let bare = name.strip_prefix('/').unwrap_or(name);
         let refuse = |why| Err(SegmentError::Name { name: name.to_owned(), why });
@@ -51,7 +51,7 @@ impl SegmentName {
         directory.join(&self.0)
     }
 
-    /// The segment while it is being built. A dot begins no segment name, so it can clash with none.
+    /// The segment while it is being built. No segment name begins with a dot, so this one collides with none.
     pub(super) fn temporary(&self, directory: &Path) -> PathBuf {
         directory.join(format!(".{}.new", self.0))
     }

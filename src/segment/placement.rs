@@ -1,4 +1,4 @@
-//! What to publish, and where in the segment everything will lie.
+//! What to publish, and where in the segment to put it.
 
 use std::path::PathBuf;
 
@@ -11,7 +11,7 @@ use super::ring::{Ring, Words, WordsMut};
 use super::{DIRECTORY, SegmentError, SegmentName, monotonic_ns};
 use crate::map::Selection;
 
-/// Regions begin on two cache lines, because processors fetch lines in pairs and the head should travel alone.
+/// Regions begin on two cache lines: processors fetch lines in pairs, and the head should be alone in its pair.
 const REGION_ALIGNMENT: usize = 2 * LINE;
 
 /// A region to lay out.
@@ -25,32 +25,32 @@ pub struct RegionSpec {
     pub payload_bytes: u32,
     /// Host byte offset of the payload's first word in the DPRAM.
     pub first_host_offset: u32,
-    /// Where the blocks of its numbers lie in the payload.
+    /// Where the payload holds the block of each motor or coordinate system.
     pub blocks: BlockPlace,
-    /// How often to expect a sample, in ns; 0 where there is no period.
+    /// Expected time between samples, in ns; 0 where there is no period.
     pub period_hint_ns: u64,
-    /// How old the latest sample may grow before it counts as stale, in ns; 0: never stale.
+    /// The age at which the latest sample becomes stale, in ns; 0: never.
     pub stale_after_ns: u64,
 }
 
-/// What segment to create.
+/// How to create a segment.
 #[derive(Clone, Debug)]
 pub struct CreateOptions {
     /// Its name.
     pub name: SegmentName,
     /// Permission bits; nobody but the owner may have the write bit.
     pub mode: u32,
-    /// The group it shall belong to, if not the process's own.
+    /// Its group, if not the process's own.
     pub group: Option<u32>,
     /// The directory to create it in.
     pub directory: PathBuf,
     /// The clock of every time in it.
     pub clock: ClockKind,
-    /// How long without [`super::Publisher::beat`] until readers take the owner for stopped, in ns; 0: never.
+    /// After this time without [`super::Publisher::beat`] readers take the owner for stopped, in ns; 0: never.
     pub heartbeat_limit_ns: u64,
     /// Its regions.
     pub regions: Vec<RegionSpec>,
-    /// The regions of which only a part is read from the board.
+    /// The regions of which the daemon reads only a part from the board.
     pub selections: Vec<(RegionId, Selection)>,
 }
 
@@ -72,7 +72,7 @@ impl CreateOptions {
 }
 
 impl ClockKind {
-    /// What the clock shows when the segment is made.
+    /// The clock's time when the segment is created.
     pub(super) fn start_ns(self) -> u64 {
         match self {
             Self::Monotonic => monotonic_ns(),
@@ -81,7 +81,7 @@ impl ClockKind {
     }
 }
 
-/// Where everything will lie.
+/// Where everything goes.
 pub(super) struct Placement {
     header_length: usize,
     pub(super) total_length: usize,
@@ -133,7 +133,7 @@ impl Placement {
         Ok(placement)
     }
 
-    /// Writes all of the header but the magic. The memory is new, so every other word is zero.
+    /// Writes the header except the magic. The memory is new, so every other word is zero.
     pub(super) fn write(&self, map: &WriteMap, options: &CreateOptions, generation: u64) {
         let put = |offset: usize, value: u64| map.store(offset / WORD, value);
         put(AT_ABI_MAJOR, ABI_MAJOR);

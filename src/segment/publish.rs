@@ -1,4 +1,4 @@
-//! The writer: makes the segment, publishes into it, takes it away again.
+//! The writer: creates the segment, publishes into it, removes it.
 
 use std::fs::{File, Permissions};
 use std::io;
@@ -17,7 +17,7 @@ use super::ring::{Ring, Words, WordsMut};
 use super::sample::Stamp;
 use super::{SegmentError, clock_ns, monotonic_ns};
 
-/// One region as its writer sees it.
+/// The writer's side of one region.
 #[derive(Clone, Copy)]
 struct RegionWriter {
     ring: Ring,
@@ -35,26 +35,27 @@ pub struct Publisher {
     clock: ClockKind,
     /// By region number.
     regions_by_id: [Option<RegionWriter>; RegionId::ALL.len() + 1],
-    /// Where a slot is put together; as long as the longest, so that publishing never allocates.
+    /// Buffer in which a slot is assembled; as long as the longest slot, so that publishing never allocates.
     staging: Vec<u64>,
-    // Last, so that the name is free only when the segment is gone.
+    // Last, so that the name becomes free only after the segment is gone.
     _lock: NameLock,
 }
 
 impl Publisher {
-    /// Creates the segment, replacing what a dead owner left. Never waits; the segment appears under its name complete, in state
-    /// [`State::Init`].
+    /// Creates the segment, replacing what a dead owner left. Never waits. The segment appears under its name complete,
+    /// in state [`State::Init`].
     ///
     /// # Errors
-    /// [`SegmentError::InUse`] when another process owns the name, [`SegmentError::ForeignOwner`] when another user's object is
-    /// in the way, [`SegmentError::Full`] when there is no memory for it, [`SegmentError::Spec`] for regions that cannot be laid out.
+    /// [`SegmentError::InUse`] when another process owns the name, [`SegmentError::ForeignOwner`] when another user's
+    /// object is in the way, [`SegmentError::Full`] when there is not enough memory, [`SegmentError::Spec`] for regions
+    /// that cannot be laid out.
     pub fn create(options: &CreateOptions) -> Result<Self, SegmentError> {
         let placement = Placement::new(options)?;
         let path = options.name.object(&options.directory);
         let lock = NameLock::take(options.name.lock(&options.directory))?;
         let previous = retire(&path)?;
 
-        // The name is ours, so whatever bears the temporary name was left by a process that died while it built.
+        // We own the name, so a file of the temporary name comes from a process that died while it built its segment.
         let temporary = options.name.temporary(&options.directory);
         if lock::check_replaceable(&temporary)? {
             std::fs::remove_file(&temporary)
@@ -85,7 +86,7 @@ impl Publisher {
         if !lock::try_hold(&file).map_err(fail("lock"))? {
             return Err(SegmentError::InUse { path, pid: None });
         }
-        // Memory is set aside now, so that a full file system is an error here and not a SIGBUS later.
+        // Allocate the memory now, so that a full file system is an error here and not a SIGBUS later.
         nix::fcntl::posix_fallocate(&file, 0, placement.total_length as libc::off_t).map_err(|errno| {
             SegmentError::Full {
                 path: path.clone(),
@@ -127,10 +128,11 @@ impl Publisher {
         Ok(publisher)
     }
 
-    /// Publishes the board's 16-bit words as the region's next sample, wakes who waits for it, and returns its number.
+    /// Publishes the board's 16-bit words as the region's next sample, wakes its waiting readers, and returns its
+    /// number.
     ///
-    /// Allocates nothing, waits for nobody and cannot fail. Returns 0 without publishing if the segment was
-    /// created without that region or the payload is longer than the region's: defects of the caller.
+    /// Allocates nothing, never waits and cannot fail. Returns 0 without publishing if the segment has no such region
+    /// or the payload is too long for it: bugs of the caller.
     #[inline]
     pub fn publish(&mut self, region: RegionId, stamp: Stamp, words: &[u16]) -> u64 {
         let published = self.put(region, stamp, words);
@@ -138,8 +140,8 @@ impl Publisher {
         published
     }
 
-    /// As [`Publisher::publish`], without the system call that wakes who sleeps: for readers that look by themselves, or to be
-    /// followed by [`Publisher::wake`].
+    /// As [`Publisher::publish`], without the system call that wakes sleeping readers: for readers that poll, or with
+    /// [`Publisher::wake`] afterwards.
     #[inline]
     pub fn put(&mut self, region: RegionId, stamp: Stamp, words: &[u16]) -> u64 {
         self.put_payload(region, stamp, words.len() * 2, |payload| {
@@ -155,7 +157,7 @@ impl Publisher {
         })
     }
 
-    /// Publishes bytes as the region's next sample; otherwise as [`Publisher::publish`].
+    /// As [`Publisher::publish`], for bytes.
     pub fn publish_bytes(&mut self, region: RegionId, stamp: Stamp, bytes: &[u8]) -> u64 {
         let published = self.put_payload(region, stamp, bytes.len(), |payload| {
             for (word, chunk) in payload.iter_mut().zip(bytes.chunks(WORD)) {
@@ -168,7 +170,7 @@ impl Publisher {
         published
     }
 
-    /// Wakes who sleeps until the region has a newer sample.
+    /// Wakes the readers that wait for a sample of the region.
     #[inline]
     pub fn wake(&self, region: RegionId) {
         let Some(region_writer) = &self.regions_by_id[region as usize] else { return };
@@ -194,7 +196,7 @@ impl Publisher {
         body[..STAMP_WORDS].copy_from_slice(&stamp.words(length));
         fill(&mut body[STAMP_WORDS..]);
         if self.clock == ClockKind::Own {
-            // Before the sample is there, so that nobody finds one from the future.
+            // Stored before the sample, so that no reader finds a sample from the future.
             self.map.store(AT_NOW / WORD, stamp.time_ns.max(self.map.load(AT_NOW / WORD)));
         }
         region_writer.published += 1;
@@ -208,12 +210,12 @@ impl Publisher {
         self.regions_by_id[region as usize].map_or(0, |region_writer| region_writer.published)
     }
 
-    /// Says whether the region is mirrored and its updates come in time.
+    /// Sets whether the region is mirrored and its updates arrive in time.
     pub fn set_region_state(&self, region: RegionId, state: RegionState) {
         self.set_in_entry(region, REGION_STATE, state as u64);
     }
 
-    /// Says how often to expect a sample, and how old the latest may grow before it counts as stale (0: never).
+    /// Sets the expected time between samples, and the age at which the latest becomes stale (0: never).
     pub fn set_period(&self, region: RegionId, period_ns: u64, stale_after_ns: u64) {
         self.set_in_entry(region, REGION_PERIOD, period_ns);
         self.set_in_entry(region, REGION_STALE_AFTER, stale_after_ns);
@@ -225,21 +227,21 @@ impl Publisher {
         }
     }
 
-    /// Says how the whole segment stands. Wakes nobody: who waits for data looks at it when it gets none.
+    /// Sets the state of the whole segment. Wakes nobody: waiting readers check the state when no data arrive.
     pub fn set_state(&self, state: State) {
         self.map.store_release(AT_STATE / WORD, state as u64);
     }
 
-    /// Says what time it is by the segment's own clock ([`ClockKind::Own`]); does nothing when the segment runs by CLOCK_MONOTONIC.
-    /// Every age that a reader computes from now on is counted to this time.
+    /// Sets the segment's own clock ([`ClockKind::Own`]), by which readers compute every age; does nothing when the
+    /// segment uses CLOCK_MONOTONIC.
     pub fn set_now(&self, now_ns: u64) {
         if self.clock == ClockKind::Own {
             self.map.store(AT_NOW / WORD, now_ns);
         }
     }
 
-    /// Gives a sign of life, at least ten times a second; `now_ns` is by the segment's clock, and is stored as
-    /// [`Publisher::set_now`] does. Measures the offset of CLOCK_REALTIME as well.
+    /// Stores a heartbeat; call it at least ten times a second. `now_ns` is by the segment's clock, and is stored as in
+    /// [`Publisher::set_now`]. Also measures the offset of CLOCK_REALTIME.
     pub fn beat(&self, now_ns: u64) {
         self.set_now(now_ns);
         let (realtime, taken) = match self.clock {
@@ -262,7 +264,7 @@ impl Publisher {
         Counters { map: &self.map }
     }
 
-    /// What tells this segment from its predecessors and successors.
+    /// Distinguishes this segment from earlier and later ones of its name.
     #[must_use]
     pub fn generation(&self) -> u64 {
         self.generation
@@ -289,7 +291,7 @@ impl Drop for Publisher {
     }
 }
 
-/// The counters of a segment, to be written by its owner.
+/// The counters of a segment, for its owner to write.
 pub struct Counters<'a> {
     map: &'a WriteMap,
 }
@@ -300,20 +302,20 @@ impl Counters<'_> {
         self.set(counter, self.value(counter).wrapping_add(amount));
     }
 
-    /// Sets a counter that is kept elsewhere.
+    /// Sets a counter that is counted elsewhere.
     pub fn set(&self, counter: Counter, value: u64) {
         self.map.store(AT_COUNTERS / WORD + counter as usize, value);
     }
 
-    /// What the counter stands at.
+    /// The counter's value.
     #[must_use]
     pub fn value(&self, counter: Counter) -> u64 {
         self.map.load(AT_COUNTERS / WORD + counter as usize)
     }
 }
 
-/// Marks dead what a dead owner left at `path`, so that attached readers notice, and returns its generation (0: there was none).
-/// The object stays until it is replaced, so that the name always leads somewhere.
+/// Marks the segment that a dead owner left at `path` as dead, so that its readers notice, and returns its generation
+/// (0: there was none). It stays until it is replaced, so that the name always exists.
 fn retire(path: &Path) -> Result<u64, SegmentError> {
     if !lock::check_replaceable(path)? {
         return Ok(0);
@@ -325,12 +327,12 @@ fn retire(path: &Path) -> Result<u64, SegmentError> {
     };
     let (words, length) = header::read(&file).map_err(SegmentError::io("read the old", path))?;
     let Ok(geometry) = Geometry::parse(&words, length) else {
-        // Nobody can be attached to what is not a segment.
+        // No reader can be attached to what is not a segment.
         return Ok(0);
     };
     let word = |offset: usize| words[offset / WORD];
     if lock::is_held(&file).map_err(SegmentError::io("probe", path))? {
-        // Its owner lives, and only the lock on its name is gone: someone removed it.
+        // Its owner lives: somebody removed only the lock file of its name.
         return Err(SegmentError::InUse {
             path: path.to_owned(),
             pid: u32::try_from(word(AT_OWNER_PID)).ok(),

@@ -1,4 +1,4 @@
-//! Reading the samples of one region: what a subscriber and its cursors share.
+//! Reads the samples of one region, for a subscriber and its cursors.
 
 use super::SegmentError;
 use super::header::Region;
@@ -6,10 +6,10 @@ use super::memory::ReadMap;
 use super::ring::{Attempt, Latest};
 use super::sample::Sample;
 
-/// How often a read is started again when the writer comes round; with 4 slots or more, once is rare.
+/// How often a read starts again after the writer overwrote the slot; with 4 slots or more, once is rare.
 pub(super) const ATTEMPTS: u32 = 16;
 
-/// What became of a read of one sample.
+/// The result of reading one sample.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Read {
     /// It was copied.
@@ -31,7 +31,7 @@ pub(super) struct RegionReader<'a> {
 }
 
 impl RegionReader<'_> {
-    /// Copies the latest sample, after so many attempts that failed.
+    /// Copies the latest sample, after `attempts` failed attempts.
     pub(super) fn latest(&self, attempts: u32, sample: &mut Sample) -> Result<Option<u64>, SegmentError> {
         let room = sample.room(self.region.lines);
         match self.region.ring.latest(self.map, room, ATTEMPTS - attempts) {
@@ -49,7 +49,7 @@ impl RegionReader<'_> {
         }
     }
 
-    /// Copies sample `sequence`, if it is there. The sample is empty if it is not.
+    /// Copies sample `sequence`. The sample is empty if it is not there.
     #[inline]
     pub(super) fn read(&self, sequence: u64, sample: &mut Sample) -> Result<Read, SegmentError> {
         match self.region.ring.read(self.map, sequence, sample.room(self.region.lines)) {
@@ -66,7 +66,8 @@ impl RegionReader<'_> {
         }
     }
 
-    /// As [`RegionReader::read`], but reads the head only when `head`, what it was last, is reached, or the sample is lost.
+    /// As [`RegionReader::read`], but reads the head again only when the reader has reached `head`, its last value, or
+    /// the sample is lost.
     #[inline(always)]
     pub(super) fn follow(
         &self,
@@ -92,7 +93,7 @@ impl RegionReader<'_> {
         Ok(attempt)
     }
 
-    /// Where an overrun reader goes on when the head is `head`.
+    /// Where an overrun reader continues when the head is `head`.
     pub(super) fn resume(&self, head: u64) -> u64 {
         self.region.ring.resume(head)
     }

@@ -1,12 +1,14 @@
 //! The slot ring: one writer, any number of readers, no waiting on either side.
 //!
-//! Generic over the memory, so that the protocol also runs under a model checker (`tests/it/segment_loom.rs`). There the words of
-//! a slot are copied one by one; shared memory on x86-64 copies them wide (`segment/wide_copy.rs` says why that is as good). The order of the accesses is that of [`super::layout`], "Writing" and "Reading".
+//! Generic over the memory, so that the protocol also runs under a model checker (`tests/it/segment_loom.rs`). There it
+//! copies a slot word by word; shared memory on x86-64 copies vectors (`segment/wide_copy.rs` explains why that is
+//! equivalent). The order of the accesses is that of [`super::layout`], "Writing" and "Reading".
 //!
-//! Why a reader's copy is whole: if any word of it was written for a later sample in the same slot, the acquire fence
-//! after the copy pairs with the writer's release fence before that word, so the look at the sequence that follows sees the later
-//! sample's odd number. Why it is not older than asked for: the head's release store comes after the slot's last word,
-//! and the fence after the head's load pairs with it; so the sequence need not be looked at before the copy as well.
+//! Why a reader's copy is whole: suppose a word of it was written for a later sample in the same slot. The acquire
+//! fence after the copy pairs with the writer's release fence before that word, so the load of the sequence after the
+//! copy sees the later sample's odd number. Why the copy is not too old: the head's release store follows the slot's
+//! last word, and the fence after the head's load pairs with it. So the sequence need not be loaded before the copy as
+//! well.
 
 /// Memory as a reader sees it: an array of 64-bit words that another process writes.
 pub trait Words {
@@ -16,7 +18,7 @@ pub trait Words {
     /// An acquire fence.
     fn fence_acquire(&self);
 
-    /// Relaxed loads of as many words from `index` on as `copy` has.
+    /// Relaxed loads from `index` on, until `copy` is full.
     #[inline]
     fn load_all(&self, index: usize, copy: &mut [u64]) {
         for (offset, word) in copy.iter_mut().enumerate() {
@@ -60,7 +62,7 @@ pub struct Ring {
     pub body: usize,
 }
 
-/// What became of an attempt to read one sample.
+/// The result of an attempt to read one sample.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Attempt {
     /// The copy is whole.
@@ -71,16 +73,16 @@ pub enum Attempt {
     Lost,
 }
 
-/// What became of an attempt to read the latest sample.
+/// The result of reading the latest sample.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Latest {
-    /// Nothing was published yet.
+    /// Nothing is published yet.
     Empty,
     /// The copy is whole.
     Whole {
         /// The sample's number.
         sequence: u64,
-        /// Attempts the writer overtook before this one.
+        /// Failed attempts before this one, each overtaken by the writer.
         retries: u32,
     },
     /// The writer overtook every attempt.
@@ -88,8 +90,8 @@ pub enum Latest {
 }
 
 impl Ring {
-    /// Writes sample `sequence` (from 1 on, ascending without gaps) and makes it the latest.
-    /// Words of `body` beyond the slot's are not written.
+    /// Writes sample `sequence` (from 1 on, ascending without gaps) and makes it the latest. Ignores words of `body`
+    /// beyond the slot's end.
     #[inline]
     pub fn write<M: WordsMut>(&self, memory: &M, sequence: u64, body: &[u64]) {
         let slot = self.slot(sequence);
@@ -101,7 +103,7 @@ impl Ring {
         memory.store_release(self.head, sequence);
     }
 
-    /// Number of samples published, which is also the latest one's; what it counts may be read afterwards.
+    /// Number of samples published, which is also the number of the latest. After this load the reader may read them.
     #[inline]
     pub fn published<M: Words>(&self, memory: &M) -> u64 {
         let head = memory.load(self.head);
@@ -109,7 +111,8 @@ impl Ring {
         head
     }
 
-    /// Copies the slot of sample `sequence`, its sequence number first, to `slot` (as many words as that has, at most the slot's).
+    /// Copies the slot of sample `sequence`, its sequence number first, to `slot`, until `slot` is full or the slot
+    /// ends.
     #[inline]
     pub fn read<M: Words>(&self, memory: &M, sequence: u64, slot: &mut [u64]) -> Attempt {
         let head = self.published(memory);
@@ -119,8 +122,8 @@ impl Ring {
         self.read_published(memory, sequence, head, slot)
     }
 
-    /// As [`Ring::read`] of a sample known to be published because [`Ring::published`] once said `head`: a reader with many samples to go
-    /// need not look at the head for each.
+    /// As [`Ring::read`], for a sample published according to an earlier [`Ring::published`], `head`: a reader that
+    /// reads many samples need not load the head for each.
     #[inline]
     pub fn read_published<M: Words>(
         &self,
@@ -136,8 +139,8 @@ impl Ring {
         }
     }
 
-    /// Copies the latest sample's slot to `slot`, starting again at most `attempts - 1` times (at least: none)
-    /// when the writer comes round.
+    /// Copies the latest sample's slot to `slot`, with at most `attempts` attempts (at least one) when the writer
+    /// overwrites it during the copy.
     #[inline]
     pub fn latest<M: Words>(&self, memory: &M, slot: &mut [u64], attempts: u32) -> Latest {
         let mut retries = 0;
@@ -150,7 +153,7 @@ impl Ring {
         }
     }
 
-    /// As [`Ring::latest`] with one attempt, which nearly always is enough.
+    /// As [`Ring::latest`] with one attempt, which is nearly always enough.
     #[inline(always)]
     pub fn latest_at_once<M: Words>(&self, memory: &M, slot: &mut [u64]) -> Latest {
         match self.published(memory) {
@@ -167,14 +170,14 @@ impl Ring {
         head.saturating_sub(self.count as u64 - 1).max(1)
     }
 
-    /// Where an overrun reader goes on: half a ring behind, so that the writer does not catch it again at once.
+    /// Where an overrun reader continues: half a ring behind, so that the writer does not overtake it again at once.
     #[inline]
     #[must_use]
     pub fn resume(&self, head: u64) -> u64 {
         head.saturating_sub(self.count as u64 / 2).max(1)
     }
 
-    /// The sequence number is copied with the rest, unused: so whole cache lines are copied, and from the beginning of one.
+    /// Copies the unused sequence number too, so that the copy is of whole, aligned cache lines.
     #[inline(always)]
     fn copy<M: Words>(&self, memory: &M, sequence: u64, slot: &mut [u64]) -> bool {
         let from = self.slot(sequence);
@@ -228,8 +231,8 @@ mod tests {
         Memory((0..13).map(|_| AtomicU64::new(0)).collect())
     }
 
-    /// Whatever store the writer dies after, the last sample it finished is there, the one it was at is not, and the one it was
-    /// overwriting is gone at once.
+    /// After whichever store the writer dies: the last sample it finished is there, the unfinished one is not, and the
+    /// one it was overwriting is gone at once.
     #[test]
     fn a_writer_that_dies_in_mid_write_leaves_the_last_sample() {
         let (memory, mut copy) = (memory(), [0; 3]);

@@ -3,24 +3,24 @@
 use super::layout::{FLAG_VALID, STAMP_WORDS};
 use super::memory::{self, Lines};
 
-/// When and under what conditions a sample was taken.
+/// When and under which conditions a sample was taken.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Stamp {
-    /// When the first device read that went into the sample was made, in ns of the segment's clock.
+    /// Time of the first board read that went into the sample, in ns of the segment's clock.
     pub time_ns: u64,
-    /// The board's servo timer (15 to 24 bits of its own), extended to 64 bit; counts servo cycles.
+    /// The board's servo timer (15 to 24 bits), extended to 64 bits; counts servo cycles.
     pub servo_timer: u64,
-    /// The sample is what the board held, read whole.
+    /// The sample is a complete copy of what the board held.
     pub valid: bool,
 }
 
-/// A sample copied out of the segment. Keep one and read into it again and again: it allocates only the first time.
+/// A sample copied out of the segment. Reuse it for further reads: it allocates only the first time.
 ///
-/// Holds a verbatim copy of the slot; the accessors read their fields from it when they are called.
+/// Holds a verbatim copy of the slot; the accessors read their fields from it when called.
 #[derive(Clone, Debug, Default)]
 pub struct Sample {
     retries: u32,
-    /// Twice the number, stamp, payload; a number of 0 and no bytes when there is no sample in it.
+    /// Twice the number, stamp, payload; all zero or empty when it holds no sample.
     slot: Lines,
 }
 
@@ -31,7 +31,7 @@ impl Sample {
         Self::default()
     }
 
-    /// The sample's number in its region, from 1 on; 0 before the first read, and after one that brought none.
+    /// The sample's number in its region, from 1 on; 0 before the first read and after a failed one.
     #[must_use]
     #[inline]
     pub fn sequence(&self) -> u64 {
@@ -50,7 +50,7 @@ impl Sample {
         }
     }
 
-    /// Attempts the writer overtook before this copy was whole.
+    /// Failed attempts before this copy, each overtaken by the writer.
     #[must_use]
     #[inline]
     pub fn retries(&self) -> u32 {
@@ -73,7 +73,7 @@ impl Sample {
         self.slot.words().get(1 + STAMP_WORDS..).unwrap_or(&[])
     }
 
-    /// Bytes of payload, as the slot has it.
+    /// Payload length in bytes, according to the slot.
     #[inline(always)]
     fn length(&self) -> usize {
         self.slot.words().get(STAMP_WORDS).map_or(0, |flags_length| (flags_length >> 32) as usize)
@@ -85,23 +85,23 @@ impl Sample {
         self.slot.has_room(lines)
     }
 
-    /// Room for a slot of so many cache lines, for a ring to fill. Until [`Sample::accept`] it holds no sample.
+    /// Room for a slot of `lines` cache lines, for a ring to fill. Holds no sample until [`Sample::accept`].
     #[inline(always)]
     pub(super) fn room(&mut self, lines: usize) -> &mut [u64] {
         self.slot.room(lines)
     }
 
-    /// Takes what was filled in as sample `sequence`; `false` when its number is another, or its length impossible.
+    /// Accepts the slot filled in as sample `sequence`; `false` when it has another number or an impossible length.
     #[inline(always)]
     pub(super) fn accept(&mut self, sequence: u64, retries: u32, payload_bytes: usize) -> bool {
         self.retries = retries;
         self.sequence() == sequence && self.length() <= payload_bytes
     }
 
-    /// Makes it an empty sample.
+    /// Empties the sample.
     pub(super) fn clear(&mut self) {
         self.retries = 0;
-        // Number, stamp and length are all in it.
+        // The first line holds number, stamp and length.
         self.slot.clear_first();
     }
 }

@@ -1,7 +1,8 @@
-//! The reader: attaches to a segment read-only, and reads the latest sample, the next, or all since a given one.
+//! The reader: attaches to a segment read-only; reads the latest sample, the next, or all since a given one.
 //!
-//! A reader writes nothing, holds no lock and can neither slow nor stop the daemon. It never shows old data as new: what it returns carries
-//! its time stamp, and [`Subscriber::is_fresh`] and [`Subscriber::condition`] apply the rules of [`super::freshness`].
+//! A reader writes nothing, holds no lock and can neither slow nor stop the daemon. It never shows old data as new:
+//! what it returns carries its time stamp, and [`Subscriber::is_fresh`] and [`Subscriber::condition`] apply the rules
+//! of [`super::freshness`].
 
 use std::fs::File;
 use std::io;
@@ -23,7 +24,7 @@ use super::sample::{Sample, Stamp};
 use super::{DIRECTORY, SegmentError, SegmentName, monotonic_ns};
 use crate::map::Selection;
 
-/// How long a sleeping reader goes without looking whether the owner still lives.
+/// How long a sleeping reader goes without checking that the owner still lives.
 const SLICE_NS: u64 = 100_000_000;
 
 /// How a wait ended.
@@ -31,9 +32,9 @@ const SLICE_NS: u64 = 100_000_000;
 pub enum WaitOutcome {
     /// There is a newer sample.
     Newer,
-    /// The time is over.
+    /// The time-out expired.
     TimedOut,
-    /// There will be none: attach again.
+    /// No more samples will come: attach again.
     Dead,
 }
 
@@ -44,7 +45,7 @@ pub struct Subscriber {
     file_id: FileId,
     path: PathBuf,
     geometry: Geometry,
-    /// The regions once more, by number: found without a search.
+    /// The regions again, indexed by id, to avoid a search.
     regions_by_id: [Option<Region>; RegionId::ALL.len() + 1],
     generation: u64,
 }
@@ -53,8 +54,9 @@ impl Subscriber {
     /// Attaches to the segment of that name in `/dev/shm`.
     ///
     /// # Errors
-    /// [`SegmentError::NotFound`] when there is none, [`SegmentError::ForeignOwner`] or [`SegmentError::WritableByOthers`] when it cannot be
-    /// trusted, [`SegmentError::Version`] or [`SegmentError::Malformed`] when it cannot be read.
+    /// [`SegmentError::NotFound`] when there is none, [`SegmentError::ForeignOwner`] or
+    /// [`SegmentError::WritableByOthers`] when it cannot be trusted, [`SegmentError::Version`] or
+    /// [`SegmentError::Malformed`] when it cannot be read.
     pub fn attach(name: &SegmentName) -> Result<Self, SegmentError> {
         Self::attach_in(Path::new(DIRECTORY), name)
     }
@@ -95,7 +97,8 @@ impl Subscriber {
         Ok(Self { map, file, file_id, path, geometry, regions_by_id, generation })
     }
 
-    /// How the segment stands: what its header says, whether its owner gives signs of life, exists at all, or was replaced. Two system calls.
+    /// The segment's condition: its header's state, and whether its owner's heartbeat beats, the owner lives, or
+    /// another segment replaced it. Two system calls.
     #[must_use]
     pub fn condition(&self) -> Condition {
         if self.is_replaced() {
@@ -108,7 +111,7 @@ impl Subscriber {
         }
     }
 
-    /// How the segment stands as far as the memory shows it, without a system call: what its header says, and the heartbeat.
+    /// The condition as far as memory shows it, without a system call: the header's state and the heartbeat.
     #[must_use]
     pub fn header_condition(&self, now_ns: u64) -> Condition {
         let header = self.header();
@@ -122,8 +125,8 @@ impl Subscriber {
         }
     }
 
-    /// Whether a sample of that region and stamp may be shown as live at `now_ns` (by the segment's clock), by the rules of
-    /// [`super::freshness`]. Does not ask the kernel whether the owner lives; its heartbeat tells within a moment.
+    /// Whether a sample of that region and stamp is live at `now_ns` (by the segment's clock), by the rules of
+    /// [`super::freshness`]. Makes no system call; the heartbeat shows a dead owner within a moment.
     #[must_use]
     pub fn is_fresh(&self, region: RegionId, stamp: &Stamp, now_ns: u64) -> bool {
         let Ok(region) = self.region(region) else { return false };
@@ -131,7 +134,7 @@ impl Subscriber {
             && Staleness::of_sample(&region, stamp, now_ns).is_none()
     }
 
-    /// What time it is by the segment's clock, in ns: the one that all its times and ages are counted by.
+    /// The time by the segment's clock, in ns, to which all its times and ages refer.
     #[must_use]
     pub fn now_ns(&self) -> u64 {
         match self.geometry.clock {
@@ -140,7 +143,7 @@ impl Subscriber {
         }
     }
 
-    /// What tells this segment from its predecessors and successors.
+    /// Distinguishes this segment from earlier and later ones of its name.
     #[must_use]
     pub fn generation(&self) -> u64 {
         self.generation
@@ -152,7 +155,7 @@ impl Subscriber {
         &self.path
     }
 
-    /// What the segment says about itself and its owner.
+    /// The segment's header.
     #[must_use]
     pub fn header(&self) -> HeaderInfo {
         let word = |offset: usize| self.map.load(offset / WORD);
@@ -212,11 +215,12 @@ impl Subscriber {
     /// Copies the region's latest sample and returns its number; `None` when there is none yet.
     ///
     /// # Errors
-    /// [`SegmentError::NoSuchRegion`]; [`SegmentError::Overrun`] when the writer overtook every one of a bounded number of attempts;
-    /// [`SegmentError::Corrupt`]. After an error other than `NoSuchRegion`, or `None`, the sample has no words.
+    /// [`SegmentError::NoSuchRegion`]; [`SegmentError::Overrun`] when the writer overtook every one of a bounded number
+    /// of attempts; [`SegmentError::Corrupt`]. The sample is empty after `None` and after every error but
+    /// `NoSuchRegion`.
     #[inline]
     pub fn latest(&self, region: RegionId, sample: &mut Sample) -> Result<Option<u64>, SegmentError> {
-        // What nearly always happens calls nothing, so that no register need be saved for it.
+        // The usual path calls no function, so it saves no registers.
         let mut attempts = 0;
         if let Some(region) = &self.regions_by_id[region as usize]
             && let Some(slot) = sample.has_room(region.lines)
@@ -232,7 +236,7 @@ impl Subscriber {
         self.latest_after(attempts, region, sample)
     }
 
-    /// As [`Subscriber::latest`], after so many attempts.
+    /// As [`Subscriber::latest`], after `attempts` failed attempts.
     #[cold]
     fn latest_after(
         &self,
@@ -243,7 +247,7 @@ impl Subscriber {
         self.reader(region)?.latest(attempts, sample)
     }
 
-    /// Copies sample `sequence` of a region, if it is there. The sample is empty if it is not.
+    /// Copies sample `sequence` of a region. The sample is empty if it is not there.
     ///
     /// # Errors
     /// [`SegmentError::NoSuchRegion`], [`SegmentError::Corrupt`].
@@ -253,7 +257,7 @@ impl Subscriber {
     }
 
     /// Sleeps until the region has a sample newer than `sequence` (0: any), at most `timeout`. Notices within a moment
-    /// when the owner stops, is killed or is replaced. The time-out is real time, whatever clock the segment has.
+    /// when the owner stops, is killed or is replaced. The time-out is real time, whichever clock the segment has.
     ///
     /// # Errors
     /// [`SegmentError::NoSuchRegion`].
@@ -298,12 +302,12 @@ impl Subscriber {
         Ok(Cursor::new(region, self.generation, next))
     }
 
-    /// Copies the next sample that `cursor` wants; `false`, and an empty sample, when it is not published yet. Overrun by the
-    /// writer, the cursor goes on half a ring behind it and counts what it lost.
+    /// Copies the cursor's next sample; `false`, and an empty sample, when it is not published yet. When the writer has
+    /// overtaken the cursor, it continues half a ring behind and counts the samples it lost.
     ///
     /// # Errors
-    /// [`SegmentError::OtherGeneration`] with another segment's cursor; [`SegmentError::Overrun`] when the writer overtook every
-    /// attempt (calling again is right); [`SegmentError::Corrupt`].
+    /// [`SegmentError::OtherGeneration`] with another segment's cursor; [`SegmentError::Overrun`] when the writer
+    /// overtook every attempt (call it again); [`SegmentError::Corrupt`].
     #[inline(always)]
     pub fn next(&self, cursor: &mut Cursor, sample: &mut Sample) -> Result<bool, SegmentError> {
         cursor.next(&self.reader(cursor.region())?, sample)
@@ -319,13 +323,13 @@ impl Subscriber {
     }
 
     fn is_owner_gone(&self) -> bool {
-        // A probe that fails says nothing; the heartbeat tells then.
+        // A failed check proves nothing; the heartbeat decides then.
         !lock::is_held(&self.file).unwrap_or(true)
     }
 
     #[inline(always)]
     fn region_of(&self, id: RegionId) -> Result<&Region, SegmentError> {
-        // No `ok_or`: it would make and drop an error on every read.
+        // No `ok_or`: it would construct and drop an error on every read.
         match &self.regions_by_id[id as usize] {
             Some(region) => Ok(region),
             None => Err(SegmentError::NoSuchRegion(id)),

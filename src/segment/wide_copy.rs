@@ -1,33 +1,37 @@
 //! The vector copy: the words of a slot between shared and private memory, 16 or 32 bytes at a time (x86-64).
 //!
-//! Compilers do not join atomic accesses, and one word at a time takes three times as long. So [`super::memory`] copies whole
-//! cache lines by the assembly in this file, and everything else word by word. This page is the argument why that is right.
+//! Compilers do not merge atomic accesses, and one word at a time takes three times as long. So [`super::memory`]
+//! copies whole cache lines with the assembly in this file, and everything else word by word. This page argues why that
+//! is correct.
 //!
 //! # Where it is used
-//! For the words of a slot alone, between the ring's marks (see [`super::ring`]): the writer copies in after it has stored the
-//! odd sequence and before it stores the even one; a reader copies out after it has loaded the head and before it loads the
-//! sequence. Head and sequence themselves are always stored, and loaded where they decide anything, as one atomic word each.
+//! Only for the words of a slot, between the ring's marks (see [`super::ring`]): the writer copies in after it has
+//! stored the odd sequence and before it stores the even one; a reader copies out after it has loaded the head and
+//! before it loads the sequence. Head and sequence themselves are always stored as one atomic word each, and loaded so
+//! wherever a decision depends on them.
 //!
 //! # Why it is right
-//! Rust's memory model does not cover it: there, racing accesses of different sizes are undefined. The other side may be
-//! another process, C or Python, which that model does not know either. The argument is the processor's:
-//! * **The compiler sees nothing of it.** The accesses are in assembly that is volatile (no `pure`) and may access any memory (no
-//!   `nomem`, no `readonly`). So the compiler keeps it in place between the atomic accesses and fences around it, and can
-//!   conclude nothing from a race that it does not see. The shared address is a raw pointer; there is no reference to it.
-//! * **x86-64 keeps the order (TSO).** On ordinary write-back memory, which that of a mapped file is, loads are made in program
-//!   order and stores become visible in program order; vector moves are no exception. String moves (`rep movs`) and
-//!   non-temporal stores are, and are not used. The ring's acquire and release fences are there for the compiler and need no
-//!   instruction on x86-64.
-//! * **So the sequence speaks for every byte.** If a byte of a reader's copy was stored for a later sample of the slot, the
-//!   odd sequence of that sample was visible before it, and the load of the sequence after the copy sees it: the copy is thrown away.
-//!   If the head said `n`, every byte of sample `n` was visible before the first load of the copy.
-//! * **Tearing does no harm.** A vector access may take effect in pieces, of any size and in any order among themselves. The argument
-//!   above is about each byte by itself and needs no two bytes to go together.
+//! Rust's memory model does not cover it: there, racing accesses of different sizes are undefined. The other side may
+//! also be another process, in C or Python, which that model does not know. The argument is the processor's:
+//! * **The compiler sees nothing of it.** The assembly is volatile (no `pure`) and may access any memory (no `nomem`,
+//!   no `readonly`). So the compiler keeps it in place between the atomic accesses and fences around it, and can
+//!   conclude nothing from a race that it does not see. The shared address is a raw pointer; no reference to it exists.
+//! * **x86-64 keeps the order (TSO).** On ordinary write-back memory, such as that of a mapped file, loads are made in
+//!   program order and stores become visible in program order; this holds for vector moves, too. It does not hold for
+//!   string moves (`rep movs`) and non-temporal stores, so this file uses neither. The ring's acquire and release
+//!   fences bind only the compiler and need no instruction on x86-64.
+//! * **So the sequence vouches for every byte.** If a byte of a reader's copy was stored for a later sample of the
+//!   slot, the odd sequence of that sample was visible before it. The load of the sequence after the copy sees it, and
+//!   the reader discards the copy. If the head said `n`, every byte of sample `n` was visible before the first load of
+//!   the copy.
+//! * **Tearing does no harm.** A vector access may take effect in pieces, of any size and in any order among
+//!   themselves. The argument above holds for each byte by itself and needs no two bytes to appear together.
 //!
 //! # How it is tested
-//! The tests below compare it with a copy word by word: every length and alignment, and random contents, with guards around both
-//! sides. `tests/it/segment.rs` and `segment_life.rs` race it between threads and processes, with a writer at full speed. The model
-//! checker (`tests/it/segment_loom.rs`) does **not** run it: it runs the ring over copies word by word, in either order.
+//! The tests below compare it with a copy word by word: every length and alignment, and random contents, with guards
+//! around both sides. `tests/it/segment.rs` and `segment_life.rs` race it between threads and processes, with a writer
+//! at full speed. The model checker (`tests/it/segment_loom.rs`) does **not** run it: it runs the ring over copies word
+//! by word, in either order.
 #![allow(unsafe_code)]
 
 #[cfg(any(all(target_arch = "x86_64", not(miri)), test))]
@@ -35,22 +39,22 @@ use super::layout::LINE_WORDS;
 #[cfg(all(target_arch = "x86_64", not(miri)))]
 use super::layout::WORD;
 
-/// How much is copied at once.
+/// How much one step copies.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum WideCopy {
-    /// Nothing: the caller copies word by word, by Rust's own atomics.
+    /// Nothing: the caller copies word by word with Rust's atomics.
     #[cfg_attr(all(target_arch = "x86_64", not(any(miri, test))), allow(dead_code))]
     Words,
-    /// 16 bytes at a time, as every x86-64 processor can.
+    /// 16 bytes, as every x86-64 processor can.
     #[cfg(all(target_arch = "x86_64", not(miri)))]
     Sse2,
-    /// 32 bytes at a time.
+    /// 32 bytes.
     #[cfg(all(target_arch = "x86_64", not(miri)))]
     Avx,
 }
 
 impl WideCopy {
-    /// The best this processor has.
+    /// The widest that this processor supports.
     pub(super) fn detect() -> Self {
         #[cfg(all(target_arch = "x86_64", not(miri)))]
         return if std::arch::is_x86_feature_detected!("avx") { Self::Avx } else { Self::Sse2 };
@@ -58,11 +62,11 @@ impl WideCopy {
         Self::Words
     }
 
-    /// Copies `words` words, if they are whole cache lines and not none. Otherwise it copies nothing and returns false.
+    /// Copies `words` words if they are one or more whole cache lines. Otherwise copies nothing and returns false.
     ///
     /// # Safety
-    /// Both `from` and `to` have `words` words, and do not overlap. At most one of them is shared, the other private. What is
-    /// copied from shared memory may be believed only as the head of this file says.
+    /// Both `from` and `to` have `words` words and do not overlap. At most one of them is shared, the other private.
+    /// Trust what was copied from shared memory only as the head of this file says.
     #[inline(always)]
     #[cfg(all(target_arch = "x86_64", not(miri)))]
     pub(super) unsafe fn copy(self, from: *const u64, to: *mut u64, words: usize) -> bool {
@@ -71,8 +75,9 @@ impl WideCopy {
         }
         match self {
             Self::Words => return false,
-            // SAFETY: the processor has AVX, as was detected, and the caller answers for the memory; nothing beyond
-            // `words` is touched. `vzeroupper` clears what is declared lost. No `nomem`, no `pure`: see the head of this file.
+            // SAFETY: the processor has AVX, as was detected, and the caller vouches for the memory; nothing beyond
+            // `words` is touched. `vzeroupper` clears the registers declared lost. No `nomem`, no `pure`: see the head
+            // of this file.
             Self::Avx => unsafe {
                 std::arch::asm!(
                     "test {left}, 64",
@@ -110,7 +115,7 @@ impl WideCopy {
                     options(nostack),
                 );
             },
-            // SAFETY: as above; SSE2 belongs to x86-64.
+            // SAFETY: as above; every x86-64 processor has SSE2.
             Self::Sse2 => unsafe {
                 std::arch::asm!(
                     "2:",
@@ -150,7 +155,7 @@ mod tests {
 
     use super::*;
 
-    /// What no test copies.
+    /// A value that no test copies.
     const GUARD: u64 = 0xA5A5_A5A5_A5A5_A5A5;
 
     fn all() -> Vec<WideCopy> {
@@ -160,10 +165,10 @@ mod tests {
         all
     }
 
-    /// Copies `values` so many words behind the beginning of a cache line on either side, and returns what it said and all of the
+    /// Copies `values`, `from` and `to` words behind the start of a cache line; returns the result and the whole
     /// destination: guard, copy, guard.
     fn copied(copy: WideCopy, values: &[u64], from: usize, to: usize) -> (bool, Vec<u64>) {
-        // 64-byte alignment, whatever the allocator gives.
+        // Aligned to 64 bytes, whatever the allocator returns.
         let aligned = |memory: &[u64]| memory.as_ptr().align_offset(64);
         let length = values.len() + 3 * LINE_WORDS;
         let (mut source, mut destination) = (vec![GUARD; length], vec![GUARD; length]);
@@ -177,7 +182,7 @@ mod tests {
         (done, copied)
     }
 
-    /// What a copy word by word makes of it.
+    /// The result of a copy word by word.
     fn by_word(values: &[u64], room: usize) -> Vec<u64> {
         let mut expected = vec![GUARD; room];
         for (to, value) in expected.iter_mut().zip(values) {

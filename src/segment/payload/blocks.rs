@@ -1,17 +1,18 @@
-//! Where the blocks of motors or coordinate systems lie in the payload of the servo and the background region.
+//! Where the servo and the background region hold the blocks of motors or coordinate systems.
 //!
-//! The payload itself is the board's 16-bit words as they were, ascending by host offset. It ends with the last block that is read.
+//! The payload itself is the board's 16-bit words unchanged, ascending by host offset. It ends with the last block that
+//! is read.
 
 use crate::map::{Blocks, HostOffset};
 
-/// Equal blocks in a payload, one a number (motor or coordinate system), one behind the other. All in bytes.
+/// Equal blocks in a payload, one for each motor or coordinate system, one behind the other. All in bytes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct BlockPlace {
-    /// From the payload's start to the block of number 1.
+    /// From the payload's start to the first block.
     pub start: u32,
     /// From one block to the next.
     pub stride: u32,
-    /// How many blocks a payload may have; 0 for a region without blocks.
+    /// Most blocks in a payload; 0 for a region without blocks.
     pub count: u32,
 }
 
@@ -19,7 +20,7 @@ impl BlockPlace {
     /// A region whose payload has no blocks.
     pub const NONE: Self = Self { start: 0, stride: 0, count: 0 };
 
-    /// Where `blocks` lie in a payload whose first word is that of host offset `first`.
+    /// Where `blocks` lie in a payload whose first word has host offset `first`.
     #[must_use]
     pub const fn new(blocks: Blocks, first: HostOffset) -> Self {
         Self {
@@ -29,14 +30,14 @@ impl BlockPlace {
         }
     }
 
-    /// How many whole blocks a payload of so many bytes holds.
+    /// How many whole blocks a payload of `payload_bytes` holds.
     #[must_use]
     pub fn held_in(self, payload_bytes: usize) -> usize {
         let blocks = payload_bytes.saturating_sub(self.start as usize).checked_div(self.stride as usize);
         blocks.unwrap_or(0).min(self.count as usize)
     }
 
-    /// Whether all blocks lie within a payload of so many bytes, on whole 16-bit words.
+    /// Whether all blocks lie within a payload of `payload_bytes`, on whole 16-bit words.
     #[must_use]
     pub(in crate::segment) fn fits(self, payload_bytes: u64) -> bool {
         let end = u64::from(self.start) + u64::from(self.stride) * u64::from(self.count);

@@ -1,39 +1,39 @@
-//! The gather region: samples that the board gathers, as they were stored, in order (DPRAM manual p. 25-26). `docs/segment.md` has
-//! the table of its payload.
+//! The gather region: the board's gathered samples, unchanged and in order (DPRAM manual p. 25-26). `docs/segment.md`
+//! has the table of its payload.
 
 use crate::format::{join32, split32};
 
 /// 16-bit words before the samples.
 const HEADER_WORDS: usize = 16;
 
-/// 16-bit words of a payload with so many longs.
+/// 16-bit words of a payload with `longs` longs.
 #[must_use]
 pub const fn payload_words(longs: usize) -> usize {
     HEADER_WORDS + 2 * longs
 }
 
-/// What becomes of a gather.
+/// The state of a gather.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u32)]
 pub enum GatherPhase {
-    /// More follows.
+    /// More samples follow.
     Running = 0,
-    /// It has ended; nothing follows.
+    /// It has ended.
     Ended = 1,
-    /// Somebody defined the buffer anew, or the board was reset.
+    /// Somebody redefined the buffer, or the board was reset.
     Redefined = 2,
-    /// It paused, for how many samples cannot be known.
+    /// It paused; the number of samples lost is unknown.
     Interrupted = 3,
 }
 
-/// Some samples in a row; `Longs` are a `Vec` where they are read and a slice where they are written.
+/// Consecutive samples; `Longs` is a `Vec` for reading and a slice for writing.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct GatherChunk<Longs = Vec<u32>> {
-    /// Another number when it is another gather.
+    /// Number of the gather; changes with each new one.
     pub gather: u32,
-    /// How it goes on.
+    /// Its state.
     pub phase: GatherPhase,
-    /// The number of the first sample, or, when there is none, of the one that would come next.
+    /// The number of the first sample; without samples, that of the next one to come.
     pub first: u64,
     /// Samples that the daemon has lost since the gather began.
     pub lost: u64,
@@ -44,7 +44,7 @@ pub struct GatherChunk<Longs = Vec<u32>> {
 }
 
 impl<Longs: AsRef<[u32]>> GatherChunk<Longs> {
-    /// Writes the payload to `payload` and returns how many words it has. Allocates nothing; returns 0 when there is no room for it.
+    /// Writes the payload to `payload` and returns its length in words; 0 when it does not fit. Allocates nothing.
     pub fn encode(&self, payload: &mut [u16]) -> usize {
         let longs = self.longs.as_ref();
         let words = payload_words(longs.len());

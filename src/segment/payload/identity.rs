@@ -1,13 +1,13 @@
-//! Who the board is: the payload of the board region. `docs/segment.md` has its table.
+//! The board's identity: the payload of the board region. `docs/segment.md` has its table.
 //!
-//! Asked once by ASCII where the board answers (`TYPE`, `VERSION`, I-variables), taken from the configuration where not. What is
-//! not known says so by its bit: a zero is a value.
+//! The daemon asks once by ASCII where the board answers (`TYPE`, `VERSION`, I-variables), and otherwise takes the
+//! configuration. A bit marks each known value, because a zero is a value, too.
 
 use crate::format::Text;
 
 /// Length of the payload in bytes.
 pub const BYTES: usize = 0x210;
-/// Most motors a board has.
+/// Most motors of a board.
 pub const MOTORS: usize = 32;
 
 const AT_KNOWN: usize = 0x000;
@@ -32,7 +32,7 @@ const SERVO_PERIOD_BIT: u32 = 3;
 const FIRMWARE_BIT: u32 = 9;
 const BOARD_TYPE_BIT: u32 = 10;
 
-/// What is known about the board; `None` is not known.
+/// What is known about the board; `None`: unknown.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Identity {
     /// Board family: 1 PMAC, 2 PMAC2, 3 Turbo PMAC, 4 Turbo PMAC2.
@@ -75,13 +75,13 @@ pub const fn first_motors(count: u32) -> u32 {
 }
 
 impl Identity {
-    /// The number of the last motor that is reported; 0: none is. A report has a block for each motor up to this one.
+    /// The number of the last reported motor; 0: none. A report has a block for each motor up to this one.
     #[must_use]
     pub fn reported_motors(&self) -> Option<u32> {
         self.motor_mask.map(|mask| u32::BITS - mask.leading_zeros())
     }
 
-    /// The identity as the board region's payload.
+    /// Encodes the board region's payload.
     #[must_use]
     pub fn encode(&self) -> [u8; BYTES] {
         let mut bytes = [0; BYTES];
@@ -129,7 +129,7 @@ impl Identity {
         bytes
     }
 
-    /// Reads the board region's payload back; `None` if it is too short. What a later version appended is ignored.
+    /// Decodes the board region's payload; `None` if it is too short. Ignores what a later version appended.
     #[must_use]
     pub fn decode(bytes: &[u8]) -> Option<Self> {
         let bytes = bytes.first_chunk::<BYTES>()?;

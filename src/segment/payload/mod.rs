@@ -1,9 +1,9 @@
-//! What a sample of each region carries: one file a region, with its offsets, its encoder and its decoder.
+//! The payload of each region: one file each, with offsets, encoder and decoder.
 //!
 //! | region | file | payload |
 //! |---|---|---|
-//! | servo, background, panel | [`blocks`] | the board's 16-bit words as they were; where each number's block lies |
-//! | board | [`identity`] | who the board is |
+//! | servo, background, panel | [`blocks`] | the board's 16-bit words unchanged; where each block lies |
+//! | board | [`identity`] | the board's identity |
 //! | variable | [`variable`] | registers of the user's choice |
 //! | gather | [`gather`] | gathered samples |
 

@@ -1,5 +1,5 @@
-//! The variable region: registers of the user's choice, as PMAC copies them in the background. `docs/segment.md` has the table of its
-//! payload.
+//! The variable region: registers of the user's choice, copied by PMAC in the background. `docs/segment.md` has the
+//! table of its payload.
 
 use crate::format::{join32, split32};
 use crate::map::{PmacRegister, VariableKind};
@@ -8,14 +8,14 @@ use crate::map::{PmacRegister, VariableKind};
 const HEADER_WORDS: usize = 4;
 /// 16-bit words of an entry.
 const ENTRY_WORDS: usize = 8;
-/// The bits of an address that stand in the entry's first word.
+/// The address bits in the entry's first word.
 const LOW_ADDRESS_BITS: u32 = 16;
-/// Where the rest of the address begins in the entry's second word.
+/// Where the remaining address bits begin in the entry's second word.
 const HIGH_ADDRESS_SHIFT: u32 = 8;
-/// The rest of the address, three bits.
+/// The remaining address bits.
 const HIGH_ADDRESS_MASK: u16 = 0b111;
 
-/// 16-bit words of a payload with so many entries.
+/// 16-bit words of a payload with `entries` entries.
 #[must_use]
 pub const fn payload_words(entries: usize) -> usize {
     HEADER_WORDS.saturating_add(entries.saturating_mul(ENTRY_WORDS))
@@ -26,16 +26,16 @@ pub const fn payload_words(entries: usize) -> usize {
 pub struct Variable {
     /// The register's PMAC address, up to 19 bits.
     pub address: u32,
-    /// What lies there.
+    /// The kind of register.
     pub kind: VariableKind,
     /// How many values were taken since the table was set up (modulo 2^32); 0: none yet.
     pub updates: u32,
-    /// The value as the board held it: one long of a word, two of the others, the Y half first.
+    /// The value unchanged: one long for a word, two for the other kinds, the Y half first.
     pub longs: [u32; 2],
 }
 
 impl Variable {
-    /// The longs that its kind has.
+    /// The longs that this kind has.
     #[must_use]
     pub fn value(&self) -> &[u32] {
         self.longs.get(..self.kind.words() / 2).unwrap_or(&[])
@@ -57,7 +57,7 @@ impl Variable {
         ]
     }
 
-    /// `None` for a kind that is not known here.
+    /// `None` for an unknown kind.
     fn decode([address, kind, updates_low, updates_high, a, b, c, d]: [u16; ENTRY_WORDS]) -> Option<Self> {
         let high = kind >> HIGH_ADDRESS_SHIFT & HIGH_ADDRESS_MASK;
         Some(Self {
@@ -69,17 +69,17 @@ impl Variable {
     }
 }
 
-/// What PMAC copies at present, and the values. All are of one background pass of the board.
+/// What PMAC copies at present, and the values, all from one background pass of the board.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct VariableTable {
-    /// Another number when the table is another.
+    /// Number of the table; changes with each new one.
     pub number: u32,
-    /// The entries; those of a kind that is not known here are left out.
+    /// The entries, without those of an unknown kind.
     pub variables: Vec<Variable>,
 }
 
-/// Writes the payload of table `number` to `payload` and returns how many words it has. Entries for which there is no
-/// room are left out. Allocates nothing.
+/// Writes the payload of table `number` to `payload` and returns its length in words. Leaves out entries that do not
+/// fit. Allocates nothing.
 pub fn encode(number: u32, variables: impl Iterator<Item = Variable>, payload: &mut [u16]) -> usize {
     let Some((header, rest)) = payload.split_first_chunk_mut::<HEADER_WORDS>() else { return 0 };
     let mut count = 0;
@@ -93,7 +93,7 @@ pub fn encode(number: u32, variables: impl Iterator<Item = Variable>, payload: &
 }
 
 impl VariableTable {
-    /// Reads a payload; `None` when it ends before its last entry does.
+    /// Decodes a payload; `None` when it ends before its last entry.
     #[must_use]
     pub fn decode(words: &[u16]) -> Option<Self> {
         let (&[low, high, count_low, count_high], _) = words.split_first_chunk::<HEADER_WORDS>()?;
@@ -103,13 +103,13 @@ impl VariableTable {
         Some(Self { number: join32(low, high), variables })
     }
 
-    /// Whether this is table `number` or a later one. Numbers begin again after 2^32 tables.
+    /// Whether this is table `number` or a later one. Numbers wrap after 2^32 tables.
     #[must_use]
     pub const fn has_come_to(&self, number: u32) -> bool {
         self.number.wrapping_sub(number).cast_signed() >= 0
     }
 
-    /// The value of `register`, when it is in the table and has one.
+    /// The value of `register`, when the table holds it and has a value.
     #[must_use]
     pub fn value_of(&self, register: PmacRegister) -> Option<&Variable> {
         let wanted = (register.address().number, register.kind());
