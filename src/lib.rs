@@ -22,7 +22,7 @@
 //!
 //! | layer | modules |
 //! |---|---|
-//! | 0 | [`mod@format`]: numbers and text as DPRAM holds them · [`clock`]: the time, real or a test's · [`usage`]: how programs refuse a command line · [`process`]: how they end with their parent |
+//! | 0 | [`mod@format`]: numbers and text as DPRAM holds them · [`clock`]: the time, real or a test's · [`usage`]: how programs refuse a command line · [`process`]: how they end with their parent, a way through a descriptor |
 //! | 1 | [`map`]: what lies where · [`decode`]: words to named values · [`setup`]: calculators, what to send to a board · [`rotary`]: motion programs as binary commands · [`gather`]: what is gathered and what it says · [`protocol`]: the command socket's messages |
 //! | 2 | [`device`]: the bus, its kinds and decorators, the interrupt |
 //! | 3 | [`function`]: the host's half of each automatic function |
@@ -42,8 +42,8 @@
 //!   decode them.
 //! * `unsafe` lives in `device/board/mapping.rs`, `segment/memory.rs` and `segment/wide_copy.rs`. Memory that another agent writes
 //!   is mapped through `memmap2::MmapRaw` only, so that no reference or slice into it can come to be.
-//! * Only [`map`] knows an address in the DPRAM. Only [`device`] knows a path in `/dev` or `/sys`, but for the directory
-//!   of shared-memory objects, [`segment::DIRECTORY`].
+//! * Only [`map`] knows an address in the DPRAM. Only [`device`] knows a path in `/dev`, `/sys` or `/proc`, but for the
+//!   directory of shared-memory objects, [`segment::DIRECTORY`], and that of open files, [`process::DESCRIPTORS`].
 //! * Nothing panics by `unwrap`, `expect`, `panic!` or their kin outside tests. No file has more than 600 lines.
 //!
 //! Kept by the tests named:
@@ -96,7 +96,6 @@ pub mod gather;
 pub mod map;
 #[cfg(feature = "daemon")]
 pub mod mirror;
-#[cfg(any(feature = "daemon", feature = "sim"))]
 pub mod process;
 pub mod protocol;
 pub mod rotary;

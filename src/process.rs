@@ -1,10 +1,21 @@
 //! Process control that all programs of this package share (layer 0).
 
 use std::io;
+use std::os::fd::{AsRawFd, BorrowedFd};
+use std::path::{Path, PathBuf};
 
 use nix::sys::prctl::set_pdeathsig;
 use nix::sys::signal::Signal;
 use nix::unistd::{Pid, getppid};
+
+/// Where the kernel shows what this process has open.
+pub const DESCRIPTORS: &str = "/proc/self/fd";
+
+/// A path to what `descriptor` has open, wherever its name leads by now, and also if it never had one.
+#[must_use]
+pub fn path_of(descriptor: BorrowedFd<'_>) -> PathBuf {
+    Path::new(DESCRIPTORS).join(descriptor.as_raw_fd().to_string())
+}
 
 /// Has the kernel send SIGTERM to this process when its parent, process `parent`, ends for whatever reason.
 ///

@@ -76,8 +76,10 @@ fn lacks_right(error: &(dyn Error + 'static)) -> bool {
 impl From<SegmentError> for Failure {
     fn from(error: SegmentError) -> Self {
         let status = match &error {
-            SegmentError::InUse { .. } => UNAVAILABLE,
-            SegmentError::ForeignOwner { .. } => NO_PERMISSION,
+            // Who has the name may go away.
+            SegmentError::InUse { .. }
+            | SegmentError::ForeignOwner { .. }
+            | SegmentError::Occupied { .. } => UNAVAILABLE,
             SegmentError::Spec { .. } => SOFTWARE,
             other if lacks_right(other) => NO_PERMISSION,
             _ => SYSTEM,
@@ -132,7 +134,9 @@ mod tests {
     #[test]
     fn what_starting_again_cannot_mend_has_the_numbers_the_unit_names() {
         let foreign = SegmentError::ForeignOwner { path: "/dev/shm/pmac0".into(), uid: 7 };
-        assert_eq!(Failure::from(foreign).status, 77);
+        assert_eq!(Failure::from(foreign).status, 69);
+        let occupied = SegmentError::Occupied { path: "x".into(), why: "y" };
+        assert_eq!(Failure::from(occupied).status, 69);
         assert_eq!(Failure::from(SegmentError::InUse { path: "x".into(), pid: None }).status, 69);
         assert_eq!(Failure::from(ListenError::Foreign("x".into())).status, 78);
         assert_eq!(Failure::from(ListenError::Served("x".into())).status, 69);

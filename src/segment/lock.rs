@@ -108,8 +108,7 @@ pub(super) fn check_replaceable(path: &Path) -> Result<bool, SegmentError> {
         return Err(SegmentError::ForeignOwner { path: path.to_owned(), uid: there.uid() });
     }
     if !there.is_file() {
-        let why = "it is not a regular file; remove it".to_owned();
-        return Err(SegmentError::Malformed { path: path.to_owned(), why });
+        return Err(SegmentError::Occupied { path: path.to_owned(), why: "it is not a regular file" });
     }
     Ok(true)
 }
@@ -139,8 +138,18 @@ impl NameLock {
                 return Err(SegmentError::InUse { pid: pid_in(&mut file), path });
             }
             if leads_to(&path, &file) {
+                let there = file.metadata().map_err(SegmentError::io("look at", &path))?;
+                if there.nlink() > 1 {
+                    // Somebody gave this name to a file of ours, which keeps its own.
+                    std::fs::remove_file(&path).map_err(SegmentError::io("remove the link", &path))?;
+                    continue;
+                }
+                if there.len() > 0 && pid_in(&mut file).is_none() {
+                    return Err(SegmentError::Occupied { path, why: "it is no lock of pmacd" });
+                }
                 // The pid serves only the error message of a second daemon; failing to write it is no reason to stop.
-                let _ = file.set_len(0).and_then(|()| writeln!(file, "{}", std::process::id()));
+                let cleared = file.set_len(0).and_then(|()| file.rewind());
+                let _ = cleared.and_then(|()| writeln!(file, "{}", std::process::id()));
                 return Ok(Self { file, path });
             }
         }
@@ -213,9 +222,9 @@ mod tests {
         let directory = tempfile::tempdir().unwrap();
         let pipe = directory.path().join("pipe");
         nix::unistd::mkfifo(&pipe, nix::sys::stat::Mode::S_IRWXU).unwrap();
-        assert!(matches!(NameLock::take(pipe), Err(SegmentError::Malformed { .. })));
+        assert!(matches!(NameLock::take(pipe), Err(SegmentError::Occupied { .. })));
         let link = directory.path().join("link");
         std::os::unix::fs::symlink("/etc/passwd", &link).unwrap();
-        assert!(matches!(NameLock::take(link), Err(SegmentError::Malformed { .. })));
+        assert!(matches!(NameLock::take(link), Err(SegmentError::Occupied { .. })));
     }
 }

@@ -34,6 +34,7 @@ pub mod layout;
 mod lock;
 mod memory;
 pub mod name;
+mod newborn;
 pub mod payload;
 mod placement;
 pub mod publish;
@@ -95,6 +96,14 @@ pub enum SegmentError {
         path: PathBuf,
         /// Its owner.
         uid: u32,
+    },
+    /// Something is in the way that this program did not make.
+    #[error("{} is in the way: {why}. It is left alone: move it away, or choose another --name", path.display())]
+    Occupied {
+        /// The object in the way.
+        path: PathBuf,
+        /// Why it is not replaced.
+        why: &'static str,
     },
     /// Users other than its owner may write to the object.
     #[error("{} can be written by others than its owner (mode {mode:03o}); it must not be: chmod go-w", path.display())]

@@ -3,6 +3,7 @@
 //! A name is a plain file name, so that it works in `/dev/shm`, in `/run/pmacd` and as a unit's instance name alike.
 //! The leading slash of POSIX shared-memory names is optional and dropped.
 
+use std::ffi::OsStr;
 use std::fmt;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
@@ -51,9 +52,16 @@ impl SegmentName {
         directory.join(&self.0)
     }
 
-    /// The segment while it is being built. No segment name begins with a dot, so this one collides with none.
-    pub(super) fn temporary(&self, directory: &Path) -> PathBuf {
-        directory.join(format!(".{}.new", self.0))
+    /// The segment just before it gets its name. No segment name begins with a dot, so this one collides with none.
+    pub(super) fn temporary(&self, directory: &Path, random: u64) -> PathBuf {
+        directory.join(format!(".{}.{random:016x}.new", self.0))
+    }
+
+    /// Whether [`Self::temporary`] makes such names.
+    pub(super) fn is_temporary(&self, file_name: &OsStr) -> bool {
+        let random =
+            |text: &str| Some(text.strip_prefix(&format!(".{}.", self.0))?.strip_suffix(".new")?.len());
+        file_name.to_str().and_then(random) == Some(16)
     }
 
     /// The lock on the name.
@@ -87,6 +95,9 @@ mod tests {
         assert_eq!(SegmentName::new("/pmac0").unwrap().to_string(), "/pmac0");
         let name = SegmentName::new("rig-2_a.b").unwrap();
         assert_eq!(name.object(Path::new("/x")), Path::new("/x/rig-2_a.b"));
+        let temporary = name.temporary(Path::new("/x"), 0xAB);
+        assert!(name.is_temporary(temporary.file_name().unwrap()), "{temporary:?}");
+        assert!(!SegmentName::new("rig-2_a").unwrap().is_temporary(temporary.file_name().unwrap()));
     }
 
     #[test]

@@ -12,6 +12,7 @@ use super::header::{self, Geometry};
 use super::layout::*;
 use super::lock::{self, NameLock};
 use super::memory::WriteMap;
+use super::newborn::{Newborn, clear_leftovers};
 use super::placement::{CreateOptions, Placement};
 use super::ring::{Ring, Words, WordsMut};
 use super::sample::Stamp;
@@ -55,33 +56,24 @@ impl Publisher {
         let lock = NameLock::take(options.name.lock(&options.directory))?;
         let previous = retire(&path)?;
 
-        // We own the name, so a file of the temporary name comes from a process that died while it built its segment.
-        let temporary = options.name.temporary(&options.directory);
-        if lock::check_replaceable(&temporary)? {
-            std::fs::remove_file(&temporary)
-                .map_err(SegmentError::io("remove the unfinished", &temporary))?;
-        }
-        let file = lock::create(&temporary).map_err(SegmentError::io("create", &temporary))?;
-        let mut publisher = Self::build(options, &placement, file, lock, previous)
-            .and_then(|publisher| {
-                std::fs::rename(&temporary, &path).map_err(SegmentError::io("put in place", &path))?;
-                Ok(publisher)
-            })
-            .inspect_err(|_| {
-                let _ = std::fs::remove_file(&temporary);
-            })?;
-        publisher.path = path;
+        // The name is ours, so whatever bears a temporary name of it was left by a process that died.
+        clear_leftovers(&options.name, &options.directory);
+        let newborn = Newborn::create(&options.name, &options.directory);
+        let newborn = newborn.map_err(SegmentError::io("create", &path))?;
+        let file = newborn.file().try_clone().map_err(SegmentError::io("create", &path))?;
+        let publisher = Self::build(options, &placement, path.clone(), file, lock, previous)?;
+        newborn.put_at(&path).map_err(SegmentError::io("put in place", &path))?;
         Ok(publisher)
     }
 
     fn build(
         options: &CreateOptions,
         placement: &Placement,
+        path: PathBuf,
         file: File,
         lock: NameLock,
         previous: u64,
     ) -> Result<Self, SegmentError> {
-        let path = options.name.object(&options.directory);
         let fail = |what| SegmentError::io(what, &path);
         if !lock::try_hold(&file).map_err(fail("lock"))? {
             return Err(SegmentError::InUse { path, pid: None });
@@ -332,7 +324,11 @@ fn retire(path: &Path) -> Result<u64, SegmentError> {
     };
     let word = |offset: usize| words[offset / WORD];
     if lock::is_held(&file).map_err(SegmentError::io("probe", path))? {
-        // Its owner lives: somebody removed only the lock file of its name.
+        if file.metadata().map_err(SegmentError::io("look at", path))?.nlink() > 1 {
+            log::warn!("replacing {}, another name of a segment that lives", path.display());
+            return Ok(0);
+        }
+        // Its owner lives, and only the lock on its name is gone: someone removed it.
         return Err(SegmentError::InUse {
             path: path.to_owned(),
             pid: u32::try_from(word(AT_OWNER_PID)).ok(),

@@ -334,7 +334,8 @@ fn only_the_map_knows_addresses() {
 fn only_the_device_layer_knows_paths_of_devices() {
     let named = |line: &str| {
         let found = ["\"/dev", "\"/sys", "\"/proc"].iter().any(|path| line.contains(path));
-        (found && !line.contains("const DIRECTORY: &str = \"/dev/shm\"")).then(|| line.trim().to_owned())
+        let may = ["const DIRECTORY: &str = \"/dev/shm\"", "const DESCRIPTORS: &str = \"/proc/self/fd\""];
+        (found && !may.iter().any(|line_of| line.contains(line_of))).then(|| line.trim().to_owned())
     };
     let shipped = shipped();
     let elsewhere = shipped.iter().filter(|source| source.module() != "device");

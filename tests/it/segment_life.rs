@@ -210,7 +210,7 @@ fn a_clean_stop_is_seen_and_the_next_start_is_another_generation() {
 #[test]
 fn a_segment_left_unfinished_is_cleared_away() {
     let directory = tempfile::tempdir().unwrap();
-    let unfinished = directory.path().join(".pmac0.new");
+    let unfinished = directory.path().join(".pmac0.0123456789abcdef.new");
     std::fs::write(&unfinished, b"half a segment").unwrap();
     let leftover = directory.path().join("pmac0");
     std::fs::write(&leftover, b"not a segment at all").unwrap();
@@ -225,7 +225,7 @@ fn a_segment_left_unfinished_is_cleared_away() {
 #[test]
 #[ignore = "needs root, to give files to another user"]
 fn as_root_an_object_of_a_foreign_owner_is_left_alone_and_not_believed() {
-    for what in ["pmac0", "pmac0.lock", ".pmac0.new"] {
+    for what in ["pmac0", "pmac0.lock"] {
         let directory = tempfile::tempdir().unwrap();
         let path = directory.path().join(what);
         std::fs::write(&path, b"theirs").unwrap();
@@ -240,6 +240,55 @@ fn as_root_an_object_of_a_foreign_owner_is_left_alone_and_not_believed() {
     chown(publisher.path(), Some(12345), None).unwrap();
     let error = Subscriber::attach_in(directory.path(), &name()).err().unwrap().to_string();
     assert!(error.contains("user 12345"), "{error}");
+}
+
+#[test]
+fn b4_2_a_squatted_name_does_not_keep_pmacd_away() {
+    let directory = tempfile::tempdir().unwrap();
+    let squats = [".pmac0.new", ".pmac0.0123456789abcdef.new", ".pmac0.lock"];
+    for squat in squats {
+        // What nobody can remove but who made it: the sticky bit gives /dev/shm that, a directory with something in it gives it here.
+        std::fs::create_dir_all(directory.path().join(squat).join("mine")).unwrap();
+    }
+    let publisher = Publisher::create(&options(directory.path(), regions())).unwrap();
+    attach(directory.path());
+    drop(publisher);
+    assert_eq!(
+        std::fs::read_dir(directory.path()).unwrap().count(),
+        squats.len(),
+        "nothing of others is touched"
+    );
+}
+
+#[test]
+fn b4_2_hard_links_to_files_of_pmacd_are_cleared_away() {
+    let directory = tempfile::tempdir().unwrap();
+    let precious = directory.path().join("precious");
+    std::fs::write(&precious, b"a board").unwrap();
+    std::fs::hard_link(&precious, directory.path().join("pmac0.lock")).unwrap();
+    let mut other = options(directory.path(), regions());
+    other.name = "pmac1".parse().unwrap();
+    let other = Publisher::create(&other).unwrap();
+    std::fs::hard_link(other.path(), directory.path().join("pmac0")).unwrap();
+
+    let publisher = Publisher::create(&options(directory.path(), regions())).unwrap();
+    assert_eq!(attach(directory.path()).generation(), publisher.generation());
+    assert_eq!(std::fs::read(&precious).unwrap(), b"a board");
+    let other = Subscriber::attach_in(directory.path(), &"pmac1".parse().unwrap()).unwrap();
+    assert_eq!(other.condition(), Condition::Init, "its own segment goes on");
+}
+
+#[test]
+fn b4_2_a_lock_that_is_none_is_left_alone() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("pmac0.lock");
+    std::fs::write(&path, b"notes").unwrap();
+    let error = Publisher::create(&options(directory.path(), regions())).err().unwrap();
+    assert!(
+        matches!(error, SegmentError::Occupied { .. }) && error.to_string().contains("pmac0.lock"),
+        "{error}"
+    );
+    assert_eq!(std::fs::read(&path).unwrap(), b"notes");
 }
 
 #[test]

@@ -14,7 +14,7 @@ use nix::sys::stat::{FchmodatFlags, Mode, fchmodat, fstat, fstatat};
 use nix::unistd::{Gid, UnlinkatFlags, fchownat, unlinkat};
 
 use super::policy::{PolicyError, group_id};
-use crate::device::machine::descriptors::path_in;
+use crate::process::path_of;
 use crate::protocol::transport::connect;
 
 /// The socket cannot be put in its place.
@@ -114,7 +114,7 @@ impl Workshop {
     }
 
     fn bind(&self) -> io::Result<UnixListener> {
-        UnixListener::bind(path_in(self.directory.as_fd(), SOCKET))
+        UnixListener::bind(path_of(self.directory.as_fd()).join(SOCKET))
     }
 
     /// Sets mode and group; tells device and inode.

@@ -1,9 +1,8 @@
-//! Descriptors of this process: how many more the kernel gives it, and a way through one.
-
-use std::os::fd::{AsRawFd, BorrowedFd};
-use std::path::{Path, PathBuf};
+//! How many more descriptors the kernel gives this process.
 
 use nix::sys::resource::{Resource, getrlimit};
+
+use crate::process::DESCRIPTORS;
 
 /// What a process like this has open, where the kernel does not tell.
 const USUAL: usize = 32;
@@ -13,14 +12,8 @@ const USUAL: usize = 32;
 pub fn descriptors_left() -> usize {
     let limit = getrlimit(Resource::RLIMIT_NOFILE)
         .map_or(usize::MAX, |(soft, _)| usize::try_from(soft).unwrap_or(usize::MAX));
-    let open = std::fs::read_dir("/proc/self/fd").map_or(USUAL, Iterator::count);
+    let open = std::fs::read_dir(DESCRIPTORS).map_or(USUAL, Iterator::count);
     limit.saturating_sub(open)
-}
-
-/// A path to `name` in a directory that is open, wherever that directory's own name leads by now.
-#[must_use]
-pub fn path_in(directory: BorrowedFd<'_>, name: &str) -> PathBuf {
-    Path::new("/proc/self/fd").join(directory.as_raw_fd().to_string()).join(name)
 }
 
 #[cfg(test)]
