@@ -318,8 +318,11 @@ fn retire(path: &Path) -> Result<u64, SegmentError> {
         Err(error) => return Err(SegmentError::io("open the old", path)(error)),
     };
     let (words, length) = header::read(&file).map_err(SegmentError::io("read the old", path))?;
+    if words.first() != Some(&MAGIC) {
+        return Err(SegmentError::Occupied { path: path.to_owned(), why: "it is no segment" });
+    }
     let Ok(geometry) = Geometry::parse(&words, length) else {
-        // No reader can be attached to what is not a segment.
+        // No reader can be attached to a segment that is cut short.
         return Ok(0);
     };
     let word = |offset: usize| words[offset / WORD];

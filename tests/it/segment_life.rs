@@ -213,7 +213,7 @@ fn a_segment_left_unfinished_is_cleared_away() {
     let unfinished = directory.path().join(".pmac0.0123456789abcdef.new");
     std::fs::write(&unfinished, b"half a segment").unwrap();
     let leftover = directory.path().join("pmac0");
-    std::fs::write(&leftover, b"not a segment at all").unwrap();
+    std::fs::write(&leftover, b"PMACDPRM, and cut short").unwrap();
     let mut publisher = Publisher::create(&options(directory.path(), regions())).unwrap();
     publisher.publish(RegionId::Panel, now(), &[5]);
     assert!(!unfinished.exists());
@@ -276,6 +276,20 @@ fn b4_2_hard_links_to_files_of_pmacd_are_cleared_away() {
     assert_eq!(std::fs::read(&precious).unwrap(), b"a board");
     let other = Subscriber::attach_in(directory.path(), &"pmac1".parse().unwrap()).unwrap();
     assert_eq!(other.condition(), Condition::Init, "its own segment goes on");
+}
+
+#[test]
+fn b4_3_a_file_that_is_no_segment_is_refused_and_left_alone() {
+    for content in [&b""[..], b"a board's own memory", &[0; 0x4000]] {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("pmac0");
+        std::fs::write(&path, content).unwrap();
+        let error = Publisher::create(&options(directory.path(), regions())).err().unwrap();
+        assert!(matches!(error, SegmentError::Occupied { .. }), "{error}");
+        assert!(error.to_string().contains("/pmac0 is in the way: it is no segment"), "{error}");
+        assert_eq!(std::fs::read(&path).unwrap(), content);
+        assert_eq!(std::fs::read_dir(directory.path()).unwrap().count(), 1);
+    }
 }
 
 #[test]
