@@ -53,7 +53,7 @@ pub fn body(data: &[u8]) {
     let way = tape.u8();
     let mut bus = RamBus::new([0, 0, 0xFFFF, 0x8000][usize::from(way & 3)]);
     let layout = Layout::new(Family::by_name("pmac").unwrap(), None);
-    let plan = BufferLayout::new(&layout, BufferSettings::default()).expect("the default plan fits");
+    let plan = BufferLayout::new(&layout, &BufferSettings::default()).expect("the default plan fits");
     let now = Instant::now();
     let order = if way & 4 == 0 { TextOrder::LowFirst } else { TextOrder::HighFirst };
     let reading = if way & 8 == 0 { ServoReading::Optimistic } else { ServoReading::Handshake };

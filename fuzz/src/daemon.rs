@@ -94,7 +94,7 @@ pub fn body(data: &[u8]) {
         let mut tape = Tape::new(data);
         let way = tape.u8();
         let layout = Layout::new(Family::by_name("pmac").unwrap(), None);
-        let plan = BufferLayout::new(&layout, BufferSettings::default()).expect("the default plan fits");
+        let plan = BufferLayout::new(&layout, &BufferSettings::default()).expect("the default plan fits");
         let time = ManualTime::at(BEGIN_NS);
         let (clock, now) = (time.clock(), time.clock().now());
         let order = if way & 4 == 0 { TextOrder::LowFirst } else { TextOrder::HighFirst };

@@ -2,8 +2,9 @@
 //!
 //! The host alone places the tables of the background variable functions and the binary rotary buffers, and must keep
 //! them apart (DPRAM manual p. 25). The gather buffer begins where the firmware has it, at the bottom, and its length
-//! changes from one gathering to the next. So the others are placed from the top downwards: rotary 1, rotary 2,
-//! variable read, variable write; what lies between is for the user. Each can be given a place of its own instead.
+//! changes from one gathering to the next. So the others are placed from the top downwards: the rotary buffers, the
+//! first one on top, variable read, variable write. What lies between is for the user. Each can be given a place of its
+//! own instead.
 
 use std::fmt;
 
@@ -15,8 +16,28 @@ use super::{Family, HostOffset, Layout, Region};
 /// 16-bit words of the data of one variable-read entry at most: a long register's.
 pub const VARIABLE_READ_DATA_WORDS: usize = 4;
 
+/// The names of the rotary buffers: as many as any family has headers for.
+const ROTARY: [&str; 16] = [
+    "rotary_1",
+    "rotary_2",
+    "rotary_3",
+    "rotary_4",
+    "rotary_5",
+    "rotary_6",
+    "rotary_7",
+    "rotary_8",
+    "rotary_9",
+    "rotary_10",
+    "rotary_11",
+    "rotary_12",
+    "rotary_13",
+    "rotary_14",
+    "rotary_15",
+    "rotary_16",
+];
+
 /// Sizes of the buffers in the user area, and places for those that shall not lie where the plan puts them.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Deserialize, serde::Serialize)]
+#[derive(Debug, Clone, PartialEq, Eq, serde::Deserialize, serde::Serialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct BufferSettings {
     /// Longs (32 bits) kept for gathering, from the gather buffer's start on.
@@ -25,14 +46,15 @@ pub struct BufferSettings {
     pub variable_read_entries: u32,
     /// Records the variable-write table has room for, 0-32.
     pub variable_write_records: u32,
-    /// Longs of the two rotary buffers, each 0 (none) or even and at least 6.
-    pub rotary_longs: [u32; 2],
+    /// Longs of the rotary buffers, the first one's first, each 0 (none) or even and at least 6. Buffers beyond the list
+    /// have none.
+    pub rotary_longs: Vec<u32>,
     /// PMAC address of the variable-read table; 0 where the plan puts it.
     pub variable_read_start: u32,
     /// PMAC address of the variable-write records; 0 where the plan puts them.
     pub variable_write_start: u32,
-    /// PMAC addresses of the two rotary buffers; 0 where the plan puts them.
-    pub rotary_start: [u32; 2],
+    /// PMAC addresses of the rotary buffers; 0, or beyond the list, where the plan puts them.
+    pub rotary_start: Vec<u32>,
 }
 
 impl Default for BufferSettings {
@@ -42,10 +64,10 @@ impl Default for BufferSettings {
             gather_longs: 0x5C0,
             variable_read_entries: VARIABLE_READ_ENTRIES as u32,
             variable_write_records: VARIABLE_WRITE_RECORDS as u32,
-            rotary_longs: [0x200; 2],
+            rotary_longs: vec![0x200; 2],
             variable_read_start: 0,
             variable_write_start: 0,
-            rotary_start: [0; 2],
+            rotary_start: vec![0; 2],
         }
     }
 }
@@ -79,6 +101,16 @@ pub enum BufferLayoutError {
         size: u32,
         /// What can be had.
         allowed: &'static str,
+    },
+    /// A list of rotary buffers that is longer than the board has.
+    #[error("{setting} lists {listed} buffers; the board has {there_are}")]
+    TooMany {
+        /// The list.
+        setting: &'static str,
+        /// Its length.
+        listed: usize,
+        /// How many rotary buffers the board has.
+        there_are: usize,
     },
 }
 
@@ -118,7 +150,7 @@ impl Extent {
 pub enum Owner {
     /// A function with a fixed place: panel, servo, background, ASCII, or the buffers' headers.
     Fixed(&'static Region),
-    /// A buffer in the user area: `gather`, `variable_read`, `variable_write`, `rotary_1` or `rotary_2`.
+    /// A buffer in the user area: `gather`, `variable_read`, `variable_write`, or `rotary_1` and so on.
     Buffer(Region),
     /// Below a gather buffer that the firmware moved: its index lies here, and nothing tells what else.
     Firmware(Region),
@@ -165,12 +197,12 @@ pub enum NotUserArea {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BufferLayout {
     family: &'static Family,
-    settings: BufferSettings,
     firmware: Region,
     gather: Region,
     variable_read: Region,
     variable_write: Region,
-    rotary: [Region; 2],
+    /// Beyond the board's headers: of no length.
+    rotary: [Region; ROTARY.len()],
 }
 
 impl BufferLayout {
@@ -178,52 +210,47 @@ impl BufferLayout {
     ///
     /// # Errors
     /// A size that cannot be, a buffer that leaves the user area, two that overlap.
-    pub fn new(layout: &Layout, settings: BufferSettings) -> Result<Self, BufferLayoutError> {
-        check_sizes(&settings)?;
+    pub fn new(layout: &Layout, settings: &BufferSettings) -> Result<Self, BufferLayoutError> {
         let family = layout.family();
+        check_sizes(settings, family)?;
         let area = family.user_area;
         let gather_start = layout.gather().buffer;
-        let rows: [(&str, u32, u32); 4] = [
-            ("rotary_1", settings.rotary_longs[0], settings.rotary_start[0]),
-            ("rotary_2", settings.rotary_longs[1], settings.rotary_start[1]),
-            ("variable_read", read_longs(settings.variable_read_entries), settings.variable_read_start),
-            ("variable_write", write_longs(settings.variable_write_records), settings.variable_write_start),
-        ];
         let mut top = area.end.bytes();
-        let mut placed = [area; 4];
-        for (region, (name, longs, start)) in placed.iter_mut().zip(rows) {
+        let mut place = |name, longs: u32, start: u32| {
             let outside = || outside(name, family, area);
             let start = match start {
                 0 => {
-                    top = top.checked_sub(4 * longs).ok_or_else(outside)?;
+                    top =
+                        longs.checked_mul(4).and_then(|bytes| top.checked_sub(bytes)).ok_or_else(outside)?;
                     top
                 }
                 number => {
                     4 * number.checked_sub(family.base).filter(|&n| n < family.length).ok_or_else(outside)?
                 }
             };
-            *region = region_at(name, start, longs, area).ok_or_else(outside)?;
+            region_at(name, start, longs, area).ok_or_else(outside)
+        };
+        let listed = |list: &[u32], index: usize| list.get(index).copied().unwrap_or_default();
+        let mut rotary = ROTARY.map(|name| Region::new(name, area.end, area.end));
+        for (index, (region, name)) in rotary.iter_mut().zip(ROTARY).enumerate() {
+            let longs = listed(&settings.rotary_longs, index);
+            *region = place(name, longs, listed(&settings.rotary_start, index))?;
         }
-        let [rotary_1, rotary_2, variable_read, variable_write] = placed;
+        let read_longs = read_longs(settings.variable_read_entries);
+        let variable_read = place("variable_read", read_longs, settings.variable_read_start)?;
+        let write_longs = write_longs(settings.variable_write_records);
+        let variable_write = place("variable_write", write_longs, settings.variable_write_start)?;
         let gather = region_at("gather", gather_start.bytes(), settings.gather_longs, area)
             .ok_or_else(|| outside("gather", family, area))?;
-        let layout = Self {
-            family,
-            settings,
-            firmware: Region::new("firmware", area.start, gather_start),
-            gather,
-            variable_read,
-            variable_write,
-            rotary: [rotary_1, rotary_2],
-        };
+        let firmware = Region::new("firmware", area.start, gather_start);
+        let layout = Self { family, firmware, gather, variable_read, variable_write, rotary };
         layout.check_overlap()?;
         Ok(layout)
     }
 
     fn check_overlap(&self) -> Result<(), BufferLayoutError> {
-        let buffers = self.buffers();
-        for (index, &first) in buffers.iter().enumerate() {
-            for &second in &buffers[..index] {
+        for (index, first) in self.buffers().enumerate() {
+            for second in self.buffers().take(index) {
                 let both = first.words() > 0 && second.words() > 0;
                 if both && first.start < second.end && second.start < first.end {
                     let [first, second] = [second, first].map(|region| Extent::of(self.family, region));
@@ -235,21 +262,14 @@ impl BufferLayout {
     }
 
     /// Every buffer, those of no length and the firmware's words below the gather buffer included.
-    fn buffers(&self) -> [Region; 6] {
-        let [rotary_1, rotary_2] = self.rotary;
-        [self.firmware, self.gather, self.variable_read, self.variable_write, rotary_1, rotary_2]
+    fn buffers(&self) -> impl Iterator<Item = Region> {
+        [self.firmware, self.gather, self.variable_read, self.variable_write].into_iter().chain(self.rotary)
     }
 
     /// The family of the board.
     #[must_use]
     pub const fn family(&self) -> &'static Family {
         self.family
-    }
-
-    /// The sizes and places it was made from.
-    #[must_use]
-    pub const fn settings(&self) -> BufferSettings {
-        self.settings
     }
 
     /// The words kept for gathering.
@@ -265,7 +285,7 @@ impl BufferLayout {
         if !(1..=self.family.i.longest_gather_sample()).contains(&sample_longs) {
             return None;
         }
-        let samples = self.settings.gather_longs / sample_longs;
+        let samples = self.gather.words() as u32 / 2 / sample_longs;
         (samples > 0).then_some(samples * sample_longs)
     }
 
@@ -282,7 +302,7 @@ impl BufferLayout {
         let longs = longs.div_ceil(sample_longs.max(1)).saturating_mul(sample_longs.max(1));
         let gather = region_at("gather", start.bytes(), longs, self.family.user_area)
             .ok_or_else(|| outside("gather", self.family, self.family.user_area))?;
-        for other in self.buffers().into_iter().filter(|other| other.name != "gather") {
+        for other in self.buffers().filter(|other| other.name != "gather") {
             let apart =
                 gather.end.bytes() <= other.start.bytes() || other.end.bytes() <= gather.start.bytes();
             if !apart && other.words() > 0 {
@@ -305,19 +325,19 @@ impl BufferLayout {
         self.variable_write
     }
 
-    /// The two rotary buffers.
+    /// The rotary buffers, as many as the board has headers.
     #[must_use]
-    pub const fn rotary(&self) -> [Region; 2] {
-        self.rotary
+    pub fn rotary(&self) -> &[Region] {
+        &self.rotary[..self.family.rotary.headers.len().min(ROTARY.len())]
     }
 
-    /// Checks that rotary buffer `index` (0 or 1) may lie at `start` with `longs` longs: in its own place, or where
+    /// Checks that rotary buffer `index` (from 0) may lie at `start` with `longs` longs: in its own place, or where
     /// nothing else is planned. What lies outside the DPRAM is not judged here.
     ///
     /// # Errors
     /// [`NotUserArea::Owned`], which names the first word that belongs to something else.
     pub fn check_rotary(&self, index: usize, start: HostOffset, longs: u32) -> Result<(), NotUserArea> {
-        let own = self.rotary.get(index);
+        let own = self.rotary().get(index);
         let words = usize::try_from(longs.min(self.family.length / 4)).unwrap_or_default() * 2;
         let offsets = (0..words).map(|word| start.plus_words(word));
         let mut owners = offsets.filter_map(|offset| Some((offset, self.classify(offset)?)));
@@ -332,11 +352,11 @@ impl BufferLayout {
     /// What is left to the user, ascending.
     #[must_use]
     pub fn user_regions(&self) -> Vec<Region> {
-        let mut buffers = self.buffers();
+        let mut buffers: Vec<_> = self.buffers().filter(|buffer| buffer.words() > 0).collect();
         buffers.sort_by_key(|region| region.start);
         let mut regions = Vec::new();
         let mut next = self.family.user_area.start;
-        for buffer in buffers.into_iter().filter(|buffer| buffer.words() > 0) {
+        for buffer in buffers {
             if next < buffer.start {
                 regions.push(Region::new("user", next, buffer.start));
             }
@@ -357,7 +377,7 @@ impl BufferLayout {
         if self.firmware.contains(offset) {
             return Some(Owner::Firmware(self.firmware));
         }
-        let buffer = self.buffers().into_iter().find(|region| region.contains(offset));
+        let buffer = self.buffers().find(|region| region.contains(offset));
         Some(buffer.map_or(Owner::User, Owner::Buffer))
     }
 
@@ -401,7 +421,7 @@ impl BufferLayout {
     }
 }
 
-fn check_sizes(settings: &BufferSettings) -> Result<(), BufferLayoutError> {
+fn check_sizes(settings: &BufferSettings, family: &Family) -> Result<(), BufferLayoutError> {
     let size = |buffer, size, allowed| Err(BufferLayoutError::Size { buffer, size, allowed });
     if settings.variable_read_entries as usize > VARIABLE_READ_ENTRIES {
         return size("variable_read", settings.variable_read_entries, "a table has 0 to 128 entries");
@@ -409,7 +429,15 @@ fn check_sizes(settings: &BufferSettings) -> Result<(), BufferLayoutError> {
     if settings.variable_write_records as usize > VARIABLE_WRITE_RECORDS {
         return size("variable_write", settings.variable_write_records, "a table has 0 to 32 records");
     }
-    for (buffer, longs) in ["rotary_1", "rotary_2"].into_iter().zip(settings.rotary_longs) {
+    let there_are = family.rotary.headers.len();
+    for (setting, list) in
+        [("rotary_longs", &settings.rotary_longs), ("rotary_start", &settings.rotary_start)]
+    {
+        if list.len() > there_are {
+            return Err(BufferLayoutError::TooMany { setting, listed: list.len(), there_are });
+        }
+    }
+    for (buffer, &longs) in ROTARY.into_iter().zip(&settings.rotary_longs) {
         if longs != 0 && (longs < 6 || !longs.is_multiple_of(2)) {
             return size(buffer, longs, "a rotary buffer has 0 or an even number of longs, at least 6");
         }

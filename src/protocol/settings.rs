@@ -71,7 +71,10 @@ mod tests {
         assert_eq!(settings.gather.position, GatherPosition::Moved);
         assert_eq!(settings.gather.size_word, GatherSizeWord::AsPrinted);
         assert_eq!(settings.variables.mode, VariablesMode::MultiUser);
-        assert_eq!((settings.plan.rotary_start, settings.plan.gather_longs), ([0xDE00, 0], 0x5C0));
+        assert_eq!(
+            (settings.plan.rotary_start.as_slice(), settings.plan.gather_longs),
+            ([0xDE00, 0].as_slice(), 0x5C0)
+        );
         assert_eq!(settings.rotary.exponent_bias, 30);
         let json = serde_json::to_string(&settings).unwrap();
         assert_eq!(serde_json::from_str::<BoardSettings>(&json).unwrap(), settings);

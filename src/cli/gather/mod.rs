@@ -108,7 +108,7 @@ fn gather(context: &mut Context, options: &Gather, output: &Path) -> Result<Verd
         .collect::<Result<_, _>>()
         .map_err(Failure::request)?;
     let sample_longs = sources.iter().map(|source| source.register.longs()).sum();
-    let kept = BufferLayout::new(&layout, settings.plan).map_err(Failure::request)?;
+    let kept = BufferLayout::new(&layout, &settings.plan).map_err(Failure::request)?;
     let family = layout.family();
     let servo_enable = ask(&mut connection, family.i.servo_enable)?;
     if servo_enable == "1" {

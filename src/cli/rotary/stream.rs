@@ -71,11 +71,13 @@ pub fn run(context: &mut Context, options: &Stream) -> Result<Verdict, Failure> 
     let of_the_daemon = board.settings()?;
     let mut settings = options.format.over(&of_the_daemon.rotary)?;
     // A line that the buffer can never hold is found now and not in the middle of the program.
-    let all_kept = of_the_daemon.plan.rotary_longs;
-    let Some(&kept) = all_kept.get(usize::from(options.buffer) - 1) else {
-        let text = format!("--buffer {}: the board has 1 to {}", options.buffer, all_kept.len());
+    let buffers = family.rotary.headers.len();
+    if usize::from(options.buffer) > buffers {
+        let text = format!("--buffer {}: the board has 1 to {buffers}", options.buffer);
         return Err(Failure::Request(text));
-    };
+    }
+    let kept = of_the_daemon.plan.rotary_longs.get(usize::from(options.buffer) - 1);
+    let kept = kept.copied().unwrap_or_default();
     if kept == 0 && options.size.is_none() {
         return Err(Failure::Request(format!(
             "the daemon keeps no room for rotary buffer {}; say where with --start and --size, or set rotary_longs in its \

@@ -81,7 +81,7 @@ fn plan(
 ) -> Result<BufferLayout, String> {
     let gather = settings.gather;
     let layout = Layout::with_gather(family, firmware, gather.position, gather.size_word);
-    BufferLayout::new(&layout, settings.plan).map_err(|error| format!("[plan] {error}"))
+    BufferLayout::new(&layout, &settings.plan).map_err(|error| format!("[plan] {error}"))
 }
 
 #[cfg(test)]
