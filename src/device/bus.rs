@@ -1,19 +1,19 @@
-//! The bus to the board: exact-width access, one word at a time.
+//! The bus to the board: accesses of exact width, one word at a time.
 
 use crate::map::HostOffset;
 
-/// How wide a read of a board's data may be. Control words are always read and written by 16 bits.
+/// The maximum width of a read of a board's data. Control words are always accessed by 16 bits.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Access {
-    /// 16 bits, as the DPRAM is: right on every bus.
+    /// 16 bits, the width of the DPRAM: right on every bus.
     #[default]
     Bits16,
-    /// 32 bits where two words lie in one aligned location: half the bus transactions on PCI, where the target or a bridge
-    /// makes two device cycles of each. Not confirmed on a card.
+    /// 32 bits where two words share an aligned location. Halves the bus transactions on PCI, where the target or a
+    /// bridge splits each into two device cycles. Not confirmed on a card.
     Bits32,
 }
 
-/// A failure to reach a word of the board.
+/// Why a word of the board cannot be reached.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum BusError {
@@ -22,17 +22,17 @@ pub enum BusError {
     OutOfRange {
         /// The first word's offset.
         offset: HostOffset,
-        /// How many words were asked for.
+        /// Number of words requested.
         words: usize,
         /// The window's length in bytes.
         length: usize,
     },
 }
 
-/// Exact-width access to a board's DPRAM.
+/// Access of exact width to a board's DPRAM.
 ///
-/// Every method that reads takes each word with one 16-bit access, in ascending order, once; none falls back to
-/// another width, and none returns data it did not read. Only [`Bus::read_data`] may take two words at once.
+/// Every method that reads takes each word once, in ascending order, by one 16-bit access. None falls back to another
+/// width, and none returns data that it did not read. Only [`Bus::read_data`] may take two words at once.
 pub trait Bus: Send {
     /// The length of the window in bytes.
     fn length(&self) -> usize;
@@ -55,9 +55,9 @@ pub trait Bus: Send {
     /// [`BusError::OutOfRange`] when a word lies outside the window; nothing has been read then.
     fn read_block(&mut self, first: HostOffset, words: &mut [u16]) -> Result<(), BusError>;
 
-    /// Reads `words.len()` consecutive words, ascending, each exactly once, and tells by how many bus accesses: where the
-    /// board was said to take it, two words that lie in one aligned 32-bit location are one. For data alone, which PMAC
-    /// owns while they are read; never for a word by which host and PMAC hand something over.
+    /// Reads `words.len()` consecutive words, ascending, each exactly once, and returns the number of bus accesses.
+    /// Where the board takes 32 bits, two words in one aligned 32-bit location cost one access. Only for data that PMAC
+    /// leaves alone meanwhile, never for a word of a handshake.
     ///
     /// # Errors
     /// [`BusError::OutOfRange`] when a word lies outside the window; nothing has been read then.
@@ -66,27 +66,27 @@ pub trait Bus: Send {
         Ok(words.len())
     }
 
-    /// Orders the reads before this call before every access after it.
+    /// Orders earlier reads before all later accesses.
     fn order_reads(&mut self);
 
-    /// Orders the writes before this call before the writes after it.
+    /// Orders earlier writes before later writes.
     fn order_writes(&mut self);
 }
 
-/// Whether a board is there at all. Asked about once a second; none of it counts as access to the board's words.
+/// Whether a board is there at all. Called about once a second; does not count as access to the board's words.
 pub trait Presence {
-    /// Whether the memory behind the window is still the board's: a simulated board may have been replaced.
+    /// Whether the window still maps the board: a simulated board may have been replaced.
     fn still_there(&self) -> bool {
         true
     }
 
-    /// Whether something answers on the bus: where no board is, every word reads as ones.
+    /// Whether something answers on the bus: without a board, every word reads as ones.
     fn answers(&mut self) -> bool {
         true
     }
 }
 
-/// A board that was opened: its words, and whether it is still there.
+/// An open board: its words, and whether it is still there.
 pub trait Board: Bus + Presence {}
 
 impl<B: Bus + Presence> Board for B {}

@@ -1,4 +1,5 @@
-//! The bus to the board (layer 2): the trait, the kinds of boards, decorators, the interrupt, and what the machine tells.
+//! The bus to the board (layer 2): the trait, the kinds of boards, decorators, the interrupt, and facts about the
+//! machine.
 
 pub mod board;
 mod bus;

@@ -1,4 +1,4 @@
-//! For tests: a machine made of ordinary files in a directory of its own.
+//! For tests: a machine made of ordinary files in its own directory.
 
 use std::fs;
 use std::os::unix::fs::PermissionsExt;
@@ -6,7 +6,7 @@ use std::path::PathBuf;
 
 use crate::device::machine::system::System;
 
-/// The files, gone when this is dropped.
+/// The files; removed on drop.
 pub struct FakeSystem {
     directory: tempfile::TempDir,
     /// The machine.
@@ -21,7 +21,7 @@ impl FakeSystem {
         Self { directory, system }
     }
 
-    /// Where a file lies.
+    /// The path of a file.
     pub fn path(&self, path: &str) -> PathBuf {
         self.directory.path().join(path)
     }
@@ -31,7 +31,7 @@ impl FakeSystem {
         let path = self.path(path);
         fs::create_dir_all(path.parent().unwrap()).unwrap();
         fs::write(&path, content).unwrap();
-        // As the kernel makes nodes, whatever this process's umask is.
+        // With the mode that the kernel gives nodes, whatever this process's umask.
         fs::set_permissions(path, fs::Permissions::from_mode(0o600)).unwrap();
     }
 

@@ -1,16 +1,16 @@
 //! Byte registers beside the DPRAM: the VME mailboxes in a mapped window, the ISA host port in I/O space.
 //!
-//! These are not memory: a read or a write of one acts, so each is one access of exactly 8 bits.
+//! Registers are not memory: reading or writing one has an effect. So each is accessed once, by exactly 8 bits.
 
 use std::fs::{File, OpenOptions};
 use std::os::unix::fs::FileExt;
 
 use crate::device::board::mapping::Mapping;
 
-/// Where Linux shows the I/O space of a PC as a file; a byte read from or written to it is one 8-bit access.
+/// A PC's I/O space as a file; reading or writing a byte is one 8-bit access.
 pub(in crate::device) const PORT_NODE: &str = "/dev/port";
 
-/// A failure to reach a byte register.
+/// Why a byte register cannot be reached.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ByteBusError {
@@ -27,12 +27,12 @@ pub enum ByteBusError {
     Io {
         /// The register's offset.
         offset: u32,
-        /// What the kernel said.
+        /// The kernel's error.
         source: std::io::Error,
     },
 }
 
-/// Access to byte registers, each with one 8-bit access.
+/// Access to byte registers, each by one 8-bit access.
 pub trait ByteBus: Send {
     /// Reads the register `offset` bytes from the window's start.
     ///
@@ -46,7 +46,7 @@ pub trait ByteBus: Send {
     /// When it lies outside the window or cannot be reached.
     fn write8(&mut self, offset: u32, value: u8) -> Result<(), ByteBusError>;
 
-    /// Orders the accesses before this call before those after it.
+    /// Orders all earlier accesses before all later ones.
     fn order_accesses(&mut self);
 }
 
@@ -79,8 +79,8 @@ impl<B: ByteBus + ?Sized> ByteBus for Box<B> {
     }
 }
 
-/// Registers on the other byte lane: a bridge that swaps the two bytes of a word shows an odd register at the even
-/// address below it.
+/// Registers on the other byte lane: a bridge that swaps the bytes of a word shows an odd register at the even address
+/// below it.
 pub struct EvenLane<B>(pub B);
 
 impl<B: ByteBus> ByteBus for EvenLane<B> {
@@ -95,7 +95,7 @@ impl<B: ByteBus> ByteBus for EvenLane<B> {
     }
 }
 
-/// Registers in the I/O space of a PC. Needs the right to do raw I/O; nothing else on the machine may use them.
+/// Registers in a PC's I/O space. Needs the right to do raw I/O; nothing else on the machine may use them.
 pub struct PortRegisters {
     file: File,
     base: u16,
@@ -140,7 +140,7 @@ impl ByteBus for PortRegisters {
             .map_err(|source| ByteBusError::Io { offset, source })
     }
 
-    /// Nothing to do: each access has ended when the kernel returns.
+    /// Does nothing: an access is complete when the kernel returns.
     fn order_accesses(&mut self) {}
 }
 

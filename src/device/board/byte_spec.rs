@@ -1,5 +1,5 @@
-//! Where byte registers lie, as it is written in a configuration, and how they are opened: the VME mailboxes in a mapped
-//! window, the ISA host port in I/O space, or a file in which another process stands for them.
+//! Where byte registers are, as a configuration writes it, and how to open them: the VME mailboxes in a mapped window,
+//! the ISA host port in I/O space, or a file in which another process simulates either.
 
 use std::fmt;
 use std::fs::OpenOptions;
@@ -15,19 +15,19 @@ use crate::device::machine::inherited::Inherited;
 use crate::device::machine::system::{System, number};
 use crate::device::{ByteBus, ByteBusError, PortRegisters};
 
-/// Where a window of byte registers begins.
+/// The place of a window of byte registers.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ByteSpec {
     place: BytePlace,
-    /// Where in the place the registers begin, in bytes.
+    /// Offset of the registers in that place, in bytes.
     offset: u64,
 }
 
 #[derive(Debug, Clone, PartialEq, Eq)]
 enum BytePlace {
-    /// A file in which a simulator stands for the registers.
+    /// A file in which a simulator provides the registers.
     File(PathBuf),
-    /// The I/O space of a PC.
+    /// A PC's I/O space.
     Ports(u16),
     /// Mapped memory.
     Window(Place),
@@ -87,11 +87,11 @@ impl fmt::Display for ByteSpec {
     }
 }
 
-/// Opens the `length` byte registers `spec` says (of the VME mailboxes 0x200, of the host port 16). Descriptors handed
-/// over are used before nodes are opened.
+/// Opens the `length` byte registers of `spec` (VME mailboxes: 0x200, host port: 16). Prefers a descriptor handed over
+/// to opening the node.
 ///
 /// # Errors
-/// [`OpenError`]: what was refused, why, and what to do.
+/// [`OpenError`]: what failed, why, and what to do.
 pub fn open_bytes(
     spec: &ByteSpec,
     length: usize,
@@ -127,12 +127,11 @@ pub fn open_bytes(
     }
 }
 
-/// Registers of the host port: its I/O addresses.
+/// Number of the host port's I/O addresses.
 const HOST_PORT_LENGTH: usize = 16;
-/// The register that reads other than it is written.
+/// The register that reads back another value than was written.
 const COMMAND: u32 = 8;
-/// Where a simulated host port takes what is written to it: its file cannot tell that a byte was written that has not
-/// changed.
+/// Where a simulated host port takes commands: its file cannot show that the same byte was written again.
 const SIMULATED_COMMAND: u32 = 12;
 
 /// Opens the registers of a host port.

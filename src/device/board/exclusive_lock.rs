@@ -1,4 +1,4 @@
-//! A board has one host: a lock on the open file that leads to it keeps a second `pmacd` away for as long as it is open.
+//! A board has one host: the lock on its open file keeps a second `pmacd` away as long as the file is open.
 
 use std::fs::File;
 use std::io;
@@ -6,7 +6,7 @@ use std::io;
 use nix::errno::Errno;
 use nix::fcntl::{FcntlArg, fcntl};
 
-/// Locks `file`, which must be open for writing; `false` when another open file has it.
+/// Locks `file`, which must be open for writing; `false` when another open file holds the lock.
 pub(in crate::device) fn lock(file: &File) -> io::Result<bool> {
     let whole = libc::flock {
         l_type: libc::F_WRLCK as libc::c_short,

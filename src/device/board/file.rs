@@ -20,7 +20,7 @@ pub enum FileBoardError {
     Open {
         /// The file.
         path: PathBuf,
-        /// What the kernel said.
+        /// The kernel's error.
         source: std::io::Error,
     },
     /// Not a regular file.
@@ -34,12 +34,12 @@ pub enum FileBoardError {
     Length {
         /// The file.
         path: PathBuf,
-        /// Its length.
+        /// Its length in bytes.
         found: u64,
-        /// The length it needs.
+        /// The length needed.
         expected: usize,
     },
-    /// Another host works on it.
+    /// Another host uses it.
     #[error("{path} is the board of another running pmacd; a board has one host: stop that one first")]
     InUse {
         /// The file.
@@ -51,9 +51,10 @@ pub enum FileBoardError {
 pub struct FileBoard {
     mapping: Mapping,
     path: PathBuf,
-    /// Device and inode of what is mapped, to notice when the path leads elsewhere.
+    /// Device and inode of the mapped file, to notice that the path names another one.
     identity: (u64, u64),
-    /// Held for life: two hosts on one board take each other's replies and clear each other's flags.
+    /// Held as long as the board is open: two hosts on one board take each other's replies and clear each other's
+    /// flags.
     _lock: Option<File>,
 }
 
@@ -61,7 +62,8 @@ impl FileBoard {
     /// Maps the first `length` bytes of the file at `path`.
     ///
     /// # Errors
-    /// When the path is no regular file of that length, cannot be opened for reading and writing, or has a host already.
+    /// When the path is no regular file of that length, cannot be opened for reading and writing, or has a host
+    /// already.
     pub fn open(path: &Path, length: usize) -> Result<Self, FileBoardError> {
         let open_error = |source| FileBoardError::Open { path: path.to_owned(), source };
         let kind = std::fs::metadata(path).map_err(open_error)?.file_type();
@@ -77,7 +79,7 @@ impl FileBoard {
                 expected: length,
             });
         }
-        // Of another kind than the lock by which a simulator keeps a second simulator away, so the two do not meet.
+        // Another kind of lock than the one that keeps a second simulator away, so the two do not interfere.
         if !exclusive_lock::lock(&file).map_err(open_error)? {
             return Err(FileBoardError::InUse { path: path.to_owned() });
         }
@@ -85,16 +87,16 @@ impl FileBoard {
         Ok(Self { mapping, path: path.to_owned(), identity: identity(&metadata), _lock: Some(file) })
     }
 
-    /// The same board, whose data are read by accesses up to so wide.
+    /// The same board, with data read by accesses of up to this width.
     #[must_use]
     pub fn with_access(self, access: Access) -> Self {
         Self { mapping: self.mapping.with_access(access), ..self }
     }
 
-    /// The same board reached through an open `file`, for tests that have no path.
+    /// The same board through an open `file`, for tests that have no path.
     ///
     /// # Errors
-    /// What `mmap` reports.
+    /// The error of `mmap`.
     pub fn from_file(file: &File, length: usize) -> std::io::Result<Self> {
         Ok(Self {
             mapping: Mapping::new(file, 0, length)?,

@@ -1,5 +1,5 @@
-//! Mapped memory as a bus: what every board that is mapped does alike. Each word is one access, ascending, once; of data
-//! two words are one access where the board takes 32 bits.
+//! Mapped memory as a bus, for every kind of board that is mapped. Reads each word once, in ascending order, by one
+//! access; reads two words of data by one access where the board takes 32 bits.
 
 use crate::device::board::mapping::Mapping;
 use crate::device::{Access, Bus, BusError};
@@ -91,7 +91,8 @@ mod tests {
     use proptest::prelude::*;
 
     proptest! {
-        /// Whatever the alignment of window and block: the same words by 32 bits as by 16, each aligned pair by one access.
+        /// At every alignment of window and block, 32-bit reads give the same words as 16-bit reads, each aligned pair
+        /// by one access.
         #[test]
         fn wide_reads_give_the_same_words(
             content in prop::collection::vec(any::<u16>(), 64),
@@ -114,12 +115,12 @@ mod tests {
                 prop_assert_eq!((read, wide.accesses()), ((None, None), 0));
             } else {
                 prop_assert_eq!(&by_32, &content[first..first + count]);
-                // An odd word before the first aligned pair, and one behind the last.
+                // One odd word may precede the first aligned pair, and one may follow the last.
                 let before = ((start + first) % 2).min(count);
                 let accesses = before + (count - before).div_ceil(2);
                 prop_assert_eq!(read, (Some(count), Some(accesses)));
                 prop_assert_eq!((narrow.accesses() - written, wide.accesses()), (count as u64, accesses as u64));
-                // Words whose bytes a bridge exchanges are never read two at a time.
+                // Words whose bytes a bridge swaps are never read two at a time.
                 let mut swapped = WordSwapped(window().with_access(Access::Bits32));
                 prop_assert_eq!(swapped.read_data(first_word, &mut by_32).ok(), Some(count));
                 by_32.iter_mut().for_each(|word| *word = word.swap_bytes());

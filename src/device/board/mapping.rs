@@ -1,10 +1,9 @@
-//! The board's memory in our address space: the only mapping of hardware, and every access to it; and the descriptors
-//! this process was started with.
+//! The only mapping of hardware, and every access to it; and the descriptors that this process inherited.
 //!
-//! What another agent writes is never behind a reference or a slice. Each access is one instruction of exactly
-//! 16 bits on an aligned address, of 32 bits where the board is said to take them, or of 8 bits for byte registers: a
-//! compiler may fuse or split a volatile access, a 16-bit bus may not stand for it, and an emulated board decodes only
-//! plain moves.
+//! The board writes this memory, too, so no reference or slice points to it. Each access is one instruction on an
+//! aligned address, of exactly 16 bits; of 32 bits where the board takes them; of 8 bits for byte registers. It is
+//! written in assembly: a compiler may fuse or split a volatile access, a 16-bit bus may not tolerate that, and an
+//! emulated board decodes only plain moves.
 #![allow(unsafe_code)]
 
 use std::fs::File;
@@ -19,17 +18,17 @@ use crate::device::Access;
 /// A mapped window of a board's memory, `length` bytes long and 2-byte aligned.
 pub struct Mapping {
     map: MmapRaw,
-    /// Where the window starts inside the page-aligned mapping.
+    /// Start of the window in the page-aligned mapping.
     skip: usize,
     length: usize,
     access: Access,
 }
 
 impl Mapping {
-    /// Maps `length` bytes of `file` from byte `offset` on. The offset need not be page-aligned, but must be even.
+    /// Maps `length` bytes of `file` from byte `offset` on. The offset must be even; it need not be page-aligned.
     ///
     /// # Errors
-    /// What `mmap` reports, or `InvalidInput` for an odd offset or an empty window.
+    /// The error of `mmap`, or `InvalidInput` for an odd offset or an empty window.
     pub fn new(file: &File, offset: u64, length: usize) -> io::Result<Self> {
         if !offset.is_multiple_of(2) || length == 0 {
             return Err(io::Error::new(
@@ -43,11 +42,11 @@ impl Mapping {
         Self::within(file, offset - skip, skip as usize, length)
     }
 
-    /// Maps `length` bytes that begin `skip` bytes behind the place `start` of `file`. A UIO device's `start` says which
-    /// of its maps is meant, so the window may lie pages behind it.
+    /// Maps `length` bytes that begin `skip` bytes behind the place `start` of `file`. A UIO device's `start` selects
+    /// one of its maps, so the window may begin pages behind it.
     ///
     /// # Errors
-    /// What `mmap` reports, or `InvalidInput` for an odd `skip`, an empty window, or one that is too long.
+    /// The error of `mmap`, or `InvalidInput` for an odd `skip` and for a window that is empty or too long.
     pub fn within(file: &File, start: u64, skip: usize, length: usize) -> io::Result<Self> {
         let total = skip.checked_add(length).filter(|_| skip.is_multiple_of(2) && length > 0);
         let total = total.ok_or_else(|| {
@@ -58,13 +57,13 @@ impl Mapping {
         Ok(Self { map, skip, length, access: Access::Bits16 })
     }
 
-    /// The same window, whose data are read by accesses up to so wide.
+    /// The same window, with data read by accesses of up to this width.
     #[must_use]
     pub fn with_access(self, access: Access) -> Self {
         Self { access, ..self }
     }
 
-    /// How wide a read of data may be.
+    /// The maximum width of a read of data.
     #[must_use]
     pub fn access(&self) -> Access {
         self.access
@@ -86,19 +85,17 @@ impl Mapping {
         })
     }
 
-    /// Reads the word at byte `offset` and the next one by one access of 32 bits, or `None` when its address is no multiple
-    /// of 4 or the window ends before.
+    /// Reads the word at byte `offset` and the next one by one 32-bit access; `None` when its address is no multiple of
+    /// 4 or the window ends before.
     #[inline]
     #[must_use]
     pub fn read32(&self, offset: usize) -> Option<[u16; 2]> {
         let end = offset.checked_add(4).filter(|end| *end <= self.length)?;
         let word = self.word(end - 4).filter(|_| (self.skip + offset).is_multiple_of(4))?;
-        // SAFETY: `word` lies in the mapping, which lives as long as `self`, and so do the 4 bytes from there on, for their
-        // end was compared with the window's. A mapping begins on a page, so `skip + offset` is the address's alignment.
+        // SAFETY: `word` lies in the mapping, which lives as long as `self`, and so do the 4 bytes from there on: the
+        // window's end was checked. A mapping begins on a page, so `skip + offset` has the address's alignment.
         let pair = unsafe { load32(word.cast()) };
-        // The half at the lower address is the first word on machines of either byte order.
-        let [a, b, c, d] = pair.to_ne_bytes();
-        Some([u16::from_ne_bytes([a, b]), u16::from_ne_bytes([c, d])])
+        Some(crate::format::split32(pair))
     }
 
     /// Writes the word at byte `offset`; `None` when it is odd or outside the window.
@@ -106,7 +103,8 @@ impl Mapping {
     #[must_use]
     pub fn write16(&self, offset: usize, value: u16) -> Option<()> {
         self.word(offset).map(|word| {
-            // SAFETY: `word` gives only aligned addresses inside the mapping, which is writable and lives as long as `self`.
+            // SAFETY: `word` gives only aligned addresses inside the mapping, which is writable and lives as long as
+            // `self`.
             unsafe { store16(word, value) }
         })
     }
@@ -134,7 +132,7 @@ impl Mapping {
     /// Orders earlier reads before later ones.
     #[inline]
     pub fn order_reads(&self) {
-        // On x86 uncached reads stay in order and this only holds the compiler; elsewhere it is a load barrier.
+        // On x86 uncached reads stay in order and this binds only the compiler; elsewhere it is a load barrier.
         fence(Ordering::Acquire);
         #[cfg(target_arch = "aarch64")]
         // SAFETY: a barrier instruction touches no memory. The fence above orders inner-shareable memory only.
@@ -180,14 +178,14 @@ pub fn page_bytes() -> u64 {
     page.and_then(|page| u64::try_from(page).ok()).unwrap_or(4096)
 }
 
-/// Descriptors given out by [`inherited`], one bit each.
+/// Descriptors that [`inherited`] has given out, one bit each.
 static GIVEN_OUT: AtomicU64 = AtomicU64::new(0);
 
-/// The open descriptor `number` (3 to 63) that this process was started with, closed in programs it starts. Each is
-/// given out once, so that it has one owner.
+/// The open descriptor `number` (3 to 63) that this process inherited, set to close in child programs. Gives out each
+/// number once, so that it has one owner.
 ///
-/// To be called only for a number that the service manager named as handed over to this very process, which is a
-/// promise that nothing else in it owns the descriptor.
+/// Call it only for a number that the service manager handed over to this very process: that promises that nothing else
+/// in the process owns the descriptor.
 pub(in crate::device) fn inherited(number: RawFd) -> Option<OwnedFd> {
     let bit =
         u32::try_from(number).ok().filter(|number| (3..64).contains(number)).map(|number| 1 << number)?;
@@ -198,8 +196,8 @@ pub(in crate::device) fn inherited(number: RawFd) -> Option<OwnedFd> {
     if unsafe { libc::fcntl(number, libc::F_SETFD, libc::FD_CLOEXEC) } < 0 {
         return None;
     }
-    // SAFETY: the descriptor is open, by the service manager's promise nobody else in this process owns it, and the bit
-    // above keeps it from being given out twice.
+    // SAFETY: the descriptor is open; the service manager promises that nothing else in this process owns it; and the
+    // bit above keeps it from being given out twice.
     Some(unsafe { OwnedFd::from_raw_fd(number) })
 }
 

@@ -1,7 +1,7 @@
 //! `mem:`: physical memory through /dev/mem, for boards at a fixed bus address (ISA, a VME bridge's window).
 //!
-//! The window is mapped exactly, uncached (`O_SYNC`), and the descriptor is closed again: whoever holds it may map all
-//! of the machine.
+//! Maps exactly the window, uncached (`O_SYNC`), and closes the descriptor again: it would give access to all of the
+//! machine's memory.
 
 use std::fs::{File, OpenOptions};
 use std::io;
@@ -19,18 +19,18 @@ use crate::device::machine::inherited::Inherited;
 use crate::device::machine::kernel::{Claim, Lockdown, claim, may_do_raw_io};
 use crate::device::machine::system::System;
 
-/// The node of physical memory.
+/// The node for physical memory.
 const NODE: &str = "/dev/mem";
-/// The name of the descriptor that may be handed over instead.
+/// The name of the descriptor that a service manager may hand over instead.
 pub const HANDED_OVER: &str = "mem";
-/// Below 1 MiB the processor's fixed ranges decide about caching, whatever a mapping asks for.
+/// Below 1 MiB the processor's fixed memory types decide about caching, whatever a mapping asks for.
 #[cfg(target_arch = "x86_64")]
 const FIXED_RANGES: u64 = 0x10_0000;
 
 /// Maps `length` bytes of physical memory from `address` on.
 ///
 /// # Errors
-/// [`OpenError`], which tells missing permission, capability, lockdown and the two STRICT_DEVMEM apart.
+/// [`OpenError`], which distinguishes a missing permission, a missing capability, lockdown and the two STRICT_DEVMEM.
 pub fn map(
     system: &System,
     inherited: &Inherited,
@@ -50,17 +50,17 @@ pub fn map(
     Mapping::new(&file, address, length).map_err(|error| refuse(map_refused(system, range, error)))
 }
 
-/// What would keep this process from opening /dev/mem, found without opening it.
+/// Checks without opening /dev/mem whether this process may open it.
 ///
 /// # Errors
-/// The reason, with what to do.
+/// The reason why not, with what to do.
 pub fn may_open(system: &System) -> Result<(), Why> {
     let path = Path::new(NODE);
     let refused = |errno| Err(raw_node_refused(system, path, io::Error::from_raw_os_error(errno)));
     if let Err(errno) = access(&system.path(path), AccessFlags::R_OK | AccessFlags::W_OK) {
         return refused(errno as i32);
     }
-    // The kernel asks for these at opening, and answers EPERM.
+    // The kernel checks these when the node is opened, and answers EPERM.
     if Lockdown::of(system).mode().is_some() || !may_do_raw_io(system) {
         refused(libc::EPERM)
     } else {
@@ -71,12 +71,12 @@ pub fn may_open(system: &System) -> Result<(), Why> {
 fn open(system: &System) -> Result<File, Why> {
     let path = Path::new(NODE);
     let mut options = OpenOptions::new();
-    // Without O_SYNC the kernel maps what it takes for memory cached.
+    // Without O_SYNC the kernel caches the mapping of what it takes for memory.
     options.read(true).write(true).custom_flags((OFlag::O_SYNC | OFlag::O_CLOEXEC).bits());
     options.open(system.path(path)).map_err(|error| raw_node_refused(system, path, error))
 }
 
-/// A descriptor somebody else opened has to be what the name says, writable, and uncached.
+/// A descriptor that was handed over must be /dev/mem, writable, and uncached.
 fn check_handed_over(file: &File, range: &Range<u64>) -> Result<(), Why> {
     let io =
         |source: io::Error| Why::Io { doing: "looking at the descriptor handed over".to_owned(), source };
@@ -101,7 +101,7 @@ fn check_handed_over(file: &File, range: &Range<u64>) -> Result<(), Why> {
     Ok(())
 }
 
-/// A file that stands for the memory must reach as far, or an access behind its end would kill the process.
+/// A file used in place of /dev/mem must reach to the window's end: an access beyond it would kill the process.
 fn check_length(file: &File, range: &Range<u64>) -> Result<(), Why> {
     match file.metadata() {
         Ok(metadata) if metadata.is_file() && metadata.len() < range.end => Err(Why::Unsuitable(format!(

@@ -1,4 +1,4 @@
-//! The kinds of boards, one a file, and what `--board` says.
+//! The kinds of boards, one file each, and the `--board` specification.
 
 pub mod byte;
 pub mod byte_spec;

@@ -1,4 +1,4 @@
-//! Opens a board in a slot: its window, and the interrupt it has itself.
+//! Opens a board in a slot: its window, and its own interrupt.
 
 use std::fs::File;
 
@@ -14,20 +14,19 @@ use crate::device::interrupt::uio::NoInterrupt;
 use crate::device::machine::inherited::Inherited;
 use crate::device::machine::system::System;
 
-/// A board that was opened.
+/// An open board.
 pub struct OpenedBoard {
-    /// Its words, and whether it is still there.
+    /// Access to its words, and whether it is still there.
     pub bus: Box<dyn Board>,
-    /// The interrupt of the very device that was opened; `None` when it is none that has one, or the specification
-    /// names another.
+    /// The interrupt of the device that was opened; `None` when that kind has none, or the specification names another.
     pub interrupt: Option<Result<Interrupt, NoInterrupt>>,
 }
 
-/// Opens the board `spec` says, with a DPRAM of `dpram` bytes, for this host alone. Descriptors handed over are used
-/// before nodes are opened.
+/// Opens the board of `spec`, with a DPRAM of `dpram` bytes, for this host alone. Prefers a descriptor handed over to
+/// opening the node.
 ///
 /// # Errors
-/// [`OpenError`]: what was refused, why, and what to do.
+/// [`OpenError`]: what failed, why, and what to do.
 pub fn open(
     spec: &WindowSpec,
     dpram: usize,
@@ -53,7 +52,7 @@ pub fn open(
     Ok(OpenedBoard { bus: Box::new(bus), interrupt })
 }
 
-/// Opens the window alone, beside a daemon that may have it, and leaves interrupts as they are.
+/// Opens only the window, even while a daemon uses the board, and leaves interrupts alone.
 ///
 /// # Errors
 /// As [`open`].
@@ -73,12 +72,12 @@ fn window_of(
     window(&spec.place, spec.offset, bytes, system, inherited)
 }
 
-/// What was mapped.
+/// A mapping and the files behind it.
 pub(in crate::device) struct Mapped {
     pub mapping: Mapping,
-    /// The file through which it was, unless it leads to more than the board (`/dev/mem`).
+    /// The file that was mapped, unless it gives access to more than the board (`/dev/mem`).
     node: Option<File>,
-    /// The file whose disappearance tells that the device went away.
+    /// The file whose disappearance shows that the device is gone.
     witness: Option<String>,
     uio: Option<UioDevice>,
 }

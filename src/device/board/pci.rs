@@ -1,7 +1,7 @@
 //! `pci:`: a board's memory through sysfs (`resourceN`), without a driver.
 //!
-//! Which BAR of a PMAC or PMAC2 is its DPRAM differs by generation (BAR0 and BAR2 are both known from working programs), so
-//! without a number the first memory BAR long enough is taken.
+//! Which BAR of a PMAC or PMAC2 is its DPRAM differs by generation (working programs use BAR0 and BAR2). Without a
+//! number the driver takes the first memory BAR that is long enough.
 
 use std::fmt;
 use std::fs::{File, OpenOptions};
@@ -20,13 +20,13 @@ use crate::device::machine::system::System;
 
 /// Base address registers a device can have.
 const BARS: u8 = 6;
-/// A resource's flags: it lies in memory, or in I/O space.
+/// The flag of a resource in memory; without it the resource is in I/O space.
 const MEMORY: u64 = 1 << 9;
 const PORTS: u64 = 1 << 8;
-/// The driver that only passes interrupts on, and so may stay bound.
+/// The driver that only passes on interrupts, and so may stay bound.
 pub(in crate::device) const INTERRUPTS_ONLY: &str = "uio_pci_generic";
 
-/// Where a device is on PCI: domain, bus, device and function.
+/// A device's place on PCI: domain, bus, device and function.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct PciAddress {
     domain: u16,
@@ -71,7 +71,7 @@ pub struct Bar {
     pub number: u8,
     /// Its addresses.
     pub range: Range<u64>,
-    /// Whether it lies in memory, else in I/O space.
+    /// Whether it is in memory, not in I/O space.
     pub is_memory: bool,
 }
 
@@ -90,23 +90,23 @@ impl fmt::Display for Bar {
     }
 }
 
-/// What sysfs says of a PCI device.
+/// What sysfs says about a PCI device.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct PciInfo {
     /// Where it is.
     pub address: PciAddress,
-    /// Who made it, and what it is.
+    /// Vendor and device number.
     pub id: (u16, u16),
-    /// The driver that has it.
+    /// The driver bound to it.
     pub driver: Option<String>,
-    /// The UIO device its driver made of it.
+    /// The UIO device that its driver created.
     pub uio: Option<String>,
-    /// Its memory and ports.
+    /// Its memory and I/O ports.
     pub bars: Vec<Bar>,
 }
 
 impl PciInfo {
-    /// What the kernel says of the device at `address`, or `None` when there is none.
+    /// What the kernel says about the device at `address`; `None` when there is none.
     #[must_use]
     pub fn of(system: &System, address: PciAddress) -> Option<Self> {
         let directory = directory(address);
@@ -128,14 +128,14 @@ impl PciInfo {
         })
     }
 
-    /// All PCI devices there are.
+    /// All PCI devices of the machine.
     #[must_use]
     pub fn all(system: &System) -> Vec<Self> {
         let names = system.names(PCI_DEVICES);
         names.iter().filter_map(|name| Self::of(system, name.parse().ok()?)).collect()
     }
 
-    /// The BAR to map: `number`, or the first in memory with at least `needed` bytes.
+    /// The BAR to map: `number`, or the first memory BAR with at least `needed` bytes.
     fn bar(&self, number: Option<u8>, needed: u64) -> Result<&Bar, Why> {
         let fits = |bar: &Bar| bar.is_memory && bar.size() >= needed;
         let found = match number {
@@ -159,16 +159,17 @@ impl PciInfo {
     }
 }
 
-/// The device's directory in sysfs, which is gone when it is.
+/// The device's directory in sysfs, which disappears with the device.
 #[must_use]
 pub fn directory(address: PciAddress) -> String {
     format!("{PCI_DEVICES}/{address}")
 }
 
-/// Maps `length` bytes of a memory BAR from `offset` on, and gives the file through which; without `bar`, of the first one that is long enough.
+/// Maps `length` bytes of a memory BAR from `offset` on, and returns the mapped file. Without `bar` takes the first BAR
+/// that is long enough.
 ///
 /// # Errors
-/// [`OpenError`] when there is no such device or BAR, a driver has it, or this user may not map it.
+/// [`OpenError`] when there is no such device or BAR, a driver is bound to it, or this user may not map it.
 pub fn map(
     system: &System,
     address: PciAddress,
@@ -196,7 +197,7 @@ pub fn map(
     let file = options
         .open(system.path(&path))
         .map_err(|error| refuse(sysfs_refused(system, &path, &bar.range, error)))?;
-    // A file of sysfs has the BAR's length; one that is shorter would not be mapped to its end.
+    // The file in sysfs has the BAR's length; a shorter one could not be mapped to the window's end.
     if file.metadata().is_ok_and(|metadata| metadata.len() < needed) {
         return Err(refuse(Why::Unsuitable(format!("{} is shorter than its BAR", path.display()))));
     }
@@ -206,7 +207,7 @@ pub fn map(
     }
 }
 
-/// Has the kernel switch the device's memory on, unless it is.
+/// Has the kernel enable the device's memory, unless it is enabled already.
 fn enable(system: &System, directory: &str) -> Result<(), Why> {
     let path = PathBuf::from(format!("{directory}/enable"));
     if system.number(&path).is_ok_and(|count| count > 0) {

@@ -1,4 +1,4 @@
-//! Why a board cannot be opened, each reason told apart, with what to do about it.
+//! Why a board cannot be opened, each reason by itself, with what to do.
 
 use std::io;
 use std::ops::Range;
@@ -8,18 +8,18 @@ use std::path::{Path, PathBuf};
 use crate::device::machine::kernel::{Lockdown, may_do_raw_io};
 use crate::device::machine::system::System;
 
-/// A board, or a part of it, that could not be opened.
+/// A board, or a part of it, that cannot be opened.
 #[derive(Debug, thiserror::Error)]
 #[error("cannot open {what}: {why}")]
 pub struct OpenError {
-    /// What was to be opened, as it is written in a specification.
+    /// The part of the specification that failed.
     pub what: String,
-    /// Why not, and what to do.
+    /// Why, and what to do.
     pub why: Why,
 }
 
 impl OpenError {
-    /// `what` could not be opened.
+    /// `what` cannot be opened.
     pub fn new(what: impl Into<String>, why: Why) -> Self {
         Self { what: what.into(), why }
     }
@@ -37,7 +37,7 @@ pub enum Why {
         /// What to do.
         cure: String,
     },
-    /// The file's mode keeps this user out.
+    /// The file's mode excludes this user.
     #[error("you may not read and write {path} ({}); {cure}", allowed.as_deref().unwrap_or("its mode cannot be seen"))]
     Permission {
         /// The file.
@@ -47,7 +47,7 @@ pub enum Why {
         /// What to do.
         cure: &'static str,
     },
-    /// /dev/mem asks for a capability.
+    /// Opening /dev/mem needs a capability.
     #[error(
         "the capability CAP_SYS_RAWIO is missing, without which the kernel opens {0} for nobody, whatever its mode; run as root, give the service AmbientCapabilities=CAP_SYS_RAWIO, or have the service manager hand the descriptor over (OpenFile=)"
     )]
@@ -57,7 +57,7 @@ pub enum Why {
         "the kernel is locked down (mode {0}, as with Secure Boot), which forbids {1}; reach the board through a UIO driver, which stays allowed, or switch Secure Boot off"
     )]
     Lockdown(String, &'static str),
-    /// Root and capable, and still refused.
+    /// The kernel refuses root with all capabilities.
     #[error(
         "the kernel refuses {0} although its mode and the capabilities allow it; in a service add DeviceAllow={0} rw and PrivateDevices=no, in a container pass the device in"
     )]
@@ -74,9 +74,9 @@ pub enum Why {
         span(range)
     )]
     Claimed {
-        /// The physical addresses asked for.
+        /// The physical addresses requested.
         range: Range<u64>,
-        /// By whom.
+        /// Who claims them.
         by: String,
     },
     /// STRICT_DEVMEM or IO_STRICT_DEVMEM.
@@ -94,12 +94,12 @@ pub enum Why {
     /// An inherited descriptor, or a device, is not what it should be.
     #[error("{0}")]
     Unsuitable(String),
-    /// The kernel said something else.
+    /// Any other error.
     #[error("{doing}: {source}")]
     Io {
-        /// What was done.
+        /// The operation that failed.
         doing: String,
-        /// What the kernel said.
+        /// The kernel's error.
         source: io::Error,
     },
 }
@@ -132,7 +132,7 @@ pub fn node_refused(
     }
 }
 
-/// Why /dev/mem, or the I/O ports, at `path` could not be opened.
+/// Why /dev/mem, or the node of the I/O ports, at `path` could not be opened.
 #[must_use]
 pub fn raw_node_refused(system: &System, path: &Path, error: io::Error) -> Why {
     if error.raw_os_error() == Some(libc::EPERM) {

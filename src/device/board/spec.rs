@@ -8,7 +8,7 @@ use crate::device::board::pci::PciAddress;
 use crate::device::machine::system::number;
 use crate::device::{Access, InterruptSource};
 
-/// The longest window that is mapped: no DPRAM is longer.
+/// The longest window to map: no DPRAM is longer.
 const LONGEST: u64 = 0x10_0000;
 
 /// What the user wrote after `--board`.
@@ -17,13 +17,13 @@ const LONGEST: u64 = 0x10_0000;
 pub enum BoardSpec {
     /// `sim`: start a simulator and use its memory.
     Simulator,
-    /// `file:PATH[,irq=SOURCE][,access=32]`: a file some other process treats as its DPRAM.
+    /// `file:PATH[,irq=SOURCE][,access=32]`: a file that another process uses as its DPRAM.
     File {
         /// The memory file.
         path: PathBuf,
-        /// Where its interrupt is announced, if anywhere.
+        /// Where its interrupts are announced, if anywhere.
         interrupt: Option<InterruptSource>,
-        /// How wide a read of its data may be.
+        /// The maximum width of a read of its data.
         access: Access,
     },
     /// A window of the machine's memory: a board in a slot.
@@ -35,13 +35,13 @@ pub enum BoardSpec {
 pub struct WindowSpec {
     /// What to map.
     pub place: Place,
-    /// Where in it the DPRAM begins, in bytes.
+    /// Offset of the DPRAM in that place, in bytes.
     pub offset: u64,
-    /// How many bytes of it are mapped; without this as many as the board's DPRAM has.
+    /// How many bytes to map; `None`: as many as the board's DPRAM has.
     pub length: Option<usize>,
-    /// Where its interrupt comes from; of a UIO board without this, from the same device.
+    /// The source of its interrupts; `None`: for a UIO board the same device.
     pub interrupt: Option<InterruptSource>,
-    /// How wide a read of its data may be.
+    /// The maximum width of a read of its data.
     pub access: Access,
 }
 
@@ -49,7 +49,7 @@ impl WindowSpec {
     /// How many bytes to map for a DPRAM of `dpram` bytes.
     ///
     /// # Errors
-    /// When the specification says fewer.
+    /// When the specification gives fewer.
     pub fn bytes(&self, dpram: usize) -> Result<usize, String> {
         match self.length {
             Some(length) if length < dpram => Err(format!(
@@ -60,7 +60,7 @@ impl WindowSpec {
     }
 }
 
-/// What a board's window is a part of.
+/// The memory that contains a board's window.
 #[derive(Debug, Clone, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Place {
@@ -77,15 +77,15 @@ pub enum Place {
     Pci {
         /// Where the device is.
         address: PciAddress,
-        /// Which BAR; the first that is long enough without it.
+        /// Which BAR; `None`: the first that is long enough.
         bar: Option<u8>,
     },
-    /// `vme:NODE`: a window of a VME bridge, as a node that maps.
+    /// `vme:NODE`: a window of a VME bridge, as a node that can be mapped.
     Vme(PathBuf),
 }
 
 impl Place {
-    /// The place a specification of this kind names, taking the options it has; `None` when it is no kind of place.
+    /// Parses a place of this kind and takes its options; `None` when the kind is no place.
     pub(in crate::device) fn parse(
         kind: &str,
         subject: &str,
@@ -131,7 +131,7 @@ pub struct SpecError {
 }
 
 impl BoardSpec {
-    /// How wide a read of its data may be.
+    /// The maximum width of a read of its data.
     #[must_use]
     pub const fn access(&self) -> Access {
         match self {
@@ -187,7 +187,7 @@ pub(in crate::device) struct Given {
 }
 
 impl Given {
-    /// What stands before the first comma, and the options behind it.
+    /// Splits `rest` into what precedes the first comma, and the options behind it.
     pub(in crate::device) fn split(rest: &str) -> Result<(&str, Self), String> {
         let mut parts = rest.split(',');
         let subject = parts.next().unwrap_or_default();
@@ -210,7 +210,7 @@ impl Given {
         Ok((subject, given))
     }
 
-    /// The window in `place`, taking the options every window has.
+    /// The window in `place`; takes the options that every window has.
     fn window(&mut self, place: Place) -> Result<WindowSpec, String> {
         let offset = self.offset.take().unwrap_or(0);
         let length = self.length.take();
@@ -219,13 +219,13 @@ impl Given {
         if start.checked_add(offset).and_then(|first| first.checked_add(longest)).is_none() {
             return Err("the window leaves the machine's addresses".to_owned());
         }
-        // A VME board is a slave of 16 bits.
+        // A VME board is a 16-bit slave.
         let access =
             if matches!(place, Place::Vme(_)) { None } else { self.access.take() }.unwrap_or_default();
         Ok(WindowSpec { place, offset, length, interrupt: self.interrupt.take(), access })
     }
 
-    /// Refuses an option that this kind of board does not have.
+    /// Rejects an option that this kind of board does not have.
     pub(in crate::device) fn nothing_left(&self, kind: &str) -> Result<(), String> {
         let left = [
             (self.interrupt.is_some(), "irq"),

@@ -1,5 +1,4 @@
-//! `uio:`: a board behind a UIO driver. What it offers stands in /sys/class/uio; its memory is mapped from its node,
-//! and its interrupts are read from the same.
+//! `uio:`: a board behind a UIO driver. /sys/class/uio describes it; its node gives both memory and interrupts.
 
 use std::fs::{File, OpenOptions};
 use std::os::unix::fs::{MetadataExt, OpenOptionsExt};
@@ -15,10 +14,10 @@ use crate::device::machine::system::System;
 
 /// Where the kernel describes UIO devices.
 pub(in crate::device) const CLASS: &str = "/sys/class/uio";
-/// The name of the descriptor that may be handed over instead of opening the node.
+/// The name of the descriptor that a service manager may hand over instead.
 pub const HANDED_OVER: &str = "uio";
 
-/// What a UIO driver says of one of its pieces of memory.
+/// One memory map, as the UIO driver describes it.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct UioMap {
     /// Its number.
@@ -29,11 +28,11 @@ pub struct UioMap {
     pub address: u64,
     /// Its length in bytes, from the start of its first page.
     pub size: u64,
-    /// Where the device's memory begins in it, in bytes.
+    /// Offset of the device's memory in it, in bytes.
     pub offset: u64,
 }
 
-/// What sysfs says of a UIO device.
+/// What sysfs says about a UIO device.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct UioInfo {
     /// `uio0`.
@@ -45,7 +44,7 @@ pub struct UioInfo {
 }
 
 impl UioInfo {
-    /// What the kernel says of `device` (`uio0`), or `None` when there is none.
+    /// What the kernel says about `device` (`uio0`); `None` when there is none.
     #[must_use]
     pub fn of(system: &System, device: &str) -> Option<Self> {
         let directory = format!("{CLASS}/{device}");
@@ -65,7 +64,7 @@ impl UioInfo {
         Some(Self { device: device.to_owned(), name, maps: maps.collect() })
     }
 
-    /// All UIO devices there are.
+    /// All UIO devices of the machine.
     #[must_use]
     pub fn all(system: &System) -> Vec<Self> {
         system.names(CLASS).iter().filter_map(|device| Self::of(system, device)).collect()
@@ -87,17 +86,18 @@ impl UioInfo {
 #[derive(Debug)]
 pub struct UioDevice {
     system: System,
-    /// As it was written.
+    /// As the specification writes it.
     node: PathBuf,
     info: UioInfo,
     file: File,
 }
 
 impl UioDevice {
-    /// Opens the device at `node`, or takes the descriptor handed over for it.
+    /// Opens the device at `node`, or uses the descriptor handed over for it.
     ///
     /// # Errors
-    /// [`OpenError`] when there is no such device, this user may not use it, or the descriptor is another device's.
+    /// [`OpenError`] when there is no such device, this user may not use it, or the descriptor belongs to another
+    /// device.
     pub fn open(system: &System, inherited: &Inherited, node: &Path) -> Result<Self, OpenError> {
         let refuse = |why| OpenError::new(format!("uio:{}", node.display()), why);
         let info = find(system, node).map_err(refuse)?;
@@ -116,22 +116,22 @@ impl UioDevice {
         Ok(Self { system: system.clone(), node: node.to_owned(), info, file })
     }
 
-    /// What the kernel says of it.
+    /// What the kernel says about it.
     #[must_use]
     pub fn info(&self) -> &UioInfo {
         &self.info
     }
 
-    /// Its directory in sysfs, which is gone when it is.
+    /// Its directory in sysfs, which disappears with the device.
     #[must_use]
     pub fn directory(&self) -> String {
         format!("{CLASS}/{}", self.info.device)
     }
 
-    /// The open file of its node.
+    /// Its node, open.
     ///
     /// # Errors
-    /// When there are no more descriptors.
+    /// When the process has no more descriptors.
     pub(in crate::device) fn node(&self) -> Result<File, OpenError> {
         self.file.try_clone().map_err(|source| {
             let why = Why::Io { doing: "keeping it open".to_owned(), source };
@@ -139,7 +139,7 @@ impl UioDevice {
         })
     }
 
-    /// Maps `length` bytes of its map `number` from `offset` bytes behind the start of its memory on.
+    /// Maps `length` bytes of map `number`, from `offset` bytes behind the start of its memory.
     ///
     /// # Errors
     /// [`OpenError`] when there is no such map, or it is too short.
@@ -161,7 +161,7 @@ impl UioDevice {
             );
             return Err(refuse(Why::Unsuitable(text)));
         }
-        // The place in the node names the map, it is no address.
+        // The place in the node selects the map; it is no address.
         let start = u64::from(number) * page_bytes();
         Mapping::within(&self.file, start, usize::try_from(skip).unwrap_or(usize::MAX), length).map_err(
             |source| {
@@ -176,14 +176,14 @@ impl UioDevice {
     /// Its interrupt, enabled.
     ///
     /// # Errors
-    /// [`NoInterrupt`] when it has none, or one that could come once only.
+    /// [`NoInterrupt`] when it has none, or one that would come only once.
     pub fn interrupt(&self) -> Result<UioInterrupt, NoInterrupt> {
         let file = self.file.try_clone().map_err(NoInterrupt::Io)?;
         UioInterrupt::new(&self.system, &self.directory(), file)
     }
 }
 
-/// The device behind a node, which may be a symbolic link to it.
+/// The device of a node, which may be a symbolic link to it.
 fn find(system: &System, node: &Path) -> Result<UioInfo, Why> {
     let real = std::fs::canonicalize(system.path(node)).unwrap_or_else(|_| node.to_owned());
     let device = real.file_name().and_then(|name| name.to_str()).unwrap_or_default();
@@ -204,7 +204,7 @@ fn find(system: &System, node: &Path) -> Result<UioInfo, Why> {
     Err(Why::Missing { path: node.to_owned(), cure })
 }
 
-/// The descriptor handed over for this device, and so that a read from it does not wait.
+/// The descriptor handed over for this device, set to non-blocking.
 fn handed_over(system: &System, inherited: &Inherited, info: &UioInfo) -> Result<Option<File>, Why> {
     let device = system.text(format!("{CLASS}/{}/dev", info.device)).unwrap_or_default();
     let same = |file: &File| {

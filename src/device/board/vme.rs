@@ -1,7 +1,7 @@
-//! `vme:`: a master window of a VME bridge as a node that maps (`/dev/bus/vme/m0` of the kernel's vme_user).
+//! `vme:`: a master window of a VME bridge, as a node that can be mapped (`/dev/bus/vme/m0` of the kernel's vme_user).
 //!
-//! Where the window lies on the VME bus, its address modifier and width are set up beforehand by whoever set up the
-//! machine; here it is only mapped.
+//! Whoever set up the machine set the window's address on the VME bus, its address modifier and its width; here it is
+//! only mapped.
 
 use std::fs::{File, OpenOptions};
 use std::io::{Seek, SeekFrom};
@@ -14,7 +14,7 @@ use crate::device::board::mapping::Mapping;
 use crate::device::board::refusal::{OpenError, Why, node_refused};
 use crate::device::machine::system::System;
 
-/// Maps `length` bytes of the window at `node` from `offset` on, and gives the file through which.
+/// Maps `length` bytes of the window at `node` from `offset` on, and returns the mapped file.
 ///
 /// # Errors
 /// [`OpenError`] when there is no such node, this user may not use it, or the window is not set up or too short.

@@ -7,15 +7,15 @@ use crate::device::board::mapped::Mapped;
 use crate::device::board::mapping::Mapping;
 use crate::device::machine::system::System;
 
-/// Words of the window that are looked at before it is said that nothing answers.
+/// Words of the window to sample before it counts as silent.
 const SAMPLES: usize = 64;
 
 /// A mapped board.
 pub struct WindowBoard {
     mapping: Mapping,
-    /// The file by whose disappearance, or replacement, one sees that the device went away.
+    /// The file whose disappearance or replacement shows that the device is gone.
     witness: Option<Witness>,
-    /// Held for life: the lock on it keeps other hosts away.
+    /// Held as long as the board is open: the lock on it keeps other hosts away.
     _node: Option<File>,
 }
 
@@ -26,13 +26,13 @@ struct Witness {
 }
 
 impl WindowBoard {
-    /// A board whose window nothing can take away.
+    /// A board whose window cannot disappear.
     #[must_use]
     pub fn new(mapping: Mapping) -> Self {
         Self { mapping, witness: None, _node: None }
     }
 
-    /// A board that is gone when the file at `path` is, or is another one; `node` stays open as long as it lives.
+    /// A board that is gone when the file at `path` disappears or is replaced; keeps `node` open as long as it lives.
     #[must_use]
     pub fn watched(mapping: Mapping, node: Option<File>, system: &System, path: String) -> Self {
         let identity = system.identity(&path);
@@ -54,7 +54,7 @@ impl Presence for WindowBoard {
         self.witness.as_ref().is_none_or(there)
     }
 
-    /// One word is enough to see that something answers; only ones in all samples say that nothing does.
+    /// A single word proves that something answers; only ones in all samples prove that nothing does.
     fn answers(&mut self) -> bool {
         let words = self.mapping.length() / 2;
         let step = (words / SAMPLES).max(1);

@@ -1,10 +1,11 @@
-//! Decorator: counts every access, to words or to byte registers. On real hardware bus accesses are the cost, so the count is always kept.
+//! Decorator: counts every access, to words or to byte registers. Bus accesses are the cost on real hardware, so the
+//! count is always kept.
 
 use crate::device::board::byte::{ByteBus, ByteBusError};
 use crate::device::{Bus, BusError, Presence};
 use crate::map::HostOffset;
 
-/// Counts the accesses by which words (or bytes) are read and written through it. A refused access counts nothing: the bus never saw it.
+/// Counts reads and writes of words or bytes. A refused access does not count: the bus never saw it.
 pub struct Counted<B> {
     bus: B,
     reads: u64,
@@ -12,18 +13,18 @@ pub struct Counted<B> {
 }
 
 impl<B> Counted<B> {
-    /// Starts counting at zero.
+    /// Starts at zero.
     pub fn new(bus: B) -> Self {
         Self { bus, reads: 0, writes: 0 }
     }
 
-    /// Accesses that read, so far.
+    /// Read accesses so far.
     #[must_use]
     pub fn reads(&self) -> u64 {
         self.reads
     }
 
-    /// Accesses that wrote, so far.
+    /// Write accesses so far.
     #[must_use]
     pub fn writes(&self) -> u64 {
         self.writes
@@ -35,7 +36,7 @@ impl<B> Counted<B> {
         self.reads + self.writes
     }
 
-    /// Puts another bus in place of the present one and goes on counting.
+    /// Replaces the bus and keeps the counts.
     pub fn replace(&mut self, bus: B) {
         self.bus = bus;
     }

@@ -1,4 +1,4 @@
-//! Buses around a bus.
+//! Buses that wrap another bus.
 
 pub mod counted;
 pub mod swapped;

@@ -1,13 +1,13 @@
-//! Decorator: a bus whose 16-bit words arrive with their bytes exchanged, as some VME bridges deliver them.
+//! Decorator: swaps the bytes of each 16-bit word, as some VME bridges deliver them.
 //!
-//! It acts on words only. Whether the characters of a text stand low byte first or high byte first within a word is
-//! a setting of its own ([`crate::format::TextOrder`]): boards in production need one, the other, or both. Data are read by
-//! 16 bits, however wide the bus inside may read: how a bridge that swaps would swap 32 bits is not known.
+//! Acts on words only. The order of characters within a word is an independent setting ([`crate::format::TextOrder`]):
+//! boards in production need one, the other, or both. Reads data by 16 bits, whatever the inner bus could do: nobody
+//! knows how a swapping bridge treats 32 bits.
 
 use crate::device::{Bus, BusError, Presence};
 use crate::map::HostOffset;
 
-/// Exchanges the bytes of every word on its way to and from the bus inside.
+/// Swaps the bytes of every word on its way to and from the inner bus.
 pub struct WordSwapped<B>(pub B);
 
 impl<B: Bus> Bus for WordSwapped<B> {

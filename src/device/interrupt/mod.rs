@@ -1,7 +1,7 @@
-//! The board's interrupt as a descriptor that yields 4-byte counts: a UIO device, or a Unix socket of a simulated board,
-//! which announces its interrupts in the same form, the native-endian total since it started.
+//! The board's interrupt as a descriptor that yields 4-byte counts. It is a UIO device, or a Unix socket on which a
+//! simulated board announces its interrupts in the same form: the total since it started, in native byte order.
 //!
-//! The count tells how many interrupts there were, so one that was not seen is known to be missing.
+//! The count includes every interrupt, so a missed one is noticed.
 
 pub mod uio;
 
@@ -20,14 +20,14 @@ use crate::device::interrupt::uio::{Count, NoInterrupt, UioInterrupt};
 use crate::device::machine::inherited::Inherited;
 use crate::device::machine::system::System;
 
-/// Announcements taken in one go: a source that never stops must not hold up the servo data.
+/// Most announcements taken at once: a source that never stops must not hold up the servo data.
 const TAKEN_MAX: usize = 64;
 
-/// Where interrupts come from.
+/// The source of interrupts.
 #[derive(Debug, Clone, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum InterruptSource {
-    /// A Unix stream socket a simulator listens on.
+    /// A Unix stream socket on which a simulator listens.
     Unix(PathBuf),
     /// The node of a UIO device.
     Uio(PathBuf),
@@ -64,7 +64,7 @@ pub enum InterruptError {
     /// The UIO device.
     #[error(transparent)]
     Open(#[from] OpenError),
-    /// The UIO device has none that can be used.
+    /// The UIO device has no usable interrupt.
     #[error(transparent)]
     None(#[from] NoInterrupt),
 }
@@ -72,36 +72,36 @@ pub enum InterruptError {
 /// An open interrupt descriptor.
 pub struct Interrupt {
     line: Line,
-    /// The last total; `None` before a first count whose distance from zero says nothing about us.
+    /// The last total; `None` before the first count, which may include interrupts from before.
     total: Option<u32>,
 }
 
 enum Line {
     Socket {
         stream: UnixStream,
-        /// Bytes of a count that arrived without its rest.
+        /// The bytes of a count that has arrived in part.
         partial: [u8; 4],
         filled: usize,
     },
     Uio(UioInterrupt),
 }
 
-/// What a look at the descriptor gave.
+/// The result of one poll of the descriptor.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Taken {
-    /// Interrupts announced since the last look.
+    /// Interrupts since the last poll.
     pub interrupts: u32,
-    /// Of these, how many came without an announcement of their own.
+    /// Of these, those without an announcement of their own.
     pub missed: u32,
     /// The other end is gone; connect again.
     pub closed: bool,
-    /// The device is there, but its interrupt could not be armed again: no further one comes.
+    /// The device is there, but its interrupt could not be re-armed: no more will come.
     pub disarmed: bool,
 }
 
 impl Taken {
     fn add(&mut self, last: &mut Option<u32>, total: u32) {
-        // A first count, or one that went back (the board restarted), stands for itself alone.
+        // A first count, or one that went back (the board restarted), counts as one interrupt.
         let step = last.map_or(1, |last| total.wrapping_sub(last));
         let step = if step == 0 || step > u32::MAX / 2 { 1 } else { step };
         *last = Some(total);
@@ -117,11 +117,11 @@ impl From<UioInterrupt> for Interrupt {
 }
 
 impl Interrupt {
-    /// Opens `source` on this machine. Does not wait: a socket nobody listens on, or whose listener is stopped and has no
-    /// room for one more, is an error at once.
+    /// Opens `source` on this machine. Does not wait: a socket without a listener, or with one that is stopped and has
+    /// a full queue, is an error at once.
     ///
     /// # Errors
-    /// Why the source cannot be opened, or will not give interrupts.
+    /// When the source cannot be opened, or cannot give interrupts.
     pub fn connect(source: &InterruptSource) -> Result<Self, InterruptError> {
         Self::open(source, &System::here(), &Inherited::default())
     }
@@ -129,7 +129,7 @@ impl Interrupt {
     /// Opens `source` on `system`, from a descriptor handed over if there is one.
     ///
     /// # Errors
-    /// Why the source cannot be opened, or will not give interrupts.
+    /// When the source cannot be opened, or cannot give interrupts.
     pub fn open(
         source: &InterruptSource,
         system: &System,
@@ -143,7 +143,7 @@ impl Interrupt {
         }
     }
 
-    /// Interrupts announced over an open socket.
+    /// The interrupts announced on an open socket.
     fn over(stream: UnixStream) -> Self {
         Self { line: Line::Socket { stream, partial: [0; 4], filled: 0 }, total: None }
     }
@@ -157,8 +157,8 @@ impl Interrupt {
         }
     }
 
-    /// Takes the announced interrupts, a bounded number of announcements of them; the descriptor stays readable while
-    /// there are more. A UIO device is armed again after each. Never waits.
+    /// Takes the announced interrupts, up to a limit; the descriptor stays readable while there are more. Re-arms a UIO
+    /// device after each. Never waits.
     pub fn take(&mut self) -> Taken {
         let mut taken = Taken::default();
         match &mut self.line {
@@ -185,7 +185,7 @@ impl Interrupt {
                     }
                 }
             }
-            // One read gives the total; a line that fires again at once must not keep the thread here.
+            // One read gives the total; an interrupt that fires again at once must not keep the thread here.
             Line::Uio(interrupt) => match interrupt.read() {
                 Count::Nothing => {}
                 Count::Total(total) => taken.add(&mut self.total, total),

@@ -1,7 +1,8 @@
-//! The interrupt of a UIO device: a read gives the total so far, four bytes, and the next comes after a re-arm.
+//! The interrupt of a UIO device: a read returns the total so far, four bytes; the next interrupt needs a re-arm.
 //!
-//! A driver with an `irqcontrol` is re-armed by writing 1 to the node. `uio_pci_generic` has none (ENOSYS): it masks the
-//! device's INTx in the PCI command register (bit 10) when one comes, and the host clears that bit through sysfs.
+//! A driver with an `irqcontrol` is re-armed by writing 1 to the node. `uio_pci_generic` has none (ENOSYS): on an
+//! interrupt it masks the device's INTx in the PCI command register (bit 10), and the host clears that bit through
+//! sysfs.
 
 use std::fs::{File, OpenOptions};
 use std::io::{self, Read, Write};
@@ -12,15 +13,15 @@ use crate::device::board::refusal::allowed;
 use crate::device::machine::kernel::Lockdown;
 use crate::device::machine::system::System;
 
-/// The command register's place in PCI configuration space, and its bit that masks INTx.
+/// Offset of the command register in PCI configuration space, and its bit that masks INTx.
 const PCI_COMMAND: u64 = 4;
 const INTX_DISABLE: u16 = 1 << 10;
 
-/// Why interrupts cannot come.
+/// Why there can be no interrupts.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum NoInterrupt {
-    /// The driver was given none.
+    /// The driver has no interrupt line.
     #[error("{0} has no interrupt: its driver was given none, or the board's is not connected")]
     NoLine(String),
     /// It would come once and never again.
@@ -31,12 +32,12 @@ pub enum NoInterrupt {
         /// Why, and what to do.
         reason: String,
     },
-    /// Something else.
+    /// Any other error.
     #[error("the interrupt's descriptor: {0}")]
     Io(#[from] io::Error),
 }
 
-/// How the next interrupt is let come.
+/// How to re-arm the interrupt.
 #[derive(Debug)]
 enum Rearm {
     /// By a write to the node.
@@ -45,16 +46,16 @@ enum Rearm {
     Config(File),
 }
 
-/// An interrupt that is armed.
+/// An armed interrupt.
 #[derive(Debug)]
 pub struct UioInterrupt {
     file: File,
     rearm: Rearm,
-    /// The total when it was opened, where the kernel tells.
+    /// The total when it was opened, if the kernel gives it.
     total: Option<u32>,
 }
 
-/// What a read gave.
+/// The result of a read.
 #[derive(Debug)]
 pub(in crate::device) enum Count {
     /// The total so far.
@@ -63,7 +64,7 @@ pub(in crate::device) enum Count {
     Nothing,
     /// The device is gone.
     Gone,
-    /// There was one, and none can come any more.
+    /// One interrupt came, and no more can come.
     Last(u32),
 }
 
@@ -88,7 +89,7 @@ impl UioInterrupt {
         }
     }
 
-    /// Readable when an interrupt came.
+    /// Readable when an interrupt has come.
     pub(in crate::device) fn file(&self) -> &File {
         &self.file
     }
@@ -98,7 +99,7 @@ impl UioInterrupt {
         self.total
     }
 
-    /// Takes what has come, and lets the next come.
+    /// Reads the count and arms the next interrupt.
     pub(in crate::device) fn read(&mut self) -> Count {
         match read_count(&self.file) {
             Ok(None) => Count::Nothing,
@@ -122,7 +123,7 @@ fn write_enable(mut file: &File) -> io::Result<()> {
     file.write_all(&1u32.to_ne_bytes())
 }
 
-/// Clears INTx-disable, and nothing else, in the device's command register.
+/// Clears only INTx-disable in the device's command register.
 fn unmask(config: &File) -> io::Result<()> {
     let mut command = [0; 2];
     config.read_exact_at(&mut command, PCI_COMMAND)?;
@@ -133,7 +134,7 @@ fn unmask(config: &File) -> io::Result<()> {
     Ok(())
 }
 
-/// The total, or `None` when nothing came since the last read. The kernel gives all four bytes or none.
+/// The total; `None` when no interrupt came since the last read. The kernel returns all four bytes or none.
 fn read_count(mut file: &File) -> io::Result<Option<u32>> {
     let mut count = [0; 4];
     loop {
@@ -187,7 +188,7 @@ mod tests {
 
     const DIRECTORY: &str = "/sys/class/uio/uio0";
 
-    /// A device with an `irqcontrol`: what the host writes arrives at the other end.
+    /// A device with an `irqcontrol`; the other end receives what the host writes.
     fn armed(fake: &FakeSystem) -> (UnixStream, UioInterrupt) {
         let (driver, node) = UnixStream::pair().unwrap();
         node.set_nonblocking(true).unwrap();

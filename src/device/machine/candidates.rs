@@ -1,6 +1,6 @@
-//! Which boards there may be in this machine, from what sysfs says. Nothing is opened, nothing written.
+//! Finds devices that may be boards, from sysfs. Opens nothing, writes nothing.
 //!
-//! An ISA board does not say that it is there; only its address, which the user knows, leads to it.
+//! An ISA board cannot be found: only the user knows its address.
 
 use serde::Serialize;
 
@@ -10,16 +10,16 @@ use crate::device::board::pci::{self, PciInfo};
 use crate::device::board::uio::UioInfo;
 use crate::map::FAMILIES;
 
-/// PCI vendor and device of a PMAC PCI, as a driver of 2002 probes them. Altera's example designs have the same.
+/// PCI vendor and device of a PMAC PCI, as a driver of 2002 probes them. Altera's example designs use the same.
 const KNOWN_ID: (u16, u16) = (0x1172, 0x0001);
-/// A window that may be a DPRAM has no more bytes than this.
+/// The largest window that may be a DPRAM, in bytes.
 const LONGEST: u64 = 0x1_0000;
-/// UIO drivers of PMAC boards have names that begin so.
+/// UIO drivers of PMAC boards have names with this prefix.
 const NAME: &str = "pmac";
-/// Where the kernel's vme_user puts the windows of a bridge.
+/// The directory of vme_user's windows.
 const VME_WINDOWS: &str = "/dev/bus/vme";
 
-/// How sure it is that this is a PMAC.
+/// How certain it is that this is a PMAC.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Certainty {
@@ -29,31 +29,31 @@ pub enum Certainty {
     Maybe,
 }
 
-/// Something that may be a board.
+/// A device that may be a board.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Candidate {
-    /// What `--board` would say.
+    /// Its `--board` specification.
     pub spec: String,
-    /// How sure it is.
+    /// How certain it is.
     pub certainty: Certainty,
-    /// What is known of it.
+    /// A description.
     pub what: String,
-    /// The driver that has it, where it has one.
+    /// The driver bound to it, if any.
     pub driver: Option<String>,
-    /// Whether this user may open everything the specification needs.
+    /// Whether this user may open everything that the specification needs.
     pub usable: bool,
-    /// Whether the service alone may, as it should be.
+    /// Whether only the service may open it, as it should be.
     pub reserved: bool,
     /// Whether others than root, the service and this user may open it, past every role of the command socket.
     pub exposed: bool,
-    /// What is in the way, or would be better, each with what to do.
+    /// Obstacles and improvements, each with what to do.
     pub hints: Vec<String>,
     /// The udev rule that gives its node to the service alone, where the shipped rules do not.
     pub rule: Option<String>,
 }
 
 impl Candidate {
-    /// A board behind these files, the cure being what gives them to the service alone.
+    /// A board behind these files; `cure` says how to give them to the service alone.
     fn new(
         system: &System,
         spec: String,
@@ -81,18 +81,18 @@ impl Candidate {
         Self { driver, ..self }
     }
 
-    /// The rule is of no use where it acts already.
+    /// Adds the rule, unless it is in force already.
     fn with_rule(self, rule: String) -> Self {
         Self { rule: (!self.reserved).then_some(rule), ..self }
     }
 }
 
-/// Everything that may be a board, the likely first.
+/// All candidates, the likely ones first.
 #[must_use]
 pub fn candidates(system: &System) -> Vec<Candidate> {
     let uio = UioInfo::all(system);
     let pci = PciInfo::all(system);
-    // What sits on PCI is told there, by its id.
+    // PCI devices appear below, by their id.
     let on_pci = |info: &UioInfo| pci.iter().any(|device| device.uio.as_deref() == Some(&info.device));
     let mut found: Vec<Candidate> =
         uio.iter().filter(|info| !on_pci(info)).filter_map(|info| of_uio(system, info)).collect();
@@ -106,7 +106,7 @@ pub fn candidates(system: &System) -> Vec<Candidate> {
     found
 }
 
-/// Whether a window of `size` bytes may be the DPRAM of a board that is so certain.
+/// Whether a window of `size` bytes may be the DPRAM of a board of this certainty.
 fn fits(size: u64, certainty: Certainty) -> bool {
     let holds = FAMILIES.iter().any(|family| size >= u64::from(family.length));
     holds && (certainty == Certainty::Likely || size <= LONGEST)
@@ -118,7 +118,7 @@ fn of_uio(system: &System, info: &UioInfo) -> Option<Candidate> {
     let map = info.maps.iter().find(|map| fits(map.size.saturating_sub(map.offset), certainty))?;
     let what = format!("UIO device {}, {:#x} bytes at {:#x}", info.name, map.size, map.address);
     let spec = uio_spec(info, map.number);
-    // The shipped rules know boards of drivers whose names begin so.
+    // The shipped rules recognize drivers by that prefix.
     let (cure, rule) = match certainty {
         Certainty::Likely => (
             "to give it to the service alone, install the package and run udevadm trigger -s uio".to_owned(),
@@ -139,7 +139,7 @@ fn of_vme(system: &System, name: &str) -> Candidate {
         .with_rule(rule_for_vme(name))
 }
 
-/// A PCI device: by its id, or by a BAR that may be a DPRAM while no driver of another kind has it.
+/// A PCI device: by its id, or by a BAR that may be a DPRAM, unless another kind of driver is bound to it.
 fn of_pci(system: &System, device: &PciInfo, uio: Option<&UioInfo>) -> Option<Candidate> {
     let known = device.id == KNOWN_ID;
     let foreign = device.driver.as_deref().filter(|driver| *driver != pci::INTERRUPTS_ONLY);
@@ -151,12 +151,12 @@ fn of_pci(system: &System, device: &PciInfo, uio: Option<&UioInfo>) -> Option<Ca
     let address = device.address;
     let directory = pci::directory(address);
     let resource = format!("{directory}/resource{}", bar.number);
-    // The shipped drop-in does both: it gives the files in sysfs to the service, and tells it where they are.
+    // The shipped drop-in gives the files in sysfs to the service, and tells it where they are.
     let drop_in = format!(
         "to give its files to the service alone, copy /usr/share/pmacd/dropins/pci.conf and write {address} {} in it",
         bar.number
     );
-    // A UIO device that shows this very BAR needs no privilege beyond its node's.
+    // A UIO device that maps this very BAR needs only access to its node.
     let map = uio.and_then(|info| Some((info, info.maps.iter().find(|map| map.address == bar.range.start)?)));
     let node = |info| (node_of(info), rule_hint("uio"));
     let (spec, files) = match (map, uio) {

@@ -1,19 +1,20 @@
-//! How long processors may take to wake up: the kernel's PM QoS request `/dev/cpu_dma_latency`, held while a file is open.
+//! How long processors may take to wake up: the kernel's PM QoS request `/dev/cpu_dma_latency`, in force while a file
+//! is open.
 //!
-//! A driver that sleeps until just after each servo update is as late as the processor is slow to leave its idle state: a
-//! microsecond for the shallowest, more than a hundred for the deepest, some ten where a hypervisor has to be asked. The
-//! request keeps all processors of the machine in states that are left within the time asked for (Linux, "PM Quality Of Service
-//! Interface"), at the price of power; it ends with the process that holds it, however that ends. Where the kernel has no idle driver, as in
-//! many virtual machines, it changes nothing.
+//! A driver that sleeps until just after each servo update is late by the time in which the processor leaves its idle
+//! state: a microsecond for the shallowest, more than a hundred for the deepest, some ten with a hypervisor. The
+//! request keeps all processors of the machine in states with at most the requested exit time (Linux, "PM Quality Of
+//! Service Interface"), at the price of power. It ends with the process that holds it. Where the kernel has no idle
+//! driver, as in many virtual machines, it changes nothing.
 
 use std::fs::{File, OpenOptions};
 use std::io::{self, Write};
 
 use crate::device::{Inherited, System};
 
-/// Where the kernel takes the request.
+/// The kernel's node for the request.
 pub const NODE: &str = "/dev/cpu_dma_latency";
-/// The name of the descriptor that the service manager hands over: `OpenFile=/dev/cpu_dma_latency:cpu_latency`.
+/// The name of the descriptor from the service manager: `OpenFile=/dev/cpu_dma_latency:cpu_latency`.
 pub const HANDED_OVER: &str = "cpu_latency";
 
 /// A request in force until it is dropped.
@@ -24,11 +25,11 @@ pub struct CpuLatency {
 }
 
 impl CpuLatency {
-    /// Asks for processors that wake within `latency_us` microseconds, 0 for those that poll instead of sleeping, where the kernel can: by the
-    /// descriptor that was handed over, else by the machine's node.
+    /// Asks for processors that wake within `latency_us` microseconds; 0: that poll instead of sleeping, where the
+    /// kernel can. Uses the descriptor handed over, or else opens the node.
     ///
     /// # Errors
-    /// What the kernel says: mostly that only root may open the node.
+    /// The kernel's error: usually only root may open the node.
     pub fn hold(latency_us: u32, system: &System, inherited: &Inherited) -> io::Result<Self> {
         let latency_us = i32::try_from(latency_us).map_err(io::Error::other)?;
         let mut request = match inherited.find(HANDED_OVER) {

@@ -1,13 +1,13 @@
-//! How many more descriptors the kernel gives this process.
+//! How many more descriptors this process may open.
 
 use nix::sys::resource::{Resource, getrlimit};
 
 use crate::process::DESCRIPTORS;
 
-/// What a process like this has open, where the kernel does not tell.
+/// Descriptors that such a process has open, where the kernel does not say.
 const USUAL: usize = 32;
 
-/// Descriptors that may still be opened: the soft limit (`RLIMIT_NOFILE`) less those that are open.
+/// How many more descriptors may be opened: the soft limit (`RLIMIT_NOFILE`) minus the open ones.
 #[must_use]
 pub fn descriptors_left() -> usize {
     let limit = getrlimit(Resource::RLIMIT_NOFILE)

@@ -1,7 +1,7 @@
 //! Descriptors handed over by the service manager: `LISTEN_PID`, `LISTEN_FDS`, `LISTEN_FDNAMES` (sd_listen_fds(3)).
 //!
-//! With `OpenFile=/dev/mem:mem` systemd opens the node, and the daemon needs no privilege at all. A descriptor named
-//! `mem`, `uio` or `cpu_latency` is used instead of opening the node of that kind.
+//! With `OpenFile=/dev/mem:mem` systemd opens the node, and the daemon needs no privilege. A descriptor named `mem`,
+//! `uio` or `cpu_latency` replaces opening the node of that kind.
 
 use std::fs::File;
 use std::os::fd::{OwnedFd, RawFd};
@@ -10,19 +10,19 @@ use crate::device::board::mapping;
 
 /// The first descriptor that can be handed over.
 const FIRST: RawFd = 3;
-/// Of more than this the rest is left alone.
+/// Most descriptors to accept; further ones are ignored.
 const MOST: usize = 32;
 
-/// The variables of the environment by which descriptors are announced; programs started from here must not see them.
+/// The environment variables that announce descriptors; child programs must not see them.
 pub const VARIABLES: [&str; 3] = ["LISTEN_PID", "LISTEN_FDS", "LISTEN_FDNAMES"];
 
-/// The descriptors handed over. They are closed with it: who holds `/dev/mem` may map all of the machine, so it is to be
-/// dropped when the board is open.
+/// The descriptors handed over, closed on drop. Drop it when the board is open: `/dev/mem` gives access to all of the
+/// machine's memory.
 #[derive(Debug, Default)]
 pub struct Inherited(Vec<(String, OwnedFd)>);
 
 impl Inherited {
-    /// Takes what was handed over to this process. A second call gets none. Programs started from here do not get them.
+    /// Takes the descriptors handed over to this process; a second call gets none. Child programs do not inherit them.
     #[must_use]
     pub fn take_all() -> Self {
         let [pid, count, names] = VARIABLES.map(|name| std::env::var(name).unwrap_or_default());
@@ -32,19 +32,19 @@ impl Inherited {
         Self(taken.collect())
     }
 
-    /// These, for tests.
+    /// Holds these descriptors, for tests.
     #[must_use]
     pub fn of(descriptors: Vec<(String, OwnedFd)>) -> Self {
         Self(descriptors)
     }
 
-    /// The first descriptor of this name, if there is one: a duplicate, so that window and registers can both have it.
+    /// A duplicate of the first descriptor of this name, so that window and registers can both have one.
     #[must_use]
     pub fn find(&self, name: &str) -> Option<File> {
         self.find_if(name, |_| true)
     }
 
-    /// The first descriptor of this name of which `suits` says yes, if there is one.
+    /// The first descriptor of this name that `suits` accepts.
     #[must_use]
     pub fn find_if(&self, name: &str, suits: impl Fn(&File) -> bool) -> Option<File> {
         let named = self.0.iter().filter(|(found, _)| found == name);

@@ -1,19 +1,19 @@
-//! Facts about the kernel and this process that decide what may be mapped: lockdown, capabilities, configuration,
-//! and who claims a physical address.
+//! Kernel and process facts that decide what may be mapped: lockdown, capabilities, configuration, and who claims a
+//! physical address.
 
 use std::ops::Range;
 
 use crate::device::machine::system::{System, number, plain};
 
-/// Bit of CAP_SYS_RAWIO in the kernel's sets of capabilities.
+/// Bit of CAP_SYS_RAWIO in a capability set.
 const CAP_SYS_RAWIO: u32 = 17;
-/// Where PCI devices are.
+/// The directory of PCI devices.
 pub(in crate::device) const PCI_DEVICES: &str = "/sys/bus/pci/devices";
 
 /// Kernel lockdown (`lockdown=`, or Secure Boot).
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Lockdown {
-    /// The kernel does not say: securityfs is not mounted, or the kernel has no lockdown.
+    /// The kernel does not say: it has no lockdown, or securityfs is not mounted.
     Unknown,
     /// Off.
     Off,
@@ -22,7 +22,7 @@ pub enum Lockdown {
 }
 
 impl Lockdown {
-    /// What the kernel says.
+    /// Reads the kernel's state.
     #[must_use]
     pub fn of(system: &System) -> Self {
         let Ok(text) = system.text("/sys/kernel/security/lockdown") else { return Self::Unknown };
@@ -33,7 +33,7 @@ impl Lockdown {
         }
     }
 
-    /// The mode it is on in.
+    /// Its mode, when it is on.
     #[must_use]
     pub fn mode(&self) -> Option<&str> {
         match self {
@@ -52,12 +52,12 @@ pub fn may_do_raw_io(system: &System) -> bool {
     effective.is_some_and(|bits| bits >> CAP_SYS_RAWIO & 1 != 0)
 }
 
-/// Who has a range of physical addresses.
+/// Who claims a range of physical addresses.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Claim {
     /// It is main memory, wholly or in part.
     MainMemory,
-    /// A driver has it.
+    /// A driver claims it.
     By(String),
     /// Nobody, as far as this process may see.
     Nobody,
@@ -65,7 +65,7 @@ pub enum Claim {
     Hidden,
 }
 
-/// Who claims `range`, from what sysfs says of PCI devices and what /proc/iomem says to whoever may see it.
+/// Who claims `range`, according to sysfs for PCI devices, and to /proc/iomem where this process may read it.
 #[must_use]
 pub fn claim(system: &System, range: &Range<u64>) -> Claim {
     let of_pci = system.names(PCI_DEVICES).into_iter().find_map(|device| {
@@ -86,7 +86,7 @@ fn iomem_claim(iomem: &str, range: &Range<u64>) -> Claim {
         Some((first..u64::from_str_radix(last, 16).ok()?.checked_add(1)?, name.trim()))
     });
     let entries: Vec<_> = entries.collect();
-    // Who may not see them is shown zeros.
+    // The kernel shows zeros to those who may not see the addresses.
     if entries.iter().all(|(entry, _)| *entry == (0..1)) {
         return Claim::Hidden;
     }
@@ -94,9 +94,9 @@ fn iomem_claim(iomem: &str, range: &Range<u64>) -> Claim {
     for (_, name) in entries.iter().filter(|(entry, _)| overlap(entry, range)) {
         match *name {
             "System RAM" => return Claim::MainMemory,
-            // A bus is not a driver, and what the firmware reserved is nobody's.
+            // A bus is no driver, and what the firmware reserved belongs to nobody.
             name if name == "Reserved" || name.starts_with("PCI Bus") || name.contains("ROM") => {}
-            // A device's own resource is named by its place; below it stands the driver that has it.
+            // A device's own resource is named by its place; the entry below it names the driver.
             name if name.len() == 12 && name.as_bytes()[4] == b':' && name.as_bytes()[7] == b':' => {}
             name => claim = Claim::By(plain(name)),
         }
@@ -115,7 +115,8 @@ pub(in crate::device) struct Resource {
     pub flags: u64,
 }
 
-/// A line of sysfs's `resource`: first and last address, flags. `None` for one that is not used, or ends before it begins.
+/// A line of sysfs's `resource`: first and last address, flags. `None` for one that is unused, or ends before it
+/// begins.
 pub(in crate::device) fn resource(line: &str) -> Option<Resource> {
     let mut fields = line.split_whitespace().map(number);
     let (first, last, flags) = (fields.next()??, fields.next()??, fields.next()??);
@@ -128,8 +129,8 @@ pub fn release(system: &System) -> Option<String> {
     system.text("/proc/sys/kernel/osrelease").ok()
 }
 
-/// What the kernel was built with, of what matters here: the option's value (`y`, `m`) or `n`; `None` where the
-/// configuration cannot be read.
+/// The kernel's build configuration of `option`: its value (`y`, `m`) or `n`; `None` when the configuration cannot be
+/// read.
 #[must_use]
 pub fn configured(system: &System, option: &str) -> Option<String> {
     let release = release(system)?;

@@ -1,4 +1,4 @@
-//! What the machine tells and gives: its kernel, its devices, inherited descriptors, scheduling.
+//! What the machine provides: kernel facts, devices, inherited descriptors, scheduling.
 
 pub mod candidates;
 pub mod cpu_latency;

@@ -1,7 +1,7 @@
 //! Who may open a board's files, and the udev rule that gives a board's node to the service alone.
 //!
-//! Whoever opens a node, or a file of the device in sysfs, writes to the board past every role of the command socket. So
-//! these belong to one user, the service's, with mode 0600; nobody is let in by a group.
+//! Whoever opens a node, or a device's file in sysfs, can write to the board past every role of the command socket. So
+//! these files belong to the service's user alone, with mode 0600; no group has access.
 
 use std::os::unix::fs::MetadataExt;
 use std::path::Path;
@@ -15,7 +15,8 @@ use crate::device::board::uio::UioMap;
 
 /// The user of `pmacd@.service`.
 pub const SERVICE_USER: &str = "pmacd";
-/// Where a rule of the site belongs: before the shipped 60-pmacd.rules, which links what `ID_PMAC` marks and starts its service.
+/// The file for a site's own rule. It precedes the shipped 60-pmacd.rules, which link what `ID_PMAC` marks and start
+/// its service.
 pub const RULE_FILE: &str = "/etc/udev/rules.d/59-pmacd.rules";
 
 /// What each rule assigns.
@@ -23,7 +24,7 @@ const OURS: &str = r#"OWNER="pmacd", GROUP="root", MODE="0600""#;
 /// Marks a UIO device as a board.
 const MARK: &str = r#"ENV{ID_PMAC}="1""#;
 
-/// The rule for the UIO device of the PCI device in this slot, as long as it is of this vendor and device number.
+/// The rule for the UIO device of the PCI device in this slot, if it has this vendor and device number.
 #[must_use]
 pub fn rule_for_slot(slot: PciAddress, (vendor, device): (u16, u16)) -> String {
     format!(
@@ -31,7 +32,7 @@ pub fn rule_for_slot(slot: PciAddress, (vendor, device): (u16, u16)) -> String {
     )
 }
 
-/// The rule for the UIO device whose map lies at this physical address. (Its driver chose its name, so that is no key.)
+/// The rule for the UIO device whose map has this physical address. (The driver chose its name, so that is no key.)
 #[must_use]
 pub fn rule_for_window(map: &UioMap) -> String {
     let UioMap { number, address, .. } = map;
@@ -44,18 +45,18 @@ pub fn rule_for_vme(window: &str) -> String {
     format!(r#"KERNEL=="bus/vme/{window}", {OURS}"#)
 }
 
-/// Who may open a file for reading and writing; the worse, the later.
+/// Who may open a file for reading and writing, from best to worst.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(in crate::device) enum Holder {
     /// The service alone, as it should be.
     Service,
     /// This user, and no third one.
     You,
-    /// Its owner, and not this user.
+    /// Its owner, not this user.
     Another,
     /// There is no such file.
     Nobody,
-    /// Somebody beside root, the service and this user.
+    /// Others than root, the service and this user.
     Others,
 }
 
@@ -68,7 +69,7 @@ impl Holder {
     }
 
     fn by(owner: u32, mode: u32, service: Option<u32>, you: u32, you_may: bool) -> Self {
-        // Who reads the board reads every line that is sent to it, passwords too.
+        // Whoever can read the board can read every command line, passwords too.
         if mode & 0o066 != 0 || ![Some(0), Some(you), service].contains(&Some(owner)) {
             Self::Others
         } else if service == Some(owner) {
@@ -90,7 +91,7 @@ fn opens(path: &Path) -> bool {
     access(path, AccessFlags::R_OK | AccessFlags::W_OK).is_ok()
 }
 
-/// What there is to say about who may open `file`, if anything.
+/// A remark about who may open `file`, if one is due.
 pub(in crate::device) fn remark(system: &System, file: &str, holder: Holder) -> Option<String> {
     let modes = || allowed(&system.path(file)).unwrap_or_default();
     match holder {

@@ -1,7 +1,7 @@
-//! Looks at a window some times without writing to it, and says what seems to live there.
+//! Samples a window without writing to it, and says what seems to be there.
 //!
-//! A board that reports servo data counts the timer of the servo report (DPRAM manual p. 15): that is proof. Without
-//! reports a PMAC's DPRAM is memory like any other, and cannot be told from it without a write.
+//! A board that reports servo data increments the timer of the servo report (DPRAM manual p. 15): that is proof.
+//! Without reports a PMAC's DPRAM looks like any memory, and only a write could tell the difference.
 
 use std::time::{Duration, Instant};
 
@@ -10,12 +10,12 @@ use serde::Serialize;
 use crate::device::{Bus, BusError};
 use crate::map::{Family, HostOffset, ServoBlock};
 
-/// Looks at the timer, and the time from one to the next. Short, and no multiple of a usual servo period.
+/// Samples of the timer, and the time between two. Short, and no multiple of a usual servo period.
 const LOOKS: usize = 40;
 const PAUSE: Duration = Duration::from_micros(5300);
-/// The fastest servo clock there is, in Hz, is well below this.
+/// In Hz; every servo clock is well below this.
 const FASTEST_HZ: f64 = 100_000.0;
-/// Of the looks, how many must have seen the timer further on than the one before: it reports each I19 servo cycles.
+/// How many samples must find the timer advanced: PMAC reports every I19 servo cycles.
 const MOVED_LEAST: usize = 4;
 
 /// What seems to be there.
@@ -26,13 +26,13 @@ pub enum Verdict {
     Absent,
     /// A PMAC that reports servo data.
     Reporting,
-    /// Something changes, but not as servo data do.
+    /// Something changes, but not like servo data.
     Changing,
     /// Memory in which nothing changes: a PMAC whose reports are off, or something else.
     Still,
 }
 
-/// What was seen.
+/// The findings.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Probe {
     /// What it seems to be.
@@ -43,15 +43,16 @@ pub struct Probe {
     pub ones: usize,
     /// Words that read as 0.
     pub zeros: usize,
-    /// Words that were others at the end than at the beginning.
+    /// Words that changed from the first to the last sample.
     pub changed: usize,
-    /// Looks at which the servo timer had gone on.
+    /// Samples that found the timer advanced.
     pub timer_moves: usize,
-    /// Servo cycles a second, from the timer, of a board that reports.
+    /// Servo cycles per second, from the timer of a board that reports.
     pub servo_hz: Option<f64>,
 }
 
-/// Reads the window of `bus`, a board of `family`, twice, and its servo timer some times in between. Takes a quarter of a second, writes nothing.
+/// Reads the window of `bus`, a board of `family`, twice, and its servo timer several times in between. Takes a quarter
+/// of a second, writes nothing.
 ///
 /// # Errors
 /// When the window is shorter than a DPRAM.
@@ -59,7 +60,7 @@ pub fn probe(bus: &mut impl Bus, family: &Family) -> Result<Probe, BusError> {
     probe_by(bus, family, |_| std::thread::sleep(PAUSE))
 }
 
-/// As [`probe`], but for the pause before each look, which is the caller's.
+/// As [`probe`]; the caller provides the pause before each sample.
 ///
 /// # Errors
 /// When the window is shorter than a DPRAM.
@@ -86,7 +87,7 @@ pub fn probe_by<B: Bus>(
     let count = |value: u16| last.iter().filter(|word| **word == value).count();
     let changed = first.iter().zip(&last).filter(|(before, after)| before != after).count();
     let hz = cycles as f64 / seconds;
-    // A timer that jumps about, as noise does, would be faster than any servo clock.
+    // A timer that jumps about, like noise, would be faster than any servo clock.
     let reports = moves >= MOVED_LEAST && hz < FASTEST_HZ;
     let ones = count(u16::MAX);
     let verdict = match () {

@@ -1,4 +1,4 @@
-//! How the kernel schedules this process: given by the unit or by `chrt`, only reported here.
+//! How the kernel schedules this process. The unit or `chrt` sets that; here it is only reported.
 
 use std::fs;
 
@@ -12,7 +12,7 @@ pub fn scheduling() -> String {
 }
 
 fn parse(stat: &str) -> Option<String> {
-    // The second field, a name in brackets, may hold anything; the third begins behind the last bracket.
+    // The second field, a name in brackets, may contain anything; the third begins behind the last bracket.
     let mut fields = stat.rsplit_once(") ")?.1.split_whitespace().skip(40 - 3);
     let (priority, policy) = (fields.next()?, fields.next()?);
     Some(match policy {

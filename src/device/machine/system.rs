@@ -1,7 +1,6 @@
 //! What the kernel shows as files: nodes in /dev, attributes in /sys, facts in /proc.
 //!
-//! Everything that looks there does so through a [`System`], whose root is `/` on a machine and a directory of made-up
-//! files in a test.
+//! All code reads them through a [`System`], whose root is `/` on a machine and a directory of made-up files in a test.
 
 use std::fs;
 use std::io;
@@ -27,7 +26,7 @@ impl System {
         Self { root: root.into() }
     }
 
-    /// Where the file lies whose absolute path on the machine is `absolute`.
+    /// Where the machine's file `absolute` is.
     #[must_use]
     pub fn path(&self, absolute: impl AsRef<Path>) -> PathBuf {
         let absolute = absolute.as_ref();
@@ -37,15 +36,15 @@ impl System {
     /// The text of a file, without the white space at its ends.
     ///
     /// # Errors
-    /// What the kernel says about the file.
+    /// The kernel's error.
     pub fn text(&self, absolute: impl AsRef<Path>) -> io::Result<String> {
         Ok(fs::read_to_string(self.path(absolute))?.trim().to_owned())
     }
 
-    /// The name in a file, as it may stand in a message of one line.
+    /// The name in a file, made fit for a message of one line.
     ///
     /// # Errors
-    /// What the kernel says about the file.
+    /// The kernel's error.
     pub fn name(&self, absolute: impl AsRef<Path>) -> io::Result<String> {
         Ok(plain(&self.text(absolute)?))
     }
@@ -53,7 +52,7 @@ impl System {
     /// The number in a file: hexadecimal after `0x`, else decimal.
     ///
     /// # Errors
-    /// What the kernel says about the file, or `InvalidData`.
+    /// The kernel's error, or `InvalidData`.
     pub fn number(&self, absolute: impl AsRef<Path>) -> io::Result<u64> {
         let text = self.text(absolute)?;
         number(&text)
@@ -70,7 +69,7 @@ impl System {
         names
     }
 
-    /// The last part of where a symbolic link leads, as sysfs names a device's driver.
+    /// The last part of a symbolic link's target, as sysfs names a device's driver.
     #[must_use]
     pub fn link_name(&self, absolute: impl AsRef<Path>) -> Option<String> {
         let target = fs::read_link(self.path(absolute)).ok()?;
@@ -83,20 +82,21 @@ impl System {
         self.path(absolute).exists()
     }
 
-    /// What tells this file from another one that later has its name.
+    /// Distinguishes this file from a later one of the same name.
     #[must_use]
     pub fn identity(&self, absolute: impl AsRef<Path>) -> Option<(u64, u64)> {
         fs::metadata(self.path(absolute)).ok().map(|metadata| (metadata.dev(), metadata.ino()))
     }
 }
 
-/// The first line of `text`, with `?` for what a terminal would not show but do: drivers choose their names as they like.
+/// The first line of `text`, with `?` for control characters that would act on a terminal: drivers choose their names
+/// freely.
 pub(in crate::device) fn plain(text: &str) -> String {
     let line = text.lines().next().unwrap_or_default();
     line.chars().map(|character| if character.is_control() { '?' } else { character }).collect()
 }
 
-/// A number as people and sysfs write it: hexadecimal after `0x`, else decimal.
+/// A number in sysfs notation: hexadecimal after `0x`, else decimal.
 #[must_use]
 pub fn number(text: &str) -> Option<u64> {
     match text.strip_prefix("0x").or_else(|| text.strip_prefix("0X")) {
