@@ -1,5 +1,8 @@
 //! Process control that all programs of this package share (layer 0).
 
+#[cfg(any(feature = "daemon", feature = "sim"))]
+pub mod capabilities;
+
 use std::io;
 use std::os::fd::{AsRawFd, BorrowedFd};
 use std::path::{Path, PathBuf};

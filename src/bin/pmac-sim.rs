@@ -3,6 +3,7 @@
 use std::process::ExitCode;
 
 use clap::Parser;
+use pmac_dpram::process::capabilities;
 use pmac_dpram::sim::process::Simulator;
 use pmac_dpram::sim::process::options::Options;
 use pmac_dpram::usage::usage;
@@ -16,6 +17,11 @@ fn main() -> ExitCode {
         Ok(simulator) => simulator,
         Err(error) => return refuse(&error.to_string()),
     };
+    // Everything is open, and one thread runs: nothing that root may do is needed any more.
+    capabilities::empty_bounding();
+    if let Err(error) = capabilities::give_up() {
+        return refuse(&error.to_string());
+    }
     match simulator.run() {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {

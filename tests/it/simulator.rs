@@ -65,6 +65,16 @@ fn interrupts_are_counted_for_every_host_and_can_be_lost() {
 }
 
 #[test]
+fn b4_6_the_running_simulator_holds_no_capability() {
+    let mut sim = Sim::start(&["--virtual"]);
+    sim.ok("step 1");
+    let status = std::fs::read_to_string(format!("/proc/{}/status", sim.child.id())).unwrap();
+    for line in ["CapEff:\t0000000000000000", "CapPrm:\t0000000000000000", "NoNewPrivs:\t1"] {
+        assert!(status.contains(line), "{status}");
+    }
+}
+
+#[test]
 fn the_serial_port_is_a_byte_stream() {
     let mut sim = Sim::start(&["--virtual", "--dpram-startup", "--firmware", "1.17c"]);
     let mut serial = sim.socket("serial");

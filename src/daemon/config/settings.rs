@@ -1,7 +1,11 @@
 //! What the daemon works by: the configuration file, the command line over it, and defaults under both.
 
+use std::fs::File;
+use std::io::{self, Read};
+use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 
+use nix::unistd::geteuid;
 use serde::Deserialize;
 
 use super::board_settings::CheckedSettings;
@@ -19,6 +23,9 @@ use crate::map::{BufferSettings, Family, PMAC};
 use crate::protocol::{BoardSettings, Function, Functions, GatherSettings, VariablesSettings};
 use crate::rotary;
 use crate::segment::SegmentName;
+
+/// No configuration is longer, in bytes.
+const LARGEST: u64 = 1 << 20;
 
 /// The configuration file as it is written: TOML, every key optional, an unknown one an error.
 #[derive(Debug, Clone, Default, Deserialize)]
@@ -248,9 +255,29 @@ fn refused(key: &str, typed: bool, error: impl std::fmt::Display) -> Refusal {
     if typed { Refusal::anywhere(error) } else { Refusal::of(key, error) }
 }
 
+/// Reads the file, if nobody but root and this user can have written what is in it.
 fn read(path: &Path) -> Result<String, SettingsError> {
-    std::fs::read_to_string(path)
-        .map_err(|error| SettingsError(format!("cannot read the configuration {}: {error}", path.display())))
+    let fail = |error: io::Error| {
+        SettingsError(format!("cannot read the configuration {}: {error}", path.display()))
+    };
+    let refuse = |why: String| {
+        Err(SettingsError(format!("the configuration {} is not believed: {why}", path.display())))
+    };
+    let file = File::open(path).map_err(fail)?;
+    let there = file.metadata().map_err(fail)?;
+    let (owner, user) = (there.uid(), geteuid().as_raw());
+    if owner != 0 && owner != user {
+        return refuse(format!("it belongs to user {owner}, neither root nor this user: chown root"));
+    }
+    if there.mode() & 0o002 != 0 {
+        return refuse(format!("everybody can write to it (mode {:03o}): chmod o-w", there.mode() & 0o777));
+    }
+    let mut text = String::new();
+    file.take(LARGEST + 1).read_to_string(&mut text).map_err(fail)?;
+    if text.len() as u64 > LARGEST {
+        return refuse("it is larger than 1 MiB: name the configuration, not another file".to_owned());
+    }
+    Ok(text)
 }
 
 fn parse(path: &Path, text: &str) -> Result<ConfigFile, SettingsError> {
@@ -271,6 +298,42 @@ mod tests {
         let options = Options { config: Some(file.path().to_owned()), ..Options::default() };
         Settings::decide(&options)
             .map_err(|error| error.to_string().replace(&file.path().display().to_string(), "FILE"))
+    }
+
+    #[test]
+    fn b4_6_a_configuration_that_others_can_write_to_or_that_is_none_is_refused() {
+        use std::os::unix::fs::PermissionsExt;
+        let file = tempfile::NamedTempFile::new().unwrap();
+        let decide = || {
+            let options = Options { config: Some(file.path().to_owned()), ..Options::default() };
+            Settings::decide(&options).map_err(|error| error.to_string())
+        };
+        let mode =
+            |mode| std::fs::set_permissions(file.path(), std::fs::Permissions::from_mode(mode)).unwrap();
+        let text = "board = \"sim\"\n#";
+        std::fs::write(file.path(), text).unwrap();
+        mode(0o664);
+        decide().unwrap();
+        mode(0o646);
+        let error = decide().unwrap_err();
+        assert!(error.contains("everybody can write to it (mode 646): chmod o-w"), "{error}");
+        mode(0o600);
+        let padded = text.to_owned() + &"#".repeat((1 << 20) - text.len());
+        std::fs::write(file.path(), &padded).unwrap();
+        decide().unwrap();
+        std::fs::write(file.path(), padded + "#").unwrap();
+        assert!(decide().unwrap_err().contains("larger than 1 MiB"));
+    }
+
+    #[test]
+    #[ignore = "needs root, to give a file to another user"]
+    fn as_root_b4_6_a_configuration_of_a_stranger_is_refused() {
+        let file = tempfile::NamedTempFile::new().unwrap();
+        std::fs::write(file.path(), "board = \"sim\"\n").unwrap();
+        std::os::unix::fs::chown(file.path(), Some(12345), None).unwrap();
+        let options = Options { config: Some(file.path().to_owned()), ..Options::default() };
+        let error = Settings::decide(&options).unwrap_err().to_string();
+        assert!(error.contains("it belongs to user 12345") && error.contains("chown root"), "{error}");
     }
 
     #[test]

@@ -14,8 +14,7 @@ use nix::unistd::{
     Gid, Group, Uid, User, getegid, geteuid, getresgid, getresuid, initgroups, setresgid, setresuid,
 };
 
-/// The sets that give a right, in the order in which they can be emptied.
-const SETS: [CapSet; 4] = [CapSet::Ambient, CapSet::Effective, CapSet::Permitted, CapSet::Inheritable];
+use crate::process::capabilities::{self, CapabilityError, SETS};
 
 /// A limit of locked memory below this is the reason why none can be locked: the kernel counts all address space.
 const ENOUGH_BYTES: u64 = 1 << 30;
@@ -51,6 +50,9 @@ pub enum PrivilegeError {
         /// What the kernel said.
         reason: String,
     },
+    /// A capability could not be given up.
+    #[error(transparent)]
+    Capabilities(#[from] CapabilityError),
     /// The kernel said yes, and yet something is left.
     #[error("privileges were given up, and yet {0}")]
     Left(String),
@@ -114,27 +116,11 @@ impl Account {
 /// [`PrivilegeError`] when anything of it is refused, or when the kernel shows afterwards that something is left.
 pub fn give_up(account: Option<&Account>) -> Result<(), PrivilegeError> {
     // While there still is the right to do so. Where there is none, the line about what was achieved says what is left.
-    if caps::has_cap(None, CapSet::Effective, caps::Capability::CAP_SETPCAP).unwrap_or(false) {
-        let _ = caps::clear(None, CapSet::Bounding);
-    }
+    capabilities::empty_bounding();
     if let Some(account) = account {
         account.assume()?;
     }
-    for set in SETS {
-        // A unit without capabilities also forbids the call that would take them away.
-        if !is_empty(set)? {
-            caps::clear(None, set).map_err(|error| PrivilegeError::Refused {
-                what: "dropping capabilities",
-                reason: error.to_string(),
-            })?;
-        }
-    }
-    prctl::set_no_new_privs().map_err(refused("no new privileges"))?;
-    for set in SETS {
-        if !is_empty(set)? {
-            return Err(PrivilegeError::Left(format!("capabilities are left in the {set:?} set")));
-        }
-    }
+    capabilities::give_up()?;
     Ok(())
 }
 
@@ -145,12 +131,6 @@ pub fn allow_locking() {
     if soft != RLIM_INFINITY && setrlimit(Resource::RLIMIT_MEMLOCK, RLIM_INFINITY, RLIM_INFINITY).is_err() {
         let _ = setrlimit(Resource::RLIMIT_MEMLOCK, hard, hard);
     }
-}
-
-fn is_empty(set: CapSet) -> Result<bool, PrivilegeError> {
-    caps::read(None, set)
-        .map(|caps| caps.is_empty())
-        .map_err(|error| PrivilegeError::Refused { what: "reading capabilities", reason: error.to_string() })
 }
 
 /// Keeps everything that is mapped now in memory. Called when the threads run, so that their stacks are; memory that

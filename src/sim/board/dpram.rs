@@ -5,10 +5,12 @@
 
 use std::fs::{File, OpenOptions};
 use std::io;
+use std::os::unix::fs::{MetadataExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
 
 use nix::fcntl::{Flock, FlockArg};
 use nix::sys::memfd::{MFdFlags, memfd_create};
+use nix::unistd::geteuid;
 
 use crate::device::board::mapping::Mapping;
 use crate::format::{join32, split32};
@@ -36,6 +38,14 @@ pub enum DpramError {
         length: u64,
         /// The length it should have.
         expected: usize,
+    },
+    /// What is there is not the simulator's to use.
+    #[error("{path} cannot be the board's memory: {why}; give another path or remove it")]
+    Stranger {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        why: String,
     },
     /// Another simulator runs on this file.
     #[error("{path} is the memory of another running pmac-sim; stop it or give another path")]
@@ -186,8 +196,29 @@ impl Dpram {
 /// [`DpramError`], as for [`Dpram::open`].
 pub fn open_shared(path: &Path, length: usize) -> Result<Flock<File>, DpramError> {
     let fail = |source| DpramError::File { path: path.to_owned(), source };
-    let file =
-        OpenOptions::new().read(true).write(true).create(true).truncate(false).open(path).map_err(fail)?;
+    let stranger = |why: String| DpramError::Stranger { path: path.to_owned(), why };
+    let mut options = OpenOptions::new();
+    // Never through a link, and no hang at a named pipe.
+    options
+        .read(true)
+        .write(true)
+        .create(true)
+        .truncate(false)
+        .custom_flags(libc::O_NOFOLLOW | libc::O_NONBLOCK);
+    let file = options.open(path).map_err(|error| match error.raw_os_error() {
+        Some(libc::ELOOP) => stranger("it is a symbolic link".to_owned()),
+        _ => fail(error),
+    })?;
+    let there = file.metadata().map_err(fail)?;
+    if !there.is_file() {
+        return Err(stranger("it is not a regular file".to_owned()));
+    }
+    if there.uid() != geteuid().as_raw() {
+        return Err(stranger(format!("it belongs to user {}", there.uid())));
+    }
+    if there.nlink() > 1 {
+        return Err(stranger("it is also another file, by a hard link".to_owned()));
+    }
     let file = Flock::lock(file, FlockArg::LockExclusiveNonblock).map_err(|(_, errno)| {
         if errno == nix::errno::Errno::EWOULDBLOCK {
             DpramError::InUse { path: path.to_owned() }
@@ -220,6 +251,37 @@ mod tests {
         assert_eq!(first.read16(HostOffset::new(0x0802)), 0x1234);
         drop(first);
         assert_eq!(Dpram::open(&path, 0x4000).unwrap().read32(HostOffset::new(0x0800)), 0x1234_5678);
+    }
+
+    #[test]
+    fn b4_6_no_link_is_followed_to_a_memory() {
+        let directory = tempfile::tempdir().unwrap();
+        let target = directory.path().join("target");
+        std::fs::write(&target, b"").unwrap();
+        let link = directory.path().join("link");
+        std::os::unix::fs::symlink(&target, &link).unwrap();
+        let error = Dpram::open(&link, 0x4000).err().unwrap().to_string();
+        assert!(error.contains("link cannot be the board's memory: it is a symbolic link"), "{error}");
+        let other_name = directory.path().join("other-name");
+        std::fs::hard_link(&target, &other_name).unwrap();
+        let error = Dpram::open(&other_name, 0x4000).err().unwrap().to_string();
+        assert!(error.contains("hard link"), "{error}");
+        assert_eq!(std::fs::read(&target).unwrap(), b"", "nothing became of it");
+        let missing = directory.path().join("missing");
+        std::os::unix::fs::symlink(&missing, directory.path().join("dangling")).unwrap();
+        assert!(Dpram::open(&directory.path().join("dangling"), 0x4000).is_err() && !missing.exists());
+    }
+
+    #[test]
+    #[ignore = "needs root, to give a file to another user"]
+    fn as_root_b4_6_a_strangers_file_is_no_memory() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("dpram");
+        std::fs::write(&path, b"").unwrap();
+        std::os::unix::fs::chown(&path, Some(12345), None).unwrap();
+        let error = Dpram::open(&path, 0x4000).err().unwrap().to_string();
+        assert!(error.contains("it belongs to user 12345"), "{error}");
+        assert_eq!(std::fs::read(&path).unwrap(), b"");
     }
 
     #[test]

@@ -10,6 +10,9 @@ use crate::sim::board::firmware::{FirmwareTables, SIMULATED};
 use crate::sim::board::identity::Identity;
 
 /// A simulated PMAC: the board's side of a DPRAM, in its own process.
+///
+/// Once it runs it needs no right: started by root, it gives up every capability. It follows no link to its memory, and takes
+/// no other user's file.
 #[derive(Debug, Parser)]
 #[command(name = "pmac-sim", version, disable_help_subcommand = true)]
 pub struct Options {
