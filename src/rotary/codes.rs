@@ -1,12 +1,13 @@
 //! THE table: every command of the binary rotary format, with its names, codes and ranges.
 //!
 //! DPRAM manual pp. 31-35: types 0 (letters and data), 1 (modes, lists) and 2 (variable assignments). Names and ranges
-//! are those of motion program text; the manual's tables spell some differently (NORM, CIRn, TSELn), and both are read.
-//! The shape of a command says which fields of its two words it uses; [`super::item`] packs and unpacks them.
+//! are those of motion program text. The manual's tables spell some names differently (NORM, CIRn, TSELn); both
+//! spellings are read. A command's shape says which fields of its two words it uses; [`super::item`] packs and unpacks
+//! them.
 
 use std::fmt;
 
-/// What a letter is, as far as other commands refer to it.
+/// The role of a letter, as far as other commands depend on it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Role {
     /// A, B, C, U, V, W, X, Y, Z.
@@ -32,7 +33,7 @@ pub enum Shape {
         /// 0 to 2 and 67 to 72.
         code2: u8,
     },
-    /// As [`Shape::Data`], but written behind an axis and its position as `:` or `^`.
+    /// As [`Shape::Data`], but written behind an axis and its position, as `:` or `^`.
     Mark {
         /// 70 or 71.
         code2: u8,
@@ -45,7 +46,7 @@ pub enum Shape {
         code2: u8,
         /// I, M, P or Q.
         variable: u8,
-        /// What stands between the variable and its value.
+        /// The operator between the variable and its value.
         operator: Operator,
     },
     /// Type 1 E, CODE1 30: a whole number in word 2, in which 1024 stands for 0.
@@ -62,7 +63,7 @@ pub enum Shape {
     Axes {
         /// 0 to 2.
         code2: u8,
-        /// Whether R, the circle vectors, can be in the list.
+        /// Whether the list may contain R, the circle vectors.
         vectors: bool,
     },
     /// Type 1 D, CODE1 30: motor n is bit n-1 of word 2.
@@ -77,7 +78,7 @@ pub enum Shape {
     },
 }
 
-/// How a variable is assigned.
+/// How to assign a variable.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Operator {
     /// `=`, when the line is calculated.
@@ -93,7 +94,7 @@ pub enum Operator {
 }
 
 impl Operator {
-    /// As it is written.
+    /// The operator in program text.
     #[must_use]
     pub const fn text(self) -> &'static str {
         match self {
@@ -106,10 +107,10 @@ impl Operator {
     }
 }
 
-/// Which numbers a command takes.
+/// The numbers that a command takes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Range {
-    /// Whatever the mantissa and exponent hold.
+    /// Any number that mantissa and exponent can hold.
     Any,
     /// More than 0.
     Positive,
@@ -122,7 +123,7 @@ pub enum Range {
 }
 
 impl Range {
-    /// Whether `value` is in it.
+    /// Whether `value` is in this range.
     #[must_use]
     pub fn contains(self, value: f64) -> bool {
         match self {
@@ -154,9 +155,9 @@ impl fmt::Display for Range {
 pub struct Code {
     /// Its full name in program text.
     pub name: &'static str,
-    /// Its short name; what [`super::decompile()`] writes.
+    /// Its short name, which [`super::decompile()`] writes.
     pub short: &'static str,
-    /// A third spelling that is read.
+    /// A third spelling that the compiler reads.
     pub also: Option<&'static str>,
     /// The fields it uses.
     pub shape: Shape,
@@ -173,14 +174,14 @@ impl Code {
         Self { also: Some(also), ..self }
     }
 
-    /// The words it is recognised by in program text. Assignments and marks have none of their own.
+    /// Its spellings in program text. Assignments and marks have none of their own.
     pub fn spellings(&self) -> impl Iterator<Item = &'static str> + use<> {
         let own = !matches!(self.shape, Shape::Assignment { .. } | Shape::Mark { .. });
         let short = (self.short != self.name).then_some(self.short);
         [Some(self.name), short, self.also].into_iter().flatten().filter(move |_| own)
     }
 
-    /// Its letter's role; [`Role::Other`] for what is no letter.
+    /// Its letter's role; [`Role::Other`] if it is no letter.
     #[must_use]
     pub const fn role(&self) -> Role {
         match self.shape {
@@ -252,10 +253,10 @@ const fn plcs(name: &'static str, short: &'static str, code2: u8) -> Code {
 
 /// Times in milliseconds.
 const TIME: Range = Range::Between(0.0, 8_388_607.0);
-/// Subroutine numbers of G, M, T and D: program 10n0 and a label of five digits.
+/// Subroutine numbers of G, M, T and D: program 10n0 and a five-digit label.
 const ROUTINE: Range = Range::Below(1000.0);
 
-/// Every command that has a code and that PMAC carries out.
+/// Every command that has a code and that PMAC executes.
 pub static CODES: &[Code] = &[
     axis("A"),
     axis("B"),
@@ -270,7 +271,7 @@ pub static CODES: &[Code] = &[
     vector("K"),
     letter("L", Role::Other, Range::Any),
     letter("M", Role::Other, ROUTINE),
-    // 14 and 15, N and O, are the assignments below.
+    // 14 and 15 would be N and O; they are the codes of assignments below.
     letter("P", Role::Other, Range::Any),
     letter("Q", Role::Other, Range::Any),
     letter("R", Role::Other, Range::Any),

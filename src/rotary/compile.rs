@@ -6,31 +6,32 @@ use super::reason::{Reason, Report, Warning};
 use super::scan::scan;
 use super::settings::Settings;
 
-/// What came of a text that can be sent.
+/// A compiled text.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Compiled {
     /// The commands.
     pub program: Program,
-    /// What sending it changes.
+    /// What sending it would change.
     pub warnings: Report<Warning>,
 }
 
-/// What came of a text that cannot be sent.
+/// A text that cannot be sent.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[error("{} lines or commands cannot be sent", errors.count())]
 pub struct Refused {
-    /// Why, all through the text: at least one. An error of syntax ends its line, any other only its command.
+    /// The reasons, from the whole text: at least one. A syntax error ends its line, any other error only its command.
     pub errors: Report<Reason>,
     /// What sending the rest would change.
     pub warnings: Report<Warning>,
 }
 
-/// Compiles `text`, lines ended by LF, CR LF or CR.
+/// Compiles `text`, with lines ended by LF, CR LF or CR.
 ///
-/// Nothing of it is changed but the numbers: each is rounded to the mantissa of its command, to nearest, ties to even.
-/// Comments (`;` and `//`) and lines without commands are left out. `settings` must hold ([`Settings::check`]).
+/// Changes only the numbers: rounds each to the mantissa of its command, to nearest, ties to even. Drops comments (`;`
+/// and `//`) and lines without commands. `settings` must be valid ([`Settings::check`]).
 ///
 /// # Errors
+/// When any part of it cannot be sent: every reason with its place.
 /// When any part of it cannot be sent: every reason with its place.
 pub fn compile(text: &[u8], settings: &Settings) -> Result<Compiled, Refused> {
     let mut compiled = Compiled::default();
@@ -43,7 +44,7 @@ pub fn compile(text: &[u8], settings: &Settings) -> Result<Compiled, Refused> {
         let parsed = parse(line, &tokens, number, settings);
         errors.append(parsed.errors);
         compiled.warnings.append(parsed.warnings);
-        // What is refused is not kept: a hostile file costs no more memory than its errors.
+        // Keeps no commands after an error: a hostile file costs no more memory than its errors.
         if errors.is_empty() {
             compiled.program.lines.extend(parsed.line);
         }
@@ -51,7 +52,7 @@ pub fn compile(text: &[u8], settings: &Settings) -> Result<Compiled, Refused> {
     if errors.is_empty() { Ok(compiled) } else { Err(Refused { errors, warnings: compiled.warnings }) }
 }
 
-/// The lines of a text without their ends. A byte order mark before the first is dropped.
+/// The lines of a text without their ends, and without a leading byte order mark.
 fn lines(text: &[u8]) -> impl Iterator<Item = &[u8]> {
     let mut rest = Some(text.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(text));
     std::iter::from_fn(move || {

@@ -1,27 +1,27 @@
-//! A constant as it is written in a program: exact, so that it is rounded once only, into the format's mantissa.
+//! A constant as a program writes it: kept exactly, so that it is rounded only once, into the format's mantissa.
 
 /// A decimal or hexadecimal constant: `units / 10^decimals`, with its sign.
 ///
-/// Up to 27 decimal places and 27 significant digits are kept; of what lies beyond only whether it is zero. That is more
-/// than any mantissa can tell apart.
+/// Keeps up to 27 decimal places and 27 significant digits; of further digits, only whether any is not zero. That is
+/// more than any mantissa can resolve.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Constant {
     negative: bool,
     units: u128,
     decimals: u32,
-    /// Digits that are not zero follow beyond those kept.
+    /// Non-zero digits follow beyond those kept.
     more: bool,
-    /// The whole part has more digits than are kept, so `units` is too small.
+    /// The integer part has more digits than are kept, so `units` is too small.
     huge: bool,
 }
 
-/// Most decimal places kept: 36 bits of mantissa above 10^27 still fit 128 bits.
+/// Most decimal places kept: 36 bits of mantissa above 10^27 still fit in 128 bits.
 const MOST_DECIMALS: u32 = 27;
-/// Whole parts and fractions beyond this take no further digit.
+/// Integer parts and fractions above this take no further digit.
 const FULL: u128 = 10u128.pow(27);
 
 impl Constant {
-    /// Reads decimal `text` without sign: digits, of which some may stand after one point.
+    /// Parses decimal `text` without a sign: digits with at most one decimal point.
     #[must_use]
     pub fn decimal(text: &[u8]) -> Self {
         let mut constant = Self::whole(0);
@@ -47,19 +47,19 @@ impl Constant {
         constant
     }
 
-    /// A whole number.
+    /// An integer.
     #[must_use]
     pub const fn whole(value: u64) -> Self {
         Self { negative: false, units: value as u128, decimals: 0, more: false, huge: false }
     }
 
-    /// The same with the other sign.
+    /// The constant with the other sign.
     #[must_use]
     pub const fn negated(self) -> Self {
         Self { negative: !self.negative, ..self }
     }
 
-    /// The nearest `f64`, good for comparing with the bounds of a range.
+    /// The nearest `f64`: exact enough to compare with the bounds of a range.
     #[must_use]
     pub fn value(&self) -> f64 {
         let magnitude =
@@ -67,7 +67,7 @@ impl Constant {
         if self.negative { -magnitude } else { magnitude }
     }
 
-    /// The value when it is a whole number from 0 to `u64::MAX`.
+    /// The value, if it is an integer from 0 to `u64::MAX`.
     #[must_use]
     pub fn integer(&self) -> Option<u64> {
         if self.decimals > 0 || self.more || self.huge || (self.negative && self.units > 0) {
@@ -76,13 +76,13 @@ impl Constant {
         u64::try_from(self.units).ok()
     }
 
-    /// Its magnitude as numerator and denominator, and whether it is a little more than that. `None` when the whole part
-    /// has more than 27 digits.
+    /// Its magnitude as numerator and denominator, and whether it is slightly more than that. `None` when the integer
+    /// part has more than 27 digits.
     pub(super) fn fraction(&self) -> Option<(u128, u128, bool)> {
         (!self.huge).then(|| (self.units, 10u128.pow(self.decimals), self.more))
     }
 
-    /// Whether there is a minus sign. Zero can have one.
+    /// Whether it has a minus sign. Zero may have one.
     #[must_use]
     pub const fn is_negative(&self) -> bool {
         self.negative

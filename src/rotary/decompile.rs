@@ -10,36 +10,36 @@ use super::settings::Settings;
 /// The text of a sequence of commands.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Decompiled {
-    /// The commands with their words as they came, their texts, and the places those have in the text.
+    /// The commands with their original words, their texts, and the places of these in the text.
     pub program: Program,
-    /// Where the text, sent again, would not give the same words.
+    /// Where the text would not compile to the same words.
     pub notes: Report<Note>,
 }
 
-/// How a text differs from the words it was made from.
+/// How a text differs from its original words.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum Note {
     /// The first command has no start-of-line bit.
     #[error("the first command has no start-of-line bit: it is taken to begin a line")]
     NoStart,
-    /// Commands follow the end marker; they are left out.
+    /// Commands follow the end marker; they are dropped.
     #[error("{count} pairs of words after the end marker are left out")]
     AfterEnd {
         /// How many pairs.
         count: usize,
     },
-    /// The command's text has other words: unused bits are set, or a number is not normalised.
+    /// The command's text compiles to other words: unused bits are set, or a number is not normalised.
     #[error("{text} came as {word1:06X} {word2:06X}; its own words are {own1:06X} {own2:06X}")]
     OtherWords {
         /// The command's text.
         text: String,
-        /// The first word as it came.
+        /// The first original word.
         word1: u32,
-        /// The second word as it came.
+        /// The second original word.
         word2: u32,
-        /// The first word of the text.
+        /// The first word of the compiled text.
         own1: u32,
-        /// The second word of the text.
+        /// The second word of the compiled text.
         own2: u32,
     },
     /// The text would be refused.
@@ -47,23 +47,23 @@ pub enum Note {
     Refused(Box<Reason>),
 }
 
-/// Words that are no command.
+/// A pair of words that is no command.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[error("pair {pair} ({word1:06X} {word2:06X}): {cause}")]
 pub struct DecodeError {
-    /// Which pair of words, from 1.
+    /// The number of the pair, from 1.
     pub pair: usize,
     /// Its first word.
     pub word1: u32,
     /// Its second word.
     pub word2: u32,
-    /// Why it is none.
+    /// Why it is no command.
     pub cause: NoCommand,
 }
 
-/// Makes text of `words`, pairs in buffer order, up to the end marker if there is one.
+/// Converts `words`, pairs in buffer order, to text, up to the end marker if there is one.
 ///
-/// What [`compile`](super::compile()) made comes back as text that compiles to the same words. `settings` must hold.
+/// The words from [`compile`](super::compile()) give text that compiles to the same words. `settings` must be valid.
 ///
 /// # Errors
 /// When a pair is no command.
@@ -106,7 +106,7 @@ pub fn decompile(words: &[(u32, u32)], settings: &Settings) -> Result<Decompiled
     Ok(decompiled)
 }
 
-/// Compiles the line's text and notes what does not come back.
+/// Compiles the line's text and notes each difference from the original words.
 fn check(line: &Line, settings: &Settings, notes: &mut Report<Note>) {
     match compile(line.text().as_bytes(), settings) {
         Err(refused) => {
@@ -152,7 +152,7 @@ pub fn text(item: &Item, settings: &Settings) -> String {
     }
 }
 
-/// The numbers of the set bits, three or more in a row as `n..m`.
+/// The numbers of the set bits; three or more in a row become `n..m`.
 fn list(bits: u64) -> String {
     let mut parts: Vec<String> = Vec::new();
     let mut n = 0;

@@ -2,12 +2,12 @@
 //!
 //! A two's complement mantissa with weight -2^0 for its sign bit, as in PMAC's 48-bit format, and a 6-bit exponent:
 //! value = mantissa * 2^(exponent - bias). Letters and CALL have 36 bits of mantissa (word 2 above word 1 bits 23-12),
-//! everything else 24 bits (word 2). Numbers are normalised: 0.5 <= m < 1 or -1 <= m < -0.5. The bias is
-//! [`Settings::exponent_bias`](super::Settings), because it is printed nowhere.
+//! everything else 24 bits (word 2). Numbers are normalised: 0.5 <= m < 1 or -1 <= m < -0.5. No document prints the
+//! bias, so it is a setting: [`Settings::exponent_bias`](super::Settings).
 
 use super::{Constant, Settings};
 
-/// How wide the mantissa of a command is.
+/// The width of a command's mantissa.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Width {
     /// 36 bits: letters and CALL.
@@ -27,33 +27,33 @@ impl Width {
     }
 }
 
-/// A number as a command holds it.
+/// A number in a command.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Float {
     /// The mantissa, signed, in units of 2^-35 or 2^-23.
     pub mantissa: i64,
     /// The exponent field, 0 to 63.
     pub exponent: u8,
-    /// How wide the mantissa is.
+    /// The width of the mantissa.
     pub width: Width,
 }
 
-/// What a constant lost on its way into a [`Float`].
+/// What rounding a constant to a [`Float`] lost.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Loss {
-    /// Nothing that its text tells: rounded to as many decimal places as were written, the number is the one written.
+    /// Nothing that was written: rounded to as many decimal places as were written, the number is the same.
     None,
-    /// Digits that were written.
+    /// Some of the digits written.
     Digits,
-    /// Everything: it is nearer to zero than the smallest number, and zero is sent.
+    /// All of it: it is nearer to zero than the smallest number, and zero is sent.
     Vanished,
 }
 
-/// A constant beyond the largest exponent.
+/// A constant that needs an exponent above the largest.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[error("float too large: a rotary command holds numbers below 2^{exponent}")]
 pub struct TooLarge {
-    /// The power of two that every number stays below.
+    /// Every number is below this power of two.
     pub exponent: i32,
 }
 
@@ -67,10 +67,10 @@ impl Float {
         Self { mantissa: 0, exponent: settings.zero_exponent, width }
     }
 
-    /// Rounds `constant` once, to nearest, ties to even, and tells what was lost.
+    /// Rounds `constant` once, to nearest, ties to even, and returns what that lost.
     ///
     /// # Errors
-    /// When its exponent does not fit 6 bits.
+    /// When its exponent does not fit in 6 bits.
     pub fn encode(constant: &Constant, width: Width, settings: &Settings) -> Result<(Self, Loss), TooLarge> {
         let bias = i32::from(settings.exponent_bias);
         let too_large = TooLarge { exponent: MOST_EXPONENT - bias };
@@ -81,7 +81,7 @@ impl Float {
         let bits = width.magnitude_bits();
         let mut exponent = binary_exponent(over, under);
         // over / under = (numerator / denominator) * 2^(exponent - bits), with a quotient of `bits` bits. Neither shift
-        // overflows: `under` has 90 bits at most, and `over` at most as many as the quotient asks of it.
+        // overflows: `under` has at most 90 bits, and `over` at most as many as the quotient needs.
         let shift = bits - exponent;
         let (numerator, denominator) =
             if shift >= 0 { (over << shift, under) } else { (over, under << -shift) };
@@ -97,7 +97,7 @@ impl Float {
         // In units of the last decimal place written.
         let lost = error as f64 / denominator as f64 * f64::powi(2.0, exponent - bits) * under as f64;
         let loss = if exact || lost < 0.5 { Loss::None } else { Loss::Digits };
-        // Where two's complement has its seam: +2^e is 0.5 * 2^(e+1), -2^e is -1 * 2^e.
+        // At powers of two the signs differ: +2^e is 0.5 * 2^(e+1), -2^e is -1 * 2^e.
         let (one, half) = (1i64 << bits, 1i64 << (bits - 1));
         let mut mantissa = mantissa as i64;
         if constant.is_negative() {
@@ -115,7 +115,7 @@ impl Float {
         }
     }
 
-    /// What it stands for; exact. Mantissas that are not normalised stand for what their bits say.
+    /// Its exact value, whether normalised or not.
     #[must_use]
     pub fn value(&self, settings: &Settings) -> f64 {
         let exponent =
@@ -123,7 +123,7 @@ impl Float {
         self.mantissa as f64 * f64::powi(2.0, exponent)
     }
 
-    /// The shortest decimal that encodes to this number, or its exact value where none of 17 digits does.
+    /// The shortest decimal that encodes to this number; if 17 digits are not enough, its exact value.
     #[must_use]
     pub fn text(&self, settings: &Settings) -> String {
         let value = self.value(settings);
@@ -133,7 +133,7 @@ impl Float {
             Self::encode(&constant, self.width, settings)
                 .is_ok_and(|(float, _)| float.value(settings) == value)
         });
-        // Display of f64 has no exponent, and as many digits as tell it from its neighbours.
+        // Display of f64 has no exponent, and enough digits to identify the number.
         shortest.unwrap_or_else(|| format!("{value}"))
     }
 }
@@ -146,10 +146,10 @@ fn binary_exponent(over: u128, under: u128) -> i32 {
     if below { difference } else { difference + 1 }
 }
 
-/// `value` with one digit before and `digits` after the point of its scientific form, written without an exponent.
+/// `value` with one digit before and `digits` after the point of its scientific form, but written without an exponent.
 fn plain(value: f64, digits: usize) -> String {
-    // Rust rounds the decimal expansion exactly; reading it back and printing it plainly keeps those digits, since 17
-    // digits tell every f64.
+    // Rust rounds the decimal expansion exactly. Parsing it and printing it without exponent keeps those digits, since
+    // 17 digits identify every f64.
     let scientific = format!("{value:.digits$e}");
     let Some((digits, exponent)) = scientific.split_once('e') else { return scientific };
     let exponent: i32 = exponent.parse().unwrap_or(0);

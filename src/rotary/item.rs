@@ -1,6 +1,6 @@
-//! One command's meaning, and its two 24-bit words (DPRAM manual pp. 31-35).
+//! A command's meaning, and its two 24-bit words (DPRAM manual pp. 31-35).
 //!
-//! Word 1: bits 5-0 exponent or sub-code, bits 10-6 CODE1, bit 11 start of line (owned by the line, not the command),
+//! Word 1: bits 5-0 exponent or sub-code, bits 10-6 CODE1, bit 11 start of line (set by the line, not the command),
 //! bits 23-12 the low mantissa bits, CODE2, a variable's number or PLCs 0-7. Word 2: mantissa or data.
 
 use super::codes::{self, AXES, CODES, Code, DATA, LATER, MODES, Shape};
@@ -8,7 +8,7 @@ use super::float::{Float, Width};
 use super::program::START_OF_LINE;
 use super::settings::{BitCodes, Settings};
 
-/// What a command works on.
+/// A command's operand.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Argument {
     /// Nothing.
@@ -32,16 +32,16 @@ pub const ALL_AXES: u16 = 0x1FF;
 /// In [`Argument::Axes`]: R, the circle vectors.
 pub const VECTORS: u16 = 0x200;
 
-/// A command and what it works on. Built by the compiler or from words; its argument has the shape of its code.
+/// A command and its operand, built by the compiler or from words. The operand has the shape of the code.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Item {
     /// The command.
     pub code: &'static Code,
-    /// What it works on.
+    /// Its operand.
     pub argument: Argument,
 }
 
-/// Words that are no command.
+/// Why two words are no command.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum NoCommand {
     /// No command has these codes.
@@ -53,7 +53,7 @@ pub enum NoCommand {
     /// WAIT.
     #[error("WAIT is not implemented in PMAC")]
     Wait,
-    /// The data of a list or count are none that can be written.
+    /// The data of a list or count that cannot be written as text.
     #[error("the data ${data:06X} of {name} name nothing")]
     Data {
         /// The command.
@@ -66,7 +66,7 @@ pub enum NoCommand {
 const WORD: u32 = 0x00FF_FFFF;
 
 impl Item {
-    /// The two words, without start-of-line bit.
+    /// The two words, without the start-of-line bit.
     #[must_use]
     pub fn words(&self, settings: &Settings) -> (u32, u32) {
         let first = |code1: u8, low: u8| u32::from(code1) << 6 | u32::from(low);
@@ -96,15 +96,15 @@ impl Item {
             (Shape::Plcs { code2 }, Argument::Plcs(plcs)) => {
                 ((plcs & 0xFF) << 16 | u32::from(code2) << 12 | first(MODES, 1), plcs >> 8)
             }
-            // A code with an argument of another shape is built nowhere; the code alone is still its own.
+            // Nothing builds a code with an argument of another shape; keep at least its code.
             (shape, _) => (first(shape_code1(shape), 0), 0),
         }
     }
 
-    /// The command in two words, of which 24 bits count. The start-of-line bit and bits no command uses are ignored.
+    /// The command of two words, of which the low 24 bits count. Ignores the start-of-line bit and unused bits.
     ///
     /// # Errors
-    /// When the codes are no command's, or data that must name something name nothing.
+    /// When no command has these codes, or a list or count is empty or out of range.
     pub fn from_words(word1: u32, word2: u32, settings: &Settings) -> Result<Self, NoCommand> {
         let (word1, word2) = (word1 & WORD & !START_OF_LINE, word2 & WORD);
         let code1 = (word1 >> 6 & 0x1F) as u8;
@@ -172,7 +172,7 @@ const fn shape_code1(shape: Shape) -> u8 {
     }
 }
 
-/// CODE2 of an assignment, with `^=` and `&=` as the settings have them.
+/// CODE2 of an assignment, with the codes of `^=` and `&=` from the settings.
 const fn bit_code(code1: u8, code2: u8, settings: &Settings) -> u8 {
     match (settings.bit_codes, code1, code2) {
         (BitCodes::Table, LATER, 1) => 2,
@@ -226,7 +226,7 @@ mod tests {
         assert_eq!(read(0x080F80, 0), Err(NoCommand::Wait));
         assert_eq!(read(0x030F00, 0), Err(NoCommand::Code { code1: 28 }));
         assert_eq!(read(0x000F84, 1), Err(NoCommand::Code { code1: 30 }));
-        // Lists of nothing, and counts outside 1 to 1024.
+        // Empty lists, and counts outside 1 to 1024.
         for (word1, word2) in
             [(0x000F83, 0x100), (0x000F81, 0), (0x000F82, 1), (0x000F80, 0), (0x0C0F80, 1025)]
         {

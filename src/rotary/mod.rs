@@ -1,13 +1,12 @@
 //! Motion programs for the binary rotary buffers: text to 48-bit commands and back (layer 1).
 //!
-//! PMAC copies what the host puts into a binary rotary buffer straight into its internal rotary program buffer, without
-//! reading any text (DPRAM manual pp. 29-35). A command is two 24-bit words; the first command of a text line carries
-//! the start-of-line bit, and the lines' commands stand one after the other. Only constants can be sent: no expression,
-//! no branch, no loop.
+//! PMAC copies a binary rotary buffer straight into its internal rotary program buffer, without parsing text (DPRAM
+//! manual pp. 29-35). A command is two 24-bit words; the first command of a text line carries the start-of-line bit,
+//! and the commands of all lines follow one another. Only constants can be sent: no expression, no branch, no loop.
 //!
-//! [`compile()`] makes the words from text and refuses, with its place, whatever has no binary form; [`decompile()`] makes
-//! text from words. Both go through [`Item`], the meaning of one command, and both read the one table [`codes::CODES`].
-//! What the manual leaves open is a named field of [`Settings`]. Nothing here touches a board.
+//! [`compile()`] converts text to words and rejects, with its place, whatever has no binary form; [`decompile()`]
+//! converts words to text. Both go through [`Item`], the meaning of one command, and both read the one table
+//! [`codes::CODES`]. What the manual leaves open is a named field of [`Settings`]. Nothing here accesses a board.
 
 pub mod codes;
 pub mod compile;

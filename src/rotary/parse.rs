@@ -1,7 +1,7 @@
-//! One line's tokens to commands.
+//! Converts a line's tokens to commands.
 //!
-//! An error inside a command's numbers ends the command; an error of syntax, after which nothing can be told about
-//! what follows, ends the line.
+//! An error in a command's number ends the command. A syntax error ends the line, because nothing after it can be
+//! interpreted.
 
 use super::codes::{self, Code, Operator, Role, Shape};
 use super::constant::Constant;
@@ -13,17 +13,17 @@ use super::refused::Why;
 use super::scan::{Kind, Token};
 use super::settings::Settings;
 
-/// What came of a line.
+/// A parsed line.
 pub struct Parsed {
-    /// Its commands; `None` when there is none. Incomplete when there are errors.
+    /// Its commands; `None` without any. Incomplete after an error.
     pub line: Option<Line>,
     /// What cannot be sent.
     pub errors: Report<Reason>,
-    /// What sending it changes.
+    /// What sending it would change.
     pub warnings: Report<Warning>,
 }
 
-/// Makes commands of the `tokens` of line `number`.
+/// Parses the `tokens` of line `number`.
 pub fn parse(source: &[u8], tokens: &[Token], number: u32, settings: &Settings) -> Parsed {
     let mut parser = Parser {
         source,
@@ -43,10 +43,10 @@ pub fn parse(source: &[u8], tokens: &[Token], number: u32, settings: &Settings) 
     parser.finish()
 }
 
-/// The rest of the line cannot be read; the reason is reported.
+/// The rest of the line cannot be parsed; the reason is reported.
 struct Abandon;
 
-/// A constant as it was read: where it begins among the tokens, and its value.
+/// A parsed constant: its first token and its value.
 struct Number {
     first: usize,
     constant: Constant,
@@ -93,7 +93,7 @@ impl Parser<'_> {
         is_there
     }
 
-    /// The text from token `first` to the last one taken.
+    /// The text from token `first` to the last token taken.
     fn text(&self, first: usize) -> String {
         let place = |at: usize| self.tokens.get(at);
         let (start, end) = (place(first), place(self.at.saturating_sub(1)));
@@ -101,7 +101,7 @@ impl Parser<'_> {
         String::from_utf8_lossy(bytes.unwrap_or_default()).into_owned()
     }
 
-    /// The column of token `at`, or the one behind the last token.
+    /// The column of token `at`, or the column behind the last token.
     fn column(&self, at: usize) -> u32 {
         match (self.tokens.get(at), self.tokens.last()) {
             (Some(token), _) => token.column,
@@ -110,7 +110,7 @@ impl Parser<'_> {
         }
     }
 
-    /// Reports at token `at`.
+    /// Reports an error at token `at`.
     fn error(&mut self, at: usize, reason: Reason) {
         self.errors.add(self.number, self.column(at), reason);
     }
@@ -134,7 +134,7 @@ impl Parser<'_> {
             Kind::Command(code) => self.coded(first, code),
             Kind::Refused(word) => {
                 self.error(first, word.reason());
-                // After these, what follows can still be read.
+                // After these words the rest of the line can still be parsed.
                 match word.why {
                     Why::Text if matches!(self.peek_kind(), Some(Kind::Quoted)) => self.at += 1,
                     Why::Label if matches!(self.peek_kind(), Some(Kind::Number(..))) => self.at += 1,
@@ -195,7 +195,7 @@ impl Parser<'_> {
                 }
                 self.list(code)?.map(Argument::Plcs)
             }
-            // Neither has a spelling.
+            // No spelling leads here.
             Shape::Mark { .. } | Shape::Assignment { .. } => return Ok(()),
         };
         if let Some(argument) = argument {
@@ -283,7 +283,7 @@ impl Parser<'_> {
         Ok(())
     }
 
-    /// A constant with its sign. `None` when there is something else that can be read past; it is reported.
+    /// A constant with its sign. `None` after a reported error that does not prevent parsing the rest.
     fn constant(&mut self, code: &Code) -> Result<Option<Number>, Abandon> {
         let first = self.at;
         let negative = self.take_symbol(b'-');
@@ -325,7 +325,7 @@ impl Parser<'_> {
             Some(Kind::Refused(word)) if word.why == Why::Function => {
                 self.abandon(number_at, Reason::Expression)
             }
-            // The next command stands where the number should: X Y5.
+            // The next command stands in place of the number: X Y5.
             None | Some(Kind::Command(_)) => {
                 self.error(first.saturating_sub(1), Reason::NeedsNumber(code.name));
                 Ok(None)
@@ -334,7 +334,7 @@ impl Parser<'_> {
         }
     }
 
-    /// Whether the word at hand is a variable used as data: P1 or P(...) where a number must be.
+    /// Whether the next word is a variable in place of a number: P1 or P(...).
     fn is_variable(&self, code: &Code) -> bool {
         matches!(code.name, "I" | "M" | "P" | "Q")
             && matches!(
@@ -345,7 +345,7 @@ impl Parser<'_> {
             && !matches!(self.tokens.get(self.at + 2).map(|token| token.kind), Some(Kind::Assign(_)))
     }
 
-    /// After an expression that is already reported: the line is given up where it goes on.
+    /// After an expression, which is already reported: abandons the line unless the expression ends here.
     fn end_of_expression(&mut self) -> Result<Option<Number>, Abandon> {
         if self.is_operator() || matches!(self.peek_kind(), Some(Kind::Symbol(b'^' | b':') | Kind::Assign(_)))
         {
@@ -359,7 +359,7 @@ impl Parser<'_> {
         matches!(self.peek_kind(), Some(Kind::Symbol(symbol)) if b"+-*/%|&(".contains(&symbol))
     }
 
-    /// A constant ends a command: an operator behind it makes an expression.
+    /// A constant ends a command; reports an operator behind it, which would make an expression.
     fn no_operator(&mut self) -> Result<(), Abandon> {
         if self.is_operator() { self.abandon(self.at, Reason::Expression) } else { Ok(()) }
     }
@@ -379,7 +379,7 @@ impl Parser<'_> {
         }
     }
 
-    /// PMAC has no exponents: 1E3 is 1, then the letter E with 3. Whoever writes it that way means 1000.
+    /// PMAC has no exponents: it reads 1E3 as 1, then the letter E with 3. The author surely meant 1000.
     fn warn_of_exponent(&mut self, number_at: usize) {
         if let Some([number, letter, digits]) = self.tokens.get(number_at..number_at + 3)
             && let Kind::Command(code) = letter.kind
@@ -391,7 +391,7 @@ impl Parser<'_> {
         }
     }
 
-    /// The number within the command's range and rounded to its mantissa.
+    /// The number, checked against the command's range and rounded to its mantissa.
     fn float(&mut self, code: &'static Code, number: &Number, width: Width) -> Option<Float> {
         let text = self.text(number.first);
         if !code.range.contains(number.constant.value()) {
@@ -403,14 +403,14 @@ impl Parser<'_> {
                 self.error(number.first, Reason::TooLarge { text, cause });
                 None
             }
-            // In range as it is written, and no more as it would be sent: a feed rate of 0, a routine that is the next one.
+            // In range as written but not as rounded: a feed rate becomes 0, a routine the next one.
             Ok((float, _)) if !code.range.contains(float.value(self.settings)) => {
                 self.error(number.first, Reason::Range { name: code.name, text, range: code.range });
                 None
             }
             Ok((float, loss)) => {
                 let warning = match (loss, width) {
-                    // A program's numbers have 36 bits in PMAC too, however they come there.
+                    // PMAC itself keeps a program's numbers in 36 bits.
                     (Loss::None, _) | (Loss::Digits, Width::Long) => None,
                     (Loss::Digits, Width::Short) => {
                         Some(Warning::Precision { name: code.name, text, sent: float.value(self.settings) })
@@ -425,7 +425,7 @@ impl Parser<'_> {
         }
     }
 
-    /// The number as a whole one within the command's range.
+    /// The number as an integer in the command's range.
     fn whole(&mut self, code: &'static Code, number: &Number) -> Option<u16> {
         let whole = number.constant.integer().and_then(|whole| u16::try_from(whole).ok());
         let whole = whole.filter(|&whole| code.range.contains(whole.into()));
@@ -436,7 +436,7 @@ impl Parser<'_> {
         whole
     }
 
-    /// `n[,n..]` with `n..m` for any `n`, as bits. `None` when a number is out of range; that is reported.
+    /// `n[,n..]` with `n..m` for any `n`, as bits. `None` after reporting a number out of range.
     fn list(&mut self, code: &'static Code) -> Result<Option<u32>, Abandon> {
         let mut bits = Some(0u32);
         loop {

@@ -2,10 +2,10 @@
 
 use serde::Serialize;
 
-/// In word 1: this command begins a text line. All commands up to the next one that has it form a block.
+/// In word 1: this command begins a text line. The commands up to the next such bit form a block.
 pub const START_OF_LINE: u32 = 1 << 11;
 
-/// The two words that stand behind the last command of a buffer, at the host index (DPRAM manual p. 30, rule 5).
+/// The two words behind the last command of a buffer, at the host index (DPRAM manual p. 30, rule 5).
 pub const END_MARKER: (u32, u32) = (0x00_0800, 0x00_FFFF);
 
 /// A program, line by line. Lines without commands are left out.
@@ -15,7 +15,7 @@ pub struct Program {
     pub lines: Vec<Line>,
 }
 
-/// A text line: what PMAC takes as one block, and what must be complete in the buffer before the host index moves.
+/// A text line: PMAC takes it as one block, and all of it must be in the buffer before the host index moves.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Line {
     /// Its number in the text, from 1.
@@ -78,7 +78,7 @@ impl Program {
 }
 
 impl Line {
-    /// The line as text: its commands in order, marks glued to the axis they belong to.
+    /// The line as text: its commands in order, marks directly behind their axis.
     #[must_use]
     pub fn text(&self) -> String {
         let mut text = String::new();

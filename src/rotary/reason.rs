@@ -1,18 +1,18 @@
-//! Why a text cannot be sent, and what sending it changes.
+//! Why a text cannot be sent, and what sending it would change.
 
 use std::fmt;
 
 use super::codes::Range;
 use super::float::TooLarge;
 
-/// Something with its place in a text.
+/// A finding and its place in the text.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Placed<T> {
     /// The line, from 1.
     pub line: u32,
     /// The column, from 1, in characters.
     pub column: u32,
-    /// What is there.
+    /// The finding.
     pub what: T,
 }
 
@@ -22,10 +22,10 @@ impl<T: fmt::Display> fmt::Display for Placed<T> {
     }
 }
 
-/// Findings in the order of the text, the first [`Report::LIMIT`] in full.
+/// Findings in text order; the first [`Report::LIMIT`] are listed.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Report<T> {
-    /// The first of them.
+    /// The listed findings.
     pub listed: Vec<Placed<T>>,
     /// How many more there are.
     pub more: usize,
@@ -38,16 +38,16 @@ impl<T> Default for Report<T> {
 }
 
 impl<T> Report<T> {
-    /// How many findings are kept in full.
+    /// How many findings are listed.
     pub const LIMIT: usize = 100;
 
-    /// Whether there is none.
+    /// Whether there is no finding.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.listed.is_empty()
     }
 
-    /// How many there are in all.
+    /// How many findings there are in all.
     #[must_use]
     pub fn count(&self) -> usize {
         self.listed.len() + self.more
@@ -78,10 +78,10 @@ pub enum Reason {
     /// A statement that sends text from within a program.
     #[error("{0} cannot be sent: text in a program has no binary code; send the line through an ASCII port")]
     Text(&'static str),
-    /// A command for the board, not for a program.
+    /// An on-line command.
     #[error("{0} is an on-line command, not a program command: send it through an ASCII port")]
     OnLine(String),
-    /// A program command without code.
+    /// A program command that has no code.
     #[error("{0} cannot be sent: it has no binary code")]
     NoCode(&'static str),
     /// WAIT.
@@ -102,7 +102,7 @@ pub enum Reason {
     /// `I5=*`.
     #[error("the default value * cannot be sent: only constants")]
     Default,
-    /// A variable number that is not one.
+    /// An invalid variable number.
     #[error("{0}: variable numbers are whole numbers from 0 to 1023")]
     VariableNumber(String),
     /// An operator that only M-variables have.
@@ -111,7 +111,7 @@ pub enum Reason {
     /// A command without its number.
     #[error("{0} needs a constant")]
     NeedsNumber(&'static str),
-    /// A hexadecimal constant that is too long.
+    /// A hexadecimal constant with too many digits.
     #[error("a hexadecimal constant has 12 digits at most")]
     LongHex,
     /// A number outside a command's range.
@@ -119,20 +119,20 @@ pub enum Reason {
     Range {
         /// The command.
         name: &'static str,
-        /// The number as it is written.
+        /// The number as written.
         text: String,
-        /// What it takes.
+        /// The range.
         range: Range,
     },
     /// A number beyond the largest exponent.
     #[error("{text}: {cause}")]
     TooLarge {
-        /// The number as it is written.
+        /// The number as written.
         text: String,
-        /// The bound.
+        /// The limit.
         cause: TooLarge,
     },
-    /// `:` or `^` in another place than after an axis and its constant.
+    /// `:` or `^` anywhere but after an axis and its constant.
     #[error("{0} stands only after an axis and its constant, once")]
     Mark(&'static str),
     /// NORMAL without a vector.
@@ -155,22 +155,22 @@ pub enum Reason {
         /// The number after them.
         last: u16,
     },
-    /// A list of axes with something else in it.
+    /// A list of axes with other words in it.
     #[error("the list of {0} is axis letters separated by commas, in parentheses{1}")]
     AxisList(&'static str, &'static str),
-    /// A number with nothing to belong to.
+    /// A number without a command.
     #[error("{0}: a number without a command before it")]
     LoneNumber(String),
-    /// A sign or operator where a command must begin.
+    /// A sign or operator in place of a command.
     #[error("{0} does not begin a program command")]
     Unexpected(String),
-    /// A byte that no command has.
+    /// A byte that occurs in no command.
     #[error("the character {0} is in no command")]
     Character(String),
-    /// A line that no buffer of this size takes.
+    /// A line too long for a buffer of this size.
     #[error("{commands} commands in a line: a buffer of {words} words takes {most}; split the line")]
     LongLine {
-        /// How many there are.
+        /// Its number of commands.
         commands: usize,
         /// The buffer's size in 32-bit words.
         words: u32,
@@ -179,7 +179,7 @@ pub enum Reason {
     },
 }
 
-/// What sending a text changes or may not mean.
+/// What sending a text would change, or what it may not mean.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum Warning {
     /// A 24-bit mantissa drops digits that were written.
@@ -187,7 +187,7 @@ pub enum Warning {
     Precision {
         /// The command.
         name: &'static str,
-        /// The number as it is written.
+        /// The number as written.
         text: String,
         /// The number that is sent.
         sent: f64,
@@ -195,7 +195,7 @@ pub enum Warning {
     /// A number nearer to zero than the smallest.
     #[error("{text} is nearer to zero than any number of the format: 0 is sent")]
     Vanished {
-        /// The number as it is written.
+        /// The number as written.
         text: String,
     },
     /// `1E3`.

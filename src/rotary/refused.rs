@@ -1,26 +1,26 @@
 //! Words of the command language that a rotary program cannot have, and why.
 //!
 //! Branches and loops are for stored programs only (DPRAM manual p. 30, rule 6); some program commands have no binary
-//! code; others are no program commands at all.
+//! code; other words are no program commands.
 
 use super::reason::Reason;
 
 /// Why a word is refused.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Why {
-    /// Branching, looping and what belongs to it.
+    /// Branches, loops and their parts.
     Branch,
     /// Text sent from within a program.
     Text,
     /// On-line only.
     OnLine,
-    /// No binary code.
+    /// It has no binary code.
     NoCode,
     /// WAIT.
     Wait,
     /// N and O.
     Label,
-    /// A function of an expression.
+    /// A function, as in expressions.
     Function,
 }
 
@@ -34,7 +34,7 @@ pub struct RefusedWord {
 }
 
 impl RefusedWord {
-    /// What to say about it.
+    /// The reason to report.
     pub fn reason(&self) -> Reason {
         match self.why {
             Why::Branch => Reason::Branch(self.name),
@@ -52,7 +52,7 @@ const fn word(name: &'static str, why: Why) -> RefusedWord {
     RefusedWord { name, why }
 }
 
-/// All of them.
+/// All refused words.
 pub static REFUSED: &[RefusedWord] = &[
     word("IF", Why::Branch),
     word("ELSE", Why::Branch),
@@ -74,7 +74,7 @@ pub static REFUSED: &[RefusedWord] = &[
     word("SEND", Why::Text),
     word("SENDS", Why::Text),
     word("SENDP", Why::Text),
-    // Not its short form DISP: DISPLC is DIS PLC.
+    // Not its short form DISP: DISPLC means DIS PLC.
     word("DISPLAY", Why::Text),
     word("ADDRESS", Why::NoCode),
     word("ADR", Why::NoCode),
@@ -153,7 +153,7 @@ mod tests {
 
     #[test]
     fn no_refused_word_begins_with_a_command_that_needs_no_number() {
-        // Otherwise "STOPX5" and the like could be read as another word.
+        // Otherwise "STOPX5" could be parsed as another word.
         use crate::rotary::codes::Shape;
         for code in CODES.iter().filter(|code| matches!(code.shape, Shape::Bare { .. } | Shape::Axes { .. }))
         {

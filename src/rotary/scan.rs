@@ -1,8 +1,8 @@
-//! A text line to words, numbers and symbols, each with its place.
+//! Splits a text line into words, numbers and symbols, each with its place.
 //!
-//! PMAC has no separators: commands may stand on a line without a blank between them, so a word is the longest known
-//! one that fits. Blanks stand anywhere except inside a word or a number. Letters count the same in both cases. `;` and
-//! `//` begin a comment.
+//! PMAC has no separators: commands may follow each other without a blank, so a word is the longest known one that
+//! fits. Blanks may stand anywhere except inside a word or a number. Case does not matter. `;` and `//` begin a
+//! comment.
 
 use std::array;
 use std::cmp::Reverse;
@@ -12,20 +12,20 @@ use super::codes::{CODES, Code, Operator};
 use super::constant::Constant;
 use super::refused::{REFUSED, RefusedWord};
 
-/// A piece of a line.
+/// A token of a line.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Token {
-    /// What it is.
+    /// Its kind.
     pub kind: Kind,
     /// Its first byte in the line.
     pub start: usize,
-    /// The byte behind its last.
+    /// The byte after its last.
     pub end: usize,
     /// The column of its first character, from 1.
     pub column: u32,
 }
 
-/// What a piece of a line is.
+/// The kinds of tokens.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Kind {
     /// A command.
@@ -34,7 +34,7 @@ pub enum Kind {
     Plc,
     /// A known word that cannot be sent.
     Refused(&'static RefusedWord),
-    /// A number without sign; whether it is decimal.
+    /// A number without sign, and whether it is decimal.
     Number(Constant, bool),
     /// A hexadecimal number of more than 12 digits.
     LongHex,
@@ -46,13 +46,13 @@ pub enum Kind {
     Arrow,
     /// Text in quotes.
     Quoted,
-    /// Any other ASCII character that prints.
+    /// Any other printable ASCII character.
     Symbol(u8),
-    /// A byte that is in no command, with the rest of its character.
+    /// A byte that occurs in no command, with the rest of its character.
     Foreign(u8),
 }
 
-/// The tokens of one line, comment left out.
+/// The tokens of a line, without its comment.
 pub fn scan(line: &[u8]) -> Vec<Token> {
     let mut tokens = Vec::new();
     let (mut at, mut column) = (0, 1);
@@ -128,10 +128,10 @@ fn hexadecimal(rest: &[u8]) -> (Option<Kind>, usize) {
     (Some(kind), 1 + digits)
 }
 
-/// The words that begin with one letter, longer ones first.
+/// The words with the same first letter, longer ones first.
 type Words = Vec<(&'static [u8], Kind)>;
 
-/// Every known word, by its first letter.
+/// All known words, by first letter.
 static WORDS: LazyLock<[Words; 26]> = LazyLock::new(|| {
     let commands =
         CODES.iter().flat_map(|code| code.spellings().map(move |name| (name, Kind::Command(code))));
@@ -150,7 +150,7 @@ fn letter_index(letter: u8) -> usize {
     usize::from(letter.to_ascii_uppercase() - b'A')
 }
 
-/// The longest word that `rest`, which begins with a letter, begins with. Every letter is one.
+/// The longest known word at the start of `rest`, which begins with a letter. Every single letter is a word.
 fn word(rest: &[u8]) -> (Kind, usize) {
     let fits = |name: &[u8]| rest.get(..name.len()).is_some_and(|start| start.eq_ignore_ascii_case(name));
     let longest = WORDS[letter_index(rest[0])].iter().find(|(name, _)| fits(name));

@@ -1,11 +1,12 @@
 //! What the documents leave open about the binary rotary format, one named setting each.
 //!
-//! The manual prints the fields of a command but neither the bias of its exponent nor every bit of its axis masks, and
-//! it contradicts itself once. The defaults are the readings that fit the rest of it best; none was seen on a board.
+//! The manual prints the fields of a command, but neither the bias of its exponent nor all bits of its axis masks, and
+//! it contradicts itself once. The defaults are the readings that agree best with the rest; none has been confirmed on
+//! a board.
 
 use serde::{Deserialize, Serialize};
 
-/// Which of two printed code assignments the bit-wise assignments to M-variables have.
+/// Which of two printed code assignments applies to the bit-wise assignments of M-variables.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum BitCodes {
@@ -16,19 +17,19 @@ pub enum BitCodes {
     Table,
 }
 
-/// The readings of the format that both directions work by.
+/// The open points of the format, for both directions.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Settings {
-    /// Bias of the 6-bit exponent: value = mantissa * 2^(exponent - bias). 0 to 63; printed nowhere. 31 lets PMAC widen
-    /// the field to its 12-bit exponent by setting fixed bits.
+    /// Bias of the 6-bit exponent: value = mantissa * 2^(exponent - bias). 0 to 63; printed nowhere. With 31, PMAC
+    /// could widen the field to its 12-bit exponent by setting fixed bits.
     pub exponent_bias: u8,
-    /// What the exponent field of zero holds, 0 to 63.
+    /// The exponent field of zero, 0 to 63.
     pub zero_exponent: u8,
     /// The codes of `^=` and `&=`.
     pub bit_codes: BitCodes,
-    /// Lowest bit of CODE2 in word 1 of the mode commands (CODE1 30, sub-code 0), 12 to 19. The diagram draws the field
-    /// without bit numbers; type 0's lies at 16.
+    /// Lowest bit of CODE2 in word 1 of the mode commands (CODE1 30, sub-code 0), 12 to 19. The diagram shows the field
+    /// without bit numbers; in type 0 it is at 16.
     pub mode_code_bit: u8,
     /// Bit of axis A in the axis mask of ABS and INC, 0 to 7; B, C, U, V, W, X, Y, Z follow at every second bit.
     pub abs_inc_axis_bit: u8,
@@ -36,16 +37,16 @@ pub struct Settings {
     pub abs_inc_vector_bit: u8,
     /// Bit of axis A in the axis mask of FRAX, 0 to 7; the others follow as for ABS.
     pub frax_axis_bit: u8,
-    /// The number a buffer's header holds for coordinate system 1: 0 or 1.
+    /// The number for coordinate system 1 in a buffer's header: 0 or 1.
     pub coordinate_system_base: u8,
-    /// Size of the DPRAM buffer the program is meant for, in 32-bit words: even, 6 to 3584. A longer line is refused.
-    /// 3584 is all the room there is for buffers of variable size ($D200-$DFFF).
+    /// Size of the DPRAM buffer for the program, in 32-bit words: even, 6 to 3584. A longer line is refused. 3584 is
+    /// the whole area for buffers of variable size ($D200-$DFFF).
     pub buffer_words: u32,
 }
 
-/// Smallest size of a buffer in 32-bit words; one command a line fits (manual p. 30).
+/// Smallest buffer in 32-bit words: it holds one command per line (manual p. 30).
 pub const LEAST_BUFFER_WORDS: u32 = 6;
-/// Largest size of a buffer in 32-bit words.
+/// Largest buffer in 32-bit words.
 pub const MOST_BUFFER_WORDS: u32 = 3584;
 
 impl Default for Settings {
@@ -64,7 +65,7 @@ impl Default for Settings {
     }
 }
 
-/// A setting outside what its field can hold.
+/// A setting out of range.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{name} = {value}: {allowed}")]
 pub struct SettingsError {
@@ -72,7 +73,7 @@ pub struct SettingsError {
     pub name: &'static str,
     /// Its value.
     pub value: u32,
-    /// What it may be.
+    /// The allowed values.
     pub allowed: &'static str,
 }
 
@@ -80,7 +81,7 @@ impl Settings {
     /// Checks every setting against its field.
     ///
     /// # Errors
-    /// The first setting that does not fit.
+    /// The first setting out of range.
     pub fn check(&self) -> Result<(), SettingsError> {
         let vector = self.abs_inc_vector_bit;
         let axes = self.abs_inc_axis_bit..=self.abs_inc_axis_bit.saturating_add(16);
@@ -113,14 +114,14 @@ impl Settings {
         }
     }
 
-    /// What a buffer's header holds for coordinate system `number` (1 to 8).
+    /// The number for coordinate system `number` (1 to 8) in a buffer's header.
     #[must_use]
     pub fn coordinate_system_word(&self, number: u8) -> u16 {
         (u16::from(number) + u16::from(self.coordinate_system_base)).saturating_sub(1)
     }
 
-    /// Most commands one text line may have: the end marker takes a place, and a buffer counts as full with one more
-    /// place left (manual p. 30, rules 2 and 3).
+    /// Most commands of one text line: the end marker takes one place, and a buffer already counts as full with one
+    /// more place left (manual p. 30, rules 2 and 3).
     #[must_use]
     pub fn most_commands_a_line(&self) -> usize {
         (self.buffer_words as usize / 2).saturating_sub(2)

@@ -1,4 +1,4 @@
-//! Both directions together: the known vectors, what must be refused, and programs nobody wrote.
+//! Both directions together: known vectors, refused texts, and generated programs.
 
 use proptest::prelude::*;
 use serde::Deserialize;
@@ -246,7 +246,7 @@ fn a_number_has_to_be_in_range_as_it_is_sent_too() {
         let found = errors(text);
         assert_eq!(found.len(), 1, "{text}: {found:?}");
     }
-    // Where 0 is in range it is sent, with a warning.
+    // Where the range includes 0, 0 is sent with a warning.
     for text in ["X0.0000000001", "F0.000000001", "CALL32767.9999"] {
         assert!(compile(text.as_bytes(), &Settings::default()).is_ok(), "{text}");
     }
@@ -281,7 +281,7 @@ fn positive() -> impl Strategy<Value = String> {
     prop_oneof![r"[1-9][0-9]{0,5}", r"[1-9][0-9]{0,2}\.[0-9]{0,5}"]
 }
 
-/// A list of numbers from `least` to `most`, some as ranges.
+/// A list of numbers from `least` to `most`, with some ranges.
 fn list(least: u32, most: u32) -> impl Strategy<Value = String> {
     prop::collection::vec((least..=most, least..=most, any::<bool>()), 1..4).prop_map(|parts| {
         let part = |(a, b, single): (u32, u32, bool)| {
@@ -291,7 +291,7 @@ fn list(least: u32, most: u32) -> impl Strategy<Value = String> {
     })
 }
 
-/// A command of each shape, in some spelling.
+/// A command of each shape, in one of its spellings.
 fn statement() -> impl Strategy<Value = String> {
     let axes = prop::sample::subsequence(codes::AXES.to_vec(), 1..=9);
     let of = |names: &'static [&'static str]| prop::sample::select(names);
@@ -344,7 +344,7 @@ proptest! {
     fn programs_come_back_to_the_same_words(source in program(), settings in settings()) {
         let compiled = match compile(source.as_bytes(), &settings) {
             Ok(compiled) => compiled,
-            // A large number may not fit every bias; nothing else is wrong with these programs.
+            // A large number may exceed a given bias; nothing else can be wrong with these programs.
             Err(refused) => {
                 let large = |error: &Placed<Reason>| matches!(error.what, Reason::TooLarge { .. });
                 prop_assert!(refused.errors.listed.iter().all(large), "{source}: {:?}", refused.errors.listed);
@@ -357,7 +357,7 @@ proptest! {
         let text: String = back.program.lines.iter().map(|line| line.text() + "\n").collect();
         let again = compile(text.as_bytes(), &settings).unwrap().program;
         prop_assert_eq!(again.words().collect::<Vec<_>>(), words, "{} became {}", source, text);
-        // The places told are where the canonical text has its commands.
+        // The reported places are those of the commands in the canonical text.
         for ((_, told), (_, own)) in back.program.commands().zip(again.commands()) {
             prop_assert_eq!(told, own);
         }

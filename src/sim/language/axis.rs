@@ -1,13 +1,13 @@
-//! Axis definitions and lists of axes as they are typed.
+//! Axis definitions and lists of axes, as typed.
 
 use crate::sim::board::axes::{AxisDefinition, is_axis};
 use crate::sim::board::error::CommandError;
 use crate::sim::language::scanner::Scanner;
 
-/// Reads what follows `->`. `Ok(None)` is `0`: no axis.
+/// Parses what follows `->`. `Ok(None)` is `0`: no axis.
 ///
 /// # Errors
-/// ERR003 for more than three terms, an axis named twice, axes of two groups, or anything not understood.
+/// ERR003 for more than three terms, an axis named twice, axes of two groups, or any other text.
 pub fn definition(
     scanner: &mut Scanner,
     coordinate_system: usize,
@@ -42,7 +42,7 @@ pub fn definition(
     Ok(Some(AxisDefinition { coordinate_system, terms, offset: offset.unwrap_or(0.0) }))
 }
 
-/// One axis; or two or three different ones, all of XYZ or all of UVW.
+/// Accepts one axis, or two or three different ones, all of XYZ or all of UVW.
 fn check_axes(terms: &[(f64, char)]) -> Result<(), CommandError> {
     let together = |group: &str| terms.iter().all(|&(_, axis)| group.contains(axis));
     let repeated = terms.iter().enumerate().any(|(i, &(_, axis))| terms[..i].iter().any(|&(_, a)| a == axis));
@@ -53,7 +53,7 @@ fn check_axes(terms: &[(f64, char)]) -> Result<(), CommandError> {
 /// Longest list in parentheses: nine axes and the vector.
 const LONGEST_LIST: usize = 10;
 
-/// `(X,Y)` after `ABS`, `INC` or `FRAX`; `None` when there is no list.
+/// `(X,Y)` after `ABS`, `INC` or `FRAX`; `None` without a list.
 ///
 /// # Errors
 /// ERR003 for a list that is too long or not closed, or a letter that is neither an axis nor R.

@@ -1,11 +1,11 @@
-//! Control characters that are commands: they act at once, without a line end, and leave the line under way alone
+//! Control characters that are commands: they act at once, without a line end, and do not affect the line being entered
 //! (Software Reference, "On-line commands", CONTROL-A and following).
 //!
-//! ^W takes a command line from the DPRAM: I47 is the address where it begins, packed as the DPRAM ASCII port packs it (two
-//! characters a 16-bit word, the first one low, Y word before X word), up to a NUL or carriage return; it is answered
-//! where the ^W came from. ^E and ^G are binary reports of old firmware: what the sources of I20 to I44 hold, and
-//! both words of the global status, each 24-bit word as three bytes, high byte first. (Their form, and the packing for ^W,
-//! come from no page at hand.)
+//! ^W takes a command line from the DPRAM. I47 is its start address. It is packed as in the DPRAM ASCII port (two
+//! characters per 16-bit word, the first one low, Y word before X word) and ends at a NUL or carriage return; the port
+//! that sent the ^W gets the answer. ^E and ^G are binary reports of old firmware: the registers that I20 to I44 point
+//! to, and both words of the global status, each 24-bit word as three bytes, high byte first. (No available page prints
+//! their form, or the packing for ^W.)
 
 use crate::sim::board::Board;
 use crate::sim::board::number::tenths;
@@ -38,13 +38,13 @@ const Z: u8 = control(b'Z');
 /// ^W.
 pub const TAKE: u8 = control(b'W');
 
-/// Whether `character` makes the board take a line, which is answered like one.
+/// Whether `character` makes the board take a line; the board answers it like any line.
 #[must_use]
 pub const fn takes_line(character: u8) -> bool {
     character == TAKE
 }
 
-/// The line that ^W takes; empty when I47 points outside the DPRAM.
+/// The line for ^W; empty when I47 points outside the DPRAM.
 pub fn dpram_line(board: &Board) -> Vec<u8> {
     let first = board.variables.i(47) as u32;
     let words = (first..)
@@ -54,7 +54,7 @@ pub fn dpram_line(board: &Board) -> Vec<u8> {
     characters.take_while(|c| !matches!(c, 0 | b'\r')).take(LONGEST_LINE + 1).collect()
 }
 
-/// What ^E and ^G report, for ports that take any byte.
+/// The report of ^E and ^G, for ports that transmit any byte.
 pub fn binary_report(board: &Board, character: u8) -> Option<Vec<u8>> {
     const E: u8 = control(b'E');
     const G: u8 = control(b'G');
@@ -66,7 +66,7 @@ pub fn binary_report(board: &Board, character: u8) -> Option<Vec<u8>> {
     Some(words.iter().flat_map(|word| word.to_be_bytes().into_iter().skip(1)).collect())
 }
 
-/// Carries out `character`. `None`: it is no command of this kind.
+/// Executes `character`. `None` if it is no such command.
 pub fn execute(board: &mut Board, programs: &mut Programs, character: u8) -> Option<Reply> {
     let family = board.family();
     let report = |texts: Vec<String>| Reply { lines: vec![texts.join(" ")], error: None };

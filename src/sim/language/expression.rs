@@ -1,17 +1,17 @@
 //! Expressions: constants, variables, functions, and operators in two levels (Software Reference p. 360-367).
 //!
-//! `* / % &` bind tighter than `+ - | ^`; within a level the order is left to right. Nothing here is an error but bad
-//! syntax: division by zero saturates, and a function outside its domain gives 0.
+//! `*`, `/`, `%` and `&` bind tighter than `+`, `-`, `|` and `^`; within a level evaluation goes from left to right.
+//! Only bad syntax is an error: division by zero saturates, and a function outside its domain gives 0.
 
 use crate::sim::board::Board;
 use crate::sim::board::error::CommandError;
 use crate::sim::board::variables::VariableKind;
 use crate::sim::language::scanner::Scanner;
 
-/// What the quotient of a division by zero saturates at: 2^47.
+/// The result of a division by zero: 2^47.
 const SATURATED: f64 = (1u64 << 47) as f64;
 
-/// Fraction bits that bit-by-bit operators see; more than a 48-bit float of any common size has.
+/// Fraction bits of the bitwise operators; more than a 48-bit float of any usual size has.
 const FRACTION_BITS: i32 = 60;
 
 #[derive(Debug, Clone, Copy)]
@@ -53,8 +53,8 @@ pub fn evaluate(scanner: &mut Scanner, board: &Board, cs: usize) -> Result<f64, 
     Evaluator { board, cs, strict: true }.sum(scanner)
 }
 
-/// Takes the expression at the scanner without its value: what a program line does when it is entered. A computed
-/// variable number need not be valid yet.
+/// Parses the expression at the scanner without evaluating it, as for a program line being entered. A computed variable
+/// number need not be valid yet.
 ///
 /// # Errors
 /// ERR003 for anything that is not an expression.
@@ -62,7 +62,7 @@ pub fn check(scanner: &mut Scanner, board: &Board) -> Result<(), CommandError> {
     Evaluator { board, cs: 0, strict: false }.sum(scanner).map(|_| ())
 }
 
-/// Takes the condition at the scanner likewise.
+/// Parses the condition at the scanner in the same way.
 ///
 /// # Errors
 /// ERR003 for anything that is not a condition.
@@ -70,7 +70,7 @@ pub fn check_condition(scanner: &mut Scanner, board: &Board) -> Result<(), Comma
     Evaluator { board, cs: 0, strict: false }.condition(scanner).map(|_| ())
 }
 
-/// Whether the condition of an `IF` or `WHILE` holds: comparisons joined by `AND` and, less tightly, `OR`.
+/// Whether the condition of an `IF` or `WHILE` is true: comparisons joined by `AND` and, with lower precedence, `OR`.
 ///
 /// # Errors
 /// ERR003 for anything that is not a condition.
@@ -78,7 +78,7 @@ pub fn condition(scanner: &mut Scanner, board: &Board, cs: usize) -> Result<bool
     Evaluator { board, cs, strict: true }.condition(scanner)
 }
 
-/// A variable's number that was given as a constant.
+/// Checks a variable number given as a constant.
 ///
 /// # Errors
 /// ERR003 when there is no such variable.
@@ -91,18 +91,18 @@ pub fn check_number(number: f64, board: &Board) -> Result<usize, CommandError> {
 /// The number of a variable after its letter: digits, or an expression in parentheses.
 ///
 /// # Errors
-/// ERR003 when there is none, or when it is outside 0 to `count` - 1.
+/// ERR003 when there is none, or when it is not from 0 to `count` - 1.
 pub fn variable_number(scanner: &mut Scanner, board: &Board, cs: usize) -> Result<usize, CommandError> {
     Evaluator { board, cs, strict: true }.number(scanner)
 }
 
-/// What a comparison's sign asks for, before `!` turns it round.
+/// A comparison, before a `!` negates it.
 #[derive(Debug, Clone, Copy)]
 enum Comparison {
     Equal,
     Greater,
     Less,
-    /// Within one.
+    /// Within one unit.
     Near,
 }
 
@@ -120,7 +120,7 @@ const COMPARATORS: &[(&str, (Comparison, bool))] = &[
 struct Evaluator<'a> {
     board: &'a Board,
     cs: usize,
-    /// A computed variable number must be in range; otherwise it counts as 0.
+    /// Whether a computed variable number must be in range; otherwise it counts as 0.
     strict: bool,
 }
 
@@ -236,7 +236,7 @@ impl Evaluator<'_> {
     }
 
     fn apply(&self, function: Function, x: f64) -> f64 {
-        // I15=0: degrees.
+        // I15=0 means degrees.
         let unit = if self.board.variables.i(15) == 0.0 { std::f64::consts::PI / 180.0 } else { 1.0 };
         let result = match function {
             Function::Sin => (x * unit).sin(),
@@ -272,7 +272,7 @@ fn modulo(a: f64, b: f64) -> f64 {
     if result.is_nan() { 0.0 } else { result }
 }
 
-/// A bit-by-bit operation on the two's complement of both numbers, fraction bits included.
+/// A bitwise operation on the two's complement of both numbers, fraction bits included.
 fn bitwise(a: f64, b: f64, operation: impl Fn(i128, i128) -> i128) -> f64 {
     let scale = 2f64.powi(FRACTION_BITS);
     operation((a * scale) as i128, (b * scale) as i128) as f64 / scale

@@ -1,4 +1,4 @@
-//! M-variable definitions as they are typed: what follows `->`.
+//! M-variable definitions, as typed after `->`.
 
 use crate::sim::board::error::CommandError;
 use crate::sim::board::m_definition::{Format, Half, MDefinition};
@@ -11,7 +11,7 @@ const FORMATS: [(u8, Format); 4] = [
     (b'C', Format::ComplementDecimal),
 ];
 
-/// Field widths that a definition may name.
+/// The field widths allowed in a definition.
 const WIDTHS: [u8; 7] = [1, 4, 8, 12, 16, 20, 24];
 
 #[derive(Clone, Copy)]
@@ -37,10 +37,10 @@ const PREFIXES: &[(&str, Prefix)] = &[
     ("TWS", Prefix::Thumbwheel('S')),
 ];
 
-/// Reads what follows `->`. `None` when nothing does: the definition is asked for, not given.
+/// Parses what follows `->`. `None` at the end of the line: a query, not a definition.
 ///
 /// # Errors
-/// ERR003 for an address above `last`, a field that is not inside a word, and anything not understood.
+/// ERR003 for an address above `last`, a field that exceeds a word, and any other text.
 pub fn definition(scanner: &mut Scanner, last: u32) -> Result<Option<MDefinition>, CommandError> {
     if scanner.take(b'*') {
         return Ok(Some(MDefinition::None));

@@ -1,25 +1,25 @@
-//! What comes back from a command line.
+//! The reply to a command line.
 
 use crate::sim::board::error::CommandError;
 
-/// The longest line that the interpreter takes, in characters.
+/// The longest command line, in characters.
 pub const LONGEST_LINE: usize = 255;
 
-/// What a command ends in.
+/// The result of a command.
 pub type Outcome = Result<(), CommandError>;
 
-/// What a command line answers: its data lines, without handshake characters, then perhaps an error.
+/// The reply to a command line: its data lines, without handshake characters, then an optional error.
 ///
-/// Data produced before the error comes first; a line reports one error only.
+/// Data produced before the error comes first; a line reports at most one error.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Reply {
     /// Lines of data, in order.
     pub lines: Vec<String>,
-    /// The error that ended the line, if one did.
+    /// The error that ended the line, if any.
     pub error: Option<CommandError>,
 }
 
-/// Two status words as reports show them.
+/// Two status words in the form of reports.
 #[must_use]
 pub fn status_text([first, second]: [u32; 2]) -> String {
     format!("{:06X}{:06X}", first & 0xFF_FFFF, second & 0xFF_FFFF)

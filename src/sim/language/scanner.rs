@@ -1,7 +1,7 @@
 //! Lexical rules of a command line: blanks, letter case, numbers, keywords (Software Reference p. 17).
 //!
-//! Blanks and tabs separate but mean nothing; letter case means nothing. A keyword or number has no blank inside. At
-//! each place the longest keyword that fits is the one meant.
+//! Blanks and tabs only separate; case does not matter. A keyword or number contains no blank. At each place the
+//! longest keyword that fits applies.
 
 use crate::sim::board::error::CommandError;
 
@@ -24,7 +24,7 @@ impl<'a> Scanner<'a> {
         Self { text, at: 0 }
     }
 
-    /// The next character in upper case, blanks skipped; `None` at the end of the line.
+    /// The next character in upper case, after blanks; `None` at the end of the line.
     pub fn peek(&mut self) -> Option<u8> {
         while matches!(self.text.get(self.at), Some(b' ' | b'\t')) {
             self.at += 1;
@@ -32,7 +32,7 @@ impl<'a> Scanner<'a> {
         self.ahead(0)
     }
 
-    /// The character `distance` after the present one in upper case, blanks not skipped.
+    /// The character `distance` after the present one, in upper case; does not skip blanks.
     fn ahead(&self, distance: usize) -> Option<u8> {
         self.text.get(self.at + distance).map(u8::to_ascii_uppercase)
     }
@@ -58,7 +58,7 @@ impl<'a> Scanner<'a> {
         if self.take(character) { Ok(()) } else { Err(CommandError::SYNTAX) }
     }
 
-    /// Takes `text` (upper case) if it follows at once, no blank before it or inside: the `->` of a definition.
+    /// Takes `text` (upper case) if it follows without a blank before it or inside: the `->` of a definition.
     pub fn take_tight(&mut self, text: &[u8]) -> bool {
         let found = text.iter().enumerate().all(|(i, &c)| self.ahead(i) == Some(c));
         if found {
@@ -67,13 +67,13 @@ impl<'a> Scanner<'a> {
         found
     }
 
-    /// Takes `text` (upper case, no blank inside) if it follows, blanks skipped.
+    /// Takes `text` (upper case, no blank inside) if it follows, after blanks.
     pub fn take_text(&mut self, text: &[u8]) -> bool {
         self.peek();
         self.take_tight(text)
     }
 
-    /// Takes the longest keyword of `tables` that stands here.
+    /// Takes the longest keyword of `tables` at this place.
     pub fn keyword<T: Copy>(&mut self, tables: &[&[(&str, T)]]) -> Option<T> {
         self.peek();
         let here = &self.text[self.at..];
@@ -88,7 +88,7 @@ impl<'a> Scanner<'a> {
         Some(*meaning)
     }
 
-    /// What is left of the line, as it was typed; the scanner moves to the end.
+    /// The rest of the line, as typed; moves the scanner to the end.
     pub fn rest(&mut self) -> &'a [u8] {
         self.peek();
         let rest = &self.text[self.at..];
@@ -96,13 +96,13 @@ impl<'a> Scanner<'a> {
         rest
     }
 
-    /// The text from here to where `other`, a later position in the same line, stands.
+    /// The text from here to `other`, a later position in the same line.
     #[must_use]
     pub fn up_to(&self, other: &Self) -> &'a [u8] {
         self.text.get(self.at..other.at).unwrap_or(&[])
     }
 
-    /// The text up to the next `end` as it was typed, and takes that too. `None` when there is none.
+    /// Takes the text up to the next `end`, as typed, and `end` too. `None` when there is none.
     pub fn until(&mut self, end: u8) -> Option<&'a [u8]> {
         let rest = &self.text[self.at..];
         let length = rest.iter().position(|&c| c == end)?;
@@ -110,7 +110,7 @@ impl<'a> Scanner<'a> {
         Some(&rest[..length])
     }
 
-    /// Whether an unsigned constant stands here.
+    /// Whether an unsigned constant follows.
     pub fn at_unsigned(&mut self) -> bool {
         self.peek();
         self.unsigned_at(0)
@@ -125,7 +125,7 @@ impl<'a> Scanner<'a> {
         }
     }
 
-    /// Whether a constant stands here, perhaps with a sign directly before it.
+    /// Whether a constant follows, with an optional sign directly before it.
     pub fn at_constant(&mut self) -> bool {
         match self.peek() {
             Some(b'+' | b'-') => self.unsigned_at(1),
@@ -150,14 +150,14 @@ impl<'a> Scanner<'a> {
         }
         let text = std::str::from_utf8(&self.text[start..self.at]).map_err(|_| CommandError::SYNTAX)?;
         let value = text.parse().map_err(|_| CommandError::SYNTAX)?;
-        // A point without digits after it is part of the number, the first of two (a range) is not.
+        // A point without digits after it belongs to the number; the first of two points (a range) does not.
         if self.ahead(0) == Some(b'.') && self.ahead(1) != Some(b'.') {
             self.at += 1;
         }
         Ok(value)
     }
 
-    /// A constant, perhaps with a sign before it.
+    /// A constant with an optional sign.
     pub fn constant(&mut self) -> Result<f64, CommandError> {
         if self.take(b'-') {
             return Ok(-self.unsigned()?);
@@ -166,7 +166,7 @@ impl<'a> Scanner<'a> {
         self.unsigned()
     }
 
-    /// A constant that fills a register of up to 48 bits: hex of up to 12 digits, or a signed decimal integer.
+    /// The value of a register of up to 48 bits: hex of up to 12 digits, or a signed decimal integer.
     pub fn register(&mut self, hex_digits: usize) -> Result<i64, CommandError> {
         let negative = self.take(b'-');
         let value = if self.take(b'$') {

@@ -1,7 +1,7 @@
 //! The serial port as a stream of raw bytes: line collection, line editing, and the handshake around replies.
 //!
 //! I3 chooses the characters around data and the acknowledgement, I4 adds checksum bytes, I6 the error text (Software
-//! Reference p. 22-25). All three are looked at when the reply is sent, so `I3=2` is acknowledged in the new manner.
+//! Reference p. 22-25). The board reads all three when it sends the reply, so `I3=2` is acknowledged in the new form.
 
 use crate::sim::board::Board;
 use crate::sim::board::error::CommandError;
@@ -103,10 +103,10 @@ impl SerialPort {
         Self::default()
     }
 
-    /// Takes one byte from the host and appends what the board sends back to `out`.
+    /// Takes one byte from the host and appends the board's answer to `out`.
     ///
-    /// PMAC and PMAC2 have one addressing for all ports: give each port the same `interpreter`. Line feeds and NULs are
-    /// ignored. Of a line too long only the start is kept, and it is answered with an error.
+    /// PMAC and PMAC2 have one addressing for all ports: give each port the same `interpreter`. Ignores line feeds and
+    /// NULs. Keeps only the start of a line that is too long, and answers it with an error.
     pub fn receive(
         &mut self,
         board: &mut Board,
@@ -152,7 +152,7 @@ impl SerialPort {
         }
     }
 
-    /// Carries out the line last entered and sends its reply.
+    /// Executes the line just entered and sends its reply.
     fn enter(
         &self,
         board: &mut Board,
@@ -180,8 +180,8 @@ impl SerialPort {
     }
 }
 
-/// Sends the answer to a control character: data as for a line, and an acknowledgement only where data was asked for
-/// and I3 asks for `<ACK>`.
+/// Sends the answer to a control character: data as for a line, and an `<ACK>` only after data and where I3 requires
+/// it.
 fn report(board: &Board, reply: &Reply, out: &mut Vec<u8>) {
     let handshake = Handshake::of(&board.variables);
     handshake.data(&reply.lines, out);

@@ -1,6 +1,6 @@
 //! Keywords of on-line commands, long and short forms (Software Reference, command lists).
 //!
-//! A board takes the words of [`TABLES`]; those that only another family has are in them as [`Word::Foreign`].
+//! A board accepts the words of [`TABLES`]; words of other families only are in them as [`Word::Foreign`].
 
 /// A command that works on buffers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -17,7 +17,7 @@ pub enum BufferCommand {
     List,
     /// `PC`: the line to be calculated next.
     Calculated,
-    /// `PE`: the line under execution.
+    /// `PE`: the line in execution.
     Executed,
     /// `PR`.
     RotaryRemaining,
@@ -27,7 +27,7 @@ pub enum BufferCommand {
     Match,
 }
 
-/// Which registers a memory command names.
+/// The registers of a memory command.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Space {
     /// 24-bit X words.
@@ -36,20 +36,20 @@ pub enum Space {
     Y,
     /// 48-bit registers: X word high, Y word low.
     L,
-    /// Program memory, for writing only: it is the firmware's, and what is written there changes nothing here.
+    /// Program memory, for writing only: it belongs to the firmware, and writing it changes nothing here.
     Program,
 }
 
-/// What a read command reads, and how it shows it.
+/// The registers and the number format of a read command.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Form {
     /// Registers.
     pub space: Space,
-    /// In hex, zero padded, unsigned; otherwise in signed decimal.
+    /// Hex, zero padded, unsigned; otherwise signed decimal.
     pub hex: bool,
 }
 
-/// What a keyword asks for. Commands of one character are dispatched by that character.
+/// The meaning of a keyword. Commands of one character are dispatched by that character.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Word {
     /// `?` and longer: status words of motor (1), coordinate system (2) or board (3).
@@ -74,9 +74,9 @@ pub enum Word {
     FeedrateAxes,
     /// `UNDEFINE`.
     Undefine,
-    /// `RX` and its like: read memory.
+    /// `RX` and similar: read memory.
     Read(Form),
-    /// `WX` and its like: write memory.
+    /// `WX` and similar: write memory.
     Write(Space),
     /// `DEFINE` a buffer.
     Define,
@@ -100,11 +100,11 @@ pub enum Word {
     Save,
     /// `PASSWORD`.
     Password,
-    /// A statement of a program: without an open buffer it has no place to go (ERR005).
+    /// A statement of a program: an error without an open buffer (ERR005).
     Program,
     /// A command on program and table buffers.
     Buffer(BufferCommand),
-    /// A word that another family has: ERR003 here.
+    /// A word of another family: ERR003 here.
     Foreign,
 }
 

@@ -1,15 +1,15 @@
 //! Binary rotary commands to [`Item`]s: what PMAC makes of two 24-bit words (DPRAM manual pp. 31-35).
 //!
-//! Names and codes come from the one table of the format, as addresses come from the register map; the bits are taken
-//! apart here, the way the board reads them: exponent bias 31, CODE2 of a mode at bit 16 of word 1, `^=` 1 and `&=` 2,
-//! axes at the bits they have in the first `??` word.
+//! Names and codes come from the format's one table, as addresses come from the register map. The bits are decoded
+//! here, the way the board reads them: exponent bias 31, CODE2 of a mode at bit 16 of word 1, `^=` 1 and `&=` 2, axes
+//! at their bits in the first `??` word.
 
 use crate::rotary::codes::{self, CODES, Code, Shape};
 use crate::sim::board::axes::AxisMode;
 use crate::sim::board::variables::VariableKind;
 use crate::sim::program::item::{AXES, Data, Item, Mark, Mode, Operator, Time, Transform};
 
-/// Two words that are no command, or a mark with no axis before it.
+/// Two words that are no command, or a mark without an axis before it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[error("${word1:06X} ${word2:06X} is no program command here")]
 pub struct NoCommand {
@@ -22,7 +22,7 @@ pub struct NoCommand {
 /// A program command: the two 24-bit words of its binary form.
 pub type Command = (u32, u32);
 
-/// In a command's first word: it is the first of its line (DPRAM manual, "Internal PMAC 48-bit command format").
+/// In a command's first word: it begins a line (DPRAM manual, "Internal PMAC 48-bit command format").
 pub const START_OF_LINE: u32 = 1 << 11;
 const BIAS: i32 = 31;
 /// The motors of HOME and HOMEZ, bit 0 for motor 1.
@@ -31,7 +31,7 @@ const HOME_MOTORS: u32 = 0xFF;
 /// The items of one line.
 ///
 /// # Errors
-/// [`NoCommand`] for the first pair that is none.
+/// [`NoCommand`] for the first pair that is no command.
 pub fn line(commands: &[(u32, u32)]) -> Result<Vec<Item>, NoCommand> {
     let mut items: Vec<Item> = Vec::new();
     for &(word1, word2) in commands {

@@ -1,7 +1,7 @@
 //! The geometry of an arc in X, Y, Z (Software Reference p. 295; User Manual p. 177).
 //!
-//! The plane is the one the NORMAL vector stands on. Clockwise is the right-hand rule about that vector, which points
-//! to -Z unless told otherwise. Whatever goes along the vector is straight: a helix.
+//! The arc lies in the plane normal to the NORMAL vector. Clockwise follows the right-hand rule about that vector,
+//! which by default points to -Z. Motion along the vector is straight: a helix.
 
 /// X, Y, Z.
 pub type Vector = [f64; 3];
@@ -11,7 +11,7 @@ pub type Vector = [f64; 3];
 pub struct Arc {
     /// Unit vector from the centre to the start.
     pub e1: Vector,
-    /// Unit vector a quarter turn on.
+    /// Unit vector a quarter turn further.
     pub e2: Vector,
     /// Radius at start and end.
     pub radius: [f64; 2],
@@ -24,19 +24,19 @@ pub struct Arc {
 pub enum Centre {
     /// The vector from the start to the centre.
     From(Vector),
-    /// The radius; negative for the way round of 180 degrees and more.
+    /// The radius; negative for an arc of 180 degrees or more.
     Radius(f64),
 }
 
-/// The distance is more than two radii, and a spiral is not allowed to make good for so much.
+/// The distance exceeds two radii by more than a spiral may make up.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct RadiusError;
 
-/// Below this part of a semicircle an arc given by its centre is a full circle whatever I90 says.
+/// Below this part of a semicircle, an arc given by its centre is a full circle, whatever I90 says.
 const SMALLEST: f64 = 1e-6;
 
 impl Arc {
-    /// The arc over `way` from its start. `allowed` is Ix96, `smallest` I90 in semicircles.
+    /// The arc from the start over `way`. `allowed` is Ix96, `smallest` I90 in semicircles.
     ///
     /// # Errors
     /// [`RadiusError`].
@@ -121,7 +121,7 @@ mod tests {
     fn directions_and_full_circles() {
         let quarter = [10.0, 10.0, 5.0];
         let close = |a: Result<f64, RadiusError>, b: f64| (a.unwrap() - b).abs() < 1e-9;
-        // From (0,0) round (10,0) to (10,10): clockwise seen from above, a quarter.
+        // A quarter circle from (0,0) round (10,0) to (10,10): clockwise as seen from above.
         assert!(close(sweep(quarter, Centre::From([10.0, 0.0, 0.0]), true), 0.5));
         assert!(close(sweep(quarter, Centre::From([10.0, 0.0, 0.0]), false), 1.5));
         assert!(close(sweep(quarter, Centre::Radius(10.0), true), 0.5));

@@ -1,22 +1,22 @@
 //! The geometry of cutter radius compensation: where offset paths meet (CC0, CC1, CC2, CCR; I89).
 //!
-//! A move is offset by the radius to its left or right in the plane that NORMAL stands on. Inside a corner the offset
-//! paths end where they cross; outside, an arc about the corner joins them, unless the cosine of the change of
-//! direction is above I89: then they are drawn out until they cross. The manual pages at hand do not print this
-//! rule; it is the usual one of such controls, and I89 is documented as the border between its two cases.
+//! A move is offset by the radius to its left or right in the plane normal to NORMAL. Inside a corner the offset paths
+//! end where they cross. Outside, an arc about the corner joins them, unless the cosine of the change of direction is
+//! above I89: then they are extended until they cross. The available manual pages do not print this rule; it is usual
+//! for such controls, and they document I89 as the border between its two cases.
 
 /// A point or direction in the plane.
 pub type Point = [f64; 2];
 
-/// Below this, directions are the same.
+/// Below this difference, directions count as equal.
 const SAME: f64 = 1e-9;
 
 /// A programmed move in the plane.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Element {
-    /// Where it ends.
+    /// Its end.
     pub end: Point,
-    /// Its direction at the start and at the end.
+    /// Its directions at the start and at the end.
     pub tangents: [Point; 2],
     /// Of an arc: its centre, and whether it turns left.
     pub turn: Option<(Point, bool)>,
@@ -48,20 +48,20 @@ impl Element {
         Some(Self { end, tangents, turn })
     }
 
-    /// Where it ends when it is offset by `offset` to the left.
+    /// Its end when it is offset by `offset` to the left.
     #[must_use]
     pub fn offset_end(&self, offset: f64) -> Point {
         plus(self.end, scaled(left_of(self.tangents[1]), offset))
     }
 
-    /// Where `next`, which begins at its end, begins when it is offset by `offset` to the left.
+    /// The start of `next`, which begins at its end, when that is offset by `offset` to the left.
     #[must_use]
     pub fn offset_start_of(&self, next: &Self, offset: f64) -> Point {
         plus(self.end, scaled(left_of(next.tangents[0]), offset))
     }
 
-    /// The corner with `next`, both `offset` to the left; `sharp` is I89. `None` when the offset paths do not cross: the
-    /// cutter does not fit.
+    /// The corner with `next`, both `offset` to the left; `sharp` is I89. `None` when the offset paths do not cross:
+    /// the cutter does not fit.
     #[must_use]
     pub fn corner(&self, next: &Self, offset: f64, sharp: f64) -> Option<Corner> {
         let (before, after) = (self.tangents[1], next.tangents[0]);
@@ -76,7 +76,7 @@ impl Element {
         self.meet(next, offset).map(Corner::Meet)
     }
 
-    /// The crossing of the offset paths that is nearest to the corner.
+    /// The crossing of the offset paths nearest to the corner.
     fn meet(&self, next: &Self, offset: f64) -> Option<Point> {
         let (here, there) = (self.offset_end(offset), self.offset_start_of(next, offset));
         let radius = |element: &Self| {
@@ -117,12 +117,12 @@ fn circles((a, ra): (Point, f64), (b, rb): (Point, f64)) -> Option<[Point; 2]> {
     Some([-height, height].map(|y| plus(plus(a, scaled(along, x)), scaled(left_of(along), y))))
 }
 
-/// A quarter turn to the left.
+/// `v` turned a quarter to the left.
 fn left_of([x, y]: Point) -> Point {
     [-y, x]
 }
 
-/// Toward `v`, of length one.
+/// The unit vector in the direction of `v`.
 fn unit(v: Point) -> Option<Point> {
     let size = length(v);
     (size > SAME).then(|| scaled(v, 1.0 / size))
@@ -176,7 +176,7 @@ mod tests {
         meets(right.corner(&line([10.0, 0.0], [20.0, 0.0]), 1.0, 0.9998), [10.0, 1.0]);
         let back = line([10.0, 0.0], [0.0, 0.0]);
         assert_eq!(right.corner(&back, 1.0, 0.9998), Some(Corner::Round([10.0, 1.0], [10.0, -1.0])));
-        // An arc about (10, 5), to the left: tangent; and one about (15, 0) that goes up and is entered at an angle.
+        // An arc about (10, 5) to the left: tangent. And one about (15, 0) that goes up and is entered at an angle.
         let tangent = Element::new([10.0, 0.0], [15.0, 5.0], Some(([10.0, 5.0], true))).unwrap();
         meets(right.corner(&tangent, 1.0, 0.9998), [10.0, 1.0]);
         assert_eq!(tangent.offset_end(1.0), [14.0, 5.0]);

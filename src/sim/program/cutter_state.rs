@@ -15,20 +15,20 @@ pub struct Cutter {
     pub radius: f64,
     /// The move held back until the next one is known.
     pub held: Option<Held>,
-    /// Where the program thinks the axes are, when they are beside it.
+    /// The programmed position, while the axes are beside it.
     pub programmed: Option<[f64; 9]>,
-    /// The next move is the first one.
+    /// The next move leads in.
     pub leads_in: bool,
 }
 
 impl Cutter {
-    /// Drops the moves, keeps what CC and CCR said. Gives where calculation was at the move held back.
+    /// Drops the moves, keeps CC and CCR. Returns where calculation was at the held move.
     pub fn reset(&mut self) -> Option<Cursor> {
         self.programmed = None;
         self.held.take().and_then(|held| held.cursor)
     }
 
-    /// What counts for the program, when that is not where the axes are.
+    /// The programmed position, if the axes are beside it.
     #[must_use]
     pub fn programmed(&self) -> Option<[f64; 9]> {
         self.programmed
@@ -40,17 +40,17 @@ impl Cutter {
 pub struct Held {
     /// Its geometry in the plane.
     pub element: Element,
-    /// Where the program ends it.
+    /// Its programmed end.
     pub end: [f64; 9],
     /// The centre of an arc.
     pub centre: Option<Vector>,
-    /// It is the first one after CC1 or CC2.
+    /// It leads in: it is the first after CC1 or CC2.
     pub leads_in: bool,
-    /// The move mode it was programmed in.
+    /// The move mode in force when it was programmed.
     pub mode: Mode,
     /// Where calculation was.
     pub cursor: Option<Cursor>,
-    /// Assignments that wait for it.
+    /// Assignments that take effect when it begins.
     pub later: Vec<Later>,
     /// TA, TS, F or TM, and the first `??` word's bit for TM.
     pub times: [f64; 3],

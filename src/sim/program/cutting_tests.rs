@@ -1,4 +1,4 @@
-//! Cutter radius compensation on the whole board: where the axes go.
+//! Cutter radius compensation on the whole board: the path of the axes.
 
 use crate::sim::board::Board;
 use crate::sim::testing::Bench;
@@ -16,7 +16,7 @@ fn position(board: &Board) -> [f64; 2] {
     [axes[6], axes[7]]
 }
 
-/// Runs a program from (0, 0); gives the way, the end and the second `??` word.
+/// Runs a program from (0, 0); returns the path, the end and the second `??` word.
 fn run(program: &str) -> (Vec<[f64; 2]>, [f64; 2], u32) {
     let mut bench = Bench::started();
     send(
@@ -37,7 +37,7 @@ fn run(program: &str) -> (Vec<[f64; 2]>, [f64; 2], u32) {
     (way, position(board), board.coordinate_status(0)[1])
 }
 
-/// How far `point` is from the polygon of the square (0,0) to (10,10).
+/// Distance of `point` from the outline of the square (0,0) to (10,10).
 fn from_square([x, y]: [f64; 2]) -> f64 {
     let out = |v: f64| (v - 10.0).max(-v);
     let (dx, dy) = (out(x), out(y));
@@ -51,12 +51,12 @@ fn outside_a_square_the_cutter_stays_a_radius_away_and_goes_round_its_corners() 
     let close = |a: [f64; 2], b: [f64; 2]| (a[0] - b[0]).hypot(a[1] - b[1]) < 1e-6;
     assert!(close(end, [-5.0, -1.0]), "{end:?}");
     assert_eq!(status >> 22 & 1, 0);
-    // From beside (0, 0), at (-1, 0), to beneath it, at (0, -1).
+    // From (-1, 0), beside (0, 0), to (0, -1), beneath it.
     let begun = way.iter().position(|p| p[0] < -4.9).unwrap();
     let first = begun + way[begun..].iter().position(|p| from_square(*p) < 1.001).unwrap();
     let last = way.iter().rposition(|p| from_square(*p) < 1.001).unwrap();
     for point in &way[first..=last] {
-        // Blending cuts a little off.
+        // Blending rounds the corners slightly.
         assert!((from_square(*point) - 1.0).abs() < 0.02, "{point:?}");
     }
     assert!(way.iter().any(|p| (p[0] - 10.707).abs() < 0.06 && (p[1] - 10.707).abs() < 0.06));
@@ -82,7 +82,7 @@ fn inside_a_square_paths_meet_and_an_arc_has_a_smaller_radius() {
 
 #[test]
 fn a_cutter_that_does_not_fit_is_a_run_time_error() {
-    // A notch half a unit wide for a cutter of radius 1.
+    // A notch half a unit wide, with a cutter of radius 1.
     let (_, end, status) = run("CC1 X5 Y0\nX10\nY0.5\nX5\nCC0 X0");
     assert_eq!(status >> 22 & 1, 1, "{status:06X}");
     assert_eq!(status >> 10 & 1, 1);

@@ -1,7 +1,7 @@
-//! The servo interrupt's and the real-time interrupt's part in running programs.
+//! How the servo interrupt and the real-time interrupt execute programs.
 //!
-//! Each servo cycle the trajectory goes on by the time base, and the motors of the coordinate system are told where to
-//! be. Every I8+1 cycles the next lines are calculated, and rotary lines that are done with are freed.
+//! Each servo cycle the trajectory advances by the time base and sets the desired positions of the coordinate system's
+//! motors. Every I8+1 cycles the next lines are calculated, and executed rotary lines are freed.
 
 use crate::sim::board::Board;
 use crate::sim::board::variables::VariableKind;
@@ -15,7 +15,7 @@ use crate::sim::program::trajectory::{Later, Shape};
 /// PSTATUS bit 16.
 const BUFFER_REQUEST: u32 = 1 << 16;
 
-/// What has to be done when a move begins.
+/// What to do when a move begins.
 struct Begun {
     later: Vec<Later>,
     axes: [f64; 9],
@@ -67,7 +67,7 @@ impl Programs {
         }
     }
 
-    /// Shows the lines ahead in their register, and the buffer request.
+    /// Writes the number of lines ahead to their register, and sets the buffer request.
     pub fn note_rotary(&mut self, board: &mut Board, cs: usize) {
         let lines = self.rotary_remaining(cs).unwrap_or(0);
         board.memory.write(board.memory.registers().lines_remaining.of(cs), lines as u32);
@@ -169,7 +169,7 @@ impl Programs {
         }
     }
 
-    /// Ends a move that motors make by themselves when they have stopped.
+    /// Ends a move in front that motors execute by themselves, once they have stopped.
     fn front_of_program(&mut self, board: &mut Board, cs: usize) {
         let system = &self.systems[cs];
         let Some(entry) = system.trajectory.front().filter(|entry| entry.started) else { return };
@@ -209,7 +209,7 @@ impl Programs {
         }
     }
 
-    /// Ends calculation after what is there.
+    /// Ends calculation after the moves already calculated.
     pub(super) fn finish_calculation(&mut self, board: &mut Board, cs: usize) {
         let mut system = std::mem::take(&mut self.systems[cs]);
         Calculator { programs: self, board, system: &mut system, cs }.end(Ending::Here);

@@ -1,8 +1,8 @@
-//! The small internal form of program lines: one [`Item`] a command, one [`Line`] a text line.
+//! The internal form of program lines: one [`Item`] per command, one [`Line`] per text line.
 //!
-//! Text, DPRAM words and `LIST` all go through it. Numbers are constants, or expressions kept as text, which are
-//! evaluated when the line is calculated. An item takes one long word of its buffer, an expression one more for each
-//! operand (User Manual, "Motion programs").
+//! Text, DPRAM words and `LIST` all use it. Numbers are constants, or expressions kept as text and evaluated when the
+//! line is calculated. An item takes one long word of its buffer, an expression one more for each operand (User Manual,
+//! "Motion programs").
 
 use crate::sim::board::Board;
 use crate::sim::board::axes::AxisMode;
@@ -16,14 +16,14 @@ pub const AXES: [u8; 9] = *b"ABCUVWXYZ";
 /// A number of a program.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Data {
-    /// As it was typed.
+    /// As typed.
     Constant(f64),
     /// The text between the parentheses.
     Expression(Box<str>),
 }
 
 impl Data {
-    /// Its value now. An expression that cannot be evaluated (a variable number out of range) is 0.
+    /// Its present value. An expression that cannot be evaluated (a variable number out of range) is 0.
     #[must_use]
     pub fn value(&self, board: &Board, cs: usize) -> f64 {
         match self {
@@ -40,7 +40,7 @@ impl Data {
     }
 }
 
-/// A move mode, in the order of nothing in particular; bits 4, 1, 0 of PSTATUS tell them apart.
+/// A move mode; bits 4, 1, 0 of PSTATUS identify it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Mode {
     /// Blended straight moves.
@@ -75,16 +75,16 @@ impl Mode {
     }
 }
 
-/// What stands behind an axis and its position.
+/// What may follow an axis and its position.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Mark {
     /// `:`, the end velocity of a PVT move.
     Velocity,
-    /// `^`, the distance after a trigger of a RAPID move.
+    /// `^`, the distance after a trigger in a RAPID move.
     Trigger,
 }
 
-/// A time that stays in force.
+/// A modal time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Time {
     /// `TA`.
@@ -102,13 +102,13 @@ pub enum Transform {
     AbsoluteDisplacement,
     /// `AROT`: rotation and scale.
     AbsoluteRotation,
-    /// `IDIS`: displacement on top of the present one.
+    /// `IDIS`: displacement added to the present one.
     IncrementalDisplacement,
-    /// `IROT`: rotation on top of the present one.
+    /// `IROT`: rotation added to the present one.
     IncrementalRotation,
 }
 
-/// How a variable is assigned.
+/// How to assign a variable.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Operator {
     /// `=`: when the line is calculated.
@@ -214,14 +214,14 @@ pub enum Item {
     CommandCharacter(u8),
     /// `SEND"text"`.
     Send(Box<str>),
-    /// `DISPLAY`, what follows it.
+    /// `DISPLAY` and its text.
     Display(Box<str>),
     /// `ADDRESS#m&n`, 0-based.
     Address(Option<usize>, Option<usize>),
 }
 
 impl Item {
-    /// The long words it takes in its buffer.
+    /// The long words that it takes in its buffer.
     #[must_use]
     pub fn words(&self) -> usize {
         1 + match self {
@@ -250,17 +250,17 @@ impl Item {
     }
 }
 
-/// One program line: what was entered with one carriage return.
+/// One program line: the text up to one carriage return.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Line {
-    /// Its commands in order; not empty.
+    /// Its commands in order; never empty.
     pub items: Vec<Item>,
-    /// Where it begins in its buffer, in long words.
+    /// Its start in its buffer, in long words.
     pub offset: usize,
 }
 
 impl Line {
-    /// The long words it takes.
+    /// The long words that it takes.
     #[must_use]
     pub fn words(&self) -> usize {
         self.items.iter().map(Item::words).sum()

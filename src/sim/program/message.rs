@@ -4,7 +4,7 @@ use crate::map::functions::response;
 use crate::sim::board::Board;
 use crate::sim::board::output::Port;
 
-/// The tag before what goes out unasked for, with I64=1.
+/// The tag before an unsolicited line, with I64=1.
 const TAG: u8 = 2;
 
 /// `SEND"text"`, from a program or the control socket.
@@ -18,7 +18,7 @@ pub fn send_message(board: &mut Board, text: &str) {
     }
 }
 
-/// A line as a port sends it unasked: `^B` before it with I64=1, `<LF>` if I3 is odd, `<CR>` after it.
+/// An unsolicited line as a port sends it: `^B` before it with I64=1, `<LF>` if I3 is odd, `<CR>` after it.
 pub fn unasked_line(board: &Board, text: &str, without_return: bool) -> Vec<u8> {
     let mut bytes = Vec::with_capacity(text.len() + 3);
     bytes.extend((board.variables.i(64) == 1.0).then_some(TAG));

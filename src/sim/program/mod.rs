@@ -1,14 +1,14 @@
-//! Program buffers and what runs out of them: motion programs, rotary buffers, PLCs.
+//! Program buffers and their execution: motion programs, rotary buffers, PLCs.
 //!
 //! User Manual, "Writing a motion program" (pp. 160-217) and "Writing a PLC program"; Software Reference, "Program
-//! commands". A line of text or of DPRAM words becomes an [`item::Line`] in the [`store`]; calculation takes it apart
-//! ahead of time and puts moves into a [`trajectory`], which tells the motors each servo cycle where to be.
+//! commands". A line of text or of DPRAM words becomes an [`item::Line`] in the [`store`]. Calculation interprets it
+//! ahead of time and puts moves into a [`trajectory`], which sets the motors' desired positions each servo cycle.
 //!
 //! | file | idea |
 //! |---|---|
 //! | [`item`], [`words`], [`parse`], [`text`], [`binary`] | program lines: internal form, text, DPRAM words |
 //! | [`store`], [`rotary`], [`structure`] | the buffers, their memory, their blocks |
-//! | [`system`], [`place`], [`cutter_state`], `calculate` | one coordinate system's program; its lines, their order, its moves |
+//! | [`system`], [`place`], [`cutter_state`], `calculate` | the program of one coordinate system, its lines and moves |
 //! | [`path`], [`circle`], [`spline`], [`transform`], [`cutter`], [`trajectory`] | geometry and time of moves |
 //! | `run`, `cycle`, `servo` | run, stop, abort; servo and real-time interrupts |
 //! | [`plc`], [`message`] | PLC programs; SEND |
@@ -48,16 +48,16 @@ use plc::Plcs;
 use store::{Store, TableKind};
 use system::System;
 
-/// What a program asks the interpreter to do, in the background.
+/// A program's request to the interpreter, executed in the background.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Request {
-    /// A command line, with the motor and coordinate system it is for.
+    /// A command line, with its addressed motor and coordinate system.
     Line(Box<str>, usize, usize),
     /// A control character.
     Character(u8),
 }
 
-/// Buffers and programs of a board.
+/// A board's buffers and programs.
 #[derive(Debug)]
 pub struct Programs {
     /// The buffers.
@@ -67,20 +67,20 @@ pub struct Programs {
     /// The PLC programs.
     pub plcs: Plcs,
     requests: VecDeque<Request>,
-    /// The buffers as `SAVE` has kept them.
+    /// The buffers as `SAVE` stored them.
     saved: Store,
-    /// For the background report, a coordinate system each: time left in acceleration (1/2 ms), execution address offset.
+    /// For the background report, per coordinate system: time left in acceleration (1/2 ms), execution address offset.
     pub report: Vec<[u32; 2]>,
 }
 
 impl Programs {
-    /// No programs, for a board with so many coordinate systems.
+    /// No programs, for a board with `coordinate_systems`.
     #[must_use]
     pub fn new(coordinate_systems: usize) -> Self {
         Self::with(Store::default(), coordinate_systems)
     }
 
-    /// As a reset leaves them when `saved` are the buffers that `SAVE` has kept.
+    /// The state after a reset, with `saved`, the buffers that `SAVE` stored.
     fn with(saved: Store, coordinate_systems: usize) -> Self {
         Self {
             store: saved.clone(),
@@ -92,25 +92,25 @@ impl Programs {
         }
     }
 
-    /// As a reset: the saved buffers, or none with `factory_values`; nothing runs.
+    /// Resets: the saved buffers, or none with `factory_values`; nothing runs.
     pub fn reset(&mut self, factory_values: bool) {
         let saved = if factory_values { Store::default() } else { std::mem::take(&mut self.saved) };
         *self = Self::with(saved, self.systems.len());
     }
 
-    /// Keeps the buffers for the next reset.
+    /// Saves the buffers for the next reset.
     pub fn save(&mut self) {
         self.saved = self.store.kept();
     }
 
-    /// The oldest request that waits.
+    /// The oldest waiting request.
     pub fn take_request(&mut self) -> Option<Request> {
         self.requests.pop_front()
     }
 
-    /// Has the interpreter carry out `text`, with a 0-based motor and coordinate system addressed.
+    /// Queues `text` for the interpreter, with a 0-based motor and coordinate system addressed.
     fn ask(&mut self, text: &str, motor: usize, cs: usize) {
-        /// Lines that wait at most; a program that asks faster loses some.
+        /// Most waiting lines; a program that asks faster loses some.
         const MOST: usize = 64;
         if self.requests.len() < MOST {
             self.requests.push_back(Request::Line(text.into(), motor, cs));
@@ -122,13 +122,13 @@ impl Programs {
         self.requests.truncate(64);
     }
 
-    /// Transformation matrices that `DEFINE TBUF` has made room for.
+    /// Number of transformation matrices that `DEFINE TBUF` reserved.
     fn transformations(&self, _cs: usize) -> usize {
         let tables = self.store.tables.iter().filter(|table| table.kind == TableKind::Transformation);
         tables.map(|table| table.size).sum()
     }
 
-    /// Where the command at `cursor` is in its buffer, in long words.
+    /// Offset of the command at `cursor` in its buffer, in long words.
     pub fn offset(&self, cs: usize, cursor: Cursor) -> usize {
         let (line, end) = match cursor.program {
             0 => (self.store.rotary(cs).and_then(|rotary| rotary.line(cursor.line)), 0),

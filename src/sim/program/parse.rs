@@ -1,7 +1,6 @@
-//! Program text to [`Item`]s, one at a time, with an open buffer (Software Reference, "Program commands").
+//! Parses program text to [`Item`]s, one at a time, with an open buffer (Software Reference, "Program commands").
 //!
-//! What is no program statement is left to the on-line interpreter: an open buffer does not take away the commands
-//! that need none.
+//! Leaves everything else to the on-line interpreter: on-line commands that need no buffer work while one is open.
 
 use crate::sim::board::Board;
 use crate::sim::board::axes::AxisMode;
@@ -13,7 +12,7 @@ use crate::sim::language::scanner::Scanner;
 use crate::sim::program::item::{AXES, Data, Item, Mark, Mode, Operator};
 use crate::sim::program::words::{Keyword, WORDS};
 
-/// What kind of buffer is open; each refuses some statements.
+/// The kind of buffer that is open; each rejects some statements.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Kind {
     /// A fixed motion program.
@@ -26,13 +25,13 @@ pub enum Kind {
 
 type Parsed<T> = Result<T, CommandError>;
 
-/// The highest number of a label.
+/// The highest label.
 const LAST_LABEL: usize = 262_143;
 
-/// Takes the program statement at the scanner. `None`: there is none; the scanner has not moved.
+/// Parses the program statement at the scanner. `None` without one; the scanner has not moved then.
 ///
 /// # Errors
-/// ERR003 for a statement that is wrong or not allowed in a buffer of this kind.
+/// ERR003 for a statement that is wrong or not allowed in this kind of buffer.
 pub fn item(scanner: &mut Scanner, board: &Board, kind: Kind) -> Parsed<Option<Item>> {
     let mut reader = Reader { scanner: scanner.clone(), board };
     let item = reader.item()?;
@@ -97,7 +96,7 @@ impl Reader<'_, '_> {
                 Err(CommandError::SYNTAX)
             };
         }
-        // `M5->` is executed at once, `J-` is a jog.
+        // `M5->` and `J-` are on-line commands, executed at once.
         let mut ahead = self.scanner.clone();
         if letter == b'M' && ahead.integer().is_ok() && ahead.take_tight(b"->") {
             return Ok(None);
@@ -186,7 +185,7 @@ impl Reader<'_, '_> {
         }))
     }
 
-    /// `5=…`, `5==…`, `(expression)|=…` after I, P, Q or M. `None`, with the scanner unmoved, when it is none.
+    /// `5=…`, `5==…`, `(expression)|=…` after I, P, Q or M. `None`, with the scanner unmoved, if it is no assignment.
     fn assignment(&mut self, kind: VariableKind) -> Parsed<Option<Item>> {
         let mut ahead = self.scanner.clone();
         let number = match ahead.peek() {
@@ -304,7 +303,7 @@ fn expression(scanner: &mut Scanner, board: &Board) -> Parsed<Data> {
     }
 }
 
-/// Text as a buffer keeps it: capitals, no blanks.
+/// Text as a buffer stores it: capitals, no blanks.
 fn squeezed(text: &[u8]) -> Box<str> {
     let text: String = text.iter().filter(|c| !b" \t".contains(c)).map(|&c| char::from(c)).collect();
     text.to_ascii_uppercase().into()

@@ -1,14 +1,14 @@
-//! The way of one blended move: straight or arc, in motor counts, from its start (User Manual pp. 166-177).
+//! The path of one blended move: straight or arc, in motor counts from its start (User Manual pp. 166-177).
 //!
-//! An axis is a sum over motors, so an arc in XYZ is an arc of vectors in motor space: `r (cos e1 + sin e2)`, with a
-//! radius that may grow (a spiral) and a straight part on top for all else.
+//! An axis is a sum over motors, so an arc in XYZ is an arc of vectors in motor space: `r (cos e1 + sin e2)`. Its
+//! radius may grow (a spiral), and everything else adds a straight part.
 
 use crate::sim::board::motor::{Motors, STILL};
 
-/// The way of a move, from 0 to 1.
+/// The path of a move, for `u` from 0 to 1.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Path {
-    /// Straight, so far.
+    /// A straight line: the displacement.
     Line(Box<Motors>),
     /// An arc.
     Arc(Box<Arc>),
@@ -17,15 +17,15 @@ pub enum Path {
 /// An arc.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Arc {
-    /// Toward the start, a unit of radius.
+    /// Toward the start, per unit of radius.
     pub e1: Motors,
-    /// A quarter turn on, a unit of radius.
+    /// A quarter turn further, per unit of radius.
     pub e2: Motors,
     /// Radius at start and end.
     pub radius: [f64; 2],
     /// Angle in radians, positive.
     pub sweep: f64,
-    /// What goes straight meanwhile.
+    /// Straight motion at the same time.
     pub straight: Motors,
 }
 
@@ -64,12 +64,12 @@ impl Path {
     }
 }
 
-/// A move that may flow into its neighbours: how far along its path it is when.
+/// A move that may blend with its neighbours: its progress along its path over time.
 ///
-/// It begins and ends with a ramp of which half overlaps the neighbour's; alone it lasts its time and both halves.
+/// It begins and ends with a ramp; half of each overlaps the neighbour's. Alone it takes its time plus both halves.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Blend {
-    /// The way.
+    /// The path.
     pub path: Path,
     /// Move time in ms, from the middle of one ramp to the middle of the other.
     pub time: f64,
@@ -89,7 +89,7 @@ pub struct Ramp {
 }
 
 impl Ramp {
-    /// The same shape within `time`.
+    /// The same shape, shortened to `time`.
     #[must_use]
     pub fn within(self, time: f64) -> Self {
         let factor = if self.time > 0.0 { time / self.time } else { 1.0 };
@@ -102,19 +102,19 @@ impl Ramp {
 }
 
 impl Blend {
-    /// From its start to its end in ms.
+    /// Its duration in ms.
     #[must_use]
     pub fn length(&self) -> f64 {
         self.time + (self.up.time + self.down.time) / 2.0
     }
 
-    /// When the ramp at the end begins, in ms from the start.
+    /// When the final ramp begins, in ms from the start.
     #[must_use]
     pub fn coasts_until(&self) -> f64 {
         self.length() - self.down.time
     }
 
-    /// Adds the displacement and velocity `t` ms after the start.
+    /// Adds the displacement and velocity at `t` ms after the start.
     pub fn add(&self, t: f64, position: &mut Motors, velocity: &mut Motors) {
         let rate = 1.0 / self.time;
         let (u, rate) = if t < self.up.time {
@@ -132,7 +132,7 @@ impl Blend {
         self.path.add(u, rate, position, velocity);
     }
 
-    /// Velocity at the end of the coast, where the next move takes over.
+    /// Velocity at the start of the final ramp, where the next move takes over.
     #[must_use]
     pub fn end_velocity(&self) -> Motors {
         self.path.velocity(1.0, 1.0 / self.time)

@@ -1,4 +1,4 @@
-//! Where in a program something is.
+//! A place in a program.
 
 /// A place in a program: program 0 is the rotary buffer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -12,7 +12,7 @@ pub struct Cursor {
 }
 
 impl Cursor {
-    /// The begin of a line.
+    /// The start of a line.
     #[must_use]
     pub const fn at(program: u32, line: u64) -> Self {
         Self { program, line, item: 0 }

@@ -1,7 +1,8 @@
-//! PLC programs: PLC 0 in the real-time interrupt, PLC 1 to 31 in the background (User Manual, "Writing a PLC program").
+//! PLC programs: PLC 0 in the real-time interrupt, PLC 1 to 31 in the background (User Manual, "Writing a PLC
+//! program").
 //!
-//! I5 lets them run: 1 PLC 0, 2 the others, 3 both. A scan goes from the top to the end, or to the `ENDWHILE` of a loop
-//! that goes on, where the next scan comes back to. Opening a PLC's buffer disables it; a reset enables all.
+//! I5 enables them: 1 PLC 0, 2 the others, 3 both. A scan goes from the top to the end, or to the `ENDWHILE` of a loop
+//! that continues; the next scan resumes at its `WHILE`. Opening a PLC's buffer disables it; a reset enables all.
 
 use std::sync::Arc;
 
@@ -14,10 +15,10 @@ use crate::sim::program::item::{Item, Line};
 use crate::sim::program::store::{Open, PLCS};
 use crate::sim::program::structure::{Effect, Tracker};
 
-/// The most lines of one scan.
+/// Most lines of one scan.
 const MOST_LINES: usize = 10_000;
 
-/// Where a PLC's next scan begins, and what it has addressed.
+/// Where a PLC's next scan begins, and what the PLC has addressed.
 #[derive(Debug, Clone, Copy, Default)]
 struct State {
     line: usize,
@@ -25,7 +26,7 @@ struct State {
     cs: usize,
 }
 
-/// All of them.
+/// All PLC programs.
 #[derive(Debug, Clone)]
 pub struct Plcs {
     /// Bit n for PLC n.
@@ -40,7 +41,7 @@ impl Default for Plcs {
 }
 
 impl Programs {
-    /// `ENABLE PLC`, `DISABLE PLC`: bit n for PLC n. An enabled one begins at its top.
+    /// `ENABLE PLC`, `DISABLE PLC`: bit n for PLC n. An enabled PLC begins at its top.
     pub fn enable_plcs(&mut self, plcs: u32, enable: bool) {
         let all = &mut self.plcs;
         if enable {
@@ -53,7 +54,7 @@ impl Programs {
         }
     }
 
-    /// Which PLCs are enabled, bit n for PLC n. I5 says whether they run.
+    /// The enabled PLCs, bit n for PLC n. Whether they run depends on I5.
     #[must_use]
     pub fn enabled_plcs(&self) -> u32 {
         self.plcs.enabled
@@ -117,7 +118,7 @@ impl Scan<'_> {
         self.programs.store.plc(self.number)?.line(number as u64).cloned()
     }
 
-    /// Carries out the line at `at` from `first` on and moves `at` on.
+    /// Executes the line at `at` from item `first` on, and advances `at`.
     fn carry_out(&mut self, line: &Line, first: usize) -> Next {
         for (index, item) in line.items.iter().enumerate().skip(first) {
             let last = index + 1 == line.items.len();
@@ -161,7 +162,7 @@ impl Scan<'_> {
                 _ => {}
             }
         }
-        // `WHILE(…) statement`: the next scan is at it again.
+        // `WHILE(…) statement`: the next scan repeats it.
         if line.items.len() > 1 && line.items.iter().any(|item| matches!(item, Item::While(_))) {
             self.state.line = self.at;
             return Next::Scan;
@@ -174,7 +175,7 @@ impl Scan<'_> {
         condition(&mut Scanner::new(text.as_bytes()), self.board, self.state.cs).unwrap_or(false)
     }
 
-    /// Past a short IF, into the `ELSE` of the next line if there is one.
+    /// Skips a short IF; continues in the `ELSE` of the next line if there is one.
     fn skip_short(&mut self) -> Next {
         self.at += 1;
         match self.line(self.at) {
@@ -202,7 +203,7 @@ impl Scan<'_> {
         }
     }
 
-    /// The line of the `WHILE` that the `ENDWHILE` at `at` belongs to.
+    /// The line of the `WHILE` that belongs to the `ENDWHILE` at `at`.
     fn begin_of_loop(&self) -> usize {
         let mut depth = 0;
         for number in (0..self.at).rev() {

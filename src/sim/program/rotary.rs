@@ -1,7 +1,8 @@
-//! The internal rotary program buffers: one a coordinate system, lines in, executed lines out (User Manual p. 213).
+//! The internal rotary program buffers, one per coordinate system: lines come in, executed lines go out (User Manual p.
+//! 213).
 //!
-//! Lines come as text while `OPEN ROT` is in force, or in binary out of the DPRAM: [`room`](Programs::rotary_room) and
-//! [`append`](Programs::rotary_append) are what the transfer calls. An executed line gives its room back at once.
+//! Lines come as text while `OPEN ROT` is in force, or in binary from the DPRAM: the transfer calls
+//! [`room`](Programs::rotary_room) and [`append`](Programs::rotary_append). An executed line is freed at once.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -12,7 +13,7 @@ use crate::sim::board::error::CommandError;
 use crate::sim::program::binary::{self, Command, NoCommand};
 use crate::sim::program::item::{Item, Line};
 
-/// The long words that a command of the binary format takes in the internal buffer.
+/// The long words of a binary command in the internal buffer.
 const WORDS_OF_A_COMMAND: usize = 1;
 
 /// A rotary buffer.
@@ -22,9 +23,9 @@ pub struct Rotary {
     pub size: usize,
     used: usize,
     lines: VecDeque<Arc<Line>>,
-    /// The number of the first line still there; lines are numbered from the definition on.
+    /// The number of the first line still present; numbers count from the definition of the buffer.
     first: u64,
-    /// Where the next line begins: long words since the definition, modulo the size.
+    /// Start of the next line: long words since the definition, modulo the size.
     offset: usize,
 }
 
@@ -35,13 +36,13 @@ impl Rotary {
         Self { size, ..Self::default() }
     }
 
-    /// Long words free.
+    /// Free long words.
     #[must_use]
     pub fn free(&self) -> usize {
         self.size - self.used
     }
 
-    /// Puts a line behind the others.
+    /// Appends a line.
     ///
     /// # Errors
     /// ERR006 without room.
@@ -57,19 +58,19 @@ impl Rotary {
         Ok(())
     }
 
-    /// The line with `number`.
+    /// Line `number`.
     #[must_use]
     pub fn line(&self, number: u64) -> Option<&Arc<Line>> {
         self.lines.get(usize::try_from(number.checked_sub(self.first)?).ok()?)
     }
 
-    /// The number of the first line still there.
+    /// The number of the first line still present.
     #[must_use]
     pub fn first(&self) -> u64 {
         self.first
     }
 
-    /// The number the next line will have.
+    /// The number of the next line.
     #[must_use]
     pub fn next(&self) -> u64 {
         self.first + self.lines.len() as u64
@@ -96,7 +97,7 @@ impl Rotary {
     }
 }
 
-/// Why a binary line does not come into a rotary buffer.
+/// Why a rotary buffer does not accept a binary line.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum AppendError {
     /// No rotary buffer is defined for the coordinate system.
@@ -111,15 +112,15 @@ pub enum AppendError {
 }
 
 impl Programs {
-    /// Whether the rotary buffer of the 0-based `cs` can take a line of `commands` commands now; `false` too when there is
-    /// none, and when it is not open (`OPEN ROT`).
+    /// Whether the rotary buffer of the 0-based `cs` can take a line of `commands` commands now; `false` too when it is
+    /// not defined or not open (`OPEN ROT`).
     #[must_use]
     pub fn rotary_room(&self, cs: usize, commands: usize) -> bool {
         self.store.rotary_is_open()
             && self.store.rotary(cs).is_some_and(|rotary| rotary.free() >= commands * WORDS_OF_A_COMMAND)
     }
 
-    /// Puts one binary line into the rotary buffer of the 0-based `cs`: the 24-bit word pairs of its commands.
+    /// Appends one binary line to the rotary buffer of the 0-based `cs`: the 24-bit word pairs of its commands.
     ///
     /// # Errors
     /// [`AppendError`]; nothing is stored then.

@@ -1,4 +1,4 @@
-//! Run, step, hold, quit, abort: what commands do to the program of a coordinate system (Software Reference,
+//! Run, step, hold, quit, abort: how commands act on the program of a coordinate system (Software Reference,
 //! "On-line commands"; error codes p. 25). Coordinate systems are 0-based.
 
 use super::calculate::flow::split;
@@ -11,7 +11,7 @@ use crate::sim::program::system::{Ending, Hold};
 
 type Result = std::result::Result<(), CommandError>;
 
-/// Counts that a motor may be off the place where the program stopped.
+/// Counts by which a motor may be away from where the program stopped.
 const SAME_PLACE: f64 = 1.0 / 16.0;
 
 /// `??` word 1: running, single step, continuous mode, continuous request.
@@ -30,7 +30,7 @@ pub(super) const SEGMENTED_RAMP: u32 = 1 << 6;
 pub(super) const SEGMENTED_STOP: u32 = 1 << 5;
 
 impl Programs {
-    /// Whether `B{number}` can point there: a program with that label, or the rotary buffer for 0.
+    /// The place that `B{number}` points to: a program with that label, or the rotary buffer for 0.
     fn cursor(&self, cs: usize, number: f64) -> Option<Cursor> {
         match split(number) {
             (0, 0) => self.store.rotary(cs).map(|rotary| Cursor::at(0, rotary.first())),
@@ -43,7 +43,7 @@ impl Programs {
 }
 
 impl Programs {
-    /// Ix91: the program to point to at power-up.
+    /// Points to program Ix91 at power-up.
     pub fn point_at_power_up(&mut self, board: &mut Board) {
         for cs in 0..self.systems.len() {
             let number = board.variables.i(board.variables.tables().coordinate_i(cs, 91));
@@ -51,7 +51,7 @@ impl Programs {
         }
     }
 
-    /// `B{number}`: the fraction is a label, 0 the rotary buffer.
+    /// `B{number}`: the fraction is a label; 0 is the rotary buffer.
     ///
     /// # Errors
     /// ERR001 while a program runs, ERR003 when there is no such program or label.
@@ -66,10 +66,10 @@ impl Programs {
         Ok(())
     }
 
-    /// `R`: runs on from the pointer; out of a hold, goes on.
+    /// `R`: runs from the pointer; after a hold, resumes.
     ///
     /// # Errors
-    /// ERR015 to ERR010 as the motors and the pointer are, ERR017 away from where it stopped, ERR016 for open blocks.
+    /// ERR010 to ERR015 for the state of motors and pointer, ERR017 away from where it stopped, ERR016 for open blocks.
     pub fn run(&mut self, board: &mut Board, cs: usize) -> Result {
         self.start_program(board, cs, true)
     }
@@ -134,7 +134,7 @@ impl Programs {
         Ok(())
     }
 
-    /// `Q`: what is calculated still moves; the pointer is at the next line.
+    /// `Q`: moves already calculated still execute; the pointer is at the next line.
     pub fn quit(&mut self, board: &mut Board, cs: usize) {
         if self.systems.get(cs).is_some_and(|system| system.running) {
             self.finish_calculation(board, cs);
@@ -143,7 +143,7 @@ impl Programs {
         }
     }
 
-    /// `/`: the move under way is the last one; the pointer is at the one after it.
+    /// `/`: stops after the move in progress; the pointer is at the one after it.
     pub fn stop_after_move(&mut self, board: &mut Board, cs: usize) {
         let Some(system) = self.systems.get_mut(cs).filter(|system| system.running) else {
             coordinate::stop_program(cs, &mut board.memory);
@@ -180,7 +180,7 @@ impl Programs {
         }
     }
 
-    /// Ends the program of `cs` at once: for aborts, limits and fatal errors, which see to the motors themselves.
+    /// Ends the program of `cs` at once: for aborts, limits and fatal errors, which stop the motors themselves.
     pub fn end_program(&mut self, board: &mut Board, cs: usize) {
         coordinate::stop_program(cs, &mut board.memory);
         board.program_word(cs, SEGMENTED | SEGMENTED_RAMP | SEGMENTED_STOP | DWELL, 0);
@@ -204,7 +204,7 @@ impl Programs {
         system.hold = Hold::Off;
     }
 
-    /// The program has come to rest: as its `ending` says, or held in mid-path by `\`.
+    /// The program has come to rest: ended by `ending`, or held in mid-path by `\`.
     pub(super) fn program_rests(&mut self, board: &mut Board, cs: usize, ending: Option<Ending>) {
         coordinate::stop_program(cs, &mut board.memory);
         let commanded = board.commanded();
@@ -231,14 +231,14 @@ impl Programs {
         }
     }
 
-    /// Clears the pointer of every coordinate system: opening a fixed program does.
+    /// Clears the pointer of every coordinate system, as opening a fixed program does.
     pub fn reset_pointers(&mut self) {
         for system in &mut self.systems {
             system.point(None);
         }
     }
 
-    /// `A`: every motor of the coordinate system stops at Ix15; open loops close.
+    /// `A`: every motor of the coordinate system stops at rate Ix15; open loops close.
     pub fn abort(&mut self, board: &mut Board, cs: usize) {
         self.end_program(board, cs);
         board.release_hold(cs);
@@ -255,7 +255,7 @@ impl Programs {
         }
     }
 
-    /// `<CTRL-A>`: every active motor stops, those in no coordinate system too.
+    /// `<CTRL-A>`: every active motor stops, even outside a coordinate system.
     pub fn abort_all(&mut self, board: &mut Board) {
         for cs in 0..self.systems.len() {
             self.end_program(board, cs);
@@ -273,7 +273,7 @@ impl Programs {
         }
     }
 
-    /// `<CTRL-R>`. A control character reports no error: what cannot run stays as it is.
+    /// `<CTRL-R>`. A control character reports no error: what cannot run does not change.
     pub fn run_all(&mut self, board: &mut Board) {
         for cs in 0..self.systems.len() {
             let _ = self.run(board, cs);
@@ -288,7 +288,7 @@ impl Programs {
     }
 }
 
-/// What stops a program from starting, in the order in which a board looks (Software Reference p. 25; the order itself
+/// What keeps a program from starting, in the order of the board's checks (Software Reference p. 25; the order itself
 /// is not printed). `pointed`: the coordinate system points to a program.
 ///
 /// # Errors

@@ -1,11 +1,11 @@
-//! The servo interrupt and the background part of the board with its programs.
+//! The board's servo interrupt and background pass, with its programs.
 
 use super::Programs;
 use super::store::{Open, TableKind};
 use crate::sim::board::Board;
 use crate::sim::board::motor::{Events, Loop};
 
-/// Long words free on a board without buffers.
+/// Free long words of a board without buffers.
 const FREE_LONG_WORDS: i64 = 41_301;
 
 /// The time base of the coordinate system that the 0-based `motor` belongs to.
@@ -14,7 +14,7 @@ fn time_base_of(board: &Board, motor: usize) -> f64 {
 }
 
 impl Programs {
-    /// One servo interrupt: time bases, programs, motors, data gathering. The servo report comes after it.
+    /// One servo interrupt: time bases, programs, motors, data gathering. The servo report follows it.
     pub fn servo_interrupt(&mut self, board: &mut Board) {
         board.begin_servo_cycle();
         let ms = board.cycle_ms();
@@ -34,7 +34,7 @@ impl Programs {
         board.gather_cycle();
     }
 
-    /// What the leadscrew tables add to the 0-based `motor`, in 1/16 counts.
+    /// The correction of the 0-based `motor` from the leadscrew tables, in 1/16 counts.
     fn leadscrew(&self, board: &Board, motor: usize) -> f64 {
         let tables = self.store.tables.iter();
         let own = tables.filter(|table| table.kind == TableKind::Leadscrew && table.motors[1] == motor);
@@ -45,7 +45,7 @@ impl Programs {
         .sum()
     }
 
-    /// The registers of motors and coordinate systems, once a background pass.
+    /// Updates the registers of motors and coordinate systems, once per background pass.
     pub fn background_registers(&self, board: &mut Board) {
         for motor in 0..board.motors.len() {
             board.scan_in_position(motor);
@@ -61,7 +61,7 @@ impl Programs {
         }
     }
 
-    /// The global status, with the bits of the program buffers.
+    /// Writes the global status, with the bits of the program buffers.
     pub fn write_global_status(&self, board: &mut Board) {
         let open = self.store.open();
         let full = self.free_memory(board) < board.variables.i(18) as i64;

@@ -1,17 +1,17 @@
-//! SPLINE and PVT moves: cubics from one way point to the next (User Manual pp. 180-183).
+//! SPLINE and PVT moves: cubics between waypoints (User Manual pp. 180-183).
 //!
-//! A spline does not go through its programmed points: way point n is (X(n-1) + 4 X(n) + X(n+1)) / 6, its velocity
-//! (X(n+1) - X(n-1)) / 2 TA. The points at both ends count twice more, so a run of n segments takes n + 2 times TA.
+//! A spline does not pass through its programmed points: waypoint n is (X(n-1) + 4 X(n) + X(n+1)) / 6, its velocity
+//! (X(n+1) - X(n-1)) / 2 TA. Both end points count twice more, so n segments take n + 2 times TA.
 
 use crate::sim::board::motor::{Motors, STILL};
 use crate::sim::program::trajectory::Shape;
 
-/// A spline under way: its last three points, and the times of the last two segments.
+/// A spline in progress: its last three points, and the times of the last two segments.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Spline {
     points: [Motors; 3],
     times: [f64; 2],
-    /// Where the last segment ended, and how fast.
+    /// Position and velocity at the end of the last segment.
     at: Motors,
     velocity: Motors,
 }
@@ -29,7 +29,7 @@ impl Spline {
         self.times[1]
     }
 
-    /// Takes the next point, `time` ms after the last one; gives the segment that it completes and where that ends.
+    /// Takes the next point, `time` ms after the last one; returns the segment that it completes, and its end.
     pub fn next(&mut self, point: Motors, time: f64) -> (Shape, Motors) {
         self.points = [self.points[1], self.points[2], point];
         self.times = [self.times[1], time];

@@ -1,4 +1,4 @@
-//! The program and table buffers and the memory they take (Software Reference, `OPEN`, `DEFINE`, `DELETE`, `SIZE`).
+//! The program and table buffers and their memory (Software Reference, `OPEN`, `DEFINE`, `DELETE`, `SIZE`).
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -8,11 +8,11 @@ use crate::sim::program::item::{Item, Line};
 use crate::sim::program::rotary::Rotary;
 use crate::sim::program::structure::Tracker;
 
-/// PLC programs of a board.
+/// Number of PLC programs.
 pub const PLCS: usize = 32;
 /// The highest number of a motion program.
 pub const LAST_PROGRAM: usize = 32_767;
-/// Programs from here on, and all PLCs, are behind the password.
+/// The password protects programs from this number on, and all PLCs.
 pub const PROTECTED: usize = 1000;
 
 type Result<T> = std::result::Result<T, CommandError>;
@@ -36,13 +36,13 @@ impl Program {
         self.lines.iter()
     }
 
-    /// Long words it takes.
+    /// Long words that it takes.
     #[must_use]
     pub fn words(&self) -> usize {
         self.words
     }
 
-    /// The number of the line that has label `label`; line 0 for label 0 where no line has it.
+    /// The number of the line with label `label`; line 0 for label 0 if no line has it.
     #[must_use]
     pub fn label(&self, label: u32) -> Option<u64> {
         let found = self.lines.iter().position(|line| line.items.contains(&Item::Label(label)));
@@ -88,27 +88,27 @@ pub enum TableKind {
 /// A table, or a buffer without entries of its own.
 #[derive(Debug, Clone)]
 pub struct Table {
-    /// What it is.
+    /// Its kind.
     pub kind: TableKind,
-    /// The 0-based motor or coordinate system it was defined for.
+    /// The 0-based motor or coordinate system that it was defined for.
     pub owner: usize,
     /// Entries, or long words.
     pub size: usize,
-    /// Counts it spans.
+    /// Its span in counts.
     pub span: f64,
-    /// Leadscrew compensation: the 0-based motor whose position it goes by, and the one that is corrected.
+    /// Leadscrew compensation: the 0-based motor whose position it uses, and the one that it corrects.
     pub motors: [usize; 2],
-    /// It goes by the desired position rather than the actual one.
+    /// Whether it uses the desired position, not the actual one.
     pub desired: bool,
-    /// What has been entered.
+    /// The entries made so far.
     pub entries: Vec<f64>,
 }
 
 impl Table {
-    /// The entry for `position` counts from home, between entries in proportion.
+    /// The value for `position` counts from home, interpolated between entries.
     ///
-    /// The first entry is for one spacing from zero and the last one for the whole span, and so for zero too: the table
-    /// begins anew beyond its span, either way. An entry that has not been made is zero.
+    /// The first entry is for one spacing from zero; the last is for the whole span, and so for zero too: the table
+    /// repeats beyond its span in both directions. Missing entries are zero.
     #[must_use]
     pub fn at(&self, position: f64) -> f64 {
         if self.span <= 0.0 {
@@ -120,7 +120,7 @@ impl Table {
         entry(below) * (1.0 - part) + entry(below + 1) * part
     }
 
-    /// Whether it takes entries from lines that are a constant.
+    /// Whether lines with a constant add entries to it.
     #[must_use]
     pub fn takes_entries(&self) -> bool {
         matches!(self.kind, TableKind::Leadscrew | TableKind::Torque | TableKind::Backlash)
@@ -133,9 +133,9 @@ impl Table {
 pub struct Store {
     programs: BTreeMap<u32, Program>,
     plcs: Vec<Program>,
-    /// By 0-based coordinate system, as far as one has been defined.
+    /// By 0-based coordinate system; shorter when the last ones are not defined.
     rotary: Vec<Option<Rotary>>,
-    /// The tables, in the order of their definition.
+    /// The tables, in order of definition.
     pub tables: Vec<Table>,
     open: Option<Open>,
     blocks: Tracker,
@@ -155,13 +155,13 @@ impl Default for Store {
 }
 
 impl Store {
-    /// What is left after a reset: fixed programs and tables, no rotary buffer.
+    /// What remains after a reset: fixed programs and tables, no rotary buffer.
     #[must_use]
     pub fn kept(&self) -> Self {
         Self { rotary: Vec::new(), open: None, ..self.clone() }
     }
 
-    /// Which buffer is open.
+    /// The open buffer.
     #[must_use]
     pub fn open(&self) -> Option<Open> {
         self.open
@@ -199,7 +199,7 @@ impl Store {
         Ok(())
     }
 
-    /// Closes whatever is open. An empty program is as none.
+    /// Closes the open buffer. An empty program is removed.
     pub fn close(&mut self) {
         if let Some(Open::Program(number)) = self.open.take()
             && self.programs.get(&number).is_some_and(|program| program.lines.is_empty())
@@ -218,10 +218,10 @@ impl Store {
         }
     }
 
-    /// Erases the open buffer; `cs` says which rotary buffer is meant.
+    /// Erases the open buffer; `cs` selects the rotary buffer.
     ///
     /// # Errors
-    /// ERR005 with nothing open.
+    /// ERR005 without an open buffer.
     pub fn clear(&mut self, cs: usize) -> Result<()> {
         self.blocks = Tracker::default();
         match self.open.ok_or(CommandError::NO_OPEN_BUFFER)? {
@@ -236,10 +236,10 @@ impl Store {
         Ok(())
     }
 
-    /// Stores a line in the open buffer, with `free` long words free; `cs` says which rotary buffer is meant.
+    /// Stores a line in the open buffer, with `free` long words free; `cs` selects the rotary buffer.
     ///
     /// # Errors
-    /// ERR005 with nothing open for it, ERR006 without room, ERR009 for a block's end without its begin.
+    /// ERR005 without a suitable open buffer, ERR006 without room, ERR009 for the end of a block that was not begun.
     pub fn append(&mut self, cs: usize, items: Vec<Item>, free: i64) -> Result<()> {
         let open = self.open.ok_or(CommandError::NO_OPEN_BUFFER)?;
         if open == Open::Rotary {
@@ -287,7 +287,7 @@ impl Store {
         self.rotary.get_mut(cs)?.as_mut()
     }
 
-    /// `DEFINE ROT`: of the highest coordinate system first.
+    /// `DEFINE ROT`; the highest coordinate system must come first.
     ///
     /// # Errors
     /// ERR003 for no words, or when the buffer of this or of a lower coordinate system is defined; ERR006 without room;
@@ -307,7 +307,7 @@ impl Store {
         Ok(())
     }
 
-    /// `DELETE ROT`: the one of a higher coordinate system stays where it is.
+    /// `DELETE ROT`: the buffer of a higher coordinate system keeps its place.
     ///
     /// # Errors
     /// ERR003 when there is none, ERR007 while the rotary buffers are open.
@@ -324,7 +324,7 @@ impl Store {
         self.tables.clear();
     }
 
-    /// Long words that all buffers take.
+    /// Long words of all buffers.
     #[must_use]
     pub fn words(&self) -> usize {
         let fixed: usize = self.programs.values().chain(&self.plcs).map(Program::words).sum();

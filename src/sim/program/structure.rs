@@ -1,11 +1,11 @@
-//! How `IF`, `ELSE`, `ENDIF`, `WHILE` and `ENDWHILE` of a program belong together (Software Reference, program commands).
+//! The block structure of `IF`, `ELSE`, `ENDIF`, `WHILE` and `ENDWHILE` (Software Reference, program commands).
 //!
-//! An `IF` or `ELSE` with statements behind it on its line governs that line only and has no `ENDIF`; one at the end of
+//! An `IF` or `ELSE` with statements behind it on its line governs only that line and has no `ENDIF`; one at the end of
 //! its line opens a block. An `ELSE` may follow the line of such a short `IF`.
 
 use crate::sim::program::item::{Item, Line};
 
-/// ENDIF, ELSE or ENDWHILE without what it ends.
+/// ENDIF, ELSE or ENDWHILE without a matching begin.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Unmatched;
 
@@ -16,7 +16,7 @@ enum Block {
     While,
 }
 
-/// What a line's item does to the blocks around it.
+/// How an item affects the blocks around it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Effect {
     /// Nothing, or it opens one.
@@ -27,7 +27,7 @@ pub enum Effect {
     Ends,
 }
 
-/// The blocks open at a place of a program.
+/// The blocks open at a place in a program.
 #[derive(Debug, Clone, Default)]
 pub struct Tracker {
     blocks: Vec<Block>,
@@ -37,13 +37,13 @@ pub struct Tracker {
 }
 
 impl Tracker {
-    /// As after the line of an `IF` that opens a block.
+    /// The state after the line of an `IF` that opens a block.
     #[must_use]
     pub fn in_if() -> Self {
         Self { blocks: vec![Block::If], ..Self::default() }
     }
 
-    /// As after the line of a `WHILE` that opens a block.
+    /// The state after the line of a `WHILE` that opens a block.
     #[must_use]
     pub fn in_while() -> Self {
         Self { blocks: vec![Block::While], ..Self::default() }
@@ -55,7 +55,7 @@ impl Tracker {
         self.blocks.len()
     }
 
-    /// Takes item `index` of `line`.
+    /// Processes item `index` of `line`.
     ///
     /// # Errors
     /// [`Unmatched`].
@@ -101,7 +101,7 @@ impl Tracker {
         Ok(Effect::None)
     }
 
-    /// Takes a whole line.
+    /// Processes a whole line.
     ///
     /// # Errors
     /// [`Unmatched`].

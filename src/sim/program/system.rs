@@ -1,4 +1,4 @@
-//! What a coordinate system knows of the program it runs.
+//! The state of a coordinate system's program.
 
 use crate::sim::board::error::CommandError;
 use crate::sim::board::motor::Motors;
@@ -9,38 +9,38 @@ use crate::sim::program::spline::Spline;
 use crate::sim::program::trajectory::{Later, Trajectory};
 use crate::sim::program::transform::Transformations;
 
-/// A caller: where to go back to, and its loops.
+/// A caller: where to return to, and its loops.
 #[derive(Debug, Clone)]
 pub struct Frame {
     /// The command after the call.
     pub back: Cursor,
-    /// The loops it is in.
+    /// The `WHILE` loops around the call.
     pub loops: Vec<Cursor>,
 }
 
 /// Why calculation has ended; execution ends when the calculated moves are done.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Ending {
-    /// The end of the program: the pointer goes to its begin.
+    /// The end of the program: the pointer goes to its start.
     Program,
     /// `Q`, `/`, `STOP`, end of a step: the pointer stays.
     Here,
 }
 
-/// `\`: how the motion slows down on its path.
+/// `\`: slows down the motion on its path.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub enum Hold {
     /// It does not.
     #[default]
     Off,
-    /// Stopping, or stopped when the factor is 0.
+    /// Slowing down; stopped when the factor is 0.
     Stopping(f64),
-    /// Going again.
+    /// Speeding up again.
     Resuming(f64),
 }
 
 impl Hold {
-    /// The factor of the clock.
+    /// The factor by which the clock is slowed down.
     #[must_use]
     pub fn factor(self) -> f64 {
         match self {
@@ -50,7 +50,7 @@ impl Hold {
     }
 }
 
-/// The words of one line that make a move.
+/// The words of a line that make a move.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Request {
     /// Axis positions or distances.
@@ -76,27 +76,27 @@ impl Request {
 /// The program of a coordinate system.
 #[derive(Debug, Clone, Default)]
 pub struct System {
-    /// The command to be calculated next, when the coordinate system points to a program.
+    /// The next command to calculate, if the coordinate system points to a program.
     pub cursor: Option<Cursor>,
     /// The callers, outermost first.
     pub frames: Vec<Frame>,
-    /// The `WHILE`s of the present program that it is in.
+    /// The `WHILE` loops around it in the present program.
     pub loops: Vec<Cursor>,
-    /// It runs; `??` shows it.
+    /// Whether it runs, as `??` shows.
     pub running: bool,
-    /// `R` rather than `S`.
+    /// Started by `R`, not by `S`.
     pub continuous: bool,
-    /// Calculation has ended.
+    /// Set when calculation has ended.
     pub ending: Option<Ending>,
     /// Inside BLOCKSTART and BLOCKSTOP.
     pub in_block: bool,
-    /// The line under calculation has made a move or dwell.
+    /// The line in calculation has made a move or dwell.
     pub moved: bool,
     /// The words of the line so far.
     pub request: Request,
     /// The move mode.
     pub mode: Mode,
-    /// The vector arcs turn around; `None` is K-1.
+    /// The normal vector of arcs; `None` is K-1.
     pub normal: Option<[f64; 3]>,
     /// Axis positions at the end of the last calculated move, in user units.
     pub axes: [f64; 9],
@@ -104,23 +104,23 @@ pub struct System {
     pub velocities: [f64; 9],
     /// Cutter radius compensation.
     pub cutter: Cutter,
-    /// The spline under way.
+    /// The spline in progress.
     pub spline: Option<Spline>,
     /// Assignments that wait for the next move.
     pub later: Vec<Later>,
-    /// Motors have moved by themselves: axis positions follow from theirs.
+    /// Motors have moved independently: take the axis positions from theirs.
     pub rematch: bool,
     /// The moves.
     pub trajectory: Trajectory,
-    /// The line under execution: program, line, offset.
+    /// The line in execution: program, line, offset.
     pub executing: Option<(u32, u64, usize)>,
-    /// Where the motors stood when the program stopped in its middle.
+    /// The motors' positions when the program stopped midway.
     pub stopped_at: Option<Motors>,
     /// `\`.
     pub hold: Hold,
     /// Axis transformations.
     pub transformations: Transformations,
-    /// The error that ended the program, if one did: what a host sees is PSTATUS.
+    /// The error that ended the program, if any; a host sees it in PSTATUS.
     pub failure: Option<Failure>,
 }
 
@@ -134,7 +134,7 @@ pub enum Failure {
 }
 
 impl System {
-    /// Points to `cursor`, with nothing called.
+    /// Points to `cursor` and clears the calls.
     pub fn point(&mut self, cursor: Option<Cursor>) {
         self.cursor = cursor;
         self.frames.clear();
@@ -147,7 +147,7 @@ impl System {
         self.stopped_at = None;
     }
 
-    /// The rotary line under calculation: the lines from it on are ahead. 0 when it is not in a rotary program.
+    /// The rotary line in calculation; lines from it on are ahead. 0 outside a rotary program.
     #[must_use]
     pub fn rotary_line(&self) -> u64 {
         let bottom = self.frames.first().map(|frame| frame.back).or(self.cursor);
@@ -157,16 +157,16 @@ impl System {
         }
     }
 
-    /// Ends calculation; what is calculated still moves.
+    /// Ends calculation; moves already calculated still execute.
     pub fn end(&mut self, ending: Ending) {
         self.ending.get_or_insert(ending);
         self.trajectory.close();
     }
 
-    /// ERR015 when it points nowhere.
+    /// The command it points to.
     ///
     /// # Errors
-    /// That.
+    /// ERR015 when it points nowhere.
     pub fn pointed(&self) -> Result<Cursor, CommandError> {
         self.cursor.ok_or(CommandError::NO_PROGRAM)
     }

@@ -5,10 +5,10 @@ use crate::sim::program::store::Open;
 use crate::sim::testing::{Bench, d, l};
 use crate::sim::world::World;
 
-/// A second and more of servo cycles: longer than any wait here.
+/// More than a second of servo cycles: longer than any wait here.
 const LONG: usize = 200_000;
 
-/// Axes X, Y, Z, A of &1 on motors 1 to 4, 1000 counts a unit; limits that do not limit.
+/// Axes X, Y, Z, A of &1 on motors 1 to 4, 1000 counts per unit; limits too high to act.
 fn bench() -> Bench {
     let mut bench = Bench::started();
     for motor in 1..=8 {
@@ -49,7 +49,7 @@ fn running(board: &Board) -> bool {
     board.coordinate_status(0)[0] & 1 == 1
 }
 
-/// Runs to the end; gives the milliseconds and the axis positions X, Y, Z, A then.
+/// Runs to the end; returns the milliseconds and the final axis positions X, Y, Z, A.
 #[track_caller]
 fn finish(bench: &mut Bench) -> (f64, [f64; 4]) {
     let begin = bench.world.board.stats.servo_cycles;
@@ -65,7 +65,7 @@ fn positions(board: &Board) -> [f64; 4] {
     [axes[6], axes[7], axes[8], axes[0]]
 }
 
-/// How long it takes and where it ends; four interrupts of slack.
+/// Checks the duration and the end; allows four interrupts of difference.
 #[track_caller]
 fn check(bench: &mut Bench, program: &str, ms: f64, end: [f64; 4]) {
     load(bench, program);
@@ -87,12 +87,12 @@ fn times_of_straight_moves() {
         // A sequence lasts the sum of its times and one ramp.
         ("INC F100\nX10\nX10\nY20", 400.0 + 100.0, [20.0, 20.0, 0.0, 0.0]),
         ("INC TM250 X10\nY10 X-10", 500.0 + 100.0, [0.0, 10.0, 0.0, 0.0]),
-        // Not shorter than its ramp; without feedrate axes only that counts.
+        // Never shorter than its ramp; without feedrate axes only the ramp counts.
         ("INC X1 F100", 100.0 + 100.0, [1.0, 0.0, 0.0, 0.0]),
         ("INC A50 F100", 100.0 + 100.0, [0.0, 0.0, 0.0, 50.0]),
         ("INC TS80 X10", 160.0 + 160.0, [10.0, 0.0, 0.0, 0.0]),
         ("ABS X(5*2)\nX(Q1+20)", 200.0 + 100.0, [20.0, 0.0, 0.0, 0.0]),
-        // A dwell lets the ramp end first; a delay has it inside, and blends.
+        // A dwell lets the ramp end first; a delay includes it, and blends.
         ("INC X10 DWELL200", 200.0 + 200.0, [10.0, 0.0, 0.0, 0.0]),
         ("INC X10\nDELAY200", 100.0 + 200.0 + 100.0, [10.0, 0.0, 0.0, 0.0]),
         ("INC X10\nDWELL0\nX10", 200.0 + 200.0, [20.0, 0.0, 0.0, 0.0]),
@@ -147,7 +147,7 @@ fn splines_and_pvt() {
         [10.0, 0.0, 0.0, 0.0],
     );
     check(&mut bench(), "INC PVT200\nX10:100\nPVT100 X5:20\nX1", 400.0, [16.0, 0.0, 0.0, 0.0]);
-    // At the end of the first segment it goes at 100 units/s = 100 counts/ms.
+    // The first segment ends at 100 units/s = 100 counts/ms.
     let mut bench = bench();
     load(&mut bench, "INC PVT200\nX10:100\nX10");
     lines(&mut bench, "R");
@@ -185,7 +185,7 @@ fn circles_stay_on_their_radius_and_end_where_they_should() {
         let found = positions(board);
         assert!((found[0] - end[0]).abs() + (found[1] - end[1]).abs() < 1e-6, "{program}: {found:?}");
     }
-    // Without segmentation they are straight; too small a radius is an error.
+    // Without segmentation arcs are straight; too small a radius is an error.
     check(&mut bench(), "TA50 TS0 F100 CIRCLE1 X20 R10", 200.0 + 50.0, [20.0, 0.0, 0.0, 0.0]);
     let mut bench = bench();
     bench.set(13, 5.0);
@@ -210,7 +210,7 @@ fn helix_and_other_planes() {
 #[test]
 fn rapid_home_and_position_set() {
     let mut bench = bench();
-    // 32 counts/ms by Ix22 in 200 ms: 1000 ms of way at that speed and 200 of ramps less half of them.
+    // 32 counts/ms by Ix22 in 200 ms: 1000 ms for the distance at that speed and 200 of ramps less half of them.
     lines(&mut bench, "I50=0");
     load(&mut bench, "RAPID X32 Y8\nPSET X5 Y5\nLINEAR TM300 TA100 TS0 X6");
     lines(&mut bench, "R");
@@ -223,7 +223,7 @@ fn rapid_home_and_position_set() {
     let (_, end) = finish(&mut bench);
     assert!((end[0] - 1.0).abs() + (end[1] - 1.0).abs() < 1e-6, "{end:?}");
     assert_eq!(bench.world.board.motor_status(0)[1] >> 10 & 1, 1, "home complete");
-    // A trigger on the way ends the move so far from it.
+    // A trigger on the way ends the move this far from it.
     load(&mut bench, "RAPID X10^-2\nINC TM100 X1 LINEAR");
     lines(&mut bench, "R");
     finish(&mut bench);
@@ -266,7 +266,7 @@ fn flow_calls_and_variables() {
     assert_eq!(values, ["5", "23", "101", "7", "42", "43", "43"]);
     assert_eq!(lines(&mut bench, "P10..12"), ["7", "8", "98304"]);
     assert!((positions(&bench.world.board)[0] - 5.0).abs() < 1e-9);
-    // Ready to run again from its begin; a block that does not end cannot run.
+    // Ready to run again from its start; a block without an end cannot run.
     assert_eq!(lines(&mut bench, "PC"), ["P1:0"]);
     load(&mut bench, "WHILE(P1=P1)\nP8=P8+1\nENDWHILE");
     lines(&mut bench, "R");
@@ -289,7 +289,7 @@ fn synchronous_assignments_wait_for_the_next_move() {
     load(&mut bench, "INC TA100 TS0 TM300\nX10\nM1==5 M2|=$F P1=1\nX10\nM2^=$FF\nDWELL10\nM1==9");
     lines(&mut bench, "P1=0 R");
     bench.run(100);
-    // The assignment of the second line is calculated, its later part waits.
+    // The assignment of the second line is calculated; the synchronous one waits.
     assert_eq!(lines(&mut bench, "P1 M1 M2"), ["1", "0", "240"]);
     bench.run(700);
     assert_eq!(lines(&mut bench, "M1 M2"), ["5", "255"]);
@@ -320,7 +320,7 @@ fn step_stop_quit_abort_and_hold() {
     lines(&mut bench, "/");
     finish(&mut bench);
     assert_eq!((x(&bench), lines(&mut bench, "LIST PC").concat().as_str()), (40.0, "P1:10:X50"));
-    // Jogged away, it does not go on.
+    // After a jog it does not continue.
     lines(&mut bench, "#1J:100");
     bench.until(LONG, |board| !board.motors[0].moving());
     bench.run(2);
@@ -412,7 +412,7 @@ fn a_rotary_buffer_starves_and_goes_on() {
     assert_eq!(lines(&mut bench, "PR PE LIST PE"), ["2", "P0:4", "P0:4:X10"]);
     assert_eq!(request(&bench), 1);
     bench.run(8000);
-    // Starved: it runs, it rests, everything is freed.
+    // Without lines it runs and rests, and all lines are freed.
     let board = &bench.world.board;
     assert!(running(board));
     assert_eq!(board.motor_status(0)[0] & (1 << 17 | 1 << 13), 1 << 13);
@@ -427,7 +427,7 @@ fn a_rotary_buffer_starves_and_goes_on() {
     lines(&mut bench, "Q");
     bench.run(1);
     assert!(!running(&bench.world.board));
-    // It takes words too: X-10, a whole line.
+    // It also takes words: X-10, a whole line.
     let World { board, programs, .. } = &mut bench.world;
     assert!(programs.rotary_room(0, 10) && !programs.rotary_room(1, 1) && !programs.rotary_room(0, 31));
     programs.rotary_append(board, 0, &[(0x000E23, 0xB00000)]).unwrap();
@@ -539,7 +539,7 @@ fn programs_outlive_a_reset_only_when_saved() {
 
 #[test]
 fn a_program_that_runs_everything_keeps_its_distance_from_the_text() {
-    // A closed figure of all that blends, round and round: nothing may creep in.
+    // A closed figure of everything that blends, repeated: no error may build up.
     let mut bench = bench();
     bench.set(13, 10.0);
     load(

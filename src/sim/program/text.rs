@@ -7,7 +7,7 @@ use crate::sim::board::number::decimal;
 use crate::sim::board::variables::VariableKind;
 use crate::sim::program::item::{AXES, Data, Item, Line, Mark, Mode, Operator, Time, Transform};
 
-/// Digits after the point that a listing shows at most.
+/// Most digits behind the point in a listing.
 const DECIMALS: usize = 9;
 
 /// The line as `LIST` shows it.
@@ -155,7 +155,7 @@ fn data(data: &Data) -> String {
     }
 }
 
-/// The numbers of the bits set, runs of three and more as a range.
+/// The numbers of the set bits; three or more in a row become a range.
 fn list(bits: u64) -> String {
     let mut parts = Vec::new();
     let mut at = 0;

@@ -1,8 +1,8 @@
 //! The motion of a coordinate system: calculated moves in order, evaluated each servo cycle.
 //!
-//! Moves are placed on a clock that runs with the time base. Blended neighbours overlap in a ramp: there the position
-//! is the sum of both. Everything else begins where its predecessor has ended. Positions are closed forms of the
-//! clock, so nothing accumulates.
+//! Moves are scheduled on a clock that runs with the time base. Blended neighbours overlap in a ramp, where their
+//! positions add up. Every other move begins where the one before it has ended. Positions are closed formulas of the
+//! clock, so no error accumulates.
 
 use std::collections::VecDeque;
 
@@ -10,17 +10,17 @@ use crate::sim::board::motor::{MOST_MOTORS, Motors, STILL};
 use crate::sim::program::item::{Mode, Operator};
 use crate::sim::program::path::Blend;
 
-/// An assignment that waits for the start of a move: M-variable number, operator, value.
+/// An assignment that takes effect at the start of a move: M-variable number, operator, value.
 pub type Later = (usize, Operator, f64);
 
-/// The part of one motor in a RAPID move.
+/// One motor's part in a RAPID move.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Jog {
-    /// Where to, in counts.
+    /// Target in counts.
     pub target: f64,
-    /// How fast, in counts/ms.
+    /// Speed in counts/ms.
     pub speed: f64,
-    /// With a trigger on the way, end so many counts from it.
+    /// After a trigger on the way, the distance from it to the end, in counts.
     pub after_trigger: Option<f64>,
 }
 
@@ -29,11 +29,11 @@ pub struct Jog {
 pub enum Shape {
     /// LINEAR, CIRCLE, DELAY.
     Blend(Blend),
-    /// SPLINE, PVT: position `c1 t + c2 t^2 + c3 t^3` for so many ms.
+    /// SPLINE, PVT: position `c1 t + c2 t^2 + c3 t^3`, for this many ms.
     Cubic(f64, Box<[[f64; 3]; MOST_MOTORS]>),
-    /// DWELL: so many ms of real time.
+    /// DWELL: this many ms of real time.
     Dwell(f64),
-    /// RAPID: motors move by themselves.
+    /// RAPID: each motor moves by itself.
     Rapid(Box<[Option<Jog>; MOST_MOTORS]>),
     /// HOME, bit n for 0-based motor n.
     Home(u32),
@@ -44,23 +44,23 @@ pub enum Shape {
 pub struct Entry {
     /// What it does.
     pub shape: Shape,
-    /// When it begins, by the clock in ms.
+    /// Its start by the clock, in ms.
     pub start: f64,
-    /// Where its motors end.
+    /// The motors' positions at its end.
     pub target: Motors,
-    /// Where its axes end, in user units.
+    /// The axes' positions at its end, in user units.
     pub axes: [f64; 9],
     /// The mode it was calculated in.
     pub mode: Mode,
     /// Calculated with I13>0.
     pub segmented: bool,
-    /// Flows out of the move before it.
+    /// Blends with the move before it.
     pub joined: bool,
-    /// Nothing may flow out of it any more.
+    /// No further move may blend with it.
     pub closed: bool,
     /// Whether it has begun.
     pub started: bool,
-    /// What to assign when it begins.
+    /// The assignments that take effect when it begins.
     pub later: Vec<Later>,
     /// The line it comes from: program (0 rotary), line number, offset in its buffer.
     pub origin: (u32, u64, usize),
@@ -75,14 +75,14 @@ impl Entry {
         }
     }
 
-    /// Whether it takes the motion out of the hands of the clock.
+    /// Whether motors move independently of the clock.
     #[must_use]
     pub fn breaks(&self) -> bool {
         !matches!(self.shape, Shape::Blend(_) | Shape::Cubic(..))
     }
 }
 
-/// Where the motors are to be.
+/// The motors' desired motion.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Sample {
     /// Counts from home.
@@ -100,32 +100,32 @@ pub struct Trajectory {
 }
 
 impl Trajectory {
-    /// Nothing to do, motors at `base`.
+    /// Drops all moves, with the motors at `base`.
     pub fn reset(&mut self, base: Motors) {
         self.entries.clear();
         self.base = base;
         self.clock = 0.0;
     }
 
-    /// Whether nothing is left to do.
+    /// Whether no move is left.
     #[must_use]
     pub fn is_idle(&self) -> bool {
         self.entries.is_empty()
     }
 
-    /// Moves that have been calculated and have not begun.
+    /// Number of moves calculated but not begun.
     #[must_use]
     pub fn ahead(&self) -> usize {
         self.entries.iter().filter(|entry| !entry.started).count()
     }
 
-    /// Whether what comes last is no blend or spline: calculation does not go through it.
+    /// Whether the last move is no blend or spline, so that calculation must wait for it.
     #[must_use]
     pub fn blocked(&self) -> bool {
         self.entries.back().is_some_and(Entry::breaks)
     }
 
-    /// Where the motors will be when all is done.
+    /// The motors' positions at the end of all moves.
     #[must_use]
     pub fn target(&self) -> Motors {
         self.entries.back().map_or(self.base, |entry| entry.target)
@@ -136,13 +136,13 @@ impl Trajectory {
         self.entries.iter()
     }
 
-    /// The move under way: the latest that has begun.
+    /// The move in progress: the last that has begun.
     #[must_use]
     pub fn executing(&self) -> Option<&Entry> {
         self.entries.iter().rev().find(|entry| entry.started)
     }
 
-    /// The velocity out of which a further move could flow.
+    /// The velocity at which a further move could blend.
     #[must_use]
     pub fn open_velocity(&self) -> Option<Motors> {
         let entry = self.entries.back().filter(|entry| !entry.closed)?;
@@ -154,15 +154,15 @@ impl Trajectory {
         }
     }
 
-    /// Lets nothing flow out of the last move.
+    /// Lets no further move blend with the last one.
     pub fn close(&mut self) {
         if let Some(entry) = self.entries.back_mut() {
             entry.closed = true;
         }
     }
 
-    /// Puts `entry` behind the others; its `start` is set here. `delay` ms pass before it when nothing is under way. A blend
-    /// flows out of the last move in the ramp it begins with, shortened to what is left.
+    /// Appends `entry` and sets its `start`, `delay` ms from now when no move is in progress. A blend overlaps the last
+    /// move in its first ramp, shortened to the time left.
     pub fn append(&mut self, mut entry: Entry, delay: f64) {
         let clock = self.clock;
         entry.start = match self.entries.back_mut() {
@@ -193,7 +193,7 @@ impl Trajectory {
         self.entries.push_back(entry);
     }
 
-    /// Takes out what has not begun and gives it back, first one first; what is under way comes to rest.
+    /// Removes and returns the moves that have not begun, in order; the move in progress comes to rest.
     pub fn drop_ahead(&mut self) -> Vec<Entry> {
         let first = self.entries.iter().position(|entry| !entry.started).unwrap_or(self.entries.len());
         let dropped: Vec<Entry> = self.entries.drain(first..).collect();
@@ -201,22 +201,22 @@ impl Trajectory {
         dropped
     }
 
-    /// Ends the breaking move in front: its motors have stopped at `position`.
+    /// Ends the RAPID, HOME or DWELL move in front; its motors have stopped at `position`.
     pub fn finish_front(&mut self, position: Motors) {
         if self.entries.pop_front().is_some() {
             self.base = position;
         }
     }
 
-    /// The move in front.
+    /// The first move.
     #[must_use]
     pub fn front(&self) -> Option<&Entry> {
         self.entries.front()
     }
 
-    /// Goes on by `real` ms, of which the clock sees `scaled`. `begun` hears of each move that begins.
+    /// Advances by `real` ms, or `scaled` ms by the clock. Calls `begun` for each move that begins.
     ///
-    /// Gives where the motors are to be, or `None` when the clock does not move them now.
+    /// Returns the motors' desired motion, or `None` while the clock does not move them.
     pub fn advance(&mut self, real: f64, scaled: f64, mut begun: impl FnMut(&mut Entry)) -> Option<Sample> {
         if self.entries.is_empty() {
             return None;
@@ -280,7 +280,7 @@ impl Trajectory {
         Some(sample)
     }
 
-    /// Milliseconds left in the move under way and in its ramp, by the clock.
+    /// Milliseconds left in the move in progress and in its ramp, by the clock.
     #[must_use]
     pub fn time_left(&self) -> Option<(f64, f64)> {
         let index = self.entries.iter().rposition(|entry| entry.started)?;

@@ -1,7 +1,7 @@
 //! Axis transformations: `TSELECT`, `TINIT`, `ADIS`, `AROT`, `IDIS`, `IROT` (Software Reference, program commands).
 //!
-//! A matrix turns and scales programmed X, Y, Z and moves them: base = M * programmed + D. `DEFINE TBUF` says how many
-//! there are.
+//! A matrix rotates and scales programmed X, Y, Z and displaces them: base = M * programmed + D. `DEFINE TBUF` sets the
+//! number of matrices.
 
 /// Three numbers for X, Y, Z.
 pub type Vector = [f64; 3];
@@ -20,13 +20,13 @@ impl Default for Matrix {
 }
 
 impl Matrix {
-    /// A direction in base coordinates.
+    /// The direction `v` in base coordinates.
     #[must_use]
     pub fn turned(&self, v: Vector) -> Vector {
         self.rotation.map(|row| row[0] * v[0] + row[1] * v[1] + row[2] * v[2])
     }
 
-    /// A position in base coordinates.
+    /// The position `v` in base coordinates.
     #[must_use]
     pub fn base(&self, v: Vector) -> Vector {
         let turned = self.turned(v);
@@ -49,12 +49,12 @@ impl Matrix {
         [0, 1, 2].map(|c| (0..3).map(|r| minor(r, c) * w[r]).sum::<f64>() / determinant)
     }
 
-    /// `ADIS` and, on top of the present displacement, `IDIS`.
+    /// `ADIS`, or `IDIS`, which adds to the present displacement.
     pub fn displace(&mut self, by: Vector, incremental: bool) {
         self.displacement = if incremental { self.base(by) } else { by };
     }
 
-    /// `AROT` and, on top of the present rotation, `IROT`; nine numbers, row by row.
+    /// `AROT`, or `IROT`, which adds to the present rotation; nine numbers, row by row.
     pub fn rotate(&mut self, by: [f64; 9], incremental: bool) {
         let mut rotation = [[0.0; 3]; 3];
         for (row, values) in rotation.iter_mut().zip(by.chunks_exact(3)) {
@@ -79,19 +79,19 @@ pub struct Transformations {
 }
 
 impl Transformations {
-    /// `TSELECT`: number 1 to `count`, 0 for none; others select none.
+    /// `TSELECT`: number 1 to `count`; any other number selects none.
     pub fn select(&mut self, number: usize, count: usize) {
         self.matrices.resize(count, Matrix::default());
         self.selected = if number <= count { number } else { 0 };
     }
 
-    /// The one in force.
+    /// The matrix in force.
     #[must_use]
     pub fn selected(&self) -> Option<&Matrix> {
         self.matrices.get(self.selected.checked_sub(1)?)
     }
 
-    /// The one in force.
+    /// The matrix in force.
     pub fn selected_mut(&mut self) -> Option<&mut Matrix> {
         self.matrices.get_mut(self.selected.checked_sub(1)?)
     }

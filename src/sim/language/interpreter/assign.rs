@@ -11,7 +11,7 @@ use crate::sim::language::m_definition::definition;
 use crate::sim::language::reply::Outcome;
 
 impl Line<'_, '_> {
-    /// I, P, Q or M with a number; P and Q alone are commands of their own.
+    /// I, P, Q or M with a number; P and Q alone are other commands.
     pub(super) fn variable(&mut self, letter: u8) -> Outcome {
         let numbered = self.scanner.peek().is_some_and(|c| c.is_ascii_digit() || c == b'(');
         if !numbered {
@@ -95,7 +95,7 @@ impl Line<'_, '_> {
         Ok(())
     }
 
-    /// `M1==`, `M1&=`, `M1|=`, `M1^=`: statements that a program carries out at the start of its next move.
+    /// `M1==`, `M1&=`, `M1|=`, `M1^=`: statements that a program executes at the start of its next move.
     fn at_synchronous_assignment(&mut self) -> bool {
         [b"==", b"&=", b"|=", b"^="].into_iter().any(|text| self.scanner.clone().take_text(text))
     }

@@ -29,7 +29,7 @@ const OPENED: &[(&str, Opened)] = &[
 enum Kind {
     Rotary,
     Table(TableKind),
-    /// Named by the manual, takes nothing here.
+    /// In the manual, but without effect here.
     Nothing,
 }
 
@@ -77,7 +77,7 @@ impl Line<'_, '_> {
                     return Err(CommandError::SYNTAX);
                 }
                 if self.scanner.take_text(b"C") {
-                    // Compiled PLCs come from a host's compiler; this board has none to switch.
+                    // Compiled PLCs come from a compiler on the host; this board has none to enable.
                     numbers(&mut self.scanner, 0, PLCS - 1)?;
                     return Ok(());
                 }
@@ -130,7 +130,7 @@ impl Line<'_, '_> {
         self.programs.store.open_buffer(open)
     }
 
-    /// ERR002 for what is behind the password.
+    /// ERR002 for what the password protects.
     pub(super) fn accessible(&self, protected: bool) -> Outcome {
         if protected && !self.board.variables.password.is_open() {
             return Err(CommandError::PASSWORD);
@@ -146,7 +146,7 @@ impl Line<'_, '_> {
         }
         self.programs.store.clear(cs)?;
         if rotary {
-            // The pointer was to a line that is gone.
+            // The pointer was to a deleted line.
             if self.programs.systems[cs].cursor.is_some_and(|cursor| cursor.program == 0) {
                 self.programs.begin(self.board, cs, 0.0)?;
             }
@@ -155,7 +155,7 @@ impl Line<'_, '_> {
         Ok(())
     }
 
-    /// `LEARN`, with or without axes in parentheses: a line with the present commanded positions.
+    /// `LEARN`, with or without axes in parentheses: appends a line with the present commanded positions.
     fn learn(&mut self) -> Outcome {
         let list = crate::sim::language::axis::parse_list(&mut self.scanner)?;
         if self.programs.store.open().is_none() {
@@ -178,7 +178,7 @@ impl Line<'_, '_> {
         self.store_items()
     }
 
-    /// `DEFINE` of anything but a gather buffer: sizes in long words, entries or counts.
+    /// `DEFINE` of any buffer but the gather buffer: sizes in long words, entries or counts.
     pub(super) fn define_buffer(&mut self) -> Outcome {
         let kind = self.scanner.keyword(&[KINDS]).ok_or(CommandError::SYNTAX)?;
         let size = self.scanner.integer()?;
@@ -218,7 +218,7 @@ impl Line<'_, '_> {
         Ok(())
     }
 
-    /// `[#source[D],][#target,]` of `DEFINE COMP`; both are the addressed motor unless named.
+    /// `[#source[D],][#target,]` of `DEFINE COMP`; each defaults to the addressed motor.
     fn compensated_motors(&mut self) -> Result<([usize; 2], bool), CommandError> {
         let (mut motors, mut desired) = ([self.interpreter.motor; 2], false);
         for (index, motor) in motors.iter_mut().enumerate() {
@@ -235,7 +235,7 @@ impl Line<'_, '_> {
         Ok((motors, desired))
     }
 
-    /// `DELETE` of anything but a gather buffer.
+    /// `DELETE` of any buffer but the gather buffer.
     pub(super) fn delete_buffer(&mut self) -> Outcome {
         let (cs, motor) = (self.interpreter.cs, self.interpreter.motor);
         let kind = self.scanner.keyword(&[KINDS]).ok_or(CommandError::SYNTAX)?;
@@ -267,7 +267,7 @@ impl Line<'_, '_> {
         }
     }
 
-    /// `DELETE ALL`: every buffer that is no program.
+    /// `DELETE ALL`: every buffer except programs.
     pub(super) fn delete_all(&mut self) -> Outcome {
         if self.programs.any_runs() {
             return Err(CommandError::RUNNING);

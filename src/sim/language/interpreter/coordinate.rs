@@ -11,7 +11,7 @@ use crate::sim::language::reply::{Outcome, status_text};
 const LARGEST_TIME_BASE: f64 = ((1 << 23) - 1) as f64;
 
 impl Line<'_, '_> {
-    /// An axis letter: `X=5` renames the position, `X5` is a move and needs a buffer; A, V and Z alone are commands.
+    /// An axis letter: `X=5` redefines the position, `X5` is a move and needs a buffer; A, V and Z alone are commands.
     pub(super) fn axis(&mut self, axis: u8) -> Outcome {
         if self.scanner.take(b'=') {
             let position = self.scanner.constant()?;
@@ -60,7 +60,7 @@ impl Line<'_, '_> {
         self.programs.step(self.board, self.interpreter.cs)
     }
 
-    /// `B{c}` points to a program; `B={c}` renames the B axis.
+    /// `B{c}` points to a program; `B={c}` redefines the position of the B axis.
     pub(super) fn point_to_program(&mut self) -> Outcome {
         if self.scanner.peek() == Some(b'=') {
             return self.axis(b'B');
@@ -71,7 +71,7 @@ impl Line<'_, '_> {
         self.programs.begin(self.board, cs, number)
     }
 
-    /// `%` reports, `%{c}` commands the feedrate override; the time base register limits it (Software Reference p. 185).
+    /// `%` reports, `%{c}` sets the feedrate override; the time base register limits it (Software Reference p. 185).
     pub(super) fn feedrate_override(&mut self) -> Outcome {
         let cs = self.interpreter.cs;
         if !self.scanner.at_constant() {
@@ -108,7 +108,7 @@ impl Line<'_, '_> {
         Ok(())
     }
 
-    /// `UNDEFINE`: the axis definitions of the coordinate system; `UNDEFINE ALL`: of all.
+    /// `UNDEFINE` clears the axis definitions of the coordinate system, `UNDEFINE ALL` those of all.
     pub(super) fn undefine(&mut self) -> Outcome {
         let all = 0..self.board.family().coordinate_systems;
         let own = self.interpreter.cs..self.interpreter.cs + 1;

@@ -1,6 +1,6 @@
-//! Lines that go into an open buffer: statements are collected and stored as one program line when the line ends.
+//! Lines for an open buffer: the statements of a line are collected and stored as one program line at its end.
 //!
-//! Everything that is no statement is carried out at once, as without a buffer (Software Reference p. 273).
+//! Everything else is executed at once, as without a buffer (Software Reference p. 273).
 
 use crate::sim::board::error::CommandError;
 use crate::sim::language::interpreter::Line;
@@ -9,7 +9,7 @@ use crate::sim::program::parse::{self, Kind};
 use crate::sim::program::store::{Open, TableKind};
 
 impl Line<'_, '_> {
-    /// Takes a program statement when a buffer is open for it; says whether there was one.
+    /// Takes a program statement if a buffer is open for it; returns whether there was one.
     pub(super) fn program_statement(&mut self) -> Result<bool, CommandError> {
         let kind = match self.programs.store.open() {
             None => return Ok(false),
@@ -39,7 +39,7 @@ impl Line<'_, '_> {
         Ok(())
     }
 
-    /// Gives `value` to the table that is not full, if there is one.
+    /// Enters `value` in the table that is not full; returns whether there is one.
     pub(super) fn table_entry(&mut self, value: f64) -> bool {
         let tables = &mut self.programs.store.tables;
         let open = tables.iter_mut().rev().find(|table| table.takes_entries());

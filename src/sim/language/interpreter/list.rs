@@ -1,5 +1,5 @@
-//! `LIST`: one program line a reply line, short keywords while I9 is even; with a start or a length, and for the lines
-//! under calculation and execution, with the line's offset before it.
+//! `LIST`: one program line per reply line, with short keywords while I9 is even. With a start or a length, and for the
+//! lines in calculation and execution, the line's offset precedes it.
 
 use std::sync::Arc;
 
@@ -39,7 +39,7 @@ const WHAT: &[(&str, What)] = &[
     ("LDS", What::Empty),
 ];
 
-/// The most values of one `LIST GATHER` line.
+/// Most values in one `LIST GATHER` line.
 const GATHERED_A_LINE: usize = 8;
 
 type Lines = Vec<Arc<item::Line>>;
@@ -99,7 +99,7 @@ impl Line<'_, '_> {
         self.list_range(lines)
     }
 
-    /// `[,[start][,length]]` in long words; then lines have their offset before them.
+    /// `[,[start][,length]]` in long words; if given, each line shows its offset.
     fn list_range(&mut self, lines: Lines) -> Outcome {
         let (mut start, mut end, mut offsets) = (0, usize::MAX, false);
         if self.scanner.take(b',') {
@@ -118,11 +118,11 @@ impl Line<'_, '_> {
         Ok(())
     }
 
-    /// `LIST PC` and `LIST PE`: `P1:22:X10 Y20`, or with `,[n]` so many lines as `22:X10 Y20`.
+    /// `LIST PC` and `LIST PE`: `P1:22:X10 Y20`, or with `,[n]` that many lines in the form `22:X10 Y20`.
     fn list_from(&mut self, program: u32, first: u64) -> Outcome {
         let count = if self.scanner.take(b',') {
             let count = if self.scanner.at_unsigned() { self.scanner.integer()? } else { 1 };
-            // A further number is the count, and the one before it lines to leave out.
+            // With a second number, that is the count, and the first is the lines to skip.
             if self.scanner.take(b',') { Some(self.scanner.integer()?) } else { Some(count) }
         } else {
             None
@@ -158,7 +158,7 @@ impl Line<'_, '_> {
         Ok(())
     }
 
-    /// `LIST GATHER [start][,count]`: what is gathered in PMAC's own memory, 24-bit words in hex.
+    /// `LIST GATHER [start][,count]`: the contents of PMAC's own gather memory, 24-bit words in hex.
     fn list_gather(&mut self) -> Outcome {
         let start = if self.scanner.at_unsigned() { self.scanner.integer()? } else { 0 };
         let count = if self.scanner.take(b',') { self.scanner.integer()? } else { usize::MAX };
@@ -173,19 +173,19 @@ impl Line<'_, '_> {
         Ok(())
     }
 
-    /// The line under execution: program, line number, offset. The one to be calculated when none has been executed yet.
+    /// The line in execution: program, line number, offset. Before the first one, the line to be calculated next.
     pub(super) fn executed(&self) -> Option<(u32, u64, usize)> {
         let cs = self.interpreter.cs;
         let system = self.programs.systems.get(cs)?;
         let cursor = system.cursor?;
         let offset = self.programs.offset(cs, cursor);
         let at_cursor = (cursor.program, cursor.line, offset);
-        // Starved or at rest, execution stands where calculation does.
+        // Without moves, execution is where calculation is.
         let executing = system.executing.filter(|_| !system.trajectory.is_idle());
         Some(executing.unwrap_or(at_cursor))
     }
 
-    /// `P1:22`, and what called it as `>2.10`.
+    /// `P1:22`, and its callers, as in `>2.10`.
     pub(super) fn calculated_text(&self) -> Option<String> {
         let cs = self.interpreter.cs;
         let system = self.programs.systems.get(cs)?;

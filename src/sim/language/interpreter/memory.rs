@@ -1,4 +1,4 @@
-//! Memory commands: `RX`, `RHX`, `WX` and their like.
+//! Memory commands: `RX`, `RHX`, `WX` and similar ones.
 
 use crate::format::{fixed48, int24};
 use crate::sim::board::error::CommandError;
@@ -7,7 +7,7 @@ use crate::sim::language::reply::Outcome;
 use crate::sim::language::scanner::{HEX_24, HEX_48};
 use crate::sim::language::words::{Form, Space};
 
-/// How many words one read command may name.
+/// Most words of one read command.
 const LONGEST_READ: usize = 16;
 
 impl Line<'_, '_> {
@@ -49,7 +49,7 @@ impl Line<'_, '_> {
         Ok(())
     }
 
-    /// The address after the command word, with or without a colon before it.
+    /// The address after the command word, with an optional colon before it.
     fn memory_address(&mut self) -> Result<u32, CommandError> {
         self.scanner.take(b':');
         let last = self.board.family().last_address();

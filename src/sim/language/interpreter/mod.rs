@@ -1,8 +1,8 @@
-//! One command line, command by command, and the addressed motor and coordinate system.
+//! Executes one command line, command by command, with the addressed motor and coordinate system.
 //!
-//! Commands of a line are carried out from left to right as they are read. The first one that fails ends the line: what
-//! stands to the left of it is done, what stands to the right is not looked at. `#n` and `&n` stay in force for later
-//! lines. PMAC and PMAC2 have one such pair for all ports, so the ports share one [`Interpreter`].
+//! Executes the commands of a line from left to right as it parses them. The first error ends the line: commands to its
+//! left are done, the rest is not parsed. `#n` and `&n` stay in force for later lines. PMAC and PMAC2 have one such
+//! pair for all ports, so the ports share one [`Interpreter`].
 
 mod assign;
 mod buffers;
@@ -23,7 +23,7 @@ use crate::sim::language::words::{self, Word};
 use crate::sim::program::Programs;
 use crate::sim::program::item::Item;
 
-/// The state of a conversation: which motor, coordinate system and card commands are meant for.
+/// The addressed motor, coordinate system and card.
 #[derive(Debug, Clone, Default)]
 pub struct Interpreter {
     pub(super) motor: usize,
@@ -31,14 +31,14 @@ pub struct Interpreter {
     card: u8,
 }
 
-/// One command line under way.
+/// One command line in progress.
 pub(super) struct Line<'a, 'b> {
     pub(super) interpreter: &'a mut Interpreter,
     pub(super) board: &'a mut Board,
     pub(super) programs: &'a mut Programs,
     pub(super) scanner: Scanner<'b>,
     pub(super) lines: Vec<String>,
-    /// The items of the program line under entry.
+    /// The items of the program line being entered.
     pub(super) items: Vec<Item>,
 }
 
@@ -49,7 +49,7 @@ impl Interpreter {
         Self::default()
     }
 
-    /// A conversation with the 0-based motor and coordinate system addressed.
+    /// Addresses the 0-based motor and coordinate system.
     #[must_use]
     pub fn addressing(motor: usize, cs: usize) -> Self {
         Self { motor, cs, card: 0 }
@@ -67,14 +67,14 @@ impl Interpreter {
         self.cs
     }
 
-    /// Back to `#1 &1 @0`, as after power-up and reset.
+    /// Returns to `#1 &1 @0`, as after power-up and reset.
     pub fn reset(&mut self) {
         *self = Self::default();
     }
 
-    /// Carries out one line, without its end-of-line character. An empty line is valid and answers nothing.
+    /// Executes one line, given without its end-of-line character. An empty line is valid and answers nothing.
     ///
-    /// A line with a character above 127 is ERR004, one longer than 255 characters ERR003; neither is begun.
+    /// A line with a character above 127 is ERR004, one longer than 255 characters ERR003; neither is started.
     pub fn execute(&mut self, board: &mut Board, programs: &mut Programs, line: &[u8]) -> Reply {
         if !line.is_ascii() {
             return Reply { lines: Vec::new(), error: Some(CommandError::CHARACTER) };
@@ -86,13 +86,13 @@ impl Interpreter {
         let mut line =
             Line { interpreter: self, board, programs, scanner, lines: Vec::new(), items: Vec::new() };
         let result = line.run();
-        // What stands to the left of an error is stored.
+        // Store the program items to the left of an error.
         let error = line.store_items().and(result).err();
         Reply { lines: line.lines, error }
     }
 
-    /// Carries out a control character that is a command of its own (1 is ^A). `None` when it is not one: then it does
-    /// nothing, or concerns the port's own line (backspace, enter, ^I, ^N, ^Y).
+    /// Executes a control character that is a command by itself (1 is ^A). `None` for any other one: it does nothing,
+    /// or belongs to the port's line editing (backspace, enter, ^I, ^N, ^Y).
     ///
     /// `Some` with lines is a report; most characters answer nothing.
     pub fn control(&mut self, board: &mut Board, programs: &mut Programs, character: u8) -> Option<Reply> {
@@ -115,7 +115,7 @@ impl Line<'_, '_> {
         Ok(())
     }
 
-    /// A line that is a constant and nothing else assigns P0, or an entry of a table that is not full (User Manual p. 150).
+    /// A line of just a constant assigns P0, or an entry of a table that is not full (User Manual p. 150).
     fn bare_constant(&mut self) -> Result<bool, CommandError> {
         if !self.scanner.at_constant() {
             return Ok(false);
@@ -134,7 +134,7 @@ impl Line<'_, '_> {
         if self.program_statement()? {
             return Ok(());
         }
-        // `$` before a hex digit is a number, and no command begins with one.
+        // `$` before a hex digit begins a number, and no command begins with a number.
         if self.scanner.at_constant() && self.scanner.peek() == Some(b'$') {
             return Err(CommandError::SYNTAX);
         }
@@ -192,8 +192,8 @@ impl Line<'_, '_> {
         }
     }
 
-    /// A command that becomes a program statement when a number or an expression follows (`F` reports the following
-    /// error, `F5` is a feedrate): such a statement needs an open buffer.
+    /// A letter that is a command alone and a program statement with a number or expression (`F` reports the following
+    /// error, `F5` is a feedrate). The statement needs an open buffer.
     pub(super) fn letter(&mut self, command: impl FnOnce(&mut Self) -> Outcome) -> Outcome {
         if self.at_argument() { Err(CommandError::NO_OPEN_BUFFER) } else { command(self) }
     }
@@ -225,13 +225,13 @@ impl Line<'_, '_> {
         let Some(cs) = self.address(count)? else {
             return self.answer((self.interpreter.cs + 1).to_string());
         };
-        // What follows is for another rotary buffer.
+        // The rest of the line goes to another rotary buffer.
         self.store_items()?;
         self.interpreter.cs = cs;
         Ok(())
     }
 
-    /// The number after `#` or `&`, made 0-based; `None` when there is none.
+    /// The number after `#` or `&`, made 0-based; `None` without one.
     fn address(&mut self, count: usize) -> Result<Option<usize>, CommandError> {
         if !self.scanner.peek().is_some_and(|c| c.is_ascii_digit()) {
             return Ok(None);
@@ -242,7 +242,7 @@ impl Line<'_, '_> {
         }
     }
 
-    /// `@n`: the card of a serial chain. There is one card only, so this is remembered and reported, and no more.
+    /// `@n`: the card of a serial chain. The simulator has one card, so it only stores and reports the number.
     fn address_card(&mut self) -> Outcome {
         match self.scanner.peek() {
             Some(digit) if digit.is_ascii_hexdigit() => {

@@ -30,7 +30,7 @@ impl Line<'_, '_> {
         self.board.jog(motor, jog, until_trigger)
     }
 
-    /// `{c}` or `*`, then perhaps `^{c2}`: the move ends that far from the trigger.
+    /// `{c}` or `*`, with an optional `^{c2}`: the move ends that far from the trigger.
     fn distance(
         &mut self,
         variable: Jog,
@@ -93,8 +93,8 @@ impl Line<'_, '_> {
         self.answer(tenths(error))
     }
 
-    /// `#n->` lists, `#n->{definition}` defines in the addressed coordinate system (Software Reference p. 179). A motor of
-    /// another coordinate system lists as `0` and is not to be taken away from there.
+    /// `#n->` lists, `#n->{definition}` defines in the addressed coordinate system (Software Reference p. 179). A motor
+    /// of another coordinate system lists as `0` and cannot be redefined.
     pub(super) fn axis_definition(&mut self, motor: usize) -> Outcome {
         let cs = self.interpreter.cs;
         let decimals = self.board.variables.tables().decimals;
@@ -129,7 +129,7 @@ impl Line<'_, '_> {
         }
     }
 
-    /// As [`Line::free_motor`]; also it must be activated (else ERR003).
+    /// As [`Line::free_motor`], but also requires an activated motor (else ERR003).
     fn movable_motor(&self) -> Result<usize, CommandError> {
         let motor = self.free_motor()?;
         if self.board.activated(motor) { Ok(motor) } else { Err(CommandError::SYNTAX) }

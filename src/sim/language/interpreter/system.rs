@@ -27,7 +27,7 @@ impl Line<'_, '_> {
         self.answer(text)
     }
 
-    /// `$$$` and `$$$***`. What follows on the line is lost with the reset, as is the addressing.
+    /// `$$$` and `$$$***`. The reset discards the rest of the line and the addressing.
     pub(super) fn reset_board(&mut self, factory: bool) -> Outcome {
         self.board.reset(factory);
         self.programs.reset(factory);
@@ -36,7 +36,7 @@ impl Line<'_, '_> {
         Ok(())
     }
 
-    /// `SAVE`; not while a program runs.
+    /// `SAVE`; an error while a program runs.
     pub(super) fn save(&mut self) -> Outcome {
         if (0..self.board.family().coordinate_systems).any(|cs| self.board.runs_program(cs)) {
             return Err(CommandError::RUNNING);
@@ -46,7 +46,7 @@ impl Line<'_, '_> {
         Ok(())
     }
 
-    /// `PASSWORD={text}` sets or gives it, the rest of the line being the text; `PASSWORD` reports it.
+    /// `PASSWORD={text}` sets or enters it; the text is the rest of the line. `PASSWORD` reports it.
     pub(super) fn password(&mut self) -> Outcome {
         if !self.scanner.take(b'=') {
             let password = self.board.variables.password.text().ok_or(CommandError::PASSWORD)?;

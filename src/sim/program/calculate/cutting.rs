@@ -1,10 +1,10 @@
-//! Cutter radius compensation in a running program: moves are held back until the next one tells how their corner goes
+//! Cutter radius compensation in a running program: each move is held back until the next one determines its corner
 //! (Software Reference, CC0, CC1, CC2, CCR).
 //!
-//! It works on LINEAR and CIRCLE moves while I13>0. The first move after CC1 or CC2 leads in: straight, to the place beside
-//! the begin of the next move. The first one after CC0 leads out: straight from beside the end of the last one. A dwell, a stop,
-//! another move mode or the end of what is in the buffer ends a held move beside its own end. Where the cutter
-//! does not fit the program stops with a run-time error and bit 10 of PSTATUS.
+//! It acts on LINEAR and CIRCLE moves while I13>0. The first move after CC1 or CC2 leads in: straight to the point
+//! beside the start of the next move. The first move after CC0 leads out: straight from the point beside the end of the
+//! last one. A dwell, a stop, another move mode or the end of the buffer ends a held move beside its own end. Where the
+//! cutter does not fit, the program stops with a run-time error and bit 10 of PSTATUS.
 
 use crate::sim::program::calculate::Calculator;
 use crate::sim::program::circle::Centre;
@@ -14,14 +14,14 @@ use crate::sim::program::item::{Data, Mode};
 use crate::sim::program::system::Failure;
 use crate::sim::program::transform::Vector;
 
-/// Where X, Y, Z are among the axes.
+/// Index of X; Y and Z follow.
 const X: usize = 6;
 /// PSTATUS: outside corner, stop request, move held.
 const OUTSIDE: u32 = 1 << 11;
 const STOP_REQUEST: u32 = 1 << 10;
 const HELD: u32 = 1 << 9;
 
-/// The plane that compensation works in: two directions in it.
+/// The plane of compensation: two directions in it.
 #[derive(Clone, Copy)]
 struct Plane([Vector; 2]);
 
@@ -41,7 +41,7 @@ impl Plane {
         self.0.map(|direction| dot(position, direction))
     }
 
-    /// `axes` moved in the plane so that they lie at `point`.
+    /// `axes` with their position in the plane replaced by `point`.
     fn moved(self, axes: &[f64; 9], point: Point) -> [f64; 9] {
         let now = self.point(three(axes));
         let mut moved = *axes;
@@ -72,7 +72,7 @@ impl Calculator<'_> {
         self.system.cutter.radius = self.value(radius);
     }
 
-    /// A LINEAR or CIRCLE move of the program to `axes`.
+    /// A programmed LINEAR or CIRCLE move to `axes`.
     pub(super) fn travel(&mut self, centre: Option<Centre>, axes: [f64; 9]) {
         if self.system.cutter.side == 0.0 || !self.segmented() {
             self.go(centre, axes);
@@ -93,7 +93,7 @@ impl Calculator<'_> {
         let turn = centre.map(|centre| (plane.point(centre), self.system.mode == Mode::Circle2));
         let element = Element::new(plane.point(three(&start)), plane.point(three(&axes)), turn);
         let Some(element) = element else {
-            // Out of the plane, or other axes only: beside it all the same.
+            // It leaves the plane, or moves only other axes: the cutter stays beside the path.
             self.finish_cutting();
             let beside = self.system.axes;
             let mut target = axes;
@@ -127,7 +127,7 @@ impl Calculator<'_> {
         self.board.program_word(self.cs, 0, HELD);
     }
 
-    /// Lets a move that is held back end beside its own end.
+    /// Ends a held move beside its own end.
     pub(super) fn finish_cutting(&mut self) {
         if let Some(held) = self.system.cutter.held.take() {
             self.release(held, None);
@@ -138,7 +138,7 @@ impl Calculator<'_> {
         Plane::new(self.system.normal.unwrap_or([0.0, 0.0, -1.0]))
     }
 
-    /// Makes the move held back, up to its corner with `next`, with the times and the mode it was programmed with.
+    /// Makes the held move, up to its corner with `next`, with its programmed times and mode.
     fn release(&mut self, mut held: Held, next: Option<&Element>) {
         self.board.program_word(self.cs, HELD | OUTSIDE, 0);
         let times = [87, 88, 89].map(|n| self.ix(n));
@@ -162,7 +162,7 @@ impl Calculator<'_> {
         self.board.coordinate_word(self.cs, 1 << 3, by_time);
     }
 
-    /// Says whether the cutter fits.
+    /// Makes the held move along its offset path; returns whether the cutter fits.
     fn cut(&mut self, held: &Held, next: Option<&Element>) -> bool {
         let plane = self.plane();
         let offset = self.system.cutter.side * self.system.cutter.radius;

@@ -11,7 +11,7 @@ use crate::sim::program::system::{Failure, Frame};
 
 /// Deepest nesting of calls.
 const MOST_FRAMES: usize = 15;
-/// `READ` says in this Q-variable which letters came; the letter A goes into the next one.
+/// `READ` reports in this Q-variable which letters it found; letter A goes into the next one.
 const READ_MASK: usize = 100;
 
 impl Calculator<'_> {
@@ -38,7 +38,7 @@ impl Calculator<'_> {
         }
     }
 
-    /// Past a short IF whose condition does not hold; into the `ELSE` on the next line.
+    /// Skips a short IF whose condition is false; continues in an `ELSE` on the next line.
     pub(super) fn skip_line(&mut self, cursor: Cursor) -> Flow {
         let mut next = Cursor::at(cursor.program, cursor.line + 1);
         if self.line(next).is_some_and(|line| line.items.first() == Some(&Item::Else)) {
@@ -48,7 +48,7 @@ impl Calculator<'_> {
         Flow::On
     }
 
-    /// Past the end of the block that begins after `cursor`, or into its `ELSE`.
+    /// Skips to the end of the block that begins after `cursor`, or into its `ELSE`.
     pub(super) fn skip_block(&mut self, cursor: Cursor, mut tracker: Tracker, stop_at_else: bool) -> Flow {
         let depth = tracker.depth();
         let mut at = Cursor::at(cursor.program, cursor.line + 1);
@@ -85,8 +85,8 @@ impl Calculator<'_> {
         }
     }
 
-    /// A program and, behind the point, five digits of label. What is not there is passed over when it was called by a
-    /// letter, and a run-time error otherwise.
+    /// Calls a program; five digits behind the point are the label. A missing target is ignored when a letter called
+    /// it, and is a run-time error otherwise.
     pub(super) fn call(&mut self, value: f64, cursor: Cursor, must_exist: bool) -> Flow {
         let (program, label) = split(value);
         match self.program(program).and_then(|program| program.label(label)) {
@@ -111,7 +111,8 @@ impl Calculator<'_> {
         }
     }
 
-    /// Puts the caller's letters into Q101 (A) to Q126 (Z), up to the first that is not asked for; Q100 says which came.
+    /// Puts the caller's letters into Q101 (A) to Q126 (Z), up to the first one not requested; Q100 reports which were
+    /// found.
     pub(super) fn read(&mut self, letters: &[u8]) {
         let Some(back) = self.system.frames.last().map(|frame| frame.back) else { return };
         let Some(line) = self.line(back) else { return };
@@ -133,7 +134,7 @@ impl Calculator<'_> {
     }
 }
 
-/// A letter with its number, as `READ` takes it.
+/// A letter with its number, for `READ`.
 fn lettered(item: &Item) -> Option<(u8, &Data)> {
     match item {
         Item::Axis(axis, data, None) => Some((*AXES.get(*axis)?, data)),
@@ -144,7 +145,7 @@ fn lettered(item: &Item) -> Option<(u8, &Data)> {
     }
 }
 
-/// A program's number and the five digits behind its point.
+/// A program's number, and the label: five digits behind the point.
 #[must_use]
 pub fn split(value: f64) -> (u32, u32) {
     let hundred_thousandths = (value.max(0.0) * 100_000.0).round() as u64;

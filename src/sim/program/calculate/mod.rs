@@ -1,8 +1,8 @@
-//! Calculation: program lines, one command after the other, until as many moves are ahead as the mode wants.
+//! Calculation: executes program lines, command by command, until enough moves are ahead for the mode.
 //!
 //! It runs in the real-time interrupt. Straight moves without segmentation are calculated one ahead of execution, all
-//! others two; assignments take effect here, not when the motion gets there (User Manual pp. 213-217). Two jumps back
-//! in one go, or very many commands, leave the rest for the next interrupt.
+//! others two. Assignments take effect during calculation, not when the motion gets there (User Manual pp. 213-217).
+//! After two backward jumps, or very many commands, the rest waits for the next interrupt.
 
 mod cutting;
 pub mod flow;
@@ -21,19 +21,19 @@ use crate::sim::program::store::Program;
 use crate::sim::program::structure::Tracker;
 use crate::sim::program::system::{Ending, Failure, System};
 
-/// The most commands of one interrupt.
+/// Most commands per interrupt.
 const MOST_ITEMS: usize = 1000;
 /// `S` puts its value into this Q-variable.
 const SPINDLE: usize = 127;
 
-/// What a command does to the flow of calculation.
+/// How a command continues the calculation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Flow {
-    /// On to the next one.
+    /// Goes on to the next command.
     On,
-    /// This one again, when the motion is done.
+    /// Repeats this command when the motion is done.
     Wait,
-    /// On, at another place that lies before.
+    /// Goes on at an earlier place.
     Back,
 }
 
@@ -46,7 +46,7 @@ pub(super) struct Calculator<'a> {
 }
 
 impl Programs {
-    /// Calculates ahead for the 0-based `cs`.
+    /// Calculates ahead for the 0-based coordinate system `cs`.
     pub fn calculate(&mut self, board: &mut Board, cs: usize) {
         let mut system = std::mem::take(&mut self.systems[cs]);
         Calculator { programs: self, board, system: &mut system, cs }.run();
@@ -122,7 +122,8 @@ impl Calculator<'_> {
             return Flow::On;
         }
         if cursor.program == 0 {
-            // Starved: without segmentation the motion comes to rest now, with it a line may still come in time.
+            // The buffer ran empty: without segmentation the motion comes to rest now; with it, a line may still come
+            // in time.
             self.finish_spline();
             if !self.segmented() {
                 self.system.trajectory.close();
@@ -139,7 +140,7 @@ impl Calculator<'_> {
             return Flow::Wait;
         }
         let moved = std::mem::take(&mut self.system.moved);
-        // `WHILE(…) statement` is a loop of its own.
+        // `WHILE(…) statement` is a loop on one line.
         let repeated = line.items.iter().position(|item| matches!(item, Item::While(_)));
         let flow = match repeated {
             Some(item) if item + 1 < line.items.len() => {
@@ -158,7 +159,7 @@ impl Calculator<'_> {
         flow
     }
 
-    /// Ends calculation; what is calculated still moves.
+    /// Ends calculation; moves already calculated still execute.
     pub(super) fn end(&mut self, ending: Ending) {
         self.finish_spline();
         self.system.end(ending);
@@ -169,7 +170,7 @@ impl Calculator<'_> {
         Flow::Wait
     }
 
-    /// Whether the motion is at rest; if not, nothing more flows into it.
+    /// Whether the motion is at rest; if not, closes the last move, so that nothing blends with it.
     fn at_rest(&mut self) -> bool {
         self.finish_spline();
         self.system.trajectory.close();
@@ -210,7 +211,7 @@ impl Calculator<'_> {
                 let value = self.value(value);
                 self.board.assign(VariableKind::Q, self.cs, SPINDLE, value);
             }
-            // An argument that nobody has read.
+            // An argument that no `READ` took.
             Item::Letter(..) | Item::Label(_) | Item::Wait | Item::Address(..) | Item::EndIf => {}
             Item::Mode(mode) => self.set_mode(*mode),
             Item::Pvt(time) => {
@@ -287,7 +288,7 @@ impl Calculator<'_> {
             Item::BlockStart => self.system.in_block = true,
             Item::BlockStop => {
                 self.system.in_block = false;
-                // The step that was held back.
+                // In step mode the whole block is one step, which ends here.
                 self.system.moved = !self.system.continuous;
             }
             Item::CutterCompensation(side) => {
@@ -315,7 +316,7 @@ impl Calculator<'_> {
             Item::Command(text) => self.programs.ask(text, 0, 0),
             Item::CommandCharacter(code) => self.programs.ask_character(*code),
             Item::Send(text) => send_message(self.board, text),
-            // There is no display.
+            // The simulator has no display.
             Item::Display(_) => {}
             Item::Call(value) => {
                 let value = self.value(value);
@@ -330,7 +331,7 @@ impl Calculator<'_> {
                     _ => 0,
                 };
                 let program = 1000.0 + 10.0 * (value / 100.0).floor() + f64::from(kind);
-                // Five digits of label: two of the number, three behind its point.
+                // A five-digit label: two digits of the number, three behind its point.
                 return self.call(program + (value % 100.0) / 100.0, cursor, false);
             }
             Item::Gosub(label) => {
@@ -358,7 +359,7 @@ impl Calculator<'_> {
                 };
             }
             Item::If(_) => {}
-            // Reached from the branch above it.
+            // Reached at the end of the branch above it.
             Item::Else if cursor.item + 1 < line.items.len() => {
                 self.system.cursor = Some(Cursor::at(cursor.program, cursor.line + 1));
             }
@@ -386,7 +387,7 @@ impl Calculator<'_> {
     }
 }
 
-/// The items from `first` on that `pick` takes, up to the first that it does not.
+/// The items from `first` on that `pick` accepts, up to the first that it rejects.
 fn following(
     line: &Line,
     first: usize,

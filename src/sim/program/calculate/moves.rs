@@ -13,11 +13,11 @@ use crate::sim::program::system::Failure;
 use crate::sim::program::trajectory::{Entry, Jog, Shape};
 use crate::sim::program::transform::Vector;
 
-/// Where X, Y, Z are among the axes.
+/// Index of X; Y and Z follow.
 const X: usize = 6;
 /// The longest move in ms.
 const LONGEST: f64 = 8_388_607.0;
-/// TA and TS of zero are not allowed; this is taken instead, in ms.
+/// Replaces TA and TS of zero, which are not allowed, in ms.
 const SHORTEST: f64 = 1.0;
 
 impl Calculator<'_> {
@@ -92,7 +92,7 @@ impl Calculator<'_> {
         self.board.program_word(self.cs, 1 << 12, 1 << 12);
     }
 
-    /// A move of no distance, which blends.
+    /// A blended move of zero distance.
     pub(super) fn delay(&mut self, time: f64) {
         self.finish_spline();
         let (target, axes) = (self.system.trajectory.target(), self.system.axes);
@@ -120,7 +120,7 @@ impl Calculator<'_> {
         self.system.axes = axes;
     }
 
-    /// With the motion at rest: axis positions from the motors', where these have moved by themselves.
+    /// At rest: takes the axis positions from the motors, if those have moved independently.
     pub(super) fn match_positions(&mut self) {
         if std::mem::take(&mut self.system.rematch) {
             let mut axes = self.system.axes;
@@ -144,7 +144,7 @@ impl Calculator<'_> {
         }
     }
 
-    /// Makes the move of the line so far, if there is one.
+    /// Makes the line's move, if it has one.
     pub(super) fn make_move(&mut self) {
         if self.system.request.is_empty() {
             self.system.request = Default::default();
@@ -198,7 +198,8 @@ impl Calculator<'_> {
         }
     }
 
-    /// Ends a spline under way, and a move that cutter compensation holds back. A spline's last point counts twice more. PVT ends where it is.
+    /// Ends a spline in progress, and a move held by cutter compensation. A spline's last point counts twice more; PVT
+    /// ends where it is.
     pub(super) fn finish_spline(&mut self) {
         self.finish_cutting();
         self.end_spline();
@@ -216,7 +217,7 @@ impl Calculator<'_> {
         }
     }
 
-    /// Where the axes end: through the modes ABS and INC and the transformation.
+    /// The axes' target: modes ABS and INC and the transformation applied.
     fn target(&self, given: &[Option<f64>; 9]) -> [f64; 9] {
         let status = self.board.coordinate_status(self.cs)[0];
         let incremental = |axis: usize| status >> (6 + 2 * axis) & 1 == 1;
@@ -251,14 +252,14 @@ impl Calculator<'_> {
         [0, 1, 2].map(|k| if vectors[k].is_some() { centre[k] - start[k] } else { 0.0 })
     }
 
-    /// The way of the axes that the feedrate is for.
+    /// The distance along the feedrate axes.
     fn distance(&self, axes: &[f64; 9]) -> f64 {
         let status = self.board.coordinate_status(self.cs)[0];
         let squares = (0..9).filter(|axis| status >> (7 + 2 * axis) & 1 == 1);
         squares.map(|axis| (axes[axis] - self.system.axes[axis]).powi(2)).sum::<f64>().sqrt()
     }
 
-    /// The time in ms for a way at the feedrate, or TM.
+    /// The time in ms for `distance` at the feedrate, or TM.
     fn move_time(&self, distance: f64) -> f64 {
         let speed = self.ix(89);
         if self.board.coordinate_status(self.cs)[0] >> 3 & 1 == 1 {
@@ -270,12 +271,12 @@ impl Calculator<'_> {
         if speed > 0.0 { (distance * self.ix(90) / speed).min(LONGEST) } else { LONGEST }
     }
 
-    /// Where the program is: with cutter compensation the axes are beside it.
+    /// The programmed position; with cutter compensation the axes are beside it.
     pub(super) fn programmed(&self) -> [f64; 9] {
         self.system.cutter.programmed().unwrap_or(self.system.axes)
     }
 
-    /// From where the axes are to `axes`, straight or in an arc.
+    /// Moves from the axes' position to `axes`, straight or in an arc.
     pub(super) fn go(&mut self, centre: Option<Centre>, axes: [f64; 9]) {
         if let Some(centre) = centre {
             return self.arc(centre, axes);
@@ -286,7 +287,7 @@ impl Calculator<'_> {
         self.blend(Path::Line(Box::new(difference(&target, &from))), time, target, axes);
     }
 
-    /// The arc between two places; without one, the program fails.
+    /// The arc between two positions; if there is none, the program fails.
     pub(super) fn geometry(
         &mut self,
         start: &[f64; 9],
@@ -315,7 +316,7 @@ impl Calculator<'_> {
             self.board.motor_vector(self.cs, &axes)
         };
         let (e1, e2) = (vector(arc.e1), vector(arc.e2));
-        // What the arc itself does not do goes straight.
+        // Axes outside the arc move straight.
         let (sin, cos) = arc.sweep.sin_cos();
         let straight: Motors = std::array::from_fn(|m| {
             let turned = arc.radius[1] * (cos * e1[m] + sin * e2[m]) - arc.radius[0] * e1[m];
@@ -326,13 +327,13 @@ impl Calculator<'_> {
         self.blend(path, time, target, axes);
     }
 
-    /// A blended move of `time` ms, lengthened as ramps and limits demand.
+    /// A blended move of `time` ms, longer if ramps or limits require it.
     fn blend(&mut self, path: Path, time: f64, target: Motors, axes: [f64; 9]) {
         let ramp = self.ramp();
         let mut time = time.max(ramp.time);
         let (mut up, mut down) = (ramp, ramp);
         if !self.segmented() {
-            // Ix16 and Ix17 are no limits while moves are segmented.
+            // Ix16 and Ix17 do not limit segmented moves.
             let way = path.velocity(0.0, 1.0);
             let limit = |motor: usize, n: usize| self.board.ix(motor, n);
             for (motor, way) in way.iter().enumerate().filter(|(_, way)| **way != 0.0) {
@@ -359,7 +360,7 @@ impl Calculator<'_> {
         self.append(Shape::Blend(Blend { path, time, up, down }), target, axes);
     }
 
-    /// Motors go by themselves, the slowest sets the time.
+    /// Each motor moves by itself; the slowest determines the time.
     fn rapid(&mut self, triggers: &[Option<f64>; 9], axes: [f64; 9]) {
         self.system.trajectory.close();
         let from = self.system.trajectory.target();
