@@ -19,6 +19,7 @@
 //! at power-on is told nowhere, so its initialisation is a setting, and off.
 
 use crate::device::{ByteBus, ByteBusError};
+use crate::map::Controller;
 
 /// Registers of the controller, in bytes from the host port's base.
 mod register {
@@ -36,16 +37,6 @@ mod register {
 const SPECIFIC_END: u8 = 0x60;
 /// 8259: the next read of register 8 gives the requests (OCW3).
 const SELECT_REQUESTS: u8 = 0x0A;
-
-/// Which controller it is.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Controller {
-    /// PMAC(1) on an ISA bus.
-    Pic8259,
-    /// PMAC2.
-    Pmac2,
-}
 
 /// The three words that make an 8259 ready, in the order in which they are written: ICW1, ICW2, ICW4.
 pub type Initialisation = [u8; 3];
@@ -71,6 +62,15 @@ impl HostPort {
     pub const PMAC: Self = Self { controller: Controller::Pic8259, line: 7, initialisation: None };
     /// A PMAC2, whose DPRAM ASCII interrupt is bit 5.
     pub const PMAC2: Self = Self { controller: Controller::Pmac2, line: 5, initialisation: None };
+
+    /// The usual line of a board with this controller, which is left as it is.
+    #[must_use]
+    pub const fn usual(controller: Controller) -> Self {
+        match controller {
+            Controller::Pic8259 => Self::PMAC,
+            Controller::Pmac2 => Self::PMAC2,
+        }
+    }
 
     const fn bit(&self) -> u8 {
         1 << (self.line & 7)

@@ -482,6 +482,16 @@ pub mod panel_request {
     pub const FEED_HOLD: u16 = 1 << 15;
 }
 
+/// The interrupt controller behind a board's host port.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Controller {
+    /// An 8259, on a PMAC(1) for the ISA bus.
+    Pic8259,
+    /// That of a PMAC2.
+    Pmac2,
+}
+
 /// Where the three registers of data gathering lie.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct GatherPlace {

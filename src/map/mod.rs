@@ -33,8 +33,9 @@ pub use family::{FAMILIES, Family, Generation, PMAC, PMAC2, UnknownFamily, Unkno
 pub use field::{BitField, Field, FieldError};
 pub use firmware::{BadFirmware, Firmware};
 pub use functions::{
-    AsciiPort, BackgroundBlock, Blocks, BusyRule, EntryBits, Flag, GatherPlace, IVariables, PanelBlock,
-    RecordBits, RotaryHeaders, Run, ServoBlock, StartRule, Timer, VariableKind, VariableRead, VariableWrite,
+    AsciiPort, BackgroundBlock, Blocks, BusyRule, Controller, EntryBits, Flag, GatherPlace, IVariables,
+    PanelBlock, RecordBits, RotaryHeaders, Run, ServoBlock, StartRule, Timer, VariableKind, VariableRead,
+    VariableWrite,
 };
 pub use layout::{Entry, GatherPosition, GatherSizeWord, Layout, MapRecord, Place, records};
 pub use region::Region;

@@ -4,9 +4,9 @@ use serde::Deserialize;
 
 use super::span::Refusal;
 use crate::device::{ByteSpec, InterruptSource};
-use crate::function::host_port::{Controller, HostPort, Initialisation};
+use crate::function::host_port::{HostPort, Initialisation};
 use crate::function::mailbox::{EnableReplies, ErrorReport, MailboxSettings};
-use crate::map::{Family, PMAC2};
+use crate::map::{Controller, Family};
 
 /// Pages there are: six bits.
 const PAGES: u8 = 0x40;
@@ -141,6 +141,8 @@ pub struct HostPortConfig {
     pub registers: ByteSpec,
     /// The controller and our line of it.
     pub port: HostPort,
+    /// The I-variable that makes a response in the DPRAM interrupt the host.
+    pub interrupt: u16,
 }
 
 impl HostPortTable {
@@ -149,12 +151,7 @@ impl HostPortTable {
     /// # Errors
     /// The key that is wrong, and how to write it.
     pub fn decide(self, family: &Family) -> Result<HostPortConfig, Refusal> {
-        let default = match self.controller {
-            Some(Controller::Pic8259) => HostPort::PMAC,
-            Some(Controller::Pmac2) => HostPort::PMAC2,
-            None if family == &PMAC2 => HostPort::PMAC2,
-            None => HostPort::PMAC,
-        };
+        let default = HostPort::usual(self.controller.unwrap_or(family.host_port));
         let line = self.line.unwrap_or(default.line);
         if line > 7 {
             let text = format!("host_port.line = {line} is out of range: write 0 to 7");
@@ -167,6 +164,7 @@ impl HostPortTable {
         Ok(HostPortConfig {
             registers: self.registers.parse().map_err(|error| of("host_port.registers", error))?,
             port: HostPort { line, initialisation: self.initialisation, ..default },
+            interrupt: family.i.interrupt,
         })
     }
 }
@@ -174,7 +172,8 @@ impl HostPortTable {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::map::PMAC;
+    use crate::map::family::testing::TESTED;
+    use crate::map::{PMAC, PMAC2};
 
     fn mailbox(text: &str) -> Result<MailboxConfig, String> {
         toml::from_str::<MailboxTable>(text)
@@ -200,7 +199,12 @@ mod tests {
         assert_eq!((config.vectors, config.page), (None, Some(0x3F)));
         let config = host_port("registers = \"port:0x210\"\n", &PMAC).unwrap();
         assert_eq!((config.port, config.registers), (HostPort::PMAC, "port:0x210".parse().unwrap()));
-        assert_eq!(host_port("registers = \"file:h\"\n", &PMAC2).unwrap().port, HostPort::PMAC2);
+        for family in TESTED {
+            let config = host_port("registers = \"file:h\"\n", family).unwrap();
+            let usual = HostPort::usual(family.host_port);
+            assert_eq!((config.port, config.interrupt), (usual, family.i.interrupt), "{}", family.name);
+        }
+        assert_eq!((PMAC.host_port, PMAC2.host_port), (Controller::Pic8259, Controller::Pmac2));
     }
 
     #[test]

@@ -9,8 +9,8 @@ pub mod testing;
 use std::str::FromStr;
 
 use super::functions::{
-    AsciiPort, BackgroundBlock, IVariables, PanelBlock, RotaryHeaders, ServoBlock, StartRule, VariableRead,
-    VariableWrite,
+    AsciiPort, BackgroundBlock, Controller, IVariables, PanelBlock, RotaryHeaders, ServoBlock, StartRule,
+    VariableRead, VariableWrite,
 };
 use super::status::{self, StatusTables};
 use super::{Block, GatherPlace, HostOffset, PmacAddress, Region, Source, SourceAt, Space};
@@ -95,6 +95,8 @@ pub struct Family {
     pub ascii: AsciiPort,
     /// The control panel; `None` where the firmware has none.
     pub panel: Option<PanelBlock>,
+    /// The interrupt controller behind the host port.
+    pub host_port: Controller,
     /// How the place of a table or rotary buffer is told to PMAC.
     pub start: StartRule,
     /// Background variable read.
@@ -111,7 +113,13 @@ pub struct Family {
     pub gather_shift: u32,
 }
 
-const fn pmac_family(name: &'static str, title: &'static str, number: u32, default_i10: u32) -> Family {
+const fn pmac_family(
+    name: &'static str,
+    title: &'static str,
+    number: u32,
+    default_i10: u32,
+    host_port: Controller,
+) -> Family {
     Family {
         name,
         title,
@@ -136,6 +144,7 @@ const fn pmac_family(name: &'static str, title: &'static str, number: u32, defau
         background: pmac::BACKGROUND_REPORT,
         ascii: pmac::ASCII,
         panel: Some(pmac::PANEL_BLOCK),
+        host_port,
         start: pmac::START,
         variable_read: pmac::VARIABLE_READ,
         variable_write: pmac::VARIABLE_WRITE,
@@ -147,9 +156,9 @@ const fn pmac_family(name: &'static str, title: &'static str, number: u32, defau
 }
 
 /// PMAC, the first generation (PMAC(1)), with option 2 or 2V.
-pub static PMAC: Family = pmac_family("pmac", "PMAC", 1, 3_713_707);
+pub static PMAC: Family = pmac_family("pmac", "PMAC", 1, 3_713_707, Controller::Pic8259);
 /// PMAC2; its DPRAM is laid out as PMAC's.
-pub static PMAC2: Family = pmac_family("pmac2", "PMAC2", 2, 3_713_991);
+pub static PMAC2: Family = pmac_family("pmac2", "PMAC2", 2, 3_713_991, Controller::Pmac2);
 /// The families this version knows.
 pub static FAMILIES: &[&Family] = &[&PMAC, &PMAC2];
 

@@ -6,8 +6,8 @@
 
 use super::{Family, Generation, PMAC, PMAC2};
 use crate::map::functions::{
-    AsciiPort, BackgroundBlock, Blocks, BusyRule, EntryBits, Flag, IVariables, RecordBits, RotaryHeaders,
-    Run, ServoBlock, StartRule, Timer, VariableRead, VariableWrite,
+    AsciiPort, BackgroundBlock, Blocks, BusyRule, Controller, EntryBits, Flag, IVariables, RecordBits,
+    RotaryHeaders, Run, ServoBlock, StartRule, Timer, VariableRead, VariableWrite,
 };
 use crate::map::table::{Block, Format, NumberKind, Register, Source, Writer};
 use crate::map::{GatherPlace, HostOffset, PmacAddress, Region, Space, status};
@@ -218,6 +218,8 @@ pub static TURBO: Family = Family {
         response: at(0x0F44),
     },
     panel: None,
+    // The sheet does not say; as on a PMAC2.
+    host_port: Controller::Pmac2,
     // Section 2, "variable tables start word": an offset from $060450.
     start: StartRule { from: at(0x1140), word: 0 },
     // Section 7.1: ready, mode, timer, count, start; "bits 5-4: type", "bits 2-0: address bits 18-16".

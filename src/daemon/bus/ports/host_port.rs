@@ -13,7 +13,8 @@ use crate::daemon::config::ports::HostPortConfig;
 use crate::daemon::shared::status::HostPortCounts;
 use crate::device::board::refusal::OpenError;
 use crate::device::{Bus, ByteBus, ByteBusError, Counted, Inherited, System, open_host_port};
-use crate::function::host_port::{Controller, HostPort};
+use crate::function::host_port::HostPort;
+use crate::map::Controller;
 use crate::protocol::CommandPort;
 
 /// How long after a response its interrupt may still come. Then it was lost on its way to us, and has to be
@@ -172,7 +173,8 @@ impl HostPortDriver {
         }
         if self.counts.unannounced == 0 {
             warn!(
-                "host port: no interrupt came with a response (is I56=1?); acknowledged all the same, further ones are counted"
+                "host port: a response came without an interrupt (is I{}=1?); acknowledged all the same, the next ones are counted",
+                self.config.interrupt
             );
         }
         self.counts.unannounced += 1;

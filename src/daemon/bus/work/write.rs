@@ -26,6 +26,8 @@ pub struct WriteQueue {
     /// What was under way when the board was taken over, and what became of it.
     interrupted: Option<(Ticket, GivenUp)>,
     next_poll: Instant,
+    /// The I-variable that enables the function.
+    enable: u16,
 }
 
 impl WriteQueue {
@@ -39,6 +41,7 @@ impl WriteQueue {
             under_way: None,
             interrupted: None,
             next_poll: now,
+            enable: family.i.variables_enable,
         }
     }
 
@@ -88,7 +91,7 @@ impl WriteQueue {
         if let Some((ticket, given_up)) = self.interrupted.take() {
             return Ok(Some(Event::Done(
                 ticket,
-                not_all_written("the board was reset, or replaced", given_up),
+                not_all_written(format_args!("the board was reset, or replaced"), given_up),
             )));
         }
         let poll = self.writer.poll(bus, now)?;
@@ -102,14 +105,18 @@ impl WriteQueue {
             if now >= deadline {
                 self.under_way = None;
                 let given_up = self.writer.give_up(bus, now)?;
-                let outcome = not_all_written("PMAC did not write in time (is I55=1?)", given_up);
+                let why = format_args!("PMAC did not write in time (is I{}=1?)", self.enable);
+                let outcome = not_all_written(why, given_up);
                 return Ok(Some(Event::Done(ticket, outcome)));
             }
             return Ok(None);
         }
         let Some(next) = self.waiting.pop_front() else { return Ok(None) };
         if now >= next.deadline {
-            let reason = "PMAC was not free to write in time (is I55=1?); nothing has been written";
+            let reason = format_args!(
+                "PMAC was not free to write in time (is I{}=1?); nothing has been written",
+                self.enable
+            );
             return Ok(Some(Event::Done(next.ticket, Outcome::Refused(Text::of(&reason)))));
         }
         let Batch { ticket, records, deadline } = next;
@@ -124,6 +131,34 @@ impl WriteQueue {
     }
 }
 
-fn not_all_written(why: &str, GivenUp { done, uncertain }: GivenUp) -> Outcome {
+fn not_all_written(why: std::fmt::Arguments<'_>, GivenUp { done, uncertain }: GivenUp) -> Outcome {
     Outcome::Refused(Text::of(&format_args!("{why}: {done} records are written, {uncertain} may be")))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::device::FileBoard;
+    use crate::map::family::testing::TESTED;
+    use crate::map::{BufferSettings, Layout};
+
+    #[test]
+    fn what_came_too_late_asks_for_the_boards_own_variable() {
+        for family in TESTED {
+            let layout = Layout::new(family, None);
+            let plan = BufferLayout::new(&layout, &BufferSettings::default()).unwrap();
+            let file = tempfile::tempfile().unwrap();
+            file.set_len(family.length.into()).unwrap();
+            let mut bus = FileBoard::from_file(&file, family.length as usize).unwrap();
+            let now = Instant::now();
+            let mut queue = WriteQueue::new(&plan, now);
+            queue.submit(Ticket(1), Vec::new(), now, now);
+            let Some(Event::Done(Ticket(1), Outcome::Refused(text))) = queue.poll(&mut bus, now).unwrap()
+            else {
+                panic!("{}", family.name)
+            };
+            let expected = format!("(is I{}=1?); nothing has been written", family.i.variables_enable);
+            assert!(text.ends_with(&expected), "{}", &*text);
+        }
+    }
 }
