@@ -21,7 +21,7 @@ use std::ops::Range;
 use crate::clock::Clock;
 use crate::device::{Bus, BusError};
 use crate::format::split32;
-use crate::map::{Selection, ServoBlock};
+use crate::map::{Flag, Selection, ServoBlock};
 
 /// How the buffer is read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Deserialize, serde::Serialize)]
@@ -146,7 +146,16 @@ impl ServoReader {
     /// Whether a program buffer was open on the board at the last update, as the copy of its global status says.
     #[must_use]
     pub fn program_buffer_open(&self) -> bool {
-        let flag = self.block.program_buffer_open;
+        self.is_set(self.block.program_buffer_open)
+    }
+
+    /// Whether the board gathered data at the last update, as the same copy says.
+    #[must_use]
+    pub fn gathering(&self) -> bool {
+        self.is_set(self.block.gathering)
+    }
+
+    fn is_set(&self, flag: Option<Flag>) -> bool {
         flag.is_some_and(|flag| {
             self.image.get(self.block.index(flag.word)).is_some_and(|word| flag.is_set(*word))
         })

@@ -150,6 +150,8 @@ pub struct ServoBlock {
     pub global_status: Option<[HostOffset; 2]>,
     /// In one of those: a motion, rotary or PLC buffer is open, so that a command line is a program line.
     pub program_buffer_open: Option<Flag>,
+    /// In one of those: data are gathered.
+    pub gathering: Option<Flag>,
     /// In the first motor's block: the motor's loop is open, as after a kill.
     pub open_loop: Flag,
     /// The motors' blocks.

@@ -134,6 +134,12 @@ impl ServoMirror {
         self.is_live() && self.reader.program_buffer_open()
     }
 
+    /// Whether the board gathers data, as far as the servo data tell: not while none come.
+    #[must_use]
+    pub fn gathering(&self) -> bool {
+        self.is_live() && self.reader.gathering()
+    }
+
     /// The motors whose loop is open, bit n-1 for motor n, as far as the servo data tell: none while no data come.
     #[must_use]
     pub fn open_loops(&self) -> u32 {

@@ -43,6 +43,8 @@ bitflags::bitflags! {
         const ASCII = 1 << 2;
         /// The interrupt that announces a reply (I56).
         const INTERRUPT = 1 << 3;
+        /// Data gathering, as the servo data tell.
+        const GATHER = 1 << 4;
     }
 }
 

@@ -109,6 +109,8 @@ pub struct Options {
     pub gather_sources: Vec<PmacRegister>,
     /// Whether the I-variables are to survive a reset.
     pub save: bool,
+    /// Whether the servo report runs already, so that a `GATHER` would start data gathering.
+    pub servo_runs: bool,
 }
 
 impl Default for Options {
@@ -123,6 +125,7 @@ impl Default for Options {
             gather_wrap: true,
             gather_sources: Vec::new(),
             save: false,
+            servo_runs: false,
         }
     }
 }
@@ -357,10 +360,16 @@ fn period(
 fn servo(options: &Options, family: &Family) -> Result<FunctionPlan, OutOfRange> {
     let i = &family.i;
     let plan = period(FunctionPlan::new(Function::Servo), options, family, i.servo_period)?;
-    Ok(reported(plan, options, family)?
-        .set(format!("I{}=1", i.servo_enable), "the next GATHER starts the servo report, not data gathering")
-        .line(Phase::Start, "GATHER", "starts the report")
-        .note("a GATHER while the report runs starts data gathering; ENDGATHER ends what was started last")
+    let plan = reported(plan, options, family)?
+        .set(format!("I{}=1", i.servo_enable), "the next GATHER starts the servo report, not data gathering");
+    let plan = if options.servo_runs {
+        plan.note("the report runs already: GATHER is left out, it would start data gathering")
+    } else {
+        plan.line(Phase::Start, "GATHER", "starts the report").note(
+            "a GATHER while the report runs starts data gathering; ENDGATHER ends what was started last",
+        )
+    };
+    Ok(plan
         .note(format!(
             "a reset ends the report: GATHER again, and I{} again on battery-backed boards",
             i.servo_period
@@ -498,14 +507,14 @@ fn gather(options: &Options, family: &Family, with_servo: bool) -> Result<Functi
         .line(
             Phase::Start,
             "GATHER",
-            if with_servo {
-                "the second GATHER: starts gathering beside the servo report"
-            } else {
-                "starts gathering"
+            match (with_servo, options.servo_runs) {
+                (_, true) => "starts gathering beside the servo report",
+                (true, false) => "the second GATHER: starts gathering beside the servo report",
+                (false, false) => "starts gathering",
             },
         )
         .note(gather_start(family));
-    if !with_servo {
+    if !with_servo && !options.servo_runs {
         plan = plan.note(format!(
             "with I{}=1 and the servo report not running, the first GATHER starts that report; send GATHER once more",
             i.servo_enable

@@ -162,3 +162,12 @@ fn functions_by_name() {
     let error = "mailbox".parse::<Function>().unwrap_err().to_string();
     assert!(error.contains("\"mailbox\"") && error.contains("gather"));
 }
+
+#[test]
+fn a_report_that_runs_takes_no_gather() {
+    let runs = Options { servo_runs: true, ..Options::default() };
+    assert_eq!(commands(&[Function::Servo], &runs), ["I19=1", "I59=8", "I48=1"]);
+    let both = plan(&[Function::Servo, Function::Gather], &runs).unwrap();
+    assert_eq!(both.commands.iter().filter(|line| *line == "GATHER").count(), 1);
+    assert!(both.plans[0].notes[0].contains("GATHER is left out"), "{:?}", both.plans[0].notes);
+}

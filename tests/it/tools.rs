@@ -56,14 +56,18 @@ fn nothing_is_sent_unless_somebody_says_so() {
 #[test]
 fn set_up_through_the_daemon_stops_at_the_first_error() {
     let site = VirtualSite::running(&[], &[]);
-    // While the servo report runs, GATHER would begin something else.
-    site.ask("ENDGATHER");
+    // The servo report runs, so GATHER would start data gathering.
+    site.ask("I45=1 I20=1 I21=$80002B DEFINE GATHER 100");
     let ran = site.run(&["setup", "enable", "servo", "background", "--motors", "3", "--send", "--yes"]);
     assert_eq!(ran.code, Some(0), "{ran:?}");
-    assert!(ran.stdout.contains("\nsent I48=1\n"), "{ran:?}");
+    assert!(ran.stdout.contains("\nsent I48=1\n") && !ran.stdout.contains("sent GATHER"), "{ran:?}");
+    let gathers =
+        || site.run(&["status", "--json"]).json()["socket"]["enabled"].to_string().contains("gather");
+    assert!(!gathers());
     assert_eq!(site.ask("I48 I49 I59"), ["1", "1", "3"]);
     // A gather buffer cannot be defined while it is in use. With I45=1 it does not come to an end.
-    site.ask("I45=1 I20=1 I21=$80002B DEFINE GATHER 100 GATHER");
+    site.ask("GATHER");
+    site.wait_until("gathering in the status", gathers);
     let enable = ["setup", "enable", "gather", "--source", "D:$002B", "--send", "--yes"];
     let ran = site.run(&enable);
     assert_eq!(ran.code, Some(1), "{ran:?}");

@@ -141,11 +141,11 @@ pub struct Enable {
     pub family: &'static Family,
 }
 
-/// Answers `setup …`. Nothing is sent.
+/// Answers `setup …`. Nothing is sent. The lines are those for a board whose servo report runs already, or does not.
 ///
 /// # Errors
 /// The reason, when a board cannot be set up so; exit status 2.
-pub fn answer(command: &SetupCommand) -> Result<Answer, String> {
+pub fn answer(command: &SetupCommand, servo_runs: bool) -> Result<Answer, String> {
     match command {
         SetupCommand::Isa(options) => {
             let plan = options.plan()?;
@@ -156,7 +156,7 @@ pub fn answer(command: &SetupCommand) -> Result<Answer, String> {
             Answer::done(&plan, plan_text(&plan))
         }
         SetupCommand::Enable(options) => {
-            let plan = options.plan()?;
+            let plan = options.plan(servo_runs)?;
             Answer::done(&plan, enable_text(&plan))
         }
     }
@@ -166,11 +166,11 @@ pub fn answer(command: &SetupCommand) -> Result<Answer, String> {
 ///
 /// # Errors
 /// As [`answer`].
-pub fn commands(command: &SetupCommand) -> Result<Vec<String>, String> {
+pub fn commands(command: &SetupCommand, servo_runs: bool) -> Result<Vec<String>, String> {
     Ok(match command {
         SetupCommand::Isa(options) => options.plan()?.commands,
         SetupCommand::Vme(options) => options.plan()?.commands,
-        SetupCommand::Enable(options) => options.plan()?.commands,
+        SetupCommand::Enable(options) => options.plan(servo_runs)?.commands,
     })
 }
 
@@ -213,7 +213,7 @@ impl Vme {
 }
 
 impl Enable {
-    fn plan(&self) -> Result<EnablePlan, String> {
+    fn plan(&self, servo_runs: bool) -> Result<EnablePlan, String> {
         let options = Options {
             motors: self.motors,
             period: self.period,
@@ -224,6 +224,7 @@ impl Enable {
             gather_wrap: !self.stop_when_full,
             gather_sources: self.sources.clone(),
             save: self.save,
+            servo_runs,
         };
         enable::plan(&self.functions, &options, self.family).map_err(|error| error.to_string())
     }
@@ -291,7 +292,7 @@ mod tests {
     }
 
     fn answered(line: &str) -> Answer {
-        answer(&command(line)).unwrap_or_else(|reason| panic!("{line}: {reason}"))
+        answer(&command(line), false).unwrap_or_else(|reason| panic!("{line}: {reason}"))
     }
 
     fn command(line: &str) -> SetupCommand {
@@ -321,7 +322,7 @@ mod tests {
         assert_eq!(answer.document["after_reset"], json!([{ "address": "0x7FA121", "value": "0x3F" }]));
         assert_eq!(answer.document["values"][9]["register"], "X:$078C");
         assert_eq!(answer.status, 0);
-        assert_eq!(commands(&command(vme)).unwrap().len(), 3);
+        assert_eq!(commands(&command(vme), false).unwrap().len(), 3);
     }
 
     #[test]
@@ -368,11 +369,17 @@ mod tests {
         assert!(answer.document["plans"][1]["notes"].is_array());
         assert!(answer.text.starts_with("servo\n  I19=1  "));
         assert!(answer.text.ends_with("  GATHER\n  GATHER\n"));
+        let both = command("setup enable servo gather");
+        let starts = |servo_runs| {
+            let lines = commands(&both, servo_runs).unwrap();
+            lines.iter().filter(|line| *line == "GATHER").count()
+        };
+        assert_eq!((starts(false), starts(true)), (2, 1));
     }
 
     #[test]
     fn what_cannot_be_is_refused_with_the_reason() {
-        let refused = |line: &str| answer(&command(line)).unwrap_err();
+        let refused = |line: &str| answer(&command(line), false).unwrap_err();
         assert!(refused("setup isa --address 0xEC100").contains("not a multiple of 16 KiB"));
         assert!(refused("setup isa --address 0xC0000 --window 64").contains("--family turbo"));
         assert!(refused("setup vme --mailbox 0x7FA000 --irq-level 8").contains("levels 1 to 7"));

@@ -44,12 +44,13 @@ pub struct Sending {
 }
 
 pub fn run(context: &mut Context, options: &Setup) -> Result<Verdict, Failure> {
-    let answer = setup::answer(&options.command).map_err(Failure::Request)?;
     let sending = &options.sending;
+    let servo_runs = sending.send && sending.port.is_none() && servo_runs(context);
+    let answer = setup::answer(&options.command, servo_runs).map_err(Failure::Request)?;
     if !sending.send {
         return print(context, &answer);
     }
-    let commands = setup::commands(&options.command).map_err(Failure::Request)?;
+    let commands = setup::commands(&options.command, servo_runs).map_err(Failure::Request)?;
     // Whoever decides has to see what it is about. A document goes out at the end, with what became of it.
     if !context.output.is_json() {
         context.output.text(&answer.text)?;
@@ -68,6 +69,12 @@ pub fn run(context: &mut Context, options: &Setup) -> Result<Verdict, Failure> {
     };
     let sent = send(&mut way, &commands);
     report(context, answer.document, &commands, sent)
+}
+
+/// Whether the servo report of the daemon's board is live. Where nobody tells, it is taken for off, as after a reset.
+fn servo_runs(context: &Context) -> bool {
+    let info = context.connection().ok().and_then(|mut connection| connection.info().ok());
+    info.is_some_and(|info| info.enabled.iter().any(|name| name == "servo"))
 }
 
 pub fn absolute(context: &mut Context, options: &Absolute) -> Result<Verdict, Failure> {

@@ -196,6 +196,7 @@ impl BoardLoop {
         enabled.set(Enabled::BACKGROUND, background.is_live());
         enabled.set(Enabled::ASCII, queue.state() == CommandState::Answers);
         enabled.set(Enabled::INTERRUPT, queue.has_interrupt());
+        enabled.set(Enabled::GATHER, servo.gathering());
         self.reporter.note(|status| {
             status.enabled = enabled;
             status.enabling = queue.identifier.enabling();

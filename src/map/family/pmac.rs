@@ -308,6 +308,7 @@ pub const SERVO_BLOCK: ServoBlock = ServoBlock {
     global: Run { first: SERVO_GLOBAL_STATUS_Y, words: 4 },
     global_status: Some([SERVO_GLOBAL_STATUS_X, SERVO_GLOBAL_STATUS_Y]),
     program_buffer_open: Some(Flag { word: SERVO_GLOBAL_STATUS_Y.plus_words(1), mask: PROGRAM_BUFFER_OPEN }),
+    gathering: Some(Flag { word: SERVO_GLOBAL_STATUS_X.plus_words(1), mask: (GATHERING >> 16) as u16 }),
     open_loop: Flag {
         word: SERVO_MOTOR.plus_words(servo_motor::SERVO_STATUS + 1),
         mask: servo_motor::OPEN_LOOP,

@@ -188,6 +188,7 @@ pub static TURBO: Family = Family {
         global: Run { first: at(0x0070), words: 0 },
         global_status: None,
         program_buffer_open: None,
+        gathering: None,
         // Section 4: "+12 X:$0000B0"; bit 18 of that word.
         open_loop: Flag { word: at(MOTOR + 14), mask: 1 << 2 },
         motors: Blocks { count: 32, first: at(MOTOR), words: 24 },
