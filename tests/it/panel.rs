@@ -171,7 +171,6 @@ fn without_i2_3_it_is_refused_and_nothing_written() {
     for arguments in [
         &["panel", "jog+", "1"] as &[&str],
         &["panel", "jog+", "1", "--hold", "--seconds", "1"],
-        &["panel", "stop", "2"],
         &["panel", "feed", "1", "50%"],
     ] {
         let (status, _, error) = site.pmacctl(arguments);
@@ -395,6 +394,38 @@ fn words_and_bits_are_written_where_they_are_open() {
         assert_eq!((status, error.lines().count()), (2, 1), "{wrong:?}: {error}");
     }
     site.assert_no_violations();
+}
+
+#[test]
+fn what_stops_waits_for_nobody_elses_lines() {
+    let site = running();
+    let mut board = site.connection();
+    board.send("&1 #1->X", PATIENCE).unwrap();
+    // The board takes no line: a question would be asked until its time is over.
+    board.send("I58=0", PATIENCE).unwrap();
+    let lines = start(&site, &["send", "P1"]);
+    for stop in [&["panel", "jog-stop", "1"] as &[&str], &["panel", "hold", "1"], &["panel", "stop", "1"]] {
+        let begun = site.with_world(|world| world.now());
+        done(&site, stop);
+        let took = site.with_world(|world| world.now()) - begun;
+        assert!(took < Duration::from_millis(100), "{stop:?}: {took:?}");
+    }
+    let _ = status(lines);
+    site.assert_no_violations();
+}
+
+#[test]
+fn feed_rate_0_is_set_before_the_board_is_asked_whether_it_has_an_effect() {
+    let site = running();
+    let mut board = site.connection();
+    board.send("I193=$C000", PATIENCE).unwrap();
+    let notes = board.feed_override(1, Some(0)).unwrap();
+    assert!(notes.len() == 1 && notes[0].contains("I193=$806"), "{notes:?}");
+    board.send("I2=1", PATIENCE).unwrap();
+    let notes = board.feed_override(2, Some(0)).unwrap();
+    assert!(notes.iter().any(|note| note.contains("no effect") && note.contains("I2 is 1")), "{notes:?}");
+    let shown: Value = serde_json::from_str(&done(&site, &["panel", "show", "--json"])).unwrap();
+    assert_eq!(shown["override_enable"], 3);
 }
 
 /// What `panel feed` says beside doing it.

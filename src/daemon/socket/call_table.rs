@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use log::info;
 
 use super::fair_queue::{FairQueue, Turn};
-use super::jobs::JobCall;
+use super::jobs::{Guard, JobCall};
 use super::policy::Peer;
 use crate::daemon::shared::job::Job;
 use crate::daemon::shared::queue::{Command, Sender, Ticket};
@@ -51,6 +51,10 @@ pub(super) enum Then {
     ReplyNotes(Vec<String>),
     /// A job begins, if the board's answer is what its guard wants.
     Job(JobCall),
+    /// The board is asked what the job, which is done, needs to have an effect.
+    Question(JobCall, Guard),
+    /// The caller gets the job's remarks, among them what the board's answer comes to.
+    Notes(JobCall),
     /// A watch on these registers begins, if the board copies any.
     Watch(Vec<VariableEntry>),
 }

@@ -105,6 +105,8 @@ pub struct JobCall {
     /// How long it may take.
     pub timeout: Duration,
     pub(super) guard: Option<Guard>,
+    /// It stops something: it is done first, and what it needs is asked after it.
+    pub(super) stops: bool,
     /// What has a say in the effect; asked together with the guard.
     time_base: Option<TimeBase>,
     /// Remarks for the caller, if the reply has room for some.
@@ -174,6 +176,14 @@ impl JobCall {
         guard.map_or(Ok(()), |guard| guard.check(found.and_then(|found| found.first().copied())))
     }
 
+    /// As [`Self::take_answer`], of what was done before the board was asked: gives every remark.
+    pub(super) fn into_notes(mut self, found: Option<&[&str]>) -> Vec<String> {
+        if let Err(reason) = self.take_answer(found) {
+            self.note(format!("this has no effect: {reason}"));
+        }
+        self.notes.unwrap_or_default()
+    }
+
     /// Takes note of where the coordinate system takes its time base from, if not from the override.
     fn note_time_base(&mut self, answer: Option<&str>) {
         let (Some(TimeBase { coordinate_system, variable, register }), Some(answer)) =
@@ -210,7 +220,16 @@ impl JobCall {
     }
 
     fn new(job: Job, timeout: Duration) -> Self {
-        Self { job, timeout, guard: None, time_base: None, notes: None, lease: None, audit: None }
+        Self {
+            job,
+            timeout,
+            guard: None,
+            stops: false,
+            time_base: None,
+            notes: None,
+            lease: None,
+            audit: None,
+        }
     }
 }
 
@@ -236,8 +255,10 @@ pub(super) fn panel(call: calls::Panel, hold: bool, family: &Family) -> Result<J
         return Err(refused("only jog- and jog+ can be held"));
     }
     let held = if hold { ", held" } else { "" };
+    // What stops a machine does not wait for a question behind other people's lines.
+    let stops = matches!(action, PanelAction::JogStop | PanelAction::Stop | PanelAction::Hold);
     Ok(JobCall {
-        guard: panel_enabled(family),
+        guard: panel_enabled(family).filter(|_| !stops),
         lease: hold.then_some(request.mask()),
         audit: Some(format!("panel {action} {numbers:?}{held}")),
         ..JobCall::new(Job::Panel(request), PANEL_TIMEOUT)
@@ -255,6 +276,7 @@ pub(super) fn feed_override(call: calls::FeedOverride, family: &Family) -> Resul
     Ok(JobCall {
         guard: value.and_then(|_| panel_enabled(family)),
         time_base: value.and_then(|_| TimeBase::of(coordinate_system, family)),
+        stops: raw == Some(0),
         notes: Some(Vec::new()),
         audit: Some(audit),
         ..JobCall::new(Job::Override { coordinate_system, value }, SHORT)

@@ -126,14 +126,22 @@ impl Service {
         Ok(())
     }
 
-    /// Has the bus thread do a job, or asks the board first whether that makes sense. Where the board cannot be asked, the job has
+    /// Has the bus thread do a job, or asks the board first whether that makes sense; of a stop, afterwards. Where the board cannot be asked, the job has
     /// to show; where command lines are switched off, what the job needs is with its caller.
     fn ask_job(&mut self, caller: Caller, mut call: JobCall, now: Instant) -> Result<(), CallError> {
         let deadline = now + call.timeout;
         if let Some(guard) = call.guard {
             let enabling = self.info.enabling();
             let has_question = call.has_question() && self.answers();
-            if has_question || guard.is_open(enabling, self.answers(), self.may_ask()) {
+            let asks = has_question || guard.is_open(enabling, self.answers(), self.may_ask());
+            if asks && call.stops {
+                let (job, audit) = (Box::new(call.job.clone()), call.audit.take());
+                self.wait_for_board(caller, deadline, Then::Question(call, guard), audit, |ticket| {
+                    Command::Job { ticket, job, deadline }
+                });
+                return Ok(());
+            }
+            if asks {
                 let question = call.question(guard);
                 self.question(caller, &question, Then::Job(call), deadline);
                 return Ok(());
@@ -214,6 +222,18 @@ impl Service {
                     call.take_answer(found)?;
                     let deadline = now + call.timeout;
                     service.do_job(caller, call, deadline)
+                });
+            }
+            Then::Question(call, guard) if outcome == Outcome::Done => {
+                let deadline = now + call.timeout;
+                let question = call.question(guard);
+                return self.question(caller, &question, Then::Notes(call), deadline);
+            }
+            Then::Notes(call) => {
+                return self.on_answer(caller, &lines, outcome, now, |service, found| {
+                    let reply = Reply::with(&NotesReply { notes: call.into_notes(found) });
+                    service.answer(caller, reply, now);
+                    Ok(())
                 });
             }
             Then::Watch(entries) => {
