@@ -3,9 +3,9 @@
 //! A control character's number is its letter's code less 64, which is also how the board's control-character register
 //! takes it (DPRAM manual p. 28).
 
-/// `^A`: aborts every coordinate system. It also closes the loops of killed motors.
+/// `^A`: every coordinate system stops, at the rates of Ix15, and open loops close.
 pub const ABORT: u8 = 0x01;
-/// `^K`: kills every motor.
+/// `^K`: every motor's loop opens, with zero output and its amplifier disabled.
 pub const KILL: u8 = 0x0B;
 
 /// The control character (1 to 31) that `text` names: `^A` … `^_`, letters in either case, or the character itself.

@@ -7,11 +7,8 @@ use serde_json::json;
 
 use crate::cli::act::lines::LineError;
 use crate::cli::context::{Context, Failure, Verdict};
+use crate::protocol::control;
 
-/// ^A: every coordinate system stops, at the rates of Ix15, and open loops close.
-const ABORT: u8 = 1;
-/// ^K: every motor's loop opens, with zero output and its amplifier disabled.
-const KILL: u8 = 11;
 /// How long a line may take.
 const PATIENCE: Duration = Duration::from_secs(5);
 
@@ -21,14 +18,14 @@ pub struct Abort {
     /// Only these coordinate systems, by command lines, which wait their turn; the last one stays the addressed one
     #[arg(value_name = "C.S.", value_parser = clap::value_parser!(u8).range(1..=16), conflicts_with = "all")]
     pub systems: Vec<u8>,
-    /// Every coordinate system and motor, by ^A: what is done when no number is given
+    /// Every coordinate system and motor, by ^A: what is done when no number is given. ^A closes the loops of killed motors
     #[arg(long)]
     pub all: bool,
 }
 
 pub fn abort(context: &mut Context, options: &Abort) -> Result<Verdict, Failure> {
     if options.systems.is_empty() {
-        return control(context, ABORT);
+        return send(context, control::ABORT);
     }
     let mut connection = context.connection()?;
     let lines: Vec<String> = options.systems.iter().map(|system| format!("&{system}A")).collect();
@@ -58,13 +55,13 @@ pub fn abort(context: &mut Context, options: &Abort) -> Result<Verdict, Failure>
 }
 
 pub fn kill(context: &mut Context) -> Result<Verdict, Failure> {
-    control(context, KILL)
+    send(context, control::KILL)
 }
 
-fn control(context: &mut Context, character: u8) -> Result<Verdict, Failure> {
+fn send(context: &mut Context, character: u8) -> Result<Verdict, Failure> {
     let sent = context.connection()?.control(character).map_err(LineError::from);
     if context.output.is_json() {
-        let name = crate::protocol::control::name(character);
+        let name = control::name(character);
         let taken = sent.iter().map(|_| &name).collect::<Vec<_>>();
         let error = sent.as_ref().err().map(LineError::document);
         context.output.json(&json!({ "sent": taken, "error": error }))?;
