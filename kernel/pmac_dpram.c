@@ -1,34 +1,35 @@
 // SPDX-License-Identifier: GPL-2.0
 /*
  * UIO device for the dual-ported RAM of a PMAC motion controller on an ISA or VME bus: a window of physical memory and
- * one interrupt, as /dev/uioN named "pmac-dpram". PCI boards need none of this, uio_pci_generic serves them.
+ * one interrupt, as /dev/uioN named "pmac-dpram". PCI boards do not need this module: uio_pci_generic serves them.
  *
  *   modprobe pmac_dpram phys=0xd4000 irq=7
  *   modprobe pmac_dpram phys=0xd4000,0xd8000 irq=7,5 ioport=0x210,0x220 controller=pmac,pmac2
  *
  * or an ACPI device with _HID "PMAC0001", or a devicetree node compatible with "delta-tau,pmac-dpram", either with the
- * window, the interrupt and the ports as its resources, and "delta-tau,controller" as the parameter below has it.
+ * window, the interrupt and the ports as its resources, and "delta-tau,controller" with a value of the parameter below.
  *
- * Node: /dev/uioN is root's alone until a udev rule says otherwise. The shipped one gives it to user pmacd, mode 0600: whoever opens
- * it writes to the board past every role of the daemon's socket, so no group should have it.
+ * Node: /dev/uioN belongs to root alone until a udev rule changes that. The shipped rule gives it to user pmacd, mode
+ * 0600: whoever opens it can write to the board past every role of the daemon's socket, so no group should have access.
  *
- * Window: UIO maps whole pages, so a window that starts inside a page (a VME page at $x4000 never does, a 4 KiB piece of
- * one might on a machine with larger pages) is mapped from the page's start; maps/map0/offset says where it begins. An
- * address that the firmware marked reserved below 1 MiB counts as taken; "reserved=1" uses it all the same.
+ * Window: UIO maps whole pages. A window that starts inside a page (a VME page at $x4000 never does, a 4 KiB piece of
+ * one might on a machine with larger pages) is mapped from the page's start; maps/map0/offset gives its offset. An
+ * address below 1 MiB that the firmware marked reserved counts as taken; "reserved=1" uses it anyway.
  *
- * Interrupt: an edge (ISA) is counted and nothing else. A level (VME bridges, some ISA machines) is masked here until
- * user space has served the board and writes 1 to the device, because only the board can let go of the line.
- * Writing 0 masks, writing 1 unmasks, either kind.
+ * Interrupt: an edge (ISA) is only counted. A level (VME bridges, some ISA machines) is masked here until user space
+ * has served the board and writes 1 to the device, because only the board can release the line. For both kinds, writing
+ * 0 masks and writing 1 unmasks.
  *
- * Controller: between the DPRAM's interrupt and the host's line sits the board's own interrupt controller, at its host
- * port's base + 8. When "ioport" and "controller" are given, its line is opened while the device is open, and ended at
- * each interrupt. An 8259 in edge mode may be ended while its input is still high: it waits for the next rising edge.
- * How a PMAC(1) leaves its 8259 at power-on is documented nowhere; "init8259=1" writes ICW1, ICW2 and ICW4 first.
+ * Controller: between the DPRAM's interrupt and the host's line is the board's own interrupt controller, at its host
+ * port's base + 8. With "ioport" and "controller", this module unmasks the controller's line while the device is open,
+ * and sends an end of interrupt after each interrupt. An 8259 in edge mode accepts that while its input is still high:
+ * it waits for the next rising edge. No document says how a PMAC(1) sets up its 8259 at power-on; "init8259=1" writes
+ * ICW1, ICW2 and ICW4 first.
  *
  *           | PMAC(1), an 8259                       | PMAC2
  *   base+8  | 0x67: specific end of interrupt, line 7 | latched lines, a 1 clears: bit 5
- *   base+9  | mask, 1 = shut                         | lines as they stand
- *   base+10 | -                                      | mask, 1 = open
+ *   base+9  | mask, 1 = masked                       | present state of the lines
+ *   base+10 | -                                      | mask, 1 = unmasked
  */
 #include <linux/bits.h>
 #include <linux/device.h>
@@ -49,7 +50,7 @@
 #define PMAC_VERSION	"0.1.0"
 #define PMAC_BOARDS	4
 
-/* The controller's registers, from the host port's base. */
+/* Offset of the controller's registers from the host port's base. */
 #define PMAC_PIC	8
 #define PMAC_PIC_SIZE	4
 
@@ -86,12 +87,12 @@ static bool reserved;
 module_param(reserved, bool, 0444);
 MODULE_PARM_DESC(reserved, "use a window although /proc/iomem shows it as taken, as firmware does that reserves it");
 
-/* The DPRAM's line on a board's own interrupt controller. */
+/* The DPRAM's line on the board's own interrupt controller. */
 struct pmac_controller {
 	const char *name;
 	u8 end;			/* written to register 0: ends the line's interrupt */
-	u8 mask;		/* which register is the mask */
-	u8 bit;			/* the line in it */
+	u8 mask;		/* index of the mask register */
+	u8 bit;			/* the line's bit in it */
 	bool one_opens;
 };
 
@@ -107,7 +108,7 @@ struct pmac_board {
 	bool init8259;
 	unsigned int users;	/* open files; UIO serialises open and release */
 	bool level;
-	spinlock_t lock;	/* guards masked, against the interrupt */
+	spinlock_t lock;	/* protects masked against the interrupt */
 	bool masked;
 };
 
@@ -117,7 +118,7 @@ static void pmac_end(struct pmac_board *board)
 		iowrite8(board->controller->end, board->pic);
 }
 
-/* Opens or shuts our line; the others on the same controller may be somebody else's. */
+/* Unmasks or masks only our line: other lines of the controller may have other users. */
 static void pmac_open_line(struct pmac_board *board, bool open)
 {
 	const struct pmac_controller *c = board->controller;
@@ -160,7 +161,7 @@ static int pmac_irqcontrol(struct uio_info *info, s32 on)
 {
 	struct pmac_board *board = info->priv;
 
-	/* A level that was ended while the board still held it has been latched again. */
+	/* If the board still held its level at the end of interrupt, the controller has latched it again. */
 	if (on && board->level)
 		pmac_end(board);
 	pmac_mask(board, !on);
@@ -174,10 +175,10 @@ static int pmac_open(struct uio_info *info, struct inode *inode)
 	if (board->users++)
 		return 0;
 	if (board->pic && board->init8259) {
-		iowrite8(0x13, board->pic);		/* ICW1: edges, alone, ICW4 follows */
-		iowrite8(0x08, board->pic + 1);		/* ICW2: vectors, which nobody reads */
-		iowrite8(0x01, board->pic + 1);		/* ICW4: 8086, ends are ours to write */
-		iowrite8(0xff, board->pic + 1);		/* initialising opened every line */
+		iowrite8(0x13, board->pic);		/* ICW1: edge mode, single, ICW4 follows */
+		iowrite8(0x08, board->pic + 1);		/* ICW2: vectors, not used */
+		iowrite8(0x01, board->pic + 1);		/* ICW4: 8086, no automatic end of interrupt */
+		iowrite8(0xff, board->pic + 1);		/* initialising has unmasked every line */
 	}
 	pmac_end(board);
 	pmac_open_line(board, true);
@@ -193,7 +194,7 @@ static int pmac_release(struct uio_info *info, struct inode *inode)
 	return 0;
 }
 
-/* A device that is taken away while open is not released first. */
+/* Removing a device that is open does not call release first. */
 static void pmac_shut(void *board)
 {
 	pmac_open_line(board, false);
@@ -346,7 +347,7 @@ static void pmac_remove_all(void)
 	platform_driver_unregister(&pmac_driver);
 }
 
-/* A board that was asked for by name and cannot be served makes loading fail: an operator has to see it. */
+/* Loading fails if any board of the parameters fails: the operator has to notice. */
 static int __init pmac_init(void)
 {
 	unsigned int i;

@@ -11,10 +11,10 @@ use nix::sys::prctl::set_pdeathsig;
 use nix::sys::signal::Signal;
 use nix::unistd::{Pid, getppid};
 
-/// Where the kernel shows what this process has open.
+/// The kernel's directory of this process's open descriptors.
 pub const DESCRIPTORS: &str = "/proc/self/fd";
 
-/// A path to what `descriptor` has open, wherever its name leads by now, and also if it never had one.
+/// A path to the open file of `descriptor`, even if it was renamed or never had a name.
 #[must_use]
 pub fn path_of(descriptor: BorrowedFd<'_>) -> PathBuf {
     Path::new(DESCRIPTORS).join(descriptor.as_raw_fd().to_string())

@@ -1,7 +1,7 @@
-//! A segment's file before it has its name.
+//! A segment's file before it gets its name.
 //!
-//! Everybody may create files in the directory of segments, so no name there can be counted on: while it is built, the
-//! file has no name, or one that nobody can guess.
+//! Every user may create files in the directory of segments, so a predictable name may be taken. While the file is
+//! built, it has no name, or one that nobody can guess.
 
 use std::fs::{File, OpenOptions};
 use std::hash::{BuildHasher, RandomState};
@@ -17,20 +17,20 @@ use nix::unistd::linkat;
 use super::{SegmentName, lock};
 use crate::process::path_of;
 
-/// How many random names are tried. One that is taken is no chance, but no reason to try for ever.
+/// Most random names to try. A taken one is no accident, so trying for ever would not help.
 const TRIES: u32 = 16;
 
-/// A file that has no name yet. Dropping it removes what it may have instead.
+/// A file without its final name. Dropping it removes its random name, if it has one.
 pub(super) struct Newborn<'a> {
     file: File,
     name: &'a SegmentName,
     directory: &'a Path,
-    /// The random name that it has.
+    /// Its random name, if it has one.
     temporary: Option<PathBuf>,
 }
 
 impl<'a> Newborn<'a> {
-    /// Creates the file without a name, or with a random one where the file system knows no files without.
+    /// Creates the file without a name, or with a random one if the file system does not support files without.
     pub(super) fn create(name: &'a SegmentName, directory: &'a Path) -> io::Result<Self> {
         let unnamed = OpenOptions::new()
             .read(true)
@@ -56,7 +56,7 @@ impl<'a> Newborn<'a> {
         &self.file
     }
 
-    /// Puts the file, which is complete, at `path` in place of what is there.
+    /// Puts the completed file at `path`, replacing what is there.
     pub(super) fn put_at(mut self, path: &Path) -> io::Result<()> {
         let temporary = match self.temporary.take() {
             Some(temporary) => temporary,
@@ -67,7 +67,7 @@ impl<'a> Newborn<'a> {
         Ok(())
     }
 
-    /// Gives the file a random name: a link cannot replace what is there, and a rename can.
+    /// Gives the file a random name. A link cannot replace an existing file; a rename can.
     fn link(&self) -> io::Result<PathBuf> {
         let source = path_of(self.file.as_fd());
         let link = |path: &Path| {
@@ -85,7 +85,7 @@ impl Drop for Newborn<'_> {
     }
 }
 
-/// Does `make` with names nobody can guess, until one is free.
+/// Calls `make` with names that nobody can guess, until one is free.
 fn at_random_name<T>(
     name: &SegmentName,
     directory: &Path,
@@ -93,7 +93,7 @@ fn at_random_name<T>(
 ) -> io::Result<(PathBuf, T)> {
     let mut tries = 1;
     loop {
-        // Its keys are random, so what it makes of nothing is, too.
+        // Its keys are random, and so is every hash.
         let path = name.temporary(directory, RandomState::new().hash_one(tries));
         match make(&path) {
             Err(error) if error.kind() == io::ErrorKind::AlreadyExists && tries < TRIES => tries += 1,
@@ -102,12 +102,13 @@ fn at_random_name<T>(
     }
 }
 
-/// Removes the files that owners left who died between the random name and the right one. For who holds the lock on `name`.
+/// Removes the files of owners that died between the random name and the final one. The caller must hold the lock on
+/// `name`.
 pub(super) fn clear_leftovers(name: &SegmentName, directory: &Path) {
     let entries = std::fs::read_dir(directory).into_iter().flatten().flatten();
     for entry in entries.filter(|entry| name.is_temporary(&entry.file_name())) {
         let path = entry.path();
-        // What belongs to others is in nobody's way.
+        // Files of other users do no harm.
         if lock::check_replaceable(&path).is_ok_and(|is_there| is_there)
             && let Err(error) = std::fs::remove_file(&path)
         {

@@ -24,7 +24,7 @@ fn word(site: &VirtualSite, offset: &str) -> u64 {
 fn the_example_shows_the_defaults() {
     let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("systemd/pmacd.toml.example");
     let text = std::fs::read_to_string(path).unwrap();
-    let (_, tables) = text.split_once("# What no document decides").unwrap();
+    let (_, tables) = text.split_once("# Settings for what no document decides").unwrap();
     let lines = tables.lines().filter_map(|line| line.strip_prefix("# "));
     let written = lines.filter(|line| line.starts_with('[') || line.contains(" = ") && !line.contains(','));
     let written: String = written.map(|line| format!("{line}\n")).collect();

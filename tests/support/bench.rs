@@ -1,4 +1,4 @@
-//! A command socket over a bus thread made for tests, which answers from the queues alone.
+//! A command socket on a test's own bus thread, which answers from the queues alone.
 
 use std::os::fd::AsFd;
 use std::path::{Path, PathBuf};
@@ -21,12 +21,12 @@ use pmac_dpram::protocol::{BoardInfo, BoardSettings, Enabled, MessageKind, State
 
 use super::wait_until;
 
-/// A served socket in a directory of its own, with its bus thread.
+/// A running server in its own directory, with its bus thread.
 pub struct Bench {
     pub socket: PathBuf,
-    /// What reached the bus thread, in order: a line, `^K`, or `read 0x0024 2`.
+    /// What the bus thread received, in order: a line, `^K`, or `read 0x0024 2`.
     pub seen: Arc<Mutex<Vec<String>>>,
-    /// To the socket, past the bus thread.
+    /// Sends events to the socket directly, not through the bus thread.
     pub events: Sender<Event>,
     server: Option<Server>,
     bus: Option<JoinHandle<()>>,
@@ -39,12 +39,12 @@ impl Bench {
         Self::with(|_| {})
     }
 
-    /// With settings changed by `change`.
+    /// With the default settings, changed by `change`.
     pub fn with(change: impl FnOnce(&mut ServeOptions)) -> Self {
         Self::of(change, |_| {})
     }
 
-    /// With settings and a board changed.
+    /// With the default settings and board, both changed.
     pub fn of(change: impl FnOnce(&mut ServeOptions), change_board: impl FnOnce(&mut BoardInfo)) -> Self {
         let directory = tempfile::tempdir().unwrap();
         let socket = directory.path().join("pmac0.sock");
@@ -93,7 +93,7 @@ impl Bench {
         ..BoardStatus::UNKNOWN
     };
 
-    /// Has the bus thread report `status`: whoever calls after that is answered by it.
+    /// Has the bus thread report `status`, which every later call then sees.
     pub fn report(&self, status: BoardStatus) {
         assert!(self.events.try_send(Event::Info(status)).is_ok());
     }
@@ -102,12 +102,12 @@ impl Bench {
         self.server.take().unwrap().stop();
     }
 
-    /// What the bus thread has seen so far: lines, and jobs as they print.
+    /// What the bus thread has received so far: lines, and functions as text.
     pub fn seen(&self) -> Vec<String> {
         self.seen.lock().unwrap().clone()
     }
 
-    /// Waits until the bus thread has seen `line`.
+    /// Waits until the bus thread has received `line`.
     pub fn wait_seen(&self, line: &str) {
         for _ in 0..1000 {
             if self.seen.lock().unwrap().iter().any(|seen| seen == line) {
@@ -127,7 +127,7 @@ impl Bench {
 
 impl Drop for Bench {
     fn drop(&mut self) {
-        // Before the server, which at its end asks for the stop of what is held and takes no answer any more.
+        // Stop the bus thread first: the server's end asks it to stop what is held, but takes no answers any more.
         self.stop.store(true, Ordering::SeqCst);
         self.server.take();
         let bus = self.bus.take().unwrap().join();
@@ -137,7 +137,7 @@ impl Drop for Bench {
     }
 }
 
-/// A path that no socket lies at.
+/// A path without a socket.
 pub fn no_socket() -> &'static Path {
     Path::new("/nonexistent/pmac0.sock")
 }
@@ -147,7 +147,7 @@ struct FakeBus {
     events: Sender<Event>,
     seen: Arc<Mutex<Vec<String>>>,
     stop: Arc<AtomicBool>,
-    /// Lines that are answered when `RELEASE` comes, the last one first.
+    /// Lines to answer when `RELEASE` comes, the last one first.
     held: Vec<(Ticket, String)>,
 }
 
@@ -167,7 +167,7 @@ impl FakeBus {
         assert!(taken, "the socket's thread does not empty its queue");
     }
 
-    /// As the bus thread does: a line wakes nobody, and a full queue is tried again.
+    /// Like the real bus thread: a line wakes nobody, and a full queue is tried again.
     fn line(&self, ticket: Ticket, text: &str) {
         let mut left = Some(Event::Line(ticket, Text::new(text.as_bytes()).unwrap()));
         wait_until("room in the queue", || {

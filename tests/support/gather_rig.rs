@@ -1,4 +1,4 @@
-//! Gathering from a simulated board in a process of its own, as planned, read and decoded by the library.
+//! Gathers from a simulated board in its own process, with the library's reader and decoder.
 
 use std::time::Instant;
 
@@ -13,11 +13,11 @@ use pmac_dpram::map::{Layout, PMAC};
 use super::PATIENCE;
 use super::sim::Sim;
 
-/// What is gathered: three longs and a word.
+/// The registers to gather: three longs and a word.
 pub const SOURCES: [&str; 4] =
     ["servo_timer", "1.actual_position", "1.commanded_position", "1.actual_velocity"];
 
-/// A simulated board and the host's way to its memory.
+/// A simulated board, and the host's access to its memory.
 pub struct GatherRig {
     sim: Sim,
     pub bus: FileBoard,
@@ -33,14 +33,14 @@ impl GatherRig {
         Self { sim, bus, layout, in_steps: options.contains(&"--virtual") }
     }
 
-    /// Lets so many servo cycles pass, where time does not pass by itself.
+    /// Runs this many servo cycles, if time does not pass by itself.
     pub fn pass(&mut self, cycles: u32) {
         if self.in_steps {
             self.sim.ok(&format!("step {cycles}"));
         }
     }
 
-    /// Sends a line that only acknowledges.
+    /// Sends a line that the board only acknowledges.
     pub fn send(&mut self, line: &str) {
         let mut bytes = line.as_bytes().to_vec();
         bytes.resize(bytes.len() / 2 * 2 + 2, 0);
@@ -88,7 +88,7 @@ impl GatherRig {
         reader
     }
 
-    /// The board has seen no broken handshake.
+    /// Checks that the board has seen no broken handshake.
     pub fn finish(mut self) {
         assert_eq!(self.sim.status("violations_total"), 0);
     }
@@ -101,7 +101,7 @@ pub fn scales() -> Scales {
     Scales { motors: vec![motor], i10: Some(PMAC.default_i10) }
 }
 
-/// Takes what there is; every sample's number and values. The look that ended it.
+/// Takes the available samples, each with its number and values. Returns the result of the last poll.
 pub fn take(
     rig: &mut GatherRig,
     reader: &mut GatherReader,

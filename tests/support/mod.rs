@@ -1,7 +1,7 @@
-//! What the test programs share.
+//! Support for the test programs.
 //!
-//! [`Site`] is a simulated board and its daemon as real processes, in real time. [`VirtualSite`] is the same two in the
-//! process of the test, in virtual time. A test wants the second one, unless real time is what it is about.
+//! [`Site`] runs a simulated board and its daemon as real processes, in real time. [`VirtualSite`] runs both in the
+//! test's process, in virtual time. Use the second one, unless the test is about real time.
 
 #![allow(dead_code, unused_imports, reason = "each test program uses a part of this")]
 
@@ -32,7 +32,7 @@ pub fn is_live(subscriber: &Subscriber, region: RegionId) -> bool {
     subscriber.region(region).is_ok_and(|info| info.state == RegionState::Live)
 }
 
-/// What the daemon has counted.
+/// The value of a counter of the daemon.
 pub fn counter(subscriber: &Subscriber, counter: Counter) -> u64 {
     subscriber.counter(counter)
 }

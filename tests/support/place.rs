@@ -1,4 +1,4 @@
-//! A private directory with everything of one board in it, and the ways to what serves the board.
+//! A private directory with all files of one board, and the programs and sockets that serve the board.
 
 use std::io::{BufRead, BufReader, Write};
 use std::os::unix::net::UnixStream;
@@ -12,7 +12,7 @@ use pmac_dpram::segment::{RegionId, SegmentName, Subscriber};
 use super::rig::{Ran, command};
 use super::{PATIENCE, is_live, wait_until};
 
-/// The directory, and the name of the board. Its files and its segment are gone when it is dropped.
+/// The directory, and the board's name. Dropping it removes its files and its segment.
 pub struct Place {
     pub directory: tempfile::TempDir,
     pub name: String,
@@ -32,7 +32,7 @@ impl Place {
         self.directory.path().join(name)
     }
 
-    /// The path of a file that is called `name` and holds `text`.
+    /// Creates a file `name` that contains `text`, and returns its path.
     pub fn file(&self, name: &str, text: &str) -> String {
         let path = self.path(name);
         std::fs::write(&path, text).unwrap();
@@ -59,7 +59,7 @@ impl Place {
         Connection::open(&self.socket()).is_err()
     }
 
-    /// `pmacctl` on this daemon, without an input.
+    /// `pmacctl` for this daemon, with no input.
     pub fn command(&self, arguments: &[&str]) -> Command {
         let mut command = command();
         command.args(["--name", &self.name]).arg("--socket").arg(self.socket()).args(arguments);
@@ -67,18 +67,18 @@ impl Place {
         command
     }
 
-    /// Runs `pmacctl` on this daemon.
+    /// Runs `pmacctl` for this daemon.
     pub fn run(&self, arguments: &[&str]) -> Ran {
         self.command(arguments).output().unwrap().into()
     }
 
-    /// Runs `pmacctl` on this daemon: exit status, stdout, stderr.
+    /// Runs `pmacctl` for this daemon; returns exit status, stdout, stderr.
     pub fn pmacctl(&self, arguments: &[&str]) -> (i32, String, String) {
         let Ran { code, stdout, stderr } = self.run(arguments);
         (code.unwrap_or(-1), stdout, stderr)
     }
 
-    /// What the board answers to `line`.
+    /// The board's answer to `line`.
     pub fn ask(&self, line: &str) -> Vec<String> {
         self.connection().send(line, PATIENCE).unwrap_or_else(|error| panic!("{line}: {error}"))
     }
@@ -108,14 +108,14 @@ impl Control {
         Self(BufReader::new(stream))
     }
 
-    /// The answer to `line`, which is no error.
+    /// The answer to `line`; fails on an error.
     pub fn ask(&mut self, line: &str) -> String {
         let answer = self.try_ask(line);
         assert!(!answer.starts_with("error"), "{line}: {answer}");
         answer
     }
 
-    /// The answer to `line`.
+    /// The answer to `line`, errors included.
     pub fn try_ask(&mut self, line: &str) -> String {
         self.0.get_mut().write_all(format!("{line}\n").as_bytes()).unwrap();
         let mut answer = String::new();

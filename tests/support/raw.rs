@@ -1,4 +1,4 @@
-//! A client of the command socket that shares no code with ours but the cut between messages.
+//! A client of the command socket that shares only the splitting of messages with ours.
 
 use std::io::{Read, Write};
 use std::os::unix::net::UnixStream;
@@ -9,7 +9,7 @@ use serde_json::{Value, json};
 use super::PATIENCE;
 use super::bench::Bench;
 
-/// A client that says exactly what it is told.
+/// A client that sends exactly the given bytes.
 pub struct Raw {
     pub stream: UnixStream,
     inbox: Inbox,
@@ -59,7 +59,7 @@ pub fn call(method: &str, parameters: Value) -> Vec<u8> {
     bytes
 }
 
-/// The last part of the name of the error that `reply` tells.
+/// The last part of the name of the error in `reply`.
 pub fn error_name(reply: &Value) -> &str {
     reply["error"].as_str().unwrap_or_default().rsplit('.').next().unwrap_or_default()
 }

@@ -1,4 +1,4 @@
-//! A published segment with known contents, and the programs run against it.
+//! A published segment with known contents, and programs run on it.
 
 use std::path::Path;
 use std::process::{Command, Output, Stdio};
@@ -11,16 +11,16 @@ use pmac_dpram::segment::{
     State, monotonic_ns,
 };
 
-/// Nothing is stale in a test unless the test says so.
+/// No data become stale in a test unless it says so.
 const LONG_NS: u64 = 3_600_000_000_000;
-/// Nobody beats the segment's heart here; a test that wants it silent beats it at time 0.
+/// Nobody calls `beat` here; a test that needs a stopped heartbeat calls it with time 0.
 const HEARTBEAT_NS: u64 = 60_000_000_000;
 const SERVO_START: usize = 0x24;
 const SERVO_WORDS: usize = (0x228 - 0x24) / 2;
 const BACKGROUND_START: usize = 0x228;
 const BACKGROUND_WORDS: usize = (0x62C - 0x228) / 2;
 
-/// A segment in /dev/shm under a name of its own.
+/// A segment in /dev/shm under its own name.
 pub struct Rig {
     pub name: String,
     pub publisher: Publisher,
@@ -53,7 +53,7 @@ impl Rig {
         Self::selecting(directory, name, Vec::new())
     }
 
-    /// As [`Rig::at`], of a daemon that reads only a part of a region.
+    /// As [`Rig::at`], for a daemon that reads only part of a region.
     pub fn selecting(directory: &Path, name: &str, selections: Vec<(RegionId, Selection)>) -> Self {
         let region = |id, slots, payload_bytes: usize, first_host_offset: usize, stride| RegionSpec {
             id,
@@ -128,7 +128,7 @@ impl Rig {
         put(background, BACKGROUND_START, target + 4, x);
     }
 
-    /// Publishes everything, and says that it is live.
+    /// Publishes everything, and sets the state to live.
     pub fn live(mut self) -> Self {
         self.publish();
         self.publisher.set_region_state(RegionId::Servo, RegionState::Live);
@@ -143,7 +143,7 @@ impl Rig {
         self.publisher.publish(RegionId::Background, stamp, &self.background);
     }
 
-    /// The DPRAM that the board would have.
+    /// A DPRAM image with the same contents.
     pub fn image(&self) -> Vec<u8> {
         let mut words = vec![0_u16; 0x2000];
         words[SERVO_START / 2..][..SERVO_WORDS].copy_from_slice(&self.servo);
@@ -156,7 +156,7 @@ impl Rig {
     }
 }
 
-/// What a program said.
+/// A program's output.
 #[derive(Debug, PartialEq, Eq)]
 pub struct Ran {
     pub stdout: String,
@@ -195,7 +195,7 @@ pub fn command() -> Command {
     command
 }
 
-/// A terminal's two ends. Neither gets into the processes that other tests start, where it would stay open.
+/// A terminal's two ends. They close on exec, so that no process of another test keeps them open.
 pub fn pty(size: Option<&nix::pty::Winsize>) -> nix::pty::OpenptyResult {
     use nix::fcntl::{FcntlArg, FdFlag, fcntl};
     let pty = nix::pty::openpty(size, None).unwrap();

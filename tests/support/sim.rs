@@ -1,4 +1,4 @@
-//! `pmac-sim` as a process, without a daemon: its sockets, and its memory as a host maps it.
+//! `pmac-sim` as a process, without a daemon: its sockets, and its memory as a host sees it.
 
 use std::fs::OpenOptions;
 use std::os::unix::net::UnixStream;
@@ -18,7 +18,7 @@ pub struct Sim {
     pub memory: Mapping,
 }
 
-/// Connects as soon as somebody listens.
+/// Connects as soon as a process listens.
 pub fn connect(path: &Path) -> UnixStream {
     let mut stream = None;
     wait_until("a socket", || {
@@ -43,14 +43,14 @@ impl Sim {
         self.directory.path().join(name)
     }
 
-    /// Kills it, and starts another one on its memory.
+    /// Kills it, and starts another one with the same memory.
     pub fn replace(&mut self, options: &[&str]) {
         self.child.kill().unwrap();
         self.child.wait().unwrap();
         (self.child, self.control) = spawn(self.directory.path(), options);
     }
 
-    /// The answer on the control socket, an error too.
+    /// The answer on the control socket, errors included.
     pub fn ask(&mut self, command: &str) -> String {
         self.control.try_ask(command)
     }
@@ -84,7 +84,7 @@ impl Sim {
         }
     }
 
-    /// Waits for its end.
+    /// Waits until it ends.
     pub fn wait(&mut self) -> Option<i32> {
         status_within(&mut self.child, PATIENCE).code()
     }
@@ -99,7 +99,7 @@ fn spawn(directory: &Path, options: &[&str]) -> (Child, Control) {
         .args(options)
         .spawn()
         .unwrap();
-    // The memory is there, and set up, once somebody listens on the control socket.
+    // The simulator listens on the control socket only after it has set up the memory.
     drop(connect(&at("control")));
     (child, Control::open(&at("control")))
 }

@@ -1,4 +1,4 @@
-//! A simulated board and its daemon as real processes. Both are gone when it is dropped.
+//! A simulated board and its daemon as real processes. Dropping it ends both.
 
 use std::ops::Deref;
 use std::os::unix::net::UnixStream;
@@ -10,7 +10,7 @@ use pmac_dpram::segment::Subscriber;
 
 use super::{Control, PATIENCE, Place, status_within, wait_until};
 
-/// A board and a daemon that run by themselves, at the machine's pace.
+/// A board and a daemon that run at the machine's own pace.
 pub struct Site {
     place: Place,
     simulator: Option<Child>,
@@ -27,12 +27,12 @@ impl Deref for Site {
 }
 
 impl Site {
-    /// A place without a process yet.
+    /// A place without processes.
     pub fn new() -> Self {
         Self { place: Place::new(), simulator: None, daemon: None, daemons_started: 0 }
     }
 
-    /// A board with all DPRAM functions enabled and a daemon on it, with live servo data.
+    /// A board with all DPRAM functions enabled, and a daemon with live servo data.
     pub fn running(simulator: &[&str], daemon: &[&str]) -> Self {
         let mut site = Self::new();
         site.start_simulator(&[&["--dpram-startup"], simulator].concat());
@@ -69,13 +69,13 @@ impl Site {
         });
     }
 
-    /// Takes over a daemon that the test has started.
+    /// Takes over a daemon that the test started.
     pub fn adopt(mut self, daemon: Child) -> Self {
         self.daemon = Some(daemon);
         self
     }
 
-    /// How the daemon is started on this board.
+    /// The command that starts the daemon on this board.
     pub fn daemon_command(&self, options: &[&str]) -> Command {
         let board =
             format!("file:{},irq=unix:{}", self.path("dpram").display(), self.path("interrupt").display());
@@ -89,7 +89,7 @@ impl Site {
         self.path(&format!("log{}", self.daemons_started))
     }
 
-    /// What the daemon has logged.
+    /// The daemon's log.
     pub fn log(&self) -> String {
         std::fs::read_to_string(self.log_path()).unwrap_or_default()
     }
@@ -110,7 +110,7 @@ impl Site {
         end(self.daemon.take(), Signal::SIGKILL);
     }
 
-    /// Stops the daemon in good order; returns its exit status.
+    /// Stops the daemon gracefully; returns its exit status.
     pub fn stop_daemon(&mut self) -> i32 {
         end(self.daemon.take(), Signal::SIGTERM)
     }
@@ -129,12 +129,12 @@ impl Site {
         Control::open(&self.path("control"))
     }
 
-    /// The simulator's own counts.
+    /// The simulator's own counters.
     pub fn status(&self) -> serde_json::Value {
         serde_json::from_str(&self.control("status")).unwrap()
     }
 
-    /// The simulator has seen the host break no handshake.
+    /// Checks that the simulator saw the host break no handshake.
     pub fn assert_no_violations(&self) {
         assert_eq!(self.status()["violations"], serde_json::json!([]));
     }
@@ -154,11 +154,11 @@ fn pid(child: &Child) -> Pid {
     Pid::from_raw(child.id().cast_signed())
 }
 
-/// Ends a process, and says how it ended: its exit status, or -1.
+/// Ends a process; returns its exit status, or -1.
 fn end(child: Option<Child>, signal: Signal) -> i32 {
     let Some(mut child) = child else { return -1 };
     let _ = kill(pid(&child), signal);
-    // A stopped process is not ended by anything but SIGKILL until it goes on.
+    // A stopped process handles no signal but SIGKILL until it continues.
     let _ = kill(pid(&child), Signal::SIGCONT);
     status_within(&mut child, PATIENCE).code().unwrap_or(-1)
 }

@@ -1,10 +1,10 @@
-//! A simulated board and its daemon in the process of the test, in virtual time. Real clients use them: their segment and
-//! their socket are real ones.
+//! A simulated board and its daemon in the test's process, in virtual time. Real clients use their real segment and
+//! socket.
 //!
 //! One thread owns board, daemon and time. While a call waits for the board, or the test waits in
-//! [`VirtualSite::wait_until`] or [`VirtualSite::run_for`], time passes as fast as the machine can make it pass; otherwise not
-//! faster than real time. A slow machine makes time pass slowly, for board and daemon alike: neither can be late. Nor can a
-//! client: who holds a jog and has yet to renew it is waited for.
+//! [`VirtualSite::wait_until`] or [`VirtualSite::run_for`], time passes as fast as the machine can compute it;
+//! otherwise at most as fast as real time. On a slow machine time passes slowly for board and daemon alike, so neither
+//! can be late. Nor can a client: time waits for a jog's holder that has to renew it.
 
 use std::cell::RefCell;
 use std::fmt::Write as _;
@@ -20,20 +20,20 @@ use pmac_dpram::segment::{RegionId, Subscriber};
 use super::world::World;
 use super::{PATIENCE, Place, is_live};
 
-/// How long nothing is polled while no time passes.
+/// Time between two polls while virtual time stands still.
 const PAUSE: Duration = Duration::from_micros(300);
 
-/// What is done between two steps.
+/// An action to run between two steps.
 type Request = Box<dyn FnOnce(&mut World) + Send>;
 
-/// What the test and the world's thread share.
+/// The state shared by the test and the world's thread.
 #[derive(Default)]
 struct Pace {
-    /// How many wait for time to pass.
+    /// How many callers wait for time to pass.
     hurried: AtomicUsize,
-    /// Time stands still.
+    /// Whether time stands still.
     held: AtomicBool,
-    /// What the daemon has logged.
+    /// The daemon's log.
     log: Mutex<String>,
 }
 
@@ -54,7 +54,7 @@ impl Deref for VirtualSite {
 }
 
 impl VirtualSite {
-    /// A world with nothing in it.
+    /// A world without board and daemon.
     pub fn new() -> Self {
         let pace = Arc::new(Pace::default());
         let (requests, taken) = channel();
@@ -72,7 +72,7 @@ impl VirtualSite {
         site
     }
 
-    /// As [`VirtualSite::running`], of a daemon with this configuration.
+    /// As [`VirtualSite::running`], with this configuration of the daemon.
     pub fn configured(simulator: &[&str], config: &str) -> Self {
         let site = Self::new();
         let config = site.file("pmacd.toml", config);
@@ -81,7 +81,7 @@ impl VirtualSite {
         site
     }
 
-    /// Has `action` done between two steps.
+    /// Runs `action` between two steps.
     pub fn with_world<R: Send + 'static>(&self, action: impl FnOnce(&mut World) -> R + Send + 'static) -> R {
         let (done, result) = sync_channel(1);
         let request = move |world: &mut World| drop(done.send(action(world)));
@@ -89,7 +89,7 @@ impl VirtualSite {
         sent.ok().and_then(|()| result.recv().ok()).expect("the world has not come to an end")
     }
 
-    /// Starts the simulator; the sockets and the memory are those of the place.
+    /// Starts the simulator, with the sockets and the memory of this place.
     pub fn start_simulator(&self, options: &[&str]) {
         let socket = |name: &str| format!("unix:{}", self.path(name).display());
         let mut all = vec!["--memory".to_owned(), self.path("dpram").display().to_string()];
@@ -116,32 +116,32 @@ impl VirtualSite {
         self.with_world(move |world| world.start_daemon(&all)).unwrap();
     }
 
-    /// What the daemon has logged since it was started.
+    /// The log of the daemon since its start.
     pub fn log(&self) -> String {
         self.pace.log.lock().unwrap().clone()
     }
 
-    /// Ends the daemon in good order.
+    /// Stops the daemon gracefully.
     pub fn stop_daemon(&self) {
         self.with_world(World::stop_daemon);
     }
 
-    /// The board loses its power.
+    /// Turns off the board's power.
     pub fn kill_simulator(&self) {
         self.with_world(|world| world.simulator = None);
     }
 
-    /// The board does nothing from here on, until it is told that it does.
+    /// Stops the board's execution, or lets it continue.
     pub fn board_stands_still(&self, still: bool) {
         self.with_world(move |world| world.board_stands_still = still);
     }
 
-    /// The daemon does nothing from here on, until it is told that it does.
+    /// Stops the daemon's execution, or lets it continue.
     pub fn daemon_stands_still(&self, still: bool) {
         self.with_world(move |world| world.daemon_stands_still = still);
     }
 
-    /// Has the simulator carry out a line of its control socket.
+    /// Has the simulator execute a line of its control socket.
     #[track_caller]
     pub fn control(&self, line: &str) -> String {
         let text = line.to_owned();
@@ -150,12 +150,12 @@ impl VirtualSite {
         answer
     }
 
-    /// The simulator's own counts.
+    /// The simulator's own counters.
     pub fn status(&self) -> serde_json::Value {
         serde_json::from_str(&self.control("status")).unwrap()
     }
 
-    /// The simulator has seen the host break no handshake.
+    /// Checks that the simulator saw the host break no handshake.
     #[track_caller]
     pub fn assert_no_violations(&self) {
         assert_eq!(self.status()["violations"], serde_json::json!([]));
@@ -166,25 +166,25 @@ impl VirtualSite {
         self.with_world(move |world| world.run_for(time));
     }
 
-    /// Lets so many servo cycles pass.
+    /// Runs this many servo cycles.
     pub fn step(&self, cycles: u64) {
         self.with_world(move |world| (0..cycles).for_each(|_| world.step()));
     }
 
-    /// Time stands still from here on, but for [`VirtualSite::run_for`] and [`VirtualSite::step`], until [`VirtualSite::go_on`].
+    /// Stops time until [`VirtualSite::go_on`]; only [`VirtualSite::run_for`] and [`VirtualSite::step`] still move it.
     /// The daemon answers what it can answer without the board.
     pub fn hold(&self) {
         self.pace.held.store(true, Ordering::SeqCst);
-        // The step that was under way is over.
+        // Returns when the step in progress is done.
         self.with_world(|_| ());
     }
 
-    /// Time passes again.
+    /// Lets time pass again.
     pub fn go_on(&self) {
         self.pace.held.store(false, Ordering::SeqCst);
     }
 
-    /// Has time pass as fast as it can while `action` lasts.
+    /// Lets time pass as fast as possible while `action` runs.
     pub fn hurried<R>(&self, action: impl FnOnce() -> R) -> R {
         struct Hurry<'a>(&'a Pace);
         impl Drop for Hurry<'_> {
@@ -197,7 +197,7 @@ impl VirtualSite {
         action()
     }
 
-    /// Lets time pass until `condition` holds.
+    /// Lets time pass until `condition` is true.
     #[track_caller]
     pub fn wait_until(&self, what: &str, mut condition: impl FnMut() -> bool) {
         let deadline = Instant::now() + PATIENCE;
@@ -217,7 +217,7 @@ impl VirtualSite {
         });
     }
 
-    /// Waits until the daemon knows the board.
+    /// Waits until the daemon has identified the board.
     #[track_caller]
     pub fn wait_for_identity(&self) {
         self.wait_until("the board to be identified", || self.log().contains("the board is PMAC"));
@@ -236,13 +236,13 @@ impl Drop for VirtualSite {
     }
 }
 
-/// Makes time pass until nobody is left who could ask for anything.
+/// Lets time pass until no caller is left.
 fn run(pace: &Arc<Pace>, requests: &Receiver<Request>) {
     keep_log_of_this_thread(pace);
     let mut world = World::new();
-    // No step before then, unless somebody waits for it.
+    // No step before then, unless a caller waits for one.
     let mut due = Instant::now();
-    // Since when the holder of a jog is waited for.
+    // Since when time has waited for the holder of a jog.
     let mut waits_for_holder = None;
     loop {
         let hurried = pace.hurried.load(Ordering::Relaxed) > 0 || world.is_waited_for();
@@ -255,7 +255,7 @@ fn run(pace: &Arc<Pace>, requests: &Receiver<Request>) {
         let now = Instant::now();
         let passes = !held && !holder_is_due && (hurried || now >= due);
         if passes {
-            // What could not be made up for in time is not made up for at all.
+            // Drop a delay of more than 5 ms instead of catching up.
             due = due.max(now.checked_sub(Duration::from_millis(5)).unwrap_or(now)) + world.period();
             world.step();
         } else {
@@ -278,11 +278,11 @@ fn run(pace: &Arc<Pace>, requests: &Receiver<Request>) {
 }
 
 thread_local! {
-    /// Where this thread's log goes.
+    /// The log of this thread.
     static LOG: RefCell<Option<Arc<Pace>>> = const { RefCell::new(None) };
 }
 
-/// Logs of each thread by itself: the daemons of several tests log in one process.
+/// A log for each thread: the daemons of several tests log in one process.
 struct ThreadLog;
 
 impl log::Log for ThreadLog {

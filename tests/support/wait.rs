@@ -1,4 +1,4 @@
-//! Waits that end.
+//! Waits with a time limit.
 
 use std::io::Read;
 use std::process::{Child, ExitStatus, Output};
@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-/// Longer than anything takes on a busy machine; reached only by a failure.
+/// Longer than any operation on a busy machine; only a failing test waits so long.
 pub const PATIENCE: Duration = Duration::from_secs(60);
 
 /// Waits until `condition` holds.
@@ -19,7 +19,7 @@ pub fn wait_until(what: &str, mut condition: impl FnMut() -> bool) {
     }
 }
 
-/// Set when this is dropped, however its scope ends: threads that go on until it is set end with a test that fails, too.
+/// Sets the flag when dropped, so that threads that run until it is set also end when the test fails.
 pub struct Ended<'a>(pub &'a AtomicBool);
 
 impl Drop for Ended<'_> {
@@ -28,7 +28,7 @@ impl Drop for Ended<'_> {
     }
 }
 
-/// Waits for the end of a process, at most `patience`; then it is killed and the test has failed.
+/// Waits at most `patience` for a process to end; then kills it and fails the test.
 #[track_caller]
 pub fn status_within(child: &mut Child, patience: Duration) -> ExitStatus {
     let deadline = Instant::now() + patience;
@@ -45,7 +45,7 @@ pub fn status_within(child: &mut Child, patience: Duration) -> ExitStatus {
     }
 }
 
-/// As [`status_within`], with what the process printed where its streams are pipes.
+/// As [`status_within`], with the output of the process from its pipes.
 #[track_caller]
 pub fn output_within(child: &mut Child, patience: Duration) -> Output {
     fn all_of(stream: Option<impl Read + Send + 'static>) -> JoinHandle<Vec<u8>> {
@@ -62,7 +62,7 @@ pub fn output_within(child: &mut Child, patience: Duration) -> Output {
     Output { status, stdout: joined(stdout), stderr: joined(stderr) }
 }
 
-/// What a thread that is to end returns.
+/// The return value of a thread that must end.
 #[track_caller]
 pub fn joined<T>(thread: JoinHandle<T>) -> T {
     wait_until("the end of a thread", || thread.is_finished());

@@ -1,9 +1,9 @@
-//! How large a process is.
+//! The size of a process.
 
 /// Memory, descriptors and threads of a process.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Weight {
-    /// All of its memory, with what it shares with others.
+    /// All of its memory, including shared memory.
     pub resident_kib: u64,
     pub descriptors: usize,
     pub threads: usize,
@@ -23,7 +23,7 @@ impl std::fmt::Display for Weight {
     }
 }
 
-/// Memory that is a process's own: heap and stacks, counted page by page. A segment that fills with data does not change it.
+/// The process's private memory: heap and stacks, counted by pages. A segment that fills with data does not change it.
 pub fn own_kib(pid: u32) -> u64 {
     kib(pid, "smaps_rollup", "Anonymous:")
 }

@@ -1,4 +1,4 @@
-//! A simulated board and a daemon in one thread, in time that passes when they are told so.
+//! A simulated board and a daemon in one thread, in time that the test moves.
 
 use std::time::{Duration, Instant};
 
@@ -16,13 +16,13 @@ use pmac_dpram::segment::Publisher;
 use pmac_dpram::sim;
 use pmac_dpram::sim::process::Simulator;
 
-/// When a world begins, in nanoseconds. A daemon that starts finds no time before it began.
+/// The world's start time, in nanoseconds, so that no daemon meets a time before its start.
 const BEGIN_NS: u64 = 1_000_000_000_000;
-/// How long a step is while there is no board, whose servo cycle it would be.
+/// The length of a step without a board, whose servo cycle sets it otherwise.
 const STEP: Duration = Duration::from_micros(500);
-/// How often the simulator's sockets are polled, in its time, as `pmac-sim` does.
+/// Time between polls of the simulator's sockets, as in `pmac-sim`.
 const SOCKETS_EVERY_NS: u64 = 1_000_000;
-/// How long a daemon may take to end, in its time.
+/// The daemon's time limit for ending.
 const LAST: Duration = Duration::from_secs(10);
 
 /// The daemon's parts: the bus thread's and the command socket's.
@@ -36,9 +36,9 @@ pub struct World {
     time: ManualTime,
     pub simulator: Option<Simulator>,
     pub daemon: Option<Daemon>,
-    /// The board does nothing, as if its process were stopped.
+    /// The board does not execute, as if its process were stopped.
     pub board_stands_still: bool,
-    /// The daemon does nothing, as if its process were stopped.
+    /// The daemon does not execute, as if its process were stopped.
     pub daemon_stands_still: bool,
     sockets_due_ns: u64,
 }
@@ -63,7 +63,7 @@ impl World {
         self.time.ns()
     }
 
-    /// How long the next step is.
+    /// The length of the next step.
     pub fn period(&self) -> Duration {
         self.simulator.as_ref().map_or(STEP, Simulator::period)
     }
@@ -75,7 +75,7 @@ impl World {
         self.simulator = Some(Simulator::stepped(&options).unwrap());
     }
 
-    /// Starts a daemon with the options of `pmacd`. What it refuses is the error.
+    /// Starts a daemon with the options of `pmacd`. Returns its error if it refuses to start.
     pub fn start_daemon(&mut self, options: &[String]) -> Result<(), String> {
         let options = std::iter::once("pmacd".to_owned()).chain(options.iter().cloned());
         let options = Options::try_parse_from(options).map_err(|error| error.to_string())?;
@@ -99,7 +99,7 @@ impl World {
         Ok(())
     }
 
-    /// One servo cycle of the board, with all that the daemon does meanwhile.
+    /// Runs one servo cycle of the board, and everything that the daemon does meanwhile.
     pub fn step(&mut self) {
         let end = self.time.ns() + u64::try_from(self.period().as_nanos()).unwrap();
         if !self.board_stands_still
@@ -125,7 +125,7 @@ impl World {
         self.time.move_to(end);
     }
 
-    /// Does what is to be done now, without any time passing.
+    /// Does what is due now, without letting time pass.
     pub fn poll(&mut self) {
         if !self.board_stands_still
             && let Some(simulator) = &mut self.simulator
@@ -146,18 +146,18 @@ impl World {
         }
     }
 
-    /// Whether a client waits for the board to do something.
+    /// Whether a client waits for an action of the board.
     pub fn is_waited_for(&self) -> bool {
         self.daemon.as_ref().is_some_and(|daemon| daemon.server.waits_for_board())
     }
 
-    /// Whether a jog that somebody holds is stopped in the next step, unless its holder renews it before.
+    /// Whether the next step stops a held jog, unless its holder renews it before.
     pub fn is_lease_over(&self) -> bool {
         let end = self.daemon.as_ref().and_then(|daemon| daemon.server.first_lease_end());
         end.is_some_and(|end| end <= self.now() + 2 * self.period())
     }
 
-    /// Ends the daemon in good order.
+    /// Stops the daemon gracefully.
     pub fn stop_daemon(&mut self) {
         let Some(Daemon { mut board_loop, server }) = self.daemon.take() else { return };
         server.end(self.now());
