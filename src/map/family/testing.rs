@@ -213,7 +213,8 @@ pub static TURBO: Family = Family {
         control_character: at(0x0E9E),
         command: at(0x0EA0),
         command_bytes: 160,
-        line_limit: 255,
+        // "Long lines: as classic", which is known as K alone.
+        line_limit: 200,
         response_control: at(0x0F40),
         response_count: at(0x0F42),
         response: at(0x0F44),
