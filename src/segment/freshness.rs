@@ -115,7 +115,8 @@ impl fmt::Display for Staleness {
                 f.write_str("the board does not answer; look at its power, cable and address")
             }
             Self::Off => f.write_str(
-                "the board does not send these data, or pmacd does not read them; switch the function on (servo I48, background I49, variables I55; `functions` in pmacd's configuration)",
+                "the board does not send these data, or pmacd does not read them; switch the function on (servo I48, \
+                background I49, variables I55; `functions` in pmacd's configuration)",
             ),
             Self::NoUpdates { age_ns } => {
                 write!(f, "the board has not updated these data for {:.1} s", seconds(*age_ns))

@@ -75,7 +75,7 @@ impl Geometry {
             return malformed(format!("no segment is {length} bytes long"));
         }
         let Some(clock) = ClockKind::from_number(word(AT_CLOCK_KIND)) else {
-            return malformed(format!("its times are of an unknown clock, kind {}", word(AT_CLOCK_KIND)));
+            return malformed(format!("it uses an unknown clock, kind {}", word(AT_CLOCK_KIND)));
         };
         let header_length = word(AT_HEADER_LENGTH);
         if header_length > (header.len() * WORD) as u64 || header_length < AT_REGIONS as u64 {

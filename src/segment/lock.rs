@@ -102,7 +102,7 @@ pub(super) fn check_replaceable(path: &Path) -> Result<bool, SegmentError> {
     let there = match path.symlink_metadata() {
         Ok(there) => there,
         Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(false),
-        Err(error) => return Err(SegmentError::io("look at", path)(error)),
+        Err(error) => return Err(SegmentError::io("inspect", path)(error)),
     };
     if !may_replace(there.uid()) {
         return Err(SegmentError::ForeignOwner { path: path.to_owned(), uid: there.uid() });
@@ -138,7 +138,7 @@ impl NameLock {
                 return Err(SegmentError::InUse { pid: pid_in(&mut file), path });
             }
             if leads_to(&path, &file) {
-                let there = file.metadata().map_err(SegmentError::io("look at", &path))?;
+                let there = file.metadata().map_err(SegmentError::io("inspect", &path))?;
                 if there.nlink() > 1 {
                     // Somebody gave this name to a file of ours, which keeps its own.
                     std::fs::remove_file(&path).map_err(SegmentError::io("remove the link", &path))?;

@@ -90,7 +90,10 @@ pub enum SegmentError {
         pid: Option<u32>,
     },
     /// Another user owns an object of this name.
-    #[error("{} belongs to user {uid}, who is not trusted here; have it removed, or choose another --name", path.display())]
+    #[error(
+        "{} belongs to user {uid}, who is not trusted here; have it removed, or choose another --name",
+        path.display()
+    )]
     ForeignOwner {
         /// The object in the way.
         path: PathBuf,
@@ -120,7 +123,10 @@ pub enum SegmentError {
         path: PathBuf,
     },
     /// There is not enough memory for the segment.
-    #[error("there is no room for the {bytes} bytes of {}: {source}; free some memory in that file system", path.display())]
+    #[error(
+        "there is no room for the {bytes} bytes of {}: {source}; free some memory in that file system",
+        path.display()
+    )]
     Full {
         /// The object to be created.
         path: PathBuf,
@@ -148,7 +154,10 @@ pub enum SegmentError {
         why: String,
     },
     /// The segment was written by a daemon of another ABI version.
-    #[error("{} has layout version {found}, this program reads version {}; use programs of one release", path.display(), layout::ABI_MAJOR)]
+    #[error(
+        "{} has layout version {found}, this program reads version {}; use programs of one release",
+        path.display(), layout::ABI_MAJOR
+    )]
     Version {
         /// The object.
         path: PathBuf,
@@ -160,7 +169,8 @@ pub enum SegmentError {
     NoSuchRegion(RegionId),
     /// The writer overtook every attempt to read: this process gets too little processor time.
     #[error(
-        "the {} region was overwritten during each of {attempts} attempts to read it; this process gets too little processor time",
+        "the {} region was overwritten during each of {attempts} attempts to read it; this process gets too little \
+        processor time",
         region.name()
     )]
     Overrun {

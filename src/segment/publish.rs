@@ -86,7 +86,7 @@ impl Publisher {
                 source: errno.into(),
             }
         })?;
-        let own = file.metadata().map_err(fail("look at"))?.gid();
+        let own = file.metadata().map_err(fail("inspect"))?.gid();
         if let Some(group) = options.group.filter(|group| *group != own) {
             std::os::unix::fs::fchown(&file, None, Some(group)).map_err(fail("give to its group"))?;
         }
@@ -327,7 +327,7 @@ fn retire(path: &Path) -> Result<u64, SegmentError> {
     };
     let word = |offset: usize| words[offset / WORD];
     if lock::is_held(&file).map_err(SegmentError::io("probe", path))? {
-        if file.metadata().map_err(SegmentError::io("look at", path))?.nlink() > 1 {
+        if file.metadata().map_err(SegmentError::io("inspect", path))?.nlink() > 1 {
             log::warn!("replacing {}, another name of a segment that lives", path.display());
             return Ok(0);
         }

@@ -71,7 +71,7 @@ impl Subscriber {
             io::ErrorKind::NotFound => SegmentError::NotFound { path: path.clone() },
             _ => SegmentError::Io { what: "open", path: path.clone(), source },
         })?;
-        let there = file.metadata().map_err(SegmentError::io("look at", &path))?;
+        let there = file.metadata().map_err(SegmentError::io("inspect", &path))?;
         if !lock::is_trusted(there.uid()) {
             return Err(SegmentError::ForeignOwner { path, uid: there.uid() });
         }

@@ -36,7 +36,8 @@ enum BytePlace {
 /// Why a specification was refused.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error(
-    "registers `{spec}`: {reason}; write port:0x210, mem:0xADDRESS, uio:/dev/uioN[,map=M], pci:0000:03:00.0[,bar=N], vme:NODE or file:PATH, all but port with [,offset=N]"
+    "registers `{spec}`: {reason}; write port:0x210, mem:0xADDRESS, uio:/dev/uioN[,map=M], pci:0000:03:00.0[,bar=N], \
+    vme:NODE or file:PATH, all but port with [,offset=N]"
 )]
 pub struct ByteSpecError {
     spec: String,

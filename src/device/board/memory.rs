@@ -79,7 +79,7 @@ fn open(system: &System) -> Result<File, Why> {
 /// A descriptor that was handed over must be /dev/mem, writable, and uncached.
 fn check_handed_over(file: &File, range: &Range<u64>) -> Result<(), Why> {
     let io =
-        |source: io::Error| Why::Io { doing: "looking at the descriptor handed over".to_owned(), source };
+        |source: io::Error| Why::Io { doing: "inspecting the descriptor handed over".to_owned(), source };
     let metadata = file.metadata().map_err(io)?;
     let unsuitable = |what: &str| Err(Why::Unsuitable(format!("the descriptor handed over as `mem` {what}")));
     if metadata.file_type().is_char_device() && metadata.rdev() != nix::sys::stat::makedev(1, 1) {
@@ -93,7 +93,8 @@ fn check_handed_over(file: &File, range: &Range<u64>) -> Result<(), Why> {
     #[cfg(target_arch = "x86_64")]
     if metadata.file_type().is_char_device() && range.end > FIXED_RANGES && !flags.contains(OFlag::O_SYNC) {
         return unsuitable(
-            "was opened without O_SYNC, as systemd does, so a window above 1 MiB would be cached; let the service open /dev/mem itself (AmbientCapabilities=CAP_SYS_RAWIO), or use a UIO driver",
+            "was opened without O_SYNC, as systemd does, so a window above 1 MiB would be cached; let the service \
+            open /dev/mem itself (AmbientCapabilities=CAP_SYS_RAWIO), or use a UIO driver",
         );
     }
     #[cfg(not(target_arch = "x86_64"))]

@@ -180,12 +180,13 @@ pub fn map(
     let refuse = |why| OpenError::new(format!("pci:{address}"), why);
     let directory = directory(address);
     let info = PciInfo::of(system, address).ok_or_else(|| {
-        let cure = "look with lspci -D which devices there are".to_owned();
+        let cure = "list the devices with lspci -D".to_owned();
         refuse(Why::Missing { path: PathBuf::from(&directory), cure })
     })?;
     if let Some(driver) = info.driver.as_deref().filter(|driver| *driver != INTERRUPTS_ONLY) {
         return Err(refuse(Why::Unsuitable(format!(
-            "driver {driver} has the device; unbind it (driverctl set-override {address} {INTERRUPTS_ONLY}, or echo {address} into its unbind file)"
+            "driver {driver} has the device; unbind it (driverctl set-override {address} {INTERRUPTS_ONLY}, or echo \
+            {address} into its unbind file)"
         ))));
     }
     let needed = offset.saturating_add(length as u64);
@@ -232,7 +233,8 @@ fn sysfs_refused(system: &System, path: &Path, range: &Range<u64>, error: io::Er
             path.display()
         )),
         _ => {
-            let permission = "run as root, or have /usr/lib/pmacd/pci-prepare give it to user pmacd alone before the start (drop-in pci.conf, which also enables the device)";
+            let permission = "run as root, or have /usr/lib/pmacd/pci-prepare give it to user pmacd alone before the \
+                start (drop-in pci.conf, which also enables the device)";
             node_refused(system, path, error, "the device went away", permission)
         }
     }

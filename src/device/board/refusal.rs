@@ -49,28 +49,34 @@ pub enum Why {
     },
     /// Opening /dev/mem needs a capability.
     #[error(
-        "the capability CAP_SYS_RAWIO is missing, without which the kernel opens {0} for nobody, whatever its mode; run as root, give the service AmbientCapabilities=CAP_SYS_RAWIO, or have the service manager hand the descriptor over (OpenFile=)"
+        "the capability CAP_SYS_RAWIO is missing, and the kernel opens {0} only with it, whatever the mode; run as \
+        root, give the service AmbientCapabilities=CAP_SYS_RAWIO, or have the service manager hand the descriptor \
+        over (OpenFile=)"
     )]
     RawIo(PathBuf),
     /// The kernel is locked down.
     #[error(
-        "the kernel is locked down (mode {0}, as with Secure Boot), which forbids {1}; reach the board through a UIO driver, which stays allowed, or switch Secure Boot off"
+        "the kernel is locked down (mode {0}, as with Secure Boot), which forbids {1}; reach the board through a UIO \
+        driver, which stays allowed, or switch Secure Boot off"
     )]
     Lockdown(String, &'static str),
     /// The kernel refuses root with all capabilities.
     #[error(
-        "the kernel refuses {0} although its mode and the capabilities allow it; in a service add DeviceAllow={0} rw and PrivateDevices=no, in a container pass the device in"
+        "the kernel refuses {0} although its mode and the capabilities allow it; in a service add DeviceAllow={0} rw \
+        and PrivateDevices=no, in a container pass the device in"
     )]
     DeviceControl(PathBuf),
     /// STRICT_DEVMEM.
     #[error(
-        "{} lies in main memory, which the kernel (STRICT_DEVMEM) lets nobody map; the address is not that of the board's window",
+        "{} lies in main memory, which the kernel (STRICT_DEVMEM) does not map; the address is not that of the \
+        board's window",
         span(.0)
     )]
     MainMemory(Range<u64>),
     /// IO_STRICT_DEVMEM.
     #[error(
-        "{} is claimed by {by}, and the kernel (IO_STRICT_DEVMEM) keeps everybody else out; unbind that driver, use a UIO driver, or boot with iomem=relaxed",
+        "{} is claimed by {by}, and the kernel (IO_STRICT_DEVMEM) refuses everybody else; unbind that driver, use a \
+        UIO driver, or boot with iomem=relaxed",
         span(range)
     )]
     Claimed {
@@ -81,13 +87,15 @@ pub enum Why {
     },
     /// STRICT_DEVMEM or IO_STRICT_DEVMEM.
     #[error(
-        "the kernel refuses {}: it is main memory (STRICT_DEVMEM) or claimed by a driver (IO_STRICT_DEVMEM); as root, look which in /proc/iomem",
+        "the kernel refuses {}: it is main memory (STRICT_DEVMEM) or claimed by a driver (IO_STRICT_DEVMEM); \
+        root sees which in /proc/iomem",
         span(.0)
     )]
     Restricted(Range<u64>),
     /// Beyond the processor's addresses, or mapped elsewhere with another caching.
     #[error(
-        "the kernel cannot map {}: no such physical address on this machine, or it is mapped elsewhere with another caching",
+        "the kernel cannot map {}: no such physical address on this machine, or it is mapped elsewhere with another \
+        caching",
         span(.0)
     )]
     NotMappable(Range<u64>),
@@ -142,8 +150,10 @@ pub fn raw_node_refused(system: &System, path: &Path, error: io::Error) -> Why {
             None => Why::DeviceControl(path.to_owned()),
         };
     }
-    let missing = "the kernel was built without it (CONFIG_DEVMEM, CONFIG_DEVPORT), or the service has PrivateDevices=yes: let the service manager hand the descriptor over (OpenFile=), or use a UIO driver";
-    let permission = "run as root, give the service AmbientCapabilities=CAP_SYS_RAWIO CAP_DAC_OVERRIDE, or have the service manager hand the descriptor over (OpenFile=); do not widen the node's mode";
+    let missing = "the kernel was built without it (CONFIG_DEVMEM, CONFIG_DEVPORT), or the service has \
+        PrivateDevices=yes: let the service manager hand the descriptor over (OpenFile=), or use a UIO driver";
+    let permission = "run as root, give the service AmbientCapabilities=CAP_SYS_RAWIO CAP_DAC_OVERRIDE, or have the \
+        service manager hand the descriptor over (OpenFile=); do not widen the node's mode";
     node_refused(system, path, error, missing, permission)
 }
 

@@ -123,7 +123,8 @@ impl fmt::Display for Place {
 /// Why a board specification was refused.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error(
-    "board `{spec}`: {reason}; write sim, file:PATH, mem:0xADDRESS, uio:/dev/uioN[,map=M], pci:0000:03:00.0[,bar=N] or vme:NODE, each but sim with [,irq=SOURCE], each but sim and vme with [,access=32]"
+    "board `{spec}`: {reason}; write sim, file:PATH, mem:0xADDRESS, uio:/dev/uioN[,map=M], pci:0000:03:00.0[,bar=N] \
+    or vme:NODE, each but sim with [,irq=SOURCE], each but sim and vme with [,access=32]"
 )]
 pub struct SpecError {
     spec: String,

@@ -108,7 +108,8 @@ impl UioDevice {
                 options.read(true).write(true).custom_flags((OFlag::O_NONBLOCK | OFlag::O_CLOEXEC).bits());
                 options.open(system.path(node)).map_err(|error| {
                     let missing = "the driver is there but its node is not; is udev running?";
-                    let permission = "have a udev rule give the node to user pmacd alone (mode 0600; pmacctl doctor --boards prints the rule), or run as root";
+                    let permission = "have a udev rule give the node to user pmacd alone (mode 0600; pmacctl doctor \
+                        --boards prints the rule), or run as root";
                     refuse(node_refused(system, node, error, missing, permission))
                 })?
             }
@@ -154,7 +155,8 @@ impl UioDevice {
         let skip = map.offset.saturating_add(offset);
         if skip.saturating_add(length as u64) > map.size {
             let text = format!(
-                "its map {number} ({}) has {:#x} bytes, the window of {length:#x} bytes from {skip:#x} on does not fit; {}",
+                "its map {number} ({}) has {:#x} bytes, the window of {length:#x} bytes from {skip:#x} on does not \
+                fit; {}",
                 map.name,
                 map.size,
                 self.info.maps_in_words()
@@ -193,7 +195,8 @@ fn find(system: &System, node: &Path) -> Result<UioInfo, Why> {
     let there: Vec<String> =
         UioInfo::all(system).into_iter().map(|info| format!("{} ({})", info.device, info.name)).collect();
     let cure = if there.is_empty() {
-        "no UIO device is there: load the driver of the board (uio_pci_generic for PCI, the window driver for ISA and VME)"
+        "no UIO device is there: load the driver of the board (uio_pci_generic for PCI, the window driver for ISA \
+        and VME)"
             .to_owned()
     } else {
         format!("the UIO devices there are: {}", there.join(", "))
@@ -215,12 +218,13 @@ fn handed_over(system: &System, inherited: &Inherited, info: &UioInfo) -> Result
     };
     let Some(file) = inherited.find_if(HANDED_OVER, same) else { return Ok(None) };
     let io = |errno: nix::Error| Why::Io {
-        doing: "looking at the descriptor handed over as `uio`".to_owned(),
+        doing: "inspecting the descriptor handed over as `uio`".to_owned(),
         source: errno.into(),
     };
     let flags = OFlag::from_bits_truncate(fcntl(&file, FcntlArg::F_GETFL).map_err(io)?);
     if flags & OFlag::O_ACCMODE != OFlag::O_RDWR {
-        let text = "the descriptor handed over as `uio` is not open for reading and writing; leave `read-only` out of OpenFile=";
+        let text = "the descriptor handed over as `uio` is not open for reading and writing; leave `read-only` out \
+            of OpenFile=";
         return Err(Why::Unsuitable(text.to_owned()));
     }
     fcntl(&file, FcntlArg::F_SETFL(flags | OFlag::O_NONBLOCK)).map_err(io)?;

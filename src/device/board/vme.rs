@@ -25,7 +25,8 @@ pub fn map(system: &System, node: &Path, offset: u64, length: usize) -> Result<(
     let mut file = options.open(system.path(node)).map_err(|error| {
         let missing =
             "the kernel needs a driver of the VME bridge and vme_user, which distributions do not build";
-        let permission = "have a udev rule give the node to user pmacd alone (mode 0600; pmacctl doctor --boards prints the rule)";
+        let permission = "have a udev rule give the node to user pmacd alone (mode 0600; pmacctl doctor --boards \
+            prints the rule)";
         refuse(node_refused(system, node, error, missing, permission))
     })?;
     let io = |doing: &str, source| refuse(Why::Io { doing: doing.to_owned(), source });
@@ -33,7 +34,8 @@ pub fn map(system: &System, node: &Path, offset: u64, length: usize) -> Result<(
     let needed = offset.saturating_add(length as u64);
     if size < needed {
         return Err(refuse(Why::Unsuitable(format!(
-            "the window has {size:#x} bytes, {needed:#x} are needed; set it up (address, size, address modifier, width) before the daemon starts"
+            "the window has {size:#x} bytes, {needed:#x} are needed; set it up (address, size, address modifier, \
+            width) before the daemon starts"
         ))));
     }
     match Mapping::new(&file, offset, length) {

@@ -168,7 +168,8 @@ fn config_refused(system: &System, directory: &str, error: &io::Error) -> String
             )
         }
         (Some(libc::EACCES), _) => format!(
-            "this user may not write it ({}); have /usr/lib/pmacd/pci-prepare give it to user pmacd alone before the start (drop-in pci.conf)",
+            "this user may not write it ({}); have /usr/lib/pmacd/pci-prepare give it to user pmacd alone before the \
+            start (drop-in pci.conf)",
             allowed(&path).unwrap_or_default()
         ),
         (Some(libc::EROFS), _) => {

@@ -192,7 +192,8 @@ fn of_pci(system: &System, device: &PciInfo, uio: Option<&UioInfo>) -> Option<Ca
 /// What to do with a rule for a device of this class.
 fn rule_hint(class: &str) -> String {
     format!(
-        "if it is your board, put the udev rule below into {RULE_FILE}, then udevadm control --reload and udevadm trigger -s {class}"
+        "if it is your board, put the udev rule below into {RULE_FILE}, then udevadm control --reload and udevadm \
+        trigger -s {class}"
     )
 }
 

@@ -11,7 +11,7 @@ use crate::device::{Bus, BusError};
 use crate::map::{Family, HostOffset, ServoBlock};
 
 /// Samples of the timer, and the time between two. Short, and no multiple of a usual servo period.
-const LOOKS: usize = 40;
+const SAMPLES: usize = 40;
 const PAUSE: Duration = Duration::from_micros(5300);
 /// In Hz; every servo clock is well below this.
 const FASTEST_HZ: f64 = 100_000.0;
@@ -74,7 +74,7 @@ pub fn probe_by<B: Bus>(
     let servo = &family.servo;
     let mut last_seen = timer(bus, servo)?;
     let (mut moves, mut cycles) = (0, 0u64);
-    for _ in 0..LOOKS {
+    for _ in 0..SAMPLES {
         pause(bus);
         let Some(now) = timer(bus, servo)? else { continue };
         let passed = now.wrapping_sub(last_seen.unwrap_or(now)) & ((1 << servo.timer.bits()) - 1);
@@ -150,14 +150,14 @@ mod tests {
             bus.write16(TIMER, timer).unwrap();
         });
         let seen = seen.unwrap();
-        assert_eq!((seen.verdict, seen.timer_moves), (Verdict::Reporting, LOOKS), "{seen:?}");
+        assert_eq!((seen.verdict, seen.timer_moves), (Verdict::Reporting, SAMPLES), "{seen:?}");
         assert!(seen.servo_hz.is_some_and(|hz| hz > 0.0 && hz < 2000.0), "{seen:?}");
     }
 
     #[test]
     fn ones_still_memory_and_memory_that_changes_otherwise_are_told_apart() {
-        let (mut bus, looks) = (bus(), |_: &mut FileBoard| {});
-        let seen = probe_by(&mut bus, &PMAC, looks).unwrap();
+        let (mut bus, pause) = (bus(), |_: &mut FileBoard| {});
+        let seen = probe_by(&mut bus, &PMAC, pause).unwrap();
         assert_eq!((seen.verdict, seen.zeros, seen.servo_hz), (Verdict::Still, 0x2000, None));
         let mut value = 0u16;
         let noise = |bus: &mut FileBoard| {
@@ -168,7 +168,7 @@ mod tests {
         for word in 0..0x2000 {
             bus.write16(HostOffset::new(2 * word), u16::MAX).unwrap();
         }
-        let seen = probe_by(&mut bus, &PMAC, looks).unwrap();
+        let seen = probe_by(&mut bus, &PMAC, pause).unwrap();
         assert_eq!((seen.verdict, seen.ones, seen.timer_moves), (Verdict::Absent, 0x2000, 0));
     }
 
