@@ -140,7 +140,7 @@ impl NameLock {
             if leads_to(&path, &file) {
                 let there = file.metadata().map_err(SegmentError::io("inspect", &path))?;
                 if there.nlink() > 1 {
-                    // Somebody gave this name to a file of ours, which keeps its own.
+                    // Somebody linked one of our files to this name: remove only the link.
                     std::fs::remove_file(&path).map_err(SegmentError::io("remove the link", &path))?;
                     continue;
                 }

@@ -56,7 +56,7 @@ impl Publisher {
         let lock = NameLock::take(options.name.lock(&options.directory))?;
         let previous = retire(&path)?;
 
-        // The name is ours, so whatever bears a temporary name of it was left by a process that died.
+        // We own the name, so a file with one of its temporary names comes from a process that died.
         clear_leftovers(&options.name, &options.directory);
         let newborn = Newborn::create(&options.name, &options.directory);
         let newborn = newborn.map_err(SegmentError::io("create", &path))?;
@@ -322,7 +322,7 @@ fn retire(path: &Path) -> Result<u64, SegmentError> {
         return Err(SegmentError::Occupied { path: path.to_owned(), why: "it is no segment" });
     }
     let Ok(geometry) = Geometry::parse(&words, length) else {
-        // No reader can be attached to a segment that is cut short.
+        // No reader can be attached to a malformed segment.
         return Ok(0);
     };
     let word = |offset: usize| words[offset / WORD];
@@ -331,7 +331,7 @@ fn retire(path: &Path) -> Result<u64, SegmentError> {
             log::warn!("replacing {}, another name of a segment that lives", path.display());
             return Ok(0);
         }
-        // Its owner lives, and only the lock on its name is gone: someone removed it.
+        // Its owner lives: somebody removed only the lock file of its name.
         return Err(SegmentError::InUse {
             path: path.to_owned(),
             pid: u32::try_from(word(AT_OWNER_PID)).ok(),
