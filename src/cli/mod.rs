@@ -33,6 +33,7 @@ use std::process::ExitCode;
 use clap::{CommandFactory, Parser};
 
 use crate::client::socket_path;
+use crate::format::Visible;
 use crate::segment::SegmentName;
 use crate::usage::usage;
 
@@ -65,7 +66,10 @@ pub fn run(args: impl IntoIterator<Item = OsString>) -> ExitCode {
         Err(Failure::Output(error)) if error.kind() == io::ErrorKind::BrokenPipe => ExitCode::SUCCESS,
         // Not by `eprintln!`, which would panic when stderr is closed.
         Err(Failure::Refused(text)) => {
-            let _ = writeln!(io::stderr(), "{text}");
+            // The board's own words may be in it.
+            for line in text.split('\n') {
+                let _ = writeln!(io::stderr(), "{}", Visible(line));
+            }
             ExitCode::from(1)
         }
         Err(failure) => {

@@ -42,9 +42,10 @@ pub fn main_with(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
     let (log, mut log_writer) =
         LogSink::new(std::io::stderr(), if in_journal { journal::prefix(Level::Warn) } else { "[WARN ] " });
     let mut logger = env_logger::Builder::from_env(env_logger::Env::default().default_filter_or("info"));
-    logger.format_timestamp(None).format_target(false);
     if in_journal {
         logger.format(journal::write);
+    } else {
+        logger.format(journal::write_words);
     }
     logger.target(env_logger::Target::Pipe(Box::new(log.clone()))).init();
     let options = match Options::try_parse_from(arguments) {

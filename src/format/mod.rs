@@ -9,12 +9,14 @@ pub mod float48;
 pub mod int24;
 pub mod short_text;
 pub mod text;
+pub mod visible;
 pub mod word_order;
 pub mod write48;
 
 pub use float48::Float48Layout;
 pub use short_text::Text;
 pub use text::TextOrder;
+pub use visible::Visible;
 pub use word_order::WordOrder;
 
 /// Joins two 16-bit DPRAM words, low address first, into the 32-bit value a `DP:` register has.

@@ -52,6 +52,23 @@ fn in_a_pipe_replies_errors_and_texts_are_kept_apart() {
 }
 
 #[test]
+fn b4_5_control_characters_of_the_board_do_nothing_unless_wanted() {
+    let site = VirtualSite::running(&[], &[]);
+    for (options, shown) in [(&[][..], "-- SEND: A\\x1b[2JB"), (&["--raw"], "-- SEND: A\u{1b}[2JB")] {
+        let mut child = piped(&site, options);
+        let mut stdin = child.stdin.take().unwrap();
+        stdin.write_all(b"P1\n").unwrap();
+        let mut stdout = BufReader::new(child.stdout.take().unwrap()).lines().map(Result::unwrap);
+        assert_eq!(stdout.next().unwrap(), "0");
+        site.control("send A\u{1b}[2JB");
+        let mut stderr = BufReader::new(child.stderr.take().unwrap()).lines().map(Result::unwrap);
+        assert_eq!(stderr.next().unwrap(), shown);
+        stdin.write_all(b".quit\n").unwrap();
+        child.wait().unwrap();
+    }
+}
+
+#[test]
 fn of_a_reply_that_breaks_off_what_came_is_shown() {
     let bench = Bench::new();
     for (options, shown) in [

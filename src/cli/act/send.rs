@@ -18,6 +18,9 @@ pub struct Send {
     /// How long the board may take, in seconds
     #[arg(long, value_name = "S", default_value = "5", value_parser = seconds)]
     pub timeout: Duration,
+    /// Print the reply's control characters as they are, not as \x1b
+    #[arg(long)]
+    pub raw: bool,
 }
 
 pub fn run(context: &mut Context, options: &Send) -> Result<Verdict, Failure> {
@@ -39,7 +42,7 @@ pub fn run(context: &mut Context, options: &Send) -> Result<Verdict, Failure> {
     let json = context.output.is_json();
     match reply {
         Ok(lines) if json => context.output.json(&json!({ "lines": lines, "error": null }))?,
-        Ok(lines) => print(context, &lines)?,
+        Ok(lines) => print(context, &lines, options.raw)?,
         Err(error) => {
             // What the board answered before the error belongs to the reply, and comes first.
             let (code, meaning, lines) = parts(&error);
@@ -47,7 +50,7 @@ pub fn run(context: &mut Context, options: &Send) -> Result<Verdict, Failure> {
                 let error = json!({ "code": code, "meaning": meaning });
                 context.output.json(&json!({ "lines": lines, "error": error }))?;
             } else {
-                print(context, lines)?;
+                print(context, lines, options.raw)?;
             }
             context.output.flush()?;
             return Err(error.into());
@@ -67,9 +70,9 @@ fn parts(error: &CommandError) -> (Option<u16>, String, &[String]) {
     }
 }
 
-fn print(context: &mut Context, lines: &[String]) -> Result<(), Failure> {
+fn print(context: &mut Context, lines: &[String], raw: bool) -> Result<(), Failure> {
     for line in lines {
-        context.output.line(line)?;
+        context.output.reply(line, raw)?;
     }
     Ok(())
 }

@@ -18,8 +18,10 @@ use rustyline::{DefaultEditor, ExternalPrinter};
 use serde_json::json;
 
 use crate::cli::act::lines::{LineError, Way};
+use crate::cli::console::output::reply;
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::client::Messages;
+use crate::format::Visible;
 use crate::protocol::{Message, MessageKind, TIMEOUT_MAX_MS, check_line, control};
 
 /// How long the prompt waits to learn what is addressed.
@@ -41,6 +43,9 @@ pub struct Terminal {
     /// Keep no history on disk
     #[arg(long)]
     pub no_history: bool,
+    /// Print the board's control characters as they are, not as \x1b
+    #[arg(long)]
+    pub raw: bool,
 }
 
 pub fn run(context: &mut Context, options: &Terminal) -> Result<Verdict, Failure> {
@@ -55,7 +60,7 @@ pub fn run(context: &mut Context, options: &Terminal) -> Result<Verdict, Failure
     if io::stdin().is_terminal() && io::stdout().is_terminal() && !context.output.is_json() {
         interactive(session, messages, options)
     } else {
-        piped(context, session, messages)
+        piped(context, session, messages, options.raw)
     }
 }
 
@@ -133,7 +138,7 @@ impl Session {
     /// The prompt: which motor and coordinate system are addressed, when the board says so soon.
     fn prompt(&mut self) -> String {
         match self.way.send("# &", ADDRESS).as_deref() {
-            Ok([motor, system]) => format!("#{motor} &{system}> "),
+            Ok([motor, system]) => Visible(format_args!("#{motor} &{system}> ")).to_string(),
             _ => "pmac> ".to_owned(),
         }
     }
@@ -150,8 +155,9 @@ fn interactive(mut session: Session, messages: Messages, options: &Terminal) -> 
         let _ = editor.load_history(file);
     }
     let mut printer = editor.create_external_printer().map_err(failed)?;
+    let raw = options.raw;
     let listening = Listening::begin(messages, move |text| {
-        let _ = printer.print(format!("{text}\n"));
+        let _ = printer.print(format!("{}\n", reply(&text, raw)));
     });
     println(".help tells what there is, .quit leaves.")?;
     let mut prompt = session.prompt();
@@ -163,7 +169,7 @@ fn interactive(mut session: Session, messages: Messages, options: &Terminal) -> 
             Err(ReadlineError::Eof) => break Ok(()),
             Err(error) => break Err(failed(error)),
         };
-        match answer(&mut session, &text) {
+        match answer(&mut session, &text, raw) {
             Ok(true) => {}
             Ok(false) => break Ok(()),
             Err(failure) => break Err(failure),
@@ -181,7 +187,7 @@ fn interactive(mut session: Session, messages: Messages, options: &Terminal) -> 
 }
 
 /// Carries out what was typed, or pasted, which may be several lines; whether to go on.
-fn answer(session: &mut Session, text: &str) -> Result<bool, Failure> {
+fn answer(session: &mut Session, text: &str, raw: bool) -> Result<bool, Failure> {
     for text in text.lines() {
         let input = Input::of(text);
         match &input {
@@ -192,7 +198,7 @@ fn answer(session: &mut Session, text: &str) -> Result<bool, Failure> {
             Input::Control(_) | Input::Line(_) => {
                 let (lines, error, _) = session.ask(&input)?;
                 for line in lines.iter().chain(&error) {
-                    println(line)?;
+                    println(&reply(line, raw))?;
                 }
             }
         }
@@ -224,10 +230,15 @@ fn save_history(editor: &mut DefaultEditor, file: &std::path::Path) {
     }
 }
 
-fn piped(context: &mut Context, mut session: Session, messages: Messages) -> Result<Verdict, Failure> {
-    let listening = Listening::begin(messages, |text| {
+fn piped(
+    context: &mut Context,
+    mut session: Session,
+    messages: Messages,
+    raw: bool,
+) -> Result<Verdict, Failure> {
+    let listening = Listening::begin(messages, move |text| {
         // Nobody reads it: nothing to be done.
-        let _ = writeln!(io::stderr(), "{text}");
+        let _ = writeln!(io::stderr(), "{}", reply(&text, raw));
     });
     for line in io::stdin().lock().lines() {
         let text = line.map_err(|error| Failure::Request(format!("stdin: {error}")))?;
@@ -249,12 +260,12 @@ fn piped(context: &mut Context, mut session: Session, messages: Messages) -> Res
             continue;
         }
         for line in lines {
-            context.output.line(line)?;
+            context.output.reply(&line, raw)?;
         }
         // Whoever reads both streams sees them in order.
         context.output.flush()?;
         if let Some(error) = error {
-            let _ = writeln!(io::stderr(), "{error}");
+            let _ = writeln!(io::stderr(), "{}", reply(&error, raw));
         }
     }
     drop(listening);

@@ -1,9 +1,17 @@
 //! Where results go, and in which form.
 
+use std::borrow::Cow;
 use std::fmt;
 use std::io::{self, BufWriter, IsTerminal, Stdout, Write};
 
 use serde::Serialize;
+
+use crate::format::Visible;
+
+/// The board's words as they are to be printed: its control characters are shown, unless they are wanted as they are.
+pub fn reply(text: &str, raw: bool) -> Cow<'_, str> {
+    if raw { Cow::Borrowed(text) } else { Cow::Owned(Visible(text).to_string()) }
+}
 
 /// Stdout, buffered.
 pub struct Output {
@@ -32,9 +40,17 @@ impl Output {
         !self.quiet && self.stdout.get_ref().is_terminal()
     }
 
-    /// One line.
+    /// One line, or several. The board's words may be in it, so control characters are shown.
     pub fn line(&mut self, text: impl fmt::Display) -> io::Result<()> {
-        if self.quiet { Ok(()) } else { writeln!(self.stdout, "{text}") }
+        if self.quiet {
+            return Ok(());
+        }
+        text.to_string().split('\n').try_for_each(|line| writeln!(self.stdout, "{}", Visible(line)))
+    }
+
+    /// A line of the board's reply.
+    pub fn reply(&mut self, line: &str, raw: bool) -> io::Result<()> {
+        if raw { self.text(format_args!("{line}\n")) } else { self.line(line) }
     }
 
     /// Text as it is.

@@ -6,6 +6,8 @@ use std::os::fd::AsFd;
 use log::{Level, Record};
 use nix::sys::stat::fstat;
 
+use crate::format::Visible;
+
 /// Whether `stream` goes to the journal: `$JOURNAL_STREAM` names its device and inode. A stream that was redirected since
 /// does not.
 #[must_use]
@@ -33,7 +35,15 @@ pub fn prefix(level: Level) -> &'static str {
 /// # Errors
 /// What the writer says.
 pub fn write(target: &mut impl Write, record: &Record<'_>) -> io::Result<()> {
-    writeln!(target, "{}{}", prefix(record.level()), record.args())
+    writeln!(target, "{}{}", prefix(record.level()), Visible(record.args()))
+}
+
+/// Writes a log record as people read it.
+///
+/// # Errors
+/// What the writer says.
+pub fn write_words(target: &mut impl Write, record: &Record<'_>) -> io::Result<()> {
+    writeln!(target, "[{:<5}] {}", record.level(), Visible(record.args()))
 }
 
 #[cfg(test)]
@@ -57,5 +67,9 @@ mod tests {
         let record = Record::builder().level(Level::Warn).args(format_args!("servo data: stale")).build();
         write(&mut line, &record).unwrap();
         assert_eq!(line, b"<4>servo data: stale\n");
+        line.clear();
+        let record = Record::builder().level(Level::Info).args(format_args!("board \x1b[2J\n<3>x")).build();
+        write_words(&mut line, &record).unwrap();
+        assert_eq!(line, b"[INFO ] board \\x1b[2J\\x0a<3>x\n");
     }
 }
