@@ -239,6 +239,17 @@ pub struct AsciiPort {
     pub response: HostOffset,
 }
 
+impl AsciiPort {
+    /// Whether any of `words` words from `first` on holds a command line or a response.
+    #[must_use]
+    pub const fn has_text_in(&self, first: HostOffset, words: usize) -> bool {
+        let (start, end) = (first.bytes() as usize, first.bytes() as usize + 2 * words);
+        let (command, response) = (self.command.bytes() as usize, self.response.bytes() as usize);
+        (start < command + self.command_bytes && command < end)
+            || (start < response + RESPONSE_BYTES && response < end)
+    }
+}
+
 /// The size of the response buffer in bytes, the NUL included (DPRAM manual p. 29, Turbo User Manual p. 406).
 pub const RESPONSE_BYTES: usize = 256;
 

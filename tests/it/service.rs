@@ -8,7 +8,7 @@ use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
-use crate::support::{Site, wait_until};
+use crate::support::{PATIENCE, Site, wait_until};
 
 fn root() -> PathBuf {
     PathBuf::from(env!("CARGO_MANIFEST_DIR"))
@@ -99,6 +99,19 @@ fn as_root_it_becomes_another_user_in_every_thread_and_leaves_nothing_behind() {
     assert_eq!(fs::metadata(&segment).unwrap().uid(), user.uid.as_raw());
     assert_eq!(site.stop_daemon(), 0);
     assert!(!segment.exists() && !site.socket().exists());
+}
+
+#[test]
+fn b4_4_b4_5_questions_fill_no_log_and_passwords_stay_out_of_it() {
+    let site = Site::running(&[], &[]);
+    let mut connection = site.connection();
+    let refused = (0..200).filter(|_| connection.rotary_state(1).is_err()).count();
+    assert_eq!(refused, 200, "no buffer is open");
+    let _ = connection.send("PASSWORD=\"OpenSesame\"", PATIENCE);
+    wait_until("the password's line", || site.log().contains("sends \"PASSWORD=***\""));
+    let log = site.log();
+    assert!(log.lines().filter(|line| line.contains("refused that of")).count() <= 20, "{log}");
+    assert!(!log.contains("OpenSesame"), "{log}");
 }
 
 #[test]

@@ -2,6 +2,7 @@
 //!
 //! Whoever may connect could otherwise fill the log, or have the journal drop the lines of others.
 
+use std::borrow::Cow;
 use std::collections::HashMap;
 use std::fmt::{self, Write as _};
 use std::time::{Duration, Instant};
@@ -11,6 +12,8 @@ use nix::unistd::Uid;
 
 /// How many refusals of one user are logged, and in which time.
 const TOLD: u32 = 20;
+/// How many refusals of all users together, in that time.
+const TOLD_ALL: u32 = 100;
 const PERIOD: Duration = Duration::from_secs(10);
 /// The most characters of a line. What a client sent can be as long as a message.
 const LENGTH: usize = 240;
@@ -37,8 +40,9 @@ impl AuditLimit {
     }
 
     fn may_tell(&mut self, user: Uid, now: Instant) -> bool {
+        let told_all: u32 = self.users.values().map(|account| account.told).sum();
         let account = self.users.entry(user).or_insert(Account { until: now + PERIOD, told: 0, untold: 0 });
-        if account.told < TOLD {
+        if account.told < TOLD && told_all < TOLD_ALL {
             account.told += 1;
             return true;
         }
@@ -98,9 +102,47 @@ fn one_line(text: fmt::Arguments<'_>) -> String {
     line.0
 }
 
+/// `line` without the password that it may set or give: blanks do not matter to PMAC, nor does case.
+pub(super) fn without_password(line: &str) -> Cow<'_, str> {
+    const WORD: &str = "PASSWORD";
+    let has_word_at = |start: usize| {
+        let letters = line[start..].char_indices().filter(|(_, letter)| *letter != ' ');
+        let mut compared = letters.zip(WORD.chars());
+        let same = compared.by_ref().take_while(|((_, letter), wanted)| letter.eq_ignore_ascii_case(wanted));
+        same.count() == WORD.len()
+    };
+    match line.char_indices().find(|(start, letter)| *letter != ' ' && has_word_at(*start)) {
+        Some((start, _)) => Cow::Owned(format!("{}{WORD}=***", &line[..start])),
+        None => Cow::Borrowed(line),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn b4_5_no_password_comes_into_the_log() {
+        for line in ["PASSWORD=\"OpenSesame\"", "password = \"OpenSesame\"", "P A SSWORD\"OpenSesame\""] {
+            assert_eq!(without_password(line), "PASSWORD=***");
+        }
+        assert_eq!(without_password("P1 PASSWORD=x"), "P1 PASSWORD=***");
+        for line in ["", "P1=5", "PASSWOR", "#1J+", "\u{e9}PASS"] {
+            assert_eq!(without_password(line), line);
+        }
+    }
+
+    #[test]
+    fn b4_4_many_users_together_fill_no_log_either() {
+        let now = Instant::now();
+        let mut refusals = AuditLimit::default();
+        let told = |refusals: &mut AuditLimit, now| {
+            (0..1000).filter(|user| refusals.may_tell(Uid::from_raw(*user), now)).count()
+        };
+        assert_eq!(told(&mut refusals, now), TOLD_ALL as usize);
+        refusals.sum_up(now + PERIOD);
+        assert_eq!(told(&mut refusals, now + PERIOD), TOLD_ALL as usize);
+    }
 
     #[test]
     fn a_flood_is_counted_and_others_are_heard() {

@@ -188,7 +188,23 @@ pub fn parse_call(call: &Call, role: Role, info: &Info) -> Result<Action, CallEr
     if role < method.role {
         return Err(CallError::NotPermitted { role_needed: method.role.to_string() });
     }
-    (method.parse)(call, info)
+    let action = (method.parse)(call, info)?;
+    let needed = role_of(&action, info.family());
+    if role < needed {
+        return Err(CallError::NotPermitted { role_needed: needed.to_string() });
+    }
+    Ok(action)
+}
+
+/// The role that an action needs by what it is about: the texts between an engineer and the board may be passwords, and to read
+/// a register of the hardware can have an effect.
+fn role_of(action: &Action, family: &Family) -> Role {
+    let is_for_engineers = match action {
+        Action::Ask(Ask::Read { first, count }) => family.ascii.has_text_in(*first, *count),
+        Action::Watch(entries) => entries.iter().any(|entry| !family.is_memory(entry.address)),
+        _ => false,
+    };
+    if is_for_engineers { Role::Engineer } else { Role::Observe }
 }
 
 fn service(method: &str, call: &Call) -> Result<Action, CallError> {
@@ -243,6 +259,7 @@ fn read(calls::Read { host_offset, words }: &calls::Read) -> Result<Action, Call
 mod tests {
     use super::*;
     use crate::map::PMAC;
+    use crate::map::functions::RESPONSE_BYTES;
     use crate::protocol::{BoardInfo, BoardSettings};
     use serde_json::Value;
 
@@ -270,6 +287,48 @@ mod tests {
                 assert_eq!(refused, role < needed, "{method} by {role}: {found:?}");
                 assert_eq!(found.is_ok(), role >= needed);
             }
+        }
+    }
+
+    #[test]
+    fn b4_5_the_lines_of_others_are_for_engineers() {
+        let ascii = &PMAC.ascii;
+        let read = |role, offset: u32, words| {
+            board(role, "Read", json!({"host_offset": offset, "words": words})).map(drop)
+        };
+        let (command, response) = (ascii.command.bytes(), ascii.response.bytes());
+        let ends = [command + ascii.command_bytes as u32, response + RESPONSE_BYTES as u32];
+        for (start, end) in [command, response].into_iter().zip(ends) {
+            for (offset, words) in [(start, 1), (start - 2, 2), (end - 2, 1), (start - 2, 64)] {
+                let refused = read(Role::Operate, offset, words).unwrap_err();
+                assert!(
+                    matches!(refused, CallError::NotPermitted { role_needed } if role_needed == "engineer")
+                );
+                read(Role::Engineer, offset, words).unwrap();
+            }
+            read(Role::Observe, start - 2, 1).unwrap();
+            read(Role::Observe, end, 1).unwrap();
+        }
+    }
+
+    #[test]
+    fn b4_4_registers_outside_memory_are_for_engineers() {
+        let watch = |role, registers: &[&str]| {
+            let parameters = json!({ "registers": registers });
+            let call =
+                json!({"method": format!("{BOARD}.WatchVariables"), "more": true, "parameters": parameters});
+            let call: Call = serde_json::from_value(call).unwrap();
+            parse_call(&call, role, &Info::new(&PMAC, BoardInfo::default(), BoardSettings::default()))
+        };
+        for memory in ["X:$0", "Y:$BFFF", "X:$D009", "Y:$DFFF"] {
+            watch(Role::Observe, &[memory]).unwrap();
+        }
+        for hardware in ["Y:$C000", "X:$E006", "Y:$FFC2"] {
+            for role in [Role::Observe, Role::Operate] {
+                let refused = watch(role, &["X:$0", hardware]).unwrap_err();
+                assert!(matches!(refused, CallError::NotPermitted { .. }), "{hardware}");
+            }
+            watch(Role::Engineer, &[hardware]).unwrap();
         }
     }
 

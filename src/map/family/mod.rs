@@ -61,6 +61,8 @@ pub struct Family {
     pub base: u32,
     /// The DPRAM's size in bytes.
     pub length: u32,
+    /// PMAC addresses below this one are memory. Above are memory and hardware; the DPRAM lies there too.
+    pub memory_end: u32,
     /// How many motors the board has, at most 32.
     pub motors: usize,
     /// How many coordinate systems the board has, at most 32.
@@ -127,6 +129,7 @@ const fn pmac_family(
         generation: Generation::Pmac,
         base: pmac::BASE,
         length: pmac::LENGTH,
+        memory_end: pmac::MEMORY_END,
         motors: pmac::MOTORS,
         coordinate_systems: pmac::MOTORS,
         address_digits: 4,
@@ -175,6 +178,12 @@ fn known() -> String {
 }
 
 impl Family {
+    /// Whether the PMAC address is certainly one of memory, so that reading it has no effect on hardware.
+    #[must_use]
+    pub const fn is_memory(&self, address: u32) -> bool {
+        address < self.memory_end || (self.base <= address && address - self.base < self.length / 4)
+    }
+
     /// The family called `name` (`pmac`, `pmac2`; capitals do not matter).
     ///
     /// # Errors

@@ -14,6 +14,8 @@ use crate::map::{GatherPlace, HostOffset, NumberKind, PmacAddress, Region, Space
 pub const BASE: u32 = 0xD000;
 /// The DPRAM's size in bytes: 8K x 16 bits.
 pub const LENGTH: u32 = 0x4000;
+/// Where the gate arrays begin, as `X:$C000`.
+pub const MEMORY_END: u32 = 0xC000;
 /// Motors, and coordinate systems, that the fixed buffers have room for.
 pub const MOTORS: usize = 8;
 

@@ -134,6 +134,8 @@ pub static TURBO: Family = Family {
     // Section 1: "host offset = 4*(pmac-$060000) + (X ? 2 : 0)", 32K x 16.
     base: 0x06_0000,
     length: 0x1_0000,
+    // The sheet does not say; less than there is.
+    memory_end: 0x1_0000,
     // Section 2, "motors / C.S.": 32 and 16.
     motors: 32,
     coordinate_systems: 16,

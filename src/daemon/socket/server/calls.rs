@@ -3,11 +3,10 @@
 
 use std::time::{Duration, Instant};
 
-use log::info;
-
 use super::Service;
 use crate::daemon::shared::job::Job;
 use crate::daemon::shared::queue::{Command, Outcome, Text, Ticket};
+use crate::daemon::socket::audit::without_password;
 use crate::daemon::socket::call_table::{COLLECT_MAX, Caller, Ended, Then};
 use crate::daemon::socket::connection::Waiting;
 use crate::daemon::socket::jobs::{self, JobCall};
@@ -93,7 +92,7 @@ impl Service {
         let deadline = now + ask.timeout();
         match ask {
             Ask::Send { line, .. } => {
-                let audit = Some(format!("sends {line:?}"));
+                let audit = Some(format!("sends {:?}", without_password(&line)));
                 self.wait_for_board(caller, deadline, Then::ReplyLines, audit, |ticket| Command::Send {
                     ticket,
                     line,
@@ -246,9 +245,10 @@ impl Service {
             then => then,
         };
         if let Outcome::Refused(reason) = outcome {
-            // What was asked has been logged; that it was not done must be too.
+            // What was asked has been logged; that it was not done must be too. Questions that the log knows nothing of are
+            // refused as well, as often as somebody asks.
             let Peer { uid, pid, .. } = caller.peer;
-            info!(target: "audit", "refused that of uid {uid} pid {pid}: {reason:?}");
+            self.audit.tell(uid, format_args!("refused that of uid {uid} pid {pid}: {reason:?}"), now);
         }
         let reply = match (then, outcome) {
             (Then::ReplyHeld, outcome) => {
