@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 
 use crate::support::bench::Bench;
 use crate::support::rig::{Ran, command, pty};
-use crate::support::{PATIENCE, VirtualSite};
+use crate::support::{PATIENCE, VirtualSite, status_within};
 
 fn terminal(site: &VirtualSite, options: &[&str]) -> std::process::Command {
     let mut command = command();
@@ -93,7 +93,7 @@ struct Running(Child);
 
 impl Running {
     fn ended(mut self) -> Option<i32> {
-        self.0.wait().unwrap().code()
+        status_within(&mut self.0, PATIENCE).code()
     }
 }
 
@@ -184,7 +184,10 @@ fn on_a_terminal_there_is_a_prompt_editing_and_history() {
     site.wait_until("another prompt", || person.screen().matches(".quit leaves").count() == 2);
     person.types("\x1b[A\x1b[A\r");
     site.wait_until("the answer", || person.screen().matches("\n19\r\n").count() == 2);
-    // End of input.
+    // End of input. Without a prompt the terminal is not yet in the editor's mode, and takes ^D for itself.
+    site.wait_until("the prompt behind it", || {
+        person.screen().rsplit("\n19\r\n").next().is_some_and(|behind| behind.contains("&1> "))
+    });
     person.types("\x04");
     assert_eq!(child.ended(), Some(0), "{}", person.screen());
     site.assert_no_violations();
