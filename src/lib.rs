@@ -32,19 +32,20 @@
 //!
 //! # Features
 //! All are on by default; each builds alone. `client`: the client library. `daemon`: `pmacd`. `sim`: `pmac-sim`.
-//! `cli`: `pmacctl`. `serial`: [`client`] on a serial line. A program that reads a board builds 15 crates:
+//! `cli`: `pmacctl`. `serial`: [`client`] on a serial line. A program that reads a board links 15 crates:
 //! `pmac-dpram = { version = "0.1", default-features = false, features = ["client"] }`
 //!
 //! # Invariants
 //! Kept by `tests/it/architecture.rs`, which reads the source:
-//! * The table above is the truth about who uses whom. Besides: the simulator sees [`mod@format`], [`map`] and a mapping, and
-//!   nobody but its own program sees it; the client sees no device; what mirrors words ([`device`] to [`daemon`]) does not
-//!   decode them.
+//! * The table above is the truth about who uses whom. Besides: of the driver the simulator sees [`mod@format`], [`map`],
+//!   [`rotary::codes`], [`process`] and a mapping, and nobody but its own program sees it; the client sees no device; what
+//!   mirrors words ([`device`] to [`daemon`]) does not decode them.
 //! * `unsafe` lives in `device/board/mapping.rs`, `segment/memory.rs` and `segment/wide_copy.rs`. Memory that another agent writes
 //!   is mapped through `memmap2::MmapRaw` only, so that no reference or slice into it can come to be.
 //! * Only [`map`] knows an address in the DPRAM. Only [`device`] knows a path in `/dev`, `/sys` or `/proc`, but for the
 //!   directory of shared-memory objects, [`segment::DIRECTORY`], and that of open files, [`process::DESCRIPTORS`].
-//! * Nothing panics by `unwrap`, `expect`, `panic!` or their kin outside tests. No file has more than 600 lines.
+//! * Outside tests no line has `unwrap()`, `expect("`, `panic!`, `unreachable!`, `todo!`, `unimplemented!` or `dbg!`. An
+//!   index out of bounds and an overflow of a debug build still panic. No file has more than 600 lines.
 //!
 //! Kept by the tests named:
 //! * Device words are read one 16-bit access each, ascending, each once: [`device::Bus`] has no other way, but for data, which

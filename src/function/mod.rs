@@ -5,13 +5,18 @@
 //! its descriptor of [`crate::map::functions`], so that it works on the board of any family.
 //!
 //! # A new function
-//! Besides its tests it touches five files:
-//! 1. its own here: what host and PMAC write in which order;
-//! 2. its own in `daemon/bus/work/`, a `BoardFunction`: when it is due, what it does then, how it is acquired and left. If
-//!    it fills a region of the segment, that is a mirror with a few lines in `daemon/bus/work/mirrored.rs`;
-//! 3. `daemon/bus/function_table.rs`: its row in the table, and who gets its commands;
-//! 4. `protocol/function.rs`: its name in the configuration;
-//! 5. `daemon/shared/job.rs`: its commands, if it takes any.
+//! It has two files of its own, besides tests:
+//! * here: what host and PMAC write in which order;
+//! * in `daemon/bus/work/`, a `BoardFunction`: when it is due, what it does then, how it is acquired and left. If it fills
+//!   a region of the segment, that is a mirror with a few lines in `daemon/bus/work/mirrored.rs`.
+//!
+//! It has lines in these, which the compiler asks for once the name and the descriptor are there:
+//! * `map/functions.rs` and `map/family/mod.rs`: its descriptor, and each family's;
+//! * `protocol/function.rs`: its name in the configuration;
+//! * `daemon/bus/function_table.rs`: its row in the table, and who gets its commands;
+//! * `daemon/bus/board_loop.rs`: whether its polls say anything of the board;
+//! * `setup/enable.rs`: what switches it on;
+//! * `daemon/shared/job.rs`, `daemon/socket/jobs.rs` and `daemon/socket/methods.rs`: its commands, if it takes any.
 //!
 //! # What each function costs
 //! Bus accesses of 16 bits (the mailboxes' of 8, and 32 of data where the board takes them), counted by tests for several n. *Necessary* are the data and the words

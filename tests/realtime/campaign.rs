@@ -1,7 +1,7 @@
 //! The fault campaign: a board that misbehaves, while a function is used, while the daemon or a client dies. Every
 //! combination is drawn from a seed, so that a run that fails can be repeated alone.
 //!
-//! Ten thousand: `PMAC_CAMPAIGN_RUNS=10000 cargo test --release --test it campaign:: -- --nocapture`
+//! Ten thousand: `PMAC_CAMPAIGN_RUNS=10000 cargo test --release --test realtime campaign:: -- --nocapture`
 //! (`PMAC_CAMPAIGN_FIRST=n` begins with run n). Among the other tests it is short.
 //!
 //! After each run the fault is taken away, and within a bound everything works again. No call takes longer than it

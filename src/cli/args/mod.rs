@@ -52,7 +52,7 @@ pub struct Global {
     /// Print JSON
     #[arg(long, global = true, help_heading = GLOBAL)]
     pub json: bool,
-    /// Print no results, only errors; the exit status tells
+    /// Suppress output; use the exit status
     #[arg(long, short, global = true, help_heading = GLOBAL)]
     pub quiet: bool,
 }

@@ -133,7 +133,7 @@ impl BoardLoop {
 
     /// Does everything that is due now, and returns when something is due next, in nanoseconds of the loop's clock:
     /// `u64::MAX` when it has ended. For whoever drives the loop instead of [`BoardLoop::run`]; to be called again then, or
-    /// when a command or an interrupt has come. Where what is due does not end, it returns after so much of it.
+    /// when a command or an interrupt has come. Returns after [`STEPS_A_POLL`] pieces even if work is left.
     pub fn poll(&mut self) -> u64 {
         self.publisher.set_now(self.clock.ns());
         for _ in 0..STEPS_A_POLL {
@@ -173,7 +173,7 @@ impl BoardLoop {
             self.note_failure(result);
         }
         let now = self.clock.ns();
-        // Who waits for the board to be live shall not have to wait for the next beat.
+        // Beat at once when the board comes to life, so that waiting clients need not wait 50 ms.
         let beats = now >= self.heartbeat_due_ns;
         if beats || self.shows_life() && self.reporter.state() != Some(State::Live) {
             self.heartbeat_due_ns = now + HEARTBEAT_NS;

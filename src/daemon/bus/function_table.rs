@@ -1,7 +1,8 @@
 //! The board's automatic functions as one table, and who gets a command that is for one of them.
 //!
-//! The loop knows the table, not its rows. Only the servo data are special: they come before all others, so the loop asks
-//! for them by name. What a new row takes is in [`crate::function`].
+//! The loop polls the rows in turn. It asks for three by name: the servo data, which come before all others; the background
+//! report and the command lines, whose polls also say whether the board lives and who it is. What a new row takes is in
+//! [`crate::function`].
 
 use std::time::Instant;
 

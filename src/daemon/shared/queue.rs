@@ -174,8 +174,7 @@ impl<T> Sender<T> {
         self.try_put(value).inspect(|()| self.wake())
     }
 
-    /// As [`Sender::try_send`] of a value that means nothing without one that follows: the other side is woken by that, or when
-    /// the queue is full.
+    /// Queues `value` without waking the reader; the next [`Sender::try_send`] does, or a queue that is full.
     ///
     /// # Errors
     /// The value itself.

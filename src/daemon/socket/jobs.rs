@@ -66,8 +66,8 @@ pub(super) fn variables_enabled(family: &Family) -> Guard {
     }
 }
 
-/// Of the set-up of a rotary buffer. The header must not change under a transfer (DPRAM manual p. 30), and OPEN ROT, which
-/// is in force then, is just what keeps the board from being asked.
+/// Of the set-up of a rotary buffer. The header must not change under a transfer (DPRAM manual p. 30). While OPEN ROT is in
+/// force the board cannot be asked for I57, so the answer is required.
 fn rotary_at_rest(family: &Family) -> Option<Guard> {
     family.i.rotary_enable.map(|variable| Guard {
         variable,

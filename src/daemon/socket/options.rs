@@ -20,8 +20,8 @@ pub struct ServeOptions {
     pub roles: Roles,
     /// The most connections at a time; fewer where the limit of open files is lower.
     pub max_clients: usize,
-    /// The most connections of one user. Root and the daemon's user are exempt from this limit but, like everyone, not
-    /// from the reserve: the last eighth is for users who hold fewer than four, and half of it for those who may operate.
+    /// The most connections of one user; root and the daemon's user are exempt. The last eighth of all places is for
+    /// users with fewer than four connections, root too; half of that is for operators and engineers.
     pub max_clients_per_user: usize,
     /// How long a client may leave a message half sent, or its output unfetched.
     pub patience: Duration,
