@@ -11,6 +11,8 @@
 //! An error is a `<BELL>` in every form, with `ERRnnn<CR>` behind it when I6 is 1 or 3. With an odd I4 one byte of check sum
 //! follows each data line and the end.
 
+use crate::protocol::answer;
+
 const ACK: u8 = 0x06;
 const BELL: u8 = 0x07;
 const LF: u8 = b'\n';
@@ -63,9 +65,8 @@ pub fn recognise(bytes: &[u8]) -> Option<Handshake> {
     let line_feeds = bytes.first() == Some(&LF);
     let text = &bytes[usize::from(line_feeds)..];
     let end = text.iter().position(|&byte| byte == CR)?;
-    let number = std::str::from_utf8(&text[..end]).ok()?;
-    let number = number.strip_prefix("I4=").unwrap_or(number);
-    let checksum = number.parse::<u8>().ok().filter(|&value| value <= 3)? & 1 != 0;
+    let number = answer::integer(std::str::from_utf8(&text[..end]).ok()?);
+    let checksum = number.filter(|value| (0..=3).contains(value))? & 1 != 0;
     // The check sum of a line could be any byte, that of the line "I4" is none of the handshake characters.
     let rest = text.get(end + 1 + usize::from(checksum)..)?;
     let acknowledge = rest.first() == Some(&ACK);

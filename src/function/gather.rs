@@ -14,8 +14,8 @@
 use super::servo;
 use crate::device::{Bus, BusError};
 use crate::function::servo_timer::ServoTimer;
-use crate::gather::{GatherMode, GatherPlan, plan};
-use crate::map::{GatherPlace, Layout, ServoBlock};
+use crate::gather::GatherMode;
+use crate::map::{GatherPlace, ServoBlock};
 
 /// Longs copied in one poll at most, unless a single sample has more.
 const CHUNK_LONGS: u32 = 64;
@@ -49,22 +49,6 @@ pub struct GatherBuffer {
     pub mode: GatherMode,
     /// Servo cycles from one sample to the next (I19).
     pub period: u32,
-}
-
-impl GatherBuffer {
-    /// The buffer that `plan` defines on a board with `layout`.
-    #[must_use]
-    pub fn planned(plan: &GatherPlan, layout: &Layout) -> Self {
-        Self {
-            place: layout.gather(),
-            room_longs: plan::room_longs(layout),
-            size_longs: plan.buffer_longs,
-            sample_longs: plan.sample_longs,
-            longest_sample: layout.family().i.longest_gather_sample(),
-            mode: plan.mode,
-            period: plan.period,
-        }
-    }
 }
 
 /// A buffer that cannot be read.
@@ -337,8 +321,7 @@ impl GatherReader {
         poll
     }
 
-    /// Takes an index that was read within `bracket`, in servo cycles. Gives what ends the poll if that is the end of
-    /// it.
+    /// Takes an index that was read within `bracket`, in servo cycles. Returns the poll's result if the index ends it.
     fn learn(&mut self, size: u16, index: u16, bracket: (u64, u64)) -> Option<GatherPoll> {
         // A board may move its index long by long; only whole samples count.
         let slot = u64::from(index) / u64::from(self.buffer.sample_longs);

@@ -27,16 +27,12 @@ mod register {
     pub const COMMAND: u32 = 8;
     /// PMAC(1): ICW2, ICW4, mask.
     pub const PIC_MASK: u32 = 9;
-    /// PMAC2: the lines as they stand.
-    pub const SIGNALS: u32 = 9;
     /// PMAC2: mask.
     pub const ENABLE: u32 = 10;
 }
 
 /// 8259: specific end of interrupt, the line in bits 2-0.
 const SPECIFIC_END: u8 = 0x60;
-/// 8259: the next read of register 8 gives the requests (OCW3).
-const SELECT_REQUESTS: u8 = 0x0A;
 
 /// The three words that make an 8259 ready, in the order in which they are written: ICW1, ICW2, ICW4.
 pub type Initialisation = [u8; 3];
@@ -117,22 +113,6 @@ impl HostPort {
         Ok(())
     }
 
-    /// Whether the board holds the line up now. 1 read; on an 8259 1 write before it.
-    ///
-    /// # Errors
-    /// When the registers cannot be reached.
-    pub fn is_asserted(&self, bus: &mut impl ByteBus) -> Result<bool, ByteBusError> {
-        let lines = match self.controller {
-            Controller::Pic8259 => {
-                bus.write8(register::COMMAND, SELECT_REQUESTS)?;
-                bus.order_accesses();
-                bus.read8(register::COMMAND)?
-            }
-            Controller::Pmac2 => bus.read8(register::SIGNALS)?,
-        };
-        Ok(lines & self.bit() != 0)
-    }
-
     /// Whether the line is let through. 1 read.
     ///
     /// # Errors
@@ -168,23 +148,20 @@ mod tests {
     /// The controller's registers; every write is kept.
     struct Registers {
         values: [u8; 16],
-        /// What an 8259 answers when asked for its requests.
-        requests: u8,
         written: Vec<(u32, u8)>,
         reads: usize,
     }
 
     impl Registers {
         fn new() -> Self {
-            Self { values: [0; 16], requests: 0, written: Vec::new(), reads: 0 }
+            Self { values: [0; 16], written: Vec::new(), reads: 0 }
         }
     }
 
     impl ByteBus for Registers {
         fn read8(&mut self, offset: u32) -> Result<u8, ByteBusError> {
             self.reads += 1;
-            let asked = self.written.last() == Some(&(8, 0x0A));
-            Ok(if offset == 8 && asked { self.requests } else { self.values[offset as usize] })
+            Ok(self.values[offset as usize])
         }
         fn write8(&mut self, offset: u32, value: u8) -> Result<(), ByteBusError> {
             self.written.push((offset, value));
@@ -221,10 +198,6 @@ mod tests {
         assert_eq!((bus.written.as_slice(), bus.reads), (&[(8, 0x20), (10, 0xA1)][..], 1));
         HostPort::PMAC2.disable(&mut bus).unwrap();
         assert_eq!(bus.values[10], 0x81);
-        bus.values[9] = 0x20;
-        assert!(HostPort::PMAC2.is_asserted(&mut bus).unwrap());
-        bus.values[9] = 0xDF;
-        assert!(!HostPort::PMAC2.is_asserted(&mut bus).unwrap());
     }
 
     #[test]
@@ -242,10 +215,6 @@ mod tests {
             bus.values[9] = 0xFF;
             port.enable(&mut bus).unwrap();
             assert_eq!(bus.written, [(8, 0x60 + line), (9, !(1 << line))]);
-            bus.requests = 1 << line;
-            assert!(port.is_asserted(&mut bus).unwrap());
-            bus.requests = !(1 << line);
-            assert!(!port.is_asserted(&mut bus).unwrap());
         }
     }
 }

@@ -75,21 +75,6 @@ pub enum MailboxSignal {
     GroupTaken,
     /// Vector v: a group of a reply is in the mailboxes.
     ReplyReady,
-    /// Vector v+1: a response is in the DPRAM ASCII buffer; not the mailboxes' business.
-    DpramResponse,
-}
-
-impl MailboxSignal {
-    /// What `vector` means to a board whose X:$0789 holds `v` ($A1 by default); `None`: another's interrupt.
-    #[must_use]
-    pub const fn of_vector(vector: u8, v: u8) -> Option<Self> {
-        match vector.wrapping_sub(v) {
-            u8::MAX => Some(Self::GroupTaken),
-            0 => Some(Self::ReplyReady),
-            1 => Some(Self::DpramResponse),
-            _ => None,
-        }
-    }
 }
 
 /// How the board reports an error (I6). What follows a `<BELL>` in the mailboxes may be an old group's, so it must be
@@ -258,7 +243,6 @@ impl MailboxPort {
                 self.reply_ready = true;
                 self.enabled = false;
             }
-            MailboxSignal::DpramResponse => {}
         }
     }
 

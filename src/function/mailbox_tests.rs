@@ -355,12 +355,7 @@ fn an_endless_line_cannot_leave_its_buffer() {
 }
 
 #[test]
-fn vectors_and_pages() {
-    let of = |vector| MailboxSignal::of_vector(vector, 0xA1);
-    assert_eq!(of(0xA0), Some(MailboxSignal::GroupTaken));
-    assert_eq!(of(0xA1), Some(MailboxSignal::ReplyReady));
-    assert_eq!(of(0xA2), Some(MailboxSignal::DpramResponse));
-    assert_eq!((of(0xA3), of(0x9F)), (None, None));
+fn a_page_is_selected_by_one_write() {
     let mut rig = Rig::new(MailboxSettings::default());
     let before = rig.bus.accesses();
     select_page(&mut rig.bus, 0x1F_C000).unwrap();

@@ -129,8 +129,7 @@ impl GatherPlan {
 }
 
 /// Longs that the gather buffer of a board with `layout` can have.
-#[must_use]
-pub fn room_longs(layout: &Layout) -> u32 {
+fn room_longs(layout: &Layout) -> u32 {
     layout.family().length.saturating_sub(layout.gather().buffer.bytes()) / 4
 }
 

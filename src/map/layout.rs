@@ -3,7 +3,7 @@
 
 use serde::Serialize;
 
-use super::{Block, Family, Firmware, GatherPlace, HostOffset, Region, Register, SourceAt, Space, Width};
+use super::{Block, Family, Firmware, GatherPlace, HostOffset, Register, SourceAt, Space, Width};
 
 /// Where firmware that moves the gather buffer keeps the size word. No text says; a setting until a board is seen.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Deserialize, Serialize)]
@@ -47,15 +47,6 @@ pub struct Entry {
     pub number: Option<usize>,
     /// Where it lies.
     pub offset: HostOffset,
-}
-
-/// What lies at an offset.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Place {
-    /// The part of the DPRAM.
-    pub region: &'static Region,
-    /// The register, unless the word is free for buffers of variable size and other use.
-    pub entry: Option<Entry>,
 }
 
 /// A register as `pmacctl map --json` prints it.
@@ -147,14 +138,6 @@ impl Layout {
         })
     }
 
-    /// What lies at `offset`, or `None` when that is outside the DPRAM.
-    #[must_use]
-    pub fn lies_at(&self, offset: HostOffset) -> Option<Place> {
-        let region = self.family.region(offset)?;
-        let entry = self.entries().find(|entry| entry.contains(offset));
-        Some(Place { region, entry })
-    }
-
     /// The map as records, in the table's order.
     #[must_use]
     pub fn records(&self) -> Vec<MapRecord> {
@@ -243,6 +226,11 @@ mod tests {
         }
     }
 
+    /// The first register of the table with the word at `offset`.
+    fn lies_at(layout: &Layout, offset: HostOffset) -> Option<Entry> {
+        layout.entries().find(|entry| entry.contains(offset))
+    }
+
     #[test]
     fn every_word_is_found_under_its_own_name() {
         let layout = Layout::new(&PMAC, None);
@@ -250,15 +238,12 @@ mod tests {
             let found = layout.find(entry.register.function, entry.register.name, entry.number);
             assert_eq!(found, Some(entry));
             for word in 0..(entry.register.length as usize / 2).max(1) {
-                let place = layout.lies_at(entry.offset.plus_words(word)).unwrap();
-                assert_eq!(place.entry, Some(entry));
+                assert_eq!(lies_at(&layout, entry.offset.plus_words(word)), Some(entry));
             }
         }
         assert_eq!(layout.find("servo", "motor_actual_position", None), None);
         assert_eq!(layout.find("servo", "motor_actual_position", Some(9)), None);
-        let free = layout.lies_at(HostOffset::new(0x0802)).unwrap();
-        assert_eq!((free.region.name, free.entry), ("user", None));
-        assert_eq!(layout.lies_at(HostOffset::new(0x4000)), None);
+        assert_eq!(lies_at(&layout, HostOffset::new(0x0802)), None);
     }
 
     #[test]
@@ -279,7 +264,7 @@ mod tests {
         let layout = Layout::new(&PMAC, Some("1.16D".parse().unwrap()));
         let buffer = layout.find("gather", "buffer", None).unwrap();
         assert_eq!(buffer.record(&PMAC).pmac_address, "$D240");
-        assert_eq!(layout.lies_at(HostOffset::new(0x07FE)).unwrap().entry, None);
+        assert_eq!(lies_at(&layout, HostOffset::new(0x07FE)), None);
     }
 
     #[test]

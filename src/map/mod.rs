@@ -37,7 +37,7 @@ pub use functions::{
     PanelBlock, RecordBits, RotaryHeaders, Run, ServoBlock, StartRule, Timer, VariableKind, VariableRead,
     VariableWrite,
 };
-pub use layout::{Entry, GatherPosition, GatherSizeWord, Layout, MapRecord, Place, records};
+pub use layout::{Entry, GatherPosition, GatherSizeWord, Layout, MapRecord, records};
 pub use region::Region;
 pub use register::{BadRegister, PmacRegister};
 pub use selection::{BlockField, Selection, block_fields};

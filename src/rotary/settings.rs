@@ -114,12 +114,6 @@ impl Settings {
         }
     }
 
-    /// The number for coordinate system `number` (1 to 8) in a buffer's header.
-    #[must_use]
-    pub fn coordinate_system_word(&self, number: u8) -> u16 {
-        (u16::from(number) + u16::from(self.coordinate_system_base)).saturating_sub(1)
-    }
-
     /// Most commands of one text line: the end marker takes one place, and a buffer already counts as full with one
     /// more place left (manual p. 30, rules 2 and 3).
     #[must_use]
@@ -155,14 +149,6 @@ mod tests {
     fn the_smallest_buffer_takes_one_command_a_line() {
         let lines = |buffer_words| Settings { buffer_words, ..Settings::default() }.most_commands_a_line();
         assert_eq!((lines(6), lines(8), lines(3584)), (1, 2, 1790));
-    }
-
-    #[test]
-    fn a_header_counts_coordinate_systems_from_the_base() {
-        let word = |coordinate_system_base, number| {
-            Settings { coordinate_system_base, ..Settings::default() }.coordinate_system_word(number)
-        };
-        assert_eq!((word(1, 1), word(1, 8), word(0, 1), word(0, 8)), (1, 8, 0, 7));
     }
 
     #[test]

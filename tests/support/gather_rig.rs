@@ -78,7 +78,16 @@ impl GatherRig {
         for line in &plan.prepare {
             self.send(line);
         }
-        let buffer = GatherBuffer::planned(plan, &self.layout);
+        let place = self.layout.gather();
+        let buffer = GatherBuffer {
+            place,
+            room_longs: (PMAC.length - place.buffer.bytes()) / 4,
+            size_longs: plan.buffer_longs,
+            sample_longs: plan.sample_longs,
+            longest_sample: PMAC.i.longest_gather_sample(),
+            mode: plan.mode,
+            period: plan.period,
+        };
         let mut reader = GatherReader::new(buffer, GatherStart::Defined).unwrap();
         let look = reader.poll(&mut self.bus, |bus| report_cycles(bus, &PMAC.servo, timer)).unwrap();
         assert_eq!(look, GatherPoll::Idle);

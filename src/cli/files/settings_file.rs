@@ -12,6 +12,7 @@ use crate::cli::act::lines::{LineError, Way};
 use crate::cli::context::Failure;
 use crate::cli::files::preprocess::{Mistake, Place};
 use crate::protocol::LINE_MAX;
+use crate::protocol::answer;
 
 /// How long a request may take: a hundred answers, at a reply a background cycle, with room.
 const PATIENCE: Duration = Duration::from_secs(30);
@@ -100,7 +101,7 @@ impl Item {
             let plain = |text: &str| text.replace(' ', "").to_ascii_uppercase();
             return plain(one) == plain(other);
         }
-        matches!((number(one), number(other)), (Some(one), Some(other)) if one == other)
+        matches!((answer::number(one), answer::number(other)), (Some(one), Some(other)) if one == other)
     }
 }
 
@@ -111,22 +112,6 @@ impl fmt::Display for Item {
         }
         f.write_str(&self.short())
     }
-}
-
-/// A number as a board lists it: decimal without exponent, or `$` and hex digits.
-fn number(text: &str) -> Option<f64> {
-    let (negative, plain) = text.strip_prefix('-').map_or((false, text), |rest| (true, rest));
-    let value = match plain.strip_prefix('$') {
-        Some(digits) if !digits.is_empty() && digits.bytes().all(|byte| byte.is_ascii_hexdigit()) => {
-            i64::from_str_radix(digits, 16).ok()? as f64
-        }
-        Some(_) => return None,
-        None if !plain.is_empty() && plain.bytes().all(|byte| byte.is_ascii_digit() || byte == b'.') => {
-            plain.parse().ok()?
-        }
-        None => return None,
-    };
-    Some(if negative { -value } else { value })
 }
 
 /// One line of a file.
@@ -201,7 +186,7 @@ fn entry(code: &str, system: u8) -> Result<Line<'_>, String> {
         };
     }
     let text = tail.strip_prefix('=').map(str::trim).ok_or_else(wrong)?;
-    number(text).ok_or_else(|| format!("{text:?} is no number"))?;
+    answer::number(text).ok_or_else(|| format!("{text:?} is no number"))?;
     let item = match letter {
         Some('I') => Item::I(n),
         Some('P') => Item::P(n),

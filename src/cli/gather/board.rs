@@ -12,6 +12,7 @@ use crate::cli::console::interrupt::Interrupt;
 use crate::cli::context::Failure;
 use crate::client::{Board, CommandError, Connection, GatherFollower};
 use crate::gather::{GatherMode, GatherPlan, ServoReport};
+use crate::map::status::parse_reply;
 use crate::map::{Family, Layout};
 use crate::protocol::{CallError, answer};
 use crate::segment::{RegionId, RegionState};
@@ -30,11 +31,8 @@ pub fn ask(connection: &mut Connection, variable: u16) -> Result<String, Failure
 /// Whether the board gathers, as after a `pmacctl gather` that was killed.
 pub fn gathers(connection: &mut Connection, family: &Family) -> Result<bool, Failure> {
     let status = connection.send("???", LINE)?;
-    Ok(status
-        .first()
-        .and_then(|line| line.get(..6))
-        .and_then(|word| u32::from_str_radix(word, 16).ok())
-        .is_some_and(|word| word & family.gathering != 0))
+    let words = status.first().and_then(|line| parse_reply::<2>(line));
+    Ok(words.is_some_and(|[first, _]| first & family.gathering != 0))
 }
 
 /// Ends gathering, where the board gathers.

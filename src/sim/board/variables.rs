@@ -100,12 +100,6 @@ impl Variables {
         self.tables
     }
 
-    /// All I-variables at their defaults, no M definition, no password: what `$$$***` does. P- and Q-variables are memory
-    /// and are cleared with it.
-    pub fn reset_to_factory(&mut self) {
-        *self = Self::new(self.tables);
-    }
-
     /// What `SAVE` writes to flash.
     #[must_use]
     pub fn snapshot(&self, memory: &Memory) -> SavedVariables {
@@ -365,7 +359,7 @@ mod tests {
         variables.set_p(memory, 1023, 7.0);
         variables.set_q(memory, 0, 1023, 8.0);
         let saved = variables.snapshot(memory);
-        variables.reset_to_factory();
+        *variables = Variables::new(variables.tables());
         variables.set_p(memory, 1023, 0.0);
         variables.set_q(memory, 0, 1023, 0.0);
         variables.restore(&saved, memory);

@@ -54,12 +54,6 @@ impl Programs {
         }
     }
 
-    /// The enabled PLCs, bit n for PLC n. Whether they run depends on I5.
-    #[must_use]
-    pub fn enabled_plcs(&self) -> u32 {
-        self.plcs.enabled
-    }
-
     /// PLC 0, with I5 odd.
     pub(super) fn foreground_plc(&mut self, board: &mut Board) {
         if board.variables.i(5) as u32 & 1 == 1 {
