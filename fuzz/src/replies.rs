@@ -5,6 +5,7 @@ use std::time::{Duration, Instant};
 
 use pmac_dpram::client::serial_reply::{self, Handshake};
 use pmac_dpram::daemon::bus::identify::Identifier;
+use pmac_dpram::daemon::bus::scale_doubts::ScaleDoubts;
 use pmac_dpram::format::{Float48Layout, TextOrder, fixed48, float32, float48, int24, write48};
 use pmac_dpram::gather::Source;
 use pmac_dpram::map::PmacRegister;
@@ -149,7 +150,7 @@ fn absolute(tape: &mut Tape<'_>) {
 fn lines(bytes: &[u8]) {
     let mut buffer = OpenBuffer::default();
     for line in bytes.split(|&byte| byte == b'\r') {
-        let _ = Identifier::may_be_changed_by(line);
+        let _ = ScaleDoubts::of_line(line);
         match line {
             &[byte] if byte < 32 => buffer.follow_control(byte),
             _ => buffer.follow(line),

@@ -1,14 +1,14 @@
 //! What the segment says about the board, in the terms in which its data are decoded.
 
 use crate::decode::{MotorScales, Scales};
-use crate::map::{FAMILIES, Family};
+use crate::map::{DEFAULT_FAMILY, Family};
 use crate::segment::Identity;
 
-/// The board's family; the first one when the segment does not say, `None` when it is one that is not known here.
+/// The board's family; [`DEFAULT_FAMILY`] when the segment does not say, `None` when it is one that is not known here.
 #[must_use]
 pub fn family(identity: &Identity) -> Option<&'static Family> {
     match identity.family {
-        None => FAMILIES.first().copied(),
+        None => Some(DEFAULT_FAMILY),
         Some(number) => Family::by_number(number),
     }
 }

@@ -31,6 +31,7 @@ use crate::device::{Bus, BusError};
 use crate::map::buffer_layout::VARIABLE_READ_DATA_WORDS;
 use crate::map::functions::{VARIABLE_READ_ENTRIES, VARIABLE_READ_ENTRY_READY, VARIABLE_READ_ENTRY_WORDS};
 use crate::map::{HostOffset, PmacRegister, Region, StartRule, VariableKind, VariableRead};
+pub use crate::protocol::VariableMode;
 
 /// How long after the count became 0 the table is left alone.
 pub const SETTLE: Duration = Duration::from_millis(50);
@@ -50,16 +51,6 @@ impl From<PmacRegister> for VariableEntry {
     fn from(register: PmacRegister) -> Self {
         Self { address: register.address().number, kind: register.kind() }
     }
-}
-
-/// Who says when PMAC may update a value.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum VariableMode {
-    /// One ready bit for the whole table: all values of a report come from one pass.
-    #[default]
-    SingleUser,
-    /// A ready bit an entry.
-    MultiUser,
 }
 
 /// Why a table was refused. Nothing has been written then.

@@ -553,6 +553,9 @@ pub struct IVariables {
 const GATHER_MASK_BITS: usize = 24;
 
 impl IVariables {
+    /// Ix07, Ix08 and Ix09: the scales of a motor's master position, positions and velocities.
+    pub const SCALES: [usize; 3] = [7, 8, 9];
+
     /// Variable `which` (0-99) of `motor` (from 1): Ix08 of motor 3 is 308.
     #[must_use]
     pub const fn motor(motor: usize, which: usize) -> usize {

@@ -11,6 +11,7 @@ pub mod errors;
 pub mod family;
 pub mod field;
 pub mod firmware;
+pub mod function;
 pub mod functions;
 pub mod layout;
 pub mod mailbox;
@@ -29,9 +30,10 @@ pub use address::{HostOffset, PmacAddress, Space};
 pub use buffer_layout::{BufferLayout, BufferLayoutError, BufferSettings, NotUserArea, Owner};
 pub use family::pmac;
 pub use family::pmac_table::PANEL_REQUEST_BITS;
-pub use family::{FAMILIES, Family, Generation, PMAC, PMAC2, UnknownFamily, UnknownGeneration};
+pub use family::{DEFAULT_FAMILY, FAMILIES, Family, Generation, PMAC, PMAC2, UnknownFamily};
 pub use field::{BitField, Field, FieldError};
 pub use firmware::{BadFirmware, Firmware};
+pub use function::{Function, UnknownFunction};
 pub use functions::{
     AsciiPort, BackgroundBlock, Blocks, BusyRule, Controller, EntryBits, Flag, GatherPlace, IVariables,
     PanelBlock, RecordBits, RotaryHeaders, Run, ServoBlock, StartRule, Timer, VariableKind, VariableRead,

@@ -17,15 +17,16 @@ pub mod parameters;
 pub mod settings;
 pub mod transport;
 
+pub use crate::map::Function;
 pub use board::{BoardInfo, CommandPort, CommandState, Enabled, HostPortInfo, Message, MessageKind, State};
 pub use error::CallError;
 pub use frame::Inbox;
-pub use function::{Function, Functions};
+pub use function::Functions;
 pub use message::{Call, Reply};
 pub use mirror_selection::{BackgroundSettings, ServoSettings};
 pub use open_buffer::OpenBuffer;
 pub use parameters::parameters;
-pub use settings::{BoardSettings, GatherSettings, VariablesMode, VariablesSettings};
+pub use settings::{BoardSettings, GatherSettings, VariableMode, VariablesSettings};
 
 /// The name of our interface.
 pub const BOARD: &str = "io.github.pmac-dpram.Board";

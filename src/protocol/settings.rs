@@ -45,13 +45,13 @@ pub struct GatherSettings {
 #[serde(default, deny_unknown_fields)]
 pub struct VariablesSettings {
     /// The buffer's mode (DPRAM manual p. 22).
-    pub mode: VariablesMode,
+    pub mode: VariableMode,
 }
 
 /// The two modes of the variable-read buffer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum VariablesMode {
+pub enum VariableMode {
     /// One ready bit for the whole table: the values of a report belong together.
     #[default]
     SingleUser,
@@ -70,7 +70,7 @@ mod tests {
         let settings: BoardSettings = toml::from_str(text).unwrap();
         assert_eq!(settings.gather.position, GatherPosition::Moved);
         assert_eq!(settings.gather.size_word, GatherSizeWord::AsPrinted);
-        assert_eq!(settings.variables.mode, VariablesMode::MultiUser);
+        assert_eq!(settings.variables.mode, VariableMode::MultiUser);
         assert_eq!(
             (settings.plan.rotary_start.as_slice(), settings.plan.gather_longs),
             ([0xDE00, 0].as_slice(), 0x5C0)

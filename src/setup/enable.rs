@@ -4,89 +4,10 @@
 //! prints I3, and I3, I4 and I6 are better left alone after I58 has set them. The numbers are the family's; the order of
 //! the lines is that of PMAC and PMAC2.
 
-use std::fmt;
-use std::str::FromStr;
-
 use serde::Serialize;
 
 use crate::map::functions::rotary_header;
-use crate::map::{Family, Flag, HostOffset, IVariables, PmacRegister};
-
-/// An automatic function of the DPRAM.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Function {
-    // In the order in which they are best enabled: what others talk through first; rotary buffers before a gather
-    // buffer, since none can be defined while that exists.
-    /// Command lines and replies through the DPRAM.
-    Ascii,
-    /// Jog, start, stop and feed-rate requests.
-    Panel,
-    /// Motor data every so many servo cycles.
-    Servo,
-    /// Motor and coordinate-system data in the background.
-    Background,
-    /// Reading and writing of chosen registers in the background.
-    Variables,
-    /// Program lines in binary form.
-    Rotary,
-    /// Data gathering.
-    Gather,
-}
-
-impl Function {
-    /// Every function, in the order in which they are best enabled.
-    pub const ALL: [Self; 7] = [
-        Self::Ascii,
-        Self::Panel,
-        Self::Servo,
-        Self::Background,
-        Self::Variables,
-        Self::Rotary,
-        Self::Gather,
-    ];
-
-    /// The name on the command line.
-    #[must_use]
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Ascii => "ascii",
-            Self::Panel => "panel",
-            Self::Servo => "servo",
-            Self::Background => "background",
-            Self::Variables => "variables",
-            Self::Rotary => "rotary",
-            Self::Gather => "gather",
-        }
-    }
-}
-
-impl fmt::Display for Function {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(self.name())
-    }
-}
-
-/// A name that no function has.
-#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error(
-    "there is no function {name:?}; there are ascii, panel, servo, background, variables, rotary, gather"
-)]
-pub struct UnknownFunction {
-    /// What was asked for.
-    pub name: String,
-}
-
-impl FromStr for Function {
-    type Err = UnknownFunction;
-
-    fn from_str(name: &str) -> Result<Self, UnknownFunction> {
-        Self::ALL
-            .into_iter()
-            .find(|function| function.name().eq_ignore_ascii_case(name))
-            .ok_or_else(|| UnknownFunction { name: name.to_owned() })
-    }
-}
+use crate::map::{Family, Flag, Function, HostOffset, IVariables, PmacRegister};
 
 /// How the functions are to work. The defaults fit most boards.
 #[derive(Debug, Clone, PartialEq, Eq)]

@@ -1,8 +1,8 @@
 //! Tests of [`super::enable`].
 
-use super::enable::{self, EnableError, EnablePlan, Function, Options};
-use crate::map::PMAC;
+use super::enable::{self, EnableError, EnablePlan, Options};
 use crate::map::family::testing::TURBO;
+use crate::map::{Function, PMAC};
 
 fn plan(functions: &[Function], options: &Options) -> Result<EnablePlan, EnableError> {
     enable::plan(functions, options, &PMAC)

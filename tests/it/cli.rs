@@ -221,7 +221,7 @@ fn the_map_needs_no_daemon_and_follows_family_and_firmware() {
     let moved = text("map --firmware 1.16D");
     assert!(moved.lines().any(|line| line.contains("$D240") && line.contains("gather")));
     let ran = pmacctl("map --family vax");
-    assert!(one_clear_line(&ran).contains("known are pmac, pmac2"), "{ran:?}");
+    assert!(one_clear_line(&ran).contains("supported are pmac, pmac2"), "{ran:?}");
     assert_eq!((ran.code, pmacctl("map --firmware new").code), (Some(2), Some(2)));
 }
 

@@ -8,7 +8,6 @@ use pmac_dpram::gather::Source;
 use pmac_dpram::map::{FAMILIES, Generation, Layout, PMAC};
 use pmac_dpram::protocol::{BackgroundSettings, Function, ServoSettings};
 use pmac_dpram::rotary::Settings;
-use pmac_dpram::setup::enable;
 use pmac_dpram::sim::control::COMMANDS;
 use pmac_dpram::sim::fault::faults;
 
@@ -153,7 +152,7 @@ pub fn names(page: &str) -> Vec<Names> {
             list(
                 "FUNCTIONS",
                 "What setup enable takes, in the order in which it enables them:",
-                enable::Function::ALL.map(enable::Function::name),
+                Function::ALL.map(Function::name),
             ),
             generations(),
         ],

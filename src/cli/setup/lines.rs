@@ -7,9 +7,9 @@ use clap::{Args, Subcommand, ValueEnum};
 use crate::cli::args::values;
 use crate::cli::setup::answer::Answer;
 use crate::map::number::parse;
-use crate::map::{Family, Generation, PmacRegister};
+use crate::map::{Family, Function, Generation, PmacRegister};
 use crate::setup::SetupPlan;
-use crate::setup::enable::{self, EnablePlan, Function, Options};
+use crate::setup::enable::{self, EnablePlan, Options};
 use crate::setup::isa::{self, IsaAddressing, TurboWindow};
 use crate::setup::vme::{AddressBits, VmeSetup};
 

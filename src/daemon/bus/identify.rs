@@ -8,10 +8,10 @@
 use std::ops::RangeInclusive;
 use std::time::{Duration, Instant};
 
-use crate::daemon::bus::scale_doubts::ScaleDoubts;
+use crate::daemon::bus::scale_doubts::{ScaleDoubts, scale_tables};
 use crate::daemon::shared::status::Enabling;
 use crate::format::Text;
-use crate::map::Family;
+use crate::map::{Family, IVariables};
 use crate::protocol::{LINE_MAX, answer};
 use crate::segment::Identity;
 use crate::segment::identity::first_motors;
@@ -89,7 +89,10 @@ impl Question {
             Self::Reports(variables) => {
                 variables.iter().map(|(number, _)| format!("I{number}")).collect::<Vec<_>>().join(" ")
             }
-            Self::Scales(motors) => motors.clone().map(|n| format!("I{n}07I{n}08I{n}09")).collect(),
+            Self::Scales(motors) => {
+                let scales = |motor| IVariables::SCALES.map(|which| IVariables::motor(motor, which));
+                motors.clone().flat_map(scales).map(|number| format!("I{number}")).collect()
+            }
         }
     }
 }
@@ -189,10 +192,8 @@ impl Identifier {
     /// Takes note of a line that somebody sends. If the board may answer differently after it, it is asked again soon. A
     /// scale that the line may change is not known from now on: a position in counts by the old one would be wrong.
     pub fn line_sent(&mut self, line: &[u8], now: Instant) {
-        if !self.wanted || !Self::may_be_changed_by(line) {
-            return;
-        }
-        self.doubts.add(ScaleDoubts::of_line(line));
+        let Some(doubts) = ScaleDoubts::of_line(line).filter(|_| self.wanted) else { return };
+        self.doubts.add(doubts);
         self.tell(self.known.clone());
         self.ask_again(now);
     }
@@ -204,14 +205,6 @@ impl Identifier {
             self.known = answer.clone();
             self.update = Some(answer);
         }
-    }
-
-    /// Whether the board may answer differently after this line.
-    #[must_use]
-    pub fn may_be_changed_by(line: &[u8]) -> bool {
-        // An I-variable, or a reset or $-address. A jog (J=), P, Q and M come too often to ask four questions after each.
-        line.contains(&b'$')
-            || line.contains(&b'=') && line.iter().any(|byte| byte.eq_ignore_ascii_case(&b'i'))
     }
 
     /// How long nothing needs to be asked.
@@ -273,12 +266,9 @@ impl Identifier {
                 }
             }
             Question::Scales(motors) => {
-                let scales = match index % 3 {
-                    0 => &mut asking.ix07,
-                    1 => &mut asking.ix08,
-                    _ => &mut asking.ix09,
-                };
-                if let Some(scale) = scales.get_mut(motors.start() - 1 + index / 3) {
+                let tables = scale_tables(asking);
+                let motor = motors.start() - 1 + index / tables.len();
+                if let Some(scale) = tables[index % tables.len()].get_mut(motor) {
                     *scale = value.and_then(|value| i32::try_from(value).ok());
                 }
             }
@@ -490,15 +480,5 @@ mod tests {
         assert!((LONGEST..2 * LONGEST).contains(&answered_at), "{answered_at:?}");
         assert!(!identifier.is_overdue(identifier.not_before + SETTLE));
         assert!(identifier.is_overdue(identifier.not_before + LONGEST));
-    }
-
-    #[test]
-    fn only_lines_that_may_change_an_answer_have_it_asked_again() {
-        for line in ["I59=4", "i108=96", "P1=2I19=1", "$$$", "WX$D009,1", "I(P1)=3"] {
-            assert!(Identifier::may_be_changed_by(line.as_bytes()), "{line}");
-        }
-        for line in ["#1J=1000 #2J=-5", "P5=1", "M1=0", "#1J=", "I108", "?"] {
-            assert!(!Identifier::may_be_changed_by(line.as_bytes()), "{line}");
-        }
     }
 }

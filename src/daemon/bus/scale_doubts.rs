@@ -1,22 +1,33 @@
 //! Which motors' scales a command line may change: until the board has told them again, they are not known.
 
+use crate::map::IVariables;
 use crate::segment::Identity;
 
-/// Of Ix07, Ix08 and Ix09 each the motors whose value is in doubt, bit n-1 for motor n.
+/// The motors' scales in the order of [`IVariables::SCALES`].
+pub fn scale_tables(identity: &mut Identity) -> [&mut [Option<i32>]; IVariables::SCALES.len()] {
+    [&mut identity.ix07, &mut identity.ix08, &mut identity.ix09]
+}
+
+/// Of each of [`IVariables::SCALES`] the motors whose value is in doubt, bit n-1 for motor n.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct ScaleDoubts([u32; 3]);
+pub struct ScaleDoubts([u32; IVariables::SCALES.len()]);
 
 impl ScaleDoubts {
-    const ALL: Self = Self([u32::MAX; 3]);
+    const ALL: Self = Self([u32::MAX; IVariables::SCALES.len()]);
 
     /// The scales that `line` may change: those that it sets by number; all of them where it gives a range or an expression,
-    /// or resets the board.
+    /// or resets the board. `None` after a line that leaves every answer of the board to [`super::identify`] as it is.
     #[must_use]
-    pub fn of_line(line: &[u8]) -> Self {
-        let mut doubts = Self::default();
-        if line.windows(3).any(|three| three == b"$$$") {
-            return Self::ALL;
+    pub fn of_line(line: &[u8]) -> Option<Self> {
+        // An I-variable, or a reset or $-address. A jog (J=), P, Q and M come too often to ask four questions after each.
+        let sets_i = line.contains(&b'=') && line.iter().any(|byte| byte.eq_ignore_ascii_case(&b'i'));
+        if !sets_i && !line.contains(&b'$') {
+            return None;
         }
+        if line.windows(3).any(|three| three == b"$$$") {
+            return Some(Self::ALL);
+        }
+        let mut doubts = Self::default();
         for at in (0..line.len()).filter(|&at| line[at].eq_ignore_ascii_case(&b'i')) {
             let (before, after) = (line[..at].last(), line[at + 1..].trim_ascii_start());
             if before.is_some_and(u8::is_ascii_alphabetic) {
@@ -29,15 +40,16 @@ impl ScaleDoubts {
                     let number: usize =
                         std::str::from_utf8(number).ok().and_then(|n| n.parse().ok()).unwrap_or(0);
                     let (motor, which) = (number / 100, number % 100);
-                    if let (1..=32, Some(index)) = (motor, which.checked_sub(7).filter(|index| *index < 3)) {
+                    let scale = IVariables::SCALES.iter().position(|scale| *scale == which);
+                    if let (1..=32, Some(index)) = (motor, scale) {
                         doubts.0[index] |= 1 << (motor - 1);
                     }
                 }
-                [b'.' | b',' | b'(', ..] => return Self::ALL,
+                [b'.' | b',' | b'(', ..] => return Some(Self::ALL),
                 _ => {}
             }
         }
-        doubts
+        Some(doubts)
     }
 
     /// More doubts.
@@ -50,8 +62,7 @@ impl ScaleDoubts {
     /// `identity` without the scales that are in doubt.
     #[must_use]
     pub fn leave_out(self, mut identity: Identity) -> Identity {
-        let tables = [&mut identity.ix07, &mut identity.ix08, &mut identity.ix09];
-        for (table, motors) in tables.into_iter().zip(self.0) {
+        for (table, motors) in scale_tables(&mut identity).into_iter().zip(self.0) {
             for (index, scale) in table.iter_mut().enumerate() {
                 *scale = scale.filter(|_| motors >> index & 1 == 0);
             }
@@ -79,7 +90,16 @@ mod tests {
             ("$$$", [u32::MAX; 3]),
             ("M1->X:$C000,8", [0; 3]),
         ] {
-            assert_eq!(ScaleDoubts::of_line(line.as_bytes()), ScaleDoubts(expected), "{line}");
+            assert_eq!(ScaleDoubts::of_line(line.as_bytes()), Some(ScaleDoubts(expected)), "{line}");
+        }
+    }
+    #[test]
+    fn only_lines_that_may_change_an_answer_have_it_asked_again() {
+        for line in ["I59=4", "i108=96", "P1=2I19=1", "$$$", "WX$D009,1", "I(P1)=3"] {
+            assert!(ScaleDoubts::of_line(line.as_bytes()).is_some(), "{line}");
+        }
+        for line in ["#1J=1000 #2J=-5", "P5=1", "M1=0", "#1J=", "I108", "?"] {
+            assert_eq!(ScaleDoubts::of_line(line.as_bytes()), None, "{line}");
         }
     }
 }

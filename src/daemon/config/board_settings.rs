@@ -1,9 +1,8 @@
 //! The settings of a board that no document decides: checked once at the start, and again when its firmware is known.
 
 use super::span::Refusal;
-use crate::function::variable_read::VariableMode;
 use crate::map::{BadFirmware, BufferLayout, Family, Firmware, Layout};
-use crate::protocol::settings::{BoardSettings, VariablesMode};
+use crate::protocol::settings::{BoardSettings, VariableMode};
 
 /// The settings, checked for a family.
 #[derive(Debug, Clone)]
@@ -67,10 +66,7 @@ impl CheckedSettings {
     /// How background variables are read.
     #[must_use]
     pub fn variable_mode(&self) -> VariableMode {
-        match self.settings.variables.mode {
-            VariablesMode::SingleUser => VariableMode::SingleUser,
-            VariablesMode::MultiUser => VariableMode::MultiUser,
-        }
+        self.settings.variables.mode
     }
 }
 

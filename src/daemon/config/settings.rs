@@ -19,7 +19,7 @@ use crate::device::board::spec::SpecError;
 use crate::device::{Access, BoardSpec};
 use crate::format::{TextOrder, WordOrder};
 use crate::function::servo::ServoReading;
-use crate::map::{BufferSettings, Family, PMAC};
+use crate::map::{BufferSettings, DEFAULT_FAMILY, Family};
 use crate::protocol::{BoardSettings, Function, Functions, GatherSettings, VariablesSettings};
 use crate::rotary;
 use crate::segment::SegmentName;
@@ -178,7 +178,7 @@ impl Settings {
         let name = options.name.clone().or(file.name).unwrap_or_else(|| "pmac0".to_owned());
         let socket = options.socket.clone().or(file.socket);
         let roles = file.roles.unwrap_or_default();
-        let family = file.family.as_deref().map_or(Ok(&PMAC), Family::by_name);
+        let family = file.family.as_deref().map_or(Ok(DEFAULT_FAMILY), Family::by_name);
         let family = family.map_err(|error| Refusal::of("family", error))?;
         let (servo, background) = (file.servo.decide(family)?, file.background.decide(family)?);
         something_to_do(&file.functions, &servo)?;
@@ -364,7 +364,7 @@ mod tests {
             ),
             (
                 "board = \"sim\"\nfamily = \"turbo9\"\n",
-                "FILE:2:10: no board family is called \"turbo9\"; known are pmac, pmac2",
+                "FILE:2:10: no board family is called \"turbo9\"; supported are pmac, pmac2; turbo, turbo2 can only be set up",
             ),
             ("board = \"sim\"\nmotors = 9\n", "FILE:2:10: motors = 9 is out of range: write 1 to 8"),
             ("board = \"sim\"\nsocket_mode = \"9\"\n", "FILE:2:15: socket_mode = \"9\" is no file mode"),

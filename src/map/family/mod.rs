@@ -6,6 +6,7 @@ pub(super) mod pmac_table;
 #[cfg(test)]
 pub mod testing;
 
+use std::fmt;
 use std::str::FromStr;
 
 use super::functions::{
@@ -25,24 +26,13 @@ pub enum Generation {
     Turbo,
 }
 
-/// A family name that belongs to no generation.
-#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("no board family is called {name:?}; known are pmac, pmac2, turbo, turbo2")]
-pub struct UnknownGeneration {
-    /// What was asked for.
-    pub name: String,
-}
-
 impl FromStr for Generation {
-    type Err = UnknownGeneration;
+    type Err = UnknownFamily;
 
     /// The generation of the family called `name`. Boards whose DPRAM is not supported have one too: they can be set up.
-    fn from_str(name: &str) -> Result<Self, UnknownGeneration> {
-        match name.to_ascii_lowercase().as_str() {
-            "pmac" | "pmac2" => Ok(Self::Pmac),
-            "turbo" | "turbo2" => Ok(Self::Turbo),
-            _ => Err(UnknownGeneration { name: name.to_owned() }),
-        }
+    fn from_str(name: &str) -> Result<Self, UnknownFamily> {
+        let named = NAMES.iter().find(|(known, _)| known.eq_ignore_ascii_case(name));
+        named.map(|(_, generation)| *generation).ok_or_else(|| UnknownFamily { name: name.to_owned() })
     }
 }
 
@@ -165,17 +155,40 @@ pub static PMAC2: Family = pmac_family("pmac2", "PMAC2", 2, 3_713_991, Controlle
 /// The families this version knows.
 pub static FAMILIES: &[&Family] = &[&PMAC, &PMAC2];
 
-/// A family name that is not known.
-#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("no board family is called {name:?}; known are {}", known())]
+/// What a board is taken for where nothing says its family.
+pub static DEFAULT_FAMILY: &Family = &PMAC;
+
+/// The families that have a name. One that [`FAMILIES`] lacks can be set up, but its DPRAM is not supported.
+const NAMES: [(&str, Generation); 4] = [
+    ("pmac", Generation::Pmac),
+    ("pmac2", Generation::Pmac),
+    ("turbo", Generation::Turbo),
+    ("turbo2", Generation::Turbo),
+];
+
+/// A family name that is not known, or whose DPRAM is not supported.
+#[derive(Debug, Clone, PartialEq, Eq)]
 pub struct UnknownFamily {
     /// What was asked for.
     pub name: String,
 }
 
-fn known() -> String {
-    FAMILIES.iter().map(|family| family.name).collect::<Vec<_>>().join(", ")
+impl fmt::Display for UnknownFamily {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let names = |supported: bool| {
+            let names = NAMES.iter().map(|(name, _)| *name);
+            names.filter(|name| Family::supported(name).is_some() == supported).collect::<Vec<_>>().join(", ")
+        };
+        if Generation::from_str(&self.name).is_ok() {
+            write!(f, "the DPRAM of a {} is not supported", self.name)?;
+        } else {
+            write!(f, "no board family is called {:?}", self.name)?;
+        }
+        write!(f, "; supported are {}; {} can only be set up", names(true), names(false))
+    }
 }
+
+impl std::error::Error for UnknownFamily {}
 
 impl Family {
     /// Whether the PMAC address is certainly one of memory, so that reading it has no effect on hardware.
@@ -189,11 +202,11 @@ impl Family {
     /// # Errors
     /// [`UnknownFamily`], which lists the names there are.
     pub fn by_name(name: &str) -> Result<&'static Self, UnknownFamily> {
-        FAMILIES
-            .iter()
-            .copied()
-            .find(|family| family.name.eq_ignore_ascii_case(name))
-            .ok_or_else(|| UnknownFamily { name: name.to_owned() })
+        Self::supported(name).ok_or_else(|| UnknownFamily { name: name.to_owned() })
+    }
+
+    fn supported(name: &str) -> Option<&'static Self> {
+        FAMILIES.iter().copied().find(|family| family.name.eq_ignore_ascii_case(name))
     }
 
     /// The family with this number in the segment, or `None` for one that is not known here.
@@ -319,14 +332,19 @@ mod tests {
     fn an_unknown_family_is_answered_with_the_known_ones() {
         assert_eq!(Family::by_name("PMAC2").unwrap(), &PMAC2);
         let error = Family::by_name("pmac9").unwrap_err().to_string();
-        assert_eq!(error, "no board family is called \"pmac9\"; known are pmac, pmac2");
+        let known = "supported are pmac, pmac2; turbo, turbo2 can only be set up";
+        assert_eq!(error, format!("no board family is called \"pmac9\"; {known}"));
+        let error = Family::by_name("turbo").unwrap_err().to_string();
+        assert_eq!(error, format!("the DPRAM of a turbo is not supported; {known}"));
+        assert_eq!("pmac9".parse::<Generation>().unwrap_err(), Family::by_name("pmac9").unwrap_err());
     }
 
     #[test]
     fn generations_go_by_their_families_names() {
         assert_eq!("PMAC2".parse(), Ok(Generation::Pmac));
         assert_eq!("turbo".parse(), Ok(Generation::Turbo));
-        let error = "umac".parse::<Generation>().unwrap_err().to_string();
-        assert_eq!(error, "no board family is called \"umac\"; known are pmac, pmac2, turbo, turbo2");
+        for family in FAMILIES {
+            assert_eq!(family.name.parse(), Ok(family.generation));
+        }
     }
 }

@@ -13,6 +13,7 @@ use crate::clock::Clock;
 use crate::daemon::bus::identify::Identifier;
 use crate::daemon::bus::ports::command_port::{CommandPorts, PortError};
 use crate::daemon::bus::ports::fallback::{Change, Fallback, Waiting};
+use crate::daemon::bus::scale_doubts::ScaleDoubts;
 use crate::daemon::shared::queue::{
     Command, Event, LINE_MAX, Outcome, Sender, Text, Ticket, Unsolicited, at_once,
 };
@@ -224,17 +225,15 @@ impl AsciiQueue {
     pub fn submit(&mut self, command: &Command, now: Instant) {
         match *command {
             Command::Send { ticket, line, deadline, question } => {
+                if ScaleDoubts::of_line(line.as_bytes()).is_some() {
+                    self.fallback.ask_soon(&self.ports, now);
+                }
                 self.lines.push_back(WaitingLine { ticket, line, deadline, question });
             }
             Command::Control { ticket, character, deadline } => {
                 self.controls.push_back(WaitingControl { ticket, character, deadline });
             }
             Command::ReadWords { .. } | Command::Job { .. } => {}
-        }
-        if let Command::Send { line, .. } = command
-            && Identifier::may_be_changed_by(line.as_bytes())
-        {
-            self.fallback.ask_soon(&self.ports, now);
         }
         self.poll_now(now);
     }
