@@ -1,11 +1,15 @@
 //! What a call is refused with.
 
-/// An error that the service answers.
-#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+use serde::{Deserialize, Serialize};
+
+/// An error that the service answers, named on the wire with its interface.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error, Serialize, Deserialize)]
+#[serde(tag = "error", content = "parameters")]
 #[non_exhaustive]
 pub enum CallError {
     /// The board refused the line.
     #[error("ERR{code:03}: {meaning}")]
+    #[serde(rename = "io.github.pmac-dpram.Board.BoardError")]
     Board {
         /// The number of `ERRnnn`.
         code: u16,
@@ -19,42 +23,50 @@ pub enum CallError {
         "the board did not answer in time{}; the line may or may not have been carried out",
         so_far(lines)
     )]
+    #[serde(rename = "io.github.pmac-dpram.Board.TimedOut")]
     TimedOut {
         /// What had come of its reply.
         lines: Vec<String>,
     },
     /// The board does not take commands now.
     #[error("the board does not take commands now: {reason}")]
+    #[serde(rename = "io.github.pmac-dpram.Board.Unavailable")]
     Unavailable {
         /// Why, and what to do.
         reason: String,
     },
     /// Too many commands wait already.
     #[error("too many commands wait already; nothing was sent, try again")]
+    #[serde(rename = "io.github.pmac-dpram.Board.Busy")]
     Busy,
     /// The caller lacks a role.
     #[error("not permitted: this needs the role {role_needed}; ask the administrator for its group")]
+    #[serde(rename = "io.github.pmac-dpram.Board.NotPermitted")]
     NotPermitted {
         /// The role: observe, operate or engineer.
         role_needed: String,
     },
     /// The line cannot be sent to a board.
     #[error("invalid line: {reason}")]
+    #[serde(rename = "io.github.pmac-dpram.Board.InvalidLine")]
     InvalidLine {
         /// What is wrong and where.
         reason: String,
     },
     /// It cannot be done; nothing has been written.
     #[error("{reason}")]
+    #[serde(rename = "io.github.pmac-dpram.Board.Refused")]
     Refused {
         /// Why, and what to do.
         reason: String,
     },
-    /// The words lie outside the board's window.
-    #[error("the words lie outside the board's window, or there are more than 64")]
+    /// The words do not all lie in the board's window.
+    #[error("the words do not all lie in the board's window")]
+    #[serde(rename = "io.github.pmac-dpram.Board.OutOfRange")]
     OutOfRange,
     /// A parameter is missing, of the wrong type, or not known.
     #[error("invalid parameter {parameter}{}", and_what(expected))]
+    #[serde(rename = "org.varlink.service.InvalidParameter")]
     InvalidParameter {
         /// Its name.
         parameter: String,
@@ -63,21 +75,25 @@ pub enum CallError {
     },
     /// There is no such interface.
     #[error("the service has no interface {interface}")]
+    #[serde(rename = "org.varlink.service.InterfaceNotFound")]
     InterfaceNotFound {
         /// Its name.
         interface: String,
     },
     /// There is no such method.
     #[error("the service has no method {method}")]
+    #[serde(rename = "org.varlink.service.MethodNotFound")]
     MethodNotFound {
         /// Its name with that of the interface.
         method: String,
     },
     /// The method streams and was not called so.
     #[error("the method streams its replies: call it with \"more\"")]
+    #[serde(rename = "org.varlink.service.ExpectedMore")]
     ExpectedMore,
     /// The other side does not follow the protocol.
     #[error("the service answered something that is not understood: {0}")]
+    #[serde(skip)]
     Protocol(String),
 }
 

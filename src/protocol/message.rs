@@ -1,10 +1,9 @@
 //! Calls and replies of Varlink, and the reading of a call's parameters.
 
 use serde::{Deserialize, Serialize};
-use serde_json::{Map, Value, json};
+use serde_json::{Map, Value};
 
 use super::error::CallError;
-use super::{BOARD, SERVICE};
 
 /// What a client asks.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -80,73 +79,23 @@ impl Reply {
     /// The reply of a call that ended in `error`.
     #[must_use]
     pub fn of_error(error: &CallError) -> Self {
-        let (interface, name, parameters) = match error {
-            CallError::Board { code, meaning, lines } => {
-                (BOARD, "BoardError", json!({"code": code, "meaning": meaning, "lines": lines}))
-            }
-            CallError::TimedOut { lines } => (BOARD, "TimedOut", json!({"lines": lines})),
-            CallError::Unavailable { reason } => (BOARD, "Unavailable", json!({"reason": reason})),
-            CallError::Busy => (BOARD, "Busy", Value::Null),
-            CallError::NotPermitted { role_needed } => {
-                (BOARD, "NotPermitted", json!({"role_needed": role_needed}))
-            }
-            CallError::InvalidLine { reason } => (BOARD, "InvalidLine", json!({"reason": reason})),
-            CallError::Refused { reason } => (BOARD, "Refused", json!({"reason": reason})),
-            CallError::OutOfRange => (BOARD, "OutOfRange", Value::Null),
-            CallError::InvalidParameter { parameter, expected } => {
-                (SERVICE, "InvalidParameter", json!({"parameter": parameter, "expected": expected}))
-            }
-            CallError::InterfaceNotFound { interface } => {
-                (SERVICE, "InterfaceNotFound", json!({"interface": interface}))
-            }
-            CallError::MethodNotFound { method } => (SERVICE, "MethodNotFound", json!({"method": method})),
-            CallError::ExpectedMore => (SERVICE, "ExpectedMore", Value::Null),
+        if let CallError::Protocol(what) = error {
             // Only a reply of our own that does not serialise; the caller learns at least that.
-            CallError::Protocol(what) => (BOARD, "Unavailable", json!({"reason": what})),
-        };
-        let parameters = match parameters {
-            Value::Object(map) => map,
-            _ => Map::new(),
-        };
-        Self { parameters: Some(parameters), continues: None, error: Some(format!("{interface}.{name}")) }
+            return Self::of_error(&CallError::Unavailable { reason: what.clone() });
+        }
+        // An error serialises as a reply's fields `error` and, if it has parameters, `parameters`.
+        let reply: Self = serde_json::to_value(error).and_then(serde_json::from_value).unwrap_or_default();
+        Self { parameters: Some(reply.parameters.unwrap_or_default()), ..reply }
     }
 
     /// The error that the reply carries, or `None` when it carries none.
     #[must_use]
     pub fn error(&self) -> Option<CallError> {
-        let full_name = self.error.as_deref()?;
-        let fields = self.parameters.clone().unwrap_or_default();
-        let text = |name: &str| fields.get(name).and_then(Value::as_str).unwrap_or_default().to_owned();
-        let lines = || {
-            let lines = fields.get("lines").and_then(|lines| serde_json::from_value(lines.clone()).ok());
-            lines.unwrap_or_default()
-        };
-        let (interface, name) = full_name.rsplit_once('.').unwrap_or(("", full_name));
-        Some(match (interface, name) {
-            (BOARD, "BoardError") => CallError::Board {
-                code: fields
-                    .get("code")
-                    .and_then(Value::as_u64)
-                    .and_then(|c| u16::try_from(c).ok())
-                    .unwrap_or(0),
-                meaning: text("meaning"),
-                lines: lines(),
-            },
-            (BOARD, "TimedOut") => CallError::TimedOut { lines: lines() },
-            (BOARD, "Unavailable") => CallError::Unavailable { reason: text("reason") },
-            (BOARD, "Busy") => CallError::Busy,
-            (BOARD, "NotPermitted") => CallError::NotPermitted { role_needed: text("role_needed") },
-            (BOARD, "InvalidLine") => CallError::InvalidLine { reason: text("reason") },
-            (BOARD, "Refused") => CallError::Refused { reason: text("reason") },
-            (BOARD, "OutOfRange") => CallError::OutOfRange,
-            (SERVICE, "InvalidParameter") => {
-                CallError::InvalidParameter { parameter: text("parameter"), expected: text("expected") }
-            }
-            (SERVICE, "InterfaceNotFound") => CallError::InterfaceNotFound { interface: text("interface") },
-            (SERVICE, "MethodNotFound") => CallError::MethodNotFound { method: text("method") },
-            (SERVICE, "ExpectedMore") => CallError::ExpectedMore,
-            _ => CallError::Protocol(full_name.to_owned()),
-        })
+        let name = self.error.as_ref()?;
+        let parameters = self.parameters.clone().filter(|parameters| !parameters.is_empty());
+        let reply = Self { parameters, continues: None, error: self.error.clone() };
+        let error = serde_json::to_value(reply).and_then(serde_json::from_value);
+        Some(error.unwrap_or_else(|_| CallError::Protocol(name.clone())))
     }
 }
 
@@ -162,6 +111,7 @@ pub fn encode<T: Serialize>(message: &T) -> Vec<u8> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::protocol::{BOARD, BOARD_DESCRIPTION, SERVICE, SERVICE_DESCRIPTION};
 
     #[test]
     fn a_call_is_its_shortest_json() {
@@ -172,27 +122,55 @@ mod tests {
         assert_eq!(encode(&more), b"{\"method\":\"a.B\",\"more\":true}\0");
     }
 
+    /// Every error, one after the other: the compiler asks for a new one here.
+    fn following(error: Option<&CallError>) -> Option<CallError> {
+        let text = || "why".to_owned();
+        Some(match error {
+            None => CallError::Board { code: 3, meaning: text(), lines: vec![text()] },
+            Some(CallError::Board { .. }) => CallError::TimedOut { lines: vec![text(), text()] },
+            Some(CallError::TimedOut { .. }) => CallError::Unavailable { reason: text() },
+            Some(CallError::Unavailable { .. }) => CallError::Busy,
+            Some(CallError::Busy) => CallError::NotPermitted { role_needed: text() },
+            Some(CallError::NotPermitted { .. }) => CallError::InvalidLine { reason: text() },
+            Some(CallError::InvalidLine { .. }) => CallError::Refused { reason: text() },
+            Some(CallError::Refused { .. }) => CallError::OutOfRange,
+            Some(CallError::OutOfRange) => {
+                CallError::InvalidParameter { parameter: text(), expected: text() }
+            }
+            Some(CallError::InvalidParameter { .. }) => CallError::InterfaceNotFound { interface: text() },
+            Some(CallError::InterfaceNotFound { .. }) => CallError::MethodNotFound { method: text() },
+            Some(CallError::MethodNotFound { .. }) => CallError::ExpectedMore,
+            Some(CallError::ExpectedMore) => CallError::Protocol(text()),
+            Some(CallError::Protocol(_)) => return None,
+        })
+    }
+
     #[test]
     fn errors_survive_the_wire() {
-        let text = || "why".to_owned();
-        for error in [
-            CallError::Board { code: 3, meaning: text(), lines: vec![text()] },
-            CallError::TimedOut { lines: vec![text(), text()] },
-            CallError::TimedOut { lines: Vec::new() },
-            CallError::Unavailable { reason: text() },
-            CallError::Busy,
-            CallError::NotPermitted { role_needed: text() },
-            CallError::InvalidLine { reason: text() },
-            CallError::OutOfRange,
-            CallError::InvalidParameter { parameter: text(), expected: text() },
-            CallError::InterfaceNotFound { interface: text() },
-            CallError::MethodNotFound { method: text() },
-            CallError::ExpectedMore,
-        ] {
-            assert_eq!(Reply::of_error(&error).error(), Some(error));
+        let every = std::iter::successors(following(None), |error| following(Some(error)));
+        assert_eq!(every.clone().count(), 13);
+        for error in every {
+            let reply = Reply::of_error(&error);
+            assert!(reply.parameters.is_some(), "{error}");
+            let (interface, name) = reply.error.as_ref().unwrap().rsplit_once('.').unwrap();
+            let description = match interface {
+                BOARD => BOARD_DESCRIPTION,
+                SERVICE => SERVICE_DESCRIPTION,
+                _ => panic!("{reply:?}"),
+            };
+            assert!(description.contains(&format!("error {name} (")), "{name}");
+            let expected = match error {
+                CallError::Protocol(what) => CallError::Unavailable { reason: what },
+                error => error,
+            };
+            assert_eq!(reply.error(), Some(expected));
         }
         assert_eq!(Reply::default().error(), None);
-        let foreign = Reply { error: Some("x.Y".to_owned()), ..Reply::default() };
-        assert_eq!(foreign.error(), Some(CallError::Protocol("x.Y".to_owned())));
+        let nothing_so_far = CallError::TimedOut { lines: Vec::new() };
+        assert_eq!(Reply::of_error(&nothing_so_far).error(), Some(nothing_so_far));
+        for foreign in ["x.Y", "io.github.pmac-dpram.Board.TimedOut"] {
+            let reply = Reply { error: Some(foreign.to_owned()), ..Reply::default() };
+            assert_eq!(reply.error(), Some(CallError::Protocol(foreign.to_owned())), "without parameters");
+        }
     }
 }
