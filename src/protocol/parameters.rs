@@ -86,8 +86,25 @@ impl<'de> MapAccess<'de> for Fields {
     fn next_value_seed<V: DeserializeSeed<'de>>(&mut self, seed: V) -> Result<V::Value, Wrong> {
         let Some((name, value)) = self.next.take() else { return Err(de::Error::custom("no value")) };
         seed.deserialize(value)
-            .map_err(|error: serde_json::Error| Wrong { parameter: Some(name), what: error.to_string() })
+            .map_err(|error: serde_json::Error| Wrong { parameter: Some(name), what: in_words(&error) })
     }
+}
+
+/// What is wrong, in the interface's words: its numbers have ranges, not our types.
+fn in_words(error: &serde_json::Error) -> String {
+    let mut text = error.to_string();
+    for (of_ours, words) in [
+        ("expected u8", "expected a whole number from 0 to 255"),
+        ("expected u16", "expected a whole number from 0 to 65535"),
+        ("expected u32", "expected a whole number from 0 to 4294967295"),
+        ("expected u64", "expected a whole number, not negative"),
+        ("expected usize", "expected a whole number, not negative"),
+        ("expected f64", "expected a number"),
+        ("expected a sequence", "expected a list"),
+    ] {
+        text = text.replace(of_ours, words);
+    }
+    text
 }
 
 /// A call's parameters as they are sent.
@@ -105,7 +122,7 @@ mod tests {
     use serde_json::json;
 
     use super::*;
-    use crate::protocol::calls::{NoParameters, Read, Send};
+    use crate::protocol::calls::{NoParameters, Panel, Read, Rotary, Send, Write};
 
     fn wrong<T: DeserializeOwned + fmt::Debug>(parameters: Value) -> (String, String) {
         let call: Call = serde_json::from_value(json!({"method": "a.B", "parameters": parameters})).unwrap();
@@ -126,10 +143,23 @@ mod tests {
             (wrong::<Read>(json!({"host_offset": 0, "words": 1.5})), "words", "expected"),
             (wrong::<Read>(json!({"host_offset": 0, "words": -1})), "words", "expected"),
             (wrong::<Read>(json!({"host_offset": 1, "words": 1})), "host_offset", "even"),
+            (
+                wrong::<Read>(json!({"host_offset": 0, "words": 2f64.powi(70)})),
+                "words",
+                "a whole number, not",
+            ),
+            (wrong::<Write>(json!({"host_offset": 0, "words": [70000]})), "words", "from 0 to 65535"),
+            (wrong::<Rotary>(json!({"buffer": 256})), "buffer", "from 0 to 255"),
+            (wrong::<Read>(json!({"host_offset": -2, "words": 1})), "host_offset", "from 0 to 4294967295"),
+            (wrong::<Panel>(json!({"action": "home", "numbers": 1})), "numbers", "a list"),
             (wrong::<NoParameters>(json!({"more": 1})), "more", "takes none"),
         ] {
             assert_eq!(found.0, parameter);
             assert!(found.1.contains(expected), "{found:?}");
+            assert!(
+                !["usize", "u8", "u16", "u32", "u64"].iter().any(|ours| found.1.contains(ours)),
+                "{found:?}"
+            );
         }
         let call: Call = serde_json::from_value(json!({"method": "a.B", "parameters": null})).unwrap();
         assert!(super::parameters::<NoParameters>(&call).is_ok());

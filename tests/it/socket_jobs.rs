@@ -66,9 +66,13 @@ fn a_panel_request_asks_first_whether_the_panel_is_enabled() {
     client.call("Panel", json!({"action": "jog+", "numbers": [1, 3]}));
     assert_eq!(client.receive().unwrap().get("error"), None);
     assert_eq!(bench.seen().last().unwrap(), r#"Panel({1: "0x0200", 3: "0x0200"})"#);
-    for (action, numbers) in [("jog+", json!([9])), ("jog+", json!([])), ("fly", json!([1]))] {
+    for (action, numbers, error) in [
+        ("jog+", json!([9]), "InvalidParameter"),
+        ("jog+", json!([]), "InvalidParameter"),
+        ("fly", json!([1]), "Refused"),
+    ] {
         client.call("Panel", json!({"action": action, "numbers": numbers}));
-        assert_eq!(error_name(&client.receive().unwrap()), "Refused");
+        assert_eq!(error_name(&client.receive().unwrap()), error);
     }
     client.call("PanelHold", json!({"action": "home", "numbers": [1]}));
     assert_eq!(error_name(&client.receive().unwrap()), "Refused", "only jogs can be held");

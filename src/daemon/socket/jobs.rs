@@ -6,11 +6,11 @@ use crate::daemon::shared::job::{Job, MaskedWord};
 use crate::daemon::shared::status::Enabling;
 use crate::function::gather::GatherBuffer;
 use crate::function::panel::{FeedOverride, PanelAction, PanelRequest};
-use crate::function::variable_read::{VariableEntry, VariableReadError};
+use crate::function::variable_read::VariableEntry;
 use crate::function::variable_write::WriteRecord;
 use crate::gather::GatherMode;
 use crate::map::functions::VARIABLE_READ_ENTRIES;
-use crate::map::{Family, GatherPlace, PmacAddress, PmacRegister, Space};
+use crate::map::{Family, GatherPlace, HostOffset, PmacAddress, PmacRegister, Space};
 use crate::mirror::GatherClock;
 use crate::protocol::board::VariableRecord;
 use crate::protocol::{CallError, answer, calls};
@@ -237,16 +237,36 @@ fn refused(reason: impl std::fmt::Display) -> CallError {
     CallError::Refused { reason: reason.to_string() }
 }
 
+/// The first of `words` words at `offset`, all of them in the DPRAM; `name` is the parameter's.
+pub(super) fn inside(
+    calls::Offset(offset): calls::Offset,
+    words: usize,
+    name: &str,
+    family: &Family,
+) -> Result<HostOffset, CallError> {
+    let end = family.length;
+    if offset.bytes() >= end {
+        return Err(CallError::invalid(name, format_args!("an even number from 0 to {}", end - 2)));
+    }
+    let fits = words <= (end - offset.bytes()) as usize / 2;
+    if fits { Ok(offset) } else { Err(CallError::OutOfRange) }
+}
+
+/// Whether `number` is one of `count`, which count from 1; `name` is the parameter's.
+fn check_number(number: usize, count: usize, name: &str) -> Result<(), CallError> {
+    let is_one = (1..=count).contains(&number);
+    if is_one { Ok(()) } else { Err(CallError::invalid(name, format_args!("1 to {count}, not {number}"))) }
+}
+
 /// A control panel request; `hold` makes it one that a lease ends.
 pub(super) fn panel(call: calls::Panel, hold: bool, family: &Family) -> Result<JobCall, CallError> {
     let calls::Panel { action, numbers } = call;
     let action: PanelAction = action.parse().map_err(refused)?;
+    let count = if action.is_for_motors() { family.motors } else { family.coordinate_systems };
     if numbers.is_empty() {
-        let count = if action.is_for_motors() { family.motors } else { family.coordinate_systems };
-        return Err(refused(format!(
-            "no motor or coordinate system is named; give numbers from 1 to {count}"
-        )));
+        return Err(CallError::invalid("numbers", format_args!("1 to {count}, at least one of them")));
     }
+    numbers.iter().try_for_each(|number| check_number(*number, count, "numbers"))?;
     let Some(words) = &family.panel else {
         return Err(refused(format!("a {} has no control panel in its DPRAM", family.title)));
     };
@@ -268,7 +288,8 @@ pub(super) fn panel(call: calls::Panel, hold: bool, family: &Family) -> Result<J
 /// Of a coordinate system, the feed rate override, or its end.
 pub(super) fn feed_override(call: calls::FeedOverride, family: &Family) -> Result<JobCall, CallError> {
     let calls::FeedOverride { coordinate_system, raw } = call;
-    let value = raw.map(|raw| FeedOverride::from_raw(raw).map_err(refused)).transpose()?;
+    check_number(coordinate_system, family.coordinate_systems, "coordinate_system")?;
+    let value = raw.map(FeedOverride::from_raw).transpose().map_err(|why| CallError::invalid("raw", why))?;
     let audit = match raw {
         Some(raw) => format!("feed rate override of &{coordinate_system} to {raw}"),
         None => format!("feed rate override of &{coordinate_system} released"),
@@ -285,7 +306,7 @@ pub(super) fn feed_override(call: calls::FeedOverride, family: &Family) -> Resul
 
 /// Words of the DPRAM to write.
 pub(super) fn write(call: calls::Write, family: &Family) -> Result<JobCall, CallError> {
-    let calls::Write { host_offset: calls::Offset(first), words: values, masks, anywhere } = call;
+    let calls::Write { host_offset, words: values, masks, anywhere } = call;
     let masks = masks.unwrap_or_else(|| vec![u16::MAX; values.len()]);
     if values.is_empty() || values.len() > WRITE_MAX {
         return Err(CallError::invalid("words", format_args!("1 to {WRITE_MAX} values")));
@@ -293,10 +314,7 @@ pub(super) fn write(call: calls::Write, family: &Family) -> Result<JobCall, Call
     if masks.len() != values.len() {
         return Err(CallError::invalid("masks", "as many values as words has"));
     }
-    // Not by the offset of the end, which there may be none of in 32 bits.
-    if first.bytes() > family.length - 2 * values.len() as u32 {
-        return Err(CallError::OutOfRange);
-    }
+    let first = inside(host_offset, values.len(), "host_offset", family)?;
     let words: Vec<MaskedWord> =
         values.iter().zip(&masks).map(|(&value, &mask)| MaskedWord { value, mask }).collect();
     Ok(JobCall {
@@ -308,11 +326,10 @@ pub(super) fn write(call: calls::Write, family: &Family) -> Result<JobCall, Call
 /// The registers a watch names.
 pub(super) fn watched(call: calls::WatchVariables, family: &Family) -> Result<Vec<VariableEntry>, CallError> {
     let calls::WatchVariables { registers } = call;
-    if registers.len() > VARIABLE_READ_ENTRIES {
-        return Err(refused(VariableReadError::TooMany(registers.len())));
-    }
-    if registers.is_empty() {
-        return Err(refused("no register is named"));
+    let count = registers.len();
+    if !(1..=VARIABLE_READ_ENTRIES).contains(&count) {
+        let expected = format_args!("1 to {VARIABLE_READ_ENTRIES} registers, not {count}");
+        return Err(CallError::invalid("registers", expected));
     }
     registers
         .iter()
@@ -374,19 +391,10 @@ fn write_record(
 /// A gather buffer to follow.
 pub(super) fn gather_begin(call: calls::GatherBegin, family: &Family) -> Result<JobCall, CallError> {
     let calls::GatherBegin { size_longs, sample_longs, period, wrap, servo_period_ns, .. } = call;
-    let inside = |offset: calls::Offset, name: &str| {
-        let calls::Offset(offset) = offset;
-        let end = family.length;
-        if offset.bytes() < end {
-            Ok(offset)
-        } else {
-            Err(CallError::invalid(name, format_args!("less than {end}")))
-        }
-    };
     let place = GatherPlace {
-        buffer: inside(call.buffer, "buffer")?,
-        size: inside(call.size_word, "size_word")?,
-        index: inside(call.index_word, "index_word")?,
+        buffer: inside(call.buffer, 1, "buffer", family)?,
+        size: inside(call.size_word, 1, "size_word", family)?,
+        index: inside(call.index_word, 1, "index_word", family)?,
     };
     let clock = match servo_period_ns {
         None => GatherClock::Report,
@@ -439,9 +447,13 @@ pub(super) fn rotary_state(call: calls::Rotary, family: &Family) -> Result<JobCa
 /// A rotary buffer to set up.
 pub(super) fn rotary_open(call: calls::RotaryOpen, family: &Family) -> Result<JobCall, CallError> {
     let calls::RotaryOpen { buffer, start, size_longs, coordinate_system, coordinate_system_base } = call;
+    check_number(coordinate_system.into(), family.coordinate_systems, "coordinate_system")?;
+    if coordinate_system_base > 1 {
+        return Err(CallError::invalid("coordinate_system_base", "0 or 1"));
+    }
     let job = Job::RotaryOpen {
         buffer: rotary_buffer(buffer, family)?,
-        start: start.map(|calls::Offset(start)| start),
+        start: start.map(|start| inside(start, 1, "start", family)).transpose()?,
         size_longs,
         coordinate_system,
         coordinate_system_base,

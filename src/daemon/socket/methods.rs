@@ -18,9 +18,6 @@ use crate::protocol::{
     check_line, control, parameters,
 };
 
-/// No window is longer, in bytes: offsets above it are refused unasked.
-const OFFSET_LIMIT: u32 = 1 << 20;
-
 /// What a call asks of the bus thread.
 #[derive(Debug)]
 pub enum Ask {
@@ -107,7 +104,7 @@ const METHODS: [Method; 19] = {
         }),
         method("Send", Engineer, Some(Ascii), |call, _| send(parameters(call)?)),
         method("SendControl", Operate, Some(Ascii), |call, _| send_control(&parameters(call)?)),
-        method("Read", Observe, None, |call, _| read(&parameters(call)?)),
+        method("Read", Observe, None, |call, info| read(&parameters(call)?, info.family())),
         method("Messages", Observe, Some(Ascii), |call, _| {
             let calls::NoParameters {} = parameters(call)?;
             streams(call, Action::Stream)
@@ -247,11 +244,11 @@ fn send_control(calls::SendControl { character }: &calls::SendControl) -> Result
     Ok(Action::Ask(Ask::Control { character }))
 }
 
-fn read(calls::Read { host_offset, words }: &calls::Read) -> Result<Action, CallError> {
-    let first = host_offset.0;
-    if first.bytes() >= OFFSET_LIMIT || !(1..=READ_MAX).contains(words) {
-        return Err(CallError::OutOfRange);
+fn read(calls::Read { host_offset, words }: &calls::Read, family: &Family) -> Result<Action, CallError> {
+    if !(1..=READ_MAX).contains(words) {
+        return Err(CallError::invalid("words", format_args!("1 to {READ_MAX}, not {words}")));
     }
+    let first = jobs::inside(*host_offset, *words, "host_offset", family)?;
     Ok(Action::Ask(Ask::Read { first, count: *words }))
 }
 
@@ -366,15 +363,41 @@ mod tests {
             );
         };
         let read = |offset: i64, words: i64| engineer("Read", json!({"host_offset": offset, "words": words}));
-        for offset in [1, -2, i64::MAX] {
+        for offset in [1, -2, 0x4000, i64::from(u32::MAX) - 1, i64::MAX] {
             is_invalid(read(offset, 1), "host_offset");
+            let words = json!({"host_offset": offset, "words": [1], "anywhere": true});
+            is_invalid(engineer("Write", words), "host_offset");
         }
-        assert_eq!(read(1 << 20, 1), CallError::OutOfRange);
-        assert_eq!(read(0, 0), CallError::OutOfRange);
-        assert_eq!(read(0, 65), CallError::OutOfRange);
-        // Its end has no offset of 32 bits.
-        let last = json!({"host_offset": u32::MAX - 1, "words": [1], "anywhere": true});
-        assert_eq!(engineer("Write", last), CallError::OutOfRange);
+        is_invalid(read(0, 0), "words");
+        is_invalid(read(0, 65), "words");
+        assert_eq!(read(0x3FFE, 2), CallError::OutOfRange);
+        for (method, parameters, name) in [
+            ("WatchVariables", json!({"registers": vec!["Y:$0003"; 200]}), "registers"),
+            ("WatchVariables", json!({"registers": []}), "registers"),
+            ("RotaryState", json!({"buffer": 9}), "buffer"),
+            (
+                "RotaryOpen",
+                json!({"buffer": 1, "coordinate_system": 99, "coordinate_system_base": 1}),
+                "coordinate_system",
+            ),
+            (
+                "RotaryOpen",
+                json!({"buffer": 1, "start": 0x4000, "coordinate_system": 1, "coordinate_system_base": 1}),
+                "start",
+            ),
+            (
+                "RotaryOpen",
+                json!({"buffer": 1, "coordinate_system": 1, "coordinate_system_base": 2}),
+                "coordinate_system_base",
+            ),
+            ("Panel", json!({"action": "home", "numbers": [99]}), "numbers"),
+            ("Panel", json!({"action": "home", "numbers": [0]}), "numbers"),
+            ("Panel", json!({"action": "home", "numbers": []}), "numbers"),
+            ("FeedOverride", json!({"coordinate_system": 9}), "coordinate_system"),
+            ("FeedOverride", json!({"coordinate_system": 1, "raw": 32768}), "raw"),
+        ] {
+            is_invalid(engineer(method, parameters), name);
+        }
         let after_the_end = json!({"host_offset": 0x3FFE, "words": [1, 2]});
         assert_eq!(engineer("Write", after_the_end), CallError::OutOfRange);
         assert!(board(Role::Engineer, "Write", json!({"host_offset": 0x3FFE, "words": [1]})).is_ok());
