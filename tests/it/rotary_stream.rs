@@ -132,7 +132,7 @@ fn a_stream_that_was_run_says_how_to_end_the_program_and_the_next_one_what_is_in
     let file = path.to_str().unwrap();
     let (status, _, stderr) = stream(&site, &[file, "--define", "100", "--run"]);
     assert_eq!(status, 0, "{stderr}");
-    assert!(stderr.contains("&1 goes on running") && stderr.contains("pmacctl send '&1Q'"), "{stderr}");
+    assert!(stderr.contains("&1 still runs") && stderr.contains("pmacctl send '&1Q'"), "{stderr}");
     let (status, _, stderr) = stream(&site, &[file, "--run"]);
     assert!(status == 1 && stderr.contains("ERR001") && stderr.contains("pmacctl send '&1Q'"), "{stderr}");
     // What is said helps, as soon as the motion is over.
@@ -143,6 +143,37 @@ fn a_stream_that_was_run_says_how_to_end_the_program_and_the_next_one_what_is_in
     site.wait_until("a board that lets it go", || site.pmacctl(&["send", "&1DELETE ROT"]).0 == 0);
     let (status, _, stderr) = stream(&site, &[file, "--define", "100", "--run", "--quiet"]);
     assert_eq!((status, stderr.as_str()), (0, ""));
+    site.assert_no_violations();
+}
+
+#[test]
+fn a_program_that_does_not_run_is_not_said_to_run() {
+    let site = running();
+    let path = site.path("moves.pmc");
+    std::fs::write(&path, "LINEAR INC TM20\n".to_owned() + &"X1\nX-1\n".repeat(2000)).unwrap();
+    let file = path.to_str().unwrap();
+    // Killed motors refuse R.
+    site.pmacctl(&["kill"]);
+    let (status, _, stderr) = stream(&site, &[file, "--define", "100", "--size", "20", "--run"]);
+    assert!(status == 1 && stderr.contains("&1R: ERR"), "{stderr}");
+    assert!(!stderr.contains("still runs"), "{stderr}");
+    site.pmacctl(&["send", "CLOSE"]);
+    // An abort ends the program in the middle of the stream.
+    site.pmacctl(&["abort"]);
+    let child = site
+        .command(&["rotary", "stream", file, "--size", "20", "--run", "--timeout", "1"])
+        .stdout(Stdio::null())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut connection = site.connection();
+    site.wait_until("a program that runs", || {
+        connection.rotary_state(1).is_ok_and(|state| state.sent_lines - state.ahead_lines > 200)
+    });
+    assert_eq!(site.pmacctl(&["abort"]).0, 0);
+    let ran = child.wait_with_output().unwrap();
+    let stderr = String::from_utf8_lossy(&ran.stderr);
+    assert!(stderr.contains("taken nothing for 1 s") && !stderr.contains("still runs"), "{stderr}");
     site.assert_no_violations();
 }
 

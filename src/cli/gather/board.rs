@@ -12,7 +12,7 @@ use crate::cli::console::interrupt::Interrupt;
 use crate::cli::context::Failure;
 use crate::client::{Board, CommandError, Connection, GatherFollower};
 use crate::gather::{GatherMode, GatherPlan, ServoReport};
-use crate::map::status::parse_reply;
+use crate::map::status::reply_has;
 use crate::map::{Family, Layout};
 use crate::protocol::{CallError, answer};
 use crate::segment::{RegionId, RegionState};
@@ -31,8 +31,7 @@ pub fn ask(connection: &mut Connection, variable: u16) -> Result<String, Failure
 /// Whether the board gathers, as after a `pmacctl gather` that was killed.
 pub fn gathers(connection: &mut Connection, family: &Family) -> Result<bool, Failure> {
     let status = connection.send("???", LINE)?;
-    let words = status.first().and_then(|line| parse_reply::<2>(line));
-    Ok(words.is_some_and(|[first, _]| first & family.gathering != 0))
+    Ok(status.first().is_some_and(|reply| reply_has(reply, family.status.global, "data_gathering_on")))
 }
 
 /// Ends gathering, where the board gathers.

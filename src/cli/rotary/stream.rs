@@ -15,6 +15,7 @@ use crate::cli::args::values::number;
 use crate::cli::console::interrupt::Interrupt;
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::client::{CommandError, Connection, RotaryFeed, RotaryLine, RotaryPlace};
+use crate::map::status::reply_has;
 use crate::map::{Family, TypedAddress};
 use crate::protocol::CallError;
 use crate::protocol::board::RotaryStateReply;
@@ -107,6 +108,7 @@ pub fn run(context: &mut Context, options: &Stream) -> Result<Verdict, Failure> 
         progress: Progress::new(program.lines.len(), context.output.is_quiet()),
         patience: Patience::new(options.timeout),
         interrupt,
+        started: false,
     };
     streaming.set_up(place)?;
     let lines: Vec<RotaryLine> = program
@@ -138,11 +140,11 @@ pub fn run(context: &mut Context, options: &Stream) -> Result<Verdict, Failure> 
         ))?;
     }
     context.output.flush()?;
-    if options.run && inside > 0 && !context.output.is_quiet() {
+    if streaming.started && !context.output.is_quiet() && streaming.runs() {
         let cs = options.cs;
         streaming.progress.say(&format!(
-            "&{cs} goes on running its rotary program, and waits for more lines at its end; pmacctl send '&{cs}Q' ends it, \
-             for a jog or the next stream"
+            "&{cs} still runs its rotary program and waits at its end for more lines; before a jog or the next stream, end it: \
+             pmacctl send '&{cs}Q'"
         ));
     }
     stopped.map_or(Ok(Verdict::Yes), Err)
@@ -158,6 +160,8 @@ struct Streaming<'a> {
     progress: Progress,
     patience: Patience,
     interrupt: Interrupt,
+    /// The board has taken the R of `--run`.
+    started: bool,
 }
 
 impl Streaming<'_> {
@@ -184,6 +188,13 @@ impl Streaming<'_> {
         self.board.rotary_open(place)?;
         self.enable(1)?;
         self.line("OPEN ROT", "; is another program buffer open?")
+    }
+
+    /// Whether the coordinate system says that it runs a program. Abort, kill or an error may have ended it.
+    fn runs(&mut self) -> bool {
+        let reply = self.board.send(&format!("&{}??", self.options.cs), LINE_PATIENCE).unwrap_or_default();
+        let tables = self.family.status.coordinate_system;
+        reply.first().is_some_and(|reply| reply_has(reply, tables, "running_program"))
     }
 
     /// Switches the transfer into the board's buffer off or on, where it has a switch.
@@ -215,6 +226,7 @@ impl Streaming<'_> {
             if to_start && feed.inside() > 0 {
                 to_start = false;
                 self.line(&format!("&{}R", self.options.cs), "")?;
+                self.started = true;
             }
             let state = match stepped {
                 Some(state) => state,

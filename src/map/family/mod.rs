@@ -77,8 +77,6 @@ pub struct Family {
     pub blocks: &'static [Block],
     /// The status words of `?`, `??` and `???`.
     pub status: &'static StatusTables,
-    /// In the first word of `???`: data are gathered.
-    pub gathering: u32,
     /// The servo report.
     pub servo: ServoBlock,
     /// The background report.
@@ -132,7 +130,6 @@ const fn pmac_family(
         user_area: pmac::USER_AREA,
         blocks: pmac_table::BLOCKS,
         status: &status::PMAC,
-        gathering: pmac::GATHERING,
         servo: pmac::SERVO_BLOCK,
         background: pmac::BACKGROUND_REPORT,
         ascii: pmac::ASCII,

@@ -75,8 +75,8 @@ pub const SERVO_MOTOR_WORDS: usize = SERVO_MOTOR_STRIDE as usize / 2;
 /// In the high word of the copy of Y:$0003 (bits 19, 18 and 17 there): a motion, rotary or PLC buffer is open, so that a
 /// command line is a program line (Software Reference, `???`).
 pub const PROGRAM_BUFFER_OPEN: u16 = 0b1110;
-/// In X:$0003, the first word of `???`: data are gathered.
-pub const GATHERING: u32 = 1 << 19;
+/// In the high word of X:$0003: data are gathered.
+const GATHERING: u16 = 1 << 3;
 /// Where PMAC keeps the time base of coordinate system `number` (1 to 8) that the panel's override sets; the default of
 /// its Ix93.
 #[must_use]
@@ -310,7 +310,7 @@ pub const SERVO_BLOCK: ServoBlock = ServoBlock {
     global: Run { first: SERVO_GLOBAL_STATUS_Y, words: 4 },
     global_status: Some([SERVO_GLOBAL_STATUS_X, SERVO_GLOBAL_STATUS_Y]),
     program_buffer_open: Some(Flag { word: SERVO_GLOBAL_STATUS_Y.plus_words(1), mask: PROGRAM_BUFFER_OPEN }),
-    gathering: Some(Flag { word: SERVO_GLOBAL_STATUS_X.plus_words(1), mask: (GATHERING >> 16) as u16 }),
+    gathering: Some(Flag { word: SERVO_GLOBAL_STATUS_X.plus_words(1), mask: GATHERING }),
     open_loop: Flag {
         word: SERVO_MOTOR.plus_words(servo_motor::SERVO_STATUS + 1),
         mask: servo_motor::OPEN_LOOP,

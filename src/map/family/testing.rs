@@ -175,8 +175,6 @@ pub static TURBO: Family = Family {
     user_area: USER,
     blocks: &[Block::each(32, 0x30, Some(402), MOTOR_BLOCK), Block::each(16, 0x80, Some(405), SYSTEM_BLOCK)],
     status: &status::TURBO,
-    // Section 9: "??? w1 bit 19 on".
-    gathering: 1 << 19,
     servo: ServoBlock {
         region: SERVO,
         // Section 4: "0x006A bit 15 host busy; 0x006C timer low; 0x006E bits 0-7 timer high, bit 15 data ready; 0x0070 mask".

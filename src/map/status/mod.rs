@@ -175,6 +175,15 @@ pub fn parse_reply<const N: usize>(reply: &str) -> Option<[u32; N]> {
     Some(words)
 }
 
+/// Whether `flag` is set in a reply to `?`, `??` or `???` whose words are those of `tables`. Text that is no such reply has
+/// no flags.
+#[must_use]
+pub fn reply_has(reply: &str, tables: &'static [StatusTable], flag: &str) -> bool {
+    let digits = reply.trim().as_bytes().chunks_exact(6);
+    let words = digits.filter_map(|digits| u32::from_str_radix(std::str::from_utf8(digits).ok()?, 16).ok());
+    tables.iter().zip(words).any(|(table, word)| flags(word, table).any(|name| name == flag))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -222,6 +231,14 @@ mod tests {
             ["assigned_to_coordinate_system", "amplifier_enabled", "home_complete", "in_position"]
         );
         assert_eq!(coordinate_system(second, &PMAC), Some(1));
+    }
+
+    #[test]
+    fn a_reply_is_asked_for_one_flag() {
+        let running = |reply| reply_has(reply, PMAC.coordinate_system, "running_program");
+        assert!(running("A8002B020010") && !running("A8002A020010"));
+        assert!(!running("") && !running("A8002") && !running("no, not this"));
+        assert!(reply_has("080000000000", PMAC.global, "data_gathering_on"));
     }
 
     #[test]
