@@ -8,7 +8,8 @@
 //! | records, 6 words each | writes | reads |
 //!
 //! A record: the register's address; bits 2-0 its kind, 7-3 the width, 12-8 the offset, 15-13 the sort of special
-//! register (0); the data, two longs. The manual prints 0x07E6 and 0x07E8 for the first two words, which are the
+//! register (0); the data, two longs. Kinds 4 and 6 (firmware 1.16) are the Y and X word of a compiled PLC's function
+//! block, whose number stands for the address. The manual prints 0x07E6 and 0x07E8 for the first two words, which are the
 //! variable-read function's. More than 32 records go in several cycles, in their order; each cycle is done in one
 //! background pass, the whole is not.
 //!
@@ -20,7 +21,10 @@ use std::time::{Duration, Instant};
 use crate::device::{Bus, BusError};
 use crate::format::{fixed48, float48, int24, split32, write48};
 use crate::map::functions::{VARIABLE_WRITE_RECORD_WORDS, VARIABLE_WRITE_RECORDS};
-use crate::map::{HostOffset, PmacRegister, RecordBits, Region, StartRule, VariableKind, VariableWrite};
+use crate::map::{
+    Family, HostOffset, PmacRegister, RecordBits, Region, Space, StartRule, VariableKind, VariableWrite,
+};
+use crate::protocol::board::VariableRecord;
 
 /// How long after the count was taken back the records are left alone: PMAC may be working on them, and clears the
 /// count when it is done.
@@ -77,6 +81,8 @@ pub enum RecordError {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct WriteRecord {
     register: PmacRegister,
+    /// The word is a function block's, and the register's address its number.
+    block: bool,
     /// As in the record: 0 is the whole word.
     width: u16,
     offset: u16,
@@ -84,6 +90,31 @@ pub struct WriteRecord {
 }
 
 impl WriteRecord {
+    /// What a client asks for, on a board of `family`.
+    ///
+    /// # Errors
+    /// In words, with the register: what is not written so, or does not fit.
+    pub fn of(record: &VariableRecord, family: &Family) -> Result<Self, String> {
+        let VariableRecord { register: text, offset, width, value } = record;
+        let register = PmacRegister::parse(text, family).map_err(|error| error.to_string())?;
+        let whole = || {
+            if value.fract() == 0.0 && value.abs() < 2f64.powi(53) {
+                Ok(*value as i64)
+            } else {
+                Err(format!("{text} takes a whole number, not {value}"))
+            }
+        };
+        let made = match register.address().space {
+            Space::D | Space::L if width.is_some() || offset.is_some() => {
+                return Err(format!("{text} is written as a whole; leave width and offset out"));
+            }
+            Space::D => Self::fixed48(register, whole()?),
+            Space::L => Self::float48(register, *value),
+            _ => Self::word(register, width.unwrap_or(WORD_BITS), offset.unwrap_or(0), whole()?),
+        };
+        made.map_err(|reason| format!("{text}: {reason}"))
+    }
+
     /// Writes `value` to the `width` bits (1, 4, 8, 12, 16, 20, 24) from bit `offset` on of a `Y:` or `X:` word. The value
     /// may be meant signed or unsigned: with 4 bits, -8 to 15.
     ///
@@ -106,6 +137,15 @@ impl WriteRecord {
         let bits = value as u32 & (int24::MASK >> (WORD_BITS - width));
         let width = if width == WORD_BITS { 0 } else { width.into() };
         Self::new(register, width, offset.into(), [bits, 0])
+    }
+
+    /// As [`WriteRecord::word`], for a word of a compiled PLC's function block: `X:7` is the X word of block 7. PMAC and
+    /// PMAC2 with firmware 1.16.
+    ///
+    /// # Errors
+    /// As [`WriteRecord::word`].
+    pub fn block(word: PmacRegister, width: u8, offset: u8, value: i64) -> Result<Self, RecordError> {
+        Ok(Self { block: true, ..Self::word(word, width, offset, value)? })
     }
 
     /// Writes a `D:` or `L:` register as two words; of each, bits 31-24 do not matter.
@@ -152,14 +192,15 @@ impl WriteRecord {
         if register.address().number == 0 {
             return Err(RecordError::AddressZero);
         }
-        Ok(Self { register, width, offset, data })
+        Ok(Self { register, block: false, width, offset, data })
     }
 
     /// The record as it lies in the DPRAM of a board whose type word has its parts at `bits`, first word first.
     #[must_use]
     pub fn words(&self, bits: RecordBits) -> [u16; VARIABLE_WRITE_RECORD_WORDS] {
         let address = self.register.address().number;
-        let type_word = self.register.kind().code() << bits.kind
+        let block = if self.block { VariableKind::Special.code() } else { 0 };
+        let type_word = (self.register.kind().code() | block) << bits.kind
             | self.width << bits.width
             | self.offset << bits.offset
             | (address >> 16) as u16;

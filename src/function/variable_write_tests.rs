@@ -77,6 +77,13 @@ fn records_are_packed_as_the_manuals_table_says() {
     assert_eq!(words(record), [0xC003, 0x0002, 0xFFFF, 0x00FF, 0, 0]);
     let record = WriteRecord::word(register("X:$C003"), 1, 23, 1).unwrap();
     assert_eq!(words(record), [0xC003, 0x170A, 1, 0, 0, 0]);
+    // Function blocks of compiled PLCs: types 4 and 6.
+    let record = WriteRecord::block(register("X:7"), 20, 4, -2).unwrap();
+    assert_eq!(words(record), [7, 0x04A6, 0xFFFE, 0x000F, 0, 0]);
+    let record = WriteRecord::block(register("Y:7"), 4, 0, 15).unwrap();
+    assert_eq!(words(record), [7, 0x0024, 15, 0, 0, 0]);
+    let long = register("D:7");
+    assert_eq!(WriteRecord::block(long, 24, 0, 1), Err(RecordError::Words(long)));
     // 19 bits of address go on in the type word where the family's bits leave room for them.
     let bits = RecordBits { kind: 4, width: 6, offset: 11, address: 19 };
     let record = WriteRecord::word(register("X:$7A205"), 8, 4, 5).unwrap();

@@ -65,7 +65,12 @@ impl TypedAddress {
             return host(text, digits, family);
         }
         let (space, number) = split_space(text).ok_or_else(|| shape(text))?;
-        let number = number.strip_prefix(':').unwrap_or(number);
+        let number = match number.strip_prefix(':') {
+            Some(number) => number,
+            // Without a colon only a number makes an address of a letter; "foo" is none of F.
+            None if number.starts_with(|c: char| c == '$' || c.is_ascii_digit()) => number,
+            None => return Err(shape(text)),
+        };
         let number = match number.strip_prefix('$') {
             Some(digits) => parse_digits(text, digits, 16)?,
             None if number.is_empty() => return Err(shape(text)),
@@ -173,6 +178,9 @@ mod tests {
         );
         assert_eq!(refused("Y:$D0G1"), "\"D0G1\" in address \"Y:$D0G1\" is not a hexadecimal number");
         assert_eq!(refused("Y:D001"), "\"D001\" in address \"Y:D001\" is not a decimal number");
+        for word in ["foo", "yes", "dp", "X"] {
+            assert!(refused(word).starts_with(&format!("{word:?} is not an address; write")), "{word}");
+        }
         assert_eq!(refused("0x"), "\"\" in address \"0x\" is not a hexadecimal number");
         for text in ["", "$D001", "Z:$D001", "0024", "Y:", "Y", "é", "D"] {
             assert!(refused(text).contains("is not an address"), "{text}: {}", refused(text));

@@ -136,7 +136,9 @@ fn a_feed_rate_is_set_in_percent_and_raw_and_released() {
     assert_eq!((&shown["override_enable"], &shown["request_enable"]), (&3.into(), &0.into()));
     assert_eq!(shown["numbers"][0]["override_raw"], 7253);
     assert!((shown["numbers"][0]["override_percent"].as_f64().unwrap() - 50.0).abs() < 0.01);
-    done(&site, &["panel", "feed", "1", "off"]);
+    let told = done(&site, &["panel", "feed", "1", "off"]);
+    assert!(told.starts_with("&1: off; the board keeps the last override (now 50.00 %)"), "{told}");
+    assert_eq!(done(&site, &["panel", "feed", "1", "off"]), "&1: off; it was not on\n");
     // Released, it is the board's own again.
     board.send("&1%80", PATIENCE).unwrap();
     until(&mut board, "&1%", "its own", |percent| (percent - 80.0).abs() < 0.01);
@@ -187,6 +189,14 @@ fn without_i2_3_it_is_refused_and_nothing_written() {
     ] {
         let (status, _, error) = site.pmacctl(wrong);
         assert_eq!((status, error.lines().count()), (2, 1), "{wrong:?}: {error}");
+    }
+    for (wrong, reason) in [
+        (&["panel", "feed", "1", "-5%"] as &[&str], "a percentage is 0 or more"),
+        (&["panel", "feed", "1", "-5", "--json"], "write 50%, a raw value from 0 to 32767, or off"),
+        (&["send", "--timeout", "-1", "P1"], "has to be above 0"),
+    ] {
+        let (status, _, error) = site.pmacctl(wrong);
+        assert!(status == 2 && error.contains(reason) && !error.contains("unexpected"), "{error}");
     }
     site.assert_no_violations();
 }
@@ -392,6 +402,14 @@ fn words_and_bits_are_written_where_they_are_open() {
     ] {
         let (status, _, error) = site.pmacctl(wrong);
         assert_eq!((status, error.lines().count()), (2, 1), "{wrong:?}: {error}");
+    }
+    for (wrong, reason) in [
+        (&["panel", "feed", "1", "-5%"] as &[&str], "a percentage is 0 or more"),
+        (&["panel", "feed", "1", "-5", "--json"], "write 50%, a raw value from 0 to 32767, or off"),
+        (&["send", "--timeout", "-1", "P1"], "has to be above 0"),
+    ] {
+        let (status, _, error) = site.pmacctl(wrong);
+        assert!(status == 2 && error.contains(reason) && !error.contains("unexpected"), "{error}");
     }
     site.assert_no_violations();
 }

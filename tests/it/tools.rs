@@ -109,8 +109,11 @@ fn abort_and_kill_act_on_the_motors() {
     assert_eq!(site.run(&["abort"]).code, Some(0));
     assert_eq!((open_loop("#1"), open_loop("#2")), (0, 0), "an abort closes open loops");
     let ran = site.run(&["abort", "9"]);
-    assert!(ran.stderr.starts_with("&9A: ERR003"), "{ran:?}");
-    assert_eq!(ran.code, Some(1));
+    assert_eq!(ran.stderr, "pmacctl: there is no coordinate system 9; write 1 to 8\n");
+    assert_eq!(ran.code, Some(2));
+    // The others are aborted all the same.
+    site.ask("#1J+");
+    assert_eq!(site.run(&["abort", "9", "1", "--json"]).json()["sent"], json!(["&1A"]));
     site.assert_no_violations();
     site.kill_simulator();
     let ran = site.run(&["kill", "--json"]);

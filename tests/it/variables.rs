@@ -86,7 +86,7 @@ fn a_watch_prints_what_the_registers_hold() {
         (&["variable", "set", "L:$0728,0,24=1"], "as a whole"),
     ] {
         let ran = site.run(arguments);
-        assert!(ran.code != Some(0) && ran.stdout.is_empty(), "{arguments:?}: {ran:?}");
+        assert!(ran.code == Some(2) && ran.stdout.is_empty(), "{arguments:?}: {ran:?}");
         assert!(ran.stderr.contains(said) && ran.stderr.lines().count() == 1, "{arguments:?}: {ran:?}");
     }
     assert_eq!(site.ask("RHY$700"), ["FFFFFB"], "a refused call writes nothing");

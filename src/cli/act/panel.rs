@@ -13,7 +13,7 @@ use crate::cli::args::values::number;
 use crate::cli::console::interrupt::Interrupt;
 use crate::cli::console::table::{Align, Table};
 use crate::cli::context::{Context, Failure, Verdict};
-use crate::client::HeldJog;
+use crate::client::{Connection, HeldJog};
 use crate::function::panel::{FeedOverride, PanelAction, PanelWords};
 use crate::map::Family;
 
@@ -45,7 +45,7 @@ pub enum PanelCommand {
     Home(Motors),
     /// Run the programs of coordinate systems
     Start(Systems),
-    /// One step of the programs of coordinate systems; one that runs is quit
+    /// Execute one step of the programs of coordinate systems. Where a program runs, it quits, as by Q
     Step(Systems),
     /// Abort coordinate systems
     Stop(Systems),
@@ -53,8 +53,9 @@ pub enum PanelCommand {
     Hold(Systems),
     /// Override the feed rate of a coordinate system; acts while its Ix93 points at the panel's override, the default
     Feed(Feed),
-    /// What the panel's words hold: the request word last written for each number, whether it still waits for the board,
-    /// and the override. A request word stays as it is when it was taken, and when it was withdrawn: which, no word tells
+    /// Show the panel's words: for each number the last request, whether the board has still to take it, and the override.
+    /// A request stays in its word when the board has taken it, and when the daemon has withdrawn it; the words do not
+    /// tell which
     Show,
 }
 
@@ -67,7 +68,7 @@ pub struct Jog {
     #[arg(long)]
     pub hold: bool,
     /// Stop after so long
-    #[arg(long, value_name = "S", requires = "hold", value_parser = crate::cli::args::values::seconds)]
+    #[arg(long, value_name = "S", requires = "hold", value_parser = crate::cli::args::values::seconds, allow_negative_numbers = true)]
     pub seconds: Option<Duration>,
 }
 
@@ -91,7 +92,7 @@ pub struct Feed {
     #[arg(value_name = "C.S.", value_parser = number())]
     pub system: u8,
     /// A percentage, as 50%; a raw value, 0 to 32767 in 1/32768 ms (14507 is 100 % at the default I10); or off
-    #[arg(value_name = "N%|RAW|off", value_parser = wanted)]
+    #[arg(value_name = "N%|RAW|off", value_parser = wanted, allow_hyphen_values = true)]
     pub wanted: Wanted,
 }
 
@@ -142,7 +143,7 @@ pub fn run(context: &mut Context, options: &Panel) -> Result<Verdict, Failure> {
 }
 
 /// Refuses motors, or coordinate systems, that a board of `family` has not, before anything is asked of it.
-fn check_numbers(family: &Family, for_motors: bool, numbers: &[u8]) -> Result<(), Failure> {
+pub fn check_numbers(family: &Family, for_motors: bool, numbers: &[u8]) -> Result<(), Failure> {
     let (what, count) = match for_motors {
         true => ("motor", family.motors),
         false => ("coordinate system", family.coordinate_systems),
@@ -197,7 +198,12 @@ fn feed(context: &mut Context, feed: &Feed) -> Result<Verdict, Failure> {
         }
     };
     let mut connection = context.connection()?;
-    check_numbers(Context::family(None, &mut connection)?, false, &[feed.system])?;
+    let family = Context::family(None, &mut connection)?;
+    check_numbers(family, false, &[feed.system])?;
+    let last = match value {
+        None => last_override(&mut connection, family, feed.system)?,
+        Some(_) => None,
+    };
     let notes = connection.feed_override(feed.system, value.map(FeedOverride::raw))?;
     let percent = value.zip(i10).and_then(|(value, i10)| value.percent(i10));
     for note in &notes {
@@ -209,9 +215,21 @@ fn feed(context: &mut Context, feed: &Feed) -> Result<Verdict, Failure> {
             "coordinate_system": feed.system, "raw": raw, "percent": percent, "notes": notes
         }))?;
     } else {
-        context.output.line(format_args!("&{}: {}", feed.system, echo(value, percent)))?;
+        context.output.line(format_args!("&{}: {}", feed.system, echo(value, percent, last, i10)))?;
     }
     Ok(Verdict::Yes)
+}
+
+/// The override of coordinate system `system`, where it is on.
+fn last_override(
+    connection: &mut Connection,
+    family: &Family,
+    system: u8,
+) -> Result<Option<FeedOverride>, Failure> {
+    let words = panel_words(connection, family)?;
+    let index = usize::from(system) - 1;
+    let raw = words.overrides.get(index).filter(|_| words.override_enable >> index & 1 != 0);
+    Ok(raw.and_then(|&raw| FeedOverride::from_raw(raw.into()).ok()))
 }
 
 /// The override for a percentage.
@@ -234,10 +252,20 @@ fn from_percent(percent: f64, i10: u32) -> Result<FeedOverride, Failure> {
     }
 }
 
-/// What was set, in both units, so that a forgotten % is seen.
-fn echo(value: Option<FeedOverride>, percent: Option<f64>) -> String {
+/// What was set, in both units, so that a forgotten % is seen. When it was switched off, the `last` value there was.
+fn echo(
+    value: Option<FeedOverride>,
+    percent: Option<f64>,
+    last: Option<FeedOverride>,
+    i10: Option<u32>,
+) -> String {
     let Some(value) = value else {
-        return "off; the last value stays until something else sets it".to_owned();
+        let Some(last) = last else { return "off; it was not on".to_owned() };
+        let last = match i10.and_then(|i10| last.percent(i10)) {
+            Some(percent) => format!("{percent:.2} %"),
+            None => format!("{} raw", last.raw()),
+        };
+        return format!("off; the board keeps the last override (now {last}) until something else sets it");
     };
     let raw = format!("{} of {} raw", value.raw(), FeedOverride::MAXIMUM.raw());
     match percent {
@@ -287,6 +315,16 @@ struct Number {
 fn show(context: &mut Context) -> Result<Verdict, Failure> {
     let mut connection = context.connection()?;
     let family = Context::family(None, &mut connection)?;
+    let shown = shown(&panel_words(&mut connection, family)?, i10(context));
+    if context.output.is_json() {
+        context.output.json(&shown)?;
+    } else {
+        context.output.text(table(&shown))?;
+    }
+    Ok(Verdict::Yes)
+}
+
+fn panel_words(connection: &mut Connection, family: &Family) -> Result<PanelWords, Failure> {
     let Some(panel) = &family.panel else {
         return Err(Failure::Request(format!("a {} has no control panel in its DPRAM", family.title)));
     };
@@ -295,13 +333,7 @@ fn show(context: &mut Context) -> Result<Verdict, Failure> {
     if words.len() != region.words() {
         return Err(Failure::Request("the daemon sent too few words".into()));
     }
-    let shown = shown(&PanelWords::of(panel, &words), i10(context));
-    if context.output.is_json() {
-        context.output.json(&shown)?;
-    } else {
-        context.output.text(table(&shown))?;
-    }
-    Ok(Verdict::Yes)
+    Ok(PanelWords::of(panel, &words))
 }
 
 fn shown(words: &PanelWords, i10: Option<u32>) -> Shown {
@@ -405,8 +437,13 @@ mod tests {
             assert!(text.contains(&format!("{percent} % is more")) && text.contains("225.87%"), "{text}");
         }
         let value = FeedOverride::from_raw(50).unwrap();
-        assert_eq!(echo(Some(value), value.percent(i10)), "50 of 32767 raw = 0.34 %");
-        assert!(echo(Some(value), None).starts_with("50 of 32767 raw; "));
-        assert!(echo(None, None).starts_with("off"));
+        assert_eq!(echo(Some(value), value.percent(i10), None, Some(i10)), "50 of 32767 raw = 0.34 %");
+        assert!(echo(Some(value), None, None, None).starts_with("50 of 32767 raw; "));
+        let off = |last, i10| echo(None, None, last, i10);
+        assert_eq!(off(None, Some(i10)), "off; it was not on");
+        assert!(
+            off(Some(value), Some(i10)).starts_with("off; the board keeps the last override (now 0.34 %)")
+        );
+        assert!(off(Some(value), None).contains("(now 50 raw)"));
     }
 }

@@ -11,6 +11,7 @@ use crate::cli::context::{Context, Failure, Verdict};
 use crate::cli::layout::board_layout;
 use crate::client::{Variable as Entry, VariableTable, View};
 use crate::format::{fixed48, float48, int24};
+use crate::function::variable_write::WriteRecord;
 use crate::gather::{Column, Source};
 use crate::map::PmacRegister;
 use crate::map::number;
@@ -52,10 +53,10 @@ struct Watch {
     #[arg(long, value_name = "N")]
     count: Option<u64>,
     /// Stop after so long
-    #[arg(long, value_name = "S", value_parser = seconds)]
+    #[arg(long, value_name = "S", value_parser = seconds, allow_negative_numbers = true)]
     seconds: Option<Duration>,
     /// Prints a second, at most
-    #[arg(long, value_name = "HZ", default_value = "5", value_parser = rate)]
+    #[arg(long, value_name = "HZ", default_value = "5", value_parser = rate, allow_negative_numbers = true)]
     rate: Duration,
 }
 
@@ -65,7 +66,7 @@ struct Set {
     #[arg(required = true, value_name = "REGISTER[,OFFSET[,WIDTH]]=VALUE")]
     values: Vec<String>,
     /// How long PMAC may take, in seconds
-    #[arg(long, value_name = "S", default_value = "5", value_parser = seconds)]
+    #[arg(long, value_name = "S", default_value = "5", value_parser = seconds, allow_negative_numbers = true)]
     timeout: Duration,
 }
 
@@ -241,7 +242,12 @@ fn set(context: &mut Context, options: &Set) -> Result<Verdict, Failure> {
     }
     let records: Vec<VariableRecord> =
         options.values.iter().map(|text| record(text)).collect::<Result<_, _>>().map_err(Failure::Request)?;
-    context.connection()?.write_variables(&records, options.timeout)?;
+    let mut connection = context.connection()?;
+    let family = Context::family(None, &mut connection)?;
+    for record in &records {
+        WriteRecord::of(record, family).map_err(Failure::Request)?;
+    }
+    connection.write_variables(&records, options.timeout)?;
     Ok(Verdict::Yes)
 }
 

@@ -16,7 +16,7 @@ pub struct Send {
     #[arg(value_name = "LINE", allow_hyphen_values = true)]
     pub line: String,
     /// How long the board may take, in seconds
-    #[arg(long, value_name = "S", default_value = "5", value_parser = seconds)]
+    #[arg(long, value_name = "S", default_value = "5", value_parser = seconds, allow_negative_numbers = true)]
     pub timeout: Duration,
     /// Print the reply's control characters as they are, not as \x1b
     #[arg(long)]

@@ -6,6 +6,8 @@ use clap::Args;
 use serde_json::json;
 
 use crate::cli::act::lines::LineError;
+use crate::cli::act::panel::check_numbers;
+use crate::cli::args::values::number;
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::protocol::control;
 
@@ -16,7 +18,7 @@ const PATIENCE: Duration = Duration::from_secs(5);
 #[derive(Debug, Args)]
 pub struct Abort {
     /// Only these coordinate systems, by command lines, which wait their turn; the last one stays the addressed one
-    #[arg(value_name = "C.S.", value_parser = clap::value_parser!(u8).range(1..=16), conflicts_with = "all")]
+    #[arg(value_name = "C.S.", value_parser = number(), conflicts_with = "all")]
     pub systems: Vec<u8>,
     /// Every coordinate system and motor, by ^A: what is done when no number is given. ^A closes the loops of killed motors
     #[arg(long)]
@@ -28,17 +30,19 @@ pub fn abort(context: &mut Context, options: &Abort) -> Result<Verdict, Failure>
         return send(context, control::ABORT);
     }
     let mut connection = context.connection()?;
-    let lines: Vec<String> = options.systems.iter().map(|system| format!("&{system}A")).collect();
+    let family = Context::family(None, &mut connection)?;
     let mut failed = None;
     let mut sent = Vec::new();
     // One that cannot be aborted is no reason to let the others run.
-    for line in &lines {
-        match connection.send(line, PATIENCE) {
+    for &system in &options.systems {
+        let line = format!("&{system}A");
+        let taken = match check_numbers(family, false, &[system]) {
+            Ok(()) => connection.send(&line, PATIENCE).map_err(LineError::from),
+            Err(missing) => Err(LineError::NotSent(missing)),
+        };
+        match taken {
             Ok(_) => sent.push(line),
-            Err(error) => {
-                let error = LineError::from(error);
-                failed.get_or_insert((line, error));
-            }
+            Err(error) => drop(failed.get_or_insert((line, error))),
         }
     }
     if context.output.is_json() {

@@ -38,7 +38,7 @@ A line goes to the board as it is. ^K (two characters) sends a control character
 #[derive(Debug, Args)]
 pub struct Terminal {
     /// How long the board may take for a line, in seconds; SAVE may take longer
-    #[arg(long, value_name = "S", default_value = "10", value_parser = crate::cli::args::values::seconds)]
+    #[arg(long, value_name = "S", default_value = "10", value_parser = crate::cli::args::values::seconds, allow_negative_numbers = true)]
     pub timeout: Duration,
     /// Keep no history on disk
     #[arg(long)]

@@ -37,7 +37,7 @@ pub struct Download {
     #[arg(long)]
     pub keep_going: bool,
     /// How long the board may take for a line, in seconds; SAVE may take longer
-    #[arg(long, value_name = "S", default_value = "10", value_parser = crate::cli::args::values::seconds)]
+    #[arg(long, value_name = "S", default_value = "10", value_parser = crate::cli::args::values::seconds, allow_negative_numbers = true)]
     pub timeout: Duration,
 }
 

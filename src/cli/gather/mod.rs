@@ -40,7 +40,7 @@ pub struct Gather {
     #[arg(long, value_name = "CYCLES", default_value = "1")]
     period: u32,
     /// How long; without it until ^C, or until the buffer is full with --once
-    #[arg(long, value_name = "S", value_parser = seconds)]
+    #[arg(long, value_name = "S", value_parser = seconds, allow_negative_numbers = true)]
     seconds: Option<Duration>,
     /// The board's buffer in longs, rounded up to whole samples; without it, what the daemon keeps for it
     #[arg(long, value_name = "LONGS")]
@@ -76,9 +76,8 @@ fn stop(context: &mut Context) -> Result<Verdict, Failure> {
     } else if gathering {
         let variable = family.i.gather_period;
         let period = ask(&mut connection, variable)?;
-        context.output.line(format_args!(
-            "ended; I{variable}, the servo report's period as well, is left at {period}"
-        ))?;
+        let shared = if variable == family.i.servo_period { ", also the servo report's period," } else { "" };
+        context.output.line(format_args!("gathering ended; I{variable}{shared} stays at {period}"))?;
     } else {
         context.output.line("the board gathers nothing; nothing was sent")?;
     }

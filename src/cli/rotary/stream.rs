@@ -54,7 +54,7 @@ pub struct Stream {
     #[arg(long)]
     pub run: bool,
     /// Give up when the board has taken nothing for so long, in seconds; a long dwell or a feed hold takes nothing
-    #[arg(long, value_name = "S", default_value = "60", value_parser = crate::cli::args::values::seconds)]
+    #[arg(long, value_name = "S", default_value = "60", value_parser = crate::cli::args::values::seconds, allow_negative_numbers = true)]
     pub timeout: Duration,
     #[command(flatten)]
     pub format: Format,
@@ -143,8 +143,8 @@ pub fn run(context: &mut Context, options: &Stream) -> Result<Verdict, Failure> 
     if streaming.started && !context.output.is_quiet() && streaming.runs() {
         let cs = options.cs;
         streaming.progress.say(&format!(
-            "&{cs} still runs its rotary program and waits at its end for more lines; before a jog or the next stream, end it: \
-             pmacctl send '&{cs}Q'"
+            "&{cs} still runs its rotary program, and waits for more lines at its end; pmacctl send '&{cs}Q' ends it, \
+             for a jog or the next stream"
         ));
     }
     stopped.map_or(Ok(Verdict::Yes), Err)

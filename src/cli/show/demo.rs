@@ -25,10 +25,10 @@ use crate::segment::{Counter, RegionId, SegmentName};
 #[derive(Debug, Args)]
 pub struct Demo {
     /// Stop after so long; without it, on q or ^C
-    #[arg(long, value_name = "S", value_parser = seconds)]
+    #[arg(long, value_name = "S", value_parser = seconds, allow_negative_numbers = true)]
     pub seconds: Option<Duration>,
     /// Views a second, at most
-    #[arg(long, value_name = "HZ", default_value = "5", value_parser = rate)]
+    #[arg(long, value_name = "HZ", default_value = "5", value_parser = rate, allow_negative_numbers = true)]
     pub rate: Duration,
 }
 

@@ -1,5 +1,6 @@
 //! The calls that ask for a [`Job`]: their parameters, the role they need, and what must be so on the board first.
 
+use std::fmt::Write as _;
 use std::time::Duration;
 
 use crate::daemon::shared::job::{Job, MaskedWord};
@@ -10,7 +11,7 @@ use crate::function::variable_read::VariableEntry;
 use crate::function::variable_write::WriteRecord;
 use crate::gather::GatherMode;
 use crate::map::functions::VARIABLE_READ_ENTRIES;
-use crate::map::{Family, GatherPlace, HostOffset, PmacAddress, PmacRegister, Space};
+use crate::map::{Family, GatherPlace, HostOffset, PmacAddress, PmacRegister};
 use crate::mirror::GatherClock;
 use crate::protocol::board::VariableRecord;
 use crate::protocol::{CallError, answer, calls};
@@ -344,8 +345,11 @@ pub(super) fn write_variables(call: calls::WriteVariables, family: &Family) -> R
         return Err(CallError::invalid("records", format_args!("1 to {RECORDS_MAX} records")));
     }
     let mut audit = String::from("variable write");
-    let records: Vec<WriteRecord> =
-        records.iter().map(|record| write_record(record, family, &mut audit)).collect::<Result<_, _>>()?;
+    for VariableRecord { register, value, .. } in &records {
+        let _ = write!(audit, " {register}={value}");
+    }
+    let records = records.iter().map(|record| WriteRecord::of(record, family));
+    let records: Vec<WriteRecord> = records.collect::<Result<_, _>>().map_err(refused)?;
     Ok(JobCall {
         guard: Some(variables_enabled(family)),
         audit: Some(audit),
@@ -354,38 +358,6 @@ pub(super) fn write_variables(call: calls::WriteVariables, family: &Family) -> R
             Duration::from_millis(timeout_ms.unwrap_or(WRITE_TIMEOUT_MS)),
         )
     })
-}
-
-fn write_record(
-    record: &VariableRecord,
-    family: &Family,
-    audit: &mut String,
-) -> Result<WriteRecord, CallError> {
-    use std::fmt::Write as _;
-    let text = &record.register;
-    let register = PmacRegister::parse(text, family).map_err(refused)?;
-    let whole = || {
-        let value = record.value;
-        if value.fract() == 0.0 && value.abs() < 2f64.powi(53) {
-            Ok(value as i64)
-        } else {
-            Err(refused(format!("{text} takes a whole number, not {value}")))
-        }
-    };
-    let in_part = record.width.is_some() || record.offset.is_some();
-    let record_or_reason = match register.address().space {
-        Space::D | Space::L if in_part => {
-            return Err(refused(format!("{text} is written as a whole; leave width and offset out")));
-        }
-        Space::D => WriteRecord::fixed48(register, whole()?),
-        Space::L => WriteRecord::float48(register, record.value),
-        _ => {
-            let (width, offset) = (record.width.unwrap_or(24), record.offset.unwrap_or(0));
-            WriteRecord::word(register, width, offset, whole()?)
-        }
-    };
-    let _ = write!(audit, " {text}={}", record.value);
-    record_or_reason.map_err(|reason| refused(format!("{text}: {reason}")))
 }
 
 /// A gather buffer to follow.
