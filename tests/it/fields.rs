@@ -325,7 +325,7 @@ fn a_daemon_with_servo_data_alone_does_the_rest_no_more() {
     }
     let (status, stdout, _) = site.pmacctl(&["doctor"]);
     assert_eq!(status, 0, "{stdout}");
-    assert!(stdout.contains("background, ascii, variables, gather, panel, rotary switched off"), "{stdout}");
+    assert!(stdout.contains("ascii, panel, background, variables, rotary, gather switched off"), "{stdout}");
     site.assert_no_violations();
 }
 
