@@ -58,5 +58,5 @@ fn sound(settings: &Settings) {
     assert!([settings.i10, settings.i19].iter().flatten().all(|value| (1..1 << 23).contains(value)));
     assert!((1_000_000..=10_000_000_000).contains(&settings.background_period_ns));
     assert_eq!(settings.board_settings.settings().rotary.check(), Ok(()));
-    assert!(settings.board_settings.plan_for(settings.firmware.as_deref()).is_ok());
+    assert!(settings.board_settings.layout_for(settings.firmware.as_deref()).is_ok());
 }

@@ -77,7 +77,7 @@ impl Parts {
         let identifier = Identifier::new(settings.family, configured_identity(settings), asks, now);
         let ports =
             CommandPorts::new(settings.family, settings.text_order, mailbox, now).after_another_host(now);
-        let (plan, mode) = (settings.board_settings.plan(), settings.board_settings.variable_mode());
+        let (layout, mode) = (settings.board_settings.layout(), settings.board_settings.variable_mode());
         let functions = FunctionTable::new(
             ServoMirror::selecting(
                 &settings.family.servo,
@@ -91,8 +91,8 @@ impl Parts {
                 reading.background.selection(settings.family),
             ),
             CommandLines::new(AsciiQueue::new(ports, identifier, clock.clone()), interrupt, host_port),
-            VariableMirror::new(&plan, mode, clock.clone()),
-            plan,
+            VariableMirror::new(&layout, mode, clock.clone()),
+            layout,
             &reading.functions,
             clock.clone(),
         );

@@ -58,12 +58,12 @@ pub struct VariableMirror {
 }
 
 impl VariableMirror {
-    /// A mirror that uses the words the plan keeps for it and has no table.
+    /// A mirror that uses the words the layout keeps for it and has no table.
     #[must_use]
-    pub fn new(plan: &BufferLayout, mode: VariableMode, time: Clock) -> Self {
-        let family = plan.family();
+    pub fn new(layout: &BufferLayout, mode: VariableMode, time: Clock) -> Self {
+        let family = layout.family();
         Self {
-            reader: VariableReader::new(&family.variable_read, family.start, plan.variable_read()),
+            reader: VariableReader::new(&family.variable_read, family.start, layout.variable_read()),
             mode,
             timer: ServoTimer::new(TIMER_BITS),
             table: 0,

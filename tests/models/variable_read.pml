@@ -1,4 +1,4 @@
-/* Background variable read: mode and Data-Ready (0x07E8), count (0x07EC), and four longs of the open area that hold the
+/* Background variable read: mode and Data-Ready (0x07E8), count (0x07EC), and four longs of the user area that hold the
  * table and, behind its last entry, the values. One table has one entry, the other two; what is data of the first is
  * an entry of the second.
  *

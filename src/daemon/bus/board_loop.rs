@@ -133,7 +133,7 @@ impl BoardLoop {
 
     /// Does everything that is due now, and returns when something is due next, in nanoseconds of the loop's clock:
     /// `u64::MAX` when it has ended. For whoever drives the loop instead of [`BoardLoop::run`]; to be called again then, or
-    /// when a command or an interrupt has come. Returns after [`STEPS_A_POLL`] pieces even if work is left.
+    /// when a command or an interrupt has come. Returns after so many pieces of work even if some is left.
     pub fn poll(&mut self) -> u64 {
         self.publisher.set_now(self.clock.ns());
         for _ in 0..STEPS_A_POLL {
@@ -314,9 +314,9 @@ impl BoardLoop {
             identity.servo_report_cycles,
         );
         self.functions.background.configure(motors);
-        match self.configured.settings.plan_for(identity.firmware.as_deref()) {
-            Ok(plan) => self.functions.set_plan(plan),
-            Err(reason) => warn!("{reason}; the plan for boards of unknown firmware stays in force"),
+        match self.configured.settings.layout_for(identity.firmware.as_deref()) {
+            Ok(layout) => self.functions.set_layout(layout),
+            Err(reason) => warn!("{reason}; the buffer layout for boards of unknown firmware stays in force"),
         }
         let stamp = Stamp { time_ns: self.clock.ns(), servo_timer: 0, valid: true };
         self.publisher.publish_bytes(RegionId::Board, stamp, &identity.encode());

@@ -27,7 +27,7 @@ use crate::segment::{Counter, Publisher};
 /// The functions of a board, and which of them are used.
 pub struct FunctionTable {
     clock: Clock,
-    plan: BufferLayout,
+    layout: BufferLayout,
     used: [bool; Function::ALL.len()],
     /// Before all others.
     pub servo: ServoMirror,
@@ -42,14 +42,14 @@ pub struct FunctionTable {
 }
 
 impl FunctionTable {
-    /// The functions of a board whose buffers lie where `plan` says. The words of those not in `used` are left alone.
+    /// The functions of a board whose buffers lie where `layout` says. The words of those not in `used` are left alone.
     #[must_use]
     pub fn new(
         servo: ServoMirror,
         background: BackgroundMirror,
         ascii: CommandLines,
         variables: VariableMirror,
-        plan: BufferLayout,
+        layout: BufferLayout,
         used: &Functions,
         clock: Clock,
     ) -> Self {
@@ -58,11 +58,11 @@ impl FunctionTable {
             servo,
             background,
             ascii,
-            panel: PanelQueue::new(plan.family(), now),
-            gather: GatherMirror::new(plan.family(), clock.clone()),
-            variables: Variables { read: variables, write: WriteQueue::new(&plan, now) },
-            rotary: RotaryQueue::new(plan.family(), now),
-            plan,
+            panel: PanelQueue::new(layout.family(), now),
+            gather: GatherMirror::new(layout.family(), clock.clone()),
+            variables: Variables { read: variables, write: WriteQueue::new(&layout, now) },
+            rotary: RotaryQueue::new(layout.family(), now),
+            layout,
             used: Function::ALL.map(|function| used.has(function)),
             clock,
         }
@@ -178,8 +178,8 @@ impl FunctionTable {
     }
 
     /// The board's firmware has become known, and with it where gathering lies; the other buffers stay where they are.
-    pub fn set_plan(&mut self, plan: BufferLayout) {
-        self.plan = plan;
+    pub fn set_layout(&mut self, layout: BufferLayout) {
+        self.layout = layout;
     }
 
     /// Takes a job in; tells its end if it has one at once.
@@ -219,7 +219,7 @@ impl FunctionTable {
                 None => no_panel(),
             },
             Job::Write { first, words, anywhere } => {
-                match if anywhere { Ok(()) } else { self.plan.check_user_area(first, words.len()) } {
+                match if anywhere { Ok(()) } else { self.layout.check_user_area(first, words.len()) } {
                     Ok(()) => write(bus, first, &words)?,
                     Err(reason) => Outcome::Refused(Text::of(&reason)),
                 }
@@ -230,7 +230,7 @@ impl FunctionTable {
                 Err(VariableReadBusError::Bus(error)) => return Err(error),
             },
             Job::GatherBegin { buffer, clock } => {
-                match self.plan.check_gather(buffer.place.buffer, buffer.size_longs, buffer.sample_longs) {
+                match self.layout.check_gather(buffer.place.buffer, buffer.size_longs, buffer.sample_longs) {
                     Err(reason) => Outcome::Refused(Text::of(&reason)),
                     Ok(()) => match self.gather.begin(bus, buffer, clock, publisher, now)? {
                         Ok(()) => Outcome::Done,
@@ -243,7 +243,7 @@ impl FunctionTable {
                 Outcome::Done
             }
             Job::RotaryOpen { buffer, start, size_longs, coordinate_system, coordinate_system_base } => {
-                let Some(kept) = self.plan.rotary().get(buffer).copied() else {
+                let Some(kept) = self.layout.rotary().get(buffer).copied() else {
                     let reason = format_args!("the board has no rotary buffer {}", buffer + 1);
                     return Ok(Some(Event::Done(ticket, Outcome::Refused(Text::of(&reason)))));
                 };
@@ -253,7 +253,7 @@ impl FunctionTable {
                     coordinate_system,
                     coordinate_system_base,
                 };
-                match self.plan.check_rotary(buffer, setup.start, setup.size_longs) {
+                match self.layout.check_rotary(buffer, setup.start, setup.size_longs) {
                     Ok(()) => self.rotary.open(bus, buffer, &setup)?,
                     Err(reason) => Outcome::Refused(Text::of(&reason)),
                 }

@@ -21,7 +21,7 @@ pub enum Change {
 /// What was last seen of the board.
 pub struct BoardPresence {
     open: OpenBus,
-    /// Its memory is not to be had.
+    /// Its memory cannot be opened.
     gone: bool,
     /// Nothing answers on the bus.
     silent: bool,

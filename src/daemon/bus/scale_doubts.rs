@@ -19,7 +19,7 @@ impl ScaleDoubts {
     /// or resets the board. `None` after a line that leaves every answer of the board to [`super::identify`] as it is.
     #[must_use]
     pub fn of_line(line: &[u8]) -> Option<Self> {
-        // An I-variable, or a reset or $-address. A jog (J=), P, Q and M come too often to ask four questions after each.
+        // An I-variable, or a reset or $-address. A jog (J=), P, Q and M come too often to ask all questions after each.
         let sets_i = line.contains(&b'=') && line.iter().any(|byte| byte.eq_ignore_ascii_case(&b'i'));
         if !sets_i && !line.contains(&b'$') {
             return None;

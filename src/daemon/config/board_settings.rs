@@ -9,7 +9,7 @@ use crate::protocol::settings::{BoardSettings, VariableMode};
 pub struct CheckedSettings {
     settings: BoardSettings,
     family: &'static Family,
-    plan: BufferLayout,
+    layout: BufferLayout,
 }
 
 impl CheckedSettings {
@@ -30,8 +30,8 @@ impl CheckedSettings {
             .rotary
             .check()
             .map_err(|error| Refusal::of(format!("rotary.{}", error.name), format!("[rotary] {error}")))?;
-        let plan = plan(&settings, family, firmware).map_err(|error| Refusal::of("plan", error))?;
-        Ok(Self { settings, family, plan })
+        let layout = layout(&settings, family, firmware).map_err(|error| Refusal::of("plan", error))?;
+        Ok(Self { settings, family, layout })
     }
 
     /// As they are written, defaults filled in.
@@ -48,18 +48,18 @@ impl CheckedSettings {
 
     /// Where the buffers lie, as far as is known before the board has told its firmware.
     #[must_use]
-    pub const fn plan(&self) -> BufferLayout {
-        self.plan
+    pub const fn layout(&self) -> BufferLayout {
+        self.layout
     }
 
     /// Where they lie on a board that says it has `firmware`. A text that is no version changes nothing.
     ///
     /// # Errors
     /// Which buffers overlap now that gathering lies elsewhere.
-    pub fn plan_for(&self, firmware: Option<&str>) -> Result<BufferLayout, String> {
+    pub fn layout_for(&self, firmware: Option<&str>) -> Result<BufferLayout, String> {
         match firmware.and_then(|text| text.parse().ok()) {
-            None => Ok(self.plan),
-            known => plan(&self.settings, self.family, known),
+            None => Ok(self.layout),
+            known => layout(&self.settings, self.family, known),
         }
     }
 
@@ -70,7 +70,7 @@ impl CheckedSettings {
     }
 }
 
-fn plan(
+fn layout(
     settings: &BoardSettings,
     family: &'static Family,
     firmware: Option<Firmware>,
@@ -92,16 +92,16 @@ mod tests {
     #[test]
     fn the_gather_buffer_is_kept_where_the_firmware_has_it() {
         let checked = decided(BoardSettings::default()).unwrap();
-        let start = |plan: BufferLayout| plan.gather().start;
-        assert_eq!(start(checked.plan()), HostOffset::new(0x0800));
-        assert_eq!(start(checked.plan_for(Some("1.16D")).unwrap()), HostOffset::new(0x0900));
+        let start = |layout: BufferLayout| layout.gather().start;
+        assert_eq!(start(checked.layout()), HostOffset::new(0x0800));
+        assert_eq!(start(checked.layout_for(Some("1.16D")).unwrap()), HostOffset::new(0x0900));
         for other in [Some("1.13"), Some("hello"), None] {
-            assert_eq!(start(checked.plan_for(other).unwrap()), HostOffset::new(0x0800), "{other:?}");
+            assert_eq!(start(checked.layout_for(other).unwrap()), HostOffset::new(0x0800), "{other:?}");
         }
         let mut settings = BoardSettings::default();
         settings.gather.position = GatherPosition::Printed;
         let checked = decided(settings).unwrap();
-        assert_eq!(start(checked.plan_for(Some("1.16D")).unwrap()), HostOffset::new(0x0800));
+        assert_eq!(start(checked.layout_for(Some("1.16D")).unwrap()), HostOffset::new(0x0800));
     }
 
     #[test]
@@ -117,6 +117,6 @@ mod tests {
         let mut settings = BoardSettings::default();
         settings.plan.gather_longs = 0x820;
         let checked = decided(settings).unwrap();
-        assert!(checked.plan_for(Some("1.16D")).unwrap_err().contains("overlap"));
+        assert!(checked.layout_for(Some("1.16D")).unwrap_err().contains("overlap"));
     }
 }

@@ -31,12 +31,12 @@ pub struct WriteQueue {
 }
 
 impl WriteQueue {
-    /// No records yet; they lie where the plan keeps room for them.
+    /// No records yet; they lie where the layout keeps room for them.
     #[must_use]
-    pub fn new(plan: &BufferLayout, now: Instant) -> Self {
-        let family = plan.family();
+    pub fn new(layout: &BufferLayout, now: Instant) -> Self {
+        let family = layout.family();
         Self {
-            writer: VariableWriter::new(&family.variable_write, family.start, plan.variable_write()),
+            writer: VariableWriter::new(&family.variable_write, family.start, layout.variable_write()),
             waiting: VecDeque::with_capacity(at_once::WRITES),
             under_way: None,
             interrupted: None,
