@@ -37,10 +37,10 @@ impl CommandIntake {
         (!self.is_held_up()).then(|| self.commands.descriptor())
     }
 
-    /// Whether commands may wait.
+    /// Whether commands wait.
     #[must_use]
     pub fn has_waiting(&self) -> bool {
-        self.commands.is_awake()
+        self.commands.has_values()
     }
 
     /// Answers the socket, or keeps the answer until there is room.

@@ -5,10 +5,10 @@
 
 use std::os::fd::{AsFd, BorrowedFd};
 use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
 use std::time::{Duration, Instant};
 
-use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
 use nix::sys::eventfd::{EfdFlags, EventFd};
 
 use super::job::Job;
@@ -157,11 +157,12 @@ pub struct Unsolicited {
 pub struct Sender<T> {
     channel: SyncSender<T>,
     wake: Arc<EventFd>,
+    queued: Arc<AtomicUsize>,
 }
 
 impl<T> Clone for Sender<T> {
     fn clone(&self) -> Self {
-        Self { channel: self.channel.clone(), wake: Arc::clone(&self.wake) }
+        Self { channel: self.channel.clone(), wake: Arc::clone(&self.wake), queued: Arc::clone(&self.queued) }
     }
 }
 
@@ -179,7 +180,10 @@ impl<T> Sender<T> {
     /// # Errors
     /// The value itself.
     pub fn try_put(&self, value: T) -> Result<(), T> {
+        // Before the value can be taken, so that the count never falls below 0.
+        self.queued.fetch_add(1, Ordering::Relaxed);
         self.channel.try_send(value).map_err(|error| {
+            self.queued.fetch_sub(1, Ordering::Relaxed);
             self.wake();
             match error {
                 TrySendError::Full(value) | TrySendError::Disconnected(value) => value,
@@ -197,6 +201,7 @@ impl<T> Sender<T> {
 pub struct Receive<T> {
     channel: Receiver<T>,
     wake: Arc<EventFd>,
+    queued: Arc<AtomicUsize>,
 }
 
 impl<T> Receive<T> {
@@ -206,11 +211,10 @@ impl<T> Receive<T> {
         self.wake.as_fd()
     }
 
-    /// Whether [`Receive::descriptor`] is readable.
+    /// Whether values wait, without asking the kernel. One that is being put in at this moment may count already.
     #[must_use]
-    pub fn is_awake(&self) -> bool {
-        let mut watched = [PollFd::new(self.descriptor(), PollFlags::POLLIN)];
-        poll(&mut watched, PollTimeout::ZERO).is_ok_and(|readable| readable > 0)
+    pub fn has_values(&self) -> bool {
+        self.queued.load(Ordering::Relaxed) > 0
     }
 
     /// Makes [`Receive::descriptor`] unreadable again. Call before draining with [`Receive::try_receive`].
@@ -225,7 +229,9 @@ impl<T> Receive<T> {
 
     /// The next value, or `None` when the queue is empty.
     pub fn try_receive(&self) -> Option<T> {
-        self.channel.try_recv().ok()
+        self.channel.try_recv().ok().inspect(|_| {
+            self.queued.fetch_sub(1, Ordering::Relaxed);
+        })
     }
 }
 
@@ -236,7 +242,9 @@ impl<T> Receive<T> {
 pub fn queue<T>(capacity: usize) -> nix::Result<(Sender<T>, Receive<T>)> {
     let wake = Arc::new(EventFd::from_value_and_flags(0, EfdFlags::EFD_NONBLOCK | EfdFlags::EFD_CLOEXEC)?);
     let (sender, receiver) = sync_channel(capacity);
-    Ok((Sender { channel: sender, wake: Arc::clone(&wake) }, Receive { channel: receiver, wake }))
+    let queued = Arc::default();
+    let sender = Sender { channel: sender, wake: Arc::clone(&wake), queued: Arc::clone(&queued) };
+    Ok((sender, Receive { channel: receiver, wake, queued }))
 }
 
 /// How long a command may take when its caller does not say.
@@ -244,6 +252,8 @@ pub const DEFAULT_TIMEOUT: Duration = Duration::from_secs(5);
 
 #[cfg(test)]
 mod tests {
+    use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
+
     use super::*;
 
     #[test]
@@ -252,10 +262,12 @@ mod tests {
         assert_eq!(sender.try_send(1), Ok(()));
         assert_eq!(sender.try_send(2), Ok(()));
         assert_eq!(sender.try_send(3), Err(3));
+        assert!(receiver.has_values());
         receiver.clear();
         assert_eq!(receiver.try_receive(), Some(1));
         assert_eq!(receiver.try_receive(), Some(2));
         assert_eq!(receiver.try_receive(), None);
+        assert!(!receiver.has_values(), "what had no room does not count");
         drop(receiver);
         assert_eq!(sender.try_send(4), Err(4));
     }
@@ -263,7 +275,10 @@ mod tests {
     #[test]
     fn what_is_only_put_in_wakes_nobody_unless_there_is_no_room() {
         let (sender, receiver) = queue::<u8>(2).unwrap();
-        let woken = || receiver.is_awake();
+        let woken = || {
+            let mut watched = [PollFd::new(receiver.descriptor(), PollFlags::POLLIN)];
+            poll(&mut watched, PollTimeout::ZERO).is_ok_and(|readable| readable > 0)
+        };
         assert_eq!((sender.try_put(1), woken()), (Ok(()), false));
         assert_eq!((sender.try_put(2), woken()), (Ok(()), false));
         assert_eq!((sender.try_put(3), woken()), (Err(3), true));
