@@ -45,6 +45,7 @@ impl Raw {
                 Ok(0) => return None,
                 Ok(count) => self.inbox.push(&chunk[..count]),
                 Err(error) if error.kind() == std::io::ErrorKind::ConnectionReset => return None,
+                Err(error) if error.kind() == std::io::ErrorKind::Interrupted => {}
                 Err(error) => panic!("nothing received: {error}"),
             }
         }
