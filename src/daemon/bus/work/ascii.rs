@@ -4,15 +4,20 @@
 //! board is asked who it is ([`crate::daemon::bus::identify`]). Everything is bounded: the queues by what the socket hands
 //! over, a command by its deadline, a poll by the number of responses it takes.
 
+mod controls;
+mod expiry;
+mod outbox;
+mod way;
+
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 
-use log::{info, warn};
+use outbox::Outbox;
 
 use crate::clock::Clock;
 use crate::daemon::bus::identify::Identifier;
 use crate::daemon::bus::ports::command_port::{CommandPorts, PortError};
-use crate::daemon::bus::ports::fallback::{Change, Fallback, Waiting};
+use crate::daemon::bus::ports::fallback::Fallback;
 use crate::daemon::bus::scale_doubts::ScaleDoubts;
 use crate::daemon::shared::queue::{
     Command, Event, LINE_MAX, Outcome, Sender, Text, Ticket, Unsolicited, at_once,
@@ -22,8 +27,6 @@ use crate::function::ascii::{AsciiEvent, ResponseText, control_has_reply};
 use crate::protocol::{CommandPort, CommandState, MessageKind, OpenBuffer};
 use crate::segment::{Counter, Publisher};
 
-/// Lines of a reply that the socket's thread is told at once: a long listing must not fill its queue.
-const LINES_UNHEARD: u32 = 64;
 /// Responses taken in one poll, so that a chattering board cannot hold up the servo data.
 const STEPS_A_POLL: usize = 2;
 /// How often to poll while the board owes something: first soon, then less often.
@@ -94,10 +97,8 @@ pub struct AsciiQueue {
     buffer: OpenBuffer,
     /// After a control character with a reply a line has its turn, if one waits.
     line_is_next: bool,
-    /// Lines of a reply told since something else was.
-    lines_unheard: u32,
-    /// An event the socket's queue had no room for. Until it is gone nothing more is taken from the board.
-    outbox: Option<Event>,
+    /// What the socket is told. While it is full nothing more is taken from the board.
+    outbox: Outbox,
     /// The identity, and when it is asked.
     pub identifier: Identifier,
     state: CommandState,
@@ -123,8 +124,7 @@ impl AsciiQueue {
             control_lost: None,
             buffer: OpenBuffer::default(),
             line_is_next: false,
-            lines_unheard: 0,
-            outbox: None,
+            outbox: Outbox::default(),
             identifier,
             state: CommandState::Unknown,
             last_event: now,
@@ -177,7 +177,7 @@ impl AsciiQueue {
     /// Whether an answer waits for room in the socket's queue, so that nothing more is taken from the board.
     #[must_use]
     pub fn is_held_up(&self) -> bool {
-        self.outbox.is_some()
+        !self.outbox.is_empty()
     }
 
     /// The ports for command lines.
@@ -249,14 +249,12 @@ impl AsciiQueue {
         publisher: &Publisher,
         now: Instant,
     ) -> Result<(), PortError> {
-        if let Some(event) = self.outbox.take() {
-            self.tell(events, event);
-        }
-        if self.outbox.is_none() {
+        self.outbox.retry(events);
+        if self.outbox.is_empty() {
             self.serve_controls(bus, events, publisher, now)?;
         }
         for _ in 0..STEPS_A_POLL {
-            if self.outbox.is_some() {
+            if !self.outbox.is_empty() {
                 break;
             }
             let Some(event) = self.ports.poll(bus, now)? else { break };
@@ -264,10 +262,10 @@ impl AsciiQueue {
             self.handle(events, publisher, event);
         }
         self.consider_fallback(bus, now)?;
-        if self.outbox.is_none() {
+        if self.outbox.is_empty() {
             self.expire(bus, events, publisher, now)?;
         }
-        if self.outbox.is_none() && self.under_way.is_none() && self.ports.is_idle() {
+        if self.outbox.is_empty() && self.under_way.is_none() && self.ports.is_idle() {
             self.begin_next(bus, events, publisher, now)?;
         }
         self.next_poll = now + self.patience(now);
@@ -279,7 +277,7 @@ impl AsciiQueue {
             || self.ports.is_waiting()
             || self.control_pending.is_some()
             || self.control_lost.is_some()
-            || self.outbox.is_some()
+            || !self.outbox.is_empty()
             || !self.lines.is_empty()
             || !self.controls.is_empty();
         // What cannot be asked now is not waited for.
@@ -296,72 +294,6 @@ impl AsciiQueue {
             (false, false) => POLL_IDLE.min(question),
             (false, true) => POLL_IDLE_WITH_INTERRUPT.min(question),
         }
-    }
-
-    /// Hands over control characters, the first that can go first.
-    fn serve_controls(
-        &mut self,
-        bus: &mut impl Bus,
-        events: &Sender<Event>,
-        publisher: &Publisher,
-        now: Instant,
-    ) -> Result<(), PortError> {
-        if let Some((ticket, taken)) = self.control_lost.take() {
-            self.fail(events, publisher, ticket, taken);
-            return Ok(());
-        }
-        if let Some(pending) = self.control_pending {
-            if !self.ports.control_pending(bus)? {
-                self.control_pending = None;
-                self.state = CommandState::Answers;
-                self.tell(events, Event::Done(pending.ticket, Outcome::Done));
-            } else if now >= pending.deadline {
-                self.ports.withdraw_control(bus, now)?;
-                self.control_pending = None;
-                self.fail(events, publisher, pending.ticket, false);
-            }
-            return Ok(());
-        }
-        // One with a reply has to wait until the port is idle. What stops a machine does not wait behind it.
-        let is_idle = self.ports.is_idle();
-        let ready = |control: &WaitingControl| {
-            now < control.deadline && (is_idle || !control_has_reply(control.character))
-        };
-        let Some(index) = self.controls.iter().position(ready) else {
-            if let Some(late) = self.controls.front().copied().filter(|oldest| now >= oldest.deadline) {
-                self.controls.pop_front();
-                // That it waited for a line says nothing of the board.
-                match self.under_way {
-                    Some(_) => self.tell(events, Event::Done(late.ticket, Outcome::Busy)),
-                    None => self.fail(events, publisher, late.ticket, false),
-                }
-            }
-            return Ok(());
-        };
-        let Some(&first) = self.controls.get(index) else { return Ok(()) };
-        let has_reply = control_has_reply(first.character);
-        if self.ports.control(bus, first.character, has_reply, now)? {
-            self.controls.remove(index);
-            self.buffer.follow_control(first.character);
-            self.last_event = now;
-            publisher.counters().add(Counter::AsciiCommands, 1);
-            if has_reply {
-                self.line_is_next = true;
-                let command = InFlight::Control(first);
-                self.under_way =
-                    Some(UnderWay { command, deadline: first.deadline, taken: false, given_up: false });
-            } else {
-                self.control_pending = Some(first);
-                let settles = self.ports.mailbox.as_ref().is_some_and(|mailbox| mailbox.port.is_settling());
-                if let Some(under_way) = self.under_way.as_mut().filter(|it| settles && !it.given_up)
-                    && self.ports.in_use() == CommandPort::Mailbox
-                {
-                    // It went over a line that lay too long; whether the board had taken that nobody knows.
-                    (under_way.taken, under_way.given_up, under_way.deadline) = (true, true, now);
-                }
-            }
-        }
-        Ok(())
     }
 
     /// Starts the next line: a caller's, or else the identifier's.
@@ -382,7 +314,7 @@ impl AsciiQueue {
         {
             if next.question && self.buffer.is_open() {
                 self.lines.pop_front();
-                self.tell(events, Event::Done(next.ticket, Outcome::Unavailable));
+                self.outbox.tell(events, Event::Done(next.ticket, Outcome::Unavailable));
                 return Ok(());
             }
             // Its caller has been told by now that it was not done. So must it be; [`Self::expire`] takes it away.
@@ -401,75 +333,8 @@ impl AsciiQueue {
         Ok(())
     }
 
-    /// Has lines go through another port when the board does not look at this one.
-    fn consider_fallback(&mut self, bus: &mut impl Bus, now: Instant) -> Result<(), PortError> {
-        if !self.ports.may_change() {
-            return Ok(());
-        }
-        let under_way = self.is_under_way();
-        if let Some(change) = self.fallback.wanted(&mut self.ports, under_way, bus, now)? {
-            if change == Change::Enabled || self.take_back(bus)? {
-                self.change_port(change, now);
-            } else {
-                self.fallback.ask_again(now);
-            }
-        }
-        let waiting = Waiting {
-            untouched: self.has_untouched(now),
-            under_way: self.is_under_way(),
-            buffer_open: self.buffer.is_open(),
-        };
-        self.fallback.ask(&mut self.ports, waiting, now)
-    }
-
     fn is_under_way(&self) -> bool {
         self.under_way.is_some() || self.control_pending.is_some()
-    }
-
-    fn change_port(&mut self, change: Change, now: Instant) {
-        let enable = self.ports.enable();
-        match change {
-            Change::OutOfReach => warn!("command lines: VME mailboxes, the DPRAM is out of reach"),
-            Change::Disabled => warn!("command lines: VME mailboxes, {enable}=0"),
-            Change::Enabled => info!("command lines: DPRAM, {enable}=1"),
-        }
-        self.ports.change(change.port());
-        self.state = CommandState::Unknown;
-        self.poll_now(now);
-    }
-
-    /// Whether a command waits that the board has not touched, as far as known.
-    fn has_untouched(&self, now: Instant) -> bool {
-        match self.under_way {
-            Some(under_way) => !under_way.taken && !self.ports.was_taken(),
-            None => {
-                let asks = !self.buffer.is_open() && self.identifier.due_in(now).is_zero();
-                self.control_pending.is_some() || !self.lines.is_empty() || !self.controls.is_empty() || asks
-            }
-        }
-    }
-
-    /// Takes back what waits in the DPRAM's port, to be sent through another; false when the board has touched it.
-    fn take_back(&mut self, bus: &mut impl Bus) -> Result<bool, PortError> {
-        if let Some(control) = self.control_pending {
-            if !self.ports.dpram.control_pending(bus)? {
-                return Ok(false);
-            }
-            self.ports.dpram.withdraw_control(bus)?;
-            self.control_pending = None;
-            self.controls.push_front(control);
-        }
-        let Some(under_way) = self.under_way else { return Ok(true) };
-        if under_way.taken || !self.ports.dpram.take_back(bus)? {
-            return Ok(false);
-        }
-        self.under_way = None;
-        match under_way.command {
-            InFlight::Line(line) => self.lines.push_front(line),
-            InFlight::Control(control) => self.controls.push_front(control),
-            InFlight::Identify => self.identifier.not_sent(),
-        }
-        Ok(true)
     }
 
     fn start(&mut self, command: InFlight, deadline: Instant, publisher: &Publisher, now: Instant) {
@@ -477,63 +342,6 @@ impl AsciiQueue {
         self.line_is_next = false;
         self.last_event = now;
         publisher.counters().add(Counter::AsciiCommands, 1);
-    }
-
-    /// Gives up on what is past its deadline.
-    fn expire(
-        &mut self,
-        bus: &mut impl Bus,
-        events: &Sender<Event>,
-        publisher: &Publisher,
-        now: Instant,
-    ) -> Result<(), PortError> {
-        if let Some(under_way) = &mut self.under_way
-            && now >= under_way.deadline
-        {
-            if !std::mem::replace(&mut under_way.given_up, true) {
-                under_way.taken |= self.ports.give_up(bus, now)?;
-                // A board clears the flag only when it has done the line. One that answered the line before may be at this one.
-                under_way.taken |=
-                    self.ports.in_use() == CommandPort::Dpram && self.state != CommandState::Silent;
-            }
-            // Who hears that it was not taken may send it again, so that is said only after a silence.
-            if under_way.taken || self.ports.is_idle() {
-                let UnderWay { command, taken, .. } = *under_way;
-                self.under_way = None;
-                match command.ticket() {
-                    Some(ticket) => self.fail(events, publisher, ticket, taken),
-                    None => {
-                        self.identifier.failed(now);
-                        self.state = CommandState::Silent;
-                    }
-                }
-                return Ok(());
-            }
-        }
-        if let Some(&first) = self.lines.front()
-            && now >= first.deadline
-        {
-            self.lines.pop_front();
-            if self.under_way.is_some() {
-                // That it waited for another one says nothing of the board.
-                self.tell(events, Event::Done(first.ticket, Outcome::Busy));
-                return Ok(());
-            }
-            if self.ports.is_idle() {
-                // Nothing of ours is under way, yet the line could not be command: an earlier one still lies in the
-                // buffer with nobody to take it. It must not be carried out by surprise later.
-                self.ports.withdraw_line(bus)?;
-            }
-            self.fail(events, publisher, first.ticket, false);
-        }
-        Ok(())
-    }
-
-    fn fail(&mut self, events: &Sender<Event>, publisher: &Publisher, ticket: Ticket, taken: bool) {
-        publisher.counters().add(Counter::AsciiTimeouts, 1);
-        self.state = CommandState::Silent;
-        let outcome = if taken { Outcome::TimedOut } else { Outcome::Unavailable };
-        self.tell(events, Event::Done(ticket, outcome));
     }
 
     fn handle(&mut self, events: &Sender<Event>, publisher: &Publisher, event: AsciiEvent) {
@@ -544,7 +352,7 @@ impl AsciiQueue {
                 if let Some(under_way) = &mut self.under_way {
                     under_way.taken = true;
                     match under_way.command.ticket() {
-                        Some(ticket) => self.tell(events, Event::Line(ticket, text)),
+                        Some(ticket) => self.outbox.tell(events, Event::Line(ticket, text)),
                         None => self.identifier.line(text.as_bytes()),
                     }
                 }
@@ -555,7 +363,7 @@ impl AsciiQueue {
                 match self.under_way.take().map(|under_way| under_way.command.ticket()) {
                     Some(Some(ticket)) => {
                         let outcome = result.map_or_else(Outcome::Error, |()| Outcome::Done);
-                        self.tell(events, Event::Done(ticket, outcome));
+                        self.outbox.tell(events, Event::Done(ticket, outcome));
                     }
                     Some(None) => self.identifier.done(),
                     None => {}
@@ -580,16 +388,8 @@ impl AsciiQueue {
         text: &ResponseText,
     ) {
         publisher.counters().add(Counter::AsciiUnsolicited, 1);
-        self.tell(events, Event::Unsolicited(Unsolicited { time_ns: self.clock.ns(), kind, text: *text }));
-    }
-
-    /// Puts an event into the socket's queue, or keeps it until there is room. A line of a reply is told with the reply's end.
-    fn tell(&mut self, events: &Sender<Event>, event: Event) {
-        debug_assert!(self.outbox.is_none(), "what waits for room is told first");
-        let is_line = matches!(event, Event::Line(..));
-        self.lines_unheard = if is_line { self.lines_unheard + 1 } else { 0 };
-        let wakes = self.lines_unheard.is_multiple_of(LINES_UNHEARD);
-        self.outbox = if wakes { events.try_send(event) } else { events.try_put(event) }.err();
+        self.outbox
+            .tell(events, Event::Unsolicited(Unsolicited { time_ns: self.clock.ns(), kind, text: *text }));
     }
 }
 

@@ -1,0 +1,80 @@
+//! The other way to the board: lines go through the mailboxes when the board does not look at the DPRAM's port.
+
+use std::time::Instant;
+
+use log::{info, warn};
+
+use super::{AsciiQueue, InFlight};
+use crate::daemon::bus::ports::command_port::PortError;
+use crate::daemon::bus::ports::fallback::{Change, Waiting};
+use crate::device::Bus;
+use crate::protocol::CommandState;
+
+impl AsciiQueue {
+    /// Has lines go through another port when the board does not look at this one.
+    pub(super) fn consider_fallback(&mut self, bus: &mut impl Bus, now: Instant) -> Result<(), PortError> {
+        if !self.ports.may_change() {
+            return Ok(());
+        }
+        let under_way = self.is_under_way();
+        if let Some(change) = self.fallback.wanted(&mut self.ports, under_way, bus, now)? {
+            if change == Change::Enabled || self.take_back(bus)? {
+                self.change_port(change, now);
+            } else {
+                self.fallback.ask_again(now);
+            }
+        }
+        let waiting = Waiting {
+            untouched: self.has_untouched(now),
+            under_way: self.is_under_way(),
+            buffer_open: self.buffer.is_open(),
+        };
+        self.fallback.ask(&mut self.ports, waiting, now)
+    }
+
+    fn change_port(&mut self, change: Change, now: Instant) {
+        let enable = self.ports.enable();
+        match change {
+            Change::OutOfReach => warn!("command lines: VME mailboxes, the DPRAM is out of reach"),
+            Change::Disabled => warn!("command lines: VME mailboxes, {enable}=0"),
+            Change::Enabled => info!("command lines: DPRAM, {enable}=1"),
+        }
+        self.ports.change(change.port());
+        self.state = CommandState::Unknown;
+        self.poll_now(now);
+    }
+
+    /// Whether a command waits that the board has not touched, as far as known.
+    fn has_untouched(&self, now: Instant) -> bool {
+        match self.under_way {
+            Some(under_way) => !under_way.taken && !self.ports.was_taken(),
+            None => {
+                let asks = !self.buffer.is_open() && self.identifier.due_in(now).is_zero();
+                self.control_pending.is_some() || !self.lines.is_empty() || !self.controls.is_empty() || asks
+            }
+        }
+    }
+
+    /// Takes back what waits in the DPRAM's port, to be sent through another; false when the board has touched it.
+    fn take_back(&mut self, bus: &mut impl Bus) -> Result<bool, PortError> {
+        if let Some(control) = self.control_pending {
+            if !self.ports.dpram.control_pending(bus)? {
+                return Ok(false);
+            }
+            self.ports.dpram.withdraw_control(bus)?;
+            self.control_pending = None;
+            self.controls.push_front(control);
+        }
+        let Some(under_way) = self.under_way else { return Ok(true) };
+        if under_way.taken || !self.ports.dpram.take_back(bus)? {
+            return Ok(false);
+        }
+        self.under_way = None;
+        match under_way.command {
+            InFlight::Line(line) => self.lines.push_front(line),
+            InFlight::Control(control) => self.controls.push_front(control),
+            InFlight::Identify => self.identifier.not_sent(),
+        }
+        Ok(true)
+    }
+}
