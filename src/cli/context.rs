@@ -1,4 +1,4 @@
-//! What every command works with, and how it can end.
+//! What every command gets, and how it can end.
 
 use std::io;
 use std::path::PathBuf;
@@ -9,7 +9,7 @@ use crate::map::Family;
 use crate::protocol::CallError;
 use crate::segment::SegmentName;
 
-/// The answer of a command that was carried out.
+/// The result of a command that was executed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Verdict {
     /// Exit status 0.
@@ -24,13 +24,13 @@ impl From<bool> for Verdict {
     }
 }
 
-/// Why a command was not carried out.
+/// Why a command was not executed.
 #[derive(Debug, thiserror::Error)]
 pub enum Failure {
     /// The request could not be made: exit status 2.
     #[error("{0}")]
     Request(String),
-    /// The board or the daemon said no: exit status 1. Printed without the program's name, as the board's own words.
+    /// The board or the daemon refused: exit status 1. Printed without the program's name, in the board's own words.
     #[error("{0}")]
     Refused(String),
     /// The output could not be written.
@@ -43,7 +43,7 @@ impl Failure {
         Self::Request(error.to_string())
     }
 
-    /// The same, with where it happened before it.
+    /// The same failure, with its place in front.
     pub fn at(self, place: impl std::fmt::Display) -> Self {
         match self {
             Self::Refused(text) => Self::Refused(format!("{place}: {text}")),
@@ -76,7 +76,7 @@ impl From<CommandError> for Failure {
     }
 }
 
-/// What every command works with.
+/// What every command gets.
 pub struct Context {
     pub name: SegmentName,
     pub socket: PathBuf,
@@ -92,7 +92,7 @@ impl Context {
         Ok(Connection::open(&self.socket)?)
     }
 
-    /// The family of the board behind `connection`, unless one is `given`.
+    /// The family: `given`, or that of the board behind `connection`.
     pub fn family(
         given: Option<&'static Family>,
         connection: &mut Connection,

@@ -1,4 +1,4 @@
-//! The board's map and scales, for names and units.
+//! The board's map and scales, for register names and units.
 
 use std::time::{Duration, Instant};
 
@@ -7,12 +7,12 @@ use crate::client::{Board, identity};
 use crate::decode::Scales;
 use crate::map::{Firmware, Layout};
 
-/// How long a board may take to say who it is; one that is not asked never does.
+/// How long to wait for the board's identity. Without command lines it never arrives.
 const IDENTIFIED: Duration = Duration::from_secs(2);
 
-/// The board's map and scales, as far as it has told them.
+/// The board's map and scales, as far as they are known.
 pub fn board_layout(board: &mut Board) -> Result<(Layout, Scales, Option<Firmware>), Failure> {
-    // A daemon that was just started, or a board that was just reset, is still being asked.
+    // The daemon may still be identifying a board after a start or a reset.
     let deadline = Instant::now() + IDENTIFIED;
     let mut identity = board.identity()?;
     while identity.firmware.is_none() && Instant::now() < deadline {

@@ -1,14 +1,14 @@
 //! The command line `pmacctl` (layer 6).
 //!
-//! Exit status: 0 done; 1 the answer is "no", or the board reported an error; 2 the request could not be made.
-//! Data go to stdout, everything else to stderr. A reader that goes away (`pmacctl … | head`) ends it quietly.
+//! Exit status: 0 done; 1 the answer is "no", or the board or the daemon refused; 2 the request could not be made.
+//! Data go to stdout, everything else to stderr. A closed pipe (`pmacctl … | head`) ends the program quietly.
 //!
 //! | room | what is in it |
 //! |---|---|
-//! | `args` | what can be typed |
-//! | `show` | look: `status`, `motors`, `coordinates`, `watch`, `demo`, `map`, `read`, `decode` |
-//! | `act` | one thing done on the board: `send`, `write`, `panel`, `variable`, `abort`, `kill`, `terminal` |
-//! | `gather`, `rotary` | samples into a file; motion programs from one |
+//! | `args` | the command line |
+//! | `show` | commands that only read: `status`, `motors`, `coordinates`, `watch`, `demo`, `map`, `read`, `decode` |
+//! | `act` | commands that do one thing on the board: `send`, `write`, `panel`, `variable`, `abort`, `kill`, `terminal` |
+//! | `gather`, `rotary` | samples to a file; motion programs from a file |
 //! | `files` | command files and settings: `download`, `backup`, `diff`, `restore` |
 //! | `setup` | lines that set a board up, absolute positions |
 //! | `doctor` | what is wrong, and what to do |
@@ -47,13 +47,13 @@ use show::{coordinates, decode, demo, map, motors, read, status, watch};
 pub use files::{preprocess, settings_file};
 pub use rotary::words as rotary_words;
 
-/// What can be typed, for manual pages and completions.
+/// The command line's definition, for manual pages and completions.
 #[must_use]
 pub fn command() -> clap::Command {
     Args::command()
 }
 
-/// Runs `pmacctl` with these arguments, the first of which is the program's name.
+/// Runs `pmacctl`. The first argument is the program's name.
 pub fn run(args: impl IntoIterator<Item = OsString>) -> ExitCode {
     let args = match Args::try_parse_from(args) {
         Ok(args) => args,
@@ -62,11 +62,11 @@ pub fn run(args: impl IntoIterator<Item = OsString>) -> ExitCode {
     match execute(args) {
         Ok(Verdict::Yes) => ExitCode::SUCCESS,
         Ok(Verdict::No) => ExitCode::from(1),
-        // Nobody reads any more, so nobody misses the rest.
+        // The reader closed the pipe: end quietly.
         Err(Failure::Output(error)) if error.kind() == io::ErrorKind::BrokenPipe => ExitCode::SUCCESS,
-        // Not by `eprintln!`, which would panic when stderr is closed.
+        // `eprintln!` would panic if stderr is closed.
         Err(Failure::Refused(text)) => {
-            // The board's own words may be in it.
+            // The message may contain the board's text: show control characters as escapes.
             for line in text.split('\n') {
                 let _ = writeln!(io::stderr(), "{}", Visible(line));
             }

@@ -41,7 +41,7 @@ fn boards_are_found_with_what_to_write_and_what_is_in_the_way() {
     );
     assert!(ran.stdout.contains("6.1.0-9-amd64, locked down (integrity)"), "{ran:?}");
     assert!(ran.stdout.contains("STRICT_DEVMEM=y IO_STRICT_DEVMEM=n UIO=m"), "{ran:?}");
-    assert!(ran.stdout.contains("mem:0xD4000"), "an ISA board shows itself nowhere: {ran:?}");
+    assert!(ran.stdout.contains("mem:0xD4000"), "an ISA board cannot be detected: {ran:?}");
 
     let report = look("--boards --json").json();
     let found = report.as_array().unwrap().iter().find_map(|check| check.get("candidate")).unwrap();
@@ -129,12 +129,12 @@ fn a_report_that_was_ended_is_told_with_what_is_missing() {
     site.wait_until("GATHER to be missed", || {
         let servo = line("servo");
         servo.starts_with("FAIL")
-            && servo.contains("I48=1, I19=1, I59=8, so what is missing is GATHER")
+            && servo.contains("I48=1, I19=1, I59=8 but no GATHER")
             && servo.contains("pmacctl send GATHER")
     });
     send("I48=0");
     site.wait_until("I48 to be missed", || {
-        line("servo").contains("told I48=0; switch it on: pmacctl send 'I48=1'")
+        line("servo").contains("the board has I48=0; switch it on: pmacctl send 'I48=1'")
     });
     send("I48=1");
     send("GATHER");
@@ -161,7 +161,7 @@ fn a_port_that_was_not_used_is_told_as_unknown() {
     site.wait_until("what it takes to be told", || {
         let stdout = site.pmacctl(&["doctor"]).1;
         stdout.contains(
-            "the board has not told I48 and I19 and I59; it takes I48 and I19 and I59 above 0, and GATHER",
+            "I48 and I19 and I59 not known; the report needs I48 and I19 and I59 above 0, and GATHER",
         )
     });
 }

@@ -131,7 +131,7 @@ fn a_feed_rate_is_set_in_percent_and_raw_and_released() {
     }
     until(&mut board, "&2%", "as it was", |percent| (percent - 100.0).abs() < 0.01);
     done(&site, &["panel", "feed", "2", "225.87%"]);
-    until(&mut board, "&2%", "the most there is", |percent| (percent - 225.87).abs() < 0.02);
+    until(&mut board, "&2%", "the highest override", |percent| (percent - 225.87).abs() < 0.02);
     let shown: Value = serde_json::from_str(&done(&site, &["panel", "show", "--json"])).unwrap();
     assert_eq!((&shown["override_enable"], &shown["request_enable"]), (&3.into(), &0.into()));
     assert_eq!(shown["numbers"][0]["override_raw"], 7253);
@@ -191,9 +191,9 @@ fn without_i2_3_it_is_refused_and_nothing_written() {
         assert_eq!((status, error.lines().count()), (2, 1), "{wrong:?}: {error}");
     }
     for (wrong, reason) in [
-        (&["panel", "feed", "1", "-5%"] as &[&str], "a percentage is 0 or more"),
+        (&["panel", "feed", "1", "-5%"] as &[&str], "a percentage must be 0 or more"),
         (&["panel", "feed", "1", "-5", "--json"], "write 50%, a raw value from 0 to 32767, or off"),
-        (&["send", "--timeout", "-1", "P1"], "has to be above 0"),
+        (&["send", "--timeout", "-1", "P1"], "must be above 0"),
     ] {
         let (status, _, error) = site.pmacctl(wrong);
         assert!(status == 2 && error.contains(reason) && !error.contains("unexpected"), "{error}");
@@ -404,9 +404,9 @@ fn words_and_bits_are_written_where_they_are_open() {
         assert_eq!((status, error.lines().count()), (2, 1), "{wrong:?}: {error}");
     }
     for (wrong, reason) in [
-        (&["panel", "feed", "1", "-5%"] as &[&str], "a percentage is 0 or more"),
+        (&["panel", "feed", "1", "-5%"] as &[&str], "a percentage must be 0 or more"),
         (&["panel", "feed", "1", "-5", "--json"], "write 50%, a raw value from 0 to 32767, or off"),
-        (&["send", "--timeout", "-1", "P1"], "has to be above 0"),
+        (&["send", "--timeout", "-1", "P1"], "must be above 0"),
     ] {
         let (status, _, error) = site.pmacctl(wrong);
         assert!(status == 2 && error.contains(reason) && !error.contains("unexpected"), "{error}");

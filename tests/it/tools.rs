@@ -209,7 +209,7 @@ fn a_restore_says_which_line_may_have_been_carried_out() {
         pmacctl(&format!("restore {} --yes --json --socket {}", path.display(), bench.socket.display()));
     assert_eq!(*bench.seen.lock().unwrap(), ["P1 P404 P500", "P1=5", "P404=1"]);
     let told: Vec<_> = ran.stderr.lines().collect();
-    let stopped = ":2: stopped at this line, which may or may not have been carried out";
+    let stopped = ":2: stopped at this line; the board may or may not have executed it";
     assert_eq!(told[0], format!("{}{stopped}", path.display()), "{ran:?}");
     assert!(told[1].starts_with("the board did not answer in time"), "{ran:?}");
     let document = ran.json();
@@ -306,12 +306,10 @@ fn a_restore_leaves_its_own_port_alone_and_tells_errors_by_line() {
     let ran = site.run(&["restore", &path, "--yes", "--json"]);
     let told: Vec<_> = ran.stderr.lines().collect();
     assert_eq!(told.len(), 4, "{ran:?}");
-    for (told, begin) in
-        told.iter().zip([":1: I3 is left at 2", ":2: I6 is left at 1", ":3: I58 is left at 1"])
-    {
+    for (told, begin) in told.iter().zip([":1: I3 stays at 2", ":2: I6 stays at 1", ":3: I58 stays at 1"]) {
         assert!(told.starts_with(&format!("{path}{begin}")), "{told}");
     }
-    assert!(told[3].starts_with(&format!("{path}:4: the board took it and holds ")), "{ran:?}");
+    assert!(told[3].starts_with(&format!("{path}:4: the board took the line but now holds ")), "{ran:?}");
     let document = ran.json();
     assert_eq!((document["skipped"].as_array().unwrap().len(), &document["taken"]), (3, &json!(3)));
     assert_eq!((document["errors"][0]["line"].as_u64(), ran.code), (Some(4), Some(1)));

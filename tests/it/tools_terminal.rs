@@ -181,7 +181,7 @@ fn on_a_terminal_there_is_a_prompt_editing_and_history() {
     assert!(history.contains("P9=P9+1\nP9\n"), "{history}");
 
     let child = start(state.path());
-    site.wait_until("another prompt", || person.screen().matches(".quit leaves").count() == 2);
+    site.wait_until("another prompt", || person.screen().matches(".quit ends").count() == 2);
     person.types("\x1b[A\x1b[A\r");
     site.wait_until("the answer", || person.screen().matches("\n19\r\n").count() == 2);
     // End of input. Without a prompt the terminal is not yet in the editor's mode, and takes ^D for itself.

@@ -55,7 +55,7 @@ fn clients_share_entries_and_free_them() {
     site.wait_until("the first one's entries to be free", || listed(&site) == ["D:$0728", "X:$0701"]);
     drop(second);
     site.wait_until("all entries to be free", || listed(&site).is_empty());
-    assert_eq!(site.run(&["variable", "list"]).stdout, "nobody watches a variable\n");
+    assert_eq!(site.run(&["variable", "list"]).stdout, "no register is watched\n");
     site.assert_no_violations();
 }
 

@@ -1,4 +1,4 @@
-//! Command lines sent one after the other, through the daemon or over a serial line, and what can become of each.
+//! Sends command lines one after the other, through the daemon or over a serial line, and tells how each ended.
 
 use std::path::Path;
 use std::time::Duration;
@@ -9,38 +9,38 @@ use crate::cli::context::{Context, Failure};
 use crate::client::{CommandError, Connection, SerialError, SerialLine};
 use crate::protocol::CallError;
 
-/// How long `SAVE` may take: it erases and writes flash.
+/// Time limit of `SAVE`, which erases and writes flash.
 const SAVING: Duration = Duration::from_secs(60);
-/// How long a reset may take to be acknowledged, which it need not be.
+/// How long to wait for a reset's acknowledgement. It is optional.
 const RESETTING: Duration = Duration::from_secs(3);
-/// How long the board may then be away.
+/// How long the board may stay silent after a reset.
 const AWAY: Duration = Duration::from_secs(20);
 
-/// Why a line brought no acknowledgement.
+/// Why the board did not acknowledge a line.
 #[derive(Debug)]
 pub enum LineError {
     /// The board refused it.
     Board {
-        /// The number of `ERRnnn`, when the board says it.
+        /// The number of `ERRnnn`, if the board gave one.
         code: Option<u16>,
         /// `ERR003: meaning`.
         text: String,
-        /// What it had answered before.
+        /// The reply lines before the error.
         lines: Vec<String>,
     },
-    /// No answer came, or not its end: the line may or may not have been carried out.
+    /// The reply is missing or incomplete. The board may or may not have executed the line.
     Uncertain {
         /// Why.
         failure: Failure,
-        /// What had come of the answer.
+        /// The reply lines that arrived.
         lines: Vec<String>,
     },
-    /// The line did not reach the board: what comes behind it cannot be sent either.
+    /// The line did not reach the board, and neither can the lines after it.
     NotSent(Failure),
 }
 
 impl LineError {
-    /// Takes out what the board had answered before the error, or before it was given up.
+    /// Takes out the reply lines that arrived before the error or the time-out.
     pub fn take_lines(&mut self) -> Vec<String> {
         match self {
             Self::Board { lines, .. } | Self::Uncertain { lines, .. } => std::mem::take(lines),
@@ -48,7 +48,7 @@ impl LineError {
         }
     }
 
-    /// The error as JSON: `code` is null when the board was not the one that said no.
+    /// The error as JSON. `code` is null unless the board itself refused the line.
     pub fn document(&self) -> Value {
         match self {
             Self::Board { code, text, .. } => json!({ "code": code, "message": text }),
@@ -87,7 +87,7 @@ impl From<CommandError> for LineError {
             CommandError::Refused(CallError::TimedOut { lines }) => {
                 Self::Uncertain { failure: Failure::Refused(text), lines }
             }
-            // The connection was there, so the daemon may have passed the line on.
+            // The connection worked, so the daemon may have sent the line to the board.
             CommandError::Broken { .. }
             | CommandError::NoAnswer { .. }
             | CommandError::Refused(CallError::Protocol(_)) => {
@@ -125,7 +125,7 @@ impl Way {
     /// Through the daemon of `context`.
     ///
     /// # Errors
-    /// [`Failure::Request`] when it cannot be reached.
+    /// [`Failure::Request`] if the daemon cannot be reached.
     pub fn daemon(context: &Context) -> Result<Self, Failure> {
         Ok(Self::Daemon(context.connection()?))
     }
@@ -133,12 +133,12 @@ impl Way {
     /// Over the serial line `path`.
     ///
     /// # Errors
-    /// [`Failure::Request`] when there is no board that answers.
+    /// [`Failure::Request`] if no board answers.
     pub fn serial(path: &Path, baud: u32) -> Result<Self, Failure> {
         SerialLine::open(path, baud).map(Self::Serial).map_err(Failure::request)
     }
 
-    /// Sends `line`, which may take `timeout`, or longer when it is one that takes long on every board.
+    /// Sends `line` and waits at most `timeout` for the reply. `SAVE` and resets have longer limits.
     ///
     /// # Errors
     /// [`LineError`].
@@ -151,7 +151,7 @@ impl Way {
         };
         match self {
             Self::Daemon(connection) => match connection.send(line, timeout) {
-                // A board that resets need not acknowledge it.
+                // The board need not acknowledge a reset.
                 Err(CommandError::Refused(CallError::TimedOut { .. })) if kind == Kind::Reset => {
                     Ok(Vec::new())
                 }
@@ -166,10 +166,10 @@ impl Way {
         }
     }
 
-    /// Waits until the board can be talked to again after a reset; only a serial line can tell.
+    /// Waits until the board answers again after a reset. Only a serial line shows that.
     ///
     /// # Errors
-    /// [`LineError`] when it does not answer.
+    /// [`LineError`] if the board does not answer.
     pub fn wait_for_board(&mut self) -> Result<(), LineError> {
         match self {
             Self::Daemon(_) => Ok(()),
@@ -178,7 +178,7 @@ impl Way {
     }
 }
 
-/// Lines that take their own time.
+/// Whether a line has a time limit of its own.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Kind {
     Plain,

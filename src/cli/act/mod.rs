@@ -1,4 +1,4 @@
-//! Commands that do one thing on the board.
+//! Commands that make the board do one thing.
 
 pub mod lines;
 pub mod panel;

@@ -17,9 +17,9 @@ use crate::client::{Connection, HeldJog};
 use crate::function::panel::{FeedOverride, PanelAction, PanelWords};
 use crate::map::Family;
 
-/// How long the daemon may take to ask its board about itself.
+/// How long the daemon may take to identify its board.
 const ASKING: Duration = Duration::from_secs(2);
-/// How often a held jog is looked after, in milliseconds.
+/// Period of the checks during a held jog, in milliseconds.
 const LOOK: u16 = 20;
 
 /// `panel`.
@@ -31,31 +31,30 @@ pub struct Panel {
 
 #[derive(Debug, Subcommand)]
 pub enum PanelCommand {
-    /// Jog motors in positive direction until they are stopped
+    /// Jog motors in the positive direction until they are stopped
     #[command(name = "jog+")]
     JogPlus(Jog),
-    /// Jog motors in negative direction until they are stopped
+    /// Jog motors in the negative direction until they are stopped
     #[command(name = "jog-")]
     JogMinus(Jog),
-    /// Stop motors that jog
+    /// Stop jogging motors
     JogStop(Motors),
-    /// Send motors back to where they were before the last jog
+    /// Move motors back to their positions before the last jog
     PreJog(Motors),
     /// Home motors
     Home(Motors),
     /// Run the programs of coordinate systems
     Start(Systems),
-    /// Execute one step of the programs of coordinate systems. Where a program runs, it quits, as by Q
+    /// Execute one step of the programs of coordinate systems. A running program stops, as after Q
     Step(Systems),
     /// Abort coordinate systems
     Stop(Systems),
-    /// Feed hold of coordinate systems
+    /// Hold the feed of coordinate systems
     Hold(Systems),
-    /// Override the feed rate of a coordinate system; acts while its Ix93 points at the panel's override, the default
+    /// Override the feed rate of a coordinate system. This works while its Ix93 has its default value, the panel's override
     Feed(Feed),
-    /// Show the panel's words: for each number the last request, whether the board has still to take it, and the override.
-    /// A request stays in its word when the board has taken it, and when the daemon has withdrawn it; the words do not
-    /// tell which
+    /// Show for each number the last request, whether it still waits for the board, and the override. A request stays in
+    /// its word after the board takes it or the daemon withdraws it; the words do not tell which
     Show,
 }
 
@@ -63,11 +62,11 @@ pub enum PanelCommand {
 pub struct Jog {
     #[command(flatten)]
     pub motors: Motors,
-    /// Jog only while this command runs: until ^C, the end of its input, or --seconds; when it is killed, at most 200 ms
-    /// longer
+    /// Jog only while this command runs: until ^C, the end of its input, or --seconds. After a kill the motors jog on for
+    /// at most 200 ms
     #[arg(long)]
     pub hold: bool,
-    /// Stop after so long
+    /// Stop after this time, in seconds
     #[arg(long, value_name = "S", requires = "hold", value_parser = crate::cli::args::values::seconds, allow_negative_numbers = true)]
     pub seconds: Option<Duration>,
 }
@@ -91,12 +90,12 @@ pub struct Feed {
     /// The coordinate system
     #[arg(value_name = "C.S.", value_parser = number())]
     pub system: u8,
-    /// A percentage, as 50%; a raw value, 0 to 32767 in 1/32768 ms (14507 is 100 % at the default I10); or off
+    /// A percentage (50%), a raw value of 0 to 32767 in 1/32768 ms (14507 is 100 % at the default I10), or off
     #[arg(value_name = "N%|RAW|off", value_parser = wanted, allow_hyphen_values = true)]
     pub wanted: Wanted,
 }
 
-/// What the feed rate is to be.
+/// The requested override.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Wanted {
     Percent(f64),
@@ -109,11 +108,11 @@ fn wanted(text: &str) -> Result<Wanted, String> {
         return Ok(Wanted::Off);
     }
     if let Some(percent) = text.strip_suffix('%') {
-        let percent: f64 = percent.trim().parse().map_err(|_| format!("{percent:?} is no number"))?;
+        let percent: f64 = percent.trim().parse().map_err(|_| format!("{percent:?} is not a number"))?;
         return if percent.is_finite() && percent >= 0.0 {
             Ok(Wanted::Percent(percent))
         } else {
-            Err("a percentage is 0 or more".to_owned())
+            Err("a percentage must be 0 or more".to_owned())
         };
     }
     let raw: u32 = text.parse().map_err(|_| "write 50%, a raw value from 0 to 32767, or off".to_owned())?;
@@ -142,7 +141,7 @@ pub fn run(context: &mut Context, options: &Panel) -> Result<Verdict, Failure> {
     Ok(Verdict::Yes)
 }
 
-/// Refuses motors, or coordinate systems, that a board of `family` has not, before anything is asked of it.
+/// Refuses numbers of motors or coordinate systems that `family` does not have. Nothing has been sent to the board yet.
 pub fn check_numbers(family: &Family, for_motors: bool, numbers: &[u8]) -> Result<(), Failure> {
     let (what, count) = match for_motors {
         true => ("motor", family.motors),
@@ -166,7 +165,7 @@ fn hold(context: &mut Context, action: PanelAction, jog: &Jog) -> Result<Verdict
     Ok(Verdict::Yes)
 }
 
-/// Waits a moment for input, throws it away, and tells whether it has ended.
+/// Waits a moment for input and discards it. Returns whether the input has ended.
 fn input_ended() -> bool {
     let stdin = io::stdin();
     match poll(&mut [PollFd::new(stdin.as_fd(), PollFlags::POLLIN)], PollTimeout::from(LOOK)) {
@@ -175,7 +174,7 @@ fn input_ended() -> bool {
             Ok(count) => count == 0,
             Err(error) => error.kind() != io::ErrorKind::Interrupted,
         },
-        // Nobody can be heard: as good as gone.
+        // The input cannot be read: treat it as ended.
         Err(_) => true,
     }
 }
@@ -220,7 +219,7 @@ fn feed(context: &mut Context, feed: &Feed) -> Result<Verdict, Failure> {
     Ok(Verdict::Yes)
 }
 
-/// The override of coordinate system `system`, where it is on.
+/// The override of coordinate system `system`, if it is on.
 fn last_override(
     connection: &mut Connection,
     family: &Family,
@@ -235,24 +234,24 @@ fn last_override(
 /// The override for a percentage.
 ///
 /// # Errors
-/// More than the panel's word has room for, as a raw value that is too large would be.
+/// The percentage does not fit the panel's word.
 fn from_percent(percent: f64, i10: u32) -> Result<FeedOverride, Failure> {
     let value = FeedOverride::from_percent(percent, i10).map_err(Failure::request)?;
     let most = FeedOverride::MAXIMUM;
     match most.percent(i10) {
-        // Half a unit may be rounded away; more is not what was asked for.
+        // Allow rounding by half a unit, and refuse anything beyond that.
         Some(got) if value == most && percent > got * (1.0 + 0.5 / f64::from(most.raw())) => {
-            // Rounded downwards, so that what is told can be typed.
+            // Rounded down, so that the printed limit is accepted when typed.
             let told = (got * 100.0).floor() / 100.0;
             Err(Failure::Request(format!(
-                "{percent} % is more than the panel has room for; the most there is at this board's I10 is {told:.2}%"
+                "{percent} % is more than the panel's word can hold; at this board's I10 the highest override is {told:.2}%"
             )))
         }
         _ => Ok(value),
     }
 }
 
-/// What was set, in both units, so that a forgotten % is seen. When it was switched off, the `last` value there was.
+/// The new setting in both units, so that a forgotten % is seen. For `off`, the `last` value.
 fn echo(
     value: Option<FeedOverride>,
     percent: Option<f64>,
@@ -265,7 +264,7 @@ fn echo(
             Some(percent) => format!("{percent:.2} %"),
             None => format!("{} raw", last.raw()),
         };
-        return format!("off; the board keeps the last override (now {last}) until something else sets it");
+        return format!("off; the board keeps the last override (now {last}) until it is set another way");
     };
     let raw = format!("{} of {} raw", value.raw(), FeedOverride::MAXIMUM.raw());
     match percent {
@@ -274,7 +273,7 @@ fn echo(
     }
 }
 
-/// The same for a daemon that has only just been started, and asks its board in a moment.
+/// The servo period. Waits for a daemon that has just started to identify its board.
 fn wait_for_i10(context: &Context) -> Option<u32> {
     let deadline = Instant::now() + ASKING;
     loop {
@@ -285,12 +284,12 @@ fn wait_for_i10(context: &Context) -> Option<u32> {
     }
 }
 
-/// The servo period as the segment says it, if there is one and the board has told.
+/// The servo period in the segment, if it is known.
 fn i10(context: &Context) -> Option<u32> {
     context.board().ok()?.identity().ok()?.i10
 }
 
-/// The whole panel, as it is shown.
+/// The whole panel, as `panel show` prints it.
 #[derive(Debug, Serialize)]
 struct Shown {
     request_enable: u16,
@@ -298,14 +297,14 @@ struct Shown {
     numbers: Vec<Number>,
 }
 
-/// Motor and coordinate system of one number.
+/// The motor and the coordinate system with this number.
 #[derive(Debug, Serialize)]
 struct Number {
     number: usize,
-    /// The board has not taken the request yet.
+    /// The request still waits for the board.
     pending: bool,
     request: u16,
-    /// What the request word asks for, or last asked for. It stays when the board takes it, and when it is withdrawn.
+    /// The actions in the request word. They stay after the board takes the request or the daemon withdraws it.
     actions: Vec<&'static str>,
     override_enabled: bool,
     override_raw: u16,
@@ -331,7 +330,9 @@ fn panel_words(connection: &mut Connection, family: &Family) -> Result<PanelWord
     let region = panel.region;
     let (_, words) = connection.read(region.start, region.words())?;
     if words.len() != region.words() {
-        return Err(Failure::Request("the daemon sent too few words".into()));
+        return Err(Failure::Request(
+            "the daemon sent too few words; use a pmacd and a pmacctl of the same version".into(),
+        ));
     }
     Ok(PanelWords::of(panel, &words))
 }
@@ -357,7 +358,7 @@ fn shown(words: &PanelWords, i10: Option<u32>) -> Shown {
     }
 }
 
-/// The actions that a request word names. Both jog bits together are a stop.
+/// The actions in a request word. Both jog bits together mean stop.
 fn actions(request: u16) -> Vec<&'static str> {
     let has = |action: PanelAction| request & action.bits() == action.bits();
     let stop = has(PanelAction::JogStop);

@@ -1,4 +1,4 @@
-//! `pmacctl variable`: registers of the user's choice, copied or written by PMAC in its background (I55=1).
+//! `pmacctl variable`: PMAC copies or writes registers that the user names, in its background (I55=1).
 
 use std::time::{Duration, Instant};
 
@@ -19,11 +19,11 @@ use crate::map::{PmacAddress, Space, VariableKind};
 use crate::protocol::board::VariableRecord;
 use crate::segment::RegionId;
 
-/// How long to sleep before looking again whether the daemon still holds the watch.
+/// Longest sleep between two checks that the daemon still holds the watch.
 const NO_NEWS: Duration = Duration::from_millis(500);
-/// How many times the limit after which the values count as stale PMAC may take for the first ones.
+/// How many stale limits PMAC may take for the first values.
 const FIRST: u32 = 5;
-/// The most registers one call writes.
+/// The largest number of registers in one call.
 const MOST: usize = 1024;
 /// The largest integer an f64 holds with all integers below it.
 const EXACT: f64 = 9_007_199_254_740_992.0;
@@ -36,33 +36,33 @@ pub struct Variable {
 
 #[derive(Debug, Subcommand)]
 enum VariableCommand {
-    /// Have PMAC copy registers, and print their values as they come
+    /// Have PMAC copy registers, and print their values as they arrive
     Watch(Watch),
-    /// The registers PMAC copies now, for whoever watches them
+    /// List the registers that PMAC copies now
     List,
-    /// Have PMAC write registers, in their order, and wait until it has
+    /// Have PMAC write registers in this order, and wait until it is done
     Set(Set),
 }
 
 #[derive(Debug, ClapArgs)]
 struct Watch {
-    /// Y:$0003, X:$0028, D:$002B, L:$1005 (a 24-bit word is signed unless ,u follows), or a name as 1.actual_position
+    /// Y:$0003, X:$0028, D:$002B, L:$1005, or a name such as 1.actual_position; a 24-bit word is signed unless ,u follows
     #[arg(required = true, value_name = "REGISTER")]
     registers: Vec<String>,
-    /// Stop after so many prints
+    /// Stop after this many prints
     #[arg(long, value_name = "N")]
     count: Option<u64>,
-    /// Stop after so long
+    /// Stop after this time, in seconds
     #[arg(long, value_name = "S", value_parser = seconds, allow_negative_numbers = true)]
     seconds: Option<Duration>,
-    /// Prints a second, at most
+    /// The most prints a second
     #[arg(long, value_name = "HZ", default_value = "5", value_parser = rate, allow_negative_numbers = true)]
     rate: Duration,
 }
 
 #[derive(Debug, ClapArgs)]
 struct Set {
-    /// Y:$0700=5, Y:$0700,8,4=5 (four bits from bit 8 on, as in M-variable definitions), D:$0728=-1000, L:$1005=2.5
+    /// Y:$0700=5, Y:$0700,8,4=5 (4 bits from bit 8, as in M-variable definitions), D:$0728=-1000, L:$1005=2.5
     #[arg(required = true, value_name = "REGISTER[,OFFSET[,WIDTH]]=VALUE")]
     values: Vec<String>,
     /// How long PMAC may take, in seconds
@@ -90,7 +90,7 @@ fn watch(context: &mut Context, options: &Watch) -> Result<Verdict, Failure> {
     let columns: Vec<Column> = sources.iter().map(|source| Column::new(source, &scales)).collect();
     let registers: Vec<PmacRegister> = sources.iter().map(|source| source.register).collect();
     let mut held = board.watch_variables(&registers)?;
-    // The board has the table now; what it copies comes within the region's limit.
+    // The board has the table now. Copies must arrive within the region's limit.
     let began = Instant::now();
     let region = board.subscriber().region(RegionId::Variable).map_err(Failure::request)?;
     let first_limit = FIRST * Duration::from_nanos(region.stale_after_ns);
@@ -120,7 +120,7 @@ fn watch(context: &mut Context, options: &Watch) -> Result<Verdict, Failure> {
             }
             _ if began.elapsed() > first_limit && !complete => {
                 return Err(Failure::Refused(
-                    "PMAC copies nothing: is the board alive, and I55=1?".to_owned(),
+                    "PMAC copies nothing; check that the board runs and I55=1".to_owned(),
                 ));
             }
             _ => after = found.map_or(after, |view| view.sequence),
@@ -132,7 +132,7 @@ fn watch(context: &mut Context, options: &Watch) -> Result<Verdict, Failure> {
     Ok(complete.into())
 }
 
-/// One set of values: a line, or a JSON document in a line.
+/// Prints one set of values as a line of text or of JSON.
 fn print<'a>(
     context: &mut Context,
     view: &View<VariableTable>,
@@ -140,7 +140,7 @@ fn print<'a>(
     values: impl Iterator<Item = &'a [u32]>,
 ) -> Result<(), Failure> {
     let values = columns.iter().zip(values).map(|(column, longs)| {
-        // What is no number, JSON calls null.
+        // JSON has no infinity and no NaN: they become null.
         let number = column.reading.read(longs).map_or(f64::NAN, |number| number * column.factor);
         (column, number)
     });
@@ -164,7 +164,7 @@ fn print<'a>(
     Ok(())
 }
 
-/// A number as JSON has it, and as text has it too: without a point where it is whole.
+/// A number for JSON and text. Whole numbers have no decimal point.
 fn plain(number: f64) -> Value {
     if number.fract() == 0.0 && number.abs() < EXACT { json!(number as i64) } else { json!(number) }
 }
@@ -179,7 +179,7 @@ fn list(context: &mut Context) -> Result<Verdict, Failure> {
         let (timer, time_ns) = live.map(|view| (view.servo_timer, view.time_ns)).unzip();
         context.output.json(&json!({ "servo_timer": timer, "time_ns": time_ns, "entries": entries }))?;
     } else if entries.is_empty() {
-        context.output.line("nobody watches a variable")?;
+        context.output.line("no register is watched")?;
     } else {
         let mut table =
             Table::new(&[("register", Align::Left), ("updates", Align::Right), ("value", Align::Right)]);
@@ -233,10 +233,10 @@ fn document(entry: &Entry) -> Value {
 }
 
 fn set(context: &mut Context, options: &Set) -> Result<Verdict, Failure> {
-    // Everything is read before anything is sent, and goes in one call: all of it, or nothing.
+    // Parse every argument before sending any, and send all in one call: all or none.
     if options.values.len() > MOST {
         return Err(Failure::Request(format!(
-            "{} registers; {MOST} at most are written in one go",
+            "{} registers are too many; one command writes {MOST} at most",
             options.values.len()
         )));
     }
@@ -251,7 +251,7 @@ fn set(context: &mut Context, options: &Set) -> Result<Verdict, Failure> {
     Ok(Verdict::Yes)
 }
 
-/// `Y:$0700,8,4=5` and its kin.
+/// Parses an assignment such as `Y:$0700,8,4=5`.
 fn record(text: &str) -> Result<VariableRecord, String> {
     let (target, value) =
         text.split_once('=').ok_or_else(|| format!("{text:?}: no value; write Y:$0700,8,4=5"))?;
@@ -259,19 +259,21 @@ fn record(text: &str) -> Result<VariableRecord, String> {
     let register = parts.next().unwrap_or_default();
     let register: PmacRegister = register
         .parse()
-        .map_err(|_| format!("{register:?} is no register; write Y:$0700, X:$0701, D:$0728 or L:$1005"))?;
+        .map_err(|_| format!("{register:?} is not a register; write Y:$0700, X:$0701, D:$0728 or L:$1005"))?;
     let mut bits = |what: &str| -> Result<Option<u8>, String> {
         let parse = |part: &str| {
-            part.trim().parse().map_err(|_| format!("{text:?}: {part:?} is no {what}; write Y:$0700,8,4=5"))
+            part.trim()
+                .parse()
+                .map_err(|_| format!("{text:?}: {part:?} is not a valid {what}; write Y:$0700,8,4=5"))
         };
         parts.next().map(parse).transpose()
     };
     let offset = bits("offset")?;
     let width = bits("width")?;
     if let Some(rest) = parts.next() {
-        return Err(format!("{text:?}: {rest:?} is too much; write Y:$0700,8,4=5"));
+        return Err(format!("{text:?}: {rest:?} is not expected here; write Y:$0700,8,4=5"));
     }
-    // An offset alone names one bit, as it does for PMAC.
+    // An offset without a width names one bit, as in M-variable definitions.
     let width = width.or(offset.map(|_| 1));
     let value = value_of(value.trim())
         .ok_or_else(|| format!("{text:?}: {value:?} is not a number; write 5, -5, $FF or, for L:, 2.5"))?;
@@ -281,7 +283,7 @@ fn record(text: &str) -> Result<VariableRecord, String> {
 fn value_of(text: &str) -> Option<f64> {
     let (negative, digits) = text.strip_prefix('-').map_or((false, text), |digits| (true, digits));
     let value = if digits.starts_with(['$']) || digits.starts_with("0x") || digits.starts_with("0X") {
-        // Up to 48 bits in two halves would be ambiguous; a word has 24.
+        // Hex is for words of 24 bits. For 48 bits the order of the halves would be ambiguous.
         f64::from(number::parse(digits).ok()?)
     } else if digits.starts_with(|c: char| c.is_ascii_digit() || c == '.') {
         digits.parse().ok()?

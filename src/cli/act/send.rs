@@ -1,4 +1,4 @@
-//! `pmacctl send`: a command line or a control character, and the board's reply.
+//! `pmacctl send`: sends a command line or a control character, and prints the board's reply.
 
 use std::time::Duration;
 
@@ -15,10 +15,10 @@ pub struct Send {
     /// The line, or one control character as '^K'
     #[arg(value_name = "LINE", allow_hyphen_values = true)]
     pub line: String,
-    /// How long the board may take, in seconds
+    /// Time limit for the reply, in seconds
     #[arg(long, value_name = "S", default_value = "5", value_parser = seconds, allow_negative_numbers = true)]
     pub timeout: Duration,
-    /// Print the reply's control characters as they are, not as \x1b
+    /// Print control characters in the reply unchanged, not as \x1b
     #[arg(long)]
     pub raw: bool,
 }
@@ -30,9 +30,7 @@ pub fn run(context: &mut Context, options: &Send) -> Result<Verdict, Failure> {
     }
     if options.timeout.as_millis() > TIMEOUT_MAX_MS.into() {
         let most = TIMEOUT_MAX_MS / 1000;
-        return Err(Failure::Request(format!(
-            "--timeout is longer than the {most} s that a command may take"
-        )));
+        return Err(Failure::Request(format!("--timeout is at most {most} s")));
     }
     let mut connection = context.connection()?;
     let reply = match control {
@@ -44,7 +42,7 @@ pub fn run(context: &mut Context, options: &Send) -> Result<Verdict, Failure> {
         Ok(lines) if json => context.output.json(&json!({ "lines": lines, "error": null }))?,
         Ok(lines) => print(context, &lines, options.raw)?,
         Err(error) => {
-            // What the board answered before the error belongs to the reply, and comes first.
+            // Lines before the error belong to the reply, so print them first.
             let (code, meaning, lines) = parts(&error);
             if json {
                 let error = json!({ "code": code, "meaning": meaning });
@@ -59,7 +57,7 @@ pub fn run(context: &mut Context, options: &Send) -> Result<Verdict, Failure> {
     Ok(Verdict::Yes)
 }
 
-/// The number of `ERRnnn` when it is the board's error, what is wrong, and what had come of the reply.
+/// The board's error number, if the board refused the line; the message; the reply lines that arrived.
 fn parts(error: &CommandError) -> (Option<u16>, String, &[String]) {
     match error {
         CommandError::Refused(CallError::Board { code, meaning, lines }) => {

@@ -1,4 +1,4 @@
-//! `pmacctl abort` and `pmacctl kill`: at once, by control character, ahead of every line that waits.
+//! `pmacctl abort` and `pmacctl kill`: control characters that overtake every queued line.
 
 use std::time::Duration;
 
@@ -11,16 +11,16 @@ use crate::cli::args::values::number;
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::protocol::control;
 
-/// How long a line may take.
+/// Time limit of a line.
 const PATIENCE: Duration = Duration::from_secs(5);
 
 /// `abort`.
 #[derive(Debug, Args)]
 pub struct Abort {
-    /// Only these coordinate systems, by command lines, which wait their turn; the last one stays the addressed one
+    /// Only these coordinate systems, by queued command lines; the last one stays addressed
     #[arg(value_name = "C.S.", value_parser = number(), conflicts_with = "all")]
     pub systems: Vec<u8>,
-    /// Every coordinate system and motor, by ^A: what is done when no number is given. ^A closes the loops of killed motors
+    /// Every coordinate system and motor, by ^A (the default). ^A closes the loops of killed motors
     #[arg(long)]
     pub all: bool,
 }
@@ -33,7 +33,7 @@ pub fn abort(context: &mut Context, options: &Abort) -> Result<Verdict, Failure>
     let family = Context::family(None, &mut connection)?;
     let mut failed = None;
     let mut sent = Vec::new();
-    // One that cannot be aborted is no reason to let the others run.
+    // Abort the others even if one of them fails.
     for &system in &options.systems {
         let line = format!("&{system}A");
         let taken = match check_numbers(family, false, &[system]) {

@@ -1,8 +1,8 @@
-//! `pmacctl terminal`: a conversation with the board, line by line, through the daemon.
+//! `pmacctl terminal`: sends lines to the board through the daemon, as you type them.
 //!
-//! On a terminal there is line editing and a history, the prompt says which motor and coordinate system are addressed, and
-//! texts that the board's programs send by themselves appear above the line being edited. In a pipe, lines come from stdin,
-//! replies go to stdout, errors and texts to stderr.
+//! A terminal has line editing and a history. The prompt shows the addressed motor and coordinate system. Messages that
+//! the board's programs send by themselves appear above the line being edited. In a pipe, lines come from stdin, replies
+//! go to stdout, errors and messages to stderr.
 
 use std::io::{self, BufRead, IsTerminal, Write};
 use std::path::PathBuf;
@@ -24,11 +24,11 @@ use crate::client::Messages;
 use crate::format::Visible;
 use crate::protocol::{Message, MessageKind, TIMEOUT_MAX_MS, check_line, control};
 
-/// How long the prompt waits to learn what is addressed.
+/// Time limit for asking what is addressed.
 const ADDRESS: Duration = Duration::from_millis(500);
-/// How often the thread that waits for texts looks whether it should end.
+/// Period at which the message thread checks whether to end.
 const LOOK: Duration = Duration::from_millis(200);
-/// Lines the history keeps.
+/// Length of the history, in lines.
 const HISTORY: usize = 1000;
 const HELP: &str = "\
 A line goes to the board as it is. ^K (two characters) sends a control character, which overtakes lines that wait:
@@ -37,13 +37,13 @@ A line goes to the board as it is. ^K (two characters) sends a control character
 /// `terminal`.
 #[derive(Debug, Args)]
 pub struct Terminal {
-    /// How long the board may take for a line, in seconds; SAVE may take longer
+    /// Time limit of a line, in seconds; SAVE has a longer one
     #[arg(long, value_name = "S", default_value = "10", value_parser = crate::cli::args::values::seconds, allow_negative_numbers = true)]
     pub timeout: Duration,
-    /// Keep no history on disk
+    /// Do not write the history to disk
     #[arg(long)]
     pub no_history: bool,
-    /// Print the board's control characters as they are, not as \x1b
+    /// Print control characters from the board unchanged, not as \x1b
     #[arg(long)]
     pub raw: bool,
 }
@@ -51,9 +51,7 @@ pub struct Terminal {
 pub fn run(context: &mut Context, options: &Terminal) -> Result<Verdict, Failure> {
     if options.timeout.as_millis() > TIMEOUT_MAX_MS.into() {
         let most = TIMEOUT_MAX_MS / 1000;
-        return Err(Failure::Request(format!(
-            "--timeout is longer than the {most} s that a command may take"
-        )));
+        return Err(Failure::Request(format!("--timeout is at most {most} s")));
     }
     let session = Session { way: Way::daemon(context)?, timeout: options.timeout, all_taken: true };
     let messages = context.connection()?.messages()?;
@@ -64,7 +62,7 @@ pub fn run(context: &mut Context, options: &Terminal) -> Result<Verdict, Failure
     }
 }
 
-/// What a typed line is.
+/// A typed line, parsed.
 #[derive(Debug, PartialEq, Eq)]
 enum Input<'a> {
     Nothing,
@@ -83,7 +81,7 @@ impl<'a> Input<'a> {
             ".quit" | ".exit" | ".q" => Self::Quit,
             ".help" | ".h" => Self::Help,
             _ if text.starts_with('.') && !text[1..].starts_with(|c: char| c.is_ascii_digit()) => {
-                Self::Wrong(format!("{text}: not known; .help tells what is"))
+                Self::Wrong(format!("{text}: unknown; .help lists the commands"))
             }
             _ => match control::parse(text).filter(|_| text.len() == 2) {
                 Some(character) => Self::Control(character),
@@ -102,14 +100,14 @@ struct Session {
     all_taken: bool,
 }
 
-/// The reply, and the error behind it.
+/// The reply lines, and the error that ended them.
 type Answer = (Vec<String>, Option<String>, Option<u16>);
 
 impl Session {
-    /// What the board says to a line or control character.
+    /// The board's reply to a line or control character.
     ///
     /// # Errors
-    /// When it can no longer be asked anything.
+    /// The daemon or the board can no longer be reached.
     fn ask(&mut self, input: &Input<'_>) -> Result<Answer, Failure> {
         let result = match (input, &mut self.way) {
             (Input::Control(character), Way::Daemon(connection)) => {
@@ -126,7 +124,7 @@ impl Session {
                 match error {
                     LineError::Board { code, text, .. } => Ok((lines, Some(text), code)),
                     error => match error.into() {
-                        // The next line may fare better.
+                        // The next line may succeed.
                         Failure::Refused(text) => Ok((lines, Some(text), None)),
                         failure => Err(failure),
                     },
@@ -135,7 +133,7 @@ impl Session {
         }
     }
 
-    /// The prompt: which motor and coordinate system are addressed, when the board says so soon.
+    /// The prompt: the addressed motor and coordinate system, if the board answers in time.
     fn prompt(&mut self) -> String {
         match self.way.send("# &", ADDRESS).as_deref() {
             Ok([motor, system]) => Visible(format_args!("#{motor} &{system}> ")).to_string(),
@@ -151,7 +149,7 @@ fn interactive(mut session: Session, messages: Messages, options: &Terminal) -> 
     editor.set_auto_add_history(true);
     let history = if options.no_history { None } else { history_file() };
     if let Some(file) = &history {
-        // There is none the first time.
+        // The first session has no history to load.
         let _ = editor.load_history(file);
     }
     let mut printer = editor.create_external_printer().map_err(failed)?;
@@ -159,7 +157,7 @@ fn interactive(mut session: Session, messages: Messages, options: &Terminal) -> 
     let listening = Listening::begin(messages, move |text| {
         let _ = printer.print(format!("{}\n", reply(&text, raw)));
     });
-    println(".help tells what there is, .quit leaves.")?;
+    println(".help lists the commands, .quit ends.")?;
     let mut prompt = session.prompt();
     let outcome = loop {
         let text = match editor.readline(&prompt) {
@@ -174,7 +172,7 @@ fn interactive(mut session: Session, messages: Messages, options: &Terminal) -> 
             Ok(false) => break Ok(()),
             Err(failure) => break Err(failure),
         }
-        // Only these can change what is addressed.
+        // Only these can change the addressed motor or coordinate system.
         if text.contains(['#', '&', '$']) {
             prompt = session.prompt();
         }
@@ -186,7 +184,7 @@ fn interactive(mut session: Session, messages: Messages, options: &Terminal) -> 
     outcome.map(|()| Verdict::Yes)
 }
 
-/// Carries out what was typed, or pasted, which may be several lines; whether to go on.
+/// Executes typed or pasted text of one or more lines. Returns whether to go on.
 fn answer(session: &mut Session, text: &str, raw: bool) -> Result<bool, Failure> {
     for text in text.lines() {
         let input = Input::of(text);
@@ -206,12 +204,12 @@ fn answer(session: &mut Session, text: &str, raw: bool) -> Result<bool, Failure>
     Ok(true)
 }
 
-/// Not by `println!`, which would panic when nobody reads.
+/// `println!` would panic on a closed pipe.
 fn println(text: &str) -> io::Result<()> {
     writeln!(io::stdout(), "{text}")
 }
 
-/// Where people keep what programs remember (the XDG base directories).
+/// The directory for state files (XDG base directories).
 fn history_file() -> Option<PathBuf> {
     let absolute = |name: &str| std::env::var_os(name).map(PathBuf::from).filter(|path| path.is_absolute());
     let state =
@@ -226,7 +224,7 @@ fn save_history(editor: &mut DefaultEditor, file: &std::path::Path) {
         .map_err(ReadlineError::from)
         .and_then(|()| editor.save_history(file));
     if let Err(error) = saved {
-        let _ = writeln!(io::stderr(), "{}: the history is not kept: {error}", file.display());
+        let _ = writeln!(io::stderr(), "{}: the history was not saved: {error}", file.display());
     }
 }
 
@@ -237,7 +235,7 @@ fn piped(
     raw: bool,
 ) -> Result<Verdict, Failure> {
     let listening = Listening::begin(messages, move |text| {
-        // Nobody reads it: nothing to be done.
+        // If stderr is closed, the message is lost.
         let _ = writeln!(io::stderr(), "{}", reply(&text, raw));
     });
     for line in io::stdin().lock().lines() {
@@ -262,7 +260,7 @@ fn piped(
         for line in lines {
             context.output.reply(&line, raw)?;
         }
-        // Whoever reads both streams sees them in order.
+        // Flush, so that a reader of both streams sees them in order.
         context.output.flush()?;
         if let Some(error) = error {
             let _ = writeln!(io::stderr(), "{}", reply(&error, raw));
@@ -272,7 +270,7 @@ fn piped(
     Ok(session.all_taken.into())
 }
 
-/// The thread that waits for texts of the board's programs; it ends when this is dropped.
+/// The thread that waits for messages of the board's programs. It ends on drop.
 struct Listening {
     end: Arc<AtomicBool>,
     thread: Option<JoinHandle<()>>,
@@ -287,10 +285,10 @@ impl Listening {
                 match messages.next_within(LOOK) {
                     Ok(Some(message)) => tell(shown(&message)),
                     Ok(None) if messages.ended() => {
-                        return tell("-- no more texts: pmacd has ended them".to_owned());
+                        return tell("-- no more messages: pmacd has stopped".to_owned());
                     }
                     Ok(None) => {}
-                    Err(error) => return tell(format!("-- no more texts: {error}")),
+                    Err(error) => return tell(format!("-- no more messages: {error}")),
                 }
             }
         });
@@ -302,20 +300,23 @@ impl Drop for Listening {
     fn drop(&mut self) {
         self.end.store(true, Ordering::Relaxed);
         if let Some(thread) = self.thread.take() {
-            // A panic of its own has been told already.
+            // A panic of the thread has been printed already.
             let _ = thread.join();
         }
     }
 }
 
-/// A text that came by itself, marked as such.
+/// A message from the board's programs, with its mark.
 fn shown(message: &Message) -> String {
     let kind = match message.kind {
         MessageKind::Cmd => "CMD",
         MessageKind::Send => "SEND",
     };
-    let lost =
-        if message.lost > 0 { format!(" ({} before it were lost)", message.lost) } else { String::new() };
+    let lost = if message.lost > 0 {
+        format!(" ({} earlier messages were lost)", message.lost)
+    } else {
+        String::new()
+    };
     format!("-- {kind}: {}{lost}", message.text)
 }
 
@@ -340,6 +341,6 @@ mod tests {
     fn texts_are_marked() {
         let message = |kind, lost| Message { time_ns: 0, kind, text: "HI".to_owned(), lost };
         assert_eq!(shown(&message(MessageKind::Send, 0)), "-- SEND: HI");
-        assert_eq!(shown(&message(MessageKind::Cmd, 2)), "-- CMD: HI (2 before it were lost)");
+        assert_eq!(shown(&message(MessageKind::Cmd, 2)), "-- CMD: HI (2 earlier messages were lost)");
     }
 }

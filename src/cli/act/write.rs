@@ -1,4 +1,4 @@
-//! `pmacctl write`: words of the DPRAM that no automatic function uses, or, for an engineer who insists, any.
+//! `pmacctl write`: writes words of the DPRAM that no automatic function uses, or with `--engineer` any word.
 
 use clap::Args;
 use serde::Serialize;
@@ -8,7 +8,7 @@ use crate::format::{float32, split32};
 use crate::map::{BitField, Family, Field, HostOffset, Space};
 use crate::protocol::READ_MAX;
 
-/// Words that one write may span.
+/// The most words in one write.
 const WORDS_MAX: usize = READ_MAX;
 
 /// `write`.
@@ -17,18 +17,18 @@ pub struct Write {
     /// Y:$D800, X:$D800, DP:$D801, F:$D802, bits as Y:$D800,8,4 (lowest bit, width), or a host offset 0x2000
     #[arg(value_name = "ADDR")]
     pub address: String,
-    /// The value, decimal or $hexadecimal; more of them go to the addresses that follow, of the same kind
+    /// The value, decimal or $hexadecimal; further values go to the following addresses of the same kind
     #[arg(value_name = "VALUE", required = true, allow_negative_numbers = true)]
     pub values: Vec<String>,
-    /// Also where an automatic function owns the words: what it does with them then is your doing
+    /// Also write words that an automatic function owns. You are responsible for what it does with them
     #[arg(long)]
     pub engineer: bool,
-    /// The board's family, instead of the one the daemon says
+    /// The board's family, instead of the one that the daemon reports
     #[arg(long, value_name = "FAMILY", value_parser = Family::by_name)]
     pub family: Option<&'static Family>,
 }
 
-/// What was written at one place.
+/// One written value.
 #[derive(Debug, Serialize)]
 struct Written {
     pmac_address: String,
@@ -38,7 +38,7 @@ struct Written {
 }
 
 pub fn run(context: &mut Context, options: &Write) -> Result<Verdict, Failure> {
-    // What is wrong with the request is found before anybody is asked, as far as the family is known.
+    // Check the request before asking the daemon, if the family is known.
     if let Some(family) = options.family {
         places(options, family)?;
     }
@@ -62,7 +62,7 @@ pub fn run(context: &mut Context, options: &Write) -> Result<Verdict, Failure> {
     Ok(Verdict::Yes)
 }
 
-/// One value in its place: its words, and of each the bits to change.
+/// One value at its address: its words, and the bits of each to change.
 struct Place {
     address: String,
     offset: HostOffset,
@@ -82,7 +82,7 @@ fn places(options: &Write, family: &Family) -> Result<Vec<Place>, Failure> {
     if bits.is_some() && options.values.len() > 1 {
         return Err(Failure::Request("a bit field takes one value".into()));
     }
-    // Values of one kind lie a location of two words apart.
+    // Addresses of one kind are one location (two words) apart.
     let places: Result<Vec<Place>, Failure> = options
         .values
         .iter()
@@ -92,7 +92,7 @@ fn places(options: &Write, family: &Family) -> Result<Vec<Place>, Failure> {
             let words =
                 encode(space, bits, text).map_err(|what| Failure::Request(format!("{text:?}: {what}")))?;
             if offset.plus_words(words.len()).bytes() > family.length {
-                return Err(Failure::Request(format!("{text:?} would lie behind the DPRAM's end")));
+                return Err(Failure::Request(format!("{text:?} would go past the end of the DPRAM")));
             }
             let number = family.pmac_number(offset);
             let field = bits.map_or_else(String::new, |bits| format!(",{},{}", bits.offset, bits.width));
@@ -104,14 +104,14 @@ fn places(options: &Write, family: &Family) -> Result<Vec<Place>, Failure> {
     let words = 2 * (options.values.len() - 1) + space.words();
     if words > WORDS_MAX {
         return Err(Failure::Request(format!(
-            "{} values are too many for one write, which takes {WORDS_MAX} words",
+            "{} values are too many; one write takes at most {WORDS_MAX} words",
             options.values.len()
         )));
     }
     Ok(places)
 }
 
-/// All words from the first place to the last one; those between are not touched.
+/// All words from the first address to the last. Words between the values stay unchanged.
 fn span(first: HostOffset, places: &[Place]) -> Vec<(u16, u16)> {
     let mut words = Vec::new();
     for place in places {
@@ -202,7 +202,7 @@ mod tests {
             ("F:$D800", &["x"], "not a number"),
             ("F:$D800", &["1e99"], "too large"),
             ("L:$D800", &["1"], "48 bits"),
-            ("Y:$DFFF", &["1", "2"], "behind the DPRAM's end"),
+            ("Y:$DFFF", &["1", "2"], "past the end of the DPRAM"),
             ("Y:$D800", &["1"; 33], "too many"),
             ("Q:$D800", &["1"], "not an address"),
         ] {

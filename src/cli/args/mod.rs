@@ -1,4 +1,4 @@
-//! What can be typed after `pmacctl`.
+//! The arguments of `pmacctl`.
 
 pub mod values;
 
@@ -25,7 +25,7 @@ use crate::cli::show::map::Map;
 use crate::cli::show::read::Read;
 use crate::cli::show::watch::Watch;
 
-/// Looks at and talks to a PMAC through its daemon pmacd.
+/// Reads and commands a PMAC through its daemon pmacd.
 #[derive(Debug, Parser)]
 #[command(name = "pmacctl", version, arg_required_else_help = true, disable_help_subcommand = true)]
 #[command(
@@ -38,7 +38,7 @@ pub struct Args {
     pub command: Command,
 }
 
-/// What these stand below among a command's own options.
+/// The help heading of the global options.
 const GLOBAL: &str = "Options of every command";
 
 #[derive(Debug, ClapArgs)]
@@ -46,7 +46,7 @@ pub struct Global {
     /// Which board: the segment /dev/shm/NAME and the socket /run/pmacd/NAME.sock
     #[arg(long, global = true, help_heading = GLOBAL, value_name = "NAME", default_value = "pmac0")]
     pub name: String,
-    /// The daemon's socket, when it lies elsewhere
+    /// The daemon's socket, if it is elsewhere
     #[arg(long, global = true, help_heading = GLOBAL, value_name = "PATH")]
     pub socket: Option<PathBuf>,
     /// Print JSON
@@ -59,23 +59,23 @@ pub struct Global {
 
 #[derive(Debug, Subcommand)]
 pub enum Command {
-    /// A simulated board, its daemon and a live view, all in a private place: nothing needed, nothing left behind
+    /// Run a simulated board, its daemon and a live view in a private directory. Needs nothing and leaves nothing behind
     Demo(Demo),
-    /// How the daemon, its board and its data stand
+    /// Show the state of the daemon, its board and its data
     Status,
-    /// Check everything between this user and live data, and say what to do; find boards in this machine
+    /// Check everything between this user and live data, and say what to do. Find boards in this machine
     Doctor(Doctor),
-    /// The motors' positions, velocities and status, live
+    /// Show the motors' positions, velocities and status
     Motors,
-    /// The coordinate systems' targets and status, live
+    /// Show the coordinate systems' targets and status
     Coordinates,
-    /// The motors, again and again: repainted on a terminal, a line each time in a pipe
+    /// Show the motors live: repainted on a terminal, one line a print in a pipe
     Watch(Watch),
-    /// What lies where in the DPRAM (needs no daemon)
+    /// List the registers of the DPRAM with their addresses (needs no daemon)
     Map(Map),
-    /// Read the DPRAM at addresses as the manual prints them
+    /// Read DPRAM addresses, written as in the manual
     Read(Read),
-    /// Write open words of the DPRAM, whole or some bits; with --engineer any
+    /// Write words or bits of the DPRAM's free area; with --engineer any word
     Write(Write),
     /// Jog, home, run, stop and override the feed rate through the control panel (I2=3); needs the role operate
     Panel(Panel),
@@ -83,29 +83,29 @@ pub enum Command {
     Send(Send),
     /// Decode a raw image of the DPRAM from a file
     Decode(Decode),
-    /// Motion programs as binary rotary commands: compiled, turned back, or streamed to the board
+    /// Compile motion programs to binary rotary commands, decode them, or stream them to the board
     Rotary(Rotary),
-    /// Registers of any kind, copied and written by PMAC in the background (I55=1)
+    /// Have PMAC copy or write registers in its background (I55=1)
     Variable(Variable),
     /// Sample registers at servo rate into a .csv or .npy file (I20 to I45, DEFINE GATHER, GATHER, ENDGATHER)
     Gather(Gather),
-    /// Stop every motion at once, by ^A, or that of some coordinate systems; the exit status tells whether the board took it
+    /// Abort all motion at once by ^A, or that of some coordinate systems. Exit status 0: the board took it
     Abort(Abort),
-    /// Kill every motor at once, by ^K: open loops, no output; the exit status tells whether the board took it
+    /// Kill every motor at once by ^K: open loops, no output. Exit status 0: the board took it
     Kill,
-    /// A conversation with the board: line editing, history, and the texts its programs send; works in a pipe too
+    /// Talk to the board line by line, with editing, history and the messages of its programs. Works in a pipe too
     Terminal(Terminal),
-    /// Send a program or command file line by line, with its comments, #include and #define resolved
+    /// Send a program or command file line by line. Removes comments and resolves #include and #define
     Download(Download),
-    /// The board's variables as lines that it would take again, one a line, sorted
+    /// Save the board's variables as sorted lines that can be sent again
     Backup(Backup),
-    /// What differs between a file of variables and the board, or another file
+    /// Show the differences between a file of variables and the board or another file
     Diff(Diff),
-    /// Send those lines of a file of variables that differ from what the board holds, after asking
+    /// Send the lines of a file of variables that differ from the board's values, after asking
     Restore(Restore),
-    /// The lines that set a board up, explained, and sent when told to
+    /// Show and explain the lines that set up a board; --send sends them
     Setup(Setup),
-    /// What an absolute-position setting makes PMAC read (needs no daemon)
+    /// Explain what an absolute-position setting makes PMAC read (needs no daemon)
     Absolute(Absolute),
 }
 

@@ -1,4 +1,4 @@
-//! Values that more than one command takes: durations, rates, families, layouts.
+//! Argument types that several commands share: durations, rates, families, layouts.
 
 use std::time::Duration;
 
@@ -53,8 +53,8 @@ impl From<Order> for WordOrder {
     }
 }
 
-/// A motor, coordinate system or buffer. No family has more than 32 of a kind; whether the board has this one is seen when
-/// its family is known.
+/// The number of a motor, coordinate system or buffer. No family has more than 32. The command checks the number again
+/// once it knows the board's family.
 pub fn number() -> RangedI64ValueParser<u8> {
     clap::value_parser!(u8).range(1..=32)
 }
@@ -63,7 +63,7 @@ pub fn family(name: &str) -> Result<&'static Family, UnknownFamily> {
     Family::by_name(name)
 }
 
-/// Some thirty years.
+/// About thirty years.
 const LONGEST_S: f64 = 1e9;
 
 pub fn seconds(text: &str) -> Result<Duration, String> {
@@ -71,7 +71,7 @@ pub fn seconds(text: &str) -> Result<Duration, String> {
     if seconds > 0.0 && seconds <= LONGEST_S {
         Ok(Duration::from_secs_f64(seconds))
     } else {
-        Err(format!("has to be above 0 and at most {LONGEST_S} seconds"))
+        Err(format!("must be above 0 and at most {LONGEST_S} seconds"))
     }
 }
 
@@ -81,7 +81,7 @@ pub fn rate(text: &str) -> Result<Duration, String> {
     if (0.001..=1000.0).contains(&hz) {
         Ok(Duration::from_secs_f64(1.0 / hz))
     } else {
-        Err("not between 0.001 and 1000 a second".to_owned())
+        Err("must be between 0.001 and 1000 a second".to_owned())
     }
 }
 
@@ -96,7 +96,7 @@ mod tests {
             assert!(rate(text).is_err(), "{text}");
         }
         for text in ["0", "1e99"] {
-            assert_eq!(seconds(text), Err("has to be above 0 and at most 1000000000 seconds".to_owned()));
+            assert_eq!(seconds(text), Err("must be above 0 and at most 1000000000 seconds".to_owned()));
         }
         assert_eq!(seconds("0.5"), Ok(Duration::from_millis(500)));
         assert_eq!(rate("4"), Ok(Duration::from_millis(250)));

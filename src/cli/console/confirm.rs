@@ -1,20 +1,20 @@
-//! Asking before something is sent.
+//! Asks before anything is sent.
 
 use std::io::{self, BufRead, IsTerminal, Write};
 
 use crate::cli::context::{Context, Failure};
 
-/// Whether to go on: `yes` says so, or a person at the terminal does.
+/// Returns whether to go on: `yes` is set, or the person at the terminal agrees.
 ///
 /// # Errors
-/// [`Failure::Request`] when nobody can be asked.
+/// [`Failure::Request`] if stdin is not a terminal.
 pub fn confirm(question: &str, yes: bool) -> Result<bool, Failure> {
     if yes {
         return Ok(true);
     }
     if !io::stdin().is_terminal() {
         return Err(Failure::Request(format!(
-            "{question} Nobody can be asked here: --yes says so; nothing was sent"
+            "{question} Nobody can answer here, so nothing was sent; give --yes to send without asking"
         )));
     }
     let mut stderr = io::stderr();
@@ -24,7 +24,7 @@ pub fn confirm(question: &str, yes: bool) -> Result<bool, Failure> {
     Ok(is_yes(&answer))
 }
 
-/// The question whether so many lines, shown already, are to be sent.
+/// The question whether to send the lines that were just shown.
 pub fn sending(lines: usize, to: &str) -> String {
     match lines {
         1 => format!("Send this line to {to}?"),
@@ -32,7 +32,7 @@ pub fn sending(lines: usize, to: &str) -> String {
     }
 }
 
-/// The board, as it is called on the command line.
+/// The board by its `--name`.
 pub fn board_of(context: &Context) -> String {
     format!("the board of {}", context.name.as_str())
 }

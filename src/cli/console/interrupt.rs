@@ -1,4 +1,4 @@
-//! ^C, SIGTERM and SIGHUP, taken note of instead of ending the program.
+//! Records ^C, SIGTERM and SIGHUP instead of ending the program.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -7,12 +7,12 @@ use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 
 use crate::cli::context::Failure;
 
-/// Whether one of them came.
+/// Set when one of the signals arrives.
 #[derive(Debug, Clone)]
 pub struct Interrupt(Arc<AtomicBool>);
 
 impl Interrupt {
-    /// Takes note from now on.
+    /// Records the signals from now on.
     pub fn listen() -> Result<Self, Failure> {
         let flag = Arc::new(AtomicBool::new(false));
         for signal in [SIGINT, SIGTERM, SIGHUP] {
@@ -21,7 +21,7 @@ impl Interrupt {
         Ok(Self(flag))
     }
 
-    /// None ever comes.
+    /// An interrupt that never comes.
     #[cfg(test)]
     pub fn never() -> Self {
         Self(Arc::default())

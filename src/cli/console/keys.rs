@@ -1,4 +1,4 @@
-//! Single key presses, while a terminal is there to press them on.
+//! Single key presses on a terminal.
 
 use std::io::Read as _;
 use std::os::fd::AsFd as _;
@@ -10,13 +10,13 @@ use rustix::termios::{LocalModes, OptionalActions, Termios, tcgetattr, tcsetattr
 /// ^D.
 const END_OF_INPUT: u8 = 4;
 
-/// The keyboard, without lines and echo until this is dropped.
+/// The keyboard without line buffering and echo, until this is dropped.
 pub struct Keys {
     restore: Option<Termios>,
 }
 
 impl Keys {
-    /// Listens to the keyboard, if somebody looks at the output and there is one.
+    /// Listens to the keyboard, if the output and the input are terminals.
     pub fn listen(interactive: bool) -> Self {
         let stdin = std::io::stdin();
         let restore = if interactive { tcgetattr(&stdin).ok() } else { None };
@@ -54,7 +54,7 @@ impl Keys {
                         Ok(_) => {}
                     }
                 }
-                // A signal ends the wait, and the caller looks why.
+                // A signal ends the wait. The caller checks which.
                 Ok(_) | Err(_) => return false,
             }
         }

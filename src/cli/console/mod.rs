@@ -1,4 +1,4 @@
-//! The terminal, tables, output files and signals: what commands print with.
+//! What commands print with: the terminal, tables, output files and signals.
 
 pub mod confirm;
 pub mod interrupt;

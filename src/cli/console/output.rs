@@ -1,4 +1,4 @@
-//! Where results go, and in which form.
+//! Prints results as text or JSON.
 
 use std::borrow::Cow;
 use std::fmt;
@@ -8,7 +8,7 @@ use serde::Serialize;
 
 use crate::format::Visible;
 
-/// The board's words as they are to be printed: its control characters are shown, unless they are wanted as they are.
+/// The board's text, ready to print. Shows control characters as escapes, unless `raw`.
 pub fn reply(text: &str, raw: bool) -> Cow<'_, str> {
     if raw { Cow::Borrowed(text) } else { Cow::Owned(Visible(text).to_string()) }
 }
@@ -25,22 +25,22 @@ impl Output {
         Self { json, quiet, stdout: BufWriter::new(io::stdout()) }
     }
 
-    /// Whether JSON is wanted.
+    /// Whether `--json` was given.
     pub fn is_json(&self) -> bool {
         self.json
     }
 
-    /// Whether only errors are wanted.
+    /// Whether `--quiet` was given.
     pub fn is_quiet(&self) -> bool {
         self.quiet
     }
 
-    /// Whether a person looks at it.
+    /// Whether stdout is a terminal.
     pub fn is_terminal(&self) -> bool {
         !self.quiet && self.stdout.get_ref().is_terminal()
     }
 
-    /// One line, or several. The board's words may be in it, so control characters are shown.
+    /// One or more lines. They may contain the board's text, so control characters are shown as escapes.
     pub fn line(&mut self, text: impl fmt::Display) -> io::Result<()> {
         if self.quiet {
             return Ok(());
@@ -53,12 +53,12 @@ impl Output {
         if raw { self.text(format_args!("{line}\n")) } else { self.line(line) }
     }
 
-    /// Text as it is.
+    /// Text, unchanged.
     pub fn text(&mut self, text: impl fmt::Display) -> io::Result<()> {
         if self.quiet { Ok(()) } else { write!(self.stdout, "{text}") }
     }
 
-    /// One JSON document, laid out for people as well.
+    /// One JSON document, indented.
     pub fn json(&mut self, document: &impl Serialize) -> io::Result<()> {
         if !self.quiet {
             serde_json::to_writer_pretty(&mut self.stdout, document)?;
@@ -67,7 +67,7 @@ impl Output {
         Ok(())
     }
 
-    /// One JSON document in one line, one of many.
+    /// One JSON document on one line, in a series.
     pub fn json_line(&mut self, document: &impl Serialize) -> io::Result<()> {
         if !self.quiet {
             serde_json::to_writer(&mut self.stdout, document)?;

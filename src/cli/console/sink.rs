@@ -1,5 +1,5 @@
-//! Files that results go into: `-` is stdout, symbolic links are followed, devices and FIFOs are written as they are, and of
-//! a file that was cut off (a full disk) whole rows are left.
+//! Output files. `-` is stdout. Follows symbolic links, and writes straight to devices and FIFOs. When a file is cut off
+//! (by a full disk), whole rows remain.
 
 use std::ffi::OsString;
 use std::fs::{self, File, Metadata, OpenOptions};
@@ -16,23 +16,23 @@ use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
 use crate::cli::console::interrupt::Interrupt;
 use crate::cli::context::Failure;
 
-/// Links that are followed, as many as the kernel does.
+/// The most symbolic links to follow, as in the kernel.
 const LINKS: usize = 40;
-/// Rows are collected up to this many bytes.
+/// Rows are buffered up to this many bytes.
 const COLLECTED: usize = 1 << 13;
-/// What a pipe that takes anything takes without blocking (PIPE_BUF).
+/// A writable pipe takes this many bytes without blocking (PIPE_BUF).
 const PIECE: usize = 4096;
-/// How often to look for a signal while nobody reads.
+/// Period at which a blocked write checks for a signal.
 const LOOK_MS: u16 = 50;
-/// How long after a signal somebody may still read what is left.
+/// How long a reader has after a signal to read the rest.
 const LAST: Duration = Duration::from_secs(1);
 
-/// Whether results are to go to stdout.
+/// Whether `path` means stdout.
 pub fn is_stdout(path: &Path) -> bool {
     path == Path::new("-")
 }
 
-/// An error of writing to `path`; a reader that went away is none ([`crate::cli::run`]).
+/// The failure for an error in writing to `path`. A closed pipe is not a failure ([`crate::cli::run`]).
 fn failed(path: &Path, error: io::Error) -> Failure {
     match error.kind() {
         io::ErrorKind::BrokenPipe => Failure::Output(error),
@@ -40,7 +40,7 @@ fn failed(path: &Path, error: io::Error) -> Failure {
     }
 }
 
-/// What `path` leads to through symbolic links, and what there is, if there is anything.
+/// The target of `path` behind symbolic links, and its metadata if it exists.
 fn followed(path: &Path) -> io::Result<(PathBuf, Option<Metadata>)> {
     let there = match fs::metadata(path) {
         Ok(there) => Some(there),
@@ -60,12 +60,12 @@ fn followed(path: &Path) -> io::Result<(PathBuf, Option<Metadata>)> {
     Err(Errno::ELOOP.into())
 }
 
-/// Whether `path` is what `there` tells of. Links to a process's open files may read as paths of something else.
+/// Whether `path` is the file that `there` describes. A link in /proc/PID/fd may name another file.
 fn is_at(path: &Path, there: &Metadata) -> bool {
     fs::symlink_metadata(path).is_ok_and(|at| (at.dev(), at.ino()) == (there.dev(), there.ino()))
 }
 
-/// Puts `bytes` into `path`. A regular file, or a new one, is replaced whole or not at all; anything else is written to.
+/// Writes `bytes` to `path`. Replaces a regular file, or makes a new one, in one step. Writes straight to anything else.
 ///
 /// # Errors
 /// [`Failure`], which names the file.
@@ -79,7 +79,7 @@ pub fn put(path: &Path, bytes: &[u8]) -> Result<(), Failure> {
     put().map_err(|error| failed(path, error))
 }
 
-/// Writes beside `path`, and puts that in its place.
+/// Writes a new file beside `path` and renames it into place.
 fn replace(path: &Path, there: Option<&Metadata>, bytes: &[u8]) -> io::Result<()> {
     let mut beside = OsString::from(path);
     beside.push(format!(".{}.partial", std::process::id()));
@@ -94,40 +94,40 @@ fn replace(path: &Path, there: Option<&Metadata>, bytes: &[u8]) -> io::Result<()
         fs::rename(&beside, path)
     };
     written().inspect_err(|_| {
-        // What could not be put in place is of no use.
+        // The partial file is useless now.
         let _ = fs::remove_file(&beside);
     })
 }
 
-/// Rows into a file or stdout, collected. The file is as it was until the first of them are written.
+/// Writes buffered rows to a file or stdout. The file stays unchanged until the first rows are written.
 pub struct Rows {
     path: PathBuf,
     file: File,
     kind: Kind,
     stop: Interrupt,
     collected: Vec<u8>,
-    /// Where the rows end that are collected.
+    /// The ends of the rows in `collected`.
     ends: Vec<usize>,
-    /// Rows in the file, and its length with them.
+    /// The rows in the file, and its length.
     rows: u64,
     length: u64,
-    /// Whether the file's beginning is being written anew.
+    /// Whether the header is being rewritten.
     rewinds: bool,
     emptied: bool,
 }
 
 #[derive(Debug, Clone, PartialEq, Eq)]
 enum Kind {
-    /// A regular file.
+    /// A regular file that existed before.
     There,
-    /// The same, which was not there before.
+    /// A regular file that this program made.
     New(PathBuf),
-    /// What may have to be waited for, and has no length.
+    /// A pipe, FIFO or device: it may block and has no length.
     Stream,
 }
 
 impl Rows {
-    /// Opens `path`. For a FIFO's reader it waits until one of `stop` comes.
+    /// Opens `path`. Waits for a FIFO's reader until a signal in `stop` arrives.
     ///
     /// # Errors
     /// [`Failure`], which names the file.
@@ -152,38 +152,38 @@ impl Rows {
         })
     }
 
-    /// Whether it is a regular file, whose beginning can be written again in the end.
+    /// Whether this is a regular file, so that the header can be rewritten at the end.
     pub fn is_regular(&self) -> bool {
         self.kind != Kind::Stream
     }
 
-    /// Whole rows that are in the file.
+    /// The number of whole rows in the file.
     pub fn rows(&self) -> u64 {
         self.rows
     }
 
-    /// Says that a row is complete.
+    /// Marks the end of a row.
     ///
     /// # Errors
-    /// Why it cannot be written; then the rows that could be are in the file, whole, and nothing is collected.
+    /// Writing failed. The file then holds whole rows, and the buffer is empty.
     pub fn end_row(&mut self) -> io::Result<()> {
         self.ends.push(self.collected.len());
         if self.collected.len() < COLLECTED { Ok(()) } else { self.send() }
     }
 
-    /// An error of writing to it.
+    /// The failure for an error in writing to this file.
     pub fn failed(&self, error: io::Error) -> Failure {
         failed(if is_stdout(&self.path) { Path::new("stdout") } else { &self.path }, error)
     }
 
-    /// Leaves things as they were, where nothing has been written.
+    /// Removes a new file to which nothing has been written.
     pub fn discard(&mut self) {
         self.collected.clear();
         self.ends.clear();
         if let Kind::New(path) = &self.kind
             && !self.emptied
         {
-            // It stays behind empty then.
+            // If the removal fails, an empty file remains.
             let _ = fs::remove_file(path);
         }
     }
@@ -210,14 +210,14 @@ impl Rows {
             self.rows += whole as u64;
             self.length += whole.checked_sub(1).map_or(0, |last| ends[last] as u64);
             if outcome.is_err() && self.is_regular() {
-                // A row that is not whole reads as something else. If it cannot be taken off, the first error counts.
+                // Cut off a partial row: it would read as a different one. If that fails too, report the first error.
                 let _ = self.file.set_len(self.length).and_then(|()| self.file.seek(SeekFrom::End(0)));
             }
         }
         outcome
     }
 
-    /// As [`Write::write`]; where somebody has to read it, a signal ends the waiting.
+    /// As [`Write::write`], but a signal ends the wait for a reader.
     fn write_some(&mut self, bytes: &[u8]) -> io::Result<usize> {
         if self.is_regular() {
             return self.file.write(bytes);
@@ -231,7 +231,7 @@ impl Rows {
                 Err(error) => return Err(error.into()),
             }
             if self.stop.came() && last.get_or_insert_with(Instant::now).elapsed() > LAST {
-                return Err(io::Error::other("interrupted while nobody read the rest"));
+                return Err(io::Error::other("interrupted while waiting for the reader"));
             }
         }
     }
@@ -276,7 +276,7 @@ fn open(
     }
 }
 
-/// Opens a FIFO once somebody reads it, and anything else at once.
+/// Opens `path`. Waits for a reader if it is a FIFO.
 fn open_fifo(options: &OpenOptions, path: &Path, there: &Metadata, stop: &Interrupt) -> io::Result<File> {
     let mut said = false;
     loop {
@@ -285,7 +285,7 @@ fn open_fifo(options: &OpenOptions, path: &Path, there: &Metadata, stop: &Interr
             opened => return opened,
         }
         if stop.came() {
-            return Err(io::Error::other("interrupted before anybody read this FIFO"));
+            return Err(io::Error::other("interrupted while waiting for a reader of this FIFO"));
         }
         if !std::mem::replace(&mut said, true) {
             let _ = writeln!(io::stderr(), "{}: waiting for a reader of this FIFO", path.display());

@@ -1,15 +1,15 @@
-//! Columns that line up.
+//! Tables with aligned columns.
 
 use std::fmt;
 
-/// Which side of its column a cell keeps to.
+/// The alignment of a column.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Align {
     Left,
     Right,
 }
 
-/// Rows of text under headings. Prints with two blanks between columns and none at the ends of lines.
+/// Rows of text under headings, with two blanks between columns and none at the ends of lines.
 #[derive(Debug)]
 pub struct Table {
     columns: Vec<(&'static str, Align)>,

@@ -1,9 +1,9 @@
-//! Moments as people and programs write them: RFC 3339, UTC.
+//! Times as text: RFC 3339, UTC.
 
-/// The moment `ns` nanoseconds after 1970 began, to the microsecond: `2026-11-21T09:30:00.000123Z`.
+/// The time `ns` nanoseconds after the start of 1970, to the microsecond: `2026-11-21T09:30:00.000123Z`.
 pub fn rfc3339(ns: i64) -> String {
     let moment = jiff::Timestamp::from_nanosecond(ns.into());
-    // Every i64 of nanoseconds lies in jiff's range, which goes from the year -9999 to 9999.
+    // Every i64 of nanoseconds is within jiff's range (years -9999 to 9999).
     moment.unwrap_or_default().strftime("%Y-%m-%dT%H:%M:%S.%6fZ").to_string()
 }
 

@@ -1,4 +1,4 @@
-//! `pmacctl doctor --boards` and `--probe`: what this machine has that may be a board, and what lives in a window.
+//! `pmacctl doctor --boards` and `--probe`: finds devices that may be boards, and tells what is in a window.
 
 use super::report::{Check, Level, Report};
 use crate::cli::context::Failure;
@@ -9,12 +9,12 @@ use crate::device::machine::probe::{Probe, Verdict, probe};
 use crate::device::{Board, BoardSpec, FileBoard, System};
 use crate::map::Family;
 
-/// What decides which ways to a board there are.
+/// The kernel options that decide how a board can be opened.
 const OPTIONS: [&str; 5] = ["STRICT_DEVMEM", "IO_STRICT_DEVMEM", "UIO", "UIO_PCI_GENERIC", "VME_BUS"];
-/// Where the DPRAM of an ISA board usually is.
+/// The usual address of an ISA board's DPRAM.
 const USUAL_ISA: &str = "mem:0xD4000";
 
-/// Looks for boards, opening nothing.
+/// Looks for boards without opening any.
 pub fn boards(report: &mut Report, system: &System) {
     kernel(report, system);
     let memory = memory::may_open(system);
@@ -24,7 +24,7 @@ pub fn boards(report: &mut Report, system: &System) {
             "memory",
             "you may open /dev/mem, if the board is at a fixed address (ISA, VME)",
         ),
-        Err(why) => report.add(Level::Warn, "memory", format!("you may not open it: {why}")),
+        Err(why) => report.add(Level::Warn, "memory", format!("you may not open /dev/mem: {why}")),
     }
     let found = candidates(system);
     if found.is_empty() {
@@ -41,7 +41,7 @@ pub fn boards(report: &mut Report, system: &System) {
         }
     }
     let text = format!(
-        "an ISA board shows itself nowhere: with its DPRAM at the usual address it is {USUAL_ISA}, see pmacctl setup isa"
+        "an ISA board cannot be detected; with its DPRAM at the usual address, write {USUAL_ISA} (see pmacctl setup isa)"
     );
     report.add(Level::Ok, "ISA", text);
 }
@@ -60,7 +60,7 @@ fn kernel(report: &mut Report, system: &System) {
         }
         Lockdown::Off => report.add(Level::Ok, "kernel", format!("{release}, not locked down; {options}")),
         Lockdown::Unknown => {
-            report.add(Level::Ok, "kernel", format!("{release}, says nothing of lockdown; {options}"));
+            report.add(Level::Ok, "kernel", format!("{release}, without lockdown support; {options}"));
         }
     }
 }
@@ -80,7 +80,7 @@ fn candidate_check(candidate: Candidate) -> Check {
     Check { candidate: Some(candidate), ..Check::new(level, "candidate", text) }
 }
 
-/// Opens the window of a board of `family`, reads it and says what seems to be there. Writes nothing to the board.
+/// Opens the window of a board of `family`, reads it, and tells what seems to be there. Never writes to the board.
 pub fn probe_board(
     report: &mut Report,
     spec: &BoardSpec,
@@ -92,7 +92,7 @@ pub fn probe_board(
     let mut bus: Box<dyn Board> = match spec {
         BoardSpec::Simulator => {
             return Err(Failure::Request(
-                "sim: is no board to look at; start pmac-sim and name its file".to_owned(),
+                "sim has no window to read; start pmac-sim and probe file: with its path".to_owned(),
             ));
         }
         BoardSpec::File { path, .. } => match FileBoard::open(path, dpram) {
@@ -117,25 +117,25 @@ fn refused(report: &mut Report, error: impl std::fmt::Display) -> Result<(), Fai
 fn probe_check(spec: &str, seen: Probe) -> Check {
     let Probe { words, ones, zeros, changed, timer_moves, servo_hz, .. } = seen;
     let counts = format!(
-        "of {words} words {ones} read 0xFFFF, {zeros} read 0, {changed} changed; the servo timer went on at {timer_moves} looks"
+        "of {words} words {ones} read 0xFFFF, {zeros} read 0, {changed} changed; the servo timer advanced at {timer_moves} reads"
     );
     let (level, text) = match seen.verdict {
         Verdict::Absent => (
             Level::Fail,
-            "every word reads 0xFFFF: nothing answers (address, power, DPRAM enabled, VME page selected?)"
+            "every word reads 0xFFFF: no board answers; check its address and power, that the DPRAM is enabled, and the VME page"
                 .to_owned(),
         ),
         Verdict::Reporting => (
             Level::Ok,
-            format!("a PMAC that reports servo data, {:.0} servo cycles/s", servo_hz.unwrap_or(0.0)),
+            format!("a PMAC with servo data, {:.0} servo cycles/s", servo_hz.unwrap_or(0.0)),
         ),
         Verdict::Changing => (
             Level::Warn,
-            "something changes, but not as servo data do; a PMAC with I48=0, or another device".to_owned(),
+            "some words change, but not like servo data: a PMAC with I48=0, or another device".to_owned(),
         ),
         Verdict::Still => (
             Level::Warn,
-            "memory in which nothing changes: a PMAC that reports nothing (I48=0), or another device"
+            "no word changes: a PMAC that reports nothing (I48=0), or another device"
                 .to_owned(),
         ),
     };

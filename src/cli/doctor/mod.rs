@@ -1,4 +1,4 @@
-//! `pmacctl doctor`: everything between this user and live data, checked one by one, with what to do.
+//! `pmacctl doctor`: checks everything between this user and live data, and says what to do.
 
 mod machine;
 mod report;
@@ -26,24 +26,24 @@ use crate::segment::{Condition, DIRECTORY, Identity, RegionId, RegionState};
 
 #[derive(Debug, Args)]
 pub struct Doctor {
-    /// Look for boards in this machine, opening nothing, and say how each would be written after --board
+    /// Look for boards in this machine without opening any, and print what to write after --board
     #[arg(long)]
     pub boards: bool,
-    /// Open this board, read its window without writing to it, and say what seems to live there
+    /// Open this board, read its window without writing to it, and say what seems to be there
     #[arg(long, value_name = "SPEC")]
     pub probe: Option<String>,
     /// The family of that board
     #[arg(long, value_name = "FAMILY", value_parser = values::family, default_value = "pmac", requires = "probe")]
     pub family: &'static Family,
-    /// Where /dev, /proc and /sys of the machine lie
+    /// The directory with the machine's /dev, /proc and /sys
     #[arg(long, value_name = "DIRECTORY", hide = true)]
     pub root: Option<PathBuf>,
 }
 
-/// Less room than this in /dev/shm is worth a warning: a segment takes a few MiB.
+/// Warn below this free space in /dev/shm. A segment takes a few MiB.
 const ROOM: u64 = 16 << 20;
 
-/// Whether the board takes command lines.
+/// Checks whether the board takes command lines.
 fn commands(report: &mut Report, info: &BoardInfo) {
     let (port, enabled) = match (info.command_port, Family::by_name(&info.family)) {
         (CommandPort::Dpram, Ok(family)) => ("the DPRAM", format!("I{}=1", family.i.ascii_enable)),
@@ -54,12 +54,12 @@ fn commands(report: &mut Report, info: &BoardInfo) {
     let (level, text) = match info.command_state {
         _ if answers => (Level::Ok, format!("the board takes command lines through {port}")),
         CommandState::Silent => {
-            let cure = format!("is {enabled}? It can be set by another port");
+            let cure = format!("check {enabled}, by another port if necessary");
             (Level::Warn, format!("the last command line through {port} was not answered; {cure}"))
         }
         CommandState::Unknown | CommandState::Answers => (
             Level::Ok,
-            format!("not known yet: no command line was sent through {port}; pmacctl send TYPE would tell"),
+            format!("not known yet: no command line has gone through {port}; try pmacctl send TYPE"),
         ),
     };
     report.add(level, "commands", text);
@@ -81,7 +81,7 @@ pub fn run(context: &mut Context, options: &Doctor) -> Result<Verdict, Failure> 
     tell(context, &report)
 }
 
-/// What stands between this user and live data.
+/// Checks everything between this user and live data.
 fn everything(report: &mut Report, context: &Context, system: &System) {
     shared_memory(report);
     let mut board = segment(report, context.name.as_str());
@@ -101,7 +101,7 @@ fn everything(report: &mut Report, context: &Context, system: &System) {
         same_daemon(report, board, info);
     }
     if board.is_none() && info.is_none() {
-        // No daemon: the next step is to tell one which board to open.
+        // Without a daemon, the next step is to choose the board that it opens.
         machine::boards(report, system);
     }
 }
@@ -126,14 +126,14 @@ fn shared_memory(report: &mut Report) {
     const WHAT: &str = "shared memory";
     match statvfs(DIRECTORY) {
         Err(errno) => {
-            let text = format!("{DIRECTORY} cannot be looked at: {}; mount a tmpfs there", errno.desc());
+            let text = format!("cannot examine {DIRECTORY}: {}; mount a tmpfs there", errno.desc());
             report.add(Level::Fail, WHAT, text);
         }
         Ok(room) => {
             let free = room.blocks_available() * room.fragment_size();
             let mib = free >> 20;
             if free < ROOM {
-                let text = format!("{DIRECTORY} has only {mib} MiB left; remove what is not needed there");
+                let text = format!("{DIRECTORY} has only {mib} MiB left; remove unneeded files there");
                 report.add(Level::Warn, WHAT, text);
             } else {
                 report.add(Level::Ok, WHAT, format!("{DIRECTORY} has {mib} MiB left"));
@@ -162,23 +162,21 @@ fn segment(report: &mut Report, name: &str) -> Option<Board> {
             report.add(
                 Level::Fail,
                 "daemon",
-                format!("process {pid} that made the segment is gone; start pmacd"),
+                format!("process {pid}, which made the segment, is gone; start pmacd"),
             );
         }
         _ if age_ms > limit_ms => {
             let text = format!(
-                "process {pid} gave its last sign of life {age_ms} ms ago (limit {limit_ms} ms); continue it, or restart it"
+                "process {pid} last showed a heartbeat {age_ms} ms ago (limit {limit_ms} ms); continue or restart it"
             );
             report.add(Level::Fail, "daemon", text);
         }
-        _ => {
-            report.add(Level::Ok, "daemon", format!("process {pid} lives, last sign of life {age_ms} ms ago"))
-        }
+        _ => report.add(Level::Ok, "daemon", format!("process {pid} runs, last heartbeat {age_ms} ms ago")),
     }
     Some(board)
 }
 
-/// What the daemon says of itself, and of its settings if it does.
+/// The daemon's information, and its settings if it gives them.
 fn socket(report: &mut Report, path: &Path) -> Option<(BoardInfo, Option<BoardSettings>)> {
     let asked = Connection::open(path)
         .and_then(|mut connection| Ok((connection.info()?, connection.settings().ok())));
@@ -198,7 +196,7 @@ fn socket(report: &mut Report, path: &Path) -> Option<(BoardInfo, Option<BoardSe
     }
 }
 
-/// Why the socket cannot be reached, with the group to join when it is a matter of permission.
+/// Why the socket cannot be reached. Names the group to join if permission is missing.
 fn unreachable(path: &Path, error: &CommandError) -> String {
     let found = match fs::metadata(path) {
         Ok(found) if access(path, AccessFlags::W_OK).is_err() => found,
@@ -206,13 +204,13 @@ fn unreachable(path: &Path, error: &CommandError) -> String {
     };
     let group = Group::from_gid(Gid::from_raw(found.gid())).ok().flatten();
     let group = group.map_or_else(|| found.gid().to_string(), |group| group.name);
-    format!("{} may be used by the group {group}, and you are not in it; have yourself added", path.display())
+    format!("{} is for the group {group}; have yourself added to it", path.display())
 }
 
 fn data(report: &mut Report, board: &mut Board, settings: &BoardSettings) {
     let condition = board.subscriber().condition();
     if condition.is_over() {
-        // The data are old because the daemon is gone, which has been said.
+        // The data are old because the daemon is gone. The daemon check has reported that.
         return;
     }
     let identity = board.identity().unwrap_or_default();
@@ -224,7 +222,7 @@ fn data(report: &mut Report, board: &mut Board, settings: &BoardSettings) {
             continue;
         }
         let Ok(about) = board.subscriber().region(region) else {
-            report.add(Level::Warn, what, "the daemon does not mirror these data; see its settings");
+            report.add(Level::Warn, what, "the daemon does not mirror these data; see its configuration");
             continue;
         };
         let published = about.published;
@@ -236,10 +234,10 @@ fn data(report: &mut Report, board: &mut Board, settings: &BoardSettings) {
                 report.add(Level::Warn, what, format!("off on the board; {}", missing(region, &identity)));
             }
             RegionState::Live | RegionState::Stale => {
-                // A board that is silent altogether may have every variable as it was.
+                // If the whole board is silent, its variables may still be right.
                 let why = match condition {
                     Condition::Live => missing(region, &identity),
-                    _ => "so are all others: does the board run?".to_owned(),
+                    _ => "so are all others: check that the board runs".to_owned(),
                 };
                 report.add(Level::Fail, what, format!("stale after {published} updates; {why}"));
             }
@@ -247,7 +245,7 @@ fn data(report: &mut Report, board: &mut Board, settings: &BoardSettings) {
     }
 }
 
-/// What a report that does not come is missing, as far as the board has told what it is set to.
+/// What a missing report needs, as far as the board's settings are known.
 fn missing(region: RegionId, identity: &Identity) -> String {
     let Some(family) = identity::family(identity) else {
         return "the board's family is not known to this program".to_owned();
@@ -267,7 +265,7 @@ fn missing(region: RegionId, identity: &Identity) -> String {
         let names: Vec<_> = off.iter().map(|(variable, ..)| format!("I{variable}=0")).collect();
         let lines: Vec<_> = off.iter().map(|(variable, _, on)| format!("I{variable}={on}")).collect();
         return format!(
-            "the board told {}; switch it on: pmacctl send '{}'",
+            "the board has {}; switch it on: pmacctl send '{}'",
             names.join(", "),
             lines.join(" ")
         );
@@ -278,7 +276,7 @@ fn missing(region: RegionId, identity: &Identity) -> String {
         let names: Vec<_> = needed.iter().map(name).collect();
         let gather = if region == RegionId::Servo { ", and GATHER" } else { "" };
         return format!(
-            "the board has not told {}; it takes {} above 0{gather}",
+            "{} not known; the report needs {} above 0{gather}",
             unknown.join(" and "),
             names.join(" and ")
         );
@@ -288,13 +286,13 @@ fn missing(region: RegionId, identity: &Identity) -> String {
     let told = told.join(", ");
     match region {
         RegionId::Servo => format!(
-            "the board told {told}, so what is missing is GATHER, which a reset and ENDGATHER take away: pmacctl send GATHER"
+            "the board has {told} but no GATHER, which a reset or ENDGATHER ends; start it: pmacctl send GATHER"
         ),
-        _ => format!("the board told {told}, which is all it takes: does its background run?"),
+        _ => format!("the board has {told}, which is enough; check that its background cycle runs"),
     }
 }
 
-/// What the configuration has the daemon not use, or not read.
+/// Functions that the configuration switches off, and reports that it reads in part.
 fn left_out(report: &mut Report, family: &Family, settings: &BoardSettings) {
     let off = Function::ALL.into_iter().filter(|function| !settings.functions.has(*function));
     let off: Vec<_> = off.map(Function::name).collect();
@@ -308,7 +306,7 @@ fn left_out(report: &mut Report, family: &Family, settings: &BoardSettings) {
         ("background", *background != BackgroundSettings::all(family), json!(background)),
     ];
     for (report_name, _, part) in parts.into_iter().filter(|(_, differs, _)| *differs) {
-        let text = format!("of the {report_name} report only a part is read, by the configuration: {part}");
+        let text = format!("the configuration reads only part of the {report_name} report: {part}");
         report.add(Level::Ok, "reading", text);
     }
 }
@@ -320,7 +318,7 @@ fn functions(report: &mut Report, info: &BoardInfo, settings: &BoardSettings) {
         State::Live => report.add(Level::Ok, "board", format!("{}, {}", info.board, who.join(", "))),
         State::Init => report.add(Level::Warn, "board", format!("{} is being identified; wait", info.board)),
         State::Stale | State::Dead => {
-            let text = format!("{} does not answer; look at its power, cable and address", info.board);
+            let text = format!("{} does not answer; check its power, cable and address", info.board);
             report.add(Level::Fail, "board", text);
         }
     }
@@ -335,24 +333,25 @@ fn functions(report: &mut Report, info: &BoardInfo, settings: &BoardSettings) {
     }
     if let Some(host_port) = &info.host_port {
         let HostPortInfo { controller, line, served, old, unannounced } = host_port;
-        let counts = format!("{controller} line {line}, {served} interrupts served, {old} of them old ones");
+        let counts =
+            format!("{controller} line {line}, {served} interrupts served, {old} of them without a response");
         if *unannounced == 0 {
             report.add(Level::Ok, "host port", counts);
         } else {
             let text = format!(
-                "{counts}; {unannounced} responses came without one: is I56=1, and the line's jumper set?"
+                "{counts}; {unannounced} responses came without an interrupt; check I56=1 and the line's jumper"
             );
             report.add(Level::Warn, "host port", text);
         }
     }
 }
 
-/// Whether socket and segment are of the same daemon: a mixed-up `--socket` is hard to notice otherwise.
+/// Checks that socket and segment belong to the same daemon. A wrong `--socket` is hard to notice otherwise.
 fn same_daemon(report: &mut Report, board: &Board, info: &BoardInfo) {
     let header = board.subscriber().header();
     if u64::from(info.pid) != header.owner_pid {
         let text = format!(
-            "the socket is that of process {} ({}), the segment that of process {}; check --name and --socket",
+            "the socket belongs to process {} ({}), the segment to process {}; check --name and --socket",
             info.pid, info.segment, header.owner_pid
         );
         report.add(Level::Fail, "same daemon", text);

@@ -1,4 +1,4 @@
-//! What doctor found: checks, each with its level and what to do.
+//! The checks of doctor, each with its level and what to do.
 
 use serde::Serialize;
 
@@ -13,16 +13,16 @@ pub enum Level {
     Fail,
 }
 
-/// One thing looked at.
+/// One check.
 #[derive(Debug, Serialize)]
 pub struct Check {
     pub check: &'static str,
     pub level: Level,
     pub text: String,
-    /// What may be a board.
+    /// A device that may be a board.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub candidate: Option<Candidate>,
-    /// What was seen in a window.
+    /// What the window holds.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub probe: Option<Probe>,
 }

@@ -1,4 +1,4 @@
-//! `pmacctl backup`, `diff` and `restore`: a board's variables as a file that people can read and version.
+//! `pmacctl backup`, `diff` and `restore`: a board's variables as a readable file for version control.
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -19,21 +19,21 @@ use crate::cli::files::settings_file::{Entry, Item, parse, read};
 use crate::client::Connection;
 use crate::map::Generation;
 
-/// How long a line may take.
+/// Time limit of a line.
 const PATIENCE: Duration = Duration::from_secs(10);
-/// More than all variables of any board take.
+/// Largest file. All variables of any board fit.
 const LARGEST: u64 = 16 << 20;
-/// The handshake of the port that the daemon speaks through, and the port itself. Setting them could end the conversation
-/// half-way, and setting I58 sets the others.
+/// The variables of the port through which the daemon sends these lines. A change could cut the restore off half-way,
+/// and I58 sets the others.
 const PORT: [u16; 4] = [3, 4, 6, 58];
 
 /// `backup`.
 #[derive(Debug, Args)]
 pub struct Backup {
-    /// Write to this file, once everything has been read, instead of to stdout (-)
+    /// Write to this file after reading everything; - is stdout, the default
     #[arg(long, short, value_name = "FILE")]
     pub output: Option<PathBuf>,
-    /// Which variables. M means what they point to, and the values of those that point nowhere
+    /// Which variables. M stands for all definitions, and for the values of M-variables that point nowhere
     #[arg(long, value_name = "KINDS", value_delimiter = ',', default_value = "I,P,Q,M", ignore_case = true)]
     pub what: Vec<What>,
 }
@@ -57,7 +57,7 @@ pub struct Diff {
     /// A file of lines like I100=1, as backup writes them; - is stdin
     #[arg(value_name = "FILE")]
     pub file: PathBuf,
-    /// Another one; without it, the board
+    /// A second file; without it, the board
     #[arg(value_name = "FILE2")]
     pub other: Option<PathBuf>,
 }
@@ -79,7 +79,7 @@ pub struct Restore {
 pub fn backup(context: &mut Context, options: &Backup) -> Result<Verdict, Failure> {
     let mut connection = context.connection()?;
     let info = connection.info()?;
-    // Asked here: the daemon knows them a moment after its start only.
+    // Ask the board: a daemon that has just started does not know them yet.
     let mut say = |line| Ok::<_, Failure>(connection.send(line, PATIENCE)?.join(" "));
     let (board_type, firmware, date) = (say("TYPE")?, say("VERSION")?, say("DATE")?);
     let mut board = Reader::open(connection)?;
@@ -93,7 +93,7 @@ pub fn backup(context: &mut Context, options: &Backup) -> Result<Verdict, Failur
         items.extend((0..count).map(Item::P));
     }
     if wanted(What::Q) {
-        // The sets of the coordinate systems overlap: that of the first reaches every register.
+        // The Q-variables of the coordinate systems overlap. Those of &1 reach every register.
         items.extend((0..count).map(|number| Item::Q { system: 1, number }));
     }
     if wanted(What::M) {
@@ -136,7 +136,7 @@ pub fn backup(context: &mut Context, options: &Backup) -> Result<Verdict, Failur
     Ok(Verdict::Yes)
 }
 
-/// What an item is called in a document: the left side of its line.
+/// The name of an item in JSON: the left side of its line.
 fn name(item: Item) -> String {
     let arrow = if matches!(item, Item::Definition(_)) { "->" } else { "" };
     format!("{item}{arrow}")
@@ -150,7 +150,7 @@ fn listing(held: &BTreeMap<Item, String>, text: &mut String) {
             && system != Some(own)
         {
             system = Some(own);
-            // Writing into a String cannot fail.
+            // Writing to a String cannot fail.
             let _ = writeln!(text, "&{own}");
         }
         let _ = writeln!(text, "{}{}{value}", item.short(), item.sign());
@@ -165,7 +165,7 @@ fn variables_of(family: &str) -> u16 {
     }
 }
 
-/// The board, read and left with the coordinate system that was addressed.
+/// Reads the board, and restores the addressed coordinate system at the end.
 struct Reader {
     way: Way,
     system: Option<String>,
@@ -182,7 +182,7 @@ impl Reader {
         read(&mut self.way, items)
     }
 
-    /// Q-variables are those of the addressed coordinate system, which everybody shares.
+    /// Remembers the addressed coordinate system, which all users share: Q-variables need to change it.
     fn remember(&mut self, mut items: impl Iterator<Item = Item>) -> Result<(), Failure> {
         if self.system.is_none() && items.any(|item| matches!(item, Item::Q { .. })) {
             self.system = self.way.send("&", PATIENCE)?.into_iter().next();
@@ -194,7 +194,7 @@ impl Reader {
 impl Drop for Reader {
     fn drop(&mut self) {
         if let Some(system) = &self.system {
-            // Nothing depends on it but other people's habits.
+            // A failure harms nothing: it leaves another system addressed.
             let _ = self.way.send(&format!("&{system}"), PATIENCE);
         }
     }
@@ -247,7 +247,7 @@ pub fn restore(context: &mut Context, options: &Restore) -> Result<Verdict, Fail
     let (port, changes): (Vec<&Entry>, Vec<&Entry>) = changes.partition(is_port);
     for entry in &port {
         complain(format_args!(
-            "{file}:{}: {} is left at {}: this conversation depends on it",
+            "{file}:{}: {} stays at {}: the link to the board depends on it",
             entry.line,
             entry.item,
             was(entry.item)
@@ -279,7 +279,7 @@ pub fn restore(context: &mut Context, options: &Restore) -> Result<Verdict, Fail
     Ok(report.errors.is_empty().into())
 }
 
-/// What a restore does and did.
+/// The changes and the results of a restore.
 struct Report<'a> {
     file: String,
     changes: &'a [&'a Entry],
@@ -290,7 +290,7 @@ struct Report<'a> {
 }
 
 impl Report<'_> {
-    /// Sends the changes, in the file's order, and looks whether they hold.
+    /// Sends the changes in the file's order, then reads them back and compares.
     fn send(&mut self, board: &mut Reader) -> Result<(), Failure> {
         let mut taken = Vec::new();
         for &entry in self.changes {
@@ -300,7 +300,7 @@ impl Report<'_> {
                 Err(error) => {
                     let stopped = match error {
                         LineError::Uncertain { .. } => {
-                            "stopped at this line, which may or may not have been carried out"
+                            "stopped at this line; the board may or may not have executed it"
                         }
                         _ => "stopped before this line",
                     };
@@ -314,9 +314,9 @@ impl Report<'_> {
         let held = board.read(taken.iter().map(|entry| entry.item))?;
         for entry in taken {
             let now = held.get(&entry.item).map_or("", String::as_str);
-            // Registers that hardware writes as well change by themselves: not the line's fault, but worth knowing.
+            // A register that hardware also writes changes by itself. Report it all the same.
             if !entry.item.same(&entry.text, now) {
-                self.fail(entry, format!("the board took it and holds {now}"));
+                self.fail(entry, format!("the board took the line but now holds {now}"));
             }
         }
         Ok(())
@@ -353,7 +353,7 @@ impl<'a> Report<'a> {
 }
 
 fn complain(text: std::fmt::Arguments<'_>) {
-    // Nobody reads it: nothing to be done.
+    // If stderr is closed, the message is lost.
     let _ = writeln!(io::stderr(), "{text}");
 }
 

@@ -1,7 +1,7 @@
-//! `pmacctl download`: program and command files, line by line, with errors told by file and line.
+//! `pmacctl download`: sends program and command files line by line, and reports errors by file and line.
 //!
-//! Lines that follow an `OPEN` go into a buffer until `CLOSE`. A buffer that somebody left open would take every line, so CLOSE
-//! goes first; a buffer that an error, an interruption or the end of the file leaves open is closed again.
+//! Lines after an `OPEN` go into a buffer until `CLOSE`. A buffer left open earlier would swallow every line, so CLOSE goes
+//! first. If an error, a signal or the end of the file leaves a buffer open, the download closes it.
 
 use std::io::{self, IsTerminal, Write};
 use std::path::{Path, PathBuf};
@@ -19,9 +19,9 @@ use crate::cli::context::{Context, Failure, Verdict};
 use crate::cli::files::preprocess::{SourceLine, preprocess};
 use crate::protocol::{OpenBuffer, TIMEOUT_MAX_MS};
 
-/// Most of a file that is read.
+/// Largest file.
 const LARGEST: u64 = 64 << 20;
-/// Ends the input into a buffer; harmless when none is open.
+/// Closes the open buffer. Harmless if none is open.
 const CLOSE: &str = "CLOSE";
 
 /// `download`.
@@ -33,10 +33,10 @@ pub struct Download {
     /// Print the lines that would be sent, and send none
     #[arg(long)]
     pub dry_run: bool,
-    /// Go on after a line that the board refuses
+    /// Go on if the board refuses a line
     #[arg(long)]
     pub keep_going: bool,
-    /// How long the board may take for a line, in seconds; SAVE may take longer
+    /// Time limit of a line, in seconds; SAVE has a longer one
     #[arg(long, value_name = "S", default_value = "10", value_parser = crate::cli::args::values::seconds, allow_negative_numbers = true)]
     pub timeout: Duration,
 }
@@ -44,9 +44,7 @@ pub struct Download {
 pub fn run(context: &mut Context, options: &Download) -> Result<Verdict, Failure> {
     if options.timeout.as_millis() > TIMEOUT_MAX_MS.into() {
         let most = TIMEOUT_MAX_MS / 1000;
-        return Err(Failure::Request(format!(
-            "--timeout is longer than the {most} s that a command may take"
-        )));
+        return Err(Failure::Request(format!("--timeout is at most {most} s")));
     }
     let lines = preprocess(&options.files, &read).map_err(|mistakes| mistaken(&mistakes))?;
     if options.dry_run {
@@ -95,7 +93,7 @@ fn dry_run(context: &mut Context, lines: &[SourceLine]) -> Result<Verdict, Failu
     Ok(Verdict::Yes)
 }
 
-/// A line that the board refused or did not answer, or that did not reach it.
+/// A line that the board refused, did not answer or did not receive.
 struct Failed {
     line: SourceLine,
     /// The number of `ERRnnn`.
@@ -127,7 +125,7 @@ impl Sender {
                 return Err(Failure::Refused(format!("{}: interrupted before this line", line.place)));
             }
             progress.show(self.sent);
-            // Counted as open even if the board refuses the line: an error may follow what opened it.
+            // Assume that the buffer opens even if the board refuses the line: the error may come from the text after the OPEN.
             self.buffer.follow(line.text.as_bytes());
             let (replies, error) = match self.way.send(&line.text, self.timeout) {
                 Ok(replies) => (replies, None),
@@ -148,7 +146,7 @@ impl Sender {
                 self.failed.push(Failed { line, code: None, text });
                 return Err(failure);
             };
-            // Nobody reads it: nothing to be done.
+            // If stderr is closed, the message is lost.
             let _ = writeln!(io::stderr(), "{}: {text}: {}", line.place, line.text);
             self.failed.push(Failed { line, code, text });
             if !keep_going {
@@ -188,7 +186,7 @@ impl Sender {
     }
 }
 
-/// How far it is, on a terminal.
+/// The progress, on a terminal.
 struct Progress {
     total: usize,
     shown: bool,
@@ -196,7 +194,7 @@ struct Progress {
 }
 
 impl Progress {
-    /// Often enough to be seen moving.
+    /// Updates often enough to show movement.
     const EVERY: Duration = Duration::from_millis(100);
 
     fn new(total: usize) -> Self {

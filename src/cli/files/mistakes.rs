@@ -1,17 +1,17 @@
-//! Mistakes in files, printed before anything is sent.
+//! Prints the mistakes in files before anything is sent.
 
 use std::io::{self, Write};
 
 use super::preprocess::Mistake;
 use crate::cli::context::Failure;
 
-/// The most mistakes that are printed.
+/// The most mistakes to print.
 const MISTAKES_MAX: usize = 50;
 
 /// Prints each mistake as `FILE:LINE: message` on stderr. Nothing is sent if there is any.
 pub fn mistaken(mistakes: &[Mistake]) -> Failure {
     for mistake in mistakes.iter().take(MISTAKES_MAX) {
-        // Nobody reads it: nothing to be done.
+        // If stderr is closed, the message is lost.
         let _ = writeln!(io::stderr(), "{mistake}");
     }
     let count = mistakes.len();

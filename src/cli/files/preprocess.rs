@@ -1,9 +1,9 @@
-//! Program files as people write them, made into the lines a board takes.
+//! Turns program files into lines for the board.
 //!
-//! A board knows no comments, names or includes: those are the host's business. `;` and `//` start a comment. The
+//! The host resolves comments, names and includes; the board knows none of them. `;` and `//` start a comment. The
 //! directives are `#include "FILE"` (relative to the file it stands in), `#define NAME text`, `#undef NAME`, `#ifdef NAME`,
-//! `#ifndef NAME`, `#else` and `#endif`, each alone on its line, in either case. A defined name is replaced wherever it stands
-//! as a whole word, in what it stands for too; names are case-sensitive. Text in double quotes is left alone by all of this.
+//! `#ifndef NAME`, `#else` and `#endif`, each alone on its line, in upper or lower case. A defined name is replaced wherever
+//! it is a whole word, also in the text of other names. Names are case-sensitive. Text in double quotes never changes.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -11,22 +11,22 @@ use std::path::{Path, PathBuf};
 
 use crate::protocol::check_line;
 
-/// Files in files, at most.
+/// The most files that include each other.
 const DEPTH_MAX: usize = 16;
-/// Names in names, at most.
+/// The most names that refer to each other.
 const ROUNDS_MAX: usize = 32;
-/// A text longer than this is no line of a program, however it comes about.
+/// The longest line after names are replaced.
 const TEXT_MAX: usize = 4096;
-/// Files included, each as often as it is, and their bytes.
+/// The most included files, repeats counted, and the most bytes in them.
 const INCLUDES_MAX: usize = 1000;
 const BYTES_MAX: usize = 64 << 20;
 
-/// Where something stands.
+/// A place in a file.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Place {
-    /// The file, as it was named.
+    /// The file, as the user wrote it.
     pub file: String,
-    /// The line, from 1; 0 is the file as a whole.
+    /// The line, from 1. 0 means the whole file.
     pub line: usize,
 }
 
@@ -39,32 +39,32 @@ impl fmt::Display for Place {
     }
 }
 
-/// A line for the board.
+/// A line for the board, with its place.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct SourceLine {
     /// Where it stands.
     pub place: Place,
-    /// The line, names replaced.
+    /// The line with its names replaced.
     pub text: String,
 }
 
-/// Something that cannot be sent.
+/// A mistake in a file.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{place}: {what}")]
 pub struct Mistake {
     /// Where it stands.
     pub place: Place,
-    /// What is wrong with it.
+    /// What is wrong.
     pub what: String,
 }
 
-/// Reads files: the file system, or a test.
+/// Reads a file. Tests replace the file system.
 pub type Reader<'a> = &'a dyn Fn(&Path) -> Result<Vec<u8>, String>;
 
-/// The lines of the files, one after the other; names that one file defines hold in the next ones too.
+/// The lines of the files in order. Names defined in one file hold in the next files too.
 ///
 /// # Errors
-/// Everything that is wrong, in order. A file that cannot be read is one mistake, at the line that includes it.
+/// All mistakes, in order. A file that cannot be read is one mistake, at the line that includes it.
 pub fn preprocess(files: &[PathBuf], read: Reader<'_>) -> Result<Vec<SourceLine>, Vec<Mistake>> {
     let mut source = Source {
         read,
@@ -96,7 +96,7 @@ struct Source<'a> {
     names: BTreeMap<String, String>,
     /// The files being read, the outermost first.
     open: Vec<PathBuf>,
-    /// How often a file was included, and the bytes of all that were.
+    /// The number of includes so far, and their bytes.
     included: usize,
     bytes: usize,
     lines: Vec<SourceLine>,
@@ -106,9 +106,9 @@ struct Source<'a> {
 /// One `#ifdef`.
 struct Condition {
     place: Place,
-    /// Whether its lines count.
+    /// Whether its lines are sent.
     holds: bool,
-    /// Whether the conditions around it hold.
+    /// Whether all outer conditions hold.
     around: bool,
     has_else: bool,
 }
@@ -116,7 +116,7 @@ struct Condition {
 impl Source<'_> {
     fn file(&mut self, path: &Path, bytes: &[u8]) {
         self.open.push(path.to_owned());
-        // What is not UTF-8 can only be a comment; anywhere else the check of the line finds it.
+        // Bytes other than UTF-8 are allowed in comments. The check of the line refuses them elsewhere.
         let text = String::from_utf8_lossy(bytes);
         let mut conditions = Vec::new();
         for (line, number) in text.lines().zip(1..) {
@@ -126,7 +126,7 @@ impl Source<'_> {
             }
         }
         for condition in conditions {
-            self.mistakes.push(Mistake { place: condition.place, what: "no #endif to this".to_owned() });
+            self.mistakes.push(Mistake { place: condition.place, what: "no #endif for this".to_owned() });
         }
         self.open.pop();
     }
@@ -197,7 +197,7 @@ impl Source<'_> {
     fn include(&mut self, path: &Path, rest: &str) -> Result<(), String> {
         let file =
             rest.strip_prefix('"').and_then(|rest| rest.strip_suffix('"')).filter(|file| !file.is_empty());
-        let file = file.ok_or("not #include \"FILE\"")?;
+        let file = file.ok_or("write #include \"FILE\"")?;
         let file = path.parent().unwrap_or(Path::new("")).join(file);
         if self.open.contains(&file) {
             return Err(format!("{} includes itself", file.display()));
@@ -205,7 +205,7 @@ impl Source<'_> {
         if self.open.len() >= DEPTH_MAX {
             return Err(format!("files in files deeper than {DEPTH_MAX}"));
         }
-        // Files that include others more than once grow by powers.
+        // Repeated includes can grow exponentially.
         if self.included >= INCLUDES_MAX {
             return Err(format!("files are included more than {INCLUDES_MAX} times"));
         }
@@ -219,7 +219,7 @@ impl Source<'_> {
         Ok(())
     }
 
-    /// `text` with every defined name replaced, until there is none left.
+    /// Replaces defined names in `text` until none is left.
     fn replace(&self, text: &str) -> Result<String, String> {
         let mut text = text.to_owned();
         for _ in 0..ROUNDS_MAX {
@@ -229,10 +229,10 @@ impl Source<'_> {
             }
             text = replaced;
         }
-        Err("the defined names stand for each other without end".to_owned())
+        Err("the defined names refer to each other in a circle".to_owned())
     }
 
-    /// `None` when there is nothing to replace.
+    /// `None` if there is nothing to replace.
     fn replaced_once(&self, text: &str) -> Option<String> {
         let mut out = String::new();
         let mut found = false;
@@ -251,7 +251,7 @@ impl Source<'_> {
                 }
                 None => out.push_str(part),
             }
-            // Too long already: what a name stands for may be long, and stand there a thousand times.
+            // Stop early: a long text may be repeated a thousand times.
             if found && out.len() > TEXT_MAX {
                 break;
             }
@@ -271,7 +271,7 @@ enum Directive {
     Endif,
 }
 
-/// The directive that `text` is, and what follows its word. Anything else that starts with `#` addresses a motor.
+/// The directive in `text`, and the rest of the line. Any other word after `#` addresses a motor.
 fn directive(text: &str) -> Option<(Directive, &str)> {
     let text = text.strip_prefix('#')?.trim_start();
     let end = text.find(|c: char| !c.is_ascii_alphabetic()).unwrap_or(text.len());
@@ -293,10 +293,10 @@ fn is_word(c: char) -> bool {
     c.is_ascii_alphanumeric() || c == '_'
 }
 
-/// `text` as a name that can be defined.
+/// Checks that `text` is a valid name.
 fn name(text: &str) -> Result<&str, String> {
     let starts = text.starts_with(|c: char| c.is_ascii_alphabetic() || c == '_');
-    if starts && text.chars().all(is_word) { Ok(text) } else { Err(format!("{text:?} is no name")) }
+    if starts && text.chars().all(is_word) { Ok(text) } else { Err(format!("{text:?} is not a name")) }
 }
 
 fn without_comment(line: &str) -> &str {
@@ -388,18 +388,18 @@ mod tests {
         );
         let mistakes = run(&[("f", &text)]).unwrap_err();
         let expected = [
-            "f:1: not #include \"FILE\"",
+            "f:1: write #include \"FILE\"",
             "f:2: gone: not there",
             "f:3: f includes itself",
-            "f:4: \"1A\" is no name",
+            "f:4: \"1A\" is not a name",
             "f:5: F has parameters",
             "f:6: #else without #ifdef",
             "f:7: #endif without #ifdef",
-            "f:10: the defined names stand for each other",
+            "f:10: the defined names refer to each other",
             "f:11: the line has 201 characters",
             "f:12: character '\\u{b}' at position 3",
             "f:13: character",
-            "f:14: no #endif to this",
+            "f:14: no #endif for this",
         ];
         assert_eq!(mistakes.len(), expected.len(), "{mistakes:?}");
         for (mistake, expected) in mistakes.iter().zip(expected) {

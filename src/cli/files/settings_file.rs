@@ -1,8 +1,8 @@
-//! Variables as lines that a board would take again: `I100=1`, `M1->Y:$FFC2,0`, one a line, sorted.
+//! Variables as sorted lines that can be sent again: `I100=1`, `M1->Y:$FFC2,0`.
 //!
-//! Q-variables belong to a coordinate system: a line `&2` says to which the following ones do, `&1` being understood. The
-//! values are kept as the board lists them, addresses in hex where it does so (I9), and compared as numbers. A listing has
-//! fewer digits than a register; what reads back the same is taken as the same.
+//! Q-variables belong to a coordinate system. A line `&2` addresses one for the following lines; the default is `&1`.
+//! Values stay as the board lists them (I9 chooses hex for addresses) and are compared as numbers. A listing has fewer
+//! digits than the register, so equal listings count as equal values.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -14,12 +14,12 @@ use crate::cli::files::preprocess::{Mistake, Place};
 use crate::protocol::LINE_MAX;
 use crate::protocol::answer;
 
-/// How long a request may take: a hundred answers, at a reply a background cycle, with room.
+/// Time limit of a request. The board gives one of up to 100 answers each background cycle.
 const PATIENCE: Duration = Duration::from_secs(30);
-/// The most answers one line asks for: the board answers nobody else meanwhile.
+/// The most answers to one line. The board answers nobody else meanwhile.
 const ANSWERS_MAX: usize = 100;
 
-/// Something that a line can set.
+/// What a line can set.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Item {
     /// An I-variable.
@@ -33,9 +33,9 @@ pub enum Item {
         /// The variable.
         number: u16,
     },
-    /// What an M-variable points to.
+    /// The definition of an M-variable.
     Definition(u16),
-    /// What it holds.
+    /// The value of an M-variable.
     M(u16),
 }
 
@@ -53,7 +53,7 @@ impl Item {
         }
     }
 
-    /// The same kind of thing with `number`.
+    /// The same kind of item with another `number`.
     const fn at(self, number: u16) -> Self {
         match self {
             Self::I(_) => Self::I(number),
@@ -74,17 +74,17 @@ impl Item {
         }
     }
 
-    /// What stands between name and text.
+    /// The sign between name and text.
     pub const fn sign(self) -> &'static str {
         if matches!(self, Self::Definition(_)) { "->" } else { "=" }
     }
 
-    /// The whole line that sets it to `text`, wherever it is sent.
+    /// The whole line that sets the item to `text`, with its coordinate system.
     pub fn line(self, text: &str) -> String {
         format!("{self}{}{text}", self.sign())
     }
 
-    /// The question for this one and the `count - 1` after it.
+    /// The question for this item and the next `count - 1`.
     fn question(self, count: usize) -> String {
         let last = usize::from(self.number()) + count - 1;
         let range = if count == 1 { String::new() } else { format!("..{last}") };
@@ -92,7 +92,7 @@ impl Item {
         format!("{self}{range}{arrow}")
     }
 
-    /// Whether two texts set it to the same.
+    /// Whether two texts set the same value.
     pub fn same(self, one: &str, other: &str) -> bool {
         if one == other {
             return true;
@@ -117,18 +117,18 @@ impl fmt::Display for Item {
 /// One line of a file.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Entry {
-    /// What it sets.
+    /// The item.
     pub item: Item,
-    /// What it is set to.
+    /// The text to set it to.
     pub text: String,
     /// The line's number.
     pub line: usize,
 }
 
-/// The lines of a file.
+/// Parses a file.
 ///
 /// # Errors
-/// Everything in it that is no such line, and what is set twice.
+/// Every line that cannot be parsed, and every item set twice.
 pub fn parse(file: &str, text: &str) -> Result<Vec<Entry>, Vec<Mistake>> {
     let mut entries: Vec<Entry> = Vec::new();
     let mut mistakes = Vec::new();
@@ -186,7 +186,7 @@ fn entry(code: &str, system: u8) -> Result<Line<'_>, String> {
         };
     }
     let text = tail.strip_prefix('=').map(str::trim).ok_or_else(wrong)?;
-    answer::number(text).ok_or_else(|| format!("{text:?} is no number"))?;
+    answer::number(text).ok_or_else(|| format!("{text:?} is not a number"))?;
     let item = match letter {
         Some('I') => Item::I(n),
         Some('P') => Item::P(n),
@@ -197,10 +197,10 @@ fn entry(code: &str, system: u8) -> Result<Line<'_>, String> {
     Ok(Line::Entry(item, text))
 }
 
-/// What the board holds of `items`.
+/// Reads `items` from the board.
 ///
 /// # Errors
-/// When the board refuses a question, or answers something else.
+/// The board refuses a question or gives an unexpected answer.
 pub fn read(way: &mut Way, items: impl IntoIterator<Item = Item>) -> Result<BTreeMap<Item, String>, Failure> {
     let mut items: Vec<Item> = items.into_iter().collect();
     items.sort_unstable();
@@ -218,7 +218,7 @@ pub fn read(way: &mut Way, items: impl IntoIterator<Item = Item>) -> Result<BTre
             )));
         }
         for (&item, line) in asked.iter().zip(&lines) {
-            // The long form of a listing (odd I9) names the variable.
+            // A long listing (odd I9) starts with the variable's name.
             let name = format!("{}{}", item.short(), item.sign());
             let text = line.strip_prefix(&name).unwrap_or(line).trim();
             held.insert(item, text.to_owned());
@@ -227,7 +227,7 @@ pub fn read(way: &mut Way, items: impl IntoIterator<Item = Item>) -> Result<BTre
     Ok(held)
 }
 
-/// The questions that give all of `items`, which are sorted, in order: ranges where they follow each other, several in a line.
+/// The questions for all of `items`, which are sorted. Neighbours become ranges, several a line.
 fn questions(items: &[Item]) -> Vec<(String, &[Item])> {
     let mut questions: Vec<(String, &[Item])> = Vec::new();
     let mut line = String::new();
@@ -243,7 +243,7 @@ fn questions(items: &[Item]) -> Vec<(String, &[Item])> {
             .count();
         let question = first.question(run);
         let separate = usize::from(!line.is_empty());
-        // Behind something else, the & of a coordinate system could be taken for the operator.
+        // The & must come first: later in a line it could be the operator.
         let apart = line.is_empty() || first.system() == items[start].system();
         if run == 0 || !apart || line.len() + separate + question.len() > LINE_MAX {
             questions.push((std::mem::take(&mut line), &items[start..at]));
@@ -279,7 +279,7 @@ mod tests {
         let mistakes = parse("f", wrong).unwrap_err();
         assert_eq!(mistakes.len(), 13, "{mistakes:?}");
         assert_eq!(mistakes[10].to_string(), "f:12: I7 is set in line 11 already");
-        assert_eq!(mistakes[3].to_string(), "f:4: \"one\" is no number");
+        assert_eq!(mistakes[3].to_string(), "f:4: \"one\" is not a number");
     }
 
     #[test]

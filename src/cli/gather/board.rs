@@ -1,8 +1,7 @@
-//! The board's side of `pmacctl gather`: the lines that begin a gather, and the board left as it was, however it went.
+//! The board's side of `pmacctl gather`: starts a gather, and restores the board afterwards, also after an error.
 //!
-//! `ENDGATHER` undoes the latest `GATHER`, which may be that of the servo report (DPRAM manual p. 14): it is sent only where
-//! a `GATHER` of this program is to be undone. The period of gathering (I19) is the servo report's as well, and is put back
-//! in every case.
+//! `ENDGATHER` undoes the latest `GATHER`, which may be that of the servo report (DPRAM manual p. 14). So it is sent only to
+//! undo a `GATHER` of this program. I19 is the period of gathering and of the servo report, and is always restored.
 
 use std::io::{self, Write};
 use std::time::{Duration, Instant};
@@ -17,29 +16,29 @@ use crate::map::{Family, Layout};
 use crate::protocol::{CallError, answer};
 use crate::segment::{RegionId, RegionState};
 
-/// How long the board may take to answer a line.
+/// Time limit of a line.
 const LINE: Duration = Duration::from_secs(5);
-/// How often to look whether the servo report runs.
+/// Period of the checks whether the servo report runs.
 const LOOK: Duration = Duration::from_millis(5);
 
-/// The value of I-variable `variable`, as the board answers it.
+/// The value of I-variable `variable`, in the board's words.
 pub fn ask(connection: &mut Connection, variable: u16) -> Result<String, Failure> {
     let lines = connection.send(&format!("I{variable}"), LINE)?;
     Ok(lines.first().map(|line| answer::text(line).to_owned()).unwrap_or_default())
 }
 
-/// Whether the board gathers, as after a `pmacctl gather` that was killed.
+/// Whether the board gathers. It still does after a `pmacctl gather` was killed.
 pub fn gathers(connection: &mut Connection, family: &Family) -> Result<bool, Failure> {
     let status = connection.send("???", LINE)?;
     Ok(status.first().is_some_and(|reply| reply_has(reply, family.status.global, "data_gathering_on")))
 }
 
-/// Ends gathering, where the board gathers.
+/// Ends gathering. The caller knows that the board gathers.
 pub fn end_gather(connection: &mut Connection) -> Result<(), Failure> {
     Ok(connection.send("ENDGATHER", LINE).map(drop)?)
 }
 
-/// What the latest `GATHER` of this program has begun.
+/// What the latest `GATHER` of this program started.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Begun {
     Nothing,
@@ -48,17 +47,17 @@ enum Begun {
     Gathering,
 }
 
-/// The board from the first line that changes something on.
+/// The board, from the first line that changes it.
 pub struct GatherBoard<'a> {
     connection: Connection,
     family: &'static Family,
     plan: &'a GatherPlan,
-    /// The period of gathering as it was found.
+    /// The period of gathering before this gather.
     old_period: String,
-    /// How the servo report stood, as far as was known.
+    /// The state of the servo report before this gather, as far as it is known.
     report: ServoReport,
     begun: Begun,
-    /// Whether the daemon follows.
+    /// Whether the daemon follows the gather.
     followed: bool,
 }
 
@@ -73,10 +72,10 @@ impl<'a> GatherBoard<'a> {
         Self { connection, family, plan, old_period, report, begun: Begun::Nothing, followed: false }
     }
 
-    /// Everything up to the `GATHER` that starts gathering. `silence` is how long the servo report may take to come.
+    /// Does everything up to the `GATHER` that starts gathering. `silence` is the time limit of the servo report's start.
     ///
     /// # Errors
-    /// [`Failure`]; the board is as [`GatherBoard::finish`] has to find it.
+    /// [`Failure`]. Then call [`GatherBoard::finish`].
     pub fn begin(
         &mut self,
         board: &Board,
@@ -85,8 +84,8 @@ impl<'a> GatherBoard<'a> {
         silence: Duration,
         stop: &Interrupt,
     ) -> Result<GatherFollower, Failure> {
-        // A report that has just been ended counts as live for a moment more; the first `GATHER` starts it again. Looked at
-        // while it still comes in its old period, by which the daemon judges.
+        // A report that has just ended counts as live for a moment. Then the first `GATHER` starts it again. Check before the
+        // period changes: the daemon judges by the old one.
         let ended = self.report == ServoReport::Running && !report_comes(board, silence, stop)?;
         for line in &self.plan.prepare {
             self.connection.send(line, LINE).map_err(|error| explain(line, error))?;
@@ -94,14 +93,14 @@ impl<'a> GatherBoard<'a> {
                 self.say_what_was_ended();
             }
         }
-        // The servo report's timer is the clock, and has to run before the daemon's first look.
+        // The servo report's timer is the clock. It must run before the daemon's first poll.
         let starts = self.plan.start.iter().skip(1).chain(self.plan.start.first().filter(|_| ended));
         for line in starts {
             self.gather(line, Begun::Report)?;
             wait_for_report(board, self.family, silence, stop)?;
         }
         let told = self.connection.gather_begin(self.plan, layout, host_clock);
-        // What did not answer may have taken it.
+        // A daemon that did not answer may still have taken the call.
         self.followed = !matches!(told, Err(CommandError::Refused(_)));
         told?;
         Ok(board.follow_gather()?)
@@ -117,17 +116,17 @@ impl<'a> GatherBoard<'a> {
 
     fn gather(&mut self, line: &str, begins: Begun) -> Result<(), Failure> {
         let result = self.connection.send(line, LINE).map_err(LineError::from);
-        // What may have been carried out may have to be undone.
+        // The board may have executed a line without an answer: undo that one too.
         if matches!(result, Ok(_) | Err(LineError::Uncertain { .. })) {
             self.begun = begins;
         }
         Ok(result.map(drop)?)
     }
 
-    /// Ends gathering on the board and puts the report's period back.
+    /// Ends gathering on the board and restores the report's period.
     ///
     /// # Errors
-    /// [`Failure`]; what can still be done has been done.
+    /// [`Failure`]. All other steps have been tried.
     pub fn finish(&mut self) -> Result<(), Failure> {
         let stopped = self.end();
         let told = if self.followed { self.connection.gather_end() } else { Ok(()) };
@@ -149,7 +148,7 @@ impl<'a> GatherBoard<'a> {
         let ended = match self.begun {
             Begun::Nothing => true,
             Begun::Report => false,
-            // A full buffer has ended its gather: what ENDGATHER would end then is the servo report.
+            // A full buffer has ended the gather already. ENDGATHER would now end the servo report.
             Begun::Gathering => {
                 self.plan.mode == GatherMode::Stop
                     && matches!(gathers(&mut self.connection, self.family), Ok(false))
@@ -158,10 +157,10 @@ impl<'a> GatherBoard<'a> {
         if ended { Ok(()) } else { Ok(self.connection.send(&self.plan.stop, LINE).map(drop)?) }
     }
 
-    /// As [`GatherBoard::finish`], after `failure`, which is the one that counts.
+    /// As [`GatherBoard::finish`], after `failure`, which is returned.
     pub fn give_up(&mut self, failure: Failure) -> Failure {
         if let Err(another) = self.finish() {
-            // Nobody reads it: nothing to be done.
+            // If stderr is closed, the message is lost.
             let _ = writeln!(io::stderr(), "{another}");
         }
         failure
@@ -177,7 +176,7 @@ impl<'a> GatherBoard<'a> {
     }
 }
 
-/// Whether the servo report still comes, seen by its next update.
+/// Waits for an update to see whether the servo report runs.
 fn report_comes(board: &Board, silence: Duration, stop: &Interrupt) -> Result<bool, Failure> {
     let region = || board.subscriber().region(RegionId::Servo).map_err(Failure::request);
     let first = region()?;
@@ -196,7 +195,7 @@ fn interrupted() -> Failure {
     Failure::Refused("interrupted before the first sample".to_owned())
 }
 
-/// Waits for the servo report, which the first `GATHER` starts where the board is told to report.
+/// Waits for the servo report. If it is enabled, the first `GATHER` starts it.
 fn wait_for_report(
     board: &Board,
     family: &Family,
@@ -210,7 +209,9 @@ fn wait_for_report(
         }
         if began.elapsed() > silence {
             let i = &family.i;
-            let cure = i.reported.map_or_else(String::new, |reported| format!(" (is I{reported} above 0?)"));
+            let cure = i
+                .reported
+                .map_or_else(String::new, |reported| format!(" (check that I{reported} is above 0)"));
             return Err(Failure::Refused(format!(
                 "I{}=1 and GATHER start no servo report{cure}, so turns of the buffer cannot be counted",
                 i.servo_enable

@@ -1,4 +1,4 @@
-//! The file of `pmacctl gather`, in either form. After an error it holds the samples before it, and says how many.
+//! The file of `pmacctl gather`, CSV or NumPy. After an error it holds the samples before it, and their number.
 
 use std::io::{self, Write};
 
@@ -6,11 +6,11 @@ use crate::cli::console::sink::Rows;
 use crate::cli::context::Failure;
 use crate::gather::{Column, CsvWriter, NpyWriter, SampleClock};
 
-/// Samples into a file.
+/// Writes samples to a file.
 pub struct Writer {
     form: Form,
     samples: u64,
-    /// Whether an error has been told.
+    /// Whether an error has been returned.
     failed: bool,
 }
 
@@ -20,14 +20,14 @@ enum Form {
 }
 
 impl Writer {
-    /// The file is not touched before the first samples are written.
+    /// Opens the file. It stays unchanged until the first samples are written.
     ///
     /// # Errors
-    /// [`Failure`]; NumPy's form needs a regular file.
+    /// [`Failure`]. A NumPy file must be a regular file.
     pub fn new(rows: Rows, npy: bool, columns: &[Column], clock: SampleClock) -> Result<Self, Failure> {
         if npy && !rows.is_regular() {
             let error = io::Error::other(
-                "no regular file, whose beginning could tell in the end how many samples there are; .csv goes anywhere",
+                "not a regular file; .npy needs one, because its header gets the number of samples at the end; use .csv",
             );
             return Err(rows.failed(error));
         }
@@ -51,7 +51,7 @@ impl Writer {
     /// Writes one sample.
     ///
     /// # Errors
-    /// [`Failure`], which says how many samples the file holds.
+    /// [`Failure`], with the number of samples in the file.
     pub fn row(&mut self, number: u64, values: &[f64]) -> Result<(), Failure> {
         let put = match &mut self.form {
             Form::Csv(writer) => writer.row(number, values),
@@ -61,10 +61,10 @@ impl Writer {
         put.and_then(|()| self.rows().end_row()).map_err(|error| self.cut_off(error))
     }
 
-    /// Writes what is left, and into NumPy's header how many samples there are.
+    /// Writes the rest, and the number of samples into the NumPy header.
     ///
     /// # Errors
-    /// As of [`Writer::row`]; none when that has told one.
+    /// As [`Writer::row`], unless that has returned one already.
     pub fn finish(&mut self) -> Result<(), Failure> {
         if self.failed {
             return Ok(());
@@ -76,15 +76,15 @@ impl Writer {
         put.map_err(|error| self.cut_off(error))
     }
 
-    /// Leaves a file as it was in which nothing has been written.
+    /// Removes a new file to which nothing has been written.
     pub fn discard(&mut self) {
         self.rows().discard();
     }
 
-    /// What is to be said of an error, after the best has been made of the file.
+    /// Saves what it can after `error`, and returns the error with the number of samples.
     fn cut_off(&mut self, error: io::Error) -> Failure {
         self.failed = true;
-        // The header, or line of names, is the first row.
+        // The first row is the header.
         let kept = self.rows().rows().saturating_sub(1);
         let noted = match &mut self.form {
             Form::Csv(_) => Ok(()),

@@ -1,4 +1,4 @@
-//! `pmacctl gather`: what the board samples at servo rate, into a file.
+//! `pmacctl gather`: writes samples taken by the board at servo rate to a file.
 
 mod board;
 mod file;
@@ -24,34 +24,34 @@ use crate::map::{BufferLayout, Layout};
 use crate::protocol::{BoardSettings, Function};
 use crate::segment::{RegionId, RegionState};
 
-/// How long to sleep when there are no samples.
+/// How long to sleep if there are no samples.
 const LOOK: Duration = Duration::from_millis(5);
-/// How long without a sample, beyond two periods, until the board is said to gather nothing.
+/// Beyond two periods, report a board without samples after this time.
 const SILENCE: Duration = Duration::from_secs(5);
-/// How often the progress is shown.
+/// Period of the progress display.
 const PROGRESS: Duration = Duration::from_millis(200);
 
 #[derive(Debug, ClapArgs)]
 pub struct Gather {
-    /// What to sample: 1.actual_position, cs2.program_status, servo_timer, Y:$C003 (signed unless ,u follows), D:$002B
+    /// A register to sample: 1.actual_position, cs2.program_status, servo_timer, Y:$C003 (signed unless ,u follows), D:$002B
     #[arg(long, short, value_name = "SOURCE", required_unless_present = "stop")]
     source: Vec<String>,
-    /// Servo cycles from one sample to the next (I19; the servo report comes as often meanwhile)
+    /// Servo cycles between samples (I19; meanwhile also the period of the servo report)
     #[arg(long, value_name = "CYCLES", default_value = "1")]
     period: u32,
-    /// How long; without it until ^C, or until the buffer is full with --once
+    /// Duration in seconds; without it until ^C, or with --once until the buffer is full
     #[arg(long, value_name = "S", value_parser = seconds, allow_negative_numbers = true)]
     seconds: Option<Duration>,
-    /// The board's buffer in longs, rounded up to whole samples; without it, what the daemon keeps for it
+    /// The board's buffer in 32-bit longs, rounded up to whole samples; without it, all that the daemon reserves
     #[arg(long, value_name = "LONGS")]
     buffer: Option<u32>,
-    /// Stop when the buffer is full (I45=2) instead of going round in it
+    /// Stop when the buffer is full (I45=2) instead of wrapping round
     #[arg(long)]
     once: bool,
-    /// Where to: a file whose name ends in .csv or .npy, or - for CSV on stdout
+    /// The file, ending in .csv or .npy; - is CSV on stdout
     #[arg(long, short, value_name = "FILE", required_unless_present = "stop")]
     output: Option<PathBuf>,
-    /// End a gather that was left running (by ENDGATHER, which is sent only where the board says that it gathers)
+    /// End a gather that was left running. Sends ENDGATHER only if the board says that it gathers
     #[arg(long, conflicts_with_all = ["source", "period", "seconds", "buffer", "once", "output"])]
     stop: bool,
 }
@@ -63,7 +63,7 @@ pub fn run(context: &mut Context, options: &Gather) -> Result<Verdict, Failure> 
     }
 }
 
-/// `gather --stop`. Where nothing gathers, ENDGATHER would end the servo report.
+/// `gather --stop`. Checks first: without a gather, ENDGATHER would end the servo report.
 fn stop(context: &mut Context) -> Result<Verdict, Failure> {
     let mut connection = context.connection()?;
     let family = Context::family(None, &mut connection)?;
@@ -90,7 +90,7 @@ fn gather(context: &mut Context, options: &Gather, output: &Path) -> Result<Verd
     if !is_stdout && !matches!(extension, Some("csv" | "npy")) {
         let path = output.display();
         return Err(Failure::Request(format!(
-            "{path}: a name ending in .csv or .npy says the form; - is CSV on stdout"
+            "{path}: the name must end in .csv or .npy; - is CSV on stdout"
         )));
     }
     let mut board = context.board()?;
@@ -111,7 +111,7 @@ fn gather(context: &mut Context, options: &Gather, output: &Path) -> Result<Verd
     let family = layout.family();
     let servo_enable = ask(&mut connection, family.i.servo_enable)?;
     if servo_enable == "1" {
-        // A board that reports takes another number of GATHERs than one that does not.
+        // A board with a running servo report needs one GATHER fewer.
         check_functions(&settings, &[Function::Servo])?;
     }
     let runs =
@@ -164,7 +164,7 @@ fn gather(context: &mut Context, options: &Gather, output: &Path) -> Result<Verd
     if outcome.is_ok() {
         outcome = gather.until(&board, options.seconds, &stop);
     }
-    // Whatever happened: a board that goes on gathering would refuse the next gather.
+    // Always end the gather: a board that still gathers would refuse the next one.
     let mut stopped = Ok(());
     match outcome {
         Ok(()) => stopped = side.finish(),
@@ -199,47 +199,47 @@ fn gather(context: &mut Context, options: &Gather, output: &Path) -> Result<Verd
     }
     match ended {
         Some(GatherPhase::Redefined) => Err(Failure::Refused(
-            "the buffer was defined anew, or the board was reset; what came before is kept".to_owned(),
+            "the buffer was defined again, or the board was reset; earlier samples are kept".to_owned(),
         )),
         Some(GatherPhase::Interrupted) => Err(Failure::Refused(
-            "gathering paused, for how many samples cannot be known; what came before is kept".to_owned(),
+            "gathering paused for an unknown number of samples; earlier samples are kept".to_owned(),
         )),
         _ => Ok(Verdict::Yes),
     }
 }
 
-/// Asked before anything is sent to the board: half of what a gather takes would be of no use.
+/// Checks the functions that a gather needs, before sending anything to the board.
 fn check_functions(settings: &BoardSettings, needed: &[Function]) -> Result<(), Failure> {
     for function in needed {
         if !settings.functions.has(*function) {
             let name = function.name();
             return Err(Failure::Refused(format!(
-                "gathering takes the function `{name}`, which is switched off: `functions` in the daemon's configuration leaves it out"
+                "gathering needs the function `{name}`, which is off; add it to `functions` in the daemon's configuration"
             )));
         }
     }
     Ok(())
 }
 
-/// How long the board may be silent: two periods, since one may just have begun, and [`SILENCE`] more. A board whose servo
-/// cycle is not known is taken to have the one of its factory settings.
+/// How long the board may be silent: two periods, since one may just have begun, and [`SILENCE`]. If the servo period is
+/// unknown, assume the factory setting.
 fn silence(clock: &SampleClock, layout: &Layout) -> Duration {
     let factory = || Scales { motors: Vec::new(), i10: Some(layout.family().default_i10) }.servo_period_ns();
     let cycle_ns = clock.servo_period_ns.or_else(factory).unwrap_or_default();
     SILENCE.saturating_add(Duration::from_nanos((2.0 * f64::from(clock.period) * cycle_ns) as u64))
 }
 
-/// A gather under way.
+/// A running gather.
 struct Run<'a> {
     follower: GatherFollower,
     plan: &'a GatherPlan,
     clock: SampleClock,
-    /// How long nothing may come.
+    /// Time limit without a sample.
     silence: Duration,
     out: Writer,
-    /// The number the daemon gave it.
+    /// The daemon's number of this gather.
     gather: Option<u32>,
-    /// The number of the sample after the last one there was; those before it were written or lost.
+    /// The number of the next sample. All earlier ones were written or lost.
     next: u64,
     /// Samples written.
     samples: u64,
@@ -247,7 +247,7 @@ struct Run<'a> {
 }
 
 impl Run<'_> {
-    /// Samples that `seconds` have.
+    /// The number of samples in `seconds`.
     fn wanted(&self, seconds: Option<Duration>) -> Option<u64> {
         let period_ns = self.clock.servo_period_ns? * f64::from(self.plan.period);
         Some((seconds?.as_nanos() as f64 / period_ns).round() as u64)
@@ -255,7 +255,7 @@ impl Run<'_> {
 
     fn until(&mut self, board: &Board, seconds: Option<Duration>, stop: &Interrupt) -> Result<(), Failure> {
         let wanted = self.wanted(seconds);
-        // Without the servo period, the host's clock has to do.
+        // The servo period is unknown: use the host's clock.
         let end =
             if wanted.is_none() { seconds.and_then(|time| Instant::now().checked_add(time)) } else { None };
         let (mut last_news, mut shown) = (Instant::now(), Instant::now());
@@ -291,7 +291,7 @@ impl Run<'_> {
         Ok(())
     }
 
-    /// What is left after the end.
+    /// Takes the remaining samples after the end.
     fn rest(&mut self, board: &Board, seconds: Option<Duration>) -> Result<(), Failure> {
         let wanted = self.wanted(seconds);
         let began = Instant::now();
@@ -299,7 +299,7 @@ impl Run<'_> {
             if !self.take(board, wanted)? {
                 if began.elapsed() > self.silence {
                     return Err(Failure::Request(
-                        "the daemon does not say that the gather has ended".to_owned(),
+                        "the daemon did not report the end of the gather".to_owned(),
                     ));
                 }
                 std::thread::sleep(LOOK);
@@ -308,11 +308,11 @@ impl Run<'_> {
         Ok(())
     }
 
-    /// Takes what has come next, up to sample `wanted`; whether anything had.
+    /// Takes the next samples up to `wanted`. Returns whether there were any.
     fn take(&mut self, board: &Board, wanted: Option<u64>) -> Result<bool, Failure> {
         let Some(chunk) = self.follower.next(board)? else { return Ok(false) };
         if *self.gather.get_or_insert(chunk.gather) != chunk.gather {
-            return Err(Failure::Refused("somebody else has begun another gather".to_owned()));
+            return Err(Failure::Refused("somebody else started another gather".to_owned()));
         }
         let is_wanted = |number: u64| wanted.is_none_or(|wanted| number < wanted);
         let mut values = Vec::with_capacity(self.plan.columns.len());

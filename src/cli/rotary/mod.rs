@@ -22,11 +22,11 @@ pub struct Rotary {
 
 #[derive(Debug, Subcommand)]
 pub enum RotaryCommand {
-    /// Compile a motion program to the words of a binary rotary buffer; what cannot be sent is told with its place
+    /// Compile a motion program to the words of a binary rotary buffer, and report errors with their places
     Encode(Encode),
-    /// Turn the words of a binary rotary buffer back into text
+    /// Decode the words of a binary rotary buffer to text
     Decode(Decode),
-    /// Compile a motion program and keep the board fed with it through a binary rotary buffer
+    /// Compile a motion program and feed it to the board through a binary rotary buffer
     Stream(Stream),
 }
 
@@ -41,7 +41,7 @@ pub struct Encode {
 
 #[derive(Debug, Args)]
 pub struct Decode {
-    /// A file of words as encode prints them, plain or JSON (- is stdin), or at least two words themselves
+    /// A file of words as encode prints them, plain or JSON (- is stdin), or two or more words
     #[arg(value_name = "FILE|WORD", required = true)]
     pub input: Vec<String>,
     #[command(flatten)]

@@ -1,4 +1,4 @@
-//! How far a rotary stream is: a bar on a terminal, a plain line now and then where nobody repaints.
+//! The progress of a rotary stream: a bar on a terminal, else a plain line now and then.
 
 use std::io::{self, IsTerminal, Write};
 use std::os::fd::AsFd;
@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
 
-/// Cells of the bar.
+/// The width of the bar.
 const CELLS: usize = 30;
 const EVERY_ON_TERMINAL: Duration = Duration::from_millis(100);
 const EVERY_PLAIN: Duration = Duration::from_secs(1);
@@ -19,7 +19,7 @@ pub struct Progress {
     last: Instant,
     terminal: bool,
     quiet: bool,
-    /// A bar stands on the terminal's line.
+    /// Whether the terminal's line shows a bar.
     shown: bool,
 }
 
@@ -29,18 +29,18 @@ impl Progress {
         Self { total, began: now, last: now, terminal: io::stderr().is_terminal(), quiet, shown: false }
     }
 
-    /// Since the beginning.
+    /// When the stream started.
     pub fn elapsed(&self) -> Duration {
         self.began.elapsed()
     }
 
-    /// Whether it is time to show something new.
+    /// Whether the next display is due.
     pub fn due(&self) -> bool {
         let every = if self.terminal { EVERY_ON_TERMINAL } else { EVERY_PLAIN };
         !self.quiet && self.last.elapsed() >= every
     }
 
-    /// `sent` lines are in, `ahead` of them not taken by the board.
+    /// Shows `sent` lines in the buffer, `ahead` of them not taken by the board yet.
     pub fn show(&mut self, sent: usize, ahead: u64) {
         if !self.due() {
             return;
@@ -50,7 +50,7 @@ impl Progress {
             return;
         }
         let seconds = self.elapsed().as_secs_f64();
-        // Nobody reads it: nothing to be done.
+        // If stderr is closed, the progress is lost.
         let _ = if self.terminal {
             self.shown = true;
             write!(io::stderr(), "\r{}\x1b[K", bar(sent, self.total, ahead, seconds))
@@ -59,7 +59,7 @@ impl Progress {
         };
     }
 
-    /// A line of text between.
+    /// Prints a line of text between two displays.
     pub fn say(&mut self, text: &str) {
         self.clear();
         let _ = writeln!(io::stderr(), "{text}");
@@ -72,8 +72,7 @@ impl Progress {
     }
 }
 
-/// Whether a line can be written without waiting for whoever reads: a stopped terminal, or a pipe nobody empties, must not
-/// keep the machine from its program.
+/// Whether stderr takes a line without blocking. A stopped terminal or a full pipe must not stop the machine's program.
 fn takes_more(output: &impl AsFd) -> bool {
     let mut watched = [PollFd::new(output.as_fd(), PollFlags::POLLOUT)];
     poll(&mut watched, PollTimeout::ZERO) != Ok(0)

@@ -1,4 +1,4 @@
-//! A motion program's file, and the settings it is compiled with.
+//! Reads a motion program and the settings for compiling it.
 
 use std::fmt::Display;
 use std::fs::File;
@@ -11,14 +11,14 @@ use serde::Deserialize;
 use crate::cli::context::Failure;
 use crate::rotary::{Program, Report, Settings, compile};
 
-/// Most of a file that is read: more than any program for a machine, and less than memory.
+/// Largest file. It is above any machine's program and below the memory.
 const LARGEST: u64 = 256 << 20;
 
 #[derive(Debug, Args)]
 pub struct Format {
-    /// What the manual leaves open about the format, and the buffer's size: exponent_bias, zero_exponent,
+    /// Choices where the manual is unclear about the format, and the buffer's size: exponent_bias, zero_exponent,
     /// bit_codes (diagram, table), mode_code_bit, abs_inc_axis_bit, abs_inc_vector_bit, frax_axis_bit,
-    /// coordinate_system_base, buffer_words. What is not given: as printed best; of stream, as the daemon has it
+    /// coordinate_system_base, buffer_words. Defaults: the likeliest reading; for stream, the daemon's settings
     #[arg(long = "set", value_name = "NAME=VALUE", value_parser = setting)]
     pub settings: Vec<(String, toml::Value)>,
 }
@@ -28,7 +28,7 @@ impl Format {
         self.over(&Settings::default())
     }
 
-    /// The settings of `base`, but for those given.
+    /// The settings of `base`, changed by `--set`.
     pub fn over(&self, base: &Settings) -> Result<Settings, Failure> {
         let mut table = toml::Table::try_from(base).map_err(Failure::request)?;
         table.extend(self.settings.iter().cloned());
@@ -51,7 +51,7 @@ fn setting(text: &str) -> Result<(String, toml::Value), String> {
 /// The program in `file`. Warnings go to stderr.
 ///
 /// # Errors
-/// Everything that cannot be sent, a line each: `FILE:LINE:COLUMN: reason`.
+/// Each error on a line: `FILE:LINE:COLUMN: reason`.
 pub fn compiled(file: &str, settings: &Settings) -> Result<Program, Failure> {
     let name = shown(file);
     match compile(&read(file)?, settings) {
@@ -66,7 +66,7 @@ pub fn compiled(file: &str, settings: &Settings) -> Result<Program, Failure> {
     }
 }
 
-/// What stands before a place in messages.
+/// The file's name in messages.
 pub fn shown(file: &str) -> &str {
     if file == "-" { "stdin" } else { file }
 }
@@ -87,7 +87,7 @@ pub fn read(file: &str) -> Result<Vec<u8>, Failure> {
     Ok(bytes)
 }
 
-/// `FILE:LINE:COLUMN: what` for each finding, one a line.
+/// Each finding on a line: `FILE:LINE:COLUMN: what`.
 pub fn listing<T: Display>(name: &str, kind: &str, report: &Report<T>) -> String {
     let mut lines: Vec<String> = report
         .listed
@@ -102,7 +102,7 @@ pub fn listing<T: Display>(name: &str, kind: &str, report: &Report<T>) -> String
 
 pub fn warn<T: Display>(name: &str, report: &Report<T>) {
     if !report.is_empty() {
-        // Nobody reads it: nothing to be done.
+        // If stderr is closed, the warning is lost.
         let _ = writeln!(io::stderr(), "{}", listing(name, "warning: ", report));
     }
 }

@@ -1,8 +1,8 @@
-//! `pmacctl rotary stream`: a motion program into a binary rotary buffer, with the board kept fed until it has all of it.
+//! `pmacctl rotary stream`: feeds a motion program to the board through a binary rotary buffer, until the board has all.
 //!
-//! The order of the set-up matters. While `OPEN ROT` is in force every line such as `I57=1` is a program statement, so it
-//! comes last; the header of the buffer must not change under a transfer, so I57 is 0 meanwhile; and B0 would be an axis
-//! move after OPEN ROT. CLOSE at the end comes only when the board has taken everything: it takes nothing afterwards.
+//! The order of the set-up matters. After `OPEN ROT` a line such as `I57=1` is a program statement and `B0` an axis move, so
+//! OPEN ROT comes last. The buffer's header must not change during a transfer, so I57 is 0 meanwhile. CLOSE waits until the
+//! board has taken everything, because it takes nothing afterwards.
 
 use std::time::{Duration, Instant};
 
@@ -21,11 +21,11 @@ use crate::protocol::CallError;
 use crate::protocol::board::RotaryStateReply;
 use crate::rotary::Program;
 
-/// How long the board may take for a command line.
+/// Time limit of a command line.
 const LINE_PATIENCE: Duration = Duration::from_secs(5);
-/// How long the board may take nothing before somebody should be told what it may wait for.
+/// Print a hint after the board has taken nothing for this long.
 const PUZZLED: Duration = Duration::from_secs(3);
-/// How often to look whether the board has taken the rest.
+/// Period of the checks whether the board has taken the rest.
 const LOOK: Duration = Duration::from_millis(20);
 
 /// `rotary stream`.
@@ -37,23 +37,23 @@ pub struct Stream {
     /// The coordinate system that executes it
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = number())]
     pub cs: u8,
-    /// Which of the buffers in the DPRAM; a PMAC has two
+    /// The buffer in the DPRAM; a PMAC has two
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = number())]
     pub buffer: u8,
-    /// The buffer's size in 32-bit words, two a command; without it, all the room the daemon keeps for it
+    /// The buffer's size in 32-bit words, two a command; without it, all that the daemon reserves
     #[arg(long, value_name = "LONGS")]
     pub size: Option<u32>,
-    /// Where it begins, as DP:$DC00; without it, where the daemon keeps room for it
+    /// The buffer's start, such as DP:$DC00; without it, the place that the daemon reserves
     #[arg(long, value_name = "ADDR")]
     pub start: Option<String>,
-    /// Define the rotary buffer in the board's own memory first, with so many words (DEFINE ROT; from the highest
-    /// coordinate system down, and not while there is a gather buffer)
+    /// First define a rotary buffer of this many words in the board's own memory (DEFINE ROT). Start with the highest
+    /// coordinate system, and delete any gather buffer before
     #[arg(long, value_name = "LONGS")]
     pub define: Option<u32>,
-    /// Start the program (R) as soon as its first lines are there
+    /// Start the program (R) as soon as the buffer has its first lines
     #[arg(long)]
     pub run: bool,
-    /// Give up when the board has taken nothing for so long, in seconds; a long dwell or a feed hold takes nothing
+    /// Give up after the board has taken nothing for this time, in seconds. It takes nothing during a dwell or feed hold
     #[arg(long, value_name = "S", default_value = "60", value_parser = crate::cli::args::values::seconds, allow_negative_numbers = true)]
     pub timeout: Duration,
     #[command(flatten)]
@@ -71,7 +71,7 @@ pub fn run(context: &mut Context, options: &Stream) -> Result<Verdict, Failure> 
     }
     let of_the_daemon = board.settings()?;
     let mut settings = options.format.over(&of_the_daemon.rotary)?;
-    // A line that the buffer can never hold is found now and not in the middle of the program.
+    // Find a line that can never fit the buffer now, not in the middle of the program.
     let buffers = family.rotary.headers.len();
     if usize::from(options.buffer) > buffers {
         let text = format!("--buffer {}: the board has 1 to {buffers}", options.buffer);
@@ -81,7 +81,7 @@ pub fn run(context: &mut Context, options: &Stream) -> Result<Verdict, Failure> 
     let kept = kept.copied().unwrap_or_default();
     if kept == 0 && options.size.is_none() {
         return Err(Failure::Request(format!(
-            "the daemon keeps no room for rotary buffer {}; say where with --start and --size, or set rotary_longs in its \
+            "the daemon reserves no room for rotary buffer {}; give --start and --size, or set rotary_longs in its \
              configuration",
             options.buffer
         )));
@@ -90,7 +90,7 @@ pub fn run(context: &mut Context, options: &Stream) -> Result<Verdict, Failure> 
     settings.check().map_err(|error| Failure::Request(format!("--size: {error}")))?;
     let program = compiled(&options.file, &settings)?;
     if program.lines.is_empty() {
-        return Err(Failure::Request(format!("{}: there is nothing in it to send", shown(&options.file))));
+        return Err(Failure::Request(format!("{}: no program lines in this file", shown(&options.file))));
     }
     let interrupt = Interrupt::listen()?;
     let place = RotaryPlace {
@@ -150,12 +150,12 @@ pub fn run(context: &mut Context, options: &Stream) -> Result<Verdict, Failure> 
     stopped.map_or(Ok(Verdict::Yes), Err)
 }
 
-/// A stream under way.
+/// A running stream.
 struct Streaming<'a> {
     options: &'a Stream,
     family: &'static Family,
     program: &'a Program,
-    /// For command lines and questions, beside the feed's own connection.
+    /// The connection for command lines. The feed has its own.
     board: Connection,
     progress: Progress,
     patience: Patience,
@@ -190,14 +190,14 @@ impl Streaming<'_> {
         self.line("OPEN ROT", "; is another program buffer open?")
     }
 
-    /// Whether the coordinate system says that it runs a program. Abort, kill or an error may have ended it.
+    /// Whether the coordinate system runs a program. Abort, kill or an error may have ended it.
     fn runs(&mut self) -> bool {
         let reply = self.board.send(&format!("&{}??", self.options.cs), LINE_PATIENCE).unwrap_or_default();
         let tables = self.family.status.coordinate_system;
         reply.first().is_some_and(|reply| reply_has(reply, tables, "running_program"))
     }
 
-    /// Switches the transfer into the board's buffer off or on, where it has a switch.
+    /// Switches the transfer to the board's buffer off or on, if the family has a switch.
     fn enable(&mut self, value: u8) -> Result<(), Failure> {
         match self.family.i.rotary_enable {
             Some(variable) => self.line(&format!("I{variable}={value}"), ""),
@@ -215,7 +215,7 @@ impl Streaming<'_> {
         }
     }
 
-    /// Sends all lines, as far as it comes.
+    /// Sends all lines until the end or an error.
     fn feed(&mut self, feed: &mut RotaryFeed<'_>) -> Result<(), Failure> {
         let mut to_start = self.options.run;
         while !feed.is_done() {
@@ -239,7 +239,7 @@ impl Streaming<'_> {
             self.look_at(&state)?;
         }
         self.board.rotary_finish(self.options.buffer)?;
-        // The board's buffer is closed when nothing is left that it would have to take.
+        // Wait until the board has taken everything: it takes nothing after CLOSE.
         loop {
             let state = self.board.rotary_state(self.options.buffer)?;
             if state.ahead_commands == 0 {
@@ -253,7 +253,7 @@ impl Streaming<'_> {
         }
     }
 
-    /// Shows how far it is, and says when the board does not go on.
+    /// Shows the progress, and reports a board that takes no more lines.
     fn look_at(&mut self, state: &RotaryStateReply) -> Result<(), Failure> {
         self.progress.show(usize::try_from(state.sent_lines).unwrap_or(usize::MAX), state.ahead_lines);
         if let Some(code) = state.error {
@@ -274,7 +274,7 @@ impl Streaming<'_> {
         Ok(())
     }
 
-    /// Leaves the buffers as they should be left. What stopped the stream is told with the line and what is left.
+    /// Closes the buffers if the board has taken everything. An error names the line and what is left.
     fn end(
         &mut self,
         feed: &mut RotaryFeed<'_>,
@@ -304,7 +304,7 @@ impl Streaming<'_> {
                 0 => "the board has taken all of them".to_owned(),
                 _ => format!(
                     "{ahead} of them are still in the DPRAM buffer, and the rotary buffers stay open for the board to \
-                     take them; pmacctl send CLOSE keeps it from that"
+                     take them; pmacctl send CLOSE prevents that"
                 ),
             };
             let reason = format!("{reason}; {inside} of {total} lines were sent, {left}");
@@ -313,7 +313,7 @@ impl Streaming<'_> {
         Ok((state, stopped))
     }
 
-    /// `FILE:LINE: what` for the line with this index.
+    /// `FILE:LINE: what`, for the line with this index.
     fn placed(&self, index: usize, what: &str) -> String {
         let name = shown(&self.options.file);
         match self.program.lines.get(index) {
@@ -323,7 +323,7 @@ impl Streaming<'_> {
     }
 }
 
-/// How long the board has taken nothing.
+/// Measures how long the board has taken nothing.
 struct Patience {
     limit: Duration,
     since: Instant,
@@ -334,7 +334,7 @@ struct Patience {
 #[derive(Debug, PartialEq, Eq)]
 enum Look {
     Fine,
-    /// For the first time longer than is usual.
+    /// Longer than usual, for the first time.
     Puzzled,
     Over,
 }
@@ -344,7 +344,7 @@ impl Patience {
         Self { limit, since: Instant::now(), taken: 0, said: false }
     }
 
-    /// The board goes on.
+    /// Restarts the time: the board takes lines.
     fn reward(&mut self) {
         self.since = Instant::now();
         self.said = false;

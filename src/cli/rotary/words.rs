@@ -1,4 +1,4 @@
-//! Files of binary rotary commands, as `pmacctl rotary decode` reads and `rotary encode` writes them.
+//! Reads files of binary rotary commands, as `pmacctl rotary encode` writes them.
 
 use serde_json::Value;
 
@@ -6,7 +6,7 @@ use serde_json::Value;
 /// words separated by blanks, commas or lines, with comments as in a program.
 ///
 /// # Errors
-/// What is no word, and which one it is.
+/// The first element that is not a word, and its position.
 pub fn words(bytes: &[u8]) -> Result<Vec<(u32, u32)>, String> {
     let text = std::str::from_utf8(bytes).map_err(|_| "not text".to_owned())?;
     if text.trim_start().starts_with('[') {
