@@ -13,6 +13,20 @@ pub enum Access {
     Bits32,
 }
 
+impl Access {
+    /// The most words that one access reads.
+    pub const MOST_WORDS: usize = 2;
+
+    /// How many words one access reads.
+    #[must_use]
+    pub const fn words(self) -> usize {
+        match self {
+            Self::Bits16 => 1,
+            Self::Bits32 => Self::MOST_WORDS,
+        }
+    }
+}
+
 /// Why a word of the board cannot be reached.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
@@ -36,6 +50,11 @@ pub enum BusError {
 pub trait Bus: Send {
     /// The length of the window in bytes.
     fn length(&self) -> usize;
+
+    /// The maximum width of a read of data.
+    fn access(&self) -> Access {
+        Access::Bits16
+    }
 
     /// Reads one word.
     ///
@@ -94,6 +113,9 @@ impl<B: Bus + Presence> Board for B {}
 impl Bus for Box<dyn Board> {
     fn length(&self) -> usize {
         (**self).length()
+    }
+    fn access(&self) -> Access {
+        (**self).access()
     }
     fn read16(&mut self, offset: HostOffset) -> Result<u16, BusError> {
         (**self).read16(offset)

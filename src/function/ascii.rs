@@ -7,7 +7,8 @@
 //! | `control_character` | writes a control character | clears it when it took the character |
 //! | `command` | writes the line and a NUL | reads it |
 //! | `response_control` | writes 0 when it read the response | writes, last, what kind of response lies there |
-//! | `response_count`, `response` | reads | writes count and text, only while `response_control` is 0 |
+//! | `response_count` | | writes, but once with the NUL and once without, so the host does not read it |
+//! | `response` | reads, up to the NUL | writes, only while `response_control` is 0 |
 //!
 //! A line that does not fit the command buffer goes in two parts: the first fills the buffer and has no NUL (the last
 //! byte of the buffer is not taken as a character but must not be NUL), the second has one.
@@ -19,7 +20,7 @@
 
 use std::time::{Duration, Instant};
 
-use crate::device::{Bus, BusError};
+use crate::device::{Access, Bus, BusError};
 use crate::format::{Text, TextOrder};
 use crate::map::functions::{RESPONSE_BYTES, response};
 use crate::map::{AsciiPort, errors};
@@ -472,19 +473,23 @@ impl DpramPort {
         if control & response::ERROR != 0 {
             return Ok(ResponseText::default());
         }
-        // The count includes the NUL. One that cannot be is no reason to lose the line: the NUL ends it too.
-        let count = usize::from(bus.read16(self.words.response_count)?);
-        let count = if (1..=RESPONSE_BYTES).contains(&count) { count } else { RESPONSE_BYTES };
-        let mut words = [0u16; RESPONSE_BYTES / 2];
-        let words = &mut words[..(count - 1).div_ceil(2)];
-        bus.read_data(self.words.response, words)?;
+        // The manual counts the characters once with their NUL and once without it (p. 28 and 29), so the count is not
+        // believed: the text is read up to its NUL, which both pages have, and never beyond the buffer.
+        let step = bus.access().words();
         let mut bytes = [0; RESPONSE_BYTES];
-        for (pair, word) in bytes.chunks_exact_mut(2).zip(words.iter()) {
-            pair.copy_from_slice(&self.order.unpack(*word));
+        for (index, place) in bytes.chunks_mut(2 * step).enumerate() {
+            let mut words = [0; Access::MOST_WORDS];
+            let words = &mut words[..step];
+            bus.read_data(self.words.response.plus_words(index * step), words)?;
+            for (pair, word) in place.chunks_exact_mut(2).zip(words.iter()) {
+                pair.copy_from_slice(&self.order.unpack(*word));
+            }
+            if place.contains(&0) {
+                break;
+            }
         }
-        let text = &bytes[..count - 1];
-        let length = text.iter().position(|&byte| byte == 0).unwrap_or(text.len());
-        Ok(ResponseText::cut(&text[..length]))
+        let length = bytes.iter().position(|&byte| byte == 0).unwrap_or(bytes.len());
+        Ok(ResponseText::cut(&bytes[..length]))
     }
 }
 

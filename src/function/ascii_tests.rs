@@ -400,9 +400,10 @@ fn a_control_characters_reply_ends_with_a_silence() {
 }
 
 #[test]
-fn a_wrong_count_cannot_reach_outside_the_buffer() {
+fn b3_1_the_nul_ends_a_reply_whatever_its_count_says() {
     for family in TESTED {
-        for count in [0, 257, 1000, u16::MAX] {
+        // The characters, the characters and their NUL, and what cannot be.
+        for count in [2, 3, 0, 257, 1000, u16::MAX] {
             let mut rig = Rig::new(family);
             assert!(rig.begin("P1"));
             rig.take();

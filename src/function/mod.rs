@@ -71,7 +71,7 @@
 //! access; the words by which host and PMAC hand them over never are. A function that the configuration switches off
 //! makes no access at all.
 //!
-//! Halves of n are rounded down, of m up, and so are quarters. A poll of the variable reader meets as many entries of a table as
+//! Halves of n and m, and quarters, are rounded down. A poll of the variable reader meets as many entries of a table as
 //! [`variable_read::POLL_WORDS`] words allow and goes on with the next ones; in single-user mode a report costs the
 //! same in however many polls it is read. Open words are written by the daemon itself.
 //!
@@ -83,7 +83,7 @@
 //! |---|---|---|
 //! | the line | n/2 + 4 | n + 1 |
 //! | to see it taken | 1 | 0; an interrupt a group of 15 |
-//! | the reply line | m/2 (rounded up) + 3 | m + 1, and 2 a group of 16; an interrupt a group |
+//! | the reply line | m/2 + 3 | m + 1, and 2 a group of 16; an interrupt a group |
 //! | the acknowledgement | 3 | 3, an interrupt |
 //! | all | n/2 + m/2 + 11 | n + m + 5 + 2 ceil((m+1)/16) |
 //! | `P1` and 2 digits | 13 | 11 |

@@ -16,6 +16,7 @@ pub mod functions;
 pub mod layout;
 pub mod mailbox;
 pub mod number;
+pub mod readings;
 pub mod region;
 pub mod register;
 pub mod selection;
@@ -40,6 +41,7 @@ pub use functions::{
     VariableWrite,
 };
 pub use layout::{Entry, GatherPosition, GatherSizeWord, Layout, MapRecord, records};
+pub use readings::{READINGS, Readings};
 pub use region::Region;
 pub use register::{BadRegister, PmacRegister};
 pub use selection::{BlockField, Selection, block_fields};

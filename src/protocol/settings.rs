@@ -7,7 +7,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::{BackgroundSettings, Functions, ServoSettings};
-use crate::map::{BufferSettings, GatherPosition, GatherSizeWord};
+use crate::map::{BufferSettings, GatherPosition, GatherSizeWord, Readings};
 use crate::rotary;
 
 /// All of them.
@@ -26,6 +26,8 @@ pub struct BoardSettings {
     pub gather: GatherSettings,
     /// How background variables are read.
     pub variables: VariablesSettings,
+    /// What sentences of the manual mean that can be read two ways.
+    pub readings: Readings,
     /// The binary rotary format.
     pub rotary: rotary::Settings,
 }

@@ -49,6 +49,8 @@ pub struct Faults {
     pub ascii_deaf: bool,
     /// Lines are taken and executed, but no response comes.
     pub ascii_no_reply: bool,
+    /// Background passes that each line takes.
+    pub ascii_slow: u64,
     /// Servo cycles by which the closing `<ACK>` comes late.
     pub ascii_late_ack: u64,
     /// Interrupts still to be swallowed; `u64::MAX` is all of them.
@@ -202,6 +204,11 @@ static FAULTS: &[&[Fault]] = &[
         switch("ascii_no_reply", "lines are taken and executed, but no response comes", |f| {
             &mut f.ascii_no_reply
         }),
+        Fault {
+            name: "ascii_slow",
+            effect: "each line takes so long",
+            place: Place::Cycles(|f| &mut f.ascii_slow),
+        },
         Fault {
             name: "ascii_late_ack",
             effect: "the closing <ACK> comes so late",

@@ -26,6 +26,7 @@ mod map;
 mod panel;
 mod pauses;
 mod processes;
+mod readings;
 mod readme;
 mod replies;
 mod rotary;

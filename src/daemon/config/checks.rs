@@ -2,6 +2,7 @@
 
 use super::span::Refusal;
 use crate::daemon::socket::policy::group_id;
+use crate::map::{READINGS, Readings};
 use crate::protocol::{Function, Functions, ServoSettings};
 
 /// An octal file mode.
@@ -45,6 +46,19 @@ pub(super) fn limited(key: &str, value: Option<u32>, least: u32, most: u32) -> R
             Err(Refusal::of(key, format!("{key} = {value} is out of range: write {least} to {most}")))
         }
         value => Ok(value),
+    }
+}
+
+/// The readings, of which a setting is needed for those only that the daemon cannot find out.
+pub(super) fn needed(readings: Readings) -> Result<Readings, Refusal> {
+    let needless = |name| readings.value(name) != Readings::default().value(name);
+    match READINGS.iter().find(|reading| reading.found_out && needless(reading.name)) {
+        Some(reading) => {
+            let key = format!("readings.{}", reading.name);
+            let text = format!("{key}: pmacd finds out by itself which way the board takes; leave it out");
+            Err(Refusal::of(key, text))
+        }
+        None => Ok(readings),
     }
 }
 

@@ -9,7 +9,7 @@ use nix::unistd::geteuid;
 use serde::Deserialize;
 
 use super::board_settings::CheckedSettings;
-use super::checks::{groups, limited, period_ns, segment_mode, socket_mode, something_to_do};
+use super::checks::{groups, limited, needed, period_ns, segment_mode, socket_mode, something_to_do};
 use super::mirrored::{BackgroundTable, ServoTable};
 use super::ports::{HostPortConfig, HostPortTable, MailboxConfig, MailboxTable, Use};
 use super::span::{Refusal, position};
@@ -19,7 +19,7 @@ use crate::device::board::spec::SpecError;
 use crate::device::{Access, BoardSpec};
 use crate::format::{TextOrder, WordOrder};
 use crate::function::servo::ServoReading;
-use crate::map::{BufferSettings, DEFAULT_FAMILY, Family};
+use crate::map::{BufferSettings, DEFAULT_FAMILY, Family, Readings};
 use crate::protocol::{BoardSettings, Function, Functions, GatherSettings, VariablesSettings};
 use crate::rotary;
 use crate::segment::SegmentName;
@@ -81,6 +81,8 @@ pub struct ConfigFile {
     gather: GatherSettings,
     #[serde(default)]
     variables: VariablesSettings,
+    #[serde(default)]
+    readings: Readings,
     #[serde(default)]
     rotary: rotary::Settings,
 }
@@ -201,6 +203,7 @@ impl Settings {
             plan: file.plan,
             gather: file.gather,
             variables: file.variables,
+            readings: needed(file.readings)?,
             rotary: file.rotary,
         };
         let board: BoardSpec = board_text
@@ -414,6 +417,18 @@ mod tests {
             (
                 "board = \"sim\"\nfunctions = [\"servo\"]\n[host_port]\nregisters = \"file:p\"\n",
                 "FILE:3:1: functions leaves \"ascii\" out, whose responses [host_port] is for",
+            ),
+            (
+                "board = \"sim\"\n[readings]\nline_flg = \"done\"\n",
+                "FILE:3:1: unknown field `line_flg`, expected one of `reply_count`",
+            ),
+            (
+                "board = \"sim\"\n[readings]\nline_flag = \"later\"\n",
+                "FILE:3:13: unknown variant `later`, expected `taken` or `done`",
+            ),
+            (
+                "board = \"sim\"\n[readings]\nline_flag = \"done\"\n",
+                "FILE:3:13: readings.line_flag: pmacd finds out by itself which way the board takes; leave it out",
             ),
             ("board = \"sim\"\n[gather]\nplace = 3\n", "FILE:3:1: unknown field `place`"),
             ("board = \"sim\"\nfirmware = \"new\"\n", "FILE:2:12: "),

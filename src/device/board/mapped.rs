@@ -32,6 +32,10 @@ impl<M: Mapped> Bus for M {
             .ok_or_else(|| out_of_range(self.mapping(), offset, 1))
     }
 
+    fn access(&self) -> Access {
+        self.mapping().access()
+    }
+
     fn read_block(&mut self, first: HostOffset, words: &mut [u16]) -> Result<(), BusError> {
         let mapping = self.mapping();
         let (start, count) = (first.bytes() as usize, words.len());

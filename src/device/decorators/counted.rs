@@ -2,7 +2,7 @@
 //! count is always kept.
 
 use crate::device::board::byte::{ByteBus, ByteBusError};
-use crate::device::{Bus, BusError, Presence};
+use crate::device::{Access, Bus, BusError, Presence};
 use crate::map::HostOffset;
 
 /// Counts reads and writes of words or bytes. A refused access does not count: the bus never saw it.
@@ -45,6 +45,10 @@ impl<B> Counted<B> {
 impl<B: Bus> Bus for Counted<B> {
     fn length(&self) -> usize {
         self.bus.length()
+    }
+
+    fn access(&self) -> Access {
+        self.bus.access()
     }
 
     fn read16(&mut self, offset: HostOffset) -> Result<u16, BusError> {

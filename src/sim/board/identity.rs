@@ -1,5 +1,6 @@
 //! What kind of board is simulated, and how it answers when asked.
 
+use crate::map::Readings;
 use crate::sim::board::firmware::FirmwareTables;
 
 /// A kind of board.
@@ -13,12 +14,20 @@ pub struct Identity {
     pub date_text: &'static str,
     /// How many motors there are, from 1 to those of the family.
     pub motors: usize,
+    /// What it makes of the sentences that can be read two ways.
+    pub readings: Readings,
 }
 
 impl Identity {
     /// A board of the family of `tables`, with all its motors, that answers `firmware` to `VERSION`.
     #[must_use]
     pub fn new(tables: &'static FirmwareTables, firmware: &str) -> Self {
-        Self { tables, firmware: firmware.into(), date_text: "07/17/1999", motors: tables.family.motors }
+        Self {
+            tables,
+            firmware: firmware.into(),
+            date_text: "07/17/1999",
+            motors: tables.family.motors,
+            readings: Readings::default(),
+        }
     }
 }

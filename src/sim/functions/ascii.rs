@@ -6,11 +6,16 @@
 //! and the interrupt if I56=1.
 //!
 //! Control words: 0x000D a line, 0x0006 the end, 0x8nnn an error (BCD), 0x010D a `CMD` response, 0x020D a `SEND`
-//! message. PMAC sends the end when I3 is 2 or 3, the modes whose handshake is `<ACK>`.
+//! message.
+//!
+//! What the manual leaves open is played as [`crate::map::Readings`] say: whether the count has the NUL, whether a control
+//! character needs the line's flag, when that flag is cleared, and whether every reply has an end. While a line is at
+//! work PMAC looks at nothing else: its background pass is the one that works.
 
 use crate::format::TextOrder;
 use crate::map::HostOffset;
 use crate::map::functions::response;
+use crate::map::readings::{ControlFlag, LineFlag, ReplyCount, ReplyEnd};
 use crate::sim::board::Board;
 use crate::sim::board::error::CommandError;
 use crate::sim::board::output::Response;
@@ -26,6 +31,8 @@ pub struct AsciiPort {
     seen: Option<Vec<u8>>,
     /// The first part of a long line.
     first_part: Option<Vec<u8>>,
+    /// The line at work.
+    work: Option<Work>,
     /// Passes left until a late `<ACK>` may go.
     late: Option<u64>,
     /// Words of a torn response that are not written yet.
@@ -40,14 +47,23 @@ pub struct AsciiPort {
     cancelled: u64,
 }
 
+/// A line at work.
+#[derive(Debug, Clone)]
+struct Work {
+    line: Vec<u8>,
+    /// Passes that it takes yet.
+    left: u64,
+}
+
 impl AsciiPort {
     /// One background pass: takes a control character, then a line, then writes a response.
     pub fn poll(&mut self, board: &mut Board, programs: &mut Programs, interpreter: &mut Interpreter) {
         self.follow_cancel(board);
-        if board.takes_ascii() && !board.faults.ascii_deaf {
+        if self.work.is_none() && board.takes_ascii() && !board.faults.ascii_deaf {
             self.take_character(board, programs, interpreter);
-            self.take_line(board, programs, interpreter);
+            self.take_line(board);
         }
+        self.work(board, programs, interpreter);
         self.respond(board);
     }
 
@@ -62,17 +78,23 @@ impl AsciiPort {
     fn take_character(&mut self, board: &mut Board, programs: &mut Programs, interpreter: &mut Interpreter) {
         let place = board.family().ascii.control_character;
         let character = board.memory.dpram.read16(place) as u8;
-        if character == 0 {
+        let flag = board.family().ascii.command_loaded;
+        let with_flag = board.identity.readings.control_flag == ControlFlag::Line;
+        if character == 0 || with_flag && !board.memory.dpram.is_set(flag) {
             return;
         }
         board.memory.dpram.write16(place, 0);
+        if with_flag {
+            // The flag was the character's: no line lies there.
+            board.memory.dpram.write16(flag.word, 0);
+        }
         self.commands += 1;
         board.dpram_becomes_active();
         control(board, programs, interpreter, character);
         self.follow_cancel(board);
     }
 
-    fn take_line(&mut self, board: &mut Board, programs: &mut Programs, interpreter: &mut Interpreter) {
+    fn take_line(&mut self, board: &mut Board) {
         let port = &board.family().ascii;
         if !board.memory.dpram.is_set(port.command_loaded) {
             self.seen = None;
@@ -97,8 +119,10 @@ impl AsciiPort {
                 if line.len() > port.line_limit {
                     board.output.respond_error(CommandError::SYNTAX);
                 } else {
-                    execute(board, programs, interpreter, &line);
-                    self.follow_cancel(board);
+                    self.work = Some(Work { line, left: board.faults.ascii_slow });
+                    if board.identity.readings.line_flag == LineFlag::Done {
+                        return;
+                    }
                 }
             }
             // The last byte of a first part only shows that there is more.
@@ -112,6 +136,23 @@ impl AsciiPort {
         }
         board.memory.dpram.order_writes();
         board.memory.dpram.write16(port.command_loaded.word, 0);
+    }
+
+    /// Works at the line that was taken; carries it out when its time is over.
+    fn work(&mut self, board: &mut Board, programs: &mut Programs, interpreter: &mut Interpreter) {
+        let Some(Work { line, mut left }) = self.work.take() else { return };
+        // A fault that is taken back while a line is at work ends the wait.
+        left = left.min(board.faults.ascii_slow);
+        if left > 0 {
+            self.work = Some(Work { line, left: left - 1 });
+            return;
+        }
+        execute(board, programs, interpreter, &line);
+        self.follow_cancel(board);
+        if board.identity.readings.line_flag == LineFlag::Done {
+            // Whatever the host has put there meanwhile.
+            board.memory.dpram.write16(board.family().ascii.command_loaded.word, 0);
+        }
     }
 
     fn respond(&mut self, board: &mut Board) {
@@ -161,7 +202,11 @@ impl AsciiPort {
                 self.rest.push((offset, word));
             }
         }
-        dpram.write16(family.ascii.response_count, board.faults.ascii_count.unwrap_or(text.len() as u16 + 1));
+        let nul = u16::from(board.identity.readings.reply_count == ReplyCount::WithNul);
+        dpram.write16(
+            family.ascii.response_count,
+            board.faults.ascii_count.unwrap_or(text.len() as u16 + nul),
+        );
         dpram.order_writes();
         dpram.write16(family.ascii.response_control, control);
         if board.enabled(family.i.interrupt) {
@@ -203,7 +248,9 @@ fn answer(board: &mut Board, reply: Reply) {
     }
     match reply.error {
         Some(error) => board.output.respond_error(error),
-        None if board.variables.i(3) >= 2.0 => board.output.respond(response::ACKNOWLEDGE, &[]),
+        None if board.identity.readings.reply_end == ReplyEnd::Ack || board.variables.i(3) >= 2.0 => {
+            board.output.respond(response::ACKNOWLEDGE, &[]);
+        }
         None => {}
     }
 }

@@ -14,6 +14,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
+use crate::map::readings::UnknownReading;
 use crate::process::end_with_parent;
 use crate::sim::board::Board;
 use crate::sim::board::dpram::{Dpram, DpramError};
@@ -50,6 +51,9 @@ pub enum SimError {
         /// What the system said.
         source: io::Error,
     },
+    /// A reading that is none.
+    #[error(transparent)]
+    Reading(#[from] UnknownReading),
     /// The start-up file cannot be read.
     #[error("cannot read the start-up file {path}: {source}")]
     Startup {
@@ -81,7 +85,7 @@ pub fn power_up(options: &Options) -> Result<World, SimError> {
             .dpram_startup
             .then(|| ("the shipped start-up file".to_owned(), options.family.startup.to_owned())),
     };
-    let identity = options.identity();
+    let identity = options.identity()?;
     let memory = Memory::new(Dpram::open(&options.memory, identity.tables.family.length)?, identity.tables);
     let mut board = Board::new(memory, identity, options.fixed_i10(), options.seed);
     board.rotary_cs_base = options.rotary_cs_base;

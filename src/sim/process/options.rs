@@ -5,7 +5,8 @@ use std::path::{Path, PathBuf};
 use clap::Parser;
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 
-use crate::map::Firmware;
+use crate::map::readings::UnknownReading;
+use crate::map::{Firmware, Readings};
 use crate::sim::board::firmware::{FirmwareTables, SIMULATED};
 use crate::sim::board::identity::Identity;
 
@@ -64,6 +65,9 @@ pub struct Options {
     /// Send the family's start-up lines, which enable all DPRAM functions
     #[arg(long)]
     pub dpram_startup: bool,
+    /// Take a sentence of the manual that can be read two ways as VALUE says; docs/readings.md lists them
+    #[arg(long = "reading", value_name = "NAME=VALUE", value_parser = reading)]
+    pub readings: Vec<String>,
     /// Run servo cycles only when the control socket says `step`
     #[arg(long = "virtual", requires = "control")]
     pub virtual_time: bool,
@@ -89,9 +93,13 @@ impl UnixPath {
 
 impl Options {
     /// The board these options describe.
-    #[must_use]
-    pub fn identity(&self) -> Identity {
-        Identity { motors: self.motors.into(), ..Identity::new(self.family, &self.firmware.to_string()) }
+    ///
+    /// # Errors
+    /// A reading that is none.
+    pub fn identity(&self) -> Result<Identity, UnknownReading> {
+        let readings = self.readings.iter().try_fold(Readings::default(), |all, given| all.with(given))?;
+        let identity = Identity::new(self.family, &self.firmware.to_string());
+        Ok(Identity { motors: self.motors.into(), readings, ..identity })
     }
 
     /// The I10 that the asked rate means.
@@ -119,6 +127,11 @@ fn unix_path(text: &str) -> Result<UnixPath, String> {
         Some(path) if !path.is_empty() => Ok(UnixPath(path.into())),
         _ => Err("it has to be unix:PATH".into()),
     }
+}
+
+/// A reading that there is.
+fn reading(text: &str) -> Result<String, UnknownReading> {
+    Readings::default().with(text).map(|_| text.to_owned())
 }
 
 /// Six bits, decimal or with 0x.
