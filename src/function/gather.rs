@@ -8,7 +8,8 @@
 //!
 //! How many samples came between two polls is the number that fits the index and lies between what the least and the
 //! most time between the polls allow. When the host was held up between two accesses of a poll for a quarter of the
-//! buffer, the poll is thrown away and the next one tells. After a copy the index is read again, and what the board may have overwritten
+//! buffer, the poll is thrown away and the next one tells. While the clock stands still and the index moves on, as when the
+//! servo report pauses, nothing is taken until the clock goes on. After a copy the index is read again, and what the board may have overwritten
 //! meanwhile is dropped and counted as lost.
 
 use super::servo;
@@ -152,6 +153,8 @@ pub struct GatherReader {
     /// Gathering has ended at the next poll.
     stopping: bool,
     stopped: bool,
+    /// The clock when the index had moved further than the clock allows.
+    doubted: Option<u64>,
     /// What ended the reading.
     broken: Option<GatherPoll>,
     words: [u16; 2 * MOST_LONGS],
@@ -201,6 +204,7 @@ impl GatherReader {
             last: None,
             stopping: false,
             stopped: false,
+            doubted: None,
             broken: None,
             words: [0; 2 * MOST_LONGS],
             longs: [0; MOST_LONGS],
@@ -212,7 +216,7 @@ impl GatherReader {
     pub fn restart(&mut self, start: GatherStart) {
         self.start = start;
         (self.base, self.written, self.read, self.lost, self.length) = (0, 0, 0, 0, 0);
-        (self.last, self.broken) = (None, None);
+        (self.last, self.doubted, self.broken) = (None, None, None);
         (self.stopping, self.stopped) = (false, false);
     }
 
@@ -347,11 +351,17 @@ impl GatherReader {
             }
             (Some(last), _) => match self.samples_since(slot, last, bracket) {
                 Ok(samples) => self.written += samples,
+                // The clock may pause: the servo report is held off while gathering goes on. Its next reading says for
+                // how long, so it is waited for once.
+                Err(Misfit::TooMany) if self.doubted.is_none_or(|clock| clock == bracket.1) => {
+                    self.doubted = Some(bracket.1);
+                    return Some(GatherPoll::Idle);
+                }
                 Err(Misfit::TooMany) => return Some(self.break_off(GatherPoll::Redefined { size, index })),
                 Err(Misfit::TooFew) => return Some(self.break_off(GatherPoll::Interrupted)),
             },
         }
-        self.last = Some(bracket);
+        (self.last, self.doubted) = (Some(bracket), None);
         if self.stopping {
             self.stopped = true;
         }
