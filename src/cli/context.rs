@@ -1,12 +1,12 @@
 //! What every command gets, and how it can end.
 
 use std::io;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use crate::cli::console::output::Output;
 use crate::client::{Board, ClientError, CommandError, Connection};
 use crate::map::Family;
-use crate::protocol::CallError;
+use crate::protocol::{CallError, socket_place};
 use crate::segment::SegmentName;
 
 /// The result of a command that was executed.
@@ -76,20 +76,89 @@ impl From<CommandError> for Failure {
     }
 }
 
+/// The board that is meant where none is named.
+const DEFAULT_NAME: &str = "pmac0";
+
 /// What every command gets.
 pub struct Context {
-    pub name: SegmentName,
-    pub socket: PathBuf,
+    /// `--name`.
+    name: Option<SegmentName>,
+    /// `--socket`.
+    socket: Option<PathBuf>,
     pub output: Output,
 }
 
 impl Context {
-    pub fn board(&self) -> Result<Board, Failure> {
-        Ok(Board::attach(self.name.as_str())?.with_socket(&self.socket))
+    pub fn new(name: Option<&str>, socket: Option<PathBuf>, output: Output) -> Result<Self, Failure> {
+        let name = name.map(SegmentName::new).transpose().map_err(Failure::request)?;
+        Ok(Self { name, socket, output })
     }
 
+    /// The board's name, if `--name` says it.
+    pub fn told_name(&self) -> Option<&SegmentName> {
+        self.name.as_ref()
+    }
+
+    /// The daemon's socket, if `--socket` says it.
+    pub fn told_socket(&self) -> Option<&Path> {
+        self.socket.as_deref()
+    }
+
+    /// The board's name: that of `--name`, else that of the daemon at `--socket`.
+    pub fn name(&self) -> Result<SegmentName, Failure> {
+        match (&self.name, &self.socket) {
+            (Some(name), _) => Ok(name.clone()),
+            (None, None) => SegmentName::new(DEFAULT_NAME).map_err(Failure::request),
+            (None, Some(socket)) => {
+                SegmentName::new(&Connection::open(socket)?.info()?.segment).map_err(Failure::request)
+            }
+        }
+    }
+
+    /// The daemon's socket: that of `--socket`, else that of the board's name.
+    pub fn socket(&self) -> PathBuf {
+        let name = self.name.as_ref().map_or(DEFAULT_NAME, SegmentName::as_str);
+        self.socket.clone().unwrap_or_else(|| socket_place::socket_path(name))
+    }
+
+    /// The board of which both `--name` and `--socket` are.
+    pub fn board(&self) -> Result<Board, Failure> {
+        Ok(self.attach()?)
+    }
+
+    /// As [`Self::board`], for whom an absent board is an answer.
+    pub fn attach(&self) -> Result<Board, ClientError> {
+        let name = match (&self.name, &self.socket) {
+            (None, Some(socket)) => return Board::at_socket(socket),
+            (name, _) => name.as_ref().map_or(DEFAULT_NAME, SegmentName::as_str),
+        };
+        self.agree()?;
+        Ok(Board::attach(name)?.with_socket(&self.socket()))
+    }
+
+    /// A connection to the daemon of the board.
     pub fn connection(&self) -> Result<Connection, Failure> {
-        Ok(Connection::open(&self.socket)?)
+        Ok(self.connect()?)
+    }
+
+    fn connect(&self) -> Result<Connection, CommandError> {
+        let connection = Connection::open(&self.socket())?;
+        match (&self.name, &self.socket) {
+            (Some(name), Some(_)) => connection.of_board(name),
+            _ => Ok(connection),
+        }
+    }
+
+    /// Refuses a `--socket` at which a daemon answers that has another board than `--name` says: what is shown would be of
+    /// one board, and what is sent would go to another. The data can be looked at where no daemon answers.
+    pub fn agree(&self) -> Result<(), CommandError> {
+        if self.name.is_none() || self.socket.is_none() {
+            return Ok(());
+        }
+        match self.connect() {
+            Err(error @ CommandError::OtherBoard { .. }) => Err(error),
+            _ => Ok(()),
+        }
     }
 
     /// The family: `given`, or that of the board behind `connection`.

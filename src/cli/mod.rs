@@ -32,13 +32,11 @@ use std::process::ExitCode;
 
 use clap::{CommandFactory, Parser};
 
-use crate::client::socket_path;
 use crate::format::Visible;
-use crate::segment::SegmentName;
 use crate::usage::usage;
 
 use act::{panel, registers, send, stop, terminal, write};
-use args::{Args, Command};
+use args::{Args, Command, Global};
 use console::output::Output;
 use context::{Context, Failure, Verdict};
 use files::{backup, download};
@@ -80,9 +78,8 @@ pub fn run(args: impl IntoIterator<Item = OsString>) -> ExitCode {
 }
 
 fn execute(args: Args) -> Result<Verdict, Failure> {
-    let name = SegmentName::new(&args.global.name).map_err(Failure::request)?;
-    let socket = args.global.socket.unwrap_or_else(|| socket_path(&name));
-    let mut context = Context { name, socket, output: Output::new(args.global.json, args.global.quiet) };
+    let Global { name, socket, json, quiet } = args.global;
+    let mut context = Context::new(name.as_deref(), socket, Output::new(json, quiet))?;
     let verdict = match args.command {
         Command::Demo(options) => demo::run(&mut context, &options),
         Command::Status => status::run(&mut context),

@@ -13,6 +13,7 @@ use super::command::{CommandError, Connection};
 use super::decoder::Decoder;
 use super::view::{Moment, Reading, Staleness, View};
 use crate::decode::{BackgroundData, ServoData, TooShort};
+use crate::protocol::socket_place;
 use crate::segment::{
     Condition, DIRECTORY, Identity, RegionId, RegionInfo, Sample, SegmentError, SegmentName, Subscriber,
     WaitOutcome,
@@ -31,15 +32,19 @@ pub enum ClientError {
     /// The segment's data are not those of the board it names.
     #[error("the segment's data cannot be decoded: {0}; use programs of one release")]
     Decode(#[from] TooShort),
+    /// The daemon does not tell which board it has.
+    #[error(transparent)]
+    Socket(#[from] CommandError),
     /// The board's data are laid out in a way that is not known here.
     #[error("the board's family (number {0}) is not known to this program; use a newer one")]
     Family(u32),
 }
 
-/// Where the socket of the daemon of `name` lies unless it was told otherwise.
+/// Where the socket of the daemon of `name` lies unless it was told otherwise: in `/run/pmacd`, or, where there is none, in
+/// `$XDG_RUNTIME_DIR/pmacd`.
 #[must_use]
 pub fn socket_path(name: &SegmentName) -> PathBuf {
-    Path::new("/run/pmacd").join(format!("{}.sock", name.as_str()))
+    socket_place::socket_path(name.as_str())
 }
 
 /// Everything the segment has, at one moment.
@@ -102,6 +107,18 @@ impl Board {
             identified: None,
             connection: None,
         })
+    }
+
+    /// Attaches to the board of the daemon whose socket lies at `path`, whatever it is called.
+    ///
+    /// # Errors
+    /// [`ClientError::Socket`] when nobody answers there, else as [`Board::attach`].
+    pub fn at_socket(path: &Path) -> Result<Self, ClientError> {
+        let mut connection = Connection::open(path)?;
+        let name = connection.info()?.segment;
+        let mut board = Self::attach(&name)?.with_socket(path);
+        board.connection = Some(connection);
+        Ok(board)
     }
 
     /// The same board with its socket at `path`.
@@ -253,11 +270,11 @@ impl Board {
     /// The connection to the daemon, made when it is first asked for.
     ///
     /// # Errors
-    /// [`CommandError::Connect`].
+    /// [`CommandError::Connect`]; [`CommandError::OtherBoard`] when the daemon there has another board than this.
     pub fn connection(&mut self) -> Result<&mut Connection, CommandError> {
         let connection = match self.connection.take() {
             Some(connection) => connection,
-            None => Connection::open(&self.socket)?,
+            None => Connection::open(&self.socket)?.of_board(&self.name)?,
         };
         Ok(self.connection.insert(connection))
     }

@@ -26,6 +26,7 @@ use crate::protocol::transport::connect;
 use crate::protocol::{
     BOARD, BoardInfo, BoardSettings, Call, CallError, Inbox, Message, REPLY_MAX, Reply, calls, control,
 };
+use crate::segment::SegmentName;
 
 /// How long the daemon itself may take: to accept, and to answer what needs no board.
 pub(super) const DAEMON_TIMEOUT: Duration = Duration::from_secs(5);
@@ -43,6 +44,16 @@ pub enum CommandError {
         path: PathBuf,
         /// What the kernel said.
         source: io::Error,
+    },
+    /// The daemon at the socket has another board than the one that was named.
+    #[error("{path} is the socket of the board {found}, not of {wanted}; leave --name or --socket out")]
+    OtherBoard {
+        /// The socket.
+        path: PathBuf,
+        /// The board that was named.
+        wanted: String,
+        /// The daemon's.
+        found: String,
     },
     /// The connection broke, or the daemon closed it.
     #[error("{path}: {source}")]
@@ -97,6 +108,20 @@ impl Connection {
         let stream = connect(&self.path, Instant::now() + DAEMON_TIMEOUT)
             .map_err(|source| CommandError::Connect { path: self.path.clone(), source })?;
         Ok(Link { stream, inbox: Inbox::new(REPLY_MAX) })
+    }
+
+    /// The same connection, once the daemon has said that its board is the one called `name`: what is read in that segment
+    /// and what is sent here are then of one board.
+    ///
+    /// # Errors
+    /// [`CommandError::OtherBoard`], and those of [`Connection::info`].
+    pub fn of_board(mut self, name: &SegmentName) -> Result<Self, CommandError> {
+        let segment = self.info()?.segment;
+        if segment.trim_start_matches('/') == name.as_str() {
+            return Ok(self);
+        }
+        let (found, wanted) = (segment.trim_start_matches('/').to_owned(), name.as_str().to_owned());
+        Err(CommandError::OtherBoard { path: self.path, wanted, found })
     }
 
     /// What the daemon knows about its board and itself.

@@ -15,6 +15,7 @@ pub mod mirror_selection;
 pub mod open_buffer;
 pub mod parameters;
 pub mod settings;
+pub mod socket_place;
 pub mod transport;
 
 pub use crate::map::Function;

@@ -160,8 +160,8 @@ fn no_daemon_is_said_and_no_data_too() {
 
 #[test]
 fn status_tells_segment_board_and_socket() {
-    let bench = Bench::new();
     let rig = Rig::new().live();
+    let bench = Bench::called(&rig.name, |_| {});
     let ran = rig.run(&format!("status --socket {}", bench.socket.display()));
     assert_eq!(ran.code, Some(0), "{ran:?}");
     for part in
@@ -171,7 +171,7 @@ fn status_tells_segment_board_and_socket() {
         assert!(words.contains(part), "{part}: {}", ran.stdout);
     }
     let document = rig.run("status --json --socket /nonexistent/x.sock").json();
-    assert_eq!(document["condition"], "live");
+    assert_eq!(document["condition"], "unreachable");
     assert_eq!(document["regions"]["servo"]["published"], 1);
     assert_eq!(document["counters"]["lost"], 0);
     assert_eq!(document["socket"]["reachable"], false);
@@ -181,8 +181,8 @@ fn status_tells_segment_board_and_socket() {
 
 #[test]
 fn the_doctor_finds_what_is_wrong() {
-    let bench = Bench::new();
     let rig = Rig::new().live();
+    let bench = Bench::called(&rig.name, |_| {});
     let ran = rig.run(&format!("doctor --socket {}", bench.socket.display()));
     assert_eq!(ran.code, Some(0), "{ran:?}");
     assert!(ran.stdout.lines().all(|line| line.starts_with("ok  ")), "{ran:?}");
@@ -196,7 +196,7 @@ fn the_doctor_finds_what_is_wrong() {
     assert_eq!((ran.code, level(&ran, "socket").as_str()), (Some(1), "fail"));
     assert_eq!(level(&ran, "segment"), "ok");
     rig.publisher.set_region_state(RegionId::Background, RegionState::Off);
-    let other = Bench::of(|_| {}, |board| board.pid = 1);
+    let other = Bench::called(&rig.name, |board| board.pid = 1);
     let ran = rig.run(&format!("doctor --json --socket {}", other.socket.display()));
     assert_eq!(
         (level(&ran, "background"), level(&ran, "same daemon")),

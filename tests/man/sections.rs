@@ -313,7 +313,7 @@ pub fn statuses(page: &str) -> &'static [(&'static str, &'static str)] {
             ("69", "The board, its name or its socket is unavailable. The service is started again."),
             ("70", "A defect of pmacd. The service is started again."),
             ("71", "The system refused memory, a descriptor or a thread. The service is started again."),
-            ("77", "A right is missing, or another user holds the segment's name."),
+            ("77", "A right is missing."),
             ("78", "The configuration is wrong."),
         ],
         "pmac-sim" => &[

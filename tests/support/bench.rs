@@ -44,6 +44,15 @@ impl Bench {
         Self::of(change, |_| {})
     }
 
+    /// With the default settings and a board called `name`, changed by `change`.
+    pub fn called(name: &str, change: impl FnOnce(&mut BoardInfo)) -> Self {
+        let named = |board: &mut BoardInfo| {
+            (board.name, board.segment) = (name.to_owned(), format!("/{name}"));
+            change(board);
+        };
+        Self::of(|_| {}, named)
+    }
+
     /// With the default settings and board, both changed.
     pub fn of(change: impl FnOnce(&mut ServeOptions), change_board: impl FnOnce(&mut BoardInfo)) -> Self {
         let directory = tempfile::tempdir().unwrap();

@@ -180,6 +180,7 @@ fn input_ended() -> bool {
 }
 
 fn feed(context: &mut Context, feed: &Feed) -> Result<Verdict, Failure> {
+    let mut connection = context.connection()?;
     let i10 = match feed.wanted {
         Wanted::Percent(_) => wait_for_i10(context),
         _ => i10(context),
@@ -196,7 +197,6 @@ fn feed(context: &mut Context, feed: &Feed) -> Result<Verdict, Failure> {
             Some(from_percent(percent, i10)?)
         }
     };
-    let mut connection = context.connection()?;
     let family = Context::family(None, &mut connection)?;
     check_numbers(family, false, &[feed.system])?;
     let last = match value {

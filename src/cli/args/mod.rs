@@ -43,10 +43,10 @@ const GLOBAL: &str = "Options of every command";
 
 #[derive(Debug, ClapArgs)]
 pub struct Global {
-    /// Which board: the segment /dev/shm/NAME and the socket /run/pmacd/NAME.sock
-    #[arg(long, global = true, help_heading = GLOBAL, value_name = "NAME", default_value = "pmac0")]
-    pub name: String,
-    /// The daemon's socket, if it is elsewhere
+    /// The board's name [default: that of --socket, else pmac0]
+    #[arg(long, global = true, help_heading = GLOBAL, value_name = "NAME")]
+    pub name: Option<String>,
+    /// The daemon's socket [default: /run/pmacd/NAME.sock, else $XDG_RUNTIME_DIR/pmacd/NAME.sock]
     #[arg(long, global = true, help_heading = GLOBAL, value_name = "PATH")]
     pub socket: Option<PathBuf>,
     /// Print JSON
@@ -123,7 +123,7 @@ mod tests {
     fn global_options_stand_before_or_after_the_command() {
         for line in ["pmacctl --name rig --json motors", "pmacctl motors --json --name rig"] {
             let args = Args::try_parse_from(line.split(' ')).unwrap();
-            assert_eq!((args.global.name.as_str(), args.global.json), ("rig", true));
+            assert_eq!((args.global.name.as_deref(), args.global.json), (Some("rig"), true));
         }
     }
 

@@ -32,9 +32,9 @@ pub fn sending(lines: usize, to: &str) -> String {
     }
 }
 
-/// The board by its `--name`.
-pub fn board_of(context: &Context) -> String {
-    format!("the board of {}", context.name.as_str())
+/// The board that the lines would go to: as its daemon calls it, because a socket alone does not show that.
+pub fn board_of(context: &Context) -> Result<String, Failure> {
+    Ok(format!("the board of {}", context.name()?.as_str()))
 }
 
 fn is_yes(answer: &str) -> bool {

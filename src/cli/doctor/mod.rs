@@ -76,6 +76,7 @@ pub fn run(context: &mut Context, options: &Doctor) -> Result<Verdict, Failure> 
         machine::boards(&mut report, &system);
     }
     if !options.boards && options.probe.is_none() {
+        context.agree()?;
         everything(&mut report, context, &system);
     }
     tell(context, &report)
@@ -84,8 +85,8 @@ pub fn run(context: &mut Context, options: &Doctor) -> Result<Verdict, Failure> 
 /// Checks everything between this user and live data.
 fn everything(report: &mut Report, context: &Context, system: &System) {
     shared_memory(report);
-    let mut board = segment(report, context.name.as_str());
-    let (info, settings) = socket(report, &context.socket).unzip();
+    let mut board = segment(report, context);
+    let (info, settings) = socket(report, &context.socket()).unzip();
     let settings = settings.flatten();
     let known = settings.clone().unwrap_or_default();
     if let Some(board) = &mut board {
@@ -142,8 +143,8 @@ fn shared_memory(report: &mut Report) {
     }
 }
 
-fn segment(report: &mut Report, name: &str) -> Option<Board> {
-    let board = match Board::attach(name) {
+fn segment(report: &mut Report, context: &Context) -> Option<Board> {
+    let board = match context.attach() {
         Ok(board) => board,
         Err(error) => {
             report.add(Level::Fail, "segment", error.to_string());

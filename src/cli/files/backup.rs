@@ -269,7 +269,7 @@ pub fn restore(context: &mut Context, options: &Restore) -> Result<Verdict, Fail
         report.print(context)?;
         return Ok(Verdict::Yes);
     }
-    if !confirm(&sending(changes.len(), &board_of(context)), options.yes)? {
+    if !confirm(&sending(changes.len(), &board_of(context)?), options.yes)? {
         return Ok(Verdict::No);
     }
     board.remember(changes.iter().map(|entry| entry.item))?;

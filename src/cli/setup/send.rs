@@ -58,7 +58,7 @@ pub fn run(context: &mut Context, options: &Setup) -> Result<Verdict, Failure> {
     }
     let place = match &sending.port {
         Some(port) => port.display().to_string(),
-        None => board_of(context),
+        None => board_of(context)?,
     };
     if !confirm(&question(commands.len(), &place), sending.yes)? {
         return Ok(Verdict::No);

@@ -3,33 +3,61 @@
 use serde_json::{Map, Value, json};
 
 use crate::cli::context::{Context, Failure, Verdict};
-use crate::client::{Board, ClientError, Connection};
+use crate::client::{Board, ClientError, CommandError, Staleness};
 use crate::map::Family;
-use crate::segment::{Condition, Identity, RegionState, SegmentError};
+use crate::segment::{Condition, Identity, RegionState, SegmentError, SegmentName};
 
 pub fn run(context: &mut Context) -> Result<Verdict, Failure> {
-    let mut board = match Board::attach(context.name.as_str()) {
+    let mut board = match context.attach() {
         Ok(board) => board,
-        Err(ClientError::Segment(error @ SegmentError::NotFound { .. })) => {
-            // "It does not run" is an answer.
-            if context.output.is_json() {
-                let name = context.name.as_str();
-                context.output.json(&json!({ "name": name, "condition": "absent" }))?;
-            } else {
-                context.output.line(format_args!("{}: {error}", context.name.as_str()))?;
-            }
-            return Ok(Verdict::No);
-        }
+        Err(
+            error @ (ClientError::Segment(SegmentError::NotFound { .. })
+            | ClientError::Socket(CommandError::Connect { .. })),
+        ) => return absent(context, &error),
         Err(error) => return Err(error.into()),
     };
     let identity = board.identity()?;
-    let document = document(context, &board, &identity);
+    let document = document(context, &mut board, &identity);
     if context.output.is_json() {
         context.output.json(&document)?;
     } else {
         context.output.text(text(&document))?;
     }
     Ok((document["condition"] == "live").into())
+}
+
+/// "It does not run" is an answer.
+fn absent(context: &mut Context, error: &ClientError) -> Result<Verdict, Failure> {
+    let name = context.name().ok();
+    let name = name.as_ref().map(SegmentName::as_str);
+    if context.output.is_json() {
+        let reason = error.to_string();
+        context.output.json(&json!({ "name": name, "condition": "absent", "reason": reason }))?;
+    } else {
+        let name = name.map_or_else(String::new, |name| format!("{name}: "));
+        context.output.line(format_args!("{name}{error}"))?;
+    }
+    Ok(Verdict::No)
+}
+
+/// What keeps the whole from being live, and why; `None` when it is. Data that the board was never told to report are no
+/// fault.
+fn fault(board: &mut Board, condition: Condition, socket: &Value) -> Option<(&'static str, String)> {
+    let subscriber = board.subscriber();
+    if condition != Condition::Live {
+        let staleness = Staleness::of_segment(condition, &subscriber.header(), subscriber.now_ns());
+        return Some((condition_name(condition), staleness.map(|why| why.to_string()).unwrap_or_default()));
+    }
+    let snapshot = board.snapshot().ok();
+    let (servo, background) = snapshot.map(|snapshot| (snapshot.servo, snapshot.background)).unzip();
+    let servo = servo.flatten().and_then(|view| Some(("servo", view.stale?)));
+    let background = background.flatten().and_then(|view| Some(("background", view.stale?)));
+    let old = servo.into_iter().chain(background).find(|(_, stale)| *stale != Staleness::Off);
+    if let Some((name, stale)) = old {
+        return Some(("stale", format!("{name} data: {stale}")));
+    }
+    let unreachable = socket["reachable"] == false;
+    unreachable.then(|| ("unreachable", socket["reason"].as_str().unwrap_or_default().to_owned()))
 }
 
 fn condition_name(condition: Condition) -> &'static str {
@@ -47,7 +75,8 @@ fn is_gone(condition: Condition) -> bool {
     matches!(condition, Condition::Dead | Condition::OwnerGone | Condition::Replaced)
 }
 
-fn document(context: &Context, board: &Board, identity: &Identity) -> Value {
+fn document(context: &Context, board: &mut Board, identity: &Identity) -> Value {
+    let socket = socket(context, board);
     let subscriber = board.subscriber();
     let header = subscriber.header();
     // Looked at once, so that all of the document agrees with it.
@@ -73,18 +102,13 @@ fn document(context: &Context, board: &Board, identity: &Identity) -> Value {
         .collect();
     let counters: Map<String, Value> =
         subscriber.counters().map(|(counter, value)| (counter.name().to_owned(), json!(value))).collect();
-    let service = Connection::open(&context.socket)
-        .and_then(|mut connection| Ok((connection.info()?, connection.settings().unwrap_or_default())));
-    let service = match service {
-        Ok((info, settings)) => json!({ "path": context.socket, "reachable": true, "version": info.version,
-            "board": info.board, "enabled": info.enabled, "functions": settings.functions,
-            "command_port": info.command_port, "host_port": info.host_port }),
-        Err(error) => json!({ "path": context.socket, "reachable": false, "reason": error.to_string() }),
-    };
+    let segment = subscriber.path().to_owned();
+    let (fault, reason) = fault(board, condition, &socket).unzip();
     json!({
         "name": board.name().as_str(),
-        "segment": subscriber.path(),
-        "condition": condition_name(condition),
+        "segment": segment,
+        "condition": fault.unwrap_or("live"),
+        "reason": reason,
         "generation": header.generation,
         "owner_pid": header.owner_pid,
         "owner_uid": header.owner_uid,
@@ -101,8 +125,22 @@ fn document(context: &Context, board: &Board, identity: &Identity) -> Value {
         },
         "regions": regions,
         "counters": counters,
-        "socket": service,
+        "socket": socket,
     })
+}
+
+/// The daemon, as it is reached through its socket.
+fn socket(context: &Context, board: &mut Board) -> Value {
+    let path = context.socket();
+    let asked = board
+        .connection()
+        .and_then(|connection| Ok((connection.info()?, connection.settings().unwrap_or_default())));
+    match asked {
+        Ok((info, settings)) => json!({ "path": path, "reachable": true, "version": info.version,
+            "board": info.board, "enabled": info.enabled, "functions": settings.functions,
+            "command_port": info.command_port, "host_port": info.host_port }),
+        Err(error) => json!({ "path": path, "reachable": false, "reason": error.to_string() }),
+    }
 }
 
 /// The document for people: a line a fact, what is not known left out.
@@ -114,7 +152,8 @@ fn text(document: &Value) -> String {
         other => other.to_string(),
     };
     say("name", plain(&document["name"]));
-    say("condition", plain(&document["condition"]));
+    let reason = document["reason"].as_str().map_or_else(String::new, |reason| format!(": {reason}"));
+    say("condition", plain(&document["condition"]) + &reason);
     let pid = plain(&document["owner_pid"]);
     let age = document["heartbeat_age_ms"].as_f64().unwrap_or_default();
     let uptime = document["uptime_s"].as_f64().unwrap_or_default();

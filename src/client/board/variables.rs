@@ -41,6 +41,6 @@ impl Board {
     /// # Errors
     /// [`CommandError`]; refused when none of PMAC's 128 entries is left, or I55 is not 1.
     pub fn watch_variables(&self, registers: &[PmacRegister]) -> Result<VariableWatch, CommandError> {
-        Connection::open(self.socket())?.watch_variables(registers)
+        Connection::open(self.socket())?.of_board(self.name())?.watch_variables(registers)
     }
 }
