@@ -5,7 +5,6 @@
 
 use std::ffi::OsString;
 use std::io::Write;
-use std::path::Path;
 use std::process::ExitCode;
 
 use clap::Parser;
@@ -19,6 +18,8 @@ use super::parts::{Parts, segment_options};
 use super::service::journal;
 use super::service::log_sink::{LogSink, LogWriter};
 use super::service::privilege::{self, Account, Holdings};
+use super::service::simulator::Simulator;
+use super::service::socket_directory;
 use super::service::supervisor::{Manager, Signals, until_asked_to_end};
 use super::socket::options::ServeOptions;
 use super::socket::server::serve;
@@ -26,6 +27,7 @@ use crate::clock::Clock;
 use crate::device::machine::cpu_latency::NODE;
 use crate::device::machine::scheduling::scheduling;
 use crate::device::{BoardSpec, CpuLatency, Inherited, System};
+use crate::protocol::socket_place::socket_places;
 use crate::segment::Publisher;
 use crate::usage::usage_with;
 
@@ -54,8 +56,7 @@ pub fn main_with(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
     };
     let ended = Settings::decide(&options)
         .map_err(|error| {
-            let status = if options.config.is_some() { exit::CONFIGURATION } else { exit::USAGE };
-            Failure::new(status, error)
+            Failure::new(if error.is_typed() { exit::USAGE } else { exit::CONFIGURATION }, error)
         })
         .and_then(|settings| if options.check { Ok(()) } else { run(&settings, &options, &mut log_writer) });
     // What was logged before the thread was to start is not lost.
@@ -85,9 +86,8 @@ fn run(settings: &Settings, options: &Options, log: &mut LogWriter) -> Result<()
     let inherited = Inherited::take_all();
     let _cpu_latency = settings.cpu_latency_us.and_then(|latency_us| cpu_latency(latency_us, &inherited));
     let early = needs_rights(&settings.board).then(|| Machine::open(settings, &inherited)).transpose()?;
-    if let Some(account) = &account {
-        make_socket_directory(&settings.socket, account)?;
-    }
+    let usual = socket_places(settings.name.as_str());
+    let socket = socket_directory::prepare(settings.socket.as_deref(), &usual, account.as_ref())?;
     if !stays_root {
         privilege::give_up(account.as_ref())?;
     }
@@ -104,13 +104,13 @@ fn run(settings: &Settings, options: &Options, log: &mut LogWriter) -> Result<()
     // Closes the inherited descriptors: /dev/mem would give access to all of physical memory.
     drop(inherited);
     let parts = Parts::new(settings, machine, publisher, clock)?;
-    let Parts { board_loop, backend, stop, simulator: _simulator } = parts;
+    let Parts { board_loop, backend, stop, mut simulator } = parts;
     let pulse = backend.info.pulse();
     let serve_options = ServeOptions {
         mode: settings.socket_mode,
         group: settings.socket_group.clone(),
         roles: settings.roles.clone(),
-        ..ServeOptions::new(settings.socket.clone())
+        ..ServeOptions::new(socket.clone())
     };
     let listener = serve_options.listen()?;
     if stays_root {
@@ -130,18 +130,28 @@ fn run(settings: &Settings, options: &Options, log: &mut LogWriter) -> Result<()
         env!("CARGO_PKG_VERSION"),
         settings.board_text,
         settings.name.as_str(),
-        settings.socket.display()
+        socket.display()
     );
 
     info!("runs as {}, {}, scheduling {}", Holdings::read(), privilege::lock_memory(), scheduling());
     manager.ready(&pulse);
 
-    let asked = until_asked_to_end(&mut signals, &mut manager, &pulse, || bus_thread.is_finished());
+    let mut simulator_ended = None;
+    let asked = until_asked_to_end(&mut signals, &mut manager, &pulse, || {
+        simulator_ended = simulator.as_mut().and_then(Simulator::ended);
+        simulator_ended.is_some() || bus_thread.is_finished()
+    });
     manager.stopping();
     // First the socket: at its end it has the bus thread stop what is held.
     server.stop();
     let _ = stop.write(1);
-    if bus_thread.join().is_err() || asked.is_none() {
+    let bus_thread = bus_thread.join();
+    if let Some(status) = simulator_ended {
+        let reason =
+            format!("the simulator ended by itself ({status}), and with it the board; start pmacd again");
+        return Err(Failure::new(exit::UNAVAILABLE, reason));
+    }
+    if bus_thread.is_err() || asked.is_none() {
         return Err(Failure::new(
             exit::SOFTWARE,
             "the bus thread ended by itself, which is a defect; see the log",
@@ -169,19 +179,4 @@ fn cpu_latency(latency_us: u32, inherited: &Inherited) -> Option<CpuLatency> {
 /// Whether this board cannot be opened any more when privileges are given up.
 fn needs_rights(board: &BoardSpec) -> bool {
     matches!(board, BoardSpec::Window(_))
-}
-
-/// The directory of the sockets, for a daemon that root starts by hand: the user it becomes could not make it.
-fn make_socket_directory(socket: &Path, account: &Account) -> Result<(), Failure> {
-    let Some(directory) = socket.parent().filter(|directory| !directory.as_os_str().is_empty()) else {
-        return Ok(());
-    };
-    if directory.exists() || !nix::unistd::geteuid().is_root() {
-        return Ok(());
-    }
-    std::fs::create_dir(directory)
-        .and_then(|()| {
-            std::os::unix::fs::chown(directory, Some(account.uid.as_raw()), Some(account.gid.as_raw()))
-        })
-        .map_err(|error| Failure::system(&directory.display().to_string(), error))
 }

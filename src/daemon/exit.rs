@@ -94,10 +94,16 @@ impl From<ListenError> for Failure {
             ListenError::Served(_) => UNAVAILABLE,
             ListenError::Foreign(_) | ListenError::Group { .. } => CONFIGURATION,
             other if lacks_right(other) => NO_PERMISSION,
+            // Its directory is not there, or is none.
+            ListenError::Io { source, .. } if is_missing(source) => UNAVAILABLE,
             _ => SYSTEM,
         };
         Self::new(status, error)
     }
+}
+
+fn is_missing(error: &io::Error) -> bool {
+    matches!(error.kind(), io::ErrorKind::NotFound | io::ErrorKind::NotADirectory)
 }
 
 impl From<ServeError> for Failure {
@@ -143,6 +149,7 @@ mod tests {
         let denied =
             |kind: io::ErrorKind| ListenError::Io { path: "x".into(), action: "y", source: kind.into() };
         assert_eq!(Failure::from(denied(io::ErrorKind::PermissionDenied)).status, 77);
+        assert_eq!(Failure::from(denied(io::ErrorKind::NotFound)).status, 69);
         assert_eq!(Failure::from(denied(io::ErrorKind::OutOfMemory)).status, 71);
     }
 }

@@ -22,7 +22,7 @@ pub struct Options {
     /// The configuration file, TOML; the command line overrides it
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
-    /// The command socket [default: /run/pmacd/NAME.sock]
+    /// The command socket [default: /run/pmacd/NAME.sock; where that cannot be made, $XDG_RUNTIME_DIR/pmacd/NAME.sock]
     #[arg(long, value_name = "PATH")]
     pub socket: Option<PathBuf>,
     /// Become this user, with its groups, once the board is open (started as root)

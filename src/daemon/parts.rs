@@ -74,7 +74,10 @@ impl Parts {
         let reading = settings.board_settings.settings();
         let asks = settings.ask_board && reading.functions.has(Function::Ascii);
         let now = clock.now();
-        let identifier = Identifier::new(settings.family, configured_identity(settings), asks, now);
+        let mut identifier = Identifier::new(settings.family, configured_identity(settings), asks, now);
+        if ![Function::Servo, Function::Background].iter().any(|function| reading.functions.has(*function)) {
+            identifier = identifier.without_reports();
+        }
         let ports =
             CommandPorts::new(settings.family, settings.text_order, mailbox, now).after_another_host(now);
         let (layout, mode) = (settings.board_settings.layout(), settings.board_settings.variable_mode());

@@ -4,6 +4,7 @@
 //! as any other program could. The last line says what was measured.
 
 use std::fmt::Write as _;
+use std::io::{self, Write as _};
 use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
@@ -49,11 +50,17 @@ pub fn run(context: &mut Context, options: &Demo) -> Result<Verdict, Failure> {
     for signal in [SIGTERM, SIGINT, SIGHUP] {
         signal_hook::flag::register(signal, Arc::clone(&interrupted)).map_err(Failure::request)?;
     }
-    let mut stage = Stage::set(&interrupted)?;
+    let mut stage = Stage::set(context, &interrupted)?;
     let mut board = stage.wait_for_data(&interrupted)?;
     let interactive = context.output.is_terminal();
     let keys = Keys::listen(interactive);
-    let mut screen = Screen::new(interactive);
+    let socket = stage.socket.display().to_string();
+    let note = format!("try: pmacctl --socket {socket} send '#1P'");
+    if !interactive && !context.output.is_quiet() {
+        // Nobody reads it: nothing to be done.
+        let _ = writeln!(io::stderr(), "{note}");
+    }
+    let mut screen = Screen::new(interactive).with_note(note);
     let hint = if keys.are_heard() { "; q ends it" } else { "" };
 
     let began = Instant::now();
@@ -99,23 +106,27 @@ pub fn run(context: &mut Context, options: &Demo) -> Result<Verdict, Failure> {
 /// The daemon (which starts the simulator) in a private directory.
 struct Stage {
     daemon: Child,
+    /// Of its own.
     directory: PathBuf,
     name: SegmentName,
+    socket: PathBuf,
 }
 
 impl Stage {
-    fn set(interrupted: &AtomicBool) -> Result<Self, Failure> {
+    /// With the name and the socket that `context` was told; else with its own.
+    fn set(context: &Context, interrupted: &AtomicBool) -> Result<Self, Failure> {
         let template = std::env::temp_dir().join(format!("pmac-demo-{}-XXXXXX", std::process::id()));
         let directory = nix::unistd::mkdtemp(&template).map_err(|error| {
             Failure::request(format!("cannot make a directory like {}: {error}", template.display()))
         })?;
-        let name =
-            SegmentName::new(&format!("pmac-demo-{}", std::process::id())).map_err(Failure::request)?;
+        let own = || SegmentName::new(&format!("pmac-demo-{}", std::process::id()));
+        let name = context.told_name().cloned().map_or_else(own, Ok).map_err(Failure::request)?;
+        let socket = context.told_socket().map_or_else(|| directory.join("socket"), Path::to_owned);
         let log = std::fs::File::create(directory.join("log")).map_err(Failure::request)?;
         let program = program();
         let daemon = Command::new(&program)
             .args(["--board", "sim", "--name", name.as_str(), "--socket"])
-            .arg(directory.join("socket"))
+            .arg(&socket)
             // Should the demo be killed, nothing goes on running behind it.
             .args(["--with-parent", &std::process::id().to_string()])
             .stdin(Stdio::null())
@@ -128,18 +139,14 @@ impl Stage {
         if daemon.is_err() || interrupted.load(Ordering::Relaxed) {
             let _ = std::fs::remove_dir_all(&directory);
         }
-        Ok(Self { daemon: daemon?, directory, name })
-    }
-
-    fn socket(&self) -> PathBuf {
-        self.directory.join("socket")
+        Ok(Self { daemon: daemon?, directory, name, socket })
     }
 
     fn wait_for_data(&mut self, interrupted: &AtomicBool) -> Result<Board, Failure> {
         let deadline = Instant::now() + START;
         loop {
             if let Ok(board) = Board::attach(self.name.as_str()) {
-                let mut board = board.with_socket(&self.socket());
+                let mut board = board.with_socket(&self.socket);
                 if board.snapshot().is_ok_and(|snapshot| snapshot.servo.is_some_and(|servo| servo.is_fresh()))
                 {
                     return Ok(board);

@@ -20,11 +20,19 @@ type Size = (usize, usize);
 /// Where live data are shown.
 pub struct Screen {
     repaint: bool,
+    /// What stands below the title.
+    note: String,
 }
 
 impl Screen {
     pub fn new(repaint: bool) -> Self {
-        Self { repaint }
+        Self { repaint, note: String::new() }
+    }
+
+    /// With a line below the title.
+    pub fn with_note(mut self, note: String) -> Self {
+        self.note = note + "\n";
+        self
     }
 
     pub fn show(&mut self, output: &mut Output, title: &str, snapshot: &Snapshot) -> Result<(), Failure> {
@@ -32,7 +40,7 @@ impl Screen {
             output.json_line(&document(snapshot))?;
         } else if self.repaint {
             let sequence = snapshot.servo.as_ref().map_or(0, |servo| servo.sequence);
-            let screen = format!("{title}  update {sequence}\n{}", text(snapshot));
+            let screen = format!("{title}  update {sequence}\n{}{}", self.note, text(snapshot));
             output.text(HOME)?;
             // Cleared before and not behind the text: behind the last column that would take the last letter away.
             for line in fitting(&screen, size()) {

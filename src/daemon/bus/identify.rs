@@ -3,7 +3,8 @@
 //! `TYPE` and `VERSION` name the board; I-variables say what it reports and how often (the family knows their numbers); Ix07,
 //! Ix08 and Ix09 give the scale of every motor's raw numbers. What the board does not answer stays unknown, or is taken from
 //! the configuration. Asking moves the board's active response port to the DPRAM, so it is done only when there is
-//! reason: at start, when the board comes (back) to life, and after a line that may have changed an answer.
+//! reason: at start, when the board comes (back) to life, and after a line that may have changed an answer; and now and then
+//! where the daemon reads no report.
 
 use std::ops::RangeInclusive;
 use std::time::{Duration, Instant};
@@ -124,6 +125,10 @@ pub struct Identifier {
     /// The answer to publish, once.
     update: Option<Identity>,
     wanted: bool,
+    /// Nothing but answers shows that the board lives, so it is asked again and again.
+    keeps_asking: bool,
+    /// When the last question was due.
+    asked: Instant,
 }
 
 impl Identifier {
@@ -149,7 +154,16 @@ impl Identifier {
             lines: 0,
             enabling: Enabling::default(),
             wanted: ask,
+            keeps_asking: false,
+            asked: now,
         }
+    }
+
+    /// The same for a daemon that reads no report of the board: a dead one would be known by nothing but silence.
+    #[must_use]
+    pub fn without_reports(mut self) -> Self {
+        self.keeps_asking = self.wanted;
+        self
     }
 
     /// The board may answer differently now: ask again soon. Where that is said again and again, the questions are asked
@@ -212,6 +226,8 @@ impl Identifier {
     pub fn due_in(&self, now: Instant) -> Duration {
         if self.next < self.questions.len() {
             self.not_before.saturating_duration_since(now)
+        } else if self.keeps_asking {
+            (self.asked + AGAIN).saturating_duration_since(now)
         } else {
             Duration::MAX
         }
@@ -219,10 +235,14 @@ impl Identifier {
 
     /// The line to send now, if any, and how long to wait for its reply. Tell with [`Identifier::sent`] if it was.
     pub fn next_line(&mut self, now: Instant) -> Option<(Text<LINE_MAX>, Duration)> {
+        if self.next >= self.questions.len() && self.keeps_asking && now >= self.asked + AGAIN {
+            self.next = 0;
+        }
         let (line, _) = self.questions.get(self.next)?;
         if now < self.not_before {
             return None;
         }
+        self.asked = now;
         self.lines = 0;
         if self.next == 0 {
             self.asking = self.configured.clone();
@@ -412,6 +432,20 @@ mod tests {
         let mut quiet = Identifier::new(&PMAC, Identity::default(), false, now);
         quiet.ask_again(now);
         assert!(quiet.next_line(now + AGAIN).is_none(), "told not to ask");
+    }
+
+    #[test]
+    fn a_board_without_reports_is_asked_again_and_again() {
+        let now = Instant::now();
+        let mut identifier = Identifier::new(&PMAC, Identity::default(), true, now).without_reports();
+        while identifier.next_line(now).is_some() {
+            identifier.sent();
+            identifier.done();
+        }
+        assert_eq!(identifier.due_in(now), AGAIN);
+        assert!(identifier.next_line(now + AGAIN).is_some());
+        let mut quiet = Identifier::new(&PMAC, Identity::default(), false, now).without_reports();
+        assert_eq!((quiet.next_line(now + AGAIN), quiet.due_in(now)), (None, Duration::MAX));
     }
 
     #[test]

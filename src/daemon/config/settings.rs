@@ -105,8 +105,8 @@ pub struct Settings {
     pub board_text: String,
     /// The segment's name.
     pub name: SegmentName,
-    /// The command socket.
-    pub socket: PathBuf,
+    /// The command socket; `None`: the first of the usual places that can be used.
+    pub socket: Option<PathBuf>,
     /// Mode of the socket file.
     pub socket_mode: u32,
     /// Group of the socket file.
@@ -149,8 +149,24 @@ pub struct Settings {
 
 /// Why the settings were refused. One line: what, where, what to do.
 #[derive(Debug, thiserror::Error)]
-#[error("{}", one_line(.0))]
-pub struct SettingsError(String);
+#[error("{}", one_line(.text))]
+pub struct SettingsError {
+    text: String,
+    typed: bool,
+}
+
+impl SettingsError {
+    /// It is the file, or what is not in it.
+    fn of_file(text: String) -> Self {
+        Self { text, typed: false }
+    }
+
+    /// Whether the command line is wrong, and not the file.
+    #[must_use]
+    pub const fn is_typed(&self) -> bool {
+        self.typed
+    }
+}
 
 /// What was written may have line ends and other control characters in it, which are shown as in TOML.
 fn one_line(text: &str) -> String {
@@ -166,11 +182,12 @@ impl Settings {
     pub fn decide(options: &Options) -> Result<Self, SettingsError> {
         let Some(path) = &options.config else {
             let decided = Self::of(options, ConfigFile::default());
-            return decided.map_err(|refusal| SettingsError(refusal.text));
+            return decided.map_err(|refusal| SettingsError { text: refusal.text, typed: true });
         };
         let text = read(path)?;
         let file = parse(path, &text)?;
-        Self::of(options, file).map_err(|refusal| SettingsError(refusal.placed(path, &text)))
+        Self::of(options, file)
+            .map_err(|refusal| SettingsError { text: refusal.placed(path, &text), typed: refusal.typed })
     }
 
     fn of(options: &Options, file: ConfigFile) -> Result<Self, Refusal> {
@@ -178,7 +195,6 @@ impl Settings {
             Refusal::anywhere("no board given: write --board SPEC, or board = \"SPEC\" in the configuration")
         })?;
         let name = options.name.clone().or(file.name).unwrap_or_else(|| "pmac0".to_owned());
-        let socket = options.socket.clone().or(file.socket);
         let roles = file.roles.unwrap_or_default();
         let family = file.family.as_deref().map_or(Ok(DEFAULT_FAMILY), Family::by_name);
         let family = family.map_err(|error| Refusal::of("family", error))?;
@@ -227,8 +243,7 @@ impl Settings {
         Ok(Self {
             board,
             board_text,
-            socket: socket
-                .unwrap_or_else(|| format!("/run/pmacd/{}.sock", name.trim_start_matches('/')).into()),
+            socket: options.socket.clone().or(file.socket),
             name: SegmentName::new(&name).map_err(|error| refused("name", options.name.is_some(), error))?,
             socket_mode: socket_mode(file.socket_mode.as_deref())?,
             socket_group: file.socket_group,
@@ -255,16 +270,16 @@ impl Settings {
 
 /// A setting of the command line or of the file: what was typed has no place in the file.
 fn refused(key: &str, typed: bool, error: impl std::fmt::Display) -> Refusal {
-    if typed { Refusal::anywhere(error) } else { Refusal::of(key, error) }
+    if typed { Refusal::typed(error) } else { Refusal::of(key, error) }
 }
 
 /// Reads the file, if nobody but root and this user can have written what is in it.
 fn read(path: &Path) -> Result<String, SettingsError> {
     let fail = |error: io::Error| {
-        SettingsError(format!("cannot read the configuration {}: {error}", path.display()))
+        SettingsError::of_file(format!("cannot read the configuration {}: {error}", path.display()))
     };
     let refuse = |why: String| {
-        Err(SettingsError(format!("the configuration {} is not believed: {why}", path.display())))
+        Err(SettingsError::of_file(format!("the configuration {} is not believed: {why}", path.display())))
     };
     let file = File::open(path).map_err(fail)?;
     let there = file.metadata().map_err(fail)?;
@@ -286,7 +301,11 @@ fn read(path: &Path) -> Result<String, SettingsError> {
 fn parse(path: &Path, text: &str) -> Result<ConfigFile, SettingsError> {
     toml::from_str(text).map_err(|error| {
         let (line, column) = error.span().map_or((1, 1), |span| position(text, span.start));
-        SettingsError(format!("{}:{line}:{column}: {}", path.display(), error.message().replace('\n', "; ")))
+        SettingsError::of_file(format!(
+            "{}:{line}:{column}: {}",
+            path.display(),
+            error.message().replace('\n', "; ")
+        ))
     })
 }
 
@@ -343,7 +362,7 @@ mod tests {
     fn the_command_line_wins_over_the_file_and_the_file_over_the_default() {
         let settings = with_file("board = \"sim\"\nname = \"lathe\"\nmotors = 4\n").unwrap();
         assert_eq!(settings.board, BoardSpec::Simulator);
-        assert_eq!(settings.socket, Path::new("/run/pmacd/lathe.sock"));
+        assert_eq!((settings.name.as_str(), &settings.socket), ("lathe", &None));
         assert_eq!((settings.motors, settings.socket_mode, settings.segment_mode), (Some(4), 0o660, 0o644));
         let options = Options {
             board: Some("file:x".to_owned()),
@@ -352,7 +371,7 @@ mod tests {
             ..Options::default()
         };
         let settings = Settings::decide(&options).unwrap();
-        assert_eq!((settings.name.as_str(), settings.socket.as_path()), ("pmac7", Path::new("s")));
+        assert_eq!((settings.name.as_str(), settings.socket.as_deref()), ("pmac7", Some(Path::new("s"))));
     }
 
     #[test]

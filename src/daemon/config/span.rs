@@ -13,17 +13,24 @@ pub struct Refusal {
     pub key: Option<String>,
     /// What is wrong, and what to do.
     pub text: String,
+    /// It stands on the command line.
+    pub typed: bool,
 }
 
 impl Refusal {
     /// The setting `key` is wrong.
     pub fn of(key: impl Into<String>, text: impl Display) -> Self {
-        Self { key: Some(key.into()), text: text.to_string() }
+        Self { key: Some(key.into()), text: text.to_string(), typed: false }
     }
 
     /// Something is wrong that has no place.
     pub fn anywhere(text: impl Display) -> Self {
-        Self { key: None, text: text.to_string() }
+        Self { key: None, text: text.to_string(), typed: false }
+    }
+
+    /// Something on the command line is wrong.
+    pub fn typed(text: impl Display) -> Self {
+        Self { key: None, text: text.to_string(), typed: true }
     }
 
     /// The message, with file, line and column where the key stands in `text`, the content of the file at `path`.

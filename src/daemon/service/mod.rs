@@ -5,4 +5,5 @@ pub(super) mod log_sink;
 mod notify;
 pub mod privilege;
 pub mod simulator;
+pub(super) mod socket_directory;
 pub(super) mod supervisor;

@@ -2,7 +2,7 @@
 
 use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Stdio};
+use std::process::{Child, Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 
 use log::{info, warn};
@@ -83,6 +83,11 @@ impl Simulator {
     #[must_use]
     pub fn serial(&self) -> PathBuf {
         self.directory.join("serial")
+    }
+
+    /// How it ended, if it has: only this daemon ends it, so somebody else did, or it failed.
+    pub fn ended(&mut self) -> Option<ExitStatus> {
+        self.child.try_wait().ok().flatten()
     }
 
     fn wait_until_ready(&mut self, dpram: u64) -> Result<(), String> {

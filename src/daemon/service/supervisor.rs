@@ -118,12 +118,12 @@ impl Manager {
     }
 }
 
-/// Returns the signal that asks the daemon to end, or `None` when `ended` says that a thread did so by itself.
+/// Returns the signal that asks the daemon to end, or `None` when `ended` says that a thread, or the simulator, did so by itself.
 pub fn until_asked_to_end(
     signals: &mut Signals,
     manager: &mut Manager,
     pulse: &Pulse,
-    ended: impl Fn() -> bool,
+    mut ended: impl FnMut() -> bool,
 ) -> Option<i32> {
     loop {
         let now = Instant::now();
