@@ -5,6 +5,7 @@
 
 mod gather;
 pub mod jobs;
+pub mod lines;
 
 use std::io::{self, Read, Write};
 use std::os::fd::{AsFd, BorrowedFd};

@@ -171,6 +171,46 @@ pub struct SendReply {
     pub lines: Vec<String>,
 }
 
+/// What became of a line that failed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum LineOutcome {
+    /// The board refused it.
+    Refused,
+    /// It may or may not have been carried out.
+    Uncertain,
+    /// It was not sent.
+    NotSent,
+}
+
+/// Why a line of `RunLines` failed.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct LineFailure {
+    /// What became of the line.
+    pub outcome: LineOutcome,
+    /// The number of `ERRnnn`, when the board refused it.
+    pub code: Option<u16>,
+    /// Why.
+    pub message: String,
+}
+
+/// The replies of `RunLines`: one a line, then the last one.
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
+pub struct RunLinesReply {
+    /// The line's number in the sequence, counted from 0; `None` in the last reply.
+    pub line: Option<u64>,
+    /// What the board answered, one element a line.
+    pub lines: Vec<String>,
+    /// Why the line failed, if it did.
+    pub failure: Option<LineFailure>,
+    /// How many lines of the sequence the board has taken.
+    pub taken: u64,
+    /// In the last reply: what the sequence leaves on the board that its caller should know, one sentence each.
+    pub notes: Vec<String>,
+    /// Whether the sequence is over.
+    pub over: bool,
+}
+
 /// The reply of `Read`.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct ReadReply {

@@ -70,6 +70,23 @@ parameters! {
         timeout_ms: Option<u64>,
     }
 
+    /// Of `RunLines`.
+    RunLines {
+        /// What the sequence is called, in lower-case letters: `download`.
+        kind: String,
+        /// The lines, each as that of `Send`; at most [`super::RUN_LINES_MAX`].
+        lines: Vec<String>,
+        /// When to give up on a line.
+        #[serde(default, deserialize_with = "milliseconds::<_, TIMEOUT_MAX_MS>", skip_serializing_if = "Option::is_none")]
+        timeout_ms: Option<u64>,
+        /// Whether to go on after a line that the board refuses; not when not given.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        keep_going: Option<bool>,
+        /// Whether the sequence ends with these lines; it does when not given.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        last: Option<bool>,
+    }
+
     /// Of `SendControl`.
     SendControl {
         /// `^A` to `^_`, or the character itself.

@@ -112,6 +112,14 @@ fn so_far(lines: &[String]) -> String {
 }
 
 impl CallError {
+    /// Takes out what the board had answered before the error.
+    pub fn take_lines(&mut self) -> Vec<String> {
+        match self {
+            Self::Board { lines, .. } | Self::TimedOut { lines } => std::mem::take(lines),
+            _ => Vec::new(),
+        }
+    }
+
     /// A parameter is not what it should be.
     #[must_use]
     pub fn invalid(parameter: &str, expected: impl std::fmt::Display) -> Self {

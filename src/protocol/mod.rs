@@ -44,6 +44,8 @@ pub const CALL_MAX: usize = 64 * 1024;
 pub const REPLY_MAX: usize = 8 * 1024 * 1024;
 /// The longest line [`BOARD`]'s `Send` takes, in characters: as many as a board of any family takes (DPRAM manual p. 27).
 pub const LINE_MAX: usize = 200;
+/// The most lines one call of [`BOARD`]'s `RunLines` takes: as many as fit into [`CALL_MAX`], however they are written.
+pub const RUN_LINES_MAX: usize = 128;
 /// The most words [`BOARD`]'s `Read` takes.
 pub const READ_MAX: usize = 64;
 /// The longest time-out [`BOARD`]'s `Send` takes, in milliseconds.

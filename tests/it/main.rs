@@ -37,6 +37,7 @@ mod segment_hostile;
 mod segment_life;
 mod segment_loom;
 mod segment_page;
+mod sequences;
 mod serial;
 mod service;
 mod simulator;

@@ -2,6 +2,7 @@
 
 use std::io::{Read, Write};
 use std::os::unix::net::UnixStream;
+use std::path::Path;
 
 use pmac_dpram::protocol::{BOARD, Inbox};
 use serde_json::{Value, json};
@@ -18,7 +19,12 @@ pub struct Raw {
 impl Raw {
     /// Connects.
     pub fn new(bench: &Bench) -> Self {
-        let stream = UnixStream::connect(&bench.socket).unwrap();
+        Self::at(&bench.socket)
+    }
+
+    /// Connects to the daemon at `socket`.
+    pub fn at(socket: &Path) -> Self {
+        let stream = UnixStream::connect(socket).unwrap();
         stream.set_read_timeout(Some(PATIENCE)).unwrap();
         stream.set_write_timeout(Some(PATIENCE)).unwrap();
         Self { stream, inbox: Inbox::new(1 << 24) }

@@ -151,7 +151,7 @@ impl World {
         self.daemon.as_ref().is_some_and(|daemon| daemon.server.waits_for_board())
     }
 
-    /// Whether the next step stops a held jog, unless its holder renews it before.
+    /// Whether the next step stops a held jog or ends a sequence, unless its owner renews it before.
     pub fn is_lease_over(&self) -> bool {
         let end = self.daemon.as_ref().and_then(|daemon| daemon.server.first_lease_end());
         end.is_some_and(|end| end <= self.now() + 2 * self.period())
@@ -159,10 +159,17 @@ impl World {
 
     /// Stops the daemon gracefully.
     pub fn stop_daemon(&mut self) {
+        let latest = self.now() + LAST;
+        if let Some(daemon) = &mut self.daemon {
+            daemon.server.begin_end(self.time.clock().now());
+        }
+        while self.daemon.as_ref().is_some_and(|daemon| daemon.server.has_sequences()) {
+            assert!(self.now() < latest, "a sequence does not end");
+            self.step();
+        }
         let Some(Daemon { mut board_loop, server }) = self.daemon.take() else { return };
         server.end(self.now());
         board_loop.stop();
-        let latest = self.now() + LAST;
         while board_loop.poll() != u64::MAX {
             assert!(self.now() < latest, "the daemon does not end");
             self.step();

@@ -9,10 +9,9 @@ use super::fair_queue::{FairQueue, Turn};
 use super::jobs::{Guard, JobCall};
 use super::policy::Peer;
 use crate::daemon::shared::job::Job;
-use crate::daemon::shared::queue::{Command, Sender, Ticket};
+use crate::daemon::shared::queue::{Command, Outcome, Sender, Ticket};
 use crate::function::ascii::ResponseText;
 use crate::function::variable_read::VariableEntry;
-use crate::protocol::CallError;
 
 /// How much longer than asked the bus thread may take before it is not believed to answer at all: more than a port takes to
 /// be silent again after it gave up on a line (1 s), less than a client waits for the daemon (2 s).
@@ -57,6 +56,8 @@ pub(super) enum Then {
     Notes(JobCall),
     /// A watch on these registers begins, if the board copies any.
     Watch(Vec<VariableEntry>),
+    /// The sequence of this number goes on.
+    Sequence(u64),
 }
 
 /// A call that the board has not answered yet.
@@ -127,9 +128,9 @@ impl CallTable {
         self.commands.try_send(command).is_ok().then_some(ticket)
     }
 
-    /// Hands the bus thread what it has room for. The callers whose commands were not handed over: those whose time is
+    /// Hands the bus thread what it has room for. The calls whose commands were not handed over: of those whose time is
     /// nearly up, or who are gone (not `hears`) and wanted a reply.
-    pub(super) fn hand_out(&mut self, now: Instant, hears: impl Fn(u64) -> bool) -> Vec<Caller> {
+    pub(super) fn hand_out(&mut self, now: Instant, hears: impl Fn(u64) -> bool) -> Vec<Ended> {
         let mut refused = Vec::new();
         while let Some(Turn { ticket, mut command, audit }) = self.queue.next() {
             if let Command::Send { question: true, deadline, .. } = &mut command {
@@ -147,7 +148,7 @@ impl CallTable {
                         info!(target: "audit", "uid {uid} pid {pid} {what}");
                     }
                 }
-                _ => refused.extend(self.end(ticket).map(|ended| ended.caller)),
+                _ => refused.extend(self.end(ticket)),
             }
         }
         refused
@@ -169,13 +170,22 @@ impl CallTable {
         Some(Ended { caller, lines, is_overlong: length > COLLECT_MAX, then })
     }
 
-    /// Takes out the calls whose time is over, each with its error.
-    pub(super) fn expire(&mut self, now: Instant) -> Vec<(Caller, CallError)> {
+    /// The sequence whose step `ticket` is.
+    pub(super) fn sequence_of(&self, ticket: Ticket) -> Option<u64> {
+        match self.pending.get(&ticket)?.then {
+            Then::Sequence(number) => Some(number),
+            _ => None,
+        }
+    }
+
+    /// Takes out the calls whose time is over, each with how it ended.
+    pub(super) fn expire(&mut self, now: Instant) -> Vec<(Ended, Outcome)> {
         let queue = &mut self.queue;
         let late = self.pending.extract_if(|_, pending| pending.deadline <= now);
-        late.map(|(ticket, Pending { caller, lines, .. })| {
+        late.map(|(ticket, Pending { caller, lines, then, .. })| {
             let never_begun = queue.take_back(ticket);
-            (caller, if never_begun { CallError::Busy } else { CallError::TimedOut { lines } })
+            let outcome = if never_begun { Outcome::Busy } else { Outcome::TimedOut };
+            (Ended { caller, lines, is_overlong: false, then }, outcome)
         })
         .collect()
     }

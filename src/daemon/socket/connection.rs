@@ -14,7 +14,7 @@ use crate::daemon::shared::queue::Unsolicited;
 use crate::protocol::{CALL_MAX, Inbox, Message, Reply, frame::TooLong, message::encode};
 
 /// No further call is begun while this much output waits, in bytes.
-const HIGH_WATER: usize = 64 * 1024;
+pub(super) const HIGH_WATER: usize = 64 * 1024;
 /// The longest call of an observer, in bytes. A watch of all 128 registers needs about 2 KiB.
 const OBSERVER_CALL_MAX: usize = 8 * 1024;
 /// Unsolicited texts are counted as lost while this much output waits, in bytes.

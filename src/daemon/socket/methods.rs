@@ -9,6 +9,7 @@ use serde_json::json;
 
 use super::jobs::{self, JobCall};
 use super::policy::Role;
+use super::sequences::{Batch, SequenceCall};
 use crate::daemon::shared::info::Info;
 use crate::daemon::shared::queue::{DEFAULT_TIMEOUT, LINE_MAX, READ_MAX, Text};
 use crate::function::variable_read::VariableEntry;
@@ -68,6 +69,8 @@ pub enum Action {
     Stream,
     /// Renew the caller's lease on a jog.
     Renew,
+    /// Begin a sequence, or go on with the one that the caller has.
+    Sequence(SequenceCall),
 }
 
 /// A method of the board's interface.
@@ -90,7 +93,7 @@ const fn method(
 }
 
 /// Every method, in the order of the interface's definition.
-const METHODS: [Method; 19] = {
+const METHODS: [Method; 21] = {
     use Function::{Ascii, Gather, Panel, Rotary, Variables};
     use Role::{Engineer, Observe, Operate};
     [
@@ -103,6 +106,14 @@ const METHODS: [Method; 19] = {
             Reply::with(info.settings()).map(Action::Reply)
         }),
         method("Send", Engineer, Some(Ascii), |call, _| send(parameters(call)?)),
+        method("RunLines", Engineer, Some(Ascii), |call, _| {
+            let batch = Batch::of(parameters(call)?)?;
+            streams(call, Action::Sequence(SequenceCall::Lines(batch)))
+        }),
+        method("SequenceRenew", Observe, None, |call, _| {
+            let calls::NoParameters {} = parameters(call)?;
+            Ok(Action::Sequence(SequenceCall::Renew))
+        }),
         method("SendControl", Operate, Some(Ascii), |call, _| send_control(&parameters(call)?)),
         method("Read", Observe, None, |call, info| read(&parameters(call)?, info.family())),
         method("Messages", Observe, Some(Ascii), |call, _| {
@@ -338,7 +349,7 @@ mod tests {
         };
         let methods = BOARD_DESCRIPTION.lines().filter_map(|line| line.strip_prefix("method "));
         let methods: Vec<_> = methods.filter_map(|line| line.split('(').next()).collect();
-        assert_eq!(methods.len(), 19, "{methods:?}");
+        assert_eq!(methods.len(), 21, "{methods:?}");
         for method in methods {
             let call = json!({"method": format!("{BOARD}.{method}"), "parameters": {}});
             let call: Call = serde_json::from_value(call).unwrap();
@@ -348,7 +359,10 @@ mod tests {
             };
             let needed = METHODS.iter().find(|known| known.name == method).unwrap().function;
             assert_eq!(refused(json!([])), needed.is_some(), "{method}");
-            assert_eq!(needed.is_none(), ["GetInfo", "GetSettings", "Read", "Write"].contains(&method));
+            assert_eq!(
+                needed.is_none(),
+                ["GetInfo", "GetSettings", "SequenceRenew", "Read", "Write"].contains(&method)
+            );
             assert!(!needed.is_some_and(|function| refused(json!([function]))), "{method}");
         }
     }

@@ -12,6 +12,7 @@ pub mod listener;
 pub mod methods;
 pub mod options;
 pub mod policy;
+mod sequences;
 pub mod server;
 mod time_quota;
 mod watches;

@@ -7,6 +7,7 @@
 //! the round (`time_quota`), and commands for the board take turns (`fair_queue`).
 
 mod calls;
+mod sequencing;
 pub mod stepper;
 
 use std::collections::BTreeMap;
@@ -20,6 +21,7 @@ use log::error;
 use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
 use nix::sys::eventfd::{EfdFlags, EventFd};
 
+use self::sequencing::LAST_STEPS;
 use super::admission::Admission;
 use super::audit::AuditLimit;
 use super::call_table::CallTable;
@@ -28,9 +30,10 @@ use super::leases::Leases;
 use super::listener::Listener;
 use super::options::{ServeError, ServeOptions};
 use super::policy::{Peer, PolicyError};
+use super::sequences::Sequences;
 use super::watches::Watches;
 use crate::daemon::shared::info::Info;
-use crate::daemon::shared::queue::{Command, Event, Receive, Sender};
+use crate::daemon::shared::queue::{Command, Event, Outcome, Receive, Sender};
 use crate::protocol::board::{ReadReply, RotaryStateReply};
 use crate::protocol::{Call, CallError, Reply};
 
@@ -95,10 +98,13 @@ struct Service {
     clients: Clients,
     calls: CallTable,
     leases: Leases,
+    sequences: Sequences,
     watches: Watches,
     audit: AuditLimit,
     events: Receive<Event>,
     info: Info,
+    /// The daemon stops: no call is begun any more.
+    stopping: bool,
 }
 
 impl Service {
@@ -109,10 +115,12 @@ impl Service {
             clients: Clients::new(options.patience),
             calls: CallTable::new(commands),
             leases: Leases::default(),
+            sequences: Sequences::default(),
             watches: Watches::new(info.settings().plan.variable_read_entries as usize),
             audit: AuditLimit::default(),
             events,
             info,
+            stopping: false,
         })
     }
 
@@ -132,7 +140,26 @@ impl Service {
             self.round(ready, Instant::now());
         }
         self.end_leases();
+        self.end_sequences(stop);
         self.end(Instant::now());
+    }
+
+    /// Serves on until the sequences have come to their end, or have had their time.
+    fn end_sequences(&mut self, stop: &EventFd) {
+        // It has been heard, and must not end the waits that follow.
+        let _ = stop.read();
+        let latest = Instant::now() + LAST_STEPS;
+        self.stop_sequences(Instant::now());
+        while self.has_sequences() {
+            let left = latest.saturating_duration_since(Instant::now());
+            let timeout = PollTimeout::try_from(left).unwrap_or(PollTimeout::ZERO).min(self.timeout());
+            match self.wait(stop, timeout) {
+                _ if left.is_zero() => break,
+                Ok(ready) => self.round(ready, Instant::now()),
+                Err(nix::Error::EINTR) => {}
+                Err(_) => break,
+            }
+        }
     }
 
     /// Does all there is to be done now.
@@ -150,6 +177,7 @@ impl Service {
         }
         self.expire(now);
         self.end_lapsed_leases(now);
+        self.tend_sequences(now);
         let gone = self.clients.remove_finished();
         for client in &gone {
             self.watches.forget(*client);
@@ -182,6 +210,7 @@ impl Service {
             self.clients.next_deadline(),
             self.admission.next_deadline(),
             self.leases.next_end(),
+            self.sequences.next_moment(),
             self.audit.next_end(),
             self.watches.next_try(),
         ];
@@ -283,6 +312,12 @@ impl Service {
                 self.reply_to(ticket, Reply::with(&ReadReply { time_ns, words }), now);
             }
             Event::Rotary(ticket, state) => {
+                if let Some(number) = self.calls.sequence_of(ticket) {
+                    if let Some(ended) = self.calls.end(ticket) {
+                        self.step_done(number, ended, Outcome::Done, Some(state), now);
+                    }
+                    return;
+                }
                 let reply = RotaryStateReply {
                     ahead_commands: state.ahead_commands,
                     ahead_lines: state.ahead_lines,
@@ -313,8 +348,8 @@ impl Service {
             let what = format_args!("dropped a connection of uid {uid} pid {pid}: stopped half-way");
             self.audit.tell(uid, what, now);
         }
-        for (caller, error) in self.calls.expire(now) {
-            self.answer(caller, Err(error), now);
+        for (ended, outcome) in self.calls.expire(now) {
+            self.give_up(ended, outcome, now);
         }
     }
 }

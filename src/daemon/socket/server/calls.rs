@@ -28,6 +28,7 @@ const OWN_JOB_TIMEOUT: Duration = Duration::from_secs(5);
 impl Service {
     /// Begins a call: answers it, or has the board asked.
     pub(super) fn begin(&mut self, id: u64, call: &Call, now: Instant) {
+        self.sequences.renew(id, now);
         let Some(client) = self.clients.get(id) else { return };
         let caller = Caller { client: id, peer: client.peer(), oneway: call.oneway == Some(true) };
         // What was asked by somebody who has gone without waiting for the answer is not begun any more.
@@ -70,6 +71,7 @@ impl Service {
                     client.wait_for(Waiting::Messages(0));
                 }
             }
+            Action::Sequence(call) => return self.sequence_call(caller, call, now),
             Action::Renew => {
                 let renewed = self.leases.renew(caller.client, now);
                 return renewed.map(|()| Some(Reply::done())).map_err(lease_over);
@@ -207,13 +209,24 @@ impl Service {
 
     /// Hands the bus thread what it has room for.
     pub(super) fn hand_out(&mut self, now: Instant) {
-        for caller in self.calls.hand_out(now, |client| self.clients.hears(client)) {
-            self.answer(caller, Err(CallError::Busy), now);
+        for ended in self.calls.hand_out(now, |client| self.clients.hears(client)) {
+            self.give_up(ended, Outcome::Busy, now);
+        }
+    }
+
+    /// The bus thread has not answered, or was not asked.
+    pub(super) fn give_up(&mut self, ended: Ended, outcome: Outcome, now: Instant) {
+        match ended.then {
+            Then::Sequence(number) => self.step_done(number, ended, outcome, None, now),
+            _ => self.answer(ended.caller, outcome_reply(outcome, ended.lines, false), now),
         }
     }
 
     /// The bus thread has done what `ended` asked of it, or not.
     pub(super) fn on_end(&mut self, ended: Ended, outcome: Outcome, now: Instant) {
+        if let Then::Sequence(number) = ended.then {
+            return self.step_done(number, ended, outcome, None, now);
+        }
         let Ended { caller, lines, is_overlong, then } = ended;
         let then = match then {
             Then::Job(mut call) => {
@@ -394,11 +407,20 @@ impl Service {
 
 /// What a call is answered whose command ended so.
 fn outcome_reply(outcome: Outcome, lines: Vec<String>, is_overlong: bool) -> Result<Reply, CallError> {
+    Reply::with(&SendReply { lines: reply_lines(outcome, lines, is_overlong)? })
+}
+
+/// The lines of the board's reply, or why they are not there.
+pub(super) fn reply_lines(
+    outcome: Outcome,
+    lines: Vec<String>,
+    is_overlong: bool,
+) -> Result<Vec<String>, CallError> {
     match outcome {
         Outcome::Done if is_overlong => Err(CallError::Unavailable {
             reason: format!("the board's reply is longer than {COLLECT_MAX} bytes"),
         }),
-        Outcome::Done => Reply::with(&SendReply { lines }),
+        Outcome::Done => Ok(lines),
         Outcome::Error(code) => {
             let meaning = meaning(code).unwrap_or("an error number without a documented meaning").to_owned();
             Err(CallError::Board { code, meaning, lines })

@@ -78,11 +78,12 @@ impl ServerStepper {
         self.service.clients.iter().any(|(_, client)| client.waits_for_board())
     }
 
-    /// When the first jog that a connection holds is stopped, unless it is renewed.
+    /// When the first jog that a connection holds is stopped, or the first sequence ended, unless it is renewed.
     #[must_use]
     pub fn first_lease_end(&self) -> Option<Instant> {
-        let Service { leases, clients, .. } = &self.service;
-        leases.first_end(|client| clients.get(client).is_some())
+        let Service { leases, sequences, clients, .. } = &self.service;
+        let held = leases.first_end(|client| clients.get(client).is_some());
+        held.into_iter().chain(sequences.first_lapse()).min()
     }
 
     /// What the server keeps now.
@@ -98,6 +99,18 @@ impl ServerStepper {
             watched: watches.watched(),
             longest_output: clients.iter().map(|(_, client)| client.unsent()).max().unwrap_or(0),
         }
+    }
+
+    /// Begins to stop: every sequence is brought to its end. [`Self::end`] may follow when [`Self::has_sequences`] says that none is
+    /// left.
+    pub fn begin_end(&mut self, now: Instant) {
+        self.service.stop_sequences(now);
+    }
+
+    /// Whether sequences run.
+    #[must_use]
+    pub fn has_sequences(&self) -> bool {
+        self.service.has_sequences()
     }
 
     /// Stops: jogs that are held are stopped, and those who wait are told.

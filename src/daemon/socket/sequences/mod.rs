@@ -1,0 +1,144 @@
+//! Sequences: lines and jobs that belong together, run on a shared board by the daemon for one client.
+//!
+//! A download, a restore, a gather or a stream is a sequence. It has one owner, a connection, and holds a [`Resource`] that no
+//! other sequence gets meanwhile. It ends when it is done, when its owner says so, or when the owner is gone or silent
+//! ([`LEASE`]), when somebody else ends it, or when the daemon stops. Whatever ends it, the daemon carries out the steps that its end needs
+//! (`CLOSE`, `ENDGATHER`, a variable put back), also when its owner has gone.
+//!
+//! # A new sequence
+//! It is a step machine without I/O: a type that implements [`Sequence`]. The server asks it for a [`Step`], has the bus thread
+//! do it, and gives what became of it to the next call of [`Sequence::next`].
+//! * Begin: a method of the socket (`methods.rs`) gives `Action::Sequence(SequenceCall::…)`; `server/sequencing.rs` makes
+//!   the machine of it. The caller waits until the machine says [`Step::Answer`] or [`Step::Over`]. [`Step::Tell`]
+//!   before that streams to a caller that asked for `more`.
+//! * Rest: after [`Step::Answer`] nothing happens until the owner calls again ([`Sequence::asked`]), an event of the machine's own
+//!   making is due ([`Step::Wait`]), or an end comes. While it rests the lease runs: any call on the
+//!   owner's connection renews it. While a call is under way it does not run: the daemon is busy for its owner then.
+//! * End: [`Sequence::end`] says why. The step under way is finished first and its outcome given; from then on every step must
+//!   serve the end, be bounded, and lead to [`Step::Over`].
+
+mod lines;
+mod table;
+
+use std::fmt;
+use std::time::{Duration, Instant};
+
+pub use lines::Batch;
+pub(super) use lines::Lines;
+pub(super) use table::{Sequences, Waits};
+
+use crate::daemon::shared::job::Job;
+use crate::daemon::shared::queue::{LINE_MAX, Outcome, Text};
+use crate::function::rotary::RotaryState;
+use crate::protocol::{CallError, Reply};
+
+/// How long an owner may be silent while nothing is done for it.
+pub(super) const LEASE: Duration = Duration::from_secs(5);
+/// How long each step of an end may take.
+pub(super) const END_STEP: Duration = Duration::from_secs(2);
+
+/// What a sequence has of the board. Two sequences never have the same.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Resource {
+    /// The board's variables and program buffers, as far as lines one after the other change or list them.
+    Lines,
+}
+
+impl fmt::Display for Resource {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Lines => "one sequence of lines runs at a time",
+        })
+    }
+}
+
+/// What is to be done next.
+#[derive(Debug)]
+pub(super) enum Step {
+    /// Send a line.
+    Line {
+        /// The line.
+        line: Text<LINE_MAX>,
+        /// How long the board may take.
+        timeout: Duration,
+    },
+    /// Have the bus thread do a job.
+    #[expect(dead_code, reason = "no sequence of lines has a job to do")]
+    Job {
+        /// The job.
+        job: Box<Job>,
+        /// How long it may take.
+        timeout: Duration,
+    },
+    /// Nothing before this moment. An end, or a call of the owner, ends the waiting.
+    Wait(Instant),
+    /// Tell the owner something, as one of several replies, and go on.
+    Tell(Reply),
+    /// Answer the owner's call, and rest until it calls again or an end comes.
+    Answer(Result<Reply, CallError>),
+    /// It is over. Answers the owner's call, if one is under way.
+    Over(Result<Reply, CallError>),
+}
+
+/// What became of a [`Step::Line`] or [`Step::Job`].
+#[derive(Debug)]
+pub(super) struct Done {
+    /// How it ended.
+    pub outcome: Outcome,
+    /// The lines of the board's reply, or what a caller would be told of the failure.
+    pub result: Result<Vec<String>, CallError>,
+    /// How far the rotary buffer is, after a job that asks for it.
+    #[expect(dead_code, reason = "no sequence of lines asks for it")]
+    pub rotary: Option<RotaryState>,
+}
+
+/// Why a sequence ends before it is done.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Ending {
+    /// Its owner's connection is gone.
+    OwnerGone,
+    /// Its owner has been silent for longer than [`LEASE`].
+    OwnerSilent,
+    /// The daemon stops.
+    Stopping,
+}
+
+impl fmt::Display for Ending {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::OwnerGone => "its client is gone",
+            Self::OwnerSilent => "its client is silent",
+            Self::Stopping => "pmacd is stopping",
+        })
+    }
+}
+
+/// What a client asks of a sequence, or begins one with.
+#[derive(Debug)]
+pub enum SequenceCall {
+    /// Be told that its owner is still there.
+    Renew,
+    /// Send these lines.
+    Lines(Batch),
+}
+
+/// A step machine; the module tells how it is driven.
+pub(super) trait Sequence: fmt::Debug + Send {
+    /// What it has of the board.
+    fn resource(&self) -> Resource;
+
+    /// What people call it: `download`, `gather`.
+    fn name(&self) -> &str;
+
+    /// The next step. `done` is what became of the line or job before; `None` at the beginning, and after every other step.
+    fn next(&mut self, done: Option<Done>, now: Instant) -> Step;
+
+    /// Its owner calls: the steps that follow are for this call.
+    ///
+    /// # Errors
+    /// What to answer instead; nothing changes then.
+    fn asked(&mut self, call: SequenceCall, now: Instant) -> Result<(), CallError>;
+
+    /// It ends, for this reason. Told once.
+    fn end(&mut self, why: Ending);
+}

@@ -1,0 +1,180 @@
+//! Which sequences run, whose each is, and when its owner has been silent too long.
+
+use std::collections::BTreeMap;
+use std::fmt;
+use std::time::Instant;
+
+use super::{Ending, LEASE, Resource, Sequence};
+use crate::daemon::socket::call_table::Caller;
+use crate::daemon::socket::policy::Peer;
+use crate::protocol::CallError;
+
+/// Whose a sequence is.
+#[derive(Debug, Clone, Copy)]
+pub(in crate::daemon::socket) struct Owner {
+    /// The connection.
+    pub client: u64,
+    /// The other end of it.
+    pub peer: Peer,
+    /// Since when.
+    pub since: Instant,
+}
+
+/// What a sequence waits for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(in crate::daemon::socket) enum Waits {
+    /// The bus thread, which does a step.
+    Board,
+    /// This moment.
+    Until(Instant),
+    /// Its owner.
+    Owner,
+}
+
+/// A sequence that runs.
+#[derive(Debug)]
+pub(in crate::daemon::socket) struct Running {
+    /// What to do.
+    pub machine: Box<dyn Sequence>,
+    /// Whose it is.
+    pub owner: Owner,
+    /// The owner's call that waits for an answer.
+    pub call: Option<Caller>,
+    /// What it waits for.
+    pub waits: Waits,
+    /// When its owner was heard last.
+    heard: Instant,
+    /// Why it ends, once it does.
+    pub ending: Option<Ending>,
+}
+
+impl Running {
+    /// When it lapses: only while its owner is the one who has to say something.
+    fn lapses(&self) -> Option<Instant> {
+        (self.ending.is_none() && self.call.is_none()).then(|| self.heard + LEASE)
+    }
+}
+
+/// Who has what, as another user is told.
+struct InUse<'a>(&'a Running, Instant);
+
+impl fmt::Display for InUse<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self(Running { machine, owner: Owner { peer, since, .. }, ending, .. }, now) = self;
+        let seconds = now.saturating_duration_since(*since).as_secs();
+        let resource = machine.resource();
+        write!(
+            f,
+            "{resource}: uid {} (pid {}) has run a {} for {seconds} s",
+            peer.uid,
+            peer.pid,
+            machine.name()
+        )?;
+        match ending {
+            Some(why) => write!(f, ", which pmacd is ending ({why})"),
+            None => Ok(()),
+        }
+    }
+}
+
+/// Every sequence, by a number that is never used again.
+#[derive(Debug, Default)]
+pub(in crate::daemon::socket) struct Sequences {
+    running: BTreeMap<u64, Running>,
+    next: u64,
+}
+
+impl Sequences {
+    /// Takes a sequence in. Its number.
+    ///
+    /// # Errors
+    /// Who has what it needs.
+    pub(in crate::daemon::socket) fn begin(
+        &mut self,
+        machine: Box<dyn Sequence>,
+        caller: Caller,
+        now: Instant,
+    ) -> Result<u64, CallError> {
+        let resource = machine.resource();
+        if let Some(other) = self.running.values().find(|other| other.machine.resource() == resource) {
+            let reason = format!("{}; nothing was sent, try again when it is over", InUse(other, now));
+            return Err(CallError::Refused { reason });
+        }
+        let owner = Owner { client: caller.client, peer: caller.peer, since: now };
+        let number = self.next;
+        self.next += 1;
+        let running =
+            Running { machine, owner, call: Some(caller), waits: Waits::Owner, heard: now, ending: None };
+        self.running.insert(number, running);
+        Ok(number)
+    }
+
+    /// Sequence `number`, if it runs.
+    pub(in crate::daemon::socket) fn get_mut(&mut self, number: u64) -> Option<&mut Running> {
+        self.running.get_mut(&number)
+    }
+
+    /// The number of the sequence that `client` has on `resource`, unless it is ending.
+    pub(in crate::daemon::socket) fn of_client(&self, client: u64, resource: Resource) -> Option<u64> {
+        let mut all = self.running.iter();
+        let is_it = |running: &Running| {
+            running.owner.client == client
+                && running.machine.resource() == resource
+                && running.ending.is_none()
+        };
+        all.find(|(_, running)| is_it(running)).map(|(&number, _)| number)
+    }
+
+    /// `client` is still there. How many sequences it has.
+    pub(in crate::daemon::socket) fn renew(&mut self, client: u64, now: Instant) -> usize {
+        let own = self.running.values_mut().filter(|running| running.owner.client == client);
+        own.map(|running| running.heard = now).count()
+    }
+
+    /// A sequence is over.
+    pub(in crate::daemon::socket) fn over(&mut self, number: u64) -> Option<Running> {
+        self.running.remove(&number)
+    }
+
+    /// The sequences that have to end now, each with the reason: their owner does not hear (`hears`) or was silent too long, or
+    /// all of them, because the daemon stops.
+    pub(in crate::daemon::socket) fn lapsed(
+        &self,
+        now: Instant,
+        hears: impl Fn(u64) -> bool,
+        stopping: bool,
+    ) -> Vec<(u64, Ending)> {
+        let ends = |running: &Running| match running.ending {
+            Some(_) => None,
+            None if stopping => Some(Ending::Stopping),
+            None if !hears(running.owner.client) => Some(Ending::OwnerGone),
+            None => running.lapses().is_some_and(|end| end <= now).then_some(Ending::OwnerSilent),
+        };
+        self.running.iter().filter_map(|(&number, running)| Some((number, ends(running)?))).collect()
+    }
+
+    /// The sequences whose waiting is over.
+    pub(in crate::daemon::socket) fn due(&self, now: Instant) -> Vec<u64> {
+        let is_due = |running: &Running| matches!(running.waits, Waits::Until(moment) if moment <= now);
+        self.running.iter().filter(|(_, running)| is_due(running)).map(|(&number, _)| number).collect()
+    }
+
+    /// When the next waiting or lease is over.
+    pub(in crate::daemon::socket) fn next_moment(&self) -> Option<Instant> {
+        let waiting = self.running.values().filter_map(|running| match running.waits {
+            Waits::Until(moment) => Some(moment),
+            _ => None,
+        });
+        waiting.chain(self.first_lapse()).min()
+    }
+
+    /// When the first owner has been silent too long.
+    pub(in crate::daemon::socket) fn first_lapse(&self) -> Option<Instant> {
+        self.running.values().filter_map(Running::lapses).min()
+    }
+
+    /// How many run.
+    pub(in crate::daemon::socket) fn count(&self) -> usize {
+        self.running.len()
+    }
+}

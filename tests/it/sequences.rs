@@ -1,0 +1,129 @@
+//! Sequences: one owner at a time, and an end that the daemon carries out whatever becomes of the owner.
+
+use std::time::Duration;
+
+use pmac_dpram::client::command::lines::LinesOptions;
+use pmac_dpram::client::{CommandError, Connection};
+use pmac_dpram::protocol::CallError;
+use pmac_dpram::protocol::board::{LineOutcome, RunLinesReply};
+use serde_json::{Value, json};
+
+use crate::support::VirtualSite;
+use crate::support::raw::{Raw, call, error_name};
+
+const DOWNLOAD: LinesOptions<'_> =
+    LinesOptions { kind: "download", timeout: Duration::from_secs(5), keep_going: false };
+
+fn run(connection: &mut Connection, lines: &[&str]) -> (Vec<RunLinesReply>, RunLinesReply) {
+    let mut told = Vec::new();
+    let over = connection.run_lines(DOWNLOAD, lines, |reply| {
+        told.push(reply.clone());
+        true
+    });
+    (told, over.unwrap())
+}
+
+/// Lines of a sequence that does not end with them, over a connection that a test holds.
+fn begin(site: &VirtualSite, lines: &[&str]) -> Raw {
+    let mut client = Raw::at(&site.socket());
+    let mut bytes = call("RunLines", json!({ "kind": "download", "lines": lines, "last": false }));
+    let place = bytes.len() - 2;
+    bytes.splice(place..place, br#","more":true"#.iter().copied());
+    client.send(&bytes);
+    for _ in lines {
+        assert_eq!(client.receive().unwrap()["continues"], true);
+    }
+    let rests = client.receive().unwrap();
+    assert_eq!((&rests["parameters"]["over"], &rests["parameters"]["line"]), (&json!(false), &Value::Null));
+    client
+}
+
+/// With a buffer open it would be no question.
+#[track_caller]
+fn assert_closed(site: &VirtualSite) {
+    site.wait_until("the buffer to be closed", || site.ask("P5") == ["7"]);
+}
+
+#[test]
+fn b1_1_lines_run_in_order_and_tell_their_replies() {
+    let site = VirtualSite::running(&[], &[]);
+    let mut connection = site.connection();
+    let lines: Vec<String> = (0..300).map(|number| format!("P{number}={number}")).collect();
+    let lines: Vec<&str> = lines.iter().map(String::as_str).chain(["P299", "P5 P6"]).collect();
+    let (told, over) = run(&mut connection, &lines);
+    assert_eq!(told.len(), 302);
+    assert!(
+        told.iter().zip(0..).all(|(reply, number)| reply.line == Some(number) && reply.taken == number + 1)
+    );
+    assert_eq!((told[300].lines.as_slice(), told[301].lines.len()), (["299".to_owned()].as_slice(), 2));
+    assert_eq!((over.taken, over.notes.len(), over.over, over.line), (302, 0, true, None));
+    // The same connection can be used again.
+    let (told, over) = run(&mut connection, &["P5=7", "UUU", "P5=8"]);
+    let failure = told[1].failure.as_ref().unwrap();
+    assert_eq!((failure.outcome, failure.code), (LineOutcome::Refused, Some(3)));
+    assert_eq!((told.len(), over.taken), (2, 1));
+    assert_eq!(site.ask("P5"), ["7"]);
+    site.assert_no_violations();
+}
+
+#[test]
+fn b1_1_a_second_sequence_is_refused_with_the_owners_name() {
+    let site = VirtualSite::running(&[], &[]);
+    let owner = begin(&site, &["P5=7"]);
+    let refused = site.connection().run_lines(DOWNLOAD, &["P5=8"], |_| true).unwrap_err();
+    let CommandError::Refused(CallError::Refused { reason }) = refused else { panic!("{refused:?}") };
+    let uid = nix::unistd::getuid();
+    let expected = format!("uid {uid} (pid {}) has run a download for ", std::process::id());
+    assert!(reason.contains(&expected) && reason.contains("nothing was sent"), "{reason}");
+    assert_eq!(site.ask("P5"), ["7"]);
+    drop(owner);
+    site.wait_until("the place to be free", || {
+        site.connection().run_lines(DOWNLOAD, &["P6=1"], |_| true).is_ok()
+    });
+}
+
+#[test]
+fn b1_1_the_daemon_closes_what_a_dead_client_has_left_open() {
+    let site = VirtualSite::running(&[], &[]);
+    site.ask("P5=7");
+    drop(begin(&site, &["OPEN PROG 9 CLEAR", "X1", "X2"]));
+    assert_closed(&site);
+    assert_eq!(site.ask("LIST PROG 9"), ["X1", "X2"]);
+    let log = site.log();
+    assert!(log.contains("ends the download") && log.contains("its client is gone"), "{log}");
+    site.assert_no_violations();
+}
+
+#[test]
+fn b1_1_the_daemon_closes_what_a_silent_client_has_left_open() {
+    let site = VirtualSite::running(&[], &[]);
+    site.ask("P5=7");
+    let mut client = begin(&site, &["OPEN PROG 9 CLEAR", "X1"]);
+    // Whoever says that he is there keeps it.
+    for _ in 0..4 {
+        site.run_for(Duration::from_secs(3));
+        client.call("SequenceRenew", json!({}));
+        assert_eq!(client.receive().unwrap().get("error"), None);
+    }
+    site.hold();
+    site.run_for(Duration::from_secs(6));
+    site.go_on();
+    assert_closed(&site);
+    assert!(site.log().contains("its client is silent"), "{}", site.log());
+    client.call("SequenceRenew", json!({}));
+    assert_eq!(error_name(&client.receive().unwrap()), "Refused");
+    site.assert_no_violations();
+}
+
+#[test]
+fn b1_1_the_daemon_closes_what_is_open_when_it_stops() {
+    let site = VirtualSite::running(&[], &[]);
+    site.ask("P5=7");
+    let _client = begin(&site, &["OPEN PROG 9 CLEAR", "X1"]);
+    site.stop_daemon();
+    site.start_daemon(&[]);
+    site.wait_for_live_servo();
+    assert_eq!(site.ask("P5"), ["7"]);
+    assert_eq!(site.ask("LIST PROG 9"), ["X1"]);
+    site.assert_no_violations();
+}
