@@ -20,6 +20,7 @@ use pmac_dpram::function::variable_read::{
 };
 use pmac_dpram::function::variable_write::{POLL_RECORDS, VariableWriter, WriteRecord};
 use pmac_dpram::gather::GatherMode;
+use pmac_dpram::map::functions::VARIABLE_READ_ENTRIES;
 use pmac_dpram::map::{
     BufferLayout, BufferSettings, Family, GatherPlace, HostOffset, Layout, PMAC, Region, Space, VariableKind,
     pmac,
@@ -236,7 +237,7 @@ impl Functions {
             }
         }
         assert_eq!(self.reader.values().len(), self.reader.entries().len());
-        assert!(self.reader.entries().len() <= pmac::VARIABLE_READ_ENTRIES);
+        assert!(self.reader.entries().len() <= VARIABLE_READ_ENTRIES);
         let accesses = bus.take_accesses();
         assert!(accesses <= 2 * POLL_WORDS as u32 + 128 + 4, "{accesses}");
         let place = self.plan.variable_read();

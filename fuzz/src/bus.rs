@@ -1,6 +1,7 @@
 //! A board's memory that somebody else writes: before a function looks, and between two of its accesses.
 
 use pmac_dpram::device::{Bus, BusError, ByteBus, ByteBusError};
+use pmac_dpram::map::functions::response;
 use pmac_dpram::map::{HostOffset, PmacAddress, PmacRegister, Space, pmac};
 
 use super::tape::Tape;
@@ -77,12 +78,9 @@ impl RamBus {
                     self.words[at + n] = u16::from_le_bytes([pair[0], pair.get(1).copied().unwrap_or(0)]);
                 }
                 self.words[pmac::ASCII_INPUT_COUNT.word()] = text.len() as u16 + 1;
-                self.words[pmac::ASCII_INPUT_CONTROL.word()] = [
-                    pmac::RESPONSE_LINE,
-                    pmac::RESPONSE_ACKNOWLEDGE,
-                    pmac::RESPONSE_TO_PROGRAM,
-                    pmac::RESPONSE_MESSAGE,
-                ][usize::from(tape.u8() & 3)];
+                self.words[pmac::ASCII_INPUT_CONTROL.word()] =
+                    [response::LINE, response::ACKNOWLEDGE, response::TO_PROGRAM, response::MESSAGE]
+                        [usize::from(tape.u8() & 3)];
             }
             _ => {
                 if self.changes.len() < 16 {

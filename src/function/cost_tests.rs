@@ -15,10 +15,10 @@ use super::variable_write::{VariableWriter, WritePoll, WriteRecord};
 use crate::device::{Access, Bus, Counted, FileBoard};
 use crate::gather::GatherMode;
 use crate::map::family::testing::TESTED;
-use crate::map::functions::rotary_header;
+use crate::map::functions::{VARIABLE_READ_ENTRY_READY, rotary_header};
 use crate::map::pmac::{
     BACKGROUND_DATA_READY, BACKGROUND_SERVO_TIMER, DATA_READY, SERVO_PMAC_STATUS, VARIABLE_READ_CONTROL,
-    VARIABLE_READ_ENTRY_READY, VARIABLE_WRITE_COUNT,
+    VARIABLE_WRITE_COUNT,
 };
 use crate::map::{Family, HostOffset, Layout, PMAC, Region, VariableKind};
 use crate::rotary::START_OF_LINE;

@@ -3,7 +3,7 @@
 //! Other ports send `ERR003` as text; the DPRAM port sets bit 15 of the response control word and puts the number in
 //! bits 11-0 as three BCD digits, so ERR017 is 0x8017 (DPRAM manual p. 29, Software Reference p. 25).
 
-use super::pmac::RESPONSE_ERROR;
+use super::functions::response;
 
 /// Every documented error number with its meaning, ascending. 18 and above are Turbo's.
 pub const ERRORS: &[(u16, &str)] = &[
@@ -45,7 +45,7 @@ pub fn meaning(number: u16) -> Option<&'static str> {
 #[must_use]
 pub const fn from_control(control: u16) -> Option<u16> {
     let [hundreds, tens, ones] = [control >> 8 & 0xF, control >> 4 & 0xF, control & 0xF];
-    if control & RESPONSE_ERROR == 0 || hundreds > 9 || tens > 9 || ones > 9 {
+    if control & response::ERROR == 0 || hundreds > 9 || tens > 9 || ones > 9 {
         return None;
     }
     Some(100 * hundreds + 10 * tens + ones)

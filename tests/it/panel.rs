@@ -403,14 +403,6 @@ fn words_and_bits_are_written_where_they_are_open() {
         let (status, _, error) = site.pmacctl(wrong);
         assert_eq!((status, error.lines().count()), (2, 1), "{wrong:?}: {error}");
     }
-    for (wrong, reason) in [
-        (&["panel", "feed", "1", "-5%"] as &[&str], "a percentage must be 0 or more"),
-        (&["panel", "feed", "1", "-5", "--json"], "write 50%, a raw value from 0 to 32767, or off"),
-        (&["send", "--timeout", "-1", "P1"], "must be above 0"),
-    ] {
-        let (status, _, error) = site.pmacctl(wrong);
-        assert!(status == 2 && error.contains(reason) && !error.contains("unexpected"), "{error}");
-    }
     site.assert_no_violations();
 }
 

@@ -7,7 +7,8 @@ use pmac_dpram::device::{Bus, FileBoard};
 use pmac_dpram::function::gather::{GatherBuffer, GatherPoll, GatherReader, GatherStart, report_cycles};
 use pmac_dpram::function::servo_timer::ServoTimer;
 use pmac_dpram::gather::{GatherMode, GatherPlan, GatherRequest, ServoReport, Source, column, plan};
-use pmac_dpram::map::pmac::{ASCII_COMMAND, ASCII_INPUT_CONTROL, ASCII_OUTPUT_CONTROL, RESPONSE_ACKNOWLEDGE};
+use pmac_dpram::map::functions::response;
+use pmac_dpram::map::pmac::{ASCII_COMMAND, ASCII_INPUT_CONTROL, ASCII_OUTPUT_CONTROL};
 use pmac_dpram::map::{Layout, PMAC};
 
 use super::PATIENCE;
@@ -54,7 +55,7 @@ impl GatherRig {
             self.pass(1);
             match self.bus.read16(ASCII_INPUT_CONTROL).unwrap() {
                 0 => assert!(start.elapsed() < PATIENCE, "no answer to {line}"),
-                RESPONSE_ACKNOWLEDGE => break,
+                response::ACKNOWLEDGE => break,
                 other => panic!("{line}: 0x{other:04X}"),
             }
         }

@@ -36,23 +36,6 @@ pub const PANEL_OVERRIDE: HostOffset = at(0x0006);
 /// Bytes from one panel word to that of the next number.
 pub const PANEL_STRIDE: u32 = 4;
 
-/// Request bit: jog minus (motor). Together with [`PANEL_JOG_PLUS`]: stop.
-pub const PANEL_JOG_MINUS: u16 = 1 << 8;
-/// Request bit: jog plus (motor).
-pub const PANEL_JOG_PLUS: u16 = 1 << 9;
-/// Request bit: return to the position before the jog, `J=` (motor).
-pub const PANEL_PRE_JOG: u16 = 1 << 10;
-/// Request bit: run (coordinate system).
-pub const PANEL_START: u16 = 1 << 11;
-/// Request bit: step, or quit while running (coordinate system).
-pub const PANEL_STEP: u16 = 1 << 12;
-/// Request bit: abort (coordinate system).
-pub const PANEL_STOP: u16 = 1 << 13;
-/// Request bit: home search (motor).
-pub const PANEL_HOME: u16 = 1 << 14;
-/// Request bit: feed hold (coordinate system).
-pub const PANEL_FEED_HOLD: u16 = 1 << 15;
-
 // ---- servo fixed data (p. 14-17) ----
 
 /// Bit 0 is [`HOST_BUSY`]; the host's word.
@@ -181,7 +164,7 @@ pub const ASCII_COMMAND: HostOffset = at(0x0630);
 pub const ASCII_COMMAND_BYTES: usize = 160;
 /// Characters of the longest line PMAC takes, sent in two parts.
 pub const ASCII_LINE_LIMIT: usize = 200;
-/// What PMAC put into the response buffer: 0 nothing, else one of the `RESPONSE_` values. The host writes 0.
+/// What PMAC put into the response buffer: 0 nothing, else one of [`crate::map::functions::response`]. The host writes 0.
 pub const ASCII_INPUT_CONTROL: HostOffset = at(0x06D0);
 /// Characters in the response buffer, the NUL included.
 pub const ASCII_INPUT_COUNT: HostOffset = at(0x06D2);
@@ -192,27 +175,12 @@ pub const ASCII_RESPONSE_BYTES: usize = 256;
 
 /// In [`ASCII_OUTPUT_CONTROL`]: a line lies in the buffer; the host sets it, PMAC clears it when it took the line.
 pub const COMMAND_LOADED: u16 = 1 << 0;
-/// In [`ASCII_INPUT_CONTROL`]: a line of a reply; more follow.
-pub const RESPONSE_LINE: u16 = 0x000D;
-/// In [`ASCII_INPUT_CONTROL`]: the reply to a command a PMAC program issued (`CMD"..."`); no final acknowledge.
-pub const RESPONSE_TO_PROGRAM: u16 = 0x010D;
-/// In [`ASCII_INPUT_CONTROL`]: a message a PMAC program sent (`SEND"..."`); no final acknowledge.
-pub const RESPONSE_MESSAGE: u16 = 0x020D;
-/// In [`ASCII_INPUT_CONTROL`]: end of the reply.
-pub const RESPONSE_ACKNOWLEDGE: u16 = 0x0006;
-/// In [`ASCII_INPUT_CONTROL`]: an error; bits 11-0 are its number in three BCD digits.
-pub const RESPONSE_ERROR: u16 = 1 << 15;
-
 // ---- background variable write (p. 24-25) ----
 
 /// Records to write, 1-32; the host sets it, PMAC writes 0 when it has done them. Misprinted as 0x07E6.
 pub const VARIABLE_WRITE_COUNT: HostOffset = at(0x07D4);
 /// PMAC address of the first record, $D200-$DFFD. Misprinted as 0x07E8.
 pub const VARIABLE_WRITE_START: HostOffset = at(0x07D6);
-/// Records the write buffer takes at most.
-pub const VARIABLE_WRITE_RECORDS: usize = 32;
-/// 16-bit words in a write record.
-pub const VARIABLE_WRITE_RECORD_WORDS: usize = 6;
 
 /// The long between the buffers' headers that no text describes.
 pub const UNKNOWN_D1F6: HostOffset = at(0x07D8);
@@ -224,26 +192,6 @@ pub const ROTARY_1: HostOffset = at(0x07F0);
 /// Header of the second binary rotary buffer.
 pub const ROTARY_2: HostOffset = at(0x07DC);
 
-/// Where a rotary header's words lie, in 16-bit words from its start.
-pub mod rotary_header {
-    /// Bits 7-0 error code, [`super::ROTARY_BUSY`], [`super::ROTARY_ERROR`].
-    pub const STATUS: usize = 0;
-    /// The coordinate system the commands go to.
-    pub const COORDINATE_SYSTEM: usize = 1;
-    /// Where the host will write next, in longs from the buffer's start.
-    pub const HOST_INDEX: usize = 2;
-    /// Where PMAC will read next, in longs from the buffer's start.
-    pub const PMAC_INDEX: usize = 3;
-    /// The buffer's size in longs, even, at least 6.
-    pub const SIZE: usize = 4;
-    /// PMAC address of the buffer's start.
-    pub const START: usize = 5;
-}
-/// In a rotary status word: the internal rotary buffer is full.
-pub const ROTARY_BUSY: u16 = 1 << 14;
-/// In a rotary status word: error; bits 7-0 tell which.
-pub const ROTARY_ERROR: u16 = 1 << 15;
-
 // ---- background variable read (p. 21-24) ----
 
 /// Bit 0 is [`DATA_READY`] in single-user mode, bit 8 is [`VARIABLE_READ_MULTI_USER`].
@@ -254,14 +202,8 @@ pub const VARIABLE_READ_SERVO_TIMER: HostOffset = at(0x07EA);
 pub const VARIABLE_READ_COUNT: HostOffset = at(0x07EC);
 /// PMAC address of the table, $D200-$DFFD.
 pub const VARIABLE_READ_START: HostOffset = at(0x07EE);
-/// Entries the read buffer takes at most.
-pub const VARIABLE_READ_ENTRIES: usize = 128;
-/// 16-bit words in a read table entry.
-pub const VARIABLE_READ_ENTRY_WORDS: usize = 2;
 /// In [`VARIABLE_READ_CONTROL`]: every entry has its own ready bit.
 pub const VARIABLE_READ_MULTI_USER: u16 = 1 << 8;
-/// In an entry's type word, in multi-user mode: PMAC sets it after an update, the host clears it to have another.
-pub const VARIABLE_READ_ENTRY_READY: u16 = 1 << 15;
 
 // ---- gathering (p. 25-26) ----
 

@@ -3,6 +3,7 @@
 //! The identifiers are stable: `pmacctl map --json` and other programs use them.
 
 use super::pmac as at;
+use crate::map::functions::rotary_header;
 use crate::map::table::{Bits, Block, Format, NumberKind, Register, Source, Writer};
 use crate::map::{HostOffset, PmacAddress, Space};
 
@@ -348,7 +349,7 @@ macro_rules! rotary_header {
             Register::word(
                 "rotary",
                 concat!("buffer", $number, "_status"),
-                $start.plus_words(at::rotary_header::STATUS),
+                $start.plus_words(rotary_header::STATUS),
             )
             .is(concat!("rotary buffer ", $number, " status"), Bits16, "")
             .by(Pmac)
@@ -356,7 +357,7 @@ macro_rules! rotary_header {
             Register::word(
                 "rotary",
                 concat!("buffer", $number, "_cs"),
-                $start.plus_words(at::rotary_header::COORDINATE_SYSTEM),
+                $start.plus_words(rotary_header::COORDINATE_SYSTEM),
             )
             .is(concat!("rotary buffer ", $number, " coordinate system"), Unsigned16, "")
             .by(Host)
@@ -364,14 +365,14 @@ macro_rules! rotary_header {
             Register::word(
                 "rotary",
                 concat!("buffer", $number, "_host_index"),
-                $start.plus_words(at::rotary_header::HOST_INDEX),
+                $start.plus_words(rotary_header::HOST_INDEX),
             )
             .is(concat!("rotary buffer ", $number, " host index"), Unsigned16, LONGS)
             .by(Host),
             Register::word(
                 "rotary",
                 concat!("buffer", $number, "_pmac_index"),
-                $start.plus_words(at::rotary_header::PMAC_INDEX),
+                $start.plus_words(rotary_header::PMAC_INDEX),
             )
             .is(concat!("rotary buffer ", $number, " PMAC index"), Unsigned16, LONGS)
             .by(Pmac)
@@ -379,7 +380,7 @@ macro_rules! rotary_header {
             Register::word(
                 "rotary",
                 concat!("buffer", $number, "_size"),
-                $start.plus_words(at::rotary_header::SIZE),
+                $start.plus_words(rotary_header::SIZE),
             )
             .is(concat!("rotary buffer ", $number, " size"), Unsigned16, LONGS)
             .by(Host)
@@ -387,7 +388,7 @@ macro_rules! rotary_header {
             Register::word(
                 "rotary",
                 concat!("buffer", $number, "_start"),
-                $start.plus_words(at::rotary_header::START),
+                $start.plus_words(rotary_header::START),
             )
             .is(concat!("rotary buffer ", $number, " start"), Address, "")
             .by(Host)
