@@ -418,7 +418,8 @@ fn what_stops_waits_for_nobody_elses_lines() {
         let begun = site.with_world(|world| world.now());
         done(&site, stop);
         let took = site.with_world(|world| world.now()) - begun;
-        assert!(took < Duration::from_millis(100), "{stop:?}: {took:?}");
+        // A question takes 500 ms; the time passes while a program starts, too.
+        assert!(took < Duration::from_millis(400), "{stop:?}: {took:?}");
     }
     let _ = status(lines);
     site.assert_no_violations();
