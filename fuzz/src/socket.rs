@@ -6,7 +6,7 @@ use std::cell::RefCell;
 use pmac_dpram::daemon::shared::info::Info;
 use pmac_dpram::daemon::shared::job::Job;
 use pmac_dpram::daemon::socket::methods::{Action, Ask, parse_call};
-use pmac_dpram::daemon::socket::policy::Role;
+use pmac_dpram::daemon::socket::policy::{Characters, Role};
 use pmac_dpram::map::PMAC;
 use pmac_dpram::map::pmac;
 use pmac_dpram::protocol::message::encode;
@@ -17,7 +17,7 @@ use pmac_dpram::protocol::{
 /// First byte: the caller's role and whether method and parameters are wrapped up; second: where the stream is cut.
 pub fn body(data: &[u8]) {
     let [way, cut, rest @ ..] = data else { return };
-    let role = [Role::Engineer, Role::Operate, Role::Observe][usize::from(way % 3)];
+    let role = Role::ALL[usize::from(way % 4)];
     if way & 0x80 != 0 {
         return one_call(rest, role);
     }
@@ -62,14 +62,14 @@ fn handle(message: &[u8], role: Role) {
 fn judge(call: &Call, role: Role) {
     thread_local!(static INFO: RefCell<Info> =
         RefCell::new(Info::new(&PMAC, BoardInfo::default(), BoardSettings::default())));
-    let action = INFO.with_borrow(|info| parse_call(call, role, info));
+    let action = INFO.with_borrow(|info| parse_call(call, role, Characters::default(), info));
     match action {
         Err(error) => {
             let reply = Reply::of_error(&error);
             assert_eq!(through_the_wire(&reply).error(), Some(error));
         }
         Ok(Action::Reply(reply)) => drop(through_the_wire(&reply)),
-        Ok(Action::Stream | Action::Renew | Action::Sequence(_)) => {}
+        Ok(Action::Info | Action::Stream | Action::Renew | Action::Sequence(_)) => {}
         Ok(Action::Watch(entries)) => assert!(!entries.is_empty()),
         Ok(Action::Ask(ask)) => within_bounds(&ask, role),
     }
@@ -92,7 +92,7 @@ fn within_bounds(ask: &Ask, role: Role) {
             let line = line.as_bytes();
             assert!((1..=LINE_MAX).contains(&line.len()) && line.iter().all(|byte| (32..127).contains(byte)));
         }
-        Ask::Control { character } => assert!(role >= Role::Operate && (1..=31).contains(character)),
+        Ask::Control { character } => assert!(role >= Role::Stop && (1..=31).contains(character)),
         Ask::Read { first, count } => {
             assert!((1..=READ_MAX).contains(count) && first.bytes() < 1 << 20 && first.bytes() % 2 == 0);
         }
@@ -105,7 +105,7 @@ fn within_bounds(ask: &Ask, role: Role) {
 
 fn job(job: &Job, role: Role) {
     match job {
-        Job::Panel(_) | Job::Override { .. } => assert!(role >= Role::Operate),
+        Job::Panel(_) | Job::Override { .. } => assert!(role >= Role::Stop),
         Job::WatchVariables(_) => panic!("the socket's thread alone makes tables"),
         Job::RotaryState(_) => {}
         Job::Write { first, words, .. } => {

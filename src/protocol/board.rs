@@ -94,6 +94,9 @@ pub struct BoardInfo {
     /// The interrupt controller behind the board's host port, where the daemon serves it.
     #[serde(default)]
     pub host_port: Option<HostPortInfo>,
+    /// The caller's role: observe, stop, operate or engineer.
+    #[serde(default)]
+    pub role: Option<String>,
 }
 
 /// A port for command lines.

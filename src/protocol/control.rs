@@ -7,6 +7,16 @@
 pub const ABORT: u8 = 0x01;
 /// `^K`: every motor's loop opens, with zero output and its amplifier disabled.
 pub const KILL: u8 = 0x0B;
+/// `^O`: feed hold of every coordinate system.
+pub const HOLD: u8 = 0x0F;
+/// `^Q`: every program ends after the moves that are calculated.
+pub const QUIT: u8 = 0x11;
+/// `^R`: the programs of every coordinate system run.
+pub const RUN: u8 = 0x12;
+/// `^S`: the programs of every coordinate system do one step.
+pub const STEP: u8 = 0x13;
+/// `^Z`: the serial port becomes the active response port, and I58 becomes 0.
+pub const SERIAL: u8 = 0x1A;
 
 /// The control character (1 to 31) that `text` names: `^A` … `^_`, letters in either case, or the character itself.
 #[must_use]

@@ -43,7 +43,7 @@ pub enum CallError {
     #[error("not permitted: this needs the role {role_needed}; ask the administrator for its group")]
     #[serde(rename = "io.github.pmac-dpram.Board.NotPermitted")]
     NotPermitted {
-        /// The role: observe, operate or engineer.
+        /// The role: observe, stop, operate or engineer.
         role_needed: String,
     },
     /// The line cannot be sent to a board.

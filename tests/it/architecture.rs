@@ -255,6 +255,23 @@ fn unsafe_code_lives_on_its_islands() {
     }
 }
 
+/// A name service may hang for seconds. What looks a name up is called at the start only.
+#[test]
+fn b2_7_the_sockets_thread_looks_no_name_up() {
+    let look_ups = ["getgrouplist", "User::from_", "Group::from_", "group_id("];
+    let word = |line: &str| look_ups.iter().any(|word| line.contains(word)).then(|| line.trim().to_owned());
+    let allowed = ["policy.rs", "listener.rs"].map(|file| format!("src/daemon/socket/{file}"));
+    let sources = sources("src");
+    let others = sources.iter().filter(|source| {
+        source.path.starts_with("src/daemon/socket/") && !allowed.contains(&source.path.to_string())
+    });
+    let breaches = others.flat_map(|source| source.breaches(word)).collect();
+    assert_none("names are looked up at the start", breaches);
+    let policy = fs::read_to_string(root().join(&allowed[0])).unwrap();
+    assert_eq!(policy.matches("Group::from_name").count(), 1, "only by `group_id`");
+    assert!(!policy.contains("getgrouplist") && !policy.contains("User::from_"));
+}
+
 /// memmap2's other types hand out slices of memory that another agent writes.
 fn mapping_breach(path: &str, line: &str) -> Option<String> {
     let mut names = line.split(|c: char| !c.is_ascii_alphanumeric() && c != '_');

@@ -432,10 +432,37 @@ fn as_root_a_stranger_may_look_and_not_send() {
         panic!("the program's copy stays busy");
     };
     assert_eq!(run(&["read", "0x0024"]).code, Some(0));
-    for (args, role) in [(["send", "#1J+"], "engineer"), (["send", "^K"], "operate")] {
+    for (args, role) in [(["send", "#1J+"], "engineer"), (["send", "^K"], "stop")] {
         let ran = run(&args);
         assert!(ran.stderr.contains(role) && ran.stderr.contains("not permitted"), "{ran:?}");
         assert_eq!(ran.code, Some(1));
     }
     assert_eq!(*bench.seen.lock().unwrap(), ["read 0x0024 1"]);
+}
+
+#[test]
+#[ignore = "needs root, to be another user"]
+fn as_root_b2_7_a_group_counts_that_no_data_base_has_the_user_in() {
+    // Group 1 exists everywhere; user 65534 is not its member in any data base.
+    let group = nix::unistd::Group::from_gid(nix::unistd::Gid::from_raw(1)).unwrap().unwrap().name;
+    let bench = Bench::with(|options| {
+        options.mode = 0o666;
+        options.roles.stop = vec![group];
+    });
+    let directory = bench.socket.parent().unwrap();
+    let program = directory.join("pmacctl");
+    std::fs::copy(env!("CARGO_BIN_EXE_pmacctl"), &program).unwrap();
+    for path in [directory, &program] {
+        std::fs::set_permissions(path, std::fs::Permissions::from_mode(0o755)).unwrap();
+    }
+    for (groups, is_permitted) in [(["--clear-groups", ""], false), (["--groups", "7,1"], true)] {
+        let mut command = std::process::Command::new("setpriv");
+        command.args(["--reuid", "65534", "--regid", "65534"]);
+        command.args(groups.into_iter().filter(|word| !word.is_empty()));
+        let output =
+            command.arg(&program).arg("--socket").arg(&bench.socket).args(["send", "^K"]).output().unwrap();
+        let stderr = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(!stderr.contains("not permitted"), is_permitted, "{groups:?}: {stderr}");
+    }
+    assert_eq!(*bench.seen.lock().unwrap(), ["^K"]);
 }

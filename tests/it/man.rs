@@ -73,7 +73,7 @@ fn the_lists_of_names_are_the_codes_own() {
     };
     for page in ["pmacd.toml.5", "pmacctl.1"] {
         assert_eq!(listed(page, "FUNCTIONS"), Function::ALL.map(Function::name), "{page}");
-        assert_eq!(listed(page, "ROLES"), ["observe", "operate", "engineer"], "{page}");
+        assert_eq!(listed(page, "ROLES"), ["observe", "stop", "operate", "engineer"], "{page}");
     }
     for page in ["pmacd.toml.5", "pmacctl-map.1", "pmacctl-decode.1", "pmacctl-read.1"] {
         let families: Vec<_> = FAMILIES.iter().map(|family| family.name).collect();

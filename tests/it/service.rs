@@ -289,7 +289,10 @@ fn the_shipped_simulator_configuration_is_accepted() {
     let shipped = std::fs::read_to_string(root().join("systemd/sim.toml")).unwrap();
     let group = nix::unistd::Group::from_gid(nix::unistd::getgid()).unwrap();
     let group = group.map_or("root".to_owned(), |group| group.name);
-    let here = shipped.replace("pmac-operator", &group).replace("pmac-engineer", &group);
+    let here = shipped
+        .replace("pmac-stop", &group)
+        .replace("pmac-operator", &group)
+        .replace("pmac-engineer", &group);
     assert_ne!(here, shipped);
     let directory = tempfile::tempdir().unwrap();
     let path = directory.path().join("sim.toml");

@@ -50,11 +50,10 @@ fn functions() -> Names {
 }
 
 fn roles() -> Names {
-    let roles = [Role::Observe, Role::Operate, Role::Engineer];
     list(
         "ROLES",
-        "From the least to the most; operate moves the machine:",
-        roles.map(|role| role.to_string()),
+        "From the least to the most; stop only stops the machine, operate moves it:",
+        Role::ALL.map(|role| role.to_string()),
     )
 }
 
@@ -296,6 +295,7 @@ pub fn examples(page: &str) -> &'static [Example] {
                 "[servo]",
                 "motors = [1, 2, 3]",
                 "[roles]",
+                "stop = [\"pmac-stop\"]",
                 "operate = [\"pmac-operator\"]",
                 "engineer = [\"pmac-engineer\"]",
             ],

@@ -77,9 +77,10 @@ pub enum Command {
     Read(Read),
     /// Write words or bits of the DPRAM's free area; with --engineer any word
     Write(Write),
-    /// Jog, home, run, stop and override the feed rate through the control panel (I2=3); needs the role operate
+    /// Jog, home, run, stop and override the feed rate through the control panel (I2=3). Role operate; to
+    /// stop and hold, role stop
     Panel(Panel),
-    /// Send a command line (role engineer), or a control character as '^K' (role operate), and print the reply
+    /// Send a command line (role engineer), or a control character as '^K', and print the reply
     Send(Send),
     /// Decode a raw image of the DPRAM from a file
     Decode(Decode),

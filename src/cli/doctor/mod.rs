@@ -184,6 +184,7 @@ fn socket(report: &mut Report, path: &Path) -> Option<(BoardInfo, Option<BoardSe
     match asked {
         Ok((info, settings)) => {
             report.add(Level::Ok, "socket", format!("{} answers, pmacd {}", path.display(), info.version));
+            role(report, &info);
             Some((info, settings))
         }
         Err(error @ CommandError::Connect { .. }) => {
@@ -195,6 +196,20 @@ fn socket(report: &mut Report, path: &Path) -> Option<(BoardInfo, Option<BoardSe
             None
         }
     }
+}
+
+/// What this user may do.
+fn role(report: &mut Report, info: &BoardInfo) {
+    let may = match info.role.as_deref() {
+        Some("observe") => "look at the DPRAM",
+        Some("stop") => "stop the machine (a kill opens every loop: a vertical axis without a brake falls)",
+        Some("operate") => "MOVE the machine",
+        Some("engineer") => "do everything",
+        _ => return,
+    };
+    let role = info.role.as_deref().unwrap_or_default();
+    let text = format!("{role}: you may {may}; groups you have joined count after a new login");
+    report.add(Level::Ok, "role", text);
 }
 
 /// Why the socket cannot be reached. Names the group to join if permission is missing.

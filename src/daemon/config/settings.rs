@@ -14,7 +14,7 @@ use super::mirrored::{BackgroundTable, ServoTable};
 use super::ports::{HostPortConfig, HostPortTable, MailboxConfig, MailboxTable, Use};
 use super::span::{Refusal, position};
 use crate::daemon::options::Options;
-use crate::daemon::socket::policy::Roles;
+use crate::daemon::socket::policy::{Characters, Roles};
 use crate::device::board::spec::SpecError;
 use crate::device::{Access, BoardSpec};
 use crate::format::{TextOrder, WordOrder};
@@ -91,9 +91,29 @@ pub struct ConfigFile {
 #[serde(deny_unknown_fields)]
 struct RolesTable {
     #[serde(default)]
+    stop: Vec<String>,
+    #[serde(default)]
     operate: Vec<String>,
     #[serde(default)]
     engineer: Vec<String>,
+    /// The control characters that operators may send, as "^R".
+    operate_characters: Option<Vec<String>>,
+}
+
+impl RolesTable {
+    fn decide(self) -> Result<Roles, Refusal> {
+        for (role, names) in [("stop", &self.stop), ("operate", &self.operate), ("engineer", &self.engineer)]
+        {
+            let key = |index| format!("roles.{role}.{index}");
+            groups(names.iter().enumerate().map(|(index, name)| (key(index), name.clone())))?;
+        }
+        let operate_characters = match &self.operate_characters {
+            None => Characters::default(),
+            Some(names) => Characters::named(names)
+                .map_err(|(index, why)| Refusal::of(format!("roles.operate_characters.{index}"), why))?,
+        };
+        Ok(Roles { stop: self.stop, operate: self.operate, engineer: self.engineer, operate_characters })
+    }
 }
 
 /// Everything decided.
@@ -195,7 +215,7 @@ impl Settings {
             Refusal::anywhere("no board given: write --board SPEC, or board = \"SPEC\" in the configuration")
         })?;
         let name = options.name.clone().or(file.name).unwrap_or_else(|| "pmac0".to_owned());
-        let roles = file.roles.unwrap_or_default();
+        let roles = file.roles.unwrap_or_default().decide()?;
         let family = file.family.as_deref().map_or(Ok(DEFAULT_FAMILY), Family::by_name);
         let family = family.map_err(|error| Refusal::of("family", error))?;
         let (servo, background) = (file.servo.decide(family)?, file.background.decide(family)?);
@@ -233,11 +253,6 @@ impl Settings {
             let text = "access=32 and word_order = \"swapped\" do not go together: how a bridge that swaps bytes would swap 32 bits is not known; leave access=32 out";
             return Err(Refusal::of("word_order", text));
         }
-        let named = |key: &str, names: &[String]| -> Vec<(String, String)> {
-            names.iter().enumerate().map(|(index, name)| (format!("{key}.{index}"), name.clone())).collect()
-        };
-        groups(named("roles.operate", &roles.operate))?;
-        groups(named("roles.engineer", &roles.engineer))?;
         groups(file.socket_group.iter().map(|name| ("socket_group".to_owned(), name.clone())))?;
         groups(file.segment_group.iter().map(|name| ("segment_group".to_owned(), name.clone())))?;
         Ok(Self {
@@ -261,7 +276,7 @@ impl Settings {
             background_period_ns: period_ns(file.background_hz.unwrap_or(20.0))?,
             ask_board: file.ask_board.unwrap_or(true),
             cpu_latency_us: limited("cpu_latency_us", file.cpu_latency_us, 0, 1_000_000)?,
-            roles: Roles { operate: roles.operate, engineer: roles.engineer },
+            roles,
             mailbox,
             host_port,
         })
@@ -462,6 +477,10 @@ mod tests {
             (
                 "board = \"sim\"\n[roles]\nengineer = [\"no-such-group\"]\n",
                 "FILE:3:13: group \"no-such-group\" does not exist",
+            ),
+            (
+                "board = \"sim\"\n[roles]\noperate_characters = [\"^R\", \"^Z\"]\n",
+                "FILE:3:29: ^Z ends command lines for everybody",
             ),
             ("board = \"sim\"\nsegment_group = \"no-such-group\"\n", "FILE:2:17: group \"no-such-group\""),
             ("board = \"sim\"\nsocket_group = \"no-such-group\"\n", "FILE:2:16: group \"no-such-group\""),

@@ -1,18 +1,17 @@
 //! Who may connect: the places for connections are limited.
 //!
 //! No user can take them all, not even root or the daemon's own user. The last eighth is for users who hold fewer than
-//! four, and half of it for those who may operate. Every other user has a limit as well. When all places are taken, a
+//! four, and half of it for those who may do more than observe. Every other user has a limit as well. When all places are taken, a
 //! connection that has asked nothing since it came gives its place up. There are fewer places than descriptors, so clients
 //! can never take those that the daemon itself needs.
 
-use std::collections::HashMap;
 use std::io;
 use std::os::fd::AsFd;
 use std::time::{Duration, Instant};
 
 use log::warn;
 use nix::poll::{PollFd, PollFlags};
-use nix::unistd::{Gid, Uid, geteuid};
+use nix::unistd::{Uid, geteuid};
 
 use super::audit::AuditLimit;
 use super::clients::Clients;
@@ -31,12 +30,8 @@ const SAY_AGAIN: Duration = Duration::from_secs(60);
 const ACCEPT_MAX: usize = 64;
 /// A user who holds fewer than this gets a place of the reserve.
 const FEW: usize = 4;
-/// Descriptors that are kept for the daemon itself: interrupts that come back, the name service, the log.
+/// Descriptors that are kept for the daemon itself: interrupts that come back, the log.
 const KEPT: usize = 16;
-/// How long a user's role is remembered: the name service, which may be slow, is not asked at every connection.
-const ROLE_LASTS: Duration = Duration::from_secs(5);
-/// Users whose role is remembered.
-const ROLES_MAX: usize = 256;
 
 /// How many places there are.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -64,7 +59,7 @@ impl Places {
     fn room(&self, taken: usize, held: usize, uid: Uid, role: Role) -> Result<(), Full> {
         let reserve = self.all / 8;
         let kept_from = match (held < FEW, role) {
-            (true, Role::Operate | Role::Engineer) => 0,
+            (true, Role::Stop | Role::Operate | Role::Engineer) => 0,
             (true, Role::Observe) => reserve / 2,
             (false, _) => reserve,
         };
@@ -87,7 +82,6 @@ pub(super) struct Admission {
     listener: Listener,
     policy: Policy,
     places: Places,
-    roles: HashMap<(Uid, Gid), (Role, Instant)>,
     /// Until when nobody is accepted.
     pause: Option<Instant>,
     said: Option<Instant>,
@@ -107,7 +101,7 @@ impl Admission {
                 places.all, options.max_clients
             );
         }
-        Ok(Self { listener, policy, places, roles: HashMap::new(), pause: None, said: None })
+        Ok(Self { listener, policy, places, pause: None, said: None })
     }
 
     /// What to poll for.
@@ -137,7 +131,7 @@ impl Admission {
             match self.listener.accept() {
                 Ok(stream) => {
                     let Ok(peer) = Peer::of(&stream) else { continue };
-                    let role = self.role_of(&peer, now);
+                    let role = self.policy.role_of(&peer, &stream);
                     self.admit(Client::new(stream, peer, role, now), clients, audit, now);
                 }
                 Err(error) => match error.kind() {
@@ -170,20 +164,6 @@ impl Admission {
             audit.tell(uid, what, now);
         }
         clients.add(client);
-    }
-
-    fn role_of(&mut self, peer: &Peer, now: Instant) -> Role {
-        if let Some((role, until)) = self.roles.get(&(peer.uid, peer.gid))
-            && now < *until
-        {
-            return *role;
-        }
-        if self.roles.len() >= ROLES_MAX {
-            self.roles.clear();
-        }
-        let role = self.policy.role_of(peer);
-        self.roles.insert((peer.uid, peer.gid), (role, now + ROLE_LASTS));
-        role
     }
 
     fn failed(&mut self, error: &io::Error, now: Instant) {
@@ -234,7 +214,7 @@ mod tests {
         }
         assert_eq!((taken, observers), (240, 4));
         assert_eq!(places.room(taken, 0, stranger(9), Role::Observe), Err(Full::All));
-        assert_eq!(gets(&places, taken, stranger(9), Role::Operate), FEW);
+        assert_eq!(gets(&places, taken, stranger(9), Role::Stop), FEW);
         assert_eq!(places.room(256, 0, Uid::from_raw(0), Role::Engineer), Err(Full::All));
         assert_eq!(places.room(100, 64, stranger(9), Role::Operate), Err(Full::User));
     }

@@ -8,9 +8,10 @@ use serde::de::DeserializeOwned;
 use serde_json::json;
 
 use super::jobs::{self, JobCall};
-use super::policy::Role;
+use super::policy::{Characters, Role};
 use super::sequences::{Batch, SequenceCall};
 use crate::daemon::shared::info::Info;
+use crate::daemon::shared::job::Job;
 use crate::daemon::shared::queue::{DEFAULT_TIMEOUT, LINE_MAX, READ_MAX, Text};
 use crate::function::variable_read::VariableEntry;
 use crate::map::{Family, HostOffset};
@@ -61,6 +62,8 @@ impl Ask {
 pub enum Action {
     /// Answer at once.
     Reply(Reply),
+    /// Tell what is known of the board, and the caller's role.
+    Info,
     /// Ask the bus thread.
     Ask(Ask),
     /// Watch these registers for the caller, as long as it stays.
@@ -95,11 +98,11 @@ const fn method(
 /// Every method, in the order of the interface's definition.
 const METHODS: [Method; 21] = {
     use Function::{Ascii, Gather, Panel, Rotary, Variables};
-    use Role::{Engineer, Observe, Operate};
+    use Role::{Engineer, Observe, Operate, Stop};
     [
-        method("GetInfo", Observe, None, |call, info| {
+        method("GetInfo", Observe, None, |call, _| {
             let calls::NoParameters {} = parameters(call)?;
-            Reply::with(info.board()).map(Action::Reply)
+            Ok(Action::Info)
         }),
         method("GetSettings", Observe, None, |call, info| {
             let calls::NoParameters {} = parameters(call)?;
@@ -114,13 +117,13 @@ const METHODS: [Method; 21] = {
             let calls::NoParameters {} = parameters(call)?;
             Ok(Action::Sequence(SequenceCall::Renew))
         }),
-        method("SendControl", Operate, Some(Ascii), |call, _| send_control(&parameters(call)?)),
+        method("SendControl", Stop, Some(Ascii), |call, _| send_control(&parameters(call)?)),
         method("Read", Observe, None, |call, info| read(&parameters(call)?, info.family())),
         method("Messages", Observe, Some(Ascii), |call, _| {
             let calls::NoParameters {} = parameters(call)?;
             streams(call, Action::Stream)
         }),
-        method("Panel", Operate, Some(Panel), |call, info| {
+        method("Panel", Stop, Some(Panel), |call, info| {
             job(call, info, |call, family| jobs::panel(call, false, family))
         }),
         method("PanelHold", Operate, Some(Panel), |call, info| {
@@ -133,7 +136,7 @@ const METHODS: [Method; 21] = {
             let calls::NoParameters {} = parameters(call)?;
             Ok(Action::Renew)
         }),
-        method("FeedOverride", Operate, Some(Panel), |call, info| job(call, info, jobs::feed_override)),
+        method("FeedOverride", Stop, Some(Panel), |call, info| job(call, info, jobs::feed_override)),
         method("Write", Engineer, None, |call, info| job(call, info, jobs::write)),
         method("WatchVariables", Observe, Some(Variables), |call, info| {
             streams(call, Action::Watch(jobs::watched(parameters(call)?, info.family())?))
@@ -164,11 +167,11 @@ fn streams(call: &Call, action: Action) -> Result<Action, CallError> {
     if call.more == Some(true) { Ok(action) } else { Err(CallError::ExpectedMore) }
 }
 
-/// Finds out what `call` by a caller of `role` means.
+/// Finds out what `call` by a caller of `role` means; operators may send `characters`.
 ///
 /// # Errors
 /// What to answer instead.
-pub fn parse_call(call: &Call, role: Role, info: &Info) -> Result<Action, CallError> {
+pub fn parse_call(call: &Call, role: Role, characters: Characters, info: &Info) -> Result<Action, CallError> {
     let Some((interface, name)) = call.interface_and_method() else {
         return Err(CallError::invalid("method", "an interface and a method, with a dot between"));
     };
@@ -194,20 +197,28 @@ pub fn parse_call(call: &Call, role: Role, info: &Info) -> Result<Action, CallEr
         return Err(CallError::Refused { reason });
     }
     if role < method.role {
-        return Err(CallError::NotPermitted { role_needed: method.role.to_string() });
+        // What it would take, if that can be told.
+        let action = (method.parse)(call, info).ok();
+        let needed = action.map(|action| role_of(&action, characters, info.family()));
+        let needed = needed.map_or(method.role, |needed| needed.max(method.role));
+        return Err(CallError::NotPermitted { role_needed: needed.to_string() });
     }
     let action = (method.parse)(call, info)?;
-    let needed = role_of(&action, info.family());
+    let needed = role_of(&action, characters, info.family());
     if role < needed {
         return Err(CallError::NotPermitted { role_needed: needed.to_string() });
     }
     Ok(action)
 }
 
-/// The role that an action needs by what it is about: the texts between an engineer and the board may be passwords, and to read
-/// a register of the hardware can have an effect.
-fn role_of(action: &Action, family: &Family) -> Role {
+/// The role that an action needs by what it is about: to stop a machine takes less than to move it; the texts between an
+/// engineer and the board may be passwords, and to read a register of the hardware can have an effect.
+fn role_of(action: &Action, characters: Characters, family: &Family) -> Role {
     let is_for_engineers = match action {
+        Action::Ask(Ask::Control { character }) => return characters.role_for(*character),
+        Action::Ask(Ask::Job(JobCall { job: Job::Panel(_) | Job::Override { .. }, stops, .. })) => {
+            return if *stops { Role::Stop } else { Role::Operate };
+        }
         Action::Ask(Ask::Read { first, count }) => family.ascii.has_text_in(*first, *count),
         Action::Watch(entries) => entries.iter().any(|entry| !family.is_memory(entry.address)),
         _ => false,
@@ -273,7 +284,12 @@ mod tests {
 
     fn called(role: Role, method: &str, parameters: Value) -> Result<Action, CallError> {
         let call: Call = serde_json::from_value(json!({"method": method, "parameters": parameters})).unwrap();
-        parse_call(&call, role, &Info::new(&PMAC, BoardInfo::default(), BoardSettings::default()))
+        parse_call(
+            &call,
+            role,
+            Characters::default(),
+            &Info::new(&PMAC, BoardInfo::default(), BoardSettings::default()),
+        )
     }
 
     fn board(role: Role, method: &str, parameters: Value) -> Result<Action, CallError> {
@@ -281,14 +297,28 @@ mod tests {
     }
 
     #[test]
-    fn each_method_needs_its_role() {
+    fn b4_1_each_method_needs_its_role() {
         for (method, parameters, needed) in [
             ("GetInfo", json!({}), Role::Observe),
             ("Read", json!({"host_offset": 0, "words": 1}), Role::Observe),
-            ("SendControl", json!({"character": "^K"}), Role::Operate),
+            ("SendControl", json!({"character": "^A"}), Role::Stop),
+            ("SendControl", json!({"character": "^K"}), Role::Stop),
+            ("SendControl", json!({"character": "^O"}), Role::Stop),
+            ("SendControl", json!({"character": "^R"}), Role::Operate),
+            ("SendControl", json!({"character": "^D"}), Role::Engineer),
+            ("SendControl", json!({"character": "^Z"}), Role::Engineer),
+            ("Panel", json!({"action": "stop", "numbers": [1]}), Role::Stop),
+            ("Panel", json!({"action": "hold", "numbers": [1]}), Role::Stop),
+            ("Panel", json!({"action": "jog-stop", "numbers": [1]}), Role::Stop),
+            ("Panel", json!({"action": "jog+", "numbers": [1]}), Role::Operate),
+            ("Panel", json!({"action": "step", "numbers": [1]}), Role::Operate),
+            ("PanelHold", json!({"action": "jog+", "numbers": [1]}), Role::Operate),
+            ("FeedOverride", json!({"coordinate_system": 1, "raw": 0}), Role::Stop),
+            ("FeedOverride", json!({"coordinate_system": 1, "raw": 1}), Role::Operate),
+            ("FeedOverride", json!({"coordinate_system": 1, "raw": null}), Role::Operate),
             ("Send", json!({"line": "#1J+"}), Role::Engineer),
         ] {
-            for role in [Role::Observe, Role::Operate, Role::Engineer] {
+            for role in Role::ALL {
                 let found = board(role, method, parameters.clone());
                 let refused = matches!(&found, Err(CallError::NotPermitted { role_needed })
                     if *role_needed == needed.to_string());
@@ -326,7 +356,12 @@ mod tests {
             let call =
                 json!({"method": format!("{BOARD}.WatchVariables"), "more": true, "parameters": parameters});
             let call: Call = serde_json::from_value(call).unwrap();
-            parse_call(&call, role, &Info::new(&PMAC, BoardInfo::default(), BoardSettings::default()))
+            parse_call(
+                &call,
+                role,
+                Characters::default(),
+                &Info::new(&PMAC, BoardInfo::default(), BoardSettings::default()),
+            )
         };
         for memory in ["X:$0", "Y:$BFFF", "X:$D009", "Y:$DFFF"] {
             watch(Role::Observe, &[memory]).unwrap();
@@ -353,7 +388,12 @@ mod tests {
         for method in methods {
             let call = json!({"method": format!("{BOARD}.{method}"), "parameters": {}});
             let call: Call = serde_json::from_value(call).unwrap();
-            let refused = |functions: Value| match parse_call(&call, Role::Engineer, &with(functions)) {
+            let refused = |functions: Value| match parse_call(
+                &call,
+                Role::Engineer,
+                Characters::default(),
+                &with(functions),
+            ) {
                 Err(CallError::Refused { reason }) => reason.contains("is switched off"),
                 _ => false,
             };

@@ -11,6 +11,7 @@ mod leases;
 pub mod listener;
 pub mod methods;
 pub mod options;
+mod peer_groups;
 pub mod policy;
 mod sequences;
 pub mod server;

@@ -29,7 +29,7 @@ use super::clients::Clients;
 use super::leases::Leases;
 use super::listener::Listener;
 use super::options::{ServeError, ServeOptions};
-use super::policy::{Peer, PolicyError};
+use super::policy::{Characters, Peer, PolicyError};
 use super::sequences::Sequences;
 use super::watches::Watches;
 use crate::daemon::shared::info::Info;
@@ -105,6 +105,8 @@ struct Service {
     info: Info,
     /// The daemon stops: no call is begun any more.
     stopping: bool,
+    /// What operators may send.
+    characters: Characters,
 }
 
 impl Service {
@@ -121,6 +123,7 @@ impl Service {
             events,
             info,
             stopping: false,
+            characters: options.roles.operate_characters,
         })
     }
 

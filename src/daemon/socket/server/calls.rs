@@ -16,7 +16,7 @@ use crate::daemon::socket::policy::{Peer, Role};
 use crate::function::variable_read::VariableEntry;
 use crate::map::errors::meaning;
 use crate::protocol::board::{NotesReply, SendReply, WatchReply};
-use crate::protocol::{Call, CallError, Enabled, Function, Reply, answer, control};
+use crate::protocol::{BoardInfo, Call, CallError, Enabled, Function, Reply, answer, control};
 
 /// How long a watch may wait for its turn to ask.
 const WATCH_TIMEOUT: Duration = Duration::from_secs(1);
@@ -35,7 +35,7 @@ impl Service {
         if !caller.oneway && !client.hears() {
             return;
         }
-        let action = parse_call(call, client.role(), &self.info);
+        let action = parse_call(call, client.role(), self.characters, &self.info);
         let reply = match action.and_then(|action| self.act(caller, action, now)) {
             Ok(None) => return,
             Ok(Some(reply)) => reply,
@@ -57,6 +57,10 @@ impl Service {
     fn act(&mut self, caller: Caller, action: Action, now: Instant) -> Result<Option<Reply>, CallError> {
         match action {
             Action::Reply(reply) => return Ok(Some(reply)),
+            Action::Info => {
+                let role = self.clients.get(caller.client).map(|client| client.role().to_string());
+                return Reply::with(&BoardInfo { role, ..self.info.board().clone() }).map(Some);
+            }
             Action::Ask(ask) => self.ask(caller, ask, now)?,
             Action::Watch(entries) => {
                 let guard = jobs::variables_enabled(self.info.family());
