@@ -1,4 +1,4 @@
-//! `pmacctl absolute`: what an absolute-position setting makes PMAC read, and the position in given words.
+//! `pmacctl absolute`: explains what an absolute-position setting makes PMAC read, and decodes given words.
 
 use std::fmt::Write;
 
@@ -14,7 +14,7 @@ use crate::setup::position::Word;
 /// `absolute`.
 #[derive(Debug, Clone, Args)]
 pub struct Absolute {
-    /// The board's family: pmac, pmac2, turbo or turbo2; without it, the one that has the variables given
+    /// The board's family: pmac, pmac2, turbo or turbo2; without it, the one with the given variables
     #[arg(long, value_name = "FAMILY")]
     pub family: Option<Generation>,
     /// PMAC and PMAC2: the value of Ix10
@@ -27,12 +27,12 @@ pub struct Absolute {
     /// Turbo: the value of Ixx95, a format
     #[arg(long, value_name = "VALUE", value_parser = parse, requires = "ixx10")]
     pub ixx95: Option<u32>,
-    /// What registers hold, as Y:$078D00=$123456; gives the position in them
+    /// The content of a register, such as Y:$078D00=$123456; prints the position in the registers
     #[arg(long = "word", value_name = "ADDRESS=VALUE", num_args = 1..)]
     pub words: Vec<Word>,
 }
 
-/// A format, with the position where words were given.
+/// A format, and the position if words were given.
 #[derive(Serialize)]
 struct Document<'a> {
     #[serde(flatten)]
@@ -44,7 +44,7 @@ struct Document<'a> {
 /// Answers `absolute …`.
 ///
 /// # Errors
-/// The reason, when the setting or the words mean nothing; exit status 2.
+/// Why the setting or the words are invalid; exit status 2.
 pub fn answer(options: &Absolute) -> Result<Answer, String> {
     let format = format(options)?;
     let position = match options.words.as_slice() {
@@ -71,7 +71,7 @@ fn format(options: &Absolute) -> Result<AbsoluteFormat, String> {
     format.map_err(|error| error.to_string())
 }
 
-// Writing into a String cannot fail.
+// Writing to a String cannot fail.
 fn text(format: &AbsoluteFormat, position: Option<i64>) -> String {
     let mut text = format.kind.title().to_owned();
     if let Some(bits) = format.bits {

@@ -1,4 +1,4 @@
-//! `pmacctl setup`: the lines that set a board up, explained. They are computed here and sent elsewhere.
+//! `pmacctl setup`: computes and explains the lines that set up a board. `setup/send.rs` sends them.
 
 use std::fmt::Write;
 
@@ -13,14 +13,14 @@ use crate::setup::enable::{self, EnablePlan, Options};
 use crate::setup::isa::{self, IsaAddressing, TurboWindow};
 use crate::setup::vme::{AddressBits, VmeSetup};
 
-/// What to set up.
+/// The part to set up.
 #[derive(Debug, Clone, Subcommand)]
 pub enum SetupCommand {
     /// Place the DPRAM in the memory of an ISA (PC bus) host
     Isa(Isa),
-    /// Place mailboxes and DPRAM on the VME bus, and choose the interrupt
+    /// Place the mailboxes and the DPRAM on the VME bus, and choose the interrupt
     Vme(Vme),
-    /// Switch automatic functions on: which variables and commands each needs, and why
+    /// Switch on automatic functions: the variables and commands that each needs, and why
     Enable(Enable),
 }
 
@@ -30,7 +30,7 @@ pub struct Isa {
     /// Where the DPRAM starts, a multiple of 0x4000, for example 0xD4000
     #[arg(long, value_name = "ADDRESS", value_parser = parse)]
     pub address: u32,
-    /// How many address lines to decode; 24 reach beyond the first megabyte
+    /// How many address lines to decode; addresses above the first megabyte need 24
     #[arg(long, value_name = "BITS", default_value = "24")]
     pub addressing: Addressing,
     /// Switch the DPRAM off
@@ -39,7 +39,7 @@ pub struct Isa {
     /// The board's family: pmac, pmac2, turbo or turbo2
     #[arg(long, value_name = "FAMILY", default_value = "pmac")]
     pub family: Generation,
-    /// On Turbo boards, how many KiB show at a time
+    /// Turbo boards: how many KiB the window shows at a time
     #[arg(long, value_name = "KIB", default_value = "16")]
     pub window: Window,
 }
@@ -109,10 +109,10 @@ pub struct Enable {
     /// ascii, panel, servo, background, variables, rotary, gather
     #[arg(required = true, value_name = "FUNCTION")]
     pub functions: Vec<Function>,
-    /// servo, background: the highest motor and coordinate system to report
+    /// servo, background: the highest reported motor and coordinate system
     #[arg(long, value_name = "N", default_value_t = Options::default().motors)]
     pub motors: u32,
-    /// servo, gather: servo cycles between two reports or samples
+    /// servo, gather: servo cycles between reports or samples
     #[arg(long, value_name = "CYCLES", default_value_t = Options::default().period)]
     pub period: u32,
     /// ascii: interrupt the host when a response is ready
@@ -127,13 +127,13 @@ pub struct Enable {
     /// gather: the size of the buffer, in 32-bit words
     #[arg(long, value_name = "LONGS", default_value_t = Options::default().gather_longs)]
     pub gather_size: u32,
-    /// gather: end when the buffer is full, instead of going on from its start
+    /// gather: stop when the buffer is full, instead of wrapping round
     #[arg(long)]
     pub stop_when_full: bool,
     /// gather: a register to gather, Y:$C000, X:$C001, D:$002B or L:$1005; up to 24 of them
     #[arg(long = "source", value_name = "REGISTER")]
     pub sources: Vec<PmacRegister>,
-    /// Let the variables survive a reset
+    /// Add SAVE, so that the variables survive a reset
     #[arg(long)]
     pub save: bool,
     /// The board's family
@@ -141,10 +141,10 @@ pub struct Enable {
     pub family: &'static Family,
 }
 
-/// Answers `setup …`. Nothing is sent. The lines are those for a board whose servo report runs already, or does not.
+/// Answers `setup …` without sending anything. The lines depend on whether the servo report already runs.
 ///
 /// # Errors
-/// The reason, when a board cannot be set up so; exit status 2.
+/// Why the board cannot be set up this way; exit status 2.
 pub fn answer(command: &SetupCommand, servo_runs: bool) -> Result<Answer, String> {
     match command {
         SetupCommand::Isa(options) => {
@@ -184,7 +184,7 @@ impl Isa {
             (Window::Kib16, _) => TurboWindow::Kib16,
             (Window::Kib64, Generation::Turbo) => TurboWindow::Kib64,
             (Window::Kib64, Generation::Pmac) => {
-                return Err("only Turbo boards have a window of 64 KiB; say --family turbo".to_owned());
+                return Err("only Turbo boards have a window of 64 KiB; give --family turbo".to_owned());
             }
         };
         isa::plan(self.family, self.address, addressing, !self.disable, window)
@@ -230,7 +230,7 @@ impl Enable {
     }
 }
 
-// Writing into a String cannot fail.
+// Writing to a String cannot fail.
 
 fn plan_text(plan: &SetupPlan) -> String {
     let mut text = String::new();

@@ -1,4 +1,4 @@
-//! `pmacctl setup` and `absolute`: the lines that set a board up, explained, and sent when told to.
+//! `pmacctl setup` and `absolute`: explains the lines that set up a board, and sends them on request.
 
 pub mod absolute;
 mod answer;

@@ -1,4 +1,4 @@
-//! `pmacctl setup` and `pmacctl absolute` as commands: what they answer is printed, and set-up lines are sent when told to.
+//! `pmacctl setup` and `pmacctl absolute` as commands: prints the answers, and sends set-up lines on request.
 
 use std::io::{self, Write};
 use std::path::PathBuf;
@@ -14,7 +14,7 @@ use crate::cli::context::{Context, Failure, Verdict};
 use crate::cli::setup::absolute::{self, Absolute};
 use crate::cli::setup::answer::Answer;
 
-/// How long the board may take for a plain line.
+/// Time limit of a plain line.
 const PATIENCE: Duration = Duration::from_secs(5);
 
 /// `setup`.
@@ -26,10 +26,10 @@ pub struct Setup {
     pub sending: Sending,
 }
 
-/// Whether and how the lines are sent.
+/// Whether and how to send the lines.
 #[derive(Debug, Args)]
 pub struct Sending {
-    /// Send the lines to the board, after asking: through the daemon, or with --port over a serial line
+    /// Send the lines to the board after asking, through the daemon or with --port over a serial line
     #[arg(long, global = true)]
     pub send: bool,
     /// Send without asking
@@ -51,7 +51,7 @@ pub fn run(context: &mut Context, options: &Setup) -> Result<Verdict, Failure> {
         return print(context, &answer);
     }
     let commands = setup::commands(&options.command, servo_runs).map_err(Failure::Request)?;
-    // Whoever decides has to see what it is about. A document goes out at the end, with what became of it.
+    // Print the lines before asking. JSON is printed at the end, with the result.
     if !context.output.is_json() {
         context.output.text(&answer.text)?;
         context.output.flush()?;
@@ -71,7 +71,7 @@ pub fn run(context: &mut Context, options: &Setup) -> Result<Verdict, Failure> {
     report(context, answer.document, &commands, sent)
 }
 
-/// Whether the servo report of the daemon's board is live. Where nobody tells, it is taken for off, as after a reset.
+/// Whether the servo report of the daemon's board is live. Without an answer, assume that it is off, as after a reset.
 fn servo_runs(context: &Context) -> bool {
     let info = context.connection().ok().and_then(|mut connection| connection.info().ok());
     info.is_some_and(|info| info.enabled.iter().any(|name| name == "servo"))
@@ -90,7 +90,7 @@ fn print(context: &mut Context, answer: &Answer) -> Result<Verdict, Failure> {
     Ok((answer.status == 0).into())
 }
 
-/// What became of the lines: how many the board took, and what ended it.
+/// Prints how many lines the board took, and why sending stopped.
 struct Sent {
     taken: usize,
     error: Option<crate::cli::act::lines::LineError>,
@@ -130,12 +130,12 @@ fn report(
     }
     context.output.flush()?;
     let Some(error) = sent.error else { return Ok(Verdict::Yes) };
-    // Nobody reads it: nothing to be done.
+    // If stderr is closed, the message is lost.
     let _ = writeln!(io::stderr(), "{}", stopped(taken, rest));
     Err(error.into())
 }
 
-/// Where it stopped, before the reason.
+/// Where sending stopped, without the reason.
 fn stopped(taken: &[String], rest: &[String]) -> String {
     let (failed, unsent) = match rest {
         [failed, unsent @ ..] => (failed.as_str(), unsent),

@@ -1,4 +1,4 @@
-//! `pmacctl coordinates`: the coordinate systems of the background data, as a table or as JSON.
+//! `pmacctl coordinates`: the coordinate systems of the background data, as a table or JSON.
 
 use serde_json::{Value, json};
 
@@ -25,7 +25,7 @@ fn document(snapshot: &Snapshot) -> Value {
     document
 }
 
-/// Puts the background data's parts into a document; empty ones when there are none.
+/// Adds the background data to a document. Without data the parts are empty.
 pub fn add(document: &mut Value, data: Option<&BackgroundData>) {
     document["coordinate_systems"] = data.map_or(json!([]), |data| json!(data.coordinate_systems));
     document["background_motors"] = data.map_or(json!([]), |data| json!(data.motors));
@@ -41,7 +41,7 @@ fn text(snapshot: &Snapshot) -> String {
     note + &table(&background.data)
 }
 
-/// The coordinate systems.
+/// The table of the coordinate systems.
 pub fn table(data: &BackgroundData) -> String {
     let mut table = Table::new(&[
         ("system", Align::Right),
@@ -64,7 +64,7 @@ pub fn table(data: &BackgroundData) -> String {
     table.to_string()
 }
 
-/// Flags of either status word that tell whether it runs, and what is wrong.
+/// The flags to show from both status words: errors first, then the state.
 const SHORT: [(&str, &str); 9] = [
     ("run_time_error", "run-time-error"),
     ("circle_radius_error", "radius-error"),
@@ -95,7 +95,7 @@ fn flags(system: &CoordinateSystem) -> Vec<&'static str> {
     SHORT.iter().filter(|(name, _)| set(name)).map(|(_, short)| *short).collect()
 }
 
-/// The axes whose targets are not 0; most boards use few of the nine.
+/// The axes with targets other than 0. Most machines use few of the nine.
 fn targets(system: &CoordinateSystem) -> String {
     if system.axis_targets.0 == [None; AXES.len()] {
         return NOT_READ.to_owned();

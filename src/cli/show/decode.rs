@@ -1,4 +1,4 @@
-//! `pmacctl decode`: a raw image of the DPRAM from a file, decoded by the same code as the live data.
+//! `pmacctl decode`: decodes a raw image of the DPRAM from a file, with the code that decodes live data.
 
 use std::fs::File;
 use std::io::{self, Read};
@@ -22,13 +22,13 @@ pub struct Decode {
     /// The board's family
     #[arg(long, value_name = "FAMILY", default_value = "pmac", value_parser = family)]
     pub family: &'static Family,
-    /// How many motors and coordinate systems it reported; all the family has when not given
+    /// How many motors and coordinate systems the board reported; without it, all that the family has
     #[arg(long, value_name = "N")]
     pub motors: Option<usize>,
-    /// Order of the bytes in each 16-bit word of the image
+    /// The byte order of the image's 16-bit words
     #[arg(long, value_name = "ORDER", default_value = "little")]
     pub word_order: Order,
-    /// How L: values are laid out
+    /// The layout of L: values
     #[arg(long, value_name = "LAYOUT", default_value = "register")]
     pub float48: Float48,
 }
@@ -58,7 +58,7 @@ pub fn run(context: &mut Context, options: &Decode) -> Result<Verdict, Failure> 
     Ok(Verdict::Yes)
 }
 
-/// The file's bytes; one more than an image at most, which is enough to refuse it.
+/// The file's bytes, at most one more than an image. The extra byte is enough to refuse the file.
 fn read(options: &Decode) -> io::Result<Vec<u8>> {
     let most = u64::from(options.family.length) + 1;
     let mut bytes = Vec::new();
@@ -70,7 +70,7 @@ fn read(options: &Decode) -> io::Result<Vec<u8>> {
     Ok(bytes)
 }
 
-/// The documents of `motors` and `coordinates` in one. An image has no time, and is never live.
+/// The documents of `motors` and `coordinates` in one. An image has no time and is never live.
 fn document(servo: &ServoData, background: &BackgroundData) -> Value {
     let stamp = |timer: u32| json!({ "time": null, "servo_timer": timer, "sequence": null, "fresh": false });
     let mut document = json!({

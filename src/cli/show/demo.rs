@@ -1,7 +1,7 @@
-//! `pmacctl demo`: everything at once, without hardware or privilege, in a directory of its own.
+//! `pmacctl demo`: runs the whole system without hardware or privilege, in a private directory.
 //!
-//! It starts the daemon on a simulated board, has motors jog to and fro, and shows them live from the shared memory,
-//! as any other program could. The last line says what was measured.
+//! It starts the daemon on a simulated board, jogs motors back and forth, and shows them live from the shared memory,
+//! as any program could. The last line gives the counts.
 
 use std::fmt::Write as _;
 use std::io::{self, Write as _};
@@ -25,23 +25,23 @@ use crate::segment::{Counter, RegionId, SegmentName};
 
 #[derive(Debug, Args)]
 pub struct Demo {
-    /// Stop after so long; without it, on q or ^C
+    /// Stop after this time, in seconds; without it, on q or ^C
     #[arg(long, value_name = "S", value_parser = seconds, allow_negative_numbers = true)]
     pub seconds: Option<Duration>,
-    /// Views a second, at most
+    /// The most views a second
     #[arg(long, value_name = "HZ", default_value = "5", value_parser = rate, allow_negative_numbers = true)]
     pub rate: Duration,
 }
 
-/// How long daemon and simulator may take until live data are there.
+/// Time limit of the daemon and the simulator for the first live data.
 const START: Duration = Duration::from_secs(15);
-/// How long they may take to end.
+/// Time limit of their end.
 const END: Duration = Duration::from_secs(5);
-/// How long a command may take.
+/// Time limit of a command.
 const COMMAND: Duration = Duration::from_secs(2);
-/// The time between two jogs.
+/// The time between jogs.
 const JOG_EVERY: Duration = Duration::from_millis(1200);
-/// What the motors do, in turn. Speeds are in counts a millisecond, positions in counts.
+/// The motors' moves, in turn. Speeds are in counts per millisecond, positions in counts.
 const SET_UP: &str = "I122=20 I222=12 I322=8 I422=4";
 const JOGS: [&str; 4] = ["#1J=20000 #2J=8000", "#3J=-5000 #4J^2500", "#1J=0 #2J=-8000", "#3J=5000 #4J^-2500"];
 
@@ -79,7 +79,7 @@ pub fn run(context: &mut Context, options: &Demo) -> Result<Verdict, Failure> {
                 board.send(jog, COMMAND)?;
             }
         }
-        // Every sample is fetched, as a program that logs would; what the table shows is the latest.
+        // Fetch every sample, as a logging program would. The table shows the latest.
         while board.subscriber().next(&mut cursor, &mut sample).map_err(ClientError::from)? {}
         let snapshot = board.snapshot()?;
         screen.show(&mut context.output, &format!("{} (simulated{hint})", board.name()), &snapshot)?;
@@ -103,7 +103,7 @@ pub fn run(context: &mut Context, options: &Demo) -> Result<Verdict, Failure> {
     Ok((updates > 0 && lost == 0).into())
 }
 
-/// The daemon (which starts the simulator) in a private directory.
+/// The daemon in a private directory. It starts the simulator.
 struct Stage {
     daemon: Child,
     /// Of its own.
@@ -127,12 +127,12 @@ impl Stage {
         let daemon = Command::new(&program)
             .args(["--board", "sim", "--name", name.as_str(), "--socket"])
             .arg(&socket)
-            // Should the demo be killed, nothing goes on running behind it.
+            // If the demo is killed, the daemon ends too.
             .args(["--with-parent", &std::process::id().to_string()])
             .stdin(Stdio::null())
             .stdout(Stdio::null())
             .stderr(log)
-            // A terminal's ^C is for the demo, which ends the others in good order.
+            // Keep ^C from the daemon: the demo ends it in order.
             .process_group(0)
             .spawn()
             .map_err(|error| Failure::request(format!("cannot start {}: {error}", program.display())));
@@ -161,17 +161,17 @@ impl Stage {
         }
     }
 
-    /// What the daemon said last, in one line.
+    /// The last lines of the daemon's log, in one line.
     fn said(&self) -> String {
         let log = std::fs::read_to_string(self.directory.join("log")).unwrap_or_default();
         let mut said = String::new();
         for line in log.lines().rev().take(3).collect::<Vec<_>>().into_iter().rev() {
             let _ = write!(said, "{}{line}", if said.is_empty() { "" } else { "; " });
         }
-        if said.is_empty() { "it said nothing".to_owned() } else { said }
+        if said.is_empty() { "its log is empty".to_owned() } else { said }
     }
 
-    /// Ends the daemon, which ends the simulator, and takes everything away.
+    /// Ends the daemon, which ends the simulator, and removes the directory.
     fn clear(&mut self) {
         let pid = nix::unistd::Pid::from_raw(self.daemon.id().cast_signed());
         let _ = nix::sys::signal::kill(pid, Signal::SIGTERM);

@@ -1,4 +1,4 @@
-//! `pmacctl map`: what lies where, from the register table alone.
+//! `pmacctl map`: lists the registers and their addresses from the register table.
 
 use clap::Args;
 
@@ -13,10 +13,10 @@ pub struct Map {
     /// The board's family
     #[arg(long, value_name = "FAMILY", default_value = "pmac", value_parser = family)]
     pub family: &'static Family,
-    /// The board's firmware, as VERSION answers; without it, the map as printed
+    /// The board's firmware, as VERSION answers; without it, the map in the printed manual
     #[arg(long, value_name = "VERSION")]
     pub firmware: Option<Firmware>,
-    /// Where firmware that moves the gather buffer keeps its size word
+    /// Where a firmware with a moved gather buffer keeps its size word
     #[arg(long, value_name = "WHERE", default_value = "with-index")]
     pub gather_size: GatherSize,
 }

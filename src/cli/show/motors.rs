@@ -1,4 +1,4 @@
-//! `pmacctl motors`: the servo data, as a table or as JSON.
+//! `pmacctl motors`: the servo data, as a table or JSON.
 
 use serde_json::{Value, json};
 
@@ -18,13 +18,13 @@ pub fn run(context: &mut Context) -> Result<Verdict, Failure> {
     Ok(snapshot.servo.is_some_and(|servo| servo.is_fresh()).into())
 }
 
-/// What `motors --json` prints.
+/// The document of `motors --json`.
 pub fn document(snapshot: &Snapshot) -> Value {
     let motors = snapshot.servo.as_ref().map_or(json!([]), |servo| json!(servo.data.motors));
     json!({ "servo": stamp(snapshot.servo.as_ref(), snapshot.stale), "motors": motors })
 }
 
-/// When a region's data were taken, and whether they are live.
+/// The time of a region's data, and whether they are live.
 pub fn stamp<T>(view: Option<&View<T>>, otherwise: Option<Staleness>) -> Value {
     let Some(view) = view else {
         let stale = otherwise.map_or("no_data", Staleness::name);
@@ -44,7 +44,7 @@ pub fn stamp<T>(view: Option<&View<T>>, otherwise: Option<Staleness>) -> Value {
     })
 }
 
-/// What `motors` prints.
+/// The text of `motors`.
 pub fn text(snapshot: &Snapshot) -> String {
     let Some(servo) = &snapshot.servo else {
         let reason = snapshot.stale.map_or_else(|| Staleness::Off.to_string(), |stale| stale.to_string());
@@ -55,7 +55,7 @@ pub fn text(snapshot: &Snapshot) -> String {
     note + &table(&servo.data, background.map(|background| &background.data))
 }
 
-/// The motors, with the flags of their background status where it is known.
+/// The table of the motors, with their background status flags if known.
 pub fn table(servo: &ServoData, background: Option<&BackgroundData>) -> String {
     let mut table = Table::new(&[
         ("motor", Align::Right),
@@ -95,27 +95,27 @@ pub fn table(servo: &ServoData, background: Option<&BackgroundData>) -> String {
     table.to_string()
 }
 
-/// Stands for what the daemon does not read from the board.
+/// Marks data that the daemon does not read from the board.
 pub const NOT_READ: &str = "-";
 
-/// A position: in counts where the scale is known, else the raw integer.
+/// A position: in counts if the scale is known, else the raw integer.
 pub fn number(quantity: Option<Quantity>) -> String {
     in_places(quantity, 1)
 }
 
-/// As [`number`], where no column says what it is: `9710688raw` is no count.
+/// As [`number`], for use without a unit column: `9710688raw` is not in counts.
 pub fn labelled(quantity: Option<Quantity>) -> String {
     let raw = quantity.is_some_and(|quantity| quantity.value.is_none());
     number(quantity) + if raw { "raw" } else { "" }
 }
 
-/// The value with so many decimal places, else the raw integer.
+/// The value with this many decimal places, else the raw integer.
 fn in_places(quantity: Option<Quantity>, places: usize) -> String {
     let Some(Quantity { raw, value, .. }) = quantity else { return NOT_READ.to_owned() };
     value.map_or_else(|| raw.to_string(), |value| fixed(value, places))
 }
 
-/// So many decimal places, and no sign on what is rounded to nothing.
+/// Rounds to this many decimal places. A result of 0 has no sign.
 fn fixed(value: f64, places: usize) -> String {
     let text = format!("{value:.places$}");
     match text.strip_prefix('-') {
@@ -124,8 +124,8 @@ fn fixed(value: f64, places: usize) -> String {
     }
 }
 
-/// Commanded less actual position. Not called following error: whether compensation and master positions belong to
-/// it depends on the board's settings.
+/// Commanded minus actual position. This is not the following error: the board's settings decide whether that includes
+/// the compensation and master positions.
 fn difference(commanded: Option<Quantity>, actual: Option<Quantity>) -> String {
     let (Some(commanded), Some(actual)) = (commanded, actual) else { return NOT_READ.to_owned() };
     match (commanded.value, actual.value) {

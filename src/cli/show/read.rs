@@ -1,4 +1,4 @@
-//! `pmacctl read`: words of the DPRAM, through the daemon.
+//! `pmacctl read`: reads words of the DPRAM through the daemon.
 
 use clap::Args;
 use serde::Serialize;
@@ -15,25 +15,25 @@ pub struct Read {
     /// Y:$D001, X:$D009, DP:$D200, D:$D014, L:$D09A, F:$D210, a host offset 0x0024, or bits as Y:$D001,8,4
     #[arg(required = true, value_name = "ADDR")]
     pub addresses: Vec<String>,
-    /// The board's family, instead of the one the daemon says
+    /// The board's family, instead of the one that the daemon reports
     #[arg(long, value_name = "FAMILY", value_parser = family)]
     pub family: Option<&'static Family>,
-    /// How L: values are laid out
+    /// The layout of L: values
     #[arg(long, value_name = "LAYOUT", default_value = "register")]
     pub float48: Float48,
 }
 
-/// One address read.
+/// The result of one address.
 #[derive(Debug, Serialize)]
 struct Found {
-    /// As it was typed.
+    /// The address, as typed.
     address: String,
     pmac_address: String,
     host_offset: u32,
-    /// Which bits the value has, when not all.
+    /// The bits of the value, if not all.
     #[serde(skip_serializing_if = "Option::is_none")]
     bits: Option<BitField>,
-    /// CLOCK_MONOTONIC of the first read.
+    /// CLOCK_MONOTONIC time of the first read.
     time_ns: u64,
     /// The 16-bit words, ascending.
     words: Vec<u16>,
@@ -41,7 +41,7 @@ struct Found {
 }
 
 pub fn run(context: &mut Context, options: &Read) -> Result<Verdict, Failure> {
-    // A wrong address is found before anything is asked, as far as the family is known without asking.
+    // Check the addresses before asking the daemon, if the family is known.
     if let Some(family) = options.family {
         fields(options, family)?;
     }

@@ -1,4 +1,4 @@
-//! Live data, repainted in place on a terminal, or as lines.
+//! Shows live data: repainted in place on a terminal, else as lines.
 
 use std::io;
 
@@ -9,15 +9,15 @@ use crate::cli::context::Failure;
 use crate::cli::show::motors::{document, labelled, text};
 use crate::client::Snapshot;
 
-/// Cursor to the top left, and clear the line it is on, or from it to the end of the screen.
+/// Move the cursor to the top left; clear its line; clear from the cursor to the end of the screen.
 const HOME: &str = "\x1b[H";
 const CLEAR_LINE: &str = "\x1b[K";
 const CLEAR_BELOW: &str = "\x1b[J";
 
-/// A window's columns and rows.
+/// The columns and rows of a window.
 type Size = (usize, usize);
 
-/// Where live data are shown.
+/// The display for live data.
 pub struct Screen {
     repaint: bool,
     /// What stands below the title.
@@ -42,7 +42,7 @@ impl Screen {
             let sequence = snapshot.servo.as_ref().map_or(0, |servo| servo.sequence);
             let screen = format!("{title}  update {sequence}\n{}{}", self.note, text(snapshot));
             output.text(HOME)?;
-            // Cleared before and not behind the text: behind the last column that would take the last letter away.
+            // Clear before the text. After a text of full width, clearing would erase its last letter.
             for line in fitting(&screen, size()) {
                 output.text(format_args!("{CLEAR_LINE}{line}\n"))?;
             }
@@ -54,13 +54,13 @@ impl Screen {
     }
 }
 
-/// The window's size now, asked for each time because it may change; `None` where the terminal does not say.
+/// The window's size, which may change. `None` if the terminal does not tell.
 fn size() -> Option<Size> {
     let size = tcgetwinsize(io::stdout()).ok()?;
     (size.ws_col > 0 && size.ws_row > 0).then(|| (size.ws_col.into(), size.ws_row.into()))
 }
 
-/// As much of the lines as the window has room for; its last row is left to the cursor.
+/// Cuts the lines to the window. The last row is for the cursor.
 fn fitting(text: &str, size: Option<Size>) -> Vec<String> {
     let lines = text.lines();
     let Some((columns, rows)) = size else { return lines.map(str::to_owned).collect() };
@@ -75,7 +75,7 @@ fn fitting(text: &str, size: Option<Size>) -> Vec<String> {
     lines.take(shown).chain(std::iter::once(rest.as_str())).map(cut).collect()
 }
 
-/// One line: the update's number, whether it is live, and each motor's actual position.
+/// One line with the update's number, whether it is live, and each motor's actual position.
 fn plain(snapshot: &Snapshot) -> String {
     let Some(servo) = &snapshot.servo else {
         let reason = snapshot.stale.map_or("no_data", |stale| stale.name());

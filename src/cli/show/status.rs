@@ -1,4 +1,4 @@
-//! `pmacctl status`: how the daemon, its board and its data stand.
+//! `pmacctl status`: the state of the daemon, its board and its data.
 
 use serde_json::{Map, Value, json};
 
@@ -26,7 +26,7 @@ pub fn run(context: &mut Context) -> Result<Verdict, Failure> {
     Ok((document["condition"] == "live").into())
 }
 
-/// "It does not run" is an answer.
+/// A daemon that does not run is a valid answer.
 fn absent(context: &mut Context, error: &ClientError) -> Result<Verdict, Failure> {
     let name = context.name().ok();
     let name = name.as_ref().map(SegmentName::as_str);
@@ -79,11 +79,11 @@ fn document(context: &Context, board: &mut Board, identity: &Identity) -> Value 
     let socket = socket(context, board);
     let subscriber = board.subscriber();
     let header = subscriber.header();
-    // Looked at once, so that all of the document agrees with it.
+    // Read once, so that the whole document agrees.
     let condition = subscriber.condition();
     let now_ns = subscriber.now_ns();
     let age_ms = |since_ns: u64| now_ns.saturating_sub(since_ns) as f64 / 1e6;
-    // One that has gone is up no longer.
+    // A daemon that is gone is no longer up.
     let end_ns = if is_gone(condition) { header.heartbeat_ns } else { now_ns };
     let regions: Map<String, Value> = subscriber
         .regions()
@@ -91,7 +91,7 @@ fn document(context: &Context, board: &mut Board, identity: &Identity) -> Value 
             let state = match region.state {
                 RegionState::Off => "off",
                 RegionState::Live if condition == Condition::Live => "live",
-                // What the daemon wrote when it could still write.
+                // The daemon can no longer update this state.
                 RegionState::Live | RegionState::Stale => "stale",
             };
             let about = json!({
@@ -143,7 +143,7 @@ fn socket(context: &Context, board: &mut Board) -> Value {
     }
 }
 
-/// The document for people: a line a fact, what is not known left out.
+/// The document as text: a line for each known fact.
 fn text(document: &Value) -> String {
     let mut lines = Vec::new();
     let mut say = |what: &str, value: String| lines.push(format!("{what:<15} {value}\n"));
@@ -159,7 +159,7 @@ fn text(document: &Value) -> String {
     let uptime = document["uptime_s"].as_f64().unwrap_or_default();
     let gone = ["dead", "daemon_gone", "replaced"].iter().any(|name| document["condition"] == *name);
     let up = if gone { "gone after" } else { "up" };
-    say("daemon", format!("process {pid}, {up} {uptime:.0} s, last sign of life {age:.0} ms ago"));
+    say("daemon", format!("process {pid}, {up} {uptime:.0} s, last heartbeat {age:.0} ms ago"));
     let board = &document["board"];
     let known = ["type", "family", "firmware"].map(|key| &board[key]);
     let known: Vec<_> = known.into_iter().filter(|value| !value.is_null()).map(plain).collect();

@@ -1,4 +1,4 @@
-//! `pmacctl watch`: the motors, again and again, through every restart of the daemon.
+//! `pmacctl watch`: shows the motors live, also across restarts of the daemon.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -14,18 +14,18 @@ use crate::cli::show::screen::Screen;
 
 #[derive(Debug, Args)]
 pub struct Watch {
-    /// Stop after so many prints; without it and --seconds, on q or ^C
+    /// Stop after this many prints; without it and --seconds, on q or ^C
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     pub count: Option<u64>,
-    /// Stop after so long
+    /// Stop after this time, in seconds
     #[arg(long, value_name = "S", value_parser = seconds, allow_negative_numbers = true)]
     pub seconds: Option<Duration>,
-    /// Prints a second, at most
+    /// The most prints a second
     #[arg(long, value_name = "HZ", default_value = "5", value_parser = rate, allow_negative_numbers = true)]
     pub rate: Duration,
 }
 
-/// How long a print without news is put off.
+/// Longest time between prints without new data.
 const NO_NEWS: Duration = Duration::from_millis(500);
 
 pub fn run(context: &mut Context, options: &Watch) -> Result<Verdict, Failure> {
@@ -35,7 +35,7 @@ pub fn run(context: &mut Context, options: &Watch) -> Result<Verdict, Failure> {
     let keys = Keys::listen(interactive && !context.output.is_json());
     let interrupted = Arc::new(AtomicBool::new(false));
     if keys.are_heard() {
-        // The terminal has to be put back, so no signal may end this at once.
+        // Catch signals, because the terminal must be restored at the end.
         for signal in [SIGTERM, SIGINT, SIGHUP] {
             signal_hook::flag::register(signal, Arc::clone(&interrupted)).map_err(Failure::request)?;
         }
