@@ -1,4 +1,4 @@
-//! The settings of a board that no document decides: checked once at the start, and again when its firmware is known.
+//! The settings of a board that no manual decides. Checked at the start, and again when the firmware is known.
 
 use super::span::Refusal;
 use crate::map::{BadFirmware, BufferLayout, Family, Firmware, Layout};
@@ -13,10 +13,10 @@ pub struct CheckedSettings {
 }
 
 impl CheckedSettings {
-    /// Checks `settings` for a board of `family`, whose firmware is not known unless configured.
+    /// Checks `settings` for a board of `family`. The firmware is known only if it is configured.
     ///
     /// # Errors
-    /// The setting, its value and what it may be, or which buffers overlap.
+    /// Names the setting, its value and the allowed values, or the buffers that overlap.
     pub fn decide(
         settings: BoardSettings,
         family: &'static Family,
@@ -34,7 +34,7 @@ impl CheckedSettings {
         Ok(Self { settings, family, layout })
     }
 
-    /// As they are written, defaults filled in.
+    /// The settings as written, with defaults.
     #[must_use]
     pub const fn settings(&self) -> &BoardSettings {
         &self.settings
@@ -46,16 +46,16 @@ impl CheckedSettings {
         self.family
     }
 
-    /// Where the buffers lie, as far as is known before the board has told its firmware.
+    /// The layout of the buffers before the board's firmware is known.
     #[must_use]
     pub const fn layout(&self) -> BufferLayout {
         self.layout
     }
 
-    /// Where they lie on a board that says it has `firmware`. A text that is no version changes nothing.
+    /// The layout of the buffers for the board's `firmware`. An invalid version changes nothing.
     ///
     /// # Errors
-    /// Which buffers overlap now that gathering lies elsewhere.
+    /// Names the buffers that overlap because this firmware moves the gather buffer.
     pub fn layout_for(&self, firmware: Option<&str>) -> Result<BufferLayout, String> {
         match firmware.and_then(|text| text.parse().ok()) {
             None => Ok(self.layout),
@@ -63,7 +63,7 @@ impl CheckedSettings {
         }
     }
 
-    /// How background variables are read.
+    /// The settings for background variables.
     #[must_use]
     pub fn variable_mode(&self) -> VariableMode {
         self.settings.variables.mode

@@ -1,45 +1,45 @@
-//! What a setting may be, beyond what its type says, and what to write instead of what makes no sense.
+//! Checks settings beyond their types. Each refusal says what to write instead.
 
 use super::span::Refusal;
 use crate::daemon::socket::policy::group_id;
 use crate::map::{READINGS, Readings};
 use crate::protocol::{Function, Functions, ServoSettings};
 
-/// An octal file mode.
+/// Parses an octal file mode.
 fn mode(key: &str, text: &str) -> Result<u32, Refusal> {
     let number = u32::from_str_radix(text, 8).ok().filter(|mode| *mode <= 0o777 && text.len() >= 3);
     number.ok_or_else(|| {
-        let reason = "is no file mode; write three or four octal digits, as \"0660\"";
+        let reason = "is not a file mode; write three or four octal digits, such as \"0660\"";
         Refusal::of(key, format!("{key} = \"{text}\" {reason}"))
     })
 }
 
-/// The mode of the socket's file: at least its owner has to be able to connect, which takes the right to write.
+/// Parses the mode of the socket's file. At least its owner must be able to connect, which needs the right to write.
 pub(super) fn socket_mode(text: Option<&str>) -> Result<u32, Refusal> {
     let Some(text) = text else { return Ok(0o660) };
     let mode = mode("socket_mode", text)?;
     if mode & 0o200 == 0 {
-        let reason = "lets nobody connect, not even the daemon's own user; write 2 or more for each who may, as \"0660\"";
+        let reason = "lets nobody connect, not even the daemon's own user; write 2 or more in each digit that may connect, such as \"0660\"";
         return Err(Refusal::of("socket_mode", format!("socket_mode = \"{text}\" {reason}")));
     }
     Ok(mode)
 }
 
-/// The mode of the segment: its owner reads and writes it, others read it at most.
+/// Parses the mode of the segment. Its owner must read and write it, and nobody else may write it.
 pub(super) fn segment_mode(text: Option<&str>) -> Result<u32, Refusal> {
     let Some(text) = text else { return Ok(0o644) };
     let mode = mode("segment_mode", text)?;
     let reason = if mode & 0o600 != 0o600 {
         "keeps the daemon's own user from reading or writing its segment; write \"0644\", or \"0640\" or \"0600\" for fewer readers"
     } else if mode & 0o022 != 0 {
-        "would have others write what passes for live data; write \"0644\", or \"0640\" for the group alone"
+        "would let others forge live data; write \"0644\", or \"0640\" for the group alone"
     } else {
         return Ok(mode);
     };
     Err(Refusal::of("segment_mode", format!("segment_mode = \"{text}\" {reason}")))
 }
 
-/// A number within its bounds.
+/// Checks a number against its bounds.
 pub(super) fn limited(key: &str, value: Option<u32>, least: u32, most: u32) -> Result<Option<u32>, Refusal> {
     match value {
         Some(value) if !(least..=most).contains(&value) => {
@@ -62,7 +62,7 @@ pub(super) fn needed(readings: Readings) -> Result<Readings, Refusal> {
     }
 }
 
-/// Nanoseconds between background reports.
+/// The period of background reports, in nanoseconds.
 pub(super) fn period_ns(hz: f64) -> Result<u64, Refusal> {
     if (0.1..=1000.0).contains(&hz) {
         Ok((1e9 / hz) as u64)
@@ -72,7 +72,7 @@ pub(super) fn period_ns(hz: f64) -> Result<u64, Refusal> {
     }
 }
 
-/// Groups that the system does not know.
+/// Refuses groups that the system does not know.
 pub(super) fn groups(named: impl IntoIterator<Item = (String, String)>) -> Result<(), Refusal> {
     for (key, name) in named {
         group_id(&name).map_err(|error| Refusal::of(key, error))?;
@@ -80,7 +80,7 @@ pub(super) fn groups(named: impl IntoIterator<Item = (String, String)>) -> Resul
     Ok(())
 }
 
-/// A daemon that would do nothing.
+/// Refuses settings that leave the daemon nothing to do.
 pub(super) fn something_to_do(functions: &Functions, servo: &ServoSettings) -> Result<(), Refusal> {
     if !Function::ALL.into_iter().any(|function| functions.has(function)) {
         let text =

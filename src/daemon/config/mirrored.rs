@@ -1,4 +1,4 @@
-//! `[servo]` and `[background]`: which motors and fields of a report are read.
+//! `[servo]` and `[background]`: the motors and fields of a report to read.
 
 use serde::Deserialize;
 
@@ -6,7 +6,7 @@ use super::span::Refusal;
 use crate::map::{Family, block_fields};
 use crate::protocol::{BackgroundSettings, ServoSettings};
 
-/// `[servo]` as it is written.
+/// `[servo]` as written.
 #[derive(Debug, Clone, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ServoTable {
@@ -32,7 +32,7 @@ impl ServoTable {
     }
 }
 
-/// `[background]` as it is written.
+/// `[background]` as written.
 #[derive(Debug, Clone, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct BackgroundTable {
@@ -67,7 +67,7 @@ fn numbers(table: &str, written: &[i64], count: usize) -> Result<Vec<u32>, Refus
     written.iter().enumerate().map(check).collect()
 }
 
-/// The names as the register table has them: `motor_actual_position` is `actual_position`.
+/// The names in the register table, without the prefix: `motor_actual_position` is `actual_position`.
 fn fields(table: &str, written: &[String], family: &Family) -> Result<Vec<String>, Refusal> {
     let check = |(index, text): (usize, &String)| {
         let found = block_fields(family, table).find(|field| field.is_called(text));

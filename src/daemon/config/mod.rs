@@ -1,4 +1,4 @@
-//! What the daemon is told: the configuration file, its checks, and what follows from it for a board.
+//! The daemon's configuration: the file, its checks, and the settings for a board.
 
 pub mod board_settings;
 mod checks;

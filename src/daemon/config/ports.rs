@@ -8,39 +8,39 @@ use crate::function::host_port::{HostPort, Initialisation};
 use crate::function::mailbox::{EnableReplies, ErrorReport, MailboxSettings};
 use crate::map::{Controller, Family};
 
-/// Pages there are: six bits.
+/// The number of pages (six bits).
 const PAGES: u8 = 0x40;
 
 /// When command lines go through the VME mailboxes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Use {
-    /// Always; the DPRAM's ASCII buffers are left alone.
+    /// Always. The DPRAM's ASCII buffers stay unused.
     Always,
     /// While the DPRAM's port is off (I58=0) or out of reach.
     #[default]
     Fallback,
-    /// Never: the registers are there for the page alone.
+    /// Never. The registers only set the page.
     Never,
 }
 
-/// Which byte of a word a register is.
+/// The byte of a word that holds a register.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Lane {
-    /// The odd one, as the manual has it: mailbox n at base + 2n + 1.
+    /// The odd byte, as in the manual: mailbox n at base + 2n + 1.
     #[default]
     Odd,
-    /// The even one: the bridge swaps the bytes of a word.
+    /// The even byte: the bridge swaps the bytes of a word.
     Even,
 }
 
-/// What is wrong with the text of a key.
+/// The refusal of a key, with the key in front.
 fn of(key: &str, error: impl std::fmt::Display) -> Refusal {
     Refusal::of(key, format!("{key}: {error}"))
 }
 
-/// `[mailbox]` as it is written.
+/// `[mailbox]` as written.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct MailboxTable {
@@ -59,31 +59,31 @@ pub struct MailboxTable {
     enable_replies: EnableReplies,
 }
 
-/// Where the interrupts of vectors v-1 and v are announced.
+/// The sources of the interrupts with vectors v-1 and v.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Vectors {
     /// v-1: PMAC has taken a group.
     pub taken: InterruptSource,
-    /// v: a group of a reply lies in the mailboxes.
+    /// v: the mailboxes hold a group of a reply.
     pub reply: InterruptSource,
 }
 
 /// The mailbox circuit of a VME board.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct MailboxConfig {
-    /// Its 0x200 bytes.
+    /// The place of its 0x200 bytes.
     pub registers: ByteSpec,
-    /// When command lines go that way.
+    /// When command lines go through the mailboxes.
     pub when: Use,
-    /// Which byte of a word a register is.
+    /// The byte of a word that holds a register.
     pub lane: Lane,
-    /// There unless command lines never go that way.
+    /// The interrupt sources. `None` if command lines never go through the mailboxes.
     pub vectors: Option<Vectors>,
-    /// Where vector v+1, a response in the DPRAM, is announced, if not where the board's own specification says.
+    /// The source of vector v+1 (a response in the DPRAM), if it differs from the board specification's.
     pub dpram: Option<InterruptSource>,
-    /// What brings the DPRAM into reach: bits A19-A14 of its address, written after every reset.
+    /// The page that makes the DPRAM visible: bits A19-A14 of its address, written after every reset.
     pub page: Option<u8>,
-    /// How the board talks.
+    /// The board's protocol settings.
     pub talk: MailboxSettings,
 }
 
@@ -103,8 +103,8 @@ impl MailboxTable {
             _ => {
                 return Err(Refusal::of(
                     "mailbox",
-                    "mailbox: taken and reply are missing: say where the interrupts of vectors v-1 and v \
-                     are announced, or write use = \"never\"",
+                    "mailbox: taken and reply must both be given: name the sources of the interrupts v-1 and v, \
+                     or write use = \"never\"",
                 ));
             }
         };
@@ -124,7 +124,7 @@ impl MailboxTable {
     }
 }
 
-/// `[host_port]` as it is written.
+/// `[host_port]` as written.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct HostPortTable {
@@ -137,11 +137,11 @@ pub struct HostPortTable {
 /// The interrupt controller behind the board's host port.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct HostPortConfig {
-    /// Its 16 registers.
+    /// The place of its 16 registers.
     pub registers: ByteSpec,
-    /// The controller and our line of it.
+    /// The controller, and our line on it.
     pub port: HostPort,
-    /// The I-variable that makes a response in the DPRAM interrupt the host.
+    /// The I-variable that enables an interrupt for each response in the DPRAM.
     pub interrupt: u16,
 }
 
@@ -211,7 +211,7 @@ mod tests {
     fn what_is_wrong_is_said_with_its_key() {
         let both = "registers = \"file:m\"\ntaken = \"unix:t\"\nreply = \"unix:r\"\n";
         for (text, reason) in [
-            ("registers = \"file:m\"\n".to_owned(), "taken and reply are missing"),
+            ("registers = \"file:m\"\n".to_owned(), "taken and reply must both be given"),
             ("registers = \"m\"\nuse = \"never\"\n".to_owned(), "mailbox.registers"),
             (format!("{both}page = 64\n"), "mailbox.page = 64"),
             (both.replace("unix:t", "t"), "mailbox.taken"),

@@ -1,4 +1,4 @@
-//! What the daemon works by: the configuration file, the command line over it, and defaults under both.
+//! The daemon's settings. The command line overrides the configuration file, which overrides the defaults.
 
 use std::fs::File;
 use std::io::{self, Read};
@@ -24,10 +24,10 @@ use crate::protocol::{BoardSettings, Function, Functions, GatherSettings, Variab
 use crate::rotary;
 use crate::segment::SegmentName;
 
-/// No configuration is longer, in bytes.
+/// Largest configuration file, in bytes.
 const LARGEST: u64 = 1 << 20;
 
-/// The configuration file as it is written: TOML, every key optional, an unknown one an error.
+/// The configuration file: TOML. Every key is optional, an unknown key is an error.
 #[derive(Debug, Clone, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ConfigFile {
@@ -44,37 +44,37 @@ pub struct ConfigFile {
     segment_mode: Option<String>,
     /// pmac or pmac2.
     family: Option<String>,
-    /// Firmware, as "1.16D", where the board cannot be asked.
+    /// Firmware, as "1.16D", for a board that cannot be asked.
     firmware: Option<String>,
-    /// Motors to read where the board cannot be asked (I59).
+    /// Motors to read (I59), for a board that cannot be asked.
     motors: Option<u32>,
-    /// I10, where the board cannot be asked.
+    /// I10, for a board that cannot be asked.
     i10: Option<u32>,
-    /// I19, where the board cannot be asked.
+    /// I19, for a board that cannot be asked.
     i19: Option<u32>,
     servo_reading: Option<ServoReading>,
     word_order: Option<WordOrder>,
     text_order: Option<TextOrder>,
     /// Background reports a second.
     background_hz: Option<f64>,
-    /// Whether the board is asked who it is (TYPE, VERSION, I-variables).
+    /// Whether to identify the board (TYPE, VERSION, I-variables).
     ask_board: Option<bool>,
-    /// How long the machine's processors may take to wake up.
-    cpu_latency_us: Option<u32>,
-    /// Groups whose members may do more than look.
+    /// The longest wake-up time of the machine's processors, in microseconds.
+        cpu_latency_us: Option<u32>,
+    /// Groups whose members may do more than read.
     roles: Option<RolesTable>,
     /// The mailbox circuit of a VME board.
     mailbox: Option<MailboxTable>,
     /// The interrupt controller behind the host port.
     host_port: Option<HostPortTable>,
-    /// The automatic functions that are used.
+    /// The automatic functions in use.
     #[serde(default)]
     functions: Functions,
     #[serde(default)]
     servo: ServoTable,
     #[serde(default)]
     background: BackgroundTable,
-    /// What no document decides: see [`super::board_settings`].
+    /// Choices that no manual decides: see [`super::board_settings`].
     #[serde(default)]
     plan: BufferSettings,
     #[serde(default)]
@@ -116,12 +116,12 @@ impl RolesTable {
     }
 }
 
-/// Everything decided.
+/// The complete settings.
 #[derive(Debug, Clone)]
 pub struct Settings {
     /// The board.
     pub board: BoardSpec,
-    /// The board as it was written.
+    /// The board as the user wrote it.
     pub board_text: String,
     /// The segment's name.
     pub name: SegmentName,
@@ -133,29 +133,29 @@ pub struct Settings {
     pub socket_group: Option<String>,
     /// Mode of the segment.
     pub segment_mode: u32,
-    /// Group of the segment, when it is not the daemon's own.
+    /// Group of the segment, if it is not the daemon's own.
     pub segment_group: Option<String>,
     /// The board's family.
     pub family: &'static Family,
-    /// Firmware, where the board cannot be asked.
+    /// Firmware, for a board that cannot be asked.
     pub firmware: Option<String>,
-    /// Motors to read, where the board cannot be asked.
+    /// Motors to read, for a board that cannot be asked.
     pub motors: Option<u32>,
     /// I10, where the board cannot be asked.
     pub i10: Option<u32>,
     /// I19, where the board cannot be asked.
     pub i19: Option<u32>,
-    /// How the servo buffer is read.
+    /// The reading mode of the servo buffer.
     pub servo_reading: ServoReading,
-    /// Byte order of the bus's words.
+    /// Byte order of the words on the bus.
     pub word_order: WordOrder,
-    /// Order of the characters in a word.
+    /// Character order in a word.
     pub text_order: TextOrder,
-    /// Nanoseconds from one background report to the next.
+    /// The period of background reports, in nanoseconds.
     pub background_period_ns: u64,
-    /// Whether the board is asked who it is.
-    pub ask_board: bool,
-    /// How long the machine's processors may take to wake up, if anything is asked of them.
+    /// Whether to identify the board.
+        pub ask_board: bool,
+    /// The longest wake-up time of the machine's processors, if one is requested.
     pub cpu_latency_us: Option<u32>,
     /// Groups whose members may do more than look.
     pub roles: Roles,
@@ -163,11 +163,11 @@ pub struct Settings {
     pub mailbox: Option<MailboxConfig>,
     /// The interrupt controller behind the host port.
     pub host_port: Option<HostPortConfig>,
-    /// What no document decides.
-    pub board_settings: CheckedSettings,
+    /// Choices that no manual decides.
+        pub board_settings: CheckedSettings,
 }
 
-/// Why the settings were refused. One line: what, where, what to do.
+/// Why the settings were refused, on one line: what, where, what to do.
 #[derive(Debug, thiserror::Error)]
 #[error("{}", one_line(.text))]
 pub struct SettingsError {
@@ -188,17 +188,17 @@ impl SettingsError {
     }
 }
 
-/// What was written may have line ends and other control characters in it, which are shown as in TOML.
+/// Escapes line ends and other control characters of the file, as TOML does.
 fn one_line(text: &str) -> String {
     let shown = |c: char| if c.is_control() { c.escape_default().collect() } else { String::from(c) };
     text.chars().map(shown).collect()
 }
 
 impl Settings {
-    /// Decides from the command line and the file it names.
+    /// Combines the command line and the file that it names.
     ///
     /// # Errors
-    /// The first thing that is wrong, with file, line and column where it stands in the file.
+    /// The first mistake, with file, line and column if it is in the file.
     pub fn decide(options: &Options) -> Result<Self, SettingsError> {
         let Some(path) = &options.config else {
             let decided = Self::of(options, ConfigFile::default());
@@ -223,11 +223,11 @@ impl Settings {
         let mailbox = file.mailbox.map(MailboxTable::decide).transpose()?;
         if !file.functions.has(Function::Ascii) {
             if mailbox.as_ref().is_some_and(|mailbox| mailbox.when != Use::Never) {
-                let text = "functions leaves \"ascii\" out, so the mailboxes have no use but for the page: write use = \"never\" in [mailbox]";
-                return Err(Refusal::of("mailbox.use", text));
+                let text = "functions leaves \"ascii\" out, so the mailboxes can only set the page: write use = \"never\" in [mailbox]";
+                                return Err(Refusal::of("mailbox.use", text));
             }
             if file.host_port.is_some() {
-                let text = "functions leaves \"ascii\" out, whose responses [host_port] is for: leave one or the other out";
+                let text = "functions leaves \"ascii\" out, but [host_port] serves only its responses: add \"ascii\" or remove [host_port]";
                 return Err(Refusal::of("host_port", text));
             }
         }
@@ -250,7 +250,7 @@ impl Settings {
             bytes.map_err(|reason| refused("board", options.board.is_some(), reason))?;
         }
         if file.word_order == Some(WordOrder::Swapped) && board.access() == Access::Bits32 {
-            let text = "access=32 and word_order = \"swapped\" do not go together: how a bridge that swaps bytes would swap 32 bits is not known; leave access=32 out";
+            let text = "access=32 and word_order = \"swapped\" do not go together, because a bridge may swap 32 bits in more than one way; leave access=32 out";
             return Err(Refusal::of("word_order", text));
         }
         groups(file.socket_group.iter().map(|name| ("socket_group".to_owned(), name.clone())))?;
@@ -283,18 +283,18 @@ impl Settings {
     }
 }
 
-/// A setting of the command line or of the file: what was typed has no place in the file.
+/// The refusal of a setting. One from the command line has no place in the file.
 fn refused(key: &str, typed: bool, error: impl std::fmt::Display) -> Refusal {
     if typed { Refusal::typed(error) } else { Refusal::of(key, error) }
 }
 
-/// Reads the file, if nobody but root and this user can have written what is in it.
+/// Reads the file. Only root and this user may be able to write it.
 fn read(path: &Path) -> Result<String, SettingsError> {
     let fail = |error: io::Error| {
         SettingsError::of_file(format!("cannot read the configuration {}: {error}", path.display()))
     };
     let refuse = |why: String| {
-        Err(SettingsError::of_file(format!("the configuration {} is not believed: {why}", path.display())))
+        Err(SettingsError::of_file(format!("the configuration {} is refused: {why}", path.display())))
     };
     let file = File::open(path).map_err(fail)?;
     let there = file.metadata().map_err(fail)?;
@@ -308,7 +308,7 @@ fn read(path: &Path) -> Result<String, SettingsError> {
     let mut text = String::new();
     file.take(LARGEST + 1).read_to_string(&mut text).map_err(fail)?;
     if text.len() as u64 > LARGEST {
-        return refuse("it is larger than 1 MiB: name the configuration, not another file".to_owned());
+        return refuse("it is larger than 1 MiB, so it is probably another file: check --config".to_owned());
     }
     Ok(text)
 }
@@ -404,8 +404,8 @@ mod tests {
                 "FILE:2:10: no board family is called \"turbo9\"; supported are pmac, pmac2; turbo, turbo2 can only be set up",
             ),
             ("board = \"sim\"\nmotors = 9\n", "FILE:2:10: motors = 9 is out of range: write 1 to 8"),
-            ("board = \"sim\"\nsocket_mode = \"9\"\n", "FILE:2:15: socket_mode = \"9\" is no file mode"),
-            ("board = \"sim\"\nsocket_mode = \"999\"\n", "FILE:2:15: socket_mode = \"999\" is no file mode"),
+            ("board = \"sim\"\nsocket_mode = \"9\"\n", "FILE:2:15: socket_mode = \"9\" is not a file mode"),
+            ("board = \"sim\"\nsocket_mode = \"999\"\n", "FILE:2:15: socket_mode = \"999\" is not a file mode"),
             (
                 "board = \"sim\"\nsocket_mode = \"0400\"\n",
                 "FILE:2:15: socket_mode = \"0400\" lets nobody connect",
@@ -416,7 +416,7 @@ mod tests {
             ),
             (
                 "board = \"sim\"\nsegment_mode = \"0666\"\n",
-                "FILE:2:16: segment_mode = \"0666\" would have others write",
+                "FILE:2:16: segment_mode = \"0666\" would let others forge",
             ),
             (
                 "board = \"sim\"\ncpu_latency_us = 1000001\n",
@@ -450,7 +450,7 @@ mod tests {
             ),
             (
                 "board = \"sim\"\nfunctions = [\"servo\"]\n[host_port]\nregisters = \"file:p\"\n",
-                "FILE:3:1: functions leaves \"ascii\" out, whose responses [host_port] is for",
+                "FILE:3:1: functions leaves \"ascii\" out, but [host_port] serves only its responses",
             ),
             (
                 "board = \"sim\"\n[readings]\nline_flg = \"done\"\n",

@@ -1,15 +1,15 @@
-//! What is wrong with a setting, and where in the configuration file it stands.
+//! A refused setting, and its place in the configuration file.
 
 use std::fmt::Display;
 use std::path::Path;
 
 use toml::de::{DeTable, DeValue};
 
-/// A setting that is refused.
+/// A refused setting.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Refusal {
-    /// Its key from the outermost table on, as `mailbox.page` or, of a list, `roles.operate.0`; `None` when no single key
-    /// is at fault, or when it did not come from the file.
+    /// The full key, such as `mailbox.page`, or `roles.operate.0` in a list. `None` if no single key is wrong, or if
+    /// the setting is not from the file.
     pub key: Option<String>,
     /// What is wrong, and what to do.
     pub text: String,
@@ -18,12 +18,12 @@ pub struct Refusal {
 }
 
 impl Refusal {
-    /// The setting `key` is wrong.
+    /// Refuses the setting `key`.
     pub fn of(key: impl Into<String>, text: impl Display) -> Self {
         Self { key: Some(key.into()), text: text.to_string(), typed: false }
     }
 
-    /// Something is wrong that has no place.
+    /// A refusal without a place in the file.
     pub fn anywhere(text: impl Display) -> Self {
         Self { key: None, text: text.to_string(), typed: false }
     }
@@ -33,7 +33,7 @@ impl Refusal {
         Self { key: None, text: text.to_string(), typed: true }
     }
 
-    /// The message, with file, line and column where the key stands in `text`, the content of the file at `path`.
+    /// The message, with the file, line and column of the key. `text` is the content of the file at `path`.
     #[must_use]
     pub fn placed(&self, path: &Path, text: &str) -> String {
         let place = self.key.as_deref().and_then(|key| offset(text, key));
@@ -45,7 +45,7 @@ impl Refusal {
     }
 }
 
-/// Where the value of `key` begins, as far down as the file has it.
+/// The offset of the value of `key`, or of the innermost table that the file has.
 fn offset(text: &str, key: &str) -> Option<usize> {
     let table = DeTable::parse(text).ok()?;
     let mut parts = key.split('.');
@@ -64,7 +64,7 @@ fn offset(text: &str, key: &str) -> Option<usize> {
     Some(found.span().start)
 }
 
-/// Line and column, from 1, of the byte at `offset`.
+/// The line and column of the byte at `offset`, from 1.
 #[must_use]
 pub fn position(text: &str, offset: usize) -> (usize, usize) {
     let before = text.get(..offset).unwrap_or(text);

@@ -1,4 +1,4 @@
-//! How a log line begins: for people with its level in words, for the journal with its syslog level.
+//! The prefix of a log line: its level as a word, or for the journal its syslog number.
 
 use std::io::{self, Write};
 use std::os::fd::AsFd;
@@ -8,8 +8,8 @@ use nix::sys::stat::fstat;
 
 use crate::format::Visible;
 
-/// Whether `stream` goes to the journal: `$JOURNAL_STREAM` names its device and inode. A stream that was redirected since
-/// does not.
+/// Whether `stream` goes to the journal. `$JOURNAL_STREAM` names the journal's device and inode, so a redirected stream
+/// does not match.
 #[must_use]
 pub fn is_journal(stream: &impl AsFd) -> bool {
     std::env::var("JOURNAL_STREAM").is_ok_and(|named| leads_to(&named, stream))
@@ -19,7 +19,7 @@ fn leads_to(named: &str, stream: &impl AsFd) -> bool {
     fstat(stream).is_ok_and(|stat| named == format!("{}:{}", stat.st_dev, stat.st_ino))
 }
 
-/// The prefix that tells the journal a line's level (sd-daemon(3)).
+/// The journal's prefix for a level (sd-daemon(3)).
 #[must_use]
 pub fn prefix(level: Level) -> &'static str {
     match level {
@@ -30,18 +30,18 @@ pub fn prefix(level: Level) -> &'static str {
     }
 }
 
-/// Writes a log record as the journal reads it.
+/// Writes a log record for the journal.
 ///
 /// # Errors
-/// What the writer says.
+/// The writer failed.
 pub fn write(target: &mut impl Write, record: &Record<'_>) -> io::Result<()> {
     writeln!(target, "{}{}", prefix(record.level()), Visible(record.args()))
 }
 
-/// Writes a log record as people read it.
+/// Writes a log record for a terminal or file.
 ///
 /// # Errors
-/// What the writer says.
+/// The writer failed.
 pub fn write_words(target: &mut impl Write, record: &Record<'_>) -> io::Result<()> {
     writeln!(target, "[{:<5}] {}", record.level(), Visible(record.args()))
 }

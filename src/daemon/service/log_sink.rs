@@ -1,9 +1,8 @@
-//! Where the log goes: to stderr, by a thread of its own.
+//! Writes the log to stderr in a thread of its own.
 //!
-//! Whoever reads stderr may stop reading: a pager, a stopped service manager. A thread that logs must not wait for it,
-//! least of all the bus thread. So lines go into a bounded queue, in pieces that it has room for from the start; what finds
-//! no room is dropped, and counted. The thread starts when the program has become who it shall be; until then lines wait
-//! in the queue.
+//! The reader of stderr may stop (a pager, a stopped service manager). No thread that logs may wait for it, least of
+//! all the bus thread. So lines go into a bounded queue, in pieces allocated at the start. A full queue drops lines and
+//! counts them. The thread starts after the change of user; until then lines wait in the queue.
 
 use std::io::{self, Write};
 use std::sync::Arc;
@@ -11,22 +10,22 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError, sync_channel};
 use std::time::{Duration, Instant};
 
-/// Pieces of lines that may wait, and how long they are: most lines are one.
+/// The number of queued pieces, and their length. Most lines fit one piece.
 const PIECES: usize = 1024;
 const PIECE_BYTES: usize = 240;
-/// How long the end of the program waits for the lines that are left.
+/// Time limit for writing the remaining lines at the end of the program.
 const LAST_WORDS: Duration = Duration::from_millis(500);
-/// How often it looks for room meanwhile.
+/// Period of the checks for room meanwhile.
 const LOOK: Duration = Duration::from_millis(2);
 
-/// A piece of a line, or the wish to know when all before it are written.
-#[expect(clippy::large_enum_variant, reason = "inline, so that who logs needs no memory")]
+/// A piece of a line, or a request to report when all earlier pieces are written.
+#[expect(clippy::large_enum_variant, reason = "inline, so that logging allocates nothing")]
 enum Entry {
     Piece { bytes: [u8; PIECE_BYTES], length: usize, begins: bool },
     Flushed(SyncSender<()>),
 }
 
-/// The end that takes lines. Never waits.
+/// The sending end of the queue. It never waits.
 #[derive(Clone)]
 pub struct LogSink {
     entries: SyncSender<Entry>,
@@ -34,7 +33,7 @@ pub struct LogSink {
 }
 
 impl LogSink {
-    /// The end that takes lines, and the end that writes them to `target`. `prefix` begins the sink's own lines.
+    /// Makes the sending end, and the end that writes to `target`. The sink's own lines start with `prefix`.
     pub fn new(target: impl Write + Send + 'static, prefix: &'static str) -> (Self, LogWriter) {
         let (entries, queue) = sync_channel(PIECES);
         let sink = Self { entries, dropped: Arc::default() };
@@ -43,12 +42,12 @@ impl LogSink {
         (sink, LogWriter { run: Some(run) })
     }
 
-    /// Waits until everything logged so far is written, but not for long.
+    /// Waits for all earlier lines to be written, within a time limit.
     pub fn finish(&self) {
         let deadline = Instant::now() + LAST_WORDS;
         let (written, all) = sync_channel(1);
         let mut entry = Entry::Flushed(written);
-        // With much left to write there may be no room even for the question.
+        // A full queue has no room for the request either.
         while let Err(TrySendError::Full(back)) = self.entries.try_send(entry) {
             if Instant::now() >= deadline {
                 return;
@@ -61,16 +60,16 @@ impl LogSink {
     }
 }
 
-/// The end that writes, in a thread of its own once it is started.
+/// The writing end of the queue. It gets a thread on start.
 pub struct LogWriter {
     run: Option<Box<dyn FnOnce() + Send>>,
 }
 
 impl LogWriter {
-    /// Starts the thread, unless it runs already.
+    /// Starts the thread unless it runs already.
     ///
     /// # Errors
-    /// When the system gives no thread.
+    /// The system cannot start a thread.
     pub fn start(&mut self) -> io::Result<()> {
         let Some(run) = self.run.take() else { return Ok(()) };
         std::thread::Builder::new().name("log".to_owned()).spawn(run).map(drop)
@@ -79,7 +78,7 @@ impl LogWriter {
 
 impl Write for LogSink {
     fn write(&mut self, line: &[u8]) -> io::Result<usize> {
-        // The logger writes line by line and one thread at a time, so the pieces of a line stay together.
+        // The logger writes whole lines, one thread at a time, so the pieces of a line stay together.
         for (number, piece) in line.chunks(PIECE_BYTES).enumerate() {
             let mut bytes = [0; PIECE_BYTES];
             bytes[..piece.len()].copy_from_slice(piece);
@@ -98,13 +97,13 @@ impl Write for LogSink {
 }
 
 fn write_all(queue: &Receiver<Entry>, dropped: &AtomicU64, mut target: impl Write, prefix: &str) {
-    // Nobody can be told that the log cannot be written.
+    // Errors are ignored: there is no place left to report them.
     let mut in_line = false;
     for entry in queue {
         match entry {
             Entry::Piece { bytes, length, begins } => {
                 if begins && in_line {
-                    // The rest of the line before found no room.
+                    // The rest of the previous line was dropped.
                     let _ = target.write_all(b"\n");
                 }
                 in_line = !bytes[..length].ends_with(b"\n");
@@ -115,9 +114,10 @@ fn write_all(queue: &Receiver<Entry>, dropped: &AtomicU64, mut target: impl Writ
         if !in_line {
             match dropped.swap(0, Ordering::Relaxed) {
                 0 => {}
-                lines => {
-                    drop(writeln!(target, "{prefix}{lines} log lines were dropped: nobody read the log"))
-                }
+                lines => drop(writeln!(
+                    target,
+                    "{prefix}{lines} log lines were dropped: the reader of the log was too slow"
+                )),
             }
         }
     }

@@ -1,4 +1,4 @@
-//! The daemon among the system's services: rights, signals, the journal, the service manager, a simulator of its own.
+//! The daemon as a system service: rights, signals, the journal, the service manager, its own simulator.
 
 pub(super) mod journal;
 pub(super) mod log_sink;

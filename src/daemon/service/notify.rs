@@ -1,4 +1,4 @@
-//! What the daemon tells its service manager: sd_notify(3), which is one datagram a message to the socket `$NOTIFY_SOCKET`.
+//! Notifies the service manager by sd_notify(3): one datagram per message to the socket `$NOTIFY_SOCKET`.
 
 use std::io;
 use std::os::linux::net::SocketAddrExt;
@@ -6,7 +6,7 @@ use std::os::unix::ffi::OsStrExt;
 use std::os::unix::net::{SocketAddr, UnixDatagram};
 use std::time::{Duration, Instant};
 
-/// The way to the service manager.
+/// The connection to the service manager.
 #[derive(Debug)]
 pub struct Notifier {
     socket: UnixDatagram,
@@ -14,18 +14,18 @@ pub struct Notifier {
 }
 
 impl Notifier {
-    /// As the environment says; `None` when no service manager asks.
+    /// Opens the socket in `$NOTIFY_SOCKET`; `None` without one.
     ///
     /// # Errors
-    /// When the address is none, or the system gives no socket.
+    /// The address is invalid, or the system gives no socket.
     pub fn from_environment() -> io::Result<Option<Self>> {
         std::env::var_os("NOTIFY_SOCKET").map(|address| Self::to(address.as_bytes())).transpose()
     }
 
-    /// To a path, or, behind an `@`, to an address of the abstract namespace.
+    /// Opens the socket at a path, or after an `@` in the abstract namespace.
     ///
     /// # Errors
-    /// When it is neither, or the system gives no socket.
+    /// The address is neither, or the system gives no socket.
     pub fn to(address: &[u8]) -> io::Result<Self> {
         let manager = match address {
             [b'@', name @ ..] => SocketAddr::from_abstract_name(name)?,
@@ -33,22 +33,22 @@ impl Notifier {
             _ => return Err(io::Error::new(io::ErrorKind::InvalidInput, "neither a path nor @name")),
         };
         let socket = UnixDatagram::unbound()?;
-        // A manager that does not read is not waited for.
+        // Do not wait for a manager that does not read.
         socket.set_nonblocking(true)?;
         Ok(Self { socket, manager })
     }
 
-    /// Sends assignments, one a line.
+    /// Sends assignments, one on each line.
     ///
     /// # Errors
-    /// When the manager is gone, or reads nothing.
+    /// The manager is gone or does not read.
     pub fn send(&self, assignments: &str) -> io::Result<()> {
         self.socket.send_to_addr(assignments.as_bytes(), &self.manager).map(drop)
     }
 }
 
-/// When to give a sign of life: twice in the time after which the manager gives the daemon up, and only if the bus
-/// thread has made rounds since the last. A bus thread that hangs is what the manager must learn of.
+/// Decides when to send a watchdog notification: twice in the manager's limit, and only if the bus thread has made
+/// rounds since the last one. So the manager notices a bus thread that hangs.
 #[derive(Debug)]
 pub struct Watchdog {
     every: Duration,
@@ -57,7 +57,7 @@ pub struct Watchdog {
 }
 
 impl Watchdog {
-    /// As the environment says: `$WATCHDOG_USEC`, meant for the process `$WATCHDOG_PID` or for any.
+    /// Reads the limit from `$WATCHDOG_USEC`, if it is for this process (`$WATCHDOG_PID`) or for any.
     #[must_use]
     pub fn from_environment(now: Instant) -> Option<Self> {
         let number = |name: &str| std::env::var(name).ok().map(|text| text.parse::<u64>().ok());
@@ -67,20 +67,20 @@ impl Watchdog {
         }
     }
 
-    /// A manager that gives the daemon up after `limit`; a limit of zero is none.
+    /// A watchdog with this `limit`. Zero means no limit.
     #[must_use]
     pub fn new(limit: Duration, now: Instant) -> Option<Self> {
         (!limit.is_zero()).then_some(Self { every: limit / 2, next: now, rounds: None })
     }
 
-    /// When to ask next whether a sign is due.
+    /// The next time to call `is_due`.
     #[must_use]
     pub fn next(&self) -> Instant {
         self.next
     }
 
-    /// Whether to give a sign now, when the bus thread has made `rounds` rounds. Without progress the question is asked
-    /// again soon: the thread may only have been late.
+    /// Whether to notify now. `rounds` counts the bus thread's rounds. Without progress it checks again soon: the
+    /// thread may only be late.
     pub fn is_due(&mut self, now: Instant, rounds: u64) -> bool {
         if now < self.next {
             return false;

@@ -1,7 +1,8 @@
-//! Giving up every right that only the opening of the board needed, for good.
+//! Gives up for good every right that only the opening of the board needs.
 //!
-//! Rights are a thread's own, so this happens while there is one thread: a user and its groups instead of root's, no
-//! capability in any set, and no way to get one by running another program. The result is read back from the kernel.
+//! Each thread has its own rights, so this happens while there is only one thread. It changes to another user and its
+//! groups, empties every capability set, and prevents new rights from running other programs. Then it reads the result
+//! back from the kernel.
 
 use std::ffi::CString;
 use std::fmt;
@@ -16,10 +17,10 @@ use nix::unistd::{
 
 use crate::process::capabilities::{self, CapabilityError, SETS};
 
-/// A limit of locked memory below this is the reason why none can be locked: the kernel counts all address space.
+/// Locking fails below this limit, because the kernel counts the whole address space.
 const ENOUGH_BYTES: u64 = 1 << 30;
 
-/// A right could not be given up, or the user to become cannot be looked up.
+/// A right could not be given up, or the new user could not be looked up.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum PrivilegeError {
@@ -31,30 +32,30 @@ pub enum PrivilegeError {
     Lookup {
         /// The user.
         user: String,
-        /// What the system said.
+        /// The system's error.
         source: nix::Error,
     },
-    /// Only root can become somebody else.
+    /// Only root can change to another user.
     #[error("cannot become user {user:?}: only root can; this is user {uid}")]
     NotRoot {
-        /// The user to become.
+        /// The new user.
         user: String,
-        /// Who it is now.
+        /// The current user.
         uid: Uid,
     },
     /// The kernel refused.
     #[error("giving up privileges: {what}: {reason}")]
     Refused {
-        /// What was tried.
+        /// The failed step.
         what: &'static str,
-        /// What the kernel said.
+        /// The kernel's error.
         reason: String,
     },
     /// A capability could not be given up.
     #[error(transparent)]
     Capabilities(#[from] CapabilityError),
-    /// The kernel said yes, and yet something is left.
-    #[error("privileges were given up, and yet {0}")]
+    /// The kernel reported success, but a right is left.
+    #[error("giving up privileges succeeded, but {0}")]
     Left(String),
 }
 
@@ -62,7 +63,7 @@ fn refused(what: &'static str) -> impl FnOnce(nix::Error) -> PrivilegeError {
     move |errno| PrivilegeError::Refused { what, reason: errno.to_string() }
 }
 
-/// The user to become.
+/// The new user.
 #[derive(Debug, Clone)]
 pub struct Account {
     name: CString,
@@ -73,10 +74,10 @@ pub struct Account {
 }
 
 impl Account {
-    /// Looks up the user `name`, and whether this process can become it: root can, and the user itself is it already.
+    /// Looks up the user `name`, and checks that this process is root or already that user.
     ///
     /// # Errors
-    /// [`PrivilegeError`] for a user that does not exist, or that only root could become.
+    /// [`PrivilegeError`] if the user does not exist, or if only root can change to it.
     pub fn named(name: &str) -> Result<Self, PrivilegeError> {
         let user = User::from_name(name);
         let user = user.map_err(|source| PrivilegeError::Lookup { user: name.to_owned(), source })?;
@@ -89,8 +90,8 @@ impl Account {
         Ok(Self { name: c_name, uid: user.uid, gid: user.gid })
     }
 
-    /// Becomes the user, in every sense the kernel has, with all its groups. For the user itself, nothing: which groups it
-    /// has is then the affair of the unit that chose them.
+    /// Changes every user and group id, and the groups. If the process is already that user, it changes nothing: the
+    /// unit chose the groups.
     fn assume(&self) -> Result<(), PrivilegeError> {
         if !geteuid().is_root() {
             return Ok(());
@@ -110,12 +111,12 @@ impl Account {
     }
 }
 
-/// Becomes `account`, if one is given, then gives up every capability for good. For a process with one thread.
+/// Changes to `account`, if one is given, then gives up every capability for good. The process must have one thread.
 ///
 /// # Errors
-/// [`PrivilegeError`] when anything of it is refused, or when the kernel shows afterwards that something is left.
+/// [`PrivilegeError`] if a step fails, or if the kernel then still shows a right.
 pub fn give_up(account: Option<&Account>) -> Result<(), PrivilegeError> {
-    // While there still is the right to do so. Where there is none, the line about what was achieved says what is left.
+    // This needs a right that goes next. If it fails, the log line about the remaining rights shows it.
     capabilities::empty_bounding();
     if let Some(account) = account {
         account.assume()?;
@@ -124,8 +125,8 @@ pub fn give_up(account: Option<&Account>) -> Result<(), PrivilegeError> {
     Ok(())
 }
 
-/// Raises the limit of locked memory as far as it goes, for [`lock_memory`] to come: without end for root, else up to the hard
-/// limit. Under the unit it is without end already, and nothing is called that the unit forbids.
+/// Raises the limit of locked memory for [`lock_memory`]: to infinity as root, else to the hard limit. The unit already
+/// sets infinity, and then this makes no call that the unit forbids.
 pub fn allow_locking() {
     let Ok((soft, hard)) = getrlimit(Resource::RLIMIT_MEMLOCK) else { return };
     if soft != RLIM_INFINITY && setrlimit(Resource::RLIMIT_MEMLOCK, RLIM_INFINITY, RLIM_INFINITY).is_err() {
@@ -133,8 +134,8 @@ pub fn allow_locking() {
     }
 }
 
-/// Keeps everything that is mapped now in memory. Called when the threads run, so that their stacks are; memory that
-/// clients cause to be allocated later is not the bus thread's, and not locked. Returns what came of it.
+/// Locks everything that is mapped now in memory, and describes the result. Call it after the threads start, so that it
+/// includes their stacks. Memory allocated later for clients is not locked; the bus thread does not use it.
 #[must_use]
 pub fn lock_memory() -> String {
     match (mlockall(MlockAllFlags::MCL_CURRENT), getrlimit(Resource::RLIMIT_MEMLOCK)) {
@@ -146,23 +147,23 @@ pub fn lock_memory() -> String {
     }
 }
 
-/// What the calling thread holds, as the kernel tells it.
+/// The rights of the calling thread, from the kernel.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Holdings {
     /// The effective user.
     pub uid: Uid,
     /// The effective group.
     pub gid: Gid,
-    /// Names of the capabilities in any set but the bounding one.
+    /// The capabilities in all sets except the bounding set.
     pub capabilities: Vec<String>,
-    /// How many capabilities a program it runs could get at most.
+    /// The size of the bounding set: the most capabilities that a child program could get.
     pub bounding: usize,
-    /// Whether running another program gives no right.
+    /// Whether other programs run without new rights.
     pub no_new_privileges: bool,
 }
 
 impl Holdings {
-    /// Asks the kernel.
+    /// Reads the rights from the kernel.
     #[must_use]
     pub fn read() -> Self {
         let of = |set| caps::read(None, set).unwrap_or_default();

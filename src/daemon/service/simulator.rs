@@ -1,4 +1,4 @@
-//! `--board sim`: a simulator of our own, started with the daemon and stopped with it.
+//! `--board sim`: a simulator that starts and stops with the daemon.
 
 use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
@@ -11,9 +11,9 @@ use nix::sys::signal::Signal;
 use crate::device::InterruptSource;
 use crate::map::Family;
 
-/// How long the simulator may take to lay out its memory and open its sockets.
+/// Time limit of the simulator's start.
 const START: Duration = Duration::from_secs(5);
-/// How long it may take to end when asked to.
+/// Time limit of its end.
 const END: Duration = Duration::from_secs(2);
 
 /// The simulator could not be started.
@@ -24,7 +24,7 @@ pub struct SimulatorError {
     reason: String,
 }
 
-/// A running simulator and the private directory it works in. Both are gone when this is dropped.
+/// A running simulator and its private directory. Drop ends the one and removes the other.
 pub struct Simulator {
     child: Child,
     directory: PathBuf,
@@ -34,7 +34,7 @@ impl Simulator {
     /// Starts `pmac-sim` from this program's directory (or the search path) with the shipped start-up file.
     ///
     /// # Errors
-    /// When there is no such program, or it is not ready in time.
+    /// The program does not exist or is not ready in time.
     pub fn start(family: &Family, firmware: Option<&str>) -> Result<Self, SimulatorError> {
         let program = program();
         let fail = |reason: String| SimulatorError { program: program.clone(), reason };
@@ -49,16 +49,16 @@ impl Simulator {
             command.arg("--firmware").arg(firmware);
         }
         command.arg("--dpram-startup").stdin(Stdio::null()).stdout(Stdio::null());
-        // Should this process be killed, the simulator ends too, and takes the directory away.
+        // If this process is killed, the simulator ends too and removes the directory.
         command.arg("--with-parent").arg(std::process::id().to_string());
-        // The service manager talks to the daemon alone.
+        // Only the daemon talks to the service manager.
         for variable in ["NOTIFY_SOCKET", "WATCHDOG_USEC", "WATCHDOG_PID"]
             .iter()
             .chain(&crate::device::machine::inherited::VARIABLES)
         {
             command.env_remove(variable);
         }
-        // A terminal's ^C is for the daemon, which ends the simulator in its own time.
+        // Keep ^C from the simulator: the daemon ends it in order.
         command.process_group(0);
         let child = command.spawn().map_err(|error| fail(error.to_string()))?;
         let mut simulator = Self { child, directory };
@@ -67,19 +67,19 @@ impl Simulator {
         Ok(simulator)
     }
 
-    /// Its memory.
+    /// The file of its memory.
     #[must_use]
     pub fn memory(&self) -> PathBuf {
         self.directory.join("dpram")
     }
 
-    /// Where it announces interrupts.
+    /// The socket of its interrupts.
     #[must_use]
     pub fn interrupt(&self) -> InterruptSource {
         InterruptSource::Unix(self.directory.join("interrupt"))
     }
 
-    /// Its serial port, a socket of raw bytes.
+    /// Its serial port, a socket with raw bytes.
     #[must_use]
     pub fn serial(&self) -> PathBuf {
         self.directory.join("serial")
@@ -134,7 +134,7 @@ fn program() -> PathBuf {
     beside.filter(|path| path.exists()).unwrap_or_else(|| "pmac-sim".into())
 }
 
-/// A directory for the simulator's files that only this user can enter, in memory if possible.
+/// Makes a private directory for the simulator's files, in memory if possible.
 fn private_directory() -> std::io::Result<PathBuf> {
     let parent = Path::new(crate::segment::DIRECTORY);
     let parent = if parent.is_dir() { parent.to_owned() } else { std::env::temp_dir() };

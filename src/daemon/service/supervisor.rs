@@ -1,4 +1,4 @@
-//! What the first thread does while the others work: waits for signals, and keeps the service manager informed.
+//! The first thread's work: waits for signals, and keeps the service manager informed.
 
 use std::io;
 use std::os::fd::AsFd;
@@ -15,32 +15,32 @@ use super::notify::{Notifier, Watchdog};
 use crate::daemon::shared::info::Pulse;
 use crate::protocol::{BoardInfo, State};
 
-/// How often the state is looked at, for the service manager and for a thread that ended by itself.
+/// Period of the checks for a new state and for a thread that ended by itself.
 const LOOK: Duration = Duration::from_millis(500);
 
-/// The signals that have come, from the moment this was made.
+/// Collects the signals that end the daemon.
 pub struct Signals(SignalDelivery<UnixStream, SignalOnly>);
 
 impl Signals {
-    /// From now on, SIGTERM, SIGINT and SIGHUP are kept until they are waited for.
+    /// Queues SIGTERM, SIGINT and SIGHUP from now on.
     ///
     /// # Errors
-    /// When the system gives no descriptors.
+    /// The system gives no descriptors.
     pub fn take() -> io::Result<Self> {
         let (read, write) = UnixStream::pair()?;
         SignalDelivery::with_pipe(read, write, SignalOnly, [SIGTERM, SIGINT, SIGHUP]).map(Self)
     }
 
-    /// The first signal that ends the daemon, if one came before `deadline`.
+    /// Waits until `deadline` for a signal that ends the daemon.
     fn wait(&mut self, deadline: Instant) -> Option<i32> {
-        // Up to a millisecond late rather than early, which would make a busy loop of the last one.
+        // Round up: rounding down would spin for the last millisecond.
         let left = deadline.saturating_duration_since(Instant::now()) + Duration::from_millis(1);
         let timeout = PollTimeout::try_from(left).unwrap_or(PollTimeout::MAX);
         let _ = poll(&mut [PollFd::new(self.0.get_read().as_fd(), PollFlags::POLLIN)], timeout);
         let mut end = None;
         for signal in self.0.pending() {
             if signal == SIGHUP {
-                warn!("SIGHUP changes nothing: restart the daemon to have it read its configuration again");
+                warn!("SIGHUP is ignored: restart the daemon to read the configuration again");
             } else {
                 end = Some(signal);
             }
@@ -49,7 +49,7 @@ impl Signals {
     }
 }
 
-/// The service manager, if one asked to be informed.
+/// Informs the service manager, if there is one.
 pub struct Manager {
     notifier: Option<Notifier>,
     watchdog: Option<Watchdog>,
@@ -58,11 +58,11 @@ pub struct Manager {
 }
 
 impl Manager {
-    /// As the environment says.
+    /// Opens the connection that the environment names.
     #[must_use]
     pub fn from_environment() -> Self {
         let notifier = Notifier::from_environment().unwrap_or_else(|error| {
-            warn!("NOTIFY_SOCKET: {error}; the service manager is not told anything");
+            warn!("NOTIFY_SOCKET: {error}; the service manager gets no notifications");
             None
         });
         let watchdog = notifier.as_ref().and_then(|_| Watchdog::from_environment(Instant::now()));
@@ -73,23 +73,23 @@ impl Manager {
         if let Some(notifier) = &self.notifier
             && let Err(error) = notifier.send(assignments)
         {
-            warn!("telling the service manager: {error}");
+            warn!("cannot notify the service manager: {error}");
         }
     }
 
-    /// The segment is published and the socket listens.
+    /// Reports that the segment is published and the socket listens.
     pub fn ready(&mut self, pulse: &Pulse) {
         self.told = status(&pulse.board());
         self.send(&format!("READY=1\nSTATUS={}", self.told));
     }
 
-    /// The end has begun.
+    /// Reports that the daemon is stopping.
     pub fn stopping(&self) {
-        // With a last sign of life: the end has its own time limit.
+        // Add a last watchdog notification: stopping has its own time limit.
         self.send("STOPPING=1\nWATCHDOG=1\nSTATUS=stopping");
     }
 
-    /// What there is to tell by now.
+    /// Sends what is due: the status, and the watchdog notification.
     fn look(&mut self, pulse: &Pulse, now: Instant) {
         if self.notifier.is_none() {
             return;
@@ -106,7 +106,7 @@ impl Manager {
             if moves {
                 self.send("WATCHDOG=1");
             } else if !self.stuck {
-                error!("the bus thread makes no rounds; the watchdog is left to the service manager");
+                error!("the bus thread makes no rounds: watchdog notifications stop, so that the service manager restarts the daemon");
             }
             self.stuck = !moves;
         }
@@ -138,7 +138,7 @@ pub fn until_asked_to_end(
     }
 }
 
-/// One line for `systemctl status`: board, state, what it is, its servo rate.
+/// One line for `systemctl status`: board, state, type, firmware and servo rate.
 fn status(info: &BoardInfo) -> String {
     let state = match info.state {
         State::Init => "no data yet",
@@ -156,7 +156,7 @@ fn status(info: &BoardInfo) -> String {
     if let Some(period) = info.servo_period_ns.filter(|period| *period > 0) {
         text += &format!(", servo {:.1} Hz", 1e9 / period as f64);
     }
-    // A message is lines of assignments: nothing of the board's may begin another.
+    // Each line of a message is an assignment, so the board's text must not contain a line end.
     text.replace(|c: char| c.is_control(), " ")
 }
 
