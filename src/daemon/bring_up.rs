@@ -1,7 +1,7 @@
-//! From the command line to a running daemon, and back: the whole order in one place.
+//! Starts and stops the daemon: the whole order in one place.
 //!
-//! settings → board → privileges given up → segment → socket → bus thread → wait for a signal → the same backwards. (A
-//! board that needs no right to be opened is opened when the name is taken: a second daemon is then told whose it is.)
+//! settings → board → privileges given up → segment → socket → bus thread → wait for a signal → the same backwards. A
+//! board that needs no special right opens after the name is taken, so that a second daemon learns who has the name.
 
 use std::ffi::OsString;
 use std::io::Write;
@@ -31,13 +31,13 @@ use crate::protocol::socket_place::socket_places;
 use crate::segment::Publisher;
 use crate::usage::usage_with;
 
-/// The whole program. Its exit statuses are those of [`exit`].
+/// The whole program. It exits with a status of [`exit`].
 #[must_use]
 pub fn main() -> ExitCode {
     main_with(std::env::args_os())
 }
 
-/// As [`main`], with these arguments, the program's name first. For a process with one thread, or a test.
+/// As [`main`], with these arguments, the program's name first. Needs a process with one thread, or a test.
 #[must_use]
 pub fn main_with(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
     let in_journal = journal::is_journal(&std::io::stderr());
@@ -59,13 +59,13 @@ pub fn main_with(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
             Failure::new(if error.is_typed() { exit::USAGE } else { exit::CONFIGURATION }, error)
         })
         .and_then(|settings| if options.check { Ok(()) } else { run(&settings, &options, &mut log_writer) });
-    // What was logged before the thread was to start is not lost.
+    // The thread may not have started yet: write what was logged before.
     let _ = log_writer.start();
     log.finish();
     match ended {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => {
-            // Not by `eprintln!`, which would panic when stderr is closed.
+            // `eprintln!` would panic if stderr is closed.
             let prefix = if in_journal { journal::prefix(Level::Error) } else { "pmacd: " };
             let _ = writeln!(std::io::stderr(), "{prefix}{failure}");
             ExitCode::from(failure.status)
@@ -74,7 +74,7 @@ pub fn main_with(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
 }
 
 fn run(settings: &Settings, options: &Options, log: &mut LogWriter) -> Result<(), Failure> {
-    // Before anything else: a signal from now on is kept until it is waited for.
+    // First of all: from now on signals are queued.
     let mut signals = Signals::take().map_err(|error| Failure::system("signals", error))?;
     let mut manager = Manager::from_environment();
     let account = options.user.as_deref().map(Account::named).transpose()?;
@@ -92,7 +92,7 @@ fn run(settings: &Settings, options: &Options, log: &mut LogWriter) -> Result<()
         privilege::give_up(account.as_ref())?;
     }
     if let Some(parent) = options.with_parent {
-        // A change of user undoes this, so it comes after.
+        // This comes after the change of user, which would undo it.
         crate::process::end_with_parent(parent).map_err(|error| Failure::new(exit::SYSTEM, error))?;
     }
     let clock = Clock::real();
@@ -114,10 +114,10 @@ fn run(settings: &Settings, options: &Options, log: &mut LogWriter) -> Result<()
     };
     let listener = serve_options.listen()?;
     if stays_root {
-        // Root's own right to everything is not needed any more; until here it was, in places that belong to others.
+        // The steps above need root's right to other users' directories. Give it up now.
         privilege::give_up(None)?;
     }
-    // Threads begin here: each would have kept the rights it was started with.
+    // Start threads only now: a thread keeps the rights that it starts with.
     log.start().map_err(|error| Failure::system("the log's thread", error))?;
     let server = serve(&serve_options, listener, backend)?;
 
@@ -142,7 +142,7 @@ fn run(settings: &Settings, options: &Options, log: &mut LogWriter) -> Result<()
         simulator_ended.is_some() || bus_thread.is_finished()
     });
     manager.stopping();
-    // First the socket: at its end it has the bus thread stop what is held.
+    // End the socket first: it then makes the bus thread stop held jogs.
     server.stop();
     let _ = stop.write(1);
     let bus_thread = bus_thread.join();
@@ -160,23 +160,23 @@ fn run(settings: &Settings, options: &Options, log: &mut LogWriter) -> Result<()
     Ok(())
 }
 
-/// Asks for processors that wake fast. Without them everything works, only later: a refusal is told.
+/// Asks the kernel for processors that wake up fast. Without them the daemon works, but later: a refusal is logged.
 fn cpu_latency(latency_us: u32, inherited: &Inherited) -> Option<CpuLatency> {
     match CpuLatency::hold(latency_us, &System::here(), inherited) {
         Ok(held) => {
-            info!("the machine's processors are asked to wake up within {latency_us} us");
+            info!("the machine's processors wake up within {latency_us} us");
             Some(held)
         }
         Err(error) => {
             warn!(
-                "cpu_latency_us = {latency_us} is not held: {NODE}: {error}; start as root, or see the drop-in wake-up.conf"
+                "cpu_latency_us = {latency_us} has no effect: {NODE}: {error}; start as root, or see the drop-in wake-up.conf"
             );
             None
         }
     }
 }
 
-/// Whether this board cannot be opened any more when privileges are given up.
+/// Whether only a privileged process can open this board.
 fn needs_rights(board: &BoardSpec) -> bool {
     matches!(board, BoardSpec::Window(_))
 }

@@ -1,6 +1,6 @@
-//! How the daemon ends, as a number that a service manager can act on: the statuses of `sysexits.h`.
+//! The daemon's exit statuses, from `sysexits.h`. A service manager acts on them.
 //!
-//! A unit file says which of them starting again cannot mend (`RestartPreventExitStatus=64 77 78`).
+//! After some of them a restart cannot help; the unit lists these (`RestartPreventExitStatus=64 77 78`).
 
 use std::error::Error;
 use std::io;
@@ -11,11 +11,11 @@ use super::socket::options::ServeError;
 use crate::device::board::refusal::{OpenError, Why};
 use crate::segment::SegmentError;
 
-/// The command line was not understood. Nothing has been done.
+/// The command line is wrong. Nothing has been done.
 pub const USAGE: u8 = 64;
-/// The board, its name or its socket is unavailable: it is not there, or another daemon has it. May mend itself.
+/// The board, its name or its socket is missing, or another daemon has it. A restart may help.
 pub const UNAVAILABLE: u8 = 69;
-/// A defect of the daemon's own.
+/// A defect in the daemon.
 pub const SOFTWARE: u8 = 70;
 /// The system gave no memory, descriptor or thread.
 pub const SYSTEM: u8 = 71;
@@ -47,14 +47,14 @@ impl Failure {
         Self::new(SYSTEM, format!("{what}: {error}"))
     }
 
-    /// The board cannot be opened: for want of a right, or because it is not there.
+    /// The board cannot be opened: a right is missing, or the board is.
     #[must_use]
     pub fn board(error: &(dyn Error + 'static)) -> Self {
         Self::new(if lacks_right(error) { NO_PERMISSION } else { UNAVAILABLE }, error)
     }
 }
 
-/// Whether the kernel's refusal is at the bottom of `error`.
+/// Whether `error` comes from a missing right.
 fn lacks_right(error: &(dyn Error + 'static)) -> bool {
     let mut next = Some(error);
     while let Some(error) = next {
@@ -76,7 +76,7 @@ fn lacks_right(error: &(dyn Error + 'static)) -> bool {
 impl From<SegmentError> for Failure {
     fn from(error: SegmentError) -> Self {
         let status = match &error {
-            // Who has the name may go away.
+            // The other owner of the name may end.
             SegmentError::InUse { .. }
             | SegmentError::ForeignOwner { .. }
             | SegmentError::Occupied { .. } => UNAVAILABLE,

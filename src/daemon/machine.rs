@@ -1,4 +1,4 @@
-//! Everything of the machine that the daemon works with: the board, its mailboxes, its interrupt controller.
+//! The hardware that the daemon uses: the board, its mailboxes, its interrupt controller.
 
 use super::config::settings::Settings;
 use super::exit::Failure;
@@ -7,18 +7,18 @@ use crate::daemon::bus::ports::host_port::HostPortDriver;
 use crate::daemon::bus::ports::mailbox::MailboxDriver;
 use crate::device::{Inherited, System};
 
-/// Everything of the machine that the daemon works with.
+/// The hardware that the daemon uses.
 pub struct Machine {
     /// The board.
     pub board: Board,
     /// Its mailbox circuit, on a board that has one.
     pub mailbox: Option<MailboxDriver>,
-    /// Its interrupt controller, where it has to be served.
+    /// Its interrupt controller, if the daemon serves it.
     pub host_port: Option<HostPortDriver>,
 }
 
 impl Machine {
-    /// Opens all that `settings` name.
+    /// Opens everything that `settings` name.
     ///
     /// # Errors
     /// What could not be opened, why, and what to do.
@@ -31,7 +31,7 @@ impl Machine {
         let mut board =
             board::open(settings, system, inherited).map_err(|error| failed("", error.as_ref()))?;
         let mailbox = settings.mailbox.clone();
-        // Where a board has a vector for it, a response in the DPRAM is announced there.
+        // A response in the DPRAM interrupts by this vector, if the board has one.
         if let Some(source) = mailbox.as_ref().and_then(|mailbox| mailbox.dpram.clone()) {
             let link = board::link(source, system, inherited);
             board.interrupt = Some(link.map_err(|error| failed("mailboxes: ", error.as_ref()))?);

@@ -1,7 +1,7 @@
 //! The daemon: owns the board, mirrors it, serves commands (layer 5).
 //!
-//! Two threads work, one writes the log and one waits for signals. The bus thread ([`bus::board_loop`]) owns the board; the socket's thread
-//! ([`socket`]) owns the clients; between them stand two bounded queues ([`shared::queue`]).
+//! The bus thread ([`bus::board_loop`]) owns the board. The socket thread ([`socket`]) owns the clients. Two bounded
+//! queues ([`shared::queue`]) join them. A third thread writes the log, and the first one waits for signals.
 
 pub mod bring_up;
 pub mod bus;

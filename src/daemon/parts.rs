@@ -1,6 +1,6 @@
-//! The daemon without its process: the bus thread's loop and what the socket's server needs, joined by their queues.
+//! The daemon without its process: the bus thread's loop and the socket's server, joined by their queues.
 //!
-//! `bring_up` adds rights, signals and threads. A test has both in one thread, with a clock of its own.
+//! `bring_up` adds rights, signals and threads. A test runs both in one thread, with its own clock.
 
 use std::sync::Arc;
 
@@ -31,7 +31,7 @@ use crate::protocol::{BoardInfo, Function, HostPortInfo};
 use crate::segment::identity::{self, first_motors};
 use crate::segment::{BlockPlace, ClockKind, CreateOptions, Identity, Publisher, RegionId, RegionSpec};
 
-/// Events that may wait for the socket's thread.
+/// The length of the queue of events for the socket thread.
 const EVENTS: usize = 256;
 
 /// The parts.
@@ -40,9 +40,9 @@ pub struct Parts {
     pub board_loop: BoardLoop,
     /// The socket's server's.
     pub backend: Backend,
-    /// Written to, it ends the loop.
+    /// A write to it ends the loop.
     pub stop: Arc<EventFd>,
-    /// A simulator of the daemon's own, which ends with this.
+    /// The daemon's own simulator. It ends on drop.
     pub simulator: Option<Simulator>,
 }
 
@@ -50,7 +50,7 @@ impl Parts {
     /// Puts the parts together. Nothing touches the board before the loop is polled.
     ///
     /// # Errors
-    /// When the kernel gives no event descriptor.
+    /// The kernel gives no event descriptor.
     pub fn new(
         settings: &Settings,
         machine: Machine,
@@ -121,10 +121,10 @@ impl Parts {
     }
 }
 
-/// The segment of `settings`: its name, who may read it, and the regions this version publishes. Its times are `clock`'s.
+/// The segment of `settings`: its name, its readers, and the regions that this version publishes. Its times are `clock`'s.
 ///
 /// # Errors
-/// A group that does not exist.
+/// A group does not exist.
 pub fn segment_options(settings: &Settings, clock: &Clock) -> Result<CreateOptions, Failure> {
     let regions = vec![
         mirror::servo::region(&settings.family.servo),
@@ -150,7 +150,7 @@ pub fn segment_options(settings: &Settings, clock: &Clock) -> Result<CreateOptio
     })
 }
 
-/// Who the board is: it changes seldom.
+/// The board's identity, which seldom changes.
 fn identity_region() -> RegionSpec {
     RegionSpec {
         id: RegionId::Board,

@@ -60,7 +60,7 @@ pub struct ConfigFile {
     /// Whether to identify the board (TYPE, VERSION, I-variables).
     ask_board: Option<bool>,
     /// The longest wake-up time of the machine's processors, in microseconds.
-        cpu_latency_us: Option<u32>,
+    cpu_latency_us: Option<u32>,
     /// Groups whose members may do more than read.
     roles: Option<RolesTable>,
     /// The mailbox circuit of a VME board.
@@ -154,7 +154,7 @@ pub struct Settings {
     /// The period of background reports, in nanoseconds.
     pub background_period_ns: u64,
     /// Whether to identify the board.
-        pub ask_board: bool,
+    pub ask_board: bool,
     /// The longest wake-up time of the machine's processors, if one is requested.
     pub cpu_latency_us: Option<u32>,
     /// Groups whose members may do more than look.
@@ -164,7 +164,7 @@ pub struct Settings {
     /// The interrupt controller behind the host port.
     pub host_port: Option<HostPortConfig>,
     /// Choices that no manual decides.
-        pub board_settings: CheckedSettings,
+    pub board_settings: CheckedSettings,
 }
 
 /// Why the settings were refused, on one line: what, where, what to do.
@@ -224,7 +224,7 @@ impl Settings {
         if !file.functions.has(Function::Ascii) {
             if mailbox.as_ref().is_some_and(|mailbox| mailbox.when != Use::Never) {
                 let text = "functions leaves \"ascii\" out, so the mailboxes can only set the page: write use = \"never\" in [mailbox]";
-                                return Err(Refusal::of("mailbox.use", text));
+                return Err(Refusal::of("mailbox.use", text));
             }
             if file.host_port.is_some() {
                 let text = "functions leaves \"ascii\" out, but [host_port] serves only its responses: add \"ascii\" or remove [host_port]";
@@ -405,7 +405,10 @@ mod tests {
             ),
             ("board = \"sim\"\nmotors = 9\n", "FILE:2:10: motors = 9 is out of range: write 1 to 8"),
             ("board = \"sim\"\nsocket_mode = \"9\"\n", "FILE:2:15: socket_mode = \"9\" is not a file mode"),
-            ("board = \"sim\"\nsocket_mode = \"999\"\n", "FILE:2:15: socket_mode = \"999\" is not a file mode"),
+            (
+                "board = \"sim\"\nsocket_mode = \"999\"\n",
+                "FILE:2:15: socket_mode = \"999\" is not a file mode",
+            ),
             (
                 "board = \"sim\"\nsocket_mode = \"0400\"\n",
                 "FILE:2:15: socket_mode = \"0400\" lets nobody connect",
@@ -442,7 +445,7 @@ mod tests {
             ("board = \"sim\"\n[servo]\nfields = []\n", "FILE:3:10: [servo] fields = [] leaves nothing"),
             (
                 "board = \"sim\"\nfunctions = [\"servo\"]\n[mailbox]\nregisters = \"file:m\"\ntaken = \"unix:t\"\nreply = \"unix:r\"\n",
-                "FILE:3:1: functions leaves \"ascii\" out, so the mailboxes have no use but for the page: write use = \"never\" in [mailbox]",
+                "FILE:3:1: functions leaves \"ascii\" out, so the mailboxes can only set the page: write use = \"never\" in [mailbox]",
             ),
             (
                 "board = \"sim\"\n[mailbox]\nregisters = \"file:m\"\nuse = \"never\"\npage = 64\n",

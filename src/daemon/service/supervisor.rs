@@ -106,7 +106,7 @@ impl Manager {
             if moves {
                 self.send("WATCHDOG=1");
             } else if !self.stuck {
-                error!("the bus thread makes no rounds: watchdog notifications stop, so that the service manager restarts the daemon");
+                error!("the bus thread makes no rounds: watchdog notifications stop until it goes on");
             }
             self.stuck = !moves;
         }
@@ -118,7 +118,7 @@ impl Manager {
     }
 }
 
-/// Returns the signal that asks the daemon to end, or `None` when `ended` says that a thread, or the simulator, did so by itself.
+/// Waits for the end. Returns the signal, or `None` if `ended` reports that a thread or the simulator ended.
 pub fn until_asked_to_end(
     signals: &mut Signals,
     manager: &mut Manager,
