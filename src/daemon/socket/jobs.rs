@@ -106,7 +106,7 @@ pub struct JobCall {
     /// How long it may take.
     pub timeout: Duration,
     pub(super) guard: Option<Guard>,
-    /// It stops something: it is done first, and what it needs is asked after it.
+    /// It only stops something: the role stop may do it, and it is done before what it needs is asked.
     pub(super) stops: bool,
     /// What has a say in the effect; asked together with the guard.
     time_base: Option<TimeBase>,
@@ -280,6 +280,7 @@ pub(super) fn panel(call: calls::Panel, hold: bool, family: &Family) -> Result<J
     let stops = matches!(action, PanelAction::JogStop | PanelAction::Stop | PanelAction::Hold);
     Ok(JobCall {
         guard: panel_enabled(family).filter(|_| !stops),
+        stops,
         lease: hold.then_some(request.mask()),
         audit: Some(format!("panel {action} {numbers:?}{held}")),
         ..JobCall::new(Job::Panel(request), PANEL_TIMEOUT)
