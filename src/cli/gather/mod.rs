@@ -214,7 +214,7 @@ fn check_functions(settings: &BoardSettings, needed: &[Function]) -> Result<(), 
         if !settings.functions.has(*function) {
             let name = function.name();
             return Err(Failure::Refused(format!(
-                "gathering needs the function `{name}`, which is off; add it to `functions` in the daemon's configuration"
+                "gathering needs the function `{name}`, which is switched off; add it to `functions` in the daemon's configuration"
             )));
         }
     }
