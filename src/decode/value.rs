@@ -1,7 +1,5 @@
 //! The value at a typed address, read the way its space says.
 
-use std::fmt;
-
 use serde::Serialize;
 
 use crate::format::{Float48Layout, fixed48, float32, join32};
@@ -32,17 +30,6 @@ pub fn value(space: Space, words: &[u16], float48: Float48Layout) -> Option<Valu
         (Space::D, &[a, b, c, d]) => Some(Value::Fixed(fixed48::decode(join32(a, b), join32(c, d)))),
         (Space::L, &[a, b, c, d]) => Some(Value::Float(float48.decode(join32(a, b), join32(c, d)))),
         _ => None,
-    }
-}
-
-impl fmt::Display for Value {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Word(word) => write!(f, "{word}"),
-            Self::Long(long) => write!(f, "{long}"),
-            Self::Fixed(fixed) => write!(f, "{fixed}"),
-            Self::Float(float) => write!(f, "{float}"),
-        }
     }
 }
 

@@ -6,13 +6,14 @@ use clap::{Args as ClapArgs, Subcommand};
 use serde_json::{Map, Value, json};
 
 use crate::cli::args::values::{rate, seconds};
+use crate::cli::console::number::{digits, short};
 use crate::cli::console::table::{Align, Table};
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::cli::layout::board_layout;
 use crate::client::{Variable as Entry, VariableTable, View};
 use crate::format::{fixed48, float48, int24};
 use crate::function::variable_write::WriteRecord;
-use crate::gather::{Column, Source};
+use crate::gather::{Column, Reading, Source};
 use crate::map::PmacRegister;
 use crate::map::number;
 use crate::map::{PmacAddress, Space, VariableKind};
@@ -25,6 +26,8 @@ const NO_NEWS: Duration = Duration::from_millis(500);
 const FIRST: u32 = 5;
 /// The largest number of registers in one call.
 const MOST: usize = 1024;
+/// The digits that a product of two 64-bit floats keeps for certain.
+const PRODUCT_DIGITS: usize = 15;
 /// The largest integer an f64 holds with all integers below it.
 const EXACT: f64 = 9_007_199_254_740_992.0;
 
@@ -158,10 +161,15 @@ fn print<'a>(
         }))?;
     } else {
         let values: String =
-            values.map(|(column, number)| format!(" {}={}", column.name, plain(number))).collect();
+            values.map(|(column, number)| format!(" {}={}", column.name, shown(column, number))).collect();
         context.output.line(format_args!("servo={}{values}", view.servo_timer))?;
     }
     Ok(())
+}
+
+/// A number as text: a 48-bit float with the digits that it has, others with those that a product keeps.
+fn shown(column: &Column, number: f64) -> String {
+    if column.reading == Reading::Float { short(number) } else { digits(number, PRODUCT_DIGITS) }
 }
 
 /// A number for JSON and text. Whole numbers have no decimal point.
@@ -187,7 +195,7 @@ fn list(context: &mut Context) -> Result<Verdict, Failure> {
             let value = match (entry.updates, entry.kind) {
                 (0, _) => "-".to_owned(),
                 (_, VariableKind::Y | VariableKind::X) => int24::signed(entry.longs[0]).to_string(),
-                _ => format!("{} (L: {})", fixed(entry), float(entry)),
+                _ => format!("{} (L: {})", fixed(entry), short(float(entry))),
             };
             table.row([name(entry), entry.updates.to_string(), value]);
         }

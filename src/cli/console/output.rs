@@ -61,8 +61,7 @@ impl Output {
     /// One JSON document, indented.
     pub fn json(&mut self, document: &impl Serialize) -> io::Result<()> {
         if !self.quiet {
-            serde_json::to_writer_pretty(&mut self.stdout, document)?;
-            writeln!(self.stdout)?;
+            writeln!(self.stdout, "{}", visible(&serde_json::to_string_pretty(document)?))?;
         }
         Ok(())
     }
@@ -70,13 +69,37 @@ impl Output {
     /// One JSON document on one line, in a series.
     pub fn json_line(&mut self, document: &impl Serialize) -> io::Result<()> {
         if !self.quiet {
-            serde_json::to_writer(&mut self.stdout, document)?;
-            writeln!(self.stdout)?;
+            writeln!(self.stdout, "{}", visible(&serde_json::to_string(document)?))?;
         }
         Ok(())
     }
 
     pub fn flush(&mut self) -> io::Result<()> {
         self.stdout.flush()
+    }
+}
+
+/// A document whose strings have no control characters, which JSON allows from U+007F on: a terminal obeys CSI (U+009B).
+fn visible(document: &str) -> Cow<'_, str> {
+    let acts = |c: char| ('\u{7f}'..='\u{9f}').contains(&c);
+    if !document.contains(acts) {
+        return Cow::Borrowed(document);
+    }
+    let escaped = |c: char| if acts(c) { format!("\\u{:04x}", u32::from(c)) } else { c.to_string() };
+    Cow::Owned(document.chars().map(escaped).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn b4_5_control_characters_are_escaped_in_json() {
+        let text = "a\u{9b}2J\u{7f}\u{1b}é";
+        let document = serde_json::to_string(text).unwrap();
+        let shown = visible(&document);
+        assert_eq!(shown, "\"a\\u009b2J\\u007f\\u001bé\"");
+        assert_eq!(serde_json::from_str::<String>(&shown).unwrap(), text, "it means the same");
+        assert!(matches!(visible("{}"), Cow::Borrowed(_)));
     }
 }

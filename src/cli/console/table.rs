@@ -2,6 +2,8 @@
 
 use std::fmt;
 
+use crate::format::Visible;
+
 /// The alignment of a column.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Align {
@@ -24,20 +26,67 @@ impl Table {
     pub fn row(&mut self, cells: impl IntoIterator<Item = String>) {
         self.rows.push(cells.into_iter().collect());
     }
+
+    /// Removes the column called `name`, if there is one.
+    pub fn drop_column(&mut self, name: &str) {
+        let Some(index) = self.columns.iter().position(|(heading, _)| *heading == name) else { return };
+        self.columns.remove(index);
+        for row in self.rows.iter_mut().filter(|row| index < row.len()) {
+            row.remove(index);
+        }
+    }
+
+    /// The table in lines of at most `width` characters, if possible: first without the columns in `spare`, one after the
+    /// other, then with the words of the last column in further lines. No cell is cut: half a number is another number.
+    pub fn fitting(mut self, width: usize, spare: &[&str]) -> String {
+        for name in spare {
+            if self.to_string().lines().all(|line| line.chars().count() <= width) {
+                break;
+            }
+            self.drop_column(name);
+        }
+        let widths = self.widths();
+        let begin: usize = widths.iter().take(widths.len().saturating_sub(1)).map(|column| column + 2).sum();
+        self.to_string().lines().map(|line| wrapped(line, begin, width)).collect()
+    }
+
+    fn lines(&self) -> impl Iterator<Item = Vec<String>> {
+        let heading = self.columns.iter().map(|(name, _)| (*name).to_owned()).collect();
+        std::iter::once(heading).chain(self.rows.iter().cloned())
+    }
+
+    fn widths(&self) -> Vec<usize> {
+        let width = |column: usize| {
+            let cells = self.lines().filter_map(|line| Some(line.get(column)?.chars().count()));
+            cells.max().unwrap_or(0)
+        };
+        (0..self.columns.len()).map(width).collect()
+    }
+}
+
+/// The line, and below it the words behind character `begin` that do not fit.
+fn wrapped(line: &str, begin: usize, width: usize) -> String {
+    let mut row: String = line.chars().take(begin).collect();
+    let mut text = String::new();
+    for (index, word) in line.chars().skip(begin).collect::<String>().split(' ').enumerate() {
+        if index > 0 && row.chars().count() + 1 + word.chars().count() > width {
+            text += &format!("{row}\n");
+            row = " ".repeat(begin);
+        } else if index > 0 {
+            row.push(' ');
+        }
+        row += word;
+    }
+    text + &format!("{}\n", row.trim_end())
 }
 
 impl fmt::Display for Table {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let heading: Vec<String> = self.columns.iter().map(|(name, _)| (*name).to_owned()).collect();
-        let lines: Vec<&Vec<String>> = std::iter::once(&heading).chain(&self.rows).collect();
-        let cell = |line: &Vec<String>, column: usize| line.get(column).cloned().unwrap_or_default();
-        let widths: Vec<usize> = (0..self.columns.len())
-            .map(|column| lines.iter().map(|line| cell(line, column).chars().count()).max().unwrap_or(0))
-            .collect();
-        for line in lines {
+        let widths = self.widths();
+        for line in self.lines() {
             let mut text = String::new();
             for (column, ((_, align), width)) in self.columns.iter().zip(&widths).enumerate() {
-                let cell = cell(line, column);
+                let cell = line.get(column).map_or("", String::as_str);
                 if column > 0 {
                     text.push_str("  ");
                 }
@@ -46,7 +95,8 @@ impl fmt::Display for Table {
                     Align::Right => format!("{cell:>width$}"),
                 });
             }
-            writeln!(f, "{}", text.trim_end())?;
+            // The board's words may be in it.
+            writeln!(f, "{}", Visible(text.trim_end()))?;
         }
         Ok(())
     }
@@ -62,5 +112,30 @@ mod tests {
         table.row(["1".to_owned(), "x".to_owned(), "end".to_owned()]);
         table.row(["100".to_owned(), "longer".to_owned()]);
         assert_eq!(table.to_string(), "  a  name    z\n  1  x       end\n100  longer\n");
+    }
+
+    #[test]
+    fn b5_8_a_narrow_screen_costs_whole_columns_and_no_flag() {
+        let table = || {
+            let mut table =
+                Table::new(&[("motor", Align::Right), ("spare", Align::Right), ("flags", Align::Left)]);
+            table.row(["#1", "123456.7", "homed in-position"].map(str::to_owned));
+            table.row(["#2", "8", ""].map(str::to_owned));
+            table
+        };
+        let wide = table().to_string();
+        assert_eq!(table().fitting(34, &["spare"]), wide);
+        let narrow = "motor  flags\n   #1  homed in-position\n   #2\n";
+        assert_eq!(table().fitting(33, &["spare"]), narrow);
+        let wrapped = "motor  flags\n   #1  homed\n       in-position\n   #2\n";
+        assert_eq!(table().fitting(23, &["spare"]), wrapped);
+        assert_eq!(table().fitting(1, &["spare"]), wrapped);
+    }
+
+    #[test]
+    fn b4_5_control_characters_of_a_board_are_seen_in_a_table() {
+        let mut table = Table::new(&[("reply", Align::Left)]);
+        table.row(["a\u{9b}2J\u{1b}".to_owned()]);
+        assert_eq!(table.to_string(), "reply\na\\x9b2J\\x1b\n");
     }
 }

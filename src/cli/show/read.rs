@@ -4,11 +4,12 @@ use clap::Args;
 use serde::Serialize;
 
 use crate::cli::args::values::{Float48, family};
+use crate::cli::console::number::{float32, short};
 use crate::cli::console::table::{Align, Table};
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::decode::{Value, value};
 use crate::format::join32;
-use crate::map::{BitField, Family, Field};
+use crate::map::{BitField, Family, Field, Space};
 
 #[derive(Debug, Args)]
 pub struct Read {
@@ -35,6 +36,8 @@ struct Found {
     bits: Option<BitField>,
     /// CLOCK_MONOTONIC time of the first read.
     time_ns: u64,
+    #[serde(skip)]
+    space: Space,
     /// The 16-bit words, ascending.
     words: Vec<u16>,
     value: Option<Value>,
@@ -56,6 +59,7 @@ pub fn run(context: &mut Context, options: &Read) -> Result<Verdict, Failure> {
             bits,
             host_offset: location.offset.bytes(),
             time_ns,
+            space: location.space,
             value: match bits {
                 None => value(location.space, &words, options.float48.into()),
                 Some(bits) => part(bits, &words),
@@ -101,7 +105,14 @@ fn table(found: &[Found]) -> Table {
             },
             format!("0x{:04X}", found.host_offset),
             found.words.iter().map(|word| format!("{word:04X}")).collect::<Vec<_>>().join(" "),
-            found.value.map_or_else(String::new, |value| value.to_string()),
+            match found.value {
+                Some(Value::Float(value)) if found.space == Space::F => float32(value),
+                Some(Value::Float(value)) => short(value),
+                Some(Value::Fixed(value)) => value.to_string(),
+                Some(Value::Long(value)) => value.to_string(),
+                Some(Value::Word(value)) => value.to_string(),
+                None => String::new(),
+            },
         ]);
     }
     table
