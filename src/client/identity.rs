@@ -20,6 +20,7 @@ pub fn scales(identity: &Identity) -> Scales {
         position_scale: identity.ix08[index].map(f64::from),
         velocity_scale: identity.ix09[index].map(f64::from),
         master_scale: identity.ix07[index].map(f64::from),
+        loop_cycles: identity.ix60[index].map(|extension| f64::from(extension) + 1.0),
     };
     Scales { motors: (0..identity.ix08.len()).map(motor).collect(), i10: identity.i10 }
 }

@@ -164,7 +164,7 @@ fn identity_region() -> RegionSpec {
 }
 
 fn configured_identity(settings: &Settings) -> Identity {
-    Identity {
+    let mut identity = Identity {
         family: Some(settings.family.number),
         motors: Some(settings.family.motors as u32),
         coordinate_systems: Some(settings.family.coordinate_systems as u32),
@@ -174,7 +174,9 @@ fn configured_identity(settings: &Settings) -> Identity {
         motor_mask: settings.motors.map(first_motors),
         firmware: settings.firmware.as_deref().map(Into::into),
         ..Identity::default()
-    }
+    };
+    settings.motor_names.iter().for_each(|motor| motor.tell(&mut identity));
+    identity
 }
 
 fn board_info(settings: &Settings, publisher: &Publisher) -> BoardInfo {

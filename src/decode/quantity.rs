@@ -39,6 +39,19 @@ impl Quantity {
         Self::scaled(raw.into(), scales.velocity_scale, "count per servo cycle", raw_unit)
     }
 
+    /// The same velocity in counts a second, where the board has told how long a cycle of the motor's loop is: counts/ms are
+    /// raw/(Ix09*32) * 8388608/(I10*(Ix60+1)) (Software Reference, `V`).
+    pub(super) fn velocity_per_second(raw: i32, scales: MotorScales, servo_period_ns: Option<f64>) -> Self {
+        let per_cycle = Self::velocity(raw, scales);
+        let cycle_ns = servo_period_ns.zip(scales.loop_cycles).map(|(period, cycles)| period * cycles);
+        match per_cycle.value.zip(cycle_ns) {
+            Some((value, cycle_ns)) => {
+                Self { value: Some(value * 1e9 / cycle_ns), unit: "count/s", ..per_cycle }
+            }
+            None => Self { value: None, unit: "1/(Ix09*32) count per servo cycle", ..per_cycle },
+        }
+    }
+
     pub(super) fn dac(raw: i32) -> Self {
         Self { raw: raw.into(), value: Some(f64::from(raw) / 256.0), unit: "DAC bit" }
     }
@@ -66,6 +79,8 @@ pub struct MotorScales {
     pub velocity_scale: Option<f64>,
     /// Ix07: a master position's raw unit is 1/(Ix07*32) count of the master.
     pub master_scale: Option<f64>,
+    /// Ix60+1: so many servo cycles is a cycle of the motor's loop.
+    pub loop_cycles: Option<f64>,
 }
 
 /// The scales of a board, as far as they are known.
@@ -137,6 +152,22 @@ mod tests {
             let scales = MotorScales { position_scale: unknown, ..known };
             let position = Quantity::position(3072, scales);
             assert_eq!((position.value, position.unit), (None, "1/(Ix08*32) count"));
+        }
+    }
+
+    #[test]
+    fn a_velocity_has_seconds_only_where_the_cycle_is_known() {
+        let known =
+            MotorScales { velocity_scale: Some(96.0), loop_cycles: Some(2.0), ..MotorScales::default() };
+        // A count a cycle of two servo cycles of half a millisecond.
+        let velocity = |scales, period| Quantity::velocity_per_second(3072, scales, period);
+        let found = velocity(known, Some(5e5));
+        assert_eq!((found.raw, found.value, found.unit), (3072, Some(1000.0), "count/s"));
+        assert_eq!(velocity(known, None).value, None);
+        for unknown in
+            [MotorScales { loop_cycles: None, ..known }, MotorScales { velocity_scale: None, ..known }]
+        {
+            assert_eq!(velocity(unknown, Some(5e5)).value, None);
         }
     }
 

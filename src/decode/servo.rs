@@ -1,10 +1,13 @@
 //! The servo report: the motors' positions, velocities and status words (DPRAM manual p. 14-17, Turbo User Manual p. 402).
 //!
 //! Which fields a motor's block has, and where, is the family's register table's; a field of [`ServoMotor`] that the
-//! family lacks is `None`. On PMAC and PMAC2 no following error is worked out: which of master and compensation
-//! position the desired position holds is not documented for these boards.
+//! family lacks is `None`.
+//!
+//! PMAC and PMAC2 report no following error. The loop closes on actual position and compensation, as `P` adds them (Software
+//! Reference, `P`), so it is what the commanded position has more. While a motor follows a master none is worked out: whether
+//! the commanded position holds the master's share is not documented.
 
-use serde::Serialize;
+use serde::ser::{Serialize, SerializeMap, Serializer};
 
 use super::quantity::{Flags, MotorScales, Quantity, Scales};
 use super::{Block, TooShort, blocks, long};
@@ -12,7 +15,7 @@ use crate::format::{int24, join32};
 use crate::map::{Family, Selection, StatusTable, block_fields};
 
 /// What the servo report held.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, serde::Serialize)]
 pub struct ServoData {
     /// The low bits of the servo counter at PMAC's update, 15 or 24 of them.
     pub servo_timer: u32,
@@ -28,8 +31,9 @@ pub struct ServoData {
     global: &'static [StatusTable],
 }
 
-/// What the servo report held of one motor; `None` is what was not read of it, or what the family does not report.
-#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
+/// What the servo report held of one motor; `None` is what was not read of it, or what the family does not report. Serialises
+/// as an object of what the family reports.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct ServoMotor {
     /// The motor's number, from 1.
     pub motor: usize,
@@ -47,24 +51,39 @@ pub struct ServoMotor {
     pub servo_status: Option<Quantity>,
     /// Actual velocity of the last servo cycle, not averaged.
     pub actual_velocity: Option<Quantity>,
+    /// The same in counts a second.
+    pub velocity: Option<Quantity>,
     /// Time left in the move segment at 100 % feed rate override.
     pub time_left: Option<Quantity>,
     /// A PMAC address of doubtful meaning; see the register table.
     pub handwheel_pointer: Option<Quantity>,
-    /// Turbo: following error.
-    #[serde(skip_serializing_if = "Option::is_none")]
+    /// Following error: Turbo reports it; elsewhere it is worked out, while the motor follows no master.
     pub following_error: Option<Quantity>,
     /// Turbo: offset from `PSET` and axis definitions.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub position_bias: Option<Quantity>,
     /// Turbo: actual velocity, averaged over 16*(I60+1) servo cycles.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub filtered_velocity: Option<Quantity>,
     /// Turbo: the background status word, the second word of `?`.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub background_status: Option<Quantity>,
     /// The flags of the servo status word.
     pub status: Option<Flags>,
+    /// Of [`FIELDS`] those that the family has, bit 0 being the first.
+    fields: u16,
+}
+
+impl Serialize for ServoMotor {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let mut motor = serializer.serialize_map(None)?;
+        motor.serialize_entry("motor", &self.motor)?;
+        let mut copy = *self;
+        for (index, field) in FIELDS.iter().enumerate() {
+            if self.fields >> index & 1 != 0 {
+                motor.serialize_entry(field.name, (field.value)(&mut copy))?;
+            }
+        }
+        motor.serialize_entry("status", &self.status)?;
+        motor.end()
+    }
 }
 
 /// A field that a motor's block may have: its name in the register table, how it is read, where its value goes.
@@ -74,21 +93,27 @@ struct Field {
     value: fn(&mut ServoMotor) -> &mut Option<Quantity>,
 }
 
-const FIELDS: [Field; 13] = [
+const FIELDS: [Field; 14] = [
     Field { name: "commanded_position", read: position, value: |motor| &mut motor.commanded_position },
     Field { name: "actual_position", read: position, value: |motor| &mut motor.actual_position },
+    Field { name: FOLLOWING_ERROR, read: position, value: |motor| &mut motor.following_error },
     Field { name: "master_position", read: master, value: |motor| &mut motor.master_position },
     Field { name: "compensation_position", read: position, value: |motor| &mut motor.compensation_position },
+    Field { name: "position_bias", read: position, value: |motor| &mut motor.position_bias },
     Field { name: "previous_dac", read: dac, value: |motor| &mut motor.previous_dac },
     Field { name: "servo_status", read: bits, value: |motor| &mut motor.servo_status },
-    Field { name: "actual_velocity", read: velocity, value: |motor| &mut motor.actual_velocity },
-    Field { name: "time_left", read: time, value: |motor| &mut motor.time_left },
-    Field { name: "handwheel_pointer", read: address, value: |motor| &mut motor.handwheel_pointer },
-    Field { name: "following_error", read: position, value: |motor| &mut motor.following_error },
-    Field { name: "position_bias", read: position, value: |motor| &mut motor.position_bias },
+    Field { name: ACTUAL_VELOCITY, read: velocity, value: |motor| &mut motor.actual_velocity },
+    Field { name: VELOCITY, read: |_, _, _| None, value: |motor| &mut motor.velocity },
     Field { name: "filtered_velocity", read: velocity, value: |motor| &mut motor.filtered_velocity },
     Field { name: "background_status", read: bits, value: |motor| &mut motor.background_status },
+    Field { name: "time_left", read: time, value: |motor| &mut motor.time_left },
+    Field { name: "handwheel_pointer", read: address, value: |motor| &mut motor.handwheel_pointer },
 ];
+/// Reported by Turbo, else worked out.
+const FOLLOWING_ERROR: &str = "following_error";
+const ACTUAL_VELOCITY: &str = "actual_velocity";
+/// Worked out of [`ACTUAL_VELOCITY`].
+const VELOCITY: &str = "velocity";
 
 fn position(block: &Block, at: usize, scales: MotorScales) -> Option<Quantity> {
     block.fixed(at).map(|raw| Quantity::position(raw, scales))
@@ -134,6 +159,8 @@ pub struct ServoDecoder {
     family: &'static Family,
     /// Of [`FIELDS`] those that the family has, each with its first word in the block.
     fields: Vec<(&'static Field, usize)>,
+    /// Of [`FIELDS`] those that a motor of the family has, worked out or reported, bit 0 being the first.
+    has: u16,
 }
 
 impl std::fmt::Debug for Field {
@@ -148,7 +175,15 @@ impl ServoDecoder {
     pub fn new(family: &'static Family) -> Self {
         let known = |name: &str| FIELDS.iter().find(|field| field.name == name);
         let fields = block_fields(family, "servo").filter_map(|at| Some((known(at.name)?, at.words.start)));
-        Self { family, fields: fields.collect() }
+        let fields: Vec<_> = fields.collect();
+        let reports = |name: &str| fields.iter().any(|(field, _)| field.name == name);
+        let has = |field: &Field| match field.name {
+            FOLLOWING_ERROR => true,
+            VELOCITY => reports(ACTUAL_VELOCITY),
+            name => reports(name),
+        };
+        let has = (0..).zip(&FIELDS).fold(0, |all, (index, field)| all | u16::from(has(field)) << index);
+        Self { family, fields, has }
     }
 
     /// Decodes the report of `motors` motors, no more than the family has, from its words, the first of which is the
@@ -183,9 +218,9 @@ impl ServoDecoder {
         })
     }
 
-    fn motor(&self, number: usize, block: &Block, scales: &Scales) -> ServoMotor {
-        let scales = scales.motor(number);
-        let mut motor = ServoMotor { motor: number, ..ServoMotor::default() };
+    fn motor(&self, number: usize, block: &Block, board: &Scales) -> ServoMotor {
+        let scales = board.motor(number);
+        let mut motor = ServoMotor { motor: number, fields: self.has, ..ServoMotor::default() };
         for (field, word) in &self.fields {
             *(field.value)(&mut motor) = (field.read)(block, *word, scales);
         }
@@ -194,7 +229,25 @@ impl ServoDecoder {
             .servo_status
             .zip(table)
             .and_then(|(status, table)| Some(Flags { word: u32::try_from(status.raw).ok()?, table }));
+        motor.velocity = motor
+            .actual_velocity
+            .and_then(|velocity| i32::try_from(velocity.raw).ok())
+            .map(|raw| Quantity::velocity_per_second(raw, scales, board.servo_period_ns()));
+        if motor.following_error.is_none() {
+            motor.following_error = motor.worked_out_error(scales);
+        }
         motor
+    }
+}
+
+impl ServoMotor {
+    /// What the commanded position has more than the actual one with its compensation, unless the motor follows a master.
+    fn worked_out_error(&self, scales: MotorScales) -> Option<Quantity> {
+        let follows = self.status?.has("handwheel_enabled");
+        let positions = [self.commanded_position, self.actual_position, self.compensation_position];
+        let [commanded, actual, compensation] = positions.map(|position| Some(position?.raw));
+        let raw = commanded?.wrapping_sub(actual?).wrapping_sub(compensation?);
+        (!follows).then(|| Quantity::position(raw, scales))
     }
 }
 

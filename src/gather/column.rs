@@ -102,8 +102,12 @@ pub(super) mod tests {
     }
 
     pub fn scales() -> Scales {
-        let motor =
-            MotorScales { position_scale: Some(96.0), velocity_scale: Some(48.0), master_scale: Some(0.0) };
+        let motor = MotorScales {
+            position_scale: Some(96.0),
+            velocity_scale: Some(48.0),
+            master_scale: Some(0.0),
+            ..Default::default()
+        };
         Scales { motors: vec![motor], i10: Some(3_713_707) }
     }
 
@@ -147,8 +151,12 @@ pub(super) mod tests {
 
     #[test]
     fn every_scaled_unit_of_the_register_table_is_known() {
-        let all =
-            MotorScales { position_scale: Some(1.0), velocity_scale: Some(1.0), master_scale: Some(1.0) };
+        let all = MotorScales {
+            position_scale: Some(1.0),
+            velocity_scale: Some(1.0),
+            master_scale: Some(1.0),
+            ..Default::default()
+        };
         let scales = Scales { motors: vec![all], i10: None };
         for name in [
             "commanded_position",

@@ -553,8 +553,9 @@ pub struct IVariables {
 const GATHER_MASK_BITS: usize = 24;
 
 impl IVariables {
-    /// Ix07, Ix08 and Ix09: the scales of a motor's master position, positions and velocities.
-    pub const SCALES: [usize; 3] = [7, 8, 9];
+    /// Ix07, Ix08, Ix09 and Ix60: the scales of a motor's master position, positions and velocities, and by how many servo
+    /// cycles its own is longer.
+    pub const SCALES: [usize; 4] = [7, 8, 9, 60];
 
     /// Variable `which` (0-99) of `motor` (from 1): Ix08 of motor 3 is 308.
     #[must_use]

@@ -55,7 +55,7 @@ pub use layout::{ClockKind, RegionId, RegionState, State};
 pub(crate) use lock::KERNEL_ASKED;
 pub use name::SegmentName;
 pub use payload::blocks::BlockPlace;
-pub use payload::identity::{self, Identity};
+pub use payload::identity::{self, Identity, UserUnit};
 pub use placement::{CreateOptions, RegionSpec};
 pub use publish::{Counters, Publisher};
 pub use region_reader::Read;

@@ -13,10 +13,10 @@ use crate::support::rig::{Ran, Rig, command, pmacctl, pmacctl_with, pty};
 use crate::support::status_within;
 
 const MOTORS: &str = "\
-motor  commanded  actual  difference  velocity  unit   flags
-   #1     1000.0   999.8         0.2     0.000  count  homed in-position
-   #2      -25.0   -24.0        -1.0    -0.500  count  moving
-   #3         77     -77         154         5  raw    off
+motor  commanded  actual  following error  velocity  flags
+   #1     1000.0   999.8              0.2       0.0  homed in-position
+   #2      -25.0   -24.0             -1.0   -1129.4  moving
+   #3      77raw  -77raw           154raw      5raw  off
 ";
 const SYSTEMS: &str = "\
 system  mode     lines  left ms  flags                targets
@@ -343,7 +343,7 @@ fn watch_repaints_on_a_terminal() {
     let _ = std::fs::File::from(pty.master).read_to_end(&mut screen);
     let screen = String::from_utf8(screen).unwrap();
     assert_eq!(screen.matches("\x1b[H").count(), 2, "{screen:?}");
-    assert!(screen.contains("#1     1000.0   999.8         0.2"), "{screen:?}");
+    assert!(screen.contains("#1     1000.0   999.8              0.2"), "{screen:?}");
 }
 
 #[test]
@@ -368,8 +368,8 @@ fn watch_keeps_to_its_window_and_ends_on_q() {
     let lines: Vec<&str> = frame.split("\r\n").map(|line| line.trim_start_matches("\x1b[K")).collect();
     let title = format!("/{} (q ends it)  update 1", rig.name);
     assert_eq!(lines[0], &title[..30], "{frame:?}");
-    assert_eq!(lines[1], "motor  commanded  actual  diff");
-    assert_eq!(lines[2..], ["... 3 more", "\x1b[J"], "{frame:?}");
+    assert_eq!(lines[1], "motor  actual  flags");
+    assert_eq!(lines[2..], ["... 4 more", "\x1b[J"], "{frame:?}");
     terminal.write_all(b"q").unwrap();
     assert_eq!(status_within(&mut watching, Duration::from_secs(10)).code(), Some(0));
 }
@@ -379,7 +379,12 @@ fn watch_prints_a_line_each_time_in_a_pipe() {
     let rig = Rig::new().live();
     let ran = rig.run("watch --count 3 --rate 100");
     let lines: Vec<_> = ran.stdout.lines().collect();
-    assert_eq!(lines, ["update=1 fresh #1=999.8 #2=-24.0 #3=-77raw"; 3]);
+    let motors = "#1=999.8 following_error=0.2 flags=homed,in-position #2=-24.0 following_error=-1.0 flags=moving \
+                  #3=-77raw following_error=154raw flags=off";
+    assert!(
+        lines.len() == 3 && lines.iter().all(|line| *line == format!("update=1 fresh {motors}")),
+        "{ran:?}"
+    );
     assert_eq!(ran.code, Some(0));
     let ran = rig.run("watch --seconds 0.1 --json");
     assert!(ran.stdout.lines().all(|line| line.starts_with("{\"motors\"") && line.ends_with('}')), "{ran:?}");

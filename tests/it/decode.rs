@@ -38,8 +38,12 @@ impl Dump {
 }
 
 fn scales() -> Scales {
-    let motor =
-        MotorScales { position_scale: Some(96.0), velocity_scale: Some(96.0), master_scale: Some(32.0) };
+    let motor = MotorScales {
+        position_scale: Some(96.0),
+        velocity_scale: Some(96.0),
+        master_scale: Some(32.0),
+        loop_cycles: Some(1.0),
+    };
     Scales { motors: vec![motor, MotorScales::default()], i10: Some(3_713_707) }
 }
 
@@ -83,24 +87,28 @@ fn a_motor_serialises_with_raw_value_and_unit() {
         json!([{
             "motor": 1,
             "commanded_position": quantity(3072, 1.0, "count"),
+            "following_error": quantity(6144 - (1 << 24), f64::from(6144 - (1 << 24)) / 3072.0, "count"),
             "actual_position": quantity(-3072, -1.0, "count"),
             "master_position": quantity(1024, 1.0, "count of the master"),
             "compensation_position": quantity(1 << 24, f64::from(1 << 24) / 3072.0, "count"),
             "previous_dac": quantity(-512, -2.0, "DAC bit"),
             "servo_status": unknown(0x81_2000, "bits"),
             "actual_velocity": quantity(6144, 2.0, "count per servo cycle"),
+            "velocity": quantity(6144, 2.0 * 8_388_608_000.0 / 3_713_707.0, "count/s"),
             "time_left": quantity(7, 3.5, "msec"),
             "handwheel_pointer": unknown(0xC000, "PMAC address"),
             "status": ["motor_activated", "integration_mode", "desired_velocity_zero"],
         }, {
             "motor": 2,
             "commanded_position": unknown(2 << 24, "1/(Ix08*32) count"),
+            "following_error": unknown(-6 << 24, "1/(Ix08*32) count"),
             "actual_position": unknown(3 << 24, "1/(Ix08*32) count"),
             "master_position": unknown(4 << 24, "1/(Ix07*32) count of the master"),
             "compensation_position": unknown(5 << 24, "1/(Ix08*32) count"),
             "previous_dac": quantity(256, 1.0, "DAC bit"),
             "servo_status": unknown(0x04_0000, "bits"),
             "actual_velocity": unknown(-9, "1/(Ix09*32) count per servo cycle"),
+            "velocity": unknown(-9, "1/(Ix09*32) count per servo cycle"),
             "time_left": quantity(10, 5.0, "msec"),
             "handwheel_pointer": unknown(11, "PMAC address"),
             "status": ["open_loop"],

@@ -28,9 +28,9 @@ fn what_is_not_read_is_shown_as_such() {
     let rig = partial("unread");
     assert_eq!(
         rig.run("motors").stdout,
-        "motor  commanded  actual  difference  velocity  unit   flags\n   \
-            #1          -   999.8           -     0.000  count  -\n   \
-            #3          -     -77           -         5  raw    -\n"
+        "motor  commanded  actual  following error  velocity  flags\n   \
+            #1          -   999.8                -       0.0  -\n   \
+            #3          -  -77raw                -      5raw  -\n"
     );
     assert_eq!(
         rig.run("coordinates").stdout,
@@ -38,7 +38,10 @@ fn what_is_not_read_is_shown_as_such() {
             &1  -         3        -  -      X12.5\n"
     );
     let watched = rig.run("watch --count 1").stdout;
-    assert!(watched.contains(" #1=999.8 #3=-77raw\n"), "{watched}");
+    assert!(
+        watched.contains(" #1=999.8 following_error=- flags=- #3=-77raw following_error=- flags=-\n"),
+        "{watched}"
+    );
 
     let motors = rig.run("motors --json").json();
     let motor = &motors["motors"][0];

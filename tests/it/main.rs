@@ -23,6 +23,7 @@ mod inherited;
 mod mailbox;
 mod man;
 mod map;
+mod motors;
 mod one_board;
 mod panel;
 mod pauses;

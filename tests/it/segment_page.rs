@@ -7,7 +7,7 @@ use std::process::Command;
 use pmac_dpram::map::VariableKind;
 use pmac_dpram::segment::payload::gather::{GatherChunk, GatherPhase};
 use pmac_dpram::segment::payload::variable::{self, Variable};
-use pmac_dpram::segment::{Counter, Identity, RegionId, identity, layout};
+use pmac_dpram::segment::{Counter, Identity, RegionId, UserUnit, identity, layout};
 use serde_json::Value;
 
 use crate::support::rig::{Rig, pmacctl};
@@ -154,6 +154,9 @@ fn an_identity_lies_as_its_table_says() {
         ..Identity::default()
     };
     (identity.ix07[1], identity.ix08[2], identity.ix09[31]) = (Some(-96), Some(97), Some(98));
+    identity.ix60[3] = Some(2);
+    identity.names[4] = Some("azimuth".into());
+    identity.units[5] = Some(UserUnit { name: "deg".into(), counts_per_unit: 12.5 });
     let bytes = identity.encode();
     let at = offsets("Board");
     let u32_at = |at: usize| u32::from_ne_bytes(bytes[at..at + 4].try_into().unwrap());
@@ -170,6 +173,7 @@ fn an_identity_lies_as_its_table_says() {
         ("ix07_known", 1 << 1),
         ("ix08_known", 1 << 2),
         ("ix09_known", 1 << 31),
+        ("ix60_known", 1 << 3),
     ] {
         assert_eq!(u32_at(at[field]), value, "{field}");
     }
@@ -179,7 +183,12 @@ fn an_identity_lies_as_its_table_says() {
     assert_eq!(&bytes[at["board_type"]..][..6], b"PMAC1\0");
     assert_eq!(u32_at(at["ix07"] + 4), -96_i32 as u32);
     assert_eq!((u32_at(at["ix08"] + 8), u32_at(at["ix09"] + 31 * 4)), (97, 98));
-    assert_eq!(at.len(), 18, "every field of the table is looked at");
+    assert_eq!(u32_at(at["ix60"] + 3 * 4), 2);
+    let scale = at["counts_per_unit"] + 5 * 8;
+    assert_eq!(f64::from_ne_bytes(bytes[scale..scale + 8].try_into().unwrap()), 12.5);
+    assert_eq!(&bytes[at["names"] + 4 * 16..][..8], b"azimuth\0");
+    assert_eq!(&bytes[at["units"] + 5 * 16..][..4], b"deg\0");
+    assert_eq!(at.len(), 23, "every field of the table is looked at");
 
     // Each bit of `known` belongs to the field that the table gives it.
     for row in rows("Board") {

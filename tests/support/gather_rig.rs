@@ -106,8 +106,12 @@ impl GatherRig {
 
 /// The scales of motor 1.
 pub fn scales() -> Scales {
-    let motor =
-        MotorScales { position_scale: Some(96.0), velocity_scale: Some(96.0), master_scale: Some(96.0) };
+    let motor = MotorScales {
+        position_scale: Some(96.0),
+        velocity_scale: Some(96.0),
+        master_scale: Some(96.0),
+        ..Default::default()
+    };
     Scales { motors: vec![motor], i10: Some(PMAC.default_i10) }
 }
 

@@ -88,6 +88,7 @@ impl Rig {
         };
         identity.ix08[..2].fill(Some(96));
         identity.ix09[..2].fill(Some(96));
+        identity.ix60[..2].fill(Some(0));
         let stamp = Stamp { time_ns: monotonic_ns(), servo_timer: 0, valid: true };
         publisher.publish_bytes(RegionId::Board, stamp, &identity.encode());
         let mut rig = Self {

@@ -2,9 +2,10 @@
 
 use serde_json::{Value, json};
 
+use crate::cli::console::number::{NOT_READ, fixed, short};
 use crate::cli::console::table::{Align, Table};
 use crate::cli::context::{Context, Failure, Verdict};
-use crate::cli::show::motors::{NOT_READ, stamp};
+use crate::cli::show::motors::stamp;
 use crate::client::{Snapshot, Staleness};
 use crate::decode::{BackgroundData, CoordinateSystem, Quantity};
 use crate::map::AXES;
@@ -83,7 +84,7 @@ fn mode(system: &CoordinateSystem) -> String {
 }
 
 fn milliseconds(time: Quantity) -> String {
-    time.value.map_or_else(String::new, |left| format!("{left:.1}"))
+    time.value.map_or_else(String::new, |left| fixed(left, 1))
 }
 
 fn flags(system: &CoordinateSystem) -> Vec<&'static str> {
@@ -102,7 +103,7 @@ fn targets(system: &CoordinateSystem) -> String {
     }
     let axes = AXES.iter().zip(system.axis_targets.0);
     let axes = axes.filter_map(|(axis, target)| Some((axis, target.filter(|target| *target != 0.0)?)));
-    axes.map(|(axis, target)| format!("{axis}{target}")).collect::<Vec<_>>().join(" ")
+    axes.map(|(axis, target)| format!("{axis}{}", short(target))).collect::<Vec<_>>().join(" ")
 }
 
 #[cfg(test)]

@@ -10,9 +10,11 @@ use serde_json::{Value, json};
 use crate::cli::args::values::{Float48, Order, family};
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::cli::show::coordinates;
+use crate::cli::show::motor::Motor;
 use crate::cli::show::motors;
 use crate::decode::{BackgroundData, Image, Scales, ServoData};
 use crate::map::Family;
+use crate::segment::Identity;
 
 #[derive(Debug, Args)]
 pub struct Decode {
@@ -49,9 +51,11 @@ pub fn run(context: &mut Context, options: &Decode) -> Result<Verdict, Failure> 
     let servo = image.servo(count, &scales).map_err(|e| fault(&e))?;
     let background = image.background(count, &scales, options.float48.into()).map_err(|e| fault(&e))?;
     if context.output.is_json() {
-        context.output.json(&document(&servo, &background))?;
+        context.output.json(&document(&servo, &background, options.family))?;
     } else {
-        context.output.text(motors::table(&servo, Some(&background)))?;
+        let identity = Identity::default();
+        let motors = Motor::all(&servo, Some(&background), &identity, options.family);
+        context.output.text(motors::table(&motors))?;
         context.output.line("")?;
         context.output.text(coordinates::table(&background))?;
     }
@@ -71,11 +75,13 @@ fn read(options: &Decode) -> io::Result<Vec<u8>> {
 }
 
 /// The documents of `motors` and `coordinates` in one. An image has no time and is never live.
-fn document(servo: &ServoData, background: &BackgroundData) -> Value {
+fn document(servo: &ServoData, background: &BackgroundData, family: &'static Family) -> Value {
+    let identity = Identity::default();
+    let motors = Motor::all(servo, Some(background), &identity, family);
     let stamp = |timer: u32| json!({ "time": null, "servo_timer": timer, "sequence": null, "fresh": false });
     let mut document = json!({
         "servo": stamp(servo.servo_timer),
-        "motors": servo.motors,
+        "motors": motors.iter().map(Motor::document).collect::<Vec<_>>(),
         "background": stamp(background.servo_timer),
     });
     document["servo"]["pmac_busy"] = json!(servo.pmac_busy);

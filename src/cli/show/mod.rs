@@ -4,6 +4,7 @@ pub mod coordinates;
 pub mod decode;
 pub mod demo;
 pub mod map;
+mod motor;
 pub mod motors;
 pub mod read;
 pub mod screen;

@@ -4,9 +4,10 @@ use std::io;
 
 use rustix::termios::tcgetwinsize;
 
+use crate::cli::console::number::labelled;
 use crate::cli::console::output::Output;
 use crate::cli::context::Failure;
-use crate::cli::show::motors::{document, labelled, text};
+use crate::cli::show::motors::{document, motors, text};
 use crate::client::Snapshot;
 
 /// Move the cursor to the top left; clear its line; clear from the cursor to the end of the screen.
@@ -40,10 +41,12 @@ impl Screen {
             output.json_line(&document(snapshot))?;
         } else if self.repaint {
             let sequence = snapshot.servo.as_ref().map_or(0, |servo| servo.sequence);
-            let screen = format!("{title}  update {sequence}\n{}{}", self.note, text(snapshot));
+            let size = size();
+            let motors = text(snapshot, size.map(|(columns, _)| columns));
+            let screen = format!("{title}  update {sequence}\n{}{motors}", self.note);
             output.text(HOME)?;
-            // Clear before the text. After a text of full width, clearing would erase its last letter.
-            for line in fitting(&screen, size()) {
+            // Cleared before and not behind the text: behind the last column that would take the last letter away.
+            for line in fitting(&screen, size) {
                 output.text(format_args!("{CLEAR_LINE}{line}\n"))?;
             }
             output.text(CLEAR_BELOW)?;
@@ -75,19 +78,24 @@ fn fitting(text: &str, size: Option<Size>) -> Vec<String> {
     lines.take(shown).chain(std::iter::once(rest.as_str())).map(cut).collect()
 }
 
-/// One line with the update's number, whether it is live, and each motor's actual position.
+/// One line: the update's number, whether it is live, and of each motor the actual position, the following error and the flags.
 fn plain(snapshot: &Snapshot) -> String {
     let Some(servo) = &snapshot.servo else {
         let reason = snapshot.stale.map_or("no_data", |stale| stale.name());
         return format!("update=0 stale={reason}");
     };
     let state = servo.stale.map_or_else(|| "fresh".to_owned(), |stale| format!("stale={}", stale.name()));
-    let positions = servo
-        .data
-        .motors
-        .iter()
-        .map(|motor| format!(" #{}={}", motor.motor, labelled(motor.actual_position)));
-    format!("update={} {state}{}", servo.sequence, positions.collect::<String>())
+    let motors = motors(snapshot);
+    let motors = motors.iter().map(|motor| {
+        let (number, position) = (motor.servo.motor, labelled(motor.servo.actual_position));
+        let (error, flags) = (labelled(motor.servo.following_error), motor.flags().join(","));
+        let user = motor.user_position().map_or_else(String::new, |position| {
+            let name = motor.name().unwrap_or("user");
+            format!(" {name}={}", position.replace(' ', ""))
+        });
+        format!(" #{number}={position}{user} following_error={error} flags={flags}")
+    });
+    format!("update={} {state}{}", servo.sequence, motors.collect::<String>())
 }
 
 #[cfg(test)]

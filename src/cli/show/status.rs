@@ -5,7 +5,7 @@ use serde_json::{Map, Value, json};
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::client::{Board, ClientError, CommandError, Staleness};
 use crate::map::Family;
-use crate::segment::{Condition, Identity, RegionState, SegmentError, SegmentName};
+use crate::segment::{Condition, Identity, RegionState, SegmentError, SegmentName, UserUnit};
 
 pub fn run(context: &mut Context) -> Result<Verdict, Failure> {
     let mut board = match context.attach() {
@@ -122,11 +122,23 @@ fn document(context: &Context, board: &mut Board, identity: &Identity) -> Value 
             "reported_motors": identity.reported_motors(),
             "servo_period_ns": identity.servo_period_ps.map(|ps| ps as f64 / 1e3),
             "servo_report_cycles": identity.servo_report_cycles,
+            "named_motors": named_motors(identity),
         },
         "regions": regions,
         "counters": counters,
         "socket": socket,
     })
+}
+
+/// The motors that the configuration gives a name or a unit.
+fn named_motors(identity: &Identity) -> Vec<Value> {
+    let motors = (1..).zip(identity.names.iter().zip(&identity.units));
+    let named = motors.filter(|(_, (name, unit))| name.is_some() || unit.is_some());
+    let document = |(motor, (name, unit)): (usize, (&Option<_>, &Option<UserUnit>))| {
+        json!({ "motor": motor, "name": name, "unit": unit.map(|unit| unit.name),
+            "counts_per_unit": unit.map(|unit| unit.counts_per_unit) })
+    };
+    named.map(document).collect()
 }
 
 /// The daemon, as it is reached through its socket.
@@ -166,6 +178,13 @@ fn text(document: &Value) -> String {
     say("board", if known.is_empty() { "not identified".to_owned() } else { known.join(", ") });
     if let Some(motors) = board["reported_motors"].as_u64() {
         say("reports", format!("{motors} motors"));
+    }
+    for motor in board["named_motors"].as_array().into_iter().flatten() {
+        let name = motor["name"].as_str().map_or_else(String::new, |name| format!(" {name}"));
+        let unit = motor["unit"].as_str();
+        let unit =
+            unit.map_or_else(String::new, |unit| format!(", {} counts a {unit}", motor["counts_per_unit"]));
+        say("motor", format!("#{}{name}{unit}", motor["motor"]));
     }
     if let Some(period) = board["servo_period_ns"].as_f64() {
         say("servo", format!("{:.3} us, {:.1} Hz", period / 1e3, 1e9 / period));

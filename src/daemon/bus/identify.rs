@@ -9,7 +9,7 @@
 use std::ops::RangeInclusive;
 use std::time::{Duration, Instant};
 
-use crate::daemon::bus::scale_doubts::{ScaleDoubts, scale_tables};
+use crate::daemon::bus::scale_doubts::{I10, ScaleDoubts, scale_tables};
 use crate::daemon::shared::status::Enabling;
 use crate::format::Text;
 use crate::map::{Family, IVariables};
@@ -26,9 +26,6 @@ const SETTLE: Duration = Duration::from_millis(200);
 /// How long lines that go on changing something can put the questions off.
 const LONGEST: Duration = Duration::from_secs(2);
 
-/// The I-variable of the servo period in every family.
-const I10: u16 = 10;
-
 /// What is asked, in order. Each question is one line; each value of its reply is one reply line.
 #[derive(Debug, Clone, PartialEq, Eq)]
 enum Question {
@@ -36,7 +33,7 @@ enum Question {
     Version,
     /// The I-variables that say what is reported and switched on.
     Reports(Vec<(u16, Meaning)>),
-    /// Ix07, Ix08, Ix09 of these motors, one after the other.
+    /// Ix07, Ix08, Ix09, Ix60 of these motors, one after the other.
     Scales(RangeInclusive<usize>),
 }
 
@@ -365,15 +362,15 @@ mod tests {
         answer(&mut identifier, now, &["3713707", "I19=1", "1", "1", "$8", "3", "0"]);
         assert_eq!(identifier.enabling(), Enabling { panel: Some(true), variables: Some(false) });
         assert_eq!(identifier.take_update(), None);
-        let scales: Vec<String> = (0..24).map(|index| (90 + index).to_string()).collect();
+        let scales: Vec<String> = (0..32).map(|index| (90 + index).to_string()).collect();
         let scales: Vec<&str> = scales.iter().map(String::as_str).collect();
         let line = answer(&mut identifier, now, &scales);
-        assert!(line.starts_with("I107I108I109I207") && line.len() <= LINE_MAX);
+        assert!(line.starts_with("I107I108I109I160I207") && line.len() <= LINE_MAX);
         let identity = identifier.take_update().unwrap();
         assert_eq!(identity.firmware.as_deref(), Some("1.16D"));
         assert_eq!((identity.servo_report_cycles, identity.reported_motors()), (Some(1), Some(8)));
         assert_eq!(identity.servo_period_ps, Some(442_708_373));
-        assert_eq!((identity.ix07[0], identity.ix08[0], identity.ix09[7]), (Some(90), Some(91), Some(113)));
+        assert_eq!((identity.ix07[0], identity.ix08[0], identity.ix09[7]), (Some(90), Some(91), Some(120)));
         assert_eq!(identity.ix08[8], None);
         assert!(identifier.next_line(now).is_none());
         assert_eq!(identifier.due_in(now), Duration::MAX);
@@ -399,14 +396,15 @@ mod tests {
                 identifier.done();
             }
             let all = (1..=family.motors)
-                .flat_map(|motor| [7, 8, 9].map(|which| (100 * motor + which).to_string()));
+                .flat_map(|motor| [7, 8, 9, 60].map(|which| (100 * motor + which).to_string()));
             assert_eq!(asked, all.collect::<Vec<_>>(), "{}", family.name);
             identifier.take_update();
             for motor in 1..=family.motors {
                 let scale = |table: &[Option<i32>]| table[motor - 1];
                 let asking = &identifier.asking;
-                let scales = [&asking.ix07, &asking.ix08, &asking.ix09].map(|table| scale(table));
-                assert_eq!(scales, [7, 8, 9].map(|which| Some(100 * motor as i32 + which)));
+                let scales =
+                    [&asking.ix07, &asking.ix08, &asking.ix09, &asking.ix60].map(|table| scale(table));
+                assert_eq!(scales, [7, 8, 9, 60].map(|which| Some(100 * motor as i32 + which)));
             }
         }
     }
@@ -469,7 +467,7 @@ mod tests {
     fn a_scale_in_doubt_is_unknown_until_the_board_has_told_it_again() {
         let now = Instant::now();
         let mut identifier = Identifier::new(&PMAC, Identity::default(), true, now);
-        let scales: Vec<String> = (0..24).map(|index| (90 + index).to_string()).collect();
+        let scales: Vec<String> = (0..32).map(|index| (90 + index).to_string()).collect();
         let scales: Vec<&str> = scales.iter().map(String::as_str).collect();
         let all = |identifier: &mut Identifier, now| {
             for lines in [&["PMAC1"][..], &["1.16D"], &["3713707", "1", "1", "1", "8", "3", "1"], &scales] {
@@ -482,14 +480,14 @@ mod tests {
         assert_eq!(identifier.take_update(), None, "no scale");
         identifier.line_sent(b"I208=48", now);
         let told = identifier.take_update().unwrap();
-        assert_eq!((told.ix08[0], told.ix08[1], told.ix07[1]), (Some(91), None, Some(93)));
+        assert_eq!((told.ix08[0], told.ix08[1], told.ix07[1]), (Some(91), None, Some(94)));
         assert_eq!(told.firmware.as_deref(), Some("1.16D"));
         // A further change while the board is asked.
         answer(&mut identifier, now + SETTLE, &["PMAC1"]);
         identifier.line_sent(b"I308=48", now + SETTLE);
         assert_eq!(identifier.take_update().unwrap().ix08[1..3], [None, None]);
         all(&mut identifier, now + 2 * SETTLE);
-        assert_eq!(identifier.take_update().unwrap().ix08[1..3], [Some(94), Some(97)]);
+        assert_eq!(identifier.take_update().unwrap().ix08[1..3], [Some(95), Some(99)]);
     }
 
     #[test]

@@ -3,17 +3,25 @@
 use crate::map::IVariables;
 use crate::segment::Identity;
 
+/// The I-variable of the servo period in every family.
+pub const I10: u16 = 10;
+
 /// The motors' scales in the order of [`IVariables::SCALES`].
 pub fn scale_tables(identity: &mut Identity) -> [&mut [Option<i32>]; IVariables::SCALES.len()] {
-    [&mut identity.ix07, &mut identity.ix08, &mut identity.ix09]
+    [&mut identity.ix07, &mut identity.ix08, &mut identity.ix09, &mut identity.ix60]
 }
 
-/// Of each of [`IVariables::SCALES`] the motors whose value is in doubt, bit n-1 for motor n.
+/// What is in doubt.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct ScaleDoubts([u32; IVariables::SCALES.len()]);
+pub struct ScaleDoubts {
+    /// Of each of [`IVariables::SCALES`] the motors whose value is, bit n-1 for motor n.
+    motors: [u32; IVariables::SCALES.len()],
+    /// I10, which is the scale of velocities in seconds and of the feed rate override.
+    servo_period: bool,
+}
 
 impl ScaleDoubts {
-    const ALL: Self = Self([u32::MAX; IVariables::SCALES.len()]);
+    const ALL: Self = Self { motors: [u32::MAX; IVariables::SCALES.len()], servo_period: true };
 
     /// The scales that `line` may change: those that it sets by number; all of them where it gives a range or an expression,
     /// or resets the board. `None` after a line that leaves every answer of the board to [`super::identify`] as it is.
@@ -42,8 +50,9 @@ impl ScaleDoubts {
                     let (motor, which) = (number / 100, number % 100);
                     let scale = IVariables::SCALES.iter().position(|scale| *scale == which);
                     if let (1..=32, Some(index)) = (motor, scale) {
-                        doubts.0[index] |= 1 << (motor - 1);
+                        doubts.motors[index] |= 1 << (motor - 1);
                     }
+                    doubts.servo_period |= number == usize::from(I10);
                 }
                 [b'.' | b',' | b'(', ..] => return Some(Self::ALL),
                 _ => {}
@@ -54,15 +63,20 @@ impl ScaleDoubts {
 
     /// More doubts.
     pub fn add(&mut self, more: Self) {
-        for (motors, more) in self.0.iter_mut().zip(more.0) {
+        for (motors, more) in self.motors.iter_mut().zip(more.motors) {
             *motors |= more;
         }
+        self.servo_period |= more.servo_period;
     }
 
     /// `identity` without the scales that are in doubt.
     #[must_use]
     pub fn leave_out(self, mut identity: Identity) -> Identity {
-        for (table, motors) in scale_tables(&mut identity).into_iter().zip(self.0) {
+        if self.servo_period {
+            // The period by which the reports are awaited stays: that clock finds a change by itself.
+            identity.i10 = None;
+        }
+        for (table, motors) in scale_tables(&mut identity).into_iter().zip(self.motors) {
             for (index, scale) in table.iter_mut().enumerate() {
                 *scale = scale.filter(|_| motors >> index & 1 == 0);
             }
@@ -78,19 +92,23 @@ mod tests {
     #[test]
     fn a_line_puts_in_doubt_the_scales_that_it_may_change() {
         for (line, expected) in [
-            ("I108=48", [0, 1, 0]),
-            ("i 3209 = 96", [0, 0, 1 << 31]),
-            ("I122=I108", [0; 3]),
-            ("I307=1I408=2", [1 << 2, 1 << 3, 0]),
-            ("I8=1 I9908=1 I109>I108", [0; 3]),
-            ("LINEAR X8=1 DWELL7=8", [0; 3]),
-            ("I100..199=0", [u32::MAX; 3]),
-            ("I108,8,100=96", [u32::MAX; 3]),
-            ("I(P1)=7", [u32::MAX; 3]),
-            ("$$$", [u32::MAX; 3]),
-            ("M1->X:$C000,8", [0; 3]),
+            ("I108=48", [0, 1, 0, 0]),
+            ("i 3209 = 96", [0, 0, 1 << 31, 0]),
+            ("I260=1", [0, 0, 0, 1 << 1]),
+            ("I122=I108", [0; 4]),
+            ("I307=1I408=2", [1 << 2, 1 << 3, 0, 0]),
+            ("I8=1 I9908=1 I109>I108", [0; 4]),
+            ("LINEAR X8=1 DWELL7=8", [0; 4]),
+            ("M1->X:$C000,8", [0; 4]),
         ] {
-            assert_eq!(ScaleDoubts::of_line(line.as_bytes()), Some(ScaleDoubts(expected)), "{line}");
+            let expected = ScaleDoubts { motors: expected, servo_period: false };
+            assert_eq!(ScaleDoubts::of_line(line.as_bytes()), Some(expected), "{line}");
+        }
+        for line in ["I100..199=0", "I108,8,100=96", "I(P1)=7", "$$$"] {
+            assert_eq!(ScaleDoubts::of_line(line.as_bytes()), Some(ScaleDoubts::ALL), "{line}");
+        }
+        for (line, expected) in [("i10=3713707", true), ("I110=1 I100=2", false), ("P1=1I10=5", true)] {
+            assert_eq!(ScaleDoubts::of_line(line.as_bytes()).unwrap().servo_period, expected, "{line}");
         }
     }
     #[test]

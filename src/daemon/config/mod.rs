@@ -3,6 +3,7 @@
 pub mod board_settings;
 mod checks;
 pub mod mirrored;
+pub mod motors;
 pub mod ports;
 pub mod settings;
 pub mod span;

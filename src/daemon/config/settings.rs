@@ -11,6 +11,7 @@ use serde::Deserialize;
 use super::board_settings::CheckedSettings;
 use super::checks::{groups, limited, needed, period_ns, segment_mode, socket_mode, something_to_do};
 use super::mirrored::{BackgroundTable, ServoTable};
+use super::motors::{self, MotorNames, MotorTable};
 use super::ports::{HostPortConfig, HostPortTable, MailboxConfig, MailboxTable, Use};
 use super::span::{Refusal, position};
 use crate::daemon::options::Options;
@@ -74,6 +75,9 @@ pub struct ConfigFile {
     servo: ServoTable,
     #[serde(default)]
     background: BackgroundTable,
+    /// Names and units of motors.
+    #[serde(default)]
+    motor: Vec<MotorTable>,
     /// Choices that no manual decides: see [`super::board_settings`].
     #[serde(default)]
     plan: BufferSettings,
@@ -141,6 +145,8 @@ pub struct Settings {
     pub firmware: Option<String>,
     /// Motors to read, for a board that cannot be asked.
     pub motors: Option<u32>,
+    /// Names and units of motors.
+    pub motor_names: Vec<MotorNames>,
     /// I10, where the board cannot be asked.
     pub i10: Option<u32>,
     /// I19, where the board cannot be asked.
@@ -268,6 +274,7 @@ impl Settings {
             board_settings: CheckedSettings::decide(board_settings, family, file.firmware.as_deref())?,
             firmware: file.firmware,
             motors: limited("motors", file.motors, 1, family.motors as u32)?,
+            motor_names: motors::decide(&file.motor, family)?,
             i10: limited("i10", file.i10, 1, 8_388_607)?,
             i19: limited("i19", file.i19, 1, 8_388_607)?,
             servo_reading: file.servo_reading.unwrap_or_default(),

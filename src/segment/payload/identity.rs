@@ -6,7 +6,7 @@
 use crate::format::Text;
 
 /// Length of the payload in bytes.
-pub const BYTES: usize = 0x210;
+pub const BYTES: usize = 0x790;
 /// Most motors of a board.
 pub const MOTORS: usize = 32;
 
@@ -28,12 +28,42 @@ const AT_BOARD_TYPE: usize = 0x050;
 /// Room for the answer to `TYPE`, in bytes.
 pub const BOARD_TYPE_BYTES: usize = 64;
 const AT_SCALES: usize = 0x090;
+const AT_COUNTS_PER_UNIT: usize = 0x290;
+const AT_NAMES: usize = 0x390;
+const AT_UNITS: usize = 0x590;
+/// Room for the name of a motor, and for that of its unit, in bytes.
+pub const NAME_BYTES: usize = 16;
 const SERVO_PERIOD_BIT: u32 = 3;
 const FIRMWARE_BIT: u32 = 9;
 const BOARD_TYPE_BIT: u32 = 10;
 
+/// The unit in which the users of a motor think, as the configuration has it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct UserUnit {
+    /// What it is called: `deg`.
+    pub name: Text<NAME_BYTES>,
+    /// Counts in one of it; not 0. Negative where it grows against the counts.
+    pub counts_per_unit: f64,
+}
+
+impl UserUnit {
+    /// `counts` in this unit.
+    #[must_use]
+    pub fn of_counts(&self, counts: f64) -> f64 {
+        counts / self.counts_per_unit
+    }
+
+    /// Decimal places that show a tenth of a count.
+    #[must_use]
+    pub fn places(&self) -> usize {
+        let places = (self.counts_per_unit.abs() * 10.0).log10().ceil();
+        // A float becomes the nearest integer there is.
+        (places as usize).min(12)
+    }
+}
+
 /// What is known about the board; `None`: unknown.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Identity {
     /// Board family: 1 PMAC, 2 PMAC2, 3 Turbo PMAC, 4 Turbo PMAC2.
     pub family: Option<u32>,
@@ -63,6 +93,12 @@ pub struct Identity {
     pub ix08: [Option<i32>; MOTORS],
     /// Ix09, velocity scale factor.
     pub ix09: [Option<i32>; MOTORS],
+    /// Ix60: a motor's loop is closed every Ix60+1 servo cycles.
+    pub ix60: [Option<i32>; MOTORS],
+    /// What the configuration calls each motor.
+    pub names: [Option<Text<NAME_BYTES>>; MOTORS],
+    /// The unit of each motor that the configuration gives one.
+    pub units: [Option<UserUnit>; MOTORS],
 }
 
 /// The mask of the motors from 1 to `count`, as [`Identity::motor_mask`] has it.
@@ -115,7 +151,15 @@ impl Identity {
                 put(at, text.as_bytes());
             }
         }
-        for (table, scales) in [&self.ix07, &self.ix08, &self.ix09].into_iter().enumerate() {
+        for (motor, name) in self.names.iter().enumerate() {
+            put(AT_NAMES + motor * NAME_BYTES, name.as_ref().map_or(&[], Text::as_bytes));
+        }
+        for (motor, unit) in self.units.iter().enumerate() {
+            let Some(UserUnit { name, counts_per_unit }) = unit else { continue };
+            put(AT_COUNTS_PER_UNIT + motor * 8, &counts_per_unit.to_ne_bytes());
+            put(AT_UNITS + motor * NAME_BYTES, name.as_bytes());
+        }
+        for (table, scales) in [&self.ix07, &self.ix08, &self.ix09, &self.ix60].into_iter().enumerate() {
             let mut table_known: u32 = 0;
             for (motor, scale) in scales.iter().enumerate() {
                 if let Some(scale) = scale {
@@ -152,16 +196,22 @@ impl Identity {
                     .then(|| u32_at(AT_SCALES + (table * MOTORS + motor) * 4).cast_signed())
             })
         };
-        let servo_period_ps = is_known(SERVO_PERIOD_BIT).then(|| {
+        let u64_at = |at: usize| {
             let mut value = [0; 8];
-            value.copy_from_slice(&bytes[AT_SERVO_PERIOD..AT_SERVO_PERIOD + 8]);
+            value.copy_from_slice(&bytes[at..at + 8]);
             u64::from_ne_bytes(value)
-        });
+        };
+        let name = |motor: usize| text(&bytes[AT_NAMES + motor * NAME_BYTES..]);
+        let unit = |motor: usize| UserUnit {
+            name: text(&bytes[AT_UNITS + motor * NAME_BYTES..]),
+            counts_per_unit: f64::from_bits(u64_at(AT_COUNTS_PER_UNIT + motor * 8)),
+        };
+        let has_scale = |unit: &UserUnit| unit.counts_per_unit.is_finite() && unit.counts_per_unit != 0.0;
         Some(Self {
             family: number(0, AT_FAMILY),
             motors: number(1, AT_MOTORS),
             coordinate_systems: number(2, AT_COORDINATE_SYSTEMS),
-            servo_period_ps,
+            servo_period_ps: is_known(SERVO_PERIOD_BIT).then(|| u64_at(AT_SERVO_PERIOD)),
             i10: number(4, AT_I10),
             servo_report_cycles: number(5, AT_REPORT_CYCLES),
             servo_report: number(6, AT_SERVO_REPORT),
@@ -172,6 +222,9 @@ impl Identity {
             ix07: scales(0),
             ix08: scales(1),
             ix09: scales(2),
+            ix60: scales(3),
+            names: std::array::from_fn(|motor| Some(name(motor)).filter(|name| !name.is_empty())),
+            units: std::array::from_fn(|motor| Some(unit(motor)).filter(has_scale)),
         })
     }
 }
@@ -196,6 +249,11 @@ mod tests {
             ix07: std::array::from_fn(|motor| Some(-96 - motor as i32)),
             ix08: std::array::from_fn(|motor| (motor < 8).then_some(96 + motor as i32)),
             ix09: std::array::from_fn(|motor| (motor % 2 == 0).then_some(motor as i32)),
+            ix60: std::array::from_fn(|motor| (motor == 31).then_some(3)),
+            names: std::array::from_fn(|motor| (motor == 1).then(|| "azimuth".into())),
+            units: std::array::from_fn(|motor| {
+                (motor == 31).then(|| UserUnit { name: "sixteen-bytes-16".into(), counts_per_unit: -2.5 })
+            }),
         }
     }
 
@@ -216,11 +274,20 @@ mod tests {
         assert_eq!((u32_at(4), u32_at(8), u32_at(0xC)), (2, 8, 8));
         assert_eq!(u64::from_ne_bytes(bytes[0x10..0x18].try_into().unwrap()), 442_673_000);
         assert_eq!([0x18, 0x1C, 0x20, 0x24, 0x28].map(u32_at), [3_713_707, 0, 1, 1, 0x8000_00FF]);
-        assert_eq!([0x2C, 0x30, 0x34].map(u32_at), [0xFFFF_FFFF, 0xFF, 0x5555_5555]);
+        assert_eq!([0x2C, 0x30, 0x34, 0x38].map(u32_at), [0xFFFF_FFFF, 0xFF, 0x5555_5555, 0x8000_0000]);
         assert_eq!(&bytes[0x40..0x46], b"1.16D\0");
         assert_eq!(&bytes[0x50..0x54], b"PMAC");
         assert_eq!(u32_at(0x90), -96i32 as u32);
-        assert_eq!((u32_at(0x114), u32_at(0x198)), (97, 2));
+        assert_eq!((u32_at(0x114), u32_at(0x198), u32_at(0x28C)), (97, 2, 3));
+        assert_eq!(f64::from_ne_bytes(bytes[0x388..0x390].try_into().unwrap()), -2.5);
+        assert_eq!((&bytes[0x3A0..0x3A8], &bytes[0x780..]), (&b"azimuth\0"[..], &b"sixteen-bytes-16"[..]));
+    }
+
+    #[test]
+    fn a_unit_shows_a_tenth_of_a_count() {
+        let unit = |counts_per_unit| UserUnit { name: "deg".into(), counts_per_unit };
+        assert_eq!((unit(-1000.0).of_counts(250.0), unit(-1000.0).places()), (-0.25, 4));
+        assert_eq!([1.0, 12_345.6, 0.05, 1e300, 1e-300].map(|scale| unit(scale).places()), [1, 6, 0, 12, 0]);
     }
 
     #[test]

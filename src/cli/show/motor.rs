@@ -1,0 +1,211 @@
+//! One motor as it is shown: what the servo report holds of it, what the background report adds, and what the configuration
+//! calls it.
+
+use serde_json::{Value, json};
+
+use crate::cli::console::number::{NOT_READ, fixed};
+use crate::decode::{BackgroundData, BackgroundMotor, Flags, Quantity, ServoData, ServoMotor};
+use crate::map::{Family, NumberKind};
+use crate::segment::{Identity, UserUnit};
+
+/// One motor.
+pub struct Motor<'a> {
+    /// Of the servo report.
+    pub servo: &'a ServoMotor,
+    /// Of the background report, if there is a fresh one.
+    background: Option<&'a BackgroundMotor>,
+    family: &'static Family,
+    name: Option<&'a str>,
+    unit: Option<UserUnit>,
+}
+
+impl<'a> Motor<'a> {
+    /// The motors of the servo report of a board of `family`.
+    pub fn all(
+        servo: &'a ServoData,
+        background: Option<&'a BackgroundData>,
+        identity: &'a Identity,
+        family: &'static Family,
+    ) -> Vec<Self> {
+        let one = |servo: &'a ServoMotor| {
+            let motors = background.map_or(&[][..], |data| &data.motors[..]);
+            let index = servo.motor - 1;
+            Self {
+                servo,
+                background: motors.iter().find(|other| other.motor == servo.motor),
+                family,
+                name: identity.names.get(index).and_then(|name| name.as_deref()),
+                unit: identity.units.get(index).copied().flatten(),
+            }
+        };
+        servo.motors.iter().map(one).collect()
+    }
+
+    /// As JSON: the keys that the family has, null where the value is not known.
+    pub fn document(&self) -> Value {
+        let mut document = json!(self.servo);
+        if self.is_in_background() {
+            let of = |value: fn(&BackgroundMotor) -> Option<Quantity>| json!(self.background.and_then(value));
+            document["position_bias"] = of(|motor| motor.position_bias);
+            document["target_position"] = of(|motor| motor.target_position);
+        }
+        document["reported_position"] = json!(self.reported_position());
+        let flags = self.background_flags();
+        for (key, flag) in
+            [("homed", "home_complete"), ("in_position", "in_position"), (FATAL_ERROR, FATAL_ERROR)]
+        {
+            document[key] = json!(flags.map(|flags| flags.has(flag)));
+        }
+        if let Some(name) = self.name {
+            document["name"] = json!(name);
+        }
+        if let Some(unit) = self.unit {
+            let scaled = |quantity: Option<Quantity>| json!(in_unit(unit, quantity));
+            document["user"] = json!({
+                "unit": unit.name,
+                "counts_per_unit": unit.counts_per_unit,
+                "commanded_position": scaled(self.servo.commanded_position),
+                "actual_position": scaled(self.servo.actual_position),
+                "following_error": scaled(self.servo.following_error),
+                "velocity": scaled(self.servo.velocity),
+            });
+        }
+        document
+    }
+
+    /// What the configuration calls it.
+    pub fn name(&self) -> Option<&str> {
+        self.name
+    }
+
+    /// Its actual position in the user's unit: `12.3456 deg`; `None` where the configuration gives it none.
+    pub fn user_position(&self) -> Option<String> {
+        let unit = self.unit?;
+        let position = in_unit(unit, self.servo.actual_position);
+        let position =
+            position.map_or_else(|| NOT_READ.to_owned(), |position| fixed(position, unit.places()));
+        Some(format!("{position} {}", &unit.name[..]))
+    }
+
+    /// Whether the background report tells of motors, too; where it does not, the servo report has it all.
+    fn is_in_background(&self) -> bool {
+        self.family.background.numbers != NumberKind::CoordinateSystem
+    }
+
+    /// The flags of the background status word, the second word of `?`.
+    fn background_flags(&self) -> Option<Flags> {
+        if self.is_in_background() {
+            return self.background?.status;
+        }
+        let word = u32::try_from(self.servo.background_status?.raw).ok()?;
+        Some(Flags { word, table: self.family.status.motor.get(1)? })
+    }
+
+    /// What `P` answers: actual position, bias and compensation (Software Reference, `P`). Not known while a master is followed,
+    /// which Ix06 can have taken away from it.
+    fn reported_position(&self) -> Option<Quantity> {
+        if self.servo.status?.has("handwheel_enabled") {
+            return None;
+        }
+        let bias = if self.is_in_background() {
+            self.background?.position_bias?
+        } else {
+            self.servo.position_bias?
+        };
+        let actual = self.servo.actual_position?;
+        let compensation = self.servo.compensation_position.map_or(Some(0.0), |quantity| quantity.value);
+        let compensation_raw = self.servo.compensation_position.map_or(0, |quantity| quantity.raw);
+        let value = actual.value.zip(bias.value).zip(compensation).map(|((a, b), c)| a + b + c);
+        Some(Quantity { raw: actual.raw + bias.raw + compensation_raw, value, ..actual })
+    }
+
+    /// Why `P` answers something else than the actual position, if it does.
+    pub fn why_p_differs(&self) -> Option<String> {
+        let (reported, actual) = (self.reported_position()?.value?, self.servo.actual_position?.value?);
+        let number = self.servo.motor;
+        // `P` answers in tenths of a count.
+        ((reported - actual).abs() >= 0.05).then(|| {
+            let (reported, more) = (fixed(reported, 1), fixed(reported - actual, 1));
+            format!("#{number}P answers {reported}: {more} more, by the bias (PSET, axis definitions) and compensation")
+        })
+    }
+
+    /// Words for what is set and not ordinary, worst first.
+    pub fn flags(&self) -> Vec<&'static str> {
+        let mut flags = servo_flags(self.servo);
+        let background = self.background_flags();
+        flags.extend(background.iter().flat_map(|status| SHORT_BACKGROUND.short(|name| status.has(name))));
+        flags
+    }
+}
+
+const FATAL_ERROR: &str = "fatal_following_error";
+
+fn in_unit(unit: UserUnit, quantity: Option<Quantity>) -> Option<f64> {
+    Some(unit.of_counts(quantity?.value?))
+}
+
+/// Short words for flags, worst first.
+struct Short(&'static [(&'static str, &'static str)]);
+
+impl Short {
+    fn short(&self, is_set: impl Fn(&str) -> bool) -> Vec<&'static str> {
+        self.0.iter().filter(|(name, _)| is_set(name)).map(|(_, short)| *short).collect()
+    }
+}
+
+const SHORT_SERVO: Short = Short(&[
+    ("negative_limit_set", "-limit"),
+    ("positive_limit_set", "+limit"),
+    ("data_block_error", "data-error"),
+    ("abort_deceleration", "aborting"),
+    ("open_loop", "open-loop"),
+    ("home_search_in_progress", "homing"),
+    ("dwell_in_progress", "dwell"),
+    ("definite_time_move", "timed-move"),
+    ("handwheel_enabled", "following"),
+]);
+
+const SHORT_BACKGROUND: Short = Short(&[
+    (FATAL_ERROR, "fatal-error"),
+    ("integrated_fatal_following_error", "integrated-fatal-error"),
+    ("amplifier_fault", "amplifier-fault"),
+    ("i2t_amplifier_fault", "i2t-fault"),
+    ("phasing_search_error", "phasing-error"),
+    ("stopped_on_position_limit", "limit-stop"),
+    ("warning_following_error", "warning-error"),
+    ("home_complete", "homed"),
+    ("in_position", "in-position"),
+]);
+
+fn servo_flags(motor: &ServoMotor) -> Vec<&'static str> {
+    let Some(status) = motor.status else { return vec![NOT_READ] };
+    if !status.has("motor_activated") {
+        return vec!["off"];
+    }
+    let mut flags = SHORT_SERVO.short(|name| status.has(name));
+    if !status.has("desired_velocity_zero") && !status.has("open_loop") {
+        flags.push("moving");
+    }
+    flags
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::map::PMAC;
+
+    #[test]
+    fn every_short_word_stands_for_a_flag_there_is() {
+        for (shorts, table) in
+            [(SHORT_SERVO, &PMAC.status.motor[0]), (SHORT_BACKGROUND, &PMAC.status.motor[1])]
+        {
+            for (name, _) in shorts.0 {
+                assert!(table.flags.iter().any(|(_, flag)| flag == name), "{name}");
+            }
+        }
+        for name in ["motor_activated", "desired_velocity_zero", "open_loop"] {
+            assert!(PMAC.status.motor[0].flags.iter().any(|(_, flag)| *flag == name), "{name}");
+        }
+    }
+}

@@ -1,0 +1,129 @@
+//! What is shown of a motor: in counts, in the words of the board, and in the user's.
+
+use std::time::Duration;
+
+use serde_json::{Value, json};
+
+use crate::support::rig::Rig;
+use crate::support::{PATIENCE, VirtualSite};
+
+/// `motors --json` of a site, of motor 1.
+fn motor(site: &VirtualSite) -> Value {
+    let (code, stdout, stderr) = site.pmacctl(&["motors", "--json"]);
+    assert_eq!(code, 0, "{stderr}");
+    serde_json::from_str::<Value>(&stdout).unwrap()["motors"][0].clone()
+}
+
+fn value(motor: &Value, key: &str) -> f64 {
+    motor[key]["value"].as_f64().unwrap_or_else(|| panic!("{key}: {motor}"))
+}
+
+/// What the board answers to `line`.
+fn number(site: &VirtualSite, line: &str) -> f64 {
+    site.ask(line)[0].parse().unwrap()
+}
+
+#[test]
+fn b5_6_a_motor_tells_following_error_velocity_and_flags() {
+    let rig = Rig::new().live();
+    let document = rig.run("motors --json").json();
+    let [first, second, third] = [0, 1, 2].map(|index| document["motors"][index].clone());
+    assert_eq!(first["following_error"], json!({"raw": 768, "value": 0.25, "unit": "count"}));
+    assert_eq!(second["velocity"]["raw"], -1536);
+    // Half a count a servo cycle of 3713707/8388608 ms.
+    let per_second = -0.5 * 8_388_608_000.0 / 3_713_707.0;
+    assert!((value(&second, "velocity") - per_second).abs() < 1e-6, "{second}");
+    assert_eq!(second["actual_velocity"]["unit"], "count per servo cycle");
+    assert_eq!((&third["velocity"]["value"], &third["following_error"]["raw"]), (&Value::Null, &json!(154)));
+    assert_eq!(first["position_bias"]["raw"], 0);
+    for (key, flags) in
+        [("homed", [true, false]), ("in_position", [true, false]), ("fatal_following_error", [false; 2])]
+    {
+        assert_eq!([&first[key], &second[key]], flags.map(Value::Bool).each_ref(), "{key}");
+    }
+    let watched = rig.run("watch --count 1 --json").json();
+    assert_eq!(watched["motors"], document["motors"]);
+    // What is not known is null; what the family lacks is absent.
+    rig.publisher
+        .set_region_state(pmac_dpram::segment::RegionId::Background, pmac_dpram::segment::RegionState::Stale);
+    let stale = rig.run("motors --json").json()["motors"][0].clone();
+    for key in ["homed", "in_position", "fatal_following_error", "position_bias"] {
+        assert_eq!(stale.get(key), Some(&Value::Null), "{key}");
+    }
+    for key in ["filtered_velocity", "background_status"] {
+        assert_eq!(stale.get(key), None, "{key}");
+    }
+}
+
+#[test]
+fn b5_6_the_following_error_is_what_f_answers() {
+    let site = VirtualSite::running(&[], &[]);
+    site.wait_for_live_servo();
+    site.wait_for_identity();
+    // Backlash: half a count of compensation when the motor comes back.
+    for line in ["I186=800 I185=100 I122=20", "#1J=20000"] {
+        site.ask(line);
+    }
+    site.run_for(Duration::from_millis(600));
+    assert!((value(&motor(&site), "velocity") - 20_000.0).abs() < 500.0, "{}", motor(&site));
+    let moving = value(&motor(&site), "following_error");
+    assert!((moving - number(&site, "#1F")).abs() < 5.0 && moving > 20.0, "{moving}");
+    site.run_for(Duration::from_secs(1));
+    site.ask("#1J=0");
+    site.run_for(Duration::from_secs(2));
+    let resting = motor(&site);
+    let difference = value(&resting, "commanded_position") - value(&resting, "actual_position");
+    assert!(difference.abs() > 10.0, "without compensation there is nothing to see: {resting}");
+    let error = value(&resting, "following_error");
+    assert!((error - number(&site, "#1F")).abs() < 0.6 && error.abs() < 1.0, "{resting}");
+    let reported = value(&resting, "reported_position");
+    assert!((reported - number(&site, "#1P")).abs() < 0.6, "{resting}");
+    site.assert_no_violations();
+}
+
+#[test]
+fn b5_6_motors_say_why_p_answers_something_else() {
+    let site = VirtualSite::running(&[], &[]);
+    site.wait_for_live_servo();
+    site.wait_for_identity();
+    for line in ["&1#1->10X", "X=50"] {
+        site.ask(line);
+    }
+    site.wait_until("the bias", || value(&motor(&site), "position_bias") != 0.0);
+    let shown = motor(&site);
+    assert_eq!(number(&site, "#1P"), 500.0);
+    assert_eq!(
+        [value(&shown, "actual_position"), value(&shown, "reported_position")].map(f64::round),
+        [0.0, 500.0]
+    );
+    let text = site.pmacctl(&["motors"]).1;
+    let why = "#1P answers 500.0: 500.0 more, by the bias (PSET, axis definitions) and compensation\n";
+    assert!(text.ends_with(why), "{text}");
+}
+
+const NAMED: &str = "[[motor]]\nnumber = 1\nname = \"azimuth\"\nunit = \"deg\"\ncounts_per_unit = -1000\n\
+                     [[motor]]\nnumber = 3\nname = \"focus\"\n";
+
+#[test]
+fn b5_7_names_and_units_stand_beside_the_counts() {
+    let site = VirtualSite::configured(&[], NAMED);
+    site.wait_for_live_servo();
+    site.wait_for_identity();
+    site.connection().send("#1J=2500", PATIENCE).unwrap();
+    site.run_for(Duration::from_secs(2));
+    let shown = motor(&site);
+    assert_eq!((&shown["name"], &shown["user"]["unit"]), (&json!("azimuth"), &json!("deg")));
+    let position = shown["user"]["actual_position"].as_f64().unwrap();
+    assert!((position + 2.5).abs() < 0.001, "{shown}");
+    let (_, text, _) = site.pmacctl(&["motors"]);
+    let row = text.lines().nth(1).unwrap();
+    assert!(row.contains("#1  azimuth ") && row.contains(" -2.5000 deg "), "{text}");
+    assert!(text.lines().nth(3).unwrap().contains("#3  focus "), "{text}");
+    let (_, text, _) = site.pmacctl(&["status"]);
+    assert!(
+        text.contains("motor           #1 azimuth, -1000.0 counts a deg\nmotor           #3 focus\n"),
+        "{text}"
+    );
+    let (_, watched, _) = site.pmacctl(&["watch", "--count", "1"]);
+    assert!(watched.contains(" #1=2500.0 azimuth=-2.5000deg following_error="), "{watched}");
+}
