@@ -1,9 +1,17 @@
-//! When the next servo update is due: a phase-locked estimate from the updates seen so far.
+//! When the next servo update is due, from the updates seen so far.
 //!
-//! Polling costs a bus access, and on real hardware bus accesses are the cost. A poll that comes a little early costs
-//! one access; one that comes late delays the data, and one that comes a whole period late loses an update. So the
-//! clock aims just before the predicted update, polls again shortly after as long as nothing has come, and learns
-//! phase and period from when it came.
+//! Each poll costs a bus access, and on real hardware accesses are the cost. A poll that is a little early costs one
+//! access. A poll that is late delays the data, and one that is a whole period late loses an update. The machine can
+//! hold up any poll by any time, so lateness only ever adds. The clock keeps two things apart:
+//!
+//! - The grid is when the board makes its updates. It comes from the earliest finds ([`window`]).
+//! - The aim is when to poll. An update found at the first poll moves it a little earlier, an empty poll moves it
+//!   further back. So one first poll in five is empty, however late this machine wakes up, and a poll that is
+//!   milliseconds late counts no more than any other.
+
+mod window;
+
+use window::Window;
 
 /// Nanoseconds.
 type Ns = u64;
@@ -11,36 +19,30 @@ type Ns = u64;
 const MICROSECOND: Ns = 1_000;
 const MILLISECOND: Ns = 1_000_000;
 
-/// How far a phase error moves the next prediction, and how far the spacing of two updates moves the period.
-const PHASE_GAIN: f64 = 0.25;
-const PERIOD_GAIN: f64 = 0.02;
-/// Every update found at the first poll moves the aim earlier by this part of a period, by at most so many ns. Without
-/// it the polls could come later and later, and nothing would show it.
-const NUDGE: f64 = 1.0 / 64.0;
-const NUDGE_NS: f64 = 20_000.0;
-/// This many updates in a row that came much too early mean that the period is wrong. Only a period longer than twice
-/// [`RARE_POLL`] is judged so: shorter ones are learnt fast enough, and a simulated board that catches up makes updates in
-/// quick succession although its period has not changed.
-const HURRIED: u8 = 3;
+/// A step of the aim is this part of a period, and at most this time. An update found at the first poll moves the aim
+/// a step earlier, an empty first poll moves it [`LATER`] steps later.
+const STEP: f64 = 1.0 / 128.0;
+const STEP_NS: f64 = 2_000.0;
+const LATER: f64 = 4.0;
+/// Many finds at the first poll in a row show that the aim is far too late: the steps grow by one after each so many,
+/// up to this part of a period.
+const HASTE: f64 = 8.0;
+const LONGEST_STEP: f64 = 1.0 / 32.0;
+/// The aim stays this near to the grid, as a part of a period.
+const AIM: f64 = 1.0 / 4.0;
+/// If a window changes the period by more than this part, the board's period has changed, and the phase is lost.
+const CHANGED: f64 = 1.0 / 16.0;
+/// The part of a smaller change that is taken.
+const PERIOD_GAIN: f64 = 0.5;
 /// Without an update for this many periods (and at least [`SILENCE`]) there is no phase to hold.
 const LOCK_PERIODS: f64 = 20.0;
 const SILENCE: Ns = 50 * MILLISECOND;
-/// After so long the board is no longer expected to go on any moment.
+/// After this silence the board is no longer expected to go on any moment.
 const LONG_SILENCE: Ns = 1_000 * MILLISECOND;
-/// How good the prediction is, as a part of a period: an empty poll that near to it was early.
-const AIM: f64 = 1.0 / 8.0;
 /// The time between polls while an update is due: a sixteenth of a period, within these limits.
 const POLL_AGAIN: std::ops::RangeInclusive<Ns> = 10 * MICROSECOND..=30 * MICROSECOND;
-/// An update found after at least `LATE_POLLS` empty polls and more than `LATE` of a period late is an outlier: the board,
-/// or a machine that simulates it, was held up. Its phase error counts as `LATE`, unless `LATE_IN_A_ROW` outliers follow each
-/// other. Otherwise a late update now and then would keep the phase late for good, because only nudges move it earlier.
-/// One empty poll is normal: the clock aims to come just in time.
-const LATE_POLLS: u8 = 2;
-const LATE: f64 = 1.0 / 16.0;
-const LATE_IN_A_ROW: u8 = 3;
-/// The longest time between polls, whatever the prediction says, so that a period that became much shorter is noticed.
-/// One access a millisecond costs nothing. Where updates are rarer, one poll halfway is enough, but no rarer than
-/// [`RARE_POLL`]: a configured period may be wrong.
+/// The longest time between polls without a phase, where one access a millisecond costs nothing, and with one. A period
+/// that was configured wrong, or became much shorter, is noticed after this time.
 const IDLE_POLL: Ns = MILLISECOND;
 const RARE_POLL: Ns = 10 * MILLISECOND;
 
@@ -49,73 +51,75 @@ const RARE_POLL: Ns = 10 * MILLISECOND;
 pub struct UpdateClock {
     /// The time between updates; 0 while unknown.
     period_ns: f64,
-    /// The predicted time of the next update, while locked.
-    predicted_ns: Option<f64>,
+    /// When the last update seen was due, while locked.
+    grid_ns: Option<f64>,
+    /// When to poll for an update, relative to the grid.
+    aim_ns: f64,
+    window: Window,
     /// The last update seen.
     last_update_ns: Option<Ns>,
-    /// So many updates in a row came less than half a period after the one before.
-    hurried: u8,
-    /// So many updates in a row came much too late.
-    late: u8,
-    /// Empty polls since the next update was due.
-    late_polls: u8,
-    /// The last poll that found nothing since the last update.
-    last_early_ns: Option<Ns>,
+    /// When the last empty poll since then began.
+    last_empty_ns: Option<Ns>,
+    /// So many updates in a row were found at the first poll.
+    at_once: u32,
     due_ns: Ns,
 }
 
 impl UpdateClock {
-    /// Takes a period from elsewhere (I10 and I19), if none has been learnt or it differs by more than a tenth.
+    /// Takes the period that the board's settings give (I10 and I19), if none has been learnt or it differs by more
+    /// than a tenth.
     pub fn expect_period(&mut self, period_ns: Ns) {
         let period = period_ns as f64;
         if self.period_ns == 0.0 || (self.period_ns / period - 1.0).abs() > 0.1 {
             self.period_ns = period;
-            self.predicted_ns = None;
+            self.grid_ns = None;
         }
     }
 
-    /// When to poll next, CLOCK_MONOTONIC.
+    /// When to poll next, in CLOCK_MONOTONIC time.
     #[must_use]
     pub fn due_ns(&self) -> Ns {
         self.due_ns
     }
 
-    /// The time between updates as far as known.
+    /// The time between updates, if known.
     #[must_use]
     pub fn period_ns(&self) -> Option<Ns> {
         (self.period_ns > 0.0).then_some(self.period_ns as Ns)
     }
 
-    /// When the last update seen was made: what the phase says, whenever it was found. None without a phase.
+    /// When the board made the last update seen, however late it was found. None without a phase.
     #[must_use]
     pub fn update_ns(&self) -> Option<Ns> {
-        self.predicted_ns.map(|predicted| (predicted - self.period_ns).max(0.0) as Ns)
+        self.grid_ns.map(|grid| grid.max(0.0) as Ns)
     }
 
-    /// A poll at `now` found nothing new.
-    pub fn poll_empty(&mut self, now: Ns) {
-        self.last_early_ns = Some(now);
-        if self.predicted_ns.is_some_and(|predicted| now as f64 >= predicted) {
-            self.late_polls = self.late_polls.saturating_add(1);
-        }
+    /// When to poll first for the next update, while locked.
+    fn aimed_at(&self) -> Option<f64> {
+        self.grid_ns.map(|grid| grid + self.period_ns + self.aim_ns)
+    }
+
+    /// A poll that `began` and has ended `now` found nothing new. Any update came after it began.
+    pub fn poll_empty(&mut self, began: Ns, now: Ns) {
+        self.last_empty_ns = Some(began);
         let silent = self.last_update_ns.map_or(Ns::MAX, |last| now.saturating_sub(last));
-        if silent > SILENCE.max((LOCK_PERIODS * self.period_ns) as Ns) {
-            self.predicted_ns = None;
+        if silent > self.longest_silence() {
+            self.grid_ns = None;
         }
-        let again = match self.predicted_ns {
-            Some(predicted) => self.wait_for(predicted, now),
+        let again = match self.aimed_at() {
+            Some(aim) => self.wait_for(aim, now),
             None if self.period_ns > 0.0 && silent <= LONG_SILENCE => (self.period_ns / 4.0) as Ns,
             None => IDLE_POLL,
         };
         self.due_ns = now + again.clamp(*POLL_AGAIN.start(), self.longest_wait());
     }
 
-    /// From an empty poll to the next: soon while the update may come any moment, and the later the longer it has failed to
-    /// come, but at the times when the ones after it would come. A board that leaves updates out is not asked for each as
-    /// if it were late; and a simulated one that shares the processor gets it.
-    fn wait_for(&self, predicted: f64, now: Ns) -> Ns {
+    /// The time from an empty poll to the next: short while the update may come any moment, and longer the longer it
+    /// fails to come. The clock still polls when each following update is due, but not as often as for a late one: a
+    /// board may leave updates out, and a simulated one needs the processor.
+    fn wait_for(&self, aim: f64, now: Ns) -> Ns {
         let soon = ((self.period_ns / 16.0) as Ns).clamp(*POLL_AGAIN.start(), *POLL_AGAIN.end());
-        let late = now as f64 - predicted;
+        let late = now as f64 - aim;
         if late < 0.0 {
             return soon.max(-late as Ns);
         }
@@ -126,67 +130,80 @@ impl UpdateClock {
 
     /// A poll at `now` found an update, the `updates`-th after the last one seen (1: none was missed).
     pub fn on_update(&mut self, now: Ns, updates: u64) {
-        let updates = updates.max(1) as f64;
-        let at = now as f64;
-        let elapsed = self.last_update_ns.map(|last| at - last as f64);
-        let is_long = self.period_ns > 2.0 * RARE_POLL as f64;
-        let is_hurried = is_long && elapsed.is_some_and(|elapsed| elapsed < updates * self.period_ns / 2.0);
-        self.hurried = if is_hurried { self.hurried + 1 } else { 0 };
-        if self.hurried == HURRIED {
-            self.hurried = 0;
-            self.period_ns = 0.0;
-            self.predicted_ns = None;
-        }
-        match (self.predicted_ns, elapsed) {
-            (Some(predicted), Some(elapsed)) if updates < LOCK_PERIODS => {
-                // The prediction was for the update nearest to this poll, also if one came before it unseen.
-                let behind = ((at - predicted) / self.period_ns).floor().max(0.0);
-                let predicted = predicted + behind * self.period_ns;
-                let early = self.last_early_ns.map(|early| early as f64);
-                let error = match early.filter(|early| *early > predicted - AIM * self.period_ns) {
-                    // It came between two polls; take the middle.
-                    Some(early) => (at + early) / 2.0 - predicted,
-                    None => -(NUDGE * self.period_ns).min(NUDGE_NS),
-                };
-                let much = LATE * self.period_ns;
-                let is_late = error > much && self.late_polls >= LATE_POLLS;
-                self.late = if is_late { self.late.saturating_add(1) } else { 0 };
-                let most = if (1..LATE_IN_A_ROW).contains(&self.late) { much } else { self.period_ns };
-                let error = error.clamp(-self.period_ns, most);
-                // Polls come late by a bounded time, so the spacing of updates is right in the long run, whatever
-                // the phase; a period learnt from the phase error could settle on a wrong one.
-                self.period_ns += PERIOD_GAIN * (elapsed - updates * self.period_ns);
-                self.predicted_ns = Some(predicted + PHASE_GAIN * error + self.period_ns);
-            }
-            (_, Some(elapsed)) => {
-                let period = elapsed / updates;
-                if self.period_ns == 0.0 {
-                    self.period_ns = period;
+        let (at, updates) = (now as f64, updates.max(1) as f64);
+        let elapsed = self.last_update_ns.map(|last| now.saturating_sub(last));
+        match (self.grid_ns, elapsed) {
+            (Some(grid), Some(elapsed)) if elapsed <= self.longest_silence() => self.track(grid, at, updates),
+            (_, elapsed) => {
+                let is_new = self.period_ns == 0.0;
+                if let (true, Some(elapsed)) = (is_new, elapsed) {
+                    self.period_ns = elapsed as f64 / updates;
                 }
-                self.predicted_ns = Some(at + self.period_ns);
+                self.lock(at, if is_new { Window::short(at) } else { Window::long(at) });
             }
-            (_, None) => self.predicted_ns = (self.period_ns > 0.0).then_some(at + self.period_ns),
-        }
-        // Whole periods behind (the machine stood still): the phase is still good, the next update is ahead.
-        if let Some(predicted) = &mut self.predicted_ns
-            && self.period_ns > 0.0
-            && *predicted < at
-        {
-            *predicted += ((at - *predicted) / self.period_ns).ceil() * self.period_ns;
         }
         self.last_update_ns = Some(now);
-        self.last_early_ns = None;
-        self.late_polls = 0;
-        self.due_ns = match self.predicted_ns {
-            Some(predicted) => (predicted as Ns).clamp(now, now + self.longest_wait()),
+        self.last_empty_ns = None;
+        self.due_ns = match self.aimed_at() {
+            Some(aim) => (aim as Ns).clamp(now, now + self.longest_wait()),
             None => now + IDLE_POLL,
         };
     }
 
-    /// From one poll to the next at most.
+    /// Takes the phase from one find.
+    fn lock(&mut self, at: f64, window: Window) {
+        self.grid_ns = (self.period_ns > 0.0).then_some(at);
+        self.window = window;
+        self.move_aim(0.0);
+    }
+
+    /// Follows the phase. The time tells which update of the grid was found, because the count may be wrong while the
+    /// board's I19 is unknown.
+    fn track(&mut self, grid: f64, at: f64, updates: f64) {
+        let period = self.period_ns;
+        let due = grid + ((at - grid) / period).floor().max(1.0) * period;
+        let empty = self.last_empty_ns.map(|empty| empty as f64);
+        let step = (STEP * period).min(STEP_NS);
+        let was_early = empty.is_some_and(|empty| empty > due + self.aim_ns - step);
+        self.at_once = if was_early { 0 } else { self.at_once.saturating_add(1) };
+        let hasty = (step * (1.0 + f64::from(self.at_once) / HASTE)).min(LONGEST_STEP * period);
+        self.move_aim(if was_early { LATER * step } else { -hasty });
+        self.window.add(at, updates, period, due, empty);
+        // An update is found after it was made, so the grid cannot be later.
+        self.set_grid(due, (at - due).min(0.0));
+        if !self.window.is_full() {
+            return;
+        }
+        let change = self.window.period_change_ns();
+        if change.abs() > CHANGED * period {
+            self.period_ns = (period + change).max(0.0);
+            self.lock(at, Window::short(at));
+        } else {
+            self.period_ns += PERIOD_GAIN * change;
+            self.set_grid(self.grid_ns.unwrap_or(due), self.window.shift_ns());
+            self.window = self.window.next(at);
+        }
+    }
+
+    /// Sets the grid to `grid`, corrected `by` a time. The correction leaves the aim in place.
+    fn set_grid(&mut self, grid: f64, by: f64) {
+        self.grid_ns = Some(grid + by);
+        self.move_aim(-by);
+    }
+
+    fn move_aim(&mut self, by: f64) {
+        let most = AIM * self.period_ns;
+        self.aim_ns = (self.aim_ns + by).clamp(-most, most);
+    }
+
+    /// Without an update for longer, there is no phase to hold.
+    fn longest_silence(&self) -> Ns {
+        SILENCE.max((LOCK_PERIODS * self.period_ns) as Ns)
+    }
+
+    /// The longest time from one poll to the next.
     fn longest_wait(&self) -> Ns {
-        let half = if self.predicted_ns.is_some() { self.period_ns / 2.0 } else { 0.0 };
-        (half as Ns).clamp(IDLE_POLL, RARE_POLL)
+        if self.grid_ns.is_some() { RARE_POLL } else { IDLE_POLL }
     }
 }
 

@@ -2,29 +2,31 @@
 
 use super::*;
 
-/// What became of a run: polls an update, the worst delay after the first tenth, how many updates nobody saw, and all delays.
+/// The result of a run: polls an update, the worst delay and the missed updates after the first tenth, all delays, and
+/// by how much the clock was wrong about the time of each update found.
 struct Seen {
-    looks: f64,
+    polls: f64,
     worst: Ns,
     missed: u64,
     delays: Vec<Ns>,
+    errors: Vec<f64>,
 }
 
 /// An update: when it was made, and its number by the board's timer.
 type Update = (f64, u64);
 
-/// Runs the clock against those updates, looking as late as `lateness` says of each poll that is due.
+/// Runs the clock against those updates, each poll as late as `lateness` says.
 fn watch(clock: &mut UpdateClock, updates: &[Update], mut lateness: impl FnMut(Ns) -> Ns) -> Seen {
-    let (mut looks, mut worst, mut missed, mut seen) = (0u64, 0, 0, 0usize);
+    let (mut polls, mut worst, mut missed, mut seen) = (0u64, 0, 0, 0usize);
     let mut now = 1_000_000u64;
-    let mut delays = Vec::with_capacity(updates.len());
+    let (mut delays, mut errors) = (Vec::with_capacity(updates.len()), Vec::with_capacity(updates.len()));
     while seen < updates.len() {
         let due = now.max(clock.due_ns());
         now = due + lateness(due) + 200;
-        looks += 1;
+        polls += 1;
         let count = seen + updates[seen..].partition_point(|(time, _)| *time <= now as f64);
         if count == seen {
-            clock.poll_empty(now);
+            clock.poll_empty(now, now);
             continue;
         }
         let (time, number) = updates[count - 1];
@@ -34,9 +36,10 @@ fn watch(clock: &mut UpdateClock, updates: &[Update], mut lateness: impl FnMut(N
             missed += (count - seen - 1) as u64;
         }
         clock.on_update(now, number - seen.checked_sub(1).map_or(0, |last| updates[last].1));
+        errors.extend(clock.update_ns().map(|found| (found as f64 - time).abs()));
         seen = count;
     }
-    Seen { looks: looks as f64 / updates.len() as f64, worst, missed, delays }
+    Seen { polls: polls as f64 / updates.len() as f64, worst, missed, delays, errors }
 }
 
 /// `count` updates, each as long after the one before as `period` says by its number.
@@ -48,9 +51,12 @@ fn updates(count: u64, period: impl Fn(u64) -> f64) -> Vec<Update> {
     times.collect()
 }
 
-/// Numbers below a limit that poll drawn at random.
+/// Random numbers below a limit.
 fn random() -> impl FnMut(u64) -> u64 {
-    let mut state = 12345u64;
+    seeded(12345)
+}
+
+fn seeded(mut state: u64) -> impl FnMut(u64) -> u64 {
     move |limit| {
         state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         (state >> 33) % limit
@@ -60,17 +66,17 @@ fn random() -> impl FnMut(u64) -> u64 {
 /// Runs the clock against updates at a steady period, with polls up to `lateness` late.
 fn run(clock: &mut UpdateClock, period: f64, lateness: Ns, count: u64) -> (f64, Ns, u64) {
     let mut random = random();
-    let Seen { looks, worst, missed, .. } =
+    let Seen { polls, worst, missed, .. } =
         watch(clock, &updates(count, |_| period), |_| random(lateness + 1));
-    (looks, worst, missed)
+    (polls, worst, missed)
 }
 
 #[test]
 fn it_locks_without_being_told_the_period() {
     let mut clock = UpdateClock::default();
-    let (looks, worst, missed) = run(&mut clock, 442_708.4, 5_000, 20_000);
+    let (polls, worst, missed) = run(&mut clock, 442_708.4, 5_000, 20_000);
     assert_eq!(missed, 0);
-    assert!(looks < 3.0, "{looks} looks an update");
+    assert!(polls < 3.0, "{polls} polls an update");
     assert!(worst < 60_000, "{worst} ns late");
     let period = clock.period_ns().unwrap();
     assert!((442_000..443_400).contains(&period), "{period}");
@@ -80,19 +86,19 @@ fn it_locks_without_being_told_the_period() {
 fn it_holds_at_9_khz_with_a_sleep_that_overshoots_by_half_a_period() {
     let mut clock = UpdateClock::default();
     clock.expect_period(111_111);
-    let (looks, _, missed) = run(&mut clock, 111_111.1, 55_000, 50_000);
+    let (polls, _, missed) = run(&mut clock, 111_111.1, 55_000, 50_000);
     assert_eq!(missed, 0);
-    assert!(looks < 3.0, "{looks} looks an update");
+    assert!(polls < 3.0, "{polls} polls an update");
 }
 
 #[test]
-fn at_slow_rates_it_looks_halfway_and_when_an_update_is_due() {
+fn at_slow_rates_it_polls_only_when_an_update_is_due() {
     for period in [2_000_000, 10_000_000] {
         let mut clock = UpdateClock::default();
         clock.expect_period(period);
-        let (looks, worst, missed) = run(&mut clock, period as f64, 5_000, 20_000);
+        let (polls, worst, missed) = run(&mut clock, period as f64, 5_000, 20_000);
         assert_eq!(missed, 0);
-        assert!(looks < 2.6, "{looks} looks an update at {period} ns");
+        assert!(polls < 1.6, "{polls} polls an update at {period} ns");
         assert!(worst < 100_000, "{worst} ns late");
     }
 }
@@ -118,24 +124,24 @@ fn a_wrong_or_changed_period_is_learnt() {
 }
 
 #[test]
-fn a_silent_board_is_looked_at_seldom() {
+fn a_silent_board_is_polled_seldom() {
     let mut clock = UpdateClock::default();
     clock.expect_period(442_708);
     clock.on_update(1_000_000, 1);
-    let (mut now, mut looks) = (1_000_000, 0);
+    let (mut now, mut polls) = (1_000_000, 0);
     while now < 3_001_000_000 {
         now = clock.due_ns().max(now + 1);
-        clock.poll_empty(now);
-        looks += u64::from(now > 1_001_000_000);
+        clock.poll_empty(now, now);
+        polls += u64::from(now > 1_001_000_000);
     }
-    assert!((1_900..2_300).contains(&looks), "{looks} looks in two seconds, after the first");
+    assert!((1_900..2_300).contains(&polls), "{polls} polls in two seconds, after the first");
     let mut unknown = UpdateClock::default();
-    unknown.poll_empty(5);
+    unknown.poll_empty(5, 5);
     assert_eq!(unknown.due_ns(), 5 + IDLE_POLL);
 }
 
 #[test]
-fn after_standing_still_it_looks_ahead_and_not_behind() {
+fn after_standing_still_it_polls_ahead_and_not_behind() {
     let mut clock = UpdateClock::default();
     clock.expect_period(442_708);
     for k in 0..100u64 {
@@ -154,9 +160,9 @@ fn it_follows_a_clock_that_drifts() {
         442_708.4 * (1.0 - 200e-6 * number as f64 / 100_000.0 + wobble)
     });
     let mut random = random();
-    let Seen { looks, worst, missed, .. } = watch(&mut UpdateClock::default(), &updates, |_| random(5_000));
+    let Seen { polls, worst, missed, .. } = watch(&mut UpdateClock::default(), &updates, |_| random(5_000));
     assert_eq!(missed, 0);
-    assert!(looks < 3.0 && worst < 60_000, "{looks} looks an update, {worst} ns late");
+    assert!(polls < 3.0 && worst < 60_000, "{polls} polls an update, {worst} ns late");
 }
 
 #[test]
@@ -164,10 +170,10 @@ fn a_period_that_changes_under_way_is_found_without_being_told() {
     for (before, after) in [(442_708.4, 111_111.1), (111_111.1, 442_708.4), (442_708.4, 885_416.8)] {
         let updates = updates(40_000, |number| if number < 10_000 { before } else { after });
         let mut random = random();
-        let Seen { looks, missed, .. } = watch(&mut UpdateClock::default(), &updates, |_| random(5_000));
+        let Seen { polls, missed, .. } = watch(&mut UpdateClock::default(), &updates, |_| random(5_000));
         // Updates that come four times as often are missed until the clock has learnt it, at a fiftieth an update.
         assert!(missed < 400, "{before} to {after}: {missed} missed");
-        assert!(looks < 3.0, "{before} to {after}: {looks} looks an update");
+        assert!(polls < 3.0, "{before} to {after}: {polls} polls an update");
     }
 }
 
@@ -214,11 +220,11 @@ fn a_machine_that_stands_still_at_times_costs_only_what_it_slept_through() {
     });
     let unavoidable = slept / 442_708 + stops;
     assert!(stops > 20 && seen.missed <= unavoidable, "{} missed, {unavoidable} slept through", seen.missed);
-    assert!(seen.looks < 3.0, "{} looks an update", seen.looks);
+    assert!(seen.polls < 3.0, "{} polls an update", seen.polls);
 }
 
 #[test]
-fn updates_that_are_late_now_and_then_do_not_make_the_looks_late() {
+fn updates_that_are_late_now_and_then_do_not_make_the_polls_late() {
     for (period, at_most) in
         [(111_111.1, [25_000, 45_000]), (442_708.4, [25_000, 55_000]), (2e6, [30_000, 60_000])]
     {
@@ -241,20 +247,20 @@ fn updates_that_are_late_now_and_then_do_not_make_the_looks_late() {
 }
 
 #[test]
-fn an_update_that_fails_to_come_is_looked_for_less_and_less() {
+fn an_update_that_fails_to_come_is_polled_for_less_and_less() {
     for period in [111_111, 442_708, 2_000_000] {
         let mut clock = UpdateClock::default();
         run(&mut clock, period as f64, 2_000, 1_000);
         let start = clock.due_ns();
-        let mut looks = [0; 6];
+        let mut polls = [0; 6];
         loop {
             let now = clock.due_ns();
-            let Some(looks) = looks.get_mut(((now - start) / period) as usize) else { break };
-            clock.poll_empty(now);
-            assert!(clock.due_ns() - now <= period / 2 + 1, "what comes in time again is not missed");
-            *looks += 1;
+            let Some(polls) = polls.get_mut(((now - start) / period) as usize) else { break };
+            clock.poll_empty(now, now);
+            assert!(clock.due_ns() - now <= period / 2 + 100, "what comes in time again is not missed");
+            *polls += 1;
         }
-        assert!(looks[0] <= 10 && looks[3] <= 5 && looks[5] <= 3, "{looks:?} at {period} ns");
+        assert!(polls[0] <= 12 && polls[3] <= 5 && polls[5] <= 3, "{polls:?} at {period} ns");
     }
 }
 
@@ -267,4 +273,80 @@ fn updates_that_fail_to_come_are_no_reason_to_lose_the_phase() {
     let seen = watch(&mut UpdateClock::default(), &came, |_| random(5_000));
     assert_eq!(seen.missed, 0);
     assert!(seen.worst < 60_000, "{} ns late", seen.worst);
+}
+
+/// The middle of some errors, and the value that nine in ten stay below.
+fn middle(mut errors: Vec<f64>) -> [f64; 2] {
+    errors.sort_by(f64::total_cmp);
+    [errors[errors.len() / 2], errors[errors.len() * 9 / 10]]
+}
+
+#[test]
+fn b6_1_a_late_find_moves_neither_phase_nor_period() {
+    for late in [100_000, 300_000, 1_000_000, 5_000_000] {
+        let mut clock = UpdateClock::default();
+        run(&mut clock, 442_708.4, 5_000, 5_000);
+        let (period, update, due) = (clock.period_ns().unwrap(), clock.update_ns().unwrap(), clock.due_ns());
+        clock.on_update(due + late, 1 + late / 442_708);
+        assert!(clock.period_ns().unwrap().abs_diff(period) < 50, "{late}: {:?}", clock.period_ns());
+        let slip = (clock.update_ns().unwrap() - update) as f64 / 442_708.4;
+        assert!((slip - slip.round()).abs() * 442_708.4 < 5_000.0, "{late}: {slip} periods");
+    }
+}
+
+#[test]
+fn b6_1_polls_that_are_always_late_are_only_an_upper_bound() {
+    // No wake-up is less than 60 us late. Polls that aim earlier find when the updates are made.
+    for period in [442_708.4, 2e6] {
+        let mut random = random();
+        let mut clock = UpdateClock::default();
+        let seen = watch(&mut clock, &updates(20_000, |_| period), |_| 60_000 + random(5_000));
+        let [median, _] = middle(seen.errors);
+        assert!(median < 10_000.0, "{median} ns at {period} ns");
+        assert!(seen.polls < 1.5, "{} polls an update at {period} ns", seen.polls);
+    }
+}
+
+#[test]
+fn b6_1_polls_in_vain_for_updates_left_out_do_not_make_the_others_late() {
+    // The board makes one update in four: I19 was changed, and nobody has told.
+    for period in [442_708.4, 2e6] {
+        let all = updates(20_000, |_| period).into_iter();
+        let made: Vec<Update> = all.filter(|(_, number)| number % 4 == 0).collect();
+        let mut random = random();
+        let mut delays = watch(&mut UpdateClock::default(), &made, |_| random(5_000)).delays;
+        delays.sort_unstable();
+        assert!(delays[delays.len() / 2] < 20_000, "{} ns late", delays[delays.len() / 2]);
+    }
+}
+
+#[test]
+fn b6_3_the_phase_is_found_on_a_machine_that_is_held_up() {
+    for (period, changed) in
+        [(2e6, 1e6), (442_708.4, 885_416.8), (111_111.1, 222_222.2), (885_416.8, 442_708.4)]
+    {
+        for seed in 1..=5 {
+            // The board's crystal drifts by 100 millionths, its period changes, and it leaves out one update in twenty.
+            let all = updates(40_000, |number| {
+                let drift = 1.0 + 100e-6 * (number as f64 / 4_000.0).sin();
+                drift * if number < 20_000 { period } else { changed }
+            });
+            let mut leave_out = seeded(seed + 100);
+            let made: Vec<Update> = all.into_iter().filter(|_| leave_out(20) > 0).collect();
+            // One poll in twenty is 0.1 to 5 ms late.
+            let mut held_up = seeded(seed);
+            let seen = watch(&mut UpdateClock::default(), &made, |_| match held_up(20) {
+                0 => 100_000 + held_up(4_900_000),
+                _ => held_up(3_000),
+            });
+            let [median, most] = middle(seen.errors);
+            println!(
+                "{period} ns, then {changed} ns, seed {seed}: the phase is {median:.0} ns wrong in the median, nine in \
+                 ten times less than {most:.0} ns; {:.2} polls an update",
+                seen.polls
+            );
+            assert!(median <= 10_000.0 && most <= 20_000.0, "{median} and {most} ns wrong");
+            assert!(seen.polls < 2.0, "{} polls an update", seen.polls);
+        }
+    }
 }

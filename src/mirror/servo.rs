@@ -174,13 +174,14 @@ impl ServoMirror {
         bus: &mut impl Bus,
         publisher: &mut Publisher,
     ) -> Result<Option<Transition>, BusError> {
+        let mut began = 0;
         for _ in 0..COPIES {
-            let before = self.time.ns();
+            began = self.time.ns();
             match self.reader.poll(bus)? {
-                ServoPoll::Update(timer) => return Ok(self.publish(publisher, timer, before)),
+                ServoPoll::Update(timer) => return Ok(self.publish(publisher, timer, began)),
                 ServoPoll::Torn => {
                     publisher.counters().add(Counter::Retries, 1);
-                    self.record_host_busy(before);
+                    self.record_host_busy(began);
                 }
                 ServoPoll::First(timer) => {
                     self.timer.advance(timer);
@@ -188,14 +189,14 @@ impl ServoMirror {
                 }
                 poll @ (ServoPoll::Unchanged | ServoPoll::Busy) => {
                     if poll == ServoPoll::Busy {
-                        self.record_host_busy(before);
+                        self.record_host_busy(began);
                     }
                     break;
                 }
             }
         }
         let now = self.time.ns();
-        self.clock.poll_empty(now);
+        self.clock.poll_empty(began, now);
         // Silence counts only while somebody polls: after a stop of this thread the deadline starts again.
         if now.saturating_sub(self.last_poll_ns) >= self.freshness.limit_ns() {
             self.freshness.reset_deadline(now);
@@ -220,7 +221,7 @@ impl ServoMirror {
                 self.was_reset = true;
             }
             self.continuity.on_update(time_ns, None);
-            self.clock.poll_empty(self.time.ns());
+            self.clock.poll_empty(time_ns, self.time.ns());
             return None;
         }
         let passed = self.continuity.whole(passed, time_ns);

@@ -140,6 +140,7 @@ fn a_turbo_pmacs_motors_come_through_the_path_of_every_family() {
         }
 
         // The timer comes round after 2^24 cycles, and counts on.
+        rig.time.advance(Duration::from_nanos(CYCLE_NS));
         rig.update(0x00_0001);
         rig.poll();
         let (second, data) = rig.latest().unwrap();

@@ -1,0 +1,89 @@
+//! The earliest finds of a window of updates, and what they say of the board's period and phase.
+//!
+//! A poll finds an update late by any amount, and never early. So the earliest finds count, as the lower hull of
+//! one-way delays gives the skew of two clocks. An empty poll bounds an update from below.
+
+/// The finds of the shortest window, and of the longest. Each window is twice as long as the one before.
+const SHORTEST: u32 = 8;
+const LONGEST: u32 = 64;
+
+/// A find: how many updates after the window's start, and how late if the period were right.
+#[derive(Debug, Clone, Copy)]
+struct Find {
+    updates: f64,
+    late_ns: f64,
+}
+
+/// A window of updates.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Window {
+    length: u32,
+    finds: u32,
+    /// The time of the update before the first.
+    start_ns: f64,
+    /// Updates since then.
+    updates: f64,
+    /// The earliest find in the first quarter of the window, and in the last.
+    first: Option<Find>,
+    last: Option<Find>,
+    /// The earliest find after the grid.
+    find_ns: f64,
+    /// The latest empty poll after the grid.
+    empty_ns: f64,
+}
+
+impl Window {
+    /// A window after an update at `at_ns`, while the period is hardly known.
+    pub fn short(at_ns: f64) -> Self {
+        Self::of(SHORTEST, at_ns)
+    }
+
+    /// A window after an update at `at_ns`, while the period is known.
+    pub fn long(at_ns: f64) -> Self {
+        Self::of(LONGEST, at_ns)
+    }
+
+    /// The window after this one.
+    pub fn next(&self, at_ns: f64) -> Self {
+        Self::of((2 * self.length).min(LONGEST), at_ns)
+    }
+
+    fn of(length: u32, start_ns: f64) -> Self {
+        Self { length, start_ns, find_ns: f64::INFINITY, empty_ns: f64::NEG_INFINITY, ..Self::default() }
+    }
+
+    /// Takes the find of an update that was due at `due_ns`, `updates` after the last one.
+    pub fn add(&mut self, find_ns: f64, updates: f64, period_ns: f64, due_ns: f64, empty_ns: Option<f64>) {
+        self.updates += updates;
+        let late_ns = find_ns - self.start_ns - self.updates * period_ns;
+        let find = Find { updates: self.updates, late_ns };
+        let earlier = |of: Option<Find>| of.filter(|of| of.late_ns <= late_ns).or(Some(find));
+        if self.finds < self.length / 4 {
+            self.first = earlier(self.first);
+        } else if self.finds >= self.length - self.length / 4 {
+            self.last = earlier(self.last);
+        }
+        self.finds += 1;
+        self.find_ns = self.find_ns.min(find_ns - due_ns);
+        self.empty_ns = empty_ns.map_or(self.empty_ns, |empty| self.empty_ns.max(empty - due_ns));
+    }
+
+    /// Whether the window is complete.
+    pub fn is_full(&self) -> bool {
+        self.finds >= self.length
+    }
+
+    /// By how much the board's period is longer than the one used so far.
+    pub fn period_change_ns(&self) -> f64 {
+        match (self.first, self.last) {
+            (Some(first), Some(last)) => (last.late_ns - first.late_ns) / (last.updates - first.updates),
+            _ => 0.0,
+        }
+    }
+
+    /// By how much the grid is too early, at least: a poll after it was empty. An update that the board made late looks
+    /// the same, so the earliest find limits the shift.
+    pub fn shift_ns(&self) -> f64 {
+        self.empty_ns.min(self.find_ns).max(0.0)
+    }
+}
