@@ -1,36 +1,35 @@
-//! Servo data come first: for how long before a servo update no other work is begun, and when other work has stood back
-//! often enough.
+//! Servo data come first: no other work starts within the guard time before a servo update, unless other work has
+//! waited too often.
 //!
-//! The guard time is as long as the largest piece of other work takes on this bus, which is learnt from how long pieces
-//! took.
+//! The guard time is how long the largest piece of other work takes on this bus. It is learnt from the pieces done.
 
 use std::time::Duration;
 
 /// Accesses of the largest piece of work: a response of 255 characters with its control words.
 const LARGEST: f64 = 132.0;
-/// What a piece takes besides its accesses: waking who waits for its result.
+/// What a piece takes besides its accesses: waking the client that waits for the result.
 const BESIDES_NS: f64 = 8_000.0;
-/// However slow the bus, some time has to be left between two updates.
+/// The longest guard time. Even on a slow bus it must leave some time between updates.
 const MOST_NS: f64 = 150_000.0;
-/// Pieces of fewer accesses tell more about waking others than about the bus. A block of the background report has 62.
+/// Pieces with fewer accesses are not used: waking clients would dominate. A block of the background report has 62.
 const TELLING: u64 = 48;
-/// The fastest piece tells what the bus takes, the others were held up. A slower bus is believed in steps of this.
+/// The fastest piece shows the speed of the bus; the others were held up. So the estimate grows at most by this factor.
 const SLOWER: f64 = 1.05;
-/// Servo updates in a row before which work that was due may have to stand back.
+/// Due work waits for at most this many servo updates in a row.
 const STARVING_UPDATES: u32 = 8;
 
 /// Whose turn it is on the bus.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Turn {
-    /// The servo data's.
+    /// The servo data.
     Servo,
-    /// The other work's that is due.
+    /// Other work that is due.
     Others,
-    /// Nobody's: nothing is due, or what is due waits for the servo update.
+    /// Nothing is due, or other work waits for the servo update.
     Nobody,
 }
 
-/// The guard time, and the count of updates before which work that was due stood back.
+/// The guard time, and for how many updates in a row due work has waited.
 #[derive(Debug)]
 pub struct GuardTime {
     access_ns: f64,
@@ -38,14 +37,14 @@ pub struct GuardTime {
 }
 
 impl Default for GuardTime {
-    /// That of a fairly slow bus, until it is known.
+    /// Assumes a fairly slow bus, until its speed is known.
     fn default() -> Self {
         Self { access_ns: 250.0, stood_back: 0 }
     }
 }
 
 impl GuardTime {
-    /// A piece of work of so many accesses took so long.
+    /// Learns from a piece of work: its accesses and its time.
     pub fn took(&mut self, accesses: u64, time: Duration) {
         if accesses >= TELLING {
             let each = time.as_nanos() as f64 / accesses as f64;
@@ -53,28 +52,28 @@ impl GuardTime {
         }
     }
 
-    /// Nanoseconds to be left before a servo update.
+    /// The guard time in nanoseconds.
     fn ns(&self) -> u64 {
         (BESIDES_NS + LARGEST * self.access_ns).min(MOST_NS) as u64
     }
 
-    /// Whether work begun at `now_ns` might delay the servo update that is due at `servo_due_ns`.
+    /// Whether work that starts at `now_ns` could delay the servo update due at `servo_due_ns`.
     #[must_use]
     pub fn is_near(&self, now_ns: u64, servo_due_ns: u64) -> bool {
         now_ns.saturating_add(self.ns()) > servo_due_ns
     }
 
-    /// Whether other work stood back so often that its turn comes before the next servo update.
+    /// Whether other work has waited so often that it goes before the next servo update.
     #[must_use]
     pub fn is_starving(&self) -> bool {
         self.stood_back >= STARVING_UPDATES
     }
 
-    /// Whose turn it is. The servo data are `servo_due`, or their update is `near`; other work is due or not
-    /// (`work_due`), or commands wait that have not been taken yet (`commands_wait`).
+    /// Decides whose turn it is. `servo_due`: a poll for servo data is due. `near`: their update is within the guard
+    /// time. `work_due`: other work is due. `commands_wait`: commands wait in the queue.
     ///
-    /// On a slow bus, or at a high servo rate, an update may always be near. What stops a machine goes out all the same:
-    /// work that was due when servo data had their turn so many times in a row has its own before the next ones.
+    /// On a slow bus, or at a high servo rate, an update may always be near. A command that stops a machine must go
+    /// out all the same. So due work that has waited for [`STARVING_UPDATES`] updates goes before the next one.
     pub fn turn(
         &mut self,
         servo_due: bool,
@@ -93,7 +92,7 @@ impl GuardTime {
         if work_due { Turn::Others } else { Turn::Nobody }
     }
 
-    /// Other work has been done.
+    /// Records that other work was done.
     pub fn others_had_turn(&mut self) {
         self.stood_back = 0;
     }

@@ -1,45 +1,45 @@
-//! Between the bus thread's start and its end.
+//! The phases of the bus thread, from its start to its end.
 
 use std::time::{Duration, Instant};
 
-/// How long the board may take, at the start, to bring the DPRAM into reach.
+/// Time limit at the start for the board to make the DPRAM visible.
 const FIRST_REACH: Duration = Duration::from_millis(200);
-/// How long the board may take, at the daemon's end, to stop what was held.
+/// Time limit at the end for the board to stop held jogs.
 const LAST_STOP: Duration = Duration::from_millis(500);
 
-/// Between start and end.
+/// A phase of the bus thread.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Phase {
     /// The board has not been touched.
     Begin,
-    /// Its page is written; the DPRAM has to come into reach until a time. Looked at again when due.
+    /// The board's page is written. The DPRAM must become visible by a time.
     Reaching {
-        /// No longer than this.
+        /// The time limit.
         until: Instant,
-        /// When to look again.
+        /// When to check again.
         due_ns: u64,
     },
-    /// At work.
+    /// The normal phase.
     Running,
-    /// What is held is being stopped.
+    /// Held jogs are being stopped.
     Stopping {
-        /// No longer than this.
+        /// The time limit.
         until: Instant,
-        /// When to go on.
+        /// When to continue.
         due_ns: u64,
     },
-    /// The board has been left.
+    /// The bus thread no longer touches the board.
     Ended,
 }
 
 impl Phase {
-    /// The board's page has been written `now`.
+    /// The phase after the board's page was written `now`.
     #[must_use]
     pub fn reaching(now: Instant) -> Self {
         Self::Reaching { until: now + FIRST_REACH, due_ns: 0 }
     }
 
-    /// The loop was asked `now` to end.
+    /// The phase after the loop was asked `now` to end.
     #[must_use]
     pub fn stopping(now: Instant) -> Self {
         Self::Stopping { until: now + LAST_STOP, due_ns: 0 }
