@@ -2,6 +2,7 @@
 //! of one run are what is told.
 
 mod allocation;
+mod bare;
 mod clock;
 mod commands;
 mod daemon;
@@ -15,6 +16,7 @@ mod table;
 const USAGE: &str =
     "usage: pmac-dpram-bench segment [ROUNDS [CHECKED-COPIES [PAGES]]]   (h hot, f fresh, w wake, l loss)
        pmac-dpram-bench daemon [ROUNDS [SECONDS]]
+       pmac-dpram-bench bare [ROUNDS [SECONDS]]
        pmac-dpram-bench commands [ROUNDS]
        pmac-dpram-bench allocation [SECONDS]
        pmac-dpram-bench growth [SECONDS-PER-LINE]";
@@ -32,14 +34,18 @@ fn main() {
         Some("daemon") => daemon::run(number(1, 3) as usize, number(2, 5)),
         Some("growth") => growth::run(number(1, 4)),
         Some("commands") => commands::run(number(1, 5) as usize),
-        Some("allocation") => {
-            if !allocation::run(number(1, 10)) {
-                std::process::exit(1);
-            }
-        }
+        Some("bare") => exit(bare::run(number(1, 5) as usize, number(2, 5))),
+        Some("allocation") => exit(allocation::run(number(1, 10))),
         _ => {
             eprintln!("{USAGE}");
             std::process::exit(2);
         }
+    }
+}
+
+/// Ends the program with status 1 unless all is `well`.
+fn exit(well: bool) {
+    if !well {
+        std::process::exit(1);
     }
 }
