@@ -62,10 +62,10 @@ const CALLS: [(&str, bool); 24] = [
     (r#""WatchVariables","parameters":{"registers":["X:$0028","Y:$0003"]},"more":true"#, true),
     (r#""WatchVariables","parameters":{"registers":["D:$002B"]},"more":true"#, true),
     (r#""WriteVariables","parameters":{"records":[{"register":"Y:$0700","value":1}]}"#, false),
-    (r#""GatherEnd""#, false),
+    (r#""GatherStop""#, false),
     (r#""RotarySend","parameters":{"buffer":1,"lines":[{"words":[3619,5242880]}]}"#, false),
     (r#""RotaryState","parameters":{"buffer":1}"#, false),
-    (r#""RotaryOpen","parameters":{"buffer":2,"coordinate_system":1,"coordinate_system_base":1}"#, false),
+    (r#""RotaryStart","parameters":{"buffer":2,"coordinate_system":1,"coordinate_system_base":1}"#, false),
     (r#""Nothing""#, false),
     (r#""Send","parameters":{"line":"\r"}"#, false),
 ];

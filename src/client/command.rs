@@ -6,6 +6,7 @@
 mod gather;
 pub mod jobs;
 pub mod lines;
+pub mod rotary;
 
 use std::io::{self, Read, Write};
 use std::os::fd::{AsFd, BorrowedFd};

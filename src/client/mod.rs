@@ -30,7 +30,7 @@ pub mod view;
 pub use board::gather::{GatherChunk, GatherFollower, GatherPhase};
 pub use board::variables::{Variable, VariableTable};
 pub use board::{Board, ClientError, History, Snapshot, socket_path};
-pub use command::jobs::RotaryPlace;
+pub use command::rotary::RotaryPlace;
 pub use command::{CommandError, Connection, Messages, VariableWatch};
 pub use hold::HeldJog;
 pub use rotary_feed::{RotaryFeed, RotaryLine};

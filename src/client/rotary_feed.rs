@@ -8,7 +8,7 @@ use std::collections::VecDeque;
 use std::time::Duration;
 
 use super::command::{CommandError, Connection, MARGIN, milliseconds};
-use crate::protocol::board::{Done, RotaryStateReply};
+use crate::protocol::board::{Done, RotaryStateReply, RotaryStopReply};
 use crate::protocol::{CallError, calls};
 
 /// A line: the commands of it, two words of 24 bits each.
@@ -21,7 +21,7 @@ const UNDER_WAY: usize = 2;
 /// How long a batch may wait for room. Short, so that no more than that goes in after somebody has said stop.
 const BATCH_PATIENCE: Duration = Duration::from_millis(300);
 
-/// Lines on their way into a rotary buffer that has been set up and takes line 0 next.
+/// Lines on their way into a rotary buffer, over the connection that has begun the stream ([`Connection::rotary_start`]).
 #[derive(Debug)]
 pub struct RotaryFeed<'a> {
     connection: Connection,
@@ -80,18 +80,37 @@ impl<'a> RotaryFeed<'a> {
         }
     }
 
-    /// Sends nothing more: waits until no batch is under way, and gives the buffer's state.
+    /// No line follows: the program is whole when the board has taken what is in the buffer.
+    ///
+    /// # Errors
+    /// [`CommandError`]; refused when the stream has ended.
+    pub fn finish(&mut self) -> Result<(), CommandError> {
+        self.connection.rotary_finish(self.buffer)
+    }
+
+    /// Waits until no batch is under way, and gives the buffer's state.
     ///
     /// # Errors
     /// [`CommandError`] when the daemon cannot be reached.
-    pub fn settle(&mut self) -> Result<RotaryStateReply, CommandError> {
+    pub fn state(&mut self) -> Result<RotaryStateReply, CommandError> {
         self.catch_up()
     }
 
-    /// The connection, when nothing is under way any more.
-    #[must_use]
-    pub fn into_connection(self) -> Connection {
-        self.connection
+    /// Says that the stream's owner is still there, which has to be said every 5 s while no lines are sent.
+    ///
+    /// # Errors
+    /// [`CommandError`]; refused when the stream has ended.
+    pub fn renew(&mut self) -> Result<(), CommandError> {
+        self.connection.sequence_renew()
+    }
+
+    /// Ends the stream, or tells how it has ended. [`RotaryFeed::inside`] is exact then.
+    ///
+    /// # Errors
+    /// [`CommandError`] when the daemon cannot be reached.
+    pub fn stop(&mut self) -> Result<RotaryStopReply, CommandError> {
+        self.catch_up()?;
+        self.connection.rotary_stop(self.buffer)
     }
 
     fn send_batch(&mut self) -> Result<(), CommandError> {

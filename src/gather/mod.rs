@@ -2,7 +2,7 @@
 //! what the samples say (DPRAM manual p. 25-26).
 //!
 //! A sample is the chosen sources' values in the order of I21 to I44, each one long (`Y:`, `X:`) or two (`D:`, `L:`,
-//! Y half first). [`Source`] names one, [`plan()`] makes the lines and the columns, [`Column`] turns longs into numbers,
+//! Y half first). [`Source`] names one, [`plan()`] makes the columns, [`gather_lines`] the lines, [`Column`] turns longs into numbers,
 //! [`csv`] and [`npy`] write them. Reading the samples from the DPRAM is [`crate::function`]'s part.
 
 pub mod column;
@@ -15,6 +15,6 @@ pub mod source;
 pub use column::{Column, SampleClock};
 pub use csv::CsvWriter;
 pub use npy::NpyWriter;
-pub use plan::{GatherMode, GatherPlan, GatherRequest, PlanError, ServoReport, plan};
+pub use plan::{GatherMode, GatherPlan, GatherRequest, PlanError, gather_lines, plan};
 pub use reading::Reading;
 pub use source::{Source, SourceError};

@@ -4,7 +4,7 @@ use serde::Serialize;
 
 use super::{Column, Source};
 use crate::decode::Scales;
-use crate::map::Layout;
+use crate::map::{IVariables, Layout, PmacRegister};
 
 /// The longest period in servo cycles.
 const MOST_PERIOD: u32 = 8_388_607;
@@ -20,19 +20,7 @@ pub enum GatherMode {
     Wrap,
 }
 
-/// How the servo report stands, which decides what a `GATHER` starts.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum ServoReport {
-    /// I48=0: `GATHER` starts gathering.
-    #[default]
-    Off,
-    /// I48=1 and not running: the first `GATHER` starts the report, the second one gathering.
-    Waiting,
-    /// I48=1 and running: `GATHER` starts gathering.
-    Running,
-}
-
-/// What is to be gathered, and how the board stands.
+/// What is to be gathered.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct GatherRequest {
     /// The sources, all different: 1 to 24 on PMAC and PMAC2.
@@ -45,22 +33,13 @@ pub struct GatherRequest {
     /// variables and binary rotary programs lie in the same room: where there are any, give what
     /// [`crate::map::buffer_layout`] leaves, less a sample for the rounding.
     pub buffer_longs: Option<u32>,
-    /// How the servo report stands.
-    pub servo_report: ServoReport,
-    /// Whether gathering runs already and must be ended first, or `DEFINE GATHER` would be refused.
-    pub gathering: bool,
 }
 
 /// How to gather.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct GatherPlan {
-    /// The lines up to and with `DEFINE GATHER`, in order. After them the index is 0 and nothing moves: the time to
-    /// begin reading.
-    pub prepare: Vec<String>,
-    /// The lines that start gathering.
-    pub start: Vec<String>,
-    /// The line that ends gathering and leaves the servo report running.
-    pub stop: String,
+    /// The registers of a sample, in order.
+    pub registers: Vec<PmacRegister>,
     /// Longs of one sample.
     pub sample_longs: u32,
     /// Longs of the buffer, a multiple of `sample_longs`.
@@ -121,11 +100,22 @@ pub enum PlanError {
     },
 }
 
-impl GatherPlan {
-    /// All lines that make the board gather, in order.
-    pub fn lines(&self) -> impl Iterator<Item = &str> {
-        self.prepare.iter().chain(&self.start).map(String::as_str)
-    }
+/// The lines up to and with `DEFINE GATHER`, in order, for registers with these `codes`. After them the index is 0 and nothing
+/// moves: the time to begin reading, before `GATHER`.
+#[must_use]
+pub fn gather_lines(
+    i: &IVariables,
+    codes: &[u32],
+    period: u32,
+    mode: GatherMode,
+    buffer_longs: u32,
+) -> Vec<String> {
+    let settings = i.gather_settings(codes).map(|(number, value)| format!("I{number}=${value:06X}"));
+    let mut lines = vec![format!("I{}={period}", i.gather_period)];
+    lines.extend(settings);
+    lines.push(format!("I{}={}", i.gather_mode, if mode == GatherMode::Wrap { 3 } else { 2 }));
+    lines.push(format!("DEFINE GATHER {buffer_longs}"));
+    lines
 }
 
 /// Longs that the gather buffer of a board with `layout` can have.
@@ -167,20 +157,8 @@ pub fn plan(request: &GatherRequest, layout: &Layout, scales: &Scales) -> Result
         let longs = request.buffer_longs.unwrap_or(room);
         return Err(PlanError::Buffer { longs, sample_longs, room, start });
     }
-    let mut prepare = Vec::with_capacity(count + 5);
-    if request.gathering {
-        prepare.push("ENDGATHER".to_owned());
-    }
-    prepare.push(format!("I{}={period}", i.gather_period));
-    let codes: Vec<u32> = sources.iter().map(|source| source.register.gather_code()).collect();
-    prepare.extend(i.gather_settings(&codes).map(|(number, value)| format!("I{number}=${value:06X}")));
-    prepare.push(format!("I{}={}", i.gather_mode, if request.mode == GatherMode::Wrap { 3 } else { 2 }));
-    prepare.push(format!("DEFINE GATHER {buffer_longs}"));
-    let gathers = if request.servo_report == ServoReport::Waiting { 2 } else { 1 };
     Ok(GatherPlan {
-        prepare,
-        start: vec!["GATHER".to_owned(); gathers],
-        stop: "ENDGATHER".to_owned(),
+        registers: sources.iter().map(|source| source.register).collect(),
         sample_longs,
         buffer_longs,
         mode: request.mode,
@@ -201,8 +179,6 @@ mod tests {
             period: 1,
             mode: GatherMode::Wrap,
             buffer_longs: None,
-            servo_report: ServoReport::Off,
-            gathering: false,
         }
     }
 
@@ -217,9 +193,10 @@ mod tests {
         request.period = 4;
         request.buffer_longs = Some(2998);
         let made = planned(&request, None).unwrap();
-        let lines: Vec<_> = made.lines().collect();
+        let codes: Vec<u32> = made.registers.iter().map(|register| register.gather_code()).collect();
+        let lines = |mode| gather_lines(&PMAC.i, &codes, made.period, mode, made.buffer_longs);
         assert_eq!(
-            lines,
+            lines(made.mode),
             [
                 "I19=4",
                 "I20=$000007",
@@ -228,17 +205,10 @@ mod tests {
                 "I23=$400033",
                 "I45=3",
                 "DEFINE GATHER 3000",
-                "GATHER"
             ]
         );
         assert_eq!((made.sample_longs, made.buffer_longs, made.columns.len()), (5, 3000, 3));
-        request.servo_report = ServoReport::Waiting;
-        request.gathering = true;
-        request.mode = GatherMode::Stop;
-        let made = planned(&request, None).unwrap();
-        assert_eq!(made.prepare[0], "ENDGATHER");
-        assert!(made.prepare.contains(&"I45=2".to_owned()));
-        assert_eq!(made.start, ["GATHER", "GATHER"]);
+        assert!(lines(GatherMode::Stop).contains(&"I45=2".to_owned()));
     }
 
     #[test]
@@ -271,7 +241,7 @@ mod tests {
             planned(&request(&names), None),
             Err(PlanError::Sources { count: 25, most: 24, first: 21, last: 44 })
         );
-        assert_eq!(planned(&request(&names[..24]), None).unwrap().prepare[1], "I20=$FFFFFF");
+        assert_eq!(planned(&request(&names[..24]), None).unwrap().registers.len(), 24);
         let twice = planned(&request(&["X:$33", "X:$0033"]), None);
         assert_eq!(twice, Err(PlanError::Twice { name: "X:$0033".to_owned() }));
         for period in [0, 8_388_608] {

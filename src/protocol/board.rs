@@ -214,6 +214,45 @@ pub struct RunLinesReply {
     pub over: bool,
 }
 
+/// The reply of `GatherStop`.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct GatherStopReply {
+    /// Whether there was a gather to end.
+    pub gathered: bool,
+    /// Whose it was: the user and the process. The caller's own where nobody began it through the socket.
+    pub uid: u32,
+    /// The process.
+    pub pid: i32,
+    /// Why it ended, if its owner did not end it.
+    pub reason: Option<String>,
+    /// The period of gathering (I19) as the board has it now, as far as is known.
+    pub period: Option<String>,
+    /// What the end could not put back, one sentence each.
+    pub notes: Vec<String>,
+}
+
+/// The reply of `RotaryStart`.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct RotaryStartReply {
+    /// Lines that were left in the board's own rotary buffer.
+    pub found_lines: u64,
+}
+
+/// The reply of `RotaryStop`.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct RotaryStopReply {
+    /// Why the stream ended, if its owner did not end it.
+    pub reason: Option<String>,
+    /// Lines in the DPRAM that the board has not taken. It takes them no more.
+    pub ahead_lines: u64,
+    /// Lines in the board's own rotary buffer; `None` if the board could not be asked.
+    pub left_lines: Option<u64>,
+    /// Whether the program was ended with `Q`.
+    pub quit: bool,
+    /// What the end could not do, one sentence each.
+    pub notes: Vec<String>,
+}
+
 /// The reply of `Read`.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct ReadReply {

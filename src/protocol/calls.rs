@@ -31,6 +31,16 @@ impl From<Offset> for u32 {
     }
 }
 
+/// What becomes of lines that an earlier program has left in the board's own rotary buffer.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum LeftLines {
+    /// They are taken away.
+    Clear,
+    /// They run before those of the stream.
+    Continue,
+}
+
 /// Reads an optional time-out of 1 to `MAX` milliseconds.
 fn milliseconds<'de, D: Deserializer<'de>, const MAX: u64>(deserializer: D) -> Result<Option<u64>, D::Error> {
     match Option::<u64>::deserialize(deserializer)? {
@@ -147,8 +157,8 @@ parameters! {
         timeout_ms: Option<u64>,
     }
 
-    /// Of `GatherBegin`.
-    GatherBegin {
+    /// Of `GatherStart`.
+    GatherStart {
         /// The buffer's first word.
         buffer: Offset,
         /// The word with the buffer's size.
@@ -157,26 +167,33 @@ parameters! {
         index_word: Offset,
         /// The size given to `DEFINE GATHER`, in longs.
         size_longs: u32,
-        /// Longs of one sample.
-        sample_longs: u32,
+        /// What a sample holds, in order: `Y:$D001`.
+        registers: Vec<String>,
         /// Servo cycles from one sample to the next.
         period: u32,
         /// Whether gathering goes on at the buffer's end; it does when not given.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         wrap: Option<bool>,
-        /// The servo cycle, to count the board's turns by the host's clock.
+        /// The servo cycle: where no servo report runs, the host's clock counts the board's turns.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         servo_period_ns: Option<u64>,
     }
 
-    /// Of `RotaryFinish` and `RotaryState`.
+    /// Of `GatherStop`.
+    GatherStop {
+        /// The user whose gather is to end; the caller's own when not given.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        uid: Option<u32>,
+    }
+
+    /// Of `RotaryFinish`, `RotaryStop` and `RotaryState`.
     Rotary {
         /// Which buffer, from 1 on.
         buffer: u8,
     }
 
-    /// Of `RotaryOpen`.
-    RotaryOpen {
+    /// Of `RotaryStart`.
+    RotaryStart {
         /// Which buffer, from 1 on.
         buffer: u8,
         /// Its first word; where the daemon keeps room for it when not given.
@@ -189,6 +206,18 @@ parameters! {
         coordinate_system: u8,
         /// What the header calls coordinate system 1.
         coordinate_system_base: u8,
+        /// Define the board's own rotary buffer first, with so many words.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        define_longs: Option<u32>,
+        /// What becomes of lines that are left in the board's own rotary buffer; refused when not given.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        left: Option<LeftLines>,
+        /// Whether to start the program when its first lines are there; not when not given.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        run: Option<bool>,
+        /// Whether the program has commands that stop it until somebody starts it again; not when not given.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        may_stand: Option<bool>,
     }
 
     /// The commands of a line of a rotary program, two words a command.

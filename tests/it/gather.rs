@@ -40,7 +40,7 @@ fn a_minute_of_every_servo_cycle_loses_nothing() {
         // 32 counts a millisecond, less the time to get there.
         assert!(last > (seconds - 0.5) * 32_000.0 * 0.99, "{last}");
 
-        rig.send(&plan.stop);
+        rig.send("ENDGATHER");
         reader.stopped();
         let look = take(&mut rig, &mut reader, &mut timer, &plan, |_, _| {});
         assert_eq!(look, GatherPoll::Ended);

@@ -4,27 +4,10 @@ use std::time::Instant;
 
 use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
-use pmac_dpram::client::{GatherChunk, GatherPhase};
-use pmac_dpram::segment::{RegionId, Sample, Subscriber};
+use pmac_dpram::segment::RegionId;
 
 use crate::support::rig::Ran;
 use crate::support::{PATIENCE, VirtualSite, is_live, joined, status_within};
-
-/// The number after the last sample that was published, while a gather is followed.
-fn published(subscriber: &Subscriber, sample: &mut Sample) -> Option<u64> {
-    if !is_live(subscriber, RegionId::Gather) {
-        return None;
-    }
-    if subscriber.latest(RegionId::Gather, sample).unwrap().is_none() {
-        return Some(0);
-    }
-    let chunk = GatherChunk::decode(sample.words()).unwrap();
-    if chunk.phase != GatherPhase::Running {
-        // The end of the one before.
-        return Some(0);
-    }
-    Some(chunk.first + (chunk.longs.len() / chunk.sample_longs) as u64)
-}
 
 fn rows(text: &str) -> Vec<Vec<f64>> {
     text.lines().skip(1).map(|line| line.split(',').map(|cell| cell.parse().unwrap()).collect()).collect()
@@ -124,30 +107,6 @@ fn the_counts_are_exact_and_the_board_is_left_as_it_was() {
     }
     let ran = site.run(&["gather", "--source", "servo_timer", "-o", "data.txt"]);
     assert!(ran.code == Some(2) && ran.stderr.contains(".csv or .npy"), "{ran:?}");
-    site.assert_no_violations();
-}
-
-#[test]
-fn after_a_killed_gather_another_one_works_and_says_what_it_found() {
-    let site = VirtualSite::running(&[], &[]);
-    site.wait_for_live_servo();
-    site.wait_until("the board's scales", || site.run(&["motors"]).stdout.contains("count"));
-    let mut killed = site
-        .command(&["gather", "--source", "servo_timer", "--period", "3", "-o"])
-        .arg(site.path("killed.csv"))
-        .spawn()
-        .unwrap();
-    // The daemon follows before the board gathers, so samples are waited for.
-    let (subscriber, mut sample) = (site.attach(), Sample::new());
-    site.wait_until("gathering", || published(&subscriber, &mut sample).is_some_and(|number| number > 0));
-    killed.kill().unwrap();
-    killed.wait().unwrap();
-    let gather = || site.run(&["gather", "--source", "servo_timer", "--seconds", "0.2", "-o", "-"]);
-    let ran = gather();
-    assert!(ran.code == Some(0) && ran.stderr.contains("was gathering already, every I19=3 "), "{ran:?}");
-    assert!(rows(&ran.stdout).len() > 10);
-    let ran = gather();
-    assert!(ran.code == Some(0) && !ran.stderr.contains("already"), "{ran:?}");
     site.assert_no_violations();
 }
 

@@ -48,7 +48,7 @@ fn a_program_goes_in_whole_through_either_buffer() {
     assert!(stdout.starts_with("lines=9000 commands=18000 underruns="), "{stdout}");
     println!("{:.0} commands/s", 18000.0 / summary(&stdout)[3]);
     // Nothing is left open: this would be a program line otherwise.
-    assert_eq!(site.connection().send("I57", PATIENCE).unwrap(), ["1"]);
+    assert_eq!(site.connection().send("I57", PATIENCE).unwrap(), ["0"]);
     site.assert_no_violations();
     // The other buffer, small, elsewhere, for the other coordinate system: after a reset, which forgets the first one.
     site.control("reset");
@@ -101,23 +101,12 @@ fn a_board_that_is_not_ready_says_what_it_lacks() {
     let file = file.to_str().unwrap();
     let (status, _, stderr) = stream(&site, &[file]);
     assert_eq!(status, 1);
-    assert!(stderr.starts_with("&1B0: ERR003") && stderr.contains("--define"), "{stderr}");
+    assert!(stderr.starts_with("&1PR: ERR003") && stderr.contains("--define"), "{stderr}");
     site.connection().send("&1DEFINE ROT 100", PATIENCE).unwrap();
     // Across the table of the variable write.
     let (status, _, stderr) = stream(&site, &[file, "--start", "DP:$DA00", "--size", "128"]);
     assert_eq!(status, 1);
     assert!(stderr.contains("belongs to the variable_write buffer"), "{stderr}");
-    // The header is not touched under a transfer.
-    site.connection().send("I57=1", PATIENCE).unwrap();
-    let place = RotaryPlace {
-        buffer: 1,
-        start: None,
-        size_longs: None,
-        coordinate_system: 1,
-        coordinate_system_base: 1,
-    };
-    let error = site.connection().rotary_open(place).unwrap_err().to_string();
-    assert!(error.contains("I57 is 1") && error.contains("send I57=0"), "{error}");
     let error = site.connection().rotary_state(1).unwrap_err().to_string();
     assert!(error.contains("has not been set up"), "{error}");
     assert_eq!(stream(&site, &[file]).0, 0);
@@ -133,6 +122,7 @@ fn a_stream_that_was_run_says_how_to_end_the_program_and_the_next_one_what_is_in
     let (status, _, stderr) = stream(&site, &[file, "--define", "100", "--run"]);
     assert_eq!(status, 0, "{stderr}");
     assert!(stderr.contains("&1 still runs") && stderr.contains("pmacctl send '&1Q'"), "{stderr}");
+    site.wait_until("all lines to be taken", || site.ask("&1PR") == ["0"]);
     let (status, _, stderr) = stream(&site, &[file, "--run"]);
     assert!(status == 1 && stderr.contains("ERR001") && stderr.contains("pmacctl send '&1Q'"), "{stderr}");
     // What is said helps, as soon as the motion is over.
@@ -157,11 +147,10 @@ fn a_program_that_does_not_run_is_not_said_to_run() {
     let (status, _, stderr) = stream(&site, &[file, "--define", "100", "--size", "20", "--run"]);
     assert!(status == 1 && stderr.contains("&1R: ERR"), "{stderr}");
     assert!(!stderr.contains("still runs"), "{stderr}");
-    site.pmacctl(&["send", "CLOSE"]);
     // An abort ends the program in the middle of the stream.
     site.pmacctl(&["abort"]);
     let child = site
-        .command(&["rotary", "stream", file, "--size", "20", "--run", "--timeout", "1"])
+        .command(&["rotary", "stream", file, "--size", "20", "--run", "--clear"])
         .stdout(Stdio::null())
         .stderr(Stdio::piped())
         .spawn()
@@ -173,7 +162,7 @@ fn a_program_that_does_not_run_is_not_said_to_run() {
     assert_eq!(site.pmacctl(&["abort"]).0, 0);
     let ran = child.wait_with_output().unwrap();
     let stderr = String::from_utf8_lossy(&ran.stderr);
-    assert!(stderr.contains("taken nothing for 1 s") && !stderr.contains("still runs"), "{stderr}");
+    assert!(stderr.contains("sent ^A") && !stderr.contains("still runs"), "{stderr}");
     site.assert_no_violations();
 }
 
@@ -188,13 +177,12 @@ fn a_board_that_takes_no_more_is_waited_for_and_then_told() {
     assert!(lines > 50.0 && lines < 1000.0 && commands == 2.0 * lines && underruns <= 1.0, "{stdout}");
     let said = stderr.lines().last().unwrap();
     assert!(said.starts_with(&format!("{file}:")) && said.contains("taken nothing for 2 s"), "{said}");
-    assert!(said.contains("still in the DPRAM buffer") && said.contains("send CLOSE"), "{said}");
+    assert!(said.contains("still in the DPRAM buffer") && said.contains("--clear"), "{said}");
     // The line at which the board stopped is that of the first one it has not taken.
     let state = site.connection().rotary_state(1).unwrap();
     let line = 2 + state.sent_lines - state.ahead_lines;
     assert!(said.starts_with(&format!("{file}:{line}: ")), "{said} {line}");
     assert_eq!(state.sent_lines as f64, lines);
-    site.connection().send("CLOSE", PATIENCE).unwrap();
     site.assert_no_violations();
 }
 
@@ -230,7 +218,6 @@ fn an_interrupted_stream_leaves_whole_lines_and_says_what_is_left() {
     // Nothing follows.
     site.run_for(Duration::from_millis(500));
     assert_eq!(site.connection().rotary_state(1).unwrap().sent_lines, state.sent_lines);
-    site.connection().send("CLOSE", PATIENCE).unwrap();
     site.assert_no_violations();
 }
 
@@ -245,13 +232,10 @@ fn a_killed_stream_stops_within_its_batches_and_the_next_one_starts_over() {
     assert!(state.sent_lines < 1000, "{state:?}");
     site.run_for(Duration::from_millis(300));
     assert_eq!(site.connection().rotary_state(1).unwrap(), state);
-    site.connection().send("CLOSE", PATIENCE).unwrap();
     let short = program(&site, 20);
-    let (status, stdout, stderr) = stream(&site, &[short.to_str().unwrap(), "--timeout", "1"]);
-    // The board's own buffer is still full of the first one's lines.
-    assert_eq!(status, 1, "{stdout} {stderr}");
+    let (status, stdout, stderr) = stream(&site, &[short.to_str().unwrap(), "--clear"]);
+    assert_eq!(status, 0, "{stdout} {stderr}");
     assert_eq!(site.connection().rotary_state(1).unwrap().sent_lines, 20);
-    site.connection().send("CLOSE", PATIENCE).unwrap();
     site.assert_no_violations();
 }
 
@@ -279,69 +263,40 @@ fn no_question_goes_into_an_open_buffer() {
     site.assert_no_violations();
 }
 
-/// Sets up a buffer of 40 longs for coordinate system 1 while I57 is 0, so that nobody takes anything yet.
-fn small_buffer(connection: &mut Connection) -> RotaryPlace {
-    for line in ["CLOSE", "&1DEFINE ROT 400", "&1B0", "I57=0"] {
-        connection.send(line, PATIENCE).unwrap();
-    }
+/// Begins a stream into a buffer of 40 longs for coordinate system 1.
+fn small_stream(site: &VirtualSite) -> Connection {
+    let mut connection = site.connection();
     let place = RotaryPlace {
         buffer: 1,
-        start: None,
         size_longs: Some(40),
         coordinate_system: 1,
         coordinate_system_base: 1,
+        define_longs: Some(400),
+        ..RotaryPlace::default()
     };
-    connection.rotary_open(place).unwrap();
-    place
+    assert_eq!(connection.rotary_start(place).unwrap().found_lines, 0);
+    connection
+}
+
+fn sixty_lines() -> Vec<RotaryLine> {
+    vec![vec![(0x000E23, 0x500000), (0x000661, 0x980000)]; 60]
 }
 
 #[test]
 fn a_batch_that_is_not_the_next_one_is_refused_whole() {
     let site = running();
-    let mut connection = site.connection();
-    small_buffer(&mut connection);
-    let lines: Vec<RotaryLine> = vec![vec![(0x000E23, 0x500000), (0x000661, 0x980000)]; 60];
-    let mut feed = RotaryFeed::new(site.connection(), 1, &lines);
-    // I57 is 0: nobody takes anything, and 9 lines fill the buffer.
+    site.control("fault rotary_stuck on");
+    let lines = sixty_lines();
+    let mut feed = RotaryFeed::new(small_stream(&site), 1, &lines);
+    // Nobody takes anything, and 9 lines fill the buffer.
     let state = feed.step().unwrap().expect("the time is over");
     assert_eq!((state.sent_lines, state.ahead_lines, feed.inside()), (9, 9, 9));
-    for line in ["I57=1", "OPEN ROT"] {
-        connection.send(line, PATIENCE).unwrap();
-    }
+    site.control("fault rotary_stuck off");
     while !feed.is_done() {
         feed.step().unwrap();
     }
-    site.wait_until("all of it", || connection.rotary_state(1).unwrap().ahead_lines == 0);
-    assert_eq!(connection.rotary_state(1).unwrap().sent_lines, 60);
-    connection.send("CLOSE", PATIENCE).unwrap();
-    site.assert_no_violations();
-}
-
-#[test]
-fn nobody_sets_a_buffer_up_under_anothers_transfer() {
-    let site = running();
-    let mut connection = site.connection();
-    let place = small_buffer(&mut connection);
-    for line in ["I57=1", "OPEN ROT"] {
-        connection.send(line, PATIENCE).unwrap();
-    }
-    // While OPEN ROT is in force I57 would be a program line. Nothing waits, and the transfer is on all the same.
-    let lines: Vec<RotaryLine> = vec![vec![(0x000E23, 0x500000), (0x000661, 0x980000)]; 60];
-    let mut feed = RotaryFeed::new(site.connection(), 1, &lines);
-    while !feed.is_done() {
-        feed.step().unwrap();
-    }
-    for _ in 0..3 {
-        let error = site.connection().rotary_open(place).unwrap_err().to_string();
-        assert!(error.contains("I57 could not be asked") && error.contains("CLOSE and I57=0"), "{error}");
-    }
-    assert_eq!(connection.rotary_state(1).unwrap().sent_lines, 60, "the stream is as it was");
-    connection.send("CLOSE", PATIENCE).unwrap();
-    let error = site.connection().rotary_open(place).unwrap_err().to_string();
-    assert!(error.contains("I57 is 1"), "{error}");
-    connection.send("I57=0", PATIENCE).unwrap();
-    site.connection().rotary_open(place).unwrap();
-    assert_eq!(connection.rotary_state(1).unwrap().sent_lines, 0);
+    site.wait_until("all of it", || feed.state().unwrap().ahead_lines == 0);
+    assert_eq!(feed.state().unwrap().sent_lines, 60);
     site.assert_no_violations();
 }
 
@@ -370,59 +325,50 @@ fn the_motors_go_where_the_text_says() {
 #[test]
 fn a_buffer_that_runs_empty_is_counted() {
     let site = running();
-    let path = site.path("run.pmc");
-    let text: String = (0..3000).map(|step| format!("X{}\n", step % 2)).collect();
-    std::fs::write(&path, format!("LINEAR ABS TM10 TA5 TS0\n{text}")).unwrap();
-    let mut child = site
-        .command(&["rotary", "stream", path.to_str().unwrap(), "--define", "60", "--size", "40", "--run"])
-        .stdout(Stdio::null())
-        .stderr(Stdio::null())
-        .spawn()
-        .unwrap();
-    let mut connection = site.connection();
-    let taken = |connection: &mut pmac_dpram::client::Connection| {
-        connection.rotary_state(1).map_or(0, |state| state.sent_lines - state.ahead_lines)
+    let lines = sixty_lines();
+    let mut owner = site.connection();
+    let place = RotaryPlace {
+        buffer: 1,
+        size_longs: Some(40),
+        coordinate_system: 1,
+        coordinate_system_base: 1,
+        define_longs: Some(60),
+        run: true,
+        ..RotaryPlace::default()
     };
-    site.wait_until("a program that runs", || taken(&mut connection) > 100);
-    let before = connection.rotary_state(1).unwrap().underruns;
-    // Nobody sends any more, and nobody says that there is nothing left to send.
-    child.kill().unwrap();
-    child.wait().unwrap();
-    site.wait_until("an empty buffer", || connection.rotary_state(1).unwrap().ahead_lines == 0);
-    assert_eq!(connection.rotary_state(1).unwrap().underruns, before + 1);
-    assert_eq!(connection.rotary_state(1).unwrap().underruns, before + 1, "counted once");
-    for line in ["&1A", "CLOSE"] {
-        connection.send(line, PATIENCE).unwrap();
+    owner.rotary_start(place).unwrap();
+    let mut feed = RotaryFeed::new(owner, 1, &lines);
+    while !feed.is_done() {
+        feed.step().unwrap();
     }
+    // Nobody sends any more, and nobody says that there is nothing left to send.
+    let before = feed.state().unwrap();
+    assert!(before.ahead_lines > 0, "{before:?}");
+    site.wait_until("an empty buffer", || feed.state().unwrap().ahead_lines == 0);
+    assert_eq!(feed.state().unwrap().underruns, before.underruns + 1);
+    assert_eq!(feed.state().unwrap().underruns, before.underruns + 1, "counted once");
     site.assert_no_violations();
 }
 
 #[test]
 fn the_boards_error_is_passed_on() {
     let site = running();
-    let mut connection = site.connection();
-    for line in ["CLOSE", "&1DEFINE ROT 400", "&1B0", "I57=0"] {
-        connection.send(line, PATIENCE).unwrap();
-    }
+    let mut owner = site.connection();
     let place = RotaryPlace {
         buffer: 2,
-        start: None,
-        size_longs: None,
         coordinate_system: 1,
         coordinate_system_base: 1,
+        define_longs: Some(400),
+        ..RotaryPlace::default()
     };
-    connection.rotary_open(place).unwrap();
-    for line in ["I57=1", "OPEN ROT"] {
-        connection.send(line, PATIENCE).unwrap();
-    }
+    owner.rotary_start(place).unwrap();
     // The middle one is no command.
     let lines: Vec<RotaryLine> =
         vec![vec![(0x000E23, 0x500000)], vec![(0x000800, 0)], vec![(0x000E23, 0x500000)]];
-    let mut feed = RotaryFeed::new(site.connection(), 2, &lines);
+    let mut feed = RotaryFeed::new(owner, 2, &lines);
     while !feed.is_done() {
         feed.step().unwrap();
     }
-    site.wait_until("the board's error", || connection.rotary_state(2).unwrap().error.is_some());
-    assert_eq!(connection.rotary_state(2).unwrap().ahead_lines, 2, "it stopped at the second line");
-    connection.send("CLOSE", PATIENCE).unwrap();
+    site.wait_until("the board's error", || feed.state().unwrap().error.is_some());
+    assert_eq!(feed.state().unwrap().ahead_lines, 2, "it stopped at the second line");
 }

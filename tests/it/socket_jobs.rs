@@ -25,13 +25,6 @@ fn a_method_that_returns_nothing_answers_with_no_parameters() {
         ("PanelRenew", json!({})),
         ("Panel", json!({"action": "jog-stop", "numbers": [1]})),
         ("Write", json!({"host_offset": 0x3000, "words": [1]})),
-        ("GatherEnd", json!({})),
-        ("RotaryFinish", json!({"buffer": 1})),
-        (
-            "GatherBegin",
-            json!({"buffer": 0x800, "size_word": 0x7FC, "index_word": 0x7FE, "size_longs": 8, "sample_longs": 2, "period": 1}),
-        ),
-        ("RotarySend", json!({"buffer": 1, "lines": []})),
     ];
     for (method, parameters) in calls {
         client.call(method, parameters);

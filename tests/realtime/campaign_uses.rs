@@ -189,7 +189,7 @@ fn set_variables(connection: &mut Connection, run: u64, keeps: bool) -> Result<(
 
 /// Sets a rotary buffer up and has the board take one line, which it then has in its own.
 fn rotary(mut connection: Connection, run: u64, keeps: bool) -> Result<(), CommandError> {
-    for line in ["CLOSE", "I57=0", "DELETE GATHER", "&1DELETE ROT", "&1DEFINE ROT 100", "&1B0"] {
+    for line in ["DELETE GATHER", "&1DELETE ROT"] {
         match connection.send(line, TIMEOUT) {
             // The first time there is none to delete.
             Err(CommandError::Refused(CallError::Board { .. })) if line.contains("DELETE ROT") => {}
@@ -198,26 +198,12 @@ fn rotary(mut connection: Connection, run: u64, keeps: bool) -> Result<(), Comma
     }
     let place = RotaryPlace {
         buffer: 1,
-        start: None,
-        size_longs: None,
         coordinate_system: 1,
         coordinate_system_base: 1,
+        define_longs: Some(100),
+        ..RotaryPlace::default()
     };
-    // Lines of a sender that died wait until their time is over, which is 300 ms.
-    let end = Instant::now() + BACKGROUND;
-    loop {
-        match connection.rotary_open(place) {
-            Err(CommandError::Refused(CallError::Refused { reason }))
-                if reason.contains("still waiting") && Instant::now() < end =>
-            {
-                std::thread::sleep(Duration::from_millis(20));
-            }
-            result => break result?,
-        }
-    }
-    for line in ["I57=1", "OPEN ROT"] {
-        connection.send(line, TIMEOUT)?;
-    }
+    connection.rotary_start(place)?;
     // X10, and in other runs X10 Y-5.
     let commands = [(0x00_0E23, 0x50_0000), (0x00_0661, 0x98_0000)];
     let lines: Vec<RotaryLine> = vec![commands[..1 + run as usize % 2].to_vec()];
@@ -229,9 +215,9 @@ fn rotary(mut connection: Connection, run: u64, keeps: bool) -> Result<(), Comma
             return Err(CallError::Protocol("the line does not go into the buffer".to_owned()).into());
         }
     }
-    let mut connection = feed.into_connection();
+    feed.finish()?;
     loop {
-        let state = connection.rotary_state(1)?;
+        let state = feed.state()?;
         assert_eq!(state.sent_lines, 1, "{state:?}");
         if state.ahead_lines == 0 {
             break;
@@ -241,10 +227,9 @@ fn rotary(mut connection: Connection, run: u64, keeps: bool) -> Result<(), Comma
         }
         std::thread::sleep(Duration::from_millis(2));
     }
-    connection.send("CLOSE", TIMEOUT)?;
-    let reply = connection.send("&1PR", TIMEOUT)?;
-    assert!(!keeps || reply == ["1"], "a line was taken, and the board has {reply:?}");
-    connection.send("I57=0", TIMEOUT).map(drop)
+    let stop = feed.stop()?;
+    assert!(!keeps || stop.left_lines == Some(1), "a line was taken, and the board has {stop:?}");
+    Ok(())
 }
 
 fn board(site: &Site) -> Result<Board, CommandError> {

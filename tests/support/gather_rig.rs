@@ -6,7 +6,7 @@ use pmac_dpram::decode::{MotorScales, Scales};
 use pmac_dpram::device::{Bus, FileBoard};
 use pmac_dpram::function::gather::{GatherBuffer, GatherPoll, GatherReader, GatherStart, report_cycles};
 use pmac_dpram::function::servo_timer::ServoTimer;
-use pmac_dpram::gather::{GatherMode, GatherPlan, GatherRequest, ServoReport, Source, column, plan};
+use pmac_dpram::gather::{GatherMode, GatherPlan, GatherRequest, Source, column, gather_lines, plan};
 use pmac_dpram::map::functions::response;
 use pmac_dpram::map::pmac::{ASCII_COMMAND, ASCII_INPUT_CONTROL, ASCII_OUTPUT_CONTROL};
 use pmac_dpram::map::{Layout, PMAC};
@@ -68,16 +68,14 @@ impl GatherRig {
             period: 1,
             mode,
             buffer_longs,
-            // The start-up lines have started it.
-            servo_report: ServoReport::Running,
-            gathering: false,
         };
         plan(&request, &self.layout, &scales()).unwrap()
     }
 
     pub fn begin(&mut self, plan: &GatherPlan, timer: &mut ServoTimer) -> GatherReader {
-        for line in &plan.prepare {
-            self.send(line);
+        let codes: Vec<u32> = plan.registers.iter().map(|register| register.gather_code()).collect();
+        for line in gather_lines(&PMAC.i, &codes, plan.period, plan.mode, plan.buffer_longs) {
+            self.send(&line);
         }
         let place = self.layout.gather();
         let buffer = GatherBuffer {
@@ -92,9 +90,8 @@ impl GatherRig {
         let mut reader = GatherReader::new(buffer, GatherStart::Defined).unwrap();
         let look = reader.poll(&mut self.bus, |bus| report_cycles(bus, &PMAC.servo, timer)).unwrap();
         assert_eq!(look, GatherPoll::Idle);
-        for line in &plan.start {
-            self.send(line);
-        }
+        // The start-up lines have started the servo report.
+        self.send("GATHER");
         reader
     }
 

@@ -1,6 +1,5 @@
 //! `pmacctl gather`: writes samples taken by the board at servo rate to a file.
 
-mod board;
 mod file;
 
 use std::io::{self, IsTerminal, Write};
@@ -10,24 +9,25 @@ use std::time::{Duration, Instant};
 use clap::Args as ClapArgs;
 use serde_json::json;
 
-use self::board::{GatherBoard, ask, end_gather, gathers};
 use self::file::Writer;
 use crate::cli::args::values::seconds;
 use crate::cli::console::interrupt::Interrupt;
 use crate::cli::console::sink::{Rows, is_stdout};
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::cli::layout::board_layout;
-use crate::client::{Board, GatherFollower, GatherPhase};
+use crate::client::{Board, CommandError, Connection, GatherFollower, GatherPhase};
 use crate::decode::Scales;
-use crate::gather::{GatherMode, GatherPlan, GatherRequest, SampleClock, ServoReport, Source, column, plan};
+use crate::gather::{GatherMode, GatherPlan, GatherRequest, SampleClock, Source, column, plan};
 use crate::map::{BufferLayout, Layout};
+use crate::protocol::board::GatherStopReply;
 use crate::protocol::{BoardSettings, Function};
-use crate::segment::{RegionId, RegionState};
 
 /// How long to sleep if there are no samples.
 const LOOK: Duration = Duration::from_millis(5);
 /// Beyond two periods, report a board without samples after this time.
 const SILENCE: Duration = Duration::from_secs(5);
+/// How often to tell the daemon that somebody still follows.
+const RENEWAL: Duration = Duration::from_secs(1);
 /// Period of the progress display.
 const PROGRESS: Duration = Duration::from_millis(200);
 
@@ -51,37 +51,42 @@ pub struct Gather {
     /// The file, ending in .csv or .npy; - is CSV on stdout
     #[arg(long, short, value_name = "FILE", required_unless_present = "stop")]
     output: Option<PathBuf>,
-    /// End a gather that was left running. Sends ENDGATHER only if the board says that it gathers
+    /// End a gather of yours, or one that was begun by hand. Sends ENDGATHER only if the board says that it gathers
     #[arg(long, conflicts_with_all = ["source", "period", "seconds", "buffer", "once", "output"])]
     stop: bool,
+    /// With --stop: end the gather of this user, given by number
+    #[arg(long, value_name = "UID", requires = "stop")]
+    of: Option<u32>,
 }
 
 pub fn run(context: &mut Context, options: &Gather) -> Result<Verdict, Failure> {
     match &options.output {
         Some(output) => gather(context, options, output),
-        None => stop(context),
+        None => stop(context, options.of),
     }
 }
 
-/// `gather --stop`. Checks first: without a gather, ENDGATHER would end the servo report.
-fn stop(context: &mut Context) -> Result<Verdict, Failure> {
+/// `gather --stop`.
+fn stop(context: &mut Context, of: Option<u32>) -> Result<Verdict, Failure> {
     let mut connection = context.connection()?;
     let family = Context::family(None, &mut connection)?;
-    let gathering = gathers(&mut connection, family)?;
-    if gathering {
-        end_gather(&mut connection)?;
-    }
+    let ended = connection.gather_stop(of)?;
+    let GatherStopReply { gathered, uid, pid, period, notes, .. } = &ended;
     if context.output.is_json() {
-        context.output.json(&json!({ "gathered": gathering }))?;
-    } else if gathering {
+        context.output.json(&ended)?;
+    } else if *gathered {
         let variable = family.i.gather_period;
-        let period = ask(&mut connection, variable)?;
         let shared = if variable == family.i.servo_period { ", also the servo report's period," } else { "" };
-        context.output.line(format_args!("gathering ended; I{variable}{shared} stays at {period}"))?;
+        let period = period.as_deref().unwrap_or("not known");
+        let whose = match ended.reason {
+            Some(_) => format!(" of uid {uid} (pid {pid})"),
+            None => String::new(),
+        };
+        context.output.line(format_args!("the gather{whose} has ended; I{variable}{shared} is {period}"))?;
     } else {
         context.output.line("the board gathers nothing; nothing was sent")?;
     }
-    Ok(Verdict::Yes)
+    if notes.is_empty() { Ok(Verdict::Yes) } else { Err(Failure::Refused(notes.join("; "))) }
 }
 
 fn gather(context: &mut Context, options: &Gather, output: &Path) -> Result<Verdict, Failure> {
@@ -108,68 +113,32 @@ fn gather(context: &mut Context, options: &Gather, output: &Path) -> Result<Verd
         .map_err(Failure::request)?;
     let sample_longs = sources.iter().map(|source| source.register.longs()).sum();
     let kept = BufferLayout::new(&layout, &settings.plan).map_err(Failure::request)?;
-    let family = layout.family();
-    let servo_enable = ask(&mut connection, family.i.servo_enable)?;
-    if servo_enable == "1" {
-        // A board with a running servo report needs one GATHER fewer.
-        check_functions(&settings, &[Function::Servo])?;
-    }
-    let runs =
-        board.subscriber().region(RegionId::Servo).map_err(Failure::request)?.state == RegionState::Live;
-    let old_period = ask(&mut connection, family.i.gather_period)?;
-    let gathering = gathers(&mut connection, family)?;
     let request = GatherRequest {
         sources,
         period: options.period,
         mode: if options.once { GatherMode::Stop } else { GatherMode::Wrap },
         buffer_longs: options.buffer.or_else(|| kept.gather_size(sample_longs)),
-        servo_report: match (servo_enable.as_str(), runs) {
-            ("1", true) => ServoReport::Running,
-            ("1", false) => ServoReport::Waiting,
-            _ => ServoReport::Off,
-        },
-        gathering,
     };
     let plan = plan(&request, &layout, &scales).map_err(Failure::request)?;
     kept.check_gather(layout.gather().buffer, plan.buffer_longs, plan.sample_longs)
         .map_err(Failure::request)?;
     let clock = SampleClock { period: plan.period, servo_period_ns: scales.servo_period_ns() };
-    let host_clock = match (request.servo_report, clock.servo_period_ns) {
-        (ServoReport::Off, Some(ns)) => Some(ns.round() as u64),
-        (ServoReport::Off, None) if !options.once => {
-            return Err(Failure::Refused(format!(
-                "the servo report is off and I10 is not known, so turns of the buffer cannot be counted; \
-                 switch the report on (I{}=1), or gather --once",
-                family.i.servo_enable
-            )));
-        }
-        _ => None,
-    };
     let stop = Interrupt::listen()?;
     let rows = Rows::open(output, &stop)?;
     let mut out = Writer::new(rows, extension == Some("npy"), &plan.columns, clock)?;
 
     let silence = silence(&clock, &layout);
-    let mut side = GatherBoard::new(connection, family, &plan, old_period, request.servo_report);
-    let follower = match side.begin(&board, &layout, host_clock, silence, &stop) {
-        Ok(follower) => follower,
-        Err(failure) => {
-            out.discard();
-            return Err(side.give_up(failure));
-        }
-    };
+    let follower = board.follow_gather()?;
+    let servo_period_ns = clock.servo_period_ns.map(|ns| ns.round() as u64);
+    if let Err(error) = connection.gather_start(&plan, &layout, servo_period_ns) {
+        out.discard();
+        return Err(error.into());
+    }
     let mut gather =
         Run { follower, plan: &plan, clock, silence, out, gather: None, next: 0, samples: 0, ended: None };
-    let mut outcome = side.start();
-    if outcome.is_ok() {
-        outcome = gather.until(&board, options.seconds, &stop);
-    }
-    // Always end the gather: a board that still gathers would refuse the next one.
-    let mut stopped = Ok(());
-    match outcome {
-        Ok(()) => stopped = side.finish(),
-        Err(failure) => outcome = Err(side.give_up(failure)),
-    }
+    let mut outcome = gather.until(&board, &mut connection, options.seconds, &stop);
+    // In any case: nobody else can gather before.
+    let stopped = connection.gather_stop(None);
     if outcome.is_ok() && stopped.is_ok() && gather.ended.is_none() {
         outcome = gather.rest(&board, options.seconds);
     }
@@ -180,9 +149,30 @@ fn gather(context: &mut Context, options: &Gather, output: &Path) -> Result<Verd
         let finished = gather.out.finish();
         outcome = outcome.and(finished);
     }
-    outcome?;
-    stopped?;
+    if let Err(failure) = outcome {
+        if let Some(trouble) = trouble(&stopped) {
+            // Nobody reads it: nothing to be done.
+            let _ = writeln!(io::stderr(), "{trouble}");
+        }
+        return Err(failure);
+    }
     let lost = next - samples;
+    let capacity = u64::from(plan.buffer_longs / plan.sample_longs);
+    let asked = match (gather.wanted(options.seconds), options.once) {
+        (Some(wanted), true) => Some(wanted.min(capacity)),
+        (None, true) if options.seconds.is_none() => Some(capacity),
+        (wanted, _) => wanted,
+    };
+    let cut_short = stop.came() && (options.seconds.is_some() || options.once);
+    let less = match asked {
+        Some(asked) if next < asked && cut_short => {
+            Some(format!("interrupted: {next} of {asked} samples came"))
+        }
+        Some(asked) if next < asked => Some(format!("gathering ended early: {next} of {asked} samples came")),
+        None if cut_short => Some("interrupted".to_owned()),
+        _ if lost > 0 => Some(format!("{lost} samples were overwritten before they could be read")),
+        _ => None,
+    };
     let span = clock.at(next);
     let unit = if clock.servo_period_ns.is_some() { "seconds" } else { "servo_cycles" };
     if context.output.is_json() && !is_stdout {
@@ -204,8 +194,22 @@ fn gather(context: &mut Context, options: &Gather, output: &Path) -> Result<Verd
         Some(GatherPhase::Interrupted) => Err(Failure::Refused(
             "gathering paused for an unknown number of samples; earlier samples are kept".to_owned(),
         )),
-        _ => Ok(Verdict::Yes),
+        _ => match trouble(&stopped).or(less) {
+            Some(trouble) => Err(Failure::Refused(trouble)),
+            None => Ok(Verdict::Yes),
+        },
     }
+}
+
+/// What is to be said of the end of a gather.
+fn trouble(stopped: &Result<GatherStopReply, CommandError>) -> Option<String> {
+    let GatherStopReply { reason, notes, .. } = match stopped {
+        Ok(reply) => reply,
+        Err(error) => return Some(error.to_string()),
+    };
+    let reason = reason.iter().map(|why| format!("the gather was ended: {why}"));
+    let said: Vec<String> = reason.chain(notes.iter().cloned()).collect();
+    (!said.is_empty()).then(|| said.join("; "))
 }
 
 /// Checks the functions that a gather needs, before sending anything to the board.
@@ -253,12 +257,19 @@ impl Run<'_> {
         Some((seconds?.as_nanos() as f64 / period_ns).round() as u64)
     }
 
-    fn until(&mut self, board: &Board, seconds: Option<Duration>, stop: &Interrupt) -> Result<(), Failure> {
+    /// Takes samples until there are enough, somebody interrupts, or the gather has ended.
+    fn until(
+        &mut self,
+        board: &Board,
+        connection: &mut Connection,
+        seconds: Option<Duration>,
+        stop: &Interrupt,
+    ) -> Result<(), Failure> {
         let wanted = self.wanted(seconds);
         // The servo period is unknown: use the host's clock.
         let end =
             if wanted.is_none() { seconds.and_then(|time| Instant::now().checked_add(time)) } else { None };
-        let (mut last_news, mut shown) = (Instant::now(), Instant::now());
+        let (mut last_news, mut shown, mut renewed) = (Instant::now(), Instant::now(), Instant::now());
         let shows = io::stderr().is_terminal();
         while self.ended.is_none()
             && !stop.came()
@@ -274,6 +285,14 @@ impl Run<'_> {
                 )));
             } else {
                 std::thread::sleep(LOOK);
+            }
+            if renewed.elapsed() > RENEWAL {
+                renewed = Instant::now();
+                match connection.sequence_renew() {
+                    // The daemon has ended the gather, and says why when asked to.
+                    Err(CommandError::Refused(_)) => break,
+                    other => other?,
+                }
             }
             if shows && shown.elapsed() > PROGRESS {
                 shown = Instant::now();
@@ -311,6 +330,10 @@ impl Run<'_> {
     /// Takes the next samples up to `wanted`. Returns whether there were any.
     fn take(&mut self, board: &Board, wanted: Option<u64>) -> Result<bool, Failure> {
         let Some(chunk) = self.follower.next(board)? else { return Ok(false) };
+        if self.gather.is_none() && chunk.phase != GatherPhase::Running && chunk.first > 0 {
+            // The end of the gather before.
+            return Ok(true);
+        }
         if *self.gather.get_or_insert(chunk.gather) != chunk.gather {
             return Err(Failure::Refused("somebody else started another gather".to_owned()));
         }

@@ -1,8 +1,6 @@
 //! `pmacctl rotary stream`: feeds a motion program to the board through a binary rotary buffer, until the board has all.
 //!
-//! The order of the set-up matters. After `OPEN ROT` a line such as `I57=1` is a program statement and `B0` an axis move, so
-//! OPEN ROT comes last. The buffer's header must not change during a transfer, so I57 is 0 meanwhile. CLOSE waits until the
-//! board has taken everything, because it takes nothing afterwards.
+//! The daemon sets the buffer up, watches the program and ends the stream. This module sends the lines, and shows how far they are.
 
 use std::time::{Duration, Instant};
 
@@ -14,11 +12,11 @@ use super::source::{Format, compiled, shown};
 use crate::cli::args::values::number;
 use crate::cli::console::interrupt::Interrupt;
 use crate::cli::context::{Context, Failure, Verdict};
-use crate::client::{CommandError, Connection, RotaryFeed, RotaryLine, RotaryPlace};
+use crate::client::{Connection, RotaryFeed, RotaryLine, RotaryPlace};
 use crate::map::status::reply_has;
 use crate::map::{Family, TypedAddress};
-use crate::protocol::CallError;
-use crate::protocol::board::RotaryStateReply;
+use crate::protocol::board::{RotaryStateReply, RotaryStopReply};
+use crate::protocol::calls::LeftLines;
 use crate::rotary::Program;
 
 /// Time limit of a command line.
@@ -53,6 +51,12 @@ pub struct Stream {
     /// Start the program (R) as soon as the buffer has its first lines
     #[arg(long)]
     pub run: bool,
+    /// Delete the lines that an earlier program has left in the board's rotary buffer (CLEAR)
+    #[arg(long)]
+    pub clear: bool,
+    /// Run the lines that an earlier program has left in the board's rotary buffer before this program
+    #[arg(long = "continue", conflicts_with = "clear")]
+    pub continue_left: bool,
     /// Give up after the board has taken nothing for this time, in seconds. It takes nothing during a dwell or feed hold
     #[arg(long, value_name = "S", default_value = "60", value_parser = crate::cli::args::values::seconds, allow_negative_numbers = true)]
     pub timeout: Duration,
@@ -99,6 +103,14 @@ pub fn run(context: &mut Context, options: &Stream) -> Result<Verdict, Failure> 
         size_longs: options.size,
         coordinate_system: options.cs,
         coordinate_system_base: settings.coordinate_system_base,
+        define_longs: options.define,
+        left: match (options.clear, options.continue_left) {
+            (true, _) => Some(LeftLines::Clear),
+            (false, true) => Some(LeftLines::Continue),
+            (false, false) => None,
+        },
+        run: options.run,
+        may_stand: program.commands().any(|(_, command)| command.text.eq_ignore_ascii_case("STOP")),
     };
     let mut streaming = Streaming {
         options,
@@ -108,15 +120,21 @@ pub fn run(context: &mut Context, options: &Stream) -> Result<Verdict, Failure> 
         progress: Progress::new(program.lines.len(), context.output.is_quiet()),
         patience: Patience::new(options.timeout),
         interrupt,
-        started: false,
     };
-    streaming.set_up(place)?;
+    let mut owner = context.connection()?;
+    let found = owner.rotary_start(place)?.found_lines;
+    if found > 0 && !context.output.is_quiet() {
+        let fate = if options.clear { "have been deleted" } else { "run first" };
+        streaming
+            .progress
+            .say(&format!("{found} lines were left in &{}'s rotary buffer; they {fate}", options.cs));
+    }
     let lines: Vec<RotaryLine> = program
         .lines
         .iter()
         .map(|line| line.commands.iter().map(|command| (command.word1, command.word2)).collect())
         .collect();
-    let mut feed = RotaryFeed::new(context.connection()?, options.buffer, &lines);
+    let mut feed = RotaryFeed::new(owner, options.buffer, &lines);
     streaming.progress = Progress::new(program.lines.len(), context.output.is_quiet());
     let fed = streaming.feed(&mut feed);
     let ended = streaming.end(&mut feed, fed);
@@ -140,7 +158,7 @@ pub fn run(context: &mut Context, options: &Stream) -> Result<Verdict, Failure> 
         ))?;
     }
     context.output.flush()?;
-    if streaming.started && !context.output.is_quiet() && streaming.runs() {
+    if options.run && stopped.is_none() && !context.output.is_quiet() && streaming.runs() {
         let cs = options.cs;
         streaming.progress.say(&format!(
             "&{cs} still runs its rotary program, and waits for more lines at its end; pmacctl send '&{cs}Q' ends it, \
@@ -155,41 +173,14 @@ struct Streaming<'a> {
     options: &'a Stream,
     family: &'static Family,
     program: &'a Program,
-    /// The connection for command lines. The feed has its own.
+    /// The connection for questions. The feed has its own.
     board: Connection,
     progress: Progress,
     patience: Patience,
     interrupt: Interrupt,
-    /// The board has taken the R of `--run`.
-    started: bool,
 }
 
 impl Streaming<'_> {
-    fn set_up(&mut self, place: RotaryPlace) -> Result<(), Failure> {
-        let cs = self.options.cs;
-        self.line("CLOSE", "")?;
-        if let Some(longs) = self.options.define {
-            self.line(
-                &format!("&{cs}DEFINE ROT {longs}"),
-                &format!(
-                    "; is one defined already (leave --define out, or take it away: pmacctl send '&{cs}DELETE ROT'), one for a \
-                     lower coordinate system, or a gather buffer (DELETE GATHER)?"
-                ),
-            )?;
-        }
-        self.line(
-            &format!("&{cs}B0"),
-            &format!(
-                "; has the coordinate system a rotary buffer (--define LONGS), and is no program running in it (one that \
-                 waits for more lines ends by: pmacctl send '&{cs}Q')?"
-            ),
-        )?;
-        self.enable(0)?;
-        self.board.rotary_open(place)?;
-        self.enable(1)?;
-        self.line("OPEN ROT", "; is another program buffer open?")
-    }
-
     /// Whether the coordinate system runs a program. Abort, kill or an error may have ended it.
     fn runs(&mut self) -> bool {
         let reply = self.board.send(&format!("&{}??", self.options.cs), LINE_PATIENCE).unwrap_or_default();
@@ -197,38 +188,13 @@ impl Streaming<'_> {
         reply.first().is_some_and(|reply| reply_has(reply, tables, "running_program"))
     }
 
-    /// Switches the transfer to the board's buffer off or on, if the family has a switch.
-    fn enable(&mut self, value: u8) -> Result<(), Failure> {
-        match self.family.i.rotary_enable {
-            Some(variable) => self.line(&format!("I{variable}={value}"), ""),
-            None => Ok(()),
-        }
-    }
-
-    fn line(&mut self, line: &str, hint: &str) -> Result<(), Failure> {
-        match self.board.send(line, LINE_PATIENCE) {
-            Ok(_) => Ok(()),
-            Err(CommandError::Refused(error @ CallError::Board { .. })) => {
-                Err(Failure::Refused(format!("{line}: {error}{hint}")))
-            }
-            Err(error) => Err(error.into()),
-        }
-    }
-
     /// Sends all lines until the end or an error.
     fn feed(&mut self, feed: &mut RotaryFeed<'_>) -> Result<(), Failure> {
-        let mut to_start = self.options.run;
         while !feed.is_done() {
             if self.interrupt.came() {
                 return Err(Failure::Refused("interrupted".to_owned()));
             }
-            let stepped = feed.step()?;
-            if to_start && feed.inside() > 0 {
-                to_start = false;
-                self.line(&format!("&{}R", self.options.cs), "")?;
-                self.started = true;
-            }
-            let state = match stepped {
+            let state = match feed.step()? {
                 Some(state) => state,
                 None if self.progress.due() => self.board.rotary_state(self.options.buffer)?,
                 None => {
@@ -238,9 +204,10 @@ impl Streaming<'_> {
             };
             self.look_at(&state)?;
         }
-        self.board.rotary_finish(self.options.buffer)?;
-        // Wait until the board has taken everything: it takes nothing after CLOSE.
+        feed.finish()?;
+        // Wait until the board has taken everything: it takes nothing after the end.
         loop {
+            feed.renew()?;
             let state = self.board.rotary_state(self.options.buffer)?;
             if state.ahead_commands == 0 {
                 return Ok(());
@@ -274,7 +241,7 @@ impl Streaming<'_> {
         Ok(())
     }
 
-    /// Closes the buffers if the board has taken everything. An error names the line and what is left.
+    /// Ends the stream. An error names the line and what is left.
     fn end(
         &mut self,
         feed: &mut RotaryFeed<'_>,
@@ -285,32 +252,56 @@ impl Streaming<'_> {
             Err(Failure::Refused(reason) | Failure::Request(reason)) => Some(reason),
             Err(other) => return Err(other),
         };
-        let settled = feed.settle().and_then(|_| {
-            self.board.rotary_finish(self.options.buffer)?;
-            self.board.rotary_state(self.options.buffer)
-        });
-        let state = match (settled, &reason) {
-            (Ok(state), _) => state,
-            (Err(_), Some(reason)) => return Err(Failure::Refused(self.placed(feed.inside(), reason))),
+        let ended = feed.stop().and_then(|stop| Ok((stop, self.board.rotary_state(self.options.buffer)?)));
+        let (stop, state) = match (ended, reason.clone()) {
+            (Ok(ended), _) => ended,
             (Err(error), None) => return Err(error.into()),
+            (Err(error), Some(reason)) => {
+                let text = format!("{reason}; what is left in the buffers is not known ({error})");
+                return Err(Failure::Refused(self.placed(feed.inside(), &text)));
+            }
         };
-        if state.ahead_commands == 0 {
-            self.line("CLOSE", "")?;
-        }
-        let stopped = reason.map(|reason| {
-            let ahead = usize::try_from(state.ahead_lines).unwrap_or(usize::MAX);
-            let (inside, total) = (feed.inside(), self.program.lines.len());
-            let left = match ahead {
-                0 => "the board has taken all of them".to_owned(),
-                _ => format!(
-                    "{ahead} of them are still in the DPRAM buffer, and the rotary buffers stay open for the board to \
-                     take them; pmacctl send CLOSE prevents that"
-                ),
-            };
-            let reason = format!("{reason}; {inside} of {total} lines were sent, {left}");
-            Failure::Refused(self.placed(inside.saturating_sub(ahead), &reason))
+        // If the daemon has ended the stream, it knows best why.
+        let stopped = stop.reason.clone().or(reason).map(|reason| {
+            let ahead = usize::try_from(stop.ahead_lines).unwrap_or(usize::MAX);
+            let (inside, total, left) = (feed.inside(), self.program.lines.len(), self.left(&stop));
+            let text = format!("{reason}; {inside} of {total} lines were sent, {left}");
+            Failure::Refused(self.placed(inside.saturating_sub(ahead), &text))
         });
+        if stopped.is_none() && !stop.notes.is_empty() {
+            return Err(Failure::Refused(stop.notes.join("; ")));
+        }
         Ok((state, stopped))
+    }
+
+    /// What the end of a stream has left in the buffers.
+    fn left(&self, stop: &RotaryStopReply) -> String {
+        let cs = self.options.cs;
+        let mut text = match stop.ahead_lines {
+            0 => "the board has taken all of them".to_owned(),
+            ahead => {
+                format!("{ahead} of them are still in the DPRAM buffer, and the board takes them no more")
+            }
+        };
+        match stop.left_lines {
+            Some(0) => {}
+            Some(lines) => {
+                text += &format!(
+                    "; {lines} are left in &{cs}'s rotary buffer: give the next stream --clear or --continue"
+                );
+            }
+            None => {
+                text += &format!("; the board could not be asked how many are left in &{cs}'s rotary buffer")
+            }
+        }
+        if stop.quit {
+            text += &format!("; the program has been ended (&{cs}Q)");
+        }
+        for note in &stop.notes {
+            text += "; ";
+            text += note;
+        }
+        text
     }
 
     /// `FILE:LINE: what`, for the line with this index.

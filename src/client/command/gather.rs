@@ -1,44 +1,64 @@
-//! Calls that have the daemon follow a gather.
+//! A gather, which the daemon runs for this connection alone.
+
+use std::time::Duration;
 
 use super::{CommandError, Connection, DAEMON_TIMEOUT, MARGIN};
 use crate::gather::{GatherMode, GatherPlan};
 use crate::map::Layout;
-use crate::protocol::board::Done;
+use crate::protocol::board::{Done, GatherStopReply};
 use crate::protocol::calls;
 
+/// More than the daemon gives the lines that begin a gather, where the board answers all of them late.
+const START: Duration = Duration::from_secs(60);
+/// More than it gives those of the end.
+const STOP: Duration = Duration::from_secs(30);
+
 impl Connection {
-    /// Has the daemon follow the buffer that `plan` has defined on a board with `layout`. Between `DEFINE GATHER` and
-    /// `GATHER`. With the servo period, the host's clock counts the board's turns in its buffer; without, the servo report.
+    /// Has the board gather by `plan`, and the daemon follow, on a board with `layout`. Returns when the board gathers. The gather
+    /// is this connection's: it ends with it, or when nothing is called over it for 5 s ([`Connection::sequence_renew`]).
+    /// The servo period counts the board's turns in its buffer where the servo report does not run.
     ///
     /// # Errors
-    /// [`CommandError`]; refused when the buffer is another one, or overlaps the daemon's other buffers.
-    pub fn gather_begin(
+    /// [`CommandError`]; refused while somebody else gathers, when the buffer overlaps the daemon's other ones, or when the
+    /// board refuses a line: the board is left as it was found then.
+    pub fn gather_start(
         &mut self,
         plan: &GatherPlan,
         layout: &Layout,
         servo_period_ns: Option<u64>,
     ) -> Result<(), CommandError> {
         let place = layout.gather();
-        let parameters = calls::GatherBegin {
+        let parameters = calls::GatherStart {
             buffer: calls::Offset(place.buffer),
             size_word: calls::Offset(place.size),
             index_word: calls::Offset(place.index),
+            registers: plan.registers.iter().map(ToString::to_string).collect(),
             size_longs: plan.buffer_longs,
-            sample_longs: plan.sample_longs,
             period: plan.period,
             wrap: Some(plan.mode == GatherMode::Wrap),
             servo_period_ns,
         };
-        let Done {} = self.call("GatherBegin", &parameters, DAEMON_TIMEOUT + MARGIN)?;
+        // The daemon waits for the servo report, which comes as seldom as it gathers.
+        let periods = 4 * u64::from(plan.period);
+        let periods = Duration::from_nanos(periods.saturating_mul(servo_period_ns.unwrap_or_default()));
+        let Done {} = self.call("GatherStart", &parameters, periods.saturating_add(START))?;
         Ok(())
     }
 
-    /// Tells the daemon that the board gathers no more.
+    /// Ends this connection's gather, or another one of the same user, or of the user `uid`. Returns when I19 has been put back.
     ///
     /// # Errors
-    /// [`CommandError`].
-    pub fn gather_end(&mut self) -> Result<(), CommandError> {
-        let Done {} = self.call("GatherEnd", &calls::NoParameters {}, DAEMON_TIMEOUT + MARGIN)?;
+    /// [`CommandError`]; refused when it is another user's.
+    pub fn gather_stop(&mut self, uid: Option<u32>) -> Result<GatherStopReply, CommandError> {
+        self.call("GatherStop", &calls::GatherStop { uid }, STOP)
+    }
+
+    /// Says that the owner of this connection's sequences is still there.
+    ///
+    /// # Errors
+    /// [`CommandError`]; refused when there is none (any more).
+    pub fn sequence_renew(&mut self) -> Result<(), CommandError> {
+        let Done {} = self.call("SequenceRenew", &calls::NoParameters {}, DAEMON_TIMEOUT + MARGIN)?;
         Ok(())
     }
 }

@@ -1,4 +1,4 @@
-//! Calls for the control panel, open words of the DPRAM and the binary rotary buffers.
+//! Calls for the control panel and open words of the DPRAM.
 //!
 //! As every call, each is bounded: by what the daemon gives the board, and a margin for the daemon to say so.
 
@@ -8,27 +8,11 @@ use serde::Serialize;
 
 use super::{CommandError, Connection, DAEMON_TIMEOUT, MARGIN};
 use crate::map::HostOffset;
-use crate::protocol::board::{Done, NotesReply, RotaryStateReply};
+use crate::protocol::board::{Done, NotesReply};
 use crate::protocol::calls;
 
 /// More than the daemon gives the board for a job, the question before it included.
 const JOB_TIMEOUT: Duration = Duration::from_secs(5);
-
-/// Where a binary rotary buffer lies and what it feeds. Without start or size it takes the room that the daemon keeps
-/// for it.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct RotaryPlace {
-    /// Which buffer, from 1.
-    pub buffer: u8,
-    /// Its first word.
-    pub start: Option<HostOffset>,
-    /// Its size in 32-bit words.
-    pub size_longs: Option<u32>,
-    /// The coordinate system it feeds, from 1.
-    pub coordinate_system: u8,
-    /// The number that the board has for coordinate system 1: 1 or 0.
-    pub coordinate_system_base: u8,
-}
 
 fn panel(action: &str, numbers: &[u8]) -> calls::Panel {
     calls::Panel { action: action.to_owned(), numbers: numbers.iter().copied().map(usize::from).collect() }
@@ -104,34 +88,5 @@ impl Connection {
             anywhere: Some(anywhere),
         };
         self.job("Write", &parameters)
-    }
-
-    /// Sets a binary rotary buffer up, empty. I57 has to be 0; `I57=1` and `OPEN ROT` after it let PMAC take lines.
-    ///
-    /// # Errors
-    /// [`CommandError`]; refused, and nothing written, when I57 is not 0 or cannot be asked, as while a program buffer is open
-    /// (a daemon that uses no command lines leaves it to the caller), or when the place is not possible.
-    pub fn rotary_open(&mut self, place: RotaryPlace) -> Result<(), CommandError> {
-        let RotaryPlace { buffer, start, size_longs, coordinate_system, coordinate_system_base } = place;
-        let start = start.map(calls::Offset);
-        let parameters =
-            calls::RotaryOpen { buffer, start, size_longs, coordinate_system, coordinate_system_base };
-        self.job("RotaryOpen", &parameters)
-    }
-
-    /// No line will follow in rotary buffer `buffer` (from 1): its running empty is no underrun any more.
-    ///
-    /// # Errors
-    /// [`CommandError`]; refused when the buffer has not been set up.
-    pub fn rotary_finish(&mut self, buffer: u8) -> Result<(), CommandError> {
-        self.job("RotaryFinish", &calls::Rotary { buffer })
-    }
-
-    /// How far rotary buffer `buffer` (from 1) is.
-    ///
-    /// # Errors
-    /// [`CommandError`]; refused when the buffer has not been set up.
-    pub fn rotary_state(&mut self, buffer: u8) -> Result<RotaryStateReply, CommandError> {
-        self.call("RotaryState", &calls::Rotary { buffer }, JOB_TIMEOUT + MARGIN)
     }
 }

@@ -258,7 +258,7 @@ impl FunctionTable {
                     Err(reason) => Outcome::Refused(Text::of(&reason)),
                 }
             }
-            Job::RotaryFinish(buffer) => self.rotary.finish(buffer),
+            Job::RotaryFinish(buffer) => self.rotary.finish(buffer, now),
         };
         Ok(Some(Event::Done(ticket, outcome)))
     }

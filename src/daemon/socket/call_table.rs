@@ -44,8 +44,8 @@ pub(super) enum Then {
     },
     /// The caller hears that the jog he holds has begun.
     ReplyHeld,
-    /// The caller gets the lines of the board's reply. Every motor stands: no jog is held any more.
-    AllStopped,
+    /// The caller gets the lines of the board's reply. This character has stopped every motor: no jog is held any more.
+    AllStopped(u8),
     /// The caller gets remarks.
     ReplyNotes(Vec<String>),
     /// A job begins, if the board's answer is what its guard wants.

@@ -5,14 +5,11 @@ use std::time::Duration;
 
 use crate::daemon::shared::job::{Job, MaskedWord};
 use crate::daemon::shared::status::Enabling;
-use crate::function::gather::GatherBuffer;
 use crate::function::panel::{FeedOverride, PanelAction, PanelRequest};
 use crate::function::variable_read::VariableEntry;
 use crate::function::variable_write::WriteRecord;
-use crate::gather::GatherMode;
 use crate::map::functions::VARIABLE_READ_ENTRIES;
-use crate::map::{Family, GatherPlace, HostOffset, PmacAddress, PmacRegister};
-use crate::mirror::GatherClock;
+use crate::map::{Family, HostOffset, PmacAddress, PmacRegister};
 use crate::protocol::board::VariableRecord;
 use crate::protocol::{CallError, answer, calls};
 
@@ -39,8 +36,6 @@ pub(super) struct Guard {
     value: &'static str,
     /// What it is for.
     purpose: &'static str,
-    /// Without the answer the job is not done: it could do harm, and does not show by itself that it did.
-    is_required: bool,
     /// Whether the variable has the value, where the board was asked since it may have changed.
     known: fn(Enabling) -> Option<bool>,
 }
@@ -51,7 +46,6 @@ fn panel_enabled(family: &Family) -> Option<Guard> {
         variable,
         value: "3",
         purpose: "the DPRAM control panel",
-        is_required: false,
         known: |enabling| enabling.panel,
     })
 }
@@ -62,21 +56,8 @@ pub(super) fn variables_enabled(family: &Family) -> Guard {
         variable: family.i.variables_enable,
         value: "1",
         purpose: "background variable data",
-        is_required: false,
         known: |enabling| enabling.variables,
     }
-}
-
-/// Of the set-up of a rotary buffer. The header must not change under a transfer (DPRAM manual p. 30). While OPEN ROT is in
-/// force the board cannot be asked for I57, so the answer is required.
-fn rotary_at_rest(family: &Family) -> Option<Guard> {
-    family.i.rotary_enable.map(|variable| Guard {
-        variable,
-        value: "0",
-        purpose: "setting a rotary buffer up",
-        is_required: true,
-        known: |_| None,
-    })
 }
 
 /// Where a coordinate system takes its time base from, which decides whether an override has an effect.
@@ -112,6 +93,8 @@ pub struct JobCall {
     time_base: Option<TimeBase>,
     /// Remarks for the caller, if the reply has room for some.
     pub(super) notes: Option<Vec<String>>,
+    /// The rotary buffer that it feeds: only its stream's owner may.
+    pub(super) feeds: Option<usize>,
     /// The motors to stop when the caller is gone or silent: bit 0 is motor 1.
     pub(super) lease: Option<u32>,
     /// What the audit log says of it, if it can move a machine or change a register.
@@ -129,21 +112,17 @@ impl Guard {
         (self.known)(enabling) == Some(true)
     }
 
-    /// Whether the board has to be asked, which it can be (`may_ask`) or even answers (`answers`).
-    pub(super) fn is_open(self, enabling: Enabling, answers: bool, may_ask: bool) -> bool {
-        !self.is_known(enabling) && (answers || self.is_required && may_ask)
+    /// Whether the board has to be asked, which `answers`.
+    pub(super) fn is_open(self, enabling: Enabling, answers: bool) -> bool {
+        !self.is_known(enabling) && answers
     }
 
     /// Whether what waits for the guard may begin, the board having answered `found`.
     pub(super) fn check(self, found: Option<&str>) -> Result<(), CallError> {
-        let Self { variable, value, purpose, is_required, .. } = self;
+        let Self { variable, value, purpose, .. } = self;
         match found {
             Some(found) if found != value => Err(refused(format!(
                 "I{variable} is {found}, and {purpose} needs {value}; send I{variable}={value} first"
-            ))),
-            None if is_required => Err(refused(format!(
-                "I{variable} could not be asked (a program buffer is open, where the question would be a program line, or the \
-                 board does not answer), and {purpose} needs {value}; send CLOSE and I{variable}={value} first"
             ))),
             _ => Ok(()),
         }
@@ -171,7 +150,7 @@ impl JobCall {
     pub(super) fn take_answer(&mut self, found: Option<&[&str]>) -> Result<(), CallError> {
         let guard = self.guard.take();
         match (guard, found) {
-            (Some(guard), None) if !guard.is_required => self.note_unasked(guard),
+            (Some(guard), None) => self.note_unasked(guard),
             (_, found) => self.note_time_base(found.and_then(|found| found.get(1).copied())),
         }
         guard.map_or(Ok(()), |guard| guard.check(found.and_then(|found| found.first().copied())))
@@ -228,6 +207,7 @@ impl JobCall {
             stops: false,
             time_base: None,
             notes: None,
+            feeds: None,
             lease: None,
             audit: None,
         }
@@ -361,55 +341,11 @@ pub(super) fn write_variables(call: calls::WriteVariables, family: &Family) -> R
     })
 }
 
-/// A gather buffer to follow.
-pub(super) fn gather_begin(call: calls::GatherBegin, family: &Family) -> Result<JobCall, CallError> {
-    let calls::GatherBegin { size_longs, sample_longs, period, wrap, servo_period_ns, .. } = call;
-    let place = GatherPlace {
-        buffer: inside(call.buffer, 1, "buffer", family)?,
-        size: inside(call.size_word, 1, "size_word", family)?,
-        index: inside(call.index_word, 1, "index_word", family)?,
-    };
-    let clock = match servo_period_ns {
-        None => GatherClock::Report,
-        Some(ns) => GatherClock::host(ns)
-            .ok_or_else(|| CallError::invalid("servo_period_ns", "a servo cycle in nanoseconds"))?,
-    };
-    let buffer = GatherBuffer {
-        place,
-        room_longs: (family.length - place.buffer.bytes()) / 4,
-        size_longs,
-        sample_longs,
-        longest_sample: family.i.longest_gather_sample(),
-        mode: if wrap.unwrap_or(true) { GatherMode::Wrap } else { GatherMode::Stop },
-        period,
-    };
-    Ok(JobCall {
-        audit: Some(format!(
-            "gather, {size_longs} longs from {} on, samples of {sample_longs}",
-            place.buffer
-        )),
-        ..JobCall::new(Job::GatherBegin { buffer, clock }, SHORT)
-    })
-}
-
-/// The end of gathering.
-pub(super) fn gather_end(
-    calls::NoParameters {}: calls::NoParameters,
-    _: &Family,
-) -> Result<JobCall, CallError> {
-    Ok(JobCall::new(Job::GatherEnd, SHORT))
-}
-
 /// The index of the rotary buffer with this number, from 1.
-fn rotary_buffer(number: u8, family: &Family) -> Result<usize, CallError> {
+pub(super) fn rotary_buffer(number: u8, family: &Family) -> Result<usize, CallError> {
     let count = family.rotary.headers.len();
     let index = usize::from(number).checked_sub(1).filter(|index| *index < count);
     index.ok_or_else(|| CallError::invalid("buffer", format_args!("1 to {count}")))
-}
-
-/// No line will follow.
-pub(super) fn rotary_finish(call: calls::Rotary, family: &Family) -> Result<JobCall, CallError> {
-    rotary_buffer(call.buffer, family).map(|buffer| JobCall::new(Job::RotaryFinish(buffer), SHORT))
 }
 
 /// How far a rotary buffer is.
@@ -417,24 +353,22 @@ pub(super) fn rotary_state(call: calls::Rotary, family: &Family) -> Result<JobCa
     rotary_buffer(call.buffer, family).map(|buffer| JobCall::new(Job::RotaryState(buffer), SHORT))
 }
 
-/// A rotary buffer to set up.
-pub(super) fn rotary_open(call: calls::RotaryOpen, family: &Family) -> Result<JobCall, CallError> {
-    let calls::RotaryOpen { buffer, start, size_longs, coordinate_system, coordinate_system_base } = call;
-    check_number(coordinate_system.into(), family.coordinate_systems, "coordinate_system")?;
-    if coordinate_system_base > 1 {
+/// The job that sets the rotary buffer at index `buffer` up.
+pub(super) fn rotary_set_up(
+    call: &calls::RotaryStart,
+    buffer: usize,
+    family: &Family,
+) -> Result<Job, CallError> {
+    check_number(call.coordinate_system.into(), family.coordinate_systems, "coordinate_system")?;
+    if call.coordinate_system_base > 1 {
         return Err(CallError::invalid("coordinate_system_base", "0 or 1"));
     }
-    let job = Job::RotaryOpen {
-        buffer: rotary_buffer(buffer, family)?,
-        start: start.map(|start| inside(start, 1, "start", family)).transpose()?,
-        size_longs,
-        coordinate_system,
-        coordinate_system_base,
-    };
-    Ok(JobCall {
-        guard: rotary_at_rest(family),
-        audit: Some(format!("rotary buffer {buffer} for &{coordinate_system}")),
-        ..JobCall::new(job, SHORT)
+    Ok(Job::RotaryOpen {
+        buffer,
+        start: call.start.map(|start| inside(start, 1, "start", family)).transpose()?,
+        size_longs: call.size_longs,
+        coordinate_system: call.coordinate_system,
+        coordinate_system_base: call.coordinate_system_base,
     })
 }
 
@@ -455,6 +389,7 @@ pub(super) fn rotary_send(call: calls::RotarySend, family: &Family) -> Result<Jo
     let timeout = Duration::from_millis(timeout_ms.unwrap_or(ROTARY_TIMEOUT_MS));
     Ok(JobCall {
         // One line a program: the batches that follow say that they do.
+        feeds: Some(buffer),
         audit: first.is_none_or(|first| first == 0).then(|| "sends a rotary program".to_owned()),
         ..JobCall::new(Job::RotarySend { buffer, first, lines }, timeout)
     })

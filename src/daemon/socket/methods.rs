@@ -9,7 +9,7 @@ use serde_json::json;
 
 use super::jobs::{self, JobCall};
 use super::policy::{Characters, Role};
-use super::sequences::{Batch, SequenceCall};
+use super::sequences::{Batch, GatherCall, RotaryCall, SequenceCall};
 use crate::daemon::shared::info::Info;
 use crate::daemon::shared::job::Job;
 use crate::daemon::shared::queue::{DEFAULT_TIMEOUT, LINE_MAX, READ_MAX, Text};
@@ -96,7 +96,7 @@ const fn method(
 }
 
 /// Every method, in the order of the interface's definition.
-const METHODS: [Method; 21] = {
+const METHODS: [Method; 22] = {
     use Function::{Ascii, Gather, Panel, Rotary, Variables};
     use Role::{Engineer, Observe, Operate, Stop};
     [
@@ -144,11 +144,28 @@ const METHODS: [Method; 21] = {
         method("WriteVariables", Engineer, Some(Variables), |call, info| {
             job(call, info, jobs::write_variables)
         }),
-        method("GatherBegin", Engineer, Some(Gather), |call, info| job(call, info, jobs::gather_begin)),
-        method("GatherEnd", Engineer, Some(Gather), |call, info| job(call, info, jobs::gather_end)),
-        method("RotaryOpen", Engineer, Some(Rotary), |call, info| job(call, info, jobs::rotary_open)),
+        method("GatherStart", Engineer, Some(Gather), |call, info| {
+            needs_lines(info)?;
+            answered(call, SequenceCall::Gather(GatherCall::of(parameters(call)?, info)?))
+        }),
+        method("GatherStop", Engineer, Some(Gather), |call, info| {
+            needs_lines(info)?;
+            let calls::GatherStop { uid } = parameters(call)?;
+            Ok(Action::Sequence(SequenceCall::GatherStop { uid }))
+        }),
+        method("RotaryStart", Engineer, Some(Rotary), |call, info| {
+            needs_lines(info)?;
+            answered(call, SequenceCall::Rotary(RotaryCall::of(parameters(call)?, info)?))
+        }),
         method("RotarySend", Engineer, Some(Rotary), |call, info| job(call, info, jobs::rotary_send)),
-        method("RotaryFinish", Engineer, Some(Rotary), |call, info| job(call, info, jobs::rotary_finish)),
+        method("RotaryFinish", Engineer, Some(Rotary), |call, info| {
+            let calls::Rotary { buffer } = parameters(call)?;
+            jobs::rotary_buffer(buffer, info.family()).map(SequenceCall::RotaryFinish).map(Action::Sequence)
+        }),
+        method("RotaryStop", Engineer, Some(Rotary), |call, info| {
+            let calls::Rotary { buffer } = parameters(call)?;
+            jobs::rotary_buffer(buffer, info.family()).map(SequenceCall::RotaryStop).map(Action::Sequence)
+        }),
         method("RotaryState", Observe, Some(Rotary), |call, info| job(call, info, jobs::rotary_state)),
     ]
 };
@@ -160,6 +177,28 @@ fn job<P: DeserializeOwned>(
     parse: impl FnOnce(P, &Family) -> Result<JobCall, CallError>,
 ) -> Result<Action, CallError> {
     parse(parameters(call)?, info.family()).map(|call| Action::Ask(Ask::Job(call)))
+}
+
+/// A sequence that begins: its owner has to hear of it.
+fn answered(call: &Call, sequence: SequenceCall) -> Result<Action, CallError> {
+    match call.oneway {
+        Some(true) => Err(CallError::invalid("oneway", "false: the owner must hear how it goes")),
+        _ => Ok(Action::Sequence(sequence)),
+    }
+}
+
+/// Whether command lines can be sent.
+fn needs_lines(info: &Info) -> Result<(), CallError> {
+    if info.settings().functions.has(Function::Ascii) { Ok(()) } else { Err(switched_off(Function::Ascii)) }
+}
+
+fn switched_off(function: Function) -> CallError {
+    let name = function.name();
+    CallError::Refused {
+        reason: format!(
+            "the function `{name}` is switched off: `functions` in the daemon's configuration leaves it out"
+        ),
+    }
 }
 
 /// `action`, of a method that answers more than once.
@@ -190,11 +229,7 @@ pub fn parse_call(call: &Call, role: Role, characters: Characters, info: &Info) 
     if let Some(function) = method.function
         && !info.settings().functions.has(function)
     {
-        let name = function.name();
-        let reason = format!(
-            "the function `{name}` is switched off: `functions` in the daemon's configuration leaves it out"
-        );
-        return Err(CallError::Refused { reason });
+        return Err(switched_off(function));
     }
     if role < method.role {
         // What it would take, if that can be told.
@@ -384,7 +419,7 @@ mod tests {
         };
         let methods = BOARD_DESCRIPTION.lines().filter_map(|line| line.strip_prefix("method "));
         let methods: Vec<_> = methods.filter_map(|line| line.split('(').next()).collect();
-        assert_eq!(methods.len(), 21, "{methods:?}");
+        assert_eq!(methods.len(), 22, "{methods:?}");
         for method in methods {
             let call = json!({"method": format!("{BOARD}.{method}"), "parameters": {}});
             let call: Call = serde_json::from_value(call).unwrap();
@@ -403,7 +438,7 @@ mod tests {
                 needed.is_none(),
                 ["GetInfo", "GetSettings", "SequenceRenew", "Read", "Write"].contains(&method)
             );
-            assert!(!needed.is_some_and(|function| refused(json!([function]))), "{method}");
+            assert!(!needed.is_some_and(|function| refused(json!([function, Function::Ascii]))), "{method}");
         }
     }
 
@@ -430,17 +465,17 @@ mod tests {
             ("WatchVariables", json!({"registers": []}), "registers"),
             ("RotaryState", json!({"buffer": 9}), "buffer"),
             (
-                "RotaryOpen",
+                "RotaryStart",
                 json!({"buffer": 1, "coordinate_system": 99, "coordinate_system_base": 1}),
                 "coordinate_system",
             ),
             (
-                "RotaryOpen",
+                "RotaryStart",
                 json!({"buffer": 1, "start": 0x4000, "coordinate_system": 1, "coordinate_system_base": 1}),
                 "start",
             ),
             (
-                "RotaryOpen",
+                "RotaryStart",
                 json!({"buffer": 1, "coordinate_system": 1, "coordinate_system_base": 2}),
                 "coordinate_system_base",
             ),

@@ -30,10 +30,10 @@ use super::leases::Leases;
 use super::listener::Listener;
 use super::options::{ServeError, ServeOptions};
 use super::policy::{Characters, Peer, PolicyError};
-use super::sequences::Sequences;
+use super::sequences::{Found, Sequences};
 use super::watches::Watches;
 use crate::daemon::shared::info::Info;
-use crate::daemon::shared::queue::{Command, Event, Outcome, Receive, Sender};
+use crate::daemon::shared::queue::{Command, Event, Outcome, Receive, Sender, Ticket};
 use crate::protocol::board::{ReadReply, RotaryStateReply};
 use crate::protocol::{Call, CallError, Reply};
 
@@ -186,6 +186,7 @@ impl Service {
             self.watches.forget(*client);
             self.calls.forget(*client);
             self.leases.forget(*client);
+            self.sequences.forget(*client);
         }
         if !gone.is_empty() {
             self.admission.resume();
@@ -311,16 +312,16 @@ impl Service {
                 }
             }
             Event::Words { ticket, time_ns, words, count } => {
-                let words = words.iter().copied().take(count).collect();
+                let words: Vec<u16> = words.iter().copied().take(count).collect();
+                let Some(words) = self.found(ticket, words, |words| Found { words, ..Found::default() }, now)
+                else {
+                    return;
+                };
                 self.reply_to(ticket, Reply::with(&ReadReply { time_ns, words }), now);
             }
             Event::Rotary(ticket, state) => {
-                if let Some(number) = self.calls.sequence_of(ticket) {
-                    if let Some(ended) = self.calls.end(ticket) {
-                        self.step_done(number, ended, Outcome::Done, Some(state), now);
-                    }
-                    return;
-                }
+                let found = |state| Found { rotary: Some(state), ..Found::default() };
+                let Some(state) = self.found(ticket, state, found, now) else { return };
                 let reply = RotaryStateReply {
                     ahead_commands: state.ahead_commands,
                     ahead_lines: state.ahead_lines,
@@ -341,6 +342,21 @@ impl Service {
             }
             Event::Unsolicited(text) => self.clients.pass_on(&text, now),
         }
+    }
+
+    /// Gives a sequence what it has asked for with `ticket`; `what` itself where a client has.
+    fn found<T>(
+        &mut self,
+        ticket: Ticket,
+        what: T,
+        found: impl FnOnce(T) -> Found,
+        now: Instant,
+    ) -> Option<T> {
+        let Some(number) = self.calls.sequence_of(ticket) else { return Some(what) };
+        if let Some(ended) = self.calls.end(ticket) {
+            self.step_done(number, ended, Outcome::Done, found(what), now);
+        }
+        None
     }
 
     /// Acts on every deadline that has passed.

@@ -95,8 +95,11 @@ impl RotaryQueue {
         None
     }
 
-    /// No line will follow.
-    pub fn finish(&mut self, buffer: usize) -> Outcome {
+    /// No line will follow: what still waits is late.
+    pub fn finish(&mut self, buffer: usize, now: Instant) -> Outcome {
+        let waiting = self.waiting.iter_mut().filter(|batch| batch.buffer == buffer);
+        waiting.for_each(|batch| batch.deadline = now);
+        self.next_poll = now;
         match self.stream(buffer) {
             Some(stream) => {
                 stream.finish();

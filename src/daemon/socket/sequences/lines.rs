@@ -7,7 +7,7 @@
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 
-use super::{Done, END_STEP, Ending, Resource, Sequence, SequenceCall, Step};
+use super::{Done, END_STEP, Ending, Resource, Sequence, SequenceCall, Step, is_unsent};
 use crate::daemon::shared::queue::{DEFAULT_TIMEOUT, LINE_MAX, Outcome, Text};
 use crate::protocol::board::{LineFailure, LineOutcome, RunLinesReply};
 use crate::protocol::{CallError, OpenBuffer, RUN_LINES_MAX, Reply, calls, check_line};
@@ -223,11 +223,6 @@ impl Sequence for Lines {
     fn end(&mut self, why: Ending) {
         self.ending = Some(why);
     }
-}
-
-/// Whether the line of a step that ended so was certainly not sent.
-fn is_unsent(outcome: Outcome) -> bool {
-    !matches!(outcome, Outcome::Done | Outcome::Error(_) | Outcome::TimedOut)
 }
 
 /// What a step's failure means for its line.

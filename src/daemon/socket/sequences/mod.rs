@@ -17,20 +17,29 @@
 //! * End: [`Sequence::end`] says why. The step under way is finished first and its outcome given; from then on every step must
 //!   serve the end, be bounded, and lead to [`Step::Over`].
 
+mod gather;
 mod lines;
+mod report_watch;
+mod rotary;
 mod table;
 
 use std::fmt;
 use std::time::{Duration, Instant};
 
+pub(super) use gather::Gather;
+pub use gather::GatherCall;
 pub use lines::Batch;
 pub(super) use lines::Lines;
+pub(super) use rotary::Rotary;
+pub use rotary::RotaryCall;
 pub(super) use table::{Sequences, Waits};
 
+use super::policy::Peer;
 use crate::daemon::shared::job::Job;
 use crate::daemon::shared::queue::{LINE_MAX, Outcome, Text};
 use crate::function::rotary::RotaryState;
-use crate::protocol::{CallError, Reply};
+use crate::map::HostOffset;
+use crate::protocol::{CallError, Reply, control};
 
 /// How long an owner may be silent while nothing is done for it.
 pub(super) const LEASE: Duration = Duration::from_secs(5);
@@ -42,13 +51,19 @@ pub(super) const END_STEP: Duration = Duration::from_secs(2);
 pub(super) enum Resource {
     /// The board's variables and program buffers, as far as lines one after the other change or list them.
     Lines,
+    /// Its gather buffer, and the variables that say what is gathered.
+    Gather,
+    /// The rotary buffer in the DPRAM with this index.
+    Rotary(usize),
 }
 
 impl fmt::Display for Resource {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::Lines => "one sequence of lines runs at a time",
-        })
+        match self {
+            Self::Lines => f.write_str("one sequence of lines runs at a time"),
+            Self::Gather => f.write_str("the board has one gather at a time"),
+            Self::Rotary(index) => write!(f, "one stream at a time goes into rotary buffer {}", index + 1),
+        }
     }
 }
 
@@ -62,8 +77,23 @@ pub(super) enum Step {
         /// How long the board may take.
         timeout: Duration,
     },
+    /// Send a control character that has an answer.
+    Control {
+        /// The character.
+        character: u8,
+        /// How long the board may take.
+        timeout: Duration,
+    },
+    /// Read words of the DPRAM.
+    Read {
+        /// The first one.
+        first: HostOffset,
+        /// How many.
+        count: usize,
+        /// How long the bus thread may take.
+        timeout: Duration,
+    },
     /// Have the bus thread do a job.
-    #[expect(dead_code, reason = "no sequence of lines has a job to do")]
     Job {
         /// The job.
         job: Box<Job>,
@@ -80,7 +110,7 @@ pub(super) enum Step {
     Over(Result<Reply, CallError>),
 }
 
-/// What became of a [`Step::Line`] or [`Step::Job`].
+/// What became of a step that the bus thread has done.
 #[derive(Debug)]
 pub(super) struct Done {
     /// How it ended.
@@ -88,8 +118,18 @@ pub(super) struct Done {
     /// The lines of the board's reply, or what a caller would be told of the failure.
     pub result: Result<Vec<String>, CallError>,
     /// How far the rotary buffer is, after a job that asks for it.
-    #[expect(dead_code, reason = "no sequence of lines asks for it")]
     pub rotary: Option<RotaryState>,
+    /// The words of a [`Step::Read`].
+    pub words: Vec<u16>,
+}
+
+/// What the bus thread found for a step, besides the lines of a reply.
+#[derive(Debug, Default)]
+pub(super) struct Found {
+    /// How far a rotary buffer is.
+    pub rotary: Option<RotaryState>,
+    /// Words of the DPRAM.
+    pub words: Vec<u16>,
 }
 
 /// Why a sequence ends before it is done.
@@ -101,15 +141,23 @@ pub(super) enum Ending {
     OwnerSilent,
     /// The daemon stops.
     Stopping,
+    /// Somebody else has ended it.
+    EndedBy(Peer),
+    /// Somebody has sent the control character that stops every motor.
+    AllStopped(Peer, u8),
 }
 
 impl fmt::Display for Ending {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::OwnerGone => "its client is gone",
-            Self::OwnerSilent => "its client is silent",
-            Self::Stopping => "pmacd is stopping",
-        })
+        match self {
+            Self::OwnerGone => f.write_str("its client is gone"),
+            Self::OwnerSilent => f.write_str("its client is silent"),
+            Self::Stopping => f.write_str("pmacd is stopping"),
+            Self::EndedBy(Peer { uid, pid, .. }) => write!(f, "uid {uid} (pid {pid}) ended it"),
+            Self::AllStopped(Peer { uid, pid, .. }, character) => {
+                write!(f, "uid {uid} (pid {pid}) sent {}", control::name(*character))
+            }
+        }
     }
 }
 
@@ -120,6 +168,19 @@ pub enum SequenceCall {
     Renew,
     /// Send these lines.
     Lines(Batch),
+    /// Gather.
+    Gather(GatherCall),
+    /// End the gather of the caller, or of the user with this number.
+    GatherStop {
+        /// The user.
+        uid: Option<u32>,
+    },
+    /// Stream into a rotary buffer.
+    Rotary(RotaryCall),
+    /// No line follows in the rotary buffer with this index.
+    RotaryFinish(usize),
+    /// End the stream into the rotary buffer with this index.
+    RotaryStop(usize),
 }
 
 /// A step machine; the module tells how it is driven.
@@ -133,6 +194,11 @@ pub(super) trait Sequence: fmt::Debug + Send {
     /// The next step. `done` is what became of the line or job before; `None` at the beginning, and after every other step.
     fn next(&mut self, done: Option<Done>, now: Instant) -> Step;
 
+    /// Whether it has steps of its own while its owner says nothing: [`Self::next`] is called again after a [`Step::Answer`].
+    fn watches(&self) -> bool {
+        false
+    }
+
     /// Its owner calls: the steps that follow are for this call.
     ///
     /// # Errors
@@ -141,4 +207,14 @@ pub(super) trait Sequence: fmt::Debug + Send {
 
     /// It ends, for this reason. Told once.
     fn end(&mut self, why: Ending);
+}
+
+/// The step that sends `text`.
+fn line(text: impl fmt::Display, timeout: Duration) -> Step {
+    Step::Line { line: Text::of(&text), timeout }
+}
+
+/// Whether the line of a step that ended so was certainly not sent.
+const fn is_unsent(outcome: Outcome) -> bool {
+    !matches!(outcome, Outcome::Done | Outcome::Error(_) | Outcome::TimedOut)
 }

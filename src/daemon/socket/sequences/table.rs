@@ -7,7 +7,7 @@ use std::time::Instant;
 use super::{Ending, LEASE, Resource, Sequence};
 use crate::daemon::socket::call_table::Caller;
 use crate::daemon::socket::policy::Peer;
-use crate::protocol::CallError;
+use crate::protocol::{CallError, Reply};
 
 /// Whose a sequence is.
 #[derive(Debug, Clone, Copy)]
@@ -46,6 +46,8 @@ pub(in crate::daemon::socket) struct Running {
     heard: Instant,
     /// Why it ends, once it does.
     pub ending: Option<Ending>,
+    /// Others who wait for its end.
+    pub waiters: Vec<Caller>,
 }
 
 impl Running {
@@ -82,6 +84,8 @@ impl fmt::Display for InUse<'_> {
 pub(in crate::daemon::socket) struct Sequences {
     running: BTreeMap<u64, Running>,
     next: u64,
+    /// What the owners would have been told of sequences that ended by themselves: each by its connection, till they ask.
+    results: Vec<(u64, Resource, Result<Reply, CallError>)>,
 }
 
 impl Sequences {
@@ -103,8 +107,15 @@ impl Sequences {
         let owner = Owner { client: caller.client, peer: caller.peer, since: now };
         let number = self.next;
         self.next += 1;
-        let running =
-            Running { machine, owner, call: Some(caller), waits: Waits::Owner, heard: now, ending: None };
+        let running = Running {
+            machine,
+            owner,
+            call: Some(caller),
+            waits: Waits::Owner,
+            heard: now,
+            ending: None,
+            waiters: Vec::new(),
+        };
         self.running.insert(number, running);
         Ok(number)
     }
@@ -123,6 +134,55 @@ impl Sequences {
                 && running.ending.is_none()
         };
         all.find(|(_, running)| is_it(running)).map(|(&number, _)| number)
+    }
+
+    /// The sequence on `resource`, with its number.
+    pub(in crate::daemon::socket) fn on(&self, resource: Resource) -> Option<(u64, &Running)> {
+        let mut all = self.running.iter();
+        all.find(|(_, running)| running.machine.resource() == resource)
+            .map(|(&number, running)| (number, running))
+    }
+
+    /// The numbers of the streams that run, unless they are ending.
+    pub(in crate::daemon::socket) fn streams(&self) -> Vec<u64> {
+        let is_stream = |running: &Running| {
+            running.ending.is_none() && matches!(running.machine.resource(), Resource::Rotary(_))
+        };
+        self.running.iter().filter(|(_, running)| is_stream(running)).map(|(&number, _)| number).collect()
+    }
+
+    /// Why somebody else cannot end the sequence just so.
+    pub(in crate::daemon::socket) fn not_yours(running: &Running, now: Instant) -> CallError {
+        let uid = running.owner.peer.uid;
+        CallError::Refused {
+            reason: format!("{}; the uid {uid} says whose is to be ended", InUse(running, now)),
+        }
+    }
+
+    /// Keeps what `client` would have been told of the end of its sequence.
+    pub(in crate::daemon::socket) fn keep_result(
+        &mut self,
+        client: u64,
+        resource: Resource,
+        result: Result<Reply, CallError>,
+    ) {
+        self.results.retain(|(other, kept, _)| (*other, *kept) != (client, resource));
+        self.results.push((client, resource, result));
+    }
+
+    /// What was kept for `client`.
+    pub(in crate::daemon::socket) fn take_result(
+        &mut self,
+        client: u64,
+        resource: Resource,
+    ) -> Option<Result<Reply, CallError>> {
+        let index = self.results.iter().position(|(other, kept, _)| (*other, *kept) == (client, resource))?;
+        Some(self.results.swap_remove(index).2)
+    }
+
+    /// `client` is gone: nobody asks for what was kept.
+    pub(in crate::daemon::socket) fn forget(&mut self, client: u64) {
+        self.results.retain(|(other, ..)| *other != client);
     }
 
     /// `client` is still there. How many sequences it has.

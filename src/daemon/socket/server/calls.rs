@@ -13,10 +13,11 @@ use crate::daemon::socket::jobs::{self, JobCall};
 use crate::daemon::socket::leases::{LeaseEnd, StopFor};
 use crate::daemon::socket::methods::{Action, Ask, parse_call};
 use crate::daemon::socket::policy::{Peer, Role};
+use crate::daemon::socket::sequences::Found;
 use crate::function::variable_read::VariableEntry;
 use crate::map::errors::meaning;
 use crate::protocol::board::{NotesReply, SendReply, WatchReply};
-use crate::protocol::{BoardInfo, Call, CallError, Enabled, Function, Reply, answer, control};
+use crate::protocol::{BoardInfo, Call, CallError, Enabled, Reply, answer, control};
 
 /// How long a watch may wait for its turn to ask.
 const WATCH_TIMEOUT: Duration = Duration::from_secs(1);
@@ -64,7 +65,7 @@ impl Service {
             Action::Ask(ask) => self.ask(caller, ask, now)?,
             Action::Watch(entries) => {
                 let guard = jobs::variables_enabled(self.info.family());
-                if guard.is_open(self.info.enabling(), self.answers(), self.may_ask()) {
+                if guard.is_open(self.info.enabling(), self.answers()) {
                     self.question(caller, &guard.question(), Then::Watch(entries), now + WATCH_TIMEOUT);
                 } else {
                     self.watch(caller.client, entries, now)?;
@@ -89,11 +90,6 @@ impl Service {
         self.info.is_enabled(Enabled::ASCII)
     }
 
-    /// Whether command lines are used at all.
-    fn may_ask(&self) -> bool {
-        self.info.settings().functions.has(Function::Ascii)
-    }
-
     fn ask(&mut self, caller: Caller, ask: Ask, now: Instant) -> Result<(), CallError> {
         let deadline = now + ask.timeout();
         match ask {
@@ -111,7 +107,7 @@ impl Service {
                 if stops_all {
                     self.leases.control_begins(character, now);
                 }
-                let then = if stops_all { Then::AllStopped } else { Then::ReplyLines };
+                let then = if stops_all { Then::AllStopped(character) } else { Then::ReplyLines };
                 let audit = Some(format!("sends {}", control::name(character)));
                 self.wait_for_board(caller, deadline, then, audit, |ticket| Command::Control {
                     ticket,
@@ -135,10 +131,13 @@ impl Service {
     /// to show; where command lines are switched off, what the job needs is with its caller.
     fn ask_job(&mut self, caller: Caller, mut call: JobCall, now: Instant) -> Result<(), CallError> {
         let deadline = now + call.timeout;
+        if let Some(buffer) = call.feeds {
+            self.own_stream(caller, buffer)?;
+        }
         if let Some(guard) = call.guard {
             let enabling = self.info.enabling();
             let has_question = call.has_question() && self.answers();
-            let asks = has_question || guard.is_open(enabling, self.answers(), self.may_ask());
+            let asks = has_question || guard.is_open(enabling, self.answers());
             if asks && call.stops {
                 let (job, audit) = (Box::new(call.job.clone()), call.audit.take());
                 self.wait_for_board(caller, deadline, Then::Question(call, guard), audit, |ticket| {
@@ -221,7 +220,7 @@ impl Service {
     /// The bus thread has not answered, or was not asked.
     pub(super) fn give_up(&mut self, ended: Ended, outcome: Outcome, now: Instant) {
         match ended.then {
-            Then::Sequence(number) => self.step_done(number, ended, outcome, None, now),
+            Then::Sequence(number) => self.step_done(number, ended, outcome, Found::default(), now),
             _ => self.answer(ended.caller, outcome_reply(outcome, ended.lines, false), now),
         }
     }
@@ -229,7 +228,7 @@ impl Service {
     /// The bus thread has done what `ended` asked of it, or not.
     pub(super) fn on_end(&mut self, ended: Ended, outcome: Outcome, now: Instant) {
         if let Then::Sequence(number) = ended.then {
-            return self.step_done(number, ended, outcome, None, now);
+            return self.step_done(number, ended, outcome, Found::default(), now);
         }
         let Ended { caller, lines, is_overlong, then } = ended;
         let then = match then {
@@ -273,9 +272,10 @@ impl Service {
                 let held = self.leases.renew(caller.client, now).map(|()| Reply::done()).map_err(lease_over);
                 if outcome == Outcome::Done { held } else { outcome_reply(outcome, lines, is_overlong) }
             }
-            (Then::AllStopped, Outcome::Done) => {
+            (Then::AllStopped(character), Outcome::Done) => {
                 let clients = self.leases.control_taken();
                 self.withdraw_holds(&clients, now);
+                self.end_streams(caller.peer, character, now);
                 Reply::with(&SendReply { lines })
             }
             (Then::ReplyDone { stops }, Outcome::Done) => {

@@ -11,9 +11,9 @@ use crate::daemon::socket::call_table::{Caller, Ended, Then};
 use crate::daemon::socket::connection::{HIGH_WATER, Waiting};
 use crate::daemon::socket::policy::Peer;
 use crate::daemon::socket::sequences::{
-    Done, END_STEP, Lines, Resource, Sequence, SequenceCall, Step, Waits,
+    Done, END_STEP, Ending, Found, Gather, Lines, Resource, Rotary, Sequence, SequenceCall, Sequences, Step,
+    Waits,
 };
-use crate::function::rotary::RotaryState;
 use crate::protocol::{CallError, Reply};
 
 /// How long a sequence waits for its owner to fetch what it has been told.
@@ -43,6 +43,92 @@ impl Service {
                 Some(number) => self.ask_sequence(number, caller, SequenceCall::Lines(batch), now),
                 None => self.begin_sequence(caller, Box::new(Lines::new(batch)), now),
             },
+            SequenceCall::Gather(call) => match self.sequences.of_client(caller.client, Resource::Gather) {
+                Some(number) => self.ask_sequence(number, caller, SequenceCall::Gather(call), now),
+                None => self.begin_sequence(caller, Box::new(Gather::new(call, caller.peer)), now),
+            },
+            SequenceCall::GatherStop { uid } => self.stop_gather(caller, uid, now),
+            SequenceCall::Rotary(call) => {
+                let machine = Rotary::new(call);
+                match self.sequences.of_client(caller.client, machine.resource()) {
+                    Some(_) => Err(no_stream("this connection streams already; RotaryStop ends that")),
+                    None => self.begin_sequence(caller, Box::new(machine), now),
+                }
+            }
+            SequenceCall::RotaryFinish(buffer) => {
+                let number = self.own_stream(caller, buffer)?;
+                self.ask_sequence(number, caller, call, now)
+            }
+            SequenceCall::RotaryStop(buffer) => {
+                let resource = Resource::Rotary(buffer);
+                match self.sequences.on(resource) {
+                    Some((number, running)) if running.owner.client == caller.client => {
+                        match running.ending {
+                            None => self.ask_sequence(number, caller, call, now),
+                            Some(_) => self.wait_for_end(number, caller),
+                        }
+                    }
+                    _ => match self.sequences.take_result(caller.client, resource) {
+                        Some(result) => result.map(Some),
+                        None => Err(no_stream("this connection has no stream into this rotary buffer")),
+                    },
+                }
+            }
+        }
+    }
+
+    /// The number of the stream that `caller` has into rotary buffer `buffer`.
+    ///
+    /// # Errors
+    /// It has none (any more).
+    pub(super) fn own_stream(&self, caller: Caller, buffer: usize) -> Result<u64, CallError> {
+        let own = self.sequences.of_client(caller.client, Resource::Rotary(buffer));
+        own.ok_or_else(|| {
+            no_stream(
+                "this connection has no stream into this rotary buffer (any more): RotaryStart begins one",
+            )
+        })
+    }
+
+    /// Ends the gather of the caller's user, of the user `uid`, or one that nobody owns.
+    fn stop_gather(
+        &mut self,
+        caller: Caller,
+        uid: Option<u32>,
+        now: Instant,
+    ) -> Result<Option<Reply>, CallError> {
+        let Some((number, running)) = self.sequences.on(Resource::Gather) else {
+            if let Some(result) = self.sequences.take_result(caller.client, Resource::Gather) {
+                return result.map(Some);
+            }
+            let family = self.info.family();
+            return self.begin_sequence(caller, Box::new(Gather::stop(family, caller.peer)), now);
+        };
+        let owner = running.owner;
+        if owner.client == caller.client && running.ending.is_none() {
+            return self.ask_sequence(number, caller, SequenceCall::GatherStop { uid }, now);
+        }
+        if owner.peer.uid.as_raw() != uid.unwrap_or(caller.peer.uid.as_raw()) {
+            return Err(Sequences::not_yours(running, now));
+        }
+        let waits = self.wait_for_end(number, caller);
+        self.end_sequence(number, Ending::EndedBy(caller.peer), now);
+        waits
+    }
+
+    /// `caller` waits for the end of sequence `number`, with its owner.
+    fn wait_for_end(&mut self, number: u64, caller: Caller) -> Result<Option<Reply>, CallError> {
+        if let Some(running) = self.sequences.get_mut(number) {
+            running.waiters.push(caller);
+        }
+        self.wait_for_sequence(caller);
+        Ok(None)
+    }
+
+    /// Somebody has stopped every motor: no stream goes on feeding a program.
+    pub(super) fn end_streams(&mut self, by: Peer, character: u8, now: Instant) {
+        for number in self.sequences.streams() {
+            self.end_sequence(number, Ending::AllStopped(by, character), now);
         }
     }
 
@@ -125,6 +211,22 @@ impl Service {
                     });
                     return None;
                 }
+                Step::Control { character, timeout } => {
+                    running.waits = Waits::Board;
+                    let deadline = now + timeout;
+                    self.calls.ask(step_of(owner.peer), deadline, Then::Sequence(number), None, |ticket| {
+                        Command::Control { ticket, character, deadline }
+                    });
+                    return None;
+                }
+                Step::Read { first, count, timeout } => {
+                    running.waits = Waits::Board;
+                    let deadline = now + timeout;
+                    self.calls.ask(step_of(owner.peer), deadline, Then::Sequence(number), None, |ticket| {
+                        Command::ReadWords { ticket, first, count }
+                    });
+                    return None;
+                }
                 Step::Wait(moment) => {
                     running.waits = Waits::Until(moment);
                     return None;
@@ -135,7 +237,7 @@ impl Service {
                     }
                 }
                 Step::Answer(reply) => {
-                    running.waits = Waits::Owner;
+                    running.waits = if running.machine.watches() { Waits::Until(now) } else { Waits::Owner };
                     let call = running.call.take();
                     self.sequences.renew(owner.client, now);
                     return call.map(|caller| (caller, reply));
@@ -151,6 +253,13 @@ impl Service {
                             info!(target: "audit", "the {name} of uid {uid} pid {pid} failed: {error}");
                         }
                         (None, Ok(_)) => info!(target: "audit", "the {name} of uid {uid} pid {pid} is over"),
+                    }
+                    if running.call.is_none() && self.clients.get(owner.client).is_some() {
+                        let resource = running.machine.resource();
+                        self.sequences.keep_result(owner.client, resource, reply.clone());
+                    }
+                    for waiter in running.waiters {
+                        self.answer(waiter, reply.clone(), now);
                     }
                     return running.call.map(|caller| (caller, reply));
                 }
@@ -171,11 +280,11 @@ impl Service {
         number: u64,
         ended: Ended,
         outcome: Outcome,
-        rotary: Option<RotaryState>,
+        found: Found,
         now: Instant,
     ) {
         let result = super::calls::reply_lines(outcome, ended.lines, ended.is_overlong);
-        self.go_on(number, Some(Done { outcome, result, rotary }), now);
+        self.go_on(number, Some(Done { outcome, result, rotary: found.rotary, words: found.words }), now);
     }
 
     /// Goes on with the sequences that have waited for this moment, and ends those whose owner is gone or silent.
@@ -183,22 +292,29 @@ impl Service {
         let clients = &self.clients;
         let lapsed = self.sequences.lapsed(now, |client| clients.hears(client), self.stopping);
         for (number, why) in lapsed {
-            let Some(running) = self.sequences.get_mut(number) else { continue };
-            let (name, Peer { uid, pid, .. }) = (running.machine.name(), running.owner.peer);
-            info!(target: "audit", "ends the {name} of uid {uid} pid {pid}: {why}");
-            running.ending = Some(why);
-            running.machine.end(why);
-            let is_gone = !self.clients.hears(running.owner.client);
-            if let Some(caller) = running.call.take_if(|_| is_gone)
-                && let Some(client) = self.clients.get_mut(caller.client)
-            {
-                client.wait_for(Waiting::Nothing);
-            }
-            if running.waits != Waits::Board {
-                self.go_on(number, None, now);
-            }
+            self.end_sequence(number, why, now);
         }
         for number in self.sequences.due(now) {
+            self.go_on(number, None, now);
+        }
+    }
+
+    /// Brings about the end of sequence `number`, unless it is ending.
+    fn end_sequence(&mut self, number: u64, why: Ending, now: Instant) {
+        let Some(running) = self.sequences.get_mut(number).filter(|running| running.ending.is_none()) else {
+            return;
+        };
+        let (name, Peer { uid, pid, .. }) = (running.machine.name(), running.owner.peer);
+        info!(target: "audit", "ends the {name} of uid {uid} pid {pid}: {why}");
+        running.ending = Some(why);
+        running.machine.end(why);
+        let is_gone = !self.clients.hears(running.owner.client);
+        if let Some(caller) = running.call.take_if(|_| is_gone)
+            && let Some(client) = self.clients.get_mut(caller.client)
+        {
+            client.wait_for(Waiting::Nothing);
+        }
+        if running.waits != Waits::Board {
             self.go_on(number, None, now);
         }
     }
@@ -219,4 +335,8 @@ impl Service {
 /// Who asks for the steps of a sequence of `owner`: its user, whose turn they take; but they are done whether it hears or not.
 fn step_of(owner: Peer) -> Caller {
     Caller { client: u64::MAX, peer: owner, oneway: true }
+}
+
+fn no_stream(reason: &str) -> CallError {
+    CallError::Refused { reason: reason.to_owned() }
 }

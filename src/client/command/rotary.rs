@@ -1,0 +1,84 @@
+//! A stream into a binary rotary buffer, which the daemon sets up and ends for this connection alone.
+
+use std::time::Duration;
+
+use super::{CommandError, Connection, DAEMON_TIMEOUT, MARGIN};
+use crate::map::HostOffset;
+use crate::protocol::board::{Done, RotaryStartReply, RotaryStateReply, RotaryStopReply};
+use crate::protocol::calls::{self, LeftLines};
+
+/// More than the daemon gives the lines of the set-up, or of the end, where the board answers all of them late.
+const LINES: Duration = Duration::from_secs(60);
+
+/// Where a binary rotary buffer lies, what it feeds, and how the stream goes. Without start or size it takes the room that
+/// the daemon keeps for it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct RotaryPlace {
+    /// Which buffer, from 1.
+    pub buffer: u8,
+    /// Its first word.
+    pub start: Option<HostOffset>,
+    /// Its size in 32-bit words.
+    pub size_longs: Option<u32>,
+    /// The coordinate system it feeds, from 1.
+    pub coordinate_system: u8,
+    /// The number that the board has for coordinate system 1: 1 or 0.
+    pub coordinate_system_base: u8,
+    /// Define the board's own rotary buffer first, with so many words.
+    pub define_longs: Option<u32>,
+    /// What becomes of lines that are left in the board's own buffer; refused without.
+    pub left: Option<LeftLines>,
+    /// Start the program when its first lines are there.
+    pub run: bool,
+    /// The program has commands that stop it until somebody starts it again.
+    pub may_stand: bool,
+}
+
+impl Connection {
+    /// Begins a stream of this connection; [`crate::client::RotaryFeed`] sends its lines. How many lines were left in the board's
+    /// own buffer. It ends with the connection, or when nothing is called over it for 5 s.
+    ///
+    /// # Errors
+    /// [`CommandError`]; refused while somebody else streams into the buffer, when lines are left and nothing is said of them, or
+    /// when the board refuses a line of the set-up.
+    pub fn rotary_start(&mut self, place: RotaryPlace) -> Result<RotaryStartReply, CommandError> {
+        let parameters = calls::RotaryStart {
+            buffer: place.buffer,
+            start: place.start.map(calls::Offset),
+            size_longs: place.size_longs,
+            coordinate_system: place.coordinate_system,
+            coordinate_system_base: place.coordinate_system_base,
+            define_longs: place.define_longs,
+            left: place.left,
+            run: Some(place.run),
+            may_stand: Some(place.may_stand),
+        };
+        self.call("RotaryStart", &parameters, LINES)
+    }
+
+    /// No line will follow in this connection's stream into rotary buffer `buffer` (from 1): the program is whole.
+    ///
+    /// # Errors
+    /// [`CommandError`]; refused when there is no such stream (any more).
+    pub fn rotary_finish(&mut self, buffer: u8) -> Result<(), CommandError> {
+        let Done {} = self.call("RotaryFinish", &calls::Rotary { buffer }, DAEMON_TIMEOUT + MARGIN)?;
+        Ok(())
+    }
+
+    /// Ends this connection's stream. Unless the program is whole in the board, it ends as well. For a stream that has ended
+    /// already, how it did.
+    ///
+    /// # Errors
+    /// [`CommandError`]; refused when there was no such stream.
+    pub fn rotary_stop(&mut self, buffer: u8) -> Result<RotaryStopReply, CommandError> {
+        self.call("RotaryStop", &calls::Rotary { buffer }, LINES)
+    }
+
+    /// How far rotary buffer `buffer` (from 1) is.
+    ///
+    /// # Errors
+    /// [`CommandError`]; refused when the buffer has not been set up.
+    pub fn rotary_state(&mut self, buffer: u8) -> Result<RotaryStateReply, CommandError> {
+        self.call("RotaryState", &calls::Rotary { buffer }, DAEMON_TIMEOUT + MARGIN)
+    }
+}

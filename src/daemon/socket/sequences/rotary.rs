@@ -1,0 +1,553 @@
+//! A rotary stream: what lies in the board's rotary buffer is known first; then the set-up, and an end that leaves no
+//! half-fed program running.
+//!
+//! The order of the set-up matters. While `OPEN ROT` is in force every line such as `I57=1` is a program statement, so it
+//! comes last; the header of the buffer must not change under a transfer, so I57 is 0 meanwhile; and B0 would be an axis
+//! move after OPEN ROT. After `CLOSE` the board takes nothing from the DPRAM any more.
+//!
+//! Lines that an abort or an early end has left in the board's own rotary buffer would run before those of the next stream:
+//! `PR` counts them (Turbo Software Reference p. 286). `CLEAR` takes them away, after `OPEN ROT` and for the coordinate system
+//! addressed. What has not left the DPRAM never runs: the set-up makes that buffer empty.
+//!
+//! A stream that ends before its program is whole in the board, whatever the reason, ends the program too, if it runs: with `Q`,
+//! after the moves already calculated. Otherwise a machine would go on to wherever the last line that came through leaves it.
+
+use std::time::{Duration, Instant};
+
+use log::warn;
+
+use super::{Done, END_STEP, Ending, Resource, Sequence, SequenceCall, Step, is_unsent, line};
+use crate::daemon::shared::info::Info;
+use crate::daemon::shared::job::Job;
+use crate::daemon::shared::queue::Outcome;
+use crate::daemon::socket::jobs;
+use crate::map::functions::rotary_header;
+use crate::map::status::reply_has;
+use crate::map::{Family, HostOffset};
+use crate::protocol::board::{RotaryStartReply, RotaryStopReply};
+use crate::protocol::calls::{self, LeftLines};
+use crate::protocol::{CallError, Reply, answer};
+
+/// How long the board may take for a line, and the daemon for a job.
+const STEP: Duration = Duration::from_secs(5);
+/// How often to look for the first lines, which the program waits for to begin.
+const FIRST_LINES: Duration = Duration::from_millis(20);
+/// How often to look whether the program still runs.
+const LOOK: Duration = Duration::from_millis(500);
+/// How often a step of the end is tried, while it is known not to have been sent, and how long apart.
+const TRIES: u32 = 4;
+const AGAIN: Duration = Duration::from_millis(250);
+/// ^C, which asks for the status of every coordinate system, whatever buffer is open.
+const ALL_STATUS: u8 = 3;
+/// Words of a header.
+const HEADER_WORDS: usize = rotary_header::START + 1;
+
+/// A stream as it was called for.
+#[derive(Debug)]
+pub struct RotaryCall {
+    family: &'static Family,
+    /// The index of the buffer.
+    buffer: usize,
+    header: HostOffset,
+    setup: Job,
+    coordinate_system: u8,
+    define: Option<u32>,
+    left: Option<LeftLines>,
+    run: bool,
+    may_stand: bool,
+}
+
+impl RotaryCall {
+    /// What `call` asks for.
+    ///
+    /// # Errors
+    /// What is wrong with it.
+    pub(in crate::daemon::socket) fn of(call: calls::RotaryStart, info: &Info) -> Result<Self, CallError> {
+        let family = info.family();
+        let buffer = jobs::rotary_buffer(call.buffer, family)?;
+        let header = family.rotary.headers.get(buffer).copied();
+        Ok(Self {
+            family,
+            buffer,
+            header: header.ok_or_else(|| CallError::invalid("buffer", "one that the board has"))?,
+            coordinate_system: call.coordinate_system,
+            define: call.define_longs,
+            left: call.left,
+            run: call.run.unwrap_or(false),
+            may_stand: call.may_stand.unwrap_or(false),
+            setup: jobs::rotary_set_up(&call, buffer, family)?,
+        })
+    }
+}
+
+/// How far it is: what the board or the daemon does.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Phase {
+    Define,
+    AskLeft,
+    SeeHeader,
+    /// The transfer ends; then what is left is cleared, or the buffer set up.
+    Disable,
+    OpenToClear,
+    Clear,
+    CloseCleared,
+    AskCleared,
+    Point,
+    SetUp,
+    Enable,
+    Open,
+    /// Lines come; looks whether the program is to begin, and whether it still runs.
+    Feeding,
+    SeeFed,
+    Run,
+    SeeRuns,
+    /// The owner says that the program is whole.
+    Finish,
+    /// The end.
+    Close,
+    EndTransfer,
+    DropLines,
+    SeeAhead,
+    AskRuns,
+    Quit,
+    AskLeftAtEnd,
+    Over,
+}
+
+/// The sequence.
+#[derive(Debug)]
+pub(in crate::daemon::socket) struct Rotary {
+    call: RotaryCall,
+    phase: Phase,
+    /// Lines in the board's own buffer before the stream, and what became of them.
+    found: u64,
+    /// The transfer was switched; the rotary buffers were opened; the DPRAM's buffer was set up.
+    switched: bool,
+    opened: bool,
+    set_up: bool,
+    /// The owner has heard that lines can come.
+    started: bool,
+    /// `R` was sent, or the program seen to run.
+    runs: bool,
+    finished: bool,
+    stop_asked: bool,
+    finish_asked: bool,
+    ending: Option<Ending>,
+    failure: Option<CallError>,
+    /// Lines in the DPRAM that the board has not taken, and in its own buffer, at the end.
+    ahead: u64,
+    left: Option<u64>,
+    quit: bool,
+    notes: Vec<String>,
+    tries: u32,
+    rest: Option<Instant>,
+}
+
+impl Rotary {
+    /// Begins a stream.
+    pub(in crate::daemon::socket) fn new(call: RotaryCall) -> Self {
+        Self {
+            phase: if call.define.is_some() { Phase::Define } else { Phase::AskLeft },
+            call,
+            found: 0,
+            switched: false,
+            opened: false,
+            set_up: false,
+            started: false,
+            runs: false,
+            finished: false,
+            stop_asked: false,
+            finish_asked: false,
+            ending: None,
+            failure: None,
+            ahead: 0,
+            left: None,
+            quit: false,
+            notes: Vec::new(),
+            tries: 0,
+            rest: None,
+        }
+    }
+
+    /// Takes what became of the step of this phase.
+    ///
+    /// # Errors
+    /// Why the stream ends.
+    fn take(&mut self, done: Done, now: Instant) -> Result<(), CallError> {
+        let (cs, unsent) = (self.call.coordinate_system, is_unsent(done.outcome));
+        self.phase = match self.phase {
+            Phase::Define => {
+                let longs = self.call.define.unwrap_or_default();
+                told(
+                    done,
+                    &format!("&{cs}DEFINE ROT {longs}"),
+                    &format!(
+                        "; is one defined already (leave --define out, or take it away: pmacctl send '&{cs}DELETE ROT'), one for a \
+                     lower coordinate system, or a gather buffer (DELETE GATHER)?"
+                    ),
+                )?;
+                Phase::AskLeft
+            }
+            Phase::AskLeft => {
+                let has_one = "; has the coordinate system a rotary buffer (--define LONGS)?";
+                self.found = lines_left(&told(done, &format!("&{cs}PR"), has_one)?)?;
+                if self.found == 0 { Phase::Disable } else { Phase::SeeHeader }
+            }
+            Phase::SeeHeader => {
+                self.decide_on_left(&done.words)?;
+                Phase::Disable
+            }
+            Phase::Disable => {
+                self.switched |= !unsent;
+                done.result?;
+                if self.found > 0 && self.call.left == Some(LeftLines::Clear) {
+                    Phase::OpenToClear
+                } else {
+                    Phase::Point
+                }
+            }
+            Phase::OpenToClear => {
+                self.opened = !unsent;
+                told(done, "OPEN ROT", "")?;
+                Phase::Clear
+            }
+            Phase::Clear => {
+                let busy =
+                    format!("; does a program still run in the coordinate system (pmacctl send '&{cs}Q')?");
+                told(done, &format!("&{cs}CLEAR"), &busy)?;
+                Phase::CloseCleared
+            }
+            Phase::CloseCleared => {
+                told(done, "CLOSE", "")?;
+                self.opened = false;
+                Phase::AskCleared
+            }
+            Phase::AskCleared => match lines_left(&told(done, &format!("&{cs}PR"), "")?)? {
+                0 => Phase::Point,
+                left => {
+                    return Err(refused(format!(
+                        "{left} lines are left in &{cs}'s rotary buffer after CLEAR"
+                    )));
+                }
+            },
+            Phase::Point => {
+                told(
+                    done,
+                    &format!("&{cs}B0"),
+                    &format!(
+                        "; does a program run in the coordinate system (one that waits for more lines ends by: pmacctl send '&{cs}Q')?"
+                    ),
+                )?;
+                Phase::SetUp
+            }
+            Phase::SetUp => {
+                done.result?;
+                self.set_up = true;
+                Phase::Enable
+            }
+            Phase::Enable => {
+                done.result?;
+                Phase::Open
+            }
+            Phase::Open => {
+                self.opened = !unsent;
+                told(done, "OPEN ROT", "; is another program buffer open?")?;
+                Phase::Feeding
+            }
+            Phase::SeeFed => {
+                done.result.map_err(|error| refused(format!("{error}; was the board reset?")))?;
+                let has_lines = done.rotary.is_some_and(|state| state.sent_lines > 0);
+                match (self.call.run && !self.runs, has_lines) {
+                    (true, true) => Phase::Run,
+                    (true, false) => self.rest_before(Phase::Feeding, now + FIRST_LINES),
+                    (false, _) => Phase::SeeRuns,
+                }
+            }
+            Phase::Run => {
+                self.runs = matches!(done.outcome, Outcome::Done | Outcome::TimedOut);
+                told(done, &format!("&{cs}R"), "")?;
+                self.rest_before(Phase::Feeding, now + LOOK)
+            }
+            Phase::SeeRuns => {
+                // A board that does not answer says nothing of its program.
+                if let Ok(lines) = &done.result
+                    && let Some(runs) = self.is_running(lines, usize::from(cs) - 1)
+                {
+                    if self.runs && !runs && !self.call.may_stand {
+                        self.runs = false;
+                        return Err(refused(format!(
+                            "&{cs} does not run its rotary program any more: somebody aborted or stopped it, or an error did"
+                        )));
+                    }
+                    self.runs |= runs;
+                }
+                self.rest_before(Phase::Feeding, now + LOOK)
+            }
+            Phase::Finish => {
+                done.result?;
+                self.finished = true;
+                Phase::Feeding
+            }
+            Phase::Feeding | Phase::Over => self.phase,
+            _ => self.take_of_end(done, now),
+        };
+        Ok(())
+    }
+
+    /// What becomes of the lines that were found.
+    fn decide_on_left(&self, header: &[u16]) -> Result<(), CallError> {
+        let (cs, found) = (self.call.coordinate_system, self.found);
+        let word = |index: usize| header.get(index).copied().unwrap_or_default();
+        let (host, pmac, size) =
+            (word(rotary_header::HOST_INDEX), word(rotary_header::PMAC_INDEX), word(rotary_header::SIZE));
+        let is_ring = host < size && pmac < size;
+        // Two longs a command.
+        let waiting = if is_ring {
+            (u32::from(host) + u32::from(size) - u32::from(pmac)) % u32::from(size) / 2
+        } else {
+            0
+        };
+        match (self.call.left, waiting) {
+            (Some(LeftLines::Clear), _) | (Some(LeftLines::Continue), 0) => Ok(()),
+            (Some(LeftLines::Continue), _) => Err(refused(format!(
+                "{found} lines are left in &{cs}'s rotary buffer, and the {waiting} commands that came after them are still in the \
+                 DPRAM and cannot be kept: there would be a gap; --clear takes all of them away; nothing was sent"
+            ))),
+            (None, _) => Err(refused(format!(
+                "{found} lines of an earlier program are left in &{cs}'s rotary buffer, and would run first: --clear takes them \
+                 away, --continue runs them before this program (if it still runs: pmacctl send '&{cs}Q' ends it); nothing was sent"
+            ))),
+        }
+    }
+
+    /// Takes what became of a step of the end. What cannot be carried out is noted, and the end goes on.
+    fn take_of_end(&mut self, done: Done, now: Instant) -> Phase {
+        let cs = self.call.coordinate_system;
+        if is_unsent(done.outcome)
+            && matches!(self.phase, Phase::Close | Phase::EndTransfer | Phase::AskRuns | Phase::Quit)
+            && self.tries < TRIES
+            && self.ending != Some(Ending::Stopping)
+        {
+            self.tries += 1;
+            return self.rest_before(self.phase, now + AGAIN);
+        }
+        self.tries = 0;
+        let failed = |what: &str| done.result.as_ref().err().map(|error| format!("{what} failed ({error})"));
+        let (phase, note) = match self.phase {
+            Phase::Close => {
+                let note = failed("CLOSE").map(|note| {
+                    format!("{note}, so the rotary buffers may still be open, and take what is in the DPRAM: send CLOSE")
+                });
+                (Phase::EndTransfer, note)
+            }
+            Phase::EndTransfer => (Phase::DropLines, failed("the end of the transfer")),
+            Phase::DropLines => (Phase::SeeAhead, None),
+            Phase::SeeAhead => {
+                // Where nothing is known of it, as after a reset, nothing is ahead.
+                self.ahead = done.rotary.map_or(0, |state| state.ahead_lines);
+                (Phase::AskRuns, None)
+            }
+            Phase::AskRuns => {
+                let runs = done.result.as_ref().ok().and_then(|lines| self.is_running(lines, 0));
+                match runs {
+                    Some(false) => (Phase::AskLeftAtEnd, None),
+                    // What cannot be asked is ended all the same: Q starts nothing.
+                    Some(true) | None => (Phase::Quit, None),
+                }
+            }
+            Phase::Quit => {
+                self.quit = done.result.is_ok();
+                let note =
+                    failed(&format!("&{cs}Q")).map(|note| format!("{note}: the program may still run"));
+                (Phase::AskLeftAtEnd, note)
+            }
+            Phase::AskLeftAtEnd => {
+                self.left = done.result.as_ref().ok().and_then(|lines| lines_left(lines).ok());
+                (Phase::Over, None)
+            }
+            phase => (phase, None),
+        };
+        self.notes.extend(note);
+        phase
+    }
+
+    fn rest_before(&mut self, phase: Phase, until: Instant) -> Phase {
+        self.rest = Some(until);
+        phase
+    }
+
+    /// Whether the status of the coordinate system at `index` of a reply says that it runs a program.
+    fn is_running(&self, reply: &[String], index: usize) -> Option<bool> {
+        let status = reply.iter().flat_map(|line| line.split_ascii_whitespace()).nth(index)?;
+        Some(reply_has(status, self.call.family.status.coordinate_system, "running_program"))
+    }
+
+    /// Whether the phase is to be left out.
+    fn skips(&self) -> Option<Phase> {
+        let has_switch = self.call.family.i.rotary_enable.is_some();
+        // The program is whole in the board: it runs to its end, and waits there.
+        let is_whole = self.finished && self.ahead == 0 && self.ending.is_none() && self.failure.is_none();
+        match self.phase {
+            Phase::Disable if !has_switch => Some(Phase::Point),
+            Phase::Enable if !has_switch => Some(Phase::Open),
+            Phase::Close if !self.opened => Some(Phase::EndTransfer),
+            Phase::EndTransfer if !self.switched || !has_switch => Some(Phase::DropLines),
+            Phase::DropLines if !self.set_up => Some(Phase::Over),
+            Phase::AskRuns if !self.runs || is_whole => Some(Phase::AskLeftAtEnd),
+            _ => None,
+        }
+    }
+
+    /// The step of this phase.
+    fn step(&mut self) -> Step {
+        let (cs, buffer) = (self.call.coordinate_system, self.call.buffer);
+        let timeout = if self.phase_is_of_end() { END_STEP } else { STEP };
+        let job = |job| Step::Job { job: Box::new(job), timeout };
+        let switch = |value: u8| {
+            let variable = self.call.family.i.rotary_enable.unwrap_or_default();
+            line(format_args!("I{variable}={value}"), timeout)
+        };
+        match self.phase {
+            Phase::Define => {
+                line(format_args!("&{cs}DEFINE ROT {}", self.call.define.unwrap_or_default()), timeout)
+            }
+            Phase::AskLeft | Phase::AskCleared | Phase::AskLeftAtEnd => {
+                line(format_args!("&{cs}PR"), timeout)
+            }
+            Phase::SeeHeader => Step::Read { first: self.call.header, count: HEADER_WORDS, timeout },
+            Phase::Disable | Phase::EndTransfer => switch(0),
+            Phase::Enable => switch(1),
+            Phase::OpenToClear | Phase::Open => line("OPEN ROT", timeout),
+            Phase::Clear => line(format_args!("&{cs}CLEAR"), timeout),
+            Phase::CloseCleared | Phase::Close => line("CLOSE", timeout),
+            Phase::Point => line(format_args!("&{cs}B0"), timeout),
+            Phase::SetUp => job(self.call.setup.clone()),
+            Phase::Feeding if !self.started => {
+                self.started = true;
+                Step::Answer(Reply::with(&RotaryStartReply { found_lines: self.found }))
+            }
+            Phase::Feeding if std::mem::take(&mut self.finish_asked) => {
+                if self.finished {
+                    return Step::Answer(Ok(Reply::done()));
+                }
+                self.finish_asked = true;
+                self.phase = Phase::Finish;
+                job(Job::RotaryFinish(buffer))
+            }
+            Phase::Feeding => {
+                self.phase = Phase::SeeFed;
+                job(Job::RotaryState(buffer))
+            }
+            Phase::SeeFed | Phase::SeeAhead => job(Job::RotaryState(buffer)),
+            Phase::Run => line(format_args!("&{cs}R"), timeout),
+            Phase::SeeRuns => Step::Control { character: ALL_STATUS, timeout },
+            Phase::Finish | Phase::DropLines => job(Job::RotaryFinish(buffer)),
+            Phase::AskRuns => line(format_args!("&{cs}??"), timeout),
+            Phase::Quit => line(format_args!("&{cs}Q"), timeout),
+            Phase::Over => Step::Over(self.result()),
+        }
+    }
+
+    fn phase_is_of_end(&self) -> bool {
+        use Phase::{AskLeftAtEnd, AskRuns, Close, DropLines, EndTransfer, Over, Quit, SeeAhead};
+        matches!(
+            self.phase,
+            Close | EndTransfer | DropLines | SeeAhead | AskRuns | Quit | AskLeftAtEnd | Over
+        )
+    }
+
+    fn result(&mut self) -> Result<Reply, CallError> {
+        let notes = std::mem::take(&mut self.notes);
+        notes.iter().for_each(|note| warn!("the end of a rotary stream: {note}"));
+        let why = self.ending.map(|why| why.to_string());
+        if !self.started {
+            let before =
+                || refused(format!("the stream was ended before it began: {}", why.unwrap_or_default()));
+            let error = self.failure.take().unwrap_or_else(before);
+            return Err(match error {
+                CallError::Refused { reason } if !notes.is_empty() => {
+                    refused(format!("{reason}; {}", notes.join("; ")))
+                }
+                error => error,
+            });
+        }
+        Reply::with(&RotaryStopReply {
+            reason: self.failure.take().map(|error| error.to_string()).or(why),
+            ahead_lines: self.ahead,
+            left_lines: self.left,
+            quit: self.quit,
+            notes,
+        })
+    }
+}
+
+impl Sequence for Rotary {
+    fn resource(&self) -> Resource {
+        Resource::Rotary(self.call.buffer)
+    }
+
+    fn name(&self) -> &str {
+        "rotary stream"
+    }
+
+    fn next(&mut self, done: Option<Done>, now: Instant) -> Step {
+        if let Some(done) = done
+            && let Err(error) = self.take(done, now)
+        {
+            self.failure.get_or_insert(error);
+        }
+        let ends = self.failure.is_some() || self.ending.is_some() || self.stop_asked;
+        if ends && !self.phase_is_of_end() {
+            (self.phase, self.rest) = (Phase::Close, None);
+        }
+        while let Some(next) = self.skips() {
+            self.phase = next;
+        }
+        match self.rest.take_if(|rest| *rest > now) {
+            Some(rest) if !self.finish_asked => {
+                self.rest = Some(rest);
+                Step::Wait(rest)
+            }
+            _ => self.step(),
+        }
+    }
+
+    fn watches(&self) -> bool {
+        true
+    }
+
+    fn asked(&mut self, call: SequenceCall, _: Instant) -> Result<(), CallError> {
+        match call {
+            SequenceCall::RotaryFinish(_) => self.finish_asked = true,
+            SequenceCall::RotaryStop(_) => self.stop_asked = true,
+            _ => return Err(refused("this connection streams already; RotaryStop ends that")),
+        }
+        Ok(())
+    }
+
+    fn end(&mut self, why: Ending) {
+        self.ending = Some(why);
+    }
+}
+
+/// The reply to `line`; what the board said to it, with `hint`, if it refused it.
+fn told(done: Done, line: &str, hint: &str) -> Result<Vec<String>, CallError> {
+    done.result.map_err(|error| match error {
+        CallError::Board { .. } => refused(format!("{line}: {error}{hint}")),
+        error => error,
+    })
+}
+
+/// The number in the reply to `PR`.
+fn lines_left(reply: &[String]) -> Result<u64, CallError> {
+    let number = reply.first().and_then(|line| answer::integer(line));
+    number.and_then(|number| u64::try_from(number).ok()).ok_or_else(|| {
+        refused(format!(
+            "the board answers {reply:?} to PR, which should be a number of lines; nothing was sent"
+        ))
+    })
+}
+
+fn refused(reason: impl Into<String>) -> CallError {
+    CallError::Refused { reason: reason.into() }
+}

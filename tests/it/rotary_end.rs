@@ -1,0 +1,179 @@
+//! What a rotary stream finds in the board's buffers, and what its end leaves there, whatever the end is.
+
+use std::process::{Child, Output, Stdio};
+use std::time::Duration;
+
+use pmac_dpram::client::{RotaryFeed, RotaryLine, RotaryPlace};
+
+use crate::support::{PATIENCE, VirtualSite, output_within};
+
+const PLACE: RotaryPlace = RotaryPlace {
+    buffer: 1,
+    start: None,
+    size_longs: Some(40),
+    coordinate_system: 1,
+    coordinate_system_base: 1,
+    define_longs: Some(100),
+    left: None,
+    run: true,
+    may_stand: false,
+};
+
+fn ended(site: &VirtualSite, mut child: Child) -> Output {
+    site.hurried(|| output_within(&mut child, PATIENCE))
+}
+
+fn running() -> VirtualSite {
+    let site = VirtualSite::running(&[], &[]);
+    site.wait_for_live_servo();
+    site.wait_until("a board that takes commands", || site.pmacctl(&["send", "&1 #1->X #2->Y"]).0 == 0);
+    site
+}
+
+/// Begins to stream a program of 2000 moves by one count each, and waits until it runs.
+fn long_stream(site: &VirtualSite) -> Child {
+    let file = site.file("long.pmc", &("LINEAR INC TM20\n".to_owned() + &"X1\n".repeat(2000)));
+    let child = site
+        .command(&["rotary", "stream", &file, "--define", "100", "--size", "40", "--run"])
+        .stdout(Stdio::null())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut connection = site.connection();
+    site.wait_until("a program that runs", || {
+        connection.rotary_state(1).is_ok_and(|state| state.sent_lines - state.ahead_lines > 150)
+    });
+    child
+}
+
+/// Streams a program that goes to X 7.
+fn short_stream(site: &VirtualSite, arguments: &[&str]) -> (i32, String, String) {
+    let file = site.file("short.pmc", "LINEAR ABS TM20\nX7\n");
+    site.pmacctl(&[&["rotary", "stream", &file, "--run"], arguments].concat())
+}
+
+fn position(site: &VirtualSite) -> f64 {
+    site.ask("#1P")[0].parse().unwrap()
+}
+
+/// The board's own rotary buffer holds lines, no buffer is open, the transfer is off, and nothing moves.
+#[track_caller]
+fn assert_ended(site: &VirtualSite) {
+    site.wait_until("the end of the stream", || {
+        // With a buffer open it would be no question.
+        site.ask("I57") == ["0"] && !runs(site)
+    });
+    let left: u64 = site.ask("&1PR")[0].parse().unwrap();
+    assert!(left > 10, "{left}");
+    let stands = position(site);
+    site.run_for(Duration::from_millis(500));
+    assert!((position(site) - stands).abs() < 1.0, "nothing moves that nobody asked for");
+    site.assert_no_violations();
+}
+
+fn runs(site: &VirtualSite) -> bool {
+    let status = site.ask("&1??");
+    pmac_dpram::map::status::reply_has(
+        &status[0],
+        pmac_dpram::map::PMAC.status.coordinate_system,
+        "running_program",
+    )
+}
+
+#[test]
+fn b1_5_a_stream_after_an_abort_does_not_run_the_lines_that_are_left() {
+    let site = running();
+    let child = long_stream(&site);
+    assert_eq!(site.pmacctl(&["abort"]).0, 0);
+    let ran = ended(&site, child);
+    let stderr = String::from_utf8_lossy(&ran.stderr).into_owned();
+    assert_eq!(ran.status.code(), Some(1), "{stderr}");
+    assert!(stderr.contains("sent ^A") && stderr.contains("are left in &1's rotary buffer"), "{stderr}");
+    assert_ended(&site);
+    let (stands, left) = (position(&site), site.ask("&1PR")[0].clone());
+    let (status, _, stderr) = short_stream(&site, &[]);
+    assert_eq!(status, 1);
+    assert!(stderr.contains(&format!("{left} lines of an earlier program are left")), "{stderr}");
+    site.run_for(Duration::from_secs(1));
+    assert!((position(&site) - stands).abs() < 1.0);
+    assert_eq!(site.ask("&1PR"), [left], "nothing was sent");
+    // Those in the DPRAM came after those in the board, and are gone: what is left cannot be continued.
+    let (status, _, stderr) = short_stream(&site, &["--continue"]);
+    assert!(status == 1 && stderr.contains("there would be a gap"), "{stderr}");
+    let (status, _, stderr) = short_stream(&site, &["--clear"]);
+    assert!(status == 0 && stderr.contains("have been deleted"), "{stderr}");
+    site.wait_until("the target", || (position(&site) - 7.0).abs() < 0.6);
+    site.assert_no_violations();
+}
+
+#[test]
+fn b1_5_what_is_left_runs_first_when_that_is_asked_for() {
+    let site = running();
+    let file = site.file("first.pmc", "LINEAR INC TM20\nX50\n");
+    assert_eq!(site.pmacctl(&["rotary", "stream", &file, "--define", "100"]).0, 0);
+    assert_eq!(site.ask("&1PR"), ["2"]);
+    let file = site.file("second.pmc", "INC\nX30\n");
+    let (status, _, stderr) = site.pmacctl(&["rotary", "stream", &file, "--run", "--continue"]);
+    assert!(status == 0 && stderr.contains("2 lines were left"), "{stderr}");
+    site.wait_until("both moves", || (position(&site) - 80.0).abs() < 0.6);
+    site.assert_no_violations();
+}
+
+#[test]
+fn b1_5_a_stream_notices_that_its_program_was_stopped() {
+    let site = running();
+    let child = long_stream(&site);
+    // ^Q ends every program; no board says so by itself.
+    assert_eq!(site.pmacctl(&["send", "^Q"]).0, 0);
+    let ran = ended(&site, child);
+    let stderr = String::from_utf8_lossy(&ran.stderr).into_owned();
+    assert_eq!(ran.status.code(), Some(1), "{stderr}");
+    assert!(stderr.contains("does not run its rotary program any more"), "{stderr}");
+    assert!(stderr.contains("lines were sent") && stderr.contains("are left in &1's"), "{stderr}");
+    assert_ended(&site);
+}
+
+#[test]
+fn b1_1_a_stream_whose_client_is_killed_ends_its_program() {
+    let site = running();
+    let mut child = long_stream(&site);
+    child.kill().unwrap();
+    child.wait().unwrap();
+    assert_ended(&site);
+    assert!(site.log().contains("its client is gone"), "{}", site.log());
+    assert_eq!(short_stream(&site, &["--clear"]).0, 0, "the place is free");
+}
+
+#[test]
+fn b1_1_a_stream_whose_client_is_silent_ends_its_program() {
+    let site = running();
+    let lines: Vec<RotaryLine> = vec![vec![(0x000E23, 0x500000), (0x000661, 0x980000)]; 400];
+    let mut owner = site.connection();
+    owner.rotary_start(PLACE).unwrap();
+    let mut feed = RotaryFeed::new(owner, 1, &lines);
+    while feed.inside() < 60 {
+        feed.step().unwrap();
+    }
+    let other = site.connection().rotary_start(RotaryPlace { define_longs: None, ..PLACE }).unwrap_err();
+    let pid = std::process::id();
+    assert!(other.to_string().contains(&format!("(pid {pid}) has run a rotary stream")), "{other}");
+    let stranger = RotaryFeed::new(site.connection(), 1, &lines).step().unwrap_err();
+    assert!(stranger.to_string().contains("no stream"), "{stranger}");
+    site.run_for(Duration::from_secs(8));
+    let stop = feed.stop().unwrap();
+    assert_eq!(stop.reason.as_deref(), Some("its client is silent"), "{stop:?}");
+    assert!(!runs(&site) && site.ask("I57") == ["0"]);
+    site.assert_no_violations();
+}
+
+#[test]
+fn b1_1_a_daemon_that_stops_ends_the_program_of_a_stream() {
+    let site = running();
+    let child = long_stream(&site);
+    site.stop_daemon();
+    let ran = ended(&site, child);
+    assert_ne!(ran.status.code(), Some(0), "{ran:?}");
+    site.start_daemon(&[]);
+    site.wait_until("a board that takes commands", || site.pmacctl(&["send", "I58"]).0 == 0);
+    assert_ended(&site);
+}
