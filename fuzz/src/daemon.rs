@@ -25,7 +25,7 @@ use pmac_dpram::map::{
     BufferLayout, BufferSettings, Family, GatherPlace, HostOffset, Layout, PMAC, Space, VariableKind, pmac,
 };
 use pmac_dpram::mirror::{BackgroundMirror, GatherClock, ServoMirror, VariableMirror, gather, variable};
-use pmac_dpram::protocol::{Function, Functions};
+use pmac_dpram::protocol::{BoardSettings, Function};
 use pmac_dpram::segment::identity::first_motors;
 use pmac_dpram::segment::{CreateOptions, Identity, Publisher, RegionId, RegionSpec, SegmentName};
 
@@ -114,7 +114,7 @@ pub fn body(data: &[u8]) {
                 CommandLines::new(AsciiQueue::new(port, identifier, clock.clone()), None, None),
                 VariableMirror::new(&plan, mode, clock.clone()),
                 plan,
-                &Functions::default(),
+                &BoardSettings::default(),
                 clock.clone(),
             ),
             time,

@@ -96,7 +96,7 @@ impl Parts {
             CommandLines::new(AsciiQueue::new(ports, identifier, clock.clone()), interrupt, host_port),
             VariableMirror::new(&layout, mode, clock.clone()),
             layout,
-            &reading.functions,
+            reading,
             clock.clone(),
         );
         let configured = Configured {

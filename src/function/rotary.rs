@@ -13,6 +13,7 @@
 
 use crate::device::{Bus, BusError};
 use crate::map::functions::rotary_header;
+use crate::map::readings::RotaryHeader;
 use crate::map::{Family, HostOffset};
 use crate::rotary::{END_MARKER, START_OF_LINE};
 
@@ -153,6 +154,8 @@ pub struct RotaryStream {
     start: HostOffset,
     /// The ring's length in longs; 0 as long as the buffer has not been set up.
     size: u32,
+    /// What the header's last two words are.
+    order: RotaryHeader,
     /// The host's index, as the board has it.
     host: u32,
     /// Longs that PMAC had not taken at the last look.
@@ -182,6 +185,7 @@ impl RotaryStream {
             header,
             start: family.user_area.start,
             size: 0,
+            order: RotaryHeader::default(),
             host: 0,
             ahead: 0,
             sent_longs: 0,
@@ -194,6 +198,12 @@ impl RotaryStream {
             finished: false,
         };
         family.rotary.headers.iter().map(stream).collect()
+    }
+
+    /// The stream, on a board that reads its header so.
+    #[must_use]
+    pub fn with_header(self, order: RotaryHeader) -> Self {
+        Self { order, ..self }
     }
 
     /// Sets the buffer up, empty. The transfer must be disabled (I57=0) until this has returned.
@@ -225,8 +235,9 @@ impl RotaryStream {
         put(bus, start, END_MARKER)?;
         let word = u16::from(coordinate_system) + u16::from(base) - 1;
         bus.write16(header.plus_words(rotary_header::COORDINATE_SYSTEM), word)?;
-        bus.write16(header.plus_words(rotary_header::START), self.family.start.start_word(start))?;
-        bus.write16(header.plus_words(rotary_header::SIZE), size as u16)?;
+        let [start_at, size_at] = self.order.start_and_size();
+        bus.write16(header.plus_words(start_at), self.family.start.start_word(start))?;
+        bus.write16(header.plus_words(size_at), size as u16)?;
         let status = header.plus_words(rotary_header::STATUS);
         if bus.read16(status)? != 0 {
             bus.write16(status, 0)?;

@@ -3,31 +3,8 @@
 
 use serde::Serialize;
 
+use super::readings::{GatherPosition, GatherSizeWord, Readings};
 use super::{Block, Family, Firmware, GatherPlace, HostOffset, Register, SourceAt, Space, Width};
-
-/// Where firmware that moves the gather buffer keeps the size word. No text says; a setting until a board is seen.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Deserialize, Serialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum GatherSizeWord {
-    /// Beside the index, as in the printed layout (0x08FC).
-    #[default]
-    WithIndex,
-    /// Where it is printed (0x07FC).
-    AsPrinted,
-}
-
-/// Where the gather buffer and its index lie. That some firmware moves them is known from one driver's table only.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Deserialize, Serialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum GatherPosition {
-    /// Where that table has them for the board's firmware; as printed while the firmware is not known.
-    #[default]
-    ByFirmware,
-    /// At $D200, index at 0x07FE, as printed.
-    Printed,
-    /// At $D240, index at 0x08FE, whatever the firmware.
-    Moved,
-}
 
 /// The register map of one board.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -74,18 +51,13 @@ impl Layout {
     /// The layout of `family`; without `firmware`, as printed.
     #[must_use]
     pub fn new(family: &'static Family, firmware: Option<Firmware>) -> Self {
-        Self::with_gather(family, firmware, GatherPosition::default(), GatherSizeWord::default())
+        Self::read_by(family, firmware, Readings::default())
     }
 
-    /// As [`Layout::new`], with a choice for what no manual tells of the gather buffer.
+    /// As [`Layout::new`], on a board with these readings.
     #[must_use]
-    pub fn with_gather(
-        family: &'static Family,
-        firmware: Option<Firmware>,
-        position: GatherPosition,
-        size_word: GatherSizeWord,
-    ) -> Self {
-        let moved = match position {
+    pub fn read_by(family: &'static Family, firmware: Option<Firmware>, readings: Readings) -> Self {
+        let moved = match readings.gather_position {
             GatherPosition::ByFirmware => firmware
                 .is_some_and(|version| family.gather_moved_in.iter().any(|name| name.parse() == Ok(version))),
             GatherPosition::Printed => false,
@@ -95,7 +67,7 @@ impl Layout {
         let shift = |offset: HostOffset| offset.plus_words(family.gather_shift as usize / 2);
         let gather = if moved {
             GatherPlace {
-                size: match size_word {
+                size: match readings.gather_size_word {
                     GatherSizeWord::WithIndex => shift(printed.size),
                     GatherSizeWord::AsPrinted => printed.size,
                 },
@@ -248,9 +220,10 @@ mod tests {
 
     #[test]
     fn listed_firmware_moves_the_gather_buffer_and_no_other() {
-        let at = |version: Option<&str>, size_word| {
+        let at = |version: Option<&str>, gather_size_word| {
             let firmware = version.map(|text| text.parse().unwrap());
-            let place = Layout::with_gather(&PMAC, firmware, GatherPosition::ByFirmware, size_word).gather();
+            let readings = Readings { gather_size_word, ..Readings::default() };
+            let place = Layout::read_by(&PMAC, firmware, readings).gather();
             [place.size, place.index, place.buffer].map(HostOffset::bytes)
         };
         let printed = [0x07FC, 0x07FE, 0x0800];

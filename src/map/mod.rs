@@ -40,7 +40,7 @@ pub use functions::{
     PanelBlock, RecordBits, RotaryHeaders, Run, ServoBlock, StartRule, Timer, VariableKind, VariableRead,
     VariableWrite,
 };
-pub use layout::{Entry, GatherPosition, GatherSizeWord, Layout, MapRecord, records};
+pub use layout::{Entry, Layout, MapRecord, records};
 pub use readings::{READINGS, Readings};
 pub use region::Region;
 pub use register::{BadRegister, PmacRegister};

@@ -5,7 +5,11 @@
 //! what it cannot find out by itself, and `docs/readings.md` has a row for each. The first value is the one that fits
 //! the manuals best.
 
+use std::fmt;
+
 use serde::{Deserialize, Serialize};
+
+use super::functions::rotary_header;
 
 /// A name of [`Readings`] and the values it takes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -22,12 +26,21 @@ const fn found_out(name: &'static str, values: &'static [&'static str]) -> Readi
     Reading { name, values, found_out: true }
 }
 
+const fn set(name: &'static str, values: &'static [&'static str]) -> Reading {
+    Reading { name, values, found_out: false }
+}
+
 /// Every reading.
 pub static READINGS: &[Reading] = &[
     found_out("reply_count", &["with_nul", "without_nul"]),
     found_out("control_flag", &["own", "line"]),
     found_out("line_flag", &["taken", "done"]),
     found_out("reply_end", &["ack", "silence"]),
+    set("rotary_code2", &["bit12", "bit16"]),
+    set("rotary_bit_codes", &["diagram", "table"]),
+    set("rotary_header", &["size_first", "start_first"]),
+    set("gather_position", &["by_firmware", "printed", "moved"]),
+    set("gather_size_word", &["with_index", "as_printed"]),
 ];
 
 /// What the word before a reply counts (0x06D2; DPRAM manual p. 29).
@@ -74,6 +87,104 @@ pub enum ReplyEnd {
     Silence,
 }
 
+/// Where CODE2 of ABS, INC and FRAX stands in word 1 of a binary rotary command (DPRAM manual p. 33, diagrams B and C).
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum RotaryCode2 {
+    /// In bits 13-12, beside the start-of-line bit, as in the other commands with a sub-code.
+    #[default]
+    Bit12,
+    /// From bit 16 on, above the unused field that the diagrams draw between it and the start-of-line bit.
+    Bit16,
+}
+
+impl RotaryCode2 {
+    /// The lowest bit of the field.
+    #[must_use]
+    pub const fn lowest_bit(self) -> u32 {
+        match self {
+            Self::Bit12 => 12,
+            Self::Bit16 => 16,
+        }
+    }
+}
+
+/// Which of two printed code assignments applies to the bit-wise assignments of M-variables (DPRAM manual p. 31 and 35).
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum BitCodes {
+    /// 1 is `^=`, 2 is `&=`: the field diagram and its note (two places out of three).
+    #[default]
+    Diagram,
+    /// 1 is `&=`, 2 is `^=`: the summary table of type 2.
+    Table,
+}
+
+/// What stands in Y:$D1FE and X:$D1FE, the last two words of a rotary header (DPRAM manual p. 30).
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum RotaryHeader {
+    /// The size, then the start: the vendor's own headers.
+    #[default]
+    SizeFirst,
+    /// The start, then the size: "the start and size … in 0x07F8 and 0x07FA".
+    StartFirst,
+}
+
+impl RotaryHeader {
+    /// Which words of the header hold start and size.
+    #[must_use]
+    pub const fn start_and_size(self) -> [usize; 2] {
+        match self {
+            Self::SizeFirst => [rotary_header::START, rotary_header::SIZE],
+            Self::StartFirst => [rotary_header::SIZE, rotary_header::START],
+        }
+    }
+}
+
+/// Where the gather buffer and its index lie (DPRAM manual p. 25; one driver's table tells of firmware that moved them).
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum GatherPosition {
+    /// Where that table has them for the board's firmware; as printed while the firmware is not known.
+    #[default]
+    ByFirmware,
+    /// At $D200, index at 0x07FE, as printed.
+    Printed,
+    /// At $D240, index at 0x08FE, whatever the firmware.
+    Moved,
+}
+
+/// Where firmware that moves the gather buffer keeps the size word. No text says.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum GatherSizeWord {
+    /// Beside the index, as in the printed layout (0x08FC).
+    #[default]
+    WithIndex,
+    /// Where it is printed (0x07FC).
+    AsPrinted,
+}
+
+impl fmt::Display for GatherPosition {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::ByFirmware => "by_firmware",
+            Self::Printed => "printed",
+            Self::Moved => "moved",
+        })
+    }
+}
+
+impl fmt::Display for GatherSizeWord {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::WithIndex => "with_index",
+            Self::AsPrinted => "as_printed",
+        })
+    }
+}
+
 /// One value of each reading.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -86,6 +197,16 @@ pub struct Readings {
     pub line_flag: LineFlag,
     /// How the end of a reply shows.
     pub reply_end: ReplyEnd,
+    /// Where CODE2 of ABS, INC and FRAX stands.
+    pub rotary_code2: RotaryCode2,
+    /// The codes of `^=` and `&=`.
+    pub rotary_bit_codes: BitCodes,
+    /// What the last two words of a rotary header are.
+    pub rotary_header: RotaryHeader,
+    /// Where the gather buffer and its index lie.
+    pub gather_position: GatherPosition,
+    /// Where the size word of a moved gather buffer is.
+    pub gather_size_word: GatherSizeWord,
 }
 
 /// A name or value that is none.
@@ -134,6 +255,18 @@ mod tests {
             // The error of a value that is none lists those there are.
             let error = Readings::default().with(&format!("{}=x", reading.name)).unwrap_err().to_string();
             assert_eq!(error.matches('`').count(), 2 * (1 + reading.values.len()), "{error}");
+        }
+    }
+
+    #[test]
+    fn readings_that_messages_name_are_named_as_they_are_written() {
+        for position in [GatherPosition::ByFirmware, GatherPosition::Printed, GatherPosition::Moved] {
+            let readings = Readings::default().with(&format!("gather_position={position}")).unwrap();
+            assert_eq!(readings.gather_position, position);
+        }
+        for word in [GatherSizeWord::WithIndex, GatherSizeWord::AsPrinted] {
+            let readings = Readings::default().with(&format!("gather_size_word={word}")).unwrap();
+            assert_eq!(readings.gather_size_word, word);
         }
     }
 

@@ -3,6 +3,7 @@
 //! The payload is described in [`crate::segment::payload::gather`]. A ring of [`SLOTS`] payloads holds more than 8 s of eight longs
 //! at 2.26 kHz; a reader that comes later knows by the numbers what it missed. The region is live while a gather is followed.
 
+use std::fmt;
 use std::time::{Duration, Instant};
 
 use crate::clock::Clock;
@@ -11,7 +12,8 @@ use crate::function::gather::{
     GatherBuffer, GatherError, GatherPoll, GatherReader, GatherStart, chunk_longs, report_cycles,
 };
 use crate::function::servo_timer::ServoTimer;
-use crate::map::{Family, ServoBlock};
+use crate::map::readings::{GatherPosition, GatherSizeWord};
+use crate::map::{Family, GatherPlace, HostOffset, Layout, Readings, ServoBlock};
 use crate::segment::payload::gather::{GatherChunk, GatherPhase, payload_words};
 use crate::segment::{BlockPlace, Publisher, RegionId, RegionSpec, RegionState, Stamp};
 
@@ -70,14 +72,89 @@ pub enum NotFollowed {
     /// What was read says nothing.
     #[error("the daemon was held up; try again")]
     HeldUp,
-    /// The board's words are not those of this buffer.
-    #[error("this is not the buffer that the board has: {0:?}")]
-    NotTheBuffer(GatherPoll),
+    /// The size stands elsewhere: the board reads the manual otherwise.
+    #[error(
+        "the board keeps its gather buffer elsewhere: DEFINE GATHER {size} left {size} at {at}; under [readings] in pmacd's \
+         configuration write {fit}"
+    )]
+    Elsewhere {
+        /// The size that was defined.
+        size: u32,
+        /// Where it stands.
+        at: HostOffset,
+        /// The readings by which it stands there.
+        fit: Fitting,
+    },
+    /// The board's words are not those of this buffer, nor are any others.
+    #[error(
+        "DEFINE GATHER {size} should have left {size} at {0} and 0 at {1}, where {found} and {index} stand, and {size} \
+         stands nowhere else; has somebody else defined a buffer, or is I45 neither 2 nor 3?",
+        place.size, place.index
+    )]
+    NotTheBuffer {
+        /// The size that was defined.
+        size: u32,
+        /// Where the board should have its words.
+        place: GatherPlace,
+        /// What stands at the size's place.
+        found: u16,
+        /// What stands at the index's place.
+        index: u16,
+    },
+}
+
+/// Where a gather buffer may lie.
+const PLACES: [(GatherPosition, GatherSizeWord); 3] = [
+    (GatherPosition::Printed, GatherSizeWord::WithIndex),
+    (GatherPosition::Moved, GatherSizeWord::WithIndex),
+    (GatherPosition::Moved, GatherSizeWord::AsPrinted),
+];
+
+/// Which of [`PLACES`] fit what the board has written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Fitting([bool; PLACES.len()]);
+
+impl fmt::Display for Fitting {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let fitting = PLACES.iter().zip(self.0).filter(|(_, fits)| *fits);
+        for (index, ((position, size_word), _)) in fitting.enumerate() {
+            let or = if index > 0 { ", or else " } else { "" };
+            write!(f, "{or}gather_position = \"{position}\"")?;
+            if *position == GatherPosition::Moved {
+                write!(f, " and gather_size_word = \"{size_word}\"")?;
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Looks which word became the size that `DEFINE GATHER` was given, where the index that goes with it is 0.
+fn look_elsewhere(
+    bus: &mut impl Bus,
+    family: &'static Family,
+    buffer: &GatherBuffer,
+) -> Result<NotFollowed, BusError> {
+    let (size, place) = (buffer.size_longs, buffer.place);
+    let (mut fit, mut at) = ([false; PLACES.len()], place.size);
+    for (fits, (gather_position, gather_size_word)) in fit.iter_mut().zip(PLACES) {
+        let readings = Readings { gather_position, gather_size_word, ..Readings::default() };
+        let found = Layout::read_by(family, None, readings).gather();
+        *fits = found != place && u32::from(bus.read16(found.size)?) == size && bus.read16(found.index)? == 0;
+        if *fits {
+            at = found.size;
+        }
+    }
+    if fit.contains(&true) {
+        return Ok(NotFollowed::Elsewhere { size, at, fit: Fitting(fit) });
+    }
+    let (found, index) = (bus.read16(place.size)?, bus.read16(place.index)?);
+    Ok(NotFollowed::NotTheBuffer { size, place, found, index })
 }
 
 /// Follows one gather at a time.
 pub struct GatherMirror {
     time: Clock,
+    family: &'static Family,
     /// The gather that is followed.
     reader: Option<GatherReader>,
     clock: GatherClock,
@@ -95,6 +172,7 @@ impl GatherMirror {
     pub fn new(family: &'static Family, time: Clock) -> Self {
         let report = &family.servo;
         Self {
+            family,
             reader: None,
             clock: GatherClock::Report,
             report,
@@ -131,7 +209,9 @@ impl GatherMirror {
             GatherPoll::Idle => None,
             GatherPoll::Samples { .. } | GatherPoll::Ended => Some(NotFollowed::Runs),
             GatherPoll::Disturbed => Some(NotFollowed::HeldUp),
-            other => Some(NotFollowed::NotTheBuffer(other)),
+            GatherPoll::OutOfRange { .. } | GatherPoll::Redefined { .. } | GatherPoll::Interrupted => {
+                Some(look_elsewhere(bus, self.family, &buffer)?)
+            }
         };
         if let Some(reason) = reason {
             return Ok(Err(reason));

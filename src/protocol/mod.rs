@@ -27,7 +27,7 @@ pub use message::{Call, Reply};
 pub use mirror_selection::{BackgroundSettings, ServoSettings};
 pub use open_buffer::OpenBuffer;
 pub use parameters::parameters;
-pub use settings::{BoardSettings, GatherSettings, VariableMode, VariablesSettings};
+pub use settings::{BoardSettings, VariableMode, VariablesSettings};
 
 /// The name of our interface.
 pub const BOARD: &str = "io.github.pmac-dpram.Board";

@@ -7,7 +7,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::{BackgroundSettings, Functions, ServoSettings};
-use crate::map::{BufferSettings, GatherPosition, GatherSizeWord, Readings};
+use crate::map::{BufferSettings, Family, Firmware, Layout, Readings};
 use crate::rotary;
 
 /// All of them.
@@ -22,8 +22,6 @@ pub struct BoardSettings {
     pub background: BackgroundSettings,
     /// Sizes and places of the buffers in the user area.
     pub plan: BufferSettings,
-    /// Where gathering lies.
-    pub gather: GatherSettings,
     /// How background variables are read.
     pub variables: VariablesSettings,
     /// What sentences of the manual mean that can be read two ways.
@@ -32,14 +30,18 @@ pub struct BoardSettings {
     pub rotary: rotary::Settings,
 }
 
-/// Where gathering lies. One driver's table tells of firmware that moved it; no manual does.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct GatherSettings {
-    /// The buffer and its index: where the board's firmware has them, or told outright.
-    pub position: GatherPosition,
-    /// The size word, where the buffer has been moved.
-    pub size_word: GatherSizeWord,
+impl BoardSettings {
+    /// The register map of a board of `family` with `firmware` and these readings.
+    #[must_use]
+    pub fn layout(&self, family: &'static Family, firmware: Option<Firmware>) -> Layout {
+        Layout::read_by(family, firmware, self.readings)
+    }
+
+    /// The binary rotary format, with the readings.
+    #[must_use]
+    pub fn rotary_format(&self) -> rotary::Settings {
+        rotary::Settings { readings: self.readings, ..self.rotary.clone() }
+    }
 }
 
 /// How background variables are read.
@@ -64,14 +66,15 @@ pub enum VariableMode {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::map::readings::{GatherPosition, GatherSizeWord};
 
     #[test]
     fn the_tables_are_written_by_name_and_come_back() {
-        let text = "[gather]\nposition = \"moved\"\nsize_word = \"as-printed\"\n[variables]\nmode = \"multi-user\"\n\
+        let text = "[readings]\ngather_position = \"moved\"\ngather_size_word = \"as_printed\"\n[variables]\nmode = \"multi-user\"\n\
                     [plan]\nrotary_start = [0xDE00, 0]\n[rotary]\nexponent_bias = 30\n";
         let settings: BoardSettings = toml::from_str(text).unwrap();
-        assert_eq!(settings.gather.position, GatherPosition::Moved);
-        assert_eq!(settings.gather.size_word, GatherSizeWord::AsPrinted);
+        assert_eq!(settings.readings.gather_position, GatherPosition::Moved);
+        assert_eq!(settings.readings.gather_size_word, GatherSizeWord::AsPrinted);
         assert_eq!(settings.variables.mode, VariableMode::MultiUser);
         assert_eq!(
             (settings.plan.rotary_start.as_slice(), settings.plan.gather_longs),
@@ -80,6 +83,6 @@ mod tests {
         assert_eq!(settings.rotary.exponent_bias, 30);
         let json = serde_json::to_string(&settings).unwrap();
         assert_eq!(serde_json::from_str::<BoardSettings>(&json).unwrap(), settings);
-        assert!(toml::from_str::<BoardSettings>("[gather]\nplace = 1\n").is_err());
+        assert!(toml::from_str::<BoardSettings>("[readings]\nplace = 1\n").is_err());
     }
 }

@@ -6,7 +6,8 @@
 use super::codes::{self, AXES, CODES, Code, DATA, LATER, MODES, Shape};
 use super::float::{Float, Width};
 use super::program::START_OF_LINE;
-use super::settings::{BitCodes, Settings};
+use super::settings::Settings;
+use crate::map::readings::BitCodes;
 
 /// A command's operand.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -90,7 +91,7 @@ impl Item {
             }
             (Shape::Bare { code2 }, _) => (mode_code(code2, settings) | first(MODES, 0), 0),
             (Shape::Axes { code2, .. }, Argument::Axes(axes)) => {
-                (u32::from(code2) << 12 | first(MODES, 2), axis_mask(code2, axes, settings))
+                (axes_code(code2, settings) | first(MODES, 2), axis_mask(code2, axes, settings))
             }
             (Shape::Motors { subcode }, Argument::Motors(motors)) => (first(MODES, subcode), motors.into()),
             (Shape::Plcs { code2 }, Argument::Plcs(plcs)) => {
@@ -111,6 +112,7 @@ impl Item {
         let low = (word1 & 0x3F) as u8;
         let high = (word1 >> 16) as u8;
         let two_bits = (word1 >> 12 & 3) as u8;
+        let axes = (word1 >> settings.readings.rotary_code2.lowest_bit() & 3) as u8;
         let mode = (word1 >> settings.mode_code_bit & 0x1F) as u8;
         let is_wait = code1 == MODES && low == 0 && mode == 8;
         let code = CODES.iter().find(|code| match code.shape {
@@ -120,7 +122,7 @@ impl Item {
                 code1 == own && two_bits == bit_code(own, code2, settings)
             }
             Shape::Count { code2 } | Shape::Bare { code2 } => code1 == MODES && low == 0 && mode == code2,
-            Shape::Axes { code2, .. } => code1 == MODES && low == 2 && two_bits == code2,
+            Shape::Axes { code2, .. } => code1 == MODES && low == 2 && axes == code2,
             Shape::Motors { subcode } => code1 == MODES && low == subcode,
             Shape::Plcs { code2 } => code1 == MODES && low == 1 && two_bits & 1 == code2,
         });
@@ -174,7 +176,7 @@ const fn shape_code1(shape: Shape) -> u8 {
 
 /// CODE2 of an assignment, with the codes of `^=` and `&=` from the settings.
 const fn bit_code(code1: u8, code2: u8, settings: &Settings) -> u8 {
-    match (settings.bit_codes, code1, code2) {
+    match (settings.readings.rotary_bit_codes, code1, code2) {
         (BitCodes::Table, LATER, 1) => 2,
         (BitCodes::Table, LATER, 2) => 1,
         _ => code2,
@@ -183,6 +185,10 @@ const fn bit_code(code1: u8, code2: u8, settings: &Settings) -> u8 {
 
 const fn mode_code(code2: u8, settings: &Settings) -> u32 {
     (code2 as u32) << settings.mode_code_bit & WORD
+}
+
+fn axes_code(code2: u8, settings: &Settings) -> u32 {
+    u32::from(code2) << settings.readings.rotary_code2.lowest_bit()
 }
 
 /// The bits of `axes` (see [`Argument::Axes`]) in word 2 of ABS, INC (`code2` 0, 1) or FRAX (2).
@@ -214,7 +220,13 @@ pub(super) fn axis_bit(code: &codes::Code) -> Option<u16> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::map::Readings;
+    use crate::map::readings::RotaryCode2;
     use proptest::prelude::*;
+
+    fn with(readings: Readings) -> Settings {
+        Settings { readings, ..Settings::default() }
+    }
 
     #[test]
     fn words_of_no_command_are_refused() {
@@ -243,10 +255,26 @@ mod tests {
         assert_eq!(abs(1 | VECTORS, &moved), (0x000782, 0x000006));
         let linear = Item { code: codes::find("LINEAR").unwrap(), argument: Argument::None };
         assert_eq!(linear.words(&Settings { mode_code_bit: 19, ..Settings::default() }), (0x080780, 0));
-        let table = Settings { bit_codes: BitCodes::Table, ..Settings::default() };
+        let table = with(Readings { rotary_bit_codes: BitCodes::Table, ..Readings::default() });
         let xor = Item::from_words(0x05_23C7, 0x7F8000, &table).unwrap();
         assert_eq!(xor.code.name, "M^=");
         assert_eq!(Item::from_words(0x05_13C7, 0x7F8000, &table).unwrap().code.name, "M&=");
+    }
+
+    #[test]
+    fn b3_4_code2_of_the_axis_lists_stands_where_the_reading_has_it() {
+        for (rotary_code2, words) in [
+            (RotaryCode2::Bit12, [0x000782, 0x001782, 0x002782]),
+            (RotaryCode2::Bit16, [0x000782, 0x010782, 0x020782]),
+        ] {
+            let settings = with(Readings { rotary_code2, ..Readings::default() });
+            for (name, word1) in ["ABS", "INC", "FRAX"].into_iter().zip(words) {
+                let item = Item { code: codes::find(name).unwrap(), argument: Argument::Axes(1 << 6) };
+                let (first, second) = item.words(&settings);
+                assert_eq!(first, word1, "{rotary_code2:?} {name}");
+                assert_eq!(Item::from_words(first, second, &settings), Ok(item));
+            }
+        }
     }
 
     #[test]

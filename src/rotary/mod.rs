@@ -31,4 +31,4 @@ pub use decompile::{DecodeError, Decompiled, Note, decompile};
 pub use item::{Argument, Item};
 pub use program::{Command, END_MARKER, Line, Program, START_OF_LINE};
 pub use reason::{Placed, Reason, Report, Warning};
-pub use settings::{BitCodes, Settings, SettingsError};
+pub use settings::{Settings, SettingsError};

@@ -1,21 +1,12 @@
 //! What the documents leave open about the binary rotary format, one named setting each.
 //!
-//! The manual prints the fields of a command, but neither the bias of its exponent nor all bits of its axis masks, and
-//! it contradicts itself once. The defaults are the readings that agree best with the rest; none has been confirmed on
+//! The manual prints the fields of a command, but neither the bias of its exponent nor all bits of its axis masks; and
+//! it can be read two ways ([`crate::map::readings`]). The defaults are the readings that agree best with the rest; none has been confirmed on
 //! a board.
 
 use serde::{Deserialize, Serialize};
 
-/// Which of two printed code assignments applies to the bit-wise assignments of M-variables.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum BitCodes {
-    /// 1 is `^=`, 2 is `&=`: the field diagram and its note (two places out of three).
-    #[default]
-    Diagram,
-    /// 1 is `&=`, 2 is `^=`: the summary table of type 2.
-    Table,
-}
+use crate::map::Readings;
 
 /// The open points of the format, for both directions.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -26,8 +17,9 @@ pub struct Settings {
     pub exponent_bias: u8,
     /// The exponent field of zero, 0 to 63.
     pub zero_exponent: u8,
-    /// The codes of `^=` and `&=`.
-    pub bit_codes: BitCodes,
+    /// What the manual says of the format in two ways. It has a table of its own in the daemon's configuration.
+    #[serde(skip)]
+    pub readings: Readings,
     /// Lowest bit of CODE2 in word 1 of the mode commands (CODE1 30, sub-code 0), 12 to 19. The diagram shows the field
     /// without bit numbers; in type 0 it is at 16.
     pub mode_code_bit: u8,
@@ -54,7 +46,7 @@ impl Default for Settings {
         Self {
             exponent_bias: 31,
             zero_exponent: 0,
-            bit_codes: BitCodes::default(),
+            readings: Readings::default(),
             mode_code_bit: 16,
             abs_inc_axis_bit: 6,
             abs_inc_vector_bit: 5,
@@ -153,9 +145,8 @@ mod tests {
 
     #[test]
     fn settings_are_written_by_name() {
-        let text = "exponent_bias = 30\nbit_codes = \"table\"\n";
-        let settings: Settings = toml::from_str(text).unwrap();
-        assert_eq!((settings.exponent_bias, settings.bit_codes), (30, BitCodes::Table));
+        let settings: Settings = toml::from_str("exponent_bias = 30\n").unwrap();
+        assert_eq!(settings.exponent_bias, 30);
         assert_eq!(settings.frax_axis_bit, 7);
         assert!(toml::from_str::<Settings>("bias = 1").is_err());
     }

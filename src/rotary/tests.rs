@@ -4,6 +4,8 @@ use proptest::prelude::*;
 use serde::Deserialize;
 
 use super::*;
+use crate::map::Readings;
+use crate::map::readings::BitCodes;
 
 #[derive(Deserialize)]
 struct Vectors {
@@ -263,9 +265,13 @@ fn a_line_longer_than_the_buffer_is_refused() {
     );
 }
 
+fn read_by(rotary_bit_codes: BitCodes) -> Settings {
+    Settings { readings: Readings { rotary_bit_codes, ..Readings::default() }, ..Settings::default() }
+}
+
 #[test]
 fn the_uncertain_codes_follow_their_setting() {
-    let settings = Settings { bit_codes: settings::BitCodes::Table, ..Settings::default() };
+    let settings = read_by(BitCodes::Table);
     let program = compile(b"M20^=$FF\nM20&=$FE", &settings).unwrap().program;
     let words: Vec<(u32, u32)> = program.words().collect();
     assert_eq!(words, [(0x052BE7, 0x7F8000), (0x051BE7, 0x7F0000)]);
@@ -334,8 +340,7 @@ fn settings() -> impl Strategy<Value = Settings> {
     (20..50u8, 16..20u8, any::<bool>()).prop_map(|(exponent_bias, mode_code_bit, table)| Settings {
         exponent_bias,
         mode_code_bit,
-        bit_codes: if table { settings::BitCodes::Table } else { settings::BitCodes::Diagram },
-        ..Settings::default()
+        ..read_by(if table { BitCodes::Table } else { BitCodes::Diagram })
     })
 }
 

@@ -99,7 +99,7 @@ fn the_uncertain_points_are_settings() {
         "--set",
         "exponent_bias=32",
         "--set",
-        "bit_codes=table",
+        "rotary_bit_codes=table",
         "--set",
         "mode_code_bit=18",
     ]);

@@ -1,7 +1,7 @@
 //! What no document decides: the daemon's settings for it, and that both programs work by them.
 
+use pmac_dpram::map::READINGS;
 use pmac_dpram::protocol::BoardSettings;
-use serde_json::json;
 
 use crate::support::{PATIENCE, VirtualSite};
 
@@ -36,8 +36,8 @@ fn the_example_shows_the_defaults() {
     assert_eq!(settings, BoardSettings::default());
     let keys = |value: &serde_json::Value| value.as_object().unwrap().len();
     let all = serde_json::to_value(&settings).unwrap();
-    let expected: usize =
-        ["plan", "gather", "variables", "rotary"].iter().map(|table| keys(&all[table])).sum();
+    let expected: usize = ["plan", "variables", "rotary"].iter().map(|table| keys(&all[table])).sum();
+    let expected = expected + READINGS.iter().filter(|reading| !reading.found_out).count();
     assert_eq!(written.lines().filter(|line| line.contains(" = ")).count(), expected - 2, "{written}");
 }
 
@@ -105,20 +105,41 @@ fn the_exponent_in_a_stream_has_the_daemons_bias_unless_told_otherwise() {
     site.assert_no_violations();
 }
 
-#[test]
-fn gathering_is_looked_for_where_the_settings_say() {
-    // A board that answers 1.16D and gathers as printed is not a board of that one table.
-    let site = configured(&[], "[gather]\nposition = \"printed\"\n");
-    let settings = site.connection().settings().unwrap();
-    assert_eq!(serde_json::to_value(settings.gather).unwrap()["position"], json!("printed"));
-    let (status, _, stderr) =
-        site.pmacctl(&["gather", "--source", "servo_timer", "--seconds", "1", "-o", "-"]);
-    assert!(status == 1 && stderr.contains("not the buffer that the board has"), "{stderr}");
-    // And one with older firmware does.
-    drop(site);
-    let site = configured(&["--firmware", "1.13"], "");
-    let (status, stdout, stderr) =
-        site.pmacctl(&["gather", "--source", "servo_timer", "--once", "--buffer", "50", "-o", "-"]);
-    assert!(status == 0 && stdout.lines().count() == 51, "{stdout}{stderr}");
+/// A board with these words and a daemon with that configuration gather fifty samples.
+fn gather_fifty(simulator: &[&str], config: &str) -> (i32, String) {
+    let site = configured(simulator, config);
+    let gather = ["gather", "--source", "servo_timer", "--once", "--buffer", "50", "-o", "-"];
+    let (status, stdout, stderr) = site.pmacctl(&gather);
+    if status == 0 {
+        assert_eq!(stdout.lines().count(), 51, "{stdout}");
+    }
     site.assert_no_violations();
+    (status, stderr)
+}
+
+#[test]
+fn b3_6_a_gather_buffer_that_lies_elsewhere_is_found_and_the_setting_named() {
+    for (position, size_word, at) in [
+        ("printed", "with_index", "0x07FC"),
+        ("moved", "with_index", "0x08FC"),
+        ("moved", "as_printed", "0x07FC"),
+    ] {
+        let readings = [format!("gather_position={position}"), format!("gather_size_word={size_word}")];
+        let simulator = ["--reading", &readings[0], "--reading", &readings[1]];
+        let setting = readings.each_ref().map(|reading| reading.replace('=', " = \"") + "\"");
+        // The daemon looks elsewhere: it says where the size stands, and what to write.
+        let elsewhere = if at == "0x07FC" { "moved" } else { "printed" };
+        let (status, stderr) =
+            gather_fifty(&simulator, &format!("[readings]\ngather_position = {elsewhere:?}\n"));
+        let left =
+            format!("DEFINE GATHER 50 left 50 at {at}; under [readings] in pmacd's configuration write ");
+        let write = if position == "printed" { setting[0].clone() } else { setting.join(" and ") };
+        assert!(status == 1 && stderr.contains(&left) && stderr.contains(&write), "{write}: {stderr}");
+        let (status, stderr) =
+            gather_fifty(&simulator, &format!("[readings]\n{}\n{}\n", setting[0], setting[1]));
+        assert_eq!(status, 0, "{stderr}");
+    }
+    // Older firmware gathers as printed.
+    let (status, stderr) = gather_fifty(&["--firmware", "1.13"], "");
+    assert_eq!(status, 0, "{stderr}");
 }

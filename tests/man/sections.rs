@@ -5,7 +5,7 @@
 use pmac_dpram::daemon::socket::policy::Role;
 use pmac_dpram::function::panel::PanelAction;
 use pmac_dpram::gather::Source;
-use pmac_dpram::map::{FAMILIES, Generation, Layout, PMAC};
+use pmac_dpram::map::{FAMILIES, Generation, Layout, PMAC, READINGS};
 use pmac_dpram::protocol::{BackgroundSettings, Function, ServoSettings};
 use pmac_dpram::rotary::Settings;
 use pmac_dpram::sim::control::COMMANDS;
@@ -76,12 +76,11 @@ fn registers() -> Names {
 fn rotary_settings() -> Names {
     let defaults = serde_json::to_value(Settings::default()).unwrap_or_default();
     let defaults = defaults.as_object().into_iter().flatten();
-    let about = "What --set takes, with the values that hold without it:";
-    list(
-        "SETTINGS",
-        about,
-        defaults.map(|(name, value)| format!("{name}={}", value.to_string().replace('"', ""))),
-    )
+    let defaults = defaults.map(|(name, value)| format!("{name}={}", value.to_string().replace('"', "")));
+    let formats = ["rotary_code2", "rotary_bit_codes"];
+    let readings = READINGS.iter().filter(|reading| formats.contains(&reading.name));
+    let readings = readings.map(|reading| format!("{}={}", reading.name, reading.values[0]));
+    list("SETTINGS", "What --set takes, with the values that hold without it:", defaults.chain(readings))
 }
 
 /// What may be typed, with what each of it does.
@@ -241,6 +240,10 @@ pub fn examples(page: &str) -> &'static [Example] {
             (
                 "Define the board's buffer, stream a program and run it, then end it:",
                 &["pmacctl rotary stream engrave.pmc --define 1000 --run", "pmacctl send '&1Q'"],
+            ),
+            (
+                "Whether the board reads such commands as they are meant:",
+                &["pmacctl rotary check --define 1000"],
             ),
         ],
         "pmacctl-variable" => &[

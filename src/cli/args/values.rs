@@ -6,7 +6,8 @@ use clap::ValueEnum;
 use clap::builder::RangedI64ValueParser;
 
 use crate::format::{Float48Layout, WordOrder};
-use crate::map::{Family, GatherSizeWord, UnknownFamily};
+use crate::map::readings::GatherSizeWord;
+use crate::map::{Family, UnknownFamily};
 
 #[derive(Debug, Clone, Copy, ValueEnum)]
 pub enum GatherSize {

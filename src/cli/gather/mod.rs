@@ -103,8 +103,7 @@ fn gather(context: &mut Context, options: &Gather, output: &Path) -> Result<Verd
     let settings = connection.settings()?;
     check_functions(&settings, &[Function::Gather, Function::Ascii])?;
     let (layout, scales, firmware) = board_layout(&mut board)?;
-    let layout =
-        Layout::with_gather(layout.family(), firmware, settings.gather.position, settings.gather.size_word);
+    let layout = settings.layout(layout.family(), firmware);
     let sources: Vec<Source> = options
         .source
         .iter()

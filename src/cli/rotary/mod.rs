@@ -1,6 +1,8 @@
 //! `pmacctl rotary encode` and `rotary decode`: motion programs to binary rotary commands and back. Neither needs a
-//! board or a daemon. For `rotary stream` see [`crate::cli::rotary::stream`].
+//! board or a daemon. `rotary stream` feeds a board, `rotary check`
+//! has it list what it was sent.
 
+mod check;
 mod progress;
 mod source;
 mod stream;
@@ -8,6 +10,7 @@ pub mod words;
 
 use clap::{Args, Subcommand};
 
+use self::check::Check;
 use self::source::{Format, compiled, read, shown, warn};
 use self::stream::Stream;
 use self::words::{pairs, words};
@@ -26,6 +29,8 @@ pub enum RotaryCommand {
     Encode(Encode),
     /// Decode the words of a binary rotary buffer to text
     Decode(Decode),
+    /// Check that the board reads binary commands as they are meant: send some, and compare what it lists. Nothing runs
+    Check(Check),
     /// Compile a motion program and feed it to the board through a binary rotary buffer
     Stream(Stream),
 }
@@ -52,6 +57,7 @@ pub fn run(context: &mut Context, options: &Rotary) -> Result<Verdict, Failure> 
     match &options.command {
         RotaryCommand::Encode(options) => encode(context, options),
         RotaryCommand::Decode(options) => decode(context, options),
+        RotaryCommand::Check(options) => check::run(context, options),
         RotaryCommand::Stream(options) => stream::run(context, options),
     }
 }

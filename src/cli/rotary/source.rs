@@ -9,16 +9,22 @@ use clap::Args;
 use serde::Deserialize;
 
 use crate::cli::context::Failure;
+use crate::map::READINGS;
 use crate::rotary::{Program, Report, Settings, compile};
 
 /// Largest file. It is above any machine's program and below the memory.
 const LARGEST: u64 = 256 << 20;
 
+/// What to try with a board that has never taken a line.
+pub const NOTHING_TAKEN: &str = "; a board that has never taken a line may have start and size the other way round in the \
+    buffer's header: try rotary_header = \"start_first\" under [readings] in pmacd's configuration";
+
 #[derive(Debug, Args)]
 pub struct Format {
     /// Choices where the manual is unclear about the format, and the buffer's size: exponent_bias, zero_exponent,
-    /// bit_codes (diagram, table), mode_code_bit, abs_inc_axis_bit, abs_inc_vector_bit, frax_axis_bit,
-    /// coordinate_system_base, buffer_words. Defaults: the likeliest reading; for stream, the daemon's settings
+    /// rotary_code2 (bit12, bit16), rotary_bit_codes (diagram, table), mode_code_bit, abs_inc_axis_bit,
+    /// abs_inc_vector_bit, frax_axis_bit, coordinate_system_base, buffer_words. Defaults: the likeliest reading; for
+    /// stream and check, the daemon's settings
     #[arg(long = "set", value_name = "NAME=VALUE", value_parser = setting)]
     pub settings: Vec<(String, toml::Value)>,
 }
@@ -31,9 +37,20 @@ impl Format {
     /// The settings of `base`, changed by `--set`.
     pub fn over(&self, base: &Settings) -> Result<Settings, Failure> {
         let mut table = toml::Table::try_from(base).map_err(Failure::request)?;
-        table.extend(self.settings.iter().cloned());
+        let mut readings = base.readings;
+        for (name, value) in &self.settings {
+            match value.as_str().filter(|_| READINGS.iter().any(|reading| reading.name == name)) {
+                Some(value) => {
+                    readings = readings
+                        .with(&format!("{name}={value}"))
+                        .map_err(|error| Failure::Request(format!("--set: {error}")))?;
+                }
+                None => drop(table.insert(name.clone(), value.clone())),
+            }
+        }
         let settings = Settings::deserialize(table)
             .map_err(|error| Failure::Request(format!("--set: {}", error.to_string().trim())))?;
+        let settings = Settings { readings, ..settings };
         settings.check().map_err(|error| Failure::Request(format!("--set {error}")))?;
         Ok(settings)
     }
@@ -110,6 +127,7 @@ pub fn warn<T: Display>(name: &str, report: &Report<T>) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::map::readings::BitCodes;
 
     #[test]
     fn settings_are_set_by_name() {
@@ -117,13 +135,15 @@ mod tests {
             Format { settings: parts.iter().map(|part| setting(part).unwrap()).collect() }.settings()
         };
         assert_eq!(settings(&[]).unwrap(), Settings::default());
-        let set = settings(&["exponent_bias=30", "bit_codes=table"]).unwrap();
-        assert_eq!((set.exponent_bias, set.bit_codes), (30, crate::rotary::settings::BitCodes::Table));
+        let set = settings(&["exponent_bias=30", "rotary_bit_codes=table"]).unwrap();
+        assert_eq!((set.exponent_bias, set.readings.rotary_bit_codes), (30, BitCodes::Table));
         let of_the_daemon = Settings { exponent_bias: 29, frax_axis_bit: 6, ..Settings::default() };
         let over =
             Format { settings: vec![setting("exponent_bias=30").unwrap()] }.over(&of_the_daemon).unwrap();
         assert_eq!((over.exponent_bias, over.frax_axis_bit), (30, 6));
-        for wrong in ["bias=1", "exponent_bias=64", "exponent_bias=-1", "bit_codes=other", "exponent_bias="] {
+        for wrong in
+            ["bias=1", "exponent_bias=64", "exponent_bias=-1", "rotary_bit_codes=other", "exponent_bias="]
+        {
             assert!(matches!(settings(&[wrong]), Err(Failure::Request(_))), "{wrong}");
         }
         assert!(setting("exponent_bias").is_err());

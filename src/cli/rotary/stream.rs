@@ -8,7 +8,7 @@ use clap::Args;
 use serde_json::json;
 
 use super::progress::Progress;
-use super::source::{Format, compiled, shown};
+use super::source::{Format, NOTHING_TAKEN, compiled, shown};
 use crate::cli::args::values::number;
 use crate::cli::console::interrupt::Interrupt;
 use crate::cli::context::{Context, Failure, Verdict};
@@ -74,7 +74,7 @@ pub fn run(context: &mut Context, options: &Stream) -> Result<Verdict, Failure> 
         return Err(Failure::Request(text));
     }
     let of_the_daemon = board.settings()?;
-    let mut settings = options.format.over(&of_the_daemon.rotary)?;
+    let mut settings = options.format.over(&of_the_daemon.rotary_format())?;
     // Find a line that can never fit the buffer now, not in the middle of the program.
     let buffers = family.rotary.headers.len();
     if usize::from(options.buffer) > buffers {
@@ -224,7 +224,10 @@ impl Streaming<'_> {
     fn look_at(&mut self, state: &RotaryStateReply) -> Result<(), Failure> {
         self.progress.show(usize::try_from(state.sent_lines).unwrap_or(usize::MAX), state.ahead_lines);
         if let Some(code) = state.error {
-            return Err(Failure::Refused(format!("the board takes no more: it reports rotary error {code}")));
+            let hint = self.patience.hint();
+            return Err(Failure::Refused(format!(
+                "the board takes no more: it reports rotary error {code}{hint}"
+            )));
         }
         let cs = self.options.cs;
         match self.patience.look(state) {
@@ -235,7 +238,8 @@ impl Streaming<'_> {
             )),
             Look::Over => {
                 let seconds = self.options.timeout.as_secs_f64();
-                return Err(Failure::Refused(format!("the board has taken nothing for {seconds} s")));
+                let hint = self.patience.hint();
+                return Err(Failure::Refused(format!("the board has taken nothing for {seconds} s{hint}")));
             }
         }
         Ok(())
@@ -333,6 +337,14 @@ enum Look {
 impl Patience {
     fn new(limit: Duration) -> Self {
         Self { limit, since: Instant::now(), taken: 0, said: false }
+    }
+
+    /// What to try with a board that has never taken a line.
+    fn hint(&self) -> &'static str {
+        if self.taken > 0 {
+            return "";
+        }
+        NOTHING_TAKEN
     }
 
     /// Restarts the time: the board takes lines.

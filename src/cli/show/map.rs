@@ -5,8 +5,7 @@ use clap::Args;
 use crate::cli::args::values::{GatherSize, family};
 use crate::cli::console::table::{Align, Table};
 use crate::cli::context::{Context, Failure, Verdict};
-use crate::map::{Family, Firmware};
-use crate::map::{GatherPosition, Layout, MapRecord};
+use crate::map::{Family, Firmware, Layout, MapRecord, Readings};
 
 #[derive(Debug, Args)]
 pub struct Map {
@@ -22,12 +21,8 @@ pub struct Map {
 }
 
 pub fn run(context: &mut Context, options: &Map) -> Result<Verdict, Failure> {
-    let layout = Layout::with_gather(
-        options.family,
-        options.firmware,
-        GatherPosition::default(),
-        options.gather_size.into(),
-    );
+    let readings = Readings { gather_size_word: options.gather_size.into(), ..Readings::default() };
+    let layout = Layout::read_by(options.family, options.firmware, readings);
     let records = layout.records();
     if context.output.is_json() {
         context.output.json(&records)?;

@@ -21,7 +21,7 @@ use crate::function::rotary::RotarySetup;
 use crate::function::variable_read::VariableReadBusError;
 use crate::map::{BufferLayout, HostOffset};
 use crate::mirror::{BackgroundMirror, GatherMirror, ServoMirror, VariableMirror};
-use crate::protocol::{Function, Functions};
+use crate::protocol::{BoardSettings, Function};
 use crate::segment::{Counter, Publisher};
 
 /// The functions of a board, and which of them are used.
@@ -42,7 +42,8 @@ pub struct FunctionTable {
 }
 
 impl FunctionTable {
-    /// The functions of a board whose buffers lie where `layout` says. The words of those not in `used` are left alone.
+    /// The functions of a board whose buffers lie where `layout` says. The words of those that `settings` leave out are left
+    /// alone.
     #[must_use]
     pub fn new(
         servo: ServoMirror,
@@ -50,7 +51,7 @@ impl FunctionTable {
         ascii: CommandLines,
         variables: VariableMirror,
         layout: BufferLayout,
-        used: &Functions,
+        settings: &BoardSettings,
         clock: Clock,
     ) -> Self {
         let now = clock.now();
@@ -61,9 +62,9 @@ impl FunctionTable {
             panel: PanelQueue::new(layout.family(), now),
             gather: GatherMirror::new(layout.family(), clock.clone()),
             variables: Variables { read: variables, write: WriteQueue::new(&layout, now) },
-            rotary: RotaryQueue::new(layout.family(), now),
+            rotary: RotaryQueue::new(layout.family(), settings.readings.rotary_header, now),
             layout,
-            used: Function::ALL.map(|function| used.has(function)),
+            used: Function::ALL.map(|function| settings.functions.has(function)),
             clock,
         }
     }

@@ -1,7 +1,7 @@
 //! The settings of a board that no manual decides. Checked at the start, and again when the firmware is known.
 
 use super::span::Refusal;
-use crate::map::{BadFirmware, BufferLayout, Family, Firmware, Layout};
+use crate::map::{BadFirmware, BufferLayout, Family, Firmware};
 use crate::protocol::settings::{BoardSettings, VariableMode};
 
 /// The settings, checked for a family.
@@ -75,15 +75,15 @@ fn layout(
     family: &'static Family,
     firmware: Option<Firmware>,
 ) -> Result<BufferLayout, String> {
-    let gather = settings.gather;
-    let layout = Layout::with_gather(family, firmware, gather.position, gather.size_word);
-    BufferLayout::new(&layout, &settings.plan).map_err(|error| format!("[plan] {error}"))
+    BufferLayout::new(&settings.layout(family, firmware), &settings.plan)
+        .map_err(|error| format!("[plan] {error}"))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::map::{GatherPosition, HostOffset, PMAC};
+    use crate::map::readings::GatherPosition;
+    use crate::map::{HostOffset, PMAC};
 
     fn decided(settings: BoardSettings) -> Result<CheckedSettings, String> {
         CheckedSettings::decide(settings, &PMAC, None).map_err(|refusal| refusal.text)
@@ -99,7 +99,7 @@ mod tests {
             assert_eq!(start(checked.layout_for(other).unwrap()), HostOffset::new(0x0800), "{other:?}");
         }
         let mut settings = BoardSettings::default();
-        settings.gather.position = GatherPosition::Printed;
+        settings.readings.gather_position = GatherPosition::Printed;
         let checked = decided(settings).unwrap();
         assert_eq!(start(checked.layout_for(Some("1.16D")).unwrap()), HostOffset::new(0x0800));
     }

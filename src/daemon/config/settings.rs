@@ -21,7 +21,7 @@ use crate::device::{Access, BoardSpec};
 use crate::format::{TextOrder, WordOrder};
 use crate::function::servo::ServoReading;
 use crate::map::{BufferSettings, DEFAULT_FAMILY, Family, Readings};
-use crate::protocol::{BoardSettings, Function, Functions, GatherSettings, VariablesSettings};
+use crate::protocol::{BoardSettings, Function, Functions, VariablesSettings};
 use crate::rotary;
 use crate::segment::SegmentName;
 
@@ -81,8 +81,6 @@ pub struct ConfigFile {
     /// Choices that no manual decides: see [`super::board_settings`].
     #[serde(default)]
     plan: BufferSettings,
-    #[serde(default)]
-    gather: GatherSettings,
     #[serde(default)]
     variables: VariablesSettings,
     #[serde(default)]
@@ -243,7 +241,6 @@ impl Settings {
             servo,
             background,
             plan: file.plan,
-            gather: file.gather,
             variables: file.variables,
             readings: needed(file.readings)?,
             rotary: file.rotary,
@@ -474,7 +471,7 @@ mod tests {
                 "board = \"sim\"\n[readings]\nline_flag = \"done\"\n",
                 "FILE:3:13: readings.line_flag: pmacd finds out by itself which way the board takes; leave it out",
             ),
-            ("board = \"sim\"\n[gather]\nplace = 3\n", "FILE:3:1: unknown field `place`"),
+            ("board = \"sim\"\n[plan]\nplace = 3\n", "FILE:3:1: unknown field `place`"),
             ("board = \"sim\"\nfirmware = \"new\"\n", "FILE:2:12: "),
             ("board = \"file:m,access=32\"\nword_order = \"swapped\"\n", "FILE:2:14: access=32"),
             ("board = \"boat\"\n", "FILE:1:9: board `boat`: there is no board kind `boat`"),

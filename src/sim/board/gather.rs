@@ -6,13 +6,14 @@
 //!
 //! I20 selects the sources I21-I44 that are stored. I19 is the period. I45 says where: 2 in the DPRAM up to the buffer's
 //! end, 3 in the DPRAM round and round, 0 and 1 the same in PMAC's own memory. The firmware decides where the buffer and
-//! the two words before it are ([`crate::map::Layout`]). The numbers are PMAC's; the code takes the family's.
+//! the two words before it are ([`crate::map::Layout`]), or a reading. The numbers are PMAC's; the code takes the family's.
 
 use std::ops::Range;
 
 use crate::format::int24;
 use crate::map::{Family, GatherPlace, HostOffset, IVariables, Layout};
 use crate::sim::board::error::CommandError;
+use crate::sim::board::identity::Identity;
 use crate::sim::board::memory::Memory;
 use crate::sim::board::variables::Variables;
 
@@ -56,10 +57,12 @@ pub struct Gather {
 }
 
 impl Gather {
-    /// Nothing defined. `firmware` decides where the buffer lies.
+    /// Nothing defined. The firmware and the readings decide where the buffer lies.
     #[must_use]
-    pub fn new(family: &'static Family, firmware: &str) -> Self {
-        let place = Layout::new(family, firmware.parse().ok()).gather();
+    pub fn new(identity: &Identity) -> Self {
+        let Identity { tables, firmware, readings, .. } = identity;
+        let family = tables.family;
+        let place = Layout::read_by(family, firmware.parse().ok(), *readings).gather();
         Self {
             running: Vec::new(),
             size: None,

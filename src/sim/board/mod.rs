@@ -145,7 +145,7 @@ impl Board {
             fixed_i10,
             motors: vec![Motor::new(); identity.motors.clamp(1, family.motors)],
             coordinates: vec![CoordinateSystem::default(); family.coordinate_systems],
-            gather: Gather::new(family, &identity.firmware),
+            gather: Gather::new(&identity),
             port: Port::Serial,
             identity,
             noise: seed.map(Random::new),
@@ -207,7 +207,7 @@ impl Board {
         }
         self.watchdog = false;
         self.output.cancel();
-        self.gather = Gather::new(self.family(), &self.identity.firmware);
+        self.gather = Gather::new(&self.identity);
         self.port = Port::Serial;
         for (index, coordinate) in self.coordinates.iter_mut().enumerate() {
             coordinate.reset(index, &self.variables, &mut self.memory);

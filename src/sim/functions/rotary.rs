@@ -177,12 +177,12 @@ impl RotaryTransfer {
 
     fn read_header(&self, board: &Board) -> Header {
         let read = |word| board.memory.dpram.read16(self.header.plus_words(word));
-        let start = read(rotary_header::START);
+        let [start, size] = board.identity.readings.rotary_header.start_and_size().map(read);
         let header = Header {
             cs: read(rotary_header::COORDINATE_SYSTEM),
             host: read(rotary_header::HOST_INDEX),
             pmac: read(rotary_header::PMAC_INDEX),
-            size: read(rotary_header::SIZE),
+            size,
             start,
             buffer: user_area::place(board.family(), start),
         };

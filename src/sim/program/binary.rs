@@ -1,9 +1,11 @@
 //! Binary rotary commands to [`Item`]s: what PMAC makes of two 24-bit words (DPRAM manual pp. 31-35).
 //!
 //! Names and codes come from the format's one table, as addresses come from the register map. The bits are decoded
-//! here, the way the board reads them: exponent bias 31, CODE2 of a mode at bit 16 of word 1, `^=` 1 and `&=` 2, axes
-//! at their bits in the first `??` word.
+//! here, the way the board reads them: exponent bias 31, CODE2 of a mode at bit 16 of word 1, axes at their bits in the
+//! first `??` word; where the manual can be read two ways, as [`Readings`] say.
 
+use crate::map::Readings;
+use crate::map::readings::BitCodes;
 use crate::rotary::codes::{self, CODES, Code, Shape};
 use crate::sim::board::axes::AxisMode;
 use crate::sim::board::variables::VariableKind;
@@ -32,12 +34,12 @@ const HOME_MOTORS: u32 = 0xFF;
 ///
 /// # Errors
 /// [`NoCommand`] for the first pair that is no command.
-pub fn line(commands: &[(u32, u32)]) -> Result<Vec<Item>, NoCommand> {
+pub fn line(commands: &[Command], readings: Readings) -> Result<Vec<Item>, NoCommand> {
     let mut items: Vec<Item> = Vec::new();
     for &(word1, word2) in commands {
         let no_command = NoCommand { word1, word2 };
         let word = word1 & 0xFF_FFFF & !START_OF_LINE;
-        let code = CODES.iter().find(|code| matches(code, word)).ok_or(no_command)?;
+        let code = CODES.iter().find(|code| matches(code, word, readings)).ok_or(no_command)?;
         if let Shape::Mark { .. } = code.shape {
             let value = Data::Constant(short(word, word2));
             let mark = if code.name == ":" { Mark::Velocity } else { Mark::Trigger };
@@ -52,16 +54,25 @@ pub fn line(commands: &[(u32, u32)]) -> Result<Vec<Item>, NoCommand> {
     Ok(items)
 }
 
-fn matches(code: &Code, word: u32) -> bool {
+fn matches(code: &Code, word: u32, readings: Readings) -> bool {
     let (code1, low) = ((word >> 6 & 0x1F) as u8, (word & 0x3F) as u8);
     let (high, two) = ((word >> 16) as u8, (word >> 12 & 3) as u8);
+    let axes = (word >> readings.rotary_code2.lowest_bit() & 3) as u8;
+    // The two printed tables have `^=` and `&=` the other way round.
+    let later = match (readings.rotary_bit_codes, two) {
+        (BitCodes::Table, 1) => 2,
+        (BitCodes::Table, 2) => 1,
+        _ => two,
+    };
     let mode = code1 == codes::MODES;
     match code.shape {
         Shape::Letter { code1: own, .. } => code1 == own,
         Shape::Data { code2 } | Shape::Mark { code2 } => code1 == codes::DATA && high == code2,
-        Shape::Assignment { code1: own, code2, .. } => code1 == own && two == code2,
+        Shape::Assignment { code1: own, code2, .. } => {
+            code1 == own && code2 == if own == codes::LATER { later } else { two }
+        }
         Shape::Count { code2 } | Shape::Bare { code2 } => mode && low == 0 && high & 0x1F == code2,
-        Shape::Axes { code2, .. } => mode && low == 2 && two == code2,
+        Shape::Axes { code2, .. } => mode && low == 2 && axes == code2,
         Shape::Motors { subcode } => mode && low == subcode,
         Shape::Plcs { code2 } => mode && low == 1 && two & 1 == code2,
     }
@@ -229,10 +240,24 @@ mod tests {
             (&[(0x052BE7, 0x7F0000)], "M20&=254"),
             (&[(0x007BE0, 0x400000)], "M1==1"),
         ] {
-            let items = line(words).unwrap();
+            let items = line(words, Readings::default()).unwrap();
             assert_eq!(text::line(&Line { items, offset: 0 }, false), expected);
         }
-        assert!(line(&[(0x000800, 0x00FFFF)]).is_err());
-        assert!(line(&[(0x460725, 0x640000)]).is_err(), "a mark without an axis");
+        assert!(line(&[(0x000800, 0x00FFFF)], Readings::default()).is_err());
+        assert!(line(&[(0x460725, 0x640000)], Readings::default()).is_err(), "a mark without an axis");
+    }
+
+    #[test]
+    fn b3_4_a_board_reads_the_codes_as_its_readings_say() {
+        let text = |command: Command, reading: &str| {
+            let readings = Readings::default().with(reading).unwrap();
+            text::line(&Line { items: line(&[command], readings).unwrap(), offset: 0 }, false)
+        };
+        // An INC for the one board is an ABS for the other.
+        assert_eq!(text((0x001F82, 0x555540), "rotary_code2=bit12"), "INC");
+        assert_eq!(text((0x001F82, 0x555540), "rotary_code2=bit16"), "ABS");
+        assert_eq!(text((0x010F82, 0x555540), "rotary_code2=bit16"), "INC");
+        assert_eq!(text((0x051BE7, 0x7F8000), "rotary_bit_codes=table"), "M20&=255");
+        assert_eq!(text((0x052BE7, 0x7F8000), "rotary_bit_codes=table"), "M20^=255");
     }
 }

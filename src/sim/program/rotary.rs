@@ -130,7 +130,7 @@ impl Programs {
         cs: usize,
         commands: &[Command],
     ) -> Result<(), AppendError> {
-        let items = binary::line(commands)?;
+        let items = binary::line(commands, board.identity.readings)?;
         let rotary = self.store.rotary_mut(cs).ok_or(AppendError::Undefined)?;
         if items.is_empty() {
             return Ok(());

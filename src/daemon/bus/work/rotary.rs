@@ -10,6 +10,7 @@ use crate::daemon::shared::queue::{Event, Outcome, Text, Ticket, at_once};
 use crate::device::{Bus, BusError};
 use crate::function::rotary::{RotaryError, RotarySetup, RotaryStream};
 use crate::map::Family;
+use crate::map::readings::RotaryHeader;
 
 /// Commands written in one poll: four words each, so that the servo data never wait long.
 const COMMANDS_A_POLL: usize = 16;
@@ -39,11 +40,12 @@ pub struct RotaryQueue {
 }
 
 impl RotaryQueue {
-    /// No lines, and no buffer of the family's set up.
+    /// No lines, and no buffer of the family's set up, on a board that reads their headers as `header` says.
     #[must_use]
-    pub fn new(family: &'static Family, now: Instant) -> Self {
+    pub fn new(family: &'static Family, header: RotaryHeader, now: Instant) -> Self {
+        let streams = RotaryStream::of_family(family).into_iter();
         Self {
-            streams: RotaryStream::of_family(family),
+            streams: streams.map(|stream| stream.with_header(header)).collect(),
             waiting: VecDeque::with_capacity(at_once::ROTARY),
             next_poll: now,
         }
@@ -236,7 +238,7 @@ mod tests {
         file.set_len(PMAC.length.into()).unwrap();
         let mut bus = FileBoard::from_file(&file, PMAC.length as usize).unwrap();
         let now = Instant::now();
-        let mut queue = RotaryQueue::new(&PMAC, now);
+        let mut queue = RotaryQueue::new(&PMAC, RotaryHeader::default(), now);
         let buffer = 0;
         let setup = RotarySetup {
             start: HostOffset::new(0x3000),

@@ -1,0 +1,199 @@
+//! `pmacctl rotary check`: sends a few program lines as binary commands, has the board list them, and compares.
+//!
+//! Nothing runs: the lines are taken out of the board's rotary buffer again. The manual says in two ways where some codes
+//! stand, and a board of the other reading would take an INC for an ABS and move elsewhere. What it lists is what it
+//! would do.
+
+use std::time::{Duration, Instant};
+
+use clap::Args;
+use serde_json::json;
+
+use super::source::{Format, NOTHING_TAKEN, compiled, shown};
+use crate::cli::args::values::number;
+use crate::cli::context::{Context, Failure, Verdict};
+use crate::client::{Connection, RotaryFeed, RotaryPlace};
+use crate::map::{READINGS, Readings};
+use crate::rotary::{Line, Program, Settings, compile, decompile};
+
+/// One of each command whose place in a word or whose number can be read in two ways.
+const SAMPLE: &[u8] = b"ABS(X)\nINC(X,Y)\nFRAX(X,Y)\nM1^=3\nM1&=5\nM1|=6\nLINEAR\nX10 Y-2.5\nDWELL100\n";
+/// The buffer in the DPRAM.
+const BUFFER: u8 = 1;
+/// Time limit of a command line.
+const LINE_PATIENCE: Duration = Duration::from_secs(5);
+/// How long the board may take for all lines.
+const TAKEN_WITHIN: Duration = Duration::from_secs(3);
+/// Period of the checks whether it has.
+const LOOK: Duration = Duration::from_millis(20);
+
+/// `rotary check`.
+#[derive(Debug, Args)]
+pub struct Check {
+    /// The program's text, constants only; - is stdin. Without it, one of each command that can be read in two ways
+    #[arg(value_name = "FILE")]
+    pub file: Option<String>,
+    /// The coordinate system whose rotary buffer takes the lines. It must not run
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = number())]
+    pub cs: u8,
+    /// First define a rotary buffer of this many words in the board's own memory (DEFINE ROT), as for stream
+    #[arg(long, value_name = "LONGS")]
+    pub define: Option<u32>,
+    #[command(flatten)]
+    pub format: Format,
+}
+
+pub fn run(context: &mut Context, options: &Check) -> Result<Verdict, Failure> {
+    let mut board = context.connection()?;
+    let settings = options.format.over(&board.settings()?.rotary_format())?;
+    let (name, mut program) = match &options.file {
+        Some(file) => (shown(file), compiled(file, &settings)?),
+        None => {
+            let sample = compile(SAMPLE, &settings).map_err(|error| Failure::Request(error.to_string()))?;
+            ("sample", sample.program)
+        }
+    };
+    let mut owner = context.connection()?;
+    let place = RotaryPlace {
+        buffer: BUFFER,
+        coordinate_system: options.cs,
+        coordinate_system_base: settings.coordinate_system_base,
+        define_longs: options.define,
+        ..RotaryPlace::default()
+    };
+    owner.rotary_start(place)?;
+    let stopped = feed(&mut board, &program, owner);
+    let listing = list_and_remove(&mut board, options.cs)?;
+    let stopped = stopped?;
+    if let Some(Stopped { taken, .. }) = &stopped {
+        program.lines.truncate(*taken);
+    }
+    let mut problems = differences(name, &program, &listing, &settings);
+    if !problems.is_empty() {
+        problems.push(advice(&program, &listing, &settings));
+    }
+    problems.extend(stopped.map(|stopped| stopped.problem));
+    if !problems.is_empty() {
+        return Err(Failure::Refused(problems.join("\n")));
+    }
+    if context.output.is_json() {
+        context.output.json(&json!({ "lines": listing }))?;
+    } else {
+        context.output.line(format_args!("the board lists {} lines as they were sent", listing.len()))?;
+    }
+    Ok(Verdict::Yes)
+}
+
+/// The board has not taken all lines.
+struct Stopped {
+    /// How many it has taken.
+    taken: usize,
+    problem: String,
+}
+
+/// Has the board take the whole program into its own rotary buffer; `Some` when it does not.
+fn feed(board: &mut Connection, program: &Program, owner: Connection) -> Result<Option<Stopped>, Failure> {
+    let words = |line: &Line| line.commands.iter().map(|own| (own.word1, own.word2)).collect();
+    let lines: Vec<_> = program.lines.iter().map(words).collect();
+    let mut feed = RotaryFeed::new(owner, BUFFER, &lines);
+    let deadline = Instant::now() + TAKEN_WITHIN;
+    let stopped = loop {
+        if feed.is_done() {
+            feed.renew()?;
+        } else {
+            feed.step()?;
+        }
+        let state = board.rotary_state(BUFFER)?;
+        if feed.is_done() && state.ahead_commands == 0 {
+            break None;
+        }
+        if state.error.is_some() || Instant::now() >= deadline {
+            let taken = state.sent_lines.saturating_sub(state.ahead_lines) as usize;
+            let code =
+                state.error.map_or_else(String::new, |code| format!(" and reports rotary error {code}"));
+            let hint = if taken == 0 {
+                NOTHING_TAKEN
+            } else {
+                "; without an error, is its buffer long enough (--define)?"
+            };
+            break Some(Stopped { taken, problem: format!("the board has taken {taken} lines{code}{hint}") });
+        }
+        std::thread::sleep(LOOK);
+    };
+    feed.stop()?;
+    Ok(stopped)
+}
+
+/// What the board has in its rotary buffer, which is empty after this.
+fn list_and_remove(board: &mut Connection, cs: u8) -> Result<Vec<String>, Failure> {
+    let mut line = |line: &str| {
+        let reply = board.send(line, LINE_PATIENCE);
+        reply.map_err(|error| Failure::Refused(format!("{line}: {error}")))
+    };
+    let listing = line(&format!("&{cs}LIST ROT"))?;
+    for removal in ["OPEN ROT".to_owned(), format!("&{cs}CLEAR"), "CLOSE".to_owned()] {
+        line(&removal)?;
+    }
+    Ok(listing)
+}
+
+/// The words of each line of `text`.
+fn words(text: &str, settings: &Settings) -> Option<Vec<Vec<(u32, u32)>>> {
+    let program = compile(text.as_bytes(), settings).ok()?.program;
+    let line = |line: &Line| line.commands.iter().map(|own| (own.word1, own.word2)).collect();
+    Some(program.lines.iter().map(line).collect())
+}
+
+/// Where the board lists something else than was sent.
+fn differences(name: &str, program: &Program, listing: &[String], settings: &Settings) -> Vec<String> {
+    let lines = program.lines.iter().map(Some).chain(std::iter::repeat(None));
+    let listed = listing.iter().map(Some).chain(std::iter::repeat(None));
+    let both = lines.zip(listed).take(program.lines.len().max(listing.len()));
+    let differs = both.filter_map(|(sent, listed)| match (sent, listed) {
+        (Some(sent), Some(listed)) => {
+            let own: Vec<_> = sent.commands.iter().map(|own| (own.word1, own.word2)).collect();
+            let same = words(listed, settings).is_some_and(|lines| lines == [own]);
+            (!same).then(|| format!("{name}:{}: sent {}, the board lists {listed}", sent.line, sent.text()))
+        }
+        (Some(sent), None) => {
+            Some(format!("{name}:{}: sent {}, the board lists nothing", sent.line, sent.text()))
+        }
+        (None, Some(listed)) => Some(format!("{name}: the board lists {listed} besides")),
+        (None, None) => None,
+    });
+    differs.collect()
+}
+
+/// Which readings would make the board list what it lists.
+fn advice(program: &Program, listing: &[String], settings: &Settings) -> String {
+    let listed = words(&listing.join("\n"), settings);
+    let sent: Vec<_> = program.words().collect();
+    let fits = |readings: &Readings| {
+        let other = Settings { readings: *readings, ..settings.clone() };
+        let text = decompile(&sent, &other).ok().map(|decompiled| decompiled.program.lines);
+        let text = text.map(|lines| lines.iter().map(|line| line.text() + "\n").collect::<String>());
+        listed.is_some() && text.is_some_and(|text| words(&text, settings) == listed)
+    };
+    let mut candidates = vec![settings.readings];
+    for reading in READINGS.iter().filter(|reading| !reading.found_out) {
+        let with = |value: &&str| {
+            let each = |readings: &Readings| readings.with(&format!("{}={value}", reading.name)).ok();
+            candidates.iter().filter_map(each).collect::<Vec<_>>()
+        };
+        candidates = reading.values.iter().flat_map(with).collect();
+    }
+    // Of those that fit, the one that changes least.
+    let changed = |readings: &Readings| {
+        let differs = |name| readings.value(name) != settings.readings.value(name);
+        READINGS.iter().map(|reading| reading.name).filter(|name| differs(name)).collect::<Vec<_>>()
+    };
+    match candidates.iter().filter(|readings| fits(readings)).min_by_key(|readings| changed(readings).len()) {
+        Some(readings) => {
+            let set = changed(readings).into_iter().filter_map(|name| Some(format!("{name} = {:?}", readings.value(name)?)));
+            let set: Vec<_> = set.collect();
+            format!("the board reads the manual by {}: write it under [readings] in pmacd's configuration", set.join(", "))
+        }
+        None => "no reading explains it; compare the numbers of [rotary] in pmacd's configuration, exponent_bias first"
+            .to_owned(),
+    }
+}
