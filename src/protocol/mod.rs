@@ -14,6 +14,7 @@ pub mod message;
 pub mod mirror_selection;
 pub mod open_buffer;
 pub mod parameters;
+pub mod password;
 pub mod settings;
 pub mod socket_place;
 pub mod transport;

@@ -123,7 +123,7 @@ fn a_report_that_was_ended_is_told_with_what_is_missing() {
         stdout.lines().find(|line| line[6..].starts_with(check)).unwrap_or_default().to_owned()
     };
     site.wait_until("a board that has been asked", || line("commands").contains("takes command lines"));
-    site.wait_until("all the board is set to", || site.pmacctl(&["motors"]).1.contains("count"));
+    site.wait_until("all the board is set to", || site.has_scales());
     let send = |text: &str| assert_eq!(site.pmacctl(&["send", text]).0, 0, "{text}");
     send("ENDGATHER");
     site.wait_until("GATHER to be missed", || {

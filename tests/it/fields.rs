@@ -28,14 +28,15 @@ fn what_is_not_read_is_shown_as_such() {
     let rig = partial("unread");
     assert_eq!(
         rig.run("motors").stdout,
-        "motor  commanded  actual  following error  velocity  flags\n   \
-            #1          -   999.8                -       0.0  -\n   \
-            #3          -  -77raw                -      5raw  -\n"
+        "motor  target  commanded  actual  following error  velocity  flags\n   \
+            #1       -          -   999.8                -       0.0  -\n   \
+            #3       -          -  -77raw                -      5raw  -\n"
     );
     assert_eq!(
         rig.run("coordinates").stdout,
-        "system  mode  lines  left ms  flags  targets\n    \
-            &1  -         3        -  -      X12.5\n"
+        "system  mode  lines  PE  left ms  override  targets  flags\n    \
+            &1  -         3   -        -         -  X12.5    -\n\
+            ports: JPAN $000000  JTHW $000000  JOPTO $000000\n"
     );
     let watched = rig.run("watch --count 1").stdout;
     assert!(

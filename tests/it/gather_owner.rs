@@ -18,7 +18,7 @@ fn ended(site: &VirtualSite, mut child: Child) -> Output {
 fn running() -> VirtualSite {
     let site = VirtualSite::running(&[], &[]);
     site.wait_for_live_servo();
-    site.wait_until("the board's scales", || site.run(&["motors"]).stdout.contains("count"));
+    site.wait_until("the board's scales", || site.has_scales());
     site
 }
 

@@ -22,7 +22,7 @@ fn seconds() -> u64 {
 fn nothing_is_lost() {
     let site = VirtualSite::running(&[], &[]);
     site.wait_for_live_servo();
-    site.wait_until("the board's scales", || site.run(&["motors"]).stdout.contains("count"));
+    site.wait_until("the board's scales", || site.has_scales());
     let csv = site.path("data.csv");
     let sources = ["servo_timer", "1.actual_position", "D:$0028", "1.commanded_position"];
     let sources: Vec<&str> = sources.iter().flat_map(|source| ["--source", source]).collect();
@@ -67,7 +67,7 @@ fn nothing_is_lost() {
 fn the_counts_are_exact_and_the_board_is_left_as_it_was() {
     let site = VirtualSite::running(&[], &[]);
     site.wait_for_live_servo();
-    site.wait_until("the board's scales", || site.run(&["motors"]).stdout.contains("count"));
+    site.wait_until("the board's scales", || site.has_scales());
     let gather =
         |rest: &[&str]| site.run(&[&["gather", "--source", "servo_timer", "-o", "-"], rest].concat());
     let ran = gather(&["--seconds", "0.5", "--period", "2"]);
@@ -119,7 +119,7 @@ fn starts_the_report(site: &VirtualSite) -> bool {
 fn what_fails_before_the_first_sample_leaves_the_board_as_it_was() {
     let site = VirtualSite::running(&[], &[]);
     site.wait_for_live_servo();
-    site.wait_until("the board's scales", || site.run(&["motors"]).stdout.contains("count"));
+    site.wait_until("the board's scales", || site.has_scales());
     let gather = || {
         let words = ["gather", "--source", "servo_timer", "--period", "3", "--seconds", "0.2", "-o", "-"];
         site.run(&words)
@@ -152,7 +152,7 @@ fn what_fails_before_the_first_sample_leaves_the_board_as_it_was() {
 fn a_report_that_was_just_ended_is_started_again() {
     let site = VirtualSite::running(&[], &[]);
     site.wait_for_live_servo();
-    site.wait_until("the board's scales", || site.run(&["motors"]).stdout.contains("count"));
+    site.wait_until("the board's scales", || site.has_scales());
     for _ in 0..5 {
         site.ask("ENDGATHER");
         let ran = site.run(&["gather", "--source", "servo_timer", "--seconds", "0.1", "-o", "-"]);
@@ -189,7 +189,7 @@ fn a_function_that_is_off_is_told_before_board_or_file_is_touched() {
 fn a_file_that_takes_no_more_holds_whole_samples() {
     let site = VirtualSite::running(&[], &[]);
     site.wait_for_live_servo();
-    site.wait_until("the board's scales", || site.run(&["motors"]).stdout.contains("count"));
+    site.wait_until("the board's scales", || site.has_scales());
     for form in ["csv", "npy"] {
         let file = site.path(&format!("data.{form}"));
         // A file may not grow beyond 20 KiB, as if the disk were full then; the signal that tells is ignored.
@@ -238,7 +238,7 @@ fn a_file_that_takes_no_more_holds_whole_samples() {
 fn waiting_for_a_reader_ends_with_a_signal() {
     let site = VirtualSite::running(&[], &[]);
     site.wait_for_live_servo();
-    site.wait_until("the board's scales", || site.run(&["motors"]).stdout.contains("count"));
+    site.wait_until("the board's scales", || site.has_scales());
     let fifo = site.path("data.csv");
     nix::unistd::mkfifo(&fifo, nix::sys::stat::Mode::from_bits_truncate(0o600)).unwrap();
     for signal in [Signal::SIGINT, Signal::SIGTERM] {
@@ -268,7 +268,7 @@ fn waiting_for_a_reader_ends_with_a_signal() {
 fn a_sample_in_seven_seconds_is_waited_for() {
     let site = VirtualSite::running(&[], &[]);
     site.wait_for_live_servo();
-    site.wait_until("the board's scales", || site.run(&["motors"]).stdout.contains("count"));
+    site.wait_until("the board's scales", || site.has_scales());
     // The first sample comes at once, the second one 15000 servo cycles of 442.7 us later.
     let gather = ["gather", "--source", "servo_timer", "--period", "15000", "--seconds", "13.3", "-o", "-"];
     let ran = site.hurried(|| site.run(&gather));
@@ -281,7 +281,7 @@ fn a_sample_in_seven_seconds_is_waited_for() {
 fn without_the_servo_report_gathering_goes_by_the_hosts_clock() {
     let site = VirtualSite::running(&[], &[]);
     site.wait_for_live_servo();
-    site.wait_until("the board's scales", || site.run(&["motors"]).stdout.contains("count"));
+    site.wait_until("the board's scales", || site.has_scales());
     site.ask("ENDGATHER");
     site.ask("I48=0");
     site.wait_until("the report to end", || !is_live(&site.attach(), RegionId::Servo));

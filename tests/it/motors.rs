@@ -127,3 +127,57 @@ fn b5_7_names_and_units_stand_beside_the_counts() {
     let (_, watched, _) = site.pmacctl(&["watch", "--count", "1"]);
     assert!(watched.contains(" #1=2500.0 azimuth=-2.5000deg following_error="), "{watched}");
 }
+
+#[test]
+fn b5_8_what_the_board_reports_is_shown() {
+    let site = VirtualSite::running(&[], &[]);
+    site.wait_for_live_servo();
+    site.wait_for_identity();
+    site.wait_until("background data", || site.pmacctl(&["coordinates"]).0 == 0);
+    let system = || {
+        let document: Value = serde_json::from_str(&site.pmacctl(&["coordinates", "--json"]).1).unwrap();
+        document["coordinate_systems"][0].clone()
+    };
+    assert_eq!(system()["feed_override"], json!({"on": false, "raw": null, "percent": null}));
+    assert_eq!(site.pmacctl(&["panel", "feed", "1", "50%"]).0, 0);
+    let half = system()["feed_override"].clone();
+    assert_eq!((&half["on"], half["percent"].as_f64().map(f64::round)), (&json!(true), Some(50.0)));
+    let (_, text, _) = site.pmacctl(&["coordinates"]);
+    assert!(text.lines().nth(1).unwrap().contains("50.00%"), "{text}");
+    assert!(text.ends_with("ports: JPAN $000000  JTHW $000000  JOPTO $000000\n"), "{text}");
+    let (_, text, _) = site.pmacctl(&["status"]);
+    let told = site.ask("???")[0].clone();
+    let line = text.lines().find(|line| line.starts_with("global status")).unwrap();
+    assert!(line.contains(&format!("${} ${}: ", &told[..6], &told[6..])), "{told}: {line}");
+    site.ask("#1J=1000");
+    site.wait_until("the target", || value(&motor(&site), "target_position") == 1000.0);
+}
+
+#[test]
+fn b5_9_a_feed_rate_in_percent_goes_by_the_i10_of_now() {
+    let site = VirtualSite::running(&[], &[]);
+    site.wait_for_live_servo();
+    site.wait_for_identity();
+    for (i10, raw) in [(3_713_707, "7253 of"), (1_856_853, "3627 of")] {
+        site.ask(&format!("I10={i10}"));
+        let (code, text, error) = site.pmacctl(&["panel", "feed", "1", "50%"]);
+        assert!(code == 0 && text.starts_with(&format!("&1: {raw}")), "I10={i10}: {text}{error}");
+    }
+}
+
+#[test]
+fn b5_5_a_held_jog_without_input_goes_by_its_time() {
+    let site = VirtualSite::running(&[], &[]);
+    site.wait_for_live_servo();
+    site.wait_for_identity();
+    let (code, _, error) = site.pmacctl(&["panel", "jog+", "1", "--hold"]);
+    assert!(code == 2 && error.contains("nothing was sent"), "{error}");
+    assert_eq!(value(&motor(&site), "commanded_position"), 0.0);
+    let before = site.with_world(|world| world.now());
+    let (code, _, error) = site.pmacctl(&["panel", "jog+", "1", "--hold", "--seconds", "0.3"]);
+    assert_eq!((code, error.as_str()), (0, ""));
+    // Time goes on as fast as the machine does, or slower: the jog went on until its end was sent.
+    let took = site.with_world(|world| world.now()) - before;
+    let went = value(&motor(&site), "commanded_position");
+    assert!(went > 1000.0 && took > Duration::from_millis(150), "{went} counts in {took:?}");
+}

@@ -108,10 +108,7 @@ impl Reader {
             fs::set_permissions(site.path(program), fs::Permissions::from_mode(0o755)).unwrap();
         }
         site.wait_for_live_servo();
-        site.wait_until("a board that has told its scales", || {
-            let (code, motors, _) = site.pmacctl(&["motors"]);
-            code == 0 && !motors.contains("raw")
-        });
+        site.wait_until("a board that has told its scales", || site.has_scales());
         Self { site }
     }
 

@@ -62,13 +62,13 @@ fn a_panel_request_asks_first_whether_the_panel_is_enabled() {
     for (action, numbers, error) in [
         ("jog+", json!([9]), "InvalidParameter"),
         ("jog+", json!([]), "InvalidParameter"),
-        ("fly", json!([1]), "Refused"),
+        ("fly", json!([1]), "InvalidParameter"),
     ] {
         client.call("Panel", json!({"action": action, "numbers": numbers}));
         assert_eq!(error_name(&client.receive().unwrap()), error);
     }
     client.call("PanelHold", json!({"action": "home", "numbers": [1]}));
-    assert_eq!(error_name(&client.receive().unwrap()), "Refused", "only jogs can be held");
+    assert_eq!(error_name(&client.receive().unwrap()), "InvalidParameter", "only jogs can be held");
 }
 
 #[test]

@@ -78,6 +78,12 @@ impl Place {
         (code.unwrap_or(-1), stdout, stderr)
     }
 
+    /// Whether the board has told the scales of its motors, and the data are fresh.
+    pub fn has_scales(&self) -> bool {
+        let Ran { code, stdout, .. } = self.run(&["motors"]);
+        code == Some(0) && !stdout.contains("raw")
+    }
+
     /// The board's answer to `line`.
     pub fn ask(&self, line: &str) -> Vec<String> {
         self.connection().send(line, PATIENCE).unwrap_or_else(|error| panic!("{line}: {error}"))

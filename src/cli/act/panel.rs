@@ -39,7 +39,7 @@ pub enum PanelCommand {
     JogMinus(Jog),
     /// Stop jogging motors
     JogStop(Motors),
-    /// Move motors back to their positions before the last jog
+    /// Jog motors to the pre-jog position: where the last stop or hold of a program, or the last J==, left them
     PreJog(Motors),
     /// Home motors
     Home(Motors),
@@ -157,10 +157,23 @@ fn hold(context: &mut Context, action: PanelAction, jog: &Jog) -> Result<Verdict
     let interrupt = Interrupt::listen()?;
     let mut connection = context.connection()?;
     check_numbers(Context::family(None, &mut connection)?, true, &jog.motors.numbers)?;
+    // An input that has ended before the jog begins holds nothing: the time alone ends it then.
+    let holds = !input_ended();
+    if !holds && jog.seconds.is_none() {
+        let reason =
+            "--hold needs an open input, or --seconds: else nothing would hold the jog; nothing was sent";
+        return Err(Failure::Request(reason.to_owned()));
+    }
     let end = jog.seconds.and_then(|seconds| Instant::now().checked_add(seconds));
     let held = HeldJog::begin(connection, action.name(), &jog.motors.numbers)?;
     let over = || interrupt.came() || end.is_some_and(|end| Instant::now() >= end) || !held.is_held();
-    while !over() && !input_ended() {}
+    while !over() {
+        if !holds {
+            std::thread::sleep(Duration::from_millis(LOOK.into()));
+        } else if input_ended() {
+            break;
+        }
+    }
     held.stop()?;
     Ok(Verdict::Yes)
 }
@@ -323,7 +336,8 @@ fn show(context: &mut Context) -> Result<Verdict, Failure> {
     Ok(Verdict::Yes)
 }
 
-fn panel_words(connection: &mut Connection, family: &Family) -> Result<PanelWords, Failure> {
+/// The words of the control panel.
+pub fn panel_words(connection: &mut Connection, family: &Family) -> Result<PanelWords, Failure> {
     let Some(panel) = &family.panel else {
         return Err(Failure::Request(format!("a {} has no control panel in its DPRAM", family.title)));
     };

@@ -1,5 +1,6 @@
 //! `pmacctl variable`: PMAC copies or writes registers that the user names, in its background (I55=1).
 
+use std::io::{self, Write};
 use std::time::{Duration, Instant};
 
 use clap::{Args as ClapArgs, Subcommand};
@@ -99,7 +100,7 @@ fn watch(context: &mut Context, options: &Watch) -> Result<Verdict, Failure> {
     let first_limit = FIRST * Duration::from_nanos(region.stale_after_ns);
     let end = options.seconds.and_then(|seconds| began.checked_add(seconds));
     let left = || end.map_or(NO_NEWS, |end| end.saturating_duration_since(Instant::now()));
-    let (mut printed, mut after, mut complete) = (0, 0, false);
+    let (mut printed, mut after, mut complete, mut fresh) = (0, 0, false, false);
     while options.count.is_none_or(|count| printed < count) && !left().is_zero() {
         let round = Instant::now();
         board.wait_variables(after, left().min(NO_NEWS))?;
@@ -115,7 +116,7 @@ fn watch(context: &mut Context, options: &Watch) -> Result<Verdict, Failure> {
         match values {
             Some((view, values)) if values.iter().all(Option::is_some) => {
                 after = view.sequence;
-                complete = true;
+                (complete, fresh) = (true, true);
                 let longs = values.iter().map(|value| value.map_or(&[][..], Entry::value));
                 print(context, view, &columns, longs)?;
                 context.output.flush()?;
@@ -126,13 +127,20 @@ fn watch(context: &mut Context, options: &Watch) -> Result<Verdict, Failure> {
                     "PMAC copies nothing; check that the board runs and I55=1".to_owned(),
                 ));
             }
-            _ => after = found.map_or(after, |view| view.sequence),
+            _ => {
+                if let Some(stale) = found.as_ref().and_then(|view| view.stale).filter(|_| fresh) {
+                    fresh = false;
+                    // Nobody reads it: nothing to be done.
+                    let _ = writeln!(io::stderr(), "STALE: {stale}; check that the board runs and I55=1");
+                }
+                after = found.map_or(after, |view| view.sequence);
+            }
         }
         if options.count.is_none_or(|count| printed < count) {
             std::thread::sleep(options.rate.saturating_sub(round.elapsed()).min(left()));
         }
     }
-    Ok(complete.into())
+    Ok(fresh.into())
 }
 
 /// Prints one set of values as a line of text or of JSON.

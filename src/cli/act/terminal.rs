@@ -22,6 +22,7 @@ use crate::cli::console::output::reply;
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::client::Messages;
 use crate::format::Visible;
+use crate::protocol::password::without_password;
 use crate::protocol::{Message, MessageKind, TIMEOUT_MAX_MS, check_line, control};
 
 /// Time limit for asking what is addressed.
@@ -146,7 +147,6 @@ fn interactive(mut session: Session, messages: Messages, options: &Terminal) -> 
     let failed = |error: ReadlineError| Failure::Request(format!("the terminal: {error}"));
     let mut editor = DefaultEditor::new().map_err(failed)?;
     editor.set_max_history_size(HISTORY).map_err(failed)?;
-    editor.set_auto_add_history(true);
     let history = if options.no_history { None } else { history_file() };
     if let Some(file) = &history {
         // The first session has no history to load.
@@ -167,6 +167,9 @@ fn interactive(mut session: Session, messages: Messages, options: &Terminal) -> 
             Err(ReadlineError::Eof) => break Ok(()),
             Err(error) => break Err(failed(error)),
         };
+        if without_password(&text) == text {
+            let _ = editor.add_history_entry(&text);
+        }
         match answer(&mut session, &text, raw) {
             Ok(true) => {}
             Ok(false) => break Ok(()),

@@ -218,6 +218,13 @@ fn unreachable(path: &Path, error: &CommandError) -> String {
         Ok(found) if access(path, AccessFlags::W_OK).is_err() => found,
         _ => return error.to_string(),
     };
+    if found.gid() == 0 {
+        // Whoever joins that group gets much more than a board.
+        let place = path.display();
+        return format!(
+            "{place} is for root alone; name another group by socket_group in the daemon's configuration"
+        );
+    }
     let group = Group::from_gid(Gid::from_raw(found.gid())).ok().flatten();
     let group = group.map_or_else(|| found.gid().to_string(), |group| group.name);
     format!("{} is for the group {group}; have yourself added to it", path.display())
@@ -343,7 +350,7 @@ fn functions(report: &mut Report, info: &BoardInfo, settings: &BoardSettings) {
     }
     commands(report, info);
     if info.enabled.iter().any(|name| name == "interrupt") {
-        report.add(Level::Ok, "interrupt", "replies are announced by an interrupt");
+        report.add(Level::Ok, "interrupt", "connected; the board announces its replies by it while I56 is 1");
     } else {
         report.add(Level::Ok, "interrupt", "none; replies are polled for");
     }

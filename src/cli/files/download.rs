@@ -17,6 +17,7 @@ use super::mistakes::mistaken;
 use crate::cli::act::lines::{LineError, Way};
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::cli::files::preprocess::{SourceLine, preprocess};
+use crate::format::Visible;
 use crate::protocol::{OpenBuffer, TIMEOUT_MAX_MS};
 
 /// Largest file.
@@ -147,7 +148,7 @@ impl Sender {
                 return Err(failure);
             };
             // If stderr is closed, the message is lost.
-            let _ = writeln!(io::stderr(), "{}: {text}: {}", line.place, line.text);
+            let _ = writeln!(io::stderr(), "{}: {}: {}", line.place, Visible(&text), line.text);
             self.failed.push(Failed { line, code, text });
             if !keep_going {
                 break;

@@ -2,27 +2,79 @@
 
 use serde_json::{Value, json};
 
+use crate::cli::act::panel::panel_words;
 use crate::cli::console::number::{NOT_READ, fixed, short};
 use crate::cli::console::table::{Align, Table};
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::cli::show::motors::stamp;
 use crate::client::{Snapshot, Staleness};
-use crate::decode::{BackgroundData, CoordinateSystem, Quantity};
+use crate::decode::{BackgroundData, CoordinateSystem, Ports, Quantity};
+use crate::function::panel::{FeedOverride, PanelWords};
 use crate::map::AXES;
 
 pub fn run(context: &mut Context) -> Result<Verdict, Failure> {
     let snapshot = context.board()?.snapshot()?;
+    let overrides = Overrides::ask(context, snapshot.identity.i10);
     if context.output.is_json() {
-        context.output.json(&document(&snapshot))?;
+        context.output.json(&document(&snapshot, &overrides))?;
     } else {
-        context.output.text(text(&snapshot))?;
+        context.output.text(text(&snapshot, &overrides))?;
     }
     Ok(snapshot.background.is_some_and(|background| background.is_fresh()).into())
 }
 
-fn document(snapshot: &Snapshot) -> Value {
+/// The control panel's overrides of the feed rate, as far as they can be asked for. `%` and whatever else Ix93 points at are
+/// the board's own.
+#[derive(Debug, Default)]
+pub struct Overrides {
+    words: Option<PanelWords>,
+    i10: Option<u32>,
+}
+
+impl Overrides {
+    /// Asks the daemon for the panel's words: the segment has none of them.
+    fn ask(context: &Context, i10: Option<u32>) -> Self {
+        let words = || {
+            let mut connection = context.connection().ok()?;
+            let family = Context::family(None, &mut connection).ok()?;
+            panel_words(&mut connection, family).ok()
+        };
+        Self { words: words(), i10 }
+    }
+
+    /// Whether the panel overrides the feed rate of coordinate system `number`, and by how much; `None` where that is not known.
+    fn of(&self, number: usize) -> Option<Option<FeedOverride>> {
+        let words = self.words.as_ref()?;
+        let raw = words.overrides.get(number - 1)?;
+        let is_on = words.override_enable >> (number - 1) & 1 != 0;
+        Some(FeedOverride::from_raw((*raw).into()).ok().filter(|_| is_on))
+    }
+
+    fn text(&self, number: usize) -> String {
+        match self.of(number) {
+            None => NOT_READ.to_owned(),
+            Some(None) => "off".to_owned(),
+            Some(Some(value)) => match self.i10.and_then(|i10| value.percent(i10)) {
+                Some(percent) => format!("{percent:.2}%"),
+                None => format!("{}raw", value.raw()),
+            },
+        }
+    }
+
+    fn document(&self, number: usize) -> Value {
+        let Some(found) = self.of(number) else { return Value::Null };
+        let percent = found.zip(self.i10).and_then(|(value, i10)| value.percent(i10));
+        json!({ "on": found.is_some(), "raw": found.map(FeedOverride::raw), "percent": percent })
+    }
+}
+
+fn document(snapshot: &Snapshot, overrides: &Overrides) -> Value {
     let mut document = json!({ "background": stamp(snapshot.background.as_ref(), snapshot.stale) });
     add(&mut document, snapshot.background.as_ref().map(|background| &background.data));
+    for system in document["coordinate_systems"].as_array_mut().into_iter().flatten() {
+        let number = system["coordinate_system"].as_u64().and_then(|number| usize::try_from(number).ok());
+        system["feed_override"] = number.map_or(Value::Null, |number| overrides.document(number));
+    }
     document
 }
 
@@ -33,36 +85,41 @@ pub fn add(document: &mut Value, data: Option<&BackgroundData>) {
     document["ports"] = data.map_or(Value::Null, |data| json!(data.ports));
 }
 
-fn text(snapshot: &Snapshot) -> String {
+fn text(snapshot: &Snapshot, overrides: &Overrides) -> String {
     let Some(background) = &snapshot.background else {
         let reason = snapshot.stale.map_or_else(|| Staleness::Off.to_string(), |stale| stale.to_string());
         return format!("STALE: there are no background data yet: {reason}\n");
     };
     let note = background.stale.map_or_else(String::new, |stale| format!("STALE: {stale}\n"));
-    note + &table(&background.data)
+    note + &table(&background.data, overrides)
 }
 
-/// The table of the coordinate systems.
-pub fn table(data: &BackgroundData) -> String {
+/// The table of the coordinate systems, and the board's ports.
+pub fn table(data: &BackgroundData, overrides: &Overrides) -> String {
     let mut table = Table::new(&[
         ("system", Align::Right),
         ("mode", Align::Left),
         ("lines", Align::Right),
+        ("PE", Align::Right),
         ("left ms", Align::Right),
-        ("flags", Align::Left),
+        ("override", Align::Right),
         ("targets", Align::Left),
+        ("flags", Align::Left),
     ]);
     for system in &data.coordinate_systems {
         table.row([
             format!("&{}", system.coordinate_system),
             mode(system),
             system.lines_remaining.map_or_else(|| NOT_READ.to_owned(), |lines| lines.to_string()),
+            system.program_address_offset.map_or_else(|| NOT_READ.to_owned(), |offset| offset.to_string()),
             system.time_left_in_move.map_or_else(|| NOT_READ.to_owned(), milliseconds),
-            flags(system).join(" "),
+            overrides.text(system.coordinate_system),
             targets(system),
+            flags(system).join(" "),
         ]);
     }
-    table.to_string()
+    let Ports { control_panel, thumbwheel, machine_io } = data.ports;
+    format!("{table}ports: JPAN ${control_panel:06X}  JTHW ${thumbwheel:06X}  JOPTO ${machine_io:06X}\n")
 }
 
 /// The flags to show from both status words: errors first, then the state.

@@ -9,7 +9,7 @@ use serde_json::{Value, json};
 
 use crate::cli::args::values::{Float48, Order, family};
 use crate::cli::context::{Context, Failure, Verdict};
-use crate::cli::show::coordinates;
+use crate::cli::show::coordinates::{self, Overrides};
 use crate::cli::show::motor::Motor;
 use crate::cli::show::motors;
 use crate::decode::{BackgroundData, Image, Scales, ServoData};
@@ -57,7 +57,7 @@ pub fn run(context: &mut Context, options: &Decode) -> Result<Verdict, Failure> 
         let motors = Motor::all(&servo, Some(&background), &identity, options.family);
         context.output.text(motors::table(&motors))?;
         context.output.line("")?;
-        context.output.text(coordinates::table(&background))?;
+        context.output.text(coordinates::table(&background, &Overrides::default()))?;
     }
     Ok(Verdict::Yes)
 }

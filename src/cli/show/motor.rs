@@ -73,6 +73,11 @@ impl<'a> Motor<'a> {
         document
     }
 
+    /// Where its present move ends.
+    pub fn target(&self) -> Option<Quantity> {
+        self.background.and_then(|motor| motor.target_position)
+    }
+
     /// What the configuration calls it.
     pub fn name(&self) -> Option<&str> {
         self.name

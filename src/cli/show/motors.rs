@@ -56,7 +56,7 @@ pub fn stamp<T>(view: Option<&View<T>>, otherwise: Option<Staleness>) -> Value {
 }
 
 /// Columns that a narrow screen can do without, first those that are missed least.
-const SPARE: [&str; 5] = ["commanded", "velocity", "following error", "name", "position"];
+const SPARE: [&str; 6] = ["target", "commanded", "velocity", "following error", "name", "position"];
 
 /// The text of `motors`; as narrow as `width`, if that is given.
 pub fn text(snapshot: &Snapshot, width: Option<usize>) -> String {
@@ -80,6 +80,7 @@ pub fn table(motors: &[Motor<'_>]) -> Table {
     let mut table = Table::new(&[
         ("motor", Align::Right),
         ("name", Align::Left),
+        ("target", Align::Right),
         ("commanded", Align::Right),
         ("actual", Align::Right),
         ("position", Align::Right),
@@ -91,6 +92,7 @@ pub fn table(motors: &[Motor<'_>]) -> Table {
         table.row([
             format!("#{}", motor.servo.motor),
             motor.name().unwrap_or_default().to_owned(),
+            labelled(motor.target()),
             labelled(motor.servo.commanded_position),
             labelled(motor.servo.actual_position),
             motor.user_position().unwrap_or_default(),

@@ -3,7 +3,8 @@
 use serde_json::{Map, Value, json};
 
 use crate::cli::context::{Context, Failure, Verdict};
-use crate::client::{Board, ClientError, CommandError, Staleness};
+use crate::client::{Board, ClientError, CommandError, Staleness, View};
+use crate::decode::Flags;
 use crate::map::Family;
 use crate::segment::{Condition, Identity, RegionState, SegmentError, SegmentName, UserUnit};
 
@@ -38,6 +39,16 @@ fn absent(context: &mut Context, error: &ClientError) -> Result<Verdict, Failure
         context.output.line(format_args!("{name}{error}"))?;
     }
     Ok(Verdict::No)
+}
+
+/// The board's global status, the two words of `???`, while servo data are fresh: null otherwise.
+fn global_status(board: &mut Board) -> Value {
+    let servo = board.snapshot().ok().and_then(|snapshot| snapshot.servo);
+    let flags = servo.filter(View::is_fresh).and_then(|servo| servo.data.global_flags());
+    flags.map_or(Value::Null, |flags| {
+        let words = flags.map(|flags| format!("${:06X}", flags.word));
+        json!({ "words": words, "flags": flags.iter().flat_map(Flags::names).collect::<Vec<_>>() })
+    })
 }
 
 /// What keeps the whole from being live, and why; `None` when it is. Data that the board was never told to report are no
@@ -104,6 +115,7 @@ fn document(context: &Context, board: &mut Board, identity: &Identity) -> Value 
         subscriber.counters().map(|(counter, value)| (counter.name().to_owned(), json!(value))).collect();
     let segment = subscriber.path().to_owned();
     let (fault, reason) = fault(board, condition, &socket).unzip();
+    let global_status = global_status(board);
     json!({
         "name": board.name().as_str(),
         "segment": segment,
@@ -124,6 +136,7 @@ fn document(context: &Context, board: &mut Board, identity: &Identity) -> Value 
             "servo_report_cycles": identity.servo_report_cycles,
             "named_motors": named_motors(identity),
         },
+        "global_status": global_status,
         "regions": regions,
         "counters": counters,
         "socket": socket,
@@ -188,6 +201,11 @@ fn text(document: &Value) -> String {
     }
     if let Some(period) = board["servo_period_ns"].as_f64() {
         say("servo", format!("{:.3} us, {:.1} Hz", period / 1e3, 1e9 / period));
+    }
+    let global = &document["global_status"];
+    if let (Some(words), Some(flags)) = (global["words"].as_array(), global["flags"].as_array()) {
+        let join = |values: &[Value]| values.iter().map(plain).collect::<Vec<_>>().join(" ");
+        say("global status", format!("{}: {}", join(words), join(flags)));
     }
     for (name, region) in document["regions"].as_object().into_iter().flatten() {
         let live = region["state"] == "live";

@@ -2,7 +2,6 @@
 //!
 //! Whoever may connect could otherwise fill the log, or have the journal drop the lines of others.
 
-use std::borrow::Cow;
 use std::collections::HashMap;
 use std::fmt::{self, Write as _};
 use std::time::{Duration, Instant};
@@ -102,35 +101,9 @@ fn one_line(text: fmt::Arguments<'_>) -> String {
     line.0
 }
 
-/// `line` without the password that it may set or give: blanks do not matter to PMAC, nor does case.
-pub(super) fn without_password(line: &str) -> Cow<'_, str> {
-    const WORD: &str = "PASSWORD";
-    let has_word_at = |start: usize| {
-        let letters = line[start..].char_indices().filter(|(_, letter)| *letter != ' ');
-        let mut compared = letters.zip(WORD.chars());
-        let same = compared.by_ref().take_while(|((_, letter), wanted)| letter.eq_ignore_ascii_case(wanted));
-        same.count() == WORD.len()
-    };
-    match line.char_indices().find(|(start, letter)| *letter != ' ' && has_word_at(*start)) {
-        Some((start, _)) => Cow::Owned(format!("{}{WORD}=***", &line[..start])),
-        None => Cow::Borrowed(line),
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn b4_5_no_password_comes_into_the_log() {
-        for line in ["PASSWORD=\"OpenSesame\"", "password = \"OpenSesame\"", "P A SSWORD\"OpenSesame\""] {
-            assert_eq!(without_password(line), "PASSWORD=***");
-        }
-        assert_eq!(without_password("P1 PASSWORD=x"), "P1 PASSWORD=***");
-        for line in ["", "P1=5", "PASSWOR", "#1J+", "\u{e9}PASS"] {
-            assert_eq!(without_password(line), line);
-        }
-    }
 
     #[test]
     fn b4_4_many_users_together_fill_no_log_either() {

@@ -242,7 +242,7 @@ fn check_number(number: usize, count: usize, name: &str) -> Result<(), CallError
 /// A control panel request; `hold` makes it one that a lease ends.
 pub(super) fn panel(call: calls::Panel, hold: bool, family: &Family) -> Result<JobCall, CallError> {
     let calls::Panel { action, numbers } = call;
-    let action: PanelAction = action.parse().map_err(refused)?;
+    let action: PanelAction = action.parse().map_err(|why| CallError::invalid("action", why))?;
     let count = if action.is_for_motors() { family.motors } else { family.coordinate_systems };
     if numbers.is_empty() {
         return Err(CallError::invalid("numbers", format_args!("1 to {count}, at least one of them")));
@@ -253,7 +253,7 @@ pub(super) fn panel(call: calls::Panel, hold: bool, family: &Family) -> Result<J
     };
     let request = PanelRequest::of(words, action, &numbers).map_err(refused)?;
     if hold && !matches!(action, PanelAction::JogMinus | PanelAction::JogPlus) {
-        return Err(refused("only jog- and jog+ can be held"));
+        return Err(CallError::invalid("action", "jog- or jog+: nothing else can be held"));
     }
     let held = if hold { ", held" } else { "" };
     // What stops a machine does not wait for a question behind other people's lines.
@@ -315,7 +315,10 @@ pub(super) fn watched(call: calls::WatchVariables, family: &Family) -> Result<Ve
     }
     registers
         .iter()
-        .map(|text| PmacRegister::parse(text, family).map(VariableEntry::from).map_err(refused))
+        .map(|text| {
+            let register = PmacRegister::parse(text, family);
+            register.map(VariableEntry::from).map_err(|why| CallError::invalid("registers", why))
+        })
         .collect()
 }
 
@@ -330,7 +333,8 @@ pub(super) fn write_variables(call: calls::WriteVariables, family: &Family) -> R
         let _ = write!(audit, " {register}={value}");
     }
     let records = records.iter().map(|record| WriteRecord::of(record, family));
-    let records: Vec<WriteRecord> = records.collect::<Result<_, _>>().map_err(refused)?;
+    let records: Vec<WriteRecord> =
+        records.collect::<Result<_, _>>().map_err(|why| CallError::invalid("records", why))?;
     Ok(JobCall {
         guard: Some(variables_enabled(family)),
         audit: Some(audit),

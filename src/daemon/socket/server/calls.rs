@@ -6,7 +6,6 @@ use std::time::{Duration, Instant};
 use super::Service;
 use crate::daemon::shared::job::Job;
 use crate::daemon::shared::queue::{Command, Outcome, Text, Ticket};
-use crate::daemon::socket::audit::without_password;
 use crate::daemon::socket::call_table::{COLLECT_MAX, Caller, Ended, Then};
 use crate::daemon::socket::connection::Waiting;
 use crate::daemon::socket::jobs::{self, JobCall};
@@ -17,6 +16,7 @@ use crate::daemon::socket::sequences::Found;
 use crate::function::variable_read::VariableEntry;
 use crate::map::errors::meaning;
 use crate::protocol::board::{NotesReply, SendReply, WatchReply};
+use crate::protocol::password::without_password;
 use crate::protocol::{BoardInfo, Call, CallError, Enabled, Reply, answer, control};
 
 /// How long a watch may wait for its turn to ask.

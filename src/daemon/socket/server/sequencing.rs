@@ -6,7 +6,6 @@ use log::info;
 
 use super::Service;
 use crate::daemon::shared::queue::{Command, Outcome};
-use crate::daemon::socket::audit::without_password;
 use crate::daemon::socket::call_table::{Caller, Ended, Then};
 use crate::daemon::socket::connection::{HIGH_WATER, Waiting};
 use crate::daemon::socket::policy::Peer;
@@ -14,6 +13,7 @@ use crate::daemon::socket::sequences::{
     Done, END_STEP, Ending, Found, Gather, Lines, Resource, Rotary, Sequence, SequenceCall, Sequences, Step,
     Waits,
 };
+use crate::protocol::password::without_password;
 use crate::protocol::{CallError, Reply};
 
 /// How long a sequence waits for its owner to fetch what it has been told.
