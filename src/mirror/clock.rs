@@ -24,23 +24,27 @@ const MILLISECOND: Ns = 1_000_000;
 const STEP: f64 = 1.0 / 128.0;
 const STEP_NS: f64 = 2_000.0;
 const LATER: f64 = 4.0;
-/// Many finds at the first poll in a row show that the aim is far too late: the steps grow by one after each so many,
-/// up to this part of a period.
-const HASTE: f64 = 8.0;
-const LONGEST_STEP: f64 = 1.0 / 32.0;
+/// Many finds at the first poll in a row show that the aim is far too late: after each so many the step doubles, up to
+/// this part of a period. The first empty poll undoes the last step.
+const HASTE: u32 = 8;
+const LONGEST_STEP: f64 = 1.0 / 8.0;
 /// The aim stays this near to the grid, as a part of a period.
 const AIM: f64 = 1.0 / 4.0;
-/// If a window changes the period by more than this part, the board's period has changed, and the phase is lost.
+/// If the finds of a window change the period by more than this part, the board's period has changed, and the phase is
+/// lost. Finds that are all at the first poll move with the aim, so they must change it by more.
 const CHANGED: f64 = 1.0 / 16.0;
-/// The part of a smaller change that is taken.
-const PERIOD_GAIN: f64 = 0.5;
+const CHANGED_UNBOUNDED: f64 = 1.0 / 4.0;
+/// A period that is hardly known is taken as this part of the estimate. Polls then come too early, which shows; polls
+/// that come too late do not.
+const SHORTER: f64 = 31.0 / 32.0;
+const SHORTER_UNBOUNDED: f64 = 7.0 / 8.0;
 /// Without an update for this many periods (and at least [`SILENCE`]) there is no phase to hold.
 const LOCK_PERIODS: f64 = 20.0;
 const SILENCE: Ns = 50 * MILLISECOND;
 /// After this silence the board is no longer expected to go on any moment.
 const LONG_SILENCE: Ns = 1_000 * MILLISECOND;
 /// The time between polls while an update is due: a sixteenth of a period, within these limits.
-const POLL_AGAIN: std::ops::RangeInclusive<Ns> = 10 * MICROSECOND..=30 * MICROSECOND;
+const POLL_AGAIN: std::ops::RangeInclusive<Ns> = 10 * MICROSECOND..=15 * MICROSECOND;
 /// The longest time between polls without a phase, where one access a millisecond costs nothing, and with one. A period
 /// that was configured wrong, or became much shorter, is noticed after this time.
 const IDLE_POLL: Ns = MILLISECOND;
@@ -60,7 +64,7 @@ pub struct UpdateClock {
     last_update_ns: Option<Ns>,
     /// When the last empty poll since then began.
     last_empty_ns: Option<Ns>,
-    /// So many updates in a row were found at the first poll.
+    /// How many updates in a row were found at the first poll. An empty one halves the count.
     at_once: u32,
     due_ns: Ns,
 }
@@ -124,7 +128,8 @@ impl UpdateClock {
             return soon.max(-late as Ns);
         }
         let since_due = late % self.period_ns;
-        let patience = (since_due / 2.0).max((late - self.period_ns) / 8.0).min(self.period_ns / 2.0);
+        let patience =
+            ((since_due + self.aim_ns) / 2.0).max((late - self.period_ns) / 8.0).min(self.period_ns / 2.0);
         soon.max(patience as Ns).min((self.period_ns - since_due) as Ns)
     }
 
@@ -137,7 +142,7 @@ impl UpdateClock {
             (_, elapsed) => {
                 let is_new = self.period_ns == 0.0;
                 if let (true, Some(elapsed)) = (is_new, elapsed) {
-                    self.period_ns = elapsed as f64 / updates;
+                    self.period_ns = SHORTER_UNBOUNDED * elapsed as f64 / updates;
                 }
                 self.lock(at, if is_new { Window::short(at) } else { Window::long(at) });
             }
@@ -165,24 +170,29 @@ impl UpdateClock {
         let empty = self.last_empty_ns.map(|empty| empty as f64);
         let step = (STEP * period).min(STEP_NS);
         let was_early = empty.is_some_and(|empty| empty > due + self.aim_ns - step);
-        self.at_once = if was_early { 0 } else { self.at_once.saturating_add(1) };
-        let hasty = (step * (1.0 + f64::from(self.at_once) / HASTE)).min(LONGEST_STEP * period);
-        self.move_aim(if was_early { LATER * step } else { -hasty });
-        self.window.add(at, updates, period, due, empty);
+        let hasty = (step * f64::from(1 << (self.at_once / HASTE).min(16))).min(LONGEST_STEP * period);
+        self.move_aim(if was_early { hasty.max(LATER * step) } else { -hasty });
+        self.at_once = if was_early { self.at_once / 2 } else { self.at_once.saturating_add(1) };
+        self.window.add(at, updates, period, due, empty, was_early);
         // An update is found after it was made, so the grid cannot be later.
         self.set_grid(due, (at - due).min(0.0));
         if !self.window.is_full() {
             return;
         }
         let change = self.window.period_change_ns();
-        if change.abs() > CHANGED * period {
-            self.period_ns = (period + change).max(0.0);
+        let is_bounded = self.window.is_bounded();
+        let (most, shorter) =
+            if is_bounded { (CHANGED, SHORTER) } else { (CHANGED_UNBOUNDED, SHORTER_UNBOUNDED) };
+        if change.abs() > most * period {
+            self.period_ns = (shorter * (period + change)).max(0.0);
             self.lock(at, Window::short(at));
-        } else {
-            self.period_ns += PERIOD_GAIN * change;
-            self.set_grid(self.grid_ns.unwrap_or(due), self.window.shift_ns());
-            self.window = self.window.next(at);
+            return;
         }
+        if is_bounded {
+            self.period_ns += self.window.gain() * change;
+        }
+        self.set_grid(self.grid_ns.unwrap_or(due), self.window.shift_ns());
+        self.window = self.window.next(at);
     }
 
     /// Sets the grid to `grid`, corrected `by` a time. The correction leaves the aim in place.

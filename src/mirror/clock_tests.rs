@@ -260,7 +260,7 @@ fn an_update_that_fails_to_come_is_polled_for_less_and_less() {
             assert!(clock.due_ns() - now <= period / 2 + 100, "what comes in time again is not missed");
             *polls += 1;
         }
-        assert!(polls[0] <= 12 && polls[3] <= 5 && polls[5] <= 3, "{polls:?} at {period} ns");
+        assert!(polls[0] <= 14 && polls[3] <= 5 && polls[5] <= 3, "{polls:?} at {period} ns");
     }
 }
 
@@ -317,6 +317,40 @@ fn b6_1_polls_in_vain_for_updates_left_out_do_not_make_the_others_late() {
         let mut delays = watch(&mut UpdateClock::default(), &made, |_| random(5_000)).delays;
         delays.sort_unstable();
         assert!(delays[delays.len() / 2] < 20_000, "{} ns late", delays[delays.len() / 2]);
+    }
+}
+
+#[test]
+fn b6_1_the_phase_is_found_soon_after_the_start() {
+    // Board and machine are each 10 us late and more, one time in fifty by milliseconds.
+    for (period, is_told) in [(2e6, true), (2e6, false), (442_708.4, true), (442_708.4, false)] {
+        let (mut slow, mut lost) = (0, 0);
+        for seed in 1..=100 {
+            let mut draw = seeded(seed);
+            let mut late = |at_worst| {
+                let usual = 10_000 + draw(30_000) * draw(30_000) / 30_000;
+                if draw(50) == 0 { usual + draw(at_worst) } else { usual }
+            };
+            let mut made = updates(2_000, |_| period);
+            for index in 0..made.len() {
+                let after = index.checked_sub(1).map_or(0.0, |last| made[last].0 + 1_000.0);
+                made[index].0 = (made[index].0 + late(2_000_000) as f64).max(after);
+            }
+            let mut clock = UpdateClock::default();
+            if is_told {
+                clock.expect_period(period as Ns);
+            }
+            let delays = watch(&mut clock, &made, |_| late(3_000_000)).delays;
+            let middle_of = |quarter: usize| {
+                let mut delays = delays[quarter * delays.len() / 4..][..delays.len() / 4].to_vec();
+                delays.sort_unstable();
+                delays[delays.len() / 2]
+            };
+            slow += u32::from(middle_of(1) > 60_000);
+            lost += u32::from(middle_of(3) > 60_000);
+        }
+        println!("{period} ns, told {is_told}: {slow} of 100 runs slow after 500 updates, {lost} after 1500");
+        assert!(slow <= 15 && lost == 0, "{slow} of 100 runs slow after 500 updates, {lost} after 1500");
     }
 }
 

@@ -26,6 +26,9 @@ pub(super) struct Window {
     /// The earliest find in the first quarter of the window, and in the last.
     first: Option<Find>,
     last: Option<Find>,
+    /// Whether an empty first poll came before a find in that quarter.
+    first_bounded: bool,
+    last_bounded: bool,
     /// The earliest find after the grid.
     find_ns: f64,
     /// The latest empty poll after the grid.
@@ -52,16 +55,26 @@ impl Window {
         Self { length, start_ns, find_ns: f64::INFINITY, empty_ns: f64::NEG_INFINITY, ..Self::default() }
     }
 
-    /// Takes the find of an update that was due at `due_ns`, `updates` after the last one.
-    pub fn add(&mut self, find_ns: f64, updates: f64, period_ns: f64, due_ns: f64, empty_ns: Option<f64>) {
+    /// Takes the find of an update that was due at `due_ns`, `updates` after the last one. Its first poll `was_early`.
+    pub fn add(
+        &mut self,
+        find_ns: f64,
+        updates: f64,
+        period_ns: f64,
+        due_ns: f64,
+        empty_ns: Option<f64>,
+        was_early: bool,
+    ) {
         self.updates += updates;
         let late_ns = find_ns - self.start_ns - self.updates * period_ns;
         let find = Find { updates: self.updates, late_ns };
         let earlier = |of: Option<Find>| of.filter(|of| of.late_ns <= late_ns).or(Some(find));
         if self.finds < self.length / 4 {
             self.first = earlier(self.first);
+            self.first_bounded |= was_early;
         } else if self.finds >= self.length - self.length / 4 {
             self.last = earlier(self.last);
+            self.last_bounded |= was_early;
         }
         self.finds += 1;
         self.find_ns = self.find_ns.min(find_ns - due_ns);
@@ -71,6 +84,16 @@ impl Window {
     /// Whether the window is complete.
     pub fn is_full(&self) -> bool {
         self.finds >= self.length
+    }
+
+    /// The part of a change of the period to take: all of it after a short window, half after the longest.
+    pub fn gain(&self) -> f64 {
+        if self.length < LONGEST { 1.0 } else { 0.5 }
+    }
+
+    /// Whether empty polls bound the finds from below at both ends.
+    pub fn is_bounded(&self) -> bool {
+        self.first_bounded && self.last_bounded
     }
 
     /// By how much the board's period is longer than the one used so far.
