@@ -14,6 +14,7 @@ use super::report_watch::{ReportWatch, Seen};
 use super::{Done, END_STEP, Ending, Resource, Sequence, SequenceCall, Step, is_unsent, line};
 use crate::daemon::shared::info::Info;
 use crate::daemon::shared::job::Job;
+use crate::daemon::shared::queue::Outcome;
 use crate::daemon::socket::jobs::inside;
 use crate::daemon::socket::policy::Peer;
 use crate::function::gather::GatherBuffer;
@@ -282,7 +283,9 @@ impl Gather {
     /// Takes what became of a step of the end. What cannot be carried out is noted, and the end goes on.
     fn take_of_end(&mut self, done: Done, now: Instant) {
         let gather_period = self.family.i.gather_period;
-        if is_unsent(done.outcome) && self.phase != Phase::EndFollow {
+        let is_question = matches!(self.phase, Phase::AskWhetherToEnd | Phase::AskPeriodAgain);
+        let can_be_tried = is_unsent(done.outcome) || is_question && done.outcome == Outcome::TimedOut;
+        if can_be_tried && self.phase != Phase::EndFollow {
             let give_up = *self.give_up.get_or_insert(now + END_PATIENCE);
             if now < give_up && self.ending != Some(Ending::Stopping) {
                 self.rest = Some(now + AGAIN);
@@ -297,7 +300,7 @@ impl Gather {
             (Phase::AskWhetherToEnd, Err(error)) => (
                 Phase::EndFollow,
                 Some(format!(
-                    "whether the board still gathers could not be asked ({error}); `pmacctl gather --stop` ends it"
+                    "the board may still gather, it could not be asked ({error}); `pmacctl gather --stop` ends that"
                 )),
             ),
             (Phase::EndGather, Ok(_)) => {

@@ -17,6 +17,8 @@
 //! * End: [`Sequence::end`] says why. The step under way is finished first and its outcome given; from then on every step must
 //!   serve the end, be bounded, and lead to [`Step::Over`].
 
+#[cfg(test)]
+mod end_tests;
 mod gather;
 mod lines;
 mod report_watch;

@@ -335,6 +335,7 @@ impl Rotary {
         let failed = |what: &str| done.result.as_ref().err().map(|error| format!("{what} failed ({error})"));
         let (phase, note) = match self.phase {
             Phase::Close => {
+                self.opened = false;
                 let note = failed("CLOSE").map(|note| {
                     format!("{note}, so the rotary buffers may still be open, and take what is in the DPRAM: send CLOSE")
                 });

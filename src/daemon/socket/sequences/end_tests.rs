@@ -1,0 +1,264 @@
+//! The ends of gathers and streams, cut at every step: whatever ends them, and whenever, the board is left as it should be.
+
+use std::time::Instant;
+
+use nix::unistd::{Gid, Uid};
+
+use super::*;
+use crate::daemon::shared::info::Info;
+use crate::map::PMAC;
+use crate::protocol::{BoardInfo, BoardSettings, calls};
+
+const OWNER: Peer = Peer { uid: Uid::from_raw(1000), gid: Gid::from_raw(1000), pid: 7 };
+const ENDINGS: [Ending; 5] = [
+    Ending::OwnerGone,
+    Ending::OwnerSilent,
+    Ending::Stopping,
+    Ending::EndedBy(OWNER),
+    Ending::AllStopped(OWNER, 1),
+];
+/// More steps than any sequence here takes until its owner has nothing more to say.
+const STEPS: usize = 40;
+
+/// A board as far as gathers and streams use it.
+#[derive(Debug, Clone, PartialEq, Eq)]
+struct Board {
+    reports: bool,
+    report_runs: bool,
+    gathers: bool,
+    timer: u16,
+    period: String,
+    open: bool,
+    transfer: bool,
+    runs: bool,
+    left: u64,
+    ahead: u64,
+}
+
+impl Board {
+    fn new(reports: bool, report_runs: bool) -> Self {
+        Self {
+            reports,
+            report_runs,
+            gathers: false,
+            timer: 0,
+            period: "1".to_owned(),
+            open: false,
+            transfer: false,
+            runs: false,
+            left: 0,
+            ahead: 3,
+        }
+    }
+
+    fn line(&mut self, line: &str) -> Option<String> {
+        let running = |runs| if runs { "000001000000" } else { "000000000000" };
+        match line {
+            "I48" => return Some(u8::from(self.reports).to_string()),
+            "I19" => return Some(self.period.clone()),
+            "???" => return Some(if self.gathers { "080000000000" } else { "000000000000" }.to_owned()),
+            "GATHER" if self.reports && !self.report_runs => self.report_runs = true,
+            "GATHER" => self.gathers = true,
+            "ENDGATHER" if self.gathers => self.gathers = false,
+            "ENDGATHER" => self.report_runs = false,
+            "&1PR" => return Some(self.left.to_string()),
+            "&1??" => return Some(running(self.runs).to_owned()),
+            "OPEN ROT" => self.open = true,
+            "CLOSE" => self.open = false,
+            "&1CLEAR" => self.left = 0,
+            "&1R" => self.runs = true,
+            "&1Q" => self.runs = false,
+            "I57=0" => self.transfer = false,
+            "I57=1" => self.transfer = true,
+            _ => {
+                if let Some(period) = line.strip_prefix("I19=") {
+                    self.period = period.to_owned();
+                }
+            }
+        }
+        None
+    }
+
+    /// Does a step as `outcome` says: what is not known to be undone is done.
+    fn take(&mut self, step: &Step, outcome: Outcome) -> Done {
+        let is_done = !is_unsent(outcome);
+        let mut done = Done { outcome, result: Ok(Vec::new()), rotary: None, words: Vec::new() };
+        match step {
+            Step::Line { line, .. } if is_done => {
+                done.result = Ok(self.line(line).into_iter().collect());
+            }
+            Step::Control { .. } => {
+                let systems = ["000000000000"; 7].join(" ");
+                let first = if self.runs { "000001000000" } else { "000000000000" };
+                done.result = Ok(vec![format!("{first} {systems}")]);
+            }
+            Step::Read { count, .. } => {
+                self.timer += u16::from(self.report_runs);
+                done.words = vec![self.timer; *count];
+            }
+            Step::Job { job, .. } if matches!(**job, Job::RotaryState(_)) => {
+                done.rotary = Some(RotaryState {
+                    ahead_longs: 0,
+                    ahead_commands: 0,
+                    ahead_lines: self.ahead,
+                    sent_lines: 5,
+                    busy: false,
+                    error: None,
+                    underruns: 0,
+                });
+            }
+            _ => {}
+        }
+        match outcome {
+            Outcome::Done => {}
+            Outcome::TimedOut => done.result = Err(CallError::TimedOut { lines: Vec::new() }),
+            _ => done.result = Err(CallError::Busy),
+        }
+        done
+    }
+}
+
+/// Drives `machine` until it is over. Before step `cut` it ends, for this reason; step `fails` ends so.
+fn drive(
+    machine: &mut dyn Sequence,
+    board: &mut Board,
+    (cut, why): (usize, Ending),
+    (fails, outcome): (usize, Outcome),
+) -> Result<Reply, CallError> {
+    let (mut now, mut done, mut steps) = (Instant::now(), None, 0);
+    let mut has_ended = false;
+    loop {
+        if steps >= cut && !std::mem::replace(&mut has_ended, true) {
+            machine.end(why);
+        }
+        let step = machine.next(done.take(), now);
+        match step {
+            Step::Over(reply) => return reply,
+            Step::Wait(moment) => now = moment,
+            Step::Answer(_) => steps = if machine.watches() { steps } else { cut },
+            Step::Tell(_) => {}
+            step => {
+                let outcome = if steps == fails { outcome } else { Outcome::Done };
+                done = Some(board.take(&step, outcome));
+                steps += 1;
+            }
+        }
+        assert!(steps < cut + 4 * STEPS, "it does not end: {machine:?}");
+    }
+}
+
+fn info() -> Info {
+    Info::new(&PMAC, BoardInfo::default(), BoardSettings::default())
+}
+
+fn gather() -> Gather {
+    let place = PMAC.gather;
+    let call = calls::GatherStart {
+        buffer: calls::Offset(place.buffer),
+        size_word: calls::Offset(place.size),
+        index_word: calls::Offset(place.index),
+        registers: vec!["X:$0000".to_owned(), "D:$002B".to_owned()],
+        size_longs: 300,
+        period: 3,
+        wrap: None,
+        servo_period_ns: Some(442_708),
+    };
+    Gather::new(GatherCall::of(call, &info()).unwrap(), OWNER)
+}
+
+#[test]
+fn b1_3_a_gather_cut_anywhere_leaves_the_board_as_it_was() {
+    for (reports, report_runs) in [(true, true), (true, false), (false, false)] {
+        for (cut, why) in (0..STEPS).flat_map(|cut| ENDINGS.map(|why| (cut, why))) {
+            let mut board = Board::new(reports, report_runs);
+            let reply = drive(&mut gather(), &mut board, (cut, why), (usize::MAX, Outcome::Done));
+            assert_eq!((board.gathers, board.period.as_str()), (false, "1"), "{cut} {why}: {reply:?}");
+            assert!(
+                board.report_runs || !report_runs,
+                "{cut} {why}: everybody's servo report has been ended"
+            );
+        }
+    }
+}
+
+#[test]
+fn b1_3_a_gather_of_which_a_step_fails_leaves_the_board_as_it_was() {
+    for (reports, report_runs) in [(true, true), (true, false), (false, false)] {
+        // The steps of the end come after those of the owner.
+        for fails in 0..2 * STEPS {
+            for outcome in [Outcome::TimedOut, Outcome::Busy, Outcome::Unavailable] {
+                let mut board = Board::new(reports, report_runs);
+                let ends = (STEPS, Ending::OwnerGone);
+                let reply = drive(&mut gather(), &mut board, ends, (fails, outcome));
+                assert!(
+                    board.report_runs || !report_runs,
+                    "{fails} {outcome:?}: everybody's servo report has been ended"
+                );
+                let is_told = format!("{reply:?}").contains("may ");
+                let is_as_before = !board.gathers && board.period == "1";
+                assert!(is_as_before || is_told, "{fails} {outcome:?}: {board:?} {reply:?}");
+            }
+        }
+    }
+}
+
+fn stream(left: Option<calls::LeftLines>) -> Rotary {
+    let call = calls::RotaryStart {
+        buffer: 1,
+        start: None,
+        size_longs: Some(40),
+        coordinate_system: 1,
+        coordinate_system_base: 1,
+        define_longs: None,
+        left,
+        run: Some(true),
+        may_stand: None,
+    };
+    Rotary::new(RotaryCall::of(call, &info()).unwrap())
+}
+
+#[test]
+fn b1_5_a_stream_cut_anywhere_leaves_no_program_running() {
+    for left in [0, 497] {
+        for (cut, why) in (0..STEPS).flat_map(|cut| ENDINGS.map(|why| (cut, why))) {
+            let mut board = Board { left, ..Board::new(true, true) };
+            let mut machine = stream((left > 0).then_some(calls::LeftLines::Clear));
+            let reply = drive(&mut machine, &mut board, (cut, why), (usize::MAX, Outcome::Done));
+            assert!(!board.runs && !board.open && !board.transfer, "{cut} {why}: {board:?} {reply:?}");
+        }
+    }
+}
+
+#[test]
+fn b1_5_lines_that_are_left_are_refused_with_their_number() {
+    let mut board = Board { left: 497, ..Board::new(true, true) };
+    let before = board.clone();
+    let reply = drive(&mut stream(None), &mut board, (STEPS, Ending::OwnerGone), (usize::MAX, Outcome::Done));
+    let Err(CallError::Refused { reason }) = reply else { panic!("{reply:?}") };
+    assert!(reason.contains("497 lines") && reason.contains("--clear"), "{reason}");
+    assert_eq!(Board { timer: before.timer, ..board }, before, "nothing was changed");
+}
+
+#[test]
+fn b1_5_a_stream_notices_that_its_program_does_not_run_any_more() {
+    let (mut machine, mut board) = (stream(None), Board::new(true, true));
+    let (mut now, mut done) = (Instant::now(), None);
+    for _ in 0..20 * STEPS {
+        match machine.next(done.take(), now) {
+            Step::Over(reply) => {
+                let said = format!("{reply:?}");
+                assert!(said.contains("does not run its rotary program any more"), "{said}");
+                assert!(!board.open && !board.transfer);
+                return;
+            }
+            Step::Wait(moment) => {
+                now = moment;
+                // Somebody on another host.
+                board.runs = false;
+            }
+            Step::Answer(_) | Step::Tell(_) => {}
+            step => done = Some(board.take(&step, Outcome::Done)),
+        }
+    }
+    panic!("it goes on feeding: {machine:?}");
+}
