@@ -29,8 +29,10 @@ pub struct ServerStats {
     pub clients: usize,
     /// Calls that wait for the board.
     pub calls: usize,
-    /// Tickets that belong to a connection.
+    /// Tickets that belong to a connection, or to a sequence.
     pub tickets: usize,
+    /// Sequences that run.
+    pub sequences: usize,
     /// Jogs that a connection holds, and stops that the board has not taken.
     pub leases: usize,
     /// Commands that wait for their turn or are with the bus thread.
@@ -89,11 +91,12 @@ impl ServerStepper {
     /// What the server keeps now.
     #[must_use]
     pub fn kept(&self) -> ServerStats {
-        let Service { clients, calls, leases, watches, .. } = &self.service;
+        let Service { clients, calls, leases, sequences, watches, .. } = &self.service;
         ServerStats {
             clients: clients.count(),
             calls: clients.iter().filter(|(_, client)| client.waits_for_board()).count(),
             tickets: calls.count(),
+            sequences: sequences.count(),
             leases: leases.count(),
             turns: calls.commands(),
             watched: watches.watched(),
