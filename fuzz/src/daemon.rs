@@ -13,6 +13,7 @@ use pmac_dpram::daemon::bus::ports::command_port::CommandPorts;
 use pmac_dpram::daemon::bus::work::ascii::AsciiQueue;
 use pmac_dpram::daemon::bus::work::command_lines::CommandLines;
 use pmac_dpram::daemon::shared::job::{Job, MaskedWord};
+use pmac_dpram::daemon::shared::open_buffer::{Account, Writer};
 use pmac_dpram::daemon::shared::queue::{Command, Event, Receive, Sender, Text, Ticket, queue};
 use pmac_dpram::format::TextOrder;
 use pmac_dpram::function::gather::GatherBuffer;
@@ -154,8 +155,8 @@ impl Bench<'_> {
         match how {
             0 => self.functions.ascii.queue_mut().reset(&mut self.bus, self.clock.now()).unwrap(),
             1 => self.functions.ascii.queue_mut().doubt(self.clock.now()),
-            2 => self.functions.ascii.queue_mut().see_buffer(true),
-            3 => self.functions.ascii.queue_mut().see_buffer(false),
+            2 => self.functions.ascii.queue_mut().see_buffer(Some(true), u64::MAX),
+            3 => self.functions.ascii.queue_mut().see_buffer(Some(false), u64::MAX),
             4 => self.functions.ascii.queue_mut().set_interrupt(true),
             5 => self.in_context(|functions, context| functions.reset(context).unwrap()),
             6 => {
@@ -186,9 +187,14 @@ impl Bench<'_> {
         let command = if how & 8 == 0 {
             let line: Vec<u8> = tape.piece().iter().take(200).map(|byte| byte % 95 + 32).collect();
             let line = Text::new(&line).unwrap();
-            Command::Send { ticket, line, deadline, question: how & 1 != 0 }
+            let writer = if how & 1 != 0 {
+                Writer::Question
+            } else {
+                Writer::Hand(Account { uid: how.into(), pid: 1 })
+            };
+            Command::Send { ticket, line, deadline, writer }
         } else {
-            Command::Control { ticket, character: tape.u8() % 31 + 1, deadline }
+            Command::Control { ticket, uid: 0, character: tape.u8() % 31 + 1, deadline }
         };
         self.functions.ascii.queue_mut().submit(&command, self.clock.now());
     }

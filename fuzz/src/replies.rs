@@ -6,12 +6,13 @@ use std::time::{Duration, Instant};
 use pmac_dpram::client::serial_reply::{self, Handshake};
 use pmac_dpram::daemon::bus::identify::Identifier;
 use pmac_dpram::daemon::bus::scale_doubts::ScaleDoubts;
+use pmac_dpram::daemon::shared::open_buffer::{Account, OpenBuffer, Writer};
 use pmac_dpram::format::{Float48Layout, TextOrder, fixed48, float32, float48, int24, write48};
 use pmac_dpram::gather::Source;
 use pmac_dpram::map::PmacRegister;
 use pmac_dpram::map::number;
 use pmac_dpram::map::{Family, Firmware, Layout, PMAC, errors, status};
-use pmac_dpram::protocol::{LINE_MAX, OpenBuffer, check_line, control};
+use pmac_dpram::protocol::{LINE_MAX, check_line, control};
 use pmac_dpram::rotary::Constant;
 use pmac_dpram::segment::Identity;
 use pmac_dpram::setup::{absolute::AbsoluteFormat, position::Word};
@@ -150,11 +151,18 @@ fn absolute(tape: &mut Tape<'_>) {
 /// Command lines, and what the daemon takes them for.
 fn lines(bytes: &[u8]) {
     let mut buffer = OpenBuffer::default();
+    let now = Instant::now();
     for line in bytes.split(|&byte| byte == b'\r') {
         let _ = ScaleDoubts::of_line(line);
         match line {
-            &[byte] if byte < 32 => buffer.follow_control(byte),
-            _ => buffer.follow(line),
+            &[byte] if byte < 32 => buffer.follow_control(byte, 0, now),
+            _ => {
+                buffer.begin(line, Writer::Hand(Account { uid: 0, pid: 1 }), now);
+                if let Some(barred) = buffer.bars(line, Writer::Question) {
+                    assert!(!barred.reason(now).is_empty());
+                }
+                buffer.done(line);
+            }
         }
         if let Ok(text) = std::str::from_utf8(line)
             && check_line(text).is_ok()
@@ -162,7 +170,7 @@ fn lines(bytes: &[u8]) {
             assert!((1..=LINE_MAX).contains(&line.len()) && line.iter().all(|byte| (32..127).contains(byte)));
         }
     }
-    buffer.follow(b"CLOSE");
+    buffer.done(b"CLOSE");
     assert!(!buffer.is_open());
 }
 

@@ -12,6 +12,7 @@ use std::time::{Duration, Instant};
 use nix::sys::socket::{setsockopt, sockopt::SndBuf};
 use pmac_dpram::daemon::shared::info::Info;
 use pmac_dpram::daemon::shared::job::Job;
+use pmac_dpram::daemon::shared::open_buffer::Writer;
 use pmac_dpram::daemon::shared::queue::{
     Command, Event, Outcome, READ_MAX, Receive, Sender, Text, Ticket, Unsolicited, queue,
 };
@@ -436,8 +437,8 @@ impl Board {
         self.rough |= outcome != Outcome::Done;
         let Some(command) = self.has.remove(which) else { return };
         match command {
-            Command::Send { ticket, line, question, .. } => {
-                let text = match (question, how >> 3) {
+            Command::Send { ticket, line, writer, .. } => {
+                let text = match (writer == Writer::Question, how >> 3) {
                     (true, 0) => right_answer(line.as_bytes()),
                     (true, _) => "7",
                     (false, _) => std::str::from_utf8(line.as_bytes()).unwrap(),

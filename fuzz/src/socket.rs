@@ -87,7 +87,7 @@ fn through_the_wire(reply: &Reply) -> Reply {
 /// What the thread that owns the board may rely on.
 fn within_bounds(ask: &Ask, role: Role) {
     match ask {
-        Ask::Send { line, timeout } => {
+        Ask::Send { line, timeout, .. } => {
             assert!(role == Role::Engineer && (1..=600_000).contains(&timeout.as_millis()));
             let line = line.as_bytes();
             assert!((1..=LINE_MAX).contains(&line.len()) && line.iter().all(|byte| (32..127).contains(byte)));

@@ -148,7 +148,26 @@ impl Connection {
     /// # Errors
     /// [`CommandError`]; [`CallError::Board`] in it when the board refused the line.
     pub fn send(&mut self, line: &str, timeout: Duration) -> Result<Vec<String>, CommandError> {
-        let parameters = calls::Send { line: line.to_owned(), timeout_ms: Some(milliseconds(timeout)) };
+        self.send_as(line, timeout, None)
+    }
+
+    /// As [`Connection::send`], for a line that wants to know something by the way: while a program buffer is open, where it
+    /// would become a program line, it is refused and not sent, whoever has opened the buffer.
+    ///
+    /// # Errors
+    /// As [`Connection::send`].
+    pub fn question(&mut self, line: &str, timeout: Duration) -> Result<Vec<String>, CommandError> {
+        self.send_as(line, timeout, Some(true))
+    }
+
+    fn send_as(
+        &mut self,
+        line: &str,
+        timeout: Duration,
+        question: Option<bool>,
+    ) -> Result<Vec<String>, CommandError> {
+        let timeout_ms = Some(milliseconds(timeout));
+        let parameters = calls::Send { line: line.to_owned(), timeout_ms, question };
         let reply: SendReply = self.call("Send", &parameters, timeout.saturating_add(MARGIN))?;
         Ok(reply.lines)
     }

@@ -5,6 +5,7 @@ use std::time::Duration;
 use super::*;
 use crate::clock::ManualTime;
 use crate::daemon::options::Options;
+use crate::daemon::shared::open_buffer::{Account, Writer};
 use crate::daemon::shared::queue::{Command, Event, Outcome, Text, Ticket};
 use crate::device::{Bus, FileBoard, Inherited};
 use crate::map::HostOffset;
@@ -64,7 +65,8 @@ impl World {
     fn send(&mut self, ticket: u64, line: &str, patience: Duration) {
         let deadline = self.time.clock().now() + patience;
         let line = Text::new(line.as_bytes()).unwrap();
-        let command = Command::Send { ticket: Ticket(ticket), line, deadline, question: false };
+        let writer = Writer::Hand(Account { uid: 0, pid: 1 });
+        let command = Command::Send { ticket: Ticket(ticket), line, deadline, writer };
         self.backend.commands.try_send(command).unwrap();
     }
 

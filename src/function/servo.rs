@@ -143,10 +143,11 @@ impl ServoReader {
         &self.image[..self.block.motors.words_from(self.block.region.start, motors)]
     }
 
-    /// Whether a program buffer was open on the board at the last update, as the copy of its global status says.
+    /// Whether a program buffer was open on the board at the last update, as the copy of its global status says; `None` where
+    /// the report does not tell.
     #[must_use]
-    pub fn program_buffer_open(&self) -> bool {
-        self.is_set(self.block.program_buffer_open)
+    pub fn program_buffer_open(&self) -> Option<bool> {
+        self.block.program_buffer_open.map(|flag| self.is_set(Some(flag)))
     }
 
     /// Whether the board gathered data at the last update, as the same copy says.

@@ -128,10 +128,10 @@ impl ServoMirror {
         self.freshness.is_live()
     }
 
-    /// Whether a program buffer is open on the board, as far as the servo data tell: not while none come.
+    /// Whether a program buffer is open on the board; `None` while no servo data come that tell.
     #[must_use]
-    pub fn program_buffer_open(&self) -> bool {
-        self.is_live() && self.reader.program_buffer_open()
+    pub fn program_buffer_open(&self) -> Option<bool> {
+        self.reader.program_buffer_open().filter(|_| self.is_live())
     }
 
     /// Whether the board gathers data, as far as the servo data tell: not while none come.

@@ -78,6 +78,9 @@ parameters! {
         /// When to give up.
         #[serde(default, deserialize_with = "milliseconds::<_, TIMEOUT_MAX_MS>", skip_serializing_if = "Option::is_none")]
         timeout_ms: Option<u64>,
+        /// Whether it is a question, which must not become a line of an open program buffer; it is a line when not given.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        question: Option<bool>,
     }
 
     /// Of `RunLines`.
@@ -92,6 +95,9 @@ parameters! {
         /// Whether to go on after a line that the board refuses; not when not given.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         keep_going: Option<bool>,
+        /// Lines for the end, whatever it is; those that an earlier call gave when not given.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        at_end: Option<Vec<String>>,
         /// Whether the sequence ends with these lines; it does when not given.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         last: Option<bool>,

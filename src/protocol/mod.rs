@@ -12,7 +12,6 @@ pub mod frame;
 pub mod function;
 pub mod message;
 pub mod mirror_selection;
-pub mod open_buffer;
 pub mod parameters;
 pub mod password;
 pub mod settings;
@@ -26,7 +25,6 @@ pub use frame::Inbox;
 pub use function::Functions;
 pub use message::{Call, Reply};
 pub use mirror_selection::{BackgroundSettings, ServoSettings};
-pub use open_buffer::OpenBuffer;
 pub use parameters::parameters;
 pub use settings::{BoardSettings, VariableMode, VariablesSettings};
 

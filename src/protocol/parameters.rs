@@ -138,7 +138,7 @@ mod tests {
             (wrong::<Send>(json!({"line": 1})), "line", "expected a string"),
             (wrong::<Send>(json!({"line": "?", "timeout_ms": 0})), "timeout_ms", "1 to 600000"),
             (wrong::<Send>(json!({"line": "?", "timeout_ms": "1"})), "timeout_ms", "expected"),
-            (wrong::<Send>(json!({"line": "?", "extra": 1})), "extra", "line, timeout_ms"),
+            (wrong::<Send>(json!({"line": "?", "extra": 1})), "extra", "line, timeout_ms, question"),
             (wrong::<Read>(json!({"host_offset": 0})), "words", "missing"),
             (wrong::<Read>(json!({"host_offset": 0, "words": 1.5})), "words", "expected"),
             (wrong::<Read>(json!({"host_offset": 0, "words": -1})), "words", "expected"),

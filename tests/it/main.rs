@@ -26,6 +26,7 @@ mod man;
 mod map;
 mod motors;
 mod one_board;
+mod open_buffer;
 mod panel;
 mod pauses;
 mod processes;

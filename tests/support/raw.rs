@@ -25,6 +25,11 @@ impl Raw {
     /// Connects to the daemon at `socket`.
     pub fn at(socket: &Path) -> Self {
         let stream = UnixStream::connect(socket).unwrap();
+        Self::over(stream)
+    }
+
+    /// Speaks over a connection that there is.
+    pub fn over(stream: UnixStream) -> Self {
         stream.set_read_timeout(Some(PATIENCE)).unwrap();
         stream.set_write_timeout(Some(PATIENCE)).unwrap();
         Self { stream, inbox: Inbox::new(1 << 24) }

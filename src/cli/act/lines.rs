@@ -8,6 +8,7 @@ use serde_json::{Value, json};
 use crate::cli::context::{Context, Failure};
 use crate::client::{CommandError, Connection, SerialError, SerialLine};
 use crate::protocol::CallError;
+use crate::protocol::board::{LineFailure, LineOutcome};
 
 /// Time limit of `SAVE`, which erases and writes flash.
 const SAVING: Duration = Duration::from_secs(60);
@@ -40,6 +41,17 @@ pub enum LineError {
 }
 
 impl LineError {
+    /// What the daemon tells of a line of a sequence, and what the board had answered before.
+    pub fn of(failure: &LineFailure, lines: &[String]) -> Self {
+        let lines = lines.to_vec();
+        let text = failure.message.clone();
+        match failure.outcome {
+            LineOutcome::Refused => Self::Board { code: failure.code, text, lines },
+            LineOutcome::Uncertain => Self::Uncertain { failure: Failure::Refused(text), lines },
+            LineOutcome::NotSent => Self::NotSent(Failure::Refused(text)),
+        }
+    }
+
     /// Takes out the reply lines that arrived before the error or the time-out.
     pub fn take_lines(&mut self) -> Vec<String> {
         match self {

@@ -136,7 +136,8 @@ impl Session {
 
     /// The prompt: the addressed motor and coordinate system, if the board answers in time.
     fn prompt(&mut self) -> String {
-        match self.way.send("# &", ADDRESS).as_deref() {
+        let Way::Daemon(connection) = &mut self.way else { return "pmac> ".to_owned() };
+        match connection.question("# &", ADDRESS).as_deref() {
             Ok([motor, system]) => Visible(format_args!("#{motor} &{system}> ")).to_string(),
             _ => "pmac> ".to_owned(),
         }

@@ -4,23 +4,23 @@ use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::io::{self, Read as _, Write as _};
 use std::path::{Path, PathBuf};
-use std::time::{Duration, SystemTime, UNIX_EPOCH};
+use std::time::{SystemTime, UNIX_EPOCH};
 
 use clap::{Args, ValueEnum};
 use serde_json::json;
 
 use super::mistakes::mistaken;
-use crate::cli::act::lines::{LineError, Way};
 use crate::cli::console::confirm::{board_of, confirm, sending};
 use crate::cli::console::sink;
 use crate::cli::console::time::rfc3339;
 use crate::cli::context::{Context, Failure, Verdict};
-use crate::cli::files::settings_file::{Entry, Item, parse, read};
+use crate::cli::files::sequence::{ask, begin};
+use crate::cli::files::settings_file::{Entry, Item, keep_address, parse, read};
 use crate::client::Connection;
+use crate::client::command::lines::LineSequence;
 use crate::map::Generation;
+use crate::protocol::board::{LineFailure, LineOutcome};
 
-/// Time limit of a line.
-const PATIENCE: Duration = Duration::from_secs(10);
 /// Largest file. All variables of any board fit.
 const LARGEST: u64 = 16 << 20;
 /// The variables of the port through which the daemon sends these lines. A change could cut the restore off half-way,
@@ -79,10 +79,11 @@ pub struct Restore {
 pub fn backup(context: &mut Context, options: &Backup) -> Result<Verdict, Failure> {
     let mut connection = context.connection()?;
     let info = connection.info()?;
+    let mut board = begin(&mut connection, "backup", false);
     // Ask the board: a daemon that has just started does not know them yet.
-    let mut say = |line| Ok::<_, Failure>(connection.send(line, PATIENCE)?.join(" "));
-    let (board_type, firmware, date) = (say("TYPE")?, say("VERSION")?, say("DATE")?);
-    let mut board = Reader::open(connection)?;
+    let said = ask(&mut board, &["TYPE", "VERSION", "DATE"])?;
+    let say = |index: usize| said.get(index).map_or(String::new(), |reply| reply.join(" "));
+    let (board_type, firmware, date) = (say(0), say(1), say(2));
     let count = variables_of(&info.family);
     let wanted = |kind| options.what.contains(&kind);
     let mut items: Vec<Item> = Vec::new();
@@ -99,7 +100,7 @@ pub fn backup(context: &mut Context, options: &Backup) -> Result<Verdict, Failur
     if wanted(What::M) {
         items.extend((0..count).map(Item::Definition));
     }
-    let mut held = board.read(items)?;
+    let mut held = read(&mut board, items)?;
     let own: Vec<Item> = held
         .iter()
         .filter_map(|(item, text)| match item {
@@ -107,8 +108,8 @@ pub fn backup(context: &mut Context, options: &Backup) -> Result<Verdict, Failur
             _ => None,
         })
         .collect();
-    held.extend(board.read(own)?);
-    drop(board);
+    held.extend(read(&mut board, own)?);
+    finish(board)?;
 
     let taken = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_nanos());
     let taken =
@@ -165,39 +166,24 @@ fn variables_of(family: &str) -> u16 {
     }
 }
 
-/// Reads the board, and restores the addressed coordinate system at the end.
-struct Reader {
-    way: Way,
-    system: Option<String>,
+/// Ends a sequence, and says what it leaves on the board.
+fn finish(sequence: LineSequence<'_>) -> Result<(), Failure> {
+    let over = sequence.finish()?;
+    over.notes.iter().for_each(|note| complain(format_args!("{note}")));
+    Ok(())
 }
 
-impl Reader {
-    fn open(connection: Connection) -> Result<Self, Failure> {
-        Ok(Self { way: Way::Daemon(connection), system: None })
-    }
-
-    fn read(&mut self, items: impl IntoIterator<Item = Item>) -> Result<BTreeMap<Item, String>, Failure> {
-        let items: Vec<Item> = items.into_iter().collect();
-        self.remember(items.iter().copied())?;
-        read(&mut self.way, items)
-    }
-
-    /// Remembers the addressed coordinate system, which all users share: Q-variables need to change it.
-    fn remember(&mut self, mut items: impl Iterator<Item = Item>) -> Result<(), Failure> {
-        if self.system.is_none() && items.any(|item| matches!(item, Item::Q { .. })) {
-            self.system = self.way.send("&", PATIENCE)?.into_iter().next();
-        }
-        Ok(())
-    }
-}
-
-impl Drop for Reader {
-    fn drop(&mut self) {
-        if let Some(system) = &self.system {
-            // A failure harms nothing: it leaves another system addressed.
-            let _ = self.way.send(&format!("&{system}"), PATIENCE);
-        }
-    }
+/// What the board holds of `items`, asked in a sequence of its own.
+fn held_of(
+    context: &Context,
+    kind: &str,
+    items: impl Iterator<Item = Item>,
+) -> Result<BTreeMap<Item, String>, Failure> {
+    let mut connection = context.connection()?;
+    let mut board = begin(&mut connection, kind, false);
+    let held = read(&mut board, items)?;
+    finish(board)?;
+    Ok(held)
 }
 
 pub fn diff(context: &mut Context, options: &Diff) -> Result<Verdict, Failure> {
@@ -205,7 +191,7 @@ pub fn diff(context: &mut Context, options: &Diff) -> Result<Verdict, Failure> {
     let mut differences: BTreeMap<Item, (Option<String>, Option<String>)> = BTreeMap::new();
     let theirs: BTreeMap<Item, String> = match &options.other {
         Some(path) => entries(path)?.into_iter().map(|entry| (entry.item, entry.text)).collect(),
-        None => Reader::open(context.connection()?)?.read(ours.iter().map(|entry| entry.item))?,
+        None => held_of(context, "diff", ours.iter().map(|entry| entry.item))?,
     };
     for (item, text) in &theirs {
         if !ours.iter().any(|entry| entry.item == *item) {
@@ -239,8 +225,7 @@ pub fn diff(context: &mut Context, options: &Diff) -> Result<Verdict, Failure> {
 pub fn restore(context: &mut Context, options: &Restore) -> Result<Verdict, Failure> {
     let entries = entries(&options.file)?;
     let file = shown(&options.file);
-    let mut board = Reader::open(context.connection()?)?;
-    let held = board.read(entries.iter().map(|entry| entry.item))?;
+    let held = held_of(context, "restore", entries.iter().map(|entry| entry.item))?;
     let was = |item: Item| held.get(&item).map_or("", String::as_str);
     let changes = entries.iter().filter(|entry| !entry.item.same(&entry.text, was(entry.item)));
     let is_port = |entry: &&Entry| matches!(entry.item, Item::I(number) if PORT.contains(&number));
@@ -272,8 +257,8 @@ pub fn restore(context: &mut Context, options: &Restore) -> Result<Verdict, Fail
     if !confirm(&sending(changes.len(), &board_of(context)?), options.yes)? {
         return Ok(Verdict::No);
     }
-    board.remember(changes.iter().map(|entry| entry.item))?;
-    let ended = report.send(&mut board);
+    let mut connection = context.connection()?;
+    let ended = report.send(&mut connection);
     report.print(context)?;
     ended?;
     Ok(report.errors.is_empty().into())
@@ -291,27 +276,42 @@ struct Report<'a> {
 
 impl Report<'_> {
     /// Sends the changes in the file's order, then reads them back and compares.
-    fn send(&mut self, board: &mut Reader) -> Result<(), Failure> {
+    fn send(&mut self, connection: &mut Connection) -> Result<(), Failure> {
+        let mut board = begin(connection, "restore", true);
+        keep_address(&mut board, self.changes.iter().map(|entry| entry.item))?;
+        let lines: Vec<String> = self.changes.iter().map(|entry| entry.item.line(&entry.text)).collect();
+        let mut entries = self.changes.iter().copied();
         let mut taken = Vec::new();
-        for &entry in self.changes {
-            match board.way.send(&entry.item.line(&entry.text), PATIENCE) {
-                Ok(_) => taken.push(entry),
-                Err(LineError::Board { text, .. }) => self.fail(entry, text),
-                Err(error) => {
-                    let stopped = match error {
-                        LineError::Uncertain { .. } => {
-                            "stopped at this line; the board may or may not have executed it"
-                        }
-                        _ => "stopped before this line",
-                    };
-                    complain(format_args!("{}:{}: {stopped}", self.file, entry.line));
-                    self.errors.push((entry, error.to_string()));
-                    return Err(error.into());
+        let mut stopped = None;
+        let ran = board.run(&lines, |reply| {
+            let Some(entry) = entries.next() else { return false };
+            match &reply.failure {
+                None => taken.push(entry),
+                Some(failure) if failure.outcome == LineOutcome::Refused => {
+                    self.fail(entry, failure.message.clone());
                 }
+                Some(failure) => stopped = Some((entry, failure.clone())),
             }
             self.sent = taken.len();
+            stopped.is_none()
+        });
+        if let (Err(error), Some(entry)) = (&ran, entries.next()) {
+            let outcome = LineOutcome::Uncertain;
+            stopped = Some((entry, LineFailure { outcome, code: None, message: error.to_string() }));
         }
-        let held = board.read(taken.iter().map(|entry| entry.item))?;
+        if let Some((entry, failure)) = stopped {
+            let what = match failure.outcome {
+                LineOutcome::NotSent => "stopped before this line",
+                _ => "stopped at this line; the board may or may not have executed it",
+            };
+            complain(format_args!("{}:{}: {what}", self.file, entry.line));
+            self.errors.push((entry, failure.message.clone()));
+            ran?;
+            return Err(Failure::Refused(failure.message));
+        }
+        ran?;
+        let held = read(&mut board, taken.iter().map(|entry| entry.item))?;
+        finish(board)?;
         for entry in taken {
             let now = held.get(&entry.item).map_or("", String::as_str);
             // A register that hardware also writes changes by itself. Report it all the same.

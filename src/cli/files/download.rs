@@ -1,7 +1,8 @@
-//! `pmacctl download`: sends program and command files line by line, and reports errors by file and line.
+//! `pmacctl download`: program and command files, line by line, with errors told by file and line.
 //!
-//! Lines after an `OPEN` go into a buffer until `CLOSE`. A buffer left open earlier would swallow every line, so CLOSE goes
-//! first. If an error, a signal or the end of the file leaves a buffer open, the download closes it.
+//! The daemon runs the lines as one sequence. Lines that follow an `OPEN` go into a buffer until `CLOSE`. A buffer that an error,
+//! an interruption, the end of the file or the end of this process leaves open is closed by the daemon. A buffer that
+//! somebody else has open is left alone: nothing is sent then.
 
 use std::io::{self, IsTerminal, Write};
 use std::path::{Path, PathBuf};
@@ -14,16 +15,16 @@ use serde_json::json;
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 
 use super::mistakes::mistaken;
-use crate::cli::act::lines::{LineError, Way};
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::cli::files::preprocess::{SourceLine, preprocess};
+use crate::client::Connection;
+use crate::client::command::lines::LinesOptions;
 use crate::format::Visible;
-use crate::protocol::{OpenBuffer, TIMEOUT_MAX_MS};
+use crate::protocol::TIMEOUT_MAX_MS;
+use crate::protocol::board::RunLinesReply;
 
 /// Largest file.
 const LARGEST: u64 = 64 << 20;
-/// Closes the open buffer. Harmless if none is open.
-const CLOSE: &str = "CLOSE";
 
 /// `download`.
 #[derive(Debug, Args)]
@@ -34,10 +35,10 @@ pub struct Download {
     /// Print the lines that would be sent, and send none
     #[arg(long)]
     pub dry_run: bool,
-    /// Go on if the board refuses a line
+    /// Go on after a line that the board refuses
     #[arg(long)]
     pub keep_going: bool,
-    /// Time limit of a line, in seconds; SAVE has a longer one
+    /// How long the board may take for a line, in seconds; SAVE may take longer
     #[arg(long, value_name = "S", default_value = "10", value_parser = crate::cli::args::values::seconds, allow_negative_numbers = true)]
     pub timeout: Duration,
 }
@@ -45,7 +46,9 @@ pub struct Download {
 pub fn run(context: &mut Context, options: &Download) -> Result<Verdict, Failure> {
     if options.timeout.as_millis() > TIMEOUT_MAX_MS.into() {
         let most = TIMEOUT_MAX_MS / 1000;
-        return Err(Failure::Request(format!("--timeout is at most {most} s")));
+        return Err(Failure::Request(format!(
+            "--timeout is longer than the {most} s that a command may take"
+        )));
     }
     let lines = preprocess(&options.files, &read).map_err(|mistakes| mistaken(&mistakes))?;
     if options.dry_run {
@@ -55,14 +58,11 @@ pub fn run(context: &mut Context, options: &Download) -> Result<Verdict, Failure
     for signal in [SIGINT, SIGTERM, SIGHUP] {
         signal_hook::flag::register(signal, Arc::clone(&stop)).map_err(Failure::request)?;
     }
-    let way = Way::daemon(context)?;
-    let mut download =
-        Sender { way, timeout: options.timeout, buffer: OpenBuffer::default(), failed: Vec::new(), sent: 0 };
-    let outcome = download.send_all(context, &lines, options.keep_going, &stop);
-    let closing = download.close_buffer();
-    download.report(context, lines.len())?;
+    let connection = context.connection()?;
+    let mut download = Run { lines: &lines, failed: Vec::new(), taken: 0 };
+    let outcome = download.send(context, connection, options, &stop);
+    download.report(context)?;
     outcome?;
-    closing?;
     Ok(download.failed.is_empty().into())
 }
 
@@ -87,14 +87,13 @@ fn dry_run(context: &mut Context, lines: &[SourceLine]) -> Result<Verdict, Failu
         context.output.json(&document)?;
         return Ok(Verdict::Yes);
     }
-    context.output.line(CLOSE)?;
     for line in lines {
         context.output.line(&line.text)?;
     }
     Ok(Verdict::Yes)
 }
 
-/// A line that the board refused, did not answer or did not receive.
+/// A line that the board refused or did not answer, or that did not reach it.
 struct Failed {
     line: SourceLine,
     /// The number of `ERRnnn`.
@@ -102,74 +101,88 @@ struct Failed {
     text: String,
 }
 
-struct Sender {
-    way: Way,
-    timeout: Duration,
-    buffer: OpenBuffer,
+/// A download that runs, or has run.
+struct Run<'a> {
+    lines: &'a [SourceLine],
     failed: Vec<Failed>,
-    sent: usize,
+    taken: u64,
 }
 
-impl Sender {
-    fn send_all(
+impl Run<'_> {
+    fn send(
         &mut self,
         context: &mut Context,
-        lines: &[SourceLine],
-        keep_going: bool,
+        mut connection: Connection,
+        options: &Download,
         stop: &AtomicBool,
     ) -> Result<(), Failure> {
-        self.way.send(CLOSE, self.timeout)?;
-        let mut progress = Progress::new(lines.len());
-        for line in lines {
-            if stop.load(Ordering::Relaxed) {
-                progress.clear();
-                return Err(Failure::Refused(format!("{}: interrupted before this line", line.place)));
-            }
-            progress.show(self.sent);
-            // Assume that the buffer opens even if the board refuses the line: the error may come from the text after the OPEN.
-            self.buffer.follow(line.text.as_bytes());
-            let (replies, error) = match self.way.send(&line.text, self.timeout) {
-                Ok(replies) => (replies, None),
-                Err(mut error) => (error.take_lines(), Some(error)),
-            };
-            self.sent += usize::from(error.is_none());
-            if !replies.is_empty() && !context.output.is_json() {
-                progress.clear();
-                for reply in &replies {
-                    context.output.line(reply)?;
-                }
-            }
-            let Some(error) = error else { continue };
-            progress.clear();
-            let (text, line) = (error.to_string(), line.clone());
-            let LineError::Board { code, .. } = error else {
-                let failure = Failure::from(error).at(&line.place);
-                self.failed.push(Failed { line, code: None, text });
-                return Err(failure);
-            };
-            // If stderr is closed, the message is lost.
-            let _ = writeln!(io::stderr(), "{}: {}: {}", line.place, Visible(&text), line.text);
-            self.failed.push(Failed { line, code, text });
-            if !keep_going {
-                break;
-            }
-        }
+        let sequence =
+            LinesOptions { kind: "download", timeout: options.timeout, keep_going: options.keep_going };
+        let texts: Vec<&str> = self.lines.iter().map(|line| line.text.as_str()).collect();
+        let mut progress = Progress::new(texts.len());
+        let mut next = 0;
+        let mut printed = Ok(());
+        let over = connection.run_lines(sequence, &texts, |reply| {
+            progress.show(reply.taken);
+            next += 1;
+            let outcome = self.told(context, &mut progress, reply);
+            printed = std::mem::replace(&mut printed, Ok(())).and(outcome);
+            printed.is_ok() && !stop.load(Ordering::Relaxed)
+        });
         progress.clear();
+        let place = self.lines.get(next).map(|line| &line.place);
+        let over = over.map_err(|error| match place {
+            Some(place) => Failure::from(error).at(place),
+            None => error.into(),
+        })?;
+        printed?;
+        self.taken = over.taken;
+        let is_whole = next == texts.len() && self.failed.is_empty();
+        self.leave(&over.notes, is_whole);
+        match (place, self.failed.last()) {
+            (Some(place), None) => Err(Failure::Refused(format!("{place}: interrupted before this line"))),
+            _ => Ok(()),
+        }
+    }
+
+    /// What became of a line.
+    fn told(
+        &mut self,
+        context: &mut Context,
+        progress: &mut Progress,
+        reply: &RunLinesReply,
+    ) -> Result<(), Failure> {
+        self.taken = reply.taken;
+        if !reply.lines.is_empty() && !context.output.is_json() {
+            progress.clear();
+            for line in &reply.lines {
+                context.output.line(line)?;
+            }
+        }
+        let line = reply.line.and_then(|number| self.lines.get(usize::try_from(number).ok()?));
+        if let (Some(failure), Some(line)) = (&reply.failure, line) {
+            progress.clear();
+            say(format_args!("{}: {}: {}", line.place, Visible(&failure.message), line.text));
+            self.failed.push(Failed {
+                line: line.clone(),
+                code: failure.code,
+                text: failure.message.clone(),
+            });
+        }
         Ok(())
     }
 
-    fn close_buffer(&mut self) -> Result<(), Failure> {
-        if !self.buffer.is_open() {
-            return Ok(());
+    /// Says what is on the board now.
+    fn leave(&self, notes: &[String], is_whole: bool) {
+        if is_whole {
+            notes.iter().for_each(|note| say(format_args!("warning: {note}")));
+        } else {
+            let notes = notes.iter().map(|note| format!("; {note}")).collect::<String>();
+            say(format_args!("the board took {} of {} lines{notes}", self.taken, self.lines.len()));
         }
-        self.way.send(CLOSE, self.timeout)?;
-        if self.failed.is_empty() {
-            let _ = writeln!(io::stderr(), "warning: a buffer was left open; it is closed now");
-        }
-        Ok(())
     }
 
-    fn report(&self, context: &mut Context, total: usize) -> Result<(), Failure> {
+    fn report(&self, context: &mut Context) -> Result<(), Failure> {
         if context.output.is_json() {
             let errors: Vec<_> = self
                 .failed
@@ -180,14 +193,21 @@ impl Sender {
                             "message": failed.text })
                 })
                 .collect();
-            context.output.json(&json!({ "lines": total, "taken": self.sent, "errors": errors }))?;
+            context
+                .output
+                .json(&json!({ "lines": self.lines.len(), "taken": self.taken, "errors": errors }))?;
             context.output.flush()?;
         }
         Ok(())
     }
 }
 
-/// The progress, on a terminal.
+fn say(what: std::fmt::Arguments<'_>) {
+    // Nobody reads it: nothing to be done.
+    let _ = writeln!(io::stderr(), "{what}");
+}
+
+/// How far it is, on a terminal.
 struct Progress {
     total: usize,
     shown: bool,
@@ -195,14 +215,14 @@ struct Progress {
 }
 
 impl Progress {
-    /// Updates often enough to show movement.
+    /// Often enough to be seen moving.
     const EVERY: Duration = Duration::from_millis(100);
 
     fn new(total: usize) -> Self {
         Self { total, shown: false, last: std::time::Instant::now() }
     }
 
-    fn show(&mut self, done: usize) {
+    fn show(&mut self, done: u64) {
         if self.last.elapsed() >= Self::EVERY && io::stderr().is_terminal() {
             self.last = std::time::Instant::now();
             self.shown = true;

@@ -4,4 +4,5 @@ pub mod backup;
 pub mod download;
 mod mistakes;
 pub mod preprocess;
+pub mod sequence;
 pub mod settings_file;

@@ -6,16 +6,14 @@
 
 use std::collections::BTreeMap;
 use std::fmt;
-use std::time::Duration;
 
-use crate::cli::act::lines::{LineError, Way};
 use crate::cli::context::Failure;
 use crate::cli::files::preprocess::{Mistake, Place};
+use crate::cli::files::sequence::ask;
+use crate::client::command::lines::LineSequence;
 use crate::protocol::LINE_MAX;
 use crate::protocol::answer;
 
-/// Time limit of a request. The board gives one of up to 100 answers each background cycle.
-const PATIENCE: Duration = Duration::from_secs(30);
 /// The most answers to one line. The board answers nobody else meanwhile.
 const ANSWERS_MAX: usize = 100;
 
@@ -197,27 +195,47 @@ fn entry(code: &str, system: u8) -> Result<Line<'_>, String> {
     Ok(Line::Entry(item, text))
 }
 
+/// Q-variables are those of the addressed coordinate system, which everybody shares: has the daemon address it again at the end.
+///
+/// # Errors
+/// As [`ask`].
+pub fn keep_address(
+    sequence: &mut LineSequence<'_>,
+    mut items: impl Iterator<Item = Item>,
+) -> Result<(), Failure> {
+    if !sequence.has_end()
+        && items.any(|item| matches!(item, Item::Q { .. }))
+        && let Some(system) = ask(sequence, &["&"])?.first().and_then(|reply| reply.first())
+    {
+        sequence.at_end(vec![format!("&{system}")]);
+    }
+    Ok(())
+}
+
 /// Reads `items` from the board.
 ///
 /// # Errors
 /// The board refuses a question or gives an unexpected answer.
-pub fn read(way: &mut Way, items: impl IntoIterator<Item = Item>) -> Result<BTreeMap<Item, String>, Failure> {
+pub fn read(
+    sequence: &mut LineSequence<'_>,
+    items: impl IntoIterator<Item = Item>,
+) -> Result<BTreeMap<Item, String>, Failure> {
     let mut items: Vec<Item> = items.into_iter().collect();
     items.sort_unstable();
     items.dedup();
     let mut held = BTreeMap::new();
-    for (question, asked) in questions(&items) {
-        let lines = way.send(&question, PATIENCE).map_err(|error| match error {
-            LineError::Board { text, .. } => Failure::Refused(format!("{question}: {text}")),
-            other => other.into(),
-        })?;
+    keep_address(sequence, items.iter().copied())?;
+    let questions = questions(&items);
+    let lines: Vec<&str> = questions.iter().map(|(question, _)| question.as_str()).collect();
+    let replies = ask(sequence, &lines)?;
+    for ((question, asked), lines) in questions.iter().zip(&replies) {
         if lines.len() != asked.len() {
             let (wanted, got) = (asked.len(), lines.len());
             return Err(Failure::Refused(format!(
                 "{question}: the board answered {got} lines instead of {wanted}"
             )));
         }
-        for (&item, line) in asked.iter().zip(&lines) {
+        for (&item, line) in asked.iter().zip(lines) {
             // A long listing (odd I9) starts with the variable's name.
             let name = format!("{}{}", item.short(), item.sign());
             let text = line.strip_prefix(&name).unwrap_or(line).trim();

@@ -8,11 +8,13 @@ use clap::Args;
 use serde_json::{Value, json};
 
 use super::lines::{self as setup, SetupCommand};
-use crate::cli::act::lines::{Kind, Way};
+use crate::cli::act::lines::{Kind, LineError, Way};
 use crate::cli::console::confirm::{board_of, confirm, sending as question};
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::cli::setup::absolute::{self, Absolute};
 use crate::cli::setup::answer::Answer;
+use crate::client::Connection;
+use crate::client::command::lines::LinesOptions;
 
 /// Time limit of a plain line.
 const PATIENCE: Duration = Duration::from_secs(5);
@@ -63,11 +65,10 @@ pub fn run(context: &mut Context, options: &Setup) -> Result<Verdict, Failure> {
     if !confirm(&question(commands.len(), &place), sending.yes)? {
         return Ok(Verdict::No);
     }
-    let mut way = match &sending.port {
-        Some(port) => Way::serial(port, sending.baud)?,
-        None => Way::daemon(context)?,
+    let sent = match &sending.port {
+        Some(port) => send_over(&mut Way::serial(port, sending.baud)?, &commands),
+        None => send(&mut context.connection()?, &commands),
     };
-    let sent = send(&mut way, &commands);
     report(context, answer.document, &commands, sent)
 }
 
@@ -93,10 +94,26 @@ fn print(context: &mut Context, answer: &Answer) -> Result<Verdict, Failure> {
 /// Prints how many lines the board took, and why sending stopped.
 struct Sent {
     taken: usize,
-    error: Option<crate::cli::act::lines::LineError>,
+    error: Option<LineError>,
 }
 
-fn send(way: &mut Way, commands: &[String]) -> Sent {
+/// Has the daemon send the lines, as one sequence.
+fn send(connection: &mut Connection, commands: &[String]) -> Sent {
+    let mut taken = 0;
+    let mut error = None;
+    let options = LinesOptions { kind: "setup", timeout: PATIENCE, keep_going: false };
+    let over = connection.run_lines(options, commands, |reply| {
+        match &reply.failure {
+            None => taken += 1,
+            Some(failure) => error = Some(LineError::of(failure, &reply.lines)),
+        }
+        true
+    });
+    Sent { taken, error: over.err().map(LineError::from).or(error) }
+}
+
+/// Sends the lines over a serial line.
+fn send_over(way: &mut Way, commands: &[String]) -> Sent {
     for (taken, line) in commands.iter().enumerate() {
         let result = way.send(line, PATIENCE).and_then(|_| match Kind::of(line) {
             Kind::Reset => way.wait_for_board(),

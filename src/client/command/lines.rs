@@ -11,6 +11,9 @@ use crate::protocol::{BOARD, Call, calls};
 /// Lines that the daemon is given at a time: few, so that whoever wants to end the sequence does not wait long.
 const AT_ONCE: usize = 8;
 
+/// How long the slowest line may take, whatever its caller says, and the end after it.
+const SLOW: Duration = Duration::from_secs(60);
+
 /// How a sequence of lines is run.
 #[derive(Debug, Clone, Copy)]
 pub struct LinesOptions<'a> {
@@ -22,7 +25,22 @@ pub struct LinesOptions<'a> {
     pub keep_going: bool,
 }
 
+/// A sequence of command lines that the daemon runs. To be ended by [`LineSequence::finish`]; the daemon ends it too when
+/// the connection is gone, or silent for 5 s.
+#[derive(Debug)]
+pub struct LineSequence<'c> {
+    connection: &'c mut Connection,
+    options: LinesOptions<'c>,
+    at_end: Option<Vec<String>>,
+    over: Option<RunLinesReply>,
+}
+
 impl Connection {
+    /// Begins a sequence with its first lines: no other one runs until it is over.
+    pub fn lines<'c>(&'c mut self, options: LinesOptions<'c>) -> LineSequence<'c> {
+        LineSequence { connection: self, options, at_end: None, over: None }
+    }
+
     /// Runs `lines` as one sequence. `told` is given what becomes of each, as it happens; a `false` of it ends the sequence soon.
     /// Returns the last reply: how many lines the board has taken, and what the sequence leaves on the board. A program
     /// buffer that the lines have opened is closed then; the daemon closes it too when this process dies.
@@ -34,53 +52,93 @@ impl Connection {
         &mut self,
         options: LinesOptions<'_>,
         lines: &[L],
-        mut told: impl FnMut(&RunLinesReply) -> bool,
+        told: impl FnMut(&RunLinesReply) -> bool,
     ) -> Result<RunLinesReply, CommandError> {
-        let mut chunks = lines.chunks(AT_ONCE).peekable();
-        let mut goes_on = true;
-        loop {
-            let chunk = if goes_on { chunks.next().unwrap_or_default() } else { &[] };
-            let is_last = !goes_on || chunks.peek().is_none();
-            let over = self.run_some(options, chunk, is_last, &mut |reply| goes_on &= told(reply))?;
-            if over.over {
-                return Ok(over);
-            }
-        }
+        let mut sequence = self.lines(options);
+        sequence.run(lines, told)?;
+        sequence.finish()
+    }
+}
+
+impl LineSequence<'_> {
+    /// Lines that the daemon sends at the end, whatever the end is: what puts the board back.
+    pub fn at_end(&mut self, lines: Vec<String>) {
+        self.at_end = Some(lines);
     }
 
-    /// Has the daemon run `lines` of a sequence, its last ones if `is_last`. The last reply to the call.
-    fn run_some<L: AsRef<str>>(
+    /// Whether [`Self::at_end`] was given lines.
+    #[must_use]
+    pub fn has_end(&self) -> bool {
+        self.at_end.is_some()
+    }
+
+    /// Runs `lines`. `told` is given what becomes of each; a `false` of it leaves the rest out. Whether the sequence goes on:
+    /// it is over after a line that failed, and [`LineSequence::finish`] tells what it leaves.
+    ///
+    /// # Errors
+    /// As [`Connection::run_lines`].
+    pub fn run<L: AsRef<str>>(
         &mut self,
-        options: LinesOptions<'_>,
         lines: &[L],
-        is_last: bool,
+        mut told: impl FnMut(&RunLinesReply) -> bool,
+    ) -> Result<bool, CommandError> {
+        let mut goes_on = true;
+        for chunk in lines.chunks(AT_ONCE) {
+            if !goes_on || self.over.is_some() {
+                break;
+            }
+            self.call(chunk, false, &mut |reply| goes_on &= told(reply))?;
+        }
+        Ok(goes_on && self.over.is_none())
+    }
+
+    /// Ends the sequence. The last reply: how many lines the board has taken, and what the sequence leaves on the board.
+    ///
+    /// # Errors
+    /// [`CommandError`].
+    pub fn finish(mut self) -> Result<RunLinesReply, CommandError> {
+        if self.over.is_none() {
+            self.call::<&str>(&[], true, &mut |_| {})?;
+        }
+        Ok(self.over.unwrap_or_default())
+    }
+
+    /// Has the daemon run `lines`, the last ones if `last`.
+    fn call<L: AsRef<str>>(
+        &mut self,
+        lines: &[L],
+        last: bool,
         told: &mut impl FnMut(&RunLinesReply),
-    ) -> Result<RunLinesReply, CommandError> {
-        let LinesOptions { kind, timeout, keep_going } = options;
+    ) -> Result<(), CommandError> {
+        let LinesOptions { kind, timeout, keep_going } = self.options;
         let parameters = calls::RunLines {
             kind: kind.to_owned(),
             lines: lines.iter().map(|line| line.as_ref().to_owned()).collect(),
             timeout_ms: Some(milliseconds(timeout)),
             keep_going: Some(keep_going),
-            last: Some(is_last),
+            at_end: self.at_end.clone(),
+            last: Some(last),
         };
         let mut call = Call::new(format!("{BOARD}.RunLines"), to_map(&parameters));
         call.more = Some(true);
-        let mut link = match self.link.take() {
+        let connection = &mut *self.connection;
+        let mut link = match connection.link.take() {
             Some(link) => link,
-            None => self.dial()?,
+            None => connection.dial()?,
         };
-        // The last reply may have to wait for the line under way, and for CLOSE after it.
-        let patience = timeout.saturating_add(DAEMON_TIMEOUT).saturating_add(MARGIN);
-        link.write(&encode(&call), super::after(DAEMON_TIMEOUT)).map_err(|error| fault(&self.path, error))?;
+        let path = &connection.path;
+        link.write(&encode(&call), super::after(DAEMON_TIMEOUT)).map_err(|error| fault(path, error))?;
         loop {
-            let reply = link.next_reply(super::after(patience)).map_err(|error| fault(&self.path, error))?;
+            // The last reply may have to wait for the line under way, and for what comes at the end after it.
+            let patience = timeout.max(SLOW).saturating_add(DAEMON_TIMEOUT).saturating_add(MARGIN);
+            let reply = link.next_reply(super::after(patience)).map_err(|error| fault(path, error))?;
             let continues = reply.continues == Some(true);
-            let reply = read_reply(reply);
+            let reply: Result<RunLinesReply, CommandError> = read_reply(reply);
             if !continues {
                 // Only a connection whose last reply has been read can be used again.
-                self.link = Some(link);
-                return reply;
+                connection.link = Some(link);
+                self.over = Some(reply?).filter(|reply| reply.over);
+                return Ok(());
             }
             told(&reply?);
         }

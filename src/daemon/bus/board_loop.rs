@@ -269,8 +269,9 @@ impl BoardLoop {
                         self.functions.ascii.queue_mut().identifier.ask_again(self.clock.now());
                     }
                 }
-                let open = self.functions.servo.program_buffer_open();
-                self.functions.ascii.queue_mut().see_buffer(open);
+                let servo = &self.functions.servo;
+                let (open, report) = (servo.program_buffer_open(), servo.updates());
+                self.functions.ascii.queue_mut().see_buffer(open, report);
                 if was_reset {
                     info!("the board was reset, or its memory cleared");
                     self.after_reset(!self.presence.is_reset_known())?;

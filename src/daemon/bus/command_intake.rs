@@ -91,6 +91,7 @@ mod tests {
         assert!(!intake.has_waiting());
         let control = |number| Command::Control {
             ticket: Ticket(number),
+            uid: 0,
             character: 1,
             deadline: std::time::Instant::now(),
         };

@@ -2,5 +2,6 @@
 
 pub mod info;
 pub mod job;
+pub mod open_buffer;
 pub mod queue;
 pub mod status;

@@ -12,6 +12,7 @@ use std::time::{Duration, Instant};
 use nix::sys::eventfd::{EfdFlags, EventFd};
 
 use super::job::Job;
+use super::open_buffer::{Barred, Writer};
 use super::status::BoardStatus;
 pub use crate::format::Text;
 use crate::function::ascii::ResponseText;
@@ -52,6 +53,7 @@ pub struct Ticket(pub u64);
 
 /// What the socket asks of the bus thread.
 #[derive(Debug)]
+#[expect(clippy::large_enum_variant, reason = "inline, so that passing a line allocates nothing")]
 pub enum Command {
     /// Send an ASCII command line and collect its reply. Answered by [`Event::Line`]s and one [`Event::Done`].
     Send {
@@ -61,14 +63,15 @@ pub enum Command {
         line: Text<LINE_MAX>,
         /// When to give up, wherever the line is by then.
         deadline: Instant,
-        /// A question of the daemon's own: not for a board that would take it as a program line. Answered by
-        /// [`Outcome::Unavailable`] then.
-        question: bool,
+        /// Who sends it, which decides whether it may enter an open program buffer. Answered by [`Outcome::Barred`] if not.
+        writer: Writer,
     },
     /// Send a control character (1 to 31) at once, before every queued line. Answered by [`Event::Done`].
     Control {
         /// Whose command this is.
         ticket: Ticket,
+        /// The user who sends it.
+        uid: u32,
         /// The character, `letter - 64`.
         character: u8,
         /// When to give up.
@@ -96,7 +99,6 @@ pub enum Command {
 
 /// How a command ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[expect(clippy::large_enum_variant, reason = "inline, so that the bus thread need not allocate to say why")]
 pub enum Outcome {
     /// The board acknowledged it.
     Done,
@@ -110,6 +112,8 @@ pub enum Outcome {
     Busy,
     /// The words lie outside the board's window.
     OutOfRange,
+    /// The line was not sent because of a program buffer.
+    Barred(Barred),
     /// It cannot be done, for this reason. Nothing has been written.
     Refused(Text<REASON_MAX>),
 }

@@ -9,6 +9,7 @@ use super::fair_queue::{FairQueue, Turn};
 use super::jobs::{Guard, JobCall};
 use super::policy::Peer;
 use crate::daemon::shared::job::Job;
+use crate::daemon::shared::open_buffer::Writer;
 use crate::daemon::shared::queue::{Command, Outcome, Sender, Ticket};
 use crate::function::ascii::ResponseText;
 use crate::function::variable_read::VariableEntry;
@@ -133,7 +134,7 @@ impl CallTable {
     pub(super) fn hand_out(&mut self, now: Instant, hears: impl Fn(u64) -> bool) -> Vec<Ended> {
         let mut refused = Vec::new();
         while let Some(Turn { ticket, mut command, audit }) = self.queue.next() {
-            if let Command::Send { question: true, deadline, .. } = &mut command {
+            if let Command::Send { writer: Writer::Question, deadline, .. } = &mut command {
                 // How long it waited here says nothing about the board.
                 *deadline = now + QUESTION_TIMEOUT;
             }

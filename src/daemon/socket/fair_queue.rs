@@ -160,7 +160,7 @@ mod tests {
 
     fn control(ticket: u64, letter: u8) -> Turn {
         let ticket = Ticket(ticket);
-        let command = Command::Control { ticket, character: letter - 64, deadline: Instant::now() };
+        let command = Command::Control { ticket, uid: 0, character: letter - 64, deadline: Instant::now() };
         Turn { ticket, command, audit: None }
     }
 

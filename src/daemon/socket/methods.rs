@@ -29,6 +29,8 @@ pub enum Ask {
         line: Text<LINE_MAX>,
         /// How long the board may take.
         timeout: Duration,
+        /// It is a question, which enters no program buffer.
+        question: bool,
     },
     /// Send a control character.
     Control {
@@ -287,12 +289,12 @@ fn service(method: &str, call: &Call) -> Result<Action, CallError> {
     }
 }
 
-fn send(calls::Send { line, timeout_ms }: calls::Send) -> Result<Action, CallError> {
+fn send(calls::Send { line, timeout_ms, question }: calls::Send) -> Result<Action, CallError> {
     check_line(&line).map_err(|reason| CallError::InvalidLine { reason })?;
     let line = Text::new(line.as_bytes())
         .ok_or_else(|| CallError::InvalidLine { reason: "the line is too long".to_owned() })?;
     let timeout = timeout_ms.map_or(DEFAULT_TIMEOUT, Duration::from_millis);
-    Ok(Action::Ask(Ask::Send { line, timeout }))
+    Ok(Action::Ask(Ask::Send { line, timeout, question: question.unwrap_or(false) }))
 }
 
 fn send_control(calls::SendControl { character }: &calls::SendControl) -> Result<Action, CallError> {

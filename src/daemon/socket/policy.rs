@@ -15,6 +15,8 @@ use nix::unistd::{Gid, Group, Uid, geteuid};
 use super::peer_groups::peer_groups;
 use crate::protocol::control;
 
+use crate::daemon::shared::open_buffer::Account;
+
 /// What a peer may do; each role includes those before it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Role {
@@ -146,6 +148,12 @@ pub struct Peer {
 }
 
 impl Peer {
+    /// Its user and process, as the bus thread is told.
+    #[must_use]
+    pub fn account(&self) -> Account {
+        Account { uid: self.uid.as_raw(), pid: self.pid }
+    }
+
     /// Who is at the other end of `stream`.
     ///
     /// # Errors

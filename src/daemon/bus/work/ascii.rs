@@ -19,12 +19,13 @@ use crate::daemon::bus::identify::Identifier;
 use crate::daemon::bus::ports::command_port::{CommandPorts, PortError};
 use crate::daemon::bus::ports::fallback::Fallback;
 use crate::daemon::bus::scale_doubts::ScaleDoubts;
+use crate::daemon::shared::open_buffer::{OpenBuffer, Writer};
 use crate::daemon::shared::queue::{
     Command, Event, LINE_MAX, Outcome, Sender, Text, Ticket, Unsolicited, at_once,
 };
 use crate::device::Bus;
 use crate::function::ascii::{AsciiEvent, ResponseText, control_has_reply};
-use crate::protocol::{CommandPort, CommandState, MessageKind, OpenBuffer};
+use crate::protocol::{CommandPort, CommandState, MessageKind};
 use crate::segment::{Counter, Publisher};
 
 /// Responses taken in one poll, so that a chattering board cannot hold up the servo data.
@@ -40,6 +41,7 @@ const POLL_IDLE_WITH_INTERRUPT: Duration = Duration::from_secs(1);
 
 /// A command under way, and so who it is for.
 #[derive(Clone, Copy)]
+#[expect(clippy::large_enum_variant, reason = "inline, so that the bus thread need not allocate")]
 enum InFlight {
     Line(WaitingLine),
     Control(WaitingControl),
@@ -62,12 +64,13 @@ struct WaitingLine {
     ticket: Ticket,
     line: Text<LINE_MAX>,
     deadline: Instant,
-    question: bool,
+    writer: Writer,
 }
 
 #[derive(Clone, Copy)]
 struct WaitingControl {
     ticket: Ticket,
+    uid: u32,
     character: u8,
     deadline: Instant,
 }
@@ -191,9 +194,13 @@ impl AsciiQueue {
         &mut self.ports
     }
 
-    /// What a report of the board says of its program buffers, which others may open too.
-    pub fn see_buffer(&mut self, open: bool) {
-        self.buffer.see(open);
+    /// What report number `report` of the board says of its program buffers, which others may open too; nothing while none
+    /// comes.
+    pub fn see_buffer(&mut self, open: Option<bool>, report: u64) {
+        match open {
+            Some(open) => self.buffer.see(open, report),
+            None => self.buffer.unsee(),
+        }
     }
 
     /// Whether interrupts announce responses, so that they need not be looked for so often.
@@ -224,14 +231,14 @@ impl AsciiQueue {
     /// Takes a line or control character in.
     pub fn submit(&mut self, command: &Command, now: Instant) {
         match *command {
-            Command::Send { ticket, line, deadline, question } => {
+            Command::Send { ticket, line, deadline, writer } => {
                 if ScaleDoubts::of_line(line.as_bytes()).is_some() {
                     self.fallback.ask_soon(&self.ports, now);
                 }
-                self.lines.push_back(WaitingLine { ticket, line, deadline, question });
+                self.lines.push_back(WaitingLine { ticket, line, deadline, writer });
             }
-            Command::Control { ticket, character, deadline } => {
-                self.controls.push_back(WaitingControl { ticket, character, deadline });
+            Command::Control { ticket, uid, character, deadline } => {
+                self.controls.push_back(WaitingControl { ticket, uid, character, deadline });
             }
             Command::ReadWords { .. } | Command::Job { .. } => {}
         }
@@ -312,15 +319,15 @@ impl AsciiQueue {
         if let Some(&next) = self.lines.front()
             && (self.buffer.is_open() || !self.identifier.is_overdue(now))
         {
-            if next.question && self.buffer.is_open() {
+            if let Some(barred) = self.buffer.bars(next.line.as_bytes(), next.writer) {
                 self.lines.pop_front();
-                self.outbox.tell(events, Event::Done(next.ticket, Outcome::Unavailable));
+                self.outbox.tell(events, Event::Done(next.ticket, Outcome::Barred(barred)));
                 return Ok(());
             }
             // Its caller has been told by now that it was not done. So must it be; [`Self::expire`] takes it away.
             if now < next.deadline && self.ports.begin(bus, next.line.as_bytes())? {
                 self.lines.pop_front();
-                self.buffer.follow(next.line.as_bytes());
+                self.buffer.begin(next.line.as_bytes(), next.writer, now);
                 self.start(InFlight::Line(next), next.deadline, publisher, now);
             }
         } else if !self.buffer.is_open()
@@ -360,7 +367,11 @@ impl AsciiQueue {
             AsciiEvent::Done(result) => {
                 counters.add(Counter::AsciiErrors, u64::from(result.is_err()));
                 self.state = CommandState::Answers;
-                match self.under_way.take().map(|under_way| under_way.command.ticket()) {
+                let command = self.under_way.take().map(|under_way| under_way.command);
+                if let Some(InFlight::Line(line)) = &command {
+                    self.buffer.done(line.line.as_bytes());
+                }
+                match command.map(|command| command.ticket()) {
                     Some(Some(ticket)) => {
                         let outcome = result.map_or_else(Outcome::Error, |()| Outcome::Done);
                         self.outbox.tell(events, Event::Done(ticket, outcome));

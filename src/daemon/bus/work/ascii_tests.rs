@@ -1,6 +1,7 @@
 //! Command lines for a hand-driven board: who waits for whom, and what is never begun.
 
 use super::*;
+use crate::daemon::shared::open_buffer::Account;
 use crate::daemon::shared::queue::{Receive, queue};
 use crate::device::FileBoard;
 use crate::format::TextOrder;
@@ -46,13 +47,14 @@ impl Rig {
     fn send(&mut self, ticket: u64, line: &str, patience: Duration) {
         let line = Text::new(line.as_bytes()).unwrap();
         let deadline = self.now + patience;
-        let command = Command::Send { ticket: Ticket(ticket), line, deadline, question: false };
+        let writer = Writer::Hand(Account { uid: 0, pid: 1 });
+        let command = Command::Send { ticket: Ticket(ticket), line, deadline, writer };
         self.queue.submit(&command, self.now);
     }
 
     fn control(&mut self, ticket: u64, character: u8) {
         let deadline = self.now + Duration::from_secs(5);
-        let command = Command::Control { ticket: Ticket(ticket), character, deadline };
+        let command = Command::Control { ticket: Ticket(ticket), uid: 0, character, deadline };
         self.queue.submit(&command, self.now);
     }
 

@@ -8,13 +8,20 @@ use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 
 use super::{Done, END_STEP, Ending, Resource, Sequence, SequenceCall, Step, is_unsent};
+use crate::daemon::shared::open_buffer::{Barred, OpenBuffer, Writer};
 use crate::daemon::shared::queue::{DEFAULT_TIMEOUT, LINE_MAX, Outcome, Text};
 use crate::protocol::board::{LineFailure, LineOutcome, RunLinesReply};
-use crate::protocol::{CallError, OpenBuffer, RUN_LINES_MAX, Reply, calls, check_line};
+use crate::protocol::{CallError, RUN_LINES_MAX, Reply, calls, check_line};
 
 /// How often `CLOSE` is tried at the end, while it is known not to have been sent, and how long after the last try.
 const CLOSE_TRIES: u32 = 3;
 const CLOSE_AGAIN: Duration = Duration::from_millis(100);
+/// The most lines for the end.
+const AT_END_MAX: usize = 8;
+/// How long `SAVE` may take: it erases and writes flash.
+const SAVING: Duration = Duration::from_secs(60);
+/// How long a reset may take to be acknowledged, which it need not be.
+const RESETTING: Duration = Duration::from_secs(3);
 /// The longest name of a sequence.
 const NAME_MAX: usize = 20;
 
@@ -25,6 +32,7 @@ pub struct Batch {
     lines: VecDeque<Text<LINE_MAX>>,
     timeout: Duration,
     keep_going: bool,
+    at_end: Option<VecDeque<Text<LINE_MAX>>>,
     last: bool,
 }
 
@@ -34,7 +42,7 @@ impl Batch {
     /// # Errors
     /// What is wrong with it; nothing is sent then.
     pub(in crate::daemon::socket) fn of(call: calls::RunLines) -> Result<Self, CallError> {
-        let calls::RunLines { kind, lines, timeout_ms, keep_going, last } = call;
+        let calls::RunLines { kind, lines, timeout_ms, keep_going, at_end, last } = call;
         let is_name =
             (1..=NAME_MAX).contains(&kind.len()) && kind.bytes().all(|byte| byte.is_ascii_lowercase());
         if !is_name {
@@ -44,19 +52,28 @@ impl Batch {
             let expected = format_args!("at most {RUN_LINES_MAX} lines a call, not {}", lines.len());
             return Err(CallError::invalid("lines", expected));
         }
-        let checked = lines.iter().map(|line| {
-            check_line(line)
-                .map_err(|reason| CallError::InvalidLine { reason: format!("{line:?}: {reason}") })?;
-            Ok(Text::from_bytes(line.as_bytes()))
-        });
+        if at_end.as_ref().is_some_and(|lines| lines.len() > AT_END_MAX) {
+            return Err(CallError::invalid("at_end", format_args!("at most {AT_END_MAX} lines")));
+        }
         Ok(Self {
-            lines: checked.collect::<Result<_, _>>()?,
+            lines: checked(&lines)?,
+            at_end: at_end.map(|lines| checked(&lines)).transpose()?,
             kind,
             timeout: timeout_ms.map_or(DEFAULT_TIMEOUT, Duration::from_millis),
             keep_going: keep_going.unwrap_or(false),
             last: last.unwrap_or(true),
         })
     }
+}
+
+/// `lines` as they are sent.
+fn checked(lines: &[String]) -> Result<VecDeque<Text<LINE_MAX>>, CallError> {
+    let checked = lines.iter().map(|line| {
+        check_line(line)
+            .map_err(|reason| CallError::InvalidLine { reason: format!("{line:?}: {reason}") })?;
+        Ok(Text::from_bytes(line.as_bytes()))
+    });
+    checked.collect()
 }
 
 /// How far it is.
@@ -70,6 +87,8 @@ enum Phase {
     Closing(u32),
     /// As before, and it is tried again soon.
     ClosingAgain(u32),
+    /// This line for the end is sent.
+    PuttingBack(Text<LINE_MAX>),
 }
 
 /// The sequence.
@@ -107,19 +126,26 @@ impl Lines {
     }
 
     /// The board has answered the line under way, or not.
-    fn line_done(&mut self, line: Text<LINE_MAX>, done: Done) -> Reply {
+    fn line_done(&mut self, line: Text<LINE_MAX>, done: Done, now: Instant) -> Reply {
         let number = self.number;
         self.number += 1;
         let was_open = self.buffer.is_open();
         if !is_unsent(done.outcome) {
-            // Counted as open even if the board refuses the line: an error may follow what opened it.
-            self.buffer.follow(line.as_bytes());
+            self.buffer.begin(line.as_bytes(), Writer::Question, now);
+        }
+        if matches!(done.outcome, Outcome::Done | Outcome::Error(_)) {
+            self.buffer.done(line.as_bytes());
+        }
+        if done.outcome == Outcome::Barred(Barred::Closed) {
+            self.buffer = OpenBuffer::default();
         }
         let (lines, failure) = match done.result {
             Ok(lines) => (lines, None),
+            // A board that resets need not acknowledge it.
+            Err(_) if done.outcome == Outcome::TimedOut && resets(&line) => (Vec::new(), None),
             Err(mut error) => {
-                let lines = error.take_lines();
-                (lines, Some(failure_of(done.outcome, &error)))
+                let failure = failure_of(done.outcome, &error);
+                (error.take_lines(), Some(failure))
             }
         };
         self.taken += u64::from(failure.is_none());
@@ -144,6 +170,16 @@ impl Lines {
             self.phase = Phase::Closing(tries + 1);
             return Step::Line { line: Text::from_bytes(b"CLOSE"), timeout: END_STEP };
         }
+        self.put_back()
+    }
+
+    /// The lines for the end, if any line has been sent, then the end.
+    fn put_back(&mut self) -> Step {
+        let line = self.batch.at_end.as_mut().and_then(VecDeque::pop_front);
+        if let Some(line) = line.filter(|_| self.number > 0) {
+            self.phase = Phase::PuttingBack(line);
+            return Step::Line { line, timeout: END_STEP };
+        }
         let notes = std::mem::take(&mut self.notes);
         Step::Over(Ok(reply(&RunLinesReply {
             taken: self.taken,
@@ -156,19 +192,22 @@ impl Lines {
     /// `CLOSE` has been answered, or not.
     fn closed(&mut self, tries: u32, done: &Done, now: Instant) -> Step {
         let entered = self.entered;
+        let name = self.buffer.opened().map_or(String::new(), |opened| opened.name.to_string());
         let note = match &done.result {
+            _ if done.outcome == Outcome::Barred(Barred::Closed) => {
+                format!("{name}, which it opened, was closed by somebody else: {entered} lines entered it")
+            }
             Err(_) if is_unsent(done.outcome) && tries < CLOSE_TRIES => {
                 self.phase = Phase::ClosingAgain(tries);
                 return Step::Wait(now + CLOSE_AGAIN);
             }
             Err(error) => format!(
-                "the program buffer that it opened may still be open, with {entered} lines of it taken: CLOSE failed ({error}); \
-                 send CLOSE"
+                "{name}, which it opened, may still be open: {entered} lines entered it, and CLOSE failed ({error}); send CLOSE"
             ),
             Ok(_) if self.failed || self.ending.is_some() => format!(
-                "the program buffer that it opened is closed now and incomplete: {entered} lines entered it"
+                "{name}, which it opened, is incomplete: {entered} lines entered it; it is closed now"
             ),
-            Ok(_) => "a buffer was left open; it is closed now".to_owned(),
+            Ok(_) => format!("{name} was left open; it is closed now"),
         };
         self.notes.push(note);
         self.buffer = OpenBuffer::default();
@@ -189,10 +228,16 @@ impl Sequence for Lines {
         match (self.phase, done) {
             (Phase::UnderWay(line), Some(done)) => {
                 self.phase = Phase::Sending;
-                return Step::Tell(self.line_done(line, done));
+                return Step::Tell(self.line_done(line, done, now));
             }
             (Phase::Closing(tries), Some(done)) => return self.closed(tries, &done, now),
             (Phase::ClosingAgain(tries), _) => return self.close(tries),
+            (Phase::PuttingBack(line), Some(done)) => {
+                if let Err(error) = done.result {
+                    self.notes.push(format!("{:?}, which puts the board back, failed: {error}", &*line));
+                }
+                return self.put_back();
+            }
             _ => {}
         }
         if self.failed || self.ending.is_some() {
@@ -201,17 +246,22 @@ impl Sequence for Lines {
         match self.batch.lines.pop_front() {
             Some(line) => {
                 self.phase = Phase::UnderWay(line);
-                Step::Line { line, timeout: self.batch.timeout }
+                Step::Line { line, timeout: patience(&line, self.batch.timeout) }
             }
             None if self.batch.last => self.close(0),
             None => Step::Answer(Ok(reply(&RunLinesReply { taken: self.taken, ..RunLinesReply::default() }))),
         }
     }
 
+    fn is_inside(&self) -> bool {
+        self.buffer.is_open()
+    }
+
     fn asked(&mut self, call: SequenceCall, _: Instant) -> Result<(), CallError> {
         match call {
             SequenceCall::Lines(batch) if batch.kind == self.batch.kind => {
-                self.batch = batch;
+                let at_end = batch.at_end.or(self.batch.at_end.take());
+                self.batch = Batch { at_end, ..batch };
                 Ok(())
             }
             _ => Err(CallError::Refused {
@@ -222,6 +272,22 @@ impl Sequence for Lines {
 
     fn end(&mut self, why: Ending) {
         self.ending = Some(why);
+    }
+}
+
+/// Whether `line` resets the board.
+fn resets(line: &str) -> bool {
+    line.contains("$$$")
+}
+
+/// How long the board may take for `line`, where a plain one may take `timeout`.
+fn patience(line: &str, timeout: Duration) -> Duration {
+    if line.to_ascii_uppercase().contains("SAVE") {
+        timeout.max(SAVING)
+    } else if resets(line) {
+        RESETTING
+    } else {
+        timeout
     }
 }
 

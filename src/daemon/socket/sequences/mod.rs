@@ -193,6 +193,12 @@ pub(super) trait Sequence: fmt::Debug + Send {
     /// What people call it: `download`, `gather`.
     fn name(&self) -> &str;
 
+    /// Whether its lines so far have opened a program buffer that they have not closed. Its next line is refused if somebody else
+    /// has closed it: the board would carry it out at once.
+    fn is_inside(&self) -> bool {
+        false
+    }
+
     /// The next step. `done` is what became of the line or job before; `None` at the beginning, and after every other step.
     fn next(&mut self, done: Option<Done>, now: Instant) -> Step;
 

@@ -5,6 +5,7 @@ use std::time::{Duration, Instant};
 
 use super::Service;
 use crate::daemon::shared::job::Job;
+use crate::daemon::shared::open_buffer::Writer;
 use crate::daemon::shared::queue::{Command, Outcome, Text, Ticket};
 use crate::daemon::socket::call_table::{COLLECT_MAX, Caller, Ended, Then};
 use crate::daemon::socket::connection::Waiting;
@@ -93,13 +94,14 @@ impl Service {
     fn ask(&mut self, caller: Caller, ask: Ask, now: Instant) -> Result<(), CallError> {
         let deadline = now + ask.timeout();
         match ask {
-            Ask::Send { line, .. } => {
+            Ask::Send { line, question, .. } => {
                 let audit = Some(format!("sends {:?}", without_password(&line)));
+                let writer = if question { Writer::Question } else { Writer::Hand(caller.peer.account()) };
                 self.wait_for_board(caller, deadline, Then::ReplyLines, audit, |ticket| Command::Send {
                     ticket,
                     line,
                     deadline,
-                    question: false,
+                    writer,
                 });
             }
             Ask::Control { character } => {
@@ -111,6 +113,7 @@ impl Service {
                 let audit = Some(format!("sends {}", control::name(character)));
                 self.wait_for_board(caller, deadline, then, audit, |ticket| Command::Control {
                     ticket,
+                    uid: caller.peer.uid.as_raw(),
                     character,
                     deadline,
                 });
@@ -192,7 +195,7 @@ impl Service {
             ticket,
             line,
             deadline,
-            question: true,
+            writer: Writer::Question,
         });
     }
 
@@ -221,7 +224,7 @@ impl Service {
     pub(super) fn give_up(&mut self, ended: Ended, outcome: Outcome, now: Instant) {
         match ended.then {
             Then::Sequence(number) => self.step_done(number, ended, outcome, Found::default(), now),
-            _ => self.answer(ended.caller, outcome_reply(outcome, ended.lines, false), now),
+            _ => self.answer(ended.caller, outcome_reply(outcome, ended.lines, false, now), now),
         }
     }
 
@@ -270,7 +273,7 @@ impl Service {
             (Then::ReplyHeld, outcome) => {
                 // The jog has begun: its holder's time runs from here.
                 let held = self.leases.renew(caller.client, now).map(|()| Reply::done()).map_err(lease_over);
-                if outcome == Outcome::Done { held } else { outcome_reply(outcome, lines, is_overlong) }
+                if outcome == Outcome::Done { held } else { outcome_reply(outcome, lines, is_overlong, now) }
             }
             (Then::AllStopped(character), Outcome::Done) => {
                 let clients = self.leases.control_taken();
@@ -283,7 +286,7 @@ impl Service {
                 Ok(Reply::done())
             }
             (Then::ReplyNotes(notes), Outcome::Done) => Reply::with(&NotesReply { notes }),
-            _ => outcome_reply(outcome, lines, is_overlong),
+            _ => outcome_reply(outcome, lines, is_overlong, now),
         };
         self.answer(caller, reply, now);
     }
@@ -353,7 +356,7 @@ impl Service {
         for id in clients {
             let Some(client) = self.clients.get_mut(*id) else { continue };
             client.wait_for(Waiting::Nothing);
-            let error = match outcome_reply(outcome, Vec::new(), false) {
+            let error = match outcome_reply(outcome, Vec::new(), false, now) {
                 Err(error) => error,
                 Ok(_) => CallError::Busy,
             };
@@ -410,8 +413,13 @@ impl Service {
 }
 
 /// What a call is answered whose command ended so.
-fn outcome_reply(outcome: Outcome, lines: Vec<String>, is_overlong: bool) -> Result<Reply, CallError> {
-    Reply::with(&SendReply { lines: reply_lines(outcome, lines, is_overlong)? })
+fn outcome_reply(
+    outcome: Outcome,
+    lines: Vec<String>,
+    is_overlong: bool,
+    now: Instant,
+) -> Result<Reply, CallError> {
+    Reply::with(&SendReply { lines: reply_lines(outcome, lines, is_overlong, now)? })
 }
 
 /// The lines of the board's reply, or why they are not there.
@@ -419,6 +427,7 @@ pub(super) fn reply_lines(
     outcome: Outcome,
     lines: Vec<String>,
     is_overlong: bool,
+    now: Instant,
 ) -> Result<Vec<String>, CallError> {
     match outcome {
         Outcome::Done if is_overlong => Err(CallError::Unavailable {
@@ -436,6 +445,7 @@ pub(super) fn reply_lines(
         }),
         Outcome::Busy => Err(CallError::Busy),
         Outcome::OutOfRange => Err(CallError::OutOfRange),
+        Outcome::Barred(barred) => Err(CallError::Refused { reason: barred.reason(now) }),
         Outcome::Refused(reason) => {
             Err(CallError::Refused { reason: String::from_utf8_lossy(reason.as_bytes()).into_owned() })
         }

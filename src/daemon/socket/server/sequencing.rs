@@ -5,6 +5,7 @@ use std::time::{Duration, Instant};
 use log::info;
 
 use super::Service;
+use crate::daemon::shared::open_buffer::Writer;
 use crate::daemon::shared::queue::{Command, Outcome};
 use crate::daemon::socket::call_table::{Caller, Ended, Then};
 use crate::daemon::socket::connection::{HIGH_WATER, Waiting};
@@ -197,9 +198,11 @@ impl Service {
                     running.waits = Waits::Board;
                     let audit =
                         Some(format!("({}) sends {:?}", running.machine.name(), without_password(&line)));
+                    let inside = running.machine.is_inside();
+                    let writer = Writer::Sequence { number, account: owner.peer.account(), inside };
                     let deadline = now + timeout;
                     self.calls.ask(step_of(owner.peer), deadline, Then::Sequence(number), audit, |ticket| {
-                        Command::Send { ticket, line, deadline, question: false }
+                        Command::Send { ticket, line, deadline, writer }
                     });
                     return None;
                 }
@@ -215,7 +218,7 @@ impl Service {
                     running.waits = Waits::Board;
                     let deadline = now + timeout;
                     self.calls.ask(step_of(owner.peer), deadline, Then::Sequence(number), None, |ticket| {
-                        Command::Control { ticket, character, deadline }
+                        Command::Control { ticket, uid: owner.peer.uid.as_raw(), character, deadline }
                     });
                     return None;
                 }
@@ -283,7 +286,7 @@ impl Service {
         found: Found,
         now: Instant,
     ) {
-        let result = super::calls::reply_lines(outcome, ended.lines, ended.is_overlong);
+        let result = super::calls::reply_lines(outcome, ended.lines, ended.is_overlong, now);
         self.go_on(number, Some(Done { outcome, result, rotary: found.rotary, words: found.words }), now);
     }
 

@@ -55,7 +55,7 @@ impl AsciiQueue {
         let has_reply = control_has_reply(first.character);
         if self.ports.control(bus, first.character, has_reply, now)? {
             self.controls.remove(index);
-            self.buffer.follow_control(first.character);
+            self.buffer.follow_control(first.character, first.uid, now);
             self.last_event = now;
             publisher.counters().add(Counter::AsciiCommands, 1);
             if has_reply {

@@ -1,0 +1,128 @@
+//! A program buffer that somebody has open: whose lines enter it, and what everybody else is told.
+
+use std::io::Write;
+use std::os::unix::net::UnixStream;
+use std::time::Duration;
+
+use nix::unistd::{Gid, Uid, getuid};
+use pmac_dpram::daemon::socket::policy::{Peer, Role};
+use serde_json::{Value, json};
+
+use crate::support::VirtualSite;
+use crate::support::raw::{Raw, error_name};
+
+const STRANGER: u32 = 4711;
+
+/// A connection of another user, an engineer.
+fn stranger(site: &VirtualSite) -> Raw {
+    let (ours, theirs) = UnixStream::pair().unwrap();
+    site.with_world(move |world| {
+        let peer = Peer { uid: Uid::from_raw(STRANGER), gid: Gid::from_raw(STRANGER), pid: 99 };
+        let now = world.now();
+        world.daemon.as_mut().unwrap().server.enter(theirs, peer, Role::Engineer, now).unwrap();
+    });
+    Raw::over(ours)
+}
+
+fn call(client: &mut Raw, method: &str, parameters: Value) -> Value {
+    client.call(method, parameters);
+    client.receive().unwrap()
+}
+
+#[track_caller]
+fn assert_refused(site: &VirtualSite, arguments: &[&str], who: &str) {
+    let ran = site.run(arguments);
+    assert_eq!(ran.code, Some(1), "{arguments:?}: {ran:?}");
+    assert!(ran.stderr.contains(who) && ran.stderr.contains("not sent"), "{arguments:?}: {}", ran.stderr);
+}
+
+#[test]
+fn b1_2_no_sequence_enters_an_open_program_buffer() {
+    let site = VirtualSite::running(&[], &[]);
+    let file = site.file("file.pmc", "P5=1\n");
+    // The end of a one-shot `send` closes nothing.
+    for line in ["OPEN PROG 77 CLEAR", "X1"] {
+        assert_eq!(site.run(&["send", line]).code, Some(0));
+    }
+    let who = format!("uid {} (pid ", getuid());
+    for arguments in [
+        &["download", &file][..],
+        &["restore", "--yes", &file],
+        &["backup", "--what", "P"],
+        &["setup", "--send", "--yes", "enable", "background"],
+    ] {
+        assert_refused(&site, arguments, &who);
+        assert_refused(&site, arguments, "has had PROG 77 open for");
+    }
+    // His own line by hand enters.
+    assert_eq!(site.run(&["send", "Y2"]).code, Some(0));
+    assert_eq!(site.run(&["send", "CLOSE"]).code, Some(0));
+    assert_eq!(site.ask("LIST PROG 77"), ["X1", "Y2"]);
+    assert_eq!(site.run(&["download", &file]).code, Some(0));
+    site.assert_no_violations();
+}
+
+#[test]
+fn b1_2_no_other_users_line_enters_but_close_and_what_stops_pass() {
+    let site = VirtualSite::running(&[], &[]);
+    site.ask("OPEN PROG 77 CLEAR");
+    let mut client = stranger(&site);
+    let refused = call(&mut client, "Send", json!({"line": "X1"}));
+    let reason = refused["parameters"]["reason"].as_str().unwrap();
+    assert!(reason.contains(&format!("uid {} (pid {})", getuid(), std::process::id())), "{reason}");
+    assert_eq!(error_name(&call(&mut client, "Send", json!({"line": "I57"}))), "Refused");
+    for character in ["^A", "^K"] {
+        assert_eq!(call(&mut client, "SendControl", json!({"character": character})).get("error"), None);
+    }
+    site.ask("X2");
+    assert_eq!(call(&mut client, "Send", json!({"line": "CLOSE"})).get("error"), None);
+    assert_eq!(site.ask("LIST PROG 77"), ["X2"]);
+    // Now it is the other user's.
+    assert_eq!(call(&mut client, "Send", json!({"line": "OPEN PROG 78 CLEAR"})).get("error"), None);
+    assert_refused(&site, &["send", "X3"], "uid 4711 (pid 99) has had PROG 78 open for");
+    site.assert_no_violations();
+}
+
+#[test]
+fn b1_2_a_question_by_the_way_does_not_even_enter_ones_own_buffer() {
+    let site = VirtualSite::running(&[], &[]);
+    site.ask("OPEN PROG 77 CLEAR");
+    site.ask("X1");
+    assert!(site.connection().question("I57", Duration::from_secs(5)).is_err());
+    site.ask("CLOSE");
+    assert_eq!(site.ask("LIST PROG 77"), ["X1"]);
+    site.assert_no_violations();
+}
+
+#[test]
+fn b1_2_a_buffer_that_the_serial_port_opened_counts() {
+    let site = VirtualSite::running(&[], &[]);
+    site.wait_for_live_servo();
+    let mut serial = UnixStream::connect(site.path("serial")).unwrap();
+    serial.write_all(b"OPEN PROG 88 CLEAR\rX1\r").unwrap();
+    let file = site.file("file.pmc", "P5=1\n");
+    site.run_for(Duration::from_millis(500));
+    for arguments in [&["download", &file][..], &["send", "X9"]] {
+        assert_refused(&site, arguments, "opened by somebody else (the serial port");
+    }
+    assert_eq!(site.run(&["send", "CLOSE"]).code, Some(0));
+    assert_eq!(site.ask("LIST PROG 88"), ["X1"]);
+    site.assert_no_violations();
+}
+
+#[test]
+fn b1_2_a_sequence_whose_buffer_somebody_closed_carries_nothing_out() {
+    let site = VirtualSite::running(&[], &[]);
+    let file = site.file("long.pmc", &format!("OPEN PROG 9 CLEAR\n{}P5=1\nCLOSE\n", "X1\n".repeat(2000)));
+    site.ask("P5=7");
+    let mut child = site.command(&["download", &file]);
+    let child = child.stderr(std::process::Stdio::piped()).spawn().unwrap();
+    site.wait_until("the download to run", || site.log().matches("(download) sends \"X1\"").count() > 100);
+    assert_refused(&site, &["send", "X5"], "a sequence of uid");
+    assert_eq!(site.run(&["send", "CLOSE"]).code, Some(0));
+    let ran = crate::support::rig::Ran::from(child.wait_with_output().unwrap());
+    assert_eq!(ran.code, Some(1), "{ran:?}");
+    assert!(ran.stderr.contains("somebody closed the program buffer"), "{}", ran.stderr);
+    assert_eq!(site.ask("P5"), ["7"], "what would have entered the program was not carried out");
+    site.assert_no_violations();
+}
