@@ -164,7 +164,7 @@ impl Functions {
                 self.ascii.give_up(bus, now)?;
             }
             4 => {
-                self.ascii.take_back(bus)?;
+                self.ascii.take_back(bus, now)?;
             }
             5 => self.ascii.withdraw_control(bus)?,
             6 => self.ascii.settle(now),

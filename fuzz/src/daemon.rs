@@ -14,7 +14,7 @@ use pmac_dpram::daemon::bus::work::ascii::AsciiQueue;
 use pmac_dpram::daemon::bus::work::command_lines::CommandLines;
 use pmac_dpram::daemon::shared::job::{Job, MaskedWord};
 use pmac_dpram::daemon::shared::open_buffer::{Account, Writer};
-use pmac_dpram::daemon::shared::queue::{Command, Event, Receive, Sender, Text, Ticket, queue};
+use pmac_dpram::daemon::shared::queue::{Command, Event, Origin, Receive, Sender, Text, Ticket, queue};
 use pmac_dpram::format::TextOrder;
 use pmac_dpram::function::gather::GatherBuffer;
 use pmac_dpram::function::panel::{FeedOverride, PanelAction, PanelRequest};
@@ -192,9 +192,15 @@ impl Bench<'_> {
             } else {
                 Writer::Hand(Account { uid: how.into(), pid: 1 })
             };
-            Command::Send { ticket, line, deadline, writer }
+            Command::Send { ticket, line, origin: Origin::default(), deadline, writer }
         } else {
-            Command::Control { ticket, uid: 0, character: tape.u8() % 31 + 1, deadline }
+            Command::Control {
+                ticket,
+                uid: 0,
+                drops_lines: how & 1 != 0,
+                character: tape.u8() % 31 + 1,
+                deadline,
+            }
         };
         self.functions.ascii.queue_mut().submit(&command, self.clock.now());
     }

@@ -92,7 +92,7 @@ fn within_bounds(ask: &Ask, role: Role) {
             let line = line.as_bytes();
             assert!((1..=LINE_MAX).contains(&line.len()) && line.iter().all(|byte| (32..127).contains(byte)));
         }
-        Ask::Control { character } => assert!(role >= Role::Stop && (1..=31).contains(character)),
+        Ask::Control { character, .. } => assert!(role >= Role::Stop && (1..=31).contains(character)),
         Ask::Read { first, count } => {
             assert!((1..=READ_MAX).contains(count) && first.bytes() < 1 << 20 && first.bytes() % 2 == 0);
         }

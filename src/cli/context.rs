@@ -65,6 +65,7 @@ impl From<CommandError> for Failure {
             CommandError::Refused(
                 CallError::Board { .. }
                 | CallError::TimedOut { .. }
+                | CallError::Interrupted { .. }
                 | CallError::Unavailable { .. }
                 | CallError::Busy
                 | CallError::NotPermitted { .. }

@@ -173,12 +173,27 @@ impl Connection {
     }
 
     /// Sends the control character `character` (1 to 31) ahead of every line that waits, and returns what the board
-    /// answered: nothing, for most of them.
+    /// answered: nothing, for most of them. `^A` and `^K` drop the lines that wait in the daemon, whosever they are.
     ///
     /// # Errors
     /// [`CommandError`].
     pub fn control(&mut self, character: u8) -> Result<Vec<String>, CommandError> {
-        let parameters = calls::SendControl { character: control::name(character) };
+        self.send_control(character, false)
+    }
+
+    /// As [`Connection::control`], but that `^A` and `^K` leave the lines that wait where they are.
+    ///
+    /// # Errors
+    /// [`CommandError`].
+    pub fn control_keeping_queue(&mut self, character: u8) -> Result<Vec<String>, CommandError> {
+        self.send_control(character, true)
+    }
+
+    fn send_control(&mut self, character: u8, keeps_queue: bool) -> Result<Vec<String>, CommandError> {
+        let parameters = calls::SendControl {
+            character: control::name(character),
+            keep_queue: keeps_queue.then_some(true),
+        };
         let reply: SendReply = self.call("SendControl", &parameters, DAEMON_TIMEOUT + MARGIN)?;
         Ok(reply.lines)
     }

@@ -6,7 +6,7 @@ use super::*;
 use crate::clock::ManualTime;
 use crate::daemon::options::Options;
 use crate::daemon::shared::open_buffer::{Account, Writer};
-use crate::daemon::shared::queue::{Command, Event, Outcome, Text, Ticket};
+use crate::daemon::shared::queue::{Command, Event, Origin, Outcome, Text, Ticket};
 use crate::device::{Bus, FileBoard, Inherited};
 use crate::map::HostOffset;
 use crate::map::pmac::{ASCII_OUTPUT_CONTROL, SERVO_HOST_STATUS, SERVO_PMAC_STATUS};
@@ -66,7 +66,8 @@ impl World {
         let deadline = self.time.clock().now() + patience;
         let line = Text::new(line.as_bytes()).unwrap();
         let writer = Writer::Hand(Account { uid: 0, pid: 1 });
-        let command = Command::Send { ticket: Ticket(ticket), line, deadline, writer };
+        let origin = Origin::default();
+        let command = Command::Send { ticket: Ticket(ticket), line, origin, deadline, writer };
         self.backend.commands.try_send(command).unwrap();
     }
 

@@ -15,29 +15,34 @@
 //!
 //! PMAC programs put texts of their own into the same response buffer. The control word tells them apart, so they are
 //! never taken for a reply. A reply that comes after its command was given up cannot be told from the next command's.
-//! So the port does what the manual has `<CTRL-X>` for: it has the board empty its queues, lets everything arrive that
-//! is still on its way ([`SETTLE`]), and only then takes the next line.
+//! So the port is held until the board shows that it is free ([`hold`]).
+//!
+//! The manual lets a reply end with `<ACK>` (p. 28, step 6). With I3=0 there is none: I58=1 makes I3=0 of an I3=1 (p. 27),
+//! which is the factory's. A port that was told so ([`DpramPort::set_reply_end`]) ends a reply [`REPLY_END`] after its last
+//! line, or after the line was taken.
+
+pub mod control;
+pub mod hold;
 
 use std::time::{Duration, Instant};
+
+use control::Lying;
+use hold::Hold;
 
 use crate::device::{Access, Bus, BusError};
 use crate::format::{Text, TextOrder};
 use crate::map::functions::{RESPONSE_BYTES, response};
+use crate::map::readings::ReplyEnd;
 use crate::map::{AsciiPort, errors};
 
-/// How long the response buffer must have been silent before a port that gave up on a reply is used again.
-pub const SETTLE: Duration = Duration::from_millis(50);
-/// How many texts of programs begin the silence anew. A program that never stops sending must not block the port; and by then the
-/// board has put out so many responses that those of the old command, which stood before them in its queue, are out.
-const SETTLE_TEXTS: u8 = 10;
 /// How long after a command was given up an acknowledgement may still be its.
 const DOUBT: Duration = Duration::from_secs(10);
-/// How long the board may take to act on the `<CTRL-X>`; firmware before 1.15 does not know the register at all.
-const CANCEL_LIMIT: Duration = Duration::from_millis(500);
 /// `<CTRL-X>`: PMAC empties its command and response queues.
-const CANCEL: u16 = 0x18;
+pub const CANCEL: u8 = 0x18;
 /// How long after its last line a control character's reply, which has no end mark, counts as complete.
 pub const CONTROL_REPLY_END: Duration = Duration::from_millis(50);
+/// How long after its last line, or after the line was taken, a reply without an end mark counts as complete.
+pub const REPLY_END: Duration = Duration::from_millis(100);
 /// How long a board may take for the first line of a control character's reply.
 pub const CONTROL_REPLY_BEGIN: Duration = Duration::from_millis(300);
 /// A response line, read from the board into private memory: at most 255 characters, without the NUL (DPRAM manual p. 29).
@@ -64,20 +69,12 @@ enum State {
     Idle,
     /// A part of the line is in the buffer, its flag set; `sent` characters have been handed over with it.
     Loaded { sent: usize },
-    /// PMAC has the whole line.
-    Replying,
+    /// PMAC has the whole line. A line of the reply came last at `quiet_since`.
+    Replying { quiet_since: Instant },
     /// A control character that has a reply waits in its word, or was taken; a line came last at `quiet_since`.
     ControlReply { taken: bool, answered: bool, quiet_since: Instant },
-    /// Something may still come that belongs to a command given up. Nothing at all came since `quiet_since`; of programs' texts
-    /// `texts` came.
-    Settling { quiet_since: Instant, since: Instant, texts: u8 },
-}
-
-impl State {
-    /// A silence that begins now.
-    const fn settling(now: Instant) -> Self {
-        Self::Settling { quiet_since: now, since: now, texts: 0 }
-    }
+    /// Something may still come, or be carried out, that belongs to a command given up.
+    Held(Hold),
 }
 
 /// The host's half of the port: one command line at a time.
@@ -96,6 +93,20 @@ pub struct DpramPort {
     doubt_until: Instant,
     /// A command was given up in that time.
     gave_up: bool,
+    /// The control character that waits in its word.
+    lying: Option<Lying>,
+    /// The board was seen to take a control character.
+    takes_characters: bool,
+    /// A silence is needed before the next line: the board may acknowledge an empty one.
+    settles: bool,
+    /// How the board shows the end of a reply.
+    reply_end: ReplyEnd,
+    /// The caller says which reply was the line's.
+    open_ended: bool,
+    /// The last line of the reply so far.
+    last_line: Option<ResponseText>,
+    /// The board was seen to mark the last line of a reply itself, instead of an acknowledgement of its own.
+    marks_last_line: bool,
 }
 
 impl DpramPort {
@@ -112,12 +123,35 @@ impl DpramPort {
             answers_early: false,
             doubt_until: now + DOUBT,
             gave_up: false,
+            lying: None,
+            takes_characters: false,
+            settles: false,
+            reply_end: ReplyEnd::Ack,
+            open_ended: false,
+            last_line: None,
+            marks_last_line: false,
         }
     }
 
-    /// Begins with a silence: a host that died in the middle of a reply has left the rest of it to come.
+    /// Begins held: a host that died may have left the board at a line, and the rest of a reply to come.
+    pub fn hold(&mut self, now: Instant) {
+        self.state = State::Held(Hold::asking(now, false));
+    }
+
+    /// Lets pass what still comes before the next line is begun.
     pub fn settle(&mut self, now: Instant) {
-        self.state = State::settling(now);
+        self.settle_next(now);
+    }
+
+    /// How the board shows the end of a reply. A mark that comes is believed in any case.
+    pub const fn set_reply_end(&mut self, reply_end: ReplyEnd) {
+        self.reply_end = reply_end;
+    }
+
+    /// How the end of a reply shows.
+    #[must_use]
+    pub const fn reply_end(&self) -> ReplyEnd {
+        self.reply_end
     }
 
     /// Withdraws whatever a host, this one or a dead one, left in the port: the command flag, the control character
@@ -125,7 +159,8 @@ impl DpramPort {
     ///
     /// # Errors
     /// When the bus cannot be reached.
-    pub fn release(&self, bus: &mut impl Bus) -> Result<(), BusError> {
+    pub fn release(&mut self, bus: &mut impl Bus) -> Result<(), BusError> {
+        self.lying = None;
         bus.write16(self.words.command_loaded.word, 0)?;
         bus.write16(self.words.control_character, 0)?;
         bus.write16(self.words.response_control, 0)?;
@@ -142,7 +177,11 @@ impl DpramPort {
     /// Whether something is expected from the board, so that polls should come often.
     #[must_use]
     pub fn is_waiting(&self) -> bool {
-        !self.is_idle()
+        match self.state {
+            State::Idle => false,
+            State::Held(hold) => hold.is_busy(),
+            _ => true,
+        }
     }
 
     /// Starts sending `line`. `Ok(false)`: the port is not idle, or the board still holds an earlier line; try later.
@@ -150,7 +189,8 @@ impl DpramPort {
     /// # Errors
     /// When the bus cannot be reached. The line must have passed [`crate::protocol::check_line`]; one that is too long is not sent.
     pub fn begin(&mut self, bus: &mut impl Bus, line: &[u8]) -> Result<bool, BusError> {
-        if !self.is_idle() || line.len() > self.words.line_limit {
+        // A flag would tell some boards of the control character, and not of the line.
+        if !self.is_idle() || self.lying.is_some() || line.len() > self.words.line_limit {
             return Ok(false);
         }
         // A response that is there now is nobody's. A poll takes it first.
@@ -160,8 +200,38 @@ impl DpramPort {
         self.line[..line.len()].copy_from_slice(line);
         self.length = line.len();
         self.end_follows = false;
+        self.open_ended = false;
+        self.last_line = None;
         self.load(bus, 0)?;
         Ok(true)
+    }
+
+    /// As [`DpramPort::begin`], of a line whose reply the caller knows when he sees it: replies come, late ones of other lines first,
+    /// until [`DpramPort::finish`].
+    ///
+    /// # Errors
+    /// As [`DpramPort::begin`].
+    pub fn begin_open_ended(&mut self, bus: &mut impl Bus, line: &[u8]) -> Result<bool, BusError> {
+        let begun = self.begin(bus, line)?;
+        self.open_ended = begun;
+        Ok(begun)
+    }
+
+    /// The reply to an open-ended line has come.
+    pub fn finish(&mut self, now: Instant) {
+        if self.open_ended {
+            self.open_ended = false;
+            self.rest(now);
+        }
+    }
+
+    /// A reply has ended.
+    fn end_reply(&mut self, now: Instant) {
+        match &mut self.state {
+            State::Replying { quiet_since } if self.open_ended => *quiet_since = now,
+            State::Loaded { .. } if self.open_ended => {}
+            _ => self.rest(now),
+        }
     }
 
     /// Characters of a line that go in its first part.
@@ -193,31 +263,6 @@ impl DpramPort {
         Ok(())
     }
 
-    /// Hands a control character to the board, which may be done at any time. `Ok(false)`: the board has not taken
-    /// the last one yet, or its reply would mix with another; try later. With `has_reply` the lines that follow
-    /// come as [`AsciiEvent::Line`] and end, after a silence, with [`AsciiEvent::Done`]; without, nothing comes.
-    ///
-    /// # Errors
-    /// When the bus cannot be reached.
-    pub fn control(
-        &mut self,
-        bus: &mut impl Bus,
-        character: u8,
-        has_reply: bool,
-        now: Instant,
-    ) -> Result<bool, BusError> {
-        if has_reply && !self.is_idle() || bus.read16(self.words.control_character)? != 0 {
-            return Ok(false);
-        }
-        bus.write16(self.words.control_character, u16::from(character))?;
-        bus.order_writes();
-        if has_reply {
-            self.end_follows = false;
-            self.state = State::ControlReply { taken: false, answered: false, quiet_since: now };
-        }
-        Ok(true)
-    }
-
     /// Whether the port reads as all ones: the board's memory is out of reach (its page is not selected, or it has no
     /// power). The control character's word has 8 bits, so nobody writes that. 1 read.
     ///
@@ -240,7 +285,7 @@ impl DpramPort {
     ///
     /// # Errors
     /// When the bus cannot be reached.
-    pub fn take_back(&mut self, bus: &mut impl Bus) -> Result<bool, BusError> {
+    pub fn take_back(&mut self, bus: &mut impl Bus, now: Instant) -> Result<bool, BusError> {
         let word = match self.state {
             State::Loaded { sent } if sent <= self.first_part() => self.words.command_loaded.word,
             State::ControlReply { taken: false, .. } => self.words.control_character,
@@ -250,9 +295,11 @@ impl DpramPort {
         if lying == 0 || lying == u16::MAX {
             return Ok(false);
         }
-        bus.write16(word, 0)?;
-        bus.order_writes();
-        self.state = State::Idle;
+        match self.state {
+            State::Loaded { .. } => self.withdraw_line(bus)?,
+            _ => self.withdraw_control(bus)?,
+        }
+        self.rest(now);
         Ok(true)
     }
 
@@ -266,71 +313,35 @@ impl DpramPort {
         Ok(())
     }
 
-    /// Whether a control character in its word waits for the board to take it.
-    ///
-    /// # Errors
-    /// When the bus cannot be reached.
-    pub fn control_pending(&self, bus: &mut impl Bus) -> Result<bool, BusError> {
-        Ok(bus.read16(self.words.control_character)? != 0)
-    }
-
-    /// Takes back a control character the board has not taken.
-    ///
-    /// # Errors
-    /// When the bus cannot be reached.
-    pub fn withdraw_control(&self, bus: &mut impl Bus) -> Result<(), BusError> {
-        bus.write16(self.words.control_character, 0)?;
-        bus.order_writes();
-        Ok(())
-    }
-
     /// Whether the board has taken the whole command under way, as far as polls have seen.
     #[must_use]
     pub fn was_taken(&self) -> bool {
-        matches!(self.state, State::Replying | State::ControlReply { taken: true, .. })
+        matches!(self.state, State::Replying { .. } | State::ControlReply { taken: true, .. })
     }
 
-    /// Gives up on the command under way: withdraws it if the board has not taken it, else has the board forget the
-    /// reply, and lets pass what still comes. True when the board has the whole command. When it seems to have not, it may
-    /// still be at work on what it was to clear the flag of; then an [`AsciiEvent::Stale`] comes before the port is idle.
+    /// Gives up on the command under way: the port is held until the board shows that it is free. Whether the board has done
+    /// it, does it still or will do it is not known. A line stays where it lies until [`hold`] takes it back: its flag tells
+    /// when the board is done with it.
     ///
     /// # Errors
     /// When the bus cannot be reached.
-    pub fn give_up(&mut self, bus: &mut impl Bus, now: Instant) -> Result<bool, BusError> {
-        let mut taken = self.was_taken();
-        match self.state {
-            State::Idle | State::Settling { .. } => return Ok(taken),
-            State::Loaded { sent } => {
-                // Of ones, which is no board's memory, nothing can be told.
-                let flag = bus.read16(self.words.command_loaded.word)?;
-                let waits = self.words.command_loaded.is_set(flag) && flag != u16::MAX;
-                taken = !waits && sent == self.length;
-                bus.write16(self.words.command_loaded.word, 0)?;
-                // The board took the line since the last look, or holds its first part, before which it would put the
-                // next line.
-                if (!waits || sent > self.first_part()) && bus.read16(self.words.control_character)? == 0 {
-                    bus.write16(self.words.control_character, CANCEL)?;
-                }
-            }
+    pub fn give_up(&mut self, bus: &mut impl Bus, now: Instant) -> Result<(), BusError> {
+        let cancels = match self.state {
+            State::Idle | State::Held(_) => return Ok(()),
+            // The board may hold its first part, before which it would put the next line.
+            State::Loaded { .. } => self.length > self.first_part(),
             State::ControlReply { taken: false, .. } => {
-                let lying = bus.read16(self.words.control_character)?;
-                taken = lying == 0 || lying == u16::MAX;
-                bus.write16(self.words.control_character, 0)?;
+                self.withdraw_control(bus)?;
+                false
             }
-            // A control character of somebody else's that the board has not taken is worth more than an empty queue.
-            State::Replying | State::ControlReply { .. }
-                if bus.read16(self.words.control_character)? == 0 =>
-            {
-                bus.write16(self.words.control_character, CANCEL)?;
-            }
-            State::Replying | State::ControlReply { .. } => {}
-        }
-        bus.order_writes();
+            State::Replying { .. } | State::ControlReply { .. } => false,
+        };
         self.end_follows = false;
+        self.open_ended = false;
         self.doubt_until = now + DOUBT;
         self.gave_up = true;
-        self.state = State::settling(now);
-        Ok(taken)
+        self.state = State::Held(Hold::asking(now, cancels));
+        Ok(())
     }
 
     /// Does what can be done now and tells what was found; `None` when there is nothing (more) to find.
@@ -340,7 +351,7 @@ impl DpramPort {
     pub fn poll(&mut self, bus: &mut impl Bus, now: Instant) -> Result<Option<AsciiEvent>, BusError> {
         if self.end_follows {
             self.end_follows = false;
-            self.state = State::Idle;
+            self.end_reply(now);
             return Ok(Some(AsciiEvent::Done(Ok(()))));
         }
         if let State::Loaded { sent } = self.state
@@ -349,11 +360,11 @@ impl DpramPort {
             if sent < self.length {
                 self.load(bus, sent)?;
             } else {
-                self.state = State::Replying;
+                self.state = State::Replying { quiet_since: now };
             }
         }
         if let State::ControlReply { taken: false, .. } = self.state
-            && bus.read16(self.words.control_character)? == 0
+            && !self.control_pending(bus, now)?
         {
             self.state = State::ControlReply { taken: true, answered: false, quiet_since: now };
         }
@@ -367,13 +378,9 @@ impl DpramPort {
         let stale = self.is_stale(bus, control, &text, now)?;
         bus.write16(self.words.response_control, 0)?;
         bus.order_writes();
-        if let (response::TO_PROGRAM | response::MESSAGE, State::Settling { quiet_since, texts, .. }) =
-            (control, &mut self.state)
-            && *texts < SETTLE_TEXTS
-        {
+        if let (response::TO_PROGRAM | response::MESSAGE, State::Held(hold)) = (control, &mut self.state) {
             // The text kept the board from putting out what is still to come of the command given up.
-            *texts += 1;
-            *quiet_since = now;
+            hold.text_came(now);
         }
         Ok(Some(match control {
             response::TO_PROGRAM => AsciiEvent::ProgramResponse(text),
@@ -411,22 +418,22 @@ impl DpramPort {
     /// The response buffer is empty: a silence may be what the state waits for.
     fn nothing_came(&mut self, bus: &mut impl Bus, now: Instant) -> Result<Option<AsciiEvent>, BusError> {
         Ok(match self.state {
-            State::Settling { quiet_since, since, .. } if now.duration_since(quiet_since) >= SETTLE => {
-                let cancelling = bus.read16(self.words.control_character)? == CANCEL;
-                if cancelling && now.duration_since(since) >= CANCEL_LIMIT {
-                    self.withdraw_control(bus)?;
-                    self.state = State::Idle;
-                } else if !cancelling {
-                    self.state = State::Idle;
-                }
+            State::Held(hold) => {
+                self.go_on_holding(bus, hold, now)?;
                 None
+            }
+            State::Replying { quiet_since }
+                if self.reply_end == ReplyEnd::Silence && now >= quiet_since + REPLY_END =>
+            {
+                self.end_reply(now);
+                Some(AsciiEvent::Done(Ok(())))
             }
             State::ControlReply { taken: true, answered, quiet_since }
                 if now.duration_since(quiet_since)
                     >= if answered { CONTROL_REPLY_END } else { CONTROL_REPLY_BEGIN } =>
             {
                 // Should more come after all, it is not the next command's.
-                self.state = State::settling(now);
+                self.state = State::Held(Hold::silence(now));
                 Some(AsciiEvent::Done(Ok(())))
             }
             _ => None,
@@ -436,31 +443,39 @@ impl DpramPort {
     /// Whose a response is that is not a program's.
     fn classify(&mut self, control: u16, text: ResponseText, now: Instant) -> AsciiEvent {
         match &mut self.state {
-            State::Loaded { .. } | State::Replying => {}
+            State::Loaded { .. } => {}
+            State::Replying { quiet_since } => *quiet_since = now,
             State::ControlReply { answered, quiet_since, .. } => {
                 *answered = true;
                 *quiet_since = now;
             }
-            State::Settling { quiet_since, .. } => *quiet_since = now,
+            State::Held(hold) => {
+                hold.response_came(now);
+                return AsciiEvent::Stale(control);
+            }
             State::Idle => return AsciiEvent::Stale(control),
         }
-        if matches!(self.state, State::Settling { .. }) {
-            return AsciiEvent::Stale(control);
-        }
         match control {
-            response::LINE => AsciiEvent::Line(text),
-            response::ACKNOWLEDGE if !text.as_bytes().is_empty() => {
-                // Some firmware marks the last line itself instead of sending an empty acknowledgement.
+            response::LINE => {
+                self.last_line = Some(text);
+                AsciiEvent::Line(text)
+            }
+            // Some firmware marks the last line itself instead of sending an empty acknowledgement. Other firmware may leave the
+            // last line's text where it is.
+            response::ACKNOWLEDGE
+                if !text.as_bytes().is_empty() && (self.marks_last_line || self.last_line != Some(text)) =>
+            {
+                self.marks_last_line = true;
                 self.end_follows = true;
                 AsciiEvent::Line(text)
             }
             response::ACKNOWLEDGE => {
-                self.state = State::Idle;
+                self.end_reply(now);
                 AsciiEvent::Done(Ok(()))
             }
             _ => match errors::from_control(control) {
                 Some(number) => {
-                    self.state = State::Idle;
+                    self.end_reply(now);
                     AsciiEvent::Done(Err(number))
                 }
                 None => AsciiEvent::Stale(control),
@@ -491,24 +506,6 @@ impl DpramPort {
         let length = bytes.iter().position(|&byte| byte == 0).unwrap_or(bytes.len());
         Ok(ResponseText::cut(&bytes[..length]))
     }
-}
-
-/// Whether PMAC answers this control character with data (software reference, on-line control characters).
-#[must_use]
-pub fn control_has_reply(character: u8) -> bool {
-    const fn control(letter: u8) -> u8 {
-        letter - 64
-    }
-    const WITH_DATA: [u8; 7] = [
-        control(b'B'),
-        control(b'C'),
-        control(b'F'),
-        control(b'G'),
-        control(b'P'),
-        control(b'V'),
-        control(b'Y'),
-    ];
-    WITH_DATA.contains(&character)
 }
 
 #[cfg(test)]

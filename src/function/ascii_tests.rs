@@ -1,10 +1,13 @@
 //! The port against a hand-driven board: every branch of the handshake, in both orders.
 
 use super::super::testing::memory;
+use super::control::FLAG_AFTER;
+use super::hold::{ASK_AGAIN, ASK_LIMIT, SETTLE};
 use super::*;
 use crate::device::FileBoard;
 use crate::map::family::testing::TESTED;
 use crate::map::{Family, HostOffset};
+use crate::protocol::control::ABORT;
 
 struct Rig {
     bus: FileBoard,
@@ -40,6 +43,39 @@ impl Rig {
         self.bus.read_block(self.port.words.command, &mut words).unwrap();
         self.bus.write16(self.port.words.command_loaded.word, 0).unwrap();
         words.iter().flat_map(|&word| self.port.order.unpack(word)).collect()
+    }
+
+    fn write(&mut self, offset: HostOffset, value: u16) {
+        self.bus.write16(offset, value).unwrap();
+    }
+
+    fn control_word(&mut self) -> u16 {
+        self.bus.read16(self.port.words.control_character).unwrap()
+    }
+
+    fn is_loaded(&mut self) -> bool {
+        self.bus.read16(self.port.words.command_loaded.word).unwrap() & self.port.words.command_loaded.mask
+            != 0
+    }
+
+    fn give_up(&mut self) {
+        self.port.give_up(&mut self.bus, self.now).unwrap();
+    }
+
+    /// Nothing comes for `time`.
+    fn be_silent(&mut self, time: Duration) {
+        self.now += time;
+        assert_eq!(self.poll(), None);
+    }
+
+    /// PMAC takes the question and answers it.
+    fn answer_question(&mut self) {
+        assert_eq!(self.poll(), None);
+        assert_eq!(self.control_word(), u16::from(b'F' - 64));
+        self.write(self.port.words.control_character, 0);
+        assert_eq!(self.poll(), None);
+        self.respond(response::LINE, "0 0 0 0 0 0 0 0");
+        assert_eq!(self.poll(), Some(AsciiEvent::Stale(response::LINE)));
     }
 
     fn respond(&mut self, control: u16, text: &str) {
@@ -99,6 +135,31 @@ fn the_mark_on_the_last_line_itself_ends_a_reply_too() {
 }
 
 #[test]
+fn text_left_beside_an_acknowledgement_is_no_second_line() {
+    for family in TESTED {
+        let mut rig = Rig::new(family);
+        for _ in 0..2 {
+            assert!(rig.begin("P1"));
+            rig.take();
+            rig.respond(response::LINE, "25");
+            rig.expect_line("25");
+            rig.write(family.ascii.response_control, response::ACKNOWLEDGE);
+            assert_eq!(rig.poll(), Some(AsciiEvent::Done(Ok(()))));
+        }
+        // A board that marks the last line itself gives equal ones twice.
+        for (first, last) in [("2", "3"), ("0", "0")] {
+            assert!(rig.begin("P1..2"));
+            rig.take();
+            rig.respond(response::LINE, first);
+            rig.expect_line(first);
+            rig.respond(response::ACKNOWLEDGE, last);
+            rig.expect_line(last);
+            assert_eq!(rig.poll(), Some(AsciiEvent::Done(Ok(()))));
+        }
+    }
+}
+
+#[test]
 fn errors_are_three_bcd_digits() {
     for family in TESTED {
         for (control, number) in [(0x8003, 3), (0x8017, 17), (0x8001, 1), (0x8123, 123)] {
@@ -135,7 +196,7 @@ fn every_length_of_line_arrives_whole() {
             }
             let end = received.iter().position(|&byte| byte == 0).unwrap();
             assert_eq!(String::from_utf8_lossy(&received[..end]), line);
-            assert_eq!(rig.port.state, State::Replying);
+            assert_eq!(rig.port.state, State::Replying { quiet_since: rig.now });
             rig.respond(response::ACKNOWLEDGE, "");
             assert_eq!(rig.poll(), Some(AsciiEvent::Done(Ok(()))));
         }
@@ -212,68 +273,69 @@ fn a_board_that_answers_before_it_clears_the_flag_is_believed() {
 }
 
 #[test]
-fn a_line_given_up_half_way_is_not_put_before_the_next() {
+fn the_first_half_of_a_line_given_up_is_cancelled_before_anything_else() {
     for family in TESTED {
         let mut rig = Rig::new(family);
         assert!(rig.begin(&"A".repeat(family.ascii.command_bytes + 20)));
         rig.take();
         assert_eq!(rig.poll(), None);
-        assert!(!rig.port.give_up(&mut rig.bus, rig.now).unwrap(), "half of it is no command");
-        assert_eq!(
-            rig.bus.read16(family.ascii.command_loaded.word).unwrap(),
-            0,
-            "the second part is withdrawn"
-        );
-        assert_eq!(
-            rig.bus.read16(family.ascii.control_character).unwrap(),
-            CANCEL,
-            "the first is to be forgotten"
-        );
-        rig.now += SETTLE;
-        assert_eq!(rig.poll(), None);
-        assert!(!rig.begin("P2"), "not before the board has done so");
-    }
-}
-
-#[test]
-fn a_line_taken_just_before_it_is_given_up_is_cancelled() {
-    for family in TESTED {
-        let mut rig = Rig::new(family);
-        assert!(rig.begin("P1"));
-        rig.take();
-        assert!(rig.port.give_up(&mut rig.bus, rig.now).unwrap(), "the board has it");
-        assert_eq!(rig.bus.read16(family.ascii.control_character).unwrap(), CANCEL);
-    }
-}
-
-#[test]
-fn what_comes_after_giving_up_belongs_to_nobody() {
-    for family in TESTED {
-        let mut rig = Rig::new(family);
-        assert!(rig.begin("P1"));
-        rig.take();
+        rig.give_up();
         rig.poll();
-        assert!(rig.port.give_up(&mut rig.bus, rig.now).unwrap());
-        assert_eq!(
-            rig.bus.read16(family.ascii.control_character).unwrap(),
-            CANCEL,
-            "the board is to empty its queues"
-        );
-        rig.now += SETTLE;
-        assert_eq!(rig.poll(), None);
-        assert!(!rig.begin("P2"), "not before the board has done so");
-        rig.bus.write16(family.ascii.control_character, 0).unwrap();
-        rig.now += SETTLE / 2;
-        rig.respond(response::LINE, "late");
-        assert_eq!(rig.poll(), Some(AsciiEvent::Stale(response::LINE)));
-        rig.now += SETTLE / 2;
-        assert_eq!(rig.poll(), None);
-        assert!(!rig.begin("P2"), "the silence starts anew with every late response");
-        rig.respond(response::ACKNOWLEDGE, "");
-        assert_eq!(rig.poll(), Some(AsciiEvent::Stale(response::ACKNOWLEDGE)));
-        rig.now += SETTLE;
-        assert_eq!(rig.poll(), None);
+        assert_eq!(rig.control_word(), u16::from(CANCEL), "the board would put it before the next line");
+        rig.write(family.ascii.command_loaded.word, 0);
+        rig.write(family.ascii.control_character, 0);
+        rig.poll();
+        assert!(!rig.port.is_idle());
+        rig.answer_question();
+        rig.be_silent(SETTLE);
         assert!(rig.begin("P2"));
+    }
+}
+
+#[test]
+fn b2_1_a_late_reply_is_nobodys_whether_the_flag_is_cleared_when_the_line_is_taken_or_done() {
+    for family in TESTED {
+        for (cleared_when_taken, answers_meanwhile) in
+            [(true, false), (true, true), (false, false), (false, true)]
+        {
+            let mut rig = Rig::new(family);
+            assert!(rig.begin("SLOW"));
+            if cleared_when_taken {
+                rig.take();
+            }
+            rig.poll();
+            rig.give_up();
+            if answers_meanwhile {
+                rig.answer_question();
+            }
+            // Seven seconds. A board that looks at nothing while it is at a line does not take the question either.
+            for _ in 0..700 {
+                rig.be_silent(Duration::from_millis(10));
+                assert!(
+                    !rig.begin("P5=7") || answers_meanwhile && cleared_when_taken,
+                    "{cleared_when_taken} {answers_meanwhile}"
+                );
+                if answers_meanwhile && cleared_when_taken {
+                    break;
+                }
+            }
+            if answers_meanwhile && cleared_when_taken {
+                // Nothing tells such a board from one that has lost the line; a line of our own goes first.
+                continue;
+            }
+            rig.write(family.ascii.command_loaded.word, 0);
+            for control in [response::LINE, response::ACKNOWLEDGE] {
+                rig.respond(control, if control == response::LINE { "late" } else { "" });
+                assert_eq!(rig.poll(), Some(AsciiEvent::Stale(control)));
+                assert!(!rig.begin("P5=7"));
+            }
+            if !answers_meanwhile {
+                rig.be_silent(ASK_AGAIN);
+                rig.answer_question();
+            }
+            rig.be_silent(SETTLE);
+            assert!(rig.begin("P5=7"), "{cleared_when_taken} {answers_meanwhile}");
+        }
     }
 }
 
@@ -284,8 +346,8 @@ fn a_programs_text_does_not_stand_for_silence() {
         assert!(rig.begin("P1"));
         rig.take();
         rig.poll();
-        assert!(rig.port.give_up(&mut rig.bus, rig.now).unwrap());
-        rig.bus.write16(family.ascii.control_character, 0).unwrap();
+        rig.give_up();
+        rig.answer_question();
         // The daemon stands still for a second. Meanwhile a program's text keeps the late reply from coming out.
         rig.now += Duration::from_secs(1);
         rig.respond(response::MESSAGE, "from a program");
@@ -294,8 +356,7 @@ fn a_programs_text_does_not_stand_for_silence() {
         assert!(!rig.begin("P2"), "the reply to P1 would be told as that to P2");
         rig.respond(response::LINE, "late");
         assert_eq!(rig.poll(), Some(AsciiEvent::Stale(response::LINE)));
-        rig.now += SETTLE;
-        assert_eq!(rig.poll(), None);
+        rig.be_silent(SETTLE);
         assert!(rig.begin("P2"));
     }
 }
@@ -307,8 +368,8 @@ fn a_program_that_never_stops_sending_does_not_block_the_port() {
         assert!(rig.begin("P1"));
         rig.take();
         rig.poll();
-        rig.port.give_up(&mut rig.bus, rig.now).unwrap();
-        rig.bus.write16(family.ascii.control_character, 0).unwrap();
+        rig.give_up();
+        rig.answer_question();
         let began = rig.now;
         while !rig.port.is_idle() {
             rig.respond(response::TO_PROGRAM, "again");
@@ -328,22 +389,114 @@ fn firmware_without_the_control_register_does_not_block_the_port() {
         assert!(rig.begin("P1"));
         rig.take();
         rig.poll();
-        rig.port.give_up(&mut rig.bus, rig.now).unwrap();
-        rig.now += CANCEL_LIMIT;
-        rig.poll();
-        assert_eq!(rig.bus.read16(family.ascii.control_character).unwrap(), 0);
+        rig.give_up();
+        rig.be_silent(Duration::ZERO);
+        // It finds the empty line that the flag was set for.
+        rig.be_silent(FLAG_AFTER);
+        assert_eq!(rig.take()[0], 0);
+        rig.be_silent(ASK_LIMIT);
+        assert_eq!(rig.control_word(), 0, "withdrawn");
+        rig.be_silent(SETTLE);
         assert!(rig.begin("P2"));
     }
 }
 
 #[test]
-fn a_line_the_board_never_took_is_withdrawn() {
+fn a_line_that_a_deaf_board_never_took_is_taken_back() {
     for family in TESTED {
         let mut rig = Rig::new(family);
         assert!(rig.begin("#1J+"));
-        assert!(!rig.port.give_up(&mut rig.bus, rig.now).unwrap());
-        assert_eq!(rig.bus.read16(family.ascii.command_loaded.word).unwrap(), 0);
-        assert_eq!(rig.bus.read16(family.ascii.control_character).unwrap(), 0, "nothing is to be forgotten");
+        rig.give_up();
+        rig.be_silent(Duration::ZERO);
+        rig.be_silent(ASK_LIMIT);
+        assert!(!rig.is_loaded(), "it must not jog when the port is switched on later");
+        assert_eq!(rig.control_word(), 0);
+        rig.be_silent(SETTLE);
+        assert!(!rig.port.is_idle(), "the board may be at it");
+        rig.be_silent(ASK_AGAIN);
+        rig.answer_question();
+        rig.be_silent(SETTLE);
+        assert!(rig.port.is_idle());
+    }
+}
+
+#[test]
+fn b3_2_a_board_that_needs_the_flag_gets_it_with_an_empty_line() {
+    for family in TESTED {
+        let mut rig = Rig::new(family);
+        assert!(rig.begin("#1J+"));
+        rig.take();
+        rig.respond(response::ACKNOWLEDGE, "");
+        assert_eq!(rig.poll(), Some(AsciiEvent::Done(Ok(()))));
+        assert!(rig.port.control(&mut rig.bus, ABORT, false, rig.now).unwrap());
+        assert!(rig.port.control_pending(&mut rig.bus, rig.now).unwrap() && !rig.is_loaded());
+        rig.now += FLAG_AFTER;
+        assert!(rig.port.control_pending(&mut rig.bus, rig.now).unwrap());
+        assert!(!rig.begin("P1"), "the flag would be the character's");
+        assert_eq!(rig.take()[0], 0, "what a slow board finds there is no line");
+        rig.write(family.ascii.control_character, 0);
+        assert!(!rig.port.control_pending(&mut rig.bus, rig.now).unwrap());
+        // Which it acknowledges.
+        assert_eq!(rig.poll(), None);
+        rig.respond(response::ACKNOWLEDGE, "");
+        assert_eq!(rig.poll(), Some(AsciiEvent::Stale(response::ACKNOWLEDGE)));
+        rig.be_silent(SETTLE);
+        assert!(rig.begin("P1"));
+    }
+}
+
+#[test]
+fn b3_2_no_flag_is_set_while_a_line_lies_untaken() {
+    for family in TESTED {
+        let mut rig = Rig::new(family);
+        assert!(rig.begin("P1"));
+        assert!(rig.port.control(&mut rig.bus, ABORT, false, rig.now).unwrap());
+        rig.now += 10 * FLAG_AFTER;
+        assert!(rig.port.control_pending(&mut rig.bus, rig.now).unwrap());
+        assert_eq!(&rig.take()[..3], b"P1\0");
+    }
+}
+
+#[test]
+fn a_stop_that_goes_over_a_question_is_not_lost() {
+    for family in TESTED {
+        let mut rig = Rig::new(family);
+        rig.port.hold(rig.now);
+        rig.poll();
+        assert_ne!(rig.control_word(), 0);
+        assert!(!rig.port.control(&mut rig.bus, b'R' - 64, false, rig.now).unwrap(), "a run is no stop");
+        assert!(rig.port.control(&mut rig.bus, ABORT, false, rig.now).unwrap());
+        assert_eq!(rig.control_word(), u16::from(ABORT));
+        // The board was at the question, and clears the word for that.
+        rig.write(family.ascii.control_character, 0);
+        assert!(rig.port.control_pending(&mut rig.bus, rig.now).unwrap());
+        assert_eq!(rig.control_word(), u16::from(ABORT));
+        rig.write(family.ascii.control_character, 0);
+        assert!(!rig.port.control_pending(&mut rig.bus, rig.now).unwrap());
+    }
+}
+
+#[test]
+fn b3_3_a_reply_without_an_end_mark_ends_by_a_silence() {
+    for family in TESTED {
+        let mut rig = Rig::new(family);
+        rig.port.set_reply_end(ReplyEnd::Silence);
+        assert!(rig.begin("P1..2"));
+        rig.take();
+        assert_eq!(rig.poll(), None);
+        for text in ["25", "50"] {
+            rig.now += REPLY_END / 2;
+            rig.respond(response::LINE, text);
+            rig.expect_line(text);
+            assert_eq!(rig.poll(), None);
+        }
+        rig.now += REPLY_END;
+        assert_eq!(rig.poll(), Some(AsciiEvent::Done(Ok(()))));
+        // An error has its mark.
+        assert!(rig.begin("UUU"));
+        rig.take();
+        rig.respond(0x8003, "");
+        assert_eq!(rig.poll(), Some(AsciiEvent::Done(Err(3))));
     }
 }
 
@@ -385,6 +538,7 @@ fn a_control_characters_reply_ends_with_a_silence() {
         assert!(rig.port.control(&mut rig.bus, 0x10, true, rig.now).unwrap());
         rig.now += 10 * CONTROL_REPLY_END;
         assert_eq!(rig.poll(), None, "the board has not taken it");
+        assert_eq!(rig.take()[0], 0, "the empty line whose flag was set for it");
         rig.bus.write16(family.ascii.control_character, 0).unwrap();
         assert_eq!(rig.poll(), None);
         rig.respond(response::LINE, "0 0 0 0 0 0 0 0");

@@ -164,6 +164,8 @@ pub struct MailboxPort {
     text_length: usize,
     /// A `<BELL>` came; the line that follows tells the error's number.
     error: bool,
+    /// The caller says which reply was the line's.
+    open_ended: bool,
 }
 
 impl MailboxPort {
@@ -187,6 +189,7 @@ impl MailboxPort {
             text: [0; LINE_LIMIT + RECEIVE_GROUP],
             text_length: 0,
             error: false,
+            open_ended: false,
         }
     }
 
@@ -199,6 +202,13 @@ impl MailboxPort {
         *self = Self::with_line(self.settings, std::mem::take(&mut self.line));
         self.state = State::Settling { quiet_since: now, since: now };
         self.enable(bus)
+    }
+
+    /// Lets pass what still comes before the next line is begun.
+    pub fn settle(&mut self, now: Instant) {
+        if self.is_idle() {
+            self.state = State::Settling { quiet_since: now, since: now };
+        }
     }
 
     /// Whether [`MailboxPort::begin`] may be called.
@@ -261,8 +271,27 @@ impl MailboxPort {
         self.length = line.len() + 1;
         self.text_length = 0;
         self.error = false;
+        self.open_ended = false;
         self.send_group(bus, 0)?;
         Ok(true)
+    }
+
+    /// As [`MailboxPort::begin`], of a line whose reply the caller knows when he sees it: replies come, late ones of other lines
+    /// first, until [`MailboxPort::finish`].
+    ///
+    /// # Errors
+    /// As [`MailboxPort::begin`].
+    pub fn begin_open_ended(&mut self, bus: &mut impl ByteBus, line: &[u8]) -> Result<bool, ByteBusError> {
+        let begun = self.begin(bus, line)?;
+        self.open_ended = begun;
+        Ok(begun)
+    }
+
+    /// The reply to an open-ended line has come.
+    pub fn finish(&mut self) {
+        if std::mem::take(&mut self.open_ended) {
+            self.state = State::Idle;
+        }
     }
 
     /// Sends a control character. `Ok(false)`: a group of a line, or an earlier control character, still waits in the
@@ -306,13 +335,12 @@ impl MailboxPort {
     }
 
     /// Gives up on the command under way: has the board empty its queues, lets pass what still comes, and drops it.
-    /// True when the board has the whole command, as far as was signalled. 2 writes, 1 read; without a control character
+    /// 2 writes, 1 read; without a control character
     /// that has to be taken first.
     ///
     /// # Errors
     /// When the registers cannot be reached.
-    pub fn give_up(&mut self, bus: &mut impl ByteBus, now: Instant) -> Result<bool, ByteBusError> {
-        let taken = self.was_taken();
+    pub fn give_up(&mut self, bus: &mut impl ByteBus, now: Instant) -> Result<(), ByteBusError> {
         let has_reply = matches!(self.state, State::ControlReply { .. });
         if self.lone == Some(Lone::Control) && !has_reply {
             // It may be what stops the machine, and is not written over.
@@ -321,7 +349,7 @@ impl MailboxPort {
         } else if !self.is_idle() {
             self.cancel(bus, now)?;
         }
-        Ok(taken)
+        Ok(())
     }
 
     /// Takes back a control character that the board has not taken, as far as that can be: a `<CTRL-X>` goes over it. 2
@@ -334,6 +362,7 @@ impl MailboxPort {
     }
 
     fn cancel(&mut self, bus: &mut impl ByteBus, now: Instant) -> Result<(), ByteBusError> {
+        self.open_ended = false;
         self.owes_cancel = false;
         self.send_alone(bus, Lone::Cancel, CANCEL)?;
         // A board that lost an interrupt would wait for this for ever; what it overwrites is dropped anyway.
@@ -483,16 +512,16 @@ impl MailboxPort {
         match end {
             Some(RETURN) if self.error => {
                 self.error = false;
-                self.finish(awaited, Err(error_number(text.as_bytes())), RETURN)
+                self.end_reply(awaited, Err(error_number(text.as_bytes())), RETURN)
             }
-            Some(BELL) => self.finish(awaited, Err(0), BELL),
-            Some(ACKNOWLEDGE) => self.finish(awaited, Ok(()), ACKNOWLEDGE),
+            Some(BELL) => self.end_reply(awaited, Err(0), BELL),
+            Some(ACKNOWLEDGE) => self.end_reply(awaited, Ok(()), ACKNOWLEDGE),
             _ if awaited => Some(AsciiEvent::Line(text)),
             _ => Some(AsciiEvent::ProgramMessage(text)),
         }
     }
 
-    fn finish(&mut self, awaited: bool, result: Result<(), u16>, end: u8) -> Option<AsciiEvent> {
+    fn end_reply(&mut self, awaited: bool, result: Result<(), u16>, end: u8) -> Option<AsciiEvent> {
         if !awaited {
             return Some(AsciiEvent::Stale(end.into()));
         }
@@ -500,7 +529,9 @@ impl MailboxPort {
             // It was taken, whether its interrupt was seen or not.
             self.lone = None;
         }
-        self.state = State::Idle;
+        if !self.open_ended {
+            self.state = State::Idle;
+        }
         Some(AsciiEvent::Done(result))
     }
 }

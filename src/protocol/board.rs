@@ -1,5 +1,6 @@
 //! The types of the interface `io.github.pmac-dpram.Board`.
 
+use crate::map::readings::ReplyEnd;
 use serde::{Deserialize, Serialize};
 
 /// Whether the data in the segment can be trusted now. The segment holds the number.
@@ -91,6 +92,9 @@ pub struct BoardInfo {
     /// What became of the last command line.
     #[serde(default)]
     pub command_state: CommandState,
+    /// How the end of a reply through the DPRAM shows.
+    #[serde(default)]
+    pub reply_end: ReplyEnd,
     /// The interrupt controller behind the board's host port, where the daemon serves it.
     #[serde(default)]
     pub host_port: Option<HostPortInfo>,

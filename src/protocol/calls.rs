@@ -107,6 +107,9 @@ parameters! {
     SendControl {
         /// `^A` to `^_`, or the character itself.
         character: String,
+        /// `^A` and `^K` leave the lines that wait where they are. They are not sent any more when this is not given.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        keep_queue: Option<bool>,
     }
 
     /// Of `Read`.

@@ -28,7 +28,14 @@ pub enum CallError {
         /// What had come of its reply.
         lines: Vec<String>,
     },
-    /// The board does not take commands now.
+    /// The command ended before the board had answered. The board may have been at it.
+    #[error("{reason}; it may or may not have been carried out")]
+    #[serde(rename = "io.github.pmac-dpram.Board.Interrupted")]
+    Interrupted {
+        /// What ended it.
+        reason: String,
+    },
+    /// The board does not take commands now. Nothing was sent.
     #[error("the board does not take commands now: {reason}")]
     #[serde(rename = "io.github.pmac-dpram.Board.Unavailable")]
     Unavailable {

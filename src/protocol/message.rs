@@ -128,7 +128,8 @@ mod tests {
         Some(match error {
             None => CallError::Board { code: 3, meaning: text(), lines: vec![text()] },
             Some(CallError::Board { .. }) => CallError::TimedOut { lines: vec![text(), text()] },
-            Some(CallError::TimedOut { .. }) => CallError::Unavailable { reason: text() },
+            Some(CallError::TimedOut { .. }) => CallError::Interrupted { reason: text() },
+            Some(CallError::Interrupted { .. }) => CallError::Unavailable { reason: text() },
             Some(CallError::Unavailable { .. }) => CallError::Busy,
             Some(CallError::Busy) => CallError::NotPermitted { role_needed: text() },
             Some(CallError::NotPermitted { .. }) => CallError::InvalidLine { reason: text() },
@@ -148,7 +149,7 @@ mod tests {
     #[test]
     fn errors_survive_the_wire() {
         let every = std::iter::successors(following(None), |error| following(Some(error)));
-        assert_eq!(every.clone().count(), 13);
+        assert_eq!(every.clone().count(), 14);
         for error in every {
             let reply = Reply::of_error(&error);
             assert!(reply.parameters.is_some(), "{error}");

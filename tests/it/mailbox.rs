@@ -153,7 +153,7 @@ fn a_reply_that_comes_too_late_is_nobody_elses() {
     }
     site.control("fault mailbox_stuck on");
     let stuck = connection.send("I19", Duration::from_millis(300));
-    assert!(matches!(stuck, Err(CommandError::Refused(CallError::Unavailable { .. }))), "{stuck:?}");
+    assert!(matches!(stuck, Err(CommandError::Refused(CallError::TimedOut { .. }))), "{stuck:?}");
     site.control("fault mailbox_stuck off");
     assert_eq!(connection.send("I59", PATIENCE).unwrap(), ["8"]);
 }

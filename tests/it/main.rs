@@ -21,6 +21,7 @@ mod gather_owner;
 mod gather_program;
 mod host_port;
 mod inherited;
+mod late;
 mod mailbox;
 mod man;
 mod map;

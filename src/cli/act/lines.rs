@@ -99,6 +99,9 @@ impl From<CommandError> for LineError {
             CommandError::Refused(CallError::TimedOut { lines }) => {
                 Self::Uncertain { failure: Failure::Refused(text), lines }
             }
+            CommandError::Refused(CallError::Interrupted { .. }) => {
+                Self::Uncertain { failure: Failure::Refused(text), lines: Vec::new() }
+            }
             // The connection worked, so the daemon may have sent the line to the board.
             CommandError::Broken { .. }
             | CommandError::NoAnswer { .. }

@@ -23,11 +23,14 @@ pub struct Abort {
     /// Every coordinate system and motor, by ^A (the default). ^A closes the loops of killed motors
     #[arg(long)]
     pub all: bool,
+    /// Leave the lines of all users that wait in the daemon where they are; without this they are not sent
+    #[arg(long, conflicts_with = "systems")]
+    pub keep_queue: bool,
 }
 
 pub fn abort(context: &mut Context, options: &Abort) -> Result<Verdict, Failure> {
     if options.systems.is_empty() {
-        return send(context, control::ABORT);
+        return send(context, control::ABORT, options.keep_queue);
     }
     let mut connection = context.connection()?;
     let family = Context::family(None, &mut connection)?;
@@ -59,11 +62,14 @@ pub fn abort(context: &mut Context, options: &Abort) -> Result<Verdict, Failure>
 }
 
 pub fn kill(context: &mut Context) -> Result<Verdict, Failure> {
-    send(context, control::KILL)
+    send(context, control::KILL, false)
 }
 
-fn send(context: &mut Context, character: u8) -> Result<Verdict, Failure> {
-    let sent = context.connection()?.control(character).map_err(LineError::from);
+fn send(context: &mut Context, character: u8, keeps_queue: bool) -> Result<Verdict, Failure> {
+    let mut connection = context.connection()?;
+    let sent =
+        if keeps_queue { connection.control_keeping_queue(character) } else { connection.control(character) };
+    let sent = sent.map_err(LineError::from);
     if context.output.is_json() {
         let name = control::name(character);
         let taken = sent.iter().map(|_| &name).collect::<Vec<_>>();

@@ -18,6 +18,7 @@ use crate::cli::context::{Context, Failure, Verdict};
 use crate::client::{Board, CommandError, Connection, identity};
 use crate::device::System;
 use crate::map::Family;
+use crate::map::readings::ReplyEnd;
 use crate::protocol::{
     BackgroundSettings, BoardInfo, BoardSettings, CommandPort, CommandState, Function, HostPortInfo,
     ServoSettings, State,
@@ -52,6 +53,10 @@ fn commands(report: &mut Report, info: &BoardInfo) {
     };
     let answers = info.enabled.iter().any(|name| name == "ascii");
     let (level, text) = match info.command_state {
+        _ if answers && info.reply_end == ReplyEnd::Silence => {
+            let cure = "each line takes 0.1 s longer, and a slow line may be told done early; send I3=2";
+            (Level::Warn, format!("replies through {port} have no end mark (I3 is less than 2): {cure}"))
+        }
         _ if answers => (Level::Ok, format!("the board takes command lines through {port}")),
         CommandState::Silent => {
             let cure = format!("check {enabled}, by another port if necessary");

@@ -200,6 +200,7 @@ impl BoardLoop {
         self.reporter.note(|status| {
             status.enabled = enabled;
             status.enabling = queue.identifier.enabling();
+            status.reply_end = queue.ports().dpram.reply_end();
             status.open_loops = self.functions.open_loops();
             status.host_port = ascii.host_port_counts().unwrap_or(status.host_port);
         });
@@ -409,7 +410,8 @@ impl BoardLoop {
                     Ok(answer) => answer,
                     Err(error) => {
                         self.bus_failed(&error);
-                        Some(Event::Done(ticket, Outcome::Unavailable))
+                        // Some of it may have been written before.
+                        Some(Event::Done(ticket, Outcome::TimedOut))
                     }
                 }
             }

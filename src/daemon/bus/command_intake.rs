@@ -92,6 +92,7 @@ mod tests {
         let control = |number| Command::Control {
             ticket: Ticket(number),
             uid: 0,
+            drops_lines: false,
             character: 1,
             deadline: std::time::Instant::now(),
         };

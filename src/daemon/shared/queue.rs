@@ -18,11 +18,13 @@ pub use crate::format::Text;
 use crate::function::ascii::ResponseText;
 use crate::function::rotary::RotaryState;
 use crate::map::HostOffset;
-use crate::protocol::MessageKind;
 pub use crate::protocol::{LINE_MAX, READ_MAX};
+use crate::protocol::{MessageKind, control};
 
 /// The longest reason of a refusal.
 pub const REASON_MAX: usize = 240;
+/// As much of a line as others are told who have to wait for it.
+pub const SHOWN_MAX: usize = 60;
 
 /// The most commands of each kind that the bus thread has at a time, answered or not. The socket's thread hands over no more
 /// (`socket::fair_queue`), and the bus thread's queues have just this room.
@@ -51,6 +53,17 @@ pub mod at_once {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct Ticket(pub u64);
 
+/// Whose line it is, and what others are told of it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Origin {
+    /// The user.
+    pub uid: u32,
+    /// The line, or its beginning, without a password.
+    pub shown: Text<SHOWN_MAX>,
+    /// It ends a sequence, and is sent even if somebody stops all motion meanwhile.
+    pub stays: bool,
+}
+
 /// What the socket asks of the bus thread.
 #[derive(Debug)]
 #[expect(clippy::large_enum_variant, reason = "inline, so that passing a line allocates nothing")]
@@ -61,6 +74,8 @@ pub enum Command {
         ticket: Ticket,
         /// The line without terminator, 1 to [`LINE_MAX`] bytes, no control characters.
         line: Text<LINE_MAX>,
+        /// Whose line it is.
+        origin: Origin,
         /// When to give up, wherever the line is by then.
         deadline: Instant,
         /// Who sends it, which decides whether it may enter an open program buffer. Answered by [`Outcome::Barred`] if not.
@@ -72,6 +87,8 @@ pub enum Command {
         ticket: Ticket,
         /// The user who sends it.
         uid: u32,
+        /// The lines that wait are not sent any more, whosever they are. Answered by [`Outcome::Dropped`].
+        drops_lines: bool,
         /// The character, `letter - 64`.
         character: u8,
         /// When to give up.
@@ -104,9 +121,11 @@ pub enum Outcome {
     Done,
     /// The board refused it with this error number (`ERRnnn`).
     Error(u16),
-    /// The deadline passed before the board had answered.
+    /// The deadline passed before the board had answered. It may or may not have been carried out.
     TimedOut,
-    /// DPRAM ASCII is off (I58=0), or the board is gone.
+    /// Ended for this reason while the board may have been at it. It may or may not have been carried out.
+    Interrupted(Text<REASON_MAX>),
+    /// DPRAM ASCII is off (I58=0), or the board is gone. Nothing of it was sent.
     Unavailable,
     /// Its turn did not come: too much was before it. Nothing of it was sent.
     Busy,
@@ -114,8 +133,17 @@ pub enum Outcome {
     OutOfRange,
     /// The line was not sent because of a program buffer.
     Barred(Barred),
+    /// A line that was not sent: somebody has stopped all motion meanwhile. [`dropped_by`] says who.
+    Dropped(Text<REASON_MAX>),
     /// It cannot be done, for this reason. Nothing has been written.
     Refused(Text<REASON_MAX>),
+}
+
+/// Why lines are [`Outcome::Dropped`] when the user `uid` stops all motion by `character`.
+#[must_use]
+pub fn dropped_by(uid: u32, character: u8) -> Text<REASON_MAX> {
+    let how = if character == control::KILL { "killed" } else { "aborted" };
+    Text::of(&format_args!("not sent: {how} by uid {uid}"))
 }
 
 /// What the bus thread tells the socket.

@@ -1,6 +1,7 @@
 //! What the bus thread knows of its board, as it passes it on: plain values held in place, which allocate nothing.
 
 use crate::format::Text;
+use crate::map::readings::ReplyEnd;
 use crate::protocol::{CommandPort, CommandState, Enabled, State};
 use crate::segment::identity::{BOARD_TYPE_BYTES, FIRMWARE_BYTES};
 
@@ -26,6 +27,8 @@ pub struct BoardStatus {
     pub command_port: CommandPort,
     /// What became of the last command line.
     pub command_state: CommandState,
+    /// How the end of a reply through the DPRAM shows.
+    pub reply_end: ReplyEnd,
     /// What the I-variables that switch functions on were when asked.
     pub enabling: Enabling,
     /// The motors whose loop is open, bit 0 being motor 1, as far as that is known for sure.
@@ -43,6 +46,7 @@ impl BoardStatus {
         enabled: Enabled::empty(),
         command_port: CommandPort::Dpram,
         command_state: CommandState::Unknown,
+        reply_end: ReplyEnd::Ack,
         enabling: Enabling { panel: None, variables: None },
         open_loops: 0,
         host_port: HostPortCounts { served: 0, old: 0, unannounced: 0 },

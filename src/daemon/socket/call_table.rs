@@ -61,6 +61,13 @@ pub(super) enum Then {
     Sequence(u64),
 }
 
+impl Then {
+    /// Whether it follows something that is done already.
+    const fn is_remark(&self) -> bool {
+        matches!(self, Self::Notes(_))
+    }
+}
+
 /// A call that the board has not answered yet.
 #[derive(Debug)]
 struct Pending {
@@ -189,6 +196,19 @@ impl CallTable {
             (Ended { caller, lines, is_overlong: false, then }, outcome)
         })
         .collect()
+    }
+
+    /// Takes every line back that waits for its turn, whosever it is.
+    pub(super) fn drop_lines(&mut self) -> Vec<Ended> {
+        let lines = self.queue.droppable_lines();
+        let dropped = lines.into_iter().filter(|ticket| self.queue.take_back(*ticket)).collect::<Vec<_>>();
+        dropped.into_iter().filter_map(|ticket| self.end(ticket)).collect()
+    }
+
+    /// Whether `client` waits for something of which nothing has been handed over.
+    pub(super) fn is_unsent(&self, client: u64) -> bool {
+        let mut calls = self.pending.iter().filter(|(_, pending)| pending.caller.client == client);
+        calls.any(|(ticket, pending)| self.queue.waits(*ticket) && !pending.then.is_remark())
     }
 
     /// Takes back the held jog that `client` has asked for, if it was not handed over; whose it was.

@@ -104,11 +104,16 @@ impl Clients {
         }
     }
 
-    /// Sends `reply` to everybody who waits for something and is not `deaf`.
-    pub(super) fn farewell(&mut self, reply: &Reply, deaf: impl Fn(u64) -> bool, now: Instant) {
+    /// Sends his `reply`, which depends on whether he waits for the board, to everybody who waits for something and is not `deaf`.
+    pub(super) fn farewell<'a>(
+        &mut self,
+        reply: impl Fn(u64, bool) -> &'a Reply,
+        deaf: impl Fn(u64) -> bool,
+        now: Instant,
+    ) {
         for (&id, client) in &mut self.clients {
             if client.waits() && !deaf(id) {
-                client.reply(reply, now);
+                client.reply(reply(id, client.waits_for_board()), now);
             }
         }
     }

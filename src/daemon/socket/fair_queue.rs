@@ -10,7 +10,7 @@ use nix::unistd::Uid;
 
 use crate::daemon::shared::job::Job;
 use crate::daemon::shared::queue::{Command, Ticket, at_once};
-use crate::function::ascii::control_has_reply;
+use crate::function::ascii::control::control_has_reply;
 
 /// Kinds of commands. One kind does not wait for another.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -137,6 +137,19 @@ impl FairQueue {
         waiting.sum::<usize>() + self.handed.len()
     }
 
+    /// Every line that waits and does not end a sequence.
+    pub(super) fn droppable_lines(&self) -> Vec<Ticket> {
+        let turns = self.lanes[Kind::Line as usize].users.iter().flat_map(|(_, turns)| turns);
+        let stays = |turn: &&Turn| matches!(turn.command, Command::Send { origin, .. } if origin.stays);
+        turns.filter(|turn| !stays(turn)).map(|turn| turn.ticket).collect()
+    }
+
+    /// Whether a command waits, so that nothing of it was sent.
+    pub(super) fn waits(&self, ticket: Ticket) -> bool {
+        let users = self.lanes.iter().flat_map(|lane| &lane.users);
+        users.flat_map(|(_, turns)| turns).any(|turn| turn.ticket == ticket)
+    }
+
     /// Takes a command back; false when it does not wait (any more).
     pub(super) fn take_back(&mut self, ticket: Ticket) -> bool {
         let mut found = false;
@@ -160,7 +173,13 @@ mod tests {
 
     fn control(ticket: u64, letter: u8) -> Turn {
         let ticket = Ticket(ticket);
-        let command = Command::Control { ticket, uid: 0, character: letter - 64, deadline: Instant::now() };
+        let command = Command::Control {
+            ticket,
+            uid: 0,
+            drops_lines: false,
+            character: letter - 64,
+            deadline: Instant::now(),
+        };
         Turn { ticket, command, audit: None }
     }
 

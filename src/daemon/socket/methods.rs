@@ -36,6 +36,8 @@ pub enum Ask {
     Control {
         /// The character, 1 to 31.
         character: u8,
+        /// One that stops all motion leaves the lines that wait where they are.
+        keeps_lines: bool,
     },
     /// Read words of the DPRAM.
     Read {
@@ -252,7 +254,7 @@ pub fn parse_call(call: &Call, role: Role, characters: Characters, info: &Info) 
 /// engineer and the board may be passwords, and to read a register of the hardware can have an effect.
 fn role_of(action: &Action, characters: Characters, family: &Family) -> Role {
     let is_for_engineers = match action {
-        Action::Ask(Ask::Control { character }) => return characters.role_for(*character),
+        Action::Ask(Ask::Control { character, .. }) => return characters.role_for(*character),
         Action::Ask(Ask::Job(JobCall { job: Job::Panel(_) | Job::Override { .. }, stops, .. })) => {
             return if *stops { Role::Stop } else { Role::Operate };
         }
@@ -297,10 +299,12 @@ fn send(calls::Send { line, timeout_ms, question }: calls::Send) -> Result<Actio
     Ok(Action::Ask(Ask::Send { line, timeout, question: question.unwrap_or(false) }))
 }
 
-fn send_control(calls::SendControl { character }: &calls::SendControl) -> Result<Action, CallError> {
+fn send_control(
+    calls::SendControl { character, keep_queue }: &calls::SendControl,
+) -> Result<Action, CallError> {
     let character = control::parse(character)
         .ok_or_else(|| CallError::invalid("character", "^A to ^_, or the character itself"))?;
-    Ok(Action::Ask(Ask::Control { character }))
+    Ok(Action::Ask(Ask::Control { character, keeps_lines: *keep_queue == Some(true) }))
 }
 
 fn read(calls::Read { host_offset, words }: &calls::Read, family: &Family) -> Result<Action, CallError> {

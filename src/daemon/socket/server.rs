@@ -199,9 +199,20 @@ impl Service {
         // Nobody will be there to hold a jog; the bus thread still does this before it ends.
         self.request_end_of_leases(now);
         self.audit.end();
-        let reply = Reply::of_error(&CallError::Unavailable { reason: "pmacd is stopping".to_owned() });
-        // Whoever waits learns that nothing more will come. Nobody waits for them to hear it.
-        self.clients.farewell(&reply, |client| self.calls.is_oneway(client), now);
+        // What has been done already is told so.
+        while let Some(event) = self.events.try_receive() {
+            self.on_event(event, now);
+        }
+        // Whoever waits learns that nothing more will come. Nobody waits for them to hear it. What the bus thread has may have been
+        // sent.
+        let unsent = Reply::of_error(&CallError::Unavailable { reason: "pmacd is stopping".to_owned() });
+        let reason = "pmacd stopped before the board had answered".to_owned();
+        let uncertain = Reply::of_error(&CallError::Interrupted { reason });
+        let (clients, calls) = (&mut self.clients, &self.calls);
+        let reply = |client, waits_for_board| {
+            if waits_for_board && !calls.is_unsent(client) { &uncertain } else { &unsent }
+        };
+        clients.farewell(reply, |client| calls.is_oneway(client), now);
     }
 
     /// How long nothing need be done unless something happens.

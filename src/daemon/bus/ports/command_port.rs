@@ -57,6 +57,8 @@ pub struct CommandPorts {
     answer: Option<Answer>,
     /// Responses taken from the DPRAM.
     responses: u64,
+    /// A command was given up, here or by the host before, and no line of our own has been answered since.
+    in_doubt: bool,
 }
 
 impl CommandPorts {
@@ -77,14 +79,58 @@ impl CommandPorts {
             question: None,
             answer: None,
             responses: 0,
+            in_doubt: false,
         }
     }
 
-    /// See [`DpramPort::settle`].
+    /// Another host may have left the board at a line; see [`DpramPort::hold`].
     #[must_use]
     pub fn after_another_host(mut self, now: Instant) -> Self {
-        self.dpram.settle(now);
+        self.dpram.hold(now);
+        self.in_doubt = true;
         self
+    }
+
+    /// Whether the board may still be at a command given up, whose reply would be taken for the next one's. A line of our own,
+    /// whose reply nobody needs, ends the doubt: the board answers lines in their order.
+    #[must_use]
+    pub const fn in_doubt(&self) -> bool {
+        self.in_doubt
+    }
+
+    /// Whether the board takes neither lines nor control characters, as far as it was asked.
+    #[must_use]
+    pub fn is_unheard(&self) -> bool {
+        self.in_use == CommandPort::Dpram && self.dpram.is_unheard()
+    }
+
+    /// Starts sending a line of our own, whose reply is known when it is seen; false: try later. It goes on until
+    /// [`CommandPorts::end_doubt`] or [`CommandPorts::give_up`].
+    ///
+    /// # Errors
+    /// [`PortError`].
+    pub fn begin_open_ended(&mut self, bus: &mut impl Bus, line: &[u8]) -> Result<bool, PortError> {
+        match (self.in_use, &mut self.mailbox) {
+            (CommandPort::Mailbox, Some(mailbox)) => Ok(self.question.is_none()
+                && mailbox.is_connected()
+                && mailbox.port.begin_open_ended(&mut mailbox.registers, line)?),
+            _ => Ok(self.dpram.begin_open_ended(bus, line)?),
+        }
+    }
+
+    /// A line of our own has been answered, or cannot be sent. What may come of it still is let pass.
+    pub fn end_doubt(&mut self, now: Instant) {
+        self.in_doubt = false;
+        match (self.in_use, &mut self.mailbox) {
+            (CommandPort::Mailbox, Some(mailbox)) => {
+                mailbox.port.finish();
+                mailbox.port.settle(now);
+            }
+            _ => {
+                self.dpram.finish(now);
+                self.dpram.settle(now);
+            }
+        }
     }
 
     /// The port that lines go through.
@@ -179,10 +225,10 @@ impl CommandPorts {
     ///
     /// # Errors
     /// [`PortError`].
-    pub fn control_pending(&self, bus: &mut impl Bus) -> Result<bool, PortError> {
+    pub fn control_pending(&mut self, bus: &mut impl Bus, now: Instant) -> Result<bool, PortError> {
         match (self.in_use, &self.mailbox) {
             (CommandPort::Mailbox, Some(mailbox)) => Ok(mailbox.port.control_pending()),
-            _ => Ok(self.dpram.control_pending(bus)?),
+            _ => Ok(self.dpram.control_pending(bus, now)?),
         }
     }
 
@@ -211,15 +257,26 @@ impl CommandPorts {
         }
     }
 
-    /// Gives up on the command under way. True when the board has the whole of it; otherwise an [`AsciiEvent::Stale`] that
-    /// comes before the port is idle tells that it had.
+    /// Gives up on the command under way. The port is not idle before the board has shown, as far as it can, that it is free.
     ///
     /// # Errors
     /// [`PortError`].
-    pub fn give_up(&mut self, bus: &mut impl Bus, now: Instant) -> Result<bool, PortError> {
+    pub fn give_up(&mut self, bus: &mut impl Bus, now: Instant) -> Result<(), PortError> {
+        self.in_doubt = true;
         match (self.in_use, &mut self.mailbox) {
             (CommandPort::Mailbox, Some(mailbox)) => Ok(mailbox.port.give_up(&mut mailbox.registers, now)?),
             _ => Ok(self.dpram.give_up(bus, now)?),
+        }
+    }
+
+    /// Takes back whatever lies in the DPRAM and is ours.
+    ///
+    /// # Errors
+    /// [`PortError`].
+    pub fn withdraw(&mut self, bus: &mut impl Bus, now: Instant) -> Result<(), PortError> {
+        match self.in_use {
+            CommandPort::Mailbox => Ok(()),
+            CommandPort::Dpram => Ok(self.dpram.withdraw(bus, now)?),
         }
     }
 

@@ -4,6 +4,7 @@
 //! board is asked who it is ([`crate::daemon::bus::identify`]). Everything is bounded: the queues by what the socket hands
 //! over, a command by its deadline, a poll by the number of responses it takes.
 
+mod check;
 mod controls;
 mod expiry;
 mod outbox;
@@ -12,6 +13,7 @@ mod way;
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 
+use check::Check;
 use outbox::Outbox;
 
 use crate::clock::Clock;
@@ -21,10 +23,11 @@ use crate::daemon::bus::ports::fallback::Fallback;
 use crate::daemon::bus::scale_doubts::ScaleDoubts;
 use crate::daemon::shared::open_buffer::{OpenBuffer, Writer};
 use crate::daemon::shared::queue::{
-    Command, Event, LINE_MAX, Outcome, Sender, Text, Ticket, Unsolicited, at_once,
+    Command, Event, LINE_MAX, Origin, Outcome, Sender, Text, Ticket, Unsolicited, at_once,
 };
 use crate::device::Bus;
-use crate::function::ascii::{AsciiEvent, ResponseText, control_has_reply};
+use crate::function::ascii::control::control_has_reply;
+use crate::function::ascii::{AsciiEvent, ResponseText};
 use crate::protocol::{CommandPort, CommandState, MessageKind};
 use crate::segment::{Counter, Publisher};
 
@@ -47,24 +50,19 @@ enum InFlight {
     Control(WaitingControl),
     /// A question of the identifier's.
     Identify,
-}
-
-impl InFlight {
-    fn ticket(&self) -> Option<Ticket> {
-        match self {
-            Self::Line(line) => Some(line.ticket),
-            Self::Control(control) => Some(control.ticket),
-            Self::Identify => None,
-        }
-    }
+    /// The line of our own after a command that was given up.
+    Check,
 }
 
 #[derive(Clone, Copy)]
 struct WaitingLine {
     ticket: Ticket,
     line: Text<LINE_MAX>,
+    origin: Origin,
     deadline: Instant,
     writer: Writer,
+    /// It is not to be sent any more: this user stopped all motion by this character.
+    dropped_by: Option<(u32, u8)>,
 }
 
 #[derive(Clone, Copy)]
@@ -79,10 +77,11 @@ struct WaitingControl {
 struct UnderWay {
     command: InFlight,
     deadline: Instant,
-    /// The board has shown that it works on it, or may do so.
+    since: Instant,
+    /// The board has shown that it works on it.
     taken: bool,
-    /// Its time is over, and the port waits for what may still come of it.
-    given_up: bool,
+    /// This user's `^X` has cancelled it.
+    cancelled_by: Option<u32>,
 }
 
 /// The lines that wait, and the command under way.
@@ -96,6 +95,8 @@ pub struct AsciiQueue {
     control_pending: Option<WaitingControl>,
     /// One that waited there when the board was reset, and whether that may have taken it; its caller is to be told.
     control_lost: Option<(Ticket, bool)>,
+    /// What is done after a command was given up.
+    check: Check,
     /// Whether the board takes lines as program lines.
     buffer: OpenBuffer,
     /// After a control character with a reply a line has its turn, if one waits.
@@ -125,6 +126,7 @@ impl AsciiQueue {
             under_way: None,
             control_pending: None,
             control_lost: None,
+            check: Check::new(now),
             buffer: OpenBuffer::default(),
             line_is_next: false,
             outbox: Outbox::default(),
@@ -150,29 +152,25 @@ impl AsciiQueue {
     }
 
     /// The board is another one, or was reset: no buffer is open, and what it had been told to send it has forgotten. The
-    /// commands under way are given up, so that the new board does nothing of what the old one was told. What lies untouched
-    /// was not carried out; of everything else nobody knows.
+    /// commands under way are given up, so that the new board does nothing of what the old one was told. A control character
+    /// that lies untouched was not carried out; of everything else nobody knows: a flag may be cleared only when a line is done.
     ///
     /// # Errors
     /// When a port cannot be reached.
     pub fn reset(&mut self, bus: &mut impl Bus, now: Instant) -> Result<(), PortError> {
         self.buffer = OpenBuffer::default();
         if let Some(pending) = self.control_pending.take() {
-            let taken = self.ports.dpram.is_out_of_reach(bus)? || !self.ports.control_pending(bus)?;
+            let taken = self.ports.dpram.is_out_of_reach(bus)? || !self.ports.control_pending(bus, now)?;
             self.control_lost = Some((pending.ticket, taken));
             self.ports.withdraw_control(bus, now)?;
         }
         if let Some(under_way) = &mut self.under_way {
             under_way.deadline = now;
-            match self.ports.in_use() {
-                CommandPort::Mailbox => under_way.taken = true,
-                // Now, before a cleared flag is taken for the board's having taken the first half of a line.
-                CommandPort::Dpram if !std::mem::replace(&mut under_way.given_up, true) => {
-                    under_way.taken |= self.ports.give_up(bus, now)?;
-                }
-                CommandPort::Dpram => {}
-            }
+            // Now, before a cleared flag is taken for the board's having taken the first half of a line.
+            self.ports.give_up(bus, now)?;
         }
+        self.ports.withdraw(bus, now)?;
+        self.check.reset();
         self.poll_now(now);
         self.ports.start(now)
     }
@@ -231,13 +229,18 @@ impl AsciiQueue {
     /// Takes a line or control character in.
     pub fn submit(&mut self, command: &Command, now: Instant) {
         match *command {
-            Command::Send { ticket, line, deadline, writer } => {
+            Command::Send { ticket, line, origin, deadline, writer } => {
                 if ScaleDoubts::of_line(line.as_bytes()).is_some() {
                     self.fallback.ask_soon(&self.ports, now);
                 }
-                self.lines.push_back(WaitingLine { ticket, line, deadline, writer });
+                let dropped_by = None;
+                self.lines.push_back(WaitingLine { ticket, line, origin, deadline, writer, dropped_by });
             }
-            Command::Control { ticket, uid, character, deadline } => {
+            Command::Control { ticket, uid, drops_lines, character, deadline } => {
+                if drops_lines {
+                    let dropped = self.lines.iter_mut().filter(|line| !line.origin.stays);
+                    dropped.for_each(|line| line.dropped_by = Some((uid, character)));
+                }
                 self.controls.push_back(WaitingControl { ticket, uid, character, deadline });
             }
             Command::ReadWords { .. } | Command::Job { .. } => {}
@@ -266,11 +269,14 @@ impl AsciiQueue {
             }
             let Some(event) = self.ports.poll(bus, now)? else { break };
             self.last_event = now;
-            self.handle(events, publisher, event);
+            self.handle(events, publisher, event, now);
         }
         self.consider_fallback(bus, now)?;
         if self.outbox.is_empty() {
             self.expire(bus, events, publisher, now)?;
+        }
+        if self.ports.is_unheard() {
+            self.state = CommandState::Silent;
         }
         if self.outbox.is_empty() && self.under_way.is_none() && self.ports.is_idle() {
             self.begin_next(bus, events, publisher, now)?;
@@ -288,7 +294,13 @@ impl AsciiQueue {
             || !self.lines.is_empty()
             || !self.controls.is_empty();
         // What cannot be asked now is not waited for.
-        let question = if self.buffer.is_open() { Duration::MAX } else { self.identifier.due_in(now) };
+        let question = if self.buffer.is_open() {
+            Duration::MAX
+        } else if self.ports.in_doubt() {
+            self.check.due_in(now)
+        } else {
+            self.identifier.due_in(now)
+        };
         match (in_flight, self.has_interrupt) {
             // The mailboxes' interrupts tell everything; only time has to be watched.
             (true, _)
@@ -311,6 +323,9 @@ impl AsciiQueue {
         publisher: &Publisher,
         now: Instant,
     ) -> Result<(), PortError> {
+        if self.ports.in_doubt() {
+            return self.begin_check(bus, publisher, now);
+        }
         let waits = |control: &WaitingControl| control_has_reply(control.character);
         if !self.line_is_next && self.control_pending.is_none() && self.controls.iter().any(waits) {
             // Lines that always wait must not hold it up. It goes with the next poll.
@@ -345,49 +360,57 @@ impl AsciiQueue {
     }
 
     fn start(&mut self, command: InFlight, deadline: Instant, publisher: &Publisher, now: Instant) {
-        self.under_way = Some(UnderWay { command, deadline, taken: false, given_up: false });
-        self.line_is_next = false;
+        self.under_way = Some(UnderWay { command, deadline, since: now, taken: false, cancelled_by: None });
+        self.line_is_next = matches!(command, InFlight::Control(_));
         self.last_event = now;
         publisher.counters().add(Counter::AsciiCommands, 1);
     }
 
-    fn handle(&mut self, events: &Sender<Event>, publisher: &Publisher, event: AsciiEvent) {
+    fn handle(&mut self, events: &Sender<Event>, publisher: &Publisher, event: AsciiEvent, now: Instant) {
         let counters = publisher.counters();
         match event {
             AsciiEvent::Line(text) => {
                 counters.add(Counter::AsciiReplies, 1);
                 if let Some(under_way) = &mut self.under_way {
                     under_way.taken = true;
-                    match under_way.command.ticket() {
-                        Some(ticket) => self.outbox.tell(events, Event::Line(ticket, text)),
-                        None => self.identifier.line(text.as_bytes()),
+                    match under_way.command {
+                        InFlight::Line(WaitingLine { ticket, .. })
+                        | InFlight::Control(WaitingControl { ticket, .. }) => {
+                            self.outbox.tell(events, Event::Line(ticket, text));
+                        }
+                        InFlight::Identify => self.identifier.line(text.as_bytes()),
+                        InFlight::Check => {
+                            self.check.line(text.as_bytes());
+                            self.see_check(now);
+                        }
                     }
                 }
             }
             AsciiEvent::Done(result) => {
                 counters.add(Counter::AsciiErrors, u64::from(result.is_err()));
                 self.state = CommandState::Answers;
+                if let Some(UnderWay { command: InFlight::Check, .. }) = self.under_way {
+                    return self.end_check(now);
+                }
                 let command = self.under_way.take().map(|under_way| under_way.command);
                 if let Some(InFlight::Line(line)) = &command {
                     self.buffer.done(line.line.as_bytes());
                 }
-                match command.map(|command| command.ticket()) {
-                    Some(Some(ticket)) => {
+                match command {
+                    Some(
+                        InFlight::Line(WaitingLine { ticket, .. })
+                        | InFlight::Control(WaitingControl { ticket, .. }),
+                    ) => {
                         let outcome = result.map_or_else(Outcome::Error, |()| Outcome::Done);
                         self.outbox.tell(events, Event::Done(ticket, outcome));
                     }
-                    Some(None) => self.identifier.done(),
-                    None => {}
+                    Some(InFlight::Identify) => self.identifier.done(),
+                    Some(InFlight::Check) | None => {}
                 }
             }
             AsciiEvent::ProgramResponse(text) => self.unsolicited(events, publisher, MessageKind::Cmd, &text),
             AsciiEvent::ProgramMessage(text) => self.unsolicited(events, publisher, MessageKind::Send, &text),
-            AsciiEvent::Stale(_) => {
-                counters.add(Counter::AsciiUnsolicited, 1);
-                if let Some(under_way) = self.under_way.as_mut().filter(|under_way| under_way.given_up) {
-                    under_way.taken = true;
-                }
-            }
+            AsciiEvent::Stale(_) => counters.add(Counter::AsciiUnsolicited, 1),
         }
     }
 

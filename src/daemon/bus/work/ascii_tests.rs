@@ -5,9 +5,11 @@ use crate::daemon::shared::open_buffer::Account;
 use crate::daemon::shared::queue::{Receive, queue};
 use crate::device::FileBoard;
 use crate::format::TextOrder;
-use crate::function::ascii::SETTLE;
+use crate::function::ascii::hold::SETTLE;
+use crate::function::ascii::{CANCEL, REPLY_END};
 use crate::map::PMAC;
 use crate::map::functions::response;
+use crate::map::readings::ReplyEnd;
 use crate::segment::{CreateOptions, Identity, SegmentName};
 
 struct Rig {
@@ -47,14 +49,16 @@ impl Rig {
     fn send(&mut self, ticket: u64, line: &str, patience: Duration) {
         let line = Text::new(line.as_bytes()).unwrap();
         let deadline = self.now + patience;
+        let origin = Origin { uid: 1000, shown: Text::from_bytes(line.as_bytes()), stays: false };
         let writer = Writer::Hand(Account { uid: 0, pid: 1 });
-        let command = Command::Send { ticket: Ticket(ticket), line, deadline, writer };
+        let command = Command::Send { ticket: Ticket(ticket), line, origin, deadline, writer };
         self.queue.submit(&command, self.now);
     }
 
     fn control(&mut self, ticket: u64, character: u8) {
         let deadline = self.now + Duration::from_secs(5);
-        let command = Command::Control { ticket: Ticket(ticket), uid: 0, character, deadline };
+        let command =
+            Command::Control { ticket: Ticket(ticket), uid: 7, drops_lines: false, character, deadline };
         self.queue.submit(&command, self.now);
     }
 
@@ -69,6 +73,46 @@ impl Rig {
                 _ => None,
             })
             .collect()
+    }
+
+    /// The board takes the line in its buffer.
+    fn take(&mut self) -> String {
+        assert!(self.loaded());
+        let mut words = [0; 100];
+        self.bus.read_block(PMAC.ascii.command, &mut words[..80]).unwrap();
+        self.bus.write16(PMAC.ascii.command_loaded.word, 0).unwrap();
+        let bytes: Vec<u8> = words.iter().flat_map(|word| word.to_le_bytes()).collect();
+        String::from_utf8(bytes.split(|byte| *byte == 0).next().unwrap().to_vec()).unwrap()
+    }
+
+    /// The board puts a response out, which is taken. An acknowledgement leaves the text that is there.
+    fn respond(&mut self, control: u16) {
+        self.bus.write16(PMAC.ascii.response_control, control).unwrap();
+        self.poll();
+        assert_eq!(self.bus.read16(PMAC.ascii.response_control).unwrap(), 0);
+    }
+
+    /// The board puts out a line of a reply.
+    fn say(&mut self, text: &str) {
+        let bytes: Vec<u8> = text.bytes().chain([0, 0]).collect();
+        for (index, pair) in bytes.chunks_exact(2).enumerate() {
+            let word = u16::from_le_bytes([pair[0], pair[1]]);
+            self.bus.write16(PMAC.ascii.response.plus_words(index), word).unwrap();
+        }
+        self.bus.write16(PMAC.ascii.response_count, text.len() as u16 + 1).unwrap();
+        self.respond(response::LINE);
+    }
+
+    /// The board takes the question by which it shows that it is free, and answers it.
+    fn free_port(&mut self) {
+        self.poll();
+        assert_eq!(self.bus.read16(PMAC.ascii.control_character).unwrap(), u16::from(b'F' - 64));
+        self.bus.write16(PMAC.ascii.control_character, 0).unwrap();
+        self.poll();
+        self.respond(response::LINE);
+        self.now += SETTLE;
+        self.poll();
+        self.poll();
     }
 
     fn loaded(&mut self) -> bool {
@@ -98,12 +142,8 @@ fn a_line_whose_time_is_over_is_never_begun() {
 }
 
 #[test]
-fn a_line_that_lay_before_a_board_that_answered_so_far_may_have_been_carried_out() {
-    for (state, outcome) in [
-        (CommandState::Answers, Outcome::TimedOut),
-        (CommandState::Unknown, Outcome::TimedOut),
-        (CommandState::Silent, Outcome::Unavailable),
-    ] {
+fn a_line_that_lay_before_the_board_may_have_been_carried_out() {
+    for state in [CommandState::Answers, CommandState::Unknown, CommandState::Silent] {
         let mut rig = Rig::new();
         rig.queue.state = state;
         rig.send(1, "SAVE", Duration::from_millis(1));
@@ -111,38 +151,146 @@ fn a_line_that_lay_before_a_board_that_answered_so_far_may_have_been_carried_out
         assert!(rig.loaded());
         rig.now += Duration::from_millis(1);
         rig.poll();
-        assert!(!rig.loaded(), "withdrawn");
-        rig.now += SETTLE;
-        rig.poll();
-        assert_eq!(rig.ended(), [(1, outcome)], "{state:?}");
+        assert_eq!(rig.ended(), [(1, Outcome::TimedOut)], "{state:?}");
     }
 }
 
 #[test]
-fn that_a_line_was_not_taken_is_said_after_a_silence_only() {
-    for (answers, outcome) in [(false, Outcome::Unavailable), (true, Outcome::TimedOut)] {
-        let mut rig = Rig::new();
-        rig.queue.state = CommandState::Silent;
-        rig.send(1, "#1J:100", Duration::from_millis(1));
-        rig.send(2, "P2", Duration::from_secs(5));
-        rig.poll();
-        assert!(rig.loaded());
-        rig.now += Duration::from_millis(1);
-        rig.poll();
-        assert!(!rig.loaded(), "withdrawn");
-        assert_eq!(rig.ended(), [], "a board may clear the flag only when it has done the line");
-        if answers {
-            rig.now += SETTLE / 2;
-            rig.bus.write16(PMAC.ascii.response_control, response::ACKNOWLEDGE).unwrap();
-            rig.poll();
-            assert_eq!(rig.ended(), [(1, outcome)], "who sends it again would jog twice");
-        }
-        rig.now += SETTLE;
-        rig.poll();
-        assert!(answers || rig.ended() == [(1, outcome)]);
-        rig.poll();
-        assert!(rig.loaded(), "the next line goes out");
+fn b2_1_who_waits_for_a_line_given_up_is_told_so_within_his_own_deadline() {
+    let mut rig = Rig::new();
+    rig.send(1, "SLOW", Duration::from_secs(1));
+    rig.poll();
+    rig.now += Duration::from_secs(1);
+    rig.send(2, "P5=7", Duration::from_secs(3));
+    rig.control(3, b'F' - 64);
+    rig.poll();
+    assert_eq!(rig.ended(), [(1, Outcome::TimedOut)]);
+    rig.now += Duration::from_secs(3);
+    rig.poll();
+    let reason = "the board still works on \"SLOW\" of uid 1000, sent 4 s ago, or no longer listens; nothing was sent; \
+                  ^X by an engineer cancels it";
+    assert_eq!(rig.ended(), [(2, Outcome::Refused(Text::of(&reason)))]);
+    rig.now += Duration::from_secs(2);
+    rig.poll();
+    let reason = reason.replace("4 s", "6 s");
+    assert_eq!(rig.ended(), [(3, Outcome::Refused(Text::of(&reason)))]);
+}
+
+#[test]
+fn b2_1_the_first_line_after_one_given_up_is_our_own() {
+    let mut rig = Rig::new();
+    rig.send(1, "SLOW", Duration::from_secs(1));
+    rig.poll();
+    assert_eq!(rig.take(), "SLOW");
+    rig.now += Duration::from_secs(1);
+    rig.send(2, "P5=7", Duration::from_secs(60));
+    rig.poll();
+    rig.free_port();
+    // The board looks at its words beside a line: what comes first is the reply to SLOW.
+    assert_eq!(rig.take(), "I3 I10 I3");
+    rig.now += Duration::from_millis(700);
+    rig.say("1");
+    rig.respond(response::ACKNOWLEDGE);
+    rig.now += Duration::from_millis(700);
+    rig.poll();
+    assert!(!rig.loaded(), "our own reply is still to come");
+    for text in ["2", "3713707", "2"] {
+        rig.say(text);
     }
+    rig.respond(response::ACKNOWLEDGE);
+    rig.now += SETTLE;
+    rig.poll();
+    rig.poll();
+    assert_eq!(rig.take(), "P5=7");
+    rig.respond(response::ACKNOWLEDGE);
+    assert_eq!(rig.ended(), [(1, Outcome::TimedOut), (2, Outcome::Done)]);
+}
+
+#[test]
+fn b2_1_no_line_of_our_own_goes_into_an_open_program_buffer() {
+    let mut rig = Rig::new();
+    rig.send(1, "OPEN PROG 1", Duration::from_secs(1));
+    rig.poll();
+    assert_eq!(rig.take(), "OPEN PROG 1");
+    rig.now += Duration::from_secs(1);
+    rig.send(2, "CLOSE", Duration::from_secs(60));
+    rig.poll();
+    rig.free_port();
+    rig.now += SETTLE;
+    rig.poll();
+    rig.poll();
+    assert_eq!(rig.take(), "CLOSE");
+}
+
+#[test]
+fn b2_4_a_cancel_ends_the_line_under_way_at_once() {
+    let mut rig = Rig::new();
+    rig.send(1, "SLOW", Duration::from_secs(60));
+    rig.poll();
+    assert_eq!(rig.take(), "SLOW");
+    rig.poll();
+    rig.control(2, CANCEL);
+    rig.poll();
+    rig.bus.write16(PMAC.ascii.control_character, 0).unwrap();
+    rig.poll();
+    let reason = Text::of(&"cancelled by ^X of uid 7");
+    assert_eq!(rig.ended(), [(2, Outcome::Done), (1, Outcome::Interrupted(reason))]);
+    rig.send(3, "P1", Duration::from_secs(1));
+    rig.poll();
+    rig.free_port();
+    assert_eq!(rig.take(), "I3 I10 I3");
+}
+
+#[test]
+fn b1_6_what_stops_all_motion_drops_the_lines_that_wait() {
+    for (character, how) in [(b'A' - 64, "aborted"), (b'K' - 64, "killed")] {
+        let mut rig = Rig::new();
+        rig.send(1, "#1J+", Duration::from_secs(60));
+        rig.poll();
+        rig.send(2, "#2J+", Duration::from_secs(60));
+        rig.send(3, "#3J+", Duration::from_secs(60));
+        let (uid, deadline) = (7, rig.now + Duration::from_secs(5));
+        let command = Command::Control { ticket: Ticket(4), uid, drops_lines: true, character, deadline };
+        rig.queue.submit(&command, rig.now);
+        rig.send(5, "#1P", Duration::from_secs(60));
+        rig.poll();
+        let dropped = Outcome::Dropped(Text::of(&format!("not sent: {how} by uid 7")));
+        assert_eq!(rig.ended(), [(2, dropped), (3, dropped)]);
+        assert_eq!(rig.take(), "#1J+");
+        rig.bus.write16(PMAC.ascii.control_character, 0).unwrap();
+        rig.respond(response::ACKNOWLEDGE);
+        rig.poll();
+        assert_eq!(rig.take(), "#1P", "what was sent after it is not dropped");
+    }
+}
+
+#[test]
+fn b3_3_a_board_that_says_it_marks_no_end_is_believed() {
+    let mut rig = Rig::new();
+    rig.send(1, "VERSION", Duration::from_secs(1));
+    rig.poll();
+    assert_eq!(rig.take(), "VERSION");
+    rig.now += Duration::from_secs(1);
+    rig.poll();
+    rig.free_port();
+    assert_eq!(rig.take(), "I3 I10 I3");
+    for text in ["0", "3713707", "0"] {
+        rig.say(text);
+    }
+    rig.now += Duration::from_secs(1);
+    rig.poll();
+    rig.free_port();
+    assert!(
+        rig.queue.state() == CommandState::Answers && rig.queue.ports.dpram.reply_end() == ReplyEnd::Silence
+    );
+    rig.send(2, "P1", Duration::from_secs(1));
+    rig.poll();
+    rig.poll();
+    assert_eq!(rig.take(), "P1");
+    rig.poll();
+    rig.now += REPLY_END;
+    rig.poll();
+    assert_eq!(rig.ended(), [(1, Outcome::TimedOut), (2, Outcome::Done)]);
 }
 
 #[test]
@@ -171,8 +319,8 @@ fn a_new_board_does_nothing_of_what_the_old_one_was_told() {
     ] {
         let mut rig = Rig::new();
         rig.send(1, "P1", Duration::from_secs(600));
-        rig.control(2, ABORT);
         rig.poll();
+        rig.control(2, ABORT);
         rig.poll();
         assert!(rig.loaded());
         rig.bus.write16(PMAC.ascii.command_loaded.word, flag).unwrap();
@@ -187,7 +335,8 @@ fn a_new_board_does_nothing_of_what_the_old_one_was_told() {
         }
         let mut ended = rig.ended();
         ended.sort_by_key(|(ticket, _)| *ticket);
-        assert_eq!(ended, [(1, outcome), (2, outcome)], "{flag:#x}");
+        // A flag may be cleared only when the line is done.
+        assert_eq!(ended, [(1, Outcome::TimedOut), (2, outcome)], "{flag:#x}");
     }
 }
 
@@ -205,7 +354,7 @@ fn the_second_half_of_a_line_is_no_line_for_a_new_board() {
         assert!(!rig.loaded());
         rig.now += SETTLE;
     }
-    assert_eq!(rig.ended(), [(1, Outcome::Unavailable)]);
+    assert_eq!(rig.ended(), [(1, Outcome::TimedOut)]);
 }
 
 #[test]

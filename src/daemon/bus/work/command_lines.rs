@@ -162,13 +162,13 @@ impl<B: Bus> BoardFunction<B> for CommandLines {
         Ok(Polled::default())
     }
     fn acquire(&mut self, context: &mut Context<'_, B>) -> Result<(), PortError> {
-        Ok(self.queue.ports().dpram.release(context.bus)?)
+        Ok(self.queue.ports_mut().dpram.release(context.bus)?)
     }
     fn reset(&mut self, _context: &mut Context<'_, B>) -> Result<(), PortError> {
         Ok(())
     }
     fn leave(&mut self, bus: &mut B) -> Result<(), BusError> {
-        self.queue.ports().dpram.release(bus)
+        self.queue.ports_mut().dpram.release(bus)
     }
     fn is_live(&self) -> Option<bool> {
         Some(self.queue.state() == CommandState::Answers)

@@ -224,5 +224,5 @@ fn line(text: impl fmt::Display, timeout: Duration) -> Step {
 
 /// Whether the line of a step that ended so was certainly not sent.
 const fn is_unsent(outcome: Outcome) -> bool {
-    !matches!(outcome, Outcome::Done | Outcome::Error(_) | Outcome::TimedOut)
+    !matches!(outcome, Outcome::Done | Outcome::Error(_) | Outcome::TimedOut | Outcome::Interrupted(_))
 }

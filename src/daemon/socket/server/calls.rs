@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use super::Service;
 use crate::daemon::shared::job::Job;
 use crate::daemon::shared::open_buffer::Writer;
-use crate::daemon::shared::queue::{Command, Outcome, Text, Ticket};
+use crate::daemon::shared::queue::{Command, Origin, Outcome, REASON_MAX, Text, Ticket, dropped_by};
 use crate::daemon::socket::call_table::{COLLECT_MAX, Caller, Ended, Then};
 use crate::daemon::socket::connection::Waiting;
 use crate::daemon::socket::jobs::{self, JobCall};
@@ -95,25 +95,37 @@ impl Service {
         let deadline = now + ask.timeout();
         match ask {
             Ask::Send { line, question, .. } => {
-                let audit = Some(format!("sends {:?}", without_password(&line)));
+                let shown = without_password(&line);
+                let audit = Some(format!("sends {shown:?}"));
+                let origin = Origin { uid: caller.peer.uid.as_raw(), shown: Text::of(&shown), stays: false };
                 let writer = if question { Writer::Question } else { Writer::Hand(caller.peer.account()) };
                 self.wait_for_board(caller, deadline, Then::ReplyLines, audit, |ticket| Command::Send {
                     ticket,
                     line,
+                    origin,
                     deadline,
                     writer,
                 });
             }
-            Ask::Control { character } => {
+            Ask::Control { character, keeps_lines } => {
                 let stops_all = matches!(character, control::ABORT | control::KILL);
+                let uid = caller.peer.uid.as_raw();
+                let drops_lines = stops_all && !keeps_lines;
                 if stops_all {
                     self.leases.control_begins(character, now);
+                }
+                if drops_lines {
+                    let reason = dropped_by(uid, character);
+                    for ended in self.calls.drop_lines() {
+                        self.on_end(ended, Outcome::Dropped(reason), now);
+                    }
                 }
                 let then = if stops_all { Then::AllStopped(character) } else { Then::ReplyLines };
                 let audit = Some(format!("sends {}", control::name(character)));
                 self.wait_for_board(caller, deadline, then, audit, |ticket| Command::Control {
                     ticket,
-                    uid: caller.peer.uid.as_raw(),
+                    uid,
+                    drops_lines,
                     character,
                     deadline,
                 });
@@ -191,9 +203,11 @@ impl Service {
     /// Asks the board `question`; `then` begins if its answer is what its guard wants.
     fn question(&mut self, caller: Caller, question: &str, then: Then, deadline: Instant) {
         let line = Text::of(&question);
+        let origin = Origin { uid: caller.peer.uid.as_raw(), shown: Text::of(&question), stays: false };
         self.wait_for_board(caller, deadline, then, None, |ticket| Command::Send {
             ticket,
             line,
+            origin,
             deadline,
             writer: Writer::Question,
         });
@@ -263,7 +277,7 @@ impl Service {
             }
             then => then,
         };
-        if let Outcome::Refused(reason) = outcome {
+        if let Outcome::Refused(reason) | Outcome::Dropped(reason) = outcome {
             // What was asked has been logged; that it was not done must be too. Questions that the log knows nothing of are
             // refused as well, as often as somebody asks.
             let Peer { uid, pid, .. } = caller.peer;
@@ -301,6 +315,10 @@ impl Service {
         begin: impl FnOnce(&mut Self, Option<&[&str]>) -> Result<(), CallError>,
     ) {
         let Some(client) = self.clients.get_mut(caller.client) else { return };
+        if let Outcome::Dropped(reason) = outcome {
+            // What waited for the question is not to be begun either.
+            return self.answer(caller, Err(refused(reason)), now);
+        }
         client.wait_for(Waiting::Nothing);
         // A board that cannot be asked (any more) may still do it; if not, the job says so.
         let found: Vec<&str> = lines.iter().map(|line| answer::text(line)).collect();
@@ -430,7 +448,7 @@ pub(super) fn reply_lines(
     now: Instant,
 ) -> Result<Vec<String>, CallError> {
     match outcome {
-        Outcome::Done if is_overlong => Err(CallError::Unavailable {
+        Outcome::Done if is_overlong => Err(CallError::Interrupted {
             reason: format!("the board's reply is longer than {COLLECT_MAX} bytes"),
         }),
         Outcome::Done => Ok(lines),
@@ -444,12 +462,15 @@ pub(super) fn reply_lines(
                 .to_owned(),
         }),
         Outcome::Busy => Err(CallError::Busy),
+        Outcome::Interrupted(reason) => Err(CallError::Interrupted { reason: reason.to_string() }),
         Outcome::OutOfRange => Err(CallError::OutOfRange),
         Outcome::Barred(barred) => Err(CallError::Refused { reason: barred.reason(now) }),
-        Outcome::Refused(reason) => {
-            Err(CallError::Refused { reason: String::from_utf8_lossy(reason.as_bytes()).into_owned() })
-        }
+        Outcome::Refused(reason) | Outcome::Dropped(reason) => Err(refused(reason)),
     }
+}
+
+fn refused(reason: Text<REASON_MAX>) -> CallError {
+    CallError::Refused { reason: reason.to_string() }
 }
 
 /// What a client is told whose held jog is over.

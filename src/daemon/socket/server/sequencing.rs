@@ -6,7 +6,7 @@ use log::info;
 
 use super::Service;
 use crate::daemon::shared::open_buffer::Writer;
-use crate::daemon::shared::queue::{Command, Outcome};
+use crate::daemon::shared::queue::{Command, Origin, Outcome, Text};
 use crate::daemon::socket::call_table::{Caller, Ended, Then};
 use crate::daemon::socket::connection::{HIGH_WATER, Waiting};
 use crate::daemon::socket::policy::Peer;
@@ -201,8 +201,13 @@ impl Service {
                     let inside = running.machine.is_inside();
                     let writer = Writer::Sequence { number, account: owner.peer.account(), inside };
                     let deadline = now + timeout;
+                    let origin = Origin {
+                        uid: owner.peer.uid.as_raw(),
+                        shown: Text::of(&without_password(&line)),
+                        stays: running.ending.is_some(),
+                    };
                     self.calls.ask(step_of(owner.peer), deadline, Then::Sequence(number), audit, |ticket| {
-                        Command::Send { ticket, line, deadline, writer }
+                        Command::Send { ticket, line, origin, deadline, writer }
                     });
                     return None;
                 }
@@ -216,9 +221,10 @@ impl Service {
                 }
                 Step::Control { character, timeout } => {
                     running.waits = Waits::Board;
+                    let uid = owner.peer.uid.as_raw();
                     let deadline = now + timeout;
                     self.calls.ask(step_of(owner.peer), deadline, Then::Sequence(number), None, |ticket| {
-                        Command::Control { ticket, uid: owner.peer.uid.as_raw(), character, deadline }
+                        Command::Control { ticket, uid, drops_lines: false, character, deadline }
                     });
                     return None;
                 }

@@ -2,11 +2,12 @@
 
 use std::time::Instant;
 
-use super::{AsciiQueue, InFlight, UnderWay, WaitingControl};
+use super::{AsciiQueue, InFlight, WaitingControl};
 use crate::daemon::bus::ports::command_port::PortError;
 use crate::daemon::shared::queue::{Event, Outcome, Sender};
 use crate::device::Bus;
-use crate::function::ascii::control_has_reply;
+use crate::function::ascii::CANCEL;
+use crate::function::ascii::control::control_has_reply;
 use crate::protocol::{CommandPort, CommandState};
 use crate::segment::{Counter, Publisher};
 
@@ -24,30 +25,31 @@ impl AsciiQueue {
             return Ok(());
         }
         if let Some(pending) = self.control_pending {
-            if !self.ports.control_pending(bus)? {
+            if !self.ports.control_pending(bus, now)? {
                 self.control_pending = None;
                 self.state = CommandState::Answers;
+                if pending.character == CANCEL {
+                    self.cancelled_by(pending.uid);
+                }
                 self.outbox.tell(events, Event::Done(pending.ticket, Outcome::Done));
             } else if now >= pending.deadline {
                 self.ports.withdraw_control(bus, now)?;
                 self.control_pending = None;
-                self.fail(events, publisher, pending.ticket, false);
+                // One that answered so far may have taken it in this moment.
+                let taken = self.state != CommandState::Silent;
+                self.fail(events, publisher, pending.ticket, taken);
             }
             return Ok(());
         }
         // One with a reply has to wait until the port is idle. What stops a machine does not wait behind it.
-        let is_idle = self.ports.is_idle();
+        let is_idle = self.ports.is_idle() && !self.ports.in_doubt();
         let ready = |control: &WaitingControl| {
             now < control.deadline && (is_idle || !control_has_reply(control.character))
         };
         let Some(index) = self.controls.iter().position(ready) else {
             if let Some(late) = self.controls.front().copied().filter(|oldest| now >= oldest.deadline) {
                 self.controls.pop_front();
-                // That it waited for a line says nothing of the board.
-                match self.under_way {
-                    Some(_) => self.outbox.tell(events, Event::Done(late.ticket, Outcome::Busy)),
-                    None => self.fail(events, publisher, late.ticket, false),
-                }
+                self.not_begun(events, publisher, late.ticket, now);
             }
             return Ok(());
         };
@@ -57,20 +59,17 @@ impl AsciiQueue {
             self.controls.remove(index);
             self.buffer.follow_control(first.character, first.uid, now);
             self.last_event = now;
-            publisher.counters().add(Counter::AsciiCommands, 1);
             if has_reply {
-                self.line_is_next = true;
-                let command = InFlight::Control(first);
-                self.under_way =
-                    Some(UnderWay { command, deadline: first.deadline, taken: false, given_up: false });
+                self.start(InFlight::Control(first), first.deadline, publisher, now);
             } else {
+                publisher.counters().add(Counter::AsciiCommands, 1);
                 self.control_pending = Some(first);
                 let settles = self.ports.mailbox.as_ref().is_some_and(|mailbox| mailbox.port.is_settling());
-                if let Some(under_way) = self.under_way.as_mut().filter(|it| settles && !it.given_up)
+                if let Some(under_way) = self.under_way.as_mut().filter(|_| settles)
                     && self.ports.in_use() == CommandPort::Mailbox
                 {
                     // It went over a line that lay too long; whether the board had taken that nobody knows.
-                    (under_way.taken, under_way.given_up, under_way.deadline) = (true, true, now);
+                    under_way.deadline = now;
                 }
             }
         }

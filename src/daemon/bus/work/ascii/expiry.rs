@@ -1,16 +1,16 @@
-//! What becomes of commands whose deadline is over.
+//! What becomes of commands whose deadline is over, or that somebody has cancelled.
 
 use std::time::Instant;
 
-use super::{AsciiQueue, UnderWay};
+use super::{AsciiQueue, InFlight, UnderWay, WaitingControl, WaitingLine};
 use crate::daemon::bus::ports::command_port::PortError;
-use crate::daemon::shared::queue::{Event, Outcome, Sender, Ticket};
+use crate::daemon::shared::queue::{Event, Origin, Outcome, Sender, Text, Ticket, dropped_by};
 use crate::device::Bus;
-use crate::protocol::{CommandPort, CommandState};
+use crate::protocol::CommandState;
 use crate::segment::{Counter, Publisher};
 
 impl AsciiQueue {
-    /// Gives up on what is past its deadline.
+    /// Gives up on what is past its deadline or cancelled, and on lines that are not to be sent any more.
     pub(super) fn expire(
         &mut self,
         bus: &mut impl Bus,
@@ -18,48 +18,116 @@ impl AsciiQueue {
         publisher: &Publisher,
         now: Instant,
     ) -> Result<(), PortError> {
-        if let Some(under_way) = &mut self.under_way
-            && now >= under_way.deadline
+        if let Some(under_way) = self.under_way
+            && (now >= under_way.deadline || under_way.cancelled_by.is_some())
         {
-            if !std::mem::replace(&mut under_way.given_up, true) {
-                under_way.taken |= self.ports.give_up(bus, now)?;
-                // A board clears the flag only when it has done the line. One that answered the line before may be at this one.
-                under_way.taken |=
-                    self.ports.in_use() == CommandPort::Dpram && self.state != CommandState::Silent;
-            }
-            // Who hears that it was not taken may send it again, so that is said only after a silence.
-            if under_way.taken || self.ports.is_idle() {
-                let UnderWay { command, taken, .. } = *under_way;
-                self.under_way = None;
-                match command.ticket() {
-                    Some(ticket) => self.fail(events, publisher, ticket, taken),
-                    None => {
-                        self.identifier.failed(now);
-                        self.state = CommandState::Silent;
-                    }
-                }
-                return Ok(());
-            }
+            self.under_way = None;
+            self.give_up(bus, events, publisher, &under_way, now)?;
         }
-        if let Some(&first) = self.lines.front()
-            && now >= first.deadline
-        {
-            self.lines.pop_front();
-            if self.under_way.is_some() {
-                // That it waited for another one says nothing of the board.
-                self.outbox.tell(events, Event::Done(first.ticket, Outcome::Busy));
-                return Ok(());
+        while self.outbox.is_empty() {
+            let dropped = self.lines.iter().position(|line| line.dropped_by.is_some());
+            if let Some(line) = dropped.and_then(|index| self.lines.remove(index))
+                && let Some((uid, character)) = line.dropped_by
+            {
+                let outcome = Outcome::Dropped(dropped_by(uid, character));
+                self.outbox.tell(events, Event::Done(line.ticket, outcome));
+                continue;
             }
-            if self.ports.is_idle() {
-                // Nothing of ours is under way, yet the line could not be command: an earlier one still lies in the
+            let Some(&first) = self.lines.front().filter(|first| now >= first.deadline) else { break };
+            self.lines.pop_front();
+            if self.under_way.is_none() && self.ports.is_idle() {
+                // Nothing of ours is under way, yet the line could not be begun: an earlier one still lies in the
                 // buffer with nobody to take it. It must not be carried out by surprise later.
                 self.ports.withdraw_line(bus)?;
             }
-            self.fail(events, publisher, first.ticket, false);
+            self.not_begun(events, publisher, first.ticket, now);
         }
         Ok(())
     }
 
+    /// Ends a command that the board may have carried out, may be at, or may still carry out.
+    fn give_up(
+        &mut self,
+        bus: &mut impl Bus,
+        events: &Sender<Event>,
+        publisher: &Publisher,
+        under_way: &UnderWay,
+        now: Instant,
+    ) -> Result<(), PortError> {
+        let UnderWay { command, since, cancelled_by, .. } = *under_way;
+        self.ports.give_up(bus, now)?;
+        if cancelled_by.is_some() {
+            // "<CTRL-X> will empty the command and response queues; it will also clear the control words" (manual p. 27).
+            self.ports.withdraw(bus, now)?;
+        }
+        let (ticket, origin) = match command {
+            InFlight::Line(WaitingLine { ticket, origin, .. }) => (ticket, origin),
+            InFlight::Control(WaitingControl { ticket, uid, character, .. }) => (
+                ticket,
+                Origin {
+                    uid,
+                    shown: Text::of(&format_args!("^{}", char::from((character & 0x1F) + 64))),
+                    stays: false,
+                },
+            ),
+            InFlight::Identify | InFlight::Check => {
+                self.give_up_own(command, cancelled_by.is_some(), now);
+                return Ok(());
+            }
+        };
+        match cancelled_by {
+            Some(uid) => {
+                let reason = Text::of(&format_args!("cancelled by ^X of uid {uid}"));
+                self.outbox.tell(events, Event::Done(ticket, Outcome::Interrupted(reason)));
+            }
+            None => {
+                self.check.hold(origin, since);
+                self.fail(events, publisher, ticket, true);
+            }
+        }
+        Ok(())
+    }
+
+    /// Ends a line of our own.
+    fn give_up_own(&mut self, command: InFlight, is_cancelled: bool, now: Instant) {
+        match command {
+            InFlight::Identify if is_cancelled => self.identifier.not_sent(),
+            InFlight::Identify => {
+                self.state = CommandState::Silent;
+                self.identifier.failed(now);
+            }
+            InFlight::Check if !is_cancelled => self.fail_check(now),
+            InFlight::Check | InFlight::Line(_) | InFlight::Control(_) => {}
+        }
+    }
+
+    /// The board has taken `^X` of this user: it works on nothing any more.
+    pub(super) fn cancelled_by(&mut self, uid: u32) {
+        self.check.reset();
+        if let Some(under_way) = &mut self.under_way {
+            under_way.cancelled_by = Some(uid);
+        }
+    }
+
+    /// Tells a caller that nothing of his command was sent, and why.
+    pub(super) fn not_begun(
+        &mut self,
+        events: &Sender<Event>,
+        publisher: &Publisher,
+        ticket: Ticket,
+        now: Instant,
+    ) {
+        if let Some(reason) = self.check.reason(now) {
+            self.outbox.tell(events, Event::Done(ticket, Outcome::Refused(reason)));
+        } else if self.under_way.is_some() && !self.ports.in_doubt() {
+            // That it waited for another one says nothing of the board.
+            self.outbox.tell(events, Event::Done(ticket, Outcome::Busy));
+        } else {
+            self.fail(events, publisher, ticket, false);
+        }
+    }
+
+    /// Tells a caller that the board does not answer. Of what was begun it may have `taken` all.
     pub(super) fn fail(
         &mut self,
         events: &Sender<Event>,

@@ -18,7 +18,9 @@ impl AsciiQueue {
         }
         let under_way = self.is_under_way();
         if let Some(change) = self.fallback.wanted(&mut self.ports, under_way, bus, now)? {
-            if change == Change::Enabled || self.take_back(bus)? {
+            if change == Change::Enabled || self.take_back(bus, now)? {
+                // What a command given up has left there must not be carried out when the port is switched on again.
+                self.ports.withdraw(bus, now)?;
                 self.change_port(change, now);
             } else {
                 self.fallback.ask_again(now);
@@ -49,16 +51,17 @@ impl AsciiQueue {
         match self.under_way {
             Some(under_way) => !under_way.taken && !self.ports.was_taken(),
             None => {
-                let asks = !self.buffer.is_open() && self.identifier.due_in(now).is_zero();
+                let has_question = self.ports.in_doubt() || self.identifier.due_in(now).is_zero();
+                let asks = !self.buffer.is_open() && has_question;
                 self.control_pending.is_some() || !self.lines.is_empty() || !self.controls.is_empty() || asks
             }
         }
     }
 
     /// Takes back what waits in the DPRAM's port, to be sent through another; false when the board has touched it.
-    fn take_back(&mut self, bus: &mut impl Bus) -> Result<bool, PortError> {
+    fn take_back(&mut self, bus: &mut impl Bus, now: Instant) -> Result<bool, PortError> {
         if let Some(control) = self.control_pending {
-            if !self.ports.dpram.control_pending(bus)? {
+            if !self.ports.dpram.control_pending(bus, now)? {
                 return Ok(false);
             }
             self.ports.dpram.withdraw_control(bus)?;
@@ -66,7 +69,7 @@ impl AsciiQueue {
             self.controls.push_front(control);
         }
         let Some(under_way) = self.under_way else { return Ok(true) };
-        if under_way.taken || !self.ports.dpram.take_back(bus)? {
+        if under_way.taken || !self.ports.dpram.take_back(bus, now)? {
             return Ok(false);
         }
         self.under_way = None;
@@ -74,6 +77,7 @@ impl AsciiQueue {
             InFlight::Line(line) => self.lines.push_front(line),
             InFlight::Control(control) => self.controls.push_front(control),
             InFlight::Identify => self.identifier.not_sent(),
+            InFlight::Check => {}
         }
         Ok(true)
     }

@@ -1,0 +1,138 @@
+//! Control characters in the word of their own (DPRAM manual p. 28, firmware 1.15 and later).
+//!
+//! "The read/write procedure is exactly as described above except now […] write the ASCII value of the control character to
+//! the dedicated register" can be read two ways: the register alone tells the board, or the command flag has to be set
+//! too. So the register is written first. If the board has not taken the character [`FLAG_AFTER`] later and no line of
+//! ours lies untaken, the command buffer is emptied (a NUL) and the flag set. A board that needs only the register and was
+//! slow then finds an empty line, which does nothing; it may acknowledge it, so a silence follows before the next line.
+
+use std::time::{Duration, Instant};
+
+use super::{CANCEL, DpramPort, State};
+use crate::device::{Bus, BusError};
+use crate::protocol::control::{ABORT, KILL};
+
+/// How long the board may take for a character before the flag is set too.
+pub const FLAG_AFTER: Duration = Duration::from_millis(20);
+
+/// A control character in its word.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Lying {
+    character: u8,
+    since: Instant,
+    /// The flag was set for it, with an empty line.
+    flagged: bool,
+    /// It went over another one that the board may have been at: the word it clears may be that one's.
+    again: bool,
+}
+
+impl DpramPort {
+    /// Hands a control character to the board, which may be done at any time. `Ok(false)`: the board has not taken
+    /// the last one yet, or its reply would mix with another; try later. With `has_reply` the lines that follow
+    /// come as [`super::AsciiEvent::Line`] and end, after a silence, with [`super::AsciiEvent::Done`]; without, nothing
+    /// comes. What stops motion, and `^X`, may go over a question of our own that the board has not taken.
+    ///
+    /// # Errors
+    /// When the bus cannot be reached.
+    pub fn control(
+        &mut self,
+        bus: &mut impl Bus,
+        character: u8,
+        has_reply: bool,
+        now: Instant,
+    ) -> Result<bool, BusError> {
+        let over_question = self.hold_asks() && [ABORT, KILL, CANCEL].contains(&character);
+        let is_free = over_question || bus.read16(self.words.control_character)? == 0;
+        if has_reply && !self.is_idle() || !is_free {
+            return Ok(false);
+        }
+        if over_question {
+            self.ask_later(now);
+        }
+        self.put_control(bus, character, over_question, now)?;
+        if has_reply {
+            self.end_follows = false;
+            self.state = State::ControlReply { taken: false, answered: false, quiet_since: now };
+        }
+        Ok(true)
+    }
+
+    /// Writes `character` to its word, `over` one that may lie there.
+    pub(super) fn put_control(
+        &mut self,
+        bus: &mut impl Bus,
+        character: u8,
+        over: bool,
+        now: Instant,
+    ) -> Result<(), BusError> {
+        let flagged = over && self.lying.is_some_and(|lying| lying.flagged);
+        bus.write16(self.words.control_character, u16::from(character))?;
+        bus.order_writes();
+        self.lying = Some(Lying { character, since: now, flagged, again: over });
+        Ok(())
+    }
+
+    /// Looks after the control character in its word. Whether one still waits there for the board to take it. 1 read, and 1
+    /// more and 2 writes when the flag is set for it.
+    ///
+    /// # Errors
+    /// When the bus cannot be reached.
+    pub fn control_pending(&mut self, bus: &mut impl Bus, now: Instant) -> Result<bool, BusError> {
+        let Some(lying) = self.lying else { return Ok(false) };
+        let word = bus.read16(self.words.control_character)?;
+        if word == 0 && !lying.again {
+            self.lying = None;
+            self.takes_characters = true;
+            return Ok(false);
+        }
+        if word == 0 {
+            // The board may have cleared the word for the character that lay there before. What stops motion does no harm
+            // when it comes twice.
+            self.put_control(bus, lying.character, false, now)?;
+            return Ok(true);
+        }
+        let line_lies = matches!(self.state, State::Loaded { .. }) || self.has_half_a_line();
+        let is_late = now >= lying.since + FLAG_AFTER && !lying.flagged;
+        if is_late && !line_lies && word != u16::MAX && !self.is_loaded(bus)? {
+            self.lying = Some(Lying { flagged: true, ..lying });
+            bus.write16(self.words.command, 0)?;
+            bus.order_writes();
+            bus.write16(self.words.command_loaded.word, self.words.command_loaded.mask)?;
+            bus.order_writes();
+            self.settle_next(now);
+        }
+        Ok(true)
+    }
+
+    /// Takes back a control character the board has not taken, and the flag that was set for it.
+    ///
+    /// # Errors
+    /// When the bus cannot be reached.
+    pub fn withdraw_control(&mut self, bus: &mut impl Bus) -> Result<(), BusError> {
+        if self.lying.take().is_some_and(|lying| lying.flagged) {
+            bus.write16(self.words.command_loaded.word, 0)?;
+            bus.order_writes();
+        }
+        bus.write16(self.words.control_character, 0)?;
+        bus.order_writes();
+        Ok(())
+    }
+}
+
+/// Whether PMAC answers this control character with data (software reference, on-line control characters).
+#[must_use]
+pub fn control_has_reply(character: u8) -> bool {
+    const fn control(letter: u8) -> u8 {
+        letter - 64
+    }
+    const WITH_DATA: [u8; 7] = [
+        control(b'B'),
+        control(b'C'),
+        control(b'F'),
+        control(b'G'),
+        control(b'P'),
+        control(b'V'),
+        control(b'Y'),
+    ];
+    WITH_DATA.contains(&character)
+}

@@ -1,0 +1,206 @@
+//! The port held: after a command was given up, and at the start, until the board shows that it is free.
+//!
+//! A reply that comes after its command was given up cannot be told from the next command's, nor can a line that the board
+//! is still at be told from one that it has not seen: the manual has it clear the command flag when it "has processed" the
+//! line (p. 29), but a board may clear it as soon as it has taken the line. So nothing is begun until
+//! * the board has taken and answered a control character that only reports ([`QUESTION`]; control characters "act
+//!   immediately", FACTS 7), which it does between two lines, or beside one,
+//! * the flag is clear: where it is cleared late, the line is done,
+//! * and nothing has come for [`SETTLE`]. Texts of programs count, up to [`SETTLE_TEXTS`]: they keep the board from putting
+//!   out what is still to come.
+//!
+//! A line that the board has not taken, nor the question behind it, lies before a board that is deaf (I58=0) or busy. It is
+//! taken back after [`ASK_LIMIT`], so that nothing is carried out by surprise when the port is switched on later. The
+//! question is asked again every [`ASK_AGAIN`]. Nobody waits for it without a bound of his own.
+//!
+//! Firmware before 1.15 does not know the register. A board that was never seen to take a character, but takes the empty line
+//! whose flag was set for it ([`super::control`]), is believed to be free.
+
+use std::time::{Duration, Instant};
+
+use super::{CANCEL, DpramPort, State};
+use crate::device::{Bus, BusError};
+
+/// How long the response buffer must have been silent before a port that was held is used again.
+pub const SETTLE: Duration = Duration::from_millis(50);
+/// How many texts of programs begin the silence anew. A program that never stops sending must not block the port; and by then the
+/// board has put out so many responses that those of the old command, which stood before them in its queue, are out.
+const SETTLE_TEXTS: u8 = 10;
+/// `<CTRL-F>`: the following errors of all motors. It has no side effect (FACTS 7).
+const QUESTION: u8 = b'F' - 64;
+/// How long the board may take to take the question. It takes characters within milliseconds.
+pub const ASK_LIMIT: Duration = Duration::from_millis(300);
+/// How long the board may then take to answer it.
+const ANSWER_LIMIT: Duration = Duration::from_secs(1);
+/// How soon after it was taken back it is asked again.
+pub const ASK_AGAIN: Duration = Duration::from_millis(500);
+
+/// What the board has shown so far.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Hold {
+    /// Nothing at all came since then.
+    quiet_since: Instant,
+    /// Texts of programs that came.
+    texts: u8,
+    asking: Asking,
+    /// The board did not take the question the last time.
+    in_vain: bool,
+}
+
+/// Where the question is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Asking {
+    /// To be asked from then on. The board has the first half of a line if a `^X` has to go before.
+    Due { from: Instant, cancels: bool },
+    /// In its word.
+    Lies { since: Instant, cancels: bool },
+    /// The board has taken it.
+    Taken { since: Instant },
+    /// It need not be asked (any more).
+    Over,
+}
+
+impl Hold {
+    /// Only a silence is waited for.
+    pub(super) const fn silence(now: Instant) -> Self {
+        Self { quiet_since: now, texts: 0, asking: Asking::Over, in_vain: false }
+    }
+
+    /// The board is asked; with `cancels`, to forget the first half of a line before.
+    pub(super) const fn asking(now: Instant, cancels: bool) -> Self {
+        Self { quiet_since: now, texts: 0, asking: Asking::Due { from: now, cancels }, in_vain: false }
+    }
+
+    /// A response came that is nobody's.
+    pub(super) const fn response_came(&mut self, now: Instant) {
+        self.quiet_since = now;
+        if let Asking::Taken { .. } = self.asking {
+            self.asking = Asking::Over;
+        }
+    }
+
+    /// A program's text came.
+    pub(super) const fn text_came(&mut self, now: Instant) {
+        if self.texts < SETTLE_TEXTS {
+            self.texts += 1;
+            self.quiet_since = now;
+        }
+    }
+
+    /// Whether something is to be done soon, so that polls should come often.
+    pub(super) const fn is_busy(&self) -> bool {
+        !matches!(self.asking, Asking::Due { .. })
+    }
+}
+
+impl DpramPort {
+    /// Whether the board takes neither lines nor control characters, as far as it was asked.
+    #[must_use]
+    pub const fn is_unheard(&self) -> bool {
+        matches!(self.state, State::Held(Hold { in_vain: true, .. }))
+    }
+
+    /// Whether the board has the first half of a line, before which it would put the next one: an empty one would end it.
+    pub(super) const fn has_half_a_line(&self) -> bool {
+        matches!(
+            self.state,
+            State::Held(Hold {
+                asking: Asking::Due { cancels: true, .. } | Asking::Lies { cancels: true, .. },
+                ..
+            })
+        )
+    }
+
+    /// Whether the question lies in its word.
+    pub(super) const fn hold_asks(&self) -> bool {
+        matches!(self.state, State::Held(Hold { asking: Asking::Lies { .. }, .. }))
+    }
+
+    /// A control character goes over the question, which is asked again later.
+    pub(super) fn ask_later(&mut self, now: Instant) {
+        if let State::Held(hold) = &mut self.state
+            && let Asking::Lies { cancels, .. } = hold.asking
+        {
+            hold.asking = Asking::Due { from: now + ASK_AGAIN, cancels };
+        }
+    }
+
+    /// A silence is needed before the next line.
+    pub(super) fn settle_next(&mut self, now: Instant) {
+        self.settles = true;
+        if self.is_idle() {
+            self.rest(now);
+        }
+    }
+
+    /// The command under way is over.
+    pub(super) fn rest(&mut self, now: Instant) {
+        let settles = std::mem::take(&mut self.settles);
+        self.state = if settles { State::Held(Hold::silence(now)) } else { State::Idle };
+    }
+
+    /// Takes back whatever lies before the board and is ours, now.
+    ///
+    /// # Errors
+    /// When the bus cannot be reached.
+    pub fn withdraw(&mut self, bus: &mut impl Bus, now: Instant) -> Result<(), BusError> {
+        self.withdraw_control(bus)?;
+        self.withdraw_line(bus)?;
+        if let State::Held(hold) = &mut self.state
+            && let Asking::Lies { cancels, .. } = hold.asking
+        {
+            hold.asking = Asking::Due { from: now, cancels };
+        }
+        Ok(())
+    }
+
+    /// The response buffer is empty: goes on with finding out whether the board is free.
+    pub(super) fn go_on_holding(
+        &mut self,
+        bus: &mut impl Bus,
+        mut hold: Hold,
+        now: Instant,
+    ) -> Result<(), BusError> {
+        match hold.asking {
+            Asking::Due { from, cancels } => {
+                if now >= from && self.lying.is_none() && bus.read16(self.words.control_character)? == 0 {
+                    let character = if cancels { CANCEL } else { QUESTION };
+                    self.put_control(bus, character, false, now)?;
+                    hold.asking = Asking::Lies { since: now, cancels };
+                }
+            }
+            Asking::Lies { since, cancels } => {
+                if !self.control_pending(bus, now)? {
+                    hold.in_vain = false;
+                    hold.asking = if cancels {
+                        Asking::Due { from: now, cancels: false }
+                    } else {
+                        Asking::Taken { since: now }
+                    };
+                } else if now >= since + ASK_LIMIT {
+                    let looks_at_flag = !self.is_loaded(bus)?;
+                    self.withdraw_control(bus)?;
+                    self.withdraw_line(bus)?;
+                    hold.in_vain = true;
+                    hold.asking = if looks_at_flag && !self.takes_characters && !cancels {
+                        Asking::Over
+                    } else {
+                        Asking::Due { from: now + ASK_AGAIN, cancels }
+                    };
+                }
+            }
+            // Some board may not answer it here. It has shown that it looks at its words.
+            Asking::Taken { since } if now >= since + ANSWER_LIMIT => hold.asking = Asking::Over,
+            Asking::Taken { .. } => {}
+            Asking::Over if self.is_loaded(bus)? => hold.quiet_since = now,
+            Asking::Over if now >= hold.quiet_since + SETTLE => {
+                self.settles = false;
+                self.state = State::Idle;
+                return Ok(());
+            }
+            Asking::Over => {}
+        }
+        self.state = State::Held(hold);
+        Ok(())
+    }
+}

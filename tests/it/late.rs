@@ -1,0 +1,218 @@
+//! Slow lines, late replies, and who is told what of them, under each reading of the manual.
+
+use std::time::Duration;
+
+use pmac_dpram::client::CommandError;
+use pmac_dpram::protocol::CallError;
+use serde_json::{Value, json};
+
+use crate::support::raw::{Raw, call, error_name};
+use crate::support::{PATIENCE, VirtualSite};
+
+/// A board that is known, and reads the manual so.
+fn board(reading: &str) -> VirtualSite {
+    let site = VirtualSite::running(&["--reading", reading], &[]);
+    site.wait_for_live_servo();
+    site.wait_for_identity();
+    site
+}
+
+/// A client that waits for the reply to `line`.
+fn waiting(site: &VirtualSite, line: &str) -> Raw {
+    let mut client = Raw::at(&site.socket());
+    client.call("Send", json!({ "line": line, "timeout_ms": 25_000 }));
+    client
+}
+
+fn reason(reply: &Value) -> &str {
+    reply["parameters"]["reason"].as_str().unwrap_or_else(|| panic!("{reply}"))
+}
+
+fn seconds(site: &VirtualSite, action: impl FnOnce()) -> f64 {
+    let before = site.with_world(|world| world.now_ns());
+    action();
+    (site.with_world(|world| world.now_ns()) - before) as f64 / 1e9
+}
+
+#[test]
+fn b2_1_a_slow_commands_reply_is_nobody_elses() {
+    for reading in ["line_flag=taken", "line_flag=done"] {
+        let site = board(reading);
+        let mut connection = site.connection();
+        site.control("fault ascii_slow 7000ms");
+        let slow = connection.send("P5=3 P5", Duration::from_secs(1));
+        assert!(matches!(slow, Err(CommandError::Refused(CallError::TimedOut { .. }))), "{slow:?}");
+        let took = seconds(&site, || {
+            let early = site.connection().send("P5=7", Duration::from_secs(2)).unwrap_err().to_string();
+            assert!(
+                early.contains("the board still works on \"P5=3 P5\" of uid ") && early.contains("^X"),
+                "{early}"
+            );
+            assert!(early.contains("nothing was sent"), "{early}");
+        });
+        assert!(took < 2.2, "{reading}: {took} s");
+        // Seven seconds are over.
+        site.control("fault ascii_slow off");
+        assert_eq!(connection.send("P5=7", PATIENCE).unwrap(), [""; 0], "{reading}");
+        assert_eq!(connection.send("P5", PATIENCE).unwrap(), ["7"], "{reading}");
+        site.assert_no_violations();
+    }
+}
+
+#[test]
+fn b2_1_a_new_daemon_does_not_take_what_the_old_one_has_left() {
+    for reading in ["line_flag=taken", "line_flag=done"] {
+        let site = board(reading);
+        site.control("fault ascii_slow 3000ms");
+        let _asker = waiting(&site, "P5=3 P5");
+        site.run_for(Duration::from_millis(100));
+        site.stop_daemon();
+        site.start_daemon(&[]);
+        site.run_for(Duration::from_secs(1));
+        site.control("fault ascii_slow off");
+        assert_eq!(site.ask("P6=8 P6"), ["8"], "{reading}");
+        site.wait_for_identity();
+        assert!(site.log().contains("firmware 1.16D"), "{}", site.log());
+    }
+}
+
+#[test]
+fn b2_1_after_a_reset_the_port_is_free() {
+    let site = board("line_flag=done");
+    site.control("fault ascii_slow 60000ms");
+    assert!(site.connection().send("P5=3", Duration::from_secs(1)).is_err());
+    site.control("reset");
+    site.control("fault ascii_slow off");
+    assert_eq!(site.ask("P6=8 P6"), ["8"]);
+}
+
+#[test]
+fn b2_4_a_cancel_ends_the_line_under_way_at_once() {
+    let site = board("line_flag=taken");
+    site.control("fault ascii_no_reply on");
+    let mut client = waiting(&site, "P5=3 P5");
+    site.run_for(Duration::from_millis(100));
+    let took = seconds(&site, || {
+        assert_eq!(site.pmacctl(&["send", "^X"]).0, 0);
+        let reply = client.receive().unwrap();
+        assert_eq!(error_name(&reply), "Interrupted");
+        assert_eq!(reason(&reply), format!("cancelled by ^X of uid {}", nix::unistd::getuid()));
+        site.control("fault ascii_no_reply off");
+        assert_eq!(site.ask("P5"), ["3"]);
+    });
+    assert!(took < 3.0, "{took} s");
+}
+
+#[test]
+fn b3_2_abort_is_answered_in_time_by_a_board_that_needs_the_flag() {
+    for reading in ["control_flag=own", "control_flag=line"] {
+        let site = board(reading);
+        site.ask("#1J+");
+        let took = seconds(&site, || {
+            let mut client = Raw::at(&site.socket());
+            client.call("SendControl", json!({ "character": "^A" }));
+            let reply = client.receive().unwrap();
+            assert_eq!(reply.get("error"), None, "{reading}: {reply}");
+        });
+        assert!(took < 0.2, "{reading}: {took} s");
+        site.run_for(Duration::from_secs(1));
+        let place = site.ask("#1P");
+        site.run_for(Duration::from_secs(1));
+        assert_eq!(site.ask("#1P"), place, "{reading}: it moves");
+        assert_eq!(site.connection().control(b'P' - 64).unwrap().len(), 1);
+        site.assert_no_violations();
+    }
+}
+
+#[test]
+fn b3_2_a_board_that_takes_the_character_late_runs_no_line_twice() {
+    for reading in ["control_flag=own", "control_flag=line"] {
+        let site = board(reading);
+        assert_eq!(site.ask("P7=P7+1"), [""; 0]);
+        site.control("fault ascii_deaf on");
+        site.hold();
+        let mut client = Raw::at(&site.socket());
+        client.send(&call("SendControl", json!({ "character": "^A" })));
+        site.run_for(Duration::from_millis(30));
+        site.control("fault ascii_deaf off");
+        site.go_on();
+        assert_eq!(client.receive().unwrap().get("error"), None);
+        for _ in 0..3 {
+            assert_eq!(site.ask("P7"), ["1"], "{reading}");
+        }
+        site.assert_no_violations();
+    }
+}
+
+#[test]
+fn b3_3_replies_without_an_end_mark_end_by_a_silence() {
+    let site = board("reply_end=silence");
+    let mut connection = site.connection();
+    // As the manual's own I58=1 leaves a factory I3=1.
+    let first = connection.send("I3=0", Duration::from_secs(1));
+    assert!(matches!(first, Err(CommandError::Refused(CallError::TimedOut { .. }))), "{first:?}");
+    assert_eq!(connection.send("P5=7", PATIENCE).unwrap(), [""; 0]);
+    assert_eq!(connection.send("P5 I3", PATIENCE).unwrap(), ["7", "0"]);
+    assert!(site.log().contains("I3 is less than 2"), "{}", site.log());
+    let (_, stdout, _) = site.pmacctl(&["doctor"]);
+    assert!(stdout.contains("I3=2"), "{stdout}");
+    // A daemon that comes later finds it out by itself.
+    site.stop_daemon();
+    site.start_daemon(&[]);
+    site.wait_for_identity();
+    assert_eq!(site.ask("P5"), ["7"]);
+    assert!(site.connection().send("I3=2", PATIENCE).is_ok());
+    assert_eq!(site.ask("P5"), ["7"]);
+    site.assert_no_violations();
+}
+
+#[test]
+fn b1_6_abort_drops_the_lines_that_wait_whosever_they_are() {
+    for keeps in [false, true] {
+        let site = board("line_flag=taken");
+        site.control("fault ascii_no_reply on");
+        let mut first = waiting(&site, "P1=1");
+        site.run_for(Duration::from_millis(100));
+        // More than the bus thread has at a time.
+        let mut others: Vec<Raw> = (0..12).map(|number| waiting(&site, &format!("P2{number}=1"))).collect();
+        site.run_for(Duration::from_millis(100));
+        let abort: &[&str] = if keeps { &["abort", "--keep-queue"] } else { &["abort"] };
+        assert_eq!(site.pmacctl(abort).0, 0);
+        site.control("fault ascii_no_reply off");
+        assert_eq!(site.pmacctl(&["send", "^X"]).0, 0);
+        assert_eq!(error_name(&first.receive().unwrap()), "Interrupted");
+        for client in &mut others {
+            let reply = client.receive().unwrap();
+            if keeps {
+                assert_eq!(reply.get("error"), None, "{reply}");
+            } else {
+                assert_eq!(error_name(&reply), "Refused");
+                assert_eq!(reason(&reply), format!("not sent: aborted by uid {}", nix::unistd::getuid()));
+            }
+        }
+        assert_eq!(site.ask("P20 P211"), [if keeps { "1" } else { "0" }; 2]);
+        site.assert_no_violations();
+    }
+}
+
+#[test]
+fn b1_8_a_stop_tells_only_what_was_not_sent_as_not_sent() {
+    let site = board("line_flag=taken");
+    site.control("fault ascii_no_reply on");
+    let mut sent = waiting(&site, "P5=3");
+    site.run_for(Duration::from_millis(100));
+    let mut others: Vec<Raw> = (0..12).map(|number| waiting(&site, &format!("P2{number}=1"))).collect();
+    site.run_for(Duration::from_millis(100));
+    site.stop_daemon();
+    let reply = sent.receive().unwrap();
+    assert_eq!(
+        (error_name(&reply), reason(&reply)),
+        ("Interrupted", "pmacd stopped before the board had answered")
+    );
+    let unsent =
+        others.iter_mut().filter_map(Raw::receive).filter(|reply| error_name(reply) == "Unavailable");
+    assert!(unsent.count() >= 4, "those that the bus thread has not got");
+    site.control("fault ascii_no_reply off");
+    site.start_daemon(&[]);
+    assert_eq!(site.ask("P5"), ["3"]);
+}
