@@ -250,6 +250,21 @@ impl RotaryStream {
         Ok(())
     }
 
+    /// Marks a buffer that has not been set up as not in use, whatever power-on left in its header: its size is 0, by
+    /// either reading. To be called before a transfer is enabled (I57 is for all buffers).
+    ///
+    /// # Errors
+    /// When the bus cannot be reached.
+    pub fn clear_unused(&self, bus: &mut impl Bus) -> Result<(), BusError> {
+        if !self.is_set_up() {
+            for word in [rotary_header::SIZE, rotary_header::START] {
+                bus.write16(self.header.plus_words(word), 0)?;
+            }
+            bus.order_writes();
+        }
+        Ok(())
+    }
+
     /// The board has forgotten the buffer, as by a reset: it has to be set up again.
     pub fn reset(&mut self) {
         self.line_ends.fill(0);

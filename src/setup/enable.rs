@@ -237,6 +237,14 @@ fn panel(family: &Family) -> Result<FunctionPlan, EnableError> {
     let (time_base, stride) = (family.print_number(block.time_base.number), family.system_source_stride);
     Ok(FunctionPlan::new(Function::Panel)
         .set(
+            clear(family, block.request_enable),
+            "no requests: power-on leaves anything in this mask, and motors would jog by it",
+        )
+        .set(
+            clear(family, block.override_enable),
+            "no feed rates from the DPRAM: power-on leaves anything there, up to 225 %; ends those that are set",
+        )
+        .set(
             format!("I{enable}=3"),
             "requests come from the DPRAM; the switches at the JPAN connector are not read any more",
         )
@@ -349,8 +357,16 @@ fn rotary(options: &Options, family: &Family) -> Result<FunctionPlan, EnableErro
     // Upper bound: all of PMAC's 48-bit program memory cannot be more.
     let words = in_range("rotary buffer size", options.rotary_words, 2, 0xFFFF)?;
     let index = |word: usize| clear(family, header.plus_words(word));
-    Ok(FunctionPlan::new(Function::Rotary)
-        .set(format!("I{enable}=0"), "no transfer while the header is not set up")
+    let others = family.rotary.headers.iter().skip(1);
+    let unused = others.flat_map(|header| {
+        [rotary_header::SIZE, rotary_header::START].map(|word| clear(family, header.plus_words(word)))
+    });
+    let plan = FunctionPlan::new(Function::Rotary)
+        .set(format!("I{enable}=0"), "no transfer while the headers are not set up");
+    let plan = unused.fold(plan, |plan, line| {
+        plan.set(line, "another buffer is not in use: PMAC would take whatever power-on left for commands")
+    });
+    Ok(plan
         .set(index(rotary_header::HOST_INDEX), "the DPRAM buffer is empty: its host index ...")
         .set(
             index(rotary_header::PMAC_INDEX),

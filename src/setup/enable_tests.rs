@@ -22,13 +22,23 @@ fn each_function_by_itself() {
     let defaults = Options::default();
     let expected: [(Function, &[&str]); 7] = [
         (Function::Ascii, &["I3=2", "I58=1"]),
-        (Function::Panel, &["I2=3"]),
+        (Function::Panel, &["WY$D000,0", "WX$D000,0", "I2=3"]),
         (Function::Servo, &["I19=1", "I59=8", "I48=1", "GATHER"]),
         (Function::Background, &["I59=8", "I49=1"]),
         (Function::Variables, &["WY$D1FB,0", "WY$D1F5,0", "I55=1"]),
         (
             Function::Rotary,
-            &["I57=0", "WY$D1FD,0", "WX$D1FD,0", "&1 DEFINE ROT 100", "&1 B0", "I57=1", "OPEN ROT"],
+            &[
+                "I57=0",
+                "WY$D1F9,0",
+                "WX$D1F9,0",
+                "WY$D1FD,0",
+                "WX$D1FD,0",
+                "&1 DEFINE ROT 100",
+                "&1 B0",
+                "I57=1",
+                "OPEN ROT",
+            ],
         ),
         (Function::Gather, &["I19=1", "I45=3", "DEFINE GATHER 1024", "GATHER"]),
     ];
@@ -63,6 +73,8 @@ fn together_they_share_settings_and_keep_to_an_order() {
             "I48=1",
             "I49=1",
             "I57=0",
+            "WY$D1F9,0",
+            "WX$D1F9,0",
             "WY$D1FD,0",
             "WX$D1FD,0",
             "I45=3",

@@ -11,6 +11,7 @@ mod cli;
 mod client;
 mod decode;
 mod dependencies;
+mod dirty;
 mod doctor;
 mod download;
 mod fields;

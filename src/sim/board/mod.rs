@@ -34,7 +34,7 @@ pub mod number;
 pub mod output;
 pub mod password;
 pub mod profile;
-mod random;
+pub mod random;
 pub mod register_table;
 mod registers;
 pub mod variables;

@@ -12,6 +12,11 @@ impl Random {
         Self(seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) | 1)
     }
 
+    /// The next word, each as likely.
+    pub fn word(&mut self) -> u16 {
+        ((self.unit() + 1.0) * 32_768.0) as u16
+    }
+
     /// The next number, evenly spread over [-1, 1).
     pub fn unit(&mut self) -> f64 {
         self.0 ^= self.0 >> 12;

@@ -19,6 +19,7 @@ use crate::process::end_with_parent;
 use crate::sim::board::Board;
 use crate::sim::board::dpram::{Dpram, DpramError};
 use crate::sim::board::memory::Memory;
+use crate::sim::board::random::Random;
 use crate::sim::control::{self, Answer};
 use crate::sim::functions::host_port::HostPort;
 use crate::sim::functions::mailbox::Mailbox;
@@ -86,8 +87,24 @@ pub fn power_up(options: &Options) -> Result<World, SimError> {
             .then(|| ("the shipped start-up file".to_owned(), options.family.startup.to_owned())),
     };
     let identity = options.identity()?;
-    let memory = Memory::new(Dpram::open(&options.memory, identity.tables.family.length)?, identity.tables);
+    let mut dpram = Dpram::open(&options.memory, identity.tables.family.length)?;
+    if let Some(seed) = options.garbage {
+        // The DPRAM has no battery, and no page says that PMAC clears it.
+        let mut random = Random::new(seed);
+        dpram.words().for_each(|offset| dpram.write16(offset, random.word()));
+    }
+    let memory = Memory::new(dpram, identity.tables);
     let mut board = Board::new(memory, identity, options.fixed_i10(), options.seed);
+    if options.saved_enables {
+        let i = &board.family().i;
+        let panel = i.panel.map(|number| (number, 3.0));
+        let others =
+            [Some(i.variables_enable), i.rotary_enable].map(|number| number.map(|number| (number, 1.0)));
+        for (number, value) in others.into_iter().chain([panel]).flatten() {
+            board.variables.set_i(number.into(), value);
+        }
+        board.save();
+    }
     board.rotary_cs_base = options.rotary_cs_base;
     let mut world = World::new(board);
     if let Some(path) = &options.mailbox {

@@ -74,6 +74,12 @@ pub struct Options {
     /// Give the encoders half a count of noise from this seed
     #[arg(long, value_name = "N")]
     pub seed: Option<u64>,
+    /// Power up with anything in the memory, from this seed; without it, with what the file holds
+    #[arg(long, value_name = "SEED")]
+    pub garbage: Option<u64>,
+    /// Power up with I2=3, I55=1 and I57=1 saved: these functions act before any host does
+    #[arg(long)]
+    pub saved_enables: bool,
     /// Exit when the parent process (PID) exits, and remove the memory and its directory
     #[arg(long, value_name = "PID", hide = true)]
     pub with_parent: Option<u32>,

@@ -73,7 +73,10 @@ impl RotaryQueue {
             return Ok(refused(&RotaryError::NotSetUp));
         };
         match stream.set_up(bus, setup) {
-            Ok(()) => Ok(Outcome::Done),
+            Ok(()) => {
+                self.streams.iter().try_for_each(|stream| stream.clear_unused(bus))?;
+                Ok(Outcome::Done)
+            }
             Err(RotaryError::Bus(error)) => Err(error),
             Err(reason) => Ok(refused(&reason)),
         }
