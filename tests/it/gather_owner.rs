@@ -97,6 +97,20 @@ fn b1_3_a_silent_gather_ends() {
 }
 
 #[test]
+fn b1_1_a_reset_ends_the_gather_and_is_not_undone() {
+    let site = running();
+    let gather = gathering(&site, &["--seconds", "60"]);
+    site.control("reset");
+    let ran = ended(&site, gather);
+    let said = String::from_utf8_lossy(&ran.stderr).into_owned();
+    assert!(ran.status.code() == Some(1) && !said.is_empty(), "{ran:?}");
+    site.wait_until("a board that takes commands", || site.run(&["gather", "--stop"]).code == Some(0));
+    let log = site.log();
+    assert!(!log.contains("(gather) sends \"ENDGATHER\""), "it would end the servo report: {log}");
+    site.assert_no_violations();
+}
+
+#[test]
 fn b1_3_a_daemon_that_stops_ends_the_gather() {
     let site = running();
     let gather = gathering(&site, &[]);
