@@ -449,7 +449,9 @@ impl Board {
                 }
                 self.send(Event::Done(ticket, outcome));
             }
-            Command::Control { ticket, .. } => self.send(Event::Done(ticket, outcome)),
+            Command::First { ticket, .. } | Command::Control { ticket, .. } => {
+                self.send(Event::Done(ticket, outcome))
+            }
             Command::ReadWords { ticket, first, count } if outcome == Outcome::Done => {
                 let words = [first.bytes() as u16; READ_MAX];
                 self.send(Event::Words { ticket, time_ns: 1, words, count });

@@ -110,6 +110,7 @@ fn run(settings: &Settings, options: &Options, log: &mut LogWriter) -> Result<()
         mode: settings.socket_mode,
         group: settings.socket_group.clone(),
         roles: settings.roles.clone(),
+        stop_all_after: settings.stop_all_after,
         ..ServeOptions::new(socket.clone())
     };
     let listener = serve_options.listen()?;

@@ -56,6 +56,15 @@ pub enum ServoPoll {
     Update(u32),
 }
 
+/// Which motors move, bit 0 being motor 1. A motor of which nothing is known is in neither.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Motion {
+    /// Their loops are closed and their desired velocity is not zero.
+    pub moving: u32,
+    /// Their desired velocity is zero, or their loops are open.
+    pub standing: u32,
+}
+
 /// PMAC's flag and the servo timer, as they were read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct Status {
@@ -165,9 +174,20 @@ impl ServoReader {
     /// The motors whose loop was open at the last update, bit n-1 for motor n; only of those whose status is read.
     #[must_use]
     pub fn open_loops(&self) -> u32 {
-        let ServoBlock { open_loop, motors, .. } = self.block;
-        let status = self.image.iter().skip(self.block.index(open_loop.word)).step_by(motors.words);
-        status.enumerate().fold(0, |mask, (motor, word)| mask | u32::from(open_loop.is_set(*word)) << motor)
+        self.motors_with(self.block.open_loop)
+    }
+
+    /// Which motors moved at the last update; only of those whose status is read.
+    #[must_use]
+    pub fn motion(&self) -> Motion {
+        let known = self.motors_with(self.block.activated);
+        let standing = self.motors_with(self.block.standing) | self.open_loops();
+        Motion { moving: known & !standing, standing: known & standing }
+    }
+
+    fn motors_with(&self, flag: Flag) -> u32 {
+        let status = self.image.iter().skip(self.block.index(flag.word)).step_by(self.block.motors.words);
+        status.enumerate().fold(0, |mask, (motor, word)| mask | u32::from(flag.is_set(*word)) << motor)
     }
 
     /// Forgets the last update: what is in the buffer at the next poll counts as old. Only a change after it is an

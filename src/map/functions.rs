@@ -154,6 +154,10 @@ pub struct ServoBlock {
     pub gathering: Option<Flag>,
     /// In the first motor's block: the motor's loop is open, as after a kill.
     pub open_loop: Flag,
+    /// There: the motor is activated. Never set in words that are not read.
+    pub activated: Flag,
+    /// There: its desired velocity is zero.
+    pub standing: Flag,
     /// The motors' blocks.
     pub motors: Blocks,
 }

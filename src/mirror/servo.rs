@@ -8,7 +8,7 @@ use super::freshness::{Freshness, Transition};
 use super::gaps::UpdateCounter;
 use crate::clock::Clock;
 use crate::device::{Bus, BusError};
-use crate::function::servo::{ServoPoll, ServoReader, ServoReading};
+use crate::function::servo::{Motion, ServoPoll, ServoReader, ServoReading};
 use crate::function::servo_timer::ServoTimer;
 use crate::map::{Selection, ServoBlock};
 use crate::segment::freshness::limit_ns;
@@ -144,6 +144,12 @@ impl ServoMirror {
     #[must_use]
     pub fn open_loops(&self) -> u32 {
         if self.is_live() { self.reader.open_loops() } else { 0 }
+    }
+
+    /// Which motors move, as far as the servo data tell: nothing is known while no data come.
+    #[must_use]
+    pub fn motion(&self) -> Motion {
+        if self.is_live() { self.reader.motion() } else { Motion::default() }
     }
 
     /// Updates published so far.

@@ -49,6 +49,7 @@ mod service;
 mod simulator;
 mod socket;
 mod socket_jobs;
+mod stops;
 mod tools;
 mod tools_serial;
 mod tools_terminal;

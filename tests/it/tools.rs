@@ -89,7 +89,10 @@ fn abort_and_kill_go_at_once_and_the_status_says_whether_they_went() {
         let ran = pmacctl(&format!("{line} --socket {socket}"));
         assert_eq!((ran.stdout.as_str(), ran.stderr.as_str(), ran.code), ("", "", Some(0)), "{line}");
     }
-    assert_eq!(*bench.seen.lock().unwrap(), ["^A", "^A", "^K", "&1A", "&3A"]);
+    assert_eq!(
+        *bench.seen.lock().unwrap(),
+        ["^A", "^A", "^K", "Panel({1: \"0x2000\"})", "Panel({3: \"0x2000\"})"]
+    );
     let ran = pmacctl(&format!("kill --json --socket {socket}"));
     assert_eq!(ran.json(), json!({ "sent": ["^K"], "error": null }));
     for (line, code) in [("abort 0", 2), ("abort 17", 2), ("abort --all 1", 2), ("kill 1", 2)] {

@@ -122,8 +122,6 @@ fn many_held_jogs_end_with_their_client() {
     for motor in 1..=8 {
         until(&mut board, &format!("#{motor}V"), "it stands", |speed| speed.abs() < 0.1);
     }
-    let log = site.log();
-    assert!(!log.contains("did not take the stop"), "{log}");
 }
 
 #[test]

@@ -198,7 +198,7 @@ impl FakeBus {
                     _ => self.done(ticket, Outcome::Done),
                 }
             }
-            Command::Send { ticket, line, .. } => {
+            Command::Send { ticket, line, .. } | Command::First { ticket, line, .. } => {
                 let line = String::from_utf8(line.as_bytes().to_vec()).unwrap();
                 self.seen.lock().unwrap().push(line.clone());
                 match line.as_str() {

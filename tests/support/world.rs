@@ -89,6 +89,7 @@ impl World {
             mode: settings.socket_mode,
             group: settings.socket_group.clone(),
             roles: settings.roles.clone(),
+            stop_all_after: settings.stop_all_after,
             ..ServeOptions::new(settings.socket.clone().unwrap())
         };
         let listener = serve_options.listen().map_err(|error| error.to_string())?;

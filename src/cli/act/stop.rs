@@ -9,7 +9,7 @@ use crate::cli::act::lines::LineError;
 use crate::cli::act::panel::check_numbers;
 use crate::cli::args::values::number;
 use crate::cli::context::{Context, Failure, Verdict};
-use crate::protocol::control;
+use crate::protocol::{Function, control};
 
 /// Time limit of a line.
 const PATIENCE: Duration = Duration::from_secs(5);
@@ -17,7 +17,7 @@ const PATIENCE: Duration = Duration::from_secs(5);
 /// `abort`.
 #[derive(Debug, Args)]
 pub struct Abort {
-    /// Only these coordinate systems, by queued command lines; the last one stays addressed
+    /// Only these coordinate systems, by the control panel; by command line where it does not act within 100 ms
     #[arg(value_name = "C.S.", value_parser = number(), conflicts_with = "all")]
     pub systems: Vec<u8>,
     /// Every coordinate system and motor, by ^A (the default). ^A closes the loops of killed motors
@@ -34,17 +34,20 @@ pub fn abort(context: &mut Context, options: &Abort) -> Result<Verdict, Failure>
     }
     let mut connection = context.connection()?;
     let family = Context::family(None, &mut connection)?;
+    let has_panel = family.panel.is_some() && connection.settings()?.functions.has(Function::Panel);
     let mut failed = None;
     let mut sent = Vec::new();
     // Abort the others even if one of them fails.
     for &system in &options.systems {
         let line = format!("&{system}A");
         let taken = match check_numbers(family, false, &[system]) {
-            Ok(()) => connection.send(&line, PATIENCE).map_err(LineError::from),
+            // The daemon sends the line where the panel does not act.
+            Ok(()) if has_panel => connection.panel("stop", &[system]).map_err(LineError::from),
+            Ok(()) => connection.send(&line, PATIENCE).map(drop).map_err(LineError::from),
             Err(missing) => Err(LineError::NotSent(missing)),
         };
         match taken {
-            Ok(_) => sent.push(line),
+            Ok(()) => sent.push(line),
             Err(error) => drop(failed.get_or_insert((line, error))),
         }
     }

@@ -202,6 +202,7 @@ impl BoardLoop {
             status.enabling = queue.identifier.enabling();
             status.reply_end = queue.ports().dpram.reply_end();
             status.open_loops = self.functions.open_loops();
+            status.motion = servo.motion();
             status.host_port = ascii.host_port_counts().unwrap_or(status.host_port);
         });
         self.reporter.send(self.connections.intake.events(), with_counts);
@@ -415,7 +416,7 @@ impl BoardLoop {
                     }
                 }
             }
-            Command::Send { .. } | Command::Control { .. } => {
+            Command::Send { .. } | Command::First { .. } | Command::Control { .. } => {
                 let queue = self.functions.ascii.queue_mut();
                 if let Command::Send { line, .. } = &command {
                     queue.identifier.line_sent(line.as_bytes(), now);

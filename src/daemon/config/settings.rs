@@ -4,6 +4,7 @@ use std::fs::File;
 use std::io::{self, Read};
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 use nix::unistd::geteuid;
 use serde::Deserialize;
@@ -62,6 +63,8 @@ pub struct ConfigFile {
     ask_board: Option<bool>,
     /// The longest wake-up time of the machine's processors, in microseconds.
     cpu_latency_us: Option<u32>,
+    /// How long a motor may still move after its held jog is over, in milliseconds; then ^A. 0: never.
+    stop_all_after_ms: Option<u32>,
     /// Groups whose members may do more than read.
     roles: Option<RolesTable>,
     /// The mailbox circuit of a VME board.
@@ -161,6 +164,8 @@ pub struct Settings {
     pub ask_board: bool,
     /// The longest wake-up time of the machine's processors, if one is requested.
     pub cpu_latency_us: Option<u32>,
+    /// How long a motor may still move after its held jog is over, until ^A stops everything; `None`: for ever.
+    pub stop_all_after: Option<Duration>,
     /// Groups whose members may do more than look.
     pub roles: Roles,
     /// The mailbox circuit of a VME board.
@@ -280,6 +285,9 @@ impl Settings {
             background_period_ns: period_ns(file.background_hz.unwrap_or(20.0))?,
             ask_board: file.ask_board.unwrap_or(true),
             cpu_latency_us: limited("cpu_latency_us", file.cpu_latency_us, 0, 1_000_000)?,
+            stop_all_after: limited("stop_all_after_ms", file.stop_all_after_ms, 0, 60_000)?
+                .map_or(Some(1000), |ms| (ms > 0).then_some(ms))
+                .map(|ms| Duration::from_millis(ms.into())),
             roles,
             mailbox,
             host_port,

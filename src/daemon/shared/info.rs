@@ -6,6 +6,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use super::queue::{Event, Sender};
 use super::status::{BoardStatus, Enabling, HostPortCounts, KnownIdentity};
+use crate::function::servo::Motion;
 use crate::map::Family;
 use crate::protocol::{BoardInfo, BoardSettings, Enabled};
 
@@ -79,6 +80,18 @@ impl Info {
     #[must_use]
     pub fn is_enabled(&self, function: Enabled) -> bool {
         self.status.enabled.contains(function)
+    }
+
+    /// The motors whose loop is open, bit 0 being motor 1, as far as that is known for sure.
+    #[must_use]
+    pub fn open_loops(&self) -> u32 {
+        self.status.open_loops
+    }
+
+    /// Which motors move.
+    #[must_use]
+    pub fn motion(&self) -> Motion {
+        self.status.motion
     }
 
     /// What the board said of the I-variables that switch functions on.

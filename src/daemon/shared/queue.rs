@@ -37,7 +37,7 @@ pub mod at_once {
     pub const QUERIES: usize = 8;
     /// Control panel requests of clients.
     pub const PANEL: usize = 16;
-    /// Stops of held jogs whose holder is gone.
+    /// Of the daemon's own stops, panel requests; and as many lines and control characters.
     pub const STOPS: usize = 4;
     /// Writes of variables.
     pub const WRITES: usize = 8;
@@ -46,7 +46,7 @@ pub mod at_once {
     /// What is done as soon as it is taken.
     pub const SHORT: usize = 8;
     /// All of them, and a change of the table of watched registers.
-    pub const ALL: usize = LINES + CONTROLS + QUERIES + PANEL + STOPS + WRITES + ROTARY + SHORT + 1;
+    pub const ALL: usize = LINES + CONTROLS + QUERIES + PANEL + 3 * STOPS + WRITES + ROTARY + SHORT + 1;
 }
 
 /// Names one command from its acceptance to its last event. Chosen by the socket's thread, never reused.
@@ -80,6 +80,18 @@ pub enum Command {
         deadline: Instant,
         /// Who sends it, which decides whether it may enter an open program buffer. Answered by [`Outcome::Barred`] if not.
         writer: Writer,
+    },
+    /// Send a line before every line that waits, unless the board would take it as a program line. Answered as
+    /// [`Command::Send`] is for a question.
+    First {
+        /// Whose command this is.
+        ticket: Ticket,
+        /// The line.
+        line: Text<LINE_MAX>,
+        /// Whose line it is.
+        origin: Origin,
+        /// When to give up.
+        deadline: Instant,
     },
     /// Send a control character (1 to 31) at once, before every queued line. Answered by [`Event::Done`].
     Control {

@@ -1,6 +1,7 @@
 //! What the bus thread knows of its board, as it passes it on: plain values held in place, which allocate nothing.
 
 use crate::format::Text;
+use crate::function::servo::Motion;
 use crate::map::readings::ReplyEnd;
 use crate::protocol::{CommandPort, CommandState, Enabled, State};
 use crate::segment::identity::{BOARD_TYPE_BYTES, FIRMWARE_BYTES};
@@ -33,6 +34,8 @@ pub struct BoardStatus {
     pub enabling: Enabling,
     /// The motors whose loop is open, bit 0 being motor 1, as far as that is known for sure.
     pub open_loops: u32,
+    /// Which motors move.
+    pub motion: Motion,
     /// What the host port's interrupts have come to.
     pub host_port: HostPortCounts,
     /// What the board said, or the configuration says; `None` as long as the bus thread has not told.
@@ -49,6 +52,7 @@ impl BoardStatus {
         reply_end: ReplyEnd::Ack,
         enabling: Enabling { panel: None, variables: None },
         open_loops: 0,
+        motion: Motion { moving: 0, standing: 0 },
         host_port: HostPortCounts { served: 0, old: 0, unannounced: 0 },
         identity: None,
     };

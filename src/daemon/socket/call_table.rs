@@ -8,9 +8,10 @@ use log::info;
 use super::fair_queue::{FairQueue, Turn};
 use super::jobs::{Guard, JobCall};
 use super::policy::Peer;
+use super::stop_target::Target;
 use crate::daemon::shared::job::Job;
 use crate::daemon::shared::open_buffer::Writer;
-use crate::daemon::shared::queue::{Command, Outcome, Sender, Ticket};
+use crate::daemon::shared::queue::{Command, Outcome, Sender, Ticket, at_once};
 use crate::function::ascii::ResponseText;
 use crate::function::variable_read::VariableEntry;
 
@@ -38,11 +39,8 @@ pub(super) struct Caller {
 pub(super) enum Then {
     /// The caller gets the lines of the board's reply.
     ReplyLines,
-    /// The caller hears that it is done. He holds no jog of the motors `stops` any more.
-    ReplyDone {
-        /// Motors, one bit each.
-        stops: u32,
-    },
+    /// The caller hears that it is done.
+    ReplyDone,
     /// The caller hears that the jog he holds has begun.
     ReplyHeld,
     /// The caller gets the lines of the board's reply. This character has stopped every motor: no jog is held any more.
@@ -57,6 +55,16 @@ pub(super) enum Then {
     Notes(JobCall),
     /// A watch on these registers begins, if the board copies any.
     Watch(Vec<VariableEntry>),
+    /// The caller hears that the panel has stopped this, or it is stopped by command line. It ends a jog that he holds,
+    /// or held, if `ends_hold`.
+    PanelStop {
+        /// What is stopped.
+        target: Target,
+        /// Whether it ends a held jog.
+        ends_hold: bool,
+    },
+    /// The stop of this number goes on.
+    Stop(u64),
     /// The sequence of this number goes on.
     Sequence(u64),
 }
@@ -134,6 +142,25 @@ impl CallTable {
         let ticket = self.new_ticket();
         let command = Command::Job { ticket, job: Box::new(job), deadline };
         self.commands.try_send(command).is_ok().then_some(ticket)
+    }
+
+    /// Has the bus thread carry out a command of the daemon's own, past those who wait; `then` follows. False, and nothing
+    /// follows, when enough of them are under way.
+    pub(super) fn send_own(
+        &mut self,
+        caller: Caller,
+        deadline: Instant,
+        then: Then,
+        command: impl FnOnce(Ticket) -> Command,
+    ) -> bool {
+        let own = self.pending.values().filter(|pending| matches!(pending.then, Then::Stop(_))).count();
+        let ticket = self.new_ticket();
+        if own >= at_once::STOPS || self.commands.try_send(command(ticket)).is_err() {
+            return false;
+        }
+        let pending = Pending { caller, deadline: deadline + GRACE, lines: Vec::new(), length: 0, then };
+        self.pending.insert(ticket, pending);
+        true
     }
 
     /// Hands the bus thread what it has room for. The calls whose commands were not handed over: of those whose time is
@@ -219,9 +246,10 @@ impl CallTable {
         is_waiting.then(|| self.pending.remove(&ticket).map(|pending| pending.caller)).flatten()
     }
 
-    /// `client` is gone: nobody waits for its call.
+    /// `client` is gone: nobody waits for its call. A stop goes on.
     pub(super) fn forget(&mut self, client: u64) {
-        self.pending.retain(|_, pending| pending.caller.client != client);
+        let stops = |then: &Then| matches!(then, Then::PanelStop { .. });
+        self.pending.retain(|_, pending| pending.caller.client != client || stops(&pending.then));
     }
 
     /// Whether `client` waits for the board and wants no reply.

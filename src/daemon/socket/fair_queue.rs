@@ -37,7 +37,7 @@ impl Kind {
 
     fn of(command: &Command) -> Self {
         match command {
-            Command::Send { .. } => Self::Line,
+            Command::Send { .. } | Command::First { .. } => Self::Line,
             Command::Control { character, .. } if control_has_reply(*character) => Self::Query,
             Command::Control { .. } => Self::Control,
             Command::ReadWords { .. } => Self::Short,

@@ -3,6 +3,7 @@
 use std::fmt::Write as _;
 use std::time::Duration;
 
+use super::stop_target::{PANEL_TAKES, Target};
 use crate::daemon::shared::job::{Job, MaskedWord};
 use crate::daemon::shared::status::Enabling;
 use crate::function::panel::{FeedOverride, PanelAction, PanelRequest};
@@ -89,6 +90,8 @@ pub struct JobCall {
     pub(super) guard: Option<Guard>,
     /// It only stops something: the role stop may do it, and it is done before what it needs is asked.
     pub(super) stops: bool,
+    /// What it stops, if that is done by command line where the panel does not do it.
+    pub(super) target: Option<Target>,
     /// What has a say in the effect; asked together with the guard.
     time_base: Option<TimeBase>,
     /// Remarks for the caller, if the reply has room for some.
@@ -205,6 +208,7 @@ impl JobCall {
             timeout,
             guard: None,
             stops: false,
+            target: None,
             time_base: None,
             notes: None,
             feeds: None,
@@ -258,12 +262,20 @@ pub(super) fn panel(call: calls::Panel, hold: bool, family: &Family) -> Result<J
     let held = if hold { ", held" } else { "" };
     // What stops a machine does not wait for a question behind other people's lines.
     let stops = matches!(action, PanelAction::JogStop | PanelAction::Stop | PanelAction::Hold);
+    let target = match action {
+        PanelAction::JogStop => Some(Target::Motors(request.mask())),
+        PanelAction::Stop => Some(Target::Systems(request.mask(), 'A')),
+        PanelAction::Hold => Some(Target::Systems(request.mask(), 'H')),
+        _ => None,
+    };
+    let timeout = if stops { PANEL_TAKES } else { PANEL_TIMEOUT };
     Ok(JobCall {
         guard: panel_enabled(family).filter(|_| !stops),
         stops,
+        target,
         lease: hold.then_some(request.mask()),
         audit: Some(format!("panel {action} {numbers:?}{held}")),
-        ..JobCall::new(Job::Panel(request), PANEL_TIMEOUT)
+        ..JobCall::new(Job::Panel(request), timeout)
     })
 }
 

@@ -17,7 +17,9 @@ use crate::protocol::control;
 pub(super) const LEASE: Duration = Duration::from_millis(200);
 /// Holds the stops that the board did not take, until they are requested again.
 const NOBODY: u64 = u64::MAX;
-/// How long until then.
+/// How long the holder's own stop may take, by panel, command line and ^A.
+const HOLDERS_STOP: Duration = Duration::from_secs(3);
+/// How long until a stop is requested again.
 const STOP_AGAIN: Duration = Duration::from_secs(1);
 /// Stops that the bus thread has at a time. What ends meanwhile waits and becomes one more.
 const STOPS_AT_ONCE: usize = at_once::STOPS;
@@ -112,7 +114,7 @@ impl Leases {
     ///
     /// # Errors
     /// Why the motors stand already: they get no stop, which could close the loop of a killed one. Said once.
-    pub(super) fn stop_for(&mut self, client: u64, mask: u32) -> Result<StopFor, LeaseEnd> {
+    pub(super) fn stop_for(&mut self, client: u64, mask: u32, now: Instant) -> Result<StopFor, LeaseEnd> {
         let found = match self.held.get(&client) {
             Some(Lease { motors, over, .. }) => Some((*over, *motors)),
             None => self.ended.remove(&client).map(|(end, motors)| (Some(end), motors)),
@@ -123,7 +125,13 @@ impl Leases {
             {
                 Err(end)
             }
-            Some((_, motors)) if mask & !motors == 0 => Ok(StopFor::Holder),
+            Some((_, motors)) if mask & !motors == 0 => {
+                if let Some(lease) = self.held.get_mut(&client) {
+                    // While the stop is under way its caller waits, and renews nothing.
+                    lease.until = lease.until.max(now + HOLDERS_STOP);
+                }
+                Ok(StopFor::Holder)
+            }
             _ => Ok(StopFor::Anybody),
         }
     }
@@ -175,13 +183,15 @@ impl Leases {
         self.ended.remove(&client);
     }
 
-    /// The request with `ticket` is over: if it had to stop a jog and was not taken, it comes again.
-    pub(super) fn request_over(&mut self, ticket: Ticket, outcome: Outcome, now: Instant) {
-        let Some(motors) = self.stopping.remove(&ticket).filter(|_| outcome != Outcome::Done) else { return };
-        error!(
-            target: "audit",
-            "the board did not take the stop of a held jog (mask {:#04x}); asking again", motors
-        );
+    /// The request with `ticket` is over. The motors that it had to stop, if the board did not take it.
+    pub(super) fn request_over(&mut self, ticket: Ticket, outcome: Outcome) -> Option<u32> {
+        let motors = self.stopping.remove(&ticket).filter(|_| outcome != Outcome::Done)?;
+        error!(target: "audit", "the board did not take the stop of a held jog (mask {motors:#04x})");
+        Some(motors)
+    }
+
+    /// Nobody knows that `motors` stand: their stop is requested again in a while.
+    pub(super) fn stop_again(&mut self, motors: u32, now: Instant) {
         self.begin(NOBODY, motors, now + STOP_AGAIN);
     }
 
@@ -318,10 +328,11 @@ mod tests {
         leases.begin(7, stop, now);
         assert!(!leases.may_stop() && leases.next_end().is_none(), "nothing to wake up for");
         assert_eq!(ended(&mut leases, now, |_| true), None);
-        leases.request_over(Ticket(0), Outcome::Done, now);
+        assert_eq!(leases.request_over(Ticket(0), Outcome::Done), None);
         assert!(leases.may_stop() && leases.next_end() == Some(now));
         assert_eq!(ended(&mut leases, now, |_| true), Some(stop));
-        leases.request_over(Ticket(1), Outcome::TimedOut, now);
+        assert_eq!(leases.request_over(Ticket(1), Outcome::TimedOut), Some(stop));
+        leases.stop_again(stop, now);
         assert_eq!(leases.next_end(), Some(now + STOP_AGAIN), "it comes again");
         assert!(leases.end_all(now, |_| Some(Ticket(99))) && leases.next_end().is_none());
     }
@@ -347,8 +358,8 @@ mod tests {
                 assert_eq!(ended(&mut leases, now + LEASE, |_| true), Some(0b10));
             }
             assert_eq!(leases.renew(8, now), Err(Some(end)));
-            assert_eq!(leases.stop_for(8, 0b10), Err(end), "its stop would close the loop");
-            assert_eq!(leases.stop_for(8, 0b10), Ok(StopFor::Anybody), "it has been told");
+            assert_eq!(leases.stop_for(8, 0b10, now), Err(end), "its stop would close the loop");
+            assert_eq!(leases.stop_for(8, 0b10, now), Ok(StopFor::Anybody), "it has been told");
         }
     }
 
@@ -358,8 +369,8 @@ mod tests {
         let mut leases = Leases::default();
         leases.begin(7, 0b11, now + LEASE);
         leases.begin(8, 0b100, now + LEASE);
-        assert_eq!(leases.stop_for(8, 0b100), Ok(StopFor::Holder));
-        assert_eq!(leases.stop_for(8, 0b101), Ok(StopFor::Anybody), "it holds only one of them");
+        assert_eq!(leases.stop_for(8, 0b100, now), Ok(StopFor::Holder));
+        assert_eq!(leases.stop_for(8, 0b101, now), Ok(StopFor::Anybody), "it holds only one of them");
         leases.loops_opened(0b10, now);
         assert_eq!(leases.renew(8, now), Ok(()));
         assert_eq!(ended(&mut leases, now, |_| true), Some(0b11), "the other motor may be moving");

@@ -15,5 +15,7 @@ mod peer_groups;
 pub mod policy;
 mod sequences;
 pub mod server;
+pub mod stop_target;
+mod stops;
 mod time_quota;
 mod watches;

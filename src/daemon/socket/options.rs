@@ -23,6 +23,8 @@ pub struct ServeOptions {
     /// The most connections of one user; root and the daemon's user are exempt. The last eighth of all places is for
     /// users with fewer than four connections, root too; half of that is for operators and engineers.
     pub max_clients_per_user: usize,
+    /// How long after the stop of a held jog a motor may still move, until ^A stops everything. `None`: for ever.
+    pub stop_all_after: Option<Duration>,
     /// How long a client may leave a message half sent, or its output unfetched.
     pub patience: Duration,
 }
@@ -38,6 +40,7 @@ impl ServeOptions {
             roles: Roles::default(),
             max_clients: 256,
             max_clients_per_user: 64,
+            stop_all_after: Some(Duration::from_secs(1)),
             patience: Duration::from_secs(10),
         }
     }

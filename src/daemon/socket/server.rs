@@ -9,6 +9,7 @@
 mod calls;
 mod sequencing;
 pub mod stepper;
+mod stopping;
 
 use std::collections::BTreeMap;
 use std::io;
@@ -31,6 +32,8 @@ use super::listener::Listener;
 use super::options::{ServeError, ServeOptions};
 use super::policy::{Characters, Peer, PolicyError};
 use super::sequences::{Found, Sequences};
+use super::stop_target::Target;
+use super::stops::Stops;
 use super::watches::Watches;
 use crate::daemon::shared::info::Info;
 use crate::daemon::shared::queue::{Command, Event, Outcome, Receive, Sender, Ticket};
@@ -98,6 +101,7 @@ struct Service {
     clients: Clients,
     calls: CallTable,
     leases: Leases,
+    stops: Stops,
     sequences: Sequences,
     watches: Watches,
     audit: AuditLimit,
@@ -117,6 +121,7 @@ impl Service {
             clients: Clients::new(options.patience),
             calls: CallTable::new(commands),
             leases: Leases::default(),
+            stops: Stops::new(options.stop_all_after),
             sequences: Sequences::default(),
             watches: Watches::new(info.settings().plan.variable_read_entries as usize),
             audit: AuditLimit::default(),
@@ -147,13 +152,13 @@ impl Service {
         self.end(Instant::now());
     }
 
-    /// Serves on until the sequences have come to their end, or have had their time.
+    /// Serves on until the sequences have come to their end and what was held stands, or they have had their time.
     fn end_sequences(&mut self, stop: &EventFd) {
         // It has been heard, and must not end the waits that follow.
         let _ = stop.read();
         let latest = Instant::now() + LAST_STEPS;
         self.stop_sequences(Instant::now());
-        while self.has_sequences() {
+        while self.has_sequences() || self.leases.count() + self.stops.count() > 0 {
             let left = latest.saturating_duration_since(Instant::now());
             let timeout = PollTimeout::try_from(left).unwrap_or(PollTimeout::ZERO).min(self.timeout());
             match self.wait(stop, timeout) {
@@ -180,6 +185,7 @@ impl Service {
         }
         self.expire(now);
         self.end_lapsed_leases(now);
+        self.tend_stops(now);
         self.tend_sequences(now);
         let gone = self.clients.remove_finished();
         for client in &gone {
@@ -225,6 +231,7 @@ impl Service {
             self.clients.next_deadline(),
             self.admission.next_deadline(),
             self.leases.next_end(),
+            self.stops.next_moment(),
             self.sequences.next_moment(),
             self.audit.next_end(),
             self.watches.next_try(),
@@ -317,7 +324,9 @@ impl Service {
             Event::Done(ticket, outcome) => {
                 let refused = self.watches.failed(ticket, outcome, now);
                 self.refuse_watches(&refused, outcome, now);
-                self.leases.request_over(ticket, outcome, now);
+                if let Some(motors) = self.leases.request_over(ticket, outcome) {
+                    self.stop_by_line(Target::Motors(motors), None, true, now);
+                }
                 if let Some(ended) = self.calls.end(ticket) {
                     self.on_end(ended, outcome, now);
                 }

@@ -313,15 +313,21 @@ mod tests {
     }
 
     #[test]
-    fn the_open_loop_is_the_flag_of_the_servo_status() {
-        use crate::map::Flag;
+    fn the_servo_reports_flags_are_those_of_the_servo_status() {
+        use crate::map::{Flag, ServoBlock};
         for family in FAMILIES.iter().copied().chain([&testing::TURBO]) {
             let registers = family.blocks.iter().flat_map(|block| block.registers);
             let mut status = registers.filter(|register| register.name == "motor_servo_status");
             let status = status.next().unwrap().offset;
-            let bit = family.status.motor[0].flags.iter().find(|(_, name)| *name == "open_loop").unwrap().0;
-            let expected = Flag { word: status.plus_words(1), mask: 1 << (bit - 16) };
-            assert_eq!(family.servo.open_loop, expected, "{}", family.name);
+            let flag = |name: &str| {
+                let known = family.status.motor[0].flags.iter().find(|(_, known)| *known == name);
+                let bit = known.unwrap().0 as usize;
+                Flag { word: status.plus_words(bit / 16), mask: 1 << (bit % 16) }
+            };
+            let ServoBlock { open_loop, activated, standing, .. } = family.servo;
+            assert_eq!(open_loop, flag("open_loop"), "{}", family.name);
+            assert_eq!(activated, flag("motor_activated"), "{}", family.name);
+            assert_eq!(standing, flag("desired_velocity_zero"), "{}", family.name);
         }
     }
 

@@ -89,6 +89,10 @@ pub mod servo_motor {
     pub const SERVO_STATUS: usize = 18;
     /// In the high word of the servo status (bit 18 there): the loop is open.
     pub const OPEN_LOOP: u16 = 1 << 2;
+    /// In the high word (bit 23): the motor is activated.
+    pub const ACTIVATED: u16 = 1 << 7;
+    /// In the low word (bit 13): the desired velocity is zero.
+    pub const DESIRED_VELOCITY_ZERO: u16 = 1 << 13;
     /// Actual velocity, signed 24, 1/(Ix09*32) count per servo cycle.
     pub const ACTUAL_VELOCITY: usize = 20;
     /// Time left in the move segment at 100 %, signed 24, half milliseconds.
@@ -256,6 +260,14 @@ pub const SERVO_BLOCK: ServoBlock = ServoBlock {
     open_loop: Flag {
         word: SERVO_MOTOR.plus_words(servo_motor::SERVO_STATUS + 1),
         mask: servo_motor::OPEN_LOOP,
+    },
+    activated: Flag {
+        word: SERVO_MOTOR.plus_words(servo_motor::SERVO_STATUS + 1),
+        mask: servo_motor::ACTIVATED,
+    },
+    standing: Flag {
+        word: SERVO_MOTOR.plus_words(servo_motor::SERVO_STATUS),
+        mask: servo_motor::DESIRED_VELOCITY_ZERO,
     },
     motors: Blocks { count: MOTORS, first: SERVO_MOTOR, words: SERVO_MOTOR_WORDS },
 };

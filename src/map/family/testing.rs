@@ -191,6 +191,8 @@ pub static TURBO: Family = Family {
         gathering: None,
         // Section 4: "+12 X:$0000B0"; bit 18 of that word.
         open_loop: Flag { word: at(MOTOR + 14), mask: 1 << 2 },
+        activated: Flag { word: at(MOTOR + 14), mask: 1 << 7 },
+        standing: Flag { word: at(MOTOR + 12), mask: 1 << 13 },
         motors: Blocks { count: 32, first: at(MOTOR), words: 24 },
     },
     background: BackgroundBlock {

@@ -121,8 +121,8 @@ impl AsciiQueue {
             ports,
             fallback: Fallback::new(now),
             // One may come back from a port that did not take it.
-            lines: VecDeque::with_capacity(at_once::LINES + 1),
-            controls: VecDeque::with_capacity(at_once::CONTROLS + at_once::QUERIES + 1),
+            lines: VecDeque::with_capacity(at_once::LINES + at_once::STOPS + 1),
+            controls: VecDeque::with_capacity(at_once::CONTROLS + at_once::QUERIES + at_once::STOPS + 1),
             under_way: None,
             control_pending: None,
             control_lost: None,
@@ -235,6 +235,10 @@ impl AsciiQueue {
                 }
                 let dropped_by = None;
                 self.lines.push_back(WaitingLine { ticket, line, origin, deadline, writer, dropped_by });
+            }
+            Command::First { ticket, line, origin, deadline } => {
+                let (writer, dropped_by) = (Writer::Question, None);
+                self.lines.push_front(WaitingLine { ticket, line, origin, deadline, writer, dropped_by });
             }
             Command::Control { ticket, uid, drops_lines, character, deadline } => {
                 if drops_lines {

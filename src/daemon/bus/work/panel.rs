@@ -14,7 +14,8 @@ use crate::device::{Bus, BusError};
 use crate::function::panel::{FeedOverride, Panel, PanelBusError, PanelRequest};
 use crate::map::Family;
 
-/// How long the panel is left alone after a request was withdrawn; longer than two background passes of a busy board.
+/// How long the panel is left alone after a request was withdrawn; longer than two background passes of a busy board. Not
+/// for a stop, which is requested twice then.
 const REST: Duration = Duration::from_millis(50);
 /// How often to ask whether the board has taken a request.
 const POLL: Duration = Duration::from_millis(1);
@@ -31,8 +32,10 @@ struct Waiting {
 #[derive(Debug, Clone, Copy)]
 struct Pending {
     ticket: Ticket,
-    mask: u32,
+    request: PanelRequest,
     deadline: Instant,
+    /// It goes once more when the board has taken it.
+    twice: bool,
 }
 
 /// The requests that wait, and the one that lies in the panel.
@@ -49,6 +52,9 @@ pub struct PanelQueue {
     /// After a request was withdrawn, until when the panel rests: PMAC may have been at work on it, and clears the mask when
     /// it is done, which must not look as if it had taken the next one.
     rests_until: Option<Instant>,
+    /// A request was withdrawn, and no stop was seen to be taken since. PMAC clears the mask once more when it was at work on
+    /// that request; the second clearing of a stop that is requested twice is the stop's own.
+    doubtful: bool,
     next_poll: Instant,
     open_loops: OpenLoops,
 }
@@ -64,6 +70,7 @@ impl PanelQueue {
             pending: None,
             cut_off: None,
             rests_until: None,
+            doubtful: false,
             next_poll: now,
             open_loops: OpenLoops::default(),
         })
@@ -72,7 +79,8 @@ impl PanelQueue {
     fn not_taken(&self) -> Outcome {
         let enable = self.enable.map_or_else(|| ".".to_owned(), |number| format!("; is I{number}=3?"));
         Outcome::Refused(Text::of(&format_args!(
-            "the board did not take the panel request in time{enable} It has been withdrawn"
+            "the board did not take the panel request in time{enable} It has been withdrawn; had the board just begun with it, it \
+             may have been carried out"
         )))
     }
 
@@ -83,6 +91,7 @@ impl PanelQueue {
     pub fn acquire(&mut self, bus: &mut impl Bus, now: Instant) -> Result<(), BusError> {
         self.cut_off(bus)?;
         self.panel.acquire(bus)?;
+        self.doubtful = true;
         self.rests_until = Some(now + REST);
         Ok(())
     }
@@ -98,10 +107,10 @@ impl PanelQueue {
 
     /// Nobody waits any more for the board to take what lies in the panel. Whether it has may be seen for the last time.
     fn cut_off(&mut self, bus: &mut impl Bus) -> Result<(), BusError> {
-        let Some(Pending { ticket, mask, .. }) = self.pending.take() else { return Ok(()) };
+        let Some(Pending { ticket, request, .. }) = self.pending.take() else { return Ok(()) };
         // Unless it lies there as it was written, the board took it before the reset, or a memory test cleared it.
         self.cut_off = Some((ticket, Outcome::TimedOut));
-        if self.panel.mask(bus)? == mask {
+        if self.panel.mask(bus)? == request.mask() {
             let reason = "the board was reset, or replaced, before it took the panel request, which has been withdrawn";
             self.cut_off = Some((ticket, Outcome::Refused(Text::of(&reason))));
         }
@@ -183,9 +192,15 @@ impl PanelQueue {
     /// When the bus cannot be reached.
     pub fn poll(&mut self, bus: &mut impl Bus, now: Instant) -> Result<Option<Event>, BusError> {
         self.next_poll = now + POLL;
-        if let Some(Pending { ticket, deadline, mask }) = self.pending {
-            self.open_loops.doubt(mask);
-            if self.panel.taken(bus)? {
+        if let Some(Pending { ticket, deadline, request, twice }) = self.pending {
+            self.open_loops.doubt(request.mask());
+            if twice {
+                if self.panel.begin(bus, &request)? {
+                    self.doubtful = false;
+                    self.pending = Some(Pending { ticket, deadline, request, twice: false });
+                    return Ok(None);
+                }
+            } else if self.panel.taken(bus)? {
                 self.pending = None;
                 self.next_poll = now;
                 return Ok(Some(Event::Done(ticket, Outcome::Done)));
@@ -196,6 +211,7 @@ impl PanelQueue {
             // It must not be carried out by surprise, when the panel is enabled one day.
             self.panel.withdraw(bus)?;
             self.pending = None;
+            self.doubtful = true;
             self.rests_until = Some(now + REST);
             return Ok(Some(Event::Done(ticket, self.not_taken())));
         }
@@ -206,7 +222,8 @@ impl PanelQueue {
         if now >= next.deadline {
             return Ok(Some(Event::Done(next.ticket, self.not_taken())));
         }
-        let rests = self.rests_until.take_if(|until| now < *until);
+        let stops = next.request.is_stop();
+        let rests = self.rests_until.filter(|until| now < *until && !stops);
         if next.ends_hold && rests.is_none() {
             next.request = self.without_open_loops(next.request);
             if next.request.mask() == 0 {
@@ -214,10 +231,9 @@ impl PanelQueue {
             }
         }
         if rests.is_none() && self.panel.begin(bus, &next.request)? {
-            self.pending =
-                Some(Pending { ticket: next.ticket, mask: next.request.mask(), deadline: next.deadline });
+            let Waiting { ticket, request, deadline, .. } = next;
+            self.pending = Some(Pending { ticket, request, deadline, twice: stops && self.doubtful });
         } else {
-            self.rests_until = rests;
             self.waiting.push_front(next);
         }
         Ok(None)

@@ -14,6 +14,7 @@ use crate::daemon::socket::leases::{LeaseEnd, StopFor};
 use crate::daemon::socket::methods::{Action, Ask, parse_call};
 use crate::daemon::socket::policy::{Peer, Role};
 use crate::daemon::socket::sequences::Found;
+use crate::daemon::socket::stop_target::{PANEL_TAKES, Target};
 use crate::function::variable_read::VariableEntry;
 use crate::map::errors::meaning;
 use crate::protocol::board::{NotesReply, SendReply, WatchReply};
@@ -24,7 +25,7 @@ use crate::protocol::{BoardInfo, Call, CallError, Enabled, Reply, answer, contro
 const WATCH_TIMEOUT: Duration = Duration::from_secs(1);
 /// How long, at the end, the bus thread may take to have room for the last stop.
 const LAST_STOP: Duration = Duration::from_millis(500);
-/// How long the board may take to stop a jog whose holder is gone, or to take a table of registers.
+/// How long the board may take to take a table of registers.
 const OWN_JOB_TIMEOUT: Duration = Duration::from_secs(5);
 
 impl Service {
@@ -170,30 +171,29 @@ impl Service {
                 call.note_unasked(guard);
             }
         }
-        self.do_job(caller, call, deadline)
+        self.do_job(caller, call, now)
     }
 
     /// Has the bus thread do a job, whatever the board says.
-    fn do_job(&mut self, caller: Caller, call: JobCall, deadline: Instant) -> Result<(), CallError> {
-        let JobCall { mut job, notes, lease, audit, .. } = call;
+    fn do_job(&mut self, caller: Caller, call: JobCall, now: Instant) -> Result<(), CallError> {
+        let deadline = now + call.timeout;
+        let JobCall { mut job, notes, lease, audit, target, .. } = call;
         if let Some(motors) = lease {
             // From now on: a client that is gone before the board has taken the jog is gone all the same.
             self.leases.begin(caller.client, motors, deadline);
         }
-        let stops = match (&job, lease) {
-            (Job::Panel(request), None) => request.stops(),
-            _ => 0,
-        };
-        if job.is_stop() {
-            let stop_for = self.leases.stop_for(caller.client, stops);
+        let mut ends_hold = false;
+        if let Some(Target::Motors(stops)) = target {
+            let stop_for = self.leases.stop_for(caller.client, stops, now);
             if stop_for.map_err(|end| lease_over(Some(end)))? == StopFor::Holder {
-                job = Job::EndHold(stops);
+                (job, ends_hold) = (Job::EndHold(stops), true);
             }
         }
-        let then = match (lease, notes) {
-            (Some(_), _) => Then::ReplyHeld,
-            (None, Some(notes)) => Then::ReplyNotes(notes),
-            (None, None) => Then::ReplyDone { stops },
+        let then = match (lease, target, notes) {
+            (Some(_), ..) => Then::ReplyHeld,
+            (None, Some(target), _) => Then::PanelStop { target, ends_hold },
+            (None, None, Some(notes)) => Then::ReplyNotes(notes),
+            (None, None, None) => Then::ReplyDone,
         };
         let job = Box::new(job);
         self.wait_for_board(caller, deadline, then, audit, |ticket| Command::Job { ticket, job, deadline });
@@ -238,6 +238,10 @@ impl Service {
     pub(super) fn give_up(&mut self, ended: Ended, outcome: Outcome, now: Instant) {
         match ended.then {
             Then::Sequence(number) => self.step_done(number, ended, outcome, Found::default(), now),
+            Then::Stop(number) => self.stop_step(number, &ended.lines, outcome, now),
+            Then::PanelStop { target, ends_hold } => {
+                self.stop_by_line(target, Some(ended.caller), ends_hold, now);
+            }
             _ => self.answer(ended.caller, outcome_reply(outcome, ended.lines, false, now), now),
         }
     }
@@ -247,13 +251,15 @@ impl Service {
         if let Then::Sequence(number) = ended.then {
             return self.step_done(number, ended, outcome, Found::default(), now);
         }
+        if outcome != Outcome::Done && matches!(ended.then, Then::PanelStop { .. }) {
+            return self.give_up(ended, outcome, now);
+        }
         let Ended { caller, lines, is_overlong, then } = ended;
         let then = match then {
             Then::Job(mut call) => {
                 return self.on_answer(caller, &lines, outcome, now, |service, found| {
                     call.take_answer(found)?;
-                    let deadline = now + call.timeout;
-                    service.do_job(caller, call, deadline)
+                    service.do_job(caller, call, now)
                 });
             }
             Then::Question(call, guard) if outcome == Outcome::Done => {
@@ -275,6 +281,7 @@ impl Service {
                     service.watch(caller.client, entries, now)
                 });
             }
+            Then::Stop(number) => return self.stop_step(number, &lines, outcome, now),
             then => then,
         };
         if let Outcome::Refused(reason) | Outcome::Dropped(reason) = outcome {
@@ -295,10 +302,11 @@ impl Service {
                 self.end_streams(caller.peer, character, now);
                 Reply::with(&SendReply { lines })
             }
-            (Then::ReplyDone { stops }, Outcome::Done) => {
-                self.leases.stopped(caller.client, stops);
+            (Then::PanelStop { target, .. }, Outcome::Done) => {
+                self.leases.stopped(caller.client, target.motors());
                 Ok(Reply::done())
             }
+            (Then::ReplyDone, Outcome::Done) => Ok(Reply::done()),
             (Then::ReplyNotes(notes), Outcome::Done) => Reply::with(&NotesReply { notes }),
             _ => outcome_reply(outcome, lines, is_overlong, now),
         };
@@ -395,14 +403,14 @@ impl Service {
     pub(super) fn end_lapsed_leases(&mut self, now: Instant) {
         let calls = &mut self.calls;
         let is_there = |client| self.clients.hears(client);
-        let send = |motors| calls.send_now(Job::EndHold(motors), now + OWN_JOB_TIMEOUT);
+        let send = |motors| calls.send_now(Job::EndHold(motors), now + PANEL_TAKES);
         if let Some(clients) = self.leases.end_lapsed(now, is_there, send) {
             self.withdraw_holds(&clients, now);
         }
     }
 
     /// Takes the jogs out of the queue that these clients asked for and no longer hold: after its stop a jog would have no end.
-    fn withdraw_holds(&mut self, clients: &[u64], now: Instant) {
+    pub(super) fn withdraw_holds(&mut self, clients: &[u64], now: Instant) {
         for client in clients {
             if let Some(caller) = self.calls.take_back_hold(*client) {
                 let end = self.leases.renew(*client, now).err().flatten();
@@ -417,7 +425,7 @@ impl Service {
     /// Requests the stop of every jog that is held; false when there was no room for the request.
     pub(super) fn request_end_of_leases(&mut self, now: Instant) -> bool {
         let calls = &mut self.calls;
-        self.leases.end_all(now, |motors| calls.send_now(Job::EndHold(motors), now + OWN_JOB_TIMEOUT))
+        self.leases.end_all(now, |motors| calls.send_now(Job::EndHold(motors), now + PANEL_TAKES))
     }
 
     /// At the end nobody will be there to hold a jog. A full queue empties soon, if the bus thread can tell what it has done.

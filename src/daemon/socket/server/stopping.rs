@@ -1,0 +1,169 @@
+//! Drives the stops that the control panel did not take.
+
+use std::time::Instant;
+
+use log::{error, info, warn};
+use nix::unistd::{getegid, geteuid};
+
+use super::Service;
+use crate::daemon::shared::queue::{Command, LINE_MAX, Origin, Outcome, Text};
+use crate::daemon::socket::call_table::{Caller, Then};
+use crate::daemon::socket::policy::Peer;
+use crate::daemon::socket::stop_target::Target;
+use crate::daemon::socket::stops::{At, LINE_TAKES, QUESTION_TAKES, Seen};
+use crate::protocol::{CallError, Function, Reply, control};
+
+impl Service {
+    /// The panel did not take the stop of `target`, which `caller` waits for: it goes on by command line. It `ends_hold`
+    /// when the motors were held, and must stand in the end.
+    pub(super) fn stop_by_line(
+        &mut self,
+        target: Target,
+        caller: Option<Caller>,
+        ends_hold: bool,
+        now: Instant,
+    ) {
+        let number = self.stops.begin(target, caller, ends_hold, now);
+        if !self.uses_lines() {
+            return self.stop_watched(number, now);
+        }
+        warn!(target: "audit", "the control panel did not take the stop of {target}; sends it as a command line");
+        let deadline = now + QUESTION_TAKES;
+        if !self.send_first(target.question(), number, deadline) {
+            self.stop_step(number, &[], Outcome::Busy, now);
+        }
+    }
+
+    /// A step of stop `number` is over.
+    pub(super) fn stop_step(&mut self, number: u64, lines: &[String], outcome: Outcome, now: Instant) {
+        let open = self.info.open_loops();
+        let Some(stop) = self.stops.get_mut(number) else { return };
+        let target = stop.target;
+        match stop.at {
+            At::Question => {
+                let addressed = lines.first().and_then(|line| line.trim().parse().ok());
+                let Some(line) = target.line(open, addressed) else {
+                    return self.stop_over(number, Ok(()), now);
+                };
+                stop.at = At::Line;
+                info!(target: "audit", "pmacd sends {:?}", &*line);
+                if !self.send_first(line, number, now + LINE_TAKES) {
+                    self.stop_step(number, &[], Outcome::Busy, now);
+                }
+            }
+            At::Line => {
+                stop.taken = outcome == Outcome::Done;
+                let is_over = target.motors() == 0 || !stop.ends_hold && stop.taken;
+                if is_over && stop.taken {
+                    return self.stop_over(number, Ok(()), now);
+                }
+                if is_over {
+                    return self.stop_over(number, Err(may_go_on(target)), now);
+                }
+                self.stop_watched(number, now);
+            }
+            At::AbortAll if outcome == Outcome::Done => {
+                let clients = self.leases.control_taken();
+                self.withdraw_holds(&clients, now);
+                self.end_streams(by_itself().peer, control::ABORT, now);
+                let reason = format!(
+                    "the control panel did not take the stop, and {target} still moved, so pmacd sent ^A: every motor and \
+                     program is aborted; the panel needs I2=3"
+                );
+                self.stop_over(number, Err(reason), now);
+            }
+            At::AbortAll => self.stop_over(number, Err(may_go_on(target)), now),
+            At::Watch => {}
+        }
+    }
+
+    fn stop_watched(&mut self, number: u64, now: Instant) {
+        if let Some(stop) = self.stops.get_mut(number) {
+            stop.at = At::Watch;
+        }
+        self.tend_stops(now);
+    }
+
+    /// Looks at the motors that should stand by now.
+    pub(super) fn tend_stops(&mut self, now: Instant) {
+        for (number, seen) in self.stops.seen(self.info.motion(), now) {
+            let may_abort = self.stops.stop_all_after.is_some() && self.uses_lines();
+            let Some(stop) = self.stops.get_mut(number) else { continue };
+            let target = stop.target;
+            match seen {
+                Seen::Open => {}
+                Seen::Stand => self.stop_over(number, Ok(()), now),
+                Seen::Move if stop.ends_hold && may_abort => {
+                    stop.at = At::AbortAll;
+                    error!(target: "audit", "{target} may still move after its held jog is over: pmacd sends ^A");
+                    self.leases.control_begins(control::ABORT, now);
+                    let deadline = now + LINE_TAKES;
+                    let sent = self.calls.send_own(by_itself(), deadline, Then::Stop(number), |ticket| {
+                        Command::Control {
+                            drops_lines: true,
+                            ticket,
+                            uid: geteuid().as_raw(),
+                            character: control::ABORT,
+                            deadline,
+                        }
+                    });
+                    if !sent {
+                        self.stop_step(number, &[], Outcome::Busy, now);
+                    }
+                }
+                Seen::Move => self.stop_over(number, Err(may_go_on(target)), now),
+            }
+        }
+    }
+
+    fn stop_over(&mut self, number: u64, result: Result<(), String>, now: Instant) {
+        let Some(stop) = self.stops.over(number) else { return };
+        match &result {
+            Ok(()) => {
+                if let Some(caller) = stop.caller {
+                    self.leases.stopped(caller.client, stop.target.motors());
+                }
+            }
+            Err(reason) => {
+                error!(target: "audit", "{reason}");
+                // After ^A nothing is left to stop.
+                if stop.ends_hold && stop.at != At::AbortAll {
+                    self.leases.stop_again(stop.target.motors(), now);
+                }
+            }
+        }
+        if let Some(caller) = stop.caller {
+            let reply = result.map(|()| Reply::done()).map_err(|reason| CallError::Refused { reason });
+            self.answer(caller, reply, now);
+        }
+    }
+
+    /// Whether the configuration has command lines used at all.
+    fn uses_lines(&self) -> bool {
+        self.info.settings().functions.has(Function::Ascii)
+    }
+
+    fn send_first(&mut self, line: Text<LINE_MAX>, number: u64, deadline: Instant) -> bool {
+        let origin = Origin { uid: geteuid().as_raw(), shown: Text::of(&&*line), stays: true };
+        self.calls.send_own(by_itself(), deadline, Then::Stop(number), |ticket| Command::First {
+            ticket,
+            line,
+            origin,
+            deadline,
+        })
+    }
+}
+
+/// What is told of a stop that nobody has seen to be taken.
+fn may_go_on(target: Target) -> String {
+    format!(
+        "{target} MAY STILL MOVE: neither the control panel nor a command line is known to have stopped it; pmacctl abort stops \
+         everything (^A), an emergency stop does so without the computer"
+    )
+}
+
+/// The daemon, as the caller of what it does by itself.
+fn by_itself() -> Caller {
+    let pid = std::process::id().cast_signed();
+    Caller { client: u64::MAX, peer: Peer { uid: geteuid(), gid: getegid(), pid }, oneway: true }
+}

@@ -1,0 +1,84 @@
+//! What a stop stops, and the command line that does it.
+//!
+//! `#nJ/` stops a jog, `&nA` aborts and `&nH` holds a coordinate system. The address that `#n` and `&n` change is everybody's
+//! (UM p. 29), so the line puts it back.
+
+use std::fmt;
+use std::time::Duration;
+
+use crate::daemon::shared::queue::{LINE_MAX, Text};
+
+/// How long the panel has for a stop.
+pub(super) const PANEL_TAKES: Duration = Duration::from_millis(100);
+
+/// What is to be stopped; bit 0 is number 1.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Target {
+    /// Motors that jog.
+    Motors(u32),
+    /// The programs of coordinate systems, by this on-line command.
+    Systems(u32, char),
+}
+
+impl Target {
+    /// Asks what is addressed.
+    pub(super) fn question(self) -> Text<LINE_MAX> {
+        Text::from(match self {
+            Self::Motors(_) => "#",
+            Self::Systems(..) => "&",
+        })
+    }
+
+    /// The line that stops it, but not the motors in `open`, whose loops it would close. Then addresses `addressed` again.
+    /// `None` when nothing is left to stop.
+    pub(super) fn line(self, open: u32, addressed: Option<u32>) -> Option<Text<LINE_MAX>> {
+        let (mask, sign, command) = match self {
+            Self::Motors(motors) => (motors & !open, '#', "J/".to_owned()),
+            Self::Systems(systems, letter) => (systems, '&', letter.to_string()),
+        };
+        let mut line: String = numbers(mask).map(|number| format!("{sign}{number}{command}")).collect();
+        if let Some(addressed) = addressed {
+            line += &format!("{sign}{addressed}");
+        }
+        (mask != 0).then(|| Text::of(&line))
+    }
+
+    /// Its motors, bit 0 being motor 1.
+    pub(super) const fn motors(self) -> u32 {
+        match self {
+            Self::Motors(motors) => motors,
+            Self::Systems(..) => 0,
+        }
+    }
+}
+
+fn numbers(mask: u32) -> impl Iterator<Item = u32> {
+    (1..=32).filter(move |number| mask >> (number - 1) & 1 != 0)
+}
+
+impl fmt::Display for Target {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (what, mask) = match self {
+            Self::Motors(motors) => ("motor", *motors),
+            Self::Systems(systems, _) => ("coordinate system", *systems),
+        };
+        let list: Vec<String> = numbers(mask).map(|number| number.to_string()).collect();
+        write!(f, "{what} {}", list.join(", "))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn b2_6_the_line_stops_what_is_closed_and_puts_the_address_back() {
+        let line =
+            |target: Target, open, addressed| target.line(open, addressed).map(|line| line.to_string());
+        assert_eq!(line(Target::Motors(0b101), 0, Some(2)).unwrap(), "#1J/#3J/#2");
+        assert_eq!(line(Target::Motors(0b101), 0b001, None).unwrap(), "#3J/");
+        assert_eq!(line(Target::Motors(0b101), 0b111, Some(1)), None, "killed motors stay killed");
+        assert_eq!(line(Target::Systems(0b10, 'A'), 0b11, Some(1)).unwrap(), "&2A&1");
+        assert_eq!(Target::Motors(0b101).to_string(), "motor 1, 3");
+    }
+}

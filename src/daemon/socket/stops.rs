@@ -1,0 +1,181 @@
+//! Stops that the control panel did not take, as when I2 is not 3 any more: by command line, and by ^A if a held jog goes on.
+//!
+//! A motor stands when the servo report says so: its desired velocity is zero (bit 13
+//! of the servo status), or its loop is open.
+
+use std::collections::BTreeMap;
+use std::time::{Duration, Instant};
+
+use super::call_table::Caller;
+use super::stop_target::Target;
+use crate::function::servo::Motion;
+
+/// How long the board has to say what is addressed.
+pub(super) const QUESTION_TAKES: Duration = Duration::from_millis(200);
+/// How long the board has for the line, and for ^A.
+pub(super) const LINE_TAKES: Duration = Duration::from_secs(1);
+/// How long a motor must be seen to stand. A report may be from just before the motor began to move.
+const SEEN: Duration = Duration::from_millis(50);
+/// How long motors may go on where ^A is never sent.
+const GIVE_UP: Duration = Duration::from_secs(1);
+
+/// How far a stop is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum At {
+    /// The board was asked what is addressed.
+    Question,
+    /// The line was sent.
+    Line,
+    /// Nothing is under way: the motors are watched.
+    Watch,
+    /// ^A was sent.
+    AbortAll,
+}
+
+/// A stop that the panel did not take.
+#[derive(Debug)]
+pub(super) struct Stop {
+    pub target: Target,
+    /// Who waits for it.
+    pub caller: Option<Caller>,
+    /// It ends a held jog, so the motors must stand in the end.
+    pub ends_hold: bool,
+    pub at: At,
+    begun: Instant,
+    /// The board has acknowledged the line.
+    pub taken: bool,
+    stands_since: Option<Instant>,
+}
+
+/// What the motors that are watched come to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Seen {
+    /// Not known yet.
+    Open,
+    /// They stand, or the board took the line and nothing says otherwise.
+    Stand,
+    /// They may move, and their time is over.
+    Move,
+}
+
+impl Stop {
+    /// What is to be thought of the motors by now. Their time is `stop_all_after`.
+    fn look(&mut self, motion: Motion, stop_all_after: Option<Duration>, now: Instant) -> Seen {
+        let motors = self.target.motors();
+        let since =
+            if motors & !motion.standing == 0 { Some(self.stands_since.unwrap_or(now)) } else { None };
+        self.stands_since = since;
+        if since.is_some_and(|since| now >= since + SEEN) {
+            return Seen::Stand;
+        }
+        // No report tells of these motors: the board's word is all there is.
+        if self.taken && motors & (motion.moving | motion.standing) == 0 {
+            return Seen::Stand;
+        }
+        if now < self.begun + stop_all_after.unwrap_or(GIVE_UP) || since.is_some() {
+            return Seen::Open;
+        }
+        if self.taken && motors & motion.moving == 0 { Seen::Stand } else { Seen::Move }
+    }
+}
+
+/// Every stop under way that the panel did not take.
+#[derive(Debug)]
+pub(super) struct Stops {
+    running: BTreeMap<u64, Stop>,
+    next: u64,
+    /// After how long ^A stops everything when a motor whose held jog is over goes on. Never, if `None`.
+    pub stop_all_after: Option<Duration>,
+}
+
+impl Stops {
+    /// None; ^A comes `stop_all_after` the panel did not take a stop.
+    pub(super) const fn new(stop_all_after: Option<Duration>) -> Self {
+        Self { running: BTreeMap::new(), next: 0, stop_all_after }
+    }
+
+    /// Begins one, with the question what is addressed. Its number.
+    pub(super) fn begin(
+        &mut self,
+        target: Target,
+        caller: Option<Caller>,
+        ends_hold: bool,
+        now: Instant,
+    ) -> u64 {
+        self.next += 1;
+        let stop = Stop {
+            target,
+            caller,
+            ends_hold,
+            at: At::Question,
+            begun: now,
+            taken: false,
+            stands_since: None,
+        };
+        self.running.insert(self.next, stop);
+        self.next
+    }
+
+    /// The stop of that number.
+    pub(super) fn get_mut(&mut self, number: u64) -> Option<&mut Stop> {
+        self.running.get_mut(&number)
+    }
+
+    /// It is over.
+    pub(super) fn over(&mut self, number: u64) -> Option<Stop> {
+        self.running.remove(&number)
+    }
+
+    /// Of the stops whose motors are watched, those of which it is known by now, each with whether the motors stand.
+    pub(super) fn seen(&mut self, motion: Motion, now: Instant) -> Vec<(u64, Seen)> {
+        let after = self.stop_all_after;
+        let watched = self.running.iter_mut().filter(|(_, stop)| stop.at == At::Watch);
+        let seen = watched.map(|(number, stop)| (*number, stop.look(motion, after, now)));
+        seen.filter(|(_, seen)| *seen != Seen::Open).collect()
+    }
+
+    /// When to look again, if nothing is told before.
+    pub(super) fn next_moment(&self) -> Option<Instant> {
+        let watched = self.running.values().filter(|stop| stop.at == At::Watch);
+        let moment = |stop: &Stop| match stop.stands_since {
+            Some(since) => since + SEEN,
+            None => stop.begun + self.stop_all_after.unwrap_or(GIVE_UP),
+        };
+        watched.map(moment).min()
+    }
+
+    /// How many.
+    pub(super) fn count(&self) -> usize {
+        self.running.len()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn b2_6_a_motor_that_goes_on_is_seen_and_one_that_stands_too() {
+        let now = Instant::now();
+        let after = Duration::from_secs(1);
+        let (moving, standing) = (Motion { moving: 1, standing: 0 }, Motion { moving: 0, standing: 1 });
+        let look = |taken, motions: &[(u64, Motion)]| {
+            let mut stops = Stops::new(Some(after));
+            let number = stops.begin(Target::Motors(1), None, true, now);
+            let stop = stops.get_mut(number).unwrap();
+            (stop.at, stop.taken) = (At::Watch, taken);
+            let seen =
+                motions.iter().map(|(ms, motion)| stops.seen(*motion, now + Duration::from_millis(*ms)));
+            seen.flatten().map(|(_, seen)| seen).next()
+        };
+        assert_eq!(look(true, &[(0, moving), (999, moving)]), None);
+        assert_eq!(look(true, &[(0, moving), (1000, moving)]), Some(Seen::Move));
+        assert_eq!(look(false, &[(0, standing), (49, standing)]), None, "it may just begin");
+        assert_eq!(look(false, &[(0, standing), (50, standing)]), Some(Seen::Stand));
+        assert_eq!(look(false, &[(0, standing), (49, moving), (60, standing)]), None);
+        let unknown = Motion::default();
+        assert_eq!(look(true, &[(0, unknown)]), Some(Seen::Stand));
+        assert_eq!(look(false, &[(999, unknown)]), None);
+        assert_eq!(look(false, &[(1000, unknown)]), Some(Seen::Move), "nobody knows that it stands");
+    }
+}

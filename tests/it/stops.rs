@@ -1,0 +1,173 @@
+//! Stops that stop, whatever has become of the control panel.
+
+use std::time::Duration;
+
+use pmac_dpram::client::Connection;
+
+use crate::support::jogs::{ask, until};
+use crate::support::{PATIENCE, VirtualSite};
+
+fn running(config: &str) -> VirtualSite {
+    let site = VirtualSite::configured(&[], config);
+    site.wait_for_live_servo();
+    site.wait_until("a board that takes commands", || site.pmacctl(&["send", "I2=3"]).0 == 0);
+    site
+}
+
+/// A connection that holds a jog of motor 1, which moves.
+fn holder(site: &VirtualSite, board: &mut Connection) -> Connection {
+    let mut holder = site.connection();
+    holder.panel_hold("jog+", &[1]).unwrap();
+    until(board, "#1V", "it goes", |speed| speed > 1.0);
+    holder.panel_renew().unwrap();
+    holder
+}
+
+/// Whether motor 1's loop is open, as `#1?` says.
+fn is_open(board: &mut Connection) -> bool {
+    let status = board.send("#1?", PATIENCE).unwrap().concat();
+    u32::from_str_radix(&status[..6], 16).unwrap() >> 18 & 1 == 1
+}
+
+#[test]
+fn b2_6_a_held_jog_stops_by_command_line_where_the_panel_is_gone() {
+    let site = running("");
+    let mut board = site.connection();
+    board.send("#3", PATIENCE).unwrap();
+    let mut held = site.connection();
+    held.panel_hold("jog+", &[1]).unwrap();
+    site.run_for(Duration::from_millis(100));
+    held.panel_renew().unwrap();
+    board.send("I2=1", PATIENCE).unwrap();
+    drop(held);
+    // The panel has 100 ms, and the line takes a few.
+    site.run_for(Duration::from_millis(150));
+    assert_eq!(ask(&mut board, "#"), 3.0, "what was addressed is addressed again");
+    until(&mut board, "#1V", "it stands", |speed| speed.abs() < 0.1);
+    let log = site.log();
+    assert!(log.contains("pmacd sends \"#1J/#3\"") && !log.contains("sends ^A"), "{log}");
+    site.assert_no_violations();
+}
+
+#[test]
+fn b2_6_a_killed_motor_gets_no_line_either() {
+    let site = running("");
+    let mut board = site.connection();
+    let held = holder(&site, &mut board);
+    board.send("I2=1", PATIENCE).unwrap();
+    board.send("#1K", PATIENCE).unwrap();
+    site.run_for(Duration::from_millis(20));
+    drop(held);
+    site.run_for(Duration::from_secs(3));
+    assert!(is_open(&mut board), "{}", site.log());
+    assert!(!site.log().contains("J/"), "{}", site.log());
+}
+
+#[test]
+fn b2_6_nothing_enters_an_open_buffer_and_then_everything_stops() {
+    let site = running("");
+    let mut board = site.connection();
+    let held = holder(&site, &mut board);
+    board.send("I2=1", PATIENCE).unwrap();
+    board.send("OPEN PROG 7 CLEAR", PATIENCE).unwrap();
+    board.send("X1", PATIENCE).unwrap();
+    drop(held);
+    site.run_for(Duration::from_millis(900));
+    assert!(!site.log().contains("sends ^A"), "too early: {}", site.log());
+    site.run_for(Duration::from_millis(600));
+    assert!(site.log().contains("motor 1 may still move after its held jog is over: pmacd sends ^A"));
+    board.send("CLOSE", PATIENCE).unwrap();
+    until(&mut board, "#1V", "it stands", |speed| speed.abs() < 0.1);
+    let listed = board.send("LIST PROG 7", PATIENCE).unwrap().concat();
+    assert!(!listed.contains('J'), "{listed}");
+    site.assert_no_violations();
+}
+
+#[test]
+fn b2_6_with_0_nothing_is_aborted_and_the_stop_is_asked_for_again() {
+    let site = running("stop_all_after_ms = 0\n");
+    let mut board = site.connection();
+    let held = holder(&site, &mut board);
+    board.send("I2=1", PATIENCE).unwrap();
+    board.send("OPEN PROG 7 CLEAR", PATIENCE).unwrap();
+    drop(held);
+    site.run_for(Duration::from_secs(3));
+    let log = site.log();
+    assert!(!log.contains("sends ^A") && log.contains("motor 1 MAY STILL MOVE"), "{log}");
+    board.send("CLOSE", PATIENCE).unwrap();
+    until(&mut board, "#1V", "it stands", |speed| speed.abs() < 0.1);
+}
+
+#[test]
+fn b2_6_the_holder_is_told_that_the_motor_moves() {
+    let site = running("stop_all_after_ms = 0\n");
+    let mut board = site.connection();
+    let mut held = holder(&site, &mut board);
+    board.send("I2=1", PATIENCE).unwrap();
+    board.send("OPEN PROG 7 CLEAR", PATIENCE).unwrap();
+    let told = held.panel("jog-stop", &[1]).unwrap_err().to_string();
+    assert!(told.contains("motor 1 MAY STILL MOVE") && told.contains("pmacctl abort"), "{told}");
+    // With ^A the answer says what that did.
+    let site = running("");
+    let mut board = site.connection();
+    let mut held = holder(&site, &mut board);
+    board.send("I2=1", PATIENCE).unwrap();
+    board.send("OPEN PROG 7 CLEAR", PATIENCE).unwrap();
+    let told = held.panel("jog-stop", &[1]).unwrap_err().to_string();
+    assert!(told.contains("so pmacd sent ^A") && told.contains("I2=3"), "{told}");
+}
+
+#[test]
+fn b2_6_abort_of_a_coordinate_system_falls_back_the_same_way() {
+    let site = running("");
+    let mut board = site.connection();
+    for line in ["&2 #2->X I293=$8C6"] {
+        board.send(line, PATIENCE).unwrap();
+    }
+    for (panel, line) in [("I2=3", "abort through the panel"), ("I2=1", "abort by line")] {
+        for line in ["OPEN PROG 7 CLEAR", "LINEAR INC TM50 TA20 TS0", "WHILE (P1=0)", "X20", "ENDWHILE"] {
+            board.send(line, PATIENCE).unwrap();
+        }
+        for line in ["CLOSE", "&2 B7 R", panel, "&1"] {
+            board.send(line, PATIENCE).unwrap();
+        }
+        until(&mut board, "#2V", "it runs", |speed| speed > 0.1);
+        let (status, _, stderr) = site.pmacctl(&["abort", "2"]);
+        assert_eq!((status, stderr.as_str()), (0, ""), "{line}");
+        until(&mut board, "#2V", "it is aborted", |speed| speed.abs() < 0.01);
+        assert_eq!(ask(&mut board, "&"), 1.0, "{line}: &1 is addressed as before");
+    }
+    site.assert_no_violations();
+}
+
+#[test]
+fn b2_6_a_late_clearing_of_the_mask_is_not_taken_for_a_stop() {
+    use pmac_dpram::daemon::bus::work::panel::PanelQueue;
+    use pmac_dpram::daemon::shared::queue::{Event, Outcome, Ticket};
+    use pmac_dpram::device::{Bus, FileBoard};
+    use pmac_dpram::function::panel::{PanelAction, PanelRequest};
+    use pmac_dpram::map::{PMAC, pmac};
+    let words = &pmac::PANEL_BLOCK;
+    let file = tempfile::tempfile().unwrap();
+    file.set_len(PMAC.length.into()).unwrap();
+    let mut bus = FileBoard::from_file(&file, PMAC.length as usize).unwrap();
+    let begun = std::time::Instant::now();
+    let mut queue = PanelQueue::new(&PMAC, begun).unwrap();
+    let late = begun + Duration::from_millis(10);
+    let jog = PanelRequest::of(words, PanelAction::JogPlus, &[1]).unwrap();
+    queue.submit(Ticket(1), jog, late, begun);
+    assert!(queue.poll(&mut bus, begun).unwrap().is_none());
+    let Some(Event::Done(Ticket(1), Outcome::Refused(told))) = queue.poll(&mut bus, late).unwrap() else {
+        panic!("it was not withdrawn");
+    };
+    assert!(told.contains("may have been carried out"), "{told}");
+    // The board had begun with the jog: it clears the mask, in which lies a stop by now.
+    queue.end_hold(Ticket(2), 1, late + Duration::from_millis(100), late);
+    assert!(queue.poll(&mut bus, late).unwrap().is_none());
+    assert_eq!(bus.read16(words.request_enable).unwrap(), 1, "the stop does not rest");
+    bus.write16(words.request_enable, 0).unwrap();
+    assert!(queue.poll(&mut bus, late).unwrap().is_none(), "that was not the stop");
+    assert_eq!(bus.read16(words.request_enable).unwrap(), 1, "it is asked for again");
+    bus.write16(words.request_enable, 0).unwrap();
+    assert!(matches!(queue.poll(&mut bus, late).unwrap(), Some(Event::Done(Ticket(2), Outcome::Done))));
+}
