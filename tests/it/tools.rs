@@ -102,6 +102,22 @@ fn abort_and_kill_go_at_once_and_the_status_says_whether_they_went() {
 }
 
 #[test]
+fn b2_5_what_cuts_everybody_off_is_not_sent_unless_somebody_says_so() {
+    let bench = Bench::new();
+    let socket = bench.socket.display();
+    for line in ["^Z", "I58=0"] {
+        let ran = pmacctl(&format!("send {line} --socket {socket}"));
+        assert!(
+            ran.code == Some(2) && ran.stderr.contains("not sent") && ran.stderr.contains("I58=1"),
+            "{ran:?}"
+        );
+    }
+    assert_eq!(*bench.seen.lock().unwrap(), [""; 0]);
+    assert_eq!(pmacctl(&format!("send ^Z --yes --socket {socket}")).code, Some(0));
+    assert_eq!(*bench.seen.lock().unwrap(), ["^Z"]);
+}
+
+#[test]
 fn abort_and_kill_act_on_the_motors() {
     let site = VirtualSite::running(&[], &[]);
     site.ask("#1J+ #2J+");

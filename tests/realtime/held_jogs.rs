@@ -148,6 +148,25 @@ fn many_held_jogs_end_with_the_daemon() {
 }
 
 #[test]
+fn b2_8_with_the_daemon_stopped_the_holder_soon_says_that_the_motor_may_move() {
+    let site = running();
+    let mut child = start(&site, &["panel", "jog+", "1", "--hold"]);
+    wait_until("the jog", || moves_by_itself(&site));
+    site.signal_daemon(Signal::SIGSTOP);
+    let begun = Instant::now();
+    signal(&child, Signal::SIGINT);
+    let mut told = String::new();
+    let stderr = child.stderr.take().unwrap();
+    std::io::BufRead::read_line(&mut std::io::BufReader::new(stderr), &mut told).unwrap();
+    let took = begun.elapsed();
+    assert!(told.contains("motor 1 MAY BE MOVING") && took < Duration::from_secs(1), "{took:?}: {told}");
+    assert!(moves_by_itself(&site), "and so it does");
+    site.signal_daemon(Signal::SIGCONT);
+    wait_until("the stop", || !moves_by_itself(&site));
+    assert_eq!(status(child), Some(2));
+}
+
+#[test]
 fn a_daemon_that_is_stopped_stops_what_is_held() {
     let mut site = running();
     let child = start(&site, &["panel", "jog+", "1", "--hold"]);
@@ -164,7 +183,9 @@ fn a_jog_outlives_a_killed_daemon_and_a_request_does_not() {
     let child = start(&site, &["panel", "jog+", "1", "--hold"]);
     wait_until("the jog", || moves_by_itself(&site));
     site.kill_daemon();
-    assert_eq!(status(child), Some(2), "the holder says that there is nobody any more");
+    let output = child.wait_with_output().unwrap();
+    let told = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.code() == Some(2) && told.contains("motor 1 MAY BE MOVING"), "{told}");
     std::thread::sleep(Duration::from_millis(500));
     assert!(moves_by_itself(&site), "nobody is left who could stop it but the board");
     site.start_daemon(&[]);

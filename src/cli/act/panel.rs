@@ -2,6 +2,7 @@
 
 use std::io::{self, Read, Write};
 use std::os::fd::AsFd;
+use std::sync::mpsc::channel;
 use std::time::{Duration, Instant};
 
 use clap::{Args, Subcommand};
@@ -13,7 +14,7 @@ use crate::cli::args::values::number;
 use crate::cli::console::interrupt::Interrupt;
 use crate::cli::console::table::{Align, Table};
 use crate::cli::context::{Context, Failure, Verdict};
-use crate::client::{Connection, HeldJog};
+use crate::client::{CommandError, Connection, HeldJog};
 use crate::function::panel::{FeedOverride, PanelAction, PanelWords};
 use crate::map::Family;
 
@@ -21,6 +22,8 @@ use crate::map::Family;
 const ASKING: Duration = Duration::from_secs(2);
 /// Period of the checks during a held jog, in milliseconds.
 const LOOK: u16 = 20;
+/// How long the answer to a stop may stay away until the user is warned.
+const SILENCE: Duration = Duration::from_millis(600);
 
 /// `panel`.
 #[derive(Debug, Args)]
@@ -174,8 +177,29 @@ fn hold(context: &mut Context, action: PanelAction, jog: &Jog) -> Result<Verdict
             break;
         }
     }
-    held.stop()?;
-    Ok(Verdict::Yes)
+    stop(held, &jog.motors.numbers)
+}
+
+/// Stops the held jog. Says soon, not only in the end, that the motors may be moving.
+fn stop(held: HeldJog, numbers: &[u8]) -> Result<Verdict, Failure> {
+    let numbers: Vec<String> = numbers.iter().map(ToString::to_string).collect();
+    let warning = format!(
+        "motor {} MAY BE MOVING: pmacd did not confirm the stop. A paused pmacd stops it when it goes on, a new one does not: \
+         use the emergency stop, pmacctl panel jog-stop, pmacctl abort, or ^A over the serial port",
+        numbers.join(", ")
+    );
+    let (tell, told) = channel();
+    std::thread::spawn(move || tell.send(held.stop()));
+    let stopped = told.recv_timeout(SILENCE).or_else(|_| {
+        let _ = writeln!(io::stderr(), "pmacctl: {warning}");
+        told.recv()
+    });
+    match stopped {
+        Ok(Ok(_)) => Ok(Verdict::Yes),
+        Ok(Err(error @ CommandError::Refused(_))) => Err(error.into()),
+        Ok(Err(error)) => Err(Failure::Request(format!("{error}; {warning}"))),
+        Err(_) => Err(Failure::Request(warning)),
+    }
 }
 
 /// Waits a moment for input and discards it. Returns whether the input has ended.

@@ -5,6 +5,7 @@ use std::time::Duration;
 use clap::Args;
 use serde_json::json;
 
+use crate::cli::act::cut_off::refuse_cut_off;
 use crate::cli::args::values::seconds;
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::client::CommandError;
@@ -21,10 +22,14 @@ pub struct Send {
     /// Print control characters in the reply unchanged, not as \x1b
     #[arg(long)]
     pub raw: bool,
+    /// Send ^Z and I58=0 too, which end command lines for everybody
+    #[arg(long)]
+    pub yes: bool,
 }
 
 pub fn run(context: &mut Context, options: &Send) -> Result<Verdict, Failure> {
     let control = control::parse(&options.line).filter(|_| options.line.len() == 2);
+    refuse_cut_off(&options.line, options.yes)?;
     if control.is_none() {
         check_line(&options.line).map_err(|reason| Failure::Request(format!("invalid line: {reason}")))?;
     }

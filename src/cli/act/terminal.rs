@@ -17,6 +17,7 @@ use rustyline::error::ReadlineError;
 use rustyline::{DefaultEditor, ExternalPrinter};
 use serde_json::json;
 
+use crate::cli::act::cut_off::refuse_cut_off;
 use crate::cli::act::lines::{LineError, Way};
 use crate::cli::console::output::reply;
 use crate::cli::context::{Context, Failure, Verdict};
@@ -47,6 +48,9 @@ pub struct Terminal {
     /// Print control characters from the board unchanged, not as \x1b
     #[arg(long)]
     pub raw: bool,
+    /// Send ^Z and I58=0 too, which end command lines for everybody
+    #[arg(long)]
+    pub yes: bool,
 }
 
 pub fn run(context: &mut Context, options: &Terminal) -> Result<Verdict, Failure> {
@@ -54,7 +58,8 @@ pub fn run(context: &mut Context, options: &Terminal) -> Result<Verdict, Failure
         let most = TIMEOUT_MAX_MS / 1000;
         return Err(Failure::Request(format!("--timeout is at most {most} s")));
     }
-    let session = Session { way: Way::daemon(context)?, timeout: options.timeout, all_taken: true };
+    let session =
+        Session { way: Way::daemon(context)?, timeout: options.timeout, all_taken: true, yes: options.yes };
     let messages = context.connection()?.messages()?;
     if io::stdin().is_terminal() && io::stdout().is_terminal() && !context.output.is_json() {
         interactive(session, messages, options)
@@ -76,7 +81,8 @@ enum Input<'a> {
 
 impl<'a> Input<'a> {
     fn of(text: &'a str) -> Self {
-        let text = text.trim();
+        // White space does not include the control characters: some are commands.
+        let text = text.trim_matches([' ', '\t', '\r']);
         match text {
             "" => Self::Nothing,
             ".quit" | ".exit" | ".q" => Self::Quit,
@@ -84,11 +90,11 @@ impl<'a> Input<'a> {
             _ if text.starts_with('.') && !text[1..].starts_with(|c: char| c.is_ascii_digit()) => {
                 Self::Wrong(format!("{text}: unknown; .help lists the commands"))
             }
-            _ => match control::parse(text).filter(|_| text.len() == 2) {
+            _ => match control::parse(text).filter(|_| text.len() <= 2 && text != "\t") {
                 Some(character) => Self::Control(character),
                 None => match check_line(text) {
                     Ok(()) => Self::Line(text),
-                    Err(reason) => Self::Wrong(format!("invalid line: {reason}")),
+                    Err(reason) => Self::Wrong(format!("not sent: {reason}")),
                 },
             },
         }
@@ -99,6 +105,8 @@ struct Session {
     way: Way,
     timeout: Duration,
     all_taken: bool,
+    /// Whether to send what ends command lines for everybody.
+    yes: bool,
 }
 
 /// The reply lines, and the error that ended them.
@@ -110,6 +118,15 @@ impl Session {
     /// # Errors
     /// The daemon or the board can no longer be reached.
     fn ask(&mut self, input: &Input<'_>) -> Result<Answer, Failure> {
+        let text = match input {
+            Input::Control(character) => control::name(*character),
+            Input::Line(line) => (*line).to_owned(),
+            _ => String::new(),
+        };
+        if let Err(refusal) = refuse_cut_off(&text, self.yes) {
+            self.all_taken = false;
+            return Ok((Vec::new(), Some(refusal.to_string()), None));
+        }
         let result = match (input, &mut self.way) {
             (Input::Control(character), Way::Daemon(connection)) => {
                 connection.control(*character).map_err(LineError::from)
@@ -329,10 +346,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_typed_is_understood() {
+    fn b5_4_what_is_typed_is_understood() {
         assert_eq!(Input::of("  "), Input::Nothing);
         assert_eq!(Input::of(" .quit "), Input::Quit);
         assert_eq!(Input::of("^k"), Input::Control(11));
+        assert_eq!(Input::of("\u{b}"), Input::Control(11), "the character itself, which is white space");
+        assert_eq!(Input::of(" \u{1} "), Input::Control(1));
+        assert!(matches!(Input::of("P1\u{b}"), Input::Wrong(what) if what.contains("not sent")));
         assert_eq!(Input::of(" #1J+ "), Input::Line("#1J+"));
         assert_eq!(Input::of("J^100"), Input::Line("J^100"));
         assert_eq!(Input::of(".5"), Input::Line(".5"));

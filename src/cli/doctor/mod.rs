@@ -59,7 +59,10 @@ fn commands(report: &mut Report, info: &BoardInfo) {
         }
         _ if answers => (Level::Ok, format!("the board takes command lines through {port}")),
         CommandState::Silent => {
-            let cure = format!("check {enabled}, by another port if necessary");
+            let cure = format!(
+                "check {enabled}: ^Z or I58=0 ends command lines for everybody. pmacctl setup enable ascii --send --port PATH \
+                 sets it over the serial port; so does a reset of a board that has it saved"
+            );
             (Level::Warn, format!("the last command line through {port} was not answered; {cure}"))
         }
         CommandState::Unknown | CommandState::Answers => (

@@ -6,13 +6,15 @@ use std::time::Duration;
 
 use serde::Serialize;
 
-use super::{CommandError, Connection, DAEMON_TIMEOUT, MARGIN};
+use super::{CommandError, Connection, MARGIN};
 use crate::map::HostOffset;
 use crate::protocol::board::{Done, NotesReply};
 use crate::protocol::calls;
 
 /// More than the daemon gives the board for a job, the question before it included.
 const JOB_TIMEOUT: Duration = Duration::from_secs(5);
+/// A renewal may take so long; the lease is over long before.
+const RENEW_TIMEOUT: Duration = Duration::from_secs(1);
 
 fn panel(action: &str, numbers: &[u8]) -> calls::Panel {
     calls::Panel { action: action.to_owned(), numbers: numbers.iter().copied().map(usize::from).collect() }
@@ -43,12 +45,12 @@ impl Connection {
         self.job("PanelHold", &panel(action, numbers))
     }
 
-    /// Says that the holder of this connection's jogs is still there.
+    /// Says that the holder of this connection's jogs is still there. Waits a second at most.
     ///
     /// # Errors
     /// [`CommandError`]; refused when there is nothing held any more.
     pub fn panel_renew(&mut self) -> Result<(), CommandError> {
-        let Done {} = self.call("PanelRenew", &calls::NoParameters {}, DAEMON_TIMEOUT)?;
+        let Done {} = self.call("PanelRenew", &calls::NoParameters {}, RENEW_TIMEOUT)?;
         Ok(())
     }
 
