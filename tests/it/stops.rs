@@ -99,6 +99,19 @@ fn b2_6_with_0_nothing_is_aborted_and_the_stop_is_asked_for_again() {
 }
 
 #[test]
+fn b2_6_a_board_that_takes_nothing_not_even_an_abort_is_asked_again() {
+    let site = running("");
+    let mut board = site.connection();
+    let held = holder(&site, &mut board);
+    site.board_stands_still(true);
+    drop(held);
+    site.run_for(Duration::from_secs(4));
+    assert!(site.log().contains("motor 1 MAY STILL MOVE"), "{}", site.log());
+    site.board_stands_still(false);
+    until(&mut board, "#1V", "it stands", |speed| speed.abs() < 0.1);
+}
+
+#[test]
 fn b2_6_the_holder_is_told_that_the_motor_moves() {
     let site = running("stop_all_after_ms = 0\n");
     let mut board = site.connection();

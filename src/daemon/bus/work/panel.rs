@@ -90,8 +90,7 @@ impl PanelQueue {
     /// When the bus cannot be reached.
     pub fn acquire(&mut self, bus: &mut impl Bus, now: Instant) -> Result<(), BusError> {
         self.cut_off(bus)?;
-        self.panel.acquire(bus)?;
-        self.doubtful = true;
+        self.doubtful |= self.panel.acquire(bus)? != 0;
         self.rests_until = Some(now + REST);
         Ok(())
     }

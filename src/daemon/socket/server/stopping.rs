@@ -72,7 +72,11 @@ impl Service {
                 );
                 self.stop_over(number, Err(reason), now);
             }
-            At::AbortAll => self.stop_over(number, Err(may_go_on(target)), now),
+            At::AbortAll => {
+                // Not taken: the stop has to be requested again.
+                stop.at = At::Watch;
+                self.stop_over(number, Err(may_go_on(target)), now);
+            }
             At::Watch => {}
         }
     }
