@@ -116,10 +116,7 @@ impl Service {
                     self.leases.control_begins(character, now);
                 }
                 if drops_lines {
-                    let reason = dropped_by(uid, character);
-                    for ended in self.calls.drop_lines() {
-                        self.on_end(ended, Outcome::Dropped(reason), now);
-                    }
+                    self.drop_waiting_lines(uid, character, now);
                 }
                 let then = if stops_all { Then::AllStopped(character) } else { Then::ReplyLines };
                 let audit = Some(format!("sends {}", control::name(character)));
@@ -172,6 +169,14 @@ impl Service {
             }
         }
         self.do_job(caller, call, now)
+    }
+
+    /// User `uid` stops all motion by `character`: no line that waits here is sent any more.
+    pub(super) fn drop_waiting_lines(&mut self, uid: u32, character: u8, now: Instant) {
+        let reason = dropped_by(uid, character);
+        for ended in self.calls.drop_lines() {
+            self.on_end(ended, Outcome::Dropped(reason), now);
+        }
     }
 
     /// Has the bus thread do a job, whatever the board says.

@@ -101,6 +101,7 @@ impl Service {
                     stop.at = At::AbortAll;
                     error!(target: "audit", "{target} may still move after its held jog is over: pmacd sends ^A");
                     self.leases.control_begins(control::ABORT, now);
+                    self.drop_waiting_lines(geteuid().as_raw(), control::ABORT, now);
                     let deadline = now + LINE_TAKES;
                     let sent = self.calls.send_own(by_itself(), deadline, Then::Stop(number), |ticket| {
                         Command::Control {
