@@ -66,7 +66,6 @@ pub struct Origin {
 
 /// What the socket asks of the bus thread.
 #[derive(Debug)]
-#[expect(clippy::large_enum_variant, reason = "inline, so that passing a line allocates nothing")]
 pub enum Command {
     /// Send an ASCII command line and collect its reply. Answered by [`Event::Line`]s and one [`Event::Done`].
     Send {
