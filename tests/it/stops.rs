@@ -134,9 +134,7 @@ fn b2_6_the_holder_is_told_that_the_motor_moves() {
 fn b2_6_abort_of_a_coordinate_system_falls_back_the_same_way() {
     let site = running("");
     let mut board = site.connection();
-    for line in ["&2 #2->X I293=$8C6"] {
-        board.send(line, PATIENCE).unwrap();
-    }
+    board.send("&2 #2->X I293=$8C6", PATIENCE).unwrap();
     for (panel, line) in [("I2=3", "abort through the panel"), ("I2=1", "abort by line")] {
         for line in ["OPEN PROG 7 CLEAR", "LINEAR INC TM50 TA20 TS0", "WHILE (P1=0)", "X20", "ENDWHILE"] {
             board.send(line, PATIENCE).unwrap();
