@@ -103,8 +103,11 @@ impl BoardLoop {
         if is_new { self.reset_commands() } else { Ok(()) }
     }
 
-    /// Ends the commands under way: they were the board's that is no more.
+    /// Ends the commands under way: they were the board's that is no more. Where no lines are sent, nothing is touched.
     fn reset_commands(&mut self) -> Result<(), PortError> {
+        if !self.functions.uses(Function::Ascii) {
+            return Ok(());
+        }
         self.functions.ascii.queue_mut().reset(&mut self.bus, self.clock.now())
     }
 
