@@ -227,9 +227,12 @@ impl Scene {
         self.server.round(self.now).unwrap();
         let kept = self.server.kept();
         assert!(kept.longest_output <= OUTPUT_MAX, "{kept:?}");
-        assert!(kept.calls <= kept.clients && kept.tickets <= kept.calls + kept.sequences, "{kept:?}");
-        // Several may wait for one sequence, which need not have asked the board anything.
-        assert!(kept.sequences > 0 || kept.calls == kept.tickets, "{kept:?}");
+        assert!(
+            kept.calls <= kept.clients && kept.tickets <= kept.calls + kept.sequences + kept.stops,
+            "{kept:?}"
+        );
+        // Several may wait for one sequence or stop, which need not have asked the board anything.
+        assert!(kept.sequences + kept.stops > 0 || kept.calls == kept.tickets, "{kept:?}");
     }
 
     fn client(&mut self, how: u8) -> Option<&mut Client> {
@@ -299,8 +302,9 @@ impl Scene {
             if self.clients.iter().all(Client::is_content) {
                 return;
             }
-            if self.server.kept().sequences > 0 {
-                // An end tries again after a while what could not be sent.
+            let kept = self.server.kept();
+            if kept.sequences + kept.stops > 0 {
+                // An end tries again after a while what could not be sent, and a stop watches the motors.
                 self.now += Duration::from_millis(250);
             }
         }
@@ -314,9 +318,9 @@ impl Scene {
         self.clients.clear();
         let mut alone = 0;
         for _ in 0..LAST_ROUNDS {
-            // Time stands still until all of that is over which needs none.
-            match alone {
-                0..ALONE => alone += usize::from(self.server.kept().clients == 0),
+            // Time stands still until all of that is over which needs none. A stop watches the motors for a while.
+            match (alone, self.server.kept()) {
+                (0..ALONE, kept) if kept.stops == 0 => alone += usize::from(kept.clients == 0),
                 _ => self.now += Duration::from_millis(200),
             }
             // Held jogs are stopped without delay, unless the board did not take a stop and is asked again.

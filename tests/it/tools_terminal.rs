@@ -238,6 +238,10 @@ fn on_a_terminal_a_stream_shows_how_far_it_is() {
     assert!(sent.is_sorted() && sent.last().is_some_and(|&last| last <= 1351), "{sent:?}");
     assert!(states.iter().any(|state| state.contains('#')), "{screen:?}");
     connection.send("&1A", PATIENCE).unwrap();
-    assert_eq!(connection.send("I57", PATIENCE).unwrap(), ["0"], "no buffer is left open, and the function off");
+    assert_eq!(
+        connection.send("I57", PATIENCE).unwrap(),
+        ["0"],
+        "no buffer is left open, and the function off"
+    );
     site.assert_no_violations();
 }

@@ -33,6 +33,8 @@ pub struct ServerStats {
     pub tickets: usize,
     /// Sequences that run.
     pub sequences: usize,
+    /// Stops under way.
+    pub stops: usize,
     /// Jogs that a connection holds, and stops that the board has not taken.
     pub leases: usize,
     /// Commands that wait for their turn or are with the bus thread.
@@ -91,12 +93,13 @@ impl ServerStepper {
     /// What the server keeps now.
     #[must_use]
     pub fn kept(&self) -> ServerStats {
-        let Service { clients, calls, leases, sequences, watches, .. } = &self.service;
+        let Service { clients, calls, leases, sequences, stops, watches, .. } = &self.service;
         ServerStats {
             clients: clients.count(),
             calls: clients.iter().filter(|(_, client)| client.waits_for_board()).count(),
             tickets: calls.count(),
             sequences: sequences.count(),
+            stops: stops.count(),
             leases: leases.count(),
             turns: calls.commands(),
             watched: watches.watched(),
