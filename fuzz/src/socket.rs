@@ -69,7 +69,7 @@ fn judge(call: &Call, role: Role) {
             assert_eq!(through_the_wire(&reply).error(), Some(error));
         }
         Ok(Action::Reply(reply)) => drop(through_the_wire(&reply)),
-        Ok(Action::Info | Action::Stream | Action::Renew | Action::Sequence(_)) => {}
+        Ok(Action::CheckReset | Action::Info | Action::Stream | Action::Renew | Action::Sequence(_)) => {}
         Ok(Action::Watch(entries)) => assert!(!entries.is_empty()),
         Ok(Action::Ask(ask)) => within_bounds(&ask, role),
     }

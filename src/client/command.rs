@@ -21,7 +21,7 @@ use serde_json::{Map, Value};
 
 use crate::map::HostOffset;
 use crate::map::PmacRegister;
-use crate::protocol::board::{Done, ReadReply, SendReply, VariableRecord, WatchReply};
+use crate::protocol::board::{Done, ReadReply, ResetsReply, SendReply, VariableRecord, WatchReply};
 use crate::protocol::message::encode;
 use crate::protocol::parameters::to_map;
 use crate::protocol::transport::connect;
@@ -158,6 +158,16 @@ impl Connection {
     /// As [`Connection::send`].
     pub fn question(&mut self, line: &str, timeout: Duration) -> Result<Vec<String>, CommandError> {
         self.send_as(line, timeout, Some(true))
+    }
+
+    /// Asks the board for its servo counter, which begins again at a reset, and returns how many resets the daemon has found in
+    /// this way. What two calls return differs if the board was reset between them.
+    ///
+    /// # Errors
+    /// [`CommandError`]; refused while a program buffer is open.
+    pub fn check_reset(&mut self) -> Result<u64, CommandError> {
+        let reply: ResetsReply = self.call("CheckReset", &calls::NoParameters {}, DAEMON_TIMEOUT + MARGIN)?;
+        Ok(reply.resets)
     }
 
     fn send_as(

@@ -188,6 +188,8 @@ pub enum LineOutcome {
     Uncertain,
     /// It was not sent.
     NotSent,
+    /// The board was reset: what this line and those before it have set may be gone.
+    Reset,
 }
 
 /// Why a line of `RunLines` failed.
@@ -204,7 +206,8 @@ pub struct LineFailure {
 /// The replies of `RunLines`: one a line, then the last one.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct RunLinesReply {
-    /// The line's number in the sequence, counted from 0; `None` in the last reply.
+    /// The line's number in the sequence, counted from 0; `None` in the last reply, unless that says at which line a reset of the
+    /// board was noticed.
     pub line: Option<u64>,
     /// What the board answered, one element a line.
     pub lines: Vec<String>,
@@ -255,6 +258,13 @@ pub struct RotaryStopReply {
     pub quit: bool,
     /// What the end could not do, one sentence each.
     pub notes: Vec<String>,
+}
+
+/// The reply of `CheckReset`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct ResetsReply {
+    /// How many resets the daemon has found.
+    pub resets: u64,
 }
 
 /// The reply of `Read`.

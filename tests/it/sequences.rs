@@ -1,5 +1,6 @@
 //! Sequences: one owner at a time, and an end that the daemon carries out whatever becomes of the owner.
 
+use std::process::Stdio;
 use std::time::Duration;
 
 use pmac_dpram::client::command::lines::LinesOptions;
@@ -10,6 +11,7 @@ use serde_json::{Value, json};
 
 use crate::support::VirtualSite;
 use crate::support::raw::{Raw, call, error_name};
+use crate::support::rig::Ran;
 
 const DOWNLOAD: LinesOptions<'_> =
     LinesOptions { kind: "download", timeout: Duration::from_secs(5), keep_going: false };
@@ -126,4 +128,29 @@ fn b1_1_the_daemon_closes_what_is_open_when_it_stops() {
     assert_eq!(site.ask("P5"), ["7"]);
     assert_eq!(site.ask("LIST PROG 9"), ["X1"]);
     site.assert_no_violations();
+}
+
+#[test]
+fn b1_7_a_download_notices_a_reset_between_two_lines() {
+    let site = VirtualSite::running(&[], &[]);
+    site.wait_for_identity();
+    let lines: String = (0..900).map(|number| format!("P{number}={number}\n")).collect();
+    let file = site.file("long.pmc", &lines);
+    let child = site.command(&["download", &file]).stderr(Stdio::piped()).spawn().unwrap();
+    site.wait_until("the download to run", || site.log().matches("(download) sends \"P").count() > 300);
+    site.control("reset");
+    let ran = Ran::from(child.wait_with_output().unwrap());
+    assert_eq!(ran.code, Some(1), "{ran:?}");
+    let told = ran
+        .stderr
+        .lines()
+        .find(|line| line.contains("reset between line"))
+        .unwrap_or_else(|| panic!("{ran:?}"));
+    let place = told.strip_prefix(&format!("{file}:")).and_then(|rest| rest.split(':').next());
+    let line: u64 = place.unwrap().parse().unwrap();
+    assert!((300..900).contains(&line), "{told}");
+    assert!(ran.stderr.contains("the board took"), "{ran:?}");
+    // One that nothing disturbs is whole.
+    site.wait_until("the board to answer", || site.run(&["send", "P1"]).code == Some(0));
+    assert_eq!(site.run(&["download", &file]).code, Some(0));
 }

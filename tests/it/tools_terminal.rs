@@ -245,3 +245,25 @@ fn on_a_terminal_a_stream_shows_how_far_it_is() {
     );
     site.assert_no_violations();
 }
+
+#[test]
+fn b1_7_a_piped_terminal_notices_a_reset_between_two_lines() {
+    let site = VirtualSite::running(&[], &[]);
+    site.wait_for_identity();
+    let mut child = piped(&site, &[]);
+    let mut stdin = child.stdin.take().unwrap();
+    let mut stdout = BufReader::new(child.stdout.take().unwrap()).lines().map(Result::unwrap);
+    stdin.write_all(b"P1=5\nP1\n").unwrap();
+    assert_eq!(stdout.next().unwrap(), "5");
+    site.control("reset");
+    stdin.write_all(b"P2=6\nP2\n").unwrap();
+    assert_eq!(stdout.next().unwrap(), "6");
+    drop(stdin);
+    let ran = Ran::from(child.wait_with_output().unwrap());
+    assert_eq!(ran.code, Some(1), "{ran:?}");
+    assert!(ran.stderr.contains("reset between line 1 and line 4"), "{ran:?}");
+    // One that nothing disturbs ends well.
+    let mut child = piped(&site, &[]);
+    child.stdin.take().unwrap().write_all(b"P1=5\n").unwrap();
+    assert_eq!(Ran::from(child.wait_with_output().unwrap()).code, Some(0));
+}

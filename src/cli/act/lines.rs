@@ -47,7 +47,9 @@ impl LineError {
         let text = failure.message.clone();
         match failure.outcome {
             LineOutcome::Refused => Self::Board { code: failure.code, text, lines },
-            LineOutcome::Uncertain => Self::Uncertain { failure: Failure::Refused(text), lines },
+            LineOutcome::Uncertain | LineOutcome::Reset => {
+                Self::Uncertain { failure: Failure::Refused(text), lines }
+            }
             LineOutcome::NotSent => Self::NotSent(Failure::Refused(text)),
         }
     }

@@ -4,6 +4,7 @@ pub mod cut_off;
 pub mod lines;
 pub mod panel;
 pub mod registers;
+pub mod reset_watch;
 pub mod send;
 pub mod stop;
 pub mod terminal;

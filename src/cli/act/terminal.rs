@@ -19,6 +19,7 @@ use serde_json::json;
 
 use crate::cli::act::cut_off::refuse_cut_off;
 use crate::cli::act::lines::{LineError, Way};
+use crate::cli::act::reset_watch::ResetWatch;
 use crate::cli::console::output::reply;
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::client::Messages;
@@ -151,6 +152,28 @@ impl Session {
         }
     }
 
+    /// Watches from now on whether the board is reset.
+    fn watch(&mut self) -> Option<ResetWatch> {
+        match &mut self.way {
+            Way::Daemon(connection) => Some(ResetWatch::begin(connection)),
+            Way::Serial(_) => None,
+        }
+    }
+
+    /// Says if the board was reset, after a line that was sent or at the end.
+    fn see_reset(&mut self, watch: &mut Option<ResetWatch>, line: Option<&str>) {
+        if let (Some(watch), Way::Daemon(connection)) = (watch, &mut self.way)
+            && let Some(reset) = match line {
+                Some(line) => watch.line_sent(line, connection),
+                None => watch.look(connection),
+            }
+        {
+            self.all_taken = false;
+            // If stderr is closed, the message is lost.
+            let _ = writeln!(io::stderr(), "{reset}");
+        }
+    }
+
     /// The prompt: the addressed motor and coordinate system, if the board answers in time.
     fn prompt(&mut self) -> String {
         let Way::Daemon(connection) = &mut self.way else { return "pmac> ".to_owned() };
@@ -259,6 +282,7 @@ fn piped(
         // If stderr is closed, the message is lost.
         let _ = writeln!(io::stderr(), "{}", reply(&text, raw));
     });
+    let mut watch = session.watch();
     for line in io::stdin().lock().lines() {
         let text = line.map_err(|error| Failure::Request(format!("stdin: {error}")))?;
         let input = Input::of(&text);
@@ -270,7 +294,11 @@ fn piped(
                 session.all_taken = false;
                 (Vec::new(), Some(what.clone()), None)
             }
-            Input::Control(_) | Input::Line(_) => session.ask(&input)?,
+            Input::Control(_) | Input::Line(_) => {
+                let answer = session.ask(&input)?;
+                session.see_reset(&mut watch, Some(&text));
+                answer
+            }
         };
         if context.output.is_json() {
             let error = error.map(|message| json!({ "code": code, "message": message }));
@@ -287,6 +315,7 @@ fn piped(
             let _ = writeln!(io::stderr(), "{}", reply(&error, raw));
         }
     }
+    session.see_reset(&mut watch, None);
     drop(listening);
     Ok(session.all_taken.into())
 }

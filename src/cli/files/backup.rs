@@ -170,7 +170,7 @@ fn variables_of(family: &str) -> u16 {
 fn finish(sequence: LineSequence<'_>) -> Result<(), Failure> {
     let over = sequence.finish()?;
     over.notes.iter().for_each(|note| complain(format_args!("{note}")));
-    Ok(())
+    over.failure.map_or(Ok(()), |failure| Err(Failure::Refused(failure.message)))
 }
 
 /// What the board holds of `items`, asked in a sequence of its own.

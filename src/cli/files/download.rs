@@ -137,6 +137,7 @@ impl Run<'_> {
         })?;
         printed?;
         self.taken = over.taken;
+        self.line_failed(&over);
         let is_whole = next == texts.len() && self.failed.is_empty();
         self.leave(&over.notes, is_whole);
         match (place, self.failed.last()) {
@@ -159,9 +160,17 @@ impl Run<'_> {
                 context.output.line(line)?;
             }
         }
+        if reply.failure.is_some() {
+            progress.clear();
+        }
+        self.line_failed(reply);
+        Ok(())
+    }
+
+    /// Takes note of the failure that `reply` tells of, if it does.
+    fn line_failed(&mut self, reply: &RunLinesReply) {
         let line = reply.line.and_then(|number| self.lines.get(usize::try_from(number).ok()?));
         if let (Some(failure), Some(line)) = (&reply.failure, line) {
-            progress.clear();
             say(format_args!("{}: {}: {}", line.place, Visible(&failure.message), line.text));
             self.failed.push(Failed {
                 line: line.clone(),
@@ -169,7 +178,6 @@ impl Run<'_> {
                 text: failure.message.clone(),
             });
         }
-        Ok(())
     }
 
     /// Says what is on the board now.

@@ -109,7 +109,11 @@ fn send(connection: &mut Connection, commands: &[String]) -> Sent {
         }
         true
     });
-    Sent { taken, error: over.err().map(LineError::from).or(error) }
+    let ended = match over {
+        Ok(over) => over.failure.map(|failure| LineError::of(&failure, &[])),
+        Err(error) => Some(error.into()),
+    };
+    Sent { taken, error: error.or(ended) }
 }
 
 /// Sends the lines over a serial line.

@@ -38,6 +38,8 @@ pub struct BoardStatus {
     pub motion: Motion,
     /// What the host port's interrupts have come to.
     pub host_port: HostPortCounts,
+    /// Resets of the board seen since the start.
+    pub resets: u32,
     /// What the board said, or the configuration says; `None` as long as the bus thread has not told.
     pub identity: Option<KnownIdentity>,
 }
@@ -54,6 +56,7 @@ impl BoardStatus {
         open_loops: 0,
         motion: Motion { moving: 0, standing: 0 },
         host_port: HostPortCounts { served: 0, old: 0, unannounced: 0 },
+        resets: 0,
         identity: None,
     };
 }

@@ -65,6 +65,8 @@ pub(super) enum Then {
     },
     /// The stop of this number goes on.
     Stop(u64),
+    /// The caller hears how many resets were found; the board was asked then for its servo counter.
+    Resets(Instant),
     /// The sequence of this number goes on.
     Sequence(u64),
 }

@@ -76,6 +76,8 @@ pub enum Action {
     Stream,
     /// Renew the caller's lease on a jog.
     Renew,
+    /// Ask the board whether it was reset.
+    CheckReset,
     /// Begin a sequence, or go on with the one that the caller has.
     Sequence(SequenceCall),
 }
@@ -100,7 +102,7 @@ const fn method(
 }
 
 /// Every method, in the order of the interface's definition.
-const METHODS: [Method; 22] = {
+const METHODS: [Method; 23] = {
     use Function::{Ascii, Gather, Panel, Rotary, Variables};
     use Role::{Engineer, Observe, Operate, Stop};
     [
@@ -116,6 +118,10 @@ const METHODS: [Method; 22] = {
         method("RunLines", Engineer, Some(Ascii), |call, _| {
             let batch = Batch::of(parameters(call)?)?;
             streams(call, Action::Sequence(SequenceCall::Lines(batch)))
+        }),
+        method("CheckReset", Engineer, Some(Ascii), |call, _| {
+            let calls::NoParameters {} = parameters(call)?;
+            Ok(Action::CheckReset)
         }),
         method("SequenceRenew", Observe, None, |call, _| {
             let calls::NoParameters {} = parameters(call)?;
@@ -425,7 +431,7 @@ mod tests {
         };
         let methods = BOARD_DESCRIPTION.lines().filter_map(|line| line.strip_prefix("method "));
         let methods: Vec<_> = methods.filter_map(|line| line.split('(').next()).collect();
-        assert_eq!(methods.len(), 22, "{methods:?}");
+        assert_eq!(methods.len(), 23, "{methods:?}");
         for method in methods {
             let call = json!({"method": format!("{BOARD}.{method}"), "parameters": {}});
             let call: Call = serde_json::from_value(call).unwrap();

@@ -13,6 +13,7 @@ pub mod methods;
 pub mod options;
 mod peer_groups;
 pub mod policy;
+mod resets;
 mod sequences;
 pub mod server;
 pub mod stop_target;

@@ -31,6 +31,7 @@ use super::leases::Leases;
 use super::listener::Listener;
 use super::options::{ServeError, ServeOptions};
 use super::policy::{Characters, Peer, PolicyError};
+use super::resets::Resets;
 use super::sequences::{Found, Sequences};
 use super::stop_target::Target;
 use super::stops::Stops;
@@ -38,7 +39,7 @@ use super::watches::Watches;
 use crate::daemon::shared::info::Info;
 use crate::daemon::shared::queue::{Command, Event, Outcome, Receive, Sender, Ticket};
 use crate::protocol::board::{ReadReply, RotaryStateReply};
-use crate::protocol::{Call, CallError, Reply};
+use crate::protocol::{Call, CallError, Enabled, Reply};
 
 /// Calls a connection may begin before others have their turn.
 const CALLS_A_TURN: usize = 8;
@@ -103,6 +104,7 @@ struct Service {
     leases: Leases,
     stops: Stops,
     sequences: Sequences,
+    resets: Resets,
     watches: Watches,
     audit: AuditLimit,
     events: Receive<Event>,
@@ -123,6 +125,7 @@ impl Service {
             leases: Leases::default(),
             stops: Stops::new(options.stop_all_after),
             sequences: Sequences::default(),
+            resets: Resets::default(),
             watches: Watches::new(info.settings().plan.variable_read_entries as usize),
             audit: AuditLimit::default(),
             events,
@@ -357,6 +360,7 @@ impl Service {
                 self.tell_watched(&clients, table, now);
             }
             Event::Info(status) => {
+                self.resets.bus_sees(status.resets, status.enabled.contains(Enabled::SERVO));
                 let opened = self.info.take(status);
                 self.leases.loops_opened(opened, now);
             }

@@ -82,7 +82,8 @@ impl Board {
     /// Does a step as `outcome` says: what is not known to be undone is done.
     fn take(&mut self, step: &Step, outcome: Outcome) -> Done {
         let is_done = !is_unsent(outcome);
-        let mut done = Done { outcome, result: Ok(Vec::new()), rotary: None, words: Vec::new() };
+        let mut done =
+            Done { outcome, result: Ok(Vec::new()), resets: 0, doubts: 0, rotary: None, words: Vec::new() };
         match step {
             Step::Line { line, .. } if is_done => {
                 done.result = Ok(self.line(line).into_iter().collect());

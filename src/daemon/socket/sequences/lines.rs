@@ -3,6 +3,10 @@
 //! The lines come in batches. Each is sent when the board has answered the one before, and its reply is told. A line
 //! that fails ends the sequence, unless it goes on after lines that the board refuses. A buffer that its lines have opened
 //! is closed at the end, whatever the end is.
+//!
+//! Where no buffer of its own is open, it has the daemon check now and then, and at its beginning and end, that the board has
+//! not been reset: what the lines before have set is gone then. The first check is a question as well whether somebody has
+//! a program buffer open.
 
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
@@ -16,6 +20,8 @@ use crate::protocol::{CallError, RUN_LINES_MAX, Reply, calls, check_line};
 /// How often `CLOSE` is tried at the end, while it is known not to have been sent, and how long after the last try.
 const CLOSE_TRIES: u32 = 3;
 const CLOSE_AGAIN: Duration = Duration::from_millis(100);
+/// Lines after which a check is due.
+const CHECK_EVERY: u64 = 64;
 /// The most lines for the end.
 const AT_END_MAX: usize = 8;
 /// How long `SAVE` may take: it erases and writes flash.
@@ -87,6 +93,10 @@ enum Phase {
     Closing(u32),
     /// As before, and it is tried again soon.
     ClosingAgain(u32),
+    /// A check is under way.
+    Checking,
+    /// The last check is under way.
+    LastCheck,
     /// This line for the end is sent.
     PuttingBack(Text<LINE_MAX>),
 }
@@ -105,6 +115,19 @@ pub(in crate::daemon::socket) struct Lines {
     entered: u64,
     /// A line has failed.
     failed: bool,
+    /// And the board has not said itself that it refuses it: a reset may be why.
+    is_unexplained: bool,
+    /// The resets that the first check told of that was answered; `None` before it.
+    resets: Option<u64>,
+    /// No check is made any more: its own line has reset the board.
+    has_reset: bool,
+    /// The lines sent at the last check, if there was one, and the doubts then.
+    checked: Option<u64>,
+    doubts: u64,
+    /// The doubts that came with the last answer.
+    doubts_now: u64,
+    /// The board was reset.
+    reset: Option<LineFailure>,
     ending: Option<Ending>,
     notes: Vec<String>,
 }
@@ -120,6 +143,13 @@ impl Lines {
             buffer: OpenBuffer::default(),
             entered: 0,
             failed: false,
+            is_unexplained: false,
+            resets: None,
+            has_reset: false,
+            checked: None,
+            doubts: 0,
+            doubts_now: 0,
+            reset: None,
             ending: None,
             notes: Vec::new(),
         }
@@ -129,6 +159,8 @@ impl Lines {
     fn line_done(&mut self, line: Text<LINE_MAX>, done: Done, now: Instant) -> Reply {
         let number = self.number;
         self.number += 1;
+        self.doubts_now = done.doubts;
+        self.has_reset |= resets(&line);
         let was_open = self.buffer.is_open();
         if !is_unsent(done.outcome) {
             self.buffer.begin(line.as_bytes(), Writer::Question, now);
@@ -155,6 +187,7 @@ impl Lines {
         }
         let goes_on = self.batch.keep_going && matches!(done.outcome, Outcome::Error(_));
         self.failed |= failure.is_some() && !goes_on;
+        self.is_unexplained = failure.is_some() && !matches!(done.outcome, Outcome::Error(_));
         reply(&RunLinesReply {
             line: Some(number),
             lines,
@@ -170,7 +203,47 @@ impl Lines {
             self.phase = Phase::Closing(tries + 1);
             return Step::Line { line: Text::from_bytes(b"CLOSE"), timeout: END_STEP };
         }
+        let is_explained = self.failed && !self.is_unexplained;
+        let is_checked = self.checked.unwrap_or(0) == self.number;
+        if !(self.has_reset || is_explained || self.ending.is_some() || is_checked) {
+            self.phase = Phase::LastCheck;
+            return Step::Check;
+        }
         self.put_back()
+    }
+
+    /// Whether the board is to be asked now if it was reset.
+    fn check_is_due(&self) -> bool {
+        let is_due = self.checked.is_none_or(|checked| self.number >= checked + CHECK_EVERY)
+            || self.doubts_now != self.doubts;
+        is_due && !self.has_reset && !self.buffer.is_open() && !self.batch.lines.is_empty()
+    }
+
+    /// A check has been made. The refusal of a sequence that cannot begin.
+    fn check_done(&mut self, done: Done) -> Option<CallError> {
+        let checked = self.checked.replace(self.number).unwrap_or(0);
+        let has_doubts = std::mem::replace(&mut self.doubts, done.doubts) != done.doubts;
+        self.doubts_now = done.doubts;
+        let Some(resets) = self.resets else {
+            let is_barred = self.number == 0 && matches!(done.outcome, Outcome::Barred(_));
+            // Without an answer, a reset that a later check finds may be older than the sequence.
+            self.resets = done.result.is_ok().then_some(done.resets);
+            return done.result.err().filter(|_| is_barred);
+        };
+        // Who could not be asked may have been reset.
+        let is_unknown = has_doubts && done.result.is_err();
+        if done.resets != resets || is_unknown {
+            let may = if is_unknown { "may have been" } else { "was" };
+            let message = format!(
+                "the board {may} reset between line {} and line {} of the sequence; what lines up to there have set is gone unless \
+                 it was saved",
+                checked.max(1),
+                self.number
+            );
+            self.reset = Some(LineFailure { outcome: LineOutcome::Reset, code: None, message });
+            self.failed = true;
+        }
+        None
     }
 
     /// The lines for the end, if any line has been sent, then the end.
@@ -181,7 +254,10 @@ impl Lines {
             return Step::Line { line, timeout: END_STEP };
         }
         let notes = std::mem::take(&mut self.notes);
+        let failure = self.reset.take();
         Step::Over(Ok(reply(&RunLinesReply {
+            line: failure.as_ref().map(|_| self.number.saturating_sub(1)),
+            failure,
             taken: self.taken,
             notes,
             over: true,
@@ -230,6 +306,22 @@ impl Sequence for Lines {
                 self.phase = Phase::Sending;
                 return Step::Tell(self.line_done(line, done, now));
             }
+            (Phase::Checking, Some(done)) => {
+                self.phase = Phase::Sending;
+                // Who stops all motion means the line after the check as well.
+                if let Outcome::Dropped(_) = done.outcome
+                    && let Some(line) = self.batch.lines.pop_front()
+                {
+                    return Step::Tell(self.line_done(line, done, now));
+                }
+                if let Some(refusal) = self.check_done(done) {
+                    return Step::Over(Err(refusal));
+                }
+            }
+            (Phase::LastCheck, Some(done)) => {
+                self.check_done(done);
+                return self.put_back();
+            }
             (Phase::Closing(tries), Some(done)) => return self.closed(tries, &done, now),
             (Phase::ClosingAgain(tries), _) => return self.close(tries),
             (Phase::PuttingBack(line), Some(done)) => {
@@ -242,6 +334,10 @@ impl Sequence for Lines {
         }
         if self.failed || self.ending.is_some() {
             return self.close(0);
+        }
+        if self.check_is_due() {
+            self.phase = Phase::Checking;
+            return Step::Check;
         }
         match self.batch.lines.pop_front() {
             Some(line) => {

@@ -102,6 +102,8 @@ pub(super) enum Step {
         /// How long it may take.
         timeout: Duration,
     },
+    /// Find out whether the board has been reset since a check before. Not sent while a program buffer is open.
+    Check,
     /// Nothing before this moment. An end, or a call of the owner, ends the waiting.
     Wait(Instant),
     /// Tell the owner something, as one of several replies, and go on.
@@ -119,6 +121,10 @@ pub(super) struct Done {
     pub outcome: Outcome,
     /// The lines of the board's reply, or what a caller would be told of the failure.
     pub result: Result<Vec<String>, CallError>,
+    /// How many resets of the board the checks have found.
+    pub resets: u64,
+    /// How often something was seen that a reset may have caused: reason for a check.
+    pub doubts: u64,
     /// How far the rotary buffer is, after a job that asks for it.
     pub rotary: Option<RotaryState>,
     /// The words of a [`Step::Read`].

@@ -59,8 +59,14 @@ mod tests {
     fn b1_4_a_report_that_pauses_runs() {
         let began = Instant::now();
         let look = |watch: &mut ReportWatch, ms, word| {
-            let done =
-                Done { outcome: Outcome::Done, result: Ok(Vec::new()), rotary: None, words: vec![word] };
+            let done = Done {
+                outcome: Outcome::Done,
+                result: Ok(Vec::new()),
+                resets: 0,
+                doubts: 0,
+                rotary: None,
+                words: vec![word],
+            };
             watch.see(&done, began + Duration::from_millis(ms))
         };
         let mut watch = ReportWatch::new(began + Duration::from_secs(1));

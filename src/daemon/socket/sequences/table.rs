@@ -25,10 +25,19 @@ pub(in crate::daemon::socket) struct Owner {
 pub(in crate::daemon::socket) enum Waits {
     /// The bus thread, which does a step.
     Board,
+    /// The board, asked then for its servo counter.
+    Check(Instant),
     /// This moment.
     Until(Instant),
     /// Its owner.
     Owner,
+}
+
+impl Waits {
+    /// Whether the bus thread has a step to do.
+    pub(in crate::daemon::socket) const fn is_board(self) -> bool {
+        matches!(self, Self::Board | Self::Check(_))
+    }
 }
 
 /// A sequence that runs.

@@ -13,11 +13,12 @@ use crate::daemon::socket::jobs::{self, JobCall};
 use crate::daemon::socket::leases::{LeaseEnd, StopFor};
 use crate::daemon::socket::methods::{Action, Ask, parse_call};
 use crate::daemon::socket::policy::{Peer, Role};
+use crate::daemon::socket::resets;
 use crate::daemon::socket::sequences::Found;
 use crate::daemon::socket::stop_target::{PANEL_TAKES, Target};
 use crate::function::variable_read::VariableEntry;
 use crate::map::errors::meaning;
-use crate::protocol::board::{NotesReply, SendReply, WatchReply};
+use crate::protocol::board::{NotesReply, ResetsReply, SendReply, WatchReply};
 use crate::protocol::password::without_password;
 use crate::protocol::{BoardInfo, Call, CallError, Enabled, Reply, answer, control};
 
@@ -79,6 +80,9 @@ impl Service {
                 }
             }
             Action::Sequence(call) => return self.sequence_call(caller, call, now),
+            Action::CheckReset => {
+                self.question(caller, resets::QUESTION, Then::Resets(now), now + WATCH_TIMEOUT);
+            }
             Action::Renew => {
                 let renewed = self.leases.renew(caller.client, now);
                 return renewed.map(|()| Some(Reply::done())).map_err(lease_over);
@@ -312,10 +316,22 @@ impl Service {
                 Ok(Reply::done())
             }
             (Then::ReplyDone, Outcome::Done) => Ok(Reply::done()),
+            (Then::Resets(asked), Outcome::Done) => {
+                self.see_counter(&lines, asked, now);
+                Reply::with(&ResetsReply { resets: self.resets.count() })
+            }
             (Then::ReplyNotes(notes), Outcome::Done) => Reply::with(&NotesReply { notes }),
             _ => outcome_reply(outcome, lines, is_overlong, now),
         };
         self.answer(caller, reply, now);
+    }
+
+    /// The board, asked then for its servo counter, has answered `lines`.
+    pub(super) fn see_counter(&mut self, lines: &[String], asked: Instant, now: Instant) {
+        let counter = lines.first().and_then(|line| answer::integer(line));
+        if let Some(counter) = counter.and_then(|counter| u64::try_from(counter).ok()) {
+            self.resets.counter_is(counter, asked, now);
+        }
     }
 
     /// The board has answered a question: what waited for it begins, or its caller hears why not.

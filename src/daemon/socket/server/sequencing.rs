@@ -10,6 +10,7 @@ use crate::daemon::shared::queue::{Command, Origin, Outcome, Text};
 use crate::daemon::socket::call_table::{Caller, Ended, Then};
 use crate::daemon::socket::connection::{HIGH_WATER, Waiting};
 use crate::daemon::socket::policy::Peer;
+use crate::daemon::socket::resets;
 use crate::daemon::socket::sequences::{
     Done, END_STEP, Ending, Found, Gather, Lines, Resource, Rotary, Sequence, SequenceCall, Sequences, Step,
     Waits,
@@ -19,6 +20,8 @@ use crate::protocol::{CallError, Reply};
 
 /// How long a sequence waits for its owner to fetch what it has been told.
 const UNFETCHED: Duration = Duration::from_millis(20);
+/// How long the board may take for a check.
+const CHECK: Duration = Duration::from_secs(2);
 /// How long, at the daemon's end, all ends together may take.
 pub(super) const LAST_STEPS: Duration = END_STEP;
 
@@ -158,7 +161,7 @@ impl Service {
         let Some(running) = self.sequences.get_mut(number) else { return Err(CallError::Busy) };
         running.machine.asked(call, now)?;
         running.call = Some(caller);
-        if running.waits == Waits::Board {
+        if running.waits.is_board() {
             // What is under way is finished first.
             self.wait_for_sequence(caller);
             return Ok(None);
@@ -216,6 +219,20 @@ impl Service {
                     let deadline = now + timeout;
                     self.calls.ask(step_of(owner.peer), deadline, Then::Sequence(number), None, |ticket| {
                         Command::Job { ticket, job, deadline }
+                    });
+                    return None;
+                }
+                Step::Check => {
+                    running.waits = Waits::Check(now);
+                    let line = Text::from_bytes(resets::QUESTION.as_bytes());
+                    let deadline = now + CHECK;
+                    let origin = Origin {
+                        uid: owner.peer.uid.as_raw(),
+                        shown: Text::of(&resets::QUESTION),
+                        stays: false,
+                    };
+                    self.calls.ask(step_of(owner.peer), deadline, Then::Sequence(number), None, |ticket| {
+                        Command::Send { ticket, line, origin, deadline, writer: Writer::Question }
                     });
                     return None;
                 }
@@ -292,8 +309,14 @@ impl Service {
         found: Found,
         now: Instant,
     ) {
+        let Some(running) = self.sequences.get_mut(number) else { return };
+        if let (Waits::Check(asked), Outcome::Done) = (running.waits, outcome) {
+            self.see_counter(&ended.lines, asked, now);
+        }
+        let (resets, doubts) = (self.resets.count(), self.resets.doubts());
         let result = super::calls::reply_lines(outcome, ended.lines, ended.is_overlong, now);
-        self.go_on(number, Some(Done { outcome, result, rotary: found.rotary, words: found.words }), now);
+        let Found { rotary, words } = found;
+        self.go_on(number, Some(Done { outcome, result, resets, doubts, rotary, words }), now);
     }
 
     /// Goes on with the sequences that have waited for this moment, and ends those whose owner is gone or silent.
@@ -323,7 +346,7 @@ impl Service {
         {
             client.wait_for(Waiting::Nothing);
         }
-        if running.waits != Waits::Board {
+        if !running.waits.is_board() {
             self.go_on(number, None, now);
         }
     }

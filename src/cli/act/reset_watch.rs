@@ -1,0 +1,46 @@
+//! Notices that the board was reset between lines that belong together: what the ones before have set is gone then.
+
+use crate::client::Connection;
+
+/// Lines after which the board is asked again.
+const EVERY: u64 = 64;
+
+/// What the daemon told of resets, and the lines since.
+pub struct ResetWatch {
+    /// `None` while the board could not be asked, as while a program buffer is open.
+    resets: Option<u64>,
+    lines: u64,
+    asked_at: u64,
+}
+
+impl ResetWatch {
+    /// Begins before the first line.
+    pub fn begin(connection: &mut Connection) -> Self {
+        Self { resets: connection.check_reset().ok(), lines: 0, asked_at: 0 }
+    }
+
+    /// `line` has been sent. What to say if the board was reset.
+    pub fn line_sent(&mut self, line: &str, connection: &mut Connection) -> Option<String> {
+        self.lines += 1;
+        if line.contains("$$$") {
+            // A reset that was wanted.
+            self.resets = connection.check_reset().ok();
+            return None;
+        }
+        if self.lines >= self.asked_at + EVERY { self.look(connection) } else { None }
+    }
+
+    /// What to say if the board was reset since the last look.
+    pub fn look(&mut self, connection: &mut Connection) -> Option<String> {
+        let first = std::mem::replace(&mut self.asked_at, self.lines) + 1;
+        let now = connection.check_reset().ok()?;
+        let before = self.resets.replace(now)?;
+        (now != before).then(|| {
+            format!(
+                "the board was reset between line {first} and line {}: what lines up to there have set is gone unless it was \
+                 saved",
+                self.lines
+            )
+        })
+    }
+}

@@ -1,0 +1,100 @@
+//! How often the board has been reset, as far as it shows: a sequence must not go on on a board that has forgotten its beginning.
+//!
+//! After a reset the servo report needs a new `GATHER`, while the board, with I58=1 saved, answers lines as before: the bus
+//! thread learns of it late, or never. So a sequence has the board asked for its servo counter: X:$0 counts servo
+//! interrupts in 24 bits (FACTS 8, Turbo the same) and begins at 0 after a reset. What the bus thread sees, a servo report
+//! that stops or a timer that has jumped, is only a reason to ask: it may be late news of an older reset.
+
+use std::time::{Duration, Instant};
+
+/// The question for the servo counter.
+pub(super) const QUESTION: &str = "RX$0";
+/// The counter's values.
+const VALUES: u64 = 1 << 24;
+/// No servo cycle is taken to be shorter: the counter goes round once in 335 s at the soonest. What is believed of the servo
+/// cycle is not asked: an I10 may be wrong, and a simulator on a busy machine is slow.
+const SHORTEST_CYCLE: Duration = Duration::from_micros(20);
+
+/// A reading of the servo counter.
+#[derive(Debug, Clone, Copy)]
+struct Reading {
+    counter: u64,
+    asked: Instant,
+}
+
+/// The resets, and what tells of the next one.
+#[derive(Debug, Default)]
+pub(super) struct Resets {
+    seen_by_bus: u32,
+    servo_was_live: bool,
+    doubts: u64,
+    count: u64,
+    last: Option<Reading>,
+}
+
+impl Resets {
+    /// How many there have been, as far as known.
+    pub(super) const fn count(&self) -> u64 {
+        self.count
+    }
+
+    /// How often something was seen that a reset may have caused.
+    pub(super) const fn doubts(&self) -> u64 {
+        self.doubts
+    }
+
+    /// The bus thread has seen so many since its start, and servo data come now or not.
+    pub(super) fn bus_sees(&mut self, resets: u32, servo_is_live: bool) {
+        let is_new = std::mem::replace(&mut self.seen_by_bus, resets) != resets;
+        let has_stopped = std::mem::replace(&mut self.servo_was_live, servo_is_live) && !servo_is_live;
+        self.doubts += u64::from(is_new || has_stopped);
+    }
+
+    /// The board, `asked` then, has answered by `answered` that its servo counter is `counter`.
+    ///
+    /// Only a counter that went back, and cannot have gone round, tells of a reset: a false one would end a good sequence. So a
+    /// reset shows only when the board had run for longer before it than since.
+    pub(super) fn counter_is(&mut self, counter: u64, asked: Instant, answered: Instant) {
+        let counter = counter % VALUES;
+        let Some(last) = self.last.replace(Reading { counter, asked }) else { return };
+        let elapsed = answered.saturating_duration_since(last.asked).as_nanos();
+        let most = u64::try_from(elapsed / SHORTEST_CYCLE.as_nanos()).unwrap_or(VALUES);
+        let may_have_gone_round = last.counter.saturating_add(most) >= VALUES;
+        self.count += u64::from(counter < last.counter && !may_have_gone_round);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Resets that two readings tell of: these counters, `apart`.
+    fn counted(first: u64, second: u64, apart: Duration) -> u64 {
+        let mut resets = Resets::default();
+        let start = Instant::now();
+        resets.counter_is(first, start, start);
+        resets.counter_is(second, start + apart, start + apart);
+        resets.count()
+    }
+
+    #[test]
+    fn b1_7_a_servo_counter_that_goes_back_tells_of_a_reset() {
+        let second = Duration::from_secs(1);
+        // A usual servo, a slow simulator, one that stands still, and one that is faster than believed.
+        for advance in [2259, 100, 0, 40_000] {
+            for first in [0, 5, 1_000_000, VALUES - 1000, VALUES - 1] {
+                assert_eq!(counted(first, (first + advance) % VALUES, second), 0, "{first} and {advance}");
+            }
+        }
+        assert_eq!(counted(1000, 500, second), 1);
+        assert_eq!(counted(1_000_000, 2259, second), 1);
+        assert_eq!(counted(7, 5, Duration::ZERO), 1);
+        assert_eq!(counted(VALUES - 1, 5, second), 0, "it may have gone round");
+        assert_eq!(counted(100_000, 5, Duration::from_secs(400)), 0, "it may have gone round");
+        let mut resets = Resets::default();
+        for (seen, is_live, doubts) in [(0, true, 0), (0, false, 1), (1, true, 2), (1, true, 2)] {
+            resets.bus_sees(seen, is_live);
+            assert_eq!((resets.doubts(), resets.count()), (doubts, 0));
+        }
+    }
+}
