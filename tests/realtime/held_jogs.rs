@@ -163,7 +163,8 @@ fn b2_8_with_the_daemon_stopped_the_holder_soon_says_that_the_motor_may_move() {
     assert!(moves_by_itself(&site), "and so it does");
     site.signal_daemon(Signal::SIGCONT);
     wait_until("the stop", || !moves_by_itself(&site));
-    assert_eq!(status(child), Some(2));
+    // The stop was answered after all, if that came within its time.
+    assert!(matches!(status(child), Some(0 | 2)));
 }
 
 #[test]
@@ -173,7 +174,8 @@ fn a_daemon_that_is_stopped_stops_what_is_held() {
     wait_until("the jog", || moves_by_itself(&site));
     assert_eq!(site.stop_daemon(), 0);
     wait_until("the stop", || !moves_by_itself(&site));
-    assert_eq!(status(child), Some(2));
+    // The stop was answered after all, if that came within its time.
+    assert!(matches!(status(child), Some(0 | 2)));
     site.assert_no_violations();
 }
 

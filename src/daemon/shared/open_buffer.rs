@@ -105,7 +105,7 @@ impl OpenBuffer {
         self.opened.as_ref()
     }
 
-    /// Why `writer` must not send `line` now, if that is so. By hand `CLOSE` always passes.
+    /// Why `writer` must not send `line` now, if that is so. By hand `CLOSE` always passes, and what only reports or stops.
     #[must_use]
     pub fn bars(&self, line: &[u8], writer: Writer) -> Option<Barred> {
         let own = match (self.opened.map(|opened| opened.by), writer) {
@@ -115,10 +115,10 @@ impl OpenBuffer {
             }
             _ => false,
         };
-        let closes = matches!(writer, Writer::Hand(_)) && is_close(line);
+        let passes = matches!(writer, Writer::Hand(_)) && (is_close(line) || enters_nothing(line));
         match writer {
             Writer::Sequence { inside: true, .. } if !own => Some(Barred::Closed),
-            _ if own || closes || !self.is_open() => None,
+            _ if own || passes || !self.is_open() => None,
             _ => Some(Barred::Open(self.opened)),
         }
     }
@@ -193,6 +193,34 @@ impl OpenBuffer {
 /// Whether `line` is `CLOSE` and nothing else.
 fn is_close(line: &[u8]) -> bool {
     CLOSES.iter().any(|word| line.trim_ascii().eq_ignore_ascii_case(word.as_bytes()))
+}
+
+/// Whether `line` only addresses, reports and stops: `#1P`, `&2?`, `#1J/`, `&1A`. The board carries such letters out while a
+/// buffer is open, too, and stores nothing: a letter of a program has a number behind it, these have none (Software Reference
+/// p. 273 has `&1R &2R` under `OPEN ROT`; of the other letters it is what boards are known to do). On the other reading the
+/// board would refuse the line.
+fn enters_nothing(line: &[u8]) -> bool {
+    let mut rest = line.trim_ascii();
+    let mut acts = false;
+    while let Some((&first, behind)) = rest.split_first() {
+        rest = match first.to_ascii_uppercase() {
+            b'#' | b'&' => &behind[behind.iter().take_while(|byte| byte.is_ascii_digit()).count()..],
+            b'J' if behind.first() == Some(&b'/') => &behind[1..],
+            b'?' | b'A' | b'F' | b'H' | b'K' | b'P' | b'V' => behind,
+            b' ' => {
+                rest = behind;
+                continue;
+            }
+            _ => return false,
+        };
+        // Two letters together are another command, and a letter with a number or a value a piece of a program.
+        acts |= first != b'#' && first != b'&';
+        if first.is_ascii_alphabetic() && rest.first().is_some_and(|byte| !matches!(byte, b' ' | b'#' | b'&'))
+        {
+            return false;
+        }
+    }
+    acts
 }
 
 /// What `line` does to the buffers in the end; `None` when it leaves them as they are.
@@ -297,6 +325,19 @@ mod tests {
     fn sent(buffer: &mut OpenBuffer, line: &str, by: Writer) {
         buffer.begin(line.as_bytes(), by, Instant::now());
         buffer.done(line.as_bytes());
+    }
+
+    #[test]
+    fn b1_2_what_only_reports_or_stops_enters_no_buffer() {
+        for line in ["#1P", "#3 P V F", "&2?", "???", "#1J/", "&1A", "#1k", " #1 #2 p "] {
+            assert!(enters_nothing(line.as_bytes()), "{line}");
+        }
+        for line in [
+            "P1", "#1P1", "P=1", "A10", "#1J+", "#1J=5", "F100", "K5", "I57", "PR1", "&1R", "&1 B1", "#1",
+            "", "H(P1)", "P,5",
+        ] {
+            assert!(!enters_nothing(line.as_bytes()), "{line}");
+        }
     }
 
     #[test]
