@@ -15,6 +15,6 @@ pub mod source;
 pub use column::{Column, SampleClock};
 pub use csv::CsvWriter;
 pub use npy::NpyWriter;
-pub use plan::{GatherMode, GatherPlan, GatherRequest, PlanError, gather_lines, plan};
+pub use plan::{GatherMode, GatherPlan, GatherRequest, MOST_PERIOD, PlanError, gather_lines, plan};
 pub use reading::Reading;
 pub use source::{Source, SourceError};

@@ -7,7 +7,7 @@ use crate::decode::Scales;
 use crate::map::{IVariables, Layout, PmacRegister};
 
 /// The longest period in servo cycles.
-const MOST_PERIOD: u32 = 8_388_607;
+pub const MOST_PERIOD: u32 = 8_388_607;
 
 /// What happens at the buffer's end.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Deserialize, Serialize)]

@@ -4,7 +4,7 @@
 //! access. A poll that is late delays the data, and one that is a whole period late loses an update. The machine can
 //! hold up any poll by any time, so lateness only ever adds. The clock keeps two things apart:
 //!
-//! - The grid is when the board makes its updates. It comes from the earliest finds ([`window`]).
+//! - The grid is when the board makes its updates. It comes from the earliest finds (`window`).
 //! - The aim is when to poll. An update found at the first poll moves it a little earlier, an empty poll moves it
 //!   further back. So one first poll in five is empty, however late this machine wakes up, and a poll that is
 //!   milliseconds late counts no more than any other.

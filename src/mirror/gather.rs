@@ -110,7 +110,7 @@ const PLACES: [(GatherPosition, GatherSizeWord); 3] = [
     (GatherPosition::Moved, GatherSizeWord::AsPrinted),
 ];
 
-/// Which of [`PLACES`] fit what the board has written.
+/// Which of `PLACES` fit what the board has written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Fitting([bool; PLACES.len()]);
 

@@ -9,6 +9,7 @@ use pmac_dpram::gather::{GatherMode, GatherRequest, Source, plan};
 use pmac_dpram::map::{Layout, PMAC};
 use pmac_dpram::segment::RegionId;
 
+use crate::support::raw::{Raw, error_name};
 use crate::support::{PATIENCE, VirtualSite, is_live, output_within};
 
 fn ended(site: &VirtualSite, mut child: Child) -> Output {
@@ -172,5 +173,23 @@ fn b1_4_a_servo_report_that_pauses_is_no_report_that_has_ended() {
     let ran = ended(&site, gather);
     let said = String::from_utf8_lossy(&ran.stderr).into_owned();
     assert!(ran.status.success() && said.starts_with("samples=1129 lost=0 "), "{said}");
+    assert_as_before(&site);
+}
+
+#[test]
+fn b1_3_a_period_that_the_board_cannot_hold_is_refused_before_anything_is_sent() {
+    let site = running();
+    let start = |period: u32| {
+        let parameters = serde_json::json!({
+            "registers": ["Y:$0700"], "buffer": 0x900, "size_word": 0x8FC, "index_word": 0x8FE, "size_longs": 200,
+            "period": period,
+        });
+        let mut client = Raw::at(&site.socket());
+        client.call("GatherStart", parameters);
+        client.receive().unwrap()
+    };
+    for period in [0, 8_388_608, 1 << 24, u32::MAX] {
+        assert!(error_name(&start(period)).ends_with("InvalidParameter"), "{period}");
+    }
     assert_as_before(&site);
 }

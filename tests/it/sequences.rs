@@ -154,3 +154,30 @@ fn b1_7_a_download_notices_a_reset_between_two_lines() {
     site.wait_until("the board to answer", || site.run(&["send", "P1"]).code == Some(0));
     assert_eq!(site.run(&["download", &file]).code, Some(0));
 }
+
+#[test]
+fn b1_6_an_abort_ends_a_sequence_that_goes_on_with_further_lines() {
+    let site = VirtualSite::running(&[], &[]);
+    let mut client = begin(&site, &["P5=7"]);
+    let mut board = site.connection();
+    board.control(1).unwrap();
+    let mut bytes = call("RunLines", json!({ "kind": "download", "lines": ["P5=8", "#1J+"] }));
+    let place = bytes.len() - 2;
+    bytes.splice(place..place, br#","more":true"#.iter().copied());
+    client.send(&bytes);
+    let told = client.receive().unwrap();
+    let failure = &told["parameters"]["failure"];
+    assert_eq!(failure["outcome"], "not_sent", "{told}");
+    assert!(failure["message"].as_str().unwrap().contains("aborted by uid"), "{told}");
+    assert_eq!(client.receive().unwrap()["parameters"]["over"], true);
+    assert_eq!(site.ask("P5"), ["7"]);
+    // In the middle of the lines: none follows.
+    let lines: String = (0..900).map(|number| format!("P{number}={number}\n")).collect();
+    let file = site.file("long.pmc", &lines);
+    let child = site.command(&["download", &file]).stderr(Stdio::piped()).spawn().unwrap();
+    site.wait_until("the download to run", || site.log().matches("(download) sends \"P").count() > 100);
+    board.control(1).unwrap();
+    let ran = Ran::from(child.wait_with_output().unwrap());
+    assert!(ran.code == Some(1) && ran.stderr.contains("aborted by uid"), "{ran:?}");
+    assert_eq!(site.ask("P899"), ["0"]);
+}

@@ -198,7 +198,7 @@ fn entry(code: &str, system: u8) -> Result<Line<'_>, String> {
 /// Q-variables are those of the addressed coordinate system, which everybody shares: has the daemon address it again at the end.
 ///
 /// # Errors
-/// As [`ask`].
+/// As `ask`.
 pub fn keep_address(
     sequence: &mut LineSequence<'_>,
     mut items: impl Iterator<Item = Item>,

@@ -73,7 +73,7 @@ impl GuardTime {
     /// time. `work_due`: other work is due. `commands_wait`: commands wait in the queue.
     ///
     /// On a slow bus, or at a high servo rate, an update may always be near. A command that stops a machine must go
-    /// out all the same. So due work that has waited for [`STARVING_UPDATES`] updates goes before the next one.
+    /// out all the same. So due work that has waited for `STARVING_UPDATES` updates goes before the next one.
     pub fn turn(
         &mut self,
         servo_due: bool,

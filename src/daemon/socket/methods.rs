@@ -265,7 +265,9 @@ fn role_of(action: &Action, characters: Characters, family: &Family) -> Role {
             return if *stops { Role::Stop } else { Role::Operate };
         }
         Action::Ask(Ask::Read { first, count }) => family.ascii.has_text_in(*first, *count),
-        Action::Watch(entries) => entries.iter().any(|entry| !family.is_memory(entry.address)),
+        Action::Watch(entries) => {
+            entries.iter().any(|entry| !family.is_memory(entry.address) || family.holds_text(entry.address))
+        }
         _ => false,
     };
     if is_for_engineers { Role::Engineer } else { Role::Observe }
@@ -413,7 +415,13 @@ mod tests {
         for memory in ["X:$0", "Y:$BFFF", "X:$D009", "Y:$DFFF"] {
             watch(Role::Observe, &[memory]).unwrap();
         }
-        for hardware in ["Y:$C000", "X:$E006", "Y:$FFC2"] {
+        // The board's own addresses of command lines ($D18C to $D1B3) and responses ($D1B5 to $D1F4): they may be passwords.
+        for memory in ["Y:$D18B", "Y:$D1F5"] {
+            watch(Role::Observe, &[memory]).unwrap();
+        }
+        for hardware in
+            ["Y:$C000", "X:$E006", "Y:$FFC2", "D:$D18C", "Y:$D18D", "X:$D1B3", "Y:$D1B5", "L:$D1F4"]
+        {
             for role in [Role::Observe, Role::Operate] {
                 let refused = watch(role, &["X:$0", hardware]).unwrap_err();
                 assert!(matches!(refused, CallError::NotPermitted { .. }), "{hardware}");

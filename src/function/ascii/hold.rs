@@ -3,15 +3,15 @@
 //! A reply that comes after its command was given up cannot be told from the next command's, nor can a line that the board
 //! is still at be told from one that it has not seen: the manual has it clear the command flag when it "has processed" the
 //! line (p. 29), but a board may clear it as soon as it has taken the line. So nothing is begun until
-//! * the board has taken and answered a control character that only reports ([`QUESTION`]; control characters "act
+//! * the board has taken and answered a control character that only reports (`QUESTION`; control characters "act
 //!   immediately", FACTS 7), which it does between two lines, or beside one,
 //! * the flag is clear: where it is cleared late, the line is done,
-//! * and nothing has come for [`SETTLE`]. Texts of programs count, up to [`SETTLE_TEXTS`]: they keep the board from putting
+//! * and nothing has come for `SETTLE`. Texts of programs count, up to `SETTLE_TEXTS`: they keep the board from putting
 //!   out what is still to come.
 //!
 //! A line that the board has not taken, nor the question behind it, lies before a board that is deaf (I58=0) or busy. It is
-//! taken back after [`ASK_LIMIT`], so that nothing is carried out by surprise when the port is switched on later. The
-//! question is asked again every [`ASK_AGAIN`]. Nobody waits for it without a bound of his own.
+//! taken back after `ASK_LIMIT`, so that nothing is carried out by surprise when the port is switched on later. The
+//! question is asked again every `ASK_AGAIN`. Nobody waits for it without a bound of his own.
 //!
 //! Firmware before 1.15 does not know the register. A board that was never seen to take a character, but takes the empty line
 //! whose flag was set for it ([`super::control`]), is believed to be free.

@@ -194,6 +194,12 @@ impl Family {
         address < self.memory_end || (self.base <= address && address - self.base < self.length / 4)
     }
 
+    /// Whether command lines or responses lie at the PMAC address, in either half.
+    #[must_use]
+    pub fn holds_text(&self, address: u32) -> bool {
+        self.host_offset(Space::Y, address).is_some_and(|offset| self.ascii.has_text_in(offset, 2))
+    }
+
     /// The family called `name` (`pmac`, `pmac2`; capitals do not matter).
     ///
     /// # Errors

@@ -18,7 +18,7 @@ use crate::daemon::shared::queue::Outcome;
 use crate::daemon::socket::jobs::inside;
 use crate::daemon::socket::policy::Peer;
 use crate::function::gather::GatherBuffer;
-use crate::gather::{GatherMode, gather_lines};
+use crate::gather::{GatherMode, MOST_PERIOD, gather_lines};
 use crate::map::status::reply_has;
 use crate::map::{Family, GatherPlace, PmacRegister};
 use crate::mirror::GatherClock;
@@ -70,6 +70,10 @@ impl GatherCall {
         let registers = registers.iter().map(|text| PmacRegister::parse(text, family));
         let registers: Vec<PmacRegister> =
             registers.collect::<Result<_, _>>().map_err(|reason| CallError::invalid("registers", reason))?;
+        // A longer one does not fit the variable: the board would make another period of it, or 0, which ends the report.
+        if !(1..=MOST_PERIOD).contains(&period) {
+            return Err(CallError::invalid("period", format_args!("1 to {MOST_PERIOD} servo cycles")));
+        }
         if servo_period_ns == Some(0) {
             return Err(CallError::invalid("servo_period_ns", "a servo cycle in nanoseconds"));
         }
@@ -318,8 +322,10 @@ impl Gather {
                 if self.period_sent && is_other && Some(&found) == ours.as_ref() {
                     (Phase::PutBack, None)
                 } else {
+                    let note =
+                        format!("I{gather_period} is {found}, which this gather did not set: it stays so");
                     self.period = Some(found);
-                    (Phase::Over, None)
+                    (Phase::Over, (self.period_sent && is_other).then_some(note))
                 }
             }
             (Phase::PutBack, Ok(_)) => (Phase::Over, None),

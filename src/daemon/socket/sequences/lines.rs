@@ -13,7 +13,7 @@ use std::time::{Duration, Instant};
 
 use super::{Done, END_STEP, Ending, Resource, Sequence, SequenceCall, Step, is_unsent};
 use crate::daemon::shared::open_buffer::{Barred, OpenBuffer, Writer};
-use crate::daemon::shared::queue::{DEFAULT_TIMEOUT, LINE_MAX, Outcome, Text};
+use crate::daemon::shared::queue::{DEFAULT_TIMEOUT, LINE_MAX, Outcome, REASON_MAX, Text};
 use crate::protocol::board::{LineFailure, LineOutcome, RunLinesReply};
 use crate::protocol::{CallError, RUN_LINES_MAX, Reply, calls, check_line};
 
@@ -128,6 +128,8 @@ pub(in crate::daemon::socket) struct Lines {
     doubts_now: u64,
     /// The board was reset.
     reset: Option<LineFailure>,
+    /// Why no line is sent any more, once somebody has stopped all motion.
+    dropped: Option<Text<REASON_MAX>>,
     ending: Option<Ending>,
     notes: Vec<String>,
 }
@@ -150,6 +152,7 @@ impl Lines {
             doubts: 0,
             doubts_now: 0,
             reset: None,
+            dropped: None,
             ending: None,
             notes: Vec::new(),
         }
@@ -192,6 +195,20 @@ impl Lines {
             line: Some(number),
             lines,
             failure,
+            taken: self.taken,
+            ..RunLinesReply::default()
+        })
+    }
+
+    /// The next line is not sent: somebody has stopped all motion.
+    fn line_dropped(&mut self, reason: Text<REASON_MAX>) -> Reply {
+        self.failed = true;
+        let message = String::from_utf8_lossy(reason.as_bytes()).into_owned();
+        let failure = LineFailure { outcome: LineOutcome::NotSent, code: None, message };
+        self.number += 1;
+        reply(&RunLinesReply {
+            line: Some(self.number - 1),
+            failure: Some(failure),
             taken: self.taken,
             ..RunLinesReply::default()
         })
@@ -335,6 +352,11 @@ impl Sequence for Lines {
         if self.failed || self.ending.is_some() {
             return self.close(0);
         }
+        if let Some(reason) = self.dropped
+            && self.batch.lines.pop_front().is_some()
+        {
+            return Step::Tell(self.line_dropped(reason));
+        }
         if self.check_is_due() {
             self.phase = Phase::Checking;
             return Step::Check;
@@ -364,6 +386,10 @@ impl Sequence for Lines {
                 reason: format!("this connection has a {}, which must end first", self.name()),
             }),
         }
+    }
+
+    fn drop_lines(&mut self, reason: Text<REASON_MAX>) {
+        self.dropped = Some(reason);
     }
 
     fn end(&mut self, why: Ending) {

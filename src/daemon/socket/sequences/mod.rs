@@ -38,7 +38,7 @@ pub(super) use table::{Sequences, Waits};
 
 use super::policy::Peer;
 use crate::daemon::shared::job::Job;
-use crate::daemon::shared::queue::{LINE_MAX, Outcome, Text};
+use crate::daemon::shared::queue::{LINE_MAX, Outcome, REASON_MAX, Text};
 use crate::function::rotary::RotaryState;
 use crate::map::HostOffset;
 use crate::protocol::{CallError, Reply, control};
@@ -218,6 +218,10 @@ pub(super) trait Sequence: fmt::Debug + Send {
     /// # Errors
     /// What to answer instead; nothing changes then.
     fn asked(&mut self, call: SequenceCall, now: Instant) -> Result<(), CallError>;
+
+    /// Somebody has stopped all motion, and the lines that wait are not sent any more, for this reason: nor are those that
+    /// would follow here.
+    fn drop_lines(&mut self, _reason: Text<REASON_MAX>) {}
 
     /// It ends, for this reason. Told once.
     fn end(&mut self, why: Ending);

@@ -5,6 +5,7 @@ use std::fmt;
 use std::time::Instant;
 
 use super::{Ending, LEASE, Resource, Sequence};
+use crate::daemon::shared::queue::{REASON_MAX, Text};
 use crate::daemon::socket::call_table::Caller;
 use crate::daemon::socket::policy::Peer;
 use crate::protocol::{CallError, Reply};
@@ -198,6 +199,11 @@ impl Sequences {
     pub(in crate::daemon::socket) fn renew(&mut self, client: u64, now: Instant) -> usize {
         let own = self.running.values_mut().filter(|running| running.owner.client == client);
         own.map(|running| running.heard = now).count()
+    }
+
+    /// No sequence sends a line any more, but those of its end.
+    pub(in crate::daemon::socket) fn drop_lines(&mut self, reason: Text<REASON_MAX>) {
+        self.running.values_mut().for_each(|running| running.machine.drop_lines(reason));
     }
 
     /// A sequence is over.

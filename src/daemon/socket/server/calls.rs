@@ -175,9 +175,10 @@ impl Service {
         self.do_job(caller, call, now)
     }
 
-    /// User `uid` stops all motion by `character`: no line that waits here is sent any more.
+    /// User `uid` stops all motion by `character`: no line that waits here is sent any more, nor one that a sequence would send.
     pub(super) fn drop_waiting_lines(&mut self, uid: u32, character: u8, now: Instant) {
         let reason = dropped_by(uid, character);
+        self.sequences.drop_lines(reason);
         for ended in self.calls.drop_lines() {
             self.on_end(ended, Outcome::Dropped(reason), now);
         }
