@@ -339,7 +339,8 @@ impl Board {
 fn factory(identity: &Identity, fixed_i10: Option<f64>) -> Variables {
     let mut variables = Variables::new(identity.tables);
     if let Some(i10) = fixed_i10 {
-        variables.set_i(10, i10);
+        // A millisecond is one more than I10 can hold.
+        variables.set_i(10, if i10 == 8_388_608.0 { 8_388_607.0 } else { i10 });
     }
     variables
 }
