@@ -25,6 +25,12 @@ until_reply() { # REPLY LINE
 position() { $pmacctl motors | awk -v motor="#$1" '$1 == motor { print $3 }'; }
 
 say 'the board as it was saved, its servo report begun, its motors closed'
+# A daemon that has just started sends nobody's line before the board has answered its own.
+i=0
+until $pmacctl send I59 >/dev/null 2>&1 || [ $i -gt 100 ]; do
+	i=$((i + 1))
+	sleep 0.1
+done
 # A board that resets answers nobody.
 $pmacctl send --timeout 0.3 '$$$' >reset 2>&1
 until_reply 8 I59
