@@ -21,8 +21,8 @@ until_reply() { # REPLY LINE
 	echo "\"$2\" answers \"$1\""
 }
 
-# Positions come from the servo report, not from a question.
-position() { $pmacctl motors | awk -v motor="#$1" '$1 == motor { print $3 }'; }
+# Actual positions, from the servo report, not from a question.
+position() { $pmacctl motors | awk -v motor="#$1" '$1 == motor { print $4 }'; }
 
 say 'the board as it was saved, its servo report begun, its motors closed'
 # A daemon that has just started sends nobody's line before the board has answered its own.
