@@ -60,7 +60,7 @@ fn b2_6_a_killed_motor_gets_no_line_either() {
     drop(held);
     site.run_for(Duration::from_secs(3));
     assert!(is_open(&mut board), "{}", site.log());
-    assert!(!site.log().contains("J/"), "{}", site.log());
+    assert!(!site.log().contains("#1J/"), "{}", site.log());
 }
 
 #[test]
