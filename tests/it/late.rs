@@ -77,6 +77,14 @@ fn b2_1_a_new_daemon_does_not_take_what_the_old_one_has_left() {
 }
 
 #[test]
+fn b2_1_a_board_with_a_slow_servo_cycle_is_believed_at_once() {
+    let site = VirtualSite::running(&["--servo-hz", "500"], &[]);
+    let took = seconds(&site, || assert_eq!(site.ask("P5=7 P5"), ["7"]));
+    assert!(took < 1.0, "{took} s");
+    site.wait_for_identity();
+}
+
+#[test]
 fn b2_1_after_a_reset_the_port_is_free() {
     let site = board("line_flag=done");
     site.control("fault ascii_slow 60000ms");

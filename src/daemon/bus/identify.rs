@@ -270,7 +270,7 @@ impl Identifier {
                 match meaning {
                     Meaning::ServoPeriod => {
                         asking.i10 = value;
-                        asking.servo_period_ps = value.filter(|&i10| i10 > 0).map(servo_period_ps);
+                        asking.servo_period_ps = value.filter(says_period).map(servo_period_ps);
                     }
                     Meaning::ReportCycles => asking.servo_report_cycles = value,
                     Meaning::ServoReport => asking.servo_report = value,
@@ -324,6 +324,11 @@ impl Identifier {
     pub fn take_update(&mut self) -> Option<Identity> {
         self.update.take()
     }
+}
+
+/// Whether I10 says the servo period: at its end it stands for any that is longer (Software Reference, I10: 0 to 8388607).
+const fn says_period(i10: &u32) -> bool {
+    matches!(*i10, 1..8_388_607)
 }
 
 /// The servo period in picoseconds that I10 says: I10 / 8388608 ms.

@@ -339,8 +339,8 @@ impl Board {
 fn factory(identity: &Identity, fixed_i10: Option<f64>) -> Variables {
     let mut variables = Variables::new(identity.tables);
     if let Some(i10) = fixed_i10 {
-        // A millisecond is one more than I10 can hold.
-        variables.set_i(10, if i10 == 8_388_608.0 { 8_388_607.0 } else { i10 });
+        // I10 holds 0 to 8388607 (Software Reference, I10), not quite a millisecond: of a slower cycle it can say no more.
+        variables.set_i(10, i10.min(8_388_607.0));
     }
     variables
 }
