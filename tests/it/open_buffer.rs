@@ -111,6 +111,38 @@ fn b1_2_a_buffer_that_the_serial_port_opened_counts() {
 }
 
 #[test]
+fn b1_2_without_servo_data_the_board_is_asked_for_open_buffers() {
+    let site = VirtualSite::new();
+    let startup = site.file("startup.pmc", "I58=1\n");
+    site.start_simulator(&["--startup", &startup]);
+    let mut serial = UnixStream::connect(site.path("serial")).unwrap();
+    serial.write_all(b"OPEN PROG 88 CLEAR\rX1\r").unwrap();
+    site.run_for(Duration::from_millis(100));
+    // Its own questions, at the start and later, enter the buffer as little as others' lines.
+    site.start_daemon(&[]);
+    site.run_for(Duration::from_secs(3));
+    let file = site.file("file.pmc", "P5=1\n");
+    for arguments in [&["download", &file][..], &["send", "X9"], &["send", "I57"]] {
+        assert_refused(&site, arguments, "opened by somebody else (the serial port");
+    }
+    assert_eq!(site.run(&["send", "CLOSE"]).code, Some(0));
+    site.wait_for_identity();
+    assert_eq!(site.ask("LIST PROG 88"), ["X1"]);
+    // Nobody has told the daemon of this one, and no report does.
+    serial.write_all(b"OPEN PROG 89 CLEAR\rX1\r").unwrap();
+    site.run_for(Duration::from_secs(1));
+    assert_refused(&site, &["send", "X9"], "opened by somebody else");
+    serial.write_all(b"X2\rCLOSE\r").unwrap();
+    site.run_for(Duration::from_secs(1));
+    assert_eq!(site.ask("LIST PROG 89"), ["X1", "X2"]);
+    // A refused OPEN opens nothing.
+    assert_eq!(site.run(&["send", "OPEN PROG 99999"]).code, Some(1));
+    assert_eq!(call(&mut stranger(&site), "Send", json!({"line": "P5=1"})).get("error"), None);
+    assert_eq!(site.ask("P5"), ["1"]);
+    site.assert_no_violations();
+}
+
+#[test]
 fn b1_2_a_sequence_whose_buffer_somebody_closed_carries_nothing_out() {
     let site = VirtualSite::running(&[], &[]);
     let file = site.file("long.pmc", &format!("OPEN PROG 9 CLEAR\n{}P5=1\nCLOSE\n", "X1\n".repeat(2000)));

@@ -201,6 +201,7 @@ impl BoardLoop {
             status.enabled = enabled;
             status.enabling = queue.identifier.enabling();
             status.reply_end = queue.ports().dpram.reply_end();
+            (status.buffer, status.held) = queue.standing();
             status.open_loops = self.functions.open_loops();
             status.motion = servo.motion();
             status.host_port = ascii.host_port_counts().unwrap_or(status.host_port);

@@ -4,7 +4,7 @@
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
-use super::queue::{Event, Sender};
+use super::queue::{Event, Held, Sender};
 use super::status::{BoardStatus, Enabling, HostPortCounts, KnownIdentity};
 use crate::function::servo::Motion;
 use crate::map::Family;
@@ -86,6 +86,12 @@ impl Info {
     #[must_use]
     pub fn open_loops(&self) -> u32 {
         self.status.open_loops
+    }
+
+    /// The command that was given up and holds the port for command lines.
+    #[must_use]
+    pub fn held(&self) -> Option<Held> {
+        self.status.held
     }
 
     /// Which motors move.

@@ -3,5 +3,6 @@
 pub mod info;
 pub mod job;
 pub mod open_buffer;
+pub mod origin;
 pub mod queue;
 pub mod status;

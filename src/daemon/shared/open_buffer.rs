@@ -5,15 +5,24 @@
 //! only the user who opened a buffer by hand, or the sequence that did, writes into it.
 //!
 //! The lines tell what they open, the board's status tells the rest: bits 19, 18 and 17 of the second word of `???` are a
-//! motion, a rotary and a PLC buffer that is open (`Y:$0003`, which the servo report copies), whoever opened it.
+//! motion, a rotary and a PLC buffer that is open (`Y:$0003`, which the servo report copies), whoever opened it. Where no
+//! servo report comes, the board is asked by [`QUESTION`].
+
+mod line;
 
 use std::fmt;
-use std::time::Instant;
+use std::time::{Duration, Instant};
+
+pub use line::NAME_MAX;
+use line::{Effect, effect, enters_nothing, is_close};
 
 use crate::format::Text;
 
-/// The longest name of a buffer: `PROG 32767`.
-pub const NAME_MAX: usize = 16;
+/// The question whether a buffer is open: the free memory, "negative sign while a buffer is open" (Software Reference, `SIZE`;
+/// GRAMMAR 2.7). So the board answers it at once while one is open, too, and it is no word of any program.
+pub const QUESTION: &[u8] = b"SIZE";
+/// How long its answer is believed.
+pub const ANSWER_AGE: Duration = Duration::from_millis(200);
 /// Servo reports after a line that are not believed when they say otherwise: the board may have made them before it took the
 /// line.
 const OLD_REPORTS: u64 = 50;
@@ -22,9 +31,8 @@ const OLD_REPORTS: u64 = 50;
 const CLOSE_ROTARY: u8 = 12;
 /// ^U, which opens them as `OPEN ROT` does.
 const OPEN_ROTARY: u8 = 21;
-const OPEN: &str = "OPEN";
-const CLOSES: [&str; 2] = ["CLOSE", "CLS"];
-const BUFFERS: [&str; 7] = ["PROG", "PLCC", "PLC", "ROTARY", "ROT", "FORWARD", "INVERSE"];
+/// The error of an `OPEN` while a buffer is open (FACTS 2: buffer already in use).
+const IN_USE: u16 = 7;
 
 /// A user and a process of his.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -73,11 +81,13 @@ pub enum Barred {
     Closed,
 }
 
-/// What a line does.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Effect {
-    Opens(Text<NAME_MAX>),
-    Closes,
+/// Whether a buffer is open, as far as known.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Standing {
+    /// One is.
+    pub is_open: bool,
+    /// Which, and who has opened it, where that was done through this daemon.
+    pub opened: Option<Opened>,
 }
 
 /// Follows the lines that a board is sent, and its reports. Takes no memory.
@@ -85,8 +95,16 @@ enum Effect {
 pub struct OpenBuffer {
     /// What the lines so far have opened.
     opened: Option<Opened>,
-    /// The board's status says that one is open, whoever opened it.
+    /// What they had opened before the last line that opens one.
+    opened_before: Option<Opened>,
+    /// The board says that one is open, whoever opened it.
     seen: bool,
+    /// Servo reports come, and tell.
+    has_reports: bool,
+    /// When the board was asked last.
+    asked: Option<Instant>,
+    /// What became of a line that opens or closes one is not known.
+    in_doubt: bool,
     /// The number of the last report, and of the first one that is believed again.
     report: u64,
     believed: u64,
@@ -105,16 +123,43 @@ impl OpenBuffer {
         self.opened.as_ref()
     }
 
-    /// Why `writer` must not send `line` now, if that is so. By hand `CLOSE` always passes, and what only reports or stops.
+    /// What others are told.
     #[must_use]
-    pub fn bars(&self, line: &[u8], writer: Writer) -> Option<Barred> {
-        let own = match (self.opened.map(|opened| opened.by), writer) {
+    pub const fn standing(&self) -> Standing {
+        Standing { is_open: self.is_open(), opened: self.opened }
+    }
+
+    /// Whether that is the board's own word, and not too old.
+    #[must_use]
+    pub fn is_known(&self, now: Instant) -> bool {
+        let is_fresh = self.asked.is_some_and(|asked| now < asked + ANSWER_AGE);
+        self.has_reports && !self.in_doubt || is_fresh
+    }
+
+    /// Whether the board has to be asked before `writer` may send `line`. Who opened the buffer needs not know, and what stores
+    /// nothing does not wait.
+    #[must_use]
+    pub fn must_ask(&self, line: &[u8], writer: Writer, now: Instant) -> bool {
+        let is_sure = self.is_known(now) || self.is_own(writer) && !self.in_doubt;
+        let closes = matches!(writer, Writer::Hand(_)) && is_close(line);
+        !is_sure && !closes && !enters_nothing(line)
+    }
+
+    /// Whether `writer` has opened what is open.
+    fn is_own(&self, writer: Writer) -> bool {
+        match (self.opened.map(|opened| opened.by), writer) {
             (Some(Writer::Hand(opener)), Writer::Hand(writer)) => opener.uid == writer.uid,
             (Some(Writer::Sequence { number: opener, .. }), Writer::Sequence { number, .. }) => {
                 opener == number
             }
             _ => false,
-        };
+        }
+    }
+
+    /// Why `writer` must not send `line` now, if that is so. By hand `CLOSE` always passes, and what only reports or stops.
+    #[must_use]
+    pub fn bars(&self, line: &[u8], writer: Writer) -> Option<Barred> {
+        let own = self.is_own(writer);
         let passes = matches!(writer, Writer::Hand(_)) && (is_close(line) || enters_nothing(line));
         match writer {
             Writer::Sequence { inside: true, .. } if !own => Some(Barred::Closed),
@@ -123,45 +168,76 @@ impl OpenBuffer {
         }
     }
 
+    /// What has become of `line`, which `writer` was free to send, if somebody has opened or closed a buffer meanwhile.
+    #[must_use]
+    pub fn surprise(&self, line: &[u8], writer: Writer) -> Option<Barred> {
+        self.bars(line, writer).filter(|_| effect(line).is_none())
+    }
+
     /// Takes note of what report number `report` of the board says.
     pub fn see(&mut self, open: bool, report: u64) {
-        self.report = report;
+        (self.has_reports, self.report) = (true, report);
         if report >= self.believed {
-            self.seen = open;
-            if !open {
-                self.opened = None;
-            }
+            self.settle(open);
         }
     }
 
-    /// Takes note of what the board answered just now: a buffer is open, or none is.
-    pub fn learn(&mut self, open: bool) {
-        self.seen = open;
+    /// Takes note of what the board has answered to [`QUESTION`]: the free memory, 0 of which has no sign; or nothing of use. Then
+    /// the lines alone tell.
+    pub fn learn(&mut self, size: Option<i64>, now: Instant) {
+        self.asked = Some(now);
+        match size {
+            Some(size) if size != 0 => self.settle(size < 0),
+            _ => (self.seen, self.in_doubt) = (false, false),
+        }
+    }
+
+    fn settle(&mut self, open: bool) {
+        (self.seen, self.in_doubt) = (open, false);
         if !open {
             self.opened = None;
         }
     }
 
-    /// No report comes any more: the lines alone tell.
+    /// No report comes any more: the board has to be asked.
     pub fn unsee(&mut self) {
-        self.seen = false;
+        if std::mem::take(&mut self.has_reports) {
+            self.asked = None;
+        }
     }
 
     /// Takes note of a line that goes to the board. What it opens counts as open from now on, even if the board refuses the
-    /// line: an error may follow what opened it. The reports tell, if it did not.
+    /// line: an error may follow what opened it.
     pub fn begin(&mut self, line: &[u8], by: Writer, now: Instant) {
         if let Some(Effect::Opens(name)) = effect(line) {
-            self.opened = Some(Opened { name, by, at: now });
+            self.opened_before = self.opened.replace(Opened { name, by, at: now });
             self.distrust();
         }
     }
 
-    /// Takes note of a line that the board has answered.
+    /// Takes note of a line that the board has acknowledged.
     pub fn done(&mut self, line: &[u8]) {
         match effect(line) {
             Some(Effect::Closes) => self.close(),
             Some(Effect::Opens(_)) => self.distrust(),
             None => {}
+        }
+    }
+
+    /// Takes note of a line that the board has refused with this error. One was open before, if that says so, and is still.
+    pub fn refused(&mut self, line: &[u8], error: u16) {
+        self.doubt(line);
+        if error == IN_USE && matches!(effect(line), Some(Effect::Opens(_))) {
+            self.opened = self.opened_before;
+            self.settle(true);
+        }
+    }
+
+    /// Takes note of a line that may have been carried out or not: what it opens or closes may be open or not.
+    pub fn doubt(&mut self, line: &[u8]) {
+        if effect(line).is_some() {
+            (self.in_doubt, self.asked) = (true, None);
+            self.distrust();
         }
     }
 
@@ -190,88 +266,6 @@ impl OpenBuffer {
     }
 }
 
-/// Whether `line` is `CLOSE` and nothing else.
-fn is_close(line: &[u8]) -> bool {
-    CLOSES.iter().any(|word| line.trim_ascii().eq_ignore_ascii_case(word.as_bytes()))
-}
-
-/// Whether `line` only addresses, reports and stops: `#1P`, `&2?`, `#1J/`, `&1A`. The board carries such letters out while a
-/// buffer is open, too, and stores nothing: a letter of a program has a number behind it, these have none (Software Reference
-/// p. 273 has `&1R &2R` under `OPEN ROT`; of the other letters it is what boards are known to do). On the other reading the
-/// board would refuse the line.
-fn enters_nothing(line: &[u8]) -> bool {
-    let mut rest = line.trim_ascii();
-    let mut acts = false;
-    while let Some((&first, behind)) = rest.split_first() {
-        rest = match first.to_ascii_uppercase() {
-            b'#' | b'&' => &behind[behind.iter().take_while(|byte| byte.is_ascii_digit()).count()..],
-            b'J' if behind.first() == Some(&b'/') => &behind[1..],
-            b'?' | b'A' | b'F' | b'H' | b'K' | b'P' | b'V' => behind,
-            b' ' => {
-                rest = behind;
-                continue;
-            }
-            _ => return false,
-        };
-        // Two letters together are another command, and a letter with a number or a value a piece of a program.
-        acts |= first != b'#' && first != b'&';
-        if first.is_ascii_alphabetic() && rest.first().is_some_and(|byte| !matches!(byte, b' ' | b'#' | b'&'))
-        {
-            return false;
-        }
-    }
-    acts
-}
-
-/// What `line` does to the buffers in the end; `None` when it leaves them as they are.
-fn effect(line: &[u8]) -> Option<Effect> {
-    let mut effect = None;
-    // What stands in quotes is text that a program sends.
-    for part in line.split(|byte| *byte == b'"').step_by(2) {
-        let mut rest = part;
-        while let Some(start) = rest.iter().position(u8::is_ascii_alphabetic) {
-            rest = &rest[start..];
-            let end = rest.iter().position(|byte| !byte.is_ascii_alphabetic()).unwrap_or(rest.len());
-            let (word, behind) = rest.split_at(end);
-            if CLOSES.iter().any(|close| word.eq_ignore_ascii_case(close.as_bytes())) {
-                effect = Some(Effect::Closes);
-            } else if let Some(name) = opened_by(word, behind) {
-                effect = Some(Effect::Opens(name));
-            }
-            rest = behind;
-        }
-        // No buffer is open after a reset.
-        if part.windows(3).any(|three| three == b"$$$") {
-            effect = Some(Effect::Closes);
-        }
-    }
-    effect
-}
-
-/// The buffer that `word` opens, or `word` together with what stands `behind` it; `None` when it opens none.
-fn opened_by(word: &[u8], behind: &[u8]) -> Option<Text<NAME_MAX>> {
-    let has_open = word.len() >= OPEN.len() && word[..OPEN.len()].eq_ignore_ascii_case(OPEN.as_bytes());
-    let kind = if has_open { &word[OPEN.len()..] } else { return None };
-    let known =
-        |kind: &[u8]| BUFFERS.iter().find(|known| kind.eq_ignore_ascii_case(known.as_bytes())).copied();
-    let spaces = |text: &[u8]| text.iter().take_while(|byte| **byte == b' ').count();
-    let (name, number) = if kind.is_empty() {
-        let behind = &behind[spaces(behind)..];
-        let end = behind.iter().position(|byte| !byte.is_ascii_alphabetic()).unwrap_or(behind.len());
-        (known(&behind[..end]).unwrap_or(""), &behind[end..])
-    } else {
-        (known(kind)?, behind)
-    };
-    let number = &number[spaces(number)..];
-    let digits = number.iter().take_while(|byte| byte.is_ascii_digit()).count();
-    let mut text = [b' '; NAME_MAX];
-    let letters = name.len().min(NAME_MAX);
-    text[..letters].copy_from_slice(&name.as_bytes()[..letters]);
-    let room = digits.min(NAME_MAX - letters - 1);
-    text[letters + 1..letters + 1 + room].copy_from_slice(&number[..room]);
-    Some(Text::from_bytes(text.trim_ascii()))
-}
-
 impl Barred {
     /// What the user is told at `now`: what is open, by whom and since when, and what to do.
     #[must_use]
@@ -290,13 +284,30 @@ impl Barred {
                      engineer closes it"
                 )
             }
-            Self::Open(None) => "not sent, it would have become a program line: the board's status says that a program buffer is \
-                                 open, opened by somebody else (the serial port, another host, or before pmacd started); \
+            Self::Open(None) => "not sent, it would have become a program line: the board says that a program buffer is open, \
+                                 opened by somebody else (the serial port, another host, or before pmacd started); \
                                  CLOSE by an engineer closes it"
                 .to_owned(),
             Self::Closed => "not sent, it would have been carried out at once: somebody closed the program buffer that this \
                              sequence had open"
                 .to_owned(),
+        }
+    }
+}
+
+impl Barred {
+    /// What the user is told of a line that was sent before this was known.
+    #[must_use]
+    pub const fn too_late(&self) -> &'static str {
+        match self {
+            Self::Open(_) => {
+                "the line may have entered the program buffer that somebody else opened at this moment (the serial port, or another \
+                 host), and not have been carried out; LIST shows it"
+            }
+            Self::Closed => {
+                "the line may have been carried out at once: somebody closed the program buffer at this moment that this sequence \
+                 had open"
+            }
         }
     }
 }
@@ -325,19 +336,6 @@ mod tests {
     fn sent(buffer: &mut OpenBuffer, line: &str, by: Writer) {
         buffer.begin(line.as_bytes(), by, Instant::now());
         buffer.done(line.as_bytes());
-    }
-
-    #[test]
-    fn b1_2_what_only_reports_or_stops_enters_no_buffer() {
-        for line in ["#1P", "#3 P V F", "&2?", "???", "#1J/", "&1A", "#1k", " #1 #2 p "] {
-            assert!(enters_nothing(line.as_bytes()), "{line}");
-        }
-        for line in [
-            "P1", "#1P1", "P=1", "A10", "#1J+", "#1J=5", "F100", "K5", "I57", "PR1", "&1R", "&1 B1", "#1",
-            "", "H(P1)", "P,5",
-        ] {
-            assert!(!enters_nothing(line.as_bytes()), "{line}");
-        }
     }
 
     #[test]
@@ -387,10 +385,64 @@ mod tests {
         sent(&mut buffer, "OPEN PROG 1", ANNE);
         buffer.unsee();
         assert!(buffer.is_open(), "no report comes");
-        buffer.learn(true);
+        buffer.learn(Some(-41301), Instant::now());
         assert_eq!(buffer.bars(b"X1", ANNE), None);
-        buffer.learn(false);
+        buffer.learn(Some(41301), Instant::now());
         assert!(!buffer.is_open());
+    }
+
+    #[test]
+    fn b1_2_without_reports_the_board_is_asked_before_a_line_that_might_enter() {
+        let now = Instant::now();
+        let asks = |buffer: &OpenBuffer, line: &str, writer| buffer.must_ask(line.as_bytes(), writer, now);
+        let mut buffer = OpenBuffer::default();
+        assert!(
+            [ANNE, sequence(1, false), Writer::Question].iter().all(|writer| asks(&buffer, "P1", *writer))
+        );
+        assert!(!asks(&buffer, "CLOSE", ANNE) && asks(&buffer, "CLOSE", sequence(1, false)));
+        assert!(!asks(&buffer, "#1J/", Writer::Question), "what stops does not wait");
+        buffer.learn(Some(-41301), now);
+        assert!(!asks(&buffer, "P1", ANNE) && buffer.bars(b"P1", ANNE) == Some(Barred::Open(None)));
+        assert!(buffer.must_ask(b"P1", ANNE, now + ANSWER_AGE), "too old");
+        buffer.learn(None, now);
+        assert_eq!(buffer.bars(b"P1", ANNE), None, "the lines alone tell");
+        sent(&mut buffer, "OPEN PROG 1", ANNE);
+        let later = now + ANSWER_AGE;
+        assert!(!buffer.must_ask(b"X1", ANNE, later) && buffer.must_ask(b"X1", BOB, later));
+        buffer.doubt(b"OPEN PROG 1");
+        assert!(asks(&buffer, "X1", ANNE), "the board may have refused it");
+        buffer.learn(Some(41301), now);
+        assert!(!asks(&buffer, "X1", ANNE) && !buffer.is_open());
+    }
+
+    #[test]
+    fn b1_2_who_could_not_open_a_buffer_has_not_opened_it() {
+        let now = Instant::now();
+        let mut buffer = OpenBuffer::default();
+        // The serial port was first.
+        buffer.begin(b"OPEN PROG 2", ANNE, now);
+        buffer.refused(b"OPEN PROG 2", IN_USE);
+        assert_eq!(buffer.bars(b"X1", ANNE), Some(Barred::Open(None)));
+        sent(&mut buffer, "CLOSE", ANNE);
+        sent(&mut buffer, "OPEN PROG 1", ANNE);
+        buffer.begin(b"OPEN PROG 2", ANNE, now);
+        buffer.refused(b"OPEN PROG 2", IN_USE);
+        assert_eq!(buffer.opened().map(|opened| &*opened.name), Some("PROG 1"));
+    }
+
+    #[test]
+    fn b1_2_reports_are_enough_unless_a_line_was_refused() {
+        let now = Instant::now();
+        let mut buffer = OpenBuffer::default();
+        buffer.see(false, 1);
+        assert!(!buffer.must_ask(b"P1", BOB, now));
+        buffer.begin(b"OPEN PROG 1", ANNE, now);
+        buffer.doubt(b"OPEN PROG 1");
+        assert!(buffer.must_ask(b"P1", ANNE, now));
+        buffer.see(false, 1 + OLD_REPORTS);
+        assert!(!buffer.must_ask(b"P1", ANNE, now) && !buffer.is_open());
+        buffer.unsee();
+        assert!(buffer.must_ask(b"P1", ANNE, now));
     }
 
     #[test]

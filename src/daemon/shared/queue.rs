@@ -13,6 +13,7 @@ use nix::sys::eventfd::{EfdFlags, EventFd};
 
 use super::job::Job;
 use super::open_buffer::{Barred, Writer};
+pub use super::origin::{Held, Origin, REASON_MAX};
 use super::status::BoardStatus;
 pub use crate::format::Text;
 use crate::function::ascii::ResponseText;
@@ -20,11 +21,6 @@ use crate::function::rotary::RotaryState;
 use crate::map::HostOffset;
 pub use crate::protocol::{LINE_MAX, READ_MAX};
 use crate::protocol::{MessageKind, control};
-
-/// The longest reason of a refusal.
-pub const REASON_MAX: usize = 240;
-/// As much of a line as others are told who have to wait for it.
-pub const SHOWN_MAX: usize = 60;
 
 /// The most commands of each kind that the bus thread has at a time, answered or not. The socket's thread hands over no more
 /// (`socket::fair_queue`), and the bus thread's queues have just this room.
@@ -52,17 +48,6 @@ pub mod at_once {
 /// Names one command from its acceptance to its last event. Chosen by the socket's thread, never reused.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct Ticket(pub u64);
-
-/// Whose line it is, and what others are told of it.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Origin {
-    /// The user.
-    pub uid: u32,
-    /// The line, or its beginning, without a password.
-    pub shown: Text<SHOWN_MAX>,
-    /// It ends a sequence, and is sent even if somebody stops all motion meanwhile.
-    pub stays: bool,
-}
 
 /// What the socket asks of the bus thread.
 #[derive(Debug)]

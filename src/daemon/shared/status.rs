@@ -1,5 +1,7 @@
 //! What the bus thread knows of its board, as it passes it on: plain values held in place, which allocate nothing.
 
+use super::open_buffer::Standing;
+use super::origin::Held;
 use crate::format::Text;
 use crate::function::servo::Motion;
 use crate::map::readings::ReplyEnd;
@@ -30,6 +32,10 @@ pub struct BoardStatus {
     pub command_state: CommandState,
     /// How the end of a reply through the DPRAM shows.
     pub reply_end: ReplyEnd,
+    /// The program buffer that is open.
+    pub buffer: Standing,
+    /// The command that was given up and holds the port.
+    pub held: Option<Held>,
     /// What the I-variables that switch functions on were when asked.
     pub enabling: Enabling,
     /// The motors whose loop is open, bit 0 being motor 1, as far as that is known for sure.
@@ -52,6 +58,8 @@ impl BoardStatus {
         command_port: CommandPort::Dpram,
         command_state: CommandState::Unknown,
         reply_end: ReplyEnd::Ack,
+        buffer: Standing { is_open: false, opened: None },
+        held: None,
         enabling: Enabling { panel: None, variables: None },
         open_loops: 0,
         motion: Motion { moving: 0, standing: 0 },

@@ -8,6 +8,7 @@ use std::time::{Duration, Instant};
 
 use crate::daemon::bus::ports::mailbox::MailboxDriver;
 use crate::daemon::config::ports::Use;
+use crate::daemon::shared::open_buffer;
 use crate::device::{Bus, BusError, ByteBusError};
 use crate::format::TextOrder;
 use crate::function::ascii::{AsciiEvent, DpramPort};
@@ -39,9 +40,16 @@ pub enum Answer {
     None,
 }
 
+/// What the board has answered, through the mailboxes, to the question for a program buffer: the free memory, or nothing of use.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct BufferAnswer(pub Option<i64>);
+
+/// A question through the mailboxes.
 struct Question {
     until: Instant,
-    answer: Answer,
+    /// It is the one for a program buffer, not the one for I58.
+    is_for_buffer: bool,
+    value: Option<i64>,
 }
 
 /// The ports, and which of them lines go through.
@@ -55,6 +63,7 @@ pub struct CommandPorts {
     enable: String,
     question: Option<Question>,
     answer: Option<Answer>,
+    buffer_answer: Option<BufferAnswer>,
     /// Responses taken from the DPRAM.
     responses: u64,
     /// A command was given up, here or by the host before, and no line of our own has been answered since.
@@ -78,6 +87,7 @@ impl CommandPorts {
             enable: format!("I{}", family.i.ascii_enable),
             question: None,
             answer: None,
+            buffer_answer: None,
             responses: 0,
             in_doubt: false,
         }
@@ -118,18 +128,21 @@ impl CommandPorts {
         }
     }
 
-    /// A line of our own has been answered, or cannot be sent. What may come of it still is let pass.
+    /// A line of our own has been answered. Another one follows.
+    pub fn finish(&mut self, now: Instant) {
+        match (self.in_use, &mut self.mailbox) {
+            (CommandPort::Mailbox, Some(mailbox)) => mailbox.port.finish(),
+            _ => self.dpram.finish(now),
+        }
+    }
+
+    /// As [`CommandPorts::finish`], and the doubt is over. What may come of it still is let pass.
     pub fn end_doubt(&mut self, now: Instant) {
         self.in_doubt = false;
+        self.finish(now);
         match (self.in_use, &mut self.mailbox) {
-            (CommandPort::Mailbox, Some(mailbox)) => {
-                mailbox.port.finish();
-                mailbox.port.settle(now);
-            }
-            _ => {
-                self.dpram.finish(now);
-                self.dpram.settle(now);
-            }
+            (CommandPort::Mailbox, Some(mailbox)) => mailbox.port.settle(now),
+            _ => self.dpram.settle(now),
         }
     }
 
@@ -313,22 +326,25 @@ impl CommandPorts {
         let Some(question) = &mut self.question else { return Ok(event) };
         let ended = match event {
             Some(AsciiEvent::Line(text)) => {
-                question.answer = value(text.as_bytes());
+                question.value = std::str::from_utf8(text.as_bytes()).ok().and_then(answer::integer);
                 None
             }
-            Some(AsciiEvent::Done(Ok(()))) => Some(question.answer),
-            Some(AsciiEvent::Done(Err(_))) => Some(Answer::None),
+            Some(AsciiEvent::Done(result)) => Some(question.value.filter(|_| result.is_ok())),
             Some(AsciiEvent::ProgramResponse(_) | AsciiEvent::ProgramMessage(_) | AsciiEvent::Stale(_)) => {
                 return Ok(event);
             }
             None if now >= question.until => {
                 mailbox.port.give_up(&mut mailbox.registers, now)?;
-                Some(Answer::None)
+                Some(None)
             }
             None => None,
         };
-        if ended.is_some() {
-            self.answer = ended;
+        if let Some(value) = ended {
+            if question.is_for_buffer {
+                self.buffer_answer = Some(BufferAnswer(value));
+            } else {
+                self.answer = Some(Answer::of(value));
+            }
             self.question = None;
         }
         Ok(None)
@@ -354,18 +370,22 @@ impl CommandPorts {
         Ok(self.mailbox.as_mut().map_or(Ok(()), MailboxDriver::select_page)?)
     }
 
-    /// Asks the board for I58 through the mailboxes; false: not now. [`CommandPorts::take_answer`] has what it says.
+    /// Asks the board for I58 through the mailboxes; false: not now. [`CommandPorts::take_answer`] has what it says. Where
+    /// nobody knows whether a program buffer is open, which I58 would enter, it is asked for that instead
+    /// ([`CommandPorts::take_buffer_answer`]).
     ///
     /// # Errors
     /// [`PortError`].
-    pub fn ask(&mut self, now: Instant) -> Result<bool, PortError> {
+    pub fn ask(&mut self, is_buffer_known: bool, now: Instant) -> Result<bool, PortError> {
         let Some(mailbox) = self.mailbox.as_mut().filter(|mailbox| mailbox.is_connected()) else {
             return Ok(false);
         };
-        if self.question.is_some() || !mailbox.port.begin(&mut mailbox.registers, self.enable.as_bytes())? {
+        let line = if is_buffer_known { self.enable.as_bytes() } else { open_buffer::QUESTION };
+        if self.question.is_some() || !mailbox.port.begin(&mut mailbox.registers, line)? {
             return Ok(false);
         }
-        self.question = Some(Question { until: now + PATIENCE, answer: Answer::None });
+        self.question =
+            Some(Question { until: now + PATIENCE, is_for_buffer: !is_buffer_known, value: None });
         Ok(true)
     }
 
@@ -373,13 +393,20 @@ impl CommandPorts {
     pub fn take_answer(&mut self) -> Option<Answer> {
         self.answer.take()
     }
+
+    /// What the board said of a program buffer, once.
+    pub fn take_buffer_answer(&mut self) -> Option<BufferAnswer> {
+        self.buffer_answer.take()
+    }
 }
 
-/// What a reply to the question says.
-fn value(text: &[u8]) -> Answer {
-    match std::str::from_utf8(text).ok().and_then(answer::integer) {
-        Some(0) => Answer::Off,
-        Some(_) => Answer::On,
-        None => Answer::None,
+impl Answer {
+    /// What a reply with this value says.
+    const fn of(value: Option<i64>) -> Self {
+        match value {
+            Some(0) => Self::Off,
+            Some(_) => Self::On,
+            None => Self::None,
+        }
     }
 }

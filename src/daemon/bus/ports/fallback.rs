@@ -3,7 +3,7 @@
 //! If a command stays unread in the DPRAM for 100 ms, the board is asked for I58 through the mailboxes. If I58 = 0 or the
 //! DPRAM is out of reach, lines go through the mailboxes from then on, beginning with the unread one. I58 is then asked for
 //! every 2 s; when it is not 0, lines go through the DPRAM again. While a program buffer is open nothing is asked: the
-//! question would be a program line.
+//! question would be a program line. Where nobody knows, that is asked first.
 
 use std::time::{Duration, Instant};
 
@@ -24,8 +24,8 @@ pub struct Waiting {
     pub untouched: bool,
     /// A command that the board may be at work on.
     pub under_way: bool,
-    /// A program buffer is open.
-    pub buffer_open: bool,
+    /// A program buffer is open; `None` where nobody knows.
+    pub buffer_open: Option<bool>,
 }
 
 /// Where lines should go from now on, and why.
@@ -107,7 +107,7 @@ impl Fallback {
         let in_dpram = ports.in_use() == CommandPort::Dpram;
         let stuck = in_dpram && waiting.untouched;
         self.stuck_since = self.stuck_since.filter(|_| stuck).or(stuck.then_some(now));
-        if waiting.buffer_open || now < self.next_question {
+        if waiting.buffer_open == Some(true) || now < self.next_question {
             return Ok(());
         }
         let has_reason = if in_dpram {
@@ -115,7 +115,7 @@ impl Fallback {
         } else {
             !waiting.under_way && ports.is_idle()
         };
-        if has_reason && ports.ask(now)? {
+        if has_reason && ports.ask(waiting.buffer_open.is_some(), now)? {
             self.next_question = now + AGAIN;
         }
         Ok(())

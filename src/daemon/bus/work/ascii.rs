@@ -4,6 +4,7 @@
 //! board is asked who it is ([`crate::daemon::bus::identify`]). Everything is bounded: the queues by what the socket hands
 //! over, a command by its deadline, a poll by the number of responses it takes.
 
+mod buffer;
 mod check;
 mod controls;
 mod expiry;
@@ -13,6 +14,7 @@ mod way;
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 
+use buffer::BufferQuestion;
 use check::Check;
 use outbox::Outbox;
 
@@ -21,9 +23,9 @@ use crate::daemon::bus::identify::Identifier;
 use crate::daemon::bus::ports::command_port::{CommandPorts, PortError};
 use crate::daemon::bus::ports::fallback::Fallback;
 use crate::daemon::bus::scale_doubts::ScaleDoubts;
-use crate::daemon::shared::open_buffer::{OpenBuffer, Writer};
+use crate::daemon::shared::open_buffer::{OpenBuffer, Standing, Writer};
 use crate::daemon::shared::queue::{
-    Command, Event, LINE_MAX, Origin, Outcome, Sender, Text, Ticket, Unsolicited, at_once,
+    Command, Event, Held, LINE_MAX, Origin, Outcome, Sender, Text, Ticket, Unsolicited, at_once,
 };
 use crate::device::Bus;
 use crate::function::ascii::control::control_has_reply;
@@ -50,6 +52,8 @@ enum InFlight {
     Control(WaitingControl),
     /// A question of the identifier's.
     Identify,
+    /// The question whether a program buffer is open.
+    Buffer,
     /// The line of our own after a command that was given up.
     Check,
 }
@@ -99,6 +103,8 @@ pub struct AsciiQueue {
     check: Check,
     /// Whether the board takes lines as program lines.
     buffer: OpenBuffer,
+    /// When it is asked, and what it said.
+    buffer_question: BufferQuestion,
     /// After a control character with a reply a line has its turn, if one waits.
     line_is_next: bool,
     /// What the socket is told. While it is full nothing more is taken from the board.
@@ -128,6 +134,7 @@ impl AsciiQueue {
             control_lost: None,
             check: Check::new(now),
             buffer: OpenBuffer::default(),
+            buffer_question: BufferQuestion::new(now),
             line_is_next: false,
             outbox: Outbox::default(),
             identifier,
@@ -175,6 +182,12 @@ impl AsciiQueue {
         self.ports.start(now)
     }
 
+    /// The program buffer that is open, as far as known, and the command that was given up and holds the port.
+    #[must_use]
+    pub const fn standing(&self) -> (Standing, Option<Held>) {
+        (self.buffer.standing(), self.check.held())
+    }
+
     /// Whether an answer waits for room in the socket's queue, so that nothing more is taken from the board.
     #[must_use]
     pub fn is_held_up(&self) -> bool {
@@ -190,15 +203,6 @@ impl AsciiQueue {
     /// The ports for command lines.
     pub fn ports_mut(&mut self) -> &mut CommandPorts {
         &mut self.ports
-    }
-
-    /// What report number `report` of the board says of its program buffers, which others may open too; nothing while none
-    /// comes.
-    pub fn see_buffer(&mut self, open: Option<bool>, report: u64) {
-        match open {
-            Some(open) => self.buffer.see(open, report),
-            None => self.buffer.unsee(),
-        }
     }
 
     /// Whether interrupts announce responses, so that they need not be looked for so often.
@@ -298,12 +302,10 @@ impl AsciiQueue {
             || !self.lines.is_empty()
             || !self.controls.is_empty();
         // What cannot be asked now is not waited for.
-        let question = if self.buffer.is_open() {
-            Duration::MAX
-        } else if self.ports.in_doubt() {
+        let question = if self.ports.in_doubt() {
             self.check.due_in(now)
         } else {
-            self.identifier.due_in(now)
+            self.identifier.due_in(now).max(self.questions_barred_for(now))
         };
         match (in_flight, self.has_interrupt) {
             // The mailboxes' interrupts tell everything; only time has to be watched.
@@ -335,26 +337,38 @@ impl AsciiQueue {
             // Lines that always wait must not hold it up. It goes with the next poll.
             return Ok(());
         }
+        let questions_wait = !self.questions_barred_for(now).is_zero();
         if let Some(&next) = self.lines.front()
-            && (self.buffer.is_open() || !self.identifier.is_overdue(now))
+            && (questions_wait || !self.identifier.is_overdue(now))
         {
-            if let Some(barred) = self.buffer.bars(next.line.as_bytes(), next.writer) {
+            if now >= next.deadline {
+                // Its caller has been told by now that it was not done. So must it be; [`Self::expire`] takes it away.
+                return Ok(());
+            }
+            let line = next.line.as_bytes();
+            if self.buffer.must_ask(line, next.writer, now) {
+                return self.ask_buffer(bus, publisher, now);
+            }
+            if let Some(barred) = self.buffer.bars(line, next.writer) {
                 self.lines.pop_front();
                 self.outbox.tell(events, Event::Done(next.ticket, Outcome::Barred(barred)));
                 return Ok(());
             }
-            // Its caller has been told by now that it was not done. So must it be; [`Self::expire`] takes it away.
-            if now < next.deadline && self.ports.begin(bus, next.line.as_bytes())? {
+            if self.ports.begin(bus, line)? {
                 self.lines.pop_front();
-                self.buffer.begin(next.line.as_bytes(), next.writer, now);
+                self.buffer.begin(line, next.writer, now);
                 self.start(InFlight::Line(next), next.deadline, publisher, now);
             }
-        } else if !self.buffer.is_open()
-            && let Some((line, patience)) = self.identifier.next_line(now)
-            && self.ports.begin(bus, line.as_bytes())?
-        {
-            self.identifier.sent();
-            self.start(InFlight::Identify, now + patience, publisher, now);
+        } else if !questions_wait && self.identifier.due_in(now).is_zero() {
+            if !self.buffer.is_known(now) {
+                return self.ask_buffer(bus, publisher, now);
+            }
+            if let Some((line, patience)) = self.identifier.next_line(now)
+                && self.ports.begin(bus, line.as_bytes())?
+            {
+                self.identifier.sent();
+                self.start(InFlight::Identify, now + patience, publisher, now);
+            }
         }
         Ok(())
     }
@@ -383,6 +397,7 @@ impl AsciiQueue {
                             self.outbox.tell(events, Event::Line(ticket, text));
                         }
                         InFlight::Identify => self.identifier.line(text.as_bytes()),
+                        InFlight::Buffer => self.buffer_question.line(text.as_bytes()),
                         InFlight::Check => {
                             self.check.line(text.as_bytes());
                             self.see_check(now);
@@ -396,19 +411,19 @@ impl AsciiQueue {
                 if let Some(UnderWay { command: InFlight::Check, .. }) = self.under_way {
                     return self.end_check(now);
                 }
-                let command = self.under_way.take().map(|under_way| under_way.command);
-                if let Some(InFlight::Line(line)) = &command {
-                    self.buffer.done(line.line.as_bytes());
-                }
-                match command {
-                    Some(
-                        InFlight::Line(WaitingLine { ticket, .. })
-                        | InFlight::Control(WaitingControl { ticket, .. }),
-                    ) => {
+                match self.under_way.take().map(|under_way| under_way.command) {
+                    Some(InFlight::Line(line)) => {
+                        let outcome = self.outcome_of(&line, result);
+                        self.outbox.tell(events, Event::Done(line.ticket, outcome));
+                    }
+                    Some(InFlight::Control(WaitingControl { ticket, .. })) => {
                         let outcome = result.map_or_else(Outcome::Error, |()| Outcome::Done);
                         self.outbox.tell(events, Event::Done(ticket, outcome));
                     }
+                    // The board took it for a program line: its answer is still to come.
+                    Some(InFlight::Identify) if self.buffer.is_open() => self.identifier.not_sent(),
                     Some(InFlight::Identify) => self.identifier.done(),
+                    Some(InFlight::Buffer) => self.buffer_answered(now),
                     Some(InFlight::Check) | None => {}
                 }
             }

@@ -1,7 +1,7 @@
 //! Command lines for a hand-driven board: who waits for whom, and what is never begun.
 
 use super::*;
-use crate::daemon::shared::open_buffer::Account;
+use crate::daemon::shared::open_buffer::{Account, Barred};
 use crate::daemon::shared::queue::{Receive, queue};
 use crate::device::FileBoard;
 use crate::format::TextOrder;
@@ -23,7 +23,14 @@ struct Rig {
 }
 
 impl Rig {
+    /// Servo reports come, and say that no program buffer is open.
     fn new() -> Self {
+        let mut rig = Self::without_reports();
+        rig.queue.see_buffer(Some(false), 1);
+        rig
+    }
+
+    fn without_reports() -> Self {
         let file = tempfile::tempfile().unwrap();
         file.set_len(0x4000).unwrap();
         let directory = tempfile::tempdir().unwrap();
@@ -115,6 +122,17 @@ impl Rig {
         self.poll();
     }
 
+    /// The board answers the line in its buffer.
+    fn answer(&mut self, lines: &[&str]) {
+        for line in lines {
+            self.say(line);
+        }
+        self.respond(response::ACKNOWLEDGE);
+        self.now += SETTLE;
+        self.poll();
+        self.poll();
+    }
+
     fn loaded(&mut self) -> bool {
         self.bus.read16(PMAC.ascii.command_loaded.word).unwrap() & PMAC.ascii.command_loaded.mask != 0
     }
@@ -194,16 +212,61 @@ fn b2_1_the_first_line_after_one_given_up_is_our_own() {
     rig.now += Duration::from_millis(700);
     rig.poll();
     assert!(!rig.loaded(), "our own reply is still to come");
-    for text in ["2", "3713707", "2"] {
-        rig.say(text);
-    }
-    rig.respond(response::ACKNOWLEDGE);
-    rig.now += SETTLE;
-    rig.poll();
-    rig.poll();
+    rig.answer(&["2", "3713707", "2"]);
     assert_eq!(rig.take(), "P5=7");
     rig.respond(response::ACKNOWLEDGE);
     assert_eq!(rig.ended(), [(1, Outcome::TimedOut), (2, Outcome::Done)]);
+}
+
+/// The board does not answer what it has taken in time; the next line of our own.
+fn next_check(rig: &mut Rig) -> String {
+    rig.now += Duration::from_secs(1);
+    rig.poll();
+    rig.free_port();
+    if !rig.loaded() {
+        rig.now += Duration::from_secs(1);
+        rig.poll();
+    }
+    rig.take()
+}
+
+#[test]
+fn b2_1_a_late_reply_to_a_line_of_our_own_is_not_the_next_ones() {
+    let mut rig = Rig::new();
+    rig.send(1, "SLOW", Duration::from_secs(1));
+    rig.poll();
+    assert_eq!(rig.take(), "SLOW");
+    rig.send(2, "P5=7", Duration::from_secs(60));
+    assert_eq!(next_check(&mut rig), "I3 I10 I3");
+    assert_eq!(next_check(&mut rig), "I3 I10 I10 I3");
+    assert_eq!(next_check(&mut rig), "I3 I10 I10 I10 I3");
+    // More of them than are allowed to be answered otherwise.
+    rig.answer(&["7"]);
+    rig.answer(&["2", "3713707", "2"]);
+    rig.answer(&["2", "3713707", "3713707", "2"]);
+    assert!(!rig.loaded(), "the reply to the last one is still to come");
+    rig.answer(&["2", "3713707", "3713707", "3713707", "2"]);
+    assert_eq!(rig.take(), "P5=7");
+    rig.respond(response::ACKNOWLEDGE);
+    assert_eq!(rig.ended(), [(1, Outcome::TimedOut), (2, Outcome::Done)]);
+}
+
+#[test]
+fn b2_1_the_next_doubt_begins_with_another_line() {
+    let mut rig = Rig::new();
+    for expected in ["I3 I10 I3", "I3 I10 I10 I3", "I3 I10 I10 I10 I3", "I3 I10 I10 I10 I10 I3", "I3 I10 I3"]
+    {
+        rig.send(1, "SLOW", Duration::from_secs(1));
+        rig.poll();
+        rig.poll();
+        assert_eq!(rig.take(), "SLOW");
+        rig.now += Duration::from_secs(1);
+        rig.poll();
+        rig.free_port();
+        assert_eq!(rig.take(), expected);
+        let values = vec!["2"; 1].into_iter().chain(vec!["3713707"; expected.len() / 4 - 1]).chain(["2"]);
+        rig.answer(&values.collect::<Vec<_>>());
+    }
 }
 
 #[test]
@@ -216,10 +279,84 @@ fn b2_1_no_line_of_our_own_goes_into_an_open_program_buffer() {
     rig.send(2, "CLOSE", Duration::from_secs(60));
     rig.poll();
     rig.free_port();
-    rig.now += SETTLE;
-    rig.poll();
-    rig.poll();
+    // The board answers it at once, and stores nothing.
+    assert_eq!(rig.take(), "SIZE SIZE");
+    rig.answer(&["-41301", "-41301"]);
     assert_eq!(rig.take(), "CLOSE");
+    rig.respond(response::ACKNOWLEDGE);
+    assert_eq!(rig.ended(), [(1, Outcome::TimedOut), (2, Outcome::Done)]);
+}
+
+#[test]
+fn b2_1_where_nobody_knows_of_a_buffer_the_board_is_asked_before_it_is_asked_for_i3() {
+    let mut rig = Rig::without_reports();
+    rig.control(9, CANCEL);
+    rig.send(1, "#1P", Duration::from_secs(1));
+    rig.poll();
+    rig.bus.write16(PMAC.ascii.control_character, 0).unwrap();
+    rig.poll();
+    assert_eq!(rig.take(), "#1P", "it stores nothing, so it does not wait");
+    rig.now += Duration::from_secs(1);
+    rig.send(2, "P5=7", Duration::from_secs(60));
+    rig.poll();
+    rig.free_port();
+    assert_eq!(rig.take(), "SIZE SIZE");
+    rig.say("7");
+    rig.respond(response::ACKNOWLEDGE);
+    assert!(!rig.loaded());
+    rig.answer(&["41301", "41301"]);
+    assert_eq!(rig.take(), "I3 I10 I10 I3");
+    rig.answer(&["2", "3713707", "3713707", "2"]);
+    assert_eq!(rig.take(), "P5=7");
+}
+
+#[test]
+fn b1_2_without_servo_reports_the_board_is_asked_before_a_line() {
+    for (size, expected) in [("-41301", None), ("41301", Some("P5=7")), ("0", Some("P5=7"))] {
+        let mut rig = Rig::without_reports();
+        rig.send(1, "P5=7", Duration::from_secs(60));
+        rig.poll();
+        assert_eq!(rig.take(), "SIZE");
+        rig.answer(&[size]);
+        assert_eq!(rig.loaded(), expected.is_some(), "{size}");
+        if let Some(line) = expected {
+            assert_eq!(rig.take(), line);
+            rig.respond(response::ACKNOWLEDGE);
+            assert_eq!(rig.ended(), [(1, Outcome::Done)]);
+        } else {
+            assert_eq!(rig.ended(), [(1, Outcome::Barred(Barred::Open(None)))]);
+            assert!(rig.queue.standing().0.is_open);
+        }
+    }
+}
+
+#[test]
+fn b1_2_a_board_that_does_not_know_the_question_still_gets_lines() {
+    let mut rig = Rig::without_reports();
+    rig.send(1, "P5=7", Duration::from_secs(60));
+    rig.poll();
+    assert_eq!(rig.take(), "SIZE");
+    rig.respond(response::ERROR | 3);
+    rig.poll();
+    assert_eq!(rig.take(), "P5=7");
+}
+
+#[test]
+fn b1_2_what_may_have_entered_a_buffer_is_not_told_as_done() {
+    let mut rig = Rig::new();
+    rig.send(1, "P5=7", Duration::from_secs(60));
+    rig.poll();
+    assert_eq!(rig.take(), "P5=7");
+    // The serial port was a little sooner.
+    rig.queue.see_buffer(Some(true), 2);
+    rig.respond(response::ACKNOWLEDGE);
+    let reason = Text::of(&Barred::Open(None).too_late());
+    assert_eq!(rig.ended(), [(1, Outcome::Interrupted(reason))]);
+    rig.send(2, "#1P", Duration::from_secs(60));
+    rig.poll();
+    assert_eq!(rig.take(), "#1P");
+    rig.respond(response::ACKNOWLEDGE);
+    assert_eq!(rig.ended(), [(2, Outcome::Done)], "it stores nothing");
 }
 
 #[test]
@@ -303,7 +440,9 @@ fn a_line_that_waits_for_another_says_nothing_of_the_board() {
     rig.queue.state = CommandState::Answers;
     rig.now += Duration::from_secs(1);
     rig.poll();
-    assert_eq!(rig.ended(), [(2, Outcome::Busy)]);
+    let reason = "the board still works on \"LIST\" of uid 1000, sent 1 s ago, or no longer listens; nothing was sent; \
+                  ^X by an engineer cancels it";
+    assert_eq!(rig.ended(), [(2, Outcome::Refused(Text::of(&reason)))]);
     assert_eq!(rig.queue.state(), CommandState::Answers);
 }
 
@@ -422,5 +561,7 @@ fn a_character_that_only_waited_for_a_line_says_nothing_of_the_board() {
     rig.control(2, b'F' - 64);
     rig.now += Duration::from_secs(5);
     rig.poll();
-    assert_eq!(rig.ended(), [(2, Outcome::Busy)]);
+    let told = rig.ended();
+    assert!(matches!(told[..], [(2, Outcome::Refused(_))]), "{told:?}");
+    assert_eq!(rig.queue.state(), CommandState::Unknown);
 }

@@ -3,11 +3,16 @@
 //! When the port is idle again the board has shown that it looks at its words and is at no line ([`hold`]). Where it does so
 //! beside a line, the line's reply is still to come, and would be taken for the next one's. PMAC answers lines in
 //! their order. So a line goes first whose reply can be known from every other's; what comes before that reply is late and dropped.
+//!
 //! It is `I3 I10 I3`: twice the handshake, 0 to 3, and between them the servo period, a large number. I3 says besides
-//! whether replies have an end mark at all (FACTS 7, handshake). While a program buffer is open the line would be a piece of the
-//! program: it is left out then.
+//! whether replies have an end mark at all (FACTS 7, handshake). While a program buffer is open, or nobody knows whether one is, it
+//! would be a piece of the program: then it is `SIZE SIZE`, which the board answers at once ([`open_buffer::QUESTION`]).
+//!
+//! The board may be late with this line, too. So no two in turn are alike: the next one has I10, or `SIZE`, once more, up to
+//! [`KINDS`] times, and only a reply with just so many values is its own.
 //!
 //! [`hold`]: crate::function::ascii::hold
+//! [`open_buffer::QUESTION`]: crate::daemon::shared::open_buffer::QUESTION
 
 use std::time::{Duration, Instant};
 
@@ -15,14 +20,22 @@ use log::{info, warn};
 
 use super::{AsciiQueue, InFlight, UnderWay};
 use crate::daemon::bus::ports::command_port::PortError;
-use crate::daemon::shared::queue::{Origin, REASON_MAX, Text};
+use crate::daemon::shared::queue::Held;
 use crate::device::Bus;
 use crate::map::readings::ReplyEnd;
 use crate::protocol::{CommandState, answer};
 use crate::segment::Publisher;
 
-/// The line. I3 and I10 are the same in every family.
-const LINE: &[u8] = b"I3 I10 I3";
+/// Lines that can be told from each other.
+const KINDS: usize = 4;
+/// Those that ask for the handshake. I3 and I10 are the same in every family.
+const HANDSHAKE: [&[u8]; KINDS] =
+    [b"I3 I10 I3", b"I3 I10 I10 I3", b"I3 I10 I10 I10 I3", b"I3 I10 I10 I10 I10 I3"];
+/// Those that ask whether a program buffer is open.
+const BUFFER: [&[u8]; KINDS] =
+    [b"SIZE SIZE", b"SIZE SIZE SIZE", b"SIZE SIZE SIZE SIZE", b"SIZE SIZE SIZE SIZE SIZE"];
+/// The most values of a reply.
+const VALUES: usize = KINDS + 2;
 /// How long the board may take for it, and then for each response.
 const PATIENCE: Duration = Duration::from_secs(1);
 /// How soon it is sent again to a board that did not answer it.
@@ -30,37 +43,101 @@ const AGAIN: Duration = Duration::from_secs(1);
 /// A board that has answered so many of them, but otherwise, answers them otherwise.
 const TRIES: u8 = 3;
 
+/// What the line asks for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Asks {
+    Handshake,
+    Buffer,
+}
+
+/// What the board has answered to such a line, and which of them it was, from 0.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+struct Answer {
+    asks: Asks,
+    kind: usize,
+    /// I3, or the free memory.
+    value: i64,
+}
+
 /// When the line is sent, and what the board said.
 #[derive(Debug)]
 pub(super) struct Check {
     not_before: Instant,
-    /// The last three values that came.
-    values: [Option<i64>; 3],
-    /// A reply ended, whosever it was.
+    /// The line that was sent last: what it asks for, and which it was. It goes on counting from one doubt to the next.
+    asks: Asks,
+    kind: usize,
+    /// The last values that came since a reply ended, and how many lines did.
+    values: [Option<i64>; VALUES],
+    lines: usize,
+    /// A reply ended that was none to a line of ours.
     is_answered: bool,
     /// How many lines were answered otherwise.
     tries: u8,
-    /// Whose command was given up, and when it was sent.
-    held_by: Option<(Origin, Instant)>,
+    /// The command that was given up.
+    held: Option<Held>,
 }
 
 impl Check {
     pub(super) const fn new(now: Instant) -> Self {
-        Self { not_before: now, values: [None; 3], is_answered: false, tries: 0, held_by: None }
+        Self {
+            not_before: now,
+            asks: Asks::Handshake,
+            kind: KINDS - 1,
+            values: [None; VALUES],
+            lines: 0,
+            is_answered: false,
+            tries: 0,
+            held: None,
+        }
+    }
+
+    /// The next line.
+    const fn next(&self, asks: Asks) -> &'static [u8] {
+        let kind = (self.kind + 1) % KINDS;
+        match asks {
+            Asks::Handshake => HANDSHAKE[kind],
+            Asks::Buffer => BUFFER[kind],
+        }
+    }
+
+    /// The next line was sent.
+    const fn sent(&mut self, asks: Asks) {
+        (self.asks, self.kind) = (asks, (self.kind + 1) % KINDS);
+        self.is_answered = false;
+        self.forget_values();
+    }
+
+    const fn forget_values(&mut self) {
+        (self.values, self.lines) = ([None; VALUES], 0);
     }
 
     /// A line of a reply came.
     pub(super) fn line(&mut self, text: &[u8]) {
-        let value = std::str::from_utf8(text).ok().and_then(answer::integer);
-        self.values = [self.values[1], self.values[2], value];
+        self.values.rotate_left(1);
+        self.values[VALUES - 1] = std::str::from_utf8(text).ok().and_then(answer::integer);
+        self.lines += 1;
     }
 
-    /// I3, if the reply to our line has come.
-    fn handshake(&self) -> Option<i64> {
-        match self.values {
-            [Some(first @ 0..=3), Some(4..), Some(last)] if first == last => Some(first),
-            _ => None,
+    /// The reply to a line of this kind, if the last values are one: ours, or a late one.
+    fn answer(&self) -> Option<Answer> {
+        let value = |back: usize| VALUES.checked_sub(1 + back).and_then(|index| self.values[index]);
+        let last = value(0)?;
+        if (0..=3).contains(&last) {
+            let period = value(1).filter(|period| *period > 3)?;
+            let kind = (1..).take_while(|back| value(*back) == Some(period)).count();
+            let is_whole = value(kind + 1) == Some(last);
+            return is_whole.then_some(Answer { asks: Asks::Handshake, kind: kind - 1, value: last });
         }
+        // Beside others' values it would not be known from them.
+        let is_alike = (0..self.lines).all(|back| value(back) == Some(last));
+        let kind = self.lines.checked_sub(2).filter(|kind| *kind < KINDS && is_alike)?;
+        Some(Answer { asks: Asks::Buffer, kind, value: last })
+    }
+
+    /// What the board has answered to the line that was sent last, if it has.
+    fn own_answer(&self) -> Option<i64> {
+        let own = |answer: &Answer| (answer.asks, answer.kind) == (self.asks, self.kind);
+        self.answer().filter(own).map(|answer| answer.value)
     }
 
     /// How long it need not be sent.
@@ -68,40 +145,34 @@ impl Check {
         self.not_before.saturating_duration_since(now)
     }
 
-    /// This command was given up, which was sent at `since`.
-    pub(super) const fn hold(&mut self, origin: Origin, since: Instant) {
-        self.held_by = Some((origin, since));
+    /// This command was given up.
+    pub(super) const fn hold(&mut self, held: Held) {
+        self.held = Some(held);
     }
 
     /// The board was reset, or has cancelled what it had: it works on nothing.
     pub(super) const fn reset(&mut self) {
-        self.held_by = None;
+        self.held = None;
     }
 
-    /// Why nothing can be sent, if that is for a command given up.
-    pub(super) fn reason(&self, now: Instant) -> Option<Text<REASON_MAX>> {
-        let (Origin { uid, shown, .. }, since) = self.held_by.as_ref()?;
-        let seconds = now.duration_since(*since).as_secs();
-        Some(Text::of(&format_args!(
-            "the board still works on \"{}\" of uid {uid}, sent {seconds} s ago, or no longer listens; nothing was sent; \
-             ^X by an engineer cancels it",
-            &**shown
-        )))
+    /// The command that was given up and holds the port.
+    pub(super) const fn held(&self) -> Option<Held> {
+        self.held
     }
 }
 
 impl AsciiQueue {
-    /// Sends the line, where it can be sent.
+    /// Sends the line.
     pub(super) fn begin_check(
         &mut self,
         bus: &mut impl Bus,
         publisher: &Publisher,
         now: Instant,
     ) -> Result<(), PortError> {
-        if self.buffer.is_open() {
-            self.end_doubt(now);
-        } else if now >= self.check.not_before && self.ports.begin_open_ended(bus, LINE)? {
-            (self.check.values, self.check.is_answered) = ([None; 3], false);
+        let is_closed = self.buffer.is_known(now) && !self.buffer.is_open();
+        let asks = if is_closed { Asks::Handshake } else { Asks::Buffer };
+        if now >= self.check.not_before && self.ports.begin_open_ended(bus, self.check.next(asks))? {
+            self.check.sent(asks);
             self.start(InFlight::Check, now + PATIENCE, publisher, now);
         }
         Ok(())
@@ -116,31 +187,58 @@ impl AsciiQueue {
 
     /// A reply has ended: that to our line, or a late one.
     pub(super) fn end_check(&mut self, now: Instant) {
-        self.check.is_answered = true;
-        let Some(handshake) = self.check.handshake() else { return self.see_check(now) };
-        if handshake >= 2 {
+        let Some(value) = self.check.own_answer() else {
+            // A late one to a line of ours says nothing of how the board answers them.
+            self.check.is_answered |= self.check.answer().is_none();
+            self.check.forget_values();
+            return self.see_check(now);
+        };
+        self.under_way = None;
+        if self.check.asks == Asks::Handshake && value >= 2 {
             self.set_reply_end(ReplyEnd::Ack);
         }
-        self.under_way = None;
-        self.end_doubt(now);
+        self.has_answered(value, now);
     }
 
     /// The board did not end the reply to our line in time. Where it has said that it marks no end, that is known from now on.
     pub(super) fn fail_check(&mut self, now: Instant) {
+        match (self.check.asks, self.check.own_answer()) {
+            (Asks::Handshake, Some(value @ (0 | 1))) => {
+                self.set_reply_end(ReplyEnd::Silence);
+                self.state = CommandState::Answers;
+                return self.has_answered(value, now);
+            }
+            (Asks::Buffer, Some(value)) => return self.has_answered(value, now),
+            _ => {}
+        }
         self.check.not_before = now + AGAIN;
         self.check.tries += u8::from(self.check.is_answered);
-        if matches!(self.check.handshake(), Some(0 | 1)) {
-            self.set_reply_end(ReplyEnd::Silence);
-        } else if self.check.tries < TRIES {
+        if self.check.tries < TRIES {
             self.state = CommandState::Silent;
             return;
         }
+        self.check.tries = 0;
         self.state = CommandState::Answers;
-        self.end_doubt(now);
+        match self.check.asks {
+            Asks::Handshake => self.end_doubt(now),
+            Asks::Buffer => self.buffer.learn(None, now),
+        }
+    }
+
+    /// The board has answered our line. Into an open buffer no other one is sent: the doubt is over then, too.
+    fn has_answered(&mut self, value: i64, now: Instant) {
+        if self.check.asks == Asks::Buffer {
+            self.buffer.learn(Some(value), now);
+        }
+        if self.check.asks == Asks::Handshake || self.buffer.is_open() {
+            self.end_doubt(now);
+        } else {
+            self.ports.finish(now);
+        }
     }
 
     fn end_doubt(&mut self, now: Instant) {
-        self.check.held_by = None;
+        self.check.reset();
         self.check.tries = 0;
         self.ports.end_doubt(now);
     }

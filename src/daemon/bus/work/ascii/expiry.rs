@@ -4,7 +4,7 @@ use std::time::Instant;
 
 use super::{AsciiQueue, InFlight, UnderWay, WaitingControl, WaitingLine};
 use crate::daemon::bus::ports::command_port::PortError;
-use crate::daemon::shared::queue::{Event, Origin, Outcome, Sender, Text, Ticket, dropped_by};
+use crate::daemon::shared::queue::{Event, Held, Origin, Outcome, Sender, Text, Ticket, dropped_by};
 use crate::device::Bus;
 use crate::protocol::CommandState;
 use crate::segment::{Counter, Publisher};
@@ -61,7 +61,10 @@ impl AsciiQueue {
             self.ports.withdraw(bus, now)?;
         }
         let (ticket, origin) = match command {
-            InFlight::Line(WaitingLine { ticket, origin, .. }) => (ticket, origin),
+            InFlight::Line(WaitingLine { ticket, line, origin, .. }) => {
+                self.buffer.doubt(line.as_bytes());
+                (ticket, origin)
+            }
             InFlight::Control(WaitingControl { ticket, uid, character, .. }) => (
                 ticket,
                 Origin {
@@ -70,7 +73,7 @@ impl AsciiQueue {
                     stays: false,
                 },
             ),
-            InFlight::Identify | InFlight::Check => {
+            InFlight::Identify | InFlight::Buffer | InFlight::Check => {
                 self.give_up_own(command, cancelled_by.is_some(), now);
                 return Ok(());
             }
@@ -81,7 +84,7 @@ impl AsciiQueue {
                 self.outbox.tell(events, Event::Done(ticket, Outcome::Interrupted(reason)));
             }
             None => {
-                self.check.hold(origin, since);
+                self.check.hold(Held { by: origin, since });
                 self.fail(events, publisher, ticket, true);
             }
         }
@@ -96,8 +99,12 @@ impl AsciiQueue {
                 self.state = CommandState::Silent;
                 self.identifier.failed(now);
             }
+            InFlight::Buffer if !is_cancelled => {
+                self.state = CommandState::Silent;
+                self.buffer_not_answered(now);
+            }
             InFlight::Check if !is_cancelled => self.fail_check(now),
-            InFlight::Check | InFlight::Line(_) | InFlight::Control(_) => {}
+            InFlight::Buffer | InFlight::Check | InFlight::Line(_) | InFlight::Control(_) => {}
         }
     }
 
@@ -117,10 +124,16 @@ impl AsciiQueue {
         ticket: Ticket,
         now: Instant,
     ) {
-        if let Some(reason) = self.check.reason(now) {
-            self.outbox.tell(events, Event::Done(ticket, Outcome::Refused(reason)));
+        // That it waited for another one says nothing of the board.
+        let line_before = match self.under_way {
+            Some(UnderWay { command: InFlight::Line(WaitingLine { origin, .. }), since, .. }) => {
+                Some(Held { by: origin, since })
+            }
+            _ => None,
+        };
+        if let Some(held) = self.check.held().or(line_before) {
+            self.outbox.tell(events, Event::Done(ticket, Outcome::Refused(held.reason(now))));
         } else if self.under_way.is_some() && !self.ports.in_doubt() {
-            // That it waited for another one says nothing of the board.
             self.outbox.tell(events, Event::Done(ticket, Outcome::Busy));
         } else {
             self.fail(events, publisher, ticket, false);

@@ -5,7 +5,7 @@ use std::time::Instant;
 use log::{info, warn};
 
 use super::{AsciiQueue, InFlight};
-use crate::daemon::bus::ports::command_port::PortError;
+use crate::daemon::bus::ports::command_port::{BufferAnswer, PortError};
 use crate::daemon::bus::ports::fallback::{Change, Waiting};
 use crate::device::Bus;
 use crate::protocol::CommandState;
@@ -17,6 +17,12 @@ impl AsciiQueue {
             return Ok(());
         }
         let under_way = self.is_under_way();
+        if let Some(BufferAnswer(size)) = self.ports.take_buffer_answer() {
+            self.buffer.learn(size, now);
+            if !self.buffer.is_open() {
+                self.fallback.ask_again(now);
+            }
+        }
         if let Some(change) = self.fallback.wanted(&mut self.ports, under_way, bus, now)? {
             if change == Change::Enabled || self.take_back(bus, now)? {
                 // What a command given up has left there must not be carried out when the port is switched on again.
@@ -29,7 +35,7 @@ impl AsciiQueue {
         let waiting = Waiting {
             untouched: self.has_untouched(now),
             under_way: self.is_under_way(),
-            buffer_open: self.buffer.is_open(),
+            buffer_open: self.buffer.is_known(now).then(|| self.buffer.is_open()),
         };
         self.fallback.ask(&mut self.ports, waiting, now)
     }
@@ -52,7 +58,7 @@ impl AsciiQueue {
             Some(under_way) => !under_way.taken && !self.ports.was_taken(),
             None => {
                 let has_question = self.ports.in_doubt() || self.identifier.due_in(now).is_zero();
-                let asks = !self.buffer.is_open() && has_question;
+                let asks = has_question && self.questions_barred_for(now).is_zero();
                 self.control_pending.is_some() || !self.lines.is_empty() || !self.controls.is_empty() || asks
             }
         }
@@ -77,7 +83,7 @@ impl AsciiQueue {
             InFlight::Line(line) => self.lines.push_front(line),
             InFlight::Control(control) => self.controls.push_front(control),
             InFlight::Identify => self.identifier.not_sent(),
-            InFlight::Check => {}
+            InFlight::Buffer | InFlight::Check => {}
         }
         Ok(true)
     }

@@ -1,0 +1,103 @@
+//! Whether a program buffer is open: the servo report tells, or else the board is asked before a line that might enter it.
+//!
+//! Only callers' lines and our own questions wait for the answer. Control characters do not, nor what stores nothing.
+
+use std::time::{Duration, Instant};
+
+use super::{AsciiQueue, InFlight, WaitingLine};
+use crate::daemon::bus::ports::command_port::PortError;
+use crate::daemon::shared::open_buffer::QUESTION;
+use crate::daemon::shared::queue::{Outcome, Text};
+use crate::device::Bus;
+use crate::protocol::answer;
+use crate::segment::Publisher;
+
+/// How long the board may take to answer.
+const PATIENCE: Duration = Duration::from_secs(1);
+/// How soon it is asked again for a question of our own, when a buffer was open or it did not answer.
+const AGAIN: Duration = Duration::from_secs(1);
+
+/// The question, and what came of it.
+#[derive(Debug)]
+pub(super) struct BufferQuestion {
+    not_before: Instant,
+    size: Option<i64>,
+}
+
+impl BufferQuestion {
+    pub(super) const fn new(now: Instant) -> Self {
+        Self { not_before: now, size: None }
+    }
+
+    /// A line of the reply came.
+    pub(super) fn line(&mut self, text: &[u8]) {
+        self.size = std::str::from_utf8(text).ok().and_then(answer::integer);
+    }
+}
+
+impl AsciiQueue {
+    /// What report number `report` of the board says of its program buffers, which others may open too; nothing while none
+    /// comes.
+    pub fn see_buffer(&mut self, open: Option<bool>, report: u64) {
+        match open {
+            Some(open) => self.buffer.see(open, report),
+            None => self.buffer.unsee(),
+        }
+    }
+
+    /// Asks the board.
+    pub(super) fn ask_buffer(
+        &mut self,
+        bus: &mut impl Bus,
+        publisher: &Publisher,
+        now: Instant,
+    ) -> Result<(), PortError> {
+        if self.ports.begin(bus, QUESTION)? {
+            self.buffer_question.size = None;
+            self.start(InFlight::Buffer, now + PATIENCE, publisher, now);
+        }
+        Ok(())
+    }
+
+    /// The board has answered, or refused the question. Who does not know it is believed to have none open.
+    pub(super) fn buffer_answered(&mut self, now: Instant) {
+        self.buffer.learn(self.buffer_question.size.take(), now);
+        if self.buffer.is_open() {
+            self.buffer_question.not_before = now + AGAIN;
+        }
+    }
+
+    /// The board has not answered.
+    pub(super) fn buffer_not_answered(&mut self, now: Instant) {
+        self.buffer_question.not_before = now + AGAIN;
+    }
+
+    /// How long a question of our own need not be asked because of a buffer: it would be a program line.
+    pub(super) fn questions_barred_for(&self, now: Instant) -> Duration {
+        let asked_again = self.buffer_question.not_before.saturating_duration_since(now);
+        match (self.buffer.is_known(now), self.buffer.is_open()) {
+            (true, false) => Duration::ZERO,
+            (true, true) if asked_again.is_zero() => Duration::MAX,
+            _ => asked_again,
+        }
+    }
+
+    /// What is told of a line that the board has answered. Where a buffer was opened or closed between the last report and the
+    /// line, its acknowledgement says little.
+    pub(super) fn outcome_of(&mut self, line: &WaitingLine, result: Result<(), u16>) -> Outcome {
+        let WaitingLine { line, writer, .. } = line;
+        let line = line.as_bytes();
+        let surprise = self.buffer.surprise(line, *writer);
+        match (result, surprise) {
+            (Err(number), _) => {
+                self.buffer.refused(line, number);
+                Outcome::Error(number)
+            }
+            (Ok(()), Some(barred)) => Outcome::Interrupted(Text::of(&barred.too_late())),
+            (Ok(()), None) => {
+                self.buffer.done(line);
+                Outcome::Done
+            }
+        }
+    }
+}

@@ -1,0 +1,116 @@
+//! What a line does to the program buffers: opens one, closes what is open, or enters what is open.
+
+use crate::format::Text;
+
+/// The longest name of a buffer: `PROG 32767`.
+pub const NAME_MAX: usize = 16;
+const OPEN: &str = "OPEN";
+const CLOSES: [&str; 2] = ["CLOSE", "CLS"];
+const BUFFERS: [&str; 7] = ["PROG", "PLCC", "PLC", "ROTARY", "ROT", "FORWARD", "INVERSE"];
+
+/// What a line does.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Effect {
+    Opens(Text<NAME_MAX>),
+    Closes,
+}
+
+/// Whether `line` is `CLOSE` and nothing else.
+pub(super) fn is_close(line: &[u8]) -> bool {
+    CLOSES.iter().any(|word| line.trim_ascii().eq_ignore_ascii_case(word.as_bytes()))
+}
+
+/// Whether `line` only addresses, reports and stops: `#1P`, `&2?`, `#1J/`, `&1A`. The board carries such letters out while a
+/// buffer is open, too, and stores nothing: a letter of a program has a number behind it, these have none (Software Reference
+/// p. 273 has `&1R &2R` under `OPEN ROT`; of the other letters it is what boards are known to do). On the other reading the
+/// board would refuse the line.
+pub(super) fn enters_nothing(line: &[u8]) -> bool {
+    let mut rest = line.trim_ascii();
+    let mut acts = false;
+    while let Some((&first, behind)) = rest.split_first() {
+        rest = match first.to_ascii_uppercase() {
+            b'#' | b'&' => &behind[behind.iter().take_while(|byte| byte.is_ascii_digit()).count()..],
+            b'J' if behind.first() == Some(&b'/') => &behind[1..],
+            b'?' | b'A' | b'F' | b'H' | b'K' | b'P' | b'V' => behind,
+            b' ' => {
+                rest = behind;
+                continue;
+            }
+            _ => return false,
+        };
+        // Two letters together are another command, and a letter with a number or a value a piece of a program.
+        acts |= first != b'#' && first != b'&';
+        if first.is_ascii_alphabetic() && rest.first().is_some_and(|byte| !matches!(byte, b' ' | b'#' | b'&'))
+        {
+            return false;
+        }
+    }
+    acts
+}
+
+/// What `line` does to the buffers in the end; `None` when it leaves them as they are.
+pub(super) fn effect(line: &[u8]) -> Option<Effect> {
+    let mut effect = None;
+    // What stands in quotes is text that a program sends.
+    for part in line.split(|byte| *byte == b'"').step_by(2) {
+        let mut rest = part;
+        while let Some(start) = rest.iter().position(u8::is_ascii_alphabetic) {
+            rest = &rest[start..];
+            let end = rest.iter().position(|byte| !byte.is_ascii_alphabetic()).unwrap_or(rest.len());
+            let (word, behind) = rest.split_at(end);
+            if CLOSES.iter().any(|close| word.eq_ignore_ascii_case(close.as_bytes())) {
+                effect = Some(Effect::Closes);
+            } else if let Some(name) = opened_by(word, behind) {
+                effect = Some(Effect::Opens(name));
+            }
+            rest = behind;
+        }
+        // No buffer is open after a reset.
+        if part.windows(3).any(|three| three == b"$$$") {
+            effect = Some(Effect::Closes);
+        }
+    }
+    effect
+}
+
+/// The buffer that `word` opens, or `word` together with what stands `behind` it; `None` when it opens none.
+fn opened_by(word: &[u8], behind: &[u8]) -> Option<Text<NAME_MAX>> {
+    let has_open = word.len() >= OPEN.len() && word[..OPEN.len()].eq_ignore_ascii_case(OPEN.as_bytes());
+    let kind = if has_open { &word[OPEN.len()..] } else { return None };
+    let known =
+        |kind: &[u8]| BUFFERS.iter().find(|known| kind.eq_ignore_ascii_case(known.as_bytes())).copied();
+    let spaces = |text: &[u8]| text.iter().take_while(|byte| **byte == b' ').count();
+    let (name, number) = if kind.is_empty() {
+        let behind = &behind[spaces(behind)..];
+        let end = behind.iter().position(|byte| !byte.is_ascii_alphabetic()).unwrap_or(behind.len());
+        (known(&behind[..end]).unwrap_or(""), &behind[end..])
+    } else {
+        (known(kind)?, behind)
+    };
+    let number = &number[spaces(number)..];
+    let digits = number.iter().take_while(|byte| byte.is_ascii_digit()).count();
+    let mut text = [b' '; NAME_MAX];
+    let letters = name.len().min(NAME_MAX);
+    text[..letters].copy_from_slice(&name.as_bytes()[..letters]);
+    let room = digits.min(NAME_MAX - letters - 1);
+    text[letters + 1..letters + 1 + room].copy_from_slice(&number[..room]);
+    Some(Text::from_bytes(text.trim_ascii()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn b1_2_what_only_reports_or_stops_enters_no_buffer() {
+        for line in ["#1P", "#3 P V F", "&2?", "???", "#1J/", "&1A", "#1k", " #1 #2 p "] {
+            assert!(enters_nothing(line.as_bytes()), "{line}");
+        }
+        for line in [
+            "P1", "#1P1", "P=1", "A10", "#1J+", "#1J=5", "F100", "K5", "I57", "PR1", "&1R", "&1 B1", "#1",
+            "", "H(P1)", "P,5",
+        ] {
+            assert!(!enters_nothing(line.as_bytes()), "{line}");
+        }
+    }
+}

@@ -1,0 +1,44 @@
+//! Whose a command is, as others are told who have to wait for it.
+
+use std::time::Instant;
+
+use crate::format::Text;
+
+/// The longest reason of a refusal.
+pub const REASON_MAX: usize = 240;
+/// As much of a line as others are told who have to wait for it.
+pub const SHOWN_MAX: usize = 60;
+
+/// Whose line it is, and what others are told of it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Origin {
+    /// The user.
+    pub uid: u32,
+    /// The line, or its beginning, without a password.
+    pub shown: Text<SHOWN_MAX>,
+    /// It ends a sequence, and is sent even if somebody stops all motion meanwhile.
+    pub stays: bool,
+}
+
+/// A command that was given up. Nothing else is sent until the board has shown that it works on it no more.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Held {
+    /// Whose it was.
+    pub by: Origin,
+    /// When it was sent.
+    pub since: Instant,
+}
+
+impl Held {
+    /// Why nothing else was sent.
+    #[must_use]
+    pub fn reason(&self, now: Instant) -> Text<REASON_MAX> {
+        let Self { by: Origin { uid, shown, .. }, since } = self;
+        let seconds = now.saturating_duration_since(*since).as_secs();
+        Text::of(&format_args!(
+            "the board still works on \"{}\" of uid {uid}, sent {seconds} s ago, or no longer listens; nothing was sent; \
+             ^X by an engineer cancels it",
+            &**shown
+        ))
+    }
+}
