@@ -11,7 +11,7 @@ use super::policy::Peer;
 use super::stop_target::Target;
 use crate::daemon::shared::job::Job;
 use crate::daemon::shared::open_buffer::Writer;
-use crate::daemon::shared::queue::{Command, Outcome, Sender, Ticket, at_once};
+use crate::daemon::shared::queue::{Command, Held, Outcome, Sender, Ticket, at_once};
 use crate::function::ascii::ResponseText;
 use crate::function::variable_read::VariableEntry;
 
@@ -166,10 +166,17 @@ impl CallTable {
     }
 
     /// Hands the bus thread what it has room for. The calls whose commands were not handed over: of those whose time is
-    /// nearly up, or who are gone (not `hears`) and wanted a reply.
-    pub(super) fn hand_out(&mut self, now: Instant, hears: impl Fn(u64) -> bool) -> Vec<Ended> {
+    /// nearly up, or who are gone (not `hears`) and wanted a reply; each with how it ended. Lines wait while the port is `held`.
+    pub(super) fn hand_out(
+        &mut self,
+        held: Option<Held>,
+        now: Instant,
+        hears: impl Fn(u64) -> bool,
+    ) -> Vec<(Ended, Outcome)> {
         let mut refused = Vec::new();
-        while let Some(Turn { ticket, mut command, audit }) = self.queue.next() {
+        while let Some(turn) = self.queue.next() {
+            let outcome = not_begun(turn.is_for_port(), held, now);
+            let Turn { ticket, mut command, audit } = turn;
             if let Command::Send { writer: Writer::Question, deadline, .. } = &mut command {
                 // How long it waited here says nothing about the board.
                 *deadline = now + QUESTION_TIMEOUT;
@@ -185,7 +192,7 @@ impl CallTable {
                         info!(target: "audit", "uid {uid} pid {pid} {what}");
                     }
                 }
-                _ => refused.extend(self.end(ticket)),
+                _ => refused.extend(self.end(ticket).map(|ended| (ended, outcome))),
             }
         }
         refused
@@ -215,13 +222,15 @@ impl CallTable {
         }
     }
 
-    /// Takes out the calls whose time is over, each with how it ended.
-    pub(super) fn expire(&mut self, now: Instant) -> Vec<(Ended, Outcome)> {
+    /// Takes out the calls whose time is over, each with how it ended. Lines wait while the port is `held`.
+    pub(super) fn expire(&mut self, held: Option<Held>, now: Instant) -> Vec<(Ended, Outcome)> {
         let queue = &mut self.queue;
         let late = self.pending.extract_if(|_, pending| pending.deadline <= now);
         late.map(|(ticket, Pending { caller, lines, then, .. })| {
-            let never_begun = queue.take_back(ticket);
-            let outcome = if never_begun { Outcome::Busy } else { Outcome::TimedOut };
+            let outcome = match queue.take_back(ticket) {
+                Some(turn) => not_begun(turn.is_for_port(), held, now),
+                None => Outcome::TimedOut,
+            };
             (Ended { caller, lines, is_overlong: false, then }, outcome)
         })
         .collect()
@@ -230,7 +239,8 @@ impl CallTable {
     /// Takes every line back that waits for its turn, whosever it is.
     pub(super) fn drop_lines(&mut self) -> Vec<Ended> {
         let lines = self.queue.droppable_lines();
-        let dropped = lines.into_iter().filter(|ticket| self.queue.take_back(*ticket)).collect::<Vec<_>>();
+        let dropped =
+            lines.into_iter().filter(|ticket| self.queue.take_back(*ticket).is_some()).collect::<Vec<_>>();
         dropped.into_iter().filter_map(|ticket| self.end(ticket)).collect()
     }
 
@@ -244,8 +254,8 @@ impl CallTable {
     pub(super) fn take_back_hold(&mut self, client: u64) -> Option<Caller> {
         let mut holds = self.pending.iter().filter(|(_, pending)| matches!(pending.then, Then::ReplyHeld));
         let (&ticket, _) = holds.find(|(_, pending)| pending.caller.client == client)?;
-        let is_waiting = self.queue.take_back(ticket);
-        is_waiting.then(|| self.pending.remove(&ticket).map(|pending| pending.caller)).flatten()
+        self.queue.take_back(ticket)?;
+        self.pending.remove(&ticket).map(|pending| pending.caller)
     }
 
     /// `client` is gone: nobody waits for its call. A stop goes on.
@@ -279,4 +289,9 @@ impl CallTable {
     pub(super) fn commands(&self) -> usize {
         self.queue.count()
     }
+}
+
+/// How a command ends that was not handed over. The bare "busy" is for what no given-up command holds up.
+fn not_begun(is_for_port: bool, held: Option<Held>, now: Instant) -> Outcome {
+    held.filter(|_| is_for_port).map_or(Outcome::Busy, |held| Outcome::Refused(held.reason(now)))
 }

@@ -73,6 +73,13 @@ pub(super) struct Turn {
     pub(super) audit: Option<String>,
 }
 
+impl Turn {
+    /// Whether it waits while a command that was given up holds the port.
+    pub(super) fn is_for_port(&self) -> bool {
+        matches!(Kind::of(&self.command), Kind::Line | Kind::Query)
+    }
+}
+
 /// The commands of one kind.
 #[derive(Debug, Default)]
 struct Lane {
@@ -150,14 +157,14 @@ impl FairQueue {
         users.flat_map(|(_, turns)| turns).any(|turn| turn.ticket == ticket)
     }
 
-    /// Takes a command back; false when it does not wait (any more).
-    pub(super) fn take_back(&mut self, ticket: Ticket) -> bool {
-        let mut found = false;
+    /// Takes a command back; nothing when it does not wait (any more).
+    pub(super) fn take_back(&mut self, ticket: Ticket) -> Option<Turn> {
+        let mut found = None;
         for lane in &mut self.lanes {
             lane.users.retain_mut(|(_, turns)| {
-                let before = turns.len();
-                turns.retain(|turn| turn.ticket != ticket);
-                found |= turns.len() < before;
+                if let Some(index) = turns.iter().position(|turn| turn.ticket == ticket) {
+                    found = turns.remove(index);
+                }
                 !turns.is_empty()
             });
         }
@@ -248,9 +255,9 @@ mod tests {
         let mut turns = FairQueue::default();
         turns.wait(user, read(1));
         turns.wait(user, read(2));
-        assert!(turns.take_back(Ticket(1)) && !turns.take_back(Ticket(1)));
+        assert!(turns.take_back(Ticket(1)).is_some() && turns.take_back(Ticket(1)).is_none());
         assert_eq!(next(&mut turns), Some(2));
-        assert!(!turns.take_back(Ticket(2)), "the bus thread has it");
+        assert!(turns.take_back(Ticket(2)).is_none(), "the bus thread has it");
         assert_eq!(next(&mut turns), None);
     }
 }

@@ -391,7 +391,7 @@ impl Service {
             let what = format_args!("dropped a connection of uid {uid} pid {pid}: stopped half-way");
             self.audit.tell(uid, what, now);
         }
-        for (ended, outcome) in self.calls.expire(now) {
+        for (ended, outcome) in self.calls.expire(self.info.held(), now) {
             self.give_up(ended, outcome, now);
         }
     }

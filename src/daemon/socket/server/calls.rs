@@ -239,8 +239,10 @@ impl Service {
 
     /// Hands the bus thread what it has room for.
     pub(super) fn hand_out(&mut self, now: Instant) {
-        for ended in self.calls.hand_out(now, |client| self.clients.hears(client)) {
-            self.give_up(ended, Outcome::Busy, now);
+        for (ended, outcome) in
+            self.calls.hand_out(self.info.held(), now, |client| self.clients.hears(client))
+        {
+            self.give_up(ended, outcome, now);
         }
     }
 
