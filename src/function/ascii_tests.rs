@@ -5,8 +5,7 @@ use super::control::FLAG_AFTER;
 use super::hold::{ASK_AGAIN, ASK_LIMIT, SETTLE};
 use super::*;
 use crate::device::FileBoard;
-use crate::map::family::testing::TESTED;
-use crate::map::{Family, HostOffset};
+use crate::map::{FAMILIES, Family, HostOffset};
 use crate::protocol::control::ABORT;
 
 struct Rig {
@@ -104,7 +103,7 @@ impl Rig {
 
 #[test]
 fn a_reply_of_several_lines_ends_with_its_acknowledgement() {
-    for family in TESTED {
+    for family in FAMILIES {
         for order in [TextOrder::LowFirst, TextOrder::HighFirst] {
             let mut rig = Rig::with_order(family, order);
             assert!(rig.begin("P1..3"));
@@ -124,7 +123,7 @@ fn a_reply_of_several_lines_ends_with_its_acknowledgement() {
 
 #[test]
 fn the_mark_on_the_last_line_itself_ends_a_reply_too() {
-    for family in TESTED {
+    for family in FAMILIES {
         let mut rig = Rig::new(family);
         assert!(rig.begin("VERSION"));
         rig.take();
@@ -136,7 +135,7 @@ fn the_mark_on_the_last_line_itself_ends_a_reply_too() {
 
 #[test]
 fn text_left_beside_an_acknowledgement_is_no_second_line() {
-    for family in TESTED {
+    for family in FAMILIES {
         let mut rig = Rig::new(family);
         for _ in 0..2 {
             assert!(rig.begin("P1"));
@@ -161,7 +160,7 @@ fn text_left_beside_an_acknowledgement_is_no_second_line() {
 
 #[test]
 fn errors_are_three_bcd_digits() {
-    for family in TESTED {
+    for family in FAMILIES {
         for (control, number) in [(0x8003, 3), (0x8017, 17), (0x8001, 1), (0x8123, 123)] {
             let mut rig = Rig::new(family);
             assert!(rig.begin("UUU"));
@@ -175,7 +174,7 @@ fn errors_are_three_bcd_digits() {
 
 #[test]
 fn every_length_of_line_arrives_whole() {
-    for family in TESTED {
+    for family in FAMILIES {
         for length in 0..=family.ascii.line_limit {
             let line: String = (0..length).map(|index| char::from(b'A' + (index % 26) as u8)).collect();
             let mut rig = Rig::new(family);
@@ -205,7 +204,7 @@ fn every_length_of_line_arrives_whole() {
 
 #[test]
 fn texts_of_programs_are_never_taken_for_a_reply() {
-    for family in TESTED {
+    for family in FAMILIES {
         let mut rig = Rig::new(family);
         rig.respond(response::MESSAGE, "DOOR OPEN");
         assert!(!rig.begin("#1P"), "first the message has to be taken");
@@ -225,7 +224,7 @@ fn texts_of_programs_are_never_taken_for_a_reply() {
 
 #[test]
 fn a_stale_acknowledgement_is_drained() {
-    for family in TESTED {
+    for family in FAMILIES {
         let mut rig = Rig::new(family);
         rig.respond(response::ACKNOWLEDGE, "");
         assert!(!rig.begin("P1"));
@@ -236,7 +235,7 @@ fn a_stale_acknowledgement_is_drained() {
 
 #[test]
 fn a_stale_acknowledgement_that_comes_before_the_board_took_the_line_does_not_end_it() {
-    for family in TESTED {
+    for family in FAMILIES {
         let mut rig = Rig::new(family);
         assert!(rig.begin("P1"));
         rig.respond(response::ACKNOWLEDGE, "");
@@ -251,7 +250,7 @@ fn a_stale_acknowledgement_that_comes_before_the_board_took_the_line_does_not_en
 
 #[test]
 fn a_board_that_answers_before_it_clears_the_flag_is_believed() {
-    for family in TESTED {
+    for family in FAMILIES {
         let mut rig = Rig::new(family);
         assert!(rig.begin("VERSION"));
         rig.respond(response::LINE, "1.14");
@@ -274,7 +273,7 @@ fn a_board_that_answers_before_it_clears_the_flag_is_believed() {
 
 #[test]
 fn the_first_half_of_a_line_given_up_is_cancelled_before_anything_else() {
-    for family in TESTED {
+    for family in FAMILIES {
         let mut rig = Rig::new(family);
         assert!(rig.begin(&"A".repeat(family.ascii.command_bytes + 20)));
         rig.take();
@@ -294,7 +293,7 @@ fn the_first_half_of_a_line_given_up_is_cancelled_before_anything_else() {
 
 #[test]
 fn b2_1_a_late_reply_is_nobodys_whether_the_flag_is_cleared_when_the_line_is_taken_or_done() {
-    for family in TESTED {
+    for family in FAMILIES {
         for (cleared_when_taken, answers_meanwhile) in
             [(true, false), (true, true), (false, false), (false, true)]
         {
@@ -341,7 +340,7 @@ fn b2_1_a_late_reply_is_nobodys_whether_the_flag_is_cleared_when_the_line_is_tak
 
 #[test]
 fn a_programs_text_does_not_stand_for_silence() {
-    for family in TESTED {
+    for family in FAMILIES {
         let mut rig = Rig::new(family);
         assert!(rig.begin("P1"));
         rig.take();
@@ -363,7 +362,7 @@ fn a_programs_text_does_not_stand_for_silence() {
 
 #[test]
 fn a_program_that_never_stops_sending_does_not_block_the_port() {
-    for family in TESTED {
+    for family in FAMILIES {
         let mut rig = Rig::new(family);
         assert!(rig.begin("P1"));
         rig.take();
@@ -384,7 +383,7 @@ fn a_program_that_never_stops_sending_does_not_block_the_port() {
 
 #[test]
 fn firmware_without_the_control_register_does_not_block_the_port() {
-    for family in TESTED {
+    for family in FAMILIES {
         let mut rig = Rig::new(family);
         assert!(rig.begin("P1"));
         rig.take();
@@ -403,7 +402,7 @@ fn firmware_without_the_control_register_does_not_block_the_port() {
 
 #[test]
 fn a_line_that_a_deaf_board_never_took_is_taken_back() {
-    for family in TESTED {
+    for family in FAMILIES {
         let mut rig = Rig::new(family);
         assert!(rig.begin("#1J+"));
         rig.give_up();
@@ -422,7 +421,7 @@ fn a_line_that_a_deaf_board_never_took_is_taken_back() {
 
 #[test]
 fn b3_2_a_board_that_needs_the_flag_gets_it_with_an_empty_line() {
-    for family in TESTED {
+    for family in FAMILIES {
         let mut rig = Rig::new(family);
         assert!(rig.begin("#1J+"));
         rig.take();
@@ -447,7 +446,7 @@ fn b3_2_a_board_that_needs_the_flag_gets_it_with_an_empty_line() {
 
 #[test]
 fn b3_2_no_flag_is_set_while_a_line_lies_untaken() {
-    for family in TESTED {
+    for family in FAMILIES {
         let mut rig = Rig::new(family);
         assert!(rig.begin("P1"));
         assert!(rig.port.control(&mut rig.bus, ABORT, false, rig.now).unwrap());
@@ -459,7 +458,7 @@ fn b3_2_no_flag_is_set_while_a_line_lies_untaken() {
 
 #[test]
 fn a_stop_that_goes_over_a_question_is_not_lost() {
-    for family in TESTED {
+    for family in FAMILIES {
         let mut rig = Rig::new(family);
         rig.port.hold(rig.now);
         rig.poll();
@@ -478,7 +477,7 @@ fn a_stop_that_goes_over_a_question_is_not_lost() {
 
 #[test]
 fn b3_3_a_reply_without_an_end_mark_ends_by_a_silence() {
-    for family in TESTED {
+    for family in FAMILIES {
         let mut rig = Rig::new(family);
         rig.port.set_reply_end(ReplyEnd::Silence);
         assert!(rig.begin("P1..2"));
@@ -502,7 +501,7 @@ fn b3_3_a_reply_without_an_end_mark_ends_by_a_silence() {
 
 #[test]
 fn a_line_another_host_left_is_not_overwritten() {
-    for family in TESTED {
+    for family in FAMILIES {
         let mut rig = Rig::new(family);
         rig.bus.write16(family.ascii.command_loaded.word, family.ascii.command_loaded.mask).unwrap();
         assert!(!rig.begin("P1"));
@@ -513,7 +512,7 @@ fn a_line_another_host_left_is_not_overwritten() {
 
 #[test]
 fn a_control_character_passes_a_line_under_way() {
-    for family in TESTED {
+    for family in FAMILIES {
         let mut rig = Rig::new(family);
         assert!(rig.begin("P1"));
         assert!(rig.port.control(&mut rig.bus, 0x0B, false, rig.now).unwrap());
@@ -533,7 +532,7 @@ fn a_control_character_passes_a_line_under_way() {
 
 #[test]
 fn a_control_characters_reply_ends_with_a_silence() {
-    for family in TESTED {
+    for family in FAMILIES {
         let mut rig = Rig::new(family);
         assert!(rig.port.control(&mut rig.bus, 0x10, true, rig.now).unwrap());
         rig.now += 10 * CONTROL_REPLY_END;
@@ -555,7 +554,7 @@ fn a_control_characters_reply_ends_with_a_silence() {
 
 #[test]
 fn b3_1_the_nul_ends_a_reply_whatever_its_count_says() {
-    for family in TESTED {
+    for family in FAMILIES {
         // The characters, the characters and their NUL, and what cannot be.
         for count in [2, 3, 0, 257, 1000, u16::MAX] {
             let mut rig = Rig::new(family);
@@ -580,7 +579,7 @@ fn b3_1_the_nul_ends_a_reply_whatever_its_count_says() {
 
 #[test]
 fn a_board_that_is_gone_gives_no_reply() {
-    for family in TESTED {
+    for family in FAMILIES {
         let mut rig = Rig::new(family);
         assert!(rig.begin("P1"));
         for offset in (0..family.length).step_by(2) {

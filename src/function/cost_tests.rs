@@ -14,7 +14,7 @@ use super::variable_read::{self, VariableEntry, VariableMode, VariablePoll, Vari
 use super::variable_write::{VariableWriter, WritePoll, WriteRecord};
 use crate::device::{Access, Bus, Counted, FileBoard};
 use crate::gather::GatherMode;
-use crate::map::family::testing::TESTED;
+use crate::map::FAMILIES;
 use crate::map::functions::{VARIABLE_READ_ENTRY_READY, rotary_header};
 use crate::map::pmac::{
     BACKGROUND_DATA_READY, BACKGROUND_SERVO_TIMER, DATA_READY, SERVO_PMAC_STATUS, VARIABLE_READ_CONTROL,
@@ -222,7 +222,7 @@ fn variable_write() {
 
 #[test]
 fn panel_and_overrides() {
-    let panels = TESTED.iter().filter_map(|family| Some((family, family.panel.as_ref()?)));
+    let panels = FAMILIES.iter().filter_map(|family| Some((family, family.panel.as_ref()?)));
     for ((family, words), n) in panels.flat_map(|panel| (1..=8).map(move |n| (panel, n))) {
         let (mut rig, mut panel) = (Rig::of(family, Access::Bits16), Panel::new(words));
         let numbers: Vec<usize> = (1..=n).collect();
@@ -283,7 +283,7 @@ fn gather() {
 
 #[test]
 fn rotary() {
-    for (family, c) in TESTED.iter().flat_map(|family| [1, 2, 3, 10, 48].map(|c| (family, c))) {
+    for (family, c) in FAMILIES.iter().flat_map(|family| [1, 2, 3, 10, 48].map(|c| (family, c))) {
         let mut rig = Rig::of(family, Access::Bits16);
         let header = family.rotary.headers[0];
         let size_longs = 2 * c + 4;

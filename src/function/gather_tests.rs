@@ -6,7 +6,7 @@ use super::gather::*;
 use super::servo_timer::ServoTimer;
 use crate::device::{Bus, BusError, Counted, FileBoard};
 use crate::gather::GatherMode;
-use crate::map::family::testing::TURBO;
+use crate::map::TURBO2;
 use crate::map::pmac::SERVO_PMAC_STATUS;
 use crate::map::{HostOffset, Layout, PMAC};
 
@@ -341,11 +341,11 @@ fn a_gather_that_runs_already_is_joined() {
 #[test]
 fn the_longest_sample_of_a_turbo_pmac_is_read_whole() {
     // FACTS-TURBO section 3: 48 sources, I5001 to I5048, of which each may have two longs.
-    let longest_sample = TURBO.i.longest_gather_sample();
+    let longest_sample = TURBO2.i.longest_gather_sample();
     assert_eq!((longest_sample, PMAC.i.longest_gather_sample()), (96, 48));
     let (mut reader, mut board) = pair(GatherBuffer {
-        place: TURBO.gather,
-        room_longs: (TURBO.length - TURBO.gather.buffer.bytes()) / 4,
+        place: TURBO2.gather,
+        room_longs: (TURBO2.length - TURBO2.gather.buffer.bytes()) / 4,
         longest_sample,
         ..buffer(longest_sample * 16, longest_sample, GatherMode::Wrap)
     });

@@ -5,8 +5,7 @@ use proptest::prelude::*;
 use super::super::testing::memory;
 use super::*;
 use crate::device::{Counted, FileBoard};
-use crate::map::family::testing::TESTED;
-use crate::map::{Family, PMAC, pmac};
+use crate::map::{FAMILIES, Family, PMAC, pmac};
 
 /// The families that have a panel: its words, its host's half, and memory.
 fn panels() -> impl Iterator<Item = (&'static PanelBlock, Panel, Counted<FileBoard>)> {
@@ -14,7 +13,7 @@ fn panels() -> impl Iterator<Item = (&'static PanelBlock, Panel, Counted<FileBoa
         let words = family.panel.as_ref()?;
         Some((words, Panel::new(words), Counted::new(memory(family))))
     };
-    TESTED.iter().filter_map(panel)
+    FAMILIES.iter().filter_map(panel)
 }
 
 #[test]

@@ -8,9 +8,8 @@ use super::testing::two_sides;
 use crate::device::board::mapping::Mapping;
 use crate::device::{Access, Bus, ByteBus, Counted};
 use crate::format::TextOrder;
-use crate::map::Family;
-use crate::map::family::testing::TESTED;
 use crate::map::functions::response;
+use crate::map::{FAMILIES, Family};
 
 /// A line of `n` characters with a reply line of `m`, through the DPRAM; nothing is looked at in vain.
 pub fn dpram(family: &'static Family, n: usize, m: usize, access: Access) -> usize {
@@ -66,7 +65,7 @@ pub fn mailboxes(n: usize, m: usize) -> usize {
 
 #[test]
 fn a_line_costs_what_the_table_says() {
-    for family in TESTED {
+    for family in FAMILIES {
         let dpram = |n, m, access| dpram(family, n, m, access);
         for (n, m) in [(2, 2), (20, 20), (80, 80), (159, 255), (1, 0), (15, 15), (29, 16), (33, 47)] {
             assert_eq!(dpram(n, m, Access::Bits32), n / 2 + m / 4 + 11, "{n} {m}");

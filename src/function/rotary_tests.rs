@@ -5,7 +5,7 @@ use proptest::prelude::*;
 use super::rotary::*;
 use super::testing::memory;
 use crate::device::{Bus, BusError, Counted, FileBoard};
-use crate::map::family::testing::TESTED;
+use crate::map::FAMILIES;
 use crate::map::functions::rotary_header as at;
 use crate::map::{Family, HostOffset, PMAC};
 use crate::rotary::{END_MARKER, START_OF_LINE};
@@ -63,7 +63,7 @@ fn line(commands: usize, seed: u32) -> Vec<(u32, u32)> {
 
 #[test]
 fn the_header_says_where_the_ring_lies() {
-    for family in TESTED {
+    for family in FAMILIES {
         for (index, &header) in family.rotary.headers.iter().enumerate() {
             let mut bus = board(family);
             bus.write16(header, 0x8005).unwrap();
@@ -101,7 +101,7 @@ fn pmacs_headers_are_those_of_the_manual() {
 
 #[test]
 fn a_buffer_is_used_only_between_its_set_up_and_the_boards_reset() {
-    for family in TESTED {
+    for family in FAMILIES {
         let mut bus = board(family);
         let mut stream = RotaryStream::of_family(family).remove(0);
         let mut is_refused = |stream: &mut RotaryStream| {
@@ -120,7 +120,7 @@ fn a_buffer_is_used_only_between_its_set_up_and_the_boards_reset() {
 
 #[test]
 fn an_impossible_set_up_writes_nothing() {
-    for family in TESTED {
+    for family in FAMILIES {
         let refused = |setup: RotarySetup| {
             let mut bus = board(family);
             let error = set_up(family, &mut bus, &setup).unwrap_err();
@@ -151,7 +151,7 @@ fn an_impossible_set_up_writes_nothing() {
 
 #[test]
 fn a_line_costs_what_it_says_and_stands_before_the_index_moves() {
-    for family in TESTED {
+    for family in FAMILIES {
         let mut bus = board(family);
         let mut stream = set_up(family, &mut bus, &setup(family, 20)).unwrap();
         let words = line(3, 1);
@@ -170,7 +170,7 @@ fn a_line_costs_what_it_says_and_stands_before_the_index_moves() {
 
 #[test]
 fn the_smallest_buffer_takes_one_command_and_goes_round() {
-    for family in TESTED {
+    for family in FAMILIES {
         let mut bus = board(family);
         let mut stream = set_up(family, &mut bus, &setup(family, 6)).unwrap();
         for turn in 0..9_u16 {
@@ -192,7 +192,7 @@ fn the_smallest_buffer_takes_one_command_and_goes_round() {
 
 #[test]
 fn words_that_are_no_line_are_refused_without_an_access() {
-    for family in TESTED {
+    for family in FAMILIES {
         let mut bus = board(family);
         let mut stream = set_up(family, &mut bus, &setup(family, 20)).unwrap();
         let before = bus.accesses();
@@ -213,7 +213,7 @@ fn words_that_are_no_line_are_refused_without_an_access() {
 
 #[test]
 fn status_and_underruns() {
-    for family in TESTED {
+    for family in FAMILIES {
         let mut bus = board(family);
         let mut stream = set_up(family, &mut bus, &setup(family, 20)).unwrap();
         assert_eq!(stream.state(&mut bus).unwrap().underruns, 0, "nothing sent yet");
@@ -244,7 +244,7 @@ fn status_and_underruns() {
 
 #[test]
 fn a_header_that_somebody_else_wrote_is_not_followed() {
-    for family in TESTED {
+    for family in FAMILIES {
         for (word, value) in [
             (at::HOST_INDEX, 4),
             (at::HOST_INDEX, 0),
@@ -352,7 +352,7 @@ proptest! {
         lengths in prop::collection::vec(1_usize..24, 1..40),
         mut appetite in prop::collection::vec(0_u8..4, 1..50),
     ) {
-        for family in TESTED {
+        for family in FAMILIES {
         // A consumer that never eats never finishes.
         appetite.push(1);
         let size = 2 * half_size;
@@ -387,7 +387,7 @@ proptest! {
 
 #[test]
 fn what_pmac_takes_to_fill_its_own_buffer_is_no_underrun() {
-    for family in TESTED {
+    for family in FAMILIES {
         let mut bus = board(family);
         let mut stream = set_up(family, &mut bus, &setup(family, 6)).unwrap();
         for word in 0..3 {

@@ -4,8 +4,7 @@ use proptest::prelude::*;
 
 use super::*;
 use crate::device::{Counted, FileBoard};
-use crate::map::family::testing::{TESTED, TURBO};
-use crate::map::{Family, Generation};
+use crate::map::{FAMILIES, Family, Generation, TURBO2};
 
 const PLACE: Region =
     Region::new("variable_read", HostOffset::new(0x2A00), HostOffset::new(0x2A00 + 2 * 768));
@@ -116,7 +115,7 @@ const THREE: [VariableEntry; 3] =
 
 #[test]
 fn the_table_is_written_as_the_manual_says_and_the_count_last() {
-    for family in TESTED {
+    for family in FAMILIES {
         let mut rig = Rig::new(family);
         rig.put(rig.count(), 9);
         rig.begin(&THREE, VariableMode::SingleUser);
@@ -137,7 +136,7 @@ fn the_table_is_written_as_the_manual_says_and_the_count_last() {
 
 #[test]
 fn a_report_is_taken_whole_and_the_next_asked_for() {
-    for family in TESTED {
+    for family in FAMILIES {
         let mut rig = Rig::new(family);
         rig.set_up(&THREE, VariableMode::SingleUser);
         assert_eq!(rig.poll(), VariablePoll::Nothing);
@@ -161,7 +160,7 @@ fn a_report_is_taken_whole_and_the_next_asked_for() {
 
 #[test]
 fn a_report_across_a_reset_is_not_taken() {
-    for family in TESTED {
+    for family in FAMILIES {
         let entries = [entry(0x0300, VariableKind::Long); 40];
         // The words of header, table and values.
         let control = family.variable_read.ready.word.bytes();
@@ -203,7 +202,7 @@ fn a_report_across_a_reset_is_not_taken() {
 
 #[test]
 fn a_long_table_is_set_up_and_read_in_bounded_steps() {
-    for family in TESTED {
+    for family in FAMILIES {
         let entries = [entry(0x0300, VariableKind::Long); 128];
         let mut rig = Rig::new(family);
         rig.begin(&entries, VariableMode::SingleUser);
@@ -227,7 +226,7 @@ fn a_long_table_is_set_up_and_read_in_bounded_steps() {
 
 #[test]
 fn in_multi_user_mode_entries_are_taken_and_freed_one_by_one() {
-    for family in TESTED {
+    for family in FAMILIES {
         let mut rig = Rig::new(family);
         rig.set_up(&THREE, VariableMode::MultiUser);
         assert_eq!(rig.word(rig.control()), 0x0100);
@@ -254,7 +253,7 @@ fn in_multi_user_mode_entries_are_taken_and_freed_one_by_one() {
 
 #[test]
 fn no_entry_of_a_long_table_starves() {
-    for family in TESTED {
+    for family in FAMILIES {
         let entries = [entry(0x0300, VariableKind::Long); 128];
         let mut rig = Rig::new(family);
         rig.set_up(&entries, VariableMode::MultiUser);
@@ -272,7 +271,7 @@ fn no_entry_of_a_long_table_starves() {
 
 #[test]
 fn a_pass_that_outlasts_the_silence_brings_no_value() {
-    for family in TESTED {
+    for family in FAMILIES {
         // It set the ready bit for a table that is gone.
         let mut rig = Rig::new(family);
         rig.set_up(&THREE, VariableMode::SingleUser);
@@ -300,7 +299,7 @@ fn a_pass_that_outlasts_the_silence_brings_no_value() {
 
 #[test]
 fn what_cannot_be_read_is_refused_before_anything_is_written() {
-    for family in TESTED {
+    for family in FAMILIES {
         let mut rig = Rig::new(family);
         rig.set_up(&THREE, VariableMode::SingleUser);
         let writes = rig.bus.writes();
@@ -318,7 +317,7 @@ fn what_cannot_be_read_is_refused_before_anything_is_written() {
 
 #[test]
 fn no_entries_and_an_absent_board_give_nothing() {
-    for family in TESTED {
+    for family in FAMILIES {
         let mut rig = Rig::new(family);
         rig.set_up(&THREE, VariableMode::MultiUser);
         for offset in (0..family.length).step_by(2) {
@@ -338,7 +337,7 @@ fn no_entries_and_an_absent_board_give_nothing() {
 #[test]
 fn an_address_of_19_bits_goes_on_in_the_x_word() {
     // FACTS-TURBO section 7.1: X:$078000 is $8000 / $0027.
-    let mut rig = Rig::new(&TURBO);
+    let mut rig = Rig::new(&TURBO2);
     rig.set_up(&[entry(0x7_8000, VariableKind::X)], VariableMode::MultiUser);
     assert_eq!([rig.word(0x2A00), rig.word(0x2A02)], [0x8000, 0x0027]);
     rig.pass(0);
@@ -353,7 +352,7 @@ proptest! {
     fn every_table_brings_each_entry_its_own_value(
         kinds in proptest::collection::vec(0usize..4, 1..=128),
         multi_user in any::<bool>(),
-        family in proptest::sample::select(&TESTED[..]),
+        family in proptest::sample::select(&FAMILIES[..]),
     ) {
         let all = [VariableKind::Y, VariableKind::X, VariableKind::Long, VariableKind::Special];
         let entries: Vec<_> =

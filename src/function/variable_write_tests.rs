@@ -4,8 +4,7 @@ use proptest::prelude::*;
 
 use super::*;
 use crate::device::{Counted, FileBoard};
-use crate::map::family::testing::TESTED;
-use crate::map::{Family, PMAC};
+use crate::map::{FAMILIES, Family, PMAC};
 
 const PLACE: Region = Region::new("variable_write", HostOffset::new(0x2880), HostOffset::new(0x2A00));
 
@@ -130,7 +129,7 @@ fn what_would_do_harm_or_nothing_is_refused() {
 
 #[test]
 fn a_job_is_handed_over_count_last_and_done_when_pmac_says_so() {
-    for family in TESTED {
+    for family in FAMILIES {
         let mut rig = Rig::new(family, PLACE);
         assert_eq!(rig.poll(), WritePoll::Idle);
         let before = rig.bus.accesses();
@@ -151,7 +150,7 @@ fn a_job_is_handed_over_count_last_and_done_when_pmac_says_so() {
 
 #[test]
 fn more_than_a_cycle_holds_goes_in_order() {
-    for family in TESTED {
+    for family in FAMILIES {
         for (place, cycle) in
             [(PLACE, 32), (Region::new("w", PLACE.start, HostOffset::new(0x2880 + 5 * 12)), 5)]
         {
@@ -186,7 +185,7 @@ fn more_than_a_cycle_holds_goes_in_order() {
 
 #[test]
 fn no_records_are_done_at_once_and_no_room_takes_none() {
-    for family in TESTED {
+    for family in FAMILIES {
         let mut rig = Rig::new(family, PLACE);
         assert!(rig.begin(Vec::new()));
         assert_eq!(rig.poll(), WritePoll::Done);
@@ -198,7 +197,7 @@ fn no_records_are_done_at_once_and_no_room_takes_none() {
 
 #[test]
 fn a_job_given_up_tells_what_is_certain_and_rests() {
-    for family in TESTED {
+    for family in FAMILIES {
         let mut rig = Rig::new(family, PLACE);
         assert!(rig.begin((1..=40).map(word).collect()));
         let nothing_yet = rig.writer.give_up(&mut rig.bus, rig.now).unwrap();
@@ -227,7 +226,7 @@ fn a_job_given_up_tells_what_is_certain_and_rests() {
 
 #[test]
 fn records_of_another_host_and_an_absent_board_are_waited_for() {
-    for family in TESTED {
+    for family in FAMILIES {
         let mut rig = Rig::new(family, PLACE);
         for count in [3, u16::MAX] {
             rig.bus.write16(family.variable_write.count, count).unwrap();

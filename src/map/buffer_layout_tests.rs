@@ -2,8 +2,8 @@
 
 use proptest::prelude::*;
 
+use super::super::FAMILIES;
 use super::super::PMAC;
-use super::super::family::testing::TESTED;
 use super::*;
 
 fn layout(firmware: Option<&str>) -> Layout {
@@ -128,7 +128,7 @@ fn without_buffers_all_of_the_area_is_open() {
 
 #[test]
 fn a_family_has_as_many_rotary_buffers_as_headers() {
-    for family in TESTED {
+    for family in FAMILIES {
         let layout = Layout::new(family, None);
         let count = family.rotary.headers.len();
         let settings = |rotary_longs| BufferSettings { rotary_longs, ..BufferSettings::default() };

@@ -3,6 +3,13 @@
 //! A function of the driver takes one of these and knows no address. What differs between families is a value here; a
 //! difference in the procedure itself is a small enum ([`BusyRule`]), matched in one place.
 
+mod variables;
+
+pub use variables::{
+    EntryBits, RecordBits, VARIABLE_READ_ENTRIES, VARIABLE_READ_ENTRY_READY, VARIABLE_READ_ENTRY_WORDS,
+    VARIABLE_WRITE_RECORD_WORDS, VARIABLE_WRITE_RECORDS, VariableKind, VariableRead, VariableWrite,
+};
+
 use super::{HostOffset, NumberKind, PmacAddress, Region};
 
 /// Bits of a DPRAM word by which one side tells the other something.
@@ -128,11 +135,22 @@ impl BusyRule {
     }
 }
 
+/// What begins the servo report.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ReportStart {
+    /// The first `GATHER` while it is enabled; one more starts data gathering (DPRAM manual p. 14).
+    Gather,
+    /// That it is enabled (Turbo User Manual p. 403).
+    Enable,
+}
+
 /// The servo report: motor data that PMAC copies every so many servo cycles.
 #[derive(Debug, PartialEq, Eq)]
 pub struct ServoBlock {
     /// All of it.
     pub region: Region,
+    /// What begins it.
+    pub start: ReportStart,
     /// Set by the host: PMAC skips its updates.
     pub host_busy: Flag,
     /// Set and cleared by PMAC.
@@ -193,6 +211,8 @@ pub struct BackgroundBlock {
     pub global: Run,
     /// The longs with the board's ports: JPAN, JTHW and JOPTO.
     pub ports: [HostOffset; 3],
+    /// The longs with the words of `???`, in the order of that reply; `None` where the report has none.
+    pub global_status: Option<[HostOffset; 2]>,
     /// What the blocks' numbers count.
     pub numbers: NumberKind,
     /// The blocks.
@@ -235,6 +255,8 @@ pub struct AsciiPort {
     pub command_bytes: usize,
     /// Characters of the longest line PMAC takes. What does not fit the buffer goes in a second part.
     pub line_limit: usize,
+    /// Replies go by I3, and the enable forces I3, I4 and I6 (DPRAM manual p. 27); otherwise I3 has no effect here.
+    pub goes_by_i3: bool,
     /// What PMAC put into the response buffer: 0 nothing, else one of [`response`]'s values. The host writes 0.
     pub response_control: HostOffset,
     /// Characters in the response buffer, the NUL included.
@@ -297,144 +319,23 @@ impl StartRule {
     }
 }
 
-/// What an entry of the variable tables says of its register. It is not a [`Space`](super::Space): the tables do not tell
-/// `D:` from `L:`, and know function blocks, which are no registers.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum VariableKind {
-    /// A Y word: 24 bits, sign-extended to a long.
-    Y,
-    /// An X word: 24 bits, sign-extended to a long.
-    X,
-    /// X and Y, fixed or floating point: two longs, Y half first.
-    Long,
-    /// A function block of a compiled PLC, firmware 1.16: two longs. The address is the block's number.
-    Special,
-}
-
-impl VariableKind {
-    /// Its code: in the table (see [`EntryBits`]) and in the segment.
-    #[must_use]
-    pub const fn code(self) -> u16 {
-        match self {
-            Self::Y => 0,
-            Self::Long => 1,
-            Self::X => 2,
-            Self::Special => 4,
-        }
-    }
-
-    /// The kind with this code.
-    #[must_use]
-    pub const fn of_code(code: u16) -> Option<Self> {
-        match code {
-            0 => Some(Self::Y),
-            1 => Some(Self::Long),
-            2 => Some(Self::X),
-            4 => Some(Self::Special),
-            _ => None,
-        }
-    }
-
-    /// 16-bit words of its value in the DPRAM.
-    #[must_use]
-    pub const fn words(self) -> usize {
-        match self {
-            Self::Y | Self::X => 2,
-            Self::Long | Self::Special => 4,
-        }
-    }
-}
-
-/// How an entry of the variable-read table is written: the Y word holds address bits 15-0, the X word the kind and,
-/// from bit 0, the address bits above.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct EntryBits {
-    /// The lowest bit of the kind in the X word.
-    pub kind: u32,
-    /// Bits of an address, 16 to 19.
-    pub address: u32,
-}
-
-impl EntryBits {
-    /// The bits of the X word that the host writes.
-    #[must_use]
-    pub const fn mask(self) -> u16 {
-        0b111 << self.kind | ((1_u32 << (self.address - 16)) - 1) as u16
-    }
-
-    /// The Y and the X word.
-    #[must_use]
-    pub const fn words(self, kind: VariableKind, address: u32) -> [u16; 2] {
-        [address as u16, kind.code() << self.kind | (address >> 16) as u16]
-    }
-
-    /// The kind's code and the address out of the Y and the X word.
-    #[must_use]
-    pub const fn parts(self, [y, x]: [u16; 2]) -> (u16, u32) {
-        let above = x as u32 & ((1 << (self.address - 16)) - 1);
-        (x >> self.kind & 0b111, y as u32 | above << 16)
-    }
-}
-
-/// Background variable read: registers of the host's choice.
-#[derive(Debug, PartialEq, Eq)]
-pub struct VariableRead {
-    /// In the control word, single-user mode: PMAC sets it after an update, the host clears it to have another.
-    pub ready: Flag,
-    /// In the control word: every entry has its own ready bit.
-    pub multi_user: Flag,
-    /// The low 16 bits of the servo counter at the update.
-    pub timer: HostOffset,
-    /// Entries to read; 0 stops the function.
-    pub count: HostOffset,
-    /// Where the table lies, by the [`StartRule`].
-    pub start: HostOffset,
-    /// How an entry is written.
-    pub entry: EntryBits,
-}
-
-/// Entries of a variable-read table at most, in every family.
-pub const VARIABLE_READ_ENTRIES: usize = 128;
-/// 16-bit words of an entry.
-pub const VARIABLE_READ_ENTRY_WORDS: usize = 2;
-/// In an entry's X word, in multi-user mode: PMAC sets it after an update, the host clears it to have another.
-pub const VARIABLE_READ_ENTRY_READY: u16 = 1 << 15;
-
-/// Where the parts of a write record's type word begin, each by its lowest bit.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct RecordBits {
-    /// The kind.
-    pub kind: u32,
-    /// The width in bits; 0 is the whole word.
-    pub width: u32,
-    /// The lowest bit written.
-    pub offset: u32,
-    /// Bits of an address; those above 15 stand from bit 0 on.
-    pub address: u32,
-}
-
-/// Background variable write.
-#[derive(Debug, PartialEq, Eq)]
-pub struct VariableWrite {
-    /// Records to write; the host sets it, PMAC writes 0 when it has done them.
-    pub count: HostOffset,
-    /// Where the records lie, by the [`StartRule`].
-    pub start: HostOffset,
-    /// How a record's type word is made up.
-    pub record: RecordBits,
-}
-
-/// Records of a variable-write table at most, in every family.
-pub const VARIABLE_WRITE_RECORDS: usize = 32;
-/// 16-bit words of a record.
-pub const VARIABLE_WRITE_RECORD_WORDS: usize = 6;
-
 /// The headers of the binary rotary buffers, the first buffer's first.
 #[derive(Debug, PartialEq, Eq)]
 pub struct RotaryHeaders {
     /// Where each header begins.
     pub headers: &'static [HostOffset],
+    /// The first header is coordinate system 1's, and so on; otherwise each is for the one that its word names.
+    pub one_a_system: bool,
+    /// The on-line command that lets binary lines in.
+    pub open: &'static str,
+}
+
+impl RotaryHeaders {
+    /// Which header a program for coordinate system `number`, from 1, is put into: its own, or the first.
+    #[must_use]
+    pub fn index_for(&self, number: usize) -> usize {
+        if self.one_a_system { number.saturating_sub(1) } else { 0 }
+    }
 }
 
 /// Where the words of a rotary header lie, in 16-bit words from its start. The same in every family.
@@ -533,6 +434,10 @@ pub struct IVariables {
     pub background_enable: u16,
     /// The highest motor and coordinate system in the servo and background reports.
     pub reported: Option<u16>,
+    /// Servo cycles between two background reports; 0 is on request. `None`: always on request.
+    pub background_period: Option<u16>,
+    /// Set to 1, has the servo report made in the background, and switches [`IVariables::servo_enable`] off.
+    pub servo_in_background: Option<u16>,
     /// Enable of both variable tables.
     pub variables_enable: u16,
     /// Interrupt for a response in the DPRAM.

@@ -4,7 +4,7 @@
 use serde::Serialize;
 
 use super::readings::{GatherPosition, GatherSizeWord, Readings};
-use super::{Block, Family, Firmware, GatherPlace, HostOffset, Register, SourceAt, Space, Width};
+use super::{Block, Confidence, Family, Firmware, GatherPlace, HostOffset, Register, SourceAt, Space, Width};
 
 /// The register map of one board.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -45,6 +45,9 @@ pub struct MapRecord {
     pub space: &'static str,
     /// How its bits are to be read.
     pub format: &'static str,
+    /// How sure this is, `H`, `M` or `L`; without it, the board's own DPRAM manual says it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub confidence: Option<&'static str>,
 }
 
 impl Layout {
@@ -175,6 +178,7 @@ impl Entry {
             pmac_address: family.print_number(family.pmac_number(self.offset)),
             space: self.space(family),
             format: self.register.format.name(),
+            confidence: self.register.confidence.map(Confidence::letter),
         }
     }
 }

@@ -31,14 +31,16 @@ pub use address::{HostOffset, PmacAddress, Space};
 pub use buffer_layout::{BufferLayout, BufferLayoutError, BufferSettings, NotUserArea, Owner};
 pub use family::pmac;
 pub use family::pmac_table::PANEL_REQUEST_BITS;
-pub use family::{DEFAULT_FAMILY, FAMILIES, Family, Generation, PMAC, PMAC2, UnknownFamily};
+pub use family::{
+    DEFAULT_FAMILY, FAMILIES, Family, Generation, PMAC, PMAC2, SERVED, TURBO, TURBO2, UnknownFamily,
+};
 pub use field::{BitField, Field, FieldError};
 pub use firmware::{BadFirmware, Firmware};
 pub use function::{Function, UnknownFunction};
 pub use functions::{
     AsciiPort, BackgroundBlock, Blocks, BusyRule, Controller, EntryBits, Flag, GatherPlace, IVariables,
-    PanelBlock, RecordBits, RotaryHeaders, Run, ServoBlock, StartRule, Timer, VariableKind, VariableRead,
-    VariableWrite,
+    PanelBlock, RecordBits, ReportStart, RotaryHeaders, Run, ServoBlock, StartRule, Timer, VariableKind,
+    VariableRead, VariableWrite,
 };
 pub use layout::{Entry, Layout, MapRecord, records};
 pub use readings::{READINGS, Readings};
@@ -46,5 +48,5 @@ pub use region::Region;
 pub use register::{BadRegister, PmacRegister};
 pub use selection::{BlockField, Selection, block_fields};
 pub use status::{MotionMode, StatusTable, StatusTables, TargetSource};
-pub use table::{Bits, Block, Format, NumberKind, Register, Source, SourceAt, Width, Writer};
+pub use table::{Bits, Block, Confidence, Format, NumberKind, Register, Source, SourceAt, Width, Writer};
 pub use typed::{AddressError, TypedAddress};

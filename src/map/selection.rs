@@ -130,7 +130,7 @@ pub fn block_fields(family: &Family, function: &str) -> impl Iterator<Item = Blo
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::map::{FAMILIES, PMAC, pmac};
+    use crate::map::{Blocks, FAMILIES, PMAC};
 
     fn runs(selection: Selection, block_words: usize, count: usize) -> Vec<Range<usize>> {
         let mut runs = vec![7..9, 9..10];
@@ -164,9 +164,8 @@ mod tests {
     #[test]
     fn the_fields_fill_their_block_without_a_gap() {
         for family in FAMILIES {
-            for (function, words) in
-                [("servo", pmac::SERVO_MOTOR_WORDS), ("background", pmac::BACKGROUND_BLOCK_WORDS)]
-            {
+            let blocks = [("servo", family.servo.motors), ("background", family.background.blocks)];
+            for (function, Blocks { words, .. }) in blocks {
                 let mut next = 0;
                 for field in block_fields(family, function) {
                     assert_eq!((field.words.start, field.register.function), (next, function));

@@ -59,6 +59,12 @@ pub enum Format {
     Address,
     /// Gathered samples, as the gather mask has them.
     Gather,
+    /// Separate bits of both halves of a location.
+    Bits32,
+    /// A Turbo board's place in its user area, in longs from $060450.
+    StartOffset,
+    /// Whatever its user puts there.
+    Any,
 }
 
 impl Format {
@@ -80,6 +86,32 @@ impl Format {
             Self::Ascii => "ascii",
             Self::Address => "PMAC address",
             Self::Gather => "gather",
+            Self::Bits32 => "bits32",
+            Self::StartOffset => "offset from $060450",
+            Self::Any => "any",
+        }
+    }
+}
+
+/// How sure it is that a register is what the table says.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Confidence {
+    /// A manual's page says it, or two sources that do not know of each other.
+    High,
+    /// One good source says it: a driver in production, or the vendor's own headers.
+    Medium,
+    /// Worked out, or carried over from PMAC. Try it before you rely on it.
+    Low,
+}
+
+impl Confidence {
+    /// `H`, `M` or `L`.
+    #[must_use]
+    pub const fn letter(self) -> &'static str {
+        match self {
+            Self::High => "H",
+            Self::Medium => "M",
+            Self::Low => "L",
         }
     }
 }
@@ -200,6 +232,8 @@ pub struct Register {
     pub source: Source,
     /// What a reader of the manual should know besides.
     pub note: &'static str,
+    /// How sure all of this is; `None` where the board's own DPRAM manual says it.
+    pub confidence: Option<Confidence>,
 }
 
 impl Register {
@@ -245,6 +279,7 @@ impl Register {
             bits: &[],
             source: Source::None,
             note: "",
+            confidence: None,
         }
     }
 
@@ -277,6 +312,11 @@ impl Register {
 
     pub(super) const fn note(mut self, note: &'static str) -> Self {
         self.note = note;
+        self
+    }
+
+    pub(super) const fn sure(mut self, confidence: Confidence) -> Self {
+        self.confidence = Some(confidence);
         self
     }
 }

@@ -6,8 +6,7 @@ use crate::clock::ManualTime;
 use crate::decode::{Scales, ServoData, ServoDecoder};
 use crate::device::{Counted, FileBoard};
 use crate::format::{fixed48, split32};
-use crate::map::family::testing::TURBO;
-use crate::map::{HostOffset, Space};
+use crate::map::{HostOffset, Space, TURBO2};
 use crate::segment::{CreateOptions, Sample, SegmentName, Subscriber};
 use std::time::Duration;
 
@@ -31,14 +30,14 @@ struct Rig {
 impl Rig {
     fn new(reading: ServoReading) -> Self {
         let file = tempfile::tempfile().unwrap();
-        let length = TURBO.length as usize;
+        let length = TURBO2.length as usize;
         file.set_len(length as u64).unwrap();
         let directory = tempfile::tempdir_in("/dev/shm").unwrap();
         let name = SegmentName::new("turbo").unwrap();
-        let mut options = CreateOptions::new(name.clone(), vec![region(&TURBO.servo)]);
+        let mut options = CreateOptions::new(name.clone(), vec![region(&TURBO2.servo)]);
         directory.path().clone_into(&mut options.directory);
         let time = ManualTime::at(1_000_000_000_000);
-        let mut mirror = ServoMirror::new(&TURBO.servo, reading, time.clock());
+        let mut mirror = ServoMirror::new(&TURBO2.servo, reading, time.clock());
         mirror.configure(MASK, Some(CYCLE_NS), Some(1));
         let mut rig = Self {
             bus: Counted::new(FileBoard::from_file(&file, length).unwrap()),
@@ -101,7 +100,7 @@ impl Rig {
         self.subscriber.latest(RegionId::Servo, &mut sample).unwrap()?;
         let region = self.subscriber.region(RegionId::Servo).unwrap();
         let motors = region.blocks.held_in(2 * sample.words().len());
-        let decoder = ServoDecoder::new(&TURBO);
+        let decoder = ServoDecoder::new(&TURBO2);
         let data = decoder.decode(sample.words(), motors, &Scales::default(), region.selection).unwrap();
         Some((sample.stamp(), data))
     }
@@ -193,7 +192,7 @@ fn other_motors_than_before_leave_nothing_of_those_before() {
 
 #[test]
 fn the_segment_says_where_the_motors_lie() {
-    let region = region(&TURBO.servo);
+    let region = region(&TURBO2.servo);
     assert_eq!(region.first_host_offset, 0x0068);
     assert_eq!(region.blocks, BlockPlace { start: 12, stride: 0x30, count: 32 });
     assert_eq!(region.payload_bytes, 0x0674 - 0x0068);
@@ -202,14 +201,14 @@ fn the_segment_says_where_the_motors_lie() {
 #[test]
 fn addresses_of_a_turbo_pmac_go_both_ways() {
     // Section 1: "last long 0xFFFC", $063FFF; section 4: motor n at $06001D + $0C*(n-1).
-    let last = TURBO.host_offset(Space::X, 0x06_3FFF);
+    let last = TURBO2.host_offset(Space::X, 0x06_3FFF);
     assert_eq!(last, Some(HostOffset::new(0xFFFE)));
-    assert_eq!(TURBO.host_offset(Space::Y, 0x06_4000), None);
-    for motor in 1..=TURBO.motors {
-        let block = TURBO.servo.motors.at(motor).unwrap();
-        assert_eq!(TURBO.pmac_number(block), 0x06_001D + 0x0C * (motor as u32 - 1));
+    assert_eq!(TURBO2.host_offset(Space::Y, 0x06_4000), None);
+    for motor in 1..=TURBO2.motors {
+        let block = TURBO2.servo.motors.at(motor).unwrap();
+        assert_eq!(TURBO2.pmac_number(block), 0x06_001D + 0x0C * (motor as u32 - 1));
     }
     // Section 7.1: a table at $060540 has the start word $F0.
-    let table = TURBO.host_offset(Space::Y, 0x06_0540).unwrap();
-    assert_eq!(TURBO.start.start_word(table), 0xF0);
+    let table = TURBO2.host_offset(Space::Y, 0x06_0540).unwrap();
+    assert_eq!(TURBO2.start.start_word(table), 0xF0);
 }

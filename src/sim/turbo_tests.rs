@@ -1,23 +1,22 @@
 //! A family that no program offers yet, on the board as it is: Turbo PMAC2's DPRAM of 64 KiB with 32 motors, addresses
 //! of 19 bits, masks and 24-bit timers. Registers are test data.
 
-use crate::map::family::testing::TURBO;
-use crate::map::{PmacAddress, Space};
+use crate::map::{PmacAddress, Space, TURBO2};
 use crate::sim::board::firmware::{Controller, DpramHandshake, FirmwareTables};
 use crate::sim::board::i_rows;
 use crate::sim::board::register_table::{self, Each, RegisterTable};
 use crate::sim::testing::Bench;
 
 const fn motor(space: Space, number: u32) -> Each {
-    Each::new(TURBO.motor_source_stride, PmacAddress::new(space, number))
+    Each::new(TURBO2.motor_source_stride, PmacAddress::new(space, number))
 }
 
 const fn system(space: Space, number: u32) -> Each {
-    Each::new(TURBO.system_source_stride, PmacAddress::new(space, number))
+    Each::new(TURBO2.system_source_stride, PmacAddress::new(space, number))
 }
 
 static TABLES: FirmwareTables = FirmwareTables {
-    family: &TURBO,
+    family: &TURBO2,
     variables: 8192,
     p_address: 0x6000,
     q_addresses: &[0x8000; 16],
@@ -50,7 +49,7 @@ static TABLES: FirmwareTables = FirmwareTables {
         axis_targets: system(Space::L, 0x2041),
         segmented_axis_targets: system(Space::L, 0x204A),
         lines_remaining: system(Space::Y, 0x2053),
-        ..register_table::pmac(&TURBO)
+        ..register_table::pmac(&TURBO2)
     },
     decimals: 10,
     dpram_handshake: DpramHandshake::Untouched,

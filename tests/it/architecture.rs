@@ -300,8 +300,8 @@ struct Addresses {
     fixed_end: u32,
 }
 
-/// The DPRAM of every family there is, and of Turbo PMAC, which is to come: $060000-$06FFFF, where the host's and other
-/// DPRAM lie, with fixed words up to $06044F (Turbo User Manual p. 402-411).
+/// The DPRAM of every family there is, and those that a Turbo board can have besides, on accessory boards: $06C000 to
+/// $06FFFF (Turbo User Manual p. 45).
 fn addresses() -> Vec<Addresses> {
     let known = FAMILIES.iter().map(|family| Addresses {
         pmac: family.base..family.base + family.length / 4,

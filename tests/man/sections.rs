@@ -5,7 +5,7 @@
 use pmac_dpram::daemon::socket::policy::Role;
 use pmac_dpram::function::panel::PanelAction;
 use pmac_dpram::gather::Source;
-use pmac_dpram::map::{FAMILIES, Generation, Layout, PMAC, READINGS};
+use pmac_dpram::map::{FAMILIES, Layout, PMAC, READINGS, SERVED};
 use pmac_dpram::protocol::{BackgroundSettings, Function, ServoSettings};
 use pmac_dpram::rotary::Settings;
 use pmac_dpram::sim::control::COMMANDS;
@@ -32,17 +32,11 @@ fn list(
 }
 
 fn families() -> Names {
-    list(
-        "FAMILIES",
-        "What --family and `family` of pmacd.toml(5) take:",
-        FAMILIES.iter().map(|family| family.name),
-    )
+    list("FAMILIES", "What --family takes:", FAMILIES.iter().map(|family| family.name))
 }
 
-fn generations() -> Names {
-    let about = "What --family takes here; the set-up registers of Turbo boards are known too:";
-    let names = ["pmac", "pmac2", "turbo", "turbo2"];
-    list("FAMILIES", about, names.into_iter().filter(|name| name.parse::<Generation>().is_ok()))
+fn served_families() -> Names {
+    list("FAMILIES", "What `family` takes:", SERVED.iter().map(|family| family.name))
 }
 
 fn functions() -> Names {
@@ -128,7 +122,7 @@ pub fn names(page: &str) -> Vec<Names> {
     match page {
         "pmacd.toml" => vec![
             functions(),
-            families(),
+            served_families(),
             roles(),
             list("SERVO FIELDS", "What `fields` of [servo] lists:", ServoSettings::all(&PMAC).fields),
             list(
@@ -152,9 +146,9 @@ pub fn names(page: &str) -> Vec<Names> {
                 "What setup enable takes, in the order in which it enables them:",
                 Function::ALL.map(Function::name),
             ),
-            generations(),
+            families(),
         ],
-        "pmacctl-absolute" => vec![generations()],
+        "pmacctl-absolute" => vec![families()],
         _ => Vec::new(),
     }
 }
@@ -207,6 +201,7 @@ pub fn examples(page: &str) -> &'static [Example] {
         "pmacctl-map" => &[
             ("The printed map:", &["pmacctl map"]),
             ("As firmware 1.16D has it, for a program:", &["pmacctl map --firmware 1.16D --json"]),
+            ("Of a Turbo PMAC2:", &["pmacctl map --family turbo2"]),
         ],
         "pmacctl-read" => &[(
             "Three registers, and four bits of one:",

@@ -7,9 +7,13 @@ use crate::cli::console::table::{Align, Table};
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::map::{Family, Firmware, Layout, MapRecord, Readings};
 
+/// The column that only a family has whose registers not all stand in its own DPRAM manual.
+const CONFIDENCE: &str = "confidence";
+
 #[derive(Debug, Args)]
 pub struct Map {
-    /// The board's family
+    /// The board's family. For Turbo boards a register's confidence is told: H a manual or two sources, M one source, L worked
+    /// out
     #[arg(long, value_name = "FAMILY", default_value = "pmac", value_parser = family)]
     pub family: &'static Family,
     /// The board's firmware, as VERSION answers; without it, the map in the printed manual
@@ -42,6 +46,7 @@ fn table(records: &[MapRecord]) -> Table {
         ("number", Align::Right),
         ("function", Align::Left),
         ("register", Align::Left),
+        (CONFIDENCE, Align::Left),
     ]);
     for record in records {
         table.row([
@@ -53,7 +58,11 @@ fn table(records: &[MapRecord]) -> Table {
             record.number.map_or_else(String::new, |number| number.to_string()),
             record.function.to_owned(),
             record.register.to_owned(),
+            record.confidence.unwrap_or_default().to_owned(),
         ]);
+    }
+    if records.iter().all(|record| record.confidence.is_none()) {
+        table.drop_column(CONFIDENCE);
     }
     table
 }

@@ -340,8 +340,7 @@ pub fn servo_period_ps(i10: u32) -> u64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::map::PMAC;
-    use crate::map::family::testing::{TESTED, TURBO};
+    use crate::map::{FAMILIES, PMAC, TURBO2};
 
     fn answer(identifier: &mut Identifier, now: Instant, lines: &[&str]) -> String {
         let (line, _) = identifier.next_line(now).unwrap();
@@ -383,7 +382,7 @@ mod tests {
 
     #[test]
     fn every_motors_scales_are_asked_in_lines_that_the_board_takes() {
-        for family in TESTED {
+        for family in FAMILIES {
             let now = Instant::now();
             let mut identifier = Identifier::new(family, Identity::default(), true, now);
             let mut asked = Vec::new();
@@ -419,7 +418,7 @@ mod tests {
         let line = |family| questions(family)[2].line();
         assert_eq!(line(&PMAC), "I10 I19 I48 I49 I59 I2 I55");
         // FACTS-TURBO section 3: no I-variable says how many motors are reported, or where the panel is.
-        assert_eq!(line(&TURBO), "I10 I47 I48 I49 I55");
+        assert_eq!(line(&TURBO2), "I10 I47 I48 I49 I55");
     }
 
     #[test]

@@ -164,15 +164,14 @@ impl Reporter {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::map::PMAC;
-    use crate::map::family::testing::TURBO;
+    use crate::map::{PMAC, TURBO2};
 
     #[test]
     fn what_to_look_at_goes_by_the_family() {
         let [servo, background, ascii] = Reporter::new(&PMAC).hints;
         assert_eq!(servo, "is I48=1, I19>0, I59>0, and GATHER given?");
         assert_eq!((background.as_str(), ascii.as_str()), ("is I49=1, I59>0?", "is I58=1?"));
-        let [servo, background, _] = Reporter::new(&TURBO).hints;
+        let [servo, background, _] = Reporter::new(&TURBO2).hints;
         assert_eq!(servo, "is I48=1, I47>0, and GATHER given?");
         assert_eq!(background, "is I49=1?");
     }

@@ -172,8 +172,7 @@ impl HostPortTable {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::map::family::testing::TESTED;
-    use crate::map::{PMAC, PMAC2};
+    use crate::map::{FAMILIES, PMAC, PMAC2};
 
     fn mailbox(text: &str) -> Result<MailboxConfig, String> {
         toml::from_str::<MailboxTable>(text)
@@ -199,7 +198,7 @@ mod tests {
         assert_eq!((config.vectors, config.page), (None, Some(0x3F)));
         let config = host_port("registers = \"port:0x210\"\n", &PMAC).unwrap();
         assert_eq!((config.port, config.registers), (HostPort::PMAC, "port:0x210".parse().unwrap()));
-        for family in TESTED {
+        for family in FAMILIES {
             let config = host_port("registers = \"file:h\"\n", family).unwrap();
             let usual = HostPort::usual(family.host_port);
             assert_eq!((config.port, config.interrupt), (usual, family.i.interrupt), "{}", family.name);

@@ -225,7 +225,7 @@ impl Settings {
         })?;
         let name = options.name.clone().or(file.name).unwrap_or_else(|| "pmac0".to_owned());
         let roles = file.roles.unwrap_or_default().decide()?;
-        let family = file.family.as_deref().map_or(Ok(DEFAULT_FAMILY), Family::by_name);
+        let family = file.family.as_deref().map_or(Ok(DEFAULT_FAMILY), Family::served);
         let family = family.map_err(|error| Refusal::of("family", error))?;
         let (servo, background) = (file.servo.decide(family)?, file.background.decide(family)?);
         something_to_do(&file.functions, &servo)?;
@@ -413,7 +413,11 @@ mod tests {
             ),
             (
                 "board = \"sim\"\nfamily = \"turbo9\"\n",
-                "FILE:2:10: no board family is called \"turbo9\"; supported are pmac, pmac2; turbo, turbo2 can only be set up",
+                "FILE:2:10: no board family is called \"turbo9\"; there are pmac, pmac2, turbo, turbo2, of which pmacd runs pmac, pmac2",
+            ),
+            (
+                "board = \"sim\"\nfamily = \"turbo2\"\n",
+                "FILE:2:10: pmacd does not run a turbo2 yet, only pmac, pmac2; pmacctl map, decode and setup know pmac, pmac2, turbo, turbo2",
             ),
             ("board = \"sim\"\nmotors = 9\n", "FILE:2:10: motors = 9 is out of range: write 1 to 8"),
             ("board = \"sim\"\nsocket_mode = \"9\"\n", "FILE:2:15: socket_mode = \"9\" is not a file mode"),

@@ -3,8 +3,8 @@
 
 pub mod pmac;
 pub(super) mod pmac_table;
-#[cfg(test)]
-pub mod testing;
+pub mod turbo;
+pub(super) mod turbo_table;
 
 use std::fmt;
 use std::str::FromStr;
@@ -29,10 +29,9 @@ pub enum Generation {
 impl FromStr for Generation {
     type Err = UnknownFamily;
 
-    /// The generation of the family called `name`. Boards whose DPRAM is not supported have one too: they can be set up.
+    /// The generation of the family called `name`.
     fn from_str(name: &str) -> Result<Self, UnknownFamily> {
-        let named = NAMES.iter().find(|(known, _)| known.eq_ignore_ascii_case(name));
-        named.map(|(_, generation)| *generation).ok_or_else(|| UnknownFamily { name: name.to_owned() })
+        Family::by_name(name).map(|family| family.generation)
     }
 }
 
@@ -145,25 +144,84 @@ const fn pmac_family(
     }
 }
 
+const fn turbo_family(
+    name: &'static str,
+    title: &'static str,
+    number: u32,
+    default_i10: u32,
+    host_port: Controller,
+    length: u32,
+) -> Family {
+    let (regions, user_area) = match length {
+        turbo::LENGTH_8K => (turbo::REGIONS_8K, turbo::USER_AREA_8K),
+        _ => (turbo::REGIONS_32K, turbo::USER_AREA_32K),
+    };
+    Family {
+        name,
+        title,
+        number,
+        generation: Generation::Turbo,
+        base: turbo::BASE,
+        length,
+        memory_end: turbo::MEMORY_END,
+        motors: turbo::MOTORS,
+        coordinate_systems: turbo::SYSTEMS,
+        address_digits: 6,
+        address_bits: 19,
+        motor_source_stride: turbo::MOTOR_SOURCE_STRIDE,
+        system_source_stride: turbo::SYSTEM_SOURCE_STRIDE,
+        default_i10,
+        i: turbo::I_VARIABLES,
+        regions,
+        user_area,
+        blocks: turbo_table::BLOCKS,
+        status: &status::TURBO,
+        servo: turbo::SERVO_BLOCK,
+        background: turbo::BACKGROUND_REPORT,
+        ascii: turbo::ASCII,
+        // The words have a place, but no text tells of a firmware that acts on them, or of what switches them on.
+        panel: None,
+        host_port,
+        start: turbo::START,
+        variable_read: turbo::VARIABLE_READ,
+        variable_write: turbo::VARIABLE_WRITE,
+        rotary: turbo::ROTARY_BUFFERS,
+        gather: turbo::GATHER,
+        gather_moved_in: &[],
+        gather_shift: 0,
+    }
+}
+
+const fn turbo_of(length: u32) -> Family {
+    // No text seen tells the interrupt controllers; these are the boards' before the Turbo processor was put on them.
+    turbo_family("turbo", "Turbo PMAC", 3, 3_713_707, Controller::Pic8259, length)
+}
+
+const fn turbo2_of(length: u32) -> Family {
+    turbo_family("turbo2", "Turbo PMAC2", 4, 3_713_991, Controller::Pmac2, length)
+}
+
 /// PMAC, the first generation (PMAC(1)), with option 2 or 2V.
 pub static PMAC: Family = pmac_family("pmac", "PMAC", 1, 3_713_707, Controller::Pic8259);
 /// PMAC2; its DPRAM is laid out as PMAC's.
 pub static PMAC2: Family = pmac_family("pmac2", "PMAC2", 2, 3_713_991, Controller::Pmac2);
-/// The families this version knows.
-pub static FAMILIES: &[&Family] = &[&PMAC, &PMAC2];
+/// Turbo PMAC, which comes with 8K x 16 bits (Turbo User Manual p. 397).
+pub static TURBO: Family = turbo_of(turbo::LENGTH_8K);
+/// Turbo PMAC2, UMAC Turbo and QMAC, which come with 32K x 16 bits (Turbo User Manual p. 397).
+pub static TURBO2: Family = turbo2_of(turbo::LENGTH_32K);
+/// The families this version knows, each with the DPRAM it comes with.
+pub static FAMILIES: &[&Family] = &[&PMAC, &PMAC2, &TURBO, &TURBO2];
+/// The families that `pmacd` and `pmac-sim` run. Of the others the layout is known.
+pub static SERVED: &[&Family] = &[&PMAC, &PMAC2];
+/// Families with a DPRAM of another size: I24 can name one on an accessory board (Turbo User Manual p. 45).
+static OTHER_LENGTHS: &[&Family] = &[&TURBO_32K, &TURBO2_8K];
+static TURBO_32K: Family = turbo_of(turbo::LENGTH_32K);
+static TURBO2_8K: Family = turbo2_of(turbo::LENGTH_8K);
 
 /// What a board is taken for where nothing says its family.
 pub static DEFAULT_FAMILY: &Family = &PMAC;
 
-/// The families that have a name. One that [`FAMILIES`] lacks can be set up, but its DPRAM is not supported.
-const NAMES: [(&str, Generation); 4] = [
-    ("pmac", Generation::Pmac),
-    ("pmac2", Generation::Pmac),
-    ("turbo", Generation::Turbo),
-    ("turbo2", Generation::Turbo),
-];
-
-/// A family name that is not known, or whose DPRAM is not supported.
+/// A family name that is not known, or that is not served.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct UnknownFamily {
     /// What was asked for.
@@ -172,16 +230,17 @@ pub struct UnknownFamily {
 
 impl fmt::Display for UnknownFamily {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let names = |supported: bool| {
-            let names = NAMES.iter().map(|(name, _)| *name);
-            names.filter(|name| Family::supported(name).is_some() == supported).collect::<Vec<_>>().join(", ")
-        };
-        if Generation::from_str(&self.name).is_ok() {
-            write!(f, "the DPRAM of a {} is not supported", self.name)?;
+        let names =
+            |families: &[&Family]| families.iter().map(|family| family.name).collect::<Vec<_>>().join(", ");
+        let (name, known, served) = (&self.name, names(FAMILIES), names(SERVED));
+        if Family::by_name(name).is_ok() {
+            write!(
+                f,
+                "pmacd does not run a {name} yet, only {served}; pmacctl map, decode and setup know {known}"
+            )
         } else {
-            write!(f, "no board family is called {:?}", self.name)?;
+            write!(f, "no board family is called {name:?}; there are {known}, of which pmacd runs {served}")
         }
-        write!(f, "; supported are {}; {} can only be set up", names(true), names(false))
     }
 }
 
@@ -200,16 +259,36 @@ impl Family {
         self.host_offset(Space::Y, address).is_some_and(|offset| self.ascii.has_text_in(offset, 2))
     }
 
-    /// The family called `name` (`pmac`, `pmac2`; capitals do not matter).
+    /// The family called `name` (`pmac`, `pmac2`, `turbo`, `turbo2`; capitals do not matter).
     ///
     /// # Errors
     /// [`UnknownFamily`], which lists the names there are.
     pub fn by_name(name: &str) -> Result<&'static Self, UnknownFamily> {
-        Self::supported(name).ok_or_else(|| UnknownFamily { name: name.to_owned() })
+        let family = FAMILIES.iter().copied().find(|family| family.name.eq_ignore_ascii_case(name));
+        family.ok_or_else(|| UnknownFamily { name: name.to_owned() })
     }
 
-    fn supported(name: &str) -> Option<&'static Self> {
-        FAMILIES.iter().copied().find(|family| family.name.eq_ignore_ascii_case(name))
+    /// As [`Family::by_name`], of the families in [`SERVED`].
+    ///
+    /// # Errors
+    /// [`UnknownFamily`], which lists the names there are.
+    pub fn served(name: &str) -> Result<&'static Self, UnknownFamily> {
+        let family = Self::by_name(name)?;
+        let served = SERVED.iter().any(|served| served.name == family.name);
+        if served { Ok(family) } else { Err(UnknownFamily { name: family.name.to_owned() }) }
+    }
+
+    /// This family with a DPRAM of `length` bytes; `None` when no board of the family has that.
+    #[must_use]
+    pub fn with_length(&self, length: u32) -> Option<&'static Self> {
+        let families = FAMILIES.iter().chain(OTHER_LENGTHS).copied();
+        families.into_iter().find(|family| family.name == self.name && family.length == length)
+    }
+
+    /// The sizes in bytes that the DPRAM of a board of this family may have, the usual one first.
+    pub fn lengths(&self) -> impl Iterator<Item = u32> {
+        let families = FAMILIES.iter().chain(OTHER_LENGTHS);
+        families.filter(|family| family.name == self.name).map(|family| family.length)
     }
 
     /// The family with this number in the segment, or `None` for one that is not known here.
@@ -308,7 +387,7 @@ mod tests {
 
     #[test]
     fn regions_tile_the_memory() {
-        for family in FAMILIES {
+        for family in FAMILIES.iter().chain(OTHER_LENGTHS) {
             let mut next = HostOffset::new(0);
             for region in family.regions {
                 assert_eq!(region.start, next, "{}", region.name);
@@ -321,7 +400,7 @@ mod tests {
     #[test]
     fn the_servo_reports_flags_are_those_of_the_servo_status() {
         use crate::map::{Flag, ServoBlock};
-        for family in FAMILIES.iter().copied().chain([&testing::TURBO]) {
+        for family in FAMILIES {
             let registers = family.blocks.iter().flat_map(|block| block.registers);
             let mut status = registers.filter(|register| register.name == "motor_servo_status");
             let status = status.next().unwrap().offset;
@@ -340,12 +419,40 @@ mod tests {
     #[test]
     fn an_unknown_family_is_answered_with_the_known_ones() {
         assert_eq!(Family::by_name("PMAC2").unwrap(), &PMAC2);
+        let known = "there are pmac, pmac2, turbo, turbo2, of which pmacd runs pmac, pmac2";
         let error = Family::by_name("pmac9").unwrap_err().to_string();
-        let known = "supported are pmac, pmac2; turbo, turbo2 can only be set up";
         assert_eq!(error, format!("no board family is called \"pmac9\"; {known}"));
-        let error = Family::by_name("turbo").unwrap_err().to_string();
-        assert_eq!(error, format!("the DPRAM of a turbo is not supported; {known}"));
+        assert_eq!(Family::served("pmac2").unwrap(), &PMAC2);
+        assert_eq!(Family::served("pmac9").unwrap_err().to_string(), error);
+        assert_eq!(
+            Family::served("Turbo2").unwrap_err().to_string(),
+            "pmacd does not run a turbo2 yet, only pmac, pmac2; \
+             pmacctl map, decode and setup know pmac, pmac2, turbo, turbo2"
+        );
         assert_eq!("pmac9".parse::<Generation>().unwrap_err(), Family::by_name("pmac9").unwrap_err());
+    }
+
+    #[test]
+    fn a_turbo_board_may_have_either_size_of_dpram() {
+        for (family, lengths) in [(&TURBO, [0x4000, 0x1_0000]), (&TURBO2, [0x1_0000, 0x4000])] {
+            assert!(family.lengths().eq(lengths));
+            for length in lengths {
+                let other = family.with_length(length).unwrap();
+                assert_eq!((other.number, other.length), (family.number, length));
+                assert_eq!(
+                    (other.user_area.start, other.user_area.end.bytes()),
+                    (family.user_area.start, length)
+                );
+            }
+            assert_eq!(family.with_length(0x8000), None);
+        }
+        assert!(PMAC.lengths().eq([0x4000]));
+        assert_eq!(PMAC.with_length(0x1_0000), None);
+        // Turbo User Manual p. 402: the last locations are $060FFF and $063FFF.
+        assert_eq!(TURBO.host_offset(Space::X, 0x06_0FFF), Some(HostOffset::new(0x3FFE)));
+        assert_eq!(TURBO.host_offset(Space::Y, 0x06_1000), None);
+        assert_eq!(TURBO2.host_offset(Space::X, 0x06_3FFF), Some(HostOffset::new(0xFFFE)));
+        assert_eq!(TURBO2.host_offset(Space::Y, 0x06_4000), None);
     }
 
     #[test]

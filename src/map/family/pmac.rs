@@ -6,7 +6,7 @@
 
 use crate::map::functions::{
     AsciiPort, BackgroundBlock, Blocks, BusyRule, EntryBits, Flag, IVariables, PanelBlock, RecordBits,
-    RotaryHeaders, Run, ServoBlock, StartRule, Timer, VariableRead, VariableWrite,
+    ReportStart, RotaryHeaders, Run, ServoBlock, StartRule, Timer, VariableRead, VariableWrite,
 };
 use crate::map::{GatherPlace, HostOffset, NumberKind, PmacAddress, Region, Space};
 
@@ -248,6 +248,7 @@ pub const REGIONS: &[Region] = &[PANEL, SERVO, BACKGROUND, ASCII_OUTPUT, ASCII_I
 /// The servo report.
 pub const SERVO_BLOCK: ServoBlock = ServoBlock {
     region: SERVO,
+    start: ReportStart::Gather,
     host_busy: Flag { word: SERVO_HOST_STATUS, mask: HOST_BUSY },
     pmac_status: Flag { word: SERVO_PMAC_STATUS, mask: PMAC_BUSY },
     busy: BusyRule::SetWhileWriting,
@@ -281,6 +282,7 @@ pub const BACKGROUND_REPORT: BackgroundBlock = BackgroundBlock {
     timer: Timer { low: BACKGROUND_SERVO_TIMER, low_bits: 16, high: None },
     global: Run { first: BACKGROUND_PANEL_PORT, words: 6 },
     ports: [BACKGROUND_PANEL_PORT, BACKGROUND_THUMBWHEEL_PORT, BACKGROUND_MACHINE_PORT],
+    global_status: None,
     numbers: NumberKind::MotorOrCoordinateSystem,
     blocks: Blocks { count: MOTORS, first: BACKGROUND_BLOCK, words: BACKGROUND_BLOCK_WORDS },
 };
@@ -292,6 +294,7 @@ pub const ASCII: AsciiPort = AsciiPort {
     command: ASCII_COMMAND,
     command_bytes: ASCII_COMMAND_BYTES,
     line_limit: ASCII_LINE_LIMIT,
+    goes_by_i3: true,
     response_control: ASCII_INPUT_CONTROL,
     response_count: ASCII_INPUT_COUNT,
     response: ASCII_RESPONSE,
@@ -316,10 +319,12 @@ pub const VARIABLE_WRITE: VariableWrite = VariableWrite {
     count: VARIABLE_WRITE_COUNT,
     start: VARIABLE_WRITE_START,
     record: RecordBits { kind: 0, width: 3, offset: 8, address: 16 },
+    zero_ends: false,
 };
 
 /// The binary rotary buffers.
-pub const ROTARY: RotaryHeaders = RotaryHeaders { headers: &[ROTARY_1, ROTARY_2] };
+pub const ROTARY: RotaryHeaders =
+    RotaryHeaders { headers: &[ROTARY_1, ROTARY_2], one_a_system: false, open: "OPEN ROT" };
 
 /// The control panel.
 pub const PANEL_BLOCK: PanelBlock = PanelBlock {
@@ -343,6 +348,8 @@ pub const I_VARIABLES: IVariables = IVariables {
     servo_enable: 48,
     background_enable: 49,
     reported: Some(59),
+    background_period: None,
+    servo_in_background: None,
     variables_enable: 55,
     interrupt: 56,
     rotary_enable: Some(57),

@@ -60,7 +60,7 @@ impl Record {
         let offset = (1 << OFFSET_BITS) - 1;
         let known = kind << bits.kind | width << bits.width | offset << bits.offset | above;
         Self {
-            address: u32::from(address) | u32::from(word & above) << 16,
+            address: bits.address(address, word),
             kind: word >> bits.kind & kind,
             width: word >> bits.width & width,
             offset: word >> bits.offset & offset,

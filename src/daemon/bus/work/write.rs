@@ -139,12 +139,11 @@ fn not_all_written(why: std::fmt::Arguments<'_>, GivenUp { done, uncertain }: Gi
 mod tests {
     use super::*;
     use crate::device::FileBoard;
-    use crate::map::family::testing::TESTED;
-    use crate::map::{BufferSettings, Layout};
+    use crate::map::{BufferSettings, FAMILIES, Layout};
 
     #[test]
     fn what_came_too_late_asks_for_the_boards_own_variable() {
-        for family in TESTED {
+        for family in FAMILIES {
             let layout = Layout::new(family, None);
             let plan = BufferLayout::new(&layout, &BufferSettings::default()).unwrap();
             let file = tempfile::tempfile().unwrap();

@@ -1,0 +1,147 @@
+//! The tables of the background variable functions: where they lie, and how an entry and a record are made up.
+
+use super::Flag;
+use crate::map::HostOffset;
+
+/// What an entry of the variable tables says of its register. It is not a [`Space`](crate::map::Space): the tables do not tell
+/// `D:` from `L:`, and know function blocks, which are no registers.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum VariableKind {
+    /// A Y word: 24 bits, sign-extended to a long.
+    Y,
+    /// An X word: 24 bits, sign-extended to a long.
+    X,
+    /// X and Y, fixed or floating point: two longs, Y half first.
+    Long,
+    /// A function block of a compiled PLC, firmware 1.16: two longs. The address is the block's number.
+    Special,
+}
+
+impl VariableKind {
+    /// Its code: in the table (see [`EntryBits`]) and in the segment.
+    #[must_use]
+    pub const fn code(self) -> u16 {
+        match self {
+            Self::Y => 0,
+            Self::Long => 1,
+            Self::X => 2,
+            Self::Special => 4,
+        }
+    }
+
+    /// The kind with this code.
+    #[must_use]
+    pub const fn of_code(code: u16) -> Option<Self> {
+        match code {
+            0 => Some(Self::Y),
+            1 => Some(Self::Long),
+            2 => Some(Self::X),
+            4 => Some(Self::Special),
+            _ => None,
+        }
+    }
+
+    /// 16-bit words of its value in the DPRAM.
+    #[must_use]
+    pub const fn words(self) -> usize {
+        match self {
+            Self::Y | Self::X => 2,
+            Self::Long | Self::Special => 4,
+        }
+    }
+}
+
+/// How an entry of the variable-read table is written: the Y word holds address bits 15-0, the X word the kind and,
+/// from bit 0, the address bits above.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct EntryBits {
+    /// The lowest bit of the kind in the X word.
+    pub kind: u32,
+    /// Bits of an address, 16 to 19.
+    pub address: u32,
+}
+
+impl EntryBits {
+    /// The bits of the X word that the host writes.
+    #[must_use]
+    pub const fn mask(self) -> u16 {
+        0b111 << self.kind | ((1_u32 << (self.address - 16)) - 1) as u16
+    }
+
+    /// The Y and the X word.
+    #[must_use]
+    pub const fn words(self, kind: VariableKind, address: u32) -> [u16; 2] {
+        [address as u16, kind.code() << self.kind | (address >> 16) as u16]
+    }
+
+    /// The kind's code and the address out of the Y and the X word.
+    #[must_use]
+    pub const fn parts(self, [y, x]: [u16; 2]) -> (u16, u32) {
+        let above = x as u32 & ((1 << (self.address - 16)) - 1);
+        (x >> self.kind & 0b111, y as u32 | above << 16)
+    }
+}
+
+/// Background variable read: registers of the host's choice.
+#[derive(Debug, PartialEq, Eq)]
+pub struct VariableRead {
+    /// In the control word, single-user mode: PMAC sets it after an update, the host clears it to have another.
+    pub ready: Flag,
+    /// In the control word: every entry has its own ready bit.
+    pub multi_user: Flag,
+    /// The low 16 bits of the servo counter at the update.
+    pub timer: HostOffset,
+    /// Entries to read; 0 stops the function.
+    pub count: HostOffset,
+    /// Where the table lies, by the [`StartRule`](super::StartRule).
+    pub start: HostOffset,
+    /// How an entry is written.
+    pub entry: EntryBits,
+}
+
+/// Entries of a variable-read table at most, in every family.
+pub const VARIABLE_READ_ENTRIES: usize = 128;
+/// 16-bit words of an entry.
+pub const VARIABLE_READ_ENTRY_WORDS: usize = 2;
+/// In an entry's X word, in multi-user mode: PMAC sets it after an update, the host clears it to have another.
+pub const VARIABLE_READ_ENTRY_READY: u16 = 1 << 15;
+
+/// Where the parts of a write record's type word begin, each by its lowest bit.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct RecordBits {
+    /// The kind.
+    pub kind: u32,
+    /// The width in bits; 0 is the whole word.
+    pub width: u32,
+    /// The lowest bit written.
+    pub offset: u32,
+    /// Bits of an address; those above 15 stand from bit 0 on.
+    pub address: u32,
+}
+
+impl RecordBits {
+    /// The address of a record that begins with the words `low` and `kind_word`.
+    #[must_use]
+    pub const fn address(self, low: u16, kind_word: u16) -> u32 {
+        low as u32 | (kind_word as u32 & ((1 << (self.address - 16)) - 1)) << 16
+    }
+}
+
+/// Background variable write.
+#[derive(Debug, PartialEq, Eq)]
+pub struct VariableWrite {
+    /// Records to write; the host sets it, PMAC writes 0 when it has done them.
+    pub count: HostOffset,
+    /// Where the records lie, by the [`StartRule`](super::StartRule).
+    pub start: HostOffset,
+    /// How a record's type word is made up.
+    pub record: RecordBits,
+    /// A record with the address 0 ends the list; otherwise it is written, and trips the watchdog.
+    pub zero_ends: bool,
+}
+
+/// Records of a variable-write table at most, in every family.
+pub const VARIABLE_WRITE_RECORDS: usize = 32;
+/// 16-bit words of a record.
+pub const VARIABLE_WRITE_RECORD_WORDS: usize = 6;
