@@ -162,14 +162,20 @@ impl Context {
         }
     }
 
-    /// The family: `given`, or that of the board behind `connection`.
+    /// The family: `given`, or that of the board behind `connection`. One whose words lie elsewhere than the board's is
+    /// refused.
     pub fn family(
         given: Option<&'static Family>,
         connection: &mut Connection,
     ) -> Result<&'static Family, Failure> {
+        let board = Family::by_name(&connection.info()?.family).map_err(Failure::request)?;
         match given {
+            Some(family) if family.base != board.base => Err(Failure::Request(format!(
+                "--family {}: the board is a {}, whose DPRAM is laid out otherwise",
+                family.name, board.title
+            ))),
             Some(family) => Ok(family),
-            None => Ok(Family::by_name(&connection.info()?.family).map_err(Failure::request)?),
+            None => Ok(board),
         }
     }
 }

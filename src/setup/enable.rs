@@ -1,13 +1,13 @@
 //! What switches the automatic functions on: the I-variables and commands each of them needs, in order, and why.
 //!
 //! Source: DPRAM manual, the "Enabling" section of each function (pp. 12-30); its control-panel page means I2 where it
-//! prints I3, and I3, I4 and I6 are better left alone after I58 has set them. The numbers are the family's; the order of
-//! the lines is that of PMAC and PMAC2.
+//! prints I3, and I3, I4 and I6 are better left alone after I58 has set them. Turbo: User Manual p. 400-410, Software
+//! Reference p. 37 and 170. The numbers are the family's, and so are the differences in what has to be sent.
 
 use serde::Serialize;
 
 use crate::map::functions::rotary_header;
-use crate::map::{Family, Flag, Function, HostOffset, IVariables, PmacRegister};
+use crate::map::{Family, Flag, Function, HostOffset, IVariables, PmacRegister, ReportStart};
 
 /// How the functions are to work. The defaults fit most boards.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -204,25 +204,32 @@ fn named(family: &Family, offset: HostOffset) -> String {
 
 fn ascii(options: &Options, family: &Family) -> FunctionPlan {
     let enable = family.i.ascii_enable;
-    let plan = FunctionPlan::new(Function::Ascii)
-        .set("I3=2", "replies end with <ACK>, so that the host knows their last line")
-        .set(
+    let plan = FunctionPlan::new(Function::Ascii);
+    let plan = if family.ascii.goes_by_i3 {
+        plan.set("I3=2", "replies end with <ACK>, so that the host knows their last line").set(
             format!("I{enable}=1"),
             "command lines through the DPRAM; forces I3 (1 becomes 0, 3 becomes 2; always 2 before firmware 1.15), \
              I4=0 (no checksums) and I6=1 (errors as <BELL>ERRnnn) on every port",
-        );
+        )
+    } else {
+        plan.set(format!("I{enable}=1"), "command lines through the DPRAM")
+    };
     let plan = if options.interrupt {
         plan.set(
             format!("I{}=1", family.i.interrupt),
-            "an interrupt for every response in the DPRAM (IR7 through jumper E55, or VME vector v+1)",
+            "an interrupt for every response in the DPRAM (by a jumper of the board, or VME vector v+1)",
         )
     } else {
         plan
     };
     let [command, response] =
         [family.ascii.command_loaded.word, family.ascii.response_control].map(|word| named(family, word));
-    plan.note(format!("before I{enable}=1 the host clears both control words, {command} and {response}"))
-        .note("I3, I4 and I6 are best left alone from then on")
+    let plan =
+        plan.note(format!("before I{enable}=1 the host clears both control words, {command} and {response}"));
+    if !family.ascii.goes_by_i3 {
+        return plan;
+    }
+    plan.note("I3, I4 and I6 are best left alone from then on")
         .note(format!("<CTRL-Z> through the serial port sets I{enable}=0 and makes that port the active one"))
 }
 
@@ -289,8 +296,38 @@ fn period(
 fn servo(options: &Options, family: &Family) -> Result<FunctionPlan, OutOfRange> {
     let i = &family.i;
     let plan = period(FunctionPlan::new(Function::Servo), options, family, i.servo_period)?;
-    let plan = reported(plan, options, family)?
-        .set(format!("I{}=1", i.servo_enable), "the next GATHER starts the servo report, not data gathering");
+    let plan = reported(plan, options, family)?;
+    let plan = match i.servo_in_background {
+        Some(number) => plan.set(
+            format!("I{number}=0"),
+            format!("the report is made every so many servo cycles; 1 would switch I{} off", i.servo_enable),
+        ),
+        None => plan,
+    };
+    let enable = format!("I{}=1", i.servo_enable);
+    let plan = match family.servo.start {
+        ReportStart::Gather => start_by_gather(
+            plan.set(enable, "the next GATHER starts the servo report, not data gathering"),
+            options,
+            i.servo_period,
+        ),
+        ReportStart::Enable => plan.set(enable, "starts the report").note("a reset ends it, unless saved"),
+    };
+    let plan = match family.servo.mask {
+        Some(mask) => plan.note(format!(
+            "which motors are reported says the mask at {}, which the host writes",
+            named(family, mask)
+        )),
+        None => plan,
+    };
+    Ok(plan.note(format!(
+        "a Host-Busy bit ({}) left set holds the report off; the host clears it first",
+        flag(family.servo.host_busy)
+    )))
+}
+
+/// Starts the servo report by a `GATHER`, unless it runs.
+fn start_by_gather(plan: FunctionPlan, options: &Options, servo_period: u16) -> FunctionPlan {
     let plan = if options.servo_runs {
         plan.note("the report runs already: GATHER is left out, it would start data gathering")
     } else {
@@ -298,15 +335,9 @@ fn servo(options: &Options, family: &Family) -> Result<FunctionPlan, OutOfRange>
             "a GATHER while the report runs starts data gathering; ENDGATHER ends what was started last",
         )
     };
-    Ok(plan
-        .note(format!(
-            "a reset ends the report: GATHER again, and I{} again on battery-backed boards",
-            i.servo_period
-        ))
-        .note(format!(
-            "a Host-Busy bit ({}) left set holds the report off; the host clears it first",
-            flag(family.servo.host_busy)
-        )))
+    plan.note(format!(
+        "a reset ends the report: GATHER again, and I{servo_period} again on battery-backed boards"
+    ))
 }
 
 /// A flag as a note names it, `0x0024 bit 0`.
@@ -315,29 +346,40 @@ fn flag(flag: Flag) -> String {
 }
 
 fn background(options: &Options, family: &Family) -> Result<FunctionPlan, OutOfRange> {
-    Ok(reported(FunctionPlan::new(Function::Background), options, family)?
-        .set(
-            format!("I{}=1", family.i.background_enable),
-            format!(
-                "a background report whenever the host has cleared Data-Ready ({})",
-                flag(family.background.ready)
-            ),
-        )
-        .note("GATHER and ENDGATHER do not touch this report"))
+    let plan = reported(FunctionPlan::new(Function::Background), options, family)?;
+    let plan = match family.i.background_period {
+        Some(number) => plan.set(format!("I{number}=0"), "reports on request, not by themselves"),
+        None => plan,
+    };
+    let plan = match family.background.count {
+        Some(count) => plan.note(format!(
+            "how many coordinate systems are reported says {}, which the host writes",
+            named(family, count)
+        )),
+        None => plan.note("GATHER and ENDGATHER do not touch this report"),
+    };
+    Ok(plan.set(
+        format!("I{}=1", family.i.background_enable),
+        format!(
+            "a background report whenever the host has cleared Data-Ready ({})",
+            flag(family.background.ready)
+        ),
+    ))
 }
 
 fn variable(family: &Family) -> FunctionPlan {
     let enable = family.i.variables_enable;
+    let left_over = if family.variable_write.zero_ends {
+        "no records to write: PMAC would carry left-over ones out at once"
+    } else {
+        "no records to write: PMAC would carry left-over ones out at once, and one with address 0 trips its watchdog"
+    };
     FunctionPlan::new(Function::Variables)
         .set(
             clear(family, family.variable_read.count),
             "no entries to read: power-on leaves anything in this count",
         )
-        .set(
-            clear(family, family.variable_write.count),
-            "no records to write: PMAC would carry left-over ones out at once, and one with address 0 trips its \
-             watchdog",
-        )
+        .set(clear(family, family.variable_write.count), left_over)
         .set(format!("I{enable}=1"), "both the variable read and the variable write buffer")
         .note(format!(
             "where I{enable} is 1 already and tables are in use, this ends them; nothing needs to be sent then"
@@ -349,24 +391,27 @@ fn variable(family: &Family) -> FunctionPlan {
 }
 
 fn rotary(options: &Options, family: &Family) -> Result<FunctionPlan, EnableError> {
-    let (Some(enable), Some(header)) = (family.i.rotary_enable, family.rotary.headers.first()) else {
-        return Err(missing(Function::Rotary, family));
-    };
+    let rotary = &family.rotary;
     let systems = family.coordinate_systems as u32;
     let system = in_range("coordinate system", options.coordinate_system, 1, systems)?;
     // Upper bound: all of PMAC's 48-bit program memory cannot be more.
     let words = in_range("rotary buffer size", options.rotary_words, 2, 0xFFFF)?;
-    let index = |word: usize| clear(family, header.plus_words(word));
-    let others = family.rotary.headers.iter().skip(1);
-    let unused = others.flat_map(|header| {
+    let own = rotary.index_for(system as usize);
+    let Some(header) = rotary.headers.get(own) else { return Err(missing(Function::Rotary, family)) };
+    let plan = FunctionPlan::new(Function::Rotary);
+    let plan = match family.i.rotary_enable {
+        Some(enable) => plan.set(format!("I{enable}=0"), "no transfer while the headers are not set up"),
+        None => plan,
+    };
+    let others = rotary.headers.iter().enumerate().filter(|(index, _)| *index != own);
+    let unused = others.flat_map(|(_, header)| {
         [rotary_header::SIZE, rotary_header::START].map(|word| clear(family, header.plus_words(word)))
     });
-    let plan = FunctionPlan::new(Function::Rotary)
-        .set(format!("I{enable}=0"), "no transfer while the headers are not set up");
     let plan = unused.fold(plan, |plan, line| {
         plan.set(line, "another buffer is not in use: PMAC would take whatever power-on left for commands")
     });
-    Ok(plan
+    let index = |word: usize| clear(family, header.plus_words(word));
+    let plan = plan
         .set(index(rotary_header::HOST_INDEX), "the DPRAM buffer is empty: its host index ...")
         .set(
             index(rotary_header::PMAC_INDEX),
@@ -377,19 +422,32 @@ fn rotary(options: &Options, family: &Family) -> Result<FunctionPlan, EnableErro
             format!("&{system} DEFINE ROT {words}"),
             "the buffer in PMAC's own memory to which the commands are copied; lost at a reset",
         )
-        .line(Phase::Define, format!("&{system} B0"), "points the coordinate system at it; before OPEN ROT")
         .line(
-            Phase::Open,
-            format!("I{enable}=1"),
-            "transfers from the DPRAM; the host has filled in coordinate system, size and start before",
-        )
-        .line(
-            Phase::Open,
-            "OPEN ROT",
-            format!(
-                "lets program lines in until CLOSE, text ones through any port as well: I{enable}=1 would be one by now"
+            Phase::Define,
+            format!("&{system} B0"),
+            format!("points the coordinate system at it; before {}", rotary.open),
+        );
+    let plan = match family.i.rotary_enable {
+        Some(enable) => plan
+            .line(
+                Phase::Open,
+                format!("I{enable}=1"),
+                "transfers from the DPRAM; the host has filled in coordinate system, size and start before",
+            )
+            .line(
+                Phase::Open,
+                rotary.open,
+                format!(
+                    "lets program lines in until CLOSE, text ones through any port as well: I{enable}=1 would be one by now"
+                ),
             ),
-        )
+        None => plan.line(
+            Phase::Open,
+            rotary.open,
+            "lets binary lines in until CLOSE; the host has filled in size and start before",
+        ),
+    };
+    Ok(plan
         .note("with several coordinate systems define from the highest to the lowest")
         .note("no rotary buffer can be defined while a gather buffer exists: DELETE GATHER first")
         .note(format!("&{system} R starts the program; I16 and I17 say when the buffer asks for more")))
@@ -397,6 +455,7 @@ fn rotary(options: &Options, family: &Family) -> Result<FunctionPlan, EnableErro
 
 fn gather(options: &Options, family: &Family, with_servo: bool) -> Result<FunctionPlan, OutOfRange> {
     let i = &family.i;
+    let by_gather = family.servo.start == ReportStart::Gather;
     let room = family.length.saturating_sub(family.gather.buffer.bytes()) / 4;
     let size = in_range("gather buffer size", options.gather_longs, 1, room)?;
     let count = in_range(
@@ -444,20 +503,20 @@ fn gather(options: &Options, family: &Family, with_servo: bool) -> Result<Functi
         .line(
             Phase::Start,
             "GATHER",
-            match (with_servo, options.servo_runs) {
+            match (by_gather && with_servo, by_gather && options.servo_runs) {
                 (_, true) => "starts gathering beside the servo report",
                 (true, false) => "the second GATHER: starts gathering beside the servo report",
                 (false, false) => "starts gathering",
             },
         )
         .note(gather_start(family));
-    if !with_servo && !options.servo_runs {
+    if by_gather && !with_servo && !options.servo_runs {
         plan = plan.note(format!(
             "with I{}=1 and the servo report not running, the first GATHER starts that report; send GATHER once more",
             i.servo_enable
         ));
     }
-    Ok(plan.note("each ENDGATHER ends what was started last"))
+    Ok(if by_gather { plan.note("each ENDGATHER ends what was started last") } else { plan })
 }
 
 /// Where the gather buffer begins, with every firmware.

@@ -1,8 +1,7 @@
 //! Tests of [`super::enable`].
 
 use super::enable::{self, EnableError, EnablePlan, Options};
-use crate::map::family::testing::TURBO;
-use crate::map::{Function, PMAC};
+use crate::map::{Function, PMAC, TURBO2};
 
 fn plan(functions: &[Function], options: &Options) -> Result<EnablePlan, EnableError> {
     enable::plan(functions, options, &PMAC)
@@ -153,17 +152,34 @@ fn impossible_options_are_refused_with_their_range() {
 fn the_numbers_are_the_familys() {
     let options =
         Options { motors: 32, gather_sources: vec!["Y:$7A205".parse().unwrap(); 25], ..Options::default() };
-    let lines = |function| enable::plan(&[function], &options, &TURBO).unwrap().commands;
+    let lines = |function| enable::plan(&[function], &options, &TURBO2).unwrap().commands;
     // FACTS-TURBO section 3: I47 to I49, I55, I58; I5000 to I5051. No I-variable tells how many motors are reported.
-    assert_eq!(lines(Function::Servo), ["I47=1", "I48=1", "GATHER"]);
+    assert_eq!(lines(Function::Ascii), ["I58=1"]);
+    assert_eq!(lines(Function::Servo), ["I47=1", "I57=0", "I48=1"]);
+    assert_eq!(lines(Function::Background), ["I50=0", "I49=1"]);
     assert_eq!(lines(Function::Variables), ["WY$060412,0", "WY$060413,0", "I55=1"]);
     let gather = lines(Function::Gather);
     assert_eq!(gather[..5], ["I5049=1", "I5000=3", "I5050=$FFFFFF", "I5051=$000001", "I5001=$07A205"]);
     assert_eq!(gather[28..30], ["I5025=$07A205", "DEFINE GATHER 1024"]);
-    for function in [Function::Panel, Function::Rotary] {
-        let error = enable::plan(&[function], &options, &TURBO).unwrap_err();
-        assert_eq!(error, EnableError::Missing { function, family: "Turbo PMAC2" });
-    }
+    // Section 8: the header of coordinate system 16 is the last; binary entry is opened by a command of its own.
+    let sixteen = Options { coordinate_system: 16, ..Options::default() };
+    let rotary = enable::plan(&[Function::Rotary], &sixteen, &TURBO2).unwrap().commands;
+    assert_eq!(rotary[..2], ["WY$060416,0", "WX$060416,0"]);
+    assert_eq!(rotary[28..32], ["WY$060440,0", "WX$060440,0", "WY$060442,0", "WX$060442,0"]);
+    assert_eq!(rotary[32..], ["&16 DEFINE ROT 100", "&16 B0", "OPEN BINARY ROTARY"]);
+    let error = enable::plan(&[Function::Panel], &options, &TURBO2).unwrap_err();
+    assert_eq!(error, EnableError::Missing { function: Function::Panel, family: "Turbo PMAC2" });
+}
+
+#[test]
+fn a_turbo_boards_report_starts_without_gather() {
+    let options = Options::default();
+    let both = enable::plan(&[Function::Servo, Function::Gather], &options, &TURBO2).unwrap();
+    assert_eq!(both.commands.iter().filter(|line| *line == "GATHER").count(), 1, "gathering's own");
+    assert_eq!(why(&both, "GATHER"), "starts gathering");
+    let notes: Vec<_> = both.plans.iter().flat_map(|plan| &plan.notes).collect();
+    assert!(notes.iter().all(|note| !note.contains("GATHER")), "{notes:?}");
+    assert!(notes.iter().any(|note| note.contains("0x0070 (Y:$06001C)")), "{notes:?}");
 }
 
 #[test]

@@ -46,6 +46,14 @@ fn nothing_is_sent_unless_somebody_says_so() {
     assert!(ran.stderr.contains("--yes") && ran.stderr.contains("nothing was sent"), "{ran:?}");
     assert_eq!(ran.code, Some(2));
     assert_eq!(*bench.seen.lock().unwrap(), [""; 0]);
+    for lines in ["setup enable servo --family turbo2", "setup isa --family turbo --address 0xD4000"] {
+        let ran = pmacctl(&format!("{lines} --send --yes --socket {socket}"));
+        assert!(ran.stderr.contains("the board is a PMAC: give --family pmac"), "{ran:?}");
+        assert_eq!((ran.code, ran.stdout.as_str()), (Some(2), ""));
+    }
+    let ran = pmacctl(&format!("write --family turbo2 DP:$060450 1 --socket {socket}"));
+    assert!(ran.stderr.contains("the board is a PMAC, whose DPRAM is laid out otherwise"), "{ran:?}");
+    assert_eq!(*bench.seen.lock().unwrap(), [""; 0]);
     let ran = pmacctl(&format!("setup enable servo --motors 2 --send --yes --json --socket {socket}"));
     let document = ran.json();
     assert_eq!((ran.code, &document["error"]), (Some(0), &json!(null)));

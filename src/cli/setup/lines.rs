@@ -109,7 +109,7 @@ pub struct Enable {
     /// ascii, panel, servo, background, variables, rotary, gather
     #[arg(required = true, value_name = "FUNCTION")]
     pub functions: Vec<Function>,
-    /// servo, background: the highest reported motor and coordinate system
+    /// servo, background: the highest reported motor and coordinate system (PMAC, PMAC2)
     #[arg(long, value_name = "N", default_value_t = Options::default().motors)]
     pub motors: u32,
     /// servo, gather: servo cycles between reports or samples
@@ -130,7 +130,7 @@ pub struct Enable {
     /// gather: stop when the buffer is full, instead of wrapping round
     #[arg(long)]
     pub stop_when_full: bool,
-    /// gather: a register to gather, Y:$C000, X:$C001, D:$002B or L:$1005; up to 24 of them
+    /// gather: a register to gather, Y:$C000, X:$C001, D:$002B or L:$1005; up to 24 of them, 48 on Turbo boards
     #[arg(long = "source", value_name = "REGISTER")]
     pub sources: Vec<PmacRegister>,
     /// Add SAVE, so that the variables survive a reset
@@ -139,6 +139,18 @@ pub struct Enable {
     /// The board's family
     #[arg(long, value_name = "FAMILY", value_parser = values::family, default_value = "pmac")]
     pub family: &'static Family,
+}
+
+impl SetupCommand {
+    /// The generation of boards that the lines are for.
+    #[must_use]
+    pub const fn generation(&self) -> Generation {
+        match self {
+            Self::Isa(options) => options.family,
+            Self::Vme(options) => options.family,
+            Self::Enable(options) => options.family.generation,
+        }
+    }
 }
 
 /// Answers `setup …` without sending anything. The lines depend on whether the servo report already runs.

@@ -15,6 +15,7 @@ use crate::cli::setup::absolute::{self, Absolute};
 use crate::cli::setup::answer::Answer;
 use crate::client::Connection;
 use crate::client::command::lines::LinesOptions;
+use crate::map::{Family, Generation};
 
 /// Time limit of a plain line.
 const PATIENCE: Duration = Duration::from_secs(5);
@@ -53,6 +54,9 @@ pub fn run(context: &mut Context, options: &Setup) -> Result<Verdict, Failure> {
         return print(context, &answer);
     }
     let commands = setup::commands(&options.command, servo_runs).map_err(Failure::Request)?;
+    if sending.port.is_none() {
+        is_for(&mut context.connection()?, options.command.generation())?;
+    }
     // Print the lines before asking. JSON is printed at the end, with the result.
     if !context.output.is_json() {
         context.output.text(&answer.text)?;
@@ -70,6 +74,19 @@ pub fn run(context: &mut Context, options: &Setup) -> Result<Verdict, Failure> {
         None => send(&mut context.connection()?, &commands),
     };
     report(context, answer.document, &commands, sent)
+}
+
+/// Refuses lines for another generation of boards than the daemon's: their variables have other meanings there.
+fn is_for(connection: &mut Connection, generation: Generation) -> Result<(), Failure> {
+    let board = Family::by_name(&connection.info()?.family).map_err(Failure::request)?;
+    if board.generation == generation {
+        return Ok(());
+    }
+    let title = board.title;
+    Err(Failure::Request(format!(
+        "the board is a {title}: give --family {}, or without --send only print the lines",
+        board.name
+    )))
 }
 
 /// Whether the servo report of the daemon's board is live. Without an answer, assume that it is off, as after a reset.
