@@ -1,13 +1,14 @@
 //! The background report: motors and coordinate systems as PMAC copies them between its PLC scans (DPRAM manual
-//! p. 17-21). What a block holds, and where, is the family's register table's.
+//! p. 17-21, Turbo User Manual p. 405). What a block holds, and where, is the family's register table's.
 //!
-//! An axis target is a copy of one of three registers (Note 1 on p. 21); which one the program status word tells, so
-//! the word and the targets must come from one update. [`TargetSource`] says which it was.
+//! On PMAC and PMAC2 an axis target is a copy of one of three registers (Note 1 on p. 21); which one the program status
+//! word tells, so the word and the targets must come from one update. [`TargetSource`] says which it was.
 
 use serde::ser::{Serialize, SerializeMap, Serializer};
 
 use super::quantity::{Flags, Quantity, Scales};
-use super::{Block, TooShort, blocks, long};
+use super::turbo_system::{TurboFields, TurboSystem};
+use super::{Block, TooShort, blocks, flags, global_flags, long};
 use crate::format::{Float48Layout, int24};
 use crate::map::status::{self, StatusTable};
 use crate::map::{AXES, Family, MotionMode, NumberKind, Selection, TargetSource, block_fields};
@@ -21,20 +22,32 @@ pub struct BackgroundData {
     pub servo_timer: u32,
     /// The board's ports.
     pub ports: Ports,
+    /// The board's status words in the order of `???`; `None` where the report has none.
+    pub global_status: Option<[u32; 2]>,
     /// The motors that were read, ascending.
     pub motors: Vec<BackgroundMotor>,
     /// The coordinate systems that were read, ascending.
     pub coordinate_systems: Vec<CoordinateSystem>,
+    #[serde(skip)]
+    global: &'static [StatusTable],
+}
+
+impl BackgroundData {
+    /// The flags of the board's status words, in the order of `???`; `None` where the report has none.
+    #[must_use]
+    pub fn global_flags(&self) -> Option<[Flags; 2]> {
+        global_flags(self.global_status?, self.global)
+    }
 }
 
 /// The board's input and output ports, 24 bits each.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
 pub struct Ports {
-    /// JPAN, from Y:$FFC0.
+    /// JPAN.
     pub control_panel: u32,
-    /// JTHW, from Y:$FFC1.
+    /// JTHW.
     pub thumbwheel: u32,
-    /// JOPTO, from Y:$FFC2.
+    /// JOPTO.
     pub machine_io: u32,
 }
 
@@ -57,21 +70,24 @@ pub struct BackgroundMotor {
     pub status: Option<Flags>,
 }
 
-/// What the background buffer held of one coordinate system; `None` is what was not read of it.
+/// What the background buffer held of one coordinate system; `None` is what was not read of it. Serialises as an object
+/// of what the family reports.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
 pub struct CoordinateSystem {
     /// The coordinate system's number, from 1.
     pub coordinate_system: usize,
-    /// The motor definition word; its bits are not documented.
-    pub motor_definition: Option<u32>,
+    /// What PMAC and PMAC2 alone report.
+    #[serde(flatten)]
+    pub pmac: Option<PmacSystem>,
+    /// What Turbo boards alone report.
+    #[serde(flatten)]
+    pub turbo: Option<TurboSystem>,
     /// The status word, the first word of `??`.
     pub status_word: Option<u32>,
     /// The flags of the status word.
     pub status: Option<Flags>,
     /// The axis targets in user units.
     pub axis_targets: AxisTargets,
-    /// Which of PMAC's registers the axis targets are copies of.
-    pub source: Option<TargetSource>,
     /// The program status word (PSTATUS), the second word of `??`.
     pub program_status_word: Option<u32>,
     /// The flags of the program status word.
@@ -86,6 +102,15 @@ pub struct CoordinateSystem {
     pub time_left_in_acceleration: Option<Quantity>,
     /// Where in the program buffer execution is, as `PE`.
     pub program_address_offset: Option<u32>,
+}
+
+/// Of a coordinate system, what PMAC and PMAC2 alone report.
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
+pub struct PmacSystem {
+    /// The motor definition word; its bits are not documented.
+    pub motor_definition: Option<u32>,
+    /// Which of PMAC's registers the axis targets are copies of.
+    pub source: Option<TargetSource>,
 }
 
 /// The targets of the nine axes, in the order of [`AXES`]; `None` is one that was not read. Serialises as an object with
@@ -133,6 +158,7 @@ struct Fields {
     time_left_in_move: Option<usize>,
     time_left_in_acceleration: Option<usize>,
     address_offset: Option<usize>,
+    turbo: Option<TurboFields>,
 }
 
 impl Fields {
@@ -156,6 +182,7 @@ impl Fields {
             time_left_in_move: field("time_left_in_move"),
             time_left_in_acceleration: field("time_left_in_acceleration"),
             address_offset: field("program_address_offset"),
+            turbo: TurboFields::of(field),
         }
     }
 }
@@ -188,12 +215,19 @@ impl BackgroundDecoder {
         let has_systems = report.numbers != NumberKind::Motor;
         let motors = blocks.clone().filter(|_| has_motors);
         let systems = blocks.filter(|_| has_systems);
+        let global_status = report
+            .global_status
+            .map(|words| words.map(|word| int24::unsigned(long(head, report.index(word)))));
         Ok(BackgroundData {
             ready: report.ready.is_set(head[report.index(report.ready.word)]),
             servo_timer: report.timer.read(head, report.region.start),
             ports: Ports { control_panel, thumbwheel, machine_io },
             motors: motors.map(|(number, block)| self.motor(number, &block, scales)).collect(),
-            coordinate_systems: systems.map(|(number, block)| self.system(number, &block, float48)).collect(),
+            global_status,
+            coordinate_systems: systems
+                .map(|(number, block)| self.system(number, &block, scales, float48))
+                .collect(),
+            global: self.family.status.global,
         })
     }
 
@@ -214,20 +248,30 @@ impl BackgroundDecoder {
         }
     }
 
-    fn system(&self, number: usize, block: &Block, float48: Float48Layout) -> CoordinateSystem {
+    fn system(
+        &self,
+        number: usize,
+        block: &Block,
+        scales: &Scales,
+        float48: Float48Layout,
+    ) -> CoordinateSystem {
         let (at, tables) = (&self.at, self.family.status.coordinate_system);
         let target = |word: Option<usize>| block.float(word?, float48);
         let signed = |word: Option<usize>| block.signed(word?);
         let unsigned = |word: Option<usize>| block.unsigned(word?);
         let status_word = unsigned(at.status);
         let program_status_word = unsigned(at.program_status);
+        let status = flags(status_word, tables.first());
         CoordinateSystem {
             coordinate_system: number,
-            motor_definition: unsigned(at.motor_definition),
+            pmac: at.motor_definition.map(|definition| PmacSystem {
+                motor_definition: block.unsigned(definition),
+                source: program_status_word.map(TargetSource::of),
+            }),
+            turbo: at.turbo.as_ref().map(|fields| fields.decode(block, status, tables, scales, float48)),
             status_word,
-            status: flags(status_word, tables.first()),
+            status,
             axis_targets: AxisTargets(at.axis_targets.map(target)),
-            source: program_status_word.map(TargetSource::of),
             program_status_word,
             program_status: flags(program_status_word, tables.get(1)),
             motion_mode: program_status_word.and_then(MotionMode::of),
@@ -237,10 +281,6 @@ impl BackgroundDecoder {
             program_address_offset: unsigned(at.address_offset),
         }
     }
-}
-
-fn flags(word: Option<u32>, table: Option<&'static StatusTable>) -> Option<Flags> {
-    Some(Flags { word: word?, table: table? })
 }
 
 /// Decodes the background report of `count` motors and coordinate systems of a board of `family`, all of which was

@@ -21,23 +21,33 @@ pub struct Image {
 pub struct ImageError {
     /// The family's name.
     pub family: &'static str,
-    /// Bytes its DPRAM has.
-    pub expected: u32,
+    /// How many bytes its DPRAM has, in words where there are several sizes.
+    pub expected: String,
     /// Bytes there are.
     pub got: usize,
 }
 
 impl Image {
-    /// Takes the bytes of a dump, low byte of a word first unless `order` says it was swapped.
+    /// Takes the bytes of a dump, low byte of a word first unless `order` says it was swapped. They may be as many as any
+    /// board of the family has.
     ///
     /// # Errors
-    /// [`ImageError`] when their number is not the family's DPRAM size.
+    /// [`ImageError`] when no board of the family has a DPRAM of this size.
     pub fn from_bytes(bytes: &[u8], family: &'static Family, order: WordOrder) -> Result<Self, ImageError> {
-        if bytes.len() != family.length as usize {
-            return Err(ImageError { family: family.title, expected: family.length, got: bytes.len() });
-        }
+        let got = bytes.len();
+        let family =
+            u32::try_from(got).ok().and_then(|length| family.with_length(length)).ok_or_else(|| {
+                let lengths: Vec<_> = family.lengths().map(|length| length.to_string()).collect();
+                ImageError { family: family.title, expected: lengths.join(" or "), got }
+            })?;
         let words = bytes.as_chunks().0.iter().map(|pair| order.apply(u16::from_le_bytes(*pair)));
         Ok(Self { family, words: words.collect() })
+    }
+
+    /// The family, with a DPRAM of this size.
+    #[must_use]
+    pub const fn family(&self) -> &'static Family {
+        self.family
     }
 
     /// All words, from host offset 0.
@@ -72,7 +82,8 @@ impl Image {
         servo(self.family, self.region(self.family.servo.region), motors, scales)
     }
 
-    /// The background buffer. See [`background`].
+    /// The background buffer, of at most `count` numbers. Where a word of the report says how many it has, the others'
+    /// blocks are left over from before. See [`background`].
     ///
     /// # Errors
     /// [`TooShort`] when the image ends before the buffer does.
@@ -82,6 +93,10 @@ impl Image {
         scales: &Scales,
         float48: Float48Layout,
     ) -> Result<BackgroundData, TooShort> {
-        background(self.family, self.region(self.family.background.region), count, scales, float48)
+        let report = &self.family.background;
+        // Turbo User Manual p. 405: bits 7-0 of the word are the highest coordinate system.
+        let reported = report.count.and_then(|word| self.word(word)).map(|word| usize::from(word & 0xFF));
+        let count = reported.map_or(count, |reported| reported.min(count));
+        background(self.family, self.region(report.region), count, scales, float48)
     }
 }

@@ -4,21 +4,26 @@
 //! itself, decodes them here. Values are scaled only where the scale is known; the raw integer is always kept.
 
 pub mod background;
+pub mod buffers;
 pub mod image;
 pub mod quantity;
 pub mod servo;
+pub mod turbo_system;
 pub mod value;
 
 pub use background::{
-    AxisTargets, BackgroundData, BackgroundDecoder, BackgroundMotor, CoordinateSystem, Ports, background,
+    AxisTargets, BackgroundData, BackgroundDecoder, BackgroundMotor, CoordinateSystem, PmacSystem, Ports,
+    background,
 };
+pub use buffers::Buffers;
 pub use image::{Image, ImageError};
 pub use quantity::{Flags, MotorScales, Quantity, Scales};
 pub use servo::{ServoData, ServoDecoder, ServoMotor, servo};
+pub use turbo_system::TurboSystem;
 pub use value::{Value, value};
 
 use crate::format::{Float48Layout, fixed48, int24, join32};
-use crate::map::{Blocks, Region, Selection};
+use crate::map::{Blocks, Region, Selection, StatusTable};
 
 /// A slice with fewer words than the region's asked-for part has.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
@@ -55,6 +60,16 @@ fn blocks<'a>(
 /// The 32-bit value of the location whose Y half is word `at`.
 const fn long(words: &[u16], at: usize) -> u32 {
     join32(words[at], words[at + 1])
+}
+
+/// A status word that was read, with what its bits mean.
+fn flags(word: Option<u32>, table: Option<&'static StatusTable>) -> Option<Flags> {
+    Some(Flags { word: word?, table: table? })
+}
+
+/// The words of `???` with what their bits mean.
+fn global_flags([first, second]: [u32; 2], tables: &'static [StatusTable]) -> Option<[Flags; 2]> {
+    Some([flags(Some(first), tables.first())?, flags(Some(second), tables.get(1))?])
 }
 
 /// One number's words, and which of them were read: a register that was not has no value.

@@ -52,6 +52,13 @@ impl Quantity {
         }
     }
 
+    /// Averaged over servo cycles and shifted as I60 and I61 say, which are not known here (Turbo Software Reference p. 65): no
+    /// value can be told.
+    pub(super) fn averaged_velocity(raw: i32) -> Self {
+        let unit = "1/(Ix09*32) count per servo cycle at the default I60 and I61";
+        Self { raw: raw.into(), value: None, unit }
+    }
+
     pub(super) fn dac(raw: i32) -> Self {
         Self { raw: raw.into(), value: Some(f64::from(raw) / 256.0), unit: "DAC bit" }
     }
@@ -59,6 +66,17 @@ impl Quantity {
     /// Half milliseconds at 100 % feed rate override.
     pub(super) fn time(raw: i32) -> Self {
         Self { raw: raw.into(), value: Some(f64::from(raw) / 2.0), unit: "msec" }
+    }
+
+    /// A time base in the unit of I10: I10 itself is 100 %.
+    pub(super) fn time_base(raw: i32, i10: Option<u32>) -> Self {
+        match i10.filter(|i10| *i10 > 0) {
+            Some(i10) => {
+                let percent = f64::from(raw) / f64::from(i10) * 100.0;
+                Self { raw: raw.into(), value: Some(percent), unit: "%" }
+            }
+            None => Self { raw: raw.into(), value: None, unit: "1/8388608 msec" },
+        }
     }
 
     pub(super) fn bits(raw: u32) -> Self {

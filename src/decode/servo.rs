@@ -10,7 +10,7 @@
 use serde::ser::{Serialize, SerializeMap, Serializer};
 
 use super::quantity::{Flags, MotorScales, Quantity, Scales};
-use super::{Block, TooShort, blocks, long};
+use super::{Block, TooShort, blocks, global_flags, long};
 use crate::format::{int24, join32};
 use crate::map::{Family, Selection, StatusTable, block_fields};
 
@@ -104,7 +104,7 @@ const FIELDS: [Field; 14] = [
     Field { name: "servo_status", read: bits, value: |motor| &mut motor.servo_status },
     Field { name: ACTUAL_VELOCITY, read: velocity, value: |motor| &mut motor.actual_velocity },
     Field { name: VELOCITY, read: |_, _, _| None, value: |motor| &mut motor.velocity },
-    Field { name: "filtered_velocity", read: velocity, value: |motor| &mut motor.filtered_velocity },
+    Field { name: "filtered_velocity", read: averaged, value: |motor| &mut motor.filtered_velocity },
     Field { name: "background_status", read: bits, value: |motor| &mut motor.background_status },
     Field { name: "time_left", read: time, value: |motor| &mut motor.time_left },
     Field { name: "handwheel_pointer", read: address, value: |motor| &mut motor.handwheel_pointer },
@@ -127,6 +127,10 @@ fn velocity(block: &Block, at: usize, scales: MotorScales) -> Option<Quantity> {
     block.signed(at).map(|raw| Quantity::velocity(raw, scales))
 }
 
+fn averaged(block: &Block, at: usize, _: MotorScales) -> Option<Quantity> {
+    block.signed(at).map(Quantity::averaged_velocity)
+}
+
 fn dac(block: &Block, at: usize, _: MotorScales) -> Option<Quantity> {
     block.signed(at).map(Quantity::dac)
 }
@@ -147,9 +151,7 @@ impl ServoData {
     /// The flags of the board's status words, in the order of `???`; `None` where the report has none.
     #[must_use]
     pub fn global_flags(&self) -> Option<[Flags; 2]> {
-        let [first, second] = self.global_status?;
-        let [first_table, second_table] = self.global.first_chunk()?;
-        Some([Flags { word: first, table: first_table }, Flags { word: second, table: second_table }])
+        global_flags(self.global_status?, self.global)
     }
 }
 

@@ -352,7 +352,7 @@ proptest! {
     fn every_table_brings_each_entry_its_own_value(
         kinds in proptest::collection::vec(0usize..4, 1..=128),
         multi_user in any::<bool>(),
-        family in proptest::sample::select(&FAMILIES[..]),
+        family in proptest::sample::select(FAMILIES),
     ) {
         let all = [VariableKind::Y, VariableKind::X, VariableKind::Long, VariableKind::Special];
         let entries: Vec<_> =

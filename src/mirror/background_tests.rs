@@ -4,7 +4,7 @@ use super::*;
 use crate::decode::{Scales, background};
 use crate::device::{Counted, FileBoard};
 use crate::format::Float48Layout;
-use crate::map::family::testing::TURBO;
+use crate::map::TURBO2;
 use crate::map::pmac::{BACKGROUND_BLOCK, BACKGROUND_DATA_READY, BACKGROUND_SERVO_TIMER, DATA_READY};
 use crate::map::{HostOffset, PMAC};
 use crate::segment::{CreateOptions, RegionSpec, Sample, SegmentName, Subscriber};
@@ -218,15 +218,15 @@ fn silence_is_told_once_by_looks() {
 #[test]
 fn a_turbo_pmacs_coordinate_systems_come_through_the_path_of_every_family() {
     let file = tempfile::tempfile().unwrap();
-    file.set_len(TURBO.length.into()).unwrap();
-    let mut bus = Counted::new(FileBoard::from_file(&file, TURBO.length as usize).unwrap());
+    file.set_len(TURBO2.length.into()).unwrap();
+    let mut bus = Counted::new(FileBoard::from_file(&file, TURBO2.length as usize).unwrap());
     let directory = tempfile::tempdir_in("/dev/shm").unwrap();
     let name = SegmentName::new("turbo").unwrap();
-    let mut options = CreateOptions::new(name.clone(), vec![region(&TURBO.background, PERIOD)]);
+    let mut options = CreateOptions::new(name.clone(), vec![region(&TURBO2.background, PERIOD)]);
     directory.path().clone_into(&mut options.directory);
     let mut publisher = Publisher::create(&options).unwrap();
     let subscriber = Subscriber::attach_in(directory.path(), &name).unwrap();
-    let mut mirror = BackgroundMirror::new(&TURBO.background, PERIOD);
+    let mut mirror = BackgroundMirror::new(&TURBO2.background, PERIOD);
     // Whatever motors are reported: these are coordinate systems.
     mirror.configure(3);
     let at = HostOffset::new;
@@ -261,7 +261,7 @@ fn a_turbo_pmacs_coordinate_systems_come_through_the_path_of_every_family() {
     let place = subscriber.region(RegionId::Background).unwrap().blocks;
     let numbers = place.held_in(2 * sample.words().len());
     let data =
-        background(&TURBO, sample.words(), numbers, &Scales::default(), Float48Layout::default()).unwrap();
+        background(&TURBO2, sample.words(), numbers, &Scales::default(), Float48Layout::default()).unwrap();
     assert_eq!((data.ready, data.servo_timer), (true, 0x12_5678));
     assert_eq!([data.ports.control_panel, data.ports.thumbwheel, data.ports.machine_io], [0x11, 0x33, 0x22]);
     assert!(data.motors.is_empty(), "the motors' data are in the servo report");
@@ -269,6 +269,6 @@ fn a_turbo_pmacs_coordinate_systems_come_through_the_path_of_every_family() {
     for (number, system) in (1..).zip(&data.coordinate_systems) {
         assert_eq!((system.coordinate_system, system.status_word), (number, Some(number as u32)));
         assert_eq!(system.lines_remaining, Some(100 + number as i32));
-        assert!(system.axis_targets.axis("Z").is_some() && system.motor_definition.is_none());
+        assert!(system.axis_targets.axis("Z").is_some() && system.pmac.is_none());
     }
 }

@@ -196,7 +196,10 @@ fn the_background_buffer_decodes_field_by_field() {
     let system = data.coordinate_systems[2];
     assert_eq!((system.axis_targets.axis("V"), system.axis_targets.axis("D")), (Some(-3.25), None));
     let empty = data.coordinate_systems[0];
-    assert_eq!((empty.source, empty.motion_mode), (Some(TargetSource::C), Some(MotionMode::Linear)));
+    assert_eq!(
+        (empty.pmac.unwrap().source, empty.motion_mode),
+        (Some(TargetSource::C), Some(MotionMode::Linear))
+    );
 }
 
 #[test]

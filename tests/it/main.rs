@@ -10,6 +10,7 @@ mod backup;
 mod cli;
 mod client;
 mod decode;
+mod decode_turbo;
 mod dependencies;
 mod dirty;
 mod doctor;

@@ -122,10 +122,13 @@ pub fn table(data: &BackgroundData, overrides: &Overrides) -> String {
     format!("{table}ports: JPAN ${control_panel:06X}  JTHW ${thumbwheel:06X}  JOPTO ${machine_io:06X}\n")
 }
 
-/// The flags to show from both status words: errors first, then the state.
-const SHORT: [(&str, &str); 9] = [
+/// The flags to show from the status words: errors first, then the state.
+const SHORT: [(&str, &str); 12] = [
     ("run_time_error", "run-time-error"),
     ("circle_radius_error", "radius-error"),
+    ("radius_error", "radius-error"),
+    ("resume_error", "resume-error"),
+    ("desired_position_limit_stop", "limit-stop"),
     ("amplifier_fault", "amplifier-fault"),
     ("fatal_following_error", "fatal-error"),
     ("warning_following_error", "warning-error"),
@@ -145,12 +148,14 @@ fn milliseconds(time: Quantity) -> String {
 }
 
 fn flags(system: &CoordinateSystem) -> Vec<&'static str> {
-    let words = [system.status, system.program_status];
-    if words == [None; 2] {
+    let words = [system.status, system.program_status, system.turbo.and_then(|turbo| turbo.lookahead_status)];
+    if words == [None; 3] {
         return vec![NOT_READ];
     }
     let set = |name: &str| words.iter().flatten().any(|word| word.has(name));
-    SHORT.iter().filter(|(name, _)| set(name)).map(|(_, short)| *short).collect()
+    let hold = system.turbo.and_then(|turbo| turbo.feed_hold) == Some(true);
+    let flags = SHORT.iter().filter(|(name, _)| set(name)).map(|(_, short)| *short);
+    flags.chain(hold.then_some("hold")).collect()
 }
 
 /// The axes with targets other than 0. Most machines use few of the nine.
@@ -166,13 +171,13 @@ fn targets(system: &CoordinateSystem) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::map::PMAC;
+    use crate::map::FAMILIES;
 
     #[test]
     fn every_short_word_stands_for_a_flag_there_is() {
         for (name, _) in SHORT {
-            let mut flags = PMAC.status.coordinate_system.iter().flat_map(|table| table.flags);
-            assert!(flags.any(|(_, flag)| *flag == name), "{name}");
+            let tables = FAMILIES.iter().flat_map(|family| family.status.coordinate_system);
+            assert!(tables.flat_map(|table| table.flags).any(|(_, flag)| *flag == name), "{name}");
         }
     }
 }

@@ -9,22 +9,28 @@ use serde_json::{Value, json};
 
 use crate::cli::args::values::{Float48, Order, family};
 use crate::cli::context::{Context, Failure, Verdict};
+use crate::cli::show::buffers;
 use crate::cli::show::coordinates::{self, Overrides};
+use crate::cli::show::global_status;
 use crate::cli::show::motor::Motor;
 use crate::cli::show::motors;
-use crate::decode::{BackgroundData, Image, Scales, ServoData};
-use crate::map::Family;
+use crate::decode::{BackgroundData, Buffers, Image, Scales, ServoData};
+use crate::map::{Family, Firmware, Layout};
 use crate::segment::Identity;
 
 #[derive(Debug, Args)]
 pub struct Decode {
-    /// The image, as long as the family's DPRAM (16 KiB); - is stdin
+    /// The image, as long as the family's DPRAM (16 KiB; Turbo boards also 64 KiB); - is stdin
     #[arg(value_name = "FILE")]
     pub file: PathBuf,
     /// The board's family
     #[arg(long, value_name = "FAMILY", default_value = "pmac", value_parser = family)]
     pub family: &'static Family,
-    /// How many motors and coordinate systems the board reported; without it, all that the family has
+    /// The board's firmware, as VERSION answers: some keep the gather buffer elsewhere
+    #[arg(long, value_name = "VERSION")]
+    pub firmware: Option<Firmware>,
+    /// PMAC, PMAC2: how many motors and coordinate systems the board reported; without it, all of them. The image of a Turbo
+    /// board says it
     #[arg(long, value_name = "N")]
     pub motors: Option<usize>,
     /// The byte order of the image's 16-bit words
@@ -47,24 +53,36 @@ pub fn run(context: &mut Context, options: &Decode) -> Result<Verdict, Failure> 
         let most = options.family.motors;
         return Err(Failure::Request(format!("--motors {count}: a {} has {most}", options.family.title)));
     }
-    let scales = Scales::default();
+    let family = image.family();
+    let (scales, float48) = (Scales::default(), options.float48.into());
     let servo = image.servo(count, &scales).map_err(|e| fault(&e))?;
-    let background = image.background(count, &scales, options.float48.into()).map_err(|e| fault(&e))?;
+    let background =
+        image.background(family.background.reported(count), &scales, float48).map_err(|e| fault(&e))?;
+    let buffers = Buffers::of(&image, &Layout::new(family, options.firmware), float48);
     if context.output.is_json() {
-        context.output.json(&document(&servo, &background, options.family))?;
+        context.output.json(&document(&servo, &background, &buffers, family))?;
     } else {
         let identity = Identity::default();
-        let motors = Motor::all(&servo, Some(&background), &identity, options.family);
-        context.output.text(motors::table(&motors))?;
+        let motors = Motor::all(&servo, Some(&background), &identity, family);
+        if motors.is_empty() {
+            context.output.line("no motor is reported")?;
+        } else {
+            context.output.text(motors::table(&motors))?;
+        }
         context.output.line("")?;
         context.output.text(coordinates::table(&background, &Overrides::default()))?;
+        context.output.text(buffers::text(&buffers, family))?;
+        let global = global_status::document(Some(&servo), Some(&background));
+        if let Some(text) = global_status::text(&global) {
+            context.output.line(format_args!("global status: {text}"))?;
+        }
     }
     Ok(Verdict::Yes)
 }
 
 /// The file's bytes, at most one more than an image. The extra byte is enough to refuse the file.
 fn read(options: &Decode) -> io::Result<Vec<u8>> {
-    let most = u64::from(options.family.length) + 1;
+    let most = options.family.lengths().max().map_or(0, u64::from) + 1;
     let mut bytes = Vec::new();
     if options.file.as_os_str() == "-" {
         io::stdin().lock().take(most).read_to_end(&mut bytes)?;
@@ -74,8 +92,13 @@ fn read(options: &Decode) -> io::Result<Vec<u8>> {
     Ok(bytes)
 }
 
-/// The documents of `motors` and `coordinates` in one. An image has no time and is never live.
-fn document(servo: &ServoData, background: &BackgroundData, family: &'static Family) -> Value {
+/// The documents of `motors` and `coordinates` in one, with the other functions' words. An image has no time and is never live.
+fn document(
+    servo: &ServoData,
+    background: &BackgroundData,
+    buffers: &Buffers,
+    family: &'static Family,
+) -> Value {
     let identity = Identity::default();
     let motors = Motor::all(servo, Some(background), &identity, family);
     let stamp = |timer: u32| json!({ "time": null, "servo_timer": timer, "sequence": null, "fresh": false });
@@ -86,6 +109,8 @@ fn document(servo: &ServoData, background: &BackgroundData, family: &'static Fam
     });
     document["servo"]["pmac_busy"] = json!(servo.pmac_busy);
     document["background"]["ready"] = json!(background.ready);
+    document["global_status"] = global_status::document(Some(servo), Some(background));
+    document["buffers"] = json!(buffers);
     coordinates::add(&mut document, Some(background));
     document
 }

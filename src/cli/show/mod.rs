@@ -1,8 +1,10 @@
 //! Commands that only read.
 
+mod buffers;
 pub mod coordinates;
 pub mod decode;
 pub mod demo;
+mod global_status;
 pub mod map;
 mod motor;
 pub mod motors;

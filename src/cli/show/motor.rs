@@ -5,7 +5,7 @@ use serde_json::{Value, json};
 
 use crate::cli::console::number::{NOT_READ, fixed};
 use crate::decode::{BackgroundData, BackgroundMotor, Flags, Quantity, ServoData, ServoMotor};
-use crate::map::{Family, NumberKind};
+use crate::map::{Family, NumberKind, block_fields};
 use crate::segment::{Identity, UserUnit};
 
 /// One motor.
@@ -49,7 +49,9 @@ impl<'a> Motor<'a> {
             document["position_bias"] = of(|motor| motor.position_bias);
             document["target_position"] = of(|motor| motor.target_position);
         }
-        document["reported_position"] = json!(self.reported_position());
+        if self.is_reported("compensation_position") {
+            document["reported_position"] = json!(self.reported_position());
+        }
         let flags = self.background_flags();
         for (key, flag) in
             [("homed", "home_complete"), ("in_position", "in_position"), (FATAL_ERROR, FATAL_ERROR)]
@@ -107,21 +109,22 @@ impl<'a> Motor<'a> {
     }
 
     /// What `P` answers: actual position, bias and compensation (Software Reference, `P`). Not known while a master is followed,
-    /// which Ix06 can have taken away from it.
+    /// which Ix06 can have taken away from it, nor where the compensation is not reported.
     fn reported_position(&self) -> Option<Quantity> {
         if self.servo.status?.has("handwheel_enabled") {
             return None;
         }
-        let bias = if self.is_in_background() {
-            self.background?.position_bias?
-        } else {
-            self.servo.position_bias?
-        };
+        let (bias, compensation) = (self.background?.position_bias?, self.servo.compensation_position?);
         let actual = self.servo.actual_position?;
-        let compensation = self.servo.compensation_position.map_or(Some(0.0), |quantity| quantity.value);
-        let compensation_raw = self.servo.compensation_position.map_or(0, |quantity| quantity.raw);
-        let value = actual.value.zip(bias.value).zip(compensation).map(|((a, b), c)| a + b + c);
-        Some(Quantity { raw: actual.raw + bias.raw + compensation_raw, value, ..actual })
+        let value = actual.value.zip(bias.value).zip(compensation.value).map(|((a, b), c)| a + b + c);
+        Some(Quantity { raw: actual.raw + bias.raw + compensation.raw, value, ..actual })
+    }
+
+    /// Whether the family's reports have this register of a motor.
+    pub fn is_reported(&self, name: &str) -> bool {
+        ["servo", "background"]
+            .iter()
+            .any(|function| block_fields(self.family, function).any(|field| field.name == name))
     }
 
     /// Why `P` answers something else than the actual position, if it does.
@@ -169,6 +172,7 @@ const SHORT_SERVO: Short = Short(&[
     ("dwell_in_progress", "dwell"),
     ("definite_time_move", "timed-move"),
     ("handwheel_enabled", "following"),
+    ("following_enabled", "following"),
 ]);
 
 const SHORT_BACKGROUND: Short = Short(&[
@@ -177,7 +181,9 @@ const SHORT_BACKGROUND: Short = Short(&[
     ("amplifier_fault", "amplifier-fault"),
     ("i2t_amplifier_fault", "i2t-fault"),
     ("phasing_search_error", "phasing-error"),
+    ("phasing_reference_error", "phasing-error"),
     ("stopped_on_position_limit", "limit-stop"),
+    ("stopped_on_desired_position_limit", "limit-stop"),
     ("warning_following_error", "warning-error"),
     ("home_complete", "homed"),
     ("in_position", "in-position"),
@@ -198,19 +204,20 @@ fn servo_flags(motor: &ServoMotor) -> Vec<&'static str> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::map::PMAC;
+    use crate::map::FAMILIES;
 
     #[test]
     fn every_short_word_stands_for_a_flag_there_is() {
-        for (shorts, table) in
-            [(SHORT_SERVO, &PMAC.status.motor[0]), (SHORT_BACKGROUND, &PMAC.status.motor[1])]
-        {
+        for (shorts, word) in [(SHORT_SERVO, 0), (SHORT_BACKGROUND, 1)] {
             for (name, _) in shorts.0 {
-                assert!(table.flags.iter().any(|(_, flag)| flag == name), "{name}");
+                let mut flags = FAMILIES.iter().flat_map(|family| family.status.motor[word].flags);
+                assert!(flags.any(|(_, flag)| flag == name), "{name}");
             }
         }
-        for name in ["motor_activated", "desired_velocity_zero", "open_loop"] {
-            assert!(PMAC.status.motor[0].flags.iter().any(|(_, flag)| *flag == name), "{name}");
+        for (family, name) in FAMILIES.iter().flat_map(|family| {
+            ["motor_activated", "desired_velocity_zero", "open_loop"].map(|name| (family, name))
+        }) {
+            assert!(family.status.motor[0].flags.iter().any(|(_, flag)| *flag == name), "{name}");
         }
     }
 }

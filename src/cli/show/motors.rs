@@ -101,6 +101,19 @@ pub fn table(motors: &[Motor<'_>]) -> Table {
             motor.flags().join(" "),
         ]);
     }
+    // What the family reports of no motor; what is merely not read stays, as such.
+    if let Some(motor) = motors.first() {
+        let columns = [
+            ("commanded", "commanded_position"),
+            ("velocity", "actual_velocity"),
+            ("target", "target_position"),
+        ];
+        for (column, register) in columns {
+            if !motor.is_reported(register) {
+                table.drop_column(column);
+            }
+        }
+    }
     if motors.iter().all(|motor| motor.name().is_none()) {
         table.drop_column("name");
     }

@@ -3,8 +3,8 @@
 use serde_json::{Map, Value, json};
 
 use crate::cli::context::{Context, Failure, Verdict};
+use crate::cli::show::global_status;
 use crate::client::{Board, ClientError, CommandError, Staleness, View};
-use crate::decode::Flags;
 use crate::map::Family;
 use crate::segment::{Condition, Identity, RegionState, SegmentError, SegmentName, UserUnit};
 
@@ -41,14 +41,13 @@ fn absent(context: &mut Context, error: &ClientError) -> Result<Verdict, Failure
     Ok(Verdict::No)
 }
 
-/// The board's global status, the two words of `???`, while servo data are fresh: null otherwise.
+/// The board's global status while the data that it stands in are fresh: null otherwise.
 fn global_status(board: &mut Board) -> Value {
-    let servo = board.snapshot().ok().and_then(|snapshot| snapshot.servo);
-    let flags = servo.filter(View::is_fresh).and_then(|servo| servo.data.global_flags());
-    flags.map_or(Value::Null, |flags| {
-        let words = flags.map(|flags| format!("${:06X}", flags.word));
-        json!({ "words": words, "flags": flags.iter().flat_map(Flags::names).collect::<Vec<_>>() })
-    })
+    let (servo, background) =
+        board.snapshot().ok().map(|snapshot| (snapshot.servo, snapshot.background)).unzip();
+    let servo = servo.flatten().filter(View::is_fresh).map(|view| view.data);
+    let background = background.flatten().filter(View::is_fresh).map(|view| view.data);
+    global_status::document(servo.as_ref(), background.as_ref())
 }
 
 /// What keeps the whole from being live, and why; `None` when it is. Data that the board was never told to report are no
@@ -202,10 +201,8 @@ fn text(document: &Value) -> String {
     if let Some(period) = board["servo_period_ns"].as_f64() {
         say("servo", format!("{:.3} us, {:.1} Hz", period / 1e3, 1e9 / period));
     }
-    let global = &document["global_status"];
-    if let (Some(words), Some(flags)) = (global["words"].as_array(), global["flags"].as_array()) {
-        let join = |values: &[Value]| values.iter().map(plain).collect::<Vec<_>>().join(" ");
-        say("global status", format!("{}: {}", join(words), join(flags)));
+    if let Some(text) = global_status::text(&document["global_status"]) {
+        say("global status", text);
     }
     for (name, region) in document["regions"].as_object().into_iter().flatten() {
         let live = region["state"] == "live";

@@ -1,0 +1,24 @@
+//! The board's global status, the two words of `???`.
+
+use serde_json::{Value, json};
+
+use crate::decode::{BackgroundData, Flags, ServoData};
+
+/// The words and the names of their flags, from the report that has them; null where neither does.
+pub fn document(servo: Option<&ServoData>, background: Option<&BackgroundData>) -> Value {
+    let flags = servo.and_then(ServoData::global_flags);
+    let flags = flags.or_else(|| background.and_then(BackgroundData::global_flags));
+    flags.map_or(Value::Null, |flags| {
+        let words = flags.map(|flags| format!("${:06X}", flags.word));
+        json!({ "words": words, "flags": flags.iter().flat_map(Flags::names).collect::<Vec<_>>() })
+    })
+}
+
+/// What [`document`] says, on a line; `None` where it says nothing.
+pub fn text(document: &Value) -> Option<String> {
+    let join = |values: &Value| {
+        let values = values.as_array()?.iter().filter_map(Value::as_str);
+        Some(values.collect::<Vec<_>>().join(" "))
+    };
+    Some(format!("{}: {}", join(&document["words"])?, join(&document["flags"])?))
+}
