@@ -65,7 +65,7 @@
 //! | ASCII line of n, reply of m characters | n/2 + m/2 + 10 | n/2 + m/2 + 11 | n = m = 20: 31 |
 //! | ASCII line by 32 bits | n/2 + m/4 + 10 | n/2 + m/4 + 11 | n = m = 20: 26 |
 //! | mailbox line of n, reply of m characters | n + m + 4 + ceil((m+1)/16) | n + m + 5 + 2 ceil((m+1)/16) | n = m = 20: 49 |
-//! | released at start and end: servo, background, variable read, variable write, panel | 7 | 8 | 1 + 1 + 2 + 1 + 3: 8 |
+//! | released at start and end: servo, background, variable read, variable write, panel | 7 | 7 | 1 + 1 + 2 + 1 + 2: 7 |
 //!
 //! By 32 bits (`,access=32` behind the board) are read the data that PMAC owns meanwhile, two words of one location by one
 //! access; the words by which host and PMAC hand them over never are. A function that the configuration switches off

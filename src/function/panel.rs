@@ -10,7 +10,9 @@
 //!
 //! PMAC looks only while the panel is enabled (I2=3); no word tells whether it is, so a request that is never taken is
 //! all that shows. PMAC clears all of `request_enable`, so the next request waits until it is 0: a bit set in between
-//! would be lost.
+//! would be lost. It clears them "on taking action" (p. 13) or when it "processes the request" (p. 12), which may be later:
+//! a request that the host took back may still be at work, and the clearing that belongs to it wipes out what the host has
+//! put there meanwhile. Who took one back sends [`PanelRequest::asking_nothing`] first, or what stops, twice.
 //!
 //! Motor n and coordinate system n share a request word. The manual says what two jog bits together mean (stop), and
 //! about no other pair of requests to the same motor or the same coordinate system; such pairs are refused here.
@@ -211,6 +213,13 @@ impl PanelRequest {
         self
     }
 
+    /// For the same numbers, but "no action requested" (DPRAM manual p. 13): by it the host sees that PMAC has finished with
+    /// an earlier request.
+    #[must_use]
+    pub const fn asking_nothing(&self) -> Self {
+        Self { mask: self.mask, words: [0; MOST_NUMBERS] }
+    }
+
     /// Whose words count: bit 0 is number 1.
     #[must_use]
     pub const fn mask(&self) -> u32 {
@@ -233,6 +242,13 @@ impl PanelRequest {
     #[must_use]
     pub fn is_stop(&self) -> bool {
         self.stops() == self.mask
+    }
+
+    /// Whether it only stops, aborts and holds, so that PMAC may be asked twice.
+    #[must_use]
+    pub fn ends_motion(&self) -> bool {
+        let ending = [PanelAction::JogStop, PanelAction::Stop, PanelAction::Hold].map(PanelAction::bits);
+        self.asked().all(|(_, word)| word == ending[0] || word == ending[1] || word == ending[2])
     }
 }
 
@@ -350,17 +366,15 @@ impl Panel {
 
     /// Takes over from whatever host was there before: a request PMAC has not taken is withdrawn, since nobody waits
     /// for it any more; the overrides in force are adopted as they are, since to end one changes the speed of a
-    /// machine that runs. Returns the mask of the withdrawn request. 2 reads, 1 write. Also to be called after a
-    /// reset of the board.
+    /// machine that runs. 1 read, 1 write. Also to be called after a reset of the board.
     ///
     /// # Errors
     /// When the bus cannot be reached.
-    pub fn acquire(&mut self, bus: &mut impl Bus) -> Result<u32, BusError> {
-        let left = bus.read16(self.words.request_enable)?;
+    pub fn acquire(&mut self, bus: &mut impl Bus) -> Result<(), BusError> {
         self.withdraw(bus)?;
         self.override_enable = None;
         self.enabled_overrides(bus)?;
-        Ok((left & self.used_bits()).into())
+        Ok(())
     }
 
     /// Puts `request` to PMAC. `Ok(false)`: PMAC has not taken the last one, or there is no board; try later.
@@ -386,16 +400,7 @@ impl Panel {
     /// # Errors
     /// When the bus cannot be reached.
     pub fn taken(&self, bus: &mut impl Bus) -> Result<bool, BusError> {
-        Ok(self.mask(bus)? == 0)
-    }
-
-    /// For whom the request in the panel is, bit 0 being number 1: 0 when PMAC has taken the last one, all ones where there is
-    /// no board. 1 read.
-    ///
-    /// # Errors
-    /// When the bus cannot be reached.
-    pub fn mask(&self, bus: &mut impl Bus) -> Result<u32, BusError> {
-        Ok(bus.read16(self.words.request_enable)?.into())
+        Ok(bus.read16(self.words.request_enable)? == 0)
     }
 
     /// Takes back a request PMAC has not taken. PMAC may take it in this very moment; whether it did cannot be known.

@@ -1,4 +1,8 @@
 //! Requests to the control panel: one at a time, each until the board has taken it.
+//!
+//! The board clears the panel's mask when it has taken a request. One that was withdrawn may be at work all the same, and
+//! is cleared whenever the board is done with it. So after a withdrawal, and after the start, the first clearing does not
+//! count: what stops is requested twice, anything else after a request for nothing.
 
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
@@ -14,9 +18,6 @@ use crate::device::{Bus, BusError};
 use crate::function::panel::{FeedOverride, Panel, PanelBusError, PanelRequest};
 use crate::map::Family;
 
-/// How long the panel is left alone after a request was withdrawn; longer than two background passes of a busy board. Not
-/// for a stop, which is requested twice then.
-const REST: Duration = Duration::from_millis(50);
 /// How often to ask whether the board has taken a request.
 const POLL: Duration = Duration::from_millis(1);
 
@@ -34,8 +35,24 @@ struct Pending {
     ticket: Ticket,
     request: PanelRequest,
     deadline: Instant,
-    /// It goes once more when the board has taken it.
-    twice: bool,
+    /// The next clearing of the mask may belong to a request that was withdrawn: the request goes after it.
+    doubtful: bool,
+}
+
+impl Pending {
+    /// What lies in the panel.
+    fn lying(&self) -> PanelRequest {
+        if self.doubtful && !self.request.ends_motion() {
+            self.request.asking_nothing()
+        } else {
+            self.request
+        }
+    }
+
+    /// The request itself has been in the panel: the board may have seen it.
+    fn was_made(&self) -> bool {
+        self.lying() == self.request
+    }
 }
 
 /// The requests that wait, and the one that lies in the panel.
@@ -49,11 +66,7 @@ pub struct PanelQueue {
     pending: Option<Pending>,
     /// What is to be told of a request that was cut off: whose it was, and what became of it.
     cut_off: Option<(Ticket, Outcome)>,
-    /// After a request was withdrawn, until when the panel rests: PMAC may have been at work on it, and clears the mask when
-    /// it is done, which must not look as if it had taken the next one.
-    rests_until: Option<Instant>,
-    /// A request was withdrawn, and no stop was seen to be taken since. PMAC clears the mask once more when it was at work on
-    /// that request; the second clearing of a stop that is requested twice is the stop's own.
+    /// A request was withdrawn, by this daemon or one before it, and the mask was not seen to be cleared since.
     doubtful: bool,
     next_poll: Instant,
     open_loops: OpenLoops,
@@ -69,18 +82,22 @@ impl PanelQueue {
             waiting: VecDeque::with_capacity(at_once::PANEL + at_once::STOPS),
             pending: None,
             cut_off: None,
-            rests_until: None,
             doubtful: false,
             next_poll: now,
             open_loops: OpenLoops::default(),
         })
     }
 
-    fn not_taken(&self) -> Outcome {
+    /// The time of a request is over.
+    fn not_taken(&self, was_made: bool) -> Outcome {
         let enable = self.enable.map_or_else(|| ".".to_owned(), |number| format!("; is I{number}=3?"));
+        let what = if was_made {
+            "It has been withdrawn; had the board just begun with it, it may have been carried out"
+        } else {
+            "It was not carried out: the panel was not free for it"
+        };
         Outcome::Refused(Text::of(&format_args!(
-            "the board did not take the panel request in time{enable} It has been withdrawn; had the board just begun with it, it \
-             may have been carried out"
+            "the board did not take the panel request in time{enable} {what}"
         )))
     }
 
@@ -88,10 +105,10 @@ impl PanelQueue {
     ///
     /// # Errors
     /// When the bus cannot be reached.
-    pub fn acquire(&mut self, bus: &mut impl Bus, now: Instant) -> Result<(), BusError> {
-        self.cut_off(bus)?;
-        self.doubtful |= self.panel.acquire(bus)? != 0;
-        self.rests_until = Some(now + REST);
+    pub fn acquire(&mut self, bus: &mut impl Bus) -> Result<(), BusError> {
+        self.cut_off();
+        self.panel.acquire(bus)?;
+        self.doubtful = true;
         Ok(())
     }
 
@@ -100,20 +117,18 @@ impl PanelQueue {
     /// # Errors
     /// When the bus cannot be reached.
     pub fn leave(&mut self, bus: &mut impl Bus) -> Result<(), BusError> {
-        self.cut_off(bus)?;
+        self.cut_off();
         self.panel.withdraw(bus)
     }
 
-    /// Nobody waits any more for the board to take what lies in the panel. Whether it has may be seen for the last time.
-    fn cut_off(&mut self, bus: &mut impl Bus) -> Result<(), BusError> {
-        let Some(Pending { ticket, request, .. }) = self.pending.take() else { return Ok(()) };
-        // Unless it lies there as it was written, the board took it before the reset, or a memory test cleared it.
-        self.cut_off = Some((ticket, Outcome::TimedOut));
-        if self.panel.mask(bus)? == request.mask() {
-            let reason = "the board was reset, or replaced, before it took the panel request, which has been withdrawn";
-            self.cut_off = Some((ticket, Outcome::Refused(Text::of(&reason))));
-        }
-        Ok(())
+    /// Nobody waits any more for the board to take what lies in the panel. Also where the mask is still set the board may have
+    /// carried the request out: it may clear the mask only then.
+    fn cut_off(&mut self) {
+        let Some(pending) = self.pending.take() else { return };
+        let never_made = "the board was reset, or replaced, before the panel request was made";
+        let outcome =
+            if pending.was_made() { Outcome::TimedOut } else { Outcome::Refused(Text::of(&never_made)) };
+        self.cut_off = Some((pending.ticket, outcome));
     }
 
     /// Takes a request in.
@@ -191,12 +206,13 @@ impl PanelQueue {
     /// When the bus cannot be reached.
     pub fn poll(&mut self, bus: &mut impl Bus, now: Instant) -> Result<Option<Event>, BusError> {
         self.next_poll = now + POLL;
-        if let Some(Pending { ticket, deadline, request, twice }) = self.pending {
+        if let Some(pending) = self.pending {
+            let Pending { ticket, request, deadline, doubtful } = pending;
             self.open_loops.doubt(request.mask());
-            if twice {
+            if doubtful {
                 if self.panel.begin(bus, &request)? {
                     self.doubtful = false;
-                    self.pending = Some(Pending { ticket, deadline, request, twice: false });
+                    self.pending = Some(Pending { doubtful: false, ..pending });
                     return Ok(None);
                 }
             } else if self.panel.taken(bus)? {
@@ -211,27 +227,25 @@ impl PanelQueue {
             self.panel.withdraw(bus)?;
             self.pending = None;
             self.doubtful = true;
-            self.rests_until = Some(now + REST);
-            return Ok(Some(Event::Done(ticket, self.not_taken())));
+            return Ok(Some(Event::Done(ticket, self.not_taken(pending.was_made()))));
         }
         if let Some((ticket, outcome)) = self.cut_off.take() {
             return Ok(Some(Event::Done(ticket, outcome)));
         }
         let Some(mut next) = self.waiting.pop_front() else { return Ok(None) };
         if now >= next.deadline {
-            return Ok(Some(Event::Done(next.ticket, self.not_taken())));
+            return Ok(Some(Event::Done(next.ticket, self.not_taken(false))));
         }
-        let stops = next.request.is_stop();
-        let rests = self.rests_until.filter(|until| now < *until && !stops);
-        if next.ends_hold && rests.is_none() {
+        if next.ends_hold {
             next.request = self.without_open_loops(next.request);
             if next.request.mask() == 0 {
                 return Ok(Some(Event::Done(next.ticket, Outcome::Done)));
             }
         }
-        if rests.is_none() && self.panel.begin(bus, &next.request)? {
-            let Waiting { ticket, request, deadline, .. } = next;
-            self.pending = Some(Pending { ticket, request, deadline, twice: stops && self.doubtful });
+        let Waiting { ticket, request, deadline, .. } = next;
+        let pending = Pending { ticket, request, deadline, doubtful: self.doubtful };
+        if self.panel.begin(bus, &pending.lying())? {
+            self.pending = Some(pending);
         } else {
             self.waiting.push_front(next);
         }
@@ -261,7 +275,7 @@ impl<B: Bus> BoardFunction<B> for PanelQueue {
         Ok(Polled { answer: PanelQueue::poll(self, context.bus, context.clock.now())?, ..Polled::default() })
     }
     fn acquire(&mut self, context: &mut Context<'_, B>) -> Result<(), PortError> {
-        Ok(PanelQueue::acquire(self, context.bus, context.clock.now())?)
+        Ok(PanelQueue::acquire(self, context.bus)?)
     }
     /// Overrides stay: a machine's speed must not change because its daemon stops.
     fn leave(&mut self, bus: &mut B) -> Result<(), BusError> {
@@ -289,17 +303,19 @@ mod tests {
         let mut bus = memory();
         let begun = Instant::now();
         let mut queue = PanelQueue::new(&PMAC, begun).unwrap();
-        queue.acquire(&mut bus, begun).unwrap();
+        queue.acquire(&mut bus).unwrap();
         let request = |number| PanelRequest::of(PANEL, PanelAction::JogPlus, &[number]).unwrap();
         for number in 1..=3 {
-            let deadline = begun + REST + POLL * 10;
-            queue.submit(Ticket(number as u64), request(number), deadline, begun);
+            queue.submit(Ticket(number as u64), request(number), begun + POLL * 10, begun);
         }
-        assert!(queue.poll(&mut bus, begun).unwrap().is_none());
-        assert_eq!(bus.read16(PANEL.request_enable).unwrap(), 0, "it rests after it was taken over");
-        let now = begun + REST;
+        let now = begun;
+        let first =
+            |bus: &mut FileBoard| [PANEL.request_enable, PANEL.request].map(|at| bus.read16(at).unwrap());
         assert!(queue.poll(&mut bus, now).unwrap().is_none());
-        assert_eq!(bus.read16(PANEL.request_enable).unwrap(), 1);
+        assert_eq!(first(&mut bus), [1, 0], "after it was taken over nothing is asked for first");
+        bus.write16(PANEL.request_enable, 0).unwrap();
+        assert!(queue.poll(&mut bus, now).unwrap().is_none());
+        assert_eq!(first(&mut bus), [1, PanelAction::JogPlus.bits()]);
         assert!(queue.poll(&mut bus, now).unwrap().is_none(), "the board has not taken it");
         bus.write16(PANEL.request_enable, 0).unwrap();
         assert!(matches!(queue.poll(&mut bus, now).unwrap(), Some(Event::Done(Ticket(1), Outcome::Done))));
@@ -309,9 +325,11 @@ mod tests {
         for ticket in [2, 3] {
             let event = queue.poll(&mut bus, late).unwrap();
             assert!(
-                matches!(event, Some(Event::Done(Ticket(t), Outcome::Refused(_))) if t == ticket),
+                matches!(&event, Some(Event::Done(Ticket(t), Outcome::Refused(_))) if *t == ticket),
                 "{event:?}"
             );
+            let told = if ticket == 2 { "may have been carried out" } else { "It was not carried out" };
+            assert!(format!("{event:?}").contains(told), "{event:?}");
             assert_eq!(bus.read16(PANEL.request_enable).unwrap(), 0, "withdrawn, or never written");
         }
         assert!(queue.due().is_none());
@@ -322,7 +340,7 @@ mod tests {
         let mut bus = memory();
         let now = Instant::now();
         let mut queue = PanelQueue::new(&PMAC, now).unwrap();
-        let deadline = now + REST;
+        let deadline = now + POLL * 50;
         let jog = PanelRequest::of(PANEL, PanelAction::JogPlus, &[1]).unwrap();
         let stop = |number| PanelRequest::of(PANEL, PanelAction::JogStop, &[number]).unwrap();
         for ticket in 0..16 {
@@ -346,7 +364,7 @@ mod tests {
         let mut bus = memory();
         let now = Instant::now();
         let mut queue = PanelQueue::new(&PMAC, now).unwrap();
-        let deadline = now + REST;
+        let deadline = now + POLL * 50;
         let mask = |bus: &mut FileBoard| bus.read16(PANEL.request_enable).unwrap();
         queue.see_report(0b010, 10);
         queue.end_hold(Ticket(1), 0b111, deadline, now);
@@ -385,22 +403,25 @@ mod tests {
         let begun = Instant::now();
         let mut queue = PanelQueue::new(&PMAC, begun).unwrap();
         let request = PanelRequest::of(PANEL, PanelAction::JogPlus, &[1]).unwrap();
-        // What the mask is when the board is taken over, and whether the request was surely not carried out.
-        for (ticket, (mask, untouched)) in (7..).zip([(1, true), (0, false), (0xFFFF, false)]) {
-            let now = begun + (ticket as u32) * REST;
-            queue.submit(Ticket(ticket), request, now + REST, now);
+        // What the mask is when the board is taken over: whatever it is, the board may have seen the request.
+        for (ticket, mask) in (7..).zip([1, 0, 0xFFFF]) {
+            let now = begun + (ticket as u32) * POLL;
+            queue.submit(Ticket(ticket), request, now + POLL, now);
             assert!(queue.poll(&mut bus, now).unwrap().is_none());
+            while bus.read16(PANEL.request).unwrap() == 0 {
+                bus.write16(PANEL.request_enable, 0).unwrap();
+                assert!(queue.poll(&mut bus, now).unwrap().is_none());
+            }
             assert_eq!(bus.read16(PANEL.request_enable).unwrap(), 1, "it lies in the panel");
             bus.write16(PANEL.request_enable, mask).unwrap();
             queue.leave(&mut bus).unwrap();
-            queue.acquire(&mut bus, now).unwrap();
-            queue.acquire(&mut bus, now).unwrap();
+            queue.acquire(&mut bus).unwrap();
+            queue.acquire(&mut bus).unwrap();
             let event = queue.poll(&mut bus, now).unwrap();
-            let Some(Event::Done(told, outcome)) = event else { panic!("{event:?}") };
-            assert_eq!((told, matches!(outcome, Outcome::TimedOut)), (Ticket(ticket), !untouched));
-            if untouched {
-                assert!(format!("{outcome:?}").contains("the board was reset"), "{outcome:?}");
-            }
+            assert!(
+                matches!(event, Some(Event::Done(Ticket(t), Outcome::TimedOut)) if t == ticket),
+                "{event:?}"
+            );
             assert_eq!((queue.due(), bus.read16(PANEL.request_enable).unwrap()), (None, 0));
         }
     }
