@@ -13,6 +13,13 @@
 //! variable-read function's. More than 32 records go in several cycles, in their order; each cycle is done in one
 //! background pass, the whole is not.
 //!
+//! PMAC may be at work on records whose count the host has taken back, and clears the count when it is done, whatever the
+//! host has put there meanwhile (p. 24: "when it is finished it will change the value in this register to a 0"; "it sets
+//! register Y:$D1F5 to zero to let the host know that it has completed a cycle"). That must not look as if the next records
+//! were written. So the first record after a job that was given up, or after the start, is a question: it has PMAC write a
+//! number into the record itself, into a word that no record of one word uses. Once the number stands there, PMAC has
+//! finished whatever it was at.
+//!
 //! Needs I55 = 1. Nothing tells that a record was refused; PMAC writes where it is told to. Address 0 is the servo
 //! clock: writing it trips the watchdog, so it is refused.
 
@@ -21,13 +28,13 @@ use std::time::{Duration, Instant};
 use crate::device::{Bus, BusError};
 use crate::format::{fixed48, float48, int24, split32, write48};
 use crate::map::functions::{VARIABLE_WRITE_RECORD_WORDS, VARIABLE_WRITE_RECORDS};
+use crate::map::readings::FieldData;
 use crate::map::{
-    Family, HostOffset, PmacRegister, RecordBits, Region, Space, StartRule, VariableKind, VariableWrite,
+    Family, HostOffset, PmacAddress, PmacRegister, RecordBits, Region, Space, VariableKind, VariableWrite,
 };
 use crate::protocol::board::VariableRecord;
 
-/// How long after the count was taken back the records are left alone: PMAC may be working on them, and clears the
-/// count when it is done.
+/// How long after the count was taken back the records are left alone: PMAC may be about to read them.
 pub const SETTLE: Duration = Duration::from_millis(50);
 /// Records that one poll writes at most, so that servo data need not wait.
 pub const POLL_RECORDS: usize = 5;
@@ -195,16 +202,22 @@ impl WriteRecord {
         Ok(Self { register, block: false, width, offset, data })
     }
 
-    /// The record as it lies in the DPRAM of a board whose type word has its parts at `bits`, first word first.
+    /// The record as it lies in the DPRAM of a board whose type word has its parts at `bits`, first word first. `field` says
+    /// where some bits' data stand ("starting offset for the read", p. 25, may be the register's offset or the data's, too).
     #[must_use]
-    pub fn words(&self, bits: RecordBits) -> [u16; VARIABLE_WRITE_RECORD_WORDS] {
+    pub fn words(&self, bits: RecordBits, field: FieldData) -> [u16; VARIABLE_WRITE_RECORD_WORDS] {
         let address = self.register.address().number;
         let block = if self.block { VariableKind::Special.code() } else { 0 };
         let type_word = (self.register.kind().code() | block) << bits.kind
             | self.width << bits.width
             | self.offset << bits.offset
             | (address >> 16) as u16;
-        let [[low_1, high_1], [low_2, high_2]] = self.data.map(split32);
+        let [data_1, data_2] = self.data;
+        let data_1 = match field {
+            FieldData::AtBit0 => data_1,
+            FieldData::AtOffset => data_1 << self.offset,
+        };
+        let [[low_1, high_1], [low_2, high_2]] = [data_1, data_2].map(split32);
         [address as u16, type_word, low_1, high_1, low_2, high_2]
     }
 }
@@ -238,6 +251,8 @@ enum State {
     Loading {
         next: usize,
     },
+    /// The count is set; PMAC has the record that asks whether it has finished all else.
+    Asking,
     /// The count is set; PMAC has the cycle's records.
     Handed,
     /// A count was taken back at this moment.
@@ -248,20 +263,43 @@ enum State {
 
 /// The host's half of the function: one job at a time.
 pub struct VariableWriter {
+    family: &'static Family,
     write: &'static VariableWrite,
-    start: StartRule,
     place: Region,
+    /// Where the data of some bits stand.
+    field: FieldData,
     state: State,
+    /// PMAC may be at work on records whose count was taken back.
+    doubtful: bool,
+    /// The number that the last question has PMAC write.
+    asked: u16,
     records: Vec<WriteRecord>,
     /// Records of cycles that are done.
     done: usize,
 }
 
 impl VariableWriter {
-    /// A writer that keeps its records in `place` (a plan's). With less room than one record it can write nothing.
+    /// A writer on a board of `family` that keeps its records in `place` (a plan's). With less room than one record it can
+    /// write nothing.
     #[must_use]
-    pub fn new(write: &'static VariableWrite, start: StartRule, place: Region) -> Self {
-        Self { write, start, place, state: State::Idle, records: Vec::new(), done: 0 }
+    pub fn new(family: &'static Family, place: Region) -> Self {
+        Self {
+            family,
+            write: &family.variable_write,
+            place,
+            field: FieldData::default(),
+            state: State::Idle,
+            doubtful: false,
+            asked: 0,
+            records: Vec::new(),
+            done: 0,
+        }
+    }
+
+    /// The writer, on a board that reads some bits' data so.
+    #[must_use]
+    pub fn with_field(self, field: FieldData) -> Self {
+        Self { field, ..self }
     }
 
     /// Takes back records a host, this one or a dead one, left for PMAC. To be called at the start and on every way
@@ -289,7 +327,8 @@ impl VariableWriter {
 
     /// Starts writing `records`, in their order. `Err` gives them back: the writer is not idle, has no room, or PMAC
     /// still works for another host, or there is no board; try later. No record is no job: it is done at once.
-    /// 1 read; each cycle costs 6 writes a record and 2 more, and the reads of the polls that wait.
+    /// 1 read; each cycle costs 6 writes a record and 2 more, and the reads of the polls that wait. The first job after one that
+    /// was given up, or after the start, costs a cycle of one record more, and 1 read.
     ///
     /// # Errors
     /// When the bus cannot be reached.
@@ -318,8 +357,19 @@ impl VariableWriter {
                 self.state = State::Idle;
                 Ok(WritePoll::Done)
             }
+            State::Loading { .. } if self.doubtful => {
+                self.ask(bus)?;
+                Ok(WritePoll::Waiting)
+            }
             State::Loading { next } => {
                 self.load(bus, next)?;
+                Ok(WritePoll::Waiting)
+            }
+            State::Asking => {
+                if bus.read16(self.write.count)? == 0 {
+                    bus.order_reads();
+                    self.hear(bus)?;
+                }
                 Ok(WritePoll::Waiting)
             }
             State::Handed => {
@@ -356,9 +406,12 @@ impl VariableWriter {
                 self.state = State::Idle;
                 0
             }
+            State::Asking => {
+                self.take_back(bus, now)?;
+                0
+            }
             State::Handed => {
-                self.release(bus)?;
-                self.state = State::Settling { since: now };
+                self.take_back(bus, now)?;
                 self.cycle()
             }
         };
@@ -370,7 +423,44 @@ impl VariableWriter {
     pub fn acquire(&mut self, now: Instant) -> GivenUp {
         let uncertain = if self.state == State::Handed { self.cycle() } else { 0 };
         self.state = State::Settling { since: now };
+        self.doubtful = true;
         GivenUp { done: self.done, uncertain }
+    }
+
+    fn take_back(&mut self, bus: &mut impl Bus, now: Instant) -> Result<(), BusError> {
+        self.release(bus)?;
+        self.state = State::Settling { since: now };
+        self.doubtful = true;
+        Ok(())
+    }
+
+    /// Has PMAC write a new number into the second data word of the record that asks for it.
+    fn ask(&mut self, bus: &mut impl Bus) -> Result<(), BusError> {
+        self.asked = self.asked.checked_add(1).unwrap_or(1);
+        let answer = PmacAddress::new(Space::Y, self.family.pmac_number(self.answer()));
+        // The DPRAM lies where every family has registers.
+        let Some(register) = PmacRegister::new(answer) else { return Ok(()) };
+        let question =
+            WriteRecord { register, block: false, width: 0, offset: 0, data: [self.asked.into(), 0] };
+        self.put(bus, 0, &question)?;
+        self.hand_over(bus, 1)?;
+        self.state = State::Asking;
+        Ok(())
+    }
+
+    /// The count of the question was cleared: by PMAC's answer, or by what it was at before.
+    fn hear(&mut self, bus: &mut impl Bus) -> Result<(), BusError> {
+        if bus.read16(self.answer())? != self.asked {
+            return self.hand_over(bus, 1);
+        }
+        self.doubtful = false;
+        self.state = State::Loading { next: 0 };
+        Ok(())
+    }
+
+    /// Where PMAC writes its answer: the low word of the first record's second data long.
+    const fn answer(&self) -> HostOffset {
+        self.place.start.plus_words(VARIABLE_WRITE_RECORD_WORDS - 2)
     }
 
     /// Records of the present cycle.
@@ -383,22 +473,32 @@ impl VariableWriter {
         let cycle = self.cycle();
         let end = cycle.min(next + POLL_RECORDS);
         for index in next..end {
-            let first: HostOffset = self.place.start.plus_words(index * VARIABLE_WRITE_RECORD_WORDS);
-            for (word, value) in
-                self.records[self.done + index].words(self.write.record).into_iter().enumerate()
-            {
-                bus.write16(first.plus_words(word), value)?;
-            }
+            self.put(bus, index, &self.records[self.done + index])?;
         }
         if end < cycle {
             self.state = State::Loading { next: end };
             return Ok(());
         }
-        bus.write16(self.write.start, self.start.start_word(self.place.start))?;
-        bus.order_writes();
-        bus.write16(self.write.count, cycle as u16)?;
-        bus.order_writes();
+        self.hand_over(bus, cycle as u16)?;
         self.state = State::Handed;
+        Ok(())
+    }
+
+    /// Writes a record to the `index`th place.
+    fn put(&self, bus: &mut impl Bus, index: usize, record: &WriteRecord) -> Result<(), BusError> {
+        let first: HostOffset = self.place.start.plus_words(index * VARIABLE_WRITE_RECORD_WORDS);
+        for (word, value) in record.words(self.write.record, self.field).into_iter().enumerate() {
+            bus.write16(first.plus_words(word), value)?;
+        }
+        Ok(())
+    }
+
+    /// Gives PMAC the first `count` records.
+    fn hand_over(&self, bus: &mut impl Bus, count: u16) -> Result<(), BusError> {
+        bus.write16(self.write.start, self.family.start.start_word(self.place.start))?;
+        bus.order_writes();
+        bus.write16(self.write.count, count)?;
+        bus.order_writes();
         Ok(())
     }
 }

@@ -4,7 +4,7 @@ use proptest::prelude::*;
 
 use super::*;
 use crate::device::{Counted, FileBoard};
-use crate::map::{FAMILIES, Family, PMAC};
+use crate::map::{FAMILIES, Family, PMAC, StartRule};
 
 const PLACE: Region = Region::new("variable_write", HostOffset::new(0x2880), HostOffset::new(0x2A00));
 
@@ -20,12 +20,7 @@ impl Rig {
         let file = tempfile::tempfile().unwrap();
         file.set_len(family.length.into()).unwrap();
         let bus = Counted::new(FileBoard::from_file(&file, family.length as usize).unwrap());
-        Self {
-            family,
-            bus,
-            writer: VariableWriter::new(&family.variable_write, family.start, place),
-            now: Instant::now(),
-        }
+        Self { family, bus, writer: VariableWriter::new(family, place), now: Instant::now() }
     }
 
     fn begin(&mut self, records: Vec<WriteRecord>) -> bool {
@@ -61,7 +56,7 @@ fn register(text: &str) -> PmacRegister {
 
 /// A record as PMAC's DPRAM holds it.
 fn words(record: WriteRecord) -> [u16; 6] {
-    record.words(PMAC.variable_write.record)
+    record.words(PMAC.variable_write.record, FieldData::AtBit0)
 }
 
 fn word(value: i64) -> WriteRecord {
@@ -86,7 +81,17 @@ fn records_are_packed_as_the_manuals_table_says() {
     // 19 bits of address go on in the type word where the family's bits leave room for them.
     let bits = RecordBits { kind: 4, width: 6, offset: 11, address: 19 };
     let record = WriteRecord::word(register("X:$7A205"), 8, 4, 5).unwrap();
-    assert_eq!(record.words(bits), [0xA205, 4 << 11 | 8 << 6 | 2 << 4 | 7, 5, 0, 0, 0]);
+    assert_eq!(record.words(bits, FieldData::AtBit0), [0xA205, 4 << 11 | 8 << 6 | 2 << 4 | 7, 5, 0, 0, 0]);
+}
+
+#[test]
+fn b3_some_bits_stand_where_the_setting_says() {
+    let words = |record: WriteRecord| record.words(PMAC.variable_write.record, FieldData::AtOffset);
+    let record = WriteRecord::word(register("Y:$0700"), 8, 16, 0x85).unwrap();
+    assert_eq!(words(record), [0x0700, 0x1040, 0, 0x0085, 0, 0]);
+    for whole in [word(-2), WriteRecord::float48(register("L:$1005"), 0.1).unwrap()] {
+        assert_eq!(words(whole), whole.words(PMAC.variable_write.record, FieldData::AtBit0));
+    }
 }
 
 #[test]
@@ -142,7 +147,10 @@ fn a_job_is_handed_over_count_last_and_done_when_pmac_says_so() {
         assert_eq!(rig.bus.accesses() - before, 1);
         assert_eq!(
             rig.take(),
-            [word(1).words(family.variable_write.record), word(2).words(family.variable_write.record)]
+            [
+                word(1).words(family.variable_write.record, FieldData::AtBit0),
+                word(2).words(family.variable_write.record, FieldData::AtBit0)
+            ]
         );
         assert_eq!((rig.poll(), rig.poll()), (WritePoll::Done, WritePoll::Idle));
     }
@@ -175,8 +183,9 @@ fn more_than_a_cycle_holds_goes_in_order() {
                     }
                 }
                 assert!(rig.writer.is_idle());
-                let expected: Vec<_> =
-                    (1..=total).map(|value| word(value).words(family.variable_write.record)).collect();
+                let expected: Vec<_> = (1..=total)
+                    .map(|value| word(value).words(family.variable_write.record, FieldData::AtBit0))
+                    .collect();
                 assert_eq!(taken, expected);
             }
         }
@@ -221,6 +230,37 @@ fn a_job_given_up_tells_what_is_certain_and_rests() {
         rig.now += SETTLE;
         assert_eq!(rig.poll(), WritePoll::Idle);
         assert!(rig.begin(vec![word(1)]));
+    }
+}
+
+#[test]
+fn b3_8_a_late_clearing_of_the_count_is_not_taken_for_the_next_job() {
+    for family in FAMILIES {
+        let mut rig = Rig::new(family, PLACE);
+        assert!(rig.begin(vec![word(1)]));
+        rig.poll();
+        rig.writer.give_up(&mut rig.bus, rig.now).unwrap();
+        rig.now += SETTLE;
+        assert_eq!(rig.poll(), WritePoll::Idle);
+        assert!(rig.begin(vec![word(2)]));
+        rig.poll();
+        // PMAC had begun with the first job, and is done with it only now.
+        rig.bus.write16(family.variable_write.count, 0).unwrap();
+        assert_eq!(rig.poll(), WritePoll::Waiting, "that was not the second job");
+        // What PMAC is asked first changes a word of the record alone.
+        let [address, kind, number, ..] = rig.take()[0];
+        let answer = family.pmac_number(PLACE.start) + 2;
+        assert_eq!(u32::from(address), answer & 0xFFFF);
+        assert_eq!(u32::from(kind), answer >> 16, "a whole Y word");
+        rig.bus.write16(PLACE.start.plus_words(4), number).unwrap();
+        assert_eq!(rig.poll(), WritePoll::Waiting);
+        assert_eq!(rig.poll(), WritePoll::Waiting);
+        assert_eq!(rig.take(), [word(2).words(family.variable_write.record, FieldData::AtBit0)]);
+        assert_eq!(rig.poll(), WritePoll::Done);
+        // Once PMAC has answered there is no more doubt.
+        assert!(rig.begin(vec![word(3)]));
+        rig.poll();
+        assert_eq!(rig.take(), [word(3).words(family.variable_write.record, FieldData::AtBit0)]);
     }
 }
 

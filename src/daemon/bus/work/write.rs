@@ -8,6 +8,7 @@ use crate::daemon::shared::queue::{Event, Outcome, Text, Ticket, at_once};
 use crate::device::{Bus, BusError};
 use crate::function::variable_write::{GivenUp, VariableWriter, WritePoll, WriteRecord};
 use crate::map::BufferLayout;
+use crate::map::readings::FieldData;
 
 /// How often to poll whether PMAC is done.
 const POLL_PERIOD: Duration = Duration::from_millis(1);
@@ -31,12 +32,12 @@ pub struct WriteQueue {
 }
 
 impl WriteQueue {
-    /// No records yet; they lie where the layout keeps room for them.
+    /// No records yet; they lie where the layout keeps room for them. `field` is how the board reads some bits' data.
     #[must_use]
-    pub fn new(layout: &BufferLayout, now: Instant) -> Self {
+    pub fn new(layout: &BufferLayout, field: FieldData, now: Instant) -> Self {
         let family = layout.family();
         Self {
-            writer: VariableWriter::new(&family.variable_write, family.start, layout.variable_write()),
+            writer: VariableWriter::new(family, layout.variable_write()).with_field(field),
             waiting: VecDeque::with_capacity(at_once::WRITES),
             under_way: None,
             interrupted: None,
@@ -150,7 +151,7 @@ mod tests {
             file.set_len(family.length.into()).unwrap();
             let mut bus = FileBoard::from_file(&file, family.length as usize).unwrap();
             let now = Instant::now();
-            let mut queue = WriteQueue::new(&plan, now);
+            let mut queue = WriteQueue::new(&plan, FieldData::default(), now);
             queue.submit(Ticket(1), Vec::new(), now, now);
             let Some(Event::Done(Ticket(1), Outcome::Refused(text))) = queue.poll(&mut bus, now).unwrap()
             else {
