@@ -64,7 +64,7 @@ pub fn body(data: &[u8]) {
         ascii: DpramPort::new(&PMAC.ascii, order, now),
         panel: Panel::new(&pmac::PANEL_BLOCK),
         reader: VariableReader::new(&PMAC.variable_read, PMAC.start, plan.variable_read()),
-        writer: VariableWriter::new(&PMAC.variable_write, PMAC.start, plan.variable_write()),
+        writer: VariableWriter::new(&PMAC, plan.variable_write()),
         gather: None,
         rotary: std::array::from_fn(|which| (RotaryStream::of_family(&PMAC).remove(which), None)),
         mailbox: MailboxPort::new(MailboxSettings::default(), PMAC.ascii.line_limit),
@@ -303,6 +303,8 @@ impl Functions {
                 longest_sample: 48,
                 mode,
                 period: u32::from(tape.u8()),
+                size_word: Default::default(),
+                index: Default::default(),
             };
             let start = if how == 2 { GatherStart::Running } else { GatherStart::Defined };
             self.gather = GatherReader::new(buffer, start).ok().map(|reader| (reader, ServoTimer::new(15)));

@@ -8,6 +8,7 @@ use crate::device::{Bus, BusError, Counted, FileBoard};
 use crate::gather::GatherMode;
 use crate::map::TURBO2;
 use crate::map::pmac::SERVO_PMAC_STATUS;
+use crate::map::readings::{GatherIndex, GatherSizeWord};
 use crate::map::{HostOffset, Layout, PMAC};
 
 /// A board that gathers: each long holds its sample's number and its own place in it.
@@ -27,7 +28,17 @@ struct Board {
 
 fn buffer(size_longs: u32, sample_longs: u32, mode: GatherMode) -> GatherBuffer {
     let place = Layout::new(&PMAC, Some("1.16D".parse().unwrap())).gather();
-    GatherBuffer { place, room_longs: 3520, size_longs, sample_longs, longest_sample: 48, mode, period: 1 }
+    GatherBuffer {
+        place,
+        room_longs: 3520,
+        size_longs,
+        sample_longs,
+        longest_sample: 48,
+        mode,
+        period: 1,
+        size_word: GatherSizeWord::WithIndex,
+        index: GatherIndex::AfterData,
+    }
 }
 
 impl Board {

@@ -14,6 +14,9 @@
 //! who remembers whether mailbox 1 has been written since the last group: writing it while a group lies unread would
 //! let PMAC put the next one over it.
 //!
+//! The `<BELL>` of an error may end a group, as `<CR>` and `<ACK>` do (p. 267: "looking for `<CR>`, `<ACK>`, or `<BELL>`"), or have
+//! its text behind it. What stands behind it tells: an older group never has just what I6 asks for there.
+//!
 //! Needs I3 = 2 (or 3): without `<ACK>` a reply has no end. The text of a program's `CMD"..."` or `SEND"..."` looks
 //! like a line of a reply; what comes while no reply is awaited is given as a program's message.
 
@@ -463,8 +466,14 @@ impl MailboxPort {
             *quiet_since = now;
         }
         let mut end = None;
+        let mut behind_bell = false;
         for number in 0..RECEIVE_GROUP {
             let character = bus.read8(mailbox(number))?;
+            if behind_bell && !self.follows_bell(character) {
+                // The bell stands alone: this is an older group's.
+                self.text_length = 0;
+                break;
+            }
             match character {
                 BELL if self.settings.error_report == ErrorReport::BellOnly => {
                     end = Some(BELL);
@@ -473,6 +482,7 @@ impl MailboxPort {
                 BELL => {
                     self.error = true;
                     self.text_length = 0;
+                    behind_bell = true;
                 }
                 ACKNOWLEDGE | RETURN => {
                     end = Some(character);
@@ -490,6 +500,17 @@ impl MailboxPort {
             self.enable(bus)?;
         }
         Ok(event)
+    }
+
+    /// Whether `character` is what I6 has behind a `<BELL>`, after what was read of it: `ERRnnn<CR>`, or with I6=3 a `<CR>`.
+    fn follows_bell(&self, character: u8) -> bool {
+        match (self.settings.error_report, self.text_length) {
+            (_, 0) if character == LINE_FEED => true,
+            (ErrorReport::NextLine, _) | (_, 6) => character == RETURN,
+            (_, 0) => character == b'E',
+            (_, 1 | 2) => character == b'R',
+            _ => character.is_ascii_digit(),
+        }
     }
 
     /// What a group that ended with `end` (`None`: 16 characters of a line that goes on) completes.

@@ -138,6 +138,14 @@ fn errors_come_as_i6_has_them() {
     assert_eq!(rig.fill(b"\x07\r"), None);
     assert_eq!(rig.fill(b"ERR017\r"), Some(AsciiEvent::Done(Err(17))));
 
+    // A group may end with the <BELL>: behind it stand an older group's characters, whatever they are.
+    let mut rig = Rig::new(same);
+    for older in [&b"RR003\r"[..], b"ERR00\r", b"\x06", b"\r", b"ERR003 P1=7\r", b""] {
+        assert!(rig.begin("XYZ"));
+        rig.take_all("XYZ");
+        assert_eq!(rig.fill(&[b"\x07", older].concat()), None, "{older:?}");
+        assert_eq!(rig.fill(b"ERR005\r"), Some(AsciiEvent::Done(Err(5))), "{older:?}");
+    }
     // What stands behind a lone <BELL> is an older error's number.
     let mut rig = Rig::new(MailboxSettings { error_report: ErrorReport::BellOnly, ..same });
     assert!(rig.begin("UUU"));

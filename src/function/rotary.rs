@@ -13,8 +13,8 @@
 
 use crate::device::{Bus, BusError};
 use crate::map::functions::rotary_header;
-use crate::map::readings::RotaryHeader;
-use crate::map::{Family, HostOffset};
+use crate::map::readings::{EndMarker, RotaryHeader};
+use crate::map::{Family, HostOffset, Readings};
 use crate::rotary::{END_MARKER, START_OF_LINE};
 
 /// Longs before PMAC's index that are never filled (manual p. 30, rule 3); the end marker takes two of them.
@@ -156,6 +156,8 @@ pub struct RotaryStream {
     size: u32,
     /// What the header's last two words are.
     order: RotaryHeader,
+    /// What stands at the host's index.
+    end_marker: (u32, u32),
     /// The host's index, as the board has it.
     host: u32,
     /// Longs that PMAC had not taken at the last look.
@@ -186,6 +188,7 @@ impl RotaryStream {
             start: family.user_area.start,
             size: 0,
             order: RotaryHeader::default(),
+            end_marker: END_MARKER,
             host: 0,
             ahead: 0,
             sent_longs: 0,
@@ -200,10 +203,14 @@ impl RotaryStream {
         family.rotary.headers.iter().map(stream).collect()
     }
 
-    /// The stream, on a board that reads its header so.
+    /// The stream, on a board that reads header and end marker so.
     #[must_use]
-    pub fn with_header(self, order: RotaryHeader) -> Self {
-        Self { order, ..self }
+    pub fn reading(self, readings: Readings) -> Self {
+        let end_marker = match readings.rotary_end_marker {
+            EndMarker::TwoLongs => END_MARKER,
+            EndMarker::OneLong => (END_MARKER.1 << 16 | END_MARKER.0, 0),
+        };
+        Self { order: readings.rotary_header, end_marker, ..self }
     }
 
     /// Sets the buffer up, empty. The transfer must be disabled (I57=0) until this has returned.
@@ -232,7 +239,7 @@ impl RotaryStream {
         // Should the board go away meanwhile, the buffer is not set up.
         self.reset();
         let header = self.header;
-        put(bus, start, END_MARKER)?;
+        put(bus, start, self.end_marker)?;
         let word = u16::from(coordinate_system) + u16::from(base) - 1;
         bus.write16(header.plus_words(rotary_header::COORDINATE_SYSTEM), word)?;
         let [start_at, size_at] = self.order.start_and_size();
@@ -337,7 +344,7 @@ impl RotaryStream {
         }
         let Some((first, others)) = line.split_first() else { return Err(RotaryError::Empty) };
         let next = (self.host + longs) % self.size;
-        put(bus, self.place(next), END_MARKER)?;
+        put(bus, self.place(next), self.end_marker)?;
         for (number, command) in (1..).zip(others) {
             put(bus, self.place((self.host + 2 * number) % self.size), *command)?;
         }
@@ -393,7 +400,8 @@ impl RotaryStream {
         bus.read_block(self.header.plus_words(rotary_header::HOST_INDEX), &mut words)?;
         let [host, pmac] = words;
         let error = RotaryError::Header { header: self.header, host, expected: self.host, pmac };
-        if u32::from(host) != self.host || u32::from(pmac) >= self.size || !pmac.is_multiple_of(2) {
+        // At the ring's end PMAC's index may be the size: rule 3 (p. 30) takes the remainder of the host's index only.
+        if u32::from(host) != self.host || u32::from(pmac) > self.size || !pmac.is_multiple_of(2) {
             return Err(error);
         }
         // PMAC's index only ever moves towards the host's.

@@ -72,7 +72,7 @@ impl Layout {
             GatherPlace {
                 size: match readings.gather_size_word {
                     GatherSizeWord::WithIndex => shift(printed.size),
-                    GatherSizeWord::AsPrinted => printed.size,
+                    GatherSizeWord::AsPrinted | GatherSizeWord::NotWritten => printed.size,
                 },
                 index: shift(printed.index),
                 buffer: shift(printed.buffer),

@@ -40,7 +40,17 @@ pub static READINGS: &[Reading] = &[
     set("rotary_bit_codes", &["diagram", "table"]),
     set("rotary_header", &["size_first", "start_first"]),
     set("gather_position", &["by_firmware", "printed", "moved"]),
-    set("gather_size_word", &["with_index", "as_printed"]),
+    set("gather_size_word", &["with_index", "as_printed", "not_written"]),
+    set("gather_index", &["after_data", "before_data"]),
+    set("variable_write_field", &["at_bit_0", "at_offset"]),
+    set("rotary_end_marker", &["two_longs", "one_long"]),
+    found_out("rotary_index", &["below_size", "up_to_size"]),
+    found_out("reply_count_order", &["before_control", "after_control"]),
+    found_out("panel_mask", &["at_once", "when_done"]),
+    found_out("variable_write_count", &["at_once", "when_done"]),
+    found_out("variable_read_pass", &["in_one", "in_many"]),
+    found_out("mailbox_bell", &["with_text", "alone"]),
+    found_out("background_timer", &["before_ready", "after_ready"]),
 ];
 
 /// What the word before a reply counts (0x06D2; DPRAM manual p. 29).
@@ -155,7 +165,8 @@ pub enum GatherPosition {
     Moved,
 }
 
-/// Where firmware that moves the gather buffer keeps the size word. No text says.
+/// Where the gather buffer's size is written (0x07FC; DPRAM manual p. 25). No text says where firmware that moves the buffer
+/// has it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum GatherSizeWord {
@@ -164,6 +175,109 @@ pub enum GatherSizeWord {
     WithIndex,
     /// Where it is printed (0x07FC).
     AsPrinted,
+    /// Nowhere: of the words "set by PMAC" only the index is. The host knows the size that it has defined.
+    NotWritten,
+}
+
+/// When the gather index moves (0x07FE, the "storage address"; DPRAM manual p. 25).
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum GatherIndex {
+    /// Once the sample is stored.
+    #[default]
+    AfterData,
+    /// Before: the newest sample may be half there.
+    BeforeData,
+}
+
+/// Where the data of a record that writes some bits of a register stand (DPRAM manual p. 25).
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum FieldData {
+    /// From bit 0 of "data 1" on, whatever the offset.
+    #[default]
+    #[serde(rename = "at_bit_0")]
+    AtBit0,
+    /// Where the register has them: from the offset on.
+    AtOffset,
+}
+
+/// What stands at the host's index of a rotary buffer (DPRAM manual p. 30, rule 5).
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum EndMarker {
+    /// $800 in one 32-bit long and $FFFF in the next, as the two words of a command.
+    #[default]
+    TwoLongs,
+    /// $800 and $FFFF in the two 16-bit words of one long.
+    OneLong,
+}
+
+/// PMAC's index once it has read a rotary buffer up to its end (0x07F6; DPRAM manual p. 30).
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum RotaryIndex {
+    /// 0, as rule 3 has it for the host's: "% buffer_size".
+    #[default]
+    BelowSize,
+    /// The size, until the next line is read.
+    UpToSize,
+}
+
+/// Which comes first of a reply's two words (0x06D2 and 0x06D0; DPRAM manual p. 29). PMAC sets both "after it has filled" the
+/// buffer.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum CountOrder {
+    /// The count, then the control word, which says that all is there.
+    #[default]
+    BeforeControl,
+    /// The control word, then the count.
+    AfterControl,
+}
+
+/// When the board clears the word by which the host has asked for something.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Cleared {
+    /// In the background pass that takes what was asked for.
+    #[default]
+    AtOnce,
+    /// Background passes later, whatever the host has put there meanwhile.
+    WhenDone,
+}
+
+/// How long a cycle of the variable read takes ("each background cycle"; DPRAM manual p. 22).
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ReadPass {
+    /// One background pass for the whole table.
+    #[default]
+    InOne,
+    /// One background pass an entry, which is read only then; the size is read at the cycle's begin.
+    InMany,
+}
+
+/// What goes with the `<BELL>` of an error in the VME mailboxes (User Manual p. 266).
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum MailboxBell {
+    /// What I6 has after it, up to the next `<CR>`.
+    #[default]
+    WithText,
+    /// Nothing: it ends a group, as `<CR>` and `<ACK>` do ("looking for `<CR>`, `<ACK>`, or `<BELL>`").
+    Alone,
+}
+
+/// Which comes first of the words that close a background report (0x022A and 0x0228; DPRAM manual p. 17).
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum TimerOrder {
+    /// The servo timer: it is "updated at Data Ready time".
+    #[default]
+    BeforeReady,
+    /// Data-Ready: PMAC "sets the Data-Ready flag to 1, and sets register 0x022A".
+    AfterReady,
 }
 
 impl fmt::Display for GatherPosition {
@@ -181,6 +295,7 @@ impl fmt::Display for GatherSizeWord {
         f.write_str(match self {
             Self::WithIndex => "with_index",
             Self::AsPrinted => "as_printed",
+            Self::NotWritten => "not_written",
         })
     }
 }
@@ -205,8 +320,28 @@ pub struct Readings {
     pub rotary_header: RotaryHeader,
     /// Where the gather buffer and its index lie.
     pub gather_position: GatherPosition,
-    /// Where the size word of a moved gather buffer is.
+    /// Where the size of the gather buffer is written.
     pub gather_size_word: GatherSizeWord,
+    /// When the gather index moves.
+    pub gather_index: GatherIndex,
+    /// Where the data of a record that writes some bits stand.
+    pub variable_write_field: FieldData,
+    /// What stands at the host's index of a rotary buffer.
+    pub rotary_end_marker: EndMarker,
+    /// PMAC's index at a rotary buffer's end.
+    pub rotary_index: RotaryIndex,
+    /// Which comes first of a reply's two words.
+    pub reply_count_order: CountOrder,
+    /// When the board clears the mask of a panel request.
+    pub panel_mask: Cleared,
+    /// When the board clears the count of records to write.
+    pub variable_write_count: Cleared,
+    /// How long a cycle of the variable read takes.
+    pub variable_read_pass: ReadPass,
+    /// What goes with the `<BELL>` in the mailboxes.
+    pub mailbox_bell: MailboxBell,
+    /// Which comes first of the words that close a background report.
+    pub background_timer: TimerOrder,
 }
 
 /// A name or value that is none.
@@ -264,7 +399,7 @@ mod tests {
             let readings = Readings::default().with(&format!("gather_position={position}")).unwrap();
             assert_eq!(readings.gather_position, position);
         }
-        for word in [GatherSizeWord::WithIndex, GatherSizeWord::AsPrinted] {
+        for word in [GatherSizeWord::WithIndex, GatherSizeWord::AsPrinted, GatherSizeWord::NotWritten] {
             let readings = Readings::default().with(&format!("gather_size_word={word}")).unwrap();
             assert_eq!(readings.gather_size_word, word);
         }

@@ -88,8 +88,9 @@ pub enum NotFollowed {
     /// The board's words are not those of this buffer, nor are any others.
     #[error(
         "DEFINE GATHER {size} should have left {size} at {0} and 0 at {1}, where {found} and {index} stand, and {size} \
-         stands nowhere else; has somebody else defined a buffer, or is I45 neither 2 nor 3?",
-        place.size, place.index
+         stands nowhere else; has somebody else defined a buffer, or is I45 neither 2 nor 3? A board that writes no size \
+         needs gather_size_word = \"{none}\" under [readings] in pmacd's configuration",
+        place.size, place.index, none = GatherSizeWord::NotWritten
     )]
     NotTheBuffer {
         /// The size that was defined.

@@ -5,7 +5,7 @@
 //!
 //! Servo interrupt, once a step: count, time bases, programs, motors, gathering, servo report. Background pass after it:
 //! mailboxes, DPRAM ASCII, the functions that work by flags, registers and status words, programs' requests and PLCs,
-//! background report, the judge.
+//! background report, the judge. There is none while a command takes up the background loop.
 
 use super::board::Board;
 use super::board::dpram::{Dpram, DpramError};
@@ -227,6 +227,10 @@ impl World {
 
     fn cycle(&mut self) {
         self.servo_interrupt();
+        if self.board.is_at_work() {
+            self.board.work();
+            return;
+        }
         let hidden = self.board.faults.hides_memory();
         if let Some(mailbox) = self.mailbox.as_mut().filter(|_| !hidden) {
             mailbox.poll(&mut self.board, &mut self.programs, &mut self.interpreter);

@@ -92,6 +92,25 @@ fn all_command_lines_go_through_the_mailboxes() {
 }
 
 #[test]
+fn b3_8_an_error_has_its_number_whether_its_bell_stands_alone_or_not() {
+    for reading in ["mailbox_bell=with_text", "mailbox_bell=alone"] {
+        let site = vme(&shipped("I58=0"), &["--reading", reading], "use = \"always\"\n");
+        identified(&site);
+        let mut connection = site.connection();
+        for (line, number) in [("UUU", 3), ("X10", 5), ("P1 UUU", 3)] {
+            match connection.send(line, PATIENCE) {
+                Err(CommandError::Refused(CallError::Board { code, .. })) => {
+                    assert_eq!(code, number, "{reading}: {line}")
+                }
+                other => panic!("{reading}: {line}: {other:?}"),
+            }
+            assert_eq!(connection.send("I58", PATIENCE).unwrap(), ["0"], "{reading}");
+        }
+        site.assert_no_violations();
+    }
+}
+
+#[test]
 fn interleaved_clients_never_get_each_others_replies() {
     let site = vme(&shipped("I58=0"), &[], "use = \"always\"\n");
     identified(&site);

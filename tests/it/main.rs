@@ -34,6 +34,7 @@ mod panel;
 mod pauses;
 mod processes;
 mod readings;
+mod readings_functions;
 mod readme;
 mod replies;
 mod rotary;

@@ -10,8 +10,8 @@ use crate::function::panel::{FeedOverride, PanelAction, PanelRequest};
 use crate::function::variable_read::VariableEntry;
 use crate::function::variable_write::WriteRecord;
 use crate::map::functions::VARIABLE_READ_ENTRIES;
-use crate::map::{Family, HostOffset, PmacAddress, PmacRegister};
-use crate::protocol::board::VariableRecord;
+use crate::map::{Family, Firmware, HostOffset, PmacAddress, PmacRegister};
+use crate::protocol::board::{BoardInfo, VariableRecord};
 use crate::protocol::{CallError, answer, calls};
 
 /// How long the board may take to act on a panel request.
@@ -332,6 +332,21 @@ pub(super) fn watched(call: calls::WatchVariables, family: &Family) -> Result<Ve
             register.map(VariableEntry::from).map_err(|why| CallError::invalid("registers", why))
         })
         .collect()
+}
+
+/// Whether the firmware of `board` writes variables, as far as it is known ("available starting with firmware version
+/// 1.15G", DPRAM manual p. 24).
+///
+/// # Errors
+/// It is older.
+pub(super) fn check_firmware_writes(board: &BoardInfo, family: &Family) -> Result<(), CallError> {
+    let known = |text: Option<&str>| text.and_then(|text| text.parse::<Firmware>().ok());
+    match known(board.firmware.as_deref()).zip(known(family.variable_write.since)) {
+        Some((firmware, since)) if firmware < since => Err(refused(format!(
+            "the board's firmware is {firmware}, and PMAC writes variables from {since} on; send a line instead"
+        ))),
+        _ => Ok(()),
+    }
 }
 
 /// Registers for PMAC to write.

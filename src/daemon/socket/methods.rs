@@ -152,6 +152,7 @@ const METHODS: [Method; 23] = {
             streams(call, Action::Watch(jobs::watched(parameters(call)?, info.family())?))
         }),
         method("WriteVariables", Engineer, Some(Variables), |call, info| {
+            jobs::check_firmware_writes(info.board(), info.family())?;
             job(call, info, jobs::write_variables)
         }),
         method("GatherStart", Engineer, Some(Gather), |call, info| {

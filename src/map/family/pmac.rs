@@ -320,6 +320,7 @@ pub const VARIABLE_WRITE: VariableWrite = VariableWrite {
     start: VARIABLE_WRITE_START,
     record: RecordBits { kind: 0, width: 3, offset: 8, address: 16 },
     zero_ends: false,
+    since: Some("1.15G"),
 };
 
 /// The binary rotary buffers.

@@ -315,6 +315,7 @@ pub const VARIABLE_WRITE: VariableWrite = VariableWrite {
     start: VARIABLE_WRITE_START,
     record: RecordBits { kind: 4, width: 6, offset: 11, address: 19 },
     zero_ends: true,
+    since: None,
 };
 
 const HEADERS: [HostOffset; SYSTEMS] = {

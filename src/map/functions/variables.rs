@@ -139,6 +139,8 @@ pub struct VariableWrite {
     pub record: RecordBits,
     /// A record with the address 0 ends the list; otherwise it is written, and trips the watchdog.
     pub zero_ends: bool,
+    /// The first firmware that has the function, where a text says.
+    pub since: Option<&'static str>,
 }
 
 /// Records of a variable-write table at most, in every family.

@@ -40,7 +40,7 @@ mod registers;
 pub mod variables;
 
 use crate::map::functions::rotary_header;
-use crate::map::{Family, IVariables};
+use crate::map::{Family, Firmware, IVariables};
 use crate::sim::fault::Faults;
 use crate::sim::judge::Judge;
 
@@ -110,6 +110,10 @@ pub struct Board {
     pub watchdog: bool,
     /// The host cannot reach the DPRAM, by a fault or for want of its page.
     pub out_of_reach: bool,
+    /// How many times as long as a board's a command takes; 0: no time at all.
+    pub slow: f64,
+    /// Servo cycles for which the background loop is taken up by a command.
+    taken_up: u64,
     /// What fixes the servo clock when a rate was asked for: I10 of it.
     pub fixed_i10: Option<f64>,
     /// What kind of board it is.
@@ -142,6 +146,8 @@ impl Board {
             rotary_cs_base: 1,
             watchdog: false,
             out_of_reach: false,
+            slow: 0.0,
+            taken_up: 0,
             fixed_i10,
             motors: vec![Motor::new(); identity.motors.clamp(1, family.motors)],
             coordinates: vec![CoordinateSystem::default(); family.coordinate_systems],
@@ -173,6 +179,22 @@ impl Board {
         self.axes = self.saved.axes.clone();
         self.stats.resets += 1;
         self.power_on();
+    }
+
+    /// A command takes up the background loop for so long.
+    pub fn take_time(&mut self, ms: f64) {
+        self.taken_up = (ms * self.slow / self.cycle_ms()) as u64;
+    }
+
+    /// Whether a command takes up the background loop.
+    #[must_use]
+    pub fn is_at_work(&self) -> bool {
+        self.taken_up > 0
+    }
+
+    /// A servo cycle passes for what takes up the background loop.
+    pub fn work(&mut self) {
+        self.taken_up = self.taken_up.saturating_sub(1);
     }
 
     /// Keeps the present values for the next reset.
@@ -246,6 +268,13 @@ impl Board {
     #[must_use]
     pub fn family(&self) -> &'static Family {
         self.identity.tables.family
+    }
+
+    /// Whether the board's firmware came before `version`.
+    #[must_use]
+    pub fn is_older_than(&self, version: &str) -> bool {
+        let number = |text: &str| text.parse::<Firmware>().ok();
+        number(&self.identity.firmware).zip(number(version)).is_some_and(|(own, version)| own < version)
     }
 
     /// The servo counter, 24 bits.

@@ -8,14 +8,15 @@
 //! Control words: 0x000D a line, 0x0006 the end, 0x8nnn an error (BCD), 0x010D a `CMD` response, 0x020D a `SEND`
 //! message.
 //!
-//! What the manual leaves open is played as [`crate::map::Readings`] say: whether the count has the NUL, whether a control
+//! What the manual leaves open is played as [`crate::map::Readings`] say: whether the count has the NUL and stands before
+//! the control word does, whether a control
 //! character needs the line's flag, when that flag is cleared, and whether every reply has an end. While a line is at
 //! work PMAC looks at nothing else: its background pass is the one that works.
 
 use crate::format::TextOrder;
 use crate::map::HostOffset;
 use crate::map::functions::response;
-use crate::map::readings::{ControlFlag, LineFlag, ReplyCount, ReplyEnd};
+use crate::map::readings::{ControlFlag, CountOrder, LineFlag, ReplyCount, ReplyEnd};
 use crate::sim::board::Board;
 use crate::sim::board::error::CommandError;
 use crate::sim::board::output::Response;
@@ -64,7 +65,9 @@ impl AsciiPort {
             self.take_line(board);
         }
         self.work(board, programs, interpreter);
-        self.respond(board);
+        if !board.is_at_work() {
+            self.respond(board);
+        }
     }
 
     /// Drops what is under way when the board's output was cancelled (`<CTRL-X>`, reset).
@@ -203,10 +206,13 @@ impl AsciiPort {
             }
         }
         let nul = u16::from(board.identity.readings.reply_count == ReplyCount::WithNul);
-        dpram.write16(
-            family.ascii.response_count,
-            board.faults.ascii_count.unwrap_or(text.len() as u16 + nul),
-        );
+        let count =
+            (family.ascii.response_count, board.faults.ascii_count.unwrap_or(text.len() as u16 + nul));
+        if board.identity.readings.reply_count_order == CountOrder::AfterControl {
+            self.rest.push(count);
+        } else {
+            dpram.write16(count.0, count.1);
+        }
         dpram.order_writes();
         dpram.write16(family.ascii.response_control, control);
         if board.enabled(family.i.interrupt) {

@@ -1,10 +1,12 @@
 //! PMAC's half of the background report (DPRAM manual pp. 17-21).
 //!
 //! Each background pass, with I49=1 and I59>0 and Data-Ready clear: copy the registers of motors and coordinate
-//! systems 1 to I59, store the servo timer, set Data-Ready. Where the family has them, a count in the DPRAM stands in for
+//! systems 1 to I59, store the servo timer, set Data-Ready; or, as [`crate::map::Readings`] may say, store the timer a pass
+//! after that. Where the family has them, a count in the DPRAM stands in for
 //! I59, and a Host-Busy flag holds the report off.
 
 use crate::format::int24;
+use crate::map::readings::TimerOrder;
 use crate::map::{Family, HostOffset};
 use crate::sim::board::Board;
 use crate::sim::functions::copies::{Copies, row};
@@ -19,6 +21,8 @@ const COMPENSATED: u32 = 1 << 9;
 /// What the report consists of.
 #[derive(Debug)]
 pub struct BackgroundReport {
+    /// Data-Ready stands, and the servo timer is still to come.
+    timer_follows: bool,
     copies: Copies,
     /// For each number: where the words go that no register is documented for, time left in acceleration and execution
     /// address offset.
@@ -33,15 +37,19 @@ impl BackgroundReport {
             ["cs_time_left_in_acceleration", "cs_program_address_offset"]
                 .map(|name| row(family, FUNCTION, name, index))
         });
-        Self { copies: Copies::new(family, FUNCTION), calculated: calculated.collect() }
+        let copies = Copies::new(family, FUNCTION);
+        Self { timer_follows: false, copies, calculated: calculated.collect() }
     }
 
     /// Makes the report when it is due; says whether it did.
     ///
     /// `programs` has time left in acceleration and execution address offset of each coordinate system.
-    pub fn poll(&self, board: &mut Board, programs: &[[u32; 2]]) -> bool {
+    pub fn poll(&mut self, board: &mut Board, programs: &[[u32; 2]]) -> bool {
         let family = board.family();
         let background = &family.background;
+        if std::mem::take(&mut self.timer_follows) {
+            store_timer(board);
+        }
         let count = count(board);
         if !board.enabled(family.i.background_enable) || count == 0 || board.faults.background_stuck {
             return false;
@@ -78,12 +86,21 @@ impl BackgroundReport {
                 }
             }
         }
-        let timer = memory.read(memory.registers().servo_counter);
-        memory.dpram.store_timer(background.timer, timer);
-        memory.dpram.order_writes();
-        memory.dpram.set(background.ready, true);
+        self.timer_follows = board.identity.readings.background_timer == TimerOrder::AfterReady;
+        if !self.timer_follows {
+            store_timer(board);
+        }
+        board.memory.dpram.order_writes();
+        board.memory.dpram.set(background.ready, true);
         true
     }
+}
+
+fn store_timer(board: &mut Board) {
+    let memory = &mut board.memory;
+    let (place, count) =
+        (memory.tables().family.background.timer, memory.read(memory.registers().servo_counter));
+    memory.dpram.store_timer(place, count);
 }
 
 /// How many blocks the report has.

@@ -7,6 +7,8 @@
 //! PMAC copies every entry whose own ready bit is clear and sets that; it stores the timer in every pass and only reads
 //! the control word.
 //!
+//! How long a cycle takes is played as [`crate::map::Readings`] say: a pass, or a pass an entry, which PMAC reads only then.
+//!
 //! The manual leaves open, and the simulator decides:
 //! * PMAC does not act on a count above 128, or on a table that does not fit into the user area.
 //! * A function block is one long register. The block's number counts from the base address that PMAC keeps.
@@ -19,6 +21,7 @@ use crate::map::HostOffset;
 use crate::map::functions::{
     Timer, VARIABLE_READ_ENTRIES, VARIABLE_READ_ENTRY_READY, VARIABLE_READ_ENTRY_WORDS, VariableKind,
 };
+use crate::map::readings::ReadPass;
 use crate::sim::board::Board;
 use crate::sim::board::memory::Memory;
 use crate::sim::fault::Delay;
@@ -44,9 +47,23 @@ impl Entry {
     }
 }
 
+/// A cycle of a pass an entry.
+#[derive(Debug, Clone, Copy)]
+struct LongCycle {
+    /// As the header had it when the cycle began.
+    multi_user: bool,
+    first: HostOffset,
+    count: usize,
+    /// The next entry, and where its data go.
+    index: usize,
+    data: HostOffset,
+}
+
 /// What the function remembers.
 #[derive(Debug, Clone, Default)]
 pub struct VariableRead {
+    /// The cycle under way, where it takes more than a pass.
+    cycle: Option<LongCycle>,
     /// Where the table lies.
     first: Option<HostOffset>,
     table: Vec<Entry>,
@@ -76,6 +93,10 @@ impl VariableRead {
             *self = Self::default();
             return;
         }
+        if let Some(cycle) = self.cycle.take() {
+            self.go_on(cycle, board);
+            return;
+        }
         let control = board.memory.dpram.read16(function.ready.word);
         let multi_user = function.multi_user.is_set(control);
         let (first, table) = match table(board) {
@@ -92,7 +113,8 @@ impl VariableRead {
             return;
         }
         if table != self.table || first != self.first {
-            *self = Self { first, written: vec![false; table.len()], table, ..Self::default() };
+            let cycle = self.cycle;
+            *self = Self { cycle, first, written: vec![false; table.len()], table, ..Self::default() };
         }
         self.judge(control, board);
         let fault = board.faults.variable_read.clone();
@@ -100,6 +122,14 @@ impl VariableRead {
             store(self.table[index], &mut board.memory);
         }
         if fault.stuck {
+            return;
+        }
+        if let (ReadPass::InMany, Some(first)) = (board.identity.readings.variable_read_pass, self.first) {
+            let count = self.table.len();
+            if multi_user || !function.ready.is_set(control) {
+                let data = first.plus_words(VARIABLE_READ_ENTRY_WORDS * count);
+                self.cycle = Some(LongCycle { multi_user, first, count, index: 0, data });
+            }
             return;
         }
         let due: Vec<usize> = (0..self.table.len())
@@ -122,6 +152,30 @@ impl VariableRead {
             self.announce(&due, multi_user, board);
         } else if multi_user {
             self.store_timer(board);
+        }
+    }
+
+    /// One entry of a long cycle, as it stands in the table now, and after the last one timer and ready bit.
+    fn go_on(&mut self, cycle: LongCycle, board: &mut Board) {
+        let LongCycle { multi_user, first, count, index, data } = cycle;
+        let family = board.family();
+        let entry = entry(board, first, index, data);
+        let next = LongCycle { index: index + 1, data: data.plus_words(entry.words()), ..cycle };
+        let flag = board.memory.dpram.read16(entry.flag);
+        let wanted = !multi_user || flag & VARIABLE_READ_ENTRY_READY == 0;
+        if wanted && user_area::has_room(family, data, entry.words()) {
+            store(entry, &mut board.memory);
+            board.memory.dpram.order_writes();
+            if multi_user {
+                board.memory.dpram.write16(entry.flag, flag | VARIABLE_READ_ENTRY_READY);
+            }
+        }
+        if next.index < count {
+            self.cycle = Some(next);
+        } else if multi_user {
+            self.store_timer(board);
+        } else {
+            self.announce(&[], false, board);
         }
     }
 
@@ -212,14 +266,19 @@ fn table(board: &Board) -> Result<(Option<HostOffset>, Vec<Entry>), String> {
     }
     let mut table = Vec::with_capacity(count);
     for index in 0..count {
-        let [at, flag] = [0, 1].map(|word| first.plus_words(VARIABLE_READ_ENTRY_WORDS * index + word));
-        let (code, address) = function.entry.parts([at, flag].map(|word| dpram.read16(word)));
-        let kind = VariableKind::of_code(code);
-        let entry = Entry { address, kind, code, flag, data: first.plus_words(words) };
+        let entry = entry(board, first, index, first.plus_words(words));
         words += entry.words();
         table.push(entry);
     }
     if user_area::has_room(family, first, words) { Ok((Some(first), table)) } else { Err(too_long()) }
+}
+
+/// Entry `index` of the table at `first`, whose data go to `data`.
+fn entry(board: &Board, first: HostOffset, index: usize, data: HostOffset) -> Entry {
+    let [at, flag] = [0, 1].map(|word| first.plus_words(VARIABLE_READ_ENTRY_WORDS * index + word));
+    let words = [at, flag].map(|word| board.memory.dpram.read16(word));
+    let (code, address) = board.family().variable_read.entry.parts(words);
+    Entry { address, kind: VariableKind::of_code(code), code, flag, data }
 }
 
 fn store(entry: Entry, memory: &mut Memory) {

@@ -1,14 +1,17 @@
 //! PMAC's half of the background variable write (DPRAM manual pp. 24-25).
 //!
-//! With I55=1 and a count of 1 to 32, PMAC writes that many records into its registers and sets the count to 0. It sees
+//! With I55=1, from firmware 1.15G on, and a count of 1 to 32, PMAC writes that many records into its registers and sets the count to 0. It sees
 //! the count in one background pass and acts in the next, so that it finds out a host that goes on writing after it.
 //!
 //! A record is six 16-bit words: address, type, data 1 low and high, data 2 low and high. The type word holds kind,
 //! width (0 is 24) and offset ([`RecordBits`]); the bits left over are a special type. An X or Y word takes the low bits
-//! of data 1 at the offset and keeps its other bits. A long register takes 48 bits, 32 from data 1 and 16 from data 2,
+//! of data 1 (or those at the offset: a reading) at the offset and keeps its other bits. A long register takes 48 bits, 32 from data 1 and 16 from data 2,
 //! whatever width and offset say.
 //!
 //! The register at address 0 is the servo clock: a write there trips the watchdog, and the board is dead until a reset.
+//!
+//! When the count is cleared is played as [`crate::map::Readings`] say: with the records, or some passes after them, in
+//! which PMAC looks at no others.
 //!
 //! The manual leaves open, and the simulator decides:
 //! * PMAC does not act on a count above 32, or on records that do not fit into the user area.
@@ -20,6 +23,7 @@ use std::ops::Range;
 
 use crate::format::{join32, write48};
 use crate::map::functions::{RecordBits, VARIABLE_WRITE_RECORD_WORDS as WORDS, VARIABLE_WRITE_RECORDS};
+use crate::map::readings::{Cleared, FieldData};
 use crate::map::{Family, HostOffset};
 use crate::sim::board::Board;
 use crate::sim::fault::Delay;
@@ -29,6 +33,9 @@ use crate::sim::functions::user_area;
 const WIDTHS: [u16; 7] = [0, 1, 4, 8, 12, 16, 20];
 /// Bits of a register.
 const REGISTER: u16 = 24;
+
+/// Background passes that records take on a board that clears the count when it is done.
+const WORK: u64 = 20;
 
 const Y: u16 = 0;
 const LONG: u16 = 1;
@@ -100,6 +107,8 @@ pub struct VariableWrite {
     /// The request as it was at the last pass.
     seen: Option<Request>,
     delay: Delay,
+    /// Passes until the count of records that are written is cleared.
+    work: Option<u64>,
     /// Records still to be written although the count is 0.
     rest: Vec<Record>,
 }
@@ -116,11 +125,21 @@ impl VariableWrite {
     pub fn poll(&mut self, board: &mut Board) {
         let cycle = board.stats.servo_cycles;
         let family = board.family();
-        if !board.enabled(family.i.variables_enable) {
+        let too_old = family.variable_write.since.is_some_and(|since| board.is_older_than(since));
+        if !board.enabled(family.i.variables_enable) || too_old {
             *self = Self::default();
             return;
         }
         write_all(&std::mem::take(&mut self.rest), board);
+        let late = board.faults.variable_write.late;
+        if let Some(left) = self.work.take() {
+            self.work = left.min(WORK.saturating_add(late)).checked_sub(1);
+            if self.work.is_none() {
+                board.memory.dpram.write16(family.variable_write.count, 0);
+            }
+            return;
+        }
+        let when_done = board.identity.readings.variable_write_count == Cleared::WhenDone;
         let request = match request(family, board) {
             Ok(Some(request)) => request,
             Ok(None) => {
@@ -139,7 +158,7 @@ impl VariableWrite {
             board.judge.record(cycle, "the records of a variable write changed after their count was set");
         }
         let fault = board.faults.variable_write.clone();
-        if fault.stuck || !self.delay.over(fault.late) {
+        if fault.stuck || !when_done && !self.delay.over(fault.late) {
             return;
         }
         let (_, mut records) = request;
@@ -152,7 +171,11 @@ impl VariableWrite {
         }
         self.seen = None;
         board.memory.dpram.order_writes();
-        board.memory.dpram.write16(family.variable_write.count, 0);
+        if when_done {
+            self.work = Some(WORK.saturating_add(late));
+        } else {
+            board.memory.dpram.write16(family.variable_write.count, 0);
+        }
     }
 }
 
@@ -205,9 +228,13 @@ fn write(record: Record, board: &mut Board) {
     let memory = &mut board.memory;
     let registers = memory.registers();
     let block = memory.read(registers.function_blocks) + address;
+    let shift = match board.identity.readings.variable_write_field {
+        FieldData::AtBit0 => offset,
+        FieldData::AtOffset => 0,
+    };
     let field = |old: u32| {
         let mask = (((1u64 << record.width()) - 1) << offset) as u32;
-        old & !mask | (u64::from(data[0]) << offset) as u32 & mask
+        old & !mask | (u64::from(data[0]) << shift) as u32 & mask
     };
     match kind {
         Y => memory.write_y(address, field(memory.read_y(address))),

@@ -25,7 +25,7 @@ use crate::sim::functions::host_port::HostPort;
 use crate::sim::functions::mailbox::Mailbox;
 use crate::sim::process::clock::Clock;
 use crate::sim::process::interrupt::InterruptLine;
-use crate::sim::process::options::{Options, UnixPath};
+use crate::sim::process::options::{Garbage, Options, UnixPath};
 use crate::sim::process::serial::Serial;
 use crate::sim::process::socket::{Client, Listener};
 use crate::sim::world::{Interrupts, RefusedLine, World};
@@ -88,7 +88,7 @@ pub fn power_up(options: &Options) -> Result<World, SimError> {
     };
     let identity = options.identity()?;
     let mut dpram = Dpram::open(&options.memory, identity.tables.family.length)?;
-    if let Some(seed) = options.garbage {
+    if let Garbage::From(seed) = options.garbage {
         // The DPRAM has no battery, and no page says that PMAC clears it.
         let mut random = Random::new(seed);
         dpram.words().for_each(|offset| dpram.write16(offset, random.word()));
@@ -106,6 +106,7 @@ pub fn power_up(options: &Options) -> Result<World, SimError> {
         board.save();
     }
     board.rotary_cs_base = options.rotary_cs_base;
+    board.slow = options.slow;
     let mut world = World::new(board);
     if let Some(path) = &options.mailbox {
         world.fit_mailbox(Mailbox::open(path, options.dpram_page)?);

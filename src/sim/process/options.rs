@@ -74,15 +74,27 @@ pub struct Options {
     /// Give the encoders half a count of noise from this seed
     #[arg(long, value_name = "N")]
     pub seed: Option<u64>,
-    /// Power up with anything in the memory, from this seed; without it, with what the file holds
-    #[arg(long, value_name = "SEED")]
-    pub garbage: Option<u64>,
+    /// Power up with anything in the memory, from this seed, as a board does; off: with what the file holds
+    #[arg(long, value_name = "SEED|off", default_value = "off", value_parser = garbage)]
+    pub garbage: Garbage,
+    /// How many times as long as a board's SAVE, $$$, DEFINE, DELETE and LIST take; 0: no time
+    #[arg(long, value_name = "FACTOR", default_value_t = 0.0, value_parser = factor)]
+    pub slow: f64,
     /// Power up with I2=3, I55=1 and I57=1 saved: these functions act before any host does
     #[arg(long)]
     pub saved_enables: bool,
     /// Exit when the parent process (PID) exits, and remove the memory and its directory
     #[arg(long, value_name = "PID", hide = true)]
     pub with_parent: Option<u32>,
+}
+
+/// What is in the memory at power-on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Garbage {
+    /// What the file holds.
+    Off,
+    /// Anything, from a seed.
+    From(u64),
 }
 
 /// A path given as `unix:PATH`.
@@ -138,6 +150,18 @@ fn unix_path(text: &str) -> Result<UnixPath, String> {
 /// A reading that there is.
 fn reading(text: &str) -> Result<String, UnknownReading> {
     Readings::default().with(text).map(|_| text.to_owned())
+}
+
+fn garbage(text: &str) -> Result<Garbage, String> {
+    match text {
+        "off" => Ok(Garbage::Off),
+        _ => text.parse().map(Garbage::From).map_err(|_| "it has to be a seed, or off".into()),
+    }
+}
+
+fn factor(text: &str) -> Result<f64, String> {
+    let factor = text.parse().ok().filter(|factor| (0.0..=1000.0).contains(factor));
+    factor.ok_or_else(|| "it has to be from 0 to 1000".into())
 }
 
 /// Six bits, decimal or with 0x.

@@ -9,8 +9,7 @@ use crate::daemon::bus::ports::command_port::PortError;
 use crate::daemon::shared::queue::{Event, Outcome, Text, Ticket, at_once};
 use crate::device::{Bus, BusError};
 use crate::function::rotary::{RotaryError, RotarySetup, RotaryStream};
-use crate::map::Family;
-use crate::map::readings::RotaryHeader;
+use crate::map::{Family, Readings};
 
 /// Commands written in one poll: four words each, so that the servo data never wait long.
 const COMMANDS_A_POLL: usize = 16;
@@ -40,12 +39,12 @@ pub struct RotaryQueue {
 }
 
 impl RotaryQueue {
-    /// No lines, and no buffer of the family's set up, on a board that reads their headers as `header` says.
+    /// No lines, and no buffer of the family's set up, on a board that takes the manual as `readings` say.
     #[must_use]
-    pub fn new(family: &'static Family, header: RotaryHeader, now: Instant) -> Self {
+    pub fn new(family: &'static Family, readings: Readings, now: Instant) -> Self {
         let streams = RotaryStream::of_family(family).into_iter();
         Self {
-            streams: streams.map(|stream| stream.with_header(header)).collect(),
+            streams: streams.map(|stream| stream.reading(readings)).collect(),
             waiting: VecDeque::with_capacity(at_once::ROTARY),
             next_poll: now,
         }
@@ -241,7 +240,7 @@ mod tests {
         file.set_len(PMAC.length.into()).unwrap();
         let mut bus = FileBoard::from_file(&file, PMAC.length as usize).unwrap();
         let now = Instant::now();
-        let mut queue = RotaryQueue::new(&PMAC, RotaryHeader::default(), now);
+        let mut queue = RotaryQueue::new(&PMAC, Readings::default(), now);
         let buffer = 0;
         let setup = RotarySetup {
             start: HostOffset::new(0x3000),

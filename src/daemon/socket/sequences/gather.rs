@@ -78,6 +78,7 @@ impl GatherCall {
             return Err(CallError::invalid("servo_period_ns", "a servo cycle in nanoseconds"));
         }
         let mode = if wrap.unwrap_or(true) { GatherMode::Wrap } else { GatherMode::Stop };
+        let readings = info.settings().readings;
         let codes: Vec<u32> = registers.iter().map(|register| register.gather_code()).collect();
         Ok(Self {
             lines: gather_lines(&family.i, &codes, period, mode, size_longs),
@@ -89,6 +90,8 @@ impl GatherCall {
                 longest_sample: family.i.longest_gather_sample(),
                 mode,
                 period,
+                size_word: readings.gather_size_word,
+                index: readings.gather_index,
             },
             servo_period_ns,
             uses_report: info.settings().functions.has(Function::Servo),

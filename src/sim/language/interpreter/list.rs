@@ -42,6 +42,9 @@ const WHAT: &[(&str, What)] = &[
 /// Most values in one `LIST GATHER` line.
 const GATHERED_A_LINE: usize = 8;
 
+/// How long a board takes to put a line into text. No page says; some milliseconds a line are seen.
+const LINE_MS: f64 = 1.0;
+
 type Lines = Vec<Arc<item::Line>>;
 
 impl Line<'_, '_> {
@@ -115,6 +118,7 @@ impl Line<'_, '_> {
             let text = self.line_text(line);
             self.lines.push(if offsets { format!("{}:{text}", line.offset) } else { text });
         }
+        self.board.take_time(LINE_MS * self.lines.len() as f64);
         Ok(())
     }
 

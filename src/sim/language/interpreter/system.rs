@@ -5,6 +5,12 @@ use crate::sim::language::interpreter::Line;
 use crate::sim::language::reply::Outcome;
 use crate::sim::language::words::Word;
 
+/// How long a board takes for `SAVE` and for a reset. No page says; some seconds are what users see of boards with flash
+/// memory.
+const SAVE_MS: f64 = 2000.0;
+/// How long it takes to make or take away a buffer, by the same experience.
+const BUFFER_MS: f64 = 20.0;
+
 #[derive(Debug, Clone, Copy)]
 enum Buffer {
     Gather,
@@ -33,6 +39,7 @@ impl Line<'_, '_> {
         self.programs.reset(factory);
         self.interpreter.reset();
         self.scanner.rest();
+        self.board.take_time(SAVE_MS);
         Ok(())
     }
 
@@ -43,6 +50,7 @@ impl Line<'_, '_> {
         }
         self.board.save();
         self.programs.save();
+        self.board.take_time(SAVE_MS);
         Ok(())
     }
 
@@ -59,6 +67,7 @@ impl Line<'_, '_> {
 
     /// `DEFINE GATHER [n]`, or another buffer.
     pub(super) fn define(&mut self) -> Outcome {
+        self.board.take_time(BUFFER_MS);
         match self.scanner.keyword(&[BUFFERS]) {
             Some(Buffer::Gather) if self.scanner.at_unsigned() => {
                 let longs = u32::try_from(self.scanner.integer()?).map_err(|_| CommandError::SYNTAX)?;
@@ -71,6 +80,7 @@ impl Line<'_, '_> {
 
     /// `DELETE GATHER`, `DELETE ALL`, or another buffer.
     pub(super) fn delete(&mut self) -> Outcome {
+        self.board.take_time(BUFFER_MS);
         match self.scanner.keyword(&[BUFFERS]) {
             Some(Buffer::Gather) => self.board.delete_gather(),
             Some(Buffer::All) => self.delete_all(),

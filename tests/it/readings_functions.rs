@@ -1,0 +1,178 @@
+//! Each function does its work on a board that takes the other reading of a sentence, and late is not done.
+
+use std::time::Duration;
+
+use pmac_dpram::map::READINGS;
+
+use crate::support::jogs::{ask, until};
+use crate::support::{PATIENCE, VirtualSite};
+
+/// A board that reads `name` as `value` says, and a daemon that is told so where it cannot find out.
+fn board_that_reads(name: &str, value: &str) -> VirtualSite {
+    let reading = READINGS.iter().find(|reading| reading.name == name).unwrap();
+    let config = if reading.found_out { String::new() } else { format!("[readings]\n{name} = {value:?}\n") };
+    let site = VirtualSite::configured(&["--reading", &format!("{name}={value}")], &config);
+    site.wait_for_identity();
+    site.wait_for_live_servo();
+    assert_eq!(site.pmacctl(&["send", "I2=3"]).0, 0);
+    site
+}
+
+fn done(site: &VirtualSite, arguments: &[&str]) -> String {
+    let (status, stdout, stderr) = site.pmacctl(arguments);
+    assert_eq!((status, stderr.as_str()), (0, ""), "{arguments:?}: {stdout}");
+    stdout
+}
+
+/// Servo and background data, command lines, panel, variables, gathering and a program by the binary rotary buffer.
+fn every_function_works(site: &VirtualSite) {
+    let mut board = site.connection();
+    assert_eq!(board.send("P5=7", PATIENCE).unwrap(), [] as [&str; 0]);
+    assert_eq!(board.send("P5 I108", PATIENCE).unwrap(), ["7", "96"]);
+
+    done(site, &["panel", "jog+", "3"]);
+    until(&mut board, "#3V", "it goes", |speed| speed > 1.0);
+    let document: serde_json::Value = serde_json::from_str(&done(site, &["motors", "--json"])).unwrap();
+    assert!(document["motors"][2]["actual_velocity"]["raw"].as_i64().unwrap() > 0, "{document}");
+    done(site, &["panel", "jog-stop", "3"]);
+    until(&mut board, "#3V", "it stands", |speed| speed.abs() < 0.1);
+    site.wait_until("a background report", || site.pmacctl(&["coordinates", "--json"]).0 == 0);
+
+    done(site, &["variable", "set", "Y:$0700=5", "X:$0701,4,8=-2", "D:$0728=-3"]);
+    for (line, word) in [("RHY$700", "000005"), ("RHX$701", "000FE0"), ("RHX$728", "FFFFFF")] {
+        assert_eq!(board.send(line, PATIENCE).unwrap(), [word], "{line}");
+    }
+    // A table that changes under a value: what is shown is never another register's.
+    for (registers, values) in [
+        (&["Y:$0700", "D:$0728"][..], " Y:$0700=5 D:$0728=-3"),
+        (&["D:$0728", "X:$0701"], " D:$0728=-3 X:$0701=4064"),
+    ] {
+        let shown = done(site, &[&["variable", "watch"], registers, &["--count", "3"]].concat());
+        assert!(shown.lines().all(|line| line.ends_with(values)), "{shown}");
+    }
+
+    let (status, gathered, stderr) =
+        site.pmacctl(&["gather", "--source", "servo_timer", "--seconds", "0.2", "-o", "-"]);
+    assert_eq!(status, 0, "{stderr}");
+    let timer = |line: &str| line.rsplit(',').next().unwrap().parse::<i64>().unwrap();
+    let timers: Vec<i64> = gathered.lines().skip(1).map(timer).collect();
+    assert!(timers.len() > 400 && timers.windows(2).all(|pair| pair[1] == pair[0] + 1), "{gathered}");
+
+    board.send("&1 #1->X", PATIENCE).unwrap();
+    let program = site.file("program.pmc", "RAPID ABS X20\nINC X10\n");
+    let (status, _, stderr) = site.pmacctl(&["rotary", "stream", &program, "--define", "200", "--run"]);
+    assert_eq!(status, 0, "{stderr}");
+    until(&mut board, "#1P", "it is at 30", |position| (position - 30.0).abs() < 0.5);
+    site.assert_no_violations();
+}
+
+macro_rules! every_function_works_under {
+    ($($name:ident)*) => {
+        $(
+            #[test]
+            fn $name() {
+                let name = stringify!($name).strip_prefix("b3_every_function_works_under_").unwrap();
+                let reading = READINGS.iter().find(|reading| reading.name == name).unwrap();
+                for value in reading.values {
+                    every_function_works(&board_that_reads(name, value));
+                }
+            }
+        )*
+
+        #[test]
+        fn every_reading_has_its_test() {
+            let tested = [$(stringify!($name)),*];
+            for reading in READINGS {
+                let name = format!("b3_every_function_works_under_{}", reading.name);
+                assert!(tested.contains(&name.as_str()), "{name}");
+            }
+        }
+    };
+}
+
+every_function_works_under! {
+    b3_every_function_works_under_reply_count
+    b3_every_function_works_under_control_flag
+    b3_every_function_works_under_line_flag
+    b3_every_function_works_under_reply_end
+    b3_every_function_works_under_rotary_code2
+    b3_every_function_works_under_rotary_bit_codes
+    b3_every_function_works_under_rotary_header
+    b3_every_function_works_under_gather_position
+    b3_every_function_works_under_gather_size_word
+    b3_every_function_works_under_gather_index
+    b3_every_function_works_under_variable_write_field
+    b3_every_function_works_under_rotary_end_marker
+    b3_every_function_works_under_rotary_index
+    b3_every_function_works_under_reply_count_order
+    b3_every_function_works_under_panel_mask
+    b3_every_function_works_under_variable_write_count
+    b3_every_function_works_under_variable_read_pass
+    b3_every_function_works_under_mailbox_bell
+    b3_every_function_works_under_background_timer
+}
+
+#[test]
+fn b3_a_request_that_was_withdrawn_and_is_at_work_hides_no_other() {
+    // The daemon waits a second for a request. The board clears the first one's mask while the second one waits, or after it.
+    for late in ["fault panel_late 4000", "fault panel_late 6000"] {
+        let site = board_that_reads("panel_mask", "when_done");
+        let mut board = site.connection();
+        done(&site, &["panel", "jog-stop", "1"]);
+        site.control(late);
+        let (status, _, told) = site.pmacctl(&["panel", "jog+", "1"]);
+        assert!(status == 1 && told.contains("may have been carried out"), "{told}");
+        until(&mut board, "#1V", "it goes, though it was withdrawn", |speed| speed > 1.0);
+        let (status, _, told) = site.pmacctl(&["panel", "jog+", "2"]);
+        let goes = ask(&mut board, "#2V") > 0.1;
+        let is_true = match status {
+            0 => goes,
+            _ if told.contains("It was not carried out") => !goes,
+            _ => told.contains("may have been carried out"),
+        };
+        assert!(is_true, "{late}: {goes}, but {status}: {told}");
+        site.control("fault panel_late off");
+        for (number, line) in [("3", "#3V"), ("4", "#4V")] {
+            done(&site, &["panel", "jog-", number]);
+            until(&mut board, line, "what was told as taken", |speed| speed < -1.0);
+        }
+        done(&site, &["panel", "jog-stop", "1", "2", "3", "4"]);
+        for line in ["#1V", "#2V", "#3V", "#4V"] {
+            until(&mut board, line, "it stands", |speed| speed.abs() < 0.1);
+        }
+        site.assert_no_violations();
+    }
+}
+
+#[test]
+fn b3_records_that_were_given_up_and_are_at_work_hide_no_others() {
+    let site = board_that_reads("variable_write_count", "when_done");
+    let mut board = site.connection();
+    done(&site, &["variable", "set", "Y:$0700=4"]);
+    site.control("fault variable_write_late 20000");
+    let (status, _, told) = site.pmacctl(&["variable", "set", "Y:$0700=5"]);
+    assert!(status == 1 && told.contains("0 records are written, 1 may be"), "{told}");
+    assert_eq!(ask(&mut board, "RY$700"), 5.0);
+    // The board clears the count for the first records while the second ones wait.
+    let second = std::thread::scope(|scope| {
+        let second = scope.spawn(|| site.pmacctl(&["variable", "set", "Y:$0701=6"]));
+        site.run_for(Duration::from_millis(500));
+        site.control("fault variable_write_late off");
+        second.join().unwrap()
+    });
+    assert_eq!((second.0, second.2.as_str()), (0, ""));
+    assert_eq!(ask(&mut board, "RY$701"), 6.0, "what was told as written");
+    site.assert_no_violations();
+}
+
+#[test]
+fn b3_9_firmware_that_writes_no_variables_is_not_asked_to() {
+    for (firmware, writes) in [("1.15F", false), ("1.15G", true)] {
+        let site = VirtualSite::running(&["--firmware", firmware], &[]);
+        site.wait_for_identity();
+        let (status, _, told) = site.pmacctl(&["variable", "set", "Y:$0700=5"]);
+        assert_eq!(status == 0, writes, "{firmware}: {told}");
+        assert_eq!(told.contains("from 1.15G on"), !writes, "{told}");
+        site.assert_no_violations();
+    }
+}
