@@ -418,6 +418,11 @@ impl BoardLoop {
                 }
             }
             Command::Send { .. } | Command::First { .. } | Command::Control { .. } => {
+                if let Command::Control { uid, character, .. } = command
+                    && let Err(error) = self.functions.stop_all(&mut self.bus, uid, character)
+                {
+                    self.bus_failed(&error);
+                }
                 let queue = self.functions.ascii.queue_mut();
                 if let Command::Send { line, .. } = &command {
                     queue.identifier.line_sent(line.as_bytes(), now);

@@ -21,7 +21,7 @@ use crate::function::rotary::RotarySetup;
 use crate::function::variable_read::VariableReadBusError;
 use crate::map::{BufferLayout, HostOffset};
 use crate::mirror::{BackgroundMirror, GatherMirror, ServoMirror, VariableMirror};
-use crate::protocol::{BoardSettings, Function};
+use crate::protocol::{BoardSettings, Function, control};
 use crate::segment::{Counter, Publisher};
 
 /// The functions of a board, and which of them are used.
@@ -121,6 +121,9 @@ impl FunctionTable {
         function: Function,
         context: &mut Context<'_, B>,
     ) -> Result<Polled, PortError> {
+        if let (Function::Panel, Some(panel)) = (function, &mut self.panel) {
+            panel.see_kill(self.ascii.queue().kill());
+        }
         let polled = self.row(function).poll(context)?;
         if let (Function::Servo, Some(panel)) = (function, &mut self.panel) {
             panel.see_report(self.servo.open_loops(), self.servo.updates());
@@ -265,6 +268,18 @@ impl FunctionTable {
             Job::RotaryFinish(buffer) => self.rotary.finish(buffer, now),
         };
         Ok(Some(Event::Done(ticket, outcome)))
+    }
+
+    /// User `uid` is about to send a control character, which may stop all motion.
+    ///
+    /// # Errors
+    /// When the bus cannot be reached.
+    pub fn stop_all(&mut self, bus: &mut impl Bus, uid: u32, character: u8) -> Result<(), BusError> {
+        let stops = matches!(character, control::ABORT | control::KILL);
+        match self.panel.as_mut().filter(|_| stops) {
+            Some(panel) => panel.stop_all(bus, uid, character),
+            None => Ok(()),
+        }
     }
 
     /// At the end: of the panel requests that wait, keeps only the stops.

@@ -23,6 +23,7 @@ use crate::daemon::bus::identify::Identifier;
 use crate::daemon::bus::ports::command_port::{CommandPorts, PortError};
 use crate::daemon::bus::ports::fallback::Fallback;
 use crate::daemon::bus::scale_doubts::ScaleDoubts;
+use crate::daemon::bus::work::kill::Kill;
 use crate::daemon::shared::open_buffer::{OpenBuffer, Standing, Writer};
 use crate::daemon::shared::queue::{
     Command, Event, Held, LINE_MAX, Origin, Outcome, Sender, Text, Ticket, Unsolicited, at_once,
@@ -30,7 +31,7 @@ use crate::daemon::shared::queue::{
 use crate::device::Bus;
 use crate::function::ascii::control::control_has_reply;
 use crate::function::ascii::{AsciiEvent, ResponseText};
-use crate::protocol::{CommandPort, CommandState, MessageKind};
+use crate::protocol::{CommandPort, CommandState, MessageKind, control};
 use crate::segment::{Counter, Publisher};
 
 /// Responses taken in one poll, so that a chattering board cannot hold up the servo data.
@@ -99,6 +100,8 @@ pub struct AsciiQueue {
     control_pending: Option<WaitingControl>,
     /// One that waited there when the board was reset, and whether that may have taken it; its caller is to be told.
     control_lost: Option<(Ticket, bool)>,
+    /// How many `^K` the board has taken.
+    kills: u64,
     /// What is done after a command was given up.
     check: Check,
     /// Whether the board takes lines as program lines.
@@ -132,6 +135,7 @@ impl AsciiQueue {
             under_way: None,
             control_pending: None,
             control_lost: None,
+            kills: 0,
             check: Check::new(now),
             buffer: OpenBuffer::default(),
             buffer_question: BufferQuestion::new(now),
@@ -192,6 +196,14 @@ impl AsciiQueue {
     #[must_use]
     pub fn is_held_up(&self) -> bool {
         !self.outbox.is_empty()
+    }
+
+    /// How far `^K` is.
+    #[must_use]
+    pub fn kill(&self) -> Kill {
+        let known = self.controls.iter().chain(&self.control_pending);
+        let is_under_way = known.into_iter().any(|control| control.character == control::KILL);
+        Kill { is_under_way, taken: self.kills }
     }
 
     /// The ports for command lines.

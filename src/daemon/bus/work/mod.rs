@@ -2,6 +2,7 @@
 
 pub mod ascii;
 pub mod command_lines;
+pub mod kill;
 pub(in crate::daemon) mod mirrored;
 pub mod open_loops;
 pub mod panel;

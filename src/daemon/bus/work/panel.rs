@@ -12,11 +12,13 @@ use log::warn;
 use crate::clock::Clock;
 use crate::daemon::bus::board_function::{BoardFunction, Context, Polled};
 use crate::daemon::bus::ports::command_port::PortError;
+use crate::daemon::bus::work::kill::Kill;
 use crate::daemon::bus::work::open_loops::OpenLoops;
-use crate::daemon::shared::queue::{Event, Outcome, Text, Ticket, at_once};
+use crate::daemon::shared::queue::{Event, Outcome, Text, Ticket, at_once, dropped_by};
 use crate::device::{Bus, BusError};
 use crate::function::panel::{FeedOverride, Panel, PanelBusError, PanelRequest};
 use crate::map::Family;
+use crate::protocol::control;
 
 /// How often to ask whether the board has taken a request.
 const POLL: Duration = Duration::from_millis(1);
@@ -28,6 +30,16 @@ struct Waiting {
     deadline: Instant,
     /// It stops a jog that nobody holds any more, and leaves out motors whose loop is open.
     ends_hold: bool,
+    /// It is not to go any more: somebody has stopped all motion.
+    dropped: Option<Outcome>,
+    /// It stops, and `^K` came after it.
+    before_kill: bool,
+}
+
+impl Waiting {
+    const fn new(ticket: Ticket, request: PanelRequest, deadline: Instant, ends_hold: bool) -> Self {
+        Self { ticket, request, deadline, ends_hold, dropped: None, before_kill: false }
+    }
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -37,6 +49,8 @@ struct Pending {
     deadline: Instant,
     /// The next clearing of the mask may belong to a request that was withdrawn: the request goes after it.
     doubtful: bool,
+    /// It stops a jog that nobody holds any more.
+    ends_hold: bool,
 }
 
 impl Pending {
@@ -70,6 +84,7 @@ pub struct PanelQueue {
     doubtful: bool,
     next_poll: Instant,
     open_loops: OpenLoops,
+    kill: Kill,
 }
 
 impl PanelQueue {
@@ -85,6 +100,7 @@ impl PanelQueue {
             doubtful: false,
             next_poll: now,
             open_loops: OpenLoops::default(),
+            kill: Kill::default(),
         })
     }
 
@@ -133,15 +149,59 @@ impl PanelQueue {
 
     /// Takes a request in.
     pub fn submit(&mut self, ticket: Ticket, request: PanelRequest, deadline: Instant, now: Instant) {
-        self.waiting.push_back(Waiting { ticket, request, deadline, ends_hold: false });
+        self.waiting.push_back(Waiting::new(ticket, request, deadline, false));
         self.next_poll = now;
     }
 
     /// Takes in the stop of motors whose held jog is over; bit 0 is motor 1.
     pub fn end_hold(&mut self, ticket: Ticket, motors: u32, deadline: Instant, now: Instant) {
         let request = PanelRequest::jog_stop(motors);
-        self.waiting.push_back(Waiting { ticket, request, deadline, ends_hold: true });
+        self.waiting.push_back(Waiting::new(ticket, request, deadline, true));
         self.next_poll = now;
+    }
+
+    /// User `uid` is about to stop all motion by `character`. Nothing that moves a motor goes after it. A stop would close the
+    /// loops that `^K` opens, so stops wait until the board has taken `^K`, and are done by it. What lies in the panel is
+    /// withdrawn before the character is written: the board looks at both in one pass, and nobody knows at which first.
+    ///
+    /// # Errors
+    /// When the bus cannot be reached.
+    pub fn stop_all(&mut self, bus: &mut impl Bus, uid: u32, character: u8) -> Result<(), BusError> {
+        let kills = character == control::KILL;
+        let dropped = Outcome::Dropped(dropped_by(uid, character));
+        if let Some(pending) = self.pending.filter(|pending| kills || !pending.request.is_stop()) {
+            self.panel.withdraw(bus)?;
+            (self.pending, self.doubtful) = (None, true);
+            let Pending { ticket, request, deadline, ends_hold, .. } = pending;
+            let mut taken_back = Waiting::new(ticket, request, deadline, ends_hold);
+            if pending.was_made() {
+                let reason =
+                    "withdrawn, for somebody stopped all motion; it may have been carried out before";
+                taken_back.dropped = Some(Outcome::Interrupted(Text::of(&reason)));
+            }
+            self.waiting.push_front(taken_back);
+        }
+        for waiting in &mut self.waiting {
+            if waiting.request.is_stop() {
+                (waiting.dropped, waiting.before_kill) = (None, kills);
+            } else {
+                waiting.dropped = waiting.dropped.or(Some(dropped));
+            }
+        }
+        self.kill.is_under_way |= kills;
+        Ok(())
+    }
+
+    /// Takes note of how far `^K` is.
+    pub fn see_kill(&mut self, kill: Kill) {
+        let was_taken = kill.taken != self.kill.taken;
+        if was_taken || !kill.is_under_way {
+            for waiting in self.waiting.iter_mut().filter(|waiting| waiting.before_kill) {
+                waiting.before_kill = false;
+                waiting.dropped = was_taken.then_some(Outcome::Done);
+            }
+        }
+        self.kill = kill;
     }
 
     /// Takes note of the motors whose loop was open when the servo report was updated for the `updates`th time.
@@ -207,7 +267,7 @@ impl PanelQueue {
     pub fn poll(&mut self, bus: &mut impl Bus, now: Instant) -> Result<Option<Event>, BusError> {
         self.next_poll = now + POLL;
         if let Some(pending) = self.pending {
-            let Pending { ticket, request, deadline, doubtful } = pending;
+            let Pending { ticket, request, deadline, doubtful, .. } = pending;
             self.open_loops.doubt(request.mask());
             if doubtful {
                 if self.panel.begin(bus, &request)? {
@@ -232,9 +292,20 @@ impl PanelQueue {
         if let Some((ticket, outcome)) = self.cut_off.take() {
             return Ok(Some(Event::Done(ticket, outcome)));
         }
+        let dropped = self.waiting.iter().position(|waiting| waiting.dropped.is_some());
+        if let Some(Waiting { ticket, dropped: Some(outcome), .. }) =
+            dropped.and_then(|index| self.waiting.remove(index))
+        {
+            self.next_poll = now;
+            return Ok(Some(Event::Done(ticket, outcome)));
+        }
         let Some(mut next) = self.waiting.pop_front() else { return Ok(None) };
         if now >= next.deadline {
             return Ok(Some(Event::Done(next.ticket, self.not_taken(false))));
+        }
+        if self.kill.is_under_way {
+            self.waiting.push_front(next);
+            return Ok(None);
         }
         if next.ends_hold {
             next.request = self.without_open_loops(next.request);
@@ -242,8 +313,8 @@ impl PanelQueue {
                 return Ok(Some(Event::Done(next.ticket, Outcome::Done)));
             }
         }
-        let Waiting { ticket, request, deadline, .. } = next;
-        let pending = Pending { ticket, request, deadline, doubtful: self.doubtful };
+        let Waiting { ticket, request, deadline, ends_hold, .. } = next;
+        let pending = Pending { ticket, request, deadline, doubtful: self.doubtful, ends_hold };
         if self.panel.begin(bus, &pending.lying())? {
             self.pending = Some(pending);
         } else {
@@ -395,6 +466,64 @@ mod tests {
         queue.keep_stops();
         assert!(queue.poll(&mut bus, now).unwrap().is_none());
         assert_eq!(mask(&mut bus), 0b001);
+    }
+
+    /// Polls until nothing is told any more: what was told.
+    fn told(queue: &mut PanelQueue, bus: &mut FileBoard, now: Instant) -> Vec<(u64, Outcome)> {
+        let events = (0..10).filter_map(|_| queue.poll(bus, now).unwrap());
+        let told = events.map(|event| match event {
+            Event::Done(Ticket(ticket), outcome) => (ticket, outcome),
+            other => panic!("{other:?}"),
+        });
+        told.collect()
+    }
+
+    #[test]
+    fn b2_6_a_stop_in_the_panel_never_closes_the_loop_that_a_kill_opens() {
+        for is_taken in [true, false] {
+            let mut bus = memory();
+            let now = Instant::now();
+            let mut queue = PanelQueue::new(&PMAC, now).unwrap();
+            let mask = |bus: &mut FileBoard| bus.read16(PANEL.request_enable).unwrap();
+            queue.end_hold(Ticket(1), 0b1, now + POLL * 50, now);
+            let stop = PanelRequest::of(PANEL, PanelAction::JogStop, &[2]).unwrap();
+            queue.submit(Ticket(2), stop, now + POLL * 50, now);
+            assert!(queue.poll(&mut bus, now).unwrap().is_none());
+            assert_eq!(mask(&mut bus), 0b1);
+            queue.stop_all(&mut bus, 7, control::KILL).unwrap();
+            assert_eq!(mask(&mut bus), 0, "withdrawn before ^K is written");
+            queue.see_kill(Kill { is_under_way: true, taken: 0 });
+            assert_eq!((told(&mut queue, &mut bus, now), mask(&mut bus)), (vec![], 0));
+            queue.see_kill(Kill { is_under_way: false, taken: is_taken.into() });
+            if is_taken {
+                let done = vec![(1, Outcome::Done), (2, Outcome::Done)];
+                assert_eq!((told(&mut queue, &mut bus, now), mask(&mut bus)), (done, 0));
+                assert_eq!(queue.due(), None);
+            } else {
+                assert_eq!((told(&mut queue, &mut bus, now), mask(&mut bus)), (vec![], 0b1), "it goes on");
+            }
+        }
+    }
+
+    #[test]
+    fn b1_6_nothing_that_moves_goes_after_an_abort() {
+        for character in [control::ABORT, control::KILL] {
+            let mut bus = memory();
+            let now = Instant::now();
+            let mut queue = PanelQueue::new(&PMAC, now).unwrap();
+            let jog = |number| PanelRequest::of(PANEL, PanelAction::JogPlus, &[number]).unwrap();
+            for number in 1..=2 {
+                queue.submit(Ticket(number as u64), jog(number), now + POLL * 50, now);
+            }
+            assert!(queue.poll(&mut bus, now).unwrap().is_none());
+            queue.stop_all(&mut bus, 7, character).unwrap();
+            assert_eq!(bus.read16(PANEL.request_enable).unwrap(), 0);
+            let told = told(&mut queue, &mut bus, now);
+            let [(1, Outcome::Interrupted(first)), (2, second)] = told[..] else { panic!("{told:?}") };
+            assert!(first.contains("it may have been carried out before"), "{first:?}");
+            assert_eq!(second, Outcome::Dropped(dropped_by(7, character)));
+            assert_eq!((queue.due(), bus.read16(PANEL.request_enable).unwrap()), (None, 0));
+        }
     }
 
     #[test]

@@ -8,7 +8,7 @@ use crate::daemon::shared::queue::{Event, Outcome, Sender};
 use crate::device::Bus;
 use crate::function::ascii::CANCEL;
 use crate::function::ascii::control::control_has_reply;
-use crate::protocol::{CommandPort, CommandState};
+use crate::protocol::{CommandPort, CommandState, control};
 use crate::segment::{Counter, Publisher};
 
 impl AsciiQueue {
@@ -31,6 +31,7 @@ impl AsciiQueue {
                 if pending.character == CANCEL {
                     self.cancelled_by(pending.uid);
                 }
+                self.kills += u64::from(pending.character == control::KILL);
                 self.outbox.tell(events, Event::Done(pending.ticket, Outcome::Done));
             } else if now >= pending.deadline {
                 self.ports.withdraw_control(bus, now)?;
