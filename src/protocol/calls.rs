@@ -81,6 +81,9 @@ parameters! {
         /// Whether it is a question, which must not become a line of an open program buffer; it is a line when not given.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         question: Option<bool>,
+        /// Whether it is sent though it ends command lines for everybody (`^Z`, `I58=0`); refused when not given.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        confirmed: Option<bool>,
     }
 
     /// Of `RunLines`.
@@ -101,6 +104,9 @@ parameters! {
         /// Whether the sequence ends with these lines; it does when not given.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         last: Option<bool>,
+        /// Whether it is sent though it ends command lines for everybody (`^Z`, `I58=0`); refused when not given.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        confirmed: Option<bool>,
     }
 
     /// Of `SendControl`.
@@ -110,6 +116,9 @@ parameters! {
         /// `^A` and `^K` leave the lines that wait where they are. They are not sent any more when this is not given.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         keep_queue: Option<bool>,
+        /// Whether it is sent though it ends command lines for everybody (`^Z`, `I58=0`); refused when not given.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        confirmed: Option<bool>,
     }
 
     /// Of `Read`.

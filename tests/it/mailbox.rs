@@ -201,7 +201,7 @@ fn the_mailboxes_take_over_while_i58_is_off_and_give_back() {
     assert_eq!(port(&site), CommandPort::Dpram);
     for round in 0..3 {
         assert_eq!(connection.send("P1=0", PATIENCE).unwrap(), [] as [&str; 0]);
-        assert_eq!(connection.send("I58=0", PATIENCE).unwrap(), [] as [&str; 0]);
+        assert_eq!(site.connection().confirming(true).send("I58=0", PATIENCE).unwrap(), [] as [&str; 0]);
         // The first line finds out, and is carried out once all the same.
         assert_eq!(connection.send("P1=P1+1", PATIENCE).unwrap(), [] as [&str; 0]);
         assert_eq!(connection.send("P1 I58", PATIENCE).unwrap(), ["1", "0"], "round {round}");
@@ -222,7 +222,7 @@ fn what_stops_the_machine_takes_the_other_way_too() {
     identified(&site);
     let mut connection = site.connection();
     connection.send("#1J+", PATIENCE).unwrap();
-    connection.send("I58=0", PATIENCE).unwrap();
+    site.connection().confirming(true).send("I58=0", PATIENCE).unwrap();
     assert_eq!(connection.control(11).unwrap(), [] as [&str; 0], "^K");
     let (_, json, _) = site.pmacctl(&["status", "--json"]);
     let status: serde_json::Value = serde_json::from_str(&json).unwrap();

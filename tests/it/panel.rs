@@ -415,7 +415,7 @@ fn what_stops_waits_for_nobody_elses_lines() {
     let mut board = site.connection();
     board.send("&1 #1->X", PATIENCE).unwrap();
     // The board takes no line: a question would be asked until its time is over.
-    board.send("I58=0", PATIENCE).unwrap();
+    site.connection().confirming(true).send("I58=0", PATIENCE).unwrap();
     let lines = start(&site, &["send", "P1"]);
     for stop in [&["panel", "jog-stop", "1"] as &[&str], &["panel", "hold", "1"], &["panel", "stop", "1"]] {
         let begun = site.with_world(|world| world.now());

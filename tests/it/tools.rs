@@ -7,6 +7,7 @@ use serde_json::json;
 
 use crate::support::VirtualSite;
 use crate::support::bench::Bench;
+use crate::support::raw::{Raw, error_name};
 use crate::support::rig::{Ran, command, pmacctl};
 
 #[test]
@@ -116,11 +117,29 @@ fn b2_5_what_cuts_everybody_off_is_not_sent_unless_somebody_says_so() {
     for line in ["^Z", "I58=0"] {
         let ran = pmacctl(&format!("send {line} --socket {socket}"));
         assert!(
-            ran.code == Some(2) && ran.stderr.contains("not sent") && ran.stderr.contains("I58=1"),
+            ran.code == Some(1) && ran.stderr.contains("not sent") && ran.stderr.contains("I58=1"),
             "{ran:?}"
         );
     }
+    // The daemon refuses it, whoever asks and however: of several lines none is sent.
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("lines.pmc");
+    std::fs::write(&path, "P1=1\nI50..60=0\n").unwrap();
+    let download = format!("download {} --socket {socket}", path.display());
+    let ran = pmacctl(&download);
+    assert!(ran.code == Some(1) && ran.stderr.contains("I50..60=0 ends command lines"), "{ran:?}");
+    let refused = |method: &str, parameters| {
+        let mut client = Raw::at(&bench.socket);
+        client.call(method, parameters);
+        error_name(&client.receive().unwrap()) == "Refused"
+    };
+    for line in ["I58=P1", "P1=1 I 58 = 0", "I8,6,10=0"] {
+        assert!(refused("Send", json!({ "line": line })), "{line}");
+    }
+    assert!(refused("SendControl", json!({ "character": "^Z", "confirmed": false })));
     assert_eq!(*bench.seen.lock().unwrap(), [""; 0]);
+    assert_eq!(pmacctl(&format!("{download} --yes")).code, Some(0));
+    assert_eq!(std::mem::take(&mut *bench.seen.lock().unwrap()).last().unwrap(), "I50..60=0");
     assert_eq!(pmacctl(&format!("send ^Z --yes --socket {socket}")).code, Some(0));
     assert_eq!(*bench.seen.lock().unwrap(), ["^Z"]);
 }

@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use serde_json::{Value, json};
 
-use crate::cli::context::{Context, Failure};
+use crate::cli::context::Failure;
 use crate::client::{CommandError, Connection, SerialError, SerialLine};
 use crate::protocol::CallError;
 use crate::protocol::board::{LineFailure, LineOutcome};
@@ -139,14 +139,6 @@ pub enum Way {
 }
 
 impl Way {
-    /// Through the daemon of `context`.
-    ///
-    /// # Errors
-    /// [`Failure::Request`] if the daemon cannot be reached.
-    pub fn daemon(context: &Context) -> Result<Self, Failure> {
-        Ok(Self::Daemon(context.connection()?))
-    }
-
     /// Over the serial line `path`.
     ///
     /// # Errors

@@ -1,6 +1,5 @@
 //! Commands that make the board do one thing.
 
-pub mod cut_off;
 pub mod lines;
 pub mod panel;
 pub mod registers;

@@ -5,7 +5,6 @@ use std::time::Duration;
 use clap::Args;
 use serde_json::json;
 
-use crate::cli::act::cut_off::refuse_cut_off;
 use crate::cli::args::values::seconds;
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::client::CommandError;
@@ -29,7 +28,6 @@ pub struct Send {
 
 pub fn run(context: &mut Context, options: &Send) -> Result<Verdict, Failure> {
     let control = control::parse(&options.line).filter(|_| options.line.len() == 2);
-    refuse_cut_off(&options.line, options.yes)?;
     if control.is_none() {
         check_line(&options.line).map_err(|reason| Failure::Request(format!("invalid line: {reason}")))?;
     }
@@ -37,7 +35,7 @@ pub fn run(context: &mut Context, options: &Send) -> Result<Verdict, Failure> {
         let most = TIMEOUT_MAX_MS / 1000;
         return Err(Failure::Request(format!("--timeout is at most {most} s")));
     }
-    let mut connection = context.connection()?;
+    let mut connection = context.connection()?.confirming(options.yes);
     let reply = match control {
         Some(character) => connection.control(character),
         None => connection.send(&options.line, options.timeout),

@@ -17,7 +17,6 @@ use rustyline::error::ReadlineError;
 use rustyline::{DefaultEditor, ExternalPrinter};
 use serde_json::json;
 
-use crate::cli::act::cut_off::refuse_cut_off;
 use crate::cli::act::lines::{LineError, Way};
 use crate::cli::act::reset_watch::ResetWatch;
 use crate::cli::console::output::reply;
@@ -59,8 +58,8 @@ pub fn run(context: &mut Context, options: &Terminal) -> Result<Verdict, Failure
         let most = TIMEOUT_MAX_MS / 1000;
         return Err(Failure::Request(format!("--timeout is at most {most} s")));
     }
-    let session =
-        Session { way: Way::daemon(context)?, timeout: options.timeout, all_taken: true, yes: options.yes };
+    let way = Way::Daemon(context.connection()?.confirming(options.yes));
+    let session = Session { way, timeout: options.timeout, all_taken: true };
     let messages = context.connection()?.messages()?;
     if io::stdin().is_terminal() && io::stdout().is_terminal() && !context.output.is_json() {
         interactive(session, messages, options)
@@ -106,8 +105,6 @@ struct Session {
     way: Way,
     timeout: Duration,
     all_taken: bool,
-    /// Whether to send what ends command lines for everybody.
-    yes: bool,
 }
 
 /// The reply lines, and the error that ended them.
@@ -119,15 +116,6 @@ impl Session {
     /// # Errors
     /// The daemon or the board can no longer be reached.
     fn ask(&mut self, input: &Input<'_>) -> Result<Answer, Failure> {
-        let text = match input {
-            Input::Control(character) => control::name(*character),
-            Input::Line(line) => (*line).to_owned(),
-            _ => String::new(),
-        };
-        if let Err(refusal) = refuse_cut_off(&text, self.yes) {
-            self.all_taken = false;
-            return Ok((Vec::new(), Some(refusal.to_string()), None));
-        }
         let result = match (input, &mut self.way) {
             (Input::Control(character), Way::Daemon(connection)) => {
                 connection.control(*character).map_err(LineError::from)

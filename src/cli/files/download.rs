@@ -41,6 +41,9 @@ pub struct Download {
     /// How long the board may take for a line, in seconds; SAVE may take longer
     #[arg(long, value_name = "S", default_value = "10", value_parser = crate::cli::args::values::seconds, allow_negative_numbers = true)]
     pub timeout: Duration,
+    /// Send lines like I58=0 too, which end command lines for everybody
+    #[arg(long)]
+    pub yes: bool,
 }
 
 pub fn run(context: &mut Context, options: &Download) -> Result<Verdict, Failure> {
@@ -58,7 +61,7 @@ pub fn run(context: &mut Context, options: &Download) -> Result<Verdict, Failure
     for signal in [SIGINT, SIGTERM, SIGHUP] {
         signal_hook::flag::register(signal, Arc::clone(&stop)).map_err(Failure::request)?;
     }
-    let connection = context.connection()?;
+    let connection = context.connection()?.confirming(options.yes);
     let mut download = Run { lines: &lines, failed: Vec::new(), taken: 0 };
     let outcome = download.send(context, connection, options, &stop);
     download.report(context)?;

@@ -15,6 +15,7 @@ use crate::daemon::shared::job::Job;
 use crate::daemon::shared::queue::{DEFAULT_TIMEOUT, LINE_MAX, READ_MAX, Text};
 use crate::function::variable_read::VariableEntry;
 use crate::map::{Family, HostOffset};
+use crate::protocol::cut_off::{self, character_cuts_off, line_cuts_off};
 use crate::protocol::{
     BOARD, BOARD_DESCRIPTION, Call, CallError, Function, Reply, SERVICE, SERVICE_DESCRIPTION, calls,
     check_line, control, parameters,
@@ -300,8 +301,11 @@ fn service(method: &str, call: &Call) -> Result<Action, CallError> {
     }
 }
 
-fn send(calls::Send { line, timeout_ms, question }: calls::Send) -> Result<Action, CallError> {
+fn send(calls::Send { line, timeout_ms, question, confirmed }: calls::Send) -> Result<Action, CallError> {
     check_line(&line).map_err(|reason| CallError::InvalidLine { reason })?;
+    if line_cuts_off(&line) && confirmed != Some(true) {
+        return Err(cut_off::refusal(&line));
+    }
     let line = Text::new(line.as_bytes())
         .ok_or_else(|| CallError::InvalidLine { reason: "the line is too long".to_owned() })?;
     let timeout = timeout_ms.map_or(DEFAULT_TIMEOUT, Duration::from_millis);
@@ -309,10 +313,13 @@ fn send(calls::Send { line, timeout_ms, question }: calls::Send) -> Result<Actio
 }
 
 fn send_control(
-    calls::SendControl { character, keep_queue }: &calls::SendControl,
+    calls::SendControl { character, keep_queue, confirmed }: &calls::SendControl,
 ) -> Result<Action, CallError> {
     let character = control::parse(character)
         .ok_or_else(|| CallError::invalid("character", "^A to ^_, or the character itself"))?;
+    if character_cuts_off(character) && *confirmed != Some(true) {
+        return Err(cut_off::refusal(&control::name(character)));
+    }
     Ok(Action::Ask(Ask::Control { character, keeps_lines: *keep_queue == Some(true) }))
 }
 
@@ -356,7 +363,7 @@ mod tests {
             ("SendControl", json!({"character": "^O"}), Role::Stop),
             ("SendControl", json!({"character": "^R"}), Role::Operate),
             ("SendControl", json!({"character": "^D"}), Role::Engineer),
-            ("SendControl", json!({"character": "^Z"}), Role::Engineer),
+            ("SendControl", json!({"character": "^Z", "confirmed": true}), Role::Engineer),
             ("Panel", json!({"action": "stop", "numbers": [1]}), Role::Stop),
             ("Panel", json!({"action": "hold", "numbers": [1]}), Role::Stop),
             ("Panel", json!({"action": "jog-stop", "numbers": [1]}), Role::Stop),

@@ -15,6 +15,7 @@ use super::{Done, END_STEP, Ending, Resource, Sequence, SequenceCall, Step, is_u
 use crate::daemon::shared::open_buffer::{Barred, OpenBuffer, Writer};
 use crate::daemon::shared::queue::{DEFAULT_TIMEOUT, LINE_MAX, Outcome, REASON_MAX, Text};
 use crate::protocol::board::{LineFailure, LineOutcome, RunLinesReply};
+use crate::protocol::cut_off::{self, line_cuts_off};
 use crate::protocol::{CallError, RUN_LINES_MAX, Reply, calls, check_line};
 
 /// How often `CLOSE` is tried at the end, while it is known not to have been sent, and how long after the last try.
@@ -48,7 +49,7 @@ impl Batch {
     /// # Errors
     /// What is wrong with it; nothing is sent then.
     pub(in crate::daemon::socket) fn of(call: calls::RunLines) -> Result<Self, CallError> {
-        let calls::RunLines { kind, lines, timeout_ms, keep_going, at_end, last } = call;
+        let calls::RunLines { kind, lines, timeout_ms, keep_going, at_end, last, confirmed } = call;
         let is_name =
             (1..=NAME_MAX).contains(&kind.len()) && kind.bytes().all(|byte| byte.is_ascii_lowercase());
         if !is_name {
@@ -60,6 +61,10 @@ impl Batch {
         }
         if at_end.as_ref().is_some_and(|lines| lines.len() > AT_END_MAX) {
             return Err(CallError::invalid("at_end", format_args!("at most {AT_END_MAX} lines")));
+        }
+        let mut all = lines.iter().chain(at_end.iter().flatten());
+        if let Some(line) = all.find(|line| line_cuts_off(line) && confirmed != Some(true)) {
+            return Err(cut_off::refusal(line));
         }
         Ok(Self {
             lines: checked(&lines)?,

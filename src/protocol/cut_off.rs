@@ -1,0 +1,71 @@
+//! What ends command lines through the DPRAM for everybody, and how to get them back.
+
+use super::i_lines::settings;
+use super::{CallError, control};
+
+/// The I-variable that switches command lines through the DPRAM on, in every family.
+const ENABLE: u32 = 58;
+
+/// Whether `line` ends command lines: I58 with any other value than 1 does (DPRAM manual p. 28).
+#[must_use]
+pub fn line_cuts_off(line: &str) -> bool {
+    settings(line.as_bytes()).any(|setting| setting.numbers.has(ENABLE) && setting.value != Some(1))
+}
+
+/// Whether a control character does: `^Z` makes the serial port the active response port, and I58 0 (the same page).
+#[must_use]
+pub const fn character_cuts_off(character: u8) -> bool {
+    character == control::SERIAL
+}
+
+/// What a caller is told who has not confirmed that he means it.
+#[must_use]
+pub fn refusal(what: &str) -> CallError {
+    let reason = format!(
+        "not sent: {what} ends command lines through the DPRAM for everybody, until I58=1 comes by the serial port (pmacctl setup \
+         enable ascii --send --port PATH) or the board is reset; --yes sends it all the same (\"confirmed\" in a call)"
+    );
+    CallError::Refused { reason }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn b2_5_what_cuts_everybody_off_is_known() {
+        for line in [
+            "I58=0",
+            "i 58 = 0",
+            "P1=3 I58=0",
+            "I58=$0",
+            "I58=P1",
+            "I58=1I58=0",
+            "I58=*",
+            "I50..60=0",
+            "I8,6,10=0",
+            "I58=1-1",
+            "I55=1 I50..58=2",
+        ] {
+            assert!(line_cuts_off(line), "{line}");
+        }
+        for line in [
+            "I58",
+            "I58=1",
+            "I58=1 P1=0",
+            "I158=0",
+            "MI58=0",
+            "Z",
+            "P58=0",
+            "I50..57=0",
+            "I48,2,11=0 I58=1",
+            "I0..99=1",
+            "I58=1#1J+",
+        ] {
+            assert!(!line_cuts_off(line), "{line}");
+        }
+        assert!(character_cuts_off(26) && !character_cuts_off(11));
+        let told = refusal("I58=0").to_string();
+        assert!(told.contains("not sent") && told.contains("I58=1") && told.contains("--yes"), "{told}");
+    }
+}

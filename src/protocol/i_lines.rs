@@ -1,0 +1,161 @@
+//! Which I-variables a command line sets.
+//!
+//! `I58=0`, `I50..60=0` (a range), `I108,8,100=96` (first, count, step) and `I(P1)=0` are the forms (GRAMMAR, I-variables).
+//! Blanks do not matter to PMAC, nor does case.
+
+/// The I-variables of an assignment.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Numbers {
+    /// One.
+    One(u32),
+    /// Several: the first, the last, and the step between them.
+    Range(u32, u32, u32),
+    /// The number is an expression.
+    Unknown,
+}
+
+impl Numbers {
+    /// Whether variable `number` is among them, as far as can be told.
+    #[must_use]
+    pub const fn has(self, number: u32) -> bool {
+        match self {
+            Self::One(one) => one == number,
+            Self::Range(first, last, step) => {
+                first <= number && number <= last && (step == 0 || (number - first).is_multiple_of(step))
+            }
+            Self::Unknown => false,
+        }
+    }
+}
+
+/// What a line sets.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Setting {
+    /// The variables.
+    pub numbers: Numbers,
+    /// The value, where it is a plain whole number.
+    pub value: Option<u32>,
+}
+
+/// What `line` sets, in its order.
+pub fn settings(line: &[u8]) -> impl Iterator<Item = Setting> + '_ {
+    let mut at = 0;
+    std::iter::from_fn(move || {
+        while at < line.len() {
+            let is_start = line[at].eq_ignore_ascii_case(&b'i') && !is_in_word(line, at);
+            at += 1;
+            if is_start && let Some((setting, next)) = setting_at(line, at) {
+                at = next;
+                return Some(setting);
+            }
+        }
+        None
+    })
+}
+
+/// Whether the letter at `at` goes on with a word.
+fn is_in_word(line: &[u8], at: usize) -> bool {
+    at.checked_sub(1).and_then(|before| line.get(before)).is_some_and(u8::is_ascii_alphabetic)
+}
+
+/// Text without the blanks in it.
+struct Reader<'a> {
+    line: &'a [u8],
+    at: usize,
+}
+
+impl Reader<'_> {
+    fn peek(&mut self) -> Option<u8> {
+        while self.line.get(self.at) == Some(&b' ') {
+            self.at += 1;
+        }
+        self.line.get(self.at).copied()
+    }
+
+    fn takes(&mut self, text: &[u8]) -> bool {
+        let start = self.at;
+        let all = text.iter().all(|wanted| {
+            let is_it = self.peek() == Some(*wanted);
+            self.at += usize::from(is_it);
+            is_it
+        });
+        if !all {
+            self.at = start;
+        }
+        all
+    }
+
+    fn number(&mut self) -> Option<u32> {
+        let mut number = None;
+        while let Some(digit @ b'0'..=b'9') = self.peek() {
+            self.at += 1;
+            number = Some(number.unwrap_or(0_u32).saturating_mul(10).saturating_add(u32::from(digit - b'0')));
+        }
+        number
+    }
+}
+
+/// The assignment behind the I at the place before `at`, and where it ends.
+fn setting_at(line: &[u8], at: usize) -> Option<(Setting, usize)> {
+    let mut reader = Reader { line, at };
+    let numbers = match reader.number() {
+        Some(first) if reader.takes(b"..") => Numbers::Range(first, reader.number()?, 1),
+        Some(first) if reader.takes(b",") => {
+            let count = reader.number()?;
+            let step = if reader.takes(b",") { reader.number()? } else { 1 };
+            Numbers::Range(first, first.saturating_add(count.saturating_sub(1).saturating_mul(step)), step)
+        }
+        Some(one) => Numbers::One(one),
+        None if reader.takes(b"(") => {
+            let mut depth = 1;
+            while depth > 0 {
+                match reader.peek()? {
+                    b'(' => depth += 1,
+                    b')' => depth -= 1,
+                    _ => {}
+                }
+                reader.at += 1;
+            }
+            Numbers::Unknown
+        }
+        None => return None,
+    };
+    if !reader.takes(b"=") || reader.peek() == Some(b'=') {
+        return None;
+    }
+    let value = reader.number();
+    // With an operator behind it the number is only a part of the value.
+    let goes_on = matches!(reader.peek(), Some(b'+' | b'-' | b'*' | b'/' | b'%' | b'&' | b'|' | b'^' | b'.'));
+    Some((Setting { numbers, value: value.filter(|_| !goes_on) }, reader.at))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn found(line: &str) -> Vec<(Numbers, Option<u32>)> {
+        settings(line.as_bytes()).map(|setting| (setting.numbers, setting.value)).collect()
+    }
+
+    #[test]
+    fn every_form_of_an_assignment_is_known() {
+        use Numbers::{One, Range, Unknown};
+        for (line, expected) in [
+            ("I58=0", vec![(One(58), Some(0))]),
+            (" i 5 8 = 1 ", vec![(One(58), Some(1))]),
+            ("P1=3 I58=1I59=8#1J+", vec![(One(58), Some(1)), (One(59), Some(8))]),
+            ("I50..60=0", vec![(Range(50, 60, 1), Some(0))]),
+            ("I108,8,100=96", vec![(Range(108, 808, 100), Some(96))]),
+            ("I1,2=3", vec![(Range(1, 2, 1), Some(3))]),
+            ("I(P1+(2))=7", vec![(Unknown, Some(7))]),
+            ("I58=$0", vec![(One(58), None)]),
+            ("I58=P1", vec![(One(58), None)]),
+            ("I58=1&0 I2=1.0 I3=*", vec![(One(58), None), (One(2), None), (One(3), None)]),
+            ("I58 MI58=0 INC IF(I58=0) I100>I=3 I(P1", vec![(One(58), Some(0))]),
+        ] {
+            assert_eq!(found(line), expected, "{line}");
+        }
+        let range = Range(108, 808, 100);
+        assert!(range.has(208) && range.has(808) && !range.has(209) && !range.has(908) && !Unknown.has(1));
+    }
+}
