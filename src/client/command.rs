@@ -57,16 +57,36 @@ pub enum CommandError {
         /// The daemon's.
         found: String,
     },
-    /// The connection broke, or the daemon closed it.
-    #[error("{path}: {source}")]
+    /// The daemon did not take the whole call, so it began nothing of it.
+    #[error("{path}: pmacd did not take the call ({source}); nothing of it was carried out, try again")]
+    NotTaken {
+        /// The socket.
+        path: PathBuf,
+        /// What the kernel said.
+        source: io::Error,
+    },
+    /// The connection broke, or the daemon closed it, before the answer came.
+    #[error(
+        "{path}: the connection to pmacd broke before the answer came ({source}); what was asked may or may not have been carried out"
+    )]
     Broken {
         /// The socket.
         path: PathBuf,
         /// What the kernel said.
         source: io::Error,
     },
+    /// The connection of a stream or a watch broke, or the daemon closed it.
+    #[error("{path}: pmacd is gone, or has ended the stream ({source})")]
+    StreamEnded {
+        /// The socket.
+        path: PathBuf,
+        /// What the kernel said.
+        source: io::Error,
+    },
     /// The daemon itself did not answer in time.
-    #[error("{path}: pmacd did not answer in time; is it stopped?")]
+    #[error(
+        "{path}: pmacd did not answer in time (is it stopped?); what was asked may or may not have been carried out"
+    )]
     NoAnswer {
         /// The socket.
         path: PathBuf,
@@ -81,6 +101,8 @@ pub enum CommandError {
 pub struct Connection {
     path: PathBuf,
     link: Option<Link>,
+    /// What ends command lines for everybody is sent, too.
+    confirms: bool,
 }
 
 #[derive(Debug)]
@@ -95,7 +117,7 @@ impl Connection {
     /// # Errors
     /// [`CommandError::Connect`].
     pub fn open(path: &Path) -> Result<Self, CommandError> {
-        let mut connection = Self { path: path.to_owned(), link: None };
+        let mut connection = Self { path: path.to_owned(), link: None, confirms: false };
         connection.link = Some(connection.dial()?);
         Ok(connection)
     }
@@ -103,7 +125,20 @@ impl Connection {
     /// A connection that has been made already. Where it breaks, the daemon at the socket `path` is connected to.
     #[must_use]
     pub fn over(stream: UnixStream, path: &Path) -> Self {
-        Self { path: path.to_owned(), link: Some(Link { stream, inbox: Inbox::new(REPLY_MAX) }) }
+        let link = Some(Link { stream, inbox: Inbox::new(REPLY_MAX) });
+        Self { path: path.to_owned(), link, confirms: false }
+    }
+
+    /// The same connection. If it `confirms`, what ends command lines for everybody (`^Z`, `I58=0`) is sent like any other line;
+    /// the daemon refuses it otherwise.
+    #[must_use]
+    pub fn confirming(self, confirms: bool) -> Self {
+        Self { confirms, ..self }
+    }
+
+    /// What calls say that can carry lines.
+    fn confirmed(&self) -> Option<bool> {
+        self.confirms.then_some(true)
     }
 
     fn dial(&self) -> Result<Link, CommandError> {
@@ -177,7 +212,8 @@ impl Connection {
         question: Option<bool>,
     ) -> Result<Vec<String>, CommandError> {
         let timeout_ms = Some(milliseconds(timeout));
-        let parameters = calls::Send { line: line.to_owned(), timeout_ms, question };
+        let confirmed = self.confirmed();
+        let parameters = calls::Send { line: line.to_owned(), timeout_ms, question, confirmed };
         let reply: SendReply = self.call("Send", &parameters, timeout.saturating_add(MARGIN))?;
         Ok(reply.lines)
     }
@@ -203,6 +239,7 @@ impl Connection {
         let parameters = calls::SendControl {
             character: control::name(character),
             keep_queue: keeps_queue.then_some(true),
+            confirmed: self.confirmed(),
         };
         let reply: SendReply = self.call("SendControl", &parameters, DAEMON_TIMEOUT + MARGIN)?;
         Ok(reply.lines)
@@ -235,7 +272,7 @@ impl Connection {
             Some(link) => link,
             None => self.dial()?,
         };
-        link.write(&encode(&call), Instant::now() + DAEMON_TIMEOUT).map_err(|error| fault(&path, error))?;
+        link.call(&encode(&call), Instant::now() + DAEMON_TIMEOUT, &path)?;
         Ok(Messages { path, link, ended: false })
     }
 
@@ -255,8 +292,9 @@ impl Connection {
             None => self.dial()?,
         };
         let deadline = Instant::now() + DAEMON_TIMEOUT;
-        let reply = link.write(&encode(&call), deadline).and_then(|()| link.next_reply(deadline));
-        let WatchReply { table, .. } = read_reply(reply.map_err(|error| fault(&path, error))?)?;
+        link.call(&encode(&call), deadline, &path)?;
+        let reply = link.next_reply(deadline).map_err(|error| fault(&path, error))?;
+        let WatchReply { table, .. } = read_reply(reply)?;
         Ok(VariableWatch { path, link, table })
     }
 
@@ -298,7 +336,7 @@ impl Connection {
             Some(link) => link,
             None => self.dial()?,
         };
-        link.write(&encode(&call), after(timeout)).map_err(|error| fault(&self.path, error))?;
+        link.call(&encode(&call), after(timeout), &self.path)?;
         self.link = Some(link);
         Ok(())
     }
@@ -350,6 +388,12 @@ fn left(deadline: Instant) -> io::Result<Duration> {
 }
 
 impl Link {
+    /// Sends a whole call. The daemon begins none whose end it has not got.
+    fn call(&mut self, bytes: &[u8], deadline: Instant, path: &Path) -> Result<(), CommandError> {
+        let sent = self.write(bytes, deadline);
+        sent.map_err(|source| CommandError::NotTaken { path: path.to_owned(), source })
+    }
+
     fn write(&mut self, mut bytes: &[u8], deadline: Instant) -> io::Result<()> {
         while !bytes.is_empty() {
             self.stream.set_write_timeout(Some(left(deadline)?))?;
@@ -418,7 +462,7 @@ impl VariableWatch {
             return Ok(());
         }
         match self.link.next_reply(after(DAEMON_TIMEOUT)) {
-            Err(error) => Err(fault(&self.path, error)),
+            Err(source) => Err(CommandError::StreamEnded { path: self.path.clone(), source }),
             // The only reply has come already; another one can only be the end.
             Ok(reply) => match reply.error() {
                 Some(error) => Err(error.into()),
@@ -456,7 +500,7 @@ impl Messages {
             Err(error) if error.kind() == io::ErrorKind::TimedOut => return Ok(None),
             Err(error) => {
                 self.ended = true;
-                return Err(fault(&self.path, error));
+                return Err(CommandError::StreamEnded { path: self.path.clone(), source: error });
             }
         };
         self.ended = reply.continues != Some(true);
@@ -488,6 +532,35 @@ mod tests {
         theirs.write_all(b"{\"error\":\"io.github.pmac-dpram.Board.Busy\"}\0").unwrap();
         assert!(matches!(watch.check(), Err(CommandError::Refused(CallError::Busy))));
         drop(theirs);
-        assert!(matches!(watch.check(), Err(CommandError::Broken { .. })), "the daemon is gone");
+        assert!(matches!(watch.check(), Err(CommandError::StreamEnded { .. })), "the daemon is gone");
+    }
+
+    #[test]
+    fn b1_8_a_broken_connection_says_whether_a_line_may_have_been_carried_out() {
+        let said = |theirs: Option<&[u8]>| {
+            let (ours, mut other) = UnixStream::pair().unwrap();
+            let mut connection = Connection::over(ours, Path::new("x.sock"));
+            let ending = theirs.map(|reply| {
+                let reply = reply.to_vec();
+                std::thread::spawn(move || {
+                    let mut call = [0; 512];
+                    assert!(other.read(&mut call).unwrap() > 0);
+                    other.write_all(&reply).unwrap();
+                })
+            });
+            let error = connection.send("#1J+", Duration::from_secs(5)).unwrap_err();
+            ending.map(|ending| ending.join().unwrap());
+            error.to_string()
+        };
+        // It was gone before the call: the whole of it was never there.
+        let told = said(None);
+        assert!(
+            told.contains("did not take the call") && told.contains("nothing of it was carried out"),
+            "{told}"
+        );
+        for half in [&b""[..], b"{\"parameters\":"] {
+            let told = said(Some(half));
+            assert!(told.contains("may or may not have been carried out"), "{told}");
+        }
     }
 }

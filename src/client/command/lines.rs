@@ -4,6 +4,7 @@ use std::time::Duration;
 
 use super::{CommandError, Connection, DAEMON_TIMEOUT, MARGIN, fault, milliseconds, read_reply};
 use crate::protocol::board::RunLinesReply;
+use crate::protocol::cut_off::{self, line_cuts_off};
 use crate::protocol::message::encode;
 use crate::protocol::parameters::to_map;
 use crate::protocol::{BOARD, Call, calls};
@@ -54,6 +55,11 @@ impl Connection {
         lines: &[L],
         told: impl FnMut(&RunLinesReply) -> bool,
     ) -> Result<RunLinesReply, CommandError> {
+        // The daemon refuses such a line as well, but may have sent others before.
+        if let Some(line) = lines.iter().find(|line| line_cuts_off(line.as_ref())).filter(|_| !self.confirms)
+        {
+            return Err(cut_off::refusal(line.as_ref()).into());
+        }
         let mut sequence = self.lines(options);
         sequence.run(lines, told)?;
         sequence.finish()
@@ -118,6 +124,7 @@ impl LineSequence<'_> {
             keep_going: Some(keep_going),
             at_end: self.at_end.clone(),
             last: Some(last),
+            confirmed: self.connection.confirmed(),
         };
         let mut call = Call::new(format!("{BOARD}.RunLines"), to_map(&parameters));
         call.more = Some(true);
@@ -127,7 +134,7 @@ impl LineSequence<'_> {
             None => connection.dial()?,
         };
         let path = &connection.path;
-        link.write(&encode(&call), super::after(DAEMON_TIMEOUT)).map_err(|error| fault(path, error))?;
+        link.call(&encode(&call), super::after(DAEMON_TIMEOUT), path)?;
         loop {
             // The last reply may have to wait for the line under way, and for what comes at the end after it.
             let patience = timeout.max(SLOW).saturating_add(DAEMON_TIMEOUT).saturating_add(MARGIN);
