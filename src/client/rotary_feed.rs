@@ -109,8 +109,11 @@ impl<'a> RotaryFeed<'a> {
     /// # Errors
     /// [`CommandError`] when the daemon cannot be reached.
     pub fn stop(&mut self) -> Result<RotaryStopReply, CommandError> {
-        self.catch_up()?;
-        self.connection.rotary_stop(self.buffer)
+        match self.catch_up() {
+            // A board that was reset has no such buffer any more, and the daemon says so.
+            Ok(_) | Err(CommandError::Refused(_)) => self.connection.rotary_stop(self.buffer),
+            Err(error) => Err(error),
+        }
     }
 
     fn send_batch(&mut self) -> Result<(), CommandError> {

@@ -232,8 +232,15 @@ impl GatherMirror {
         }
     }
 
-    /// Follows nothing any more, as after a reset of the board.
-    pub fn reset(&mut self, publisher: &Publisher) {
+    /// The board is another one, or was reset: what was followed is no more.
+    pub fn reset(&mut self, publisher: &mut Publisher) {
+        if self.reader.is_some() {
+            self.publish(GatherPhase::Redefined, None, publisher);
+        }
+        self.forget(publisher);
+    }
+
+    fn forget(&mut self, publisher: &Publisher) {
         self.reader = None;
         publisher.set_region_state(RegionId::Gather, RegionState::Off);
     }
@@ -255,34 +262,39 @@ impl GatherMirror {
         now: Instant,
     ) -> Result<(), BusError> {
         let Some(reader) = &mut self.reader else { return Ok(()) };
-        let time_ns = self.time.ns();
         let found = poll(bus, reader, self.clock, self.report, &mut self.timer, &self.time)?;
         let (phase, first) = match found {
-            GatherPoll::Samples { first, .. } => (GatherPhase::Running, first),
+            GatherPoll::Samples { first, .. } => (GatherPhase::Running, Some(first)),
             GatherPoll::Idle | GatherPoll::Disturbed | GatherPoll::OutOfRange { .. } => {
                 self.next_poll = now + POLL_PERIOD;
                 return Ok(());
             }
-            GatherPoll::Ended => (GatherPhase::Ended, reader.written()),
-            GatherPoll::Redefined { .. } => (GatherPhase::Redefined, reader.written()),
-            GatherPoll::Interrupted => (GatherPhase::Interrupted, reader.written()),
+            GatherPoll::Ended => (GatherPhase::Ended, None),
+            GatherPoll::Redefined { .. } => (GatherPhase::Redefined, None),
+            GatherPoll::Interrupted => (GatherPhase::Interrupted, None),
         };
+        self.publish(phase, first, publisher);
+        self.next_poll = now;
+        if phase != GatherPhase::Running {
+            self.forget(publisher);
+        }
+        Ok(())
+    }
+
+    /// Publishes what the last poll took, from sample `first` on, or the end.
+    fn publish(&mut self, phase: GatherPhase, first: Option<u64>, publisher: &mut Publisher) {
+        let Some(reader) = &self.reader else { return };
         let chunk = GatherChunk {
             gather: self.number,
             phase,
-            first,
+            first: first.unwrap_or(reader.written()),
             lost: reader.lost(),
             sample_longs: reader.sample_longs(),
             longs: if phase == GatherPhase::Running { reader.longs() } else { &[] },
         };
         let words = chunk.encode(&mut self.payload);
-        let stamp = Stamp { time_ns, servo_timer: 0, valid: true };
+        let stamp = Stamp { time_ns: self.time.ns(), servo_timer: 0, valid: true };
         publisher.publish(RegionId::Gather, stamp, &self.payload[..words]);
-        self.next_poll = now;
-        if phase != GatherPhase::Running {
-            self.reset(publisher);
-        }
-        Ok(())
     }
 }
 

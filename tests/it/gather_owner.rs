@@ -1,5 +1,7 @@
 //! A gather has one owner, and the daemon carries out its end, whoever dies.
 
+use std::io::Write;
+use std::os::unix::net::UnixStream;
 use std::process::{Child, Output, Stdio};
 use std::time::Duration;
 
@@ -98,13 +100,17 @@ fn b1_3_a_silent_gather_ends() {
 }
 
 #[test]
-fn b1_1_a_reset_ends_the_gather_and_is_not_undone() {
+fn b1_7_a_reset_ends_the_gather_and_is_not_undone() {
     let site = running();
     let gather = gathering(&site, &["--seconds", "60"]);
     site.control("reset");
+    // Its port is gone for 2 s.
+    site.run_for(Duration::from_millis(4500));
+    assert!(site.log().contains(": the board was reset, which ended the gather"), "{}", site.log());
     let ran = ended(&site, gather);
     let said = String::from_utf8_lossy(&ran.stderr).into_owned();
-    assert!(ran.status.code() == Some(1) && !said.is_empty(), "{ran:?}");
+    assert!(ran.status.code() == Some(1) && said.contains("the board was reset"), "{ran:?}");
+    assert!(said.contains(" samples came") && !said.contains("gathers nothing"), "{said}");
     site.wait_until("a board that takes commands", || site.run(&["gather", "--stop"]).code == Some(0));
     let log = site.log();
     assert!(!log.contains("(gather) sends \"ENDGATHER\""), "it would end the servo report: {log}");
@@ -192,4 +198,39 @@ fn b1_3_a_period_that_the_board_cannot_hold_is_refused_before_anything_is_sent()
         assert!(error_name(&start(period)).ends_with("InvalidParameter"), "{period}");
     }
     assert_as_before(&site);
+}
+
+#[test]
+fn b1_9_a_gather_that_another_host_ends_says_so() {
+    let site = running();
+    let gather = gathering(&site, &["--seconds", "60"]);
+    UnixStream::connect(site.path("serial")).unwrap().write_all(b"ENDGATHER\r").unwrap();
+    site.run_for(Duration::from_secs(1));
+    assert!(site.log().contains("failed: the board gathers no more"), "{}", site.log());
+    let ran = ended(&site, gather);
+    let said = String::from_utf8_lossy(&ran.stderr).into_owned();
+    assert!(ran.status.code() == Some(1) && said.contains("the board gathers no more"), "{ran:?}");
+    assert!(said.contains("samples came"), "{said}");
+    assert_as_before(&site);
+}
+
+#[test]
+fn b1_3_i19_is_put_back_when_a_buffer_that_was_open_over_the_end_is_closed() {
+    let site = running();
+    let mut gather = gathering(&site, &[]);
+    site.ask("OPEN PROG 7 CLEAR");
+    site.ask("X1");
+    gather.kill().unwrap();
+    gather.wait().unwrap();
+    site.run_for(Duration::from_secs(20));
+    let owed = "sets I19 to 1 again, when the open program buffer is closed";
+    let status: serde_json::Value = serde_json::from_str(&site.run(&["status", "--json"]).stdout).unwrap();
+    assert!(status["socket"]["unfinished"][0].as_str().unwrap().contains(owed), "{status}");
+    assert!(site.run(&["status"]).stdout.contains(owed));
+    let ran = site.run(&["gather", "--source", "servo_timer", "--seconds", "0.2", "-o", "-"]);
+    assert!(ran.code == Some(1) && ran.stderr.contains(owed), "{ran:?}");
+    site.ask("CLOSE");
+    assert_as_before(&site);
+    assert!(!site.run(&["status"]).stdout.contains("unfinished"));
+    assert_eq!(site.ask("LIST PROG 7"), ["X1"], "nothing entered the program");
 }

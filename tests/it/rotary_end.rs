@@ -1,5 +1,7 @@
 //! What a rotary stream finds in the board's buffers, and what its end leaves there, whatever the end is.
 
+use std::io::Write;
+use std::os::unix::net::UnixStream;
 use std::process::{Child, Output, Stdio};
 use std::time::Duration;
 
@@ -32,7 +34,12 @@ fn running() -> VirtualSite {
 
 /// Begins to stream a program of 2000 moves by one count each, and waits until it runs.
 fn long_stream(site: &VirtualSite) -> Child {
-    let file = site.file("long.pmc", &("LINEAR INC TM20\n".to_owned() + &"X1\n".repeat(2000)));
+    stream_of(site, &("LINEAR INC TM20\n".to_owned() + &"X1\n".repeat(2000)))
+}
+
+/// Begins to stream `program`, which has many moves, and waits until it runs.
+fn stream_of(site: &VirtualSite, program: &str) -> Child {
+    let file = site.file("long.pmc", program);
     let child = site
         .command(&["rotary", "stream", &file, "--define", "100", "--size", "40", "--run"])
         .stdout(Stdio::null())
@@ -176,4 +183,59 @@ fn b1_1_a_daemon_that_stops_ends_the_program_of_a_stream() {
     site.start_daemon(&[]);
     site.wait_until("a board that takes commands", || site.pmacctl(&["send", "I58"]).0 == 0);
     assert_ended(&site);
+}
+
+#[test]
+fn b1_1_a_stream_whose_buffer_somebody_closes_ends_within_a_second_and_says_why() {
+    for is_serial in [false, true] {
+        let site = running();
+        let child = long_stream(&site);
+        if is_serial {
+            UnixStream::connect(site.path("serial")).unwrap().write_all(b"CLOSE\r").unwrap();
+        } else {
+            site.ask("CLOSE");
+        }
+        site.run_for(Duration::from_secs(1));
+        assert!(site.log().contains("(rotary stream) sends \"I57=0\""), "{}", site.log());
+        let ran = ended(&site, child);
+        let stderr = String::from_utf8_lossy(&ran.stderr).into_owned();
+        assert_eq!(ran.status.code(), Some(1), "{stderr}");
+        assert!(
+            stderr.contains("the rotary buffers are closed") && stderr.contains("sent CLOSE"),
+            "{stderr}"
+        );
+        assert!(stderr.contains("long.pmc:") && stderr.contains("lines were sent"), "{stderr}");
+        assert_ended(&site);
+    }
+}
+
+#[test]
+fn b1_1_an_abort_of_its_coordinate_system_ends_a_stream_whose_program_may_stand() {
+    let site = running();
+    let child = stream_of(&site, &("LINEAR INC TM20\n".to_owned() + &"X1\n".repeat(2000) + "STOP\n"));
+    assert_eq!(site.pmacctl(&["abort", "2"]).0, 0);
+    site.run_for(Duration::from_secs(1));
+    assert!(runs(&site), "that was another one");
+    assert_eq!(site.pmacctl(&["abort", "1"]).0, 0);
+    let ran = ended(&site, child);
+    let stderr = String::from_utf8_lossy(&ran.stderr).into_owned();
+    assert!(ran.status.code() == Some(1) && stderr.contains("aborted its coordinate system"), "{stderr}");
+    assert_ended(&site);
+}
+
+#[test]
+fn b1_7_a_stream_notices_that_the_board_was_reset() {
+    let site = running();
+    let child = long_stream(&site);
+    site.control("reset");
+    let ran = ended(&site, child);
+    let stderr = String::from_utf8_lossy(&ran.stderr).into_owned();
+    assert_eq!(ran.status.code(), Some(1), "{stderr}");
+    let said = stderr
+        .lines()
+        .find(|line| line.contains("the board was reset"))
+        .unwrap_or_else(|| panic!("{stderr}"));
+    let line: u64 =
+        said.split("long.pmc:").nth(1).and_then(|rest| rest.split(':').next()).unwrap().parse().unwrap();
+    assert!((100..2000).contains(&line) && said.contains("lines were sent"), "{said}");
 }

@@ -27,7 +27,7 @@ const LOOK: Duration = Duration::from_millis(5);
 /// Beyond two periods, report a board without samples after this time.
 const SILENCE: Duration = Duration::from_secs(5);
 /// How often to tell the daemon that somebody still follows.
-const RENEWAL: Duration = Duration::from_secs(1);
+const RENEWAL: Duration = Duration::from_millis(500);
 /// Period of the progress display.
 const PROGRESS: Duration = Duration::from_millis(200);
 
@@ -133,16 +133,30 @@ fn gather(context: &mut Context, options: &Gather, output: &Path) -> Result<Verd
         out.discard();
         return Err(error.into());
     }
-    let mut gather =
-        Run { follower, plan: &plan, clock, silence, out, gather: None, next: 0, samples: 0, ended: None };
+    let mut gather = Run {
+        follower,
+        plan: &plan,
+        clock,
+        silence,
+        out,
+        gather: None,
+        next: 0,
+        samples: 0,
+        is_silent: false,
+        ended: None,
+    };
     let mut outcome = gather.until(&board, &mut connection, options.seconds, &stop);
     // In any case: nobody else can gather before.
     let stopped = connection.gather_stop(None);
-    if outcome.is_ok() && stopped.is_ok() && gather.ended.is_none() {
+    if gather.is_silent && trouble(&stopped).is_none() {
+        let seconds = gather.silence.as_secs_f64();
+        let text = format!("the board gathers nothing: no sample for {seconds:.0} s");
+        outcome = Err(Failure::Refused(text));
+    } else if outcome.is_ok() && stopped.is_ok() && gather.ended.is_none() && !gather.is_silent {
         outcome = gather.rest(&board, options.seconds);
     }
     let (samples, next, ended) = (gather.samples, gather.next, gather.ended);
-    if samples == 0 && outcome.is_err() {
+    if samples == 0 && (outcome.is_err() || gather.is_silent) {
         gather.out.discard();
     } else {
         let finished = gather.out.finish();
@@ -186,17 +200,19 @@ fn gather(context: &mut Context, options: &Gather, output: &Path) -> Result<Verd
             context.output.line(summary)?;
         }
     }
-    match ended {
-        Some(GatherPhase::Redefined) => Err(Failure::Refused(
-            "the buffer was defined again, or the board was reset; earlier samples are kept".to_owned(),
-        )),
-        Some(GatherPhase::Interrupted) => Err(Failure::Refused(
-            "gathering paused for an unknown number of samples; earlier samples are kept".to_owned(),
-        )),
-        _ => match trouble(&stopped).or(less) {
-            Some(trouble) => Err(Failure::Refused(trouble)),
-            None => Ok(Verdict::Yes),
-        },
+    // The daemon knows best why a gather has ended.
+    let why = trouble(&stopped).or_else(|| why_ended(ended).map(str::to_owned));
+    let so_far = if why.is_some() { Some(format!("{next} samples came, which are kept")) } else { None };
+    let said: Vec<String> = why.into_iter().chain(less.or(so_far)).collect();
+    if said.is_empty() { Ok(Verdict::Yes) } else { Err(Failure::Refused(said.join("; "))) }
+}
+
+/// Why there are no samples after the last one, if the board was to go on.
+fn why_ended(phase: Option<GatherPhase>) -> Option<&'static str> {
+    match phase {
+        Some(GatherPhase::Redefined) => Some("the buffer was defined again, or the board was reset"),
+        Some(GatherPhase::Interrupted) => Some("gathering paused for an unknown number of samples"),
+        Some(GatherPhase::Running | GatherPhase::Ended) | None => None,
     }
 }
 
@@ -246,6 +262,8 @@ struct Run<'a> {
     next: u64,
     /// Samples written.
     samples: u64,
+    /// No samples come.
+    is_silent: bool,
     ended: Option<GatherPhase>,
 }
 
@@ -278,10 +296,8 @@ impl Run<'_> {
             if self.take(board, wanted)? {
                 last_news = Instant::now();
             } else if last_news.elapsed() > self.silence {
-                let seconds = self.silence.as_secs_f64();
-                return Err(Failure::Refused(format!(
-                    "the board gathers nothing: no sample for {seconds:.0} s"
-                )));
+                self.is_silent = true;
+                break;
             } else {
                 std::thread::sleep(LOOK);
             }

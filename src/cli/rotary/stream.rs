@@ -256,9 +256,9 @@ impl Streaming<'_> {
             Err(Failure::Refused(reason) | Failure::Request(reason)) => Some(reason),
             Err(other) => return Err(other),
         };
-        let ended = feed.stop().and_then(|stop| Ok((stop, self.board.rotary_state(self.options.buffer)?)));
-        let (stop, state) = match (ended, reason.clone()) {
-            (Ok(ended), _) => ended,
+        let (stop, state) = match (feed.stop(), reason.clone()) {
+            // After a reset nothing is known of the buffer any more.
+            (Ok(stop), _) => (stop, self.board.rotary_state(self.options.buffer).unwrap_or_default()),
             (Err(error), None) => return Err(error.into()),
             (Err(error), Some(reason)) => {
                 let text = format!("{reason}; what is left in the buffers is not known ({error})");
@@ -294,9 +294,7 @@ impl Streaming<'_> {
                     "; {lines} are left in &{cs}'s rotary buffer: give the next stream --clear or --continue"
                 );
             }
-            None => {
-                text += &format!("; the board could not be asked how many are left in &{cs}'s rotary buffer")
-            }
+            None => text += &format!("; how many are left in &{cs}'s rotary buffer is not known"),
         }
         if stop.quit {
             text += &format!("; the program has been ended (&{cs}Q)");

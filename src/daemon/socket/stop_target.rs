@@ -43,6 +43,14 @@ impl Target {
         (mask != 0).then(|| Text::of(&line))
     }
 
+    /// The coordinate systems that it aborts, bit 0 being number 1.
+    pub(super) const fn aborted(self) -> u32 {
+        match self {
+            Self::Systems(systems, 'A') => systems,
+            Self::Systems(..) | Self::Motors(_) => 0,
+        }
+    }
+
     /// Its motors, bit 0 being motor 1.
     pub(super) const fn motors(self) -> u32 {
         match self {

@@ -1,6 +1,6 @@
 //! The ends of gathers and streams, cut at every step: whatever ends them, and whenever, the board is left as it should be.
 
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use nix::unistd::{Gid, Uid};
 
@@ -10,12 +10,13 @@ use crate::map::PMAC;
 use crate::protocol::{BoardInfo, BoardSettings, calls};
 
 const OWNER: Peer = Peer { uid: Uid::from_raw(1000), gid: Gid::from_raw(1000), pid: 7 };
-const ENDINGS: [Ending; 5] = [
+const ENDINGS: [Ending; 6] = [
     Ending::OwnerGone,
     Ending::OwnerSilent,
     Ending::Stopping,
     Ending::EndedBy(OWNER),
     Ending::AllStopped(OWNER, 1),
+    Ending::Aborted(OWNER),
 ];
 /// More steps than any sequence here takes until its owner has nothing more to say.
 const STEPS: usize = 40;
@@ -33,6 +34,7 @@ struct Board {
     runs: bool,
     left: u64,
     ahead: u64,
+    resets: u64,
 }
 
 impl Board {
@@ -48,7 +50,13 @@ impl Board {
             runs: false,
             left: 0,
             ahead: 3,
+            resets: 0,
         }
+    }
+
+    /// What a reset leaves: nothing gathers, nothing is open, nothing runs, and I19 is as it was saved.
+    fn reset(&mut self) {
+        *self = Self { reports: self.reports, resets: self.resets + 1, ..Self::new(self.reports, false) };
     }
 
     fn line(&mut self, line: &str) -> Option<String> {
@@ -56,7 +64,10 @@ impl Board {
         match line {
             "I48" => return Some(u8::from(self.reports).to_string()),
             "I19" => return Some(self.period.clone()),
-            "???" => return Some(if self.gathers { "080000000000" } else { "000000000000" }.to_owned()),
+            "???" => {
+                let (first, second) = (u32::from(self.gathers) << 19, u32::from(self.open) << 18);
+                return Some(format!("{first:06X}{second:06X}"));
+            }
             "GATHER" if self.reports && !self.report_runs => self.report_runs = true,
             "GATHER" => self.gathers = true,
             "ENDGATHER" if self.gathers => self.gathers = false,
@@ -82,10 +93,15 @@ impl Board {
     /// Does a step as `outcome` says: what is not known to be undone is done.
     fn take(&mut self, step: &Step, outcome: Outcome) -> Done {
         let is_done = !is_unsent(outcome);
+        let reported = Reported {
+            program_buffer: self.report_runs.then_some(self.open),
+            gathers: self.report_runs.then_some(self.gathers),
+        };
+        let (result, words) = (Ok(Vec::new()), Vec::new());
         let mut done =
-            Done { outcome, result: Ok(Vec::new()), resets: 0, doubts: 0, rotary: None, words: Vec::new() };
+            Done { outcome, result, resets: self.resets, doubts: 0, rotary: None, words, reported };
         match step {
-            Step::Line { line, .. } if is_done => {
+            Step::Line { line, .. } | Step::Ask { line, .. } if is_done => {
                 done.result = Ok(self.line(line).into_iter().collect());
             }
             Step::Control { .. } => {
@@ -137,7 +153,7 @@ fn drive(
             Step::Over(reply) => return reply,
             Step::Wait(moment) => now = moment,
             Step::Answer(_) => steps = if machine.watches() { steps } else { cut },
-            Step::Tell(_) => {}
+            Step::Tell(_) | Step::AnswerEnd(_) => {}
             step => {
                 let outcome = if steps == fails { outcome } else { Outcome::Done };
                 done = Some(board.take(&step, outcome));
@@ -240,26 +256,80 @@ fn b1_5_lines_that_are_left_are_refused_with_their_number() {
     assert_eq!(Board { timer: before.timer, ..board }, before, "nothing was changed");
 }
 
-#[test]
-fn b1_5_a_stream_notices_that_its_program_does_not_run_any_more() {
-    let (mut machine, mut board) = (stream(None), Board::new(true, true));
-    let (mut now, mut done) = (Instant::now(), None);
+/// Drives `machine` until it rests for the `count`th time while the board gathers or is fed. Has `happens` happen then, and gives
+/// what is said in the end, and how long that took.
+fn disturbed(
+    machine: &mut dyn Sequence,
+    board: &mut Board,
+    count: usize,
+    happens: impl Fn(&mut Board),
+) -> (String, Duration) {
+    let (mut now, mut done, mut rests) = (Instant::now(), None, 0);
+    let mut since = now;
     for _ in 0..20 * STEPS {
         match machine.next(done.take(), now) {
-            Step::Over(reply) => {
-                let said = format!("{reply:?}");
-                assert!(said.contains("does not run its rotary program any more"), "{said}");
-                assert!(!board.open && !board.transfer);
-                return;
-            }
+            Step::Over(reply) => return (format!("{reply:?}"), now - since),
             Step::Wait(moment) => {
                 now = moment;
-                // Somebody on another host.
-                board.runs = false;
+                rests += usize::from(board.gathers || board.open);
+                if rests == count {
+                    rests += 1;
+                    happens(board);
+                    since = now;
+                }
             }
-            Step::Answer(_) | Step::Tell(_) => {}
+            Step::Answer(_) | Step::Tell(_) | Step::AnswerEnd(_) => {}
             step => done = Some(board.take(&step, Outcome::Done)),
         }
     }
-    panic!("it goes on feeding: {machine:?}");
+    panic!("it goes on: {machine:?}");
+}
+
+const SOON: Duration = Duration::from_secs(1);
+
+#[test]
+fn b1_5_a_stream_notices_that_its_program_does_not_run_any_more() {
+    let mut board = Board::new(true, true);
+    // Somebody on another host.
+    let (said, took) = disturbed(&mut stream(None), &mut board, 2, |board| board.runs = false);
+    assert!(said.contains("does not run its rotary program any more") && took <= SOON, "{took:?} {said}");
+    assert!(!board.open && !board.transfer);
+}
+
+#[test]
+fn b1_1_a_stream_notices_within_a_second_that_somebody_closed_its_buffer() {
+    // Told by the report, and asked for where none comes.
+    for report_runs in [true, false] {
+        let mut board = Board::new(true, report_runs);
+        let (said, took) = disturbed(&mut stream(None), &mut board, 4, |board| board.open = false);
+        assert!(said.contains("somebody sent CLOSE") && took <= 2 * SOON, "{took:?} {said}");
+        assert!(!board.runs && !board.transfer);
+    }
+}
+
+#[test]
+fn b1_7_a_gather_notices_that_the_board_was_reset_or_gathers_no_more() {
+    for (reports, report_runs) in [(true, true), (true, false), (false, false)] {
+        let mut board = Board::new(reports, report_runs);
+        let (said, took) = disturbed(&mut gather(), &mut board, 3, Board::reset);
+        assert!(
+            said.contains("the board was reset, which ended the gather") && took <= SOON,
+            "{took:?} {said}"
+        );
+        let mut board = Board::new(reports, report_runs);
+        let (said, took) = disturbed(&mut gather(), &mut board, 3, |board| board.gathers = false);
+        assert!(said.contains("the board gathers no more") && took <= SOON, "{took:?} {said}");
+        assert_eq!(board.period, "1");
+    }
+}
+
+#[test]
+fn b1_3_a_report_that_comes_too_seldom_is_not_waited_for() {
+    let mut board = Board { period: "8000000".to_owned(), ..Board::new(true, true) };
+    let before = board.clone();
+    let ends = (STEPS, Ending::OwnerGone);
+    let reply = drive(&mut gather(), &mut board, ends, (usize::MAX, Outcome::Done));
+    let Err(CallError::Refused { reason }) = reply else { panic!("{reply:?}") };
+    assert!(reason.contains("once in 3541 s") && reason.contains("I19 is 8000000"), "{reason}");
+    assert_eq!(board, before, "nothing was sent");
 }

@@ -4,26 +4,27 @@
 //! manual p. 14). So the number of `GATHER`s depends on whether the report runs, which its timer shows, and `ENDGATHER` is
 //! sent only where the board says that it gathers: sent once too often it ends everybody's servo data.
 //! The period of gathering (I19) is the servo report's as well. It is put back, unless somebody has set another one
-//! meanwhile, or a reset has.
+//! meanwhile, or a reset has. While somebody has a program buffer open the line would enter that: it is sent when the buffer is
+//! closed, however long that takes, and nobody waits for it.
+//!
+//! While it gathers, the servo report tells whether the board still does. Where no report tells, the board is asked.
+
+mod call;
+mod end;
 
 use std::time::{Duration, Instant};
 
-use log::warn;
-
+pub use self::call::GatherCall;
+use self::end::{ENDED_EARLY, WAS_RESET};
 use super::report_watch::{ReportWatch, Seen};
-use super::{Done, END_STEP, Ending, Resource, Sequence, SequenceCall, Step, is_unsent, line};
-use crate::daemon::shared::info::Info;
+use super::{Done, END_STEP, Ending, Resource, Sequence, SequenceCall, Step, ask, is_unsent, line};
 use crate::daemon::shared::job::Job;
-use crate::daemon::shared::queue::Outcome;
-use crate::daemon::socket::jobs::inside;
 use crate::daemon::socket::policy::Peer;
-use crate::function::gather::GatherBuffer;
-use crate::gather::{GatherMode, MOST_PERIOD, gather_lines};
+use crate::gather::GatherMode;
+use crate::map::Family;
 use crate::map::status::reply_has;
-use crate::map::{Family, GatherPlace, PmacRegister};
 use crate::mirror::GatherClock;
-use crate::protocol::board::GatherStopReply;
-use crate::protocol::{CallError, Function, Reply, answer, calls};
+use crate::protocol::{CallError, Reply, answer};
 
 /// How long the board may take for a line, and the daemon for a job.
 const STEP: Duration = Duration::from_secs(5);
@@ -31,78 +32,19 @@ const STEP: Duration = Duration::from_secs(5);
 const REPORT_PAUSE: Duration = Duration::from_secs(1);
 /// How long the first `GATHER` may take to start the report, beyond two periods.
 const REPORT_START: Duration = Duration::from_secs(5);
-/// How long an end tries what is known not to have been sent, and how often.
-const END_PATIENCE: Duration = Duration::from_secs(10);
-const AGAIN: Duration = Duration::from_millis(250);
-
-/// A gather as it was called for.
-#[derive(Debug)]
-pub struct GatherCall {
-    family: &'static Family,
-    buffer: GatherBuffer,
-    /// The lines up to `DEFINE GATHER`.
-    lines: Vec<String>,
-    servo_period_ns: Option<u64>,
-    /// Whether the servo report is used.
-    uses_report: bool,
-}
-
-impl GatherCall {
-    /// What `call` asks for.
-    ///
-    /// # Errors
-    /// What is wrong with it.
-    pub(in crate::daemon::socket) fn of(call: calls::GatherStart, info: &Info) -> Result<Self, CallError> {
-        let calls::GatherStart { registers, size_longs, period, wrap, servo_period_ns, .. } = call;
-        let family = info.family();
-        let place = GatherPlace {
-            buffer: inside(call.buffer, 1, "buffer", family)?,
-            size: inside(call.size_word, 1, "size_word", family)?,
-            index: inside(call.index_word, 1, "index_word", family)?,
-        };
-        let most = family.i.most_gather_sources();
-        if !(1..=most).contains(&registers.len()) {
-            return Err(CallError::invalid(
-                "registers",
-                format_args!("1 to {most}, not {}", registers.len()),
-            ));
-        }
-        let registers = registers.iter().map(|text| PmacRegister::parse(text, family));
-        let registers: Vec<PmacRegister> =
-            registers.collect::<Result<_, _>>().map_err(|reason| CallError::invalid("registers", reason))?;
-        // A longer one does not fit the variable: the board would make another period of it, or 0, which ends the report.
-        if !(1..=MOST_PERIOD).contains(&period) {
-            return Err(CallError::invalid("period", format_args!("1 to {MOST_PERIOD} servo cycles")));
-        }
-        if servo_period_ns == Some(0) {
-            return Err(CallError::invalid("servo_period_ns", "a servo cycle in nanoseconds"));
-        }
-        let mode = if wrap.unwrap_or(true) { GatherMode::Wrap } else { GatherMode::Stop };
-        let readings = info.settings().readings;
-        let codes: Vec<u32> = registers.iter().map(|register| register.gather_code()).collect();
-        Ok(Self {
-            lines: gather_lines(&family.i, &codes, period, mode, size_longs),
-            buffer: GatherBuffer {
-                place,
-                room_longs: (family.length - place.buffer.bytes()) / 4,
-                size_longs,
-                sample_longs: registers.iter().map(|register| register.longs()).sum(),
-                longest_sample: family.i.longest_gather_sample(),
-                mode,
-                period,
-                size_word: readings.gather_size_word,
-                index: readings.gather_index,
-            },
-            servo_period_ns,
-            uses_report: info.settings().functions.has(Function::Servo),
-            family,
-        })
-    }
-}
+/// The longest time that two periods of the report may take: a report that comes seldom cannot be waited for.
+const LONGEST_REPORT: Duration = Duration::from_secs(30);
+/// How often to look whether the board still gathers, and whether it was reset.
+const LOOK: Duration = Duration::from_millis(500);
+/// How long the board may take to say that it gathers. One that is reset meanwhile answers nothing for a while.
+const ASKING: Duration = Duration::from_secs(1);
+const CHECK_EVERY: Duration = Duration::from_secs(60);
 
 /// How far it is: what is asked of the board, or waited for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Phase {
+    /// The first check for resets.
+    FirstCheck,
     AskReport,
     AskPeriod,
     AskGathers,
@@ -118,8 +60,20 @@ enum Phase {
     /// The `GATHER` that starts gathering.
     Start,
     Gathering,
+    /// What the report tells of it.
+    Look,
+    /// No report tells: the board does.
+    AskStill,
+    /// Whether the board has been reset, by the way or because it gathers no more.
+    Check {
+        stopped: bool,
+    },
+    /// The buffer is full, as it was asked for.
+    Full,
     /// The end: whether it still gathers.
     AskWhetherToEnd,
+    /// It gathers no more, and nobody has said why: whether it was reset.
+    CheckAtEnd,
     EndGather,
     EndFollow,
     AskPeriodAgain,
@@ -154,6 +108,11 @@ pub(in crate::daemon::socket) struct Gather {
     followed: bool,
     /// Its owner has heard that it gathers.
     started: bool,
+    /// The report has told that it gathers.
+    was_seen: bool,
+    /// The resets that the first check told of, and when the next one is due.
+    resets: Option<u64>,
+    check_due: Option<Instant>,
     /// `ENDGATHER` was sent.
     ended: bool,
     stop_asked: bool,
@@ -163,12 +122,15 @@ pub(in crate::daemon::socket) struct Gather {
     /// When to go on with an end that cannot be carried out now, and when to give it up.
     rest: Option<Instant>,
     give_up: Option<Instant>,
+    /// An open program buffer keeps the end back; its owner has heard so.
+    is_kept_back: bool,
+    is_told: bool,
 }
 
 impl Gather {
     /// Begins a gather of `owner`.
     pub(in crate::daemon::socket) fn new(call: GatherCall, owner: Peer) -> Self {
-        Self::at(Phase::AskReport, call.family, owner, Some(call))
+        Self::at(Phase::FirstCheck, call.family, owner, Some(call))
     }
 
     /// Ends what the board gathers, whoever began it: `owner` asks for that.
@@ -190,6 +152,9 @@ impl Gather {
             begun: Begun::Nothing,
             followed: false,
             started: false,
+            was_seen: false,
+            resets: None,
+            check_due: None,
             ended: false,
             stop_asked: false,
             ending: None,
@@ -197,6 +162,8 @@ impl Gather {
             notes: Vec::new(),
             rest: None,
             give_up: None,
+            is_kept_back: false,
+            is_told: false,
         }
     }
 
@@ -208,6 +175,12 @@ impl Gather {
         let i = &self.family.i;
         let unsent = is_unsent(done.outcome);
         match self.phase {
+            Phase::FirstCheck => {
+                // Of a board that cannot be asked now, a later reset cannot be known from an earlier one.
+                self.resets = done.result.is_ok().then_some(done.resets);
+                self.check_due = Some(now + CHECK_EVERY);
+                self.phase = Phase::AskReport;
+            }
             Phase::AskReport => {
                 self.reports = first(&done.result?) == "1";
                 if self.reports && self.call.as_ref().is_some_and(|call| !call.uses_report) {
@@ -222,6 +195,7 @@ impl Gather {
             }
             Phase::AskPeriod => {
                 self.period = Some(first(&done.result?).to_owned());
+                self.check_report_is_frequent()?;
                 self.phase = Phase::AskGathers;
             }
             Phase::AskGathers => {
@@ -235,7 +209,7 @@ impl Gather {
                 self.phase = if self.reports { Phase::SeeReport(watch) } else { Phase::Prepare(0) };
             }
             Phase::SeeReport(mut watch) => match watch.see(&done, now) {
-                Seen::Nothing => self.rest_on(Phase::SeeReport(watch), now),
+                Seen::Nothing => self.rest_on(Phase::SeeReport(watch), now + ReportWatch::LOOK),
                 seen => {
                     self.report_runs = seen == Seen::Runs;
                     self.phase = Phase::Prepare(0);
@@ -258,7 +232,7 @@ impl Gather {
                 self.phase = Phase::AwaitReport(ReportWatch::new(now + REPORT_START + self.two_periods()));
             }
             Phase::AwaitReport(mut watch) => match watch.see(&done, now) {
-                Seen::Nothing => self.rest_on(Phase::AwaitReport(watch), now),
+                Seen::Nothing => self.rest_on(Phase::AwaitReport(watch), now + ReportWatch::LOOK),
                 Seen::Runs => self.phase = Phase::Follow,
                 Seen::Stands => {
                     let reported =
@@ -281,73 +255,78 @@ impl Gather {
                 done.result?;
                 self.phase = Phase::Gathering;
             }
-            Phase::Gathering | Phase::Over => {}
+            Phase::Look => match done.reported.gathers {
+                Some(true) => {
+                    self.was_seen = true;
+                    self.goes_on(now);
+                }
+                Some(false) if self.was_seen => self.phase = Phase::Check { stopped: true },
+                // It may be a report from before GATHER.
+                Some(false) | None => self.phase = Phase::AskStill,
+            },
+            Phase::AskStill => match done.result {
+                Ok(lines) if !self.gathers(&lines) => self.phase = Phase::Check { stopped: true },
+                Ok(_) => self.goes_on(now),
+                // Nothing is known: it cannot be asked now.
+                Err(_) => self.rest_on(Phase::Look, now + LOOK),
+            },
+            Phase::Check { stopped } => {
+                self.check_due = Some(now + CHECK_EVERY);
+                if done.result.is_ok() && self.was_reset(done.resets) {
+                    return Err(refused(WAS_RESET));
+                }
+                match (stopped, self.call.as_ref().map(|call| call.buffer.mode)) {
+                    (false, _) => self.rest_on(Phase::Look, now + LOOK),
+                    (true, Some(GatherMode::Stop)) => self.phase = Phase::Full,
+                    (true, _) => {
+                        return Err(refused(ENDED_EARLY));
+                    }
+                }
+            }
+            Phase::Gathering | Phase::Full | Phase::Over => {}
             _ => self.take_of_end(done, now),
         }
         Ok(())
     }
 
-    /// Takes what became of a step of the end. What cannot be carried out is noted, and the end goes on.
-    fn take_of_end(&mut self, done: Done, now: Instant) {
-        let gather_period = self.family.i.gather_period;
-        let is_question = matches!(self.phase, Phase::AskWhetherToEnd | Phase::AskPeriodAgain);
-        let can_be_tried = is_unsent(done.outcome) || is_question && done.outcome == Outcome::TimedOut;
-        if can_be_tried && self.phase != Phase::EndFollow {
-            let give_up = *self.give_up.get_or_insert(now + END_PATIENCE);
-            if now < give_up && self.ending != Some(Ending::Stopping) {
-                self.rest = Some(now + AGAIN);
-                return;
-            }
-        }
-        let (phase, note) = match (self.phase, done.result) {
-            (Phase::AskWhetherToEnd, Ok(lines)) => match self.gathers(&lines) {
-                true => (Phase::EndGather, None),
-                false => (Phase::EndFollow, None),
-            },
-            (Phase::AskWhetherToEnd, Err(error)) => (
-                Phase::EndFollow,
-                Some(format!(
-                    "the board may still gather, it could not be asked ({error}); `pmacctl gather --stop` ends that"
-                )),
-            ),
-            (Phase::EndGather, Ok(_)) => {
-                self.ended = true;
-                (Phase::EndFollow, None)
-            }
-            (Phase::EndGather, Err(error)) => {
-                (Phase::EndFollow, Some(format!("ENDGATHER: {error}; the board may still gather")))
-            }
-            (Phase::EndFollow, _) => (Phase::AskPeriodAgain, None),
-            (Phase::AskPeriodAgain, Ok(lines)) => {
-                let found = first(&lines).to_owned();
-                let ours = self.call.as_ref().map(|call| call.buffer.period.to_string());
-                let is_other = self.period.as_ref().is_some_and(|old| *old != found);
-                if self.period_sent && is_other && Some(&found) == ours.as_ref() {
-                    (Phase::PutBack, None)
-                } else {
-                    let note =
-                        format!("I{gather_period} is {found}, which this gather did not set: it stays so");
-                    self.period = Some(found);
-                    (Phase::Over, (self.period_sent && is_other).then_some(note))
-                }
-            }
-            (Phase::PutBack, Ok(_)) => (Phase::Over, None),
-            (Phase::AskPeriodAgain | Phase::PutBack, Err(error)) => {
-                let old = self.period.as_deref().unwrap_or_default();
-                let note =
-                    format!("I{gather_period}={old}: {error}; I{gather_period} may not be {old} again");
-                (Phase::Over, self.period_sent.then_some(note))
-            }
-            (phase, _) => (phase, None),
-        };
+    /// Waits until then before the next look.
+    fn rest_on(&mut self, phase: Phase, until: Instant) {
         self.phase = phase;
-        self.notes.extend(note);
+        self.rest = Some(until);
     }
 
-    /// Waits a moment before the next look.
-    fn rest_on(&mut self, phase: Phase, now: Instant) {
-        self.phase = phase;
-        self.rest = Some(now + ReportWatch::LOOK);
+    /// The board gathers.
+    fn goes_on(&mut self, now: Instant) {
+        match self.check_due {
+            Some(due) if now >= due => self.phase = Phase::Check { stopped: false },
+            _ => self.rest_on(Phase::Look, now + LOOK),
+        }
+    }
+
+    /// Whether the board, of which so many `resets` are known, was reset since the check before.
+    fn was_reset(&mut self, resets: u64) -> bool {
+        self.resets.replace(resets).is_some_and(|before| before != resets)
+    }
+
+    /// Whether the report comes so often that it can be waited for.
+    ///
+    /// # Errors
+    /// It does not.
+    fn check_report_is_frequent(&self) -> Result<(), CallError> {
+        let two = self.two_periods();
+        if !self.reports || two <= LONGEST_REPORT {
+            return Ok(());
+        }
+        let (i, found) = (&self.family.i, self.period.as_deref().unwrap_or_default());
+        let ours = self.call.as_ref().map_or(0, |call| call.buffer.period);
+        Err(refused(format!(
+            "the servo report would come once in {} s (I{} is {found}, this gather takes {ours}), and pmacd waits at most {} s to see              it: gather more often, set a smaller I{}, or switch the report off (I{}=0); nothing was sent",
+            two.as_secs() / 2,
+            i.gather_period,
+            LONGEST_REPORT.as_secs() / 2,
+            i.gather_period,
+            i.servo_enable
+        )))
     }
 
     /// Two periods of the report: one may just have begun.
@@ -394,9 +373,13 @@ impl Gather {
         let i = &self.family.i;
         let timeout = if self.phase_is_of_end() { END_STEP } else { STEP };
         Ok(match self.phase {
+            Phase::FirstCheck | Phase::Check { .. } | Phase::CheckAtEnd => Step::Check,
             Phase::AskReport => line(format_args!("I{}", i.servo_enable), timeout),
-            Phase::AskPeriod | Phase::AskPeriodAgain => line(format_args!("I{}", i.gather_period), timeout),
-            Phase::AskGathers | Phase::AskWhetherToEnd => line("???", timeout),
+            Phase::AskPeriod => line(format_args!("I{}", i.gather_period), timeout),
+            Phase::AskPeriodAgain => ask(format_args!("I{}", i.gather_period), timeout),
+            Phase::AskGathers => line("???", timeout),
+            Phase::AskStill => ask("???", ASKING),
+            Phase::AskWhetherToEnd => ask("???", timeout),
             Phase::SeeReport(_) | Phase::AwaitReport(_) => ReportWatch::look(self.family, timeout),
             Phase::Prepare(index) => {
                 self.clock()?;
@@ -410,10 +393,15 @@ impl Gather {
                 let Some(call) = &self.call else { return Err(CallError::Busy) };
                 Step::Job { job: Box::new(Job::GatherBegin { buffer: call.buffer, clock }), timeout }
             }
-            Phase::Gathering => {
+            Phase::Gathering if !self.started => {
                 self.started = true;
                 Step::Answer(Ok(Reply::done()))
             }
+            Phase::Gathering | Phase::Look => {
+                self.phase = Phase::Look;
+                ReportWatch::look(self.family, timeout)
+            }
+            Phase::Full => Step::Answer(Ok(Reply::done())),
             Phase::EndGather => line("ENDGATHER", timeout),
             Phase::EndFollow => Step::Job { job: Box::new(Job::GatherEnd), timeout },
             Phase::PutBack => {
@@ -422,46 +410,6 @@ impl Gather {
             }
             Phase::Over => Step::Over(self.result()),
         })
-    }
-
-    fn phase_is_of_end(&self) -> bool {
-        use Phase::{AskPeriodAgain, AskWhetherToEnd, EndFollow, EndGather, Over, PutBack};
-        matches!(self.phase, AskWhetherToEnd | EndGather | EndFollow | AskPeriodAgain | PutBack | Over)
-    }
-
-    /// The first phase of the end.
-    fn first_of_end(&self) -> Phase {
-        match self.begun {
-            // What was started last is the report, by this gather: that is undone.
-            Begun::Report => Phase::EndGather,
-            // A full buffer ends its gather, and so may somebody else: what ENDGATHER would end then is the servo report.
-            Begun::Gathering => Phase::AskWhetherToEnd,
-            Begun::Nothing if self.period_sent => Phase::AskPeriodAgain,
-            Begun::Nothing => Phase::Over,
-        }
-    }
-
-    fn result(&mut self) -> Result<Reply, CallError> {
-        let notes = std::mem::take(&mut self.notes);
-        notes.iter().for_each(|note| warn!("the end of a gather: {note}"));
-        match self.failure.take() {
-            Some(CallError::Refused { reason }) if !notes.is_empty() => {
-                Err(refused(format!("{reason}; {}", notes.join("; "))))
-            }
-            Some(error) => Err(error),
-            None if self.call.is_some() && !self.started => {
-                let why = self.ending.map_or_else(String::new, |why| why.to_string());
-                Err(refused(format!("the gather was ended before it began: {why}")))
-            }
-            None => Reply::with(&GatherStopReply {
-                gathered: self.call.is_some() || self.ended,
-                uid: self.owner.uid.as_raw(),
-                pid: self.owner.pid,
-                reason: self.ending.map(|why| why.to_string()),
-                period: self.period.clone(),
-                notes,
-            }),
-        }
     }
 }
 
@@ -487,14 +435,26 @@ impl Sequence for Gather {
             if self.phase == Phase::EndFollow && !self.followed {
                 self.phase = Phase::AskPeriodAgain;
             }
-            if let Some(rest) = self.rest.take_if(|rest| *rest > now) {
-                return Step::Wait(rest);
+            if self.is_kept_back && !std::mem::replace(&mut self.is_told, true) {
+                return Step::AnswerEnd(self.result());
+            }
+            match self.rest {
+                Some(rest) if rest > now => return Step::Wait(rest),
+                _ => self.rest = None,
             }
             match self.step() {
                 Ok(step) => return step,
                 Err(error) => taken = Err(error),
             }
         }
+    }
+
+    fn watches(&self) -> bool {
+        self.phase != Phase::Full
+    }
+
+    fn owes(&self) -> Option<String> {
+        self.owed()
     }
 
     fn asked(&mut self, call: SequenceCall, _: Instant) -> Result<(), CallError> {

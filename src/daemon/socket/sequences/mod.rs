@@ -37,6 +37,7 @@ pub use rotary::RotaryCall;
 pub(super) use table::{Sequences, Waits};
 
 use super::policy::Peer;
+use crate::daemon::shared::info::Reported;
 use crate::daemon::shared::job::Job;
 use crate::daemon::shared::queue::{LINE_MAX, Outcome, REASON_MAX, Text};
 use crate::function::rotary::RotaryState;
@@ -102,6 +103,13 @@ pub(super) enum Step {
         /// How long it may take.
         timeout: Duration,
     },
+    /// Ask the board something. Not sent while a program buffer is open, and not logged.
+    Ask {
+        /// The question.
+        line: Text<LINE_MAX>,
+        /// How long the board may take.
+        timeout: Duration,
+    },
     /// Find out whether the board has been reset since a check before. Not sent while a program buffer is open.
     Check,
     /// Nothing before this moment. An end, or a call of the owner, ends the waiting.
@@ -110,6 +118,8 @@ pub(super) enum Step {
     Tell(Reply),
     /// Answer the owner's call, and rest until it calls again or an end comes.
     Answer(Result<Reply, CallError>),
+    /// Answer the owner's call, and all who wait for the end: the end goes on without them.
+    AnswerEnd(Result<Reply, CallError>),
     /// It is over. Answers the owner's call, if one is under way.
     Over(Result<Reply, CallError>),
 }
@@ -129,6 +139,8 @@ pub(super) struct Done {
     pub rotary: Option<RotaryState>,
     /// The words of a [`Step::Read`].
     pub words: Vec<u16>,
+    /// What the board's reports tell at that moment.
+    pub reported: Reported,
 }
 
 /// What the bus thread found for a step, besides the lines of a reply.
@@ -153,6 +165,8 @@ pub(super) enum Ending {
     EndedBy(Peer),
     /// Somebody has sent the control character that stops every motor.
     AllStopped(Peer, u8),
+    /// Somebody has aborted the coordinate system that it feeds.
+    Aborted(Peer),
 }
 
 impl fmt::Display for Ending {
@@ -164,6 +178,9 @@ impl fmt::Display for Ending {
             Self::EndedBy(Peer { uid, pid, .. }) => write!(f, "uid {uid} (pid {pid}) ended it"),
             Self::AllStopped(Peer { uid, pid, .. }, character) => {
                 write!(f, "uid {uid} (pid {pid}) sent {}", control::name(*character))
+            }
+            Self::Aborted(Peer { uid, pid, .. }) => {
+                write!(f, "uid {uid} (pid {pid}) aborted its coordinate system")
             }
         }
     }
@@ -205,6 +222,16 @@ pub(super) trait Sequence: fmt::Debug + Send {
         false
     }
 
+    /// The coordinate systems whose programs it feeds, bit 0 being number 1. An abort of one of them ends it.
+    fn feeds(&self) -> u32 {
+        0
+    }
+
+    /// What its end still has to do on the board, if it waits for somebody else with that.
+    fn owes(&self) -> Option<String> {
+        None
+    }
+
     /// The next step. `done` is what became of the line or job before; `None` at the beginning, and after every other step.
     fn next(&mut self, done: Option<Done>, now: Instant) -> Step;
 
@@ -230,6 +257,11 @@ pub(super) trait Sequence: fmt::Debug + Send {
 /// The step that sends `text`.
 fn line(text: impl fmt::Display, timeout: Duration) -> Step {
     Step::Line { line: Text::of(&text), timeout }
+}
+
+/// The step that asks `text`.
+fn ask(text: impl fmt::Display, timeout: Duration) -> Step {
+    Step::Ask { line: Text::of(&text), timeout }
 }
 
 /// Whether the line of a step that ended so was certainly not sent.

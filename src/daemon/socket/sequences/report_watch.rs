@@ -53,6 +53,7 @@ impl ReportWatch {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::daemon::shared::info::Reported;
     use crate::daemon::shared::queue::Outcome;
 
     #[test]
@@ -66,6 +67,7 @@ mod tests {
                 doubts: 0,
                 rotary: None,
                 words: vec![word],
+                reported: Reported::default(),
             };
             watch.see(&done, began + Duration::from_millis(ms))
         };

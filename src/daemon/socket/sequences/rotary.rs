@@ -11,21 +11,25 @@
 //!
 //! A stream that ends before its program is whole in the board, whatever the reason, ends the program too, if it runs: with `Q`,
 //! after the moves already calculated. Otherwise a machine would go on to wherever the last line that came through leaves it.
+//!
+//! Whoever sends `CLOSE`, and a reset, close the rotary buffers too (FACTS 7: a rotary buffer is not kept over a reset). Bit 18
+//! of the second word of `???` is the open rotary buffer. The servo report has it; where no report comes, the board is
+//! asked.
+
+mod call;
 
 use std::time::{Duration, Instant};
 
 use log::warn;
 
+pub use self::call::RotaryCall;
 use super::{Done, END_STEP, Ending, Resource, Sequence, SequenceCall, Step, is_unsent, line};
-use crate::daemon::shared::info::Info;
 use crate::daemon::shared::job::Job;
 use crate::daemon::shared::queue::Outcome;
-use crate::daemon::socket::jobs;
 use crate::map::functions::rotary_header;
 use crate::map::status::reply_has;
-use crate::map::{Family, HostOffset};
 use crate::protocol::board::{RotaryStartReply, RotaryStopReply};
-use crate::protocol::calls::{self, LeftLines};
+use crate::protocol::calls::LeftLines;
 use crate::protocol::{CallError, Reply, answer};
 
 /// How long the board may take for a line, and the daemon for a job.
@@ -41,44 +45,6 @@ const AGAIN: Duration = Duration::from_millis(250);
 const ALL_STATUS: u8 = 3;
 /// Words of a header.
 const HEADER_WORDS: usize = rotary_header::START + 1;
-
-/// A stream as it was called for.
-#[derive(Debug)]
-pub struct RotaryCall {
-    family: &'static Family,
-    /// The index of the buffer.
-    buffer: usize,
-    header: HostOffset,
-    setup: Job,
-    coordinate_system: u8,
-    define: Option<u32>,
-    left: Option<LeftLines>,
-    run: bool,
-    may_stand: bool,
-}
-
-impl RotaryCall {
-    /// What `call` asks for.
-    ///
-    /// # Errors
-    /// What is wrong with it.
-    pub(in crate::daemon::socket) fn of(call: calls::RotaryStart, info: &Info) -> Result<Self, CallError> {
-        let family = info.family();
-        let buffer = jobs::rotary_buffer(call.buffer, family)?;
-        let header = family.rotary.headers.get(buffer).copied();
-        Ok(Self {
-            family,
-            buffer,
-            header: header.ok_or_else(|| CallError::invalid("buffer", "one that the board has"))?,
-            coordinate_system: call.coordinate_system,
-            define: call.define_longs,
-            left: call.left,
-            run: call.run.unwrap_or(false),
-            may_stand: call.may_stand.unwrap_or(false),
-            setup: jobs::rotary_set_up(&call, buffer, family)?,
-        })
-    }
-}
 
 /// How far it is: what the board or the daemon does.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -101,6 +67,8 @@ enum Phase {
     SeeFed,
     Run,
     SeeRuns,
+    /// No report tells whether the rotary buffers are open: the board does.
+    AskOpen,
     /// The owner says that the program is whole.
     Finish,
     /// The end.
@@ -125,6 +93,8 @@ pub(in crate::daemon::socket) struct Rotary {
     switched: bool,
     opened: bool,
     set_up: bool,
+    /// The board has told that a program buffer is open.
+    seen_open: bool,
     /// The owner has heard that lines can come.
     started: bool,
     /// `R` was sent, or the program seen to run.
@@ -153,6 +123,7 @@ impl Rotary {
             switched: false,
             opened: false,
             set_up: false,
+            seen_open: false,
             started: false,
             runs: false,
             finished: false,
@@ -256,6 +227,8 @@ impl Rotary {
             }
             Phase::SeeFed => {
                 done.result.map_err(|error| refused(format!("{error}; was the board reset?")))?;
+                self.see_open(done.reported.program_buffer)?;
+                self.ahead = done.rotary.map_or(self.ahead, |state| state.ahead_lines);
                 let has_lines = done.rotary.is_some_and(|state| state.sent_lines > 0);
                 match (self.call.run && !self.runs, has_lines) {
                     (true, true) => Phase::Run,
@@ -281,7 +254,14 @@ impl Rotary {
                     }
                     self.runs |= runs;
                 }
-                self.rest_before(Phase::Feeding, now + LOOK)
+                let is_told = done.reported.program_buffer.is_some();
+                self.rest_before(if is_told { Phase::Feeding } else { Phase::AskOpen }, now + LOOK)
+            }
+            Phase::AskOpen => {
+                let global = self.call.family.status.global;
+                let status = done.result.ok().and_then(|lines| lines.into_iter().next());
+                self.see_open(status.map(|status| reply_has(&status, global, "rotary_buffer_open")))?;
+                Phase::Feeding
             }
             Phase::Finish => {
                 done.result?;
@@ -291,6 +271,20 @@ impl Rotary {
             Phase::Feeding | Phase::Over => self.phase,
             _ => self.take_of_end(done, now),
         };
+        Ok(())
+    }
+
+    /// Takes what the board tells of its program buffers, if it does.
+    ///
+    /// # Errors
+    /// The rotary buffers are not open any more: the board takes no more lines.
+    fn see_open(&mut self, open: Option<bool>) -> Result<(), CallError> {
+        self.seen_open |= open == Some(true);
+        if self.seen_open && open == Some(false) {
+            return Err(refused(
+                "the rotary buffers are closed, so the board takes no more lines: somebody sent CLOSE, or the board was reset",
+            ));
+        }
         Ok(())
     }
 
@@ -324,7 +318,7 @@ impl Rotary {
     fn take_of_end(&mut self, done: Done, now: Instant) -> Phase {
         let cs = self.call.coordinate_system;
         if is_unsent(done.outcome)
-            && matches!(self.phase, Phase::Close | Phase::EndTransfer | Phase::AskRuns | Phase::Quit)
+            && !matches!(self.phase, Phase::DropLines | Phase::SeeAhead)
             && self.tries < TRIES
             && self.ending != Some(Ending::Stopping)
         {
@@ -344,8 +338,8 @@ impl Rotary {
             Phase::EndTransfer => (Phase::DropLines, failed("the end of the transfer")),
             Phase::DropLines => (Phase::SeeAhead, None),
             Phase::SeeAhead => {
-                // Where nothing is known of it, as after a reset, nothing is ahead.
-                self.ahead = done.rotary.map_or(0, |state| state.ahead_lines);
+                // After a reset the last look counts.
+                self.ahead = done.rotary.map_or(self.ahead, |state| state.ahead_lines);
                 (Phase::AskRuns, None)
             }
             Phase::AskRuns => {
@@ -364,6 +358,11 @@ impl Rotary {
             }
             Phase::AskLeftAtEnd => {
                 self.left = done.result.as_ref().ok().and_then(|lines| lines_left(lines).ok());
+                if self.started && matches!(done.outcome, Outcome::Error(_)) {
+                    self.failure = Some(refused(format!(
+                        "the board was reset: &{cs} has no rotary buffer any more, which it had when the stream began"
+                    )));
+                }
                 (Phase::Over, None)
             }
             phase => (phase, None),
@@ -442,6 +441,7 @@ impl Rotary {
             Phase::SeeFed | Phase::SeeAhead => job(Job::RotaryState(buffer)),
             Phase::Run => line(format_args!("&{cs}R"), timeout),
             Phase::SeeRuns => Step::Control { character: ALL_STATUS, timeout },
+            Phase::AskOpen => line("???", timeout),
             Phase::Finish | Phase::DropLines => job(Job::RotaryFinish(buffer)),
             Phase::AskRuns => line(format_args!("&{cs}??"), timeout),
             Phase::Quit => line(format_args!("&{cs}Q"), timeout),
@@ -511,6 +511,10 @@ impl Sequence for Rotary {
             }
             _ => self.step(),
         }
+    }
+
+    fn feeds(&self) -> u32 {
+        1 << (self.call.coordinate_system - 1)
     }
 
     fn watches(&self) -> bool {

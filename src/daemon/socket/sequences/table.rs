@@ -58,6 +58,8 @@ pub(in crate::daemon::socket) struct Running {
     pub ending: Option<Ending>,
     /// Others who wait for its end.
     pub waiters: Vec<Caller>,
+    /// Its owner and they have heard of the end, which goes on.
+    pub is_told: bool,
 }
 
 impl Running {
@@ -82,8 +84,11 @@ impl fmt::Display for InUse<'_> {
             peer.pid,
             machine.name()
         )?;
-        match ending {
-            Some(why) => write!(f, ", which pmacd is ending ({why})"),
+        if let Some(why) = ending {
+            write!(f, ", which pmacd is ending ({why})")?;
+        }
+        match machine.owes() {
+            Some(owed) => write!(f, "; {owed}"),
             None => Ok(()),
         }
     }
@@ -125,6 +130,7 @@ impl Sequences {
             heard: now,
             ending: None,
             waiters: Vec::new(),
+            is_told: false,
         };
         self.running.insert(number, running);
         Ok(number)
@@ -153,12 +159,15 @@ impl Sequences {
             .map(|(&number, running)| (number, running))
     }
 
-    /// The numbers of the streams that run, unless they are ending.
-    pub(in crate::daemon::socket) fn streams(&self) -> Vec<u64> {
-        let is_stream = |running: &Running| {
-            running.ending.is_none() && matches!(running.machine.resource(), Resource::Rotary(_))
-        };
-        self.running.iter().filter(|(_, running)| is_stream(running)).map(|(&number, _)| number).collect()
+    /// The numbers of the sequences that feed programs of the coordinate systems in `mask`, unless they are ending.
+    pub(in crate::daemon::socket) fn that_feed(&self, mask: u32) -> Vec<u64> {
+        let feeds = |running: &Running| running.ending.is_none() && running.machine.feeds() & mask != 0;
+        self.running.iter().filter(|(_, running)| feeds(running)).map(|(&number, _)| number).collect()
+    }
+
+    /// What sequences that are ending still have to do on the board.
+    pub(in crate::daemon::socket) fn unfinished(&self) -> Vec<String> {
+        self.running.values().filter_map(|running| running.machine.owes()).collect()
     }
 
     /// Why somebody else cannot end the sequence just so.

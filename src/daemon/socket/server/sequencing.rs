@@ -6,7 +6,7 @@ use log::info;
 
 use super::Service;
 use crate::daemon::shared::open_buffer::Writer;
-use crate::daemon::shared::queue::{Command, Origin, Outcome, Text};
+use crate::daemon::shared::queue::{Command, LINE_MAX, Origin, Outcome, Text};
 use crate::daemon::socket::call_table::{Caller, Ended, Then};
 use crate::daemon::socket::connection::{HIGH_WATER, Waiting};
 use crate::daemon::socket::policy::Peer;
@@ -131,8 +131,15 @@ impl Service {
 
     /// Somebody has stopped every motor: no stream goes on feeding a program.
     pub(super) fn end_streams(&mut self, by: Peer, character: u8, now: Instant) {
-        for number in self.sequences.streams() {
+        for number in self.sequences.that_feed(u32::MAX) {
             self.end_sequence(number, Ending::AllStopped(by, character), now);
+        }
+    }
+
+    /// Somebody has aborted the coordinate systems in `mask`: no stream goes on feeding their programs.
+    pub(super) fn end_streams_of(&mut self, mask: u32, by: Peer, now: Instant) {
+        for number in self.sequences.that_feed(mask) {
+            self.end_sequence(number, Ending::Aborted(by), now);
         }
     }
 
@@ -225,16 +232,11 @@ impl Service {
                 Step::Check => {
                     running.waits = Waits::Check(now);
                     let line = Text::from_bytes(resets::QUESTION.as_bytes());
-                    let deadline = now + CHECK;
-                    let origin = Origin {
-                        uid: owner.peer.uid.as_raw(),
-                        shown: Text::of(&resets::QUESTION),
-                        stays: false,
-                    };
-                    self.calls.ask(step_of(owner.peer), deadline, Then::Sequence(number), None, |ticket| {
-                        Command::Send { ticket, line, origin, deadline, writer: Writer::Question }
-                    });
-                    return None;
+                    return self.ask_for_sequence(number, line, now + CHECK);
+                }
+                Step::Ask { line, timeout } => {
+                    running.waits = Waits::Board;
+                    return self.ask_for_sequence(number, line, now + timeout);
                 }
                 Step::Control { character, timeout } => {
                     running.waits = Waits::Board;
@@ -268,6 +270,15 @@ impl Service {
                     self.sequences.renew(owner.client, now);
                     return call.map(|caller| (caller, reply));
                 }
+                Step::AnswerEnd(reply) => {
+                    running.is_told = true;
+                    running.waits = Waits::Until(now);
+                    let (call, waiters) = (running.call.take(), std::mem::take(&mut running.waiters));
+                    for waiter in waiters {
+                        self.answer(waiter, reply.clone(), now);
+                    }
+                    return call.map(|caller| (caller, reply));
+                }
                 Step::Over(reply) => {
                     let running = self.sequences.over(number)?;
                     let (name, Peer { uid, pid, .. }) = (running.machine.name(), owner.peer);
@@ -280,7 +291,8 @@ impl Service {
                         }
                         (None, Ok(_)) => info!(target: "audit", "the {name} of uid {uid} pid {pid} is over"),
                     }
-                    if running.call.is_none() && self.clients.get(owner.client).is_some() {
+                    if running.call.is_none() && !running.is_told && self.clients.get(owner.client).is_some()
+                    {
                         let resource = running.machine.resource();
                         self.sequences.keep_result(owner.client, resource, reply.clone());
                     }
@@ -291,6 +303,20 @@ impl Service {
                 }
             }
         }
+    }
+
+    /// Asks the board `line` for sequence `number`.
+    fn ask_for_sequence(&mut self, number: u64, line: Text<LINE_MAX>, deadline: Instant) -> Option<Answer> {
+        let owner = self.sequences.get_mut(number)?.owner;
+        let origin = Origin { uid: owner.peer.uid.as_raw(), shown: Text::of(&&*line), stays: false };
+        self.calls.ask(step_of(owner.peer), deadline, Then::Sequence(number), None, |ticket| Command::Send {
+            ticket,
+            line,
+            origin,
+            deadline,
+            writer: Writer::Question,
+        });
+        None
     }
 
     /// Goes on with sequence `number`, and answers its owner's call if that is over.
@@ -316,7 +342,8 @@ impl Service {
         let (resets, doubts) = (self.resets.count(), self.resets.doubts());
         let result = super::calls::reply_lines(outcome, ended.lines, ended.is_overlong, now);
         let Found { rotary, words } = found;
-        self.go_on(number, Some(Done { outcome, result, resets, doubts, rotary, words }), now);
+        let reported = self.info.reported();
+        self.go_on(number, Some(Done { outcome, result, resets, doubts, rotary, words, reported }), now);
     }
 
     /// Goes on with the sequences that have waited for this moment, and ends those whose owner is gone or silent.

@@ -127,6 +127,7 @@ impl Service {
             Ok(()) => {
                 if let Some(caller) = stop.caller {
                     self.leases.stopped(caller.client, stop.target.motors());
+                    self.end_streams_of(stop.target.aborted(), caller.peer, now);
                 }
             }
             Err(reason) => {

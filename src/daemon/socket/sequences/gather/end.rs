@@ -1,0 +1,168 @@
+//! The end of a gather: whether the board still gathers, `ENDGATHER`, and I19 as it was.
+
+use std::time::{Duration, Instant};
+
+use log::warn;
+
+use super::{Begun, Gather, Phase, first, refused};
+use crate::daemon::shared::queue::Outcome;
+use crate::daemon::socket::sequences::{Done, Ending, is_unsent};
+use crate::gather::GatherMode;
+use crate::protocol::board::GatherStopReply;
+use crate::protocol::{CallError, Reply};
+
+/// How long an end tries what is known not to have been sent, and how often. What an open program buffer keeps back is tried
+/// on, but less often.
+const END_PATIENCE: Duration = Duration::from_secs(10);
+const AGAIN: Duration = Duration::from_millis(250);
+const AGAIN_LATER: Duration = Duration::from_secs(1);
+
+/// What has ended a gather, and what may have.
+pub(super) const WAS_RESET: &str = "the board was reset, which ended the gather";
+pub(super) const ENDED_EARLY: &str = "the board gathers no more: somebody ended that (ENDGATHER by hand, on the serial port or from \
+                                      another host), or the board was reset";
+
+impl Gather {
+    /// Takes what became of a step of the end. What cannot be carried out is noted, and the end goes on.
+    pub(super) fn take_of_end(&mut self, done: Done, now: Instant) {
+        let gather_period = self.family.i.gather_period;
+        let is_question = matches!(self.phase, Phase::AskWhetherToEnd | Phase::AskPeriodAgain);
+        let can_be_tried = is_unsent(done.outcome) || is_question && done.outcome == Outcome::TimedOut;
+        if can_be_tried && !matches!(self.phase, Phase::EndFollow | Phase::CheckAtEnd) {
+            let give_up = *self.give_up.get_or_insert(now + END_PATIENCE);
+            let is_barred = matches!(done.outcome, Outcome::Barred(_));
+            let is_kept_back = now >= give_up && is_barred && self.call.is_some();
+            self.is_kept_back |= is_kept_back;
+            if (now < give_up || is_kept_back) && self.ending != Some(Ending::Stopping) {
+                // Somebody may end the gather, or set another period, meanwhile.
+                self.phase = match self.phase {
+                    Phase::EndGather => self.first_of_end(),
+                    Phase::PutBack => Phase::AskPeriodAgain,
+                    phase => phase,
+                };
+                self.rest = Some(now + if is_kept_back { AGAIN_LATER } else { AGAIN });
+                return;
+            }
+        }
+        let (phase, note) = match (self.phase, done.result) {
+            (Phase::AskWhetherToEnd, Ok(lines)) => match self.gathers(&lines) {
+                true => (Phase::EndGather, None),
+                false if self.has_ended_early() => (Phase::CheckAtEnd, None),
+                false => (Phase::EndFollow, None),
+            },
+            (Phase::CheckAtEnd, result) => {
+                let was_reset = result.is_ok() && self.was_reset(done.resets);
+                let why = if was_reset { WAS_RESET } else { ENDED_EARLY };
+                (Phase::EndFollow, Some(why.to_owned()))
+            }
+            (Phase::AskWhetherToEnd, Err(error)) => (
+                Phase::EndFollow,
+                Some(format!(
+                    "the board may still gather, it could not be asked ({error}); `pmacctl gather --stop` ends that"
+                )),
+            ),
+            (Phase::EndGather, Ok(_)) => {
+                self.ended = true;
+                (Phase::EndFollow, None)
+            }
+            (Phase::EndGather, Err(error)) => {
+                (Phase::EndFollow, Some(format!("ENDGATHER: {error}; the board may still gather")))
+            }
+            (Phase::EndFollow, _) => (Phase::AskPeriodAgain, None),
+            (Phase::AskPeriodAgain, Ok(lines)) => {
+                let found = first(&lines).to_owned();
+                let ours = self.call.as_ref().map(|call| call.buffer.period.to_string());
+                let is_other = self.period.as_ref().is_some_and(|old| *old != found);
+                if self.period_sent && is_other && Some(&found) == ours.as_ref() {
+                    (Phase::PutBack, None)
+                } else {
+                    let note =
+                        format!("I{gather_period} is {found}, which this gather did not set: it stays so");
+                    self.period = Some(found);
+                    (Phase::Over, (self.period_sent && is_other).then_some(note))
+                }
+            }
+            (Phase::PutBack, Ok(_)) => (Phase::Over, None),
+            (Phase::AskPeriodAgain | Phase::PutBack, Err(error)) => {
+                let old = self.period.as_deref().unwrap_or_default();
+                let note =
+                    format!("I{gather_period}={old}: {error}; I{gather_period} may not be {old} again");
+                (Phase::Over, self.period_sent.then_some(note))
+            }
+            (phase, _) => (phase, None),
+        };
+        self.phase = phase;
+        self.notes.extend(note);
+    }
+
+    /// Whether a gather that goes round and round is over, though nobody has said why.
+    fn has_ended_early(&self) -> bool {
+        let wraps = self.call.as_ref().is_some_and(|call| call.buffer.mode == GatherMode::Wrap);
+        wraps && self.started && self.failure.is_none()
+    }
+
+    /// Whether nothing but the end follows.
+    pub(super) fn phase_is_of_end(&self) -> bool {
+        use Phase::{AskPeriodAgain, AskWhetherToEnd, CheckAtEnd, EndFollow, EndGather, Over, PutBack};
+        matches!(
+            self.phase,
+            AskWhetherToEnd | CheckAtEnd | EndGather | EndFollow | AskPeriodAgain | PutBack | Over
+        )
+    }
+
+    /// The first phase of the end.
+    pub(super) fn first_of_end(&self) -> Phase {
+        match self.begun {
+            // What was started last is the report, by this gather: that is undone.
+            Begun::Report => Phase::EndGather,
+            // A full buffer ends its gather, and so may somebody else: what ENDGATHER would end then is the servo report.
+            Begun::Gathering => Phase::AskWhetherToEnd,
+            Begun::Nothing if self.period_sent => Phase::AskPeriodAgain,
+            Begun::Nothing => Phase::Over,
+        }
+    }
+
+    /// What the owner is told in the end.
+    pub(super) fn result(&mut self) -> Result<Reply, CallError> {
+        let mut notes = std::mem::take(&mut self.notes);
+        notes.extend(self.owed());
+        notes.iter().for_each(|note| warn!("the end of a gather: {note}"));
+        match self.failure.take() {
+            Some(CallError::Refused { reason }) if !notes.is_empty() => {
+                Err(refused(format!("{reason}; {}", notes.join("; "))))
+            }
+            Some(error) => Err(error),
+            None if self.call.is_some() && !self.started => {
+                let why = self.ending.map_or_else(String::new, |why| why.to_string());
+                Err(refused(format!("the gather was ended before it began: {why}")))
+            }
+            None => Reply::with(&GatherStopReply {
+                gathered: self.call.is_some() || self.ended,
+                uid: self.owner.uid.as_raw(),
+                pid: self.owner.pid,
+                reason: self.ending.map(|why| why.to_string()),
+                period: self.period.clone(),
+                notes,
+            }),
+        }
+    }
+
+    /// What the end still has to do, if an open program buffer keeps it back.
+    pub(super) fn owed(&self) -> Option<String> {
+        if !self.is_kept_back || self.phase == Phase::Over {
+            return None;
+        }
+        let period = self.family.i.gather_period;
+        let ours = self.call.as_ref().map_or(0, |call| call.buffer.period);
+        let old = self.period.as_deref().unwrap_or_default();
+        Some(match self.phase {
+            Phase::AskPeriodAgain | Phase::PutBack => format!(
+                "I{period} is {ours} by a gather that has ended; pmacd sets it to {old} again when the open program buffer is closed"
+            ),
+            _ => format!(
+                "the board still gathers for nobody; pmacd ends that, and sets I{period} to {old} again, when the open program \
+                 buffer is closed"
+            ),
+        })
+    }
+}

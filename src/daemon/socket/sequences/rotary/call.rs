@@ -1,0 +1,46 @@
+//! A rotary stream as it was called for.
+
+use crate::daemon::shared::info::Info;
+use crate::daemon::shared::job::Job;
+use crate::daemon::socket::jobs;
+use crate::map::{Family, HostOffset};
+use crate::protocol::CallError;
+use crate::protocol::calls::{self, LeftLines};
+
+/// A stream as it was called for.
+#[derive(Debug)]
+pub struct RotaryCall {
+    pub(super) family: &'static Family,
+    /// The index of the buffer.
+    pub(super) buffer: usize,
+    pub(super) header: HostOffset,
+    pub(super) setup: Job,
+    pub(super) coordinate_system: u8,
+    pub(super) define: Option<u32>,
+    pub(super) left: Option<LeftLines>,
+    pub(super) run: bool,
+    pub(super) may_stand: bool,
+}
+
+impl RotaryCall {
+    /// What `call` asks for.
+    ///
+    /// # Errors
+    /// What is wrong with it.
+    pub(in crate::daemon::socket) fn of(call: calls::RotaryStart, info: &Info) -> Result<Self, CallError> {
+        let family = info.family();
+        let buffer = jobs::rotary_buffer(call.buffer, family)?;
+        let header = family.rotary.headers.get(buffer).copied();
+        Ok(Self {
+            family,
+            buffer,
+            header: header.ok_or_else(|| CallError::invalid("buffer", "one that the board has"))?,
+            coordinate_system: call.coordinate_system,
+            define: call.define_longs,
+            left: call.left,
+            run: call.run.unwrap_or(false),
+            may_stand: call.may_stand.unwrap_or(false),
+            setup: jobs::rotary_set_up(&call, buffer, family)?,
+        })
+    }
+}
