@@ -101,6 +101,26 @@ pub struct BoardInfo {
     /// The caller's role: observe, stop, operate or engineer.
     #[serde(default)]
     pub role: Option<String>,
+    /// What ends of sequences still have to do on the board, when they can: sentences.
+    #[serde(default)]
+    pub unfinished: Vec<String>,
+    /// What others do on the board, or have changed there: another host, or a program.
+    #[serde(default)]
+    pub elsewhere: Vec<Elsewhere>,
+}
+
+/// Something that others do on the board, or have changed there.
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
+pub struct Elsewhere {
+    /// What: an I-variable (`I2`), `program_buffer` (one is open), `gather` (the board gathers), or `command_lines` (none is
+    /// answered, though the board lives).
+    pub what: String,
+    /// Of a variable, its value before.
+    pub was: Option<i64>,
+    /// Of a variable, its value now.
+    pub is: Option<i64>,
+    /// How long ago the board was last seen to be as before, in milliseconds, where that is known.
+    pub ago_ms: Option<u64>,
 }
 
 /// A port for command lines.
@@ -309,7 +329,7 @@ pub struct VariableRecord {
 }
 
 /// The reply of `RotaryState`.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct RotaryStateReply {
     /// Commands in the buffer that the board has not taken.
     pub ahead_commands: u32,

@@ -55,6 +55,7 @@ mod stops;
 mod tools;
 mod tools_serial;
 mod tools_terminal;
+mod two_hosts;
 mod uncertain;
 mod variables;
 mod whole;

@@ -4,6 +4,7 @@ mod buffers;
 pub mod coordinates;
 pub mod decode;
 pub mod demo;
+mod elsewhere;
 mod global_status;
 pub mod map;
 mod motor;

@@ -2,6 +2,7 @@
 
 use serde_json::{Map, Value, json};
 
+use super::elsewhere;
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::cli::show::global_status;
 use crate::client::{Board, ClientError, CommandError, Staleness, View};
@@ -162,7 +163,8 @@ fn socket(context: &Context, board: &mut Board) -> Value {
     match asked {
         Ok((info, settings)) => json!({ "path": path, "reachable": true, "version": info.version,
             "board": info.board, "enabled": info.enabled, "functions": settings.functions,
-            "command_port": info.command_port, "host_port": info.host_port }),
+            "command_port": info.command_port, "host_port": info.host_port, "unfinished": info.unfinished,
+            "elsewhere": elsewhere::documents(&info.elsewhere) }),
         Err(error) => json!({ "path": path, "reachable": false, "reason": error.to_string() }),
     }
 }
@@ -233,6 +235,12 @@ fn text(document: &Value) -> String {
             let (name, line) = (plain(&host_port["controller"]), count("line"));
             let counts = ["served", "old", "unannounced"].map(|name| format!("{name}={}", count(name)));
             say("host port", format!("{name} line {line}: {}", counts.join(" ")));
+        }
+        for change in socket["elsewhere"].as_array().into_iter().flatten() {
+            say("elsewhere", plain(&change["text"]));
+        }
+        for sentence in socket["unfinished"].as_array().into_iter().flatten() {
+            say("unfinished", plain(sentence));
         }
     } else {
         say("socket", plain(&socket["reason"]));

@@ -200,10 +200,12 @@ impl BoardLoop {
         self.reporter.note(|status| {
             status.enabled = enabled;
             status.enabling = queue.identifier.enabling();
+            status.changes = queue.identifier.changes();
             status.reply_end = queue.ports().dpram.reply_end();
             (status.buffer, status.held) = queue.standing();
             status.open_loops = self.functions.open_loops();
             status.motion = servo.motion();
+            status.program_buffer = servo.program_buffer_open();
             status.host_port = ascii.host_port_counts().unwrap_or(status.host_port);
         });
         self.reporter.send(self.connections.intake.events(), with_counts);
@@ -291,7 +293,7 @@ impl BoardLoop {
             }
             Function::Ascii => {
                 let queue = self.functions.ascii.queue();
-                self.reporter.port(queue.ports().in_use(), queue.state());
+                self.reporter.port(queue.ports().in_use(), queue.state(), self.clock.now());
                 self.take_identity();
             }
             Function::Variables | Function::Gather | Function::Panel | Function::Rotary => {}

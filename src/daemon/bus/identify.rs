@@ -3,16 +3,20 @@
 //! `TYPE` and `VERSION` name the board; I-variables say what it reports and how often (the family knows their numbers); Ix07,
 //! Ix08 and Ix09 give the scale of every motor's raw numbers. What the board does not answer stays unknown, or is taken from
 //! the configuration. Asking moves the board's active response port to the DPRAM, so it is done only when there is
-//! reason: at start, when the board comes (back) to life, and after a line that may have changed an answer; and now and then
-//! where the daemon reads no report.
+//! reason: at start, when the board comes (back) to life, and after a line that may have changed an answer. Another host
+//! can change answers at any time, so I-variables are asked again every half minute; more often where the daemon reads no
+//! report.
 
-use std::ops::RangeInclusive;
+mod questions;
+
 use std::time::{Duration, Instant};
 
-use crate::daemon::bus::scale_doubts::{I10, ScaleDoubts, scale_tables};
-use crate::daemon::shared::status::Enabling;
+use self::questions::{Meaning, Question, questions};
+use crate::daemon::bus::elsewhere::Elsewhere;
+use crate::daemon::bus::scale_doubts::{ScaleDoubts, scale_tables};
+use crate::daemon::shared::status::{CHANGES, Change, Enabling};
 use crate::format::Text;
-use crate::map::{Family, IVariables};
+use crate::map::Family;
 use crate::protocol::{LINE_MAX, answer};
 use crate::segment::Identity;
 use crate::segment::identity::first_motors;
@@ -21,79 +25,12 @@ use crate::segment::identity::first_motors;
 const PATIENCE: Duration = Duration::from_millis(500);
 /// How long to wait before asking a silent board again.
 const AGAIN: Duration = Duration::from_secs(10);
+/// How often to ask for I-variables that another host may have changed.
+const RECHECK: Duration = Duration::from_secs(30);
 /// How long to wait after a line that may have changed something: more may follow.
 const SETTLE: Duration = Duration::from_millis(200);
 /// How long lines that go on changing something can put the questions off.
 const LONGEST: Duration = Duration::from_secs(2);
-
-/// What is asked, in order. Each question is one line; each value of its reply is one reply line.
-#[derive(Debug, Clone, PartialEq, Eq)]
-enum Question {
-    Type,
-    Version,
-    /// The I-variables that say what is reported and switched on.
-    Reports(Vec<(u16, Meaning)>),
-    /// Ix07, Ix08, Ix09, Ix60 of these motors, one after the other.
-    Scales(RangeInclusive<usize>),
-}
-
-/// What the value of an I-variable says.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Meaning {
-    ServoPeriod,
-    ReportCycles,
-    ServoReport,
-    BackgroundReport,
-    /// The highest motor that is reported.
-    Reported,
-    /// 3: the control panel is the DPRAM's.
-    Panel,
-    /// 1: the variable tables are used.
-    Variables,
-}
-
-/// The questions for a board of `family`. No line is longer than the board takes: the motors' scales are asked in as many
-/// lines as that needs.
-fn questions(family: &Family) -> Vec<Question> {
-    let i = &family.i;
-    let reports = [
-        (Some(I10), Meaning::ServoPeriod),
-        (Some(i.servo_period), Meaning::ReportCycles),
-        (Some(i.servo_enable), Meaning::ServoReport),
-        (Some(i.background_enable), Meaning::BackgroundReport),
-        (i.reported, Meaning::Reported),
-        (i.panel, Meaning::Panel),
-        (Some(i.variables_enable), Meaning::Variables),
-    ];
-    let reports = reports.into_iter().filter_map(|(number, meaning)| Some((number?, meaning)));
-    let mut questions = vec![Question::Type, Question::Version, Question::Reports(reports.collect())];
-    let limit = family.ascii.line_limit.min(LINE_MAX);
-    let mut first = 1;
-    for motor in 1..=family.motors {
-        if Question::Scales(first..=motor).line().len() > limit {
-            questions.push(Question::Scales(first..=motor - 1));
-            first = motor;
-        }
-    }
-    questions.push(Question::Scales(first..=family.motors));
-    questions
-}
-
-impl Question {
-    fn line(&self) -> String {
-        match self {
-            Self::Type => "TYPE".to_owned(),
-            Self::Version => "VERSION".to_owned(),
-            Self::Reports(variables) => {
-                variables.iter().map(|(number, _)| format!("I{number}")).collect::<Vec<_>>().join(" ")
-            }
-            Self::Scales(motors) => {
-                let scales = |motor| IVariables::SCALES.map(|which| IVariables::motor(motor, which));
-                motors.clone().flat_map(scales).map(|number| format!("I{number}")).collect()
-            }
-        }
-    }
-}
 
 /// Asks, collects, and keeps the last complete answer.
 pub struct Identifier {
@@ -122,8 +59,10 @@ pub struct Identifier {
     /// The answer to publish, once.
     update: Option<Identity>,
     wanted: bool,
-    /// Nothing but answers shows that the board lives, so it is asked again and again.
-    keeps_asking: bool,
+    /// What somebody else has changed.
+    elsewhere: Elsewhere,
+    /// How long until the board is asked again.
+    recheck: Duration,
     /// When the last question was due.
     asked: Instant,
 }
@@ -151,7 +90,8 @@ impl Identifier {
             lines: 0,
             enabling: Enabling::default(),
             wanted: ask,
-            keeps_asking: false,
+            elsewhere: Elsewhere::default(),
+            recheck: RECHECK,
             asked: now,
         }
     }
@@ -159,7 +99,7 @@ impl Identifier {
     /// The same for a daemon that reads no report of the board: a dead one would be known by nothing but silence.
     #[must_use]
     pub fn without_reports(mut self) -> Self {
-        self.keeps_asking = self.wanted;
+        self.recheck = AGAIN;
         self
     }
 
@@ -177,6 +117,12 @@ impl Identifier {
             self.not_before = now + SETTLE;
         }
         self.restart();
+    }
+
+    /// The board was reset, or is another one: it answers differently now, and nobody has changed that.
+    pub fn begin_anew(&mut self, now: Instant) {
+        self.elsewhere.forget();
+        self.ask_again(now);
     }
 
     /// Goes back to the first question, unless the board still owes the reply to another.
@@ -223,8 +169,8 @@ impl Identifier {
     pub fn due_in(&self, now: Instant) -> Duration {
         if self.next < self.questions.len() {
             self.not_before.saturating_duration_since(now)
-        } else if self.keeps_asking {
-            (self.asked + AGAIN).saturating_duration_since(now)
+        } else if self.wanted {
+            (self.asked + self.recheck).saturating_duration_since(now)
         } else {
             Duration::MAX
         }
@@ -232,8 +178,11 @@ impl Identifier {
 
     /// The line to send now, if any, and how long to wait for its reply. Tell with [`Identifier::sent`] if it was.
     pub fn next_line(&mut self, now: Instant) -> Option<(Text<LINE_MAX>, Duration)> {
-        if self.next >= self.questions.len() && self.keeps_asking && now >= self.asked + AGAIN {
-            self.next = 0;
+        if self.next >= self.questions.len() && self.wanted && now >= self.asked + self.recheck {
+            // Who the board is does not change while it lives.
+            let is_report = |(_, question): &(_, Question)| matches!(question, Question::Reports(_));
+            self.next = self.questions.iter().position(is_report)?;
+            self.asking = self.known.clone();
         }
         let (line, _) = self.questions.get(self.next)?;
         if now < self.not_before {
@@ -246,6 +195,17 @@ impl Identifier {
             self.doubts = ScaleDoubts::default();
         }
         Some((*line, PATIENCE))
+    }
+
+    /// A line of somebody's goes to the board.
+    pub fn line_goes(&mut self, line: &[u8]) {
+        self.elsewhere.line_goes(line);
+    }
+
+    /// What somebody else has changed, another host or a program of the board.
+    #[must_use]
+    pub fn changes(&self) -> [Option<Change>; CHANGES] {
+        self.elsewhere.changes()
     }
 
     /// The line was sent.
@@ -266,7 +226,10 @@ impl Identifier {
             Question::Version => asking.firmware = Some(Text::from_bytes(line)),
             Question::Reports(variables) => {
                 let value = value.and_then(|value| u32::try_from(value).ok());
-                let Some((_, meaning)) = variables.get(index) else { return };
+                let Some((number, meaning)) = variables.get(index) else { return };
+                if let Some(value) = value {
+                    self.elsewhere.told(*number, value, self.asked);
+                }
                 match meaning {
                     Meaning::ServoPeriod => {
                         asking.i10 = value;
@@ -279,7 +242,11 @@ impl Identifier {
                     // Asked before the last change: it says nothing.
                     Meaning::Panel | Meaning::Variables if self.again => {}
                     Meaning::Panel => self.enabling.panel = value.map(|value| value == 3),
-                    Meaning::Variables => self.enabling.variables = value.map(|value| value == 1),
+                    Meaning::Variables => {
+                        self.enabling.variables = value.map(|value| value == 1);
+                        self.enabling.asked = Some(self.asked);
+                    }
+                    Meaning::Handshake => {}
                 }
             }
             Question::Scales(motors) => {
@@ -364,7 +331,8 @@ mod tests {
         assert_eq!(answer(&mut identifier, now, &["PMAC1, ISA, FLASH, PID, CLK X1"]), "TYPE");
         answer(&mut identifier, now, &["1.16D"]);
         answer(&mut identifier, now, &["3713707", "I19=1", "1", "1", "$8", "3", "0"]);
-        assert_eq!(identifier.enabling(), Enabling { panel: Some(true), variables: Some(false) });
+        let enabling = Enabling { panel: Some(true), variables: Some(false), asked: Some(now) };
+        assert_eq!(identifier.enabling(), enabling);
         assert_eq!(identifier.take_update(), None);
         let scales: Vec<String> = (0..32).map(|index| (90 + index).to_string()).collect();
         let scales: Vec<&str> = scales.iter().map(String::as_str).collect();
@@ -377,7 +345,33 @@ mod tests {
         assert_eq!((identity.ix07[0], identity.ix08[0], identity.ix09[7]), (Some(90), Some(91), Some(120)));
         assert_eq!(identity.ix08[8], None);
         assert!(identifier.next_line(now).is_none());
-        assert_eq!(identifier.due_in(now), Duration::MAX);
+        assert_eq!(identifier.due_in(now), RECHECK);
+    }
+
+    #[test]
+    fn b1_9_what_another_host_changes_is_found_within_half_a_minute() {
+        let start = Instant::now();
+        let mut identifier = Identifier::new(&PMAC, Identity::default(), true, start);
+        let scales: Vec<String> = (0..32).map(|index| (90 + index).to_string()).collect();
+        let mut scales: Vec<&str> = scales.iter().map(String::as_str).collect();
+        for lines in [&["PMAC1"][..], &["1.16D"], &["3713707", "1", "1", "1", "8", "3", "1", "2"], &scales] {
+            answer(&mut identifier, start, lines);
+        }
+        let first = identifier.take_update().unwrap();
+        let now = start + RECHECK;
+        scales[1] = "48";
+        let asked = answer(&mut identifier, now, &["3713707", "1", "1", "1", "8", "1", "1", "2"]);
+        assert_eq!(asked, "I10 I19 I48 I49 I59 I2 I55 I3", "who it is, is not asked again");
+        answer(&mut identifier, now, &scales);
+        let change = identifier.changes()[5].unwrap();
+        assert_eq!((change.variable, change.was, change.is, change.since), (2, 3, 1, start));
+        assert_eq!(identifier.enabling().panel, Some(false));
+        let second = identifier.take_update().unwrap();
+        assert_eq!((second.ix08[0], second.board_type), (Some(48), first.board_type));
+        identifier.line_goes(b"I2=3");
+        assert_eq!(identifier.changes()[5], None);
+        identifier.begin_anew(now);
+        assert!(identifier.changes().iter().all(Option::is_none));
     }
 
     #[test]
@@ -416,9 +410,9 @@ mod tests {
     #[test]
     fn a_family_is_asked_for_the_variables_it_has() {
         let line = |family| questions(family)[2].line();
-        assert_eq!(line(&PMAC), "I10 I19 I48 I49 I59 I2 I55");
+        assert_eq!(line(&PMAC), "I10 I19 I48 I49 I59 I2 I55 I3");
         // FACTS-TURBO section 3: no I-variable says how many motors are reported, or where the panel is.
-        assert_eq!(line(&TURBO2), "I10 I47 I48 I49 I55");
+        assert_eq!(line(&TURBO2), "I10 I47 I48 I49 I55 I3");
     }
 
     #[test]

@@ -1,5 +1,7 @@
 //! What the log, the segment and the clients are told of the board when it changes.
 
+use std::time::Instant;
+
 use log::{error, info, warn};
 
 use crate::daemon::shared::info::InfoReport;
@@ -109,12 +111,15 @@ impl Reporter {
         }
     }
 
-    /// The port that command lines go through, and what became of the last one.
-    pub fn port(&mut self, port: CommandPort, state: CommandState) {
+    /// The port that command lines go through, and what has become of the last one by `now`.
+    pub fn port(&mut self, port: CommandPort, state: CommandState, now: Instant) {
         if self.port.replace((port, state)) == Some((port, state)) {
             return;
         }
-        self.info.set(|status| (status.command_port, status.command_state) = (port, state));
+        self.info.set(|status| {
+            (status.command_port, status.command_state) = (port, state);
+            status.silent_since = (state == CommandState::Silent).then_some(now);
+        });
         match (port, state) {
             (_, CommandState::Unknown) => {}
             (CommandPort::Dpram, CommandState::Answers) => info!("DPRAM ASCII: live"),

@@ -3,12 +3,17 @@
 
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{Duration, Instant};
 
 use super::queue::{Event, Held, Sender};
 use super::status::{BoardStatus, Enabling, HostPortCounts, KnownIdentity};
 use crate::function::servo::Motion;
 use crate::map::Family;
-use crate::protocol::{BoardInfo, BoardSettings, Enabled};
+use crate::protocol::board::Elsewhere;
+use crate::protocol::{BoardInfo, BoardSettings, Enabled, State};
+
+/// How long no command line is answered until that is told: a single one may be slow.
+const SILENT: Duration = Duration::from_secs(2);
 
 /// The bus thread's side: reports what has changed.
 #[derive(Debug, Default)]
@@ -32,6 +37,15 @@ impl InfoReport {
             self.reported = status;
         }
     }
+}
+
+/// What the board's reports tell by themselves; `None` where none tells.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Reported {
+    /// Whether a program buffer is open.
+    pub program_buffer: Option<bool>,
+    /// Whether the board gathers.
+    pub gathers: Option<bool>,
 }
 
 /// The socket's side: the daemon's present knowledge of its board, and its settings.
@@ -98,6 +112,43 @@ impl Info {
     #[must_use]
     pub fn motion(&self) -> Motion {
         self.status.motion
+    }
+
+    /// What the board's reports tell.
+    #[must_use]
+    pub fn reported(&self) -> Reported {
+        let has_report = self.is_enabled(Enabled::SERVO);
+        Reported {
+            program_buffer: self.status.program_buffer,
+            gathers: has_report.then(|| self.is_enabled(Enabled::GATHER)),
+        }
+    }
+
+    /// What somebody else does on the board, or has changed there, by `now`; `gathers`: a gather of our own runs.
+    #[must_use]
+    pub fn elsewhere(&self, gathers: bool, now: Instant) -> Vec<Elsewhere> {
+        let ago_ms = |since: Instant| u64::try_from(now.saturating_duration_since(since).as_millis()).ok();
+        let changes = self.status.changes.iter().flatten();
+        let mut all: Vec<Elsewhere> = changes
+            .map(|change| Elsewhere {
+                what: format!("I{}", change.variable),
+                was: Some(change.was.into()),
+                is: Some(change.is.into()),
+                ago_ms: ago_ms(change.since),
+            })
+            .collect();
+        let plain = |what: &str| Elsewhere { what: what.to_owned(), was: None, is: None, ago_ms: None };
+        if self.status.buffer.is_open && self.status.buffer.opened.is_none() {
+            all.push(plain("program_buffer"));
+        }
+        if self.reported().gathers == Some(true) && !gathers {
+            all.push(plain("gather"));
+        }
+        let silent = self.status.silent_since.filter(|since| now >= *since + SILENT);
+        if let Some(since) = silent.filter(|_| self.status.state == State::Live) {
+            all.push(Elsewhere { ago_ms: ago_ms(since), ..plain("command_lines") });
+        }
+        all
     }
 
     /// What the board said of the I-variables that switch functions on.

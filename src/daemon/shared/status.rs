@@ -1,5 +1,7 @@
 //! What the bus thread knows of its board, as it passes it on: plain values held in place, which allocate nothing.
 
+use std::time::Instant;
+
 use super::open_buffer::Standing;
 use super::origin::Held;
 use crate::format::Text;
@@ -7,6 +9,22 @@ use crate::function::servo::Motion;
 use crate::map::readings::ReplyEnd;
 use crate::protocol::{CommandPort, CommandState, Enabled, State};
 use crate::segment::identity::{BOARD_TYPE_BYTES, FIRMWARE_BYTES};
+
+/// How many I-variables are watched for changes by somebody else.
+pub const CHANGES: usize = 8;
+
+/// An I-variable that somebody else has changed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Change {
+    /// Its number.
+    pub variable: u16,
+    /// Its value before.
+    pub was: u32,
+    /// Its value now.
+    pub is: u32,
+    /// When the board told the value before for the last time.
+    pub since: Instant,
+}
 
 /// What was counted of the host port's interrupts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -30,6 +48,10 @@ pub struct BoardStatus {
     pub command_port: CommandPort,
     /// What became of the last command line.
     pub command_state: CommandState,
+    /// Since when none was answered.
+    pub silent_since: Option<Instant>,
+    /// What somebody else has changed.
+    pub changes: [Option<Change>; CHANGES],
     /// How the end of a reply through the DPRAM shows.
     pub reply_end: ReplyEnd,
     /// The program buffer that is open.
@@ -42,6 +64,8 @@ pub struct BoardStatus {
     pub open_loops: u32,
     /// Which motors move.
     pub motion: Motion,
+    /// Whether a program buffer is open, as the servo report tells; `None` while no report tells.
+    pub program_buffer: Option<bool>,
     /// What the host port's interrupts have come to.
     pub host_port: HostPortCounts,
     /// Resets of the board seen since the start.
@@ -57,12 +81,15 @@ impl BoardStatus {
         enabled: Enabled::empty(),
         command_port: CommandPort::Dpram,
         command_state: CommandState::Unknown,
+        silent_since: None,
+        changes: [None; CHANGES],
         reply_end: ReplyEnd::Ack,
         buffer: Standing { is_open: false, opened: None },
         held: None,
-        enabling: Enabling { panel: None, variables: None },
+        enabling: Enabling { panel: None, variables: None, asked: None },
         open_loops: 0,
         motion: Motion { moving: 0, standing: 0 },
+        program_buffer: None,
         host_port: HostPortCounts { served: 0, old: 0, unannounced: 0 },
         resets: 0,
         identity: None,
@@ -82,6 +109,8 @@ pub struct Enabling {
     pub panel: Option<bool>,
     /// Background variables: I55=1.
     pub variables: Option<bool>,
+    /// When the board was asked.
+    pub asked: Option<Instant>,
 }
 
 /// Who the board is.

@@ -39,10 +39,12 @@ pub(super) struct Caller {
 pub(super) enum Then {
     /// The caller gets the lines of the board's reply.
     ReplyLines,
-    /// The caller hears that it is done.
-    ReplyDone,
+    /// The caller hears that it is done. If it is refused, the board is asked whether what it needs is still so.
+    ReplyDone(Option<Guard>),
     /// The caller hears that the jog he holds has begun.
     ReplyHeld,
+    /// The caller hears this reason, and what the board says of the guard.
+    Reason(Guard, String),
     /// The caller gets the lines of the board's reply. This character has stopped every motor: no jog is held any more.
     AllStopped(u8),
     /// The caller gets remarks.
@@ -176,8 +178,11 @@ impl CallTable {
         let mut refused = Vec::new();
         while let Some(turn) = self.queue.next() {
             let outcome = not_begun(turn.is_for_port(), held, now);
+            let is_step = self.sequence_of(turn.ticket).is_some();
             let Turn { ticket, mut command, audit } = turn;
-            if let Command::Send { writer: Writer::Question, deadline, .. } = &mut command {
+            if let Command::Send { writer: Writer::Question, deadline, .. } = &mut command
+                && !is_step
+            {
                 // How long it waited here says nothing about the board.
                 *deadline = now + QUESTION_TIMEOUT;
             }

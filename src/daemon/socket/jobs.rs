@@ -1,7 +1,7 @@
 //! The calls that ask for a [`Job`]: their parameters, the role they need, and what must be so on the board first.
 
 use std::fmt::Write as _;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use super::stop_target::{PANEL_TAKES, Target};
 use crate::daemon::shared::job::{Job, MaskedWord};
@@ -39,7 +39,13 @@ pub(super) struct Guard {
     purpose: &'static str,
     /// Whether the variable has the value, where the board was asked since it may have changed.
     known: fn(Enabling) -> Option<bool>,
+    /// The board shows at once that it has not: what is asked of it is not taken. Otherwise it is asked first, if the last
+    /// answer is old: another host may have changed it.
+    shows: bool,
 }
+
+/// How long an answer of the board is believed where nothing else shows that it is still true.
+const BELIEVED: Duration = Duration::from_secs(1);
 
 /// Of the control panel, where an I-variable switches it on.
 fn panel_enabled(family: &Family) -> Option<Guard> {
@@ -48,6 +54,7 @@ fn panel_enabled(family: &Family) -> Option<Guard> {
         value: "3",
         purpose: "the DPRAM control panel",
         known: |enabling| enabling.panel,
+        shows: true,
     })
 }
 
@@ -58,6 +65,7 @@ pub(super) fn variables_enabled(family: &Family) -> Guard {
         value: "1",
         purpose: "background variable data",
         known: |enabling| enabling.variables,
+        shows: false,
     }
 }
 
@@ -110,14 +118,15 @@ impl Guard {
         format!("I{}", self.variable)
     }
 
-    /// Whether the board is known to have the value.
-    pub(super) fn is_known(self, enabling: Enabling) -> bool {
-        (self.known)(enabling) == Some(true)
+    /// Whether the board is known at `now` to have the value.
+    pub(super) fn is_known(self, enabling: Enabling, now: Instant) -> bool {
+        let is_new = enabling.asked.is_some_and(|asked| now.saturating_duration_since(asked) < BELIEVED);
+        (self.known)(enabling) == Some(true) && (self.shows || is_new)
     }
 
-    /// Whether the board has to be asked, which `answers`.
-    pub(super) fn is_open(self, enabling: Enabling, answers: bool) -> bool {
-        !self.is_known(enabling) && answers
+    /// Whether the board has to be asked at `now`, which `answers`.
+    pub(super) fn is_open(self, enabling: Enabling, answers: bool, now: Instant) -> bool {
+        !self.is_known(enabling, now) && answers
     }
 
     /// Whether what waits for the guard may begin, the board having answered `found`.

@@ -100,7 +100,7 @@ impl BoardLoop {
         self.functions.ascii.open_line()?;
         let (functions, mut context) = self.functions_in_context();
         functions.reset(&mut context)?;
-        self.functions.ascii.queue_mut().identifier.ask_again(self.clock.now());
+        self.functions.ascii.queue_mut().identifier.begin_anew(self.clock.now());
         if is_new { self.reset_commands() } else { Ok(()) }
     }
 

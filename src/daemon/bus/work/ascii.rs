@@ -369,6 +369,7 @@ impl AsciiQueue {
             if self.ports.begin(bus, line)? {
                 self.lines.pop_front();
                 self.buffer.begin(line, next.writer, now);
+                self.identifier.line_goes(line);
                 self.start(InFlight::Line(next), next.deadline, publisher, now);
             }
         } else if !questions_wait && self.identifier.due_in(now).is_zero() {

@@ -14,7 +14,7 @@ use crate::daemon::socket::leases::{LeaseEnd, StopFor};
 use crate::daemon::socket::methods::{Action, Ask, parse_call};
 use crate::daemon::socket::policy::{Peer, Role};
 use crate::daemon::socket::resets;
-use crate::daemon::socket::sequences::Found;
+use crate::daemon::socket::sequences::{Found, Resource};
 use crate::daemon::socket::stop_target::{PANEL_TAKES, Target};
 use crate::function::variable_read::VariableEntry;
 use crate::map::errors::meaning;
@@ -63,12 +63,15 @@ impl Service {
             Action::Reply(reply) => return Ok(Some(reply)),
             Action::Info => {
                 let role = self.clients.get(caller.client).map(|client| client.role().to_string());
-                return Reply::with(&BoardInfo { role, ..self.info.board().clone() }).map(Some);
+                let unfinished = self.sequences.unfinished();
+                let elsewhere = self.info.elsewhere(self.sequences.on(Resource::Gather).is_some(), now);
+                let board = BoardInfo { role, unfinished, elsewhere, ..self.info.board().clone() };
+                return Reply::with(&board).map(Some);
             }
             Action::Ask(ask) => self.ask(caller, ask, now)?,
             Action::Watch(entries) => {
                 let guard = jobs::variables_enabled(self.info.family());
-                if guard.is_open(self.info.enabling(), self.answers()) {
+                if guard.is_open(self.info.enabling(), self.answers(), now) {
                     self.question(caller, &guard.question(), Then::Watch(entries), now + WATCH_TIMEOUT);
                 } else {
                     self.watch(caller.client, entries, now)?;
@@ -154,7 +157,7 @@ impl Service {
         if let Some(guard) = call.guard {
             let enabling = self.info.enabling();
             let has_question = call.has_question() && self.answers();
-            let asks = has_question || guard.is_open(enabling, self.answers());
+            let asks = has_question || guard.is_open(enabling, self.answers(), now);
             if asks && call.stops {
                 let (job, audit) = (Box::new(call.job.clone()), call.audit.take());
                 self.wait_for_board(caller, deadline, Then::Question(call, guard), audit, |ticket| {
@@ -167,8 +170,8 @@ impl Service {
                 self.question(caller, &question, Then::Job(call), deadline);
                 return Ok(());
             }
-            call.guard = None;
-            if !guard.is_known(enabling) {
+            if !guard.is_known(enabling, now) {
+                call.guard = None;
                 call.note_unasked(guard);
             }
         }
@@ -187,7 +190,7 @@ impl Service {
     /// Has the bus thread do a job, whatever the board says.
     fn do_job(&mut self, caller: Caller, call: JobCall, now: Instant) -> Result<(), CallError> {
         let deadline = now + call.timeout;
-        let JobCall { mut job, notes, lease, audit, target, .. } = call;
+        let JobCall { mut job, notes, lease, audit, target, guard, .. } = call;
         if let Some(motors) = lease {
             // From now on: a client that is gone before the board has taken the jog is gone all the same.
             self.leases.begin(caller.client, motors, deadline);
@@ -203,7 +206,7 @@ impl Service {
             (Some(_), ..) => Then::ReplyHeld,
             (None, Some(target), _) => Then::PanelStop { target, ends_hold },
             (None, None, Some(notes)) => Then::ReplyNotes(notes),
-            (None, None, None) => Then::ReplyDone,
+            (None, None, None) => Then::ReplyDone(guard),
         };
         let job = Box::new(job);
         self.wait_for_board(caller, deadline, then, audit, |ticket| Command::Job { ticket, job, deadline });
@@ -294,6 +297,21 @@ impl Service {
                 });
             }
             Then::Stop(number) => return self.stop_step(number, &lines, outcome, now),
+            Then::Reason(guard, reason) => {
+                return self.on_answer(caller, &lines, outcome, now, |_, found| {
+                    let reason = match guard.check(found.and_then(|found| found.first().copied())) {
+                        Ok(()) => reason,
+                        Err(why) => format!("{reason}: {why}"),
+                    };
+                    Err(CallError::Refused { reason })
+                });
+            }
+            // The board was believed to take it. Another host may have seen to that it does not.
+            Then::ReplyDone(Some(guard)) if matches!(outcome, Outcome::Refused(_)) && self.answers() => {
+                let Outcome::Refused(reason) = outcome else { return };
+                let then = Then::Reason(guard, reason.to_string());
+                return self.question(caller, &guard.question(), then, now + WATCH_TIMEOUT);
+            }
             then => then,
         };
         if let Outcome::Refused(reason) | Outcome::Dropped(reason) = outcome {
@@ -316,9 +334,10 @@ impl Service {
             }
             (Then::PanelStop { target, .. }, Outcome::Done) => {
                 self.leases.stopped(caller.client, target.motors());
+                self.end_streams_of(target.aborted(), caller.peer, now);
                 Ok(Reply::done())
             }
-            (Then::ReplyDone, Outcome::Done) => Ok(Reply::done()),
+            (Then::ReplyDone(_), Outcome::Done) => Ok(Reply::done()),
             (Then::Resets(asked), Outcome::Done) => {
                 self.see_counter(&lines, asked, now);
                 Reply::with(&ResetsReply { resets: self.resets.count() })

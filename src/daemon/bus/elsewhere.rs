@@ -1,0 +1,115 @@
+//! What somebody else has changed on the board: another host on the serial port or on the bus, or a program that runs there.
+//!
+//! The daemon asks for a few I-variables again and again. One that is not what it was, though no line that went through the
+//! daemon may have set it, was changed by somebody else.
+
+use std::time::Instant;
+
+use crate::daemon::shared::status::{CHANGES, Change};
+use crate::protocol::i_lines::{Numbers, settings};
+
+/// A variable as the board told it last.
+#[derive(Debug, Clone, Copy)]
+struct Told {
+    variable: u16,
+    value: u32,
+    at: Instant,
+    /// What it was before somebody else changed it, and when the board told that last.
+    before: Option<(u32, Instant)>,
+}
+
+/// The variables that are asked for.
+#[derive(Debug, Default)]
+pub struct Elsewhere {
+    told: [Option<Told>; CHANGES],
+}
+
+impl Elsewhere {
+    /// The board, asked at `now`, says that `variable` is `value`.
+    pub fn told(&mut self, variable: u16, value: u32, now: Instant) {
+        let is_it = |told: &Option<Told>| told.is_some_and(|told| told.variable == variable);
+        let place = self.told.iter().position(is_it).or_else(|| self.told.iter().position(Option::is_none));
+        let Some(slot) = place.and_then(|place| self.told.get_mut(place)) else { return };
+        let told = slot.get_or_insert(Told { variable, value, at: now, before: None });
+        if told.value != value {
+            let (was, at) = told.before.unwrap_or((told.value, told.at));
+            told.before = (was != value).then_some((was, at));
+            told.value = value;
+        }
+        told.at = now;
+    }
+
+    /// A line goes to the board through the daemon: what it may set is known anew from the next answer on.
+    pub fn line_goes(&mut self, line: &[u8]) {
+        if line.windows(3).any(|three| three == b"$$$") {
+            return self.forget();
+        }
+        for setting in settings(line) {
+            let is_set = |told: &Told| {
+                setting.numbers == Numbers::Unknown || setting.numbers.has(told.variable.into())
+            };
+            for slot in &mut self.told {
+                *slot = slot.filter(|told| !is_set(told));
+            }
+        }
+    }
+
+    /// The board was reset, or is another one.
+    pub fn forget(&mut self) {
+        self.told = [None; CHANGES];
+    }
+
+    /// What somebody else has changed.
+    #[must_use]
+    pub fn changes(&self) -> [Option<Change>; CHANGES] {
+        self.told.map(|told| {
+            let Told { variable, value, before, .. } = told?;
+            let (was, since) = before?;
+            Some(Change { variable, was, is: value, since })
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::time::Duration;
+
+    use super::*;
+
+    fn changes(elsewhere: &Elsewhere) -> Vec<(u16, u32, u32)> {
+        let changes = elsewhere.changes().into_iter().flatten();
+        changes.map(|change| (change.variable, change.was, change.is)).collect()
+    }
+
+    #[test]
+    fn b1_9_what_no_line_of_ours_can_have_set_was_changed_by_somebody_else() {
+        let start = Instant::now();
+        let at = |seconds| start + Duration::from_secs(seconds);
+        let mut elsewhere = Elsewhere::default();
+        for (variable, value) in [(2, 3), (55, 1), (19, 1)] {
+            elsewhere.told(variable, value, at(0));
+        }
+        elsewhere.told(2, 3, at(30));
+        assert!(changes(&elsewhere).is_empty());
+        elsewhere.told(2, 1, at(60));
+        assert_eq!(changes(&elsewhere), [(2, 3, 1)]);
+        elsewhere.told(2, 0, at(90));
+        assert_eq!(changes(&elsewhere), [(2, 3, 0)]);
+        assert_eq!(elsewhere.changes()[0].unwrap().since, at(30), "when it was seen to be 3 last");
+        elsewhere.told(2, 3, at(120));
+        assert!(changes(&elsewhere).is_empty(), "put back");
+        // Our own lines.
+        for (line, is_ours) in
+            [("I55=0", true), ("I50..60=0", true), ("I(P1)=3", true), ("$$$", true), ("I19=5 P55=0", false)]
+        {
+            elsewhere.forget();
+            elsewhere.told(55, 1, at(0));
+            elsewhere.line_goes(line.as_bytes());
+            elsewhere.told(55, 0, at(1));
+            assert_eq!(changes(&elsewhere).is_empty(), is_ours, "{line}");
+        }
+        // A change is no more of interest once the variable is set through the daemon.
+        elsewhere.line_goes(b"I55=1");
+        assert!(changes(&elsewhere).is_empty());
+    }
+}

@@ -1,0 +1,89 @@
+//! What is asked of a board to know who it is.
+
+use std::ops::RangeInclusive;
+
+use crate::daemon::bus::scale_doubts::I10;
+use crate::map::{Family, IVariables};
+use crate::protocol::LINE_MAX;
+
+/// The I-variable of the serial handshake, which says how a reply ends, in every family.
+const HANDSHAKE: u16 = 3;
+
+/// What is asked, in order. Each question is one line; each value of its reply is one reply line.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) enum Question {
+    /// What the board is.
+    Type,
+    /// Its firmware.
+    Version,
+    /// The I-variables that say what is reported and switched on.
+    Reports(Vec<(u16, Meaning)>),
+    /// Ix07, Ix08, Ix09, Ix60 of these motors, one after the other.
+    Scales(RangeInclusive<usize>),
+}
+
+/// What the value of an I-variable says.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Meaning {
+    /// I10.
+    ServoPeriod,
+    /// Servo cycles from one servo report to the next.
+    ReportCycles,
+    /// The servo report is on.
+    ServoReport,
+    /// The background report is on.
+    BackgroundReport,
+    /// The highest motor that is reported.
+    Reported,
+    /// 3: the control panel is the DPRAM's.
+    Panel,
+    /// 1: the variable tables are used.
+    Variables,
+    /// How replies end (I3); only watched here.
+    Handshake,
+}
+
+/// The questions for a board of `family`. No line is longer than the board takes: the motors' scales are asked in as many
+/// lines as that needs.
+pub(super) fn questions(family: &Family) -> Vec<Question> {
+    let i = &family.i;
+    let reports = [
+        (Some(I10), Meaning::ServoPeriod),
+        (Some(i.servo_period), Meaning::ReportCycles),
+        (Some(i.servo_enable), Meaning::ServoReport),
+        (Some(i.background_enable), Meaning::BackgroundReport),
+        (i.reported, Meaning::Reported),
+        (i.panel, Meaning::Panel),
+        (Some(i.variables_enable), Meaning::Variables),
+        (Some(HANDSHAKE), Meaning::Handshake),
+    ];
+    let reports = reports.into_iter().filter_map(|(number, meaning)| Some((number?, meaning)));
+    let mut questions = vec![Question::Type, Question::Version, Question::Reports(reports.collect())];
+    let limit = family.ascii.line_limit.min(LINE_MAX);
+    let mut first = 1;
+    for motor in 1..=family.motors {
+        if Question::Scales(first..=motor).line().len() > limit {
+            questions.push(Question::Scales(first..=motor - 1));
+            first = motor;
+        }
+    }
+    questions.push(Question::Scales(first..=family.motors));
+    questions
+}
+
+impl Question {
+    /// The line that asks it.
+    pub(super) fn line(&self) -> String {
+        match self {
+            Self::Type => "TYPE".to_owned(),
+            Self::Version => "VERSION".to_owned(),
+            Self::Reports(variables) => {
+                variables.iter().map(|(number, _)| format!("I{number}")).collect::<Vec<_>>().join(" ")
+            }
+            Self::Scales(motors) => {
+                let scales = |motor| IVariables::SCALES.map(|which| IVariables::motor(motor, which));
+                motors.clone().flat_map(scales).map(|number| format!("I{number}")).collect()
+            }
+        }
+    }
+}
