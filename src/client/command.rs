@@ -549,7 +549,9 @@ mod tests {
                 })
             });
             let error = connection.send("#1J+", Duration::from_secs(5)).unwrap_err();
-            ending.map(|ending| ending.join().unwrap());
+            if let Some(ending) = ending {
+                ending.join().unwrap();
+            }
             error.to_string()
         };
         // It was gone before the call: the whole of it was never there.

@@ -144,6 +144,7 @@ pub fn dropped_by(uid: u32, character: u8) -> Text<REASON_MAX> {
 
 /// What the bus thread tells the socket.
 #[derive(Debug, Clone, Copy)]
+#[expect(clippy::large_enum_variant, reason = "inline, so that the bus thread need not allocate")]
 pub enum Event {
     /// One line of a reply.
     Line(Ticket, ResponseText),
