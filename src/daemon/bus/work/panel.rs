@@ -209,10 +209,12 @@ impl PanelQueue {
         self.open_loops.see(open, updates);
     }
 
-    /// The motors whose loop is open, bit 0 being motor 1, as far as that is known for sure.
+    /// The motors whose loop is open, bit 0 being motor 1, as far as that is known for sure: not of those for which a request
+    /// lies in the panel, which may close it at any time.
     #[must_use]
-    pub const fn open_loops(&self) -> u32 {
-        self.open_loops.known()
+    pub fn open_loops(&self) -> u32 {
+        let requested = self.pending.map_or(0, |pending| pending.request.mask());
+        self.open_loops.known() & !requested
     }
 
     /// Forgets every request that waits and is not a stop, and makes one of those that are, or two where jogs that were held are
@@ -450,16 +452,22 @@ mod tests {
         let jog = PanelRequest::of(PANEL, PanelAction::JogPlus, &[2]).unwrap();
         queue.submit(Ticket(3), jog, deadline, now);
         queue.end_hold(Ticket(4), 0b010, deadline, now);
+        assert_eq!(queue.open_loops(), 0b010);
         assert!(queue.poll(&mut bus, now).unwrap().is_none());
+        assert_eq!(queue.open_loops(), 0, "the jog lies in the panel");
+        assert!(queue.poll(&mut bus, now).unwrap().is_none());
+        queue.see_report(0b010, 11);
+        queue.see_report(0b010, 20);
+        assert_eq!(queue.open_loops(), 0, "still, however many reports come");
         bus.write16(PANEL.request_enable, 0).unwrap();
         assert!(queue.poll(&mut bus, now).unwrap().is_some());
-        queue.see_report(0b010, 11);
+        queue.see_report(0b010, 21);
         assert!(queue.poll(&mut bus, now).unwrap().is_none());
         assert_eq!(mask(&mut bus), 0b010, "it may be moving");
         bus.write16(PANEL.request_enable, 0).unwrap();
         assert!(queue.poll(&mut bus, now).unwrap().is_some());
         // What somebody asks for by himself is done, also at the end.
-        queue.see_report(0b011, 20);
+        queue.see_report(0b011, 30);
         let stop = PanelRequest::of(PANEL, PanelAction::JogStop, &[1]).unwrap();
         queue.end_hold(Ticket(5), 0b010, deadline, now);
         queue.submit(Ticket(6), stop, deadline, now);
