@@ -388,7 +388,7 @@ mod tests {
     #[test]
     fn the_command_line_wins_over_the_file_and_the_file_over_the_default() {
         let settings = with_file("board = \"sim\"\nname = \"lathe\"\nmotors = 4\n").unwrap();
-        assert_eq!(settings.board, BoardSpec::Simulator);
+        assert_eq!(settings.board, BoardSpec::Simulator { readings: Vec::new() });
         assert_eq!((settings.name.as_str(), &settings.socket), ("lathe", &None));
         assert_eq!((settings.motors, settings.socket_mode, settings.segment_mode), (Some(4), 0o660, 0o644));
         let options = Options {

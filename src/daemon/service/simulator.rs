@@ -31,11 +31,16 @@ pub struct Simulator {
 }
 
 impl Simulator {
-    /// Starts `pmac-sim` from this program's directory (or the search path) with the shipped start-up file.
+    /// Starts `pmac-sim` from this program's directory (or the search path) with the shipped start-up file. It takes the
+    /// manual as `readings` say, each NAME=VALUE.
     ///
     /// # Errors
     /// The program does not exist or is not ready in time.
-    pub fn start(family: &Family, firmware: Option<&str>) -> Result<Self, SimulatorError> {
+    pub fn start(
+        family: &Family,
+        firmware: Option<&str>,
+        readings: &[String],
+    ) -> Result<Self, SimulatorError> {
         let program = program();
         let fail = |reason: String| SimulatorError { program: program.clone(), reason };
         let directory = private_directory().map_err(|error| fail(error.to_string()))?;
@@ -47,6 +52,9 @@ impl Simulator {
         command.arg("--family").arg(family.name);
         if let Some(firmware) = firmware {
             command.arg("--firmware").arg(firmware);
+        }
+        for reading in readings {
+            command.arg("--reading").arg(reading);
         }
         command.arg("--dpram-startup").stdin(Stdio::null()).stdout(Stdio::null());
         // If this process is killed, the simulator ends too and removes the directory.

@@ -7,6 +7,7 @@ use std::str::FromStr;
 use crate::device::board::pci::PciAddress;
 use crate::device::machine::system::number;
 use crate::device::{Access, InterruptSource};
+use crate::map::Readings;
 
 /// The longest window to map: no DPRAM is longer.
 const LONGEST: u64 = 0x10_0000;
@@ -15,8 +16,11 @@ const LONGEST: u64 = 0x10_0000;
 #[derive(Debug, Clone, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum BoardSpec {
-    /// `sim`: start a simulator and use its memory.
-    Simulator,
+    /// `sim[,reading=NAME=VALUE]`: start a simulator and use its memory.
+    Simulator {
+        /// The sentences of the manual that it takes otherwise ([`crate::map::Readings`]), each as NAME=VALUE.
+        readings: Vec<String>,
+    },
     /// `file:PATH[,irq=SOURCE][,access=32]`: a file that another process uses as its DPRAM.
     File {
         /// The memory file.
@@ -123,7 +127,7 @@ impl fmt::Display for Place {
 /// Why a board specification was refused.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error(
-    "board `{spec}`: {reason}; write sim, file:PATH, mem:0xADDRESS, uio:/dev/uioN[,map=M], pci:0000:03:00.0[,bar=N] \
+    "board `{spec}`: {reason}; write sim[,reading=NAME=VALUE], file:PATH, mem:0xADDRESS, uio:/dev/uioN[,map=M], pci:0000:03:00.0[,bar=N] \
     or vme:NODE, each but sim with [,irq=SOURCE], each but sim and vme with [,access=32]"
 )]
 pub struct SpecError {
@@ -136,7 +140,7 @@ impl BoardSpec {
     #[must_use]
     pub const fn access(&self) -> Access {
         match self {
-            Self::Simulator => Access::Bits16,
+            Self::Simulator { .. } => Access::Bits16,
             Self::File { access, .. } | Self::Window(WindowSpec { access, .. }) => *access,
         }
     }
@@ -151,14 +155,10 @@ impl FromStr for BoardSpec {
 }
 
 fn parse(spec: &str) -> Result<BoardSpec, String> {
-    let (kind, rest) = spec.split_once(':').unwrap_or((spec, ""));
-    if kind == "sim" {
-        return if spec == "sim" {
-            Ok(BoardSpec::Simulator)
-        } else {
-            Err("sim takes nothing after it".to_owned())
-        };
+    if let Some(options) = spec.strip_prefix("sim") {
+        return Ok(BoardSpec::Simulator { readings: simulator_readings(options)? });
     }
+    let (kind, rest) = spec.split_once(':').unwrap_or((spec, ""));
     let (subject, mut given) = Given::split(rest)?;
     let board = match Place::parse(kind, subject, &mut given)? {
         Some(place) => BoardSpec::Window(given.window(place)?),
@@ -170,6 +170,20 @@ fn parse(spec: &str) -> Result<BoardSpec, String> {
     };
     given.nothing_left(kind)?;
     Ok(board)
+}
+
+/// What stands behind `sim`.
+fn simulator_readings(options: &str) -> Result<Vec<String>, String> {
+    let mut parts = options.split(',');
+    if parts.next() != Some("") {
+        return Err("sim takes only ,reading=NAME=VALUE after it".to_owned());
+    }
+    let reading = |option: &str| {
+        let given = option.strip_prefix("reading=").ok_or_else(|| format!("unknown option `{option}`"))?;
+        Readings::default().with(given).map_err(|error| error.to_string())?;
+        Ok(given.to_owned())
+    };
+    parts.map(reading).collect()
 }
 
 pub(in crate::device) fn needed<'a>(kind: &str, what: &str, subject: &'a str) -> Result<&'a str, String> {
@@ -295,7 +309,13 @@ mod tests {
         let uio = |map| Place::Uio { node: "/dev/uio0".into(), map };
         let irq = || Some(InterruptSource::Uio("/dev/uio0".into()));
         for (text, spec) in [
-            ("sim", BoardSpec::Simulator),
+            ("sim", BoardSpec::Simulator { readings: Vec::new() }),
+            (
+                "sim,reading=line_flag=done,reading=panel_mask=when_done",
+                BoardSpec::Simulator {
+                    readings: vec!["line_flag=done".to_owned(), "panel_mask=when_done".to_owned()],
+                },
+            ),
             (
                 "file:/dev/shm/dpram",
                 BoardSpec::File { path: "/dev/shm/dpram".into(), interrupt: None, access: Access::Bits16 },
@@ -370,8 +390,10 @@ mod tests {
     fn anything_else_is_refused_with_its_reason() {
         for (spec, reason) in [
             ("", "no board kind ``"),
-            ("sim:x", "nothing after it"),
-            ("sim:", "nothing after it"),
+            ("sim:x", "takes only ,reading=NAME=VALUE"),
+            ("sim:", "takes only ,reading=NAME=VALUE"),
+            ("sim,irq=unix:b", "unknown option `irq=unix:b`"),
+            ("sim,reading=line_flag=never", "expected `taken` or `done`"),
             ("file:", "path after file: is missing"),
             ("file:a,irq=b", "irq=b"),
             ("file:a,irq=unix:", "irq=unix:"),
