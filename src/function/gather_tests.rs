@@ -186,6 +186,29 @@ fn samples_come_in_order_across_the_end() {
 }
 
 #[test]
+fn b3_the_newest_sample_waits_where_the_index_moves_first() {
+    for mode in [GatherMode::Wrap, GatherMode::Stop] {
+        let (mut reader, mut board) =
+            pair(GatherBuffer { index: GatherIndex::BeforeData, ..buffer(40, 2, mode) });
+        poll(&mut reader, &mut board);
+        board.pass(5);
+        assert_eq!(drain(&mut reader, &mut board), [0, 1, 2, 3], "the last one may be half there");
+        // Nothing has moved since the poll that found nothing more: it is whole.
+        assert_eq!(drain(&mut reader, &mut board), [4]);
+        board.pass(1);
+        assert_eq!(poll(&mut reader, &mut board), GatherPoll::Idle);
+        board.pass(1);
+        assert_eq!(drain(&mut reader, &mut board), [5], "another has followed");
+        board.pass(13);
+        board.gathering = false;
+        reader.stopped();
+        assert_eq!(drain(&mut reader, &mut board), (6..19).collect::<Vec<_>>());
+        assert_eq!(drain(&mut reader, &mut board), [19]);
+        assert_eq!((poll(&mut reader, &mut board), reader.lost()), (GatherPoll::Ended, 0));
+    }
+}
+
+#[test]
 fn every_lap_is_counted_and_its_samples_are_lost() {
     for period in [1, 5] {
         let (mut reader, mut board) = pair(GatherBuffer { period, ..buffer(40, 2, GatherMode::Wrap) });
