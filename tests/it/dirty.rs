@@ -43,3 +43,38 @@ fn b3_10_functions_that_are_saved_as_enabled_do_no_harm_once_the_daemon_runs() {
     assert_eq!([word(&site, "0x0000"), word(&site, "0x0002")], [0, 0], "the masks of the panel");
     assert_eq!(word(&site, "0x07D4"), 0, "the records to write");
 }
+
+#[test]
+fn b3_10_a_simulator_powers_up_with_anything_in_its_memory_unless_told_otherwise() {
+    for (options, clean) in [(&[][..], false), (&["--garbage", "off"], true)] {
+        let site = VirtualSite::new();
+        site.start_simulator(options);
+        let memory = std::fs::read(site.path("dpram")).unwrap();
+        assert_eq!(memory[0x0800..].iter().all(|&byte| byte == 0), clean, "{options:?}");
+    }
+}
+
+#[test]
+fn b3_10_save_and_a_reset_take_their_time_and_the_port_is_gone_meanwhile() {
+    for slow in ["1", "3"] {
+        let site = VirtualSite::running(&["--slow", slow], &[]);
+        site.wait_for_identity();
+        let seconds = |site: &VirtualSite, line: &str| {
+            let begun = site.with_world(|world| world.now());
+            let (status, _, stderr) = site.pmacctl(&["send", "--timeout", "20", line]);
+            assert_eq!(status, 0, "{line}: {stderr}");
+            (site.with_world(|world| world.now()) - begun).as_secs_f64()
+        };
+        let least = 2.0 * slow.parse::<f64>().unwrap();
+        assert!((least..least + 0.5).contains(&seconds(&site, "SAVE")));
+        assert!(seconds(&site, "P1=5") < 0.5, "the next line is not late");
+        assert!((0.02..0.5).contains(&seconds(&site, "&1DEFINE ROT 100")));
+        // A reset answers nothing; what comes after it waits for the board.
+        site.pmacctl(&["send", "$$$"]);
+        let begun = site.with_world(|world| world.now());
+        site.wait_until("a board that answers", || site.pmacctl(&["send", "I58"]).1 == "1\n");
+        let took = (site.with_world(|world| world.now()) - begun).as_secs_f64();
+        assert!(took < least + 12.0, "{took}");
+        site.assert_no_violations();
+    }
+}

@@ -106,7 +106,6 @@ pub fn power_up(options: &Options) -> Result<World, SimError> {
         board.save();
     }
     board.rotary_cs_base = options.rotary_cs_base;
-    board.slow = options.slow;
     let mut world = World::new(board);
     if let Some(path) = &options.mailbox {
         world.fit_mailbox(Mailbox::open(path, options.dpram_page)?);
@@ -117,6 +116,8 @@ pub fn power_up(options: &Options) -> Result<World, SimError> {
     if let Some((name, text)) = startup {
         world.load(&name, &text)?;
     }
+    // The board has been powered up for long: what its start-up lines take is over.
+    world.board.slow = options.slow;
     Ok(world)
 }
 

@@ -75,10 +75,10 @@ pub struct Options {
     #[arg(long, value_name = "N")]
     pub seed: Option<u64>,
     /// Power up with anything in the memory, from this seed, as a board does; off: with what the file holds
-    #[arg(long, value_name = "SEED|off", default_value = "off", value_parser = garbage)]
+    #[arg(long, value_name = "SEED|off", default_value = "1", value_parser = garbage)]
     pub garbage: Garbage,
     /// How many times as long as a board's SAVE, $$$, DEFINE, DELETE and LIST take; 0: no time
-    #[arg(long, value_name = "FACTOR", default_value_t = 0.0, value_parser = factor)]
+    #[arg(long, value_name = "FACTOR", default_value_t = 1.0, value_parser = factor)]
     pub slow: f64,
     /// Power up with I2=3, I55=1 and I57=1 saved: these functions act before any host does
     #[arg(long)]
