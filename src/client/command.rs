@@ -20,7 +20,7 @@ use serde::de::DeserializeOwned;
 use serde_json::{Map, Value};
 
 use crate::map::HostOffset;
-use crate::map::PmacRegister;
+use crate::map::VariableName;
 use crate::protocol::board::{Done, ReadReply, ResetsReply, SendReply, VariableRecord, WatchReply};
 use crate::protocol::message::encode;
 use crate::protocol::parameters::to_map;
@@ -276,13 +276,13 @@ impl Connection {
         Ok(Messages { path, link, ended: false })
     }
 
-    /// Turns the connection into a watch on `registers`: PMAC copies them in the background until it is dropped. Returns when the
+    /// Turns the connection into a watch on registers and function blocks: PMAC copies them in the background until it is dropped. Returns when the
     /// board has the table with them.
     ///
     /// # Errors
     /// [`CommandError`]; [`CallError::Refused`] in it when no entry is left, or I55 is not 1.
-    pub fn watch_variables(mut self, registers: &[PmacRegister]) -> Result<VariableWatch, CommandError> {
-        let registers = registers.iter().map(ToString::to_string).collect();
+    pub fn watch_variables(mut self, names: &[VariableName]) -> Result<VariableWatch, CommandError> {
+        let registers = names.iter().map(ToString::to_string).collect();
         let parameters = to_map(&calls::WatchVariables { registers });
         let mut call = Call::new(format!("{BOARD}.WatchVariables"), parameters);
         call.more = Some(true);

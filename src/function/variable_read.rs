@@ -30,7 +30,7 @@ use std::time::{Duration, Instant};
 use crate::device::{Bus, BusError};
 use crate::map::buffer_layout::VARIABLE_READ_DATA_WORDS;
 use crate::map::functions::{VARIABLE_READ_ENTRIES, VARIABLE_READ_ENTRY_READY, VARIABLE_READ_ENTRY_WORDS};
-use crate::map::{HostOffset, PmacRegister, Region, StartRule, VariableKind, VariableRead};
+use crate::map::{HostOffset, Region, StartRule, VariableKind, VariableName, VariableRead};
 pub use crate::protocol::VariableMode;
 
 /// How long after the count became 0 the table is left alone.
@@ -38,18 +38,18 @@ pub const SETTLE: Duration = Duration::from_millis(50);
 /// Words of the table or its data that one poll reads or writes at most, so that servo data need not wait.
 pub const POLL_WORDS: usize = 32;
 
-/// One register to read.
+/// One register or function block to read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct VariableEntry {
-    /// Its PMAC address.
+    /// Its PMAC address; of a function block its number.
     pub address: u32,
     /// What kind of register it is.
     pub kind: VariableKind,
 }
 
-impl From<PmacRegister> for VariableEntry {
-    fn from(register: PmacRegister) -> Self {
-        Self { address: register.address().number, kind: register.kind() }
+impl From<VariableName> for VariableEntry {
+    fn from(name: VariableName) -> Self {
+        Self { address: name.address(), kind: name.kind() }
     }
 }
 

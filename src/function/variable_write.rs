@@ -30,7 +30,8 @@ use crate::format::{fixed48, float48, int24, split32, write48};
 use crate::map::functions::{VARIABLE_WRITE_RECORD_WORDS, VARIABLE_WRITE_RECORDS};
 use crate::map::readings::FieldData;
 use crate::map::{
-    Family, HostOffset, PmacAddress, PmacRegister, RecordBits, Region, Space, VariableKind, VariableWrite,
+    Family, HostOffset, PmacAddress, PmacRegister, RecordBits, Region, Space, VariableKind, VariableName,
+    VariableWrite,
 };
 use crate::protocol::board::VariableRecord;
 
@@ -103,7 +104,7 @@ impl WriteRecord {
     /// In words, with the register: what is not written so, or does not fit.
     pub fn of(record: &VariableRecord, family: &Family) -> Result<Self, String> {
         let VariableRecord { register: text, offset, width, value } = record;
-        let register = PmacRegister::parse(text, family).map_err(|error| error.to_string())?;
+        let name = VariableName::parse(text, family).map_err(|error| error.to_string())?;
         let whole = || {
             if value.fract() == 0.0 && value.abs() < 2f64.powi(53) {
                 Ok(*value as i64)
@@ -111,13 +112,25 @@ impl WriteRecord {
                 Err(format!("{text} takes a whole number, not {value}"))
             }
         };
-        let made = match register.address().space {
-            Space::D | Space::L if width.is_some() || offset.is_some() => {
-                return Err(format!("{text} is written as a whole; leave width and offset out"));
+        let (bits, first) = (width.unwrap_or(WORD_BITS), offset.unwrap_or(0));
+        let made = match name {
+            VariableName::Block { number, word } => {
+                let word = word.and_then(|word| PmacRegister::new(PmacAddress::new(word, number.into())));
+                let word = word.ok_or_else(|| {
+                    format!(
+                        "{text}: PMAC writes a word of a function block: PLCC:X:{number} or PLCC:Y:{number}"
+                    )
+                })?;
+                Self::block(word, bits, first, whole()?)
             }
-            Space::D => Self::fixed48(register, whole()?),
-            Space::L => Self::float48(register, *value),
-            _ => Self::word(register, width.unwrap_or(WORD_BITS), offset.unwrap_or(0), whole()?),
+            VariableName::Register(register) => match register.address().space {
+                Space::D | Space::L if width.is_some() || offset.is_some() => {
+                    return Err(format!("{text} is written as a whole; leave width and offset out"));
+                }
+                Space::D => Self::fixed48(register, whole()?),
+                Space::L => Self::float48(register, *value),
+                _ => Self::word(register, bits, first, whole()?),
+            },
         };
         made.map_err(|reason| format!("{text}: {reason}"))
     }

@@ -28,6 +28,14 @@ impl FromStr for Firmware {
     }
 }
 
+impl Firmware {
+    /// The first version with these numbers, without a letter.
+    #[must_use]
+    pub const fn first(major: u16, minor: u16) -> Self {
+        Self { major, minor, letter: None }
+    }
+}
+
 fn parse(text: &str) -> Option<Firmware> {
     let (major, rest) = text.split_once('.')?;
     let (minor, letter) = match rest.chars().next_back()? {

@@ -3,7 +3,7 @@
 //! Only this module knows an address. [`Family`] is all that distinguishes a board family: limits, the numbers of its
 //! I-variables, its register table, and a descriptor of each automatic function ([`functions`]). [`Layout`] is the
 //! register table as a board with a given firmware has it, [`TypedAddress`] an address as a person types it, [`PmacRegister`] a register of
-//! PMAC's own memory.
+//! PMAC's own memory, [`VariableName`] what PMAC copies and writes in its background.
 
 pub mod address;
 pub mod buffer_layout;
@@ -23,6 +23,7 @@ pub mod selection;
 pub mod status;
 pub mod table;
 pub mod typed;
+pub mod variable_name;
 
 /// The axes in the order in which the fixed buffers hold them.
 pub const AXES: [&str; 9] = ["A", "B", "C", "U", "V", "W", "X", "Y", "Z"];
@@ -50,3 +51,4 @@ pub use selection::{BlockField, Selection, block_fields};
 pub use status::{MotionMode, StatusTable, StatusTables, TargetSource};
 pub use table::{Bits, Block, Confidence, Format, NumberKind, Register, Source, SourceAt, Width, Writer};
 pub use typed::{AddressError, TypedAddress};
+pub use variable_name::{BadVariable, VariableName};

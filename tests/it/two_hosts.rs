@@ -77,7 +77,7 @@ fn b1_9_what_is_believed_is_asked_again_before_it_is_acted_on() {
     site.run_for(Duration::from_secs(2));
     send(&site, &mut serial, "I55=0");
     let register: PmacRegister = "X:$0028".parse().unwrap();
-    let refused = site.connection().watch_variables(&[register]).unwrap_err().to_string();
+    let refused = site.connection().watch_variables(&[register.into()]).unwrap_err().to_string();
     assert!(refused.contains("I55 is 0") && refused.contains("send I55=1 first"), "{refused}");
     // The panel shows by itself that it takes nothing; then the reason is asked for.
     send(&site, &mut serial, "I2=1");

@@ -1,11 +1,11 @@
 //! Background variables, end to end: a simulated board, its daemon, and several clients at a time.
 
 use pmac_dpram::client::{Board, VariableWatch};
-use pmac_dpram::map::PmacRegister;
+use pmac_dpram::map::VariableName;
 
 use crate::support::VirtualSite;
 
-fn register(text: &str) -> PmacRegister {
+fn register(text: &str) -> VariableName {
     text.parse().unwrap()
 }
 
@@ -14,7 +14,7 @@ fn board(site: &VirtualSite) -> Board {
 }
 
 fn watch(board: &Board, registers: &[&str]) -> VariableWatch {
-    let registers: Vec<PmacRegister> = registers.iter().map(|text| register(text)).collect();
+    let registers: Vec<VariableName> = registers.iter().map(|text| register(text)).collect();
     board.watch_variables(&registers).unwrap()
 }
 
@@ -93,7 +93,7 @@ fn a_watch_prints_what_the_registers_hold() {
 
     // 128 are all there are.
     let board = board(&site);
-    let many: Vec<PmacRegister> = (0x700..0x780).map(|n| register(&format!("X:${n:X}"))).collect();
+    let many: Vec<VariableName> = (0x700..0x780).map(|n| register(&format!("X:${n:X}"))).collect();
     let held = board.watch_variables(&many).unwrap();
     let ran = site.run(&["variable", "watch", "Y:$0700", "--count", "1"]);
     assert!(ran.code != Some(0) && ran.stderr.contains("128 are in use, 1 more"), "{ran:?}");
@@ -131,6 +131,52 @@ fn a_set_writes_the_bits_asked_for_and_many_in_their_order() {
     done(&values.iter().map(String::as_str).collect::<Vec<_>>());
     for n in [0, 17, 49] {
         assert_eq!(site.ask(&format!("RY${:X}", 0x740 + n)), [(1050 + n).to_string()]);
+    }
+    site.assert_no_violations();
+}
+
+#[test]
+fn b5_9_function_blocks_of_compiled_plcs_are_watched_and_written() {
+    let site = VirtualSite::running(&[], &[]);
+    site.wait_for_live_servo();
+    site.wait_for_identity();
+    // Where the blocks lie (DPRAM manual p. 23); block 7 is seven locations on.
+    for line in ["WY$9FFF,$3000", "WY$3007,$FFFFFB", "WX$3007,$000002"] {
+        site.ask(line);
+    }
+    let watch = ["variable", "watch", "PLCC:7", "PLCC:X:7", "plcc:y:7", "PLCC:Y:7,u", "--count", "1"];
+    let ran = site.run(&watch);
+    let fixed = 2 * (1 << 24) + 0xFF_FFFB;
+    let values = format!(" PLCC:7={fixed} PLCC:X:7=2 PLCC:Y:7=-5 PLCC:Y:7,u=16777211\n");
+    assert!(ran.code == Some(0) && ran.stdout.ends_with(&values), "{ran:?}");
+    let held = board(&site).watch_variables(&[register("PLCC:X:7")]).unwrap();
+    site.wait_until("the block in the list", || listed(&site) == ["PLCC:7"]);
+    drop(held);
+    let ran = site.run(&["variable", "set", "PLCC:X:7=-2", "PLCC:Y:7,8,4=3"]);
+    assert_eq!((ran.code, ran.stderr.as_str()), (Some(0), ""));
+    assert_eq!((site.ask("RHX$3007"), site.ask("RHY$3007")), (vec!["FFFFFE".into()], vec!["FFF3FB".into()]));
+    assert!(site.log().contains("variable write PLCC:X:7=-2"), "{}", site.log());
+    for (arguments, said) in [
+        (["variable", "set", "PLCC:7=1"], "PLCC:X:7 or PLCC:Y:7"),
+        (["variable", "set", "PLCC:X:7=16777216"], "does not fit in 24 bits"),
+        (["variable", "watch", "PLCC:70000"], "up to 65535"),
+        (["variable", "watch", "PLCC:7,u"], "PLCC:7,u"),
+    ] {
+        let ran = site.run(&arguments);
+        assert!(ran.code == Some(2) && ran.stderr.contains(said), "{arguments:?}: {ran:?}");
+    }
+    site.assert_no_violations();
+}
+
+#[test]
+fn b5_9_function_blocks_need_firmware_that_has_them() {
+    let site = VirtualSite::running(&["--firmware", "1.15G"], &[]);
+    site.wait_for_live_servo();
+    site.wait_for_identity();
+    for arguments in [["variable", "watch", "PLCC:7"], ["variable", "set", "PLCC:X:7=1"]] {
+        let ran = site.run(&arguments);
+        let said = "function blocks need firmware 1.16; the board has 1.15G";
+        assert!(ran.code == Some(1) && ran.stderr.contains(said), "{arguments:?}: {ran:?}");
     }
     site.assert_no_violations();
 }

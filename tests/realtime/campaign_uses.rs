@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 
 use pmac_dpram::client::{Board, CommandError, Connection, RotaryFeed, RotaryLine, RotaryPlace};
 use pmac_dpram::map::HostOffset;
-use pmac_dpram::map::PmacRegister;
+use pmac_dpram::map::VariableName;
 use pmac_dpram::protocol::CallError;
 use pmac_dpram::protocol::board::VariableRecord;
 use pmac_dpram::segment::RegionId;
@@ -144,7 +144,7 @@ fn variables(site: &Site, connection: &mut Connection, run: u64, keeps: bool) ->
     let gone = |error| CommandError::from(CallError::Protocol(format!("{error}")));
     // What was copied for somebody before is no answer.
     let mut seen = board.subscriber().published(RegionId::Variable).map_err(|error| gone(error.into()))?;
-    let registers = ["X:$0000", "D:$0028", WATCHED].map(|text| text.parse::<PmacRegister>().unwrap());
+    let registers = ["X:$0000", "D:$0028", WATCHED].map(|text| text.parse::<VariableName>().unwrap());
     let mut watch = board.watch_variables(&registers)?;
     let end = Instant::now() + BACKGROUND;
     loop {

@@ -13,7 +13,7 @@ use std::thread::ScopedJoinHandle;
 use std::time::{Duration, Instant};
 
 use pmac_dpram::client::Board;
-use pmac_dpram::map::PmacRegister;
+use pmac_dpram::map::VariableName;
 use pmac_dpram::segment::{Counter, RegionId, Sample, Subscriber, WaitOutcome};
 
 use crate::support::{Ended, PATIENCE, Site, Weight, counter, output_within, wait_until};
@@ -147,7 +147,7 @@ impl Run<'_> {
 
     /// Watches registers and takes every table that is published; the watched counter goes up in each.
     fn watch_variables(&self, registers: &[&str]) {
-        let registers: Vec<PmacRegister> = registers.iter().map(|text| text.parse().unwrap()).collect();
+        let registers: Vec<VariableName> = registers.iter().map(|text| text.parse().unwrap()).collect();
         let mut board = Board::attach(&self.site.name).unwrap().with_socket(&self.site.socket());
         let mut watch = board.watch_variables(&registers).unwrap();
         let first = board.subscriber().published(RegionId::Variable).unwrap() + 1;

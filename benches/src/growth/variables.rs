@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use pmac_dpram::map::PmacRegister;
+use pmac_dpram::map::VariableName;
 use pmac_dpram::segment::{RegionId, Sample};
 
 use super::running::Running;
@@ -15,7 +15,7 @@ const FIRST: usize = 0x0700;
 pub fn watch(rig: &Rig, count: usize) -> Running {
     let mut running = Running::new(1);
     running.spawn(|notes| {
-        let registers: Vec<PmacRegister> = (0..count)
+        let registers: Vec<VariableName> = (0..count)
             .map(|index| format!("Y:${:04X}", FIRST + index).parse().expect("a register"))
             .collect();
         let _watch = rig.connection().watch_variables(&registers).expect("a watch");

@@ -12,12 +12,12 @@ use crate::cli::console::table::{Align, Table};
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::cli::layout::board_layout;
 use crate::client::{Variable as Entry, VariableTable, View};
+use crate::decode::Scales;
 use crate::format::{fixed48, float48, int24};
 use crate::function::variable_write::WriteRecord;
 use crate::gather::{Column, Reading, Source};
-use crate::map::PmacRegister;
 use crate::map::number;
-use crate::map::{PmacAddress, Space, VariableKind};
+use crate::map::{BadVariable, Layout, PmacAddress, Space, VariableKind, VariableName};
 use crate::protocol::board::VariableRecord;
 use crate::segment::RegionId;
 
@@ -50,7 +50,8 @@ enum VariableCommand {
 
 #[derive(Debug, ClapArgs)]
 struct Watch {
-    /// Y:$0003, X:$0028, D:$002B, L:$1005, or a name such as 1.actual_position; a 24-bit word is signed unless ,u follows
+    /// Y:$0003, X:$0028, D:$002B, L:$1005, or a name such as 1.actual_position; a 24-bit word is signed unless ,u follows.
+    /// PLCC:7 is function block 7 of the compiled PLCs, PLCC:X:7 and PLCC:Y:7 are its words (firmware 1.16)
     #[arg(required = true, value_name = "REGISTER")]
     registers: Vec<String>,
     /// Stop after this many prints
@@ -66,7 +67,8 @@ struct Watch {
 
 #[derive(Debug, ClapArgs)]
 struct Set {
-    /// Y:$0700=5, Y:$0700,8,4=5 (4 bits from bit 8, as in M-variable definitions), D:$0728=-1000, L:$1005=2.5
+    /// Y:$0700=5, Y:$0700,8,4=5 (4 bits from bit 8, as in M-variable definitions), D:$0728=-1000, L:$1005=2.5, PLCC:X:7=5 (a
+    /// word of function block 7)
     #[arg(required = true, value_name = "REGISTER[,OFFSET[,WIDTH]]=VALUE")]
     values: Vec<String>,
     /// How long PMAC may take, in seconds
@@ -85,15 +87,13 @@ pub fn run(context: &mut Context, options: &Variable) -> Result<Verdict, Failure
 fn watch(context: &mut Context, options: &Watch) -> Result<Verdict, Failure> {
     let mut board = context.board()?;
     let (layout, scales, _) = board_layout(&mut board)?;
-    let sources: Vec<Source> = options
+    let wanted: Vec<Wanted> = options
         .registers
         .iter()
-        .map(|text| Source::parse(text, &layout))
-        .collect::<Result<_, _>>()
-        .map_err(Failure::request)?;
-    let columns: Vec<Column> = sources.iter().map(|source| Column::new(source, &scales)).collect();
-    let registers: Vec<PmacRegister> = sources.iter().map(|source| source.register).collect();
-    let mut held = board.watch_variables(&registers)?;
+        .map(|text| Wanted::parse(text, &layout, &scales))
+        .collect::<Result<_, _>>()?;
+    let names: Vec<VariableName> = wanted.iter().map(|wanted| wanted.name).collect();
+    let mut held = board.watch_variables(&names)?;
     // The board has the table now. Copies must arrive within the region's limit.
     let began = Instant::now();
     let region = board.subscriber().region(RegionId::Variable).map_err(Failure::request)?;
@@ -110,15 +110,14 @@ fn watch(context: &mut Context, options: &Watch) -> Result<Verdict, Failure> {
             view.is_fresh() && view.sequence > after && view.data.has_come_to(held.table())
         };
         let values = found.as_ref().filter(is_new);
-        let values = values.map(|view| {
-            (view, registers.iter().map(|&register| view.data.value_of(register)).collect::<Vec<_>>())
-        });
+        let values =
+            values.map(|view| (view, names.iter().map(|&name| view.data.value_of(name)).collect::<Vec<_>>()));
         match values {
             Some((view, values)) if values.iter().all(Option::is_some) => {
                 after = view.sequence;
                 (complete, fresh) = (true, true);
                 let longs = values.iter().map(|value| value.map_or(&[][..], Entry::value));
-                print(context, view, &columns, longs)?;
+                print(context, view, wanted.iter().zip(longs))?;
                 context.output.flush()?;
                 printed += 1;
             }
@@ -143,14 +142,57 @@ fn watch(context: &mut Context, options: &Watch) -> Result<Verdict, Failure> {
     Ok(fresh.into())
 }
 
+/// What a user wants to see.
+struct Wanted {
+    name: VariableName,
+    column: Column,
+    /// How many of its longs belong to another word.
+    longs_before: usize,
+}
+
+impl Wanted {
+    fn parse(text: &str, layout: &Layout, scales: &Scales) -> Result<Self, Failure> {
+        let (address, unsigned) = text.strip_suffix(",u").map_or((text, false), |address| (address, true));
+        let name = match VariableName::parse(address, layout.family()) {
+            Ok(VariableName::Block { word: None, .. }) if unsigned => {
+                return Err(Failure::request(BadVariable::Block { text: text.to_owned() }));
+            }
+            Ok(name @ VariableName::Block { .. }) => name,
+            Err(error @ BadVariable::Block { .. }) => return Err(Failure::request(error)),
+            _ => {
+                let source = Source::parse(text, layout).map_err(Failure::request)?;
+                let column = Column::new(&source, scales);
+                return Ok(Self { name: source.register.into(), column, longs_before: 0 });
+            }
+        };
+        let (reading, longs_before) = match name {
+            VariableName::Block { word: Some(word), .. } => {
+                let reading = if unsigned { Reading::Unsigned } else { Reading::Signed };
+                // The Y half comes first.
+                (reading, usize::from(word == Space::X))
+            }
+            _ => (Reading::Fixed, 0),
+        };
+        let sign = if unsigned { ",u" } else { "" };
+        let column = Column {
+            name: format!("{name}{sign}"),
+            register: name.to_string(),
+            reading,
+            factor: 1.0,
+            unit: "",
+        };
+        Ok(Self { name, column, longs_before })
+    }
+}
+
 /// Prints one set of values as a line of text or of JSON.
 fn print<'a>(
     context: &mut Context,
     view: &View<VariableTable>,
-    columns: &[Column],
-    values: impl Iterator<Item = &'a [u32]>,
+    values: impl Iterator<Item = (&'a Wanted, &'a [u32])>,
 ) -> Result<(), Failure> {
-    let values = columns.iter().zip(values).map(|(column, longs)| {
+    let values = values.map(|(Wanted { column, longs_before, .. }, longs)| {
+        let longs = longs.get(*longs_before..).unwrap_or(&[]);
         // JSON has no infinity and no NaN: they become null.
         let number = column.reading.read(longs).map_or(f64::NAN, |number| number * column.factor);
         (column, number)
@@ -217,7 +259,7 @@ fn name(entry: &Entry) -> String {
         VariableKind::Y => Space::Y,
         VariableKind::X => Space::X,
         VariableKind::Long => Space::D,
-        VariableKind::Special => return format!("function block {}", entry.address),
+        VariableKind::Special => return format!("PLCC:{}", entry.address),
     };
     PmacAddress::new(space, entry.address).to_string()
 }
@@ -273,9 +315,12 @@ fn record(text: &str) -> Result<VariableRecord, String> {
         text.split_once('=').ok_or_else(|| format!("{text:?}: no value; write Y:$0700,8,4=5"))?;
     let mut parts = target.split(',');
     let register = parts.next().unwrap_or_default();
-    let register: PmacRegister = register
-        .parse()
-        .map_err(|_| format!("{register:?} is not a register; write Y:$0700, X:$0701, D:$0728 or L:$1005"))?;
+    let name: VariableName = register.parse().map_err(|error| match error {
+        BadVariable::Register(_) => {
+            format!("{register:?} is not a register; write Y:$0700, X:$0701, D:$0728 or L:$1005")
+        }
+        block @ BadVariable::Block { .. } => block.to_string(),
+    })?;
     let mut bits = |what: &str| -> Result<Option<u8>, String> {
         let parse = |part: &str| {
             part.trim()
@@ -293,7 +338,7 @@ fn record(text: &str) -> Result<VariableRecord, String> {
     let width = width.or(offset.map(|_| 1));
     let value = value_of(value.trim())
         .ok_or_else(|| format!("{text:?}: {value:?} is not a number; write 5, -5, $FF or, for L:, 2.5"))?;
-    Ok(VariableRecord { register: register.to_string(), offset, width, value })
+    Ok(VariableRecord { register: name.to_string(), offset, width, value })
 }
 
 fn value_of(text: &str) -> Option<f64> {

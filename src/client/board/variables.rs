@@ -9,7 +9,7 @@ use std::time::Duration;
 use super::{Board, ClientError};
 use crate::client::command::{CommandError, Connection, VariableWatch};
 use crate::client::view::View;
-use crate::map::PmacRegister;
+use crate::map::VariableName;
 pub use crate::segment::payload::variable::{Variable, VariableTable};
 use crate::segment::{RegionId, SegmentError, WaitOutcome};
 
@@ -35,12 +35,12 @@ impl Board {
         Ok(outcome == WaitOutcome::Newer)
     }
 
-    /// Has PMAC copy `registers` in the background until what this returns is dropped; their values come in
+    /// Has PMAC copy what `names` name in the background until what this returns is dropped; their values come in
     /// [`Board::variables`]. Uses a connection of its own.
     ///
     /// # Errors
     /// [`CommandError`]; refused when none of PMAC's 128 entries is left, or I55 is not 1.
-    pub fn watch_variables(&self, registers: &[PmacRegister]) -> Result<VariableWatch, CommandError> {
-        Connection::open(self.socket())?.of_board(self.name())?.watch_variables(registers)
+    pub fn watch_variables(&self, names: &[VariableName]) -> Result<VariableWatch, CommandError> {
+        Connection::open(self.socket())?.of_board(self.name())?.watch_variables(names)
     }
 }

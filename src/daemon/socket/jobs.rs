@@ -4,13 +4,14 @@ use std::fmt::Write as _;
 use std::time::{Duration, Instant};
 
 use super::stop_target::{PANEL_TAKES, Target};
+use crate::daemon::shared::info::Info;
 use crate::daemon::shared::job::{Job, MaskedWord};
 use crate::daemon::shared::status::Enabling;
 use crate::function::panel::{FeedOverride, PanelAction, PanelRequest};
 use crate::function::variable_read::VariableEntry;
 use crate::function::variable_write::WriteRecord;
 use crate::map::functions::VARIABLE_READ_ENTRIES;
-use crate::map::{Family, Firmware, HostOffset, PmacAddress, PmacRegister};
+use crate::map::{Family, Firmware, HostOffset, PmacAddress, VariableName};
 use crate::protocol::board::{BoardInfo, VariableRecord};
 use crate::protocol::{CallError, answer, calls};
 
@@ -326,8 +327,8 @@ pub(super) fn write(call: calls::Write, family: &Family) -> Result<JobCall, Call
     })
 }
 
-/// The registers a watch names.
-pub(super) fn watched(call: calls::WatchVariables, family: &Family) -> Result<Vec<VariableEntry>, CallError> {
+/// The registers and function blocks a watch names.
+pub(super) fn watched(call: calls::WatchVariables, info: &Info) -> Result<Vec<VariableEntry>, CallError> {
     let calls::WatchVariables { registers } = call;
     let count = registers.len();
     if !(1..=VARIABLE_READ_ENTRIES).contains(&count) {
@@ -337,8 +338,10 @@ pub(super) fn watched(call: calls::WatchVariables, family: &Family) -> Result<Ve
     registers
         .iter()
         .map(|text| {
-            let register = PmacRegister::parse(text, family);
-            register.map(VariableEntry::from).map_err(|why| CallError::invalid("registers", why))
+            let name = VariableName::parse(text, info.family());
+            let name = name.map_err(|why| CallError::invalid("registers", why))?;
+            knows(name, info)?;
+            Ok(name.into())
         })
         .collect()
 }
@@ -358,21 +361,45 @@ pub(super) fn check_firmware_writes(board: &BoardInfo, family: &Family) -> Resul
     }
 }
 
+/// Refuses a function block unless the board's firmware is known to have them: an older one would take the block's number for
+/// an address.
+fn knows(name: VariableName, info: &Info) -> Result<(), CallError> {
+    let VariableName::Block { .. } = name else { return Ok(()) };
+    let family = info.family();
+    let Some(since) = family.function_blocks_since else {
+        return Err(refused(format!("{name}: no manual tells of function blocks on a {}", family.title)));
+    };
+    let firmware = info.board().firmware.as_deref();
+    match firmware.and_then(|firmware| firmware.parse::<Firmware>().ok()) {
+        Some(known) if known >= since => Ok(()),
+        Some(known) => {
+            Err(refused(format!("{name}: function blocks need firmware {since}; the board has {known}")))
+        }
+        None => Err(refused(format!(
+            "{name}: function blocks need firmware {since}, and the board has not told its own; write firmware = \"{since}\" into \
+             pmacd's configuration if it has it"
+        ))),
+    }
+}
+
 /// Registers for PMAC to write.
-pub(super) fn write_variables(call: calls::WriteVariables, family: &Family) -> Result<JobCall, CallError> {
+pub(super) fn write_variables(call: calls::WriteVariables, info: &Info) -> Result<JobCall, CallError> {
     let calls::WriteVariables { records, timeout_ms } = call;
     if records.is_empty() || records.len() > RECORDS_MAX {
         return Err(CallError::invalid("records", format_args!("1 to {RECORDS_MAX} records")));
     }
     let mut audit = String::from("variable write");
     for VariableRecord { register, value, .. } in &records {
+        if let Ok(name) = register.parse() {
+            knows(name, info)?;
+        }
         let _ = write!(audit, " {register}={value}");
     }
-    let records = records.iter().map(|record| WriteRecord::of(record, family));
+    let records = records.iter().map(|record| WriteRecord::of(record, info.family()));
     let records: Vec<WriteRecord> =
         records.collect::<Result<_, _>>().map_err(|why| CallError::invalid("records", why))?;
     Ok(JobCall {
-        guard: Some(variables_enabled(family)),
+        guard: Some(variables_enabled(info.family())),
         audit: Some(audit),
         ..JobCall::new(
             Job::WriteVariables(records),

@@ -14,7 +14,7 @@ use crate::daemon::shared::info::Info;
 use crate::daemon::shared::job::Job;
 use crate::daemon::shared::queue::{DEFAULT_TIMEOUT, LINE_MAX, READ_MAX, Text};
 use crate::function::variable_read::VariableEntry;
-use crate::map::{Family, HostOffset};
+use crate::map::{Family, HostOffset, VariableKind};
 use crate::protocol::cut_off::{self, character_cuts_off, line_cuts_off};
 use crate::protocol::{
     BOARD, BOARD_DESCRIPTION, Call, CallError, Function, Reply, SERVICE, SERVICE_DESCRIPTION, calls,
@@ -150,11 +150,11 @@ const METHODS: [Method; 23] = {
         method("FeedOverride", Stop, Some(Panel), |call, info| job(call, info, jobs::feed_override)),
         method("Write", Engineer, None, |call, info| job(call, info, jobs::write)),
         method("WatchVariables", Observe, Some(Variables), |call, info| {
-            streams(call, Action::Watch(jobs::watched(parameters(call)?, info.family())?))
+            streams(call, Action::Watch(jobs::watched(parameters(call)?, info)?))
         }),
         method("WriteVariables", Engineer, Some(Variables), |call, info| {
             jobs::check_firmware_writes(info.board(), info.family())?;
-            job(call, info, jobs::write_variables)
+            jobs::write_variables(parameters(call)?, info).map(|call| Action::Ask(Ask::Job(call)))
         }),
         method("GatherStart", Engineer, Some(Gather), |call, info| {
             needs_lines(info)?;
@@ -268,7 +268,11 @@ fn role_of(action: &Action, characters: Characters, family: &Family) -> Role {
         }
         Action::Ask(Ask::Read { first, count }) => family.ascii.has_text_in(*first, *count),
         Action::Watch(entries) => {
-            entries.iter().any(|entry| !family.is_memory(entry.address) || family.holds_text(entry.address))
+            // Where a function block lies, the board alone knows.
+            let is_block = |entry: &VariableEntry| entry.kind == VariableKind::Special;
+            let is_open =
+                |entry: &VariableEntry| family.is_memory(entry.address) && !family.holds_text(entry.address);
+            entries.iter().any(|entry| is_block(entry) || !is_open(entry))
         }
         _ => false,
     };

@@ -14,7 +14,7 @@ use super::functions::{
     VariableRead, VariableWrite,
 };
 use super::status::{self, StatusTables};
-use super::{Block, GatherPlace, HostOffset, PmacAddress, Region, Source, SourceAt, Space};
+use super::{Block, Firmware, GatherPlace, HostOffset, PmacAddress, Region, Source, SourceAt, Space};
 
 /// Which kind of set-up registers and I-variables a board has.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
@@ -100,6 +100,9 @@ pub struct Family {
     pub gather_moved_in: &'static [&'static str],
     /// By how many bytes they move it.
     pub gather_shift: u32,
+    /// The first firmware whose variable functions know the function blocks of compiled PLCs; `None` where no text tells of
+    /// them.
+    pub function_blocks_since: Option<Firmware>,
 }
 
 const fn pmac_family(
@@ -141,6 +144,7 @@ const fn pmac_family(
         gather: pmac::GATHER,
         gather_moved_in: pmac::GATHER_MOVED_IN,
         gather_shift: pmac::GATHER_SHIFT,
+        function_blocks_since: Some(pmac::FUNCTION_BLOCKS_SINCE),
     }
 }
 
@@ -189,6 +193,7 @@ const fn turbo_family(
         gather: turbo::GATHER,
         gather_moved_in: &[],
         gather_shift: 0,
+        function_blocks_since: None,
     }
 }
 

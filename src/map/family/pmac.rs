@@ -8,7 +8,7 @@ use crate::map::functions::{
     AsciiPort, BackgroundBlock, Blocks, BusyRule, EntryBits, Flag, IVariables, PanelBlock, RecordBits,
     ReportStart, RotaryHeaders, Run, ServoBlock, StartRule, Timer, VariableRead, VariableWrite,
 };
-use crate::map::{GatherPlace, HostOffset, NumberKind, PmacAddress, Region, Space};
+use crate::map::{Firmware, GatherPlace, HostOffset, NumberKind, PmacAddress, Region, Space};
 
 /// The PMAC address of the first DPRAM location.
 pub const BASE: u32 = 0xD000;
@@ -345,6 +345,7 @@ pub const GATHER: GatherPlace = GatherPlace { size: GATHER_SIZE, index: GATHER_I
 /// The I-variables of the functions (DPRAM manual, the "Enabling" section of each).
 pub const I_VARIABLES: IVariables = IVariables {
     panel: Some(2),
+    segmentation: Some(13),
     servo_period: 19,
     servo_enable: 48,
     background_enable: 49,

@@ -2,7 +2,7 @@
 //! table of its payload.
 
 use crate::format::{join32, split32};
-use crate::map::{PmacRegister, VariableKind};
+use crate::map::{VariableKind, VariableName};
 
 /// 16-bit words before the entries.
 const HEADER_WORDS: usize = 4;
@@ -24,7 +24,7 @@ pub const fn payload_words(entries: usize) -> usize {
 /// One entry of the table.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Variable {
-    /// The register's PMAC address, up to 19 bits.
+    /// The register's PMAC address, up to 19 bits; a function block's number.
     pub address: u32,
     /// The kind of register.
     pub kind: VariableKind,
@@ -109,10 +109,11 @@ impl VariableTable {
         self.number.wrapping_sub(number).cast_signed() >= 0
     }
 
-    /// The value of `register`, when the table holds it and has a value.
+    /// The value of a register or function block, when the table holds it and has a value.
     #[must_use]
-    pub fn value_of(&self, register: PmacRegister) -> Option<&Variable> {
-        let wanted = (register.address().number, register.kind());
+    pub fn value_of(&self, name: impl Into<VariableName>) -> Option<&Variable> {
+        let name = name.into();
+        let wanted = (name.address(), name.kind());
         let is_it = |variable: &&Variable| (variable.address, variable.kind) == wanted;
         self.variables.iter().find(is_it).filter(|variable| variable.updates > 0)
     }
@@ -122,7 +123,7 @@ impl VariableTable {
 mod tests {
     use super::*;
 
-    fn register(text: &str) -> PmacRegister {
+    fn register(text: &str) -> VariableName {
         text.parse().unwrap()
     }
 
