@@ -426,6 +426,8 @@ pub struct GatherPlace {
 pub struct IVariables {
     /// Control panel enable.
     pub panel: Option<u16>,
+    /// Segmentation time; `None` where each coordinate system has its own.
+    pub segmentation: Option<u16>,
     /// Servo cycles between two servo reports.
     pub servo_period: u16,
     /// Servo report enable.

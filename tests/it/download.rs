@@ -104,3 +104,49 @@ fn a_file_of_comments_alone_changes_nothing() {
     assert_eq!(sent(&site, "P5"), "3\n");
     site.assert_no_violations();
 }
+
+#[test]
+fn b5_5_what_is_no_program_file_is_refused_before_anything_is_sent() {
+    let site = VirtualSite::running(&[], &[]);
+    let path =
+        site.file("note.txt", "A note to the operators:\nHome the telescope.\nThen park it.\nThank you.\n");
+    let ran = site.run(&["download", &path]);
+    let said = format!(
+        "{path}:1: \"A note to the operators:\" is no command, as most lines of this file; nothing was sent."
+    );
+    assert!(
+        ran.code == Some(2) && ran.stderr.starts_with(&said) && ran.stderr.contains("--force"),
+        "{ran:?}"
+    );
+    assert!(!site.log().contains("download"), "{}", site.log());
+    let ran = site.run(&["download", &path, "--force"]);
+    assert!(ran.code == Some(1) && ran.stderr.contains("ERR"), "{ran:?}");
+}
+
+#[test]
+fn b5_5_a_circle_without_segmentation_is_warned_of() {
+    let site = VirtualSite::running(&[], &[]);
+    site.wait_for_identity();
+    let program = "OPEN PROG 5 CLEAR\nINC TM500\nCIRCLE1 X10 Y0 I5\nCLOSE\n";
+    let path = site.file("arc.pmc", program);
+    let warned = |path: &str| {
+        let ran = site.run(&["download", path]);
+        assert_eq!(ran.code, Some(0), "{ran:?}");
+        ran.stderr.clone()
+    };
+    let warning = "while I13 is 0 the board moves along the chord, not the circle";
+    assert!(warned(&path).starts_with(&format!("warning: {path}:3: {warning}")), "{}", warned(&path));
+    assert_eq!(warned(&site.file("both.pmc", &format!("{program}I13=10\n"))), "");
+    assert_eq!(warned(&path), "");
+    // The same for a rotary program.
+    for line in ["I13=0", "&1 #1->X #2->Y"] {
+        site.ask(line);
+    }
+    let path = site.file("rotary.pmc", "INC TM50\nCIRCLE2 X10 Y0 I5\n");
+    let ran = site.run(&["rotary", "check", &path, "--define", "100"]);
+    assert!(
+        ran.code == Some(0) && ran.stderr.starts_with(&format!("warning: {path}:2: {warning}")),
+        "{ran:?}"
+    );
+    site.assert_no_violations();
+}

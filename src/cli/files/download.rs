@@ -14,7 +14,9 @@ use clap::Args;
 use serde_json::json;
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 
+use super::circles::{self, is_circle};
 use super::mistakes::mistaken;
+use super::prose;
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::cli::files::preprocess::{SourceLine, preprocess};
 use crate::client::Connection;
@@ -38,6 +40,9 @@ pub struct Download {
     /// Go on after a line that the board refuses
     #[arg(long)]
     pub keep_going: bool,
+    /// Send a file most of whose lines are no commands of PMAC, too
+    #[arg(long)]
+    pub force: bool,
     /// How long the board may take for a line, in seconds; SAVE may take longer
     #[arg(long, value_name = "S", default_value = "10", value_parser = crate::cli::args::values::seconds, allow_negative_numbers = true)]
     pub timeout: Duration,
@@ -54,6 +59,9 @@ pub fn run(context: &mut Context, options: &Download) -> Result<Verdict, Failure
         )));
     }
     let lines = preprocess(&options.files, &read).map_err(|mistakes| mistaken(&mistakes))?;
+    if !options.force {
+        prose::check(&lines).map_err(|mistake| mistaken(&[mistake]))?;
+    }
     if options.dry_run {
         return dry_run(context, &lines);
     }
@@ -142,6 +150,12 @@ impl Run<'_> {
         self.taken = over.taken;
         self.line_failed(&over);
         let is_whole = next == texts.len() && self.failed.is_empty();
+        // Asked now: the file may have set it.
+        if let Some(circle) = self.lines.iter().find(|line| is_circle(&line.text)).filter(|_| is_whole)
+            && let Some(warning) = circles::warning(&mut connection, &circle.place)
+        {
+            say(format_args!("{warning}"));
+        }
         self.leave(&over.notes, is_whole);
         match (place, self.failed.last()) {
             (Some(place), None) => Err(Failure::Refused(format!("{place}: interrupted before this line"))),

@@ -1,8 +1,10 @@
 //! Command files and settings: `download`, `backup`, `diff`, `restore`.
 
 pub mod backup;
+pub mod circles;
 pub mod download;
 mod mistakes;
 pub mod preprocess;
+mod prose;
 pub mod sequence;
 pub mod settings_file;

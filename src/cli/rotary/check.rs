@@ -4,12 +4,13 @@
 //! stand, and a board of the other reading would take an INC for an ABS and move elsewhere. What it lists is what it
 //! would do.
 
+use std::io::{self, Write};
 use std::time::{Duration, Instant};
 
 use clap::Args;
 use serde_json::json;
 
-use super::source::{Format, NOTHING_TAKEN, compiled, shown};
+use super::source::{Format, NOTHING_TAKEN, circle_warning, compiled, shown};
 use crate::cli::args::values::number;
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::client::{Connection, RotaryFeed, RotaryPlace};
@@ -67,6 +68,9 @@ pub fn run(context: &mut Context, options: &Check) -> Result<Verdict, Failure> {
     let stopped = stopped?;
     if let Some(Stopped { taken, .. }) = &stopped {
         program.lines.truncate(*taken);
+    }
+    if let Some(warning) = circle_warning(&mut board, name, &program) {
+        let _ = writeln!(io::stderr(), "{warning}");
     }
     let mut problems = differences(name, &program, &listing, &settings);
     if !problems.is_empty() {

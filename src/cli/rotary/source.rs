@@ -9,8 +9,10 @@ use clap::Args;
 use serde::Deserialize;
 
 use crate::cli::context::Failure;
+use crate::cli::files::circles;
+use crate::client::Connection;
 use crate::map::READINGS;
-use crate::rotary::{Program, Report, Settings, compile};
+use crate::rotary::{Line, Program, Report, Settings, compile};
 
 /// Largest file. It is above any machine's program and below the memory.
 const LARGEST: u64 = 256 << 20;
@@ -81,6 +83,13 @@ pub fn compiled(file: &str, settings: &Settings) -> Result<Program, Failure> {
             Err(Failure::Refused(listing(name, "", &refused.errors)))
         }
     }
+}
+
+/// The warning for the first circle of `program`, from the file `name`, if the board would make none of it.
+pub fn circle_warning(board: &mut Connection, name: &str, program: &Program) -> Option<String> {
+    let has_circle = |line: &&Line| line.commands.iter().any(|command| circles::is_circle(&command.text));
+    let line = program.lines.iter().find(has_circle)?;
+    circles::warning(board, format_args!("{name}:{}", line.line))
 }
 
 /// The file's name in messages.

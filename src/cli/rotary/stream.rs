@@ -2,13 +2,14 @@
 //!
 //! The daemon sets the buffer up, watches the program and ends the stream. This module sends the lines, and shows how far they are.
 
+use std::io::{self, Write};
 use std::time::{Duration, Instant};
 
 use clap::Args;
 use serde_json::json;
 
 use super::progress::Progress;
-use super::source::{Format, NOTHING_TAKEN, compiled, shown};
+use super::source::{Format, NOTHING_TAKEN, circle_warning, compiled, shown};
 use crate::cli::args::values::number;
 use crate::cli::console::interrupt::Interrupt;
 use crate::cli::context::{Context, Failure, Verdict};
@@ -95,6 +96,9 @@ pub fn run(context: &mut Context, options: &Stream) -> Result<Verdict, Failure> 
     let program = compiled(&options.file, &settings)?;
     if program.lines.is_empty() {
         return Err(Failure::Request(format!("{}: no program lines in this file", shown(&options.file))));
+    }
+    if let Some(warning) = circle_warning(&mut board, shown(&options.file), &program) {
+        let _ = writeln!(io::stderr(), "{warning}");
     }
     let interrupt = Interrupt::listen()?;
     let place = RotaryPlace {

@@ -222,6 +222,8 @@ pub const GATHER_BUFFER: HostOffset = at(0x0800);
 pub const GATHER_SHIFT: u32 = 0x0100;
 /// The firmware that has the gather buffer at $D240 and its index at 0x08FE.
 pub const GATHER_MOVED_IN: &[&str] = &["1.16C", "1.16D", "1.16G", "1.17C"];
+/// The firmware from which on the variable functions know function blocks (DPRAM manual p. 23 and 24).
+pub const FUNCTION_BLOCKS_SINCE: Firmware = Firmware::first(1, 16);
 
 // ---- regions ----
 

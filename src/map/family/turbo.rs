@@ -340,6 +340,7 @@ pub const GATHER: GatherPlace = GatherPlace { size: GATHER_SIZE, index: GATHER_I
 /// has the transfer of rotary buffers.
 pub const I_VARIABLES: IVariables = IVariables {
     panel: None,
+    segmentation: None,
     servo_period: 47,
     servo_enable: 48,
     background_enable: 49,
