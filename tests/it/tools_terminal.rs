@@ -137,6 +137,14 @@ impl Person {
         }
     }
 
+    fn sees_prompt_behind(&self, text: &str) {
+        let begun = Instant::now();
+        while !self.screen().rsplit_once(text).is_some_and(|(_, behind)| behind.contains("&1> ")) {
+            assert!(begun.elapsed() < PATIENCE, "no prompt behind {text:?} in {:?}", self.screen());
+            std::thread::sleep(Duration::from_millis(5));
+        }
+    }
+
     fn screen(&self) -> String {
         self.screen.lock().unwrap().clone()
     }
@@ -185,10 +193,46 @@ fn on_a_terminal_there_is_a_prompt_editing_and_history() {
     person.types("\x1b[A\x1b[A\r");
     site.wait_until("the answer", || person.screen().matches("\n19\r\n").count() == 2);
     // End of input. Without a prompt the terminal is not yet in the editor's mode, and takes ^D for itself.
-    site.wait_until("the prompt behind it", || {
-        person.screen().rsplit("\n19\r\n").next().is_some_and(|behind| behind.contains("&1> "))
-    });
+    person.sees_prompt_behind("\n19\r\n");
     person.types("\x04");
+    assert_eq!(child.ended(), Some(0), "{}", person.screen());
+    site.assert_no_violations();
+}
+
+#[test]
+fn b5_4_the_keys_that_abort_and_kill_reach_the_board_from_an_empty_line() {
+    let site = VirtualSite::running(&[], &[]);
+    site.wait_for_live_servo();
+    let pty = pty(Some(&nix::pty::Winsize { ws_row: 24, ws_col: 80, ws_xpixel: 0, ws_ypixel: 0 }));
+    let slave = || Stdio::from(pty.slave.try_clone().unwrap());
+    let mut command = terminal(&site, &["--no-history"]);
+    let command = command.env("TERM", "xterm").stdin(slave()).stdout(slave()).stderr(slave());
+    let child = Running(command.spawn().unwrap());
+    let mut person = Person::at(pty.master);
+    person.sees("&1> ");
+    let shows = |flag: &str| site.pmacctl(&["motors"]).1.contains(flag);
+    // In the middle of a line they are not sent, and the line stays as it is, with its cursor.
+    person.types("P99=15\x1b[D\x0b");
+    person.sees("^K: not sent, because a line is begun");
+    person.types("\x01");
+    person.sees("^A: not sent");
+    person.types("2\rP99\r");
+    person.sees("\n125\r\n");
+    assert!(!shows("open-loop"), "nothing is killed");
+    person.types("#1J+\r");
+    site.wait_until("the jog", || shows("moving"));
+    person.types("\x0b");
+    site.wait_until("the open loops of killed motors", || shows("open-loop"));
+    person.types("\x01");
+    site.wait_until("the closed loops of an abort", || !shows("open-loop"));
+    // ^C still drops a line. Without a prompt the terminal is not yet in the editor's mode, and takes it for itself.
+    person.types("P98=7 P98\r");
+    person.sees_prompt_behind("\n7\r\n");
+    person.types("P99=3333\x03");
+    person.sees_prompt_behind("P99=3333");
+    person.types("P97=P99 P97\r");
+    site.wait_until("the answer", || person.screen().matches("\n125\r\n").count() == 2);
+    person.types(".quit\r");
     assert_eq!(child.ended(), Some(0), "{}", person.screen());
     site.assert_no_violations();
 }

@@ -1,5 +1,6 @@
 //! Commands that make the board do one thing.
 
+mod control_keys;
 pub mod lines;
 pub mod panel;
 pub mod registers;

@@ -17,6 +17,7 @@ use rustyline::error::ReadlineError;
 use rustyline::{DefaultEditor, ExternalPrinter};
 use serde_json::json;
 
+use crate::cli::act::control_keys::{ControlKeys, Pressed};
 use crate::cli::act::lines::{LineError, Way};
 use crate::cli::act::reset_watch::ResetWatch;
 use crate::cli::console::output::reply;
@@ -34,7 +35,7 @@ const LOOK: Duration = Duration::from_millis(200);
 const HISTORY: usize = 1000;
 const HELP: &str = "\
 A line goes to the board as it is. ^K (two characters) sends a control character, which overtakes lines that wait:
-^A aborts, ^K kills. .quit or the end of input leaves.";
+^A aborts, ^K kills. These two are also keys, on an empty line. .quit or the end of input leaves.";
 
 /// `terminal`.
 #[derive(Debug, Args)]
@@ -181,6 +182,7 @@ fn interactive(mut session: Session, messages: Messages, options: &Terminal) -> 
         // The first session has no history to load.
         let _ = editor.load_history(file);
     }
+    let keys = ControlKeys::bind(&mut editor);
     let mut printer = editor.create_external_printer().map_err(failed)?;
     let raw = options.raw;
     let listening = Listening::begin(messages, move |text| {
@@ -188,11 +190,27 @@ fn interactive(mut session: Session, messages: Messages, options: &Terminal) -> 
     });
     println(".help lists the commands, .quit ends.")?;
     let mut prompt = session.prompt();
+    let mut line = (String::new(), String::new());
     let outcome = loop {
-        let text = match editor.readline(&prompt) {
+        let edited = editor.readline_with_initial(&prompt, (&line.0, &line.1));
+        line = Default::default();
+        let text = match edited {
             Ok(text) => text,
-            // ^C drops the line, as in a shell.
-            Err(ReadlineError::Interrupted) => continue,
+            Err(ReadlineError::Interrupted) => match keys.take() {
+                Some(Pressed { character, line: (before, behind) })
+                    if before.is_empty() && behind.is_empty() =>
+                {
+                    control::name(character)
+                }
+                Some(pressed) => {
+                    let name = control::name(pressed.character);
+                    println(&format!("{name}: not sent, because a line is begun; ^C drops it"))?;
+                    line = pressed.line;
+                    continue;
+                }
+                // ^C drops the line, as in a shell.
+                None => continue,
+            },
             Err(ReadlineError::Eof) => break Ok(()),
             Err(error) => break Err(failed(error)),
         };
