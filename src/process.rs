@@ -11,6 +11,12 @@ use nix::sys::prctl::set_pdeathsig;
 use nix::sys::signal::Signal;
 use nix::unistd::{Pid, getppid};
 
+#[cfg(any(feature = "cli", feature = "daemon", feature = "sim"))]
+use {
+    signal_hook::consts::SIGXFSZ,
+    std::sync::{Arc, atomic::AtomicBool},
+};
+
 /// The kernel's directory of this process's open descriptors.
 pub const DESCRIPTORS: &str = "/proc/self/fd";
 
@@ -18,6 +24,16 @@ pub const DESCRIPTORS: &str = "/proc/self/fd";
 #[must_use]
 pub fn path_of(descriptor: BorrowedFd<'_>) -> PathBuf {
     Path::new(DESCRIPTORS).join(descriptor.as_raw_fd().to_string())
+}
+
+/// Makes a file that outgrows the limit of this process (`ulimit -f`, `LimitFSIZE=`) an error of the write. By default the
+/// kernel kills the process without a word.
+///
+/// # Errors
+/// The kernel's error.
+#[cfg(any(feature = "cli", feature = "daemon", feature = "sim"))]
+pub fn survive_file_size_limit() -> io::Result<()> {
+    signal_hook::flag::register(SIGXFSZ, Arc::<AtomicBool>::default()).map(drop)
 }
 
 /// Has the kernel send SIGTERM to this process when its parent, process `parent`, ends for whatever reason.

@@ -3,12 +3,14 @@
 use std::process::ExitCode;
 
 use clap::Parser;
-use pmac_dpram::process::capabilities;
+use pmac_dpram::process::{capabilities, survive_file_size_limit};
 use pmac_dpram::sim::process::Simulator;
 use pmac_dpram::sim::process::options::Options;
 use pmac_dpram::usage::usage;
 
 fn main() -> ExitCode {
+    // Without this, a full file ends the program as before, and without a word.
+    let _ = survive_file_size_limit();
     let options = match Options::try_parse() {
         Ok(options) => options,
         Err(error) => return usage("pmac-sim", &error),

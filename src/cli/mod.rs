@@ -7,7 +7,7 @@
 //! |---|---|
 //! | `args` | the command line |
 //! | `show` | commands that only read: `status`, `motors`, `coordinates`, `watch`, `demo`, `map`, `read`, `decode` |
-//! | `act` | commands that do one thing on the board: `send`, `write`, `panel`, `variable`, `abort`, `kill`, `terminal` |
+//! | `act` | commands that do one thing on the board: `send`, `write`, `jog`, `panel`, `variable`, `abort`, `kill`, `terminal` |
 //! | `gather`, `rotary` | samples to a file; motion programs from a file |
 //! | `files` | command files and settings: `download`, `backup`, `diff`, `restore` |
 //! | `setup` | lines that set a board up, absolute positions |
@@ -33,9 +33,10 @@ use std::process::ExitCode;
 use clap::{CommandFactory, Parser};
 
 use crate::format::Visible;
+use crate::process::survive_file_size_limit;
 use crate::usage::usage;
 
-use act::{panel, registers, send, stop, terminal, write};
+use act::{jog, panel, registers, send, stop, terminal, write};
 use args::{Args, Command, Global};
 use console::output::Output;
 use context::{Context, Failure, Verdict};
@@ -53,6 +54,8 @@ pub fn command() -> clap::Command {
 
 /// Runs `pmacctl`. The first argument is the program's name.
 pub fn run(args: impl IntoIterator<Item = OsString>) -> ExitCode {
+    // Without this, a full file ends the program as before, and without a word.
+    let _ = survive_file_size_limit();
     let args = match Args::try_parse_from(args) {
         Ok(args) => args,
         Err(error) => return usage("pmacctl", &error),
@@ -90,6 +93,7 @@ fn execute(args: Args) -> Result<Verdict, Failure> {
         Command::Map(options) => map::run(&mut context, &options),
         Command::Read(options) => read::run(&mut context, &options),
         Command::Write(options) => write::run(&mut context, &options),
+        Command::Jog(options) => jog::run(&mut context, &options),
         Command::Panel(options) => panel::run(&mut context, &options),
         Command::Send(options) => send::run(&mut context, &options),
         Command::Decode(options) => decode::run(&mut context, &options),

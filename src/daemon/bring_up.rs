@@ -27,6 +27,7 @@ use crate::clock::Clock;
 use crate::device::machine::cpu_latency::NODE;
 use crate::device::machine::scheduling::scheduling;
 use crate::device::{BoardSpec, CpuLatency, Inherited, System};
+use crate::process::survive_file_size_limit;
 use crate::protocol::socket_place::socket_places;
 use crate::segment::Publisher;
 use crate::usage::usage_with;
@@ -40,6 +41,8 @@ pub fn main() -> ExitCode {
 /// As [`main`], with these arguments, the program's name first. Needs a process with one thread, or a test.
 #[must_use]
 pub fn main_with(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
+    // Without this, a full file ends the program as before, and without a word.
+    let _ = survive_file_size_limit();
     let in_journal = journal::is_journal(&std::io::stderr());
     let (log, mut log_writer) =
         LogSink::new(std::io::stderr(), if in_journal { journal::prefix(Level::Warn) } else { "[WARN ] " });

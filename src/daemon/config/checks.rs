@@ -5,30 +5,39 @@ use crate::daemon::socket::policy::group_id;
 use crate::map::{READINGS, Readings};
 use crate::protocol::{Function, Functions, ServoSettings};
 
-/// Parses an octal file mode.
-fn mode(key: &str, text: &str) -> Result<u32, Refusal> {
+/// Parses an octal file mode. A number is refused: 660 and 0o660 would mean different modes.
+fn mode(key: &str, value: &toml::Value) -> Result<u32, Refusal> {
+    let text = value.as_str().unwrap_or_default();
     let number = u32::from_str_radix(text, 8).ok().filter(|mode| *mode <= 0o777 && text.len() >= 3);
     number.ok_or_else(|| {
-        let reason = "is not a file mode; write three or four octal digits, such as \"0660\"";
-        Refusal::of(key, format!("{key} = \"{text}\" {reason}"))
+        let reason = "is not a file mode; write three or four octal digits in quotes, such as \"0660\"";
+        Refusal::of(key, format!("{key} = {} {reason}", shown(value)))
     })
 }
 
+fn shown(value: &toml::Value) -> String {
+    match value {
+        toml::Value::String(text) => format!("\"{text}\""),
+        toml::Value::Integer(number) => number.to_string(),
+        other => format!("of type {}", other.type_str()),
+    }
+}
+
 /// Parses the mode of the socket's file. At least its owner must be able to connect, which needs the right to write.
-pub(super) fn socket_mode(text: Option<&str>) -> Result<u32, Refusal> {
-    let Some(text) = text else { return Ok(0o660) };
-    let mode = mode("socket_mode", text)?;
+pub(super) fn socket_mode(value: Option<&toml::Value>) -> Result<u32, Refusal> {
+    let Some(value) = value else { return Ok(0o660) };
+    let mode = mode("socket_mode", value)?;
     if mode & 0o200 == 0 {
         let reason = "lets nobody connect, not even the daemon's own user; write 2 or more in each digit that may connect, such as \"0660\"";
-        return Err(Refusal::of("socket_mode", format!("socket_mode = \"{text}\" {reason}")));
+        return Err(Refusal::of("socket_mode", format!("socket_mode = {} {reason}", shown(value))));
     }
     Ok(mode)
 }
 
 /// Parses the mode of the segment. Its owner must read and write it, and nobody else may write it.
-pub(super) fn segment_mode(text: Option<&str>) -> Result<u32, Refusal> {
-    let Some(text) = text else { return Ok(0o644) };
-    let mode = mode("segment_mode", text)?;
+pub(super) fn segment_mode(value: Option<&toml::Value>) -> Result<u32, Refusal> {
+    let Some(value) = value else { return Ok(0o644) };
+    let mode = mode("segment_mode", value)?;
     let reason = if mode & 0o600 != 0o600 {
         "keeps the daemon's own user from reading or writing its segment; write \"0644\", or \"0640\" or \"0600\" for fewer readers"
     } else if mode & 0o022 != 0 {
@@ -36,7 +45,7 @@ pub(super) fn segment_mode(text: Option<&str>) -> Result<u32, Refusal> {
     } else {
         return Ok(mode);
     };
-    Err(Refusal::of("segment_mode", format!("segment_mode = \"{text}\" {reason}")))
+    Err(Refusal::of("segment_mode", format!("segment_mode = {} {reason}", shown(value))))
 }
 
 /// Checks a number against its bounds.

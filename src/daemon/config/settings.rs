@@ -2,10 +2,11 @@
 
 use std::fs::File;
 use std::io::{self, Read};
-use std::os::unix::fs::MetadataExt;
+use std::os::unix::fs::{MetadataExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
+use nix::fcntl::OFlag;
 use nix::unistd::geteuid;
 use serde::Deserialize;
 
@@ -37,13 +38,13 @@ pub struct ConfigFile {
     name: Option<String>,
     socket: Option<PathBuf>,
     /// Mode of the socket file, as "0660".
-    socket_mode: Option<String>,
+    socket_mode: Option<toml::Value>,
     /// Group of the socket file.
     socket_group: Option<String>,
     /// Group of the segment.
     segment_group: Option<String>,
     /// Mode of the segment, as "0644".
-    segment_mode: Option<String>,
+    segment_mode: Option<toml::Value>,
     /// pmac or pmac2.
     family: Option<String>,
     /// Firmware, as "1.16D", for a board that cannot be asked.
@@ -268,10 +269,10 @@ impl Settings {
             board_text,
             socket: options.socket.clone().or(file.socket),
             name: SegmentName::new(&name).map_err(|error| refused("name", options.name.is_some(), error))?,
-            socket_mode: socket_mode(file.socket_mode.as_deref())?,
+            socket_mode: socket_mode(file.socket_mode.as_ref())?,
             socket_group: file.socket_group,
             segment_group: file.segment_group,
-            segment_mode: segment_mode(file.segment_mode.as_deref())?,
+            segment_mode: segment_mode(file.segment_mode.as_ref())?,
             family,
             board_settings: CheckedSettings::decide(board_settings, family, file.firmware.as_deref())?,
             firmware: file.firmware,
@@ -308,8 +309,13 @@ fn read(path: &Path) -> Result<String, SettingsError> {
     let refuse = |why: String| {
         Err(SettingsError::of_file(format!("the configuration {} is refused: {why}", path.display())))
     };
-    let file = File::open(path).map_err(fail)?;
+    // To open a FIFO would otherwise wait for somebody who writes to it.
+    let mut open = File::options();
+    let file = open.read(true).custom_flags(OFlag::O_NONBLOCK.bits()).open(path).map_err(fail)?;
     let there = file.metadata().map_err(fail)?;
+    if !there.is_file() {
+        return refuse("it is no regular file: check --config".to_owned());
+    }
     let (owner, user) = (there.uid(), geteuid().as_raw());
     if owner != 0 && owner != user {
         return refuse(format!("it belongs to user {owner}, neither root nor this user: chown root"));
@@ -375,6 +381,18 @@ mod tests {
     }
 
     #[test]
+    fn b4_6_a_configuration_that_is_no_file_is_refused_without_waiting() {
+        let directory = tempfile::tempdir().unwrap();
+        let fifo = directory.path().join("pmacd.toml");
+        nix::unistd::mkfifo(&fifo, nix::sys::stat::Mode::S_IRWXU).unwrap();
+        for path in [&fifo, directory.path()] {
+            let options = Options { config: Some(path.to_owned()), ..Options::default() };
+            let error = Settings::decide(&options).unwrap_err().to_string();
+            assert!(error.contains("is refused: it is no regular file"), "{error}");
+        }
+    }
+
+    #[test]
     #[ignore = "needs root, to give a file to another user"]
     fn as_root_b4_6_a_configuration_of_a_stranger_is_refused() {
         let file = tempfile::NamedTempFile::new().unwrap();
@@ -421,6 +439,10 @@ mod tests {
             ),
             ("board = \"sim\"\nmotors = 9\n", "FILE:2:10: motors = 9 is out of range: write 1 to 8"),
             ("board = \"sim\"\nsocket_mode = \"9\"\n", "FILE:2:15: socket_mode = \"9\" is not a file mode"),
+            (
+                "board = \"sim\"\nsocket_mode = 0o666\n",
+                "FILE:2:15: socket_mode = 438 is not a file mode; write three or four octal digits in quotes, such as \"0660\"",
+            ),
             (
                 "board = \"sim\"\nsocket_mode = \"999\"\n",
                 "FILE:2:15: socket_mode = \"999\" is not a file mode",
