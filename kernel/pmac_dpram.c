@@ -14,7 +14,11 @@
  *
  * Window: UIO maps whole pages. A window that starts inside a page (a VME page at $x4000 never does, a 4 KiB piece of
  * one might on a machine with larger pages) is mapped from the page's start; maps/map0/offset gives its offset. An
- * address below 1 MiB that the firmware marked reserved counts as taken; "reserved=1" uses it anyway.
+ * address below 1 MiB that the firmware marked reserved counts as taken; "reserved=1" uses it anyway. Pages that hold
+ * any of the system's RAM are refused in any case: whoever maps the device could write to the kernel.
+ *
+ * Lockdown: a kernel that is locked down (Secure Boot) refuses "phys", "irq" and "ioport". A board that the firmware
+ * describes needs none of them.
  *
  * Interrupt: an edge (ISA) is only counted. A level (VME bridges, some ISA machines) is masked here until user space
  * has served the board and writes 1 to the device, because only the board can release the line. For both kinds, writing
@@ -56,7 +60,7 @@
 
 static unsigned long phys[PMAC_BOARDS];
 static unsigned int boards;
-module_param_array(phys, ulong, &boards, 0444);
+module_param_hw_array(phys, ulong, iomem, &boards, 0444);
 MODULE_PARM_DESC(phys, "physical address of each board's window");
 
 static unsigned long size[PMAC_BOARDS];
@@ -64,7 +68,7 @@ module_param_array(size, ulong, NULL, 0444);
 MODULE_PARM_DESC(size, "bytes of each window (default 16384)");
 
 static int irq[PMAC_BOARDS];
-module_param_array(irq, int, NULL, 0444);
+module_param_hw_array(irq, int, irq, NULL, 0444);
 MODULE_PARM_DESC(irq, "interrupt of each board (default 0: none)");
 
 static bool level[PMAC_BOARDS];
@@ -72,7 +76,7 @@ module_param_array(level, bool, NULL, 0444);
 MODULE_PARM_DESC(level, "the interrupt is a level and stays masked until user space writes 1 (default 0: an edge)");
 
 static unsigned int ioport[PMAC_BOARDS];
-module_param_array(ioport, uint, NULL, 0444);
+module_param_hw_array(ioport, uint, ioport, NULL, 0444);
 MODULE_PARM_DESC(ioport, "base of each board's host port, 0x210 as delivered (default 0: none)");
 
 static char *controller[PMAC_BOARDS];
@@ -108,30 +112,56 @@ struct pmac_board {
 	bool init8259;
 	unsigned int users;	/* open files; UIO serialises open and release */
 	bool level;
-	spinlock_t lock;	/* protects masked against the interrupt */
+	spinlock_t lock;	/* keeps the interrupt out of masked and of the controller */
 	bool masked;
 };
 
 static void pmac_end(struct pmac_board *board)
 {
-	if (board->pic)
-		iowrite8(board->controller->end, board->pic);
+	unsigned long flags;
+
+	if (!board->pic)
+		return;
+	spin_lock_irqsave(&board->lock, flags);
+	iowrite8(board->controller->end, board->pic);
+	spin_unlock_irqrestore(&board->lock, flags);
+}
+
+/*
+ * Masks every line. An end of interrupt between these bytes would be taken for one of them. Interrupts off: no other
+ * driver's handler on this processor draws them out.
+ */
+static void pmac_init8259(struct pmac_board *board)
+{
+	unsigned long flags;
+
+	if (!board->pic || !board->init8259)
+		return;
+	spin_lock_irqsave(&board->lock, flags);
+	iowrite8(0x13, board->pic);		/* ICW1: edge mode, single, ICW4 follows */
+	iowrite8(0x08, board->pic + 1);		/* ICW2: vectors, not used */
+	iowrite8(0x01, board->pic + 1);		/* ICW4: 8086, no automatic end of interrupt */
+	iowrite8(0xff, board->pic + 1);		/* initialising has unmasked every line */
+	spin_unlock_irqrestore(&board->lock, flags);
 }
 
 /* Unmasks or masks only our line: other lines of the controller may have other users. */
 static void pmac_open_line(struct pmac_board *board, bool open)
 {
 	const struct pmac_controller *c = board->controller;
+	unsigned long flags;
 	u8 mask;
 
 	if (!board->pic)
 		return;
+	spin_lock_irqsave(&board->lock, flags);
 	mask = ioread8(board->pic + c->mask);
 	if (open == c->one_opens)
 		mask |= c->bit;
 	else
 		mask &= ~c->bit;
 	iowrite8(mask, board->pic + c->mask);
+	spin_unlock_irqrestore(&board->lock, flags);
 }
 
 static void pmac_mask(struct pmac_board *board, bool mask)
@@ -174,12 +204,7 @@ static int pmac_open(struct uio_info *info, struct inode *inode)
 
 	if (board->users++)
 		return 0;
-	if (board->pic && board->init8259) {
-		iowrite8(0x13, board->pic);		/* ICW1: edge mode, single, ICW4 follows */
-		iowrite8(0x08, board->pic + 1);		/* ICW2: vectors, not used */
-		iowrite8(0x01, board->pic + 1);		/* ICW4: 8086, no automatic end of interrupt */
-		iowrite8(0xff, board->pic + 1);		/* initialising has unmasked every line */
-	}
+	pmac_init8259(board);
 	pmac_end(board);
 	pmac_open_line(board, true);
 	return 0;
@@ -202,17 +227,20 @@ static void pmac_shut(void *board)
 
 static int pmac_find_window(struct device *dev, struct uio_mem *mem, struct resource *window)
 {
+	mem->name = "dpram";
+	mem->memtype = UIO_MEM_PHYS;
+	mem->addr = window->start & PAGE_MASK;
+	mem->offs = window->start & ~PAGE_MASK;
+	mem->size = PAGE_ALIGN(mem->offs + resource_size(window));
+	/* The pages, not the window: user space gets all of each. */
+	if (region_intersects(mem->addr, mem->size, IORESOURCE_SYSTEM_RAM, IORES_DESC_NONE) != REGION_DISJOINT)
+		return dev_err_probe(dev, -EINVAL, "%pR is in pages of the system's RAM, see /proc/iomem\n", window);
 	if (!devm_request_mem_region(dev, window->start, resource_size(window), PMAC_NAME)) {
 		if (!reserved)
 			return dev_err_probe(dev, -EBUSY,
 				"%pR is taken, /proc/iomem says by whom; if firmware only reserved it, reserved=1\n", window);
 		dev_warn(dev, "%pR is taken and used all the same\n", window);
 	}
-	mem->name = "dpram";
-	mem->memtype = UIO_MEM_PHYS;
-	mem->addr = window->start & PAGE_MASK;
-	mem->offs = window->start & ~PAGE_MASK;
-	mem->size = PAGE_ALIGN(mem->offs + resource_size(window));
 	return 0;
 }
 

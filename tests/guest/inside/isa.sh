@@ -1,6 +1,11 @@
 # An ISA board: its DPRAM at 0xD4000, its interrupt on IRQ 7, both through our own UIO driver.
 place_dpram
 
+# Pages of the system's RAM are nobody's window, whatever the operator insists on. The kernel's own code is RAM for certain.
+code=$(sed -n 's/^ *\([0-9a-f]*\)-.* : Kernel code/\1/p' /proc/iomem)
+modprobe pmac_dpram "phys=0x$code" reserved=1 2>/dev/null && fail 'a window in RAM' || ok 'no window in RAM'
+dmesg | tail -n 5 | grep -q "in pages of the system's RAM" && ok 'and the reason is told' || { fail 'not for that reason'; dmesg | tail -n 5; }
+
 # The addresses, the interrupt and the ports of a PMAC as delivered; behind the ports is what the test's host watches.
 modprobe pmac_dpram phys=0xd4000 irq=7 ioport=0x210 controller=pmac || { fail 'modprobe pmac_dpram'; dmesg | tail -n 5; }
 expect 'UIO name' pmac-dpram "$(cat /sys/class/uio/uio0/name)"
