@@ -23,6 +23,7 @@ mod gather_owner;
 mod gather_program;
 mod host_port;
 mod inherited;
+mod jog;
 mod late;
 mod mailbox;
 mod man;

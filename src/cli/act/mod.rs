@@ -1,6 +1,7 @@
 //! Commands that make the board do one thing.
 
 mod control_keys;
+pub mod jog;
 pub mod lines;
 pub mod panel;
 pub mod registers;
@@ -8,4 +9,5 @@ pub mod reset_watch;
 pub mod send;
 pub mod stop;
 pub mod terminal;
+mod wait;
 pub mod write;

@@ -10,6 +10,7 @@ use nix::errno::Errno;
 use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
 use serde::Serialize;
 
+use crate::cli::act::wait::{Goal, Wait, Watch, wait_for_motors, wait_for_programs};
 use crate::cli::args::values::number;
 use crate::cli::console::interrupt::Interrupt;
 use crate::cli::console::table::{Align, Table};
@@ -41,13 +42,13 @@ pub enum PanelCommand {
     #[command(name = "jog-")]
     JogMinus(Jog),
     /// Stop jogging motors
-    JogStop(Motors),
+    JogStop(Motions),
     /// Jog motors to the pre-jog position: where the last stop or hold of a program, or the last J==, left them
     PreJog(Motors),
     /// Home motors
-    Home(Motors),
+    Home(Motions),
     /// Run the programs of coordinate systems
-    Start(Systems),
+    Start(Programs),
     /// Execute one step of the programs of coordinate systems. A running program stops, as after Q
     Step(Systems),
     /// Abort coordinate systems
@@ -79,6 +80,22 @@ pub struct Motors {
     /// Motors, by number
     #[arg(required = true, value_name = "MOTOR", value_parser = number())]
     pub numbers: Vec<u8>,
+}
+
+#[derive(Debug, Args)]
+pub struct Motions {
+    #[command(flatten)]
+    pub motors: Motors,
+    #[command(flatten)]
+    pub wait: Wait,
+}
+
+#[derive(Debug, Args)]
+pub struct Programs {
+    #[command(flatten)]
+    pub systems: Systems,
+    #[command(flatten)]
+    pub wait: Wait,
 }
 
 #[derive(Debug, Args)]
@@ -123,25 +140,67 @@ fn wanted(text: &str) -> Result<Wanted, String> {
 }
 
 pub fn run(context: &mut Context, options: &Panel) -> Result<Verdict, Failure> {
-    let (action, numbers) = match &options.command {
+    let motions = |motions: &Motions| (motions.motors.numbers.clone(), motions.wait);
+    let at_once = |numbers: &[u8]| (numbers.to_owned(), Wait::default());
+    let (action, (numbers, wait)) = match &options.command {
         PanelCommand::JogPlus(jog) if jog.hold => return hold(context, PanelAction::JogPlus, jog),
         PanelCommand::JogMinus(jog) if jog.hold => return hold(context, PanelAction::JogMinus, jog),
-        PanelCommand::JogPlus(jog) => (PanelAction::JogPlus, &jog.motors.numbers),
-        PanelCommand::JogMinus(jog) => (PanelAction::JogMinus, &jog.motors.numbers),
-        PanelCommand::JogStop(motors) => (PanelAction::JogStop, &motors.numbers),
-        PanelCommand::PreJog(motors) => (PanelAction::PreJog, &motors.numbers),
-        PanelCommand::Home(motors) => (PanelAction::Home, &motors.numbers),
-        PanelCommand::Start(systems) => (PanelAction::Start, &systems.numbers),
-        PanelCommand::Step(systems) => (PanelAction::Step, &systems.numbers),
-        PanelCommand::Stop(systems) => (PanelAction::Stop, &systems.numbers),
-        PanelCommand::Hold(systems) => (PanelAction::Hold, &systems.numbers),
+        PanelCommand::JogPlus(jog) => (PanelAction::JogPlus, at_once(&jog.motors.numbers)),
+        PanelCommand::JogMinus(jog) => (PanelAction::JogMinus, at_once(&jog.motors.numbers)),
+        PanelCommand::JogStop(motors) => (PanelAction::JogStop, motions(motors)),
+        PanelCommand::PreJog(motors) => (PanelAction::PreJog, at_once(&motors.numbers)),
+        PanelCommand::Home(motors) => (PanelAction::Home, motions(motors)),
+        PanelCommand::Start(programs) => {
+            (PanelAction::Start, (programs.systems.numbers.clone(), programs.wait))
+        }
+        PanelCommand::Step(systems) => (PanelAction::Step, at_once(&systems.numbers)),
+        PanelCommand::Stop(systems) => (PanelAction::Stop, at_once(&systems.numbers)),
+        PanelCommand::Hold(systems) => (PanelAction::Hold, at_once(&systems.numbers)),
         PanelCommand::Feed(feed) => return self::feed(context, feed),
         PanelCommand::Show => return show(context),
     };
+    press(context, action, &numbers, wait)
+}
+
+/// Requests `action`, and waits for its end if that is wanted.
+pub fn press(
+    context: &mut Context,
+    action: PanelAction,
+    numbers: &[u8],
+    wait: Wait,
+) -> Result<Verdict, Failure> {
+    let goal = match action {
+        PanelAction::Home => Goal::Home,
+        PanelAction::JogPlus | PanelAction::JogMinus if wait.wait => {
+            let why = "a jog without an end cannot be waited for; nothing was sent";
+            return Err(Failure::Request(why.to_owned()));
+        }
+        _ => Goal::Stands,
+    };
     let mut connection = context.connection()?;
     check_numbers(Context::family(None, &mut connection)?, action.is_for_motors(), numbers)?;
+    let ready = |mut watch: Watch| {
+        match action {
+            // What has been killed is stopped, too.
+            PanelAction::JogStop => Ok(()),
+            action if action.is_for_motors() => watch.check_motors(numbers),
+            _ => watch.check_systems(numbers),
+        }
+        .map(|()| watch)
+    };
+    let watch = wait.wait.then(|| Watch::begin(context).and_then(ready));
+    let watch = match watch {
+        Some(Err(failure)) if action != PanelAction::JogStop => return Err(failure.at("not sent")),
+        watch => watch,
+    };
     connection.panel(action.name(), numbers)?;
-    Ok(Verdict::Yes)
+    let Some(watch) = watch else { return Ok(Verdict::Yes) };
+    let mut watch = watch.map_err(|failure| failure.at("the stop was taken"))?;
+    if action.is_for_motors() {
+        wait_for_motors(context, &mut watch, numbers, goal, wait.timeout)
+    } else {
+        wait_for_programs(context, &mut watch, numbers, wait.timeout)
+    }
 }
 
 /// Refuses numbers of motors or coordinate systems that `family` does not have. Nothing has been sent to the board yet.

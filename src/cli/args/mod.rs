@@ -6,6 +6,7 @@ use std::path::PathBuf;
 
 use clap::{Args as ClapArgs, Parser, Subcommand};
 
+use crate::cli::act::jog::Jog;
 use crate::cli::act::panel::Panel;
 use crate::cli::act::registers::Variable;
 use crate::cli::act::send::Send;
@@ -77,6 +78,8 @@ pub enum Command {
     Read(Read),
     /// Write words or bits of the DPRAM's free area; with --engineer any word
     Write(Write),
+    /// Move one motor by hand: to a position (role engineer), in a direction (role operate), or to a stop (role stop)
+    Jog(Jog),
     /// Jog, home, run, stop and override the feed rate through the control panel (I2=3). Role operate; to
     /// stop and hold, role stop
     Panel(Panel),

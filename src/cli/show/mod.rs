@@ -7,7 +7,7 @@ pub mod demo;
 mod elsewhere;
 mod global_status;
 pub mod map;
-mod motor;
+pub mod motor;
 pub mod motors;
 pub mod read;
 pub mod screen;

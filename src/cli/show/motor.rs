@@ -5,7 +5,7 @@ use serde_json::{Value, json};
 
 use crate::cli::console::number::{NOT_READ, fixed};
 use crate::decode::{BackgroundData, BackgroundMotor, Flags, Quantity, ServoData, ServoMotor};
-use crate::map::{Family, NumberKind, block_fields};
+use crate::map::{Family, NumberKind, StatusTable, block_fields};
 use crate::segment::{Identity, UserUnit};
 
 /// One motor.
@@ -106,6 +106,16 @@ impl<'a> Motor<'a> {
         }
         let word = u32::try_from(self.servo.background_status?.raw).ok()?;
         Some(Flags { word, table: self.family.status.motor.get(1)? })
+    }
+
+    /// Whether the flag called `name` of either word of `?` is set; `None` while that word is not known.
+    pub fn has(&self, name: &str) -> Option<bool> {
+        let has = |table: Option<&StatusTable>| {
+            table.is_some_and(|table| table.flags.iter().any(|(_, flag)| *flag == name))
+        };
+        let tables = self.family.status.motor;
+        let flags = if has(tables.first()) { self.servo.status } else { self.background_flags() };
+        flags.map(|flags| flags.has(name))
     }
 
     /// What `P` answers: actual position, bias and compensation (Software Reference, `P`). Not known while a master is followed,

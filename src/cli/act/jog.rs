@@ -1,0 +1,226 @@
+//! `pmacctl jog`: moves one motor by hand: to a position, in a direction, or to a stop.
+//!
+//! Directions and stops are keys of the control panel, which any operator may press. A position goes by command line,
+//! `#nJ={constant}`, sent as a question: while a program buffer is open the daemon refuses it, for it would become a piece of
+//! the program. The line puts the address back, which is everybody's (UM p. 29).
+
+use std::time::Duration;
+
+use clap::Args;
+
+use crate::cli::act::lines::LineError;
+use crate::cli::act::panel::{check_numbers, press};
+use crate::cli::act::wait::{Goal, Wait, Watch, wait_for_motors};
+use crate::cli::console::number::short;
+use crate::cli::context::{Context, Failure, Verdict};
+use crate::client::Connection;
+use crate::function::panel::PanelAction;
+use crate::segment::{Identity, UserUnit};
+
+/// Time limit of a line.
+const PATIENCE: Duration = Duration::from_secs(5);
+/// The unit that every motor has.
+const COUNTS: &str = "counts";
+/// A position of a motor is a number of 48 bits in 1/(Ix08*32) counts, so with the default Ix08 of 96 this is as far as it goes.
+const FARTHEST: f64 = 34_359_738_368.0;
+
+/// `jog`.
+#[derive(Debug, Args)]
+pub struct Jog {
+    /// The motor, by its number or its name in the configuration
+    #[arg(value_name = "MOTOR")]
+    pub motor: String,
+    /// Where to: a position in counts (=5000) or in the motor's unit (=12.5deg; then counts are =5000counts); + or -, until
+    /// something stops it; or stop
+    #[arg(value_name = "=POSITION|+|-|stop", value_parser = destination, allow_hyphen_values = true)]
+    pub to: Destination,
+    #[command(flatten)]
+    pub wait: Wait,
+}
+
+/// Where a motor is sent.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Destination {
+    /// To a position, in a unit if one is given.
+    Position(f64, Option<String>),
+    /// By a key of the control panel: on and on, or to a stand.
+    Key(PanelAction),
+}
+
+fn destination(text: &str) -> Result<Destination, String> {
+    let position = match text {
+        "+" => return Ok(Destination::Key(PanelAction::JogPlus)),
+        "-" => return Ok(Destination::Key(PanelAction::JogMinus)),
+        "stop" => return Ok(Destination::Key(PanelAction::JogStop)),
+        _ => text.strip_prefix('=').ok_or("write a position as =5000, or +, - or stop")?.trim(),
+    };
+    let is_number = |character: char| character.is_ascii_digit() || "+-.".contains(character);
+    let end = position.find(|character| !is_number(character)).unwrap_or(position.len());
+    let (number, unit) = (&position[..end], position[end..].trim());
+    let value =
+        number.parse().map_err(|_| format!("{position:?}: write a number first, as =5000 or =12.5deg"))?;
+    Ok(Destination::Position(value, (!unit.is_empty()).then(|| unit.to_owned())))
+}
+
+pub fn run(context: &mut Context, options: &Jog) -> Result<Verdict, Failure> {
+    let number = motor(&options.motor, || Ok(context.board()?.identity()?))?;
+    match &options.to {
+        Destination::Key(action) => press(context, *action, &[number], options.wait),
+        Destination::Position(value, unit) => move_to(context, number, *value, unit.as_deref(), options.wait),
+    }
+}
+
+fn move_to(
+    context: &mut Context,
+    number: u8,
+    value: f64,
+    unit: Option<&str>,
+    wait: Wait,
+) -> Result<Verdict, Failure> {
+    let mut connection = context.connection()?;
+    check_numbers(Context::family(None, &mut connection)?, true, &[number])?;
+    let not_sent = |failure: Failure| failure.at("not sent");
+    let mut watch = Watch::begin(context).map_err(not_sent)?;
+    let units = watch.snapshot()?.identity.units;
+    let target = counts(value, unit, units.get(usize::from(number) - 1).copied().flatten(), number)?;
+    watch.check_motors(&[number]).map_err(not_sent)?;
+    send(&mut connection, number, target)?;
+    if !wait.wait {
+        return Ok(Verdict::Yes);
+    }
+    wait_for_motors(context, &mut watch, &[number], Goal::At(target), wait.timeout)
+}
+
+/// The number of the motor that is meant. `identity` knows the names.
+fn motor(text: &str, identity: impl FnOnce() -> Result<Identity, Failure>) -> Result<u8, Failure> {
+    if text.starts_with(|first: char| first.is_ascii_digit()) {
+        let number = text.parse().ok().filter(|number| *number > 0);
+        return number.ok_or_else(|| Failure::Request(format!("there is no motor {text}")));
+    }
+    let named = |name: &Option<_>| name.as_deref() == Some(text);
+    let index = identity()?.names.iter().position(named).and_then(|index| u8::try_from(index).ok());
+    index.map(|index| index + 1).ok_or_else(|| {
+        Failure::Request(format!(
+            "no motor is called {text:?}; write its number, or give it a name under [[motor]] in pmacd's configuration"
+        ))
+    })
+}
+
+/// The position in counts. A number alone is not taken where it could be meant in either of two units.
+fn counts(value: f64, unit: Option<&str>, has: Option<UserUnit>, number: u8) -> Result<f64, Failure> {
+    let (typed, has_name) = (short(value), has.as_ref().map(|unit| &unit.name[..]));
+    let counts = match (unit, has) {
+        (Some(COUNTS), _) | (None, None) => value,
+        (Some(unit), Some(has)) if unit == &has.name[..] => value * has.counts_per_unit,
+        (None, Some(has)) => {
+            let name = &has.name[..];
+            let why = format!(
+                "motor {number} has the unit {name}: write ={typed}{name} or ={typed}{COUNTS}; nothing was sent"
+            );
+            return Err(Failure::Request(why));
+        }
+        (Some(unit), _) => {
+            let known = has_name.map_or_else(String::new, |name| format!("{name} and "));
+            let why =
+                format!("motor {number} has no unit {unit:?}: it knows {known}{COUNTS}; nothing was sent");
+            return Err(Failure::Request(why));
+        }
+    };
+    if counts.abs() < FARTHEST {
+        return Ok(counts);
+    }
+    Err(Failure::Request(format!(
+        "{} {COUNTS} are farther than a motor counts; nothing was sent",
+        short(counts)
+    )))
+}
+
+/// The position as the board takes it: to 1/32 of a count, without an exponent.
+fn constant(counts: f64) -> String {
+    ((counts * 32.0).round() / 32.0 + 0.0).to_string()
+}
+
+fn send(connection: &mut Connection, number: u8, target: f64) -> Result<(), Failure> {
+    let addressed: Option<u32> =
+        connection.question("#", PATIENCE)?.first().and_then(|line| line.trim().parse().ok());
+    let back = addressed.map(|addressed| format!("#{addressed}")).unwrap_or_default();
+    let line = format!("#{number}J={}{back}", constant(target));
+    match connection.question(&line, PATIENCE).map_err(LineError::from) {
+        Ok(_) => Ok(()),
+        Err(LineError::Uncertain { failure, .. }) => {
+            Err(failure.at(format_args!("motor {number} MAY BE MOVING")))
+        }
+        Err(error) => Err(error.into()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const DEGREES: fn() -> UserUnit = || UserUnit { name: "deg".into(), counts_per_unit: -1000.0 };
+
+    #[test]
+    fn b5_7_a_destination_is_typed_as_a_position_a_direction_or_stop() {
+        for (text, value, unit) in [
+            ("=5000", 5000.0, None),
+            ("=-12.5deg", -12.5, Some("deg")),
+            ("= 0.25 counts", 0.25, Some("counts")),
+            ("=+3e", 3.0, Some("e")),
+            ("=1°", 1.0, Some("°")),
+        ] {
+            assert_eq!(
+                destination(text),
+                Ok(Destination::Position(value, unit.map(str::to_owned))),
+                "{text}"
+            );
+        }
+        assert_eq!(destination("-"), Ok(Destination::Key(PanelAction::JogMinus)));
+        assert_eq!(destination("stop"), Ok(Destination::Key(PanelAction::JogStop)));
+        for text in ["", "5000", "=", "=deg", "=nan", "=inf", "=--1", "=1-2", "=1.2.3", "++", "halt"] {
+            assert!(destination(text).is_err(), "{text}");
+        }
+    }
+
+    #[test]
+    fn b5_7_a_number_alone_is_not_taken_in_the_wrong_unit() {
+        let of = |value, unit, has: Option<UserUnit>| {
+            counts(value, unit, has, 1).map_err(|error| error.to_string())
+        };
+        assert_eq!(of(5.0, None, None), Ok(5.0));
+        assert_eq!(of(5.0, Some("counts"), Some(DEGREES())), Ok(5.0));
+        assert_eq!(of(-2.5, Some("deg"), Some(DEGREES())), Ok(2500.0));
+        let told = of(90.0, None, Some(DEGREES())).unwrap_err();
+        assert!(told.contains("write =90deg or =90counts; nothing was sent"), "{told}");
+        assert!(of(1.0, Some("mm"), Some(DEGREES())).unwrap_err().contains("it knows deg and counts"));
+        assert!(of(1.0, Some("deg"), None).unwrap_err().contains("it knows counts"));
+        assert!(of(4e10, None, None).unwrap_err().contains("farther"));
+    }
+
+    #[test]
+    fn b5_7_a_position_is_sent_to_a_32nd_of_a_count() {
+        for (counts, text) in [
+            (5000.0, "5000"),
+            (-0.001, "0"),
+            (0.1, "0.09375"),
+            (-34_359_738_367.9, "-34359738367.90625"),
+            (1e10, "10000000000"),
+        ] {
+            assert_eq!(constant(counts), text);
+        }
+    }
+
+    #[test]
+    fn b5_7_a_motor_goes_by_number_or_name() {
+        let identity = || {
+            let mut identity = Identity::default();
+            identity.names[2] = Some("focus".into());
+            Ok(identity)
+        };
+        assert_eq!(motor("12", identity).unwrap(), 12);
+        assert_eq!(motor("focus", identity).unwrap(), 3);
+        for text in ["0", "1x", "256", "fokus", "", "#1"] {
+            assert!(motor(text, identity).is_err(), "{text}");
+        }
+    }
+}

@@ -1,0 +1,225 @@
+//! `--wait`: follows the board's reports until a motion has ended, and tells how.
+//!
+//! It only looks. ^C and the time limit end the wait, never the motion.
+//!
+//! A report may be older than the request: PMAC copies its registers into the DPRAM when it comes to that. So nothing is believed
+//! before two reports of each kind have come after the board took the request. Every servo sample since then is looked at,
+//! so no move is too short to be seen. Delays are measured by the reports' time stamps.
+
+mod motors;
+mod systems;
+
+use std::time::{Duration, Instant};
+
+use clap::Args;
+
+use crate::cli::args::values::seconds;
+use crate::cli::console::interrupt::Interrupt;
+use crate::cli::context::{Context, Failure};
+use crate::client::{Board, Snapshot, Staleness};
+use crate::decode::ServoData;
+use crate::segment::identity::MOTORS;
+
+pub use motors::{Goal, wait_for_motors};
+pub use systems::wait_for_programs;
+
+/// The longest sleep until the next look.
+const LOOK: Duration = Duration::from_millis(20);
+/// How long the reports may stay away. A board that stalls, or a `GATHER`, holds them up for a quarter of a second.
+const SILENCE: Duration = Duration::from_secs(2);
+/// How long the board may take to begin with what it was asked for. It answers first and begins afterwards, at a real-time
+/// interrupt.
+const BEGINS: Duration = Duration::from_millis(500);
+/// How long a motor stands before it is said to have stopped in the wrong place. A motor that turns round stands for an
+/// instant.
+const STANDS: Duration = Duration::from_millis(200);
+/// Samples looked at in one go.
+const SAMPLES: usize = 4096;
+/// Reports of each kind that may be older than the request.
+const OLD_REPORTS: u64 = 1;
+
+/// `--wait` and `--timeout`.
+#[derive(Debug, Clone, Copy, Default, Args)]
+pub struct Wait {
+    /// Wait until the motion has ended. Exit status 1: it ended elsewhere or by a fault, or the wait ended first. ^C ends the
+    /// wait, not the motion
+    #[arg(long)]
+    pub wait: bool,
+    /// Time limit of --wait, in seconds. It ends the wait, not the motion
+    #[arg(long, value_name = "S", requires = "wait", default_value = "60", value_parser = seconds, allow_negative_numbers = true)]
+    pub timeout: Duration,
+}
+
+/// What the reports have shown of a motor since the watch began.
+#[derive(Debug, Clone, Copy, Default)]
+struct Seen {
+    /// It has moved.
+    moved: bool,
+    /// It has decelerated because of an abort.
+    aborted: bool,
+}
+
+/// Looks at the board from before the request on.
+pub struct Watch {
+    board: Board,
+    interrupt: Interrupt,
+    /// The daemon's segment: another one is of a daemon that has been started since.
+    generation: u64,
+    /// The number of the next servo sample to look at.
+    next: u64,
+    /// Motor 1 first.
+    seen: [Seen; MOTORS],
+}
+
+/// Whether one of those that are waited for is there.
+#[derive(Debug, Clone, PartialEq)]
+enum Progress {
+    GoesOn,
+    /// It has ended as it should.
+    Done,
+    /// It has ended otherwise.
+    Failed(String),
+}
+
+impl Watch {
+    /// Begins before the request is sent. From here on ^C only ends the wait.
+    ///
+    /// # Errors
+    /// [`Failure::Refused`] if the reports are not live: nobody could see the motion end.
+    pub fn begin(context: &Context) -> Result<Self, Failure> {
+        let mut board = context.board()?;
+        let snapshot = board.snapshot()?;
+        let servo = snapshot.servo.as_ref().map(|servo| servo.stale);
+        let background = snapshot.background.as_ref().map(|background| background.stale);
+        for (report, stale) in [("servo", servo), ("background", background)] {
+            let why = match stale {
+                Some(None) => continue,
+                Some(Some(stale)) => stale,
+                None => snapshot.stale.unwrap_or(Staleness::Off),
+            };
+            return Err(Failure::Refused(format!(
+                "the {report} data are not live ({why}), so nobody can see what the motor does; pmacctl doctor says what to do"
+            )));
+        }
+        let (generation, next) = (board.subscriber().generation(), board.servo_sequence()? + 1);
+        Ok(Self { board, interrupt: Interrupt::listen()?, generation, next, seen: Default::default() })
+    }
+
+    /// What the board shows now.
+    ///
+    /// # Errors
+    /// When the segment cannot be read.
+    pub fn snapshot(&mut self) -> Result<Snapshot, Failure> {
+        Ok(self.board.snapshot()?)
+    }
+
+    /// Waits until `judge` is done with every one of `numbers`. Returns what went wrong.
+    ///
+    /// # Errors
+    /// When the wait ends first; `moving` says what may go on then.
+    fn until_over(
+        &mut self,
+        numbers: &[u8],
+        timeout: Duration,
+        moving: &str,
+        mut judge: impl FnMut(u8, &Snapshot, &Look<'_>) -> Progress,
+    ) -> Result<Vec<String>, Failure> {
+        let first = self.snapshot()?;
+        let (servo, background) = (sequence(&first).0 + OLD_REPORTS, sequence(&first).1 + OLD_REPORTS);
+        let mut begun_ns = None;
+        let mut open: Vec<u8> = numbers.to_vec();
+        let mut failed = Vec::new();
+        let started = Instant::now();
+        loop {
+            let ended = |why: String| Err(Failure::Refused(format!("{why}; {moving}")));
+            if self.interrupt.came() {
+                return ended("the wait was interrupted".to_owned());
+            }
+            if started.elapsed() >= timeout {
+                return ended(format!("{} s are over", timeout.as_secs_f64()));
+            }
+            let last = self.board.servo_sequence()?;
+            self.board.wait(last, LOOK)?;
+            let snapshot = self.snapshot()?;
+            if self.board.subscriber().generation() != self.generation {
+                return ended("pmacd was restarted".to_owned());
+            }
+            self.follow()?;
+            let now = sequence(&snapshot);
+            if is_silent(&snapshot) {
+                return ended(format!("no report has come for {} s", SILENCE.as_secs()));
+            }
+            let fresh = snapshot.servo.as_ref().filter(|servo| servo.is_fresh());
+            let Some(sample) = fresh.filter(|_| now.0 > servo && now.1 > background) else { continue };
+            let look = Look {
+                seen: &self.seen,
+                elapsed: since(*begun_ns.get_or_insert(sample.time_ns), sample.time_ns),
+                now_ns: sample.time_ns,
+            };
+            open.retain(|&number| match judge(number, &snapshot, &look) {
+                Progress::GoesOn => true,
+                Progress::Done => false,
+                Progress::Failed(why) => {
+                    failed.push(why);
+                    false
+                }
+            });
+            if open.is_empty() {
+                return Ok(failed);
+            }
+        }
+    }
+
+    /// Looks at the servo samples that have come.
+    fn follow(&mut self) -> Result<(), Failure> {
+        let history = self.board.history(self.next, SAMPLES)?;
+        self.next = history.next;
+        for sample in &history.samples {
+            self.see(&sample.data);
+        }
+        // What was not seen may have been a move.
+        if history.lost > 0 {
+            self.seen.iter_mut().for_each(|seen| seen.moved = true);
+        }
+        Ok(())
+    }
+
+    fn see(&mut self, servo: &ServoData) {
+        for motor in &servo.motors {
+            let (Some(status), Some(seen)) = (motor.status, self.seen.get_mut(motor.motor - 1)) else {
+                continue;
+            };
+            seen.moved |=
+                motors::MOVES.iter().any(|flag| status.has(flag)) || !status.has(motors::STANDS_STILL);
+            seen.aborted |= status.has("abort_deceleration");
+        }
+    }
+}
+
+/// What a judge needs besides the reports.
+struct Look<'a> {
+    seen: &'a [Seen; MOTORS],
+    /// Since the board took the request.
+    elapsed: Duration,
+    /// The time of the servo sample.
+    now_ns: u64,
+}
+
+fn since(earlier_ns: u64, now_ns: u64) -> Duration {
+    Duration::from_nanos(now_ns.saturating_sub(earlier_ns))
+}
+
+/// Whether one of the reports has stayed away for too long, by the clock of the segment.
+fn is_silent(snapshot: &Snapshot) -> bool {
+    let ages = [
+        snapshot.servo.as_ref().map(|servo| servo.age_ns),
+        snapshot.background.as_ref().map(|view| view.age_ns),
+    ];
+    ages.into_iter().flatten().any(|age_ns| age_ns > SILENCE.as_nanos() as u64)
+}
+
+/// The numbers of the latest servo and background reports.
+fn sequence(snapshot: &Snapshot) -> (u64, u64) {
+    let servo = snapshot.servo.as_ref().map_or(0, |servo| servo.sequence);
+    (servo, snapshot.background.as_ref().map_or(0, |background| background.sequence))
+}

@@ -1,0 +1,178 @@
+//! Whether a motor has come to where it was sent.
+
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+use serde_json::json;
+
+use super::{BEGINS, Look, Progress, STANDS, Watch, since};
+use crate::cli::console::number::{fixed, labelled};
+use crate::cli::context::{Context, Failure, Verdict};
+use crate::cli::show::motor::Motor;
+use crate::cli::show::motors::motors;
+
+/// Servo flags of a motor that moves or is about to.
+pub(super) const MOVES: [&str; 2] = ["definite_time_move", "home_search_in_progress"];
+/// Servo flag of a motor that is commanded to stand.
+pub(super) const STANDS_STILL: &str = "desired_velocity_zero";
+/// Flags of what ends a motion for good, and what is said of it. `open_loop` is last: it follows from the others.
+const FAULTS: [(&str, &str); 6] = [
+    ("fatal_following_error", "its following error is fatal (Ix11)"),
+    ("integrated_fatal_following_error", "its integrated following error is fatal (Ix63)"),
+    ("amplifier_fault", "its amplifier has a fault"),
+    ("i2t_amplifier_fault", "its amplifier is overloaded (I2T)"),
+    ("phasing_search_error", "its phasing search failed"),
+    ("open_loop", "its loop is open: it was killed"),
+];
+/// How far from its target the commanded position of a motor that has arrived may be, in counts. A target is rounded to 1/32
+/// of a count.
+const NEAR: f64 = 0.5;
+
+/// What is waited for.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Goal {
+    /// The motor stands at this position, in counts.
+    At(f64),
+    /// It has found home.
+    Home,
+    /// It stands.
+    Stands,
+}
+
+/// Refuses a motor that cannot move, or whose motion nobody would see.
+fn can_move(motor: &Motor<'_>) -> Result<(), String> {
+    let number = motor.servo.motor;
+    match (motor.has("motor_activated"), motor.has("open_loop"), motor.has("in_position")) {
+        (Some(false), ..) => Err(format!("motor {number} is off; I{number}00=1 activates it")),
+        (_, Some(true), _) => Err(format!(
+            "the loop of motor {number} is open (killed, or a fault); '#{number}J/' closes it where the motor stands"
+        )),
+        (Some(_), Some(_), Some(_)) => Ok(()),
+        _ => Err(format!(
+            "pmacd does not read both status words of motor {number}; see [servo] and [background] in its configuration"
+        )),
+    }
+}
+
+impl Watch {
+    /// Refuses motors that cannot move, or whose end of motion nobody would see. Nothing has been sent yet.
+    ///
+    /// # Errors
+    /// [`Failure::Refused`].
+    pub fn check_motors(&mut self, numbers: &[u8]) -> Result<(), Failure> {
+        let snapshot = self.snapshot()?;
+        let motors = motors(&snapshot);
+        for &number in numbers {
+            let motor = motors.iter().find(|motor| motor.servo.motor == usize::from(number));
+            let missing = || Err(format!("the board does not report motor {number}; see I59"));
+            motor.map_or_else(missing, can_move).map_err(Failure::Refused)?;
+        }
+        Ok(())
+    }
+}
+
+/// Waits until every motor in `numbers` has come to its goal, and tells where it is.
+///
+/// # Errors
+/// [`Failure::Refused`] where a motor stands elsewhere or has a fault, or where the wait ends before the motion: by ^C, by the
+/// time limit, or because no report comes.
+pub fn wait_for_motors(
+    context: &mut Context,
+    watch: &mut Watch,
+    numbers: &[u8],
+    goal: Goal,
+    timeout: Duration,
+) -> Result<Verdict, Failure> {
+    let list: Vec<String> = numbers.iter().map(ToString::to_string).collect();
+    let (commas, blanks) = (list.join(", "), list.join(" "));
+    let moving = format!(
+        "motor {commas} MAY BE MOVING: only the wait has ended; pmacctl panel jog-stop {blanks} stops it"
+    );
+    // Since when each one has stood.
+    let mut stood = BTreeMap::new();
+    let failed = watch.until_over(numbers, timeout, &moving, |number, snapshot, look| {
+        let motors = motors(snapshot);
+        let Some(motor) = motors.iter().find(|motor| motor.servo.motor == usize::from(number)) else {
+            return Progress::Failed(format!("the board does not report motor {number} any more"));
+        };
+        if let Some(why) = fault(motor) {
+            return Progress::Failed(format!("motor {number}: {why}; it is at {}", position(motor)));
+        }
+        if !stands(motor) {
+            stood.remove(&number);
+            return Progress::GoesOn;
+        }
+        let stood = since(*stood.entry(number).or_insert(look.now_ns), look.now_ns);
+        judge(motor, goal, look, stood)
+    })?;
+    let snapshot = watch.snapshot()?;
+    let motors = motors(&snapshot);
+    let waited_for =
+        motors.iter().filter(|motor| numbers.iter().any(|number| usize::from(*number) == motor.servo.motor));
+    if context.output.is_json() {
+        let documents: Vec<_> = waited_for.map(Motor::document).collect();
+        context.output.json(&json!({ "motors": documents, "failed": failed }))?;
+        context.output.flush()?;
+    } else if failed.is_empty() {
+        for motor in waited_for {
+            context.output.line(format_args!("#{}: {}", motor.servo.motor, position(motor)))?;
+        }
+    }
+    if failed.is_empty() { Ok(Verdict::Yes) } else { Err(Failure::Refused(failed.join("\n"))) }
+}
+
+/// Whether it stands in position.
+pub(super) fn stands(motor: &Motor<'_>) -> bool {
+    let is = |flag| motor.has(flag) == Some(true);
+    is(STANDS_STILL) && is("in_position") && !MOVES.iter().any(|flag| is(flag))
+}
+
+/// What has ended its motion for good.
+pub(super) fn fault(motor: &Motor<'_>) -> Option<&'static str> {
+    let mut faults = FAULTS.iter();
+    let why = faults.find(|(flag, _)| motor.has(flag) == Some(true)).map(|(_, why)| *why);
+    let off = (motor.has("motor_activated") == Some(false)).then_some("it is off: was the board reset?");
+    off.or(why)
+}
+
+/// Where it is, in counts and in its user's unit.
+pub(super) fn position(motor: &Motor<'_>) -> String {
+    let counts = labelled(motor.servo.actual_position);
+    motor.user_position().map_or_else(|| counts.clone(), |user| format!("{counts} ({user})"))
+}
+
+/// What has become of a motor that stands in position.
+fn judge(motor: &Motor<'_>, goal: Goal, look: &Look<'_>, stood: Duration) -> Progress {
+    let number = motor.servo.motor;
+    let moved = look.seen.get(number - 1).is_some_and(|seen| seen.moved);
+    let has_begun = moved || look.elapsed >= BEGINS;
+    let there = match goal {
+        Goal::At(target) => {
+            let commanded = motor.servo.commanded_position.and_then(|quantity| quantity.value);
+            commanded.is_some_and(|commanded| (commanded - target).abs() <= NEAR)
+        }
+        Goal::Home => has_begun && motor.has("home_complete") == Some(true),
+        Goal::Stands => has_begun,
+    };
+    if there {
+        return Progress::Done;
+    }
+    if !has_begun || stood < STANDS {
+        return Progress::GoesOn;
+    }
+    let wanted = match goal {
+        Goal::At(target) => format!("not at {}", fixed(target, 1)),
+        Goal::Home | Goal::Stands => "and has not found home".to_owned(),
+    };
+    let limits: Vec<&str> = [
+        ("positive_limit_set", "+limit"),
+        ("negative_limit_set", "-limit"),
+        ("stopped_on_position_limit", "limit stop"),
+    ]
+    .into_iter()
+    .filter_map(|(flag, short)| (motor.has(flag) == Some(true)).then_some(short))
+    .collect();
+    let why = if limits.is_empty() { String::new() } else { format!(" ({})", limits.join(", ")) };
+    let began = if moved { "stands" } else { "did not move: it stands" };
+    Progress::Failed(format!("motor {number} {began} at {}, {wanted}{why}", position(motor)))
+}

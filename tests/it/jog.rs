@@ -1,0 +1,214 @@
+//! `pmacctl jog`, and what waits for a motion to end: positions, homing, programs.
+
+use std::process::{Child, Stdio};
+use std::time::Duration;
+
+use nix::sys::signal::Signal;
+use serde_json::Value;
+
+use crate::support::jogs::signal;
+use crate::support::rig::Ran;
+use crate::support::{PATIENCE, VirtualSite, output_within};
+
+fn running(config: &str) -> VirtualSite {
+    let site = VirtualSite::configured(&[], config);
+    site.wait_for_live_servo();
+    site.wait_for_identity();
+    site.wait_until("live data", || site.pmacctl(&["coordinates"]).0 == 0 && site.has_scales());
+    site
+}
+
+/// What `pmacctl` does while time passes as fast as it can.
+fn run(site: &VirtualSite, arguments: &[&str]) -> Ran {
+    site.hurried(|| site.run(arguments))
+}
+
+#[track_caller]
+fn done(site: &VirtualSite, arguments: &[&str]) -> String {
+    let ran = run(site, arguments);
+    assert_eq!((ran.code, ran.stderr.as_str()), (Some(0), ""), "{arguments:?}: {}", ran.stdout);
+    ran.stdout
+}
+
+/// The exit status is `code`, and stderr says `text`.
+#[track_caller]
+fn refused(site: &VirtualSite, arguments: &[&str], code: i32, text: &str) {
+    let ran = run(site, arguments);
+    assert!(ran.code == Some(code) && ran.stderr.contains(text), "{arguments:?}: {ran:?}");
+}
+
+fn number(site: &VirtualSite, line: &str) -> f64 {
+    site.ask(line)[0].parse().unwrap()
+}
+
+/// A wait in the background.
+fn start(site: &VirtualSite, arguments: &[&str]) -> Child {
+    site.command(arguments).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap()
+}
+
+fn ended(site: &VirtualSite, mut child: Child) -> Ran {
+    site.hurried(|| output_within(&mut child, PATIENCE)).into()
+}
+
+const UNITS: &str = "[[motor]]\nnumber = 2\nname = \"azimuth\"\nunit = \"deg\"\ncounts_per_unit = -1000\n";
+
+#[test]
+fn b5_7_a_motor_is_jogged_to_a_position_and_waited_for() {
+    let site = running(UNITS);
+    site.ask("#5");
+    assert_eq!(done(&site, &["jog", "1", "=3000", "--wait"]), "#1: 3000.0\n");
+    assert!((number(&site, "#1P") - 3000.0).abs() < 1.0);
+    site.ask("#5");
+    assert_eq!(done(&site, &["jog", "azimuth", "=-2.5deg", "--wait"]), "#2: 2500.0 (-2.5000 deg)\n");
+    assert_eq!(site.ask("#"), ["5"], "the address is put back");
+    // It is there already.
+    assert_eq!(done(&site, &["jog", "2", "=2500counts", "--wait"]), "#2: 2500.0 (-2.5000 deg)\n");
+    let told = done(&site, &["jog", "1", "=-100.5", "--wait", "--json"]);
+    let told: Value = serde_json::from_str(&told).unwrap();
+    assert_eq!((&told["failed"], &told["motors"][0]["motor"]), (&serde_json::json!([]), &1.into()));
+    assert!((told["motors"][0]["actual_position"]["value"].as_f64().unwrap() + 100.5).abs() < 0.1, "{told}");
+    let log = site.log();
+    assert!(log.contains("uid ") && log.contains(" pid ") && log.contains("sends \"#1J=3000#5\""), "{log}");
+    site.assert_no_violations();
+}
+
+#[test]
+fn b5_7_a_jog_goes_on_until_it_is_stopped() {
+    let site = running(UNITS);
+    for (key, sign) in [("+", 1.0), ("-", -1.0)] {
+        done(&site, &["jog", "azimuth", key]);
+        site.wait_until("the jog", || number(&site, "#2V") * sign > 1.0);
+    }
+    let told = done(&site, &["jog", "azimuth", "stop", "--wait"]);
+    assert!(told.starts_with("#2: ") && number(&site, "#2V").abs() < 0.1, "{told}");
+    refused(&site, &["jog", "2", "+", "--wait"], 2, "cannot be waited for; nothing was sent");
+    site.assert_no_violations();
+}
+
+#[test]
+fn b5_7_a_jog_is_refused_with_nothing_sent() {
+    let site = running(UNITS);
+    site.ask("#3K");
+    site.wait_until("the open loop", || site.pmacctl(&["motors"]).1.contains("open-loop"));
+    for (arguments, code, why) in [
+        (["jog", "9", "=1"], 2, "there is no motor 9"),
+        (["jog", "elevation", "=1"], 2, "no motor is called \"elevation\""),
+        (["jog", "azimuth", "=90"], 2, "write =90deg or =90counts; nothing was sent"),
+        (["jog", "1", "=1mm"], 2, "it knows counts"),
+        (["jog", "1", "5000"], 2, "write a position as =5000"),
+        (["jog", "3", "=1000"], 1, "not sent: the loop of motor 3 is open"),
+    ] {
+        refused(&site, &arguments, code, why);
+    }
+    site.ask("I500=0");
+    site.wait_until("motor 5 off", || site.pmacctl(&["motors"]).1.contains("off"));
+    refused(&site, &["jog", "5", "=1000"], 1, "not sent: motor 5 is off; I500=1 activates it");
+    // A line would become a piece of this user's own program.
+    for line in ["OPEN PROG 77 CLEAR", "LINEAR"] {
+        site.ask(line);
+    }
+    refused(&site, &["jog", "1", "=1000"], 1, "not sent, it would have become a program line");
+    for line in ["CLOSE", "I49=0"] {
+        site.ask(line);
+    }
+    site.wait_until("old background data", || site.pmacctl(&["coordinates"]).0 == 1);
+    refused(&site, &["jog", "1", "=1000"], 1, "not sent: the background data are not live");
+    assert_eq!(site.ask("LIST PROG 77"), ["LIN"]);
+    for motor in [1, 3, 5] {
+        assert!(number(&site, &format!("#{motor}P")).abs() < 0.5, "motor {motor} has moved");
+    }
+    site.assert_no_violations();
+}
+
+#[test]
+fn b5_7_a_wait_tells_why_a_motor_did_not_arrive() {
+    let site = running("");
+    site.ask("I113=1000");
+    refused(&site, &["jog", "1", "=5000", "--wait"], 1, ", not at 5000.0 (+limit");
+    // Killed on its way.
+    site.ask("I322=5");
+    let child = start(&site, &["jog", "3", "=1000000", "--wait"]);
+    site.wait_until("the jog", || number(&site, "#3V") > 1.0);
+    site.ask("#3K");
+    let ran = ended(&site, child);
+    assert!(
+        ran.code == Some(1) && ran.stderr.contains("motor 3: its loop is open: it was killed"),
+        "{ran:?}"
+    );
+    // Its following error becomes fatal, which kills all motors.
+    site.ask("I211=16 I212=0");
+    refused(&site, &["jog", "2", "=50000", "--wait"], 1, "motor 2: its following error is fatal (Ix11)");
+    site.assert_no_violations();
+}
+
+#[test]
+fn b5_7_the_end_of_a_wait_is_not_the_end_of_the_motion() {
+    let site = running("");
+    site.ask("I122=5 I222=5");
+    let waits = ["jog", "1", "=1000000", "--wait", "--timeout", "0.2"];
+    refused(&site, &waits, 1, "0.2 s are over; motor 1 MAY BE MOVING: only the wait has ended");
+    assert!(number(&site, "#1V") > 1.0, "it moves on");
+    let child = start(&site, &["jog", "2", "=1000000", "--wait"]);
+    site.wait_until("the jog", || number(&site, "#2V") > 1.0);
+    signal(&child, Signal::SIGINT);
+    let ran = ended(&site, child);
+    assert!(ran.code == Some(1) && ran.stderr.contains("interrupted; motor 2 MAY BE MOVING"), "{ran:?}");
+    assert!(number(&site, "#2V") > 1.0, "it moves on");
+    site.ask("I322=5");
+    let child = start(&site, &["jog", "3", "=1000000", "--wait"]);
+    site.wait_until("the jog", || number(&site, "#3V") > 1.0);
+    site.board_stands_still(true);
+    let ran = ended(&site, child);
+    assert!(
+        ran.code == Some(1) && ran.stderr.contains("no report has come for 2 s; motor 3 MAY BE MOVING"),
+        "{ran:?}"
+    );
+}
+
+#[test]
+fn b5_7_a_home_search_is_waited_for() {
+    let site = running("");
+    site.ask("#4J=5000");
+    site.wait_until("the start", || number(&site, "#4P") > 4999.0);
+    let told = done(&site, &["panel", "home", "4", "5", "--wait"]);
+    assert_eq!(told.lines().count(), 2, "{told}");
+    site.wait_until("the flag", || site.pmacctl(&["motors"]).1.contains("homed"));
+    // A search that is stopped has not found home.
+    site.ask("I623=0.01");
+    let child = start(&site, &["panel", "home", "6", "--wait"]);
+    site.wait_until("the search", || site.pmacctl(&["motors"]).1.contains("homing"));
+    site.ask("#6J/");
+    let ran = ended(&site, child);
+    assert!(ran.code == Some(1) && ran.stderr.contains("and has not found home"), "{ran:?}");
+    site.assert_no_violations();
+}
+
+#[test]
+fn b5_7_a_program_is_waited_for() {
+    let site = running("");
+    let lines =
+        ["&1 #1->X", "OPEN PROG 7 CLEAR", "LINEAR INC TM300 TA50 TS0", "X2000", "X2000", "CLOSE", "&1 B7"];
+    lines.into_iter().for_each(|line| drop(site.ask(line)));
+    done(&site, &["panel", "start", "1", "--wait"]);
+    assert!((number(&site, "#1P") - 4000.0).abs() < 1.0, "the last move has ended");
+    for line in
+        ["OPEN PROG 8 CLEAR", "LINEAR INC TM300", "WHILE (P1=0)", "X200", "ENDWHILE", "CLOSE", "&1 B8"]
+    {
+        site.ask(line);
+    }
+    let child = start(&site, &["panel", "start", "1", "--wait"]);
+    site.wait_until("the program", || number(&site, "#1V") > 0.1);
+    refused(
+        &site,
+        &["panel", "start", "1", "--wait"],
+        1,
+        "not sent: coordinate system 1 runs a program already",
+    );
+    site.run_for(Duration::from_millis(300));
+    assert_eq!(site.pmacctl(&["panel", "stop", "1"]).0, 0);
+    let ran = ended(&site, child);
+    assert!(ran.code == Some(1) && ran.stderr.contains("was ended by an abort"), "{ran:?}");
+    // There is no program: the board takes the key and does nothing.
+    refused(&site, &["panel", "start", "3", "--wait"], 1, "was not seen to run");
+    site.assert_no_violations();
+}
