@@ -34,6 +34,9 @@
 //! | servo by 32 bits, handshake | 15n + 6 | 15n + 7 | n = 8: 127 |
 //! | servo by 32 bits without spare words | 13n + 4 | 13n + 4 | n = 8: 108 |
 //! | servo idle poll, either way | 1 | 1 | 1 |
+//! | servo of a Turbo board, n motors of the mask | 24n + 5 | 24n + 5 | n = 8: 197 |
+//! | servo of a Turbo board, handshake | 24n + 8 | 24n + 9 | n = 8: 201 |
+//! | the mask of a Turbo board: written once, then read every 256 updates | 2 | 2 | 2 |
 //! | background report, n numbers | 62n + 9 | 62n + 11 | n = 8: 507 |
 //! | background of w words a number | wn + 9 | wn + 11 | two status words, w = 4, n = 8: 43 |
 //! | background by 32 bits | 31n + 6 | 31n + 8 | n = 8: 256 |

@@ -6,6 +6,8 @@
 //! | Y:$D009 bit 0 | 0x006A bit 15 | sets Host-Busy while it reads | skips its update while it is set |
 //! | X:$D009 bit 15 | 0x006E bit 15 | reads | busy: set while it writes; Turbo clears it meanwhile |
 //! | X:$D009 bits 14-0 | 0x006C, 0x006E bits 7-0 | reads | stores its servo timer after the data |
+//! | - | 0x006E bit 15 | clears it when it has taken the data | sets it when the data are whole |
+//! | - | 0x0070 | writes which motors it wants | copies those |
 //!
 //! PMAC tests Host-Busy before it sets its own flag, so Host-Busy alone does not protect a slow read: an update may
 //! begin right after the host polled. So in both ways of reading the status is read again after the data, and unless
@@ -14,14 +16,22 @@
 //! in the middle of a copy, for less than a servo period; and, in optimistic reading, a servo counter that is set back
 //! by one update at that moment, so that two updates in a row have the same number.
 //!
+//! Whether a Turbo board waits until the host has taken an update before it makes the next one, no text tells for reports
+//! that come by themselves (p. 403 says it of reports on request). So the host always clears the flag, as a driver in
+//! production does: a board that waits goes on, and to one that does not it makes no difference but for an update that
+//! became ready between the last look and the write; that one counts as missed.
+//!
+//! The mask is the host's, but any host can write it. It is read again now and then, and what another host took out of it is
+//! not read any more: PMAC leaves those blocks as they are.
+//!
 //! Host-Busy left set by a host that died stops the updates for ever; [`ServoReader::release`] clears it.
 
 use std::ops::Range;
 
 use crate::clock::Clock;
 use crate::device::{Bus, BusError};
-use crate::format::split32;
-use crate::map::{Flag, Selection, ServoBlock};
+use crate::format::{join32, split32};
+use crate::map::{BusyRule, Flag, HostOffset, Selection, ServoBlock};
 
 /// How the buffer is read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Deserialize, serde::Serialize)]
@@ -38,6 +48,8 @@ pub enum ServoReading {
 /// A copy that took longer is thrown away: the shortest timer comes round after 32768 servo cycles, 14.5 s at the
 /// default rate.
 const LONGEST_COPY_NS: u64 = 1_000_000_000;
+/// After so many updates the mask is read again, a tenth of a second at the default rate.
+const MASK_UPDATES: u32 = 256;
 /// How often PMAC's flag is read after Host-Busy was set, before this update is given up.
 const BUSY_POLLS: usize = 8;
 
@@ -77,8 +89,14 @@ pub struct ServoReader {
     block: &'static ServoBlock,
     reading: ServoReading,
     selection: Selection,
-    /// The motors the board reports, bit n-1 for motor n.
+    /// The motors the board is said to report, bit n-1 for motor n; `None` until somebody says it.
+    told: Option<u32>,
+    /// Of those the ones it does report.
     motors: u32,
+    /// The report's mask is to be written.
+    mask_due: bool,
+    /// So many updates more until the mask is read again.
+    mask_updates: u32,
     /// What is read of the motors' blocks, in words from the first one's start.
     runs: Vec<Range<usize>>,
     last_timer: Option<u32>,
@@ -100,14 +118,17 @@ impl ServoReader {
             block,
             reading,
             selection,
+            told: None,
             motors: u32::MAX,
+            mask_due: false,
+            mask_updates: 0,
             // Room for any selection, so that it is not allocated later.
             runs: Vec::with_capacity(block.motors.count * block.motors.words),
             last_timer: None,
             clock: Clock::real(),
             image: vec![0; block.words()].into_boxed_slice(),
         };
-        reader.set_motors(u32::MAX);
+        reader.read_motors(u32::MAX);
         reader
     }
 
@@ -131,8 +152,14 @@ impl ServoReader {
     }
 
     /// Reads from now on the motors that the board reports, bit n-1 for motor n. PMAC leaves the blocks of the others as
-    /// they are, so those are not read.
+    /// they are, so those are not read. Where the report has a mask, the next poll has the board report them.
     pub fn set_motors(&mut self, motors: u32) {
+        self.told = Some(motors);
+        self.mask_due = self.block.mask.is_some();
+        self.read_motors(motors);
+    }
+
+    fn read_motors(&mut self, motors: u32) {
         self.motors = motors;
         let ServoBlock { motors: blocks, .. } = self.block;
         self.reported().runs(blocks.words, blocks.count, &mut self.runs);
@@ -194,6 +221,9 @@ impl ServoReader {
     /// update, so data from before a reset or a restart are never taken for new.
     pub fn reset(&mut self) {
         self.last_timer = None;
+        // What a reset makes of the mask is not documented.
+        self.mask_due = self.block.mask.is_some() && self.told.is_some();
+        self.mask_updates = 0;
     }
 
     /// Clears the host's bit, whoever set it.
@@ -211,13 +241,23 @@ impl ServoReader {
     /// # Errors
     /// When the bus cannot be reached; Host-Busy may then be left set.
     pub fn poll(&mut self, bus: &mut impl Bus) -> Result<ServoPoll, BusError> {
-        let Some(status) = self.status(bus)? else { return Ok(ServoPoll::Busy) };
+        if let Some(mask) = self.block.mask {
+            self.keep_mask(bus, mask)?;
+        }
+        let Some(status) = self.status(bus)? else {
+            // A flag that the host clears is clear because PMAC writes, or because there is nothing new.
+            return Ok(if self.host_takes() { ServoPoll::Unchanged } else { ServoPoll::Busy });
+        };
         let timer = self.timer(status);
         match self.last_timer {
             Some(last) if last != timer => {}
-            Some(_) => return Ok(ServoPoll::Unchanged),
+            Some(_) => {
+                self.take(bus, status)?;
+                return Ok(ServoPoll::Unchanged);
+            }
             None => {
                 self.last_timer = Some(timer);
+                self.take(bus, status)?;
                 return Ok(ServoPoll::First(timer));
             }
         }
@@ -235,6 +275,48 @@ impl ServoReader {
             self.last_timer = Some(timer);
         }
         Ok(poll)
+    }
+
+    /// Writes the mask when that is due, and now and then reads what another host has made of it.
+    fn keep_mask(&mut self, bus: &mut impl Bus, mask: HostOffset) -> Result<(), BusError> {
+        let (low, high) = (mask, mask.plus_words(1));
+        if self.mask_due {
+            let [low_word, high_word] = split32(self.masked());
+            bus.write16(low, low_word)?;
+            bus.write16(high, high_word)?;
+            self.mask_due = false;
+        } else if self.mask_updates == 0 {
+            let seen = join32(bus.read16(low)?, bus.read16(high)?);
+            let motors = self.told.unwrap_or(u32::MAX) & seen;
+            if motors != self.motors {
+                self.read_motors(motors);
+            }
+        } else {
+            return Ok(());
+        }
+        self.mask_updates = MASK_UPDATES;
+        Ok(())
+    }
+
+    /// The motors that are read, bit n-1 for motor n.
+    fn masked(&self) -> u32 {
+        let motors = 1..=self.block.motors.count.min(32);
+        let read = self.reported();
+        motors.filter(|motor| read.has_number(*motor)).fold(0, |mask, motor| mask | 1 << (motor - 1))
+    }
+
+    /// Whether the host clears PMAC's flag.
+    fn host_takes(&self) -> bool {
+        self.block.busy == BusyRule::ClearWhileWriting
+    }
+
+    /// Tells PMAC that the data have been taken, where the host has to.
+    fn take(&self, bus: &mut impl Bus, status: Status) -> Result<(), BusError> {
+        if !self.host_takes() {
+            return Ok(());
+        }
+        let Flag { word, mask } = self.block.pmac_status;
+        bus.write16(word, status.flag & !mask)
     }
 
     /// Reads PMAC's flag and the timer; `None` while PMAC writes. 1 read, or 2 where they are two words.
@@ -290,8 +372,11 @@ impl ServoReader {
         self.image[block.index(block.pmac_status.word)] = before.flag;
         if let Some(mask) = block.mask {
             let at = block.index(mask);
-            self.image[at..at + 2].copy_from_slice(&split32(self.motors));
+            let motors = split32(self.masked());
+            self.image[at..at + 2].copy_from_slice(&motors);
+            self.mask_updates = self.mask_updates.saturating_sub(1);
         }
+        self.take(bus, before)?;
         Ok(ServoPoll::Update(self.timer(before)))
     }
 }

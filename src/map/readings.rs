@@ -51,6 +51,7 @@ pub static READINGS: &[Reading] = &[
     found_out("variable_read_pass", &["in_one", "in_many"]),
     found_out("mailbox_bell", &["with_text", "alone"]),
     found_out("background_timer", &["before_ready", "after_ready"]),
+    found_out("report_ready", &["ignored", "awaited"]),
 ];
 
 /// What the word before a reply counts (0x06D2; DPRAM manual p. 29).
@@ -280,6 +281,17 @@ pub enum TimerOrder {
     AfterReady,
 }
 
+/// Whether a Turbo board makes a report that comes by itself before the host has taken the last one (Turbo User Manual p. 403).
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ReportReady {
+    /// It does: only reports on request are said to wait for the flag.
+    #[default]
+    Ignored,
+    /// It waits until the host has cleared the flag.
+    Awaited,
+}
+
 impl fmt::Display for GatherPosition {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
@@ -342,6 +354,8 @@ pub struct Readings {
     pub mailbox_bell: MailboxBell,
     /// Which comes first of the words that close a background report.
     pub background_timer: TimerOrder,
+    /// Turbo: whether a report waits until the last one was taken.
+    pub report_ready: ReportReady,
 }
 
 /// A name or value that is none.

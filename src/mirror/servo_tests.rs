@@ -112,13 +112,15 @@ impl Rig {
 
 #[test]
 fn a_turbo_pmacs_motors_come_through_the_path_of_every_family() {
-    // "0x006C timer low; 0x006E timer high": one word more than on PMAC, before the copy and after it.
+    // "0x006C timer low; 0x006E timer high": one word more than on PMAC, before the copy and after it; and the flag is cleared.
     let blocks = 24 * MOTORS.len() as u64;
-    for (reading, cost) in [(ServoReading::Optimistic, blocks + 4), (ServoReading::Handshake, blocks + 8)] {
+    for (reading, cost) in [(ServoReading::Optimistic, blocks + 5), (ServoReading::Handshake, blocks + 9)] {
         let mut rig = Rig::new(reading);
         rig.update(0xFF_FFFE);
-        assert_eq!(rig.poll(), (None, 2), "what lay there before is not an update");
-        assert_eq!(rig.poll(), (None, 2));
+        assert_eq!(rig.poll(), (None, 5), "what lay there before is not an update; the mask is written");
+        let mask = [0x0070, 0x0072].map(|word| rig.bus.read16(HostOffset::new(word)).unwrap());
+        assert_eq!(mask, split32(MASK));
+        assert_eq!(rig.poll(), (None, 1), "the flag is clear: nothing new");
         rig.update(0xFF_FFFF);
         assert_eq!(rig.poll(), (Some(Transition::Live), cost), "only motors of the mask are read");
         let (first, data) = rig.latest().unwrap();
@@ -180,7 +182,7 @@ fn other_motors_than_before_leave_nothing_of_those_before() {
     rig.poll();
     rig.mirror.configure(0b100, Some(CYCLE_NS), Some(1));
     rig.update(3);
-    assert_eq!(rig.poll().1, 24 + 4);
+    assert_eq!(rig.poll().1, 2 + 24 + 5, "the mask, the update");
     let (_, data) = rig.latest().unwrap();
     assert_eq!(data.motors.iter().map(|motor| motor.motor).collect::<Vec<_>>(), [3]);
     let mut sample = Sample::new();
@@ -188,6 +190,49 @@ fn other_motors_than_before_leave_nothing_of_those_before() {
     // 6 words of head, then three blocks; the first two were not read.
     assert_eq!(sample.words().len(), 6 + 3 * 24);
     assert!(sample.words()[6..6 + 2 * 24].iter().all(|word| *word == 0));
+}
+
+#[test]
+fn motors_that_another_host_takes_out_of_the_mask_are_not_shown_any_more() {
+    let mut rig = Rig::new(ServoReading::Optimistic);
+    rig.update(0);
+    rig.poll();
+    let shown = |rig: &Rig| {
+        let (_, data) = rig.latest().unwrap();
+        data.motors.iter().map(|motor| motor.motor).collect::<Vec<_>>()
+    };
+    let updates = |rig: &mut Rig, from: u32| {
+        for timer in from..from + 257 {
+            rig.update(timer);
+            rig.poll();
+        }
+    };
+    updates(&mut rig, 1);
+    assert_eq!(shown(&rig), MOTORS);
+    // "blocks of unmasked motors keep old data"; a motor that nobody asked for stays away.
+    rig.put(0x0070, 0b1110);
+    rig.put(0x0072, 0);
+    updates(&mut rig, 1000);
+    assert_eq!(shown(&rig), [3]);
+    rig.put(0x0072, 0x8000);
+    updates(&mut rig, 2000);
+    assert_eq!(shown(&rig), [3, 32], "back as soon as it is seen");
+    assert_eq!(rig.bus.read16(HostOffset::new(0x0070)).unwrap(), 0b1110, "no fight about it");
+}
+
+#[test]
+fn until_somebody_says_which_motors_there_are_the_mask_that_lies_there_counts() {
+    let mut rig = Rig::new(ServoReading::Optimistic);
+    rig.mirror = ServoMirror::new(&TURBO2.servo, ServoReading::Optimistic, rig.time.clock());
+    rig.put(0x0070, 0b100);
+    rig.put(0x0072, 0);
+    rig.update(1);
+    assert_eq!(rig.poll().1, 2 + 2 + 1, "the mask is read, not written");
+    rig.update(2);
+    rig.poll();
+    let (_, data) = rig.latest().unwrap();
+    assert_eq!(data.motors.iter().map(|motor| motor.motor).collect::<Vec<_>>(), [3]);
+    assert_eq!(rig.bus.read16(HostOffset::new(0x0070)).unwrap(), 0b100);
 }
 
 #[test]

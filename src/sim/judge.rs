@@ -6,7 +6,7 @@
 use std::collections::BTreeMap;
 
 use crate::map::functions::RESPONSE_BYTES;
-use crate::map::{Family, HostOffset};
+use crate::map::{BusyRule, Family, Flag, HostOffset};
 use crate::sim::board::dpram::Dpram;
 
 /// The most findings kept; more are only counted.
@@ -79,10 +79,11 @@ impl Judge {
 
     /// One background pass: the words whose change hurts most, and a stretch of the others.
     pub fn poll(&mut self, cycle: u64, dpram: &mut Dpram) {
-        let Family { servo, background, ascii, .. } = self.family;
-        for word in [servo.pmac_status.word, background.timer.low, ascii.response_count] {
+        let Family { background, ascii, .. } = self.family;
+        for word in [background.timer.low, ascii.response_count] {
             self.pmacs_word(word, cycle, dpram);
         }
+        self.servo_status(cycle, dpram);
         for _ in 0..WORDS_PER_PASS {
             let (first, end) = self.pmacs[self.range];
             let offset = first.plus_words(self.next);
@@ -101,6 +102,17 @@ impl Judge {
             let reserved = !ascii.command_loaded.mask;
             self.record(cycle, &format!("{word} = 0x{flag:04X}: the bits of 0x{reserved:04X} are reserved"));
             dpram.adopt(word, flag);
+        }
+    }
+
+    /// The word with PMAC's flag of the servo report: the host may clear a flag that says that the data are ready.
+    fn servo_status(&mut self, cycle: u64, dpram: &mut Dpram) {
+        let Flag { word, mask } = self.family.servo.pmac_status;
+        let taken = [0, dpram.shadow(word) & !mask].contains(&dpram.read16(word));
+        if self.family.servo.busy == BusyRule::ClearWhileWriting && taken {
+            dpram.adopt(word, dpram.read16(word));
+        } else {
+            self.pmacs_word(word, cycle, dpram);
         }
     }
 

@@ -34,7 +34,7 @@ fn every_register_of_both_reports_is_copied_to_its_place() {
     }
     board.memory.dpram.write16(HostOffset::new(0x0228), 0);
     bench.world.report.cycle(board);
-    assert!(BackgroundReport::new(board.family()).poll(board, &[]));
+    assert!(BackgroundReport::new(board.family()).poll(board, &[], &mut bench.world.report));
     let mut checked = 0;
     for record in records {
         let function = record["function"].as_str().unwrap();

@@ -4,6 +4,7 @@ use std::fs::{File, OpenOptions};
 
 use tempfile::TempDir;
 
+use crate::device::FileBoard;
 use crate::device::board::mapping::Mapping;
 use crate::map::{self, PmacAddress, Space};
 use crate::sim::board::Board;
@@ -37,7 +38,7 @@ pub fn board() -> Board {
 pub struct Bench {
     pub world: World,
     host: Mapping,
-    _directory: TempDir,
+    directory: TempDir,
 }
 
 impl Bench {
@@ -55,7 +56,7 @@ impl Bench {
         let board = Board::new(memory, identity, None, None);
         let file: File = OpenOptions::new().read(true).write(true).open(&path).unwrap();
         let host = Mapping::new(&file, 0, tables.family.length as usize).unwrap();
-        Self { world: World::new(board), host, _directory: directory }
+        Self { world: World::new(board), host, directory }
     }
 
     /// With the shipped start-up file.
@@ -63,6 +64,13 @@ impl Bench {
         let mut bench = Self::bare("1.16D");
         bench.world.load("shipped", firmware::PMAC.startup).unwrap();
         bench
+    }
+
+    /// The memory as a host's driver opens it.
+    pub fn bus(&self) -> FileBoard {
+        let path = self.directory.path().join("dpram");
+        let file = OpenOptions::new().read(true).write(true).open(path).unwrap();
+        FileBoard::from_file(&file, self.world.board.family().length as usize).unwrap()
     }
 
     pub fn run(&mut self, cycles: usize) {

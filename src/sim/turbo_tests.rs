@@ -1,9 +1,10 @@
 //! A family that no program offers yet, on the board as it is: Turbo PMAC2's DPRAM of 64 KiB with 32 motors, addresses
 //! of 19 bits, masks and 24-bit timers. Registers are test data.
 
+use crate::map::readings::ReportReady;
 use crate::map::{PmacAddress, Space, TURBO2};
 use crate::sim::board::firmware::{Controller, DpramHandshake, FirmwareTables};
-use crate::sim::board::i_rows;
+use crate::sim::board::i_rows::{self, Factory, Kind, Row, Scope};
 use crate::sim::board::register_table::{self, Each, RegisterTable};
 use crate::sim::testing::Bench;
 
@@ -15,12 +16,20 @@ const fn system(space: Space, number: u32) -> Each {
     Each::new(TURBO2.system_source_stride, PmacAddress::new(space, number))
 }
 
+/// FACTS-TURBO section 3: servo cycles from one report to the next, where a PMAC has other variables.
+const fn period(number: usize) -> Row {
+    let (kind, default) = (Kind::Whole(0, 8_388_607), Factory::Is(0.0));
+    Row { scope: Scope::Global, number, last: number, name: "report period", kind, default, hex: false }
+}
+
+const PERIODS: &[Row] = &[period(47), period(50)];
+
 static TABLES: FirmwareTables = FirmwareTables {
     family: &TURBO2,
     variables: 8192,
     p_address: 0x6000,
     q_addresses: &[0x8000; 16],
-    i_rows: &[i_rows::GLOBAL, i_rows::MOTOR, i_rows::COORDINATE, i_rows::PMAC2],
+    i_rows: &[i_rows::GLOBAL, i_rows::MOTOR, i_rows::COORDINATE, i_rows::PMAC2, PERIODS],
     registers: RegisterTable {
         conversion_table: PmacAddress::new(Space::Y, 0x3501),
         machine_inputs: PmacAddress::new(Space::Y, 0x7_8402),
@@ -82,9 +91,8 @@ fn the_servo_report_has_the_masked_motors_and_a_timer_of_24_bits() {
     // Motors 2 and 32; bit 15 of 0x006E is set when the data are whole.
     bench.write(0x0070, 0b10);
     bench.write(0x0072, 0x8000);
-    send(&mut bench, "GATHER");
     bench.run(2);
-    assert_eq!([bench.read(0x006C), bench.read(0x006E)], [0x0000, 0x8013]);
+    assert_eq!([bench.read(0x006C), bench.read(0x006E)], [0x0000, 0x8013], "without a GATHER");
     let position = |motor: u32| bench.read32(0x0074 + 0x30 * (motor - 1) + 40);
     assert_eq!((position(2), position(32)), (0, 1000 * 3072));
     bench.write(0x006A, 1 << 15);
@@ -124,6 +132,135 @@ fn the_background_report_obeys_its_own_count_and_busy_flag() {
     bench.world.board.memory.write_x(0, 0x45_6788);
     bench.run(1);
     assert_eq!([bench.read(0x0678), bench.read(0x067A)], [0x6789, 0x8045]);
+}
+
+#[test]
+fn with_a_period_of_0_an_update_waits_for_the_host() {
+    let mut bench = bench();
+    bench.write(0x0070, 1);
+    bench.set(48, 1.0);
+    bench.run(1);
+    let first = bench.read(0x006C);
+    assert_eq!(bench.read(0x006E), 0x8000);
+    bench.run(5);
+    assert_eq!(bench.read(0x006C), first, "I47=0: not taken yet");
+    bench.write(0x006E, 0);
+    bench.run(1);
+    assert_eq!([bench.read(0x006C), bench.read(0x006E)], [first + 6, 0x8000]);
+    assert!(bench.violations().is_empty(), "{:?}", bench.violations());
+    bench.set(48, 0.0);
+    bench.write(0x006E, 1);
+    bench.run(1);
+    assert!(bench.violations()[0].contains("0x006E"), "the timer is PMAC's: {:?}", bench.violations());
+}
+
+#[test]
+fn updates_that_come_by_themselves_wait_for_the_host_on_some_boards() {
+    for (reading, moved) in [(ReportReady::Ignored, 6), (ReportReady::Awaited, 0)] {
+        let mut bench = bench();
+        bench.world.board.identity.readings.report_ready = reading;
+        bench.write(0x0070, 1);
+        bench.set(47, 3.0);
+        bench.set(48, 1.0);
+        bench.run(1);
+        let first = bench.read(0x006C);
+        bench.run(6);
+        assert_eq!(bench.read(0x006C) - first, moved, "{reading:?}");
+    }
+}
+
+#[test]
+fn motors_can_be_reported_in_the_background() {
+    let mut bench = bench();
+    bench.set(48, 1.0);
+    bench.set(57, 1.0);
+    assert_eq!(send(&mut bench, "I48"), ["0"], "I57 switches I48 off");
+    bench.write(0x0070, 1);
+    bench.run(3);
+    assert_eq!(bench.read(0x006E), 0, "it needs I49, too");
+    bench.set(49, 1.0);
+    bench.set(50, 4.0);
+    bench.run(2);
+    let [motors, systems] = [0x006C, 0x0678].map(|word| bench.read(word));
+    assert_eq!(
+        (motors, bench.read(0x006E), bench.read(0x067A)),
+        (systems, 0x8000, 0x8000),
+        "no coordinate system, yet motors"
+    );
+    bench.run(4);
+    assert_eq!(bench.read(0x006C), motors, "not more than I50 servo cycles");
+    bench.run(1);
+    assert_eq!([0x006C, 0x0678].map(|word| bench.read(word)), [motors + 5; 2]);
+    assert!(bench.violations().is_empty(), "{:?}", bench.violations());
+}
+
+/// Under both readings, and in both ways of reading, the host gets every update: it clears the flag each time.
+#[cfg(any(feature = "cli", feature = "daemon"))]
+#[test]
+fn c1_the_host_takes_every_update_of_the_motors() {
+    use crate::function::servo::{ServoPoll, ServoReader, ServoReading};
+    for ready in [ReportReady::Ignored, ReportReady::Awaited] {
+        for reading in [ServoReading::Optimistic, ServoReading::Handshake] {
+            for period in [0, 1, 3] {
+                let mut bench = bench();
+                bench.world.board.identity.readings.report_ready = ready;
+                bench.set(47, period.into());
+                bench.set(48, 1.0);
+                let mut bus = bench.bus();
+                let mut reader = ServoReader::new(&TURBO2.servo, reading);
+                reader.set_motors(1 << 31 | 1);
+                let mut timers = Vec::new();
+                for _ in 0..60 {
+                    bench.run(1);
+                    if let ServoPoll::First(timer) | ServoPoll::Update(timer) = reader.poll(&mut bus).unwrap()
+                    {
+                        timers.push(timer);
+                    }
+                }
+                let every = period.max(1);
+                let steps: Vec<u32> = timers.windows(2).map(|pair| pair[1] - pair[0]).collect();
+                assert_eq!(steps, vec![every; steps.len()], "{ready:?} {reading:?} I47={period}");
+                assert!(
+                    steps.len() as u32 >= 60 / every - 3,
+                    "{ready:?} {reading:?} I47={period}: {timers:?}"
+                );
+                let report = &bench.world.report;
+                assert_eq!((report.skipped, bench.read(0x0070), bench.read(0x0072)), (0, 1, 1 << 15));
+                assert!(bench.violations().is_empty(), "{:?}", bench.violations());
+            }
+        }
+    }
+}
+
+/// The host asks for a report of sixteen coordinate systems and gets it, while a host before it left its busy bit set.
+#[cfg(any(feature = "cli", feature = "daemon"))]
+#[test]
+fn c1_the_host_asks_for_coordinate_systems() {
+    use crate::function::background::{BackgroundPoll, BackgroundReader};
+    for period in [0, 7] {
+        let mut bench = bench();
+        bench.set(49, 1.0);
+        bench.set(50, period.into());
+        bench.write(0x0676, 1 << 15);
+        let mut bus = bench.bus();
+        let mut reader = BackgroundReader::new(&TURBO2.background);
+        let mut reports = 0;
+        reader.ask(&mut bus).unwrap();
+        for _ in 0..100 {
+            bench.run(1);
+            // A bus thread polls many times in a servo cycle.
+            for _ in 0..20 {
+                if let BackgroundPoll::Report(_) = reader.poll(&mut bus).unwrap() {
+                    reports += 1;
+                    reader.ask(&mut bus).unwrap();
+                    break;
+                }
+            }
+        }
+        assert!(reports >= 100 / (period + 1) - 1, "I50={period}: {reports}");
+        assert_eq!((bench.read(0x0674), bench.read(0x0676)), (16, 0));
+        assert!(bench.violations().is_empty(), "{:?}", bench.violations());
+    }
 }
 
 #[test]

@@ -257,13 +257,13 @@ impl World {
 
     /// The part of a background pass that no host asks for.
     fn housekeeping(&mut self) {
-        let Self { board, programs, background, .. } = self;
+        let Self { board, programs, background, report, .. } = self;
         programs.background_registers(board);
         requests::poll(board, programs);
         programs.background_plcs(board);
         programs.write_global_status(board);
         if !board.out_of_reach {
-            if background.poll(board, &programs.report) {
+            if background.poll(board, &programs.report, report) {
                 board.stats.background_updates += 1;
             }
             board.judge.poll(board.stats.servo_cycles, &mut board.memory.dpram);

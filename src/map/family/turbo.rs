@@ -252,7 +252,7 @@ pub const SERVO_BLOCK: ServoBlock = ServoBlock {
     busy: BusyRule::ClearWhileWriting,
     timer: Timer { low: SERVO_TIMER, low_bits: 16, high: Some((SERVO_PMAC_STATUS, TIMER_HIGH_BITS)) },
     mask: Some(SERVO_MASK),
-    global: Run { first: SERVO_MASK, words: 0 },
+    global: Run { first: SERVO_MOTOR, words: 0 },
     global_status: None,
     program_buffer_open: None,
     gathering: None,

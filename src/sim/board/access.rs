@@ -32,7 +32,12 @@ impl Board {
     /// What has to follow the assignment of I-variable `number`: I58=1 forces I3, I4 and I6, once. All other variables are
     /// read where they are used.
     pub fn i_assigned(&mut self, number: usize) {
-        if number == usize::from(self.family().i.ascii_enable) && self.takes_ascii() {
+        let i = &self.family().i;
+        // Turbo User Manual p. 403: the two ways of reporting motors exclude each other.
+        if i.servo_in_background.is_some_and(|other| number == usize::from(other) && self.enabled(other)) {
+            self.variables.set_i(i.servo_enable.into(), 0.0);
+        }
+        if number == usize::from(i.ascii_enable) && self.takes_ascii() {
             force_dpram_handshake(&mut self.variables, &self.identity.firmware);
         }
         // Ix00 and the scales show in the motor's registers.

@@ -13,7 +13,7 @@ use std::ops::Range;
 
 use crate::format::int24;
 use crate::map::readings::{GatherIndex, GatherSizeWord};
-use crate::map::{Family, GatherPlace, HostOffset, IVariables, Layout, Readings};
+use crate::map::{Family, GatherPlace, HostOffset, IVariables, Layout, Readings, ReportStart};
 use crate::sim::board::error::CommandError;
 use crate::sim::board::identity::Identity;
 use crate::sim::board::memory::Memory;
@@ -116,7 +116,9 @@ impl Gather {
     /// # Errors
     /// ERR003 when gathering would start and there is no buffer, or it is full.
     pub fn start(&mut self, triggered: bool, variables: &Variables) -> Result<(), CommandError> {
-        if variables.i(self.family.i.servo_enable.into()) == 1.0 && !self.runs(Activity::ServoReport) {
+        let by_gather = self.family.servo.start == ReportStart::Gather;
+        let enabled = variables.i(self.family.i.servo_enable.into()) == 1.0;
+        if by_gather && enabled && !self.runs(Activity::ServoReport) {
             self.running.push(Activity::ServoReport);
             return Ok(());
         }

@@ -4,12 +4,16 @@
 //! systems 1 to I59, store the servo timer, set Data-Ready; or, as [`crate::map::Readings`] may say, store the timer a pass
 //! after that. Where the family has them, a count in the DPRAM stands in for
 //! I59, and a Host-Busy flag holds the report off.
+//!
+//! Turbo (User Manual p. 403): with I50 above 0 reports come by themselves, when more than I50 servo cycles have passed since
+//! the last one. With I57=1 the motors are copied in the same pass, also when no coordinate system is asked for.
 
 use crate::format::int24;
-use crate::map::readings::TimerOrder;
+use crate::map::readings::{ReportReady, TimerOrder};
 use crate::map::{Family, HostOffset};
 use crate::sim::board::Board;
 use crate::sim::functions::copies::{Copies, row};
+use crate::sim::functions::servo_report::ServoReport;
 
 const FUNCTION: &str = "background";
 
@@ -27,6 +31,8 @@ pub struct BackgroundReport {
     /// For each number: where the words go that no register is documented for, time left in acceleration and execution
     /// address offset.
     calculated: Vec<[Option<HostOffset>; 2]>,
+    /// The servo cycle of the last report.
+    last: u64,
 }
 
 impl BackgroundReport {
@@ -38,31 +44,40 @@ impl BackgroundReport {
                 .map(|name| row(family, FUNCTION, name, index))
         });
         let copies = Copies::new(family, FUNCTION);
-        Self { timer_follows: false, copies, calculated: calculated.collect() }
+        Self { timer_follows: false, copies, calculated: calculated.collect(), last: 0 }
     }
 
     /// Makes the report when it is due; says whether it did.
     ///
-    /// `programs` has time left in acceleration and execution address offset of each coordinate system.
-    pub fn poll(&mut self, board: &mut Board, programs: &[[u32; 2]]) -> bool {
+    /// `programs` has time left in acceleration and execution address offset of each coordinate system. `motors` makes the
+    /// servo report where that belongs to this one.
+    pub fn poll(&mut self, board: &mut Board, programs: &[[u32; 2]], motors: &mut ServoReport) -> bool {
         let family = board.family();
         let background = &family.background;
         if std::mem::take(&mut self.timer_follows) {
             store_timer(board);
         }
         let count = count(board);
-        if !board.enabled(family.i.background_enable) || count == 0 || board.faults.background_stuck {
+        let with_motors = family.i.servo_in_background.is_some_and(|number| board.enabled(number));
+        let wanted = count > 0 || with_motors;
+        if !board.enabled(family.i.background_enable) || !wanted || board.faults.background_stuck {
             return false;
+        }
+        let status = board.memory.dpram.read16(background.ready.word);
+        let held = background.host_busy.is_some_and(|busy| board.memory.dpram.is_set(busy));
+        if held || !self.is_due(board, background.ready.is_set(status)) {
+            return false;
+        }
+        self.last = board.stats.servo_cycles;
+        if with_motors {
+            motors.update(board);
         }
         let memory = &mut board.memory;
-        let status = memory.dpram.read16(background.ready.word);
-        if background.ready.is_set(status)
-            || background.host_busy.is_some_and(|busy| memory.dpram.is_set(busy))
-        {
-            return false;
-        }
-        // The host has cleared the flag, and the timer may share its word.
+        // The host may have cleared the flag, and the timer may share its word.
         memory.dpram.adopt(background.ready.word, status);
+        if background.ready.is_set(status) {
+            memory.dpram.set(background.ready, false);
+        }
         for copy in &self.copies.board {
             copy.write(copy.read(0, memory), memory);
         }
@@ -93,6 +108,17 @@ impl BackgroundReport {
         board.memory.dpram.order_writes();
         board.memory.dpram.set(background.ready, true);
         true
+    }
+
+    /// Whether a report is due, when the last one is `ready`, which is to say not taken.
+    fn is_due(&self, board: &Board, ready: bool) -> bool {
+        let number = board.family().i.background_period;
+        let period = number.map_or(0, |number| board.variables.i(number.into()) as u64);
+        if period == 0 {
+            return !ready;
+        }
+        let waits = board.identity.readings.report_ready == ReportReady::Awaited;
+        board.stats.servo_cycles.saturating_sub(self.last) > period && !(waits && ready)
     }
 }
 

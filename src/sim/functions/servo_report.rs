@@ -1,9 +1,13 @@
-//! PMAC's half of the servo report (DPRAM manual p. 14).
+//! PMAC's half of the servo report (DPRAM manual p. 14, Turbo User Manual p. 403).
 //!
 //! Every I19 servo cycles, when Host-Busy is clear: set PMAC-Busy, copy the registers of motors 1 to I59, store the
 //! timer, clear PMAC-Busy. PMAC tests Host-Busy before it sets PMAC-Busy, as the manual says, so a host that sets it in
-//! between meets an update under way. A family with a mask of motors copies those, and its [`crate::map::BusyRule`] may
-//! turn PMAC's flag round.
+//! between meets an update under way. A family with a mask of motors copies those, and its [`BusyRule`] may turn PMAC's
+//! flag round.
+//!
+//! Turbo needs no `GATHER`. With a period of 0 it makes an update whenever the host has cleared the flag; else it makes them
+//! by themselves, and the reading `report_ready` says whether it waits until the host has cleared the flag. With I57=1 they
+//! are made together with the background report.
 //!
 //! With tags on, every 24-bit half of every copied register carries the number of the update (modulo 2^24): a reader that
 //! finds two numbers in one copy has read across two updates.
@@ -14,7 +18,8 @@
 use nix::time::{ClockId, clock_gettime};
 
 use crate::format::int24;
-use crate::map::HostOffset;
+use crate::map::readings::ReportReady;
+use crate::map::{BusyRule, HostOffset, ReportStart};
 use crate::sim::board::Board;
 use crate::sim::board::firmware::FirmwareTables;
 use crate::sim::board::gather::Activity;
@@ -65,21 +70,43 @@ impl ServoReport {
     /// One servo cycle.
     pub fn cycle(&mut self, board: &mut Board) {
         let family = board.family();
-        let servo = &family.servo;
-        let period = board.variables.i(family.i.servo_period.into()) as u32;
-        let motors = motors(board);
-        let enabled = board.enabled(family.i.servo_enable) && period > 0 && motors != 0;
-        if !enabled || !board.gather.runs(Activity::ServoReport) || board.faults.servo_silent {
+        let started = match family.servo.start {
+            ReportStart::Gather => board.gather.runs(Activity::ServoReport),
+            ReportStart::Enable => true,
+        };
+        if !started || !board.enabled(family.i.servo_enable) {
             self.wait = 0;
-            return;
+        } else if self.is_due(board) {
+            self.update(board);
+        }
+    }
+
+    /// Whether an update is due in this servo cycle.
+    fn is_due(&mut self, board: &Board) -> bool {
+        let period = board.variables.i(board.family().i.servo_period.into()) as u32;
+        if period == 0 {
+            self.wait = 0;
+            return may_be_asked_for(board) && !is_ready(board);
         }
         if self.wait > 0 {
             self.wait = self.wait.min(period) - 1;
             if self.wait > 0 {
-                return;
+                return false;
             }
         }
         self.wait = period;
+        let waits = may_be_asked_for(board) && board.identity.readings.report_ready == ReportReady::Awaited;
+        !(waits && is_ready(board))
+    }
+
+    /// Makes an update, unless the host holds it off.
+    pub fn update(&mut self, board: &mut Board) {
+        let servo = &board.family().servo;
+        let motors = motors(board);
+        if motors == 0 || board.faults.servo_silent {
+            self.wait = 0;
+            return;
+        }
         let memory = &mut board.memory;
         if memory.dpram.is_set(servo.host_busy) {
             self.skipped += 1;
@@ -119,6 +146,16 @@ impl ServoReport {
             copy.write(word, memory);
         }
     }
+}
+
+/// Whether the host clears PMAC's flag when it has taken an update.
+fn may_be_asked_for(board: &Board) -> bool {
+    board.family().servo.busy == BusyRule::ClearWhileWriting
+}
+
+/// Whether the host has not taken the last update yet.
+fn is_ready(board: &Board) -> bool {
+    board.memory.dpram.is_set(board.family().servo.pmac_status)
 }
 
 /// The motors that the report has, bit 0 for motor 1.
