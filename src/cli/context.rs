@@ -145,8 +145,13 @@ impl Context {
     fn connect(&self) -> Result<Connection, CommandError> {
         let connection = Connection::open(&self.socket())?;
         match (&self.name, &self.socket) {
-            (Some(name), Some(_)) => connection.of_board(name),
-            _ => Ok(connection),
+            // The socket alone says which board is meant.
+            (None, Some(_)) => Ok(connection),
+            (Some(name), _) => connection.of_board(name),
+            (None, None) => match self.name() {
+                Ok(name) => connection.of_board(&name),
+                Err(_) => Ok(connection),
+            },
         }
     }
 

@@ -15,6 +15,7 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
+use nix::sys::socket::{getsockopt, sockopt::PeerCredentials};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use serde_json::{Map, Value};
@@ -28,7 +29,7 @@ use crate::protocol::transport::connect;
 use crate::protocol::{
     BOARD, BoardInfo, BoardSettings, Call, CallError, Inbox, Message, REPLY_MAX, Reply, calls, control,
 };
-use crate::segment::SegmentName;
+use crate::segment::{SegmentName, is_trusted};
 
 /// How long the daemon itself may take: to accept, and to answer what needs no board.
 pub(super) const DAEMON_TIMEOUT: Duration = Duration::from_secs(5);
@@ -46,6 +47,16 @@ pub enum CommandError {
         path: PathBuf,
         /// What the kernel said.
         source: io::Error,
+    },
+    /// The process at the socket belongs to a user who is not trusted.
+    #[error(
+        "{path} is served by user {uid}, who is not trusted here: only root, pmacd and yourself are; nothing was sent"
+    )]
+    Stranger {
+        /// The socket.
+        path: PathBuf,
+        /// The user.
+        uid: u32,
     },
     /// The daemon at the socket has another board than the one that was named.
     #[error("{path} is the socket of the board {found}, not of {wanted}; leave --name or --socket out")]
@@ -115,7 +126,7 @@ impl Connection {
     /// Connects to the daemon at the socket `path`.
     ///
     /// # Errors
-    /// [`CommandError::Connect`].
+    /// [`CommandError::Connect`]; [`CommandError::Stranger`] when whoever serves it is neither root, `pmacd` nor this user.
     pub fn open(path: &Path) -> Result<Self, CommandError> {
         let mut connection = Self { path: path.to_owned(), link: None, confirms: false };
         connection.link = Some(connection.dial()?);
@@ -144,6 +155,13 @@ impl Connection {
     fn dial(&self) -> Result<Link, CommandError> {
         let stream = connect(&self.path, Instant::now() + DAEMON_TIMEOUT)
             .map_err(|source| CommandError::Connect { path: self.path.clone(), source })?;
+        // Who listens, as the kernel vouches for it: a stranger's answers would be taken for the board's.
+        let uid = getsockopt(&stream, PeerCredentials)
+            .map_err(|errno| CommandError::Connect { path: self.path.clone(), source: errno.into() })?
+            .uid();
+        if !is_trusted(uid) {
+            return Err(CommandError::Stranger { path: self.path.clone(), uid });
+        }
         Ok(Link { stream, inbox: Inbox::new(REPLY_MAX) })
     }
 

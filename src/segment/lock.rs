@@ -57,7 +57,7 @@ fn whole_file(kind: libc::c_int) -> libc::flock {
 }
 
 /// Whether readers trust a segment of `uid`: root, the user `pmacd`, or this process's own user.
-pub(super) fn is_trusted(uid: u32) -> bool {
+pub fn is_trusted(uid: u32) -> bool {
     uid == 0 || uid == geteuid().as_raw() || is_pmacd(uid)
 }
 

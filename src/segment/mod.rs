@@ -53,6 +53,7 @@ pub use info::{Condition, HeaderInfo, RegionInfo};
 pub use layout::{ClockKind, RegionId, RegionState, State};
 #[cfg(all(test, feature = "client"))]
 pub(crate) use lock::KERNEL_ASKED;
+pub use lock::is_trusted;
 pub use name::SegmentName;
 pub use payload::blocks::BlockPlace;
 pub use payload::identity::{self, Identity, UserUnit};

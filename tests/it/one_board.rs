@@ -3,7 +3,7 @@
 use std::process::Command;
 use std::time::Duration;
 
-use pmac_dpram::client::{Board, ClientError, CommandError};
+use pmac_dpram::client::{Board, ClientError, CommandError, Connection};
 use pmac_dpram::segment::{RegionId, RegionState};
 
 use crate::support::bench::{Bench, no_socket};
@@ -150,6 +150,15 @@ fn as_root_b5_2_a_user_starts_a_board_by_hand() {
     wait_until("a board that lives", || program("pmacctl").arg("status").output().unwrap().status.success());
     let sent = program("pmacctl").args(["send", "P1"]).output().unwrap();
     assert_eq!(String::from_utf8(sent.stdout).unwrap(), "0\n");
+    // Nobody else takes that user's answers for the board's, nor finds the socket by that user's environment.
+    let stranger = Connection::open(&socket);
+    assert!(matches!(stranger, Err(CommandError::Stranger { uid: 65_534, .. })), "{stranger:?}");
+    let root = || Command::new(directory.path().join("pmacctl"));
+    let told = root().arg("--socket").arg(&socket).arg("abort").output().unwrap();
+    let stderr = String::from_utf8_lossy(&told.stderr).into_owned();
+    assert!(told.status.code() == Some(2) && stderr.contains("user 65534, who is not trusted"), "{stderr}");
+    let told = root().env("XDG_RUNTIME_DIR", &home).args(["--name", &name, "abort"]).output().unwrap();
+    assert!(String::from_utf8_lossy(&told.stderr).contains("/run/pmacd/"), "{told:?}");
     nix::sys::signal::kill(
         nix::unistd::Pid::from_raw(daemon.id().cast_signed()),
         nix::sys::signal::Signal::SIGTERM,
