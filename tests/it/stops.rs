@@ -182,3 +182,46 @@ fn b2_6_a_late_clearing_of_the_mask_is_not_taken_for_a_stop() {
     bus.write16(words.request_enable, 0).unwrap();
     assert!(matches!(queue.poll(&mut bus, late).unwrap(), Some(Event::Done(Ticket(2), Outcome::Done))));
 }
+
+#[test]
+fn b2_6_another_ones_stop_ends_a_hold_and_no_other_jog_begins() {
+    let site = running("");
+    let mut board = site.connection();
+    let mut held = holder(&site, &mut board);
+    let mut other = site.connection();
+    let who = format!("uid {} (pid {}) holds a jog of motor 1", nix::unistd::getuid(), std::process::id());
+    for action in ["jog-", "jog+", "home", "pre-jog"] {
+        let refused = other.panel(action, &[1, 2]).unwrap_err().to_string();
+        assert!(refused.contains(&who) && refused.contains("nothing was sent"), "{action}: {refused}");
+        held.panel_renew().unwrap();
+    }
+    assert!(other.panel_hold("jog-", &[1]).unwrap_err().to_string().contains(&who));
+    held.panel_renew().unwrap();
+    // A stop never is refused.
+    other.panel("jog-stop", &[1]).unwrap();
+    let told = held.panel_renew().unwrap_err().to_string();
+    assert!(told.contains("the held jog is over") && told.contains("stopped motor 1"), "{told}");
+    until(&mut board, "#1V", "it stands", |speed| speed.abs() < 0.1);
+    other.panel_hold("jog+", &[1]).unwrap();
+    drop(other);
+    site.assert_no_violations();
+}
+
+#[test]
+fn b2_6_a_held_jog_notices_a_stop_that_came_by_another_way() {
+    let site = running("");
+    let mut board = site.connection();
+    let mut held = holder(&site, &mut board);
+    board.send("#1J/", PATIENCE).unwrap();
+    let mut told = None;
+    for _ in 0..20 {
+        site.run_for(Duration::from_millis(50));
+        told = held.panel_renew().err();
+        if told.is_some() {
+            break;
+        }
+    }
+    let told = told.expect("the hold ends").to_string();
+    assert!(told.contains("motor 1 stands; somebody stopped it"), "{told}");
+    site.assert_no_violations();
+}

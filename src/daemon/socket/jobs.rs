@@ -109,6 +109,8 @@ pub struct JobCall {
     pub(super) feeds: Option<usize>,
     /// The motors to stop when the caller is gone or silent: bit 0 is motor 1.
     pub(super) lease: Option<u32>,
+    /// The motors that it sets in motion; nobody else may hold them.
+    pub(super) moves: u32,
     /// What the audit log says of it, if it can move a machine or change a register.
     pub(super) audit: Option<String>,
 }
@@ -223,6 +225,7 @@ impl JobCall {
             notes: None,
             feeds: None,
             lease: None,
+            moves: 0,
             audit: None,
         }
     }
@@ -284,6 +287,7 @@ pub(super) fn panel(call: calls::Panel, hold: bool, family: &Family) -> Result<J
         stops,
         target,
         lease: hold.then_some(request.mask()),
+        moves: if action.is_for_motors() && !stops { request.mask() } else { 0 },
         audit: Some(format!("panel {action} {numbers:?}{held}")),
         ..JobCall::new(Job::Panel(request), timeout)
     })

@@ -10,7 +10,10 @@ use std::time::{Duration, Instant};
 
 use log::{error, info, warn};
 
+use super::stop_target::Target;
+use crate::daemon::shared::open_buffer::Account;
 use crate::daemon::shared::queue::{Outcome, Ticket, at_once};
+use crate::function::servo::Motion;
 use crate::protocol::control;
 
 /// How long a client may be silent.
@@ -21,6 +24,8 @@ const NOBODY: u64 = u64::MAX;
 const HOLDERS_STOP: Duration = Duration::from_secs(3);
 /// How long until a stop is requested again.
 const STOP_AGAIN: Duration = Duration::from_secs(1);
+/// How long a held motor must be seen to stand until its jog is over.
+const STANDS: Duration = Duration::from_millis(100);
 /// Stops that the bus thread has at a time. What ends meanwhile waits and becomes one more.
 const STOPS_AT_ONCE: usize = at_once::STOPS;
 
@@ -33,6 +38,10 @@ pub(super) enum LeaseEnd {
     Control(u8),
     /// The loops of these motors have opened; bit 0 is motor 1.
     OpenLoop(u32),
+    /// Somebody else has stopped these motors through the daemon.
+    Stopped(Account, u32),
+    /// These motors do not move any more, whoever or whatever stopped them.
+    Stands(u32),
 }
 
 impl fmt::Display for LeaseEnd {
@@ -48,10 +57,15 @@ impl fmt::Display for LeaseEnd {
                 )
             }
             Self::OpenLoop(motors) => {
-                let numbers: Vec<String> =
-                    (1..=32).filter(|n| motors >> (n - 1) & 1 != 0).map(|n| n.to_string()).collect();
-                let numbers = numbers.join(", ");
-                write!(f, "the held jog is over: the loop of motor {numbers} is open (killed, or a fault)")
+                let target = Target::Motors(*motors);
+                write!(f, "the held jog is over: the loop of {target} is open (killed, or a fault)")
+            }
+            Self::Stopped(by, motors) => {
+                write!(f, "the held jog is over: {by} stopped {}", Target::Motors(*motors))
+            }
+            Self::Stands(motors) => {
+                let target = Target::Motors(*motors);
+                write!(f, "the held jog is over: {target} stands; somebody stopped it, or it is at a limit")
             }
         }
     }
@@ -64,6 +78,19 @@ struct Lease {
     until: Instant,
     /// Why it cannot be renewed any more, though its stop has not been requested.
     over: Option<LeaseEnd>,
+    /// Whose it is.
+    holder: Account,
+    /// The motors that were seen to move since the jog was asked for.
+    moved: u32,
+    /// Since when some of them stand, and which.
+    stands: Option<(Instant, u32)>,
+}
+
+impl Lease {
+    /// When it ends if nothing happens.
+    fn ends(&self) -> Instant {
+        self.stands.map_or(self.until, |(since, _)| self.until.min(since + STANDS))
+    }
 }
 
 /// Every lease there is, by client, and the stops that the board has not taken yet.
@@ -87,12 +114,55 @@ pub(super) enum StopFor {
 impl Leases {
     /// `client` holds a jog of the motors in the mask `motors`. One it held before is added to it.
     /// It runs until `begun` at first, when the board must have taken the jog, and after that from renewal to renewal.
-    pub(super) fn begin(&mut self, client: u64, motors: u32, begun: Instant) {
+    pub(super) fn begin(&mut self, client: u64, holder: Account, motors: u32, begun: Instant) {
         self.ended.remove(&client);
-        let lease = self.held.entry(client).or_insert(Lease { motors: 0, until: begun, over: None });
+        let lease = self.held.entry(client).or_insert(Lease {
+            motors: 0,
+            until: begun,
+            over: None,
+            holder,
+            moved: 0,
+            stands: None,
+        });
         lease.until = lease.until.max(begun);
         lease.motors |= motors;
-        lease.over = None;
+        (lease.over, lease.moved, lease.stands) = (None, 0, None);
+    }
+
+    /// Who else than `client` holds one of the motors in `mask`, and which of them.
+    pub(super) fn held_by_another(&self, client: u64, mask: u32) -> Option<(Account, u32)> {
+        let others = self.held.iter().filter(|(other, lease)| **other != client && lease.over.is_none());
+        others.map(|(_, lease)| (lease.holder, lease.motors & mask)).find(|(_, held)| *held != 0)
+    }
+
+    /// `by`, who called over the connection `client`, has had the motors in `mask` stopped. A jog that somebody else holds of them is
+    /// over. It gets a stop as well: it may have been asked for after the other one.
+    pub(super) fn stopped_by_another(&mut self, client: u64, by: Account, mask: u32, now: Instant) {
+        let others = self.held.iter_mut().filter(|(other, _)| **other != client && **other != NOBODY);
+        for (_, lease) in others.filter(|(_, lease)| lease.over.is_none() && lease.motors & mask != 0) {
+            (lease.over, lease.until) = (Some(LeaseEnd::Stopped(by, lease.motors & mask)), now);
+        }
+    }
+
+    /// The motors move and stand so. One that was held and moved, and stands, is held no more.
+    pub(super) fn see_motion(&mut self, motion: Motion, now: Instant) {
+        let leases =
+            self.held.iter_mut().filter(|(client, lease)| **client != NOBODY && lease.over.is_none());
+        for (_, lease) in leases {
+            lease.moved |= motion.moving & lease.motors;
+            let standing = lease.moved & motion.standing & lease.motors;
+            let since = lease.stands.map_or(now, |(since, _)| since);
+            lease.stands = (standing != 0).then_some((since, standing));
+        }
+    }
+
+    /// The jogs end whose motors have stood for long enough at `now`: a motor that turns round stands for a moment.
+    fn end_standing(&mut self, now: Instant) {
+        for lease in self.held.values_mut().filter(|lease| lease.over.is_none()) {
+            if let Some((_, standing)) = lease.stands.filter(|(since, _)| now >= *since + STANDS) {
+                (lease.over, lease.until) = (Some(LeaseEnd::Stands(standing)), now);
+            }
+        }
     }
 
     /// `client` is still there.
@@ -192,7 +262,7 @@ impl Leases {
 
     /// Nobody knows that `motors` stand: their stop is requested again in a while.
     pub(super) fn stop_again(&mut self, motors: u32, now: Instant) {
-        self.begin(NOBODY, motors, now + STOP_AGAIN);
+        self.begin(NOBODY, Account { uid: 0, pid: 0 }, motors, now + STOP_AGAIN);
     }
 
     /// Has `send` request the stop of every jog whose holder is silent or not there (`is_there`), all in one request, and gives
@@ -203,6 +273,7 @@ impl Leases {
         is_there: impl Fn(u64) -> bool,
         send: impl FnOnce(u32) -> Option<Ticket>,
     ) -> Option<Vec<u64>> {
+        self.end_standing(now);
         if !self.may_stop() {
             return Some(Vec::new());
         }
@@ -267,7 +338,7 @@ impl Leases {
 
     /// When the next one runs out, unless its stop has to wait for others to be over.
     pub(super) fn next_end(&self) -> Option<Instant> {
-        self.held.values().map(|lease| lease.until).min().filter(|_| self.may_stop())
+        self.held.values().map(Lease::ends).min().filter(|_| self.may_stop())
     }
 
     /// When the first lease of the clients that are there (`is_there`) runs out.
@@ -280,6 +351,8 @@ impl Leases {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    const HOLDER: Account = Account { uid: 1000, pid: 5 };
 
     /// The stop that is requested, if one is.
     fn ended(leases: &mut Leases, now: Instant, is_there: impl Fn(u64) -> bool) -> Option<u32> {
@@ -297,7 +370,7 @@ mod tests {
         let stop = |motor| 1_u32 << (motor - 1);
         let mut leases = Leases::default();
         for (client, motor) in [(7, 1), (7, 3), (8, 2)] {
-            leases.begin(client, stop(motor), now + LEASE);
+            leases.begin(client, HOLDER, stop(motor), now + LEASE);
         }
         assert_eq!((leases.renew(7, now + LEASE / 2), leases.renew(9, now)), (Ok(()), Err(None)));
         assert_eq!(leases.next_end(), Some(now + LEASE));
@@ -308,7 +381,7 @@ mod tests {
         assert!(leases.end_lapsed(now + LEASE, is_there, |_| None).is_none(), "no room for the request");
         assert_eq!(ended(&mut leases, now + LEASE, is_there), Some(both));
         assert_eq!(leases.next_end(), None);
-        leases.begin(7, both, now + LEASE);
+        leases.begin(7, HOLDER, both, now + LEASE);
         leases.stopped(7, 0b001);
         assert_eq!(leases.renew(7, now), Ok(()), "motor 3 is still held");
         leases.stopped(7, 0b100);
@@ -321,11 +394,11 @@ mod tests {
         let stop = 0b1;
         let mut leases = Leases::default();
         for ticket in 0..STOPS_AT_ONCE as u64 {
-            leases.begin(7, stop, now);
+            leases.begin(7, HOLDER, stop, now);
             assert!(leases.may_stop() && leases.next_end() == Some(now));
             assert!(leases.end_lapsed(now, |_| true, |_| Some(Ticket(ticket))).is_some());
         }
-        leases.begin(7, stop, now);
+        leases.begin(7, HOLDER, stop, now);
         assert!(!leases.may_stop() && leases.next_end().is_none(), "nothing to wake up for");
         assert_eq!(ended(&mut leases, now, |_| true), None);
         assert_eq!(leases.request_over(Ticket(0), Outcome::Done), None);
@@ -343,12 +416,12 @@ mod tests {
         let end = LeaseEnd::Control(control::KILL);
         for taken in [true, false] {
             let mut leases = Leases::default();
-            leases.begin(7, 0b1, now + LEASE);
+            leases.begin(7, HOLDER, 0b1, now + LEASE);
             leases.control_begins(control::KILL, now);
             assert_eq!(leases.renew(7, now), Err(Some(end)));
             assert_eq!(leases.control_taken().len(), 1);
             assert_eq!(leases.count(), 0);
-            leases.begin(8, 0b10, now);
+            leases.begin(8, HOLDER, 0b10, now);
             leases.control_begins(control::KILL, now);
             if taken {
                 assert_eq!(leases.control_taken(), [8]);
@@ -367,8 +440,8 @@ mod tests {
     fn an_opened_loop_ends_the_lease_on_its_motor() {
         let now = Instant::now();
         let mut leases = Leases::default();
-        leases.begin(7, 0b11, now + LEASE);
-        leases.begin(8, 0b100, now + LEASE);
+        leases.begin(7, HOLDER, 0b11, now + LEASE);
+        leases.begin(8, HOLDER, 0b100, now + LEASE);
         assert_eq!(leases.stop_for(8, 0b100, now), Ok(StopFor::Holder));
         assert_eq!(leases.stop_for(8, 0b101, now), Ok(StopFor::Anybody), "it holds only one of them");
         leases.loops_opened(0b10, now);
@@ -379,5 +452,45 @@ mod tests {
         assert!(end.to_string().contains("the loop of motor 2 is open"), "{end}");
         leases.forget(7);
         assert_eq!(leases.renew(7, now), Err(None));
+    }
+
+    #[test]
+    fn b2_6_another_ones_stop_ends_a_hold_and_the_holder_is_told() {
+        let now = Instant::now();
+        let mut leases = Leases::default();
+        leases.begin(7, HOLDER, 0b11, now + LEASE);
+        leases.begin(8, HOLDER, 0b100, now + LEASE);
+        assert_eq!(leases.held_by_another(9, 0b10), Some((HOLDER, 0b10)));
+        assert_eq!((leases.held_by_another(7, 0b11), leases.held_by_another(9, 0b1000)), (None, None));
+        let by = Account { uid: 1001, pid: 6 };
+        leases.stopped_by_another(7, by, 0b1, now);
+        assert_eq!(leases.renew(7, now), Ok(()), "the holder's own stop");
+        leases.stopped_by_another(9, by, 0b1, now);
+        let end = LeaseEnd::Stopped(by, 0b1);
+        assert_eq!((leases.renew(7, now), leases.renew(8, now)), (Err(Some(end)), Ok(())));
+        assert!(end.to_string().ends_with("uid 1001 (pid 6) stopped motor 1"), "{end}");
+        assert_eq!(ended(&mut leases, now, |_| true), Some(0b11), "the other motor may be moving");
+        assert_eq!(leases.renew(7, now), Err(Some(end)));
+    }
+
+    #[test]
+    fn b2_6_a_held_motor_that_stands_is_held_no_more() {
+        let now = Instant::now();
+        let at = |ms| now + Duration::from_millis(ms);
+        let (moving, standing) = (Motion { moving: 1, standing: 0 }, Motion { moving: 0, standing: 1 });
+        let mut leases = Leases::default();
+        leases.begin(7, HOLDER, 1, at(10_000));
+        leases.see_motion(standing, at(0));
+        assert_eq!(ended(&mut leases, at(500), |_| true), None, "it has not begun to move");
+        leases.see_motion(moving, at(600));
+        leases.see_motion(standing, at(700));
+        leases.see_motion(moving, at(750));
+        assert_eq!(ended(&mut leases, at(900), |_| true), None, "it turned round");
+        leases.see_motion(standing, at(1000));
+        assert_eq!(leases.next_end(), Some(at(1100)));
+        assert_eq!(ended(&mut leases, at(1099), |_| true), None);
+        assert_eq!(ended(&mut leases, at(1100), |_| true), Some(1));
+        let told = leases.renew(7, at(1100)).unwrap_err().unwrap().to_string();
+        assert!(told.contains("motor 1 stands"), "{told}");
     }
 }

@@ -5,10 +5,10 @@ use std::time::{Duration, Instant};
 
 use super::Service;
 use crate::daemon::shared::job::Job;
-use crate::daemon::shared::open_buffer::Writer;
+use crate::daemon::shared::open_buffer::{Account, Writer};
 use crate::daemon::shared::queue::{Command, Origin, Outcome, REASON_MAX, Text, Ticket, dropped_by};
 use crate::daemon::socket::call_table::{COLLECT_MAX, Caller, Ended, Then};
-use crate::daemon::socket::connection::Waiting;
+use crate::daemon::socket::connection::{Client, Waiting};
 use crate::daemon::socket::jobs::{self, JobCall};
 use crate::daemon::socket::leases::{LeaseEnd, StopFor};
 use crate::daemon::socket::methods::{Action, Ask, parse_call};
@@ -190,10 +190,14 @@ impl Service {
     /// Has the bus thread do a job, whatever the board says.
     fn do_job(&mut self, caller: Caller, call: JobCall, now: Instant) -> Result<(), CallError> {
         let deadline = now + call.timeout;
-        let JobCall { mut job, notes, lease, audit, target, guard, .. } = call;
+        let JobCall { mut job, notes, lease, audit, target, guard, moves, .. } = call;
+        // A stop is never refused.
+        if let Some((holder, held)) = self.leases.held_by_another(caller.client, moves) {
+            return Err(held_by_another(holder, held));
+        }
         if let Some(motors) = lease {
             // From now on: a client that is gone before the board has taken the jog is gone all the same.
-            self.leases.begin(caller.client, motors, deadline);
+            self.leases.begin(caller.client, caller.peer.account(), motors, deadline);
         }
         let mut ends_hold = false;
         if let Some(Target::Motors(stops)) = target {
@@ -242,9 +246,12 @@ impl Service {
 
     /// Hands the bus thread what it has room for.
     pub(super) fn hand_out(&mut self, now: Instant) {
-        for (ended, outcome) in
-            self.calls.hand_out(self.info.held(), now, |client| self.clients.hears(client))
-        {
+        let Self { calls, clients, audit, info, .. } = self;
+        let log = |caller: Caller, what: &str| {
+            let role = clients.get(caller.client).map(Client::role);
+            audit.tell_done(caller.peer, role, what, now);
+        };
+        for (ended, outcome) in calls.hand_out(info.held(), now, |client| clients.hears(client), log) {
             self.give_up(ended, outcome, now);
         }
     }
@@ -333,8 +340,7 @@ impl Service {
                 Reply::with(&SendReply { lines })
             }
             (Then::PanelStop { target, .. }, Outcome::Done) => {
-                self.leases.stopped(caller.client, target.motors());
-                self.end_streams_of(target.aborted(), caller.peer, now);
+                self.panel_has_stopped(target, caller, now);
                 Ok(Reply::done())
             }
             (Then::ReplyDone(_), Outcome::Done) => Ok(Reply::done()),
@@ -346,6 +352,13 @@ impl Service {
             _ => outcome_reply(outcome, lines, is_overlong, now),
         };
         self.answer(caller, reply, now);
+    }
+
+    /// What `caller` asked to stop has been stopped: whoever held it holds it no more, and no stream goes on feeding it.
+    pub(super) fn panel_has_stopped(&mut self, target: Target, caller: Caller, now: Instant) {
+        self.leases.stopped(caller.client, target.motors());
+        self.leases.stopped_by_another(caller.client, caller.peer.account(), target.motors(), now);
+        self.end_streams_of(target.aborted(), caller.peer, now);
     }
 
     /// The board, asked then for its servo counter, has answered `lines`.
@@ -531,6 +544,16 @@ fn lease_over(end: Option<LeaseEnd>) -> CallError {
         |end| end.to_string(),
     );
     CallError::Refused { reason }
+}
+
+/// What a client is told who would move a motor that another one holds.
+fn held_by_another(holder: Account, motors: u32) -> CallError {
+    let held = Target::Motors(motors);
+    CallError::Refused {
+        reason: format!(
+            "{holder} holds a jog of {held}; nothing was sent; panel jog-stop or abort ends that"
+        ),
+    }
 }
 
 /// What a client is told whose held jog was over before it was sent to the board.

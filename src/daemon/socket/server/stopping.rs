@@ -126,8 +126,7 @@ impl Service {
         match &result {
             Ok(()) => {
                 if let Some(caller) = stop.caller {
-                    self.leases.stopped(caller.client, stop.target.motors());
-                    self.end_streams_of(stop.target.aborted(), caller.peer, now);
+                    self.panel_has_stopped(stop.target, caller, now);
                 }
             }
             Err(reason) => {
