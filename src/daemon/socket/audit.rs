@@ -9,11 +9,15 @@ use std::time::{Duration, Instant};
 use log::info;
 use nix::unistd::Uid;
 
+use super::policy::{Peer, Role};
+
 /// How many refusals of one user are logged, and in which time.
 const TOLD: u32 = 20;
 /// How many refusals of all users together, in that time.
 const TOLD_ALL: u32 = 100;
 const PERIOD: Duration = Duration::from_secs(10);
+/// How many commands of one user of the role stop are logged, in that time.
+const TOLD_DONE: u32 = 100;
 /// The most characters of a line. What a client sent can be as long as a message.
 const LENGTH: usize = 240;
 
@@ -24,10 +28,27 @@ struct Account {
     untold: u64,
 }
 
+impl Account {
+    /// The account of `user`, opened at `now` where there is none.
+    fn of(accounts: &mut HashMap<Uid, Self>, user: Uid, now: Instant) -> &mut Self {
+        accounts.entry(user).or_insert(Self { until: now + PERIOD, told: 0, untold: 0 })
+    }
+
+    /// Whether one more may be logged, of `most`. Counts it.
+    fn may_tell(&mut self, most: u32) -> bool {
+        let may = self.told < most;
+        self.told += u32::from(may);
+        self.untold += u64::from(!may);
+        may
+    }
+}
+
 /// Every user's account.
 #[derive(Debug, Default)]
 pub(super) struct AuditLimit {
     users: HashMap<Uid, Account>,
+    /// What was done for users of the role stop, who could fill the log otherwise.
+    done: HashMap<Uid, Account>,
 }
 
 impl AuditLimit {
@@ -40,13 +61,15 @@ impl AuditLimit {
 
     fn may_tell(&mut self, user: Uid, now: Instant) -> bool {
         let told_all: u32 = self.users.values().map(|account| account.told).sum();
-        let account = self.users.entry(user).or_insert(Account { until: now + PERIOD, told: 0, untold: 0 });
-        if account.told < TOLD && told_all < TOLD_ALL {
-            account.told += 1;
-            return true;
+        Account::of(&mut self.users, user, now).may_tell(if told_all < TOLD_ALL { TOLD } else { 0 })
+    }
+
+    /// Logs what is done for `peer`; of one who has only the `role` stop not without a limit.
+    pub(super) fn tell_done(&mut self, peer: Peer, role: Option<Role>, what: &str, now: Instant) {
+        let Peer { uid, pid, .. } = peer;
+        if role != Some(Role::Stop) || Account::of(&mut self.done, uid, now).may_tell(TOLD_DONE) {
+            info!(target: "audit", "uid {uid} pid {pid} {what}");
         }
-        account.untold += 1;
-        false
     }
 
     /// Closes the accounts whose time is over, and logs how many refusals each held back.
@@ -60,18 +83,21 @@ impl AuditLimit {
     }
 
     fn close(&mut self, is_over: impl Fn(&Account) -> bool) {
-        self.users.retain(|user, account| {
-            let closed = is_over(account);
-            if closed && account.untold > 0 {
-                info!(target: "audit", "refused {} more of uid {user} within {PERIOD:?}", account.untold);
+        for (user, Account { untold, .. }) in self.users.extract_if(|_, account| is_over(account)) {
+            if untold > 0 {
+                info!(target: "audit", "refused {untold} more of uid {user} within {PERIOD:?}");
             }
-            !closed
-        });
+        }
+        for (user, Account { untold, .. }) in self.done.extract_if(|_, account| is_over(account)) {
+            if untold > 0 {
+                info!(target: "audit", "did {untold} more commands of uid {user}, who may only stop, within {PERIOD:?}");
+            }
+        }
     }
 
     /// When the next account is to be closed.
     pub(super) fn next_end(&self) -> Option<Instant> {
-        self.users.values().map(|account| account.until).min()
+        self.users.values().chain(self.done.values()).map(|account| account.until).min()
     }
 }
 
@@ -132,6 +158,23 @@ mod tests {
         assert!(refusals.may_tell(loud, now + PERIOD));
         refusals.end();
         assert_eq!(refusals.next_end(), None);
+    }
+
+    #[test]
+    fn b4_4_who_may_only_stop_fills_no_log_and_all_is_counted() {
+        let now = Instant::now();
+        let mut audit = AuditLimit::default();
+        let peer = Peer { uid: Uid::from_raw(1), gid: nix::unistd::Gid::from_raw(1), pid: 7 };
+        for _ in 0..5000 {
+            audit.tell_done(peer, Some(Role::Stop), "sends ^A", now);
+            // Whoever moves the machine has every command logged.
+            audit.tell_done(peer, Some(Role::Operate), "panel jog+ [1]", now);
+        }
+        let account = &audit.done[&peer.uid];
+        assert_eq!((account.told, account.untold), (TOLD_DONE, 5000 - u64::from(TOLD_DONE)));
+        assert_eq!(audit.next_end(), Some(now + PERIOD));
+        audit.sum_up(now + PERIOD);
+        assert!(audit.done.is_empty());
     }
 
     #[test]

@@ -3,8 +3,6 @@
 use std::collections::HashMap;
 use std::time::{Duration, Instant};
 
-use log::info;
-
 use super::fair_queue::{FairQueue, Turn};
 use super::jobs::{Guard, JobCall};
 use super::policy::Peer;
@@ -168,12 +166,14 @@ impl CallTable {
     }
 
     /// Hands the bus thread what it has room for. The calls whose commands were not handed over: of those whose time is
-    /// nearly up, or who are gone (not `hears`) and wanted a reply; each with how it ended. Lines wait while the port is `held`.
+    /// nearly up, or who are gone (not `hears`) and wanted a reply; each with how it ended. Lines wait while the port is `held`. What
+    /// is handed over and can move a machine is told to `log`.
     pub(super) fn hand_out(
         &mut self,
         held: Option<Held>,
         now: Instant,
         hears: impl Fn(u64) -> bool,
+        mut log: impl FnMut(Caller, &str),
     ) -> Vec<(Ended, Outcome)> {
         let mut refused = Vec::new();
         while let Some(turn) = self.queue.next() {
@@ -190,11 +190,11 @@ impl CallTable {
                 let Caller { client, oneway, .. } = pending.caller;
                 (oneway || hears(client)) && now + GRACE < pending.deadline
             });
-            let peer = pending.map(|pending| pending.caller.peer);
-            match peer {
-                Some(Peer { uid, pid, .. }) if self.commands.try_send(command).is_ok() => {
+            let caller = pending.map(|pending| pending.caller);
+            match caller {
+                Some(caller) if self.commands.try_send(command).is_ok() => {
                     if let Some(what) = audit {
-                        info!(target: "audit", "uid {uid} pid {pid} {what}");
+                        log(caller, &what);
                     }
                 }
                 _ => refused.extend(self.end(ticket).map(|ended| (ended, outcome))),
