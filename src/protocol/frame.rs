@@ -64,6 +64,12 @@ impl Inbox {
         Ok(Some(message))
     }
 
+    /// What is held of the next messages, whole or not.
+    #[must_use]
+    pub fn held(&self) -> &[u8] {
+        &self.bytes[self.start..]
+    }
+
     /// Whether nothing should be read until messages have been taken out.
     #[must_use]
     pub fn is_full(&self) -> bool {

@@ -71,18 +71,27 @@ impl Clients {
         }
     }
 
-    /// Puts those who are `ready` into the order in which they are served: whoever was served last, when his user's time
-    /// was over, comes later.
-    pub(super) fn begin_round(&mut self, ready: &mut [(u64, PollFlags)]) {
+    /// Takes in what those who are `ready` have sent, and puts them into the order in which they are served: first who stops
+    /// the machine, then the users who have waited longest; of each, whoever was served last, when his user's time was over, comes later.
+    pub(super) fn begin_round(&mut self, ready: &mut [(u64, PollFlags)], now: Instant) {
         self.quotas.begin_round();
-        ready.sort_by_key(|(id, _)| {
-            self.get(*id).is_some_and(|client| self.quotas.comes_later(client.peer().uid, *id))
+        for (id, _) in &*ready {
+            if let Some(client) = self.clients.get_mut(id) {
+                client.receive(now);
+            }
+        }
+        ready.sort_by_cached_key(|(id, _)| {
+            self.get(*id).map(|client| {
+                let uid = client.peer().uid;
+                (!client.is_urgent(), self.quotas.last_served(uid), self.quotas.comes_later(uid, *id))
+            })
         });
     }
 
     /// Whether the user of client `id` has time left in this round; if not, the next one begins with that client.
     pub(super) fn has_time(&mut self, id: u64) -> bool {
-        self.clients.get(&id).is_some_and(|client| self.quotas.has_time(client.peer().uid, id))
+        let Some(client) = self.clients.get(&id) else { return false };
+        self.quotas.has_time(client.peer().uid, id, client.is_urgent())
     }
 
     /// Client `id` was served for so long.

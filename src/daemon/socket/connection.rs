@@ -20,6 +20,9 @@ const OBSERVER_CALL_MAX: usize = 8 * 1024;
 /// Unsolicited texts are counted as lost while this much output waits, in bytes.
 const STREAM_HIGH_WATER: usize = 256 * 1024;
 
+/// The methods that may stop the machine, or keep a jog held, as they begin in a call.
+const URGENT: [&[u8]; 3] = [b".SendControl\"", b".Panel", b".FeedOverride\""];
+
 /// What a client waits for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Waiting {
@@ -100,6 +103,14 @@ impl Client {
     /// Whether it waits for the board.
     pub(super) fn waits_for_board(&self) -> bool {
         self.waiting == Waiting::Board
+    }
+
+    /// Whether its next call may stop the machine, or keep a jog held: it is served before all others.
+    pub(super) fn is_urgent(&self) -> bool {
+        let held = self.inbox.held();
+        let call = held.split(|byte| *byte == 0).next().unwrap_or_default();
+        let names = |name: &[u8]| call.windows(name.len()).any(|part| part == name);
+        self.role >= Role::Stop && !self.waits() && URGENT.iter().any(|name| names(name))
     }
 
     /// Whether it has had its turn, and may have more calls to begin.

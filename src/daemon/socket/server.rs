@@ -274,7 +274,7 @@ impl Service {
 
     /// Serves ready clients within each user's time quota; the rest stay ready for the next round.
     fn serve_ready(&mut self, mut ready: Vec<(u64, PollFlags)>, now: Instant) {
-        self.clients.begin_round(&mut ready);
+        self.clients.begin_round(&mut ready, now);
         let mut began = Instant::now();
         for (id, flags) in ready {
             if self.clients.has_time(id) {
@@ -282,13 +282,15 @@ impl Service {
                 let ended = Instant::now();
                 self.clients.used(id, ended - began);
                 began = ended;
+            } else if let Some(client) = self.clients.get_mut(id) {
+                // What it has sent has been taken in: the poll does not tell of it again.
+                client.yields();
             }
         }
     }
 
     fn on_ready(&mut self, id: u64, flags: PollFlags, now: Instant) {
         let Some(client) = self.clients.get_mut(id) else { return };
-        client.receive(now);
         if flags.intersects(PollFlags::POLLHUP | PollFlags::POLLERR | PollFlags::POLLNVAL) {
             client.hang_up();
         }
@@ -363,6 +365,7 @@ impl Service {
                 self.resets.bus_sees(status.resets, status.enabled.contains(Enabled::SERVO));
                 let opened = self.info.take(status);
                 self.leases.loops_opened(opened, now);
+                self.leases.see_motion(self.info.motion(), now);
             }
             Event::Unsolicited(text) => self.clients.pass_on(&text, now),
         }

@@ -1,7 +1,7 @@
 //! How long each user is served in a round, so that one user's many connections do not make the others wait.
 //!
 //! A round serves every user's connections in turn, each user's for a share of time at most; where it left off, the
-//! next round goes on.
+//! next round goes on. A round is short, however many the users are: whoever could not be served in it is the first in the next one.
 
 use std::collections::HashMap;
 use std::time::Duration;
@@ -10,6 +10,10 @@ use nix::unistd::Uid;
 
 /// A user's time in a round. The last call may run over it.
 const SHARE: Duration = Duration::from_millis(4);
+/// The time of a round, but for those who stop the machine: so they wait for nobody longer.
+const ROUND: Duration = Duration::from_millis(8);
+/// The most users whose last round is remembered.
+const REMEMBERED: usize = 1024;
 
 #[derive(Debug, Default)]
 struct Share {
@@ -23,11 +27,21 @@ struct Share {
 pub(super) struct TimeQuotas {
     users: HashMap<Uid, Share>,
     resumed: HashMap<Uid, u64>,
+    /// The time used in this round, and its number.
+    spent: Duration,
+    round: u64,
+    /// The last round in which each user was served.
+    served: HashMap<Uid, u64>,
 }
 
 impl TimeQuotas {
     /// A new round begins.
     pub(super) fn begin_round(&mut self) {
+        self.spent = Duration::ZERO;
+        self.round += 1;
+        if self.served.len() > REMEMBERED {
+            self.served.clear();
+        }
         self.resumed.clear();
         self.resumed.extend(self.users.drain().filter_map(|(user, share)| Some((user, share.resume?))));
     }
@@ -37,10 +51,16 @@ impl TimeQuotas {
         self.resumed.get(&user).is_some_and(|resume| connection < *resume)
     }
 
-    /// Whether `user` has time left for `connection`; if not, the next round begins with it.
-    pub(super) fn has_time(&mut self, user: Uid, connection: u64) -> bool {
+    /// The last round in which `user` was served; 0 if it is not remembered.
+    pub(super) fn last_served(&self, user: Uid) -> u64 {
+        self.served.get(&user).copied().unwrap_or(0)
+    }
+
+    /// Whether `user` has time left for `connection`, in a round that is not over or since it `is_urgent`; if not, the user's
+    /// next one begins with it.
+    pub(super) fn has_time(&mut self, user: Uid, connection: u64, is_urgent: bool) -> bool {
         let share = self.users.entry(user).or_default();
-        let has_time = share.used < SHARE;
+        let has_time = share.used < SHARE && (is_urgent || self.spent < ROUND);
         if !has_time {
             share.resume.get_or_insert(connection);
         }
@@ -50,6 +70,8 @@ impl TimeQuotas {
     /// `user` was served for so long.
     pub(super) fn used(&mut self, user: Uid, time: Duration) {
         self.users.entry(user).or_default().used += time;
+        self.spent += time;
+        self.served.insert(user, self.round);
     }
 }
 
@@ -60,10 +82,10 @@ mod tests {
     /// Serves the connections as the server does, `time` each; returns who was.
     fn round(shares: &mut TimeQuotas, mut connections: Vec<(Uid, u64)>, time: Duration) -> Vec<u64> {
         shares.begin_round();
-        connections.sort_by_key(|(user, id)| shares.comes_later(*user, *id));
+        connections.sort_by_key(|(user, id)| (shares.last_served(*user), shares.comes_later(*user, *id)));
         let mut served = Vec::new();
         for (user, id) in connections {
-            if shares.has_time(user, id) {
+            if shares.has_time(user, id, false) {
                 shares.used(user, time);
                 served.push(id);
             }
@@ -82,5 +104,23 @@ mod tests {
         assert_eq!(rounds.next().unwrap(), [8, 9, 10, 0, 1]);
         let served = round(&mut shares, connections, Duration::ZERO);
         assert_eq!(served.len(), 11, "there is time for all who ask little");
+    }
+
+    #[test]
+    fn b4_1_many_users_do_not_make_a_round_long_and_each_has_its_turn() {
+        let connections: Vec<_> = (0..20).map(|user| (Uid::from_raw(user), u64::from(user))).collect();
+        let mut shares = TimeQuotas::default();
+        let mut all = Vec::new();
+        for _ in 0..10 {
+            let served = round(&mut shares, connections.clone(), SHARE);
+            assert_eq!(served.len(), 2, "two shares are a round");
+            assert!(
+                !shares.has_time(Uid::from_raw(99), 99, false)
+                    && shares.has_time(Uid::from_raw(99), 99, true)
+            );
+            all.extend(served);
+        }
+        all.sort_unstable();
+        assert_eq!(all, (0..20).collect::<Vec<_>>());
     }
 }

@@ -207,6 +207,56 @@ mod tests {
     }
 
     #[test]
+    fn b4_1_an_abort_does_not_wait_for_a_flood_of_observers() {
+        let directory = tempfile::tempdir().unwrap();
+        let options = ServeOptions::new(directory.path().join("socket"));
+        let (commands, taken) = queue(at_once::ALL).unwrap();
+        let (_answers, events) = queue(at_once::ALL).unwrap();
+        let info = Info::new(&PMAC, BoardInfo::default(), BoardSettings::default());
+        let backend = Backend { commands, events, info };
+        let mut server = ServerStepper::new(&options, options.listen().unwrap(), backend).unwrap();
+        let now = Instant::now();
+        let enter = |server: &mut ServerStepper, user, role, calls: &[&str]| {
+            let (ours, theirs) = UnixStream::pair().unwrap();
+            let peer = Peer { uid: Uid::from_raw(user), gid: Gid::from_raw(1), pid: 1 };
+            server.enter(theirs, peer, role, now).unwrap();
+            for call in calls {
+                (&ours).write_all(call.as_bytes()).and_then(|()| (&ours).write_all(&[0])).unwrap();
+            }
+            ours
+        };
+        let costly = r#"{"method":"org.varlink.service.GetInterfaceDescription","parameters":{"interface":"io.github.pmac-dpram.Board"}}"#;
+        let mut clients = Vec::new();
+        for user in 1..=60 {
+            clients.push(enter(&mut server, user, Role::Observe, &[costly; 16]));
+        }
+        let abort = r#"{"method":"io.github.pmac-dpram.Board.SendControl","parameters":{"character":"^A"}}"#;
+        clients.push(enter(&mut server, 99, Role::Stop, &[abort]));
+        server.round(now).unwrap();
+        let first = taken.try_receive();
+        assert!(
+            matches!(first, Some(Command::Control { character: 1, .. })),
+            "in the first round: {first:?}"
+        );
+        // The others have their turn all the same.
+        let mut answered = 0;
+        for _ in 0..20 * ROUNDS {
+            server.round(now).unwrap();
+            for client in &clients[..60] {
+                client.set_nonblocking(true).unwrap();
+                let mut chunk = [0; 65536];
+                while let Ok(count @ 1..) = (&*client).read(&mut chunk) {
+                    answered += chunk[..count].iter().filter(|byte| **byte == 0).count();
+                }
+            }
+            if answered == 60 * 16 {
+                return;
+            }
+        }
+        panic!("only {answered} calls were answered");
+    }
+
+    #[test]
     fn the_bus_thread_never_has_more_than_it_has_room_for() {
         let directory = tempfile::tempdir().unwrap();
         let options = ServeOptions::new(directory.path().join("socket"));
