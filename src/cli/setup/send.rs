@@ -179,8 +179,13 @@ fn stopped(taken: &[String], rest: &[String]) -> String {
         [failed, unsent @ ..] => (failed.as_str(), unsent),
         [] => ("", rest),
     };
-    let listed = |lines: &[String]| if lines.is_empty() { "nothing".to_owned() } else { lines.join(", ") };
-    format!("stopped at {failed}; the board took {}; not sent: {}", listed(taken), listed(unsent))
+    let took = if taken.is_empty() { "nothing".to_owned() } else { taken.join(", ") };
+    let rest = if unsent.is_empty() {
+        "no line follows".to_owned()
+    } else {
+        format!("the lines after it were not sent: {}", unsent.join(", "))
+    };
+    format!("{failed} failed. Before it the board took {took}; {rest}")
 }
 
 #[cfg(test)]
@@ -192,11 +197,11 @@ mod tests {
         let lines = |lines: &[&str]| lines.iter().map(|line| (*line).to_owned()).collect::<Vec<_>>();
         assert_eq!(
             stopped(&lines(&["I19=1"]), &lines(&["I59=2", "SAVE", "$$$"])),
-            "stopped at I59=2; the board took I19=1; not sent: SAVE, $$$"
+            "I59=2 failed. Before it the board took I19=1; the lines after it were not sent: SAVE, $$$"
         );
         assert_eq!(
             stopped(&[], &lines(&["I19=1"])),
-            "stopped at I19=1; the board took nothing; not sent: nothing"
+            "I19=1 failed. Before it the board took nothing; no line follows"
         );
     }
 }

@@ -174,7 +174,10 @@ impl Sequences {
     pub(in crate::daemon::socket) fn not_yours(running: &Running, now: Instant) -> CallError {
         let uid = running.owner.peer.uid;
         CallError::Refused {
-            reason: format!("{}; the uid {uid} says whose is to be ended", InUse(running, now)),
+            reason: format!(
+                "{}; to end it, name its user: pmacctl gather --stop --of {uid}",
+                InUse(running, now)
+            ),
         }
     }
 
