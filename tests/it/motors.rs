@@ -154,6 +154,18 @@ fn b5_8_what_the_board_reports_is_shown() {
 }
 
 #[test]
+fn b5_8_a_reset_that_is_not_acknowledged_is_no_failure() {
+    let site = VirtualSite::running(&[], &[]);
+    site.wait_for_live_servo();
+    site.wait_for_identity();
+    site.ask("P1=5");
+    let (code, stdout, stderr) = site.pmacctl(&["send", "$$$"]);
+    assert_eq!((code, stdout.as_str()), (0, ""), "{stderr}");
+    assert!(stderr.starts_with("sent; no board has to acknowledge a reset."), "{stderr}");
+    site.wait_until("the board after its reset", || site.pmacctl(&["send", "P1"]).1 == "0\n");
+}
+
+#[test]
 fn b5_9_a_feed_rate_in_percent_goes_by_the_i10_of_now() {
     let site = VirtualSite::running(&[], &[]);
     site.wait_for_live_servo();

@@ -1,10 +1,12 @@
 //! `pmacctl send`: sends a command line or a control character, and prints the board's reply.
 
-use std::time::Duration;
+use std::io::{self, Write};
+use std::time::{Duration, Instant};
 
 use clap::Args;
 use serde_json::json;
 
+use crate::cli::act::lines::Kind;
 use crate::cli::args::values::seconds;
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::client::CommandError;
@@ -36,9 +38,23 @@ pub fn run(context: &mut Context, options: &Send) -> Result<Verdict, Failure> {
         return Err(Failure::Request(format!("--timeout is at most {most} s")));
     }
     let mut connection = context.connection()?.confirming(options.yes);
+    let begun = Instant::now();
     let reply = match control {
         Some(character) => connection.control(character),
-        None => connection.send(&options.line, options.timeout),
+        None => match connection.send(&options.line, options.timeout) {
+            Err(CommandError::Refused(CallError::TimedOut { lines }))
+                if lines.is_empty()
+                    && Kind::of(&options.line) == Kind::Reset
+                    && begun.elapsed() < options.timeout =>
+            {
+                // Before the time was over: the board has let go of the line.
+                // If stderr is closed, the note is lost.
+                let note = "sent; no board has to acknowledge a reset. pmacctl status shows when it is back";
+                let _ = writeln!(io::stderr(), "{note}");
+                Ok(Vec::new())
+            }
+            reply => reply,
+        },
     };
     let json = context.output.is_json();
     match reply {
