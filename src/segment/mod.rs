@@ -125,7 +125,8 @@ pub enum SegmentError {
     },
     /// There is not enough memory for the segment.
     #[error(
-        "there is no room for the {bytes} bytes of {}: {source}; free some memory in that file system",
+        "there is no room for the {bytes} bytes of {}: {source}; free some memory in that file system, or raise the limit of a \
+         file's size (ulimit -f, LimitFSIZE=)",
         path.display()
     )]
     Full {

@@ -44,6 +44,35 @@ fn every_failure_has_the_exit_status_that_the_unit_acts_on() {
     assert_eq!(site.stop_daemon(), 0);
 }
 
+#[test]
+fn a_full_file_limit_is_told_by_every_program() {
+    let mut site = Site::new();
+    site.start_simulator(&[]);
+    let limited = |command: &Command| {
+        let mut shell = Command::new("sh");
+        shell
+            .args(["-c", "ulimit -f 1; exec \"$0\" \"$@\""])
+            .arg(command.get_program())
+            .args(command.get_args());
+        shell.stdin(Stdio::null()).output().unwrap()
+    };
+    let memory = site.path("another").display().to_string();
+    let mut simulator = Command::new(env!("CARGO_BIN_EXE_pmac-sim"));
+    simulator.args(["--memory", &memory]);
+    let written = site.path("image").display().to_string();
+    let mut backup = Command::new("sh");
+    backup.args(["-c", "exec \"$0\" map >\"$1\"", env!("CARGO_BIN_EXE_pmacctl"), &written]);
+    for (command, said) in [
+        (&site.daemon_command(&[]), "ulimit -f"),
+        (&simulator, "File too large"),
+        (&backup, "File too large"),
+    ] {
+        let output = limited(command);
+        let error = String::from_utf8_lossy(&output.stderr);
+        assert!(output.status.code().is_some_and(|code| code > 0) && error.contains(said), "{output:?}");
+    }
+}
+
 /// A line of a process's status, of each of its threads.
 fn of_each_thread(pid: u32, field: &str) -> Vec<String> {
     let threads = fs::read_dir(format!("/proc/{pid}/task")).unwrap();

@@ -8,6 +8,9 @@ use crate::map::Family;
 use crate::segment::identity::NAME_BYTES;
 use crate::segment::{Identity, UserUnit};
 
+/// What no unit can be called: a position in counts would be another.
+const COUNTS: [&str; 2] = ["count", "counts"];
+
 /// One `[[motor]]` as it is written.
 #[derive(Debug, Clone, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -97,6 +100,11 @@ fn name(text: &str) -> Result<Text<NAME_BYTES>, String> {
 
 fn unit(text: &str) -> Result<Text<NAME_BYTES>, String> {
     let printed = !text.is_empty() && !text.contains(|c: char| c.is_control() || c.is_whitespace());
+    if COUNTS.contains(&text) {
+        return Err(format!(
+            "unit = {text:?}: every motor has this one; write the unit of the machine, as deg or mm"
+        ));
+    }
     let unit = Text::new(text.as_bytes()).filter(|_| printed);
     unit.ok_or_else(|| format!("unit = {text:?}: write 1 to {NAME_BYTES} bytes without blanks, as deg or mm"))
 }
@@ -144,6 +152,7 @@ mod tests {
             ("number = 2\nunit = 'deg'\ncounts_per_unit = 0", "counts_per_unit", "not 0"),
             ("number = 2\nunit = 'deg'\ncounts_per_unit = nan", "counts_per_unit", "not 0"),
             ("number = 2\nunit = 'a b'\ncounts_per_unit = 5", "unit", "without blanks"),
+            ("number = 2\nunit = 'counts'\ncounts_per_unit = 5", "unit", "every motor has this one"),
             ("number = 2", "number", "leave this [[motor]] out"),
         ] {
             let (found, why) = decided(&format!("{first}[[motor]]\n{text}\n")).unwrap_err();
