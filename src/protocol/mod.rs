@@ -8,6 +8,7 @@ pub mod board;
 pub mod calls;
 pub mod control;
 pub mod cut_off;
+pub mod deadlines;
 pub mod error;
 pub mod frame;
 pub mod function;

@@ -262,7 +262,7 @@ pub fn examples(page: &str) -> &'static [Example] {
             ("Coordinate systems 1 and 2 only:", &["pmacctl abort 1 2"]),
         ],
         "pmacctl-kill" => &[("Every motor:", &["pmacctl kill"])],
-        "pmacctl-terminal" => &[("With time for SAVE:", &["pmacctl terminal --timeout 30"])],
+        "pmacctl-terminal" => &[("With more time for every line:", &["pmacctl terminal --timeout 30"])],
         "pmacctl-download" => &[
             ("What would be sent:", &["pmacctl download --dry-run program.pmc"]),
             ("Send it:", &["pmacctl download program.pmc"]),

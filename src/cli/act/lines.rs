@@ -7,13 +7,9 @@ use serde_json::{Value, json};
 
 use crate::cli::context::Failure;
 use crate::client::{CommandError, Connection, SerialError, SerialLine};
-use crate::protocol::CallError;
 use crate::protocol::board::{LineFailure, LineOutcome};
+use crate::protocol::{CallError, deadlines};
 
-/// Time limit of `SAVE`, which erases and writes flash.
-const SAVING: Duration = Duration::from_secs(60);
-/// How long to wait for a reset's acknowledgement. It is optional.
-const RESETTING: Duration = Duration::from_secs(3);
 /// How long the board may stay silent after a reset.
 const AWAY: Duration = Duration::from_secs(20);
 
@@ -147,29 +143,21 @@ impl Way {
         SerialLine::open(path, baud).map(Self::Serial).map_err(Failure::request)
     }
 
-    /// Sends `line` and waits at most `timeout` for the reply. `SAVE` and resets have longer limits.
+    /// Sends `line` and waits at most `timeout` for the reply; [`deadlines`] says which lines have longer limits.
     ///
     /// # Errors
     /// [`LineError`].
     pub fn send(&mut self, line: &str, timeout: Duration) -> Result<Vec<String>, LineError> {
-        let kind = Kind::of(line);
-        let timeout = match kind {
-            Kind::Plain => timeout,
-            Kind::Save => timeout.max(SAVING),
-            Kind::Reset => RESETTING,
-        };
+        let timeout = deadlines::of_line(line, timeout);
+        // The board need not acknowledge a reset.
+        let resets = deadlines::resets(line);
         match self {
             Self::Daemon(connection) => match connection.send(line, timeout) {
-                // The board need not acknowledge a reset.
-                Err(CommandError::Refused(CallError::TimedOut { .. })) if kind == Kind::Reset => {
-                    Ok(Vec::new())
-                }
+                Err(CommandError::Refused(CallError::TimedOut { .. })) if resets => Ok(Vec::new()),
                 result => Ok(result?),
             },
             Self::Serial(serial) => match serial.send(line, timeout) {
-                Err(SerialError::TimedOut | SerialError::NoBoard { .. }) if kind == Kind::Reset => {
-                    Ok(Vec::new())
-                }
+                Err(SerialError::TimedOut | SerialError::NoBoard { .. }) if resets => Ok(Vec::new()),
                 result => Ok(result?),
             },
         }
@@ -184,41 +172,5 @@ impl Way {
             Self::Daemon(_) => Ok(()),
             Self::Serial(serial) => Ok(serial.answers_within(AWAY)?),
         }
-    }
-}
-
-/// Whether a line has a time limit of its own.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Kind {
-    Plain,
-    /// `SAVE`.
-    Save,
-    /// `$$$`, `$$$***`.
-    Reset,
-}
-
-impl Kind {
-    pub fn of(line: &str) -> Self {
-        let line = line.trim();
-        if line.to_ascii_uppercase().contains("SAVE") {
-            Self::Save
-        } else if line.contains("$$$") {
-            Self::Reset
-        } else {
-            Self::Plain
-        }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn slow_lines_are_known() {
-        assert_eq!(Kind::of("save"), Kind::Save);
-        assert_eq!(Kind::of(" $$$*** "), Kind::Reset);
-        assert_eq!(Kind::of("I125=$C000"), Kind::Plain);
-        assert_eq!(Kind::of("$"), Kind::Plain);
     }
 }

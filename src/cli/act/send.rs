@@ -6,20 +6,19 @@ use std::time::{Duration, Instant};
 use clap::Args;
 use serde_json::json;
 
-use crate::cli::act::lines::Kind;
 use crate::cli::args::values::seconds;
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::client::CommandError;
-use crate::protocol::{CallError, TIMEOUT_MAX_MS, check_line, control};
+use crate::protocol::{CallError, TIMEOUT_MAX_MS, check_line, control, deadlines};
 
 #[derive(Debug, Args)]
 pub struct Send {
     /// The line, or one control character as '^K'
     #[arg(value_name = "LINE", allow_hyphen_values = true)]
     pub line: String,
-    /// Time limit for the reply, in seconds
-    #[arg(long, value_name = "S", default_value = "5", value_parser = seconds, allow_negative_numbers = true)]
-    pub timeout: Duration,
+    /// Time limit for the reply, in seconds; without it 5, and more for lines that take long, such as SAVE
+    #[arg(long, value_name = "S", value_parser = seconds, allow_negative_numbers = true)]
+    pub timeout: Option<Duration>,
     /// Print control characters in the reply unchanged, not as \x1b
     #[arg(long)]
     pub raw: bool,
@@ -33,7 +32,8 @@ pub fn run(context: &mut Context, options: &Send) -> Result<Verdict, Failure> {
     if control.is_none() {
         check_line(&options.line).map_err(|reason| Failure::Request(format!("invalid line: {reason}")))?;
     }
-    if options.timeout.as_millis() > TIMEOUT_MAX_MS.into() {
+    let timeout = options.timeout.unwrap_or_else(|| deadlines::of_line(&options.line, deadlines::PLAIN));
+    if timeout.as_millis() > TIMEOUT_MAX_MS.into() {
         let most = TIMEOUT_MAX_MS / 1000;
         return Err(Failure::Request(format!("--timeout is at most {most} s")));
     }
@@ -41,11 +41,9 @@ pub fn run(context: &mut Context, options: &Send) -> Result<Verdict, Failure> {
     let begun = Instant::now();
     let reply = match control {
         Some(character) => connection.control(character),
-        None => match connection.send(&options.line, options.timeout) {
+        None => match connection.send(&options.line, timeout) {
             Err(CommandError::Refused(CallError::TimedOut { lines }))
-                if lines.is_empty()
-                    && Kind::of(&options.line) == Kind::Reset
-                    && begun.elapsed() < options.timeout =>
+                if lines.is_empty() && deadlines::resets(&options.line) && begun.elapsed() < timeout =>
             {
                 // Before the time was over: the board has let go of the line.
                 // If stderr is closed, the note is lost.

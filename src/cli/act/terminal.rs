@@ -40,7 +40,7 @@ A line goes to the board as it is. ^K (two characters) sends a control character
 /// `terminal`.
 #[derive(Debug, Args)]
 pub struct Terminal {
-    /// Time limit of a line, in seconds; SAVE has a longer one
+    /// Time limit of a line, in seconds; lines that take long, such as SAVE, have longer ones
     #[arg(long, value_name = "S", default_value = "10", value_parser = crate::cli::args::values::seconds, allow_negative_numbers = true)]
     pub timeout: Duration,
     /// Do not write the history to disk

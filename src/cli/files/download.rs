@@ -43,7 +43,7 @@ pub struct Download {
     /// Send a file most of whose lines are no commands of PMAC, too
     #[arg(long)]
     pub force: bool,
-    /// How long the board may take for a line, in seconds; SAVE may take longer
+    /// How long the board may take for a line, in seconds; those that take long, such as SAVE, may take longer
     #[arg(long, value_name = "S", default_value = "10", value_parser = crate::cli::args::values::seconds, allow_negative_numbers = true)]
     pub timeout: Duration,
     /// Send lines like I58=0 too, which end command lines for everybody

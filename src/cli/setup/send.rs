@@ -8,7 +8,7 @@ use clap::Args;
 use serde_json::{Value, json};
 
 use super::lines::{self as setup, SetupCommand};
-use crate::cli::act::lines::{Kind, LineError, Way};
+use crate::cli::act::lines::{LineError, Way};
 use crate::cli::console::confirm::{board_of, confirm, sending as question};
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::cli::setup::absolute::{self, Absolute};
@@ -16,6 +16,7 @@ use crate::cli::setup::answer::Answer;
 use crate::client::Connection;
 use crate::client::command::lines::LinesOptions;
 use crate::map::{Family, Generation};
+use crate::protocol::deadlines;
 
 /// Time limit of a plain line.
 const PATIENCE: Duration = Duration::from_secs(5);
@@ -136,9 +137,9 @@ fn send(connection: &mut Connection, commands: &[String]) -> Sent {
 /// Sends the lines over a serial line.
 fn send_over(way: &mut Way, commands: &[String]) -> Sent {
     for (taken, line) in commands.iter().enumerate() {
-        let result = way.send(line, PATIENCE).and_then(|_| match Kind::of(line) {
-            Kind::Reset => way.wait_for_board(),
-            _ => Ok(()),
+        let result = way.send(line, PATIENCE).and_then(|_| match deadlines::resets(line) {
+            true => way.wait_for_board(),
+            false => Ok(()),
         });
         if let Err(error) = result {
             return Sent { taken, error: Some(error) };

@@ -7,13 +7,10 @@ use crate::protocol::board::RunLinesReply;
 use crate::protocol::cut_off::{self, line_cuts_off};
 use crate::protocol::message::encode;
 use crate::protocol::parameters::to_map;
-use crate::protocol::{BOARD, Call, calls};
+use crate::protocol::{BOARD, Call, calls, deadlines};
 
 /// Lines that the daemon is given at a time: few, so that whoever wants to end the sequence does not wait long.
 const AT_ONCE: usize = 8;
-
-/// How long the slowest line may take, whatever its caller says, and the end after it.
-const SLOW: Duration = Duration::from_secs(60);
 
 /// How a sequence of lines is run.
 #[derive(Debug, Clone, Copy)]
@@ -137,7 +134,8 @@ impl LineSequence<'_> {
         link.call(&encode(&call), super::after(DAEMON_TIMEOUT), path)?;
         loop {
             // The last reply may have to wait for the line under way, and for what comes at the end after it.
-            let patience = timeout.max(SLOW).saturating_add(DAEMON_TIMEOUT).saturating_add(MARGIN);
+            let patience =
+                timeout.max(deadlines::LONGEST).saturating_add(DAEMON_TIMEOUT).saturating_add(MARGIN);
             let reply = link.next_reply(super::after(patience)).map_err(|error| fault(path, error))?;
             let continues = reply.continues == Some(true);
             let reply: Result<RunLinesReply, CommandError> = read_reply(reply);

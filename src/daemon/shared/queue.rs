@@ -20,7 +20,7 @@ use crate::function::ascii::ResponseText;
 use crate::function::rotary::RotaryState;
 use crate::map::HostOffset;
 pub use crate::protocol::{LINE_MAX, READ_MAX};
-use crate::protocol::{MessageKind, control};
+use crate::protocol::{MessageKind, control, deadlines};
 
 /// The most commands of each kind that the bus thread has at a time, answered or not. The socket's thread hands over no more
 /// (`socket::fair_queue`), and the bus thread's queues have just this room.
@@ -277,7 +277,7 @@ pub fn queue<T>(capacity: usize) -> nix::Result<(Sender<T>, Receive<T>)> {
 }
 
 /// How long a command may take when its caller does not say.
-pub const DEFAULT_TIMEOUT: Duration = Duration::from_secs(5);
+pub const DEFAULT_TIMEOUT: Duration = deadlines::PLAIN;
 
 #[cfg(test)]
 mod tests {

@@ -18,7 +18,7 @@ use crate::map::{Family, HostOffset, VariableKind};
 use crate::protocol::cut_off::{self, character_cuts_off, line_cuts_off};
 use crate::protocol::{
     BOARD, BOARD_DESCRIPTION, Call, CallError, Function, Reply, SERVICE, SERVICE_DESCRIPTION, calls,
-    check_line, control, parameters,
+    check_line, control, deadlines, parameters,
 };
 
 /// What a call asks of the bus thread.
@@ -312,7 +312,8 @@ fn send(calls::Send { line, timeout_ms, question, confirmed }: calls::Send) -> R
     }
     let line = Text::new(line.as_bytes())
         .ok_or_else(|| CallError::InvalidLine { reason: "the line is too long".to_owned() })?;
-    let timeout = timeout_ms.map_or(DEFAULT_TIMEOUT, Duration::from_millis);
+    let plain = || deadlines::of_line(&line, DEFAULT_TIMEOUT);
+    let timeout = timeout_ms.map_or_else(plain, Duration::from_millis);
     Ok(Action::Ask(Ask::Send { line, timeout, question: question.unwrap_or(false) }))
 }
 

@@ -16,7 +16,7 @@ use crate::daemon::shared::open_buffer::{Barred, OpenBuffer, Writer};
 use crate::daemon::shared::queue::{DEFAULT_TIMEOUT, LINE_MAX, Outcome, REASON_MAX, Text};
 use crate::protocol::board::{LineFailure, LineOutcome, RunLinesReply};
 use crate::protocol::cut_off::{self, line_cuts_off};
-use crate::protocol::{CallError, RUN_LINES_MAX, Reply, calls, check_line};
+use crate::protocol::{CallError, RUN_LINES_MAX, Reply, calls, check_line, deadlines};
 
 /// How often `CLOSE` is tried at the end, while it is known not to have been sent, and how long after the last try.
 const CLOSE_TRIES: u32 = 3;
@@ -25,10 +25,6 @@ const CLOSE_AGAIN: Duration = Duration::from_millis(100);
 const CHECK_EVERY: u64 = 64;
 /// The most lines for the end.
 const AT_END_MAX: usize = 8;
-/// How long `SAVE` may take: it erases and writes flash.
-const SAVING: Duration = Duration::from_secs(60);
-/// How long a reset may take to be acknowledged, which it need not be.
-const RESETTING: Duration = Duration::from_secs(3);
 /// The longest name of a sequence.
 const NAME_MAX: usize = 20;
 
@@ -168,7 +164,7 @@ impl Lines {
         let number = self.number;
         self.number += 1;
         self.doubts_now = done.doubts;
-        self.has_reset |= resets(&line);
+        self.has_reset |= deadlines::resets(&line);
         let was_open = self.buffer.is_open();
         if !is_unsent(done.outcome) {
             self.buffer.begin(line.as_bytes(), Writer::Question, now);
@@ -182,7 +178,7 @@ impl Lines {
         let (lines, failure) = match done.result {
             Ok(lines) => (lines, None),
             // A board that resets need not acknowledge it.
-            Err(_) if done.outcome == Outcome::TimedOut && resets(&line) => (Vec::new(), None),
+            Err(_) if done.outcome == Outcome::TimedOut && deadlines::resets(&line) => (Vec::new(), None),
             Err(mut error) => {
                 let failure = failure_of(done.outcome, &error);
                 (error.take_lines(), Some(failure))
@@ -369,7 +365,7 @@ impl Sequence for Lines {
         match self.batch.lines.pop_front() {
             Some(line) => {
                 self.phase = Phase::UnderWay(line);
-                Step::Line { line, timeout: patience(&line, self.batch.timeout) }
+                Step::Line { line, timeout: deadlines::of_line(&line, self.batch.timeout) }
             }
             None if self.batch.last => self.close(0),
             None => Step::Answer(Ok(reply(&RunLinesReply { taken: self.taken, ..RunLinesReply::default() }))),
@@ -399,22 +395,6 @@ impl Sequence for Lines {
 
     fn end(&mut self, why: Ending) {
         self.ending = Some(why);
-    }
-}
-
-/// Whether `line` resets the board.
-fn resets(line: &str) -> bool {
-    line.contains("$$$")
-}
-
-/// How long the board may take for `line`, where a plain one may take `timeout`.
-fn patience(line: &str, timeout: Duration) -> Duration {
-    if line.to_ascii_uppercase().contains("SAVE") {
-        timeout.max(SAVING)
-    } else if resets(line) {
-        RESETTING
-    } else {
-        timeout
     }
 }
 
