@@ -1,5 +1,7 @@
 //! The types of the interface `io.github.pmac-dpram.Board`.
 
+use std::fmt;
+
 use crate::map::readings::ReplyEnd;
 use serde::{Deserialize, Serialize};
 
@@ -95,6 +97,9 @@ pub struct BoardInfo {
     /// How the end of a reply through the DPRAM shows.
     #[serde(default)]
     pub reply_end: ReplyEnd,
+    /// The program buffer that is open, as far as known.
+    #[serde(default)]
+    pub open_buffer: Option<OpenBufferInfo>,
     /// The interrupt controller behind the board's host port, where the daemon serves it.
     #[serde(default)]
     pub host_port: Option<HostPortInfo>,
@@ -147,6 +152,46 @@ pub enum CommandState {
     Answers = 1,
     /// The last one was not.
     Silent = 2,
+}
+
+/// A program buffer that is open on the board: lines become program lines.
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
+pub struct OpenBufferInfo {
+    /// Which, as `PROG 77`, where it was opened through the daemon; what follows, too.
+    pub name: Option<String>,
+    /// Who has opened it.
+    pub uid: Option<u32>,
+    /// His process, where it is known.
+    pub pid: Option<i32>,
+    /// A sequence of his has opened it, and closes it.
+    pub sequence: bool,
+}
+
+impl OpenBufferInfo {
+    /// Whether the lines that the user `uid` types enter it.
+    #[must_use]
+    pub fn takes_lines_of(&self, uid: u32) -> bool {
+        !self.sequence && self.uid == Some(uid)
+    }
+
+    /// Its name, or what there is instead.
+    #[must_use]
+    pub fn name(&self) -> &str {
+        self.name.as_deref().filter(|name| !name.is_empty()).unwrap_or("a program buffer")
+    }
+}
+
+impl fmt::Display for OpenBufferInfo {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Some(uid) = self.uid else {
+            return f.write_str(
+                "a program buffer, opened by somebody else (the serial port, another host, or before pmacd started)",
+            );
+        };
+        let by = if self.sequence { "a sequence of " } else { "" };
+        let pid = self.pid.map_or_else(String::new, |pid| format!(" (pid {pid})"));
+        write!(f, "{}, opened by {by}uid {uid}{pid}", self.name())
+    }
 }
 
 /// The interrupt controller behind a host port.

@@ -22,7 +22,9 @@ pub mod socket_place;
 pub mod transport;
 
 pub use crate::map::Function;
-pub use board::{BoardInfo, CommandPort, CommandState, Enabled, HostPortInfo, Message, MessageKind, State};
+pub use board::{
+    BoardInfo, CommandPort, CommandState, Enabled, HostPortInfo, Message, MessageKind, OpenBufferInfo, State,
+};
 pub use error::CallError;
 pub use frame::Inbox;
 pub use function::Functions;

@@ -2,6 +2,7 @@
 
 use std::io::Write;
 use std::os::unix::net::UnixStream;
+use std::process::Stdio;
 use std::time::Duration;
 
 use nix::unistd::{Gid, Uid, getuid};
@@ -10,6 +11,7 @@ use serde_json::{Value, json};
 
 use crate::support::VirtualSite;
 use crate::support::raw::{Raw, error_name};
+use crate::support::rig::Ran;
 
 const STRANGER: u32 = 4711;
 
@@ -143,16 +145,47 @@ fn b1_2_without_servo_data_the_board_is_asked_for_open_buffers() {
 }
 
 #[test]
+fn b1_2_status_doctor_and_terminal_name_the_open_buffer() {
+    let site = VirtualSite::running(&[], &[]);
+    site.wait_for_live_servo();
+    assert_eq!(site.run(&["status", "--json"]).json()["socket"]["open_buffer"], Value::Null);
+    site.ask("OPEN PROG 77 CLEAR");
+    let who = format!("PROG 77, opened by uid {} (pid ", getuid());
+    assert_eq!(site.run(&["status", "--json"]).json()["socket"]["open_buffer"]["name"], "PROG 77");
+    for arguments in [&["status"][..], &["doctor"]] {
+        let ran = site.run(arguments);
+        assert!(ran.stdout.contains(&who), "{arguments:?}: {}", ran.stdout);
+    }
+    let terminal = |lines: &[u8]| {
+        let mut child = site.command(&["terminal"]);
+        child.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
+        let mut child = child.spawn().unwrap();
+        child.stdin.take().unwrap().write_all(lines).unwrap();
+        Ran::from(child.wait_with_output().unwrap())
+    };
+    let left = terminal(b"X1\n").stderr;
+    assert!(left.contains("PROG 77 is still open") && left.contains("CLOSE"), "{left}");
+    assert_eq!(terminal(b"CLOSE\n").stderr, "");
+    let mut serial = UnixStream::connect(site.path("serial")).unwrap();
+    serial.write_all(b"OPEN PROG 88\r").unwrap();
+    site.run_for(Duration::from_millis(100));
+    let status = site.run(&["status"]).stdout;
+    assert!(status.contains("a program buffer, opened by somebody else (the serial port"), "{status}");
+    assert_eq!(terminal(b"#1P\n").stderr, "", "it is not this user's");
+    site.assert_no_violations();
+}
+
+#[test]
 fn b1_2_a_sequence_whose_buffer_somebody_closed_carries_nothing_out() {
     let site = VirtualSite::running(&[], &[]);
     let file = site.file("long.pmc", &format!("OPEN PROG 9 CLEAR\n{}P5=1\nCLOSE\n", "X1\n".repeat(2000)));
     site.ask("P5=7");
     let mut child = site.command(&["download", &file]);
-    let child = child.stderr(std::process::Stdio::piped()).spawn().unwrap();
+    let child = child.stderr(Stdio::piped()).spawn().unwrap();
     site.wait_until("the download to run", || site.log().matches("(download) sends \"X1\"").count() > 100);
     assert_refused(&site, &["send", "X5"], "a sequence of uid");
     assert_eq!(site.run(&["send", "CLOSE"]).code, Some(0));
-    let ran = crate::support::rig::Ran::from(child.wait_with_output().unwrap());
+    let ran = Ran::from(child.wait_with_output().unwrap());
     assert_eq!(ran.code, Some(1), "{ran:?}");
     assert!(ran.stderr.contains("somebody closed the program buffer"), "{}", ran.stderr);
     assert_eq!(site.ask("P5"), ["7"], "what would have entered the program was not carried out");

@@ -12,6 +12,7 @@ use std::thread::JoinHandle;
 use std::time::Duration;
 
 use clap::Args;
+use nix::unistd::getuid;
 use rustyline::config::Configurer;
 use rustyline::error::ReadlineError;
 use rustyline::{DefaultEditor, ExternalPrinter};
@@ -25,10 +26,12 @@ use crate::cli::context::{Context, Failure, Verdict};
 use crate::client::Messages;
 use crate::format::Visible;
 use crate::protocol::password::without_password;
-use crate::protocol::{Message, MessageKind, TIMEOUT_MAX_MS, check_line, control};
+use crate::protocol::{Message, MessageKind, OpenBufferInfo, TIMEOUT_MAX_MS, check_line, control};
 
 /// Time limit for asking what is addressed.
 const ADDRESS: Duration = Duration::from_millis(500);
+/// How long the daemon may take to know that a buffer is closed.
+const CLOSING: Duration = Duration::from_millis(50);
 /// Period at which the message thread checks whether to end.
 const LOOK: Duration = Duration::from_millis(200);
 /// Length of the history, in lines.
@@ -163,12 +166,47 @@ impl Session {
         }
     }
 
-    /// The prompt: the addressed motor and coordinate system, if the board answers in time.
-    fn prompt(&mut self) -> String {
-        let Way::Daemon(connection) = &mut self.way else { return "pmac> ".to_owned() };
+    /// The addressed motor and coordinate system, if the board answers in time.
+    fn addressed(&mut self) -> String {
+        let Way::Daemon(connection) = &mut self.way else { return "pmac".to_owned() };
         match connection.question("# &", ADDRESS).as_deref() {
-            Ok([motor, system]) => Visible(format_args!("#{motor} &{system}> ")).to_string(),
-            _ => "pmac> ".to_owned(),
+            Ok([motor, system]) => Visible(format_args!("#{motor} &{system}")).to_string(),
+            _ => "pmac".to_owned(),
+        }
+    }
+
+    /// The prompt: what is `addressed`, and the program buffer that is open.
+    fn prompt(&mut self, addressed: &str) -> String {
+        match self.open_buffer() {
+            Some(open) if open.takes_lines_of(getuid().as_raw()) => format!("{addressed} {}> ", open.name()),
+            Some(open) => format!("{addressed} ({open})> "),
+            None => format!("{addressed}> "),
+        }
+    }
+
+    /// The program buffer that is open, as far as the daemon knows.
+    fn open_buffer(&mut self) -> Option<OpenBufferInfo> {
+        match &mut self.way {
+            Way::Daemon(connection) => connection.info().ok()?.open_buffer,
+            Way::Serial(_) => None,
+        }
+    }
+
+    /// At the end: says if a buffer is still open that takes this user's lines.
+    fn tell_left_open(&mut self) {
+        let mut own = || self.open_buffer().filter(|open| open.takes_lines_of(getuid().as_raw()));
+        if own().is_none() {
+            return;
+        }
+        // Of a CLOSE that was the last line the daemon may hear in this moment.
+        std::thread::sleep(CLOSING);
+        if let Some(open) = own() {
+            // If stderr is closed, the message is lost.
+            let _ = writeln!(
+                io::stderr(),
+                "{} is still open: lines that you send enter it, others' are refused; CLOSE closes it",
+                open.name()
+            );
         }
     }
 }
@@ -189,9 +227,10 @@ fn interactive(mut session: Session, messages: Messages, options: &Terminal) -> 
         let _ = printer.print(format!("{}\n", reply(&text, raw)));
     });
     println(".help lists the commands, .quit ends.")?;
-    let mut prompt = session.prompt();
+    let mut addressed = session.addressed();
     let mut line = (String::new(), String::new());
     let outcome = loop {
+        let prompt = session.prompt(&addressed);
         let edited = editor.readline_with_initial(&prompt, (&line.0, &line.1));
         line = Default::default();
         let text = match edited {
@@ -224,10 +263,11 @@ fn interactive(mut session: Session, messages: Messages, options: &Terminal) -> 
         }
         // Only these can change the addressed motor or coordinate system.
         if text.contains(['#', '&', '$']) {
-            prompt = session.prompt();
+            addressed = session.addressed();
         }
     };
     drop(listening);
+    session.tell_left_open();
     if let Some(file) = &history {
         save_history(&mut editor, file);
     }
@@ -322,6 +362,7 @@ fn piped(
         }
     }
     session.see_reset(&mut watch, None);
+    session.tell_left_open();
     drop(listening);
     Ok(session.all_taken.into())
 }

@@ -71,6 +71,11 @@ fn commands(report: &mut Report, info: &BoardInfo) {
         ),
     };
     report.add(level, "commands", text);
+    if let Some(open) = &info.open_buffer {
+        let cure =
+            "lines of others are refused, and the daemon's questions wait; CLOSE by an engineer closes it";
+        report.add(Level::Warn, "commands", format!("open: {open}; {cure}"));
+    }
 }
 
 pub fn run(context: &mut Context, options: &Doctor) -> Result<Verdict, Failure> {

@@ -7,6 +7,7 @@ use crate::cli::context::{Context, Failure, Verdict};
 use crate::cli::show::global_status;
 use crate::client::{Board, ClientError, CommandError, Staleness, View};
 use crate::map::Family;
+use crate::protocol::OpenBufferInfo;
 use crate::segment::{Condition, Identity, RegionState, SegmentError, SegmentName, UserUnit};
 
 pub fn run(context: &mut Context) -> Result<Verdict, Failure> {
@@ -163,10 +164,19 @@ fn socket(context: &Context, board: &mut Board) -> Value {
     match asked {
         Ok((info, settings)) => json!({ "path": path, "reachable": true, "version": info.version,
             "board": info.board, "enabled": info.enabled, "functions": settings.functions,
-            "command_port": info.command_port, "host_port": info.host_port, "unfinished": info.unfinished,
+            "command_port": info.command_port, "open_buffer": open_buffer(info.open_buffer.as_ref()),
+            "host_port": info.host_port, "unfinished": info.unfinished,
             "elsewhere": elsewhere::documents(&info.elsewhere) }),
         Err(error) => json!({ "path": path, "reachable": false, "reason": error.to_string() }),
     }
+}
+
+/// The program buffer that is open: its fields, and how it is told.
+fn open_buffer(open: Option<&OpenBufferInfo>) -> Value {
+    open.map_or(Value::Null, |open| {
+        json!({ "name": open.name, "uid": open.uid, "pid": open.pid, "sequence": open.sequence,
+            "text": open.to_string() })
+    })
 }
 
 /// The document as text: a line for each known fact.
@@ -229,6 +239,9 @@ fn text(document: &Value) -> String {
             _ => "through the DPRAM",
         };
         say("command lines", port.to_owned());
+        if let Some(text) = socket["open_buffer"]["text"].as_str() {
+            say("open buffer", text.to_owned());
+        }
         let host_port = &socket["host_port"];
         if !host_port.is_null() {
             let count = |name: &str| plain(&host_port[name]);

@@ -17,6 +17,7 @@ pub use line::NAME_MAX;
 use line::{Effect, effect, enters_nothing, is_close};
 
 use crate::format::Text;
+use crate::protocol::OpenBufferInfo;
 
 /// The question whether a buffer is open: the free memory, "negative sign while a buffer is open" (Software Reference, `SIZE`;
 /// GRAMMAR 2.7). So the board answers it at once while one is open, too, and it is no word of any program.
@@ -88,6 +89,27 @@ pub struct Standing {
     pub is_open: bool,
     /// Which, and who has opened it, where that was done through this daemon.
     pub opened: Option<Opened>,
+}
+
+impl Standing {
+    /// What clients are told; nothing when none is open.
+    #[must_use]
+    pub fn info(&self) -> Option<OpenBufferInfo> {
+        let Some(Opened { name, by, .. }) = self.opened else {
+            return self.is_open.then(OpenBufferInfo::default);
+        };
+        let (account, sequence) = match by {
+            Writer::Hand(account) => (Some(account), false),
+            Writer::Sequence { account, .. } => (Some(account), true),
+            Writer::Question => (None, false),
+        };
+        Some(OpenBufferInfo {
+            name: Some(name.to_string()),
+            uid: account.map(|account| account.uid),
+            pid: account.map(|account| account.pid).filter(|pid| *pid != 0),
+            sequence,
+        })
+    }
 }
 
 /// Follows the lines that a board is sent, and its reports. Takes no memory.
