@@ -60,6 +60,26 @@ fn b2_1_a_slow_commands_reply_is_nobody_elses() {
 }
 
 #[test]
+fn b2_1_who_did_not_get_his_turn_is_told_whose_line_holds_the_port() {
+    let site = board("line_flag=done");
+    site.control("fault ascii_slow 60000ms");
+    assert!(site.connection().send("P5=3", Duration::from_secs(1)).is_err());
+    // More than the bus thread has at a time.
+    let mut waiting: Vec<Raw> = (0..20)
+        .map(|_| {
+            let mut client = Raw::at(&site.socket());
+            client.call("Send", json!({ "line": "P6=1", "timeout_ms": 3000 }));
+            client
+        })
+        .collect();
+    for client in &mut waiting {
+        let reply = client.receive().unwrap();
+        assert_eq!(error_name(&reply), "Refused", "{reply}");
+        assert!(reason(&reply).contains("the board still works on \"P5=3\" of uid "), "{reply}");
+    }
+}
+
+#[test]
 fn b2_1_a_new_daemon_does_not_take_what_the_old_one_has_left() {
     for reading in ["line_flag=taken", "line_flag=done"] {
         let site = board(reading);
