@@ -272,6 +272,20 @@ impl DpramPort {
         Ok(bus.read16(self.words.control_character)? == u16::MAX)
     }
 
+    /// The line that was sent last, by whom ever, as far as its text fits: the board leaves it in the command buffer. N/2 reads.
+    ///
+    /// # Errors
+    /// When the bus cannot be reached.
+    pub fn last_line<const N: usize>(&self, bus: &mut impl Bus) -> Result<Text<N>, BusError> {
+        let mut bytes = [0; N];
+        for (index, pair) in bytes.chunks_exact_mut(2).enumerate() {
+            let word = bus.read16(self.words.command.plus_words(index))?;
+            pair.copy_from_slice(&self.order.unpack(word));
+        }
+        let length = bytes.iter().position(|byte| *byte == 0).unwrap_or(N);
+        Ok(Text::cut(&bytes[..length]))
+    }
+
     /// Whether a response is in its buffer. 1 read.
     ///
     /// # Errors

@@ -28,7 +28,7 @@ use crate::daemon::shared::open_buffer::{OpenBuffer, Standing, Writer};
 use crate::daemon::shared::queue::{
     Command, Event, Held, LINE_MAX, Origin, Outcome, Sender, Text, Ticket, Unsolicited, at_once,
 };
-use crate::device::Bus;
+use crate::device::{Bus, BusError};
 use crate::function::ascii::control::control_has_reply;
 use crate::function::ascii::{AsciiEvent, ResponseText};
 use crate::protocol::{CommandPort, CommandState, MessageKind, control};
@@ -148,6 +148,17 @@ impl AsciiQueue {
             has_interrupt: false,
             clock,
         }
+    }
+
+    /// Clears the host's words in the DPRAM. Another host, or the daemon before, may have left a line of our own kind there, whose
+    /// reply is still to come.
+    ///
+    /// # Errors
+    /// When the bus cannot be reached.
+    pub fn take_over(&mut self, bus: &mut impl Bus) -> Result<(), BusError> {
+        let last: Text<{ check::LINE_MAX }> = self.ports.dpram.last_line(bus)?;
+        self.check.follow(last.as_bytes());
+        self.ports.dpram.release(bus)
     }
 
     /// Whether the port answers.

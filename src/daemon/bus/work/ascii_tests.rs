@@ -252,6 +252,23 @@ fn b2_1_a_late_reply_to_a_line_of_our_own_is_not_the_next_ones() {
 }
 
 #[test]
+fn b2_1_a_new_daemons_line_is_not_the_old_ones() {
+    let mut rig = Rig::new();
+    rig.send(1, "SLOW", Duration::from_secs(1));
+    rig.poll();
+    assert_eq!(rig.take(), "SLOW");
+    assert_eq!(next_check(&mut rig), "I3 I10 I3");
+    let ports = CommandPorts::new(&PMAC, TextOrder::LowFirst, None, rig.now).after_another_host(rig.now);
+    let identifier = Identifier::new(&PMAC, Identity::default(), false, rig.now);
+    rig.queue = AsciiQueue::new(ports, identifier, Clock::real());
+    rig.queue.see_buffer(Some(false), 1);
+    rig.queue.take_over(&mut rig.bus).unwrap();
+    rig.poll();
+    rig.free_port();
+    assert_eq!(rig.take(), "I3 I10 I10 I3");
+}
+
+#[test]
 fn b2_1_the_next_doubt_begins_with_another_line() {
     let mut rig = Rig::new();
     for expected in ["I3 I10 I3", "I3 I10 I10 I3", "I3 I10 I10 I10 I3", "I3 I10 I10 I10 I10 I3", "I3 I10 I3"]

@@ -162,7 +162,7 @@ impl<B: Bus> BoardFunction<B> for CommandLines {
         Ok(Polled::default())
     }
     fn acquire(&mut self, context: &mut Context<'_, B>) -> Result<(), PortError> {
-        Ok(self.queue.ports_mut().dpram.release(context.bus)?)
+        Ok(self.queue.take_over(context.bus)?)
     }
     fn reset(&mut self, _context: &mut Context<'_, B>) -> Result<(), PortError> {
         Ok(())

@@ -9,7 +9,8 @@
 //! would be a piece of the program: then it is `SIZE SIZE`, which the board answers at once ([`open_buffer::QUESTION`]).
 //!
 //! The board may be late with this line, too. So no two in turn are alike: the next one has I10, or `SIZE`, once more, up to
-//! [`KINDS`] times, and only a reply with just so many values is its own.
+//! [`KINDS`] times, and only a reply with just so many values is its own. A new daemon goes on where the last one ended: its line
+//! still lies in the command buffer.
 //!
 //! [`hold`]: crate::function::ascii::hold
 //! [`open_buffer::QUESTION`]: crate::daemon::shared::open_buffer::QUESTION
@@ -34,6 +35,8 @@ const HANDSHAKE: [&[u8]; KINDS] =
 /// Those that ask whether a program buffer is open.
 const BUFFER: [&[u8]; KINDS] =
     [b"SIZE SIZE", b"SIZE SIZE SIZE", b"SIZE SIZE SIZE SIZE", b"SIZE SIZE SIZE SIZE SIZE"];
+/// More than the longest of them.
+pub(super) const LINE_MAX: usize = 32;
 /// The most values of a reply.
 const VALUES: usize = KINDS + 2;
 /// How long the board may take for it, and then for each response.
@@ -98,6 +101,12 @@ impl Check {
             Asks::Handshake => HANDSHAKE[kind],
             Asks::Buffer => BUFFER[kind],
         }
+    }
+
+    /// This line was sent before, by a daemon whose lines end here.
+    pub(super) fn follow(&mut self, line: &[u8]) {
+        let kind = (0..KINDS).find(|kind| [HANDSHAKE[*kind], BUFFER[*kind]].contains(&line));
+        self.kind = kind.unwrap_or(self.kind);
     }
 
     /// The next line was sent.
