@@ -106,7 +106,7 @@ fn many_held_jogs_end_with_their_client() {
     let mut board = site.connection();
     let (are_held, end) = (AtomicBool::new(false), AtomicBool::new(false));
     std::thread::scope(|scope| {
-        let client = scope.spawn(|| hold_many(&site, 40, &are_held, &end));
+        let client = scope.spawn(|| hold_many(&site, 8, &are_held, &end));
         wait_until("all to be held", || are_held.load(Ordering::Relaxed));
         for motor in 1..=8 {
             until(&mut board, &format!("#{motor}V"), "it goes", |speed| speed > 1.0);
@@ -130,7 +130,7 @@ fn many_held_jogs_end_with_the_daemon() {
     let mut board = site.connection();
     let (are_held, end) = (AtomicBool::new(false), AtomicBool::new(false));
     std::thread::scope(|scope| {
-        scope.spawn(|| hold_many(&site, 40, &are_held, &end));
+        scope.spawn(|| hold_many(&site, 8, &are_held, &end));
         wait_until("all to be held", || are_held.load(Ordering::Relaxed));
         for motor in 1..=8 {
             until(&mut board, &format!("#{motor}V"), "it goes", |speed| speed > 1.0);

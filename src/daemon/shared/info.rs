@@ -55,6 +55,8 @@ pub struct Info {
     board: BoardInfo,
     settings: BoardSettings,
     status: BoardStatus,
+    /// When the board said, asked for a client, that background variables are switched on.
+    confirmed: Option<Instant>,
     pulse: Arc<Pulse>,
 }
 
@@ -63,7 +65,7 @@ impl Info {
     #[must_use]
     pub fn new(family: &'static Family, board: BoardInfo, settings: BoardSettings) -> Self {
         let pulse = Arc::new(Pulse { rounds: AtomicU64::new(0), board: Mutex::new(board.clone()) });
-        Self { family, board, settings, status: BoardStatus::default(), pulse }
+        Self { family, board, settings, status: BoardStatus::default(), confirmed: None, pulse }
     }
 
     /// What the first thread sees.
@@ -154,7 +156,13 @@ impl Info {
     /// What the board said of the I-variables that switch functions on.
     #[must_use]
     pub fn enabling(&self) -> Enabling {
-        self.status.enabling
+        let Enabling { asked, .. } = self.status.enabling;
+        Enabling { asked: asked.max(self.confirmed), ..self.status.enabling }
+    }
+
+    /// The board has said at `now` that background variables are switched on.
+    pub fn confirm_variables(&mut self, now: Instant) {
+        self.confirmed = Some(now);
     }
 
     /// Takes what the bus thread reports. Gives the motors whose loop has opened, bit 0 being motor 1.

@@ -300,6 +300,10 @@ impl Service {
                 return self.on_answer(caller, &lines, outcome, now, |service, found| {
                     let guard = jobs::variables_enabled(service.info.family());
                     guard.check(found.and_then(|found| found.first().copied()))?;
+                    if found.is_some() {
+                        // Many watches that begin at once ask once.
+                        service.info.confirm_variables(now);
+                    }
                     service.watch(caller.client, entries, now)
                 });
             }
