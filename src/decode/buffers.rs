@@ -9,7 +9,7 @@ use crate::map::functions::{
     VARIABLE_READ_ENTRIES, VARIABLE_READ_ENTRY_READY, VARIABLE_READ_ENTRY_WORDS, VARIABLE_WRITE_RECORD_WORDS,
     VARIABLE_WRITE_RECORDS, rotary_header,
 };
-use crate::map::{Family, HostOffset, Layout, PanelBlock, VariableKind};
+use crate::map::{Family, HostOffset, Layout, PanelBlock, Readings, VariableKind};
 
 /// These functions' words.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -107,11 +107,14 @@ pub struct WriteTable {
 /// A record of that table.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct WriteRecord {
-    /// The register's PMAC address, with `$`.
-    pub address: String,
+    /// The register's PMAC address, with `$`; `None` where no text tells which bits of the type word belong to it.
+    pub address: Option<String>,
+    /// The low 16 bits of the address.
+    #[serde(serialize_with = "hexadecimal")]
+    pub low_address: u16,
     /// The word with the register's kind, and the width and place of its bits.
     #[serde(serialize_with = "hexadecimal")]
-    pub kind_word: u16,
+    pub type_word: u16,
     /// The two data longs.
     pub data: [u32; 2],
 }
@@ -261,11 +264,12 @@ impl Reader<'_> {
     }
 
     fn write_record(&self, at: HostOffset) -> WriteRecord {
-        let kind_word = self.word(at.plus_words(1));
-        let address = self.family.variable_write.record.address(self.word(at), kind_word);
+        let (low_address, type_word) = (self.word(at), self.word(at.plus_words(1)));
+        let bits = self.family.variable_write.record_by(Readings::default().write_record);
         WriteRecord {
-            address: self.address(address),
-            kind_word,
+            address: bits.map(|bits| self.address(bits.address(low_address, type_word))),
+            low_address,
+            type_word,
             data: [self.long(at.plus_words(2)), self.long(at.plus_words(4))],
         }
     }

@@ -224,7 +224,7 @@ impl WriteRecord {
         let type_word = (self.register.kind().code() | block) << bits.kind
             | self.width << bits.width
             | self.offset << bits.offset
-            | (address >> 16) as u16;
+            | ((address >> 16) as u16) << bits.address_high;
         let [data_1, data_2] = self.data;
         let data_1 = match field {
             FieldData::AtBit0 => data_1,
@@ -281,6 +281,8 @@ pub struct VariableWriter {
     place: Region,
     /// Where the data of some bits stand.
     field: FieldData,
+    /// How a record's type word is made up.
+    bits: RecordBits,
     state: State,
     /// PMAC may be at work on records whose count was taken back.
     doubtful: bool,
@@ -301,12 +303,19 @@ impl VariableWriter {
             write: &family.variable_write,
             place,
             field: FieldData::default(),
+            bits: family.variable_write.record,
             state: State::Idle,
             doubtful: false,
             asked: 0,
             records: Vec::new(),
             done: 0,
         }
+    }
+
+    /// The writer, on a board whose records' type words are made up so.
+    #[must_use]
+    pub fn with_record(self, bits: RecordBits) -> Self {
+        Self { bits, ..self }
     }
 
     /// The writer, on a board that reads some bits' data so.
@@ -500,7 +509,7 @@ impl VariableWriter {
     /// Writes a record to the `index`th place.
     fn put(&self, bus: &mut impl Bus, index: usize, record: &WriteRecord) -> Result<(), BusError> {
         let first: HostOffset = self.place.start.plus_words(index * VARIABLE_WRITE_RECORD_WORDS);
-        for (word, value) in record.words(self.write.record, self.field).into_iter().enumerate() {
+        for (word, value) in record.words(self.bits, self.field).into_iter().enumerate() {
             bus.write16(first.plus_words(word), value)?;
         }
         Ok(())

@@ -4,7 +4,8 @@ use proptest::prelude::*;
 
 use super::*;
 use crate::device::{Counted, FileBoard};
-use crate::map::{FAMILIES, Family, PMAC, StartRule};
+use crate::map::readings::RecordLayout;
+use crate::map::{FAMILIES, Family, PMAC, StartRule, TURBO2};
 
 const PLACE: Region = Region::new("variable_write", HostOffset::new(0x2880), HostOffset::new(0x2A00));
 
@@ -79,9 +80,23 @@ fn records_are_packed_as_the_manuals_table_says() {
     let long = register("D:7");
     assert_eq!(WriteRecord::block(long, 24, 0, 1), Err(RecordError::Words(long)));
     // 19 bits of address go on in the type word where the family's bits leave room for them.
-    let bits = RecordBits { kind: 4, width: 6, offset: 11, address: 19 };
     let record = WriteRecord::word(register("X:$7A205"), 8, 4, 5).unwrap();
-    assert_eq!(record.words(bits, FieldData::AtBit0), [0xA205, 4 << 11 | 8 << 6 | 2 << 4 | 7, 5, 0, 0, 0]);
+    let words = |reading| {
+        let bits = TURBO2.variable_write.record_by(reading).unwrap();
+        let words = record.words(bits, FieldData::AtBit0);
+        assert_eq!(bits.address(words[0], words[1]), 0x07_A205);
+        words
+    };
+    assert_eq!(words(RecordLayout::AsRead), [0xA205, 4 << 11 | 8 << 6 | 2 << 4 | 7, 5, 0, 0, 0]);
+    assert_eq!(words(RecordLayout::AsPmac), [0xA205, 7 << 13 | 4 << 8 | 8 << 3 | 2, 5, 0, 0, 0]);
+}
+
+#[test]
+fn c1_nothing_is_written_to_a_turbo_board_while_nobody_says_how_it_reads_a_record() {
+    assert_eq!(TURBO2.variable_write.record_by(RecordLayout::Unsaid), None);
+    for reading in [RecordLayout::Unsaid, RecordLayout::AsRead, RecordLayout::AsPmac] {
+        assert_eq!(PMAC.variable_write.record_by(reading), Some(PMAC.variable_write.record));
+    }
 }
 
 #[test]

@@ -3,8 +3,11 @@
 
 use serde::Serialize;
 
-use super::readings::{GatherPosition, GatherSizeWord, Readings};
-use super::{Block, Confidence, Family, Firmware, GatherPlace, HostOffset, Register, SourceAt, Space, Width};
+use super::readings::{GatherPosition, GatherSizeWord, GatherWords, Readings};
+use super::{
+    Block, Confidence, Family, Firmware, GatherPlace, Generation, HostOffset, Register, SourceAt, Space,
+    Width,
+};
 
 /// The register map of one board.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -66,7 +69,13 @@ impl Layout {
             GatherPosition::Printed => false,
             GatherPosition::Moved => true,
         };
-        let printed = family.gather;
+        let printed = match (family.generation, readings.gather_words) {
+            (Generation::Turbo, GatherWords::IndexFirst) => {
+                let GatherPlace { size, index, buffer } = family.gather;
+                GatherPlace { size: index, index: size, buffer }
+            }
+            _ => family.gather,
+        };
         let shift = |offset: HostOffset| offset.plus_words(family.gather_shift as usize / 2);
         let gather = if moved {
             GatherPlace {
@@ -185,7 +194,7 @@ impl Entry {
 
 #[cfg(test)]
 mod tests {
-    use super::super::{FAMILIES, PMAC};
+    use super::super::{FAMILIES, PMAC, TURBO2};
     use super::*;
 
     #[test]
@@ -242,6 +251,20 @@ mod tests {
         let buffer = layout.find("gather", "buffer", None).unwrap();
         assert_eq!(buffer.record(&PMAC).pmac_address, "$D240");
         assert_eq!(lies_at(&layout, HostOffset::new(0x07FE)), None);
+    }
+
+    #[test]
+    fn c1_the_disputed_word_of_a_turbo_gather_is_a_reading() {
+        for (gather_words, size, index) in
+            [(GatherWords::SizeFirst, 0x113C, 0x113E), (GatherWords::IndexFirst, 0x113E, 0x113C)]
+        {
+            let readings = Readings { gather_words, ..Readings::default() };
+            let layout = Layout::read_by(&TURBO2, None, readings);
+            let place = layout.gather();
+            assert_eq!([place.size, place.index, place.buffer].map(HostOffset::bytes), [size, index, 0x1140]);
+            assert_eq!(layout.find("gather", "storage_index", None).unwrap().offset.bytes(), index);
+            assert_eq!(Layout::read_by(&PMAC, None, readings).gather(), PMAC.gather);
+        }
     }
 
     #[test]

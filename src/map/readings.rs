@@ -52,6 +52,8 @@ pub static READINGS: &[Reading] = &[
     found_out("mailbox_bell", &["with_text", "alone"]),
     found_out("background_timer", &["before_ready", "after_ready"]),
     found_out("report_ready", &["ignored", "awaited"]),
+    set("write_record", &["unsaid", "as_read", "as_pmac"]),
+    set("gather_words", &["size_first", "index_first"]),
 ];
 
 /// What the word before a reply counts (0x06D2; DPRAM manual p. 29).
@@ -292,6 +294,31 @@ pub enum ReportReady {
     Awaited,
 }
 
+/// How a Turbo board reads the type word of a record of the background variable write (Turbo User Manual p. 410 names its
+/// parts, not their places). A wrong guess writes another register.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum RecordLayout {
+    /// Nobody has said it: nothing is written.
+    #[default]
+    Unsaid,
+    /// Kind and high address bits where the table of the variable read has them.
+    AsRead,
+    /// Kind, width and offset where PMAC has them, the high address bits above.
+    AsPmac,
+}
+
+/// What the two words before a Turbo board's gather buffer are (0x113C and 0x113E).
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum GatherWords {
+    /// The size in Y:$06044F, the index in X:$06044F, as the vendor's accessory page has it.
+    #[default]
+    SizeFirst,
+    /// The other way round: a site's program calls X:$06044F the size.
+    IndexFirst,
+}
+
 impl fmt::Display for GatherPosition {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
@@ -356,6 +383,10 @@ pub struct Readings {
     pub background_timer: TimerOrder,
     /// Turbo: whether a report waits until the last one was taken.
     pub report_ready: ReportReady,
+    /// Turbo: how the type word of a record to write is made up.
+    pub write_record: RecordLayout,
+    /// Turbo: which of the two words before the gather buffer is which.
+    pub gather_words: GatherWords,
 }
 
 /// A name or value that is none.

@@ -1,7 +1,7 @@
 //! A family that no program offers yet, on the board as it is: Turbo PMAC2's DPRAM of 64 KiB with 32 motors, addresses
 //! of 19 bits, masks and 24-bit timers. Registers are test data.
 
-use crate::map::readings::ReportReady;
+use crate::map::readings::{RecordLayout, ReportReady};
 use crate::map::{PmacAddress, Space, TURBO2};
 use crate::sim::board::firmware::{Controller, DpramHandshake, FirmwareTables};
 use crate::sim::board::i_rows::{self, Factory, Kind, Row, Scope};
@@ -307,6 +307,27 @@ fn variables_are_read_and_written_by_offset_and_19_bits() {
     bench.run(1);
     assert_eq!(bench.read32(0x114C), 0x56_1234);
     assert!(bench.violations().is_empty(), "{:?}", bench.violations());
+}
+
+#[test]
+fn c1_records_are_read_as_the_reading_says_and_end_at_address_0() {
+    for (reading, type_word) in [(RecordLayout::AsRead, 2 << 4 | 0x7), (RecordLayout::AsPmac, 2 | 0x7 << 13)]
+    {
+        let mut bench = bench();
+        bench.world.board.identity.readings.write_record = reading;
+        bench.set(55, 1.0);
+        // To X:$78206; then an end, and a record behind it.
+        let records = [[0x8206, type_word, 5, 0, 0, 0], [0; 6], [0x8207, type_word, 6, 0, 0, 0]];
+        for (value, word) in records.into_iter().flatten().zip(0..) {
+            bench.write(0x1240 + 2 * word, value);
+        }
+        bench.write(0x104E, 0x40);
+        bench.write(0x104C, 3);
+        bench.run(3);
+        assert_eq!(send(&mut bench, "RX$78206,2"), ["5 0"], "{reading:?}");
+        assert_eq!(bench.read(0x104C), 0);
+        assert!(bench.violations().is_empty(), "{:?}", bench.violations());
+    }
 }
 
 #[test]

@@ -179,7 +179,7 @@ fn c1_decode_shows_gathering_tables_and_rotary_buffers() {
             {"kind": "y", "address": "$000700", "ready": false, "value": 7},
         ]})
     );
-    let record = json!({"address": "$07A205", "kind_word": "$2227", "data": [5, 0]});
+    let record = json!({"address": null, "low_address": "$A205", "type_word": "$2227", "data": [5, 0]});
     assert_eq!(buffers["variable_write"], json!({"count": 1, "records": [record]}));
     let rotary = buffers["rotary"].as_array().unwrap();
     assert_eq!(rotary.len(), 16);

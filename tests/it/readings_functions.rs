@@ -111,6 +111,8 @@ every_function_works_under! {
     b3_every_function_works_under_mailbox_bell
     b3_every_function_works_under_background_timer
     b3_every_function_works_under_report_ready
+    b3_every_function_works_under_write_record
+    b3_every_function_works_under_gather_words
 }
 
 #[test]

@@ -61,10 +61,7 @@ impl FunctionTable {
             ascii,
             panel: PanelQueue::new(layout.family(), now),
             gather: GatherMirror::new(layout.family(), clock.clone()),
-            variables: Variables {
-                read: variables,
-                write: WriteQueue::new(&layout, settings.readings.variable_write_field, now),
-            },
+            variables: Variables { read: variables, write: WriteQueue::new(&layout, settings.readings, now) },
             rotary: RotaryQueue::new(layout.family(), settings.readings, now),
             layout,
             used: Function::ALL.map(|function| settings.functions.has(function)),

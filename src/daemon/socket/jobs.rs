@@ -392,6 +392,14 @@ pub(super) fn write_variables(call: calls::WriteVariables, info: &Info) -> Resul
     if records.is_empty() || records.len() > RECORDS_MAX {
         return Err(CallError::invalid("records", format_args!("1 to {RECORDS_MAX} records")));
     }
+    let write = &info.family().variable_write;
+    if write.record_by(info.settings().readings.write_record).is_none() {
+        return Err(refused(format!(
+            "no text tells how a {} reads the records to write, and a wrong guess writes another register: say it by \
+             write_record under [readings] in pmacd's configuration, or send a command",
+            info.family().title
+        )));
+    }
     let mut audit = String::from("variable write");
     for VariableRecord { register, value, .. } in &records {
         if let Ok(name) = register.parse() {

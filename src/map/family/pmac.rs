@@ -320,7 +320,8 @@ pub const VARIABLE_READ: VariableRead = VariableRead {
 pub const VARIABLE_WRITE: VariableWrite = VariableWrite {
     count: VARIABLE_WRITE_COUNT,
     start: VARIABLE_WRITE_START,
-    record: RecordBits { kind: 0, width: 3, offset: 8, address: 16 },
+    record: RecordBits { kind: 0, width: 3, offset: 8, address: 16, address_high: 0 },
+    other_record: None,
     zero_ends: false,
     since: Some("1.15G"),
 };

@@ -309,11 +309,13 @@ pub const VARIABLE_READ: VariableRead = VariableRead {
 };
 
 /// Background variable write. TUM p. 410 says that the type word holds kind, width, offset and the high address bits, not
-/// where: this is the only split that keeps the kinds of [`VARIABLE_READ`] and leaves room for all.
+/// where. The first split is the only one that keeps the kinds of [`VARIABLE_READ`] and leaves room for all; the other is
+/// PMAC's with the address bits in what that leaves free.
 pub const VARIABLE_WRITE: VariableWrite = VariableWrite {
     count: VARIABLE_WRITE_COUNT,
     start: VARIABLE_WRITE_START,
-    record: RecordBits { kind: 4, width: 6, offset: 11, address: 19 },
+    record: RecordBits { kind: 4, width: 6, offset: 11, address: 19, address_high: 0 },
+    other_record: Some(RecordBits { kind: 0, width: 3, offset: 8, address: 19, address_high: 13 }),
     zero_ends: true,
     since: None,
 };

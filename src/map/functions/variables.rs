@@ -2,6 +2,7 @@
 
 use super::Flag;
 use crate::map::HostOffset;
+use crate::map::readings::RecordLayout;
 
 /// What an entry of the variable tables says of its register. It is not a [`Space`](crate::map::Space): the tables do not tell
 /// `D:` from `L:`, and know function blocks, which are no registers.
@@ -116,15 +117,18 @@ pub struct RecordBits {
     pub width: u32,
     /// The lowest bit written.
     pub offset: u32,
-    /// Bits of an address; those above 15 stand from bit 0 on.
+    /// Bits of an address.
     pub address: u32,
+    /// Where those of its bits begin that lie above bit 15.
+    pub address_high: u32,
 }
 
 impl RecordBits {
     /// The address of a record that begins with the words `low` and `kind_word`.
     #[must_use]
     pub const fn address(self, low: u16, kind_word: u16) -> u32 {
-        low as u32 | (kind_word as u32 & ((1 << (self.address - 16)) - 1)) << 16
+        let high = kind_word as u32 >> self.address_high & ((1 << (self.address - 16)) - 1);
+        low as u32 | high << 16
     }
 }
 
@@ -137,6 +141,8 @@ pub struct VariableWrite {
     pub start: HostOffset,
     /// How a record's type word is made up.
     pub record: RecordBits,
+    /// How it may be made up instead, where no text decides: the reading `write_record`.
+    pub other_record: Option<RecordBits>,
     /// A record with the address 0 ends the list; otherwise it is written, and trips the watchdog.
     pub zero_ends: bool,
     /// The first firmware that has the function, where a text says.
@@ -147,3 +153,15 @@ pub struct VariableWrite {
 pub const VARIABLE_WRITE_RECORDS: usize = 32;
 /// 16-bit words of a record.
 pub const VARIABLE_WRITE_RECORD_WORDS: usize = 6;
+
+impl VariableWrite {
+    /// How a record's type word is made up on a board with this reading; `None` where that has to be said and is not.
+    #[must_use]
+    pub const fn record_by(&self, reading: RecordLayout) -> Option<RecordBits> {
+        match (self.other_record, reading) {
+            (None, _) | (_, RecordLayout::AsRead) => Some(self.record),
+            (other, RecordLayout::AsPmac) => other,
+            (_, RecordLayout::Unsaid) => None,
+        }
+    }
+}

@@ -61,7 +61,7 @@ struct Record {
 impl Record {
     fn new(bits: &RecordBits, words: [u16; WORDS]) -> Self {
         let [address, word, data @ ..] = words;
-        let above = ((1_u32 << (bits.address - 16)) - 1) as u16;
+        let above = (((1_u32 << (bits.address - 16)) - 1) as u16) << bits.address_high;
         let kind = (1 << (bits.width - bits.kind)) - 1;
         let width = (1 << (bits.offset - bits.width)) - 1;
         let offset = (1 << OFFSET_BITS) - 1;
@@ -199,10 +199,12 @@ fn request(family: &Family, board: &Board) -> Result<Option<Request>, String> {
     if !user_area::has_room(family, first, WORDS * count) {
         return Err(format!("{count} variable write records at ${start:04X} go beyond the DPRAM's end"));
     }
+    let bits = function.record_by(board.identity.readings.write_record).unwrap_or(function.record);
     let records = (0..count).map(|index| {
         let words = std::array::from_fn(|word| dpram.read16(first.plus_words(WORDS * index + word)));
-        Record::new(&function.record, words)
+        Record::new(&bits, words)
     });
+    let records = records.take_while(|record| !(function.zero_ends && record.address == 0));
     Ok(Some((first, records.collect())))
 }
 

@@ -7,8 +7,7 @@ use std::time::{Duration, Instant};
 use crate::daemon::shared::queue::{Event, Outcome, Text, Ticket, at_once};
 use crate::device::{Bus, BusError};
 use crate::function::variable_write::{GivenUp, VariableWriter, WritePoll, WriteRecord};
-use crate::map::BufferLayout;
-use crate::map::readings::FieldData;
+use crate::map::{BufferLayout, Readings};
 
 /// How often to poll whether PMAC is done.
 const POLL_PERIOD: Duration = Duration::from_millis(1);
@@ -32,12 +31,17 @@ pub struct WriteQueue {
 }
 
 impl WriteQueue {
-    /// No records yet; they lie where the layout keeps room for them. `field` is how the board reads some bits' data.
+    /// No records yet; they lie where the layout keeps room for them. `readings` is how the board reads a record.
     #[must_use]
-    pub fn new(layout: &BufferLayout, field: FieldData, now: Instant) -> Self {
+    pub fn new(layout: &BufferLayout, readings: Readings, now: Instant) -> Self {
         let family = layout.family();
+        // Where the reading has to be said and is not, the socket takes no records.
+        let record = family.variable_write.record_by(readings.write_record);
+        let writer = VariableWriter::new(family, layout.variable_write())
+            .with_field(readings.variable_write_field)
+            .with_record(record.unwrap_or(family.variable_write.record));
         Self {
-            writer: VariableWriter::new(family, layout.variable_write()).with_field(field),
+            writer,
             waiting: VecDeque::with_capacity(at_once::WRITES),
             under_way: None,
             interrupted: None,
@@ -151,7 +155,7 @@ mod tests {
             file.set_len(family.length.into()).unwrap();
             let mut bus = FileBoard::from_file(&file, family.length as usize).unwrap();
             let now = Instant::now();
-            let mut queue = WriteQueue::new(&plan, FieldData::default(), now);
+            let mut queue = WriteQueue::new(&plan, Readings::default(), now);
             queue.submit(Ticket(1), Vec::new(), now, now);
             let Some(Event::Done(Ticket(1), Outcome::Refused(text))) = queue.poll(&mut bus, now).unwrap()
             else {
