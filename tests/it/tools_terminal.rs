@@ -300,6 +300,8 @@ fn b1_7_a_piped_terminal_notices_a_reset_between_two_lines() {
     stdin.write_all(b"P1=5\nP1\n").unwrap();
     assert_eq!(stdout.next().unwrap(), "5");
     site.control("reset");
+    // What is under way while the daemon notices the reset is given up, and told so.
+    site.run_for(Duration::from_millis(500));
     stdin.write_all(b"P2=6\nP2\n").unwrap();
     assert_eq!(stdout.next().unwrap(), "6");
     drop(stdin);
