@@ -2,8 +2,7 @@
 
 use std::fs::{File, OpenOptions};
 
-use tempfile::TempDir;
-
+#[cfg(any(feature = "cli", feature = "daemon"))]
 use crate::device::FileBoard;
 use crate::device::board::mapping::Mapping;
 use crate::map::{self, PmacAddress, Space};
@@ -38,7 +37,9 @@ pub fn board() -> Board {
 pub struct Bench {
     pub world: World,
     host: Mapping,
-    directory: TempDir,
+    /// Where its memory lies.
+    #[cfg(any(feature = "cli", feature = "daemon"))]
+    directory: tempfile::TempDir,
 }
 
 impl Bench {
@@ -56,7 +57,12 @@ impl Bench {
         let board = Board::new(memory, identity, None, None);
         let file: File = OpenOptions::new().read(true).write(true).open(&path).unwrap();
         let host = Mapping::new(&file, 0, tables.family.length as usize).unwrap();
-        Self { world: World::new(board), host, directory }
+        Self {
+            world: World::new(board),
+            host,
+            #[cfg(any(feature = "cli", feature = "daemon"))]
+            directory,
+        }
     }
 
     /// With the shipped start-up file.
@@ -67,6 +73,7 @@ impl Bench {
     }
 
     /// The memory as a host's driver opens it.
+    #[cfg(any(feature = "cli", feature = "daemon"))]
     pub fn bus(&self) -> FileBoard {
         let path = self.directory.path().join("dpram");
         let file = OpenOptions::new().read(true).write(true).open(path).unwrap();
