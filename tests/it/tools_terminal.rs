@@ -294,6 +294,8 @@ fn on_a_terminal_a_stream_shows_how_far_it_is() {
 fn b1_7_a_piped_terminal_notices_a_reset_between_two_lines() {
     let site = VirtualSite::running(&[], &[]);
     site.wait_for_identity();
+    // A reset shows when the board has run for longer before it than since.
+    site.run_for(Duration::from_secs(10));
     let mut child = piped(&site, &[]);
     let mut stdin = child.stdin.take().unwrap();
     let mut stdout = BufReader::new(child.stdout.take().unwrap()).lines().map(Result::unwrap);
