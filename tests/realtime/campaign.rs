@@ -36,10 +36,10 @@ const GROWTH_KIB: u64 = 256;
 /// What it takes besides when each function is used for the first time, the lines of a rotary buffer above all.
 const WARM_UP_KIB: u64 = 1024;
 
-/// Words of the host that a board would wait on for ever: Host-Busy, the command's flag and character, the enable masks of
-/// the panel, the counts of the variable tables.
-const HOST_WORDS: [(u64, u16); 5] =
-    [(0x0024, 1), (0x062C, 1), (0x062E, 0xFF), (0x07D0, 0xFFFF), (0x07D4, 0xFFFF)];
+/// Words of the host that a board would wait on for ever: Host-Busy, the command's flag and character, the panel's
+/// requests, the counts of the variable tables.
+const HOST_WORDS: [(u64, u16); 6] =
+    [(0x0000, 0xFFFF), (0x0024, 1), (0x062C, 1), (0x062E, 0xFF), (0x07D4, 0xFFFF), (0x07EC, 0xFFFF)];
 
 fn number(name: &str, default: u64) -> u64 {
     std::env::var(name).ok().and_then(|text| text.parse().ok()).unwrap_or(default)
