@@ -103,8 +103,8 @@ pub struct DpramPort {
     reply_end: ReplyEnd,
     /// The caller says which reply was the line's.
     open_ended: bool,
-    /// The last line of the reply so far.
-    last_line: Option<ResponseText>,
+    /// The last text that came, whosever it was: the board may leave it where it lies.
+    last_text: Option<ResponseText>,
     /// The board was seen to mark the last line of a reply itself, instead of an acknowledgement of its own.
     marks_last_line: bool,
 }
@@ -128,7 +128,7 @@ impl DpramPort {
             settles: false,
             reply_end: ReplyEnd::Ack,
             open_ended: false,
-            last_line: None,
+            last_text: None,
             marks_last_line: false,
         }
     }
@@ -201,7 +201,6 @@ impl DpramPort {
         self.length = line.len();
         self.end_follows = false;
         self.open_ended = false;
-        self.last_line = None;
         self.load(bus, 0)?;
         Ok(true)
     }
@@ -389,6 +388,10 @@ impl DpramPort {
         bus.order_reads();
         let text = self.read_response(bus, control)?;
         bus.order_reads();
+        let was_there = self.last_text == Some(text);
+        if !text.as_bytes().is_empty() {
+            self.last_text = Some(text);
+        }
         let stale = self.is_stale(bus, control, &text, now)?;
         bus.write16(self.words.response_control, 0)?;
         bus.order_writes();
@@ -400,7 +403,7 @@ impl DpramPort {
             response::TO_PROGRAM => AsciiEvent::ProgramResponse(text),
             response::MESSAGE => AsciiEvent::ProgramMessage(text),
             _ if stale => AsciiEvent::Stale(control),
-            _ => self.classify(control, text, now),
+            _ => self.classify(control, text, was_there, now),
         }))
     }
 
@@ -455,7 +458,8 @@ impl DpramPort {
     }
 
     /// Whose a response is that is not a program's.
-    fn classify(&mut self, control: u16, text: ResponseText, now: Instant) -> AsciiEvent {
+    /// Its text may be the one that `was_there` before.
+    fn classify(&mut self, control: u16, text: ResponseText, was_there: bool, now: Instant) -> AsciiEvent {
         match &mut self.state {
             State::Loaded { .. } => {}
             State::Replying { quiet_since } => *quiet_since = now,
@@ -470,15 +474,10 @@ impl DpramPort {
             State::Idle => return AsciiEvent::Stale(control),
         }
         match control {
-            response::LINE => {
-                self.last_line = Some(text);
-                AsciiEvent::Line(text)
-            }
+            response::LINE => AsciiEvent::Line(text),
             // Some firmware marks the last line itself instead of sending an empty acknowledgement. Other firmware may leave the
-            // last line's text where it is.
-            response::ACKNOWLEDGE
-                if !text.as_bytes().is_empty() && (self.marks_last_line || self.last_line != Some(text)) =>
-            {
+            // last text where it is, also that of an earlier reply.
+            response::ACKNOWLEDGE if !text.as_bytes().is_empty() && (self.marks_last_line || !was_there) => {
                 self.marks_last_line = true;
                 self.end_follows = true;
                 AsciiEvent::Line(text)

@@ -144,6 +144,11 @@ fn text_left_beside_an_acknowledgement_is_no_second_line() {
             rig.expect_line("25");
             rig.write(family.ascii.response_control, response::ACKNOWLEDGE);
             assert_eq!(rig.poll(), Some(AsciiEvent::Done(Ok(()))));
+            // Nor is it the reply to a line that has none.
+            assert!(rig.begin("P1=26"));
+            rig.take();
+            rig.write(family.ascii.response_control, response::ACKNOWLEDGE);
+            assert_eq!(rig.poll(), Some(AsciiEvent::Done(Ok(()))));
         }
         // A board that marks the last line itself gives equal ones twice.
         for (first, last) in [("2", "3"), ("0", "0")] {
