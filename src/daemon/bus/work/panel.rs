@@ -183,7 +183,8 @@ impl PanelQueue {
         }
         for waiting in &mut self.waiting {
             if waiting.request.is_stop() {
-                (waiting.dropped, waiting.before_kill) = (None, kills);
+                waiting.dropped = waiting.dropped.filter(|told| *told == Outcome::Done);
+                waiting.before_kill |= kills;
             } else {
                 waiting.dropped = waiting.dropped.or(Some(dropped));
             }
@@ -499,6 +500,7 @@ mod tests {
             assert!(queue.poll(&mut bus, now).unwrap().is_none());
             assert_eq!(mask(&mut bus), 0b1);
             queue.stop_all(&mut bus, 7, control::KILL).unwrap();
+            queue.stop_all(&mut bus, 7, control::ABORT).unwrap();
             assert_eq!(mask(&mut bus), 0, "withdrawn before ^K is written");
             queue.see_kill(Kill { is_under_way: true, taken: 0 });
             assert_eq!((told(&mut queue, &mut bus, now), mask(&mut bus)), (vec![], 0));
