@@ -178,10 +178,9 @@ impl CallTable {
         let mut refused = Vec::new();
         while let Some(turn) = self.queue.next() {
             let outcome = not_begun(turn.is_for_port(), held, now);
-            let is_step = self.sequence_of(turn.ticket).is_some();
             let Turn { ticket, mut command, audit } = turn;
             if let Command::Send { writer: Writer::Question, deadline, .. } = &mut command
-                && !is_step
+                && self.is_own_question(ticket)
             {
                 // How long it waited here says nothing about the board.
                 *deadline = now + QUESTION_TIMEOUT;
@@ -225,6 +224,12 @@ impl CallTable {
             Then::Sequence(number) => Some(number),
             _ => None,
         }
+    }
+
+    /// Whether `ticket` is a question that the daemon asks for a call's sake.
+    fn is_own_question(&self, ticket: Ticket) -> bool {
+        let is_callers = |then: &Then| matches!(then, Then::Sequence(_) | Then::ReplyLines);
+        self.pending.get(&ticket).is_some_and(|pending| !is_callers(&pending.then))
     }
 
     /// Takes out the calls whose time is over, each with how it ended. Lines wait while the port is `held`.
