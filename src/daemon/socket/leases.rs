@@ -129,10 +129,12 @@ impl Leases {
         (lease.over, lease.moved, lease.stands) = (None, 0, None);
     }
 
-    /// Who else than `client` holds one of the motors in `mask`, and which of them.
-    pub(super) fn held_by_another(&self, client: u64, mask: u32) -> Option<(Account, u32)> {
+    /// Who else than `client` holds one of the motors in `mask`, and which of them. `None` for a jog that nobody holds any more,
+    /// whose stop the board has not taken yet.
+    pub(super) fn held_by_another(&self, client: u64, mask: u32) -> Option<(Option<Account>, u32)> {
         let others = self.held.iter().filter(|(other, lease)| **other != client && lease.over.is_none());
-        others.map(|(_, lease)| (lease.holder, lease.motors & mask)).find(|(_, held)| *held != 0)
+        let holder = |client: u64, lease: &Lease| (client != NOBODY).then_some(lease.holder);
+        others.map(|(other, lease)| (holder(*other, lease), lease.motors & mask)).find(|(_, held)| *held != 0)
     }
 
     /// `by`, who called over the connection `client`, has had the motors in `mask` stopped. A jog that somebody else holds of them is
@@ -407,6 +409,7 @@ mod tests {
         assert_eq!(leases.request_over(Ticket(1), Outcome::TimedOut), Some(stop));
         leases.stop_again(stop, now);
         assert_eq!(leases.next_end(), Some(now + STOP_AGAIN), "it comes again");
+        assert_eq!(leases.held_by_another(7, stop), Some((None, stop)), "nobody holds it");
         assert!(leases.end_all(now, |_| Some(Ticket(99))) && leases.next_end().is_none());
     }
 
@@ -460,7 +463,7 @@ mod tests {
         let mut leases = Leases::default();
         leases.begin(7, HOLDER, 0b11, now + LEASE);
         leases.begin(8, HOLDER, 0b100, now + LEASE);
-        assert_eq!(leases.held_by_another(9, 0b10), Some((HOLDER, 0b10)));
+        assert_eq!(leases.held_by_another(9, 0b10), Some((Some(HOLDER), 0b10)));
         assert_eq!((leases.held_by_another(7, 0b11), leases.held_by_another(9, 0b1000)), (None, None));
         let by = Account { uid: 1001, pid: 6 };
         leases.stopped_by_another(7, by, 0b1, now);

@@ -551,13 +551,17 @@ fn lease_over(end: Option<LeaseEnd>) -> CallError {
 }
 
 /// What a client is told who would move a motor that another one holds.
-fn held_by_another(holder: Account, motors: u32) -> CallError {
+fn held_by_another(holder: Option<Account>, motors: u32) -> CallError {
     let held = Target::Motors(motors);
-    CallError::Refused {
-        reason: format!(
-            "{holder} holds a jog of {held}; nothing was sent; panel jog-stop or abort ends that"
+    let reason = match holder {
+        Some(holder) => {
+            format!("{holder} holds a jog of {held}; nothing was sent; panel jog-stop or abort ends that")
+        }
+        None => format!(
+            "the board has not taken the stop of {held} yet, which pmacd requests again; nothing was sent; abort stops it"
         ),
-    }
+    };
+    CallError::Refused { reason }
 }
 
 /// What a client is told whose held jog was over before it was sent to the board.
