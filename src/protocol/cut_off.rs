@@ -6,7 +6,8 @@ use super::{CallError, control};
 /// The I-variable that switches command lines through the DPRAM on, in every family.
 const ENABLE: u32 = 58;
 
-/// Whether `line` ends command lines: I58 with any other value than 1 does (DPRAM manual p. 28).
+/// Whether `line` ends command lines: I58 with any other value than 1 does (DPRAM manual p. 28). A line that sets a variable
+/// whose number is an expression passes: programs have them, and few mean I58.
 #[must_use]
 pub fn line_cuts_off(line: &str) -> bool {
     settings(line.as_bytes()).any(|setting| setting.numbers.has(ENABLE) && setting.value != Some(1))
@@ -44,6 +45,7 @@ mod tests {
             "I58=*",
             "I50..60=0",
             "I8,6,10=0",
+            "I(58)=0",
             "I58=1-1",
             "I55=1 I50..58=2",
         ] {
@@ -61,6 +63,8 @@ mod tests {
             "I48,2,11=0 I58=1",
             "I0..99=1",
             "I58=1#1J+",
+            "I(57)=0",
+            "I(P1)=0",
         ] {
             assert!(!line_cuts_off(line), "{line}");
         }

@@ -15,7 +15,7 @@ pub enum Numbers {
 }
 
 impl Numbers {
-    /// Whether variable `number` is among them, as far as can be told.
+    /// Whether variable `number` is among them. Of an expression nobody can tell: it counts as no.
     #[must_use]
     pub const fn has(self, number: u32) -> bool {
         match self {
@@ -107,6 +107,13 @@ fn setting_at(line: &[u8], at: usize) -> Option<(Setting, usize)> {
         }
         Some(one) => Numbers::One(one),
         None if reader.takes(b"(") => {
+            let inside = reader.at;
+            if let Some(one) = reader.number()
+                && reader.takes(b")")
+            {
+                return value_behind(reader, Numbers::One(one));
+            }
+            reader.at = inside;
             let mut depth = 1;
             while depth > 0 {
                 match reader.peek()? {
@@ -120,6 +127,11 @@ fn setting_at(line: &[u8], at: usize) -> Option<(Setting, usize)> {
         }
         None => return None,
     };
+    value_behind(reader, numbers)
+}
+
+/// The assignment to `numbers`, of which what is behind them is to be read, and where it ends.
+fn value_behind(mut reader: Reader<'_>, numbers: Numbers) -> Option<(Setting, usize)> {
     if !reader.takes(b"=") || reader.peek() == Some(b'=') {
         return None;
     }
@@ -148,6 +160,10 @@ mod tests {
             ("I108,8,100=96", vec![(Range(108, 808, 100), Some(96))]),
             ("I1,2=3", vec![(Range(1, 2, 1), Some(3))]),
             ("I(P1+(2))=7", vec![(Unknown, Some(7))]),
+            (
+                "I(58)=0 I( 5 9 )=8 I(58+1)=1",
+                vec![(One(58), Some(0)), (One(59), Some(8)), (Unknown, Some(1))],
+            ),
             ("I58=$0", vec![(One(58), None)]),
             ("I58=P1", vec![(One(58), None)]),
             ("I58=1&0 I2=1.0 I3=*", vec![(One(58), None), (One(2), None), (One(3), None)]),
