@@ -21,7 +21,7 @@ use crate::segment::{Identity, UserUnit};
 const PATIENCE: Duration = Duration::from_secs(5);
 /// The unit that every motor has.
 const COUNTS: &str = "counts";
-/// A position of a motor is a number of 48 bits in 1/(Ix08*32) counts, so with the default Ix08 of 96 this is as far as it goes.
+/// As far as PMAC's software limits go: 2^35 counts (Software Reference p. 72).
 const FARTHEST: f64 = 34_359_738_368.0;
 
 /// `jog`.
