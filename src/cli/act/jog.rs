@@ -143,8 +143,10 @@ fn constant(counts: f64) -> String {
 fn send(connection: &mut Connection, number: u8, target: f64) -> Result<(), Failure> {
     let addressed: Option<u32> =
         connection.question("#", PATIENCE)?.first().and_then(|line| line.trim().parse().ok());
-    let back = addressed.map(|addressed| format!("#{addressed}")).unwrap_or_default();
-    let line = format!("#{number}J={}{back}", constant(target));
+    let addressed = addressed.ok_or_else(|| {
+        Failure::Refused("the board does not say which motor is addressed; nothing was sent".to_owned())
+    })?;
+    let line = format!("#{number}J={}#{addressed}", constant(target));
     match connection.question(&line, PATIENCE).map_err(LineError::from) {
         Ok(_) => Ok(()),
         Err(LineError::Uncertain { failure, .. }) => {
