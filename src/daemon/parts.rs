@@ -78,8 +78,8 @@ impl Parts {
         if ![Function::Servo, Function::Background].iter().any(|function| reading.functions.has(*function)) {
             identifier = identifier.without_reports();
         }
-        let ports =
-            CommandPorts::new(settings.family, settings.text_order, mailbox, now).after_another_host(now);
+        let ports = CommandPorts::new(settings.family, settings.text_order, mailbox, now);
+        let ports = if asks { ports.after_another_host(now) } else { ports.silent_until_used() };
         let (layout, mode) = (settings.board_settings.layout(), settings.board_settings.variable_mode());
         let functions = FunctionTable::new(
             ServoMirror::selecting(

@@ -3,6 +3,7 @@
 use std::fs;
 use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
+use std::time::Duration;
 
 use crate::support::rig::pmacctl;
 use crate::support::{PATIENCE, VirtualSite};
@@ -149,6 +150,8 @@ fn a_port_that_was_not_used_is_told_as_unknown() {
     site.start_simulator(&["--dpram-startup"]);
     site.start_daemon(&["--config", config.to_str().unwrap()]);
     site.wait_for_live_servo();
+    site.run_for(Duration::from_secs(5));
+    assert_eq!(site.status()["commands"], 0, "the board was not to be asked");
     let commands = || {
         let stdout = site.pmacctl(&["doctor"]).1;
         stdout.lines().find(|line| line.contains("commands ")).unwrap_or_default().to_owned()

@@ -68,6 +68,8 @@ pub struct CommandPorts {
     responses: u64,
     /// A command was given up, here or by the host before, and no line of our own has been answered since.
     in_doubt: bool,
+    /// Nobody has sent the board anything yet, and it is not asked of its own accord.
+    is_unused: bool,
 }
 
 impl CommandPorts {
@@ -90,15 +92,34 @@ impl CommandPorts {
             buffer_answer: None,
             responses: 0,
             in_doubt: false,
+            is_unused: false,
         }
     }
 
     /// Another host may have left the board at a line; see [`DpramPort::hold`].
     #[must_use]
     pub fn after_another_host(mut self, now: Instant) -> Self {
+        self.hold(now);
+        self
+    }
+
+    /// The same, but the board is asked nothing before somebody sends it something.
+    #[must_use]
+    pub const fn silent_until_used(mut self) -> Self {
+        self.is_unused = true;
+        self
+    }
+
+    /// Somebody sends the board something.
+    pub fn begin_use(&mut self, now: Instant) {
+        if std::mem::take(&mut self.is_unused) {
+            self.hold(now);
+        }
+    }
+
+    fn hold(&mut self, now: Instant) {
         self.dpram.hold(now);
         self.in_doubt = true;
-        self
     }
 
     /// Whether the board may still be at a command given up, whose reply would be taken for the next one's. A line of our own,

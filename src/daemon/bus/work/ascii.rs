@@ -255,6 +255,7 @@ impl AsciiQueue {
 
     /// Takes a line or control character in.
     pub fn submit(&mut self, command: &Command, now: Instant) {
+        self.ports.begin_use(now);
         match *command {
             Command::Send { ticket, line, origin, deadline, writer } => {
                 if ScaleDoubts::of_line(line.as_bytes()).is_some() {
