@@ -9,9 +9,9 @@ use pmac_dpram::protocol::CallError;
 use pmac_dpram::protocol::board::{LineOutcome, RunLinesReply};
 use serde_json::{Value, json};
 
-use crate::support::VirtualSite;
 use crate::support::raw::{Raw, call, error_name};
 use crate::support::rig::Ran;
+use crate::support::{PATIENCE, VirtualSite};
 
 const DOWNLOAD: LinesOptions<'_> =
     LinesOptions { kind: "download", timeout: Duration::from_secs(5), keep_going: false };
@@ -43,7 +43,8 @@ fn begin(site: &VirtualSite, lines: &[&str]) -> Raw {
 /// With a buffer open it would be no question.
 #[track_caller]
 fn assert_closed(site: &VirtualSite) {
-    site.wait_until("the buffer to be closed", || site.ask("P5") == ["7"]);
+    let answer = || site.connection().send("P5", PATIENCE);
+    site.wait_until("the buffer to be closed", || answer().is_ok_and(|lines| lines == ["7"]));
 }
 
 #[test]
