@@ -155,8 +155,8 @@ impl Bench<'_> {
         match how {
             0 => self.functions.ascii.queue_mut().reset(&mut self.bus, self.clock.now()).unwrap(),
             1 => self.functions.ascii.queue_mut().doubt(self.clock.now()),
-            2 => self.functions.ascii.queue_mut().see_buffer(Some(true), u64::MAX),
-            3 => self.functions.ascii.queue_mut().see_buffer(Some(false), u64::MAX),
+            2 => self.functions.ascii.queue_mut().see_buffer(Some((true, u64::MAX))),
+            3 => self.functions.ascii.queue_mut().see_buffer(Some((false, u64::MAX))),
             4 => self.functions.ascii.queue_mut().set_interrupt(true),
             5 => self.in_context(|functions, context| functions.reset(context).unwrap()),
             6 => {

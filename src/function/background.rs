@@ -14,7 +14,7 @@
 use std::ops::Range;
 
 use crate::device::{Bus, BusError};
-use crate::map::{BackgroundBlock, Selection};
+use crate::map::{BackgroundBlock, Flag, Selection};
 
 /// What a poll of the background report gave.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -77,6 +77,23 @@ impl BackgroundReader {
     pub fn image(&self) -> &[u16] {
         let numbers = self.selection.last_number(self.numbers);
         &self.image[..self.block.blocks.words_from(self.block.region.start, numbers)]
+    }
+
+    /// Whether a program buffer was open on the board at the last report, as the copy of its global status says; `None` where
+    /// the report does not tell.
+    #[must_use]
+    pub fn program_buffer_open(&self) -> Option<bool> {
+        self.block.program_buffer_open.map(|flag| self.is_set(flag))
+    }
+
+    /// Whether the board gathered data at the last report, as the same copy says.
+    #[must_use]
+    pub fn gathering(&self) -> bool {
+        self.block.gathering.is_some_and(|flag| self.is_set(flag))
+    }
+
+    fn is_set(&self, flag: Flag) -> bool {
+        self.image.get(self.block.index(flag.word)).is_some_and(|word| flag.is_set(*word))
     }
 
     /// Gives up whatever is in the buffer, so that the next report is a new one, and holds PMAC off no more.

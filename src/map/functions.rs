@@ -213,6 +213,10 @@ pub struct BackgroundBlock {
     pub ports: [HostOffset; 3],
     /// The longs with the words of `???`, in the order of that reply; `None` where the report has none.
     pub global_status: Option<[HostOffset; 2]>,
+    /// In one of those: a motion, rotary or PLC buffer is open, so that a command line is a program line.
+    pub program_buffer_open: Option<Flag>,
+    /// In one of those: data are gathered.
+    pub gathering: Option<Flag>,
     /// What the blocks' numbers count.
     pub numbers: NumberKind,
     /// The blocks.

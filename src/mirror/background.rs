@@ -43,6 +43,21 @@ pub struct BackgroundMirror {
     last_poll_ns: u64,
     /// A report is asked for.
     asked: Option<Asked>,
+    /// What the last one tells of the whole board.
+    told: Told,
+    /// Reports published so far.
+    reports: u64,
+}
+
+/// What a report tells of the whole board.
+#[derive(Debug, Clone, Copy, Default)]
+struct Told {
+    /// The report's time.
+    time_ns: u64,
+    /// A program buffer is open; `None` where the report does not tell.
+    program_buffer: Option<bool>,
+    /// Data are gathered.
+    gathers: bool,
 }
 
 /// A report that was asked for.
@@ -74,6 +89,8 @@ impl BackgroundMirror {
             due_ns: 0,
             last_poll_ns: 0,
             asked: None,
+            told: Told::default(),
+            reports: 0,
         }
     }
 
@@ -104,6 +121,26 @@ impl BackgroundMirror {
     #[must_use]
     pub fn is_live(&self) -> bool {
         self.freshness.is_live()
+    }
+
+    /// Whether a program buffer is open on the board; `None` where no report tells that is at most `age_ns` old at `now`.
+    #[must_use]
+    pub fn program_buffer_open(&self, now: u64, age_ns: u64) -> Option<bool> {
+        // Of reports that come more seldom nobody looks in time whether they have become too old.
+        let is_new = self.period_ns <= age_ns && now.saturating_sub(self.told.time_ns) <= age_ns;
+        self.told.program_buffer.filter(|_| self.is_live() && is_new)
+    }
+
+    /// Whether the board gathers data, as far as the reports tell: not while none come.
+    #[must_use]
+    pub fn gathering(&self) -> bool {
+        self.is_live() && self.told.gathers
+    }
+
+    /// Reports published so far.
+    #[must_use]
+    pub fn reports(&self) -> u64 {
+        self.reports
     }
 
     /// Reports are stale after this time.
@@ -189,6 +226,12 @@ impl BackgroundMirror {
                     self.reader.image(),
                 );
                 publisher.counters().add(Counter::BackgroundUpdates, 1);
+                self.reports += 1;
+                self.told = Told {
+                    time_ns,
+                    program_buffer: self.reader.program_buffer_open(),
+                    gathers: self.reader.gathering(),
+                };
                 self.due_ns = (at_ns + self.period_ns).max(now);
                 let transition = self.freshness.on_update(now);
                 if transition.is_some() {

@@ -46,7 +46,7 @@ bitflags::bitflags! {
         const ASCII = 1 << 2;
         /// The interrupt that announces a reply (I56).
         const INTERRUPT = 1 << 3;
-        /// Data gathering, as the servo data tell.
+        /// Data gathering, as the report tells that has the board's global status.
         const GATHER = 1 << 4;
     }
 }

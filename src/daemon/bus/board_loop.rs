@@ -191,12 +191,13 @@ impl BoardLoop {
     fn tell_clients(&mut self, with_counts: bool) {
         let FunctionTable { servo, background, ascii, .. } = &self.functions;
         let queue = ascii.queue();
+        let program_buffer = self.functions.program_buffer_open().map(|(open, _)| open);
         let mut enabled = Enabled::empty();
         enabled.set(Enabled::SERVO, servo.is_live());
         enabled.set(Enabled::BACKGROUND, background.is_live());
         enabled.set(Enabled::ASCII, queue.state() == CommandState::Answers);
         enabled.set(Enabled::INTERRUPT, queue.has_interrupt());
-        enabled.set(Enabled::GATHER, servo.gathering());
+        enabled.set(Enabled::GATHER, servo.gathering() || background.gathering());
         self.reporter.note(|status| {
             status.enabled = enabled;
             status.enabling = queue.identifier.enabling();
@@ -205,7 +206,7 @@ impl BoardLoop {
             (status.buffer, status.held) = queue.standing();
             status.open_loops = self.functions.open_loops();
             status.motion = servo.motion();
-            status.program_buffer = servo.program_buffer_open();
+            status.program_buffer = program_buffer;
             status.host_port = ascii.host_port_counts().unwrap_or(status.host_port);
         });
         self.reporter.send(self.connections.intake.events(), with_counts);
@@ -274,9 +275,7 @@ impl BoardLoop {
                         self.functions.ascii.queue_mut().identifier.ask_again(self.clock.now());
                     }
                 }
-                let servo = &self.functions.servo;
-                let (open, report) = (servo.program_buffer_open(), servo.updates());
-                self.functions.ascii.queue_mut().see_buffer(open, report);
+                self.functions.see_buffer();
                 if was_reset {
                     info!("the board was reset, or its memory cleared");
                     self.after_reset(!self.presence.is_reset_known())?;
@@ -290,6 +289,7 @@ impl BoardLoop {
                         self.doubt_board();
                     }
                 }
+                self.functions.see_buffer();
             }
             Function::Ascii => {
                 let queue = self.functions.ascii.queue();

@@ -15,6 +15,7 @@ use crate::daemon::bus::work::rotary::RotaryQueue;
 use crate::daemon::bus::work::variables::Variables;
 use crate::daemon::bus::work::write::WriteQueue;
 use crate::daemon::shared::job::{Job, MaskedWord};
+use crate::daemon::shared::open_buffer::{ANSWER_AGE, ASKED_REPORT};
 use crate::daemon::shared::queue::{Event, Outcome, Text, Ticket};
 use crate::device::{Bus, BusError};
 use crate::function::rotary::RotarySetup;
@@ -173,6 +174,24 @@ impl FunctionTable {
     #[must_use]
     pub fn open_loops(&self) -> u32 {
         self.panel.as_ref().map_or(0, |panel| panel.open_loops())
+    }
+
+    /// Whether a program buffer is open on the board, and the number of the report that says it; `None` while no report tells.
+    #[must_use]
+    pub fn program_buffer_open(&self) -> Option<(bool, u64)> {
+        let Self { servo, background, clock, .. } = self;
+        let age_ns = u64::try_from(ANSWER_AGE.as_nanos()).unwrap_or(u64::MAX);
+        let by_servo = servo.program_buffer_open().map(|open| (open, servo.updates()));
+        by_servo.or_else(|| {
+            let open = background.program_buffer_open(clock.ns(), age_ns)?;
+            Some((open, background.reports().saturating_mul(ASKED_REPORT)))
+        })
+    }
+
+    /// Tells the command lines what the reports say of program buffers.
+    pub fn see_buffer(&mut self) {
+        let told = self.program_buffer_open();
+        self.ascii.queue_mut().see_buffer(told);
     }
 
     /// Whether a function is used.

@@ -5,8 +5,9 @@
 //! only the user who opened a buffer by hand, or the sequence that did, writes into it.
 //!
 //! The lines tell what they open, the board's status tells the rest: bits 19, 18 and 17 of the second word of `???` are a
-//! motion, a rotary and a PLC buffer that is open (`Y:$0003`, which the servo report copies), whoever opened it. Where no
-//! servo report comes, the board is asked by [`QUESTION`].
+//! motion, a rotary and a PLC buffer that is open (`Y:$0003`, which the servo report copies), whoever opened it. On Turbo boards
+//! the background report copies that word (`Y:$000006`), and bit 20 is a binary rotary buffer (Turbo Software Reference p. 290).
+//! Where no such report comes, the board is asked by [`QUESTION`].
 
 mod line;
 
@@ -27,6 +28,9 @@ pub const ANSWER_AGE: Duration = Duration::from_millis(200);
 /// Servo reports after a line that are not believed when they say otherwise: the board may have made them before it took the
 /// line.
 const OLD_REPORTS: u64 = 50;
+/// A report that the host asks for counts as so many: the one under way at a line may be older than it, the next one is asked for
+/// after it.
+pub const ASKED_REPORT: u64 = OLD_REPORTS / 2;
 
 /// ^L, which closes the rotary buffers as `CLOSE` does.
 const CLOSE_ROTARY: u8 = 12;
@@ -121,7 +125,7 @@ pub struct OpenBuffer {
     opened_before: Option<Opened>,
     /// The board says that one is open, whoever opened it.
     seen: bool,
-    /// Servo reports come, and tell.
+    /// Reports come, and tell.
     has_reports: bool,
     /// When the board was asked last.
     asked: Option<Instant>,

@@ -64,7 +64,7 @@ pub struct BoardStatus {
     pub open_loops: u32,
     /// Which motors move.
     pub motion: Motion,
-    /// Whether a program buffer is open, as the servo report tells; `None` while no report tells.
+    /// Whether a program buffer is open, as a report tells; `None` while no report tells.
     pub program_buffer: Option<bool>,
     /// What the host port's interrupts have come to.
     pub host_port: HostPortCounts,

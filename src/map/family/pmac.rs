@@ -285,6 +285,8 @@ pub const BACKGROUND_REPORT: BackgroundBlock = BackgroundBlock {
     global: Run { first: BACKGROUND_PANEL_PORT, words: 6 },
     ports: [BACKGROUND_PANEL_PORT, BACKGROUND_THUMBWHEEL_PORT, BACKGROUND_MACHINE_PORT],
     global_status: None,
+    program_buffer_open: None,
+    gathering: None,
     numbers: NumberKind::MotorOrCoordinateSystem,
     blocks: Blocks { count: MOTORS, first: BACKGROUND_BLOCK, words: BACKGROUND_BLOCK_WORDS },
 };

@@ -8,7 +8,7 @@ use crate::map::functions::{
     AsciiPort, BackgroundBlock, Blocks, BusyRule, EntryBits, Flag, IVariables, RecordBits, ReportStart,
     RotaryHeaders, Run, ServoBlock, StartRule, Timer, VariableRead, VariableWrite,
 };
-use crate::map::{GatherPlace, HostOffset, NumberKind, Region};
+use crate::map::{Function, GatherPlace, HostOffset, NumberKind, Region};
 
 /// The PMAC address of the first DPRAM location (TUM p. 402).
 pub const BASE: u32 = 0x06_0000;
@@ -121,6 +121,11 @@ pub const BACKGROUND_THUMBWHEEL_PORT: HostOffset = at(0x0684);
 pub const BACKGROUND_GLOBAL_STATUS_Y: HostOffset = at(0x0688);
 /// Copy of X:$000006, the first word of `???`; a long.
 pub const BACKGROUND_GLOBAL_STATUS_X: HostOffset = at(0x068C);
+/// In the high word of [`BACKGROUND_GLOBAL_STATUS_Y`] (bits 20 to 17 there; TSRM p. 290): a binary rotary, motion, rotary or
+/// PLC buffer is open.
+pub const PROGRAM_BUFFER_OPEN: u16 = 0b1111 << 1;
+/// In the high word of [`BACKGROUND_GLOBAL_STATUS_X`] (bit 19 there): data are gathered.
+pub const GATHERING: u16 = 1 << 3;
 /// Three longs without a documented use.
 pub const BACKGROUND_GLOBAL_SPARE: HostOffset = at(0x0690);
 /// The block of coordinate system 1; the others follow without a gap.
@@ -276,6 +281,11 @@ pub const BACKGROUND_REPORT: BackgroundBlock = BackgroundBlock {
     global: Run { first: BACKGROUND_PANEL_PORT, words: 10 },
     ports: [BACKGROUND_PANEL_PORT, BACKGROUND_THUMBWHEEL_PORT, BACKGROUND_MACHINE_PORT],
     global_status: Some([BACKGROUND_GLOBAL_STATUS_X, BACKGROUND_GLOBAL_STATUS_Y]),
+    program_buffer_open: Some(Flag {
+        word: BACKGROUND_GLOBAL_STATUS_Y.plus_words(1),
+        mask: PROGRAM_BUFFER_OPEN,
+    }),
+    gathering: Some(Flag { word: BACKGROUND_GLOBAL_STATUS_X.plus_words(1), mask: GATHERING }),
     numbers: NumberKind::CoordinateSystem,
     blocks: Blocks { count: SYSTEMS, first: BACKGROUND_SYSTEM, words: BACKGROUND_SYSTEM_STRIDE as usize / 2 },
 };
@@ -337,6 +347,9 @@ pub const ROTARY_BUFFERS: RotaryHeaders =
 
 /// Data gathering.
 pub const GATHER: GatherPlace = GatherPlace { size: GATHER_SIZE, index: GATHER_INDEX, buffer: USER_START };
+
+/// What `pmacd` uses on these boards.
+pub const FUNCTIONS: &[Function] = &[Function::Ascii, Function::Servo, Function::Background];
 
 /// The I-variables of the functions (TUM p. 400-410; gathering TSRM p. 170-171). A control panel has none that is known, nor
 /// has the transfer of rotary buffers.

@@ -26,7 +26,7 @@ impl Rig {
     /// Servo reports come, and say that no program buffer is open.
     fn new() -> Self {
         let mut rig = Self::without_reports();
-        rig.queue.see_buffer(Some(false), 1);
+        rig.queue.see_buffer(Some((false, 1)));
         rig
     }
 
@@ -261,7 +261,7 @@ fn b2_1_a_new_daemons_line_is_not_the_old_ones() {
     let ports = CommandPorts::new(&PMAC, TextOrder::LowFirst, None, rig.now).after_another_host(rig.now);
     let identifier = Identifier::new(&PMAC, Identity::default(), false, rig.now);
     rig.queue = AsciiQueue::new(ports, identifier, Clock::real());
-    rig.queue.see_buffer(Some(false), 1);
+    rig.queue.see_buffer(Some((false, 1)));
     rig.queue.take_over(&mut rig.bus).unwrap();
     rig.poll();
     rig.free_port();
@@ -365,7 +365,7 @@ fn b1_2_what_may_have_entered_a_buffer_is_not_told_as_done() {
     rig.poll();
     assert_eq!(rig.take(), "P5=7");
     // The serial port was a little sooner.
-    rig.queue.see_buffer(Some(true), 2);
+    rig.queue.see_buffer(Some((true, 2)));
     rig.respond(response::ACKNOWLEDGE);
     let reason = Text::of(&Barred::Open(None).too_late());
     assert_eq!(rig.ended(), [(1, Outcome::Interrupted(reason))]);

@@ -1,4 +1,4 @@
-//! Whether a program buffer is open: the servo report tells, or else the board is asked before a line that might enter it.
+//! Whether a program buffer is open: a report of the board tells, or else the board is asked before a line that might enter it.
 //!
 //! Only callers' lines and our own questions wait for the answer. Control characters do not, nor what stores nothing.
 
@@ -36,11 +36,11 @@ impl BufferQuestion {
 }
 
 impl AsciiQueue {
-    /// What report number `report` of the board says of its program buffers, which others may open too; nothing while none
+    /// What a report of the board, of this number, says of its program buffers, which others may open too; nothing while none
     /// comes.
-    pub fn see_buffer(&mut self, open: Option<bool>, report: u64) {
-        match open {
-            Some(open) => self.buffer.see(open, report),
+    pub fn see_buffer(&mut self, told: Option<(bool, u64)>) {
+        match told {
+            Some((open, report)) => self.buffer.see(open, report),
             None => self.buffer.unsee(),
         }
     }
