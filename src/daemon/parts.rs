@@ -171,12 +171,22 @@ fn configured_identity(settings: &Settings) -> Identity {
         servo_period_ps: settings.i10.map(servo_period_ps),
         i10: settings.i10,
         servo_report_cycles: settings.i19,
-        motor_mask: settings.motors.map(first_motors),
+        motor_mask: motor_mask(settings),
         firmware: settings.firmware.as_deref().map(Into::into),
         ..Identity::default()
     };
     settings.motor_names.iter().for_each(|motor| motor.tell(&mut identity));
     identity
+}
+
+/// The motors that are reported, as far as that is known without asking: where the host chooses them, those that are read.
+fn motor_mask(settings: &Settings) -> Option<u32> {
+    let Settings { family, motors, .. } = settings;
+    if family.servo.mask.is_none() {
+        return motors.map(first_motors);
+    }
+    let read = settings.board_settings.settings().servo.selection(family);
+    Some(read.mask(motors.map_or(family.motors, |motors| motors as usize)))
 }
 
 fn board_info(settings: &Settings, publisher: &Publisher) -> BoardInfo {

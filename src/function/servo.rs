@@ -300,9 +300,7 @@ impl ServoReader {
 
     /// The motors that are read, bit n-1 for motor n.
     fn masked(&self) -> u32 {
-        let motors = 1..=self.block.motors.count.min(32);
-        let read = self.reported();
-        motors.filter(|motor| read.has_number(*motor)).fold(0, |mask, motor| mask | 1 << (motor - 1))
+        self.reported().mask(self.block.motors.count)
     }
 
     /// Whether the host clears PMAC's flag.

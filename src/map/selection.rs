@@ -68,6 +68,13 @@ impl Selection {
         number.checked_sub(1).and_then(bit).is_some_and(|bit| self.numbers & bit != 0)
     }
 
+    /// Which of the first `count` numbers, at most 32, are read: bit k-1 for number k.
+    #[must_use]
+    pub const fn mask(self, count: usize) -> u32 {
+        let all = if count < 32 { (1 << count) - 1 } else { u32::MAX };
+        self.numbers as u32 & all
+    }
+
     /// How many of the first `count` numbers have to be there for the last one that is read.
     #[must_use]
     pub fn last_number(self, count: usize) -> usize {
@@ -158,6 +165,7 @@ mod tests {
         assert!(selection.has_number(3) && selection.has_number(64));
         assert!(!selection.has_number(0) && !selection.has_number(65) && !selection.has_number(usize::MAX));
         assert!(!selection.has_words(usize::MAX - 1, 1));
+        assert_eq!((selection.mask(32), selection.mask(2), Selection::ALL.mask(32)), (0b100, 0, u32::MAX));
         assert_eq!(selection.among(0b1110), Selection::new([4..8, 60..64], [3]));
     }
 

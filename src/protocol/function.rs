@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::map::Function;
+use crate::map::{Family, Function};
 
 /// The functions that are used, every one unless told otherwise. One that is not makes no bus access at all.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -16,6 +16,36 @@ impl Default for Functions {
 }
 
 impl Functions {
+    /// Every one that `pmacd` can use on a board of `family`.
+    #[must_use]
+    pub fn all(family: &Family) -> Self {
+        Self(family.functions.to_vec())
+    }
+
+    /// The first of them that `pmacd` cannot use on a board of `family`, and its place in the list.
+    #[must_use]
+    pub fn impossible(&self, family: &Family) -> Option<(usize, Function)> {
+        let mut functions = self.0.iter().copied().enumerate();
+        functions.find(|(_, function)| !family.functions.contains(function))
+    }
+
+    /// Why `function` is not used on a board of `family`.
+    #[must_use]
+    pub fn why_not(function: Function, family: &Family) -> String {
+        let name = function.name();
+        if family.functions.contains(&function) {
+            return format!(
+                "the function `{name}` is switched off: `functions` in the daemon's configuration leaves it out"
+            );
+        }
+        let there_are = family.functions.iter().map(|function| function.name()).collect::<Vec<_>>();
+        format!(
+            "pmacd cannot use the function `{name}` on a {} yet; it can use {}",
+            family.title,
+            there_are.join(", ")
+        )
+    }
+
     /// Whether `function` is used.
     #[must_use]
     pub fn has(&self, function: Function) -> bool {

@@ -56,6 +56,7 @@ mod stops;
 mod tools;
 mod tools_serial;
 mod tools_terminal;
+mod turbo;
 mod two_hosts;
 mod uncertain;
 mod variables;

@@ -3,7 +3,7 @@
 use std::collections::HashMap;
 
 use pmac_dpram::function::panel::PanelAction;
-use pmac_dpram::map::{FAMILIES, Family, PMAC, SERVED};
+use pmac_dpram::map::{FAMILIES, Family, PMAC, TURBO2};
 use pmac_dpram::protocol::{BackgroundSettings, Function, ServoSettings};
 use pmac_dpram::sim::control::COMMANDS;
 use pmac_dpram::sim::fault::faults;
@@ -76,13 +76,18 @@ fn the_lists_of_names_are_the_codes_own() {
         assert_eq!(listed(page, "ROLES"), ["observe", "stop", "operate", "engineer"], "{page}");
     }
     let names = |families: &[&Family]| families.iter().map(|family| family.name).collect::<Vec<_>>();
-    for page in ["pmacctl-map.1", "pmacctl-decode.1", "pmacctl-read.1", "pmacctl-setup.1"] {
+    for page in ["pmacctl-map.1", "pmacctl-decode.1", "pmacctl-read.1", "pmacctl-setup.1", "pmacd.toml.5"] {
         assert_eq!(listed(page, "FAMILIES"), names(FAMILIES), "{page}");
     }
-    assert_eq!(listed("pmacd.toml.5", "FAMILIES"), names(SERVED));
     assert_eq!(listed("pmacctl-panel.1", "ACTIONS"), PanelAction::ALL.map(PanelAction::name));
     assert_eq!(listed("pmacd.toml.5", "SERVO FIELDS"), ServoSettings::all(&PMAC).fields);
     assert_eq!(listed("pmacd.toml.5", "BACKGROUND FIELDS"), BackgroundSettings::all(&PMAC).fields);
+    for (title, fields) in [
+        ("SERVO FIELDS OF TURBO BOARDS", ServoSettings::all(&TURBO2).fields),
+        ("BACKGROUND FIELDS OF TURBO BOARDS", BackgroundSettings::all(&TURBO2).fields),
+    ] {
+        assert_eq!(listed("pmacd.toml.5", title), fields);
+    }
     let layout = pmac_dpram::map::Layout::new(&pmac_dpram::map::PMAC, None);
     for register in listed("pmacctl-gather.1", "REGISTER SPELLINGS") {
         pmac_dpram::gather::Source::parse(&register, &layout).unwrap();

@@ -5,7 +5,7 @@
 use pmac_dpram::daemon::socket::policy::Role;
 use pmac_dpram::function::panel::PanelAction;
 use pmac_dpram::gather::Source;
-use pmac_dpram::map::{FAMILIES, Layout, PMAC, READINGS, SERVED};
+use pmac_dpram::map::{FAMILIES, Layout, PMAC, READINGS, TURBO2};
 use pmac_dpram::protocol::{BackgroundSettings, Function, ServoSettings};
 use pmac_dpram::rotary::Settings;
 use pmac_dpram::sim::control::COMMANDS;
@@ -32,11 +32,11 @@ fn list(
 }
 
 fn families() -> Names {
-    list("FAMILIES", "What --family takes:", FAMILIES.iter().map(|family| family.name))
+    families_of("What --family takes:")
 }
 
-fn served_families() -> Names {
-    list("FAMILIES", "What `family` takes:", SERVED.iter().map(|family| family.name))
+fn families_of(about: &'static str) -> Names {
+    list("FAMILIES", about, FAMILIES.iter().map(|family| family.name))
 }
 
 fn functions() -> Names {
@@ -122,13 +122,23 @@ pub fn names(page: &str) -> Vec<Names> {
     match page {
         "pmacd.toml" => vec![
             functions(),
-            served_families(),
+            families_of("What `family` takes:"),
             roles(),
             list("SERVO FIELDS", "What `fields` of [servo] lists:", ServoSettings::all(&PMAC).fields),
             list(
                 "BACKGROUND FIELDS",
                 "What `fields` of [background] lists:",
                 BackgroundSettings::all(&PMAC).fields,
+            ),
+            list(
+                "SERVO FIELDS OF TURBO BOARDS",
+                "The same on Turbo boards:",
+                ServoSettings::all(&TURBO2).fields,
+            ),
+            list(
+                "BACKGROUND FIELDS OF TURBO BOARDS",
+                "The same on Turbo boards:",
+                BackgroundSettings::all(&TURBO2).fields,
             ),
         ],
         "pmacctl" => vec![families(), functions(), roles()],

@@ -17,8 +17,8 @@ use crate::cli::args::values;
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::client::{Board, CommandError, Connection, identity};
 use crate::device::System;
-use crate::map::Family;
 use crate::map::readings::ReplyEnd;
+use crate::map::{Family, ReportStart};
 use crate::protocol::{
     BackgroundSettings, BoardInfo, BoardSettings, CommandPort, CommandState, Function, HostPortInfo,
     ServoSettings, State,
@@ -287,8 +287,12 @@ fn missing(region: RegionId, identity: &Identity) -> String {
         return "the board's family is not known to this program".to_owned();
     };
     let i = &family.i;
+    let needs_gather = region == RegionId::Servo && family.servo.start == ReportStart::Gather;
     let reported = i.reported.map(|variable| (variable, identity.reported_motors(), family.motors));
     let mut needed = match region {
+        RegionId::Servo if family.servo.start == ReportStart::Enable => {
+            vec![(i.servo_enable, identity.servo_report, 1)]
+        }
         RegionId::Servo => vec![
             (i.servo_enable, identity.servo_report, 1),
             (i.servo_period, identity.servo_report_cycles, 1),
@@ -310,7 +314,7 @@ fn missing(region: RegionId, identity: &Identity) -> String {
     let unknown: Vec<_> = needed.iter().filter(|(_, value, _)| value.is_none()).map(name).collect();
     if !unknown.is_empty() {
         let names: Vec<_> = needed.iter().map(name).collect();
-        let gather = if region == RegionId::Servo { ", and GATHER" } else { "" };
+        let gather = if needs_gather { ", and GATHER" } else { "" };
         return format!(
             "{} not known; the report needs {} above 0{gather}",
             unknown.join(" and "),
@@ -320,20 +324,26 @@ fn missing(region: RegionId, identity: &Identity) -> String {
     let told: Vec<_> =
         needed.iter().filter_map(|(variable, value, _)| Some(format!("I{variable}={}", (*value)?))).collect();
     let told = told.join(", ");
-    match region {
-        RegionId::Servo => format!(
+    if needs_gather {
+        return format!(
             "the board has {told} but no GATHER, which a reset or ENDGATHER ends; start it: pmacctl send GATHER"
-        ),
-        _ => format!("the board has {told}, which is enough; check that its background cycle runs"),
+        );
     }
+    let what = if region == RegionId::Servo { "servo interrupt" } else { "background cycle" };
+    format!("the board has {told}, which is enough; check that its {what} runs")
 }
 
 /// Functions that the configuration switches off, and reports that it reads in part.
 fn left_out(report: &mut Report, family: &Family, settings: &BoardSettings) {
     let off = Function::ALL.into_iter().filter(|function| !settings.functions.has(*function));
-    let off: Vec<_> = off.map(Function::name).collect();
+    let (off, not_there): (Vec<_>, Vec<_>) = off.partition(|function| family.functions.contains(function));
+    let names = |functions: &[Function]| functions.iter().map(|f| f.name()).collect::<Vec<_>>().join(", ");
     if !off.is_empty() {
-        let text = format!("{} switched off by the daemon's configuration", off.join(", "));
+        let text = format!("{} switched off by the daemon's configuration", names(&off));
+        report.add(Level::Ok, "functions", text);
+    }
+    if !not_there.is_empty() {
+        let text = format!("pmacd cannot use {} on a {} yet", names(&not_there), family.title);
         report.add(Level::Ok, "functions", text);
     }
     let BoardSettings { servo, background, .. } = settings;

@@ -18,9 +18,9 @@ use crate::cli::layout::board_layout;
 use crate::client::{Board, CommandError, Connection, GatherFollower, GatherPhase};
 use crate::decode::Scales;
 use crate::gather::{GatherMode, GatherPlan, GatherRequest, SampleClock, Source, column, plan};
-use crate::map::{BufferLayout, Layout};
+use crate::map::{BufferLayout, Family, Layout};
 use crate::protocol::board::GatherStopReply;
-use crate::protocol::{BoardSettings, Function};
+use crate::protocol::{BoardSettings, Function, Functions};
 
 /// How long to sleep if there are no samples.
 const LOOK: Duration = Duration::from_millis(5);
@@ -101,8 +101,8 @@ fn gather(context: &mut Context, options: &Gather, output: &Path) -> Result<Verd
     let mut board = context.board()?;
     let mut connection = context.connection()?;
     let settings = connection.settings()?;
-    check_functions(&settings, &[Function::Gather, Function::Ascii])?;
     let (layout, scales, firmware) = board_layout(&mut board)?;
+    check_functions(&settings, layout.family(), &[Function::Gather, Function::Ascii])?;
     let layout = settings.layout(layout.family(), firmware);
     let sources: Vec<Source> = options
         .source
@@ -228,16 +228,13 @@ fn trouble(stopped: &Result<GatherStopReply, CommandError>) -> Option<String> {
 }
 
 /// Checks the functions that a gather needs, before sending anything to the board.
-fn check_functions(settings: &BoardSettings, needed: &[Function]) -> Result<(), Failure> {
-    for function in needed {
-        if !settings.functions.has(*function) {
-            let name = function.name();
-            return Err(Failure::Refused(format!(
-                "gathering needs the function `{name}`, which is switched off; add it to `functions` in the daemon's configuration"
-            )));
+fn check_functions(settings: &BoardSettings, family: &Family, needed: &[Function]) -> Result<(), Failure> {
+    match needed.iter().find(|function| !settings.functions.has(**function)) {
+        Some(function) => {
+            Err(Failure::Refused(format!("cannot gather: {}", Functions::why_not(*function, family))))
         }
+        None => Ok(()),
     }
-    Ok(())
 }
 
 /// How long the board may be silent: two periods, since one may just have begun, and [`SILENCE`]. If the servo period is

@@ -7,7 +7,7 @@ use crate::cli::context::{Context, Failure, Verdict};
 use crate::cli::show::global_status;
 use crate::client::{Board, ClientError, CommandError, Staleness, View};
 use crate::map::Family;
-use crate::protocol::OpenBufferInfo;
+use crate::protocol::{Function, OpenBufferInfo};
 use crate::segment::{Condition, Identity, RegionState, SegmentError, SegmentName, UserUnit};
 
 pub fn run(context: &mut Context) -> Result<Verdict, Failure> {
@@ -232,6 +232,10 @@ fn text(document: &Value) -> String {
         say("socket", plain(&socket["path"]));
         say("enabled", enabled.join(" "));
         let functions = socket["functions"].as_array();
+        let used: Vec<_> = functions.into_iter().flatten().map(plain).collect();
+        if used.len() < Function::ALL.len() {
+            say("functions", used.join(" "));
+        }
         let taken = functions.is_some_and(|functions| functions.iter().any(|name| name == "ascii"));
         let port = match &socket["command_port"] {
             _ if !taken => "off by the daemon's configuration",

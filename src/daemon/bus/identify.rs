@@ -237,6 +237,10 @@ impl Identifier {
                     }
                     Meaning::ReportCycles => asking.servo_report_cycles = value,
                     Meaning::ServoReport => asking.servo_report = value,
+                    Meaning::ServoInBackground if value == Some(1) => {
+                        (asking.servo_report, asking.servo_report_cycles) = (value, None);
+                    }
+                    Meaning::ServoInBackground => {}
                     Meaning::BackgroundReport => asking.background_report = value,
                     Meaning::Reported => asking.motor_mask = value.map(first_motors),
                     // Asked before the last change: it says nothing.
@@ -412,7 +416,7 @@ mod tests {
         let line = |family| questions(family)[2].line();
         assert_eq!(line(&PMAC), "I10 I19 I48 I49 I59 I2 I55 I3");
         // FACTS-TURBO section 3: no I-variable says how many motors are reported, or where the panel is.
-        assert_eq!(line(&TURBO2), "I10 I47 I48 I49 I55 I3");
+        assert_eq!(line(&TURBO2), "I10 I47 I48 I57 I49 I55 I3");
     }
 
     #[test]

@@ -7,7 +7,7 @@ use log::{error, info, warn};
 use crate::daemon::shared::info::InfoReport;
 use crate::daemon::shared::queue::{Event, Sender};
 use crate::daemon::shared::status::{BoardStatus, KnownIdentity};
-use crate::map::Family;
+use crate::map::{Family, ReportStart};
 use crate::mirror::Transition;
 use crate::protocol::{CommandPort, CommandState};
 use crate::segment::{Identity, State};
@@ -30,10 +30,20 @@ impl Reporter {
     pub fn new(family: &Family) -> Self {
         let i = &family.i;
         let reported = i.reported.map_or_else(String::new, |number| format!(", I{number}>0"));
+        let (enable, period, background) = (i.servo_enable, i.servo_period, i.background_enable);
         Self {
             hints: [
-                format!("is I{}=1, I{}>0{reported}, and GATHER given?", i.servo_enable, i.servo_period),
-                format!("is I{}=1{reported}?", i.background_enable),
+                match (family.servo.start, i.servo_in_background) {
+                    (ReportStart::Gather, _) => {
+                        format!("is I{enable}=1, I{period}>0{reported}, and GATHER given?")
+                    }
+                    // Turbo User Manual p. 403: a period of 0 is a report whenever the last one was taken.
+                    (ReportStart::Enable, None) => format!("is I{enable}=1?"),
+                    (ReportStart::Enable, Some(other)) => {
+                        format!("is I{enable}=1, or I{other}=1 and I{background}=1?")
+                    }
+                },
+                format!("is I{background}=1{reported}?"),
                 format!("is I{}=1?", i.ascii_enable),
             ],
             info: InfoReport::default(),
@@ -177,7 +187,7 @@ mod tests {
         assert_eq!(servo, "is I48=1, I19>0, I59>0, and GATHER given?");
         assert_eq!((background.as_str(), ascii.as_str()), ("is I49=1, I59>0?", "is I58=1?"));
         let [servo, background, _] = Reporter::new(&TURBO2).hints;
-        assert_eq!(servo, "is I48=1, I47>0, and GATHER given?");
+        assert_eq!(servo, "is I48=1, or I57=1 and I49=1?");
         assert_eq!(background, "is I49=1?");
     }
 

@@ -2,7 +2,7 @@
 
 use super::span::Refusal;
 use crate::daemon::socket::policy::group_id;
-use crate::map::{READINGS, Readings};
+use crate::map::{Family, READINGS, Readings};
 use crate::protocol::{Function, Functions, ServoSettings};
 
 /// Parses an octal file mode. A number is refused: 660 and 0o660 would mean different modes.
@@ -87,6 +87,17 @@ pub(super) fn groups(named: impl IntoIterator<Item = (String, String)>) -> Resul
         group_id(&name).map_err(|error| Refusal::of(key, error))?;
     }
     Ok(())
+}
+
+/// The functions to use: those that are written, or every one that can be used on a board of `family`.
+pub(super) fn functions(written: Option<Functions>, family: &Family) -> Result<Functions, Refusal> {
+    let Some(functions) = written else { return Ok(Functions::all(family)) };
+    match functions.impossible(family) {
+        Some((index, function)) => {
+            Err(Refusal::of(format!("functions.{index}"), Functions::why_not(function, family)))
+        }
+        None => Ok(functions),
+    }
 }
 
 /// Refuses settings that leave the daemon nothing to do.

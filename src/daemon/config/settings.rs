@@ -11,7 +11,9 @@ use nix::unistd::geteuid;
 use serde::Deserialize;
 
 use super::board_settings::CheckedSettings;
-use super::checks::{groups, limited, needed, period_ns, segment_mode, socket_mode, something_to_do};
+use super::checks::{
+    functions, groups, limited, needed, period_ns, segment_mode, socket_mode, something_to_do,
+};
 use super::mirrored::{BackgroundTable, ServoTable};
 use super::motors::{self, MotorNames, MotorTable};
 use super::ports::{HostPortConfig, HostPortTable, MailboxConfig, MailboxTable, Use};
@@ -45,11 +47,11 @@ pub struct ConfigFile {
     segment_group: Option<String>,
     /// Mode of the segment, as "0644".
     segment_mode: Option<toml::Value>,
-    /// pmac or pmac2.
+    /// pmac, pmac2, turbo or turbo2.
     family: Option<String>,
     /// Firmware, as "1.16D", for a board that cannot be asked.
     firmware: Option<String>,
-    /// Motors to read (I59), for a board that cannot be asked.
+    /// Motors to read (I59, on Turbo boards the mask), for a board that cannot be asked.
     motors: Option<u32>,
     /// I10, for a board that cannot be asked.
     i10: Option<u32>,
@@ -73,8 +75,7 @@ pub struct ConfigFile {
     /// The interrupt controller behind the host port.
     host_port: Option<HostPortTable>,
     /// The automatic functions in use.
-    #[serde(default)]
-    functions: Functions,
+    functions: Option<Functions>,
     #[serde(default)]
     servo: ServoTable,
     #[serde(default)]
@@ -226,12 +227,13 @@ impl Settings {
         })?;
         let name = options.name.clone().or(file.name).unwrap_or_else(|| "pmac0".to_owned());
         let roles = file.roles.unwrap_or_default().decide()?;
-        let family = file.family.as_deref().map_or(Ok(DEFAULT_FAMILY), Family::served);
+        let family = file.family.as_deref().map_or(Ok(DEFAULT_FAMILY), Family::by_name);
         let family = family.map_err(|error| Refusal::of("family", error))?;
         let (servo, background) = (file.servo.decide(family)?, file.background.decide(family)?);
-        something_to_do(&file.functions, &servo)?;
+        let functions = functions(file.functions, family)?;
+        something_to_do(&functions, &servo)?;
         let mailbox = file.mailbox.map(MailboxTable::decide).transpose()?;
-        if !file.functions.has(Function::Ascii) {
+        if !functions.has(Function::Ascii) {
             if mailbox.as_ref().is_some_and(|mailbox| mailbox.when != Use::Never) {
                 let text = "functions leaves \"ascii\" out, so the mailboxes can only set the page: write use = \"never\" in [mailbox]";
                 return Err(Refusal::of("mailbox.use", text));
@@ -243,7 +245,7 @@ impl Settings {
         }
         let host_port = file.host_port.map(|table| table.decide(family)).transpose()?;
         let board_settings = BoardSettings {
-            functions: file.functions,
+            functions,
             servo,
             background,
             plan: file.plan,
@@ -431,11 +433,11 @@ mod tests {
             ),
             (
                 "board = \"sim\"\nfamily = \"turbo9\"\n",
-                "FILE:2:10: no board family is called \"turbo9\"; there are pmac, pmac2, turbo, turbo2, of which pmacd runs pmac, pmac2",
+                "FILE:2:10: no board family is called \"turbo9\"; there are pmac, pmac2, turbo, turbo2",
             ),
             (
-                "board = \"sim\"\nfamily = \"turbo2\"\n",
-                "FILE:2:10: pmacd does not run a turbo2 yet, only pmac, pmac2; pmacctl map, decode and setup know pmac, pmac2, turbo, turbo2",
+                "board = \"sim\"\nfamily = \"turbo2\"\nfunctions = [\"servo\", \"panel\"]\n",
+                "FILE:3:23: pmacd cannot use the function `panel` on a Turbo PMAC2 yet; it can use ascii, servo, background",
             ),
             ("board = \"sim\"\nmotors = 9\n", "FILE:2:10: motors = 9 is out of range: write 1 to 8"),
             ("board = \"sim\"\nsocket_mode = \"9\"\n", "FILE:2:15: socket_mode = \"9\" is not a file mode"),

@@ -17,8 +17,8 @@ use crate::function::variable_read::VariableEntry;
 use crate::map::{Family, HostOffset, VariableKind};
 use crate::protocol::cut_off::{self, character_cuts_off, line_cuts_off};
 use crate::protocol::{
-    BOARD, BOARD_DESCRIPTION, Call, CallError, Function, Reply, SERVICE, SERVICE_DESCRIPTION, calls,
-    check_line, control, deadlines, parameters,
+    BOARD, BOARD_DESCRIPTION, Call, CallError, Function, Functions, Reply, SERVICE, SERVICE_DESCRIPTION,
+    calls, check_line, control, deadlines, parameters,
 };
 
 /// What a call asks of the bus thread.
@@ -201,16 +201,15 @@ fn answered(call: &Call, sequence: SequenceCall) -> Result<Action, CallError> {
 
 /// Whether command lines can be sent.
 fn needs_lines(info: &Info) -> Result<(), CallError> {
-    if info.settings().functions.has(Function::Ascii) { Ok(()) } else { Err(switched_off(Function::Ascii)) }
+    needs(Function::Ascii, info)
 }
 
-fn switched_off(function: Function) -> CallError {
-    let name = function.name();
-    CallError::Refused {
-        reason: format!(
-            "the function `{name}` is switched off: `functions` in the daemon's configuration leaves it out"
-        ),
+/// Whether `function` is used.
+fn needs(function: Function, info: &Info) -> Result<(), CallError> {
+    if info.settings().functions.has(function) {
+        return Ok(());
     }
+    Err(CallError::Refused { reason: Functions::why_not(function, info.family()) })
 }
 
 /// `action`, of a method that answers more than once.
@@ -238,11 +237,7 @@ pub fn parse_call(call: &Call, role: Role, characters: Characters, info: &Info) 
     let Some(method) = METHODS.iter().find(|method| method.name == name) else {
         return Err(CallError::MethodNotFound { method: call.method.clone() });
     };
-    if let Some(function) = method.function
-        && !info.settings().functions.has(function)
-    {
-        return Err(switched_off(function));
-    }
+    method.function.map_or(Ok(()), |function| needs(function, info))?;
     if role < method.role {
         // What it would take, if that can be told.
         let action = (method.parse)(call, info).ok();

@@ -14,7 +14,9 @@ use super::functions::{
     VariableRead, VariableWrite,
 };
 use super::status::{self, StatusTables};
-use super::{Block, Firmware, GatherPlace, HostOffset, PmacAddress, Region, Source, SourceAt, Space};
+use super::{
+    Block, Firmware, Function, GatherPlace, HostOffset, PmacAddress, Region, Source, SourceAt, Space,
+};
 
 /// Which kind of set-up registers and I-variables a board has.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
@@ -66,6 +68,8 @@ pub struct Family {
     pub system_source_stride: u32,
     /// The default of I10, the servo period in 1/8388608 ms.
     pub default_i10: u32,
+    /// The functions that `pmacd` uses on boards of the family; the others it leaves alone.
+    pub functions: &'static [Function],
     /// The numbers of the I-variables that govern the functions.
     pub i: IVariables,
     /// What the DPRAM is divided into, ascending, without a gap.
@@ -127,6 +131,7 @@ const fn pmac_family(
         motor_source_stride: 0x3C,
         system_source_stride: 0xC0,
         default_i10,
+        functions: &Function::ALL,
         i: pmac::I_VARIABLES,
         regions: pmac::REGIONS,
         user_area: pmac::USER_AREA,
@@ -175,6 +180,7 @@ const fn turbo_family(
         motor_source_stride: turbo::MOTOR_SOURCE_STRIDE,
         system_source_stride: turbo::SYSTEM_SOURCE_STRIDE,
         default_i10,
+        functions: turbo::FUNCTIONS,
         i: turbo::I_VARIABLES,
         regions,
         user_area,
@@ -216,8 +222,6 @@ pub static TURBO: Family = turbo_of(turbo::LENGTH_8K);
 pub static TURBO2: Family = turbo2_of(turbo::LENGTH_32K);
 /// The families this version knows, each with the DPRAM it comes with.
 pub static FAMILIES: &[&Family] = &[&PMAC, &PMAC2, &TURBO, &TURBO2];
-/// The families that `pmacd` and `pmac-sim` run. Of the others the layout is known.
-pub static SERVED: &[&Family] = &[&PMAC, &PMAC2];
 /// Families with a DPRAM of another size: I24 can name one on an accessory board (Turbo User Manual p. 45).
 static OTHER_LENGTHS: &[&Family] = &[&TURBO_32K, &TURBO2_8K];
 static TURBO_32K: Family = turbo_of(turbo::LENGTH_32K);
@@ -226,7 +230,7 @@ static TURBO2_8K: Family = turbo2_of(turbo::LENGTH_8K);
 /// What a board is taken for where nothing says its family.
 pub static DEFAULT_FAMILY: &Family = &PMAC;
 
-/// A family name that is not known, or that is not served.
+/// A family name that is not known.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct UnknownFamily {
     /// What was asked for.
@@ -235,17 +239,8 @@ pub struct UnknownFamily {
 
 impl fmt::Display for UnknownFamily {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let names =
-            |families: &[&Family]| families.iter().map(|family| family.name).collect::<Vec<_>>().join(", ");
-        let (name, known, served) = (&self.name, names(FAMILIES), names(SERVED));
-        if Family::by_name(name).is_ok() {
-            write!(
-                f,
-                "pmacd does not run a {name} yet, only {served}; pmacctl map, decode and setup know {known}"
-            )
-        } else {
-            write!(f, "no board family is called {name:?}; there are {known}, of which pmacd runs {served}")
-        }
+        let known = FAMILIES.iter().map(|family| family.name).collect::<Vec<_>>().join(", ");
+        write!(f, "no board family is called {:?}; there are {known}", self.name)
     }
 }
 
@@ -271,16 +266,6 @@ impl Family {
     pub fn by_name(name: &str) -> Result<&'static Self, UnknownFamily> {
         let family = FAMILIES.iter().copied().find(|family| family.name.eq_ignore_ascii_case(name));
         family.ok_or_else(|| UnknownFamily { name: name.to_owned() })
-    }
-
-    /// As [`Family::by_name`], of the families in [`SERVED`].
-    ///
-    /// # Errors
-    /// [`UnknownFamily`], which lists the names there are.
-    pub fn served(name: &str) -> Result<&'static Self, UnknownFamily> {
-        let family = Self::by_name(name)?;
-        let served = SERVED.iter().any(|served| served.name == family.name);
-        if served { Ok(family) } else { Err(UnknownFamily { name: family.name.to_owned() }) }
     }
 
     /// This family with a DPRAM of `length` bytes; `None` when no board of the family has that.
@@ -424,16 +409,8 @@ mod tests {
     #[test]
     fn an_unknown_family_is_answered_with_the_known_ones() {
         assert_eq!(Family::by_name("PMAC2").unwrap(), &PMAC2);
-        let known = "there are pmac, pmac2, turbo, turbo2, of which pmacd runs pmac, pmac2";
         let error = Family::by_name("pmac9").unwrap_err().to_string();
-        assert_eq!(error, format!("no board family is called \"pmac9\"; {known}"));
-        assert_eq!(Family::served("pmac2").unwrap(), &PMAC2);
-        assert_eq!(Family::served("pmac9").unwrap_err().to_string(), error);
-        assert_eq!(
-            Family::served("Turbo2").unwrap_err().to_string(),
-            "pmacd does not run a turbo2 yet, only pmac, pmac2; \
-             pmacctl map, decode and setup know pmac, pmac2, turbo, turbo2"
-        );
+        assert_eq!(error, "no board family is called \"pmac9\"; there are pmac, pmac2, turbo, turbo2");
         assert_eq!("pmac9".parse::<Generation>().unwrap_err(), Family::by_name("pmac9").unwrap_err());
     }
 

@@ -31,6 +31,8 @@ pub(super) enum Meaning {
     ReportCycles,
     /// The servo report is on.
     ServoReport,
+    /// 1: the servo report is on, and made in the background, so that no number of servo cycles lies between two.
+    ServoInBackground,
     /// The background report is on.
     BackgroundReport,
     /// The highest motor that is reported.
@@ -51,6 +53,7 @@ pub(super) fn questions(family: &Family) -> Vec<Question> {
         (Some(I10), Meaning::ServoPeriod),
         (Some(i.servo_period), Meaning::ReportCycles),
         (Some(i.servo_enable), Meaning::ServoReport),
+        (i.servo_in_background, Meaning::ServoInBackground),
         (Some(i.background_enable), Meaning::BackgroundReport),
         (i.reported, Meaning::Reported),
         (i.panel, Meaning::Panel),
@@ -59,7 +62,8 @@ pub(super) fn questions(family: &Family) -> Vec<Question> {
     ];
     let reports = reports.into_iter().filter_map(|(number, meaning)| Some((number?, meaning)));
     let mut questions = vec![Question::Type, Question::Version, Question::Reports(reports.collect())];
-    let limit = family.ascii.line_limit.min(LINE_MAX);
+    // One part of a line is enough: that a board puts two together is known of some families alone.
+    let limit = (family.ascii.command_bytes - 1).min(LINE_MAX);
     let mut first = 1;
     for motor in 1..=family.motors {
         if Question::Scales(first..=motor).line().len() > limit {
