@@ -1,8 +1,11 @@
 //! A Turbo PMAC2's DPRAM in a file, with the daemon on it. What the board does is played by hand, from the sentences that
 //! FACTS-TURBO collects in its sections 4 and 5.
 
+use std::collections::VecDeque;
 use std::fs::File;
 use std::os::unix::fs::FileExt;
+use std::process::Stdio;
+use std::time::Duration;
 
 use pmac_dpram::map::TURBO2;
 use pmac_dpram::segment::{Counter, RegionId, Sample};
@@ -23,6 +26,14 @@ const SYSTEM_HOST: u64 = 0x0676;
 const SYSTEM_TIMER: u64 = 0x0678;
 const SYSTEM_READY: u64 = 0x067A;
 const READY: u16 = 1 << 15;
+/// Section 6: "0x0E9C bit 0 command loaded, 0x0E9E control character, 0x0EA0 command, 0x0F40 response control word,
+/// 0x0F42 number of characters + 1, 0x0F44 response line".
+const LOADED: u64 = 0x0E9C;
+const CHARACTER: u64 = 0x0E9E;
+const COMMAND: u64 = 0x0EA0;
+const RESPONSE: u64 = 0x0F40;
+const RESPONSE_COUNT: u64 = 0x0F42;
+const RESPONSE_TEXT: u64 = 0x0F44;
 
 /// The board's half. It counts servo cycles of half a millisecond.
 struct Board {
@@ -30,6 +41,16 @@ struct Board {
     cycles: u32,
     /// The global status words of `???`, in their order.
     global: [u32; 2],
+    /// The first part of a line.
+    part: Vec<u8>,
+    /// How many lines came in two parts.
+    parts: usize,
+    /// The control characters it has taken.
+    characters: Vec<u8>,
+    /// Responses to come: control word and text.
+    responses: VecDeque<(u16, String)>,
+    /// The last line of a reply is marked itself (section 6: "make the other form a switch").
+    marks_last: bool,
 }
 
 impl Board {
@@ -37,7 +58,16 @@ impl Board {
         let path = site.path("dpram");
         std::fs::write(&path, vec![GARBAGE; TURBO2.length as usize]).unwrap();
         let memory = File::options().read(true).write(true).open(path).unwrap();
-        let board = Self { memory, cycles: 0x12_FF00, global: [0, 0] };
+        let board = Self {
+            memory,
+            cycles: 0x12_FF00,
+            global: [0, 0],
+            part: Vec::new(),
+            parts: 0,
+            characters: Vec::new(),
+            responses: VecDeque::new(),
+            marks_last: false,
+        };
         board.put(SERVO_READY, 0);
         board.put(SYSTEM_READY, 0);
         board
@@ -110,6 +140,77 @@ impl Board {
     }
 }
 
+/// DPRAM ASCII.
+impl Board {
+    fn ascii(&mut self) {
+        let character = self.word(CHARACTER) & 0xFF;
+        if character != 0 && character != u16::from(GARBAGE) {
+            self.characters.push(character as u8);
+            self.put(CHARACTER, 0);
+        }
+        if self.word(LOADED) & 1 != 0 && self.responses.is_empty() {
+            let mut bytes = [0; 160];
+            self.memory.read_exact_at(&mut bytes, COMMAND).unwrap();
+            self.put(LOADED, 0);
+            match bytes.iter().position(|byte| *byte == 0) {
+                Some(end) => {
+                    self.part.extend(&bytes[..end]);
+                    let line = String::from_utf8(std::mem::take(&mut self.part)).unwrap();
+                    self.reply(&line);
+                }
+                // "a line may be completed in a second load if no NUL was in the first".
+                None => {
+                    self.part.extend(&bytes[..159]);
+                    self.parts += 1;
+                }
+            }
+        }
+        if self.word(RESPONSE) != 0 {
+            return;
+        }
+        if let Some((control, text)) = self.responses.pop_front() {
+            let text: Vec<u8> = text.bytes().chain([0]).collect();
+            self.memory.write_all_at(&text, RESPONSE_TEXT).unwrap();
+            self.put(RESPONSE_COUNT, text.len() as u16);
+            self.put(RESPONSE, control);
+        }
+    }
+
+    /// "$0D more lines follow, $06 last line; bit 15 error, then bits 11-0 = error number as 3 BCD digits and no text".
+    fn reply(&mut self, line: &str) {
+        let Some(lines) = answer(line) else { return self.responses.push_back((0x8003, String::new())) };
+        self.responses.extend(lines.into_iter().map(|text| (0x000D, text)));
+        match self.responses.back_mut().filter(|_| self.marks_last) {
+            Some((control, _)) => *control = 0x0006,
+            None => self.responses.push_back((0x0006, String::new())),
+        }
+    }
+}
+
+/// What the board answers to `line`; `None`: ERR003.
+fn answer(line: &str) -> Option<Vec<String>> {
+    let variable = |number: &str| match number.trim().parse::<usize>().ok()? {
+        // I3, I10 (half a millisecond), the enables; Ixx07, Ixx08 and Ixx09 are 96, Ixx60 is 0.
+        3 => Some(2),
+        10 => Some(4_194_304),
+        47..=49 => Some(1),
+        number @ 100.. => Some(if number % 100 == 60 { 0 } else { 96 }),
+        _ => Some(0),
+    };
+    Some(match line {
+        "TYPE" => vec!["TURBO2, X4".to_owned()],
+        "VERSION" => vec!["1.947".to_owned()],
+        "P1" => vec!["1.5".to_owned()],
+        "P1=1.5" => Vec::new(),
+        _ if line.starts_with("SIZE") => line.split(' ').map(|_| "41301".to_owned()).collect(),
+        _ if line.starts_with("Q") => vec![line.len().to_string()],
+        _ => {
+            let values: Option<Vec<_>> = line.strip_prefix('I')?.split('I').map(variable).collect();
+            values?.iter().map(ToString::to_string).collect()
+        }
+    })
+}
+
 /// A daemon on a board; time passes in [`Site::cycles`] alone.
 struct Site {
     site: VirtualSite,
@@ -118,11 +219,15 @@ struct Site {
 
 impl Site {
     fn new(config: &str) -> Self {
+        Self::with_board(&format!("ask_board = false\ni10 = 4194304\ni19 = 1\n{config}"), |_| ())
+    }
+
+    fn with_board(config: &str, change: impl FnOnce(&mut Board)) -> Self {
         let site = VirtualSite::new();
         site.hold();
-        let board = Board::new(&site);
-        // I10 of half a millisecond.
-        let config = format!("family = \"turbo2\"\nask_board = false\ni10 = 4194304\ni19 = 1\n{config}");
+        let mut board = Board::new(&site);
+        change(&mut board);
+        let config = format!("family = \"turbo2\"\n{config}");
         let config = site.file("pmacd.toml", &config);
         let memory = format!("file:{}", site.path("dpram").display());
         site.start_daemon_on(&memory, &["--config", &config]);
@@ -139,6 +244,7 @@ impl Site {
         self.board = Some(self.site.with_world(move |world| {
             for _ in 0..cycles {
                 board.servo();
+                board.ascii();
                 if board.cycles.is_multiple_of(8) {
                     board.background();
                 }
@@ -146,6 +252,19 @@ impl Site {
             }
             board
         }));
+    }
+
+    /// What `pmacctl` says while time passes.
+    fn running(&mut self, command: &[&str]) -> (i32, String, String) {
+        let mut child =
+            self.site.command(command).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+        while child.try_wait().unwrap().is_none() {
+            self.cycles(20);
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        let output = child.wait_with_output().unwrap();
+        let text = |bytes: Vec<u8>| String::from_utf8(bytes).unwrap();
+        (output.status.code().unwrap(), text(output.stdout), text(output.stderr))
     }
 
     fn json(&self, command: &[&str]) -> serde_json::Value {
@@ -283,4 +402,59 @@ fn c1_a_function_that_is_not_there_yet_is_refused_by_name() {
         stdout.contains("pmacd cannot use panel, variables, rotary, gather on a Turbo PMAC2 yet"),
         "{stdout}"
     );
+}
+
+#[test]
+fn c1_command_lines_go_through_a_turbo_boards_dpram() {
+    for marks_last in [false, true] {
+        let mut site = Site::with_board("", |board| board.marks_last = marks_last);
+        site.cycles(8000);
+        assert_eq!(site.board().parts, 0, "questions of our own fit one part");
+        let status = site.json(&["status"]);
+        assert_eq!(status["board"]["type"], "TURBO2, X4", "{status}");
+        assert_eq!(status["board"]["firmware"], "1.947");
+        // Scales of all 32 motors: position = raw / (Ixx08*32).
+        let shown = site.json(&["motors"]);
+        assert_eq!(shown["motors"][31]["actual_position"]["value"], json!(32000.0), "{shown}");
+        assert_eq!(site.running(&["send", "P1"]), (0, "1.5\n".to_owned(), String::new()), "{marks_last}");
+        assert_eq!(site.running(&["send", "P1=1.5"]), (0, String::new(), String::new()));
+        let (code, _, stderr) = site.running(&["send", "HELLO"]);
+        assert!(code == 1 && stderr.starts_with("ERR003: "), "{code} {stderr}");
+        // Section 6: what does not fit 159 characters is completed in a second load.
+        let long = format!("Q{}", "1".repeat(199));
+        assert_eq!(site.running(&["send", &long]).1, "200\n");
+        assert_eq!(site.board().parts, 1);
+        let (code, ..) = site.running(&["kill"]);
+        assert_eq!((code, site.board().characters.last()), (0, Some(&0x0B)));
+    }
+}
+
+#[test]
+fn c1_a_program_buffer_that_the_background_report_shows_open_takes_no_line_of_others() {
+    let mut site = Site::with_board("", |_| ());
+    site.cycles(8000);
+    // Section 12.7: "20 binary rotary open, 19 motion buffer open, 18 ASCII rotary open, 17 PLC buffer open".
+    for bit in 17..=20 {
+        site.board().global[1] = 1 << bit;
+        site.cycles(400);
+        let (code, _, stderr) = site.running(&["send", "P1"]);
+        assert!(code != 0 && stderr.contains("opened by somebody else"), "bit {bit}: {code} {stderr}");
+        // Bits 16 and 21 say other things.
+        site.board().global[1] = 1 << 16 | 1 << 21;
+        site.cycles(400);
+        assert_eq!(site.running(&["send", "P1"]).1, "1.5\n", "bit {bit}");
+    }
+}
+
+#[test]
+fn c1_a_message_of_a_program_is_told_without_its_mark() {
+    let mut site = Site::with_board("", |_| ());
+    site.cycles(8000);
+    let mut messages = site.site.connection().messages().unwrap();
+    site.cycles(100);
+    // Section 3: I64=1 puts STX before it; section 6: bits 9-8 = 2 is a program's SEND.
+    site.board().responses.push_back((0x020D, "\u{2}HELLO".to_owned()));
+    site.cycles(400);
+    let message = messages.next_within(Duration::from_secs(10)).unwrap().expect("a message");
+    assert_eq!(message.text, "HELLO");
 }

@@ -36,6 +36,8 @@ use crate::segment::{Counter, Publisher};
 
 /// Responses taken in one poll, so that a chattering board cannot hold up the servo data.
 const STEPS_A_POLL: usize = 2;
+/// I64=1 puts it before a text that nobody asked for (Turbo Software Reference p. 67). The control word says that already.
+const STX: u8 = 0x02;
 /// How often to poll while the board owes something: first soon, then less often.
 const POLL_SOON: Duration = Duration::from_micros(100);
 const POLL_LATER: Duration = Duration::from_millis(1);
@@ -466,8 +468,8 @@ impl AsciiQueue {
         text: &ResponseText,
     ) {
         publisher.counters().add(Counter::AsciiUnsolicited, 1);
-        self.outbox
-            .tell(events, Event::Unsolicited(Unsolicited { time_ns: self.clock.ns(), kind, text: *text }));
+        let text = text.as_bytes().strip_prefix(&[STX]).map_or(*text, ResponseText::from_bytes);
+        self.outbox.tell(events, Event::Unsolicited(Unsolicited { time_ns: self.clock.ns(), kind, text }));
     }
 }
 
