@@ -137,12 +137,12 @@ impl Source {
         }
         let lower = text.to_ascii_lowercase();
         let (owner, number, name) = owner(&lower, layout)?;
-        if name == "following_error" {
-            return Err(SourceError::FollowingError { text: text.to_owned() });
-        }
         let found = gatherable(layout, owner, number)
             .find(|(entry, _, _)| entry.register.name.trim_start_matches(owner.prefix()) == name);
         let Some((entry, register, reading)) = found else {
+            if name == "following_error" {
+                return Err(SourceError::FollowingError { text: text.to_owned() });
+            }
             return Err(SourceError::Name { text: text.to_owned(), known: owner.known(layout) });
         };
         let motor = if owner == Owner::Motor { number } else { None };
@@ -210,7 +210,7 @@ fn gatherable(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::map::PMAC;
+    use crate::map::{PMAC, TURBO2};
 
     fn parse(text: &str) -> Result<Source, SourceError> {
         Source::parse(text, &Layout::new(&PMAC, None))
@@ -238,6 +238,16 @@ mod tests {
                 "{text}"
             );
             assert_eq!(source.name, text.to_ascii_lowercase());
+        }
+    }
+
+    #[test]
+    fn c1_a_turbo_board_has_a_register_for_the_following_error() {
+        let layout = Layout::new(&TURBO2, None);
+        // FACTS-TURBO section 4: D:$000091 + $80*(n-1).
+        for (text, code) in [("1.following_error", 0x80_0091), ("32.following_error", 0x80_1011)] {
+            let source = Source::parse(text, &layout).unwrap();
+            assert_eq!((source.register.gather_code(), source.reading), (code, Reading::Fixed), "{text}");
         }
     }
 

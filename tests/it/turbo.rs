@@ -1,280 +1,13 @@
-//! A Turbo PMAC2's DPRAM in a file, with the daemon on it. What the board does is played by hand, from the sentences that
-//! FACTS-TURBO collects in its sections 4 and 5.
+//! A Turbo PMAC2's DPRAM in a file, with the daemon on it, up to `pmacctl`. [`board`] plays the board.
 
-use std::collections::VecDeque;
-use std::fs::File;
-use std::os::unix::fs::FileExt;
-use std::process::Stdio;
+mod board;
+
 use std::time::Duration;
 
-use pmac_dpram::map::TURBO2;
 use pmac_dpram::segment::{Counter, RegionId, Sample};
 use serde_json::json;
 
-use crate::support::VirtualSite;
-
-/// What nobody wrote.
-const GARBAGE: u8 = 0x5A;
-/// Section 4: "host 0x006A bit 15 host busy; 0x006C timer low; 0x006E bits 0-7 timer high, bit 15 data ready; 0x0070 mask".
-const SERVO_HOST: u64 = 0x006A;
-const SERVO_TIMER: u64 = 0x006C;
-const SERVO_READY: u64 = 0x006E;
-const MASK: u64 = 0x0070;
-/// Section 5: "0x0674 highest C.S. reported, 0x0676 bit 15 host busy, 0x0678/0x067A as in section 4".
-const SYSTEM_COUNT: u64 = 0x0674;
-const SYSTEM_HOST: u64 = 0x0676;
-const SYSTEM_TIMER: u64 = 0x0678;
-const SYSTEM_READY: u64 = 0x067A;
-const READY: u16 = 1 << 15;
-/// Section 6: "0x0E9C bit 0 command loaded, 0x0E9E control character, 0x0EA0 command, 0x0F40 response control word,
-/// 0x0F42 number of characters + 1, 0x0F44 response line".
-const LOADED: u64 = 0x0E9C;
-const CHARACTER: u64 = 0x0E9E;
-const COMMAND: u64 = 0x0EA0;
-const RESPONSE: u64 = 0x0F40;
-const RESPONSE_COUNT: u64 = 0x0F42;
-const RESPONSE_TEXT: u64 = 0x0F44;
-
-/// The board's half. It counts servo cycles of half a millisecond.
-struct Board {
-    memory: File,
-    cycles: u32,
-    /// The global status words of `???`, in their order.
-    global: [u32; 2],
-    /// The first part of a line.
-    part: Vec<u8>,
-    /// How many lines came in two parts.
-    parts: usize,
-    /// The control characters it has taken.
-    characters: Vec<u8>,
-    /// Responses to come: control word and text.
-    responses: VecDeque<(u16, String)>,
-    /// The last line of a reply is marked itself (section 6: "make the other form a switch").
-    marks_last: bool,
-}
-
-impl Board {
-    fn new(site: &VirtualSite) -> Self {
-        let path = site.path("dpram");
-        std::fs::write(&path, vec![GARBAGE; TURBO2.length as usize]).unwrap();
-        let memory = File::options().read(true).write(true).open(path).unwrap();
-        let board = Self {
-            memory,
-            cycles: 0x12_FF00,
-            global: [0, 0],
-            part: Vec::new(),
-            parts: 0,
-            characters: Vec::new(),
-            responses: VecDeque::new(),
-            marks_last: false,
-        };
-        board.put(SERVO_READY, 0);
-        board.put(SYSTEM_READY, 0);
-        board
-    }
-
-    fn word(&self, at: u64) -> u16 {
-        let mut bytes = [0; 2];
-        self.memory.read_exact_at(&mut bytes, at).unwrap();
-        u16::from_le_bytes(bytes)
-    }
-
-    fn put(&self, at: u64, word: u16) {
-        self.memory.write_all_at(&word.to_le_bytes(), at).unwrap();
-    }
-
-    /// A 24-bit register, sign-extended to a long.
-    fn put_short(&self, at: u64, value: i32) {
-        self.memory.write_all_at(&value.to_le_bytes(), at).unwrap();
-    }
-
-    /// A 48-bit register: "two such longs, low (Y) first".
-    fn put_pair(&self, at: u64, value: i64) {
-        self.put_short(at, (value << 40 >> 40) as i32);
-        self.put_short(at + 4, (value >> 24) as i32);
-    }
-
-    fn mask(&self) -> u32 {
-        u32::from(self.word(MASK)) | u32::from(self.word(MASK + 2)) << 16
-    }
-
-    /// "if host busy = 1 skip this time; else ready := 0, copy masked motors, store 24-bit timer, ready := 1".
-    fn servo(&mut self) {
-        self.cycles = (self.cycles + 1) & 0xFF_FFFF;
-        if self.word(SERVO_HOST) & READY != 0 {
-            return;
-        }
-        self.put(SERVO_READY, 0);
-        for motor in (1..=32).filter(|motor| self.mask() >> (motor - 1) & 1 != 0) {
-            let block = 0x0074 + 0x30 * (motor as u64 - 1);
-            self.put_pair(block, -3072 * motor);
-            // "motor activated", bit 23 of the first word of `?`, and "in position", bit 0 of the second.
-            self.put_short(block + 12, 0x80_0000);
-            self.put_short(block + 16, 1);
-            self.put_pair(block + 40, 3072 * 1000 * motor);
-        }
-        self.stamp(SERVO_TIMER, SERVO_READY);
-    }
-
-    fn stamp(&self, timer: u64, ready: u64) {
-        self.put(timer, self.cycles as u16);
-        self.put(ready, READY | (self.cycles >> 16) as u16);
-    }
-
-    /// "I50 = 0: ready = 0": global and coordinate systems 1 to count, whenever the last report was taken.
-    fn background(&self) {
-        let count = u64::from(self.word(SYSTEM_COUNT) & 0xFF);
-        let waits = [SYSTEM_HOST, SYSTEM_READY].iter().any(|word| self.word(*word) & READY != 0);
-        // "highest C.S. reported (host writes, 0-16)": nobody has written it yet.
-        if waits || count > 16 {
-            return;
-        }
-        self.put_short(0x0688, self.global[1] as i32);
-        self.put_short(0x068C, self.global[0] as i32);
-        for system in 0..count {
-            // The first word of `??`: "0 running program"; the program lines that remain.
-            self.put_short(0x069C + 0x80 * system + 20, 1);
-            self.put_short(0x069C + 0x80 * system + 100, 7 + system as i32);
-        }
-        self.stamp(SYSTEM_TIMER, SYSTEM_READY);
-    }
-}
-
-/// DPRAM ASCII.
-impl Board {
-    fn ascii(&mut self) {
-        let character = self.word(CHARACTER) & 0xFF;
-        if character != 0 && character != u16::from(GARBAGE) {
-            self.characters.push(character as u8);
-            self.put(CHARACTER, 0);
-        }
-        if self.word(LOADED) & 1 != 0 && self.responses.is_empty() {
-            let mut bytes = [0; 160];
-            self.memory.read_exact_at(&mut bytes, COMMAND).unwrap();
-            self.put(LOADED, 0);
-            match bytes.iter().position(|byte| *byte == 0) {
-                Some(end) => {
-                    self.part.extend(&bytes[..end]);
-                    let line = String::from_utf8(std::mem::take(&mut self.part)).unwrap();
-                    self.reply(&line);
-                }
-                // "a line may be completed in a second load if no NUL was in the first".
-                None => {
-                    self.part.extend(&bytes[..159]);
-                    self.parts += 1;
-                }
-            }
-        }
-        if self.word(RESPONSE) != 0 {
-            return;
-        }
-        if let Some((control, text)) = self.responses.pop_front() {
-            let text: Vec<u8> = text.bytes().chain([0]).collect();
-            self.memory.write_all_at(&text, RESPONSE_TEXT).unwrap();
-            self.put(RESPONSE_COUNT, text.len() as u16);
-            self.put(RESPONSE, control);
-        }
-    }
-
-    /// "$0D more lines follow, $06 last line; bit 15 error, then bits 11-0 = error number as 3 BCD digits and no text".
-    fn reply(&mut self, line: &str) {
-        let Some(lines) = answer(line) else { return self.responses.push_back((0x8003, String::new())) };
-        self.responses.extend(lines.into_iter().map(|text| (0x000D, text)));
-        match self.responses.back_mut().filter(|_| self.marks_last) {
-            Some((control, _)) => *control = 0x0006,
-            None => self.responses.push_back((0x0006, String::new())),
-        }
-    }
-}
-
-/// What the board answers to `line`; `None`: ERR003.
-fn answer(line: &str) -> Option<Vec<String>> {
-    let variable = |number: &str| match number.trim().parse::<usize>().ok()? {
-        // I3, I10 (half a millisecond), the enables; Ixx07, Ixx08 and Ixx09 are 96, Ixx60 is 0.
-        3 => Some(2),
-        10 => Some(4_194_304),
-        47..=49 => Some(1),
-        number @ 100.. => Some(if number % 100 == 60 { 0 } else { 96 }),
-        _ => Some(0),
-    };
-    Some(match line {
-        "TYPE" => vec!["TURBO2, X4".to_owned()],
-        "VERSION" => vec!["1.947".to_owned()],
-        "P1" => vec!["1.5".to_owned()],
-        "P1=1.5" => Vec::new(),
-        _ if line.starts_with("SIZE") => line.split(' ').map(|_| "41301".to_owned()).collect(),
-        _ if line.starts_with("Q") => vec![line.len().to_string()],
-        _ => {
-            let values: Option<Vec<_>> = line.strip_prefix('I')?.split('I').map(variable).collect();
-            values?.iter().map(ToString::to_string).collect()
-        }
-    })
-}
-
-/// A daemon on a board; time passes in [`Site::cycles`] alone.
-struct Site {
-    site: VirtualSite,
-    board: Option<Board>,
-}
-
-impl Site {
-    fn new(config: &str) -> Self {
-        Self::with_board(&format!("ask_board = false\ni10 = 4194304\ni19 = 1\n{config}"), |_| ())
-    }
-
-    fn with_board(config: &str, change: impl FnOnce(&mut Board)) -> Self {
-        let site = VirtualSite::new();
-        site.hold();
-        let mut board = Board::new(&site);
-        change(&mut board);
-        let config = format!("family = \"turbo2\"\n{config}");
-        let config = site.file("pmacd.toml", &config);
-        let memory = format!("file:{}", site.path("dpram").display());
-        site.start_daemon_on(&memory, &["--config", &config]);
-        Self { site, board: Some(board) }
-    }
-
-    fn board(&mut self) -> &mut Board {
-        self.board.as_mut().unwrap()
-    }
-
-    /// So many servo cycles, a background cycle every 8 of them.
-    fn cycles(&mut self, cycles: u32) {
-        let mut board = self.board.take().unwrap();
-        self.board = Some(self.site.with_world(move |world| {
-            for _ in 0..cycles {
-                board.servo();
-                board.ascii();
-                if board.cycles.is_multiple_of(8) {
-                    board.background();
-                }
-                world.step();
-            }
-            board
-        }));
-    }
-
-    /// What `pmacctl` says while time passes.
-    fn running(&mut self, command: &[&str]) -> (i32, String, String) {
-        let mut child =
-            self.site.command(command).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
-        while child.try_wait().unwrap().is_none() {
-            self.cycles(20);
-            std::thread::sleep(Duration::from_millis(1));
-        }
-        let output = child.wait_with_output().unwrap();
-        let text = |bytes: Vec<u8>| String::from_utf8(bytes).unwrap();
-        (output.status.code().unwrap(), text(output.stdout), text(output.stderr))
-    }
-
-    fn json(&self, command: &[&str]) -> serde_json::Value {
-        self.site.run(&[command, &["--json"]].concat()).json()
-    }
-
-    fn count(&self, counter: Counter) -> u64 {
-        self.site.attach().counter(counter)
-    }
-}
+use board::{GARBAGE, SERVO_HOST, SYSTEM_COUNT, Site};
 
 fn list(motors: impl IntoIterator<Item = usize>) -> String {
     format!("{:?}", motors.into_iter().collect::<Vec<_>>())
@@ -385,23 +118,17 @@ fn c1_a_function_that_is_not_there_yet_is_refused_by_name() {
     let mut site = Site::new("");
     site.cycles(400);
     let status = site.json(&["status"]);
-    assert_eq!(status["socket"]["functions"], json!(["ascii", "servo", "background"]));
+    assert_eq!(status["socket"]["functions"], json!(["ascii", "servo", "background", "variables", "gather"]));
     let (code, stdout, _) = site.site.pmacctl(&["status"]);
-    assert!(code != 2 && stdout.contains("functions       ascii servo background\n"), "{stdout}");
-    for (command, name) in
-        [(&["panel", "jog+", "1"][..], "panel"), (&["variable", "watch", "X:$78000"], "variables")]
-    {
-        let (code, _, stderr) = site.site.pmacctl(command);
-        let text = format!(
-            "pmacd cannot use the function `{name}` on a Turbo PMAC2 yet; it can use ascii, servo, background"
-        );
-        assert!(code != 0 && stderr.contains(&text), "{command:?}: {stderr}");
-    }
-    let (_, stdout, _) = site.site.pmacctl(&["doctor"]);
     assert!(
-        stdout.contains("pmacd cannot use panel, variables, rotary, gather on a Turbo PMAC2 yet"),
+        code != 2 && stdout.contains("functions       ascii servo background variables gather\n"),
         "{stdout}"
     );
+    let (code, _, stderr) = site.site.pmacctl(&["panel", "jog+", "1"]);
+    let text = "pmacd cannot use the function `panel` on a Turbo PMAC2 yet; it can use ascii, servo, background, variables, gather";
+    assert!(code != 0 && stderr.contains(text), "{stderr}");
+    let (_, stdout, _) = site.site.pmacctl(&["doctor"]);
+    assert!(stdout.contains("pmacd cannot use panel, rotary on a Turbo PMAC2 yet"), "{stdout}");
 }
 
 #[test]
@@ -457,4 +184,46 @@ fn c1_a_message_of_a_program_is_told_without_its_mark() {
     site.cycles(400);
     let message = messages.next_within(Duration::from_secs(10)).unwrap().expect("a message");
     assert_eq!(message.text, "HELLO");
+}
+
+#[test]
+fn c1_a_turbo_board_gathers() {
+    let mut site = Site::with_board("", |_| ());
+    site.cycles(8000);
+    let arguments =
+        ["gather", "--source", "1.following_error", "--source", "X:$9D", "--seconds", "1", "-o", "-"];
+    let (code, stdout, stderr) = site.running(&arguments);
+    assert_eq!(code, 0, "{stderr}");
+    let rows: Vec<Vec<f64>> = stdout
+        .lines()
+        .filter(|line| line.starts_with(|first: char| first.is_ascii_digit()))
+        .map(|line| line.split(',').map(|value| value.parse().unwrap()).collect())
+        .collect();
+    assert_eq!(rows.len(), 2000, "a second of half milliseconds: {stdout:.400}");
+    for (row, sample) in rows.iter().zip(1..) {
+        let values = &row[row.len() - 2..];
+        assert_eq!(values, [-f64::from(sample), f64::from(sample)], "none is lost");
+    }
+    assert!(!site.board().gathers, "ENDGATHER was sent");
+    site.cycles(400);
+    assert_eq!(site.json(&["motors"])["servo"]["fresh"], true, "and has not ended the servo report");
+}
+
+#[test]
+fn c1_background_variables_of_a_turbo_board_are_read() {
+    let mut site = Site::with_board("", |_| ());
+    site.cycles(8000);
+    let (code, stdout, stderr) =
+        site.running(&["variable", "watch", "Y:$C0", "X:$9D", "D:$8B", "--count", "1", "--json"]);
+    assert_eq!(code, 0, "{stderr}");
+    let shown: serde_json::Value = serde_json::from_str(&stdout).unwrap();
+    let values: Vec<_> =
+        shown["values"].as_array().unwrap().iter().map(|value| value["value"].clone()).collect();
+    // The played board answers with the entry itself: the kinds are $00, $20 and $10.
+    assert_eq!(values, [json!(0xC0), json!(0x20_009D), json!(0x10_008B)], "{shown}");
+    // Section 7.1: that address bits 18-16 stand in the X word is worked out, not written.
+    let (code, _, stderr) = site.running(&["variable", "watch", "X:$78000", "--count", "1"]);
+    assert!(code != 0 && stderr.contains("registers below $010000 can be watched"), "{code} {stderr}");
+    let (code, _, stderr) = site.running(&["variable", "set", "Y:$700=1"]);
+    assert!(code != 0 && stderr.contains("write_record under [readings]"), "{code} {stderr}");
 }

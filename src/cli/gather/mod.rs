@@ -15,10 +15,10 @@ use crate::cli::console::interrupt::Interrupt;
 use crate::cli::console::sink::{Rows, is_stdout};
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::cli::layout::board_layout;
-use crate::client::{Board, CommandError, Connection, GatherFollower, GatherPhase};
+use crate::client::{Board, CommandError, Connection, GatherFollower, GatherPhase, identity};
 use crate::decode::Scales;
 use crate::gather::{GatherMode, GatherPlan, GatherRequest, SampleClock, Source, column, plan};
-use crate::map::{BufferLayout, Family, Layout};
+use crate::map::{BufferLayout, DEFAULT_FAMILY, Family, Layout};
 use crate::protocol::board::GatherStopReply;
 use crate::protocol::{BoardSettings, Function, Functions};
 
@@ -101,8 +101,9 @@ fn gather(context: &mut Context, options: &Gather, output: &Path) -> Result<Verd
     let mut board = context.board()?;
     let mut connection = context.connection()?;
     let settings = connection.settings()?;
+    let family = identity::family(&board.identity()?).unwrap_or(DEFAULT_FAMILY);
+    check_functions(&settings, family, &[Function::Gather, Function::Ascii])?;
     let (layout, scales, firmware) = board_layout(&mut board)?;
-    check_functions(&settings, layout.family(), &[Function::Gather, Function::Ascii])?;
     let layout = settings.layout(layout.family(), firmware);
     let sources: Vec<Source> = options
         .source

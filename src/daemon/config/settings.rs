@@ -437,7 +437,7 @@ mod tests {
             ),
             (
                 "board = \"sim\"\nfamily = \"turbo2\"\nfunctions = [\"servo\", \"panel\"]\n",
-                "FILE:3:23: pmacd cannot use the function `panel` on a Turbo PMAC2 yet; it can use ascii, servo, background",
+                "FILE:3:23: pmacd cannot use the function `panel` on a Turbo PMAC2 yet; it can use ascii, servo, background, variables, gather",
             ),
             ("board = \"sim\"\nmotors = 9\n", "FILE:2:10: motors = 9 is out of range: write 1 to 8"),
             ("board = \"sim\"\nsocket_mode = \"9\"\n", "FILE:2:15: socket_mode = \"9\" is not a file mode"),

@@ -345,7 +345,9 @@ pub(super) fn watched(call: calls::WatchVariables, info: &Info) -> Result<Vec<Va
             let name = VariableName::parse(text, info.family());
             let name = name.map_err(|why| CallError::invalid("registers", why))?;
             knows(name, info)?;
-            Ok(name.into())
+            let entry = VariableEntry::from(name);
+            is_told(text, entry, info.family())?;
+            Ok(entry)
         })
         .collect()
 }
@@ -363,6 +365,20 @@ pub(super) fn check_firmware_writes(board: &BoardInfo, family: &Family) -> Resul
         ))),
         _ => Ok(()),
     }
+}
+
+/// Refuses a register whose address goes where no text tells for sure: a wrong guess reads another register, and nothing shows it.
+fn is_told(text: &str, entry: VariableEntry, family: &Family) -> Result<(), CallError> {
+    let told = family.variable_read.entry.told;
+    if entry.address >> told == 0 {
+        return Ok(());
+    }
+    Err(refused(format!(
+        "{text}: no text tells for sure where a {} takes address bits {told} and above of a register to read; registers below {} \
+         can be watched",
+        family.title,
+        family.print_number(1 << told)
+    )))
 }
 
 /// Refuses a function block unless the board's firmware is known to have them: an older one would take the block's number for

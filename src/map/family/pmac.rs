@@ -314,7 +314,7 @@ pub const VARIABLE_READ: VariableRead = VariableRead {
     timer: VARIABLE_READ_SERVO_TIMER,
     count: VARIABLE_READ_COUNT,
     start: VARIABLE_READ_START,
-    entry: EntryBits { kind: 0, address: 16 },
+    entry: EntryBits { kind: 0, address: 16, told: 16 },
 };
 
 /// Background variable write (DPRAM manual p. 24): bits 2-0 of the type word are the kind, 7-3 the width, 12-8 the

@@ -315,7 +315,7 @@ pub const VARIABLE_READ: VariableRead = VariableRead {
     timer: VARIABLE_READ_TIMER,
     count: VARIABLE_READ_COUNT,
     start: VARIABLE_READ_START,
-    entry: EntryBits { kind: 4, address: 19 },
+    entry: EntryBits { kind: 4, address: 19, told: 16 },
 };
 
 /// Background variable write. TUM p. 410 says that the type word holds kind, width, offset and the high address bits, not
@@ -349,7 +349,8 @@ pub const ROTARY_BUFFERS: RotaryHeaders =
 pub const GATHER: GatherPlace = GatherPlace { size: GATHER_SIZE, index: GATHER_INDEX, buffer: USER_START };
 
 /// What `pmacd` uses on these boards.
-pub const FUNCTIONS: &[Function] = &[Function::Ascii, Function::Servo, Function::Background];
+pub const FUNCTIONS: &[Function] =
+    &[Function::Ascii, Function::Servo, Function::Background, Function::Variables, Function::Gather];
 
 /// The I-variables of the functions (TUM p. 400-410; gathering TSRM p. 170-171). A control panel has none that is known, nor
 /// has the transfer of rotary buffers.

@@ -61,6 +61,8 @@ pub struct EntryBits {
     pub kind: u32,
     /// Bits of an address, 16 to 19.
     pub address: u32,
+    /// Of those, the bits from the lowest on whose place in the entry a text tells.
+    pub told: u32,
 }
 
 impl EntryBits {

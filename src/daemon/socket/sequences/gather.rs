@@ -2,7 +2,8 @@
 //!
 //! With I48=1 the first `GATHER` starts the servo report and the second one gathering; `ENDGATHER` undoes the latest one (DPRAM
 //! manual p. 14). So the number of `GATHER`s depends on whether the report runs, which its timer shows, and `ENDGATHER` is
-//! sent only where the board says that it gathers: sent once too often it ends everybody's servo data.
+//! sent only where the board says that it gathers: sent once too often it ends everybody's servo data. A Turbo board reports without
+//! `GATHER` (Turbo User Manual p. 403), and its I5049 is the period of gathering alone.
 //! The period of gathering (I19) is the servo report's as well. It is put back, unless somebody has set another one
 //! meanwhile, or a reset has. While somebody has a program buffer open the line would enter that: it is sent when the buffer is
 //! closed, however long that takes, and nobody waits for it.
@@ -21,8 +22,8 @@ use super::{Done, END_STEP, Ending, Resource, Sequence, SequenceCall, Step, ask,
 use crate::daemon::shared::job::Job;
 use crate::daemon::socket::policy::Peer;
 use crate::gather::GatherMode;
-use crate::map::Family;
 use crate::map::status::reply_has;
+use crate::map::{Family, ReportStart};
 use crate::mirror::GatherClock;
 use crate::protocol::{CallError, Reply, answer};
 
@@ -97,7 +98,7 @@ pub(in crate::daemon::socket) struct Gather {
     /// `None` where nothing is begun, but what somebody began by hand is ended.
     call: Option<GatherCall>,
     phase: Phase,
-    /// I48 is 1.
+    /// I48 is 1, on a board whose report GATHER starts.
     reports: bool,
     /// The report's timer was seen to go on.
     report_runs: bool,
@@ -182,7 +183,8 @@ impl Gather {
                 self.phase = Phase::AskReport;
             }
             Phase::AskReport => {
-                self.reports = first(&done.result?) == "1";
+                let is_on = first(&done.result?) == "1";
+                self.reports = is_on && self.family.servo.start == ReportStart::Gather;
                 if self.reports && self.call.as_ref().is_some_and(|call| !call.uses_report) {
                     // A board that reports takes another number of GATHERs than one that does not.
                     return Err(refused(format!(
@@ -360,11 +362,15 @@ impl Gather {
         match call.servo_period_ns.and_then(GatherClock::host) {
             _ if self.reports || call.buffer.mode == GatherMode::Stop => Ok(GatherClock::Report),
             Some(clock) => Ok(clock),
-            None => Err(refused(format!(
+            None if self.family.servo.start == ReportStart::Gather => Err(refused(format!(
                 "the servo report is off and I10 is not known, so turns of the buffer cannot be counted; switch the report on \
                  (I{}=1), or gather --once",
                 self.family.i.servo_enable
             ))),
+            None => Err(refused(
+                "I10 is not known, so turns of the buffer cannot be counted; write i10 into pmacd's configuration, or \
+                 gather --once",
+            )),
         }
     }
 
