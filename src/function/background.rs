@@ -92,6 +92,21 @@ impl BackgroundReader {
         self.block.gathering.is_some_and(|flag| self.is_set(flag))
     }
 
+    /// The motors whose amplifier was off at the last report, bit n-1 for motor n: killed ones; only of those whose status is
+    /// read.
+    #[must_use]
+    pub fn amplifiers_off(&self) -> u32 {
+        let Some(flag) = self.block.amplifier_enabled else { return 0 };
+        let blocks = &self.block.blocks;
+        let word = flag.word.words_since(blocks.first);
+        if !self.runs.iter().any(|run| run.contains(&word)) {
+            return 0;
+        }
+        let status = self.image.iter().skip(self.block.index(flag.word)).step_by(blocks.words);
+        let read = status.take(self.numbers).enumerate().filter(|(at, _)| self.selection.has_number(at + 1));
+        read.fold(0, |mask, (at, word)| mask | u32::from(!flag.is_set(*word)) << at)
+    }
+
     fn is_set(&self, flag: Flag) -> bool {
         self.image.get(self.block.index(flag.word)).is_some_and(|word| flag.is_set(*word))
     }

@@ -217,6 +217,8 @@ pub struct BackgroundBlock {
     pub program_buffer_open: Option<Flag>,
     /// In one of those: data are gathered.
     pub gathering: Option<Flag>,
+    /// In the block of motor 1: its amplifier is enabled.
+    pub amplifier_enabled: Option<Flag>,
     /// What the blocks' numbers count.
     pub numbers: NumberKind,
     /// The blocks.

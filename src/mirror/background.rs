@@ -137,6 +137,12 @@ impl BackgroundMirror {
         self.is_live() && self.told.gathers
     }
 
+    /// The motors whose amplifier is off, bit n-1 for motor n, as far as the reports tell: none while none come.
+    #[must_use]
+    pub fn amplifiers_off(&self) -> u32 {
+        if self.is_live() && self.reports > 0 { self.reader.amplifiers_off() } else { 0 }
+    }
+
     /// Reports published so far.
     #[must_use]
     pub fn reports(&self) -> u64 {

@@ -230,6 +230,40 @@ fn is_open(board: &mut Connection) -> bool {
 }
 
 #[test]
+fn b2_6_without_servo_data_a_killed_motor_stays_killed_too() {
+    let site = running();
+    let mut board = site.connection();
+    for kill in ["$$$", "#1K"] {
+        let _ = board.send("GATHER", PATIENCE);
+        board.send("#1J/", PATIENCE).unwrap();
+        site.wait_for_live_servo();
+        let mut holder = site.connection();
+        if kill == "#1K" {
+            board.send("ENDGATHER", PATIENCE).unwrap();
+            site.run_for(Duration::from_millis(200));
+        }
+        holder.panel_hold("jog+", &[1]).unwrap();
+        until(&mut board, "#1V", "it goes", |speed| speed > 1.0);
+        holder.panel_renew().unwrap();
+        match kill {
+            "$$$" => drop(site.control("reset")),
+            _ => drop(board.send(kill, PATIENCE).unwrap()),
+        }
+        // The background report tells many times a second.
+        let ends = (0..40).find_map(|_| {
+            site.run_for(Duration::from_millis(50));
+            holder.panel_renew().err()
+        });
+        let why = ends.expect("the hold is over").to_string();
+        assert!(why.contains("the loop of motor 1 is open"), "{kill}: {why}");
+        drop(holder);
+        site.run_for(Duration::from_secs(1));
+        assert!(is_open(&mut board), "{kill}: a stop has closed the loop");
+    }
+    site.assert_no_violations();
+}
+
+#[test]
 fn the_end_of_a_held_jog_leaves_a_killed_motor_killed() {
     let site = running();
     let mut board = site.connection();

@@ -123,8 +123,10 @@ impl FunctionTable {
             panel.see_kill(self.ascii.queue().kill());
         }
         let polled = self.row(function).poll(context)?;
-        if let (Function::Servo, Some(panel)) = (function, &mut self.panel) {
-            panel.see_report(self.servo.open_loops(), self.servo.updates());
+        if let (Function::Servo | Function::Background, Some(panel)) = (function, &mut self.panel) {
+            let off = if self.servo.is_live() { 0 } else { self.background.amplifiers_off() };
+            panel.loops_mut().see_servo(self.servo.open_loops(), self.servo.updates());
+            panel.loops_mut().see_background(off, self.background.reports());
         }
         Ok(polled)
     }

@@ -58,7 +58,7 @@ impl fmt::Display for LeaseEnd {
             }
             Self::OpenLoop(motors) => {
                 let target = Target::Motors(*motors);
-                write!(f, "the held jog is over: the loop of {target} is open (killed, or a fault)")
+                write!(f, "the held jog is over: the loop of {target} is open (killed, a fault, or a reset)")
             }
             Self::Stopped(by, motors) => {
                 write!(f, "the held jog is over: {by} stopped {}", Target::Motors(*motors))

@@ -136,6 +136,8 @@ pub mod background_block {
     pub const POSITION_BIAS: usize = 4;
     /// Motor: background status, the second word of `?`, 24 bits.
     pub const MOTOR_STATUS: usize = 8;
+    /// In the low word of the background status (bit 14 there): the amplifier is enabled. A killed motor's is not.
+    pub const AMPLIFIER_ENABLED: u16 = 1 << 14;
     /// Coordinate system: motor definition word, 24 bits.
     pub const MOTOR_DEFINITION: usize = 10;
     /// Coordinate system: status, the first word of `??`, 24 bits.
@@ -287,6 +289,10 @@ pub const BACKGROUND_REPORT: BackgroundBlock = BackgroundBlock {
     global_status: None,
     program_buffer_open: None,
     gathering: None,
+    amplifier_enabled: Some(Flag {
+        word: BACKGROUND_BLOCK.plus_words(background_block::MOTOR_STATUS),
+        mask: background_block::AMPLIFIER_ENABLED,
+    }),
     numbers: NumberKind::MotorOrCoordinateSystem,
     blocks: Blocks { count: MOTORS, first: BACKGROUND_BLOCK, words: BACKGROUND_BLOCK_WORDS },
 };

@@ -286,6 +286,7 @@ pub const BACKGROUND_REPORT: BackgroundBlock = BackgroundBlock {
         mask: PROGRAM_BUFFER_OPEN,
     }),
     gathering: Some(Flag { word: BACKGROUND_GLOBAL_STATUS_X.plus_words(1), mask: GATHERING }),
+    amplifier_enabled: None,
     numbers: NumberKind::CoordinateSystem,
     blocks: Blocks { count: SYSTEMS, first: BACKGROUND_SYSTEM, words: BACKGROUND_SYSTEM_STRIDE as usize / 2 },
 };

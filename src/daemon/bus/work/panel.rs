@@ -205,9 +205,9 @@ impl PanelQueue {
         self.kill = kill;
     }
 
-    /// Takes note of the motors whose loop was open when the servo report was updated for the `updates`th time.
-    pub fn see_report(&mut self, open: u32, updates: u64) {
-        self.open_loops.see(open, updates);
+    /// What the reports tell of the motors' loops goes here.
+    pub fn loops_mut(&mut self) -> &mut OpenLoops {
+        &mut self.open_loops
     }
 
     /// The motors whose loop is open, bit 0 being motor 1, as far as that is known for sure: not of those for which a request
@@ -334,7 +334,7 @@ impl PanelQueue {
         }
         warn!(
             target: "audit",
-            "a held jog is over, and its motors (mask {open:#04x}) get no stop: their loops are open (killed, or a fault), \
+            "a held jog is over, and its motors (mask {open:#04x}) get no stop: their loops are open (killed, a fault, or a reset), \
              and a stop would close them"
         );
         PanelRequest::jog_stop(stop.mask() & !open)
@@ -440,7 +440,7 @@ mod tests {
         let mut queue = PanelQueue::new(&PMAC, now).unwrap();
         let deadline = now + POLL * 50;
         let mask = |bus: &mut FileBoard| bus.read16(PANEL.request_enable).unwrap();
-        queue.see_report(0b010, 10);
+        queue.loops_mut().see_servo(0b010, 10);
         queue.end_hold(Ticket(1), 0b111, deadline, now);
         assert!(queue.poll(&mut bus, now).unwrap().is_none());
         assert_eq!(mask(&mut bus), 0b101);
@@ -457,18 +457,18 @@ mod tests {
         assert!(queue.poll(&mut bus, now).unwrap().is_none());
         assert_eq!(queue.open_loops(), 0, "the jog lies in the panel");
         assert!(queue.poll(&mut bus, now).unwrap().is_none());
-        queue.see_report(0b010, 11);
-        queue.see_report(0b010, 20);
+        queue.loops_mut().see_servo(0b010, 11);
+        queue.loops_mut().see_servo(0b010, 20);
         assert_eq!(queue.open_loops(), 0, "still, however many reports come");
         bus.write16(PANEL.request_enable, 0).unwrap();
         assert!(queue.poll(&mut bus, now).unwrap().is_some());
-        queue.see_report(0b010, 21);
+        queue.loops_mut().see_servo(0b010, 21);
         assert!(queue.poll(&mut bus, now).unwrap().is_none());
         assert_eq!(mask(&mut bus), 0b010, "it may be moving");
         bus.write16(PANEL.request_enable, 0).unwrap();
         assert!(queue.poll(&mut bus, now).unwrap().is_some());
         // What somebody asks for by himself is done, also at the end.
-        queue.see_report(0b011, 30);
+        queue.loops_mut().see_servo(0b011, 30);
         let stop = PanelRequest::of(PANEL, PanelAction::JogStop, &[1]).unwrap();
         queue.end_hold(Ticket(5), 0b010, deadline, now);
         queue.submit(Ticket(6), stop, deadline, now);
