@@ -203,7 +203,7 @@ impl BoardLoop {
             status.enabling = queue.identifier.enabling();
             status.changes = queue.identifier.changes();
             status.reply_end = queue.ports().dpram.reply_end();
-            (status.buffer, status.held) = queue.standing();
+            (status.buffer, status.given_up) = queue.standing();
             status.open_loops = self.functions.open_loops();
             status.motion = servo.motion();
             status.program_buffer = program_buffer;

@@ -5,7 +5,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-use super::queue::{Event, Held, Sender};
+use super::queue::{Event, GivenUp, Sender};
 use super::status::{BoardStatus, Enabling, HostPortCounts, KnownIdentity};
 use crate::function::servo::Motion;
 use crate::map::Family;
@@ -106,8 +106,8 @@ impl Info {
 
     /// The command that was given up and holds the port for command lines.
     #[must_use]
-    pub fn held(&self) -> Option<Held> {
-        self.status.held
+    pub fn given_up(&self) -> Option<GivenUp> {
+        self.status.given_up
     }
 
     /// Which motors move.

@@ -22,14 +22,14 @@ pub struct Origin {
 
 /// A command that was given up. Nothing else is sent until the board has shown that it works on it no more.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Held {
+pub struct GivenUp {
     /// Whose it was.
     pub by: Origin,
     /// When it was sent.
     pub since: Instant,
 }
 
-impl Held {
+impl GivenUp {
     /// Why nothing else was sent.
     #[must_use]
     pub fn reason(&self, now: Instant) -> Text<REASON_MAX> {

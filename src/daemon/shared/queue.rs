@@ -13,7 +13,7 @@ use nix::sys::eventfd::{EfdFlags, EventFd};
 
 use super::job::Job;
 use super::open_buffer::{Barred, Writer};
-pub use super::origin::{Held, Origin, REASON_MAX};
+pub use super::origin::{GivenUp, Origin, REASON_MAX};
 use super::status::BoardStatus;
 pub use crate::format::Text;
 use crate::function::ascii::ResponseText;

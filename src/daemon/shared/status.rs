@@ -3,7 +3,7 @@
 use std::time::Instant;
 
 use super::open_buffer::Standing;
-use super::origin::Held;
+use super::origin::GivenUp;
 use crate::format::Text;
 use crate::function::servo::Motion;
 use crate::map::readings::ReplyEnd;
@@ -57,7 +57,7 @@ pub struct BoardStatus {
     /// The program buffer that is open.
     pub buffer: Standing,
     /// The command that was given up and holds the port.
-    pub held: Option<Held>,
+    pub given_up: Option<GivenUp>,
     /// What the I-variables that switch functions on were when asked.
     pub enabling: Enabling,
     /// The motors whose loop is open, bit 0 being motor 1, as far as that is known for sure.
@@ -85,7 +85,7 @@ impl BoardStatus {
         changes: [None; CHANGES],
         reply_end: ReplyEnd::Ack,
         buffer: Standing { is_open: false, opened: None },
-        held: None,
+        given_up: None,
         enabling: Enabling { panel: None, variables: None, asked: None },
         open_loops: 0,
         motion: Motion { moving: 0, standing: 0 },

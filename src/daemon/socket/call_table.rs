@@ -9,7 +9,7 @@ use super::policy::Peer;
 use super::stop_target::Target;
 use crate::daemon::shared::job::Job;
 use crate::daemon::shared::open_buffer::Writer;
-use crate::daemon::shared::queue::{Command, Held, Outcome, Sender, Ticket, at_once};
+use crate::daemon::shared::queue::{Command, GivenUp, Outcome, Sender, Ticket, at_once};
 use crate::function::ascii::ResponseText;
 use crate::function::variable_read::VariableEntry;
 
@@ -166,18 +166,18 @@ impl CallTable {
     }
 
     /// Hands the bus thread what it has room for. The calls whose commands were not handed over: of those whose time is
-    /// nearly up, or who are gone (not `hears`) and wanted a reply; each with how it ended. Lines wait while the port is `held`. What
-    /// is handed over and can move a machine is told to `log`.
+    /// nearly up, or who are gone (not `hears`) and wanted a reply; each with how it ended. Lines wait while a command
+    /// that was `given_up` holds the port. What is handed over and can move a machine is told to `log`.
     pub(super) fn hand_out(
         &mut self,
-        held: Option<Held>,
+        given_up: Option<GivenUp>,
         now: Instant,
         hears: impl Fn(u64) -> bool,
         mut log: impl FnMut(Caller, &str),
     ) -> Vec<(Ended, Outcome)> {
         let mut refused = Vec::new();
         while let Some(turn) = self.queue.next() {
-            let outcome = not_begun(turn.is_for_port(), held, now);
+            let outcome = not_begun(turn.is_for_port(), given_up, now);
             let Turn { ticket, mut command, audit } = turn;
             if let Command::Send { writer: Writer::Question, deadline, .. } = &mut command
                 && self.is_own_question(ticket)
@@ -232,13 +232,14 @@ impl CallTable {
         self.pending.get(&ticket).is_some_and(|pending| !is_callers(&pending.then))
     }
 
-    /// Takes out the calls whose time is over, each with how it ended. Lines wait while the port is `held`.
-    pub(super) fn expire(&mut self, held: Option<Held>, now: Instant) -> Vec<(Ended, Outcome)> {
+    /// Takes out the calls whose time is over, each with how it ended. Lines wait while a command that was `given_up`
+    /// holds the port.
+    pub(super) fn expire(&mut self, given_up: Option<GivenUp>, now: Instant) -> Vec<(Ended, Outcome)> {
         let queue = &mut self.queue;
         let late = self.pending.extract_if(|_, pending| pending.deadline <= now);
         late.map(|(ticket, Pending { caller, lines, then, .. })| {
             let outcome = match queue.take_back(ticket) {
-                Some(turn) => not_begun(turn.is_for_port(), held, now),
+                Some(turn) => not_begun(turn.is_for_port(), given_up, now),
                 None => Outcome::TimedOut,
             };
             (Ended { caller, lines, is_overlong: false, then }, outcome)
@@ -302,6 +303,6 @@ impl CallTable {
 }
 
 /// How a command ends that was not handed over. The bare "busy" is for what no given-up command holds up.
-fn not_begun(is_for_port: bool, held: Option<Held>, now: Instant) -> Outcome {
-    held.filter(|_| is_for_port).map_or(Outcome::Busy, |held| Outcome::Refused(held.reason(now)))
+fn not_begun(is_for_port: bool, given_up: Option<GivenUp>, now: Instant) -> Outcome {
+    given_up.filter(|_| is_for_port).map_or(Outcome::Busy, |given_up| Outcome::Refused(given_up.reason(now)))
 }

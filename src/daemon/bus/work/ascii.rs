@@ -26,7 +26,7 @@ use crate::daemon::bus::scale_doubts::ScaleDoubts;
 use crate::daemon::bus::work::kill::Kill;
 use crate::daemon::shared::open_buffer::{OpenBuffer, Standing, Writer};
 use crate::daemon::shared::queue::{
-    Command, Event, Held, LINE_MAX, Origin, Outcome, Sender, Text, Ticket, Unsolicited, at_once,
+    Command, Event, GivenUp, LINE_MAX, Origin, Outcome, Sender, Text, Ticket, Unsolicited, at_once,
 };
 use crate::device::{Bus, BusError};
 use crate::function::ascii::control::control_has_reply;
@@ -201,8 +201,8 @@ impl AsciiQueue {
 
     /// The program buffer that is open, as far as known, and the command that was given up and holds the port.
     #[must_use]
-    pub const fn standing(&self) -> (Standing, Option<Held>) {
-        (self.buffer.standing(), self.check.held())
+    pub const fn standing(&self) -> (Standing, Option<GivenUp>) {
+        (self.buffer.standing(), self.check.given_up())
     }
 
     /// Whether an answer waits for room in the socket's queue, so that nothing more is taken from the board.

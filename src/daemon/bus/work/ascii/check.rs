@@ -21,7 +21,7 @@ use log::{info, warn};
 
 use super::{AsciiQueue, InFlight, UnderWay};
 use crate::daemon::bus::ports::command_port::PortError;
-use crate::daemon::shared::queue::Held;
+use crate::daemon::shared::queue::GivenUp;
 use crate::device::Bus;
 use crate::map::readings::ReplyEnd;
 use crate::protocol::{CommandState, answer};
@@ -77,7 +77,7 @@ pub(super) struct Check {
     /// How many lines were answered otherwise.
     tries: u8,
     /// The command that was given up.
-    held: Option<Held>,
+    given_up: Option<GivenUp>,
 }
 
 impl Check {
@@ -90,7 +90,7 @@ impl Check {
             lines: 0,
             is_answered: false,
             tries: 0,
-            held: None,
+            given_up: None,
         }
     }
 
@@ -155,18 +155,18 @@ impl Check {
     }
 
     /// This command was given up.
-    pub(super) const fn hold(&mut self, held: Held) {
-        self.held = Some(held);
+    pub(super) const fn give_up(&mut self, given_up: GivenUp) {
+        self.given_up = Some(given_up);
     }
 
     /// The board was reset, or has cancelled what it had: it works on nothing.
     pub(super) const fn reset(&mut self) {
-        self.held = None;
+        self.given_up = None;
     }
 
     /// The command that was given up and holds the port.
-    pub(super) const fn held(&self) -> Option<Held> {
-        self.held
+    pub(super) const fn given_up(&self) -> Option<GivenUp> {
+        self.given_up
     }
 }
 

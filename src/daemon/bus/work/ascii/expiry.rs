@@ -4,7 +4,7 @@ use std::time::Instant;
 
 use super::{AsciiQueue, InFlight, UnderWay, WaitingControl, WaitingLine};
 use crate::daemon::bus::ports::command_port::PortError;
-use crate::daemon::shared::queue::{Event, Held, Origin, Outcome, Sender, Text, Ticket, dropped_by};
+use crate::daemon::shared::queue::{Event, GivenUp, Origin, Outcome, Sender, Text, Ticket, dropped_by};
 use crate::device::Bus;
 use crate::protocol::CommandState;
 use crate::segment::{Counter, Publisher};
@@ -84,7 +84,7 @@ impl AsciiQueue {
                 self.outbox.tell(events, Event::Done(ticket, Outcome::Interrupted(reason)));
             }
             None => {
-                self.check.hold(Held { by: origin, since });
+                self.check.give_up(GivenUp { by: origin, since });
                 self.fail(events, publisher, ticket, true);
             }
         }
@@ -127,12 +127,12 @@ impl AsciiQueue {
         // That it waited for another one says nothing of the board.
         let line_before = match self.under_way {
             Some(UnderWay { command: InFlight::Line(WaitingLine { origin, .. }), since, .. }) => {
-                Some(Held { by: origin, since })
+                Some(GivenUp { by: origin, since })
             }
             _ => None,
         };
-        if let Some(held) = self.check.held().or(line_before) {
-            self.outbox.tell(events, Event::Done(ticket, Outcome::Refused(held.reason(now))));
+        if let Some(given_up) = self.check.given_up().or(line_before) {
+            self.outbox.tell(events, Event::Done(ticket, Outcome::Refused(given_up.reason(now))));
         } else if self.under_way.is_some() && !self.ports.in_doubt() {
             self.outbox.tell(events, Event::Done(ticket, Outcome::Busy));
         } else {
