@@ -421,7 +421,7 @@ impl BoardLoop {
             }
             Command::Send { .. } | Command::First { .. } | Command::Control { .. } => {
                 if let Command::Control { uid, character, .. } = command
-                    && let Err(error) = self.functions.stop_all(&mut self.bus, uid, character)
+                    && let Err(error) = self.functions.make_way(&mut self.bus, uid, character)
                 {
                     self.bus_failed(&error);
                 }

@@ -288,14 +288,14 @@ impl FunctionTable {
         Ok(Some(Event::Done(ticket, outcome)))
     }
 
-    /// User `uid` is about to send a control character, which may stop all motion.
+    /// User `uid` is about to send a control character. The panel makes way for one that stops all motion.
     ///
     /// # Errors
     /// When the bus cannot be reached.
-    pub fn stop_all(&mut self, bus: &mut impl Bus, uid: u32, character: u8) -> Result<(), BusError> {
+    pub fn make_way(&mut self, bus: &mut impl Bus, uid: u32, character: u8) -> Result<(), BusError> {
         let stops = matches!(character, control::ABORT | control::KILL);
         match self.panel.as_mut().filter(|_| stops) {
-            Some(panel) => panel.stop_all(bus, uid, character),
+            Some(panel) => panel.make_way(bus, uid, character),
             None => Ok(()),
         }
     }

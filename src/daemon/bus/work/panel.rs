@@ -78,8 +78,8 @@ pub struct PanelQueue {
     waiting: VecDeque<Waiting>,
     /// The request that lies in the panel.
     pending: Option<Pending>,
-    /// What is to be told of a request that was cut off: whose it was, and what became of it.
-    cut_off: Option<(Ticket, Outcome)>,
+    /// What is to be told of a request that was abandoned: whose it was, and what became of it.
+    abandoned: Option<(Ticket, Outcome)>,
     /// A request was withdrawn, by this daemon or one before it, and the mask was not seen to be cleared since.
     doubtful: bool,
     next_poll: Instant,
@@ -96,7 +96,7 @@ impl PanelQueue {
             enable: family.i.panel,
             waiting: VecDeque::with_capacity(at_once::PANEL + at_once::STOPS),
             pending: None,
-            cut_off: None,
+            abandoned: None,
             doubtful: false,
             next_poll: now,
             open_loops: OpenLoops::default(),
@@ -122,7 +122,7 @@ impl PanelQueue {
     /// # Errors
     /// When the bus cannot be reached.
     pub fn acquire(&mut self, bus: &mut impl Bus) -> Result<(), BusError> {
-        self.cut_off();
+        self.abandon();
         self.panel.acquire(bus)?;
         self.doubtful = true;
         Ok(())
@@ -133,18 +133,18 @@ impl PanelQueue {
     /// # Errors
     /// When the bus cannot be reached.
     pub fn leave(&mut self, bus: &mut impl Bus) -> Result<(), BusError> {
-        self.cut_off();
+        self.abandon();
         self.panel.withdraw(bus)
     }
 
     /// Nobody waits any more for the board to take what lies in the panel. Also where the mask is still set the board may have
     /// carried the request out: it may clear the mask only then.
-    fn cut_off(&mut self) {
+    fn abandon(&mut self) {
         let Some(pending) = self.pending.take() else { return };
         let never_made = "the board was reset, or replaced, before the panel request was made";
         let outcome =
             if pending.was_made() { Outcome::TimedOut } else { Outcome::Refused(Text::of(&never_made)) };
-        self.cut_off = Some((pending.ticket, outcome));
+        self.abandoned = Some((pending.ticket, outcome));
     }
 
     /// Takes a request in.
@@ -166,7 +166,7 @@ impl PanelQueue {
     ///
     /// # Errors
     /// When the bus cannot be reached.
-    pub fn stop_all(&mut self, bus: &mut impl Bus, uid: u32, character: u8) -> Result<(), BusError> {
+    pub fn make_way(&mut self, bus: &mut impl Bus, uid: u32, character: u8) -> Result<(), BusError> {
         let kills = character == control::KILL;
         let dropped = Outcome::Dropped(dropped_by(uid, character));
         if let Some(pending) = self.pending.filter(|pending| kills || !pending.request.is_stop()) {
@@ -259,7 +259,7 @@ impl PanelQueue {
     /// When to poll next; `None` while nothing is to be done.
     #[must_use]
     pub fn due(&self) -> Option<Instant> {
-        let has_work = self.pending.is_some() || self.cut_off.is_some() || !self.waiting.is_empty();
+        let has_work = self.pending.is_some() || self.abandoned.is_some() || !self.waiting.is_empty();
         has_work.then_some(self.next_poll)
     }
 
@@ -292,7 +292,7 @@ impl PanelQueue {
             self.doubtful = true;
             return Ok(Some(Event::Done(ticket, self.not_taken(pending.was_made()))));
         }
-        if let Some((ticket, outcome)) = self.cut_off.take() {
+        if let Some((ticket, outcome)) = self.abandoned.take() {
             return Ok(Some(Event::Done(ticket, outcome)));
         }
         let dropped = self.waiting.iter().position(|waiting| waiting.dropped.is_some());
@@ -499,8 +499,8 @@ mod tests {
             queue.submit(Ticket(2), stop, now + POLL * 50, now);
             assert!(queue.poll(&mut bus, now).unwrap().is_none());
             assert_eq!(mask(&mut bus), 0b1);
-            queue.stop_all(&mut bus, 7, control::KILL).unwrap();
-            queue.stop_all(&mut bus, 7, control::ABORT).unwrap();
+            queue.make_way(&mut bus, 7, control::KILL).unwrap();
+            queue.make_way(&mut bus, 7, control::ABORT).unwrap();
             assert_eq!(mask(&mut bus), 0, "withdrawn before ^K is written");
             queue.see_kill(Kill { is_under_way: true, taken: 0 });
             assert_eq!((told(&mut queue, &mut bus, now), mask(&mut bus)), (vec![], 0));
@@ -526,7 +526,7 @@ mod tests {
                 queue.submit(Ticket(number as u64), jog(number), now + POLL * 50, now);
             }
             assert!(queue.poll(&mut bus, now).unwrap().is_none());
-            queue.stop_all(&mut bus, 7, character).unwrap();
+            queue.make_way(&mut bus, 7, character).unwrap();
             assert_eq!(bus.read16(PANEL.request_enable).unwrap(), 0);
             let told = told(&mut queue, &mut bus, now);
             let [(1, Outcome::Interrupted(first)), (2, second)] = told[..] else { panic!("{told:?}") };
