@@ -223,12 +223,12 @@ fn b1_3_i19_is_put_back_when_a_buffer_that_was_open_over_the_end_is_closed() {
     gather.kill().unwrap();
     gather.wait().unwrap();
     site.run_for(Duration::from_secs(20));
-    let owed = "sets I19 to 1 again, when the open program buffer is closed";
+    let unfinished = "sets I19 to 1 again, when the open program buffer is closed";
     let status: serde_json::Value = serde_json::from_str(&site.run(&["status", "--json"]).stdout).unwrap();
-    assert!(status["socket"]["unfinished"][0].as_str().unwrap().contains(owed), "{status}");
-    assert!(site.run(&["status"]).stdout.contains(owed));
+    assert!(status["socket"]["unfinished"][0].as_str().unwrap().contains(unfinished), "{status}");
+    assert!(site.run(&["status"]).stdout.contains(unfinished));
     let ran = site.run(&["gather", "--source", "servo_timer", "--seconds", "0.2", "-o", "-"]);
-    assert!(ran.code == Some(1) && ran.stderr.contains(owed), "{ran:?}");
+    assert!(ran.code == Some(1) && ran.stderr.contains(unfinished), "{ran:?}");
     site.ask("CLOSE");
     assert_as_before(&site);
     assert!(!site.run(&["status"]).stdout.contains("unfinished"));

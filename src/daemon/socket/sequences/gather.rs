@@ -459,8 +459,22 @@ impl Sequence for Gather {
         self.phase != Phase::Full
     }
 
-    fn owes(&self) -> Option<String> {
-        self.owed()
+    fn unfinished(&self) -> Option<String> {
+        if !self.is_kept_back || self.phase == Phase::Over {
+            return None;
+        }
+        let period = self.family.i.gather_period;
+        let ours = self.call.as_ref().map_or(0, |call| call.buffer.period);
+        let old = self.period.as_deref().unwrap_or_default();
+        Some(match self.phase {
+            Phase::AskPeriodAgain | Phase::PutBack => format!(
+                "I{period} is {ours} by a gather that has ended; pmacd sets it to {old} again when the open program buffer is closed"
+            ),
+            _ => format!(
+                "the board still gathers for nobody; pmacd ends that, and sets I{period} to {old} again, when the open program \
+                 buffer is closed"
+            ),
+        })
     }
 
     fn asked(&mut self, call: SequenceCall, _: Instant) -> Result<(), CallError> {

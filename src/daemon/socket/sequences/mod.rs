@@ -228,7 +228,7 @@ pub(super) trait Sequence: fmt::Debug + Send {
     }
 
     /// What its end still has to do on the board, if it waits for somebody else with that.
-    fn owes(&self) -> Option<String> {
+    fn unfinished(&self) -> Option<String> {
         None
     }
 

@@ -87,8 +87,8 @@ impl fmt::Display for InUse<'_> {
         if let Some(why) = ending {
             write!(f, ", which pmacd is ending ({why})")?;
         }
-        match machine.owes() {
-            Some(owed) => write!(f, "; {owed}"),
+        match machine.unfinished() {
+            Some(unfinished) => write!(f, "; {unfinished}"),
             None => Ok(()),
         }
     }
@@ -167,7 +167,7 @@ impl Sequences {
 
     /// What sequences that are ending still have to do on the board.
     pub(in crate::daemon::socket) fn unfinished(&self) -> Vec<String> {
-        self.running.values().filter_map(|running| running.machine.owes()).collect()
+        self.running.values().filter_map(|running| running.machine.unfinished()).collect()
     }
 
     /// Why somebody else cannot end the sequence just so.

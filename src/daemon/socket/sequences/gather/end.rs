@@ -6,7 +6,7 @@ use log::warn;
 
 use super::{Begun, Gather, Phase, first, refused};
 use crate::daemon::shared::queue::Outcome;
-use crate::daemon::socket::sequences::{Done, Ending, is_unsent};
+use crate::daemon::socket::sequences::{Done, Ending, Sequence, is_unsent};
 use crate::gather::GatherMode;
 use crate::protocol::board::GatherStopReply;
 use crate::protocol::{CallError, Reply};
@@ -125,7 +125,7 @@ impl Gather {
     /// What the owner is told in the end.
     pub(super) fn result(&mut self) -> Result<Reply, CallError> {
         let mut notes = std::mem::take(&mut self.notes);
-        notes.extend(self.owed());
+        notes.extend(self.unfinished());
         notes.iter().for_each(|note| warn!("the end of a gather: {note}"));
         match self.failure.take() {
             Some(CallError::Refused { reason }) if !notes.is_empty() => {
@@ -145,24 +145,5 @@ impl Gather {
                 notes,
             }),
         }
-    }
-
-    /// What the end still has to do, if an open program buffer keeps it back.
-    pub(super) fn owed(&self) -> Option<String> {
-        if !self.is_kept_back || self.phase == Phase::Over {
-            return None;
-        }
-        let period = self.family.i.gather_period;
-        let ours = self.call.as_ref().map_or(0, |call| call.buffer.period);
-        let old = self.period.as_deref().unwrap_or_default();
-        Some(match self.phase {
-            Phase::AskPeriodAgain | Phase::PutBack => format!(
-                "I{period} is {ours} by a gather that has ended; pmacd sets it to {old} again when the open program buffer is closed"
-            ),
-            _ => format!(
-                "the board still gathers for nobody; pmacd ends that, and sets I{period} to {old} again, when the open program \
-                 buffer is closed"
-            ),
-        })
     }
 }
