@@ -12,7 +12,7 @@ mod questions;
 use std::time::{Duration, Instant};
 
 use self::questions::{Meaning, Question, questions};
-use crate::daemon::bus::elsewhere::Elsewhere;
+use crate::daemon::bus::change_watch::ChangeWatch;
 use crate::daemon::bus::scale_doubts::{ScaleDoubts, scale_tables};
 use crate::daemon::shared::status::{CHANGES, Change, Enabling};
 use crate::format::Text;
@@ -60,7 +60,7 @@ pub struct Identifier {
     update: Option<Identity>,
     wanted: bool,
     /// What somebody else has changed.
-    elsewhere: Elsewhere,
+    changes: ChangeWatch,
     /// How long until the board is asked again.
     recheck: Duration,
     /// When the last question was due.
@@ -90,7 +90,7 @@ impl Identifier {
             lines: 0,
             enabling: Enabling::default(),
             wanted: ask,
-            elsewhere: Elsewhere::default(),
+            changes: ChangeWatch::default(),
             recheck: RECHECK,
             asked: now,
         }
@@ -121,7 +121,7 @@ impl Identifier {
 
     /// The board was reset, or is another one: it answers differently now, and nobody has changed that.
     pub fn begin_anew(&mut self, now: Instant) {
-        self.elsewhere.forget();
+        self.changes.forget();
         self.ask_again(now);
     }
 
@@ -199,13 +199,13 @@ impl Identifier {
 
     /// A line of somebody's goes to the board.
     pub fn line_goes(&mut self, line: &[u8]) {
-        self.elsewhere.line_goes(line);
+        self.changes.line_goes(line);
     }
 
     /// What somebody else has changed, another host or a program of the board.
     #[must_use]
     pub fn changes(&self) -> [Option<Change>; CHANGES] {
-        self.elsewhere.changes()
+        self.changes.changes()
     }
 
     /// The line was sent.
@@ -228,7 +228,7 @@ impl Identifier {
                 let value = value.and_then(|value| u32::try_from(value).ok());
                 let Some((number, meaning)) = variables.get(index) else { return };
                 if let Some(value) = value {
-                    self.elsewhere.told(*number, value, self.asked);
+                    self.changes.told(*number, value, self.asked);
                 }
                 match meaning {
                     Meaning::ServoPeriod => {

@@ -14,8 +14,8 @@
 pub mod board;
 pub mod board_function;
 pub mod board_loop;
+pub mod change_watch;
 pub mod command_intake;
-pub mod elsewhere;
 pub mod function_table;
 pub mod guard_time;
 pub mod identify;

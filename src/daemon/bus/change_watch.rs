@@ -1,7 +1,8 @@
 //! What somebody else has changed on the board: another host on the serial port or on the bus, or a program that runs there.
 //!
-//! The daemon asks for a few I-variables again and again. One that is not what it was, though no line that went through the
-//! daemon may have set it, was changed by somebody else.
+//! The daemon asks for a few I-variables again and again, and forgets those that a command line through it may set. One that is
+//! not what it was, and was not forgotten, was changed by somebody else. A change that is undone before the next question is
+//! not seen.
 
 use std::time::Instant;
 
@@ -20,11 +21,11 @@ struct Told {
 
 /// The variables that are asked for.
 #[derive(Debug, Default)]
-pub struct Elsewhere {
+pub struct ChangeWatch {
     told: [Option<Told>; CHANGES],
 }
 
-impl Elsewhere {
+impl ChangeWatch {
     /// The board, asked at `now`, says that `variable` is `value`.
     pub fn told(&mut self, variable: u16, value: u32, now: Instant) {
         let is_it = |told: &Option<Told>| told.is_some_and(|told| told.variable == variable);
@@ -76,8 +77,8 @@ mod tests {
 
     use super::*;
 
-    fn changes(elsewhere: &Elsewhere) -> Vec<(u16, u32, u32)> {
-        let changes = elsewhere.changes().into_iter().flatten();
+    fn changes(watch: &ChangeWatch) -> Vec<(u16, u32, u32)> {
+        let changes = watch.changes().into_iter().flatten();
         changes.map(|change| (change.variable, change.was, change.is)).collect()
     }
 
@@ -85,31 +86,31 @@ mod tests {
     fn b1_9_what_no_line_of_ours_can_have_set_was_changed_by_somebody_else() {
         let start = Instant::now();
         let at = |seconds| start + Duration::from_secs(seconds);
-        let mut elsewhere = Elsewhere::default();
+        let mut watch = ChangeWatch::default();
         for (variable, value) in [(2, 3), (55, 1), (19, 1)] {
-            elsewhere.told(variable, value, at(0));
+            watch.told(variable, value, at(0));
         }
-        elsewhere.told(2, 3, at(30));
-        assert!(changes(&elsewhere).is_empty());
-        elsewhere.told(2, 1, at(60));
-        assert_eq!(changes(&elsewhere), [(2, 3, 1)]);
-        elsewhere.told(2, 0, at(90));
-        assert_eq!(changes(&elsewhere), [(2, 3, 0)]);
-        assert_eq!(elsewhere.changes()[0].unwrap().since, at(30), "when it was seen to be 3 last");
-        elsewhere.told(2, 3, at(120));
-        assert!(changes(&elsewhere).is_empty(), "put back");
+        watch.told(2, 3, at(30));
+        assert!(changes(&watch).is_empty());
+        watch.told(2, 1, at(60));
+        assert_eq!(changes(&watch), [(2, 3, 1)]);
+        watch.told(2, 0, at(90));
+        assert_eq!(changes(&watch), [(2, 3, 0)]);
+        assert_eq!(watch.changes()[0].unwrap().since, at(30), "when it was seen to be 3 last");
+        watch.told(2, 3, at(120));
+        assert!(changes(&watch).is_empty(), "put back");
         // Our own lines.
         for (line, is_ours) in
             [("I55=0", true), ("I50..60=0", true), ("I(P1)=3", true), ("$$$", true), ("I19=5 P55=0", false)]
         {
-            elsewhere.forget();
-            elsewhere.told(55, 1, at(0));
-            elsewhere.line_goes(line.as_bytes());
-            elsewhere.told(55, 0, at(1));
-            assert_eq!(changes(&elsewhere).is_empty(), is_ours, "{line}");
+            watch.forget();
+            watch.told(55, 1, at(0));
+            watch.line_goes(line.as_bytes());
+            watch.told(55, 0, at(1));
+            assert_eq!(changes(&watch).is_empty(), is_ours, "{line}");
         }
         // A change is no more of interest once the variable is set through the daemon.
-        elsewhere.line_goes(b"I55=1");
-        assert!(changes(&elsewhere).is_empty());
+        watch.line_goes(b"I55=1");
+        assert!(changes(&watch).is_empty());
     }
 }
