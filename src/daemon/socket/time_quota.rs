@@ -10,7 +10,8 @@ use nix::unistd::Uid;
 
 /// A user's time in a round. The last call may run over it.
 const SHARE: Duration = Duration::from_millis(4);
-/// The time of a round, but for those who stop the machine: so they wait for nobody longer.
+/// After this time a round serves only those who may stop the machine, so that these wait little longer than this for the next
+/// round. The last call may run over it.
 const ROUND: Duration = Duration::from_millis(8);
 /// The most users whose last round is remembered.
 const REMEMBERED: usize = 1024;
