@@ -90,6 +90,12 @@ struct Pending {
     then: Then,
 }
 
+impl Pending {
+    fn new(caller: Caller, deadline: Instant, then: Then) -> Self {
+        Self { caller, deadline: deadline + GRACE, lines: Vec::new(), length: 0, then }
+    }
+}
+
 /// A call that the bus thread has answered.
 #[derive(Debug)]
 pub(super) struct Ended {
@@ -135,8 +141,7 @@ impl CallTable {
     ) {
         let ticket = self.new_ticket();
         self.queue.wait(caller.peer.uid, Turn { ticket, command: command(ticket), audit });
-        let pending = Pending { caller, deadline: deadline + GRACE, lines: Vec::new(), length: 0, then };
-        self.pending.insert(ticket, pending);
+        self.pending.insert(ticket, Pending::new(caller, deadline, then));
     }
 
     /// Has the bus thread do `job` for the daemon itself, past those who wait. `None` when its queue is full.
@@ -160,8 +165,7 @@ impl CallTable {
         if own >= at_once::STOPS || self.commands.try_send(command(ticket)).is_err() {
             return false;
         }
-        let pending = Pending { caller, deadline: deadline + GRACE, lines: Vec::new(), length: 0, then };
-        self.pending.insert(ticket, pending);
+        self.pending.insert(ticket, Pending::new(caller, deadline, then));
         true
     }
 
