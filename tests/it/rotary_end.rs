@@ -27,8 +27,7 @@ fn ended(site: &VirtualSite, mut child: Child) -> Output {
 
 fn running() -> VirtualSite {
     let site = VirtualSite::running(&[], &[]);
-    site.wait_for_live_servo();
-    site.wait_until("a board that takes commands", || site.pmacctl(&["send", "&1 #1->X #2->Y"]).0 == 0);
+    site.wait_for_axes();
     site
 }
 

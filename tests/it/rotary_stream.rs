@@ -12,8 +12,7 @@ use crate::support::{PATIENCE, VirtualSite};
 
 fn running() -> VirtualSite {
     let site = VirtualSite::running(&[], &[]);
-    site.wait_for_live_servo();
-    site.wait_until("a board that takes commands", || site.pmacctl(&["send", "&1 #1->X #2->Y"]).0 == 0);
+    site.wait_for_axes();
     site
 }
 

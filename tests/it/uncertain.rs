@@ -8,16 +8,8 @@ use crate::support::{PATIENCE, VirtualSite};
 /// A board whose daemon is configured with `text`, and takes commands.
 fn configured(simulator: &[&str], text: &str) -> VirtualSite {
     let site = VirtualSite::configured(simulator, text);
-    site.wait_for_live_servo();
-    site.wait_until("a board that takes commands", || site.pmacctl(&["send", "&1 #1->X #2->Y"]).0 == 0);
+    site.wait_for_axes();
     site
-}
-
-fn word(site: &VirtualSite, offset: &str) -> u64 {
-    let (status, stdout, stderr) = site.pmacctl(&["read", offset, "--json"]);
-    assert_eq!(status, 0, "{stderr}");
-    let document: serde_json::Value = serde_json::from_str(&stdout).unwrap();
-    document[0]["words"][0].as_u64().unwrap()
 }
 
 #[test]
@@ -63,8 +55,8 @@ fn the_daemon_and_the_command_line_work_by_them() {
         let lines = site.connection().send("#1P #2P", PATIENCE).unwrap();
         lines == ["20", "-5"]
     });
-    assert_eq!(word(&site, "0x07F2"), 0, "the header's coordinate system");
-    assert_eq!((word(&site, "0x07F8"), word(&site, "0x07FA")), (64, 0xD900), "size and start");
+    assert_eq!(site.word("0x07F2"), 0, "the header's coordinate system");
+    assert_eq!((site.word("0x07F8"), site.word("0x07FA")), (64, 0xD900), "size and start");
     let (status, _, stderr) = site.pmacctl(&["rotary", "stream", file, "--buffer", "2"]);
     assert!(status == 2 && stderr.contains("no room for rotary buffer 2"), "{stderr}");
 
@@ -73,7 +65,7 @@ fn the_daemon_and_the_command_line_work_by_them() {
     assert_eq!((status, stdout.lines().count()), (0, 2), "{stderr}");
     std::thread::scope(|scope| {
         scope.spawn(|| site.pmacctl(&["variable", "watch", "X:$0000", "--seconds", "2"]));
-        site.wait_until("the variable buffer in multi-user mode", || word(&site, "0x07E8") & 0x100 != 0);
+        site.wait_until("the variable buffer in multi-user mode", || site.word("0x07E8") & 0x100 != 0);
     });
 
     // 600 longs hold 300 samples of a long register, whole.
@@ -101,7 +93,7 @@ fn the_exponent_in_a_stream_has_the_daemons_bias_unless_told_otherwise() {
     {
         let (status, _, stderr) = site.pmacctl(&[&["rotary", "stream", file], options].concat());
         assert_eq!(status, 0, "{stderr}");
-        assert_eq!(word(&site, "0x2400"), expected, "{options:?}");
+        assert_eq!(site.word("0x2400"), expected, "{options:?}");
     }
     let (status, _, stderr) = site.pmacctl(&["rotary", "stream", file, "--set", "exponent_bias=64"]);
     assert!(status == 2 && stderr.contains("0 to 63"), "{stderr}");

@@ -217,6 +217,22 @@ impl VirtualSite {
         });
     }
 
+    /// Waits until the board takes commands, and has made motors 1 and 2 the axes X and Y of coordinate system 1.
+    #[track_caller]
+    pub fn wait_for_axes(&self) {
+        self.wait_for_live_servo();
+        self.wait_until("a board that takes commands", || self.pmacctl(&["send", "&1 #1->X #2->Y"]).0 == 0);
+    }
+
+    /// The word of the DPRAM at `offset`, as `pmacctl read` tells it.
+    #[track_caller]
+    pub fn word(&self, offset: &str) -> u64 {
+        let (status, stdout, stderr) = self.pmacctl(&["read", offset, "--json"]);
+        assert_eq!(status, 0, "{stderr}");
+        let document: serde_json::Value = serde_json::from_str(&stdout).unwrap();
+        document[0]["words"][0].as_u64().unwrap()
+    }
+
     /// Waits until the daemon has identified the board.
     #[track_caller]
     pub fn wait_for_identity(&self) {
