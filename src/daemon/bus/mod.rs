@@ -7,7 +7,7 @@
 //! | [`function_table`], [`board_function`] | who is served next |
 //! | [`guard_time`] | what is not begun shortly before a servo update |
 //! | [`command_intake`] | commands from the socket, answers to it |
-//! | [`identify`], [`scale_doubts`], [`report`] | what the board is, and what of it the clients and the log are told |
+//! | [`identify`], [`change_watch`], [`scale_doubts`], [`report`] | what the board is, who else changes it, and what of it the clients and the log are told |
 //! | [`ports`] | the ports by which lines and interrupts come and go |
 //! | [`work`] | one file for each function that clients use |
 
