@@ -6,36 +6,9 @@ use pmac_dpram::map::{MotionMode, PMAC, TargetSource, TypedAddress};
 use proptest::prelude::*;
 use serde_json::{Value as Json, json};
 
+use crate::support::Dump;
+
 const REGISTER: Float48Layout = Float48Layout::Register;
-
-/// A 16 KiB dump under construction.
-struct Dump(Vec<u8>);
-
-impl Dump {
-    fn new() -> Self {
-        Self(vec![0; 0x4000])
-    }
-
-    fn word(&mut self, at: usize, value: u16) -> &mut Self {
-        self.0[at..at + 2].copy_from_slice(&value.to_le_bytes());
-        self
-    }
-
-    /// A 24-bit PMAC word, sign-extended as PMAC stores it.
-    fn short(&mut self, at: usize, value: i32) -> &mut Self {
-        self.0[at..at + 4].copy_from_slice(&((value << 8) >> 8).to_le_bytes());
-        self
-    }
-
-    /// A 48-bit register, Y half first.
-    fn pair(&mut self, at: usize, x: i32, y: i32) -> &mut Self {
-        self.short(at, y).short(at + 4, x)
-    }
-
-    fn image(&self) -> Image {
-        Image::from_bytes(&self.0, &PMAC, WordOrder::Little).unwrap()
-    }
-}
 
 fn scales() -> Scales {
     let motor = MotorScales {
@@ -48,7 +21,7 @@ fn scales() -> Scales {
 }
 
 fn servo_dump() -> Dump {
-    let mut dump = Dump::new();
+    let mut dump = Dump::new(&PMAC, 0x4000);
     dump.word(0x0024, 0x0001).word(0x0026, 0xFFFE);
     dump.short(0x0028, 0x00_8000).short(0x002C, 0xA8_0001);
     // Motor 1.
@@ -117,7 +90,7 @@ fn a_motor_serialises_with_raw_value_and_unit() {
 }
 
 fn background_dump() -> Dump {
-    let mut dump = Dump::new();
+    let mut dump = Dump::new(&PMAC, 0x4000);
     dump.word(0x0228, 0x0001).word(0x022A, 0xFEDC);
     dump.short(0x022C, 0x11_1111).short(0x0230, -1).short(0x0234, 0x33_3333);
     // Number 3, 2 * 0x7C behind number 1.
@@ -223,7 +196,7 @@ fn a_mirror_needs_only_the_words_of_the_motors_it_reports() {
 #[test]
 fn a_dump_is_read_in_both_word_orders_and_refused_at_another_size() {
     let dump = servo_dump();
-    let swapped: Vec<u8> = dump.0.chunks(2).flat_map(|pair| [pair[1], pair[0]]).collect();
+    let swapped: Vec<u8> = dump.bytes().chunks(2).flat_map(|pair| [pair[1], pair[0]]).collect();
     let image = Image::from_bytes(&swapped, &PMAC, WordOrder::Swapped).unwrap();
     assert_eq!(image, dump.image());
     assert_ne!(Image::from_bytes(&swapped, &PMAC, WordOrder::Little).unwrap(), image);

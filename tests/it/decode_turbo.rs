@@ -6,40 +6,16 @@ use pmac_dpram::format::{Float48Layout, WordOrder};
 use pmac_dpram::map::{Layout, TURBO, TURBO2};
 use serde_json::{Value as Json, json};
 
+use crate::support::Dump;
 use crate::support::rig::pmacctl;
 
 const REGISTER: Float48Layout = Float48Layout::Register;
 const LENGTH_8K: usize = 0x4000;
 const LENGTH_32K: usize = 0x1_0000;
 
-/// A dump under construction.
-struct Dump(Vec<u8>);
-
-impl Dump {
-    fn word(&mut self, at: usize, value: u16) -> &mut Self {
-        self.0[at..at + 2].copy_from_slice(&value.to_le_bytes());
-        self
-    }
-
-    /// A 24-bit word, sign-extended as PMAC stores it.
-    fn short(&mut self, at: usize, value: i32) -> &mut Self {
-        self.0[at..at + 4].copy_from_slice(&((value << 8) >> 8).to_le_bytes());
-        self
-    }
-
-    /// A 48-bit register, Y half first.
-    fn pair(&mut self, at: usize, x: i32, y: i32) -> &mut Self {
-        self.short(at, y).short(at + 4, x)
-    }
-
-    fn image(&self) -> Image {
-        Image::from_bytes(&self.0, &TURBO2, WordOrder::Little).unwrap()
-    }
-}
-
 /// Motors 1, 17 and 32 are reported, and coordinate systems 1 and 2; of every other block something is left over.
 fn dump(length: usize) -> Dump {
-    let mut dump = Dump(vec![0; length]);
+    let mut dump = Dump::new(&TURBO2, length);
     for motor in 0..32 {
         dump.short(0x0080 + 0x30 * motor, 0x7F_FFFF);
     }
@@ -249,7 +225,7 @@ global status: $080001 $400000: data_gathering_on this_card_addressed vme_board
 #[test]
 fn c1_pmacctl_decodes_a_turbo_image() {
     let file = tempfile::NamedTempFile::new().unwrap();
-    std::fs::write(file.path(), &with_buffers(dump(LENGTH_8K)).0).unwrap();
+    std::fs::write(file.path(), with_buffers(dump(LENGTH_8K)).bytes()).unwrap();
     let path = file.path().display();
     for family in ["turbo", "turbo2"] {
         let document = pmacctl(&format!("decode {path} --family {family} --json")).json();

@@ -6,6 +6,7 @@
 #![allow(dead_code, unused_imports, reason = "each test program uses a part of this")]
 
 pub mod bench;
+mod dump;
 pub mod gather_rig;
 pub mod jogs;
 mod place;
@@ -18,6 +19,7 @@ mod wait;
 mod weight;
 mod world;
 
+pub use dump::Dump;
 pub use place::{Control, Place};
 pub use site::Site;
 pub use virtual_site::VirtualSite;
