@@ -32,7 +32,10 @@ pub use address::{HostOffset, PmacAddress, Space};
 pub use buffer_layout::{BufferLayout, BufferLayoutError, BufferSettings, NotUserArea, Owner};
 pub use family::pmac;
 pub use family::pmac_table::PANEL_REQUEST_BITS;
-pub use family::{DEFAULT_FAMILY, FAMILIES, Family, Generation, PMAC, PMAC2, TURBO, TURBO2, UnknownFamily};
+pub use family::{
+    DEFAULT_FAMILY, FAMILIES, Family, Generation, PMAC, PMAC2, TURBO, TURBO_32K, TURBO2, TURBO2_8K,
+    UnknownFamily,
+};
 pub use field::{BitField, Field, FieldError};
 pub use firmware::{BadFirmware, Firmware};
 pub use function::{Function, UnknownFunction};

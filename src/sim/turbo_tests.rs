@@ -1,74 +1,20 @@
-//! A family that no program offers yet, on the board as it is: Turbo PMAC2's DPRAM of 64 KiB with 32 motors, addresses
-//! of 19 bits, masks and 24-bit timers. Registers are test data.
+//! Turbo PMAC and Turbo PMAC2: a DPRAM of 16 or 64 KiB with 32 motors, addresses of 19 bits, masks and 24-bit timers.
 
+use crate::map::TURBO2;
 use crate::map::readings::{RecordLayout, ReportReady};
-use crate::map::{PmacAddress, Space, TURBO2};
-use crate::sim::board::firmware::{Controller, DpramHandshake, FirmwareTables};
-use crate::sim::board::i_rows::{self, Factory, Kind, Row, Scope};
-use crate::sim::board::register_table::{self, Each, RegisterTable};
+use crate::sim::board::firmware::FirmwareTables;
+use crate::sim::board::turbo;
 use crate::sim::testing::Bench;
 
-const fn motor(space: Space, number: u32) -> Each {
-    Each::new(TURBO2.motor_source_stride, PmacAddress::new(space, number))
-}
-
-const fn system(space: Space, number: u32) -> Each {
-    Each::new(TURBO2.system_source_stride, PmacAddress::new(space, number))
-}
-
-/// FACTS-TURBO section 3: servo cycles from one report to the next, where a PMAC has other variables.
-const fn period(number: usize) -> Row {
-    let (kind, default) = (Kind::Whole(0, 8_388_607), Factory::Is(0.0));
-    Row { scope: Scope::Global, number, last: number, name: "report period", kind, default, hex: false }
-}
-
-const PERIODS: &[Row] = &[period(47), period(50)];
-
-static TABLES: FirmwareTables = FirmwareTables {
-    family: &TURBO2,
-    variables: 8192,
-    p_address: 0x6000,
-    q_addresses: &[0x8000; 16],
-    i_rows: &[i_rows::GLOBAL, i_rows::MOTOR, i_rows::COORDINATE, i_rows::PMAC2, PERIODS],
-    registers: RegisterTable {
-        conversion_table: PmacAddress::new(Space::Y, 0x3501),
-        machine_inputs: PmacAddress::new(Space::Y, 0x7_8402),
-        end: 0x4000,
-        time_left: motor(Space::X, 0xA0),
-        desired_velocity: motor(Space::X, 0x86),
-        commanded: motor(Space::D, 0x88),
-        feedback_address: motor(Space::X, 0x89),
-        master_address: motor(Space::X, 0x8A),
-        actual: motor(Space::D, 0x8B),
-        velocity: motor(Space::X, 0x9D),
-        dac: motor(Space::X, 0xBF),
-        servo_status: motor(Space::X, 0xB0),
-        compensation: motor(Space::D, 0x90),
-        target: motor(Space::D, 0xC7),
-        bias: motor(Space::D, 0xCC),
-        background_status: motor(Space::Y, 0xC0),
-        home_capture: motor(Space::Y, 0xCE),
-        average_velocity: motor(Space::X, 0xEF),
-        jog_variable: motor(Space::L, 0xD7),
-        time_base_commanded: system(Space::X, 0x2000),
-        time_base_present: system(Space::X, 0x2001),
-        program_status: system(Space::Y, 0x203F),
-        coordinate_status: system(Space::X, 0x2040),
-        coordinate_motors: system(Space::Y, 0x2040),
-        axis_targets: system(Space::L, 0x2041),
-        segmented_axis_targets: system(Space::L, 0x204A),
-        lines_remaining: system(Space::Y, 0x2053),
-        ..register_table::pmac(&TURBO2)
-    },
-    decimals: 10,
-    dpram_handshake: DpramHandshake::Untouched,
-    controller: Controller::Pmac2,
-    type_text: "TURBO2, X4",
-    startup: "",
-};
-
 fn bench() -> Bench {
-    Bench::of(&TABLES, "1.947")
+    bare(&turbo::TURBO2)
+}
+
+/// A board at factory settings whose commands go without checksums.
+fn bare(tables: &'static FirmwareTables) -> Bench {
+    let mut bench = Bench::of(tables, tables.firmware);
+    bench.set(4, 0.0);
+    bench
 }
 
 fn send(bench: &mut Bench, line: &str) -> Vec<String> {
@@ -356,4 +302,135 @@ fn gathering_takes_sources_of_both_masks() {
     bench.run(1);
     assert_eq!([bench.read32(0x1140), bench.read32(0x1144)], [5, 6]);
     assert_eq!([bench.read(0x113C), bench.read(0x113E)], [4, 2]);
+}
+
+/// What the serial port answers to `line`, between bytes as they are.
+fn serial(bench: &mut Bench, line: &str) -> String {
+    String::from_utf8(bench.world.serial(line.as_bytes())).unwrap()
+}
+
+#[test]
+fn c4_a_turbo_board_tells_what_it_is() {
+    for (tables, name) in [(&turbo::TURBO, "TURBO1, X4"), (&turbo::TURBO2, "TURBO2, X4")] {
+        let mut bench = bare(tables);
+        assert_eq!(
+            send(&mut bench, "TYPE VERSION CID CPU VID TODAY TIME"),
+            [name, "1.947", "602413", "DSP56303", "1", "SAT 01/01/2000", "00:00:00"]
+        );
+        assert_eq!(send(&mut bench, "DATE"), ["07/17/1999"]);
+        // Three seconds later; a reset begins anew.
+        bench.run((3100.0 / bench.world.board.cycle_ms()) as usize);
+        assert_eq!(send(&mut bench, "TIME"), ["00:00:03"]);
+        send(&mut bench, "$$$");
+        assert_eq!(send(&mut bench, "TIME"), ["00:00:00"]);
+    }
+}
+
+#[test]
+fn c4_status_words_have_turbos_bits() {
+    let mut bench = bench();
+    assert_eq!(
+        send(&mut bench, "?"),
+        ["850000000000"],
+        "activated, open loop, integration: as a board was seen"
+    );
+    assert_eq!(send(&mut bench, "??"), ["A80020000000000000"]);
+    assert_eq!(send(&mut bench, "???"), ["000000000000"]);
+    send(&mut bench, "&16 #32->X I3200=1 #32J/");
+    bench.run(3);
+    // Amplifier enabled, standing; C.S. 16, assigned, in position.
+    assert_eq!(send(&mut bench, "#32?"), ["892000F08001"]);
+    assert_eq!(send(&mut bench, "&16??"), ["A80020020000000000"]);
+    send(&mut bench, "OPEN PROG 1");
+    bench.run(1);
+    assert_eq!(send(&mut bench, "???"), ["000000080000"]);
+}
+
+#[test]
+fn c4_variables_go_to_8191_and_wrap_and_have_factory_values() {
+    let mut bench = bench();
+    assert_eq!(send(&mut bench, "P8191=5 M8191->* M8191=6 Q8191=7 P8191 M8191 Q8191"), ["5", "6", "7"]);
+    assert_eq!(send(&mut bench, "P8192=8 P0"), ["8"], "reduced, no error");
+    assert_eq!(send(&mut bench, "I8191=3 I8191"), ["3"]);
+    assert_eq!(
+        send(&mut bench, "I3200 I3222 I5113 I6688 I5193 I6693 I6699 I24 I5049 I63 I4904"),
+        ["0", "32", "0", "50", "$2000", "$2F00", "0.9998474121", "$60000", "0", "1", "$8006"]
+    );
+    send(&mut bench, "I130,4,100=7");
+    assert_eq!(send(&mut bench, "I130,5,100"), ["7", "7", "7", "7", "2000"]);
+    send(&mut bench, "I130,4,100=*");
+    assert_eq!(send(&mut bench, "I130 I430"), ["2000", "2000"]);
+    for line in ["I130,0,100", "I130,4", "I130,4,0", "I130,9000,1"] {
+        assert!(bench.world.execute(line.as_bytes()).error.is_some(), "{line}");
+    }
+    assert_eq!(bench.world.board.memory.read_x(0x7_0008), 0xFF, "I92 in force");
+}
+
+#[test]
+fn c4_each_port_addresses_its_own_motor_and_group() {
+    let mut bench = bench();
+    send(&mut bench, "I3=2 I6=1");
+    assert_eq!(serial(&mut bench, "#7&9##3\r"), "\x06");
+    assert_eq!(send(&mut bench, "#&##"), ["1", "1", "0"], "another port");
+    assert_eq!(serial(&mut bench, "#&##\r"), "7\r9\r3\r\x06");
+    // D:$00008B and on are the actual positions, 3072 units a count; motor 25 is the first of group 3.
+    send(&mut bench, "WL$C8B,-17810016");
+    assert_eq!(serial(&mut bench, "\x10"), "-5797.53125 0 0 0 0 0 0 0\r\x06");
+    assert_eq!(serial(&mut bench, "##4\r"), "\x07ERR003\r");
+    assert_eq!(serial(&mut bench, "#25P\r"), "-5797.53125\r\x06");
+    // Group 3 goes with coordinate systems 9 to 16.
+    send(&mut bench, "WX$2840,$123456");
+    assert!(serial(&mut bench, "\x03").starts_with("123456000000000000 A80020"));
+    send(&mut bench, "$$$");
+    assert_eq!(serial(&mut bench, "I4=0 I3=2\r##\r"), "\x060\r\x06", "a reset is for every port");
+    assert_eq!(serial(&mut bench, "\x18"), "\x18", "I63=1: ^X is echoed");
+}
+
+#[test]
+fn c4_what_the_board_does_not_have_is_answered_as_a_board_without_it() {
+    let mut bench = bench();
+    for (line, error) in [
+        ("MS0,MI910", 8),
+        ("ms8,i910=7", 8),
+        ("MSR0,MI4", 8),
+        ("LIST FORWARD", 3),
+        ("LIST INVERSE", 3),
+        ("#33", 3),
+        ("&17", 3),
+    ] {
+        assert_eq!(bench.world.execute(line.as_bytes()).error.map(|error| error.0), Some(error), "{line}");
+    }
+    send(&mut bench, "OPEN PROG 1 CLOSE ALL DISABLE PLCC 1");
+    assert_eq!(bench.world.execute(b"X5").error.map(|error| error.0), Some(5), "nothing is open");
+    send(&mut bench, "DELETE GATHER DEFINE GATHER 47.0");
+    for (name, error) in [("CID", 3), ("CPU", 3), ("TODAY", 3)] {
+        let mut bench = Bench::bare("1.16D");
+        assert_eq!(
+            bench.world.execute(name.as_bytes()).error.map(|error| error.0),
+            Some(error),
+            "{name}, PMAC"
+        );
+    }
+}
+
+#[test]
+fn c4_the_shipped_start_up_reports_all_motors_and_coordinate_systems() {
+    for tables in [&turbo::TURBO, &turbo::TURBO_32K, &turbo::TURBO2, &turbo::TURBO2_8K] {
+        let mut bench = Bench::of(tables, tables.firmware);
+        bench.world.load("shipped", tables.startup).unwrap();
+        bench.run(2);
+        assert_eq!([0x0070, 0x0072, 0x0674].map(|word| bench.read(word)), [0xFFFF, 0xFFFF, 16]);
+        assert_eq!([0x006E, 0x067A].map(|word| bench.read(word) >> 15), [1, 1]);
+        // Motor 32: activated, closed loop. Coordinate system 16: FRAX(X,Y,Z).
+        assert_eq!(bench.read(0x0074 + 0x30 * 31 + 14), 0xFF89);
+        assert_eq!(bench.read32(0x069C + 0x80 * 15 + 20) & 0xFF_FFFF, 0xA8_0020);
+        send(&mut bench, "#32J+");
+        bench.run(3000);
+        assert!(send(&mut bench, "#32V")[0].parse::<f64>().unwrap() > 10.0);
+        assert!(bench.violations().is_empty(), "{:?}", bench.violations());
+        // What is saved comes back by itself.
+        bench.world.reset();
+        bench.run(2);
+        assert_eq!([0x006E, 0x067A].map(|word| bench.read(word) >> 15), [1, 1]);
+    }
 }

@@ -12,6 +12,7 @@ use super::board::dpram::{Dpram, DpramError};
 use super::board::firmware::FirmwareTables;
 use super::board::identity::Identity;
 use super::board::memory::Memory;
+use super::board::output::Port;
 use super::fault::Faults;
 use super::functions::ascii::AsciiPort;
 use super::functions::background_report::BackgroundReport;
@@ -20,7 +21,7 @@ use super::functions::mailbox::Mailbox;
 use super::functions::reach::Reach;
 use super::functions::servo_report::ServoReport;
 use super::functions::{Functions, requests};
-use super::language::{Interpreter, Reply, SerialPort};
+use super::language::{Ports, Reply, SerialPort};
 use super::program::Programs;
 
 /// A line of a start-up file that the board refused.
@@ -54,8 +55,8 @@ pub struct World {
     pub board: Board,
     /// Program buffers and what runs out of them.
     pub programs: Programs,
-    /// The interpreter of on-line commands, as the DPRAM port and the start-up file use it.
-    pub interpreter: Interpreter,
+    /// The interpreters of on-line commands. The start-up file uses the DPRAM port's.
+    ports: Ports,
     /// The servo report.
     pub report: ServoReport,
     background: BackgroundReport,
@@ -78,7 +79,7 @@ impl World {
         let mut world = Self {
             resets: board.stats.resets,
             programs: Programs::new(board.coordinate_systems()),
-            interpreter: Interpreter::new(),
+            ports: Ports::new(board.identity.tables.addressing),
             report: ServoReport::new(board.identity.tables),
             background: BackgroundReport::new(board.family()),
             ascii: AsciiPort::default(),
@@ -94,13 +95,13 @@ impl World {
         world
     }
 
-    /// A board of the family of `tables` with firmware 1.16D and memory of its own, which no host can map.
+    /// A board of the family of `tables` with the firmware that is usual there, and memory of its own, which no host can map.
     ///
     /// # Errors
     /// [`DpramError`] when the system gives no memory.
     pub fn alone(tables: &'static FirmwareTables) -> Result<Self, DpramError> {
         let memory = Memory::new(Dpram::private(tables.family.length)?, tables);
-        Ok(Self::new(Board::new(memory, Identity::new(tables, "1.16D"), None, None)))
+        Ok(Self::new(Board::new(memory, Identity::new(tables, tables.firmware), None, None)))
     }
 
     /// Makes it a VME board with these mailboxes.
@@ -140,14 +141,14 @@ impl World {
 
     /// Carries out one on-line command line, as any of the board's ports does.
     pub fn execute(&mut self, line: &[u8]) -> Reply {
-        let reply = self.interpreter.execute(&mut self.board, &mut self.programs, line);
+        let reply = self.ports.at(Port::Dpram).execute(&mut self.board, &mut self.programs, line);
         self.follow_reset();
         reply
     }
 
     /// Carries out a control character; `None` when it is none that is a command.
     pub fn control_character(&mut self, character: u8) -> Option<Reply> {
-        let reply = self.interpreter.control(&mut self.board, &mut self.programs, character);
+        let reply = self.ports.at(Port::Dpram).control(&mut self.board, &mut self.programs, character);
         self.follow_reset();
         reply
     }
@@ -165,8 +166,8 @@ impl World {
             if self.board.watchdog {
                 break;
             }
-            let Self { board, programs, interpreter, .. } = self;
-            self.serial.receive(board, programs, interpreter, byte, &mut output);
+            let Self { board, programs, ports, .. } = self;
+            self.serial.receive(board, programs, ports.at(Port::Serial), byte, &mut output);
             self.follow_reset();
         }
         output
@@ -181,7 +182,6 @@ impl World {
     pub fn reset(&mut self) {
         self.board.reset(false);
         self.programs.reset(false);
-        self.interpreter.reset();
         self.follow_reset();
     }
 
@@ -198,6 +198,7 @@ impl World {
         if let Some(mailbox) = &mut self.mailbox {
             mailbox.reset();
         }
+        self.ports.reset();
         self.functions = Functions::new(self.board.family());
         self.report.reset();
         self.programs.point_at_power_up(&mut self.board);
@@ -233,13 +234,13 @@ impl World {
         }
         let hidden = self.board.faults.hides_memory();
         if let Some(mailbox) = self.mailbox.as_mut().filter(|_| !hidden) {
-            mailbox.poll(&mut self.board, &mut self.programs, &mut self.interpreter);
+            mailbox.poll(&mut self.board, &mut self.programs, self.ports.at(Port::Mailbox));
             self.follow_reset();
         }
         let page_selected = self.mailbox.as_ref().is_none_or(Mailbox::reaches_dpram);
         self.reach.poll(&mut self.board, page_selected, &mut self.report);
         if !self.board.out_of_reach {
-            self.ascii.poll(&mut self.board, &mut self.programs, &mut self.interpreter);
+            self.ascii.poll(&mut self.board, &mut self.programs, self.ports.at(Port::Dpram));
             self.follow_reset();
             self.functions.poll(&mut self.board, &mut self.programs);
         }

@@ -29,10 +29,12 @@ const KNOWS_NO_ADDRESS: [&str; 9] =
     ["decode", "device", "function", "mirror", "segment", "daemon", "client", "sim", "cli"];
 
 /// Offsets that are none in the DPRAM: PMAC's own registers, the segment's layout, I/O ports.
-const OTHER_OFFSETS: [&str; 6] = [
+const OTHER_OFFSETS: [&str; 8] = [
     "src/sim/board/firmware.rs",
     "src/sim/board/i_rows.rs",
     "src/sim/board/register_table.rs",
+    "src/sim/board/turbo.rs",
+    "src/sim/board/turbo_rows.rs",
     "src/segment/layout.rs",
     "src/segment/payload/identity.rs",
     "src/device/board/byte_spec.rs",

@@ -143,6 +143,31 @@ fn refused(options: &[&str]) -> Output {
 }
 
 #[test]
+fn c4_turbo_boards_start_with_the_dpram_that_is_asked_for() {
+    for (family, dpram, length) in [
+        ("turbo", None, 0x4000),
+        ("turbo", Some("32k"), 0x1_0000),
+        ("turbo2", None, 0x1_0000),
+        ("turbo2", Some("8k"), 0x4000),
+    ] {
+        let mut options = vec!["--virtual", "--dpram-startup", "--family", family];
+        options.extend(dpram.into_iter().flat_map(|size| ["--dpram", size]));
+        let mut sim = Sim::start(&options);
+        assert_eq!(std::fs::metadata(sim.path("dpram")).unwrap().len(), length, "{options:?}");
+        sim.ok("step 3");
+        // Motor and background report, 32 motors and 16 coordinate systems.
+        assert_eq!([0x006E, 0x067A].map(|word| sim.read(word) >> 15), [1, 1]);
+        assert_eq!([0x0070, 0x0072, 0x0674].map(|word| sim.read(word)), [0xFFFF, 0xFFFF, 16]);
+        assert_eq!((sim.status("servo_cycles"), sim.status("violations_total")), (3, 0));
+        let mut serial = sim.socket("serial");
+        serial.write_all(b"i6=1 i3=2 ver\r").unwrap();
+        let mut reply = [0; 7];
+        serial.read_exact(&mut reply).unwrap();
+        assert_eq!(&reply, b"1.947\r\x06");
+    }
+}
+
+#[test]
 fn bad_options_get_one_line_and_status_2() {
     let directory = tempfile::tempdir().unwrap();
     let path = |name: &str| directory.path().join(name).display().to_string();
@@ -155,6 +180,9 @@ fn bad_options_get_one_line_and_status_2() {
         (&["--memory", "/nonexistent/dpram"], "/nonexistent/dpram"),
         (&["--memory", &short], "100 bytes"),
         (&["--memory", &memory, "--motors", "9"], "--motors"),
+        (&["--memory", &memory, "--family", "turbo", "--motors", "33"], "--motors"),
+        (&["--memory", &memory, "--dpram", "32k"], "give --dpram 8k"),
+        (&["--memory", &memory, "--family", "turbo2", "--dpram", "16k"], "--dpram"),
         (&["--memory", &memory, "--servo-hz", "nan"], "--servo-hz"),
         (&["--memory", &memory, "--servo-hz", "0"], "--servo-hz"),
         (&["--memory", &memory, "--serial", "/tmp/x"], "unix:PATH"),

@@ -191,6 +191,10 @@ pub fn examples(page: &str) -> &'static [Example] {
                     "pmac-sim --memory /dev/shm/dpram --family pmac2 --motors 4 --control unix:/tmp/control --virtual",
                 ],
             ),
+            (
+                "A Turbo PMAC2 whose 32 motors and 16 coordinate systems are reported:",
+                &["pmac-sim --memory /dev/shm/dpram --family turbo2 --dpram-startup"],
+            ),
         ],
         "pmacctl" => &[
             ("Try everything without a board:", &["pmacctl demo"]),

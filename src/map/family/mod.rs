@@ -224,8 +224,10 @@ pub static TURBO2: Family = turbo2_of(turbo::LENGTH_32K);
 pub static FAMILIES: &[&Family] = &[&PMAC, &PMAC2, &TURBO, &TURBO2];
 /// Families with a DPRAM of another size: I24 can name one on an accessory board (Turbo User Manual p. 45).
 static OTHER_LENGTHS: &[&Family] = &[&TURBO_32K, &TURBO2_8K];
-static TURBO_32K: Family = turbo_of(turbo::LENGTH_32K);
-static TURBO2_8K: Family = turbo2_of(turbo::LENGTH_8K);
+/// Turbo PMAC with 32K x 16 bits.
+pub static TURBO_32K: Family = turbo_of(turbo::LENGTH_32K);
+/// Turbo PMAC2 with 8K x 16 bits.
+pub static TURBO2_8K: Family = turbo2_of(turbo::LENGTH_8K);
 
 /// What a board is taken for where nothing says its family.
 pub static DEFAULT_FAMILY: &Family = &PMAC;

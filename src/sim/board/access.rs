@@ -1,9 +1,27 @@
-//! Variables of all kinds by number, as programs and commands use them.
+//! Variables of all kinds by number, as programs and commands use them, and settings by name.
 
 use super::Board;
+use super::settings::{Setting, Settings};
 use super::variables::{VariableKind, force_dpram_handshake};
+use crate::map::IVariables;
 
 impl Board {
+    /// The value of a setting; `index` is the 0-based motor or coordinate system, whichever has its own.
+    #[must_use]
+    pub fn setting(&self, setting: Setting, index: usize) -> f64 {
+        self.variables.i(match setting {
+            Setting::Board(number) => number,
+            Setting::Motor(n) => IVariables::motor(index + 1, n),
+            Setting::System(n) => self.identity.tables.coordinate_i(index, n),
+        })
+    }
+
+    /// Where this board's firmware keeps its settings.
+    #[must_use]
+    pub fn settings(&self) -> &'static Settings {
+        &self.identity.tables.settings
+    }
+
     /// The value of a variable; a Q-variable is one of the 0-based coordinate system `cs`.
     #[must_use]
     pub fn value(&self, kind: VariableKind, cs: usize, number: usize) -> f64 {

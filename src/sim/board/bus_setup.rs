@@ -4,11 +4,17 @@
 //! X:$0783-$078C set up the VME or ISA address of mailboxes and DPRAM. At a reset the board copies them to
 //! X:$E006-$E00F, where they act. The encoder conversion table Y:$0720-$073F is kept the same way; its entries are
 //! taken as they are and do nothing here, where motors have one encoder each.
+//!
+//! On Turbo I90 to I99 set the addresses up, and the copies that act begin at X:$070006 (Turbo User Manual pp. 399-400).
 
 use crate::sim::board::memory::Memory;
+use crate::sim::board::variables::Variables;
 
 /// Entries of the encoder conversion table.
 const CONVERSIONS: usize = 32;
+
+/// The first of the I-variables in place of the registers.
+const FIRST_VARIABLE: usize = 90;
 
 /// Factory values of X:$0783 and following.
 const VME: [u32; 10] = [0x39, 0x04, 0x00, 0x7F, 0xA0, 0x02, 0xA1, 0x10, 0x60, 0x10];
@@ -36,7 +42,9 @@ impl BusSetup {
     pub fn of(memory: &Memory) -> Self {
         let at = memory.registers();
         Self {
-            bus: (at.bus_setup.number..).take(VME.len()).map(|address| memory.read_x(address)).collect(),
+            bus: at.bus_setup.map_or_else(Vec::new, |first| {
+                (first.number..).take(VME.len()).map(|address| memory.read_x(address)).collect()
+            }),
             conversion: (at.conversion_table.number..)
                 .take(CONVERSIONS)
                 .map(|address| memory.read_y(address))
@@ -45,11 +53,18 @@ impl BusSetup {
     }
 
     /// Puts them back, and the bus set-up into force.
-    pub fn put(&self, memory: &mut Memory) {
+    pub fn put(&self, memory: &mut Memory, variables: &Variables) {
         let at = memory.registers();
-        for ((saved, active), &value) in (at.bus_setup.number..).zip(at.bus_active.number..).zip(&self.bus) {
-            memory.write_x(saved, value);
-            memory.write_x(active, value);
+        let active = at.bus_active.number..;
+        if let Some(first) = at.bus_setup {
+            for ((saved, active), &value) in (first.number..).zip(active).zip(&self.bus) {
+                memory.write_x(saved, value);
+                memory.write_x(active, value);
+            }
+        } else {
+            for (number, active) in (FIRST_VARIABLE..).zip(active).take(VME.len()) {
+                memory.write_x(active, variables.i(number) as u32);
+            }
         }
         for (address, &value) in (at.conversion_table.number..).zip(&self.conversion) {
             memory.write_y(address, value);

@@ -36,7 +36,7 @@ impl Board {
             self.motors[motor].backlash = Backlash::default();
             return;
         }
-        let hysteresis = self.variables.i(99) / UNITS;
+        let hysteresis = self.setting(self.settings().backlash_hysteresis, motor) / UNITS;
         let commanded = self.motors[motor].commanded();
         let mut backlash = self.motors[motor].backlash;
         backlash.follow(commanded, hysteresis);

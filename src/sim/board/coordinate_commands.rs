@@ -4,6 +4,7 @@
 use super::Board;
 use super::coordinate;
 use super::error::CommandError;
+use super::firmware::DpramHandshake;
 use super::gather::{self, GatherSources};
 use super::motor::Loop;
 use super::output::Port;
@@ -107,10 +108,12 @@ impl Board {
         bytes.fold(0, |sum: u32, byte| sum.rotate_left(5).wrapping_add(byte.into())) & 0xFF_FFFF
     }
 
-    /// `<CTRL-Z>`: the serial port takes the responses, DPRAM ASCII is switched off.
+    /// `<CTRL-Z>`: the serial port takes the responses; on PMAC, DPRAM ASCII is switched off.
     pub fn serial_becomes_active(&mut self) {
         self.port = Port::Serial;
-        self.variables.set_i(self.family().i.ascii_enable.into(), 0.0);
+        if self.identity.tables.dpram_handshake == DpramHandshake::Forced {
+            self.variables.set_i(self.family().i.ascii_enable.into(), 0.0);
+        }
     }
 
     /// `<CTRL-X>`: empties the queues; with I58=1 also clears both ASCII control words.

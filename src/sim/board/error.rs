@@ -20,6 +20,8 @@ impl CommandError {
     pub const NO_ROOM: Self = Self(6);
     /// ERR007: a buffer is open already.
     pub const BUFFER_IN_USE: Self = Self(7);
+    /// ERR008: a MACRO command failed.
+    pub const MACRO: Self = Self(8);
     /// ERR009: the end of a block without its begin.
     pub const STRUCTURE: Self = Self(9);
     /// ERR010: both overtravel limits of a motor are set.

@@ -58,7 +58,7 @@ impl Factory {
     }
 }
 
-/// One row of a table.
+/// One row of a table. Where a family has several tables with a row for a number, the last one counts.
 #[derive(Debug, Clone, Copy)]
 pub struct Row {
     /// Whose variable.
@@ -78,15 +78,15 @@ pub struct Row {
 }
 
 impl Row {
-    const fn to(self, last: usize) -> Self {
+    pub(super) const fn to(self, last: usize) -> Self {
         Self { last, ..self }
     }
 
-    const fn hex(self) -> Self {
+    pub(super) const fn hex(self) -> Self {
         Self { hex: true, ..self }
     }
 
-    const fn starts(self, default: Factory) -> Self {
+    pub(super) const fn starts(self, default: Factory) -> Self {
         Self { default, ..self }
     }
 }
@@ -95,34 +95,34 @@ const fn row(scope: Scope, number: usize, name: &'static str, kind: Kind, defaul
     Row { scope, number, last: number, name, kind, default: Factory::Is(default), hex: false }
 }
 
-const fn global(number: usize, name: &'static str, kind: Kind, default: f64) -> Row {
+pub(super) const fn global(number: usize, name: &'static str, kind: Kind, default: f64) -> Row {
     row(Scope::Global, number, name, kind, default)
 }
 
-const fn motor(number: usize, name: &'static str, kind: Kind, default: f64) -> Row {
+pub(super) const fn motor(number: usize, name: &'static str, kind: Kind, default: f64) -> Row {
     row(Scope::Motor, number, name, kind, default)
 }
 
-const fn coordinate(number: usize, name: &'static str, kind: Kind, default: f64) -> Row {
+pub(super) const fn coordinate(number: usize, name: &'static str, kind: Kind, default: f64) -> Row {
     row(Scope::Coordinate, number, name, kind, default)
 }
 
-const fn servo_time(default: u32) -> Row {
+pub(super) const fn servo_time(default: u32) -> Row {
     global(10, "servo interrupt time", POSITIVE, default as f64)
 }
 
-const SWITCH: Kind = Kind::Whole(0, 1);
-const MODE: Kind = Kind::Whole(0, 3);
-const NIBBLE: Kind = Kind::Whole(0, 15);
-const BYTE: Kind = Kind::Whole(0, 255);
-const POSITIVE: Kind = Kind::Whole(0, 0x7F_FFFF);
+pub(super) const SWITCH: Kind = Kind::Whole(0, 1);
+pub(super) const MODE: Kind = Kind::Whole(0, 3);
+pub(super) const NIBBLE: Kind = Kind::Whole(0, 15);
+pub(super) const BYTE: Kind = Kind::Whole(0, 255);
+pub(super) const POSITIVE: Kind = Kind::Whole(0, 0x7F_FFFF);
 const SIGNED: Kind = Kind::Whole(-0x80_0000, 0x7F_FFFF);
 const SIGNED16: Kind = Kind::Whole(-0x8000, 0x7FFF);
 const POSITIVE15: Kind = Kind::Whole(0, 0x7FFF);
 const ADDRESS: Kind = Kind::Whole(0, 0xFFFF);
-const WORD: Kind = Kind::Whole(0, 0xFF_FFFF);
+pub(super) const WORD: Kind = Kind::Whole(0, 0xFF_FFFF);
 const LONG: Kind = Kind::Whole(-(1 << 35), (1 << 35) - 1);
-const FLOAT: Kind = Kind::Float;
+pub(super) const FLOAT: Kind = Kind::Float;
 
 /// I0-I99, but for those that depend on the board.
 pub const GLOBAL: &[Row] = &[

@@ -6,7 +6,8 @@
 //! | file | idea |
 //! |---|---|
 //! | [`memory`], [`dpram`], [`register_table`] | X and Y memory, the part shared with the host; where registers lie |
-//! | [`firmware`], [`i_rows`], [`identity`] | what differs between families; factory values; how the board answers when asked |
+//! | [`families`], [`firmware`], [`turbo`], [`settings`], [`status_bits`] | what differs between families |
+//! | [`i_rows`], `turbo_rows`, [`identity`], [`calendar`] | factory values; how the board answers when asked; date and time |
 //! | [`variables`], [`m_definition`], [`number`], [`password`], `access` | I-, P-, Q- and M-variables |
 //! | [`motor`], [`profile`], `compensation` | servo loop, drive and shaft; jog and home moves; leadscrew and backlash |
 //! | [`coordinate`], [`axes`], `axis_position` | time base; axis definitions; positions of axes |
@@ -17,11 +18,13 @@ mod access;
 pub mod axes;
 mod axis_position;
 pub mod bus_setup;
+pub mod calendar;
 mod compensation;
 pub mod coordinate;
 mod coordinate_commands;
 pub mod dpram;
 pub mod error;
+pub mod families;
 pub mod firmware;
 pub mod gather;
 pub mod i_rows;
@@ -37,6 +40,10 @@ pub mod profile;
 pub mod random;
 pub mod register_table;
 mod registers;
+pub mod settings;
+pub mod status_bits;
+pub mod turbo;
+mod turbo_rows;
 pub mod variables;
 
 use crate::map::functions::rotary_header;
@@ -112,6 +119,8 @@ pub struct Board {
     pub out_of_reach: bool,
     /// How many times as long as a board's a command takes; 0: no time at all.
     pub slow: f64,
+    /// The servo cycle of the last reset.
+    reset_at: u64,
     /// Servo cycles for which the background loop is taken up by a command.
     taken_up: u64,
     /// What fixes the servo clock when a rate was asked for: I10 of it.
@@ -147,6 +156,7 @@ impl Board {
             watchdog: false,
             out_of_reach: false,
             slow: 0.0,
+            reset_at: 0,
             taken_up: 0,
             fixed_i10,
             motors: vec![Motor::new(); identity.motors.clamp(1, family.motors)],
@@ -164,7 +174,7 @@ impl Board {
     pub fn fit_vme(&mut self) {
         self.saved.vme = true;
         self.saved.bus_setup = BusSetup::factory(true);
-        self.saved.bus_setup.put(&mut self.memory);
+        self.saved.bus_setup.put(&mut self.memory, &self.variables);
     }
 
     /// As a reset: the saved (or factory) values, everything else as at power-up. The programs, the functions and the
@@ -209,7 +219,7 @@ impl Board {
 
     fn power_on(&mut self) {
         self.memory.clear_registers();
-        self.saved.bus_setup.put(&mut self.memory);
+        self.saved.bus_setup.put(&mut self.memory, &self.variables);
         let Family { servo, background, ascii, panel, variable_write, rotary, .. } = self.family();
         for word in [
             servo.pmac_status.word,
@@ -228,6 +238,7 @@ impl Board {
             self.memory.dpram.write16(word, 0);
         }
         self.watchdog = false;
+        self.reset_at = self.stats.servo_cycles;
         self.output.cancel();
         self.gather = Gather::new(&self.identity);
         self.port = Port::Serial;
@@ -325,6 +336,12 @@ impl Board {
     /// A command came through the DPRAM.
     pub fn dpram_becomes_active(&mut self) {
         self.port = Port::Dpram;
+    }
+
+    /// Seconds since the last reset.
+    #[must_use]
+    pub fn seconds_up(&self) -> u64 {
+        ((self.stats.servo_cycles - self.reset_at) as f64 * self.cycle_ms() / 1000.0) as u64
     }
 
     /// Milliseconds from one servo interrupt to the next.

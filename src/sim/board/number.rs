@@ -37,7 +37,27 @@ pub fn decimal(value: f64, decimals: usize) -> String {
     trimmed(value, most)
 }
 
-/// `value` to the nearest tenth: positions, velocities, following errors.
+/// How finely a family reports positions.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Resolution {
+    /// To the nearest tenth of a count.
+    Tenths,
+    /// To the nearest 1/32 of a count (Turbo Software Reference p. 260; `-5797.53125` is seen).
+    ThirtySeconds,
+}
+
+impl Resolution {
+    /// `counts` as `P` reports them.
+    #[must_use]
+    pub fn text(self, counts: f64) -> String {
+        match self {
+            Self::ThirtySeconds if counts.is_finite() => trimmed((counts * 32.0).round() / 32.0, 5),
+            _ => tenths(counts),
+        }
+    }
+}
+
+/// `value` to the nearest tenth: velocities, following errors.
 #[must_use]
 pub fn tenths(value: f64) -> String {
     trimmed(if value.is_finite() { value } else { quantised(value) }, 1)

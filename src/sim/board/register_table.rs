@@ -51,8 +51,8 @@ pub struct RegisterTable {
     pub function_blocks: PmacAddress,
     /// The encoder conversion table, 32 words.
     pub conversion_table: PmacAddress,
-    /// The bus set-up registers, ten words.
-    pub bus_setup: PmacAddress,
+    /// The bus set-up registers, ten words; `None` where I90 to I99 hold them.
+    pub bus_setup: Option<PmacAddress>,
     /// Their copies in force.
     pub bus_active: PmacAddress,
     /// The first address behind the registers that a reset clears; variables and buffers lie above.
@@ -95,14 +95,18 @@ pub struct RegisterTable {
     pub program_status: Each,
     /// First word of `??`.
     pub coordinate_status: Each,
-    /// The motors of the coordinate system.
-    pub coordinate_motors: Each,
+    /// Third word of `??`, where there is one.
+    pub coordinate_status_3: Option<Each>,
+    /// The motors of the coordinate system, where a register tells.
+    pub coordinate_motors: Option<Each>,
     /// Axis target positions A B C U V W X Y Z, neither segmented nor compensated.
     pub axis_targets: Each,
     /// Axis target positions of segmented moves.
     pub segmented_axis_targets: Each,
     /// Averaged velocity.
     pub average_velocity: Each,
+    /// What `V` reports: one of the two.
+    pub reported_velocity: Each,
     /// Variable jog position or distance, counts (suggested M172).
     pub jog_variable: Each,
     /// Program lines remaining.
@@ -120,7 +124,7 @@ pub const fn pmac(family: &Family) -> RegisterTable {
         machine_inputs: y(0xFFC2),
         function_blocks: y(0x9FFF),
         conversion_table: y(0x0720),
-        bus_setup: x(0x0783),
+        bus_setup: Some(x(0x0783)),
         bus_active: x(0xE006),
         end: 0x1000,
 
@@ -143,10 +147,12 @@ pub const fn pmac(family: &Family) -> RegisterTable {
         home_capture: Each::new(system, y(0x0815)),
         program_status: Each::new(system, y(0x0817)),
         coordinate_status: Each::new(system, x(0x0818)),
-        coordinate_motors: Each::new(system, y(0x0818)),
+        coordinate_status_3: None,
+        coordinate_motors: Some(Each::new(system, y(0x0818))),
         axis_targets: Each::new(system, l(0x0819)),
         segmented_axis_targets: Each::new(system, l(0x0876)),
         average_velocity: Each::new(system, y(0x082A)),
+        reported_velocity: Each::new(motor, x(0x0033)),
         jog_variable: Each::new(system, l(0x082B)),
         lines_remaining: Each::new(system, y(0x08AE)),
     }

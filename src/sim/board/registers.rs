@@ -79,7 +79,9 @@ impl Board {
             warning |= self.motors[motor].warning;
         }
         let at = self.memory.registers();
-        self.memory.write(at.coordinate_motors.of(cs), motors);
+        if let Some(word) = at.coordinate_motors {
+            self.memory.write(word.of(cs), motors);
+        }
         let others = self.memory.read(at.program_status.of(cs)) & !(0b111 << 17);
         let own = bit(17, motors != 0 && all_in_position) | bit(18, warning) | bit(19, fatal);
         self.memory.write(at.program_status.of(cs), others | own);
@@ -89,12 +91,14 @@ impl Board {
     pub fn write_global_status(&mut self, buffers: u32) {
         let x = bit(19, self.gather.runs(Activity::Gathering)) | bit(17, self.gather.runs(Activity::Armed));
         let host = self.response_port() != Port::Serial;
-        let own = 1 << 22 | BUFFER_BITS | 1 << 15;
+        let bits = &self.identity.tables.status_bits;
+        let own = BUFFER_BITS | bits.host_port | bits.vme_board;
         let at = self.memory.registers();
         let y = self.memory.read(at.global_buffers) & !own | buffers;
         let others = self.memory.read(at.global_status) & !(1 << 19 | 1 << 17);
         self.memory.write(at.global_status, others | x);
-        self.memory.write(at.global_buffers, y | bit(22, host) | bit(15, host));
+        let vme = mask(bits.vme_board, self.saved.vme);
+        self.memory.write(at.global_buffers, y | mask(bits.host_port, host) | vme);
     }
 
     fn servo_status(&self, motor: usize) -> u32 {
@@ -102,18 +106,21 @@ impl Board {
             return 0;
         }
         let state = &self.motors[motor];
+        let bits = &self.identity.tables.status_bits;
         let definite = state.time_left().is_some();
+        let closed = state.servo == Loop::Closed;
         bit(23, true)
             | bit(22, state.limits[1])
             | bit(21, state.limits[0])
-            | bit(20, self.ix(motor, 6) as u32 & 1 == 1)
-            | bit(19, self.ix(motor, 1) as u32 & 1 == 1)
-            | bit(18, state.servo != Loop::Closed)
+            | mask(bits.following, self.ix(motor, 6) as u32 & 1 == 1)
+            | mask(bits.phased, self.ix(motor, 1) as u32 & 1 == 1)
+            | mask(bits.amplifier_in_first, state.servo != Loop::Killed)
+            | bit(18, !closed)
             | bit(17, definite)
             | bit(16, self.ix(motor, 34) == 1.0)
             | bit(15, state.dwelling)
             | bit(14, state.data_error)
-            | bit(13, state.desired_velocity() == 0.0)
+            | mask(bits.standing, state.desired_velocity() == 0.0 && (closed || bits.stands_in_open_loop))
             | bit(12, state.aborting())
             | bit(10, state.searching())
     }
@@ -121,9 +128,10 @@ impl Board {
     fn background_status(&self, motor: usize) -> u32 {
         let state = &self.motors[motor];
         let cs = self.axes.coordinate_system(motor);
-        bit(23, cs.is_some())
+        let bits = &self.identity.tables.status_bits;
+        mask(bits.assigned, cs.is_some())
             | (cs.unwrap_or(0) as u32) << 20
-            | bit(14, state.servo != Loop::Killed)
+            | mask(bits.amplifier_in_second, state.servo != Loop::Killed)
             | bit(11, state.on_limit)
             | bit(10, state.home_complete)
             | bit(7, state.trigger_move)
@@ -133,9 +141,10 @@ impl Board {
             | bit(0, self.in_position(motor))
     }
 
-    /// In position: for I7+1 background passes in a row closed, at rest and within Ix28.
+    /// In position: for I7+1 (Turbo: Ixx88+1) background passes in a row closed, at rest and within Ix28.
     fn in_position(&self, motor: usize) -> bool {
-        f64::from(self.motors[motor].in_position_scans) > self.variables.i(7)
+        let scans = self.setting(self.settings().in_position_scans, motor);
+        f64::from(self.motors[motor].in_position_scans) > scans
     }
 
     /// Counts the background passes in a row in which the 0-based `motor` was in position.
@@ -164,7 +173,7 @@ impl Board {
     /// Velocity of the 0-based `motor` in counts per servo cycle: `V`.
     #[must_use]
     pub fn velocity(&self, motor: usize) -> f64 {
-        let raw = int24::signed(self.memory.read(self.memory.registers().velocity.of(motor)));
+        let raw = int24::signed(self.memory.read(self.memory.registers().reported_velocity.of(motor)));
         divide(f64::from(raw), self.ix(motor, 9) * 32.0)
     }
 
@@ -185,11 +194,19 @@ impl Board {
         [at.servo_status, at.background_status].map(|register| self.memory.read(register.of(motor)))
     }
 
-    /// The two words of `??` for the 0-based coordinate system.
+    /// The first two words of `??` for the 0-based coordinate system.
     #[must_use]
     pub fn coordinate_status(&self, cs: usize) -> [u32; 2] {
         let at = self.memory.registers();
         [at.coordinate_status, at.program_status].map(|register| self.memory.read(register.of(cs)))
+    }
+
+    /// The words of `??` in the order of the reply, for the 0-based coordinate system.
+    #[must_use]
+    pub fn coordinate_report(&self, cs: usize) -> Vec<u32> {
+        let third =
+            self.memory.registers().coordinate_status_3.map(|register| self.memory.read(register.of(cs)));
+        self.coordinate_status(cs).into_iter().chain(third).collect()
     }
 
     /// The two words of `???`.
@@ -254,7 +271,11 @@ fn word(value: f64) -> u32 {
 }
 
 fn bit(number: u32, set: bool) -> u32 {
-    u32::from(set) << number
+    mask(1 << number, set)
+}
+
+fn mask(mask: u32, set: bool) -> u32 {
+    if set { mask } else { 0 }
 }
 
 fn divide(value: f64, by: f64) -> f64 {

@@ -307,7 +307,7 @@ mod tests {
 
     #[test]
     fn every_default_is_inside_its_range() {
-        for &tables in firmware::SIMULATED {
+        for &tables in crate::sim::board::families::SIMULATED {
             let mut variables = Variables::new(tables);
             for number in 0..tables.variables {
                 let default = variables.default_i(number);

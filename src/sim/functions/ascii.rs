@@ -254,11 +254,17 @@ fn answer(board: &mut Board, reply: Reply) {
     }
     match reply.error {
         Some(error) => board.output.respond_error(error),
-        None if board.identity.readings.reply_end == ReplyEnd::Ack || board.variables.i(3) >= 2.0 => {
+        None if ends_with_acknowledge(board) => {
             board.output.respond(response::ACKNOWLEDGE, &[]);
         }
         None => {}
     }
+}
+
+/// Whether a reply ends with an acknowledgement: by the reading `reply_end`, or by I3 where the port goes by it.
+fn ends_with_acknowledge(board: &Board) -> bool {
+    let by_i3 = board.family().ascii.goes_by_i3 && board.variables.i(3) >= 2.0;
+    board.identity.readings.reply_end == ReplyEnd::Ack || by_i3
 }
 
 fn read_text(board: &Board) -> Vec<u8> {

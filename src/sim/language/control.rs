@@ -44,14 +44,14 @@ pub const fn takes_line(character: u8) -> bool {
     character == TAKE
 }
 
-/// The line for ^W; empty when I47 points outside the DPRAM.
-pub fn dpram_line(board: &Board) -> Vec<u8> {
-    let first = board.variables.i(47) as u32;
+/// The line for ^W; empty when I47 points outside the DPRAM, `None` where there is no such command.
+pub fn dpram_line(board: &Board) -> Option<Vec<u8>> {
+    let first = board.variables.i(board.settings().line_from_dpram?) as u32;
     let words = (first..)
         .take_while(|&address| board.memory.host_offset(address).is_some())
         .flat_map(|address| [board.memory.read_y(address), board.memory.read_x(address)]);
     let characters = words.flat_map(|word| (word as u16).to_le_bytes());
-    characters.take_while(|c| !matches!(c, 0 | b'\r')).take(LONGEST_LINE + 1).collect()
+    Some(characters.take_while(|c| !matches!(c, 0 | b'\r')).take(LONGEST_LINE + 1).collect())
 }
 
 /// The report of ^E and ^G, for ports that transmit any byte.
@@ -66,25 +66,30 @@ pub fn binary_report(board: &Board, character: u8) -> Option<Vec<u8>> {
     Some(words.iter().flat_map(|word| word.to_be_bytes().into_iter().skip(1)).collect())
 }
 
-/// Executes `character`. `None` if it is no such command.
-pub fn execute(board: &mut Board, programs: &mut Programs, character: u8) -> Option<Reply> {
-    let family = board.family();
+/// Executes `character`. `None` if it is no such command. Reports are of the 0-based `group` of motors, and of the group of
+/// coordinate systems that belongs to it, as I59 of Turbo pairs them (Turbo Software Reference p. 65).
+pub fn execute(board: &mut Board, programs: &mut Programs, group: usize, character: u8) -> Option<Reply> {
+    let (family, size) = (board.family(), board.identity.tables.group);
     let report = |texts: Vec<String>| Reply { lines: vec![texts.join(" ")], error: None };
-    let motors = 0..family.motors;
+    let members = |group: usize| size * group..size * (group + 1);
+    let motors = members(group);
     let mut reply = Reply::default();
     match character {
         A => programs.abort_all(board),
-        B => reply = report(motors.map(|motor| status_text(board.motor_status(motor))).collect()),
+        B => reply = report(motors.map(|motor| status_text(&board.motor_status(motor))).collect()),
         C => {
-            let systems = 0..family.coordinate_systems;
-            reply = report(systems.map(|cs| status_text(board.coordinate_status(cs))).collect());
+            let systems = members(group % family.coordinate_systems.div_ceil(size));
+            reply = report(systems.map(|cs| status_text(&board.coordinate_report(cs))).collect());
         }
         D => programs.enable_plcs(u32::MAX, false),
         F => reply = report(motors.map(|motor| tenths(board.following_error(motor))).collect()),
         K => programs.kill_all(board),
         L => programs.store.close(),
         O => board.hold_all(),
-        P => reply = report(motors.map(|motor| tenths(board.position(motor))).collect()),
+        P => {
+            let form = board.identity.tables.positions;
+            reply = report(motors.map(|motor| form.text(board.position(motor))).collect());
+        }
         Q => programs.quit_all(board),
         R => programs.run_all(board),
         S => programs.step_all(board),

@@ -5,6 +5,7 @@
 
 use crate::sim::board::Board;
 use crate::sim::board::error::CommandError;
+use crate::sim::board::firmware::NumberRule;
 use crate::sim::board::variables::VariableKind;
 use crate::sim::language::scanner::Scanner;
 
@@ -84,8 +85,15 @@ pub fn condition(scanner: &mut Scanner, board: &Board, cs: usize) -> Result<bool
 /// ERR003 when there is no such variable.
 pub fn check_number(number: f64, board: &Board) -> Result<usize, CommandError> {
     let number = number.round_ties_even();
-    let count = board.variables.tables().variables as f64;
-    if (0.0..count).contains(&number) { Ok(number as usize) } else { Err(CommandError::SYNTAX) }
+    let tables = board.variables.tables();
+    let count = tables.variables as f64;
+    if (0.0..count).contains(&number) {
+        return Ok(number as usize);
+    }
+    match tables.numbers {
+        NumberRule::Wrapped => Ok(number.rem_euclid(count) as usize),
+        NumberRule::Refused => Err(CommandError::SYNTAX),
+    }
 }
 
 /// The number of a variable after its letter: digits, or an expression in parentheses.

@@ -11,7 +11,7 @@
 //! |---|---|
 //! | [`scanner`], [`words`] | blanks, numbers, keywords |
 //! | [`expression`], [`axis`], [`m_definition`] | arithmetic, axis definitions, definitions of M-variables |
-//! | [`interpreter`] | one line, command by command; addressing |
+//! | [`interpreter`], [`ports`] | one line, command by command; what each port addresses |
 //! | [`reply`], [`serial`] | the reply, and its raw bytes on the serial port |
 //! | [`control`] | control characters |
 
@@ -20,11 +20,13 @@ pub mod control;
 pub mod expression;
 pub mod interpreter;
 pub mod m_definition;
+pub mod ports;
 pub mod reply;
 pub mod scanner;
 pub mod serial;
 pub mod words;
 
 pub use interpreter::Interpreter;
+pub use ports::Ports;
 pub use reply::Reply;
 pub use serial::SerialPort;

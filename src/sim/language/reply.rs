@@ -19,8 +19,8 @@ pub struct Reply {
     pub error: Option<CommandError>,
 }
 
-/// Two status words in the form of reports.
+/// Status words in the form of reports: six digits each.
 #[must_use]
-pub fn status_text([first, second]: [u32; 2]) -> String {
-    format!("{:06X}{:06X}", first & 0xFF_FFFF, second & 0xFF_FFFF)
+pub fn status_text(words: &[u32]) -> String {
+    words.iter().map(|word| format!("{:06X}", word & 0xFF_FFFF)).collect()
 }

@@ -137,8 +137,9 @@ impl SerialPort {
                 report(board, &Reply { lines: vec![text], error: None }, out);
             }
             TAKE => {
-                let line = dpram_line(board);
-                Self::carry_out(&line, board, programs, interpreter, out);
+                if let Some(line) = dpram_line(board) {
+                    Self::carry_out(&line, board, programs, interpreter, out);
+                }
             }
             0..b' ' => {
                 if let Some(bytes) = binary_report(board, byte) {

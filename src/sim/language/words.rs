@@ -1,6 +1,8 @@
 //! Keywords of on-line commands, long and short forms (Software Reference, command lists).
 //!
-//! A board accepts the words of [`TABLES`]; words of other families only are in them as [`Word::Foreign`].
+//! A board accepts the words of its generation's [`tables`]; other words of PMAC's manuals are [`Word::Foreign`].
+
+use crate::map::Generation;
 
 /// A command that works on buffers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -9,6 +11,8 @@ pub enum BufferCommand {
     Open,
     /// `CLOSE`.
     Close,
+    /// `CLOSE`, or `CLOSE ALL`, which closes what any port has open: here one buffer is open at most.
+    CloseAll,
     /// `CLEAR`.
     Clear,
     /// `LEARN`.
@@ -104,6 +108,18 @@ pub enum Word {
     Program,
     /// A command on program and table buffers.
     Buffer(BufferCommand),
+    /// `CID`.
+    Part,
+    /// `VID`.
+    Vendor,
+    /// `CPU`.
+    Processor,
+    /// `TODAY`.
+    Today,
+    /// `TIME`.
+    Time,
+    /// A command to a MACRO station.
+    Macro,
     /// A word of another family: ERR003 here.
     Foreign,
 }
@@ -115,8 +131,32 @@ const fn read(space: Space, hex: bool) -> Word {
     W::Read(Form { space, hex })
 }
 
-/// The tables of PMAC and PMAC2.
-pub const TABLES: &[&[(&str, Word)]] = &[COMMON];
+/// The tables of the boards of a generation.
+#[must_use]
+pub const fn tables(generation: Generation) -> &'static [&'static [(&'static str, Word)]] {
+    match generation {
+        Generation::Pmac => &[COMMON],
+        Generation::Turbo => &[COMMON, TURBO],
+    }
+}
+
+/// What Turbo PMAC has on top, or in place of a word above. A board without MACRO stations answers ERR008 to the commands to them (Software Reference,
+/// list of errors).
+const TURBO: &[(&str, Word)] = &[
+    ("CID", W::Part),
+    ("VID", W::Vendor),
+    ("CPU", W::Processor),
+    ("TODAY", W::Today),
+    ("TIME", W::Time),
+    ("CLOSE", W::Buffer(B::CloseAll)),
+    ("CLS", W::Buffer(B::CloseAll)),
+    ("MS", W::Macro),
+    ("MSR", W::Macro),
+    ("MSW", W::Macro),
+    ("MACROSLV", W::Macro),
+    ("MACROSLVREAD", W::Macro),
+    ("MACROSLVWRITE", W::Macro),
+];
 
 /// Keywords of every board.
 pub const COMMON: &[(&str, Word)] = &[

@@ -14,7 +14,6 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-use crate::map::readings::UnknownReading;
 use crate::process::end_with_parent;
 use crate::sim::board::Board;
 use crate::sim::board::dpram::{Dpram, DpramError};
@@ -25,7 +24,7 @@ use crate::sim::functions::host_port::HostPort;
 use crate::sim::functions::mailbox::Mailbox;
 use crate::sim::process::clock::Clock;
 use crate::sim::process::interrupt::InterruptLine;
-use crate::sim::process::options::{Garbage, Options, UnixPath};
+use crate::sim::process::options::{Garbage, NoSuchBoard, Options, UnixPath};
 use crate::sim::process::serial::Serial;
 use crate::sim::process::socket::{Client, Listener};
 use crate::sim::world::{Interrupts, RefusedLine, World};
@@ -52,9 +51,9 @@ pub enum SimError {
         /// What the system said.
         source: io::Error,
     },
-    /// A reading that is none.
+    /// The options describe no board.
     #[error(transparent)]
-    Reading(#[from] UnknownReading),
+    Board(#[from] NoSuchBoard),
     /// The start-up file cannot be read.
     #[error("cannot read the start-up file {path}: {source}")]
     Startup {

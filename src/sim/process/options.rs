@@ -6,8 +6,9 @@ use clap::Parser;
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 
 use crate::map::readings::UnknownReading;
-use crate::map::{Firmware, Readings};
-use crate::sim::board::firmware::{FirmwareTables, SIMULATED};
+use crate::map::{Family, Firmware, Readings};
+use crate::sim::board::families::{SIMULATED, with_length};
+use crate::sim::board::firmware::FirmwareTables;
 use crate::sim::board::identity::Identity;
 
 /// A simulated PMAC: the board's side of a DPRAM, in its own process.
@@ -47,18 +48,21 @@ pub struct Options {
     /// Socket for commands to the simulator itself: a line in, a line out
     #[arg(long, value_name = "unix:PATH", value_parser = unix_path)]
     pub control: Option<UnixPath>,
-    /// How many motors there are, at most those of the family
-    #[arg(long, default_value_t = 8, value_parser = clap::value_parser!(u8).range(1..=most_motors()))]
-    pub motors: u8,
+    /// How many motors there are, at most those of the family; without it, as many as the family has
+    #[arg(long, value_parser = clap::value_parser!(u8).range(1..=most_motors()))]
+    pub motors: Option<u8>,
     /// Servo interrupts a second; sets I10. Without it the rate follows I10
     #[arg(long, value_name = "HZ", value_parser = servo_hz)]
     pub servo_hz: Option<f64>,
     /// Board family
     #[arg(long, default_value = "pmac", value_parser = family())]
     pub family: &'static FirmwareTables,
-    /// Firmware that VERSION answers; it also decides where the gather buffer is
-    #[arg(long, default_value = "1.16D")]
-    pub firmware: Firmware,
+    /// The size of the DPRAM in 16-bit words; without it, what boards of the family come with
+    #[arg(long, value_name = "8k|32k", value_parser = dpram_size())]
+    pub dpram: Option<u32>,
+    /// Firmware that VERSION answers; it also decides where the gather buffer is. Without it 1.16D, of a Turbo board 1.947
+    #[arg(long)]
+    pub firmware: Option<Firmware>,
     /// File of on-line command lines sent at start; comments begin with ;
     #[arg(long, value_name = "FILE", conflicts_with = "dpram_startup")]
     pub startup: Option<PathBuf>,
@@ -88,6 +92,21 @@ pub struct Options {
     pub with_parent: Option<u32>,
 }
 
+/// Options that describe no board.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum NoSuchBoard {
+    /// A reading that is none.
+    #[error(transparent)]
+    Reading(#[from] UnknownReading),
+    /// A DPRAM of a size that the family does not have.
+    #[error("no {} has such a DPRAM; give --dpram {}", .0.title, sizes(.0))]
+    Dpram(&'static Family),
+    /// More motors than the family has.
+    #[error("a {} has at most {} motors; give --motors 1 to {}", .0.title, .0.motors, .0.motors)]
+    Motors(&'static Family),
+}
+
 /// What is in the memory at power-on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Garbage {
@@ -113,11 +132,21 @@ impl Options {
     /// The board these options describe.
     ///
     /// # Errors
-    /// A reading that is none.
-    pub fn identity(&self) -> Result<Identity, UnknownReading> {
+    /// A reading that is none, or a DPRAM or motors that no board of the family has.
+    pub fn identity(&self) -> Result<Identity, NoSuchBoard> {
         let readings = self.readings.iter().try_fold(Readings::default(), |all, given| all.with(given))?;
-        let identity = Identity::new(self.family, &self.firmware.to_string());
-        Ok(Identity { motors: self.motors.into(), readings, ..identity })
+        let tables = match self.dpram {
+            Some(length) => with_length(self.family, length).ok_or(NoSuchBoard::Dpram(self.family.family))?,
+            None => self.family,
+        };
+        let firmware =
+            self.firmware.map_or_else(|| tables.firmware.to_owned(), |firmware| firmware.to_string());
+        let identity = Identity::new(tables, &firmware);
+        let motors = self.motors.map_or(identity.motors, usize::from);
+        if motors > tables.family.motors {
+            return Err(NoSuchBoard::Motors(tables.family));
+        }
+        Ok(Identity { motors, readings, ..identity })
     }
 
     /// The I10 that the asked rate means.
@@ -133,6 +162,20 @@ fn family() -> impl TypedValueParser<Value = &'static FirmwareTables> {
     PossibleValuesParser::new(SIMULATED.iter().map(name)).map(|name| {
         SIMULATED.iter().copied().find(|tables| tables.family.name == name).unwrap_or(SIMULATED[0])
     })
+}
+
+/// The sizes of `--dpram`: its name, and the bytes.
+const DPRAM_SIZES: [(&str, u32); 2] = [("8k", 0x4000), ("32k", 0x1_0000)];
+
+fn dpram_size() -> impl TypedValueParser<Value = u32> {
+    PossibleValuesParser::new(DPRAM_SIZES.map(|(name, _)| name))
+        .map(|given| DPRAM_SIZES.iter().find(|(name, _)| *name == given).map_or(0, |&(_, bytes)| bytes))
+}
+
+/// The sizes that boards of a family have.
+fn sizes(family: &Family) -> String {
+    let names = DPRAM_SIZES.iter().filter(|(_, bytes)| family.lengths().any(|length| length == *bytes));
+    names.map(|(name, _)| *name).collect::<Vec<_>>().join(" or ")
 }
 
 /// The most motors that a simulated board has.

@@ -80,7 +80,7 @@ impl Programs {
     }
 
     fn program_cycle(&mut self, board: &mut Board, cs: usize, ms: f64) {
-        let slew = board.variables.i(52) / board.variables.i(10).max(1.0);
+        let slew = board.setting(board.settings().hold_slew, cs) / board.variables.i(10).max(1.0);
         let mut begun: Vec<Begun> = Vec::new();
         let system = &mut self.systems[cs];
         system.hold = match system.hold {

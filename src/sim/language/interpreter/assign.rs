@@ -1,14 +1,26 @@
-//! Commands on variables: reports, assignments, M-variable definitions, each for one number or a range.
-
-use std::ops::RangeInclusive;
+//! Commands on variables: reports, assignments, M-variable definitions, each for one number or for several.
 
 use crate::sim::board::error::CommandError;
+use crate::sim::board::firmware::NumberRule;
 use crate::sim::board::number::decimal;
 use crate::sim::board::variables::VariableKind;
 use crate::sim::language::expression::{evaluate, variable_number};
 use crate::sim::language::interpreter::Line;
 use crate::sim::language::m_definition::definition;
 use crate::sim::language::reply::Outcome;
+
+/// The numbers that a command is for.
+struct Numbers {
+    first: usize,
+    count: usize,
+    step: usize,
+}
+
+impl Numbers {
+    fn iter(&self) -> impl Iterator<Item = usize> + use<> {
+        (self.first..).step_by(self.step).take(self.count)
+    }
+}
 
 impl Line<'_, '_> {
     /// I, P, Q or M with a number; P and Q alone are other commands.
@@ -34,21 +46,33 @@ impl Line<'_, '_> {
         if self.scanner.take(b'=') { self.assign(kind, numbers) } else { self.report(kind, numbers) }
     }
 
-    /// `5`, `(expression)` or `1..8`.
-    fn numbers(&mut self) -> Result<RangeInclusive<usize>, CommandError> {
+    /// `5`, `(expression)` or `1..8`; on Turbo also `130,4,100`: four from 130 on, a hundred apart (Turbo Software Reference
+    /// p. 328).
+    fn numbers(&mut self) -> Result<Numbers, CommandError> {
         let cs = self.interpreter.cs;
+        let tables = self.board.identity.tables;
         let first = variable_number(&mut self.scanner, self.board, cs)?;
-        let last = if self.scanner.take_text(b"..") {
-            variable_number(&mut self.scanner, self.board, cs)?
-        } else {
-            first
-        };
-        if first <= last { Ok(first..=last) } else { Err(CommandError::SYNTAX) }
+        if self.scanner.take_text(b"..") {
+            let last = variable_number(&mut self.scanner, self.board, cs)?;
+            let count = (last + 1).checked_sub(first).filter(|&count| count > 0);
+            return Ok(Numbers { first, count: count.ok_or(CommandError::SYNTAX)?, step: 1 });
+        }
+        if !(tables.numbers == NumberRule::Wrapped && self.scanner.take(b',')) {
+            return Ok(Numbers { first, count: 1, step: 1 });
+        }
+        let count = self.scanner.integer()?;
+        self.scanner.expect(b',')?;
+        let step = self.scanner.integer()?;
+        let end = count.saturating_sub(1).saturating_mul(step).saturating_add(first);
+        if count == 0 || step == 0 || end >= tables.variables {
+            return Err(CommandError::SYNTAX);
+        }
+        Ok(Numbers { first, count, step })
     }
 
-    fn assign(&mut self, kind: VariableKind, numbers: RangeInclusive<usize>) -> Outcome {
+    fn assign(&mut self, kind: VariableKind, numbers: Numbers) -> Outcome {
         if kind == VariableKind::I && self.scanner.take(b'*') {
-            for number in numbers {
+            for number in numbers.iter() {
                 let default = self.board.variables.default_i(number);
                 self.board.assign(kind, 0, number, default);
             }
@@ -56,15 +80,15 @@ impl Line<'_, '_> {
         }
         let cs = self.interpreter.cs;
         let value = evaluate(&mut self.scanner, self.board, cs)?;
-        for number in numbers {
+        for number in numbers.iter() {
             self.board.assign(kind, cs, number, value);
         }
         Ok(())
     }
 
-    fn report(&mut self, kind: VariableKind, numbers: RangeInclusive<usize>) -> Outcome {
+    fn report(&mut self, kind: VariableKind, numbers: Numbers) -> Outcome {
         let variables = &self.board.variables;
-        for number in numbers {
+        for number in numbers.iter() {
             let text = match kind {
                 VariableKind::I if variables.long_listing() => {
                     format!("I{number}={}", variables.i_text(number))
@@ -80,10 +104,10 @@ impl Line<'_, '_> {
         Ok(())
     }
 
-    fn m_definitions(&mut self, numbers: RangeInclusive<usize>) -> Outcome {
+    fn m_definitions(&mut self, numbers: Numbers) -> Outcome {
         let last = self.board.family().last_address();
         let definition = definition(&mut self.scanner, last)?;
-        for number in numbers {
+        for number in numbers.iter() {
             if let Some(definition) = &definition {
                 self.board.variables.define_m(number, definition.clone());
                 continue;

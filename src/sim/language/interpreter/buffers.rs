@@ -53,6 +53,11 @@ impl Line<'_, '_> {
         let cs = self.interpreter.cs;
         match command {
             BufferCommand::Open => self.open(),
+            BufferCommand::CloseAll => {
+                self.scanner.take_text(b"ALL");
+                self.programs.store.close();
+                Ok(())
+            }
             BufferCommand::Close => {
                 self.programs.store.close();
                 Ok(())

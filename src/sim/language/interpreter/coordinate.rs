@@ -88,14 +88,13 @@ impl Line<'_, '_> {
         Ok(())
     }
 
-    /// `?`, `??`, `???`: two 24-bit words, six hex digits each.
+    /// `?`, `??`, `???`: 24-bit words, six hex digits each.
     pub(super) fn status(&mut self, which: u8) -> Outcome {
-        let words = match which {
-            1 => self.board.motor_status(self.interpreter.motor),
-            2 => self.board.coordinate_status(self.interpreter.cs),
-            _ => self.board.global_status(),
-        };
-        self.answer(status_text(words))
+        self.answer(match which {
+            1 => status_text(&self.board.motor_status(self.interpreter.motor)),
+            2 => status_text(&self.board.coordinate_report(self.interpreter.cs)),
+            _ => status_text(&self.board.global_status()),
+        })
     }
 
     /// `ABS`, `INC`, `FRAX`, with or without a list of axes in parentheses.

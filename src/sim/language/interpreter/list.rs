@@ -20,6 +20,8 @@ enum What {
     Table(TableKind),
     Gather,
     Empty,
+    /// Programs of Turbo that the board here never has; as `LIST PLC` of a PLC that there is not.
+    Kinematics,
 }
 
 const WHAT: &[(&str, What)] = &[
@@ -37,6 +39,8 @@ const WHAT: &[(&str, What)] = &[
     ("GAT", What::Gather),
     ("LINK", What::Empty),
     ("LDS", What::Empty),
+    ("FORWARD", What::Kinematics),
+    ("INVERSE", What::Kinematics),
 ];
 
 /// Most values in one `LIST GATHER` line.
@@ -87,6 +91,7 @@ impl Line<'_, '_> {
             What::Table(kind) => self.list_table(kind),
             What::Gather => self.list_gather(),
             What::Empty => Ok(()),
+            What::Kinematics => Err(CommandError::SYNTAX),
         }
     }
 

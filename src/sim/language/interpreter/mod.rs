@@ -2,7 +2,7 @@
 //!
 //! Executes the commands of a line from left to right as it parses them. The first error ends the line: commands to its
 //! left are done, the rest is not parsed. `#n` and `&n` stay in force for later lines. PMAC and PMAC2 have one such
-//! pair for all ports, so the ports share one [`Interpreter`].
+//! pair for all ports, so the ports share one [`Interpreter`]; on Turbo each port has its own ([`super::ports`]).
 
 mod assign;
 mod buffers;
@@ -15,6 +15,7 @@ mod system;
 
 use crate::sim::board::Board;
 use crate::sim::board::axes::{AxisMode, is_axis};
+use crate::sim::board::calendar;
 use crate::sim::board::error::CommandError;
 use crate::sim::board::variables::VariableKind;
 use crate::sim::language::reply::{LONGEST_LINE, Outcome, Reply};
@@ -23,11 +24,12 @@ use crate::sim::language::words::{self, Word};
 use crate::sim::program::Programs;
 use crate::sim::program::item::Item;
 
-/// The addressed motor, coordinate system and card.
+/// The addressed motor, coordinate system, group of motors and card.
 #[derive(Debug, Clone, Default)]
 pub struct Interpreter {
     pub(super) motor: usize,
     pub(super) cs: usize,
+    group: usize,
     card: u8,
 }
 
@@ -52,7 +54,7 @@ impl Interpreter {
     /// Addresses the 0-based motor and coordinate system.
     #[must_use]
     pub fn addressing(motor: usize, cs: usize) -> Self {
-        Self { motor, cs, card: 0 }
+        Self { motor, cs, ..Self::default() }
     }
 
     /// The addressed motor, 0-based.
@@ -97,10 +99,10 @@ impl Interpreter {
     /// `Some` with lines is a report; most characters answer nothing.
     pub fn control(&mut self, board: &mut Board, programs: &mut Programs, character: u8) -> Option<Reply> {
         if character == crate::sim::language::control::TAKE {
-            let line = crate::sim::language::control::dpram_line(board);
+            let line = crate::sim::language::control::dpram_line(board)?;
             return Some(self.execute(board, programs, &line));
         }
-        crate::sim::language::control::execute(board, programs, character)
+        crate::sim::language::control::execute(board, programs, self.group, character)
     }
 }
 
@@ -138,7 +140,7 @@ impl Line<'_, '_> {
         if self.scanner.at_constant() && self.scanner.peek() == Some(b'$') {
             return Err(CommandError::SYNTAX);
         }
-        if let Some(word) = self.scanner.keyword(words::TABLES) {
+        if let Some(word) = self.scanner.keyword(words::tables(self.board.family().generation)) {
             return self.word(word);
         }
         match self.scanner.next_character() {
@@ -184,6 +186,10 @@ impl Line<'_, '_> {
             Word::Gather => self.gather(),
             Word::EndGather => self.board.end_gather(),
             Word::Version | Word::Type | Word::Date | Word::Checksum | Word::Size => self.identity(word),
+            Word::Part | Word::Vendor | Word::Processor => self.card(word),
+            Word::Today => self.answer(calendar::date(self.board.seconds_up())),
+            Word::Time => self.answer(calendar::time(self.board.seconds_up())),
+            Word::Macro => Err(CommandError::MACRO),
             Word::Save => self.save(),
             Word::Password => self.password(),
             Word::Program => Err(CommandError::NO_OPEN_BUFFER),
@@ -210,6 +216,10 @@ impl Line<'_, '_> {
 
     fn address_motor(&mut self) -> Outcome {
         let motors = self.board.family().motors;
+        let groups = motors / self.board.identity.tables.group;
+        if groups > 1 && self.scanner.take(b'#') {
+            return self.address_group(groups);
+        }
         let Some(motor) = self.address(motors)? else {
             return self.answer((self.interpreter.motor + 1).to_string());
         };
@@ -218,6 +228,20 @@ impl Line<'_, '_> {
         }
         self.interpreter.motor = motor;
         Ok(())
+    }
+
+    /// `##n` chooses the group of motors that ^B, ^F, ^P and ^V report at this port, from 0; `##` reports it.
+    fn address_group(&mut self, groups: usize) -> Outcome {
+        if !self.scanner.peek().is_some_and(|c| c.is_ascii_digit()) {
+            return self.answer(self.interpreter.group.to_string());
+        }
+        match self.scanner.integer()? {
+            group if group < groups => {
+                self.interpreter.group = group;
+                Ok(())
+            }
+            _ => Err(CommandError::SYNTAX),
+        }
     }
 
     fn address_coordinate_system(&mut self) -> Outcome {

@@ -80,7 +80,7 @@ impl Line<'_, '_> {
 
     pub(super) fn report_position(&mut self) -> Outcome {
         let position = self.board.position(self.interpreter.motor);
-        self.answer(tenths(position))
+        self.answer(self.board.identity.tables.positions.text(position))
     }
 
     pub(super) fn report_velocity(&mut self) -> Outcome {

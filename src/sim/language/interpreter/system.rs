@@ -33,6 +33,16 @@ impl Line<'_, '_> {
         self.answer(text)
     }
 
+    /// `CID`, `VID`, `CPU`.
+    pub(super) fn card(&mut self, what: Word) -> Outcome {
+        let card = self.board.identity.tables.card.ok_or(CommandError::SYNTAX)?;
+        self.answer(match what {
+            Word::Part => card.part,
+            Word::Vendor => card.vendor,
+            _ => card.processor,
+        })
+    }
+
     /// `$$$` and `$$$***`. The reset discards the rest of the line and the addressing.
     pub(super) fn reset_board(&mut self, factory: bool) -> Outcome {
         self.board.reset(factory);
@@ -70,7 +80,8 @@ impl Line<'_, '_> {
         self.board.take_time(BUFFER_MS);
         match self.scanner.keyword(&[BUFFERS]) {
             Some(Buffer::Gather) if self.scanner.at_unsigned() => {
-                let longs = u32::try_from(self.scanner.integer()?).map_err(|_| CommandError::SYNTAX)?;
+                // Some hosts send a size with decimals, as `47.0`.
+                let longs = self.scanner.unsigned()? as u32;
                 self.board.define_gather(Some(longs), self.programs.free_memory(self.board))
             }
             Some(Buffer::Gather) => self.board.define_gather(None, self.programs.free_memory(self.board)),

@@ -166,7 +166,7 @@ impl Calculator<'_> {
     fn cut(&mut self, held: &Held, next: Option<&Element>) -> bool {
         let plane = self.plane();
         let offset = self.system.cutter.side * self.system.cutter.radius;
-        let sharp = self.board.variables.i(89);
+        let sharp = self.board.setting(self.board.settings().corner_break, self.cs);
         let element = &held.element;
         let corner = match next {
             None => Some(Corner::Meet(element.offset_end(offset))),

@@ -79,7 +79,7 @@ impl Calculator<'_> {
     }
 
     pub(super) fn segmented(&self) -> bool {
-        self.board.variables.i(13) > 0.0
+        self.board.setting(self.board.settings().segmentation, self.cs) > 0.0
     }
 
     /// Coordinate-system variable Ix`n`.
@@ -152,7 +152,7 @@ impl Calculator<'_> {
                 Flow::On
             }
         };
-        let one_line = self.board.variables.i(53) == 1.0;
+        let one_line = self.board.setting(self.board.settings().step_mode, self.cs) == 1.0;
         if !self.system.continuous && !self.system.in_block && (moved || one_line) {
             self.end(Ending::Here);
         }

@@ -297,7 +297,8 @@ impl Calculator<'_> {
         let way = [X, X + 1, X + 2].map(|k| end[k] - start[k]);
         let normal = self.system.normal.unwrap_or([0.0, 0.0, -1.0]);
         let clockwise = self.system.mode == Mode::Circle1;
-        let (allowed, smallest) = (self.ix(96), self.board.variables.i(90));
+        let smallest = self.board.setting(self.board.settings().minimum_arc, self.cs);
+        let allowed = self.ix(96);
         let arc = circle::Arc::new(way, centre, normal, clockwise, allowed, smallest);
         if arc.is_err() {
             self.system.failure = Some(Failure::CircleRadius);
@@ -365,10 +366,12 @@ impl Calculator<'_> {
         self.system.trajectory.close();
         let from = self.system.trajectory.target();
         let target = self.board.motor_targets(self.cs, &axes, &from);
-        let speed_variable = if self.board.variables.i(50) == 1.0 { 16 } else { 22 };
         let mut slowest = 0.0f64;
         let way = difference(&target, &from);
-        let speed = |motor: usize| self.board.ix(motor, speed_variable).abs();
+        let speed = |motor: usize| {
+            let fastest = self.board.setting(self.board.settings().rapid_speed, motor) == 1.0;
+            self.board.ix(motor, if fastest { 16 } else { 22 }).abs()
+        };
         for motor in (0..way.len()).filter(|&motor| way[motor] != 0.0 && speed(motor) > 0.0) {
             slowest = slowest.max(way[motor].abs() / speed(motor));
         }
