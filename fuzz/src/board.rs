@@ -118,7 +118,7 @@ impl Functions {
                 if let ServoPoll::Update(timer) | ServoPoll::First(timer) = look {
                     assert!(timer < 1 << PMAC.servo.timer.bits());
                 }
-                let _ = self.servo.program_buffer_open();
+                let _ = self.servo.global_status();
             }
         }
         assert!(self.servo.image().len() <= PMAC.servo.words());

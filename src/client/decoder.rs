@@ -21,7 +21,7 @@ impl Decoder {
         let family = identity::family(identity)?;
         let motors = identity::reported(identity, family);
         Some(Self {
-            servo: ServoDecoder::new(family),
+            servo: ServoDecoder::new(family).with_global_words(identity.global_words),
             background: BackgroundDecoder::new(family),
             motors,
             blocks: family.background.reported(motors),

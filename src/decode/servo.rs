@@ -12,6 +12,7 @@ use serde::ser::{Serialize, SerializeMap, Serializer};
 use super::quantity::{Flags, MotorScales, Quantity, Scales};
 use super::{Block, TooShort, blocks, global_flags, long};
 use crate::format::{int24, join32};
+use crate::map::readings::GlobalWords;
 use crate::map::{Family, Selection, StatusTable, block_fields};
 
 /// What the servo report held.
@@ -23,7 +24,7 @@ pub struct ServoData {
     pub pmac_busy: bool,
     /// Whether the host held PMAC off.
     pub host_busy: bool,
-    /// The board's status words in the order of `???`; `None` where the report has none.
+    /// The board's status words in the order of `???`; `None` where the report has none, or it is not known which is which.
     pub global_status: Option<[u32; 2]>,
     /// The motors that were read, ascending.
     pub motors: Vec<ServoMotor>,
@@ -163,6 +164,7 @@ pub struct ServoDecoder {
     fields: Vec<(&'static Field, usize)>,
     /// Of [`FIELDS`] those that a motor of the family has, worked out or reported, bit 0 being the first.
     has: u16,
+    global_words: Option<GlobalWords>,
 }
 
 impl std::fmt::Debug for Field {
@@ -185,7 +187,14 @@ impl ServoDecoder {
             name => reports(name),
         };
         let has = (0..).zip(&FIELDS).fold(0, |all, (index, field)| all | u16::from(has(field)) << index);
-        Self { family, fields, has }
+        Self { family, fields, has, global_words: Some(GlobalWords::default()) }
+    }
+
+    /// The same for a board whose copies of the global status are these; without them no global status is told.
+    #[must_use]
+    pub const fn with_global_words(mut self, words: Option<GlobalWords>) -> Self {
+        self.global_words = words;
+        self
     }
 
     /// Decodes the report of `motors` motors, no more than the family has, from its words, the first of which is the
@@ -212,9 +221,9 @@ impl ServoDecoder {
             servo_timer: report.timer.read(head, report.region.start),
             pmac_busy: report.busy.is_busy(flag(report.pmac_status)),
             host_busy: flag(report.host_busy),
-            global_status: report
-                .global_status
-                .map(|words| words.map(|word| int24::unsigned(long(head, report.index(word))))),
+            global_status: self.global_words.zip(report.global_status.as_ref()).map(|(words, status)| {
+                words.in_order(status.longs).map(|word| int24::unsigned(long(head, report.index(word))))
+            }),
             motors: motors.map(|(number, block)| self.motor(number, &block, scales)).collect(),
             global: self.family.status.global,
         })
@@ -253,7 +262,7 @@ impl ServoMotor {
     }
 }
 
-/// Decodes the servo report of `motors` motors of a board of `family`, all of which was read. See
+/// Decodes the servo report of `motors` motors of a board of `family`, all of which was read, by the default reading. See
 /// [`ServoDecoder::decode`].
 ///
 /// # Errors

@@ -86,10 +86,10 @@ impl BackgroundReader {
         self.block.program_buffer_open.map(|flag| self.is_set(flag))
     }
 
-    /// Whether the board gathered data at the last report, as the same copy says.
+    /// Whether the board gathered data at the last report, as the same copy says; `None` where the report does not tell.
     #[must_use]
-    pub fn gathering(&self) -> bool {
-        self.block.gathering.is_some_and(|flag| self.is_set(flag))
+    pub fn gathering(&self) -> Option<bool> {
+        self.block.gathering.map(|flag| self.is_set(flag))
     }
 
     /// The motors whose amplifier was off at the last report, bit n-1 for motor n: killed ones; only of those whose status is

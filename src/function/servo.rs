@@ -30,7 +30,7 @@ use std::ops::Range;
 
 use crate::clock::Clock;
 use crate::device::{Bus, BusError};
-use crate::format::{join32, split32};
+use crate::format::{int24, join32, split32};
 use crate::map::{BusyRule, Flag, HostOffset, Selection, ServoBlock};
 
 /// How the buffer is read.
@@ -179,23 +179,16 @@ impl ServoReader {
         &self.image[..self.block.motors.words_from(self.block.region.start, motors)]
     }
 
-    /// Whether a program buffer was open on the board at the last update, as the copy of its global status says; `None` where
-    /// the report does not tell.
+    /// The copies of the board's global status at the last update, as they lie; `None` where the report has none.
     #[must_use]
-    pub fn program_buffer_open(&self) -> Option<bool> {
-        self.block.program_buffer_open.map(|flag| self.is_set(Some(flag)))
-    }
-
-    /// Whether the board gathered data at the last update, as the same copy says.
-    #[must_use]
-    pub fn gathering(&self) -> bool {
-        self.is_set(self.block.gathering)
-    }
-
-    fn is_set(&self, flag: Option<Flag>) -> bool {
-        flag.is_some_and(|flag| {
-            self.image.get(self.block.index(flag.word)).is_some_and(|word| flag.is_set(*word))
-        })
+    pub fn global_status(&self) -> Option<[u32; 2]> {
+        let status = self.block.global_status.as_ref()?;
+        let long = |offset| {
+            let &[low, high] = self.image.get(self.block.index(offset)..)?.first_chunk()?;
+            Some(int24::unsigned(join32(low, high)))
+        };
+        let [first, second] = status.longs.map(long);
+        Some([first?, second?])
     }
 
     /// The motors whose loop was open at the last update, bit n-1 for motor n; only of those whose status is read.

@@ -144,6 +144,19 @@ pub enum ReportStart {
     Enable,
 }
 
+/// The copies of the words of `???` in the servo report.
+#[derive(Debug, PartialEq, Eq)]
+pub struct GlobalStatus {
+    /// Where they lie, ascending.
+    pub longs: [HostOffset; 2],
+    /// In the second word: a motion, rotary or PLC buffer is open, so that a command line is a program line.
+    pub program_buffer_open: u32,
+    /// In the first word: data are gathered.
+    pub gathering: u32,
+    /// The bits of the first and of the second word that change only when somebody does something.
+    pub steady: [u32; 2],
+}
+
 /// The servo report: motor data that PMAC copies every so many servo cycles.
 #[derive(Debug, PartialEq, Eq)]
 pub struct ServoBlock {
@@ -164,12 +177,8 @@ pub struct ServoBlock {
     pub mask: Option<HostOffset>,
     /// Words of the board that are read with every update.
     pub global: Run,
-    /// The longs with the words of `???`, in the order of that reply; `None` where the report has none.
-    pub global_status: Option<[HostOffset; 2]>,
-    /// In one of those: a motion, rotary or PLC buffer is open, so that a command line is a program line.
-    pub program_buffer_open: Option<Flag>,
-    /// In one of those: data are gathered.
-    pub gathering: Option<Flag>,
+    /// The copies of the words of `???`; `None` where the report has none.
+    pub global_status: Option<GlobalStatus>,
     /// In the first motor's block: the motor's loop is open, as after a kill.
     pub open_loop: Flag,
     /// There: the motor is activated. Never set in words that are not read.

@@ -50,6 +50,7 @@ pub static READINGS: &[Reading] = &[
     found_out("variable_write_count", &["at_once", "when_done"]),
     found_out("variable_read_pass", &["in_one", "in_many"]),
     found_out("mailbox_bell", &["with_text", "alone"]),
+    found_out("global_words", &["y_first", "x_first"]),
     found_out("background_timer", &["before_ready", "after_ready"]),
     found_out("report_ready", &["ignored", "awaited"]),
     set("write_record", &["unsaid", "as_read", "as_pmac"]),
@@ -272,6 +273,19 @@ pub enum MailboxBell {
     Alone,
 }
 
+/// What the servo report's two copies of the global status are ($D00A and $D00B; DPRAM manual p. 15). The page has each copy's
+/// source, and which word of `???` it is; the Software Reference has the words of `???` the other way round.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+#[repr(u32)]
+pub enum GlobalWords {
+    /// Y:$0003, then X:$0003: the sources hold, and $D00A is the second word of `???`.
+    #[default]
+    YFirst = 0,
+    /// X:$0003, then Y:$0003: "first word returned on ? command" holds for $D00A.
+    XFirst = 1,
+}
+
 /// Which comes first of the words that close a background report (0x022A and 0x0228; DPRAM manual p. 17).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -317,6 +331,17 @@ pub enum GatherWords {
     SizeFirst,
     /// The other way round: a site's program calls X:$06044F the size.
     IndexFirst,
+}
+
+impl GlobalWords {
+    /// What the two longs hold, in the order of `???`.
+    #[must_use]
+    pub const fn in_order<T: Copy>(self, [first, second]: [T; 2]) -> [T; 2] {
+        match self {
+            Self::YFirst => [second, first],
+            Self::XFirst => [first, second],
+        }
+    }
 }
 
 impl fmt::Display for GatherPosition {
@@ -379,6 +404,8 @@ pub struct Readings {
     pub variable_read_pass: ReadPass,
     /// What goes with the `<BELL>` in the mailboxes.
     pub mailbox_bell: MailboxBell,
+    /// What the two copies of the global status are.
+    pub global_words: GlobalWords,
     /// Which comes first of the words that close a background report.
     pub background_timer: TimerOrder,
     /// Turbo: whether a report waits until the last one was taken.

@@ -56,8 +56,8 @@ struct Told {
     time_ns: u64,
     /// A program buffer is open; `None` where the report does not tell.
     program_buffer: Option<bool>,
-    /// Data are gathered.
-    gathers: bool,
+    /// Data are gathered; `None` where the report does not tell.
+    gathers: Option<bool>,
 }
 
 /// A report that was asked for.
@@ -131,10 +131,10 @@ impl BackgroundMirror {
         self.told.program_buffer.filter(|_| self.is_live() && is_new)
     }
 
-    /// Whether the board gathers data, as far as the reports tell: not while none come.
+    /// Whether the board gathers data; `None` where no report tells.
     #[must_use]
-    pub fn gathering(&self) -> bool {
-        self.is_live() && self.told.gathers
+    pub fn gathering(&self) -> Option<bool> {
+        self.told.gathers.filter(|_| self.is_live())
     }
 
     /// The motors whose amplifier is off, bit n-1 for motor n, as far as the reports tell: none while none come.

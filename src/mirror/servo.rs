@@ -10,6 +10,7 @@ use crate::clock::Clock;
 use crate::device::{Bus, BusError};
 use crate::function::servo::{Motion, ServoPoll, ServoReader, ServoReading};
 use crate::function::servo_timer::ServoTimer;
+use crate::map::readings::GlobalWords;
 use crate::map::{Selection, ServoBlock};
 use crate::segment::freshness::limit_ns;
 use crate::segment::{BlockPlace, Counter, Publisher, RegionId, RegionSpec, RegionState, Stamp};
@@ -57,6 +58,8 @@ pub struct ServoMirror {
     was_reset: bool,
     /// Updates published so far.
     updates: u64,
+    /// Which copy of the global status is which, as the board has told.
+    global_words: Option<GlobalWords>,
 }
 
 impl ServoMirror {
@@ -88,6 +91,7 @@ impl ServoMirror {
             holds: VecDeque::with_capacity(HOLDS),
             was_reset: false,
             updates: 0,
+            global_words: None,
         }
     }
 
@@ -128,16 +132,34 @@ impl ServoMirror {
         self.freshness.is_live()
     }
 
+    /// Takes note of which copy of the global status is which, as far as that is known.
+    pub fn set_global_words(&mut self, words: Option<GlobalWords>) {
+        self.global_words = words;
+    }
+
+    /// The copies of the board's global status, as they lie; `None` while no servo data come that have them.
+    #[must_use]
+    pub fn global_status(&self) -> Option<[u32; 2]> {
+        self.reader.global_status().filter(|_| self.is_live())
+    }
+
     /// Whether a program buffer is open on the board; `None` while no servo data come that tell.
     #[must_use]
     pub fn program_buffer_open(&self) -> Option<bool> {
-        self.reader.program_buffer_open().filter(|_| self.is_live())
+        let [_, second] = self.words_in_order()?;
+        Some(second & self.block.global_status.as_ref()?.program_buffer_open != 0)
     }
 
-    /// Whether the board gathers data, as far as the servo data tell: not while none come.
+    /// Whether the board gathers data; `None` while no servo data come that tell.
     #[must_use]
-    pub fn gathering(&self) -> bool {
-        self.is_live() && self.reader.gathering()
+    pub fn gathering(&self) -> Option<bool> {
+        let [first, _] = self.words_in_order()?;
+        Some(first & self.block.global_status.as_ref()?.gathering != 0)
+    }
+
+    /// The words of `???`.
+    fn words_in_order(&self) -> Option<[u32; 2]> {
+        Some(self.global_words?.in_order(self.global_status()?))
     }
 
     /// The motors whose loop is open, bit n-1 for motor n, as far as the servo data tell: none while no data come.

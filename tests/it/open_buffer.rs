@@ -147,7 +147,7 @@ fn b1_2_without_servo_data_the_board_is_asked_for_open_buffers() {
 #[test]
 fn b1_2_status_doctor_and_terminal_name_the_open_buffer() {
     let site = VirtualSite::running(&[], &[]);
-    site.wait_for_live_servo();
+    site.wait_for_identity();
     assert_eq!(site.run(&["status", "--json"]).json()["socket"]["open_buffer"], Value::Null);
     site.ask("OPEN PROG 77 CLEAR");
     let who = format!("PROG 77, opened by uid {} (pid ", getuid());

@@ -1,5 +1,9 @@
 //! Where the manual can be read two ways: the page of the readings, and what users see under each.
 
+use std::io::Write;
+use std::os::unix::net::UnixStream;
+use std::time::Duration;
+
 use pmac_dpram::map::{READINGS, Readings};
 
 use crate::support::{PATIENCE, VirtualSite};
@@ -132,6 +136,40 @@ fn b3_5_a_board_that_takes_nothing_names_the_setting_of_the_header() {
         let (status, _, stderr) = stream(&site);
         assert_eq!(status, 0, "{stderr}");
         site.wait_until("motor 1 at 20", || site.connection().send("#1P", PATIENCE).unwrap() == ["20"]);
+        site.assert_no_violations();
+    }
+}
+
+#[test]
+fn b3_what_others_open_and_gather_is_seen_whichever_way_the_global_words_lie() {
+    for value in ["y_first", "x_first"] {
+        let site = board_that_reads("global_words", value);
+        site.wait_for_live_servo();
+        let status = || site.run(&["status", "--json"]).json();
+        site.wait_until("the global status", || !status()["global_status"].is_null());
+        let told = status();
+        assert_eq!(told["global_status"]["words"][0], format!("${}", &site.ask("???")[0][..6]), "{value}");
+        assert_eq!(told["socket"]["elsewhere"], serde_json::json!([]), "{value}");
+
+        let mut serial = UnixStream::connect(site.path("serial")).unwrap();
+        serial.write_all(b"OPEN PROG 88 CLEAR\rX1\r").unwrap();
+        site.run_for(Duration::from_millis(500));
+        let ran = site.run(&["send", "X9"]);
+        assert!(ran.code == Some(1) && ran.stderr.contains("opened by somebody else"), "{value}: {ran:?}");
+        assert_eq!(status()["socket"]["elsewhere"][0]["what"], "program_buffer", "{value}");
+        serial.write_all(b"CLOSE\r").unwrap();
+        site.run_for(Duration::from_millis(500));
+        assert_eq!(site.ask("LIST PROG 88"), ["X1"], "{value}");
+
+        serial.write_all(b"I20=1 I21=$80002B I45=3 DEFINE GATHER 100\rGATHER\r").unwrap();
+        site.run_for(Duration::from_millis(500));
+        assert_eq!(status()["socket"]["elsewhere"][0]["what"], "gather", "{value}");
+        // A reset may have brought another board: its words are compared anew.
+        site.control("reset");
+        site.wait_until("the board again", || site.run(&["send", "GATHER"]).code == Some(0));
+        site.wait_for_live_servo();
+        site.wait_until("the global status", || !status()["global_status"].is_null());
+        assert_eq!(status()["socket"]["elsewhere"], serde_json::json!([]), "{value}");
         site.assert_no_violations();
     }
 }

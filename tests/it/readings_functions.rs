@@ -110,6 +110,7 @@ every_function_works_under! {
     b3_every_function_works_under_variable_write_count
     b3_every_function_works_under_variable_read_pass
     b3_every_function_works_under_mailbox_bell
+    b3_every_function_works_under_global_words
     b3_every_function_works_under_background_timer
     b3_every_function_works_under_report_ready
     b3_every_function_works_under_write_record

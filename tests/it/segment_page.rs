@@ -5,6 +5,7 @@ use std::fs;
 use std::process::Command;
 
 use pmac_dpram::map::VariableKind;
+use pmac_dpram::map::readings::GlobalWords;
 use pmac_dpram::segment::payload::gather::{GatherChunk, GatherPhase};
 use pmac_dpram::segment::payload::variable::{self, Variable};
 use pmac_dpram::segment::{Counter, Identity, RegionId, UserUnit, identity, layout};
@@ -149,6 +150,7 @@ fn an_identity_lies_as_its_table_says() {
         servo_report: Some(4),
         background_report: Some(5),
         motor_mask: Some(0x8000_0001),
+        global_words: Some(GlobalWords::XFirst),
         firmware: Some("1.16D".into()),
         board_type: Some("PMAC1".into()),
         ..Identity::default()
@@ -161,7 +163,7 @@ fn an_identity_lies_as_its_table_says() {
     let at = offsets("Board");
     let u32_at = |at: usize| u32::from_ne_bytes(bytes[at..at + 4].try_into().unwrap());
     for (field, value) in [
-        ("known", 0x7FF),
+        ("known", 0xFFF),
         ("family", 2),
         ("motors", 8),
         ("coordinate_systems", 16),
@@ -170,6 +172,7 @@ fn an_identity_lies_as_its_table_says() {
         ("servo_report", 4),
         ("background_report", 5),
         ("motor_mask", 0x8000_0001),
+        ("global_words", 1),
         ("ix07_known", 1 << 1),
         ("ix08_known", 1 << 2),
         ("ix09_known", 1 << 31),
@@ -188,7 +191,7 @@ fn an_identity_lies_as_its_table_says() {
     assert_eq!(f64::from_ne_bytes(bytes[scale..scale + 8].try_into().unwrap()), 12.5);
     assert_eq!(&bytes[at["names"] + 4 * 16..][..8], b"azimuth\0");
     assert_eq!(&bytes[at["units"] + 5 * 16..][..4], b"deg\0");
-    assert_eq!(at.len(), 23, "every field of the table is looked at");
+    assert_eq!(at.len(), 24, "every field of the table is looked at");
 
     // Each bit of `known` belongs to the field that the table gives it.
     for row in rows("Board") {
@@ -205,6 +208,7 @@ fn an_identity_lies_as_its_table_says() {
             "servo_report" => Identity { servo_report: Some(1), ..only },
             "background_report" => Identity { background_report: Some(1), ..only },
             "motor_mask" => Identity { motor_mask: Some(1), ..only },
+            "global_words" => Identity { global_words: Some(GlobalWords::YFirst), ..only },
             "firmware" => Identity { firmware: Some("1".into()), ..only },
             "board_type" => Identity { board_type: Some("1".into()), ..only },
             other => panic!("{other} has a bit"),

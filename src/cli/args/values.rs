@@ -6,7 +6,7 @@ use clap::ValueEnum;
 use clap::builder::RangedI64ValueParser;
 
 use crate::format::{Float48Layout, WordOrder};
-use crate::map::readings::GatherSizeWord;
+use crate::map::readings::{GatherSizeWord, GlobalWords};
 use crate::map::{Family, UnknownFamily};
 
 #[derive(Debug, Clone, Copy, ValueEnum)]
@@ -35,6 +35,22 @@ impl From<Float48> for Float48Layout {
         match choice {
             Float48::Register => Self::Register,
             Float48::Printed => Self::Printed,
+        }
+    }
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+#[value(rename_all = "snake_case")]
+pub enum GlobalCopies {
+    YFirst,
+    XFirst,
+}
+
+impl From<GlobalCopies> for GlobalWords {
+    fn from(choice: GlobalCopies) -> Self {
+        match choice {
+            GlobalCopies::YFirst => Self::YFirst,
+            GlobalCopies::XFirst => Self::XFirst,
         }
     }
 }

@@ -7,15 +7,15 @@ use std::path::PathBuf;
 use clap::Args;
 use serde_json::{Value, json};
 
-use crate::cli::args::values::{Float48, Order, family};
+use crate::cli::args::values::{Float48, GlobalCopies, Order, family};
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::cli::show::buffers;
 use crate::cli::show::coordinates::{self, Overrides};
 use crate::cli::show::global_status;
 use crate::cli::show::motor::Motor;
 use crate::cli::show::motors;
-use crate::decode::{BackgroundData, Buffers, Image, Scales, ServoData};
-use crate::map::{Family, Firmware, Layout};
+use crate::decode::{BackgroundData, Buffers, Image, Scales, ServoData, ServoDecoder};
+use crate::map::{Family, Firmware, Layout, Selection};
 use crate::segment::Identity;
 
 #[derive(Debug, Args)]
@@ -36,6 +36,10 @@ pub struct Decode {
     /// The byte order of the image's 16-bit words
     #[arg(long, value_name = "ORDER", default_value = "little")]
     pub word_order: Order,
+    /// PMAC, PMAC2: which word of the global status $D00A holds, as the reading global_words has it; `pmacctl status` asks the
+    /// board
+    #[arg(long, value_name = "WORDS", default_value = "y_first")]
+    pub global_words: GlobalCopies,
     /// The layout of L: values
     #[arg(long, value_name = "LAYOUT", default_value = "register")]
     pub float48: Float48,
@@ -55,7 +59,9 @@ pub fn run(context: &mut Context, options: &Decode) -> Result<Verdict, Failure> 
     }
     let family = image.family();
     let (scales, float48) = (Scales::default(), options.float48.into());
-    let servo = image.servo(count, &scales).map_err(|e| fault(&e))?;
+    let decoder = ServoDecoder::new(family).with_global_words(Some(options.global_words.into()));
+    let report = image.region(family.servo.region);
+    let servo = decoder.decode(report, count, &scales, Selection::ALL).map_err(|e| fault(&e))?;
     let background =
         image.background(family.background.reported(count), &scales, float48).map_err(|e| fault(&e))?;
     let buffers = Buffers::of(&image, &Layout::new(family, options.firmware), float48);

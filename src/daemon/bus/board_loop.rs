@@ -197,7 +197,7 @@ impl BoardLoop {
         enabled.set(Enabled::BACKGROUND, background.is_live());
         enabled.set(Enabled::ASCII, queue.state() == CommandState::Answers);
         enabled.set(Enabled::INTERRUPT, queue.has_interrupt());
-        enabled.set(Enabled::GATHER, servo.gathering() || background.gathering());
+        enabled.set(Enabled::GATHER, self.functions.gathers() == Some(true));
         self.reporter.note(|status| {
             status.enabled = enabled;
             status.enabling = queue.identifier.enabling();
@@ -207,6 +207,7 @@ impl BoardLoop {
             status.open_loops = self.functions.open_loops();
             status.motion = servo.motion();
             status.program_buffer = program_buffer;
+            status.gathers = self.functions.gathers();
             status.host_port = ascii.host_port_counts().unwrap_or(status.host_port);
         });
         self.reporter.send(self.connections.intake.events(), with_counts);
@@ -276,6 +277,8 @@ impl BoardLoop {
                     }
                 }
                 self.functions.see_buffer();
+                let copies = self.functions.servo.global_status();
+                self.functions.ascii.queue_mut().identifier.see_global_status(copies);
                 if was_reset {
                     info!("the board was reset, or its memory cleared");
                     self.after_reset(!self.presence.is_reset_known())?;
@@ -319,6 +322,7 @@ impl BoardLoop {
             identity.servo_period_ps.map(|ps| ps / 1000),
             identity.servo_report_cycles,
         );
+        self.functions.servo.set_global_words(identity.global_words);
         self.functions.background.configure(motors);
         match self.configured.settings.layout_for(identity.firmware.as_deref()) {
             Ok(layout) => self.functions.set_layout(layout),

@@ -190,6 +190,12 @@ impl FunctionTable {
         })
     }
 
+    /// Whether the board gathers; `None` while no report tells.
+    #[must_use]
+    pub fn gathers(&self) -> Option<bool> {
+        self.servo.gathering().or_else(|| self.background.gathering())
+    }
+
     /// Tells the command lines what the reports say of program buffers.
     pub fn see_buffer(&mut self) {
         let told = self.program_buffer_open();

@@ -7,10 +7,12 @@
 //! can change answers at any time, so I-variables are asked again every half minute; more often where the daemon reads no
 //! report.
 
+mod global_words;
 mod questions;
 
 use std::time::{Duration, Instant};
 
+use self::global_words::Comparison;
 use self::questions::{Meaning, Question, questions};
 use crate::daemon::bus::change_watch::ChangeWatch;
 use crate::daemon::bus::scale_doubts::{ScaleDoubts, scale_tables};
@@ -65,12 +67,14 @@ pub struct Identifier {
     recheck: Duration,
     /// When the last question was due.
     asked: Instant,
+    /// Which copy of the global status is which.
+    comparison: Option<Comparison>,
 }
 
 impl Identifier {
     /// Starts with what the configuration says; asks the board, of `family`, at the first opportunity if `ask`.
     #[must_use]
-    pub fn new(family: &Family, configured: Identity, ask: bool, now: Instant) -> Self {
+    pub fn new(family: &'static Family, configured: Identity, ask: bool, now: Instant) -> Self {
         let asked = questions(family).into_iter().filter(|_| ask);
         let questions: Vec<_> =
             asked.map(|question| (Text::from_bytes(question.line().as_bytes()), question)).collect();
@@ -93,6 +97,7 @@ impl Identifier {
             changes: ChangeWatch::default(),
             recheck: RECHECK,
             asked: now,
+            comparison: family.servo.global_status.as_ref().filter(|_| ask).map(Comparison::new),
         }
     }
 
@@ -122,6 +127,10 @@ impl Identifier {
     /// The board was reset, or is another one: it answers differently now, and nobody has changed that.
     pub fn begin_anew(&mut self, now: Instant) {
         self.changes.forget();
+        if let Some(comparison) = &mut self.comparison {
+            comparison.forget();
+            self.tell(self.known.clone());
+        }
         self.ask_again(now);
     }
 
@@ -143,6 +152,7 @@ impl Identifier {
     /// The line was not sent after all: it is asked again.
     pub fn not_sent(&mut self) {
         self.under_way = false;
+        self.comparison.as_mut().map(Comparison::end);
         self.restart();
     }
 
@@ -157,7 +167,8 @@ impl Identifier {
 
     /// Tells an answer, as far as it is not in doubt.
     fn tell(&mut self, answer: Identity) {
-        let answer = self.doubts.leave_out(answer);
+        let mut answer = self.doubts.leave_out(answer);
+        answer.global_words = self.comparison.as_ref().and_then(Comparison::found);
         if answer != self.known {
             self.known = answer.clone();
             self.update = Some(answer);
@@ -167,17 +178,33 @@ impl Identifier {
     /// How long nothing needs to be asked.
     #[must_use]
     pub fn due_in(&self, now: Instant) -> Duration {
-        if self.next < self.questions.len() {
+        let compares = self.comparison.as_ref().and_then(|comparison| comparison.due(now));
+        let compares = compares.map_or(Duration::MAX, |due| due.saturating_duration_since(now));
+        let asks = if self.next < self.questions.len() {
             self.not_before.saturating_duration_since(now)
         } else if self.wanted {
             (self.asked + self.recheck).saturating_duration_since(now)
         } else {
             Duration::MAX
+        };
+        asks.min(compares)
+    }
+
+    /// Takes note of the copies of the global status in the servo report, as they lie; of nothing while none come.
+    pub fn see_global_status(&mut self, copies: Option<[u32; 2]>) {
+        if let Some(comparison) = &mut self.comparison {
+            comparison.see(copies);
         }
     }
 
     /// The line to send now, if any, and how long to wait for its reply. Tell with [`Identifier::sent`] if it was.
     pub fn next_line(&mut self, now: Instant) -> Option<(Text<LINE_MAX>, Duration)> {
+        if let Some(comparison) = &mut self.comparison
+            && comparison.due(now) == Some(now)
+        {
+            comparison.begin(now);
+            return Some((Text::from_bytes(global_words::QUESTION), PATIENCE));
+        }
         if self.next >= self.questions.len() && self.wanted && now >= self.asked + self.recheck {
             // Who the board is does not change while it lives.
             let is_report = |(_, question): &(_, Question)| matches!(question, Question::Reports(_));
@@ -215,6 +242,9 @@ impl Identifier {
 
     /// A line of the reply came.
     pub fn line(&mut self, line: &[u8]) {
+        if let Some(comparison) = self.comparison.as_mut().filter(|comparison| comparison.is_under_way()) {
+            return comparison.answer(line);
+        }
         let index = self.lines;
         self.lines += 1;
         let Some((_, question)) = self.questions.get(self.next) else { return };
@@ -266,6 +296,10 @@ impl Identifier {
     /// The reply is complete, or the board refused the question (which leaves its answers unknown).
     pub fn done(&mut self) {
         self.under_way = false;
+        if self.comparison.as_mut().is_some_and(Comparison::end) {
+            self.tell(self.known.clone());
+            return self.restart();
+        }
         self.next += 1;
         if self.next == self.questions.len() {
             self.tell(self.asking.clone());
@@ -278,6 +312,7 @@ impl Identifier {
     /// The board did not answer.
     pub fn failed(&mut self, now: Instant) {
         self.under_way = false;
+        self.comparison.as_mut().map(Comparison::end);
         self.again = false;
         self.changing_since = None;
         self.overdue = false;
@@ -311,6 +346,7 @@ pub fn servo_period_ps(i10: u32) -> u64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::map::readings::GlobalWords;
     use crate::map::{FAMILIES, PMAC, TURBO2};
 
     fn answer(identifier: &mut Identifier, now: Instant, lines: &[&str]) -> String {
@@ -376,6 +412,32 @@ mod tests {
         assert_eq!(identifier.changes()[5], None);
         identifier.begin_anew(now);
         assert!(identifier.changes().iter().all(Option::is_none));
+    }
+
+    #[test]
+    fn b3_the_global_words_are_compared_as_soon_as_they_come_and_anew_after_a_reset() {
+        let start = Instant::now();
+        let mut identifier = Identifier::new(&PMAC, Identity::default(), true, start);
+        assert_eq!(answer(&mut identifier, start, &["PMAC1"]), "TYPE", "no copies come yet");
+        identifier.see_global_status(Some([1, 0x8000]));
+        assert_eq!(answer(&mut identifier, start, &["000001008000"]), "???");
+        assert_eq!(identifier.take_update().unwrap().global_words, Some(GlobalWords::XFirst));
+        assert_eq!(answer(&mut identifier, start, &["1.16D"]), "VERSION", "it goes on where it was");
+        identifier.begin_anew(start);
+        assert_eq!(identifier.take_update().unwrap().global_words, None);
+        assert_eq!(answer(&mut identifier, start, &["000000000000"]), "???");
+        assert_eq!(identifier.take_update(), None, "the reply fits neither way");
+        assert_eq!(identifier.next_line(start), None, "it is asked again later");
+        let later = start + global_words::AGAIN;
+        identifier.see_global_status(None);
+        assert_ne!(answer(&mut identifier, later, &[]), "???");
+        identifier.see_global_status(Some([0x8000, 1]));
+        identifier.next_line(later).unwrap();
+        identifier.sent();
+        identifier.failed(later);
+        assert_eq!(identifier.next_line(later), None);
+        assert_eq!(answer(&mut identifier, later + global_words::AGAIN, &["000001008000"]), "???");
+        assert_eq!(identifier.take_update().unwrap().global_words, Some(GlobalWords::YFirst));
     }
 
     #[test]

@@ -119,12 +119,7 @@ impl Info {
     /// What the board's reports tell.
     #[must_use]
     pub fn reported(&self) -> Reported {
-        let by_servo = self.family.servo.gathering.is_some();
-        let has_report = self.is_enabled(if by_servo { Enabled::SERVO } else { Enabled::BACKGROUND });
-        Reported {
-            program_buffer: self.status.program_buffer,
-            gathers: has_report.then(|| self.is_enabled(Enabled::GATHER)),
-        }
+        Reported { program_buffer: self.status.program_buffer, gathers: self.status.gathers }
     }
 
     /// What somebody else does on the board, or has changed there, by `now`; `gathers`: a gather of our own runs.

@@ -66,6 +66,8 @@ pub struct BoardStatus {
     pub motion: Motion,
     /// Whether a program buffer is open, as a report tells; `None` while no report tells.
     pub program_buffer: Option<bool>,
+    /// Whether the board gathers, as the servo report tells; `None` while no report tells.
+    pub gathers: Option<bool>,
     /// What the host port's interrupts have come to.
     pub host_port: HostPortCounts,
     /// Resets of the board seen since the start.
@@ -90,6 +92,7 @@ impl BoardStatus {
         open_loops: 0,
         motion: Motion { moving: 0, standing: 0 },
         program_buffer: None,
+        gathers: None,
         host_port: HostPortCounts { served: 0, old: 0, unannounced: 0 },
         resets: 0,
         identity: None,

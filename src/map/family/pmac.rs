@@ -5,8 +5,8 @@
 //! variable-write header, the gather index, the ASCII start-up text) the value here follows the address rule.
 
 use crate::map::functions::{
-    AsciiPort, BackgroundBlock, Blocks, BusyRule, EntryBits, Flag, IVariables, PanelBlock, RecordBits,
-    ReportStart, RotaryHeaders, Run, ServoBlock, StartRule, Timer, VariableRead, VariableWrite,
+    AsciiPort, BackgroundBlock, Blocks, BusyRule, EntryBits, Flag, GlobalStatus, IVariables, PanelBlock,
+    RecordBits, ReportStart, RotaryHeaders, Run, ServoBlock, StartRule, Timer, VariableRead, VariableWrite,
 };
 use crate::map::{Firmware, GatherPlace, HostOffset, NumberKind, PmacAddress, Region, Space};
 
@@ -42,7 +42,8 @@ pub const PANEL_STRIDE: u32 = 4;
 pub const SERVO_HOST_STATUS: HostOffset = at(0x0024);
 /// Bits 14-0 are the servo timer, bit 15 is [`PMAC_BUSY`]; PMAC's word.
 pub const SERVO_PMAC_STATUS: HostOffset = at(0x0026);
-/// Copy of Y:$0003, the second word of `???`; a long. The manual calls it the first (it is not).
+/// Copy of Y:$0003, the second word of `???`; a long. The manual calls it the first: see
+/// [`crate::map::readings::GlobalWords`].
 pub const SERVO_GLOBAL_STATUS_Y: HostOffset = at(0x0028);
 /// Copy of X:$0003, the first word of `???`; a long.
 pub const SERVO_GLOBAL_STATUS_X: HostOffset = at(0x002C);
@@ -55,11 +56,16 @@ pub const SERVO_MOTOR_STRIDE: u32 = 0x3C;
 /// 16-bit words in a motor's servo block.
 pub const SERVO_MOTOR_WORDS: usize = SERVO_MOTOR_STRIDE as usize / 2;
 
-/// In the high word of the copy of Y:$0003 (bits 19, 18 and 17 there): a motion, rotary or PLC buffer is open, so that a
-/// command line is a program line (Software Reference, `???`).
-pub const PROGRAM_BUFFER_OPEN: u16 = 0b1110;
-/// In the high word of X:$0003: data are gathered.
-const GATHERING: u16 = 1 << 3;
+/// The copies of the global status. The bits are those of the Software Reference, `???`.
+const GLOBAL_STATUS: GlobalStatus = GlobalStatus {
+    longs: [SERVO_GLOBAL_STATUS_Y, SERVO_GLOBAL_STATUS_X],
+    // Y:$0003, bits 19, 18 and 17: a motion, rotary or PLC buffer is open.
+    program_buffer_open: 0b111 << 17,
+    gathering: 1 << 19,
+    // Of X:$0003 not those of the interrupts (23 to 21 and 9), which come and go by themselves; of Y:$0003 neither the
+    // internal ones nor the command of a PLC (16).
+    steady: [0x1F_FDFF, 0x4E_8800],
+};
 /// Where PMAC keeps the time base of coordinate system `number` (1 to 8) that the panel's override sets; the default of
 /// its Ix93.
 #[must_use]
@@ -259,9 +265,7 @@ pub const SERVO_BLOCK: ServoBlock = ServoBlock {
     timer: Timer { low: SERVO_PMAC_STATUS, low_bits: SERVO_TIMER_MASK.count_ones(), high: None },
     mask: None,
     global: Run { first: SERVO_GLOBAL_STATUS_Y, words: 4 },
-    global_status: Some([SERVO_GLOBAL_STATUS_X, SERVO_GLOBAL_STATUS_Y]),
-    program_buffer_open: Some(Flag { word: SERVO_GLOBAL_STATUS_Y.plus_words(1), mask: PROGRAM_BUFFER_OPEN }),
-    gathering: Some(Flag { word: SERVO_GLOBAL_STATUS_X.plus_words(1), mask: GATHERING }),
+    global_status: Some(GLOBAL_STATUS),
     open_loop: Flag {
         word: SERVO_MOTOR.plus_words(servo_motor::SERVO_STATUS + 1),
         mask: servo_motor::OPEN_LOOP,

@@ -259,8 +259,6 @@ pub const SERVO_BLOCK: ServoBlock = ServoBlock {
     mask: Some(SERVO_MASK),
     global: Run { first: SERVO_MOTOR, words: 0 },
     global_status: None,
-    program_buffer_open: None,
-    gathering: None,
     open_loop: status_flag(1, servo_motor::OPEN_LOOP),
     activated: status_flag(1, servo_motor::ACTIVATED),
     standing: status_flag(0, servo_motor::DESIRED_VELOCITY_ZERO),

@@ -4,6 +4,7 @@
 //! configuration. A bit marks each known value, because a zero is a value, too.
 
 use crate::format::Text;
+use crate::map::readings::GlobalWords;
 
 /// Length of the payload in bytes.
 pub const BYTES: usize = 0x790;
@@ -21,6 +22,7 @@ const AT_SERVO_REPORT: usize = 0x020;
 const AT_BACKGROUND_REPORT: usize = 0x024;
 const AT_MOTOR_MASK: usize = 0x028;
 const AT_SCALES_KNOWN: usize = 0x02C;
+const AT_GLOBAL_WORDS: usize = 0x03C;
 const AT_FIRMWARE: usize = 0x040;
 /// Room for the answer to `VERSION`, in bytes.
 pub const FIRMWARE_BYTES: usize = 16;
@@ -36,6 +38,7 @@ pub const NAME_BYTES: usize = 16;
 const SERVO_PERIOD_BIT: u32 = 3;
 const FIRMWARE_BIT: u32 = 9;
 const BOARD_TYPE_BIT: u32 = 10;
+const GLOBAL_WORDS_BIT: u32 = 11;
 
 /// The unit in which the users of a motor think, as the configuration has it.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -83,6 +86,8 @@ pub struct Identity {
     pub background_report: Option<u32>,
     /// The motors that are reported, bit n-1 for motor n; see [`first_motors`] and [`Identity::reported_motors`].
     pub motor_mask: Option<u32>,
+    /// Which copy of the global status in the servo report is which, as the board has told.
+    pub global_words: Option<GlobalWords>,
     /// Firmware version, as `1.16D`.
     pub firmware: Option<Text<FIRMWARE_BYTES>>,
     /// The board's answer to `TYPE`.
@@ -132,6 +137,7 @@ impl Identity {
             (6, AT_SERVO_REPORT, self.servo_report),
             (7, AT_BACKGROUND_REPORT, self.background_report),
             (8, AT_MOTOR_MASK, self.motor_mask),
+            (GLOBAL_WORDS_BIT, AT_GLOBAL_WORDS, self.global_words.map(|words| words as u32)),
         ] {
             if let Some(value) = value {
                 known |= 1 << bit;
@@ -217,6 +223,11 @@ impl Identity {
             servo_report: number(6, AT_SERVO_REPORT),
             background_report: number(7, AT_BACKGROUND_REPORT),
             motor_mask: number(8, AT_MOTOR_MASK),
+            global_words: number(GLOBAL_WORDS_BIT, AT_GLOBAL_WORDS).and_then(|words| match words {
+                0 => Some(GlobalWords::YFirst),
+                1 => Some(GlobalWords::XFirst),
+                _ => None,
+            }),
             firmware: is_known(FIRMWARE_BIT).then(|| text(&bytes[AT_FIRMWARE..])),
             board_type: is_known(BOARD_TYPE_BIT).then(|| text(&bytes[AT_BOARD_TYPE..])),
             ix07: scales(0),
@@ -244,6 +255,7 @@ mod tests {
             servo_report: Some(1),
             background_report: Some(1),
             motor_mask: Some(0x8000_00FF),
+            global_words: Some(GlobalWords::XFirst),
             firmware: Some("1.16D".into()),
             board_type: Some("PMAC1, ISA, CLK X2".into()),
             ix07: std::array::from_fn(|motor| Some(-96 - motor as i32)),
@@ -270,7 +282,7 @@ mod tests {
     fn every_field_lies_where_the_page_says() {
         let bytes = full().encode();
         let u32_at = |at: usize| u32::from_ne_bytes(bytes[at..at + 4].try_into().unwrap());
-        assert_eq!(u32_at(0), 0x7FF);
+        assert_eq!((u32_at(0), u32_at(0x3C)), (0xFFF, 1));
         assert_eq!((u32_at(4), u32_at(8), u32_at(0xC)), (2, 8, 8));
         assert_eq!(u64::from_ne_bytes(bytes[0x10..0x18].try_into().unwrap()), 442_673_000);
         assert_eq!([0x18, 0x1C, 0x20, 0x24, 0x28].map(u32_at), [3_713_707, 0, 1, 1, 0x8000_00FF]);

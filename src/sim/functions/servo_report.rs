@@ -9,6 +9,8 @@
 //! by themselves, and the reading `report_ready` says whether it waits until the host has cleared the flag. With I57=1 they
 //! are made together with the background report.
 //!
+//! Which of $D00A and $D00B copies which word of the global status is played as the reading `global_words` says.
+//!
 //! With tags on, every 24-bit half of every copied register carries the number of the update (modulo 2^24): a reader that
 //! finds two numbers in one copy has read across two updates.
 //!
@@ -18,7 +20,7 @@
 use nix::time::{ClockId, clock_gettime};
 
 use crate::format::int24;
-use crate::map::readings::ReportReady;
+use crate::map::readings::{GlobalWords, ReportReady};
 use crate::map::{BusyRule, HostOffset, ReportStart};
 use crate::sim::board::Board;
 use crate::sim::board::firmware::FirmwareTables;
@@ -107,6 +109,7 @@ impl ServoReport {
             self.wait = 0;
             return;
         }
+        let global_words = board.identity.readings.global_words;
         let memory = &mut board.memory;
         if memory.dpram.is_set(servo.host_busy) {
             self.skipped += 1;
@@ -119,6 +122,14 @@ impl ServoReport {
         memory.dpram.order_writes();
         self.updates += 1;
         self.copy(motors, memory);
+        if let (GlobalWords::XFirst, Some(status)) = (global_words, &servo.global_status) {
+            let [first, second] = status.longs.map(|long| memory.dpram.read32(long));
+            status
+                .longs
+                .into_iter()
+                .zip([second, first])
+                .for_each(|(long, word)| memory.dpram.write32(long, word));
+        }
         if self.time {
             self.stamp(memory);
         }
